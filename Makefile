@@ -1,0 +1,40 @@
+# `make test` and `make demo` set up .venv by themselves, once.
+PYTHON ?= python3
+VENV ?= .venv
+# Others may point pip at PyTorch's own CPU wheels: make demo TORCH_INDEX=https://download.pytorch.org/whl/cpu
+TORCH_INDEX ?=
+BIN := $(VENV)/bin
+PIP_TORCH := $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX),)
+TEST_WORKERS ?= 2
+
+.PHONY: install test lint types demo bench wheel clean
+
+install: $(VENV)/.installed
+
+$(VENV)/.installed: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet $(PIP_TORCH) -c constraints.txt torch
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev,train,rl]'
+	touch $@
+
+test: install
+	$(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile -m "not benchmark"
+
+lint: install
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: install
+	$(BIN)/mypy
+
+demo: install
+	$(BIN)/python -m envs.demo --out out/demo
+
+bench: install
+	$(BIN)/python -m pytest tests/benchmarks -m benchmark -s
+
+wheel: install
+	$(BIN)/python -m build --wheel --outdir dist .
+
+clean:
+	rm -rf $(VENV) build dist out *.egg-info

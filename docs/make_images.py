@@ -1,0 +1,52 @@
+"""Make the README's pictures anew: `make demo`, then `python docs/make_images.py`."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from marssim.camera import NATECAM
+from marssim.contact_sheet import depth_colours, normal_colours
+from marssim.render.raycast import Raycaster
+from marssim.render.sensor import Sensor, SensorConfig
+from marssim.render.shading import Shader
+from marssim.render.stereo import render_stereo
+from marssim.scene.scene import PRESETS, LookConfig, build_scene, preset
+from marssim.viewpoint import ViewConfig, draw_pose
+
+HERE = Path(__file__).parent / "images"
+DEMO = Path(__file__).parents[1] / "out" / "demo"
+TILE = 360
+VIEW = ViewConfig(pitch_deg=(12.0, 16.0), roll_deg=(0.0, 0.0))
+LOOK = LookConfig(sun_elevation_deg=(28.0, 48.0))
+
+
+def presets() -> np.ndarray:
+    """(H, W, 3) uint8: left eye, depth and normals of each preset, a column each."""
+    columns = []
+    for n, name in enumerate(PRESETS):
+        rng = np.random.default_rng((11, n))
+        scene = build_scene(preset(name, look=LOOK), rng)
+        maker = Raycaster(scene)
+        pose = draw_pose(scene, VIEW, rng)
+        frame = render_stereo(maker, Shader(scene), NATECAM, pose, Sensor.draw(SensorConfig(), rng), rng)
+        maker.close()
+        parts = [frame.left, depth_colours(frame.depth), normal_colours(frame.normal)]
+        columns.append(np.vstack([cv2.resize(part, (TILE, TILE), interpolation=cv2.INTER_AREA) for part in parts]))
+    return np.hstack(columns)
+
+
+def save(name: str, image: np.ndarray) -> None:
+    cv2.imwrite(str(HERE / name), image, [cv2.IMWRITE_JPEG_QUALITY, 88])
+
+
+if __name__ == "__main__":
+    HERE.mkdir(exist_ok=True)
+    save("presets.jpg", presets()[..., ::-1])
+    for source, name in (("drive.png", "drive.jpg"), ("comparison.png", "comparison.jpg")):
+        image = cv2.imread(str(DEMO / source))
+        if image is None:
+            raise SystemExit(f"{DEMO / source}: not there; run `make demo` first")
+        width = min(image.shape[1], 1500)
+        size = (width, round(image.shape[0] * width / image.shape[1]))
+        save(name, cv2.resize(image, size, interpolation=cv2.INTER_AREA))

@@ -1,0 +1,127 @@
+"""The whole chain in a few minutes: generate, score, drive.
+
+    python -m envs.demo --out out/demo
+
+Renders a small dataset, scores the shipped weights and SGBM on it, drives one MarsNav-v0 episode with M3Depth as the
+rover's eyes, and writes a summary page with a contact sheet, a comparison figure and a video.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Literal
+
+import cv2
+import tyro
+
+from envs.drivers import NavigatorDriver
+from envs.episodes import Cell, EpisodeRecord, run_episode
+from envs.film import Film
+from envs.mars_nav import MarsNavEnv
+from m3depth.estimator import load_estimator
+from m3depth.evaluate import Evaluation, evaluate
+from m3depth.figures import comparison_figure
+from m3depth.report import text_table
+from marssim.dataset import DatasetError, StereoDataset, read_json
+from marssim.generate import GenerateConfig, generate
+
+SEED = 20_000  # none of the shipped weights' training data has it
+
+
+@dataclass(frozen=True)
+class DemoConfig:
+    """Generate, score and drive, once."""
+
+    out: Path = Path("out/demo")
+    """folder to write; the data of an earlier demo there is made anew"""
+    pairs: int = 16
+    """stereo pairs to generate and score on"""
+    scene: Literal["utopia", "gusev", "gale", "jezero", "hard"] = "gale"
+    """where"""
+    goal_distance: float = 14.0
+    """of the drive [m]"""
+    workers: int = 2
+    """processes that generate"""
+
+
+def demo(config: DemoConfig) -> Path:
+    """Run the demo; returns the summary's path. Raises FileNotFoundError if the weights are missing."""
+    started = perf_counter()
+    network, sgbm = load_estimator("m3depth"), load_estimator("sgbm")
+    data = config.out / "data"
+    asked = GenerateConfig(out=data, pairs=config.pairs, seed=SEED, workers=config.workers, scene=config.scene)
+    if data.exists():
+        if read_json(data / "generate.json").get("seed") != SEED:
+            raise DatasetError(f"{data}: holds data that is not the demo's; choose another --out")
+        shutil.rmtree(data)
+    config.out.mkdir(parents=True, exist_ok=True)
+    print(f"1. {config.pairs} stereo pairs of {config.scene}, rendered with PyBullet")
+    dataset = generate(asked)
+    shutil.copy(data / "contact_sheet.png", config.out / "contact_sheet.png")
+
+    print("2. depth and normals by M3Depth and by SGBM")
+    result = evaluate(dataset, {"M3Depth": network, "SGBM": sgbm}, examples=3)
+    comparison_figure(result.examples, config.out / "comparison.png")
+    table = text_table(result.results)
+    print(table)
+
+    print(f"3. a drive of {config.goal_distance:g} m with M3Depth as the rover's eyes")
+    env = MarsNavEnv(network, "physics", "embree", config.scene, config.goal_distance, mast=True)
+    try:
+        with Film(config.out / "drive.mp4") as film:
+            record = run_episode(env, NavigatorDriver(), Cell(), SEED, 0, ("navigator", "m3depth"), film.watch)
+    finally:
+        env.close()
+    still = film.stills[len(film.stills) // 2]
+    cv2.imwrite(str(config.out / "drive.png"), still[..., ::-1])
+    summary = config.out / "summary.md"
+    summary.write_text(_summary(config, dataset, result, table, record, perf_counter() - started))
+    return summary
+
+
+def _summary(
+    config: DemoConfig, dataset: StereoDataset, result: Evaluation, table: str, record: EpisodeRecord, seconds: float
+) -> str:
+    arrived = "reached its goal" if record.outcome == "goal" else f"did not reach its goal ({record.outcome})"
+    return f"""# Demo: {config.scene}
+
+**Data.** {len(dataset)} stereo pairs, seed {SEED}, rendered with PyBullet; digest `{dataset.digest[:16]}`.
+
+![contact sheet](contact_sheet.png)
+
+**Depth.** The shipped weights and filled SGBM on the same pairs, none of which was trained on.
+
+```
+{table}
+```
+
+![comparison](comparison.png)
+
+**Drive.** The rover {arrived}: {record.path_length:.1f} m driven, {record.shortest:.1f} m is the shortest way,
+{record.steps} steps of {record.step_seconds:.2f} s, of which perception {record.perception_seconds:.2f} s; nearest
+obstacle {record.min_clearance:.2f} m from its middle, tilt at most {record.max_tilt_deg:.0f} deg. Video: `drive.mp4`.
+
+![drive](drive.png)
+
+The whole demo took {seconds:.0f} s.
+"""
+
+
+def main() -> None:
+    try:
+        summary = demo(tyro.cli(DemoConfig, description=__doc__))
+    except (ValueError, OSError, ImportError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
+    folder = summary.parent
+    print(f"summary      {summary}")
+    for name, what in (("contact_sheet.png", "data"), ("comparison.png", "depth, normals"), ("drive.mp4", "the drive")):
+        print(f"{what:<12} {folder / name}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,79 @@
+"""Who drives: the navigator, and the simplest drivers to compare it with."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from envs.mars_nav import MarsNavEnv
+from nav.navigator import Navigator
+
+
+class Driver(Protocol):
+    """Chooses actions for a MarsNavEnv made with mast=True."""
+
+    def reset(self, env: MarsNavEnv, seed: int) -> None:
+        """A new episode begins."""
+
+    def act(self, env: MarsNavEnv, observation: dict[str, Any]) -> np.ndarray | None:
+        """(3,) action in [-1, 1]: speed, yaw rate, pan; None to give up, where the driver finds no way on."""
+        ...
+
+
+class NavigatorDriver:
+    """nav.Navigator, fed with what the environment's eyes saw."""
+
+    def __init__(self) -> None:
+        self.navigator = Navigator()
+
+    def reset(self, env: MarsNavEnv, seed: int) -> None:
+        self.navigator = Navigator(env.rover_spec)
+
+    def act(self, env: MarsNavEnv, observation: dict[str, Any]) -> np.ndarray | None:
+        assert env.sight is not None and env.course is not None and env.vehicle is not None
+        sight, spec = env.sight, env.rover_spec
+        command = self.navigator.step(
+            sight.depth, sight.confidence, sight.rig, env.vehicle.state().pose, env.course.goal, sight.pan
+        )
+        if command.status in ("no_path", "stuck"):
+            return None
+        pan = command.pan or 0.0
+        action = [command.speed / spec.max_speed, command.yaw_rate / spec.max_yaw_rate, pan / spec.mount.pan_limit]
+        return np.clip(np.array(action, dtype=np.float32), -1, 1)
+
+
+class StraightDriver:
+    """Turns to the goal and drives straight at it, blind."""
+
+    def reset(self, env: MarsNavEnv, seed: int) -> None: ...
+
+    def act(self, env: MarsNavEnv, observation: dict[str, Any]) -> np.ndarray:
+        _, sine, cosine = observation["goal"]
+        bearing = float(np.arctan2(sine, cosine))
+        turn = np.clip(bearing / (env.rover_spec.max_yaw_rate * 2.0), -1, 1)
+        return np.array([1.0 if abs(bearing) < 0.3 else 0.0, turn, 0.0], dtype=np.float32)
+
+
+class RandomDriver:
+    """Uniform random actions."""
+
+    def reset(self, env: MarsNavEnv, seed: int) -> None:
+        self._rng = np.random.default_rng(seed)
+
+    def act(self, env: MarsNavEnv, observation: dict[str, Any]) -> np.ndarray:
+        return self._rng.uniform(-1, 1, 3).astype(np.float32)
+
+
+DRIVERS: dict[str, type[Driver]] = {
+    "navigator": NavigatorDriver,
+    "straight": StraightDriver,
+    "random": RandomDriver,
+}
+
+
+def make_driver(name: str) -> Driver:
+    """A driver by name. Raises ValueError for an unknown one."""
+    if name not in DRIVERS:
+        raise ValueError(f"driver {name!r} is unknown; choose from {', '.join(DRIVERS)}")
+    return DRIVERS[name]()

@@ -1,0 +1,107 @@
+"""Frozen episodes: the same course for every driver and perception, by seed, rock abundance and slope."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from envs.drivers import Driver
+from envs.mars_nav import MarsNavEnv
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Where an episode is driven: k None and slope_deg None leave the scene preset's own."""
+
+    k: float | None = None
+    slope_deg: float | None = None
+
+    @property
+    def name(self) -> str:
+        k, slope = ("preset" if value is None else f"{value:.12g}" for value in (self.k, self.slope_deg))
+        return f"k={k}, slope={slope}"
+
+
+@dataclass
+class EpisodeRecord:
+    """What became of one episode. Lengths [m], times [s]; track: (x, y) after every step, start first.
+
+    outcome: as MarsNavEnv's info names it, or "no_path" if the driver gave up.
+    """
+
+    driver: str
+    perception: str
+    cell: str
+    episode: int
+    outcome: str
+    steps: int
+    distance: float
+    start_distance: float
+    shortest: float
+    path_length: float
+    min_clearance: float
+    max_tilt_deg: float
+    reward: float
+    step_seconds: float
+    perception_seconds: float
+    redraws: int
+    goal: list[float]
+    track: list[list[float]] = field(default_factory=list)
+
+
+def run_episode(
+    env: MarsNavEnv,
+    driver: Driver,
+    cell: Cell,
+    seed: int,
+    episode: int,
+    names: tuple[str, str] = ("", ""),
+    watch: Callable[[MarsNavEnv, Driver, int], None] | None = None,
+) -> EpisodeRecord:
+    """Drive one episode to its end.
+
+    The course follows from (seed, episode) and the cell alone. names: driver and perception, for the record.
+    watch(env, driver, step) is called after the reset (step 0) and after every step.
+    """
+    options: dict[str, Any] = {"scene_seed": int(np.random.SeedSequence((seed, episode)).generate_state(1)[0])}
+    if cell.k is not None:
+        options["k"] = cell.k
+    if cell.slope_deg is not None:
+        options["slope_deg"] = cell.slope_deg
+    observation, info = env.reset(seed=int(options["scene_seed"]), options=options)
+    driver.reset(env, options["scene_seed"])
+    assert env.vehicle is not None and env.course is not None
+    track = [[float(v) for v in env.vehicle.state().position[:2]]]
+    start_distance = info["distance"]
+    total, seconds, seeing, tilt = 0.0, 0.0, 0.0, 0.0
+    steps, done = 0, False
+    if watch:
+        watch(env, driver, 0)
+    while not done:
+        begin = perf_counter()
+        action = driver.act(env, observation)
+        if action is None:
+            info = {**info, "outcome": "no_path"}
+            break
+        observation, reward, terminated, truncated, info = env.step(action)
+        seconds += perf_counter() - begin
+        seeing += info["perception_seconds"]
+        total += float(reward)
+        steps += 1
+        state = env.vehicle.state()
+        tilt = max(tilt, float(np.rad2deg(state.tilt)))
+        track.append([float(v) for v in state.position[:2]])
+        done = terminated or truncated
+        if watch:
+            watch(env, driver, steps)
+    return EpisodeRecord(
+        driver=names[0], perception=names[1], cell=cell.name, episode=episode, outcome=info["outcome"], steps=steps,
+        distance=info["distance"], start_distance=start_distance, shortest=info["shortest"],
+        path_length=info["path_length"], min_clearance=info["min_clearance"], max_tilt_deg=tilt, reward=total,
+        step_seconds=seconds / max(steps, 1), perception_seconds=seeing / max(steps, 1), redraws=info["redraws"],
+        goal=[float(v) for v in env.course.goal], track=track,
+    )  # fmt: skip

@@ -1,0 +1,297 @@
+"""MarsNav-v0: cross rocky Martian ground to a goal, seeing only through a stereo camera."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Literal
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+from envs.course import EDGE, Course, CourseConfig, draw_course
+from envs.outside_view import OutsideView
+from envs.sight import Eyes, Sight
+from envs.vehicle import Vehicle, make_vehicle
+from marssim.camera import MAX_DEPTH, NATECAM
+from marssim.render.raycast import Raycaster
+from marssim.rover_spec import ZHURONG
+from marssim.scene.scene import SceneConfig, preset
+
+if TYPE_CHECKING:
+    from m3depth.estimator import Estimator
+
+STEP_SECONDS = 2.0
+DEPTH_PIXELS = 64
+GOAL_RADIUS = 1.0
+STUCK_STEPS, STUCK_DISTANCE = 5, 0.1
+STEPS_PER_METRE = 15  # time limit: six times what the straight way takes at full speed
+
+
+class MarsNavEnv(gymnasium.Env):
+    """
+    ## Description
+
+    A six-wheel rover of Zhurong's size stands on a Martian plain with rocks, craters and slopes, and has to come within
+    1 m of a goal. It sees through its mast camera NaTeCam only: at each step it drives for 2 s, stops and looks. The
+    real rover drives at 0.056 m/s, here it may do 0.20 m/s; at both speeds the motion is quasi-static, so that the
+    outcome is the same.
+
+    ## Action space
+
+    `Box(-1, 1, (2,), float32)`; with `mast=True` `Box(-1, 1, (3,), float32)`.
+
+    | Num | Action                         | -1               | 1               |
+    |-----|--------------------------------|------------------|-----------------|
+    | 0   | forward speed                  | -0.20 m/s        | 0.20 m/s        |
+    | 1   | yaw rate, positive to the left | -0.25 rad/s      | 0.25 rad/s      |
+    | 2   | pan of the mast for the next look (`mast=True`) | 90 deg right | 90 deg left |
+
+    Curves that would turn a wheel beyond its stop become the nearest ones that do not (`nav.controller.steerable`).
+
+    ## Observation space
+
+    `Dict`, all float32.
+
+    | Key     | Shape    | Meaning                                                            | Unit, range |
+    |---------|----------|--------------------------------------------------------------------|-------------|
+    | `depth` | (64, 64) | depth z of the left eye, nearest of each block; 15 beyond, 0 unknown | m, 0 to 15 |
+    | `goal`  | (3,)     | distance; sine and cosine of the bearing from the heading, left > 0 | m; -1 to 1  |
+    | `state` | (6,)     | roll, pitch; speed; yaw rate; last action (2)                | rad; m/s; rad/s; -1 to 1 |
+
+    ## Reward
+
+    Progress along the shortest way round the rocks to the goal [m], minus 0.01 a step; +10 at the goal, -10 at a
+    collision or a tilt of more than 30 deg.
+
+    ## Starting state
+
+    A scene drawn from the seed; start and goal lie `goal_distance` apart, free of rocks within 2.5 m; the rover heads
+    for the goal within 45 deg. Courses whose goal no way leads to are drawn anew (`info["redraws"]`).
+
+    ## Episode end
+
+    Terminated: within 1 m of the goal; the chassis touches anything, or a wheel a rock of 0.30 m or more; tilt over 30
+    deg; out of bounds; stuck (less than 0.1 m in five steps that were commanded to drive
+    at 0.05 m/s or more, forwards or backwards). Truncated: out of time, 15
+    steps for each metre of goal distance. `info["outcome"]` is "driving" or one of "goal", "collision", "tilt",
+    "out_of_bounds", "stuck", "time".
+
+    ## Information
+
+    `outcome`; `distance` to the goal and `shortest` passable way to it from the start [m]; `path_length` driven [m];
+    `min_clearance` from an obstacle to the rover's middle so far [m]; `perception_seconds` of this look; `redraws`.
+
+    ## Arguments
+
+    `perception`: "m3depth" (default), "sgbm", "ground_truth", "m3depth:WEIGHTS", "package.module:Class", or any object
+    with `infer(left, right, rig)`. `dynamics`: "physics" (default) or "kinematic". `renderer`: "embree" (default) or
+    "pybullet". `scene`: a preset's name or a SceneConfig. `mast`: see the action space. Options of `reset`:
+    `goal_distance` [m], `k`, `slope_deg`, `sun_elevation_deg`, `scene_seed`.
+
+    ## Version history
+
+    v0: first version.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 5}  # noqa: RUF012  (as gymnasium declares it)
+
+    def __init__(
+        self,
+        perception: str | Estimator = "m3depth",
+        dynamics: Literal["physics", "kinematic"] = "physics",
+        renderer: Literal["embree", "pybullet"] = "embree",
+        scene: str | SceneConfig = "utopia",
+        goal_distance: float = 20.0,
+        mast: bool = False,
+        render_mode: str | None = None,
+    ) -> None:
+        if dynamics not in ("physics", "kinematic"):
+            raise ValueError(f"dynamics {dynamics!r} is unknown; choose from physics, kinematic")
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise ValueError(f"render_mode {render_mode!r} is unknown; choose from rgb_array")
+        if not isinstance(scene, str | SceneConfig):
+            raise ValueError(f"scene must be a preset's name or a SceneConfig, got {scene!r}")
+        self.render_mode = render_mode
+        self.dynamics = dynamics
+        self.rover_spec = ZHURONG
+        self.mast = mast
+        self.scene_config = preset(scene) if isinstance(scene, str) else scene
+        self.course_config = CourseConfig(goal_distance=goal_distance)
+        self.eyes = Eyes(perception, renderer)
+        self.action_space = spaces.Box(-1, 1, (3 if mast else 2,), np.float32)
+        self.observation_space = spaces.Dict(
+            {
+                "depth": spaces.Box(0, MAX_DEPTH, (DEPTH_PIXELS, DEPTH_PIXELS), np.float32),
+                "goal": spaces.Box(
+                    np.array([0, -1, -1], np.float32), np.array([np.inf, 1, 1], np.float32), dtype=np.float32
+                ),
+                "state": spaces.Box(-np.inf, np.inf, (6,), np.float32),
+            }
+        )
+        self.course: Course | None = None
+        self.vehicle: Vehicle | None = None
+        self.sight: Sight | None = None
+        self.outcome = "driving"
+        self._view: OutsideView | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Draw a course and look once. options: fields of CourseConfig; see the class."""
+        super().reset(seed=seed)
+        options = options or {}
+        if not isinstance(options, dict):
+            raise ValueError(f"options must be a dict, got {options!r}")
+        if unknown := options.keys() - vars(self.course_config).keys():
+            known = ", ".join(vars(self.course_config))
+            raise ValueError(f"reset option {', '.join(sorted(map(str, unknown)))} is unknown; choose from {known}")
+        config = replace(self.course_config, **options)
+        self._close_course()
+        self.course = draw_course(self.scene_config, config, self.rover_spec, self.np_random)
+        x, y, yaw = (float(v) for v in self.course.start)
+        self.vehicle = make_vehicle(self.dynamics, self.course.scene, self.rover_spec, x, y, yaw)
+        self.eyes.open(self.course.scene, np.random.default_rng(self.np_random.integers(2**63)))
+        self.time_limit = round(STEPS_PER_METRE * config.goal_distance)
+        self._steps = 0
+        self.outcome = "driving"
+        self._path_length = 0.0
+        self._pan = 0.0
+        self._last_action = np.zeros(2, dtype=np.float32)
+        self._position = self._xy()
+        self._to_go = self.course.ground.distance_to_goal(*self._position)
+        self._min_clearance = self.course.ground.clearance(*self._position)
+        self._commanded = [self._position]  # where it was since it was last told to stand or turn
+        self._look()
+        return self._observation(), self._info()
+
+    def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
+        """Drive for 2 s, then look. Raises ValueError for an action of the wrong shape or not finite."""
+        if self.course is None or self.vehicle is None:
+            raise gymnasium.error.ResetNeeded("call reset before step")
+        action = np.asarray(action, dtype=np.float32)
+        if action.shape != self.action_space.shape:
+            raise ValueError(f"action has shape {action.shape}, expected {self.action_space.shape}")
+        if not np.isfinite(action).all():
+            raise ValueError(f"action must be finite, got {action}")
+        action = np.clip(action, -1, 1)
+        speed, yaw_rate = float(action[0]) * self.rover_spec.max_speed, float(action[1]) * self.rover_spec.max_yaw_rate
+        if self.mast:
+            self._pan = float(action[2]) * self.rover_spec.mount.pan_limit
+        self.vehicle.drive_twist(speed, yaw_rate, STEP_SECONDS)
+        self._steps += 1
+        self._last_action = action[:2].copy()
+
+        position = self._xy()
+        self._path_length += float(np.hypot(*(position - self._position)))
+        self._position = position
+        self._min_clearance = min(self._min_clearance, self.course.ground.clearance(*position))
+        to_go = self.course.ground.distance_to_goal(*position)
+        progress = self._to_go - to_go if np.isfinite(to_go) else 0.0
+        if np.isfinite(to_go):
+            self._to_go = to_go
+        self.outcome = self._judge(speed)
+        reward = float(progress - 0.01)
+        if self.outcome == "goal":
+            reward += 10.0
+        elif self.outcome in ("collision", "tilt"):
+            reward -= 10.0
+        terminated = self.outcome not in ("driving", "time")
+        self._look()
+        return self._observation(), reward, terminated, self.outcome == "time", self._info()
+
+    def render(self) -> np.ndarray | None:
+        """(H, W, 3) uint8 picture of the rover from behind and above, in render_mode "rgb_array"."""
+        if self.render_mode is None:
+            gymnasium.logger.warn('render() needs gymnasium.make(..., render_mode="rgb_array")')
+            return None
+        if self.course is None or self.vehicle is None:
+            raise gymnasium.error.ResetNeeded("call reset before render")
+        if self._view is None:
+            maker = self.eyes.maker
+            self._view = OutsideView(self.course.scene, maker if isinstance(maker, Raycaster) else None)
+        return self._view.picture(self.vehicle.state(), self.vehicle.mesh(self._pan))
+
+    def close(self) -> None:
+        """Free physics and renderer; may be called twice."""
+        self._close_course()
+
+    def _close_course(self) -> None:
+        self.eyes.close()
+        if self.vehicle is not None:
+            self.vehicle.close()
+        if self._view is not None:
+            self._view.close()
+        self.vehicle = self.course = self.sight = self._view = None
+
+    def _xy(self) -> np.ndarray:
+        assert self.vehicle is not None
+        return np.array(self.vehicle.state().position[:2], dtype=float)
+
+    def _judge(self, speed: float) -> str:
+        """How the episode stands after a drive at a commanded speed [m/s]."""
+        assert self.course is not None and self.vehicle is not None
+        state = self.vehicle.state()
+        contacts = self.vehicle.contacts()
+        if contacts.collision:
+            return "collision"
+        if state.tilt > self.rover_spec.max_tilt:
+            return "tilt"
+        if float(np.hypot(*(self._position - self.course.goal))) <= GOAL_RADIUS:
+            return "goal"
+        if np.abs(self._position).max() > self.course.scene.half - EDGE:
+            return "out_of_bounds"
+        if abs(speed) >= 0.25 * self.rover_spec.max_speed:
+            self._commanded.append(self._position)
+            recent = self._commanded[-STUCK_STEPS - 1 :]
+            if len(recent) > STUCK_STEPS and float(np.hypot(*(recent[-1] - recent[0]))) < STUCK_DISTANCE:
+                return "stuck"
+        else:
+            self._commanded = [self._position]
+        return "time" if self._steps >= self.time_limit else "driving"
+
+    def _look(self) -> None:
+        assert self.vehicle is not None
+        pose = self.vehicle.state().pose @ self.rover_spec.mount.left_eye(NATECAM.baseline, self._pan)
+        self.sight = self.eyes.look(pose, self._pan)
+
+    def _observation(self) -> dict[str, np.ndarray]:
+        assert self.course is not None and self.vehicle is not None and self.sight is not None
+        state = self.vehicle.state()
+        offset = self.course.goal - self._position
+        bearing = np.arctan2(offset[1], offset[0]) - state.yaw
+        motion = [state.roll, state.pitch, state.velocity[0], state.yaw_rate, *self._last_action]
+        return {
+            "depth": nearest_depth(self.sight.depth, DEPTH_PIXELS),
+            "goal": np.array([np.hypot(*offset), np.sin(bearing), np.cos(bearing)], dtype=np.float32),
+            "state": np.array(motion, dtype=np.float32),
+        }
+
+    def _info(self) -> dict[str, Any]:
+        assert self.course is not None and self.sight is not None
+        return {
+            "outcome": self.outcome,
+            "distance": float(np.hypot(*(self.course.goal - self._position))),
+            "shortest": self.course.shortest,
+            "path_length": self._path_length,
+            "min_clearance": self._min_clearance,
+            "perception_seconds": self.sight.seconds,
+            "redraws": self.course.redraws,
+        }
+
+
+def nearest_depth(depth: np.ndarray, pixels: int) -> np.ndarray:
+    """Shrink a depth map to pixels x pixels so that the nearest thing in each block stays.
+
+    depth: (H, W) [m], inf for sky; NaN and what is not positive is unknown. H and W multiples of `pixels`. Returns
+    float32 in [0, 15]: 15 for all that is farther (sky too), 0 for blocks in which nothing is known.
+    """
+    h, w = depth.shape
+    if h % pixels or w % pixels:
+        raise ValueError(f"depth is {depth.shape}, which does not divide into {pixels} x {pixels} blocks")
+    blocks = depth.reshape(pixels, h // pixels, pixels, w // pixels)
+    unknown = ~(blocks > 0)  # NaN too; an estimator may be wrong in any way
+    nearest = np.where(unknown, np.inf, blocks).min(axis=(1, 3))
+    nearest = np.minimum(nearest, MAX_DEPTH)
+    nearest[unknown.all(axis=(1, 3))] = 0
+    return nearest.astype(np.float32)

@@ -1,0 +1,95 @@
+"""The rover's eyes: renders what its cameras see and turns it into depth, by an estimator or by the ground truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from marssim.camera import NATECAM, StereoRig
+from marssim.render.gbuffer import GBufferMaker
+from marssim.render.makers import make_renderer
+from marssim.render.sensor import Sensor, SensorConfig
+from marssim.render.shading import Shader
+from marssim.render.stereo import StereoFrame, render_stereo
+from marssim.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from m3depth.estimator import Estimator
+
+GROUND_TRUTH_PIXELS = 128  # true depth needs no images: this many rays a side are enough to drive by
+
+
+@dataclass(frozen=True)
+class Sight:
+    """One look.
+
+    depth: (H, W) float32 [m] of the left eye, inf in the sky, NaN unknown. confidence: (H, W) float32 in [0, 1].
+    rig: of these maps; pose: (4, 4) left camera to world; pan [rad] of the mast. left, right: (h, w, 3) uint8 images or
+    None with ground truth, true_depth: (h, w) their true depth. normal: (h, w, 3) or None. seconds: perception alone.
+    """
+
+    depth: np.ndarray
+    confidence: np.ndarray
+    rig: StereoRig
+    pose: np.ndarray
+    pan: float
+    left: np.ndarray | None = None
+    right: np.ndarray | None = None
+    true_depth: np.ndarray | None = None
+    normal: np.ndarray | None = None
+    seconds: float = 0.0
+
+
+class Eyes:
+    """Looks at one Scene. perception: "ground_truth", an estimator's name or class path, or an estimator object."""
+
+    def __init__(self, perception: str | Estimator, renderer: str, sensor: SensorConfig | None = None) -> None:
+        if renderer not in ("embree", "pybullet"):
+            raise ValueError(f"renderer {renderer!r} is unknown; choose from embree, pybullet")
+        self.estimator: Estimator | None = None
+        if not (isinstance(perception, str) and perception == "ground_truth"):
+            from m3depth.estimator import load_estimator
+
+            self.estimator = load_estimator(perception)
+        self.renderer = renderer
+        self.sensor_config = sensor or SensorConfig()
+        self.maker: GBufferMaker | None = None
+
+    def open(self, scene: Scene, rng: np.random.Generator) -> None:
+        """Turn to another scene; rng draws the detector and its noise."""
+        self.close()
+        self.maker = make_renderer(self.renderer, scene)
+        self._shader = Shader(scene)
+        self._rng = rng
+        self._sensor = Sensor.draw(self.sensor_config, rng)
+
+    def look(self, pose: np.ndarray, pan: float) -> Sight:
+        """See from a left-camera pose (4, 4) to world."""
+        if self.maker is None:
+            raise RuntimeError("open a scene before looking")
+        if self.estimator is None:
+            rig = NATECAM.resized(GROUND_TRUTH_PIXELS, GROUND_TRUTH_PIXELS)
+            depth = self.maker.render(rig.camera, pose).depth
+            return Sight(depth, np.ones_like(depth), rig, pose, pan, true_depth=depth)
+        frame = self.picture(pose)
+        start = perf_counter()
+        seen = self.estimator.infer(frame.left, frame.right, NATECAM)
+        seconds = perf_counter() - start
+        return Sight(
+            seen.depth, seen.confidence, NATECAM, pose, pan, frame.left, frame.right, frame.depth, seen.normal, seconds
+        )
+
+    def picture(self, pose: np.ndarray) -> StereoFrame:
+        """The StereoFrame from a pose, as the cameras take it."""
+        if self.maker is None:
+            raise RuntimeError("open a scene before looking")
+        return render_stereo(self.maker, self._shader, NATECAM, pose, self._sensor, self._rng)
+
+    def close(self) -> None:
+        """Free the renderer; may be called twice."""
+        if self.maker is not None:
+            self.maker.close()
+            self.maker = None

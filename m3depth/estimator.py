@@ -1,0 +1,79 @@
+"""One interface for everything that turns a stereo pair into depth.
+
+Importing this loads no torch; `load_estimator("m3depth")` does.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from m3depth.prediction import Prediction
+from marssim.camera import StereoRig
+
+
+@runtime_checkable
+class Estimator(Protocol):
+    """What evaluation, prediction and the driving environment ask of a method."""
+
+    def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
+        """Maps of the left image. left, right: (H, W) or (H, W, 3) uint8, RGB, rectified; rig: of these images."""
+        ...
+
+
+def load_estimator(spec: str | Estimator) -> Estimator:
+    """An estimator by name.
+
+    spec: "m3depth" (the weights that come with the package), "m3depth:PATH" (weights of one's own), "sgbm", "sad",
+    "ssd", "ncc", "package.module:Class" (a class without arguments that has infer), or an object that has infer.
+    Raises ValueError, in one line, if the name means nothing or the class is no estimator; FileNotFoundError that
+    names the file if weights are missing.
+    """
+    if not isinstance(spec, str):
+        if not isinstance(spec, Estimator) or isinstance(spec, type):
+            raise ValueError(f"estimator {spec!r} has no method infer(left, right, rig)")
+        return spec
+    name, _, rest = spec.partition(":")
+    if name == "m3depth":
+        return _load_m3depth(Path(rest) if rest else None)
+    if spec == "sgbm":
+        from m3depth.matching import SGBM
+
+        return SGBM()
+    if spec in ("sad", "ssd", "ncc"):
+        from m3depth.matching import BlockMatching
+
+        return BlockMatching(spec)  # type: ignore[arg-type]
+    if name and rest:
+        return _load_class(spec, name, rest)
+    raise ValueError(
+        f"estimator {spec!r} is not known: use m3depth, m3depth:WEIGHTS, sgbm, sad, ssd, ncc or package.module:Class"
+    )
+
+
+def _load_m3depth(weights: Path | None) -> Estimator:
+    if weights is not None and not weights.is_file():
+        raise FileNotFoundError(f"{weights}: no such weights file")  # before torch is imported
+    from m3depth.network.model import M3Depth
+
+    return M3Depth.from_pretrained(weights)
+
+
+def _load_class(spec: str, module_name: str, class_name: str) -> Estimator:
+    try:
+        module = import_module(module_name)
+    except ModuleNotFoundError as error:
+        raise ValueError(f"estimator {spec!r}: {error}") from None
+    cls = getattr(module, class_name, None)
+    if not isinstance(cls, type):
+        raise ValueError(f"estimator {spec!r}: module {module_name} has no class {class_name!r}")
+    try:
+        estimator = cls()
+    except TypeError as error:
+        raise ValueError(f"estimator {spec!r}: cannot be made without arguments ({error})") from None
+    if not isinstance(estimator, Estimator):
+        raise ValueError(f"estimator {spec!r}: the class has no method infer(left, right, rig)")
+    return estimator

@@ -1,0 +1,269 @@
+"""How good depth, disparity and normals are, summed up pair by pair.
+
+Rules, for every method alike:
+
+- Scored are the pixels that the ground truth calls valid (0.5 to 15 m) and whose true disparity is at most
+  `MAX_DISPARITY`; nearer ones are scored apart, as the kind "near".
+- No scored pixel is dropped. Depth that is unknown (NaN), infinite, not positive or beyond 80 m counts as 80 m, and
+  under 0.01 m as 0.01 m; an unknown or infinite disparity as 0 px; an unknown normal as 180 deg off. `density` tells
+  the share of pixels that had a finite, positive depth.
+- Every figure is given twice: `per_image`, the mean over images of the image's figure, and `pooled`, over all pixels.
+
+Memory does not grow with the number of pairs. The pooled median angle comes from a histogram with bins of 0.01 deg.
+Depth and normal figures are those of the paper (Sec. V-B; the table of normal metrics); angles are signed, so a normal
+that points away from the camera is 180 deg off.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+
+from m3depth.pairs import MAX_DISPARITY
+from m3depth.prediction import Prediction
+from marssim.camera import MAX_DEPTH, StereoRig
+
+DEPTH_CAP = 80.0  # [m]
+DEPTH_FLOOR = 0.01  # [m]
+INTERVAL_EDGES = np.arange(0.0, MAX_DEPTH + 1)  # [m] the paper's 15 depth intervals (a, b]
+KINDS = ("all", "visible", "occluded", "rock", "ground", "texture_poor", "near")
+POOR_TEXTURE = 2.5  # [grey levels] standard deviation in 9 x 9 px below which a pixel counts as texture-poor
+
+DEPTH_TERMS = (
+    "abs_rel", "sq_rel", "rmse", "log10", "delta1", "delta2", "delta3", "mae", "epe", "bad1", "bad3", "density",
+)  # fmt: skip
+NORMAL_TERMS = ("mean", "rmse", "within_11.25", "within_22.5", "within_30")
+ROOTS = frozenset({"rmse"})  # terms whose mean is a mean square
+BIN = 0.01  # [deg]
+
+
+class StereoTruth(Protocol):
+    """What is known about a pair: the fields of a marssim.dataset sample that scoring reads.
+
+    left: (H, W, 3) uint8. depth [m], disparity [px]: (H, W). normal: (H, W, 3), 0 where unknown. valid, occluded:
+    (H, W) bool. rock: (H, W) int, 0 where there is no rock.
+    """
+
+    left: np.ndarray
+    depth: np.ndarray
+    disparity: np.ndarray
+    normal: np.ndarray
+    valid: np.ndarray
+    occluded: np.ndarray
+    rock: np.ndarray
+    rig: StereoRig
+
+
+def known_depth(depth: np.ndarray) -> np.ndarray:
+    """(...) bool: the method committed itself to a finite, positive depth."""
+    return np.isfinite(depth) & (depth > 0)
+
+
+def capped_depth(depth: np.ndarray) -> np.ndarray:
+    """(...) float64 [m]: the depth that is scored, 0.01 to 80 m; 80 m where it is unknown, infinite or not positive."""
+    known = known_depth(depth)
+    return np.clip(np.where(known, depth, DEPTH_CAP).astype(np.float64), DEPTH_FLOOR, DEPTH_CAP)
+
+
+def depth_terms(
+    depth: np.ndarray, disparity: np.ndarray, true_depth: np.ndarray, true_disparity: np.ndarray
+) -> np.ndarray:
+    """(N, len(DEPTH_TERMS)) float64 of N scored pixels; their mean is the figure (RMSE: its square).
+
+    depth, disparity: (N,) as predicted, true_depth, true_disparity: (N,) finite and positive. Depth figures in metres
+    or ratios (paper, Sec. V-B), epe in px, bad1 and bad3: share of disparities off by more than 1 and 3 px.
+    """
+    predicted, true = capped_depth(depth), true_depth.astype(np.float64)
+    error = np.abs(predicted - true)
+    ratio = np.maximum(predicted / true, true / predicted)
+    guess = np.where(np.isfinite(disparity), disparity, 0).astype(np.float64)
+    off = np.abs(guess - true_disparity)
+    return np.stack(
+        [
+            error / true, error**2 / true, error**2, np.abs(np.log10(predicted / true)),
+            ratio < 1.25, ratio < 1.25**2, ratio < 1.25**3, error, off, off > 1, off > 3, known_depth(depth),
+        ],
+        axis=-1,
+    )  # fmt: skip
+
+
+def angle_between(predicted: np.ndarray, true: np.ndarray) -> np.ndarray:
+    """Angle between vectors [deg], exact for small angles as well (Kahan).
+
+    predicted, true: (..., 3), any length. Returns (...) in [0, 180]; 180 where `predicted` is not finite or zero.
+    """
+    predicted, true = predicted.astype(np.float64), true.astype(np.float64)
+    length = np.linalg.norm(predicted, axis=-1, keepdims=True)
+    known = np.isfinite(length) & (length > 1e-6)
+    a = np.where(known, predicted, 0) / np.where(known, length, 1)
+    b = true / np.linalg.norm(true, axis=-1, keepdims=True)
+    angle = 2 * np.arctan2(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1))
+    return np.where(known[..., 0], np.degrees(angle), 180.0)
+
+
+def normal_terms(angle: np.ndarray) -> np.ndarray:
+    """(N, len(NORMAL_TERMS)) float64 of N angular errors [deg]; their mean is the figure (RMSE: its square)."""
+    return np.stack([angle, angle**2, angle < 11.25, angle < 22.5, angle < 30], axis=-1).astype(np.float64)
+
+
+def pixel_kinds(sample: StereoTruth, max_disparity: float = MAX_DISPARITY) -> dict[str, np.ndarray]:
+    """(H, W) bool masks by kind; every kind but "near" lies within "all"."""
+    known = sample.valid & np.isfinite(sample.depth) & (sample.depth > 0) & (sample.disparity > 0)
+    scored = known & (sample.disparity <= max_disparity)
+    rock = sample.rock > 0
+    return {
+        "all": scored,
+        "visible": scored & ~sample.occluded,
+        "occluded": scored & sample.occluded,
+        "rock": scored & rock,
+        "ground": scored & ~rock,
+        "texture_poor": scored & texture_poor(sample.left),
+        "near": known & (sample.disparity > max_disparity),
+    }
+
+
+def texture_poor(image: np.ndarray) -> np.ndarray:
+    """(H, W) bool: grey levels vary by less than 2.5 (standard deviation) within 9 x 9 px.
+
+    image: (H, W) or (H, W, 3) uint8.
+    """
+    grey = (cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image).astype(np.float32)
+    mean = cv2.boxFilter(grey, -1, (9, 9), borderType=cv2.BORDER_REFLECT_101)
+    square = cv2.boxFilter(grey * grey, -1, (9, 9), borderType=cv2.BORDER_REFLECT_101)
+    return square - mean * mean < POOR_TEXTURE**2
+
+
+class Tally:
+    """Means of per-pixel terms, over all pixels and as the mean over images."""
+
+    def __init__(self, names: tuple[str, ...], median: bool = False) -> None:
+        """names: of the terms, in order. median: the first term is an angle [deg] whose median is wanted too."""
+        self.names = names
+        self.pixels = 0
+        self.images = 0
+        self._sum = np.zeros(len(names))
+        self._image_sum: dict[str, float] = {}
+        self._histogram = np.zeros(round(180 / BIN), dtype=np.int64) if median else None
+
+    def add(self, terms: np.ndarray) -> dict[str, float]:
+        """Add one image. terms: (N, len(names)). Returns the image's own figures; {} if it has no such pixel."""
+        if not len(terms):
+            return {}
+        total = terms.sum(axis=0)
+        figures = self._figures(total, len(terms))
+        if self._histogram is not None:
+            figures["median"] = float(np.median(terms[:, 0]))
+            index = np.minimum((terms[:, 0] / BIN).astype(np.int64), len(self._histogram) - 1)
+            self._histogram += np.bincount(index, minlength=len(self._histogram))
+        for name, value in figures.items():
+            self._image_sum[name] = self._image_sum.get(name, 0.0) + value
+        self._sum += total
+        self.pixels += len(terms)
+        self.images += 1
+        return figures
+
+    def result(self) -> dict[str, Any]:
+        """{"pixels", "images", "per_image": {name: figure}, "pooled": {name: figure}}; {} for both without pixels."""
+        out: dict[str, Any] = {"pixels": self.pixels, "images": self.images, "per_image": {}, "pooled": {}}
+        if self.pixels:
+            out["per_image"] = {name: value / self.images for name, value in self._image_sum.items()}
+            out["pooled"] = self._figures(self._sum, self.pixels)
+            if self._histogram is not None:
+                out["pooled"]["median"] = self._histogram_median()
+        return out
+
+    def _figures(self, total: np.ndarray, count: int) -> dict[str, float]:
+        means = total / count
+        return {n: float(np.sqrt(m) if n in ROOTS else m) for n, m in zip(self.names, means, strict=True)}
+
+    def _histogram_median(self) -> float:
+        """Linear within the bin that holds the middle."""
+        assert self._histogram is not None
+        below = np.cumsum(self._histogram)
+        half = self.pixels / 2
+        index = int(np.searchsorted(below, half))
+        before = below[index] - self._histogram[index]
+        return BIN * (index + (half - before) / float(self._histogram[index]))
+
+
+@dataclass
+class SkyTally:
+    """Sky that is predicted as an obstacle: nearer than the 15 m that count."""
+
+    pixels: int = 0
+    near: int = 0
+
+    def add(self, depth: np.ndarray, sky: np.ndarray) -> None:
+        """depth: (H, W) predicted [m]; sky: (H, W) bool."""
+        self.pixels += int(sky.sum())
+        self.near += int((known_depth(depth) & (depth < MAX_DEPTH) & sky).sum())
+
+    def result(self) -> dict[str, Any]:
+        """{"pixels", "predicted_near": share or None}."""
+        return {"pixels": self.pixels, "predicted_near": self.near / self.pixels if self.pixels else None}
+
+
+class Scores:
+    """Everything that is summed up about one method."""
+
+    def __init__(self, max_disparity: float = MAX_DISPARITY) -> None:
+        """max_disparity [px]: pixels beyond are scored apart, as "near"."""
+        self.max_disparity = max_disparity
+        self.depth = {kind: Tally(DEPTH_TERMS) for kind in KINDS}
+        self.normal = {kind: Tally(NORMAL_TERMS, median=True) for kind in KINDS}
+        self.intervals = [Tally(DEPTH_TERMS) for _ in INTERVAL_EDGES[1:]]
+        self.sky = SkyTally()
+
+    def add(self, prediction: Prediction, sample: StereoTruth) -> dict[str, float]:
+        """Score one pair. Returns the pair's figures over all scored pixels: the depth terms, and "normal_<term>".
+
+        Raises ValueError if the prediction's maps are not of the sample's size.
+        """
+        shape = sample.depth.shape
+        expected = {"depth": shape, "disparity": shape}
+        if prediction.normal is not None:
+            expected["normal"] = (*shape, 3)
+        for name, wanted in expected.items():
+            found = getattr(prediction, name).shape
+            if found != wanted:
+                raise ValueError(f"predicted {name} is {found}, the sample asks for {wanted}")
+        kinds = pixel_kinds(sample, self.max_disparity)
+        either = kinds["all"] | kinds["near"]
+        terms = depth_terms(
+            prediction.depth[either], prediction.disparity[either], sample.depth[either], sample.disparity[either]
+        )
+        figures = _add_kinds(self.depth, terms, kinds, either)
+        scored = kinds["all"][either]
+        interval = np.searchsorted(INTERVAL_EDGES, sample.depth[either], side="left") - 1
+        for index, tally in enumerate(self.intervals):
+            tally.add(terms[scored & (interval == index)])
+        if prediction.normal is not None:
+            oriented = either & (np.linalg.norm(sample.normal, axis=-1) > 0.5)
+            angles = angle_between(prediction.normal[oriented], sample.normal[oriented])
+            angular = _add_kinds(self.normal, normal_terms(angles), kinds, oriented)
+            figures |= {f"normal_{name}": value for name, value in angular.items()}
+        self.sky.add(prediction.depth, ~np.isfinite(sample.depth))
+        return figures
+
+    def result(self) -> dict[str, Any]:
+        """Plain numbers: depth and normal by kind (Tally.result), the depth intervals, the sky."""
+        edges = INTERVAL_EDGES.tolist()
+        return {
+            "depth": {kind: tally.result() for kind, tally in self.depth.items()},
+            "normal": {kind: tally.result() for kind, tally in self.normal.items()},
+            "intervals": [
+                {"from_m": low, "to_m": high, **tally.result()}
+                for low, high, tally in zip(edges[:-1], edges[1:], self.intervals, strict=True)
+            ],
+            "sky": self.sky.result(),
+        }
+
+
+def _add_kinds(
+    tallies: dict[str, Tally], terms: np.ndarray, kinds: dict[str, np.ndarray], at: np.ndarray
+) -> dict[str, float]:
+    """Add the terms, given at the pixels of mask `at`, to the tallies; returns the figures of "all"."""
+    return {kind: tallies[kind].add(terms[kinds[kind][at]]) for kind in KINDS}["all"]

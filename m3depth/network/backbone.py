@@ -1,0 +1,64 @@
+"""The feature extractor that both eyes share (paper, Table I)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from torch import Tensor, nn
+
+from m3depth.network.wavelet import WaveletConv
+
+
+class Features(NamedTuple):
+    """quarter: (B, C4, H / 4, W / 4); eighth: (B, C8, H / 8, W / 8)."""
+
+    quarter: Tensor
+    eighth: Tensor
+
+
+def group_norm(channels: int) -> nn.GroupNorm:
+    """Groups of 8 channels (or fewer groups). Batch statistics spoil the refinement, so no batch normalisation."""
+    groups = channels // 8 if channels % 8 == 0 else 1
+    return nn.GroupNorm(groups, channels)
+
+
+def conv_block(inputs: int, outputs: int, kernel: int = 3, stride: int = 1, dilation: int = 1) -> nn.Sequential:
+    """Convolution, group normalisation, ReLU; output size is the input's over the stride."""
+    padding = dilation * (kernel // 2)
+    return nn.Sequential(
+        nn.Conv2d(inputs, outputs, kernel, stride, padding, dilation, bias=False),
+        group_norm(outputs),
+        nn.ReLU(inplace=True),
+    )
+
+
+class WaveletBlock(nn.Module):
+    """Residual block at one scale: the wavelet convolution (or, with levels = 0, a plain one), then a 3 x 3."""
+
+    def __init__(self, channels: int, levels: int, kernel: int) -> None:
+        super().__init__()
+        first = WaveletConv(channels, levels, kernel) if levels else nn.Conv2d(channels, channels, 3, padding=1)
+        self.first = nn.Sequential(first, group_norm(channels), nn.ReLU(inplace=True))
+        self.second = conv_block(channels, channels)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return x + self.second(x + self.first(x))
+
+
+class Backbone(nn.Module):
+    """A 7 x 7 and five 3 x 3 convolutions down to 1/8, wavelets at 1/4 and at 1/8.
+
+    channels: widths at 1/2, 1/4 and 1/8. levels: wavelet levels at 1/4 and at 1/8; 0 means none.
+    """
+
+    def __init__(self, channels: tuple[int, int, int], levels: tuple[int, int], kernel: int) -> None:
+        super().__init__()
+        half, quarter, eighth = channels
+        self.stem = nn.Sequential(conv_block(3, half, kernel=7, stride=2), conv_block(half, half))
+        self.quarter = nn.Sequential(conv_block(half, quarter, stride=2), WaveletBlock(quarter, levels[0], kernel))
+        self.eighth = nn.Sequential(conv_block(quarter, eighth, stride=2), WaveletBlock(eighth, levels[1], kernel))
+
+    def forward(self, image: Tensor) -> Features:
+        """image: (B, 3, H, W), normalised."""
+        quarter = self.quarter(self.stem(image))
+        return Features(quarter, self.eighth(quarter))

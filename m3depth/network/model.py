@@ -1,0 +1,279 @@
+"""M3Depth: depth and surface normals from a rectified stereo pair."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from m3depth.geometry import disparity_to_depth, face_camera, pixel_rays, scale_camera, unit
+from m3depth.network.backbone import Backbone
+from m3depth.network.cost_volume import Aggregation, group_correlation_volume, matchable, soft_argmin
+from m3depth.network.normals import SNNet
+from m3depth.network.refinement import Refinement
+from m3depth.network.weights_io import load_weights, save_weights
+from m3depth.pairs import NEAREST, checked_pair
+from m3depth.prediction import Prediction
+from m3depth.weights import SHIPPED_WEIGHTS
+from marssim.camera import StereoRig
+
+VOLUME_STEP = 8  # [px] disparity between two hypotheses: the volume stands at 1/8
+
+OPTIONAL = frozenset({"wavelet_levels", "residual_width", "normal_context", "refine_steps", "lookup_radius"})
+DEEPEST_WAVELET = 6  # images are padded to a multiple of 8 * 2 ** levels px
+
+
+@dataclass(frozen=True)
+class M3DepthConfig:
+    """Every size of the network; the defaults are the `lite` preset. A part that OPTIONAL names is left out by a 0.
+
+    Raises ValueError that names the field of a size that no network can have.
+    """
+
+    channels: tuple[int, int, int] = (16, 48, 96)  # feature widths at 1/2, 1/4, 1/8
+    wavelet_levels: tuple[int, int] = (2, 2)  # levels of the decomposition at 1/4 and 1/8; 0: plain convolution
+    wavelet_kernel: int = 3
+    hypotheses: int = 24  # D: disparities 0, 8, ... 184 px
+    match_channels: int = 64  # features that are correlated, at 1/8
+    groups: int = 16  # f: channels of the cost volume
+    volume_width: int = 16  # widest 3-D convolution of the aggregation
+    residual_width: int = 64  # residual context aggregation P1 -> P2; 0: P1 is used as it is
+    normal_widths: tuple[int, int, int] = (16, 16, 32)  # SNNet's three 3-D convolutions
+    normal_context: int = 13  # left features given to SNNet beside volume and coordinates; 0: as in the paper
+    refine_steps: int = 4  # T; 0: soft argmin and SNNet, upsampled
+    hidden: int = 32  # of the ConvGRU
+    motion: int = 32  # features of what a step sees
+    lookup_channels: int = 32  # features that are correlated, at 1/4
+    lookup_radius: int = 4  # cells to either side; 0: the current disparity alone
+    lookup_levels: int = 2
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            least = 0 if field.name in OPTIONAL else 1
+            if min(value if isinstance(value, tuple) else (value,)) < least:
+                raise ValueError(f"{field.name} must be at least {least}, got {value}")
+        if max(self.wavelet_levels) > DEEPEST_WAVELET:
+            raise ValueError(f"wavelet_levels must be at most {DEEPEST_WAVELET}, got {self.wavelet_levels}")
+        if self.wavelet_kernel % 2 == 0:
+            raise ValueError(f"wavelet_kernel must be odd, got {self.wavelet_kernel}")
+        if self.motion < 2:
+            raise ValueError(f"motion must be at least 2, got {self.motion}")
+        if self.match_channels % self.groups:
+            raise ValueError(f"match_channels {self.match_channels} is not a multiple of groups {self.groups}")
+        if self.hypotheses < 8 or self.hypotheses % 8:
+            raise ValueError(f"hypotheses must be a multiple of 8, got {self.hypotheses}")
+
+    @property
+    def size_multiple(self) -> int:
+        """Height and width inside the network are multiples of this [px]."""
+        quarter, eighth = self.wavelet_levels
+        return max(4 * 2**quarter, 8 * 2**eighth, 16)
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> M3DepthConfig:
+        """Read the JSON form. Raises ValueError that names an unknown or malformed field."""
+        known: dict[str, Any] = {f.name: f.default for f in fields(cls)}
+        values: dict[str, Any] = {}
+        for name, value in data.items():
+            if name not in known:
+                raise ValueError(f"network config: unknown field {name!r}")
+            size = len(known[name]) if isinstance(known[name], tuple) else None
+            numbers = value if size and isinstance(value, list | tuple) else [value]
+            if len(numbers) != (size or 1) or not all(type(n) is int and 0 <= n <= 4096 for n in numbers):
+                raise ValueError(f"network config: field {name!r} has the value {value!r}")
+            values[name] = tuple(numbers) if size else value
+        return cls(**values)
+
+
+PRESETS = {
+    "lite": M3DepthConfig(),
+    "paper": M3DepthConfig(
+        channels=(64, 128, 256),
+        wavelet_levels=(3, 3),
+        match_channels=256,
+        groups=64,
+        volume_width=128,
+        residual_width=64,
+        normal_widths=(67, 67, 67),
+        normal_context=0,
+        refine_steps=5,
+        hidden=128,
+        motion=64,
+        lookup_channels=64,
+    ),
+}
+
+
+class StereoOutput(NamedTuple):
+    """What forward returns; all float32. Disparities are pixels of the full-size image, normals face the camera.
+
+    disparity: (B, 1, H, W). normal: (B, 3, H, W). confidence, sky: (B, 1, H, W) logits of "within 1 px" and of "sky or
+    beyond measure". initial: disparity and normal at 1/8. steps: disparity and normal at 1/4 after each refinement.
+    The coarse grids cover the padded image.
+    """
+
+    disparity: Tensor
+    normal: Tensor
+    confidence: Tensor
+    sky: Tensor
+    initial: tuple[Tensor, Tensor]
+    steps: list[tuple[Tensor, Tensor]]
+
+
+class M3Depth(nn.Module):
+    """The network. `infer` takes images as they come; `forward` takes batches of tensors."""
+
+    def __init__(self, config: M3DepthConfig | None = None) -> None:
+        super().__init__()
+        self.config = c = config or M3DepthConfig()
+        _, quarter, eighth = c.channels
+        self.backbone = Backbone(c.channels, c.wavelet_levels, c.wavelet_kernel)
+        self.match = nn.Conv2d(eighth, c.match_channels, 1)
+        self.aggregation = Aggregation(c.groups, c.volume_width, c.hypotheses, eighth, c.residual_width)
+        self.normals = SNNet(c.groups, c.normal_widths, eighth, c.normal_context)
+        coarse = eighth + c.residual_width
+        self.refinement: Refinement | None = None
+        self.decisions: nn.Conv2d | None = None
+        if c.refine_steps:
+            self.refinement = Refinement(
+                (quarter, coarse),
+                c.hidden,
+                c.motion,
+                c.lookup_channels,
+                c.refine_steps,
+                c.lookup_radius,
+                c.lookup_levels,
+            )
+        else:
+            self.decisions = nn.Conv2d(coarse, 2, 3, padding=1)
+        for layer in self.modules():  # twice as fast on a CPU; Module.to() would stumble over the 3-D convolutions
+            if isinstance(layer, nn.Conv2d):
+                layer.weight.data = layer.weight.data.contiguous(memory_format=torch.channels_last)
+
+    @classmethod
+    def from_preset(cls, name: str) -> M3Depth:
+        """A new network, `lite` or `paper`, with random weights."""
+        if name not in PRESETS:
+            raise ValueError(f"preset {name!r} is not one of {', '.join(PRESETS)}")
+        return cls(PRESETS[name])
+
+    @classmethod
+    def from_pretrained(cls, path: str | Path | None = None) -> M3Depth:
+        """A trained network, in evaluation mode.
+
+        path: a .safetensors file written by save_pretrained; None: the weights that come with the package. Raises
+        FileNotFoundError if there is none, ValueError (one line that names the file) if it cannot be used.
+        """
+        source = SHIPPED_WEIGHTS if path is None else Path(path)
+        config, tensors = load_weights(source)
+        try:
+            model = cls(M3DepthConfig.from_dict(config))
+        except ValueError as error:
+            raise ValueError(f"{source}: {error}") from None
+        expected = model.state_dict()
+        wrong = sorted(expected.keys() ^ tensors.keys())
+        wrong = wrong or sorted(k for k in expected if expected[k].shape != tensors[k].shape)
+        if wrong:
+            raise ValueError(f"{source}: {len(wrong)} tensors do not fit the network, the first is {wrong[0]!r}")
+        model.load_state_dict(tensors)
+        return model.eval()
+
+    def save_pretrained(self, path: str | Path) -> None:
+        """Write weights (.safetensors) and, beside them, their config (.json). Replaces existing files atomically."""
+        save_weights(Path(path), asdict(self.config), self.state_dict())
+
+    def forward(self, left: Tensor, right: Tensor, camera: Tensor) -> StereoOutput:
+        """left, right: (B, 3, H, W) float in [0, 1], rectified, any size. camera: (B, 4) fx, fy, cx, cy [px]."""
+        height, width = left.shape[-2:]
+        multiple = self.config.size_multiple
+        padding = (0, -width % multiple, 0, -height % multiple)  # right and bottom: the principal point stays
+        if any(padding):
+            left, right = (F.pad(image, padding, mode="replicate") for image in (left, right))
+        camera = camera.float()
+        # One mean and contrast for both eyes: low contrast then looks like high contrast, gains between eyes remain.
+        mean = left.mean((1, 2, 3), keepdim=True)
+        scale = left.std((1, 2, 3), keepdim=True).clamp(min=0.01)
+        images = (torch.cat([left, right]) - torch.cat([mean, mean])) / torch.cat([scale, scale])
+        features = self.backbone(images.contiguous(memory_format=torch.channels_last))
+        left4, right4 = features.quarter.chunk(2)
+        left8 = features.eighth.chunk(2)[0]
+
+        match_left, match_right = matchable(self.match(features.eighth).float().contiguous()).chunk(2)
+        volume = group_correlation_volume(match_left, match_right, self.config.hypotheses, self.config.groups)
+        scores, context = self.aggregation(volume, left8)
+        disparity = soft_argmin(scores.float(), VOLUME_STEP)
+        normal = self.normals(volume, left8, scale_camera(camera, 8))
+        initial = (disparity, normal)
+
+        coarse = left8 if context is None else torch.cat([left8, context], 1)
+        steps: list[tuple[Tensor, Tensor]] = []
+        if self.refinement is not None:
+            disparity, normal = (F.interpolate(x, scale_factor=2, mode="bilinear") for x in initial)
+            camera4 = scale_camera(camera, 4)
+            steps, fine = self.refinement(left4, right4, coarse, disparity, unit(normal), camera4)
+        else:
+            assert self.decisions is not None
+            maps = torch.cat([disparity, normal, self.decisions(coarse).float()], 1)
+            fine = F.interpolate(maps, scale_factor=8, mode="bilinear")
+        fine = fine[..., :height, :width]
+        normal = face_camera(unit(fine[:, 1:4]), pixel_rays(camera, height, width))
+        return StereoOutput(fine[:, :1], normal, fine[:, 4:5], fine[:, 5:6], initial, steps)
+
+    @torch.inference_mode()
+    def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig, nearest: float | None = None) -> Prediction:
+        """Depth, disparity, normals and confidence of one rectified pair, at the input's size.
+
+        left, right: (H, W) or (H, W, 3) uint8, RGB. rig: the cameras of these images. nearest [m]: what should still
+        be measured, 0.84 m by default; images in which that is a larger disparity than the network's hypotheses reach
+        (192 px) are reduced first, as those of rigs whose f B exceeds NaTeCam's. Depth is in metres of the given rig,
+        inf where the network sees sky. Raises ValueError for wrong types or sizes.
+        """
+        left, right = (
+            image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
+            for image in checked_pair(left, right, rig)
+        )
+        height, width = left.shape[:2]
+        reach = VOLUME_STEP * self.config.hypotheses
+        needed = rig.fb / (NEAREST if nearest is None else nearest)
+        scale = min(1.0, reach / needed)
+        work = rig
+        if scale < 0.99:
+            work = rig.resized(max(1, round(width * scale)), max(1, round(height * scale)))
+            size = (work.camera.width, work.camera.height)
+            left, right = (cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (left, right))
+        device = self.match.weight.device
+        pair = torch.from_numpy(np.stack([left, right])).to(device).permute(0, 3, 1, 2).float() / 255
+        c = work.camera
+        camera = torch.tensor([[c.fx, c.fy, c.cx, c.cy]], dtype=torch.float32, device=device)
+        dtype = fast_dtype(device)
+        with torch.autocast(device.type, dtype or torch.bfloat16, enabled=dtype is not None):
+            out = self(pair[:1], pair[1:], camera)
+        maps = torch.cat([out.disparity, out.normal, out.confidence.sigmoid(), out.sky], 1).float()
+        if work is not rig:
+            maps = F.interpolate(maps, (height, width), mode="bilinear")
+            maps[:, 0] *= width / work.camera.width
+            maps[:, 1:4] = unit(maps[:, 1:4])
+        disparity = torch.where(maps[0, 5] > 0, torch.zeros_like(maps[0, 0]), maps[0, 0])
+        depth = disparity_to_depth(disparity, rig.fb)
+        disparity = torch.where(depth.isinf(), torch.zeros_like(disparity), disparity)
+        normal = maps[0, 1:4].permute(1, 2, 0)
+        arrays = [x.cpu().contiguous().numpy() for x in (depth, disparity, normal, maps[0, 4])]
+        return Prediction(*arrays)
+
+
+def fast_dtype(device: torch.device) -> torch.dtype | None:
+    """bfloat16 where the device computes in it (GPU, AMX, AVX-512 BF16); None: stay in float32."""
+    if device.type == "cuda":
+        return torch.bfloat16 if torch.cuda.is_bf16_supported() else None
+    if device.type == "cpu":
+        probes = ("_is_amx_tile_supported", "_is_avx512_bf16_supported")
+        if any(getattr(torch.cpu, name, lambda: False)() for name in probes):
+            return torch.bfloat16
+    return None

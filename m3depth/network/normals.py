@@ -1,0 +1,62 @@
+"""SNNet: surface normals from the cost volume (paper, Table II)."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from m3depth.geometry import face_camera, pixel_rays, unit
+from m3depth.network.backbone import conv_block, group_norm
+
+
+def hypothesis_points(rays: Tensor, hypotheses: int) -> Tensor:
+    """Camera-frame X, Y, Z of each pixel at each disparity hypothesis, scaled to [-1, 1], without gradient.
+
+    rays: (B, 3, H, W) with z = 1. Slice i stands for disparity i steps, so Z is proportional to 1 / i; slice 0
+    (infinitely far) is set at half a step. Returns (B, 3, hypotheses, H, W); Z = 1 at half a step.
+    """
+    index = torch.arange(hypotheses, dtype=rays.dtype, device=rays.device).clamp(min=0.5)
+    z = (0.5 / index)[:, None, None]
+    return (rays[:, :, None] * z).clamp(-1, 1).detach()
+
+
+class SNNet(nn.Module):
+    """Three 3-D convolutions of stride 2 in depth, one 2-D network for all D / 8 slices, sum, unit length.
+
+    context: channels of left features that are given to every slice; 0 is the paper. The last layer is linear: with
+    the ReLU of the paper's table no component could be negative.
+    """
+
+    def __init__(self, groups: int, widths: tuple[int, int, int], left_channels: int, context: int) -> None:
+        super().__init__()
+        self.context = nn.Conv2d(left_channels, context, 1) if context else None
+        inputs = (groups + 3 + context, *widths[:2])
+        self.volume = nn.Sequential(
+            *(
+                nn.Sequential(
+                    nn.Conv3d(i, o, 3, stride=(2, 1, 1), padding=1, bias=False), group_norm(o), nn.ReLU(inplace=True)
+                )
+                for i, o in zip(inputs, widths)
+            )
+        )
+        self.slice = nn.Sequential(
+            conv_block(widths[2], widths[2], dilation=2),
+            conv_block(widths[2], widths[2], dilation=4),
+            nn.Conv2d(widths[2], 3, 3, padding=1),
+        )
+
+    def forward(self, volume: Tensor, left: Tensor, camera: Tensor) -> Tensor:
+        """volume: (B, G, D, H, W). left: (B, C, H, W). camera: (B, 4) fx, fy, cx, cy of this grid.
+
+        Returns (B, 3, H, W) unit normals in the camera frame, facing the camera.
+        """
+        depth = volume.shape[2]
+        rays = pixel_rays(camera, volume.shape[-2], volume.shape[-1])
+        parts = [volume, hypothesis_points(rays, depth).to(volume.dtype)]
+        if self.context is not None:
+            parts.append(self.context(left)[:, :, None].expand(-1, -1, depth, -1, -1))
+        x = self.volume(torch.cat(parts, 1))  # (B, C, D / 8, H, W)
+        batch, slices = x.shape[0], x.shape[2]
+        x = self.slice(x.transpose(1, 2).flatten(0, 1))  # (B D / 8, 3, H, W)
+        total = x.unflatten(0, (batch, slices)).sum(1).float()
+        return face_camera(unit(total), rays)

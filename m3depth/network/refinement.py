@@ -1,0 +1,196 @@
+"""Iterative refinement of disparity and normals (paper, Sec. IV-D) at a quarter of the resolution."""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from m3depth.geometry import face_camera, normals_from_disparity, pixel_rays, unit
+from m3depth.network.cost_volume import matchable
+
+DISPARITY_SCALE = 64.0  # [px] brings disparities to the size that the other inputs have
+
+
+class CorrelationLookup:
+    """Matching scores around the current disparity, from all pairs of pixels on the same row.
+
+    left, right: (B, C, H, W) features of one grid. A sample at offset k compares left pixel x with right pixel
+    x - d - k; scores between pixels are interpolated, outside the image they are 0. `levels` halve the right image's
+    resolution again and again, so that the same number of samples looks farther.
+    """
+
+    def __init__(self, left: Tensor, right: Tensor, radius: int, levels: int) -> None:
+        self.radius = radius
+        self.pad = 2 * radius + 2
+        left, right = left.permute(0, 2, 3, 1), right.permute(0, 2, 1, 3)  # (B, H, W, C), (B, H, C, W)
+        scores = (left @ right / left.shape[-1] ** 0.5).float()  # (B, H, W, W)
+        self.pyramid = [F.pad(scores, (self.pad, self.pad))]
+        for _ in range(1, levels):
+            scores = F.avg_pool2d(scores, (1, 2), ceil_mode=True)
+            self.pyramid.append(F.pad(scores, (self.pad, self.pad)))
+
+    def __call__(self, disparity: Tensor) -> Tensor:
+        """disparity: (B, 1, H, W) in cells of this grid. Returns (B, levels (2 radius + 1), H, W)."""
+        column = torch.arange(disparity.shape[-1], dtype=torch.float32, device=disparity.device)
+        position = column - disparity[:, 0].float()  # (B, H, W)
+        offsets = torch.arange(2 * self.radius + 2, device=disparity.device)
+        samples = []
+        for scores in self.pyramid:
+            start = position.floor()
+            fraction = (position - start)[..., None]
+            last = scores.shape[-1] - 2 * self.pad + self.radius
+            first = start.clamp(-(self.radius + 2), last).long() - self.radius + self.pad
+            taken = scores.gather(3, first[..., None] + offsets)
+            samples.append(taken[..., :-1] + fraction * (taken[..., 1:] - taken[..., :-1]))
+            position = (position - 0.5) / 2  # cell j of the next level covers cells 2 j and 2 j + 1
+        return torch.cat(samples, 3).permute(0, 3, 1, 2)
+
+
+class ConvGRU(nn.Module):
+    """Convolutional gated recurrent unit; what the context H_0 adds to the gates is computed once."""
+
+    def __init__(self, hidden: int, inputs: int) -> None:
+        super().__init__()
+        self.gates = nn.Conv2d(hidden + inputs, 2 * hidden, 3, padding=1)
+        self.candidate = nn.Conv2d(hidden + inputs, hidden, 3, padding=1)
+
+    def forward(self, hidden: Tensor, x: Tensor, context: Tensor) -> Tensor:
+        """hidden: (B, C, H, W). x: (B, inputs, H, W). context: (B, 3 C, H, W), added to update, reset, candidate."""
+        size = hidden.shape[1]
+        gates = self.gates(torch.cat([hidden, x], 1)) + context[:, : 2 * size]
+        update, reset = torch.sigmoid(gates).chunk(2, 1)
+        candidate = torch.tanh(self.candidate(torch.cat([reset * hidden, x], 1)) + context[:, 2 * size :])
+        return hidden + update * (candidate - hidden)
+
+
+def head(inputs: int, width: int, outputs: int) -> nn.Sequential:
+    """Two 3 x 3 convolutions; starts as a small correction."""
+    last = nn.Conv2d(width, outputs, 3, padding=1)
+    nn.init.normal_(last.weight, std=1e-3)
+    nn.init.constant_(last.get_parameter("bias"), 0.0)
+    return nn.Sequential(nn.Conv2d(inputs, width, 3, padding=1), nn.ReLU(inplace=True), last)
+
+
+class RefinementStep(nn.Module):
+    """One update of disparity, normals and hidden state.
+
+    The step sees the current disparity (its value, and what it stands out from its surroundings by), the current
+    normals, the normals that the disparity implies, and the correlation around the current disparity.
+    """
+
+    def __init__(self, hidden: int, motion: int, samples: int, step: int) -> None:
+        super().__init__()
+        self.step = step
+        self.correlation = nn.Sequential(nn.Conv2d(samples, motion, 1), nn.ReLU(inplace=True))
+        self.geometry = nn.Sequential(nn.Conv2d(8, motion // 2, 3, padding=1), nn.ReLU(inplace=True))
+        self.motion = nn.Sequential(
+            nn.Conv2d(motion + motion // 2, motion, 3, padding=1),
+            nn.ReLU(inplace=True),
+        )
+        self.gru = ConvGRU(hidden, motion)
+        self.disparity = head(hidden, hidden, 1)
+        self.normal = head(hidden + 3, hidden, 3)
+
+    def forward(
+        self,
+        hidden: Tensor,
+        context: Tensor,
+        disparity: Tensor,
+        normal: Tensor,
+        lookup: CorrelationLookup,
+        camera: Tensor,
+        rays: Tensor,
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """disparity: (B, 1, H, W) in full-resolution pixels. camera: (B, 4) and rays: (B, 3, H, W) of this grid.
+
+        Returns the new hidden state, disparity and normals.
+        """
+        # Gradients pass through the hidden state only, as in RAFT: each step learns to correct what it is given.
+        disparity, normal = disparity.detach(), normal.detach()
+        relief = (disparity - F.avg_pool2d(disparity, 5, 1, 2, count_include_pad=False)).clamp(-8, 8)
+        implied = normals_from_disparity(disparity, camera)
+        geometry = torch.cat([disparity / DISPARITY_SCALE, relief, normal, implied], 1)
+        dtype = hidden.dtype
+        samples = self.correlation(lookup(disparity / self.step).to(dtype, memory_format=torch.channels_last))
+        x = self.motion(torch.cat([samples, self.geometry(geometry.to(dtype))], 1))
+        hidden = self.gru(hidden, x, context)
+        disparity = (disparity + self.step * self.disparity(hidden).float()).clamp(min=0)
+        change = self.normal(torch.cat([hidden, normal.to(dtype)], 1)).float()
+        normal = face_camera(unit(normal + change), rays)
+        return hidden, disparity, normal
+
+
+class ConvexUpsampling(nn.Module):
+    """Each fine pixel is a convex combination of its coarse pixel's 3 x 3 neighbours (RAFT), weights learned."""
+
+    def __init__(self, hidden: int, factor: int) -> None:
+        super().__init__()
+        self.factor = factor
+        self.weights = nn.Sequential(
+            nn.Conv2d(hidden, 2 * hidden, 3, padding=1),
+            nn.ReLU(inplace=True),
+            nn.Conv2d(2 * hidden, 9 * factor**2, 1),
+        )
+
+    def forward(self, hidden: Tensor, maps: Tensor) -> Tensor:
+        """hidden: (B, C, H, W). maps: (B, M, H, W). Returns (B, M, factor H, factor W)."""
+        height, width = maps.shape[-2:]
+        weights = self.weights(hidden).float().contiguous().unflatten(1, (9, -1)).softmax(1)
+        padded = F.pad(maps, (1, 1, 1, 1), mode="replicate")
+        out = maps.new_zeros(())
+        for k, weight in enumerate(weights.unbind(1)):  # (B, f f, H, W) each
+            near = padded[:, :, k // 3 : k // 3 + height, k % 3 : k % 3 + width]
+            out = out + weight[:, None] * near[:, :, None]  # (B, M, f f, H, W)
+        return F.pixel_shuffle(out.flatten(1, 2), self.factor)
+
+
+class Refinement(nn.Module):
+    """Context, T recurrent steps and the upsampling to full resolution.
+
+    context: channels of the two sources of H_0, at 1/4 and at 1/8. steps: T. radius, levels: see CorrelationLookup.
+    """
+
+    def __init__(
+        self, context: tuple[int, int], hidden: int, motion: int, match: int, steps: int, radius: int, levels: int
+    ) -> None:
+        super().__init__()
+        self.hidden, self.steps, self.radius, self.levels = hidden, steps, radius, levels
+        quarter, eighth = context
+        self.match = nn.Conv2d(quarter, match, 3, padding=1)
+        self.coarse = nn.Conv2d(eighth, quarter, 1)
+        self.context = nn.Sequential(
+            nn.Conv2d(2 * quarter, 2 * hidden, 3, padding=1),
+            nn.ReLU(inplace=True),
+            nn.Conv2d(2 * hidden, 2 * hidden, 1),
+        )
+        self.bias = nn.Conv2d(hidden, 3 * hidden, 3, padding=1)
+        self.step = RefinementStep(hidden, motion, levels * (2 * radius + 1), step=4)
+        self.decisions = nn.Sequential(
+            nn.Conv2d(hidden + quarter, hidden, 3, padding=1), nn.ReLU(inplace=True), nn.Conv2d(hidden, 2, 1)
+        )
+        self.upsample = ConvexUpsampling(hidden, 4)
+
+    def forward(
+        self, left: Tensor, right: Tensor, coarse: Tensor, disparity: Tensor, normal: Tensor, camera: Tensor
+    ) -> tuple[list[tuple[Tensor, Tensor]], Tensor]:
+        """left, right: (B, C4, h, w) features at 1/4. coarse: (B, C8, h / 2, w / 2) context at 1/8.
+
+        disparity [px at full resolution], normal: starting maps on the 1/4 grid. camera: (B, 4) of that grid.
+        Returns the (disparity, normal) of every step on the 1/4 grid, and (B, 6, 4 h, 4 w): disparity, normal (not
+        normalised), confidence logit, sky logit.
+        """
+        match_left, match_right = matchable(self.match(torch.cat([left, right])).float()).chunk(2)
+        lookup = CorrelationLookup(match_left, match_right, self.radius, self.levels)
+        rays = pixel_rays(camera, left.shape[-2], left.shape[-1])
+        wide = F.interpolate(self.coarse(coarse), scale_factor=2, mode="bilinear")
+        features = torch.cat([left, wide], 1)
+        hidden, context = self.context(features).chunk(2, 1)
+        hidden = torch.tanh(hidden)
+        bias = self.bias(F.relu(context))
+        history = []
+        for _ in range(self.steps):
+            hidden, disparity, normal = self.step(hidden, bias, disparity, normal, lookup, camera, rays)
+            history.append((disparity, normal))
+        decisions = self.decisions(torch.cat([hidden, wide], 1)).float()
+        return history, self.upsample(hidden, torch.cat([disparity, normal, decisions], 1))

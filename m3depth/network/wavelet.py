@@ -1,0 +1,72 @@
+"""Haar wavelets and the wavelet-enhanced convolution (paper, Algorithm 1)."""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+# f_A, f_H, f_V, f_D of the paper. PyWavelets calls f_H its cV and f_V its cH; f_A and f_D are its cA and cD.
+HAAR = 0.5 * torch.tensor([[[1.0, 1], [1, 1]], [[1, -1], [1, -1]], [[1, 1], [-1, -1]], [[1, -1], [-1, 1]]])
+
+
+def haar_filters(channels: int, like: Tensor) -> Tensor:
+    """(4 C, 1, 2, 2) the four Haar filters, repeated for every channel, in the dtype and on the device of `like`."""
+    return HAAR.to(like)[:, None].repeat(channels, 1, 1, 1)
+
+
+def haar_transform(x: Tensor) -> Tensor:
+    """One level of the 2-D Haar transform, as a depth-wise convolution of stride 2.
+
+    x: (B, C, H, W), H and W even. Returns (B, 4 C, H / 2, W / 2); channel 4 c + s is sub-band s of channel c, in the
+    order A, H, V, D. Raises ValueError for odd sizes.
+    """
+    if x.shape[-2] % 2 or x.shape[-1] % 2:
+        raise ValueError(f"the Haar transform needs even sizes, got {x.shape[-2]} x {x.shape[-1]}")
+    return F.conv2d(x, haar_filters(x.shape[1], x), stride=2, groups=x.shape[1])
+
+
+def inverse_haar_transform(bands: Tensor) -> Tensor:
+    """The inverse of haar_transform (the filters are orthonormal, so it is the transposed convolution).
+
+    bands: (B, 4 C, H, W), ordered as haar_transform returns them. Returns (B, C, 2 H, 2 W).
+    """
+    channels = bands.shape[1] // 4
+    return F.conv_transpose2d(bands, haar_filters(channels, bands), stride=2, groups=channels)
+
+
+class WaveletConv(nn.Module):
+    """Wavelet-enhanced convolution: a small depth-wise kernel at every level of a Haar decomposition.
+
+    Z_i = IWT(beta_i (Y_A,i + Z_i+1), Y_HF,i) from the deepest level up, and Z_0 = Y_A,0 + Z_1 (paper, Eq. 5-7). The
+    paper leaves beta's shape and start open: here it is one learnable number a channel and level, and starts at 1.
+    Depth-wise kernels mix no channels, so a 1 x 1 convolution follows. H and W must be multiples of 2 ** levels.
+    """
+
+    def __init__(self, channels: int, levels: int, kernel: int) -> None:
+        super().__init__()
+        self.levels = levels
+        pad = kernel // 2
+        self.base = nn.Conv2d(channels, channels, kernel, padding=pad, groups=channels)
+        self.bands = nn.ModuleList(
+            nn.Conv2d(4 * channels, 4 * channels, kernel, padding=pad, groups=4 * channels, bias=False)
+            for _ in range(levels)
+        )
+        self.beta = nn.Parameter(torch.ones(levels, channels))
+        self.mix = nn.Conv2d(channels, channels, 1)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, C, H, W) -> (B, C, H, W)."""
+        out = self.base(x)
+        low, features = x, []
+        for conv in self.bands:
+            bands = haar_transform(low)
+            low = bands[:, 0::4]
+            features.append(conv(bands))
+        deeper: Tensor | None = None
+        for level in range(self.levels - 1, -1, -1):
+            y = features[level].unflatten(1, (-1, 4))  # (B, C, 4, h, w)
+            low = y[:, :, 0] if deeper is None else y[:, :, 0] + deeper
+            low = low * self.beta[level][:, None, None]
+            deeper = inverse_haar_transform(torch.cat([low[:, :, None], y[:, :, 1:]], 2).flatten(1, 2))
+        return self.mix(out if deeper is None else out + deeper)

@@ -1,0 +1,49 @@
+"""Weights on disk: safetensors, and the network's config as JSON beside it and in the file's own metadata."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
+from torch import Tensor
+
+from m3depth.atomic import write_atomically
+
+
+def save_weights(path: Path, config: dict[str, Any], tensors: dict[str, Tensor]) -> None:
+    """Write `path` and the network's config, plain numbers, as JSON beside it (same name, .json).
+
+    Raises ValueError if path does not end in .safetensors.
+    """
+    if path.suffix != ".safetensors":
+        raise ValueError(f"{path}: weights are written as .safetensors")
+    plain = {k: v.detach().cpu().contiguous() for k, v in tensors.items()}
+    text = json.dumps(config, indent=2) + "\n"
+    # The file carries its config too: weights and JSON that were mixed up by hand are not loaded as each other's.
+    write_atomically(path, save(plain, metadata={"m3depth_config": json.dumps(config)}))
+    write_atomically(path.with_suffix(".json"), text.encode())
+
+
+def load_weights(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
+    """The config and tensors of a file that save_weights wrote; nothing in it is executed.
+
+    Raises FileNotFoundError if it is missing, ValueError that names the file if it is damaged or of another network.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such weights file")
+    try:
+        with safe_open(str(path), framework="pt", device="cpu") as file:
+            metadata = file.metadata() or {}
+            tensors = {name: file.get_tensor(name) for name in list(file.keys())}
+    except (SafetensorError, OSError, RuntimeError) as error:
+        raise ValueError(f"{path}: not a readable safetensors file ({str(error).splitlines()[0]})") from None
+    try:
+        config = json.loads(metadata["m3depth_config"])
+    except (KeyError, json.JSONDecodeError):
+        raise ValueError(f"{path}: holds no m3depth_config; these are not weights of M3Depth") from None
+    if not isinstance(config, dict):
+        raise ValueError(f"{path}: m3depth_config is not a JSON object")
+    return config, tensors

@@ -1,0 +1,220 @@
+"""Depth, normals and a point cloud of one rectified stereo pair.
+
+    python -m m3depth.predict left.png right.png --focal 595.9 --baseline 0.27 --out RESULT
+
+Writes into RESULT:
+
+    depth.npy          float32 [m]; inf: sky or beyond measure, NaN: unknown
+    depth.png          uint16 [mm]; 0: none, or farther than 65.5 m
+    disparity.npy      float32 [px];  disparity.png: uint16, times 256
+    normal.npy         float32, camera frame (x right, y down, z forward);  normal.png: red right, green up, blue to
+                       the camera, black: unknown
+    confidence.npy     float32, 0 to 1
+    cloud.ply          coloured points [m], camera frame, without what hangs between two surfaces
+    figure.png         all of it at a glance
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import trimesh
+import tyro
+
+from m3depth.estimator import Estimator, load_estimator
+from m3depth.figures import prediction_figure
+from m3depth.prediction import Prediction
+from marssim.camera import PinholeCamera, StereoRig
+from marssim.contact_sheet import normal_colours
+
+EDGE_JUMP = 1.0  # [px] change of disparity within 3 x 3 px from which a pixel may belong to neither surface
+EDGE_SHARE = 0.02  # and of the disparity itself: near surfaces may be steep
+
+
+@dataclass(frozen=True)
+class PredictOptions:
+    """Depth, normals and a point cloud of one rectified stereo pair."""
+
+    left: tyro.conf.Positional[Path]
+    """Left image, grey or colour, 8 or 16 bit."""
+    right: tyro.conf.Positional[Path]
+    """Right image, of the same size."""
+    focal: float
+    """Focal length of the rectified images [px]."""
+    baseline: float
+    """Distance of the two cameras [m]."""
+    out: Path
+    """Folder for the results."""
+    cx: float | None = None
+    """Principal point, column [px]; default: the middle."""
+    cy: float | None = None
+    """Principal point, row [px]; default: the middle."""
+    weights: Path | None = None
+    """A .safetensors file written by m3depth.train; default: the weights that come with the package."""
+    method: str = "m3depth"
+    """m3depth, sgbm, or package.module:Class."""
+    min_confidence: float = 0.5
+    """Less sure pixels are left out of the point cloud."""
+    max_range: float = 30.0
+    """Points farther ahead [m] are left out of the point cloud."""
+
+
+def read_pair(left: Path, right: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Two images as uint8 RGB (H, W, 3) or grey (H, W). 16-bit pairs are scaled by the brighter maximum of the two.
+
+    Raises FileNotFoundError or ValueError that names the file, ValueError if the sizes differ.
+    """
+    images = []
+    for path in (left, right):
+        if not path.is_file():
+            raise FileNotFoundError(f"{path}: no such file")
+        try:
+            image = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
+        except cv2.error:  # an empty file
+            image = None
+        if image is None:
+            raise ValueError(f"{path}: not a readable image")
+        if image.ndim == 3:
+            image = image[..., 0] if image.shape[2] < 3 else image[..., 2::-1]  # alpha is dropped, BGR becomes RGB
+        images.append(image)
+    a, b = images
+    if a.shape[:2] != b.shape[:2]:
+        raise ValueError(
+            f"{left} is {a.shape[1]} x {a.shape[0]}, {right} is {b.shape[1]} x {b.shape[0]}: "
+            "a rectified pair has one size"
+        )
+    if a.dtype != np.uint8 or b.dtype != np.uint8:
+        top = max(float(a.max()), float(b.max()), 1.0)
+        a, b = (np.round(image * (255 / top)).astype(np.uint8) for image in (a, b))
+    return _same_channels(a, b)
+
+
+def _same_channels(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    if a.ndim != b.ndim:
+        a, b = (x if x.ndim == 3 else np.repeat(x[..., None], 3, axis=2) for x in (a, b))
+    return np.ascontiguousarray(a), np.ascontiguousarray(b)
+
+
+def make_rig(options: PredictOptions, height: int, width: int) -> StereoRig:
+    """The rig that the options describe. Raises ValueError that names the flag."""
+    for flag, value in (("--focal", options.focal), ("--baseline", options.baseline)):
+        if not (np.isfinite(value) and value > 0):
+            raise ValueError(f"{flag} must be positive, got {value}")
+    cx = (width - 1) / 2 if options.cx is None else options.cx
+    cy = (height - 1) / 2 if options.cy is None else options.cy
+    return StereoRig(PinholeCamera(width, height, options.focal, options.focal, cx, cy), options.baseline)
+
+
+def depth_edges(disparity: np.ndarray) -> np.ndarray:
+    """(H, W) bool: within 3 x 3 px the disparity jumps by more than 1 px and 2 %; such pixels fly between surfaces.
+
+    disparity: (H, W) [px]; NaN counts as 0. Level ground changes by baseline / camera height per row, 0.22 px for
+    NaTeCam, at any distance and resolution: one threshold serves all.
+    """
+    known = np.nan_to_num(disparity, nan=0.0, posinf=0.0, neginf=0.0).astype(np.float32)
+    kernel = np.ones((3, 3), np.uint8)
+    high, low = cv2.dilate(known, kernel), cv2.erode(known, kernel)
+    return high - low > np.maximum(EDGE_JUMP, EDGE_SHARE * high)
+
+
+def point_cloud(
+    left: np.ndarray, prediction: Prediction, rig: StereoRig, min_confidence: float = 0.5, max_range: float = 30.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points that can be trusted, and their colours.
+
+    left: (H, W) or (H, W, 3) uint8. Left out are unknown depth, depth over max_range [m], confidence under
+    min_confidence, and depth edges. Returns (N, 3) float32 [m] in the left camera's frame and (N, 3) uint8 RGB.
+    """
+    depth = prediction.depth
+    with np.errstate(invalid="ignore"):
+        keep = (depth > 0) & (depth <= max_range) & (prediction.confidence >= min_confidence)
+    keep &= ~depth_edges(prediction.disparity)
+    colour = left if left.ndim == 3 else np.repeat(left[..., None], 3, axis=2)
+    points = rig.camera.rays()[keep] * depth[keep, None]
+    return points.astype(np.float32), colour[keep]
+
+
+def write_prediction(
+    out: Path, left: np.ndarray, prediction: Prediction, rig: StereoRig, min_confidence: float, max_range: float
+) -> int:
+    """Write every file that the module's docstring lists; returns the number of points of the cloud. Raises OSError."""
+    out.mkdir(parents=True, exist_ok=True)
+    for name in ("depth", "disparity", "normal", "confidence"):
+        array = getattr(prediction, name)
+        if array is not None:
+            np.save(out / f"{name}.npy", array)
+    _write_png(out / "depth.png", _uint16(prediction.depth * 1000.0))
+    _write_png(out / "disparity.png", _uint16(prediction.disparity * 256.0))
+    if prediction.normal is not None:
+        _write_png(out / "normal.png", np.ascontiguousarray(normal_colours(prediction.normal)[..., ::-1]))
+    points, colour = point_cloud(left, prediction, rig, min_confidence, max_range)
+    (out / "cloud.ply").write_bytes(_ply(points, colour))
+    prediction_figure(left, prediction, out / "figure.png")
+    return len(points)
+
+
+def _uint16(values: np.ndarray) -> np.ndarray:
+    """Rounded; 0 where the value is not finite or does not fit."""
+    fits = np.isfinite(values) & (values >= 0) & (values < 65535.5)
+    return np.round(np.where(fits, values, 0)).astype(np.uint16)
+
+
+def _write_png(path: Path, image: np.ndarray) -> None:
+    if not cv2.imwrite(str(path), image):
+        raise OSError(f"{path}: could not be written")
+
+
+def _ply(points: np.ndarray, colour: np.ndarray) -> bytes:
+    cloud = trimesh.PointCloud(points, colors=colour) if len(points) else None
+    if cloud is not None:
+        return cloud.export(file_type="ply")
+    header = "ply\nformat binary_little_endian 1.0\nelement vertex 0\n"
+    return (header + "".join(f"property float {axis}\n" for axis in "xyz") + "end_header\n").encode()
+
+
+def predict(options: PredictOptions, estimator: Estimator | None = None) -> Prediction:
+    """Read the pair, estimate, write the files, say in one line what came out.
+
+    estimator: instead of the one that the options name. Raises FileNotFoundError or ValueError with one line for the
+    user. An image without any contrast is reported on stderr; the result is then a guess.
+    """
+    left, right = read_pair(options.left, options.right)
+    rig = make_rig(options, *left.shape[:2])
+    if options.out.exists() and not options.out.is_dir():
+        raise ValueError(f"--out {options.out}: is not a folder")
+    if options.weights is not None and options.method != "m3depth":
+        raise ValueError(f"--weights belongs to m3depth, not to --method {options.method}")
+    for path, image in ((options.left, left), (options.right, right)):
+        if image.min() == image.max():
+            tone = "black" if image.max() == 0 else "of one grey level"
+            print(f"predict: warning: {path} is {tone}: there is nothing to match", file=sys.stderr)
+    if estimator is None:
+        estimator = load_estimator(options.method if options.weights is None else f"m3depth:{options.weights}")
+    prediction = estimator.infer(left, right, rig)
+    count = write_prediction(options.out, left, prediction, rig, options.min_confidence, options.max_range)
+    known = prediction.depth[np.isfinite(prediction.depth)]
+    seen = (
+        f"depth {known.min():.2f} to {known.max():.2f} m, median {np.median(known):.2f} m" if len(known) else "no depth"
+    )
+    print(f"{options.out}: {seen} on {100 * len(known) / prediction.depth.size:.0f} % of the pixels; {count} points")
+    return prediction
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """The command. Returns the exit code: 2 for a mistake in what was asked for."""
+    options = tyro.cli(PredictOptions, prog="python -m m3depth.predict", args=args, description=__doc__)
+    try:
+        predict(options)
+    except (OSError, ValueError) as error:
+        print(f"predict: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,24 @@
+"""What an estimator makes of a stereo pair."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Dense maps of the left image, at the input's size. Frame: left camera, x right, y down, z forward.
+
+    depth: (H, W) float32 [m], z along the optical axis; inf where the pixel is said to be sky or beyond measure,
+        NaN where nothing is known.
+    disparity: (H, W) float32 [px], x_left - x_right; 0 where depth is infinite, NaN where it is unknown.
+    normal: (H, W, 3) float32, unit length, facing the camera (n . ray < 0); None if the method gives none.
+    confidence: (H, W) float32 in [0, 1].
+    """
+
+    depth: np.ndarray
+    disparity: np.ndarray
+    normal: np.ndarray | None
+    confidence: np.ndarray

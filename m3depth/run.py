@@ -1,0 +1,150 @@
+"""What a training run is made of: its state and checkpoint, its log, and the signals that end it."""
+
+from __future__ import annotations
+
+import copy
+import io
+import json
+import math
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from m3depth.atomic import write_atomically
+from m3depth.network.model import M3Depth
+from m3depth.train_config import TrainConfig
+
+WORLD = "number of processes"  # part of a run's identity
+PROGRESS_SECONDS = 20.0  # between progress lines where the output is no terminal
+
+
+class Run:
+    """State of a training run: network, averaged copy, optimizer, step, seconds spent.
+
+    world: number of processes that share the batches of a step.
+    """
+
+    def __init__(self, config: TrainConfig, device: torch.device, world: int = 1) -> None:
+        torch.manual_seed(config.seed)
+        self.config, self.device, self.world = config, device, world
+        model = M3Depth.from_pretrained(config.init) if config.init else M3Depth.from_preset(config.preset)
+        self.model = model.to(device).train()
+        self.averaged = copy.deepcopy(self.model).eval().requires_grad_(False)
+        self.optimizer = torch.optim.AdamW(self.model.parameters(), config.lr, weight_decay=config.weight_decay)
+        self.step = 0
+        self.seconds = 0.0
+
+    @property
+    def checkpoint(self) -> Path:
+        return self.config.out / "checkpoint.pt"
+
+    def average(self) -> None:
+        """Move the averaged weights towards the current ones; faster at the start, when these still change a lot."""
+        decay = min(self.config.ema, (1 + self.step) / (10 + self.step))
+        with torch.no_grad():
+            torch._foreach_lerp_(list(self.averaged.parameters()), list(self.model.parameters()), 1 - decay)
+
+    def identity(self) -> dict[str, Any]:
+        """The settings that a resumed run must share with the one that it continues."""
+        c = self.config
+        network = json.loads(json.dumps(asdict(self.model.config)))
+        # Which samples a step sees depends on the number of processes too.
+        return {
+            "network": network, "batch": c.batch, "crop": list(c.crop), "seed": c.seed, WORLD: self.world,
+        }  # fmt: skip
+
+    def save(self) -> None:
+        """Write the checkpoint, and the averaged weights with their config, atomically."""
+        state = {
+            "identity": self.identity(),
+            "model": self.model.state_dict(),
+            "averaged": self.averaged.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+            "step": self.step,
+            "seconds": self.seconds,
+            "rng": torch.get_rng_state(),
+        }
+        buffer = io.BytesIO()
+        torch.save(state, buffer)
+        write_atomically(self.checkpoint, buffer.getvalue())
+        self.averaged.save_pretrained(self.config.out / "weights.safetensors")
+
+    def resume(self) -> bool:
+        """Continue from RUN/checkpoint.pt, if there is one. Raises ValueError if it is damaged or of another run."""
+        if not self.checkpoint.is_file():
+            return False
+        try:
+            state = torch.load(self.checkpoint, map_location=self.device, weights_only=True)
+            saved = {WORLD: 1, **state["identity"]}  # checkpoints of single processes did not always say so
+        except Exception as error:  # torch raises whatever its unpickler stumbles over
+            raise ValueError(f"{self.checkpoint}: not a readable checkpoint ({type(error).__name__})") from None
+        for name, value in self.identity().items():
+            if saved.get(name) != value:
+                raise ValueError(f"{self.checkpoint}: belongs to a run with another {name}; choose another --out")
+        self.model.load_state_dict(state["model"])
+        self.averaged.load_state_dict(state["averaged"])
+        self.optimizer.load_state_dict(state["optimizer"])
+        self.step, self.seconds = state["step"], state["seconds"]
+        torch.set_rng_state(state["rng"].cpu())
+        return True
+
+
+class Log:
+    """RUN/log.jsonl, TensorBoard where it is installed, and the progress line."""
+
+    def __init__(self, out: Path, start: int) -> None:
+        out.mkdir(parents=True, exist_ok=True)
+        self.path = out / "log.jsonl"
+        if self.path.exists():  # what was logged after the checkpoint will be logged again
+            lines = self.path.read_text().splitlines(keepends=True)
+            kept = [line for line in lines if line.endswith("}\n") and json.loads(line)["step"] <= start]
+            write_atomically(self.path, "".join(kept).encode())
+        try:
+            from torch.utils.tensorboard import SummaryWriter
+
+            self.board: Any = SummaryWriter(str(out / "tensorboard"), purge_step=start + 1)
+        except ImportError:
+            self.board = None
+        self.last_line = 0.0
+
+    def write(self, kind: str, step: int, values: dict[str, float]) -> None:
+        # JSON knows no NaN, which stands for "no such pixels".
+        plain = {k: round(v, 6) if math.isfinite(v) else None for k, v in values.items()}
+        record = {"kind": kind, "step": step, **plain}
+        with self.path.open("a") as file:
+            file.write(json.dumps(record) + "\n")
+        if self.board is not None:
+            for name, value in values.items():
+                self.board.add_scalar(f"{kind}/{name}", value, step)
+
+    def progress(self, text: str) -> None:
+        """One line, rewritten on a terminal, printed now and then elsewhere."""
+        if sys.stderr.isatty():
+            print(f"\r{text}\x1b[K", end="", file=sys.stderr, flush=True)
+        elif time.monotonic() - self.last_line > PROGRESS_SECONDS:
+            self.last_line = time.monotonic()
+            print(text, file=sys.stderr, flush=True)
+
+
+@contextmanager
+def stop_on_signal() -> Iterator[list[int]]:
+    """The list that is handed out holds the signal's number once SIGTERM or SIGINT has come; a second one ends."""
+    received: list[int] = []
+
+    def remember(number: int, frame: Any) -> None:
+        received.append(number)
+        signal.signal(number, before[number])
+
+    before: dict[int, Any] = {n: signal.signal(n, remember) for n in (signal.SIGTERM, signal.SIGINT)}
+    try:
+        yield received
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,85 @@
+"""Settings of a training run, and the check of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from m3depth.data import AugmentConfig
+from m3depth.losses import LossConfig
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """Settings of a training run. Give --max-steps, --max-minutes, or both (whichever is reached first)."""
+
+    data: Path
+    """Dataset folder, as marssim.generate writes it."""
+    out: Path
+    """Run folder: checkpoint, weights, log, panels."""
+    preset: Literal["lite", "paper"] = "lite"
+    """Size of the network."""
+    max_minutes: float | None = None
+    """Time budget [min]; a resumed run counts what was spent before. The learning rate schedule is fitted to it."""
+    max_steps: int | None = None
+    """Number of optimizer steps."""
+    init: Path | None = None
+    """Start from these weights (.safetensors) instead of random ones; their config replaces --preset."""
+    batch: int = 4
+    """Crops a step and process."""
+    crop: tuple[int, int] = (256, 448)
+    """Height and width of the crops [px], multiples of 32 (64 for the paper preset)."""
+    lr: float = 8e-4
+    """Highest learning rate. Use a quarter of it or less with --init."""
+    weight_decay: float = 1e-4
+    """Of AdamW."""
+    clip: float = 1.0
+    """Largest norm of the gradient."""
+    ema: float = 0.998
+    """Decay of the averaged weights."""
+    seed: int = 0
+    """Of initial weights, order and augmentation."""
+    loss: LossConfig = field(default_factory=LossConfig)
+    """Weights of the loss terms."""
+    augment: AugmentConfig = field(default_factory=AugmentConfig)
+    """How the images are changed."""
+    cache: bool = True
+    """Keep decoded samples in memory, up to half of what is free."""
+    loader_threads: int = 1
+    """Background threads that make batches."""
+    checkpoint_minutes: float = 5.0
+    """Time between checkpoints [min]."""
+    validate_every: int = 500
+    """Steps between quick validations (and image panels); 0: none but the last."""
+    validate_samples: int = 16
+    """Validation samples that are scored in a quick validation."""
+    device: str = "auto"
+    """auto, cpu, cuda."""
+
+
+def check_config(config: TrainConfig) -> None:
+    """Raise ValueError that names the flag of a setting that cannot work."""
+    if config.max_minutes is None and config.max_steps is None:
+        raise ValueError("give --max-minutes, --max-steps or both")
+    for name in ("max_minutes", "max_steps", "batch", "lr", "clip", "loader_threads", "checkpoint_minutes"):
+        value = getattr(config, name)
+        if value is not None and not value > 0:
+            raise ValueError(f"--{name.replace('_', '-')} must be positive, got {value}")
+    for name in ("weight_decay", "validate_every", "validate_samples"):
+        value = getattr(config, name)
+        if not (math.isfinite(value) and value >= 0):
+            raise ValueError(f"--{name.replace('_', '-')} must not be negative, got {value}")
+    if not 0 <= config.seed < 1 << 63:
+        raise ValueError(f"--seed must be 0 to 2^63 - 1, got {config.seed}")
+    if not 0 <= config.ema < 1:
+        raise ValueError(f"--ema must be at least 0 and less than 1, got {config.ema}")
+    if config.device not in ("auto", "cpu", "cuda"):
+        raise ValueError(f"--device {config.device}: expected auto, cpu or cuda")
+
+
+def check_crop(crop: tuple[int, int], multiple: int) -> None:
+    """Raise ValueError that names the flag if the network cannot work on crops of (height, width) as they are."""
+    if crop[0] % multiple or crop[1] % multiple or min(crop) < 1:
+        raise ValueError(f"--crop {crop[0]} {crop[1]}: both must be multiples of {multiple}")

@@ -1,0 +1,176 @@
+"""The training loop behind `python -m m3depth.train`."""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+import time
+
+import cv2
+import torch
+import torch.distributed as dist
+from torch import Tensor, nn
+
+from m3depth.data import PackedCache, batches, free_memory
+from m3depth.losses import total_loss
+from m3depth.network.model import fast_dtype
+from m3depth.pairs import StereoPairs
+from m3depth.run import Log, Run, stop_on_signal
+from m3depth.train_config import TrainConfig, check_config, check_crop
+from m3depth.validation import save_panel, validate
+
+WARM_UP = 0.04  # share of the run in which the learning rate rises
+
+
+def learning_rate(peak: float, progress: float) -> float:
+    """One cycle: linear rise, then a cosine down to a hundredth. progress: share of the run that is done."""
+    if progress < WARM_UP:
+        return peak * (0.05 + 0.95 * progress / WARM_UP)
+    fall = min(1.0, (progress - WARM_UP) / (1 - WARM_UP))
+    return peak * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * fall)))
+
+
+def join_group(config: TrainConfig) -> tuple[int, int, torch.device]:
+    """Rank, number of processes, device. Under torchrun the process group is joined."""
+    local = int(os.environ.get("LOCAL_RANK", 0))
+    cuda = config.device == "cuda" or (config.device == "auto" and torch.cuda.is_available())
+    if cuda and not torch.cuda.is_available():
+        raise ValueError("--device cuda: no GPU was found")
+    device = torch.device("cuda", local) if cuda else torch.device("cpu")
+    if "LOCAL_RANK" not in os.environ:
+        return 0, 1, device
+    if cuda:
+        torch.cuda.set_device(device)
+    if not dist.is_initialized():
+        dist.init_process_group("nccl" if cuda else "gloo")
+    return dist.get_rank(), dist.get_world_size(), device
+
+
+def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> dict[str, float]:
+    """Train until the budget is spent or a signal comes; both leave a checkpoint that the same call continues.
+
+    samples, held_out: sequences of stereo samples (fields as in marssim.dataset). Returns the last validation of the
+    averaged weights (empty after a signal). Raises ValueError for bad settings, FloatingPointError if the loss is not
+    finite: the last checkpoint then stays as it was.
+    """
+    check_config(config)
+    rank, world, device = join_group(config)
+    cv2.setNumThreads(1)
+    if not len(samples):
+        raise ValueError(f"{config.data}: no training samples")
+    run = Run(config, device, world)
+    check_crop(config.crop, run.model.config.size_multiple)
+    resumed = run.resume()
+    log = Log(config.out, run.step) if rank == 0 else None
+    if log:
+        size = sum(p.numel() for p in run.model.parameters())
+        start = f"resumed at step {run.step}, {run.seconds / 60:.1f} min" if resumed else "new run"
+        print(f"{len(samples)} samples, {size / 1e6:.2f} M parameters, {device}, {start}", file=sys.stderr, flush=True)
+    network: nn.Module = run.model
+    if world > 1:
+        network = nn.parallel.DistributedDataParallel(run.model, [device.index] if device.type == "cuda" else None)
+    local = int(os.environ.get("LOCAL_WORLD_SIZE", 1))
+    cache = PackedCache(samples, free_memory() // 2 // local if config.cache else 0)
+    wanted = min(config.validate_samples, len(held_out)) if rank == 0 else 0
+    checks = PackedCache(held_out, 1 << 40)
+    chosen = [i * len(held_out) // wanted for i in range(wanted)]
+
+    def assess(panel: bool) -> dict[str, float]:
+        """Score the raw and the averaged weights, on rank 0."""
+        if not chosen or log is None:
+            return {}
+        packed = [checks[i] for i in chosen]
+        log.write("val_raw", run.step, validate(run.model, packed, device))
+        scores = validate(run.averaged, packed, device)
+        log.write("val", run.step, scores)
+        if panel:
+            save_panel(config.out / "panels" / f"{run.step:07d}.png", run.averaged, packed[:4], device)
+        shown = "  ".join(f"{k} {v:.4g}" for k, v in scores.items())
+        print(f"\nvalidation, step {run.step}: {shown}", file=sys.stderr, flush=True)
+        return scores
+
+    stream = batches(
+        cache, run.step, config.batch, config.crop, config.augment, config.seed, rank, world, config.loader_threads
+    )
+    dtype = fast_dtype(device)
+    spent_before, began, saved = run.seconds, time.monotonic(), time.monotonic()
+    waited = 0.0
+    with stop_on_signal() as signals:
+        while True:
+            # All processes must take the same decisions: the clock is rank 0's, a signal or NaN anybody's.
+            run.seconds = spent_before + time.monotonic() - began
+            clock, stopped = agree([run.seconds if rank == 0 else 0.0, float(bool(signals))], device, world)
+            progress = max(
+                clock / 60 / config.max_minutes if config.max_minutes else 0.0,
+                run.step / config.max_steps if config.max_steps else 0.0,
+            )
+            if stopped or progress >= 1:
+                break
+            before = time.monotonic()
+            batch = next(stream).to(device)
+            waited += time.monotonic() - before
+            for group in run.optimizer.param_groups:
+                group["lr"] = learning_rate(config.lr, progress)
+            with torch.autocast(device.type, dtype or torch.bfloat16, enabled=dtype is not None):
+                output = network(batch.left, batch.right, batch.target.camera)
+            loss, terms = total_loss(output, batch.target, config.loss)
+            run.optimizer.zero_grad(set_to_none=True)
+            loss.backward()
+            norm = nn.utils.clip_grad_norm_(run.model.parameters(), config.clip)
+            if agree([float(not is_finite(loss, norm))], device, world)[0]:
+                kept = (
+                    f"{run.checkpoint} holds the last good state"
+                    if run.checkpoint.is_file()
+                    else "nothing is saved yet"
+                )
+                raise FloatingPointError(f"loss or gradient is not finite at step {run.step}; {kept}; try a lower --lr")
+            run.optimizer.step()
+            run.step += 1
+            run.average()
+            run.seconds = spent_before + time.monotonic() - began
+            if log:
+                values = {"loss": float(loss.detach()), "grad": float(norm), "lr": learning_rate(config.lr, progress)}
+                values |= {name: float(value) for name, value in terms.items()}
+                if run.step % 10 == 0 or run.step == 1:
+                    share = waited / max(time.monotonic() - began, 1e-9)
+                    log.write("train", run.step, values | {"minutes": run.seconds / 60, "loader_share": share})
+                left = run.seconds * (1 - progress) / max(progress, 1e-6)
+                log.progress(
+                    f"step {run.step}  {progress:6.1%}  ETA {left / 60:.1f} min  loss {values['loss']:.3f}  "
+                    f"d {values['disparity']:.3f}  n {values['normal']:.3f}  "
+                    f"{config.batch * world * run.step / max(run.seconds, 1e-9):.2f} crops/s"
+                )
+                if time.monotonic() - saved > 60 * config.checkpoint_minutes:
+                    run.save()
+                    saved = time.monotonic()
+                if config.validate_every and run.step % config.validate_every == 0:
+                    assess(panel=True)
+    stream.close()
+    scores: dict[str, float] = {}
+    if log:
+        run.save()
+        if stopped:
+            print(f"\nstopped at step {run.step}; the same command goes on from here", file=sys.stderr, flush=True)
+        else:
+            scores = assess(panel=True)
+        if log.board is not None:
+            log.board.close()
+    if world > 1:
+        dist.barrier()
+        dist.destroy_process_group()
+    return scores
+
+
+def agree(values: list[float], device: torch.device, world: int) -> list[float]:
+    """The largest of each value over all processes."""
+    if world == 1:
+        return values
+    tensor = torch.tensor(values, dtype=torch.float64, device=device)
+    dist.all_reduce(tensor, dist.ReduceOp.MAX)
+    return tensor.tolist()
+
+
+def is_finite(loss: Tensor, norm: Tensor) -> bool:
+    """Whether a step may be taken."""
+    return bool(torch.isfinite(loss) & torch.isfinite(norm))

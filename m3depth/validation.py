@@ -1,0 +1,89 @@
+"""Quick validation during training, and its image panels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+from torch import Tensor
+
+from m3depth.data import Batch, PackedSample, whole_batch
+from m3depth.losses import Target, disparity_edges
+from m3depth.network.model import M3Depth, StereoOutput, fast_dtype
+from marssim.contact_sheet import normal_colours
+
+
+def error_sums(output: StereoOutput, target: Target) -> dict[str, tuple[float, float]]:
+    """Sum and count of each error over one batch, for means over several.
+
+    epe [px], abs_rel (of depth: |d / d_predicted - 1|), bad1 (share over 1 px), rock_epe and edge_epe [px], normal
+    [deg], over labelled pixels; sky_missed (share of sky not said to be sky), false_sky (share of labelled pixels).
+    """
+    label, truth = target.label, target.disparity
+    error = (output.disparity - truth).abs()
+    relative = (truth / output.disparity.clamp(min=0.1) - 1).abs()
+    angle = torch.rad2deg((output.normal * target.normal).sum(1, keepdim=True).clamp(-1, 1).acos())
+    says_sky = (output.sky > 0).float()
+    values: dict[str, tuple[Tensor, Tensor]] = {
+        "epe": (error, label),
+        "abs_rel": (relative, label),
+        "bad1": ((error > 1).float(), label),
+        "rock_epe": (error, label & target.rock),
+        "edge_epe": (error, label & disparity_edges(truth)),
+        "normal": (angle, label),
+        "sky_missed": (1 - says_sky, target.sky),
+        "false_sky": (says_sky, label),
+    }
+    return {name: (float(x[mask].sum()), float(mask.sum())) for name, (x, mask) in values.items()}
+
+
+@torch.inference_mode()
+def predict_batch(model: M3Depth, batch: Batch) -> StereoOutput:
+    """Forward pass in the device's fast precision."""
+    dtype = fast_dtype(batch.left.device)
+    with torch.autocast(batch.left.device.type, dtype or torch.bfloat16, enabled=dtype is not None):
+        return model(batch.left, batch.right, batch.target.camera)
+
+
+def validate(model: M3Depth, samples: Iterable[PackedSample], device: torch.device) -> dict[str, float]:
+    """Mean errors (see error_sums) over all pixels of whole images; NaN where there are no such pixels."""
+    training = model.training
+    model.eval()
+    total: dict[str, list[float]] = {}
+    for sample in samples:
+        batch = whole_batch(sample).to(device)
+        for name, pair in error_sums(predict_batch(model, batch), batch.target).items():
+            entry = total.setdefault(name, [0.0, 0.0])
+            entry[0] += pair[0]
+            entry[1] += pair[1]
+    model.train(training)
+    return {name: s / n if n else float("nan") for name, (s, n) in total.items()}
+
+
+def save_panel(path: Path, model: M3Depth, samples: Sequence[PackedSample], device: torch.device) -> None:
+    """One PNG, a row a sample: left image, disparity true and predicted, its error (white: 4 px), normals true and
+    predicted, confidence (0 where sky)."""
+    rows = []
+    for sample in samples:
+        batch = whole_batch(sample).to(device)
+        out = predict_batch(model, batch)
+        truth = batch.target.disparity[0, 0].cpu().numpy()
+        guess = out.disparity[0, 0].float().cpu().numpy()
+        top = max(float(truth.max()), 1.0)
+        error = np.where(sample.flags & 1, np.abs(guess - truth), 0)
+        confidence = (out.confidence.sigmoid() * (out.sky <= 0))[0, 0].float().cpu().numpy()
+        both = (batch.target.normal, out.normal)
+        normals = [normal_colours(x[0].permute(1, 2, 0).float().cpu().numpy())[..., ::-1] for x in both]
+        grey = [cv2.applyColorMap(_byte(x), cv2.COLORMAP_TURBO) for x in (truth / top, guess / top)]
+        grey += [cv2.cvtColor(_byte(error / 4), cv2.COLOR_GRAY2BGR)]
+        grey += [*normals, cv2.cvtColor(_byte(confidence), cv2.COLOR_GRAY2BGR)]
+        rows.append(np.concatenate([sample.left[..., ::-1], *grey], 1)[::2, ::2])
+    path.parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(path), np.concatenate(rows))
+
+
+def _byte(x: np.ndarray) -> np.ndarray:
+    return (np.nan_to_num(x).clip(0, 1) * 255).astype(np.uint8)

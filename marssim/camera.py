@@ -1,0 +1,207 @@
+"""Pinhole cameras and rectified stereo rigs.
+
+Convention: camera frame x right, y down, z forward (OpenCV). Pixel centres are integers, so the principal point of
+an image of width W lies at (W - 1) / 2. Depth is z along the optical axis, not ray length. A pose is the 4 x 4 matrix
+that takes camera coordinates to world coordinates (world: x east, y north, z up).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cv2
+import numpy as np
+
+MIN_DEPTH = 0.5  # [m] nearest depth that is scored (paper, Sec. V-B)
+MAX_DEPTH = 15.0  # [m] farthest depth that is scored
+
+
+@dataclass(frozen=True)
+class PinholeCamera:
+    """A camera without distortion.
+
+    width, height: image size [px]; fx, fy: focal lengths [px]; cx, cy: principal point [px].
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+    def __post_init__(self) -> None:
+        if self.width < 1 or self.height < 1:
+            raise ValueError(f"width and height must be at least 1 pixel, got {self.width} x {self.height}")
+        if not (self.fx > 0 and self.fy > 0 and np.isfinite([self.fx, self.fy, self.cx, self.cy]).all()):
+            raise ValueError(f"fx and fy must be positive and finite, got fx={self.fx}, fy={self.fy}")
+
+    @classmethod
+    def centred(cls, width: int, height: int, focal: float) -> PinholeCamera:
+        """Square pixels, principal point in the middle of the image. focal [px]."""
+        return cls(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
+
+    @property
+    def K(self) -> np.ndarray:
+        """(3, 3) intrinsic matrix."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def fov(self) -> tuple[float, float]:
+        """Horizontal and vertical field of view [rad], from outer pixel edge to outer pixel edge."""
+        half_x = np.arctan2([self.cx + 0.5, self.width - 0.5 - self.cx], self.fx)
+        half_y = np.arctan2([self.cy + 0.5, self.height - 0.5 - self.cy], self.fy)
+        return float(half_x.sum()), float(half_y.sum())
+
+    def rays(self) -> np.ndarray:
+        """(H, W, 3) float64 direction of each pixel centre, scaled to z = 1."""
+        out = np.ones((self.height, self.width, 3))
+        out[..., 0] = (np.arange(self.width) - self.cx) / self.fx
+        out[..., 1] = ((np.arange(self.height) - self.cy) / self.fy)[:, None]
+        return out
+
+    def project(self, points: np.ndarray) -> np.ndarray:
+        """Pixel coordinates (u, v) of points in the camera frame.
+
+        points: (..., 3) [m]. Returns (..., 2) [px]; NaN for points at or behind the camera's plane.
+        """
+        points = np.asarray(points, dtype=float)
+        z = np.where(points[..., 2] > 0, points[..., 2], np.nan)
+        u = self.fx * points[..., 0] / z + self.cx
+        v = self.fy * points[..., 1] / z + self.cy
+        return np.stack([u, v], axis=-1)
+
+    def unproject(self, depth: np.ndarray) -> np.ndarray:
+        """Points in the camera frame of a depth map.
+
+        depth: (H, W) [m]. Returns (H, W, 3) [m], not finite where depth is not.
+        """
+        depth = np.asarray(depth)
+        if depth.shape != (self.height, self.width):
+            raise ValueError(f"depth is {depth.shape}, the camera has {(self.height, self.width)} pixels")
+        return self.rays() * depth[..., None]
+
+    def cropped(self, x: int, y: int, width: int, height: int) -> PinholeCamera:
+        """The camera of the image part whose upper left pixel is (x, y)."""
+        return PinholeCamera(width, height, self.fx, self.fy, self.cx - x, self.cy - y)
+
+    def resized(self, width: int, height: int) -> PinholeCamera:
+        """The camera of the image resampled to width x height (outer pixel edges stay where they are)."""
+        sx, sy = width / self.width, height / self.height
+        return PinholeCamera(
+            width, height, self.fx * sx, self.fy * sy, (self.cx + 0.5) * sx - 0.5, (self.cy + 0.5) * sy - 0.5
+        )
+
+
+@dataclass(frozen=True)
+class StereoRig:
+    """Two equal cameras, rectified: the right eye stands at x = +baseline [m] in the left eye's frame."""
+
+    camera: PinholeCamera
+    baseline: float
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.baseline) and self.baseline > 0):
+            raise ValueError(f"baseline must be positive [m], got {self.baseline}")
+
+    @property
+    def fb(self) -> float:
+        """Focal length times baseline [px m]: depth = fb / disparity."""
+        return self.camera.fx * self.baseline
+
+    def disparity_to_depth(self, disparity: np.ndarray) -> np.ndarray:
+        """Depth of rectified pixels, Z = f B / d.
+
+        disparity: (...) [px], x_left - x_right; <= 0 or NaN means no match.
+        Returns (...) [m], z along the optical axis; inf where there is no match. Floats keep their precision, integers
+        give float64.
+        """
+        disparity = _floating(disparity)
+        match = disparity > 0
+        return np.where(match, self.fb / np.where(match, disparity, 1), np.inf).astype(disparity.dtype, copy=False)
+
+    def depth_to_disparity(self, depth: np.ndarray) -> np.ndarray:
+        """Disparity d = f B / Z. depth: (...) [m]. Returns (...) [px]; 0 where depth is infinite, NaN or <= 0.
+
+        Floats keep their precision, integers give float64.
+        """
+        depth = _floating(depth)
+        known = np.isfinite(depth) & (depth > 0)
+        return np.where(known, self.fb / np.where(known, depth, 1), 0).astype(depth.dtype, copy=False)
+
+    def right_pose(self, left_pose: np.ndarray) -> np.ndarray:
+        """(4, 4) camera-to-world pose of the right eye, from that of the left eye."""
+        out = np.array(left_pose, dtype=float)
+        out[:3, 3] += out[:3, 0] * self.baseline
+        return out
+
+    def cropped(self, x: int, y: int, width: int, height: int) -> StereoRig:
+        """The rig of both images' parts whose upper left pixel is (x, y)."""
+        return replace(self, camera=self.camera.cropped(x, y, width, height))
+
+    def resized(self, width: int, height: int) -> StereoRig:
+        """The rig of both images resampled to width x height; disparities scale with the width."""
+        return replace(self, camera=self.camera.resized(width, height))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers, for JSON; read back by from_dict."""
+        c = self.camera
+        return {
+            "width": c.width, "height": c.height, "fx": c.fx, "fy": c.fy, "cx": c.cx, "cy": c.cy,
+            "baseline": self.baseline,
+        }  # fmt: skip
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> StereoRig:
+        """Read to_dict's form. Raises ValueError that names a missing or malformed field."""
+        try:
+            camera = PinholeCamera(
+                int(data["width"]), int(data["height"]), *(float(data[k]) for k in ("fx", "fy", "cx", "cy"))
+            )
+            return cls(camera, float(data["baseline"]))
+        except KeyError as error:
+            raise ValueError(f"stereo rig: field {error} is missing") from None
+        except TypeError as error:
+            raise ValueError(f"stereo rig: {error}") from None
+
+
+def rotate(vectors: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """vectors @ matrix.T for many short vectors; BLAS takes many times as long for such thin arrays.
+
+    vectors: (..., 3); matrix: (3, 3) or (2, 3). Returns (..., 3) or (..., 2) of the vectors' dtype.
+    """
+    if vectors.size == 0:
+        return np.zeros((*vectors.shape[:-1], len(matrix)), dtype=vectors.dtype)
+    flat = np.ascontiguousarray(vectors).reshape(-1, 1, 3)
+    return cv2.transform(flat, matrix).reshape(*vectors.shape[:-1], len(matrix))
+
+
+def look_pose(position: np.ndarray, yaw: float, pitch: float, roll: float = 0.0) -> np.ndarray:
+    """Camera-to-world pose of a camera that looks along a compass-free heading.
+
+    position: (3,) [m]. yaw [rad]: from world x, counter-clockwise seen from above. pitch [rad]: positive looks down.
+    roll [rad]: about the optical axis, positive turns the camera clockwise as seen from behind it.
+    Returns (4, 4).
+    """
+    cy, sy, cp, sp = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch)
+    forward = np.array([cy * cp, sy * cp, -sp])
+    right = np.array([sy, -cy, 0.0])
+    down = np.cross(forward, right)
+    cr, sr = np.cos(roll), np.sin(roll)
+    pose = np.eye(4)
+    pose[:3, 0] = cr * right + sr * down
+    pose[:3, 1] = -sr * right + cr * down
+    pose[:3, 2] = forward
+    pose[:3, 3] = position
+    return pose
+
+
+NATECAM = StereoRig(PinholeCamera.centred(512, 512, 595.90), baseline=0.270)
+"""Zhurong's Navigation and Terrain Camera: 512 x 512 px, f = 595.90 px, 46.5 deg, 270 mm baseline (paper, Sec. V-B)."""
+
+
+def _floating(values: np.ndarray) -> np.ndarray:
+    """As an array of floats: of their own precision, float64 where they are integers."""
+    values = np.asarray(values)
+    return values if np.issubdtype(values.dtype, np.floating) else values.astype(float)

@@ -1,0 +1,267 @@
+"""Stereo datasets on disk: plain PNG and JSON files, written atomically, hashed, and read back as arrays.
+
+DIR/generate.json            what was asked for
+DIR/dataset.json             the index: every sample, its split and the hash of its files
+DIR/scenes/00003/05/         one sample (scene 3, view 5)
+    left.png right.png       8-bit RGB
+    depth.png                16-bit, logarithmic: see encode_depth; 65535 is the sky
+    normal.png               16-bit RGB, (n + 1) / 2 scaled to 65535; 0 0 0 is the sky
+    surface.png              16-bit, 0 sky, 1 ground, n + 2 rock n
+    occluded.png             8-bit, 255 where the right eye does not see the point
+    sample.json              rig, pose, sun, sensor, scene parameters, hashes
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal, overload
+
+import cv2
+import numpy as np
+
+from marssim.camera import MAX_DEPTH, MIN_DEPTH, StereoRig
+from marssim.render.gbuffer import SKY
+from marssim.render.stereo import StereoFrame
+
+SCHEMA = "marssim-stereo"
+VERSION = 1
+SPLITS = ("train", "val", "test")
+SPLIT_OF_TEN = ("train", "test", "val", "train", "train", "train", "val", "train", "train", "train")
+NEAREST, FARTHEST = 0.1, 1000.0  # [m] range of the depth code
+SKY_CODE = 65535
+IMAGES = ("left.png", "right.png", "depth.png", "normal.png", "surface.png", "occluded.png")
+PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1]
+
+Split = Literal["train", "val", "test"]
+
+
+class DatasetError(ValueError):
+    """A dataset that cannot be read; the message names the file."""
+
+
+@dataclass(frozen=True)
+class StereoSample:
+    """One stereo pair with its ground truth; maps are of the left eye, frame: left camera, x right, y down, z forward.
+
+    left, right: (H, W, 3) uint8 RGB. depth: (H, W) float32 [m], z along the optical axis, inf in the sky.
+    disparity: (H, W) float32 [px], 0 in the sky. normal: (H, W, 3) float32, unit, facing the camera, 0 in the sky.
+    valid: (H, W) bool, depth within 0.5 m to 15 m. occluded: (H, W) bool, not seen by the right eye.
+    rock: (H, W) int32, 0 or the rock's number, from 1. rig: StereoRig. meta: the sample's JSON.
+    """
+
+    left: np.ndarray
+    right: np.ndarray
+    depth: np.ndarray
+    disparity: np.ndarray
+    normal: np.ndarray
+    valid: np.ndarray
+    occluded: np.ndarray
+    rock: np.ndarray
+    rig: StereoRig
+    meta: dict[str, Any]
+
+
+class StereoDataset:
+    """A dataset folder as a sequence of StereoSample.
+
+    split: "train", "val", "test" or None for all. Raises DatasetError if the folder holds no readable dataset and
+    ValueError for an unknown split. Indexing reads the files of that sample anew.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], split: Split | None = None) -> None:
+        self.path = Path(path)
+        self.split = split
+        if split is not None and split not in SPLITS:
+            raise ValueError(f"split {split!r} is unknown; choose from {', '.join(SPLITS)}")
+        self.index = read_json(self.path / "dataset.json")
+        if self.index.get("schema") != SCHEMA:
+            raise DatasetError(f"{self.path / 'dataset.json'}: schema is {self.index.get('schema')!r}, not {SCHEMA!r}")
+        if self.index.get("version") != VERSION:
+            raise DatasetError(
+                f"{self.path / 'dataset.json'}: version {self.index.get('version')} cannot be read, only {VERSION}"
+            )
+        if not _lists_samples(self.index):
+            raise DatasetError(f"{self.path / 'dataset.json'}: samples must list name (scene/view), split and sha256")
+        self.names: list[str] = [s["name"] for s in self.index["samples"] if split in (None, s["split"])]
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @overload
+    def __getitem__(self, index: int) -> StereoSample: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[StereoSample]: ...
+    def __getitem__(self, index: int | slice) -> StereoSample | list[StereoSample]:
+        if isinstance(index, slice):
+            return [read_sample(self.path / "scenes" / name) for name in self.names[index]]
+        return read_sample(self.path / "scenes" / self.names[index])
+
+    def __iter__(self) -> Iterator[StereoSample]:
+        return (self[i] for i in range(len(self)))
+
+    @cached_property
+    def digest(self) -> str:
+        """One hash over the hashes of all samples of all splits."""
+        lines = "".join(f"{s['name']} {s['sha256']}\n" for s in self.index["samples"])
+        return hashlib.sha256(lines.encode()).hexdigest()
+
+
+def split_of(scene: int) -> str:
+    """The split of a scene: 7:2:1 in every ten scenes, by its index alone; three scenes already give every split."""
+    return SPLIT_OF_TEN[scene % len(SPLIT_OF_TEN)]
+
+
+def encode_depth(depth: np.ndarray) -> np.ndarray:
+    """uint16 code of depth [m], equal steps of its logarithm: 7e-5 relative error at most.
+
+    code = round(65534 ln(Z / 0.1 m) / ln(1000 m / 0.1 m)), clipped; 65535 where depth is not finite (sky).
+    """
+    known = np.isfinite(depth)
+    z = np.clip(np.where(known, depth, FARTHEST), NEAREST, FARTHEST).astype(np.float64)
+    code = np.round((SKY_CODE - 1) * np.log(z / NEAREST) / np.log(FARTHEST / NEAREST)).astype(np.uint16)
+    return np.where(known, code, np.uint16(SKY_CODE))
+
+
+def decode_depth(code: np.ndarray) -> np.ndarray:
+    """float32 depth [m] of encode_depth's code; inf in the sky."""
+    table = NEAREST * (FARTHEST / NEAREST) ** (np.arange(SKY_CODE + 1) / (SKY_CODE - 1))
+    table[SKY_CODE] = np.inf
+    return table.astype(np.float32)[code]
+
+
+def encode_normal(normal: np.ndarray) -> np.ndarray:
+    """uint16 RGB of unit normals (H, W, 3); black where the normal is zero (sky)."""
+    code = np.round((normal.astype(np.float64) + 1) * (65535 / 2)).astype(np.uint16)
+    return np.where((normal == 0).all(axis=-1, keepdims=True), np.uint16(0), code)
+
+
+def decode_normal(code: np.ndarray) -> np.ndarray:
+    """(H, W, 3) float32 unit normals of encode_normal's code; 0 in the sky."""
+    normal = code.astype(np.float32) * np.float32(2 / 65535) - 1
+    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
+    return np.where((code == 0).all(axis=-1, keepdims=True), np.float32(0), normal)
+
+
+def write_sample(folder: Path, frame: StereoFrame, meta: dict[str, Any]) -> None:
+    """Write one sample so that the folder appears complete or not at all. Raises OSError if the disk refuses."""
+    images = {
+        "left.png": frame.left[..., ::-1],
+        "right.png": frame.right[..., ::-1],
+        "depth.png": encode_depth(frame.depth),
+        "normal.png": encode_normal(frame.normal)[..., ::-1],
+        "surface.png": (frame.surface + 1).astype(np.uint16),
+        "occluded.png": frame.occluded.astype(np.uint8) * 255,
+    }
+    partial = folder.with_name(f".{folder.name}.partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
+    digest = {}
+    for name, image in images.items():
+        encoded = cv2.imencode(".png", np.ascontiguousarray(image), PNG)[1].tobytes()
+        digest[name] = hashlib.sha256(encoded).hexdigest()
+        (partial / name).write_bytes(encoded)
+    meta = {**meta, "rig": frame.rig.to_dict(), "pose": frame.pose.tolist(), "sha256": digest}
+    (partial / "sample.json").write_text(json.dumps(meta, indent=1, sort_keys=True))
+    shutil.rmtree(folder, ignore_errors=True)
+    partial.rename(folder)
+
+
+def is_complete(folder: Path) -> bool:
+    """Are all files of a sample there, none of them empty? What they hold is not looked at."""
+    files = (folder / name for name in ("sample.json", *IMAGES))
+    return all(file.is_file() and file.stat().st_size > 0 for file in files)
+
+
+def read_sample(folder: Path) -> StereoSample:
+    """Read one sample. Raises DatasetError that names the file which is missing or broken."""
+    meta = read_json(folder / "sample.json")
+    try:
+        rig = StereoRig.from_dict(meta["rig"])
+    except KeyError:
+        raise DatasetError(f"{folder / 'sample.json'}: field 'rig' is missing") from None
+    except ValueError as error:
+        raise DatasetError(f"{folder / 'sample.json'}: {error}") from None
+    size = (rig.camera.height, rig.camera.width)
+    surface = _read_image(folder / "surface.png", size, np.uint16).astype(np.int32) - 1
+    depth = decode_depth(_read_image(folder / "depth.png", size, np.uint16))
+    depth[surface == SKY] = np.inf
+    return StereoSample(
+        left=_read_image(folder / "left.png", (*size, 3), np.uint8)[..., ::-1].copy(),
+        right=_read_image(folder / "right.png", (*size, 3), np.uint8)[..., ::-1].copy(),
+        depth=depth,
+        disparity=rig.depth_to_disparity(depth),
+        normal=decode_normal(_read_image(folder / "normal.png", (*size, 3), np.uint16)[..., ::-1]),
+        valid=(depth >= MIN_DEPTH) & (depth <= MAX_DEPTH),
+        occluded=_read_image(folder / "occluded.png", size, np.uint8) > 0,
+        rock=np.maximum(surface, 0),
+        rig=rig,
+        meta=meta,
+    )
+
+
+def sample_digest(folder: Path) -> str:
+    """One hash over the image files of a sample, from the hashes that its JSON holds."""
+    digest = read_json(folder / "sample.json").get("sha256")
+    if not isinstance(digest, dict) or set(digest) != set(IMAGES):
+        raise DatasetError(f"{folder / 'sample.json'}: sha256 must hold the hash of each image")
+    return hashlib.sha256("".join(f"{name} {digest[name]}\n" for name in sorted(digest)).encode()).hexdigest()
+
+
+def write_index(path: Path, config: dict[str, Any], names: list[str]) -> None:
+    """Write dataset.json over the samples `names` ("scene/view"), which must be there."""
+    samples = [
+        {"name": name, "split": split_of(int(name.split("/")[0])), "sha256": sample_digest(path / "scenes" / name)}
+        for name in names
+    ]
+    index = {"schema": SCHEMA, "version": VERSION, "config": config, "samples": samples}
+    write_json(path / "dataset.json", index)
+
+
+def write_json(path: Path, content: dict[str, Any]) -> None:
+    """Replace a JSON file in one step."""
+    partial = path.with_name(f".{path.name}.partial")
+    partial.write_text(json.dumps(content, indent=1, sort_keys=True) + "\n")
+    partial.replace(path)
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Read a JSON object. Raises DatasetError that names the file."""
+    try:
+        content = json.loads(path.read_text())
+    except FileNotFoundError:
+        raise DatasetError(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:
+        raise DatasetError(f"{path}: {error}") from None
+    if not isinstance(content, dict):
+        raise DatasetError(f"{path}: not a JSON object")
+    return content
+
+
+def _lists_samples(index: dict[str, Any]) -> bool:
+    """Is every sample of the index named like a folder within the dataset, with a split and a hash?"""
+    samples = index.get("samples")
+    return isinstance(samples, list) and all(
+        isinstance(s, dict)
+        and re.fullmatch(r"\d+/\d+", str(s.get("name"))) is not None
+        and s.get("split") in SPLITS
+        and isinstance(s.get("sha256"), str)
+        for s in samples
+    )
+
+
+def _read_image(path: Path, shape: tuple[int, ...], dtype: type[np.generic]) -> np.ndarray:
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.is_file() else None
+    if image is None:
+        raise DatasetError(f"{path}: {'not a readable image' if path.exists() else 'no such file'}")
+    if image.shape != shape or image.dtype != dtype:
+        sizes = " x ".join(str(n) for n in (shape[1], shape[0], *shape[2:]))
+        raise DatasetError(f"{path}: must be {sizes} {np.dtype(dtype)} as the rig says, is {image.shape} {image.dtype}")
+    return image

@@ -1,0 +1,238 @@
+"""The rover on the surface without dynamics: where it comes to rest, what it hits, how it moves along an arc.
+
+Settling solves the six contact equations of the rocker-bogie (height, roll, pitch, differential and two bogie angles
+against six wheel heights) by a fixed-point iteration with the level rover's Jacobian, whose inverse is closed-form.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from marssim.physics.body import Part, rover_parts
+from marssim.physics.linkage import Joints, Linkage
+from marssim.physics.state import Contacts, RoverState, rotation, state_of
+from marssim.physics.support import SupportMap
+from marssim.rover_spec import ZHURONG, RoverSpec
+from marssim.scene.scene import Scene
+
+ITERATIONS = 8
+TOLERANCE = 5e-4  # [m] of every wheel's gap
+MAX_JOINT = 0.6  # [rad] rocker and bogie stop here
+SUBSTEP = 0.1  # [s] between two collision checks of a driven arc
+SETTLE_EVERY = 5  # substeps between two checks of the belly
+
+
+@dataclass(frozen=True)
+class Settled:
+    """A rover at rest. pose: (4, 4) body to world; roll, pitch, yaw [rad] as in RoverState; joints: see Joints.
+
+    wheel_heights: (6,) z of the wheel centres [m]. clearance: least height of the chassis' underside above ground or
+    rock [m]; below zero they interpenetrate. residual: largest gap between a wheel and its support [m], not zero only
+    where a joint is at its stop or a wheel on an edge.
+    """
+
+    pose: np.ndarray
+    roll: float
+    pitch: float
+    yaw: float
+    joints: Joints
+    wheel_heights: np.ndarray
+    clearance: float
+    residual: float
+
+    @property
+    def belly_contact(self) -> bool:
+        return self.clearance <= 0
+
+
+@dataclass(frozen=True)
+class _Footprint:
+    """Sample points of a rover's underside, in the body frame."""
+
+    linkage: Linkage
+    wheel: np.ndarray  # (K, 2) along, across the wheel
+    crown: np.ndarray  # (K,) height of the wheel's centre above the ground where it touches at that point
+    patches: np.ndarray  # (M, 2) the six wheels seen from above
+    belly: np.ndarray  # (B, 3) of the chassis' underside
+
+
+@lru_cache(maxsize=8)
+def _footprint(spec: RoverSpec) -> _Footprint:
+    r, half = spec.wheel_radius, spec.wheel_width / 2
+    along = r * np.sin(np.linspace(-1, 1, 11) * np.deg2rad(80))  # denser towards the ends, where the wheel is steep
+    across = np.linspace(-half, half, 5)
+    wheel = np.stack([g.ravel() for g in np.meshgrid(along, across)], axis=1)
+    ends = np.stack([g.ravel() for g in np.meshgrid(np.linspace(-r, r, 7), across)], axis=1)
+    length, width, _ = spec.chassis_size
+    nx, ny = int(np.ceil(length / 0.05)) + 1, int(np.ceil(width / 0.05)) + 1
+    bx, by = np.meshgrid(np.linspace(-length / 2, length / 2, nx), np.linspace(-width / 2, width / 2, ny))
+    return _Footprint(
+        linkage=Linkage.of(spec),
+        wheel=wheel,
+        crown=np.sqrt(r**2 - wheel[:, 0] ** 2),
+        patches=(spec.wheel_positions[:, None, :2] + ends).reshape(-1, 2),
+        belly=np.stack([bx.ravel(), by.ravel(), np.full(bx.size, spec.belly_clearance)], axis=1),
+    )
+
+
+def support_of(surface: Scene | SupportMap, spec: RoverSpec = ZHURONG) -> SupportMap:
+    """The surface itself if it is a SupportMap; else the map of a Scene, built anew: keep it for further calls."""
+    return surface if isinstance(surface, SupportMap) else SupportMap.of(surface, spec.obstacle_height)
+
+
+def settle(surface: Scene | SupportMap, spec: RoverSpec, x: float, y: float, yaw: float) -> Settled:
+    """Put the rover down with its body origin at x, y [m] and heading yaw [rad].
+
+    Every wheel, a cylinder that follows the heading, rests on the highest point of ground and climbable rocks under
+    it. Obstacles do not lift wheels: collides() says where the rover must not be.
+    Raises ValueError if the place is outside the finely gridded square.
+    """
+    support, shape = support_of(surface, spec), _footprint(spec)
+    if not support.contains(x, y):
+        raise ValueError(f"x={x:.2f}, y={y:.2f} is outside the scene's fine square")
+    linkage = shape.linkage
+    front, middle, rear = spec.wheel_x
+    rocker_lever, bogie_lever = front - (middle + rear) / 2, middle - rear
+    forward = np.array([np.cos(yaw), np.sin(yaw)])
+    offsets = shape.wheel @ np.array([forward, [-forward[1], forward[0]]])
+    roll, pitch, differential, bogie = 0.0, 0.0, 0.0, np.zeros(2)
+    z = float(support.sample(support.drive, np.array(x), np.array(y)))
+    step, best = 1.0, np.inf
+    for count in range(ITERATIONS):
+        rocker = np.array([differential, -differential])
+        turn = rotation(roll, pitch, yaw)
+        hubs = linkage.hub_positions(rocker, bogie) @ turn.T + (x, y, z)
+        under = hubs[:, None, :2] + offsets
+        heights = (support.sample(support.drive, under[..., 0], under[..., 1]) + shape.crown).max(axis=1)
+        gap = heights - hubs[:, 2]
+        worst = float(np.abs(gap).max())
+        if worst < TOLERANCE or count == ITERATIONS - 1:
+            break
+        step = step if worst < 0.7 * best else 0.6 * step  # wheels at an edge swing between two supports
+        best = min(best, worst)
+        mean = gap.reshape(3, 2).mean(axis=0)
+        lift = (gap[2:4] + gap[4:6]) / 2
+        nose = -(gap[0:2] - lift) / rocker_lever  # by which each rocker has to turn
+        bow = -(gap[2:4] - gap[4:6]) / bogie_lever
+        z += step * float(mean.mean())
+        roll += step * float(mean[0] - mean[1]) / spec.track
+        pitch += step * float(nose.mean())
+        differential = float(np.clip(differential + step * (nose[0] - nose[1]) / 2, -MAX_JOINT, MAX_JOINT))
+        bogie = np.clip(bogie + step * (bow - nose), -MAX_JOINT, MAX_JOINT)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = turn, (x, y, z)
+    belly = shape.belly @ turn.T + (x, y, z)
+    clearance = float((belly[:, 2] - support.sample(support.top, belly[:, 0], belly[:, 1])).min())
+    return Settled(pose, roll, pitch, yaw, Joints(rocker, bogie), hubs[:, 2], clearance, worst)
+
+
+def collides(surface: SupportMap, spec: RoverSpec, x: float, y: float, yaw: float) -> bool:
+    """Whether the level rover at x, y [m], yaw [rad] stands with a wheel on an obstacle, or its chassis in a rock."""
+    shape = _footprint(spec)
+    c, s = np.cos(yaw), np.sin(yaw)
+    turn = np.array([[c, s], [-s, c]])
+    wheels = shape.patches @ turn + (x, y)
+    if surface.nearest(surface.obstacle, wheels[:, 0], wheels[:, 1]).any():
+        return True
+    belly = shape.belly[:, :2] @ turn + (x, y)
+    blocked = surface.nearest(surface.obstacle, belly[:, 0], belly[:, 1])
+    if not blocked.any():
+        return False
+    px, py = belly[blocked].T
+    middle = surface.sample(surface.ground, np.array(x), np.array(y))
+    return bool((surface.sample(surface.top, px, py) - middle).max() > spec.belly_clearance)
+
+
+class KinematicRover:
+    """The rover without dynamics: it follows its commands exactly, settles, and stops at what it would hit.
+
+    The surface of Rover in rover.py, but for drive(): twists are all that moves it.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        spec: RoverSpec,
+        x: float,
+        y: float,
+        yaw: float,
+        support: SupportMap | None = None,
+    ) -> None:
+        """Start at rest at x, y [m], yaw [rad]. support: the scene's map, if it has been built already."""
+        self.spec = spec
+        self.support = support or support_of(scene, spec)
+        self._settled = settle(self.support, spec, x, y, yaw)
+        self._twist = (0.0, 0.0)
+        self._spin = np.zeros(6)
+        self._steering = np.zeros(6)
+        self._contacts = Contacts(chassis=self._settled.belly_contact, obstacle=collides(self.support, spec, x, y, yaw))
+
+    def drive_twist(self, speed: float, yaw_rate: float, seconds: float) -> RoverState:
+        """Follow an arc; stop where a wheel or the chassis would hit something, or at the scene's edge.
+
+        speed [m/s] forward and yaw_rate [rad/s], as they are: limits are the caller's. Returns the state at the end.
+        """
+        substeps = max(1, int(np.ceil(seconds / SUBSTEP - 1e-9)))
+        start, here = self._settled, self._settled
+        self._contacts, travelled = Contacts(), 0.0
+        for n in range(1, substeps + 1):
+            t = seconds * n / substeps
+            x, y, yaw = _along_arc(start, speed, yaw_rate, t)
+            if not self.support.contains(x, y):
+                break
+            if collides(self.support, self.spec, x, y, yaw):
+                self._contacts = Contacts(obstacle=True)
+                break
+            travelled = t
+            if n % SETTLE_EVERY == 0 or n == substeps:
+                here = settle(self.support, self.spec, x, y, yaw)
+                if here.belly_contact:
+                    self._contacts = Contacts(chassis=True)
+                    break
+        stopped = travelled < seconds
+        if stopped and not self._contacts.chassis:
+            here = settle(self.support, self.spec, *_along_arc(start, speed, yaw_rate, travelled))
+        self._settled = here
+        self._twist = (0.0, 0.0) if stopped else (speed, yaw_rate)
+        self._turn_wheels(speed, yaw_rate, travelled)
+        return self.state()
+
+    def state(self) -> RoverState:
+        """Where the rover is; the velocity is that of the last command, zero if it was stopped."""
+        speed, yaw_rate = self._twist
+        return state_of(self._settled.pose, np.array([speed, 0.0, 0.0]), yaw_rate)
+
+    def contacts(self) -> Contacts:
+        """What stopped the last motion, if anything did."""
+        return self._contacts
+
+    def joints(self) -> Joints:
+        """Angles of all joints [rad]."""
+        settled = self._settled.joints
+        return Joints(settled.rocker, settled.bogie, self._steering, self._spin)
+
+    def mesh(self, pan: float = 0.0) -> list[Part]:
+        """Parts for drawing the rover from outside; pan [rad]: of the mast, positive to the left."""
+        return rover_parts(self.spec, self._settled.pose, self.joints(), pan)
+
+    def close(self) -> None:
+        """Nothing to free; here so that either dynamics can be closed."""
+
+    def _turn_wheels(self, speed: float, yaw_rate: float, seconds: float) -> None:
+        hubs = self.spec.wheel_positions
+        vx, vy = speed - yaw_rate * hubs[:, 1], yaw_rate * hubs[:, 0]
+        forward = np.where(vx >= 0, 1.0, -1.0)
+        self._steering = np.arctan2(vy * forward, np.maximum(vx * forward, 1e-12)) if yaw_rate else np.zeros(6)
+        self._spin = self._spin + forward * np.hypot(vx, vy) * seconds / self.spec.wheel_radius
+
+
+def _along_arc(start: Settled, speed: float, yaw_rate: float, t: float) -> tuple[float, float, float]:
+    """x, y, yaw after t seconds of constant speed along the ground and yaw rate, from a settled pose."""
+    x, y = start.pose[:2, 3]
+    turn = yaw_rate * t
+    chord = speed * t * np.cos(start.pitch) * np.sinc(turn / 2 / np.pi)
+    heading = start.yaw + turn / 2
+    return float(x + chord * np.cos(heading)), float(y + chord * np.sin(heading)), start.yaw + turn

@@ -1,0 +1,102 @@
+"""Rocker-bogie geometry: where hubs and links are for given joint angles.
+
+On each side a rocker, pivoted on the chassis, carries the front wheel and, behind, a bogie with the middle and the rear
+wheel. A differential lets the two rockers turn against the chassis by equal and opposite angles only, so the chassis
+pitches by the mean of the two. The pivots lie where each wheel carries a sixth of the weight on level ground.
+Joint angles are about the body's +y axis: positive lowers what lies ahead of the pivot.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from marssim.rover_spec import RoverSpec
+
+SIDES = ("left", "right")
+AXLES = ("front", "middle", "rear")
+WHEELS = tuple(f"{axle}_{side}" for axle in AXLES for side in SIDES)  # the order of RoverSpec.wheel_positions
+ROCKER_HEIGHT = 0.45  # [m] of the rocker pivots above level ground
+BOGIE_HEIGHT = 0.28  # [m] of the bogie pivots
+PIVOT_GAP = 0.06  # [m] from the chassis' flank to the plane of rocker and bogie
+
+
+@dataclass(frozen=True)
+class Joints:
+    """Angles [rad] of all joints; zeros on level ground.
+
+    rocker: (2,) left, right, against the chassis; bogie: (2,) against the rockers; steering: (6,) positive to the left;
+    spin: (6,) how far each wheel has rolled forward.
+    """
+
+    rocker: np.ndarray = field(default_factory=lambda: np.zeros(2))
+    bogie: np.ndarray = field(default_factory=lambda: np.zeros(2))
+    steering: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    spin: np.ndarray = field(default_factory=lambda: np.zeros(6))
+
+
+@dataclass(frozen=True)
+class Linkage:
+    """The joints' places on a level rover, in the body frame [m]. Sides are left, right."""
+
+    hubs: np.ndarray  # (6, 3)
+    rocker: np.ndarray  # (2, 3)
+    bogie: np.ndarray  # (2, 3)
+
+    @classmethod
+    def of(cls, spec: RoverSpec) -> Linkage:
+        """The joints of a rover: the bogie's halfway between its axles, the rocker's over the middle of all three."""
+        front, middle, rear = spec.wheel_x
+        y = spec.chassis_size[1] / 2 + PIVOT_GAP
+        bogie_x, rocker_x = (middle + rear) / 2, (front + middle + rear) / 3
+        return cls(
+            hubs=spec.wheel_positions,
+            rocker=np.array([[rocker_x, y, ROCKER_HEIGHT], [rocker_x, -y, ROCKER_HEIGHT]]),
+            bogie=np.array([[bogie_x, y, BOGIE_HEIGHT], [bogie_x, -y, BOGIE_HEIGHT]]),
+        )
+
+    def hub_positions(self, rocker: np.ndarray, bogie: np.ndarray) -> np.ndarray:
+        """(6, 3) wheel centres in the body frame. rocker, bogie: (2,) angles as in Joints [rad]."""
+        out = self.hubs.copy()
+        pivot = self.rocker[:, ::2]
+        out[0:2, ::2] = pivot + _turn(self.hubs[0:2, ::2] - pivot, rocker)
+        carried = pivot + _turn(self.bogie[:, ::2] - pivot, rocker)
+        for axle in (slice(2, 4), slice(4, 6)):
+            out[axle, ::2] = carried + _turn(self.hubs[axle, ::2] - self.bogie[:, ::2], rocker + bogie)
+        return out
+
+    def link_poses(self, pose: np.ndarray, joints: Joints) -> dict[str, np.ndarray]:
+        """Link to world, (4, 4), by link name.
+
+        pose: (4, 4) body to world. Names: chassis; rocker_, bogie_ + side; steer_, wheel_ + WHEELS. The chassis'
+        frame is the body frame; the others have their joint as origin and the body's axes when level.
+        """
+        out = {"chassis": np.array(pose, dtype=float)}
+        for s, side in enumerate(SIDES):
+            rocker = out["chassis"] @ _about_y(self.rocker[s], joints.rocker[s])
+            bogie = rocker @ _about_y(self.bogie[s] - self.rocker[s], joints.bogie[s])
+            out[f"rocker_{side}"], out[f"bogie_{side}"] = rocker, bogie
+            for a, axle in enumerate(AXLES):
+                wheel = 2 * a + s
+                parent, origin = (rocker, self.rocker[s]) if axle == "front" else (bogie, self.bogie[s])
+                steer = parent @ _about_z(self.hubs[wheel] - origin, joints.steering[wheel])
+                out[f"steer_{axle}_{side}"] = steer
+                out[f"wheel_{axle}_{side}"] = steer @ _about_y(np.zeros(3), joints.spin[wheel])
+        return out
+
+
+def _turn(xz: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """(2, 2) x, z of two sides, turned about +y by (2,) angles."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.stack([c * xz[:, 0] + s * xz[:, 1], c * xz[:, 1] - s * xz[:, 0]], axis=1)
+
+
+def _about_y(origin: np.ndarray, angle: float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, 0, s, origin[0]], [0, 1, 0, origin[1]], [-s, 0, c, origin[2]], [0, 0, 0, 1.0]])
+
+
+def _about_z(origin: np.ndarray, angle: float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0, origin[0]], [s, c, 0, origin[1]], [0, 0, 1, origin[2]], [0, 0, 0, 1.0]])

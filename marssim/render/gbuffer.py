@@ -1,0 +1,75 @@
+"""What a pixel sees: the contract between the two renderers and everything after them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from marssim.camera import PinholeCamera, rotate
+
+SKY = -1
+GROUND = 0  # rock n of Scene.rocks has id n + 1
+ROCK_SMOOTHNESS = 0.55  # length of a rock's interpolated normals: 1 shades it as if it were smooth, 0 facet by facet
+
+
+@dataclass(frozen=True)
+class GBuffer:
+    """Geometry through the pixel centres of one view.
+
+    depth: (H, W) float32 [m], z along the optical axis; inf in the sky.
+    normal: (H, W, 3) float32, camera frame, unit, facing the camera: of the triangle that is seen; 0 in the sky.
+    shading_normal: (H, W, 3) float32, world frame: interpolated over the mesh, for shading only; 0 in the sky.
+    surface: (H, W) int32, SKY, GROUND or rock n + 1.
+    """
+
+    depth: np.ndarray
+    normal: np.ndarray
+    shading_normal: np.ndarray
+    surface: np.ndarray
+
+    @property
+    def hit(self) -> np.ndarray:
+        """(H, W) bool: not sky."""
+        return self.surface != SKY
+
+    def world(self, camera: PinholeCamera, pose: np.ndarray) -> np.ndarray:
+        """(H, W, 3) float64 world position of each pixel; not finite in the sky. pose: (4, 4) camera to world."""
+        points = rotate(camera.unproject(np.where(self.hit, self.depth, 0)), pose[:3, :3]) + pose[:3, 3]
+        points[~self.hit] = np.inf
+        return points
+
+
+def shading_normals(smooth: np.ndarray, face: np.ndarray) -> np.ndarray:
+    """(N, 3) unit normals for shading, from those interpolated over the mesh and those of the facets, both (N, 3).
+
+    Where the interpolated one is shorter than 1, as on rocks, the facet's own makes up for it: edges stay visible.
+    """
+    length = np.sqrt(np.einsum("ij,ij->i", smooth, smooth))[:, None]
+    mixed = smooth + (1 - np.minimum(length, 1)) * face
+    return mixed / np.sqrt(np.einsum("ij,ij->i", mixed, mixed))[:, None]
+
+
+class GBufferMaker(Protocol):
+    """Renders one Scene; close() frees what it holds and may be called twice."""
+
+    def render(self, camera: PinholeCamera, pose: np.ndarray) -> GBuffer:
+        """What the camera sees. pose: (4, 4) camera to world."""
+
+    def lit(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """(N,) bool: does the sun's centre reach these surface points? points: (N, 3) world; normals: (N, 3) of the
+        faces, world frame, used to step off the surface."""
+
+    def seen_from(self, points: np.ndarray, normals: np.ndarray, eye: np.ndarray) -> np.ndarray:
+        """(N,) bool: is the straight line from these surface points to the eye free? eye: (3,) world."""
+
+    def close(self) -> None: ...
+
+
+@runtime_checkable
+class RayTracer(GBufferMaker, Protocol):
+    """A maker that can look along any ray, not only through pixel centres."""
+
+    def trace(self, rays: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Depth (N,), normals (N, 3), shading normals (N, 3), surface (N,) along rays (N, 3) of z = 1, camera frame."""

@@ -1,0 +1,81 @@
+"""The camera's optics and detector: radiance in, 8-bit image out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class SensorConfig:
+    """Optics and detector. Each pair draws from these ranges, LOW HIGH; give a value twice to fix it."""
+
+    exposure: Range = (0.40, 0.60)
+    """8-bit code that the ground's median brightness is brought to, as a share of 255"""
+    psf: Range = (0.35, 0.6)
+    """standard deviation of the point spread [px]; 0 is perfectly sharp, above 1 the tails are cut"""
+    full_well: Range = (4000.0, 16000.0)
+    """electrons at full scale; the fewer, the more shot noise"""
+    read_noise: Range = (4.0, 14.0)
+    """standard deviation of the read noise [electrons]"""
+    vignetting: Range = (0.0, 0.25)
+    """share of the light that is lost in the corners of the image, 0 to 1"""
+    gain_difference: Range = (-0.02, 0.02)
+    """how much brighter the right eye is than the left, as a share"""
+
+    def __post_init__(self) -> None:
+        limits = {
+            "exposure": (0.02, 0.98), "psf": (0, 2), "full_well": (10, 1e7), "read_noise": (0, 1e5),
+            "vignetting": (0, 1), "gain_difference": (-0.9, 9),
+        }  # fmt: skip
+        for name, (low, high) in vars(self).items():
+            least, most = limits[name]
+            if not least <= low <= high <= most:
+                raise ValueError(f"{name} must be a range LOW HIGH within {least:g} and {most:g}, got {low} {high}")
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """One drawn detector, shared by both eyes but for the gain."""
+
+    exposure: float
+    psf: float
+    full_well: float
+    read_noise: float
+    vignetting: float
+    gain_difference: float
+
+    @classmethod
+    def draw(cls, config: SensorConfig, rng: np.random.Generator) -> Sensor:
+        """A detector whose values lie anywhere in the ranges of config, all equally likely."""
+        return cls(**{name: float(rng.uniform(low, high)) for name, (low, high) in vars(config).items()})
+
+    def gain(self, radiance: np.ndarray, ground: np.ndarray) -> float:
+        """Auto-exposure: the factor from radiance to full scale. radiance: (H, W, 3); ground: (H, W) bool, not sky."""
+        luminance = radiance.mean(axis=-1)
+        metered = luminance[ground] if ground.mean() > 0.05 else luminance
+        middle = float(np.median(metered))
+        bright = float(np.quantile(metered, 0.98))
+        # that code value stands for this linear value; highlights of the ground are kept
+        target = self.exposure**2.2
+        return min(target / max(middle, 1e-6), 0.9 / max(bright, 1e-6))
+
+    def expose(self, radiance: np.ndarray, gain: float, rng: np.random.Generator) -> np.ndarray:
+        """(H, W, 3) uint8 image of a radiance image (H, W, 3), with blur, vignetting, noise and gamma 2.2."""
+        signal: np.ndarray = (radiance * np.float32(gain)).astype(np.float32)
+        if self.psf > 0:
+            signal = cv2.GaussianBlur(signal, (5, 5), self.psf, borderType=cv2.BORDER_REPLICATE)
+        h, w = signal.shape[:2]
+        y = np.linspace(-1, 1, h, dtype=np.float32)[:, None]
+        x = np.linspace(-1, 1, w, dtype=np.float32)[None, :]
+        signal *= (1 - np.float32(self.vignetting) * (x * x + y * y) / 2)[..., None]
+        signal = np.clip(signal, 0, 1)
+        electrons = signal * np.float32(self.full_well)
+        noise = rng.standard_normal(signal.shape, dtype=np.float32)
+        electrons += noise * np.sqrt(electrons + np.float32(self.read_noise**2))
+        code = np.clip(electrons / np.float32(self.full_well), 0, 1) ** np.float32(1 / 2.2)
+        return np.round(code * 255).astype(np.uint8)

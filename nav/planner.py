@@ -1,0 +1,245 @@
+"""Where to go next: arcs near the rover that descend the distance field to the goal.
+
+The arcs are checked with the rover's oriented footprint and may only enter what has been seen. As ENav does on
+Perseverance, the far path (distance_field.py) is cheap and optimistic, the near one is exact and cautious.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from marssim.rover_spec import RoverSpec
+from nav.distance_field import DistanceField
+from nav.elevation import ElevationMap
+from nav.traversability import Traversability
+
+
+@dataclass(frozen=True)
+class PlannerConfig:
+    """Candidate motions, and how they are compared. Costs are in metres of easy ground."""
+
+    arcs: int = 31  # curvatures tried
+    arc_length: float = 4.0  # [m]
+    max_turn_deg: float = 100.0  # an arc ends after this much turning
+    turns: int = 24  # headings tried by turning in place, then straight
+    spacing: float = 0.2  # between poses checked on a motion [m]
+    commit: float = 0.8  # a motion must be free at least this far [m]: one drive step and room to stop
+    lookahead: float = 2.5  # motions are compared where they have come this far [m], or where they end
+    margin: float = 0.08  # covered footprint (footprint_discs) to obstacle [m]
+    dark_margin: float = 0.0  # footprint to unseen ground [m]
+    turn_cost: float = 0.5  # a radian turned in place [m]
+    turn_start_cost: float = 0.5  # stopping in order to turn [m]; not again while a turn goes on
+    turn_back_cost: float = 1.0  # turning back at once [m]
+    bend_cost: float = 0.15  # a radian turned while driving [m]
+    change_cost: float = 0.3  # departing from the previous curvature by 1 / m [m]
+    heading_cost: float = 0.6  # a radian between the motion's end and the way onwards [m]
+    coarse: int = 2  # map cells per cell of the distance field
+    inflated_cost: float = 30.0  # per metre too near to an obstacle: a way out of it must exist, but never through
+
+
+@dataclass(frozen=True)
+class Motion:
+    """One motion, chosen or considered.
+
+    curvature [1/m], positive to the left; turn: heading change in place that comes first [rad], 0 for an arc; length:
+    how far it is free [m]; cost: to the goal over this motion [m]; poses: (k, 3) x, y, yaw in the world.
+    """
+
+    curvature: float
+    turn: float
+    length: float
+    cost: float
+    poses: np.ndarray
+
+
+def footprint_discs(spec: RoverSpec) -> tuple[np.ndarray, float]:
+    """Discs that cover the footprint rectangle.
+
+    Returns their centres (20, 2) in the body frame and their radius [m]; for Zhurong the cover is 6 cm wider and 8 cm
+    longer on each side than the rectangle.
+    """
+    nx, ny = 5, 4
+    x = ((np.arange(nx) + 0.5) / nx - 0.5) * spec.length
+    y = ((np.arange(ny) + 0.5) / ny - 0.5) * spec.width
+    centres = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    return centres, float(np.hypot(spec.length / nx, spec.width / ny) / 2)
+
+
+def footprint_distance(field: np.ndarray, elevation: ElevationMap, poses: np.ndarray, spec: RoverSpec) -> np.ndarray:
+    """Distance [m] between the footprint and what a distance map measures to; negative where they overlap.
+
+    field: (n, n) [m] over the map's cells; poses: (..., 3) x, y, yaw. Returns (...); -inf off the map.
+    """
+    centres, radius = footprint_discs(spec)
+    cos, sin = np.cos(poses[..., 2, None]), np.sin(poses[..., 2, None])
+    x = poses[..., 0, None] + cos * centres[:, 0] - sin * centres[:, 1]
+    y = poses[..., 1, None] + sin * centres[:, 0] + cos * centres[:, 1]
+    cell = elevation.cell_of(np.stack([x, y], axis=-1))
+    n = elevation.n
+    inside = ((cell >= 0) & (cell < n)).all(axis=-1)
+    cell = np.clip(cell, 0, n - 1)
+    distance = np.where(inside, field[cell[..., 1], cell[..., 0]], -np.inf)
+    return distance.min(axis=-1) - radius
+
+
+def arc_poses(start: np.ndarray, curvature: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    """Poses along arcs of constant curvature.
+
+    start: (..., 3) x, y, yaw; curvature: (...) [1/m], positive to the left; distance: (k,) [m], negative backwards.
+    Returns (..., k, 3).
+    """
+    start = np.asarray(start, float)[..., None, :]
+    curvature = np.asarray(curvature, float)[..., None]
+    angle = curvature * distance
+    # Chord of an arc: s sinc(angle / 2), in the direction halfway between both headings.
+    chord = distance * np.sinc(angle / (2 * np.pi))
+    middle = start[..., 2] + angle / 2
+    return np.stack(
+        [start[..., 0] + chord * np.cos(middle), start[..., 1] + chord * np.sin(middle), start[..., 2] + angle], axis=-1
+    )
+
+
+def free_length(
+    poses: np.ndarray,
+    spacing: float,
+    elevation: ElevationMap,
+    ground: Traversability,
+    spec: RoverSpec,
+    config: PlannerConfig,
+) -> np.ndarray:
+    """How far motions are free of obstacles and of unseen ground [m].
+
+    poses: (a, k, 3), the first one where the rover stands. A rover that already stands within the margin may move as
+    long as it comes no nearer. Returns (a,) [m].
+    """
+    room = footprint_distance(ground.clearance, elevation, poses, spec)
+    light = footprint_distance(ground.dark_distance, elevation, poses, spec)
+    ok = room >= np.minimum(config.margin, room[:, :1] - 0.01)
+    ok &= light >= np.minimum(config.dark_margin, light[:, :1] - 0.01)
+    ok[:, 0] = True
+    return (np.cumprod(ok, axis=1).sum(axis=1) - 1) * spacing
+
+
+class Planner:
+    """Chooses the next motion on a map."""
+
+    def __init__(self, spec: RoverSpec, config: PlannerConfig, elevation: ElevationMap) -> None:
+        self.spec, self.config = spec, config
+        self.field = DistanceField(elevation, config.coarse, config.inflated_cost)
+        self.previous_curvature = 0.0
+        self.previous_turn = 0.0
+        # The tightest curve that the wheels can steer.
+        sharpest = 1 / (spec.track / 2 + abs(spec.wheel_x[0]) / np.tan(spec.max_steer) + 0.02)
+        sharpest = min(sharpest, spec.max_yaw_rate / spec.max_speed)
+        grid = np.linspace(-1, 1, config.arcs)
+        self._curvatures = sharpest * np.sign(grid) * np.abs(grid) ** 1.5
+        self._distance = np.arange(0, config.arc_length + 1e-6, config.spacing)
+
+    def reset(self) -> None:
+        """Forget the previous motion."""
+        self.previous_curvature = 0.0
+        self.previous_turn = 0.0
+
+    def plan(
+        self, elevation: ElevationMap, ground: Traversability, pose: np.ndarray, goal: np.ndarray
+    ) -> Motion | None:
+        """The best motion from a pose, or None if no motion is free.
+
+        pose: (3,) x, y, yaw; goal: (2,) world [m]. The field must be up to date (DistanceField.update).
+        """
+        motions = [
+            m
+            for m in (self._best_arc(elevation, ground, pose, goal), self._best_turn(elevation, ground, pose, goal))
+            if m
+        ]
+        if not motions:
+            return None
+        best = min(motions, key=lambda motion: motion.cost)
+        self.previous_curvature, self.previous_turn = best.curvature, best.turn
+        return best
+
+    def _onward(self, poses: np.ndarray, goal: np.ndarray) -> np.ndarray:
+        """Cost from each pose to the goal: the field's value there, and the turn into its downhill direction."""
+        xy = poses[..., :2]
+        value = self.field.at(xy)
+        east, north = np.array([0.5, 0.0]), np.array([0.0, 0.5])
+        slope_x = self.field.at(xy + east) - self.field.at(xy - east)
+        slope_y = self.field.at(xy + north) - self.field.at(xy - north)
+        with np.errstate(invalid="ignore"):
+            wanted = np.arctan2(-slope_y, -slope_x)
+            error = np.abs((wanted - poses[..., 2] + np.pi) % (2 * np.pi) - np.pi)
+        near_goal = np.hypot(*np.moveaxis(xy - goal[:2], -1, 0)) < 1.0
+        return value + np.where(near_goal | ~np.isfinite(error), 0.0, self.config.heading_cost * error)
+
+    def _rate(
+        self, poses: np.ndarray, free: np.ndarray, elevation: ElevationMap, ground: Traversability, goal: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Cost of each motion with the best point to leave it, and the index of that point. (a, k, 3), (a,) -> (a,)."""
+        c = self.config
+        cell = np.clip(elevation.cell_of(poses[..., :2]), 0, elevation.n - 1)
+        price = 1.0 + ground.cost[cell[..., 1], cell[..., 0]]
+        driven = np.cumsum(price, axis=1) * c.spacing - price[:, :1] * c.spacing
+        total = driven + self._onward(poses, goal)
+        s = self._distance[None, : poses.shape[1]]
+        usable = (s <= np.minimum(free, c.lookahead)[:, None] + 1e-6) & (
+            s >= np.minimum(c.commit, free)[:, None] - 1e-6
+        )
+        total = np.where(usable & (free >= c.commit - 1e-6)[:, None], total, np.inf)
+        at = total.argmin(axis=1)
+        return total[np.arange(len(at)), at], at
+
+    def _best_arc(
+        self, elevation: ElevationMap, ground: Traversability, pose: np.ndarray, goal: np.ndarray
+    ) -> Motion | None:
+        c = self.config
+        curvature = self._curvatures
+        poses = arc_poses(np.broadcast_to(pose, (curvature.size, 3)), curvature, self._distance)
+        free = free_length(poses, c.spacing, elevation, ground, self.spec, c)
+        free = np.minimum(free, np.deg2rad(c.max_turn_deg) / np.maximum(np.abs(curvature), 1e-6))
+        cost, at = self._rate(poses, free, elevation, ground, goal)
+        cost += c.bend_cost * np.abs(curvature) * self._distance[at]
+        cost += c.change_cost * np.abs(curvature - self.previous_curvature)
+        i = int(cost.argmin())
+        if not np.isfinite(cost[i]):
+            return None
+        stop = round(free[i] / c.spacing) + 1
+        return Motion(float(curvature[i]), 0.0, float(free[i]), float(cost[i]), poses[i, :stop])
+
+    def _best_turn(
+        self, elevation: ElevationMap, ground: Traversability, pose: np.ndarray, goal: np.ndarray
+    ) -> Motion | None:
+        c = self.config
+        turn = self.free_turns(elevation, ground, pose)
+        if turn.size == 0:
+            return None
+        start = np.stack([np.full(turn.size, pose[0]), np.full(turn.size, pose[1]), pose[2] + turn], axis=1)
+        poses = arc_poses(start, np.zeros(turn.size), self._distance)
+        free = free_length(poses, c.spacing, elevation, ground, self.spec, c)
+        cost, _ = self._rate(poses, free, elevation, ground, goal)
+        same_way = np.sign(turn) * np.sign(self.previous_turn)
+        cost += c.turn_cost * np.abs(turn) + np.choose(
+            same_way.astype(int) + 1, [c.turn_start_cost + c.turn_back_cost, c.turn_start_cost, 0.0]
+        )
+        i = int(cost.argmin())
+        if not np.isfinite(cost[i]):
+            return None
+        stop = round(free[i] / c.spacing) + 1
+        return Motion(0.0, float(turn[i]), float(free[i]), float(cost[i]), poses[i, :stop])
+
+    def free_turns(self, elevation: ElevationMap, ground: Traversability, pose: np.ndarray) -> np.ndarray:
+        """Heading changes in place [rad] during which the footprint touches nothing, 0 left out. Obstacles that were
+        not seen are taken not to exist: the rover has driven past what lies beside it."""
+        c = self.config
+        step = 2 * np.pi / c.turns
+        out = []
+        for side in (1, -1):
+            angle = side * step * np.arange(c.turns // 2 + 1)
+            poses = np.stack([np.full(angle.size, pose[0]), np.full(angle.size, pose[1]), pose[2] + angle], axis=1)
+            # Half steps are covered by the margin: the corner moves 0.15 m between two headings.
+            room = footprint_distance(ground.clearance, elevation, poses, self.spec)
+            ok = room >= min(c.margin, room[0] - 0.01)
+            ok[0] = True
+            out.append(angle[: np.cumprod(ok).sum()][1:])
+        return np.concatenate(out)

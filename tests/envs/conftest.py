@@ -1,0 +1,92 @@
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+import envs.mars_nav
+from envs.course import Course, TrueGround
+from envs.mars_nav import MarsNavEnv
+from marssim.rover_spec import ZHURONG
+from marssim.scene.rocks import Rocks, icosphere
+from marssim.scene.scene import Look, Scene, SceneConfig, preset
+from marssim.scene.terrain import HeightGrid, Terrain
+
+cv2.setNumThreads(1)
+
+LOOK = Look(np.array([0.6, 0.0, 0.8]), 0.5, 1.0, 1.0, 0)
+
+
+def build_scene(height=lambda x, y: 0 * x, half=10.0, cell=0.25, rocks=()):
+    """A scene of a given relief; rocks: (x, y, diameter, height) of half-buried ellipsoids on the level z = 0."""
+    coarse_half = 3 * half
+    fine, coarse = (
+        HeightGrid(height(*np.meshgrid(axis, axis)), axis[0], axis[0], float(axis[1] - axis[0]))
+        for axis in (np.linspace(-half, half, round(2 * half / cell) + 1), np.arange(-coarse_half, coarse_half + 1))
+    )
+    unit, template = icosphere(2)
+    rocks = np.array(rocks, dtype=float).reshape(-1, 4)
+    n = len(rocks)
+    size = np.column_stack([rocks[:, 2] / 2, rocks[:, 2] / 2, rocks[:, 3]])
+    centre = np.column_stack([rocks[:, :2], np.zeros(n)])
+    stones = Rocks(
+        centre=centre, diameter=rocks[:, 2], height=rocks[:, 3], albedo=np.ones(n),
+        vertices=(unit[None] * size[:, None] + centre[:, None]).reshape(-1, 3),
+        faces=(template[None] + len(unit) * np.arange(n)[:, None, None]).reshape(-1, 3).astype(np.int32),
+        face_rock=np.repeat(np.arange(n), len(template)).astype(np.int32),
+        vertex_normals=np.tile(unit, (n, 1)),
+    )  # fmt: skip
+    return Scene(SceneConfig(size=2 * half, cell=cell, horizon=coarse_half), Terrain(fine, coarse), stones, LOOK)
+
+
+def build_course(scene, start=(-3.0, 0.0, 0.0), goal=(3.0, 0.0)):
+    goal = np.array(goal)
+    ground = TrueGround(scene, ZHURONG, goal)
+    return Course(scene, ground, np.array(start), goal, ground.distance_to_goal(*start[:2]), 0)
+
+
+@pytest.fixture(scope="session")
+def make_scene():
+    return build_scene
+
+
+@pytest.fixture(scope="session")
+def make_course():
+    return build_course
+
+
+@pytest.fixture(scope="session")
+def small_scene():
+    """A drawn place, cheap to build: no small rocks, a near horizon."""
+    config = preset("gale", horizon=14.0)
+    return replace(config, rocks=replace(config.rocks, min_diameter=0.2))
+
+
+@pytest.fixture
+def make_env(small_scene):
+    """MarsNavEnv, cheap unless told otherwise, closed after the test."""
+    made = []
+
+    def make(**changes):
+        settings = {
+            "perception": "ground_truth", "dynamics": "kinematic", "scene": small_scene, "goal_distance": 6.0, **changes
+        }  # fmt: skip
+        made.append(MarsNavEnv(**settings))
+        return made[-1]
+
+    yield make
+    for env in made:
+        env.close()
+
+
+@pytest.fixture
+def on_course(make_env, monkeypatch):
+    """A MarsNavEnv, after its reset, on a course made by hand."""
+
+    def place(course, **changes):
+        monkeypatch.setattr(envs.mars_nav, "draw_course", lambda *_: course)
+        env = make_env(**changes)
+        env.reset(seed=0)
+        return env
+
+    return place

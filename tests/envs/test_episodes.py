@@ -1,0 +1,86 @@
+import numpy as np
+import pytest
+
+from envs.drivers import StraightDriver
+from envs.episodes import Cell, run_episode
+
+
+class Standing:
+    """A driver that lets the time run out."""
+
+    def reset(self, env, seed):
+        self.seed = seed
+
+    def act(self, env, observation):
+        return np.zeros(3, np.float32)
+
+
+@pytest.fixture(scope="module")
+def env(small_scene):
+    from envs.mars_nav import MarsNavEnv
+
+    env = MarsNavEnv("ground_truth", "kinematic", scene=small_scene, goal_distance=3.0, mast=True)
+    yield env
+    env.close()
+
+
+def test_the_record_tells_the_drive(env):
+    seen = []
+    driver = StraightDriver()
+    record = run_episode(
+        env, driver, Cell(), 5, 2, ("straight", "truth"), lambda e, d, step: seen.append((e is env, d is driver, step))
+    )
+    assert (record.driver, record.perception, record.cell) == ("straight", "truth", Cell().name)
+    assert record.episode == 2 and record.outcome == env.outcome != "driving"
+    assert seen == [(True, True, step) for step in range(record.steps + 1)]
+    track = np.array(record.track)
+    assert track.shape == (record.steps + 1, 2)
+    np.testing.assert_allclose(track[0], env.course.start[:2])
+    assert record.path_length == pytest.approx(np.hypot(*np.diff(track, axis=0).T).sum())
+    assert record.distance == pytest.approx(np.hypot(*(np.array(record.goal) - track[-1])))
+    assert record.start_distance == pytest.approx(3.0) and record.shortest == env.course.shortest >= 3.0
+    assert record.step_seconds > 0 and record.max_tilt_deg < 30 and record.min_clearance > 0
+
+
+def test_the_course_follows_from_seed_and_episode_alone(env):
+    def goal(seed, episode, cell=None, driver=None):
+        record = run_episode(env, driver or StraightDriver(), cell or Cell(), seed, episode)
+        return tuple(record.goal), record.track
+
+    first = goal(1, 0)
+    assert goal(1, 1)[0] != first[0] != goal(2, 0)[0]
+    assert goal(1, 0) == first
+
+
+def test_a_cell_sets_rocks_and_slope(env):
+    record = run_episode(env, Standing(), Cell(k=0.0, slope_deg=12.0), 1, 0)
+    assert len(env.course.scene.rocks) == 0
+    assert env.course.scene.config.relief.regional_slope_deg == 12.0
+    assert record.cell == "k=0, slope=12"
+    assert record.outcome == "time" and record.steps == 45 and record.path_length < 1e-6
+    assert record.reward == pytest.approx(-0.45)
+
+
+def test_names_of_cells():
+    assert Cell().name == "k=preset, slope=preset" and Cell(0.05, 10.0).name == "k=0.05, slope=10"
+
+
+def test_a_driver_that_gives_up_ends_the_episode(env):
+    class Wavering(Standing):
+        steps = 0
+
+        def act(self, env, observation):
+            self.steps += 1
+            return super().act(env, observation) if self.steps <= 2 else None
+
+    record = run_episode(env, Wavering(), Cell(), 5, 0)
+    assert (record.outcome, record.steps, len(record.track)) == ("no_path", 2, 3)
+
+
+def test_a_driver_may_give_up_at_once(env):
+    class Quitter(Standing):
+        def act(self, env, observation):
+            return None
+
+    record = run_episode(env, Quitter(), Cell(), 5, 0)
+    assert (record.outcome, record.steps, record.step_seconds) == ("no_path", 0, 0.0)

@@ -1,0 +1,179 @@
+import json
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+
+import envs.evaluate
+from envs.episodes import Cell
+from envs.evaluate import EvaluateConfig, Task, evaluate, main
+from m3depth.estimator import load_estimator
+from marssim.dataset import DatasetError
+
+QUICK = {
+    "driver": ("straight",), "perception": ("ground_truth",), "dynamics": "kinematic", "goal_distance": 4.0,
+    "k": (0.01,),
+}  # fmt: skip
+FLAGS = ["--driver", "straight", "--perception", "ground_truth", "--dynamics", "kinematic", "--goal-distance", "4"]
+FLAGS += ["--k", "0.01"]
+
+
+def timeless(value):
+    """Without what differs from run to run."""
+    if isinstance(value, dict):
+        return {k: timeless(v) for k, v in value.items() if k not in ("step_seconds", "perception_seconds", "config")}
+    return [timeless(v) for v in value] if isinstance(value, list) else value
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    out = tmp_path_factory.mktemp("evaluation")
+    return out, evaluate(EvaluateConfig(out, episodes=2, seed=3, **QUICK))
+
+
+def test_results_say_what_was_asked_for(finished):
+    out, content = finished
+    results = json.loads((out / "results.json").read_text())
+    assert results == content
+    (row,) = results["results"]
+    assert (row["driver"], row["perception"], row["episodes"]) == ("straight", "ground_truth", 2)
+    assert row["cell"] == {"k": 0.01, "slope_deg": None}
+    for name in ("success_rate", "spl", "collision_rate"):
+        assert 0 <= row[name] <= 1
+    assert row["step_seconds"] > row["perception_seconds"] >= 0
+    assert results["config"]["seed"] == 3 and results["config"]["driver"] == ["straight"]
+    assert "straight" in (out / "results.md").read_text() and (out / "map.png").stat().st_size > 1000
+    assert len(list((out / "episodes").glob("*.json"))) == 2
+
+
+def test_workers_do_not_change_results(finished, tmp_path):
+    content = evaluate(EvaluateConfig(tmp_path, episodes=2, seed=3, workers=2, **QUICK))
+    assert timeless(content) == timeless(finished[1])
+
+
+def test_it_goes_on_where_it_was_stopped(finished, monkeypatch):
+    out, content = finished
+    lost, kept = sorted((out / "episodes").glob("*.json"))
+    lost.unlink()
+    before = kept.stat().st_mtime_ns
+    driven = []
+    drive = envs.evaluate.drive
+    monkeypatch.setattr("envs.evaluate.drive", lambda config, task: driven.append(task) or drive(config, task))
+    again = evaluate(EvaluateConfig(out, episodes=2, seed=3, **QUICK))
+    assert timeless(again) == timeless(content)
+    assert [task.file for task in driven] == [lost.name] and kept.stat().st_mtime_ns == before
+
+
+def test_an_episode_that_is_none_is_named(tmp_path, monkeypatch):
+    config = EvaluateConfig(tmp_path, episodes=1, **QUICK)
+    monkeypatch.setattr("envs.evaluate.drive", lambda *_: pytest.fail("it is there already"))
+    (tmp_path / "episodes").mkdir()
+    file = tmp_path / "episodes" / Task("straight", "ground_truth", config.cells[0], 0).file
+    for content in ("{", '{"driver": "straight"}'):
+        file.write_text(content)
+        with pytest.raises(DatasetError, match=re.escape(str(file))):
+            evaluate(config)
+
+
+def run(monkeypatch, capsys, *arguments):
+    """Exit code and what was printed."""
+    monkeypatch.setattr(sys, "argv", ["evaluate", *map(str, arguments)])
+    with pytest.raises(SystemExit) as end:
+        main()
+    captured = capsys.readouterr()
+    return end.value.code, captured.err
+
+
+def test_a_folder_of_other_settings_is_refused(finished, monkeypatch, capsys):
+    out, _ = finished
+    before = (out / "results.json").read_text()
+    code, message = run(monkeypatch, capsys, "--out", out, "--episodes", 2, "--seed", 4, *FLAGS)
+    assert code == 2 and str(out) in message and message.count("\n") == 1
+    assert (out / "results.json").read_text() == before
+
+
+@pytest.mark.parametrize(
+    ("flags", "named"),
+    [
+        (["--perception", "magic"], "magic"), (["--perception", "m3depth:/no/such.safetensors"], "no/such"),
+        (["--perception", "json:Nothing"], "Nothing"), (["--driver", "magic"], "--driver"),
+        (["--episodes", "0"], "--episodes"), (["--workers", "0"], "--workers"), (["--seed", "-1"], "--seed"),
+        (["--k", "0.9"], "k must"), (["--k", "0.1", "0.1"], "--k"), (["--slope-deg", "-4"], "slope_deg"),
+        (["--goal-distance", "1"], "goal_distance"), (["--goal-distance", "nan"], "goal_distance"),
+        (["--driver", "straight", "straight"], "--driver"),
+    ],
+)  # fmt: skip
+def test_mistakes_are_named_before_anything_is_written(monkeypatch, capsys, tmp_path, flags, named):
+    monkeypatch.setattr("envs.evaluate._run", lambda *_: pytest.fail("it began to drive"))
+    code, message = run(monkeypatch, capsys, "--out", tmp_path / "out", *FLAGS, "--workers", 2, *flags)
+    assert code == 2 and named in message
+    # the command line's own mistakes come in a frame of a few lines
+    assert message.count("\n") == 1 if message.startswith("error: ") else message.count("\n") < 9
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_word_for_a_number_names_its_flag(monkeypatch, capsys, tmp_path):
+    code, message = run(monkeypatch, capsys, "--out", tmp_path / "out", "--episodes", "many")
+    assert code == 2 and "--episodes" in message
+
+
+def test_help_knows_every_flag(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["evaluate", "--help"])
+    with pytest.raises(SystemExit, match="0"):
+        main()
+    shown = capsys.readouterr().out
+    for flag in ("--out", "--driver", "--perception", "--episodes", "--k", "--slope-deg", "--dynamics", "--workers"):
+        assert flag in shown
+
+
+def test_cells_are_the_grid():
+    config = EvaluateConfig(None, k=(0.05, 0.1), slope_deg=(0.0, 10.0))
+    assert config.cells == [Cell(0.05, 0.0), Cell(0.05, 10.0), Cell(0.1, 0.0), Cell(0.1, 10.0)]
+    assert EvaluateConfig(None).cells == [Cell()]
+
+
+def test_every_task_has_a_file_of_its_own():
+    perceptions = ("m3depth", "m3depth:runs/a", "m3depth:runs_a", "m3depth:runs a", "pkg.module:Class")
+    cells = (Cell(), Cell(0.1), Cell(0.1, 5), Cell(0.1234567), Cell(0.1234568))
+    files = {Task("navigator", p, c, e).file for p in perceptions for c in cells for e in (0, 1)}
+    assert len(files) == len(perceptions) * len(cells) * 2
+    assert all(set(file) <= set("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789.-_") for file in files)
+
+
+def test_one_estimator_serves_all_episodes_and_every_environment_is_closed(monkeypatch, tmp_path):
+    loads, closed = [], []
+    envs.evaluate._perception.cache_clear()
+    monkeypatch.setattr("envs.evaluate.load_estimator", lambda name: loads.append(name) or load_estimator("sgbm"))
+    monkeypatch.setattr("envs.evaluate.run_episode", lambda env, *_: closed.append(env))
+    monkeypatch.setattr("envs.evaluate.MarsNavEnv.close", lambda env: closed.append(env))
+    config = EvaluateConfig(tmp_path, **QUICK)
+    for episode in range(3):
+        for name in ("one", "two"):
+            envs.evaluate.drive(config, Task("straight", name, Cell(), episode))
+    envs.evaluate._perception.cache_clear()
+    assert loads == ["one", "two"]
+    assert len(closed) == 12 and closed[0::2] == closed[1::2]
+
+
+def test_a_worker_takes_one_core():
+    code = "from envs.evaluate import _one_thread; _one_thread(); import torch; print(torch.get_num_threads())"
+    environment = {name: value for name, value in os.environ.items() if name != "OMP_NUM_THREADS"}
+    shown = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    assert shown.stdout == "1\n"
+
+
+def test_episodes_of_other_weights_are_not_reported_as_these(tmp_path, monkeypatch):
+    """Retrained weights under the same name must not inherit the drives of the old ones."""
+    monkeypatch.setattr("envs.evaluate._perception", lambda name: name)
+    weights = tmp_path / "w.safetensors"
+    weights.write_bytes(b"first")
+    config = EvaluateConfig(out=tmp_path / "out", perception=(f"m3depth:{weights}",))
+    config.out.mkdir()
+    first = envs.evaluate._same_settings(config)
+    assert envs.evaluate._same_settings(config) == first
+    weights.write_bytes(b"second")
+    with pytest.raises(DatasetError, match="other weights"):
+        envs.evaluate._same_settings(config)
+    assert envs.evaluate._same_settings(EvaluateConfig(out=config.out, perception=("sgbm",))) == {}

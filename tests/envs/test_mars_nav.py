@@ -1,0 +1,419 @@
+import os
+import subprocess
+import sys
+from dataclasses import replace
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers import FlattenObservation, TimeLimit
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from envs.course import EDGE
+from envs.mars_nav import STEPS_PER_METRE, MarsNavEnv, nearest_depth
+from marssim.physics.state import Contacts
+
+AHEAD, LEFT = np.array([1, 0], np.float32), np.array([0.5, 0.3], np.float32)
+
+
+def same(a, b):
+    return set(a) == set(b) and all(np.array_equal(a[key], b[key]) for key in a)
+
+
+# ------------------------------------------------------------------------------------- the contract
+
+
+@pytest.fixture
+def rockless(small_scene):
+    """What checkers reset again and again."""
+    return replace(small_scene, rocks=replace(small_scene.rocks, k=0.0))
+
+
+@pytest.mark.parametrize("settings", [{}, {"dynamics": "physics"}, {"mast": True, "render_mode": "rgb_array"}])
+def test_gymnasium_checks_it(make_env, rockless, settings):
+    check_env(make_env(goal_distance=3.0, scene=rockless, **settings), skip_render_check="render_mode" not in settings)
+
+
+def test_stable_baselines_checks_it(make_env, rockless):
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    checker.check_env(make_env(goal_distance=3.0, scene=rockless), warn=False)
+
+
+def test_made_by_gymnasium(small_scene):
+    env = gymnasium.make("envs:MarsNav-v0", perception="ground_truth", dynamics="physics", scene=small_scene)
+    assert isinstance(env.unwrapped, MarsNavEnv) and env.unwrapped.dynamics == "physics"
+    observation, info = env.reset(seed=1, options={"goal_distance": 5})
+    assert observation in env.observation_space and info["distance"] == pytest.approx(5.0, abs=0.05)
+    env.close()
+
+
+def test_importing_loads_neither_torch_nor_pybullet():
+    code = "import sys, envs, envs.evaluate, envs.mars_nav; print(*sorted({'torch', 'pybullet'} & set(sys.modules)))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "\n"
+
+
+def test_vectors_and_wrappers(small_scene):
+    settings = {"perception": "ground_truth", "dynamics": "kinematic", "scene": small_scene, "goal_distance": 5.0}
+    vector = gymnasium.make_vec("envs:MarsNav-v0", num_envs=2, vectorization_mode="sync", **settings)
+    observation, _ = vector.reset(seed=3)
+    assert observation["depth"].shape == (2, 64, 64)
+    assert not np.array_equal(observation["goal"][0], observation["goal"][1])
+    observation, reward, *_ = vector.step(np.stack([AHEAD, LEFT]))
+    assert observation in vector.observation_space and reward.shape == (2,)
+    vector.close()
+    env = TimeLimit(FlattenObservation(MarsNavEnv(**settings)), 2)
+    flat, _ = env.reset(seed=0)
+    assert flat.shape == (64 * 64 + 3 + 6,) and flat in env.observation_space
+    assert [env.step(LEFT)[3] for _ in range(2)] == [False, True]
+    env.close()
+
+
+def drive(env, seed, actions):
+    """Every number that an episode shows."""
+    observation, _ = env.reset(seed=seed)
+    seen = [observation]
+    for action in actions:
+        observation, reward, terminated, truncated, info = env.step(action)
+        seen.append({**observation, "reward": reward, "ends": (terminated, truncated), "way": info["path_length"]})
+    return seen
+
+
+def test_a_seed_is_an_episode(make_env):
+    env, other = make_env(), make_env()
+    first = drive(env, 4, [AHEAD, LEFT, LEFT])
+    drive(env, 5, [LEFT])  # nothing of it stays
+    for again in (drive(env, 4, [AHEAD, LEFT, LEFT]), drive(other, 4, [AHEAD, LEFT, LEFT])):
+        assert all(same(a, b) for a, b in zip(first, again))
+    different = drive(env, 6, [])[0]
+    assert not np.array_equal(first[0]["depth"], different["depth"])
+    without_seed, _ = env.reset()
+    assert not np.array_equal(without_seed["depth"], different["depth"])
+
+
+def test_physics_is_a_function_of_the_seed_too(make_env):
+    env = make_env(dynamics="physics", goal_distance=5.0)
+    first, again = drive(env, 2, [AHEAD, LEFT]), drive(env, 2, [AHEAD, LEFT])
+    assert all(same(a, b) for a, b in zip(first, again))
+
+
+CHILD = """
+import hashlib
+import numpy as np
+from envs.mars_nav import MarsNavEnv
+env = MarsNavEnv("ground_truth", "kinematic", scene="utopia", goal_distance=4.0)
+digest = hashlib.sha256()
+env.reset(seed=9)
+for action in ((1, 0), (0.5, 0.6)):
+    observation, reward, *_ = env.step(np.array(action, np.float32))
+    for key in sorted(observation):
+        digest.update(observation[key].tobytes())
+    digest.update(np.float64(reward).tobytes())
+print(digest.hexdigest())
+"""
+
+
+def test_another_process_drives_the_same_episode(capsys):
+    exec(CHILD, {})
+    environment = {**os.environ, "PYTHONHASHSEED": "1"}
+    run = subprocess.run([sys.executable, "-c", CHILD], env=environment, capture_output=True, text=True, check=True)
+    assert len(run.stdout) == 65 and run.stdout == capsys.readouterr().out
+
+
+def test_observations_stay_in_their_space(make_env):
+    env = make_env(mast=True)
+    rng = np.random.default_rng(0)
+    observation, _ = env.reset(seed=1)
+    for _ in range(15):
+        assert observation in env.observation_space
+        assert np.isfinite(observation["state"]).all()
+        observation, _, terminated, _, _ = env.step(rng.uniform(-1, 1, 3).astype(np.float32))
+        if terminated:
+            observation, _ = env.reset()
+
+
+def test_the_goal_is_seen_from_the_rover(on_course, make_scene, make_course):
+    env = on_course(make_course(make_scene(), start=(0.0, 0.0, np.pi / 2), goal=(3.0, 3.0)))
+    goal = env.step(np.zeros(2))[0]["goal"]
+    np.testing.assert_allclose(goal, [np.hypot(3, 3), -np.sqrt(0.5), np.sqrt(0.5)], atol=1e-3)  # 45 deg to the right
+    state = env.step(LEFT)[0]["state"]
+    np.testing.assert_allclose(state[:2], 0, atol=1e-3)
+    np.testing.assert_allclose(state[2:], [0.5 * 0.2, 0.3 * 0.25, *LEFT], atol=1e-2)
+
+
+def test_the_mast_turns_the_next_look_only(make_env):
+    env = make_env(mast=True)
+    start, _ = env.reset(seed=3)
+    left = env.step(np.array([0, 0, 1.0]))[0]
+    assert env.sight.pan == pytest.approx(np.pi / 2) and not np.array_equal(left["depth"], start["depth"])
+    back = env.step(np.zeros(3))[0]
+    np.testing.assert_array_equal(back["depth"], start["depth"])
+
+
+# ------------------------------------------------------------------------------------- options and mistakes
+
+
+def test_options_change_the_course(make_env):
+    env = make_env()
+    env.reset(seed=1, options={"k": 0.0})
+    assert len(env.course.scene.rocks) == 0
+    few = reset_rocks(env, k=0.03)
+    assert reset_rocks(env, k=0.2) > 2 * few > 0
+    _, info = env.reset(seed=1, options={"goal_distance": 4, "sun_elevation_deg": 33})
+    assert info["distance"] == pytest.approx(4) and env.time_limit == 4 * STEPS_PER_METRE
+    assert np.rad2deg(env.course.scene.look.sun_elevation) == pytest.approx(33)
+    _, info = env.reset(seed=1)
+    assert info["distance"] == pytest.approx(6)  # options hold for one reset
+    grid = env.course.scene.terrain.coarse.heights
+    env.reset(seed=1, options={"slope_deg": 15.0})
+    steep = env.course.scene.terrain.coarse.heights
+    assert plane_slope_deg(steep) == pytest.approx(15, abs=2.5) and plane_slope_deg(grid) < 5
+
+
+def reset_rocks(env, k):
+    env.reset(seed=1, options={"k": k})
+    return len(env.course.scene.rocks)
+
+
+def plane_slope_deg(heights):
+    """Of the plane that fits a grid of 1 m best."""
+    y, x = np.indices(heights.shape).reshape(2, -1)
+    gradient = np.linalg.lstsq(np.stack([x, y, np.ones_like(x)], 1), heights.ravel(), rcond=None)[0][:2]
+    return np.rad2deg(np.arctan(np.hypot(*gradient)))
+
+
+def test_scene_seed_is_the_course_whatever_the_seed(make_env):
+    env = make_env()
+    a, _ = env.reset(seed=1, options={"scene_seed": 7})
+    b, _ = env.reset(seed=2, options={"scene_seed": 7})
+    c, _ = env.reset(seed=1, options={"scene_seed": 8})
+    assert same(a, b) and not same(a, c)
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"rocks": 3}, "rocks"), ({"k": 2.0}, "k"), ({"k": "many"}, "k"), ({"goal_distance": None}, "goal_distance"),
+        ({"slope_deg": 40}, "slope_deg"), ({"sun_elevation_deg": [3]}, "sun_elevation_deg"),
+        ({"scene_seed": 0.5}, "scene_seed"), ("k", "options"), ({1: 2}, "1"),
+    ],
+)  # fmt: skip
+def test_bad_options_are_named(make_env, options, named):
+    with pytest.raises(ValueError, match=rf"\b{named}\b") as error:
+        make_env().reset(seed=0, options=options)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("settings", "named"),
+    [
+        ({"dynamics": "magic"}, "dynamics"), ({"renderer": "magic"}, "renderer"), ({"perception": "magic"}, "magic"),
+        ({"scene": "magic"}, "scene"), ({"scene": 3}, "scene"), ({"render_mode": "human"}, "render_mode"),
+        ({"goal_distance": 0.0}, "goal_distance"), ({"perception": 5}, "infer"),
+    ],
+)  # fmt: skip
+def test_bad_arguments_are_named(make_env, settings, named):
+    with pytest.raises(ValueError, match=named) as error:
+        make_env(**settings)
+    assert "\n" not in str(error.value)
+
+
+def test_bad_actions_are_refused(make_env):
+    env = make_env()
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(AHEAD)
+    env.reset(seed=0)
+    for action, message in (
+        (np.array([np.nan, 0]), "finite"), (np.array([0, np.inf]), "finite"), (np.zeros(3), "shape"),
+        (np.float32(1), "shape"),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=message):
+            env.step(action)
+    position = env.vehicle.state().position
+    env.step([9.0, 0])  # as far as the rover goes, no farther
+    assert np.hypot(*(env.vehicle.state().position - position)[:2]) == pytest.approx(0.4, abs=0.02)
+
+
+def test_closed_is_closed(make_env):
+    env = make_env(render_mode="rgb_array")
+    env.reset(seed=0)
+    env.close()
+    env.close()
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(AHEAD)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.render()
+    env.reset(seed=0)
+    env.step(AHEAD)
+
+
+def test_either_renderer_can_be_seen_from_outside(make_env):
+    env = make_env(renderer="pybullet", render_mode="rgb_array", goal_distance=3.0)
+    env.reset(seed=0)
+    picture = env.render()
+    assert picture.ndim == 3 and picture.dtype == np.uint8 and picture.std() > 5
+    env.reset(seed=1)
+    assert not np.array_equal(env.render(), picture)  # of this course, not of the one before
+
+
+def resident():
+    """[MB]"""
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="reads Linux's /proc")
+def test_resets_keep_no_memory(make_env):
+    env = make_env(goal_distance=3.0)
+    for seed in range(3):
+        env.reset(seed=seed)
+    before = resident()
+    for seed in range(20):
+        env.reset(seed=seed)
+    assert resident() - before < 40
+
+
+# ------------------------------------------------------------------------------------- rewards and ends
+
+
+def test_progress_is_rewarded_and_the_goal_ends_it(on_course, make_scene, make_course):
+    env = on_course(make_course(make_scene(), start=(-1.0, 0.0, 0.0), goal=(1.0, 0.0)))
+    _, reward, terminated, truncated, info = env.step(AHEAD)
+    assert reward == pytest.approx(0.4 - 0.01, abs=0.02)
+    assert (terminated, truncated, info["outcome"]) == (False, False, "driving")
+    assert env.step(-AHEAD)[1] == pytest.approx(-0.4 - 0.01, abs=0.02)
+    for _ in range(2):
+        env.step(AHEAD)
+    _, reward, terminated, truncated, info = env.step(AHEAD)
+    assert (terminated, truncated, info["outcome"]) == (True, False, "goal")
+    assert reward == pytest.approx(10 + 0.4 - 0.01, abs=0.02)
+    assert info["distance"] <= 1 and info["shortest"] == pytest.approx(2.0, abs=0.06)
+    assert info["path_length"] == pytest.approx(5 * 0.4, abs=0.01)
+
+
+@pytest.mark.parametrize("dynamics", ["kinematic", "physics"])
+def test_a_rock_in_the_way_is_a_collision(on_course, make_scene, make_course, dynamics):
+    scene = make_scene(rocks=[(0.0, -0.5, 1.2, 0.9)])
+    env = on_course(make_course(scene, start=(-2.0, 0.0, 0.0)), dynamics=dynamics)
+    for _ in range(12):
+        _, reward, terminated, truncated, info = env.step(AHEAD)
+        if terminated:
+            break
+    assert (terminated, truncated, info["outcome"]) == (True, False, "collision")
+    assert -10.1 < reward < -9.4
+    # its front was about to touch the rock's outline
+    assert -1.7 < env.vehicle.state().position[0] < -1.0
+    assert info["min_clearance"] == pytest.approx(np.hypot(env.vehicle.state().position[0], 0.5) - 0.6, abs=0.2)
+
+
+def test_leaving_the_ground_is_out_of_bounds(on_course, make_scene, make_course):
+    env = on_course(make_course(make_scene(half=6.0), start=(3.9, 0.0, 0.0), goal=(-3.0, 0.0)))
+    assert not env.step(AHEAD)[2]
+    assert env.step(AHEAD)[2]
+    position = env.vehicle.state().position
+    assert env.outcome == "out_of_bounds" and position[0] > 6 - EDGE
+    observation, reward, *_ = env.step(AHEAD)  # a learner's mistake, but no crash
+    assert observation in env.observation_space and reward < 0
+
+
+class Bogged:
+    """A rover whose wheels spin."""
+
+    def __init__(self, vehicle):
+        self.vehicle = vehicle
+
+    def __getattr__(self, name):
+        return getattr(self.vehicle, name)
+
+    def drive_twist(self, speed, yaw_rate, seconds):
+        pass
+
+    def contacts(self):
+        return Contacts()
+
+
+def test_five_steps_on_the_spot_are_stuck(on_course, make_scene, make_course):
+    env = on_course(make_course(make_scene()))
+    env.vehicle = Bogged(env.vehicle)
+    turning = [env.step(np.array([0, 1.0]))[4]["outcome"] for _ in range(7)]
+    assert set(turning) == {"driving"}
+    ends = [env.step(AHEAD)[2:] for _ in range(5)]
+    assert [end[2]["outcome"] for end in ends] == ["driving"] * 4 + ["stuck"]
+    assert ends[-1][:2] == (True, False)
+
+
+def test_five_steps_forward_are_not_stuck(on_course, make_scene, make_course):
+    env = on_course(make_course(make_scene(), goal=(8.0, 0.0)))
+    slow = np.array([0.3, 0])  # 0.12 m a step
+    assert {env.step(slow)[4]["outcome"] for _ in range(8)} == {"driving"}
+
+
+def test_time_truncates(make_env):
+    env = make_env(goal_distance=3.0)
+    env.reset(seed=0)
+    ends = [env.step(np.zeros(2))[2:] for _ in range(3 * STEPS_PER_METRE)]
+    assert all(not terminated for terminated, _, _ in ends)
+    assert [truncated for _, truncated, _ in ends] == [False] * (len(ends) - 1) + [True]
+    assert ends[-1][2]["outcome"] == "time"
+
+
+def test_a_steep_slope_is_a_tilt(on_course, make_scene, make_course):
+    def ramp(x, y):
+        return np.tan(np.deg2rad(36)) * np.maximum(0, x + 1)
+
+    env = on_course(make_course(make_scene(ramp, cell=0.1), start=(-3.0, 0.0, 0.0), goal=(6.0, 0.0)))
+    for _ in range(20):
+        _, reward, terminated, _, info = env.step(AHEAD)
+        if terminated:
+            break
+    assert info["outcome"] == "tilt" and -10.1 < reward < -9.4
+    assert env.vehicle.state().tilt > np.deg2rad(30)
+
+
+# ------------------------------------------------------------------------------------- the depth that is seen
+
+
+def test_one_near_pixel_survives():
+    depth = np.full((128, 128), 9.0, np.float32)
+    depth[77, 30] = 1.5
+    small = nearest_depth(depth, 64)
+    assert small[38, 15] == 1.5 and (small == 9).sum() == 64 * 64 - 1 and small.dtype == np.float32
+
+
+def test_unknown_sky_and_far():
+    depth = np.full((4, 4), np.nan)
+    depth[0, 0], depth[0, 1] = 3.0, np.inf  # known beside unknown
+    depth[0, 2] = np.inf  # sky
+    depth[2:, :2] = 40.0
+    np.testing.assert_array_equal(nearest_depth(depth, 2), [[3, 15], [15, 0]])
+
+
+@pytest.mark.parametrize("bad", [0.0, -2.0, -np.inf])
+def test_depth_that_cannot_be_is_unknown(bad):
+    depth = np.full((4, 4), bad)
+    depth[0, 0] = 6.0
+    np.testing.assert_array_equal(nearest_depth(depth, 2), [[6, 0], [0, 0]])
+
+
+@pytest.mark.parametrize("shape", [(100, 128), (128, 100), (32, 32)])
+def test_sizes_that_do_not_divide_are_refused(shape):
+    with pytest.raises(ValueError, match=str(shape[0])):
+        nearest_depth(np.ones(shape), 64)
+
+
+@given(arrays(np.float32, (6, 9), elements=st.floats(allow_nan=True, allow_infinity=True, width=32)))
+def test_any_depth_is_in_the_space(depth):
+    small = nearest_depth(depth, 3)
+    assert ((small >= 0) & (small <= 15)).all()
+
+
+def test_true_depth_is_of_the_scene(on_course, make_scene, make_course):
+    """On level ground each row's depth follows from the camera's height and pitch."""
+    env = on_course(make_course(make_scene()))
+    depth, rig, mount = env.sight.depth, env.sight.rig, env.rover_spec.mount
+    row = 120
+    down = np.arctan((row + 0.5 - rig.camera.height / 2) / rig.camera.fy) + mount.pitch
+    ray = mount.height / np.sin(down)
+    np.testing.assert_allclose(depth[row], ray * np.cos(down - mount.pitch), rtol=1e-3)

@@ -1,0 +1,66 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import binomtest
+
+from envs.episodes import EpisodeRecord
+from envs.metrics import soft_spl, spl, summarise, wilson_interval
+
+
+def record(outcome="goal", **changes):
+    values = {
+        "driver": "d", "perception": "p", "cell": "c", "episode": 0, "outcome": outcome, "steps": 10, "distance": 0.5,
+        "start_distance": 10.0, "shortest": 10.0, "path_length": 12.5, "min_clearance": 1.0, "max_tilt_deg": 5.0,
+        "reward": 1.0, "step_seconds": 0.1, "perception_seconds": 0.05, "redraws": 1, "goal": [0.0, 0.0],
+        **changes,
+    }  # fmt: skip
+    return EpisodeRecord(**values)
+
+
+def test_spl_is_the_share_of_the_optimum():
+    assert spl(True, 10.0, 12.5) == pytest.approx(0.8)
+    assert spl(True, 10.0, 9.5) == 1.0  # the goal's radius makes ways a little shorter than the optimum
+    assert spl(False, 10.0, 10.0) == 0.0
+
+
+def test_soft_spl_counts_how_far_it_came():
+    assert soft_spl(10.0, 4.0, 10.0, 8.0) == pytest.approx(0.6)
+    assert soft_spl(10.0, 4.0, 10.0, 20.0) == pytest.approx(0.6 * 0.5)
+    assert soft_spl(10.0, 13.0, 10.0, 5.0) == 0.0  # it ended farther away than it began
+
+
+@given(trials=st.integers(1, 400), share=st.floats(0, 1))
+def test_wilson_interval_is_scipys(trials, share):
+    successes = round(share * trials)
+    expected = binomtest(successes, trials).proportion_ci(0.95, method="wilson")
+    np.testing.assert_allclose(wilson_interval(successes, trials), expected, atol=1e-4)
+
+
+def test_no_trials_are_refused():
+    with pytest.raises(ValueError, match="trial"):
+        wilson_interval(0, 0)
+    with pytest.raises(ValueError, match="episode"):
+        summarise([])
+
+
+def test_summary_of_four_drives():
+    drives = [
+        record(), record(path_length=10.0, min_clearance=0.7),
+        record("collision", distance=6.0, path_length=5.0, steps=30, min_clearance=0.4), record("tilt", distance=10.0),
+    ]  # fmt: skip
+    found = summarise(drives)
+    assert found["episodes"] == 4
+    assert found["success_rate"] == 0.5 and found["collision_rate"] == 0.25 and found["tilt_rate"] == 0.25
+    assert found["spl"] == pytest.approx((0.8 + 1.0) / 4)
+    assert found["soft_spl"] == pytest.approx((0.95 * 0.8 + 0.95 + 0.4 + 0) / 4)
+    assert found["path_inefficiency"] == pytest.approx((1.25 + 1.0) / 2)
+    assert found["outcomes"] == {"collision": 1, "goal": 2, "tilt": 1}
+    assert found["min_clearance"] == 0.4 and found["steps"] == 15 and found["redraws"] == 4
+    assert found["step_seconds"] == pytest.approx(0.1) and found["perception_seconds"] == pytest.approx(0.05)
+    low, high = found["success_interval"]
+    assert low < 0.5 < high
+
+
+def test_no_success_has_no_inefficiency():
+    assert summarise([record("time")])["path_inefficiency"] is None

@@ -1,0 +1,112 @@
+import numpy as np
+import pytest
+
+from envs.drivers import NavigatorDriver
+from envs.sight import GROUND_TRUTH_PIXELS, Eyes
+from m3depth.prediction import Prediction
+from marssim.camera import NATECAM
+from marssim.rover_spec import ZHURONG
+
+POSE = ZHURONG.mount.left_eye(NATECAM.baseline)
+
+
+class Everywhere:
+    """An estimator that says one depth everywhere, and remembers what it was shown."""
+
+    def __init__(self, depth=7.0):
+        self.depth = depth
+        self.shown = []
+
+    def infer(self, left, right, rig):
+        self.shown.append((left, right, rig))
+        flat = np.full(left.shape[:2], self.depth, np.float32)
+        return Prediction(flat, rig.fb / flat, None, np.ones_like(flat))
+
+
+class Blind(Everywhere):
+    def __init__(self):
+        super().__init__(np.nan)
+
+
+@pytest.fixture
+def scene(make_scene):
+    return make_scene(rocks=[(4.0, 0.0, 0.8, 0.6)])
+
+
+def open_eyes(eyes, scene, seed=0):
+    eyes.open(scene, np.random.default_rng(seed))
+    return eyes
+
+
+def test_true_depth_is_the_same_by_either_renderer(scene):
+    seen = []
+    for renderer in ("embree", "pybullet"):
+        eyes = open_eyes(Eyes("ground_truth", renderer), scene)
+        sight = eyes.look(POSE, 0.0)
+        eyes.close()
+        assert sight.depth.shape == (GROUND_TRUTH_PIXELS, GROUND_TRUTH_PIXELS)
+        assert sight.left is None and sight.seconds == 0 and (sight.confidence == 1).all()
+        seen.append(sight.depth)
+    near = (seen[0] < 15) & (seen[1] < 15)
+    assert near.mean() > 0.5
+    assert np.median(np.abs(seen[0][near] - seen[1][near])) < 0.01
+
+
+def test_an_estimator_sees_rectified_pairs(scene):
+    estimator = Everywhere()
+    eyes = open_eyes(Eyes(estimator, "embree"), scene)
+    sight = eyes.look(POSE, 0.3)
+    left, right, rig = estimator.shown[0]
+    assert left.shape == right.shape == (512, 512, 3) and left.dtype == np.uint8 and rig is NATECAM
+    assert (sight.depth == 7).all() and sight.rig is rig and sight.pan == 0.3 and sight.seconds >= 0
+    np.testing.assert_array_equal(sight.left, left)
+    assert not np.array_equal(left, right) and left.std() > 5
+    other = open_eyes(Eyes(Everywhere(), "embree"), scene, seed=1).look(POSE, 0.0)
+    assert not np.array_equal(other.left, left)  # another detector, other noise
+    again = open_eyes(Eyes(Everywhere(), "embree"), scene).look(POSE, 0.0)
+    np.testing.assert_array_equal(again.left, left)
+
+
+def test_looking_needs_a_scene(scene):
+    eyes = Eyes("ground_truth", "embree")
+    with pytest.raises(RuntimeError, match="open"):
+        eyes.look(POSE, 0.0)
+    open_eyes(eyes, scene).close()
+    eyes.close()
+    with pytest.raises(RuntimeError, match="open"):
+        eyes.picture(POSE)
+
+
+def test_an_object_or_a_class_path_is_a_perception(make_env):
+    env = make_env(perception=Everywhere(6.0), goal_distance=4.0)
+    observation, info = env.reset(seed=0)
+    assert (observation["depth"] == 6).all() and info["perception_seconds"] > 0
+    env = make_env(perception="m3depth.matching:SGBM")
+    assert type(env.eyes.estimator).__name__ == "SGBM"
+
+
+def test_sgbm_sees_enough_to_drive(make_env):
+    env = make_env(perception="sgbm", goal_distance=4.0)
+    observation, _ = env.reset(seed=0)
+    for _ in range(2):
+        assert observation in env.observation_space
+        truth = env.sight.true_depth
+        near = (truth > 2) & (truth < 6) & np.isfinite(env.sight.depth)
+        assert near.sum() > 1000
+        assert np.median(np.abs(env.sight.depth - truth)[near] / truth[near]) < 0.05
+        observation, _, terminated, _, info = env.step(np.array([0.5, 0.0]))
+        assert not terminated and info["perception_seconds"] > 0
+
+
+def test_the_blind_navigator_stands(make_env):
+    env = make_env(perception=Blind(), goal_distance=4.0, mast=True)
+    driver = NavigatorDriver()
+    observation, _ = env.reset(seed=0)
+    driver.reset(env, 0)
+    for _ in range(2):
+        assert (observation["depth"] == 0).all()
+        action = driver.act(env, observation)
+        np.testing.assert_array_equal(action, 0)
+        observation, *_ = env.step(action)
+    assert driver.navigator._last_command.status == "blind"
+    assert env._path_length == 0

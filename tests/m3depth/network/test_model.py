@@ -1,0 +1,150 @@
+import json
+import subprocess
+import sys
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from m3depth.network.model import PRESETS, M3Depth, M3DepthConfig
+from marssim.camera import PinholeCamera, StereoRig
+
+SMALL = M3DepthConfig(
+    channels=(8, 16, 16), match_channels=16, hypotheses=8, groups=8, volume_width=8, residual_width=8,
+    normal_widths=(8, 8, 8), refine_steps=2, hidden=8, motion=8, lookup_channels=8,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def model() -> M3Depth:
+    torch.manual_seed(0)
+    network = M3Depth(SMALL).eval()
+    assert network.refinement is not None
+    torch.nn.init.constant_(network.refinement.decisions[2].bias, -5.0)  # no sky
+    return network
+
+
+def rig_of(height: int, width: int) -> StereoRig:
+    return StereoRig(PinholeCamera.centred(width, height, 50.0), baseline=0.27)
+
+
+@pytest.mark.parametrize(("height", "width"), [(33, 70), (64, 64), (17, 129)])
+def test_infer_at_any_size(model: M3Depth, height: int, width: int) -> None:
+    rng = np.random.default_rng(0)
+    left, right = rng.integers(0, 256, (2, height, width, 3), dtype=np.uint8)
+    rig = rig_of(height, width)
+    out = model.infer(left, right, rig)
+    assert out.depth.shape == out.disparity.shape == out.confidence.shape == (height, width)
+    assert out.normal is not None
+    assert {a.dtype for a in (out.depth, out.disparity, out.confidence, out.normal)} == {np.dtype(np.float32)}
+    np.testing.assert_allclose(np.linalg.norm(out.normal, axis=-1), 1, atol=1e-4)
+    assert ((out.normal * rig.camera.rays()).sum(-1) < 0).all()
+    assert ((out.confidence >= 0) & (out.confidence <= 1)).all()
+    far = np.isinf(out.depth)
+    assert (out.disparity[far] == 0).all()
+    np.testing.assert_allclose(out.depth[~far], rig.fb / out.disparity[~far], rtol=1e-5)
+
+
+def test_grey_equals_repeated_grey(model: M3Depth) -> None:
+    left, right = np.random.default_rng(1).integers(0, 256, (2, 40, 48), dtype=np.uint8)
+    grey = model.infer(left, right, rig_of(40, 48))
+    colour = model.infer(*(np.repeat(x[..., None], 3, 2) for x in (left, right)), rig_of(40, 48))
+    np.testing.assert_array_equal(grey.disparity, colour.disparity)
+
+
+def test_rigs_with_large_disparities_are_reduced(model: M3Depth) -> None:
+    """Half the range needed beyond the network's reach: same maps as from images of half the size, twice the px."""
+    rng = np.random.default_rng(2)
+    left, right = (np.repeat(np.repeat(x, 2, 0), 2, 1) for x in rng.integers(0, 256, (2, 32, 64), dtype=np.uint8))
+    rig = rig_of(64, 128)
+    nearest = rig.fb / (2 * 8 * SMALL.hypotheses)
+    out = model.infer(left, right, rig, nearest)
+    half = model.infer(left[::2, ::2], right[::2, ::2], rig.resized(64, 32), 1e3)
+    assert out.disparity.shape == (64, 128)
+    both = (out.disparity > 0).reshape(32, 2, 64, 2).all((1, 3)) & (half.disparity > 0)
+    means = out.disparity.reshape(32, 2, 64, 2).mean((1, 3))
+    assert np.median(np.abs(means - 2 * half.disparity)[both] / half.disparity[both]) < 0.1
+
+
+def test_misuse_is_named(model: M3Depth) -> None:
+    image = np.zeros((32, 64, 3), np.uint8)
+    with pytest.raises(ValueError, match="right image is 64 x 16"):
+        model.infer(image, image[:16], rig_of(32, 64))
+    with pytest.raises(ValueError, match="right image must be a uint8"):
+        model.infer(image, image.astype(np.float32), rig_of(32, 64))
+    with pytest.raises(ValueError, match="rig's camera"):
+        model.infer(image, image, rig_of(32, 60))
+    with pytest.raises(ValueError, match="preset"):
+        M3Depth.from_preset("huge")
+    with pytest.raises(ValueError, match="multiple of groups"):
+        replace(SMALL, groups=5)
+
+
+def test_every_part_can_be_left_out() -> None:
+    image = np.random.default_rng(0).integers(0, 256, (32, 64), dtype=np.uint8)
+    for part in ("wavelet_levels", "residual_width", "refine_steps", "normal_context", "lookup_radius"):
+        change = {part: (0, 0) if part == "wavelet_levels" else 0}
+        out = M3Depth(replace(SMALL, **change)).eval().infer(image, image, rig_of(32, 64))  # type: ignore[arg-type]
+        assert not np.isnan(out.depth).any(), change
+
+
+def test_lite_is_small() -> None:
+    with torch.device("meta"):
+        assert sum(p.numel() for p in M3Depth(PRESETS["lite"]).parameters()) < 1_000_000
+
+
+def test_weights_survive_the_disk(model: M3Depth, tmp_path: Path) -> None:
+    model.save_pretrained(tmp_path / "net.safetensors")
+    again = M3Depth.from_pretrained(tmp_path / "net.safetensors")
+    assert again.config == model.config
+    image = np.random.default_rng(0).integers(0, 256, (32, 64), dtype=np.uint8)
+    first, second = (m.infer(image, image, rig_of(32, 64)) for m in (model, again))
+    np.testing.assert_array_equal(first.disparity, second.disparity)
+
+
+def test_bad_weights_are_refused_by_name(model: M3Depth, tmp_path: Path) -> None:
+    path = tmp_path / "net.safetensors"
+    with pytest.raises(FileNotFoundError, match=r"net\.safetensors"):
+        M3Depth.from_pretrained(path)
+    model.save_pretrained(path)
+    whole = path.read_bytes()
+    for damaged in (whole[: len(whole) // 2], whole[:4], b"\x80\x04pickle" * 10):
+        path.write_bytes(damaged)
+        with pytest.raises(ValueError, match=r"net\.safetensors: [^\n]*$"):
+            M3Depth.from_pretrained(path)
+    from safetensors.torch import save_file
+
+    save_file({"x": torch.zeros(1)}, path)
+    with pytest.raises(ValueError, match="not weights of M3Depth"):
+        M3Depth.from_pretrained(path)
+    save_file({"x": torch.zeros(1)}, path, metadata={"m3depth_config": "{}"})
+    with pytest.raises(ValueError, match="do not fit the network"):
+        M3Depth.from_pretrained(path)
+    save_file({"x": torch.zeros(1)}, path, metadata={"m3depth_config": '{"hidden": "rm -rf"}'})
+    with pytest.raises(ValueError, match="'hidden'"):
+        M3Depth.from_pretrained(path)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("groups", 0), ("channels", [8, 0, 16]), ("volume_width", 0), ("normal_widths", [8, 8, 0]),
+        ("wavelet_kernel", 4), ("wavelet_kernel", 0), ("wavelet_levels", [2, 60]), ("hidden", 0), ("motion", 1),
+        ("match_channels", 0), ("lookup_channels", 0), ("lookup_levels", 0), ("hypotheses", 0),
+    ],
+)  # fmt: skip
+def test_impossible_config_names_file_and_field(model: M3Depth, tmp_path: Path, field: str, value) -> None:
+    from safetensors.torch import save_file
+
+    path = tmp_path / "net.safetensors"
+    config = json.dumps({**asdict(model.config), field: value})
+    save_file({"x": torch.zeros(1)}, path, metadata={"m3depth_config": config})
+    with pytest.raises(ValueError, match=rf"net\.safetensors: {field} [^\n]*$"):
+        M3Depth.from_pretrained(path)
+
+
+def test_import_of_the_package_loads_no_torch() -> None:
+    code = "import sys, m3depth; assert 'torch' not in sys.modules; m3depth.M3Depth; assert 'torch' in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -1,0 +1,25 @@
+import torch
+
+from m3depth.geometry import pixel_rays
+from m3depth.network.normals import SNNet, hypothesis_points
+
+CAMERA = torch.tensor([[60.0, 60.0, 9.0, 5.0], [40.0, 45.0, 2.0, 7.0]])
+
+
+def test_normals_are_unit_and_face_the_camera() -> None:
+    torch.manual_seed(0)
+    net = SNNet(groups=8, widths=(8, 8, 8), left_channels=8, context=4)
+    normal = net(torch.randn(2, 8, 16, 8, 12), torch.randn(2, 8, 8, 12), CAMERA)
+    torch.testing.assert_close(normal.norm(dim=1), torch.ones(2, 8, 12))
+    assert ((normal * pixel_rays(CAMERA, 8, 12)).sum(1) < 0).all()
+    assert (normal[:, 0] < 0).any(), "components of both signs must be possible"
+    assert (normal[:, 0] > 0).any()
+
+
+def test_hypothesis_points_lie_on_the_rays_at_inverse_disparity() -> None:
+    rays = pixel_rays(CAMERA, 8, 12).requires_grad_()
+    points = hypothesis_points(rays, 8)
+    assert not points.requires_grad
+    assert points.abs().max() <= 1
+    torch.testing.assert_close(points[:, :, 4], rays.detach() * 0.125)
+    torch.testing.assert_close(points[:, 2, 1] / points[:, 2, 2], torch.full((2, 8, 12), 2.0))

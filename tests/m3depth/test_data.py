@@ -1,0 +1,126 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from m3depth.data import (
+    AugmentConfig,
+    PackedCache,
+    augment,
+    batches,
+    crop,
+    make_batch,
+    pack,
+    sample_index,
+    whole_batch,
+)
+from m3depth.losses import consistency_residual
+
+
+def test_packing_keeps_the_truth(plane_samples) -> None:
+    sample = plane_samples[0]
+    batch = whole_batch(pack(sample))
+    torch.testing.assert_close(batch.left[0].permute(1, 2, 0), torch.from_numpy(sample.left) / 255)
+    known = np.isfinite(sample.depth)
+    assert np.abs(batch.target.disparity[0, 0].numpy() - sample.disparity)[known].max() <= 0.5 / 256 + 1e-6
+    np.testing.assert_array_equal(batch.target.sky[0, 0].numpy(), ~known)
+    np.testing.assert_array_equal(batch.target.label[0, 0].numpy(), sample.valid & (sample.disparity <= 192))
+    np.testing.assert_array_equal(batch.target.rock[0, 0].numpy(), sample.rock > 0)
+    cosine = (batch.target.normal[0].permute(1, 2, 0).numpy() * sample.normal).sum(-1)[known]
+    assert cosine.min() > np.cos(np.radians(0.6))
+
+
+def test_far_and_too_near_pixels_are_not_trained(plane_samples) -> None:
+    sample = plane_samples[0]
+    depth = np.full_like(sample.depth, 5.0)
+    depth[0], depth[1], depth[2] = 60.0, 0.1, np.inf
+    disparity = sample.rig.depth_to_disparity(depth)
+    flags = pack(replace(sample, depth=depth, disparity=disparity)).flags
+    assert (flags[0] & 3 == 0).all()
+    assert (flags[1] & 3 == 0).all()
+    assert (flags[2] & 3 == 2).all()
+    assert (flags[3:] & 1).all()
+
+
+def test_crops_move_the_principal_point(plane_samples) -> None:
+    """The gradient that normals demand still fits the disparity: the cropped camera is the right one."""
+    part = whole_batch(crop(pack(plane_samples[0]), 30, 17, 32, 64))
+    target = part.target
+    residual, usable = consistency_residual(target.disparity, target.normal, target.camera)
+    inner = usable & target.label
+    assert inner.any()
+    # int8 normals are off by up to half a degree, 16-bit disparities by 1 / 512 px
+    assert residual.abs()[inner.expand_as(residual)].max() < 0.02
+    wrong = target.camera + torch.tensor([0.0, 0, 17, 30])
+    residual, _ = consistency_residual(target.disparity, target.normal, wrong)
+    assert residual.abs()[inner.expand_as(residual)].max() > 0.02
+
+
+def test_batches_are_a_function_of_seed_and_step(plane_samples) -> None:
+    cache = PackedCache(plane_samples, 1 << 30)
+    settings = {"size": 2, "crop_size": (32, 64), "config": AugmentConfig(), "seed": 3}
+    stream = batches(cache, 4, **settings, threads=2)
+    for step in (4, 5, 6):
+        got, expected = next(stream), make_batch(cache, step, **settings)
+        torch.testing.assert_close(got.left, expected.left)
+        torch.testing.assert_close(got.target.camera, expected.target.camera)
+    stream.close()
+    assert not torch.equal(make_batch(cache, 7, **settings).left, make_batch(cache, 8, **settings).left)
+    ranks = [make_batch(cache, 2, **settings, rank=rank, world=2).left for rank in (0, 1)]
+    both = make_batch(cache, 2, **{**settings, "size": 4}).left
+    torch.testing.assert_close(torch.cat(ranks), both)
+
+
+def test_every_epoch_holds_every_sample() -> None:
+    for epoch in range(3):
+        assert sorted(sample_index(7, epoch * 7 + i, seed=0) for i in range(7)) == list(range(7))
+    assert [sample_index(7, i, 0) for i in range(7)] != [sample_index(7, 7 + i, 0) for i in range(7)]
+
+
+def test_augmented_images_are_in_range_and_change(plane_samples) -> None:
+    cache = PackedCache(plane_samples, 1 << 30)
+    lefts = [make_batch(cache, step, 1, (64, 96), AugmentConfig(), 0).left for step in range(12)]
+    assert all(float(x.min()) >= 0 and float(x.max()) <= 1 for x in lefts)
+    contrasts = [float(x.std()) for x in lefts]
+    assert max(contrasts) > 1.5 * min(contrasts)
+
+
+def test_cache_reads_once_and_respects_its_limit(plane_samples) -> None:
+    class Counted(list):
+        reads = 0
+
+        def __getitem__(self, index):
+            Counted.reads += 1
+            return super().__getitem__(index)
+
+    size = pack(plane_samples[0]).nbytes
+    cache = PackedCache(Counted(plane_samples), int(2.5 * size))
+    for index in (0, 1, 2, 0, 1, 2):
+        cache[index]
+    assert (Counted.reads, cache.used) == (4, 2 * size)
+
+
+def test_too_large_a_crop_is_named(plane_samples) -> None:
+    with pytest.raises(ValueError, match="--crop 128 96"):
+        make_batch(PackedCache(plane_samples, 0), 0, 1, (128, 96), AugmentConfig(), 0)
+
+
+def test_parts_of_the_augmentation_can_be_turned_off(plane_samples) -> None:
+    off = AugmentConfig(
+        contrast=1, brightness=0, gamma=0, eye_gain=0, noise=0, blur=0, grey=0, vertical=0, occlude=0, bottom=0
+    )
+    sample = plane_samples[0]
+    for seed in range(8):  # several draws: each part has a chance of its own
+        eyes = augment(sample.left, sample.right, off, np.random.default_rng(seed))
+        for eye, image in zip(eyes, (sample.left, sample.right)):
+            np.testing.assert_allclose(eye, image / np.float32(255), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("contrast", 0.0), ("contrast", 1.3), ("blur", -1.0), ("noise", float("nan")), ("grey", 1.1), ("eye_gain", -0.1)],
+)
+def test_augmentation_that_cannot_work_names_its_flag(name, value) -> None:
+    with pytest.raises(ValueError, match=f"--augment.{name.replace('_', '-')} must be"):
+        AugmentConfig(**{name: value})

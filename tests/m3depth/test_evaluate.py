@@ -1,0 +1,200 @@
+"""Evaluation from a dataset on disk to tables and figures, with methods whose errors are known."""
+
+import hashlib
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from m3depth.degradation import Degradation
+from m3depth.evaluate import evaluate, main
+from m3depth.matching import SGBM
+from m3depth.prediction import Prediction
+from marssim.camera import PinholeCamera, StereoRig
+from marssim.dataset import StereoDataset, write_index, write_sample
+from marssim.render.stereo import StereoFrame
+
+H, W = 64, 96
+RIG = StereoRig(PinholeCamera.centred(W, H, 120.0), 0.25)
+
+
+def make_frame(seed: int) -> StereoFrame:
+    """Ground 2 to 12 m away under a strip of sky; the left image samples the right one at x - d."""
+    rng = np.random.default_rng(seed)
+    depth = np.repeat(1 / np.linspace(1 / 12, 1 / 2, H)[:, None], W, axis=1).astype(np.float32)
+    disparity = RIG.depth_to_disparity(depth)
+    texture = cv2.GaussianBlur(rng.uniform(0, 255, (H, W + 32, 3)).astype(np.float32), (0, 0), 1.0)
+    x = np.arange(W, dtype=np.float32)[None] - disparity + 32
+    y = np.repeat(np.arange(H, dtype=np.float32)[:, None], W, axis=1)
+    left = cv2.remap(texture, x, y, cv2.INTER_LINEAR).astype(np.uint8)
+    sky = np.zeros((H, W), bool)
+    sky[:6] = True
+    surface = np.where(sky, -1, 0).astype(np.int32)
+    surface[30:40, 40:60] = 1
+    normal = np.broadcast_to(np.float32([0, -0.6, -0.8]), (H, W, 3)).copy()
+    normal[sky] = 0
+    hidden = np.zeros((H, W), bool)
+    hidden[6:, :8] = True
+    return StereoFrame(
+        left, texture[:, 32:].astype(np.uint8), np.where(sky, np.float32(np.inf), depth),
+        np.where(sky, np.float32(0), disparity), normal, surface, hidden, RIG, np.eye(4),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("set")
+    names = [f"00001/0{view}" for view in range(4)]  # scene 1 is in the test split
+    for seed, name in enumerate(names):
+        write_sample(path / "scenes" / name, make_frame(seed), {})
+    write_index(path, {}, names)
+    return path
+
+
+class Scaled:
+    """The truth of make_frame, scaled."""
+
+    def __init__(self, factor: float = 1.25) -> None:
+        self.factor = factor
+        self.seen: list[np.ndarray] = []
+
+    def infer(self, left, right, rig):
+        frame = make_frame(0)
+        self.seen.append(left)
+        depth = frame.depth * np.float32(self.factor)
+        return Prediction(depth, rig.depth_to_disparity(depth), None, np.ones((H, W), np.float32))
+
+
+def test_known_errors_come_out(folder):
+    done = evaluate(StereoDataset(folder, "test"), {"right": Scaled(1.0), "off": Scaled(1.1)}, examples=2)
+    assert done.results["right"]["depth"]["all"]["pooled"]["abs_rel"] < 1e-4  # the disk's rounding
+    assert done.results["off"]["depth"]["all"]["per_image"]["abs_rel"] == pytest.approx(0.1, abs=1e-4)
+    assert done.results["off"]["median_image"]["abs_rel"] == pytest.approx(0.1, abs=1e-4)
+    assert done.results["off"]["depth"]["rock"]["pixels"] == 4 * 200
+    assert done.results["off"]["normal"]["all"]["pooled"] == {}
+    assert [record["index"] for record in done.pairs] == [0, 1, 2, 3]
+    assert [example.index for example in done.examples] == [0, 3]
+    assert done.results["off"]["seconds"]["median"] > 0
+
+
+def test_limit_spreads_over_the_dataset(folder):
+    done = evaluate(StereoDataset(folder, "test"), {"m": Scaled()}, limit=2)
+    assert [record["index"] for record in done.pairs] == [0, 3]
+    with pytest.raises(ValueError, match="limit"):
+        evaluate(StereoDataset(folder, "test"), {"m": Scaled()}, limit=0)
+
+
+def test_degradation_is_what_methods_see_and_depends_on_seed_and_pair_alone(folder):
+    degradation, runs = Degradation.parse("contrast=.5,noise=3"), []
+    for limit, seed in ((None, 0), (2, 0), (None, 1)):
+        method = Scaled()
+        evaluate(StereoDataset(folder, "test"), {"m": method}, limit=limit, degradation=degradation, seed=seed)
+        runs.append(method.seen)
+    assert np.array_equal(runs[0][3], runs[1][1])
+    assert not np.array_equal(runs[0][3], runs[2][3])
+    clean = StereoDataset(folder, "test")[3].left
+    assert runs[0][3].std() == pytest.approx(np.hypot(0.5 * clean.std(), 3), rel=0.05)
+
+
+def test_wrong_size_names_the_method(folder):
+    class Wrong(Scaled):
+        def infer(self, left, right, rig):
+            return replace(super().infer(left, right, rig), depth=np.ones((2, 2), np.float32))
+
+    with pytest.raises(ValueError, match="bad, pair 0: predicted depth"):
+        evaluate(StereoDataset(folder, "test"), {"bad": Wrong()})
+
+
+def test_command_writes_tables_and_figures(folder, tmp_path, capsys):
+    torch = pytest.importorskip("torch")
+    from m3depth.network.model import M3Depth, M3DepthConfig
+
+    torch.manual_seed(0)
+    weights = tmp_path / "w.safetensors"
+    M3Depth(M3DepthConfig(channels=(8, 8, 16), match_channels=16, hypotheses=8, refine_steps=1)).save_pretrained(
+        weights
+    )
+    out = tmp_path / "out"
+    args = ["--data", str(folder), "--out", str(out), "--weights", str(weights), "--limit", "2"]
+    assert main([*args, "--degrade", "blur=0.5"]) == 0
+    assert "Abs Rel" in capsys.readouterr().out
+    results = json.loads((out / "results.json").read_text())
+    assert list(results["methods"]) == ["M3Depth", "SGBM"]
+    assert results["weights_sha256"] == hashlib.sha256(weights.read_bytes()).hexdigest()
+    assert results["pairs"] == 2 and results["degrade"] == "blur=0.5"
+    assert results["methods"]["SGBM"]["depth"]["visible"]["pooled"]["epe"] < 1
+    report = (out / "results.md").read_text()
+    assert "| SGBM |" in report and "14-15 m" in report and "nan" not in report
+    for name in ("comparison.png", "error_by_depth.png"):
+        picture = cv2.imread(str(out / name))
+        assert picture.shape[0] > 300 and picture.std() > 10
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"--data": "nowhere"}, "nowhere: no such folder"),
+        ({"--split": "val"}, "split val holds no pairs"),
+        ({"--weights": "none.safetensors"}, "none.safetensors: no such weights file"),
+        ({"--limit": "0"}, "--limit must be at least 1"),
+        ({"--seed": "-1", "--degrade": "noise=2"}, "--seed must not be negative, got -1"),
+        ({"--degrade": "fog=1"}, "unknown field 'fog'"),
+        ({"--degrade": "blur=x"}, "blur must be a number, got 'x'"),
+        ({"--estimator": "raft"}, "expected NAME=MODULE:CLASS"),
+        ({"--estimator": "SGBM=m3depth.matching:BlockMatching"}, "the name 'SGBM' is taken"),
+        ({"--estimator": "M3Depth=m3depth.matching:SGBM"}, "the name 'M3Depth' is taken"),
+        ({"--estimator": "index=m3depth.matching:SGBM"}, "the name 'index' is taken"),
+    ],
+)
+def test_mistakes_are_one_line(folder, tmp_path, capsys, monkeypatch, change, message):
+    monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
+    options = {"--data": str(folder), "--out": str(tmp_path / "out"), **change}
+    assert main([word for pair in options.items() for word in pair]) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_name_given_twice_is_refused(folder, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
+    twice = ["A=m3depth.matching:SGBM", "A=m3depth.matching:BlockMatching"]
+    assert main(["--data", str(folder), "--out", str(tmp_path / "out"), "--estimator", *twice]) == 2
+    assert "the name 'A' is taken" in capsys.readouterr().err
+
+
+def test_bad_names_and_seeds_are_refused_by_the_function_too(folder):
+    with pytest.raises(ValueError, match="'index'"):
+        evaluate(StereoDataset(folder, "test"), {"index": Scaled()})
+    with pytest.raises(ValueError, match="seed must not be negative"):
+        evaluate(StereoDataset(folder, "test"), {"m": Scaled()}, seed=-1)
+
+
+def test_results_tell_which_shipped_weights_were_scored(folder, tmp_path, monkeypatch):
+    shipped = tmp_path / "lite.safetensors"
+    shipped.write_bytes(b"some weights")
+    monkeypatch.setattr("m3depth.evaluate.SHIPPED_WEIGHTS", shipped)
+    monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
+    out = tmp_path / "out"
+    assert main(["--data", str(folder), "--out", str(out), "--baselines", "none", "--limit", "1"]) == 0
+    results = json.loads((out / "results.json").read_text())
+    assert results["weights"] == "shipped"
+    assert results["weights_sha256"] == hashlib.sha256(b"some weights").hexdigest()
+
+
+def _without_network(spec):
+    from m3depth.estimator import load_estimator
+
+    return SGBM() if spec == "m3depth" else load_estimator(spec)
+
+
+def test_broken_sample_is_named(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
+    write_sample(tmp_path / "scenes" / "00001/00", make_frame(0), {})
+    write_index(tmp_path, {}, ["00001/00"])
+    (tmp_path / "scenes/00001/00/depth.png").write_bytes(b"")
+    assert main(["--data", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert "depth.png" in error and error.strip().count("\n") == 0

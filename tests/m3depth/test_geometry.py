@@ -1,0 +1,55 @@
+import numpy as np
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from m3depth.geometry import (
+    disparity_to_depth,
+    normals_from_disparity,
+    pixel_rays,
+    scale_camera,
+    sobel,
+)
+from marssim.camera import NATECAM, PinholeCamera
+
+CAMERA = torch.tensor([[60.0, 55.0, 9.3, 5.1]], dtype=torch.float64)
+
+
+def plane_depth(normal: torch.Tensor, height: int = 12, width: int = 20) -> torch.Tensor:
+    return -1.2 / (pixel_rays(CAMERA, height, width) * normal[None, :, None, None]).sum(1, keepdim=True)
+
+
+def test_rays_are_the_camera_models() -> None:
+    rays = pixel_rays(CAMERA, 12, 20)[0].permute(1, 2, 0)
+    np.testing.assert_allclose(rays.numpy(), PinholeCamera(20, 12, 60.0, 55.0, 9.3, 5.1).rays(), atol=1e-12)
+
+
+def test_scaled_camera_is_the_resized_one() -> None:
+    small = NATECAM.camera.resized(64, 64)
+    full = NATECAM.camera
+    scaled = scale_camera(torch.tensor([[full.fx, full.fy, full.cx, full.cy]], dtype=torch.float64), 8)
+    np.testing.assert_allclose(scaled[0].numpy(), [small.fx, small.fy, small.cx, small.cy])
+
+
+def test_depth_is_the_rigs_and_no_match_is_infinite() -> None:
+    depth = np.array([0.5, 3.0, 15.0, np.inf])
+    disparity = torch.from_numpy(NATECAM.depth_to_disparity(depth))
+    np.testing.assert_allclose(disparity_to_depth(disparity, NATECAM.fb).numpy(), depth)
+    assert disparity_to_depth(torch.tensor([-1.0, 0.01, torch.nan]), NATECAM.fb).isinf().all()
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5))
+def test_normals_of_planes_are_exact(nx: float, ny: float) -> None:
+    normal = torch.tensor([nx, ny, -1.0], dtype=torch.float64)
+    normal = normal / normal.norm()
+    depth = plane_depth(normal)
+    found = normals_from_disparity(16.2 / depth, CAMERA)
+    expected = normal[:, None, None].expand(3, 10, 18)
+    torch.testing.assert_close(found[0, :, 1:-1, 1:-1], expected, atol=1e-9, rtol=0)
+
+
+def test_sobel_of_an_affine_map() -> None:
+    v, u = torch.meshgrid(torch.arange(5.0), torch.arange(7.0), indexing="ij")
+    slope = sobel((0.3 * u - 0.2 * v + 4)[None, None])[0, :, 1:-1, 1:-1]
+    torch.testing.assert_close(slope, torch.tensor([0.3, -0.2])[:, None, None].expand(2, 3, 5))

@@ -1,0 +1,138 @@
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from m3depth.geometry import pixel_rays
+from m3depth.losses import (
+    LossConfig,
+    Target,
+    consistency_loss,
+    consistency_residual,
+    disparity_edges,
+    huber,
+    reduce_target,
+    total_loss,
+    weighted_mean,
+)
+from m3depth.network.model import StereoOutput
+
+CAMERA = torch.tensor([[60.0, 55.0, 9.3, 5.1]], dtype=torch.float64)
+
+
+def plane(normal: tuple[float, float, float], height: int = 16, width: int = 24) -> tuple[torch.Tensor, torch.Tensor]:
+    n = torch.tensor(normal, dtype=torch.float64)
+    n = (n / n.norm())[None, :, None, None].expand(1, 3, height, width)
+    depth = -1.2 / (pixel_rays(CAMERA, height, width) * n).sum(1, keepdim=True)
+    return 16.2 / depth, n
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5))
+def test_consistency_is_zero_on_planes_alone(nx: float, ny: float) -> None:
+    disparity, normal = plane((nx, ny, -1.0))
+    mask = torch.ones_like(disparity, dtype=torch.bool)
+    assert consistency_loss(disparity, normal, CAMERA, mask) < 1e-12
+    _, tilted = plane((nx + 0.3, ny, -1.0))
+    assert consistency_loss(disparity, tilted, CAMERA, mask) > 1e-3
+    assert consistency_loss(disparity + 0.1 * torch.arange(24), normal, CAMERA, mask) > 1e-3
+
+
+def test_consistency_takes_normals_across_the_view() -> None:
+    """A wall at the side of the camera: n_z = 0, where the paper's form divides by zero."""
+    disparity, normal = plane((1.0, 0.0, 0.0), 16, 8)  # cx = 9.3: all pixels look to the left, at the wall
+    residual, usable = consistency_residual(disparity, normal, CAMERA)
+    assert usable.any()
+    assert residual[usable.expand_as(residual)].abs().max() < 1e-10
+
+
+def test_consistency_ignores_edges_borders_and_grazing_pixels() -> None:
+    disparity, normal = plane((0.0, -0.4, -1.0))
+    torch.manual_seed(0)
+    spoiled = disparity.clone()
+    spoiled[..., 10:, :] += 40 * torch.rand(1, 1, 6, 24, dtype=torch.float64)
+    mask = ~disparity_edges(spoiled)
+    assert 0.2 < mask.double().mean() < 0.9
+    assert consistency_loss(spoiled, normal, CAMERA, mask) < 1e-12
+    grazing, _ = consistency_residual(*plane((0.0, -1.0, -0.0)), CAMERA)
+    assert torch.isfinite(grazing).all()
+
+
+def test_consistency_gradients() -> None:
+    torch.manual_seed(0)
+    disparity, normal = plane((0.1, -0.3, -1.0), 6, 6)
+    disparity = (disparity + 0.3 * torch.randn_like(disparity)).requires_grad_()
+    normal = (normal + 0.05 * torch.randn_like(normal)).requires_grad_()
+    mask = torch.ones_like(disparity, dtype=torch.bool)
+    assert torch.autograd.gradcheck(lambda d, n: consistency_loss(d, n, CAMERA, mask), (disparity, normal))
+
+
+def test_huber_is_torchs_over_delta() -> None:
+    error = torch.linspace(-2, 2, 41)
+    expected = torch.nn.functional.smooth_l1_loss(error, torch.zeros(41), beta=0.5, reduction="none")
+    torch.testing.assert_close(huber(error, 0.5), expected)
+
+
+def test_masked_nan_does_not_reach_the_mean() -> None:
+    values = torch.tensor([1.0, torch.nan, 3.0], requires_grad=True)
+    mean = weighted_mean(values, torch.tensor([1.0, 0.0, 3.0]))
+    assert mean.item() == pytest.approx(2.5)
+    assert weighted_mean(torch.tensor([torch.nan]), torch.zeros(1)).item() == 0
+
+
+def make_target(height: int = 16, width: int = 24) -> Target:
+    disparity, normal = plane((0.0, -0.5, -1.0), height, width)
+    yes = torch.ones_like(disparity, dtype=torch.bool)
+    return Target(disparity.float(), normal.float(), yes, ~yes, ~yes, CAMERA.float())
+
+
+def test_reduced_disparity_is_that_of_the_cells_centre() -> None:
+    target = make_target()
+    reduced, _ = reduce_target(target, 8, torch.ones_like(target.disparity))
+    # Disparity is affine on a plane: the mean over a cell is the value at its centre.
+    expected = torch.nn.functional.avg_pool2d(target.disparity, 8)
+    assert reduced.label.all()
+    torch.testing.assert_close(reduced.disparity, expected)
+    torch.testing.assert_close(reduced.normal, target.normal[..., :2, :3])
+
+
+def output_of(target: Target, shift: float = 0.0) -> StereoOutput:
+    ones = torch.ones_like(target.disparity)
+    eighth, _ = reduce_target(target, 8, ones)
+    quarter, _ = reduce_target(target, 4, ones)
+    return StereoOutput(
+        target.disparity + shift, target.normal, 20 * ones, -20 * ones,
+        (eighth.disparity, eighth.normal), [(quarter.disparity, quarter.normal)] * 2,
+    )  # fmt: skip
+
+
+def test_truth_costs_nothing_and_rocks_cost_more() -> None:
+    target = make_target()
+    config = LossConfig()
+    total, terms = total_loss(output_of(target), target, config)
+    assert total < 1e-3, terms
+    wrong = output_of(target)
+    wrong.disparity[..., 4:8, 4:8] += 2.0
+    plain = total_loss(wrong, target, config)[1]["disparity"]
+    target.rock[..., 4:8, 4:8] = True
+    assert total_loss(wrong, target, config)[1]["disparity"] > 2 * plain
+
+
+def test_sky_costs_no_normals_and_little_disparity() -> None:
+    target = make_target()
+    target.sky[..., :8, :] = True
+    target.label[..., :8, :] = False
+    target.disparity[..., :8, :] = 0
+    target.normal[..., :8, :] = 0
+    output = output_of(make_target())
+    total, terms = total_loss(output, target, LossConfig())
+    assert torch.isfinite(total)
+    assert terms["normal"] < 1e-3
+    assert 0 < terms["disparity"] < 3
+    assert terms["sky"] > 5, "the decision that half the image is no sky is wrong"
+
+
+@pytest.mark.parametrize("value", [-0.1, float("nan"), float("inf")])
+def test_weights_that_cannot_work_name_their_flag(value) -> None:
+    with pytest.raises(ValueError, match=r"--loss\.sky-disparity must be at least 0"):
+        LossConfig(sky_disparity=value)

@@ -1,0 +1,189 @@
+import json
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from m3depth.losses import total_loss
+from m3depth.network import model as model_module
+from m3depth.network.model import M3Depth, M3DepthConfig
+from m3depth.run import Run
+from m3depth.train import main
+from m3depth.train_config import TrainConfig
+from m3depth.training import learning_rate, train
+
+SMALL = M3DepthConfig(
+    channels=(8, 16, 16), match_channels=16, hypotheses=8, groups=8, volume_width=8, residual_width=8,
+    normal_widths=(8, 8, 8), refine_steps=2, hidden=8, motion=8, lookup_channels=8,
+)  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def small_network(monkeypatch):
+    monkeypatch.setitem(model_module.PRESETS, "lite", SMALL)
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+def config_for(out: Path, **changes) -> TrainConfig:
+    base = TrainConfig(
+        data=Path("planes"), out=out, batch=2, crop=(32, 64), max_steps=10, lr=5e-3, validate_samples=1, device="cpu"
+    )
+    return replace(base, **changes)
+
+
+def losses_of(out: Path) -> list[float]:
+    records = [json.loads(line) for line in (out / "log.jsonl").read_text().splitlines()]
+    return [r["loss"] for r in records if r["kind"] == "train"]
+
+
+def test_training_lowers_the_loss_and_writes_what_it_says(plane_samples, tmp_path) -> None:
+    scores = train(config_for(tmp_path, max_steps=20), plane_samples, plane_samples)
+    losses = losses_of(tmp_path)
+    assert losses[-1] < 0.7 * losses[0]
+    assert scores["epe"] > 0
+    assert M3Depth.from_pretrained(tmp_path / "weights.safetensors").config == SMALL
+    assert json.loads((tmp_path / "weights.json").read_text())["hidden"] == 8
+    assert list((tmp_path / "panels").glob("*.png"))
+
+
+class KilledAt:
+    """Samples that send this process SIGTERM at the n-th reading."""
+
+    def __init__(self, samples, reading: int) -> None:
+        self.samples, self.left = samples, reading
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+    def __getitem__(self, index: int):
+        self.left -= 1
+        if self.left == 0:
+            os.kill(os.getpid(), signal.SIGTERM)
+        return self.samples[index]
+
+
+def test_a_killed_run_goes_on_to_the_same_weights(plane_samples, tmp_path) -> None:
+    settings = {"max_steps": 8, "cache": False, "validate_every": 0}
+    train(config_for(tmp_path / "whole", **settings), plane_samples, [])
+    stopped = config_for(tmp_path / "stopped", **settings)
+    train(stopped, KilledAt(plane_samples, 9), [])
+    state = torch.load(stopped.out / "checkpoint.pt", weights_only=True)
+    assert 0 < state["step"] < 8
+    train(stopped, plane_samples, [])
+    whole, again = (torch.load(tmp_path / n / "checkpoint.pt", weights_only=True) for n in ("whole", "stopped"))
+    assert again["step"] == whole["step"] == 8
+    for part in ("model", "averaged"):
+        for name, tensor in whole[part].items():
+            assert torch.equal(tensor, again[part][name]), name
+
+
+def no_number(output, target, config):
+    loss, terms = total_loss(output, target, config)
+    return loss * float("nan"), terms
+
+
+def test_nan_stops_the_run_and_keeps_the_last_checkpoint(plane_samples, tmp_path, monkeypatch) -> None:
+    config = config_for(tmp_path, max_steps=2, validate_every=0)
+    train(config, plane_samples, [])
+    before = (tmp_path / "checkpoint.pt").read_bytes()
+    monkeypatch.setattr("m3depth.training.total_loss", no_number)
+    with pytest.raises(FloatingPointError, match=r"not finite at step 2; .*checkpoint\.pt holds the last good state"):
+        train(replace(config, max_steps=4), plane_samples, [])
+    assert (tmp_path / "checkpoint.pt").read_bytes() == before
+
+
+def test_nan_before_the_first_checkpoint_says_that_nothing_is_saved(plane_samples, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr("m3depth.training.total_loss", no_number)
+    with pytest.raises(FloatingPointError, match="at step 0; nothing is saved yet"):
+        train(config_for(tmp_path), plane_samples, [])
+    assert not (tmp_path / "checkpoint.pt").exists()
+
+
+def test_checkpoint_is_of_one_number_of_processes(tmp_path) -> None:
+    config, cpu = config_for(tmp_path), torch.device("cpu")
+    run = Run(config, cpu, world=1)
+    run.step = 7
+    run.save()
+    with pytest.raises(ValueError, match="another number of processes"):
+        Run(config, cpu, world=2).resume()
+    state = torch.load(run.checkpoint, weights_only=True)
+    del state["identity"]["number of processes"]  # as single processes used to write it
+    torch.save(state, run.checkpoint)
+    again = Run(config, cpu, world=1)
+    assert again.resume() and again.step == 7
+    with pytest.raises(ValueError, match="another number of processes"):
+        Run(config, cpu, world=2).resume()
+
+
+def test_warm_start_takes_weights_and_their_config(plane_samples, tmp_path) -> None:
+    torch.manual_seed(5)
+    M3Depth(replace(SMALL, hidden=16)).save_pretrained(tmp_path / "init.safetensors")
+    config = config_for(tmp_path / "run", init=tmp_path / "init.safetensors", max_steps=1, lr=1e-9, validate_every=0)
+    train(config, plane_samples, [])
+    first, last = (M3Depth.from_pretrained(p) for p in (config.init, config.out / "weights.safetensors"))
+    assert last.config.hidden == 16
+    for a, b in zip(first.parameters(), last.parameters()):
+        torch.testing.assert_close(a, b, atol=1e-6, rtol=0)
+
+
+def test_misuse_is_named(plane_samples, tmp_path) -> None:
+    for changes, message in (
+        ({"max_steps": None}, "--max-minutes"),
+        ({"crop": (40, 64)}, "--crop 40 64"),
+        ({"lr": 0.0}, "--lr"),
+        ({"seed": -1}, "--seed"),
+        ({"ema": 1.0}, "--ema"),
+        ({"validate_every": -1}, "--validate-every"),
+        ({"device": "tpu"}, "--device tpu"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            train(config_for(tmp_path, **changes), plane_samples, [])
+    train(config_for(tmp_path, max_steps=1, validate_every=0), plane_samples, [])
+    with pytest.raises(ValueError, match="another batch"):
+        train(config_for(tmp_path, batch=1), plane_samples, [])
+    (tmp_path / "checkpoint.pt").write_bytes(b"half a file")
+    with pytest.raises(ValueError, match=r"checkpoint\.pt: not a readable"):
+        train(config_for(tmp_path), plane_samples, [])
+
+
+def test_command_names_what_is_missing_and_exits_2(tmp_path) -> None:
+    command = [sys.executable, "-m", "m3depth.train", "--data", str(tmp_path / "none"), "--out", str(tmp_path / "run")]
+    done = subprocess.run([*command, "--max-steps", "1"], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "none" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_out_that_is_a_file_is_one_line_and_exit_2(plane_samples, tmp_path, capsys, monkeypatch) -> None:
+    monkeypatch.setattr("marssim.dataset.StereoDataset", lambda path, split: plane_samples)
+    (tmp_path / "run").write_text("")
+    assert main(["--data", "planes", "--out", str(tmp_path / "run"), "--max-steps", "1", "--crop", "32", "64"]) == 2
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last.startswith("m3depth.train: ") and str(tmp_path / "run") in last
+
+
+@pytest.mark.parametrize("flag", ["--augment.contrast", "--loss.rock"])
+def test_a_bad_nested_value_names_its_flag_and_exits_2(capsys, flag) -> None:
+    try:
+        code = main(["--data", "planes", "--out", "run", flag, "-2"])
+    except SystemExit as stop:  # the parser reports it
+        code = stop.code
+    assert code == 2
+    error = capsys.readouterr().err
+    assert f"{flag} must be" in error and "Traceback" not in error
+
+
+def test_schedule_rises_then_falls() -> None:
+    rates = [learning_rate(1.0, i / 100) for i in range(101)]
+    assert rates[0] == pytest.approx(0.05)
+    assert max(rates) == rates[4] == pytest.approx(1.0)
+    assert rates[100] == pytest.approx(0.01)
+    assert rates[4:] == sorted(rates[4:], reverse=True)

@@ -1,0 +1,209 @@
+"""The rasteriser against ray casting of the same scene, and against planes whose depth is known in closed form."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pybullet")
+
+from marssim.camera import PinholeCamera, look_pose
+from marssim.render.gbuffer import GROUND, SKY
+from marssim.render.rasterize import Rasterizer
+from marssim.render.raycast import Raycaster
+from marssim.scene.rocks import RockConfig
+from marssim.scene.scene import Scene, SceneConfig, build_scene
+
+LEVEL = PinholeCamera.centred(192, 192, 223.5)
+SKEWED = PinholeCamera(200, 150, 180.0, 210.0, 80.3, 91.7)  # principal point off the middle, fx != fy
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return build_scene(SceneConfig(size=12.0, horizon=24.0, rocks=RockConfig(k=0.1)), np.random.default_rng(3))
+
+
+@pytest.fixture(scope="module")
+def rasterizer(scene):
+    maker = Rasterizer(scene)
+    yield maker
+    maker.close()
+
+
+@pytest.fixture(scope="module")
+def raycaster(scene):
+    maker = Raycaster(scene)
+    yield maker
+    maker.close()
+
+
+def pose_over(scene: Scene, x: float, y: float, yaw: float, pitch_deg: float = 20.0, roll: float = 0.05) -> np.ndarray:
+    height = float(scene.terrain.height_at(np.array(x), np.array(y)))
+    return look_pose(np.array([x, y, height + 1.2]), yaw, np.deg2rad(pitch_deg), roll)
+
+
+VIEWS = [(LEVEL, (0.0, 0.0, 0.3)), (LEVEL, (-3.1, 2.2, 4.0)), (SKEWED, (2.0, -4.0, 2.1))]
+
+
+def within(a: np.ndarray, b: np.ndarray, degrees: float) -> np.ndarray:
+    return np.einsum("ij,ij->i", a, b) > np.cos(np.deg2rad(degrees))
+
+
+@pytest.mark.parametrize(("camera", "place"), VIEWS)
+def test_gbuffer_is_that_of_ray_casting(scene, rasterizer, raycaster, camera, place):
+    pose = pose_over(scene, *place)
+    drawn, shot = rasterizer.render(camera, pose), raycaster.render(camera, pose)
+    assert (shot.surface > GROUND).mean() > 0.02, "the view shows no rocks: it tests too little"
+    assert (drawn.surface == shot.surface).mean() > 0.999
+    both = drawn.hit & shot.hit
+    off = np.abs(drawn.depth[both] / shot.depth[both] - 1)
+    assert (off < 5e-3).mean() > 0.999
+    assert (off < 1e-5).mean() > 0.998
+    assert within(drawn.normal[both], shot.normal[both], 0.1).mean() > 0.998
+    assert within(drawn.shading_normal[both], shot.shading_normal[both], 0.1).mean() > 0.998
+
+
+@pytest.mark.parametrize(("camera", "place"), VIEWS)
+def test_pixel_centres_lie_where_the_rays_go(scene, rasterizer, raycaster, camera, place):
+    """A least-squares fit of the image shift between the depth buffer, before it is made exact, and rays."""
+    pose = pose_over(scene, *place)
+    raw, surface = rasterizer._draw(camera, pose, 0.1, 100.0)
+    step = 0.5
+    shifted = {}
+    for du, dv in ((0, 0), (step, 0), (-step, 0), (0, step), (0, -step)):
+        rays = camera.rays().reshape(-1, 3) + np.array([du / camera.fx, dv / camera.fy, 0])
+        shifted[du, dv] = raycaster.trace(rays, pose)[0].reshape(raw.shape)
+    inverse = {key: 1 / depth for key, depth in shifted.items()}  # the sky is 0
+    slope_u = (inverse[step, 0] - inverse[-step, 0]) / (2 * step)
+    slope_v = (inverse[0, step] - inverse[0, -step]) / (2 * step)
+    residual = 1 / raw - inverse[0, 0]
+    bend = sum(np.abs(depth - inverse[0, 0]) for depth in inverse.values()) * raw
+    smooth = (surface == GROUND) & (bend < 0.05)  # no silhouettes, where a shift has no meaning
+    assert smooth.sum() > 5000
+    system = np.stack([slope_u[smooth], slope_v[smooth]], axis=1)
+    shift = np.linalg.lstsq(system, residual[smooth], rcond=None)[0]
+    assert np.abs(shift).max() < 0.05
+    # and the fit can tell: half a pixel is found as half a pixel
+    found = np.linalg.lstsq(system, (inverse[step, 0] - inverse[0, 0])[smooth], rcond=None)[0]
+    assert found[0] == pytest.approx(step, abs=0.15)
+
+
+def test_normals_are_unit_and_face_the_camera(scene, rasterizer):
+    view = rasterizer.render(LEVEL, pose_over(scene, 1.0, 1.0, 5.0))
+    hit = view.hit
+    assert np.allclose(np.linalg.norm(view.normal[hit], axis=1), 1, atol=1e-5)
+    assert np.allclose(np.linalg.norm(view.shading_normal[hit], axis=1), 1, atol=1e-5)
+    assert (np.einsum("ij,ij->i", view.normal[hit], LEVEL.rays()[hit]) <= 1e-6).mean() > 0.9999
+    assert np.isinf(view.depth[~hit]).all() and not view.normal[~hit].any() and not view.shading_normal[~hit].any()
+    assert (view.surface[~hit] == SKY).all() and (~hit).any()
+
+
+def test_the_sky_alone(scene, rasterizer):
+    view = rasterizer.render(LEVEL, pose_over(scene, 0.0, 0.0, 0.0, pitch_deg=-60.0))
+    assert not view.hit.any()
+
+
+def test_sunlight_is_that_of_shadow_rays(scene, rasterizer, raycaster):
+    for place in ((0.0, 0.0, 0.3), (-3.1, 2.2, 4.0)):
+        pose = pose_over(scene, *place)
+        view = raycaster.render(LEVEL, pose)
+        points, normals = view.world(LEVEL, pose)[view.hit], view.normal[view.hit] @ pose[:3, :3].T
+        by_ray = raycaster.lit(points, normals)
+        by_map = rasterizer.lit(points, normals)
+        dark = ~by_ray
+        assert 50 < dark.sum() < 0.5 * len(dark)
+        assert (by_map == by_ray).mean() > 0.985
+        assert (~by_map & dark).sum() / (~by_map | dark).sum() > 0.7  # overlap of the shadows themselves
+
+
+def test_a_view_does_not_depend_on_those_before_it(scene):
+    """A generation that was stopped goes on without the views that are there, and must write the same bytes."""
+    poses = [pose_over(scene, *place) for place in ((0.0, 0.0, 0.3), (0.12, 0.05, 0.32), (0.3, 0.3, 0.4), (0, -1, 0.2))]
+    through, seen = Rasterizer(scene), []
+    for pose in poses:
+        seen.append(all_that_is_seen(through, pose))
+    assert len(through._near_sun_maps) < len(poses), "no map is shared: it tests too little"
+    through.close()
+    for pose, expected in zip(poses[1:], seen[1:]):
+        alone = Rasterizer(scene)
+        for ours, theirs in zip(all_that_is_seen(alone, pose), expected):
+            assert np.array_equal(ours, theirs)
+        alone.close()
+
+
+def all_that_is_seen(maker: Rasterizer, pose: np.ndarray) -> list[np.ndarray]:
+    view = maker.render(LEVEL, pose)
+    points, normals = view.world(LEVEL, pose)[view.hit], view.normal[view.hit] @ pose[:3, :3].T
+    eye = pose[:3, 3] + 0.27 * pose[:3, 0]
+    lit, seen = maker.lit(points, normals), maker.seen_from(points, normals, eye)
+    return [view.depth, view.normal, view.shading_normal, view.surface, lit, seen]
+
+
+def test_maps_of_the_sun_cover_what_they_are_asked_for(scene, rasterizer):
+    rng = np.random.default_rng(4)
+    for half in np.exp(rng.uniform(np.log(0.1), np.log(20.0), 12)):
+        centre = rng.uniform(-5, 5, 2)
+        made = rasterizer._near_sun_map(centre, float(half))
+        assert np.abs(made.centre - centre).max() + half < 0.99 * made.half < 1.5 * half
+        assert len(rasterizer._near_sun_maps) <= 8
+
+
+def test_occlusion_is_that_of_rays(scene, rasterizer, raycaster):
+    pose = pose_over(scene, -3.1, 2.2, 4.0)
+    view = raycaster.render(LEVEL, pose)
+    points, normals = view.world(LEVEL, pose)[view.hit], view.normal[view.hit] @ pose[:3, :3].T
+    for beside in (0.27, -1.0):
+        eye = pose[:3, 3] + beside * pose[:3, 0]
+        by_ray, by_map = raycaster.seen_from(points, normals, eye), rasterizer.seen_from(points, normals, eye)
+        assert (by_map == by_ray).mean() > 0.98
+    assert (~by_ray).sum() > 100 and (~by_map & ~by_ray).sum() / (~by_map | ~by_ray).sum() > 0.6
+
+
+def test_an_eye_amid_the_points_sees_all_round(scene, rasterizer, raycaster):
+    rng = np.random.default_rng(0)
+    x, y = rng.uniform(-5, 5, (2, 3000))
+    points = np.stack([x, y, scene.terrain.height_at(x, y)], axis=1)
+    normals = scene.terrain.normal_at(x, y)
+    eye = np.array([0.0, 0.0, points[:, 2].max() + 1.0])
+    assert (rasterizer.seen_from(points, normals, eye) == raycaster.seen_from(points, normals, eye)).mean() > 0.95
+
+
+def test_no_points_are_no_error(rasterizer):
+    none = np.zeros((0, 3))
+    assert rasterizer.lit(none, none).shape == (0,)
+    assert rasterizer.seen_from(none, none, np.zeros(3)).shape == (0,)
+
+
+def test_a_plane_without_rocks_has_its_closed_form():
+    config = SceneConfig(size=8.0, horizon=12.0, rocks=RockConfig(k=0.0))
+    base = build_scene(config, np.random.default_rng(0))
+    for grid in (base.terrain.fine, base.terrain.coarse):
+        grid.heights[:] = 0.0
+    maker = Rasterizer(base)
+    pose = look_pose(np.array([0.0, 0.0, 1.2]), 0.4, np.deg2rad(30))
+    view = maker.render(SKEWED, pose)
+    down = SKEWED.rays() @ pose[:3, :3].T
+    hit = view.hit
+    assert hit.mean() > 0.5
+    assert np.allclose(view.depth[hit], (-1.2 / down[..., 2])[hit], rtol=1e-6)
+    assert maker.lit(view.world(SKEWED, pose)[hit], np.tile([0.0, 0.0, 1.0], (int(hit.sum()), 1))).all()
+    maker.close()
+
+
+def test_close_twice_and_use_after():
+    maker = Rasterizer(build_scene(SceneConfig(size=4.0, horizon=6.0), np.random.default_rng(0)))
+    maker.close()
+    maker.close()
+    with pytest.raises(RuntimeError, match="closed"):
+        maker.render(LEVEL, np.eye(4))
+
+
+def test_scenes_one_after_another_take_no_more_memory(scene):
+    resource = pytest.importorskip("resource")  # not on Windows
+    peaks = []
+    for _ in range(6):
+        maker = Rasterizer(scene)
+        maker.render(LEVEL, pose_over(scene, 0.0, 0.0, 0.0))
+        maker.lit(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]))  # builds every tile
+        maker.close()
+        peaks.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+    built = len(scene.rocks.vertices) + scene.terrain.fine.heights.size
+    assert (peaks[-1] - peaks[2]) * 1024 < 3 * 150 * built  # kept rows are about 600 bytes a vertex and scene

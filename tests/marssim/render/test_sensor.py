@@ -1,0 +1,126 @@
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from marssim.render.sensor import Sensor, SensorConfig
+
+CLEAN = Sensor(exposure=0.5, psf=0.0, full_well=1e12, read_noise=0.0, vignetting=0.0, gain_difference=0.0)
+
+
+def flat(value: float, side: int = 160) -> np.ndarray:
+    return np.full((side, side, 3), value, np.float32)
+
+
+def linear(image: np.ndarray) -> np.ndarray:
+    return (image / 255.0) ** 2.2
+
+
+@pytest.mark.parametrize("signal", [0.1, 0.5])
+@pytest.mark.parametrize(("full_well", "read_noise"), [(4000, 0), (4000, 14), (16000, 4), (8000, 60)])
+def test_noise_is_that_of_shot_and_read_noise(signal, full_well, read_noise):
+    sensor = replace(CLEAN, full_well=full_well, read_noise=read_noise)
+    image = sensor.expose(flat(signal), 1.0, np.random.default_rng(0)).astype(float)
+    spread = np.sqrt(signal * full_well + read_noise**2) / full_well
+    slope = 255 / 2.2 * signal ** (1 / 2.2 - 1)  # of the gamma curve, codes per full scale
+    assert image.std() == pytest.approx(np.hypot(slope * spread, np.sqrt(1 / 12)), rel=0.03)
+    assert image.mean() == pytest.approx(255 * signal ** (1 / 2.2), abs=0.6)
+    assert abs(np.corrcoef(image[:, :-1].ravel(), image[:, 1:].ravel())[0, 1]) < 0.02  # white
+
+
+def test_noise_is_the_generators():
+    sensor = replace(CLEAN, full_well=4000)
+    first, same, other = (sensor.expose(flat(0.3), 1.0, np.random.default_rng(seed)) for seed in (1, 1, 2))
+    assert np.array_equal(first, same) and not np.array_equal(first, other)
+
+
+@given(exposure=st.floats(0.2, 0.7), brightness=st.floats(0.01, 100))
+def test_exposure_brings_the_median_to_the_code_asked_for(exposure, brightness):
+    rng = np.random.default_rng(0)
+    radiance = (brightness * rng.uniform(0.7, 1.3, (40, 40, 1)) * np.ones(3)).astype(np.float32)
+    sensor = replace(CLEAN, exposure=exposure)
+    image = sensor.expose(radiance, sensor.gain(radiance, np.ones((40, 40), bool)), rng)
+    assert np.median(image) == pytest.approx(255 * exposure, abs=1)
+
+
+def test_highlights_of_the_ground_are_kept():
+    radiance = flat(0.1, 50)
+    radiance[:5] = 2.0  # a tenth of the ground, twenty times as bright
+    sensor = replace(CLEAN, exposure=0.6)
+    image = sensor.expose(radiance, sensor.gain(radiance, np.ones((50, 50), bool)), np.random.default_rng(0))
+    assert 200 < image[0, 0, 0] < 255
+
+
+def test_the_sky_is_not_metered_unless_there_is_little_else():
+    radiance, ground = flat(0.2, 50), np.zeros((50, 50), bool)
+    ground[25:] = True
+    brighter = radiance.copy()
+    brighter[:25] *= 7
+    assert CLEAN.gain(brighter, ground) == CLEAN.gain(radiance, ground)
+    only = np.zeros_like(ground)
+    only[-1, -1] = True
+    assert CLEAN.gain(brighter * 7, only) < CLEAN.gain(radiance, only)
+
+
+@given(loss=st.floats(0.05, 0.9))
+def test_vignetting_darkens_the_corners_by_its_share(loss):
+    image = linear(replace(CLEAN, vignetting=loss).expose(flat(0.8, 101), 1.0, np.random.default_rng(0)))
+    for corner in (image[0, 0], image[0, -1], image[-1, 0], image[-1, -1]):
+        assert np.allclose(corner / image[50, 50], 1 - loss, atol=0.01)
+    assert np.allclose(image[0, 50] / image[50, 50], 1 - loss / 2, atol=0.01)
+
+
+def test_point_spread():
+    radiance = flat(0.1, 40)
+    radiance[:, 20:] = 0.6
+    sharp = CLEAN.expose(radiance, 1.0, np.random.default_rng(0))
+    assert len(np.unique(sharp)) == 2
+    row = linear(replace(CLEAN, psf=0.6).expose(radiance, 1.0, np.random.default_rng(0)))[20, :, 0]
+    assert 0.1 < row[19] < 0.35 < row[20] < 0.6
+    assert (np.diff(row) > -1e-9).all()
+    assert row[19] + row[20] == pytest.approx(0.7, abs=0.01)  # an edge stays where it is
+    spread = np.diff(row)  # the derivative of an edge is the line spread
+    centre = np.arange(39) + 0.5
+    assert (spread * centre).sum() / spread.sum() == pytest.approx(19.5, abs=0.02)
+    assert (spread * (centre - 19.5) ** 2).sum() / spread.sum() == pytest.approx(0.6**2, rel=0.1)
+
+
+def test_black_and_white():
+    sensor = replace(CLEAN, full_well=4000, read_noise=4)
+    assert sensor.expose(flat(0.0), 1.0, np.random.default_rng(0)).max() < 30
+    bright = sensor.expose(flat(50.0), 1.0, np.random.default_rng(0))
+    assert bright.dtype == np.uint8 and bright.min() > 245
+
+
+def test_draws_lie_in_their_ranges_and_follow_the_seed():
+    config = SensorConfig()
+    for seed in range(20):
+        sensor = Sensor.draw(config, np.random.default_rng(seed))
+        for field in fields(SensorConfig):
+            low, high = getattr(config, field.name)
+            assert low <= getattr(sensor, field.name) <= high
+        assert sensor == Sensor.draw(config, np.random.default_rng(seed))
+    assert Sensor.draw(config, np.random.default_rng(0)) != Sensor.draw(config, np.random.default_rng(1))
+    assert Sensor.draw(SensorConfig(psf=(0.4, 0.4)), np.random.default_rng(0)).psf == 0.4
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("exposure", (0.6, 0.4)),
+        ("exposure", (0.0, 0.4)),
+        ("exposure", (0.5, 1.5)),
+        ("psf", (-0.1, 0.5)),
+        ("full_well", (0.0, 1.0)),
+        ("read_noise", (-1.0, 1.0)),
+        ("vignetting", (0.0, 1.1)),
+        ("gain_difference", (-1.0, 0.0)),
+        ("psf", (float("nan"), 0.5)),
+        ("full_well", (4000.0, float("inf"))),
+    ],
+)
+def test_what_no_detector_is_gets_refused(name, value):
+    with pytest.raises(ValueError, match=name):
+        SensorConfig(**{name: value})

@@ -1,0 +1,163 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from marssim.render.gbuffer import GROUND
+from marssim.render.shading import DUST_SCALE_HEIGHT, Shader
+from marssim.scene.rocks import RockConfig
+from marssim.scene.scene import Scene, SceneConfig, build_scene
+
+FOCAL = 600.0
+SMALL = SceneConfig(size=8.0, horizon=16.0, rocks=RockConfig(k=0.1))
+SCENE = build_scene(SMALL, np.random.default_rng(2))
+EYE = np.array([0.0, 0.0, 1.2])
+
+
+def towards(elevation_deg: float, azimuth_deg: float) -> np.ndarray:
+    elevation, azimuth = np.deg2rad([elevation_deg, azimuth_deg])
+    return np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+
+
+def shader(scene: Scene = SCENE, **look) -> Shader:
+    return Shader(replace(scene, look=replace(scene.look, **look)))
+
+
+def around(count: int = 500, near: float = 1.0, far: float = 6.0) -> np.ndarray:
+    """Points on level ground about the eye."""
+    rng = np.random.default_rng(0)
+    reach, angle = rng.uniform(near, far, count), rng.uniform(0, 2 * np.pi, count)
+    return np.stack([reach * np.cos(angle), reach * np.sin(angle), np.zeros(count)], axis=1)
+
+
+def level(maker: Shader, points: np.ndarray, lit: float = 1.0, eye: np.ndarray = EYE) -> np.ndarray:
+    up = np.tile([0.0, 0.0, 1.0], (len(points), 1))
+    return maker.surface(points, up, np.full(len(points), GROUND), eye, np.full(len(points), lit), FOCAL)
+
+
+@given(elevation=st.floats(10, 89), depth=st.floats(0.1, 2.0))
+def test_what_the_sun_reaches_is_brighter(elevation, depth):
+    maker = shader(sun=towards(elevation, 40), optical_depth=depth)
+    points = around()
+    dark, half, lit = (level(maker, points, share) for share in (0.0, 0.5, 1.0))
+    sunlit = (lit > dark).all(axis=1)  # a steep flank of the fine relief may turn away from a low sun
+    assert sunlit.mean() > 0.6 and (lit >= dark).all()
+    assert np.allclose(half, (lit + dark) / 2, atol=1e-5)
+    assert (dark > 0).all()  # shadows are filled by the sky
+
+
+@given(
+    elevation=st.floats(1, 90),
+    depth=st.floats(0, 3),
+    contrast=st.floats(0, 2),
+    strength=st.floats(0, 2),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_radiance_is_finite_and_sane(elevation, depth, contrast, strength, seed):
+    rng = np.random.default_rng(seed)
+    maker = shader(
+        sun=towards(elevation, 200), optical_depth=depth, albedo_contrast=contrast, texture_strength=strength
+    )
+    points = rng.normal(0, 5, (300, 3))
+    normals = rng.normal(size=(300, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals *= np.sign(np.einsum("ij,ij->i", normals, EYE - points))[:, None]
+    surface = rng.integers(0, len(SCENE.rocks) + 1, 300)
+    radiance = maker.surface(points, normals, surface, EYE, rng.uniform(0, 1, 300), FOCAL)
+    assert radiance.shape == (300, 3) and radiance.dtype == np.float32
+    assert np.isfinite(radiance).all() and (radiance >= 0).all()
+    assert radiance.max() < 3  # of a white surface under the sun at zenith
+
+
+def test_the_sky_is_brighter_near_the_sun_and_at_the_horizon():
+    maker = shader(sun=towards(30, 50))
+    at = np.stack([towards(30, azimuth) for azimuth in (50, 60, 90, 150, 230)])
+    assert (np.diff(maker.sky(at).mean(axis=1)) < 0).all()
+    up = np.stack([towards(elevation, 230) for elevation in (2, 15, 40)])
+    assert (np.diff(maker.sky(up).mean(axis=1)) < 0).all()
+    colour = maker.sky(np.stack([towards(e, a) for e in (1, 30, 80) for a in range(0, 360, 30)]))
+    assert (colour[:, 0] > colour[:, 1]).all() and (colour[:, 1] > colour[:, 2]).all()  # butterscotch
+
+
+def test_the_ground_scatters_back_to_where_the_light_comes_from():
+    maker = shader(sun=towards(25, 0), texture_strength=0.0, albedo_contrast=0.0)
+    up = np.array([[2.0, 0.0, 0.0], [-2.0, 0.0, 0.0]])  # looking towards the sun, and with the sun behind
+    against, along = level(maker, up)
+    assert (along > 1.1 * against).all()
+
+
+def test_light_follows_the_slope():
+    maker = shader(sun=towards(30, 0), texture_strength=0.0, albedo_contrast=0.0)
+    tilt = np.deg2rad([-20, 0, 20])
+    normals = np.stack([np.sin(tilt), 0 * tilt, np.cos(tilt)], axis=1)
+    points = np.tile([0.0, 2.0, 0.0], (3, 1))
+    radiance = maker.surface(points, normals, np.zeros(3, int), EYE, np.ones(3), FOCAL)
+    assert (np.diff(radiance, axis=0) > 0).all()
+
+
+def test_a_low_sun_is_redder_and_weaker():
+    high, low = (
+        level(shader(sun=towards(e, 0), texture_strength=0.0, albedo_contrast=0.0, optical_depth=0.8), around()).mean(0)
+        - level(
+            shader(sun=towards(e, 0), texture_strength=0.0, albedo_contrast=0.0, optical_depth=0.8), around(), 0.0
+        ).mean(0)
+        for e in (60, 12)
+    )
+    assert (low < high).all()
+    assert low[0] / low[2] > 1.1 * high[0] / high[2]
+
+
+def test_rocks_have_their_own_albedo():
+    dark, bright = np.argsort(SCENE.rocks.albedo)[[0, -1]]
+    maker = shader(sun=towards(40, 180), albedo_contrast=0.0, texture_strength=0.0)
+    faces = np.array([[-1.0, 0.0, 0.0]] * 2)  # too steep for dust to lie on
+    points = np.array([[2.0, 0.0, 0.3]] * 2)
+    colour = maker.surface(points, faces, np.array([dark + 1, bright + 1]), EYE, np.ones(2), FOCAL)
+    expected = SCENE.rocks.albedo[bright] / SCENE.rocks.albedo[dark]
+    assert np.allclose(colour[1] / colour[0], expected, rtol=0.02)
+    ground = maker.surface(points[:1], faces[:1], np.array([GROUND]), EYE, np.ones(1), FOCAL)[0]
+    assert ground[0] / ground[2] > 1.2 * colour[0, 0] / colour[0, 2]  # the ground is redder than bare rock
+
+
+def test_dust_in_the_air_takes_over_with_distance():
+    maker = shader(sun=towards(40, 10), optical_depth=1.0)
+    far = np.array([[0.0, DUST_SCALE_HEIGHT, 0.0], [0.0, 20 * DUST_SCALE_HEIGHT, 0.0]])
+    sky = maker.sky((far - EYE) / np.linalg.norm(far - EYE, axis=1, keepdims=True))
+    dark = level(maker, far, 0.0)
+    ground = (dark[0] - sky[0] * (1 - np.exp(-1))) / np.exp(-1)
+    assert ((ground > 0) & (ground < 0.2)).all()  # Beer and Lambert: 1 / e is left after an optical depth of one
+    assert np.allclose(dark[1], sky[1], atol=1e-5)
+
+
+def test_the_same_seed_gives_the_same_light():
+    points = around()
+    first, same, other = (level(Shader(build_scene(SMALL, np.random.default_rng(seed))), points) for seed in (7, 7, 8))
+    assert np.array_equal(first, same) and not np.allclose(first, other)
+    assert not np.allclose(level(shader(texture_seed=1), points), level(shader(texture_seed=2), points))
+
+
+def test_texture_is_as_strong_as_asked_for():
+    points = np.random.default_rng(1).uniform(-0.4, 0.4, (4000, 3)) * [1, 1, 0] + [2, 0, 0]
+    spread = [
+        (lambda colour: colour.std() / colour.mean())(
+            level(shader(sun=towards(40, 0), texture_strength=s, albedo_contrast=s), points)[:, 0]
+        )
+        for s in (0.0, 0.4, 1.2)
+    ]
+    assert spread[0] < 0.08 and spread[1] > 2 * spread[0] and spread[2] > 1.7 * spread[1]
+
+
+def test_both_eyes_see_one_world():
+    points = around(2000, 2.0, 6.0)
+    left, right = level(shader(), points), level(shader(), points, eye=EYE + np.array([0.27, 0, 0]))
+    assert np.abs(right / left - 1).mean() < 0.02 < left.std() / left.mean()
+    assert np.corrcoef(left[:, 0], right[:, 0])[0, 1] > 0.98
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_few_points_are_no_error(count):
+    maker = shader()
+    assert maker.sky(np.zeros((count, 3)) + np.array([0.0, 0.0, 1.0])).shape == (count, 3)
+    assert level(maker, around(count)).shape == (count, 3)

@@ -1,0 +1,159 @@
+"""The two images of a pair against the ground truth that goes with them."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from marssim.camera import NATECAM, look_pose
+from marssim.render.gbuffer import SKY
+from marssim.render.raycast import Raycaster
+from marssim.render.sensor import Sensor
+from marssim.render.shading import Shader
+from marssim.render.stereo import StereoFrame, radiance, render_stereo
+from marssim.scene.rocks import RockConfig
+from marssim.scene.scene import Scene, SceneConfig, build_scene
+
+RIG = NATECAM.resized(160, 160)
+CLEAN = Sensor(exposure=0.5, psf=0.0, full_well=1e12, read_noise=0.0, vignetting=0.0, gain_difference=0.0)
+NOISY = replace(CLEAN, full_well=4000.0, read_noise=14.0)
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return build_scene(SceneConfig(size=10.0, horizon=20.0, rocks=RockConfig(k=0.1)), np.random.default_rng(11))
+
+
+@pytest.fixture(scope="module")
+def maker(scene):
+    maker = Raycaster(scene)
+    yield maker
+    maker.close()
+
+
+@pytest.fixture(scope="module")
+def pose(scene) -> np.ndarray:
+    height = float(scene.terrain.height_at(np.array(-1.0), np.array(0.5)))
+    return look_pose(np.array([-1.0, 0.5, height + 1.2]), 0.9, np.deg2rad(18), 0.06)
+
+
+def pair(scene, maker, pose, sensor=CLEAN, seed=0) -> StereoFrame:
+    return render_stereo(maker, Shader(scene), RIG, pose, sensor, np.random.default_rng(seed))
+
+
+@pytest.fixture(scope="module")
+def frame(scene, maker, pose) -> StereoFrame:
+    return pair(scene, maker, pose)
+
+
+def warped(image: np.ndarray, disparity: np.ndarray) -> np.ndarray:
+    """The right image as the left eye would see it: float, NaN-free, borders repeated."""
+    v, u = np.indices(disparity.shape, dtype=np.float32)
+    moved = cv2.remap(image.astype(np.float32), u - disparity, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    return moved
+
+
+def comparable(frame: StereoFrame) -> np.ndarray:
+    """(H, W) bool: seen by both eyes, and two pixels off every edge of depth and every occlusion."""
+    inverse = frame.disparity
+    kernel = np.ones((5, 5), np.uint8)
+    step = cv2.dilate(inverse, kernel) - cv2.erode(inverse, kernel) > 0.15 * inverse + 0.5
+    hidden = cv2.dilate((frame.occluded | (frame.surface == SKY)).astype(np.uint8), kernel) > 0
+    ids = frame.surface.astype(np.float32)
+    edge = cv2.dilate(ids, kernel) != cv2.erode(ids, kernel)
+    inside = np.arange(RIG.camera.width) - frame.disparity >= 2
+    return ~step & ~hidden & ~edge & inside
+
+
+def test_the_right_image_moved_by_the_disparity_is_the_left_one(frame):
+    where = comparable(frame)
+    assert where.mean() > 0.25
+    left = frame.left.astype(float)[where]
+    off = np.abs(warped(frame.right, frame.disparity)[where] - left).mean()
+    wrong = [np.abs(warped(frame.right, frame.disparity + step)[where] - left).mean() for step in (-1, -0.5, 0.5, 1)]
+    assert off < 4  # of 255: finest texture, resampled
+    assert off < 0.8 * min(wrong[1:3]) and off < 0.6 * min(wrong[0], wrong[3])
+
+
+def test_with_noise_they_differ_by_no_more_than_noise(scene, maker, pose, frame):
+    noisy = pair(scene, maker, pose, NOISY)
+    where = comparable(frame) & (frame.left.min(axis=-1) > 30)
+
+    def residual(image: StereoFrame) -> np.ndarray:
+        return warped(image.right, frame.disparity)[where] - image.left[where]
+
+    x = (frame.left[where] / 255.0) ** 2.2
+    spread = 255 / 2.2 * x ** (1 / 2.2 - 1) * np.sqrt(x * 4000 + 14**2) / 4000  # of one image, codes
+    expected = np.sqrt((2 * spread**2).mean() + (residual(frame) ** 2).mean())
+    assert residual(noisy).std() < 1.1 * expected
+    assert residual(noisy).std() > 1.2 * residual(frame).std()  # and there is noise in each eye of its own
+
+
+def test_occlusion_is_what_the_depth_of_the_right_view_says(maker, pose, frame):
+    fine = RIG.resized(RIG.camera.width * 4, RIG.camera.height * 4).camera
+    right = maker.render(fine, RIG.right_pose(pose))
+    hit = frame.surface != SKY
+    points = RIG.camera.unproject(np.where(hit, frame.depth, 1.0)) - [RIG.baseline, 0, 0]
+    at = fine.project(points)
+    inside = hit & (at[..., 0] >= -0.5 - 1.5)  # half a pixel of the coarse image, as the fine one counts
+    u, v = (np.clip(np.round(np.nan_to_num(at[..., k])), 0, 4 * 160 - 1).astype(int) for k in (0, 1))
+    depth, kernel = np.where(np.isfinite(right.depth), right.depth, 1e4), np.ones((3, 3), np.uint8)
+    ids = right.surface.astype(np.float32)
+    one = cv2.dilate(ids, kernel) == cv2.erode(ids, kernel)
+    # behind all that the right eye sees thereabouts; amid a surface that is the pixel's own, at the pixel's own depth
+    hidden = hit & (~inside | (frame.depth > 1.002 * cv2.dilate(depth, kernel)[v, u]))
+    near = np.abs(depth[v, u] / np.where(hit, frame.depth, 1) - 1) < 0.01
+    free = inside & one[v, u] & (right.surface[v, u] == frame.surface) & near
+    assert (hidden == frame.occluded).mean() > 0.99
+    assert (hidden & inside).sum() > 80 and free.mean() > 0.3, "the view decides too little"
+    assert (hidden & ~frame.occluded).sum() <= 2
+    assert (free & frame.occluded).sum() <= 0.003 * free.sum()
+
+
+def test_disparity_is_that_of_the_depth_and_the_sky_has_none(frame):
+    sky = frame.surface == SKY
+    assert 0.02 < sky.mean() < 0.6
+    assert np.allclose(frame.disparity[~sky] * frame.depth[~sky], RIG.fb, rtol=1e-5)
+    assert not frame.disparity[sky].any() and np.isinf(frame.depth[sky]).all()
+    assert not frame.occluded[sky].any() and not frame.normal[sky].any()
+    beyond = ~sky & (np.arange(RIG.camera.width) - frame.disparity < -0.5)
+    assert beyond.sum() > 100 and frame.occluded[beyond].all()
+
+
+def test_ground_truth_does_not_depend_on_the_detector(scene, maker, pose, frame):
+    first, same, other = (pair(scene, maker, pose, NOISY, seed) for seed in (1, 1, 2))
+    assert np.array_equal(first.left, same.left) and np.array_equal(first.right, same.right)
+    assert not np.array_equal(first.left, other.left)
+    for name in ("depth", "disparity", "normal", "surface", "occluded", "pose"):
+        assert np.array_equal(getattr(first, name), getattr(frame, name))
+
+
+def test_gain_difference_is_the_right_eyes(scene, maker, pose, frame):
+    brighter = pair(scene, maker, pose, replace(CLEAN, gain_difference=0.1))
+    assert np.array_equal(brighter.left, frame.left)
+    middle = (frame.right > 40) & (frame.right < 200)
+    ratio = (brighter.right[middle] / 255.0) ** 2.2 / (frame.right[middle] / 255.0) ** 2.2
+    assert np.median(ratio) == pytest.approx(1.1, abs=0.01)
+
+
+class PixelCentresOnly:
+    """A maker that cannot look between pixels."""
+
+    def __init__(self, maker: Raycaster) -> None:
+        self.render, self.lit, self.seen_from, self.close = maker.render, maker.lit, maker.seen_from, maker.close
+
+
+def test_edges_are_smoothed(scene, maker, pose):
+    """Against the same view at four times the resolution, averaged over blocks."""
+    shader, camera = Shader(scene), RIG.camera
+    fine = camera.resized(camera.width * 4, camera.height * 4)
+    # the footprint of the fine camera would show finer texture
+    fine_image = radiance(PixelCentresOnly(maker), shader, fine, pose, maker.render(fine, pose))
+    truth = fine_image.reshape(camera.height, 4, camera.width, 4, 3).mean(axis=(1, 3))
+    view = maker.render(camera, pose)
+    surface = view.surface.astype(np.float32)
+    silhouette = cv2.dilate(surface, np.ones((3, 3), np.uint8)) != cv2.erode(surface, np.ones((3, 3), np.uint8))
+    smooth = np.abs(radiance(maker, shader, camera, pose, view) - truth)[silhouette].mean()
+    jagged = np.abs(radiance(PixelCentresOnly(maker), shader, camera, pose, view) - truth)[silhouette].mean()
+    assert smooth < 0.6 * jagged

@@ -1,0 +1,123 @@
+import pickle
+from dataclasses import fields, is_dataclass, replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from marssim.scene.rocks import RockConfig
+from marssim.scene.scene import PRESETS, LookConfig, SceneConfig, build_scene, draw_look, preset
+
+SMALL = SceneConfig(size=8.0, horizon=16.0, rocks=RockConfig(k=0.1))
+
+
+def small(seed: int, **changes):
+    return build_scene(replace(SMALL, **changes), np.random.default_rng(seed))
+
+
+def assert_equal(a: object, b: object) -> None:
+    if is_dataclass(a):
+        for field in fields(a):
+            assert_equal(getattr(a, field.name), getattr(b, field.name))
+    else:
+        assert np.array_equal(a, b)
+
+
+def test_the_same_seed_gives_the_same_scene():
+    scene = small(4)
+    assert_equal(scene, small(4))
+    other = small(5)
+    assert not np.array_equal(scene.terrain.fine.heights, other.terrain.fine.heights)
+    assert not np.array_equal(scene.look.sun, other.look.sun)
+
+
+def test_rocks_do_not_change_the_ground_nor_the_light():
+    few, many = small(4, rocks=RockConfig(k=0.02)), small(4, rocks=RockConfig(k=0.2))
+    assert len(few.rocks) < len(many.rocks)
+    assert_equal(few.terrain, many.terrain)
+    assert_equal(few.look, many.look)
+
+
+def test_a_scene_is_plain_data_that_travels_between_processes():
+    scene = small(4)
+    assert_equal(pickle.loads(pickle.dumps(scene)), scene)
+
+
+def test_rocks_stand_on_the_ground_within_the_scene():
+    scene = small(1)
+    rocks = scene.rocks
+    assert len(rocks) > 100 and scene.half == pytest.approx(4.0)
+    assert np.abs(rocks.centre[:, :2]).max() <= SMALL.horizon
+    ground = scene.terrain.height_at(rocks.centre[:, 0], rocks.centre[:, 1])
+    top = np.full(len(rocks), -np.inf)
+    np.maximum.at(top, rocks.face_rock, rocks.vertices[rocks.faces].max(axis=1)[:, 2])
+    assert np.allclose(top - ground, rocks.height, atol=1e-6)
+
+
+@pytest.mark.parametrize("radius", [1.0, 2.5])
+def test_discs_stay_clear_of_rocks(radius):
+    discs = ((0.0, 0.0, radius), (-2.5, 1.0, 1.0))
+    scene = build_scene(SMALL, np.random.default_rng(2), discs)
+    large = scene.rocks.diameter >= 0.1
+    for x, y, r in discs:
+        gap = np.hypot(scene.rocks.centre[:, 0] - x, scene.rocks.centre[:, 1] - y) - scene.rocks.diameter / 2
+        assert (gap[large] > r).all()
+    assert large.sum() > 10
+
+
+def test_presets_are_those_promised():
+    assert {name: preset(name).rocks.k for name in PRESETS} == {
+        "utopia": 0.033,
+        "gusev": 0.05,
+        "gale": 0.07,
+        "jezero": 0.15,
+        "hard": 0.20,
+    }
+    for name in PRESETS:
+        assert preset(name).preset == name
+    assert preset("gale", size=8.0).size == 8.0 and preset("gale", size=8.0).rocks == preset("gale").rocks
+    with pytest.raises(ValueError, match=r"'olympus'.*utopia, gusev"):
+        preset("olympus")
+
+
+@given(
+    elevation=st.tuples(st.floats(0.1, 90), st.floats(0.1, 90)).map(sorted),
+    azimuth=st.tuples(st.floats(-360, 720), st.floats(-360, 720)).map(sorted),
+    seed=st.integers(0, 100),
+)
+def test_the_sun_stands_where_it_was_asked_to(elevation, azimuth, seed):
+    config = LookConfig(sun_elevation_deg=tuple(elevation), sun_azimuth_deg=tuple(azimuth))
+    look = draw_look(config, np.random.default_rng(seed))
+    assert np.linalg.norm(look.sun) == pytest.approx(1)
+    assert elevation[0] - 1e-5 <= np.rad2deg(look.sun_elevation) <= elevation[1] + 1e-5
+    if elevation[1] < 89:
+        turn = (np.rad2deg(np.arctan2(look.sun[1], look.sun[0])) - azimuth[0]) % 360
+        assert turn <= azimuth[1] - azimuth[0] + 1e-5 or turn >= 360 - 1e-5
+    assert 0.3 <= look.optical_depth <= 1.0 and 0.3 <= look.albedo_contrast <= 1.3
+
+
+def test_a_range_of_one_value_is_that_value():
+    config = LookConfig(optical_depth=(0.5, 0.5), texture_strength=(1.0, 1.0))
+    look = draw_look(config, np.random.default_rng(0))
+    assert look.optical_depth == 0.5 and look.texture_strength == 1.0
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("sun_elevation_deg", (0.0, 30.0)),
+        ("sun_elevation_deg", (50.0, 95.0)),
+        ("sun_elevation_deg", (60.0, 30.0)),
+        ("optical_depth", (1.0, 0.5)),
+        ("albedo_contrast", (float("nan"), 1.0)),
+    ],
+)
+def test_impossible_ranges_are_refused(name, value):
+    with pytest.raises(ValueError, match=name):
+        LookConfig(**{name: value})
+
+
+def test_sizes_that_make_no_scene_are_refused():
+    with pytest.raises(ValueError, match="size"):
+        small(0, size=40.0)

@@ -1,0 +1,24 @@
+"""Elevation maps that are drawn, not measured."""
+
+import numpy as np
+
+from marssim.rover_spec import ZHURONG
+from nav.elevation import ElevationConfig, ElevationMap
+from nav.traversability import TraversabilityConfig, assess
+
+SMALL = ElevationConfig(size=16.0)
+
+
+def scene(rocks=(), seen=None):
+    """A flat map with square rocks (x, y, half-width), seen where `seen`(x, y) says, and its traversability."""
+    elevation = ElevationMap(SMALL)
+    x, y = elevation.centres()
+    x, y = np.meshgrid(x, y)
+    z = np.zeros_like(x)
+    for rx, ry, half in rocks:
+        z[(np.abs(x - rx) < half) & (np.abs(y - ry) < half)] = 0.6
+    if seen is not None:
+        z[~seen(x, y)] = np.nan
+    elevation.top = elevation.low = z.astype(np.float32)
+    elevation.weight = np.isfinite(z).astype(np.float32)
+    return elevation, assess(elevation, ZHURONG, TraversabilityConfig())

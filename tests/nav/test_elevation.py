@@ -1,0 +1,142 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rock_world import SMALL_RIG, RockWorld, body_pose
+
+from marssim.camera import look_pose
+from marssim.rover_spec import ZHURONG
+from nav.elevation import ElevationConfig, ElevationMap, flying_pixels
+
+SMALL = ElevationConfig(size=24.0)
+
+
+def look(elevation, world, pose, confidence=None, pan=0.0):
+    camera = pose @ ZHURONG.mount.left_eye(SMALL_RIG.baseline, pan)
+    return elevation.integrate(world.depth(SMALL_RIG, camera), confidence, SMALL_RIG, camera)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.floats(-0.15, 0.15), st.floats(-0.15, 0.15), st.floats(-3, 3))
+def test_map_of_a_plane_is_the_plane(slope_x, slope_y, yaw):
+    elevation = ElevationMap(SMALL)
+    camera = look_pose([0.3, -0.2, 1.2], yaw, np.deg2rad(20))
+    elevation.integrate(RockWorld(slope=(slope_x, slope_y)).depth(SMALL_RIG, camera), None, SMALL_RIG, camera)
+    x, y = elevation.centres()
+    plane = slope_x * x[None, :] + slope_y * y[:, None]
+    known = elevation.known
+    assert known.sum() > 500
+    # Inside a cell the plane itself rises by up to slope x cell.
+    tolerance = 0.05 * (abs(slope_x) + abs(slope_y)) + 0.002
+    assert np.abs(elevation.top - plane)[known].max() < tolerance
+    assert np.abs(elevation.low - plane)[known].max() < tolerance
+
+
+def test_only_what_the_camera_sees_becomes_known():
+    elevation = ElevationMap(SMALL)
+    look(elevation, RockWorld(), body_pose(0, 0, 0))
+    x, y = elevation.centres()
+    bearing = np.abs(np.arctan2(y[:, None], x[None, :] - ZHURONG.mount.x))
+    ahead = x[None, :] - ZHURONG.mount.x + 0 * y[:, None]
+    assert not elevation.known[(bearing > np.deg2rad(36)) & (ahead > 1)].any()
+    assert not elevation.known[ahead < 1.1].any()
+    assert elevation.known[(bearing < np.deg2rad(20)) & (ahead > 1.5) & (ahead < 4)].mean() > 0.97
+
+
+def test_a_rock_keeps_its_height_and_hides_what_is_behind():
+    elevation = ElevationMap(SMALL)
+    look(elevation, RockWorld(boxes=np.array([[4.0, 0.0, 0.3, 0.3, 0.6]])), body_pose(0, 0, 0))
+    ix, iy = elevation.cell_of(np.array([3.7, 0.0]))
+    assert 0.5 < elevation.top[iy, ix - 1 : ix + 2].max() < 0.61
+    # The shadow is 0.6 / (1.2 - 0.6) times the distance long.
+    for behind in (4.6, 5.5, 6.5):
+        bx, by = elevation.cell_of(np.array([behind, 0.0]))
+        assert not elevation.known[by, bx]
+
+
+def test_rock_does_not_melt_over_many_looks():
+    elevation, world = ElevationMap(SMALL), RockWorld(domes=np.array([[5.0, 0.2, 0.4, 0.4]]))
+    for x in np.arange(0, 2.4, 0.4):
+        look(elevation, world, body_pose(x, 0, 0))
+    ix, iy = elevation.cell_of(np.array([5.0, 0.2]))
+    assert np.nanmax(elevation.top[iy - 4 : iy + 5, ix - 4 : ix + 5]) > 0.35
+
+
+def test_a_stray_far_point_fades_when_seen_from_near():
+    elevation, camera = ElevationMap(SMALL), body_pose(0, 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline)
+    depth = RockWorld().depth(SMALL_RIG, camera)
+    far = np.argwhere((depth > 7.9) & (depth < 8.1))[:, 0].max()
+    depth[far - 12 : far, 90:100] = 8.0
+    elevation.integrate(depth, None, SMALL_RIG, camera)
+    assert np.nanmax(elevation.top) > 0.2
+    for x in (3.0, 3.4, 3.8, 4.2, 4.6):
+        look(elevation, RockWorld(), body_pose(x, 0, 0))
+    assert np.nanmax(elevation.top) < 0.08
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_no_depth_makes_nothing_known(value):
+    elevation = ElevationMap(SMALL)
+    depth = np.full((192, 192), value, np.float32)
+    assert elevation.integrate(depth, None, SMALL_RIG, body_pose(0, 0, 0)) == 0
+    assert not elevation.known.any()
+
+
+def test_nan_pixels_stay_unknown_and_low_confidence_too():
+    camera = body_pose(0, 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline)
+    depth = RockWorld().depth(SMALL_RIG, camera)
+    holed = depth.copy()
+    holed[:, :96] = np.nan
+    confidence = np.ones_like(depth)
+    confidence[:, :96] = 0.1
+    for d, c in ((holed, None), (depth, confidence)):
+        elevation = ElevationMap(SMALL)
+        elevation.integrate(d, c, SMALL_RIG, camera)
+        _, y = elevation.centres()
+        assert elevation.known[y < -0.2].any()
+        assert not elevation.known[y > 0.2].any()
+
+
+def test_flying_pixels_are_edges_not_ground():
+    world = RockWorld(boxes=np.array([[4.0, 0.0, 0.3, 0.3, 0.6]]))
+    camera = body_pose(0, 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline)
+    near = world.depth(SMALL_RIG, camera) < 12
+    flat = flying_pixels(RockWorld().depth(SMALL_RIG, camera), SMALL_RIG.fb, 1.0)
+    assert not flat[60:].any()
+    assert flying_pixels(world.depth(SMALL_RIG, camera), SMALL_RIG.fb, 1.0)[near].any()
+
+
+def test_scrolling_keeps_heights_where_they_are_in_the_world():
+    elevation, world = ElevationMap(SMALL), RockWorld(slope=(0.1, -0.05))
+    camera = look_pose([0, 0, 1.2], 0.0, np.deg2rad(20))
+    elevation.integrate(world.depth(SMALL_RIG, camera), None, SMALL_RIG, camera)
+    before = elevation.known.sum()
+    assert elevation.recentre(np.array([6.0, 1.0]))
+    x, y = elevation.centres()
+    known = elevation.known
+    assert known.sum() == before
+    plane = 0.1 * x[None, :] - 0.05 * y[:, None]
+    assert np.abs(elevation.top - plane)[known].max() < 0.02 and np.abs(elevation.low - plane)[known].max() < 0.02
+    assert elevation.recentre(np.array([500.0, 500.0])) and not elevation.known.any()
+    assert not elevation.recentre(np.array([501.0, 499.0]))
+
+
+def test_measurements_replace_the_assumed_ground():
+    elevation = ElevationMap(SMALL)
+    raised = body_pose(0, 0, 0)
+    raised[2, 3] = 0.5
+    elevation.assume_flat(raised, 4.0)
+    assert np.nanmin(elevation.top) == pytest.approx(0.5)
+    look(elevation, RockWorld(), body_pose(0, 0, 0))
+    ix, iy = elevation.cell_of(np.array([3.0, 0.0]))
+    assert elevation.top[iy, ix] == pytest.approx(0, abs=0.01) and elevation.low[iy, ix] == pytest.approx(0, abs=0.01)
+
+
+def test_shapes_are_checked():
+    elevation = ElevationMap(SMALL)
+    with pytest.raises(ValueError, match="192"):
+        elevation.integrate(np.ones((10, 10)), None, SMALL_RIG, np.eye(4))
+    with pytest.raises(ValueError, match="confidence"):
+        elevation.integrate(np.ones((192, 192)), np.ones((5, 5)), SMALL_RIG, np.eye(4))
+    with pytest.raises(ValueError, match="cell"):
+        ElevationConfig(cell=0)

@@ -1,0 +1,142 @@
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from rock_world import SMALL_RIG, RockWorld, body_pose
+
+from marssim.rover_spec import ZHURONG
+from nav import ElevationConfig, Navigator, NavigatorConfig
+from nav.planner import arc_poses
+
+GOAL = np.array([20.0, 0.0])
+# Smaller than the drive, so that the map scrolls and the goal lies outside it at first; and quicker.
+SMALL = NavigatorConfig(elevation=ElevationConfig(size=24.0, recentre_at=8.0))
+
+
+def random_rocks(seed, count=15):
+    """Rocks on the way from (0, 0) to GOAL, which are clear within 2.5 m."""
+    rng, rocks = np.random.default_rng(seed), []
+    while len(rocks) < count:
+        height = rng.uniform(0.3, 0.6)
+        rock = [rng.uniform(1, 19), rng.uniform(-4, 4), height * rng.uniform(0.9, 1.2), height]
+        if np.hypot(*rock[:2]) > 2.5 + rock[2] and np.hypot(rock[0] - 20, rock[1]) > 2.5 + rock[2]:
+            rocks.append(rock)
+    return RockWorld(np.array(rocks))
+
+
+def drive(world, goal=GOAL, yaw=0.0, steps=120, mast=True, blocked_at=None):
+    """Drive a unicycle; returns the last status, the poses, the commands and whether a rock was touched. A mast that
+    is stuck looks ahead; blocked_at: x where an invisible wall, 2 m wide, stops the rover's centre."""
+    navigator, here, pan = Navigator(config=SMALL), np.array([0.0, 0.0, yaw]), 0.0
+    track, commands = [here], []
+    for _ in range(steps):
+        pose = body_pose(*here)
+        depth = world.depth(SMALL_RIG, pose @ ZHURONG.mount.left_eye(SMALL_RIG.baseline, pan))
+        command = navigator.step(depth, None, SMALL_RIG, pose, goal, pan)
+        commands.append(command)
+        assert abs(command.speed) <= ZHURONG.max_speed + 1e-9 and abs(command.yaw_rate) <= ZHURONG.max_yaw_rate + 1e-9
+        if command.status in ("arrived", "stuck", "no_path"):
+            break
+        pan = (command.pan or 0.0) if mast else 0.0
+        for _ in range(4):
+            if command.speed:
+                new = arc_poses(here, np.array(command.yaw_rate / command.speed), np.array([command.speed * 0.5]))[0]
+            else:
+                new = here + np.array([0, 0, command.yaw_rate * 0.5])
+            if blocked_at is not None and blocked_at < new[0] < blocked_at + 0.5 and abs(new[1]) < 1.0:
+                continue
+            here = new
+            track.append(here)
+            if world.touches(*here, ZHURONG.length, ZHURONG.width):
+                return "touched", np.array(track), commands
+    return commands[-1].status, np.array(track), commands
+
+
+def test_arrives_among_rocks_without_touching_one():
+    outcomes = [drive(random_rocks(seed))[0] for seed in range(3)]
+    assert "touched" not in outcomes
+    assert outcomes.count("arrived") >= 2
+
+
+def test_drives_straight_where_nothing_is():
+    status, track, commands = drive(RockWorld(), goal=np.array([8.0, 0.0]))
+    assert status == "arrived"
+    assert len(commands) <= 7.0 / 0.4 + 4
+    assert np.abs(track[:, 1]).max() < 0.3
+
+
+def test_a_goal_behind_without_a_mast_that_pans():
+    status, track, _ = drive(RockWorld(), goal=np.array([-6.0, 1.0]), mast=False, steps=50)
+    assert status == "arrived"
+    assert np.abs(track[:, 0]).max() < 7
+
+
+def test_looks_where_it_is_going_to_turn():
+    _, _, commands = drive(RockWorld(), goal=np.array([0.0, 8.0]), steps=4)
+    pans = [c.pan for c in commands if c.pan is not None]
+    assert pans and max(pans) > np.deg2rad(15) and min(pans) > -np.deg2rad(15)
+
+
+def test_backs_out_of_a_dead_end():
+    wall = [[5.0, y, 0.4, 0.5] for y in np.arange(-2.8, 2.9, 0.5)]
+    sides = [[x, y, 0.4, 0.5] for x in np.arange(3.0, 5.0, 0.5) for y in (-2.8, 2.8)]
+    status, _, _ = drive(RockWorld(np.array(wall + sides)), goal=np.array([10.0, 0.0]), steps=150)
+    assert status == "arrived"
+
+
+def test_walled_in_it_gives_up_and_says_why():
+    ring = [[3.2 * np.cos(a), 3.2 * np.sin(a), 0.5, 0.6] for a in np.linspace(0, 2 * np.pi, 32)]
+    status, _, commands = drive(RockWorld(np.array(ring)), steps=150)
+    assert status == "no_path"
+    assert commands[-1].speed == 0 and commands[-1].yaw_rate == 0
+
+
+def test_an_invisible_wall_is_felt_and_driven_round():
+    status, track, commands = drive(RockWorld(), goal=np.array([8.0, 0.0]), blocked_at=3.0, steps=100)
+    assert any(c.status == "recover" and c.speed < 0 for c in commands)
+    assert status == "arrived"
+    assert np.abs(track[:, 1]).max() > 0.9
+
+
+@pytest.mark.parametrize("depth", [None, np.full((192, 192), np.nan), np.full((192, 192), np.inf)])
+def test_blind_rovers_stand(depth):
+    command = Navigator().step(depth, None, SMALL_RIG, body_pose(0, 0, 0), GOAL)
+    assert (command.speed, command.yaw_rate, command.status) == (0.0, 0.0, "blind")
+
+
+def test_arrived_within_the_radius_and_not_before():
+    navigator = Navigator()
+    assert navigator.step(None, None, SMALL_RIG, body_pose(19.1, 0, 0), GOAL).status == "arrived"
+    navigator.reset()
+    assert navigator.step(None, None, SMALL_RIG, body_pose(18.9, 0, 0), np.append(GOAL, 3.0)).status != "arrived"
+
+
+def test_reset_starts_afresh():
+    world, navigator = RockWorld(domes=np.array([[5.0, 0.3, 0.5, 0.5]])), Navigator()
+    pose = body_pose(0, 0, 0)
+    depth = world.depth(SMALL_RIG, pose @ ZHURONG.mount.left_eye(SMALL_RIG.baseline))
+    first = navigator.step(depth, None, SMALL_RIG, pose, GOAL)
+    navigator.step(depth, None, SMALL_RIG, body_pose(1, 2, 1), GOAL)
+    navigator.reset()
+    assert navigator.step(depth, None, SMALL_RIG, pose, GOAL) == first
+
+
+def test_wrong_input_is_named():
+    with pytest.raises(ValueError, match="pose"):
+        Navigator().step(None, None, SMALL_RIG, np.full((4, 4), np.nan), GOAL)
+    with pytest.raises(ValueError, match="goal"):
+        Navigator().step(None, None, SMALL_RIG, np.eye(4), np.array([np.inf, 0]))
+
+
+def test_config_is_honoured():
+    navigator = Navigator(config=NavigatorConfig(goal_radius=3.0))
+    assert navigator.step(None, None, SMALL_RIG, body_pose(17.5, 0, 0), GOAL).status == "arrived"
+
+
+def test_importing_nav_loads_neither_simulator_nor_torch():
+    code = (
+        "import sys, nav; print([m for m in ('pybullet', 'torch', 'm3depth', 'envs', 'gymnasium') if m in sys.modules])"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == "[]"

@@ -1,0 +1,91 @@
+import numpy as np
+import pytest
+from flat_map import scene
+from hypothesis import given
+from hypothesis import strategies as st
+
+from marssim.rover_spec import ZHURONG
+from nav.planner import Planner, PlannerConfig, arc_poses, footprint_discs, free_length
+
+CONFIG = PlannerConfig()
+
+
+def plan(elevation, ground, goal, pose=(0.0, 0.0, 0.0)):
+    planner = Planner(ZHURONG, CONFIG, elevation)
+    goal = np.asarray(goal, float)
+    planner.field.update(elevation, ground, goal)
+    return planner.plan(elevation, ground, np.asarray(pose, float), goal)
+
+
+@given(st.floats(-1.2, 1.2), st.floats(-3, 3), st.floats(-1, 4))
+def test_arcs_are_what_driving_them_gives(curvature, yaw, distance):
+    end = arc_poses(np.array([0.5, -0.5, yaw]), np.array(curvature), np.array([distance]))[0]
+    heading = yaw + curvature * (np.arange(2000) + 0.5) / 2000 * distance
+    x = 0.5 + np.cos(heading).mean() * distance
+    y = -0.5 + np.sin(heading).mean() * distance
+    np.testing.assert_allclose(end, [x, y, yaw + curvature * distance], atol=1e-5)
+
+
+def test_discs_cover_the_footprint():
+    centres, radius = footprint_discs(ZHURONG)
+    x, y = np.meshgrid(np.linspace(-1, 1, 41) * ZHURONG.length / 2, np.linspace(-1, 1, 41) * ZHURONG.width / 2)
+    assert (np.hypot(x[..., None] - centres[:, 0], y[..., None] - centres[:, 1]).min(-1) <= radius + 1e-9).all()
+    assert np.abs(centres).max(0)[1] + radius < ZHURONG.width / 2 + 0.07
+    assert np.abs(centres).max(0)[0] + radius < ZHURONG.length / 2 + 0.09
+
+
+@pytest.mark.parametrize("side", [-0.6, 0.0, 0.6])
+def test_arcs_through_rocks_are_rejected(side):
+    elevation, ground = scene([(3.0, side, 0.25)])
+    poses = arc_poses(np.zeros(3), np.zeros(1), np.arange(0, 4.01, 0.2))
+    free = free_length(poses, 0.2, elevation, ground, ZHURONG, CONFIG)[0]
+    # The front wheels stand 0.8 m ahead of the centre, the rock begins at 2.75 m.
+    assert 1.4 <= free <= 2.75 - 0.8
+
+
+def test_wide_gaps_pass_and_narrow_ones_do_not():
+    for gap, passes in ((1.3, False), (2.2, True)):
+        elevation, ground = scene([(3.0, gap / 2 + 0.3, 0.3), (3.0, -gap / 2 - 0.3, 0.3)])
+        poses = arc_poses(np.zeros(3), np.zeros(1), np.arange(0, 4.01, 0.2))
+        assert (free_length(poses, 0.2, elevation, ground, ZHURONG, CONFIG)[0] >= 3.8) == passes
+
+
+def test_unseen_ground_ends_an_arc():
+    elevation, ground = scene(seen=lambda x, y: x < 3.0)
+    poses = arc_poses(np.zeros(3), np.zeros(1), np.arange(0, 4.01, 0.2))
+    assert free_length(poses, 0.2, elevation, ground, ZHURONG, CONFIG)[0] <= 2.2
+
+
+def test_a_rover_beside_a_rock_may_leave_but_not_come_nearer():
+    elevation, ground = scene([(1.1, 0.0, 0.25)])
+    ahead = arc_poses(np.zeros(3), np.zeros(1), np.arange(0, 2.01, 0.2))
+    back = arc_poses(np.zeros(3), np.zeros(1), -np.arange(0, 2.01, 0.2))
+    assert free_length(ahead, 0.2, elevation, ground, ZHURONG, CONFIG)[0] == 0
+    assert free_length(back, 0.2, elevation, ground, ZHURONG, CONFIG)[0] == pytest.approx(2.0)
+
+
+def test_open_ground_is_driven_straight():
+    motion = plan(*scene(), goal=(7.0, 0.0))
+    assert motion.turn == 0 and abs(motion.curvature) < 0.05
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_the_goal_beside_is_turned_to_the_short_way(side):
+    motion = plan(*scene(), goal=(-3.0, 5.0 * side))
+    assert np.sign(motion.turn or motion.curvature) == side
+
+
+def test_a_goal_behind_is_turned_to_in_place():
+    assert abs(plan(*scene(), goal=(-6.0, 0.1)).turn) > np.deg2rad(90)
+
+
+def test_rocks_are_driven_round():
+    elevation, ground = scene([(3.5, 0.1, 0.4)])
+    motion = plan(elevation, ground, (7.0, 0.0))
+    assert motion.curvature < 0 or motion.turn < 0
+    assert free_length(motion.poses[None], 0.2, elevation, ground, ZHURONG, CONFIG)[0] >= motion.length - 1e-9
+
+
+def test_walled_in_there_is_no_motion():
+    ring = [(1.6 * np.cos(a), 1.6 * np.sin(a), 0.25) for a in np.linspace(0, 2 * np.pi, 24)]
+    assert plan(*scene(ring), goal=(7.0, 0.0)) is None
