@@ -12,8 +12,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from m3depth.atomic import write_atomically
 from m3depth.metrics import DEPTH_CAP, KINDS
+from marssim.atomic import write_atomically
 
 Results = Mapping[str, Mapping[str, Any]]
 

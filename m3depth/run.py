@@ -17,9 +17,9 @@ from typing import Any
 
 import torch
 
-from m3depth.atomic import write_atomically
 from m3depth.network.model import M3Depth
 from m3depth.train_config import TrainConfig
+from marssim.atomic import write_atomically
 
 WORLD = "number of processes"  # part of a run's identity
 PROGRESS_SECONDS = 20.0  # between progress lines where the output is no terminal
@@ -124,6 +124,16 @@ class Log:
             for name, value in values.items():
                 self.board.add_scalar(f"{kind}/{name}", value, step)
 
+    def records(self, kind: str) -> list[dict[str, Any]]:
+        """What was written under a kind so far, earlier parts of a resumed run included."""
+        lines = self.path.read_text().splitlines() if self.path.exists() else []
+        return [record for record in map(json.loads, lines) if record["kind"] == kind]
+
+    def close(self) -> None:
+        """Finish the TensorBoard files."""
+        if self.board is not None:
+            self.board.close()
+
     def progress(self, text: str) -> None:
         """One line, rewritten on a terminal, printed now and then elsewhere."""
         if sys.stderr.isatty():
@@ -131,6 +141,11 @@ class Log:
         elif time.monotonic() - self.last_line > PROGRESS_SECONDS:
             self.last_line = time.monotonic()
             print(text, file=sys.stderr, flush=True)
+
+    def say(self, text: str) -> None:
+        """A line that stays, below the progress line."""
+        end = "\n" if sys.stderr.isatty() else ""
+        print(f"{end}{text}", file=sys.stderr, flush=True)
 
 
 @contextmanager

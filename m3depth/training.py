@@ -6,6 +6,7 @@ import math
 import os
 import sys
 import time
+from typing import Any
 
 import cv2
 import torch
@@ -31,6 +32,23 @@ def learning_rate(peak: float, progress: float) -> float:
     return peak * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * fall)))
 
 
+def share_done(config: TrainConfig, step: int, seconds: float) -> float:
+    """Share of the run that is done, by the budget that is nearer to its end; 1 or more: it is spent."""
+    return max(
+        seconds / 60 / config.max_minutes if config.max_minutes else 0.0,
+        step / config.max_steps if config.max_steps else 0.0,
+    )
+
+
+def spent_budget(config: TrainConfig, step: int, seconds: float) -> str | None:
+    """Which budget is spent, as its flag and value; None: there is something left to do."""
+    if config.max_steps and step >= config.max_steps:
+        return f"--max-steps {config.max_steps}"
+    if config.max_minutes and seconds / 60 >= config.max_minutes:
+        return f"--max-minutes {config.max_minutes:g}"
+    return None
+
+
 def join_group(config: TrainConfig) -> tuple[int, int, torch.device]:
     """Rank, number of processes, device. Under torchrun the process group is joined."""
     local = int(os.environ.get("LOCAL_RANK", 0))
@@ -50,23 +68,31 @@ def join_group(config: TrainConfig) -> tuple[int, int, torch.device]:
 def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> dict[str, float]:
     """Train until the budget is spent or a signal comes; both leave a checkpoint that the same call continues.
 
-    samples, held_out: sequences of stereo samples (fields as in marssim.dataset). Returns the last validation of the
-    averaged weights (empty after a signal). Raises ValueError for bad settings, FloatingPointError if the loss is not
-    finite: the last checkpoint then stays as it was.
+    samples, held_out: sequences of stereo samples (fields as in marssim.dataset); without held_out, nothing is
+    validated. Returns the last validation of the averaged weights; empty after a signal, without held_out, and where
+    the budget was spent before. Raises ValueError for bad settings, FloatingPointError if the loss is not finite: the
+    last checkpoint then stays as it was.
     """
     check_config(config)
     rank, world, device = join_group(config)
     cv2.setNumThreads(1)
     if not len(samples):
-        raise ValueError(f"{config.data}: no training samples")
+        raise ValueError(f"{config.data}: split train holds no pairs")
     run = Run(config, device, world)
     check_crop(config.crop, run.model.config.size_multiple)
     resumed = run.resume()
+    if budget := spent_budget(config, run.step, run.seconds):
+        if rank == 0:
+            print(f"{config.out}: already at {budget} (step {run.step}, {run.seconds / 60:.1f} min); raise it to go on")
+        leave_group(world)
+        return {}
     log = Log(config.out, run.step) if rank == 0 else None
     if log:
         size = sum(p.numel() for p in run.model.parameters())
         start = f"resumed at step {run.step}, {run.seconds / 60:.1f} min" if resumed else "new run"
         print(f"{len(samples)} samples, {size / 1e6:.2f} M parameters, {device}, {start}", file=sys.stderr, flush=True)
+        if not len(held_out):
+            print(f"{config.data}: split val holds no pairs, so nothing is validated", file=sys.stderr, flush=True)
     network: nn.Module = run.model
     if world > 1:
         network = nn.parallel.DistributedDataParallel(run.model, [device.index] if device.type == "cuda" else None)
@@ -87,7 +113,7 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
         if panel:
             save_panel(config.out / "panels" / f"{run.step:07d}.png", run.averaged, packed[:4], device)
         shown = "  ".join(f"{k} {v:.4g}" for k, v in scores.items())
-        print(f"\nvalidation, step {run.step}: {shown}", file=sys.stderr, flush=True)
+        log.say(f"validation, step {run.step}: {shown}")
         return scores
 
     stream = batches(
@@ -101,17 +127,15 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
             # All processes must take the same decisions: the clock is rank 0's, a signal or NaN anybody's.
             run.seconds = spent_before + time.monotonic() - began
             clock, stopped = agree([run.seconds if rank == 0 else 0.0, float(bool(signals))], device, world)
-            progress = max(
-                clock / 60 / config.max_minutes if config.max_minutes else 0.0,
-                run.step / config.max_steps if config.max_steps else 0.0,
-            )
-            if stopped or progress >= 1:
+            done = share_done(config, run.step, clock)
+            if stopped or done >= 1:
                 break
+            rate = learning_rate(config.lr, done)
             before = time.monotonic()
             batch = next(stream).to(device)
             waited += time.monotonic() - before
             for group in run.optimizer.param_groups:
-                group["lr"] = learning_rate(config.lr, progress)
+                group["lr"] = rate
             with torch.autocast(device.type, dtype or torch.bfloat16, enabled=dtype is not None):
                 output = network(batch.left, batch.right, batch.target.camera)
             loss, terms = total_loss(output, batch.target, config.loss)
@@ -130,14 +154,15 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
             run.average()
             run.seconds = spent_before + time.monotonic() - began
             if log:
-                values = {"loss": float(loss.detach()), "grad": float(norm), "lr": learning_rate(config.lr, progress)}
+                values = {"loss": float(loss.detach()), "grad": float(norm), "lr": rate}
                 values |= {name: float(value) for name, value in terms.items()}
                 if run.step % 10 == 0 or run.step == 1:
                     share = waited / max(time.monotonic() - began, 1e-9)
                     log.write("train", run.step, values | {"minutes": run.seconds / 60, "loader_share": share})
-                left = run.seconds * (1 - progress) / max(progress, 1e-6)
+                done = min(1.0, share_done(config, run.step, run.seconds))  # of this step too: the first one has an ETA
+                left = run.seconds * (1 - done) / done
                 log.progress(
-                    f"step {run.step}  {progress:6.1%}  ETA {left / 60:.1f} min  loss {values['loss']:.3f}  "
+                    f"step {run.step}  {done:6.1%}  ETA {left / 60:.1f} min  loss {values['loss']:.3f}  "
                     f"d {values['disparity']:.3f}  n {values['normal']:.3f}  "
                     f"{config.batch * world * run.step / max(run.seconds, 1e-9):.2f} crops/s"
                 )
@@ -151,15 +176,38 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
     if log:
         run.save()
         if stopped:
-            print(f"\nstopped at step {run.step}; the same command goes on from here", file=sys.stderr, flush=True)
+            log.say(f"stopped at step {run.step}; the same command goes on from here")
         else:
             scores = assess(panel=True)
-        if log.board is not None:
-            log.board.close()
+            log.say("done")
+            print(closing(run, log.records("val")), flush=True)
+        log.close()
+    leave_group(world)
+    return scores
+
+
+def closing(run: Run, validations: list[dict[str, Any]]) -> str:
+    """What a finished run says: what it wrote, how good that is, and how it is scored."""
+    known = [record for record in validations if record["epe"] is not None]
+    quality = "not validated"
+    if known:
+        last, best = known[-1], min(known, key=lambda record: record["epe"])
+        quality = f"EPE {last['epe']:.3f} px, Abs Rel {last['abs_rel']:.4f}, normals {last['normal']:.1f} deg on val"
+        if best["epe"] < last["epe"]:
+            quality += f" (best EPE {best['epe']:.3f} px at step {best['step']})"
+    weights = run.config.out / "weights.safetensors"
+    return (
+        f"{weights}: averaged weights of step {run.step}, {run.seconds / 60:.1f} min; {quality}\n"
+        f"score them: python -m m3depth.evaluate --data {run.config.data} --split test --weights {weights} "
+        f"--out {run.config.out / 'score'}"
+    )
+
+
+def leave_group(world: int) -> None:
+    """Wait for the other processes, if there are any, and part from them."""
     if world > 1:
         dist.barrier()
         dist.destroy_process_group()
-    return scores
 
 
 def agree(values: list[float], device: torch.device, world: int) -> list[float]:

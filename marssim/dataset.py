@@ -27,6 +27,7 @@ from typing import Any, Literal, overload
 import cv2
 import numpy as np
 
+from marssim.atomic import write_atomically
 from marssim.camera import MAX_DEPTH, MIN_DEPTH, StereoRig
 from marssim.render.gbuffer import SKY
 from marssim.render.stereo import StereoFrame
@@ -72,8 +73,9 @@ class StereoSample:
 class StereoDataset:
     """A dataset folder as a sequence of StereoSample.
 
-    split: "train", "val", "test" or None for all. Raises DatasetError if the folder holds no readable dataset and
-    ValueError for an unknown split. Indexing reads the files of that sample anew.
+    split: "train", "val", "test" or None for all; it may hold no pairs, as val and test do where there are few scenes.
+    Raises DatasetError if the folder holds no readable dataset and ValueError for an unknown split. Indexing reads the
+    files of that sample anew.
     """
 
     def __init__(self, path: str | os.PathLike[str], split: Split | None = None) -> None:
@@ -81,6 +83,8 @@ class StereoDataset:
         self.split = split
         if split is not None and split not in SPLITS:
             raise ValueError(f"split {split!r} is unknown; choose from {', '.join(SPLITS)}")
+        if not self.path.is_dir():
+            raise DatasetError(f"{self.path}: no such folder")
         self.index = read_json(self.path / "dataset.json")
         if self.index.get("schema") != SCHEMA:
             raise DatasetError(f"{self.path / 'dataset.json'}: schema is {self.index.get('schema')!r}, not {SCHEMA!r}")
@@ -102,6 +106,9 @@ class StereoDataset:
     def __getitem__(self, index: int | slice) -> StereoSample | list[StereoSample]:
         if isinstance(index, slice):
             return [read_sample(self.path / "scenes" / name) for name in self.names[index]]
+        if not -len(self) <= index < len(self):
+            part = "the dataset" if self.split is None else f"split {self.split}"
+            raise IndexError(f"{self.path}: {part} holds {len(self) or 'no'} pairs, there is no index {index}")
         return read_sample(self.path / "scenes" / self.names[index])
 
     def __iter__(self) -> Iterator[StereoSample]:
@@ -227,9 +234,7 @@ def write_index(path: Path, config: dict[str, Any], names: list[str]) -> None:
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
     """Replace a JSON file in one step."""
-    partial = path.with_name(f".{path.name}.partial")
-    partial.write_text(json.dumps(content, indent=1, sort_keys=True) + "\n")
-    partial.replace(path)
+    write_atomically(path, (json.dumps(content, indent=1, sort_keys=True) + "\n").encode())
 
 
 def read_json(path: Path) -> dict[str, Any]:

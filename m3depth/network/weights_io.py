@@ -10,7 +10,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor
 
-from m3depth.atomic import write_atomically
+from marssim.atomic import write_atomically
 
 
 def save_weights(path: Path, config: dict[str, Any], tensors: dict[str, Tensor]) -> None:

@@ -1,5 +1,6 @@
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -15,7 +16,7 @@ from m3depth.network.model import M3Depth, M3DepthConfig
 from m3depth.run import Run
 from m3depth.train import main
 from m3depth.train_config import TrainConfig
-from m3depth.training import learning_rate, train
+from m3depth.training import closing, learning_rate, train
 
 SMALL = M3DepthConfig(
     channels=(8, 16, 16), match_channels=16, hypotheses=8, groups=8, volume_width=8, residual_width=8,
@@ -83,6 +84,40 @@ def test_a_killed_run_goes_on_to_the_same_weights(plane_samples, tmp_path) -> No
     for part in ("model", "averaged"):
         for name, tensor in whole[part].items():
             assert torch.equal(tensor, again[part][name]), name
+
+
+def test_a_run_says_what_it_wrote_and_how_to_go_on(plane_samples, tmp_path, capsys) -> None:
+    config = config_for(tmp_path, max_steps=3, validate_every=1)
+    scores = train(config, plane_samples, plane_samples)
+    said = capsys.readouterr()
+    etas = [float(eta) for eta in re.findall(r"ETA ([\d.]+) min", said.err)]
+    assert etas and etas[0] < 60  # two steps of a tiny network, not what a share of nothing would give
+    weights = tmp_path / "weights.safetensors"
+    assert said.out.startswith(f"{weights}: averaged weights of step 3")
+    assert f"EPE {scores['epe']:.3f} px" in said.out
+    assert f"m3depth.evaluate --data planes --split test --weights {weights}" in said.out
+
+    before = (tmp_path / "checkpoint.pt").read_bytes()
+    assert train(config, plane_samples, plane_samples) == {}
+    assert "already at --max-steps 3 (step 3" in capsys.readouterr().out
+    assert train(replace(config, max_steps=None, max_minutes=1e-4), plane_samples, plane_samples) == {}
+    assert "already at --max-minutes 0.0001 (" in capsys.readouterr().out
+    assert (tmp_path / "checkpoint.pt").read_bytes() == before
+    train(replace(config, max_steps=4), plane_samples, plane_samples)
+    assert "averaged weights of step 4" in capsys.readouterr().out
+
+
+def test_the_best_validation_is_told_if_it_was_not_the_last(tmp_path) -> None:
+    run = Run(config_for(tmp_path), torch.device("cpu"))
+    records = [{"step": n, "epe": epe, "abs_rel": 0.01, "normal": 9.0} for n, epe in ((1, 0.5), (2, None), (3, 0.7))]
+    assert "EPE 0.700 px" in closing(run, records) and "best EPE 0.500 px at step 1" in closing(run, records)
+    assert "best EPE" not in closing(run, records[:1]) and "not validated" in closing(run, [])
+
+
+def test_without_validation_pairs_the_run_says_so_and_goes_on(plane_samples, tmp_path, capsys) -> None:
+    assert train(config_for(tmp_path, max_steps=1), plane_samples, []) == {}
+    said = capsys.readouterr()
+    assert "planes: split val holds no pairs, so nothing is validated" in said.err and "not validated" in said.out
 
 
 def no_number(output, target, config):
@@ -158,7 +193,7 @@ def test_command_names_what_is_missing_and_exits_2(tmp_path) -> None:
     command = [sys.executable, "-m", "m3depth.train", "--data", str(tmp_path / "none"), "--out", str(tmp_path / "run")]
     done = subprocess.run([*command, "--max-steps", "1"], capture_output=True, text=True)
     assert done.returncode == 2
-    assert "none" in done.stderr
+    assert "none: no such folder" in done.stderr
     assert "Traceback" not in done.stderr
 
 
@@ -167,18 +202,14 @@ def test_out_that_is_a_file_is_one_line_and_exit_2(plane_samples, tmp_path, caps
     (tmp_path / "run").write_text("")
     assert main(["--data", "planes", "--out", str(tmp_path / "run"), "--max-steps", "1", "--crop", "32", "64"]) == 2
     last = capsys.readouterr().err.splitlines()[-1]
-    assert last.startswith("m3depth.train: ") and str(tmp_path / "run") in last
+    assert last.startswith("error: ") and str(tmp_path / "run") in last
 
 
 @pytest.mark.parametrize("flag", ["--augment.contrast", "--loss.rock"])
 def test_a_bad_nested_value_names_its_flag_and_exits_2(capsys, flag) -> None:
-    try:
-        code = main(["--data", "planes", "--out", "run", flag, "-2"])
-    except SystemExit as stop:  # the parser reports it
-        code = stop.code
-    assert code == 2
+    assert main(["--data", "planes", "--out", "run", flag, "-2"]) == 2
     error = capsys.readouterr().err
-    assert f"{flag} must be" in error and "Traceback" not in error
+    assert error.startswith(f"error: {flag} must be") and error.count("\n") == 1
 
 
 def test_schedule_rises_then_falls() -> None:

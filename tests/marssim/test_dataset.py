@@ -142,7 +142,7 @@ def test_a_dataset_is_a_sequence(written):
     assert [(s.meta["scene"], s.meta["view"]) for s in dataset] == [(n // 2, n % 2) for n in range(6)]
     assert dataset[-1].meta["scene"] == 2
     assert [s.meta["view"] for s in dataset[1:4]] == [1, 0, 1] and dataset[6:] == []
-    with pytest.raises(IndexError):
+    with pytest.raises(IndexError, match=r"the dataset holds 6 pairs, there is no index 6"):
         dataset[6]
     assert dataset.index["config"] == {"seed": 3}
     assert StereoDataset(str(written)).digest == dataset.digest
@@ -233,8 +233,20 @@ def test_an_index_that_cannot_be_read_is_named(dataset, field, value):
 
 
 def test_no_dataset_there(tmp_path):
-    with pytest.raises(DatasetError, match=r"dataset\.json: no such file"):
+    with pytest.raises(DatasetError, match=r"nowhere: no such folder"):
         StereoDataset(tmp_path / "nowhere")
+    with pytest.raises(DatasetError, match=r"dataset\.json: no such file"):
+        StereoDataset(tmp_path)
+
+
+def test_an_empty_split_is_named(dataset):
+    index = json.loads((dataset / "dataset.json").read_text())
+    index["samples"] = [s for s in index["samples"] if s["split"] != "val"]
+    (dataset / "dataset.json").write_text(json.dumps(index))
+    val = StereoDataset(dataset, split="val")
+    assert len(val) == 0 and list(val) == [] and val[:] == []
+    with pytest.raises(IndexError, match=rf"{dataset}: split val holds no pairs"):
+        val[0]
 
 
 def test_the_index_needs_every_sample(written, tmp_path):

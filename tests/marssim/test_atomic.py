@@ -2,7 +2,7 @@ import os
 
 import pytest
 
-from m3depth.atomic import write_atomically
+from marssim.atomic import write_atomically
 
 
 def test_folders_are_made_and_nothing_else_is_left(tmp_path) -> None:
