@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import shutil
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 from typing import Literal
 
 import cv2
-import tyro
 
 from envs.drivers import NavigatorDriver
 from envs.episodes import Cell, EpisodeRecord, run_episode
@@ -26,6 +26,7 @@ from m3depth.estimator import load_estimator
 from m3depth.evaluate import Evaluation, evaluate
 from m3depth.figures import comparison_figure
 from m3depth.report import text_table
+from marssim.command import counted, run_command
 from marssim.dataset import DatasetError, StereoDataset, read_json
 from marssim.generate import GenerateConfig, generate
 
@@ -59,7 +60,7 @@ def demo(config: DemoConfig) -> Path:
             raise DatasetError(f"{data}: holds data that is not the demo's; choose another --out")
         shutil.rmtree(data)
     config.out.mkdir(parents=True, exist_ok=True)
-    print(f"1. {config.pairs} stereo pairs of {config.scene}, rendered with PyBullet")
+    print(f"1. {counted(config.pairs, 'stereo pair')} of {config.scene}, rendered with PyBullet")
     dataset = generate(asked)
     shutil.copy(data / "contact_sheet.png", config.out / "contact_sheet.png")
 
@@ -89,7 +90,7 @@ def _summary(
     arrived = "reached its goal" if record.outcome == "goal" else f"did not reach its goal ({record.outcome})"
     return f"""# Demo: {config.scene}
 
-**Data.** {len(dataset)} stereo pairs, seed {SEED}, rendered with PyBullet; digest `{dataset.digest[:16]}`.
+**Data.** {counted(len(dataset), "stereo pair")}, seed {SEED}, rendered with PyBullet; digest `{dataset.digest[:16]}`.
 
 ![contact sheet](contact_sheet.png)
 
@@ -111,12 +112,13 @@ The whole demo took {seconds:.0f} s.
 """
 
 
-def main() -> None:
-    try:
-        summary = demo(tyro.cli(DemoConfig, description=__doc__))
-    except (ValueError, OSError, ImportError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        raise SystemExit(2) from None
+def main(args: Sequence[str] | None = None) -> int:
+    """The command. Returns the exit code."""
+    return run_command(_work, DemoConfig, "python -m envs.demo", __doc__, args, "the demo starts anew next time")
+
+
+def _work(config: DemoConfig) -> None:
+    summary = demo(config)
     folder = summary.parent
     print(f"summary      {summary}")
     for name, what in (("contact_sheet.png", "data"), ("comparison.png", "depth, normals"), ("drive.mp4", "the drive")):
@@ -124,4 +126,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -13,15 +13,14 @@ import json
 import multiprocessing
 import os
 import sys
-from collections.abc import Callable
-from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 from zlib import crc32
 
-import tyro
 from tqdm import tqdm
 
 from envs.course import CourseConfig
@@ -31,6 +30,7 @@ from envs.mars_nav import MarsNavEnv
 from envs.metrics import summarise
 from envs.report import write_report
 from m3depth.estimator import Estimator, load_estimator
+from marssim.command import counted, run_command
 from marssim.dataset import DatasetError, read_json, write_json
 
 
@@ -222,26 +222,17 @@ def _one_thread() -> None:
     os.environ["OMP_NUM_THREADS"] = "1"  # for torch, which is loaded later, if at all
 
 
-def main() -> None:
-    try:
-        config = tyro.cli(EvaluateConfig, prog="python -m envs.evaluate", description=__doc__)
-        content = evaluate(config)
-    except (ValueError, OSError, ImportError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        raise SystemExit(2) from None
-    except BrokenExecutor:
-        print(
-            "error: a worker process was killed, perhaps for lack of memory; the same command goes on from here, "
-            "with fewer --workers it needs less",
-            file=sys.stderr,
-        )
-        raise SystemExit(2) from None
-    except KeyboardInterrupt:
-        print("stopped; the same command goes on from here", file=sys.stderr)
-        raise SystemExit(130) from None
+def main(args: Sequence[str] | None = None) -> int:
+    """The command. Returns the exit code."""
+    return run_command(_work, EvaluateConfig, "python -m envs.evaluate", __doc__, args)
+
+
+def _work(config: EvaluateConfig) -> None:
+    content = evaluate(config)
     print((config.out / "results.md").read_text())
-    print(f"{len(content['results'])} rows in {config.out / 'results.json'}, drives in {config.out / 'map.png'}")
+    rows = counted(len(content["results"]), "row")
+    print(f"{rows} in {config.out / 'results.json'}, drives in {config.out / 'map.png'}")
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -27,6 +27,7 @@ from m3depth.metrics import Scores, StereoTruth
 from m3depth.pairs import MAX_DISPARITY, StereoPairs
 from m3depth.report import markdown_report, text_table, versions, write_json
 from m3depth.weights import SHIPPED_WEIGHTS
+from marssim.command import counted, run_command
 from marssim.dataset import DatasetError, StereoDataset
 
 EXAMPLES = 3  # pairs in the comparison figure
@@ -173,7 +174,7 @@ def run(options: EvaluateOptions, dataset: StereoPairs, estimators: Mapping[str,
     comparison_figure(done.examples, options.out / "comparison.png")
     interval_figure(done.results, options.out / "error_by_depth.png", _common_fb(done.examples))
     print(text_table(done.results))
-    print(f"{len(done.pairs)} pairs; figures by kind and depth, and pictures, are in {options.out}")
+    print(f"{counted(len(done.pairs), 'pair')}; figures by kind and depth, and pictures, are in {options.out}")
     return done
 
 
@@ -186,11 +187,9 @@ def _common_fb(examples: Sequence[Example]) -> float | None:
 
 def prepare(options: EvaluateOptions) -> tuple[StereoDataset, dict[str, Estimator]]:
     """Open what the options name. Raises ValueError or OSError with one line for the user."""
-    if not options.data.is_dir():
-        raise FileNotFoundError(f"--data {options.data}: no such folder")
     dataset = StereoDataset(options.data, options.split)
     if not len(dataset):
-        raise ValueError(f"--data {options.data}: split {options.split} holds no pairs")
+        raise ValueError(f"{options.data}: split {options.split} holds no pairs; choose another --split")
     if options.limit is not None and options.limit < 1:
         raise ValueError(f"--limit must be at least 1, got {options.limit}")
     if options.seed < 0:
@@ -213,21 +212,17 @@ def prepare(options: EvaluateOptions) -> tuple[StereoDataset, dict[str, Estimato
 
 def main(args: Sequence[str] | None = None) -> int:
     """The command. Returns the exit code: 2 for a mistake in what was asked for."""
-    options = tyro.cli(EvaluateOptions, prog="python -m m3depth.evaluate", args=args, description=__doc__)
-    try:
-        dataset, estimators = prepare(options)
-    except (OSError, ValueError) as error:
-        print(f"evaluate: {error}", file=sys.stderr)
-        return 2
+    return run_command(_work, EvaluateOptions, "python -m m3depth.evaluate", __doc__, args, "nothing was written")
+
+
+def _work(options: EvaluateOptions) -> None:
+    dataset, estimators = prepare(options)
     try:
         run(options, dataset, estimators)
-    except (OSError, DatasetError) as error:  # any other error is a bug, in here or in a method: show where
-        print(f"evaluate: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("evaluate: interrupted, nothing was written", file=sys.stderr)
-        return 130
-    return 0
+    except DatasetError:
+        raise
+    except ValueError as error:  # a bug, in here or in a method: show where
+        raise RuntimeError(f"scoring failed: {error}") from error
 
 
 if __name__ == "__main__":

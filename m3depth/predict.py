@@ -30,6 +30,7 @@ from m3depth.estimator import Estimator, load_estimator
 from m3depth.figures import prediction_figure
 from m3depth.prediction import Prediction
 from marssim.camera import PinholeCamera, StereoRig
+from marssim.command import counted, run_command
 from marssim.contact_sheet import normal_colours
 
 EDGE_JUMP = 1.0  # [px] change of disparity within 3 x 3 px from which a pixel may belong to neither surface
@@ -192,7 +193,7 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
     for path, image in ((options.left, left), (options.right, right)):
         if image.min() == image.max():
             tone = "black" if image.max() == 0 else "of one grey level"
-            print(f"predict: warning: {path} is {tone}: there is nothing to match", file=sys.stderr)
+            print(f"warning: {path} is {tone}: there is nothing to match", file=sys.stderr)
     if estimator is None:
         estimator = load_estimator(options.method if options.weights is None else f"m3depth:{options.weights}")
     prediction = estimator.infer(left, right, rig)
@@ -201,19 +202,16 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
     seen = (
         f"depth {known.min():.2f} to {known.max():.2f} m, median {np.median(known):.2f} m" if len(known) else "no depth"
     )
-    print(f"{options.out}: {seen} on {100 * len(known) / prediction.depth.size:.0f} % of the pixels; {count} points")
+    share = 100 * len(known) / prediction.depth.size
+    print(f"{options.out}: {seen} on {share:.0f} % of the pixels; {counted(count, 'point')}")
     return prediction
 
 
 def main(args: Sequence[str] | None = None) -> int:
     """The command. Returns the exit code: 2 for a mistake in what was asked for."""
-    options = tyro.cli(PredictOptions, prog="python -m m3depth.predict", args=args, description=__doc__)
-    try:
-        predict(options)
-    except (OSError, ValueError) as error:
-        print(f"predict: {error}", file=sys.stderr)
-        return 2
-    return 0
+    return run_command(
+        predict, PredictOptions, "python -m m3depth.predict", __doc__, args, "the results may be incomplete"
+    )
 
 
 if __name__ == "__main__":

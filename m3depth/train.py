@@ -13,27 +13,23 @@ import sys
 from collections.abc import Sequence
 
 from m3depth.train_config import TrainConfig
+from marssim.command import run_command
 
 
 def main(args: Sequence[str] | None = None) -> int:
     """The command. Returns the exit code: 2 for a mistake in what was asked for, or a disk that fails."""
-    import tyro
+    code = run_command(_work, TrainConfig, "python -m m3depth.train", __doc__, args)
+    if code and "LOCAL_RANK" in os.environ:
+        # A process of torchrun that waits for the others in a collective must not outlive a failed one.
+        os._exit(code)
+    return code
 
-    config = tyro.cli(TrainConfig, prog="python -m m3depth.train", args=args, description=__doc__)
+
+def _work(config: TrainConfig) -> None:
     from m3depth.training import train
     from marssim.dataset import StereoDataset
 
-    try:
-        samples = StereoDataset(config.data, split="train")
-        held_out = StereoDataset(config.data, split="val")
-        train(config, samples, held_out)
-    except (ValueError, OSError, FloatingPointError) as error:
-        print(f"m3depth.train: {error}", file=sys.stderr, flush=True)
-        if "LOCAL_RANK" in os.environ:
-            # A process of torchrun that waits for the others in a collective must not outlive a failed one.
-            os._exit(2)
-        return 2
-    return 0
+    train(config, StereoDataset(config.data, split="train"), StereoDataset(config.data, split="val"))
 
 
 if __name__ == "__main__":

@@ -12,17 +12,18 @@ import json
 import multiprocessing
 import os
 import sys
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, wait
+from collections.abc import Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import cv2
 import numpy as np
-import tyro
 from tqdm import tqdm
 
 from marssim.camera import NATECAM, StereoRig
+from marssim.command import counted, run_command
 from marssim.contact_sheet import contact_sheet
 from marssim.dataset import DatasetError, StereoDataset, is_complete, read_json, write_index, write_json, write_sample
 from marssim.render.makers import make_renderer
@@ -212,8 +213,8 @@ def _readme(config: GenerateConfig, dataset: StereoDataset) -> str:
     counts = {name: sum(s["split"] == name for s in dataset.index["samples"]) for name in ("train", "val", "test")}
     return f"""# Mars stereo dataset
 
-{len(dataset)} stereo pairs (train {counts["train"]}, val {counts["val"]}, test {counts["test"]}; split by scene),
-scene `{config.scene}`, seed {config.seed}, rendered with {config.renderer}.
+{counted(len(dataset), "stereo pair")} (train {counts["train"]}, val {counts["val"]}, test {counts["test"]}; split by
+scene), scene `{config.scene}`, seed {config.seed}, rendered with {config.renderer}.
 
 ![contact sheet](contact_sheet.png)
 
@@ -229,25 +230,18 @@ Digest of all samples: `{dataset.digest}`
 """
 
 
-def main() -> None:
-    try:
-        config = tyro.cli(GenerateConfig, prog="python -m marssim.generate", description=__doc__)
-        dataset = generate(config)
-    except (ValueError, OSError, ImportError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        raise SystemExit(2) from None
-    except BrokenExecutor:
-        print(
-            "error: a worker process was killed, perhaps for lack of memory; the same command goes on from here, "
-            "with fewer --workers it needs less",
-            file=sys.stderr,
-        )
-        raise SystemExit(2) from None
-    except KeyboardInterrupt:
-        print("stopped; the same command goes on from here", file=sys.stderr)
-        raise SystemExit(130) from None
-    print(f"{len(dataset)} pairs in {config.out}, digest {dataset.digest[:16]}, see {config.out / 'contact_sheet.png'}")
+def main(args: Sequence[str] | None = None) -> int:
+    """The command. Returns the exit code."""
+    return run_command(_work, GenerateConfig, "python -m marssim.generate", __doc__, args)
+
+
+def _work(config: GenerateConfig) -> None:
+    dataset = generate(config)
+    print(
+        f"{counted(len(dataset), 'pair')} in {config.out}, digest {dataset.digest[:16]}, "
+        f"see {config.out / 'contact_sheet.png'}"
+    )
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

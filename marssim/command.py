@@ -1,0 +1,112 @@
+"""What every command does with its command line and with mistakes: one line on stderr and an exit code.
+
+0: done. 2: a mistake of the user, or a disk, a package or a worker process that failed. 130: interrupted.
+Anything else is a bug and shows its traceback.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import sys
+from collections.abc import Callable, Sequence
+from concurrent.futures import BrokenExecutor
+from contextlib import redirect_stderr
+from typing import TypeVar
+
+MISTAKES = (ValueError, OSError, ImportError, FloatingPointError, MemoryError, BrokenExecutor)
+GOES_ON = "the same command goes on from here"
+_RULE = re.compile(r"[─-]{8,}")
+_COLOUR = re.compile(r"\x1b\[[0-9;]*m")
+
+Config = TypeVar("Config")
+
+
+def run_command(
+    work: Callable[[Config], object],
+    config: type[Config],
+    prog: str,
+    description: str | None,
+    args: Sequence[str] | None = None,
+    interrupted: str = GOES_ON,
+) -> int:
+    """Parse the command line into `config`, a dataclass, and call `work` on it. Returns the exit code.
+
+    args: instead of sys.argv. interrupted: what Ctrl-C leaves, and how to go on. A mistake is one line,
+    `error: ...`, on stderr; --help raises SystemExit(0).
+    """
+    try:
+        work(parse(config, prog, description, args))
+    except MISTAKES as error:
+        return _fail(describe(error), 2)
+    except KeyboardInterrupt:
+        return _fail(f"interrupted; {interrupted}", 130)
+    return 0
+
+
+def parse(config: type[Config], prog: str, description: str | None, args: Sequence[str] | None = None) -> Config:
+    """The dataclass `config` as the command line fills it. Raises ValueError of one line that names the flag."""
+    import tyro
+
+    said = io.StringIO()
+    try:
+        with redirect_stderr(said):
+            return tyro.cli(config, prog=prog, description=description, args=args)
+    except SystemExit as end:
+        if not end.code:
+            raise
+        raise ValueError(_parse_error(said.getvalue(), end.__context__)) from None
+
+
+def describe(error: BaseException) -> str:
+    """One line for the user: an OSError's file and reason, else what the error says."""
+    if isinstance(error, BrokenExecutor):
+        return f"a worker process was killed, perhaps for lack of memory; {GOES_ON}, with fewer --workers it needs less"
+    if isinstance(error, MemoryError):
+        return f"out of memory{f' ({error})' if str(error) else ''}"
+    if isinstance(error, OSError) and error.strerror:
+        reason = error.strerror[0].lower() + error.strerror[1:]
+        files = [str(file) for file in (error.filename, error.filename2) if file is not None]
+        return ": ".join([" -> ".join(files), reason] if files else [reason])
+    return " ".join(line.strip() for line in str(error).splitlines() if line.strip()) or type(error).__name__
+
+
+def counted(number: int, noun: str) -> str:
+    """ "1 pair", "2 pairs"."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def _fail(line: str, code: int) -> int:
+    print(f"error: {line}", file=sys.stderr, flush=True)
+    return code
+
+
+def _parse_error(framed: str, cause: BaseException | None) -> str:
+    """tyro's message, which comes in a frame with help below, as one line.
+
+    cause: what the parser was handling when it gave up; a ValueError there is a config's own, which names its flag.
+    """
+    parts: list[list[str]] = [[]]
+    for line in _COLOUR.sub("", framed).splitlines()[1:]:
+        line = line.strip("│|╰╯+ ")
+        if _RULE.fullmatch(line):
+            parts.append([])
+        else:
+            parts[-1].append(line)
+    parts = [part for part in parts if any(part)] or [[]]
+    message = " ".join(filter(None, parts[0]))
+    if wrong := re.match(r"Error parsing (\S+): (.*)", message):
+        where, why = wrong.groups()
+        if where.startswith("--"):
+            usage = parts[1][1] if len(parts) > 1 and len(parts[1]) > 1 else where  # the flag with its kind of value
+            return f"{usage}: {why}"
+        while cause is not None and not isinstance(cause, ValueError):
+            cause = cause.__context__
+        return str(cause or why)
+    if message.startswith("Missing from"):
+        flags = [line.split()[0] for line in parts[0] if re.match(r"(--|[A-Z]+$)", line)]
+        return f"{', '.join(flags) or message} missing; --help tells more"
+    if message.startswith("Unrecognized"):
+        near = [line.split()[0] for part in parts[1:] for line in part if line.startswith("--")]
+        return "unknown option " + message.partition(": ")[2] + (f"; did you mean {near[0]}?" if near else "")
+    return message[:1].lower() + message[1:]

@@ -1,0 +1,155 @@
+import errno
+import os
+import signal
+import subprocess
+import sys
+from concurrent.futures import BrokenExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import pytest
+import tyro
+
+from marssim.command import counted, describe, parse, run_command
+
+
+@dataclass(frozen=True)
+class Part:
+    angle: tuple[float, float] = (0.0, 1.0)
+    """a range"""
+
+    def __post_init__(self) -> None:
+        if self.angle[0] > self.angle[1]:
+            raise ValueError(
+                f"--part.angle must be a range LOW HIGH, and this message is far longer than a terminal is wide so "
+                f"that the parser has to wrap it, /a/path/{'long' * 30}, got {self.angle}"
+            )
+
+
+@dataclass(frozen=True)
+class Settings:
+    out: Path
+    """a folder"""
+    count: int = 1
+    """a number; its help is long enough for several lines of a terminal that is not very wide, which is to be seen"""
+    kind: Literal["round", "square"] = "round"
+    """a choice"""
+    part: Part = field(default_factory=Part)
+
+    def __post_init__(self) -> None:
+        if self.count < 0:
+            raise ValueError(f"--count must not be negative, got {self.count}")
+
+
+@dataclass(frozen=True)
+class Named:
+    name: tyro.conf.Positional[Path]
+    """a file"""
+    size: int
+    """a size"""
+
+
+def failing(error: BaseException):
+    def work(_: Settings) -> None:
+        raise error
+
+    return work
+
+
+def run(capsys, work, *args: str, **more: str) -> tuple[int, str]:
+    code = run_command(work, Settings, "python -m settings", "About.", ["--out", "x", *args], **more)
+    return code, capsys.readouterr().err
+
+
+def test_a_good_command_line_reaches_the_work(capsys):
+    seen = []
+    assert run(capsys, seen.append, "--count", "3", "--part.angle", "2", "4") == (0, "")
+    assert seen == [Settings(Path("x"), 3, part=Part((2.0, 4.0)))]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "ascii"])  # the parser draws another frame where it cannot draw lines
+@pytest.mark.parametrize("columns", ["40", "80", "300"])
+@pytest.mark.parametrize(
+    ("args", "line"),
+    [
+        (["--count", "many"], "--count INT: invalid literal for int() with base 10: 'many'"),
+        (["--count"], "missing value for argument '--count'. Expected 1 values."),
+        (["--count", "-1"], "--count must not be negative, got -1"),
+        (["--kind", "oval"], "invalid choice 'oval' for argument '--kind'. Expected one of ('round', 'square')."),
+        (["--cuont", "3"], "unknown option --cuont, 3; did you mean --count?"),
+        (["--zebra"], "unknown option --zebra"),
+        (["stray"], "unknown option stray"),
+    ],
+)
+def test_the_parsers_mistakes_are_one_line(args, line, columns, encoding, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", columns)
+    monkeypatch.setattr("tyro._fmtlib._should_use_utf8_drawing_chars", lambda: encoding == "utf-8")
+    assert run(capsys, failing(AssertionError()), *args) == (2, f"error: {line}\n")
+
+
+def test_a_configs_own_words_are_kept_whatever_their_length(capsys):
+    with pytest.raises(ValueError) as own:
+        Part((3.0, 1.0))
+    assert run(capsys, failing(AssertionError()), "--part.angle", "3", "1") == (2, f"error: {own.value}\n")
+
+
+def test_all_that_is_missing_is_named():
+    with pytest.raises(ValueError, match=r"^--out missing; --help tells more$"):
+        parse(Settings, "settings", None, [])
+    with pytest.raises(ValueError, match=r"^PATH, --size missing; --help tells more$"):
+        parse(Named, "named", None, [])
+
+
+def test_help_goes_to_stdout(capsys):
+    with pytest.raises(SystemExit) as end:
+        run_command(print, Settings, "settings", "About settings.", ["--help"])
+    said = capsys.readouterr()
+    assert end.value.code == 0 and "a range" in said.out and "About settings." in said.out and said.err == ""
+
+
+@pytest.mark.parametrize(
+    ("error", "line"),
+    [
+        (ValueError("--count 3:\n  is too many\n"), "--count 3: is too many"),
+        (NotADirectoryError(errno.ENOTDIR, "Not a directory", "a/b"), "a/b: not a directory"),
+        (OSError(errno.EXDEV, "Invalid cross-device link", "a", None, "b"), "a -> b: invalid cross-device link"),
+        (OSError(errno.ENOSPC, "No space left on device"), "no space left on device"),
+        (OSError("x.png: could not be written"), "x.png: could not be written"),
+        (ImportError("dask is not installed"), "dask is not installed"),
+        (MemoryError(), "out of memory"),
+        (KeyError, KeyError),
+        (RuntimeError("a bug"), RuntimeError),
+    ],
+)
+def test_mistakes_are_told_and_bugs_are_shown(error, line, capsys):
+    if isinstance(line, type):
+        with pytest.raises(line):
+            run(capsys, failing(error))
+    else:
+        assert run(capsys, failing(error)) == (2, f"error: {line}\n")
+
+
+def test_broken_pools_and_interrupts_say_how_to_go_on(capsys):
+    assert "the same command goes on" in describe(BrokenExecutor())
+    code, said = run(capsys, failing(KeyboardInterrupt()), interrupted="nothing was written")
+    assert (code, said) == (130, "error: interrupted; nothing was written\n")
+
+
+def test_ctrl_c_in_the_shell(tmp_path):
+    """A real SIGINT of a real process."""
+    program = (
+        "import sys, time; from dataclasses import dataclass; from marssim.command import run_command\n"
+        "@dataclass\nclass C: pass\n"
+        "def work(_): print('at work', flush=True); time.sleep(60)\n"
+        "sys.exit(run_command(work, C, 'c', None, []))"
+    )
+    process = subprocess.Popen([sys.executable, "-c", program], stdout=-1, stderr=-1, text=True)
+    assert process.stdout is not None and process.stdout.readline() == "at work\n"
+    os.kill(process.pid, signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert (process.returncode, said) == (130, "error: interrupted; the same command goes on from here\n")
+
+
+def test_counted():
+    assert [counted(n, "pair") for n in (0, 1, 2)] == ["0 pairs", "1 pair", "2 pairs"]
