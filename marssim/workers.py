@@ -1,0 +1,173 @@
+"""Run many independent tasks: in this process, in worker processes, or on a dask cluster."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
+from typing import Any
+
+import cv2
+
+TASKS_PER_WORKER = 16  # then a process is replaced, so that what libraries do not free cannot add up
+ANSWER_WITHIN = 10.0  # [s] for a scheduler
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+Task = tuple[Any, ...]
+
+
+def run_tasks(
+    function: Callable[..., Any],
+    tasks: Sequence[Task],
+    done: Callable[[Task, Any], object],
+    workers: int = 1,
+    scheduler: str | None = None,
+) -> None:
+    """Call function(*task) for each task, and done(task, result) here as each is finished, in whatever order.
+
+    workers: 1 works in this process; more start that many spawned processes of one thread each. scheduler: address of
+    a dask scheduler (tcp://host:8786) whose workers do it instead; function and tasks must be importable there.
+    The first exception of a task, or of done, ends the run and is raised here. Raises BrokenExecutor if a worker was
+    killed, ImportError or OSError if dask is not installed or the scheduler does not answer.
+    """
+    if scheduler is not None:
+        _on_cluster(function, tasks, done, scheduler)
+    elif workers == 1:
+        for task in tasks:
+            done(task, function(*task))
+    elif tasks:
+        _in_processes(function, tasks, done, min(workers, len(tasks)))
+
+
+class _Worker:
+    """One process that takes one task at a time.
+
+    Not a pool of many with max_tasks_per_child: up to Python 3.14 such a pool can come to stand still once its
+    processes are replaced (python/cpython#115634).
+    """
+
+    def __init__(self) -> None:
+        self.pool: ProcessPoolExecutor | None = None
+        self.processes: set[Any] = set()
+        self.tasks = 0
+
+    def submit(self, function: Callable[..., Any], task: Task) -> Future[Any]:
+        if self.pool is None or self.tasks == TASKS_PER_WORKER:
+            self.end()
+            self.pool, self.tasks = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _start), 0
+            before = set(multiprocessing.active_children())
+            with _as_worker():
+                future = self.pool.submit(function, *task)
+            self.processes = set(multiprocessing.active_children()) - before
+        else:
+            future = self.pool.submit(function, *task)
+        self.tasks += 1
+        return future
+
+    def end(self, now: bool = False) -> None:
+        """now: without waiting for the task at work; what it has half written is made anew in the next run."""
+        if now:
+            for process in self.processes:
+                process.terminate()
+        if self.pool is not None:
+            self.pool.shutdown()
+
+
+def _in_processes(
+    function: Callable[..., Any], tasks: Sequence[Task], done: Callable[[Task, Any], object], count: int
+) -> None:
+    workers = [_Worker() for _ in range(count)]
+    waiting, idle = list(reversed(tasks)), list(workers)
+    running: dict[Future[Any], tuple[_Worker, Task]] = {}
+    try:
+        while waiting or running:
+            while waiting and idle:
+                worker, task = idle.pop(), waiting.pop()
+                running[worker.submit(function, task)] = worker, task
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                worker, task = running.pop(future)
+                idle.append(worker)
+                done(task, future.result())
+    except BaseException as error:
+        for worker in workers:
+            worker.end(now=True)
+        if isinstance(error, BrokenExecutor):
+            raise BrokenExecutor(
+                "a worker process was killed, perhaps for lack of memory; the same command goes on from here, with "
+                "fewer --workers it needs less"
+            ) from None
+        raise
+    for worker in workers:
+        worker.end()
+
+
+@contextmanager
+def _as_worker() -> Iterator[None]:
+    """What is started inside uses one thread in each library and leaves Ctrl-C to this process.
+
+    Both are inherited: the libraries read the environment when they are imported, and a signal stays blocked. One that
+    comes meanwhile is not lost here.
+    """
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if hasattr(signal, "pthread_sigmask") else None
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+        if mask is not None:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+
+def _start() -> None:
+    """Begin a worker: one thread for OpenCV too, and an end when the parent is gone, even by kill -9."""
+    cv2.setNumThreads(1)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(parent: Any) -> None:
+    parent.join()
+    os._exit(1)
+
+
+def _one_thread(function: Callable[..., Any], task: Task) -> Any:
+    cv2.setNumThreads(1)
+    return function(*task)
+
+
+def _on_cluster(
+    function: Callable[..., Any], tasks: Sequence[Task], done: Callable[[Task, Any], object], address: str
+) -> None:
+    try:
+        from distributed import Client, KilledWorker
+    except ImportError:
+        raise ImportError("--scheduler needs dask: pip install 'mars-m3depth[cluster]'") from None
+    try:
+        client = Client(address, timeout=ANSWER_WITHIN, set_as_default=False)
+    except (OSError, ValueError) as error:
+        reason = f"no answer within {ANSWER_WITHIN:g} s" if isinstance(error, OSError) else error
+        raise OSError(f"--scheduler {address}: {reason}") from None
+    with client, client.get_executor(pure=False) as executor:
+        running = {executor.submit(_one_thread, function, task): task for task in tasks}
+        try:
+            while running:
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    done(running.pop(future), future.result())
+        except (KilledWorker, CancelledError):
+            raise BrokenExecutor(
+                f"--scheduler {address}: it, or several of its workers in turn, was lost; the same command goes on "
+                f"from here"
+            ) from None
+        finally:
+            for future in running:
+                future.cancel()

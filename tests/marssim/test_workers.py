@@ -1,0 +1,184 @@
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import BrokenExecutor
+from pathlib import Path
+
+import cv2
+import pytest
+
+from marssim import workers
+from marssim.workers import run_tasks
+
+
+def slow_square(number: int, seconds: float = 0.0) -> int:
+    time.sleep(seconds)
+    return number * number
+
+
+def fail_at(number: int, bad: int) -> int:
+    if number == bad:
+        raise ValueError(f"{number} is bad")
+    return number
+
+
+def own_pid(_: int) -> int:
+    return os.getpid()
+
+
+def threads(_: int) -> tuple[int, list[str | None]]:
+    return cv2.getNumThreads(), [os.environ.get(name) for name in workers.THREADS]
+
+
+def touch_and_wait(folder: Path, name: str) -> None:
+    (folder / name).write_text(str(os.getpid()))
+    time.sleep(120)
+
+
+def die(_: int) -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def gone(pid: int) -> bool:
+    """Has a process ended? One that nobody has waited for yet has, too."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+    except FileNotFoundError:
+        return True
+
+
+def wait_for(what, seconds: float = 60.0) -> None:
+    end = time.monotonic() + seconds
+    while not what():
+        assert time.monotonic() < end, "it did not come to pass"
+        time.sleep(0.02)
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=False, dashboard_address=":0", silence_logs=50
+    ) as local:
+        yield local.scheduler_address
+
+
+def options_of(where: str, request) -> dict:
+    if where == "dask":
+        return {"scheduler": request.getfixturevalue("cluster")}
+    return {"workers": 3 if where == "processes" else 1}
+
+
+@pytest.mark.parametrize("where", ["here", "processes", "dask"])
+def test_every_task_is_done_once(where, request):
+    options = options_of(where, request)
+    results = {}
+    run_tasks(slow_square, [(n,) for n in range(7)], lambda task, result: results.update({task: result}), **options)
+    assert results == {(n,): n * n for n in range(7)}
+
+
+@pytest.mark.parametrize("where", ["here", "processes", "dask"])
+def test_a_tasks_error_ends_the_run_and_reaches_the_caller(where, request):
+    options = options_of(where, request)
+    seen = []
+    with pytest.raises(ValueError, match="3 is bad"):
+        run_tasks(fail_at, [(n, 3) for n in range(400)], lambda task, result: seen.append(result), **options)
+    assert 3 not in seen and len(seen) < 400
+
+
+def test_nothing_to_do_starts_nothing(monkeypatch):
+    monkeypatch.setattr(workers, "_in_processes", lambda *_: pytest.fail("it started workers"))
+    run_tasks(slow_square, [], print, workers=2)
+
+
+def test_processes_are_replaced_and_the_run_does_not_come_to_stand_still(monkeypatch):
+    monkeypatch.setattr(workers, "TASKS_PER_WORKER", 2)
+    pids: list[int] = []
+    run_tasks(own_pid, [(n,) for n in range(9)], lambda _, pid: pids.append(pid), workers=2)
+    assert len(pids) == 9 and os.getpid() not in pids
+    assert max(pids.count(pid) for pid in pids) <= 2 and all(gone(pid) for pid in pids)
+
+
+def test_a_worker_has_one_thread_and_the_environment_is_left_as_it_was(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "2")
+    monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
+    seen = []
+    run_tasks(threads, [(0,), (1,)], lambda _, result: seen.append(result), workers=2)
+    assert seen == [(1, ["1", "1", "1"])] * 2
+    assert os.environ["OMP_NUM_THREADS"] == "2" and "MKL_NUM_THREADS" not in os.environ
+
+
+def test_a_killed_worker_is_told_and_the_others_end_at_once(tmp_path):
+    def kill_one() -> None:
+        wait_for(lambda: all((tmp_path / name).is_file() and (tmp_path / name).read_text() for name in "ab"))
+        os.kill(int((tmp_path / "a").read_text()), signal.SIGKILL)
+
+    killer = threading.Thread(target=kill_one, daemon=True)
+    killer.start()
+    with pytest.raises(BrokenExecutor, match=r"worker process was killed.*goes on.*--workers"):
+        run_tasks(touch_and_wait, [(tmp_path, "a"), (tmp_path, "b")], print, workers=2)
+    killer.join()
+    assert gone(int((tmp_path / "b").read_text()))
+
+
+PROGRAM = """
+import sys
+from pathlib import Path
+sys.path.insert(0, {tests!r})
+from test_workers import touch_and_wait
+from marssim.workers import run_tasks
+if __name__ == "__main__":
+    run_tasks(touch_and_wait, [(Path({folder!r}), "a"), (Path({folder!r}), "b")], print, workers=2)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_no_worker_outlives_its_parent(tmp_path, number):
+    """Else it would go on writing while the same command is run again. Ctrl-C goes to all, and only one may answer."""
+    script = tmp_path / "script.py"
+    script.write_text(PROGRAM.format(tests=str(Path(__file__).parent), folder=str(tmp_path)))
+    process = subprocess.Popen([sys.executable, str(script)], stderr=subprocess.PIPE, start_new_session=True, text=True)
+    wait_for(lambda: all((tmp_path / name).is_file() and (tmp_path / name).read_text() for name in "ab"))
+    if number == signal.SIGINT:
+        os.killpg(process.pid, number)
+    else:
+        process.kill()
+    said = process.communicate(timeout=60)[1]
+    pids = [int((tmp_path / name).read_text()) for name in "ab"]
+    wait_for(lambda: all(gone(pid) for pid in pids))
+    if number == signal.SIGINT:
+        assert said.count("KeyboardInterrupt") == 1 and "Process" not in said.replace("ProcessPool", "")
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:{port}", "carrier-pigeon://roof"])
+def test_a_scheduler_that_does_not_answer_is_one_line(address, monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr(workers, "ANSWER_WITHIN", 0.5)
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = address.format(port=free.getsockname()[1])
+        with pytest.raises(OSError, match=rf"^--scheduler {address}: ") as told:
+            run_tasks(slow_square, [(1,)], print, scheduler=address)
+    assert len(str(told.value).splitlines()) == 1
+
+
+def test_without_dask_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(ImportError, match=r"mars-m3depth\[cluster\]"):
+        run_tasks(slow_square, [(1,)], print, scheduler="tcp://127.0.0.1:1")
+
+
+def test_a_cluster_whose_workers_die_is_told():
+    distributed = pytest.importorskip("distributed")
+    import dask
+
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as local,
+        pytest.raises(BrokenExecutor, match=r"--scheduler tcp://.*goes on"),
+    ):
+        run_tasks(die, [(0,)], print, scheduler=local.scheduler_address)
