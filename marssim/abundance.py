@@ -1,0 +1,167 @@
+"""Measure how much of the ground rocks cover, and set it beside Golombek's law.
+
+    python -m marssim.abundance --scene gale --scenes 8 --seed 1
+
+Rays are shot straight down on finished scenes, on a grid of --cell, and say which rock each spot of ground shows. The
+area of a rock's visible spots is that of a disc of diameter D; the areas of all rocks of D and more, over the ground
+looked at, are F_k(D). Nothing is read from the list that the scene was drawn from: burial, overlap and relief act on
+what is measured as they do on a picture from orbit. A rock counts, with its whole area, where the middle of its
+visible part lies a margin inside the finely gridded square, so that none is cut by the border.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
+
+from marssim.command import counted, run_command
+from marssim.scene.golombek import MAX_DIAMETER, covered_area, sampling_spread
+from marssim.scene.scene import Scene, build_scene, preset
+
+DIAMETERS = (0.1, 0.15, 0.2, 0.3, 0.4, 0.5)  # [m]
+BAND = 2.0  # [m] of ground that is looked at in one go
+LEAST_TOLERANCE = 0.10  # of the asked share
+SPREADS = 3.0
+
+
+@dataclass(frozen=True)
+class AbundanceConfig:
+    """Measure the rock abundance of drawn scenes from straight above."""
+
+    scene: Literal["utopia", "gusev", "gale", "jezero", "hard"] = "gale"
+    """preset that the scenes are drawn from"""
+    k: float | None = None
+    """share of the ground that rocks cover, 0 to 0.4, instead of the preset's"""
+    scenes: int = 8
+    """number of scenes to draw and measure together"""
+    seed: int = 1
+    """seed of the scenes, 0 or more"""
+    cell: float = 0.01
+    """distance between rays [m]"""
+
+    def __post_init__(self) -> None:
+        if self.scenes < 1:
+            raise ValueError(f"--scenes must be at least 1, got {self.scenes}")
+        if self.seed < 0:
+            raise ValueError(f"--seed must not be negative, got {self.seed}")
+        if self.k is not None and not 0 <= self.k <= 0.4:
+            raise ValueError(f"--k must lie in [0, 0.4], got {self.k}")
+        if not 0.002 <= self.cell <= 0.05:
+            raise ValueError(f"--cell must lie in [0.002, 0.05] m, got {self.cell}")
+
+
+@dataclass(frozen=True)
+class Abundance:
+    """F_k at diameters (D,) [m]: asked, achieved, and the standard deviation that chance gives it on that area [m2]."""
+
+    diameter: np.ndarray
+    asked: np.ndarray
+    achieved: np.ndarray
+    spread: np.ndarray
+    area: float
+
+    @property
+    def tolerance(self) -> np.ndarray:
+        """How far achieved may lie from asked: 10 % or three times the spread, whichever is larger."""
+        return np.maximum(LEAST_TOLERANCE * self.asked, SPREADS * self.spread)
+
+    @property
+    def within(self) -> np.ndarray:
+        """(D,) bool: achieved is within tolerance."""
+        return np.abs(self.achieved - self.asked) <= self.tolerance
+
+    def table(self) -> str:
+        """One line a diameter, shares in percent of the ground."""
+        lines = ["D [m]  asked %  achieved %  ratio  spread %  allowed +- %"]
+        for d, asked, achieved, spread, tolerance, good in zip(
+            self.diameter, self.asked, self.achieved, self.spread, self.tolerance, self.within
+        ):
+            ratio = achieved / asked if asked > 0 else float("nan")
+            lines.append(
+                f"{d:5.2f} {100 * asked:8.3f} {100 * achieved:11.3f} {ratio:6.3f} {100 * spread:9.3f} "
+                f"{100 * tolerance:13.3f}" + ("" if good else "  outside")
+            )
+        return "\n".join(lines)
+
+
+def visible_areas(scene: Scene, cell: float = 0.01) -> tuple[np.ndarray, np.ndarray]:
+    """What of each rock is seen from straight above.
+
+    cell: [m] between rays; looked at is the finely gridded square. Returns the area (N,) [m2] of each rock, and the
+    middle (N, 2) [m] of what is seen of it, nan where nothing is.
+    """
+    rocks, half = scene.rocks, scene.half
+    vertices, faces = scene.terrain.fine.mesh()
+    embree = EmbreeScene()
+    ground = len(faces)
+    faces = np.concatenate([faces, rocks.faces + len(vertices)])
+    vertices = np.concatenate([vertices, rocks.vertices])
+    TriangleMesh(embree, vertices.astype(np.float32), np.ascontiguousarray(faces, dtype=np.int32))
+    above = np.float32(vertices[:, 2].max() + 1.0)
+
+    steps = round(2 * half / cell)
+    at = ((np.arange(steps) + 0.5) / steps * 2 - 1) * half
+    rows = max(1, round(BAND / cell))
+    count, moment = np.zeros(len(rocks)), np.zeros((len(rocks), 2))
+    for start in range(0, steps, rows):
+        origins = np.empty((len(at[start : start + rows]), steps, 3), dtype=np.float32)
+        origins[..., 0], origins[..., 1], origins[..., 2] = at, at[start : start + rows, None], above
+        origins = origins.reshape(-1, 3)
+        down = np.zeros_like(origins)
+        down[:, 2] = -1
+        face = embree.run(origins, down)
+        spot = np.flatnonzero(face >= ground)
+        rock = rocks.face_rock[face[spot] - ground]
+        count += np.bincount(rock, minlength=len(rocks))
+        for axis in range(2):
+            moment[:, axis] += np.bincount(rock, origins[spot, axis], minlength=len(rocks))
+    with np.errstate(invalid="ignore"):
+        return count * (2 * half / steps) ** 2, moment / count[:, None]
+
+
+def measure(scenes: Iterable[Scene], k: float, cell: float = 0.01) -> Abundance:
+    """F_k(D) of some scenes taken together, for D = 0.1 m to 0.5 m. k: what was asked of them."""
+    diameter = np.array(DIAMETERS)
+    covered, area = np.zeros(len(diameter)), 0.0
+    for scene in scenes:
+        outline, middle = visible_areas(scene, cell)
+        inside = scene.half - MAX_DIAMETER / 2
+        counts = (np.abs(middle) <= inside).all(axis=1)  # nan, which is not seen, does not count
+        seen = np.sqrt(4 / np.pi * outline)
+        covered += [outline[counts & (seen >= d)].sum() for d in diameter]
+        area += (2 * inside) ** 2
+    return Abundance(
+        diameter=diameter, asked=covered_area(diameter, k), achieved=covered / area,
+        spread=sampling_spread(diameter, k, area), area=area,
+    )  # fmt: skip
+
+
+def abundance(config: AbundanceConfig) -> Abundance:
+    """Draw the scenes and measure them."""
+    scene_config = preset(config.scene)
+    if config.k is not None:
+        scene_config = replace(scene_config, rocks=replace(scene_config.rocks, k=config.k))
+    drawn = (build_scene(scene_config, np.random.default_rng((config.seed, n))) for n in range(config.scenes))
+    return measure(drawn, scene_config.rocks.k, config.cell)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """The command. Returns the exit code."""
+    return run_command(_work, AbundanceConfig, "python -m marssim.abundance", __doc__, args, "nothing was written")
+
+
+def _work(config: AbundanceConfig) -> None:
+    result = abundance(config)
+    k = preset(config.scene).rocks.k if config.k is None else config.k
+    print(f"{counted(config.scenes, 'scene')} of {config.scene}, k {k:g}, {result.area:.0f} m2 seen from above")
+    print(result.table())
+
+
+if __name__ == "__main__":
+    sys.exit(main())

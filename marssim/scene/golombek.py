@@ -1,0 +1,60 @@
+"""How many rocks of which size: the exponential law of Golombek and Rapp (1997).
+
+Rocks of diameter D and more cover F_k(D) = k exp(-q D) of the ground, with q = 1.79 + 0.152 / k. That is an area; the
+number that goes with it is N(>D) = (4 k q / pi) [exp(-q D) / D - q E1(q D)]. D is the diameter of the disc whose area
+is the outline of the rock seen from above, as far as it stands out of the ground: that is what is counted from orbit.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import exp1
+
+MAX_DIAMETER = 2.5  # [m] larger rocks are not drawn
+
+
+def decay(k: float) -> float:
+    """q(k) [1/m] of the law."""
+    return 1.79 + 0.152 / k
+
+
+def covered_area(diameter: np.ndarray, k: float) -> np.ndarray:
+    """F_k(D): share of the ground covered by rocks of diameter D [m] and more."""
+    return k * np.exp(-decay(k) * np.asarray(diameter)) if k > 0 else np.zeros_like(diameter, dtype=float)
+
+
+def number_density(diameter: np.ndarray, k: float) -> np.ndarray:
+    """N(>D): rocks of diameter D [m] and more per square metre."""
+    d = np.asarray(diameter, dtype=float)
+    if k == 0:
+        return np.zeros_like(d)
+    q = decay(k)
+    return 4 * k * q / np.pi * (np.exp(-q * d) / d - q * exp1(q * d))
+
+
+def sampling_spread(diameter: np.ndarray, k: float, area: float) -> np.ndarray:
+    """Standard deviation of the share of `area` [m2] that rocks of diameter D [m] to MAX_DIAMETER cover by chance.
+
+    Rocks fall independently (a Poisson process), so the variance is the integral of the squared outline over the size
+    distribution: var = (pi k q / 4 A) int_D x^2 exp(-q x) dx.
+    """
+    d = np.asarray(diameter, dtype=float)
+    if k == 0:
+        return np.zeros_like(d)
+    q = decay(k)
+
+    def tail(x: np.ndarray) -> np.ndarray:
+        return np.exp(-q * x) * (x * x / q + 2 * x / q**2 + 2 / q**3)
+
+    return np.sqrt(np.pi * k * q / (4 * area) * np.maximum(tail(d) - tail(np.array(MAX_DIAMETER)), 0))
+
+
+def draw_diameters(k: float, smallest: float, area: float, rng: np.random.Generator) -> np.ndarray:
+    """Diameters [m], descending, of the rocks from `smallest` to MAX_DIAMETER on `area` [m2]: a Poisson draw."""
+    if k == 0 or area <= 0:
+        return np.zeros(0)
+    grid = np.geomspace(smallest, MAX_DIAMETER, 400)
+    number = number_density(grid, k) - number_density(np.array(MAX_DIAMETER), k)
+    count = rng.poisson(number[0] * area)
+    level = rng.uniform(0, number[0], count)
+    return np.sort(np.interp(level, number[::-1], grid[::-1]))[::-1]

@@ -1,0 +1,239 @@
+"""The shapes of rocks: angular blocks, layered slabs and rounded cobbles.
+
+A rock is a polytope of fracture planes whose edges are worn more or less: the radius along a direction u is that of
+the p-norm of the planes' gauges, r(u) = (sum max(u.n_i / d_i, 0)^p)^(-1/p); p = inf would be the polytope itself.
+Lumps and roughness are added along the radius. So every rock is star-shaped about its centre, and the face behind a
+surface point is found from its direction alone. The directions are those of an icosphere, slid onto the polytope's
+edges and corners where these are near, so that edges run straight even where a rock has few triangles.
+
+Shapes come from a library that is the same for all scenes; scenes stretch, turn, bury and scale them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import trimesh
+
+FAMILIES = ("angular", "slabby", "rounded")
+VARIANTS = 24  # shapes per family
+LEVELS = 5  # of detail: 20, 80, 320, 1280, 5120 faces
+FEWER = (24, 24, 24, 12, 6)  # of these are drawn at each level: fine ones cost time, and few rocks are that large
+BURIAL = np.linspace(0, 0.6, 13)  # shares of the height at which outlines are tabulated
+RASTER = 48  # cells along a side of the square on which outlines are measured
+SEED = 1997
+
+
+@dataclass(frozen=True)
+class ShapeLibrary:
+    """All shapes at one level of detail: M = families x FEWER[level] shapes of V vertices, F faces.
+
+    vertices: (M, V, 3), z from 0 to 1. normals: (M, V, 3) unit, at the vertices. middle: (M,) z of the centre, which
+    lies at x = y = 0. faces: (F, 3) int32 of every shape, outward. outline: (M, len(BURIAL)) area seen from above of
+    what stands out if the share BURIAL of the height is below ground.
+    """
+
+    vertices: np.ndarray
+    normals: np.ndarray
+    middle: np.ndarray
+    faces: np.ndarray
+    outline: np.ndarray
+
+    def index(self, family: np.ndarray, variant: np.ndarray) -> np.ndarray:
+        """(N,) the shape of each rock of a family (N,) and variant (N,), both int."""
+        each = len(self.vertices) // len(FAMILIES)
+        return family * each + variant % each
+
+    def exposed_outline(self, shape: np.ndarray, buried: np.ndarray) -> np.ndarray:
+        """(N,) area of shapes (N,) int of which the shares `buried` (N,) of the height lie below level ground."""
+        at = np.clip(np.asarray(buried) / (BURIAL[1] - BURIAL[0]), 0, len(BURIAL) - 1)
+        low = np.minimum(at.astype(int), len(BURIAL) - 2)
+        part = at - low
+        return (1 - part) * self.outline[shape, low] + part * self.outline[shape, low + 1]
+
+
+@lru_cache(maxsize=8)
+def icosphere(level: int) -> tuple[np.ndarray, np.ndarray]:
+    """Unit directions (V, 3) and faces (F, 3) of an icosahedron subdivided `level` times (20 * 4^level faces)."""
+    sphere = trimesh.creation.icosphere(subdivisions=level)
+    return np.asarray(sphere.vertices, dtype=float), np.asarray(sphere.faces, dtype=np.int32)
+
+
+@lru_cache(maxsize=LEVELS)
+def shape_library(level: int) -> ShapeLibrary:
+    """The shapes of every family, FAMILIES[0] first, at a level of detail."""
+    drawn = [
+        draw_shape(name, level, np.random.default_rng((SEED, n, variant)))
+        for n, name in enumerate(FAMILIES)
+        for variant in range(FEWER[level])
+    ]
+    vertices = np.stack([shape for shape, _ in drawn])
+    faces = icosphere(level)[1]
+    return ShapeLibrary(
+        vertices=vertices,
+        normals=_vertex_normals(vertices, faces),
+        middle=np.array([middle for _, middle in drawn]),
+        faces=faces,
+        outline=outlines(vertices, faces),
+    )
+
+
+def draw_shape(family: str, level: int, rng: np.random.Generator) -> tuple[np.ndarray, float]:
+    """One rock on the icosphere of that level, z from 0 to 1. The same rng gives the same rock at every level.
+
+    Returns (V, 3) vertices and the height z of the centre, which lies at x = y = 0.
+    """
+    directions, faces = icosphere(level)
+    normal, offset, wear = _fracture_planes(family, rng)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    lean = rng.normal(0, 0.15, 2)
+    u = snap(directions @ turn.T, faces, normal, offset)
+    gauge = np.maximum(u @ (normal / offset[:, None]).T, 0)
+    largest = gauge.max(axis=1, keepdims=True)
+    r = 1 / (largest[:, 0] * ((gauge / largest) ** wear).sum(axis=1) ** (1 / wear))
+    v = u * (r * (1 + _roughness(family, u * r[:, None], level, rng)))[:, None]
+    v[:, :2] += v[:, 2:] * lean
+    bottom, top = v[:, 2].min(), v[:, 2].max()
+    v[:, 2] = (v[:, 2] - bottom) / (top - bottom)
+    return v, float(-bottom / (top - bottom))
+
+
+def _fracture_planes(family: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, float]:
+    """Unit normals (P, 3) and offsets (P,) of a family's planes, and the exponent p of its worn edges."""
+    if family == "slabby":
+        count = int(rng.integers(5, 8))
+        azimuth = (np.arange(count) + rng.uniform(-0.33, 0.33, count)) * 2 * np.pi / count
+        sides = np.stack([np.cos(azimuth), np.sin(azimuth), rng.normal(0, 0.22, count)], axis=1)
+        beds = np.array([[0, 0, 1.0], [0, 0, -1.0]]) + rng.normal(0, 0.07, (2, 3))
+        chips = rng.normal(size=(3, 3)) * (1, 1, 0.8)
+        normal = np.concatenate([beds, sides, chips])
+        offset = np.concatenate([rng.uniform(0.55, 0.7, 2), rng.uniform(0.7, 1.0, count), rng.uniform(0.85, 1.05, 3)])
+        wear = rng.uniform(22, 50)
+    elif family == "angular":
+        triad = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        blocks = np.concatenate([triad, -triad]) + rng.normal(0, 0.16, (6, 3))
+        count = int(rng.integers(5, 10))
+        normal = np.concatenate([blocks, rng.normal(size=(count, 3))])
+        offset = np.concatenate([rng.uniform(0.55, 0.85, 6), rng.uniform(0.68, 0.98, count)])
+        wear = rng.uniform(18, 60)
+    else:
+        count = int(rng.integers(12, 18))
+        normal = rng.normal(size=(count, 3))
+        normal = np.concatenate([normal, np.eye(3), -np.eye(3)])
+        offset = np.concatenate([rng.uniform(0.72, 1.0, count), rng.uniform(0.8, 1.0, 6)])
+        wear = rng.uniform(6, 11)
+    return normal / np.linalg.norm(normal, axis=1, keepdims=True), offset, float(wear)
+
+
+def _roughness(family: str, points: np.ndarray, level: int, rng: np.random.Generator) -> np.ndarray:
+    """(V,) relative change of the radius: lumps, fracture steps and, on slabs, the edges of layers.
+
+    Only what the level's triangles can show is added; each octave is drawn at every level, so that shapes agree.
+    """
+    spacing = 1.1 / 2**level
+    out = np.zeros(len(points))
+    strength = {"angular": 0.030, "slabby": 0.022, "rounded": 0.040}[family]
+    for octave, wavelength in enumerate((1.6, 0.8, 0.4, 0.2, 0.1)):
+        wave = rng.normal(size=(7, 3))
+        wave *= 2 * np.pi / wavelength / np.linalg.norm(wave, axis=1, keepdims=True) * rng.uniform(0.7, 1.4, (7, 1))
+        phase = rng.uniform(0, 2 * np.pi, 7)
+        if wavelength < 2 * spacing:
+            continue
+        swing = np.sin(points @ wave.T + phase).sum(axis=1) / np.sqrt(3.5)
+        if family != "rounded" and octave >= 1:
+            swing = 0.8 - 1.6 * np.abs(swing) / (1 + np.abs(swing))  # ridges and dents, as of broken stone
+        out += strength * 0.62**octave * swing
+    layers, start = rng.uniform(4, 7), rng.uniform(0, 1)
+    if family == "slabby" and level >= 3:  # beds that weather back by turns
+        height = points[:, 2] * layers + start
+        step = np.abs(height - np.floor(height) - 0.5) * 4 - 1
+        side = 1 - (points[:, 2] / np.linalg.norm(points, axis=1)) ** 2
+        out += 0.035 * side * np.clip(2 * step, -1, 1)
+    return out
+
+
+def snap(directions: np.ndarray, faces: np.ndarray, normal: np.ndarray, offset: np.ndarray) -> np.ndarray:
+    """Slide directions onto the edges and corners of the polytope {x: n_i . x <= d_i} that run close by.
+
+    directions: (V, 3) unit; faces: (F, 3) outward; normal: (P, 3) unit; offset: (P,) > 0. Returns (V, 3) unit
+    directions; no face turns over or shrinks to a sliver: where one would, its vertices stay.
+    """
+    corner = directions[faces]
+    reach = 0.5 * np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).mean()
+    gauge = (directions @ normal.T) / offset
+    near = np.argsort(-gauge, axis=1)[:, :3]
+    point = directions / gauge[np.arange(len(gauge)), near[:, 0], None]
+    length = np.linalg.norm(point, axis=1)
+    target = point.copy()
+    moved = np.full(len(point), np.inf)
+    for count in (2, 3):
+        planes, rest = normal[near[:, :count]], offset[near[:, :count]]
+        gram = planes @ planes.swapaxes(1, 2)
+        sound = np.abs(np.linalg.det(gram)) > 0.05
+        gram[~sound] = np.eye(count)
+        away = rest - np.einsum("nij,nj->ni", planes, point)
+        there = point + np.einsum("nij,ni->nj", planes, np.linalg.solve(gram, away[..., None])[..., 0])
+        gap = np.linalg.norm(there - point, axis=1)
+        on_it = ((there @ normal.T) / offset).max(axis=1) < 1 + 1e-6
+        good = np.flatnonzero(sound & on_it & (gap < (reach if count == 2 else 1.5 * reach) * length))
+        if count == 3:  # only the nearest vertex may take a corner
+            key = np.sort(near[good], axis=1) @ (1, len(normal), len(normal) ** 2)
+            order = np.lexsort((gap[good], key))
+            good = good[order[np.unique(key[order], return_index=True)[1]]]
+        target[good], moved[good] = there[good], gap[good]
+    out = target / np.linalg.norm(target, axis=1, keepdims=True)
+    least = 0.2 * np.linalg.det(corner)
+    for _ in range(20):
+        bad = faces[np.linalg.det(out[faces]) < least]
+        if len(bad) == 0:
+            return out
+        shift = np.where(np.isfinite(moved), moved, -1)[bad]
+        back = np.unique(bad[np.arange(len(bad)), shift.argmax(axis=1)])
+        out[back], moved[back] = directions[back], np.inf
+    return directions.copy()
+
+
+def outlines(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(M, len(BURIAL)) area, seen from above, of the part of each mesh above z = BURIAL.
+
+    vertices: (M, V, 3), z from 0 to 1. Counted on a raster of the highest surface over each cell's middle.
+    """
+    shapes = len(vertices)
+    low = vertices[..., :2].min(axis=1) - 1e-9
+    step = (vertices[..., :2].max(axis=1) + 1e-9 - low) / RASTER
+    scaled = np.concatenate([(vertices[..., :2] - low[:, None]) / step[:, None] - 0.5, vertices[..., 2:]], axis=-1)
+    a, b, c = (scaled[:, faces[:, i]].reshape(-1, 3) for i in range(3))
+    area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+    up = np.flatnonzero(area > 0)  # the upward faces of a closed mesh cover all of its outline
+    shape = np.repeat(np.arange(shapes), len(faces))[up]
+    a, b, c, area = a[up], b[up], c[up], area[up]
+    first = np.ceil(np.minimum(np.minimum(a, b), c)[:, :2]).astype(int)
+    last = np.floor(np.maximum(np.maximum(a, b), c)[:, :2]).astype(int)
+    size = np.maximum(last - first + 1, 0)
+    count = size[:, 0] * size[:, 1]
+    owner = np.repeat(np.arange(len(count)), count)
+    local = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
+    i = first[owner, 0] + local % np.maximum(size[owner, 0], 1)
+    j = first[owner, 1] + local // np.maximum(size[owner, 0], 1)
+    a, b, c, area = a[owner], b[owner], c[owner], area[owner]
+    p = ((b[:, 0] - i) * (c[:, 1] - j) - (b[:, 1] - j) * (c[:, 0] - i)) / area
+    q = ((c[:, 0] - i) * (a[:, 1] - j) - (c[:, 1] - j) * (a[:, 0] - i)) / area
+    inside = (p >= 0) & (q >= 0) & (p + q <= 1)
+    z = p * a[:, 2] + q * b[:, 2] + (1 - p - q) * c[:, 2]
+    top = np.full((shapes, RASTER, RASTER), -np.inf)
+    np.maximum.at(top, (shape[owner[inside]], j[inside], i[inside]), z[inside])
+    cell = step[:, 0] * step[:, 1]
+    return np.stack([(top > level).sum(axis=(1, 2)) * cell for level in BURIAL], axis=1)
+
+
+def _vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(M, V, 3) unit normals of M meshes (M, V, 3) of one topology, weighted by area."""
+    a, b, c = (vertices[:, faces[:, i]] for i in range(3))
+    face = np.cross(b - a, c - a)
+    out = np.zeros_like(vertices)
+    for i in range(3):
+        np.add.at(out.swapaxes(0, 1), faces[:, i], face.swapaxes(0, 1))
+    return out / np.maximum(np.linalg.norm(out, axis=-1, keepdims=True), 1e-12)

@@ -1,0 +1,78 @@
+import numpy as np
+import pytest
+import trimesh
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from marssim.scene.shapes import BURIAL, FAMILIES, LEVELS, draw_shape, icosphere, outlines, shape_library, snap
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.sampled_from(FAMILIES), st.integers(0, LEVELS - 2), st.integers(0, 10_000))
+def test_shapes_are_closed_star_shaped_and_without_slivers(family, level, seed):
+    vertices, middle = draw_shape(family, level, np.random.default_rng(seed))
+    faces = icosphere(level)[1]
+    assert vertices[:, 2].min() == pytest.approx(0)
+    assert vertices[:, 2].max() == pytest.approx(1)
+    a, b, c = (vertices[faces[:, i]] - (0, 0, middle) for i in range(3))
+    assert (np.einsum("ij,ij->i", a, np.cross(b, c)) > 0).all()  # every face is seen from the centre, outward
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    assert mesh.is_watertight and mesh.is_winding_consistent and mesh.volume > 0
+    assert mesh.area_faces.min() > 0.02 * mesh.area_faces.mean()
+
+
+@pytest.mark.parametrize("level", range(3))
+def test_library_normals_point_outward(level):
+    library = shape_library(level)
+    assert len(library.vertices) == len(library.outline) == len(library.middle)
+    assert np.allclose(np.linalg.norm(library.normals, axis=-1), 1)
+    middle = np.zeros((len(library.middle), 1, 3))
+    middle[:, 0, 2] = library.middle
+    assert (np.einsum("nvi,nvi->nv", library.normals, library.vertices - middle) > 0).all()
+
+
+def test_outlines_are_those_that_rays_from_above_see():
+    """An oracle of another kind: Embree's rays instead of the raster's barycentric coordinates."""
+    library = shape_library(2)
+    for shape in range(0, len(library.vertices), 17):
+        vertices = library.vertices[shape].astype(np.float32)
+        embree = EmbreeScene()
+        TriangleMesh(embree, vertices, library.faces)
+        x, y = np.meshgrid(np.arange(-1.6, 1.6, 0.013), np.arange(-1.6, 1.6, 0.013))
+        origins = np.stack([x, y, np.full_like(x, 2.0)], axis=-1).reshape(-1, 3).astype(np.float32)
+        hit = embree.run(origins, np.tile(np.array([0, 0, -1], np.float32), (len(origins), 1)), output=True)
+        top = np.where(hit["primID"] >= 0, 2 - hit["tfar"], -np.inf)
+        for buried in (0.0, 0.22, 0.45):
+            seen = float(library.exposed_outline(np.array([shape]), np.array([buried]))[0])
+            assert seen == pytest.approx(np.sum(top > buried) * 0.013**2, rel=0.03)
+
+
+def test_outline_of_a_half_buried_sphere_is_its_disc():
+    vertices, faces = icosphere(4)
+    area = outlines(vertices[None] * 0.5 + 0.5, faces)[0]
+    for share, got in zip(BURIAL, area):
+        radius = np.sqrt(max(0.0, 0.25 - max(0.0, share - 0.5) ** 2))
+        assert got == pytest.approx(np.pi * radius**2, rel=0.03)
+
+
+def test_snapped_directions_lie_on_the_edges_of_a_cube():
+    """The edges of a cube end up as rows of vertices, so that a worn cube keeps straight edges."""
+    directions, faces = icosphere(3)
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    directions = directions @ turn.T
+    normal = np.concatenate([np.eye(3), -np.eye(3)])
+    out = snap(directions, faces, normal, np.ones(6))
+    cube = out / np.abs(out).max(axis=1, keepdims=True)
+    crossing = 0.0
+    for one, other in ((0, 1), (1, 2), (2, 0)):  # length of mesh edges that run from one side of the cube to another
+        side = np.abs(cube).argmax(axis=1)
+        ends = cube[np.stack([faces[:, one], faces[:, other]])]
+        free = (np.sort(np.abs(ends), axis=2)[..., 1] < 0.999).all(axis=0)
+        crossing += np.sum(free & (side[faces[:, one]] != side[faces[:, other]]))
+    assert crossing <= 0.02 * 3 * len(faces)
+    assert np.sum(np.sort(np.abs(cube), axis=1)[:, 1] > 0.999) > 60  # on an edge
+    assert np.sum(np.abs(cube).min(axis=1) > 0.999) >= 6  # on one of the eight corners
+    assert (np.linalg.det(out[faces]) > 0).all()

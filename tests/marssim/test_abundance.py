@@ -1,0 +1,70 @@
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from marssim.abundance import AbundanceConfig, abundance, main, measure, visible_areas
+from marssim.scene.rocks import RockConfig
+from marssim.scene.scene import PRESETS, SceneConfig, build_scene, preset
+
+CELL = 0.02  # [m]
+
+
+@cache
+def draw(k, seed=0, **changes):
+    config = SceneConfig(rocks=replace(RockConfig(k=k, min_diameter=0.06), **changes), size=20.0, horizon=11.0)
+    return build_scene(config, np.random.default_rng(seed))
+
+
+@pytest.mark.parametrize("k", [0.01, 0.03, 0.15, 0.3])
+def test_seen_from_above_rocks_cover_what_was_asked(k):
+    result = measure([draw(k, seed) for seed in range(2)], k, cell=CELL)
+    assert result.within.all(), f"\n{result.table()}"
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_every_preset_has_its_abundance(name):
+    config = replace(preset(name), size=20.0, horizon=11.0)
+    scenes = (build_scene(config, np.random.default_rng((3, n))) for n in range(2))
+    result = measure(scenes, config.rocks.k, cell=CELL)
+    assert result.within.all(), f"\n{result.table()}"
+
+
+def test_deep_burial_and_clusters_are_corrected_for():
+    """Half of each rock below ground, all of them in clusters: the ground is covered no less."""
+    result = measure([draw(0.15, n, buried=(0.5, 0.5), cluster=1.0) for n in range(2)], 0.15, cell=CELL)
+    assert result.within.all(), f"\n{result.table()}"
+
+
+def test_what_is_seen_of_a_rock_is_the_disc_of_its_diameter():
+    scene = draw(0.05)
+    outline, middle = visible_areas(scene, 0.008)
+    rocks = scene.rocks
+    own = (np.abs(rocks.centre[:, :2]).max(axis=1) < scene.half - 1.3) & (rocks.diameter > 0.15)
+    assert own.sum() > 50
+    seen = np.sqrt(4 / np.pi * outline[own])
+    assert np.median(seen / rocks.diameter[own]) == pytest.approx(1, abs=0.03)
+    assert np.abs(middle[own] - rocks.centre[own, :2]).max() < 0.3
+
+
+def test_a_wrong_abundance_is_noticed():
+    """The bounds are no formality: rocks a fifth too small, or asked for at another k, fall outside."""
+    scenes = [draw(0.15, seed) for seed in range(2)]
+    assert not measure(scenes, 0.19, cell=CELL).within.all()
+    assert not measure(scenes, 0.12, cell=CELL).within.all()
+
+
+def test_the_command_prints_a_table(capsys):
+    assert main(["--scene", "utopia", "--scenes", "1", "--cell", "0.05"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert "utopia" in lines[0] and len(lines) == 2 + 6
+    result = abundance(AbundanceConfig(scene="utopia", scenes=1, cell=0.05))
+    assert f"{100 * result.achieved[0]:.3f}" in lines[2]
+
+
+@pytest.mark.parametrize("flag", ["--scenes 0", "--seed -1", "--k 0.9", "--cell 1"])
+def test_a_mistake_is_one_line(flag, capsys):
+    assert main(flag.split()) == 2
+    error = capsys.readouterr().err
+    assert flag.split()[0] in error and error.count("\n") == 1
