@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+
+from marssim.camera import PinholeCamera
 
 Range = tuple[float, float]
 
@@ -26,11 +28,18 @@ class SensorConfig:
     """share of the light that is lost in the corners of the image, 0 to 1"""
     gain_difference: Range = (-0.02, 0.02)
     """how much brighter the right eye is than the left, as a share"""
+    noise_difference: Range = (-0.1, 0.1)
+    """how much noisier the right eye is than the left, as a share"""
+    vertical_offset: Range = (-0.15, 0.15)
+    """what rectification left: how far the right image stands too low [px]; the ground truth is the ideal rig's"""
+    rotation_deg: Range = (-0.015, 0.015)
+    """what rectification left: turn of the right image about its middle [deg], positive is clockwise"""
 
     def __post_init__(self) -> None:
         limits = {
             "exposure": (0.02, 0.98), "psf": (0, 2), "full_well": (10, 1e7), "read_noise": (0, 1e5),
             "vignetting": (0, 1), "gain_difference": (-0.9, 9),
+            "noise_difference": (-0.9, 9), "vertical_offset": (-10, 10), "rotation_deg": (-5, 5),
         }  # fmt: skip
         for name, (low, high) in vars(self).items():
             least, most = limits[name]
@@ -40,19 +49,39 @@ class SensorConfig:
 
 @dataclass(frozen=True)
 class Sensor:
-    """One drawn detector, shared by both eyes but for the gain."""
+    """One drawn pair of detectors: the left one's values, and how the right one and its rectification differ."""
 
     exposure: float
     psf: float
     full_well: float
     read_noise: float
     vignetting: float
-    gain_difference: float
+    gain_difference: float = 0.0
+    noise_difference: float = 0.0
+    vertical_offset: float = 0.0
+    rotation_deg: float = 0.0
 
     @classmethod
     def draw(cls, config: SensorConfig, rng: np.random.Generator) -> Sensor:
         """A detector whose values lie anywhere in the ranges of config, all equally likely."""
         return cls(**{name: float(rng.uniform(low, high)) for name, (low, high) in vars(config).items()})
+
+    @property
+    def right(self) -> Sensor:
+        """The right eye's detector: (1 + noise_difference) times the noise at every brightness."""
+        more = 1 + self.noise_difference
+        return replace(self, full_well=self.full_well / more**2, read_noise=self.read_noise / more)
+
+    def right_view(self, camera: PinholeCamera, pose: np.ndarray) -> np.ndarray:
+        """(4, 4) pose from which the right image is taken, given that of the ideal right eye.
+
+        A residual of rectification is a small turn of the camera where it stands: about its optical axis, and up by
+        vertical_offset / fy, so that the image's middle moves down by vertical_offset.
+        """
+        roll, pitch = np.deg2rad(self.rotation_deg), np.arctan(self.vertical_offset / camera.fy)
+        out = np.array(pose, dtype=float)
+        out[:3, :3] @= cv2.Rodrigues(np.array([pitch, 0.0, 0.0]))[0] @ cv2.Rodrigues(np.array([0.0, 0.0, -roll]))[0]
+        return out
 
     def gain(self, radiance: np.ndarray, ground: np.ndarray) -> float:
         """Auto-exposure: the factor from radiance to full scale. radiance: (H, W, 3); ground: (H, W) bool, not sky."""

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from marssim.camera import PinholeCamera, StereoRig, rotate
-from marssim.render.gbuffer import GROUND, SKY, GBuffer, GBufferMaker, RayTracer
+from marssim.render.gbuffer import GROUND, SKY, GBuffer, GBufferMaker
 from marssim.render.sensor import Sensor
 from marssim.render.shading import Shader
 
@@ -38,8 +38,11 @@ class StereoFrame:
 def render_stereo(
     maker: GBufferMaker, shader: Shader, rig: StereoRig, pose: np.ndarray, sensor: Sensor, rng: np.random.Generator
 ) -> StereoFrame:
-    """Render both eyes and the ground truth. pose: (4, 4) left camera to world; rng: detector noise."""
-    right_pose = rig.right_pose(pose)
+    """Render both eyes and the ground truth. pose: (4, 4) left camera to world; rng: detector noise.
+
+    What the sensor says of imperfect rectification shows in the right image alone.
+    """
+    right_pose = sensor.right_view(rig.camera, rig.right_pose(pose))
     left_view = maker.render(rig.camera, pose)
     right_view = maker.render(rig.camera, right_pose)
     left = radiance(maker, shader, rig.camera, pose, left_view)
@@ -47,7 +50,7 @@ def render_stereo(
     gain = sensor.gain(left, left_view.hit)
     return StereoFrame(
         left=sensor.expose(left, gain, rng),
-        right=sensor.expose(right, gain * (1 + sensor.gain_difference), rng),
+        right=sensor.right.expose(right, gain * (1 + sensor.gain_difference), rng),
         depth=left_view.depth,
         disparity=rig.depth_to_disparity(left_view.depth),
         normal=left_view.normal,
@@ -73,20 +76,19 @@ def occlusion(maker: GBufferMaker, view: GBuffer, rig: StereoRig, pose: np.ndarr
 
 
 def radiance(maker: GBufferMaker, shader: Shader, camera: PinholeCamera, pose: np.ndarray, view: GBuffer) -> np.ndarray:
-    """(H, W, 3) float32 radiance of a view; edges are supersampled if the maker can trace rays between pixels."""
+    """(H, W, 3) float32 radiance of a view; edges are supersampled."""
     shape = view.depth.shape
     rays = camera.rays().reshape(-1, 3)
     colour, lit = _shade(
         maker, shader, camera, pose, rays,
         view.depth.ravel(), view.normal.reshape(-1, 3), view.shading_normal.reshape(-1, 3), view.surface.ravel(),
     )  # fmt: skip
-    if isinstance(maker, RayTracer):
-        edge = np.flatnonzero(_edges(view, lit.reshape(shape)).ravel())
-        if len(edge):
-            step = np.array([[du / camera.fx, dv / camera.fy, 0] for du, dv in SUBPIXELS])
-            fine = (rays[edge, None] + step).reshape(-1, 3)
-            fine_colour, _ = _shade(maker, shader, camera, pose, fine, *maker.trace(fine, pose))
-            colour[edge] = fine_colour.reshape(len(edge), len(SUBPIXELS), 3).mean(axis=1)
+    edge = np.flatnonzero(_edges(view, lit.reshape(shape)).ravel())
+    if len(edge):
+        step = np.array([[du / camera.fx, dv / camera.fy, 0] for du, dv in SUBPIXELS])
+        fine = (rays[edge, None] + step).reshape(-1, 3)
+        fine_colour, _ = _shade(maker, shader, camera, pose, fine, *maker.trace(fine, pose))
+        colour[edge] = fine_colour.reshape(len(edge), len(SUBPIXELS), 3).mean(axis=1)
     return colour.reshape(*shape, 3)
 
 

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from marssim.camera import NATECAM, look_pose
 from marssim.render.sensor import Sensor, SensorConfig
 
 CLEAN = Sensor(exposure=0.5, psf=0.0, full_well=1e12, read_noise=0.0, vignetting=0.0, gain_difference=0.0)
@@ -94,6 +95,35 @@ def test_black_and_white():
     assert bright.dtype == np.uint8 and bright.min() > 245
 
 
+@given(difference=st.floats(-0.5, 0.5), signal=st.floats(0.2, 0.6))
+def test_the_right_eyes_noise_differs_by_its_share(difference, signal):
+    left = replace(CLEAN, full_well=5000, read_noise=40, noise_difference=difference)
+    spread = [linear_noise(sensor, signal) for sensor in (left, left.right)]
+    assert spread[1] / spread[0] == pytest.approx(1 + difference, rel=0.05)
+
+
+def linear_noise(sensor: Sensor, signal: float) -> float:
+    """Standard deviation before the code, at one brightness; 8 bits are too coarse for it to be read off small."""
+    image = sensor.expose(flat(signal, 200), 1.0, np.random.default_rng(0)).astype(float)
+    return float(np.sqrt(image.var() - 1 / 12))
+
+
+@pytest.mark.parametrize(("rotation", "offset"), [(0.0, 2.0), (1.0, 0.0), (-0.7, -1.5)])
+def test_a_residual_of_rectification_moves_the_right_image(rotation, offset):
+    """Far points land where the image, turned clockwise about its middle and moved down, has them."""
+    camera = NATECAM.camera
+    pose = look_pose(np.array([1.0, 2.0, 3.0]), 0.4, 0.3, 0.1)
+    moved = replace(CLEAN, rotation_deg=rotation, vertical_offset=offset).right_view(camera, pose)
+    assert np.array_equal(moved[:3, 3], pose[:3, 3])
+    assert np.allclose(moved[:3, :3] @ moved[:3, :3].T, np.eye(3))
+    pixels = np.array([[255.5, 255.5], [400.0, 255.5], [255.5, 100.0], [300.0, 310.0]])
+    points = np.column_stack([(pixels - 255.5) / camera.fx, np.ones(4)]) @ pose[:3, :3].T
+    angle = np.deg2rad(rotation)  # v points down, so that this matrix turns clockwise
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    expected = (pixels - 255.5) @ turn.T + 255.5 + [0, offset]
+    assert np.allclose(camera.project(points @ moved[:3, :3]), expected, atol=0.04)
+
+
 def test_draws_lie_in_their_ranges_and_follow_the_seed():
     config = SensorConfig()
     for seed in range(20):
@@ -117,6 +147,9 @@ def test_draws_lie_in_their_ranges_and_follow_the_seed():
         ("read_noise", (-1.0, 1.0)),
         ("vignetting", (0.0, 1.1)),
         ("gain_difference", (-1.0, 0.0)),
+        ("noise_difference", (-1.0, 0.0)),
+        ("vertical_offset", (0.0, 11.0)),
+        ("rotation_deg", (-90.0, 0.0)),
         ("psf", (float("nan"), 0.5)),
         ("full_well", (4000.0, float("inf"))),
     ],

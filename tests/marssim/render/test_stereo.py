@@ -47,6 +47,17 @@ def frame(scene, maker, pose) -> StereoFrame:
     return pair(scene, maker, pose)
 
 
+def test_imperfect_rectification_shows_in_the_right_image_alone(scene, maker, pose, frame):
+    other = pair(scene, maker, pose, replace(CLEAN, vertical_offset=1.0, rotation_deg=0.05))
+    for name in ("left", "depth", "disparity", "normal", "surface", "occluded"):
+        assert np.array_equal(getattr(other, name), getattr(frame, name))
+    shifts = []
+    for down in (0, 1, 2):
+        moved = np.roll(frame.right, down, axis=0).astype(float)
+        shifts.append(np.abs(moved - other.right)[4:-4, 4:-4].mean())
+    assert shifts[1] < 0.6 * shifts[0] and shifts[1] < 0.6 * shifts[2]
+
+
 def warped(image: np.ndarray, disparity: np.ndarray) -> np.ndarray:
     """The right image as the left eye would see it: float, NaN-free, borders repeated."""
     v, u = np.indices(disparity.shape, dtype=np.float32)
