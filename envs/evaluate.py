@@ -29,7 +29,8 @@ from envs.episodes import Cell, EpisodeRecord, run_episode
 from envs.mars_nav import MarsNavEnv
 from envs.metrics import summarise
 from envs.report import write_report
-from m3depth.estimator import Estimator, load_estimator
+from envs.sight import load_perception
+from m3depth.estimator import Estimator
 from marssim.command import counted, run_command
 from marssim.dataset import DatasetError, read_json, write_json
 
@@ -212,7 +213,7 @@ def drive(config: EvaluateConfig, task: Task) -> EpisodeRecord:
 @cache
 def _perception(name: str) -> str | Estimator:
     """What an environment takes as perception, of this process: loading a network once is enough."""
-    return name if name == "ground_truth" else load_estimator(name)
+    return load_perception(name) or name
 
 
 def _one_thread() -> None:

@@ -43,17 +43,26 @@ class Sight:
     seconds: float = 0.0
 
 
+def load_perception(perception: str | Estimator) -> Estimator | None:
+    """What turns images into depth; None for "ground_truth", which needs none.
+
+    perception: as MarsNavEnv takes it. Raises ValueError that lists the names there are, FileNotFoundError that names
+    the file if weights are missing.
+    """
+    if isinstance(perception, str) and perception == "ground_truth":
+        return None
+    from m3depth.estimator import load_estimator
+
+    return load_estimator(perception, "perception", ("ground_truth",))
+
+
 class Eyes:
     """Looks at one Scene. perception: "ground_truth", an estimator's name or class path, or an estimator object."""
 
     def __init__(self, perception: str | Estimator, renderer: str, sensor: SensorConfig | None = None) -> None:
         if renderer not in ("embree", "pybullet"):
             raise ValueError(f"renderer {renderer!r} is unknown; choose from embree, pybullet")
-        self.estimator: Estimator | None = None
-        if not (isinstance(perception, str) and perception == "ground_truth"):
-            from m3depth.estimator import load_estimator
-
-            self.estimator = load_estimator(perception)
+        self.estimator = load_perception(perception)
         self.renderer = renderer
         self.sensor_config = sensor or SensorConfig()
         self.maker: GBufferMaker | None = None

@@ -24,17 +24,21 @@ class Estimator(Protocol):
         ...
 
 
-def load_estimator(spec: str | Estimator) -> Estimator:
+NAMES = ("m3depth", "sgbm", "m3depth:WEIGHTS", "package.module:Class", "sad", "ssd", "ncc")
+
+
+def load_estimator(spec: str | Estimator, role: str = "estimator", others: tuple[str, ...] = ()) -> Estimator:
     """An estimator by name.
 
     spec: "m3depth" (the weights that come with the package), "m3depth:PATH" (weights of one's own), "sgbm", "sad",
     "ssd", "ncc", "package.module:Class" (a class without arguments that has infer), or an object that has infer.
+    role, others: what the caller calls it, and names that only the caller knows, for the messages.
     Raises ValueError, in one line, if the name means nothing or the class is no estimator; FileNotFoundError that
     names the file if weights are missing.
     """
     if not isinstance(spec, str):
         if not isinstance(spec, Estimator) or isinstance(spec, type):
-            raise ValueError(f"estimator {spec!r} has no method infer(left, right, rig)")
+            raise ValueError(f"{role} {spec!r} has no method infer(left, right, rig)")
         return spec
     name, _, rest = spec.partition(":")
     if name == "m3depth":
@@ -48,10 +52,8 @@ def load_estimator(spec: str | Estimator) -> Estimator:
 
         return BlockMatching(spec)  # type: ignore[arg-type]
     if name and rest:
-        return _load_class(spec, name, rest)
-    raise ValueError(
-        f"estimator {spec!r} is not known: use m3depth, m3depth:WEIGHTS, sgbm, sad, ssd, ncc or package.module:Class"
-    )
+        return _load_class(role, name, rest)
+    raise ValueError(f"{role} {spec!r} is unknown; choose from {', '.join((*others, *NAMES))}")
 
 
 def _load_m3depth(weights: Path | None) -> Estimator:
@@ -62,18 +64,19 @@ def _load_m3depth(weights: Path | None) -> Estimator:
     return M3Depth.from_pretrained(weights)
 
 
-def _load_class(spec: str, module_name: str, class_name: str) -> Estimator:
+def _load_class(role: str, module_name: str, class_name: str) -> Estimator:
+    named = f"{role} '{module_name}:{class_name}'"
     try:
         module = import_module(module_name)
     except ModuleNotFoundError as error:
-        raise ValueError(f"estimator {spec!r}: {error}") from None
+        raise ValueError(f"{named}: {error}") from None
     cls = getattr(module, class_name, None)
     if not isinstance(cls, type):
-        raise ValueError(f"estimator {spec!r}: module {module_name} has no class {class_name!r}")
+        raise ValueError(f"{named}: module {module_name} has no class {class_name!r}")
     try:
         estimator = cls()
     except TypeError as error:
-        raise ValueError(f"estimator {spec!r}: cannot be made without arguments ({error})") from None
+        raise ValueError(f"{named}: cannot be made without arguments ({error})") from None
     if not isinstance(estimator, Estimator):
-        raise ValueError(f"estimator {spec!r}: the class has no method infer(left, right, rig)")
+        raise ValueError(f"{named}: the class has no method infer(left, right, rig)")
     return estimator

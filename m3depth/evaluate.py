@@ -206,7 +206,7 @@ def prepare(options: EvaluateOptions) -> tuple[StereoDataset, dict[str, Estimato
             raise ValueError(f"--estimator {text}: expected NAME=MODULE:CLASS")
         if name == PAIR_NUMBER or name in estimators:
             raise ValueError(f"--estimator {text}: the name {name!r} is taken, choose another")
-        estimators[name] = load_estimator(spec)
+        estimators[name] = load_estimator(spec, "--estimator")
     return dataset, estimators
 
 

@@ -17,6 +17,7 @@ from m3depth.pairs import NEAREST, checked_pair
 from m3depth.prediction import Prediction
 from marssim.camera import PinholeCamera, StereoRig
 
+SWAP_WIDTH, SWAP_SHARE = 256, 0.3  # of eyes_swapped
 NORMAL_WINDOW = 15  # [px] side of the window that a normal is fitted in
 
 
@@ -51,6 +52,10 @@ class SGBM:
 
         left, right: (H, W) or (H, W, 3) uint8, RGB, rectified. Raises ValueError for wrong types or sizes.
         """
+        return prediction_from_matches(self.match(left, right, rig), rig)
+
+    def match(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> np.ndarray:
+        """(H, W) float32 disparity [px], NaN where nothing matches. Images and errors as in infer."""
         left, right = grey_pair(left, right, rig)
         reach = self.disparities or search_range(rig)
         # Without the padding OpenCV leaves the first `reach` columns empty. What matches inside it, is no match.
@@ -72,7 +77,7 @@ class SGBM:
         columns = np.arange(disparity.shape[1], dtype=np.float32)
         # Where there is no texture, and along the right border, ties end at 0 px: that is no match either.
         disparity[(disparity < 0.5) | (disparity > columns + 0.5)] = np.nan
-        return prediction_from_matches(disparity, rig)
+        return disparity
 
 
 @dataclass(frozen=True)
@@ -145,6 +150,22 @@ def _parabola(costs: np.ndarray, best: np.ndarray) -> np.ndarray:
     before, after = np.where(inner, before, here), np.where(inner, after, here)
     bend = before - 2 * here + after
     return np.where(bend > 0, np.clip((before - after) / (2 * np.where(bend > 0, bend, 1)), -0.5, 0.5), 0)
+
+
+def eyes_swapped(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> bool:
+    """Whether the images match much better with the eyes exchanged: at least three tenths of them, and twice as much.
+
+    A quick look with SGBM on images reduced to 256 columns; of clean and degraded simulated pairs at least 0.49 match
+    the right way and at most 0.17 the wrong one, of a raw pair of Curiosity's Navcams 0.85 and 0.36.
+    Images and errors as in SGBM.infer.
+    """
+    left, right = grey_pair(left, right, rig)
+    scale = min(1.0, SWAP_WIDTH / rig.camera.width)
+    small = rig.resized(round(rig.camera.width * scale), max(1, round(rig.camera.height * scale)))
+    size = (small.camera.width, small.camera.height)
+    a, b = (cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (left, right))
+    given, exchanged = (float(np.isfinite(SGBM().match(*eyes, small)).mean()) for eyes in ((a, b), (b, a)))
+    return exchanged > SWAP_SHARE and exchanged > 2 * given
 
 
 def search_range(rig: StereoRig) -> int:

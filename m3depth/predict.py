@@ -1,12 +1,16 @@
 """Depth, normals and a point cloud of one rectified stereo pair.
 
     python -m m3depth.predict left.png right.png --focal 595.9 --baseline 0.27 --out RESULT
+    python -m m3depth.predict image_2/000000_10.png image_3/000000_10.png --calib calib.txt --out RESULT
 
-Writes into RESULT:
+The images must be rectified: what the left eye sees at a pixel, the right eye sees in the same row, farther left.
+A calibration file (KITTI, Middlebury, ETH3D, OpenCV's stereoRectify, a dataset's sample.json) gives the focal lengths,
+the principal point and the baseline; flags given beside it replace what it says. Writes into RESULT:
 
     depth.npy          float32 [m]; inf: sky or beyond measure, NaN: unknown
     depth.png          uint16 [mm]; 0: none, or farther than 65.5 m
-    disparity.npy      float32 [px];  disparity.png: uint16, times 256
+    disparity.npy      float32 [px], f B / depth: with a calibration whose eyes have different principal points (doffs),
+                       that difference is in it;  disparity.png: uint16, times 256
     normal.npy         float32, camera frame (x right, y down, z forward);  normal.png: red right, green up, blue to
                        the camera, black: unknown
     confidence.npy     float32, 0 to 1
@@ -18,21 +22,27 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
 import cv2
 import numpy as np
 import trimesh
 import tyro
 
+from m3depth.calibration import Calibration, align_right, read_calibration
 from m3depth.estimator import Estimator, load_estimator
 from m3depth.figures import prediction_figure
+from m3depth.image_files import read_pair
+from m3depth.matching import eyes_swapped
 from m3depth.prediction import Prediction
-from marssim.camera import PinholeCamera, StereoRig
+from marssim.camera import StereoRig
 from marssim.command import counted, run_command
 from marssim.contact_sheet import normal_colours
 
+MIN_ANGLE, MAX_ANGLE = 1.0, 150.0  # [deg] horizontal field of view of rectified images
+MIN_BASELINE, MAX_BASELINE = 0.001, 50.0  # [m]
 EDGE_JUMP = 1.0  # [px] change of disparity within 3 x 3 px from which a pixel may belong to neither surface
 EDGE_SHARE = 0.02  # and of the disparity itself: near surfaces may be steep
 
@@ -41,74 +51,81 @@ EDGE_SHARE = 0.02  # and of the disparity itself: near surfaces may be steep
 class PredictOptions:
     """Depth, normals and a point cloud of one rectified stereo pair."""
 
-    left: tyro.conf.Positional[Path]
+    left: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LEFT")]
     """Left image, grey or colour, 8 or 16 bit."""
-    right: tyro.conf.Positional[Path]
+    right: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RIGHT")]
     """Right image, of the same size."""
-    focal: float
-    """Focal length of the rectified images [px]."""
-    baseline: float
-    """Distance of the two cameras [m]."""
     out: Path
     """Folder for the results."""
+    focal: float | None = None
+    """Focal length of the rectified images [px]."""
+    baseline: float | None = None
+    """Distance of the two cameras [m]."""
+    calib: Path | None = None
+    """Calibration file instead of --focal and --baseline."""
     cx: float | None = None
-    """Principal point, column [px]; default: the middle."""
+    """Principal point, column of the left image [px] from 0; default: the calibration's, or the middle."""
     cy: float | None = None
-    """Principal point, row [px]; default: the middle."""
+    """Principal point, row [px] from 0; default: the calibration's, or the middle."""
     weights: Path | None = None
     """A .safetensors file written by m3depth.train; default: the weights that come with the package."""
     method: str = "m3depth"
-    """m3depth, sgbm, or package.module:Class."""
+    """m3depth, sgbm, sad, ssd, ncc, or package.module:Class (a class with infer(left, right, rig))."""
     min_confidence: float = 0.5
-    """Less sure pixels are left out of the point cloud."""
+    """Pixels of less confidence, 0 to 1, are left out of the point cloud."""
     max_range: float = 30.0
     """Points farther ahead [m] are left out of the point cloud."""
 
 
-def read_pair(left: Path, right: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Two images as uint8 RGB (H, W, 3) or grey (H, W). 16-bit pairs are scaled by the brighter maximum of the two.
+def make_calibration(options: PredictOptions, height: int, width: int) -> Calibration:
+    """What the options and the calibration file say of a pair of this size.
 
-    Raises FileNotFoundError or ValueError that names the file, ValueError if the sizes differ.
+    Raises FileNotFoundError or ValueError that names the flag or the file.
     """
-    images = []
-    for path in (left, right):
-        if not path.is_file():
-            raise FileNotFoundError(f"{path}: no such file")
-        try:
-            image = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
-        except cv2.error:  # an empty file
-            image = None
-        if image is None:
-            raise ValueError(f"{path}: not a readable image")
-        if image.ndim == 3:
-            image = image[..., 0] if image.shape[2] < 3 else image[..., 2::-1]  # alpha is dropped, BGR becomes RGB
-        images.append(image)
-    a, b = images
-    if a.shape[:2] != b.shape[:2]:
-        raise ValueError(
-            f"{left} is {a.shape[1]} x {a.shape[0]}, {right} is {b.shape[1]} x {b.shape[0]}: "
-            "a rectified pair has one size"
-        )
-    if a.dtype != np.uint8 or b.dtype != np.uint8:
-        top = max(float(a.max()), float(b.max()), 1.0)
-        a, b = (np.round(image * (255 / top)).astype(np.uint8) for image in (a, b))
-    return _same_channels(a, b)
-
-
-def _same_channels(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    if a.ndim != b.ndim:
-        a, b = (x if x.ndim == 3 else np.repeat(x[..., None], 3, axis=2) for x in (a, b))
-    return np.ascontiguousarray(a), np.ascontiguousarray(b)
-
-
-def make_rig(options: PredictOptions, height: int, width: int) -> StereoRig:
-    """The rig that the options describe. Raises ValueError that names the flag."""
     for flag, value in (("--focal", options.focal), ("--baseline", options.baseline)):
-        if not (np.isfinite(value) and value > 0):
+        if value is None and options.calib is None:
+            raise ValueError(f"{flag} is missing; or give a calibration file with --calib")
+        if value is not None and not (np.isfinite(value) and value > 0):
             raise ValueError(f"{flag} must be positive, got {value}")
-    cx = (width - 1) / 2 if options.cx is None else options.cx
-    cy = (height - 1) / 2 if options.cy is None else options.cy
-    return StereoRig(PinholeCamera(width, height, options.focal, options.focal, cx, cy), options.baseline)
+    for flag, value in (("--cx", options.cx), ("--cy", options.cy)):
+        if value is not None and not np.isfinite(value):
+            raise ValueError(f"{flag} must be finite, got {value}")
+    if options.calib is None:
+        assert options.focal is not None and options.baseline is not None
+        middle = ((width - 1) / 2, (height - 1) / 2)
+        found = Calibration(options.focal, options.focal, *middle, options.baseline)
+    else:
+        found = read_calibration(options.calib, options.left)
+    calibration = replace(
+        found,
+        fx=found.fx if options.focal is None else options.focal,
+        fy=found.fy if options.focal is None else options.focal,
+        cx=found.cx if options.cx is None else options.cx,
+        cy=found.cy if options.cy is None else options.cy,
+        baseline=found.baseline if options.baseline is None else options.baseline,
+    )
+    if calibration.size is not None and calibration.size != (width, height):
+        meant = f"{calibration.size[0]} x {calibration.size[1]}"
+        raise ValueError(f"{options.calib}: is for images of {meant} px, {options.left} is {width} x {height}")
+    _check_sense(calibration, width, options)
+    return calibration
+
+
+def _check_sense(calibration: Calibration, width: int, options: PredictOptions) -> None:
+    """Raise ValueError for a focal length or a baseline that is most likely of another unit."""
+    focal_from = "--focal" if options.calib is None or options.focal else f"{options.calib}: focal length"
+    baseline_from = "--baseline" if options.calib is None or options.baseline else f"{options.calib}: baseline"
+    angle = np.rad2deg(2 * np.arctan2(width / 2, calibration.fx))
+    if not MIN_ANGLE <= angle <= MAX_ANGLE:
+        raise ValueError(
+            f"{focal_from} {calibration.fx:g} px makes images of {width} px {angle:.3g} deg wide; "
+            "it is counted in pixels of these images"
+        )
+    if not MIN_BASELINE <= calibration.baseline <= MAX_BASELINE:
+        raise ValueError(
+            f"{baseline_from} {calibration.baseline:g} m is out of [{MIN_BASELINE:g}, {MAX_BASELINE:g}] m; "
+            "give --baseline in metres"
+        )
 
 
 def depth_edges(disparity: np.ndarray) -> np.ndarray:
@@ -182,10 +199,12 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
     """Read the pair, estimate, write the files, say in one line what came out.
 
     estimator: instead of the one that the options name. Raises FileNotFoundError or ValueError with one line for the
-    user. An image without any contrast is reported on stderr; the result is then a guess.
+    user. An image without any contrast, and eyes that seem exchanged, are reported on stderr; the result is then a
+    guess.
     """
     left, right = read_pair(options.left, options.right)
-    rig = make_rig(options, *left.shape[:2])
+    calibration = make_calibration(options, *left.shape[:2])
+    rig = calibration.rig(left.shape[1], left.shape[0])
     if options.out.exists() and not options.out.is_dir():
         raise ValueError(f"--out {options.out}: is not a folder")
     if options.weights is not None and options.method != "m3depth":
@@ -194,8 +213,12 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
         if image.min() == image.max():
             tone = "black" if image.max() == 0 else "of one grey level"
             print(f"warning: {path} is {tone}: there is nothing to match", file=sys.stderr)
+    right = align_right(right, calibration.shift)
+    if eyes_swapped(left, right, rig):
+        print("warning: the images match the wrong way round: are left and right exchanged?", file=sys.stderr)
     if estimator is None:
-        estimator = load_estimator(options.method if options.weights is None else f"m3depth:{options.weights}")
+        spec = options.method if options.weights is None else f"m3depth:{options.weights}"
+        estimator = load_estimator(spec, "--method")
     prediction = estimator.infer(left, right, rig)
     count = write_prediction(options.out, left, prediction, rig, options.min_confidence, options.max_range)
     known = prediction.depth[np.isfinite(prediction.depth)]

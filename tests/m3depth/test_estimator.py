@@ -28,7 +28,7 @@ def test_an_object_comes_back_as_it_is():
 @pytest.mark.parametrize(
     ("spec", "message"),
     [
-        ("raft", "'raft' is not known: use m3depth"),
+        ("raft", "estimator 'raft' is unknown; choose from m3depth, sgbm, m3depth:WEIGHTS, package.module:Class"),
         ("no_such_package:Net", "No module named 'no_such_package'"),
         ("m3depth.matching:Net", "has no class 'Net'"),
         ("m3depth.matching:fill_background", "has no class"),

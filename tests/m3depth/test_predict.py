@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from m3depth.predict import PredictOptions, depth_edges, main, point_cloud, predict, read_pair
+from m3depth.matching import SGBM
+from m3depth.predict import PredictOptions, depth_edges, main, point_cloud, predict
 from m3depth.prediction import Prediction
 from marssim.camera import PinholeCamera, StereoRig
 
@@ -99,15 +100,35 @@ def test_command_at_any_size_grey_or_colour(tmp_path, shape):
     assert (tmp_path / "o/cloud.ply").read_bytes().startswith(b"ply")
 
 
-def test_sixteen_bit_and_mixed_channels(tmp_path):
-    grey = (np.arange(40 * 50).reshape(40, 50) * 20).astype(np.uint16)
-    colour = np.zeros((40, 50, 3), np.uint8)
-    colour[..., 0] = 200  # blue on disk
-    left, right = read_pair(write(tmp_path / "l.png", grey), write(tmp_path / "r.png", grey // 2))
-    assert left.dtype == np.uint8 and left.max() == 255 and abs(int(right.max()) - 128) <= 1
-    left, right = read_pair(write(tmp_path / "l.png", grey.astype(np.uint8)), write(tmp_path / "r.png", colour))
-    assert left.shape == right.shape == (40, 50, 3)
-    assert right[0, 0].tolist() == [0, 0, 200]
+def textured_pair(tmp_path, disparity: int):
+    """A wall of noise, `disparity` px farther left in the right eye."""
+    wall = np.random.default_rng(4).integers(0, 255, (60, 100), dtype=np.uint8)
+    return [write(tmp_path / f"{n}.png", wall[:, n * disparity :][:, :90]) for n in (0, 1)]
+
+
+def test_exchanged_eyes_are_warned_about_and_others_are_not(tmp_path, capsys):
+    left, right = textured_pair(tmp_path, 8)
+    predict(options((left, right), tmp_path), Wall())
+    assert not capsys.readouterr().err
+    predict(options((right, left), tmp_path), Wall())
+    warning = capsys.readouterr().err
+    assert "are left and right exchanged?" in warning and warning.count("\n") == 1
+
+
+def test_calibration_file_gives_metres_and_principal_point(tmp_path):
+    """Middlebury's: the eyes' principal points differ by 3 px, so 8 px of disparity count 11; the cloud is centred at
+    the file's point."""
+    pair = textured_pair(tmp_path, 8)
+    text = "cam0=[100 0 30; 0 110 20; 0 0 1]\ndoffs=3\nbaseline=550\nwidth=90\nheight=60\n"
+    (tmp_path / "calib.txt").write_text(text)
+    flags = {"focal": None, "baseline": None, "calib": tmp_path / "calib.txt"}
+    found = predict(options(pair, tmp_path, **flags), SGBM())
+    assert np.median(found.depth) == pytest.approx(100 * 0.55 / 11, rel=2e-3)
+    cloud = trimesh.load(tmp_path / "out/cloud.ply").vertices
+    assert cloud[:, 1].min() == pytest.approx(-20 / 110 * 5, abs=0.12)
+    assert cloud[:, 0].max() == pytest.approx((89 - 30) / 100 * 5, abs=0.12)
+    found = predict(options(pair, tmp_path, **{**flags, "baseline": 1.1}), SGBM())
+    assert np.median(found.depth) == pytest.approx(100 * 1.1 / 11, rel=2e-3)
 
 
 def test_black_pair_is_warned_about(tmp_path, capsys):
@@ -126,15 +147,21 @@ def test_black_pair_is_warned_about(tmp_path, capsys):
         ("empty", "empty.png: not a readable image"),
         ("missing", "missing.png: no such file"),
         ("focal", "--focal must be positive"),
+        ("millimetres", "--focal 4.6 px makes images of 61 px 163 deg wide; it is counted in pixels"),
+        ("baseline", "--baseline 200 m is out of [0.001, 50] m; give --baseline in metres"),
+        ("centre", "--cx must be finite"),
+        ("no focal", "--focal is missing; or give a calibration file with --calib"),
+        ("calib", "calib.txt: is for images of 90 x 60 px"),
+        ("unit", "calib.txt: baseline 0.00012 m is out of"),
         ("weights", "w.safetensors: no such weights file"),
-        ("method", "'raft' is not known"),
+        ("method", "--method 'raft' is unknown; choose from m3depth, sgbm"),
         ("out", "is not a folder"),
     ],
 )
 def test_mistakes_are_one_line(pair, tmp_path, capsys, case, message):
     left, right = map(str, pair)
     extra: list[str] = []
-    focal, out = "80", tmp_path / "out"
+    focal, baseline, out = ["--focal", "80"], ["--baseline", "0.2"], tmp_path / "out"
     if case == "sizes":
         right = str(write(tmp_path / "small.png", np.zeros((9, 9), np.uint8)))
     elif case in ("broken", "empty"):
@@ -143,13 +170,25 @@ def test_mistakes_are_one_line(pair, tmp_path, capsys, case, message):
     elif case == "missing":
         left = str(tmp_path / "missing.png")
     elif case == "focal":
-        focal = "-1"
+        focal = ["--focal", "-1"]
+    elif case == "millimetres":
+        focal = ["--focal", "4.6"]
+    elif case == "baseline":
+        baseline = ["--baseline", "200"]
+    elif case == "centre":
+        extra = ["--cx", "nan"]
+    elif case == "no focal":
+        focal = []
+    elif case in ("calib", "unit"):
+        focal, baseline, extra = [], [], ["--calib", str(tmp_path / "calib.txt")]
+        size = "width=90\nheight=60\n" if case == "calib" else ""
+        (tmp_path / "calib.txt").write_text(f"cam0=[80 0 30; 0 80 20; 0 0 1]\nbaseline=0.12\n{size}")
     elif case == "weights":
         extra = ["--weights", str(tmp_path / "w.safetensors")]
     elif case == "method":
         extra = ["--method", "raft"]
     else:
         out.write_text("a file")
-    assert main([left, right, "--focal", focal, "--baseline", "0.2", "--out", str(out), *extra]) == 2
+    assert main([left, right, *focal, *baseline, "--out", str(out), *extra]) == 2
     error = capsys.readouterr().err
     assert message in error and error.count("\n") == 1

@@ -1,0 +1,145 @@
+"""Calibration files of rectified stereo pairs, as KITTI, Middlebury, ETH3D and OpenCV write them.
+
+KITTI        `P2: ...` and `P3: ...` (or `P_rect_02: ...`), 3 x 4 projection matrices [px, m]
+Middlebury   `cam0=[f 0 cx; 0 f cy; 0 0 1]`, `doffs=` [px], `baseline=` [mm]; ETH3D too
+OpenCV       YAML, XML or JSON with stereoRectify's P1 and P2, or its Q; baseline in the unit of the calibration target
+marssim      sample.json of a dataset
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from marssim.camera import PinholeCamera, StereoRig
+
+KITTI_GREY = frozenset({"image_0", "image_00"})  # folders of the left grey camera; the colour one is number 2
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A rectified pair of cameras.
+
+    fx, fy, cx, cy [px] of the left eye; baseline [m]; shift [px]: the right eye's principal point less the left one's
+    (Middlebury's doffs), so that Z = f B / (x_left - x_right + shift). size: width and height [px], None if unknown.
+    """
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    baseline: float
+    shift: float = 0.0
+    size: tuple[int, int] | None = None
+
+    def rig(self, width: int, height: int) -> StereoRig:
+        """The rig for images of this size, once the right one is moved by `shift` (see align_right)."""
+        return StereoRig(PinholeCamera(width, height, self.fx, self.fy, self.cx, self.cy), self.baseline)
+
+
+def read_calibration(path: Path, left_image: Path | None = None) -> Calibration:
+    """Read a calibration file of any of the kinds above, told apart by what it holds.
+
+    left_image: where the left image lies; in KITTI's folders it tells the grey cameras from the colour ones.
+    Raises FileNotFoundError, or ValueError that names the file and what it lacks.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such calibration file")
+    try:
+        text = path.read_text()
+        if text.lstrip().startswith(("%YAML", "<?xml", "{")):
+            return _from_json(text) or _from_opencv(text)
+        if re.search(r"^\s*cam0\s*=", text, re.MULTILINE):
+            return _from_middlebury(text)
+        if re.search(r"^\s*P(_rect_0)?\d\s*:", text, re.MULTILINE):
+            grey = left_image is not None and not KITTI_GREY.isdisjoint(left_image.parts)
+            return _from_kitti(text, ("0", "1") if grey else ("2", "3"))
+    except (ValueError, cv2.error, SystemError) as error:  # FileStorage raises SystemError from its own error
+        reason = str(error) if isinstance(error, ValueError) else "not readable as OpenCV's YAML, XML or JSON"
+        raise ValueError(f"{path}: {reason}") from None
+    raise ValueError(f"{path}: no calibration of KITTI (P2:), Middlebury or ETH3D (cam0=), OpenCV (%YAML) or marssim")
+
+
+def align_right(right: np.ndarray, shift: float) -> np.ndarray:
+    """The right image as an eye with the left one's principal point would have taken it: moved left by `shift` px.
+
+    right: (H, W) or (H, W, 3) uint8. Returns the same shape; the border is repeated where nothing was seen.
+    """
+    if shift == 0:
+        return right
+    move = np.array([[1, 0, -shift], [0, 1, 0]])
+    size = (right.shape[1], right.shape[0])
+    return cv2.warpAffine(right, move, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+
+
+def _from_json(text: str) -> Calibration | None:
+    """marssim's sample.json; None if it is another JSON file."""
+    try:
+        rig = StereoRig.from_dict(json.loads(text)["rig"])
+    except (json.JSONDecodeError, KeyError, TypeError):
+        return None
+    c = rig.camera
+    return Calibration(c.fx, c.fy, c.cx, c.cy, rig.baseline, size=(c.width, c.height))
+
+
+def _from_projections(left: np.ndarray, right: np.ndarray) -> Calibration:
+    """From two (3, 4) projection matrices K [I | t] of one rectified frame; t along x only."""
+    if not (left[0, 0] > 0 and right[0, 0] > 0):
+        raise ValueError("the projection matrices have no positive focal length")
+    baseline = left[0, 3] / left[0, 0] - right[0, 3] / right[0, 0]
+    fx, fy, cx, cy = (float(left[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    return Calibration(fx, fy, cx, cy, float(baseline), float(right[0, 2] - left[0, 2]))
+
+
+def _from_kitti(text: str, eyes: tuple[str, str]) -> Calibration:
+    matrices = {
+        number: np.array([float(value) for value in values.split()])
+        for number, values in re.findall(rf"^\s*P(?:_rect_0)?(\d)\s*:((?:\s+{_NUMBER})+)", text, re.MULTILINE)
+    }
+    present = [pair for pair in (eyes, ("2", "3"), ("0", "1")) if all(eye in matrices for eye in pair)]
+    if not present:
+        raise ValueError("needs the projection matrices of two eyes, P2 and P3 or P0 and P1")
+    for eye in present[0]:
+        if matrices[eye].size != 12:
+            raise ValueError(f"P{eye} must have 12 numbers, has {matrices[eye].size}")
+    return _from_projections(*(matrices[eye].reshape(3, 4) for eye in present[0]))
+
+
+def _from_middlebury(text: str) -> Calibration:
+    fields = dict(re.findall(r"^\s*(\w+)\s*=\s*(.+?)\s*$", text, re.MULTILINE))
+    for name in ("cam0", "baseline"):
+        if name not in fields:
+            raise ValueError(f"field {name} is missing")
+    camera = [float(value) for value in re.findall(_NUMBER, fields["cam0"])]
+    if len(camera) != 9:
+        raise ValueError(f"cam0 must have 9 numbers, has {len(camera)}")
+    size = (int(fields["width"]), int(fields["height"])) if {"width", "height"} <= fields.keys() else None
+    fx, cx, fy, cy = (camera[i] for i in (0, 2, 4, 5))
+    return Calibration(fx, fy, cx, cy, float(fields["baseline"]) / 1000, float(fields.get("doffs", 0)), size)
+
+
+def _from_opencv(text: str) -> Calibration:
+    storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+    try:
+        found = {name: _matrix(storage, name) for name in ("P1", "P2", "Q")}
+    finally:
+        storage.release()
+    left, right, q = found["P1"], found["P2"], found["Q"]
+    if left is not None and right is not None:
+        return _from_projections(left, right)
+    if q is not None and q.shape == (4, 4) and q[3, 2] != 0:
+        # Q holds -cx, -cy, f, -1 / Tx and (cx - cx') / Tx (OpenCV, stereoRectify).
+        inverse, f = float(q[3, 2]), float(q[2, 3])
+        return Calibration(f, f, -float(q[0, 3]), -float(q[1, 3]), 1 / inverse, float(q[3, 3]) / inverse)
+    raise ValueError("holds neither P1 and P2 nor Q of stereoRectify; the images have to be rectified first")
+
+
+def _matrix(storage: cv2.FileStorage, name: str) -> np.ndarray | None:
+    node = storage.getNode(name)
+    return None if node.empty() else node.mat()

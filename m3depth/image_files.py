@@ -1,0 +1,49 @@
+"""Stereo pairs from image files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+BRIGHT = 99.9  # [%] of a 16-bit pair's pixels are at most what becomes white: hot pixels do not darken all others
+
+
+def read_pair(left: Path, right: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Two images as uint8 RGB (H, W, 3) or grey (H, W), both alike; alpha is dropped.
+
+    16-bit pairs are scaled by one factor for both eyes. Raises FileNotFoundError or ValueError that names the file that
+    is missing, unreadable, or of another size or depth than its partner.
+    """
+    a, b = _read(left), _read(right)
+    if a.shape[:2] != b.shape[:2]:
+        raise ValueError(
+            f"{left} is {a.shape[1]} x {a.shape[0]}, {right} is {b.shape[1]} x {b.shape[0]}: "
+            "a rectified pair has one size"
+        )
+    if a.dtype != b.dtype:
+        raise ValueError(f"{left} is {a.dtype}, {right} is {b.dtype}: a pair must be of one depth, 8 or 16 bit")
+    if a.dtype == np.uint16:
+        white = max(1.0, *(float(np.percentile(image, BRIGHT)) for image in (a, b)))
+        a, b = (np.round(np.minimum(image * (255 / white), 255)).astype(np.uint8) for image in (a, b))
+    if a.ndim != b.ndim:
+        a, b = (x if x.ndim == 3 else np.repeat(x[..., None], 3, axis=2) for x in (a, b))
+    return np.ascontiguousarray(a), np.ascontiguousarray(b)
+
+
+def _read(path: Path) -> np.ndarray:
+    """(H, W) or RGB (H, W, 3), uint8 or uint16."""
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file")
+    try:
+        image = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:  # an empty file
+        image = None
+    if image is None:
+        raise ValueError(f"{path}: not a readable image")
+    if image.dtype not in (np.uint8, np.uint16):
+        raise ValueError(f"{path}: holds {image.dtype}, must be 8 or 16 bit")
+    if image.ndim == 3:
+        image = image[..., 0] if image.shape[2] < 3 else image[..., 2::-1]  # BGR becomes RGB
+    return image
