@@ -1,0 +1,159 @@
+"""Write a dataset in a layout that existing stereo trainers read as it is.
+
+    python -m marssim.export data/gale --format sceneflow --out data/gale-sceneflow
+
+Formats: KITTI 2015, SceneFlow (FlyingThings3D), Middlebury 2014 and MiddEval3, ETH3D two-view, and OpenStereo's
+lists. A README.md beside the files says what is where, and how missing disparities are marked. The same command goes
+on where an earlier one was stopped.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+import tyro
+from tqdm import tqdm
+
+from marssim.atomic import write_atomically
+from marssim.command import counted, run_command
+from marssim.dataset import SPLITS, DatasetError, Split, StereoDataset, read_json, write_json
+from marssim.layouts import LAYOUTS, Item, Layout, SameAs
+from marssim.threads import in_threads
+
+SETTINGS = "export.json"
+SCHEMA = "marssim-export"
+
+
+@dataclass(frozen=True)
+class ExportConfig:
+    """Write a dataset in the layout of a well-known stereo benchmark."""
+
+    data: tyro.conf.Positional[Path]
+    """dataset folder, as marssim.generate writes it"""
+    format: Literal["kitti", "sceneflow", "middlebury", "eth3d", "openstereo"]
+    """layout to write"""
+    out: Path
+    """folder to write; one that holds part of the same export is completed"""
+    split: tuple[Split, ...] = ("train", "val", "test")
+    """parts of the dataset to write; they never share a scene"""
+    workers: int = 2
+    """threads to write in; the files do not depend on it"""
+
+    def __post_init__(self) -> None:
+        if self.workers < 1:
+            raise ValueError(f"--workers must be at least 1, got {self.workers}")
+        if not self.split or len(set(self.split)) < len(self.split):
+            raise ValueError(f"--split must name one or more of {', '.join(SPLITS)}, each once")
+        if self.format == "sceneflow" and "left" in str(self.out):
+            raise ValueError(
+                f'--out {self.out}: SceneFlow readers replace "left" by "right" anywhere in a path; choose another'
+            )
+
+
+def export(config: ExportConfig) -> int:
+    """Write what is missing of the export. Returns the number of samples that are there now.
+
+    Raises DatasetError if the dataset or one of its files cannot be read, if none of the splits holds a sample, or if
+    the output folder holds something else, and OSError if it cannot be written; the same call goes on from there.
+    """
+    layout = LAYOUTS[config.format]
+    dataset = StereoDataset(config.data)
+    chosen = [sample for sample in dataset.index["samples"] if sample["split"] in config.split]
+    if not chosen:
+        raise DatasetError(f"{config.data}: holds no pairs of --split {' '.join(config.split)}")
+    if config.out.resolve() == config.data.resolve():
+        raise DatasetError(f"--out {config.out}: is the dataset itself; choose another folder")
+    _claim(config, chosen)
+    items: dict[str, list[Item]] = {split: [] for split in SPLITS}
+    for sample in chosen:
+        there = items[sample["split"]]
+        there.append(Item(config.data / "scenes" / sample["name"], sample["name"], sample["split"], len(there)))
+    jobs = [item for there in items.values() for item in there]
+    with tqdm(total=len(jobs), unit="pair", desc="export", disable=None) as bar:
+        for _ in in_threads(partial(_write, config.out, layout), jobs, config.workers):
+            bar.update()
+    names = {}
+    for split, there in items.items():
+        if there:
+            for path, text in layout.lists(split, there).items():
+                write_atomically(config.out / path, text.encode())
+            names[split] = [item.name for item in there]
+    write_json(config.out / "samples.json", names)
+    return len(chosen)
+
+
+def _claim(config: ExportConfig, chosen: list[dict[str, Any]]) -> None:
+    """Make the output folder this export's own, or find that it is."""
+    out = config.out
+    if out.exists() and not out.is_dir():
+        raise DatasetError(f"--out {out}: a file of that name is in the way; choose another")
+    digest = hashlib.sha256("".join(f"{s['name']} {s['split']} {s['sha256']}\n" for s in chosen).encode()).hexdigest()
+    splits = [split for split in SPLITS if split in config.split]
+    settings = {"schema": SCHEMA, "version": 1, "format": config.format, "split": splits, "samples": digest}
+    mark = out / SETTINGS
+    if mark.is_file():
+        there = read_json(mark)
+        if there != settings:
+            same = all(there.get(key) == settings[key] for key in ("schema", "version", "format", "split"))
+            what = "of other data" if same else f"of format {there.get('format')}, split {there.get('split')}"
+            raise DatasetError(f"{mark}: the folder holds an export {what}; choose another --out")
+        for leftover in out.rglob(".*.part"):  # of a run that was killed while it wrote
+            leftover.unlink(missing_ok=True)
+    elif out.is_dir() and any(out.iterdir()):
+        raise DatasetError(f"--out {out}: the folder is not empty and holds no export; choose another")
+    else:
+        out.mkdir(parents=True, exist_ok=True)
+        write_json(mark, settings)
+    about = LAYOUTS[config.format].about
+    write_atomically(
+        out / "README.md", f"# {config.data.resolve().name}, exported by marssim\n\n{about}\n{_NAMES}".encode()
+    )
+
+
+_NAMES = """\
+Disparity is x_left - x_right in pixels, pixel centres are integers. `samples.json` lists the dataset's own names
+(scene/view) of each split, in the order of the export.
+"""
+
+
+def _write(out: Path, layout: Layout, item: Item) -> None:
+    """Make the files of one sample that are not there yet."""
+    item = replace(item)  # what it reads goes when it is written
+    for path, content in layout.sample(item).items():
+        target = out / path
+        if target.is_file() and target.stat().st_size > 0:
+            continue
+        if isinstance(content, SameAs):
+            _link(out / content.path, target)
+        else:
+            write_atomically(target, content())
+
+
+def _link(source: Path, target: Path) -> None:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.unlink(missing_ok=True)
+    try:
+        os.link(source, target)
+    except OSError:  # a file system without hard links
+        write_atomically(target, source.read_bytes())
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """The command. Returns the exit code."""
+    return run_command(_work, ExportConfig, "python -m marssim.export", __doc__, args)
+
+
+def _work(config: ExportConfig) -> None:
+    number = export(config)
+    print(f"{counted(number, 'pair')} in {config.out} as {config.format}, see {config.out / 'README.md'}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
