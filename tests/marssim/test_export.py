@@ -375,7 +375,7 @@ def test_no_dataset_and_an_empty_split(closed_form_set, tmp_path, capfd):
 
 
 @pytest.mark.parametrize(
-    ("name", "said"), [("left.png", "records"), ("depth.png", "readable"), ("sample.json", "Expecting")]
+    ("name", "said"), [("left.png", "readable"), ("depth.png", "readable"), ("sample.json", "Expecting")]
 )
 def test_a_broken_sample_is_named_and_nothing_of_it_is_written(closed_form_set, tmp_path, name, said, capfd):
     other = shutil.copytree(closed_form_set, tmp_path / "set")
@@ -386,6 +386,14 @@ def test_a_broken_sample_is_named_and_nothing_of_it_is_written(closed_form_set, 
     assert not list((tmp_path / "o").rglob("00000_00/im0.png"))
     shutil.copytree(closed_form_set, other, dirs_exist_ok=True)
     assert run(capfd, other, "--format", "eth3d", "--out", tmp_path / "o", "--split", "train")[0] == 0
+
+
+def test_an_image_of_other_content_is_not_exported(closed_form_set, tmp_path, capfd):
+    other = shutil.copytree(closed_form_set, tmp_path / "set")
+    file = other / "scenes" / "00000" / "00" / "right.png"
+    shutil.copy(file.with_name("left.png"), file)
+    code, err = run(capfd, other, "--format", "kitti", "--out", tmp_path / "o")
+    assert code == 2 and str(file) in err and "records" in err and len(err.splitlines()) == 1
 
 
 def test_a_rig_of_its_own_for_each_sample(closed_form_set, tmp_path):
