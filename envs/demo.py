@@ -42,9 +42,9 @@ class DemoConfig:
     pairs: int = 16
     """stereo pairs to generate and score on"""
     scene: Literal["utopia", "gusev", "gale", "jezero", "hard"] = "gale"
-    """where"""
+    """preset of the terrain, of the pairs and of the drive"""
     goal_distance: float = 14.0
-    """of the drive [m]"""
+    """distance from start to goal of the drive [m]"""
     workers: int = 2
     """processes that generate"""
 

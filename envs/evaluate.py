@@ -42,11 +42,13 @@ class EvaluateConfig:
     out: Path
     """folder for results.json, results.md, map.png and the episodes"""
     driver: tuple[str, ...] = ("navigator",)
-    """navigator, straight, random; several are compared on the same courses"""
+    """navigator (plans on a map of what it saw), straight (heads for the goal, blind), random; several are compared on
+    the same courses"""
     perception: tuple[str, ...] = ("m3depth",)
-    """m3depth, sgbm, ground_truth, m3depth:WEIGHTS or package.module:Class; several are compared likewise"""
+    """what turns the images into depth: m3depth (the shipped weights), sgbm, ground_truth (true depth), m3depth:WEIGHTS
+    (a .safetensors file) or package.module:Class (with infer(left, right, rig)); several are compared likewise"""
     episodes: int = 10
-    """courses in each cell"""
+    """courses for each --k and --slope-deg"""
     seed: int = 0
     """seed of the courses"""
     workers: int = 1
@@ -54,11 +56,11 @@ class EvaluateConfig:
     scene: Literal["utopia", "gusev", "gale", "jezero", "hard"] = "gale"
     """preset of the courses' scenes"""
     k: tuple[float, ...] = ()
-    """rock abundances to go through; none: the preset's"""
+    """rock abundances, Golombek's k, to go through; none given: the preset's"""
     slope_deg: tuple[float, ...] = ()
-    """regional slopes to go through; none: the preset's"""
+    """regional slopes [deg] to go through; none given: the preset's"""
     goal_distance: float = 20.0
-    """[m]"""
+    """distance from start to goal [m]"""
     dynamics: Literal["physics", "kinematic"] = "physics"
     """rigid bodies, or settling without dynamics (faster)"""
     renderer: Literal["embree", "pybullet"] = "embree"

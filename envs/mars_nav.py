@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from m3depth.estimator import Estimator
 
 STEP_SECONDS = 2.0
-DEPTH_PIXELS = 64
-GOAL_RADIUS = 1.0
-STUCK_STEPS, STUCK_DISTANCE = 5, 0.1
+DEPTH_PIXELS = 64  # a side of the observed depth
+GOAL_RADIUS = 1.0  # [m]
+STUCK_STEPS, STUCK_DISTANCE = 5, 0.1  # [m] less than that in so many steps
 STEPS_PER_METRE = 15  # time limit: six times what the straight way takes at full speed
 
 
@@ -72,10 +72,9 @@ class MarsNavEnv(gymnasium.Env):
     ## Episode end
 
     Terminated: within 1 m of the goal; the chassis touches anything, or a wheel a rock of 0.30 m or more; tilt over 30
-    deg; out of bounds; stuck (less than 0.1 m in five steps that were commanded to drive
-    at 0.05 m/s or more, forwards or backwards). Truncated: out of time, 15
-    steps for each metre of goal distance. `info["outcome"]` is "driving" or one of "goal", "collision", "tilt",
-    "out_of_bounds", "stuck", "time".
+    deg; out of bounds; stuck (less than 0.1 m in five steps that were commanded to drive at 0.05 m/s or more, forwards
+    or backwards). Truncated: out of time, 15 steps for each metre of goal distance. `info["outcome"]` is "driving" or
+    one of "goal", "collision", "tilt", "out_of_bounds", "stuck", "time".
 
     ## Information
 

@@ -1,9 +1,11 @@
 """Score M3Depth and classical stereo on the same pairs.
 
     python -m m3depth.evaluate --data DIR --split test --out RESULTS
+    python -m m3depth.evaluate --data DIR --out RESULTS --baselines sgbm sad ssd ncc --degrade contrast=.33,noise=2.5
 
 Writes results.json (every figure), results.md (the tables), comparison.png and error_by_depth.png.
-The scoring rules are those of m3depth.metrics.
+Every pixel with true depth from 0.5 to 15 m is scored, whatever a method says of it; the rules in full are in
+m3depth/metrics.py.
 """
 
 from __future__ import annotations
@@ -123,23 +125,25 @@ class EvaluateOptions:
     """Score M3Depth and classical baselines on a dataset made by marssim.generate."""
 
     data: Path
-    """Dataset folder."""
+    """Dataset folder, as marssim.generate writes it."""
     out: Path
     """Folder for results.json, results.md and the figures."""
     split: Literal["train", "val", "test"] = "test"
-    """Which part of the dataset."""
+    """Which part of the dataset; test is what no training has seen."""
     weights: Path | None = None
     """A .safetensors file written by m3depth.train; default: the weights that come with the package."""
     baselines: tuple[Literal["sgbm", "sad", "ssd", "ncc", "none"], ...] = ("sgbm",)
-    """Classical methods that are scored on the same pairs; none: M3Depth alone."""
+    """Classical methods that are scored on the same pairs. sgbm: OpenCV's semi-global matching; sad, ssd, ncc: windows
+    compared by absolute or squared differences or by correlation, best one taken. none: M3Depth alone."""
     estimator: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=MODULE:CLASS ...")] = ()
-    """Further methods: a name, and a class that has infer(left, right, rig)."""
+    """Further methods: a name for the table, and a class without arguments that has infer(left, right, rig)."""
     limit: int | None = None
     """Score only so many pairs, spread evenly over the split."""
     degrade: str | None = None
-    """Make the images worse first, e.g. contrast=.33,blur=1,noise=2.5."""
+    """Make the images worse first: any of contrast (a factor), blur (sigma [px]) and noise (sigma [grey levels]),
+    as in contrast=.33,blur=1,noise=2.5."""
     seed: int = 0
-    """Of the degradation's noise."""
+    """Seed of the noise that --degrade adds."""
 
 
 def run(options: EvaluateOptions, dataset: StereoPairs, estimators: Mapping[str, Estimator]) -> Evaluation:

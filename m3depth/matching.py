@@ -58,7 +58,7 @@ class SGBM:
         """(H, W) float32 disparity [px], NaN where nothing matches. Images and errors as in infer."""
         left, right = grey_pair(left, right, rig)
         reach = self.disparities or search_range(rig)
-        # Without the padding OpenCV leaves the first `reach` columns empty. What matches inside it, is no match.
+        # Without the padding OpenCV leaves the first `reach` columns empty. What matches inside it is no match.
         padded = [cv2.copyMakeBorder(image, 0, 0, reach, 0, cv2.BORDER_REPLICATE) for image in (left, right)]
         matcher = cv2.StereoSGBM.create(
             minDisparity=0,

@@ -43,6 +43,7 @@ class Run:
 
     @property
     def checkpoint(self) -> Path:
+        """RUN/checkpoint.pt: everything that a resumed run needs; weights.safetensors beside it is for users."""
         return self.config.out / "checkpoint.pt"
 
     def average(self) -> None:
@@ -115,6 +116,7 @@ class Log:
         self.last_line = 0.0
 
     def write(self, kind: str, step: int, values: dict[str, float]) -> None:
+        """Add a record. kind: "train", "val" (averaged weights) or "val_raw" (the others)."""
         # JSON knows no NaN, which stands for "no such pixels".
         plain = {k: round(v, 6) if math.isfinite(v) else None for k, v in values.items()}
         record = {"kind": kind, "step": step, **plain}

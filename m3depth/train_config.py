@@ -22,25 +22,25 @@ class TrainConfig:
     preset: Literal["lite", "paper"] = "lite"
     """Size of the network."""
     max_minutes: float | None = None
-    """Time budget [min]; a resumed run counts what was spent before. The learning rate schedule is fitted to it."""
+    """Time budget [min]; a resumed run counts what was spent before. The learning rate's schedule is fitted to it."""
     max_steps: int | None = None
-    """Number of optimizer steps."""
+    """Number of optimizer steps, those of a resumed run included. The learning rate's schedule is fitted to it."""
     init: Path | None = None
     """Start from these weights (.safetensors) instead of random ones; their config replaces --preset."""
     batch: int = 4
-    """Crops a step and process."""
+    """Crops in a step, of each process under torchrun."""
     crop: tuple[int, int] = (256, 448)
     """Height and width of the crops [px], multiples of 32 (64 for the paper preset)."""
     lr: float = 8e-4
     """Highest learning rate. Use a quarter of it or less with --init."""
     weight_decay: float = 1e-4
-    """Of AdamW."""
+    """Weight decay of the optimizer, AdamW."""
     clip: float = 1.0
-    """Largest norm of the gradient."""
+    """The gradient is scaled down to this norm where it is larger."""
     ema: float = 0.998
-    """Decay of the averaged weights."""
+    """Decay a step of the averaged weights, which are what is saved; 0: no averaging."""
     seed: int = 0
-    """Of initial weights, order and augmentation."""
+    """Seed of initial weights, order and augmentation."""
     loss: LossConfig = field(default_factory=LossConfig)
     """Weights of the loss terms."""
     augment: AugmentConfig = field(default_factory=AugmentConfig)
@@ -54,9 +54,9 @@ class TrainConfig:
     validate_every: int = 500
     """Steps between quick validations (and image panels); 0: none but the last."""
     validate_samples: int = 16
-    """Validation samples that are scored in a quick validation."""
-    device: str = "auto"
-    """auto, cpu, cuda."""
+    """Pairs of the val split that a quick validation scores; 0: no validation."""
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+    """auto: a GPU if there is one."""
 
 
 def check_config(config: TrainConfig) -> None:

@@ -56,11 +56,11 @@ class NavigatorConfig:
     look_pan_deg: float = 40.0  # the mast looks this far to either side for a way out
     pan_reach_deg: float = 75.0  # and at most this far when it follows the path
     back_up: float = 1.2  # recovery drives back this far [m]
-    back_speed: float = 0.15  # [m/s]
+    back_speed: float = 0.15  # at this speed [m/s]
     max_recoveries: int = 6  # without coming a metre nearer to the goal; then stuck
     closed_steps: int = 15  # in a row with every way to the goal closed by known obstacles; then no path
     bold_after: int = 5  # closed steps, after which rocks up to bold_step [m] are climbed ...
-    bold_step: float = 0.285
+    bold_step: float = 0.285  # ... instead of step_blocked; just below RoverSpec.obstacle_height ...
     bold_steps: int = 25  # ... for so many steps
     slip_steps: int = 2  # drive steps without motion that mean an unseen obstacle
 
@@ -82,6 +82,7 @@ class Command:
 
 
 def _wrap(angle: float) -> float:
+    """The same angle in [-pi, pi) [rad]."""
     return float((angle + np.pi) % (2 * np.pi) - np.pi)
 
 

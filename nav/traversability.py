@@ -19,24 +19,20 @@ class TraversabilityConfig:
     """What the rover may drive over, and how much it dislikes the rest."""
 
     step_free: float = 0.08  # exposed heights below this [m] cost nothing
-    step_blocked: float = (
-        0.23  # and from this on [m] they are obstacles; below RoverSpec.obstacle_height, with a margin
-    )
-    slope_free_deg: float = 6.0
-    slope_blocked_deg: float = 22.0
+    step_blocked: float = 0.23  # from this on [m] they are obstacles; RoverSpec.obstacle_height less a margin
+    slope_free_deg: float = 6.0  # slopes below this cost nothing
+    slope_blocked_deg: float = 22.0  # and from this on they are obstacles
     roughness_blocked: float = 0.15  # RMS departure from the footprint's plane [m]
     step_cost: float = 4.0  # cost per metre driven at the blocking threshold
-    slope_cost: float = 4.0
-    roughness_cost: float = 3.0
-    unknown_cost: float = 0.8
+    slope_cost: float = 4.0  # likewise
+    roughness_cost: float = 3.0  # likewise
+    unknown_cost: float = 0.8  # cost per metre driven over what was not seen
     near_cost: float = 4.0  # cost beside an obstacle; fades to zero at comfort
     margin: float = 0.14  # between footprint and obstacle [m]: map and localisation errors
     comfort: float = 1.35  # obstacle distance [m] from which the path costs nothing extra
     ground_window: float = 1.7  # rocks narrower than this [m] stand out of the ground entirely
     footprint_window: float = 1.1  # planes are fitted over this [m]
-    hiding_width: float = (
-        0.5  # an unseen patch narrower than this [m] hides no obstacle: rocks are twice as wide as high
-    )
+    hiding_width: float = 0.5  # narrower unseen patches [m] hide no obstacle: rocks are twice as wide as high
 
 
 @dataclass(frozen=True)

@@ -209,9 +209,14 @@ def test_bad_options_are_named(make_env, options, named):
 @pytest.mark.parametrize(
     ("settings", "named"),
     [
-        ({"dynamics": "magic"}, "dynamics"), ({"renderer": "magic"}, "renderer"), ({"perception": "magic"}, "magic"),
-        ({"scene": "magic"}, "scene"), ({"scene": 3}, "scene"), ({"render_mode": "human"}, "render_mode"),
-        ({"goal_distance": 0.0}, "goal_distance"), ({"perception": 5}, "infer"),
+        ({"dynamics": "magic"}, "dynamics"), ({"renderer": "magic"}, "renderer"), ({"scene": "magic"}, "scene"),
+        ({"scene": 3}, "scene"), ({"render_mode": "human"}, "render_mode"),
+        ({"goal_distance": 0.0}, "goal_distance"), ({"perception": 5}, "perception 5 has no method infer"),
+        (
+            {"perception": "magic"},
+            "^perception 'magic' is unknown; choose from ground_truth, m3depth, sgbm, m3depth:WEIGHTS, "
+            r"package\.module:Class, sad, ssd, ncc$",
+        ),
     ],
 )  # fmt: skip
 def test_bad_arguments_are_named(make_env, settings, named):

@@ -2,33 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 import pytest
 
 from marssim.camera import PinholeCamera, StereoRig
+from marssim.dataset import StereoSample
 
 
-@dataclass(frozen=True)
-class PlaneSample:
-    """A textured plane below a sky, with the fields of marssim.dataset's samples."""
-
-    left: np.ndarray
-    right: np.ndarray
-    depth: np.ndarray
-    disparity: np.ndarray
-    normal: np.ndarray
-    valid: np.ndarray
-    occluded: np.ndarray
-    rock: np.ndarray
-    rig: StereoRig
-    meta: dict
-
-
-def plane_sample(seed: int, height: int = 64, width: int = 96) -> PlaneSample:
-    """n . X = -h seen by a small camera; the right image is drawn, the left one is looked up in it."""
+def plane_sample(seed: int, height: int = 64, width: int = 96) -> StereoSample:
+    """A textured plane n . X = -h below a sky; the right image is drawn, the left one is looked up in it."""
     rng = np.random.default_rng(seed)
     rig = StereoRig(PinholeCamera.centred(width, height, 100.0), baseline=0.27)
     normal = np.array([rng.uniform(-0.2, 0.2), -1.0, rng.uniform(-0.6, -0.2)])
@@ -43,12 +26,12 @@ def plane_sample(seed: int, height: int = 64, width: int = 96) -> PlaneSample:
     left[~ground] = right[~ground] = 200
     rock = np.zeros((height, width), np.int32)
     rock[height // 2 : height // 2 + 8, 10:18] = 1
-    return PlaneSample(
+    return StereoSample(
         left, right, depth, disparity, np.where(ground[..., None], normal, 0).astype(np.float32),
         (depth >= 0.5) & (depth <= 15), u - disparity < 0, rock, rig, {},
     )  # fmt: skip
 
 
 @pytest.fixture(scope="session")
-def plane_samples() -> list[PlaneSample]:
+def plane_samples() -> list[StereoSample]:
     return [plane_sample(seed) for seed in range(4)]

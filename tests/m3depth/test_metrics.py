@@ -1,7 +1,7 @@
 """Figures against hand-made errors, against torchmetrics, and the rule that nothing is dropped."""
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,24 +22,13 @@ from m3depth.metrics import (
 )
 from m3depth.prediction import Prediction
 from marssim.camera import NATECAM, PinholeCamera, StereoRig
+from marssim.dataset import StereoSample
 
 H, W = 40, 60
 RIG = StereoRig(PinholeCamera.centred(W, H, NATECAM.camera.fx), NATECAM.baseline)
 
 
-@dataclass(frozen=True)
-class Sample:
-    left: np.ndarray
-    depth: np.ndarray
-    disparity: np.ndarray
-    normal: np.ndarray
-    valid: np.ndarray
-    occluded: np.ndarray
-    rock: np.ndarray
-    rig: StereoRig = RIG
-
-
-def make_sample(seed: int = 0) -> Sample:
+def make_sample(seed: int = 0) -> StereoSample:
     """Five rows of sky, ground from 15 m to 0.6 m (nearer than 192 px reach), a rock, a strip that is hidden."""
     rng = np.random.default_rng(seed)
     depth = np.repeat(np.geomspace(14.9, 0.6, H)[:, None], W, axis=1).astype(np.float32)
@@ -55,19 +44,21 @@ def make_sample(seed: int = 0) -> Sample:
     left = rng.integers(0, 255, (H, W, 3), dtype=np.uint8)
     left[:, 40:] = 90
     valid = (depth >= 0.5) & (depth <= 15)
-    return Sample(left, depth, RIG.depth_to_disparity(depth), normal.astype(np.float32), valid, occluded, rock)
+    return StereoSample(
+        left, left, depth, RIG.depth_to_disparity(depth), normal.astype(np.float32), valid, occluded, rock, RIG, {}
+    )
 
 
-def perfect(sample: Sample) -> Prediction:
+def perfect(sample: StereoSample) -> Prediction:
     return Prediction(sample.depth, sample.disparity, sample.normal, np.ones((H, W), np.float32))
 
 
-def scaled(sample: Sample, factor: float) -> Prediction:
+def scaled(sample: StereoSample, factor: float) -> Prediction:
     depth = (sample.depth * factor).astype(np.float32)
     return replace(perfect(sample), depth=depth, disparity=RIG.depth_to_disparity(depth))
 
 
-def score(prediction: Prediction, sample: Sample) -> dict:
+def score(prediction: Prediction, sample: StereoSample) -> dict:
     scores = Scores()
     scores.add(prediction, sample)
     return scores.result()
