@@ -21,10 +21,9 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
 from marssim.command import counted, run_command
-from marssim.scene.golombek import MAX_DIAMETER, covered_area, sampling_spread
+from marssim.scene.golombek import MAX_DIAMETER, REPORTED, covered_area, sampling_spread
 from marssim.scene.scene import Scene, build_scene, preset
 
-DIAMETERS = (0.1, 0.15, 0.2, 0.3, 0.4, 0.5)  # [m]
 BAND = 2.0  # [m] of ground that is looked at in one go
 LEAST_TOLERANCE = 0.10  # of the asked share
 SPREADS = 3.0
@@ -110,9 +109,9 @@ def visible_areas(scene: Scene, cell: float = 0.01) -> tuple[np.ndarray, np.ndar
     rows = max(1, round(BAND / cell))
     count, moment = np.zeros(len(rocks)), np.zeros((len(rocks), 2))
     for start in range(0, steps, rows):
-        origins = np.empty((len(at[start : start + rows]), steps, 3), dtype=np.float32)
-        origins[..., 0], origins[..., 1], origins[..., 2] = at, at[start : start + rows, None], above
-        origins = origins.reshape(-1, 3)
+        band = at[start : start + rows]
+        origins = np.empty((len(band) * steps, 3), dtype=np.float32)
+        origins[:, 0], origins[:, 1], origins[:, 2] = np.tile(at, len(band)), np.repeat(band, steps), above
         down = np.zeros_like(origins)
         down[:, 2] = -1
         face = embree.run(origins, down)
@@ -127,7 +126,7 @@ def visible_areas(scene: Scene, cell: float = 0.01) -> tuple[np.ndarray, np.ndar
 
 def measure(scenes: Iterable[Scene], k: float, cell: float = 0.01) -> Abundance:
     """F_k(D) of some scenes taken together, for D = 0.1 m to 0.5 m. k: what was asked of them."""
-    diameter = np.array(DIAMETERS)
+    diameter = np.array(REPORTED)
     covered, area = np.zeros(len(diameter)), 0.0
     for scene in scenes:
         outline, middle = visible_areas(scene, cell)

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.special import exp1
 
 MAX_DIAMETER = 2.5  # [m] larger rocks are not drawn
+REPORTED = (0.1, 0.15, 0.2, 0.3, 0.4, 0.5)  # [m] diameters at which a scene tells F_k(D)
 
 
 def decay(k: float) -> float:

@@ -45,6 +45,8 @@ class RockConfig:
     """share of a rock's height that is below ground, LOW HIGH, each rock draws its own, 0 to 0.5"""
     families: tuple[float, float, float] = (0.45, 0.25, 0.3)
     """how many rocks are angular, slabby and rounded: three shares in any unit"""
+    albedo: float = 0.72
+    """mean brightness of the rocks, 1 for that of the ground"""
 
     def __post_init__(self) -> None:
         if not 0 <= self.k <= 0.4:
@@ -60,6 +62,8 @@ class RockConfig:
         shares = self.families
         if len(shares) != len(FAMILIES) or not min(shares) >= 0 or not 0 < sum(shares) < np.inf:
             raise ValueError(f"families needs {len(FAMILIES)} shares that are not all zero, got {self.families}")
+        if not 0.2 <= self.albedo <= 1.5:
+            raise ValueError(f"albedo must lie in [0.2, 1.5], got {self.albedo}")
 
 
 @dataclass(frozen=True)
@@ -121,7 +125,7 @@ def build_rocks(
     buried = rng.uniform(*config.buried, n)
     variant = rng.integers(0, VARIANTS, n)
     yaw, stretch = rng.uniform(0, 2 * np.pi, n), np.sqrt(rng.uniform(0.65, 1.0, n))
-    albedo = np.clip(rng.normal(0.72, 0.16, n), 0.35, 1.15)
+    albedo = config.albedo * np.clip(rng.normal(1, 0.22, n), 0.5, 1.6)
     extent = height / (1 - buried)
     ground, slope = _ground_plane(xy, diameter, height_at)
 

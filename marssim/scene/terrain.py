@@ -1,9 +1,4 @@
-"""Relief: a self-affine height field with craters and ripples, on a fine grid inside a coarse one.
-
-Mars is rough alike at all scales: the RMS height difference over a lag r grows as r^H, with Hurst exponent H of 0.5 to
-0.8. The field is drawn in the Fourier domain with the isotropic spectrum S(k) = C k^-(2 + 2H), where C follows in
-closed form from the RMS slope at 1 m (structure function of a self-affine surface).
-"""
+"""The ground as height fields: a fine grid inside a coarse one, from relief, landforms or a heightmap."""
 
 from __future__ import annotations
 
@@ -12,33 +7,17 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from scipy import fft
-from scipy.special import erfinv, gamma
 
+from marssim.scene.heightmap import Window, read_heightmap
+from marssim.scene.landforms import Craters, ripples
+from marssim.scene.relief import ReliefConfig, long_waves, self_affine, wavenumber
+
+__all__ = ["HeightGrid", "ReliefConfig", "Terrain", "build_terrain"]
+
+COARSE_CELL = 1.0  # [m] grid of the coarse part
 CROSSOVER = 5.0  # [m] wavelength at which the fine grid's spectrum takes over from the coarse grid's
 BLEND = 2.0  # [m] width of the strip in which the fine relief fades into the coarse one
-
-
-@dataclass(frozen=True)
-class ReliefConfig:
-    """Knobs of the ground's shape; lengths in metres, angles in degrees."""
-
-    hurst: float = 0.7  # Hurst exponent, 0.5 to 0.8 on Mars
-    rms_slope_deg: float = 5.0  # RMS slope over a lag of 1 m
-    regional_slope_deg: float = 0.0  # tilt of the whole scene
-    regional_azimuth_deg: float = 0.0  # direction of steepest ascent, counter-clockwise from east
-    crater_density: float = 0.004  # craters of more than 1 m diameter per square metre
-    crater_max_diameter: float = 25.0
-    ripple_amplitude: float = 0.012  # half of crest to trough
-    ripple_wavelength: float = 0.9
-    ripple_cover: float = 0.35  # share of the ground that carries ripples
-
-    def __post_init__(self) -> None:
-        if not 0 < self.hurst < 1:
-            raise ValueError(f"hurst must lie in (0, 1), got {self.hurst}")
-        if not 0 <= self.rms_slope_deg < 45:
-            raise ValueError(f"rms_slope_deg must lie in [0, 45), got {self.rms_slope_deg}")
-        if not 0 <= abs(self.regional_slope_deg) < 45:
-            raise ValueError(f"regional_slope_deg must lie in (-45, 45), got {self.regional_slope_deg}")
+UNSEEN = 3.0  # cells of a heightmap up to which it cannot show a crater
 
 
 @dataclass(frozen=True)
@@ -140,132 +119,82 @@ class Terrain:
         return ~self.fine.contains(x[None, :], y[:, None])
 
 
-def self_affine(n: int, cell: float, hurst: float, rms_slope: float, rng: np.random.Generator) -> np.ndarray:
-    """White Gaussian noise shaped to a self-affine spectrum, still in the Fourier domain.
-
-    rms_slope: RMS height difference over 1 m, tan of the RMS slope. Returns (n, n // 2 + 1) complex spectrum whose
-    irfft2 is the periodic field [m] of side n * cell.
-    """
-    k = wavenumber(n, cell)
-    k[0, 0] = np.inf
-    # structure function: E[(h(x + r) - h(x))^2] = 4 pi C I(H) r^2H for S = C k^-(2 + 2H)
-    integral = 2.0 ** (-1 - 2 * hurst) * gamma(1 - hurst) / (hurst * gamma(1 + hurst))
-    amplitude = rms_slope / np.sqrt(4 * np.pi * integral)
-    return fft.rfft2(rng.standard_normal((n, n))) * (amplitude * k ** (-1 - hurst) * 2 * np.pi / cell)
-
-
-def wavenumber(n: int, cell: float) -> np.ndarray:
-    """(n, n // 2 + 1) absolute wave numbers [rad / m] of an rfft2."""
-    ky = 2 * np.pi * np.fft.fftfreq(n, cell)
-    kx = 2 * np.pi * np.fft.rfftfreq(n, cell)
-    return np.hypot(ky[:, None], kx[None, :])
-
-
-def _lowpass(k: np.ndarray) -> np.ndarray:
-    return 1 / np.sqrt(1 + (k * CROSSOVER / (2 * np.pi)) ** 8)
-
-
 def build_terrain(config: ReliefConfig, size: float, cell: float, horizon: float, rng: np.random.Generator) -> Terrain:
     """Draw a terrain around the origin.
 
     size: side of the finely gridded square [m]; cell: its grid [m]; horizon: half the side of the coarse square [m].
-    The same rng state gives the same terrain. Raises ValueError for sizes that make no grid.
+    The same rng state gives the same terrain. Raises ValueError for sizes that make no grid, and for a heightmap that
+    cannot be read or does not cover the scene.
     """
     if not 0 < cell < size < 2 * horizon:
         raise ValueError(f"need 0 < cell < size < 2 horizon, got cell={cell}, size={size}, horizon={horizon}")
-    coarse_cell = 1.0
-    half = int(np.ceil(size / 2 / coarse_cell)) * coarse_cell  # the fine square ends on lines of the coarse grid
-    far = int(np.ceil(horizon / coarse_cell)) * coarse_cell
-    n_coarse, n_fine = round(2 * far / coarse_cell) + 1, round(2 * half / cell) + 1
-    fine_cell = 2 * half / (n_fine - 1)
-    slope = float(np.tan(np.deg2rad(config.rms_slope_deg)))
+    half = int(np.ceil(size / 2 / COARSE_CELL)) * COARSE_CELL  # the fine square ends on lines of the coarse grid
+    far = int(np.ceil(horizon / COARSE_CELL)) * COARSE_CELL
+    n_coarse, n_fine = round(2 * far / COARSE_CELL) + 1, round(2 * half / cell) + 1
+    x, far_x = np.linspace(-half, half, n_fine), np.linspace(-far, far, n_coarse)
+    relief_rng, crater_rng, ripple_rng, place_rng = rng.spawn(4)
 
-    n = fft.next_fast_len(n_coarse, real=True)
-    spectrum = self_affine(n, coarse_cell, config.hurst, slope, rng) * _lowpass(wavenumber(n, coarse_cell))
-    coarse = fft.irfft2(spectrum, s=(n, n))[:n_coarse, :n_coarse]
-    n = fft.next_fast_len(n_fine, real=True)
-    k = wavenumber(n, fine_cell)
-    spectrum = self_affine(n, fine_cell, config.hurst, slope, rng) * np.sqrt(1 - _lowpass(k) ** 2)
-    detail = fft.irfft2(spectrum, s=(n, n))[:n_fine, :n_fine]
-
-    grid = np.linspace(-half, half, n_fine)
-    at = ((grid + far) / coarse_cell).astype(np.float32)
-    maps = np.meshgrid(at, at)
-    smooth = cv2.remap(coarse.astype(np.float32), maps[0], maps[1], cv2.INTER_CUBIC).astype(float)
-    x, y = np.meshgrid(grid, grid)
-    xc, yc = np.meshgrid(np.linspace(-far, far, n_coarse), np.linspace(-far, far, n_coarse))
-    fine, coarse = smooth + detail, coarse.copy()
-    for add in (_craters(config, far, rng), _ripples(config, rng), _regional(config)):
-        fine += add(x, y)
-        coarse += add(xc, yc)
+    window = _window(config, far, place_rng)
+    fine, coarse = _relief(config, x, far_x, window, relief_rng)
+    largest = config.crater_max_diameter if window is None else min(config.crater_max_diameter, UNSEEN * window.cell)
+    craters = Craters(config, far, largest, crater_rng)
+    craters.add_to(fine, x, x)
+    craters.add_to(coarse, far_x, far_x)
+    fine += ripples(config, n_fine, x[1] - x[0], ripple_rng)
+    slope, azimuth = np.tan(np.deg2rad(config.regional_slope_deg)), np.deg2rad(config.regional_azimuth_deg)
+    for heights, axis in ((fine, x), (coarse, far_x)):
+        heights += slope * (np.cos(azimuth) * axis + np.sin(azimuth) * axis[:, None])
 
     # on the border the fine heights must lie on the coarse triangles' edges, or light shines through the seam
-    coarse_grid = HeightGrid(coarse, -far, -far, coarse_cell)
-    edge = np.clip((half - np.maximum(np.abs(x), np.abs(y))) / BLEND, 0, 1)
-    weight = edge * edge * (3 - 2 * edge)
-    fine = weight * fine + (1 - weight) * coarse_grid.gradient_at(x, y)[0]
-    offset = float(fine[n_fine // 2, n_fine // 2])
+    coarse_grid = HeightGrid(coarse, -far, -far, COARSE_CELL)
+    blended = fine.copy()
+    strip = int(np.ceil(min(BLEND, half) / (x[1] - x[0]))) + 1
+    for part in (np.s_[:strip], np.s_[-strip:], np.s_[:, :strip], np.s_[:, -strip:]):
+        px, py = (axis[part] for axis in np.meshgrid(x, x, copy=False))
+        edge = np.clip((half - np.maximum(np.abs(px), np.abs(py))) / BLEND, 0, 1)
+        weight = edge * edge * (3 - 2 * edge)
+        below = coarse_grid.gradient_at(px, py)[0]
+        blended[part] = weight * fine[part] + (1 - weight) * below
+    offset = float(blended[n_fine // 2, n_fine // 2])
     return Terrain(
-        fine=HeightGrid(fine - offset, -half, -half, fine_cell),
-        coarse=HeightGrid(coarse - offset, -far, -far, coarse_cell),
+        fine=HeightGrid(blended - offset, -half, -half, x[1] - x[0]),
+        coarse=HeightGrid(coarse - offset, -far, -far, COARSE_CELL),
     )
 
 
-def _regional(config: ReliefConfig):
-    slope = np.tan(np.deg2rad(config.regional_slope_deg))
-    azimuth = np.deg2rad(config.regional_azimuth_deg)
-    return lambda x, y: slope * (np.cos(azimuth) * x + np.sin(azimuth) * y)
+def _window(config: ReliefConfig, far: float, rng: np.random.Generator) -> Window | None:
+    """The part of the heightmap under the scene, None without one."""
+    if config.heightmap is None:
+        return None
+    assert config.heightmap_sha256 is not None
+    source = read_heightmap(config.heightmap, config.heightmap_sha256, config.heightmap_scale, config.heightmap_height)
+    return source.window(far, config.heightmap_at, rng)
 
 
-def _craters(config: ReliefConfig, far: float, rng: np.random.Generator):
-    """Bowls with raised rims: number falls as D^-2, depth from 0.2 D (fresh) to 0.03 D (worn)."""
-    count = rng.poisson(config.crater_density * (2 * far) ** 2)
-    centre = rng.uniform(-far, far, (count, 2))
-    diameter = np.minimum(rng.pareto(2.0, count) + 1, config.crater_max_diameter)
-    depth = diameter * 0.2 * 0.15 ** rng.uniform(0, 1, count)
-    depth *= np.minimum(1, 4 / diameter)  # large craters in sand are shallow
+def _relief(
+    config: ReliefConfig, x: np.ndarray, far_x: np.ndarray, window: Window | None, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Heights on the fine grid x, x and on the coarse one: self-affine, and what the heightmap has."""
+    slope = float(np.tan(np.deg2rad(config.rms_slope_deg))) if window is None else window.rms_slope(config.hurst)
 
-    def add(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        out = np.zeros_like(x)
-        cell = x[0, 1] - x[0, 0]
-        for (cx, cy), d, h in zip(centre, diameter, depth):
-            reach = 1.5 * d
-            i0, i1 = np.searchsorted(x[0], (cx - reach, cx + reach))
-            j0, j1 = np.searchsorted(y[:, 0], (cy - reach, cy + reach))
-            if i1 <= i0 or j1 <= j0 or d < 3 * cell:
-                continue
-            window = np.s_[j0:j1, i0:i1]
-            r = np.hypot(x[window] - cx, y[window] - cy) / (d / 2)
-            rim = 0.2 * h
-            bowl = (h + rim) * np.minimum(r, 1) ** 2 - h
-            apron = rim * np.maximum(0, (3 - r) / 2) ** 3
-            out[window] += np.where(r < 1, bowl, apron)
-        return out
+    def draw(axis: np.ndarray, coarse: bool) -> np.ndarray:
+        cell = axis[1] - axis[0]
+        n = fft.next_fast_len(len(axis), real=True)
+        spectrum = self_affine(n, cell, config.hurst, slope, rng)
+        k = wavenumber(n, cell)
+        longer = 1 / np.sqrt(1 + (k * CROSSOVER / (2 * np.pi)) ** 8)
+        spectrum *= longer if coarse else np.sqrt(1 - longer**2)
+        if window is not None:
+            spectrum *= window.missing(k)
+        return fft.irfft2(spectrum, s=(n, n))[: len(axis), : len(axis)]
 
-    return add
-
-
-def _ripples(config: ReliefConfig, rng: np.random.Generator):
-    """Aeolian ripples: sharp crests across the wind, in patches, with wandering phase."""
-    wind = rng.uniform(0, np.pi)
-    phases = rng.uniform(0, 2 * np.pi, (6, 2))
-    directions = rng.uniform(0, 2 * np.pi, (6, 2))
-
-    def wander(x: np.ndarray, y: np.ndarray, column: int, wavelength: float) -> np.ndarray:
-        out = np.zeros_like(x)
-        for n, (phase, direction) in enumerate(zip(phases[:, column], directions[:, column])):
-            k = 2 * np.pi / (wavelength * (1 + 0.45 * n))
-            out += np.sin(k * (np.cos(direction) * x + np.sin(direction) * y) + phase)
-        return out / np.sqrt(3.0)  # unit variance
-
-    def add(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        if config.ripple_amplitude == 0 or config.ripple_cover == 0 or x[0, 1] - x[0, 0] > config.ripple_wavelength / 3:
-            return np.zeros_like(x)
-        along = np.cos(wind) * x + np.sin(wind) * y
-        phase = 2 * np.pi * along / config.ripple_wavelength + 1.3 * wander(x, y, 0, 5 * config.ripple_wavelength)
-        crest = 1 - 2 * np.abs(np.sin(phase / 2)) ** 0.8
-        threshold = np.sqrt(2) * erfinv(1 - 2 * min(config.ripple_cover, 0.999))
-        patch = np.clip((wander(x, y, 1, 7.0) - threshold) / 0.6, 0, 1)
-        return config.ripple_amplitude * crest * patch
-
-    return add
+    coarse, fine = draw(far_x, True), draw(x, False)
+    if window is None:
+        coarse += long_waves(far_x, fft.next_fast_len(len(far_x), real=True) * COARSE_CELL, config.hurst, slope, rng)
+    at = ((x - far_x[0]) / COARSE_CELL).astype(np.float32)
+    column, row = np.meshgrid(at, at)
+    fine += cv2.remap(coarse.astype(np.float32), column, row, cv2.INTER_CUBIC)
+    if window is not None:
+        fine += window.sample(x, x)
+        coarse += window.sample(far_x, far_x)
+    return fine, coarse

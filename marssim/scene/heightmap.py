@@ -1,0 +1,217 @@
+"""Heights from a file: NumPy arrays, 16-bit PNG and GeoTIFF, and what they lack below their resolution.
+
+Row 0 is the northern edge and column 0 the western one, as in an image; a value stands for the middle of its cell.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+from PIL import TiffImagePlugin
+from scipy import ndimage
+
+PIXEL_SCALE, GEO_KEYS, NO_DATA = 33550, 34735, 42113  # TIFF tags of GeoTIFF and GDAL
+MODEL_TYPE, GEOGRAPHIC, LINEAR_UNIT, METRE = 1024, 2, 3076, 9001  # GeoTIFF keys and values
+MARGIN = 6  # cells around the scene that the interpolation looks at
+LEAST_CELLS = 8  # along the side of a scene
+PLACES = 200  # tried for a scene that draws its place
+
+
+@dataclass(frozen=True)
+class HeightMap:
+    """heights: (ny, nx) float64 [m], row 0 south, nan where the file has no data; cell [m]; name for messages."""
+
+    heights: np.ndarray
+    cell: float
+    name: str
+
+    def window(self, half: float, at: tuple[float, float] | None, rng: np.random.Generator) -> Window:
+        """The part under a scene.
+
+        half: half the side of the scene [m]; at: its middle, east and north of the map's [m], or None to draw one.
+        Raises ValueError where the map ends or has no data.
+        """
+        ny, nx = self.heights.shape
+        reach = half / self.cell
+        room = np.array([nx - 1, ny - 1]) / 2 - reach
+        if room.min() < 0:
+            raise ValueError(
+                f"{self.name}: covers {nx * self.cell:g} x {ny * self.cell:g} m, too small for the scene of "
+                f"{2 * half:g} x {2 * half:g} m; choose a smaller horizon or another file"
+            )
+        if 2 * reach < LEAST_CELLS:
+            raise ValueError(
+                f"{self.name}: a scene of {2 * half:g} m is only {2 * reach:.1f} cells of {self.cell:g} m wide; "
+                f"a finer map is needed"
+            )
+        if at is not None and (np.abs(np.array(at) / self.cell) > room).any():
+            raise ValueError(
+                f"{self.name}: a scene of {2 * half:g} m at {at[0]:g}, {at[1]:g} reaches beyond the map; heightmap_at "
+                f"may be +-{room[0] * self.cell:g} m east and +-{room[1] * self.cell:g} m north"
+            )
+        for _ in range(1 if at is not None else PLACES):
+            offset = rng.uniform(-room, room) if at is None else np.array(at, dtype=float) / self.cell
+            middle = np.array([nx - 1, ny - 1]) / 2 + offset
+            i0, j0 = np.maximum(np.floor(middle - reach).astype(int) - MARGIN, 0)
+            i1, j1 = np.ceil(middle + reach).astype(int) + MARGIN + 1
+            part = self.heights[j0:j1, i0:i1]
+            holes = np.mean(~np.isfinite(part))
+            if holes == 0:
+                return Window(part, self.cell, (i0 - middle[0]) * self.cell, (j0 - middle[1]) * self.cell)
+        if at is None:
+            raise ValueError(f"{self.name}: no place without gaps in the data was found for a scene of {2 * half:g} m")
+        raise ValueError(
+            f"{self.name}: {100 * holes:.2g} % of the scene's ground has no data (nan or nodata); choose another "
+            f"heightmap_at"
+        )
+
+
+@dataclass(frozen=True)
+class Window:
+    """heights: (ny, nx) [m], row 0 south, all finite; cell [m]; x0, y0: scene coordinates of heights[0, 0]."""
+
+    heights: np.ndarray
+    cell: float
+    x0: float
+    y0: float
+
+    def sample(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """(len(y), len(x)) heights on a regular grid, by cubic splines; averaged first where the grid is coarser."""
+        ratio = (x[1] - x[0]) / self.cell
+        heights = self.heights
+        if ratio > 1:
+            heights = cv2.GaussianBlur(heights, (0, 0), 0.45 * float(ratio), borderType=cv2.BORDER_REPLICATE)
+        at = np.meshgrid((y - self.y0) / self.cell, (x - self.x0) / self.cell, indexing="ij")
+        return ndimage.map_coordinates(heights, at, order=3, mode="nearest")
+
+    def missing(self, k: np.ndarray) -> np.ndarray:
+        """Share of the amplitude at wave numbers k [rad/m] that the splines do not show: 0 for long waves, 1 for short.
+
+        Cubic splines halve the amplitude at the grid's Nyquist wave number and fall as fast as k^8 around it.
+        """
+        shown = 1 / (1 + np.minimum(k * self.cell / np.pi, 1e6) ** 8)
+        return np.sqrt(1 - shown**2)
+
+    def rms_slope(self, hurst: float) -> float:
+        """RMS height difference over 1 m if the map's roughness goes on below its cells with that Hurst exponent.
+
+        From second differences over 2 cells, which know no regional slope: E[(h(x + r) - 2 h(x) + h(x - r))^2] =
+        (4 - 2^2H) E[(h(x + r) - h(x))^2].
+        """
+        lag = 2
+        h = self.heights
+        second = [
+            np.mean((h[2 * lag :] - 2 * h[lag:-lag] + h[: -2 * lag]) ** 2),
+            np.mean((h[:, 2 * lag :] - 2 * h[:, lag:-lag] + h[:, : -2 * lag]) ** 2),
+        ]
+        return float(np.sqrt(np.mean(second) / (4 - 4**hurst)) / (lag * self.cell) ** hurst)
+
+
+def file_digest(path: str) -> str:
+    """SHA-256 of a heightmap. Raises ValueError, which names the file, if it cannot be read."""
+    try:
+        state = os.stat(path)
+        return _digest(path, state.st_size, state.st_mtime_ns)
+    except OSError as error:
+        raise ValueError(f"heightmap {path}: {(error.strerror or str(error)).lower()}") from None
+
+
+@lru_cache(maxsize=8)
+def _digest(path: str, size: int, changed: int) -> str:
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+@lru_cache(maxsize=1)
+def read_heightmap(path: str, digest: str, scale: float | None, height: float | None) -> HeightMap:
+    """Read a file. digest: its SHA-256; scale: side of a cell [m]; height: metres a unit; None: from the file.
+
+    Raises ValueError, one line that names the file, for all that can be wrong with it.
+    """
+    name = f"heightmap {path}"
+    suffix = Path(path).suffix.lower()
+    nodata: float | None = None
+    if suffix == ".npy":
+        values = _read_npy(path, name)
+    elif suffix == ".png":
+        values = _read_image(path, name)
+        if values.dtype != np.uint16:
+            raise ValueError(f"{name}: {8 * values.itemsize} bits a pixel, 16 are needed")
+        if height is None:
+            raise ValueError(f"{name}: a PNG does not say how high its values are; give heightmap_height [m]")
+    elif suffix in (".tif", ".tiff"):
+        values = _read_image(path, name)
+        file_scale, nodata = _read_tags(path, name, scale is None)
+        scale = file_scale if scale is None else scale
+    else:
+        raise ValueError(f"{name}: ends in neither .npy, .png, .tif nor .tiff")
+    if scale is None:
+        raise ValueError(f"{name}: does not say how large its cells are; give heightmap_scale [m]")
+    if min(values.shape) < 2:
+        raise ValueError(f"{name}: has {values.shape[1]} x {values.shape[0]} cells, too few")
+    heights = values.astype(float) * (1.0 if height is None else height)
+    if nodata is not None:
+        heights[values == np.asarray(nodata).astype(values.dtype)] = np.nan
+    heights[~np.isfinite(heights)] = np.nan
+    return HeightMap(np.ascontiguousarray(heights[::-1]), float(scale), name)
+
+
+def _read_npy(path: str, name: str) -> np.ndarray:
+    try:
+        values = np.load(path, allow_pickle=False)
+    except (ValueError, OSError, EOFError) as error:
+        raise ValueError(f"{name}: is no readable .npy file ({str(error).splitlines()[0]})") from None
+    if not isinstance(values, np.ndarray) or values.ndim != 2 or values.dtype.kind not in "iuf":
+        found = f"{values.dtype} {values.shape}" if isinstance(values, np.ndarray) else "an archive"
+        raise ValueError(f"{name}: must be a two-dimensional array of numbers, is {found}")
+    return values
+
+
+def _read_image(path: str, name: str) -> np.ndarray:
+    log = cv2.utils.logging
+    before = log.setLogLevel(log.LOG_LEVEL_SILENT)  # a broken file is told in our words
+    try:
+        values = cv2.imread(path, cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        values = None
+    finally:
+        log.setLogLevel(before)
+    if values is None:
+        raise ValueError(f"{name}: cannot be read as an image; it may be cut off or of another kind")
+    if values.ndim != 2:
+        raise ValueError(f"{name}: has {values.shape[2]} channels, a heightmap has one")
+    return values
+
+
+def _read_tags(path: str, name: str, need_scale: bool) -> tuple[float | None, float | None]:
+    """Cell size [m] and value of cells without data of a GeoTIFF, None where the file does not say."""
+    try:
+        with open(path, "rb") as file:
+            header = file.read(8)
+            if header[2:4] in (b"+\x00", b"\x00+"):  # BigTIFF
+                header += file.read(8)
+            tags = TiffImagePlugin.ImageFileDirectory_v2(header)
+            file.seek(tags.next)
+            tags.load(file)
+            scale, keys, nodata = (tags.get(tag) for tag in (PIXEL_SCALE, GEO_KEYS, NO_DATA))
+    except Exception as error:  # whatever a broken directory makes the reader stumble over
+        raise ValueError(f"{name}: its tags cannot be read ({error})") from None
+    if need_scale and keys is not None:
+        entries = {key: value for key, place, _, value in zip(*[iter(keys[4:])] * 4) if place == 0}
+        if entries.get(MODEL_TYPE) == GEOGRAPHIC:
+            raise ValueError(f"{name}: its cells are measured in degrees; project it, or give heightmap_scale [m]")
+        if entries.get(LINEAR_UNIT, METRE) != METRE:
+            raise ValueError(f"{name}: its cells are not measured in metres; give heightmap_scale [m]")
+    if need_scale and scale is not None and not np.isclose(scale[0], scale[1], rtol=1e-3):
+        raise ValueError(f"{name}: its cells are {scale[0]:g} x {scale[1]:g} m, not square; resample it")
+    try:
+        empty = None if nodata is None else float(str(nodata).strip(" \0"))
+    except ValueError:
+        raise ValueError(f"{name}: its nodata tag is {nodata!r}, no number") from None
+    return (None if scale is None else float(scale[0])), empty

@@ -1,0 +1,101 @@
+"""What stands on the relief: impact craters, and ripples that the wind has made."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from scipy import fft
+
+from marssim.scene.relief import ReliefConfig
+
+APRON = 3.0  # radii out to which a crater's rim reaches
+FRESH = 0.2  # depth over diameter of a crater that nothing has worn yet
+SHORTER = 0.3  # wavelength of the small ripples that ride on the large ones, over theirs
+PATCH = 7.0  # [m] extent of patches of ripples
+
+
+class Craters:
+    """Bowls with raised rims. Their number falls as D^-2; depths lie between worn and fresh, uniform in the logarithm.
+
+    A fresh crater is a parabola of depth 0.2 D with a sharp rim of 0.04 D (Melosh 1989, simple craters); a worn one is
+    shallow, its floor flat, its rim round.
+    """
+
+    def __init__(self, config: ReliefConfig, far: float, largest: float, rng: np.random.Generator) -> None:
+        """far: half the side of the square that they lie in [m]; largest: diameter [m], none if that is under 1."""
+        count = rng.poisson(config.crater_density * (2 * far) ** 2) if largest > 1 else 0
+        self.centre = rng.uniform(-far, far, (count, 2))
+        self.diameter = (1 - rng.uniform(0, 1 - largest**-2.0, count)) ** -0.5 if count else np.zeros(0)
+        low, high = np.log(config.crater_depth)
+        ratio = np.exp(rng.uniform(low, high, count))
+        self.freshness = np.clip(ratio / FRESH, 0, 1)
+        self.depth = ratio * np.minimum(self.diameter, config.crater_fill_diameter)
+
+    def add_to(self, heights: np.ndarray, x: np.ndarray, y: np.ndarray) -> None:
+        """Dig them into heights (ny, nx), in place. x: (nx,), y: (ny,) [m], ascending; less than 3 cells is left."""
+        cell = x[1] - x[0]
+        for (cx, cy), d, depth, fresh in zip(self.centre, self.diameter, self.depth, self.freshness):
+            reach = APRON * d / 2
+            i0, i1 = np.searchsorted(x, (cx - reach, cx + reach))
+            j0, j1 = np.searchsorted(y, (cy - reach, cy + reach))
+            if i1 > i0 and j1 > j0 and d >= 3 * cell:
+                r = np.hypot(x[i0:i1] - cx, y[j0:j1, None] - cy) / (d / 2)
+                heights[j0:j1, i0:i1] += depth * crater_profile(r, fresh)
+
+
+def crater_profile(r: np.ndarray, freshness: float) -> np.ndarray:
+    """Height at r radii from the middle, in units of the depth from rim to floor; 0 far away. freshness: 0 to 1."""
+    rim = 0.08 + 0.12 * freshness
+    inner = np.minimum(r, 1)
+    bowl = freshness * inner**2 + (1 - freshness) * inner**2 * (3 - 2 * inner) * inner**0.5
+    taper = np.clip((APRON - r) / (APRON - 1), 0, 1)
+    return np.where(r < 1, bowl - (1 - rim), rim * np.maximum(r, 1) ** -2.0 * taper * taper * (3 - 2 * taper))
+
+
+def ripples(config: ReliefConfig, n: int, cell: float, rng: np.random.Generator) -> np.ndarray:
+    """(n, n) heights [m] of aeolian ripples on a grid: sharp crests across the wind, in patches; 0 between them.
+
+    The crests follow the phase of a narrow-band random wave, which has forks and ends where the wave vanishes, as real
+    ripples have. Small ripples ride on the large ones. What the grid cannot show (under 3 cells) is left out.
+    """
+    wind = rng.uniform(0, np.pi)
+    seeds = rng.spawn(3)
+    if config.ripple_amplitude == 0 or config.ripple_cover == 0 or config.ripple_wavelength < 3 * cell:
+        return np.zeros((n, n))
+    size = fft.next_fast_len(n)
+    out = config.ripple_amplitude * _wave_train(size, cell, config.ripple_wavelength, wind, seeds[0])[:n, :n]
+    small = SHORTER * config.ripple_wavelength
+    if small >= 3 * cell:
+        turned = wind + rng.normal(0, 0.25)
+        out += 0.6 * SHORTER * config.ripple_amplitude * _wave_train(size, cell, small, turned, seeds[1])[:n, :n]
+    return out * _patches(n, cell, config.ripple_cover, seeds[2])
+
+
+def _wave_train(n: int, cell: float, wavelength: float, wind: float, rng: np.random.Generator) -> np.ndarray:
+    """(n, n) crests of about 1 and troughs of about -1."""
+    k = 2 * np.pi / wavelength
+    kx, ky = 2 * np.pi * np.fft.fftfreq(n, cell)[None, :] / k, 2 * np.pi * np.fft.fftfreq(n, cell)[:, None] / k
+    along, across = np.cos(wind) * kx + np.sin(wind) * ky, np.cos(wind) * ky - np.sin(wind) * kx
+    band = np.exp(-0.5 * (((along - 1) / 0.13) ** 2 + (across / 0.2) ** 2))
+    # white in the Fourier domain as well as in space, so that it can be drawn there
+    row, column = np.flatnonzero(band.max(axis=1) > 1e-4), np.flatnonzero(band.max(axis=0) > 1e-4)
+    wave = np.zeros((n, n), dtype=np.complex64)
+    drawn = rng.standard_normal((len(row), len(column), 2)) @ (1, 1j)
+    wave[np.ix_(row, column)] = band[np.ix_(row, column)] * drawn
+    wave = fft.ifft2(wave, overwrite_x=True)
+    strength = np.abs(wave)
+    phase = np.angle(wave)
+    phase += 0.35 * np.sin(phase)  # the lee side is the steeper one
+    crest = 1.3 - 2 * np.abs(np.sin(phase / 2)) ** 0.8
+    return crest * np.minimum(1, strength / (0.8 * np.sqrt(np.mean(strength**2))))
+
+
+def _patches(n: int, cell: float, cover: float, rng: np.random.Generator) -> np.ndarray:
+    """(n, n) in [0, 1]: 1 in patches that cover about that share, 0 between, with soft borders."""
+    if cover >= 1:
+        return np.ones((n, n))
+    nodes = max(8, int(np.ceil(n * cell / PATCH)) * 2)
+    noise = cv2.GaussianBlur(rng.standard_normal((nodes + 8, nodes + 8)), (0, 0), 1.0)[4:-4, 4:-4]
+    field = cv2.resize(noise, (n, n), interpolation=cv2.INTER_CUBIC)
+    edge = np.quantile(field, 1 - cover)
+    return np.clip((field - edge) / (0.5 * noise.std()) + 0.5, 0, 1)

@@ -1,0 +1,134 @@
+"""What shapes the ground: the knobs, and self-affine noise.
+
+Mars is rough alike at all scales: the RMS height difference over a lag r grows as r^H, with Hurst exponent H of 0.5 to
+0.8. The field is drawn in the Fourier domain with the isotropic spectrum S(k) = C k^-(2 + 2H), where C follows in
+closed form from the RMS slope at 1 m (structure function of a self-affine surface).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+from scipy.special import gamma
+
+from marssim.scene.heightmap import file_digest
+
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class ReliefConfig:
+    """The shape of the ground."""
+
+    hurst: float = 0.7
+    """Hurst exponent of the relief, between 0 and 1: small is rough, large is rolling; 0.5 to 0.8 on Mars"""
+    rms_slope_deg: float = 5.0
+    """RMS slope of the relief over 1 m [deg], without craters and ripples; 4.8 to 5.4 at Pathfinder and Viking 1;
+    not used with a heightmap, whose own roughness goes on below its resolution"""
+    regional_slope_deg: float = 0.0
+    """tilt of the whole scene [deg]"""
+    regional_azimuth_deg: float = 0.0
+    """direction in which the tilt rises most [deg], counter-clockwise from east"""
+    crater_density: float = 0.004
+    """craters of more than 1 m diameter on a square metre; their number falls as the diameter squared"""
+    crater_max_diameter: float = 25.0
+    """largest crater [m]; with a heightmap, only craters too small for it are drawn"""
+    crater_depth: Range = (0.03, 0.2)
+    """depth from rim to floor over diameter, LOW HIGH: each crater lies between worn (.03) and fresh (.2)"""
+    crater_fill_diameter: float = 4.0
+    """craters wider than this [m] are partly filled with sand: as deep as one of this width"""
+    ripple_amplitude: float = 0.012
+    """height of aeolian ripples [m], half of crest to trough"""
+    ripple_wavelength: float = 0.9
+    """distance between ripple crests [m]"""
+    ripple_cover: float = 0.35
+    """share of the ground that carries ripples, 0 to 1"""
+    heightmap: str | None = None
+    """file with measured heights instead of drawn relief: .npy [m], 16-bit .png, or .tif (GeoTIFF); north is up"""
+    heightmap_scale: float | None = None
+    """side of a heightmap cell [m]; not needed for a GeoTIFF in metres"""
+    heightmap_height: float | None = None
+    """metres that a heightmap's values count as 1; needed for .png, 1 for the others"""
+    heightmap_at: Range | None = (0.0, 0.0)
+    """where the scene lies: metres east and north of the heightmap's middle; none: each scene draws its own place"""
+    heightmap_sha256: str | None = None
+    """digest of the heightmap; filled in from the file, so that the data tell what they were made of. Given, another
+    file is refused"""
+
+    def __post_init__(self) -> None:
+        if not 0 < self.hurst < 1:
+            raise ValueError(f"hurst must lie in (0, 1), got {self.hurst}")
+        if not 0 <= self.rms_slope_deg < 45:
+            raise ValueError(f"rms_slope_deg must lie in [0, 45), got {self.rms_slope_deg}")
+        if not 0 <= abs(self.regional_slope_deg) < 45:
+            raise ValueError(f"regional_slope_deg must lie in (-45, 45), got {self.regional_slope_deg}")
+        if not 0 <= self.crater_density <= 1:
+            raise ValueError(f"crater_density must lie in [0, 1], got {self.crater_density}")
+        if not 1 <= self.crater_max_diameter <= 200:
+            raise ValueError(f"crater_max_diameter must lie in [1, 200], got {self.crater_max_diameter}")
+        if not 0 < self.crater_depth[0] <= self.crater_depth[1] <= 0.3:
+            raise ValueError(f"crater_depth must be a range within (0, 0.3], got {self.crater_depth}")
+        if not self.crater_fill_diameter > 0:
+            raise ValueError(f"crater_fill_diameter must be positive, got {self.crater_fill_diameter}")
+        if not 0 <= self.ripple_amplitude <= 0.5:
+            raise ValueError(f"ripple_amplitude must lie in [0, 0.5], got {self.ripple_amplitude}")
+        if not 0.1 <= self.ripple_wavelength <= 50:
+            raise ValueError(f"ripple_wavelength must lie in [0.1, 50], got {self.ripple_wavelength}")
+        if not 0 <= self.ripple_cover <= 1:
+            raise ValueError(f"ripple_cover must lie in [0, 1], got {self.ripple_cover}")
+        for name in ("heightmap_scale", "heightmap_height"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < np.inf:
+                raise ValueError(f"{name} must be positive, got {value}")
+        if self.heightmap is not None:
+            digest = file_digest(self.heightmap)
+            if self.heightmap_sha256 not in (None, digest):
+                raise ValueError(f"heightmap {self.heightmap}: its SHA-256 is {digest}, not {self.heightmap_sha256}")
+            object.__setattr__(self, "heightmap_sha256", digest)
+
+
+def self_affine(n: int, cell: float, hurst: float, rms_slope: float, rng: np.random.Generator) -> np.ndarray:
+    """White Gaussian noise shaped to a self-affine spectrum, still in the Fourier domain.
+
+    rms_slope: RMS height difference over 1 m, tan of the RMS slope. Returns (n, n // 2 + 1) complex spectrum whose
+    irfft2 is the periodic field [m] of side n * cell; waves longer than that are long_waves().
+    """
+    k = wavenumber(n, cell)
+    k[0, 0] = np.inf
+    amplitude = _amplitude(hurst, rms_slope)
+    return fft.rfft2(rng.standard_normal((n, n))) * (amplitude * k ** (-1 - hurst) * 2 * np.pi / cell)
+
+
+def long_waves(x: np.ndarray, period: float, hurst: float, rms_slope: float, rng: np.random.Generator) -> np.ndarray:
+    """(len(x), len(x)) heights [m] on the grid x, x of the waves longer than `period` [m] of the self-affine field.
+
+    Without them a field of that side would be too level: at H = 0.7 they are a third of the variance of slopes over a
+    twentieth of it. The cell around k = 0 of the Fourier grid is split into 3 x 3, and its middle again, five times
+    (subharmonics; Lane, Glindemann and Dainty 1992).
+    """
+    out = np.zeros((len(x), len(x)))
+    for part in range(1, 6):
+        step = 2 * np.pi / period / 3**part
+        for i in (-1, 0, 1):
+            for j in (-1, 0, 1):
+                if i == j == 0:
+                    continue
+                k = step * np.hypot(i, j)
+                swing = _amplitude(hurst, rms_slope) * k ** (-1 - hurst) * step * (rng.standard_normal(2) @ (1, 1j))
+                out += (np.exp(1j * step * j * x)[:, None] * (swing * np.exp(1j * step * i * x))).real
+    return out
+
+
+def _amplitude(hurst: float, rms_slope: float) -> float:
+    """Square root of C, from the structure function E[(h(x + r) - h(x))^2] = 4 pi C I(H) r^2H."""
+    integral = 2.0 ** (-1 - 2 * hurst) * gamma(1 - hurst) / (hurst * gamma(1 + hurst))
+    return rms_slope / float(np.sqrt(4 * np.pi * integral))
+
+
+def wavenumber(n: int, cell: float) -> np.ndarray:
+    """(n, n // 2 + 1) absolute wave numbers [rad / m] of an rfft2."""
+    ky = 2 * np.pi * np.fft.fftfreq(n, cell)
+    kx = 2 * np.pi * np.fft.rfftfreq(n, cell)
+    return np.hypot(ky[:, None], kx[None, :])

@@ -1,0 +1,217 @@
+import json
+import struct
+from dataclasses import asdict, replace
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image, TiffImagePlugin
+from scipy import fft
+
+from marssim.scene.heightmap import file_digest, read_heightmap
+from marssim.scene.relief import ReliefConfig, long_waves, self_affine
+from marssim.scene.terrain import build_terrain
+
+BARE = {"crater_density": 0.0, "ripple_amplitude": 0.0, "hurst": 0.7}
+
+
+def read(path, scale=None, height=None):
+    return read_heightmap(str(path), file_digest(str(path)), scale, height)
+
+
+def build(path, size=12.0, horizon=16.0, seed=0, **changes):
+    config = ReliefConfig(heightmap=str(path), **{**BARE, **changes})
+    return build_terrain(config, size=size, cell=0.1, horizon=horizon, rng=np.random.default_rng(seed))
+
+
+def geotiff(path, values, scale=(2.0, 2.0, 0.0), model=1, unit=9001, nodata=None):
+    tags = TiffImagePlugin.ImageFileDirectory_v2()
+    if scale is not None:
+        tags[33550], tags.tagtype[33550] = scale, 12
+    tags[34735], tags.tagtype[34735] = (1, 1, 0, 2, 1024, 0, 1, model, 3076, 0, 1, unit), 3
+    if nodata is not None:
+        tags[42113], tags.tagtype[42113] = nodata, 2
+    Image.fromarray(values).save(path, tiffinfo=tags)
+    return path
+
+
+def hills(n, cell):
+    """A smooth surface of known closed form: rises to the north, waves from west to east."""
+    axis = (np.arange(n) - (n - 1) / 2) * cell
+    return axis, lambda x, y: 0.05 * y + 0.4 * np.sin(2 * np.pi * x / 14.0)
+
+
+@pytest.mark.parametrize("kind", ["npy", "png", "tif", "tif64"])
+def test_every_kind_of_file_gives_the_same_heights(tmp_path, kind):
+    axis, surface = hills(50, 1.0)
+    values = surface(axis[None, :], axis[::-1, None])  # row 0 is north
+    if kind == "npy":
+        np.save(path := tmp_path / "map.npy", values.astype(np.float32))
+        got = read(path, scale=1.0)
+    elif kind == "png":
+        cv2.imwrite(str(path := tmp_path / "map.png"), np.round((values + 10) / 0.001).astype(np.uint16))
+        got = read(path, scale=1.0, height=0.001)
+        values = values + 10
+    elif kind == "tif":
+        path = geotiff(tmp_path / "map.tif", values.astype(np.float32), scale=(1.0, 1.0, 0.0))
+        got = read(path)
+    else:
+        cv2.imwrite(str(path := tmp_path / "map.tif"), values)
+        got = read(path, scale=1.0)
+    assert got.cell == 1.0
+    assert got.heights == pytest.approx(values[::-1], abs=6e-4)
+
+
+def test_the_scene_lies_on_the_map_north_up(tmp_path):
+    axis, surface = hills(80, 0.5)
+    np.save(tmp_path / "map.npy", surface(axis[None, :], axis[::-1, None]))
+    for at in ((0.0, 0.0), (2.25, -1.5)):
+        terrain = build(tmp_path / "map.npy", heightmap_scale=0.5, heightmap_at=at)
+        x, y = np.random.default_rng(0).uniform(-4, 4, (2, 200))
+        true = surface(x + at[0], y + at[1]) - surface(*at)
+        drawn = terrain.height_at(x, y) - terrain.height_at(0.0, 0.0)
+        assert drawn == pytest.approx(true, abs=0.03)  # and a little roughness below the map's cells
+        edge = np.full(20, 14.0)
+        assert terrain.height_at(edge, np.linspace(-9, 9, 20)) - terrain.height_at(0.0, 0.0) == pytest.approx(
+            surface(edge + at[0], np.linspace(-9, 9, 20) + at[1]) - surface(*at), abs=0.1
+        )
+
+
+@pytest.mark.parametrize("step", [4, 16])
+def test_relief_goes_on_below_the_resolution_of_the_map(tmp_path, step):
+    """A rough surface is known on every 4th and 16th cell only: the refined one is as rough at every lag."""
+    n, cell, lags = 480, 0.1, np.array([1, 2, 5, 10, 20])
+    true, refined, bare = np.zeros(5), np.zeros(5), np.zeros(5)
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        h = fft.irfft2(self_affine(n, cell, 0.7, 0.09, rng), s=(n, n))
+        h += long_waves(np.arange(n) * cell, n * cell, 0.7, 0.09, rng)
+        np.save(path := tmp_path / f"{seed}.npy", h[step // 2 :: step, step // 2 :: step])
+        window = read(path, scale=step * cell).window(16.0, (0.0, 0.0), rng)
+        x = np.arange(-8, 8.01, cell)
+        smooth, middle = (
+            window.sample(x, x),
+            build(path, 20.0, 16.0, heightmap_scale=step * cell).fine.heights[25:-25, 25:-25],
+        )
+        for out, grid in ((true, h), (refined, middle), (bare, smooth)):
+            out += [np.mean((grid[:, lag:] - grid[:, :-lag]) ** 2) / 4 for lag in lags]
+    assert np.sqrt(refined / true) == pytest.approx(np.ones(5), abs=0.2)
+    assert np.sqrt(bare / true)[0] < 0.8  # which splines alone are not
+
+
+def test_no_facets_are_seen(tmp_path):
+    """Curvature is spread evenly: not gathered on the lines of the map's cells, as bilinear facets would have it."""
+    np.save(tmp_path / "map.npy", np.random.default_rng(0).normal(0, 0.3, (40, 40)))
+    grid = build(tmp_path / "map.npy", size=20.0, heightmap_scale=1.0).fine
+    bend = np.abs(np.diff(grid.heights[30:-30, 30:-30], 2, axis=1)).mean(axis=0)
+    by_place = bend[: len(bend) // 10 * 10].reshape(-1, 10).mean(axis=0)
+    assert by_place.max() < 1.6 * by_place.min()
+
+
+def test_a_scene_may_draw_its_own_place_and_keeps_off_gaps(tmp_path):
+    values = np.add.outer(np.zeros(120), np.arange(120.0) ** 2 / 400).astype(np.float32)
+    values[:, :40] = -9999
+    path = geotiff(tmp_path / "map.tif", values, scale=(1.0, 1.0, 0.0), nodata="-9999")
+    slopes = []
+    for seed in range(6):
+        terrain = build(path, seed=seed, heightmap_at=None)
+        assert np.isfinite(terrain.coarse.heights).all()
+        slopes.append(float(terrain.height_at(5.0, 0.0) - terrain.height_at(-5.0, 0.0)))
+    assert np.std(slopes) > 0.1 and min(slopes) > 2.0
+    with pytest.raises(ValueError, match=r"map\.tif.*no data.*heightmap_at"):
+        build(path, heightmap_at=(-20.0, 0.0))
+
+
+def test_only_craters_too_small_for_the_map_are_added(tmp_path):
+    np.save(tmp_path / "map.npy", np.zeros((60, 60)))
+    config = {"crater_density": 0.05, "heightmap_scale": 1.0}
+    assert np.ptp(build(tmp_path / "map.npy", **config).fine.heights) > 0.05
+    assert np.ptp(build(tmp_path / "map.npy", **config).coarse.heights) < 1.0
+    fine = {"crater_density": 0.05, "heightmap_scale": 0.2}
+    np.save(tmp_path / "fine.npy", np.zeros((200, 200)))
+    assert np.ptp(build(tmp_path / "fine.npy", **fine).fine.heights) == 0
+
+
+def test_the_config_tells_which_file_it_was(tmp_path):
+    np.save(path := tmp_path / "map.npy", np.zeros((60, 60)))
+    config = ReliefConfig(heightmap=str(path), heightmap_scale=1.0)
+    assert config.heightmap_sha256 == file_digest(str(path)) and len(config.heightmap_sha256) == 64
+    assert replace(config, hurst=0.6).heightmap_sha256 == config.heightmap_sha256
+    json.dumps(asdict(config))
+    np.save(path, np.ones((60, 61)))
+    with pytest.raises(ValueError, match=r"map\.npy: its SHA-256 is"):
+        replace(config, hurst=0.5)
+
+
+def broken(tmp_path, case):
+    """A file with that fault, and the config that goes with it."""
+    path, config = tmp_path / "map.npy", {"heightmap_scale": 1.0}
+    level = np.zeros((60, 60), np.float32)
+    if case == "missing":
+        pass
+    elif case == "folder":
+        path.mkdir()
+    elif case == "empty":
+        path.write_bytes(b"")
+    elif case == "cut off":
+        np.save(path, level)
+        path.write_bytes(path.read_bytes()[:900])
+    elif case == "pickle":
+        np.save(path, np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    elif case == "three dimensions":
+        np.save(path, np.zeros((4, 60, 60)))
+    elif case == "complex":
+        np.save(path, level.astype(complex))
+    elif case == "nan":
+        level[30, 30] = np.nan
+        np.save(path, level)
+    elif case == "too small":
+        np.save(path, level[:20])
+    elif case == "too coarse":
+        np.save(path, level)
+        config = {"heightmap_scale": 50.0}
+    elif case == "beyond":
+        np.save(path, level)
+        config |= {"heightmap_at": (20.0, 0.0)}
+    elif case == "no scale":
+        np.save(path, level)
+        config = {}
+    elif case == "kind":
+        path = tmp_path / "map.jpg"
+        path.write_bytes(b"x")
+    elif case in ("8 bits", "colour", "no height"):
+        path = tmp_path / "map.png"
+        kind = np.uint8 if case == "8 bits" else np.uint16
+        cv2.imwrite(str(path), np.zeros((60, 60, 3) if case == "colour" else (60, 60), kind))
+        config |= {} if case == "no height" else {"heightmap_height": 0.01}
+    elif case == "no image":
+        path = tmp_path / "map.tif"
+        path.write_bytes(b"II*\0" + struct.pack("<I", 8) + b"\0\0")
+    else:
+        path, config = tmp_path / "map.tif", {}
+        extra = {
+            "degrees": {"model": 2}, "feet": {"unit": 9002}, "not square": {"scale": (1.0, 2.0, 0.0)},
+            "no tags": {"scale": None}, "odd nodata": {"nodata": "none"},
+        }[case]  # fmt: skip
+        geotiff(path, level, **{"scale": (1.0, 1.0, 0.0), **extra})
+    return path, config
+
+
+@pytest.mark.parametrize(
+    ("case", "says"),
+    [
+        ("missing", "no such file"), ("folder", "directory"), ("empty", "no readable .npy"),
+        ("cut off", "no readable .npy"), ("pickle", "no readable .npy"), ("three dimensions", "two-dimensional"),
+        ("complex", "two-dimensional"), ("nan", "no data"), ("too small", "60 x 20 m, too small"),
+        ("too coarse", "cells of 50 m"), ("beyond", "heightmap_at"), ("no scale", "heightmap_scale"),
+        ("kind", ".npy, .png, .tif"), ("8 bits", "8 bits"), ("colour", "3 channels"), ("no height", "heightmap_height"),
+        ("no image", "cannot be read as an image"), ("degrees", "degrees"), ("feet", "not measured in metres"),
+        ("not square", "not square"), ("no tags", "heightmap_scale"), ("odd nodata", "nodata"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_a_file_is_said_in_a_line(tmp_path, case, says):
+    path, config = broken(tmp_path, case)
+    with pytest.raises(ValueError, match="heightmap") as error:
+        build(path, **config)
+    message = str(error.value)
+    assert path.name in message and says in message and "\n" not in message

@@ -1,0 +1,79 @@
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from marssim.scene.landforms import Craters, crater_profile, ripples
+from marssim.scene.relief import ReliefConfig
+
+
+def dig(ratio, diameter=3.0, fill=4.0):
+    """Heights around one crater of that depth over diameter, on a grid of 2 cm."""
+    config = ReliefConfig(crater_depth=(ratio, ratio), crater_fill_diameter=fill)
+    craters = Craters(config, 20.0, 10.0, np.random.default_rng(0))
+    craters.centre, craters.diameter = np.zeros((1, 2)), np.array([diameter])
+    craters.depth, craters.freshness = ratio * np.minimum(craters.diameter, fill), craters.freshness[:1]
+    x = np.arange(-9, 9.001, 0.02)
+    heights = np.zeros((len(x), len(x)))
+    craters.add_to(heights, x, x)
+    return x, heights
+
+
+@pytest.mark.parametrize("ratio", [0.2, 0.1, 0.03])
+def test_a_crater_is_as_deep_from_rim_to_floor_as_told(ratio):
+    x, heights = dig(ratio)
+    assert np.ptp(heights) == pytest.approx(ratio * 3.0, rel=0.02)
+    rim = np.unravel_index(heights.argmax(), heights.shape)
+    assert 2 * np.hypot(x[rim[0]], x[rim[1]]) == pytest.approx(3.0, abs=0.06)
+    assert heights[:, 0] == pytest.approx(0, abs=1e-9)
+
+
+def test_wide_craters_are_filled_with_sand():
+    assert np.ptp(dig(0.2, diameter=5.0, fill=2.5)[1]) == pytest.approx(0.5, rel=0.02)
+
+
+@given(st.floats(0, 1))
+def test_a_profile_has_no_steps(freshness):
+    r = np.linspace(0, 4, 4001)
+    profile = crater_profile(r, freshness)
+    assert np.abs(np.diff(profile)).max() < 0.005
+    assert profile[-1] == 0 and profile.argmin() == 0
+    assert np.ptp(profile) == pytest.approx(1, abs=1e-6)
+
+
+def test_craters_are_as_many_as_told_and_fall_with_the_square_of_their_size():
+    config = ReliefConfig(crater_density=0.05)
+    many = [Craters(config, 50.0, 20.0, np.random.default_rng(seed)).diameter for seed in range(20)]
+    count = np.array([sum((d > size).sum() for d in many) for size in (1.0, 2.0, 4.0)]) / 20
+    assert count[0] == pytest.approx(500, rel=0.05)
+    assert count[1:] / count[0] == pytest.approx([0.25, 0.0625], rel=0.15)
+    assert max(d.max() for d in many) <= 20
+    assert len(Craters(config, 50.0, 0.8, np.random.default_rng(0)).diameter) == 0
+
+
+@settings(max_examples=8)
+@given(st.floats(0.4, 1.2), st.integers(0, 100))
+def test_ripples_have_their_wavelength_and_height(wavelength, seed):
+    config = ReliefConfig(ripple_wavelength=wavelength, ripple_amplitude=0.02, ripple_cover=1.0)
+    h = ripples(config, 384, 0.06, np.random.default_rng(seed))
+    power = np.abs(np.fft.fft2(h - h.mean())) ** 2
+    k = np.hypot(np.fft.fftfreq(384, 0.06)[:, None], np.fft.fftfreq(384, 0.06)[None, :])
+    edges = np.geomspace(0.3, 8, 40)
+    ring = [power[(k >= a) & (k < b)].sum() for a, b in pairwise(edges)]
+    peak = np.sqrt(edges[np.argmax(ring)] * edges[np.argmax(ring) + 1])
+    assert 1 / peak == pytest.approx(wavelength, rel=0.2)
+    assert np.quantile(h, 0.99) - np.quantile(h, 0.01) == pytest.approx(0.04, rel=0.35)
+
+
+@pytest.mark.parametrize("cover", [0.1, 0.4, 0.8])
+def test_ripples_cover_their_share(cover):
+    config = ReliefConfig(ripple_cover=cover, ripple_amplitude=0.02)
+    h = np.stack([ripples(config, 320, 0.1, np.random.default_rng(seed)) for seed in range(4)])
+    assert np.mean(np.abs(h) > 1e-4) == pytest.approx(cover, abs=0.2)
+
+
+def test_ripples_that_a_grid_cannot_show_are_left_out():
+    assert not ripples(ReliefConfig(ripple_wavelength=0.5), 64, 0.2, np.random.default_rng(0)).any()
+    assert not ripples(ReliefConfig(ripple_cover=0.0), 64, 0.1, np.random.default_rng(0)).any()
