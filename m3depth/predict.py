@@ -222,9 +222,10 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
     prediction = estimator.infer(left, right, rig)
     count = write_prediction(options.out, left, prediction, rig, options.min_confidence, options.max_range)
     known = prediction.depth[np.isfinite(prediction.depth)]
-    seen = (
-        f"depth {known.min():.2f} to {known.max():.2f} m, median {np.median(known):.2f} m" if len(known) else "no depth"
-    )
+    seen = "no depth"
+    if len(known):
+        low, middle, high = np.percentile(known, [5, 50, 95])
+        seen = f"depth {low:.2f} to {high:.2f} m (5 to 95 %), median {middle:.2f} m"
     share = 100 * len(known) / prediction.depth.size
     print(f"{options.out}: {seen} on {share:.0f} % of the pixels; {counted(count, 'point')}")
     return prediction
