@@ -1,0 +1,142 @@
+"""Is a dataset on disk what its index says? Files are hashed, not decoded."""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from marssim.camera import StereoRig
+from marssim.dataset import IMAGES, DatasetError, StereoDataset, read_json, sample_digest, split_of
+from marssim.threads import in_threads
+
+TOP = ("dataset.json", "generate.json", "README.md", "contact_sheet.png")
+PNG_END = bytes.fromhex("0000000049454e44ae426082")
+PNG_KIND = {  # bits a channel and colour type (0 grey, 2 RGB) of each image
+    "left.png": (8, 2), "right.png": (8, 2), "depth.png": (16, 0), "normal.png": (16, 2), "surface.png": (16, 0),
+    "occluded.png": (8, 0),
+}  # fmt: skip
+RIGID = 1e-6  # by which a pose's rotation may miss being orthonormal
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something wrong with a file. path: within the dataset."""
+
+    path: str
+    problem: str
+
+    def __str__(self) -> str:
+        return f"{self.path}: {self.problem}"
+
+
+def check_samples(dataset: StereoDataset, threads: int = 2) -> Iterator[tuple[str, list[Finding]]]:
+    """Name of each sample, in order, with what is wrong with its files."""
+    recorded = {sample["name"]: sample["sha256"] for sample in dataset.index["samples"]}
+    check = partial(_check_sample, dataset.path, recorded)
+    return zip(dataset.names, in_threads(check, dataset.names, threads))
+
+
+def check_index(dataset: StereoDataset) -> list[Finding]:
+    """What is wrong with the index itself: a sample listed twice, or in the split of another scene."""
+    found, seen = [], set()
+    for sample in dataset.index["samples"]:
+        name, split = sample["name"], sample["split"]
+        if name in seen:
+            found.append(Finding("dataset.json", f"lists {name} twice"))
+        seen.add(name)
+        if split != split_of(int(name.split("/")[0])):
+            found.append(
+                Finding("dataset.json", f"{name} is in {split}, its scene belongs to {split_of(int(name[:5]))}")
+            )
+    return found
+
+
+def check_extra(dataset: StereoDataset, own: Path | None = None) -> list[Finding]:
+    """Files that are neither the dataset's nor below `own`, the folder of a report; whole folders as one."""
+    expected = set(TOP) | {f"scenes/{n}/{file}" for n in dataset.names for file in (*IMAGES, "sample.json")}
+    folders = {str(parent) for path in expected for parent in Path(path).parents}
+    found = []
+    waiting = [dataset.path]
+    while waiting:
+        for entry in sorted(waiting.pop().iterdir()):
+            path = entry.relative_to(dataset.path).as_posix()
+            if own is not None and entry.resolve() == own.resolve():
+                continue
+            if entry.is_dir() and not entry.is_symlink():
+                if path in folders:
+                    waiting.append(entry)
+                elif entry.name.endswith(".partial"):
+                    found.append(Finding(path, "left by an interrupted run"))
+                else:
+                    found.append(Finding(path, "a folder that the index does not list"))
+            elif path not in expected:
+                found.append(Finding(path, "a file that the dataset does not have"))
+    return found
+
+
+def _check_sample(root: Path, recorded: dict[str, str], name: str) -> list[Finding]:
+    folder = root / "scenes" / name
+
+    def finding(file: str, problem: str) -> Finding:
+        return Finding(f"scenes/{name}/{file}", problem)
+
+    if not folder.is_dir():
+        return [Finding(f"scenes/{name}", "missing")]
+    file = folder / "sample.json"
+    try:
+        meta, digest = read_json(file), sample_digest(folder)
+        rig = _check_meta(meta)
+    except (DatasetError, ValueError) as error:
+        found = [finding("sample.json", str(error).removeprefix(f"{file}: "))]
+        return found + [finding(image, "missing") for image in IMAGES if not (folder / image).is_file()]
+    found = []
+    if digest != recorded[name]:
+        found.append(finding("sample.json", "records other hashes than dataset.json"))
+    for image in IMAGES:
+        problem = _check_image(folder / image, meta["sha256"][image], rig)
+        if problem:
+            found.append(finding(image, problem))
+    return found
+
+
+def _check_meta(meta: dict[str, Any]) -> StereoRig:
+    """The rig. Raises ValueError that names a field which is missing or cannot be."""
+    for field in ("rig", "pose"):
+        if field not in meta:
+            raise ValueError(f"field '{field}' is missing")
+    try:
+        pose = np.array(meta["pose"], dtype=float)
+    except (TypeError, ValueError):
+        pose = np.zeros(0)
+    rotation = pose[:3, :3] if pose.shape == (4, 4) else np.zeros((3, 3))
+    if not (np.abs(rotation @ rotation.T - np.eye(3)).max() < RIGID and np.linalg.det(rotation) > 0):
+        raise ValueError("pose is not a 4 x 4 rigid motion")
+    sun = meta.get("sun")
+    if sun is not None and not abs(float(np.linalg.norm(sun)) - 1) < RIGID:
+        raise ValueError("sun is not a unit vector")
+    return StereoRig.from_dict(meta["rig"])
+
+
+def _check_image(path: Path, recorded: str, rig: StereoRig) -> str | None:
+    """What is wrong with an image file, if anything."""
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        return "missing"
+    except OSError as error:
+        return f"cannot be read: {error.strerror}"
+    if hashlib.sha256(data).hexdigest() != recorded:
+        if not data:
+            return "empty"
+        return "other content than recorded" if data.endswith(PNG_END) else "truncated"
+    width, height, bits, colour = struct.unpack(">IIBB", data[16:26])
+    if (width, height) != (rig.camera.width, rig.camera.height) or (bits, colour) != PNG_KIND[path.name]:
+        return f"is {width} x {height} px, {bits} bits, not what the rig and the format say"
+    return None

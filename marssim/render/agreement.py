@@ -1,0 +1,137 @@
+"""Do two G-buffer makers see the same? Depth, surface ids, and the image shift between them to a hundredth of a pixel.
+
+A maker that is half a pixel off still agrees within 0.5 % of depth on nearly every pixel, so the shift is measured by
+itself: the least-squares (u, v) that explains the difference of two images by the reference's own slopes, which are
+taken from rays half a pixel to either side. On smooth ground the image is 1 / Z, which is linear on planes; at
+silhouettes it is 1 or 0, whether a pixel shows a rock or ground, and whether it shows sky.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from marssim.camera import PinholeCamera
+from marssim.render.gbuffer import GROUND, SKY, GBuffer, GBufferMaker
+
+STEP = 0.5  # [px] of the rays beside a pixel's centre
+BEND = 0.05  # change of 1 / Z within a pixel, relative, from which a pixel is no smooth ground
+DEPTH_TOLERANCE = 5e-3
+LEAST_SURFACE, LEAST_DEPTH, MOST_SHIFT = 0.99, 0.99, 0.05
+
+Shifted = Callable[[float, float], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Of some views together. surface: share of pixels of the same surface id; depth: share within 0.5 % of depth, of
+    those that both see; smooth, silhouette: (2,) shift in u and v [px], NaN where no pixel tells."""
+
+    views: int
+    surface: float
+    depth: float
+    smooth: np.ndarray
+    silhouette: np.ndarray
+
+    @property
+    def good(self) -> bool:
+        """99 % of the pixels agree in surface and depth, and no shift reaches 0.05 px."""
+        shift = np.abs(np.concatenate([self.smooth, self.silhouette]))
+        return self.surface >= LEAST_SURFACE and self.depth >= LEAST_DEPTH and bool((shift < MOST_SHIFT).all())
+
+    def __str__(self) -> str:
+        def pair(shift: np.ndarray) -> str:
+            return f"u {shift[0]:+.4f} v {shift[1]:+.4f} px"
+
+        return (
+            f"{self.views} views: same surface {self.surface:.3%}, depth within 0.5 % {self.depth:.3%}, "
+            f"shift on smooth ground {pair(self.smooth)}, at silhouettes {pair(self.silhouette)}: "
+            + ("they agree" if self.good else "they DISAGREE")
+        )
+
+
+class ShiftFit:
+    """Normal equations of the shift, added up over images."""
+
+    def __init__(self) -> None:
+        self.matrix, self.right = np.zeros((2, 2)), np.zeros(2)
+
+    def add(self, image: np.ndarray, reference: Shifted, where: np.ndarray) -> None:
+        """image: (H, W); reference(du, dv): (H, W), what it is held against, seen (du, dv) [px] beside the centres."""
+        slope = [reference(STEP * du, STEP * dv) - reference(-STEP * du, -STEP * dv) for du, dv in ((1, 0), (0, 1))]
+        system = np.stack([s[where] for s in slope], axis=1) / (2 * STEP)
+        self.matrix += system.T @ system
+        self.right += system.T @ (image - reference(0, 0))[where]
+
+    @property
+    def shift(self) -> np.ndarray:
+        """(2,) [px] in u and v; NaN if the images have no slope to tell it by."""
+        if np.linalg.matrix_rank(self.matrix) < 2:
+            return np.full(2, np.nan)
+        return np.linalg.solve(self.matrix, self.right)
+
+
+class BesideCentres:
+    """Depth and surface of a view, looked up along rays (du, dv) [px] beside the pixel centres, each traced once."""
+
+    def __init__(self, tracer: GBufferMaker, camera: PinholeCamera, pose: np.ndarray) -> None:
+        self._tracer, self._camera, self._pose = tracer, camera, pose
+        self._seen: dict[tuple[float, float], tuple[np.ndarray, np.ndarray]] = {}
+
+    def _at(self, du: float, dv: float) -> tuple[np.ndarray, np.ndarray]:
+        if (du, dv) not in self._seen:
+            camera = self._camera
+            rays = camera.rays() + np.array([du / camera.fx, dv / camera.fy, 0])
+            depth, _, _, surface = self._tracer.trace(rays.reshape(-1, 3), self._pose)
+            shape = (camera.height, camera.width)
+            self._seen[du, dv] = depth.reshape(shape), surface.reshape(shape)
+        return self._seen[du, dv]
+
+    def inverse_depth(self, du: float, dv: float) -> np.ndarray:
+        """(H, W) 1 / Z, 0 in the sky."""
+        return 1 / self._at(du, dv)[0].astype(float)
+
+    def rock(self, du: float, dv: float) -> np.ndarray:
+        """(H, W) 1 where a rock is seen."""
+        return (self._at(du, dv)[1] > GROUND).astype(float)
+
+    def sky(self, du: float, dv: float) -> np.ndarray:
+        """(H, W) 1 where the sky is seen."""
+        return (self._at(du, dv)[1] == SKY).astype(float)
+
+    def smooth(self) -> np.ndarray:
+        """(H, W) bool: ground without an edge between this pixel and its neighbours' middle."""
+        middle = self.inverse_depth(0, 0)
+        beside = [self._at(*at) for at in ((STEP, 0), (-STEP, 0), (0, STEP), (0, -STEP))]
+        ground = self._at(0, 0)[1] == GROUND
+        bend = np.zeros(middle.shape)
+        for depth, surface in beside:
+            ground &= surface == GROUND
+            bend += np.abs(1 / depth - middle)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return ground & (bend / middle < BEND)
+
+
+def agreement(
+    maker: GBufferMaker, tracer: GBufferMaker, camera: PinholeCamera, poses: Iterable[np.ndarray]
+) -> Agreement:
+    """Hold what `maker` renders against `tracer`'s rays, over all poses (4, 4) camera to world together."""
+    views = pixels = same = both = close = 0
+    smooth, silhouette = ShiftFit(), ShiftFit()
+    for pose in poses:
+        drawn: GBuffer = maker.render(camera, pose)
+        shot: GBuffer = tracer.render(camera, pose)
+        hit = drawn.hit & shot.hit
+        views += 1
+        pixels += hit.size
+        same += int((drawn.surface == shot.surface).sum())
+        both += int(hit.sum())
+        close += int((np.abs(drawn.depth[hit] / shot.depth[hit] - 1) < DEPTH_TOLERANCE).sum())
+        beside = BesideCentres(tracer, camera, pose)
+        smooth.add(1 / drawn.depth.astype(float), beside.inverse_depth, beside.smooth() & (drawn.surface == GROUND))
+        everywhere = np.ones(hit.shape, dtype=bool)
+        silhouette.add((drawn.surface > GROUND).astype(float), beside.rock, everywhere)
+        silhouette.add((drawn.surface == SKY).astype(float), beside.sky, everywhere)
+    return Agreement(views, same / max(1, pixels), close / max(1, both), smooth.shift, silhouette.shift)

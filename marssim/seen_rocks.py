@@ -1,0 +1,93 @@
+"""How much of the ground rocks cover, measured on the ground truth of stereo pairs.
+
+A rock's diameter is its width across the line of sight; the area that goes with it is that of a disc. The ground looked
+at is the sum of what the ground's pixels cover on a map, and of the rocks themselves. What stands behind a rock is
+hidden with the rocks on it, so their share stays about the same. Compare marssim.abundance, which looks at scenes from
+straight above: this one sees rocks from the side, partly hidden by others and cut by the image's border.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from marssim.camera import rotate
+from marssim.dataset import StereoSample
+from marssim.scene.golombek import covered_area
+
+REACH = 6.0  # [m] of ground that is looked at: 0.1 m are 10 px there
+DIAMETERS = (0.1, 0.2, 0.3, 0.5)  # [m]
+
+
+@dataclass
+class RockCover:
+    """Rocks and ground of some samples; they add up. asked: (D,) sum of k's law times ground [m2]."""
+
+    ground: float = 0.0
+    covered: np.ndarray = field(default_factory=lambda: np.zeros(len(DIAMETERS)))
+    asked: np.ndarray = field(default_factory=lambda: np.zeros(len(DIAMETERS)))
+
+    def add(self, sample: StereoSample, k: float) -> None:
+        """Count the rocks of one more sample, whose scene was asked for a share k."""
+        _, diameter, ground = seen_rocks(sample)
+        area = np.pi / 4 * diameter**2
+        total = ground + float(area.sum())
+        self.ground += total
+        self.covered += [area[diameter >= d].sum() for d in DIAMETERS]
+        self.asked += covered_area(np.array(DIAMETERS), k) * total
+
+    def report(self) -> dict[str, Any]:
+        """Plain numbers, for JSON: share of the ground under rocks of each diameter and more, seen and asked for."""
+        if not self.ground:
+            return {}
+        return {
+            "ground_m2": self.ground,
+            "diameters_m": list(DIAMETERS),
+            "seen": (self.covered / self.ground).tolist(),
+            "asked": (self.asked / self.ground).tolist(),
+        }
+
+    def table(self) -> str:
+        """In lines for people."""
+        report = self.report()
+        if not report:
+            return ""
+        lines = [f"ground under rocks of diameter D and more, on {self.ground:.0f} m2 up to {REACH:g} m away"]
+        for d, seen, asked in zip(DIAMETERS, report["seen"], report["asked"]):
+            lines.append(f"  D {d:.1f} m: seen {seen:.2%}, asked {asked:.2%}")
+        return "\n".join(lines)
+
+
+def seen_rocks(sample: StereoSample, reach: float = REACH) -> tuple[np.ndarray, np.ndarray, float]:
+    """Rocks and ground no farther than `reach` [m] along the ground.
+
+    Returns the rocks' numbers (N,) and diameters (N,) [m], and the map area of the ground [m2]. Raises KeyError if the
+    sample records no pose.
+    """
+    pose, camera = np.array(sample.meta["pose"], dtype=float), sample.rig.camera
+    hit = np.isfinite(sample.depth)
+    rays = camera.rays()
+    offset = rotate(rays * np.where(hit, sample.depth, 0)[..., None], pose[:3, :3])  # from the camera, world axes
+    distance = np.hypot(offset[..., 0], offset[..., 1])
+    near = hit & (distance <= reach)
+
+    ground = near & (sample.rock == 0)
+    slant = np.abs(np.einsum("ij,ij->i", sample.normal[ground], rays[ground]))
+    upward = np.abs(rotate(sample.normal[ground], pose[:3, :3])[:, 2])
+    footprint = sample.depth[ground].astype(float) ** 2 / (camera.fx * camera.fy) * upward / np.maximum(slant, 1e-3)
+
+    rock = hit & (sample.rock > 0) & (distance <= 2 * reach)
+    if not rock.any():
+        return np.zeros(0, dtype=int), np.zeros(0), float(footprint.sum())
+    forward = np.arctan2(pose[1, 2], pose[0, 2])
+    heading = np.arctan2(offset[rock][:, 1], offset[rock][:, 0]) - forward
+    heading = (heading + np.pi) % (2 * np.pi) - np.pi
+    order = np.argsort(sample.rock[rock], kind="stable")
+    number, start, count = np.unique(sample.rock[rock][order], return_index=True, return_counts=True)
+    away = np.add.reduceat(distance[rock][order], start) / count
+    depth = np.add.reduceat(sample.depth[rock][order].astype(float), start) / count
+    extent = np.maximum.reduceat(heading[order], start) - np.minimum.reduceat(heading[order], start)
+    diameter = extent * away + depth / camera.fx  # between pixel centres, and a pixel
+    return number[away <= reach], diameter[away <= reach], float(footprint.sum())

@@ -1,0 +1,228 @@
+"""Check a dataset against its index, and see what is in it.
+
+    python -m marssim.verify data/gale --out out/gale           hashes and statistics: verify.json, statistics.png
+    python -m marssim.verify data/gale --sample 00003/05        one sample: figure, point cloud, mesh
+    python -m marssim.verify --cross-check --scene jezero       do both renderers see the same?
+
+Every file is hashed; images are decoded for the statistics of --statistics-of samples only. Whatever is wrong is named,
+one line a file. Exit code 0: all is well; 1: something is wrong; 2: no dataset, or a bad value.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import tyro
+from tqdm import tqdm
+
+from marssim.atomic import write_atomically
+from marssim.camera import NATECAM
+from marssim.command import counted, run_command
+from marssim.dataset import SPLITS, DatasetError, StereoDataset, StereoSample, read_sample, write_json
+from marssim.dataset_figures import sample_figure, statistics_figure
+from marssim.integrity import Finding, check_extra, check_index, check_samples
+from marssim.pointcloud import coloured_points, encode_glb, encode_ply, surface_mesh
+from marssim.render.agreement import Agreement, agreement
+from marssim.render.makers import make_renderer
+from marssim.scene.scene import build_scene, preset
+from marssim.statistics import Tally, table
+from marssim.statistics import __doc__ as definitions
+from marssim.threads import in_threads
+from marssim.viewpoint import ViewConfig, draw_pose
+
+SHOWN = 50  # findings that are printed; the JSON holds all
+
+
+@dataclass(frozen=True)
+class VerifyConfig:
+    """Check a dataset, show what is in it, or hold the two renderers against each other."""
+
+    data: tyro.conf.Positional[Path | None] = None
+    """dataset folder, as marssim.generate writes it"""
+    out: Path = Path("out/verify")
+    """folder for the results; it may lie in the dataset"""
+    statistics_of: int = 200
+    """number of samples that the statistics are taken over, spread over all scenes; 0 for none"""
+    workers: int = 2
+    """threads that hash and decode"""
+    sample: str | None = None
+    """show this sample, SCENE/VIEW as in 00003/05, and do nothing else"""
+    farthest: float = 30.0
+    """what is farther [m] is left out of the sample's point cloud and mesh"""
+    cross_check: bool = False
+    """render random views of a scene with PyBullet and with Embree, and say how well they agree"""
+    views: int = 10
+    """number of views of --cross-check"""
+    scene: Literal["utopia", "gusev", "gale", "jezero", "hard"] = "gale"
+    """preset of the scene of --cross-check"""
+    seed: int = 0
+    """seed of the scene and the views of --cross-check"""
+
+    def __post_init__(self) -> None:
+        least = {"statistics_of": 0, "workers": 1, "views": 1, "seed": 0}
+        for name, value in least.items():
+            if getattr(self, name) < value:
+                flag = "--" + name.replace("_", "-")
+                raise ValueError(f"{flag} must be at least {value}, got {getattr(self, name)}")
+        if not self.farthest > 0:
+            raise ValueError(f"--farthest must be positive, got {self.farthest}")
+        if self.data is None and self.sample is not None:
+            raise ValueError(f"--sample {self.sample}: of which dataset folder?")
+        if self.data is None and not self.cross_check:
+            raise ValueError("give a dataset folder, or --cross-check; --help tells more")
+
+
+def verify_dataset(config: VerifyConfig, dataset: StereoDataset) -> tuple[list[Finding], dict[str, Tally]]:
+    """Hash every file, then take statistics over some of the samples that are whole.
+
+    Returns what is wrong, and the tallies of "all" and of each split.
+    """
+    found, whole = check_index(dataset), []
+    with tqdm(total=len(dataset), unit="pair", desc="check", disable=None) as bar:
+        for name, problems in check_samples(dataset, config.workers):
+            found += problems
+            if not problems:
+                whole.append(name)
+            bar.update()
+    found += check_extra(dataset, config.out)
+    tallies = {name: Tally() for name in ("all", *SPLITS)}
+    split = {sample["name"]: sample["split"] for sample in dataset.index["samples"]}
+    chosen = spread({name: split[name] for name in whole}, config.statistics_of)
+    read = partial(_read, dataset.path)
+    with tqdm(total=len(chosen), unit="pair", desc="statistics", disable=None) as bar:
+        for name, sample in zip(chosen, in_threads(read, chosen, config.workers)):
+            if isinstance(sample, Finding):
+                found.append(sample)
+            else:
+                for tally in (tallies["all"], tallies[split[name]]):
+                    tally.add(sample)
+            bar.update()
+    return found, tallies
+
+
+def spread(split: dict[str, str], number: int) -> list[str]:
+    """About `number` names, evenly spread over each split: as large a share of each, one at least. split: by name."""
+    chosen = []
+    for part in SPLITS:
+        names = [name for name, its in split.items() if its == part]
+        count = min(len(names), int(np.ceil(number * len(names) / max(1, len(split)))))
+        chosen += [names[i] for i in np.linspace(0, len(names) - 1, count).round().astype(int)]
+    return sorted(chosen)
+
+
+def cross_check(config: VerifyConfig) -> Agreement:
+    """Render random views of one scene with both G-buffer makers. Raises ImportError, in a line, without PyBullet."""
+    rng = np.random.default_rng(config.seed)
+    scene = build_scene(preset(config.scene), rng)
+    poses = [draw_pose(scene, ViewConfig(), rng) for _ in range(config.views)]
+    tracer, maker = make_renderer("embree", scene), make_renderer("pybullet", scene)
+    try:
+        bar = tqdm(poses, unit="view", desc="cross-check", disable=None)
+        return agreement(maker, tracer, NATECAM.camera, bar)
+    finally:
+        maker.close()
+        tracer.close()
+
+
+def show_sample(config: VerifyConfig, dataset: StereoDataset, name: str) -> list[Path]:
+    """Write the figure, the point cloud and the mesh of a sample; returns the files.
+
+    Raises DatasetError if there is no such sample or one of its files is broken, OSError.
+    """
+    if name not in dataset.names:
+        like = f"they are named like {dataset.names[0]}" if dataset.names else "it has none"
+        raise DatasetError(f"--sample {name}: no such sample among the {len(dataset)} of {dataset.path}; {like}")
+    sample = read_sample(dataset.path / "scenes" / name)
+    flat = name.replace("/", "_")
+    files = {config.out / f"sample_{flat}.png": sample_figure(sample, name)}
+    camera = sample.rig.camera
+    points, colours = coloured_points(sample.left, sample.depth, camera, config.farthest)
+    if len(points):
+        files[config.out / f"sample_{flat}.ply"] = encode_ply(points, colours)
+    vertices, faces, pixel = surface_mesh(sample.depth, sample.normal, camera, config.farthest)
+    if len(faces):
+        files[config.out / f"sample_{flat}.glb"] = encode_glb(vertices, faces, sample.left.reshape(-1, 3)[pixel])
+    for path, data in files.items():
+        write_atomically(path, data)
+    return list(files)
+
+
+def verify(config: VerifyConfig) -> bool:
+    """Do what is asked, print it and write it. Returns whether all is well."""
+    good = True
+    if config.data is not None:
+        dataset = StereoDataset(config.data)
+        if config.sample is not None:
+            for path in show_sample(config, dataset, config.sample):
+                print(path)
+        else:
+            good = _report(config, dataset)
+    if config.cross_check:
+        found = cross_check(config)
+        print(f"PyBullet against Embree, {config.scene}, seed {config.seed}: {found}")
+        numbers = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in asdict(found).items()}
+        write_json(
+            config.out / "cross_check.json",
+            {"scene": config.scene, "seed": config.seed, **numbers, "good": found.good},
+        )
+        good &= found.good
+    return good
+
+
+def _report(config: VerifyConfig, dataset: StereoDataset) -> bool:
+    found, tallies = verify_dataset(config, dataset)
+    pairs = {name: sum(s["split"] == name for s in dataset.index["samples"]) for name in SPLITS}
+    pairs = {"all": len(dataset), **pairs}
+    for finding in found[:SHOWN]:
+        print(finding)
+    if len(found) > SHOWN:
+        print(f"and {len(found) - SHOWN} more, see {config.out / 'verify.json'}")
+    if tallies["all"].samples:
+        print(table(tallies, pairs))
+        print(tallies["all"].cover.table())
+        figure = statistics_figure(tallies, f"{dataset.path.resolve().name}: {counted(len(dataset), 'pair')}")
+        write_atomically(config.out / "statistics.png", figure)
+    report = {
+        "schema": "marssim-verify",
+        "version": 1,
+        "dataset": str(config.data),
+        "digest": dataset.digest,
+        "good": not found,
+        "findings": [asdict(finding) for finding in found],
+        "pairs": pairs,
+        "statistics": {name: tally.report() for name, tally in tallies.items() if tally.samples},
+        "definitions": definitions,
+    }
+    write_json(config.out / "verify.json", report)
+    files = {finding.path for finding in found}
+    verdict = f"{counted(len(files), 'file')} wrong" if found else "every file is what the index says"
+    print(f"{config.data}: {counted(len(dataset), 'pair')}, {verdict}; see {config.out / 'verify.json'}")
+    return not found
+
+
+def _read(root: Path, name: str) -> StereoSample | Finding:
+    try:
+        return read_sample(root / "scenes" / name)
+    except DatasetError as error:
+        path, _, problem = str(error).partition(": ")
+        return Finding(Path(path).relative_to(root).as_posix(), problem)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """The command. Returns the exit code."""
+    good = [True]
+
+    def work(config: VerifyConfig) -> None:
+        good[0] = verify(config)
+
+    return run_command(work, VerifyConfig, "python -m marssim.verify", __doc__, args) or (0 if good[0] else 1)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

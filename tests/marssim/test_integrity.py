@@ -1,0 +1,134 @@
+"""Each way in which a dataset can be broken is found, and named by its file."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from marssim.dataset import IMAGES, StereoDataset
+from marssim.integrity import check_extra, check_index, check_samples
+
+SAMPLE = "scenes/00001/01"
+
+
+@pytest.fixture
+def folder(closed_form_set, tmp_path) -> Path:
+    return shutil.copytree(closed_form_set, tmp_path / "set")
+
+
+def findings(folder: Path, own: Path | None = None) -> list[str]:
+    dataset = StereoDataset(folder)
+    found = check_index(dataset)
+    for _, problems in check_samples(dataset):
+        found += problems
+    return [str(finding) for finding in found + check_extra(dataset, own)]
+
+
+def change(path: Path, edit: Callable[[dict], object]) -> None:
+    content = json.loads(path.read_text())
+    edit(content)
+    path.write_text(json.dumps(content))
+
+
+def test_a_good_dataset_has_no_findings(folder):
+    assert findings(folder) == []
+    assert [name for name, _ in check_samples(StereoDataset(folder), threads=3)] == StereoDataset(folder).names
+
+
+@pytest.mark.parametrize("name", IMAGES)
+def test_every_image_is_watched(folder, name):
+    file = folder / SAMPLE / name
+    data = file.read_bytes()
+    for broken, said in (
+        (data[:-20], "truncated"),
+        (b"", "empty"),
+        (data[:60] + bytes([data[60] ^ 1]) + data[61:], "other content than recorded"),
+    ):
+        file.write_bytes(broken)
+        assert findings(folder) == [f"{SAMPLE}/{name}: {said}"]
+    file.unlink()
+    assert findings(folder) == [f"{SAMPLE}/{name}: missing"]
+    file.mkdir()
+    assert len(findings(folder)) == 2 and "cannot be read" in findings(folder)[0]
+
+
+def test_a_wrong_file_with_a_right_hash_is_told_by_its_header(folder):
+    """Someone wrote the sample anew, hashes and all, yet with an image of another size or kind."""
+    import hashlib
+
+    from marssim.dataset import sample_digest
+
+    file = folder / SAMPLE / "occluded.png"
+    for image in (np.zeros((5, 7), np.uint8), np.zeros((48, 64, 3), np.uint8), np.zeros((48, 64), np.uint16)):
+        cv2.imwrite(str(file), image)
+        digest = hashlib.sha256(file.read_bytes()).hexdigest()
+        change(folder / SAMPLE / "sample.json", lambda c, d=digest: c["sha256"].update({"occluded.png": d}))
+        whole = sample_digest(folder / SAMPLE)
+        change(folder / "dataset.json", lambda c, d=whole: c["samples"][3].update(sha256=d))
+        found = findings(folder)
+        assert len(found) == 1 and found[0].startswith(f"{SAMPLE}/occluded.png: is ")
+
+
+@pytest.mark.parametrize(
+    ("edit", "said"),
+    [
+        (lambda c: c.pop("rig"), "rig"),
+        (lambda c: c["rig"].pop("fx"), "fx"),
+        (lambda c: c["rig"].update(baseline=-1), "baseline"),
+        (lambda c: c.pop("pose"), "pose"),
+        (lambda c: c["pose"].pop(), "pose"),
+        (lambda c: c.update(pose="north"), "pose"),
+        (lambda c: c["pose"][0].__setitem__(0, 3.0), "pose"),
+        (lambda c: c.update(sun=[0, 0, 2]), "sun"),
+        (lambda c: c.update(sha256={}), "sha256"),
+        (lambda c: c["sha256"].update({"left.png": "0" * 64}), "records other hashes"),
+    ],
+)
+def test_a_broken_sample_json(folder, edit, said):
+    change(folder / SAMPLE / "sample.json", edit)
+    found = findings(folder)
+    assert found and found[0].startswith(f"{SAMPLE}/sample.json: ") and said in found[0]
+    assert all(finding.startswith(SAMPLE) for finding in found)
+
+
+def test_no_json_no_sample(folder):
+    (folder / SAMPLE / "sample.json").write_text("{")
+    (folder / SAMPLE / "left.png").unlink()
+    first, second = findings(folder)
+    assert first.startswith(f"{SAMPLE}/sample.json: ") and second == f"{SAMPLE}/left.png: missing"
+    shutil.rmtree(folder / SAMPLE)
+    assert findings(folder) == [f"{SAMPLE}: missing"]
+
+
+def test_what_does_not_belong_is_named(folder):
+    (folder / SAMPLE / "left.png~").write_text("a backup")
+    (folder / "scenes" / "00001" / ".02.partial").mkdir()
+    shutil.copytree(folder / SAMPLE, folder / "scenes" / "00007" / "00")
+    (folder / "notes.txt").write_text("mine")
+    (folder / "README.md").write_text("of the dataset")
+    (folder / "report").mkdir()
+    found = set(findings(folder, folder / "report"))
+    assert found == {
+        f"{SAMPLE}/left.png~: a file that the dataset does not have",
+        "scenes/00001/.02.partial: left by an interrupted run",
+        "scenes/00007: a folder that the index does not list",
+        "notes.txt: a file that the dataset does not have",
+    }
+
+
+def test_the_index_is_watched(folder):
+    change(folder / "dataset.json", lambda c: c["samples"][2].update(split="train"))
+    change(folder / "dataset.json", lambda c: c["samples"].append(c["samples"][0]))
+    found = findings(folder)
+    assert "dataset.json: 00001/00 is in train, its scene belongs to test" in found
+    assert "dataset.json: lists 00000/00 twice" in found and len(found) == 2
+
+
+def test_a_whole_sample_put_in_place_of_another_is_found(folder):
+    shutil.rmtree(folder / SAMPLE)
+    shutil.copytree(folder / "scenes/00001/00", folder / SAMPLE)
+    assert findings(folder) == [f"{SAMPLE}/sample.json: records other hashes than dataset.json"]

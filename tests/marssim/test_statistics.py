@@ -1,0 +1,119 @@
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from marssim.camera import NATECAM
+from marssim.dataset import StereoDataset, StereoSample
+from marssim.statistics import DEPTH_STEP, Tally, gradient, lbp_entropy, table, tally
+
+SIZE = (6, 10)
+EVERYWHERE = np.ones((64, 64), bool)
+
+
+def made(depth: np.ndarray, rock: np.ndarray | None = None, occluded: np.ndarray | None = None) -> StereoSample:
+    """A sample of given depth."""
+    rig = NATECAM.resized(depth.shape[1], depth.shape[0])
+    nothing = np.zeros(depth.shape, bool)
+    normal = np.zeros((*depth.shape, 3), np.float32)
+    normal[..., 2] = -1
+    image = np.full((*depth.shape, 3), 100, np.uint8)
+    return StereoSample(
+        image, image, depth, rig.depth_to_disparity(depth), normal, (depth >= 0.5) & (depth <= 15),
+        nothing if occluded is None else occluded, (nothing if rock is None else rock).astype(np.int32), rig,
+        {"sun_elevation_deg": 30.0, "preset": "gale"},
+    )  # fmt: skip
+
+
+def test_shares_are_counted_as_defined():
+    depth = np.full(SIZE, 4.0, np.float32)
+    depth[0] = np.inf  # 10 of 60: sky
+    depth[1] = 20.0  # 10: farther than 15 m
+    depth[2, :3] = 0.3  # 3: within 15 m, too near to be valid
+    rock, occluded = np.zeros(SIZE, bool), np.zeros(SIZE, bool)
+    rock[1:3, :4], occluded[3, :5] = True, True
+    report = tally([made(depth, rock, occluded)]).report()
+    assert report["sky"] == pytest.approx(10 / 60) and report["within_15m_of_all"] == pytest.approx(40 / 60)
+    assert report["within_15m_of_not_sky"] == pytest.approx(40 / 50) and report["valid"] == pytest.approx(37 / 60)
+    assert report["rock"] == pytest.approx(4 / 40) and report["occluded"] == pytest.approx(5 / 50)
+    assert report["presets"] == {"gale": 1} and report["sun_elevation_deg"]["most"] == 30
+    counts = report["depth_histogram"]["counts"]
+    assert counts[round(4 / DEPTH_STEP)] == 37 and counts[round(20 / DEPTH_STEP)] == 10 and sum(counts) == 50
+
+
+def test_the_distribution_is_that_of_the_depths():
+    depth = np.linspace(0.01, 49.99, 600).reshape(20, 30).astype(np.float32)
+    found = tally([made(depth)])
+    at = np.array([0.0, 5.0, 15.0, 40.0])
+    assert found.share_within(at) == pytest.approx([(depth < d).mean() for d in at], abs=2 / 600)
+    assert found.report()["depth_percentiles_m"]["50"] == pytest.approx(np.median(depth), abs=DEPTH_STEP)
+
+
+@given(st.floats(0.5, 14), st.floats(0.5, 14))
+def test_the_disparity_range(first, second):
+    samples = [made(np.full(SIZE, z, np.float32)) for z in (first, second)]
+    report = tally(samples).report()["disparity_px"]
+    ends = sorted(float(s.disparity.max()) for s in samples)
+    assert (report["least"], report["most"]) == pytest.approx(ends)
+    assert sum(report["counts"]) == 2 * SIZE[0] * SIZE[1] and len(report["counts"]) == int(ends[1]) + 1
+    assert report["share_192_and_more"] == pytest.approx(np.mean([e >= 192 for e in ends]))
+
+
+def test_nothing_but_sky():
+    report = tally([made(np.full(SIZE, np.inf, np.float32))]).report()
+    assert report["sky"] == 1 and report["disparity_px"]["least"] is None and report["gradient"] == {}
+    assert "sky" in table({"all": tally([made(np.full(SIZE, np.inf, np.float32))])}, {"all": 1})
+
+
+def test_tallies_add_up(closed_form_set):
+    dataset = StereoDataset(closed_form_set)
+    one, whole = Tally(), tally(dataset)
+    for sample in dataset:
+        one.add(sample)
+    assert one.report() == whole.report() and whole.samples == 8
+    assert whole.report()["asked_k"] == {"least": 0.07, "mean": pytest.approx(0.07), "most": 0.07}
+    assert table({"all": whole, "val": Tally()}, {"all": 8, "val": 0}).splitlines()[1].split() == ["pairs", "8", "0"]
+
+
+def test_the_gradient_of_a_ramp():
+    ramp = np.round(np.add.outer(3.0 * np.arange(20), 4.0 * np.arange(20))).astype(np.uint8)
+    assert gradient(ramp)[1:-1, 1:-1] == pytest.approx(5.0)
+
+
+def test_lbp_entropy_of_patterns_that_are_known():
+    flat = np.full((64, 64), 80, np.uint8)
+    assert lbp_entropy(flat, EVERYWHERE) == 0  # one pattern: all neighbours at least as bright
+    ramp = np.tile(np.arange(64, dtype=np.uint8) * 2, (64, 1))
+    assert lbp_entropy(ramp, EVERYWHERE) == 0  # one pattern again: the right half and the two above and below
+    half = np.where(np.arange(64) < 32, ramp, 80).astype(np.uint8)
+    assert 0 < lbp_entropy(half, EVERYWHERE) < 1.3
+    assert lbp_entropy(flat, ~EVERYWHERE) == 0 and lbp_entropy(flat[:2], EVERYWHERE[:2]) == 0
+
+
+def test_lbp_of_noise_and_its_invariances():
+    noise = np.random.default_rng(0).integers(0, 256, (200, 200)).astype(np.uint8)
+    everywhere = np.ones(noise.shape, bool)
+    value = lbp_entropy(noise, everywhere)
+    assert 2.0 < value < np.log2(10)
+    assert lbp_entropy((noise // 2 + 60).astype(np.uint8) * 1, everywhere) == pytest.approx(value, abs=0.1)
+    assert lbp_entropy(np.rot90(noise).copy(), everywhere) == pytest.approx(value, abs=1e-9)
+    smooth = cv2.GaussianBlur(noise, (0, 0), 2)
+    assert lbp_entropy(smooth, everywhere) > 1.5 and lbp_entropy(smooth, everywhere) != value
+
+
+def test_lbp_counts_only_where_it_is_asked():
+    noise = np.random.default_rng(0).integers(0, 256, (64, 64)).astype(np.uint8)
+    noise[:, :32] = 80
+    where = np.zeros((64, 64), bool)
+    where[:, :30] = True
+    assert lbp_entropy(noise, where) == 0 < lbp_entropy(noise, ~where)
+
+
+def test_colours_do_not_matter_for_shapes():
+    sample = made(np.full((32, 32), 4.0, np.float32))
+    grey = np.random.default_rng(1).integers(0, 256, (32, 32)).astype(np.uint8)
+    coloured = replace(sample, left=np.repeat(grey[..., None], 3, axis=2))
+    assert tally([coloured]).lbp == [lbp_entropy(grey, np.ones((32, 32), bool))]

@@ -1,0 +1,168 @@
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from marssim import verify as command
+from marssim.dataset import SPLITS, StereoDataset
+from marssim.render.agreement import Agreement
+from marssim.verify import VerifyConfig, cross_check, spread
+
+
+@pytest.fixture
+def folder(closed_form_set, tmp_path) -> Path:
+    return shutil.copytree(closed_form_set, tmp_path / "set")
+
+
+def run(capfd, *args: object) -> tuple[int, str, str]:
+    """Exit code, standard output and standard error of the command."""
+    code = command.main([str(a) for a in args])
+    said = capfd.readouterr()
+    return code, said.out, said.err
+
+
+def mistake(capfd, *args: object) -> str:
+    code, _, err = run(capfd, *args)
+    lines = [line for line in err.splitlines() if line.startswith("error:")]
+    assert code == 2 and len(lines) == 1 and "Traceback" not in err
+    return lines[0]
+
+
+def test_a_good_dataset(folder, tmp_path, capfd):
+    code, out, _ = run(capfd, folder, "--out", tmp_path / "out")
+    assert code == 0 and "every file is what the index says" in out and "within 15 m" in out
+    report = json.loads((tmp_path / "out" / "verify.json").read_text())
+    assert (
+        report["good"] and report["findings"] == [] and report["pairs"] == {"all": 8, "train": 4, "val": 2, "test": 2}
+    )
+    assert report["digest"] == StereoDataset(folder).digest
+    assert {name: s["samples"] for name, s in report["statistics"].items()} == report["pairs"]
+    assert "LBP" in report["definitions"]
+    whole = report["statistics"]["all"]
+    assert whole["sun_elevation_deg"]["least"] == 20 and whole["sun_elevation_deg"]["most"] == 50
+    assert whole["within_15m_of_all"] == pytest.approx(np.mean([(s.depth <= 15).mean() for s in StereoDataset(folder)]))
+    assert (tmp_path / "out" / "statistics.png").stat().st_size > 10000
+
+
+def test_results_in_the_dataset_are_not_taken_for_extra_files(folder, capfd):
+    for _ in range(2):
+        assert run(capfd, folder, "--out", folder / "verify", "--statistics-of", 1)[0] == 0
+
+
+def test_broken_files_are_named_and_the_exit_code_is_1(folder, tmp_path, capfd):
+    (folder / "scenes/00000/00/left.png").unlink()
+    image = folder / "scenes/00001/00/depth.png"
+    image.write_bytes(image.read_bytes()[:-5])
+    (folder / "scenes/00002/00/old.png").write_bytes(b"x")
+    code, out, _ = run(capfd, folder, "--out", tmp_path / "out")
+    lines = out.splitlines()
+    assert code == 1 and lines[:3] == [
+        "scenes/00000/00/left.png: missing",
+        "scenes/00001/00/depth.png: truncated",
+        "scenes/00002/00/old.png: a file that the dataset does not have",
+    ]
+    assert "3 files wrong" in lines[-1]
+    report = json.loads((tmp_path / "out" / "verify.json").read_text())
+    assert not report["good"] and report["findings"][1] == {
+        "path": "scenes/00001/00/depth.png", "problem": "truncated",
+    }  # fmt: skip
+    assert report["statistics"]["all"]["samples"] == 6  # of those that are whole
+
+
+def test_many_findings_are_cut_short_on_the_screen(folder, tmp_path, capfd, monkeypatch):
+    monkeypatch.setattr(command, "SHOWN", 2)
+    for name in ("a", "b", "c", "d"):
+        (folder / name).write_text(name)
+    code, out, _ = run(capfd, folder, "--out", tmp_path / "out", "--statistics-of", 0)
+    assert code == 1 and "and 2 more" in out and "c:" not in out
+    assert len(json.loads((tmp_path / "out" / "verify.json").read_text())["findings"]) == 4
+
+
+def test_only_some_samples_are_decoded(folder, tmp_path, capfd, monkeypatch):
+    read, whole = [], command.read_sample
+
+    def counting(path: Path) -> object:
+        read.append(path)
+        return whole(path)
+
+    monkeypatch.setattr(command, "read_sample", counting)
+    assert run(capfd, folder, "--out", tmp_path / "out", "--statistics-of", 4)[0] == 0
+    assert len(read) == 4 and {path.parent.name for path in read} > {"00001", "00002"}
+    read.clear()
+    assert run(capfd, folder, "--out", tmp_path / "none", "--statistics-of", 0)[0] == 0
+    assert not read and not (tmp_path / "none" / "statistics.png").exists()
+
+
+def test_samples_are_spread_over_the_splits():
+    split = {f"{n:05d}/00": ("train",) * 7 + ("val",) * 2 + ("test",) for n in range(1)}
+    split = {f"{n:05d}/00": ("test" if n % 10 == 1 else "val" if n % 10 in (2, 6) else "train") for n in range(100)}
+    chosen = spread(split, 20)
+    assert [sum(split[name] == part for name in chosen) for part in SPLITS] == [14, 4, 2]
+    assert len(set(chosen)) == 20 and chosen == sorted(chosen) and chosen[0] == "00000/00"
+    assert len(spread(split, 1)) == 3 and spread(split, 0) == [] and len(spread(split, 1000)) == 100
+    assert spread({}, 5) == []
+
+
+def test_a_sample_is_shown(folder, tmp_path, capfd):
+    code, out, _ = run(capfd, folder, "--sample", "00002/01", "--out", tmp_path / "out", "--farthest", 12)
+    names = [f"sample_00002_01.{kind}" for kind in ("png", "ply", "glb")]
+    assert code == 0 and out.split() == [str(tmp_path / "out" / name) for name in names]
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == sorted(names)
+    sample = StereoDataset(folder, "val")[1]
+    cloud = trimesh.load(tmp_path / "out" / names[1])
+    assert len(cloud.vertices) == (sample.depth <= 12).sum()
+    mesh = trimesh.load(tmp_path / "out" / names[2], force="mesh")
+    assert len(mesh.faces) > len(cloud.vertices) and -mesh.vertices[:, 2].min() <= 12.001
+
+
+def test_the_two_renderers_are_held_against_each_other(tmp_path, capfd, monkeypatch):
+    pytest.importorskip("pybullet")
+    found = cross_check(VerifyConfig(cross_check=True, views=1, scene="utopia"))
+    assert found.good and found.views == 1
+    for good, code in ((True, 0), (False, 1)):
+        fake = Agreement(10, 1.0 if good else 0.9, 1.0, np.zeros(2), np.zeros(2))
+        monkeypatch.setattr(command, "cross_check", lambda config, fake=fake: fake)
+        assert run(capfd, "--cross-check", "--out", tmp_path)[0] == code
+        assert json.loads((tmp_path / "cross_check.json").read_text())["good"] == good
+
+
+def test_what_is_no_dataset(folder, tmp_path, capfd):
+    assert str(tmp_path / "nowhere") in mistake(capfd, tmp_path / "nowhere")
+    assert "dataset.json" in mistake(capfd, tmp_path)
+    (folder / "dataset.json").write_text('{"schema": "other"}')
+    assert "schema" in mistake(capfd, folder, "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("args", "named"),
+    [
+        ((), "--cross-check"),
+        (("--sample", "00000/00"), "--sample"),
+        (("SET", "--sample", "0/7"), "--sample 0/7"),
+        (("SET", "--statistics-of", -1), "--statistics-of"),
+        (("SET", "--workers", 0), "--workers"),
+        (("SET", "--farthest", 0), "--farthest"),
+        (("SET", "--farthest", "nan"), "--farthest"),
+        (("--cross-check", "--views", 0), "--views"),
+        (("--cross-check", "--scene", "olympus"), "--scene"),
+    ],
+)
+def test_bad_values_name_their_flag(folder, tmp_path, args, named, capfd):
+    args = [folder if a == "SET" else a for a in args]
+    assert named in mistake(capfd, *args, "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_broken_sample_cannot_be_shown(folder, tmp_path, capfd):
+    (folder / "scenes/00000/00/normal.png").write_bytes(b"")
+    assert "normal.png" in mistake(capfd, folder, "--sample", "00000/00", "--out", tmp_path / "out")
+
+
+def test_a_folder_that_cannot_be_written(folder, tmp_path, capfd):
+    (tmp_path / "file").write_text("mine")
+    assert str(tmp_path / "file") in mistake(capfd, folder, "--out", tmp_path / "file", "--statistics-of", 0)
+    assert (tmp_path / "file").read_text() == "mine"
