@@ -25,7 +25,12 @@ __all__ = ["FAMILIES", "RockConfig", "Rocks", "build_rocks", "icosphere"]
 STAND = 0.4  # of the half side of the fine square: cameras of generated views stand that far from the middle at most
 NEAREST = 1.6  # [m] distance from which rocks among the cameras are taken to be seen
 LEVEL_ANGLES = (0.035, 0.16, 0.5, 1.1)  # [rad] seen diameter from which a rock gets the next level of detail
-SMALLEST = ((1.0, 0.05), (2.5, 0.25), (np.inf, 0.6))  # least diameter [m] out to that many half sides of the square
+SMALLEST = (
+    (0.75, 0.05),
+    (1.0, 0.08),
+    (2.5, 0.25),
+    (np.inf, 0.6),
+)  # least diameter [m] out to that many half sides of the square
 MIN_HEIGHT_RATIO, MAX_HEIGHT_RATIO = 0.15, 1.0
 
 
@@ -103,8 +108,8 @@ def build_rocks(
 
     half: half the side of the finely gridded square; horizon: half the side of all [m]. height_at(x, y): ground [m].
     clear: discs (x, y, radius) [m] that stay free of rocks of 0.1 m and more. The law holds from min_diameter on where
-    cameras stand and a little around, from 0.05 m in the square, and outside only from the size on that a camera
-    inside would see as a few pixels.
+    cameras stand and a little around, from 0.08 m at the latest in the square, and farther out only from the size on
+    that a camera inside would see as a few pixels.
     """
     diameter, xy = _scatter(config, half, horizon, rng)
     free = np.ones(len(diameter), dtype=bool)
@@ -119,7 +124,7 @@ def build_rocks(
 
     shares = np.array(config.families) / sum(config.families)
     family = rng.choice(len(FAMILIES), n, p=shares)
-    flatness = np.array([1.15, 0.6, 1.1])  # slabs are flat; the mean over the mixture is height_ratio
+    flatness = np.array([1.2, 0.5, 1.1])  # slabs are flat; the mean over the mixture is height_ratio
     ratio = config.height_ratio * flatness[family] / (shares @ flatness) * rng.lognormal(-0.03, 0.25, n)
     height = diameter * np.clip(ratio, MIN_HEIGHT_RATIO, MAX_HEIGHT_RATIO)
     buried = rng.uniform(*config.buried, n)

@@ -117,7 +117,7 @@ _PRESETS: dict[str, tuple[RockConfig, ReliefConfig]] = {
     ),
     # a lake bed: pale slabs between sharp ripples
     "gale": (
-        RockConfig(k=0.07, families=(0.3, 0.6, 0.1), albedo=0.95),
+        RockConfig(k=0.07, families=(0.25, 0.65, 0.1), height_ratio=0.44, albedo=0.95),
         ReliefConfig(
             hurst=0.72, rms_slope_deg=4.9, crater_density=0.002, ripple_amplitude=0.025, ripple_wavelength=0.8,
             ripple_cover=0.55,
