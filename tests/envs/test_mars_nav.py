@@ -101,9 +101,13 @@ def test_physics_is_a_function_of_the_seed_too(make_env):
 
 CHILD = """
 import hashlib
+from dataclasses import replace
 import numpy as np
 from envs.mars_nav import MarsNavEnv
-env = MarsNavEnv("ground_truth", "kinematic", scene="utopia", goal_distance=4.0)
+from marssim.scene.scene import preset
+scene = preset("gale", horizon=14.0)
+scene = replace(scene, rocks=replace(scene.rocks, min_diameter=0.2))
+env = MarsNavEnv("ground_truth", "kinematic", scene=scene, goal_distance=4.0)
 digest = hashlib.sha256()
 env.reset(seed=9)
 for action in ((1, 0), (0.5, 0.6)):
