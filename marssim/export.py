@@ -130,10 +130,14 @@ def _write(out: Path, layout: Layout, item: Item) -> None:
         target = out / path
         if target.is_file() and target.stat().st_size > 0:
             continue
-        if isinstance(content, SameAs):
-            _link(out / content.path, target)
-        else:
-            write_atomically(target, content())
+        try:
+            if isinstance(content, SameAs):
+                _link(out / content.path, target)
+            else:
+                write_atomically(target, content())
+        except OSError as error:
+            error.filename = error.filename or str(target)  # a full disk does not say where
+            raise
 
 
 def _link(source: Path, target: Path) -> None:

@@ -17,6 +17,7 @@ from marssim.dataset import IMAGES, DatasetError, StereoDataset, read_json, samp
 from marssim.threads import in_threads
 
 TOP = ("dataset.json", "generate.json", "README.md", "contact_sheet.png")
+TRAJECTORY = "trajectory.txt"  # of a scene whose views are a drive, beside them
 PNG_END = bytes.fromhex("0000000049454e44ae426082")
 PNG_KIND = {  # bits a channel and colour type (0 grey, 2 RGB) of each image
     "left.png": (8, 2), "right.png": (8, 2), "depth.png": (16, 0), "normal.png": (16, 2), "surface.png": (16, 0),
@@ -58,9 +59,32 @@ def check_index(dataset: StereoDataset) -> list[Finding]:
     return found
 
 
+def check_trajectories(dataset: StereoDataset) -> list[Finding]:
+    """Where a scene's views are a drive (generate --trajectory), its poses must lie beside them, a line a view."""
+    config = dataset.index.get("config")
+    if not (isinstance(config, dict) and config.get("trajectory")):
+        return []
+    views: dict[str, int] = {}
+    for name in dataset.names:
+        scene = name.split("/")[0]
+        views[scene] = views.get(scene, 0) + 1
+    found = []
+    for scene, count in views.items():
+        path = f"scenes/{scene}/{TRAJECTORY}"
+        try:
+            lines = [line for line in (dataset.path / path).read_text().splitlines() if not line.startswith("#")]
+        except (OSError, ValueError):
+            found.append(Finding(path, "missing, or cannot be read"))
+            continue
+        if len(lines) != count:
+            found.append(Finding(path, f"holds {len(lines)} poses of {count} views"))
+    return found
+
+
 def check_extra(dataset: StereoDataset, own: Path | None = None) -> list[Finding]:
     """Files that are neither the dataset's nor below `own`, the folder of a report; whole folders as one."""
     expected = set(TOP) | {f"scenes/{n}/{file}" for n in dataset.names for file in (*IMAGES, "sample.json")}
+    expected |= {f"scenes/{n.split('/')[0]}/{TRAJECTORY}" for n in dataset.names}
     folders = {str(parent) for path in expected for parent in Path(path).parents}
     found = []
     waiting = [dataset.path]

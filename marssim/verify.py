@@ -26,7 +26,7 @@ from marssim.camera import NATECAM
 from marssim.command import counted, run_command
 from marssim.dataset import SPLITS, DatasetError, StereoDataset, StereoSample, read_sample, write_json
 from marssim.dataset_figures import sample_figure, statistics_figure
-from marssim.integrity import Finding, check_extra, check_index, check_samples
+from marssim.integrity import Finding, check_extra, check_index, check_samples, check_trajectories
 from marssim.pointcloud import coloured_points, encode_glb, encode_ply, surface_mesh
 from marssim.render.agreement import Agreement, agreement
 from marssim.render.makers import make_renderer
@@ -90,7 +90,7 @@ def verify_dataset(config: VerifyConfig, dataset: StereoDataset) -> tuple[list[F
             if not problems:
                 whole.append(name)
             bar.update()
-    found += check_extra(dataset, config.out)
+    found += check_trajectories(dataset) + check_extra(dataset, config.out)
     tallies = {name: Tally() for name in ("all", *SPLITS)}
     split = {sample["name"]: sample["split"] for sample in dataset.index["samples"]}
     chosen = spread({name: split[name] for name in whole}, config.statistics_of)

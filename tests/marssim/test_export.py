@@ -3,6 +3,9 @@
 import json
 import re
 import shutil
+import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -287,6 +290,46 @@ def test_an_interrupted_export_is_completed(closed_form_set, exports, tmp_path, 
     (config.out / next(n for n in there if n.endswith((".png", ".pfm")))).write_bytes(b"")  # a crash of the machine
     export(config)
     assert contents(config.out) == contents(exports[name])
+
+
+KILLED = """
+import os, signal, sys
+from marssim import export
+whole, calls = export.write_atomically, []
+def deadly(path, data):
+    calls.append(path)
+    if len(calls) == 25:
+        path.with_name(f".{path.name}.{os.getpid()}.part").write_bytes(data[:10])
+        os.kill(os.getpid(), signal.SIGKILL)
+    whole(path, data)
+export.write_atomically = deadly
+sys.exit(export.main(sys.argv[1:]))
+"""
+
+
+def test_a_killed_export_is_completed_by_the_same_command(closed_form_set, exports, tmp_path, capfd):
+    args = [str(a) for a in (closed_form_set, "--format", "middlebury", "--out", tmp_path / "out")]
+    ended = subprocess.run([sys.executable, "-c", KILLED, *args], capture_output=True)
+    assert ended.returncode == -signal.SIGKILL
+    assert list((tmp_path / "out").rglob("*.part")) and not (tmp_path / "out" / "samples.json").exists()
+    assert run(capfd, *args)[0] == 0
+    assert contents(tmp_path / "out") == contents(exports["middlebury"])
+
+
+def test_a_full_disk_is_one_line_and_the_export_goes_on_later(closed_form_set, exports, tmp_path, capfd):
+    pytest.importorskip("resource")  # not on Windows
+    program = (
+        "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (10000, 10000))\n"
+        "from marssim import export; sys.exit(export.main(sys.argv[1:]))"
+    )  # images are smaller, disparities of 48 x 64 floats larger
+    args = [str(a) for a in (closed_form_set, "--format", "openstereo", "--out", tmp_path / "out")]
+    ended = subprocess.run([sys.executable, "-c", program, *args], capture_output=True, text=True)
+    lines = [line for line in ended.stderr.splitlines() if line.startswith("error:")]
+    assert ended.returncode == 2 and "Traceback" not in ended.stderr
+    assert len(lines) == 1 and ".pfm: file too large" in lines[0]
+    assert not list((tmp_path / "out").rglob("*.part")) and not (tmp_path / "out" / "train.txt").exists()
+    assert run(capfd, *args)[0] == 0
+    assert contents(tmp_path / "out") == contents(exports["openstereo"])
 
 
 def test_what_is_there_is_not_written_again(exports, closed_form_set, tmp_path):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from marssim.dataset import IMAGES, StereoDataset
-from marssim.integrity import check_extra, check_index, check_samples
+from marssim.integrity import check_extra, check_index, check_samples, check_trajectories
 
 SAMPLE = "scenes/00001/01"
 
@@ -25,7 +25,7 @@ def findings(folder: Path, own: Path | None = None) -> list[str]:
     found = check_index(dataset)
     for _, problems in check_samples(dataset):
         found += problems
-    return [str(finding) for finding in found + check_extra(dataset, own)]
+    return [str(finding) for finding in found + check_trajectories(dataset) + check_extra(dataset, own)]
 
 
 def change(path: Path, edit: Callable[[dict], object]) -> None:
@@ -132,3 +132,16 @@ def test_a_whole_sample_put_in_place_of_another_is_found(folder):
     shutil.rmtree(folder / SAMPLE)
     shutil.copytree(folder / "scenes/00001/00", folder / SAMPLE)
     assert findings(folder) == [f"{SAMPLE}/sample.json: records other hashes than dataset.json"]
+
+
+def test_a_drive_has_its_poses_beside_it(folder):
+    change(folder / "dataset.json", lambda c: c["config"].update(trajectory=True))
+    for scene in range(4):
+        (folder / "scenes" / f"{scene:05d}" / "trajectory.txt").write_text("# t x y z\n0 1 2 3\n1 1 2 3\n")
+    assert findings(folder) == []
+    (folder / "scenes/00002/trajectory.txt").write_text("# t x y z\n0 1 2 3\n")
+    (folder / "scenes/00003/trajectory.txt").unlink()
+    assert findings(folder) == [
+        "scenes/00002/trajectory.txt: holds 1 poses of 2 views",
+        "scenes/00003/trajectory.txt: missing, or cannot be read",
+    ]
