@@ -97,8 +97,8 @@ def test_a_folder_of_other_settings_is_refused(finished, capsys):
         (["--perception", "magic"], "magic"), (["--perception", "m3depth:/no/such.safetensors"], "no/such"),
         (["--perception", "json:Nothing"], "Nothing"), (["--driver", "magic"], "--driver"),
         (["--episodes", "0"], "--episodes"), (["--workers", "0"], "--workers"), (["--seed", "-1"], "--seed"),
-        (["--k", "0.9"], "k must"), (["--k", "0.1", "0.1"], "--k"), (["--slope-deg", "-4"], "slope_deg"),
-        (["--goal-distance", "1"], "goal_distance"), (["--goal-distance", "nan"], "goal_distance"),
+        (["--k", "0.9"], "k must"), (["--k", "0.1", "0.1"], "--k"), (["--slope-deg", "-4"], "slope"),
+        (["--goal-distance", "1"], "distance must"), (["--goal-distance", "nan"], "distance must"),
         (["--driver", "straight", "straight"], "--driver"),
     ],
 )  # fmt: skip
