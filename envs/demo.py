@@ -29,6 +29,7 @@ from m3depth.report import text_table
 from marssim.command import counted, run_command
 from marssim.dataset import DatasetError, StereoDataset, read_json
 from marssim.generate import GenerateConfig, generate
+from marssim.scene.scene import preset
 
 SEED = 20_000  # none of the shipped weights' training data has it
 
@@ -54,7 +55,9 @@ def demo(config: DemoConfig) -> Path:
     started = perf_counter()
     network, sgbm = load_estimator("m3depth"), load_estimator("sgbm")
     data = config.out / "data"
-    asked = GenerateConfig(out=data, pairs=config.pairs, seed=SEED, workers=config.workers, scene=config.scene)
+    asked = GenerateConfig(
+        out=data, pairs=config.pairs, seed=SEED, workers=config.workers, scenes=(preset(config.scene),)
+    )
     if data.exists():
         if read_json(data / "generate.json").get("seed") != SEED:
             raise DatasetError(f"{data}: holds data that is not the demo's; choose another --out")

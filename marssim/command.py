@@ -12,7 +12,8 @@ import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import BrokenExecutor
 from contextlib import redirect_stderr
-from typing import TypeVar
+from dataclasses import is_dataclass
+from typing import Any, TypeVar, get_type_hints
 
 MISTAKES = (ValueError, OSError, ImportError, FloatingPointError, MemoryError, BrokenExecutor)
 GOES_ON = "the same command goes on from here"
@@ -35,8 +36,13 @@ def run_command(
     args: instead of sys.argv. interrupted: what Ctrl-C leaves, and how to go on. A mistake is one line,
     `error: ...`, on stderr; --help raises SystemExit(0).
     """
+    return exit_code(lambda: work(parse(config, prog, description, args)), interrupted)
+
+
+def exit_code(work: Callable[[], object], interrupted: str = GOES_ON) -> int:
+    """Call `work`, tell its mistakes as run_command does, and return the exit code."""
     try:
-        work(parse(config, prog, description, args))
+        work()
     except MISTAKES as error:
         return _fail(describe(error), 2)
     except KeyboardInterrupt:
@@ -44,18 +50,30 @@ def run_command(
     return 0
 
 
-def parse(config: type[Config], prog: str, description: str | None, args: Sequence[str] | None = None) -> Config:
-    """The dataclass `config` as the command line fills it. Raises ValueError of one line that names the flag."""
+def parse(
+    config: type[Config],
+    prog: str,
+    description: str | None,
+    args: Sequence[str] | None = None,
+    default: Config | None = None,
+) -> Config:
+    """The dataclass `config` as the command line fills it. Raises ValueError of one line that names the flag.
+
+    default: instance whose values are shown and taken instead of those of the class. What a config says about one of
+    its own fields ("angle must be ...") becomes what the user can type ("--part.angle must be ...").
+    """
     import tyro
+
+    instead: dict[str, Any] = {} if default is None else {"default": default}
 
     said = io.StringIO()
     try:
         with redirect_stderr(said):
-            return tyro.cli(config, prog=prog, description=description, args=args)
+            return tyro.cli(config, prog=prog, description=description, args=args, **instead)
     except SystemExit as end:
         if not end.code:
             raise
-        raise ValueError(_parse_error(said.getvalue(), end.__context__)) from None
+        raise ValueError(_parse_error(said.getvalue(), end.__context__, config)) from None
 
 
 def describe(error: BaseException) -> str:
@@ -81,7 +99,7 @@ def _fail(line: str, code: int) -> int:
     return code
 
 
-def _parse_error(framed: str, cause: BaseException | None) -> str:
+def _parse_error(framed: str, cause: BaseException | None, config: type) -> str:
     """tyro's message, which comes in a frame with help below, as one line.
 
     cause: what the parser was handling when it gave up; a ValueError there is a config's own, which names its flag.
@@ -102,7 +120,7 @@ def _parse_error(framed: str, cause: BaseException | None) -> str:
             return f"{usage}: {why}"
         while cause is not None and not isinstance(cause, ValueError):
             cause = cause.__context__
-        return str(cause or why)
+        return _with_flag(str(cause or why), where, config)
     if message.startswith("Missing from"):
         flags = [line.split()[0] for line in parts[0] if re.match(r"(--|[A-Z]+$)", line)]
         return f"{', '.join(flags) or message} missing; --help tells more"
@@ -110,3 +128,24 @@ def _parse_error(framed: str, cause: BaseException | None) -> str:
         near = [line.split()[0] for part in parts[1:] for line in part if line.startswith("--")]
         return "unknown option " + message.partition(": ")[2] + (f"; did you mean {near[0]}?" if near else "")
     return message[:1].lower() + message[1:]
+
+
+def _with_flag(message: str, where: str, config: type) -> str:
+    """A config's complaint that begins with the name of one of its fields, with the flag instead.
+
+    where: dotted path of the config in the root config, or the root's own name. A part whose flags bear no prefix
+    (tyro.conf.arg(name="")) is on the path, but not in the flag.
+    """
+    holder: Any = config
+    prefix = ""
+    for name in [] if where == config.__name__ else where.replace("-", "_").split("."):
+        hint = get_type_hints(holder, include_extras=True).get(name)
+        if not any(getattr(extra, "name", None) == "" for extra in getattr(hint, "__metadata__", ())):
+            prefix += name.replace("_", "-") + "."
+        holder = getattr(hint, "__origin__", hint)
+        if not is_dataclass(holder):
+            return message
+    word = re.match(r"[a-z]\w*", message)
+    if word is None or word[0] not in get_type_hints(holder):
+        return message
+    return f"--{prefix}{word[0].replace('_', '-')}{message[word.end() :]}"

@@ -1,0 +1,176 @@
+"""What marssim.generate can be asked for: as a config, and as a command line."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+
+from marssim.camera import NATECAM, PinholeCamera, StereoRig
+from marssim.command import parse
+from marssim.dataset import DatasetError, read_json
+from marssim.render.sensor import SensorConfig
+from marssim.scene.scene import PRESETS, SceneConfig, preset
+from marssim.trajectory import TrajectoryConfig
+from marssim.viewpoint import ViewConfig
+
+MIXED = "mixed"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunConfig:
+    """Generate stereo pairs of Mars with exact depth, normals and masks."""
+
+    out: Path
+    """folder to write; a folder that holds part of the same dataset is completed"""
+    pairs: int = 100
+    """number of stereo pairs; a larger number later adds to those that are there"""
+    seed: int = 0
+    """seed of every random draw, 0 or more"""
+    workers: int = 1
+    """processes to render in, one thread each; the files do not depend on it"""
+    scheduler: str | None = None
+    """address of a dask scheduler, tcp://host:8786, whose workers render instead; all must see --out"""
+    renderer: Literal["pybullet", "embree"] = "pybullet"
+    """what makes the G-buffer: PyBullet's rasteriser, or Embree's rays (faster)"""
+    views_per_scene: int = 8
+    """pairs rendered of one scene; train, val and test share no scene"""
+    trajectory: bool = False
+    """the views of a scene are a drive over it, in order, instead of places all over it; poses also as
+    trajectory.txt"""
+    drive: TrajectoryConfig = field(default_factory=TrajectoryConfig)
+    view: ViewConfig = field(default_factory=ViewConfig)
+    sensor: SensorConfig = field(default_factory=SensorConfig)
+
+    def __post_init__(self) -> None:
+        for name, least in (("pairs", 1), ("workers", 1), ("views_per_scene", 1), ("seed", 0)):
+            if getattr(self, name) < least:
+                raise ValueError(f"{name} must be at least {least}, got {getattr(self, name)}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class GenerateConfig(RunConfig):
+    """What a dataset is made of.
+
+    scenes: each scene of the dataset draws one of these. rig: the cameras. The rest is RunConfig's.
+    """
+
+    scenes: tuple[SceneConfig, ...] = (preset(PRESETS[0]),)
+    rig: StereoRig = NATECAM
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.scenes:
+            raise ValueError("scenes must hold one config or more")
+
+    @property
+    def place(self) -> str:
+        """The preset that the scenes are after, or "mixed"."""
+        names = {scene.preset for scene in self.scenes}
+        return names.pop() if len(names) == 1 else MIXED
+
+    def content(self) -> dict[str, Any]:
+        """What decides the content of each sample: all but the place, the number of pairs and who renders them."""
+        left_out = ("out", "pairs", "workers", "scheduler", "rig", "scenes")
+        content = {name: value for name, value in asdict(self).items() if name not in left_out}
+        if not self.trajectory:
+            del content["drive"]
+        scenes = {scene.preset: asdict(scene) for scene in self.scenes}
+        return {**content, "scene": self.place, "scenes": scenes, "rig": self.rig.to_dict()}
+
+
+@dataclass(frozen=True)
+class RigOptions:
+    """Two equal cameras, side by side; NaTeCam's values by default."""
+
+    width: int = NATECAM.camera.width
+    """of each image [px]"""
+    height: int = NATECAM.camera.height
+    """of each image [px]"""
+    focal: float = NATECAM.camera.fx
+    """focal length [px]"""
+    baseline: float = NATECAM.baseline
+    """distance of the two eyes [m]"""
+    cx: float | None = None
+    """principal point, column [px]; default: the middle"""
+    cy: float | None = None
+    """principal point, row [px]; default: the middle"""
+
+    def __post_init__(self) -> None:
+        self.rig()  # says what is out of range
+
+    def rig(self) -> StereoRig:
+        """As a StereoRig. Raises ValueError that names the field."""
+        for name in ("width", "height", "focal", "baseline"):
+            if not 0 < getattr(self, name) < float("inf"):
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+        cx = (self.width - 1) / 2 if self.cx is None else self.cx
+        cy = (self.height - 1) / 2 if self.cy is None else self.cy
+        return StereoRig(PinholeCamera(self.width, self.height, self.focal, self.focal, cx, cy), self.baseline)
+
+
+@dataclass(frozen=True)
+class SceneOptions(SceneConfig):
+    """The scene's knobs as flags; which preset they start from is said by --scene."""
+
+    preset: tyro.conf.Suppress[str] = PRESETS[0]
+
+
+@dataclass(frozen=True, kw_only=True)
+class GenerateOptions(RunConfig):
+    """Generate stereo pairs of Mars with exact depth, normals and masks."""
+
+    scene: Literal["utopia", "gusev", "gale", "jezero", "hard", "mixed"] = "utopia"
+    """place on Mars that the terrain is modelled on, from few rocks to many; "mixed" draws one for each scene.
+    `--scene NAME --help` shows that place's values as the defaults of --rocks, --relief and --look; what is given
+    of them holds for every place of "mixed" """
+    knobs: Annotated[SceneOptions, tyro.conf.arg(name="")] = field(default_factory=SceneOptions)
+    rig: RigOptions = field(default_factory=RigOptions)
+    rig_file: Path | None = None
+    """JSON file of the cameras instead of --rig: width, height, fx, fy, cx, cy [px], baseline [m]"""
+
+
+def parse_generate(prog: str, description: str | None, args: Sequence[str] | None = None) -> GenerateConfig:
+    """The config that a command line asks for. Raises ValueError of one line that names the flag, OSError."""
+    args = sys.argv[1:] if args is None else args
+    asked = _scene_of(args)
+    names = PRESETS if asked == MIXED else (asked,)
+    options = [
+        parse(GenerateOptions, prog, description, args, GenerateOptions(out=tyro.MISSING, scene=asked, knobs=_of(name)))
+        for name in names
+    ]
+    first = options[0]
+    scenes = tuple(SceneConfig(**{f.name: getattr(o.knobs, f.name) for f in fields(SceneConfig)}) for o in options)
+    rig = first.rig.rig()
+    if first.rig_file is not None:
+        if rig != NATECAM:
+            raise ValueError(f"--rig-file {first.rig_file}: not together with --rig.*")
+        rig = read_rig(first.rig_file)
+    run = {f.name: getattr(first, f.name) for f in fields(RunConfig)}
+    return GenerateConfig(**run, scenes=scenes, rig=rig)
+
+
+def read_rig(path: Path) -> StereoRig:
+    """Read StereoRig.to_dict's form. Raises DatasetError that names the file, and the field."""
+    try:
+        return StereoRig.from_dict(read_json(path))
+    except DatasetError:
+        raise
+    except ValueError as error:
+        raise DatasetError(f"{path}: {error}") from None
+
+
+def _scene_of(args: Sequence[str]) -> Any:
+    """The place that --scene names; the default one if it is not there or names none, which the parser will tell."""
+    found = re.findall(r"(?:^|\0)--scene[=\0]([^\0]*)", "\0".join(args))
+    return found[-1] if found and found[-1] in (*PRESETS, MIXED) else PRESETS[0]
+
+
+def _of(name: str) -> SceneOptions:
+    config = preset(name)
+    return SceneOptions(**{f.name: getattr(config, f.name) for f in fields(SceneConfig)})

@@ -1,0 +1,101 @@
+"""One task of marssim.generate: the views of one scene, rendered and written."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from marssim.atomic import write_atomically
+from marssim.dataset import DatasetError, is_complete, read_json, write_sample
+from marssim.generate_config import GenerateConfig
+from marssim.render.makers import make_renderer
+from marssim.render.sensor import Sensor
+from marssim.render.shading import Shader
+from marssim.render.stereo import render_stereo
+from marssim.scene.scene import Scene, build_scene
+from marssim.trajectory import draw_trajectory, tum_lines
+from marssim.viewpoint import draw_pose
+
+SETTINGS = "generate.json"
+TRAJECTORY = "trajectory.txt"
+
+
+def generate_scene(config: GenerateConfig, scene_index: int, views: list[int]) -> int:
+    """Render the views of one scene that are not on disk yet. Returns how many of `views` are there now.
+
+    Every random draw follows from (seed, scene, view), so that a view does not depend on who renders it, nor on what
+    else is rendered. Raises ValueError if rocks leave a camera no place to stand, ImportError if the renderer is not
+    installed, DatasetError if the dataset is out of sight, OSError with the place if the disk refuses.
+    """
+    if not (config.out / SETTINGS).is_file():
+        raise DatasetError(f"{config.out}: not seen by a worker; --out must be a folder that all workers share")
+    missing = [v for v in views if not is_complete(sample_folder(config.out, scene_index, v))]
+    if missing:
+        _render(config, scene_index, missing)
+    if config.trajectory:
+        _write_trajectory(config.out, scene_index, views)
+    return len(views)
+
+
+def sample_folder(out: Path, scene: int, view: int) -> Path:
+    """Where a sample of the dataset `out` lies: scenes/<scene, 5 digits>/<view, 2 digits>."""
+    return out / "scenes" / f"{scene:05d}" / f"{view:02d}"
+
+
+def _render(config: GenerateConfig, scene_index: int, views: list[int]) -> None:
+    rng = np.random.default_rng((config.seed, scene_index))
+    scene_config = config.scenes[rng.integers(len(config.scenes))] if len(config.scenes) > 1 else config.scenes[0]
+    scene = build_scene(scene_config, rng)
+    poses, sensor = None, None
+    if config.trajectory:  # one drive, and one camera for all of it
+        rng = np.random.default_rng((config.seed, scene_index, 0))
+        sensor = Sensor.draw(config.sensor, rng)
+        poses = draw_trajectory(scene, config.view, config.drive, config.views_per_scene, rng)
+    maker = make_renderer(config.renderer, scene)
+    try:
+        shader = Shader(scene)
+        for view in views:
+            rng = np.random.default_rng((config.seed, scene_index, 1 + view))
+            pose = draw_pose(scene, config.view, rng) if poses is None else poses[view]
+            used = sensor or Sensor.draw(config.sensor, rng)
+            frame = render_stereo(maker, shader, config.rig, pose, used, rng)
+            folder = sample_folder(config.out, scene_index, view)
+            try:
+                write_sample(folder, frame, _meta(config, scene, used, scene_index, view))
+            except OSError as error:
+                error.filename = error.filename or str(folder)  # a write that fails does not say where
+                raise
+    finally:
+        maker.close()
+
+
+def _meta(config: GenerateConfig, scene: Scene, sensor: Sensor, scene_index: int, view: int) -> dict[str, Any]:
+    when = {"timestamp": view * config.drive.step / config.drive.speed} if config.trajectory else {}
+    return {
+        "scene": scene_index,
+        "view": view,
+        "seed": config.seed,
+        "renderer": config.renderer,
+        "preset": scene.config.preset,
+        "scene_config": asdict(scene.config),
+        "rock_abundance": scene.abundance(),
+        "sun": scene.look.sun.tolist(),
+        "sun_elevation_deg": float(np.rad2deg(scene.look.sun_elevation)),
+        "optical_depth": scene.look.optical_depth,
+        "albedo_contrast": scene.look.albedo_contrast,
+        "texture_strength": scene.look.texture_strength,
+        "sensor": asdict(sensor),
+        **when,
+    }
+
+
+def _write_trajectory(out: Path, scene_index: int, views: list[int]) -> None:
+    """Beside the views, from what they say of themselves; not touched if it is there already."""
+    metas = [read_json(sample_folder(out, scene_index, view) / "sample.json") for view in views]
+    text = tum_lines([meta["timestamp"] for meta in metas], np.array([meta["pose"] for meta in metas]))
+    file = out / "scenes" / f"{scene_index:05d}" / TRAJECTORY
+    if not file.is_file() or file.read_text() != text:
+        write_atomically(file, text.encode())
