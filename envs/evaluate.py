@@ -10,11 +10,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-import multiprocessing
-import os
 import sys
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
@@ -33,6 +30,7 @@ from envs.sight import load_perception
 from m3depth.estimator import Estimator
 from marssim.command import counted, run_command
 from marssim.dataset import DatasetError, read_json, write_json
+from marssim.workers import run_tasks
 
 
 @dataclass(frozen=True)
@@ -53,6 +51,8 @@ class EvaluateConfig:
     """seed of the courses"""
     workers: int = 1
     """processes; the courses do not depend on it"""
+    scheduler: str | None = None
+    """address of a dask scheduler, tcp://host:8786, whose workers drive instead"""
     scene: Literal["utopia", "gusev", "gale", "jezero", "hard"] = "gale"
     """preset of the courses' scenes"""
     k: tuple[float, ...] = ()
@@ -177,21 +177,12 @@ def _weights_digest(perception: str) -> str | None:
 
 def _run(config: EvaluateConfig, tasks: list[Task], done: Callable[[Task, EpisodeRecord], None]) -> None:
     with tqdm(total=len(tasks), unit="episode", desc="drive", disable=None) as bar:
-        if config.workers == 1:
-            for task in tasks:
-                done(task, drive(config, task))
-                bar.update()
-            return
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(config.workers, context, initializer=_one_thread, max_tasks_per_child=20) as pool:
-            futures = {pool.submit(drive, config, task): task for task in tasks}
-            try:
-                for future in as_completed(futures):
-                    done(futures[future], future.result())
-                    bar.update()
-            except BaseException:
-                pool.shutdown(cancel_futures=True)
-                raise
+
+        def finished(task: tuple[EvaluateConfig, Task], record: EpisodeRecord) -> None:
+            done(task[1], record)
+            bar.update()
+
+        run_tasks(drive, [(config, task) for task in tasks], finished, config.workers, config.scheduler)
 
 
 def _read_record(path: Path) -> EpisodeRecord:
@@ -218,13 +209,6 @@ def _perception(name: str) -> str | Estimator:
     return load_perception(name) or name
 
 
-def _one_thread() -> None:
-    import cv2
-
-    cv2.setNumThreads(1)
-    os.environ["OMP_NUM_THREADS"] = "1"  # for torch, which is loaded later, if at all
-
-
 def main(args: Sequence[str] | None = None) -> int:
     """The command. Returns the exit code."""
     return run_command(_work, EvaluateConfig, "python -m envs.evaluate", __doc__, args)
@@ -238,4 +222,6 @@ def _work(config: EvaluateConfig) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    from envs.evaluate import main as command  # by its own name, by which workers elsewhere can import it too
+
+    sys.exit(command())

@@ -1,5 +1,4 @@
 import json
-import os
 import re
 import subprocess
 import sys
@@ -46,11 +45,6 @@ def test_results_say_what_was_asked_for(finished):
     assert results["config"]["seed"] == 3 and results["config"]["driver"] == ["straight"]
     assert "straight" in (out / "results.md").read_text() and (out / "map.png").stat().st_size > 1000
     assert len(list((out / "episodes").glob("*.json"))) == 2
-
-
-def test_workers_do_not_change_results(finished, tmp_path):
-    content = evaluate(EvaluateConfig(tmp_path, episodes=2, seed=3, workers=2, **QUICK))
-    assert timeless(content) == timeless(finished[1])
 
 
 def test_it_goes_on_where_it_was_stopped(finished, monkeypatch):
@@ -152,11 +146,28 @@ def test_one_estimator_serves_all_episodes_and_every_environment_is_closed(monke
     assert len(closed) == 12 and closed[0::2] == closed[1::2]
 
 
-def test_a_worker_takes_one_core():
-    code = "from envs.evaluate import _one_thread; _one_thread(); import torch; print(torch.get_num_threads())"
-    environment = {name: value for name, value in os.environ.items() if name != "OMP_NUM_THREADS"}
-    shown = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
-    assert shown.stdout == "1\n"
+def test_dask_does_not_change_results(finished, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    options = {"processes": False, "dashboard_address": ":0", "silence_logs": 50}
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, **options) as cluster:
+        content = evaluate(EvaluateConfig(tmp_path, episodes=2, seed=3, scheduler=cluster.scheduler_address, **QUICK))
+    assert timeless(content) == timeless(finished[1])
+
+
+def test_the_command_by_its_name_drives_in_workers_and_says_one_row(finished, tmp_path):
+    """As users run it, where the module is called __main__."""
+    command = [sys.executable, "-m", "envs.evaluate", "--out", str(tmp_path), "--episodes", "2", "--seed", "3"]
+    done = subprocess.run([*command, "--workers", "2", *FLAGS], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1].startswith("1 row in ")
+    assert timeless(json.loads((tmp_path / "results.json").read_text())) == timeless(finished[1])
+
+
+def test_a_file_in_the_way_is_one_line(tmp_path, capsys):
+    (tmp_path / "notes").write_text("mine")
+    code, message = run(capsys, "--out", tmp_path / "notes" / "out", *FLAGS)
+    assert code == 2 and message.startswith(f"error: {tmp_path / 'notes'}") and "[Errno" not in message
+    assert message.count("\n") == 1 and (tmp_path / "notes").read_text() == "mine"
 
 
 def test_episodes_of_other_weights_are_not_reported_as_these(tmp_path, monkeypatch):
