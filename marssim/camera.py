@@ -8,6 +8,7 @@ that takes camera coordinates to world coordinates (world: x east, y north, z up
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -55,11 +56,8 @@ class PinholeCamera:
         return float(half_x.sum()), float(half_y.sum())
 
     def rays(self) -> np.ndarray:
-        """(H, W, 3) float64 direction of each pixel centre, scaled to z = 1."""
-        out = np.ones((self.height, self.width, 3))
-        out[..., 0] = (np.arange(self.width) - self.cx) / self.fx
-        out[..., 1] = ((np.arange(self.height) - self.cy) / self.fy)[:, None]
-        return out
+        """(H, W, 3) float64 direction of each pixel centre, scaled to z = 1; shared, so not to be written to."""
+        return _rays(self)
 
     def project(self, points: np.ndarray) -> np.ndarray:
         """Pixel coordinates (u, v) of points in the camera frame.
@@ -92,6 +90,15 @@ class PinholeCamera:
         return PinholeCamera(
             width, height, self.fx * sx, self.fy * sy, (self.cx + 0.5) * sx - 0.5, (self.cy + 0.5) * sy - 0.5
         )
+
+
+@lru_cache(maxsize=4)
+def _rays(camera: PinholeCamera) -> np.ndarray:
+    out = np.ones((camera.height, camera.width, 3))
+    out[..., 0] = (np.arange(camera.width) - camera.cx) / camera.fx
+    out[..., 1] = ((np.arange(camera.height) - camera.cy) / camera.fy)[:, None]
+    out.flags.writeable = False
+    return out
 
 
 @dataclass(frozen=True)

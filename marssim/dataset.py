@@ -39,7 +39,14 @@ SPLIT_OF_TEN = ("train", "test", "val", "train", "train", "train", "val", "train
 NEAREST, FARTHEST = 0.1, 1000.0  # [m] range of the depth code
 SKY_CODE = 65535
 IMAGES = ("left.png", "right.png", "depth.png", "normal.png", "surface.png", "occluded.png")
-PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1]
+# the fastest that PNG has to offer for each, at about equal size: noise does not repeat, so searching it for repeats is
+# lost time; maps do
+_NOISY = [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
+_RUNS = [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
+PNG = {
+    name: [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_SUB, *strategy]
+    for name, strategy in zip(IMAGES, (_NOISY, _NOISY, [], [], _RUNS, _RUNS))
+}
 
 Split = Literal["train", "val", "test"]
 
@@ -172,7 +179,7 @@ def write_sample(folder: Path, frame: StereoFrame, meta: dict[str, Any]) -> None
     partial.mkdir(parents=True)
     digest = {}
     for name, image in images.items():
-        encoded = cv2.imencode(".png", np.ascontiguousarray(image), PNG)[1].tobytes()
+        encoded = cv2.imencode(".png", np.ascontiguousarray(image), PNG[name])[1].tobytes()
         digest[name] = hashlib.sha256(encoded).hexdigest()
         (partial / name).write_bytes(encoded)
     meta = {**meta, "rig": frame.rig.to_dict(), "pose": frame.pose.tolist(), "sha256": digest}

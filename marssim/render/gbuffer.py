@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 import numpy as np
 
@@ -41,16 +41,6 @@ class GBuffer:
         return points
 
 
-def shading_normals(smooth: np.ndarray, face: np.ndarray) -> np.ndarray:
-    """(N, 3) unit normals for shading, from those interpolated over the mesh and those of the facets, both (N, 3).
-
-    Where the interpolated one is shorter than 1, as on rocks, the facet's own makes up for it: edges stay visible.
-    """
-    length = np.sqrt(np.einsum("ij,ij->i", smooth, smooth))[:, None]
-    mixed = smooth + (1 - np.minimum(length, 1)) * face
-    return mixed / np.sqrt(np.einsum("ij,ij->i", mixed, mixed))[:, None]
-
-
 class GBufferMaker(Protocol):
     """Renders one Scene; close() frees what it holds and may be called twice."""
 
@@ -64,12 +54,8 @@ class GBufferMaker(Protocol):
     def seen_from(self, points: np.ndarray, normals: np.ndarray, eye: np.ndarray) -> np.ndarray:
         """(N,) bool: is the straight line from these surface points to the eye free? eye: (3,) world."""
 
-    def close(self) -> None: ...
-
-
-@runtime_checkable
-class RayTracer(GBufferMaker, Protocol):
-    """A maker that can look along any ray, not only through pixel centres."""
-
     def trace(self, rays: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Depth (N,), normals (N, 3), shading normals (N, 3), surface (N,) along rays (N, 3) of z = 1, camera frame."""
+        """Depth (N,), normals (N, 3), shading normals (N, 3), surface (N,) along rays (N, 3) of z = 1, camera frame,
+        which need not pass through pixel centres."""
+
+    def close(self) -> None: ...

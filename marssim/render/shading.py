@@ -7,18 +7,28 @@ without air.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from numba import njit
 
 from marssim.render.gbuffer import GROUND
-from marssim.render.texture import fractal
+from marssim.render.texture import fractal_slopes, fractal_value, noise_tile, placing, value_tile
 from marssim.scene.scene import Look, Scene
 
-GROUND_COLOUR = np.array([0.40, 0.262, 0.158], dtype=np.float32)
-ROCK_COLOUR = np.array([0.265, 0.205, 0.158], dtype=np.float32)
+GROUND_COLOUR = (0.40, 0.262, 0.158)
+ROCK_COLOUR = (0.265, 0.205, 0.158)
+SKY_COLOUR = (1.0, 0.86, 0.70)  # of the light that the sky throws on the ground
+ZENITH_COLOUR = (0.36, 0.27, 0.18)
+HORIZON_COLOUR = (0.50, 0.41, 0.29)
+HALO_COLOUR = (0.42, 0.40, 0.38)
+STAIN_HUE = (0.0, 0.10, 0.22)
 DUST_SCALE_HEIGHT = 10_800.0  # [m]
 RELIEF_WAVELENGTHS = 0.014 * 2.0 ** np.arange(6)  # [m] below the ground's grid
 STAIN_WAVELENGTHS = np.array([0.03, 0.09, 0.4, 1.7, 7.0])  # [m]
 ROCK_WAVELENGTHS = np.array([0.012, 0.03, 0.08, 0.2])  # [m]
+STAIN = np.array([0.05, 0.05, 0.06, 0.07, 0.08])  # amplitude of each wavelength, at an albedo contrast of 1
+ROCK_STAIN = np.array([0.06, 0.07, 0.08, 0.08])
 
 
 class Shader:
@@ -26,9 +36,15 @@ class Shader:
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
-        self.look = scene.look
-        self.sun_light, self.sky_light = _light(self.look)
-        self._rock_albedo = np.concatenate([[1.0], scene.rocks.albedo]).astype(np.float32)
+        self.look = look = scene.look
+        self.sun_light, self.sky_light = _light(look)
+        self._rock_albedo = np.concatenate([[1.0], scene.rocks.albedo])
+        relief = 0.115 * look.texture_strength * (RELIEF_WAVELENGTHS / 0.1) ** -0.25
+        rock = 0.17 * look.texture_strength * (ROCK_WAVELENGTHS / 0.1) ** -0.15
+        seed = look.texture_seed
+        self._relief = noise_tile(seed), placing(tuple(RELIEF_WAVELENGTHS), seed), relief
+        self._stain = value_tile(seed + 1), placing(tuple(STAIN_WAVELENGTHS), seed + 1), STAIN * look.albedo_contrast
+        self._rock = noise_tile(seed + 2), placing(tuple(ROCK_WAVELENGTHS), seed + 2), ROCK_STAIN, rock
 
     def surface(
         self,
@@ -44,97 +60,142 @@ class Shader:
         points: (N, 3) world [m]; normals: (N, 3) shading normals, world; surface: (N,) ids (GROUND, rock n + 1);
         eye: (3,) world; lit: (N,) in [0, 1], share of the sun that is seen; focal [px] gives the pixel footprint.
         """
-        view = (eye - points).astype(np.float32)
-        distance = np.sqrt(np.einsum("ij,ij->i", view, view))
-        view /= distance[:, None]
-        normals = normals.astype(np.float32)
-        slant = np.clip(np.einsum("ij,ij->i", normals, view), 0.08, 1).astype(np.float32)
-        footprint = distance / focal / slant**0.6
-        albedo = np.empty((len(points), 3), dtype=np.float32)
-        bumped = np.empty_like(normals)
-        ground = surface == GROUND
-        for part, shade in ((ground, self._ground), (~ground, self._rocks)):
-            index = np.flatnonzero(part)
-            if len(index):
-                albedo[index], bumped[index] = shade(points[index], normals[index], surface[index], footprint[index])
-        radiance = self._reflect(albedo, bumped, normals, view, lit.astype(np.float32))
-        clear = np.exp(-distance * self.look.optical_depth / DUST_SCALE_HEIGHT).astype(np.float32)[:, None]
-        return radiance * clear + self.sky(-view) * (1 - clear)
+        return _surface(
+            np.ascontiguousarray(points, dtype=np.float64), np.ascontiguousarray(normals, dtype=np.float32),
+            np.ascontiguousarray(surface, dtype=np.int32), np.asarray(eye, dtype=np.float64),
+            np.ascontiguousarray(lit, dtype=np.float32), float(focal), self._rock_albedo, self.look.albedo_contrast,
+            self._relief, self._stain, self._rock, self.look.sun, self.sun_light, self.sky_light,
+            self.look.optical_depth,
+        )  # fmt: skip
 
     def sky(self, directions: np.ndarray) -> np.ndarray:
         """(N, 3) float32 radiance of the sky along unit directions (N, 3), world frame.
 
         Butterscotch, paler and brighter towards the horizon and around the sun, where dust scatters forward.
         """
-        directions = directions.astype(np.float32)
-        up = np.clip(directions[:, 2], 0, 1)
-        towards_sun = np.clip(np.einsum("ij,j->i", directions, self.look.sun.astype(np.float32)), -1, 1)
-        horizon = np.exp(-up / 0.25)[:, None]
-        zenith_colour = np.array([0.36, 0.27, 0.18], dtype=np.float32)
-        horizon_colour = np.array([0.50, 0.41, 0.29], dtype=np.float32)
-        base = zenith_colour + (horizon_colour - zenith_colour) * horizon
-        halo = 0.9 * np.exp(-np.arccos(towards_sun) / 0.22) + 0.35 * ((1 + towards_sun) / 2) ** 4
-        strength = 0.5 + 1.1 * self.sky_light
-        glow = halo[:, None] * np.array([0.42, 0.40, 0.38], dtype=np.float32) * self.look.optical_depth
-        return (strength * (base * (0.85 + 0.5 * self.look.optical_depth) + glow)).astype(np.float32)
+        directions = np.ascontiguousarray(directions, dtype=np.float64)
+        return _skies(directions, self.look.sun, self.sky_light, self.look.optical_depth)
 
-    def _ground(
-        self, points: np.ndarray, normals: np.ndarray, surface: np.ndarray, footprint: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        strength, contrast = self.look.texture_strength, self.look.albedo_contrast
-        slope = 0.115 * strength * (RELIEF_WAVELENGTHS / 0.1) ** -0.25
-        relief, tilt = fractal(points[:, :2], footprint, RELIEF_WAVELENGTHS, slope, slope, self.look.texture_seed)
-        stain, _ = fractal(
-            points[:, :2], footprint, STAIN_WAVELENGTHS, np.array([0.05, 0.05, 0.06, 0.07, 0.08]) * contrast,
-            None, self.look.texture_seed + 1,
-        )  # fmt: skip
-        # coarse grains gather in the troughs and are darker; fine dust lies on the crests
-        brightness = np.exp(np.clip(stain + 0.25 * contrast * relief, -0.9, 0.9))[:, None]
-        hue = 1 + np.clip(stain, -0.5, 0.5)[:, None] * np.array([0.0, 0.10, 0.22], dtype=np.float32)
-        assert tilt is not None
-        bumped = normals.copy()
-        bumped[:, :2] -= tilt
-        return GROUND_COLOUR * brightness * hue, _unit(bumped)
 
-    def _rocks(
-        self, points: np.ndarray, normals: np.ndarray, surface: np.ndarray, footprint: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        strength, contrast = self.look.texture_strength, self.look.albedo_contrast
-        # flat coordinates on the plane that the surface faces most
-        axis = np.abs(normals).argmax(axis=1)
-        first, second = np.array([1, 0, 0])[axis], np.array([2, 2, 1])[axis]
-        rows = np.arange(len(points))
-        uv = np.stack([points[rows, first], points[rows, second]], axis=1) + 0.37 * surface[:, None]
-        slope = 0.17 * strength * (ROCK_WAVELENGTHS / 0.1) ** -0.15
-        value, tilt = fractal(
-            uv, footprint, ROCK_WAVELENGTHS, np.array([0.06, 0.07, 0.08, 0.08]), slope, self.look.texture_seed + 2
+@njit(cache=True, error_model="numpy")
+def _skies(directions, sun, sky_light, optical_depth):
+    out = np.empty((len(directions), 3), dtype=np.float32)
+    for k in range(len(directions)):
+        out[k] = _sky(directions[k, 0], directions[k, 1], directions[k, 2], sun, sky_light, optical_depth)
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def _sky(x, y, z, sun, sky_light, optical_depth):
+    towards_sun = min(max(x * sun[0] + y * sun[1] + z * sun[2], -1.0), 1.0)
+    horizon = math.exp(-min(max(z, 0.0), 1.0) / 0.25)
+    ahead = (1 + towards_sun) / 2
+    halo = (0.9 * math.exp(-math.acos(towards_sun) / 0.22) + 0.35 * ahead * ahead * ahead * ahead) * optical_depth
+    strength = 0.5 + 1.1 * sky_light
+    veil = 0.85 + 0.5 * optical_depth
+    return (
+        strength
+        * ((ZENITH_COLOUR[0] + (HORIZON_COLOUR[0] - ZENITH_COLOUR[0]) * horizon) * veil + halo * HALO_COLOUR[0]),
+        strength
+        * ((ZENITH_COLOUR[1] + (HORIZON_COLOUR[1] - ZENITH_COLOUR[1]) * horizon) * veil + halo * HALO_COLOUR[1]),
+        strength
+        * ((ZENITH_COLOUR[2] + (HORIZON_COLOUR[2] - ZENITH_COLOUR[2]) * horizon) * veil + halo * HALO_COLOUR[2]),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _ground(x, y, footprint, contrast, tile, places, slope, spot_tile, spot_places, spot_amplitude):
+    """Albedo of regolith, and the slopes of its fine relief along x and y."""
+    height, du, dv = fractal_slopes(tile, places, slope, slope, x, y, footprint)
+    spots = fractal_value(spot_tile, spot_places, spot_amplitude, x, y, footprint)
+    # coarse grains gather in the troughs and are darker; fine dust lies on the crests
+    brightness = math.exp(min(max(spots + 0.25 * contrast * height, -0.9), 0.9))
+    hue = min(max(spots, -0.5), 0.5)
+    red = GROUND_COLOUR[0] * brightness * (1 + hue * STAIN_HUE[0])
+    green = GROUND_COLOUR[1] * brightness * (1 + hue * STAIN_HUE[1])
+    blue = GROUND_COLOUR[2] * brightness * (1 + hue * STAIN_HUE[2])
+    return red, green, blue, du, dv
+
+
+@njit(cache=True, error_model="numpy")
+def _rock(u, v, up, albedo, footprint, contrast, tile, places, amplitude, slope):
+    """Albedo of a rock with dust on its top, and the slopes of its fine relief along u and v."""
+    value, du, dv = fractal_slopes(tile, places, amplitude, slope, u, v, footprint)
+    dust = min(max((up - 0.75) / 0.35 - 2 * value, 0.0), 0.75)
+    bare = albedo * math.exp(contrast * value) * 1.25 * (1 - dust)
+    red = ROCK_COLOUR[0] * bare + 0.85 * GROUND_COLOUR[0] * dust
+    green = ROCK_COLOUR[1] * bare + 0.85 * GROUND_COLOUR[1] * dust
+    blue = ROCK_COLOUR[2] * bare + 0.85 * GROUND_COLOUR[2] * dust
+    return red, green, blue, du, dv
+
+
+@njit(cache=True, error_model="numpy")
+def _surface(
+    points, normals, surface, eye, lit, focal, rock_albedo, contrast, relief, stain, rock, sun, sun_light, sky_light,
+    optical_depth,
+):  # fmt: skip
+    """Sun by a mixture of Lambert and Lommel-Seeliger with a backscatter lobe; sky by how much of it is seen."""
+    out = np.empty((len(points), 3), dtype=np.float32)
+    relief_tile, relief_places, relief_slope = relief
+    stain_tile, stain_places, stain_amplitude = stain
+    rock_tile, rock_places, rock_amplitude, rock_slope = rock
+    sx, sy, sz = sun[0], sun[1], sun[2]
+    sun_red, sun_green, sun_blue = float(sun_light[0]), float(sun_light[1]), float(sun_light[2])
+    for k in range(len(points)):
+        x, y, z = points[k, 0], points[k, 1], points[k, 2]
+        mx, my, mz = float(normals[k, 0]), float(normals[k, 1]), float(normals[k, 2])
+        vx, vy, vz = eye[0] - x, eye[1] - y, eye[2] - z
+        distance = math.sqrt(vx * vx + vy * vy + vz * vz)
+        vx, vy, vz = vx / distance, vy / distance, vz / distance
+        slant = min(max(mx * vx + my * vy + mz * vz, 0.08), 1.0)
+        footprint = distance / focal / slant**0.6
+        nx, ny, nz = mx, my, mz
+        if surface[k] == GROUND:
+            red, green, blue, du, dv = _ground(
+                x, y, footprint, contrast, relief_tile, relief_places, relief_slope,
+                stain_tile, stain_places, stain_amplitude,
+            )  # fmt: skip
+            nx, ny = nx - du, ny - dv
+        else:
+            # flat coordinates on the plane that the surface faces most
+            across = 2
+            if abs(mx) >= abs(my) and abs(mx) >= abs(mz):
+                across = 0
+            elif abs(my) >= abs(mz):
+                across = 1
+            shift = 0.37 * surface[k]
+            red, green, blue, du, dv = _rock(
+                (y if across == 0 else x) + shift, (y if across == 2 else z) + shift, mz, rock_albedo[surface[k]],
+                footprint, contrast, rock_tile, rock_places, rock_amplitude, rock_slope,
+            )  # fmt: skip
+            if across == 0:
+                ny, nz = ny - du, nz - dv
+            elif across == 1:
+                nx, nz = nx - du, nz - dv
+            else:
+                nx, ny = nx - du, ny - dv
+        length = math.sqrt(max(nx * nx + ny * ny + nz * nz, 1e-12))
+        nx, ny, nz = nx / length, ny / length, nz / length
+        cos_in = max(nx * sx + ny * sy + nz * sz, 0.0)
+        # relief that lies in attached shadow gets no sun
+        cos_in *= min(max((mx * sx + my * sy + mz * sz) * 12, 0.0), 1.0)
+        cos_out = max(nx * vx + ny * vy + nz * vz, 0.05)
+        back = (1 + vx * sx + vy * sy + vz * sz) / 2
+        direct = (
+            (0.55 * cos_in + 0.9 * cos_in / (cos_in + cos_out + 1e-3)) * (0.86 + 0.32 * back * back * back) * lit[k]
         )
-        assert tilt is not None
-        bumped = normals.copy()
-        bumped[rows, first] -= tilt[:, 0]
-        bumped[rows, second] -= tilt[:, 1]
-        dust = np.clip((normals[:, 2] - 0.75) / 0.35 - 2 * value, 0, 0.75)[:, None]
-        bare = ROCK_COLOUR * self._rock_albedo[surface][:, None] * np.exp(contrast * value)[:, None] * 1.25
-        return bare * (1 - dust) + 0.85 * GROUND_COLOUR * dust, _unit(bumped)
-
-    def _reflect(
-        self, albedo: np.ndarray, bumped: np.ndarray, smooth: np.ndarray, view: np.ndarray, lit: np.ndarray
-    ) -> np.ndarray:
-        """Sun by a mixture of Lambert and Lommel-Seeliger with a backscatter lobe; sky by how much of it is seen."""
-        sun = self.look.sun.astype(np.float32)
-        cos_in = np.maximum(np.einsum("ij,j->i", bumped, sun), 0)
-        cos_in *= np.clip(
-            np.einsum("ij,j->i", smooth, sun) * 12, 0, 1
-        )  # relief that lies in attached shadow gets no sun
-        cos_out = np.maximum(np.einsum("ij,ij->i", bumped, view), 0.05)
-        phase = np.einsum("ij,j->i", view, sun)
-        backscatter = 0.86 + 0.32 * ((1 + phase) / 2) ** 3
-        reflectance = (0.55 * cos_in + 0.9 * cos_in / (cos_in + cos_out + 1e-3)) * backscatter
-        open_sky = 0.5 + 0.5 * bumped[:, 2]
-        direct = (reflectance * lit)[:, None] * self.sun_light
-        sky_colour = np.array([1.0, 0.86, 0.70], dtype=np.float32)
-        bounce = (0.18 * (1 - open_sky))[:, None] * self.sun_light * float(self.look.sun[2]) * GROUND_COLOUR / 0.27
-        return albedo * (direct + self.sky_light * open_sky[:, None] * sky_colour + bounce)
+        open_sky = 0.5 + 0.5 * nz
+        bounce = 0.18 * (1 - open_sky) * sz / 0.27
+        clear = math.exp(-distance * optical_depth / DUST_SCALE_HEIGHT)
+        haze_red, haze_green, haze_blue = _sky(-vx, -vy, -vz, sun, sky_light, optical_depth)
+        sky = sky_light * open_sky
+        red *= sun_red * (direct + bounce * GROUND_COLOUR[0]) + sky * SKY_COLOUR[0]
+        green *= sun_green * (direct + bounce * GROUND_COLOUR[1]) + sky * SKY_COLOUR[1]
+        blue *= sun_blue * (direct + bounce * GROUND_COLOUR[2]) + sky * SKY_COLOUR[2]
+        out[k, 0] = red * clear + haze_red * (1 - clear)
+        out[k, 1] = green * clear + haze_green * (1 - clear)
+        out[k, 2] = blue * clear + haze_blue * (1 - clear)
+    return out
 
 
 def _light(look: Look) -> tuple[np.ndarray, float]:
@@ -143,7 +204,3 @@ def _light(look: Look) -> tuple[np.ndarray, float]:
     red, green, blue = np.exp(-path * np.array([0.42, 0.46, 0.52]))
     sky = 0.42 * (1 - np.exp(-0.75 * path)) * max(float(look.sun[2]), 0.12) ** 0.75
     return np.array([red, green, blue], dtype=np.float32), float(sky)
-
-
-def _unit(v: np.ndarray) -> np.ndarray:
-    return v / np.sqrt(np.maximum(np.einsum("ij,ij->i", v, v), 1e-12))[:, None]

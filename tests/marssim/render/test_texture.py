@@ -3,7 +3,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from marssim.render.texture import TEXELS, TILE, fractal, noise_tile, octave_weight, sample_octave
+from marssim.render.texture import (
+    TEXELS,
+    TILE,
+    fractal_slopes,
+    fractal_value,
+    noise_tile,
+    octave_slopes,
+    octave_value,
+    octave_weight,
+    placing,
+    value_tile,
+)
 
 WAVELENGTHS = np.array([0.02, 0.1, 0.7])
 ONES = np.ones(3)
@@ -13,34 +24,54 @@ def places(count: int, seed: int = 0, reach: float = 30.0) -> np.ndarray:
     return np.random.default_rng(seed).uniform(-reach, reach, (count, 2)).astype(np.float32)
 
 
-@pytest.mark.parametrize("count", [1, 7, 511, 512, 513, 3000])
-def test_a_point_has_its_value_whatever_is_asked_with_it(count):
-    uv = places(3000)
-    whole = sample_octave(uv, 0.1, seed=4, octave=2)
-    picked = np.random.default_rng(1).permutation(3000)[:count]
-    assert np.allclose(sample_octave(uv[picked], 0.1, seed=4, octave=2), whole[picked], atol=1e-6)
-    footprint = np.random.default_rng(2).uniform(0.001, 0.4, 3000)
-    value, slopes = fractal(uv, footprint, WAVELENGTHS, ONES, ONES, seed=4)
-    some, some_slopes = fractal(uv[picked], footprint[picked], WAVELENGTHS, ONES, ONES, seed=4)
-    assert np.allclose(some, value[picked], atol=1e-5) and np.allclose(some_slopes, slopes[picked], atol=1e-5)
+def noise(uv: np.ndarray, wavelengths, seed: int, octave: int) -> np.ndarray:
+    """(N, 3) value and slopes of one octave at each place."""
+    tile, places = noise_tile(seed), placing(tuple(wavelengths), seed)
+    return np.array([octave_slopes(tile, places, octave, u, v) for u, v in uv.astype(float)])
 
 
-def test_more_points_than_an_image_may_have_columns():
-    uv = places(40_000)
-    assert np.array_equal(sample_octave(uv, 0.1, 4, 2)[-5:], sample_octave(uv[-5:], 0.1, 4, 2))
+def values(uv: np.ndarray, wavelengths, seed: int, octave: int) -> np.ndarray:
+    tile, places = value_tile(seed), placing(tuple(wavelengths), seed)
+    return np.array([octave_value(tile, places, octave, u, v) for u, v in uv.astype(float)])
+
+
+def sums(uv: np.ndarray, footprint: np.ndarray, seed: int) -> np.ndarray:
+    """(N, 3) sum of the octaves of WAVELENGTHS and its slopes."""
+    tile, places = noise_tile(seed), placing(tuple(WAVELENGTHS), seed)
+    at = zip(uv.astype(float), footprint)
+    return np.array([fractal_slopes(tile, places, ONES, ONES, u, v, width) for (u, v), width in at])
+
+
+def test_a_sum_is_that_of_its_octaves():
+    uv, width = places(200), 0.03
+    weight = [octave_weight(wavelength, width) for wavelength in WAVELENGTHS]
+    assert weight[0] == 0 < weight[1] < weight[2] == 1
+    expected = sum(w * noise(uv, WAVELENGTHS, 4, n) for n, w in enumerate(weight))
+    assert np.allclose(sums(uv, np.full(200, width), 4), expected, atol=1e-6)
 
 
 def test_without_slopes_the_value_is_the_same():
-    uv, footprint = places(1000), np.full(1000, 0.01)
-    assert np.allclose(sample_octave(uv, 0.3, 1, 0, slopes=False)[:, 0], sample_octave(uv, 0.3, 1, 0)[:, 0], atol=1e-6)
-    bare, none = fractal(uv, footprint, WAVELENGTHS, ONES, None, seed=1)
-    assert none is None
-    assert np.allclose(bare, fractal(uv, footprint, WAVELENGTHS, ONES, ONES, seed=1)[0], atol=1e-5)
+    uv = places(300)
+    assert np.allclose(values(uv, WAVELENGTHS, 1, 2), noise(uv, WAVELENGTHS, 1, 2)[:, 0], atol=1e-5)
+    tile, place = value_tile(1), placing(tuple(WAVELENGTHS), 1)
+    bare = [fractal_value(tile, place, ONES, u, v, 0.01) for u, v in uv.astype(float)]
+    assert np.allclose(bare, sums(uv, np.full(300, 0.01), 1)[:, 0], atol=1e-5)
+
+
+def test_interpolation_is_bilinear():
+    """At texel centres stands the texel, half way between two of them their mean."""
+    place, tile = placing((8.0,), 3), value_tile(3)  # one metre a texel
+    inverse = np.array([[place[0, 1], place[0, 2]], [-place[0, 2], place[0, 1]]])
+    for column, row in ((3, 5), (TILE - 1, 7), (100, TILE - 1)):
+        for dx, dy, near in ((0, 0, [(0, 0)]), (0.5, 0, [(0, 0), (0, 1)]), (0, 0.5, [(0, 0), (1, 0)])):
+            u, v = inverse @ (np.array([column + dx, row + dy]) - place[0, 3:])
+            expected = np.mean([tile[(row + j) % TILE, (column + i) % TILE] for j, i in near])
+            assert octave_value(tile, place, 0, u, v) == pytest.approx(expected, abs=1e-4)
 
 
 @given(wavelength=st.floats(0.01, 10), ratio=st.floats(0.001, 5), less=st.floats(0.1, 1))
 def test_octaves_fade_out_by_two_pixels(wavelength, ratio, less):
-    weight, closer = octave_weight(wavelength, np.array([ratio, ratio * less]) * wavelength)
+    weight, closer = (octave_weight(wavelength, width * wavelength) for width in (ratio, ratio * less))
     assert 0 <= weight <= closer <= 1
     if ratio >= 0.5:
         assert weight == 0
@@ -49,20 +80,19 @@ def test_octaves_fade_out_by_two_pixels(wavelength, ratio, less):
 
 
 def test_what_a_pixel_cannot_show_is_gone():
-    uv = places(2000)
-    footprint = np.repeat([0.36, 0.051], 1000)  # the coarsest octave is under two pixels; it alone is not
-    value, slopes = fractal(uv, footprint, WAVELENGTHS, ONES, ONES, seed=3)
-    assert not value[:1000].any() and not slopes[:1000].any()
-    alone = sample_octave(uv[1000:], 0.7, seed=3, octave=2)
-    assert np.allclose(value[1000:], alone[:, 0], atol=1e-5) and np.allclose(slopes[1000:], alone[:, 1:], atol=1e-5)
+    uv = places(600)
+    footprint = np.repeat([0.36, 0.051], 300)  # the coarsest octave is under two pixels; it alone is not
+    total = sums(uv, footprint, seed=3)
+    assert not total[:300].any()
+    assert np.allclose(total[300:], noise(uv[300:], WAVELENGTHS, 3, 2), atol=1e-5)
 
 
 @pytest.mark.parametrize("seed", [0, 2**31 + 1])
 def test_unit_variance(seed):
     tile = noise_tile(seed)[:-1, :-1]
     assert np.allclose(tile.std(axis=(0, 1)), 1, atol=1e-3) and np.allclose(tile.mean(axis=(0, 1)), 0, atol=1e-3)
-    sampled = sample_octave(places(40_000), 0.1, seed, 1)
-    assert np.allclose(sampled.std(axis=0), 1, atol=0.08)  # interpolation takes a little
+    sampled = noise(places(20_000), WAVELENGTHS, seed, 1)
+    assert np.allclose(sampled.std(axis=0), 0.95, atol=0.07)  # interpolation takes a little, most of the slopes
 
 
 def test_the_tile_has_no_seam():
@@ -72,16 +102,16 @@ def test_the_tile_has_no_seam():
     period = TILE / TEXELS * wavelength
     along = np.arange(0, 4 * period, step * wavelength / TEXELS)
     uv = np.stack([along, 0.3 * along], axis=1).astype(np.float32)  # crosses borders of the tile both ways
-    steps = np.abs(np.diff(sample_octave(uv, wavelength, 9, 0, slopes=False)[:, 0]))
+    steps = np.abs(np.diff(values(uv, (wavelength,), 9, 0)))
     steepest = np.abs(np.diff(tile[..., 0], axis=0)).max() + np.abs(np.diff(tile[..., 0], axis=1)).max()
-    assert steps.max() < 2.2 * step * steepest  # remap's coordinates are rounded to 1 / 32
+    assert steps.max() < 1.2 * step * steepest
 
 
 def test_most_of_the_power_lies_about_the_wavelength():
     wavelength, n, pixel = 0.2, 256, 0.025
     axis = np.arange(n) * pixel
     uv = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2).astype(np.float32)
-    field = sample_octave(uv, wavelength, 5, 3)[:, 0].reshape(n, n) * np.hanning(n)[:, None] * np.hanning(n)
+    field = values(uv, (1.0, 1.0, 1.0, wavelength), 5, 3).reshape(n, n) * np.hanning(n)[:, None] * np.hanning(n)
     power = np.abs(np.fft.rfft2(field)) ** 2
     octaves = np.log2(np.maximum(np.hypot(np.fft.fftfreq(n)[:, None], np.fft.rfftfreq(n)) / pixel * wavelength, 1e-3))
     assert power[np.abs(octaves) < 1].sum() > 0.9 * power.sum()
@@ -91,17 +121,17 @@ def test_most_of_the_power_lies_about_the_wavelength():
 @pytest.mark.parametrize("octave", range(4))  # each is turned by another angle
 def test_slopes_are_those_of_the_value(octave):
     uv, wavelength = places(3000), 0.3
-    slopes = sample_octave(uv, wavelength, 8, octave)[:, 1:]
+    slopes = noise(uv, (wavelength,) * 4, 8, octave)[:, 1:]
     for axis in (0, 1):
         step = np.zeros(2, np.float32)
         step[axis] = wavelength / 8
-        values = [sample_octave(uv + sign * step, wavelength, 8, octave, slopes=False)[:, 0] for sign in (1, -1)]
-        assert np.corrcoef(values[0] - values[1], slopes[:, axis])[0, 1] > 0.97
-        assert abs(np.corrcoef(values[0] - values[1], slopes[:, 1 - axis])[0, 1]) < 0.15
+        ahead, behind = (values(uv + sign * step, (wavelength,) * 4, 8, octave) for sign in (1, -1))
+        assert np.corrcoef(ahead - behind, slopes[:, axis])[0, 1] > 0.97
+        assert abs(np.corrcoef(ahead - behind, slopes[:, 1 - axis])[0, 1]) < 0.15
 
 
 def test_seeds_and_octaves_differ():
     uv = places(4000)
-    first = sample_octave(uv, 0.1, 1, 0)[:, 0]
+    first = values(uv, (0.1, 0.1), 1, 0)
     for seed, octave in ((2, 0), (1, 1)):
-        assert abs(np.corrcoef(first, sample_octave(uv, 0.1, seed, octave)[:, 0])[0, 1]) < 0.1
+        assert abs(np.corrcoef(first, values(uv, (0.1, 0.1), seed, octave))[0, 1]) < 0.1

@@ -1,0 +1,89 @@
+"""Where exactly rays meet the triangles that they are known to meet, and with which normals."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from marssim.render.gbuffer import SKY
+
+MISS = 1e-3  # barycentric coordinate by which a ray may pass a triangle before the nearest point on it is taken
+
+
+def hits(
+    vertices: np.ndarray, faces: np.ndarray, surface: np.ndarray, vertex_normals: np.ndarray, pose: np.ndarray,
+    rays: np.ndarray, face: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """Depth (N,), normal (N, 3), shading normal (N, 3) and surface id (N,), as GBuffer defines them, of known hits.
+
+    vertices, faces, surface, vertex_normals: as in SceneMesh; pose: (4, 4) camera to world; rays: (N, 3) camera frame,
+    z = 1; face: (N,) the face that each ray meets, negative for the sky. All in float64 until the result is stored.
+    """
+    return _hits(
+        vertices, faces, surface, vertex_normals, np.ascontiguousarray(pose, dtype=np.float64),
+        np.ascontiguousarray(rays, dtype=np.float64), face,
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def _hits(vertices, faces, surface, vertex_normals, pose, rays, face):
+    n = len(face)
+    depth = np.full(n, np.inf, dtype=np.float32)
+    normal, shading = np.zeros((n, 3), dtype=np.float32), np.zeros((n, 3), dtype=np.float32)
+    ids = np.full(n, SKY, dtype=np.int32)
+    for k in range(n):
+        f = face[k]
+        if f < 0:
+            continue
+        ids[k] = surface[f]
+        u, v = rays[k, 0], rays[k, 1]
+        rx = pose[0, 0] * u + pose[0, 1] * v + pose[0, 2]
+        ry = pose[1, 0] * u + pose[1, 1] * v + pose[1, 2]
+        rz = pose[2, 0] * u + pose[2, 1] * v + pose[2, 2]
+        i, j, m = faces[f, 0], faces[f, 1], faces[f, 2]
+        ax, ay, az = vertices[i, 0] - pose[0, 3], vertices[i, 1] - pose[1, 3], vertices[i, 2] - pose[2, 3]
+        bx, by, bz = vertices[j, 0] - pose[0, 3], vertices[j, 1] - pose[1, 3], vertices[j, 2] - pose[2, 3]
+        cx, cy, cz = vertices[m, 0] - pose[0, 3], vertices[m, 1] - pose[1, 3], vertices[m, 2] - pose[2, 3]
+        # edge functions: how far the ray passes inside of each edge
+        wa = rx * (by * cz - bz * cy) + ry * (bz * cx - bx * cz) + rz * (bx * cy - by * cx)
+        wb = rx * (cy * az - cz * ay) + ry * (cz * ax - cx * az) + rz * (cx * ay - cy * ax)
+        wc = rx * (ay * bz - az * by) + ry * (az * bx - ax * bz) + rz * (ax * by - ay * bx)
+        ux, uy, uz = bx - ax, by - ay, bz - az
+        tx, ty, tz = cx - ax, cy - ay, cz - az
+        nx, ny, nz = uy * tz - uz * ty, uz * tx - ux * tz, ux * ty - uy * tx
+        slant = nx * rx + ny * ry + nz * rz
+        size = math.sqrt(nx * nx + ny * ny + nz * nz)
+        z = (nx * ax + ny * ay + nz * az) / slant
+        wa, wb, wc = wa / slant, wb / slant, wc / slant
+        if not (z > 0 and wa > -MISS and wb > -MISS and wc > -MISS):
+            # seen edge on, or passed by a hair (Embree works in float32): take the nearest point of the triangle
+            wa, wb, wc = _within(wa), _within(wb), _within(wc)
+            total = wa + wb + wc
+            wa, wb, wc = wa / total, wb / total, wc / total
+            px, py, pz = wa * ax + wb * bx + wc * cx, wa * ay + wb * by + wc * cy, wa * az + wb * bz + wc * cz
+            z = pose[0, 2] * px + pose[1, 2] * py + pose[2, 2] * pz
+        wa, wb, wc = min(max(wa, 0.0), 1.0), min(max(wb, 0.0), 1.0), min(max(wc, 0.0), 1.0)
+        if slant > 0:
+            size = -size
+        size = size if size != 0 else 1.0
+        nx, ny, nz = nx / size, ny / size, nz / size
+        depth[k] = z
+        for axis in range(3):
+            normal[k, axis] = nx * pose[0, axis] + ny * pose[1, axis] + nz * pose[2, axis]
+        sx = wa * vertex_normals[i, 0] + wb * vertex_normals[j, 0] + wc * vertex_normals[m, 0]
+        sy = wa * vertex_normals[i, 1] + wb * vertex_normals[j, 1] + wc * vertex_normals[m, 1]
+        sz = wa * vertex_normals[i, 2] + wb * vertex_normals[j, 2] + wc * vertex_normals[m, 2]
+        # where the interpolated normal is shorter than 1, as on rocks, the facet's own makes up: edges stay visible
+        lack = 1 - min(math.sqrt(sx * sx + sy * sy + sz * sz), 1.0)
+        sx, sy, sz = sx + lack * nx, sy + lack * ny, sz + lack * nz
+        length = math.sqrt(sx * sx + sy * sy + sz * sz)
+        shading[k, 0], shading[k, 1], shading[k, 2] = sx / length, sy / length, sz / length
+    return depth, normal, shading, ids
+
+
+@njit(cache=True, error_model="numpy")
+def _within(weight: float) -> float:
+    """A barycentric coordinate brought into the triangle; also where it is not finite."""
+    return min(max(weight, 1e-9), 1.0) if weight == weight else 1e-9
