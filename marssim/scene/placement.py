@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 GAP = 1.08  # centres are at least the mean diameter times this apart: outlines are no discs
+UPPER = 0.3  # of the rocks that are larger: the share, from the largest down, that others cluster around
 ROUNDS = 30  # moves after which a rock stays where it is, overlap or not
 CLUSTERED_ROUNDS = 6  # of these, moves that keep a clustered rock beside its larger neighbour
 
@@ -19,16 +20,17 @@ def place(
 ) -> np.ndarray:
     """(N, 2) positions; rock n lies in the square ring inner[n] <= max(|x|, |y|) <= outer[n].
 
-    diameter: (N,) [m], any order. A share `cluster` lies within a few diameters of a rock that is larger, or at least
-    no smaller than one in the upper part of the list.
+    diameter: (N,) [m], any order. A share `cluster` lies within a few diameters of one of the larger rocks of its ring.
     """
     n = len(diameter)
     order = np.argsort(-diameter, kind="stable")
     diameter, inner, outer = diameter[order], inner[order], outer[order]
     xy = _in_ring(inner, outer, rng)
-    rank = np.arange(n)
-    parent = (rng.uniform(0, 1, n) * rank * 0.3).astype(int)
-    clustered = (rng.uniform(0, 1, n) < cluster) & (rank > 0)
+    parent, pick = np.arange(n), rng.uniform(0, UPPER, n)
+    for ring in np.unique(outer):
+        members = np.flatnonzero(outer == ring)
+        parent[members] = members[(pick[members] * np.arange(len(members))).astype(int)]
+    clustered = (rng.uniform(0, 1, n) < cluster) & (parent < np.arange(n))
     placed: list[tuple[cKDTree, np.ndarray]] = []
     start = 0
     while start < n:  # classes of like size, within a factor of two

@@ -49,3 +49,17 @@ def test_clustered_rocks_lie_closer_to_larger_ones():
         return np.median(gap - 0.5 * (d[large][nearest] + d[~large]))
 
     assert near(0.9) < 0.75 * near(0.0)
+
+
+def test_rocks_cluster_in_the_middle_too_though_most_large_ones_lie_outside():
+    d = np.concatenate([draw_diameters(0.1, 0.1, 400.0, np.random.default_rng(0)), np.full(3000, 0.8)])
+    inner = np.where(np.arange(len(d)) < len(d) - 3000, 0.0, 10.0)
+    outer = np.where(inner == 0, 10.0, 90.0)
+
+    def near(cluster):
+        xy = place(d, inner, outer, cluster, np.random.default_rng(1))[inner == 0]
+        own = d[inner == 0]
+        large = own > np.quantile(own, 0.7)
+        return np.median(cKDTree(xy[large]).query(xy[~large])[0])
+
+    assert near(0.9) < 0.8 * near(0.0)

@@ -26,6 +26,20 @@ def test_heights_are_about_half_the_diameter():
     assert np.median(rocks.height / rocks.diameter) == pytest.approx(0.5, abs=0.08)
 
 
+def test_every_rock_of_a_scene_is_a_closed_body_with_its_outside_out():
+    rocks = build(k=0.15, half=6.0, horizon=20.0)
+    mesh = trimesh.Trimesh(rocks.vertices, rocks.faces, process=False)
+    assert mesh.is_watertight and mesh.is_winding_consistent
+    a, b, c = (rocks.vertices[rocks.faces[:, i]] - rocks.centre[rocks.face_rock] for i in range(3))
+    cone = np.einsum("ij,ij->i", a, np.cross(b, c))
+    assert (cone > 0).all()  # star-shaped about the centre
+    volume = np.bincount(rocks.face_rock, cone) / 6
+    box = np.pi / 4 * rocks.diameter**2 * rocks.height
+    assert 0.6 < np.median(volume / box) < 1.6
+    mean = np.bincount(rocks.face_rock, mesh.area_faces) / np.bincount(rocks.face_rock)
+    assert (mesh.area_faces / mean[rocks.face_rock]).min() > 0.01  # no slivers
+
+
 def test_clear_discs_are_free_of_rocks():
     rocks = build(k=0.2, clear=((2.0, -3.0, 2.5),))
     large = rocks.diameter >= 0.1
