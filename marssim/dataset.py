@@ -26,6 +26,7 @@ from typing import Any, Literal, overload
 
 import cv2
 import numpy as np
+from numba import njit
 
 from marssim.atomic import write_atomically
 from marssim.camera import MAX_DEPTH, MIN_DEPTH, StereoRig
@@ -138,10 +139,18 @@ def encode_depth(depth: np.ndarray) -> np.ndarray:
 
     code = round(65534 ln(Z / 0.1 m) / ln(1000 m / 0.1 m)), clipped; 65535 where depth is not finite (sky).
     """
-    known = np.isfinite(depth)
-    z = np.clip(np.where(known, depth, FARTHEST), NEAREST, FARTHEST).astype(np.float64)
-    code = np.round((SKY_CODE - 1) * np.log(z / NEAREST) / np.log(FARTHEST / NEAREST)).astype(np.uint16)
-    return np.where(known, code, np.uint16(SKY_CODE))
+    return _depth_code(np.ascontiguousarray(depth).ravel()).reshape(depth.shape)
+
+
+@njit(cache=True, error_model="numpy")
+def _depth_code(depth):
+    out = np.full(len(depth), SKY_CODE, dtype=np.uint16)
+    scale = (SKY_CODE - 1) / np.log(FARTHEST / NEAREST)
+    for k in range(len(depth)):
+        if np.isfinite(depth[k]):
+            z = min(max(float(depth[k]), NEAREST), FARTHEST)
+            out[k] = np.uint16(min(np.rint(scale * np.log(z / NEAREST)), SKY_CODE - 1.0))
+    return out
 
 
 def decode_depth(code: np.ndarray) -> np.ndarray:
@@ -153,8 +162,17 @@ def decode_depth(code: np.ndarray) -> np.ndarray:
 
 def encode_normal(normal: np.ndarray) -> np.ndarray:
     """uint16 RGB of unit normals (H, W, 3); black where the normal is zero (sky)."""
-    code = np.round((normal.astype(np.float64) + 1) * (65535 / 2)).astype(np.uint16)
-    return np.where((normal == 0).all(axis=-1, keepdims=True), np.uint16(0), code)
+    return _normal_code(np.ascontiguousarray(normal).reshape(-1, 3)).reshape(normal.shape)
+
+
+@njit(cache=True, error_model="numpy")
+def _normal_code(normal):
+    out = np.zeros(normal.shape, dtype=np.uint16)
+    for k in range(len(normal)):
+        if normal[k, 0] != 0 or normal[k, 1] != 0 or normal[k, 2] != 0:
+            for c in range(3):
+                out[k, c] = np.uint16(min(max(np.rint((float(normal[k, c]) + 1) * (65535 / 2)), 0.0), 65535.0))
+    return out
 
 
 def decode_normal(code: np.ndarray) -> np.ndarray:

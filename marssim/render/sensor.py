@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+from numba import njit
 
 from marssim.camera import PinholeCamera
 
@@ -85,26 +86,57 @@ class Sensor:
 
     def gain(self, radiance: np.ndarray, ground: np.ndarray) -> float:
         """Auto-exposure: the factor from radiance to full scale. radiance: (H, W, 3); ground: (H, W) bool, not sky."""
-        luminance = radiance.mean(axis=-1)
-        metered = luminance[ground] if ground.mean() > 0.05 else luminance
-        middle = float(np.median(metered))
-        bright = float(np.quantile(metered, 0.98))
+        metered = _luminance(
+            radiance.reshape(-1, 3), ground.ravel() if ground.mean() > 0.05 else np.ones(ground.size, bool)
+        )
+        rank = len(metered) // 2, min(int(0.98 * len(metered)), len(metered) - 1)
+        middle, bright = (float(value) for value in np.partition(metered, rank)[list(rank)])
         # that code value stands for this linear value; highlights of the ground are kept
         target = self.exposure**2.2
         return min(target / max(middle, 1e-6), 0.9 / max(bright, 1e-6))
 
     def expose(self, radiance: np.ndarray, gain: float, rng: np.random.Generator) -> np.ndarray:
         """(H, W, 3) uint8 image of a radiance image (H, W, 3), with blur, vignetting, noise and gamma 2.2."""
-        signal: np.ndarray = (radiance * np.float32(gain)).astype(np.float32)
+        signal = np.ascontiguousarray(radiance, dtype=np.float32)
         if self.psf > 0:
             signal = cv2.GaussianBlur(signal, (5, 5), self.psf, borderType=cv2.BORDER_REPLICATE)
-        h, w = signal.shape[:2]
-        y = np.linspace(-1, 1, h, dtype=np.float32)[:, None]
-        x = np.linspace(-1, 1, w, dtype=np.float32)[None, :]
-        signal *= (1 - np.float32(self.vignetting) * (x * x + y * y) / 2)[..., None]
-        signal = np.clip(signal, 0, 1)
-        electrons = signal * np.float32(self.full_well)
         noise = rng.standard_normal(signal.shape, dtype=np.float32)
-        electrons += noise * np.sqrt(electrons + np.float32(self.read_noise**2))
-        code = np.clip(electrons / np.float32(self.full_well), 0, 1) ** np.float32(1 / 2.2)
-        return np.round(code * 255).astype(np.uint8)
+        return _codes(signal, noise, float(gain), self.vignetting, self.full_well, self.read_noise, CODE_STARTS, GUESS)
+
+
+CODE_STARTS = ((np.arange(1, 256) - 0.5) / 255) ** 2.2  # signal, as a share of full scale, from which a code is given
+GUESS = np.searchsorted(CODE_STARTS, np.arange(1024) / 1024, side="right").astype(np.uint8)
+
+
+@njit(cache=True, error_model="numpy")
+def _luminance(radiance, metered):
+    out = np.empty(metered.sum(), dtype=np.float32)
+    found = 0
+    for k in range(len(radiance)):
+        if metered[k]:
+            out[found] = (radiance[k, 0] + radiance[k, 1] + radiance[k, 2]) / np.float32(3)
+            found += 1
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def _codes(signal, noise, gain, vignetting, full_well, read_noise, starts, guess):
+    """Vignetting, noise and gamma; the code of a signal is looked up, which gives what rounding its power would."""
+    height, width, _ = signal.shape
+    out = np.empty(signal.shape, dtype=np.uint8)
+    shot = 1 / full_well  # variance of the noise per signal, both as shares of full scale
+    floor = (read_noise / full_well) ** 2
+    for row in range(height):
+        y = 2 * row / max(height - 1, 1) - 1
+        for column in range(width):
+            x = 2 * column / max(width - 1, 1) - 1
+            scale = gain * (1 - vignetting * (x * x + y * y) / 2)
+            for c in range(3):
+                value = min(max(signal[row, column, c] * scale, 0.0), 1.0)
+                value += noise[row, column, c] * np.sqrt(value * shot + floor)
+                value = min(max(value, 0.0), 1.0)
+                code = guess[min(int(value * 1024), 1023)]
+                while code < 255 and value >= starts[code]:
+                    code += 1
+                out[row, column, c] = code
+    return out

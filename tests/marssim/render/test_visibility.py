@@ -112,7 +112,7 @@ def test_an_answer_does_not_depend_on_what_is_asked_with_it(scene, caster, visib
     points, normals = seen(caster, pose_at(scene, 1))
     some = np.random.default_rng(0).permutation(len(points))[:500]
     assert np.array_equal(visibility.lit(points, normals)[some], visibility.lit(points[some], normals[some]))
-    eye = points.mean(axis=0) + [0, 0, 1.5]
+    eye = points.mean(axis=0) + np.array([0, 0, 1.5])
     whole, part = (visibility.seen_from(p, n, eye) for p, n in ((points, normals), (points[some], normals[some])))
     assert (whole[some] == part).mean() > 0.998  # views of another axis round differently at edges
 
@@ -120,7 +120,7 @@ def test_an_answer_does_not_depend_on_what_is_asked_with_it(scene, caster, visib
 def test_few_points_are_no_error(visibility):
     up = np.array([[0.0, 0.0, 1.0]])
     for count in (0, 1):
-        points = np.zeros((count, 3)) + [0, 0, 5.0]
+        points = np.tile([0, 0, 5.0], (count, 1))
         assert visibility.lit(points, up[:count]).shape == (count,)
         assert visibility.seen_from(points, up[:count], np.array([0.0, 0.0, 9.0])).tolist() == [True] * count
         assert visibility.trace(np.ones((count, 3)), np.eye(4))[0].shape == (count,)
