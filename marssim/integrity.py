@@ -23,6 +23,7 @@ PNG_KIND = {  # bits a channel and colour type (0 grey, 2 RGB) of each image
     "left.png": (8, 2), "right.png": (8, 2), "depth.png": (16, 0), "normal.png": (16, 2), "surface.png": (16, 0),
     "occluded.png": (8, 0),
 }  # fmt: skip
+ELEVATION = 0.01  # [deg]
 RIGID = 1e-6  # by which a pose's rotation may miss being orthonormal
 
 
@@ -135,17 +136,26 @@ def _check_meta(meta: dict[str, Any]) -> StereoRig:
     for field in ("rig", "pose"):
         if field not in meta:
             raise ValueError(f"field '{field}' is missing")
-    try:
-        pose = np.array(meta["pose"], dtype=float)
-    except (TypeError, ValueError):
-        pose = np.zeros(0)
-    rotation = pose[:3, :3] if pose.shape == (4, 4) else np.zeros((3, 3))
+    rotation = _numbers(meta["pose"], (4, 4))[:3, :3]
     if not (np.abs(rotation @ rotation.T - np.eye(3)).max() < RIGID and np.linalg.det(rotation) > 0):
         raise ValueError("pose is not a 4 x 4 rigid motion")
-    sun = meta.get("sun")
-    if sun is not None and not abs(float(np.linalg.norm(sun)) - 1) < RIGID:
-        raise ValueError("sun is not a unit vector")
+    if "sun" in meta:
+        sun = _numbers(meta["sun"], (3,))
+        if not abs(float(np.linalg.norm(sun)) - 1) < RIGID:
+            raise ValueError("sun is not a unit vector")
+        elevation = float(_numbers(meta.get("sun_elevation_deg"), ()))
+        if not abs(np.rad2deg(np.arcsin(np.clip(sun[2], -1, 1))) - elevation) < ELEVATION:
+            raise ValueError("sun_elevation_deg is not that of sun")
     return StereoRig.from_dict(meta["rig"])
+
+
+def _numbers(value: Any, shape: tuple[int, ...]) -> np.ndarray:
+    """As an array of that shape; of NaN if it is no such thing."""
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        array = np.zeros(0)
+    return array if array.shape == shape else np.full(shape, np.nan)
 
 
 def _check_image(path: Path, recorded: str, rig: StereoRig) -> str | None:

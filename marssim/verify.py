@@ -166,11 +166,8 @@ def verify(config: VerifyConfig) -> bool:
     if config.cross_check:
         found = cross_check(config)
         print(f"PyBullet against Embree, {config.scene}, seed {config.seed}: {found}")
-        numbers = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in asdict(found).items()}
-        write_json(
-            config.out / "cross_check.json",
-            {"scene": config.scene, "seed": config.seed, **numbers, "good": found.good},
-        )
+        report = {"scene": config.scene, "seed": config.seed, **found.report()}
+        write_json(config.out / "cross_check.json", report)
         good &= found.good
     return good
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -40,6 +41,12 @@ class Agreement:
         """99 % of the pixels agree in surface and depth, and no shift reaches 0.05 px."""
         shift = np.abs(np.concatenate([self.smooth, self.silhouette]))
         return self.surface >= LEAST_SURFACE and self.depth >= LEAST_DEPTH and bool((shift < MOST_SHIFT).all())
+
+    def report(self) -> dict[str, Any]:
+        """Plain numbers, for JSON; None for a shift that no pixel tells."""
+        shifts = {"smooth_px": self.smooth, "silhouette_px": self.silhouette}
+        plain = {name: [None if np.isnan(v) else float(v) for v in shift] for name, shift in shifts.items()}
+        return {"views": self.views, "surface": self.surface, "depth": self.depth, **plain, "good": self.good}
 
     def __str__(self) -> str:
         def pair(shift: np.ndarray) -> str:

@@ -1,5 +1,7 @@
 """The measure of agreement itself: it must find a shift that is there, of a maker that is off on purpose."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -80,7 +82,9 @@ def test_what_tells_nothing_is_no_agreement():
     fit = ShiftFit()
     fit.add(np.ones((4, 4)), lambda du, dv: np.ones((4, 4)), np.ones((4, 4), bool))
     assert np.isnan(fit.shift).all()
-    assert not Agreement(1, 1.0, 1.0, fit.shift, np.zeros(2)).good
+    found = Agreement(1, 1.0, 1.0, fit.shift, np.zeros(2))
+    assert not found.good
+    assert json.loads(json.dumps(found.report(), allow_nan=False))["smooth_px"] == [None, None]
 
 
 def test_both_makers_agree(scene, tracer, poses):
