@@ -11,12 +11,15 @@ any number of workers writes the same bytes, and the same command goes on where 
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 from tqdm import tqdm
 
 from marssim.atomic import write_atomically
@@ -24,6 +27,8 @@ from marssim.command import counted, exit_code
 from marssim.contact_sheet import contact_sheet
 from marssim.dataset import DatasetError, StereoDataset, read_json, write_index, write_json
 from marssim.generate_config import GenerateConfig, parse_generate
+from marssim.scene.scene import preset
+from marssim.scene.terrain import build_terrain
 from marssim.scene_views import SETTINGS, TRAJECTORY, generate_scene
 from marssim.workers import run_tasks
 
@@ -47,6 +52,7 @@ def generate(config: GenerateConfig) -> StereoDataset:
     ]
     with tqdm(total=config.pairs, unit="pair", desc="generate", disable=None) as bar:
         run_tasks(generate_scene, tasks, lambda _, count: bar.update(count), config.workers, config.scheduler)
+    _clear_up(config.out)
     names = [f"{scene:05d}/{view:02d}" for _, scene, views in tasks for view in views]
     write_index(config.out, {**content, "pairs": config.pairs}, names)
     dataset = StereoDataset(config.out)
@@ -58,11 +64,17 @@ def generate(config: GenerateConfig) -> StereoDataset:
 
 
 def _claim(config: GenerateConfig) -> dict[str, Any]:
-    """Make the folder this dataset's, or see that it is. Returns the settings that are noted in it."""
+    """Make the folder this dataset's, or see that it is. Returns the settings that are noted in it.
+
+    A scene that cannot be built, such as one of a broken heightmap, is told before anything is written.
+    """
     if config.out.exists() and not config.out.is_dir():
         raise DatasetError(f"--out {config.out}: a file of that name is in the way; choose another")
-    config.out.mkdir(parents=True, exist_ok=True)
     asked = config.out / SETTINGS
+    for scene in config.scenes:
+        if not asked.is_file() and scene != preset(scene.preset):
+            build_terrain(scene.relief, scene.size, scene.cell, scene.horizon, np.random.default_rng(config.seed))
+    config.out.mkdir(parents=True, exist_ok=True)
     content = json.loads(json.dumps(config.content(), default=str))  # as it is read back: tuples become lists
     if asked.is_file():
         if read_json(asked) != content:
@@ -72,6 +84,15 @@ def _claim(config: GenerateConfig) -> dict[str, Any]:
     else:
         write_json(asked, content)
     return content
+
+
+def _clear_up(out: Path) -> None:
+    """Remove what killed runs have half written."""
+    for rest in (*out.glob(".*.part"), *out.glob("scenes/*/.*")):
+        if rest.is_dir():
+            shutil.rmtree(rest)
+        else:
+            rest.unlink()
 
 
 def _readme(config: GenerateConfig, dataset: StereoDataset) -> str:
