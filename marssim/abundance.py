@@ -57,9 +57,13 @@ class AbundanceConfig:
 
 @dataclass(frozen=True)
 class Abundance:
-    """F_k at diameters (D,) [m]: asked, achieved, and the standard deviation that chance gives it on that area [m2]."""
+    """F_k at diameters (D,) [m]: asked, achieved by so many rocks, and the standard deviation that chance gives it.
+
+    area: ground looked at [m2]. Where less than a rock or two is expected, one more lies outside of any bound.
+    """
 
     diameter: np.ndarray
+    rocks: np.ndarray
     asked: np.ndarray
     achieved: np.ndarray
     spread: np.ndarray
@@ -77,13 +81,13 @@ class Abundance:
 
     def table(self) -> str:
         """One line a diameter, shares in percent of the ground."""
-        lines = ["D [m]  asked %  achieved %  ratio  spread %  allowed +- %"]
-        for d, asked, achieved, spread, tolerance, good in zip(
-            self.diameter, self.asked, self.achieved, self.spread, self.tolerance, self.within
+        lines = ["D [m]  asked %  achieved %   rocks  ratio  spread %  allowed +- %"]
+        for d, asked, achieved, rocks, spread, tolerance, good in zip(
+            self.diameter, self.asked, self.achieved, self.rocks, self.spread, self.tolerance, self.within
         ):
             ratio = achieved / asked if asked > 0 else float("nan")
             lines.append(
-                f"{d:5.2f} {100 * asked:8.3f} {100 * achieved:11.3f} {ratio:6.3f} {100 * spread:9.3f} "
+                f"{d:5.2f} {100 * asked:8.3f} {100 * achieved:11.3f} {rocks:7d} {ratio:6.3f} {100 * spread:9.3f} "
                 f"{100 * tolerance:13.3f}" + ("" if good else "  outside")
             )
         return "\n".join(lines)
@@ -127,16 +131,19 @@ def visible_areas(scene: Scene, cell: float = 0.01) -> tuple[np.ndarray, np.ndar
 def measure(scenes: Iterable[Scene], k: float, cell: float = 0.01) -> Abundance:
     """F_k(D) of some scenes taken together, for D = 0.1 m to 0.5 m. k: what was asked of them."""
     diameter = np.array(REPORTED)
-    covered, area = np.zeros(len(diameter)), 0.0
+    covered, rocks, area = np.zeros(len(diameter)), np.zeros(len(diameter), dtype=int), 0.0
     for scene in scenes:
         outline, middle = visible_areas(scene, cell)
         inside = scene.half - MAX_DIAMETER / 2
         counts = (np.abs(middle) <= inside).all(axis=1)  # nan, which is not seen, does not count
         seen = np.sqrt(4 / np.pi * outline)
-        covered += [outline[counts & (seen >= d)].sum() for d in diameter]
+        for row, d in enumerate(diameter):
+            large = counts & (seen >= d)
+            covered[row] += outline[large].sum()
+            rocks[row] += large.sum()
         area += (2 * inside) ** 2
     return Abundance(
-        diameter=diameter, asked=covered_area(diameter, k), achieved=covered / area,
+        diameter=diameter, rocks=rocks, asked=covered_area(diameter, k), achieved=covered / area,
         spread=sampling_spread(diameter, k, area), area=area,
     )  # fmt: skip
 

@@ -22,7 +22,7 @@ VARIANTS = 24  # shapes per family
 LEVELS = 5  # of detail: 20, 80, 320, 1280, 5120 faces
 FEWER = (24, 24, 24, 10, 4)  # of these are drawn at each level: fine ones cost time, and few rocks are that large
 BURIAL = np.linspace(0, 0.6, 13)  # shares of the height at which outlines are tabulated
-RASTER = 48  # cells along a side of the square on which outlines are measured
+RASTER = 36  # cells along a side of the square on which outlines are measured
 SEED = 1997
 
 

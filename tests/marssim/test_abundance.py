@@ -60,7 +60,7 @@ def test_the_command_prints_a_table(capsys):
     lines = capsys.readouterr().out.splitlines()
     assert "utopia" in lines[0] and len(lines) == 2 + 6
     assert float(lines[2].split()[1]) == pytest.approx(100 * covered_area(np.array(0.1), 0.033), abs=1e-3)
-    assert float(lines[2].split()[3]) == pytest.approx(1, abs=0.3)
+    assert float(lines[2].split()[4]) == pytest.approx(1, abs=0.3)
 
 
 @pytest.mark.parametrize("flag", ["--scenes 0", "--seed -1", "--k 0.9", "--cell 1"])
