@@ -50,9 +50,9 @@ class ReliefConfig:
     heightmap_scale: float | None = None
     """side of a heightmap cell [m]; not needed for a GeoTIFF in metres"""
     heightmap_height: float | None = None
-    """metres that a heightmap's values count as 1; needed for .png, 1 for the others"""
+    """metres of height for each unit of the heightmap's values; needed for .png, 1 for the others"""
     heightmap_at: Range | None = (0.0, 0.0)
-    """where the scene lies: metres east and north of the heightmap's middle; none: each scene draws its own place"""
+    """where the scene lies: metres east and north of the heightmap's middle; None: each scene draws its own place"""
     heightmap_sha256: str | None = None
     """digest of the heightmap; filled in from the file, so that the data tell what they were made of. Given, another
     file is refused"""
