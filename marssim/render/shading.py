@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from marssim.render.gbuffer import GROUND
-from marssim.render.texture import fractal_slopes, fractal_value, noise_tile, placing, value_tile
+from marssim.render.texture import coded_tile, fractal_slopes, fractal_value, placing
 from marssim.scene.scene import Look, Scene
 
 GROUND_COLOUR = (0.40, 0.262, 0.158)
@@ -42,9 +42,18 @@ class Shader:
         relief = 0.115 * look.texture_strength * (RELIEF_WAVELENGTHS / 0.1) ** -0.25
         rock = 0.17 * look.texture_strength * (ROCK_WAVELENGTHS / 0.1) ** -0.15
         seed = look.texture_seed
-        self._relief = noise_tile(seed), placing(tuple(RELIEF_WAVELENGTHS), seed), relief
-        self._stain = value_tile(seed + 1), placing(tuple(STAIN_WAVELENGTHS), seed + 1), STAIN * look.albedo_contrast
-        self._rock = noise_tile(seed + 2), placing(tuple(ROCK_WAVELENGTHS), seed + 2), ROCK_STAIN, rock
+        self._relief = coded_tile(seed), placing(tuple(RELIEF_WAVELENGTHS), seed), _single(relief)
+        self._stain = (
+            coded_tile(seed + 1, False),
+            placing(tuple(STAIN_WAVELENGTHS), seed + 1),
+            _single(STAIN * look.albedo_contrast),
+        )
+        self._rock = (
+            coded_tile(seed + 2),
+            placing(tuple(ROCK_WAVELENGTHS), seed + 2),
+            _single(ROCK_STAIN),
+            _single(rock),
+        )
 
     def surface(
         self,
@@ -148,11 +157,11 @@ def _surface(
         distance = math.sqrt(vx * vx + vy * vy + vz * vz)
         vx, vy, vz = vx / distance, vy / distance, vz / distance
         slant = min(max(mx * vx + my * vy + mz * vz, 0.08), 1.0)
-        footprint = distance / focal / slant**0.6
+        footprint = distance / focal / math.exp(0.6 * math.log(slant))
         nx, ny, nz = mx, my, mz
         if surface[k] == GROUND:
             red, green, blue, du, dv = _ground(
-                x, y, footprint, contrast, relief_tile, relief_places, relief_slope,
+                np.float32(x), np.float32(y), np.float32(footprint), contrast, relief_tile, relief_places, relief_slope,
                 stain_tile, stain_places, stain_amplitude,
             )  # fmt: skip
             nx, ny = nx - du, ny - dv
@@ -196,6 +205,10 @@ def _surface(
         out[k, 1] = green * clear + haze_green * (1 - clear)
         out[k, 2] = blue * clear + haze_blue * (1 - clear)
     return out
+
+
+def _single(values: np.ndarray) -> np.ndarray:
+    return values.astype(np.float32)
 
 
 def _light(look: Look) -> tuple[np.ndarray, float]:

@@ -6,7 +6,6 @@ width of a pixel on the ground, so that nothing shimmers and the two views of on
 
 from __future__ import annotations
 
-import math
 from functools import lru_cache
 
 import numpy as np
@@ -14,6 +13,7 @@ from numba import njit
 
 TILE = 512  # texels on a side of the periodic tile
 TEXELS = 8.0  # texels per wavelength in the tile
+STEP = 1 / 4096  # of the coded noise; one is a standard deviation
 
 
 @lru_cache(maxsize=8)
@@ -35,70 +35,79 @@ def noise_tile(seed: int) -> np.ndarray:
 
 
 @lru_cache(maxsize=8)
-def value_tile(seed: int) -> np.ndarray:
-    """(TILE + 1, TILE + 1) float32: the noise of noise_tile without its slopes, a third of the memory to go through."""
-    return np.ascontiguousarray(noise_tile(seed)[..., 0])
+def coded_tile(seed: int, slopes: bool = True) -> np.ndarray:
+    """noise_tile in int16 steps of STEP, so that it fits the cache; (TILE + 1, TILE + 1, 1) without its slopes."""
+    code = np.clip(np.rint(noise_tile(seed) / STEP), -32768, 32767).astype(np.int16)
+    return code if slopes else np.ascontiguousarray(code[..., :1])
 
 
 @lru_cache(maxsize=32)
 def placing(wavelengths: tuple[float, ...], seed: int) -> np.ndarray:
-    """(M, 5) of each octave: wavelength [m], cosine and sine of its turn, offset u, v [texels], drawn from the seed."""
+    """(M, 7) float32 of each octave: wavelength [m], cosine and sine of its turn, offset u, v [texels], drawn from the
+    seed, and cosine and sine times the texels per metre."""
     rows = []
     for octave, wavelength in enumerate(wavelengths):
         rng = np.random.default_rng((seed, octave))
         angle = rng.uniform(0, 2 * np.pi)
-        rows.append([wavelength, np.cos(angle), np.sin(angle), *rng.uniform(0, TILE, 2)])
-    return np.array(rows)
+        cosine, sine, scale = np.cos(angle), np.sin(angle), TEXELS / wavelength
+        rows.append([wavelength, cosine, sine, *rng.uniform(0, TILE, 2), scale * cosine, scale * sine])
+    return np.array(rows, dtype=np.float32)
 
 
 @njit(cache=True, error_model="numpy")
-def octave_weight(wavelength: float, footprint: float) -> float:
+def octave_weight(wavelength, footprint):
     """How much of an octave a pixel shows: 1 where it is well resolved, 0 at two pixels a wavelength and below.
 
-    footprint: width of a pixel on the surface [m].
+    footprint: width of a pixel on the surface [m]. Like all that follows, float32 if its arguments are.
     """
     # linear in the ratio instead of its logarithm: as smooth, and far cheaper
-    ramp = min(max((wavelength / max(footprint, 1e-9) - 2) * (1 / 3.5), 0.0), 1.0)
-    return ramp * ramp * (3 - 2 * ramp)
+    ramp = (wavelength / max(footprint, np.float32(1e-9)) - np.float32(2)) * np.float32(1 / 3.5)
+    ramp = min(max(ramp, np.float32(0)), np.float32(1))
+    return ramp * ramp * (np.float32(3) - np.float32(2) * ramp)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _texel(places, octave, u, v):
     """Where a surface point lies in the tile: index of the texel before it, and the rest, along x and y."""
-    scale = TEXELS / places[octave, 0]
-    x = scale * (places[octave, 1] * u - places[octave, 2] * v) + places[octave, 3]
-    y = scale * (places[octave, 2] * u + places[octave, 1] * v) + places[octave, 4]
-    i, j = math.floor(x), math.floor(y)
-    return i & (TILE - 1), j & (TILE - 1), np.float32(x - i), np.float32(y - j)
+    # single precision, as the tile: at 100 m and the finest octave it is off by a hundredth of a texel
+    x = places[octave, 5] * u - places[octave, 6] * v + places[octave, 3]
+    y = places[octave, 6] * u + places[octave, 5] * v + places[octave, 4]
+    left, top = np.floor(x), np.floor(y)
+    column, row = np.int32(left) & np.int32(TILE - 1), np.int32(top) & np.int32(TILE - 1)
+    return np.uint32(column), np.uint32(row), x - left, y - top
 
 
 @njit(cache=True, error_model="numpy")
 def octave_value(tile, places, octave, u, v):
-    """Noise of one octave at surface coordinates u, v [m]. tile: of value_tile; places: (M, 5) of placing."""
+    """Noise of one octave at surface coordinates u, v [m]. tile: of coded_tile; places: (M, 7) of placing."""
     i, j, s, t = _texel(places, octave, u, v)
-    top = tile[j, i] + s * (tile[j, i + 1] - tile[j, i])
-    low = tile[j + 1, i] + s * (tile[j + 1, i + 1] - tile[j + 1, i])
-    return top + t * (low - top)
+    right, below = i + np.uint32(1), j + np.uint32(1)
+    d = s * t
+    b, c = s - d, t - d
+    a = np.float32(1) - s - c
+    value = a * tile[j, i, 0] + b * tile[j, right, 0] + c * tile[below, i, 0] + d * tile[below, right, 0]
+    return value * np.float32(STEP)
 
 
 @njit(cache=True, error_model="numpy")
 def octave_slopes(tile, places, octave, u, v):
-    """Noise of one octave and its slopes along u and v, each of unit variance. tile: of noise_tile."""
+    """Noise of one octave and its slopes along u and v, each of unit variance. tile: of coded_tile."""
     i, j, s, t = _texel(places, octave, u, v)
-    b, c = s - s * t, t - s * t
+    right, below = i + np.uint32(1), j + np.uint32(1)
     d = s * t
+    b, c = s - d, t - d
     a = np.float32(1) - s - c
-    value = a * tile[j, i, 0] + b * tile[j, i + 1, 0] + c * tile[j + 1, i, 0] + d * tile[j + 1, i + 1, 0]
-    along = a * tile[j, i, 1] + b * tile[j, i + 1, 1] + c * tile[j + 1, i, 1] + d * tile[j + 1, i + 1, 1]
-    across = a * tile[j, i, 2] + b * tile[j, i + 1, 2] + c * tile[j + 1, i, 2] + d * tile[j + 1, i + 1, 2]
-    turn_u, turn_v = places[octave, 1], places[octave, 2]
-    return value, turn_u * along + turn_v * across, -turn_v * along + turn_u * across
+    value = a * tile[j, i, 0] + b * tile[j, right, 0] + c * tile[below, i, 0] + d * tile[below, right, 0]
+    along = a * tile[j, i, 1] + b * tile[j, right, 1] + c * tile[below, i, 1] + d * tile[below, right, 1]
+    across = a * tile[j, i, 2] + b * tile[j, right, 2] + c * tile[below, i, 2] + d * tile[below, right, 2]
+    turn_u, turn_v = places[octave, 1] * np.float32(STEP), places[octave, 2] * np.float32(STEP)
+    return value * np.float32(STEP), turn_u * along + turn_v * across, -turn_v * along + turn_u * across
 
 
 @njit(cache=True, error_model="numpy")
 def fractal_value(tile, places, amplitude, u, v, footprint):
-    """Sum of octaves at a point. places: (M, 5) of placing; amplitude: (M,); footprint [m]."""
-    total = 0.0
+    """Sum of octaves at a point. places: (M, 7) of placing; amplitude: (M,); footprint [m]."""
+    total = np.float32(0)
     for octave in range(len(places)):
         weight = octave_weight(places[octave, 0], footprint)
         if weight > 0:
@@ -109,7 +118,7 @@ def fractal_value(tile, places, amplitude, u, v, footprint):
 @njit(cache=True, error_model="numpy")
 def fractal_slopes(tile, places, amplitude, slope, u, v, footprint):
     """Sum of octaves at a point and its slopes along u and v; amplitude, slope: (M,) of each octave."""
-    total, du, dv = 0.0, 0.0, 0.0
+    total, du, dv = np.float32(0), np.float32(0), np.float32(0)
     for octave in range(len(places)):
         weight = octave_weight(places[octave, 0], footprint)
         if weight > 0:
