@@ -97,7 +97,7 @@ class Sensor:
 
     def expose(self, radiance: np.ndarray, gain: float, rng: np.random.Generator) -> np.ndarray:
         """(H, W, 3) uint8 image of a radiance image (H, W, 3), with blur, vignetting, noise and gamma 2.2."""
-        signal = np.ascontiguousarray(radiance, dtype=np.float32)
+        signal: np.ndarray = np.ascontiguousarray(radiance, dtype=np.float32)
         if self.psf > 0:
             signal = cv2.GaussianBlur(signal, (5, 5), self.psf, borderType=cv2.BORDER_REPLICATE)
         noise = rng.standard_normal(signal.shape, dtype=np.float32)
