@@ -70,6 +70,8 @@ def parse(
     try:
         with redirect_stderr(said):
             return tyro.cli(config, prog=prog, description=description, args=args, **instead)
+    except ValueError as error:  # a config's own, which the parser let through
+        raise ValueError(_with_flag(str(error), config.__name__, config)) from None
     except SystemExit as end:
         if not end.code:
             raise
@@ -136,16 +138,25 @@ def _with_flag(message: str, where: str, config: type) -> str:
     where: dotted path of the config in the root config, or the root's own name. A part whose flags bear no prefix
     (tyro.conf.arg(name="")) is on the path, but not in the flag.
     """
-    holder: Any = config
+    holders: list[Any] = [config]
     prefix = ""
     for name in [] if where == config.__name__ else where.replace("-", "_").split("."):
-        hint = get_type_hints(holder, include_extras=True).get(name)
-        if not any(getattr(extra, "name", None) == "" for extra in getattr(hint, "__metadata__", ())):
-            prefix += name.replace("_", "-") + "."
-        holder = getattr(hint, "__origin__", hint)
-        if not is_dataclass(holder):
+        part, named = _parts(holders[0]).get(name, (None, True))
+        if part is None:
             return message
+        holders, prefix = [part], prefix + named * f"{name.replace('_', '-')}."
+    holders += [part for part, named in _parts(holders[0]).values() if not named]
     word = re.match(r"[a-z]\w*", message)
-    if word is None or word[0] not in get_type_hints(holder):
+    if word is None or not any(word[0] in get_type_hints(holder) for holder in holders):
         return message
     return f"--{prefix}{word[0].replace('_', '-')}{message[word.end() :]}"
+
+
+def _parts(config: type) -> dict[str, tuple[type, bool]]:
+    """The fields of a config that are configs themselves, and whether their flags bear their name."""
+    parts = {}
+    for name, hint in get_type_hints(config, include_extras=True).items():
+        part = getattr(hint, "__origin__", hint)
+        if is_dataclass(part) and isinstance(part, type):
+            parts[name] = part, all(getattr(extra, "name", None) != "" for extra in getattr(hint, "__metadata__", ()))
+    return parts

@@ -6,7 +6,7 @@ import sys
 from concurrent.futures import BrokenExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import pytest
 import tyro
@@ -18,13 +18,40 @@ from marssim.command import counted, describe, parse, run_command
 class Part:
     angle: tuple[float, float] = (0.0, 1.0)
     """a range"""
+    half_width: float = 1.0
+    """a size"""
 
     def __post_init__(self) -> None:
+        if self.half_width < 0:
+            raise ValueError(f"half_width must not be negative, got {self.half_width}")
         if self.angle[0] > self.angle[1]:
             raise ValueError(
                 f"--part.angle must be a range LOW HIGH, and this message is far longer than a terminal is wide so "
                 f"that the parser has to wrap it, /a/path/{'long' * 30}, got {self.angle}"
             )
+
+
+@dataclass(frozen=True)
+class Inner:
+    depth: int = 1
+    """a number"""
+
+    def __post_init__(self) -> None:
+        if self.depth > 9:
+            raise ValueError(f"depth must be small, got {self.depth}")
+
+
+@dataclass(frozen=True)
+class Flat:
+    inner: Inner = field(default_factory=Inner)
+    grain: float = 1.0
+    """a number"""
+
+    def __post_init__(self) -> None:
+        if self.grain == 0:
+            raise ValueError("grain must not be 0")
+        if self.grain < 0:
+            raise ValueError("no such sand")
 
 
 @dataclass(frozen=True)
@@ -36,10 +63,11 @@ class Settings:
     kind: Literal["round", "square"] = "round"
     """a choice"""
     part: Part = field(default_factory=Part)
+    flat: Annotated[Flat, tyro.conf.arg(name="")] = field(default_factory=Flat)
 
     def __post_init__(self) -> None:
         if self.count < 0:
-            raise ValueError(f"--count must not be negative, got {self.count}")
+            raise ValueError(f"count must not be negative, got {self.count}")
 
 
 @dataclass(frozen=True)
@@ -76,6 +104,10 @@ def test_a_good_command_line_reaches_the_work(capsys):
         (["--count", "many"], "--count INT: invalid literal for int() with base 10: 'many'"),
         (["--count"], "missing value for argument '--count'. Expected 1 values."),
         (["--count", "-1"], "--count must not be negative, got -1"),
+        (["--part.half-width", "-1"], "--part.half-width must not be negative, got -1.0"),
+        (["--inner.depth", "10"], "--inner.depth must be small, got 10"),
+        (["--grain", "0"], "--grain must not be 0"),
+        (["--grain", "-1"], "no such sand"),
         (["--kind", "oval"], "invalid choice 'oval' for argument '--kind'. Expected one of ('round', 'square')."),
         (["--cuont", "3"], "unknown option --cuont, 3; did you mean --count?"),
         (["--zebra"], "unknown option --zebra"),
@@ -92,6 +124,11 @@ def test_a_configs_own_words_are_kept_whatever_their_length(capsys):
     with pytest.raises(ValueError) as own:
         Part((3.0, 1.0))
     assert run(capsys, failing(AssertionError()), "--part.angle", "3", "1") == (2, f"error: {own.value}\n")
+
+
+def test_defaults_of_an_instance_instead_of_the_class():
+    given = parse(Settings, "settings", None, ["--out", "y", "--part.half-width", "3"], Settings(Path("x"), 7))
+    assert given == Settings(Path("y"), 7, part=Part(half_width=3.0))
 
 
 def test_all_that_is_missing_is_named():
