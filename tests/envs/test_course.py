@@ -13,7 +13,7 @@ RADIUS = ZHURONG.width / 2
 
 @pytest.fixture(scope="module")
 def drawn(small_scene):
-    rocky = replace(small_scene, rocks=replace(small_scene.rocks, k=0.1))
+    rocky = replace(small_scene, rocks=replace(small_scene.rocks, k=0.15))
     return draw_course(rocky, CourseConfig(goal_distance=8.0), ZHURONG, np.random.default_rng(5))
 
 
