@@ -1,12 +1,17 @@
+from collections import defaultdict
+from functools import wraps
+from time import perf_counter
+
+import cv2
 import numpy as np
 import pytest
 
 from marssim.camera import NATECAM
 from marssim.dataset import write_sample
+from marssim.render import stereo
 from marssim.render.makers import make_renderer
 from marssim.render.sensor import Sensor, SensorConfig
 from marssim.render.shading import Shader
-from marssim.render.stereo import render_stereo
 from marssim.scene.scene import build_scene, preset
 from marssim.viewpoint import ViewConfig, draw_pose
 
@@ -18,19 +23,67 @@ def test_scene(clock, place):
     assert clock(f"scene {place}", lambda: build_scene(preset(place), np.random.default_rng(1)), 3) > 0
 
 
+VIEWS = 8  # of a scene, as many as `marssim.generate` makes of one
+
+
+class Stopwatch:
+    """Time spent in functions, the innermost one that is watched counting: shadows asked for by occlusion are its."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.spent: dict[str, float] = defaultdict(float)
+        self._patch, self._inside = monkeypatch, 0
+
+    def watch(self, holder: object, name: str, stage: str) -> None:
+        function = getattr(holder, name)
+
+        @wraps(function)
+        def timed(*args, **kwargs):
+            self._inside += 1
+            start = perf_counter()
+            try:
+                return function(*args, **kwargs)
+            finally:
+                self._inside -= 1
+                if self._inside == 0:
+                    self.spent[stage] += perf_counter() - start
+
+        self._patch.setattr(holder, name, timed)
+
+
 @pytest.mark.parametrize("place", ["utopia", "jezero"])
 @pytest.mark.parametrize("renderer", ["embree", "pybullet"])
-def test_pair_with_ground_truth_and_files(clock, tmp_path, place, renderer):
-    scene = build_scene(preset(place), np.random.default_rng(1))
-    maker = make_renderer(renderer, scene)
-    shader, rng = Shader(scene), np.random.default_rng(2)
-    sensor = Sensor.draw(SensorConfig(), rng)
-
-    def pair():
-        frame = render_stereo(maker, shader, NATECAM, draw_pose(scene, ViewConfig(), rng), sensor, rng)
-        write_sample(tmp_path / "sample", frame, {})
-
-    assert clock(f"pair {place} {renderer}, 512 x 512, files written", pair, 6) > 0
-    size = sum(f.stat().st_size for f in (tmp_path / "sample").iterdir())
-    assert size < 2.5e6
-    maker.close()
+def test_pair_with_ground_truth_and_files(capsys, monkeypatch, tmp_path, place, renderer):
+    """The views of a scene, its own cost shared out among them: medians of three scenes, one core."""
+    cv2.setNumThreads(1)
+    rows = []
+    for seed in range(4):  # the first one warms up
+        watch = Stopwatch(monkeypatch)
+        start = perf_counter()
+        scene = build_scene(preset(place), np.random.default_rng(seed))
+        built = perf_counter()
+        maker, shader = make_renderer(renderer, scene), Shader(scene)
+        ready = perf_counter()
+        for holder, name, stage in (
+            (maker, "render", "geometry of both eyes"), (maker, "lit", "shadows"), (maker, "trace", "rays at edges"),
+            (shader, "surface", "shading"), (stereo, "occlusion", "occlusion"), (Sensor, "expose", "detector"),
+        ):  # fmt: skip
+            watch.watch(holder, name, stage)
+        rng, sizes = np.random.default_rng(seed), []
+        sensor = Sensor.draw(SensorConfig(), rng)
+        for view in range(VIEWS):
+            folder = tmp_path / f"{seed}-{view}"
+            frame = stereo.render_stereo(maker, shader, NATECAM, draw_pose(scene, ViewConfig(), rng), sensor, rng)
+            begin = perf_counter()
+            write_sample(folder, frame, {})
+            watch.spent["files"] += perf_counter() - begin
+            sizes.append(sum(f.stat().st_size for f in folder.iterdir()))
+        end = perf_counter()
+        maker.close()
+        monkeypatch.undo()
+        row = {"scene": built - start, "renderer": ready - built, **watch.spent}
+        rows.append({**row, "rest": end - start - sum(row.values()), "whole pair": end - start})
+        assert np.mean(sizes) < 2.5e6
+    with capsys.disabled():
+        print(f"\npair of {place}, {renderer}, 512 x 512, files written, {np.mean(sizes) / 1e6:.2f} MB")
+        for stage in rows[-1]:
+            print(f"    {stage:<54} {np.median([row[stage] for row in rows[1:]]) / VIEWS * 1e3:9.1f} ms")
