@@ -49,6 +49,11 @@ class DemoConfig:
     workers: int = 2
     """processes that generate"""
 
+    def __post_init__(self) -> None:
+        for name in ("pairs", "workers"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+
 
 def demo(config: DemoConfig) -> Path:
     """Run the demo; returns the summary's path. Raises FileNotFoundError if the weights are missing."""
