@@ -24,6 +24,7 @@ HORIZON_COLOUR = (0.50, 0.41, 0.29)
 HALO_COLOUR = (0.42, 0.40, 0.38)
 STAIN_HUE = (0.0, 0.10, 0.22)
 DUST_SCALE_HEIGHT = 10_800.0  # [m]
+THIN = 2e-4  # optical depth of dust too thin to show: it changes the image by a thirtieth of a grey level
 RELIEF_WAVELENGTHS = 0.014 * 2.0 ** np.arange(6)  # [m] below the ground's grid
 STAIN_WAVELENGTHS = np.array([0.03, 0.09, 0.4, 1.7, 7.0])  # [m]
 ROCK_WAVELENGTHS = np.array([0.012, 0.03, 0.08, 0.2])  # [m]
@@ -94,12 +95,13 @@ def _skies(directions, sun, sky_light, optical_depth):
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _sky(x, y, z, sun, sky_light, optical_depth):
     towards_sun = min(max(x * sun[0] + y * sun[1] + z * sun[2], -1.0), 1.0)
-    horizon = math.exp(-min(max(z, 0.0), 1.0) / 0.25)
+    horizon = math.exp(np.float32(-min(z, 1.0) / 0.25)) if z > 0 else 1.0
     ahead = (1 + towards_sun) / 2
-    halo = (0.9 * math.exp(-math.acos(towards_sun) / 0.22) + 0.35 * ahead * ahead * ahead * ahead) * optical_depth
+    forward = math.exp(np.float32(-1 / 0.22) * math.acos(np.float32(towards_sun)))
+    halo = (0.9 * forward + 0.35 * ahead * ahead * ahead * ahead) * optical_depth
     strength = 0.5 + 1.1 * sky_light
     veil = 0.85 + 0.5 * optical_depth
     return (
@@ -112,13 +114,13 @@ def _sky(x, y, z, sun, sky_light, optical_depth):
     )
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _ground(x, y, footprint, contrast, tile, places, slope, spot_tile, spot_places, spot_amplitude):
     """Albedo of regolith, and the slopes of its fine relief along x and y."""
     height, du, dv = fractal_slopes(tile, places, slope, slope, x, y, footprint)
     spots = fractal_value(spot_tile, spot_places, spot_amplitude, x, y, footprint)
     # coarse grains gather in the troughs and are darker; fine dust lies on the crests
-    brightness = math.exp(min(max(spots + 0.25 * contrast * height, -0.9), 0.9))
+    brightness = math.exp(np.float32(min(max(spots + 0.25 * contrast * height, -0.9), 0.9)))
     hue = min(max(spots, -0.5), 0.5)
     red = GROUND_COLOUR[0] * brightness * (1 + hue * STAIN_HUE[0])
     green = GROUND_COLOUR[1] * brightness * (1 + hue * STAIN_HUE[1])
@@ -126,12 +128,12 @@ def _ground(x, y, footprint, contrast, tile, places, slope, spot_tile, spot_plac
     return red, green, blue, du, dv
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _rock(u, v, up, albedo, footprint, contrast, tile, places, amplitude, slope):
     """Albedo of a rock with dust on its top, and the slopes of its fine relief along u and v."""
     value, du, dv = fractal_slopes(tile, places, amplitude, slope, u, v, footprint)
     dust = min(max((up - 0.75) / 0.35 - 2 * value, 0.0), 0.75)
-    bare = albedo * math.exp(contrast * value) * 1.25 * (1 - dust)
+    bare = albedo * math.exp(np.float32(contrast * value)) * 1.25 * (1 - dust)
     red = ROCK_COLOUR[0] * bare + 0.85 * GROUND_COLOUR[0] * dust
     green = ROCK_COLOUR[1] * bare + 0.85 * GROUND_COLOUR[1] * dust
     blue = ROCK_COLOUR[2] * bare + 0.85 * GROUND_COLOUR[2] * dust
@@ -155,13 +157,15 @@ def _surface(
         mx, my, mz = float(normals[k, 0]), float(normals[k, 1]), float(normals[k, 2])
         vx, vy, vz = eye[0] - x, eye[1] - y, eye[2] - z
         distance = math.sqrt(vx * vx + vy * vy + vz * vz)
-        vx, vy, vz = vx / distance, vy / distance, vz / distance
+        near = 1 / distance
+        vx, vy, vz = vx * near, vy * near, vz * near
         slant = min(max(mx * vx + my * vy + mz * vz, 0.08), 1.0)
-        footprint = distance / focal / math.exp(0.6 * math.log(slant))
+        # geometric mean of the two axes of the ellipse that a pixel covers
+        footprint = np.float32(distance / (focal * math.sqrt(slant)))
         nx, ny, nz = mx, my, mz
         if surface[k] == GROUND:
             red, green, blue, du, dv = _ground(
-                np.float32(x), np.float32(y), np.float32(footprint), contrast, relief_tile, relief_places, relief_slope,
+                np.float32(x), np.float32(y), footprint, contrast, relief_tile, relief_places, relief_slope,
                 stain_tile, stain_places, stain_amplitude,
             )  # fmt: skip
             nx, ny = nx - du, ny - dv
@@ -174,8 +178,8 @@ def _surface(
                 across = 1
             shift = 0.37 * surface[k]
             red, green, blue, du, dv = _rock(
-                (y if across == 0 else x) + shift, (y if across == 2 else z) + shift, mz, rock_albedo[surface[k]],
-                footprint, contrast, rock_tile, rock_places, rock_amplitude, rock_slope,
+                np.float32((y if across == 0 else x) + shift), np.float32((y if across == 2 else z) + shift), mz,
+                rock_albedo[surface[k]], footprint, contrast, rock_tile, rock_places, rock_amplitude, rock_slope,
             )  # fmt: skip
             if across == 0:
                 ny, nz = ny - du, nz - dv
@@ -183,8 +187,8 @@ def _surface(
                 nx, nz = nx - du, nz - dv
             else:
                 nx, ny = nx - du, ny - dv
-        length = math.sqrt(max(nx * nx + ny * ny + nz * nz, 1e-12))
-        nx, ny, nz = nx / length, ny / length, nz / length
+        unit = 1 / math.sqrt(max(nx * nx + ny * ny + nz * nz, 1e-12))
+        nx, ny, nz = nx * unit, ny * unit, nz * unit
         cos_in = max(nx * sx + ny * sy + nz * sz, 0.0)
         # relief that lies in attached shadow gets no sun
         cos_in *= min(max((mx * sx + my * sy + mz * sz) * 12, 0.0), 1.0)
@@ -195,15 +199,18 @@ def _surface(
         )
         open_sky = 0.5 + 0.5 * nz
         bounce = 0.18 * (1 - open_sky) * sz / 0.27
-        clear = math.exp(-distance * optical_depth / DUST_SCALE_HEIGHT)
-        haze_red, haze_green, haze_blue = _sky(-vx, -vy, -vz, sun, sky_light, optical_depth)
         sky = sky_light * open_sky
         red *= sun_red * (direct + bounce * GROUND_COLOUR[0]) + sky * SKY_COLOUR[0]
         green *= sun_green * (direct + bounce * GROUND_COLOUR[1]) + sky * SKY_COLOUR[1]
         blue *= sun_blue * (direct + bounce * GROUND_COLOUR[2]) + sky * SKY_COLOUR[2]
-        out[k, 0] = red * clear + haze_red * (1 - clear)
-        out[k, 1] = green * clear + haze_green * (1 - clear)
-        out[k, 2] = blue * clear + haze_blue * (1 - clear)
+        veiled = distance * optical_depth / DUST_SCALE_HEIGHT
+        if veiled > THIN:
+            hidden = 1 - math.exp(-veiled)
+            haze_red, haze_green, haze_blue = _sky(-vx, -vy, -vz, sun, sky_light, optical_depth)
+            red += hidden * (haze_red - red)
+            green += hidden * (haze_green - green)
+            blue += hidden * (haze_blue - blue)
+        out[k, 0], out[k, 1], out[k, 2] = red, green, blue
     return out
 
 
