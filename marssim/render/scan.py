@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from marssim.render.gbuffer import GROUND
 from marssim.render.mesh import SceneMesh
 
 PER_BIN = 3.0  # points a bin, on average
@@ -26,17 +27,21 @@ NEAREST = 1e-3  # [m] what is nearer to an eye is not met
 
 @dataclass(frozen=True)
 class Projection:
-    """axes: (4, 3), shift: (4,); see above. nearest: smallest S that is met."""
+    """axes: (4, 3), shift: (4,); see above. nearest: smallest S that is met.
+
+    away: sign of the determinant of the corners (X, Y, W) of a triangle that is turned away from the eye or sun.
+    """
 
     axes: np.ndarray
     shift: np.ndarray
     nearest: float
+    away: float
 
     @classmethod
     def of_eye(cls, pose: np.ndarray) -> Projection:
         """Rays from the camera at pose (4, 4) to world; the image plane is z = 1, S is the depth."""
         axes = pose[:3, :3].T[[0, 1, 2, 2]]
-        return cls(np.ascontiguousarray(axes), -axes @ pose[:3, 3], NEAREST)
+        return cls(np.ascontiguousarray(axes), -axes @ pose[:3, 3], NEAREST, 1.0)
 
     @classmethod
     def of_sun(cls, sun: np.ndarray) -> Projection:
@@ -45,21 +50,34 @@ class Projection:
         right = np.cross(helper, sun)
         right /= np.linalg.norm(right)
         axes = np.stack([right, np.cross(sun, right), np.zeros(3), -sun])
-        return cls(axes, np.array([0.0, 0.0, 1.0, 0.0]), -np.inf)
+        return cls(axes, np.array([0.0, 0.0, 1.0, 0.0]), -np.inf, -1.0)
 
-    def apply(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Image x, image y and S, each (N,), of points (N, 3) in front of the eye."""
-        return _project(np.ascontiguousarray(points, dtype=float), self.axes, self.shift)
+
+def averted(mesh: SceneMesh, sun: np.ndarray) -> SceneMesh:
+    """The faces that are turned away from the sun, unit vector (3,), in pieces as in the mesh: all that cast shadows.
+
+    Ground and rocks are closed: a ray to the sun from outside of them enters by such a face, and leaves by another.
+    """
+    face, count = _averted(mesh.vertices, mesh.faces, mesh.start, np.asarray(sun, dtype=float))
+    some = np.flatnonzero(count)
+    return SceneMesh(
+        vertices=mesh.vertices, faces=mesh.faces[face], surface=mesh.surface[face], vertex_normals=mesh.vertex_normals,
+        start=np.concatenate([[0], np.cumsum(count[some])]), low=mesh.low[some], high=mesh.high[some],
+    )  # fmt: skip
 
 
 def blocked(mesh: SceneMesh, view: Projection, x: np.ndarray, y: np.ndarray, s: np.ndarray) -> np.ndarray:
-    """(N,) bool: does a triangle stand before the points? x, y: (N,) in the image plane, s: (N,)."""
+    """(N,) bool: does a triangle stand before the points? x, y: (N,) in the image plane, s: (N,).
+
+    Of the ground only what is turned away from the eye or sun: no point lies below it, so that a ray which leaves it
+    has entered it.
+    """
     bins = _Bins(x, y)
     limit = s[bins.order]
     out = np.zeros(len(x), dtype=bool)
     out[bins.order] = _scan_blocked(
-        mesh.vertices, mesh.faces, mesh.start, mesh.low, mesh.high, view.axes, view.shift, view.nearest,
-        bins.grid, bins.start, bins.x, bins.y, limit,
+        mesh.vertices, mesh.faces, mesh.surface, mesh.start, mesh.low, mesh.high, view.axes, view.shift, view.nearest,
+        view.away, bins.grid, bins.start, bins.x, bins.y, limit,
     )  # fmt: skip
     return out
 
@@ -112,26 +130,12 @@ class _Bins:
             middle[0], middle[1], spread, low_x, low_y,
             number / max(high_x - low_x, 1e-12), number / max(high_y - low_y, 1e-12), number,
         )  # fmt: skip
-        self.order, self.start = _sort(x, y, self.grid)
-        self.x, self.y = x[self.order], y[self.order]
+        self.order, self.start, self.x, self.y = _sort(x, y, self.grid)
 
 
 @njit(cache=True, error_model="numpy")
 def _warp(offset: float, spread: float) -> float:
     return offset / (spread + abs(offset))
-
-
-@njit(cache=True, error_model="numpy")
-def _project(points, axes, shift):
-    n = len(points)
-    x, y, s = np.empty(n), np.empty(n), np.empty(n)
-    for k in range(n):
-        px, py, pz = points[k, 0], points[k, 1], points[k, 2]
-        w = axes[2, 0] * px + axes[2, 1] * py + axes[2, 2] * pz + shift[2]
-        x[k] = (axes[0, 0] * px + axes[0, 1] * py + axes[0, 2] * pz + shift[0]) / w
-        y[k] = (axes[1, 0] * px + axes[1, 1] * py + axes[1, 2] * pz + shift[1]) / w
-        s[k] = axes[3, 0] * px + axes[3, 1] * py + axes[3, 2] * pz + shift[3]
-    return x, y, s
 
 
 @njit(cache=True, error_model="numpy")
@@ -153,11 +157,39 @@ def _sort(x, y, grid):
     for b in range(number * number):
         start[b + 1] += start[b]
     place = start[:-1].copy()
-    order = np.empty(n, dtype=np.int64)
+    order = np.empty(n, dtype=np.int32)
+    sorted_x, sorted_y = np.empty(n), np.empty(n)
     for k in range(n):
-        order[place[of[k]]] = k
+        to = place[of[k]]
         place[of[k]] += 1
-    return order, start
+        order[to], sorted_x[to], sorted_y[to] = k, x[k], y[k]
+    return order, start, sorted_x, sorted_y
+
+
+@njit(cache=True, error_model="numpy")
+def _averted(vertices, faces, start, sun):
+    """Faces turned away from the sun, and how many of them are in each piece."""
+    out = np.empty(len(faces), dtype=np.int64)
+    count = np.zeros(len(start) - 1, dtype=np.int64)
+    found = 0
+    for piece in range(len(count)):
+        for face in range(start[piece], start[piece + 1]):
+            i, j, m = faces[face, 0], faces[face, 1], faces[face, 2]
+            ux, uy, uz = (
+                vertices[j, 0] - vertices[i, 0],
+                vertices[j, 1] - vertices[i, 1],
+                vertices[j, 2] - vertices[i, 2],
+            )
+            tx, ty, tz = (
+                vertices[m, 0] - vertices[i, 0],
+                vertices[m, 1] - vertices[i, 1],
+                vertices[m, 2] - vertices[i, 2],
+            )
+            if (uy * tz - uz * ty) * sun[0] + (uz * tx - ux * tz) * sun[1] + (ux * ty - uy * tx) * sun[2] < 0:
+                out[found] = face
+                count[piece] += 1
+                found += 1
+    return out[:found], count
 
 
 @njit(cache=True, error_model="numpy")
@@ -221,15 +253,21 @@ def _unwarp(place, low, scale, middle, spread):
 
 
 @njit(cache=True, error_model="numpy")
-def _corners(vertices, faces, face, axes, shift, nearest, grid, q, box):
-    """Project a triangle to q (3, 4) and its bins to box i0, i1, j0, j1; False if no point can lie in it."""
-    mx, my, spread, lx, ly, sx, sy, number = grid
-    inside = 0
+def _corners(vertices, faces, face, axes, shift, q):
+    """Project a triangle to q (3, 4)."""
     for c in range(3):
         v = faces[face, c]
         px, py, pz = vertices[v, 0], vertices[v, 1], vertices[v, 2]
         for r in range(4):
             q[c, r] = axes[r, 0] * px + axes[r, 1] * py + axes[r, 2] * pz + shift[r]
+
+
+@njit(cache=True, error_model="numpy")
+def _covers(q, grid, box):
+    """The bins of a projected triangle, box i0, i1, j0, j1; False if no point can lie in it."""
+    mx, my, spread, lx, ly, sx, sy, number = grid
+    inside = 0
+    for c in range(3):
         if q[c, 2] >= NEAREST:
             inside += 1
     if inside == 0:
@@ -289,7 +327,9 @@ def _meet(e, q, x, y):
 
 
 @njit(cache=True, error_model="numpy")
-def _scan_blocked(vertices, faces, start, low, high, axes, shift, nearest, grid, bins, x, y, limit):
+def _scan_blocked(
+    vertices, faces, surface, start, low, high, axes, shift, nearest, away, grid, bins, x, y, limit
+):  # fmt: skip
     number = grid[7]
     out = np.zeros(len(x), dtype=np.bool_)
     q, e, box = np.empty((3, 4)), np.empty((3, 3)), np.empty(4, dtype=np.int64)
@@ -298,9 +338,13 @@ def _scan_blocked(vertices, faces, start, low, high, axes, shift, nearest, grid,
         if not _in_the_way(low[piece], high[piece], axes, shift, nearest, grid, reach):
             continue
         for face in range(start[piece], start[piece + 1]):
-            if not _corners(vertices, faces, face, axes, shift, nearest, grid, q, box):
-                continue
+            _corners(vertices, faces, face, axes, shift, q)
             _edges(q, e)
+            facing = away * (e[0, 0] * q[0, 0] + e[0, 1] * q[0, 1] + e[0, 2] * q[0, 2])
+            if facing <= 0 and surface[face] == GROUND:
+                continue
+            if not _covers(q, grid, box):
+                continue
             first = min(q[0, 3], q[1, 3], q[2, 3])
             for j in range(box[2], box[3] + 1):
                 for k in range(bins[j * number + box[0]], bins[j * number + box[1] + 1]):
@@ -322,7 +366,8 @@ def _scan_nearest(vertices, faces, start, low, high, axes, shift, nearest, grid,
         if not _in_the_way(low[piece], high[piece], axes, shift, nearest, grid, reach):
             continue
         for face in range(start[piece], start[piece + 1]):
-            if not _corners(vertices, faces, face, axes, shift, nearest, grid, q, box):
+            _corners(vertices, faces, face, axes, shift, q)
+            if not _covers(q, grid, box):
                 continue
             _edges(q, e)
             first = min(q[0, 3], q[1, 3], q[2, 3])
@@ -349,7 +394,8 @@ def _scan_matching(
         if not _in_the_way(low[piece], high[piece], axes, shift, nearest, grid, reach):
             continue
         for face in range(start[piece], start[piece + 1]):
-            if not _corners(vertices, faces, face, axes, shift, nearest, grid, q, box):
+            _corners(vertices, faces, face, axes, shift, q)
+            if not _covers(q, grid, box):
                 continue
             _edges(q, e)
             for j in range(box[2], box[3] + 1):

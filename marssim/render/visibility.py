@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 
 from marssim.render.hits import hits
 from marssim.render.mesh import SceneMesh
-from marssim.render.scan import Projection, blocked, nearest
+from marssim.render.scan import Projection, averted, blocked, nearest
 
-SELF_GAP = 2e-3  # [m] rays from a surface start this far off it, against meeting the face they leave
+SELF_GAP = 2e-4  # [m] rays from a surface start this far off it, against meeting the face they leave
 
 
 class Visibility:
@@ -18,6 +20,7 @@ class Visibility:
     def __init__(self, mesh: SceneMesh, sun: np.ndarray) -> None:
         self.mesh = mesh
         self.sun = sun
+        self._casting = averted(mesh, sun)
 
     def trace(self, rays: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Depth, normal, shading normal and surface id along rays (N, 3) of z = 1; see GBufferMaker."""
@@ -29,9 +32,8 @@ class Visibility:
         return hits(mesh.vertices, mesh.faces, mesh.surface, mesh.vertex_normals, pose, rays, face)
 
     def lit(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """(N,) bool: the sun's centre reaches these surface points; see GBufferMaker."""
-        towards = np.broadcast_to(self.sun, (1, 3))
-        return self._open(points, normals, towards, Projection.of_sun(self.sun))
+        """(N,) bool: the sun's centre reaches these surface points; see GBufferMaker. None may lie within a rock."""
+        return self._open(points, normals, self.sun, False, Projection.of_sun(self.sun), self._casting)
 
     def seen_from(self, points: np.ndarray, normals: np.ndarray, eye: np.ndarray) -> np.ndarray:
         """(N,) bool: nothing stands between these surface points and the eye (3,); see GBufferMaker.
@@ -43,29 +45,32 @@ class Visibility:
         out = np.zeros(len(points), dtype=bool)
         if len(points) == 0:
             return out
-        towards = eye - points
-        axis = -np.median(towards[:: max(1, len(points) // 512)], axis=0)
-        ahead = (towards @ axis) < -0.3 * np.linalg.norm(towards, axis=1) * np.linalg.norm(axis)
-        if ahead.all():
-            return self._open(points, normals, towards, Projection.of_eye(_looking(eye, axis)))
-        side = np.abs(towards).argmax(axis=1)
-        sign = np.sign(-towards[np.arange(len(points)), side])
+        axis = np.median(points[:: max(1, len(points) // 512)] - eye, axis=0)
+        if _ahead(np.ascontiguousarray(points, dtype=float), eye, axis):
+            return self._open(points, normals, eye, True, Projection.of_eye(_looking(eye, axis)), self.mesh)
+        offset = points - eye
+        side = np.abs(offset).argmax(axis=1)
+        sign = np.sign(offset[np.arange(len(points)), side])
         for axis_number in range(3):
             for direction in (-1.0, 1.0):
                 at = np.flatnonzero((side == axis_number) & (sign == direction))
                 if len(at):
                     view = Projection.of_eye(_looking(eye, direction * np.eye(3)[axis_number]))
-                    out[at] = self._open(points[at], normals[at], towards[at], view)
+                    out[at] = self._open(points[at], normals[at], eye, True, view, self.mesh)
         return out
 
-    def _open(self, points: np.ndarray, normals: np.ndarray, towards: np.ndarray, view: Projection) -> np.ndarray:
-        """(N,) bool: the face looks towards the light or eye, (N, 3) or (1, 3), and nothing stands in the way."""
-        at, start = _leaving(
-            np.ascontiguousarray(points, dtype=float), np.ascontiguousarray(normals, dtype=float), towards
-        )
+    def _open(
+        self, points: np.ndarray, normals: np.ndarray, light: np.ndarray, near: bool, view: Projection, mesh: SceneMesh
+    ) -> np.ndarray:
+        """(N,) bool: the face looks to the light (3,), a place if near or else a direction, and nothing stands in the
+        way. view: the same light's."""
+        at, x, y, s = _leaving(
+            np.ascontiguousarray(points, dtype=float), np.ascontiguousarray(normals, dtype=float), light, near,
+            view.axes, view.shift,
+        )  # fmt: skip
         out = np.zeros(len(points), dtype=bool)
         if len(at):
-            out[at] = ~blocked(self.mesh, view, *view.apply(start))
+            out[at] = ~blocked(mesh, view, x, y, s)
         return out
 
 
@@ -82,17 +87,34 @@ def _looking(eye: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True, error_model="numpy")
-def _leaving(points, normals, towards):
-    """Indices of the points whose face looks towards the light or eye, and where their rays start."""
+def _ahead(points, eye, axis):
+    """Do all points lie well before an eye that looks along the axis?"""
+    least = 0.3 * math.sqrt(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2])
+    for k in range(len(points)):
+        x, y, z = points[k, 0] - eye[0], points[k, 1] - eye[1], points[k, 2] - eye[2]
+        if not x * axis[0] + y * axis[1] + z * axis[2] > least * math.sqrt(x * x + y * y + z * z):
+            return False
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def _leaving(points, normals, light, near, axes, shift):
+    """Indices of the points whose face looks to the light, and where their rays start: image x, image y and S."""
     n = len(points)
-    at, start = np.empty(n, dtype=np.int64), np.empty((n, 3))
+    at, x, y, s = np.empty(n, dtype=np.int32), np.empty(n), np.empty(n), np.empty(n)
     found = 0
     for k in range(n):
-        t = k if len(towards) == n else 0
-        facing = normals[k, 0] * towards[t, 0] + normals[k, 1] * towards[t, 1] + normals[k, 2] * towards[t, 2]
-        if facing > 0:
+        px, py, pz = points[k, 0], points[k, 1], points[k, 2]
+        nx, ny, nz = normals[k, 0], normals[k, 1], normals[k, 2]
+        tx, ty, tz = light[0], light[1], light[2]
+        if near:
+            tx, ty, tz = tx - px, ty - py, tz - pz
+        if nx * tx + ny * ty + nz * tz > 0:
+            px, py, pz = px + SELF_GAP * nx, py + SELF_GAP * ny, pz + SELF_GAP * nz
+            w = axes[2, 0] * px + axes[2, 1] * py + axes[2, 2] * pz + shift[2]
             at[found] = k
-            for axis in range(3):
-                start[found, axis] = points[k, axis] + SELF_GAP * normals[k, axis]
+            x[found] = (axes[0, 0] * px + axes[0, 1] * py + axes[0, 2] * pz + shift[0]) / w
+            y[found] = (axes[1, 0] * px + axes[1, 1] * py + axes[1, 2] * pz + shift[1]) / w
+            s[found] = axes[3, 0] * px + axes[3, 1] * py + axes[3, 2] * pz + shift[3]
             found += 1
-    return at[:found], start[:found]
+    return at[:found], x[:found], y[:found], s[:found]
