@@ -157,7 +157,9 @@ def read_heightmap(path: str, digest: str, scale: float | None, height: float | 
         raise ValueError(f"{name}: has {values.shape[1]} x {values.shape[0]} cells, too few")
     heights = values.astype(float) * (1.0 if height is None else height)
     if nodata is not None:
-        heights[values == np.asarray(nodata).astype(values.dtype)] = np.nan
+        # the few digits of a text may mean a float32; an integer type cannot hold every nodata value
+        empty = values.dtype.type(nodata) if values.dtype.kind == "f" else np.float64(nodata)
+        heights[values.astype(float) == empty] = np.nan
     heights[~np.isfinite(heights)] = np.nan
     return HeightMap(np.ascontiguousarray(heights[::-1]), float(scale), name)
 

@@ -122,6 +122,23 @@ def test_a_scene_may_draw_its_own_place_and_keeps_off_gaps(tmp_path):
         build(path, heightmap_at=(-20.0, 0.0))
 
 
+@pytest.mark.parametrize(
+    ("kind", "nodata", "empty"),
+    [
+        (np.uint16, "-9999", None),  # 55537 in this type's arithmetic is a height like any other
+        (np.uint16, "65535", 65535),
+        (np.float32, "-3.40282346638529e+38", np.finfo(np.float32).min),  # as GDAL writes it: not quite that in float64
+        (np.float32, "nan", np.nan),
+    ],
+)
+def test_only_what_equals_the_nodata_value_is_a_gap(tmp_path, kind, nodata, empty):
+    values = np.full((12, 12), 55537, kind)
+    if empty is not None:
+        values[3, 4] = empty
+    found = read(geotiff(tmp_path / "map.tif", values, nodata=nodata)).heights[::-1]
+    assert np.isnan(found[3, 4]) == (empty is not None) and np.isnan(found).sum() == (empty is not None)
+
+
 def test_only_craters_too_small_for_the_map_are_added(tmp_path):
     np.save(tmp_path / "map.npy", np.zeros((60, 60)))
     config = {"crater_density": 0.05, "heightmap_scale": 1.0}
