@@ -7,6 +7,7 @@ that takes camera coordinates to world coordinates (world: x east, y north, z up
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -14,6 +15,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+HUGE = sys.float_info.max
 MIN_DEPTH = 0.5  # [m] nearest depth that is scored (paper, Sec. V-B)
 MAX_DEPTH = 15.0  # [m] farthest depth that is scored
 
@@ -33,10 +35,15 @@ class PinholeCamera:
     cy: float
 
     def __post_init__(self) -> None:
-        if self.width < 1 or self.height < 1:
-            raise ValueError(f"width and height must be at least 1 pixel, got {self.width} x {self.height}")
-        if not (self.fx > 0 and self.fy > 0 and np.isfinite([self.fx, self.fy, self.cx, self.cy]).all()):
-            raise ValueError(f"fx and fy must be positive and finite, got fx={self.fx}, fy={self.fy}")
+        for name in ("width", "height"):
+            if not 1 <= getattr(self, name) < np.inf:
+                raise ValueError(f"{name} must be at least 1 pixel, got {getattr(self, name)}")
+        for name in ("fx", "fy"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise ValueError(f"{name} must be positive and finite [px], got {getattr(self, name)}")
+        for name in ("cx", "cy"):
+            if not np.isfinite(getattr(self, name)):
+                raise ValueError(f"{name} must be finite [px], got {getattr(self, name)}")
 
     @classmethod
     def centred(cls, width: int, height: int, focal: float) -> PinholeCamera:
@@ -110,7 +117,7 @@ class StereoRig:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.baseline) and self.baseline > 0):
-            raise ValueError(f"baseline must be positive [m], got {self.baseline}")
+            raise ValueError(f"baseline must be positive and finite [m], got {self.baseline}")
 
     @property
     def fb(self) -> float:
@@ -162,14 +169,23 @@ class StereoRig:
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> StereoRig:
         """Read to_dict's form. Raises ValueError that names a missing or malformed field."""
+        if not isinstance(data, dict):
+            raise ValueError(f"stereo rig: must have named fields, is a {type(data).__name__}")
+
+        def read(name: str, whole: bool = False) -> float:
+            if name not in data:
+                raise ValueError(f"stereo rig: field {name!r} is missing")
+            value = data[name]
+            number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+            if not (number and -HUGE <= value <= HUGE) or (whole and value % 1):
+                raise ValueError(f"stereo rig: field {name!r} must be a {'whole' if whole else 'finite'} number")
+            return float(value)
+
+        width, height = (int(read(name, whole=True)) for name in ("width", "height"))
+        fx, fy, cx, cy, baseline = (read(name) for name in ("fx", "fy", "cx", "cy", "baseline"))
         try:
-            camera = PinholeCamera(
-                int(data["width"]), int(data["height"]), *(float(data[k]) for k in ("fx", "fy", "cx", "cy"))
-            )
-            return cls(camera, float(data["baseline"]))
-        except KeyError as error:
-            raise ValueError(f"stereo rig: field {error} is missing") from None
-        except TypeError as error:
+            return cls(PinholeCamera(width, height, fx, fy, cx, cy), baseline)
+        except ValueError as error:
             raise ValueError(f"stereo rig: {error}") from None
 
 

@@ -92,9 +92,29 @@ def test_rig_survives_json_and_names_a_missing_field():
         StereoRig.from_dict(broken)
 
 
-@pytest.mark.parametrize("bad", [{"fx": 0.0}, {"width": 0}, {"fy": float("nan")}])
-def test_impossible_cameras_are_refused(bad):
-    with pytest.raises(ValueError):
+@pytest.mark.parametrize("name", NATECAM.to_dict())
+@pytest.mark.parametrize("value", ["a", "5", None, [], True, float("inf"), -float("inf"), float("nan"), 10**400])
+def test_a_malformed_field_of_a_rig_is_named(name, value):
+    with pytest.raises(ValueError, match=rf"^stereo rig: field '{name}' must be a .* number"):
+        StereoRig.from_dict({**NATECAM.to_dict(), name: value})
+
+
+def test_a_rig_out_of_range_or_of_another_form_is_told():
+    for name, value in (("width", 0), ("height", -3), ("fx", 0), ("fy", -1.0), ("baseline", 0)):
+        with pytest.raises(ValueError, match=f"stereo rig: {name} must be"):
+            StereoRig.from_dict({**NATECAM.to_dict(), name: value})
+    with pytest.raises(ValueError, match="'height' must be a whole number"):
+        StereoRig.from_dict({**NATECAM.to_dict(), "height": 511.5})
+    with pytest.raises(ValueError, match="is a list"):
+        StereoRig.from_dict([1, 2])
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [{"fx": 0.0}, {"width": 0}, {"height": float("nan")}, {"fy": float("nan")}, {"cx": float("nan")}, {"cy": np.inf}],
+)
+def test_impossible_cameras_are_refused_by_the_fields_name(bad):
+    with pytest.raises(ValueError, match=f"^{next(iter(bad))} must be"):
         PinholeCamera(**{"width": 4, "height": 4, "fx": 1.0, "fy": 1.0, "cx": 1.5, "cy": 1.5, **bad})
 
 
