@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from marssim.camera import look_pose
 from marssim.rover_spec import ZHURONG, RoverSpec
+from marssim.scene.rocks import STAND
 from marssim.scene.scene import Scene
-from marssim.viewpoint import REACH, TRIES, ViewConfig, beside_rocks
+from marssim.viewpoint import TRIES, ViewConfig, beside_rocks
 
 MAX_CURVATURE = 0.5  # [1/m]
 MAX_CHANGE = 0.8  # [1/m2] of the curvature along the way, which keeps the heading smooth
@@ -90,7 +91,7 @@ def _draw_way(scene: Scene, view: ViewConfig, strides: int, stride: float, rng: 
     Each stride takes the curvature that stays free for longest, and among those alike the one nearest to a curvature
     that wanders: random, smooth over a few metres.
     """
-    reach = REACH * scene.half
+    reach = STAND * scene.half
     x, y = rng.uniform(-reach, reach, 2)
     yaw = np.deg2rad(rng.uniform(*view.yaw_deg))
     waves = rng.uniform(0.2, 1.0, 3), rng.uniform(0, 2 * np.pi, 3)  # [rad/m], [rad]

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from marssim.camera import look_pose
+from marssim.scene.rocks import STAND
 from marssim.scene.scene import Scene
 
 Range = tuple[float, float]
-REACH = 0.4  # of half the finely gridded square: cameras stand that far from its middle, along x and y, at most
 TRIES = 1000  # places looked at before a scene is called too rocky
 
 
@@ -42,7 +42,7 @@ def draw_pose(scene: Scene, view: ViewConfig, rng: np.random.Generator) -> np.nd
     No rock of more than 0.15 m height is nearer than 0.6 m to the point below the camera. Raises ValueError if no such
     place is found.
     """
-    reach = REACH * scene.half
+    reach = STAND * scene.half
     for _ in range(TRIES):
         x, y = rng.uniform(-reach, reach, 2)
         if beside_rocks(scene, x, y):

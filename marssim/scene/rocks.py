@@ -22,7 +22,8 @@ from marssim.scene.shapes import FAMILIES, LEVELS, VARIANTS, icosphere, shape_li
 
 __all__ = ["FAMILIES", "RockConfig", "Rocks", "build_rocks", "icosphere"]
 
-STAND = 0.4  # of the half side of the fine square: cameras of generated views stand that far from the middle at most
+STAND = 0.4  # of the half side of the fine square: along x and y, cameras stand that far from the middle at most
+MOST = 65_534  # rocks that the 16 bits of a dataset's surface.png can tell apart, beside sky and ground
 NEAREST = 1.6  # [m] distance from which rocks among the cameras are taken to be seen
 LEVEL_ANGLES = (0.035, 0.16, 0.5, 1.1)  # [rad] seen diameter from which a rock gets the next level of detail
 SMALLEST = (
@@ -109,7 +110,7 @@ def build_rocks(
     half: half the side of the finely gridded square; horizon: half the side of all [m]. height_at(x, y): ground [m].
     clear: discs (x, y, radius) [m] that stay free of rocks of 0.1 m and more. The law holds from min_diameter on where
     cameras stand and a little around, from 0.08 m at the latest in the square, and farther out only from the size on
-    that a camera inside would see as a few pixels.
+    that a camera inside would see as a few pixels. Raises ValueError for more rocks than a dataset can tell apart.
     """
     diameter, xy = _scatter(config, half, horizon, rng)
     free = np.ones(len(diameter), dtype=bool)
@@ -189,6 +190,11 @@ def _scatter(
             inners.append(np.full(len(d), inner))
             outers.append(np.full(len(d), outer))
             inner = outer
+        if (number := sum(map(len, diameters))) > MOST:
+            raise ValueError(
+                f"a scene can hold {MOST} rocks, {number} or more are asked for; choose a smaller --rocks.k or --size, "
+                f"or a larger --rocks.min-diameter"
+            )
     diameter = np.concatenate(diameters)
     return diameter, place(diameter, np.concatenate(inners), np.concatenate(outers), config.cluster, rng)
 

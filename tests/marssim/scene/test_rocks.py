@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from marssim.scene.rocks import RockConfig, build_rocks
+from marssim.scene.rocks import MOST, RockConfig, build_rocks
 
 
 def level_ground(x, y):
@@ -38,6 +38,13 @@ def test_every_rock_of_a_scene_is_a_closed_body_with_its_outside_out():
     assert 0.6 < np.median(volume / box) < 1.6
     mean = np.bincount(rocks.face_rock, mesh.area_faces) / np.bincount(rocks.face_rock)
     assert (mesh.area_faces / mean[rocks.face_rock]).min() > 0.01  # no slivers
+
+
+def test_more_rocks_than_a_dataset_can_tell_apart_are_refused():
+    """Rock n is n + 2 in the 16 bits of surface.png."""
+    assert np.uint16(MOST - 1 + 2) == MOST + 1 and np.iinfo(np.uint16).max < MOST + 2
+    with pytest.raises(ValueError, match=rf"can hold {MOST} rocks, \d+ or more .*--rocks\.k or --size"):
+        build(k=0.2, half=48.0, horizon=96.0)
 
 
 def test_clear_discs_are_free_of_rocks():
