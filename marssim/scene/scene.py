@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -11,6 +12,17 @@ from marssim.scene.rocks import RockConfig, Rocks, build_rocks
 from marssim.scene.terrain import ReliefConfig, Terrain, build_terrain
 
 Range = tuple[float, float]
+Place = Literal["utopia", "gusev", "gale", "jezero", "hard"]
+PRESETS: tuple[Place, ...] = get_args(Place)
+
+# an optical depth of 10.8, in the storm of 2018, is the most that a rover reported; contrast and texture are made for 1
+LOOK_LIMITS = {
+    "sun_elevation_deg": (0.0, 90.0), "sun_azimuth_deg": (-360.0, 720.0), "optical_depth": (0.0, 12.0),
+    "albedo_contrast": (0.0, 3.0), "texture_strength": (0.0, 3.0),
+}  # fmt: skip
+# at 500 m the farthest corner is less than 1000 m away, where the code of depth in datasets ends
+SCENE_LIMITS = {"size": (1.0, 1000.0), "cell": (0.01, 1.0), "horizon": (1.0, 500.0)}  # [m]
+MOST_CELLS = 5000  # along the side of the fine square: two triangles a cell, 50 million, fill several GB
 
 
 @dataclass(frozen=True)
@@ -30,10 +42,11 @@ class LookConfig:
 
     def __post_init__(self) -> None:
         for name, (low, high) in vars(self).items():
-            if not low <= high:
-                raise ValueError(f"{name} must be a range low, high, got {low}, {high}")
-        if not 0 < self.sun_elevation_deg[0] <= self.sun_elevation_deg[1] <= 90:
-            raise ValueError(f"sun_elevation_deg must lie in (0, 90], got {self.sun_elevation_deg}")
+            least, most = LOOK_LIMITS[name]
+            if not least <= low <= high <= most:
+                raise ValueError(f"{name} must be a range LOW HIGH within {least:g} and {most:g}, got {low} {high}")
+        if not self.sun_elevation_deg[0] > 0:
+            raise ValueError(f"sun_elevation_deg must be above 0, got {self.sun_elevation_deg[0]}")
 
 
 @dataclass(frozen=True)
@@ -51,6 +64,18 @@ class SceneConfig:
     """grid of that square [m]"""
     horizon: float = 96.0
     """half the side of all that is there [m]"""
+
+    def __post_init__(self) -> None:
+        for name, (least, most) in SCENE_LIMITS.items():
+            if not least <= getattr(self, name) <= most:
+                raise ValueError(f"{name} must lie within {least:g} and {most:g} m, got {getattr(self, name)}")
+        if not self.cell < self.size < 2 * self.horizon:
+            raise ValueError(
+                f"size must be more than cell, {self.cell:g} m, and less than twice the horizon, {self.horizon:g} m; "
+                f"got {self.size}"
+            )
+        if self.size > MOST_CELLS * self.cell:
+            raise ValueError(f"size must be at most {MOST_CELLS} times the cell, {self.cell:g} m, got {self.size}")
 
 
 @dataclass(frozen=True)
@@ -98,7 +123,7 @@ class Scene:
 
 # relief: RMS slope over 1 m and Hurst exponent as at Pathfinder and Viking 1 (4.8-5.4 deg, and 2.5-3.0 deg over 10 m)
 # where nothing is said; in utopia 98 % of the slopes are under 8 deg; hard is rougher than either
-_PRESETS: dict[str, tuple[RockConfig, ReliefConfig]] = {
+_PRESETS: dict[Place, tuple[RockConfig, ReliefConfig]] = {
     # a dusty plain: few rocks, worn and half buried, broad ripples, old craters
     "utopia": (
         RockConfig(k=0.033, families=(0.3, 0.2, 0.5), buried=(0.2, 0.5)),
@@ -136,7 +161,6 @@ _PRESETS: dict[str, tuple[RockConfig, ReliefConfig]] = {
         ),
     ),
 }  # fmt: skip
-PRESETS = tuple(_PRESETS)
 
 
 def preset(name: str, **changes: object) -> SceneConfig:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from marssim.render.gbuffer import GROUND
 from marssim.render.shading import DUST_SCALE_HEIGHT, Shader
 from marssim.scene.rocks import RockConfig
-from marssim.scene.scene import Scene, SceneConfig, build_scene
+from marssim.scene.scene import LOOK_LIMITS, LookConfig, Scene, SceneConfig, build_scene, draw_look
 
 FOCAL = 600.0
 SMALL = SceneConfig(size=8.0, horizon=16.0, rocks=RockConfig(k=0.1))
@@ -69,6 +69,16 @@ def test_radiance_is_finite_and_sane(elevation, depth, contrast, strength, seed)
     assert radiance.shape == (300, 3) and radiance.dtype == np.float32
     assert np.isfinite(radiance).all() and (radiance >= 0).all()
     assert radiance.max() < 3  # of a white surface under the sun at zenith
+
+
+@pytest.mark.parametrize("name", LOOK_LIMITS)
+@pytest.mark.parametrize("end", [0, 1])
+def test_radiance_is_finite_at_the_ends_of_every_range(name, end):
+    value = LOOK_LIMITS[name][end] or (0.01 if name == "sun_elevation_deg" else 0.0)
+    maker = Shader(replace(SCENE, look=draw_look(LookConfig(**{name: (value, value)}), np.random.default_rng(1))))
+    sky = maker.sky(np.eye(3, dtype=np.float32))
+    for radiance in (level(maker, around()), sky):
+        assert np.isfinite(radiance).all() and (radiance >= 0).all() and radiance.max() > 0
 
 
 def test_the_sky_is_brighter_near_the_sun_and_at_the_horizon():

@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from marssim.scene.rocks import RockConfig
-from marssim.scene.scene import PRESETS, LookConfig, SceneConfig, build_scene, draw_look, preset
+from marssim.dataset import FARTHEST
+from marssim.scene.rocks import STAND, RockConfig
+from marssim.scene.scene import PRESETS, SCENE_LIMITS, LookConfig, SceneConfig, build_scene, draw_look, preset
 
 SMALL = SceneConfig(size=8.0, horizon=16.0, rocks=RockConfig(k=0.1))
 
@@ -112,6 +113,11 @@ def test_a_range_of_one_value_is_that_value():
         ("sun_elevation_deg", (60.0, 30.0)),
         ("optical_depth", (1.0, 0.5)),
         ("albedo_contrast", (float("nan"), 1.0)),
+        ("albedo_contrast", (-0.5, 1.0)),
+        ("optical_depth", (-1.0, 1.0)),
+        ("optical_depth", (0.0, float("inf"))),
+        ("sun_azimuth_deg", (0.0, float("inf"))),
+        ("texture_strength", (0.0, float("inf"))),
     ],
 )
 def test_impossible_ranges_are_refused(name, value):
@@ -122,3 +128,15 @@ def test_impossible_ranges_are_refused(name, value):
 def test_sizes_that_make_no_scene_are_refused():
     with pytest.raises(ValueError, match="size"):
         small(0, size=40.0)
+    for name in ("size", "cell", "horizon"):
+        for value in (0.0, -1.0, float("inf"), float("nan")):
+            with pytest.raises(ValueError, match=f"^{name} must lie within"):
+                replace(SMALL, **{name: value})
+    with pytest.raises(ValueError, match=r"^size must be at most"):
+        replace(SMALL, size=100.0, cell=0.01, horizon=100.0)
+
+
+def test_the_farthest_corner_fits_the_code_of_depth():
+    most = SCENE_LIMITS["horizon"][1]
+    camera = STAND * most  # a fine square as large as all
+    assert np.hypot(most + camera, most + camera) < FARTHEST
