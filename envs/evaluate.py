@@ -30,6 +30,7 @@ from envs.sight import load_perception
 from m3depth.estimator import Estimator
 from marssim.command import counted, run_command
 from marssim.dataset import DatasetError, read_json, write_json
+from marssim.scene.scene import Place
 from marssim.workers import run_tasks
 
 
@@ -53,7 +54,7 @@ class EvaluateConfig:
     """processes; the courses do not depend on it"""
     scheduler: str | None = None
     """address of a dask scheduler, tcp://host:8786, whose workers drive instead"""
-    scene: Literal["utopia", "gusev", "gale", "jezero", "hard"] = "gale"
+    scene: Place = "gale"
     """preset of the courses' scenes"""
     k: tuple[float, ...] = ()
     """rock abundances, Golombek's k, to go through; none given: the preset's"""

@@ -14,7 +14,6 @@ from envs.outside_view import OutsideView
 from envs.sight import Eyes, Sight
 from envs.vehicle import Vehicle, make_vehicle
 from marssim.camera import MAX_DEPTH, NATECAM
-from marssim.render.raycast import Raycaster
 from marssim.rover_spec import ZHURONG
 from marssim.scene.scene import SceneConfig, preset
 
@@ -207,6 +206,8 @@ class MarsNavEnv(gymnasium.Env):
         if self.course is None or self.vehicle is None:
             raise gymnasium.error.ResetNeeded("call reset before render")
         if self._view is None:
+            from marssim.render.raycast import Raycaster
+
             maker = self.eyes.maker
             self._view = OutsideView(self.course.scene, maker if isinstance(maker, Raycaster) else None)
         return self._view.picture(self.vehicle.state(), self.vehicle.mesh(self._pan))

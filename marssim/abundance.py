@@ -14,15 +14,12 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 
 from marssim.command import counted, run_command
 from marssim.scene.golombek import MAX_DIAMETER, REPORTED, covered_area, sampling_spread
-from marssim.scene.scene import Scene, build_scene, preset
+from marssim.scene.scene import Place, Scene, build_scene, preset
 
 BAND = 2.0  # [m] of ground that is looked at in one go
 LEAST_TOLERANCE = 0.10  # of the asked share
@@ -33,7 +30,7 @@ SPREADS = 3.0
 class AbundanceConfig:
     """Measure the rock abundance of drawn scenes from straight above."""
 
-    scene: Literal["utopia", "gusev", "gale", "jezero", "hard"] = "gale"
+    scene: Place = "gale"
     """preset that the scenes are drawn from"""
     k: float | None = None
     """share of the ground that rocks cover, 0 to 0.4, instead of the preset's"""
@@ -99,6 +96,9 @@ def visible_areas(scene: Scene, cell: float = 0.01) -> tuple[np.ndarray, np.ndar
     cell: [m] between rays; looked at is the finely gridded square. Returns the area (N,) [m2] of each rock, and the
     middle (N, 2) [m] of what is seen of it, nan where nothing is.
     """
+    from embreex.mesh_construction import TriangleMesh
+    from embreex.rtcore_scene import EmbreeScene
+
     rocks, half = scene.rocks, scene.half
     vertices, faces = scene.terrain.fine.mesh()
     embree = EmbreeScene()

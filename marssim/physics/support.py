@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 
 from marssim.scene.rocks import Rocks, icosphere
 from marssim.scene.scene import Scene
@@ -115,6 +113,9 @@ def _rock_tops(rocks: Rocks, members: np.ndarray, x: np.ndarray, y: np.ndarray) 
     out = np.full((len(y), len(x)), -np.inf)
     if len(members) == 0:
         return out
+    from embreex.mesh_construction import TriangleMesh
+    from embreex.rtcore_scene import EmbreeScene
+
     used, index = np.unique(coarse_faces(rocks, members), return_inverse=True)
     vertices = rocks.vertices[used]
     near = np.zeros(out.shape, dtype=np.uint8)  # rays are shot only within the rocks' bounding circles
