@@ -28,7 +28,6 @@ from typing import Annotated
 
 import cv2
 import numpy as np
-import trimesh
 import tyro
 
 from m3depth.calibration import Calibration, align_right, read_calibration
@@ -40,11 +39,12 @@ from m3depth.prediction import Prediction
 from marssim.camera import StereoRig
 from marssim.command import counted, run_command
 from marssim.contact_sheet import normal_colours
+from marssim.depth_edges import depth_edges
+from marssim.pointcloud import coloured_points, encode_ply
 
 MIN_ANGLE, MAX_ANGLE = 1.0, 150.0  # [deg] horizontal field of view of rectified images
 MIN_BASELINE, MAX_BASELINE = 0.001, 50.0  # [m]
-EDGE_JUMP = 1.0  # [px] change of disparity within 3 x 3 px from which a pixel may belong to neither surface
-EDGE_SHARE = 0.02  # and of the disparity itself: near surfaces may be steep
+EDGE_SHARE = 0.02  # of the disparity, that it may change by within 3 x 3 px: near surfaces may be steep
 
 
 @dataclass(frozen=True)
@@ -128,18 +128,6 @@ def _check_sense(calibration: Calibration, width: int, options: PredictOptions) 
         )
 
 
-def depth_edges(disparity: np.ndarray) -> np.ndarray:
-    """(H, W) bool: within 3 x 3 px the disparity jumps by more than 1 px and 2 %; such pixels fly between surfaces.
-
-    disparity: (H, W) [px]; NaN counts as 0. Level ground changes by baseline / camera height per row, 0.22 px for
-    NaTeCam, at any distance and resolution: one threshold serves all.
-    """
-    known = np.nan_to_num(disparity, nan=0.0, posinf=0.0, neginf=0.0).astype(np.float32)
-    kernel = np.ones((3, 3), np.uint8)
-    high, low = cv2.dilate(known, kernel), cv2.erode(known, kernel)
-    return high - low > np.maximum(EDGE_JUMP, EDGE_SHARE * high)
-
-
 def point_cloud(
     left: np.ndarray, prediction: Prediction, rig: StereoRig, min_confidence: float = 0.5, max_range: float = 30.0
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -148,13 +136,11 @@ def point_cloud(
     left: (H, W) or (H, W, 3) uint8. Left out are unknown depth, depth over max_range [m], confidence under
     min_confidence, and depth edges. Returns (N, 3) float32 [m] in the left camera's frame and (N, 3) uint8 RGB.
     """
-    depth = prediction.depth
     with np.errstate(invalid="ignore"):
-        keep = (depth > 0) & (depth <= max_range) & (prediction.confidence >= min_confidence)
-    keep &= ~depth_edges(prediction.disparity)
+        keep = prediction.confidence >= min_confidence
+    keep &= ~depth_edges(prediction.disparity, share=EDGE_SHARE)
     colour = left if left.ndim == 3 else np.repeat(left[..., None], 3, axis=2)
-    points = rig.camera.rays()[keep] * depth[keep, None]
-    return points.astype(np.float32), colour[keep]
+    return coloured_points(colour, np.where(keep, prediction.depth, np.nan), rig.camera, max_range)
 
 
 def write_prediction(
@@ -171,7 +157,7 @@ def write_prediction(
     if prediction.normal is not None:
         _write_png(out / "normal.png", np.ascontiguousarray(normal_colours(prediction.normal)[..., ::-1]))
     points, colour = point_cloud(left, prediction, rig, min_confidence, max_range)
-    (out / "cloud.ply").write_bytes(_ply(points, colour))
+    (out / "cloud.ply").write_bytes(encode_ply(points, colour))
     prediction_figure(left, prediction, out / "figure.png")
     return len(points)
 
@@ -185,14 +171,6 @@ def _uint16(values: np.ndarray) -> np.ndarray:
 def _write_png(path: Path, image: np.ndarray) -> None:
     if not cv2.imwrite(str(path), image):
         raise OSError(f"{path}: could not be written")
-
-
-def _ply(points: np.ndarray, colour: np.ndarray) -> bytes:
-    cloud = trimesh.PointCloud(points, colors=colour) if len(points) else None
-    if cloud is not None:
-        return cloud.export(file_type="ply")
-    header = "ply\nformat binary_little_endian 1.0\nelement vertex 0\n"
-    return (header + "".join(f"property float {axis}\n" for axis in "xyz") + "end_header\n").encode()
 
 
 def predict(options: PredictOptions, estimator: Estimator | None = None) -> Prediction:

@@ -65,9 +65,11 @@ def surface_mesh(
 
 
 def encode_ply(points: np.ndarray, colours: np.ndarray) -> bytes:
-    """A binary PLY of points (N, 3) with colours (N, 3) uint8. Raises ValueError if there are none."""
+    """A binary PLY of points (N, 3) with colours (N, 3) uint8; without points, a header that says so."""
     if not len(points):
-        raise ValueError("a point cloud needs at least one point")
+        kinds = [f"property float {axis}" for axis in "xyz"] + [f"property uchar {c}" for c in ("red", "green", "blue")]
+        lines = ["ply", "format binary_little_endian 1.0", "element vertex 0", *kinds, "end_header", ""]
+        return "\n".join(lines).encode()
     return trimesh.PointCloud(points, colors=colours).export(file_type="ply")
 
 

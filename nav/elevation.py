@@ -11,10 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
-import cv2
 import numpy as np
 
 from marssim.camera import PinholeCamera, StereoRig
+from marssim.depth_edges import JUMP, depth_edges
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class ElevationConfig:
     min_range: float = 0.5  # and nearer than this [m]
     min_confidence: float = 0.3  # pixels below are unknown
     disparity_sigma: float = 0.25  # stereo matching error [px]
-    edge_jump: float = 1.0  # disparity change within 3 x 3 px [px] from which a pixel hangs between two surfaces
+    edge_jump: float = JUMP  # disparity change within 3 x 3 px [px] from which a pixel hangs between two surfaces
     columns: int = 256  # about this many image columns are used
     recentre_at: float = 7.0  # the map moves when the rover comes this near to its edge [m]
 
@@ -42,19 +42,6 @@ def _ray_slopes(camera: PinholeCamera) -> tuple[np.ndarray, np.ndarray]:
     u = (np.arange(camera.width) - camera.cx) / camera.fx
     v = (np.arange(camera.height) - camera.cy) / camera.fy
     return u.astype(np.float32), v.astype(np.float32)
-
-
-def flying_pixels(depth: np.ndarray, fb: float, jump: float) -> np.ndarray:
-    """Pixels at a depth edge, whose measured depth may belong to no surface at all.
-
-    depth: (H, W) [m]; fb: focal length times baseline [px m]; jump: disparity range in 3 x 3 px [px]. Level ground
-    changes by baseline / height per row (0.22 px for NaTeCam) whatever the range and the resolution, so that one
-    threshold serves all depths. Returns (H, W) bool.
-    """
-    known = np.isfinite(depth) & (depth > 0)
-    disparity = np.where(known, fb / np.where(known, depth, 1), 0).astype(np.float32)
-    kernel = np.ones((3, 3), np.uint8)
-    return cv2.dilate(disparity, kernel) - cv2.erode(disparity, kernel) > jump
 
 
 class ElevationMap:
@@ -164,7 +151,7 @@ class ElevationMap:
         stride = max(1, round(rig.camera.width / c.columns))
         if confidence is not None:
             use &= np.asarray(confidence) >= c.min_confidence
-        use &= ~flying_pixels(depth, rig.fb, c.edge_jump)
+        use &= ~depth_edges(rig.depth_to_disparity(depth), c.edge_jump)
         rows, columns = np.nonzero(use[:, ::stride])
         columns *= stride
         z = depth[rows, columns]

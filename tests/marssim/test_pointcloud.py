@@ -80,9 +80,9 @@ def test_the_files_are_what_others_read(sample):
     assert np.array_equal(np.asarray(mesh.visual.vertex_colors)[:, :3], mesh_colours)
 
 
-def test_nothing_makes_no_file(sample):
+def test_nothing_makes_an_empty_cloud_and_no_mesh(sample):
     none = np.zeros((0, 3))
-    with pytest.raises(ValueError, match="point"):
-        encode_ply(none, none)
+    empty = encode_ply(none, none)
+    assert empty.endswith(b"end_header\n") and trimesh.load(io.BytesIO(empty), file_type="ply").is_empty
     with pytest.raises(ValueError, match="triangle"):
         encode_glb(none, none.astype(int), none)

@@ -5,8 +5,9 @@ from hypothesis import strategies as st
 from rock_world import SMALL_RIG, RockWorld, body_pose
 
 from marssim.camera import look_pose
+from marssim.depth_edges import depth_edges
 from marssim.rover_spec import ZHURONG
-from nav.elevation import ElevationConfig, ElevationMap, flying_pixels
+from nav.elevation import ElevationConfig, ElevationMap
 
 SMALL = ElevationConfig(size=24.0)
 
@@ -101,9 +102,9 @@ def test_flying_pixels_are_edges_not_ground():
     world = RockWorld(boxes=np.array([[4.0, 0.0, 0.3, 0.3, 0.6]]))
     camera = body_pose(0, 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline)
     near = world.depth(SMALL_RIG, camera) < 12
-    flat = flying_pixels(RockWorld().depth(SMALL_RIG, camera), SMALL_RIG.fb, 1.0)
+    flat = depth_edges(SMALL_RIG.depth_to_disparity(RockWorld().depth(SMALL_RIG, camera)))
     assert not flat[60:].any()
-    assert flying_pixels(world.depth(SMALL_RIG, camera), SMALL_RIG.fb, 1.0)[near].any()
+    assert depth_edges(SMALL_RIG.depth_to_disparity(world.depth(SMALL_RIG, camera)))[near].any()
 
 
 def test_scrolling_keeps_heights_where_they_are_in_the_world():
