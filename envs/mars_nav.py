@@ -10,7 +10,6 @@ import numpy as np
 from gymnasium import spaces
 
 from envs.course import EDGE, Course, CourseConfig, draw_course
-from envs.outside_view import OutsideView
 from envs.sight import Eyes, Sight
 from envs.vehicle import Vehicle, make_vehicle
 from marssim.camera import MAX_DEPTH, NATECAM
@@ -18,6 +17,7 @@ from marssim.rover_spec import ZHURONG
 from marssim.scene.scene import SceneConfig, preset
 
 if TYPE_CHECKING:
+    from envs.outside_view import OutsideView
     from m3depth.estimator import Estimator
 
 STEP_SECONDS = 2.0
@@ -206,6 +206,7 @@ class MarsNavEnv(gymnasium.Env):
         if self.course is None or self.vehicle is None:
             raise gymnasium.error.ResetNeeded("call reset before render")
         if self._view is None:
+            from envs.outside_view import OutsideView
             from marssim.render.raycast import Raycaster
 
             maker = self.eyes.maker

@@ -129,7 +129,7 @@ def test_no_way_in_any_draw_is_an_error_that_names_k(small_scene, make_scene, mo
     monkeypatch.setattr("envs.course.build_scene", lambda *_: scene)
     monkeypatch.setattr("envs.course.REDRAWS", 3)
     with pytest.raises(ValueError, match=r"3 draws: k=0\.3 "):
-        draw_course(small_scene, CourseConfig(k=0.3), ZHURONG, np.random.default_rng(0))
+        draw_course(small_scene, CourseConfig(goal_distance=8.0, k=0.3), ZHURONG, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize(

@@ -55,6 +55,13 @@ def test_importing_loads_neither_torch_nor_pybullet():
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "\n"
 
 
+def test_importing_needs_neither_embree_nor_pybullet():
+    """trimesh loads Embree where it is there, so it is taken away."""
+    code = "import sys; sys.modules.update(embreex=None, pybullet=None); import envs.evaluate, envs.mars_nav, "
+    code += "marssim.abundance, marssim.generate, marssim.physics.support, marssim.verify, nav"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
 def test_vectors_and_wrappers(small_scene):
     settings = {"perception": "ground_truth", "dynamics": "kinematic", "scene": small_scene, "goal_distance": 5.0}
     vector = gymnasium.make_vec("envs:MarsNav-v0", num_envs=2, vectorization_mode="sync", **settings)
@@ -105,7 +112,7 @@ from dataclasses import replace
 import numpy as np
 from envs.mars_nav import MarsNavEnv
 from marssim.scene.scene import preset
-scene = preset("gale", horizon=14.0)
+scene = preset("gale", size=12.0, horizon=14.0)
 scene = replace(scene, rocks=replace(scene.rocks, min_diameter=0.2))
 env = MarsNavEnv("ground_truth", "kinematic", scene=scene, goal_distance=4.0)
 digest = hashlib.sha256()
