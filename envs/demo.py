@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import Literal
 
 import cv2
 
@@ -27,10 +26,11 @@ from m3depth.evaluate import Evaluation, evaluate
 from m3depth.figures import comparison_figure
 from m3depth.report import text_table
 from marssim.command import counted, run_command
-from marssim.dataset import DatasetError, StereoDataset, read_json
+from marssim.dataset import DatasetError, StereoDataset
 from marssim.generate import GenerateConfig, generate
-from marssim.scene.scene import preset
+from marssim.scene.scene import Place, preset
 
+MARK = "MADE_BY_DEMO.txt"
 SEED = 20_000  # none of the shipped weights' training data has it
 
 
@@ -39,10 +39,10 @@ class DemoConfig:
     """Generate, score and drive, once."""
 
     out: Path = Path("out/demo")
-    """folder to write; the data of an earlier demo there is made anew"""
+    """folder to write; what an earlier demo left there is made anew"""
     pairs: int = 16
     """stereo pairs to generate and score on"""
-    scene: Literal["utopia", "gusev", "gale", "jezero", "hard"] = "gale"
+    scene: Place = "gale"
     """preset of the terrain, of the pairs and of the drive"""
     goal_distance: float = 14.0
     """distance from start to goal of the drive [m]"""
@@ -59,15 +59,10 @@ def demo(config: DemoConfig) -> Path:
     """Run the demo; returns the summary's path. Raises FileNotFoundError if the weights are missing."""
     started = perf_counter()
     network, sgbm = load_estimator("m3depth"), load_estimator("sgbm")
-    data = config.out / "data"
+    data = _claim(config.out)
     asked = GenerateConfig(
         out=data, pairs=config.pairs, seed=SEED, workers=config.workers, scenes=(preset(config.scene),)
     )
-    if data.exists():
-        if read_json(data / "generate.json").get("seed") != SEED:
-            raise DatasetError(f"{data}: holds data that is not the demo's; choose another --out")
-        shutil.rmtree(data)
-    config.out.mkdir(parents=True, exist_ok=True)
     print(f"1. {counted(config.pairs, 'stereo pair')} of {config.scene}, rendered with PyBullet")
     dataset = generate(asked)
     shutil.copy(data / "contact_sheet.png", config.out / "contact_sheet.png")
@@ -90,6 +85,22 @@ def demo(config: DemoConfig) -> Path:
     summary = config.out / "summary.md"
     summary.write_text(_summary(config, dataset, result, table, record, perf_counter() - started))
     return summary
+
+
+def _claim(out: Path) -> Path:
+    """Make room for the dataset and return its folder. Raises DatasetError if somebody else's files are there.
+
+    Data is deleted only beside the demo's mark, which stays: a demo that is killed meanwhile can start again.
+    """
+    own = out / "demo_data"
+    mark, data = own / MARK, own / "data"
+    if own.exists() and any(own.iterdir()) and not mark.is_file():
+        raise DatasetError(f"{own}: holds what is not the demo's; choose another --out")
+    own.mkdir(parents=True, exist_ok=True)
+    mark.write_text("python -m envs.demo deletes data/ beside this file when it starts anew.\n")
+    if data.exists():
+        shutil.rmtree(data)
+    return data
 
 
 def _summary(

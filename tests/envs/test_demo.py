@@ -1,3 +1,5 @@
+import shutil
+
 import pytest
 
 from envs.demo import DemoConfig, demo, main
@@ -8,28 +10,65 @@ class Unused:
         raise AssertionError("no image is to be predicted")
 
 
+class Reached(Exception):
+    """Generation was about to begin."""
+
+
 @pytest.fixture(autouse=True)
 def _no_network(monkeypatch):
+    def stop(config):
+        config.out.mkdir()
+        (config.out / "generate.json").write_text("{}")
+        raise Reached
+
     monkeypatch.setattr("envs.demo.load_estimator", lambda name: Unused())
+    monkeypatch.setattr("envs.demo.generate", stop)
 
 
-def test_other_data_in_the_folder_is_refused_and_untouched(tmp_path):
-    precious = tmp_path / "data" / "generate.json"
-    precious.parent.mkdir()
-    precious.write_text('{"seed": 1}')
-    with pytest.raises(ValueError, match="not the demo's"):
+@pytest.mark.parametrize("kept", ["data/generate.json", "demo_data/data/generate.json", "demo_data/thesis.txt"])
+def test_what_is_not_the_demos_is_untouched(tmp_path, kept):
+    """Whatever it holds: the demo's seed may be anyone's."""
+    precious = tmp_path / kept
+    precious.parent.mkdir(parents=True)
+    precious.write_text('{"seed": 20000}')
+    refused = kept.startswith("demo_data")
+    with pytest.raises(ValueError, match="not the demo's") if refused else pytest.raises(Reached):
         demo(DemoConfig(out=tmp_path))
-    precious.unlink()
-    (tmp_path / "data" / "thesis.txt").write_text("years of work")
-    with pytest.raises(ValueError, match=r"generate\.json"):
+    assert precious.read_text() == '{"seed": 20000}'
+
+
+def test_the_data_of_an_earlier_demo_is_made_anew(tmp_path):
+    for _ in range(2):
+        with pytest.raises(Reached):
+            demo(DemoConfig(out=tmp_path))
+        data = tmp_path / "demo_data" / "data"
+        assert [file.name for file in data.iterdir()] == ["generate.json"]
+        (data / "old.png").touch()
+
+
+def test_a_demo_that_was_killed_while_it_deleted_starts_again(tmp_path, monkeypatch):
+    with pytest.raises(Reached):
         demo(DemoConfig(out=tmp_path))
-    assert (tmp_path / "data" / "thesis.txt").is_file()
+    data = tmp_path / "demo_data" / "data"
+    (data / "old.png").touch()
+
+    def killed(folder):
+        (data / "generate.json").unlink()
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(shutil, "rmtree", killed)
+        demo(DemoConfig(out=tmp_path))
+    assert (data / "old.png").is_file()
+    with pytest.raises(Reached):
+        demo(DemoConfig(out=tmp_path))
+    assert not (data / "old.png").exists()
 
 
 def test_a_wrong_number_is_told_before_anything_is_deleted(tmp_path, capsys):
-    kept = tmp_path / "data" / "generate.json"
-    kept.parent.mkdir()
-    kept.write_text('{"seed": 20000}')
+    with pytest.raises(Reached):
+        demo(DemoConfig(out=tmp_path))
+    kept = tmp_path / "demo_data" / "data" / "generate.json"
     with pytest.raises(ValueError, match="pairs must"):
         demo(DemoConfig(out=tmp_path, pairs=0))
     for flag in ("--pairs", "--workers"):
