@@ -64,14 +64,16 @@ class ReliefConfig:
             raise ValueError(f"rms_slope_deg must lie in [0, 45), got {self.rms_slope_deg}")
         if not 0 <= abs(self.regional_slope_deg) < 45:
             raise ValueError(f"regional_slope_deg must lie in (-45, 45), got {self.regional_slope_deg}")
+        if not abs(self.regional_azimuth_deg) <= 360:
+            raise ValueError(f"regional_azimuth_deg must lie in [-360, 360], got {self.regional_azimuth_deg}")
         if not 0 <= self.crater_density <= 1:
             raise ValueError(f"crater_density must lie in [0, 1], got {self.crater_density}")
         if not 1 <= self.crater_max_diameter <= 200:
             raise ValueError(f"crater_max_diameter must lie in [1, 200], got {self.crater_max_diameter}")
         if not 0 < self.crater_depth[0] <= self.crater_depth[1] <= 0.3:
             raise ValueError(f"crater_depth must be a range within (0, 0.3], got {self.crater_depth}")
-        if not self.crater_fill_diameter > 0:
-            raise ValueError(f"crater_fill_diameter must be positive, got {self.crater_fill_diameter}")
+        if not 0 < self.crater_fill_diameter < np.inf:
+            raise ValueError(f"crater_fill_diameter must be positive and finite, got {self.crater_fill_diameter}")
         if not 0 <= self.ripple_amplitude <= 0.5:
             raise ValueError(f"ripple_amplitude must lie in [0, 0.5], got {self.ripple_amplitude}")
         if not 0.1 <= self.ripple_wavelength <= 50:
@@ -82,6 +84,8 @@ class ReliefConfig:
             value = getattr(self, name)
             if value is not None and not 0 < value < np.inf:
                 raise ValueError(f"{name} must be positive, got {value}")
+        if self.heightmap_at is not None and not np.isfinite(self.heightmap_at).all():
+            raise ValueError(f"heightmap_at must be finite, got {self.heightmap_at}")
         if self.heightmap is not None:
             digest = file_digest(self.heightmap)
             if self.heightmap_sha256 not in (None, digest):
