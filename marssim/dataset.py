@@ -41,12 +41,13 @@ NEAREST, FARTHEST = 0.1, 1000.0  # [m] range of the depth code
 SKY_CODE = 65535
 IMAGES = ("left.png", "right.png", "depth.png", "normal.png", "surface.png", "occluded.png")
 # the fastest that PNG has to offer for each, at about equal size: noise does not repeat, so searching it for repeats is
-# lost time; maps do
+# lost time; maps do, and normals are those of facets: unfiltered they repeat as they are
+_PLAIN = [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE]
 _NOISY = [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
 _RUNS = [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
 PNG = {
     name: [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_SUB, *strategy]
-    for name, strategy in zip(IMAGES, (_NOISY, _NOISY, [], [], _RUNS, _RUNS))
+    for name, strategy in zip(IMAGES, (_NOISY, _NOISY, [], _PLAIN, _RUNS, _RUNS))
 }
 
 Split = Literal["train", "val", "test"]

@@ -55,8 +55,9 @@ def _hits(vertices, faces, surface, vertex_normals, pose, rays, face):
         nx, ny, nz = uy * tz - uz * ty, uz * tx - ux * tz, ux * ty - uy * tx
         slant = nx * rx + ny * ry + nz * rz
         size = math.sqrt(nx * nx + ny * ny + nz * nz)
-        z = (nx * ax + ny * ay + nz * az) / slant
-        wa, wb, wc = wa / slant, wb / slant, wc / slant
+        share = 1 / slant
+        z = (nx * ax + ny * ay + nz * az) * share
+        wa, wb, wc = wa * share, wb * share, wc * share
         if not (z > 0 and wa > -MISS and wb > -MISS and wc > -MISS):
             # seen edge on, or passed by a hair (Embree works in float32): take the nearest point of the triangle
             wa, wb, wc = _within(wa), _within(wb), _within(wc)
@@ -67,8 +68,8 @@ def _hits(vertices, faces, surface, vertex_normals, pose, rays, face):
         wa, wb, wc = min(max(wa, 0.0), 1.0), min(max(wb, 0.0), 1.0), min(max(wc, 0.0), 1.0)
         if slant > 0:
             size = -size
-        size = size if size != 0 else 1.0
-        nx, ny, nz = nx / size, ny / size, nz / size
+        unit = 1 / size if size != 0 else 1.0
+        nx, ny, nz = nx * unit, ny * unit, nz * unit
         depth[k] = z
         for axis in range(3):
             normal[k, axis] = nx * pose[0, axis] + ny * pose[1, axis] + nz * pose[2, axis]
@@ -78,8 +79,8 @@ def _hits(vertices, faces, surface, vertex_normals, pose, rays, face):
         # where the interpolated normal is shorter than 1, as on rocks, the facet's own makes up: edges stay visible
         lack = 1 - min(math.sqrt(sx * sx + sy * sy + sz * sz), 1.0)
         sx, sy, sz = sx + lack * nx, sy + lack * ny, sz + lack * nz
-        length = math.sqrt(sx * sx + sy * sy + sz * sz)
-        shading[k, 0], shading[k, 1], shading[k, 2] = sx / length, sy / length, sz / length
+        unit = 1 / math.sqrt(sx * sx + sy * sy + sz * sz)
+        shading[k, 0], shading[k, 1], shading[k, 2] = sx * unit, sy * unit, sz * unit
     return depth, normal, shading, ids
 
 

@@ -64,19 +64,27 @@ class Shader:
         eye: np.ndarray,
         lit: np.ndarray,
         focal: float,
+        at: np.ndarray | None = None,
+        out: np.ndarray | None = None,
     ) -> np.ndarray:
         """(N, 3) float32 radiance towards the eye.
 
         points: (N, 3) world [m]; normals: (N, 3) shading normals, world; surface: (N,) ids (GROUND, rock n + 1);
         eye: (3,) world; lit: (N,) in [0, 1], share of the sun that is seen; focal [px] gives the pixel footprint.
+        at: (M,) int32, of which of them the points are, which are then (M, 3); out: (N, 3) float32, written there only.
         """
-        return _surface(
-            np.ascontiguousarray(points, dtype=np.float64), np.ascontiguousarray(normals, dtype=np.float32),
+        if at is None:
+            at = np.arange(len(points), dtype=np.int32)
+        if out is None:
+            out = np.zeros((len(surface), 3), dtype=np.float32)
+        _surface(
+            np.ascontiguousarray(points, dtype=np.float64), at, np.ascontiguousarray(normals, dtype=np.float32),
             np.ascontiguousarray(surface, dtype=np.int32), np.asarray(eye, dtype=np.float64),
             np.ascontiguousarray(lit, dtype=np.float32), float(focal), self._rock_albedo, self.look.albedo_contrast,
             self._relief, self._stain, self._rock, self.look.sun, self.sun_light, self.sky_light,
-            self.look.optical_depth,
+            self.look.optical_depth, out,
         )  # fmt: skip
+        return out
 
     def sky(self, directions: np.ndarray) -> np.ndarray:
         """(N, 3) float32 radiance of the sky along unit directions (N, 3), world frame.
@@ -142,19 +150,19 @@ def _rock(u, v, up, albedo, footprint, contrast, tile, places, amplitude, slope)
 
 @njit(cache=True, error_model="numpy")
 def _surface(
-    points, normals, surface, eye, lit, focal, rock_albedo, contrast, relief, stain, rock, sun, sun_light, sky_light,
-    optical_depth,
+    points, at, normals, surface, eye, lit, focal, rock_albedo, contrast, relief, stain, rock, sun, sun_light,
+    sky_light, optical_depth, out,
 ):  # fmt: skip
     """Sun by a mixture of Lambert and Lommel-Seeliger with a backscatter lobe; sky by how much of it is seen."""
-    out = np.empty((len(points), 3), dtype=np.float32)
     relief_tile, relief_places, relief_slope = relief
     stain_tile, stain_places, stain_amplitude = stain
     rock_tile, rock_places, rock_amplitude, rock_slope = rock
     sx, sy, sz = sun[0], sun[1], sun[2]
     sun_red, sun_green, sun_blue = float(sun_light[0]), float(sun_light[1]), float(sun_light[2])
     for k in range(len(points)):
+        m = at[k]
         x, y, z = points[k, 0], points[k, 1], points[k, 2]
-        mx, my, mz = float(normals[k, 0]), float(normals[k, 1]), float(normals[k, 2])
+        mx, my, mz = float(normals[m, 0]), float(normals[m, 1]), float(normals[m, 2])
         vx, vy, vz = eye[0] - x, eye[1] - y, eye[2] - z
         distance = math.sqrt(vx * vx + vy * vy + vz * vz)
         near = 1 / distance
@@ -163,7 +171,7 @@ def _surface(
         # geometric mean of the two axes of the ellipse that a pixel covers
         footprint = np.float32(distance / (focal * math.sqrt(slant)))
         nx, ny, nz = mx, my, mz
-        if surface[k] == GROUND:
+        if surface[m] == GROUND:
             red, green, blue, du, dv = _ground(
                 np.float32(x), np.float32(y), footprint, contrast, relief_tile, relief_places, relief_slope,
                 stain_tile, stain_places, stain_amplitude,
@@ -176,10 +184,10 @@ def _surface(
                 across = 0
             elif abs(my) >= abs(mz):
                 across = 1
-            shift = 0.37 * surface[k]
+            shift = 0.37 * surface[m]
             red, green, blue, du, dv = _rock(
                 np.float32((y if across == 0 else x) + shift), np.float32((y if across == 2 else z) + shift), mz,
-                rock_albedo[surface[k]], footprint, contrast, rock_tile, rock_places, rock_amplitude, rock_slope,
+                rock_albedo[surface[m]], footprint, contrast, rock_tile, rock_places, rock_amplitude, rock_slope,
             )  # fmt: skip
             if across == 0:
                 ny, nz = ny - du, nz - dv
@@ -195,7 +203,7 @@ def _surface(
         cos_out = max(nx * vx + ny * vy + nz * vz, 0.05)
         back = (1 + vx * sx + vy * sy + vz * sz) / 2
         direct = (
-            (0.55 * cos_in + 0.9 * cos_in / (cos_in + cos_out + 1e-3)) * (0.86 + 0.32 * back * back * back) * lit[k]
+            (0.55 * cos_in + 0.9 * cos_in / (cos_in + cos_out + 1e-3)) * (0.86 + 0.32 * back * back * back) * lit[m]
         )
         open_sky = 0.5 + 0.5 * nz
         bounce = 0.18 * (1 - open_sky) * sz / 0.27
@@ -210,8 +218,7 @@ def _surface(
             red += hidden * (haze_red - red)
             green += hidden * (haze_green - green)
             blue += hidden * (haze_blue - blue)
-        out[k, 0], out[k, 1], out[k, 2] = red, green, blue
-    return out
+        out[m, 0], out[m, 1], out[m, 2] = red, green, blue
 
 
 def _single(values: np.ndarray) -> np.ndarray:

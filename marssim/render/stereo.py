@@ -118,15 +118,15 @@ def _shade(
     at, points, normals = _hit_points(rays, depth, normal, surface, pose)
     if len(at):
         lit[at] = maker.lit(points, normals)
-        colour[at] = shader.surface(points, shading_normal[at], surface[at], pose[:3, 3], lit[at], camera.fx)
+        shader.surface(points, shading_normal, surface, pose[:3, 3], lit, camera.fx, at, colour)
     return colour, lit
 
 
 @njit(cache=True, error_model="numpy")
 def _hit_points(rays, depth, normal, surface, pose):
-    """Indices (M,) of what is not sky, its points (M, 3) and its normals (M, 3), world frame, float64."""
+    """Indices (M,) of what is not sky, its points (M, 3), float64, and its normals (M, 3), float32, world frame."""
     n = len(rays)
-    at, points, normals = np.empty(n, dtype=np.int64), np.empty((n, 3)), np.empty((n, 3))
+    at, points, normals = np.empty(n, dtype=np.int32), np.empty((n, 3)), np.empty((n, 3), dtype=np.float32)
     found = 0
     for k in range(n):
         if surface[k] == SKY:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+import scipy.fft
 from numba import njit
 
 TILE = 512  # texels on a side of the periodic tile
@@ -16,29 +17,33 @@ TEXELS = 8.0  # texels per wavelength in the tile
 STEP = 1 / 4096  # of the coded noise; one is a standard deviation
 
 
-@lru_cache(maxsize=8)
-def noise_tile(seed: int) -> np.ndarray:
+def noise_tile(seed: int, slopes: bool = True) -> np.ndarray:
     """(TILE + 1, TILE + 1, 3) float32: band-limited noise of unit variance and its two slopes, of unit variance.
 
-    Periodic; the first row and column stand again at the end, for interpolation.
+    Periodic; the first row and column stand again at the end, for interpolation. Without slopes, (..., 1) of the same.
     """
     rng = np.random.default_rng(seed)
-    k = np.hypot(np.fft.fftfreq(TILE)[:, None], np.fft.rfftfreq(TILE)[None, :]) * TEXELS
-    octaves = np.log2(np.maximum(k, 1e-9))
-    spectrum = np.fft.rfft2(rng.standard_normal((TILE, TILE))) * np.exp(-0.5 * (octaves / 0.42) ** 2) / (k + 1e-9)
+    across, down = scipy.fft.rfftfreq(TILE)[None, :].astype(np.float32), scipy.fft.fftfreq(TILE)[:, None]
+    down = down.astype(np.float32)
+    k = np.hypot(down, across) * np.float32(TEXELS)
+    octaves = np.log2(np.maximum(k, np.float32(1e-9)))
+    noise = rng.standard_normal((TILE, TILE)).astype(np.float32)
+    spectrum = scipy.fft.rfft2(noise) * (np.exp(-0.5 * (octaves / np.float32(0.42)) ** 2) / (k + np.float32(1e-9)))
     spectrum[0, 0] = 0
-    slope_y = spectrum * 2j * np.pi * np.fft.fftfreq(TILE)[:, None]
-    slope_x = spectrum * 2j * np.pi * np.fft.rfftfreq(TILE)[None, :]
-    tile = np.stack([np.fft.irfft2(part, s=(TILE, TILE)) for part in (spectrum, slope_x, slope_y)], axis=-1)
-    tile /= tile.std(axis=(0, 1))
-    return np.pad(tile, ((0, 1), (0, 1), (0, 0)), mode="wrap").astype(np.float32)
+    # the slopes are scaled to unit variance, so that of their factor, 2 pi i k, the number does not matter
+    parts = (spectrum, 1j * spectrum * across, 1j * spectrum * down) if slopes else (spectrum,)
+    out = np.empty((TILE + 1, TILE + 1, len(parts)), dtype=np.float32)
+    for channel, part in enumerate(parts):
+        field = scipy.fft.irfft2(part, s=(TILE, TILE))
+        out[:-1, :-1, channel] = field / field.std()
+    out[-1], out[:, -1] = out[0], out[:, 0]
+    return out
 
 
 @lru_cache(maxsize=8)
 def coded_tile(seed: int, slopes: bool = True) -> np.ndarray:
     """noise_tile in int16 steps of STEP, so that it fits the cache; (TILE + 1, TILE + 1, 1) without its slopes."""
-    code = np.clip(np.rint(noise_tile(seed) / STEP), -32768, 32767).astype(np.int16)
-    return code if slopes else np.ascontiguousarray(code[..., :1])
+    return np.clip(np.rint(noise_tile(seed, slopes) / np.float32(STEP)), -32768, 32767).astype(np.int16)
 
 
 @lru_cache(maxsize=32)

@@ -65,7 +65,7 @@ class Visibility:
         """(N,) bool: the face looks to the light (3,), a place if near or else a direction, and nothing stands in the
         way. view: the same light's."""
         at, x, y, s = _leaving(
-            np.ascontiguousarray(points, dtype=float), np.ascontiguousarray(normals, dtype=float), light, near,
+            np.ascontiguousarray(points, dtype=float), np.ascontiguousarray(normals, dtype=np.float32), light, near,
             view.axes, view.shift,
         )  # fmt: skip
         out = np.zeros(len(points), dtype=bool)
