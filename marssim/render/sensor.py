@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import cv2
@@ -104,8 +105,10 @@ class Sensor:
         return _codes(signal, noise, float(gain), self.vignetting, self.full_well, self.read_noise, CODE_STARTS, GUESS)
 
 
-CODE_STARTS = ((np.arange(1, 256) - 0.5) / 255) ** 2.2  # signal, as a share of full scale, from which a code is given
-GUESS = np.searchsorted(CODE_STARTS, np.arange(1024) / 1024, side="right").astype(np.uint8)
+# signal, as a share of full scale, from which each code from 1 is given; no signal reaches the last one
+CODE_STARTS = np.append(((np.arange(1, 256) - 0.5) / 255) ** 2.2, np.inf).astype(np.float32)
+GUESSES = 32768  # so many that the code of a signal is its guess or, above the darkest few, at most the next one
+GUESS = np.searchsorted(CODE_STARTS, np.arange(GUESSES + 1) / GUESSES, side="right").astype(np.uint8)
 
 
 @njit(cache=True, error_model="numpy")
@@ -124,19 +127,20 @@ def _codes(signal, noise, gain, vignetting, full_well, read_noise, starts, guess
     """Vignetting, noise and gamma; the code of a signal is looked up, which gives what rounding its power would."""
     height, width, _ = signal.shape
     out = np.empty(signal.shape, dtype=np.uint8)
-    shot = 1 / full_well  # variance of the noise per signal, both as shares of full scale
-    floor = (read_noise / full_well) ** 2
+    shot = np.float32(1 / full_well)  # variance of the noise per signal, both as shares of full scale
+    floor = np.float32((read_noise / full_well) ** 2)
+    black, white, guesses = np.float32(0), np.float32(1), np.float32(GUESSES)
     for row in range(height):
         y = 2 * row / max(height - 1, 1) - 1
         for column in range(width):
             x = 2 * column / max(width - 1, 1) - 1
-            scale = gain * (1 - vignetting * (x * x + y * y) / 2)
+            scale = np.float32(gain * (1 - vignetting * (x * x + y * y) / 2))
             for c in range(3):
-                value = min(max(signal[row, column, c] * scale, 0.0), 1.0)
-                value += noise[row, column, c] * np.sqrt(value * shot + floor)
-                value = min(max(value, 0.0), 1.0)
-                code = guess[min(int(value * 1024), 1023)]
-                while code < 255 and value >= starts[code]:
+                value = min(max(signal[row, column, c] * scale, black), white)
+                value += noise[row, column, c] * math.sqrt(value * shot + floor)
+                value = min(max(value, black), white)
+                code = guess[np.int32(value * guesses)]
+                while value >= starts[code]:
                     code += 1
                 out[row, column, c] = code
     return out
