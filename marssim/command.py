@@ -17,6 +17,7 @@ from typing import Any, TypeVar, get_type_hints
 
 MISTAKES = (ValueError, OSError, ImportError, FloatingPointError, MemoryError, BrokenExecutor)
 GOES_ON = "the same command goes on from here"
+KILLED = f"a worker process was killed, perhaps for lack of memory; {GOES_ON}, with fewer --workers it needs less"
 _RULE = re.compile(r"[─-]{8,}")
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 
@@ -80,8 +81,8 @@ def parse(
 
 def describe(error: BaseException) -> str:
     """One line for the user: an OSError's file and reason, else what the error says."""
-    if isinstance(error, BrokenExecutor):
-        return f"a worker process was killed, perhaps for lack of memory; {GOES_ON}, with fewer --workers it needs less"
+    if isinstance(error, BrokenExecutor) and not str(error):
+        return KILLED
     if isinstance(error, MemoryError):
         return f"out of memory{f' ({error})' if str(error) else ''}"
     if isinstance(error, OSError) and error.strerror:

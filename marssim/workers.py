@@ -13,6 +13,8 @@ from typing import Any
 
 import cv2
 
+from marssim.command import GOES_ON, KILLED
+
 TASKS_PER_WORKER = 16  # then a process is replaced, so that what libraries do not free cannot add up
 ANSWER_WITHIN = 10.0  # [s] for a scheduler
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -96,10 +98,7 @@ def _in_processes(
         for worker in workers:
             worker.end(now=True)
         if isinstance(error, BrokenExecutor):
-            raise BrokenExecutor(
-                "a worker process was killed, perhaps for lack of memory; the same command goes on from here, with "
-                "fewer --workers it needs less"
-            ) from None
+            raise BrokenExecutor(KILLED) from None
         raise
     for worker in workers:
         worker.end()
@@ -165,8 +164,7 @@ def _on_cluster(
                     done(running.pop(future), future.result())
         except (KilledWorker, CancelledError):
             raise BrokenExecutor(
-                f"--scheduler {address}: it, or several of its workers in turn, was lost; the same command goes on "
-                f"from here"
+                f"--scheduler {address}: it, or several of its workers in turn, was lost; {GOES_ON}"
             ) from None
         finally:
             for future in running:

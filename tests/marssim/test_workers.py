@@ -26,6 +26,14 @@ def fail_at(number: int, bad: int) -> int:
     return number
 
 
+def fail_first(number: int, folder: Path) -> None:
+    """The first task fails; the others last until the file "go" is there."""
+    (folder / str(number)).touch()
+    if number == 0:
+        raise ValueError("0 is bad")
+    wait_for(lambda: (folder / "go").exists())
+
+
 def own_pid(_: int) -> int:
     return os.getpid()
 
@@ -39,8 +47,16 @@ def touch_and_wait(folder: Path, name: str) -> None:
     time.sleep(120)
 
 
-def die(_: int) -> None:
-    os.kill(os.getpid(), signal.SIGKILL)
+LOCAL: dict = {}  # by address: a scheduler in this process, and the event that its client was told
+
+
+def lose_the_worker(_: int) -> None:
+    """What a dask scheduler does when the connection to a worker breaks; here it lives in this process."""
+    distributed = pytest.importorskip("distributed")
+    worker = distributed.get_worker()
+    scheduler, told = LOCAL[worker.scheduler.address]
+    scheduler.loop.add_callback(scheduler.remove_worker, worker.address, stimulus_id="lost")
+    told.wait(60)
 
 
 def gone(pid: int) -> bool:
@@ -61,9 +77,13 @@ def wait_for(what, seconds: float = 60.0) -> None:
 @pytest.fixture(scope="module")
 def cluster():
     distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=False, dashboard_address=":0", silence_logs=50
-    ) as local:
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=False, dashboard_address=":0", silence_logs=50
+        ) as local,
+    ):
+        patch.setattr(workers, "ANSWER_WITHIN", 60.0)  # the machine may be busy
         yield local.scheduler_address
 
 
@@ -82,12 +102,24 @@ def test_every_task_is_done_once(where, request):
 
 
 @pytest.mark.parametrize("where", ["here", "processes", "dask"])
-def test_a_tasks_error_ends_the_run_and_reaches_the_caller(where, request):
+def test_a_tasks_error_reaches_the_caller(where, request):
     options = options_of(where, request)
     seen = []
     with pytest.raises(ValueError, match="3 is bad"):
-        run_tasks(fail_at, [(n, 3) for n in range(400)], lambda task, result: seen.append(result), **options)
-    assert 3 not in seen and len(seen) < 400
+        run_tasks(fail_at, [(n, 3) for n in range(40)], lambda task, result: seen.append(result), **options)
+    assert 3 not in seen and (where != "here" or seen == [0, 1, 2])
+
+
+@pytest.mark.parametrize("where", ["here", "processes", "dask"])
+def test_after_a_tasks_error_no_more_are_started(where, request, tmp_path):
+    options = options_of(where, request)
+    with pytest.raises(ValueError, match="0 is bad"):
+        run_tasks(fail_first, [(n, tmp_path) for n in range(40)], print, **options)
+    started = len(list(tmp_path.iterdir()))
+    (tmp_path / "go").touch()
+    run_tasks(slow_square, [(1,)], print, **options)  # comes after what a cluster still has to do
+    assert started <= {"here": 1, "processes": 3, "dask": 4}[where]
+    assert len(list(tmp_path.iterdir())) - 1 <= (20 if where == "dask" else started)
 
 
 def test_nothing_to_do_starts_nothing(monkeypatch):
@@ -172,13 +204,19 @@ def test_without_dask_the_extra_is_named(monkeypatch):
         run_tasks(slow_square, [(1,)], print, scheduler="tcp://127.0.0.1:1")
 
 
-def test_a_cluster_whose_workers_die_is_told():
+def test_a_cluster_whose_workers_die_is_told(monkeypatch):
     distributed = pytest.importorskip("distributed")
     import dask
 
+    monkeypatch.setattr(workers, "ANSWER_WITHIN", 60.0)
+    options = {"processes": False, "dashboard_address": ":0", "silence_logs": 50}
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": 0}),
-        distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as local,
-        pytest.raises(BrokenExecutor, match=r"--scheduler tcp://.*goes on"),
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, **options) as local,
     ):
-        run_tasks(die, [(0,)], print, scheduler=local.scheduler_address)
+        told = threading.Event()
+        LOCAL[local.scheduler_address] = local.scheduler, told
+        with pytest.raises(BrokenExecutor, match=rf"^--scheduler {local.scheduler_address}: .*lost.*goes on"):
+            run_tasks(lose_the_worker, [(0,)], print, scheduler=local.scheduler_address)
+        told.set()
+        del LOCAL[local.scheduler_address]
