@@ -43,7 +43,7 @@ def generate(config: GenerateConfig) -> StereoDataset:
     Raises DatasetError if the folder holds another configuration's data, OSError if it cannot be written, and
     BrokenExecutor if a worker process was killed; what is complete stays, and the same call goes on from there.
     """
-    config = replace(config, out=config.out.absolute())  # workers elsewhere may stand in another folder
+    config = _absolute(config)
     content = _claim(config)
     per_scene = config.views_per_scene
     tasks = [
@@ -63,27 +63,45 @@ def generate(config: GenerateConfig) -> StereoDataset:
     return dataset
 
 
+def _absolute(config: GenerateConfig) -> GenerateConfig:
+    """With absolute paths: workers elsewhere may stand in another folder."""
+    scenes = [
+        replace(scene, relief=replace(scene.relief, heightmap=str(Path(scene.relief.heightmap).absolute())))
+        if scene.relief.heightmap is not None
+        else scene
+        for scene in config.scenes
+    ]
+    return replace(config, out=config.out.absolute(), scenes=tuple(scenes))
+
+
 def _claim(config: GenerateConfig) -> dict[str, Any]:
     """Make the folder this dataset's, or see that it is. Returns the settings that are noted in it.
 
-    A scene that cannot be built, such as one of a broken heightmap, is told before anything is written.
+    Settings of which nothing came, say because a package is missing, are replaced by the next ones. A scene that
+    cannot be built, such as one of a broken heightmap, is told before anything is written.
     """
     if config.out.exists() and not config.out.is_dir():
         raise DatasetError(f"--out {config.out}: a file of that name is in the way; choose another")
     asked = config.out / SETTINGS
-    for scene in config.scenes:
-        if not asked.is_file() and scene != preset(scene.preset):
-            build_terrain(scene.relief, scene.size, scene.cell, scene.horizon, np.random.default_rng(config.seed))
-    config.out.mkdir(parents=True, exist_ok=True)
     content = json.loads(json.dumps(config.content(), default=str))  # as it is read back: tuples become lists
     if asked.is_file():
-        if read_json(asked) != content:
+        if read_json(asked) == content:
+            return content
+        if not _only_claimed(config.out):
             raise DatasetError(f"{asked}: the folder holds a dataset of other settings; choose another --out")
-    elif any(not file.name.startswith(f".{SETTINGS}.") for file in config.out.iterdir()):
+    elif config.out.is_dir() and any(not file.name.startswith(f".{SETTINGS}.") for file in config.out.iterdir()):
         raise DatasetError(f"{config.out}: the folder is not empty and holds no dataset; choose another --out")
-    else:
-        write_json(asked, content)
+    for scene in config.scenes:
+        if scene != preset(scene.preset):
+            build_terrain(scene.relief, scene.size, scene.cell, scene.horizon, np.random.default_rng(config.seed))
+    write_json(asked, content)
     return content
+
+
+def _only_claimed(out: Path) -> bool:
+    """Is there nothing yet but the settings, and what a killed run has half written?"""
+    rest = (file.relative_to(out) for file in out.rglob("*") if file.is_file())
+    return all(str(file) == SETTINGS or any(part.startswith(".") for part in file.parts) for file in rest)
 
 
 def _clear_up(out: Path) -> None:

@@ -75,12 +75,17 @@ class GenerateConfig(RunConfig):
         return names.pop() if len(names) == 1 else MIXED
 
     def content(self) -> dict[str, Any]:
-        """What decides the content of each sample: all but the place, the number of pairs and who renders them."""
+        """What decides the content of each sample: all but the place, the number of pairs and who renders them.
+
+        A heightmap counts by its SHA-256, wherever it lies.
+        """
         left_out = ("out", "pairs", "workers", "scheduler", "rig", "scenes")
         content = {name: value for name, value in asdict(self).items() if name not in left_out}
         if not self.trajectory:
             del content["drive"]
-        scenes = {scene.preset: asdict(scene) for scene in self.scenes}
+        scenes = [asdict(scene) for scene in self.scenes]  # in the order that they are drawn from
+        for scene in scenes:
+            del scene["relief"]["heightmap"]
         return {**content, "scene": self.place, "scenes": scenes, "rig": self.rig.to_dict()}
 
 

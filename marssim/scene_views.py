@@ -73,6 +73,9 @@ def _render(config: GenerateConfig, scene_index: int, views: list[int]) -> None:
 
 
 def _meta(config: GenerateConfig, scene: Scene, sensor: Sensor, scene_index: int, view: int) -> dict[str, Any]:
+    scene_config = asdict(scene.config)
+    if scene.config.relief.heightmap is not None:  # by its name: the folder is another one elsewhere
+        scene_config["relief"]["heightmap"] = Path(scene.config.relief.heightmap).name
     when = {"timestamp": view * config.drive.step / config.drive.speed} if config.trajectory else {}
     return {
         "scene": scene_index,
@@ -80,7 +83,7 @@ def _meta(config: GenerateConfig, scene: Scene, sensor: Sensor, scene_index: int
         "seed": config.seed,
         "renderer": config.renderer,
         "preset": scene.config.preset,
-        "scene_config": asdict(scene.config),
+        "scene_config": scene_config,
         "rock_abundance": scene.abundance(),
         "sun": scene.look.sun.tolist(),
         "sun_elevation_deg": float(np.rad2deg(scene.look.sun_elevation)),

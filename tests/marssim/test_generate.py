@@ -1,8 +1,7 @@
 import json
 import multiprocessing
 import shutil
-import threading
-import time
+import sys
 from concurrent.futures import BrokenExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +15,7 @@ from marssim.camera import NATECAM
 from marssim.dataset import DatasetError, StereoDataset
 from marssim.generate import GenerateConfig, generate, generate_scene
 from marssim.render.sensor import SensorConfig
+from marssim.scene.relief import ReliefConfig
 from marssim.scene.scene import PRESETS, SceneConfig, preset
 from marssim.trajectory import TrajectoryConfig
 from marssim.viewpoint import ViewConfig
@@ -172,6 +172,57 @@ def test_the_command_refuses_other_settings_in_one_line(made, capfd):
     assert err.startswith("error: ") and "generate.json" in err and len(err.splitlines()) == 1
 
 
+def test_settings_of_which_nothing_came_are_replaced(made, tmp_path, capfd, monkeypatch):
+    """Without PyBullet, say, its user is told of the other renderer, and takes it with the same folder."""
+    out = tmp_path / "set"
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "pybullet", None)
+        patch.delitem(sys.modules, "marssim.render.rasterize", raising=False)
+        code, err = run(capfd, "--out", out, *FLAGS, "--renderer", "pybullet")
+    assert code == 2 and "embree" in err and list(contents(out)) == ["generate.json"]
+    (out / "scenes" / "00000" / ".00.partial").mkdir(parents=True)
+    (out / "scenes" / "00000" / ".00.partial" / "left.png").write_bytes(b"half")
+    assert run(capfd, "--out", out, *FLAGS)[0] == 0
+    assert contents(out) == contents(made)
+
+
+def test_settings_beside_something_else_are_not_replaced(tmp_path):
+    claimed(config(tmp_path / "set"))
+    (tmp_path / "set" / "notes.txt").write_text("mine")
+    before = contents(tmp_path / "set")
+    with pytest.raises(DatasetError, match="other settings"):
+        generate(config(tmp_path / "set", seed=6))
+    assert contents(tmp_path / "set") == before
+
+
+def test_a_heightmap_is_found_from_any_folder_and_may_be_moved(tmp_path, monkeypatch):
+    """Workers elsewhere stand in other folders; what is recorded is the map, not where it lay."""
+    maps = [tmp_path / "here" / "map.npy", tmp_path / "there" / "moved.npy"]
+    for file in maps:
+        file.parent.mkdir()
+        np.save(file, np.random.default_rng(0).normal(0, 0.05, (220, 220)))
+
+    def asked(heightmap: str, pairs: int) -> GenerateConfig:
+        relief = ReliefConfig(heightmap=heightmap, heightmap_scale=1.0)
+        return config(tmp_path / "set", scenes=(replace(place()[0], relief=relief),), pairs=pairs, views_per_scene=1)
+
+    def elsewhere(function, tasks, *more, whole=command.run_tasks):
+        monkeypatch.chdir(tmp_path / "there")
+        whole(function, tasks, *more)
+
+    monkeypatch.chdir(tmp_path / "here")
+    with monkeypatch.context() as patch:
+        patch.setattr(command, "run_tasks", elsewhere)
+        first = generate(asked("map.npy", 1))[0].meta["scene_config"]["relief"]
+    assert first["heightmap"] == "map.npy"
+    maps[0].unlink()
+    both = [s.meta["scene_config"]["relief"] for s in generate(asked(str(maps[1]), 2))]
+    assert both[0] == first and both[1] == {**first, "heightmap": "moved.npy"}
+    np.save(maps[1], np.zeros((220, 220)))
+    with pytest.raises(DatasetError, match="other settings"):
+        generate(asked(str(maps[1]), 3))
+
+
 def test_a_foreign_folder_is_left_alone(tmp_path, capfd):
     (tmp_path / "thesis.tex").write_text("years of work")
     code, err = run(capfd, "--out", tmp_path)
@@ -232,20 +283,24 @@ def test_without_a_folder_the_command_says_what_is_missing(capfd):
     assert code == 2 and "--out" in err
 
 
-def kill_a_worker_at_work(out: Path) -> None:
-    """Kill one of the pool's processes once files are being written: by then all of them have been started."""
-    while not list(out.glob("scenes/*/*")):
-        time.sleep(0.02)
-    multiprocessing.active_children()[0].kill()
+def test_a_killed_worker_is_one_line_and_the_run_goes_on_later(made, tmp_path, capfd, monkeypatch):
+    """One of the run's own processes is killed when the first scene is done, with nearly all of them still to do."""
+    out, others, killed = tmp_path / "set", set(multiprocessing.active_children()), []
 
+    def kill_one(*_: object) -> None:
+        if not killed:
+            killed.append((set(multiprocessing.active_children()) - others).pop())
+            killed[0].kill()
 
-def test_a_killed_worker_is_one_line_and_the_run_goes_on_later(made, tmp_path, capfd):
-    out = tmp_path / "set"
-    killer = threading.Thread(target=kill_a_worker_at_work, args=(out,), daemon=True)
-    killer.start()
-    code, err = run(capfd, "--out", out, *FLAGS, "--pairs", 4000, "--workers", 2)
+    def run_with_a_kill(function, tasks, done, *more, whole=command.run_tasks):
+        whole(function, tasks, kill_one, *more)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(command, "run_tasks", run_with_a_kill)
+        code, err = run(capfd, "--out", out, *FLAGS, "--pairs", 40, "--workers", 2)
     lines = [line for line in err.splitlines() if not line.startswith(("generate:", "\r"))]
-    assert code == 2 and "worker" in lines[-1] and "Traceback" not in err
+    assert code == 2 and "worker process was killed" in lines[-1] and "Traceback" not in err
+    assert len(list(out.glob("scenes/*/00"))) < 10
     generate(config(out))
     assert hashes(out) == hashes(made)
     assert all(contents(out)[name] == data for name, data in contents(made).items() if name.startswith("scenes"))

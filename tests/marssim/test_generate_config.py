@@ -113,6 +113,15 @@ def test_what_decides_the_content_is_noted_and_the_rest_is_not():
     assert drives[0] != drives[1]
 
 
+def test_every_scene_is_noted_in_the_order_of_the_draw(tmp_path):
+    """Also two of one preset."""
+    rough = preset("gale", relief=replace(preset("gale").relief, rms_slope_deg=9.0))
+    orders = [(preset("gale"), rough), (rough, preset("gale")), (rough,), (rough, rough)]
+    noted = [GenerateConfig(out=tmp_path, scenes=scenes).content()["scenes"] for scenes in orders]
+    assert [len(scenes) for scenes in noted] == [2, 2, 1, 2]
+    assert noted[0] == noted[1][::-1] != noted[1] and noted[3] == noted[2] * 2
+
+
 def test_a_config_needs_a_scene(tmp_path):
     with pytest.raises(ValueError, match="scenes"):
         GenerateConfig(out=tmp_path, scenes=())
