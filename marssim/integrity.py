@@ -53,10 +53,9 @@ def check_index(dataset: StereoDataset) -> list[Finding]:
         if name in seen:
             found.append(Finding("dataset.json", f"lists {name} twice"))
         seen.add(name)
-        if split != split_of(int(name.split("/")[0])):
-            found.append(
-                Finding("dataset.json", f"{name} is in {split}, its scene belongs to {split_of(int(name[:5]))}")
-            )
+        due = split_of(int(name.split("/")[0]))
+        if split != due:
+            found.append(Finding("dataset.json", f"{name} is in {split}, its scene belongs to {due}"))
     return found
 
 

@@ -46,7 +46,7 @@ class VerifyConfig:
     data: tyro.conf.Positional[Path | None] = None
     """dataset folder, as marssim.generate writes it"""
     out: Path = Path("out/verify")
-    """folder for the results; it may lie in the dataset"""
+    """folder for the results; it may lie in the dataset, but not among its scenes"""
     statistics_of: int = 200
     """number of samples that the statistics are taken over, spread over all scenes; 0 for none"""
     workers: int = 2
@@ -76,6 +76,10 @@ class VerifyConfig:
             raise ValueError(f"--sample {self.sample}: of which dataset folder?")
         if self.data is None and not self.cross_check:
             raise ValueError("give a dataset folder, or --cross-check; --help tells more")
+        if self.data is not None:
+            data, out = self.data.resolve(), self.out.resolve()
+            if out == data or out.is_relative_to(data / "scenes"):  # the results would be taken for foreign files
+                raise ValueError(f"--out {self.out}: the dataset's own folder; choose another, in it or elsewhere")
 
 
 def verify_dataset(config: VerifyConfig, dataset: StereoDataset) -> tuple[list[Finding], dict[str, Tally]]:

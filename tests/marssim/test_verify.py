@@ -52,6 +52,13 @@ def test_results_in_the_dataset_are_not_taken_for_extra_files(folder, capfd):
         assert run(capfd, folder, "--out", folder / "verify", "--statistics-of", 0)[0] == 0
 
 
+@pytest.mark.parametrize("place", [".", "scenes", "scenes/../scenes/00000"])
+def test_results_among_the_datasets_own_files_are_refused(folder, place, capfd):
+    before = sorted(folder.rglob("*"))
+    assert f"--out {folder / place}: " in mistake(capfd, folder, "--out", folder / place, "--statistics-of", 0)
+    assert sorted(folder.rglob("*")) == before
+
+
 def test_broken_files_are_named_and_the_exit_code_is_1(folder, tmp_path, capfd):
     (folder / "scenes/00000/00/left.png").unlink()
     image = folder / "scenes/00001/00/depth.png"
