@@ -15,7 +15,7 @@ from marssim.camera import NATECAM, PinholeCamera, StereoRig
 from marssim.command import parse
 from marssim.dataset import DatasetError, read_json
 from marssim.render.sensor import SensorConfig
-from marssim.scene.scene import PRESETS, SceneConfig, preset
+from marssim.scene.scene import PRESETS, Place, SceneConfig, preset
 from marssim.trajectory import TrajectoryConfig
 from marssim.viewpoint import ViewConfig
 
@@ -130,7 +130,7 @@ class SceneOptions(SceneConfig):
 class GenerateOptions(RunConfig):
     """Generate stereo pairs of Mars with exact depth, normals and masks."""
 
-    scene: Literal["utopia", "gusev", "gale", "jezero", "hard", "mixed"] = "utopia"
+    scene: Literal[Place, "mixed"] = "utopia"
     """place on Mars that the terrain is modelled on, from few rocks to many; "mixed" draws one for each scene.
     `--scene NAME --help` shows that place's values as the defaults of --rocks, --relief and --look; what is given
     of them holds for every place of "mixed" """

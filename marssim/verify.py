@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import tyro
@@ -30,7 +29,7 @@ from marssim.integrity import Finding, check_extra, check_index, check_samples, 
 from marssim.pointcloud import coloured_points, encode_glb, encode_ply, surface_mesh
 from marssim.render.agreement import Agreement, agreement
 from marssim.render.makers import make_renderer
-from marssim.scene.scene import build_scene, preset
+from marssim.scene.scene import Place, build_scene, preset
 from marssim.statistics import Tally, table
 from marssim.statistics import __doc__ as definitions
 from marssim.threads import in_threads
@@ -59,7 +58,7 @@ class VerifyConfig:
     """render random views of a scene with PyBullet and with Embree, and say how well they agree"""
     views: int = 10
     """number of views of --cross-check"""
-    scene: Literal["utopia", "gusev", "gale", "jezero", "hard"] = "gale"
+    scene: Place = "gale"
     """preset of the scene of --cross-check"""
     seed: int = 0
     """seed of the scene and the views of --cross-check"""
