@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from marssim.render.gbuffer import GROUND, ROCK_SMOOTHNESS
 from marssim.scene.scene import Scene
@@ -64,6 +65,45 @@ def scene_mesh(scene: Scene) -> SceneMesh:
         start=np.concatenate([[0], np.cumsum(np.concatenate(counts))]).astype(np.int64),
         low=np.concatenate([low for low, _ in boxes]), high=np.concatenate([high for _, high in boxes]),
     )  # fmt: skip
+
+
+def averted(mesh: SceneMesh, sun: np.ndarray) -> SceneMesh:
+    """The faces that are turned away from the sun, unit vector (3,), in pieces as in the mesh: all that cast shadows.
+
+    Ground and rocks are closed: a ray to the sun from outside of them enters by such a face, and leaves by another.
+    """
+    face, count = _averted(mesh.vertices, mesh.faces, mesh.start, np.asarray(sun, dtype=float))
+    some = np.flatnonzero(count)
+    return SceneMesh(
+        vertices=mesh.vertices, faces=mesh.faces[face], surface=mesh.surface[face], vertex_normals=mesh.vertex_normals,
+        start=np.concatenate([[0], np.cumsum(count[some])]), low=mesh.low[some], high=mesh.high[some],
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def _averted(vertices, faces, start, sun):
+    """Faces turned away from the sun, and how many of them are in each piece."""
+    out = np.empty(len(faces), dtype=np.int64)
+    count = np.zeros(len(start) - 1, dtype=np.int64)
+    found = 0
+    for piece in range(len(count)):
+        for face in range(start[piece], start[piece + 1]):
+            i, j, m = faces[face, 0], faces[face, 1], faces[face, 2]
+            ux, uy, uz = (
+                vertices[j, 0] - vertices[i, 0],
+                vertices[j, 1] - vertices[i, 1],
+                vertices[j, 2] - vertices[i, 2],
+            )
+            tx, ty, tz = (
+                vertices[m, 0] - vertices[i, 0],
+                vertices[m, 1] - vertices[i, 1],
+                vertices[m, 2] - vertices[i, 2],
+            )
+            if (uy * tz - uz * ty) * sun[0] + (uz * tx - ux * tz) * sun[1] + (ux * ty - uy * tx) * sun[2] < 0:
+                out[found] = face
+                count[piece] += 1
+                found += 1
+    return out[:found], count
 
 
 def _grid_pieces(

@@ -10,7 +10,8 @@ from marssim.render.bullet_tiles import BulletTiles
 from marssim.render.gbuffer import SKY, GBuffer
 from marssim.render.hits import hits
 from marssim.render.mesh import scene_mesh
-from marssim.render.scan import Projection, matching
+from marssim.render.projection import Projection
+from marssim.render.scan import matching
 from marssim.render.visibility import Visibility
 from marssim.scene.scene import Scene
 

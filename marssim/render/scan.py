@@ -5,65 +5,19 @@ projection a ray is a point. The points need no raster: they are sorted into bin
 bins that it covers (an irregular z-buffer: Johnson et al. 2005, Aila and Laine 2004). The test of a point against a
 triangle is that of a ray against it, in float64 and without gaps between neighbours, so the answers are those of ray
 casting; nothing has to be built per scene.
-
-A projection maps a world point p to (X, Y, W, S) = axes p + shift. (X / W, Y / W) is the image point, W > 0 in front.
-S grows along the ray: an eye has W = S = z, the sun W = 1 and S = the depth below it.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 
 from marssim.render.gbuffer import GROUND
 from marssim.render.mesh import SceneMesh
+from marssim.render.projection import NEAREST, Projection
 
 PER_BIN = 3.0  # points a bin, on average
 BLOCK = 8  # bins along a block: pieces of the mesh are held against blocks
-NEAREST = 1e-3  # [m] what is nearer to an eye is not met
-
-
-@dataclass(frozen=True)
-class Projection:
-    """axes: (4, 3), shift: (4,); see above. nearest: smallest S that is met.
-
-    away: sign of the determinant of the corners (X, Y, W) of a triangle that is turned away from the eye or sun.
-    """
-
-    axes: np.ndarray
-    shift: np.ndarray
-    nearest: float
-    away: float
-
-    @classmethod
-    def of_eye(cls, pose: np.ndarray) -> Projection:
-        """Rays from the camera at pose (4, 4) to world; the image plane is z = 1, S is the depth."""
-        axes = pose[:3, :3].T[[0, 1, 2, 2]]
-        return cls(np.ascontiguousarray(axes), -axes @ pose[:3, 3], NEAREST, 1.0)
-
-    @classmethod
-    def of_sun(cls, sun: np.ndarray) -> Projection:
-        """Rays along the unit vector `sun` (3,); S is minus the height towards it."""
-        helper = np.array([0.0, 0.0, 1.0]) if abs(sun[2]) < 0.9 else np.array([0.0, 1.0, 0.0])
-        right = np.cross(helper, sun)
-        right /= np.linalg.norm(right)
-        axes = np.stack([right, np.cross(sun, right), np.zeros(3), -sun])
-        return cls(axes, np.array([0.0, 0.0, 1.0, 0.0]), -np.inf, -1.0)
-
-
-def averted(mesh: SceneMesh, sun: np.ndarray) -> SceneMesh:
-    """The faces that are turned away from the sun, unit vector (3,), in pieces as in the mesh: all that cast shadows.
-
-    Ground and rocks are closed: a ray to the sun from outside of them enters by such a face, and leaves by another.
-    """
-    face, count = _averted(mesh.vertices, mesh.faces, mesh.start, np.asarray(sun, dtype=float))
-    some = np.flatnonzero(count)
-    return SceneMesh(
-        vertices=mesh.vertices, faces=mesh.faces[face], surface=mesh.surface[face], vertex_normals=mesh.vertex_normals,
-        start=np.concatenate([[0], np.cumsum(count[some])]), low=mesh.low[some], high=mesh.high[some],
-    )  # fmt: skip
 
 
 def blocked(mesh: SceneMesh, view: Projection, x: np.ndarray, y: np.ndarray, s: np.ndarray) -> np.ndarray:
@@ -164,32 +118,6 @@ def _sort(x, y, grid):
         place[of[k]] += 1
         order[to], sorted_x[to], sorted_y[to] = k, x[k], y[k]
     return order, start, sorted_x, sorted_y
-
-
-@njit(cache=True, error_model="numpy")
-def _averted(vertices, faces, start, sun):
-    """Faces turned away from the sun, and how many of them are in each piece."""
-    out = np.empty(len(faces), dtype=np.int64)
-    count = np.zeros(len(start) - 1, dtype=np.int64)
-    found = 0
-    for piece in range(len(count)):
-        for face in range(start[piece], start[piece + 1]):
-            i, j, m = faces[face, 0], faces[face, 1], faces[face, 2]
-            ux, uy, uz = (
-                vertices[j, 0] - vertices[i, 0],
-                vertices[j, 1] - vertices[i, 1],
-                vertices[j, 2] - vertices[i, 2],
-            )
-            tx, ty, tz = (
-                vertices[m, 0] - vertices[i, 0],
-                vertices[m, 1] - vertices[i, 1],
-                vertices[m, 2] - vertices[i, 2],
-            )
-            if (uy * tz - uz * ty) * sun[0] + (uz * tx - ux * tz) * sun[1] + (ux * ty - uy * tx) * sun[2] < 0:
-                out[found] = face
-                count[piece] += 1
-                found += 1
-    return out[:found], count
 
 
 @njit(cache=True, error_model="numpy")

@@ -8,8 +8,9 @@ import numpy as np
 from numba import njit
 
 from marssim.render.hits import hits
-from marssim.render.mesh import SceneMesh
-from marssim.render.scan import Projection, averted, blocked, nearest
+from marssim.render.mesh import SceneMesh, averted
+from marssim.render.projection import Projection
+from marssim.render.scan import blocked, nearest
 
 SELF_GAP = 2e-4  # [m] rays from a surface start this far off it, against meeting the face they leave
 
