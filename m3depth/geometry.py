@@ -10,6 +10,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+GRAZING = 1e-3  # cosine of the angle of sight and normal that a visible surface has at least
 MIN_DISPARITY = 0.05  # [px] what is nearer to zero than this cannot be told from infinitely far
 
 
@@ -54,9 +55,14 @@ def sobel(x: Tensor) -> Tensor:
 
 
 def face_camera(normal: Tensor, rays: Tensor) -> Tensor:
-    """Turn normals that point away from the camera round, so that n . ray < 0. Both (B, 3, H, W)."""
-    away = (normal * rays).sum(1, keepdim=True) > 0
-    return torch.where(away, -normal, normal)
+    """The nearest unit normals that a camera can see, n . ray < 0. normal: (B, 3, H, W) unit; rays: (B, 3, H, W).
+
+    A normal that points away is moved to the silhouette, where the surface is seen edge-on: ground near the horizon
+    that is predicted to lean a degree too far keeps its direction but for that degree.
+    """
+    view = unit(rays)
+    away = (normal * view).sum(1, keepdim=True)
+    return unit(normal - (away + GRAZING).clamp(min=0) * view)
 
 
 def normals_from_disparity(disparity: Tensor, camera: Tensor) -> Tensor:

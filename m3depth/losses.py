@@ -182,7 +182,7 @@ def total_loss(output: StereoOutput, target: Target, config: LossConfig) -> tupl
         F.binary_cross_entropy_with_logits(output.confidence, right.to(weight), reduction="none"), known.to(weight)
     )
     terms["sky"] = weighted_mean(
-        F.binary_cross_entropy_with_logits(output.sky, target.sky.to(weight), reduction="none"), known.to(weight)
+        F.binary_cross_entropy_with_logits(output.sky, target.sky.to(weight), reduction="none"), known * weight
     )
     total = sum((getattr(config, name) * value for name, value in terms.items()), torch.zeros(()).to(weight))
     return total, {name: value.detach() for name, value in terms.items()}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from m3depth.geometry import face_camera, pixel_rays, unit
+from m3depth.geometry import pixel_rays, unit
 from m3depth.network.backbone import conv_block, group_norm
 
 
@@ -48,7 +48,7 @@ class SNNet(nn.Module):
     def forward(self, volume: Tensor, left: Tensor, camera: Tensor) -> Tensor:
         """volume: (B, G, D, H, W). left: (B, C, H, W). camera: (B, 4) fx, fy, cx, cy of this grid.
 
-        Returns (B, 3, H, W) unit normals in the camera frame, facing the camera.
+        Returns (B, 3, H, W) unit normals in the camera frame.
         """
         depth = volume.shape[2]
         rays = pixel_rays(camera, volume.shape[-2], volume.shape[-1])
@@ -59,4 +59,4 @@ class SNNet(nn.Module):
         batch, slices = x.shape[0], x.shape[2]
         x = self.slice(x.transpose(1, 2).flatten(0, 1))  # (B D / 8, 3, H, W)
         total = x.unflatten(0, (batch, slices)).sum(1).float()
-        return face_camera(unit(total), rays)
+        return unit(total)

@@ -6,7 +6,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from m3depth.geometry import face_camera, normals_from_disparity, pixel_rays, unit
+from m3depth.geometry import normals_from_disparity, unit
 from m3depth.network.cost_volume import matchable
 
 DISPARITY_SCALE = 64.0  # [px] brings disparities to the size that the other inputs have
@@ -100,9 +100,8 @@ class RefinementStep(nn.Module):
         normal: Tensor,
         lookup: CorrelationLookup,
         camera: Tensor,
-        rays: Tensor,
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """disparity: (B, 1, H, W) in full-resolution pixels. camera: (B, 4) and rays: (B, 3, H, W) of this grid.
+        """disparity: (B, 1, H, W) in full-resolution pixels. camera: (B, 4) of this grid.
 
         Returns the new hidden state, disparity and normals.
         """
@@ -117,7 +116,7 @@ class RefinementStep(nn.Module):
         hidden = self.gru(hidden, x, context)
         disparity = (disparity + self.step * self.disparity(hidden).float()).clamp(min=0)
         change = self.normal(torch.cat([hidden, normal.to(dtype)], 1)).float()
-        normal = face_camera(unit(normal + change), rays)
+        normal = unit(normal + change)
         return hidden, disparity, normal
 
 
@@ -182,7 +181,6 @@ class Refinement(nn.Module):
         """
         match_left, match_right = matchable(self.match(torch.cat([left, right])).float()).chunk(2)
         lookup = CorrelationLookup(match_left, match_right, self.radius, self.levels)
-        rays = pixel_rays(camera, left.shape[-2], left.shape[-1])
         wide = F.interpolate(self.coarse(coarse), scale_factor=2, mode="bilinear")
         features = torch.cat([left, wide], 1)
         hidden, context = self.context(features).chunk(2, 1)
@@ -190,7 +188,7 @@ class Refinement(nn.Module):
         bias = self.bias(F.relu(context))
         history = []
         for _ in range(self.steps):
-            hidden, disparity, normal = self.step(hidden, bias, disparity, normal, lookup, camera, rays)
+            hidden, disparity, normal = self.step(hidden, bias, disparity, normal, lookup, camera)
             history.append((disparity, normal))
         decisions = self.decisions(torch.cat([hidden, wide], 1)).float()
         return history, self.upsample(hidden, torch.cat([disparity, normal, decisions], 1))

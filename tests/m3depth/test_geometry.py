@@ -4,11 +4,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from m3depth.geometry import (
+    GRAZING,
     disparity_to_depth,
+    face_camera,
     normals_from_disparity,
     pixel_rays,
     scale_camera,
     sobel,
+    unit,
 )
 from marssim.camera import NATECAM, PinholeCamera
 
@@ -53,3 +56,23 @@ def test_sobel_of_an_affine_map() -> None:
     v, u = torch.meshgrid(torch.arange(5.0), torch.arange(7.0), indexing="ij")
     slope = sobel((0.3 * u - 0.2 * v + 4)[None, None])[0, :, 1:-1, 1:-1]
     torch.testing.assert_close(slope, torch.tensor([0.3, -0.2])[:, None, None].expand(2, 3, 5))
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**31))
+def test_normals_that_point_away_are_moved_to_the_silhouette_and_others_kept(seed: int) -> None:
+    random = torch.Generator().manual_seed(seed)
+    normal = unit(torch.randn(1, 3, 6, 9, generator=random, dtype=torch.float64))
+    view = unit(pixel_rays(CAMERA, 6, 9))
+    found = face_camera(normal, pixel_rays(CAMERA, 6, 9))
+    torch.testing.assert_close(found.norm(dim=1), torch.ones(1, 6, 9, dtype=torch.float64))
+    along, before = ((n * view).sum(1) for n in (found, normal))
+    assert (along < 0).all()
+    kept = before < -GRAZING
+    assert kept.any() and (~kept).any()
+    torch.testing.assert_close(found.movedim(1, -1)[kept], normal.movedim(1, -1)[kept])
+    # the angle that it is moved by is the one that it leant away by, whatever lies across the line of sight
+    moved = torch.rad2deg((found * normal).sum(1).clamp(-1, 1).acos())[~kept]
+    away = torch.rad2deg(before.clamp(-1, 1).asin())[~kept]
+    steep = away < 60
+    torch.testing.assert_close(moved[steep], away[steep], atol=0.2, rtol=0)
