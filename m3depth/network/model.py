@@ -114,8 +114,9 @@ PRESETS = {
 class StereoOutput(NamedTuple):
     """What forward returns; all float32. Disparities are pixels of the full-size image, normals are of unit length.
 
-    disparity: (B, 1, H, W). normal: (B, 3, H, W), facing the camera; the coarse ones need not. confidence, sky: (B, 1, H, W) logits of "within 1 px" and of "sky or
-    beyond measure". initial: disparity and normal at 1/8. steps: disparity and normal at 1/4 after each refinement.
+    disparity: (B, 1, H, W). normal: (B, 3, H, W), facing the camera; the coarse ones need not. confidence, sky:
+    (B, 1, H, W) logits of "within 1 px" and of "sky or beyond measure". initial: disparity and normal at 1/8. steps:
+    disparity and normal at 1/4 after each refinement.
     The coarse grids cover the padded image.
     """
 
