@@ -26,10 +26,10 @@ from typing import Any, Literal, overload
 
 import cv2
 import numpy as np
-from numba import njit
 
 from marssim.atomic import write_atomically
 from marssim.camera import MAX_DEPTH, MIN_DEPTH, StereoRig
+from marssim.compiled import compiled
 from marssim.render.gbuffer import SKY
 from marssim.render.stereo import StereoFrame
 
@@ -143,7 +143,7 @@ def encode_depth(depth: np.ndarray) -> np.ndarray:
     return _depth_code(np.ascontiguousarray(depth).ravel()).reshape(depth.shape)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _depth_code(depth):
     out = np.full(len(depth), SKY_CODE, dtype=np.uint16)
     scale = (SKY_CODE - 1) / np.log(FARTHEST / NEAREST)
@@ -166,7 +166,7 @@ def encode_normal(normal: np.ndarray) -> np.ndarray:
     return _normal_code(np.ascontiguousarray(normal).reshape(-1, 3)).reshape(normal.shape)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _normal_code(normal):
     out = np.zeros(normal.shape, dtype=np.uint16)
     for k in range(len(normal)):

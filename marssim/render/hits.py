@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from marssim.compiled import compiled
 from marssim.render.gbuffer import SKY
 
 MISS = 1e-3  # barycentric coordinate by which a ray may pass a triangle before the nearest point on it is taken
@@ -27,7 +27,7 @@ def hits(
     )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _hits(vertices, faces, surface, vertex_normals, pose, rays, face):
     n = len(face)
     depth = np.full(n, np.inf, dtype=np.float32)
@@ -84,7 +84,7 @@ def _hits(vertices, faces, surface, vertex_normals, pose, rays, face):
     return depth, normal, shading, ids
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _within(weight: float) -> float:
     """A barycentric coordinate brought into the triangle; also where it is not finite."""
     return min(max(weight, 1e-9), 1.0) if weight == weight else 1e-9

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from marssim.compiled import compiled
 from marssim.render.gbuffer import GROUND, ROCK_SMOOTHNESS
 from marssim.scene.scene import Scene
 from marssim.scene.terrain import HeightGrid
@@ -80,7 +80,7 @@ def averted(mesh: SceneMesh, sun: np.ndarray) -> SceneMesh:
     )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _averted(vertices, faces, start, sun):
     """Faces turned away from the sun, and how many of them are in each piece."""
     out = np.empty(len(faces), dtype=np.int64)

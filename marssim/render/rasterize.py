@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from marssim.camera import PinholeCamera
+from marssim.compiled import compiled
 from marssim.render.bullet_tiles import BulletTiles
 from marssim.render.gbuffer import SKY, GBuffer
 from marssim.render.hits import hits
@@ -93,7 +93,7 @@ class Rasterizer:
         return far * near / (far - (far - near) * np.minimum(buffer, 1.0)), surface
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _lend_faces(face, surface):
     """On silhouettes PyBullet may show a surface that the ray just misses: take the face of a neighbour on it."""
     height, width = face.shape
@@ -108,7 +108,7 @@ def _lend_faces(face, surface):
                         face[row, column] = known[j, i]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _nearest_faces(face, surface, rays, pose, vertices, faces, of_face, start):
     """Where no neighbour shows the surface either, the face of it whose middle lies nearest to the ray."""
     for k in range(len(face)):

@@ -10,8 +10,8 @@ casting; nothing has to be built per scene.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from marssim.compiled import compiled
 from marssim.render.gbuffer import GROUND
 from marssim.render.mesh import SceneMesh
 from marssim.render.projection import NEAREST, Projection
@@ -87,19 +87,19 @@ class _Bins:
         self.order, self.start, self.x, self.y = _sort(x, y, self.grid)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _warp(offset: float, spread: float) -> float:
     return offset / (spread + abs(offset))
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _bin(value, middle, spread, low, scale, number):
     """The bin along one axis; values beyond the first and the last one are counted to these."""
     place = (_warp(value - middle, spread) - low) * scale
     return int(min(max(place, 0.0), number - 1.0))
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _sort(x, y, grid):
     mx, my, spread, lx, ly, sx, sy, number = grid
     n = len(x)
@@ -120,7 +120,7 @@ def _sort(x, y, grid):
     return order, start, sorted_x, sorted_y
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _block_reach(start, limit, number):
     """(blocks, blocks) largest limit of the points in each block of bins, -inf where there is none."""
     blocks = (number + BLOCK - 1) // BLOCK
@@ -133,7 +133,7 @@ def _block_reach(start, limit, number):
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _in_the_way(low, high, axes, shift, nearest, grid, reach):
     """May a box stand before any point?"""
     mx, my, spread, lx, ly, sx, sy, number = grid
@@ -172,7 +172,7 @@ def _in_the_way(low, high, axes, shift, nearest, grid, reach):
     return False
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _unwarp(place, low, scale, middle, spread):
     """Image coordinate at the border of a bin, with a little slack outwards."""
     warped = place / scale + low
@@ -180,7 +180,7 @@ def _unwarp(place, low, scale, middle, spread):
     return middle + spread * warped / (1 - abs(warped)) + slack * (1 + abs(middle) + spread)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _corners(vertices, faces, face, axes, shift, q):
     """Project a triangle to q (3, 4)."""
     for c in range(3):
@@ -190,7 +190,7 @@ def _corners(vertices, faces, face, axes, shift, q):
             q[c, r] = axes[r, 0] * px + axes[r, 1] * py + axes[r, 2] * pz + shift[r]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _covers(q, grid, box):
     """The bins of a projected triangle, box i0, i1, j0, j1; False if no point can lie in it."""
     mx, my, spread, lx, ly, sx, sy, number = grid
@@ -228,7 +228,7 @@ def _covers(q, grid, box):
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _edges(q, e):
     """The three edge functions of the triangle, e[c] . (x, y, 1), that of corner c's opposite edge."""
     for c in range(3):
@@ -238,7 +238,7 @@ def _edges(q, e):
         e[c, 2] = q[a, 0] * q[b, 1] - q[a, 1] * q[b, 0]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _meet(e, q, x, y):
     """S where the ray meets the triangle, inf where it passes by. Edges belong to both neighbours."""
     w0 = e[0, 0] * x + e[0, 1] * y + e[0, 2]
@@ -254,7 +254,7 @@ def _meet(e, q, x, y):
     return (w0 * q[0, 3] + w1 * q[1, 3] + w2 * q[2, 3]) / total
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _scan_blocked(
     vertices, faces, surface, start, low, high, axes, shift, nearest, away, grid, bins, x, y, limit
 ):  # fmt: skip
@@ -283,7 +283,7 @@ def _scan_blocked(
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _scan_nearest(vertices, faces, start, low, high, axes, shift, nearest, grid, bins, x, y):
     number = grid[7]
     out = np.full(len(x), -1, dtype=np.int32)
@@ -309,7 +309,7 @@ def _scan_nearest(vertices, faces, start, low, high, axes, shift, nearest, grid,
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _scan_matching(
     vertices, faces, surface, start, low, high, axes, shift, nearest, grid, bins, x, y, guess, wanted
 ):  # fmt: skip

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numba import njit
 
 from marssim.camera import PinholeCamera
+from marssim.compiled import compiled
 
 Range = tuple[float, float]
 
@@ -111,7 +111,7 @@ GUESSES = 32768  # so many that the code of a signal is its guess or, above the 
 GUESS = np.searchsorted(CODE_STARTS, np.arange(GUESSES + 1) / GUESSES, side="right").astype(np.uint8)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _luminance(radiance, metered):
     out = np.empty(metered.sum(), dtype=np.float32)
     found = 0
@@ -122,7 +122,7 @@ def _luminance(radiance, metered):
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _codes(signal, noise, gain, vignetting, full_well, read_noise, starts, guess):
     """Vignetting, noise and gamma; the code of a signal is looked up, which gives what rounding its power would."""
     height, width, _ = signal.shape

@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from marssim.compiled import compiled, inlined
 from marssim.render.gbuffer import GROUND
 from marssim.render.texture import coded_tile, fractal_slopes, fractal_value, placing
 from marssim.scene.scene import Look, Scene
@@ -95,7 +95,7 @@ class Shader:
         return _skies(directions, self.look.sun, self.sky_light, self.look.optical_depth)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _skies(directions, sun, sky_light, optical_depth):
     out = np.empty((len(directions), 3), dtype=np.float32)
     for k in range(len(directions)):
@@ -103,7 +103,7 @@ def _skies(directions, sun, sky_light, optical_depth):
     return out
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def _sky(x, y, z, sun, sky_light, optical_depth):
     towards_sun = min(max(x * sun[0] + y * sun[1] + z * sun[2], -1.0), 1.0)
     horizon = math.exp(np.float32(-min(z, 1.0) / 0.25)) if z > 0 else 1.0
@@ -122,7 +122,7 @@ def _sky(x, y, z, sun, sky_light, optical_depth):
     )
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def _ground(x, y, footprint, contrast, tile, places, slope, spot_tile, spot_places, spot_amplitude):
     """Albedo of regolith, and the slopes of its fine relief along x and y."""
     height, du, dv = fractal_slopes(tile, places, slope, slope, x, y, footprint)
@@ -136,7 +136,7 @@ def _ground(x, y, footprint, contrast, tile, places, slope, spot_tile, spot_plac
     return red, green, blue, du, dv
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def _rock(u, v, up, albedo, footprint, contrast, tile, places, amplitude, slope):
     """Albedo of a rock with dust on its top, and the slopes of its fine relief along u and v."""
     value, du, dv = fractal_slopes(tile, places, amplitude, slope, u, v, footprint)
@@ -148,7 +148,7 @@ def _rock(u, v, up, albedo, footprint, contrast, tile, places, amplitude, slope)
     return red, green, blue, du, dv
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _surface(
     points, at, normals, surface, eye, lit, focal, rock_albedo, contrast, relief, stain, rock, sun, sun_light,
     sky_light, optical_depth, out,

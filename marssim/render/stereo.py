@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numba import njit
 
 from marssim.camera import PinholeCamera, StereoRig, rotate
+from marssim.compiled import compiled
 from marssim.render.gbuffer import GROUND, SKY, GBuffer, GBufferMaker
 from marssim.render.sensor import Sensor
 from marssim.render.shading import Shader
@@ -122,7 +122,7 @@ def _shade(
     return colour, lit
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _hit_points(rays, depth, normal, surface, pose):
     """Indices (M,) of what is not sky, its points (M, 3), float64, and its normals (M, 3), float32, world frame."""
     n = len(rays)
@@ -143,7 +143,7 @@ def _hit_points(rays, depth, normal, surface, pose):
     return at[:found], points[:found], normals[:found]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _beside(edge, depth, surface, pixel_depth, pixel_surface, lit, colour, out):
     """(N,) bool: whether the pixels about a ray tell its colour, which is then written to out (N, 3).
 

@@ -10,7 +10,8 @@ from functools import lru_cache
 
 import numpy as np
 import scipy.fft
-from numba import njit
+
+from marssim.compiled import inlined
 
 TILE = 512  # texels on a side of the periodic tile
 TEXELS = 8.0  # texels per wavelength in the tile
@@ -60,7 +61,7 @@ def placing(wavelengths: tuple[float, ...], seed: int) -> np.ndarray:
 
 
 # inlined, as all that is called for each pixel: a call counts references to its arrays, which costs more than its sums
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def octave_weight(wavelength, footprint):
     """How much of an octave a pixel shows: 1 where it is well resolved, 0 at two pixels a wavelength and below.
 
@@ -72,7 +73,7 @@ def octave_weight(wavelength, footprint):
     return ramp * ramp * (np.float32(3) - np.float32(2) * ramp)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def _texel(places, octave, u, v):
     """Where a surface point lies in the tile: index of the texel before it, and the rest, along x and y."""
     # single precision, as the tile: at 100 m and the finest octave it is off by a hundredth of a texel
@@ -83,7 +84,7 @@ def _texel(places, octave, u, v):
     return np.uint32(column), np.uint32(row), x - left, y - top
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def octave_value(tile, places, octave, u, v):
     """Noise of one octave at surface coordinates u, v [m]. tile: of coded_tile; places: (M, 7) of placing."""
     i, j, s, t = _texel(places, octave, u, v)
@@ -95,7 +96,7 @@ def octave_value(tile, places, octave, u, v):
     return value * np.float32(STEP)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def octave_slopes(tile, places, octave, u, v):
     """Noise of one octave and its slopes along u and v, each of unit variance. tile: of coded_tile."""
     i, j, s, t = _texel(places, octave, u, v)
@@ -110,7 +111,7 @@ def octave_slopes(tile, places, octave, u, v):
     return value * np.float32(STEP), turn_u * along + turn_v * across, -turn_v * along + turn_u * across
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def fractal_value(tile, places, amplitude, u, v, footprint):
     """Sum of octaves at a point. places: (M, 7) of placing; amplitude: (M,); footprint [m]."""
     total = np.float32(0)
@@ -121,7 +122,7 @@ def fractal_value(tile, places, amplitude, u, v, footprint):
     return total
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def fractal_slopes(tile, places, amplitude, slope, u, v, footprint):
     """Sum of octaves at a point and its slopes along u and v; amplitude, slope: (M,) of each octave."""
     total, du, dv = np.float32(0), np.float32(0), np.float32(0)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from marssim.compiled import compiled
 from marssim.render.hits import hits
 from marssim.render.mesh import SceneMesh, averted
 from marssim.render.projection import Projection
@@ -87,7 +87,7 @@ def _looking(eye: np.ndarray, axis: np.ndarray) -> np.ndarray:
     return pose
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _ahead(points, eye, axis):
     """Do all points lie well before an eye that looks along the axis?"""
     least = 0.3 * math.sqrt(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2])
@@ -98,7 +98,7 @@ def _ahead(points, eye, axis):
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _leaving(points, normals, light, near, axes, shift):
     """Indices of the points whose face looks to the light, and where their rays start: image x, image y and S."""
     n = len(points)

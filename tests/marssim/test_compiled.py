@@ -1,0 +1,70 @@
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from marssim.compiled import compiled, source_digest
+
+KERNELS = """
+from some.steps import STEP
+from marssim.compiled import compiled
+
+@compiled
+def up(x):
+    return x + STEP
+
+print(up(1), sum(up.stats.cache_hits.values()))
+"""
+
+
+def run(folder: Path, **environment: str) -> list[int]:
+    """What the package prints: the kernel's answer, and how many kernels came from disk."""
+    done = subprocess.run(
+        [sys.executable, "-c", "import some.kernels"], cwd=folder, capture_output=True, text=True,
+        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1", **environment},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return [int(word) for word in done.stdout.split()]
+
+
+def package(folder: Path, step: int) -> None:
+    made = folder / "some"
+    made.mkdir(exist_ok=True)
+    (made / "__init__.py").touch()
+    (made / "steps.py").write_text(f"STEP = {step}\n")
+    (made / "kernels.py").write_text(KERNELS)
+
+
+def test_kernels_are_kept_until_any_source_of_the_package_changes(tmp_path):
+    package(tmp_path, 10)
+    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    assert run(tmp_path, **cache) == [11, 0]
+    assert run(tmp_path, **cache) == [11, 1]
+    package(tmp_path, 20)  # another file than the kernel's
+    assert run(tmp_path, **cache) == [21, 0]
+
+
+def test_kernels_run_where_nothing_can_be_kept(tmp_path):
+    package(tmp_path, 10)
+    nowhere = tmp_path / "file"
+    nowhere.touch()
+    assert run(tmp_path, NUMBA_CACHE_DIR=str(nowhere / "cache")) == [11, 0]
+
+
+def test_without_a_folder_to_write_a_kernel_is_compiled_anew(monkeypatch):
+    def homeless(*_: object) -> None:
+        raise RuntimeError("cannot cache function: no locator available")
+
+    monkeypatch.setattr("numba.core.caching.CompileResultCacheImpl.__init__", homeless)
+    assert compiled(lambda x: 2 * x)(np.arange(3)).tolist() == [0, 2, 4]
+
+
+def test_the_digest_sees_names_and_contents(tmp_path):
+    (tmp_path / "a.py").write_text("x = 1")
+    first = source_digest.__wrapped__(tmp_path)
+    (tmp_path / "a.py").write_text("x = 2")
+    second = source_digest.__wrapped__(tmp_path)
+    (tmp_path / "a.py").rename(tmp_path / "b.py")
+    assert len({first, second, source_digest.__wrapped__(tmp_path)}) == 3
