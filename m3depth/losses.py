@@ -103,7 +103,7 @@ def consistency_residual(disparity: Tensor, normal: Tensor, camera: Tensor) -> t
 
 
 def consistency_loss(disparity: Tensor, normal: Tensor, camera: Tensor, mask: Tensor) -> Tensor:
-    """Huber norm of consistency_residual over mask (paper, Eq. 13).
+    """Huber norm of consistency_residual over mask (paper, Eq. 16).
 
     mask: (B, 1, H, W) bool, which should leave out invalid pixels and depth edges; grazing ones are left out here.
     """
@@ -113,11 +113,13 @@ def consistency_loss(disparity: Tensor, normal: Tensor, camera: Tensor, mask: Te
 
 
 def reduce_target(target: Target, factor: int, weight: Tensor) -> tuple[Target, Tensor]:
-    """Ground truth and pixel weight on the grid with one cell for factor x factor pixels (factor even).
+    """Ground truth and pixel weight on the grid with one cell for factor x factor pixels (factor 1, or even).
 
     The cell's centre lies between its four middle pixels: their mean is its value, unless one of them has no label or
     they straddle an edge. H and W must be multiples of factor.
     """
+    if factor == 1:
+        return target, weight
     first = factor // 2 - 1
 
     def middle(x: Tensor) -> tuple[Tensor, ...]:
@@ -159,19 +161,19 @@ def total_loss(output: StereoOutput, target: Target, config: LossConfig) -> tupl
     weight = torch.where(edges, config.edge, weight)
     weight = torch.where(target.rock, config.rock, weight)
     quarter, quarter_weight = reduce_target(target, 4, weight)
-    eighth, eighth_weight = reduce_target(target, 8, weight)
+    disparity, normal = output.initial  # at 1/8, or on the grid of the output head
+    coarse, coarse_weight = reduce_target(target, target.disparity.shape[-1] // disparity.shape[-1], weight)
 
     terms = {
         "disparity": disparity_loss(output.disparity, target, weight, config),
         "normal": normal_loss(output.normal, target, weight),
     }
+    terms["disparity"] = terms["disparity"] + config.initial * disparity_loss(disparity, coarse, coarse_weight, config)
+    terms["normal"] = terms["normal"] + config.initial * normal_loss(normal, coarse, coarse_weight)
     for age, (disparity, normal) in enumerate(reversed(output.steps)):
         share = config.decay ** (age + 1)
         terms["disparity"] = terms["disparity"] + share * disparity_loss(disparity, quarter, quarter_weight, config)
         terms["normal"] = terms["normal"] + share * normal_loss(normal, quarter, quarter_weight)
-    disparity, normal = output.initial
-    terms["disparity"] = terms["disparity"] + config.initial * disparity_loss(disparity, eighth, eighth_weight, config)
-    terms["normal"] = terms["normal"] + config.initial * normal_loss(normal, eighth, eighth_weight)
     if config.consistency:
         smooth = target.label & ~edges
         terms["consistency"] = consistency_loss(output.disparity, output.normal, target.camera, smooth)

@@ -33,30 +33,43 @@ def conv_block(inputs: int, outputs: int, kernel: int = 3, stride: int = 1, dila
 
 
 class WaveletBlock(nn.Module):
-    """Residual block at one scale: the wavelet convolution (or, with levels = 0, a plain one), then a 3 x 3."""
+    """A convolution at one scale: the wavelet convolution or, with levels = 0, a plain one, normalised, then ReLU.
 
-    def __init__(self, channels: int, levels: int, kernel: int) -> None:
+    skips: it becomes a residual block, x + conv(x + wavelet(x)), with a 3 x 3 convolution as the second; without, it
+    is the one convolution of the paper's table.
+    """
+
+    def __init__(self, channels: int, levels: int, kernel: int, skips: bool) -> None:
         super().__init__()
         first = WaveletConv(channels, levels, kernel) if levels else nn.Conv2d(channels, channels, 3, padding=1)
         self.first = nn.Sequential(first, group_norm(channels), nn.ReLU(inplace=True))
-        self.second = conv_block(channels, channels)
+        self.second = conv_block(channels, channels) if skips else None
 
     def forward(self, x: Tensor) -> Tensor:
+        if self.second is None:
+            return self.first(x)
         return x + self.second(x + self.first(x))
 
 
 class Backbone(nn.Module):
-    """A 7 x 7 and five 3 x 3 convolutions down to 1/8, wavelets at 1/4 and at 1/8.
+    """A 7 x 7 and five 3 x 3 convolutions down to 1/8 (paper, Table I), Conv4 and Conv6 of them by wavelets.
 
-    channels: widths at 1/2, 1/4 and 1/8. levels: wavelet levels at 1/4 and at 1/8; 0 means none.
+    channels: widths at 1/2, 1/4 and 1/8. levels: wavelet levels at 1/4 and at 1/8; 0 means none. skips: see
+    WaveletBlock.
     """
 
-    def __init__(self, channels: tuple[int, int, int], levels: tuple[int, int], kernel: int) -> None:
+    def __init__(
+        self, channels: tuple[int, int, int], levels: tuple[int, int], kernel: int, skips: bool = True
+    ) -> None:
         super().__init__()
         half, quarter, eighth = channels
         self.stem = nn.Sequential(conv_block(3, half, kernel=7, stride=2), conv_block(half, half))
-        self.quarter = nn.Sequential(conv_block(half, quarter, stride=2), WaveletBlock(quarter, levels[0], kernel))
-        self.eighth = nn.Sequential(conv_block(quarter, eighth, stride=2), WaveletBlock(eighth, levels[1], kernel))
+        self.quarter = nn.Sequential(
+            conv_block(half, quarter, stride=2), WaveletBlock(quarter, levels[0], kernel, skips)
+        )
+        self.eighth = nn.Sequential(
+            conv_block(quarter, eighth, stride=2), WaveletBlock(eighth, levels[1], kernel, skips)
+        )
 
     def forward(self, image: Tensor) -> Features:
         """image: (B, 3, H, W), normalised."""

@@ -44,14 +44,40 @@ def soft_argmin(logits: Tensor, step: float) -> Tensor:
     return (logits.softmax(1) * index[:, None, None]).sum(1, keepdim=True) * step
 
 
+class OutputHead(nn.Module):
+    """Transposed convolutions, 4 x 4 with stride 2, over each slice of the volume (paper, Table I, Upsample1 to 3).
+
+    They start as bilinear interpolation of each channel.
+    """
+
+    def __init__(self, groups: int, doublings: int) -> None:
+        super().__init__()
+        self.layers = nn.Sequential(
+            *(nn.ConvTranspose3d(groups, groups, (1, 4, 4), (1, 2, 2), (0, 1, 1)) for _ in range(doublings))
+        )
+        taps = torch.tensor([0.25, 0.75, 0.75, 0.25])
+        for layer in self.layers:
+            with torch.no_grad():
+                layer.get_parameter("weight").copy_(torch.eye(groups)[:, :, None, None, None] * torch.outer(taps, taps))
+                layer.get_parameter("bias").zero_()
+
+    def forward(self, volume: Tensor) -> Tensor:
+        """(B, G, D, H, W) -> (B, G, D, 2^n H, 2^n W), n doublings."""
+        return self.layers(volume)
+
+
 class Aggregation(nn.Module):
     """C_0 -> C_1 -> P_1 by 3-D convolutions, then P_2 = P_1 + residual seen in context.
 
     The residual is computed in 2-D, over all hypotheses of P_1 and the left features, with growing dilations: the
-    role that DPSNet's context network has, at a fraction of the cost of one pass per slice.
+    role that DPSNet's context network has, at a fraction of the cost of one pass per slice. doublings: the output head
+    enlarges C_1 so often. score_kernel: of the convolution from C_1 to P_1; 1 is a weighted sum of the groups.
     """
 
-    def __init__(self, groups: int, width: int, hypotheses: int, context: int, residual_width: int) -> None:
+    def __init__(
+        self, groups: int, width: int, hypotheses: int, context: int, residual_width: int, doublings: int = 0,
+        score_kernel: int = 1,
+    ) -> None:  # fmt: skip
         super().__init__()
         # oneDNN is 20 times slower on 3-D convolutions whose channels are not multiples of 16: keep widths at 16, 32...
         self.first = nn.Sequential(
@@ -60,7 +86,16 @@ class Aggregation(nn.Module):
         self.second = nn.Sequential(nn.Conv3d(width, groups, 3, padding=1, bias=False), group_norm(groups))
         # At the start P_1 is the plain correlation, sharp enough for the softmax to have a peak.
         nn.init.zeros_(self.second[1].get_parameter("weight"))
-        self.score = nn.Parameter(torch.full((groups,), 20.0 / groups))
+        self.head = OutputHead(groups, doublings) if doublings else None
+        self.score: nn.Parameter | nn.Conv3d
+        if score_kernel == 1:
+            self.score = nn.Parameter(torch.full((groups,), 20.0 / groups))
+        else:
+            middle = score_kernel // 2
+            self.score = nn.Conv3d(groups, 1, score_kernel, padding=middle)
+            with torch.no_grad():
+                self.score.weight.zero_()[:, :, middle, middle, middle] = 20.0 / groups
+                self.score.get_parameter("bias").zero_()
         self.residual_width = residual_width
         if residual_width:
             self.context = nn.Sequential(
@@ -70,14 +105,21 @@ class Aggregation(nn.Module):
             self.residual = nn.Conv2d(residual_width, hypotheses, 3, padding=1)
             nn.init.zeros_(self.residual.weight)
 
-    def forward(self, volume: Tensor, left: Tensor) -> tuple[Tensor, Tensor | None]:
-        """volume: (B, G, D, H, W). left: (B, C, H, W).
+    def forward(self, volume: Tensor, left: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:
+        """volume: C_0, (B, G, D, H, W). left: (B, C, H, W).
 
-        Returns the scores P_2 (B, D, H, W), before the softmax, and the context features (B, residual_width, H, W).
+        Returns the volume for SNNet, C_0 or, with an output head, the enlarged C_1; on the same grid h x w the scores
+        P_2 (B, D, h, w), before the softmax; and the context features (B, residual_width, h, w).
         """
-        volume = volume + self.second(self.first(volume))
-        scores = (volume * self.score[:, None, None, None]).sum(1)
+        aggregated = volume + self.second(self.first(volume))
+        if self.head is not None:
+            volume = aggregated = self.head(aggregated)
+            left = F.interpolate(left, aggregated.shape[-2:], mode="bilinear")
+        if isinstance(self.score, nn.Conv3d):
+            scores = self.score(aggregated)[:, 0]
+        else:
+            scores = (aggregated * self.score[:, None, None, None]).sum(1)
         if not self.residual_width:
-            return scores, None
+            return volume, scores, None
         context = self.context(torch.cat([scores, left], 1))
-        return scores + self.residual(context), context
+        return volume, scores + self.residual(context), context

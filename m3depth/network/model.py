@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -14,8 +14,10 @@ from torch import Tensor, nn
 
 from m3depth.geometry import disparity_to_depth, face_camera, pixel_rays, scale_camera, unit
 from m3depth.network.backbone import Backbone
+from m3depth.network.config import PRESETS, M3DepthConfig
 from m3depth.network.cost_volume import Aggregation, group_correlation_volume, matchable, soft_argmin
 from m3depth.network.normals import SNNet
+from m3depth.network.recompute import direct, recomputed
 from m3depth.network.refinement import Refinement
 from m3depth.network.weights_io import load_weights, save_weights
 from m3depth.pairs import NEAREST, checked_pair
@@ -25,98 +27,13 @@ from marssim.camera import StereoRig
 
 VOLUME_STEP = 8  # [px] disparity between two hypotheses: the volume stands at 1/8
 
-OPTIONAL = frozenset({"wavelet_levels", "residual_width", "normal_context", "refine_steps", "lookup_radius"})
-DEEPEST_WAVELET = 6  # images are padded to a multiple of 8 * 2 ** levels px
-
-
-@dataclass(frozen=True)
-class M3DepthConfig:
-    """Every size of the network; the defaults are the `lite` preset. A part that OPTIONAL names is left out by a 0.
-
-    Raises ValueError that names the field of a size that no network can have.
-    """
-
-    channels: tuple[int, int, int] = (16, 48, 96)  # feature widths at 1/2, 1/4, 1/8
-    wavelet_levels: tuple[int, int] = (2, 2)  # levels of the decomposition at 1/4 and 1/8; 0: plain convolution
-    wavelet_kernel: int = 3
-    hypotheses: int = 24  # D: disparities 0, 8, ... 184 px
-    match_channels: int = 64  # features that are correlated, at 1/8
-    groups: int = 16  # f: channels of the cost volume
-    volume_width: int = 16  # widest 3-D convolution of the aggregation
-    residual_width: int = 64  # residual context aggregation P1 -> P2; 0: P1 is used as it is
-    normal_widths: tuple[int, int, int] = (16, 16, 32)  # SNNet's three 3-D convolutions
-    normal_context: int = 13  # left features given to SNNet beside volume and coordinates; 0: as in the paper
-    refine_steps: int = 4  # T; 0: soft argmin and SNNet, upsampled
-    hidden: int = 32  # of the ConvGRU
-    motion: int = 32  # features of what a step sees
-    lookup_channels: int = 32  # features that are correlated, at 1/4
-    lookup_radius: int = 4  # cells to either side; 0: the current disparity alone
-    lookup_levels: int = 2
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            least = 0 if field.name in OPTIONAL else 1
-            if min(value if isinstance(value, tuple) else (value,)) < least:
-                raise ValueError(f"{field.name} must be at least {least}, got {value}")
-        if max(self.wavelet_levels) > DEEPEST_WAVELET:
-            raise ValueError(f"wavelet_levels must be at most {DEEPEST_WAVELET}, got {self.wavelet_levels}")
-        if self.wavelet_kernel % 2 == 0:
-            raise ValueError(f"wavelet_kernel must be odd, got {self.wavelet_kernel}")
-        if self.motion < 2:
-            raise ValueError(f"motion must be at least 2, got {self.motion}")
-        if self.match_channels % self.groups:
-            raise ValueError(f"match_channels {self.match_channels} is not a multiple of groups {self.groups}")
-        if self.hypotheses < 8 or self.hypotheses % 8:
-            raise ValueError(f"hypotheses must be a multiple of 8, got {self.hypotheses}")
-
-    @property
-    def size_multiple(self) -> int:
-        """Height and width inside the network are multiples of this [px]."""
-        quarter, eighth = self.wavelet_levels
-        return max(4 * 2**quarter, 8 * 2**eighth, 16)
-
-    @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> M3DepthConfig:
-        """Read the JSON form. Raises ValueError that names an unknown or malformed field."""
-        known: dict[str, Any] = {f.name: f.default for f in fields(cls)}
-        values: dict[str, Any] = {}
-        for name, value in data.items():
-            if name not in known:
-                raise ValueError(f"network config: unknown field {name!r}")
-            size = len(known[name]) if isinstance(known[name], tuple) else None
-            numbers = value if size and isinstance(value, list | tuple) else [value]
-            if len(numbers) != (size or 1) or not all(type(n) is int and 0 <= n <= 4096 for n in numbers):
-                raise ValueError(f"network config: field {name!r} has the value {value!r}")
-            values[name] = tuple(numbers) if size else value
-        return cls(**values)
-
-
-PRESETS = {
-    "lite": M3DepthConfig(),
-    "paper": M3DepthConfig(
-        channels=(64, 128, 256),
-        wavelet_levels=(3, 3),
-        match_channels=256,
-        groups=64,
-        volume_width=128,
-        residual_width=64,
-        normal_widths=(67, 67, 67),
-        normal_context=0,
-        refine_steps=5,
-        hidden=128,
-        motion=64,
-        lookup_channels=64,
-    ),
-}
-
 
 class StereoOutput(NamedTuple):
     """What forward returns; all float32. Disparities are pixels of the full-size image, normals are of unit length.
 
     disparity: (B, 1, H, W). normal: (B, 3, H, W), facing the camera; the coarse ones need not. confidence, sky:
-    (B, 1, H, W) logits of "within 1 px" and of "sky or beyond measure". initial: disparity and normal at 1/8. steps:
-    disparity and normal at 1/4 after each refinement.
+    (B, 1, H, W) logits of "within 1 px" and of "sky or beyond measure". initial: disparity and normal of soft argmin
+    and SNNet, at 1/8 or on the grid of the output head. steps: disparity and normal at 1/4 after each refinement.
     The coarse grids cover the padded image.
     """
 
@@ -129,16 +46,24 @@ class StereoOutput(NamedTuple):
 
 
 class M3Depth(nn.Module):
-    """The network. `infer` takes images as they come; `forward` takes batches of tensors."""
+    """The network. `infer` takes images as they come; `forward` takes batches of tensors.
+
+    recompute: activation checkpointing. While training, large parts keep their inputs only and are computed again on
+    the way back: the same gradients with less memory, about a third slower.
+    """
+
+    recompute = False
 
     def __init__(self, config: M3DepthConfig | None = None) -> None:
         super().__init__()
         self.config = c = config or M3DepthConfig()
         _, quarter, eighth = c.channels
-        self.backbone = Backbone(c.channels, c.wavelet_levels, c.wavelet_kernel)
-        self.match = nn.Conv2d(eighth, c.match_channels, 1)
-        self.aggregation = Aggregation(c.groups, c.volume_width, c.hypotheses, eighth, c.residual_width)
-        self.normals = SNNet(c.groups, c.normal_widths, eighth, c.normal_context)
+        self.backbone = Backbone(c.channels, c.wavelet_levels, c.wavelet_kernel, c.feature_skips)
+        self.match = nn.Conv2d(eighth, c.match_channels, 1) if c.match_channels else None
+        self.aggregation = Aggregation(
+            c.groups, c.volume_width, c.hypotheses, eighth, c.residual_width, c.output_head, c.score_kernel
+        )
+        self.normals = SNNet(c.groups, c.normal_widths, eighth, c.normal_context, c.slice_layers)
         coarse = eighth + c.residual_width
         self.refinement: Refinement | None = None
         self.decisions: nn.Conv2d | None = None
@@ -151,6 +76,8 @@ class M3Depth(nn.Module):
                 c.refine_steps,
                 c.lookup_radius,
                 c.lookup_levels,
+                c.implied_geometry,
+                c.heads_see_all,
             )
         else:
             self.decisions = nn.Conv2d(coarse, 2, 3, padding=1)
@@ -202,27 +129,31 @@ class M3Depth(nn.Module):
         mean = left.mean((1, 2, 3), keepdim=True)
         scale = left.std((1, 2, 3), keepdim=True).clamp(min=0.01)
         images = (torch.cat([left, right]) - torch.cat([mean, mean])) / torch.cat([scale, scale])
-        features = self.backbone(images.contiguous(memory_format=torch.channels_last))
+        part = recomputed if self.recompute and torch.is_grad_enabled() else direct
+        features = part(self.backbone, images.contiguous(memory_format=torch.channels_last))
         left4, right4 = features.quarter.chunk(2)
         left8 = features.eighth.chunk(2)[0]
 
-        match_left, match_right = matchable(self.match(features.eighth).float().contiguous()).chunk(2)
+        matched = features.eighth if self.match is None else self.match(features.eighth)
+        match_left, match_right = matchable(matched.float().contiguous()).chunk(2)
         volume = group_correlation_volume(match_left, match_right, self.config.hypotheses, self.config.groups)
-        scores, context = self.aggregation(volume, left8)
+        volume, scores, context = part(self.aggregation, volume, left8)
+        cell = VOLUME_STEP >> self.config.output_head  # [px] of the grid on which the volume now stands
         disparity = soft_argmin(scores.float(), VOLUME_STEP)
-        normal = self.normals(volume, left8, scale_camera(camera, 8))
+        normal = part(self.normals, volume, left8, scale_camera(camera, cell))
         initial = (disparity, normal)
 
-        coarse = left8 if context is None else torch.cat([left8, context], 1)
+        if context is not None:
+            left8 = torch.cat([left8, resize(context, cell, 8)], 1)
         steps: list[tuple[Tensor, Tensor]] = []
         if self.refinement is not None:
-            disparity, normal = (F.interpolate(x, scale_factor=2, mode="bilinear") for x in initial)
+            disparity, normal = (resize(x, cell, 4) for x in initial)
             camera4 = scale_camera(camera, 4)
-            steps, fine = self.refinement(left4, right4, coarse, disparity, unit(normal), camera4)
+            steps, fine = self.refinement(left4, right4, left8, disparity, unit(normal), camera4, part)
         else:
             assert self.decisions is not None
-            maps = torch.cat([disparity, normal, self.decisions(coarse).float()], 1)
-            fine = F.interpolate(maps, scale_factor=8, mode="bilinear")
+            maps = [(disparity, cell), (normal, cell), (self.decisions(left8).float(), 8)]
+            fine = torch.cat([resize(x, grid, 1) for x, grid in maps], 1)
         fine = fine[..., :height, :width]
         normal = face_camera(unit(fine[:, 1:4]), pixel_rays(camera, height, width))
         return StereoOutput(fine[:, :1], normal, fine[:, 4:5], fine[:, 5:6], initial, steps)
@@ -249,7 +180,7 @@ class M3Depth(nn.Module):
             work = rig.resized(max(1, round(width * scale)), max(1, round(height * scale)))
             size = (work.camera.width, work.camera.height)
             left, right = (cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (left, right))
-        device = self.match.weight.device
+        device = next(self.parameters()).device
         pair = torch.from_numpy(np.stack([left, right])).to(device).permute(0, 3, 1, 2).float() / 255
         c = work.camera
         camera = torch.tensor([[c.fx, c.fy, c.cx, c.cy]], dtype=torch.float32, device=device)
@@ -267,6 +198,13 @@ class M3Depth(nn.Module):
         normal = maps[0, 1:4].permute(1, 2, 0)
         arrays = [x.cpu().contiguous().numpy() for x in (depth, disparity, normal, maps[0, 4])]
         return Prediction(*arrays)
+
+
+def resize(maps: Tensor, cell: int, wanted: int) -> Tensor:
+    """Maps (B, C, H, W) of a grid of `cell` px on one of `wanted` px: means of cells, or bilinear between them."""
+    if cell > wanted:
+        return F.interpolate(maps, scale_factor=cell // wanted, mode="bilinear")
+    return maps if cell == wanted else F.avg_pool2d(maps, wanted // cell)
 
 
 def fast_dtype(device: torch.device) -> torch.dtype | None:

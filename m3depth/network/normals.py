@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor, nn
 
 from m3depth.geometry import pixel_rays, unit
@@ -21,13 +22,17 @@ def hypothesis_points(rays: Tensor, hypotheses: int) -> Tensor:
 
 
 class SNNet(nn.Module):
-    """Three 3-D convolutions of stride 2 in depth, one 2-D network for all D / 8 slices, sum, unit length.
+    """Three 3-D convolutions of stride 2 in depth, one 2-D network for all D / 8 slices, sum, unit length:
 
-    context: channels of left features that are given to every slice; 0 is the paper. The last layer is linear: with
-    the ReLU of the paper's table no component could be negative.
+    n = sum_i SNNet(S_i) / |sum_i SNNet(S_i)| (paper, Eq. 9).
+
+    context: channels of left features that are given to every slice; 0 is the paper. layers: 2-D convolutions, two in
+    the paper. The last layer is linear: with the ReLU of the paper's table no component could be negative.
     """
 
-    def __init__(self, groups: int, widths: tuple[int, int, int], left_channels: int, context: int) -> None:
+    def __init__(
+        self, groups: int, widths: tuple[int, int, int], left_channels: int, context: int, layers: int = 3
+    ) -> None:
         super().__init__()
         self.context = nn.Conv2d(left_channels, context, 1) if context else None
         inputs = (groups + 3 + context, *widths[:2])
@@ -40,13 +45,12 @@ class SNNet(nn.Module):
             )
         )
         self.slice = nn.Sequential(
-            conv_block(widths[2], widths[2], dilation=2),
-            conv_block(widths[2], widths[2], dilation=4),
+            *(conv_block(widths[2], widths[2], dilation=2**i) for i in range(1, layers)),
             nn.Conv2d(widths[2], 3, 3, padding=1),
         )
 
     def forward(self, volume: Tensor, left: Tensor, camera: Tensor) -> Tensor:
-        """volume: (B, G, D, H, W). left: (B, C, H, W). camera: (B, 4) fx, fy, cx, cy of this grid.
+        """volume: (B, G, D, H, W). left: (B, C, h, w), of any grid. camera: (B, 4) fx, fy, cx, cy of the volume's grid.
 
         Returns (B, 3, H, W) unit normals in the camera frame.
         """
@@ -54,7 +58,10 @@ class SNNet(nn.Module):
         rays = pixel_rays(camera, volume.shape[-2], volume.shape[-1])
         parts = [volume, hypothesis_points(rays, depth).to(volume.dtype)]
         if self.context is not None:
-            parts.append(self.context(left)[:, :, None].expand(-1, -1, depth, -1, -1))
+            context = self.context(left)
+            if context.shape[-2:] != volume.shape[-2:]:
+                context = F.interpolate(context, volume.shape[-2:], mode="bilinear")
+            parts.append(context[:, :, None].expand(-1, -1, depth, -1, -1))
         x = self.volume(torch.cat(parts, 1))  # (B, C, D / 8, H, W)
         batch, slices = x.shape[0], x.shape[2]
         x = self.slice(x.transpose(1, 2).flatten(0, 1))  # (B D / 8, 3, H, W)

@@ -8,6 +8,7 @@ from torch import Tensor, nn
 
 from m3depth.geometry import normals_from_disparity, unit
 from m3depth.network.cost_volume import matchable
+from m3depth.network.recompute import Part, direct
 
 DISPARITY_SCALE = 64.0  # [px] brings disparities to the size that the other inputs have
 
@@ -48,7 +49,11 @@ class CorrelationLookup:
 
 
 class ConvGRU(nn.Module):
-    """Convolutional gated recurrent unit; what the context H_0 adds to the gates is computed once."""
+    """Convolutional gated recurrent unit, H_t+1 = ConvGRU(D_t, N_t, H_0, H_t) (paper, Eq. 20):
+
+    z, r = sigmoid(W [H_t, x] + c), q = tanh(W_q [r H_t, x] + c_q), H_t+1 = (1 - z) H_t + z q. x is made of D_t and N_t;
+    what the context H_0 adds to the gates, c and c_q, is computed once.
+    """
 
     def __init__(self, hidden: int, inputs: int) -> None:
         super().__init__()
@@ -73,50 +78,63 @@ def head(inputs: int, width: int, outputs: int) -> nn.Sequential:
 
 
 class RefinementStep(nn.Module):
-    """One update of disparity, normals and hidden state.
+    """One update of disparity, normals and hidden state (paper, Eq. 17 to 20):
 
-    The step sees the current disparity (its value, and what it stands out from its surroundings by), the current
-    normals, the normals that the disparity implies, and the correlation around the current disparity.
+    H_t+1 = ConvGRU(D_t, N_t, H_0, H_t), D_t+1 = D_t + Phi_d, N_t+1 = N_t + Phi_n (of unit length).
+
+    The step sees D_t and N_t. implied: also what D_t stands out from its surroundings by, and the normals that it
+    implies. samples: number of correlations around the current disparity that it sees; 0: none. all_to_heads: the heads
+    get what they change and H_0, as in the paper; otherwise the hidden state alone (and N_t for Phi_n).
     """
 
-    def __init__(self, hidden: int, motion: int, samples: int, step: int) -> None:
+    def __init__(
+        self, hidden: int, motion: int, samples: int, step: int, implied: bool = True, all_to_heads: bool = False
+    ) -> None:
         super().__init__()
-        self.step = step
-        self.correlation = nn.Sequential(nn.Conv2d(samples, motion, 1), nn.ReLU(inplace=True))
-        self.geometry = nn.Sequential(nn.Conv2d(8, motion // 2, 3, padding=1), nn.ReLU(inplace=True))
+        self.step, self.implied, self.all_to_heads = step, implied, all_to_heads
+        self.correlation = nn.Sequential(nn.Conv2d(samples, motion, 1), nn.ReLU(inplace=True)) if samples else None
+        self.geometry = nn.Sequential(nn.Conv2d(8 if implied else 4, motion // 2, 3, padding=1), nn.ReLU(inplace=True))
         self.motion = nn.Sequential(
-            nn.Conv2d(motion + motion // 2, motion, 3, padding=1),
+            nn.Conv2d((motion if samples else 0) + motion // 2, motion, 3, padding=1),
             nn.ReLU(inplace=True),
         )
         self.gru = ConvGRU(hidden, motion)
-        self.disparity = head(hidden, hidden, 1)
-        self.normal = head(hidden + 3, hidden, 3)
+        more = hidden if all_to_heads else 0
+        self.disparity = head(hidden + more + (1 if all_to_heads else 0), hidden, 1)
+        self.normal = head(hidden + more + 3, hidden, 3)
 
     def forward(
         self,
         hidden: Tensor,
         context: Tensor,
+        first: Tensor,
         disparity: Tensor,
         normal: Tensor,
-        lookup: CorrelationLookup,
+        lookup: CorrelationLookup | None,
         camera: Tensor,
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """disparity: (B, 1, H, W) in full-resolution pixels. camera: (B, 4) of this grid.
+        """hidden: H_t. context: what H_0 adds to the gates; first: H_0. camera: (B, 4) of this grid.
 
-        Returns the new hidden state, disparity and normals.
+        disparity: (B, 1, H, W) in full-resolution pixels. Returns the new hidden state, disparity and normals.
         """
         # Gradients pass through the hidden state only, as in RAFT: each step learns to correct what it is given.
         disparity, normal = disparity.detach(), normal.detach()
-        relief = (disparity - F.avg_pool2d(disparity, 5, 1, 2, count_include_pad=False)).clamp(-8, 8)
-        implied = normals_from_disparity(disparity, camera)
-        geometry = torch.cat([disparity / DISPARITY_SCALE, relief, normal, implied], 1)
         dtype = hidden.dtype
-        samples = self.correlation(lookup(disparity / self.step).to(dtype, memory_format=torch.channels_last))
-        x = self.motion(torch.cat([samples, self.geometry(geometry.to(dtype))], 1))
-        hidden = self.gru(hidden, x, context)
-        disparity = (disparity + self.step * self.disparity(hidden).float()).clamp(min=0)
-        change = self.normal(torch.cat([hidden, normal.to(dtype)], 1)).float()
-        normal = unit(normal + change)
+        geometry = [disparity / DISPARITY_SCALE, normal]
+        if self.implied:
+            relief = (disparity - F.avg_pool2d(disparity, 5, 1, 2, count_include_pad=False)).clamp(-8, 8)
+            geometry = [geometry[0], relief, normal, normals_from_disparity(disparity, camera)]
+        seen = [self.geometry(torch.cat(geometry, 1).to(dtype))]
+        if self.correlation is not None and lookup is not None:
+            samples = lookup(disparity / self.step).to(dtype, memory_format=torch.channels_last)
+            seen.insert(0, self.correlation(samples))
+        hidden = self.gru(hidden, self.motion(torch.cat(seen, 1)), context)
+        to_disparity, to_normal = [hidden], [hidden, normal.to(dtype)]
+        if self.all_to_heads:
+            to_disparity += [first, geometry[0].to(dtype)]
+            to_normal.insert(1, first)
+        disparity = (disparity + self.step * self.disparity(torch.cat(to_disparity, 1)).float()).clamp(min=0)
+        normal = unit(normal + self.normal(torch.cat(to_normal, 1)).float())
         return hidden, disparity, normal
 
 
@@ -147,16 +165,18 @@ class ConvexUpsampling(nn.Module):
 class Refinement(nn.Module):
     """Context, T recurrent steps and the upsampling to full resolution.
 
-    context: channels of the two sources of H_0, at 1/4 and at 1/8. steps: T. radius, levels: see CorrelationLookup.
+    context: channels of the two sources of H_0, at 1/4 and at 1/8. steps: T. match, radius, levels: channels of the
+    correlation, and see CorrelationLookup; levels = 0: none. implied, all_to_heads: see RefinementStep.
     """
 
     def __init__(
-        self, context: tuple[int, int], hidden: int, motion: int, match: int, steps: int, radius: int, levels: int
-    ) -> None:
+        self, context: tuple[int, int], hidden: int, motion: int, match: int, steps: int, radius: int, levels: int,
+        implied: bool = True, all_to_heads: bool = False,
+    ) -> None:  # fmt: skip
         super().__init__()
         self.hidden, self.steps, self.radius, self.levels = hidden, steps, radius, levels
         quarter, eighth = context
-        self.match = nn.Conv2d(quarter, match, 3, padding=1)
+        self.match = nn.Conv2d(quarter, match, 3, padding=1) if levels else None
         self.coarse = nn.Conv2d(eighth, quarter, 1)
         self.context = nn.Sequential(
             nn.Conv2d(2 * quarter, 2 * hidden, 3, padding=1),
@@ -164,31 +184,35 @@ class Refinement(nn.Module):
             nn.Conv2d(2 * hidden, 2 * hidden, 1),
         )
         self.bias = nn.Conv2d(hidden, 3 * hidden, 3, padding=1)
-        self.step = RefinementStep(hidden, motion, levels * (2 * radius + 1), step=4)
+        self.step = RefinementStep(hidden, motion, levels * (2 * radius + 1), 4, implied, all_to_heads)
         self.decisions = nn.Sequential(
             nn.Conv2d(hidden + quarter, hidden, 3, padding=1), nn.ReLU(inplace=True), nn.Conv2d(hidden, 2, 1)
         )
         self.upsample = ConvexUpsampling(hidden, 4)
 
     def forward(
-        self, left: Tensor, right: Tensor, coarse: Tensor, disparity: Tensor, normal: Tensor, camera: Tensor
-    ) -> tuple[list[tuple[Tensor, Tensor]], Tensor]:
+        self, left: Tensor, right: Tensor, coarse: Tensor, disparity: Tensor, normal: Tensor, camera: Tensor,
+        part: Part = direct,
+    ) -> tuple[list[tuple[Tensor, Tensor]], Tensor]:  # fmt: skip
         """left, right: (B, C4, h, w) features at 1/4. coarse: (B, C8, h / 2, w / 2) context at 1/8.
 
-        disparity [px at full resolution], normal: starting maps on the 1/4 grid. camera: (B, 4) of that grid.
+        disparity [px at full resolution], normal: starting maps on the 1/4 grid. camera: (B, 4) of that grid. part:
+        how a part is called, directly or with its activations recomputed.
         Returns the (disparity, normal) of every step on the 1/4 grid, and (B, 6, 4 h, 4 w): disparity, normal (not
         normalised), confidence logit, sky logit.
         """
-        match_left, match_right = matchable(self.match(torch.cat([left, right])).float()).chunk(2)
-        lookup = CorrelationLookup(match_left, match_right, self.radius, self.levels)
+        lookup = None
+        if self.match is not None:
+            match_left, match_right = matchable(self.match(torch.cat([left, right])).float()).chunk(2)
+            lookup = CorrelationLookup(match_left, match_right, self.radius, self.levels)
         wide = F.interpolate(self.coarse(coarse), scale_factor=2, mode="bilinear")
         features = torch.cat([left, wide], 1)
         hidden, context = self.context(features).chunk(2, 1)
-        hidden = torch.tanh(hidden)
+        first = hidden = torch.tanh(hidden)
         bias = self.bias(F.relu(context))
         history = []
         for _ in range(self.steps):
-            hidden, disparity, normal = self.step(hidden, bias, disparity, normal, lookup, camera)
+            hidden, disparity, normal = part(self.step, hidden, bias, first, disparity, normal, lookup, camera)
             history.append((disparity, normal))
         decisions = self.decisions(torch.cat([hidden, wide], 1)).float()
-        return history, self.upsample(hidden, torch.cat([disparity, normal, decisions], 1))
+        return history, part(self.upsample, hidden, torch.cat([disparity, normal, decisions], 1))

@@ -37,5 +37,5 @@ def test_residual_starts_without_effect() -> None:
     plain.load_state_dict(with_context.state_dict(), strict=False)
     volume, left = torch.randn(1, 8, 8, 4, 6), torch.randn(1, 8, 4, 6)
     bias = with_context.residual.bias[:, None, None]
-    torch.testing.assert_close(with_context(volume, left)[0] - bias, plain(volume, left)[0])
-    assert plain(volume, left)[1] is None
+    torch.testing.assert_close(with_context(volume, left)[1] - bias, plain(volume, left)[1])
+    assert plain(volume, left)[2] is None

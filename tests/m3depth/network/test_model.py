@@ -131,7 +131,8 @@ def test_bad_weights_are_refused_by_name(model: M3Depth, tmp_path: Path) -> None
     [
         ("groups", 0), ("channels", [8, 0, 16]), ("volume_width", 0), ("normal_widths", [8, 8, 0]),
         ("wavelet_kernel", 4), ("wavelet_kernel", 0), ("wavelet_levels", [2, 60]), ("hidden", 0), ("motion", 1),
-        ("match_channels", 0), ("lookup_channels", 0), ("lookup_levels", 0), ("hypotheses", 0),
+        ("match_channels", 12), ("lookup_channels", 0), ("output_head", 4), ("score_kernel", 2), ("slice_layers", 0),
+        ("hypotheses", 0),
     ],
 )  # fmt: skip
 def test_impossible_config_names_file_and_field(model: M3Depth, tmp_path: Path, field: str, value) -> None:

@@ -1,0 +1,119 @@
+"""Every part of the network can be left out or put in, and what is built trains."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from m3depth.network.config import M3DepthConfig
+from m3depth.network.model import M3Depth
+from m3depth.network.wavelet import WaveletConv
+
+SMALL = M3DepthConfig(
+    channels=(8, 8, 16), wavelet_levels=(1, 1), match_channels=16, hypotheses=8, groups=8, volume_width=8,
+    residual_width=8, normal_widths=(8, 8, 8), normal_context=3, refine_steps=2, hidden=8, motion=8, lookup_channels=8,
+)  # fmt: skip
+
+
+def trains(config: M3DepthConfig, training_loss) -> M3Depth:
+    """Every parameter gets a gradient, and a few steps lower the loss."""
+    torch.manual_seed(0)
+    model = M3Depth(config).train()
+    optimizer = torch.optim.Adam(model.parameters(), 5e-3)
+    losses = []
+    for step in range(3):
+        optimizer.zero_grad()
+        loss = training_loss(model, 32)
+        loss.backward()
+        if step == 0:
+            silent = [name for name, p in model.named_parameters() if p.grad is None]
+            assert not silent
+        optimizer.step()
+        losses.append(float(loss.detach()))
+    assert losses[-1] < 0.9 * losses[0]
+    return model
+
+
+@pytest.mark.parametrize(
+    ("change", "absent"),
+    [
+        ({}, ()),
+        ({"wavelet_levels": (0, 0)}, (WaveletConv,)),
+        ({"wavelet_levels": (2, 0)}, ()),
+        ({"wavelet_kernel": 5}, ()),
+        ({"feature_skips": False}, ("backbone.quarter.1.second", "backbone.eighth.1.second")),
+        ({"match_channels": 0}, ("match",)),
+        ({"residual_width": 0}, ("aggregation.context", "aggregation.residual")),
+        ({"output_head": 1, "score_kernel": 3}, ()),
+        ({"output_head": 2, "residual_width": 0}, ()),
+        ({"output_head": 3, "refine_steps": 0}, ("refinement",)),
+        ({"normal_context": 0}, ("normals.context",)),
+        ({"slice_layers": 1}, ("normals.slice.1",)),
+        ({"refine_steps": 0}, ("refinement",)),
+        ({"implied_geometry": False}, ()),
+        ({"heads_see_all": True}, ()),
+        ({"lookup_radius": 0}, ()),
+        ({"lookup_levels": 0}, ("refinement.match", "refinement.step.correlation")),
+    ],
+)
+def test_a_part_can_be_switched_and_the_rest_trains(training_loss, change, absent) -> None:
+    model = trains(replace(SMALL, **change), training_loss)
+    modules = dict(model.named_modules())
+    for part in absent:
+        if isinstance(part, str):
+            assert part in dict(M3Depth(SMALL).named_modules()) and modules.get(part) is None
+        else:
+            assert not any(isinstance(module, part) for module in modules.values())
+
+
+@pytest.mark.parametrize(
+    ("change", "module", "shape"),
+    [
+        ({"output_head": 2}, "aggregation.head", (2, 8, 8, 16, 16)),
+        ({"score_kernel": 3}, "aggregation.score", (2, 1, 8, 4, 4)),
+        ({"heads_see_all": True}, "refinement.step.disparity.0", (2, 8, 8, 8)),
+        ({"lookup_levels": 1, "lookup_radius": 2}, "refinement.step.correlation.0", (2, 8, 8, 8)),
+    ],
+)
+def test_what_is_put_in_is_used(change, module, shape) -> None:
+    torch.manual_seed(0)
+    model = M3Depth(replace(SMALL, **change))
+    shapes = []
+    model.get_submodule(module).register_forward_hook(lambda m, i, out: shapes.append(tuple(out.shape)))
+    left, right = torch.rand(2, 2, 3, 32, 32)
+    model(left, right, torch.tensor([[60.0, 60, 16, 16]] * 2))
+    assert shapes and set(shapes) == {shape}
+
+
+def test_wavelets_have_the_levels_that_are_asked_for() -> None:
+    model = M3Depth(replace(SMALL, wavelet_levels=(3, 1)))
+    assert [m.levels for m in model.modules() if isinstance(m, WaveletConv)] == [3, 1]
+
+
+def test_more_steps_use_the_same_weights() -> None:
+    """T can be raised at test time: the recurrent step is shared."""
+    torch.manual_seed(0)
+    model = M3Depth(SMALL)
+    longer = M3Depth(replace(SMALL, refine_steps=5))
+    longer.load_state_dict(model.state_dict())
+    left, right = torch.rand(2, 1, 3, 32, 32)
+    camera = torch.tensor([[60.0, 60, 16, 16]])
+    two, five = model(left, right, camera).steps, longer(left, right, camera).steps
+    assert (len(two), len(five)) == (2, 5)
+    torch.testing.assert_close(two[1][0], five[1][0])
+
+
+def test_the_output_head_starts_as_bilinear_interpolation(training_loss) -> None:
+    from m3depth.network.cost_volume import OutputHead
+
+    volume = torch.randn(1, 3, 2, 5, 6)
+    fine = OutputHead(3, 1)(volume)
+    expected = torch.nn.functional.interpolate(volume[0], scale_factor=2, mode="bilinear")
+    torch.testing.assert_close(fine[0, :, :, 1:-1, 1:-1], expected[..., 1:-1, 1:-1])
+
+
+@pytest.mark.parametrize("bad", [{"feature_skips": 1}, {"hidden": True}, {"channels": [8, 8]}, {"depth": 3}])
+def test_a_malformed_field_of_the_json_form_is_named(bad) -> None:
+    with pytest.raises(ValueError, match=f"'{next(iter(bad))}'"):
+        M3DepthConfig.from_dict(bad)
+    assert M3DepthConfig.from_dict({"feature_skips": False}).feature_skips is False
