@@ -23,7 +23,7 @@ from envs.film import Film
 from envs.mars_nav import MarsNavEnv
 from m3depth.estimator import load_estimator
 from m3depth.evaluate import Evaluation, evaluate
-from m3depth.figures import comparison_figure
+from m3depth.figures.comparison import comparison_figure
 from m3depth.report import text_table
 from marssim.command import counted, run_command
 from marssim.dataset import DatasetError, StereoDataset

@@ -24,14 +24,15 @@ class Estimator(Protocol):
         ...
 
 
-NAMES = ("m3depth", "sgbm", "m3depth:WEIGHTS", "package.module:Class", "sad", "ssd", "ncc")
+WINDOWS = ("ssd", "sad", "ncc", "ssd-sgm", "sad-sgm", "ncc-sgm")  # the paper's classical methods
+NAMES = ("m3depth", "sgbm", "m3depth:WEIGHTS", "package.module:Class", *WINDOWS)
 
 
 def load_estimator(spec: str | Estimator, role: str = "estimator", others: tuple[str, ...] = ()) -> Estimator:
     """An estimator by name.
 
-    spec: "m3depth" (the weights that come with the package), "m3depth:PATH" (weights of one's own), "sgbm", "sad",
-    "ssd", "ncc", "package.module:Class" (a class without arguments that has infer), or an object that has infer.
+    spec: "m3depth" (the weights that come with the package), "m3depth:PATH" (weights of one's own), "sgbm", one of
+    WINDOWS, "package.module:Class" (a class without arguments that has infer), or an object that has infer.
     role, others: what the caller calls it, and names that only the caller knows, for the messages.
     Raises ValueError, in one line, if the name means nothing or the class is no estimator; FileNotFoundError that
     names the file if weights are missing.
@@ -47,10 +48,11 @@ def load_estimator(spec: str | Estimator, role: str = "estimator", others: tuple
         from m3depth.matching import SGBM
 
         return SGBM()
-    if spec in ("sad", "ssd", "ncc"):
+    if spec in WINDOWS:
         from m3depth.matching import BlockMatching
 
-        return BlockMatching(spec)  # type: ignore[arg-type]
+        cost, _, sgm = spec.partition("-")
+        return BlockMatching(cost, "sgm" if sgm else "wta")  # type: ignore[arg-type]
     if name and rest:
         return _load_class(role, name, rest)
     raise ValueError(f"{role} {spec!r} is unknown; choose from {', '.join((*others, *NAMES))}")

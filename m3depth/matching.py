@@ -8,17 +8,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import cv2
 import numpy as np
 
 from m3depth.pairs import NEAREST, checked_pair
+from m3depth.plane_normals import normals_from_disparity
 from m3depth.prediction import Prediction
-from marssim.camera import PinholeCamera, StereoRig
+from m3depth.window_costs import Cost, semi_global, window_costs, winners
+from marssim.camera import StereoRig
 
-SWAP_WIDTH, SWAP_SHARE = 256, 0.3  # of eyes_swapped
-NORMAL_WINDOW = 15  # [px] side of the window that a normal is fitted in
+WTA_BLOCK, SGM_BLOCK = 9, 5  # [px]
+PENALTIES: dict[str, tuple[int, int]] = {"sad": (100, 800), "ssd": (100, 800), "ncc": (100, 800)}  # of SGM
 
 
 def _check_search(disparities: int | None, block: int) -> None:
@@ -43,6 +45,7 @@ class SGBM:
     block: int = 3
     uniqueness: int = 10
     speckle: int = 400
+    normals_are_fitted: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         _check_search(self.disparities, self.block)
@@ -82,90 +85,38 @@ class SGBM:
 
 @dataclass(frozen=True)
 class BlockMatching:
-    """Window matching, the best cost takes it all; sub-pixel by a parabola, both eyes have to agree within 1 px.
+    """Windows compared by absolute (sad) or squared (ssd) differences or by normalised cross-correlation (ncc).
 
-    cost: sum of absolute (sad) or squared (ssd) differences, or normalised cross-correlation (ncc), over a window of
-    `block` px, odd. disparities: width of the search [px], a multiple of 16; None: what reaches to 0.84 m with the
-    given rig.
+    aggregation: wta, the best cost takes it all; sgm, semi-global matching along eight paths (Hirschmueller 2008).
+    Sub-pixel by a parabola; both eyes have to agree within 1 px; what does not is filled. block: side of the window
+    [px], odd; None: 9, or 5 for sgm. disparities: width of the search [px], a multiple of 16; None: what reaches to
+    0.84 m with the given rig. These are the six classical methods of the paper (App. "Supplementary Experiments").
     """
 
-    cost: Literal["sad", "ssd", "ncc"] = "sad"
-    block: int = 9
+    cost: Cost = "sad"
+    aggregation: Literal["wta", "sgm"] = "wta"
+    block: int | None = None
     disparities: int | None = None
+    normals_are_fitted: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        if self.cost not in ("sad", "ssd", "ncc"):
+        if self.cost not in PENALTIES:
             raise ValueError(f"cost must be sad, ssd or ncc, got {self.cost!r}")
-        _check_search(self.disparities, self.block)
+        if self.aggregation not in ("wta", "sgm"):
+            raise ValueError(f"aggregation must be wta or sgm, got {self.aggregation!r}")
+        _check_search(self.disparities, self.block or WTA_BLOCK)
 
     def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
         """As SGBM.infer."""
+        return prediction_from_matches(self.match(left, right, rig), rig)
+
+    def match(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> np.ndarray:
+        """As SGBM.match."""
         grey = grey_pair(left, right, rig)
         reach = min(self.disparities or search_range(rig), rig.camera.width)
-        costs = self._costs(grey[0].astype(np.float32), grey[1].astype(np.float32), reach)  # (D, H, W)
-        best = costs.argmin(axis=0)
-        disparity = best + _parabola(costs, best)
-        right_costs = np.full_like(costs, np.inf)
-        for d in range(reach):
-            right_costs[d, :, : costs.shape[2] - d] = costs[d, :, d:]
-        right_best = right_costs.argmin(axis=0)
-        partner = np.arange(costs.shape[2]) - best  # never negative: such costs are infinite
-        agrees = np.abs(np.take_along_axis(right_best, partner, axis=1) - best) <= 1
-        return prediction_from_matches(np.where(agrees, disparity, np.nan).astype(np.float32), rig)
-
-    def _costs(self, left: np.ndarray, right: np.ndarray, reach: int) -> np.ndarray:
-        """(D, H, W) float32 cost of every disparity; inf where the right image ends."""
-        size = (self.block, self.block)
-        costs = np.full((reach, *left.shape), np.inf, dtype=np.float32)
-        if self.cost == "ncc":
-            left, right = (_standardised(image, size) for image in (left, right))
-        for d in range(reach):
-            a, b = left[:, d:], right[:, : left.shape[1] - d]
-            if self.cost == "sad":
-                difference = np.abs(a - b)
-            elif self.cost == "ssd":
-                difference = (a - b) ** 2
-            else:
-                difference = 1 - a * b
-            costs[d, :, d:] = cv2.boxFilter(difference, -1, size, borderType=cv2.BORDER_REPLICATE)
-        return costs
-
-
-def _standardised(image: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """The image less its local mean, over its local deviation: products of two such images correlate windows."""
-    mean = cv2.boxFilter(image, -1, size, borderType=cv2.BORDER_REPLICATE)
-    square = cv2.boxFilter(image * image, -1, size, borderType=cv2.BORDER_REPLICATE)
-    return (image - mean) / np.sqrt(np.maximum(square - mean * mean, 1.0))
-
-
-def _parabola(costs: np.ndarray, best: np.ndarray) -> np.ndarray:
-    """(H, W) sub-pixel offset in [-0.5, 0.5] of the minimum through three costs; 0 at the ends of the search."""
-    last = len(costs) - 1
-
-    def at(index: np.ndarray) -> np.ndarray:
-        return np.take_along_axis(costs, np.clip(index, 0, last)[None], axis=0)[0]
-
-    before, here, after = at(best - 1), at(best), at(best + 1)
-    inner = (best > 0) & (best < last) & np.isfinite(before) & np.isfinite(after)
-    before, after = np.where(inner, before, here), np.where(inner, after, here)
-    bend = before - 2 * here + after
-    return np.where(bend > 0, np.clip((before - after) / (2 * np.where(bend > 0, bend, 1)), -0.5, 0.5), 0)
-
-
-def eyes_swapped(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> bool:
-    """Whether the images match much better with the eyes exchanged: at least three tenths of them, and twice as much.
-
-    A quick look with SGBM on images reduced to 256 columns; of clean and degraded simulated pairs at least 0.49 match
-    the right way and at most 0.17 the wrong one, of a raw pair of Curiosity's Navcams 0.85 and 0.36.
-    Images and errors as in SGBM.infer.
-    """
-    left, right = grey_pair(left, right, rig)
-    scale = min(1.0, SWAP_WIDTH / rig.camera.width)
-    small = rig.resized(round(rig.camera.width * scale), max(1, round(rig.camera.height * scale)))
-    size = (small.camera.width, small.camera.height)
-    a, b = (cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (left, right))
-    given, exchanged = (float(np.isfinite(SGBM().match(*eyes, small)).mean()) for eyes in ((a, b), (b, a)))
-    return exchanged > SWAP_SHARE and exchanged > 2 * given
+        sgm = self.aggregation == "sgm"
+        costs = window_costs(*grey, reach, self.cost, self.block or (SGM_BLOCK if sgm else WTA_BLOCK))
+        return winners(semi_global(costs, *PENALTIES[self.cost]) if sgm else costs)
 
 
 def search_range(rig: StereoRig) -> int:
@@ -215,26 +166,3 @@ def _fill_along_rows(values: np.ndarray) -> np.ndarray:
     after = np.minimum.accumulate(np.where(known, columns, width)[:, ::-1], axis=1)[:, ::-1]
     padded = np.concatenate([values, np.full((len(values), 1), np.nan, values.dtype)], axis=1)  # -1 and width: NaN
     return np.fmin(np.take_along_axis(padded, before, axis=1), np.take_along_axis(padded, after, axis=1))
-
-
-def normals_from_disparity(disparity: np.ndarray, camera: PinholeCamera, window: int = NORMAL_WINDOW) -> np.ndarray:
-    """Surface normals of a disparity map: the plane that fits a window best.
-
-    A plane in space is a plane in disparity too: n . P = h gives d = a u + b v + c, and n ~ (a fx, b fy, c) if u and v
-    are counted from the principal point. So the least-squares slopes of the disparity are all that is needed.
-    disparity: (H, W) float [px]; window: odd [px]. Returns (H, W, 3) float32, unit length, facing the camera; towards
-    the camera where disparity is 0 or NaN.
-    """
-    known = np.nan_to_num(disparity, nan=0.0, posinf=0.0, neginf=0.0).astype(np.float64)
-    offset = np.arange(window) - window // 2
-    slope = offset / (offset.astype(float) ** 2).sum()
-    mean = np.full(window, 1 / window)
-    a = cv2.sepFilter2D(known, -1, slope, mean, borderType=cv2.BORDER_REFLECT_101)
-    b = cv2.sepFilter2D(known, -1, mean, slope, borderType=cv2.BORDER_REFLECT_101)
-    centre = cv2.sepFilter2D(known, -1, mean, mean, borderType=cv2.BORDER_REFLECT_101)
-    rays = camera.rays()
-    u, v = rays[..., 0] * camera.fx, rays[..., 1] * camera.fy  # from the principal point
-    normal = -np.stack([a * camera.fx, b * camera.fy, centre - a * u - b * v], axis=-1)
-    away = (np.einsum("ijk,ijk->ij", normal, rays) >= 0) | (known <= 0)
-    normal[away] = -rays[away]
-    return (normal / np.linalg.norm(normal, axis=-1, keepdims=True)).astype(np.float32)

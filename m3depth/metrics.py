@@ -1,4 +1,4 @@
-"""How good depth, disparity and normals are, summed up pair by pair.
+"""What is scored of depth, disparity and normals, pixel by pixel; m3depth.scores sums it up.
 
 Rules, for every method alike:
 
@@ -16,14 +16,12 @@ that points away from the camera is 180 deg off.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import cv2
 import numpy as np
 
 from m3depth.pairs import MAX_DISPARITY
-from m3depth.prediction import Prediction
 from marssim.camera import MAX_DEPTH, StereoRig
 
 DEPTH_CAP = 80.0  # [m]
@@ -36,15 +34,13 @@ DEPTH_TERMS = (
     "abs_rel", "sq_rel", "rmse", "log10", "delta1", "delta2", "delta3", "mae", "epe", "bad1", "bad3", "density",
 )  # fmt: skip
 NORMAL_TERMS = ("mean", "rmse", "within_11.25", "within_22.5", "within_30")
-ROOTS = frozenset({"rmse"})  # terms whose mean is a mean square
-BIN = 0.01  # [deg]
 
 
 class StereoTruth(Protocol):
     """What is known about a pair: the fields of a marssim.dataset sample that scoring reads.
 
     left: (H, W, 3) uint8. depth [m], disparity [px]: (H, W). normal: (H, W, 3), 0 where unknown. valid, occluded:
-    (H, W) bool. rock: (H, W) int, 0 where there is no rock.
+    (H, W) bool. rock: (H, W) int, 0 where there is no rock. meta: "pose" is (4, 4) left camera to world, if known.
     """
 
     left: np.ndarray
@@ -55,6 +51,7 @@ class StereoTruth(Protocol):
     occluded: np.ndarray
     rock: np.ndarray
     rig: StereoRig
+    meta: dict[str, Any]
 
 
 def known_depth(depth: np.ndarray) -> np.ndarray:
@@ -130,140 +127,12 @@ def texture_poor(image: np.ndarray) -> np.ndarray:
 
     image: (H, W) or (H, W, 3) uint8.
     """
+    return grey_deviation(image) < POOR_TEXTURE
+
+
+def grey_deviation(image: np.ndarray) -> np.ndarray:
+    """(H, W) float32: standard deviation of the grey levels within 9 x 9 px. image: (H, W) or (H, W, 3) uint8."""
     grey = (cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image).astype(np.float32)
     mean = cv2.boxFilter(grey, -1, (9, 9), borderType=cv2.BORDER_REFLECT_101)
     square = cv2.boxFilter(grey * grey, -1, (9, 9), borderType=cv2.BORDER_REFLECT_101)
-    return square - mean * mean < POOR_TEXTURE**2
-
-
-class Tally:
-    """Means of per-pixel terms, over all pixels and as the mean over images."""
-
-    def __init__(self, names: tuple[str, ...], median: bool = False) -> None:
-        """names: of the terms, in order. median: the first term is an angle [deg] whose median is wanted too."""
-        self.names = names
-        self.pixels = 0
-        self.images = 0
-        self._sum = np.zeros(len(names))
-        self._image_sum: dict[str, float] = {}
-        self._histogram = np.zeros(round(180 / BIN), dtype=np.int64) if median else None
-
-    def add(self, terms: np.ndarray) -> dict[str, float]:
-        """Add one image. terms: (N, len(names)). Returns the image's own figures; {} if it has no such pixel."""
-        if not len(terms):
-            return {}
-        total = terms.sum(axis=0)
-        figures = self._figures(total, len(terms))
-        if self._histogram is not None:
-            figures["median"] = float(np.median(terms[:, 0]))
-            index = np.minimum((terms[:, 0] / BIN).astype(np.int64), len(self._histogram) - 1)
-            self._histogram += np.bincount(index, minlength=len(self._histogram))
-        for name, value in figures.items():
-            self._image_sum[name] = self._image_sum.get(name, 0.0) + value
-        self._sum += total
-        self.pixels += len(terms)
-        self.images += 1
-        return figures
-
-    def result(self) -> dict[str, Any]:
-        """{"pixels", "images", "per_image": {name: figure}, "pooled": {name: figure}}; {} for both without pixels."""
-        out: dict[str, Any] = {"pixels": self.pixels, "images": self.images, "per_image": {}, "pooled": {}}
-        if self.pixels:
-            out["per_image"] = {name: value / self.images for name, value in self._image_sum.items()}
-            out["pooled"] = self._figures(self._sum, self.pixels)
-            if self._histogram is not None:
-                out["pooled"]["median"] = self._histogram_median()
-        return out
-
-    def _figures(self, total: np.ndarray, count: int) -> dict[str, float]:
-        means = total / count
-        return {n: float(np.sqrt(m) if n in ROOTS else m) for n, m in zip(self.names, means, strict=True)}
-
-    def _histogram_median(self) -> float:
-        """Linear within the bin that holds the middle."""
-        assert self._histogram is not None
-        below = np.cumsum(self._histogram)
-        half = self.pixels / 2
-        index = int(np.searchsorted(below, half))
-        before = below[index] - self._histogram[index]
-        return BIN * (index + (half - before) / float(self._histogram[index]))
-
-
-@dataclass
-class SkyTally:
-    """Sky that is predicted as an obstacle: nearer than the 15 m that count."""
-
-    pixels: int = 0
-    near: int = 0
-
-    def add(self, depth: np.ndarray, sky: np.ndarray) -> None:
-        """depth: (H, W) predicted [m]; sky: (H, W) bool."""
-        self.pixels += int(sky.sum())
-        self.near += int((known_depth(depth) & (depth < MAX_DEPTH) & sky).sum())
-
-    def result(self) -> dict[str, Any]:
-        """{"pixels", "predicted_near": share or None}."""
-        return {"pixels": self.pixels, "predicted_near": self.near / self.pixels if self.pixels else None}
-
-
-class Scores:
-    """Everything that is summed up about one method."""
-
-    def __init__(self, max_disparity: float = MAX_DISPARITY) -> None:
-        """max_disparity [px]: pixels beyond are scored apart, as "near"."""
-        self.max_disparity = max_disparity
-        self.depth = {kind: Tally(DEPTH_TERMS) for kind in KINDS}
-        self.normal = {kind: Tally(NORMAL_TERMS, median=True) for kind in KINDS}
-        self.intervals = [Tally(DEPTH_TERMS) for _ in INTERVAL_EDGES[1:]]
-        self.sky = SkyTally()
-
-    def add(self, prediction: Prediction, sample: StereoTruth) -> dict[str, float]:
-        """Score one pair. Returns the pair's figures over all scored pixels: the depth terms, and "normal_<term>".
-
-        Raises ValueError if the prediction's maps are not of the sample's size.
-        """
-        shape = sample.depth.shape
-        expected = {"depth": shape, "disparity": shape}
-        if prediction.normal is not None:
-            expected["normal"] = (*shape, 3)
-        for name, wanted in expected.items():
-            found = getattr(prediction, name).shape
-            if found != wanted:
-                raise ValueError(f"predicted {name} is {found}, the sample asks for {wanted}")
-        kinds = pixel_kinds(sample, self.max_disparity)
-        either = kinds["all"] | kinds["near"]
-        terms = depth_terms(
-            prediction.depth[either], prediction.disparity[either], sample.depth[either], sample.disparity[either]
-        )
-        figures = _add_kinds(self.depth, terms, kinds, either)
-        scored = kinds["all"][either]
-        interval = np.searchsorted(INTERVAL_EDGES, sample.depth[either], side="left") - 1
-        for index, tally in enumerate(self.intervals):
-            tally.add(terms[scored & (interval == index)])
-        if prediction.normal is not None:
-            oriented = either & (np.linalg.norm(sample.normal, axis=-1) > 0.5)
-            angles = angle_between(prediction.normal[oriented], sample.normal[oriented])
-            angular = _add_kinds(self.normal, normal_terms(angles), kinds, oriented)
-            figures |= {f"normal_{name}": value for name, value in angular.items()}
-        self.sky.add(prediction.depth, ~np.isfinite(sample.depth))
-        return figures
-
-    def result(self) -> dict[str, Any]:
-        """Plain numbers: depth and normal by kind (Tally.result), the depth intervals, the sky."""
-        edges = INTERVAL_EDGES.tolist()
-        return {
-            "depth": {kind: tally.result() for kind, tally in self.depth.items()},
-            "normal": {kind: tally.result() for kind, tally in self.normal.items()},
-            "intervals": [
-                {"from_m": low, "to_m": high, **tally.result()}
-                for low, high, tally in zip(edges[:-1], edges[1:], self.intervals, strict=True)
-            ],
-            "sky": self.sky.result(),
-        }
-
-
-def _add_kinds(
-    tallies: dict[str, Tally], terms: np.ndarray, kinds: dict[str, np.ndarray], at: np.ndarray
-) -> dict[str, float]:
-    """Add the terms, given at the pixels of mask `at`, to the tallies; returns the figures of "all"."""
-    return {kind: tallies[kind].add(terms[kinds[kind][at]]) for kind in KINDS}["all"]
+    return np.sqrt(np.maximum(square - mean * mean, 0))

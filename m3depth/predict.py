@@ -32,9 +32,9 @@ import tyro
 
 from m3depth.calibration import Calibration, align_right, read_calibration
 from m3depth.estimator import Estimator, load_estimator
-from m3depth.figures import prediction_figure
+from m3depth.figures.prediction import prediction_figure
 from m3depth.image_files import read_pair
-from m3depth.matching import eyes_swapped
+from m3depth.pair_checks import eyes_swapped
 from m3depth.prediction import Prediction
 from marssim.camera import StereoRig
 from marssim.command import counted, run_command

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from m3depth.metrics import DEPTH_CAP, KINDS
+from m3depth.rocks import OBSTACLE
 from marssim.atomic import write_atomically
 
 Results = Mapping[str, Mapping[str, Any]]
@@ -25,6 +26,9 @@ NORMAL_COLUMNS = {
     "mean": "mean [°] ↓", "median": "median [°] ↓", "rmse": "RMSE [°] ↓",
     "within_11.25": "11.25° ↑", "within_22.5": "22.5° ↑", "within_30": "30° ↑",
 }  # fmt: skip
+FIGURES = (
+    "comparison", "qualitative", "zoom", "error_by_depth", "error_distribution", "sparsification", "rocks",
+)  # fmt: skip
 PACKAGES = ("mars-m3depth", "torch", "numpy", "opencv-python-headless")
 
 
@@ -65,7 +69,7 @@ def text_table(results: Results) -> str:
             name,
             *_figures(result["depth"]["all"]["per_image"], DEPTH_COLUMNS),
             *_figures(result["normal"]["all"]["per_image"], ["mean"]),
-            f"{result['seconds']['median']:.2f}",
+            _seconds(result, 2),
         ]
         for name, result in results.items()
     ]
@@ -73,8 +77,12 @@ def text_table(results: Results) -> str:
     return "\n".join("  ".join(cell.rjust(w) for cell, w in zip(row, widths, strict=True)) for row in [header, *rows])
 
 
-def markdown_report(about: Mapping[str, Any], results: Results) -> str:
-    """The whole report. about: data, split, pairs, weights, degrade, max_disparity_px, versions."""
+def markdown_report(about: Mapping[str, Any], results: Results, true_depth_normals: Mapping[str, Any]) -> str:
+    """The whole report.
+
+    about: data, split, pairs, weights, degrade, max_disparity_px, versions. true_depth_normals: of planes fitted to the
+    true depth, by kind.
+    """
     degrade = f", degraded by `{about['degrade']}` (seed {about['seed']})" if about["degrade"] else ""
     lines = [
         "# Evaluation",
@@ -82,48 +90,132 @@ def markdown_report(about: Mapping[str, Any], results: Results) -> str:
         f"{about['pairs']} pairs, split {about['split']} of `{about['data']}`{degrade}. Weights: {about['weights']}.",
         "",
         f"Scored: true depth 0.5 to 15 m and at most {about['max_disparity_px']:g} px of disparity. No pixel is "
-        f"dropped: unknown or infinite depth counts as {DEPTH_CAP:g} m. `density` is the share with a finite depth.",
+        f"dropped: unknown or infinite depth counts as {DEPTH_CAP:g} m. `density` is the share with a finite depth. "
+        "Seconds: median, the first call of each method left out. MiB: the most that the whole process held meanwhile.",
     ]
     for key, title in (("per_image", "mean over images"), ("pooled", "pooled over all pixels")):
         lines += ["", f"## Depth, {title}", ""]
         lines += _table(
-            ["method", *DEPTH_COLUMNS.values(), "density", "s/pair"],
+            ["method", *DEPTH_COLUMNS.values(), "density", "s/pair", "MiB"],
             [
-                [name, *_figures(r["depth"]["all"][key], [*DEPTH_COLUMNS, "density"]), f"{r['seconds']['median']:.3f}"]
+                [
+                    name,
+                    *_figures(r["depth"]["all"][key], [*DEPTH_COLUMNS, "density"]),
+                    _seconds(r, 3),
+                    _memory(r),
+                ]
                 for name, r in results.items()
             ],
         )
-        lines += ["", f"## Normals, {title}", ""]
+        lines += ["", f"## Normals, {title}", "", "Fitted: planes in 15 x 15 px of the disparity.", ""]
         lines += _table(
             ["method", *NORMAL_COLUMNS.values()],
-            [[name, *_figures(r["normal"]["all"][key], NORMAL_COLUMNS)] for name, r in results.items()],
+            [
+                [name, *_figures(kinds["all"][key], NORMAL_COLUMNS)]
+                for name, kinds in _normal_rows(results, true_depth_normals)
+            ],
         )
-    lines += ["", "## By kind of pixel, pooled", "", f"`near`: more than {about['max_disparity_px']:g} px.", ""]
-    kind_rows = []
-    for kind in KINDS:
-        for name, r in results.items():
-            depth, normal = r["depth"][kind], r["normal"][kind]
-            figures = _figures(depth["pooled"], ["abs_rel", "rmse", "epe", "bad1"])
-            kind_rows.append([kind, name, *figures, *_figures(normal["pooled"], ["mean"]), str(depth["pixels"])])
-    lines += _table(["pixels", "method", "Abs Rel", "RMSE [m]", "EPE [px]", "bad-1", "normal [°]", "count"], kind_rows)
-    lines += ["", "## By true depth, pooled", ""]
-    names = list(results)
-    interval_rows = []
-    for i, interval in enumerate(results[names[0]]["intervals"]):
-        pooled = [r["intervals"][i]["pooled"] for r in results.values()]
-        figures = [_figures(p, [key])[0] for key in ("mae", "abs_rel") for p in pooled]
-        interval_rows.append([f"{interval['from_m']:g}-{interval['to_m']:g} m", *figures, str(interval["pixels"])])
-    lines += _table(
-        ["depth", *(f"{n} MAE [m]" for n in names), *(f"{n} Abs Rel" for n in names), "count"], interval_rows
-    )
+    lines += _by_kind(results, about["max_disparity_px"]) + _by_depth(results)
+    lines += _rocks(results) + _confidence(results)
     lines += ["", "## Sky predicted nearer than 15 m", ""]
     lines += _table(
         ["method", "share", "sky pixels"],
         [[name, *_figures(r["sky"], ["predicted_near"]), str(r["sky"]["pixels"])] for name, r in results.items()],
     )
-    lines += ["", "![comparison](comparison.png)", "", "![error by depth](error_by_depth.png)"]
+    for figure in FIGURES:
+        lines += ["", f"![{figure.replace('_', ' ')}]({figure}.png)"]
     found = ", ".join(f"{name} {value}" for name, value in about["versions"].items() if value is not None)
-    return "\n".join([*lines, "", f"Seconds are medians of one run on this machine. {found}.", ""])
+    return "\n".join([*lines, "", f"One run on one machine. {found}.", ""])
+
+
+def _normal_rows(results: Results, true_depth_normals: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:
+    rows: list[tuple[str, Mapping[str, Any]]] = []
+    for name, r in results.items():
+        if r["normal"]["all"]["pixels"] or not r["fitted_normal"]["all"]["pixels"]:
+            rows.append((name, r["normal"]))
+        if r["fitted_normal"]["all"]["pixels"]:
+            rows.append((f"{name}, fitted to its depth", r["fitted_normal"]))
+    return [*rows, ("fitted to the true depth", true_depth_normals)]
+
+
+def _by_kind(results: Results, max_disparity: float) -> list[str]:
+    rows = []
+    for kind in KINDS:
+        for name, r in results.items():
+            depth, normal = r["depth"][kind], r["normal"][kind]
+            figures = _figures(depth["pooled"], ["abs_rel", "rmse", "epe", "bad1"])
+            rows.append([kind, name, *figures, *_figures(normal["pooled"], ["mean"]), str(depth["pixels"])])
+    columns = ["pixels", "method", "Abs Rel", "RMSE [m]", "EPE [px]", "bad-1", "normal [°]", "count"]
+    about = f"`near`: more than {max_disparity:g} px; `texture_poor`: grey levels vary by less than 2.5 in 9 x 9 px."
+    return ["", "## By kind of pixel, pooled", "", about, "", *_table(columns, rows)]
+
+
+def _by_depth(results: Results) -> list[str]:
+    names, rows = list(results), []
+    for i, interval in enumerate(results[names[0]]["intervals"]):
+        pooled = [r["intervals"][i]["pooled"] for r in results.values()]
+        figures = [_figures(p, [key])[0] for key in ("mae", "abs_rel") for p in pooled]
+        rows.append([f"{interval['from_m']:g}-{interval['to_m']:g} m", *figures, str(interval["pixels"])])
+    columns = ["depth", *(f"{n} MAE [m]" for n in names), *(f"{n} Abs Rel" for n in names), "count"]
+    return ["", "## By true depth, pooled", "", *_table(columns, rows)]
+
+
+def _rocks(results: Results) -> list[str]:
+    """Found, missed and falsely seen; nothing if no sample told where its camera stood."""
+    seen = {name: r["rocks"] for name, r in results.items() if r["rocks"]}
+    if not seen:
+        return []
+    rows = []
+    for name, rocks in seen.items():
+        for figures in (rocks["standing_0.2_m_within_8_m"], *rocks["bins"]):
+            high = figures["height_to_m"]
+            height = f"{figures['height_from_m']:g}{' and more' if high == math.inf else f'-{high:g}'} m"
+            rows.append(
+                [
+                    name,
+                    height,
+                    f"{figures['range_from_m']:g}-{figures['range_to_m']:g} m",
+                    *(str(figures[key]) for key in ("rocks", "found")),
+                    *_figures(figures, ["found_share", "height_error_m", "height_bias_m"]),
+                    str(figures["false"]) if figures["height_from_m"] >= OBSTACLE else "-",
+                ]
+            )
+    images = next(iter(seen.values()))["images"]
+    about = (
+        "Found: the rock's predicted top stands at least half as high as the true one. Height error: median magnitude "
+        "and median with sign, over the rocks found. False: regions away from rocks, in the sky too, that are "
+        f"predicted to stand 0.2 m and more above the true ground, in {images} images."
+    )
+    columns = ["method", "height", "range", "rocks", "found", "share", "height error [m]", "bias [m]", "false"]
+    return ["", "## Rocks", "", about, "", *_table(columns, rows)]
+
+
+def _confidence(results: Results) -> list[str]:
+    rows = []
+    for name, r in results.items():
+        if curve := r["sparsification"]:
+            here, tenth, third = (curve["dropped"].index(share) for share in (0.0, 0.1, 0.3))
+            figures: dict[str, float] = {}
+            for key in ("bad1", "epe"):
+                figures |= {f"{key} {i}": curve[key][i] for i in (here, tenth, third)}
+                figures |= {f"oracle {key} {i}": curve[f"oracle_{key}"][i] for i in (tenth, third)}
+            names = list(figures)
+            rows.append([name, *_figures(figures, names), *_figures(curve, ["ause_bad1", "ause_epe"])])
+    if not rows:
+        return []
+    part = ["all", "-10 %", "-30 %", "oracle -10 %", "oracle -30 %"]
+    columns = ["method", *(f"bad-1 {p}" for p in part), *(f"EPE {p}" for p in part), "AUSE bad-1", "AUSE EPE"]
+    about = "What is left without the least confident 10 and 30 % of the pixels, and without the worst (oracle)."
+    return ["", "## Confidence, pooled", "", about, "", *_table(columns, rows)]
+
+
+def _seconds(result: Mapping[str, Any], digits: int) -> str:
+    return "-" if result["seconds"] is None else f"{result['seconds']['median']:.{digits}f}"
+
+
+def _memory(result: Mapping[str, Any]) -> str:
+    found = (result["memory_mib"] or {}).get("process")
+    return "-" if found is None else f"{found:.0f}"
 
 
 def _figures(values: Mapping[str, float | None], names: Mapping[str, str] | Sequence[str]) -> list[str]:

@@ -13,6 +13,7 @@ from m3depth.degradation import Degradation
 from m3depth.evaluate import evaluate, main
 from m3depth.matching import SGBM
 from m3depth.prediction import Prediction
+from m3depth.report import FIGURES
 from marssim.camera import PinholeCamera, StereoRig
 from marssim.dataset import StereoDataset, write_index, write_sample
 from marssim.render.stereo import StereoFrame
@@ -75,7 +76,7 @@ def test_known_errors_come_out(folder):
     assert done.results["off"]["median_image"]["abs_rel"] == pytest.approx(0.1, abs=1e-4)
     assert done.results["off"]["depth"]["rock"]["pixels"] == 4 * 200
     assert done.results["off"]["normal"]["all"]["pooled"] == {}
-    assert [record["index"] for record in done.pairs] == [0, 1, 2, 3]
+    assert [(record["index"], record["pair"]) for record in done.pairs] == [(i, f"00001/0{i}") for i in range(4)]
     assert [example.index for example in done.examples] == [0, 3]
     assert done.results["off"]["seconds"]["median"] > 0
 
@@ -93,10 +94,10 @@ def test_degradation_is_what_methods_see_and_depends_on_seed_and_pair_alone(fold
         method = Scaled()
         evaluate(StereoDataset(folder, "test"), {"m": method}, limit=limit, degradation=degradation, seed=seed)
         runs.append(method.seen)
-    assert np.array_equal(runs[0][3], runs[1][1])
-    assert not np.array_equal(runs[0][3], runs[2][3])
+    assert np.array_equal(runs[0][-1], runs[1][-1])
+    assert not np.array_equal(runs[0][-1], runs[2][-1])
     clean = StereoDataset(folder, "test")[3].left
-    assert runs[0][3].std() == pytest.approx(np.hypot(0.5 * clean.std(), 3), rel=0.05)
+    assert runs[0][-1].std() == pytest.approx(np.hypot(0.5 * clean.std(), 3), rel=0.05)
 
 
 def test_wrong_size_names_the_method(folder):
@@ -128,7 +129,7 @@ def test_command_writes_tables_and_figures(folder, tmp_path, capsys):
     assert results["methods"]["SGBM"]["depth"]["visible"]["pooled"]["epe"] < 1
     report = (out / "results.md").read_text()
     assert "| SGBM |" in report and "14-15 m" in report and "nan" not in report
-    for name in ("comparison.png", "error_by_depth.png"):
+    for name in (f"{figure}.png" for figure in FIGURES):
         picture = cv2.imread(str(out / name))
         assert picture.shape[0] > 300 and picture.std() > 10
 
@@ -143,7 +144,7 @@ def test_command_writes_tables_and_figures(folder, tmp_path, capsys):
         ({"--seed": "-1", "--degrade": "noise=2"}, "--seed must not be negative, got -1"),
         ({"--degrade": "fog=1"}, "unknown field 'fog'"),
         ({"--degrade": "blur=x"}, "blur must be a number, got 'x'"),
-        ({"--estimator": "raft"}, "expected NAME=MODULE:CLASS"),
+        ({"--estimator": "raft"}, "expected MODULE:CLASS or NAME=MODULE:CLASS"),
         ({"--estimator": "SGBM=m3depth.matching:BlockMatching"}, "the name 'SGBM' is taken"),
         ({"--estimator": "M3Depth=m3depth.matching:SGBM"}, "the name 'M3Depth' is taken"),
         ({"--estimator": "index=m3depth.matching:SGBM"}, "the name 'index' is taken"),

@@ -7,8 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from m3depth.matching import SGBM, BlockMatching, fill_background, normals_from_disparity, search_range
+from m3depth.matching import SGBM, BlockMatching, fill_background, search_range
 from m3depth.metrics import angle_between
+from m3depth.plane_normals import normals_from_disparity
 from marssim.camera import NATECAM, PinholeCamera, StereoRig
 
 RIG = StereoRig(PinholeCamera.centred(160, 96, 200.0), baseline=0.25)
@@ -36,7 +37,9 @@ def ramp() -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    "matcher", [SGBM(), BlockMatching("sad"), BlockMatching("ssd"), BlockMatching("ncc")], ids=lambda m: str(m)[:24]
+    "matcher",
+    [SGBM(), *(BlockMatching(cost, way) for cost in ("sad", "ssd", "ncc") for way in ("wta", "sgm"))],
+    ids=lambda m: "sgbm" if isinstance(m, SGBM) else f"{m.cost}-{m.aggregation}",
 )
 def test_tilted_plane_is_recovered(matcher):
     true = ramp()

@@ -12,8 +12,6 @@ from hypothesis.extra import numpy as hnp
 from m3depth.metrics import (
     DEPTH_TERMS,
     NORMAL_TERMS,
-    Scores,
-    Tally,
     angle_between,
     capped_depth,
     depth_terms,
@@ -21,6 +19,8 @@ from m3depth.metrics import (
     pixel_kinds,
 )
 from m3depth.prediction import Prediction
+from m3depth.scores import ScoredPair, Scores
+from m3depth.tallies import Tally
 from marssim.camera import NATECAM, PinholeCamera, StereoRig
 from marssim.dataset import StereoSample
 
@@ -60,7 +60,7 @@ def scaled(sample: StereoSample, factor: float) -> Prediction:
 
 def score(prediction: Prediction, sample: StereoSample) -> dict:
     scores = Scores()
-    scores.add(prediction, sample)
+    scores.add(prediction, ScoredPair(sample))
     return scores.result()
 
 
@@ -169,8 +169,8 @@ def test_order_and_split_do_not_matter():
     samples = [make_sample(seed) for seed in range(3)]
     forward, backward = Scores(), Scores()
     for i in range(3):
-        forward.add(scaled(samples[i], 1 + 0.1 * i), samples[i])
-        backward.add(scaled(samples[2 - i], 1.2 - 0.1 * i), samples[2 - i])
+        forward.add(scaled(samples[i], 1 + 0.1 * i), ScoredPair(samples[i]))
+        backward.add(scaled(samples[2 - i], 1.2 - 0.1 * i), ScoredPair(samples[2 - i]))
     a, b = (s.result()["depth"]["rock"]["pooled"] for s in (forward, backward))
     assert a == pytest.approx(b)
 
@@ -203,10 +203,10 @@ def test_terms_are_finite_whatever_is_predicted(depth):
 def test_wrong_size_is_named():
     sample = make_sample()
     with pytest.raises(ValueError, match=r"predicted depth is \(2, 2\)"):
-        Scores().add(replace(perfect(sample), depth=np.ones((2, 2), np.float32)), sample)
+        Scores().add(replace(perfect(sample), depth=np.ones((2, 2), np.float32)), ScoredPair(sample))
     for shape in ((3, *sample.depth.shape), sample.depth.shape, (*sample.depth.shape, 4)):
         with pytest.raises(ValueError, match=f"predicted normal is {re.escape(str(shape))}"):
-            Scores().add(replace(perfect(sample), normal=np.ones(shape, np.float32)), sample)
+            Scores().add(replace(perfect(sample), normal=np.ones(shape, np.float32)), ScoredPair(sample))
 
 
 def test_against_torchmetrics():

@@ -1,0 +1,97 @@
+"""Pairs, their truth, what methods made of them, and where they were wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from m3depth.figures.drawing import (
+    UNSCORED,
+    colour_map,
+    depth_scale,
+    known_depths,
+    label_bar,
+    normal_image,
+    note,
+    save,
+    show,
+)
+from m3depth.figures.example import Example
+from m3depth.metrics import angle_between, capped_depth, pixel_kinds
+
+PANEL = 2.1  # [in] width of one image
+ERROR_LIMIT = 10.0  # [%] relative depth error where the colour ends
+ANGLE_LIMIT = 45.0  # [deg]
+
+
+def comparison_figure(examples: Sequence[Example], path: Path) -> None:
+    """Write a PNG: two rows a pair (depth above, normals below); the images, the truth, then each method and its error.
+
+    One scale for all methods: depth logarithmic, error in percent of the true depth, angles in degrees.
+    """
+    names = list(examples[0].predictions)
+    columns = 2 + 2 * len(names)
+    rows = 2 * len(examples)
+    width, height = PANEL * columns + 0.4, PANEL * rows * _aspect(examples) + 1.2  # [in]
+    figure = Figure(figsize=(width, height), dpi=110)
+    grid = {"left": 0.38 / width, "right": 1 - 0.05 / width, "top": 1 - 0.32 / height, "bottom": 0.85 / height}
+    axes = figure.subplots(rows, columns, squeeze=False, gridspec_kw={**grid, "wspace": 0.03, "hspace": 0.03})
+    depths = np.concatenate([e.truth.depth[pixel_kinds(e.truth)["all"]] for e in examples])
+    depth_norm = depth_scale(depths)
+    depth_map, error_map, angle_map = colour_map("viridis_r"), colour_map("magma"), colour_map("inferno")
+    error_norm, angle_norm = Normalize(0, ERROR_LIMIT), Normalize(0, ANGLE_LIMIT)
+    for pair, example in enumerate(examples):
+        upper, lower = axes[2 * pair], axes[2 * pair + 1]
+        truth, scored = example.truth, pixel_kinds(example.truth)["all"]
+        show(upper[0], example.left)
+        show(lower[0], example.right)
+        show(upper[1], known_depths(truth.depth), cmap=depth_map, norm=depth_norm)
+        show(lower[1], normal_image(truth.normal))
+        upper[0].set_ylabel(f"pair {example.index}\nleft", fontsize=10)
+        lower[0].set_ylabel("right", fontsize=10)
+        for i, name in enumerate(names):
+            prediction = example.predictions[name]
+            depth_axes, error_axes = upper[2 + 2 * i : 4 + 2 * i]
+            normal_axes, angle_axes = lower[2 + 2 * i : 4 + 2 * i]
+            show(depth_axes, known_depths(prediction.depth), cmap=depth_map, norm=depth_norm)
+            relative = np.zeros(scored.shape)
+            relative[scored] = (
+                100 * np.abs(capped_depth(prediction.depth) / np.where(scored, truth.depth, 1) - 1)[scored]
+            )
+            show(error_axes, np.ma.masked_array(relative, ~scored), cmap=error_map, norm=error_norm)
+            note(error_axes, f"mean {relative[scored].mean():.1f} %" if scored.any() else "")
+            if prediction.normal is None:
+                show(normal_axes, np.full((*scored.shape, 3), float(UNSCORED)))
+                show(angle_axes, np.full((*scored.shape, 3), float(UNSCORED)))
+                continue
+            oriented = scored & (np.linalg.norm(truth.normal, axis=-1) > 0.5)
+            angle = np.zeros(scored.shape)
+            angle[oriented] = angle_between(prediction.normal[oriented], truth.normal[oriented])
+            show(normal_axes, normal_image(prediction.normal))
+            show(angle_axes, np.ma.masked_array(angle, ~oriented), cmap=angle_map, norm=angle_norm)
+            note(angle_axes, f"mean {angle[oriented].mean():.1f}°" if oriented.any() else "")
+    titles = ["images", "truth", *(t for name in names for t in (name, f"{name}: error"))]
+    for ax, title in zip(axes[0], titles, strict=True):
+        ax.set_title(title, fontsize=12, fontweight="bold")
+    bars = (
+        (depth_norm, depth_map, "depth [m]  (grey: sky or unknown)", "both"),
+        (error_norm, error_map, "depth error [% of the true depth]  (grey: not scored)", "max"),
+        (angle_norm, angle_map, "angle between normals [deg]", "max"),
+    )
+    for i, (norm, colours, label, extend) in enumerate(bars):
+        place = figure.add_axes(((i + 0.12) / 3, 0.52 / height, 0.76 / 3, 0.16 / height))
+        mappable = matplotlib.cm.ScalarMappable(norm, colours)
+        bar = figure.colorbar(mappable, cax=place, orientation="horizontal", extend=extend)
+        label_bar(bar, norm, label)
+    save(figure, path)
+
+
+def _aspect(examples: Sequence[Example]) -> float:
+    """Height over width of the first pair."""
+    height, width = examples[0].left.shape[:2]
+    return height / width

@@ -1,0 +1,89 @@
+"""What the figures share. Drawn with matplotlib's object interface: no display, no global state."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import Colormap, LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+
+from marssim.contact_sheet import normal_colours
+
+DEPTH_TICKS = (0.5, 1, 2, 3, 5, 10, 15, 30)  # [m]
+UNSCORED = "0.82"  # grey of what has no truth, or no value
+# Okabe and Ito, and two more: told apart by everyone
+METHOD_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000", "#8c6d31")
+METHOD_MARKERS = "osD^vPX*"
+
+
+def colour_map(name: str) -> Colormap:
+    """matplotlib's, with grey for what is masked."""
+    return matplotlib.colormaps[name].with_extremes(bad=UNSCORED)
+
+
+def normal_image(normal: np.ndarray) -> np.ndarray:
+    """(H, W, 3) uint8 colours of normals on the grey of what is unknown, which normal_colours leaves black."""
+    colours = normal_colours(normal)
+    colours[(colours == 0).all(axis=-1)] = round(255 * float(UNSCORED))
+    return colours
+
+
+def known_depths(depth: np.ndarray) -> np.ma.MaskedArray:
+    """Depth with sky and unknown masked."""
+    return np.ma.masked_array(depth, ~(np.isfinite(depth) & (depth > 0)))
+
+
+def depth_scale(depths: np.ndarray, whole: bool = False) -> LogNorm:
+    """Logarithmic scale over what is there: its 2nd to 98th percentile, from 0.3 m at the lowest to 30 m at most.
+
+    whole: from the nearest to the farthest.
+    """
+    depths = depths[np.isfinite(depths) & (depths > 0)]
+    low, high = np.percentile(depths, [0, 100] if whole else [2, 98]) if len(depths) else (1.0, 15.0)
+    low, high = float(np.clip(low, 0.3, 25)), float(np.clip(high, 0.6, 30))
+    return LogNorm(low, max(high, (1.05 if whole else 1.5) * low))
+
+
+def label_bar(bar: Any, norm: Normalize, label: str) -> None:
+    """Name a colour bar; a logarithmic one gets round depths as ticks."""
+    bar.set_label(label, fontsize=10)
+    if isinstance(norm, LogNorm):
+        low, high = norm.vmin or 0, norm.vmax or 1
+        bar.locator = FixedLocator([t for t in DEPTH_TICKS if low <= t <= high])
+        bar.formatter = FuncFormatter(lambda value, _: f"{value:g}")
+        bar.minorlocator = NullLocator()
+        bar.update_ticks()
+
+
+def show(ax: Axes, image: np.ndarray, **options: Any) -> Any:
+    """An image without axes; options as imshow takes them. Returns what imshow does."""
+    ax.set_xticks([])
+    ax.set_yticks([])
+    for spine in ax.spines.values():
+        spine.set_visible(False)
+    return ax.imshow(image, interpolation="nearest", **options)
+
+
+def note(ax: Axes, text: str, corner: str = "upper right") -> None:
+    """Words on an image. corner: "upper right" or "lower left"."""
+    x, y, ha, va = (0.97, 0.96, "right", "top") if corner == "upper right" else (0.03, 0.04, "left", "bottom")
+    ax.text(x, y, text, transform=ax.transAxes, ha=ha, va=va, fontsize=9,
+            bbox={"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 2})  # fmt: skip
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Drawn by Agg into memory and written in one go. Raises OSError."""
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    pixels = np.asarray(canvas.buffer_rgba())[..., :3]
+    ok, data = cv2.imencode(".png", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_PNG_COMPRESSION, 6])
+    if not ok:
+        raise OSError(f"{path}: the figure could not be encoded")
+    path.write_bytes(data.tobytes())

@@ -1,0 +1,129 @@
+"""Errors against depth, and against confidence."""
+
+from __future__ import annotations
+
+from itertools import cycle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
+
+from m3depth.figures.drawing import METHOD_COLOURS, METHOD_MARKERS, save
+
+
+def interval_figure(results: dict[str, dict[str, Any]], path: Path, fb: float | None = None) -> None:
+    """Write a PNG: error against true depth, in the 15 intervals of the paper's figure.
+
+    results: Scores.result() by method. fb: focal length times baseline [px m] of the rig, to draw what a constant
+    error of the disparity would give; None: not drawn.
+    """
+    figure = Figure(figsize=(11, 4.4), layout="constrained", dpi=120)
+    panels = figure.subplots(1, 3)
+    figures = (
+        ("mae", "mean absolute error [m]"),
+        ("rmse", "mean squared error [m²]"),
+        ("bad1", "disparities off by more than 1 px"),
+    )
+    for ax, (key, label) in zip(panels, figures, strict=True):
+        for (name, result), colour, marker in zip(results.items(), cycle(METHOD_COLOURS), cycle(METHOD_MARKERS)):
+            rows = [r for r in result["intervals"] if r["pixels"]]
+            centres = [(r["from_m"] + r["to_m"]) / 2 for r in rows]
+            values = [r["pooled"][key] ** (2 if key == "rmse" else 1) * (100 if key == "bad1" else 1) for r in rows]
+            ax.plot(centres, values, marker=marker, color=colour, ms=5, lw=1.8, label=name)
+        if fb and key == "mae":
+            z = np.linspace(0.8, 15, 100)
+            for pixels in (0.25, 1.0):
+                ax.plot(z, z**2 * pixels / fb, color="0.6", lw=1, ls=":" if pixels < 1 else "--", zorder=1,
+                        label=f"{pixels:g} px of disparity")  # fmt: skip
+        if key == "bad1":
+            ax.set_ylabel(f"{label} [%]")
+            ax.set_ylim(bottom=0)
+        else:
+            ax.set_yscale("log")
+            ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            ax.set_ylabel(label)
+        ax.set_xlim(0, 15)
+        ax.set_xticks(range(0, 16, 3))
+        ax.set_xlabel("true depth [m]")
+        ax.grid(True, which="major", color="0.9")
+        ax.spines[["top", "right"]].set_visible(False)
+        shares = ax.twinx()
+        first = next(iter(results.values()))["intervals"]
+        total = max(1, sum(r["pixels"] for r in first))
+        shares.bar([(r["from_m"] + r["to_m"]) / 2 for r in first], [r["pixels"] / total for r in first],
+                   width=0.9, color="0.93", zorder=0)  # fmt: skip
+        shares.set_ylim(0, 2.5 * max(max(r["pixels"] for r in first) / total, 1e-6))
+        shares.set_axis_off()
+        ax.set_zorder(shares.get_zorder() + 1)
+        ax.patch.set_visible(False)
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), frameon=False)
+    figure.supxlabel("bars: share of the scored pixels", fontsize=8, color="0.45")
+    save(figure, path)
+
+
+def distribution_figure(results: dict[str, dict[str, Any]], path: Path) -> None:
+    """Write a PNG: how often which absolute error comes at which true depth, a panel a method (the paper's cloud).
+
+    results: Scores.result() by method. The line is the mean of each depth interval.
+    """
+    columns = min(4, len(results))
+    rows = -(-len(results) // columns)
+    figure = Figure(figsize=(3.4 * columns + 0.9, 3.1 * rows), layout="constrained", dpi=120)
+    panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+    shown = None
+    for ax, (name, result) in zip(panels.flat, results.items()):
+        counts = np.array(result["error_map"]["counts"], float)
+        depths = np.arange(counts.shape[1] + 1) * result["error_map"]["depth_step_m"]
+        low, high = (result["error_map"][f"error_{end}_m"] for end in ("from", "to"))
+        errors = np.geomspace(low, high, counts.shape[0] + 1)
+        share = np.ma.masked_equal(100 * counts / max(counts.sum(), 1), 0)
+        shown = ax.pcolormesh(depths, errors, share, norm=LogNorm(1e-4, 1), cmap="viridis", rasterized=True)
+        intervals = [r for r in result["intervals"] if r["pixels"]]
+        middle = [(r["from_m"] + r["to_m"]) / 2 for r in intervals]
+        ax.plot(middle, [r["pooled"]["mae"] for r in intervals], color="#d55e00", lw=1.8, marker="o", ms=3)
+        pooled = result["depth"]["all"]["pooled"]
+        if pooled:
+            spread = np.sqrt(max(pooled["rmse"] ** 2 - pooled["mae"] ** 2, 0))
+            ax.set_title(f"{name}: {pooled['mae']:.3f} ± {spread:.3f} m", fontsize=10)
+        ax.set_yscale("log")
+        ax.set_xlim(0, depths[-1])
+        ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    for ax in panels.flat[len(results) :]:
+        ax.set_axis_off()
+    figure.supxlabel("true depth [m]", fontsize=10)
+    figure.supylabel("absolute error [m]", fontsize=10)
+    if shown is not None:
+        figure.colorbar(shown, ax=panels, label="share of the scored pixels [%]", extend="both")
+    save(figure, path)
+
+
+def sparsification_figure(results: dict[str, dict[str, Any]], path: Path) -> None:
+    """Write a PNG: the error that is left as the least confident pixels are dropped, and the oracle's, dashed.
+
+    results: Scores.result() by method; methods that tell no confidence have no curve.
+    """
+    figure = Figure(figsize=(9.5, 4.2), layout="constrained", dpi=120)
+    panels = figure.subplots(1, 2)
+    for ax, key, label, unit in zip(panels, ("epe", "bad1"), ("mean error left [px]", "over 1 px [%]"), (1, 100)):
+        for (name, result), colour, marker in zip(results.items(), cycle(METHOD_COLOURS), cycle(METHOD_MARKERS)):
+            curve = result["sparsification"]
+            if not curve:
+                continue
+            dropped = 100 * np.array(curve["dropped"])
+            ax.plot(dropped, unit * np.array(curve[key]), color=colour, marker=marker, ms=4, lw=1.8, label=name)
+            ax.plot(dropped, unit * np.array(curve[f"oracle_{key}"]), color=colour, lw=1.2, ls="--")
+        ax.set_xlabel("least confident pixels dropped [%]")
+        ax.set_ylabel(label)
+        ax.set_xlim(0, 95)
+        ax.set_ylim(bottom=0)
+        ax.grid(True, color="0.9")
+        ax.spines[["top", "right"]].set_visible(False)
+    handles, labels = panels[0].get_legend_handles_labels()
+    if handles:
+        figure.legend(handles, labels, loc="outside upper center", ncols=min(len(labels), 8), frameon=False)
+    figure.supxlabel("dashed: the oracle, which drops the worst pixels first", fontsize=8, color="0.45")
+    save(figure, path)

@@ -1,0 +1,26 @@
+"""One pair to show, with what every method made of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from m3depth.metrics import StereoTruth
+from m3depth.prediction import Prediction
+
+
+@dataclass(frozen=True)
+class Example:
+    """left, right: (H, W, 3) uint8 as the methods saw them; predictions by method."""
+
+    index: int
+    left: np.ndarray
+    right: np.ndarray
+    truth: StereoTruth
+    predictions: dict[str, Prediction]
+
+    def only(self, names: Sequence[str]) -> Example:
+        """The same pair with these methods alone."""
+        return replace(self, predictions={name: self.predictions[name] for name in names})

@@ -1,0 +1,115 @@
+"""All methods side by side as the paper shows them: whole pairs, and the parts of them that are hard."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from m3depth.figures.drawing import colour_map, depth_scale, known_depths, label_bar, note, save, show
+from m3depth.figures.example import Example
+from m3depth.metrics import grey_deviation, pixel_kinds
+from marssim.depth_edges import depth_edges
+
+PANEL = 1.9  # [in] width of one image
+PART = 0.2  # of the image's width: side of an enlarged square
+SCORED = 0.9  # share of it that has to be scored
+BOXES = ("#e6194b", "#ffe119", "#42d4f4")
+
+
+def qualitative_figure(examples: Sequence[Example], path: Path) -> None:
+    """Write a PNG: a row a pair; the left image, the true depth, the depth of each method, all on one scale."""
+    names = list(examples[0].predictions)
+    columns, rows = 2 + len(names), len(examples)
+    aspect = examples[0].left.shape[0] / examples[0].left.shape[1]
+    width, height = PANEL * columns + 0.4, PANEL * aspect * rows + 1.05  # [in]
+    figure = Figure(figsize=(width, height), dpi=120)
+    edges = {"left": 0.36 / width, "right": 1 - 0.04 / width, "top": 1 - 0.3 / height, "bottom": 0.72 / height}
+    axes = figure.subplots(rows, columns, squeeze=False, gridspec_kw={**edges, "wspace": 0.03, "hspace": 0.03})
+    norm = depth_scale(np.concatenate([e.truth.depth[pixel_kinds(e.truth)["all"]] for e in examples]))
+    depth_map = colour_map("viridis_r")
+    for row, example in zip(axes, examples, strict=True):
+        show(row[0], example.left)
+        row[0].set_ylabel(f"pair {example.index}", fontsize=10)
+        for ax, depth in zip(row[1:], [example.truth.depth, *(example.predictions[n].depth for n in names)]):
+            show(ax, known_depths(depth), cmap=depth_map, norm=norm)
+    for ax, title in zip(axes[0], ["left image", "truth", *names], strict=True):
+        ax.set_title(title, fontsize=11, fontweight="bold")
+    place = figure.add_axes((0.3, 0.52 / height, 0.4, 0.14 / height))
+    bar = figure.colorbar(
+        matplotlib.cm.ScalarMappable(norm, depth_map), cax=place, orientation="horizontal", extend="both"
+    )
+    label_bar(bar, norm, "depth [m]  (grey: sky or unknown)")
+    save(figure, path)
+
+
+def hard_parts(example: Example) -> dict[str, tuple[int, int, int]]:
+    """Squares (row, column, side) [px] of a pair where it shows least texture, most depth edges and least light.
+
+    They do not overlap, and nine tenths of each are scored; a kind for which no such square is left is missing.
+    """
+    truth = example.truth
+    scored = pixel_kinds(truth)["all"]
+    side = max(8, round(PART * min(scored.shape)))
+    deviation = grey_deviation(example.left)
+    edges = depth_edges(truth.disparity).astype(np.float32)
+    light = example.left.astype(np.float32)
+    light = light.mean(axis=2) if light.ndim == 3 else light
+
+    def over_square(values: np.ndarray) -> np.ndarray:
+        total = cv2.integral(np.asarray(values, np.float64))
+        return (total[side:, side:] - total[:-side, side:] - total[side:, :-side] + total[:-side, :-side]) / side**2
+
+    allowed = over_square(scored) >= SCORED
+    parts = {}
+    for name, cost in (("most edges", -edges), ("darkest", light), ("least texture", deviation)):
+        if not allowed.any():
+            break
+        row, column = np.unravel_index(np.argmin(np.where(allowed, over_square(cost), np.inf)), allowed.shape)
+        parts[name] = (int(row), int(column), side)
+        allowed[max(0, row - side) : row + side, max(0, column - side) : column + side] = False
+    return parts
+
+
+def zoom_figure(examples: Sequence[Example], path: Path) -> None:
+    """Write a PNG: for each pair the left image with its hard_parts marked, and these enlarged, by every method.
+
+    Each part has its own depth scale, from its nearest to its farthest true depth.
+    """
+    names = list(examples[0].predictions)
+    found = [(example, hard_parts(example)) for example in examples]
+    found = [(example, parts) for example, parts in found if parts] or [(examples[0], {})]
+    columns, lines = 2 + len(names), 3 * len(found)
+    width, height = 1.3 * (columns + 3) + 0.3, 1.3 * lines + 0.5  # [in]
+    figure = Figure(figsize=(width, height), dpi=120)
+    grid = figure.add_gridspec(
+        lines, columns + 3, left=0.1 / width, right=1 - 0.1 / width, top=1 - 0.35 / height, bottom=0.1 / height,
+        wspace=0.04, hspace=0.06,
+    )  # fmt: skip
+    for block, (example, parts) in enumerate(found):
+        whole = figure.add_subplot(grid[3 * block : 3 * block + 3, :3])
+        show(whole, example.left)
+        whole.text(0.02, 0.98, f"pair {example.index}", transform=whole.transAxes, va="top", fontsize=10, color="white")
+        for line, ((kind, (row, column, side)), colour) in enumerate(zip(parts.items(), BOXES)):
+            whole.add_patch(Rectangle((column, row), side, side, fill=False, edgecolor=colour, lw=2.2))
+            cut = np.s_[row : row + side, column : column + side]
+            true = example.truth.depth[cut]
+            norm = depth_scale(true, whole=True)
+            maps = [true, *(example.predictions[name].depth[cut] for name in names)]
+            for i in range(columns):
+                ax = figure.add_subplot(grid[3 * block + line, 3 + i])
+                if i == 0:
+                    show(ax, example.left[cut])
+                    note(ax, kind, corner="lower left")
+                    for spine in ax.spines.values():
+                        spine.set(visible=True, color=colour, linewidth=2.2)
+                else:
+                    show(ax, known_depths(maps[i - 1]), cmap=colour_map("viridis_r"), norm=norm)
+                if block == line == 0:
+                    ax.set_title(["image", "truth", *names][i], fontsize=10, fontweight="bold")
+    save(figure, path)

@@ -1,0 +1,146 @@
+"""Depth or disparity that another program wrote, scored as if an estimator had just made it.
+
+A folder DIR holds a map of the left image for every pair, at the pair's size, under one of these names. `scene/view`
+is the pair's name in the dataset (00001/03), NUMBER its place in the split, from 000000:
+
+    scene/view.EXT    scene_view.EXT    NUMBER_10.EXT    NUMBER.EXT
+
+or a folder of that name with disparity.EXT, left_disparity.EXT or depth.EXT in it, as m3depth.predict makes one. These
+are the names under which marssim.export writes the images (ETH3D, Middlebury and OpenStereo: scene_view; KITTI:
+NUMBER_10). EXT, the first that is there:
+
+    npy               numbers of any kind
+    pfm, tiff, tif    float
+    png               16 bit, disparity x 256 (KITTI) or depth in mm; 0: none
+
+Unknown is what is not finite or negative (in depth: or 0). Beside NAME.EXT, NAME_normal.npy, (H, W, 3) in the camera's
+frame, and NAME_confidence.npy, 0 to 1, are read where they are there; in a folder, normal.npy and confidence.npy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from m3depth.prediction import Prediction
+from marssim.camera import StereoRig
+
+ENDINGS = ("npy", "pfm", "tiff", "tif", "png")
+PNG_SCALE = {"disparity": 256.0, "depth": 1000.0}  # KITTI's; millimetres
+IN_A_FOLDER = {"disparity": ("disparity", "left_disparity"), "depth": ("depth",)}
+FORM = "NAME=DIR[,depth][,scale=S]"
+
+
+class RecordedError(ValueError):
+    """A file of predictions that cannot be used; the message names it."""
+
+
+@dataclass(frozen=True)
+class RecordedPredictions:
+    """The maps of one method. kind: what the numbers are. scale: stored number of 1 px or 1 m; None: 1, and for 16-bit
+    PNG 256 or 1000. RAFT-Stereo and Pandora store negative disparities: scale -1."""
+
+    folder: Path
+    kind: Literal["disparity", "depth"] = "disparity"
+    scale: float | None = None
+
+    @classmethod
+    def parse(cls, text: str) -> tuple[str, RecordedPredictions]:
+        """Name and maps from NAME=DIR[,depth][,scale=S]. Raises ValueError that says what is wrong."""
+        name, equals, rest = text.partition("=")
+        folder, *settings = rest.split(",")
+        if not (name and equals and folder):
+            raise ValueError(f"{text}: expected {FORM}")
+        kind: Literal["disparity", "depth"] = "disparity"
+        scale = None
+        for setting in settings:
+            key, _, value = setting.partition("=")
+            if setting in ("disparity", "depth"):
+                kind = "depth" if setting == "depth" else "disparity"
+            elif key == "scale":
+                try:
+                    scale = float(value)
+                except ValueError:
+                    scale = np.nan
+                if not np.isfinite(scale) or scale == 0:
+                    raise ValueError(f"{text}: scale must be a number other than 0, got {value!r}")
+            else:
+                raise ValueError(f"{text}: {setting!r} is none of depth, disparity, scale=S")
+        return name, cls(Path(folder), kind, scale)
+
+    def find(self, pair: str, number: int) -> Path:
+        """The file of a pair. Raises FileNotFoundError that names it and the names that were looked for."""
+        for base in self._bases(pair, number):
+            for ending in ENDINGS:
+                path = base.with_name(f"{base.name}.{ending}")
+                if path.is_file():
+                    return path
+        raise FileNotFoundError(
+            f"{self.folder}: no {self.kind} of pair {pair}; looked for {pair.replace('/', '_')}, {pair}, "
+            f"{number:06d}_10 and {number:06d}, with .{', .'.join(ENDINGS)}"
+        )
+
+    def check(self, pairs: Sequence[tuple[str, int]]) -> None:
+        """Raise FileNotFoundError unless every pair (name, number) has its file."""
+        if not self.folder.is_dir():
+            raise FileNotFoundError(f"{self.folder}: no such folder")
+        for pair, number in pairs:
+            self.find(pair, number)
+
+    def read(self, pair: str, number: int, rig: StereoRig) -> Prediction:
+        """What was recorded of a pair. Raises RecordedError that names a file that cannot be used."""
+        path = self.find(pair, number)
+        shape = (rig.camera.height, rig.camera.width)
+        stored = read_map(path, shape)
+        scale = self.scale or (PNG_SCALE[self.kind] if path.suffix == ".png" else 1.0)
+        values = stored.astype(np.float32) / np.float32(scale)
+        with np.errstate(invalid="ignore"):
+            known = np.isfinite(values) & (values > 0 if self.kind == "depth" else values >= 0)
+        if path.suffix == ".png":
+            known &= stored > 0
+        values = np.where(known, values, np.float32(np.nan))
+        if self.kind == "disparity":
+            disparity, depth = values, np.where(known, rig.disparity_to_depth(values), np.float32(np.nan))
+        else:
+            disparity, depth = np.where(known, rig.depth_to_disparity(values), np.float32(np.nan)), values
+        normal, confidence = (self._beside(path, what) for what in ("normal", "confidence"))
+        return Prediction(
+            depth,
+            disparity,
+            None if normal is None else read_map(normal, (*shape, 3)).astype(np.float32),
+            np.ones(shape, np.float32) if confidence is None else read_map(confidence, shape).astype(np.float32),
+        )
+
+    def _bases(self, pair: str, number: int) -> Iterator[Path]:
+        for name in (pair, pair.replace("/", "_"), f"{number:06d}_10", f"{number:06d}"):
+            yield self.folder / name
+            for inner in IN_A_FOLDER[self.kind]:
+                yield self.folder / name / inner
+
+    def _beside(self, path: Path, what: str) -> Path | None:
+        own = path.stem in IN_A_FOLDER[self.kind]
+        found = path.with_name(f"{what}.npy" if own else f"{path.stem}_{what}.npy")
+        return found if found.is_file() else None
+
+
+def read_map(path: Path, shape: tuple[int, ...]) -> np.ndarray:
+    """Numbers of a file, of that shape; axes of length 1 are dropped. Raises RecordedError that names the file."""
+    try:
+        if path.suffix == ".npy":
+            values = np.load(path, allow_pickle=False)
+        else:
+            values = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
+    except (ValueError, EOFError, cv2.error):
+        values = None
+    if values is None or values.dtype.kind not in "fiu":
+        raise RecordedError(f"{path}: holds no numbers that can be read")
+    if path.suffix == ".png" and values.dtype != np.uint16:
+        raise RecordedError(f"{path}: is a picture of 8 bit; a PNG of measurements has 16")
+    if values.shape != shape and values.squeeze().shape != shape:
+        raise RecordedError(f"{path}: is of shape {values.shape}, the pair asks for {shape}")
+    return values.reshape(shape)
