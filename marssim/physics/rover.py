@@ -98,6 +98,11 @@ class Rover:
         """Parts for drawing the rover from outside; pan [rad]: of the mast, positive to the left."""
         return rover_parts(self.spec, self._pose(), self.joints(), pan)
 
+    def remove(self) -> None:
+        """Take the rover out of its world, which stays open; the rover is of no use after that."""
+        self._p.removeBody(self._body, physicsClientId=self._client)
+        self.world.unwatch(self._watch)
+
     def close(self) -> None:
         """Close the world that the rover is in."""
         self.world.close()
@@ -111,7 +116,8 @@ class Rover:
                 path,
                 (pose[:3, 3] + pose[:3, :3] @ self._to_middle).tolist(),
                 _quaternion(pose[:3, :3]),
-                flags=self._p.URDF_USE_INERTIA_FROM_FILE,
+                # without the second flag a cylinder becomes a prism of 32 sides, which is slower to test and rolls roughly
+                flags=self._p.URDF_USE_INERTIA_FROM_FILE | self._p.URDF_USE_IMPLICIT_CYLINDER,
                 physicsClientId=self._client,
             )
 

@@ -79,6 +79,10 @@ class PhysicsWorld:
         self._watchers.append(callback)
         self._resting = False
 
+    def unwatch(self, callback: Callable[[], bool]) -> None:
+        """Call it back no more. Raises ValueError if it was not watching."""
+        self._watchers.remove(callback)
+
     @cached_property
     def support(self) -> SupportMap:
         """The same scene as rasters, for putting a rover down."""
