@@ -111,6 +111,23 @@ def pack(sample: Any) -> PackedSample:
     )
 
 
+class Joined:
+    """Several sequences of samples as one, in their order."""
+
+    def __init__(self, parts: Sequence[StereoPairs]) -> None:
+        self.parts = parts
+
+    def __len__(self) -> int:
+        return sum(map(len, self.parts))
+
+    def __getitem__(self, index: int) -> Any:
+        for part in self.parts:
+            if index < len(part):
+                return part[index]
+            index -= len(part)
+        raise IndexError(f"there are {len(self)} samples only")
+
+
 class PackedCache:
     """Packed samples by index, kept in memory as long as they fit. Safe to read from several threads."""
 

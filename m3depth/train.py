@@ -26,10 +26,15 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _work(config: TrainConfig) -> None:
+    from m3depth.data import Joined
     from m3depth.training import train
     from marssim.dataset import StereoDataset
 
-    train(config, StereoDataset(config.data, split="train"), StereoDataset(config.data, split="val"))
+    train(
+        config,
+        Joined([StereoDataset(folder, split="train") for folder in config.data]),
+        Joined([StereoDataset(folder, split="val") for folder in config.data]),
+    )
 
 
 if __name__ == "__main__":

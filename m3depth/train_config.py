@@ -15,8 +15,8 @@ from m3depth.losses import LossConfig
 class TrainConfig:
     """Settings of a training run. Give --max-steps, --max-minutes, or both (whichever is reached first)."""
 
-    data: Path
-    """Dataset folder, as marssim.generate writes it."""
+    data: tuple[Path, ...]
+    """Dataset folders, as marssim.generate writes them; several are trained on as one."""
     out: Path
     """Run folder: checkpoint, weights, log, panels."""
     preset: Literal["lite", "paper"] = "lite"
@@ -61,6 +61,8 @@ class TrainConfig:
 
 def check_config(config: TrainConfig) -> None:
     """Raise ValueError that names the flag of a setting that cannot work."""
+    if not config.data:
+        raise ValueError("--data: name at least one dataset folder")
     if config.max_minutes is None and config.max_steps is None:
         raise ValueError("give --max-minutes, --max-steps or both")
     for name in ("max_minutes", "max_steps", "batch", "lr", "clip", "loader_threads", "checkpoint_minutes"):

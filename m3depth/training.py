@@ -77,7 +77,7 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
     rank, world, device = join_group(config)
     cv2.setNumThreads(1)
     if not len(samples):
-        raise ValueError(f"{config.data}: split train holds no pairs")
+        raise ValueError(f"{named(config)}: split train holds no pairs")
     run = Run(config, device, world)
     check_crop(config.crop, run.model.config.size_multiple)
     resumed = run.resume()
@@ -92,7 +92,7 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
         start = f"resumed at step {run.step}, {run.seconds / 60:.1f} min" if resumed else "new run"
         print(f"{len(samples)} samples, {size / 1e6:.2f} M parameters, {device}, {start}", file=sys.stderr, flush=True)
         if not len(held_out):
-            print(f"{config.data}: split val holds no pairs, so nothing is validated", file=sys.stderr, flush=True)
+            print(f"{named(config)}: split val holds no pairs, so nothing is validated", file=sys.stderr, flush=True)
     network: nn.Module = run.model
     if world > 1:
         network = nn.parallel.DistributedDataParallel(run.model, [device.index] if device.type == "cuda" else None)
@@ -186,6 +186,11 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
     return scores
 
 
+def named(config: TrainConfig) -> str:
+    """The dataset folders, as they were given."""
+    return " ".join(map(str, config.data))
+
+
 def closing(run: Run, validations: list[dict[str, Any]]) -> str:
     """What a finished run says: what it wrote, how good that is, and how it is scored."""
     known = [record for record in validations if record["epe"] is not None]
@@ -198,7 +203,7 @@ def closing(run: Run, validations: list[dict[str, Any]]) -> str:
     weights = run.config.out / "weights.safetensors"
     return (
         f"{weights}: averaged weights of step {run.step}, {run.seconds / 60:.1f} min; {quality}\n"
-        f"score them: python -m m3depth.evaluate --data {run.config.data} --split test --weights {weights} "
+        f"score them: python -m m3depth.evaluate --data {run.config.data[-1]} --split test --weights {weights} "
         f"--out {run.config.out / 'score'}"
     )
 

@@ -6,6 +6,7 @@ import torch
 
 from m3depth.data import (
     AugmentConfig,
+    Joined,
     PackedCache,
     augment,
     batches,
@@ -124,3 +125,10 @@ def test_parts_of_the_augmentation_can_be_turned_off(plane_samples) -> None:
 def test_augmentation_that_cannot_work_names_its_flag(name, value) -> None:
     with pytest.raises(ValueError, match=f"--augment.{name.replace('_', '-')} must be"):
         AugmentConfig(**{name: value})
+
+
+def test_several_sequences_are_one_in_their_order() -> None:
+    joined = Joined(["ab", "", "cde"])
+    assert [joined[i] for i in range(len(joined))] == list("abcde")
+    with pytest.raises(IndexError, match="5 samples"):
+        joined[5]

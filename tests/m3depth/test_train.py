@@ -33,7 +33,7 @@ def small_network(monkeypatch):
 
 def config_for(out: Path, **changes) -> TrainConfig:
     base = TrainConfig(
-        data=Path("planes"), out=out, batch=2, crop=(32, 64), max_steps=10, lr=5e-3, validate_samples=1, device="cpu"
+        data=(Path("planes"),), out=out, batch=2, crop=(32, 64), max_steps=10, lr=5e-3, validate_samples=1, device="cpu"
     )
     return replace(base, **changes)
 
