@@ -106,7 +106,7 @@ class Aggregation(nn.Module):
             nn.init.zeros_(self.residual.weight)
 
     def forward(self, volume: Tensor, left: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:
-        """volume: C_0, (B, G, D, H, W). left: (B, C, H, W).
+        """volume: C_0, (B, G, D, H, W). left: (B, C, H, W), of its grid.
 
         Returns the volume for SNNet, C_0 or, with an output head, the enlarged C_1; on the same grid h x w the scores
         P_2 (B, D, h, w), before the softmax; and the context features (B, residual_width, h, w).
@@ -114,7 +114,7 @@ class Aggregation(nn.Module):
         aggregated = volume + self.second(self.first(volume))
         if self.head is not None:
             volume = aggregated = self.head(aggregated)
-            left = F.interpolate(left, aggregated.shape[-2:], mode="bilinear")
+            left = F.interpolate(left, scale_factor=2 ** len(self.head.layers), mode="bilinear")
         if isinstance(self.score, nn.Conv3d):
             scores = self.score(aggregated)[:, 0]
         else:

@@ -140,20 +140,21 @@ class M3Depth(nn.Module):
         volume, scores, context = part(self.aggregation, volume, left8)
         cell = VOLUME_STEP >> self.config.output_head  # [px] of the grid on which the volume now stands
         disparity = soft_argmin(scores.float(), VOLUME_STEP)
-        normal = part(self.normals, volume, left8, scale_camera(camera, cell))
+        rays = pixel_rays(scale_camera(camera, cell), images.shape[-2] // cell, images.shape[-1] // cell)
+        normal = part(self.normals, volume, left8, rays)
         initial = (disparity, normal)
 
         if context is not None:
-            left8 = torch.cat([left8, resize(context, cell, 8)], 1)
+            left8 = torch.cat([left8, resize(context, left8.shape[-2:])], 1)
         steps: list[tuple[Tensor, Tensor]] = []
         if self.refinement is not None:
-            disparity, normal = (resize(x, cell, 4) for x in initial)
+            disparity, normal = (resize(x, left4.shape[-2:]) for x in initial)
             camera4 = scale_camera(camera, 4)
             steps, fine = self.refinement(left4, right4, left8, disparity, unit(normal), camera4, part)
         else:
             assert self.decisions is not None
-            maps = [(disparity, cell), (normal, cell), (self.decisions(left8).float(), 8)]
-            fine = torch.cat([resize(x, grid, 1) for x, grid in maps], 1)
+            maps = (disparity, normal, self.decisions(left8).float())
+            fine = torch.cat([resize(x, images.shape[-2:]) for x in maps], 1)
         fine = fine[..., :height, :width]
         normal = face_camera(unit(fine[:, 1:4]), pixel_rays(camera, height, width))
         return StereoOutput(fine[:, :1], normal, fine[:, 4:5], fine[:, 5:6], initial, steps)
@@ -200,11 +201,12 @@ class M3Depth(nn.Module):
         return Prediction(*arrays)
 
 
-def resize(maps: Tensor, cell: int, wanted: int) -> Tensor:
-    """Maps (B, C, H, W) of a grid of `cell` px on one of `wanted` px: means of cells, or bilinear between them."""
-    if cell > wanted:
-        return F.interpolate(maps, scale_factor=cell // wanted, mode="bilinear")
-    return maps if cell == wanted else F.avg_pool2d(maps, wanted // cell)
+def resize(maps: Tensor, size: torch.Size) -> Tensor:
+    """Maps (B, C, H, W) on a grid of another size, a multiple or a part: bilinear between cells, or their means."""
+    # The size, not the factor, is what an export keeps free.
+    if maps.shape[-1] > size[-1]:
+        return F.avg_pool2d(maps, maps.shape[-1] // size[-1])
+    return maps if maps.shape[-1] == size[-1] else F.interpolate(maps, size, mode="bilinear")
 
 
 def fast_dtype(device: torch.device) -> torch.dtype | None:

@@ -6,7 +6,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from m3depth.geometry import pixel_rays, unit
+from m3depth.geometry import unit
 from m3depth.network.backbone import conv_block, group_norm
 
 
@@ -49,21 +49,20 @@ class SNNet(nn.Module):
             nn.Conv2d(widths[2], 3, 3, padding=1),
         )
 
-    def forward(self, volume: Tensor, left: Tensor, camera: Tensor) -> Tensor:
-        """volume: (B, G, D, H, W). left: (B, C, h, w), of any grid. camera: (B, 4) fx, fy, cx, cy of the volume's grid.
+    def forward(self, volume: Tensor, left: Tensor, rays: Tensor) -> Tensor:
+        """volume: (B, G, D, H, W). left: (B, C, h, w), of any grid. rays: (B, 3, H, W) of the volume's grid, z = 1.
 
         Returns (B, 3, H, W) unit normals in the camera frame.
         """
         depth = volume.shape[2]
-        rays = pixel_rays(camera, volume.shape[-2], volume.shape[-1])
         parts = [volume, hypothesis_points(rays, depth).to(volume.dtype)]
         if self.context is not None:
             context = self.context(left)
-            if context.shape[-2:] != volume.shape[-2:]:
-                context = F.interpolate(context, volume.shape[-2:], mode="bilinear")
+            if factor := volume.shape[-1] // context.shape[-1] - 1:
+                context = F.interpolate(context, scale_factor=int(factor) + 1, mode="bilinear")
             parts.append(context[:, :, None].expand(-1, -1, depth, -1, -1))
         x = self.volume(torch.cat(parts, 1))  # (B, C, D / 8, H, W)
-        batch, slices = x.shape[0], x.shape[2]
+        slices = depth // 8
         x = self.slice(x.transpose(1, 2).flatten(0, 1))  # (B D / 8, 3, H, W)
-        total = x.unflatten(0, (batch, slices)).sum(1).float()
+        total = x.unflatten(0, (-1, slices)).sum(1).float()
         return unit(total)

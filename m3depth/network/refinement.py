@@ -152,7 +152,7 @@ class ConvexUpsampling(nn.Module):
 
     def forward(self, hidden: Tensor, maps: Tensor) -> Tensor:
         """hidden: (B, C, H, W). maps: (B, M, H, W). Returns (B, M, factor H, factor W)."""
-        height, width = maps.shape[-2:]
+        height, width = hidden.shape[-2:]
         weights = self.weights(hidden).float().contiguous().unflatten(1, (9, -1)).softmax(1)
         padded = F.pad(maps, (1, 1, 1, 1), mode="replicate")
         out = maps.new_zeros(())
@@ -205,7 +205,7 @@ class Refinement(nn.Module):
         if self.match is not None:
             match_left, match_right = matchable(self.match(torch.cat([left, right])).float()).chunk(2)
             lookup = CorrelationLookup(match_left, match_right, self.radius, self.levels)
-        wide = F.interpolate(self.coarse(coarse), scale_factor=2, mode="bilinear")
+        wide = F.interpolate(self.coarse(coarse), left.shape[-2:], mode="bilinear")
         features = torch.cat([left, wide], 1)
         hidden, context = self.context(features).chunk(2, 1)
         first = hidden = torch.tanh(hidden)

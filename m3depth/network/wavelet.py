@@ -10,29 +10,30 @@ from torch import Tensor, nn
 HAAR = 0.5 * torch.tensor([[[1.0, 1], [1, 1]], [[1, -1], [1, -1]], [[1, 1], [-1, -1]], [[1, -1], [-1, 1]]])
 
 
-def haar_filters(channels: int, like: Tensor) -> Tensor:
-    """(4 C, 1, 2, 2) the four Haar filters, repeated for every channel, in the dtype and on the device of `like`."""
-    return HAAR.to(like)[:, None].repeat(channels, 1, 1, 1)
+def haar_filters(channels: int) -> Tensor:
+    """(4 C, 1, 2, 2) the four Haar filters (paper, Eq. 2), repeated for every channel."""
+    return HAAR[:, None].repeat(channels, 1, 1, 1)
 
 
-def haar_transform(x: Tensor) -> Tensor:
-    """One level of the 2-D Haar transform, as a depth-wise convolution of stride 2.
+def haar_transform(x: Tensor, filters: Tensor | None = None) -> Tensor:
+    """One level of the 2-D Haar transform, as a depth-wise convolution of stride 2. filters: haar_filters(C), if kept.
 
     x: (B, C, H, W), H and W even. Returns (B, 4 C, H / 2, W / 2); channel 4 c + s is sub-band s of channel c, in the
     order A, H, V, D. Raises ValueError for odd sizes.
     """
     if x.shape[-2] % 2 or x.shape[-1] % 2:
         raise ValueError(f"the Haar transform needs even sizes, got {x.shape[-2]} x {x.shape[-1]}")
-    return F.conv2d(x, haar_filters(x.shape[1], x), stride=2, groups=x.shape[1])
+    filters = haar_filters(x.shape[1]) if filters is None else filters
+    return F.conv2d(x, filters.to(x), stride=2, groups=len(filters) // 4)
 
 
-def inverse_haar_transform(bands: Tensor) -> Tensor:
-    """The inverse of haar_transform (the filters are orthonormal, so it is the transposed convolution).
+def inverse_haar_transform(bands: Tensor, filters: Tensor | None = None) -> Tensor:
+    """The inverse of haar_transform, Eq. 3 (the filters are orthonormal, so it is the transposed convolution).
 
     bands: (B, 4 C, H, W), ordered as haar_transform returns them. Returns (B, C, 2 H, 2 W).
     """
-    channels = bands.shape[1] // 4
-    return F.conv_transpose2d(bands, haar_filters(channels, bands), stride=2, groups=channels)
+    filters = haar_filters(bands.shape[1] // 4) if filters is None else filters
+    return F.conv_transpose2d(bands, filters.to(bands), stride=2, groups=len(filters) // 4)
 
 
 class WaveletConv(nn.Module):
@@ -54,13 +55,15 @@ class WaveletConv(nn.Module):
         )
         self.beta = nn.Parameter(torch.ones(levels, channels))
         self.mix = nn.Conv2d(channels, channels, 1)
+        self.filters: Tensor
+        self.register_buffer("filters", haar_filters(channels), persistent=False)
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, C, H, W) -> (B, C, H, W)."""
         out = self.base(x)
         low, features = x, []
         for conv in self.bands:
-            bands = haar_transform(low)
+            bands = haar_transform(low, self.filters)
             low = bands[:, 0::4]
             features.append(conv(bands))
         deeper: Tensor | None = None
@@ -68,5 +71,5 @@ class WaveletConv(nn.Module):
             y = features[level].unflatten(1, (-1, 4))  # (B, C, 4, h, w)
             low = y[:, :, 0] if deeper is None else y[:, :, 0] + deeper
             low = low * self.beta[level][:, None, None]
-            deeper = inverse_haar_transform(torch.cat([low[:, :, None], y[:, :, 1:]], 2).flatten(1, 2))
+            deeper = inverse_haar_transform(torch.cat([low[:, :, None], y[:, :, 1:]], 2).flatten(1, 2), self.filters)
         return self.mix(out if deeper is None else out + deeper)

@@ -1,0 +1,202 @@
+"""Write M3Depth as ONNX, for runtimes other than PyTorch.
+
+    python -m m3depth.export --out m3depth.onnx
+    python -m m3depth.export --weights RUN/weights.safetensors --out mine.onnx
+
+Batch, height and width of the file are free; images of any size are padded inside it. Inputs, all float32:
+
+    left, right   (batch, 3, height, width), rectified, RGB, 0 to 1
+    camera        (batch, 4), fx, fy, cx, cy [px]; pixel centres are integers
+
+Outputs, float32, at the images' size:
+
+    disparity     (batch, 1, height, width) [px]; depth = fx * baseline / disparity
+    normal        (batch, 3, height, width), unit, camera frame (x right, y down, z forward), facing the camera
+    confidence    (batch, 1, height, width), probability of an error within 1 px
+    sky           (batch, 1, height, width), probability of sky or beyond measure; depth means nothing where it is large
+
+Disparities of more than 192 px (for the usual 24 hypotheses) are out of reach: reduce such images first, as `infer`
+does. Needs the extra `export` (onnx, onnxruntime). The file is compared with PyTorch in onnxruntime, on the CPU, at two
+sizes and two batches, before it appears under its name.
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+import sys
+import warnings
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from marssim.atomic import write_atomically
+from marssim.command import run_command
+
+if TYPE_CHECKING:
+    from m3depth.network.model import M3Depth
+
+INPUTS = ("left", "right", "camera")
+OUTPUTS = ("disparity", "normal", "confidence", "sky")
+OPSETS = (17, 20)  # 17: what the runtimes of the last years read; 20: the last that PyTorch's tracing exporter knows
+PARITY = 1e-2  # [px] mean difference of disparity from PyTorch's over which a file is refused
+
+
+@dataclass(frozen=True)
+class ExportOptions:
+    """Write M3Depth as ONNX."""
+
+    out: Path
+    """File to write, .onnx."""
+    weights: Path | None = None
+    """A .safetensors file written by m3depth.train; default: the weights that come with the package."""
+    opset: int = OPSETS[0]
+    """ONNX operator set, 17 to 20."""
+
+    def __post_init__(self) -> None:
+        if self.out.suffix != ".onnx":
+            raise ValueError(f"--out {self.out}: must end in .onnx")
+        if self.out.is_dir():
+            raise ValueError(f"--out {self.out}: is a folder")
+        if not OPSETS[0] <= self.opset <= OPSETS[1]:
+            raise ValueError(f"--opset must be {OPSETS[0]} to {OPSETS[1]}, got {self.opset}")
+
+
+def to_onnx(model: M3Depth, opset: int = OPSETS[0]) -> bytes:
+    """The network as a serialised ONNX model; inputs and outputs as this module's docstring lists them.
+
+    Raises ImportError that names the extra if onnx is not installed.
+    """
+    require("onnx")
+    import io
+
+    import onnx
+    import torch
+
+    class Plain(torch.nn.Module):
+        """Tensors in, tensors out; logits become probabilities."""
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.network = model
+
+        def forward(self, left: torch.Tensor, right: torch.Tensor, camera: torch.Tensor) -> tuple[torch.Tensor, ...]:
+            out = self.network(left, right, camera)
+            return out.disparity, out.normal, out.confidence.sigmoid(), out.sky.sigmoid()
+
+    free = {name: {0: "batch", 2: "height", 3: "width"} for name in (*INPUTS[:2], *OUTPUTS)}
+    # A size that is no multiple of what the network works on: the padding becomes part of what is exported.
+    size = 2 * model.config.size_multiple - 6
+    example = (*torch.rand(2, 2, 3, size, size + 4), torch.tensor([[100.0, 100, size / 2, size / 2]] * 2))
+    # The newer exporter (dynamo) cannot solve for sizes whose parity matters, as those of wavelets; older PyTorch has
+    # no such parameter.
+    exporter: Any = torch.onnx.export
+    tracing = {"dynamo": False} if "dynamo" in inspect.signature(exporter).parameters else {}
+    was_training = model.training
+    buffer = io.BytesIO()
+    with warnings.catch_warnings(), torch.no_grad():
+        warnings.simplefilter("ignore")  # of what is constant while tracing, and of the older exporter
+        exporter(
+            Plain().eval(), example, buffer, input_names=list(INPUTS), output_names=list(OUTPUTS),
+            dynamic_axes={**free, "camera": {0: "batch"}}, opset_version=opset, **tracing,
+        )  # fmt: skip
+    model.train(was_training)
+    exported = onnx.load_model_from_string(buffer.getvalue())
+    exported.doc_string = (__doc__ or "").strip()
+    exported.metadata_props.add(key="m3depth_config", value=json.dumps(asdict(model.config)))
+    onnx.checker.check_model(exported)
+    return exported.SerializeToString()
+
+
+def parity(model: M3Depth, exported: bytes, sizes: Sequence[tuple[int, int, int]]) -> dict[str, float]:
+    """Largest and mean difference of the exported network's outputs from PyTorch's, in onnxruntime on the CPU.
+
+    sizes: batch, height, width of the textured pairs that both are given. Returns mean and largest difference of
+    disparity [px], and the largest of the other outputs. Raises ImportError that names the extra.
+    """
+    require("onnxruntime")
+    import onnxruntime
+    import torch
+
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = 3
+    session = onnxruntime.InferenceSession(exported, options, providers=["CPUExecutionProvider"])
+    means, largest, others = [], [], []
+    for batch, height, width in sizes:
+        left, right = textured_pair(batch, height, width)
+        camera = np.array([[width, width, (width - 1) / 2, (height - 1) / 2]] * batch, np.float32)
+        got = session.run(list(OUTPUTS), {"left": left, "right": right, "camera": camera})
+        device = next(model.parameters()).device
+        was_training = model.training
+        with torch.inference_mode():
+            out = model.eval()(*(torch.from_numpy(x).to(device) for x in (left, right, camera)))
+        model.train(was_training)
+        expected = (out.disparity, out.normal, out.confidence.sigmoid(), out.sky.sigmoid())
+        difference = [np.abs(a - b.float().cpu().numpy()) for a, b in zip(got, expected)]
+        means.append(float(difference[0].mean()))
+        largest.append(float(difference[0].max()))
+        others.append(max(float(d.max()) for d in difference[1:]))
+    return {"mean_px": max(means), "largest_px": max(largest), "largest_other": max(others)}
+
+
+def textured_pair(batch: int, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """Blurred noise seen by two eyes, with a disparity that grows downwards. Two (B, 3, H, W) float32 in [0, 1]."""
+    import cv2
+
+    rng = np.random.default_rng(height * width)
+    u, v = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
+    pairs = []
+    for _ in range(batch):
+        right = cv2.GaussianBlur(rng.random((height, width, 3), dtype=np.float32), (0, 0), 1.5)
+        right = (right - right.min()) / np.ptp(right)
+        left = cv2.remap(right, u - 4 - 0.1 * v, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+        pairs.append((left, right))
+    left, right = (np.stack(eyes).transpose(0, 3, 1, 2).copy() for eyes in zip(*pairs))
+    return left, right
+
+
+def require(package: str) -> None:
+    """Raise ImportError that says how to install a missing package."""
+    if find_spec(package) is None:
+        raise ImportError(f"{package} is not installed; pip install 'mars-m3depth[export]'")
+
+
+def export(options: ExportOptions) -> dict[str, Any]:
+    """Export, compare with PyTorch, and only then write the file. Returns what `parity` found.
+
+    Raises ValueError or FileNotFoundError that names the file, ImportError that names the extra, RuntimeError if the
+    exported network says something else than PyTorch's.
+    """
+    for package in ("onnx", "onnxruntime"):
+        require(package)
+    from m3depth.network.model import M3Depth
+
+    model = M3Depth.from_pretrained(options.weights)
+    exported = to_onnx(model, options.opset)
+    found = parity(model, exported, ((1, 96, 160), (2, 131, 203)))
+    if not found["mean_px"] < PARITY:
+        raise RuntimeError(f"onnxruntime disagrees with PyTorch by {found['mean_px']:.3g} px in the mean")
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(options.out, exported)
+    return {**found, "bytes": len(exported)}
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """The command. Returns the exit code: 2 for a mistake in what was asked for."""
+    return run_command(_work, ExportOptions, "python -m m3depth.export", __doc__, args, "nothing was written")
+
+
+def _work(options: ExportOptions) -> None:
+    found = export(options)
+    print(
+        f"{options.out}: {found['bytes'] / 1e6:.1f} MB, opset {options.opset}; onnxruntime differs from PyTorch by "
+        f"{found['mean_px']:.2g} px in the mean, {found['largest_px']:.2g} px at most"
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

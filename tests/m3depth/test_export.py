@@ -1,0 +1,113 @@
+"""The exported network says what PyTorch's says, in onnxruntime, at sizes that the export never saw."""
+
+from dataclasses import replace
+
+import onnx
+import pytest
+import torch
+
+from m3depth import export as module
+from m3depth.export import INPUTS, OUTPUTS, main, parity, textured_pair, to_onnx
+from m3depth.network.config import PAPER, M3DepthConfig
+from m3depth.network.model import M3Depth
+
+SMALL = M3DepthConfig(
+    channels=(8, 8, 16), wavelet_levels=(2, 1), match_channels=16, hypotheses=8, groups=8, volume_width=8,
+    residual_width=8, normal_widths=(8, 8, 8), normal_context=3, refine_steps=2, hidden=8, motion=8, lookup_channels=8,
+)  # fmt: skip
+THIN_PAPER = replace(
+    PAPER, channels=(8, 8, 16), wavelet_levels=(1, 1), groups=8, hypotheses=8, volume_width=8, residual_width=8,
+    normal_widths=(11, 11, 11), refine_steps=2, hidden=8, motion=8,
+)  # fmt: skip
+SIZES = ((1, 48, 80), (2, 75, 133), (2, 128, 64))
+
+
+def network(config: M3DepthConfig) -> M3Depth:
+    torch.manual_seed(0)
+    return M3Depth(config).eval()
+
+
+@pytest.fixture(scope="module")
+def exported() -> bytes:
+    return to_onnx(network(SMALL))
+
+
+def test_parity_at_free_sizes_and_batches(exported) -> None:
+    found = parity(network(SMALL), exported, SIZES)
+    assert found["mean_px"] < 1e-4 and found["largest_px"] < 1e-2 and found["largest_other"] < 1e-3
+
+
+@pytest.mark.parametrize(
+    "config", [THIN_PAPER, replace(SMALL, refine_steps=0, wavelet_levels=(0, 0))], ids=["paper", "plain"]
+)
+def test_other_configurations_export_too(config: M3DepthConfig) -> None:
+    found = parity(network(config), to_onnx(network(config)), SIZES[::2])
+    assert found["mean_px"] < 1e-4 and found["largest_px"] < 1e-2 and found["largest_other"] < 1e-3
+
+
+def test_parity_notices_another_network(exported) -> None:
+    model = network(SMALL)
+    with torch.no_grad():
+        model.aggregation.score.mul_(1.5)
+    assert parity(model, exported, SIZES[:1])["mean_px"] > 1e-2
+
+
+def test_the_shipped_weights_export_and_free_sizes_are_declared() -> None:
+    model = M3Depth.from_pretrained()
+    exported = to_onnx(model)
+    assert parity(model, exported, ((2, 64, 96),))["mean_px"] < 1e-3
+    graph = onnx.load_model_from_string(exported).graph
+    shapes = {
+        value.name: [d.dim_param or d.dim_value for d in value.type.tensor_type.shape.dim]
+        for value in (*graph.input, *graph.output)
+    }
+    assert shapes["left"] == shapes["right"] == ["batch", 3, "height", "width"]
+    assert shapes["camera"] == ["batch", 4]
+    assert set(shapes) == {*INPUTS, *OUTPUTS}
+    assert shapes["normal"][0] == "batch" and all(shapes[name][2:] == ["height", "width"] for name in OUTPUTS)
+    assert {node.domain for node in graph.node} == {""}  # no operator of anybody's own
+
+
+def test_the_command_writes_a_file_that_other_programs_read(tmp_path, capsys) -> None:
+    import onnxruntime
+
+    network(SMALL).save_pretrained(tmp_path / "net.safetensors")
+    out = tmp_path / "deep" / "net.onnx"
+    assert main(["--weights", str(tmp_path / "net.safetensors"), "--out", str(out), "--opset", "18"]) == 0
+    assert capsys.readouterr().out.startswith(f"{out}: ")
+    session = onnxruntime.InferenceSession(str(out), providers=["CPUExecutionProvider"])
+    left, right = textured_pair(1, 40, 56)
+    disparity = session.run(["disparity"], {"left": left, "right": right, "camera": [[60.0, 60.0, 27.5, 19.5]]})[0]
+    assert disparity.shape == (1, 1, 40, 56)
+    assert onnx.load(out).opset_import[0].version == 18
+    assert list(out.parent.iterdir()) == [out]
+
+
+def test_a_file_that_disagrees_is_not_written(tmp_path, monkeypatch, exported) -> None:
+    monkeypatch.setattr(module, "to_onnx", lambda model, opset: exported)
+    network(SMALL).save_pretrained(tmp_path / "net.safetensors")
+    monkeypatch.setattr(module, "PARITY", 0.0)
+    with pytest.raises(RuntimeError, match="disagrees with PyTorch"):
+        main(["--weights", str(tmp_path / "net.safetensors"), "--out", str(tmp_path / "net.onnx")])
+    assert not (tmp_path / "net.onnx").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--out", "net.pt"], "--out net.pt: must end in .onnx"),
+        (["--out", "net.onnx", "--opset", "11"], "--opset must be 17 to 20, got 11"),
+        (["--out", "net.onnx", "--weights", "none.safetensors"], "none.safetensors: no such weights file"),
+    ],
+)
+def test_mistakes_are_one_line(arguments, message, tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 2
+    assert capsys.readouterr().err == f"error: {message}\n"
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_missing_package_names_the_extra(monkeypatch, capsys) -> None:
+    monkeypatch.setattr(module, "find_spec", lambda name: None)
+    assert main(["--out", "net.onnx"]) == 2
+    assert capsys.readouterr().err == "error: onnx is not installed; pip install 'mars-m3depth[export]'\n"
