@@ -10,8 +10,9 @@ from m3depth.network.wavelet import WaveletConv
 
 
 class Features(NamedTuple):
-    """quarter: (B, C4, H / 4, W / 4); eighth: (B, C8, H / 8, W / 8)."""
+    """half: (B, C2, H / 2, W / 2); quarter: (B, C4, H / 4, W / 4); eighth: (B, C8, H / 8, W / 8)."""
 
+    half: Tensor
     quarter: Tensor
     eighth: Tensor
 
@@ -73,5 +74,6 @@ class Backbone(nn.Module):
 
     def forward(self, image: Tensor) -> Features:
         """image: (B, 3, H, W), normalised."""
-        quarter = self.quarter(self.stem(image))
-        return Features(quarter, self.eighth(quarter))
+        half = self.stem(image)
+        quarter = self.quarter(half)
+        return Features(half, quarter, self.eighth(quarter))

@@ -8,7 +8,7 @@ from typing import Any
 OPTIONAL = frozenset(
     {
         "wavelet_levels", "match_channels", "output_head", "residual_width", "normal_context", "refine_steps",
-        "lookup_radius", "lookup_levels",
+        "lookup_radius", "lookup_levels", "fine_width",
     }
 )  # fmt: skip
 DEEPEST_WAVELET = 6  # images are padded to a multiple of 8 * 2 ** levels px
@@ -44,6 +44,7 @@ class M3DepthConfig:
     lookup_channels: int = 32  # features that are correlated, at 1/4
     lookup_radius: int = 4  # cells to either side; 0: the current disparity alone
     lookup_levels: int = 2  # 0: a step sees no correlation
+    fine_width: int = 32  # of the last correction, at 1/2; 0: none, as in the paper
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -77,7 +78,7 @@ class M3DepthConfig:
     def from_dict(cls, data: dict[str, Any]) -> M3DepthConfig:
         """Read the JSON form. Raises ValueError that names an unknown or malformed field."""
         known: dict[str, Any] = {f.name: f.default for f in fields(cls)}
-        values: dict[str, Any] = {}
+        values: dict[str, Any] = {"fine_width": 0}  # weights that were written before it existed have none
         for name, value in data.items():
             if name not in known:
                 raise ValueError(f"network config: unknown field {name!r}")
@@ -91,7 +92,8 @@ class M3DepthConfig:
 
 
 LITE = M3DepthConfig()
-"""For a CPU: thin channels, volume and SNNet at 1/8, refinement at 1/4 with a correlation lookup."""
+"""For a CPU: thin channels, volume and SNNet at 1/8, refinement at 1/4 with a correlation lookup, one
+correction at 1/2."""
 
 PAPER = M3DepthConfig(
     channels=(64, 128, 256),
@@ -113,6 +115,7 @@ PAPER = M3DepthConfig(
     implied_geometry=False,
     heads_see_all=True,
     lookup_levels=0,
+    fine_width=0,
 )
 """The paper's Tables I and II to the letter, with D = 24, three wavelet levels and five iterations.
 

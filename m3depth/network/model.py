@@ -16,6 +16,7 @@ from m3depth.geometry import disparity_to_depth, face_camera, pixel_rays, scale_
 from m3depth.network.backbone import Backbone
 from m3depth.network.config import PRESETS, M3DepthConfig
 from m3depth.network.cost_volume import Aggregation, group_correlation_volume, matchable, soft_argmin
+from m3depth.network.fine import FineCorrection
 from m3depth.network.normals import SNNet
 from m3depth.network.recompute import direct, recomputed
 from m3depth.network.refinement import Refinement
@@ -57,7 +58,7 @@ class M3Depth(nn.Module):
     def __init__(self, config: M3DepthConfig | None = None) -> None:
         super().__init__()
         self.config = c = config or M3DepthConfig()
-        _, quarter, eighth = c.channels
+        half, quarter, eighth = c.channels
         self.backbone = Backbone(c.channels, c.wavelet_levels, c.wavelet_kernel, c.feature_skips)
         self.match = nn.Conv2d(eighth, c.match_channels, 1) if c.match_channels else None
         self.aggregation = Aggregation(
@@ -66,6 +67,7 @@ class M3Depth(nn.Module):
         self.normals = SNNet(c.groups, c.normal_widths, eighth, c.normal_context, c.slice_layers)
         coarse = eighth + c.residual_width
         self.refinement: Refinement | None = None
+        self.fine: FineCorrection | None = None
         self.decisions: nn.Conv2d | None = None
         if c.refine_steps:
             self.refinement = Refinement(
@@ -79,6 +81,8 @@ class M3Depth(nn.Module):
                 c.implied_geometry,
                 c.heads_see_all,
             )
+            if c.fine_width:
+                self.fine = FineCorrection(half, c.hidden, c.fine_width)
         else:
             self.decisions = nn.Conv2d(coarse, 2, 3, padding=1)
         for layer in self.modules():  # twice as fast on a CPU; Module.to() would stumble over the 3-D convolutions
@@ -150,7 +154,9 @@ class M3Depth(nn.Module):
         if self.refinement is not None:
             disparity, normal = (resize(x, left4.shape[-2:]) for x in initial)
             camera4 = scale_camera(camera, 4)
-            steps, fine = self.refinement(left4, right4, left8, disparity, unit(normal), camera4, part)
+            steps, fine, hidden = self.refinement(left4, right4, left8, disparity, unit(normal), camera4, part)
+            if self.fine is not None:
+                fine = fine + part(self.fine, *features.half.chunk(2), hidden, fine, camera)
         else:
             assert self.decisions is not None
             maps = (disparity, normal, self.decisions(left8).float())

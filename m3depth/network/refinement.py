@@ -193,13 +193,13 @@ class Refinement(nn.Module):
     def forward(
         self, left: Tensor, right: Tensor, coarse: Tensor, disparity: Tensor, normal: Tensor, camera: Tensor,
         part: Part = direct,
-    ) -> tuple[list[tuple[Tensor, Tensor]], Tensor]:  # fmt: skip
+    ) -> tuple[list[tuple[Tensor, Tensor]], Tensor, Tensor]:  # fmt: skip
         """left, right: (B, C4, h, w) features at 1/4. coarse: (B, C8, h / 2, w / 2) context at 1/8.
 
         disparity [px at full resolution], normal: starting maps on the 1/4 grid. camera: (B, 4) of that grid. part:
         how a part is called, directly or with its activations recomputed.
         Returns the (disparity, normal) of every step on the 1/4 grid, and (B, 6, 4 h, 4 w): disparity, normal (not
-        normalised), confidence logit, sky logit.
+        normalised), confidence logit, sky logit; and the hidden state, (B, hidden, h, w).
         """
         lookup = None
         if self.match is not None:
@@ -215,4 +215,4 @@ class Refinement(nn.Module):
             hidden, disparity, normal = part(self.step, hidden, bias, first, disparity, normal, lookup, camera)
             history.append((disparity, normal))
         decisions = self.decisions(torch.cat([hidden, wide], 1)).float()
-        return history, part(self.upsample, hidden, torch.cat([disparity, normal, decisions], 1))
+        return history, part(self.upsample, hidden, torch.cat([disparity, normal, decisions], 1)), hidden

@@ -54,6 +54,7 @@ def trains(config: M3DepthConfig, training_loss) -> M3Depth:
         ({"heads_see_all": True}, ()),
         ({"lookup_radius": 0}, ()),
         ({"lookup_levels": 0}, ("refinement.match", "refinement.step.correlation")),
+        ({"fine_width": 0}, ("fine",)),
     ],
 )
 def test_a_part_can_be_switched_and_the_rest_trains(training_loss, change, absent) -> None:
