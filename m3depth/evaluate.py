@@ -52,8 +52,8 @@ class EvaluateOptions:
     """Dataset folder, as marssim.generate writes it."""
     out: Path
     """Folder for results.json, results.md and the figures."""
-    split: Literal["train", "val", "test"] = "test"
-    """Which part of the dataset; test is what no training has seen."""
+    split: Literal["train", "val", "test", "all"] = "test"
+    """Which part of the dataset; test is what no training on it has seen, all is for data that none was done on."""
     weights: Path | None = None
     """A .safetensors file written by m3depth.train; default: the weights that come with the package."""
     baselines: tuple[Baseline, ...] = ("sgbm",)
@@ -132,7 +132,7 @@ def _common_fb(examples: Sequence[Example]) -> float | None:
 
 def prepare(options: EvaluateOptions) -> tuple[StereoDataset, dict[str, Method]]:
     """Open what the options name. Raises ValueError or OSError with one line for the user."""
-    dataset = StereoDataset(options.data, options.split)
+    dataset = StereoDataset(options.data, None if options.split == "all" else options.split)
     if not len(dataset):
         raise ValueError(f"{options.data}: split {options.split} holds no pairs; choose another --split")
     if options.limit is not None and options.limit < 1:

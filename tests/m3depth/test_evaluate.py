@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from m3depth.degradation import Degradation
-from m3depth.evaluate import evaluate, main
+from m3depth.evaluate import EvaluateOptions, evaluate, main, prepare
 from m3depth.matching import SGBM
 from m3depth.prediction import Prediction
 from m3depth.report import FIGURES
@@ -199,3 +199,13 @@ def test_broken_sample_is_named(tmp_path, capsys, monkeypatch):
     assert main(["--data", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
     error = capsys.readouterr().err
     assert "depth.png" in error and error.strip().count("\n") == 0
+
+
+def test_all_splits_are_scored_where_that_is_asked_for(tmp_path) -> None:
+    names = ["00000/00", "00001/00", "00002/00"]  # one scene of each split
+    for name in names:
+        write_sample(tmp_path / "scenes" / name, make_frame(0), {})
+    write_index(tmp_path, {}, names)
+    for split, count in (("test", 1), ("all", 3)):
+        dataset, _ = prepare(EvaluateOptions(tmp_path, tmp_path / "out", split=split, baselines=("none",)))
+        assert len(dataset) == count
