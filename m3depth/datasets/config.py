@@ -1,0 +1,62 @@
+"""What a reader of datasets can be told."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, get_args
+
+Format = Literal["auto", "marssim", "kitti", "sceneflow", "middlebury", "eth3d", "oaisys", "list", "folder"]
+FORMATS: tuple[Format, ...] = get_args(Format)
+Part = Literal["train", "val", "test", "all"]
+
+
+@dataclass(frozen=True)
+class DataConfig:
+    """How a dataset folder is read; needed for folders of your own, and where files do not say enough.
+
+    Raises ValueError that names the field of a value that cannot work.
+    """
+
+    format: Format = "auto"
+    """Layout of --data; auto: told by what lies there. list: lines of "left right disparity"; folder: patterns."""
+    left: str | None = None
+    """folder: pattern of the left images below --data, as left/*.png. oaisys: name of the left sensor."""
+    right: str | None = None
+    """folder: pattern of the right images; what its * match pairs them with the left ones. oaisys: the right sensor."""
+    disparity: str | None = None
+    """folder: pattern of disparity maps of the left eye [px]: pfm, 16-bit png (x 256), npy, tiff, exr."""
+    depth: str | None = None
+    """folder: pattern of depth maps instead [m along the optical axis]: exr, npy, pfm, tiff, 16-bit png (mm)."""
+    unit: float | None = None
+    """Stored number of 1 px, or of 1 m, where it is another than the above (CREStereo: 32)."""
+    calib: Path | None = None
+    """One calibration file for all pairs (any that m3depth.predict reads, or OAISYS's config), or "natecam"."""
+    focal: float | None = None
+    """Focal length of the rectified images [px], with --baseline instead of a calibration file."""
+    baseline: float | None = None
+    """Distance of the eyes [m]."""
+    normals: Literal["none", "depth"] = "none"
+    """Where a dataset holds no normals: none, depth is trained and scored alone; or those of planes fitted to depth."""
+    resize: float = 1.0
+    """Factor to which images are reduced as they are read; disparities and cameras follow."""
+    depth_range: tuple[float, float] = (0.0, math.inf)
+    """Depths that are scored [m] (marssim's datasets: always 0.5 to 15); what is outside is still trained."""
+
+    def __post_init__(self) -> None:
+        for name in ("unit", "focal", "baseline"):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value != 0 and (value > 0 or name == "unit")):
+                raise ValueError(f"{name} must be {'other than 0' if name == 'unit' else 'positive'}, got {value}")
+        if not 0 < self.resize <= 1:
+            raise ValueError(f"resize must be over 0 and at most 1, got {self.resize}")
+        low, high = self.depth_range
+        if not 0 <= low < high:
+            raise ValueError(f"depth_range must be two distances, the nearer one first, got {low} {high}")
+        if (self.focal is None) != (self.baseline is None):
+            raise ValueError("focal and baseline belong together: give both of --focal and --baseline")
+        if self.calib is not None and self.focal is not None:
+            raise ValueError("calib makes --focal and --baseline needless: give one or the other")
+        if self.disparity is not None and self.depth is not None:
+            raise ValueError("disparity and depth exclude each other: give one of --disparity and --depth")

@@ -1,0 +1,76 @@
+"""Disparity and depth maps in the files that datasets keep them in."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from marssim.dataset import DatasetError
+
+Kind = Literal["disparity", "depth"]
+PNG_UNIT: dict[Kind, float] = {"disparity": 256.0, "depth": 1000.0}  # KITTI's; millimetres
+FAR = 1000.0  # [m] renderers write 1e10 or so where there is no surface
+DEPTH_CHANNELS = ("Z", "V", "R", "Y")  # OAISYS replicates one channel
+
+
+def read_map(path: Path, kind: Kind, unit: float | None = None, zero_is_far: bool = False) -> np.ndarray:
+    """(H, W) float32 disparity [px] or depth [m]: NaN where unknown; 0 disparity, or inf depth, where there is sky.
+
+    unit: stored number of 1 px or 1 m; None: 256 or 1000 in a PNG, else 1. A disparity that is not finite or under 0
+    is unknown, and 0 too unless zero_is_far; so is depth that is NaN, 0 or negative, and 1 km and more is sky.
+    Raises DatasetError that names a file that is missing or cannot be read, ImportError that names the extra for EXR.
+    """
+    stored = _numbers(path)
+    is_png = path.suffix.lower() == ".png"
+    values = stored.astype(np.float32) / np.float32(unit or (PNG_UNIT[kind] if is_png else 1.0))
+    with np.errstate(invalid="ignore"):
+        if kind == "depth":
+            return np.where(values >= FAR, np.float32(np.inf), np.where(values > 0, values, np.float32(np.nan)))
+        known = np.isfinite(values) & ((values >= 0) if zero_is_far else (values > 0))
+    return np.where(known, values, np.float32(np.nan))
+
+
+def read_mask(path: Path) -> np.ndarray:
+    """(H, W) uint8. Raises DatasetError that names the file."""
+    values = _numbers(path)
+    if values.dtype != np.uint8:
+        raise DatasetError(f"{path}: a mask must be of 8 bit, is {values.dtype}")
+    return values
+
+
+def _numbers(path: Path) -> np.ndarray:
+    """(H, W), as stored; of several equal channels, one."""
+    if not path.is_file():
+        raise DatasetError(f"{path}: no such file")
+    try:
+        if path.suffix.lower() == ".npy":
+            values = np.load(path, allow_pickle=False).squeeze()
+        elif path.suffix.lower() == ".exr":
+            values = _exr(path)
+        else:
+            values = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
+    except (ValueError, EOFError, cv2.error):
+        values = None
+    if values is None or values.dtype.kind not in "fiu" or values.ndim not in (2, 3):
+        raise DatasetError(f"{path}: holds no map that can be read")
+    return values if values.ndim == 2 else values[..., 0]
+
+
+def _exr(path: Path) -> np.ndarray:
+    if find_spec("OpenEXR") is None:
+        raise ImportError(f"{path}: OpenEXR is not installed; pip install 'mars-m3depth[exr]'")
+    import OpenEXR
+
+    try:
+        channels = OpenEXR.File(str(path), separate_channels=True).channels()
+    except RuntimeError as error:
+        raise ValueError(str(error)) from None
+    by_name = {name.rsplit(".")[-1].upper(): channel for name, channel in channels.items()}  # "Depth.V" of layers
+    chosen = next((by_name[name] for name in DEPTH_CHANNELS if name in by_name), None)
+    if chosen is None:
+        raise ValueError("no depth channel")
+    return np.asarray(chosen.pixels, np.float32)

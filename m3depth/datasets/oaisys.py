@@ -1,0 +1,93 @@
+"""OAISYS's output, the simulator that made SimMars6K, and its config file as a calibration."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from m3depth.calibration import Calibration
+from m3depth.datasets.config import DataConfig
+from m3depth.datasets.pair_files import PairFiles, Rigs
+from marssim.dataset import DatasetError
+
+RENDERING = "00"  # OAISYS renders a pass several times if it is told to; the first one
+
+
+def oaisys(root: Path, config: DataConfig, rigs: Rigs) -> Iterator[PairFiles]:
+    """Pairs of OAISYS: batch_0001/<sensor>/0003<sensor>_rgb_00.png and ..._pinhole_depth_00.exr [m].
+
+    The sensors are those whose names end in left and right, or the ones that --left and --right name. Raises
+    DatasetError if they are not told apart, or if a file of the right eye or a depth map is missing.
+    """
+    batches = sorted(root.glob("batch_*")) or sorted(root.glob("*/batch_*"))
+    for batch in batches:
+        left, right = (_sensor(batch, end, name) for end, name in (("left", config.left), ("right", config.right)))
+        for path in sorted((batch / left).glob(f"*{left}_rgb_{RENDERING}.png")):
+            step = path.name.removesuffix(f"{left}_rgb_{RENDERING}.png")
+            yield PairFiles(
+                f"{batch.name}/{step}", batch.relative_to(root).as_posix(), path,
+                batch / right / f"{step}{right}_rgb_{RENDERING}.png",
+                batch / left / f"{step}{left}_pinhole_depth_{RENDERING}.exr", "depth", rigs(root / "calib.txt", path),
+            )  # fmt: skip
+
+
+def _sensor(batch: Path, end: str, name: str | None) -> str:
+    there = sorted(path.name for path in batch.iterdir() if path.is_dir() and path.name != "blender_file")
+    if name is not None:
+        if name not in there:
+            raise DatasetError(f"{batch}: has no sensor {name}, but {', '.join(there) or 'none'}")
+        return name
+    fitting = [sensor for sensor in there if sensor.lower().endswith(end)]
+    if len(fitting) != 1:
+        raise DatasetError(f"{batch}: which sensor is the {end} eye? --{end} names it; there are {', '.join(there)}")
+    return fitting[0]
+
+
+def oaisys_rig(path: Path, config: DataConfig) -> Calibration | None:
+    """From OAISYS's own config file: KMatrix of the left sensor, and how far the right one stands from it.
+
+    None if the file is another one. Raises DatasetError that names the file if the sensors make no rectified pair.
+    """
+    try:
+        data = json.loads(path.read_text())
+        sensors = {s["sensorParams"]["outputBaseName"]: s["sensorParams"] for s in data["SENSOR_SETUP"]["SENSORS"]}
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    eyes = []
+    for end, name in (("left", config.left), ("right", config.right)):
+        fitting = [s for n, s in sensors.items() if (n == name if name else n.lower().endswith(end))]
+        if len(fitting) != 1:
+            raise DatasetError(
+                f"{path}: which sensor is the {end} eye? --{end} names it; there are {', '.join(sensors)}"
+            )
+        eyes.append(fitting[0])
+    try:
+        (k, right_k), (place, right_place) = (
+            [np.array(eye[field], float) for eye in eyes] for field in ("KMatrix", "transformation")
+        )
+        width, height = eyes[0]["imageResolution"]
+        k, right_k = k.reshape(3, 3), right_k.reshape(3, 3)
+        across = _camera_axes(place[3:7]).T @ (right_place[:3] - place[:3])
+        turned = np.abs(place[3:7] - right_place[3:7]).max() > 1e-6
+    except (KeyError, ValueError, TypeError, IndexError):
+        raise DatasetError(f"{path}: the sensors need KMatrix, transformation and imageResolution") from None
+    if turned or not across[0] > 0 or np.abs(across[1:]).max() > 1e-3 * across[0] or abs(right_k - k)[:2, :2].max() > 0:
+        raise DatasetError(f"{path}: the two sensors are no rectified pair, the right one to the right of the left one")
+    shift = float(right_k[0, 2] - k[0, 2])
+    size = (int(width), int(height))
+    return Calibration(float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2]), float(across[0]), shift, size)
+
+
+def _camera_axes(quaternion: np.ndarray) -> np.ndarray:
+    """(3, 3) rotation of a quaternion w, x, y, z; its columns are the camera's right, up and backward (Blender)."""
+    w, x, y, z = quaternion / np.linalg.norm(quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )

@@ -1,0 +1,132 @@
+"""One stereo pair of a dataset of others: its files, and the sample that they make."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from m3depth.calibration import Calibration, align_right
+from m3depth.datasets.config import DataConfig
+from m3depth.datasets.maps import Kind, read_map, read_mask
+from m3depth.image_files import read_pair
+from m3depth.plane_normals import normals_from_disparity
+from marssim.camera import StereoRig
+from marssim.dataset import DatasetError, StereoSample
+from marssim.depth_edges import depth_edges
+
+Rig = Callable[[int, int], Calibration]  # of images of (width, height); reads a file, or knows
+Rigs = Callable[[Path, Path], Rig]  # by the calibration file that a layout has for a pair, and its left image
+FITTED = 7  # [px] window of normals that are fitted to depth, as wide as Normal-Assisted Stereo's
+BREAK = 0.1  # share of the disparity that may change within 3 x 3 px of one surface
+
+
+@dataclass(frozen=True)
+class PairFiles:
+    """Where one pair lies, and how its files are to be understood.
+
+    name: in reports. group: pairs of one scene share it; a split never divides one. truth: the map of the left eye.
+    calibration: reads it, from the left image's size. zero_is_far: 0 disparity is sky, not a gap. unit: see read_map.
+    visible: a mask; a pixel is occluded where it is known and `hidden(mask)`.
+    """
+
+    name: str
+    group: str
+    left: Path
+    right: Path
+    truth: Path
+    kind: Kind
+    calibration: Rig
+    zero_is_far: bool = False
+    unit: float | None = None
+    visible: Path | None = None
+    hidden: Callable[[np.ndarray], np.ndarray] | None = None
+
+
+def read_pair_files(files: PairFiles, config: DataConfig) -> StereoSample:
+    """The pair as a sample: unknown depth is NaN, with disparity 0; normals are 0 where unknown; there are no rocks.
+
+    Sky, where the format tells it, has infinite depth. The right image is moved where the eyes have different
+    principal points (Middlebury's doffs), and that difference is in the disparity. Raises DatasetError, one line that
+    names the file, for files that are missing, broken, or of other sizes than their partners.
+    """
+    for path in (files.left, files.right):
+        if not path.is_file():
+            raise DatasetError(f"{path}: no such file")
+    try:
+        left, right = (x if x.ndim == 3 else np.repeat(x[..., None], 3, 2) for x in read_pair(files.left, files.right))
+    except ValueError as error:
+        raise DatasetError(str(error)) from None
+    height, width = left.shape[:2]
+    calibration = files.calibration(width, height)
+    rig = calibration.rig(width, height)
+    values = _fitting(files.truth, read_map(files.truth, files.kind, files.unit, files.zero_is_far), left)
+    if files.kind == "depth":
+        depth, disparity = values, rig.depth_to_disparity(values)
+    else:
+        with np.errstate(invalid="ignore"):  # sky stays 0
+            disparity = np.where(values > 0, values + np.float32(calibration.shift), values)
+            disparity = np.where(disparity < 0, np.float32(np.nan), disparity)
+        depth = rig.disparity_to_depth(disparity)
+    depth = np.where(np.isnan(values), np.float32(np.nan), depth)
+    occluded = np.zeros(depth.shape, bool)
+    if files.visible is not None and files.hidden is not None:
+        mask = _fitting(files.visible, read_mask_or_map(files.visible), left)
+        occluded = files.hidden(mask) & np.isfinite(depth)
+    right = align_right(right, calibration.shift)
+    if config.resize < 1:
+        left, right, depth, occluded, rig = _reduced(left, right, depth, occluded, rig, config.resize)
+    disparity = rig.depth_to_disparity(depth)  # 0 where unknown
+    normal = np.zeros((*depth.shape, 3), np.float32)
+    if config.normals == "depth":
+        normal = fitted_normals(disparity, rig)
+    low, high = config.depth_range
+    with np.errstate(invalid="ignore"):
+        valid = np.isfinite(depth) & (depth >= low) & (depth <= high)
+    return StereoSample(
+        left, right, depth, disparity, normal, valid, occluded, np.zeros(depth.shape, np.int32), rig,
+        {"files": {"left": str(files.left), "right": str(files.right), "truth": str(files.truth)}},
+    )  # fmt: skip
+
+
+def read_mask_or_map(path: Path) -> np.ndarray:
+    """A mask, or KITTI's disparity of the pixels that both eyes see, which is one."""
+    if path.parent.name.startswith("disp_noc"):
+        return np.isfinite(read_map(path, "disparity")).astype(np.uint8)
+    return read_mask(path)
+
+
+def fitted_normals(disparity: np.ndarray, rig: StereoRig) -> np.ndarray:
+    """Normals of planes fitted to the disparity, 0 where a window of 7 x 7 px has gaps or spans a depth edge.
+
+    disparity: (H, W) [px], 0 where unknown. Returns (H, W, 3) float32.
+    """
+    broken = (disparity <= 0) | depth_edges(disparity, share=BREAK)
+    near_break = cv2.dilate(broken.astype(np.uint8), np.ones((FITTED, FITTED), np.uint8)) > 0
+    rim = FITTED // 2
+    near_break[:rim] = near_break[-rim:] = True
+    near_break[:, :rim] = near_break[:, -rim:] = True
+    normal = normals_from_disparity(disparity, rig.camera, FITTED)
+    return np.where(near_break[..., None], np.float32(0), normal)
+
+
+def _fitting(path: Path, values: np.ndarray, image: np.ndarray) -> np.ndarray:
+    if values.shape != image.shape[:2]:
+        raise DatasetError(
+            f"{path}: is {values.shape[1]} x {values.shape[0]}, its image {image.shape[1]} x {image.shape[0]}"
+        )
+    return values
+
+
+def _reduced(
+    left: np.ndarray, right: np.ndarray, depth: np.ndarray, occluded: np.ndarray, rig: StereoRig, factor: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, StereoRig]:
+    """A smaller pair; depth is the nearest pixel's, never a mean over an edge."""
+    size = max(1, round(left.shape[1] * factor)), max(1, round(left.shape[0] * factor))
+    left, right = (cv2.resize(eye, size, interpolation=cv2.INTER_AREA) for eye in (left, right))
+    depth = cv2.resize(depth, size, interpolation=cv2.INTER_NEAREST_EXACT)
+    occluded = cv2.resize(occluded.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST_EXACT) > 0
+    return left, right, depth, occluded, rig.resized(*size)

@@ -1,0 +1,72 @@
+"""Where the camera of a dataset's pairs comes from: a file beside them, or the flags for all of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from m3depth.calibration import Calibration, read_calibration
+from m3depth.datasets.config import DataConfig
+from m3depth.datasets.oaisys import oaisys_rig
+from m3depth.datasets.pair_files import Rig, Rigs
+from marssim.camera import NATECAM
+from marssim.dataset import DatasetError
+
+NATECAM_NAME = Path("natecam")
+
+
+def file_rig(calib: Path, left: Path) -> Rig:
+    """A calibration file, checked against the size of the images. Raises DatasetError that names it."""
+
+    def rig(width: int, height: int) -> Calibration:
+        try:
+            found = read_calibration(calib, image=left)
+        except (ValueError, FileNotFoundError) as error:
+            raise DatasetError(f"{error}; --calib, or --focal and --baseline, replace it") from None
+        if found.size is not None and found.size != (width, height):
+            raise DatasetError(f"{calib}: is for {found.size[0]} x {found.size[1]} px, {left} is {width} x {height}")
+        if not np.isfinite(found.baseline) or found.baseline <= 0:
+            raise DatasetError(f"{calib}: the baseline is {found.baseline:g} m; are the eyes exchanged?")
+        return found
+
+    return rig
+
+
+def given_rig(config: DataConfig) -> Rigs | None:
+    """The calibration that the flags give for all pairs; None if they give none. Raises DatasetError, one line."""
+    if config.focal is not None and config.baseline is not None:
+        focal, baseline = config.focal, config.baseline
+
+        def from_flags(width: int, height: int) -> Calibration:
+            return Calibration(focal, focal, (width - 1) / 2, (height - 1) / 2, baseline)
+
+        return lambda calib, left: from_flags
+    if config.calib == NATECAM_NAME:
+        return lambda calib, left: natecam
+    if config.calib is None:
+        return None
+    path = config.calib
+    if not path.is_file():
+        raise DatasetError(f"{path}: no such calibration file")
+    if (own := oaisys_rig(path, config)) is None:
+        return lambda calib, left: file_rig(path, left)
+    rig: Calibration = own
+
+    def from_oaisys(left: Path) -> Rig:
+        def checked(width: int, height: int) -> Calibration:
+            if rig.size != (width, height):
+                raise DatasetError(f"{path}: is for {rig.size} px, {left} is {width} x {height}")
+            return rig
+
+        return checked
+
+    return lambda calib, left: from_oaisys(left)
+
+
+def natecam(width: int, height: int) -> Calibration:
+    """Zhurong's camera, as the paper gives it, for images of any size of its square field of view."""
+    if width != height:
+        raise DatasetError(f"--calib natecam: its images are square, these are {width} x {height}")
+    c = NATECAM.camera.resized(width, height)
+    return Calibration(c.fx, c.fy, c.cx, c.cy, NATECAM.baseline)

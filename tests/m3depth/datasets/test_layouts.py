@@ -1,0 +1,359 @@
+"""The trees as their authors pack them, made by hand, with what is particular to each; and files that are wrong."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import OpenEXR
+import pytest
+
+from m3depth.datasets import maps
+from m3depth.datasets.config import DataConfig
+from m3depth.datasets.open import detect, open_pairs
+from marssim.dataset import DatasetError
+from marssim.pfm import encode_pfm
+
+H, W = 24, 40
+MIDDLEBURY_CALIB = """\
+cam0=[50 0 19.5; 0 50 11.5; 0 0 1]
+cam1=[50 0 {right} ; 0 50 11.5; 0 0 1]
+doffs={doffs}
+baseline=270
+width=40
+height=24
+ndisp=64
+"""
+
+
+def image(seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 256, (H, W, 3), dtype=np.uint8)
+
+
+def put(path: Path, content: np.ndarray | str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if isinstance(content, str):
+        path.write_text(content)
+    elif path.suffix == ".pfm":
+        path.write_bytes(encode_pfm(content))
+    elif path.suffix == ".exr":
+        channels = dict.fromkeys("RGB", content)
+        OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}, channels).write(str(path))
+    elif path.suffix == ".npy":
+        np.save(path, content)
+    else:
+        cv2.imwrite(str(path), content)
+
+
+def ramp(low: float = 5.0) -> np.ndarray:
+    return (low + 0.1 * np.arange(W, dtype=np.float32))[None].repeat(H, 0)
+
+
+def test_kitti_2015_with_its_shifted_projections(tmp_path) -> None:
+    """P_rect_02 is not that of the reference camera: both colour eyes have a fourth column."""
+    training = tmp_path / "training"
+    for eye in ("image_2", "image_3"):
+        put(training / eye / "000007_10.png", image())
+        put(training / eye / "000007_11.png", image(1))  # the next frame is no pair
+    known = np.round(ramp() * 256).astype(np.uint16)
+    known[:10] = 0
+    visible = known.copy()
+    visible[:, :8] = 0
+    put(training / "disp_occ_0" / "000007_10.png", known)
+    put(training / "disp_noc_0" / "000007_10.png", visible)
+    left, right = (f"50 0 19.5 {t} 0 50 11.5 0.2 0 0 1 0.003" for t in ("2.5", "-11.0"))
+    put(training / "calib_cam_to_cam" / "000007.txt", f"S_02: 40 24\nP_rect_02: {left}\nP_rect_03: {right}\n")
+    pairs = open_pairs(tmp_path, "all")
+    assert len(pairs) == 1 and detect(tmp_path, DataConfig()) == "kitti"
+    sample = pairs[0]
+    assert sample.rig.baseline == pytest.approx(13.5 / 50)
+    assert np.isnan(sample.depth[:10]).all() and not sample.valid[:10].any()
+    np.testing.assert_allclose(sample.disparity[10:], ramp()[10:], atol=1 / 500)
+    assert sample.occluded[10:, :8].all() and not sample.occluded[:10].any() and not sample.occluded[:, 8:].any()
+
+
+def test_kitti_2012(tmp_path) -> None:
+    training = tmp_path / "training"
+    for eye in ("colored_0", "colored_1"):
+        put(training / eye / "000000_10.png", image())
+    put(training / "disp_occ" / "000000_10.png", np.full((H, W), 1280, np.uint16))
+    rows = "50 0 19.5 {} 0 50 11.5 0 0 0 1 0"
+    put(training / "calib" / "000000.txt", "".join(f"P{i}: {rows.format(-13.5 * (i % 2))}\n" for i in range(4)))
+    sample = open_pairs(tmp_path, "all")[0]
+    assert sample.rig.fb == pytest.approx(13.5) and np.allclose(sample.depth, 2.7)
+
+
+def test_sceneflow_without_calibration(tmp_path) -> None:
+    """FlyingThings3D has no VAL: the tenth training scene; and no calibration files: f = 1050 px at 960 px, B = 1."""
+    for split, count in (("TRAIN", 10), ("TEST", 1)):
+        for scene in range(count):
+            inside = f"{split}/A/{scene:04d}"
+            for eye in ("left", "right"):
+                put(tmp_path / "frames_finalpass" / inside / eye / "0006.png", image())
+            put(tmp_path / "disparity" / inside / "left" / "0006.pfm", ramp())
+    lengths = {split: len(open_pairs(tmp_path, split)) for split in ("train", "val", "test", "all")}
+    assert lengths == {"train": 9, "val": 1, "test": 1, "all": 11}
+    sample = open_pairs(tmp_path, "test")[0]
+    assert sample.rig.camera.fx == pytest.approx(1050 * W / 960) and sample.rig.baseline == 1
+    inside = "15mm_focallength/scene_forwards/fast"
+    for eye in ("left", "right"):
+        put(tmp_path / "driving" / "frames_cleanpass" / inside / eye / "0001.png", image())
+    put(tmp_path / "driving" / "disparity" / inside / "left" / "0001.pfm", ramp())
+    assert open_pairs(tmp_path / "driving", "all")[0].rig.camera.fx == pytest.approx(450 * W / 960)
+
+
+def test_middlebury_moves_the_right_eye_by_doffs(tmp_path) -> None:
+    """Z = f B / (d + doffs): the sample's rig has no doffs, so disparity and right image are those of such a rig."""
+    scene = tmp_path / "Adirondack"
+    right = image()
+    put(scene / "im0.png", image(1))
+    put(scene / "im1.png", right)
+    truth = ramp()
+    truth[0] = np.inf
+    put(scene / "disp0.pfm", truth)
+    put(scene / "calib.txt", MIDDLEBURY_CALIB.format(right=22.5, doffs=3))
+    sample = open_pairs(tmp_path, "all")[0]
+    assert np.isnan(sample.depth[0]).all()
+    np.testing.assert_allclose(sample.depth[1:], 50 * 0.27 / (truth[1:] + 3), rtol=1e-5)
+    np.testing.assert_allclose(sample.disparity[1:], truth[1:] + 3, rtol=1e-5)
+    np.testing.assert_array_equal(sample.right[:, :-3], right[:, 3:, ::-1])  # moved to the left by 3 px
+
+
+def test_middlebury_training_sets_leave_out_scenes_without_truth(tmp_path) -> None:
+    for name in ("Teddy", "Secret"):
+        scene = tmp_path / "MiddEval3" / "trainingH" / name
+        put(scene / "im0.png", image())
+        put(scene / "im1.png", image())
+        put(scene / "calib.txt", MIDDLEBURY_CALIB.format(right=19.5, doffs=0))
+    put(tmp_path / "MiddEval3" / "trainingH" / "Teddy" / "disp0GT.pfm", ramp())
+    put(tmp_path / "MiddEval3" / "trainingH" / "Teddy" / "mask0nocc.png", np.full((H, W), 128, np.uint8))
+    pairs = open_pairs(tmp_path, "all")
+    assert pairs.names == ["Teddy"]  # type: ignore[attr-defined]
+    assert pairs[0].occluded.all()
+
+
+def test_eth3d(tmp_path) -> None:
+    for eye in ("im0.png", "im1.png"):
+        put(tmp_path / "two_view_training" / "delivery_area_1l" / eye, image())
+    put(tmp_path / "two_view_training" / "delivery_area_1l" / "calib.txt", MIDDLEBURY_CALIB.format(right=19.5, doffs=0))
+    put(tmp_path / "two_view_training_gt" / "delivery_area_1l" / "disp0GT.pfm", ramp())
+    sample = open_pairs(tmp_path, "all")[0]
+    np.testing.assert_allclose(sample.depth, 13.5 / ramp(), rtol=1e-6)
+
+
+def oaisys_tree(root: Path) -> Path:
+    """Two batches of one pair, as OAISYS names them, and its config. Returns the config's path."""
+    for batch in ("batch_0001", "batch_0002"):
+        for sensor in ("sensorLeft", "sensorRight"):
+            put(root / batch / sensor / f"0001{sensor}_rgb_00.png", image())
+            put(root / batch / sensor / f"0001{sensor}_semantic_label_00.png", image())
+        depth = np.full((H, W), 4.0, np.float16)
+        depth[:5] = np.inf  # 1e10 in half precision
+        put(root / batch / "sensorLeft" / "0001sensorLeft_pinhole_depth_00.exr", depth)
+        (root / batch / "blender_file").mkdir()
+
+    def sensor_of(name: str, place: list[float]) -> dict:
+        params = {
+            "outputBaseName": name, "imageResolution": [W, H], "KMatrix": [50, 0, 19.5, 0, 50, 11.5, 0, 0, 1],
+            "transformation": [*place, 0.5, 0.5, -0.5, -0.5],
+        }  # fmt: skip
+        return {"type": "SensorCameraRGBD", "sensorParams": params}
+
+    # the quaternion turns the camera's right (x) to the base's -y
+    eyes = [sensor_of("sensorLeft", [0, 0, 0]), sensor_of("sensorRight", [0, -0.27, 0])]
+    put(root / "cfg.json", json.dumps({"SENSOR_SETUP": {"GENERAL": {}, "SENSORS": eyes}}))
+    return root / "cfg.json"
+
+
+def test_oaisys_with_its_own_config(tmp_path) -> None:
+    config = oaisys_tree(tmp_path)
+    pairs = open_pairs(tmp_path, "all", DataConfig(calib=config))
+    assert pairs.names == ["batch_0001/0001", "batch_0002/0001"]  # type: ignore[attr-defined]
+    sample = pairs[0]
+    assert sample.rig.baseline == pytest.approx(0.27) and sample.rig.camera.cx == 19.5
+    assert np.isinf(sample.depth[:5]).all() and (sample.disparity[:5] == 0).all()
+    np.testing.assert_allclose(sample.disparity[5:], 50 * 0.27 / 4)
+    other = DataConfig(focal=60, baseline=0.3, left="sensorRight", right="sensorLeft")
+    with pytest.raises(DatasetError, match=r"0001sensorRight_pinhole_depth_00\.exr: no such file"):
+        open_pairs(tmp_path, "all", other)[0]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"transformation": [0, -0.27, 0, 1, 0, 0, 0]}, "no rectified pair"),
+        ({"transformation": [0, 0.27, 0, 0.5, 0.5, -0.5, -0.5]}, "no rectified pair"),
+        ({"transformation": [0, -0.27, 0.1, 0.5, 0.5, -0.5, -0.5]}, "no rectified pair"),
+        ({"KMatrix": [51, 0, 19.5, 0, 50, 11.5, 0, 0, 1]}, "no rectified pair"),
+        ({"KMatrix": [51, 0]}, "need KMatrix"),
+        ({"outputBaseName": "second"}, "which sensor is the right eye"),
+    ],
+)
+def test_oaisys_sensors_that_are_no_pair_are_named(tmp_path, change, message) -> None:
+    path = oaisys_tree(tmp_path)
+    config = json.loads(path.read_text())
+    config["SENSOR_SETUP"]["SENSORS"][1]["sensorParams"] |= change
+    path.write_text(json.dumps(config))
+    with pytest.raises(DatasetError, match=message) as error:
+        open_pairs(tmp_path, "all", DataConfig(calib=path))
+    assert str(path) in str(error.value) and "\n" not in str(error.value)
+
+
+def patterns(root: Path, ending: str = ".npy", value: np.ndarray | None = None) -> None:
+    for part in ("a", "b"):
+        for number in range(5):
+            put(root / part / f"{number}_left.jpg", image(number))
+            put(root / part / f"{number}_right.jpg", image(number))
+            put(root / part / f"{number}_map{ending}", ramp() if value is None else value)
+
+
+def test_any_folder_by_patterns(tmp_path) -> None:
+    """As SimMars6K has to be read, whose names are documented nowhere: NaTeCam, depth in metres."""
+    patterns(tmp_path)
+    config = DataConfig(left="**/*_left.jpg", right="**/*_right.jpg", depth="**/*_map.npy", focal=50, baseline=0.27)
+    pairs = open_pairs(tmp_path, "all", config)
+    assert len(pairs) == 10 and pairs.names[6] == "b/1_left"  # type: ignore[attr-defined]
+    np.testing.assert_allclose(pairs[6].depth, ramp())
+    sizes = [len(open_pairs(tmp_path, split, config)) for split in ("train", "val", "test")]
+    assert sizes == [7, 2, 1]
+
+
+def test_natecam_is_a_calibration_by_name(tmp_path) -> None:
+    square = image()[:, :H]
+    put(tmp_path / "l" / "0.png", square)
+    put(tmp_path / "r" / "0.png", square)
+    put(tmp_path / "d" / "0.exr", np.full((H, H), 3.0, np.float32))
+    config = DataConfig(left="l/*.png", right="r/*.png", depth="d/*.exr", calib=Path("natecam"))
+    sample = open_pairs(tmp_path, "all", config)[0]
+    assert sample.rig.camera.fx == pytest.approx(595.9 * H / 512) and sample.rig.baseline == 0.27
+    put(tmp_path / "l" / "0.png", image())
+    put(tmp_path / "r" / "0.png", image())
+    with pytest.raises(DatasetError, match="natecam: its images are square"):
+        open_pairs(tmp_path, "all", config)[0]
+
+
+@pytest.mark.parametrize(
+    ("ending", "stored", "unit"),
+    [
+        (".png", np.round(ramp() * 256).astype(np.uint16), None),
+        (".png", np.round(ramp() * 32).astype(np.uint16), 32.0),  # CREStereo
+        (".npy", -ramp(), -1.0),  # RAFT-Stereo's demo
+        (".pfm", ramp(), None),
+        (".tiff", ramp(), None),
+        (".exr", ramp(), None),
+    ],
+)
+def test_disparities_of_any_kind_of_file(tmp_path, ending, stored, unit) -> None:
+    patterns(tmp_path, ending, stored)
+    put(tmp_path / "calib.txt", MIDDLEBURY_CALIB.format(right=19.5, doffs=0))
+    config = DataConfig(left="a/*_left.jpg", right="a/*_right.jpg", disparity=f"a/*_map{ending}", unit=unit)
+    np.testing.assert_allclose(open_pairs(tmp_path, "all", config)[0].disparity, ramp(), atol=1 / 60)
+
+
+def test_normals_from_depth_are_those_of_the_plane_and_unknown_at_gaps(tmp_path) -> None:
+    v = np.arange(H, dtype=np.float32)[:, None].repeat(W, 1)
+    patterns(tmp_path, ".pfm", np.where(v < 8, 0, 2 + 0.2 * v).astype(np.float32))
+    shared = {"left": "a/*_left.jpg", "right": "a/*_right.jpg", "disparity": "a/*_map.pfm", "focal": 50, "baseline": 1}
+    plain = open_pairs(tmp_path, "all", DataConfig(**shared))[0]
+    assert not plain.normal.any()
+    normal = open_pairs(tmp_path, "all", DataConfig(**shared, normals="depth"))[0].normal
+    known = np.linalg.norm(normal, axis=-1) > 0.5
+    assert not known[:11].any() and known[12:-3, 3:-3].all()
+    # d = 2 + 0.2 v is the plane with n ~ -(0, 0.2 fy, d at the principal point)
+    expected = -np.array([0, 0.2 * 50, 2 + 0.2 * 11.5])
+    np.testing.assert_allclose(normal[known], np.tile(expected / np.linalg.norm(expected), (known.sum(), 1)), atol=1e-5)
+
+
+def test_reduced_pairs_keep_their_depth(tmp_path) -> None:
+    patterns(tmp_path)
+    config = DataConfig(
+        left="a/*_left.jpg", right="a/*_right.jpg", depth="a/*_map.npy", focal=50, baseline=1, resize=0.5
+    )
+    sample = open_pairs(tmp_path, "all", config)[0]
+    assert sample.left.shape == (H // 2, W // 2, 3) and sample.rig.camera.fx == 25
+    assert np.abs(sample.depth - ramp()[::2, ::2]).max() < 0.11
+    np.testing.assert_allclose(sample.disparity * sample.depth, 25, rtol=1e-5)
+
+
+def test_a_folder_that_is_nothing_says_what_may_be_given(tmp_path) -> None:
+    with pytest.raises(DatasetError, match=r"holds no dataset of marssim, KITTI.*--left"):
+        open_pairs(tmp_path, "train")
+    with pytest.raises(DatasetError, match="none: no such folder"):
+        open_pairs(tmp_path / "none", "train")
+    with pytest.raises(DatasetError, match="holds no pairs of layout eth3d"):
+        open_pairs(tmp_path, "train", DataConfig(format="eth3d"))
+
+
+BROKEN = [
+    (lambda r: (r / "a/0_right.jpg").unlink(), r"a/0_left\.jpg: has no partner in .*a/\*_right\.jpg"),
+    (lambda r: (r / "a/0_map.npy").write_bytes(b""), r"a/0_map\.npy: holds no map"),
+    (lambda r: (r / "a/0_left.jpg").write_bytes(b"x"), r"a/0_left\.jpg: not a readable image"),
+    (lambda r: put(r / "a/0_right.jpg", image()[:20]), r"a/0_left\.jpg is 40 x 24, .*0_right\.jpg is 40 x 20"),
+    (lambda r: put(r / "a/0_map.npy", ramp()[:20]), r"a/0_map\.npy: is 40 x 20, its image 40 x 24"),
+    (lambda r: put(r / "calib.txt", "cam0=[50 0 1]"), r"calib\.txt: field baseline is missing; --calib"),
+    (lambda r: (r / "calib.txt").unlink(), "needs --calib"),
+    (
+        lambda r: put(r / "calib.txt", MIDDLEBURY_CALIB.format(right=19.5, doffs=0).replace("width=40", "width=80")),
+        r"calib\.txt: is for 80 x 24 px, .*0_left\.jpg is 40 x 24",
+    ),
+    (lambda r: np.save(r / "a/0_map.npy", np.array([{}, 1], object)), r"a/0_map\.npy: holds no map"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("damage", "message"), BROKEN)
+def test_what_is_missing_or_does_not_fit_is_one_line_with_the_file(tmp_path, damage, message) -> None:
+    patterns(tmp_path)
+    put(tmp_path / "calib.txt", MIDDLEBURY_CALIB.format(right=19.5, doffs=0))
+    damage(tmp_path)
+    with pytest.raises(DatasetError, match=message) as error:
+        open_pairs(tmp_path, "all", DataConfig(left="a/*_left.jpg", right="a/*_right.jpg", disparity="a/*_map.npy"))[0]
+    assert "\n" not in str(error.value)
+
+
+def test_a_pattern_that_matches_nothing_is_named(tmp_path) -> None:
+    config = DataConfig(left="a/*.png", right="b/*.png", depth="c/*.npy", focal=1, baseline=1)
+    with pytest.raises(DatasetError, match=r"no file matches a/\*\.png"):
+        open_pairs(tmp_path, "all", config)
+
+
+def test_a_list_of_pairs(tmp_path) -> None:
+    patterns(tmp_path, ".pfm")
+    put(tmp_path / "mine.txt", "".join(f"a/{i}_left.jpg a/{i}_right.jpg a/{i}_map.pfm\n" for i in range(5)) + "\n")
+    config = DataConfig(focal=50, baseline=0.27)
+    assert len(open_pairs(tmp_path / "mine.txt", "all", config)) == 5
+    np.testing.assert_allclose(open_pairs(tmp_path / "mine.txt", "all", config)[4].disparity, ramp(), rtol=1e-6)
+    put(tmp_path / "mine.txt", "a/0_left.jpg a/0_right.jpg\n")
+    with pytest.raises(DatasetError, match=r"mine\.txt, line 1: expected left, right and disparity"):
+        open_pairs(tmp_path / "mine.txt", "all", config)
+
+
+def test_without_openexr_the_extra_is_named(tmp_path, monkeypatch) -> None:
+    config = oaisys_tree(tmp_path)
+    monkeypatch.setattr(maps, "find_spec", lambda name: None)
+    with pytest.raises(ImportError, match=r"\.exr: OpenEXR is not installed; pip install 'mars-m3depth\[exr\]'"):
+        open_pairs(tmp_path, "all", DataConfig(calib=config))[0]
+
+
+def test_a_truncated_exr_is_named(tmp_path) -> None:
+    config = oaisys_tree(tmp_path)
+    path = tmp_path / "batch_0001" / "sensorLeft" / "0001sensorLeft_pinhole_depth_00.exr"
+    path.write_bytes(path.read_bytes()[:60])
+    with pytest.raises(DatasetError, match=r"pinhole_depth_00\.exr: holds no map"):
+        open_pairs(tmp_path, "all", DataConfig(calib=config))[0]
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"focal": 3.0}, "focal and baseline belong together"),
+        ({"focal": 3.0, "baseline": 1.0, "calib": Path("x")}, "calib makes"),
+        ({"disparity": "a", "depth": "b"}, "disparity and depth exclude"),
+        ({"resize": 1.5}, "resize must be"),
+        ({"unit": 0.0}, "unit must be other than 0"),
+        ({"baseline": -1.0}, "baseline must be positive"),
+        ({"depth_range": (5.0, 1.0)}, "depth_range must be"),
+    ],
+)
+def test_settings_that_cannot_work_name_their_field(values, message) -> None:
+    with pytest.raises(ValueError, match=f"^{message}"):
+        DataConfig(**values)
