@@ -1,0 +1,166 @@
+"""What the ground looks like in an image, in numbers that real and rendered frames can be compared by.
+
+Definitions. All are of luminance that is linear in light: the grey image's codes as shares of 255, to the power GAMMA,
+which undoes the encoding of marssim.render.sensor; other cameras need their own power.
+
+spectrum    of square windows of WINDOW px that lie wholly in the mask, half a window apart: natural logarithm of
+            luminance, less its least-squares plane, times a Hann window of unit mean square; squared modulus of its
+            discrete Fourier transform over WINDOW^4, mean of the windows. Summed over all frequencies it is the
+            variance of log-luminance, so that its square root is a contrast.
+bands       octaves of the radial frequency [cycles/px] between BAND_EDGES; the contrast of a band is the square root of
+            the power in it, one for each wavelength of 2.8, 5.7, 11, 23 and 45 px.
+slope       of the logarithm of the power's mean over a ring of frequencies, over that of the frequency, by least
+            squares over one point an octave, from 1/32 to 1/2 cycles/px: 0 for white noise.
+direction   of a band: the largest over the mean power of six sectors of 30 deg; 1 if alike in all directions.
+peakedness  excess kurtosis of log-luminance band-passed by a difference of Gaussians (standard deviations s and 2 s px,
+            normalised to the mask): 0 for Gaussian noise, more where there are few marked things on plain ground.
+shade       darkest hundredth, fifth, and brightest hundredth of the luminance, over its median.
+edge width  distance over which luminance rises from 10 to 90 % of its step, along the gradient.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+GAMMA = 2.2
+WINDOW = 64  # [px]
+BAND_EDGES = 0.5 ** np.arange(6, 0, -1)  # 1/64 to 1/2 cycles/px
+SECTORS = 6
+BLURS = (1.0, 2.0, 4.0)  # [px] the smaller standard deviation of the band-passes
+PERCENTILES = (1.0, 5.0, 99.0)
+DARKEST = 0.5 / 255  # share of full scale that a code of 0 is taken for
+REACH = 6  # [px] that an edge is followed to either side
+LEAST_STEP = 0.35  # of an edge in log-luminance
+
+
+@dataclass(frozen=True)
+class GroundLook:
+    """What `ground_look` found. contrast, direction: (5,) of each band, coarse first; peakedness: (3,) of BLURS;
+    shade: (3,) of PERCENTILES; windows: how many."""
+
+    contrast: np.ndarray
+    direction: np.ndarray
+    slope: float
+    peakedness: np.ndarray
+    shade: np.ndarray
+    windows: int
+
+
+def linear(grey: np.ndarray, gamma: float = GAMMA) -> np.ndarray:
+    """(H, W) float32 luminance in (0, 1] of an 8-bit grey image (H, W)."""
+    share = np.maximum(grey.astype(np.float32) / 255, DARKEST)
+    return np.asarray(share**gamma, dtype=np.float32)
+
+
+def ground_look(luminance: np.ndarray, mask: np.ndarray) -> GroundLook:
+    """Measure an image's ground. luminance: (H, W) > 0, linear in light; mask: (H, W) bool, what counts.
+
+    Raises ValueError if no window lies in the mask.
+    """
+    logs = np.log(luminance.astype(np.float32))
+    power, windows = spectrum(logs, mask)
+    frequency, sector = _polar(WINDOW)
+    band = np.digitize(frequency, BAND_EDGES) - 1
+    inside = [(band == n) & (frequency < BAND_EDGES[-1]) for n in range(len(BAND_EDGES) - 1)]
+    total = np.array([power[where].sum() for where in inside])
+    sectors = np.array([[power[where & (sector == s)].mean() for s in range(SECTORS)] for where in inside[1:]])
+    direction = np.concatenate([[np.nan], sectors.max(axis=1) / sectors.mean(axis=1)])
+    middle = np.sqrt(BAND_EDGES[:-1] * BAND_EDGES[1:])
+    density = np.array([power[where].mean() for where in inside])
+    slope = float(np.polyfit(np.log(middle[1:]), np.log(np.maximum(density[1:], 1e-30)), 1)[0])
+    return GroundLook(
+        contrast=np.sqrt(total), direction=direction, slope=slope,
+        peakedness=np.array([peakedness(logs, mask, blur) for blur in BLURS]),
+        shade=np.percentile(luminance[mask], PERCENTILES) / np.median(luminance[mask]), windows=windows,
+    )  # fmt: skip
+
+
+def spectrum(logs: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, int]:
+    """(WINDOW, WINDOW) power of log-luminance (H, W) at the frequencies of numpy.fft.fft2; and how many windows.
+
+    Raises ValueError if no window lies in the mask (H, W) bool.
+    """
+    whole = cv2.integral(mask.astype(np.uint8))
+    axis = np.linspace(-1, 1, WINDOW)
+    plane = np.stack([np.ones((WINDOW, WINDOW)), *np.meshgrid(axis, axis)], axis=-1).reshape(-1, 3)
+    fit = np.linalg.pinv(plane)
+    hann = np.hanning(WINDOW + 1)[:-1]
+    weight = np.outer(hann, hann)
+    weight /= np.sqrt(np.mean(weight**2))
+    total, count = np.zeros((WINDOW, WINDOW)), 0
+    for top in range(0, logs.shape[0] - WINDOW + 1, WINDOW // 2):
+        for left in range(0, logs.shape[1] - WINDOW + 1, WINDOW // 2):
+            bottom, right = top + WINDOW, left + WINDOW
+            if whole[bottom, right] - whole[top, right] - whole[bottom, left] + whole[top, left] < WINDOW**2:
+                continue
+            part = logs[top:bottom, left:right].astype(float).ravel()
+            rest = (part - plane @ (fit @ part)).reshape(WINDOW, WINDOW)
+            total += np.abs(np.fft.fft2(rest * weight)) ** 2 / WINDOW**4
+            count += 1
+    if count == 0:
+        raise ValueError(f"no window of {WINDOW} x {WINDOW} px lies wholly in the mask")
+    return total / count, count
+
+
+def peakedness(logs: np.ndarray, mask: np.ndarray, blur: float) -> float:
+    """Excess kurtosis of an image (H, W) between the standard deviations blur and 2 blur [px], over mask (H, W)."""
+    share = mask.astype(np.float32)
+    fine, coarse = (_smooth(logs * share, s) / np.maximum(_smooth(share, s), 1e-6) for s in (blur, 2 * blur))
+    part = (fine - coarse)[mask].astype(float)
+    part -= part.mean()
+    return float(np.mean(part**4) / np.mean(part**2) ** 2 - 3)
+
+
+def edge_widths(luminance: np.ndarray, most: int = 400) -> np.ndarray:
+    """(N,) widths [px] over which luminance (H, W) rises from 10 to 90 % across its strongest clean edges.
+
+    Along the gradient at each of the `most` pixels where log-luminance is steepest and steeper than at its neighbours
+    along the gradient; an edge counts if it rises over LEAST_STEP and stays within a fifth of its step on either side.
+    """
+    logs = np.log(cv2.GaussianBlur(luminance, (0, 0), 0.7))
+    across, down = (cv2.Sobel(logs, cv2.CV_32F, *order, ksize=3, scale=1 / 8) for order in ((1, 0), (0, 1)))
+    steep = np.hypot(across, down)
+    inner = np.zeros(steep.shape, dtype=bool)
+    inner[REACH + 1 : -REACH - 1, REACH + 1 : -REACH - 1] = True
+    peak = (steep >= cv2.dilate(steep, np.ones((5, 5), np.uint8))) & inner
+    row, column = np.nonzero(peak)
+    order = np.argsort(-steep[row, column], kind="stable")[:most]
+    row, column = row[order], column[order]
+    way = np.stack([across[row, column], down[row, column]], axis=1) / np.maximum(steep[row, column], 1e-9)[:, None]
+    step = np.arange(-REACH, REACH + 0.01, 0.25, dtype=np.float32)
+    u, v = column[:, None] + way[:, :1] * step, row[:, None] + way[:, 1:] * step
+    profiles = cv2.remap(luminance, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR)
+    found = [rise(profile, 0.25) for profile in profiles]
+    return np.array([width for width in found if width is not None])
+
+
+def rise(profile: np.ndarray, step: float) -> float | None:
+    """10 to 90 % distance of a rising profile (N,), `step` apart, between its ends' levels; None if it is no edge."""
+    quarter = len(profile) // 4
+    low, high = float(np.median(profile[:quarter])), float(np.median(profile[-quarter:]))
+    if not (low > 0 and np.log(high / low) > LEAST_STEP):
+        return None
+    share = (profile - low) / (high - low)
+    if np.abs(share[:quarter]).max() > 0.2 or np.abs(share[-quarter:] - 1).max() > 0.2:
+        return None
+    high_end = int(np.flatnonzero(share >= 0.9)[0])
+    low_end = int(np.flatnonzero(share[:high_end] < 0.1)[-1]) + 1
+
+    def crossing(level: float, after: int) -> float:
+        return after - 1 + float((level - share[after - 1]) / (share[after] - share[after - 1]))
+
+    return (crossing(0.9, high_end) - crossing(0.1, low_end)) * step
+
+
+def _polar(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Frequency [cycles/px] and sector of direction of each term of an (n, n) discrete Fourier transform."""
+    along = np.fft.fftfreq(n)
+    angle = np.arctan2(along[:, None], along[None, :]) % np.pi
+    return np.hypot(along[:, None], along[None, :]), np.minimum((angle / np.pi * SECTORS).astype(int), SECTORS - 1)
+
+
+def _smooth(image: np.ndarray, sigma: float) -> np.ndarray:
+    return cv2.GaussianBlur(image, (0, 0), sigma, borderType=cv2.BORDER_REFLECT)
