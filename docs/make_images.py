@@ -1,5 +1,6 @@
 """Make the README's pictures anew: `make demo`, then `python docs/make_images.py`."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -11,14 +12,14 @@ from marssim.render.raycast import Raycaster
 from marssim.render.sensor import Sensor, SensorConfig
 from marssim.render.shading import Shader
 from marssim.render.stereo import render_stereo
-from marssim.scene.scene import PRESETS, LookConfig, build_scene, preset
+from marssim.scene.scene import PRESETS, build_scene, preset
 from marssim.viewpoint import ViewConfig, draw_pose
 
 HERE = Path(__file__).parent / "images"
 DEMO = Path(__file__).parents[1] / "out" / "demo"
 TILE = 360
 VIEW = ViewConfig(pitch_deg=(12.0, 16.0), roll_deg=(0.0, 0.0))
-LOOK = LookConfig(sun_elevation_deg=(28.0, 48.0))
+SUN = (28.0, 48.0)  # [deg] elevation
 
 
 def presets() -> np.ndarray:
@@ -26,7 +27,8 @@ def presets() -> np.ndarray:
     columns = []
     for n, name in enumerate(PRESETS):
         rng = np.random.default_rng((11, n))
-        scene = build_scene(preset(name, look=LOOK), rng)
+        look = replace(preset(name).look, sun_elevation_deg=SUN)
+        scene = build_scene(preset(name, look=look), rng)
         maker = Raycaster(scene)
         pose = draw_pose(scene, VIEW, rng)
         frame = render_stereo(maker, Shader(scene), NATECAM, pose, Sensor.draw(SensorConfig(), rng), rng)

@@ -13,23 +13,28 @@ import numpy as np
 
 from marssim.compiled import compiled, inlined
 from marssim.render.gbuffer import GROUND
-from marssim.render.texture import coded_tile, fractal_slopes, fractal_value, placing
+from marssim.render.regolith import CODES, TONES, VARIANTS, WIDEST, grit, grit_at, ripple_tile
+from marssim.render.surroundings import surroundings, surroundings_at
+from marssim.render.texture import coded_tile, fractal_slopes, octave_slopes, octave_value, octave_weight, placing
 from marssim.scene.scene import Look, Scene
 
 GROUND_COLOUR = (0.40, 0.262, 0.158)
 ROCK_COLOUR = (0.265, 0.205, 0.158)
 SKY_COLOUR = (1.0, 0.86, 0.70)  # of the light that the sky throws on the ground
-ZENITH_COLOUR = (0.36, 0.27, 0.18)
+ZENITH_COLOUR = (0.31, 0.235, 0.16)
 HORIZON_COLOUR = (0.50, 0.41, 0.29)
 HALO_COLOUR = (0.42, 0.40, 0.38)
 STAIN_HUE = (0.0, 0.10, 0.22)
 DUST_SCALE_HEIGHT = 10_800.0  # [m]
-THIN = 2e-4  # optical depth of dust too thin to show: it changes the image by a thirtieth of a grey level
-RELIEF_WAVELENGTHS = 0.014 * 2.0 ** np.arange(6)  # [m] below the ground's grid
-STAIN_WAVELENGTHS = np.array([0.03, 0.09, 0.4, 1.7, 7.0])  # [m]
-ROCK_WAVELENGTHS = np.array([0.012, 0.03, 0.08, 0.2])  # [m]
-STAIN = np.array([0.05, 0.05, 0.06, 0.07, 0.08])  # amplitude of each wavelength, at an albedo contrast of 1
-ROCK_STAIN = np.array([0.06, 0.07, 0.08, 0.08])
+THIN = 8e-4  # optical depth of dust too thin to show: it changes the image by an eighth of a grey level
+RELIEF_WAVELENGTHS = 0.035 * 2.0 ** np.arange(4)  # [m] between the pebbles' tile and the ground's grid
+STAIN_WAVELENGTHS = np.array([0.4, 1.7, 7.0])  # [m]
+PATCHES = 2  # the coarsest of them also tell sand from gravel
+RIPPLE_WAVELENGTHS = (0.06, 0.15)  # [m]
+FILLET = (0.03, 0.2)  # of a rock's height, up to which sand lies against it
+ROCK_WAVELENGTHS = np.array([0.009, 0.02, 0.05, 0.14])  # [m]
+STAIN = np.array([0.07, 0.07, 0.08])  # amplitude of each wavelength, at an albedo contrast of 1
+ROCK_STAIN = np.array([0.11, 0.10, 0.09, 0.08])
 
 
 class Shader:
@@ -40,21 +45,46 @@ class Shader:
         self.look = look = scene.look
         self.sun_light, self.sky_light = _light(look)
         self._rock_albedo = np.concatenate([[1.0], scene.rocks.albedo])
-        relief = 0.115 * look.texture_strength * (RELIEF_WAVELENGTHS / 0.1) ** -0.25
-        rock = 0.17 * look.texture_strength * (ROCK_WAVELENGTHS / 0.1) ** -0.15
+        relief = 0.085 * look.texture_strength * (RELIEF_WAVELENGTHS / 0.05) ** -0.35
+        rock = 0.13 * look.texture_strength * (ROCK_WAVELENGTHS / 0.1) ** -0.3
         seed = look.texture_seed
-        self._relief = coded_tile(seed), placing(tuple(RELIEF_WAVELENGTHS), seed), _single(relief)
+        variant = VARIANTS * np.arange(3) + seed % VARIANTS  # few tiles, made once; places differ by the whole seed
+        self._relief = coded_tile(int(variant[0])), placing(tuple(RELIEF_WAVELENGTHS), seed), _single(relief)
         self._stain = (
-            coded_tile(seed + 1, False),
+            coded_tile(int(variant[1]), False),
             placing(tuple(STAIN_WAVELENGTHS), seed + 1),
             _single(STAIN * look.albedo_contrast),
         )
         self._rock = (
-            coded_tile(seed + 2),
+            coded_tile(int(variant[2])),
             placing(tuple(ROCK_WAVELENGTHS), seed + 2),
             _single(ROCK_STAIN),
             _single(rock),
         )
+        rng = np.random.default_rng((seed, 3))
+        turn = rng.uniform(0, 2 * np.pi)
+        pebble_tone = float(np.log(0.9 * scene.config.rocks.albedo))
+        tile = grit(seed, turn, look.sun, pebble_tone)
+        strong = np.array([
+            np.cos(turn), np.sin(turn), rng.uniform(0, 1000), look.pebbles, look.wind_ripples, look.texture_strength,
+            tile[-1, 2] * TONES / CODES, tile[-1, 3] / CODES,
+        ], dtype=np.float32)  # fmt: skip
+        self._grit = tile, strong
+        wavelength = float(np.exp(rng.uniform(*np.log(RIPPLE_WAVELENGTHS))))
+        self._ripples = ripple_tile(seed % VARIANTS), placing((wavelength,), seed + 3)
+        _, cosine, sine = (float(value) for value in self._ripples[1][0, :3])
+        self._near = surroundings(scene.rocks, scene.half, (cosine, -sine)), np.float32(scene.half)
+        self._rock_foot = self._feet(rng)
+
+    def _feet(self, rng: np.random.Generator) -> np.ndarray:
+        """(N + 1, 5) of each surface: z = a + b x + c y of the plane under a rock, height of the sand against it [m],
+        and how much its faces show of beds, 0 to 1."""
+        rocks = self.scene.rocks
+        x, y = rocks.centre[:, 0], rocks.centre[:, 1]
+        z, b, c = self.scene.terrain.gradient_at(x, y)
+        sand = np.minimum(rocks.height * rng.uniform(*FILLET, len(rocks)), 0.06)
+        beds = self.look.bedding * rng.uniform(0.4, 1, len(rocks))
+        return np.concatenate([np.zeros((1, 5)), np.stack([z - b * x - c * y, b, c, sand, beds], axis=1)])
 
     def surface(
         self,
@@ -81,8 +111,8 @@ class Shader:
             np.ascontiguousarray(points, dtype=np.float64), at, np.ascontiguousarray(normals, dtype=np.float32),
             np.ascontiguousarray(surface, dtype=np.int32), np.asarray(eye, dtype=np.float64),
             np.ascontiguousarray(lit, dtype=np.float32), float(focal), self._rock_albedo, self.look.albedo_contrast,
-            self._relief, self._stain, self._rock, self.look.sun, self.sun_light, self.sky_light,
-            self.look.optical_depth, out,
+            self._relief, self._stain, self._rock, self._rock_foot, self._grit, self._ripples, self._near,
+            self.look.sun, self.sun_light, self.sky_light, self.look.optical_depth, out,
         )  # fmt: skip
         return out
 
@@ -123,40 +153,96 @@ def _sky(x, y, z, sun, sky_light, optical_depth):
 
 
 @inlined
-def _ground(x, y, footprint, contrast, tile, places, slope, spot_tile, spot_places, spot_amplitude):
-    """Albedo of regolith, and the slopes of its fine relief along x and y."""
+def _ground(
+    x, y, footprint, contrast, tile, places, slope, spot_tile, spot_places, spot_amplitude, grit_tile, strong,
+    ripple_tile, ripple_places, drift,
+):  # fmt: skip
+    """Albedo of regolith, slopes of its fine relief along x and y, and share of the sun that reaches it."""
+    zero, one = np.float32(0), np.float32(1)
+    spots, patch = zero, zero
+    for octave in range(len(spot_places)):
+        weight = octave_weight(spot_places[octave, 0], footprint)
+        if weight > 0:
+            value = weight * octave_value(spot_tile, spot_places, octave, x, y)
+            spots += spot_amplitude[octave] * value
+            if octave >= len(spot_places) - PATCHES:
+                patch += value
     height, du, dv = fractal_slopes(tile, places, slope, slope, x, y, footprint)
-    spots = fractal_value(spot_tile, spot_places, spot_amplitude, x, y, footprint)
+    # wind keeps some patches clean of all but sand, which it ripples, and leaves pebbles on others
+    sand = _step(patch * np.float32(0.55) + np.float32(2) * strong[4] - one)
+    gravel = strong[3] * (one - np.float32(0.9) * max(sand, drift))
+    smooth = one - np.float32(0.7) * max(sand, drift)
+    du, dv = du * smooth, dv * smooth
+    seen = one - footprint * np.float32(1 / WIDEST)
+    if seen > 0:
+        seen = min(np.float32(2) * seen, one)
+        gu, gv, tone, shade, grain = grit_at(grit_tile, x, y, footprint, strong[0], strong[1], strong[2])
+        steep = (np.float32(0.15) * strong[3] + gravel) * strong[5] * seen
+        du, dv = du + steep * gu, dv + steep * gv
+        tone, shade = strong[6] + seen * (tone - strong[6]), strong[7] + seen * (shade - strong[7])
+        grain *= seen
+    else:
+        tone, shade, grain = strong[6], strong[7], zero
+    tone = (tone * gravel + np.float32(0.08) * grain) * contrast
+    shade = one - shade * gravel * min(strong[5], one)
+    bright = drift
+    weight = sand * (one - drift) * octave_weight(ripple_places[0, 0], footprint)
+    if weight > 0:
+        crest, along, across = octave_slopes(ripple_tile, ripple_places, 0, x, y)
+        steep = np.float32(0.22) * strong[5] * weight
+        du, dv = du + steep * along, dv + steep * across
+        # bright dust stays on one side of the crests, with ragged borders
+        bright += weight * min(
+            max(np.float32(1.3) * crest + np.float32(2) * height + np.float32(1.4) * grain, -one), one
+        )
+    tone += np.float32(0.15) * contrast * bright
     # coarse grains gather in the troughs and are darker; fine dust lies on the crests
-    brightness = math.exp(np.float32(min(max(spots + 0.25 * contrast * height, -0.9), 0.9)))
-    hue = min(max(spots, -0.5), 0.5)
+    hue = min(max(spots + np.float32(0.5) * tone, np.float32(-0.5)), np.float32(0.5))
+    brightness = math.exp(np.float32(min(max(spots + tone + 0.25 * contrast * height, -1.5), 1.2)))
     red = GROUND_COLOUR[0] * brightness * (1 + hue * STAIN_HUE[0])
     green = GROUND_COLOUR[1] * brightness * (1 + hue * STAIN_HUE[1])
     blue = GROUND_COLOUR[2] * brightness * (1 + hue * STAIN_HUE[2])
-    return red, green, blue, du, dv
+    return red, green, blue, du, dv, shade
 
 
 @inlined
-def _rock(u, v, up, albedo, footprint, contrast, tile, places, amplitude, slope):
-    """Albedo of a rock with dust on its top, and the slopes of its fine relief along u and v."""
-    value, du, dv = fractal_slopes(tile, places, amplitude, slope, u, v, footprint)
-    dust = min(max((up - 0.75) / 0.35 - 2 * value, 0.0), 0.75)
+def _step(value):
+    """From 0 at -1/2 to 1 at 1/2, smoothly."""
+    share = min(max(value + np.float32(0.5), np.float32(0)), np.float32(1))
+    return share * share * (np.float32(3) - np.float32(2) * share)
+
+
+@inlined
+def _rock(u, v, up, above, beds, albedo, footprint, contrast, tile, places, amplitude, slope):
+    """Albedo of a rock with dust on its top and sand against its foot, slopes of its fine relief along u and v, and
+    how much of it is sand.
+
+    above: height above the sand that lies against it, over that of the sand; beds: how much finer its relief is along
+    v than along u.
+    """
+    value, du, dv = fractal_slopes(tile, places, amplitude, slope, u, v * (1 + beds), footprint * (1 + beds / 2))
+    sand = _step(np.float32(-1.5) * above - 3 * value)
+    dust = min(max((up - 0.78) / 0.3 - 1.5 * value, 0.0), 0.75)
+    dust += sand * (1 - dust)
     bare = albedo * math.exp(np.float32(contrast * value)) * 1.25 * (1 - dust)
-    red = ROCK_COLOUR[0] * bare + 0.85 * GROUND_COLOUR[0] * dust
-    green = ROCK_COLOUR[1] * bare + 0.85 * GROUND_COLOUR[1] * dust
-    blue = ROCK_COLOUR[2] * bare + 0.85 * GROUND_COLOUR[2] * dust
-    return red, green, blue, du, dv
+    red = ROCK_COLOUR[0] * bare + (0.85 + 0.15 * sand) * GROUND_COLOUR[0] * dust
+    green = ROCK_COLOUR[1] * bare + (0.85 + 0.15 * sand) * GROUND_COLOUR[1] * dust
+    blue = ROCK_COLOUR[2] * bare + (0.85 + 0.15 * sand) * GROUND_COLOUR[2] * dust
+    return red, green, blue, du * (1 - sand), dv * (1 - sand), sand
 
 
 @compiled
 def _surface(
-    points, at, normals, surface, eye, lit, focal, rock_albedo, contrast, relief, stain, rock, sun, sun_light,
-    sky_light, optical_depth, out,
+    points, at, normals, surface, eye, lit, focal, rock_albedo, contrast, relief, stain, rock, rock_foot, pebbles,
+    ripples, around, sun, sun_light, sky_light, optical_depth, out,
 ):  # fmt: skip
     """Sun by a mixture of Lambert and Lommel-Seeliger with a backscatter lobe; sky by how much of it is seen."""
     relief_tile, relief_places, relief_slope = relief
     stain_tile, stain_places, stain_amplitude = stain
     rock_tile, rock_places, rock_amplitude, rock_slope = rock
+    grit_tile, strong = pebbles
+    ripple_tile, ripple_places = ripples
+    near_map, near_half = around
     sx, sy, sz = sun[0], sun[1], sun[2]
     sun_red, sun_green, sun_blue = float(sun_light[0]), float(sun_light[1]), float(sun_light[2])
     for k in range(len(points)):
@@ -171,10 +257,12 @@ def _surface(
         # geometric mean of the two axes of the ellipse that a pixel covers
         footprint = np.float32(distance / (focal * math.sqrt(slant)))
         nx, ny, nz = mx, my, mz
+        open_sun, hidden = np.float32(1), np.float32(0)
         if surface[m] == GROUND:
-            red, green, blue, du, dv = _ground(
+            hidden, drift = surroundings_at(near_map, near_half, np.float32(x), np.float32(y))
+            red, green, blue, du, dv, open_sun = _ground(
                 np.float32(x), np.float32(y), footprint, contrast, relief_tile, relief_places, relief_slope,
-                stain_tile, stain_places, stain_amplitude,
+                stain_tile, stain_places, stain_amplitude, grit_tile, strong, ripple_tile, ripple_places, drift,
             )  # fmt: skip
             nx, ny = nx - du, ny - dv
         else:
@@ -185,8 +273,11 @@ def _surface(
             elif abs(my) >= abs(mz):
                 across = 1
             shift = 0.37 * surface[m]
-            red, green, blue, du, dv = _rock(
+            foot = rock_foot[surface[m]]
+            above = (z - foot[0] - foot[1] * x - foot[2] * y) / max(foot[3], 1e-3) - 1
+            red, green, blue, du, dv, sand = _rock(
                 np.float32((y if across == 0 else x) + shift), np.float32((y if across == 2 else z) + shift), mz,
+                np.float32(min(max(above, -1.0), 9.0)), np.float32(0.0 if across == 2 else 5 * foot[4]),
                 rock_albedo[surface[m]], footprint, contrast, rock_tile, rock_places, rock_amplitude, rock_slope,
             )  # fmt: skip
             if across == 0:
@@ -195,6 +286,7 @@ def _surface(
                 nx, nz = nx - du, nz - dv
             else:
                 nx, ny = nx - du, ny - dv
+            nx, ny, nz = nx * (1 - 0.6 * sand), ny * (1 - 0.6 * sand), nz + 0.5 * sand
         unit = 1 / math.sqrt(max(nx * nx + ny * ny + nz * nz, 1e-12))
         nx, ny, nz = nx * unit, ny * unit, nz * unit
         cos_in = max(nx * sx + ny * sy + nz * sz, 0.0)
@@ -203,9 +295,11 @@ def _surface(
         cos_out = max(nx * vx + ny * vy + nz * vz, 0.05)
         back = (1 + vx * sx + vy * sy + vz * sz) / 2
         direct = (
-            (0.55 * cos_in + 0.9 * cos_in / (cos_in + cos_out + 1e-3)) * (0.86 + 0.32 * back * back * back) * lit[m]
+            (0.55 * cos_in + 0.9 * cos_in / (cos_in + cos_out + 1e-3))
+            * (0.86 + 0.32 * back * back * back)
+            * (lit[m] * open_sun)
         )
-        open_sky = 0.5 + 0.5 * nz
+        open_sky = (0.5 + 0.5 * nz) * (1 - hidden)
         bounce = 0.18 * (1 - open_sky) * sz / 0.27
         sky = sky_light * open_sky
         red *= sun_red * (direct + bounce * GROUND_COLOUR[0]) + sky * SKY_COLOUR[0]
@@ -213,11 +307,11 @@ def _surface(
         blue *= sun_blue * (direct + bounce * GROUND_COLOUR[2]) + sky * SKY_COLOUR[2]
         veiled = distance * optical_depth / DUST_SCALE_HEIGHT
         if veiled > THIN:
-            hidden = 1 - math.exp(-veiled)
+            veil = 1 - math.exp(-veiled)
             haze_red, haze_green, haze_blue = _sky(-vx, -vy, -vz, sun, sky_light, optical_depth)
-            red += hidden * (haze_red - red)
-            green += hidden * (haze_green - green)
-            blue += hidden * (haze_blue - blue)
+            red += veil * (haze_red - red)
+            green += veil * (haze_green - green)
+            blue += veil * (haze_blue - blue)
         out[m, 0], out[m, 1], out[m, 2] = red, green, blue
 
 

@@ -41,7 +41,7 @@ def noise_tile(seed: int, slopes: bool = True) -> np.ndarray:
     return out
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=16)
 def coded_tile(seed: int, slopes: bool = True) -> np.ndarray:
     """noise_tile in int16 steps of STEP, so that it fits the cache; (TILE + 1, TILE + 1, 1) without its slopes."""
     return np.clip(np.rint(noise_tile(seed, slopes) / np.float32(STEP)), -32768, 32767).astype(np.int16)

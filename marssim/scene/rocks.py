@@ -131,7 +131,7 @@ def build_rocks(
     buried = rng.uniform(*config.buried, n)
     variant = rng.integers(0, VARIANTS, n)
     yaw, stretch = rng.uniform(0, 2 * np.pi, n), np.sqrt(rng.uniform(0.65, 1.0, n))
-    albedo = config.albedo * np.clip(rng.normal(1, 0.22, n), 0.5, 1.6)
+    albedo = config.albedo * np.clip(rng.normal(1, 0.3, n), 0.45, 1.8)
     extent = height / (1 - buried)
     ground, slope = _ground_plane(xy, diameter, height_at)
 

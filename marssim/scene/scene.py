@@ -18,7 +18,8 @@ PRESETS: tuple[Place, ...] = get_args(Place)
 # an optical depth of 10.8, in the storm of 2018, is the most that a rover reported; contrast and texture are made for 1
 LOOK_LIMITS = {
     "sun_elevation_deg": (0.0, 90.0), "sun_azimuth_deg": (-360.0, 720.0), "optical_depth": (0.0, 12.0),
-    "albedo_contrast": (0.0, 3.0), "texture_strength": (0.0, 3.0),
+    "albedo_contrast": (0.0, 3.0), "texture_strength": (0.0, 3.0), "pebbles": (0.0, 1.0), "wind_ripples": (0.0, 1.0),
+    "bedding": (0.0, 1.0),
 }  # fmt: skip
 # at 500 m the farthest corner is less than 1000 m away, where the code of depth in datasets ends
 SCENE_LIMITS = {"size": (1.0, 1000.0), "cell": (0.01, 1.0), "horizon": (1.0, 500.0)}  # [m]
@@ -39,6 +40,12 @@ class LookConfig:
     """contrast of the ground's brightness pattern, 0 for none"""
     texture_strength: Range = (0.35, 1.2)
     """height of relief that is too fine for the grid, 0 for none"""
+    pebbles: Range = (0.2, 1.0)
+    """strength of pebbles and grain too small for the mesh, 0 for none to 1"""
+    wind_ripples: Range = (0.2, 0.7)
+    """share of the ground that is sand with hand-wide ripples, 0 to 1; pebbles lie on the rest"""
+    bedding: Range = (0.0, 0.4)
+    """how much the faces of rocks show of level beds, 0 for none to 1"""
 
     def __post_init__(self) -> None:
         for name, (low, high) in vars(self).items():
@@ -87,6 +94,9 @@ class Look:
     albedo_contrast: float
     texture_strength: float
     texture_seed: int
+    pebbles: float
+    wind_ripples: float
+    bedding: float
 
     @property
     def sun_elevation(self) -> float:
@@ -123,7 +133,7 @@ class Scene:
 
 # relief: RMS slope over 1 m and Hurst exponent as at Pathfinder and Viking 1 (4.8-5.4 deg, and 2.5-3.0 deg over 10 m)
 # where nothing is said; in utopia 98 % of the slopes are under 8 deg; hard is rougher than either
-_PRESETS: dict[Place, tuple[RockConfig, ReliefConfig]] = {
+_PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig]] = {
     # a dusty plain: few rocks, worn and half buried, broad ripples, old craters
     "utopia": (
         RockConfig(k=0.033, families=(0.3, 0.2, 0.5), buried=(0.2, 0.5)),
@@ -131,6 +141,7 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig]] = {
             hurst=0.72, rms_slope_deg=2.8, crater_density=0.005, crater_depth=(0.03, 0.12), ripple_amplitude=0.02,
             ripple_wavelength=1.1, ripple_cover=0.45,
         ),
+        LookConfig(pebbles=(0.2, 0.9), wind_ripples=(0.2, 0.7), bedding=(0.0, 0.2)),
     ),
     # a lava plain: dark angular blocks around small craters
     "gusev": (
@@ -139,19 +150,22 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig]] = {
             hurst=0.72, rms_slope_deg=4.4, crater_density=0.01, ripple_amplitude=0.006, ripple_wavelength=0.5,
             ripple_cover=0.3,
         ),
+        LookConfig(pebbles=(0.4, 1.0), wind_ripples=(0.1, 0.5), bedding=(0.0, 0.2)),
     ),
     # a lake bed: pale slabs between sharp ripples
     "gale": (
-        RockConfig(k=0.07, families=(0.25, 0.65, 0.1), height_ratio=0.44, albedo=0.95),
+        RockConfig(k=0.07, families=(0.25, 0.65, 0.1), height_ratio=0.44, albedo=1.25),
         ReliefConfig(
             hurst=0.72, rms_slope_deg=4.9, crater_density=0.002, ripple_amplitude=0.025, ripple_wavelength=0.8,
             ripple_cover=0.55,
         ),
+        LookConfig(pebbles=(0.2, 0.9), wind_ripples=(0.3, 0.8), bedding=(0.6, 1.0)),
     ),
     # a delta's foot: cobbles and boulders of every kind, sand in between
     "jezero": (
         RockConfig(k=0.15, families=(0.35, 0.2, 0.45), albedo=0.75),
         ReliefConfig(hurst=0.73, rms_slope_deg=5.2, ripple_amplitude=0.03, ripple_wavelength=1.4, ripple_cover=0.2),
+        LookConfig(pebbles=(0.5, 1.0), wind_ripples=(0.1, 0.6), bedding=(0.1, 0.8)),
     ),
     "hard": (
         RockConfig(k=0.20, cluster=0.5, families=(0.6, 0.2, 0.2), albedo=0.65),
@@ -159,6 +173,7 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig]] = {
             hurst=0.6, rms_slope_deg=7.0, crater_density=0.008, ripple_amplitude=0.02, ripple_wavelength=0.7,
             ripple_cover=0.15,
         ),
+        LookConfig(pebbles=(0.3, 1.0), wind_ripples=(0.0, 0.6), bedding=(0.0, 0.6)),
     ),
 }  # fmt: skip
 
@@ -167,8 +182,8 @@ def preset(name: str, **changes: object) -> SceneConfig:
     """The SceneConfig of a named place; keyword arguments replace fields. Raises ValueError for an unknown name."""
     if name not in _PRESETS:
         raise ValueError(f"scene preset {name!r} is unknown; choose from {', '.join(PRESETS)}")
-    rocks, relief = _PRESETS[name]
-    return replace(SceneConfig(preset=name, rocks=rocks, relief=relief), **changes)  # type: ignore[arg-type]
+    rocks, relief, look = _PRESETS[name]
+    return replace(SceneConfig(preset=name, rocks=rocks, relief=relief, look=look), **changes)  # type: ignore[arg-type]
 
 
 def build_scene(
@@ -196,4 +211,7 @@ def draw_look(config: LookConfig, rng: np.random.Generator) -> Look:
         albedo_contrast=float(rng.uniform(*config.albedo_contrast)),
         texture_strength=float(rng.uniform(*config.texture_strength)),
         texture_seed=int(rng.integers(2**31)),
+        pebbles=float(rng.uniform(*config.pebbles)),
+        wind_ripples=float(rng.uniform(*config.wind_ripples)),
+        bedding=float(rng.uniform(*config.bedding)),
     )

@@ -150,11 +150,11 @@ def test_gain_difference_is_the_right_eyes(scene, maker, pose, frame):
     assert np.median(ratio) == pytest.approx(1.1, abs=0.01)
 
 
-def one_sample(maker, shader, camera, pose, view) -> np.ndarray:
-    """(H, W, 3) radiance through pixel centres alone."""
+def one_sample(maker, shader, camera, pose, view, shown_by=None) -> np.ndarray:
+    """(H, W, 3) radiance through pixel centres alone, with the texture that the pixels of a camera show."""
     rays = camera.rays().reshape(-1, 3)
     maps = (view.depth.ravel(), view.normal.reshape(-1, 3), view.shading_normal.reshape(-1, 3), view.surface.ravel())
-    return stereo._shade(maker, shader, camera, pose, rays, *maps)[0].reshape(camera.height, camera.width, 3)
+    return stereo._shade(maker, shader, shown_by or camera, pose, rays, *maps)[0].reshape(camera.height, camera.width, 3)
 
 
 @pytest.mark.parametrize("name", ["embree", "pybullet"])
@@ -165,8 +165,7 @@ def test_edges_are_smoothed(scene, pose, name):
     maker = make_renderer(name, scene)
     shader, camera = Shader(scene), RIG.camera
     fine = camera.resized(camera.width * 4, camera.height * 4)
-    # the footprint of the fine camera would show finer texture
-    fine_image = one_sample(maker, shader, fine, pose, maker.render(fine, pose))
+    fine_image = one_sample(maker, shader, fine, pose, maker.render(fine, pose), shown_by=camera)
     truth = fine_image.reshape(camera.height, 4, camera.width, 4, 3).mean(axis=(1, 3))
     view = maker.render(camera, pose)
     surface = view.surface.astype(np.float32)

@@ -1,0 +1,241 @@
+"""The ground between the rocks: pebbles and grain too small for the mesh, and the small ripples of the wind.
+
+Both are periodic tiles that are laid on the ground by world position. Pebbles are modelled once, as a height field;
+their shadows are cast for the sun of the scene. The tile is kept at all resolutions, each half of the one before, so
+that a pixel shows the mean of what it covers.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+import scipy.fft
+
+from marssim.compiled import compiled, inlined
+from marssim.render.texture import STEP, TEXELS, TILE
+
+SIDE = 1024  # texels along a side of the tile of pebbles
+TEXEL = 0.0028  # [m]
+SIZES = (0.006, 0.034)  # [m] diameters of pebbles; larger ones are rocks of the mesh
+COVER = 0.12  # share of the tile under pebbles
+STEEPEST = 1.5  # slope at which the coded slopes end
+TONES = 1.5  # logarithm of brightness at which the coded tones end
+GRAIN = 3.5
+ROUGH = 0.3  # [texels] standard deviation of the grain's height
+LONGEST = 40  # [texels] shadow of a pebble
+CODES = 127
+WIDEST = 0.03  # [m] width of a pixel from which only the tile's mean is seen
+VARIANTS = 4  # tiles that scenes choose from, each turned and shifted by its own seed
+
+
+@lru_cache(maxsize=VARIANTS)
+def gravel(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(SIDE, SIDE) float32 heights of pebbles [texels], their tones, of unit spread, 0 beside them, and fine grain.
+
+    Periodic. The number of pebbles larger than D falls as D^-3. Grain: noise of unit variance
+    with equal power in each octave of wavelengths from 6 to 200 mm.
+    """
+    rng = np.random.default_rng((seed, 7))
+    low, high = SIZES
+    # mean of D^2 over sizes of which as many as D^-3 are larger than D
+    square = 3 * low**2 * (1 - low / high) / (1 - (low / high) ** 3)
+    count = int(COVER * (SIDE * TEXEL) ** 2 / (math.pi / 4 * square))
+    diameter = rng.uniform(high**-3, low**-3, count) ** (-1 / 3)
+    order = np.argsort(diameter)
+    shape = np.stack([
+        *rng.uniform(0, SIDE, (2, count)), diameter[order] / TEXEL, rng.uniform(0, 2 * np.pi, count),
+        rng.uniform(0.6, 1.0, count), rng.uniform(2.0, 5.0, count), rng.uniform(0.3, 0.6, count),
+        *rng.normal(0, 0.35, (2, count)), rng.standard_normal(count),
+    ], axis=1)  # fmt: skip
+    heights, tones = _pebbles(shape, SIDE)
+    k = np.hypot(scipy.fft.fftfreq(SIDE, TEXEL)[:, None], scipy.fft.rfftfreq(SIDE, TEXEL)[None, :])
+    band = np.exp(-((np.maximum(k * 0.006, 1) - 1) ** 2)) * (1 - np.exp(-((k * 0.2) ** 4))) / np.maximum(k, 1e-9)
+    white = scipy.fft.rfft2(rng.standard_normal((SIDE, SIDE), dtype=np.float32))
+    grain = scipy.fft.irfft2(white * band.astype(np.float32), s=(SIDE, SIDE))
+    return heights, tones, (grain / grain.std()).astype(np.float32)
+
+
+@compiled
+def _pebbles(shape, side):
+    """Heights [texels] and tones of pebbles, the highest one counting, as lumps with flat tops and tilted."""
+    heights = np.zeros((side, side), dtype=np.float32)
+    tones = np.zeros((side, side), dtype=np.float32)
+    for n in range(len(shape)):
+        x, y, d, turn, narrow, blunt, ratio, tilt_x, tilt_y, tone = shape[n]
+        cosine, sine, reach = math.cos(turn), math.sin(turn), int(0.5 * d / math.sqrt(narrow)) + 1
+        for j in range(int(y) - reach, int(y) + reach + 2):
+            for i in range(int(x) - reach, int(x) + reach + 2):
+                u = (cosine * (i - x) + sine * (j - y)) / (0.5 * d) * math.sqrt(narrow)
+                v = (cosine * (j - y) - sine * (i - x)) / (0.5 * d) / math.sqrt(narrow)
+                r = math.sqrt(u * u + v * v)
+                if r >= 1:
+                    continue
+                height = ratio * d * math.sqrt(1 - r**blunt) * (1 + tilt_x * u + tilt_y * v)
+                if height > heights[j % side, i % side]:
+                    heights[j % side, i % side] = height
+                    tones[j % side, i % side] = tone
+    return heights, tones
+
+
+@compiled
+def _layers(heights, tones, grain, along, across, rise, pebble_tone, out):
+    """Fill out (SIDE, SIDE, 5) of the finest level, in codes; heights [texels]; see grit.
+
+    along, across: (unit) direction towards the sun in texels; rise: tangent of its elevation.
+    """
+    side = len(heights)
+    top = heights.max()
+    slope, tone = np.float32(CODES / STEEPEST / 2), np.float32(CODES / TONES)
+    most, rough = np.float32(CODES), np.float32(ROUGH)
+    for j in range(side):
+        above, below = (j - 1) % side, (j + 1) % side
+        for i in range(side):
+            left, right = (i - 1) % side, (i + 1) % side
+            start = heights[j, i]
+            du = heights[j, right] - heights[j, left] + rough * (grain[j, right] - grain[j, left])
+            dv = heights[below, i] - heights[above, i] + rough * (grain[below, i] - grain[above, i])
+            shade = np.float32(0)
+            for n in range(1, min(int((top - start) / rise), LONGEST) + 1):
+                if heights[int(j + n * across + 0.5) % side, int(i + n * along + 0.5) % side] > start + n * rise:
+                    shade = most
+                    break
+            out[j, i, 0] = min(max(slope * du, -most), most)
+            out[j, i, 1] = min(max(slope * dv, -most), most)
+            bright = pebble_tone + np.float32(0.3) * tones[j, i] if start > 0 else np.float32(0)
+            out[j, i, 2] = min(max(tone * bright, -most), most)
+            out[j, i, 3] = shade
+            out[j, i, 4] = min(max(grain[j, i] * np.float32(CODES / GRAIN), -most), most)
+
+
+@compiled
+def _levels(finest):
+    """(M, 5) int8 of the finest level (N, N, 5) and all that are half as fine as the one before."""
+    side = len(finest)
+    total, size = 0, side
+    while size >= 1:
+        total += size * size
+        size //= 2
+    out = np.empty((total, 5), dtype=np.int8)
+    level = finest
+    at = 0
+    while True:
+        size = len(level)
+        for j in range(size):
+            for i in range(size):
+                for c in range(5):
+                    out[at, c] = np.int8(np.rint(level[j, i, c]))
+                at += 1
+        if size == 1:
+            return out
+        half = np.empty((size // 2, size // 2, 5), dtype=np.float32)
+        for j in range(size // 2):
+            for i in range(size // 2):
+                for c in range(5):
+                    a, b = level[2 * j, 2 * i, c], level[2 * j, 2 * i + 1, c]
+                    half[j, i, c] = np.float32(0.25) * (
+                        a + b + level[2 * j + 1, 2 * i, c] + level[2 * j + 1, 2 * i + 1, c]
+                    )
+        level = half
+
+
+def grit(seed: int, turn: float, sun: np.ndarray, pebble_tone: float) -> np.ndarray:
+    """(M, 5) int8, all resolutions of the tile one after another: slopes along and across, tone, shade, grain.
+
+    Slopes in STEEPEST / CODES, tone (logarithm of brightness) in TONES / CODES, shade (share of the sun that pebbles
+    hide) in 1 / CODES, grain in GRAIN / CODES standard deviations. turn: angle from the world's axes to the tile's
+    [rad]; sun: (3,) unit, world; pebble_tone: mean tone of the pebbles.
+    """
+    heights, tones, grain = gravel(seed % VARIANTS)
+    cosine, sine = math.cos(turn), math.sin(turn)
+    level = math.hypot(sun[0], sun[1])
+    along, across = cosine * sun[0] - sine * sun[1], sine * sun[0] + cosine * sun[1]
+    rise = float(sun[2]) / max(level, 1e-6)
+    finest = np.empty((SIDE, SIDE, 5), dtype=np.float32)
+    _layers(
+        heights, tones, grain, along / max(level, 1e-6), across / max(level, 1e-6), max(rise, 0.05),
+        np.float32(pebble_tone), finest,
+    )  # fmt: skip
+    return _levels(finest)
+
+
+@lru_cache(maxsize=VARIANTS)
+def ripple_tile(seed: int) -> np.ndarray:
+    """(TILE + 1, TILE + 1, 3) int16 of wind ripples and their slopes, coded as texture.coded_tile, crests along y.
+
+    The crests follow the phase of a narrow-band wave, which has forks and ends, as real ripples have (cf.
+    scene.landforms); the lee side, towards +x, is the steeper one.
+    """
+    rng = np.random.default_rng((seed, 8))
+    across, down = scipy.fft.fftfreq(TILE)[None, :] * TEXELS, scipy.fft.fftfreq(TILE)[:, None] * TEXELS
+    band = np.exp(-0.5 * (((across - 1) / 0.16) ** 2 + (down / 0.24) ** 2))
+    wave = scipy.fft.ifft2(band * (rng.standard_normal((TILE, TILE, 2)) @ (1, 1j)))
+    phase = np.angle(wave)
+    phase -= 0.4 * np.cos(phase)
+    strength = np.abs(wave) / np.sqrt(np.mean(np.abs(wave) ** 2))
+    field = (1.3 - 2 * np.abs(np.sin(phase / 2)) ** 0.8) * np.minimum(1, strength / 0.7)
+    field -= field.mean()
+    slopes = (np.roll(field, -1, axis) - np.roll(field, 1, axis) for axis in (1, 0))
+    out = np.stack([field, *slopes], axis=-1)
+    out[..., 0] /= out[..., 0].std()
+    out[..., 1:] /= np.sqrt(np.mean(out[..., 1:] ** 2) * 2)
+    out = np.pad(out, ((0, 1), (0, 1), (0, 0)), mode="wrap")
+    return np.clip(np.rint(out / STEP), -32768, 32767).astype(np.int16)
+
+
+@inlined
+def grit_at(tile, u, v, footprint, cosine, sine, offset):
+    """Slopes along u and v, tone, shade and grain of the pebbles at surface coordinates u, v [m].
+
+    tile: of grit; footprint: width of a pixel on the ground [m]; cosine, sine of the tile's turn; offset [texels].
+    """
+    scale = np.float32(1 / TEXEL)
+    x = (cosine * u - sine * v) * scale + offset
+    y = (sine * u + cosine * v) * scale + offset
+    size, start, spread = SIDE, 0, footprint * scale
+    one, half = np.float32(1), np.float32(0.5)
+    while spread > one and size > 1:
+        start += size * size
+        size >>= 1
+        spread *= half
+        x = x * half - np.float32(0.25)
+        y = y * half - np.float32(0.25)
+    # the level whose texels are as wide as the pixel or a little wider, and some of the finer one before it
+    along, across, tone, shade, grain = _bilinear(tile, start, size, x, y)
+    if start > 0:
+        fine = np.float32(2) * (one - spread)
+        two = np.float32(2)
+        a, b, c, d, e = _bilinear(tile, start - 4 * size * size, 2 * size, two * x + half, two * y + half)
+        along += fine * (a - along)
+        across += fine * (b - across)
+        tone += fine * (c - tone)
+        shade += fine * (d - shade)
+        grain += fine * (e - grain)
+    steep, code = np.float32(STEEPEST / CODES), np.float32(1 / CODES)
+    along *= steep
+    across *= steep
+    return (
+        cosine * along + sine * across, cosine * across - sine * along, tone * np.float32(TONES / CODES), shade * code,
+        grain * np.float32(GRAIN / CODES),
+    )  # fmt: skip
+
+
+@inlined
+def _bilinear(tile, start, size, x, y):
+    left, top = np.floor(x), np.floor(y)
+    s, t = x - left, y - top
+    i, j = np.int32(left) & np.int32(size - 1), np.int32(top) & np.int32(size - 1)
+    i2, j2 = (i + np.int32(1)) & np.int32(size - 1), (j + np.int32(1)) & np.int32(size - 1)
+    p, q = np.uint32(start + j * size + i), np.uint32(start + j * size + i2)
+    r, w = np.uint32(start + j2 * size + i), np.uint32(start + j2 * size + i2)
+    d = s * t
+    b, c = s - d, t - d
+    a = np.float32(1) - s - c
+    return (
+        a * tile[p, 0] + b * tile[q, 0] + c * tile[r, 0] + d * tile[w, 0],
+        a * tile[p, 1] + b * tile[q, 1] + c * tile[r, 1] + d * tile[w, 1],
+        a * tile[p, 2] + b * tile[q, 2] + c * tile[r, 2] + d * tile[w, 2],
+        a * tile[p, 3] + b * tile[q, 3] + c * tile[r, 3] + d * tile[w, 3],
+        a * tile[p, 4] + b * tile[q, 4] + c * tile[r, 4] + d * tile[w, 4],
+    )
