@@ -1,21 +1,23 @@
-"""Calibration files of rectified stereo pairs, as KITTI, Middlebury, ETH3D and OpenCV write them.
+"""Calibration files of rectified stereo pairs, as KITTI, Middlebury, ETH3D, OpenCV and ROS write them.
 
 KITTI        `P2: ...` and `P3: ...` (or `P_rect_02: ...`), 3 x 4 projection matrices [px, m]
 Middlebury   `cam0=[f 0 cx; 0 f cy; 0 0 1]`, `doffs=` [px], `baseline=` [mm]; ETH3D too
 OpenCV       YAML, XML or JSON with stereoRectify's P1 and P2, or its Q; baseline in the unit of the calibration target
-marssim      sample.json of a dataset
+ROS          CameraInfo of the left and of the right eye, as camera_calibration saves it and as `topic echo` prints it
+marssim      a rig file, {"width", "height", "fx", "fy", "cx", "cy", "baseline"} [px, m], or a dataset's sample.json
 """
 
 from __future__ import annotations
 
 import json
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from m3depth.camera_info import CameraInfo, is_camera_info, parse_camera_info
 from marssim.camera import PinholeCamera, StereoRig
 
 KITTI_GREY = frozenset({"image_0", "image_00"})  # folders of the left grey camera; the colour one is number 2
@@ -43,27 +45,38 @@ class Calibration:
         return StereoRig(PinholeCamera(width, height, self.fx, self.fy, self.cx, self.cy), self.baseline)
 
 
-def read_calibration(path: Path, left_image: Path | None = None) -> Calibration:
+def read_calibration(
+    path: Path, right: Path | None = None, *, image: Path | None = None, baseline: float | None = None
+) -> Calibration:
     """Read a calibration file of any of the kinds above, told apart by what it holds.
 
-    left_image: where the left image lies; in KITTI's folders it tells the grey cameras from the colour ones.
-    Raises FileNotFoundError, or ValueError that names the file and what it lacks.
+    right: the right eye's file, of ROS's two; a left one alone needs `baseline` [m]. image: where the left image lies;
+    in KITTI's folders it tells the grey cameras from the colour ones. Raises FileNotFoundError, or ValueError that
+    names the file and what it lacks.
     """
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such calibration file")
+    for file in (path, right):
+        if file is not None and not file.is_file():
+            raise FileNotFoundError(f"{file}: no such calibration file")
     try:
         text = path.read_text()
+        if is_camera_info(text):
+            return _from_ros(text, None if right is None else right.read_text(), baseline)
+        if right is not None:
+            raise ValueError("is no CameraInfo of ROS, which alone comes in two files")
         if text.lstrip().startswith(("%YAML", "<?xml", "{")):
             return _from_json(text) or _from_opencv(text)
         if re.search(r"^\s*cam0\s*=", text, re.MULTILINE):
             return _from_middlebury(text)
         if re.search(r"^\s*P(_rect_0)?\d\s*:", text, re.MULTILINE):
-            grey = left_image is not None and not KITTI_GREY.isdisjoint(left_image.parts)
+            grey = image is not None and not KITTI_GREY.isdisjoint(image.parts)
             return _from_kitti(text, ("0", "1") if grey else ("2", "3"))
     except (ValueError, cv2.error, SystemError) as error:  # FileStorage raises SystemError from its own error
         reason = str(error) if isinstance(error, ValueError) else "not readable as OpenCV's YAML, XML or JSON"
         raise ValueError(f"{path}: {reason}") from None
-    raise ValueError(f"{path}: no calibration of KITTI (P2:), Middlebury or ETH3D (cam0=), OpenCV (%YAML) or marssim")
+    raise ValueError(
+        f"{path}: no calibration of KITTI (P2:), Middlebury or ETH3D (cam0=), OpenCV (%YAML), ROS (projection_matrix:) "
+        "or marssim"
+    )
 
 
 def align_right(right: np.ndarray, shift: float) -> np.ndarray:
@@ -79,11 +92,14 @@ def align_right(right: np.ndarray, shift: float) -> np.ndarray:
 
 
 def _from_json(text: str) -> Calibration | None:
-    """marssim's sample.json; None if it is another JSON file."""
+    """marssim's rig file or sample.json; None if it is another JSON file."""
     try:
-        rig = StereoRig.from_dict(json.loads(text)["rig"])
-    except (json.JSONDecodeError, KeyError, TypeError):
+        data = json.loads(text)
+    except json.JSONDecodeError:
         return None
+    if not isinstance(data, dict) or not ("rig" in data or "baseline" in data):
+        return None
+    rig = StereoRig.from_dict(data.get("rig", data))
     c = rig.camera
     return Calibration(c.fx, c.fy, c.cx, c.cy, rig.baseline, size=(c.width, c.height))
 
@@ -95,6 +111,26 @@ def _from_projections(left: np.ndarray, right: np.ndarray) -> Calibration:
     baseline = left[0, 3] / left[0, 0] - right[0, 3] / right[0, 0]
     fx, fy, cx, cy = (float(left[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
     return Calibration(fx, fy, cx, cy, float(baseline), float(right[0, 2] - left[0, 2]))
+
+
+def _from_ros(left_text: str, right_text: str | None, baseline: float | None) -> Calibration:
+    """From the left and the right eye's CameraInfo, from the right one's alone, or the left one's and a baseline."""
+    first: CameraInfo = parse_camera_info(left_text)
+    if right_text is not None:
+        second = parse_camera_info(right_text)
+        if first.projection[0, 3] != 0 or second.projection[0, 3] == 0:
+            raise ValueError("the left eye's CameraInfo (Tx = 0) comes first, then the right one's (Tx = -f B)")
+        found = _from_projections(first.projection, second.projection)
+    elif first.projection[0, 3] == 0:
+        if baseline is None:
+            raise ValueError("is the left eye's CameraInfo (Tx = 0); give the right eye's too, or --baseline")
+        p = first.projection
+        found = Calibration(p[0, 0], p[1, 1], p[0, 2], p[1, 2], baseline)
+    else:
+        alone = first.projection.copy()
+        alone[0, 3] = 0
+        found = _from_projections(alone, first.projection)
+    return replace(found, size=first.size)
 
 
 def _from_kitti(text: str, eyes: tuple[str, str]) -> Calibration:

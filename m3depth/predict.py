@@ -2,17 +2,21 @@
 
     python -m m3depth.predict left.png right.png --focal 595.9 --baseline 0.27 --out RESULT
     python -m m3depth.predict image_2/000000_10.png image_3/000000_10.png --calib calib.txt --out RESULT
+    python -m m3depth.predict left.png right.png --calib left.yaml right.yaml --out RESULT      # ROS CameraInfo
 
-The images must be rectified: what the left eye sees at a pixel, the right eye sees in the same row, farther left.
-A calibration file (KITTI, Middlebury, ETH3D, OpenCV's stereoRectify, a dataset's sample.json) gives the focal lengths,
-the principal point and the baseline; flags given beside it replace what it says. Writes into RESULT:
+The images must be rectified: what the left eye sees at a pixel, the right eye sees in the same row, farther left. Eyes
+that are exchanged, rows that lie apart and images without contrast are told, and nothing is written where the result
+would mean nothing (exit code 2; --unchecked writes it all the same).
+A calibration file (KITTI, Middlebury, ETH3D, OpenCV's stereoRectify, ROS CameraInfo, a rig file of marssim or a
+dataset's sample.json) gives the focal lengths, the principal point and the baseline; flags given beside it replace what
+it says. Writes into RESULT:
 
     depth.npy          float32 [m]; inf: sky or beyond measure, NaN: unknown
     depth.png          uint16 [mm]; 0: none, or farther than 65.5 m
     disparity.npy      float32 [px], f B / depth: with a calibration whose eyes have different principal points (doffs),
                        that difference is in it;  disparity.png: uint16, times 256
-    normal.npy         float32, camera frame (x right, y down, z forward);  normal.png: red right, green up, blue to
-                       the camera, black: unknown
+    normal.npy         float32, camera frame (x right, y down, z forward); 0 0 0: none (sky, or unknown)
+    normal.png         red right, green up, blue to the camera, black: none
     confidence.npy     float32, 0 to 1
     cloud.ply          coloured points [m], camera frame, without what hangs between two surfaces
     figure.png         all of it at a glance
@@ -26,25 +30,20 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
-import cv2
 import numpy as np
 import tyro
 
 from m3depth.calibration import Calibration, align_right, read_calibration
 from m3depth.estimator import Estimator, load_estimator
-from m3depth.figures.prediction import prediction_figure
 from m3depth.image_files import read_pair
-from m3depth.pair_checks import eyes_swapped
+from m3depth.pair_checks import check_pair
 from m3depth.prediction import Prediction
-from marssim.camera import StereoRig
+from m3depth.prediction_files import without_sky_normals, write_prediction
+from m3depth.second_look import closer_look
 from marssim.command import counted, run_command
-from marssim.contact_sheet import normal_colours
-from marssim.depth_edges import depth_edges
-from marssim.pointcloud import coloured_points, encode_ply
 
 MIN_ANGLE, MAX_ANGLE = 1.0, 150.0  # [deg] horizontal field of view of rectified images
 MIN_BASELINE, MAX_BASELINE = 0.001, 50.0  # [m]
-EDGE_SHARE = 0.02  # of the disparity, that it may change by within 3 x 3 px: near surfaces may be steep
 
 
 @dataclass(frozen=True)
@@ -61,8 +60,9 @@ class PredictOptions:
     """Focal length of the rectified images [px]."""
     baseline: float | None = None
     """Distance of the two cameras [m]."""
-    calib: Path | None = None
-    """Calibration file instead of --focal and --baseline."""
+    calib: tuple[Path, ...] = ()
+    """Calibration file instead of --focal and --baseline; of ROS's CameraInfo the left and the right eye's, or the
+    right one's alone."""
     cx: float | None = None
     """Principal point, column of the left image [px] from 0; default: the calibration's, or the middle."""
     cy: float | None = None
@@ -70,7 +70,13 @@ class PredictOptions:
     weights: Path | None = None
     """A .safetensors file written by m3depth.train; default: the weights that come with the package."""
     method: str = "m3depth"
-    """m3depth, sgbm, sad, ssd, ncc, or package.module:Class (a class with infer(left, right, rig))."""
+    """m3depth, sgbm, ssd, sad, ncc, ssd-sgm, sad-sgm, ncc-sgm, or package.module:Class (a class with infer(left, right,
+    rig))."""
+    nearest: float | None = None
+    """Nearest depth [m] that M3Depth has to see. What is nearer than 192 px of disparity is seen in reduced images;
+    default: 0.84 m at first, and then again, less reduced, if all is farther."""
+    unchecked: bool = False
+    """Write what comes out even where the pair shows that it means nothing; what is wrong is then a warning."""
     min_confidence: float = 0.5
     """Pixels of less confidence, 0 to 1, are left out of the point cloud."""
     max_range: float = 30.0
@@ -83,19 +89,19 @@ def make_calibration(options: PredictOptions, height: int, width: int) -> Calibr
     Raises FileNotFoundError or ValueError that names the flag or the file.
     """
     for flag, value in (("--focal", options.focal), ("--baseline", options.baseline)):
-        if value is None and options.calib is None:
+        if value is None and not options.calib:
             raise ValueError(f"{flag} is missing; or give a calibration file with --calib")
         if value is not None and not (np.isfinite(value) and value > 0):
             raise ValueError(f"{flag} must be positive, got {value}")
     for flag, value in (("--cx", options.cx), ("--cy", options.cy)):
         if value is not None and not np.isfinite(value):
             raise ValueError(f"{flag} must be finite, got {value}")
-    if options.calib is None:
+    if not options.calib:
         assert options.focal is not None and options.baseline is not None
         middle = ((width - 1) / 2, (height - 1) / 2)
         found = Calibration(options.focal, options.focal, *middle, options.baseline)
     else:
-        found = read_calibration(options.calib, options.left)
+        found = read_calibration(*options.calib[:2], image=options.left, baseline=options.baseline)
     calibration = replace(
         found,
         fx=found.fx if options.focal is None else options.focal,
@@ -106,15 +112,15 @@ def make_calibration(options: PredictOptions, height: int, width: int) -> Calibr
     )
     if calibration.size is not None and calibration.size != (width, height):
         meant = f"{calibration.size[0]} x {calibration.size[1]}"
-        raise ValueError(f"{options.calib}: is for images of {meant} px, {options.left} is {width} x {height}")
+        raise ValueError(f"{options.calib[0]}: is for images of {meant} px, {options.left} is {width} x {height}")
     _check_sense(calibration, width, options)
     return calibration
 
 
 def _check_sense(calibration: Calibration, width: int, options: PredictOptions) -> None:
     """Raise ValueError for a focal length or a baseline that is most likely of another unit."""
-    focal_from = "--focal" if options.calib is None or options.focal else f"{options.calib}: focal length"
-    baseline_from = "--baseline" if options.calib is None or options.baseline else f"{options.calib}: baseline"
+    focal_from = "--focal" if not options.calib or options.focal else f"{options.calib[0]}: focal length"
+    baseline_from = "--baseline" if not options.calib or options.baseline else f"{options.calib[0]}: baseline"
     angle = np.rad2deg(2 * np.arctan2(width / 2, calibration.fx))
     if not MIN_ANGLE <= angle <= MAX_ANGLE:
         raise ValueError(
@@ -128,76 +134,32 @@ def _check_sense(calibration: Calibration, width: int, options: PredictOptions) 
         )
 
 
-def point_cloud(
-    left: np.ndarray, prediction: Prediction, rig: StereoRig, min_confidence: float = 0.5, max_range: float = 30.0
-) -> tuple[np.ndarray, np.ndarray]:
-    """Points that can be trusted, and their colours.
-
-    left: (H, W) or (H, W, 3) uint8. Left out are unknown depth, depth over max_range [m], confidence under
-    min_confidence, and depth edges. Returns (N, 3) float32 [m] in the left camera's frame and (N, 3) uint8 RGB.
-    """
-    with np.errstate(invalid="ignore"):
-        keep = prediction.confidence >= min_confidence
-    keep &= ~depth_edges(prediction.disparity, share=EDGE_SHARE)
-    colour = left if left.ndim == 3 else np.repeat(left[..., None], 3, axis=2)
-    return coloured_points(colour, np.where(keep, prediction.depth, np.nan), rig.camera, max_range)
-
-
-def write_prediction(
-    out: Path, left: np.ndarray, prediction: Prediction, rig: StereoRig, min_confidence: float, max_range: float
-) -> int:
-    """Write every file that the module's docstring lists; returns the number of points of the cloud. Raises OSError."""
-    out.mkdir(parents=True, exist_ok=True)
-    for name in ("depth", "disparity", "normal", "confidence"):
-        array = getattr(prediction, name)
-        if array is not None:
-            np.save(out / f"{name}.npy", array)
-    _write_png(out / "depth.png", _uint16(prediction.depth * 1000.0))
-    _write_png(out / "disparity.png", _uint16(prediction.disparity * 256.0))
-    if prediction.normal is not None:
-        _write_png(out / "normal.png", np.ascontiguousarray(normal_colours(prediction.normal)[..., ::-1]))
-    points, colour = point_cloud(left, prediction, rig, min_confidence, max_range)
-    (out / "cloud.ply").write_bytes(encode_ply(points, colour))
-    prediction_figure(left, prediction, out / "figure.png")
-    return len(points)
-
-
-def _uint16(values: np.ndarray) -> np.ndarray:
-    """Rounded; 0 where the value is not finite or does not fit."""
-    fits = np.isfinite(values) & (values >= 0) & (values < 65535.5)
-    return np.round(np.where(fits, values, 0)).astype(np.uint16)
-
-
-def _write_png(path: Path, image: np.ndarray) -> None:
-    if not cv2.imwrite(str(path), image):
-        raise OSError(f"{path}: could not be written")
-
-
 def predict(options: PredictOptions, estimator: Estimator | None = None) -> Prediction:
     """Read the pair, estimate, write the files, say in one line what came out.
 
     estimator: instead of the one that the options name. Raises FileNotFoundError or ValueError with one line for the
-    user. An image without any contrast, and eyes that seem exchanged, are reported on stderr; the result is then a
-    guess.
+    user, before anything is written. What is doubtful of the pair is told on stderr.
     """
     left, right = read_pair(options.left, options.right)
     calibration = make_calibration(options, *left.shape[:2])
     rig = calibration.rig(left.shape[1], left.shape[0])
     if options.out.exists() and not options.out.is_dir():
         raise ValueError(f"--out {options.out}: is not a folder")
-    if options.weights is not None and options.method != "m3depth":
-        raise ValueError(f"--weights belongs to m3depth, not to --method {options.method}")
-    for path, image in ((options.left, left), (options.right, right)):
-        if image.min() == image.max():
-            tone = "black" if image.max() == 0 else "of one grey level"
-            print(f"warning: {path} is {tone}: there is nothing to match", file=sys.stderr)
-    right = align_right(right, calibration.shift)
-    if eyes_swapped(left, right, rig):
-        print("warning: the images match the wrong way round: are left and right exchanged?", file=sys.stderr)
+    if options.method != "m3depth" and (options.weights is not None or options.nearest is not None):
+        flag = "--nearest" if options.weights is None else "--weights"
+        raise ValueError(f"{flag} belongs to m3depth, not to --method {options.method}")
+    if options.nearest is not None and not (np.isfinite(options.nearest) and options.nearest > 0):
+        raise ValueError(f"--nearest must be positive, got {options.nearest}")
     if estimator is None:
         spec = options.method if options.weights is None else f"m3depth:{options.weights}"
         estimator = load_estimator(spec, "--method")
-    prediction = estimator.infer(left, right, rig)
+    right = align_right(right, calibration.shift)
+    doubts = check_pair(left, right, rig, (str(options.left), str(options.right)))
+    for fatal, message in doubts:
+        if fatal and not options.unchecked:
+            raise ValueError(f"{message}; nothing was written (--unchecked does it all the same)")
+        print(f"warning: {message}", file=sys.stderr)
+    prediction = without_sky_normals(closer_look(estimator, left, right, rig, options.nearest))
     count = write_prediction(options.out, left, prediction, rig, options.min_confidence, options.max_range)
     known = prediction.depth[np.isfinite(prediction.depth)]
     seen = "no depth"
@@ -210,7 +172,7 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """The command. Returns the exit code: 2 for a mistake in what was asked for."""
+    """The command. Returns the exit code: 2 for a mistake in what was asked for, and for pairs that are none."""
     return run_command(
         predict, PredictOptions, "python -m m3depth.predict", __doc__, args, "the results may be incomplete"
     )

@@ -16,7 +16,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from marssim.contact_sheet import normal_colours
 
-DEPTH_TICKS = (0.5, 1, 2, 3, 5, 10, 15, 30)  # [m]
+DEPTH_TICKS = (0.2, 0.5, 1, 2, 3, 5, 10, 15, 30, 50, 100, 200, 500)  # [m]
 UNSCORED = "0.82"  # grey of what has no truth, or no value
 # Okabe and Ito, and two more: told apart by everyone
 METHOD_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000", "#8c6d31")
@@ -40,14 +40,14 @@ def known_depths(depth: np.ndarray) -> np.ma.MaskedArray:
     return np.ma.masked_array(depth, ~(np.isfinite(depth) & (depth > 0)))
 
 
-def depth_scale(depths: np.ndarray, whole: bool = False) -> LogNorm:
-    """Logarithmic scale over what is there: its 2nd to 98th percentile, from 0.3 m at the lowest to 30 m at most.
+def depth_scale(depths: np.ndarray, whole: bool = False, farthest: float = 30.0) -> LogNorm:
+    """Logarithmic scale over what is there: its 2nd to 98th percentile, from 0.3 m at the lowest to `farthest` at most.
 
     whole: from the nearest to the farthest.
     """
     depths = depths[np.isfinite(depths) & (depths > 0)]
     low, high = np.percentile(depths, [0, 100] if whole else [2, 98]) if len(depths) else (1.0, 15.0)
-    low, high = float(np.clip(low, 0.3, 25)), float(np.clip(high, 0.6, 30))
+    low, high = float(np.clip(low, 0.3, 25)), float(np.clip(high, 0.6, farthest))
     return LogNorm(low, max(high, (1.05 if whole else 1.5) * low))
 
 

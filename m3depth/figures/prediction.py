@@ -11,6 +11,8 @@ from matplotlib.figure import Figure
 from m3depth.figures.drawing import colour_map, depth_scale, known_depths, label_bar, normal_image, save, show
 from m3depth.prediction import Prediction
 
+FARTHEST = 300.0  # [m] where the colours of depth end at the latest
+
 
 def prediction_figure(left: np.ndarray, prediction: Prediction, path: Path) -> None:
     """Write a PNG of one prediction: left image, depth, normals, confidence. left: (H, W) or (H, W, 3) uint8."""
@@ -19,7 +21,8 @@ def prediction_figure(left: np.ndarray, prediction: Prediction, path: Path) -> N
     (image_axes, depth_axes), (normal_axes, confidence_axes) = figure.subplots(2, 2)
     show(image_axes, left if left.ndim == 3 else np.repeat(left[..., None], 3, axis=2))
     image_axes.set_title("left image")
-    norm, colours = depth_scale(prediction.depth[np.isfinite(prediction.depth)]), colour_map("viridis_r")
+    colours = colour_map("viridis_r")
+    norm = depth_scale(prediction.depth[np.isfinite(prediction.depth)], farthest=FARTHEST)
     shown = show(depth_axes, known_depths(prediction.depth), cmap=colours, norm=norm)
     bar = figure.colorbar(shown, ax=depth_axes, fraction=0.046, pad=0.02, extend="both")
     label_bar(bar, norm, "depth [m]")

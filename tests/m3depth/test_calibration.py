@@ -36,10 +36,10 @@ def write(path, text):
 @pytest.mark.parametrize("text", [KITTI, RAW])
 def test_kitti_colour_and_grey(tmp_path, text):
     path = write(tmp_path / "calib.txt", text)
-    colour = read_calibration(path, tmp_path / "image_2" / "0.png")
+    colour = read_calibration(path, image=tmp_path / "image_2" / "0.png")
     assert (colour.fx, colour.fy, colour.cx, colour.cy) == (707.0493, 707.0493, 604.0814, 180.5066)
     assert colour.baseline == pytest.approx((45.75831 + 334.1081) / 707.0493) and colour.shift == 0
-    grey = read_calibration(path, tmp_path / "image_00" / "data" / "0.png")
+    grey = read_calibration(path, image=tmp_path / "image_00" / "data" / "0.png")
     assert grey.baseline == pytest.approx(379.7842 / 707.0493)
     without_colour = [line for line in text.splitlines() if not line.startswith(("P2", "P_rect_02"))]
     only_grey = write(tmp_path / "grey.txt", "\n".join(without_colour))
@@ -92,6 +92,70 @@ def test_the_right_eye_is_moved_by_the_difference_of_the_principal_points():
     assert align_right(ramp, 0.0) is ramp
 
 
+def test_a_rig_file_of_the_simulator(tmp_path):
+    found = read_calibration(write(tmp_path / "rig.json", json.dumps(NATECAM.to_dict())))
+    assert found.rig(512, 512) == NATECAM and found.size == (512, 512)
+
+
+def camera_info(tx: float) -> str:
+    """As camera_calibration saves it."""
+    return f"""\
+image_width: 640
+image_height: 480
+camera_name: narrow_stereo/left
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [500.0, 0., 319.5, 0., 500.0, 239.5, 0., 0., 1.]
+distortion_model: plumb_bob
+distortion_coefficients:
+  rows: 1
+  cols: 5
+  data: [-0.1, 0.05, 0.0, 0.0, 0.0]
+rectification_matrix:
+  rows: 3
+  cols: 3
+  data: [1., 0., 0., 0., 1., 0., 0., 0., 1.]
+projection_matrix:
+  rows: 3
+  cols: 4
+  data: [480.5, 0.00000,
+         310.25, {tx}, 0.,
+         481.5, 245.75, 0., 0., 0., 1., 0.]
+"""
+
+
+ROWS = (480.5, 0, 310.25, -57.66, 0, 481.5, 245.75, 0, 0, 0, 1, 0)
+ROS_1 = f"height: 480\nwidth: 640\ndistortion_model: x\nK: [1.0, 0.0]\nP: {list(ROWS)}\n"
+ROS_2 = "height: 480\nwidth: 640\np:\n" + "".join(f"- {x}\n" for x in ROWS)
+ROS_2 += "binning_x: 0\n"
+
+
+def test_camera_infos_of_ros(tmp_path):
+    left = write(tmp_path / "left.yaml", camera_info(0.0))
+    right = write(tmp_path / "right.yaml", camera_info(-57.66))
+    wanted = Calibration(480.5, 481.5, 310.25, 245.75, pytest.approx(0.12), 0.0, (640, 480))
+    assert read_calibration(left, right) == wanted
+    assert read_calibration(right) == wanted
+    assert read_calibration(left, baseline=0.12) == wanted
+    for name, text in (("one", ROS_1), ("two", ROS_2)):
+        assert read_calibration(write(tmp_path / f"{name}.yaml", text)) == wanted
+    with pytest.raises(
+        ValueError, match=r"left\.yaml: is the left eye's CameraInfo \(Tx = 0\); give the right eye's too"
+    ):
+        read_calibration(left)
+    with pytest.raises(ValueError, match=r"right\.yaml: the left eye's CameraInfo .* comes first"):
+        read_calibration(right, left)
+    with pytest.raises(ValueError, match=r"calib\.txt: is no CameraInfo of ROS"):
+        read_calibration(write(tmp_path / "calib.txt", MIDDLEBURY), right)
+
+
+def test_camera_infos_with_other_principal_points_shift(tmp_path):
+    left = write(tmp_path / "left.yaml", camera_info(0.0))
+    right = write(tmp_path / "right.yaml", camera_info(-57.66).replace("310.25", "313.75"))
+    assert read_calibration(left, right).shift == 3.5
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -106,6 +170,9 @@ def test_the_right_eye_is_moved_by_the_difference_of_the_principal_points():
         ("%YAML:1.0\n---\nM1: 3\n", "have to be rectified first"),
         ("%YAML:1.0\n---\nP1: [1, 2\n", "not readable as OpenCV's"),
         ('{"rig": {"width": 5}}', "'height' is missing"),
+        ('{"baseline": 0.2, "width": 5}', "'height' is missing"),
+        (camera_info(-57.66).replace("245.75, ", ""), "projection_matrix must have 12 numbers, has 11"),
+        (camera_info(-57.66).replace("480.5", "0.0"), "the camera is not calibrated"),
     ],
 )
 def test_what_cannot_be_used_is_one_line(tmp_path, text, message):

@@ -6,8 +6,9 @@ import pytest
 import trimesh
 
 from m3depth.matching import SGBM
-from m3depth.predict import EDGE_SHARE, PredictOptions, main, point_cloud, predict, write_prediction
+from m3depth.predict import PredictOptions, main, predict
 from m3depth.prediction import Prediction
+from m3depth.prediction_files import EDGE_SHARE, point_cloud, write_prediction
 from marssim.camera import PinholeCamera, StereoRig
 from marssim.depth_edges import depth_edges
 
@@ -103,13 +104,38 @@ def textured_pair(tmp_path, disparity: int):
     return [write(tmp_path / f"{n}.png", wall[:, n * disparity :][:, :90]) for n in (0, 1)]
 
 
-def test_exchanged_eyes_are_warned_about_and_others_are_not(tmp_path, capsys):
+def test_exchanged_eyes_are_refused_and_others_are_not(tmp_path, capsys):
     left, right = textured_pair(tmp_path, 8)
     predict(options((left, right), tmp_path), Wall())
     assert not capsys.readouterr().err
-    predict(options((right, left), tmp_path), Wall())
-    warning = capsys.readouterr().err
-    assert "are left and right exchanged?" in warning and warning.count("\n") == 1
+    out = tmp_path / "exchanged"
+    args = [str(right), str(left), "--focal", "80", "--baseline", "0.2", "--out", str(out), "--method", "sgbm"]
+    assert main(args) == 2
+    error = capsys.readouterr().err
+    assert "exchange left and right" in error and error.count("\n") == 1 and not out.exists()
+    assert main([*args, "--unchecked"]) == 0
+    assert capsys.readouterr().err.startswith("warning: ") and (out / "depth.npy").exists()
+
+
+def test_a_pair_that_is_not_rectified_is_told_or_refused(tmp_path, capsys):
+    scene = cv2.GaussianBlur(np.random.default_rng(3).integers(0, 255, (300, 460), dtype=np.uint8), (0, 0), 1.5)
+    left = write(tmp_path / "l.png", scene[20:-20, 20:420])
+    for rows, code, wording in ((0, 0, ""), (1, 0, "warning: the rows of"), (4, 2, "lie 4.0 px apart")):
+        right = write(tmp_path / f"r{rows}.png", scene[20 + rows : 280 + rows, 32:432])
+        out = tmp_path / f"out{rows}"
+        args = [str(left), str(right), "--focal", "300", "--baseline", "0.2", "--out", str(out), "--method", "sgbm"]
+        assert main(args) == code
+        said = capsys.readouterr().err
+        assert wording in said and said.count("\n") == (rows > 0) and out.exists() == (code == 0)
+
+
+def test_normals_of_the_sky_are_none(pair, tmp_path):
+    found = predict(options(pair, tmp_path), Wall())
+    normal = np.load(tmp_path / "out/normal.npy")
+    assert np.array_equal(normal, found.normal)
+    none = ~np.isfinite(found.depth)
+    assert none.sum() == 3 * 61 + 1 and (normal[none] == 0).all() and (normal[~none] == [0, 0, -1]).all()
+    assert (cv2.imread(str(tmp_path / "out/normal.png"))[none] == 0).all()
 
 
 def test_calibration_file_gives_metres_and_principal_point(tmp_path):
@@ -118,7 +144,7 @@ def test_calibration_file_gives_metres_and_principal_point(tmp_path):
     pair = textured_pair(tmp_path, 8)
     text = "cam0=[100 0 30; 0 110 20; 0 0 1]\ndoffs=3\nbaseline=550\nwidth=90\nheight=60\n"
     (tmp_path / "calib.txt").write_text(text)
-    flags = {"focal": None, "baseline": None, "calib": tmp_path / "calib.txt"}
+    flags = {"focal": None, "baseline": None, "calib": (tmp_path / "calib.txt",)}
     found = predict(options(pair, tmp_path, **flags), SGBM())
     assert np.median(found.depth) == pytest.approx(100 * 0.55 / 11, rel=2e-3)
     cloud = trimesh.load(tmp_path / "out/cloud.ply").vertices
@@ -128,12 +154,23 @@ def test_calibration_file_gives_metres_and_principal_point(tmp_path):
     assert np.median(found.depth) == pytest.approx(100 * 1.1 / 11, rel=2e-3)
 
 
-def test_black_pair_is_warned_about(tmp_path, capsys):
-    black = np.zeros((40, 60), np.uint8)
-    pair = [write(tmp_path / f"{i}.png", black) for i in (0, 1)]
-    predict(options(pair, tmp_path), Wall())
-    warning = capsys.readouterr().err
-    assert "0.png is black" in warning and "1.png is black" in warning
+@pytest.mark.parametrize(("level", "tone"), [(0, "black"), (90, "of one grey level")])
+def test_an_image_without_contrast_is_refused(tmp_path, capsys, level, tone):
+    flat = np.full((40, 60), level, np.uint8)
+    other = np.random.default_rng(5).integers(0, 255, (40, 60), dtype=np.uint8)
+    pair = [write(tmp_path / "a.png", other), write(tmp_path / "b.png", flat)]
+    with pytest.raises(ValueError, match=f"b.png is {tone}: there is nothing to match; nothing was written"):
+        predict(options(pair, tmp_path), Wall())
+    predict(options(pair, tmp_path, unchecked=True), Wall())
+    assert tone in capsys.readouterr().err
+
+
+def test_two_images_of_different_things_are_doubted(tmp_path, capsys):
+    rng = np.random.default_rng(6)
+    smooth = (cv2.GaussianBlur(rng.standard_normal((120, 160)).astype(np.float32), (0, 0), 2) for _ in range(2))
+    images = [cv2.normalize(image, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8) for image in smooth]
+    predict(options([write(tmp_path / f"{i}.png", image) for i, image in enumerate(images)], tmp_path), Wall())
+    assert "match: is it a pair?" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -151,6 +188,8 @@ def test_black_pair_is_warned_about(tmp_path, capsys):
         ("calib", "calib.txt: is for images of 90 x 60 px"),
         ("unit", "calib.txt: baseline 0.00012 m is out of"),
         ("weights", "w.safetensors: no such weights file"),
+        ("nearest", "--nearest must be positive, got -1"),
+        ("not its own", "--nearest belongs to m3depth, not to --method sgbm"),
         ("method", "--method 'raft' is unknown; choose from m3depth, sgbm"),
         ("out", "is not a folder"),
     ],
@@ -182,6 +221,10 @@ def test_mistakes_are_one_line(pair, tmp_path, capsys, case, message):
         (tmp_path / "calib.txt").write_text(f"cam0=[80 0 30; 0 80 20; 0 0 1]\nbaseline=0.12\n{size}")
     elif case == "weights":
         extra = ["--weights", str(tmp_path / "w.safetensors")]
+    elif case == "nearest":
+        extra = ["--nearest", "-1"]
+    elif case == "not its own":
+        extra = ["--nearest", "2", "--method", "sgbm"]
     elif case == "method":
         extra = ["--method", "raft"]
     else:

@@ -1,0 +1,53 @@
+"""When the images of a rig are looked at a second time, and for what."""
+
+import numpy as np
+import pytest
+
+from m3depth.prediction import Prediction
+from m3depth.second_look import closer_look
+from marssim.camera import NATECAM, PinholeCamera, StereoRig
+
+IMAGE = np.zeros((8, 8), np.uint8)
+LONG = StereoRig(PinholeCamera.centred(8, 8, 1200.0), 0.42)  # 600 px at 0.84 m
+
+
+class Far:
+    """Sees a wall; remembers what it was asked for."""
+
+    def __init__(self, depth=10.0, confidence=1.0):
+        self.depth, self.confidence, self.asked = depth, confidence, []
+
+    def infer(self, left, right, rig, nearest=None):
+        self.asked.append(nearest)
+        depth = np.full(left.shape, self.depth, np.float32)
+        return Prediction(depth, rig.depth_to_disparity(depth), None, np.full(left.shape, self.confidence))
+
+
+@pytest.mark.parametrize(
+    ("rig", "depth", "confidence", "asked"),
+    [
+        (LONG, 10.0, 1.0, [0.84, pytest.approx(9.0)]),
+        (LONG, 1.0, 1.0, [0.84]),
+        (LONG, 10.0, 0.2, [0.84]),
+        (LONG, np.inf, 1.0, [0.84]),
+        (NATECAM, 10.0, 1.0, [0.84]),
+    ],
+)
+def test_only_where_images_were_reduced_and_all_is_farther(rig, depth, confidence, asked):
+    far = Far(depth, confidence)
+    closer_look(far, IMAGE, IMAGE, rig)
+    assert far.asked == asked
+
+
+def test_what_is_asked_for_is_done_once():
+    far = Far()
+    closer_look(far, IMAGE, IMAGE, LONG, nearest=3.0)
+    assert far.asked == [3.0]
+
+
+def test_others_look_once():
+    class Plain:
+        def infer(self, left, right, rig):
+            return "seen"
+
+    assert closer_look(Plain(), IMAGE, IMAGE, LONG) == "seen"
