@@ -21,8 +21,10 @@ from torch import Tensor
 
 from m3depth.losses import Target
 from m3depth.pairs import MAX_DISPARITY, StereoPairs
+from marssim.camera import NATECAM
 
 FARTHEST = 40.0  # [m] trained although only 15 m are scored: what is farther tells far ground from sky
+LEAST_DISPARITY = NATECAM.fb / FARTHEST  # [px] that is 4 px; rigs that see more at 40 m are trained as far as that
 DISPARITY_UNIT = 1 / 256  # [px] of the packed disparities
 
 
@@ -88,13 +90,17 @@ class AugmentConfig:
 
 
 def pack(sample: Any) -> PackedSample:
-    """Pack a sample of marssim.dataset, or any object with its fields."""
+    """Pack a sample of marssim.dataset, or any object with its fields.
+
+    Depth that is infinite is sky; what is NaN is unknown and not trained. A normal of length 0 is unknown: depth is
+    trained there alone.
+    """
     disparity = np.asarray(sample.disparity, np.float32)
     depth = np.asarray(sample.depth)
-    sky = ~np.isfinite(depth)
-    trained = (depth < FARTHEST) & (depth > 0) & (disparity > 0) & (disparity <= MAX_DISPARITY)
+    sky = np.isposinf(depth)
+    near = (depth < FARTHEST) | (disparity > LEAST_DISPARITY)
+    trained = near & (depth > 0) & (disparity > 0) & (disparity <= MAX_DISPARITY)
     normal = np.asarray(sample.normal)
-    trained &= np.isfinite(normal).all(-1)
     rock = np.asarray(sample.rock) > 0
     scored = trained & np.asarray(sample.valid)
     flags = trained * np.uint8(1) | sky * np.uint8(2) | rock * np.uint8(4) | scored * np.uint8(8)

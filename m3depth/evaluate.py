@@ -2,12 +2,14 @@
 
     python -m m3depth.evaluate --data DIR --split test --out RESULTS
     python -m m3depth.evaluate --data DIR --out RESULTS --baselines all --degrade contrast=.33,blur=1,noise=2.5
+    python -m m3depth.evaluate --data KITTI --split all --out RESULTS
     python -m m3depth.evaluate --data DIR --out RESULTS --estimator Mine=my_stereo:Net --predictions RAFT=out,scale=-1
 
 Writes results.json (every figure), results.md (the tables) and figures: comparison.png and qualitative.png (images,
 truth, methods), zoom.png (parts that are hard), error_by_depth.png, error_distribution.png, sparsification.png (error
 left as the least confident pixels are dropped), rocks.png (found, missed and falsely seen).
-Every pixel with true depth from 0.5 to 15 m is scored, whatever a method says of it; the rules in full are in
+Every pixel with true depth from 0.5 to 15 m (in other layouts: every known one, or --depth-range) is scored, whatever
+a method says of it; the rules in full are in
 m3depth/metrics.py, m3depth/rocks.py and m3depth/sparsification.py. Files of predictions: m3depth/recorded.py.
 """
 
@@ -16,13 +18,15 @@ from __future__ import annotations
 import hashlib
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 from tqdm import tqdm
 
+from m3depth.datasets.config import DataConfig, Part
+from m3depth.datasets.open import open_pairs
 from m3depth.degradation import Degradation
 from m3depth.estimator import WINDOWS, Estimator, load_estimator
 from m3depth.evaluation import RESERVED, Evaluation, Method, evaluate
@@ -36,7 +40,7 @@ from m3depth.recorded import FORM, RecordedError, RecordedPredictions
 from m3depth.report import markdown_report, text_table, versions, write_json
 from m3depth.weights import SHIPPED_WEIGHTS
 from marssim.command import counted, run_command
-from marssim.dataset import DatasetError, StereoDataset
+from marssim.dataset import DatasetError
 
 EXAMPLES = 3  # pairs in the figures
 COMPARED = 3  # methods in comparison.png, which shows the errors too; all are in qualitative.png
@@ -46,13 +50,13 @@ Baseline = Literal["sgbm", "ssd", "sad", "ncc", "ssd-sgm", "sad-sgm", "ncc-sgm",
 
 @dataclass(frozen=True)
 class EvaluateOptions:
-    """Score M3Depth and other methods on a dataset made by marssim.generate."""
+    """Score M3Depth and other methods on a dataset of marssim.generate, or of others."""
 
     data: Path
-    """Dataset folder, as marssim.generate writes it."""
+    """Dataset folder, of marssim.generate or of any layout that --format lists."""
     out: Path
     """Folder for results.json, results.md and the figures."""
-    split: Literal["train", "val", "test", "all"] = "test"
+    split: Part = "test"
     """Which part of the dataset; test is what no training on it has seen, all is for data that none was done on."""
     weights: Path | None = None
     """A .safetensors file written by m3depth.train; default: the weights that come with the package."""
@@ -74,6 +78,8 @@ class EvaluateOptions:
     as in contrast=.33,blur=1,noise=2.5."""
     seed: int = 0
     """Seed of the noise that --degrade adds."""
+    reader: Annotated[DataConfig, tyro.conf.arg(name="")] = field(default_factory=DataConfig)
+    """How the folder is read."""
 
 
 def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Method]) -> Evaluation:
@@ -130,9 +136,9 @@ def _common_fb(examples: Sequence[Example]) -> float | None:
     return values.pop() if len(values) == 1 else None
 
 
-def prepare(options: EvaluateOptions) -> tuple[StereoDataset, dict[str, Method]]:
+def prepare(options: EvaluateOptions) -> tuple[StereoPairs, dict[str, Method]]:
     """Open what the options name. Raises ValueError or OSError with one line for the user."""
-    dataset = StereoDataset(options.data, None if options.split == "all" else options.split)
+    dataset = open_pairs(options.data, options.split, options.reader)
     if not len(dataset):
         raise ValueError(f"{options.data}: split {options.split} holds no pairs; choose another --split")
     if options.limit is not None and options.limit < 1:

@@ -146,9 +146,13 @@ def disparity_loss(disparity: Tensor, target: Target, weight: Tensor, config: Lo
 
 
 def normal_loss(normal: Tensor, target: Target, weight: Tensor) -> Tensor:
-    """L_n on one grid: Huber norm of the difference of unit vectors (its knee at 0.1 is 6 degrees)."""
+    """L_n on one grid: Huber norm of the difference of unit vectors (its knee at 0.1 is 6 degrees).
+
+    Pixels without a true normal (length 0: datasets of others hold none) are left out.
+    """
     error = ((normal - target.normal).square().sum(1, keepdim=True) + 1e-8).sqrt()
-    return weighted_mean(huber(error, 0.1), weight * target.label)
+    known = target.normal.square().sum(1, keepdim=True) > 0.25
+    return weighted_mean(huber(error, 0.1), weight * (target.label & known))
 
 
 def total_loss(output: StereoOutput, target: Target, config: LossConfig) -> tuple[Tensor, dict[str, Tensor]]:

@@ -112,7 +112,7 @@ class Scores:
             figures |= {f"normal_{name}": value for name, value in angular.items()}
         if self.fit:
             self.fitted.add(normals_from_disparity(prediction.disparity, sample.rig.camera), pair)
-        self.sky.add(prediction.depth, ~np.isfinite(sample.depth))
+        self.sky.add(prediction.depth, np.isposinf(sample.depth))  # NaN is unknown
         if pair.rocks is not None:
             self.rocks.add(prediction, pair.rocks)
         return figures

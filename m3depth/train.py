@@ -1,6 +1,9 @@
 """Train M3Depth.
 
     python -m m3depth.train --data DIR --out RUN --max-minutes 120
+    python -m m3depth.train --data KITTI --out RUN --max-steps 20000 --crop 320 960
+    python -m m3depth.train --data SimMars6K --left 'left/*.png' --right 'right/*.png' --depth 'depth/*.exr' \
+        --calib natecam --normals depth --out RUN --max-minutes 120
     torchrun --nproc-per-node 4 -m m3depth.train --data DIR --out RUN --max-steps 100000
 
 The same command again goes on where RUN/checkpoint.pt stands. RUN/weights.safetensors holds the averaged weights.
@@ -12,8 +15,11 @@ import os
 import sys
 from collections.abc import Sequence
 
+from m3depth.datasets.config import Part
 from m3depth.train_config import TrainConfig
 from marssim.command import run_command
+
+SPLITS: tuple[Part, Part] = ("train", "val")
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -27,14 +33,10 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _work(config: TrainConfig) -> None:
     from m3depth.data import Joined
+    from m3depth.datasets.open import open_pairs
     from m3depth.training import train
-    from marssim.dataset import StereoDataset
 
-    train(
-        config,
-        Joined([StereoDataset(folder, split="train") for folder in config.data]),
-        Joined([StereoDataset(folder, split="val") for folder in config.data]),
-    )
+    train(config, *(Joined([open_pairs(folder, split, config.reader) for folder in config.data]) for split in SPLITS))
 
 
 if __name__ == "__main__":

@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+import tyro
 
 from m3depth.data import AugmentConfig
+from m3depth.datasets.config import DataConfig
 from m3depth.losses import LossConfig
 
 
@@ -16,9 +19,11 @@ class TrainConfig:
     """Settings of a training run. Give --max-steps, --max-minutes, or both (whichever is reached first)."""
 
     data: tuple[Path, ...]
-    """Dataset folders, as marssim.generate writes them; several are trained on as one."""
+    """Dataset folders, of marssim.generate or of any layout that --format lists; several are trained on as one."""
     out: Path
     """Run folder: checkpoint, weights, log, panels."""
+    reader: Annotated[DataConfig, tyro.conf.arg(name="")] = field(default_factory=DataConfig)
+    """How the folders are read."""
     preset: Literal["lite", "paper"] = "lite"
     """Size of the network."""
     max_minutes: float | None = None

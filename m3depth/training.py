@@ -197,7 +197,8 @@ def closing(run: Run, validations: list[dict[str, Any]]) -> str:
     quality = "not validated"
     if known:
         last, best = known[-1], min(known, key=lambda record: record["epe"])
-        quality = f"EPE {last['epe']:.3f} px, Abs Rel {last['abs_rel']:.4f}, normals {last['normal']:.1f} deg on val"
+        normals = "" if last["normal"] is None else f", normals {last['normal']:.1f} deg"
+        quality = f"EPE {last['epe']:.3f} px, Abs Rel {last['abs_rel']:.4f}{normals} on val"
         if best["epe"] < last["epe"]:
             quality += f" (best EPE {best['epe']:.3f} px at step {best['step']})"
     weights = run.config.out / "weights.safetensors"

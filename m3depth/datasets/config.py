@@ -55,8 +55,8 @@ class DataConfig:
         if not 0 <= low < high:
             raise ValueError(f"depth_range must be two distances, the nearer one first, got {low} {high}")
         if (self.focal is None) != (self.baseline is None):
-            raise ValueError("focal and baseline belong together: give both of --focal and --baseline")
+            raise ValueError("focal and --baseline belong together: give both")
         if self.calib is not None and self.focal is not None:
-            raise ValueError("calib makes --focal and --baseline needless: give one or the other")
+            raise ValueError("calib and --focal exclude each other: give one")
         if self.disparity is not None and self.depth is not None:
-            raise ValueError("disparity and depth exclude each other: give one of --disparity and --depth")
+            raise ValueError("disparity and --depth exclude each other: give one")

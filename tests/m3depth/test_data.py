@@ -44,6 +44,29 @@ def test_far_and_too_near_pixels_are_not_trained(plane_samples) -> None:
     assert (flags[3:] & 1).all()
 
 
+def test_unknown_depth_is_neither_trained_nor_sky_and_unknown_normals_leave_depth_trained(plane_samples) -> None:
+    sample = plane_samples[0]
+    depth, normal = sample.depth.copy(), sample.normal.copy()
+    ground = np.isfinite(depth)
+    depth[40:50] = np.nan
+    normal[50:] = 0
+    disparity = sample.rig.depth_to_disparity(depth)
+    target = whole_batch(pack(replace(sample, depth=depth, disparity=disparity, normal=normal))).target
+    assert not target.label[0, 0, 40:50].any() and not target.sky[0, 0, 40:50].any()
+    np.testing.assert_array_equal(target.label[0, 0, 50:].numpy(), (sample.valid & ground)[50:])
+    assert not target.normal[0, :, 50:].any()
+
+
+def test_rigs_that_see_farther_are_trained_farther(plane_samples) -> None:
+    """What is trained ends at 4 px, 40 m for NaTeCam, and at 40 m for rigs that see less there."""
+    sample = plane_samples[0]
+    long = replace(sample.rig, baseline=5.0)
+    depth = np.full_like(sample.depth, 100.0)
+    far = replace(sample, rig=long, depth=depth, disparity=long.depth_to_disparity(depth))  # 5 px
+    assert (pack(far).flags & 1).all()
+    assert not (pack(replace(far, rig=sample.rig, disparity=sample.rig.depth_to_disparity(depth))).flags & 1).any()
+
+
 def test_crops_move_the_principal_point(plane_samples) -> None:
     """The gradient that normals demand still fits the disparity: the cropped camera is the right one."""
     part = whole_batch(crop(pack(plane_samples[0]), 30, 17, 32, 64))

@@ -132,6 +132,18 @@ def test_sky_costs_no_normals_and_little_disparity() -> None:
     assert terms["sky"] > 5, "the decision that half the image is no sky is wrong"
 
 
+def test_without_true_normals_depth_is_trained_alone() -> None:
+    target = make_target()
+    output = output_of(target)
+    blind = target._replace(normal=torch.zeros_like(target.normal))
+    _, terms = total_loss(output, blind, LossConfig())
+    assert terms["normal"] == 0 and terms["disparity"] < 1e-3
+    half = target._replace(normal=target.normal.clone())
+    half.normal[..., 12:] = 0
+    output.normal[..., :8] = 0.5  # wrong where the truth is known
+    assert total_loss(output, half, LossConfig())[1]["normal"] > 0.1
+
+
 @pytest.mark.parametrize("value", [-0.1, float("nan"), float("inf")])
 def test_weights_that_cannot_work_name_their_flag(value) -> None:
     with pytest.raises(ValueError, match=r"--loss\.sky-disparity must be at least 0"):

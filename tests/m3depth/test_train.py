@@ -193,7 +193,7 @@ def test_command_names_what_is_missing_and_exits_2(tmp_path, capsys) -> None:
 
 
 def test_out_that_is_a_file_is_one_line_and_exit_2(plane_samples, tmp_path, capsys, monkeypatch) -> None:
-    monkeypatch.setattr("marssim.dataset.StereoDataset", lambda path, split: plane_samples)
+    monkeypatch.setattr("m3depth.datasets.open.open_pairs", lambda path, split, config: plane_samples)
     (tmp_path / "run").write_text("")
     assert main(["--data", "planes", "--out", str(tmp_path / "run"), "--max-steps", "1", "--crop", "32", "64"]) == 2
     last = capsys.readouterr().err.splitlines()[-1]

@@ -345,9 +345,9 @@ def test_a_truncated_exr_is_named(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"focal": 3.0}, "focal and baseline belong together"),
-        ({"focal": 3.0, "baseline": 1.0, "calib": Path("x")}, "calib makes"),
-        ({"disparity": "a", "depth": "b"}, "disparity and depth exclude"),
+        ({"focal": 3.0}, "focal and --baseline belong together"),
+        ({"focal": 3.0, "baseline": 1.0, "calib": Path("x")}, "calib and --focal exclude"),
+        ({"disparity": "a", "depth": "b"}, "disparity and --depth exclude"),
         ({"resize": 1.5}, "resize must be"),
         ({"unit": 0.0}, "unit must be other than 0"),
         ({"baseline": -1.0}, "baseline must be positive"),

@@ -1,0 +1,79 @@
+"""m3depth.train and m3depth.evaluate read any layout by the same flags."""
+
+import json
+
+import pytest
+import torch
+
+from m3depth import evaluate, train
+from m3depth.network import model as model_module
+from m3depth.network.config import M3DepthConfig
+from m3depth.network.model import M3Depth
+from marssim.export import ExportConfig, export
+
+SMALL = M3DepthConfig(
+    channels=(8, 8, 16), wavelet_levels=(1, 1), match_channels=16, hypotheses=8, groups=8, volume_width=8,
+    residual_width=8, normal_widths=(8, 8, 8), normal_context=3, refine_steps=1, hidden=8, motion=8, lookup_channels=8,
+    fine_width=0,
+)  # fmt: skip
+TREE = "KITTI"
+
+
+@pytest.fixture(scope="module")
+def kitti(plane_set, tmp_path_factory):
+    out = tmp_path_factory.mktemp("tree") / TREE
+    export(ExportConfig(plane_set, "kitti", out))
+    return out
+
+
+def test_training_on_two_layouts_at_once_without_normals(kitti, plane_set, tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.setitem(model_module.PRESETS, "lite", SMALL)
+    run = tmp_path / "run"
+    sizes = ["--max-steps", "2", "--batch", "2", "--crop", "32", "64", "--validate-samples", "4"]
+    assert train.main(["--data", str(kitti), str(plane_set), "--out", str(run), "--device", "cpu", *sizes]) == 0
+    said = capsys.readouterr()
+    assert "8 samples" in said.err and "averaged weights of step 2" in said.out
+    records = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
+    assert all(record["loss"] > 0 for record in records if record["kind"] == "train")
+    run = tmp_path / "blind"
+    assert train.main(["--data", str(kitti), "--out", str(run), "--device", "cpu", *sizes]) == 0
+    records = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
+    assert [record["normal"] for record in records if record["kind"] == "train"] == [0.0]
+    assert "EPE" in capsys.readouterr().out
+    run = tmp_path / "fitted"
+    assert train.main(["--data", str(kitti), "--out", str(run), "--device", "cpu", "--normals", "depth", *sizes]) == 0
+    records = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
+    assert all(record["normal"] > 0 for record in records if record["kind"] == "train")
+
+
+def test_scoring_a_folder_by_patterns(kitti, tmp_path) -> None:
+    torch.manual_seed(0)
+    M3Depth(SMALL).save_pretrained(tmp_path / "net.safetensors")
+    files = "*/training/{}/*_10.png"
+    arguments = ["--data", str(kitti), "--out", str(tmp_path / "out"), "--weights", str(tmp_path / "net.safetensors")]
+    arguments += ["--baselines", "none", "--split", "all", "--limit", "2", "--focal", "70", "--baseline", "0.27"]
+    arguments += ["--left", files.format("image_2"), "--right", files.format("image_3")]
+    assert evaluate.main([*arguments, "--disparity", files.format("disp_occ_0"), "--depth-range", "0.5", "15"]) == 0
+    found = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert found["pairs"] == 2 and found["per_pair"][0]["pair"].endswith("000000_10")
+    scored = found["methods"]["M3Depth"]
+    assert scored["depth"]["all"]["pooled"]["epe"] > 0
+    assert not scored["normal"]["all"]["pooled"], "there is nothing to compare normals with"
+
+
+@pytest.mark.parametrize("command", [train.main, evaluate.main])
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "holds no dataset of marssim, KITTI"),
+        (["--format", "kitti"], "holds no pairs of layout kitti"),
+        (["--left", "*.png", "--right", "*.png", "--depth", "*.npy"], "layout folder needs --calib"),
+        (["--focal", "3"], "--focal and --baseline belong together"),
+        (["--resize", "2"], "--resize must be over 0"),
+    ],
+)
+def test_what_cannot_be_read_is_one_line_and_exit_2(command, arguments, message, tmp_path, capsys) -> None:
+    limit = ["--max-steps", "1"] if command is train.main else []
+    assert command(["--data", str(tmp_path), "--out", str(tmp_path / "out"), *limit, *arguments]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and message in error and error.count("\n") == 1
