@@ -16,7 +16,7 @@ with a wish where the mast should look. It holds the map and the driven track, a
         prediction = network.infer(pair.left, pair.right, NATECAM)  # any source of depth will do
         pose = rover.localise()  # (4, 4) body to world, body origin on the ground under the middle of the rover
         command = navigator.step(prediction.depth, prediction.confidence, NATECAM, pose, goal, pan)
-        if command.status in ("arrived", "stuck", "no_path"):
+        if command.over:
             break
         pan = command.pan or 0.0
         rover.pan_mast(pan)
@@ -24,61 +24,29 @@ with a wish where the mast should look. It holds the map and the driven track, a
         rover.drive(wheels.speeds, wheels.angles, seconds=2.0)  # then stop and look again
     rover.stop()
 
-The pan that is handed to `step` is the mast's at the moment of the image. A rover whose mast cannot turn ignores
-`command.pan` and keeps passing 0: the navigator notices, and turns the whole rover instead.
+The pan that is handed to `step` is the mast's at the moment of the image: a slow mast may still be on its way. A rover
+whose mast cannot turn ignores `command.pan` and keeps passing 0: the navigator notices, and turns the whole rover
+instead. `python -m nav.replay FOLDER` feeds it recorded frames.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import cv2
 import numpy as np
 
 from marssim.camera import StereoRig
 from marssim.rover_spec import ZHURONG, RoverSpec
+from nav.command import Command
+from nav.config import NavigatorConfig
 from nav.controller import steerable
-from nav.elevation import ElevationConfig, ElevationMap
-from nav.planner import Motion, Planner, PlannerConfig, arc_poses, free_length
-from nav.traversability import Traversability, TraversabilityConfig, assess
+from nav.elevation import ElevationMap
+from nav.planner import Motion, Planner, arc_poses
+from nav.recovery import LOOKED, Recovery
+from nav.traversability import Traversability, assess
 
-
-@dataclass(frozen=True)
-class NavigatorConfig:
-    """Everything that can be tuned, in one place."""
-
-    elevation: ElevationConfig = field(default_factory=ElevationConfig)
-    traversability: TraversabilityConfig = field(default_factory=TraversabilityConfig)
-    planner: PlannerConfig = field(default_factory=PlannerConfig)
-    step_time: float = 2.0  # a command is held this long [s]
-    goal_radius: float = 1.0  # arrived within [m]
-    clear_radius: float = 2.5  # round the start the ground is taken for clear [m]
-    look_pan_deg: float = 40.0  # the mast looks this far to either side for a way out
-    pan_reach_deg: float = 75.0  # and at most this far when it follows the path
-    back_up: float = 1.2  # recovery drives back this far [m]
-    back_speed: float = 0.15  # at this speed [m/s]
-    max_recoveries: int = 6  # without coming a metre nearer to the goal; then stuck
-    closed_steps: int = 15  # in a row with every way to the goal closed by known obstacles; then no path
-    bold_after: int = 5  # closed steps, after which rocks up to bold_step [m] are climbed ...
-    bold_step: float = 0.285  # ... instead of step_blocked; just below RoverSpec.obstacle_height ...
-    bold_steps: int = 25  # ... for so many steps
-    slip_steps: int = 2  # drive steps without motion that mean an unseen obstacle
-
-
-@dataclass(frozen=True)
-class Command:
-    """What the rover shall do in the next step.
-
-    speed [m/s], negative backwards; yaw_rate [rad/s], positive to the left; pan [rad] of the mast for the next image,
-    None for straight ahead. status: "drive", "turn" (in place), "look" (stand, and look where pan says), "recover"
-    (backing out of a dead end), "blind" (no depth: standing), "arrived", "stuck" (recoveries did not help) or
-    "no_path" (the same, and obstacles are known to close every way). The last three stand still.
-    """
-
-    speed: float
-    yaw_rate: float
-    pan: float | None
-    status: str
+Area = tuple[float, float, float, float]
 
 
 def _wrap(angle: float) -> float:
@@ -89,13 +57,20 @@ def _wrap(angle: float) -> float:
 class Navigator:
     """Drives a rover to a goal from depth maps.
 
+    area: (x0, y0, x1, y1) world [m], the operators' keep-in zone for the rover's middle; None for no bounds.
     After a step, `map` (ElevationMap), `ground` (Traversability), `motion` (the chosen Motion or None) and
     `planner.field` (cost-to-go) hold what the decision was made from, for display and logging.
     """
 
-    def __init__(self, spec: RoverSpec = ZHURONG, config: NavigatorConfig | None = None) -> None:
+    def __init__(
+        self, spec: RoverSpec = ZHURONG, config: NavigatorConfig | None = None, area: Area | None = None
+    ) -> None:
+        """Raises ValueError for an area that has no inside."""
+        if area is not None and not (area[0] < area[2] and area[1] < area[3]):
+            raise ValueError(f"area must be x0 < x1 and y0 < y1 [m], got {area}")
         self.spec = spec
         self.config = config or NavigatorConfig()
+        self.area = area
         self.map = ElevationMap(self.config.elevation)
         self.planner = Planner(spec, self.config.planner, self.map)
         self.reset()
@@ -106,16 +81,13 @@ class Navigator:
         self.ground: Traversability | None = None
         self.motion: Motion | None = None
         self.planner.reset()
-        self._track: list[np.ndarray] = []
-        self._bumps: list[np.ndarray] = []
-        self._dead_ends: list[np.ndarray] = []
+        self.recovery = Recovery(self.spec, self.config)
         self._last_pose = np.zeros(3)
+        self._last_pan = 0.0
         self._last_command = Command(0.0, 0.0, None, "look")
         self._idle_drives = 0
-        self._looks: list[float] | None = None
-        self._pan_works = True
-        self._back_left = 0.0
-        self._recoveries = 0
+        self._mast_works = True
+        self._turn_looked = False
         self._closed = 0
         self._bold = 0  # steps left
         self._nearest = np.inf
@@ -147,7 +119,7 @@ class Navigator:
         self._begin(pose, planar, goal[:2], pan)
         seen = self._look(depth, confidence, rig, pose, pan)
         command = self._decide(planar, goal[:2], pan, seen)
-        self._last_pose, self._last_command = planar, command
+        self._last_pose, self._last_pan, self._last_command = planar, pan, command
         return command
 
     # ---------------------------------------------------------------- what happened since the last step
@@ -159,15 +131,14 @@ class Navigator:
             self._started = True
         if not np.array_equal(goal, self._goal):
             self._goal = goal.copy()
-            self._nearest, self._recoveries, self._closed, self._bold = np.inf, 0, 0, 0
+            self._nearest, self.recovery.attempts, self._closed, self._bold = np.inf, 0, 0, 0
         self.map.recentre(planar[:2])
         # Where the rover stands, the ground carries it, seen or not.
         self.map.assume_flat(pose, self.spec.footprint_radius)
-        if not self._track or np.hypot(*(planar - self._track[-1])[:2]) > 0.2:
-            self._track.append(planar)
+        self.recovery.follow(planar)
         wish = self._last_command.pan
-        if wish is not None and abs(wish - pan) > np.deg2rad(10):
-            self._pan_works = False
+        if wish is not None and abs(wish - pan) > LOOKED and abs(wish - pan) > abs(wish - self._last_pan) - LOOKED:
+            self._mast_works = False  # neither there nor on its way
         moved = float(np.hypot(*(planar - self._last_pose)[:2]))
         wanted = abs(self._last_command.speed) * self.config.step_time
         if self._last_command.status == "drive" and moved < 0.25 * wanted:
@@ -182,7 +153,7 @@ class Navigator:
         if depth is None:
             return False
         camera_pose = pose @ self.spec.mount.left_eye(rig.baseline, pan)
-        return self.map.integrate(depth, confidence, rig, camera_pose) > 0
+        return self.map.integrate(depth, confidence, rig, camera_pose) >= self.config.least_points
 
     # ---------------------------------------------------------------- what to do now
 
@@ -193,16 +164,15 @@ class Navigator:
         if not seen:
             return Command(0.0, 0.0, None, "blind")
         if distance < self._nearest - 1.0:
-            self._nearest, self._recoveries = distance, 0
+            self._nearest, self.recovery.attempts = distance, 0
 
         if self._idle_drives >= self.config.slip_steps:
             self._idle_drives = 0
-            ahead = self.spec.length / 2 + 0.15
-            self._bumps.append(here[:2] + ahead * np.array([np.cos(here[2]), np.sin(here[2])]))
-            self._start_recovery(here)
+            self.recovery.bump(here)
+            self.planner.reset()
         ground = self._assess(here)
         self.ground = ground
-        self.planner.field.update(self.map, ground, goal)
+        self.planner.update(self.map, ground, goal)
 
         self._closed = self._closed + 1 if self._no_way(here, goal, ground) else 0
         self._bold = max(self._bold - 1, 0)
@@ -210,19 +180,24 @@ class Navigator:
             self._bold, self._closed = self.config.bold_steps, 0
         if self._closed >= self.config.closed_steps:
             return Command(0.0, 0.0, None, "no_path")
-        if self._back_left > 0:
-            command = self._back_up(here, ground)
+        if self.recovery.backing:
+            command = self.recovery.back_up(here, self._last_pose, self._last_command, ground, self.map, self.planner)
             if command is not None:
                 return command
         self.motion = self.planner.plan(self.map, ground, here, goal)
         if self.motion is None:
-            return self._search(here, ground, pan)
-        self._looks = None
-        return self._follow(self.motion, here, distance)
+            way = self.recovery.search(here, ground, self.map, self.planner, pan, self._mast_works)
+            return way or Command(0.0, 0.0, None, "no_path" if self._closed else "stuck")
+        self.recovery.found_a_way()
+        return self._follow(self.motion, here, distance, pan)
 
     def _assess(self, here: np.ndarray) -> Traversability:
         """Traversability, with what bumps and dead ends taught, and free of obstacles under the rover itself."""
-        extra = self._discs(self._bumps, 0.2) > 0 if self._bumps else None
+        bumps, ends = self.recovery.bumps, self.recovery.dead_ends
+        extra = self._discs(bumps, 0.2) > 0 if bumps else None
+        if self.area is not None:
+            outside = self._outside(self.area)
+            extra = outside if extra is None else extra | outside
         # A little less than the footprint: a rock that a wheel touches stays a rock.
         half = np.array([self.spec.length, self.spec.width]) / 2 - 0.15
         corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * half
@@ -232,11 +207,15 @@ class Navigator:
         cv2.fillConvexPoly(carried, corners.astype(np.int32), 1)
         rules = self.config.traversability
         if self._bold:
-            rules = replace(rules, step_blocked=max(self.config.bold_step, rules.step_blocked))
+            rules = replace(
+                rules,
+                step_blocked=max(self.config.bold_step, rules.step_blocked),
+                slope_blocked_deg=max(self.config.bold_slope_deg, rules.slope_blocked_deg),
+            )
         ground = assess(self.map, self.spec, rules, extra, carried > 0)
-        if not self._dead_ends:
+        if not ends:
             return ground
-        return replace(ground, cost=ground.cost + 3.0 * self._discs(self._dead_ends, 1.0))
+        return replace(ground, cost=ground.cost + 3.0 * self._discs(ends, 1.0))
 
     def _discs(self, centres: list[np.ndarray], radius: float) -> np.ndarray:
         """(n, n) float32, 1 within radius [m] of any of the world positions."""
@@ -245,12 +224,23 @@ class Navigator:
             cv2.circle(out, (int(cell[0]), int(cell[1])), round(radius / self.map.config.cell), 1.0, -1)
         return out
 
-    def _follow(self, motion: Motion, here: np.ndarray, distance: float) -> Command:
+    def _outside(self, area: Area) -> np.ndarray:
+        """(n, n) bool, cells that the wheels of a rover whose middle keeps inside the area never reach."""
+        x, y = self.map.centres()
+        reach = self.spec.width / 2
+        out_x = (x < area[0] - reach) | (x > area[2] + reach)
+        out_y = (y < area[1] - reach) | (y > area[3] + reach)
+        return np.asarray(out_x[None, :] | out_y[:, None])
+
+    def _follow(self, motion: Motion, here: np.ndarray, distance: float, pan: float) -> Command:
         c = self.config
         if motion.turn:
+            if self._must_look(motion, here, pan):
+                return Command(0.0, 0.0, self._pan(motion.turn), "look")
             rate = float(np.clip(motion.turn / c.step_time, -self.spec.max_yaw_rate, self.spec.max_yaw_rate))
             left = motion.turn - rate * c.step_time
             return Command(0.0, rate, self._pan(left), "turn")
+        self._turn_looked = False
         speed = self.spec.max_speed * float(np.clip(motion.length / (2 * c.planner.commit), 0.5, 1.0))
         speed = min(speed, max(distance - 0.5 * c.goal_radius, 0.1) / c.step_time)
         speed, yaw_rate = steerable(speed, motion.curvature * speed, self.spec)
@@ -264,40 +254,34 @@ class Navigator:
             bearing = 0.0
         return Command(speed, yaw_rate, self._pan(bearing), "drive")
 
+    def _must_look(self, motion: Motion, here: np.ndarray, pan: float) -> bool:
+        """Whether the mast shall look where a turn in place leads before the turn is begun.
+
+        Once a turn; and on, while the mast is still on its way there.
+        """
+        wish = self._pan(motion.turn)
+        if wish is None or abs(motion.turn) < np.deg2rad(self.config.look_before_turn_deg):
+            return False
+        on_the_way = self._last_command.status == "look" and self._last_command.pan is not None
+        if self._turn_looked and not (on_the_way and abs(wish - pan) > LOOKED):
+            return False
+        self._turn_looked = True
+        heading = here[2] + motion.turn
+        ahead = np.arange(self.spec.length / 2, self.spec.length / 2 + self.config.planner.lookahead, 0.2)
+        across = np.linspace(-0.5, 0.5, 7) * self.spec.width
+        c, s = np.cos(heading), np.sin(heading)
+        u, v = np.meshgrid(ahead, across)
+        cell = self.map.cell_of(np.stack([here[0] + c * u - s * v, here[1] + s * u + c * v], axis=-1))
+        inside = ((cell >= 0) & (cell < self.map.n)).all(axis=-1)
+        cell = np.clip(cell, 0, self.map.n - 1)
+        return bool((self.map.measured[cell[..., 1], cell[..., 0]] & inside).mean() < self.config.seen_share)
+
     def _pan(self, bearing: float) -> float | None:
         """The mast's angle for a bearing; None near straight ahead, or where the mast does not obey."""
-        if not self._pan_works or abs(bearing) < np.deg2rad(15):
+        if not self._mast_works or abs(bearing) < np.deg2rad(15):
             return None
         reach = min(np.deg2rad(self.config.pan_reach_deg), self.spec.mount.pan_limit)
         return float(np.clip(bearing, -reach, reach))
-
-    # ---------------------------------------------------------------- when there is no way on
-
-    def _search(self, here: np.ndarray, ground: Traversability, pan: float) -> Command:
-        """Look to both sides, then back out, then turn; give up after max_recoveries."""
-        if self._looks is None:
-            side = np.deg2rad(self.config.look_pan_deg)
-            looks = [side, -side, 0.0] if self._pan_works else []
-            self._looks = [a for a in looks if abs(a - pan) > np.deg2rad(10)]
-        if not self._pan_works:
-            self._looks = []
-        if self._looks:
-            wish = self._looks.pop(0)
-            return Command(0.0, 0.0, wish or None, "look")
-        if self._recoveries >= self.config.max_recoveries:
-            return Command(0.0, 0.0, None, "no_path" if self._closed else "stuck")
-        self._looks = None
-        self._start_recovery(here)
-        command = self._back_up(here, ground)
-        if command is not None:
-            return command
-        turns = self.planner.free_turns(self.map, ground, here)
-        if turns.size:
-            # Towards the side with more room to turn; the new view may open a way.
-            target = turns[np.abs(turns).argmax()]
-            rate = float(np.clip(target / self.config.step_time, -self.spec.max_yaw_rate, self.spec.max_yaw_rate))
-            return Command(0.0, rate, None, "recover")
-        return Command(0.0, 0.0, None, "look")
 
     def _no_way(self, here: np.ndarray, goal: np.ndarray, ground: Traversability) -> bool:
         """Whether even the best path to the goal leads through known obstacles, away from both of its ends."""
@@ -305,38 +289,3 @@ class Navigator:
         from_ends = np.minimum(np.hypot(*(path - here[:2]).T), np.hypot(*(path - goal).T))
         cell = np.clip(self.map.cell_of(path), 0, self.map.n - 1)
         return bool((ground.inflated[cell[:, 1], cell[:, 0]] & (from_ends > 1.0)).any())
-
-    def _start_recovery(self, here: np.ndarray) -> None:
-        self._recoveries += 1
-        self._dead_ends.append(here[:2] + 0.5 * np.array([np.cos(here[2]), np.sin(here[2])]))
-        self._back_left = self.config.back_up
-        self.planner.reset()
-
-    def _back_up(self, here: np.ndarray, ground: Traversability) -> Command | None:
-        """Reverse along the driven track. None where it ends or is closed, which ends the backing."""
-        moved = float(np.hypot(*(here - self._last_pose)[:2]))
-        if self._last_command.status == "recover" and self._last_command.speed < 0:
-            self._back_left -= moved
-            if moved < 0.02:
-                self._back_left = 0.0
-        while len(self._track) > 1 and np.hypot(*(here - self._track[-1])[:2]) < 0.5:
-            self._track.pop()
-        if self._back_left <= 0 or not self._track:
-            self._back_left = 0.0
-            return None
-        away = self._track[-1][:2] - here[:2]
-        x = float(np.cos(here[2]) * away[0] + np.sin(here[2]) * away[1])
-        y = float(-np.sin(here[2]) * away[0] + np.cos(here[2]) * away[1])
-        # A circle through the track point, tangent to the heading (pure pursuit, backwards).
-        curvature = 2 * y / max(x * x + y * y, 1e-6)
-        if x > -0.1:
-            self._back_left = 0.0
-            return None
-        speed, yaw_rate = steerable(-self.config.back_speed, -curvature * self.config.back_speed, self.spec)
-        curvature = yaw_rate / speed
-        spacing = self.config.planner.spacing
-        poses = arc_poses(here, np.array(curvature), -np.arange(4) * spacing)[None]
-        if free_length(poses, spacing, self.map, ground, self.spec, self.config.planner)[0] < 2 * spacing:
-            self._back_left = 0.0
-            return None
-        return Command(speed, yaw_rate, None, "recover")

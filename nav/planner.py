@@ -13,6 +13,7 @@ import numpy as np
 from marssim.rover_spec import RoverSpec
 from nav.distance_field import DistanceField
 from nav.elevation import ElevationMap
+from nav.placement import Standing
 from nav.traversability import Traversability
 
 
@@ -29,6 +30,8 @@ class PlannerConfig:
     lookahead: float = 2.5  # motions are compared where they have come this far [m], or where they end
     margin: float = 0.08  # covered footprint (footprint_discs) to obstacle [m]
     dark_margin: float = 0.0  # footprint to unseen ground [m]
+    tilt_limit_deg: float = 25.0  # of the chassis on its wheels; RoverSpec.max_tilt less a margin
+    belly_margin: float = 0.05  # chassis to whatever is below it [m]
     turn_cost: float = 0.5  # a radian turned in place [m]
     turn_start_cost: float = 0.5  # stopping in order to turn [m]; not again while a turn goes on
     turn_back_cost: float = 1.0  # turning back at once [m]
@@ -108,16 +111,21 @@ def free_length(
     ground: Traversability,
     spec: RoverSpec,
     config: PlannerConfig,
+    standing: Standing | None = None,
 ) -> np.ndarray:
-    """How far motions are free of obstacles and of unseen ground [m].
+    """How far motions are free of obstacles and of unseen ground, level enough and with room under the belly [m].
 
-    poses: (a, k, 3), the first one where the rover stands. A rover that already stands within the margin may move as
-    long as it comes no nearer. Returns (a,) [m].
+    poses: (a, k, 3), the first one where the rover stands. A rover that already stands within a margin may move as
+    long as it comes no nearer. standing: the map's surface under wheels and belly; None asks neither. Returns (a,) [m].
     """
     room = footprint_distance(ground.clearance, elevation, poses, spec)
     light = footprint_distance(ground.dark_distance, elevation, poses, spec)
     ok = room >= np.minimum(config.margin, room[:, :1] - 0.01)
     ok &= light >= np.minimum(config.dark_margin, light[:, :1] - 0.01)
+    if standing is not None:
+        place = standing.at(poses)
+        ok &= place.tilt <= np.maximum(np.deg2rad(config.tilt_limit_deg), place.tilt[:, :1] + 0.02)
+        ok &= place.clearance >= np.minimum(config.belly_margin, place.clearance[:, :1] - 0.01)
     ok[:, 0] = True
     return (np.cumprod(ok, axis=1).sum(axis=1) - 1) * spacing
 
@@ -128,6 +136,7 @@ class Planner:
     def __init__(self, spec: RoverSpec, config: PlannerConfig, elevation: ElevationMap) -> None:
         self.spec, self.config = spec, config
         self.field = DistanceField(elevation, config.coarse, config.inflated_cost)
+        self._standing: Standing | None = None
         self.previous_curvature = 0.0
         self.previous_turn = 0.0
         # The tightest curve that the wheels can steer.
@@ -142,12 +151,21 @@ class Planner:
         self.previous_curvature = 0.0
         self.previous_turn = 0.0
 
+    def update(self, elevation: ElevationMap, ground: Traversability, goal: np.ndarray) -> None:
+        """Take in a new map: the field to the goal (2,) [m], and the surface that arcs are checked on."""
+        self.field.update(elevation, ground, goal)
+        self._standing = Standing(elevation, self.spec)
+
+    def free_length(self, poses: np.ndarray, elevation: ElevationMap, ground: Traversability) -> np.ndarray:
+        """How far motions (a, k, 3), poses `spacing` apart, can be driven [m]. Returns (a,)."""
+        return free_length(poses, self.config.spacing, elevation, ground, self.spec, self.config, self._standing)
+
     def plan(
         self, elevation: ElevationMap, ground: Traversability, pose: np.ndarray, goal: np.ndarray
     ) -> Motion | None:
         """The best motion from a pose, or None if no motion is free.
 
-        pose: (3,) x, y, yaw; goal: (2,) world [m]. The field must be up to date (DistanceField.update).
+        pose: (3,) x, y, yaw; goal: (2,) world [m]. update() must have seen the map.
         """
         motions = [
             m
@@ -196,7 +214,7 @@ class Planner:
         c = self.config
         curvature = self._curvatures
         poses = arc_poses(np.broadcast_to(pose, (curvature.size, 3)), curvature, self._distance)
-        free = free_length(poses, c.spacing, elevation, ground, self.spec, c)
+        free = self.free_length(poses, elevation, ground)
         free = np.minimum(free, np.deg2rad(c.max_turn_deg) / np.maximum(np.abs(curvature), 1e-6))
         cost, at = self._rate(poses, free, elevation, ground, goal)
         cost += c.bend_cost * np.abs(curvature) * self._distance[at]
@@ -216,7 +234,7 @@ class Planner:
             return None
         start = np.stack([np.full(turn.size, pose[0]), np.full(turn.size, pose[1]), pose[2] + turn], axis=1)
         poses = arc_poses(start, np.zeros(turn.size), self._distance)
-        free = free_length(poses, c.spacing, elevation, ground, self.spec, c)
+        free = self.free_length(poses, elevation, ground)
         cost, _ = self._rate(poses, free, elevation, ground, goal)
         same_way = np.sign(turn) * np.sign(self.previous_turn)
         cost += c.turn_cost * np.abs(turn) + np.choose(

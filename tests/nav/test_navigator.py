@@ -140,3 +140,48 @@ def test_importing_nav_loads_neither_simulator_nor_torch():
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "[]"
+
+
+def test_a_turn_into_the_unseen_waits_for_a_look():
+    """The goal lies behind, and the start's assumed clearing shows nothing there: first the mast, then the rover."""
+    world, navigator, pan = RockWorld(), Navigator(config=SMALL), 0.0
+    pose, seen = body_pose(0, 0, 0), []
+    for _ in range(6):
+        depth = world.depth(SMALL_RIG, pose @ ZHURONG.mount.left_eye(SMALL_RIG.baseline, pan))
+        command = navigator.step(depth, None, SMALL_RIG, pose, np.array([-2.0, 9.0]), pan)
+        seen.append(command.status)
+        if command.status != "look":
+            break
+        wish = command.pan or 0.0
+        pan += float(np.clip(wish - pan, -0.6, 0.6))  # a mast that takes three steps for 75 deg
+    assert seen[0] == "look" and seen[-1] in ("turn", "drive") and abs(pan) > np.deg2rad(30)
+    assert navigator._mast_works  # slow is not broken
+
+
+def test_the_area_is_kept_to():
+    """The shorter way round a wall leads out of the area on the right; inside it, the one on the left does."""
+    wall = RockWorld(np.array([[5.0, y, 0.5, 0.6] for y in np.arange(-2.5, 3.6, 0.6)]))
+    ways = {}
+    for area in (None, (-4.0, -2.0, 16.0, 8.0)):
+        navigator, here = Navigator(config=SMALL, area=area), np.zeros(3)
+        for _ in range(40):
+            pose = body_pose(*here)
+            depth = wall.depth(SMALL_RIG, pose @ ZHURONG.mount.left_eye(SMALL_RIG.baseline))
+            command = navigator.step(depth, None, SMALL_RIG, pose, np.array([10.0, 1.0]))
+            if command.over:
+                break
+            if command.speed:
+                here = arc_poses(here, np.array(command.yaw_rate / command.speed), np.array([2 * command.speed]))[0]
+            else:
+                here = here + np.array([0, 0, 2 * command.yaw_rate])
+            ways.setdefault(area, []).append(here[1])
+    assert min(ways[None]) < -2.1
+    assert min(ways[(-4.0, -2.0, 16.0, 8.0)]) > -2.1
+    with pytest.raises(ValueError, match="area"):
+        Navigator(area=(0, 0, 0, 1))
+
+
+def test_a_handful_of_points_is_blindness():
+    depth = np.full((192, 192), np.nan, np.float32)
+    depth[150:154, 90:94] = 3.0
+    assert Navigator().step(depth, None, SMALL_RIG, body_pose(0, 0, 0), GOAL).status == "blind"

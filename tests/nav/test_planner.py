@@ -13,7 +13,7 @@ CONFIG = PlannerConfig()
 def plan(elevation, ground, goal, pose=(0.0, 0.0, 0.0)):
     planner = Planner(ZHURONG, CONFIG, elevation)
     goal = np.asarray(goal, float)
-    planner.field.update(elevation, ground, goal)
+    planner.update(elevation, ground, goal)
     return planner.plan(elevation, ground, np.asarray(pose, float), goal)
 
 

@@ -1,0 +1,35 @@
+"""Everything of the navigator that can be tuned, in one place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from nav.elevation import ElevationConfig
+from nav.planner import PlannerConfig
+from nav.traversability import TraversabilityConfig
+
+
+@dataclass(frozen=True)
+class NavigatorConfig:
+    """Settings of Navigator and of what it is made of."""
+
+    elevation: ElevationConfig = field(default_factory=ElevationConfig)
+    traversability: TraversabilityConfig = field(default_factory=TraversabilityConfig)
+    planner: PlannerConfig = field(default_factory=PlannerConfig)
+    step_time: float = 2.0  # a command is held this long [s]
+    goal_radius: float = 1.0  # arrived within [m]
+    clear_radius: float = 2.5  # round the start the ground is taken for clear [m]
+    least_points: int = 50  # an image that shows fewer points of ground shows nothing
+    look_pan_deg: float = 40.0  # the mast looks this far to either side for a way out
+    pan_reach_deg: float = 75.0  # and at most this far when it follows the path
+    look_before_turn_deg: float = 30.0  # before a turn in place of more than this the mast looks there first ...
+    seen_share: float = 0.6  # ... unless this share of the way after the turn was seen
+    back_up: float = 1.2  # recovery drives back this far [m]
+    back_speed: float = 0.15  # at this speed [m/s]
+    max_recoveries: int = 6  # without coming a metre nearer to the goal; then stuck
+    closed_steps: int = 15  # in a row with every way to the goal closed by known obstacles; then no path
+    bold_after: int = 5  # closed steps, after which more is dared ...
+    bold_step: float = 0.25  # ... rocks up to this height [m], well below RoverSpec.obstacle_height: heights err ...
+    bold_slope_deg: float = 26.0  # ... and slopes up to this ...
+    bold_steps: int = 25  # ... for so many steps
+    slip_steps: int = 2  # drive steps without motion that mean an unseen obstacle

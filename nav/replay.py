@@ -1,0 +1,102 @@
+"""What the navigator would have done: recorded depth maps in, commands out. No simulator, no network.
+
+    python -m marssim.generate --out data/drive --trajectory --pairs 20 --views-per-scene 20
+    python -m nav.replay data/drive --goal 20 0
+
+The goal is in the frame of the first image: metres ahead, metres to the left. The dataset's true depth is what the
+navigator sees; `replay` takes the frames of any source of depth and poses.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+from numpy.typing import ArrayLike
+
+from marssim.camera import StereoRig
+from marssim.command import counted, run_command
+from marssim.dataset import DatasetError, StereoDataset
+from marssim.rover_spec import ZHURONG, RoverSpec
+from nav.command import Command
+from nav.navigator import Navigator
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One look. depth: (H, W) [m] along the optical axis; confidence: (H, W) in [0, 1] or None; rig: at that size;
+    camera_pose: (4, 4) left camera to world; pan [rad] of the mast."""
+
+    depth: np.ndarray
+    confidence: np.ndarray | None
+    rig: StereoRig
+    camera_pose: np.ndarray
+    pan: float = 0.0
+
+
+def replay(frames: Iterable[Frame], goal: ArrayLike, spec: RoverSpec = ZHURONG) -> list[Command]:
+    """The command for each frame, until the navigator says that the drive is over.
+
+    goal: (2,) world [m]. The rover stood where its mount (spec.mount) puts the camera there. What was recorded was
+    driven by somebody else, so each command is what the navigator would do from where that driver had come to.
+    """
+    navigator, commands = Navigator(spec), []
+    for frame in frames:
+        body = frame.camera_pose @ np.linalg.inv(spec.mount.left_eye(frame.rig.baseline, frame.pan))
+        command = navigator.step(frame.depth, frame.confidence, frame.rig, body, np.asarray(goal, float), frame.pan)
+        commands.append(command)
+        if command.over:
+            break
+    return commands
+
+
+def recorded(dataset: StereoDataset, scene: int) -> Iterator[Frame]:
+    """The frames of one scene of a dataset, in the order in which they were taken, with their true depth."""
+    for number, entry in enumerate(dataset.index["samples"]):
+        if int(entry["name"].split("/")[0]) == scene:
+            sample = dataset[number]
+            yield Frame(sample.depth, None, sample.rig, np.array(sample.meta["pose"]))
+
+
+@dataclass(frozen=True)
+class ReplayConfig:
+    """Feed a recorded drive to the navigator and print what it answers."""
+
+    data: Annotated[Path, tyro.conf.Positional]
+    """a dataset of `marssim.generate --trajectory`"""
+    goal: tuple[float, float] = (20.0, 0.0)
+    """metres ahead and to the left of the first image"""
+    scene: int = 0
+    """which of the dataset's drives"""
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """The command. Returns the exit code."""
+    return run_command(_work, ReplayConfig, "python -m nav.replay", __doc__, args)
+
+
+def _work(config: ReplayConfig) -> None:
+    if not np.isfinite(config.goal).all():
+        raise ValueError(f"--goal must be two finite numbers [m], got {config.goal}")
+    frames = list(recorded(StereoDataset(config.data), config.scene))
+    if not frames:
+        raise DatasetError(f"{config.data}: holds no scene {config.scene}")
+    eye = frames[0].camera_pose
+    forward = eye[:2, 2] / max(float(np.hypot(*eye[:2, 2])), 1e-9)
+    left = np.array([-forward[1], forward[0]])
+    goal = eye[:2, 3] + config.goal[0] * forward + config.goal[1] * left
+    commands = replay(frames, goal)
+    print(f"{'frame':>5}  {'status':8} {'speed':>9} {'yaw rate':>11} {'pan':>8}")
+    for number, c in enumerate(commands):
+        pan = f"{np.rad2deg(c.pan or 0.0):4.0f} deg"
+        print(f"{number:5d}  {c.status:8} {c.speed:5.2f} m/s {c.yaw_rate:5.2f} rad/s {pan}")
+    print(f"{counted(len(commands), 'command')} for {counted(len(frames), 'frame')}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

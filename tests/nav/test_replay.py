@@ -1,0 +1,78 @@
+"""The navigator on recorded frames: made and written here by ray casting, and read back as a user's would be."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from rock_world import SMALL_RIG, RockWorld, body_pose
+
+from marssim.dataset import StereoDataset, write_index, write_sample
+from marssim.render.stereo import StereoFrame
+from marssim.rover_spec import ZHURONG
+from nav.replay import Frame, main, recorded, replay
+
+WORLD = RockWorld(domes=np.array([[5.0, 0.0, 0.6, 0.6]]))
+
+
+def frames(steps=8):
+    """Driving straight at a rock."""
+    for step in range(steps):
+        eye = body_pose(0.3 * step, 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline)
+        yield Frame(WORLD.depth(SMALL_RIG, eye), None, SMALL_RIG, eye)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    out = tmp_path_factory.mktemp("recorded") / "drive"
+    names = []
+    for number, frame in enumerate(frames()):
+        names.append(f"00000/{number:02d}")
+        sky = ~np.isfinite(frame.depth)
+        image = np.full((192, 192, 3), 90, np.uint8)
+        normal = np.where(sky[..., None], 0, np.array([0, 0, -1.0])).astype(np.float32)
+        surface = np.where(sky, -1, 0).astype(np.int32)
+        disparity = SMALL_RIG.depth_to_disparity(frame.depth)
+        look = StereoFrame(image, image, frame.depth, disparity, normal, surface, sky & False, SMALL_RIG,
+                           frame.camera_pose)  # fmt: skip
+        write_sample(out / "scenes" / names[-1], look, {"scene": 0, "view": number})
+    write_index(out, {"seed": 1}, names)
+    return out
+
+
+def test_it_goes_round_the_rock_that_the_frames_show():
+    commands = replay(frames(), (20.0, 0.0))
+    assert len(commands) == 8 and commands[0].status == "drive"
+    assert max(abs(c.yaw_rate) for c in commands) > 0.03
+    free = replay((Frame(RockWorld().depth(SMALL_RIG, f.camera_pose), None, SMALL_RIG, f.camera_pose)
+                   for f in frames()), (20.0, 0.0))  # fmt: skip
+    assert all(abs(c.yaw_rate) < 0.03 and c.status == "drive" for c in free)
+
+
+def test_a_dataset_is_replayed_as_its_frames_are(folder):
+    read = replay(recorded(StereoDataset(folder), 0), (20.0, 0.0))
+    for a, b in zip(read, replay(frames(), (20.0, 0.0)), strict=True):
+        assert a.status == b.status and a.speed == pytest.approx(b.speed, abs=0.02)
+        assert a.yaw_rate == pytest.approx(b.yaw_rate, abs=0.02)
+
+
+def test_it_ends_when_the_goal_is_there():
+    assert [c.status for c in replay(frames(), (1.2, 0.0))] == ["drive", "arrived"]
+
+
+def test_the_command_prints_a_line_a_frame_and_needs_no_simulator(folder):
+    code = (
+        "import sys; sys.modules.update(pybullet=None, embreex=None); from nav.replay import main;"
+        "failed = main(sys.argv[1:]); sys.exit(failed or 'torch' in sys.modules)"
+    )
+    command = [sys.executable, "-c", code, str(folder), "--goal", "20", "0"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "8 commands for 8 frames" and done.stdout.count("m/s") == 8
+
+
+def test_mistakes_are_one_line(folder, tmp_path, capsys):
+    for arguments, named in (([str(folder), "--scene", "7"], "scene 7"), ([str(tmp_path / "no")], "no")):
+        assert main(arguments) == 2
+        error = capsys.readouterr().err
+        assert named in error and error.startswith("error: ") and error.count("\n") == 1
