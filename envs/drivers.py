@@ -6,6 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from envs.course import EDGE
 from envs.mars_nav import MarsNavEnv
 from nav.navigator import Navigator
 
@@ -28,13 +29,15 @@ class NavigatorDriver:
         self.navigator = Navigator()
 
     def reset(self, env: MarsNavEnv, seed: int) -> None:
-        self.navigator = Navigator(env.rover_spec)
+        assert env.course is not None
+        reach = env.course.scene.half - EDGE
+        self.navigator = Navigator(env.rover_spec, area=(-reach, -reach, reach, reach))  # the ground's edge is known
 
     def act(self, env: MarsNavEnv, observation: dict[str, Any]) -> np.ndarray | None:
-        assert env.sight is not None and env.course is not None and env.vehicle is not None
+        assert env.sight is not None and env.course is not None
         sight, spec = env.sight, env.rover_spec
         command = self.navigator.step(
-            sight.depth, sight.confidence, sight.rig, env.vehicle.state().pose, env.course.goal, sight.pan
+            sight.depth, sight.confidence, sight.rig, env.believed_pose, env.course.goal, sight.pan
         )
         if command.status in ("no_path", "stuck"):
             return None

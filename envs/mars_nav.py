@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from numbers import Real
 from typing import TYPE_CHECKING, Any, Literal
 
 import gymnasium
@@ -10,6 +11,9 @@ import numpy as np
 from gymnasium import spaces
 
 from envs.course import EDGE, Course, CourseConfig, draw_course
+from envs.map_view import PIXELS, MapView
+from envs.nearest_depth import nearest_depth
+from envs.odometry import Odometry
 from envs.sight import Eyes, Sight
 from envs.vehicle import Vehicle, make_vehicle
 from marssim.camera import MAX_DEPTH, NATECAM
@@ -46,7 +50,10 @@ class MarsNavEnv(gymnasium.Env):
     | 1   | yaw rate, positive to the left | -0.25 rad/s      | 0.25 rad/s      |
     | 2   | pan of the mast for the next look (`mast=True`) | 90 deg right | 90 deg left |
 
-    Curves that would turn a wheel beyond its stop become the nearest ones that do not (`nav.controller.steerable`).
+    The mast turns at 30 deg/s while the rover drives, so that a step turns it by 60 deg at most: a look to the side is
+    paid for in steps, and a longer turn goes on in the next one (`info["pan"]` tells where it looks). Actions outside
+    the box are clipped. Curves that would turn a wheel beyond its stop become the nearest ones that do not
+    (`nav.controller.steerable`).
 
     ## Observation space
 
@@ -57,6 +64,13 @@ class MarsNavEnv(gymnasium.Env):
     | `depth` | (64, 64) | depth z of the left eye, nearest of each block; 15 beyond, 0 unknown | m, 0 to 15 |
     | `goal`  | (3,)     | distance; sine and cosine of the bearing from the heading, left > 0 | m; -1 to 1  |
     | `state` | (6,)     | roll, pitch; speed; yaw rate; last action (2)                | rad; m/s; rad/s; -1 to 1 |
+    | `map`   | (3, 64, 64) | with `map_observation=True`: see below                          | -1 to 1     |
+
+    `map` shows 12.8 m around the rover, its heading up, as `nav` has fused it from all looks. Channels: height above
+    the rover's stand / 2 m; cost of driving there in [0, 1], 1 at an obstacle; 1 where it was seen, else 0.
+
+    `envs.wrappers.ImageObservation` turns depth and map into the uint8 images that stable-baselines3 expects. What is
+    seen at full size (stereo pair, depth, confidence, pose) is `env.unwrapped.sight` (envs.sight.Sight).
 
     ## Reward
 
@@ -78,14 +92,27 @@ class MarsNavEnv(gymnasium.Env):
     ## Information
 
     `outcome`; `distance` to the goal and `shortest` passable way to it from the start [m]; `path_length` driven [m];
-    `min_clearance` from an obstacle to the rover's middle so far [m]; `perception_seconds` of this look; `redraws`.
+    `min_clearance` from an obstacle to the rover's middle so far [m]; `pan` of the mast at this look [rad];
+    `position_error` of the odometry [m]; `perception_seconds` of this look; `redraws`.
 
     ## Arguments
 
     `perception`: "m3depth" (default), "sgbm", "ground_truth", "m3depth:WEIGHTS", "package.module:Class", or any object
     with `infer(left, right, rig)`. `dynamics`: "physics" (default) or "kinematic". `renderer`: "embree" (default) or
-    "pybullet". `scene`: a preset's name or a SceneConfig. `mast`: see the action space. Options of `reset`:
-    `goal_distance` [m], `k`, `slope_deg`, `sun_elevation_deg`, `scene_seed`.
+    "pybullet". `scene`: a preset's name or a SceneConfig. `mast`, `map_observation`: see the spaces.
+    `disparity_noise` [px]: standard deviation of an error added to the disparity of each pixel, at 512 pixels.
+    `drift`, `yaw_drift_deg`: standard deviations of the odometry's error in position [m] and heading [deg] after 1 m;
+    they grow with the root of the way. `goal` and `map` are as the rover believes; reward and ends are true.
+
+    Options of `reset`, for one episode:
+
+    | Option              | Default        | Range    | Meaning                                    |
+    |---------------------|----------------|----------|--------------------------------------------|
+    | `goal_distance`     | the argument's | 3 to 100 | from start to goal [m]                     |
+    | `k`                 | the scene's    | 0 to 0.4 | rock abundance, Golombek's k               |
+    | `slope_deg`         | the scene's    | 0 to 25  | regional slope [deg], its direction drawn  |
+    | `sun_elevation_deg` | the scene's    | 1 to 90  | height of the sun [deg]                    |
+    | `scene_seed`        | drawn          | 0 and up | the course's own, whatever the env's seed  |
 
     ## Version history
 
@@ -102,8 +129,17 @@ class MarsNavEnv(gymnasium.Env):
         scene: str | SceneConfig = "utopia",
         goal_distance: float = 20.0,
         mast: bool = False,
+        map_observation: bool = False,
+        disparity_noise: float = 0.0,
+        drift: float = 0.0,
+        yaw_drift_deg: float = 0.0,
         render_mode: str | None = None,
     ) -> None:
+        for name, value, most in (
+            ("disparity_noise", disparity_noise, 10), ("drift", drift, 1), ("yaw_drift_deg", yaw_drift_deg, 45)
+        ):  # fmt: skip
+            if isinstance(value, bool) or not isinstance(value, Real) or not 0 <= float(value) <= most:
+                raise ValueError(f"{name} must lie in [0, {most}], got {value!r}")
         if dynamics not in ("physics", "kinematic"):
             raise ValueError(f"dynamics {dynamics!r} is unknown; choose from physics, kinematic")
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
@@ -116,9 +152,11 @@ class MarsNavEnv(gymnasium.Env):
         self.mast = mast
         self.scene_config = preset(scene) if isinstance(scene, str) else scene
         self.course_config = CourseConfig(goal_distance=goal_distance)
-        self.eyes = Eyes(perception, renderer)
+        self.eyes = Eyes(perception, renderer, disparity_noise=float(disparity_noise))
+        self.drift, self.yaw_drift = float(drift), float(np.deg2rad(yaw_drift_deg))
+        self.map_view = MapView(self.rover_spec) if map_observation else None
         self.action_space = spaces.Box(-1, 1, (3 if mast else 2,), np.float32)
-        self.observation_space = spaces.Dict(
+        self.observation_space: spaces.Dict = spaces.Dict(
             {
                 "depth": spaces.Box(0, MAX_DEPTH, (DEPTH_PIXELS, DEPTH_PIXELS), np.float32),
                 "goal": spaces.Box(
@@ -127,6 +165,9 @@ class MarsNavEnv(gymnasium.Env):
                 "state": spaces.Box(-np.inf, np.inf, (6,), np.float32),
             }
         )
+        if self.map_view is not None:
+            low = np.broadcast_to(np.array([-1, 0, 0], np.float32)[:, None, None], (3, PIXELS, PIXELS))
+            self.observation_space["map"] = spaces.Box(low, np.ones(low.shape, np.float32), dtype=np.float32)
         self.course: Course | None = None
         self.vehicle: Vehicle | None = None
         self.sight: Sight | None = None
@@ -150,6 +191,10 @@ class MarsNavEnv(gymnasium.Env):
         x, y, yaw = (float(v) for v in self.course.start)
         self.vehicle = make_vehicle(self.dynamics, self.course.scene, self.rover_spec, x, y, yaw)
         self.eyes.open(self.course.scene, np.random.default_rng(self.np_random.integers(2**63)))
+        self._odometry = Odometry(self.drift, self.yaw_drift, np.random.default_rng(self.np_random.integers(2**63)))
+        self.believed_pose = self._odometry.update(self.vehicle.state().pose)
+        if self.map_view is not None:
+            self.map_view.start(self.believed_pose)
         self.time_limit = round(STEPS_PER_METRE * config.goal_distance)
         self._steps = 0
         self.outcome = "driving"
@@ -175,8 +220,11 @@ class MarsNavEnv(gymnasium.Env):
         action = np.clip(action, -1, 1)
         speed, yaw_rate = float(action[0]) * self.rover_spec.max_speed, float(action[1]) * self.rover_spec.max_yaw_rate
         if self.mast:
-            self._pan = float(action[2]) * self.rover_spec.mount.pan_limit
+            mount = self.rover_spec.mount
+            turn = mount.pan_rate * STEP_SECONDS
+            self._pan += float(np.clip(float(action[2]) * mount.pan_limit - self._pan, -turn, turn))
         self.vehicle.drive_twist(speed, yaw_rate, STEP_SECONDS)
+        self.believed_pose = self._odometry.update(self.vehicle.state().pose)
         self._steps += 1
         self._last_action = action[:2].copy()
 
@@ -258,11 +306,13 @@ class MarsNavEnv(gymnasium.Env):
 
     def _observation(self) -> dict[str, np.ndarray]:
         assert self.course is not None and self.vehicle is not None and self.sight is not None
-        state = self.vehicle.state()
-        offset = self.course.goal - self._position
-        bearing = np.arctan2(offset[1], offset[0]) - state.yaw
+        state, believed = self.vehicle.state(), self.believed_pose
+        offset = self.course.goal - believed[:2, 3]
+        bearing = np.arctan2(offset[1], offset[0]) - np.arctan2(believed[1, 0], believed[0, 0])
         motion = [state.roll, state.pitch, state.velocity[0], state.yaw_rate, *self._last_action]
+        seen = {} if self.map_view is None else {"map": self.map_view.update(self.sight, believed)}
         return {
+            **seen,
             "depth": nearest_depth(self.sight.depth, DEPTH_PIXELS),
             "goal": np.array([np.hypot(*offset), np.sin(bearing), np.cos(bearing)], dtype=np.float32),
             "state": np.array(motion, dtype=np.float32),
@@ -276,23 +326,8 @@ class MarsNavEnv(gymnasium.Env):
             "shortest": self.course.shortest,
             "path_length": self._path_length,
             "min_clearance": self._min_clearance,
+            "pan": self._pan,
+            "position_error": float(np.hypot(*(self.believed_pose[:2, 3] - self._position))),
             "perception_seconds": self.sight.seconds,
             "redraws": self.course.redraws,
         }
-
-
-def nearest_depth(depth: np.ndarray, pixels: int) -> np.ndarray:
-    """Shrink a depth map to pixels x pixels so that the nearest thing in each block stays.
-
-    depth: (H, W) [m], inf for sky; NaN and what is not positive is unknown. H and W multiples of `pixels`. Returns
-    float32 in [0, 15]: 15 for all that is farther (sky too), 0 for blocks in which nothing is known.
-    """
-    h, w = depth.shape
-    if h % pixels or w % pixels:
-        raise ValueError(f"depth is {depth.shape}, which does not divide into {pixels} x {pixels} blocks")
-    blocks = depth.reshape(pixels, h // pixels, pixels, w // pixels)
-    unknown = ~(blocks > 0)  # NaN too; an estimator may be wrong in any way
-    nearest = np.where(unknown, np.inf, blocks).min(axis=(1, 3))
-    nearest = np.minimum(nearest, MAX_DEPTH)
-    nearest[unknown.all(axis=(1, 3))] = 0
-    return nearest.astype(np.float32)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -59,12 +59,20 @@ def load_perception(perception: str | Estimator) -> Estimator | None:
 class Eyes:
     """Looks at one Scene. perception: "ground_truth", an estimator's name or class path, or an estimator object."""
 
-    def __init__(self, perception: str | Estimator, renderer: str, sensor: SensorConfig | None = None) -> None:
+    def __init__(
+        self,
+        perception: str | Estimator,
+        renderer: str,
+        sensor: SensorConfig | None = None,
+        disparity_noise: float = 0.0,
+    ) -> None:
+        """disparity_noise: standard deviation [px of a 512 px image] of an error added to what is perceived."""
         if renderer not in ("embree", "pybullet"):
             raise ValueError(f"renderer {renderer!r} is unknown; choose from embree, pybullet")
         self.estimator = load_perception(perception)
         self.renderer = renderer
         self.sensor_config = sensor or SensorConfig()
+        self.disparity_noise = disparity_noise
         self.maker: GBufferMaker | None = None
 
     def open(self, scene: Scene, rng: np.random.Generator) -> None:
@@ -74,9 +82,20 @@ class Eyes:
         self._shader = Shader(scene)
         self._rng = rng
         self._sensor = Sensor.draw(self.sensor_config, rng)
+        self._noise = np.random.default_rng(rng.integers(2**63)) if self.disparity_noise else rng
 
     def look(self, pose: np.ndarray, pan: float) -> Sight:
         """See from a left-camera pose (4, 4) to world."""
+        sight = self._see(pose, pan)
+        if self.disparity_noise == 0:
+            return sight
+        disparity = sight.rig.depth_to_disparity(sight.depth)
+        scale = sight.rig.camera.width / NATECAM.camera.width
+        disparity = disparity + self._noise.normal(0, self.disparity_noise * scale, disparity.shape)
+        noisy = sight.rig.disparity_to_depth(disparity)
+        return replace(sight, depth=np.where(np.isfinite(sight.depth), noisy, sight.depth).astype(np.float32))
+
+    def _see(self, pose: np.ndarray, pan: float) -> Sight:
         if self.maker is None:
             raise RuntimeError("open a scene before looking")
         if self.estimator is None:

@@ -13,7 +13,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from envs.course import EDGE
-from envs.mars_nav import STEPS_PER_METRE, MarsNavEnv, nearest_depth
+from envs.mars_nav import STEPS_PER_METRE, MarsNavEnv
+from envs.nearest_depth import nearest_depth
+from envs.wrappers import ImageObservation
 from marssim.physics.state import Contacts
 
 AHEAD, LEFT = np.array([1, 0], np.float32), np.array([0.5, 0.3], np.float32)
@@ -32,14 +34,22 @@ def rockless(small_scene):
     return replace(small_scene, rocks=replace(small_scene.rocks, k=0.0))
 
 
-@pytest.mark.parametrize("settings", [{}, {"dynamics": "physics"}, {"mast": True, "render_mode": "rgb_array"}])
+NOISY = {"map_observation": True, "disparity_noise": 0.3, "drift": 0.02, "yaw_drift_deg": 1.0}
+
+
+@pytest.mark.parametrize("settings", [{}, {"dynamics": "physics"}, {"mast": True, "render_mode": "rgb_array"}, NOISY])
 def test_gymnasium_checks_it(make_env, rockless, settings):
     check_env(make_env(goal_distance=3.0, scene=rockless, **settings), skip_render_check="render_mode" not in settings)
 
 
-def test_stable_baselines_checks_it(make_env, rockless):
+@pytest.mark.parametrize(
+    ("settings", "wrap"),
+    [({}, False), ({"dynamics": "physics"}, False), ({"mast": True, **NOISY}, False), ({"mast": True, **NOISY}, True)],
+)
+def test_stable_baselines_checks_it(make_env, rockless, settings, wrap):
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
-    checker.check_env(make_env(goal_distance=3.0, scene=rockless), warn=False)
+    env = make_env(goal_distance=3.0, scene=rockless, **settings)
+    checker.check_env(ImageObservation(env) if wrap else env, warn=False)
 
 
 def test_made_by_gymnasium(small_scene):
@@ -62,20 +72,35 @@ def test_importing_needs_neither_embree_nor_pybullet():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def test_vectors_and_wrappers(small_scene):
-    settings = {"perception": "ground_truth", "dynamics": "kinematic", "scene": small_scene, "goal_distance": 5.0}
-    vector = gymnasium.make_vec("envs:MarsNav-v0", num_envs=2, vectorization_mode="sync", **settings)
-    observation, _ = vector.reset(seed=3)
-    assert observation["depth"].shape == (2, 64, 64)
-    assert not np.array_equal(observation["goal"][0], observation["goal"][1])
-    observation, reward, *_ = vector.step(np.stack([AHEAD, LEFT]))
-    assert observation in vector.observation_space and reward.shape == (2,)
-    vector.close()
-    env = TimeLimit(FlattenObservation(MarsNavEnv(**settings)), 2)
+@pytest.mark.parametrize("mode", ["sync", "async"])
+def test_vectors(rockless, mode):
+    settings = {"perception": "ground_truth", "dynamics": "kinematic", "scene": rockless, "goal_distance": 3.0}
+    vector = gymnasium.make_vec("envs:MarsNav-v0", num_envs=2, vectorization_mode=mode, **settings)
+    try:
+        observation, _ = vector.reset(seed=3)
+        assert observation["depth"].shape == (2, 64, 64)
+        assert not np.array_equal(observation["goal"][0], observation["goal"][1])
+        observation, reward, *_ = vector.step(np.stack([AHEAD, LEFT]))
+        assert observation in vector.observation_space and reward.shape == (2,)
+    finally:
+        vector.close()
+
+
+def test_wrappers(make_env, rockless, tmp_path):
+    env = TimeLimit(FlattenObservation(make_env(scene=rockless, goal_distance=3.0)), 2)
     flat, _ = env.reset(seed=0)
     assert flat.shape == (64 * 64 + 3 + 6,) and flat in env.observation_space
     assert [env.step(LEFT)[3] for _ in range(2)] == [False, True]
-    env.close()
+    pytest.importorskip("moviepy")
+    from gymnasium.wrappers import RecordVideo
+
+    inner = TimeLimit(make_env(scene=rockless, goal_distance=3.0, render_mode="rgb_array"), 2)
+    film = RecordVideo(inner, str(tmp_path), lambda episode: True, disable_logger=True)
+    film.reset(seed=0)
+    film.step(LEFT)
+    film.step(LEFT)
+    film.close()
+    assert [file.stat().st_size > 1000 for file in tmp_path.glob("*.mp4")] == [True]
 
 
 def drive(env, seed, actions):
@@ -154,13 +179,53 @@ def test_the_goal_is_seen_from_the_rover(on_course, make_scene, make_course):
     np.testing.assert_allclose(state[2:], [0.5 * 0.2, 0.3 * 0.25, *LEFT], atol=1e-2)
 
 
-def test_the_mast_turns_the_next_look_only(make_env):
+def test_the_mast_turns_the_next_look_and_takes_its_time(make_env):
+    """30 deg/s: 60 deg in the 2 s of a step, and the rest in the next one."""
     env = make_env(mast=True)
     start, _ = env.reset(seed=3)
-    left = env.step(np.array([0, 0, 1.0]))[0]
-    assert env.sight.pan == pytest.approx(np.pi / 2) and not np.array_equal(left["depth"], start["depth"])
-    back = env.step(np.zeros(3))[0]
-    np.testing.assert_array_equal(back["depth"], start["depth"])
+    left, _, _, _, info = env.step(np.array([0, 0, 1.0]))
+    assert info["pan"] == env.sight.pan == pytest.approx(np.pi / 3)
+    assert not np.array_equal(left["depth"], start["depth"])
+    assert env.step(np.array([0, 0, 1.0]))[4]["pan"] == pytest.approx(np.pi / 2)
+    assert env.step(np.zeros(3))[4]["pan"] == pytest.approx(np.pi / 6)
+    np.testing.assert_array_equal(env.step(np.zeros(3))[0]["depth"], start["depth"])
+
+
+def test_the_map_shows_what_was_seen(on_course, make_scene, make_course):
+    scene = make_scene(rocks=[(0.0, 1.0, 1.2, 0.7)])
+    env = on_course(make_course(scene, start=(-4.0, 0.0, 0.0), goal=(4.0, 0.0)), map_observation=True)
+    seen = env.step(np.array([0.5, 0.0]))[0]["map"]
+    assert seen in env.observation_space["map"]
+    x = env.vehicle.state().position[0]
+    row, column = int((6.4 - (0.0 - 0.5 - x)) / 0.2), int((6.4 - 1.0) / 0.2)  # the face of the rock: ahead, to the left
+    around = np.s_[row - 2 : row + 3, column - 2 : column + 3]
+    assert seen[0][around].max() > 0.2 and seen[1][around].max() == 1.0 and seen[2][around].max() == 1.0
+    assert seen[1][row, 64 - column] < 0.5 and seen[2][60:, 5].max() == 0  # free on the right, unseen behind
+    turned = env.step(np.array([0.0, -1.0]))[0]["map"]  # to the right: the rock moves to the left
+    assert np.argwhere(turned[1] == 1.0)[:, 1].mean() < np.argwhere(seen[1] == 1.0)[:, 1].mean() - 3
+
+
+def test_noise_is_on_the_depth_and_follows_from_the_seed(make_env):
+    clean, _ = make_env().reset(seed=3)
+    noisy, again = (make_env(disparity_noise=0.5).reset(seed=3)[0] for _ in range(2))
+    assert same(noisy, again)
+    near = (clean["depth"] > 1) & (clean["depth"] < 3)
+    difference = np.abs(noisy["depth"] - clean["depth"])
+    assert 0 < difference[near].mean() < 0.1
+    assert difference[(clean["depth"] > 6) & (clean["depth"] < 14)].mean() > 3 * difference[near].mean()
+
+
+def test_odometry_drifts_from_the_truth(on_course, make_scene, make_course):
+    course = make_course(make_scene(), start=(-6.0, 0.0, 0.0), goal=(6.0, 0.0))
+    env = on_course(course, drift=0.05, yaw_drift_deg=2.0)
+    errors = [env.step(AHEAD)[4]["position_error"] for _ in range(20)]
+    assert errors[0] > 0 and 0.02 < errors[-1] < 2.0
+    observation, _, _, _, info = env.step(np.zeros(2))
+    assert info["position_error"] == errors[-1]  # what stands does not drift
+    believed = env.course.goal - env.believed_pose[:2, 3]
+    assert observation["goal"][0] == pytest.approx(np.hypot(*believed), rel=1e-5)
+    assert info["distance"] == pytest.approx(np.hypot(*(env.course.goal - env.vehicle.state().position[:2])))
+    assert on_course(course).step(AHEAD)[4]["position_error"] == 0
 
 
 # ------------------------------------------------------------------------------------- options and mistakes
@@ -222,6 +287,8 @@ def test_bad_options_are_named(make_env, options, named):
     [
         ({"dynamics": "magic"}, "dynamics"), ({"renderer": "magic"}, "renderer"), ({"scene": "magic"}, "scene"),
         ({"scene": 3}, "scene"), ({"render_mode": "human"}, "render_mode"),
+        ({"disparity_noise": -1.0}, "disparity_noise"), ({"drift": float("nan")}, "drift"),
+        ({"yaw_drift_deg": "much"}, "yaw_drift_deg"),
         ({"goal_distance": 0.0}, "goal_distance"), ({"perception": 5}, "perception 5 has no method infer"),
         (
             {"perception": "magic"},

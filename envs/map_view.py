@@ -1,0 +1,55 @@
+"""The map around the rover as an observation: what the navigator knows, for a policy without memory."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from envs.sight import Sight
+from marssim.rover_spec import RoverSpec
+from nav.elevation import ElevationConfig, ElevationMap
+from nav.traversability import TraversabilityConfig, assess
+
+PIXELS, CELL = 64, 0.2  # of the observed map: 12.8 m wide
+HEIGHT_LIMIT = 2.0  # [m] above or below the rover; beyond it heights are clipped
+COST_LIMIT = 8.0  # a metre there counts as this many and more
+
+
+class MapView:
+    """Fuses looks as nav does, and cuts out a square around the rover with its heading up."""
+
+    def __init__(self, spec: RoverSpec, clear_radius: float = 2.5) -> None:
+        self.spec, self.clear_radius = spec, clear_radius
+        self.map = ElevationMap(ElevationConfig(size=24.0, recentre_at=8.0))
+        axis = (np.arange(PIXELS) + 0.5 - PIXELS / 2) * CELL
+        left, ahead = np.meshgrid(-axis, -axis)
+        self._ahead, self._left = ahead, left  # row 0 is the farthest ahead, column 0 the farthest to the left
+
+    def start(self, pose: np.ndarray) -> None:
+        """Forget everything; the start is clear all round. pose: (4, 4) body to world, as believed."""
+        self.map.clear(pose[:2, 3])
+        self.map.assume_flat(pose, self.clear_radius)
+
+    def update(self, sight: Sight, pose: np.ndarray) -> np.ndarray:
+        """Take in a look from the believed pose and return the map.
+
+        (3, 64, 64) float32: height above the rover's stand / 2 m in [-1, 1], 0 where unknown; cost of driving there in
+        [0, 1], 1 where an obstacle is; 1 where it was seen, 0 where not.
+        """
+        self.map.recentre(pose[:2, 3])
+        self.map.assume_flat(pose, self.spec.footprint_radius)
+        eye = pose @ self.spec.mount.left_eye(sight.rig.baseline, sight.pan)
+        self.map.integrate(sight.depth, sight.confidence, sight.rig, eye)
+        ground = assess(self.map, self.spec, TraversabilityConfig())
+        yaw = np.arctan2(pose[1, 0], pose[0, 0])
+        c, s = np.cos(yaw), np.sin(yaw)
+        xy = np.stack(
+            [pose[0, 3] + c * self._ahead - s * self._left, pose[1, 3] + s * self._ahead + c * self._left], -1
+        )
+        cell = self.map.cell_of(xy)
+        inside = ((cell >= 0) & (cell < self.map.n)).all(axis=-1)
+        x, y = np.moveaxis(np.clip(cell, 0, self.map.n - 1), -1, 0)
+        top = self.map.top[y, x]
+        known = inside & np.isfinite(top)
+        height = np.clip((np.where(known, top, pose[2, 3]) - pose[2, 3]) / HEIGHT_LIMIT, -1, 1)
+        cost = np.where(ground.blocked[y, x] & inside, 1.0, np.clip(ground.cost[y, x] / COST_LIMIT, 0, 1))
+        return np.stack([height, np.where(inside, cost, 1.0), known]).astype(np.float32)
