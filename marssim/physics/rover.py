@@ -116,7 +116,7 @@ class Rover:
                 path,
                 (pose[:3, 3] + pose[:3, :3] @ self._to_middle).tolist(),
                 _quaternion(pose[:3, :3]),
-                # without the second flag a cylinder becomes a prism of 32 sides, which is slower to test and rolls roughly
+                # without the second flag a cylinder becomes a prism of 32 sides, which is slow and rolls roughly
                 flags=self._p.URDF_USE_INERTIA_FROM_FILE | self._p.URDF_USE_IMPLICIT_CYLINDER,
                 physicsClientId=self._client,
             )

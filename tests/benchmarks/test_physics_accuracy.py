@@ -5,11 +5,11 @@ import pytest
 
 pytest.importorskip("pybullet")
 
-from marssim.physics.rover import Rover  # noqa: E402
-from marssim.physics.settling import settling_errors  # noqa: E402
-from marssim.physics.world import PhysicsWorld  # noqa: E402
-from marssim.rover_spec import ZHURONG  # noqa: E402
-from marssim.scene.scene import build_scene, preset  # noqa: E402
+from marssim.physics.rover import Rover
+from marssim.physics.settling import settling_errors
+from marssim.physics.world import PhysicsWorld
+from marssim.rover_spec import ZHURONG
+from marssim.scene.scene import build_scene, preset
 
 pytestmark = pytest.mark.benchmark
 
