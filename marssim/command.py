@@ -6,6 +6,7 @@ Anything else is a bug and shows its traceback.
 
 from __future__ import annotations
 
+import difflib
 import io
 import re
 import sys
@@ -126,11 +127,22 @@ def _parse_error(framed: str, cause: BaseException | None, config: type) -> str:
         return _with_flag(str(cause or why), where, config)
     if message.startswith("Missing from"):
         flags = [line.split()[0] for line in parts[0] if re.match(r"(--|[A-Z]+$)", line)]
-        return f"{', '.join(flags) or message} missing; --help tells more"
+        others = [line for part in parts[1:] if part[0].startswith("Unrecognized") for line in part[1:]]
+        unknown = _unknown(" ".join(others).split(), flags) if others else ""
+        return f"{', '.join(flags) or message} missing{unknown and f'; {unknown}'}; --help tells more"
     if message.startswith("Unrecognized"):
-        near = [line.split()[0] for part in parts[1:] for line in part if line.startswith("--")]
-        return "unknown option " + message.partition(": ")[2] + (f"; did you mean {near[0]}?" if near else "")
+        known = [line.split()[0].rstrip(",") for part in parts[1:] for line in part if line.startswith("--")]
+        return _unknown(message.partition(": ")[2].split(", "), known)
     return message[:1].lower() + message[1:]
+
+
+def _unknown(words: Sequence[str], known: Sequence[str]) -> str:
+    """What the parser could not place: options, each with the nearest of the known ones, or values of none."""
+    told = []
+    for option in (word.partition("=")[0] for word in words if re.match(r"--?[a-zA-Z]", word)):
+        near = difflib.get_close_matches(option, known, 1)
+        told.append(option + (f" (did you mean {near[0]}?)" if near else ""))
+    return f"unknown option {', '.join(told)}" if told else f"{' '.join(words)} belongs to no option"
 
 
 def _with_flag(message: str, where: str, config: type) -> str:

@@ -62,6 +62,8 @@ class Settings:
     """a number; its help is long enough for several lines of a terminal that is not very wide, which is to be seen"""
     kind: Literal["round", "square"] = "round"
     """a choice"""
+    quiet: bool = False
+    """a switch"""
     part: Part = field(default_factory=Part)
     flat: Annotated[Flat, tyro.conf.arg(name="")] = field(default_factory=Flat)
 
@@ -109,9 +111,16 @@ def test_a_good_command_line_reaches_the_work(capsys):
         (["--grain", "0"], "--grain must not be 0"),
         (["--grain", "-1"], "no such sand"),
         (["--kind", "oval"], "invalid choice 'oval' for argument '--kind'. Expected one of ('round', 'square')."),
-        (["--cuont", "3"], "unknown option --cuont, 3; did you mean --count?"),
+        (["--cuont", "3"], "unknown option --cuont (did you mean --count?)"),
+        (["--part.half-wdith=3"], "unknown option --part.half-wdith (did you mean --part.half-width?)"),
+        (["--part.half", "-3"], "unknown option --part.half (did you mean --part.half-width?)"),
+        (
+            ["--cuont", "3", "--grian", "2", "--zebra"],
+            "unknown option --cuont (did you mean --count?), --grian (did you mean --grain?), --zebra",
+        ),
+        (["--quite"], "unknown option --quite (did you mean --quiet?)"),
         (["--zebra"], "unknown option --zebra"),
-        (["stray"], "unknown option stray"),
+        (["stray", "sheep"], "stray sheep belongs to no option"),
     ],
 )
 def test_the_parsers_mistakes_are_one_line(args, line, columns, encoding, monkeypatch, capsys):
@@ -134,6 +143,8 @@ def test_defaults_of_an_instance_instead_of_the_class():
 def test_all_that_is_missing_is_named():
     with pytest.raises(ValueError, match=r"^--out missing; --help tells more$"):
         parse(Settings, "settings", None, [])
+    with pytest.raises(ValueError, match=r"^--out missing; unknown option --otu \(did you mean --out\?\); --help"):
+        parse(Settings, "settings", None, ["--otu", "x"])
     with pytest.raises(ValueError, match=r"^PATH, --size missing; --help tells more$"):
         parse(Named, "named", None, [])
 
@@ -174,18 +185,19 @@ def test_broken_pools_and_interrupts_say_how_to_go_on(capsys):
     assert (code, said) == (130, "error: interrupted; nothing was written\n")
 
 
-def test_ctrl_c_in_the_shell(tmp_path):
-    """A real SIGINT of a real process."""
+def test_ctrl_c_in_the_shell():
+    """A real SIGINT of a real process; one that was started in the background would ignore it by inheritance."""
     program = (
-        "import sys, time; from dataclasses import dataclass; from marssim.command import run_command\n"
+        "import signal, sys; from dataclasses import dataclass; from marssim.command import run_command\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "@dataclass\nclass C: pass\n"
-        "def work(_): print('at work', flush=True); time.sleep(60)\n"
+        "def work(_): print('at work', flush=True); sys.stdin.read()\n"
         "sys.exit(run_command(work, C, 'c', None, []))"
     )
-    process = subprocess.Popen([sys.executable, "-c", program], stdout=-1, stderr=-1, text=True)
+    process = subprocess.Popen([sys.executable, "-c", program], stdin=-1, stdout=-1, stderr=-1, text=True)
     assert process.stdout is not None and process.stdout.readline() == "at work\n"
     os.kill(process.pid, signal.SIGINT)
-    _, said = process.communicate(timeout=60)
+    _, said = process.communicate()
     assert (process.returncode, said) == (130, "error: interrupted; the same command goes on from here\n")
 
 
