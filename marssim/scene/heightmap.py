@@ -20,6 +20,7 @@ PIXEL_SCALE, GEO_KEYS, NO_DATA = 33550, 34735, 42113  # TIFF tags of GeoTIFF and
 MODEL_TYPE, GEOGRAPHIC, LINEAR_UNIT, METRE = 1024, 2, 3076, 9001  # GeoTIFF keys and values
 MARGIN = 6  # cells around the scene that the interpolation looks at
 LEAST_CELLS = 8  # along the side of a scene
+FLAG = "--relief.heightmap"  # of marssim.generate, in front of each message
 PLACES = 200  # tried for a scene that draws its place
 
 
@@ -43,7 +44,7 @@ class HeightMap:
         if room.min() < 0:
             raise ValueError(
                 f"{self.name}: covers {nx * self.cell:g} x {ny * self.cell:g} m, too small for the scene of "
-                f"{2 * half:g} x {2 * half:g} m; choose a smaller horizon or another file"
+                f"{2 * half:g} x {2 * half:g} m; choose a smaller --horizon or another file"
             )
         if 2 * reach < LEAST_CELLS:
             raise ValueError(
@@ -52,8 +53,8 @@ class HeightMap:
             )
         if at is not None and (np.abs(np.array(at) / self.cell) > room).any():
             raise ValueError(
-                f"{self.name}: a scene of {2 * half:g} m at {at[0]:g}, {at[1]:g} reaches beyond the map; heightmap_at "
-                f"may be +-{room[0] * self.cell:g} m east and +-{room[1] * self.cell:g} m north"
+                f"{self.name}: a scene of {2 * half:g} m at {at[0]:g}, {at[1]:g} reaches beyond the map; "
+                f"--relief.heightmap-at may be +-{room[0] * self.cell:g} m east and +-{room[1] * self.cell:g} m north"
             )
         for _ in range(1 if at is not None else PLACES):
             offset = rng.uniform(-room, room) if at is None else np.array(at, dtype=float) / self.cell
@@ -67,8 +68,8 @@ class HeightMap:
         if at is None:
             raise ValueError(f"{self.name}: no place without gaps in the data was found for a scene of {2 * half:g} m")
         raise ValueError(
-            f"{self.name}: {100 * holes:.2g} % of the scene's ground has no data (nan or nodata); choose another "
-            f"heightmap_at"
+            f"{self.name}: {100 * holes:.2g} % of the scene's ground has no data (nan or nodata); choose "
+            f"another --relief.heightmap-at"
         )
 
 
@@ -119,7 +120,7 @@ def file_digest(path: str) -> str:
         state = os.stat(path)
         return _digest(path, state.st_size, state.st_mtime_ns)
     except OSError as error:
-        raise ValueError(f"heightmap {path}: {(error.strerror or str(error)).lower()}") from None
+        raise ValueError(f"{FLAG} {path}: {(error.strerror or str(error)).lower()}") from None
 
 
 @lru_cache(maxsize=8)
@@ -134,7 +135,7 @@ def read_heightmap(path: str, digest: str, scale: float | None, height: float | 
 
     Raises ValueError, one line that names the file, for all that can be wrong with it.
     """
-    name = f"heightmap {path}"
+    name = f"{FLAG} {path}"
     suffix = Path(path).suffix.lower()
     nodata: float | None = None
     if suffix == ".npy":
@@ -144,7 +145,7 @@ def read_heightmap(path: str, digest: str, scale: float | None, height: float | 
         if values.dtype != np.uint16:
             raise ValueError(f"{name}: {8 * values.itemsize} bits a pixel, 16 are needed")
         if height is None:
-            raise ValueError(f"{name}: a PNG does not say how high its values are; give heightmap_height [m]")
+            raise ValueError(f"{name}: a PNG does not say how high its values are; give --relief.heightmap-height [m]")
     elif suffix in (".tif", ".tiff"):
         values = _read_image(path, name)
         file_scale, nodata = _read_tags(path, name, scale is None)
@@ -152,7 +153,7 @@ def read_heightmap(path: str, digest: str, scale: float | None, height: float | 
     else:
         raise ValueError(f"{name}: ends in neither .npy, .png, .tif nor .tiff")
     if scale is None:
-        raise ValueError(f"{name}: does not say how large its cells are; give heightmap_scale [m]")
+        raise ValueError(f"{name}: does not say how large its cells are; give --relief.heightmap-scale [m]")
     if min(values.shape) < 2:
         raise ValueError(f"{name}: has {values.shape[1]} x {values.shape[0]} cells, too few")
     heights = values.astype(float) * (1.0 if height is None else height)
@@ -207,9 +208,9 @@ def _read_tags(path: str, name: str, need_scale: bool) -> tuple[float | None, fl
     if need_scale and keys is not None:
         entries = {key: value for key, place, _, value in zip(*[iter(keys[4:])] * 4) if place == 0}
         if entries.get(MODEL_TYPE) == GEOGRAPHIC:
-            raise ValueError(f"{name}: its cells are measured in degrees; project it, or give heightmap_scale [m]")
+            raise ValueError(f"{name}: its cells are in degrees; project it, or give --relief.heightmap-scale [m]")
         if entries.get(LINEAR_UNIT, METRE) != METRE:
-            raise ValueError(f"{name}: its cells are not measured in metres; give heightmap_scale [m]")
+            raise ValueError(f"{name}: its cells are not measured in metres; give --relief.heightmap-scale [m]")
     if need_scale and scale is not None and not np.isclose(scale[0], scale[1], rtol=1e-3):
         raise ValueError(f"{name}: its cells are {scale[0]:g} x {scale[1]:g} m, not square; resample it")
     try:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy import fft
 from scipy.special import gamma
 
-from marssim.scene.heightmap import file_digest
+from marssim.scene.heightmap import FLAG, file_digest
 
 Range = tuple[float, float]
 
@@ -89,7 +89,7 @@ class ReliefConfig:
         if self.heightmap is not None:
             digest = file_digest(self.heightmap)
             if self.heightmap_sha256 not in (None, digest):
-                raise ValueError(f"heightmap {self.heightmap}: its SHA-256 is {digest}, not {self.heightmap_sha256}")
+                raise ValueError(f"{FLAG} {self.heightmap}: its SHA-256 is {digest}, not {self.heightmap_sha256}")
             object.__setattr__(self, "heightmap_sha256", digest)
 
 

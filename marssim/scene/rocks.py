@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from marssim.scene.golombek import MAX_DIAMETER, draw_diameters
+from marssim.scene.golombek import MAX_DIAMETER, draw_diameters, number_density
 from marssim.scene.placement import place
 from marssim.scene.shapes import FAMILIES, LEVELS, VARIANTS, icosphere, shape_library
 
@@ -24,6 +24,7 @@ __all__ = ["FAMILIES", "RockConfig", "Rocks", "build_rocks", "icosphere"]
 
 STAND = 0.4  # of the half side of the fine square: along x and y, cameras stand that far from the middle at most
 MOST = 65_534  # rocks that the 16 bits of a dataset's surface.png can tell apart, beside sky and ground
+SURE = 6.0  # standard deviations by which the number that is expected stays below that
 NEAREST = 1.6  # [m] distance from which rocks among the cameras are taken to be seen
 LEVEL_ANGLES = (0.035, 0.16, 0.5, 1.1)  # [rad] seen diameter from which a rock gets the next level of detail
 SMALLEST = (
@@ -179,24 +180,23 @@ def _scatter(
     config: RockConfig, half: float, horizon: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """Diameters (N,) and positions (N, 2) of all rocks: square rings, each with its own least diameter."""
-    diameters, inners, outers = [], [], []
-    inner = 0.0
+    rings, inner, expected = [], 0.0, 0.0
     near = min(STAND * half + 4.0, half)  # pebbles farther from a camera are smaller than a few pixels
     for reach, smallest in ((near, 0.0), *((ring * half, least) for ring, least in SMALLEST)):
         outer = min(reach, horizon)
         if outer > inner:
-            d = draw_diameters(config.k, max(smallest, config.min_diameter), 4 * (outer**2 - inner**2), rng)
-            diameters.append(d)
-            inners.append(np.full(len(d), inner))
-            outers.append(np.full(len(d), outer))
+            rings.append((inner, outer, max(smallest, config.min_diameter)))
+            expected += float(number_density(np.array(rings[-1][2]), config.k)) * 4 * (outer**2 - inner**2)
             inner = outer
-        if (number := sum(map(len, diameters))) > MOST:
-            raise ValueError(
-                f"a scene can hold {MOST} rocks, {number} or more are asked for; choose a smaller --rocks.k or --size, "
-                f"or a larger --rocks.min-diameter"
-            )
+    if (number := expected + SURE * np.sqrt(expected)) > MOST:  # told of the first scene rather than of a later one
+        raise ValueError(
+            f"a scene can hold {MOST} rocks, {number:.0f} may be drawn here; choose a smaller --rocks.k or --size, or "
+            f"a larger --rocks.min-diameter"
+        )
+    diameters = [draw_diameters(config.k, least, 4 * (outer**2 - inner**2), rng) for inner, outer, least in rings]
+    inners, outers = (np.repeat([ring[i] for ring in rings], [len(d) for d in diameters]) for i in (0, 1))
     diameter = np.concatenate(diameters)
-    return diameter, place(diameter, np.concatenate(inners), np.concatenate(outers), config.cluster, rng)
+    return diameter, place(diameter, inners, outers, config.cluster, rng)
 
 
 def _ground_plane(

@@ -118,7 +118,7 @@ def test_a_scene_may_draw_its_own_place_and_keeps_off_gaps(tmp_path):
         assert np.isfinite(terrain.coarse.heights).all()
         slopes.append(float(terrain.height_at(5.0, 0.0) - terrain.height_at(-5.0, 0.0)))
     assert np.std(slopes) > 0.1 and min(slopes) > 2.0
-    with pytest.raises(ValueError, match=r"map\.tif.*no data.*heightmap_at"):
+    with pytest.raises(ValueError, match=r"map\.tif.*no data.*--relief.heightmap-at"):
         build(path, heightmap_at=(-20.0, 0.0))
 
 
@@ -220,15 +220,16 @@ def broken(tmp_path, case):
         ("missing", "no such file"), ("folder", "directory"), ("empty", "no readable .npy"),
         ("cut off", "no readable .npy"), ("pickle", "no readable .npy"), ("three dimensions", "two-dimensional"),
         ("complex", "two-dimensional"), ("nan", "no data"), ("too small", "60 x 20 m, too small"),
-        ("too coarse", "cells of 50 m"), ("beyond", "heightmap_at"), ("no scale", "heightmap_scale"),
-        ("kind", ".npy, .png, .tif"), ("8 bits", "8 bits"), ("colour", "3 channels"), ("no height", "heightmap_height"),
+        ("too coarse", "cells of 50 m"), ("beyond", "--relief.heightmap-at"), ("no scale", "--relief.heightmap-scale"),
+        ("kind", ".npy, .png, .tif"), ("8 bits", "8 bits"), ("colour", "3 channels"),
+        ("no height", "--relief.heightmap-height"),
         ("no image", "cannot be read as an image"), ("degrees", "degrees"), ("feet", "not measured in metres"),
-        ("not square", "not square"), ("no tags", "heightmap_scale"), ("odd nodata", "nodata"),
+        ("not square", "not square"), ("no tags", "--relief.heightmap-scale"), ("odd nodata", "nodata"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_with_a_file_is_said_in_a_line(tmp_path, case, says):
     path, config = broken(tmp_path, case)
-    with pytest.raises(ValueError, match="heightmap") as error:
+    with pytest.raises(ValueError, match=r"^--relief\.heightmap /") as error:
         build(path, **config)
     message = str(error.value)
     assert path.name in message and says in message and "\n" not in message
