@@ -1,14 +1,16 @@
 """Stereo datasets on disk: plain PNG and JSON files, written atomically, hashed, and read back as arrays.
 
 DIR/generate.json            what was asked for
-DIR/dataset.json             the index: every sample, its split and the hash of its files
+DIR/dataset.json             the index: every sample, its split and the SHA-256 of its sample.json; written last
 DIR/scenes/00003/05/         one sample (scene 3, view 5)
     left.png right.png       8-bit RGB
     depth.png                16-bit, logarithmic: see encode_depth; 65535 is the sky
     normal.png               16-bit RGB, (n + 1) / 2 scaled to 65535; 0 0 0 is the sky
     surface.png              16-bit, 0 sky, 1 ground, n + 2 rock n
     occluded.png             8-bit, 255 where the right eye does not see the point
-    sample.json              rig, pose, sun, sensor, scene parameters, hashes
+    sample.json              rig, pose, sun, sensor, scene parameters, and the SHA-256 of each image
+
+So the index holds, by way of each sample.json, every byte of every sample. In version 1 it held the images only.
 """
 
 from __future__ import annotations
@@ -17,28 +19,30 @@ import hashlib
 import json
 import os
 import re
+import shlex
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, overload
+from uuid import uuid4
 
 import cv2
 import numpy as np
 
 from marssim.atomic import write_atomically
 from marssim.camera import MAX_DEPTH, MIN_DEPTH, StereoRig
-from marssim.compiled import compiled
+from marssim.encoding import decode_depth, decode_normal, encode_depth, encode_normal
 from marssim.render.gbuffer import SKY
 from marssim.render.stereo import StereoFrame
 
 SCHEMA = "marssim-stereo"
-VERSION = 1
+VERSION = 2
+READABLE = (1, VERSION)
+SETTINGS = "generate.json"
 SPLITS = ("train", "val", "test")
 SPLIT_OF_TEN = ("train", "test", "val", "train", "train", "train", "val", "train", "train", "train")
-NEAREST, FARTHEST = 0.1, 1000.0  # [m] range of the depth code
-SKY_CODE = 65535
 IMAGES = ("left.png", "right.png", "depth.png", "normal.png", "surface.png", "occluded.png")
 # the fastest that PNG has to offer for each, at about equal size: noise does not repeat, so searching it for repeats is
 # lost time; maps do, and normals are those of facets: unfiltered they repeat as they are
@@ -94,15 +98,17 @@ class StereoDataset:
             raise ValueError(f"split {split!r} is unknown; choose from {', '.join(SPLITS)}")
         if not self.path.is_dir():
             raise DatasetError(f"{self.path}: no such folder")
-        self.index = read_json(self.path / "dataset.json")
+        file = self.path / "dataset.json"
+        if not file.is_file() and (self.path / SETTINGS).is_file():
+            raise DatasetError(_unfinished(self.path))
+        self.index = read_json(file)
         if self.index.get("schema") != SCHEMA:
-            raise DatasetError(f"{self.path / 'dataset.json'}: schema is {self.index.get('schema')!r}, not {SCHEMA!r}")
-        if self.index.get("version") != VERSION:
-            raise DatasetError(
-                f"{self.path / 'dataset.json'}: version {self.index.get('version')} cannot be read, only {VERSION}"
-            )
+            raise DatasetError(f"{file}: schema is {self.index.get('schema')!r}, not {SCHEMA!r}")
+        if self.index.get("version") not in READABLE:
+            versions = " and ".join(map(str, READABLE))
+            raise DatasetError(f"{file}: is of version {self.index.get('version')!r}, this marssim reads {versions}")
         if not _lists_samples(self.index):
-            raise DatasetError(f"{self.path / 'dataset.json'}: samples must list name (scene/view), split and sha256")
+            raise DatasetError(f"{file}: samples must list name (scene/view), split and sha256")
         self.names: list[str] = [s["name"] for s in self.index["samples"] if split in (None, s["split"])]
 
     def __len__(self) -> int:
@@ -135,56 +141,12 @@ def split_of(scene: int) -> str:
     return SPLIT_OF_TEN[scene % len(SPLIT_OF_TEN)]
 
 
-def encode_depth(depth: np.ndarray) -> np.ndarray:
-    """uint16 code of depth [m], equal steps of its logarithm: 7e-5 relative error at most.
-
-    code = round(65534 ln(Z / 0.1 m) / ln(1000 m / 0.1 m)), clipped; 65535 where depth is not finite (sky).
-    """
-    return _depth_code(np.ascontiguousarray(depth).ravel()).reshape(depth.shape)
-
-
-@compiled
-def _depth_code(depth):
-    out = np.full(len(depth), SKY_CODE, dtype=np.uint16)
-    scale = (SKY_CODE - 1) / np.log(FARTHEST / NEAREST)
-    for k in range(len(depth)):
-        if np.isfinite(depth[k]):
-            z = min(max(float(depth[k]), NEAREST), FARTHEST)
-            out[k] = np.uint16(min(np.rint(scale * np.log(z / NEAREST)), SKY_CODE - 1.0))
-    return out
-
-
-def decode_depth(code: np.ndarray) -> np.ndarray:
-    """float32 depth [m] of encode_depth's code; inf in the sky."""
-    table = NEAREST * (FARTHEST / NEAREST) ** (np.arange(SKY_CODE + 1) / (SKY_CODE - 1))
-    table[SKY_CODE] = np.inf
-    return table.astype(np.float32)[code]
-
-
-def encode_normal(normal: np.ndarray) -> np.ndarray:
-    """uint16 RGB of unit normals (H, W, 3); black where the normal is zero (sky)."""
-    return _normal_code(np.ascontiguousarray(normal).reshape(-1, 3)).reshape(normal.shape)
-
-
-@compiled
-def _normal_code(normal):
-    out = np.zeros(normal.shape, dtype=np.uint16)
-    for k in range(len(normal)):
-        if normal[k, 0] != 0 or normal[k, 1] != 0 or normal[k, 2] != 0:
-            for c in range(3):
-                out[k, c] = np.uint16(min(max(np.rint((float(normal[k, c]) + 1) * (65535 / 2)), 0.0), 65535.0))
-    return out
-
-
-def decode_normal(code: np.ndarray) -> np.ndarray:
-    """(H, W, 3) float32 unit normals of encode_normal's code; 0 in the sky."""
-    normal = code.astype(np.float32) * np.float32(2 / 65535) - 1
-    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
-    return np.where((code == 0).all(axis=-1, keepdims=True), np.float32(0), normal)
-
-
 def write_sample(folder: Path, frame: StereoFrame, meta: dict[str, Any]) -> None:
-    """Write one sample so that the folder appears complete or not at all. Raises OSError if the disk refuses."""
+    """Write one sample so that the folder appears complete or not at all. Raises OSError if the disk refuses.
+
+    Nothing half written stays, but for a process that is killed. Two that write the same sample, as a run on a cluster
+    and the next one may for a moment, do not touch each other's files; whoever is done last finds it done.
+    """
     images = {
         "left.png": frame.left[..., ::-1],
         "right.png": frame.right[..., ::-1],
@@ -193,18 +155,24 @@ def write_sample(folder: Path, frame: StereoFrame, meta: dict[str, Any]) -> None
         "surface.png": (frame.surface + 1).astype(np.uint16),
         "occluded.png": frame.occluded.astype(np.uint8) * 255,
     }
-    partial = folder.with_name(f".{folder.name}.partial")
-    shutil.rmtree(partial, ignore_errors=True)
-    partial.mkdir(parents=True)
-    digest = {}
-    for name, image in images.items():
-        encoded = cv2.imencode(".png", np.ascontiguousarray(image), PNG[name])[1].tobytes()
-        digest[name] = hashlib.sha256(encoded).hexdigest()
-        (partial / name).write_bytes(encoded)
-    meta = {**meta, "rig": frame.rig.to_dict(), "pose": frame.pose.tolist(), "sha256": digest}
-    (partial / "sample.json").write_text(json.dumps(meta, indent=1, sort_keys=True))
-    shutil.rmtree(folder, ignore_errors=True)
-    partial.rename(folder)
+    partial = folder.with_name(f".{folder.name}.{uuid4().hex}.partial")
+    try:
+        partial.mkdir(parents=True)
+        digest = {}
+        for name, image in images.items():
+            encoded = cv2.imencode(".png", np.ascontiguousarray(image), PNG[name])[1].tobytes()
+            digest[name] = hashlib.sha256(encoded).hexdigest()
+            (partial / name).write_bytes(encoded)
+        meta = {**meta, "rig": frame.rig.to_dict(), "pose": frame.pose.tolist(), "sha256": digest}
+        (partial / "sample.json").write_text(json.dumps(meta, indent=1, sort_keys=True))
+        shutil.rmtree(folder, ignore_errors=True)
+        try:
+            partial.rename(folder)
+        except OSError:
+            if not is_complete(folder):
+                raise
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
 
 
 def is_complete(folder: Path) -> bool:
@@ -241,11 +209,12 @@ def read_sample(folder: Path) -> StereoSample:
 
 
 def sample_digest(folder: Path) -> str:
-    """One hash over the image files of a sample, from the hashes that its JSON holds."""
-    digest = read_json(folder / "sample.json").get("sha256")
+    """SHA-256 of a sample's sample.json, which holds those of its images. Raises DatasetError if it does not."""
+    file = folder / "sample.json"
+    digest = read_json(file).get("sha256")
     if not isinstance(digest, dict) or set(digest) != set(IMAGES):
-        raise DatasetError(f"{folder / 'sample.json'}: sha256 must hold the hash of each image")
-    return hashlib.sha256("".join(f"{name} {digest[name]}\n" for name in sorted(digest)).encode()).hexdigest()
+        raise DatasetError(f"{file}: sha256 must hold the hash of each image")
+    return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 def write_index(path: Path, config: dict[str, Any], names: list[str]) -> None:
@@ -269,11 +238,24 @@ def read_json(path: Path) -> dict[str, Any]:
         content = json.loads(path.read_text())
     except FileNotFoundError:
         raise DatasetError(f"{path}: no such file") from None
-    except (OSError, ValueError) as error:
-        raise DatasetError(f"{path}: {error}") from None
+    except OSError as error:
+        raise DatasetError(f"{path}: {(error.strerror or str(error)).lower()}") from None
+    except ValueError as error:  # bytes that are no text, or a text that is not JSON
+        raise DatasetError(f"{path}: is not JSON: {error}") from None
     if not isinstance(content, dict):
         raise DatasetError(f"{path}: not a JSON object")
     return content
+
+
+def _unfinished(path: Path) -> str:
+    """What a folder says that has settings and no index yet."""
+    done = sum(is_complete(file.parent) for file in path.glob("scenes/*/[0-9]*/sample.json"))
+    command = read_json(path / SETTINGS).get("command")
+    if not isinstance(command, str):
+        how = "the call that began it completes it"
+    else:
+        how = f"python -m marssim.generate --out {shlex.quote(str(path))} {command} completes it"
+    return f"{path}: not finished, {done} pairs are there; {how}"
 
 
 def _lists_samples(index: dict[str, Any]) -> bool:

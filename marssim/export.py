@@ -25,6 +25,7 @@ from marssim.atomic import write_atomically
 from marssim.command import counted, run_command
 from marssim.dataset import SPLITS, DatasetError, Split, StereoDataset, read_json, write_json
 from marssim.layouts import LAYOUTS, Item, Layout, SameAs
+from marssim.lock import LOCK, sole_writer
 from marssim.threads import in_threads
 
 SETTINGS = "export.json"
@@ -61,16 +62,23 @@ def export(config: ExportConfig) -> int:
     """Write what is missing of the export. Returns the number of samples that are there now.
 
     Raises DatasetError if the dataset or one of its files cannot be read, if none of the splits holds a sample, or if
-    the output folder holds something else, and OSError if it cannot be written; the same call goes on from there.
+    the output folder holds something else, FolderInUse if another command writes to it, and OSError if it cannot be
+    written; the same call goes on from there.
     """
-    layout = LAYOUTS[config.format]
     dataset = StereoDataset(config.data)
     chosen = [sample for sample in dataset.index["samples"] if sample["split"] in config.split]
     if not chosen:
         raise DatasetError(f"{config.data}: holds no pairs of --split {' '.join(config.split)}")
     if config.out.resolve() == config.data.resolve():
         raise DatasetError(f"--out {config.out}: is the dataset itself; choose another folder")
+    _held(config, chosen)
+    with sole_writer(config.out):
+        return _export(config, chosen)
+
+
+def _export(config: ExportConfig, chosen: list[dict[str, Any]]) -> int:
     _claim(config, chosen)
+    layout = LAYOUTS[config.format]
     items: dict[str, list[Item]] = {split: [] for split in SPLITS}
     for sample in chosen:
         there = items[sample["split"]]
@@ -89,14 +97,17 @@ def export(config: ExportConfig) -> int:
     return len(chosen)
 
 
-def _claim(config: ExportConfig, chosen: list[dict[str, Any]]) -> None:
-    """Make the output folder this export's own, or find that it is."""
-    out = config.out
-    if out.exists() and not out.is_dir():
-        raise DatasetError(f"--out {out}: a file of that name is in the way; choose another")
+def _settings(config: ExportConfig, chosen: list[dict[str, Any]]) -> dict[str, Any]:
     digest = hashlib.sha256("".join(f"{s['name']} {s['split']} {s['sha256']}\n" for s in chosen).encode()).hexdigest()
     splits = [split for split in SPLITS if split in config.split]
-    settings = {"schema": SCHEMA, "version": 1, "format": config.format, "split": splits, "samples": digest}
+    return {"schema": SCHEMA, "version": 1, "format": config.format, "split": splits, "samples": digest}
+
+
+def _held(config: ExportConfig, chosen: list[dict[str, Any]]) -> bool:
+    """Does the output folder hold this export, or a part of it? Raises DatasetError if it holds something else."""
+    out, settings = config.out, _settings(config, chosen)
+    if out.exists() and not out.is_dir():
+        raise DatasetError(f"--out {out}: a file of that name is in the way; choose another")
     mark = out / SETTINGS
     if mark.is_file():
         there = read_json(mark)
@@ -104,17 +115,20 @@ def _claim(config: ExportConfig, chosen: list[dict[str, Any]]) -> None:
             same = all(there.get(key) == settings[key] for key in ("schema", "version", "format", "split"))
             what = "of other data" if same else f"of format {there.get('format')}, split {there.get('split')}"
             raise DatasetError(f"{mark}: the folder holds an export {what}; choose another --out")
-        for leftover in out.rglob(".*.part"):  # of a run that was killed while it wrote
-            leftover.unlink(missing_ok=True)
-    elif out.is_dir() and any(out.iterdir()):
+        return True
+    if out.is_dir() and not all(file.name == LOCK or file.name.startswith(f".{SETTINGS}.") for file in out.iterdir()):
         raise DatasetError(f"--out {out}: the folder is not empty and holds no export; choose another")
-    else:
-        out.mkdir(parents=True, exist_ok=True)
-        write_json(mark, settings)
-    about = LAYOUTS[config.format].about
-    write_atomically(
-        out / "README.md", f"# {config.data.resolve().name}, exported by marssim\n\n{about}\n{_NAMES}".encode()
-    )
+    return False
+
+
+def _claim(config: ExportConfig, chosen: list[dict[str, Any]]) -> None:
+    """Make the output folder this export's own, or find that it is."""
+    if not _held(config, chosen):
+        write_json(config.out / SETTINGS, _settings(config, chosen))
+    for leftover in config.out.rglob(".*.part"):  # of a run that was killed while it wrote
+        leftover.unlink(missing_ok=True)
+    name, about = config.data.resolve().name, LAYOUTS[config.format].about
+    write_atomically(config.out / "README.md", f"# {name}, exported by marssim\n\n{about}\n{_NAMES}".encode())
 
 
 _NAMES = """\

@@ -25,11 +25,14 @@ from tqdm import tqdm
 from marssim.atomic import write_atomically
 from marssim.command import counted, exit_code
 from marssim.contact_sheet import contact_sheet
-from marssim.dataset import DatasetError, StereoDataset, read_json, write_index, write_json
+from marssim.dataset import SETTINGS, DatasetError, StereoDataset, read_json, write_index, write_json
+from marssim.generate_command import command_flags
 from marssim.generate_config import GenerateConfig, parse_generate
-from marssim.scene.scene import preset
-from marssim.scene.terrain import build_terrain
-from marssim.scene_views import SETTINGS, TRAJECTORY, generate_scene
+from marssim.lock import LOCK, sole_writer
+from marssim.scene.scene import PRESETS, build_scene, preset
+from marssim.scene_views import TRAJECTORY, generate_scene
+from marssim.trajectory import draw_trajectory
+from marssim.viewpoint import draw_pose
 from marssim.workers import run_tasks
 
 __all__ = ["GenerateConfig", "generate", "generate_scene"]
@@ -40,11 +43,19 @@ SHEET_SAMPLES = 12
 def generate(config: GenerateConfig) -> StereoDataset:
     """Write the dataset and return it.
 
-    Raises DatasetError if the folder holds another configuration's data, OSError if it cannot be written, and
-    BrokenExecutor if a worker process was killed; what is complete stays, and the same call goes on from there.
+    Raises DatasetError if the folder holds another configuration's data, FolderInUse if another command writes to it,
+    ValueError for scenes that cannot be built, OSError if it cannot be written, and BrokenExecutor if a worker process
+    was killed; what is complete stays, and the same call goes on from there.
     """
     config = _absolute(config)
+    _check(config)
+    with sole_writer(config.out):
+        return _generate(config)
+
+
+def _generate(config: GenerateConfig) -> StereoDataset:
     content = _claim(config)
+    _clear_up(config.out)
     per_scene = config.views_per_scene
     tasks = [
         (config, scene, list(range(min(per_scene, config.pairs - scene * per_scene))))
@@ -74,34 +85,71 @@ def _absolute(config: GenerateConfig) -> GenerateConfig:
     return replace(config, out=config.out.absolute(), scenes=tuple(scenes))
 
 
-def _claim(config: GenerateConfig) -> dict[str, Any]:
-    """Make the folder this dataset's, or see that it is. Returns the settings that are noted in it.
-
-    Settings of which nothing came, say because a package is missing, are replaced by the next ones. A scene that
-    cannot be built, such as one of a broken heightmap, is told before anything is written.
-    """
+def _check(config: GenerateConfig) -> None:
+    """Raise for what must fail, before anything is written: see _held, and scenes in which no camera can stand."""
     if config.out.exists() and not config.out.is_dir():
         raise DatasetError(f"--out {config.out}: a file of that name is in the way; choose another")
-    asked = config.out / SETTINGS
-    content = json.loads(json.dumps(config.content(), default=str))  # as it is read back: tuples become lists
+    if _held(config):
+        return
+    for scene_config in config.scenes:
+        if scene_config in map(preset, PRESETS) and not config.trajectory:
+            continue  # known to be sound
+        scene = build_scene(scene_config, np.random.default_rng((config.seed, 0)))
+        rng = np.random.default_rng((config.seed, 0, 0))
+        if config.trajectory:
+            draw_trajectory(scene, config.view, config.drive, config.views_per_scene, rng)
+        else:
+            draw_pose(scene, config.view, rng)
+
+
+def _settings(config: GenerateConfig) -> dict[str, Any]:
+    """What is noted of the config in the folder, as it is read back: tuples become lists."""
+    return json.loads(json.dumps(config.content(), default=str))
+
+
+def _held(config: GenerateConfig) -> bool:
+    """Does the folder hold this dataset, or a part of it? Raises DatasetError if it holds something else.
+
+    Settings of which nothing came, say because a package is missing, do not count.
+    """
+    asked, content = config.out / SETTINGS, _settings(config)
     if asked.is_file():
-        if read_json(asked) == content:
-            return content
-        if not _only_claimed(config.out):
-            raise DatasetError(f"{asked}: the folder holds a dataset of other settings; choose another --out")
-    elif config.out.is_dir() and any(not file.name.startswith(f".{SETTINGS}.") for file in config.out.iterdir()):
+        there = read_json(asked)
+        there.pop("command", None)
+        if there == content:
+            return True
+        if _only_claimed(config.out):
+            return False
+        if {**there, "marssim": content["marssim"]} == content:
+            raise DatasetError(
+                f"{asked}: the folder holds a dataset of marssim {there.get('marssim', 'of an earlier version')}, "
+                f"which this version, {content['marssim']}, may not draw alike; choose another --out"
+            )
+        raise DatasetError(f"{asked}: the folder holds a dataset of other settings; choose another --out")
+    if config.out.is_dir() and not all(file.name == LOCK or _is_part(file) for file in config.out.iterdir()):
         raise DatasetError(f"{config.out}: the folder is not empty and holds no dataset; choose another --out")
-    for scene in config.scenes:
-        if scene != preset(scene.preset):
-            build_terrain(scene.relief, scene.size, scene.cell, scene.horizon, np.random.default_rng(config.seed))
-    write_json(asked, content)
+    return False
+
+
+def _claim(config: GenerateConfig) -> dict[str, Any]:
+    """Make the folder this dataset's, or find that it is. Returns the settings that are noted in it."""
+    _held(config)
+    content = _settings(config)
+    note = {**content, "command": command_flags(config)}
+    if not (config.out / SETTINGS).is_file() or read_json(config.out / SETTINGS) != note:
+        write_json(config.out / SETTINGS, note)
     return content
+
+
+def _is_part(file: Path) -> bool:
+    """Is it what a killed run has half written?"""
+    return file.name.startswith(f".{SETTINGS}.")
 
 
 def _only_claimed(out: Path) -> bool:
     """Is there nothing yet but the settings, and what a killed run has half written?"""
     rest = (file.relative_to(out) for file in out.rglob("*") if file.is_file())
-    return all(str(file) == SETTINGS or any(part.startswith(".") for part in file.parts) for file in rest)
+    return all(str(file) in (SETTINGS, LOCK) or any(part.startswith(".") for part in file.parts) for file in rest)
 
 
 def _clear_up(out: Path) -> None:
@@ -117,17 +165,20 @@ def _readme(config: GenerateConfig, dataset: StereoDataset) -> str:
     counts = {name: sum(s["split"] == name for s in dataset.index["samples"]) for name in ("train", "val", "test")}
     drive = f" The views of a scene are a drive; its poses are also in `scenes/<scene>/{TRAJECTORY}` (TUM format)."
     drive = drive if config.trajectory else ""
+    flags = command_flags(config)
+    made = f"\nMade by\n\n    python -m marssim.generate --out DIR {flags}\n" if flags is not None else ""
     return f"""# Mars stereo dataset
 
 {counted(len(dataset), "stereo pair")} (train {counts["train"]}, val {counts["val"]}, test {counts["test"]}; split by
 scene), scene `{config.place}`, seed {config.seed}, rendered with {config.renderer}.
-
+{made}
 ![contact sheet](contact_sheet.png)
 
 Files of a sample, in `scenes/<scene>/<view>/`: `left.png`, `right.png` (8-bit RGB), `depth.png`
 (16-bit: Z = 0.1 m * 10000^(code / 65534); 65535 is the sky), `normal.png` (16-bit RGB, n = 2 code / 65535 - 1, camera
 frame x right, y down, z forward), `surface.png` (0 sky, 1 ground, from 2 rocks), `occluded.png` (255: hidden from the
-right eye), `sample.json` (rig, pose, sun, sensor, scene).{drive} Read it with
+right eye), `sample.json` (rig, pose, sun, sensor, scene; SHA-256 of each image).{drive} `dataset.json` lists all
+samples with the SHA-256 of their `sample.json`; `python -m marssim.verify DIR` checks them. Read it with
 
     from marssim.dataset import StereoDataset
     sample = StereoDataset("{config.out.name}", split="train")[0]

@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+import math
 import re
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields
+from importlib import metadata
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 import tyro
 
 from marssim.camera import NATECAM, PinholeCamera, StereoRig
 from marssim.command import parse
-from marssim.dataset import DatasetError, read_json
+from marssim.dataset import SPLIT_OF_TEN, DatasetError, read_json
 from marssim.render.sensor import SensorConfig
 from marssim.scene.scene import PRESETS, Place, SceneConfig, preset
 from marssim.trajectory import TrajectoryConfig
 from marssim.viewpoint import ViewConfig
 
 MIXED = "mixed"
+MIXTURE = 0x6D69786564  # parts the draw of the places from all others of a seed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +61,7 @@ class RunConfig:
 class GenerateConfig(RunConfig):
     """What a dataset is made of.
 
-    scenes: each scene of the dataset draws one of these. rig: the cameras. The rest is RunConfig's.
+    scenes: the scenes of the dataset are drawn from these by turns. rig: the cameras. The rest is RunConfig's.
     """
 
     scenes: tuple[SceneConfig, ...] = (preset(PRESETS[0]),)
@@ -75,9 +79,9 @@ class GenerateConfig(RunConfig):
         return names.pop() if len(names) == 1 else MIXED
 
     def content(self) -> dict[str, Any]:
-        """What decides the content of each sample: all but the place, the number of pairs and who renders them.
+        """What decides the content of each sample: all but the folder, the number of pairs and who renders them.
 
-        A heightmap counts by its SHA-256, wherever it lies.
+        A heightmap counts by its SHA-256, wherever it lies; the version of marssim counts too.
         """
         left_out = ("out", "pairs", "workers", "scheduler", "rig", "scenes")
         content = {name: value for name, value in asdict(self).items() if name not in left_out}
@@ -86,7 +90,29 @@ class GenerateConfig(RunConfig):
         scenes = [asdict(scene) for scene in self.scenes]  # in the order that they are drawn from
         for scene in scenes:
             del scene["relief"]["heightmap"]
-        return {**content, "scene": self.place, "scenes": scenes, "rig": self.rig.to_dict()}
+        version = {"marssim": marssim_version()}
+        return {**version, **content, "scene": self.place, "scenes": scenes, "rig": self.rig.to_dict()}
+
+    def scene_config(self, scene: int) -> SceneConfig:
+        """The config that a scene of the dataset is drawn from; it follows from the seed and the scene alone.
+
+        Of n configs, each block of n scenes has every one once, in an order that the seed decides. From block to block
+        each takes the place of the next, so that within n lcm(n, 10) scenes (50 of five) every one of the ten places
+        that decide the split (dataset.split_of) has each config equally often: so have train, val and test.
+        """
+        n = len(self.scenes)
+        cycle, within = divmod(scene, n * math.lcm(n, len(SPLIT_OF_TEN)))
+        rng = np.random.default_rng((self.seed, MIXTURE, cycle))
+        order, start = rng.permutation(n), rng.permutation(n)
+        return self.scenes[order[(start[within % n] + within // n) % n]]
+
+
+def marssim_version() -> str:
+    """Of the installed package; "unknown" where it runs from its source alone."""
+    try:
+        return metadata.version("mars-m3depth")
+    except metadata.PackageNotFoundError:
+        return "unknown"
 
 
 @dataclass(frozen=True)
@@ -94,29 +120,33 @@ class RigOptions:
     """Two equal cameras, side by side; NaTeCam's values by default."""
 
     width: int = NATECAM.camera.width
-    """of each image [px]"""
+    """width of each image [px]"""
     height: int = NATECAM.camera.height
-    """of each image [px]"""
+    """height of each image [px]"""
     focal: float = NATECAM.camera.fx
     """focal length [px]"""
+    focal_y: float | None = None
+    """vertical focal length [px] of pixels that are not square; default: as --rig.focal"""
     baseline: float = NATECAM.baseline
     """distance of the two eyes [m]"""
     cx: float | None = None
-    """principal point, column [px]; default: the middle"""
+    """principal point, column [px], 0 is the middle of the first pixel; default: the image's middle"""
     cy: float | None = None
-    """principal point, row [px]; default: the middle"""
+    """principal point, row [px]; default: the image's middle"""
 
     def __post_init__(self) -> None:
         self.rig()  # says what is out of range
 
     def rig(self) -> StereoRig:
         """As a StereoRig. Raises ValueError that names the field."""
-        for name in ("width", "height", "focal", "baseline"):
-            if not 0 < getattr(self, name) < float("inf"):
-                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+        for name in ("width", "height", "focal", "focal_y", "baseline"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < float("inf"):
+                raise ValueError(f"{name} must be positive, got {value}")
+        focal_y = self.focal if self.focal_y is None else self.focal_y
         cx = (self.width - 1) / 2 if self.cx is None else self.cx
         cy = (self.height - 1) / 2 if self.cy is None else self.cy
-        return StereoRig(PinholeCamera(self.width, self.height, self.focal, self.focal, cx, cy), self.baseline)
+        return StereoRig(PinholeCamera(self.width, self.height, self.focal, focal_y, cx, cy), self.baseline)
 
 
 @dataclass(frozen=True)
@@ -131,9 +161,9 @@ class GenerateOptions(RunConfig):
     """Generate stereo pairs of Mars with exact depth, normals and masks."""
 
     scene: Literal[Place, "mixed"] = "utopia"
-    """place on Mars that the terrain is modelled on, from few rocks to many; "mixed" draws one for each scene.
-    `--scene NAME --help` shows that place's values as the defaults of --rocks, --relief and --look; what is given
-    of them holds for every place of "mixed" """
+    """place on Mars that the terrain is modelled on, from few rocks to many; "mixed" has them by turns, so that train,
+    val and test hold each equally often. `--scene NAME --help` shows that place's values as the defaults of --rocks,
+    --relief and --look (mixed: those of utopia); what is given of them holds for every place of "mixed" """
     knobs: Annotated[SceneOptions, tyro.conf.arg(name="")] = field(default_factory=SceneOptions)
     rig: RigOptions = field(default_factory=RigOptions)
     rig_file: Path | None = None
@@ -161,13 +191,13 @@ def parse_generate(prog: str, description: str | None, args: Sequence[str] | Non
 
 
 def read_rig(path: Path) -> StereoRig:
-    """Read StereoRig.to_dict's form. Raises DatasetError that names the file, and the field."""
+    """Read StereoRig.to_dict's form. Raises DatasetError, one line, that names the file, and the field."""
     try:
         return StereoRig.from_dict(read_json(path))
-    except DatasetError:
-        raise
+    except DatasetError as error:
+        raise DatasetError(f"--rig-file {error}") from None
     except ValueError as error:
-        raise DatasetError(f"{path}: {error}") from None
+        raise DatasetError(f"--rig-file {path}: {error}") from None
 
 
 def _scene_of(args: Sequence[str]) -> Any:

@@ -13,11 +13,14 @@ from typing import Any
 import numpy as np
 
 from marssim.camera import StereoRig
-from marssim.dataset import IMAGES, DatasetError, StereoDataset, read_json, sample_digest, split_of
+from marssim.dataset import IMAGES, SETTINGS, VERSION, DatasetError, StereoDataset, read_json, sample_digest, split_of
+from marssim.lock import LOCK
 from marssim.threads import in_threads
+from marssim.trajectory import tum_lines
 
-TOP = ("dataset.json", "generate.json", "README.md", "contact_sheet.png")
+TOP = ("dataset.json", SETTINGS, "README.md", "contact_sheet.png")
 TRAJECTORY = "trajectory.txt"  # of a scene whose views are a drive, beside them
+LEFT = "left by a run that was interrupted, or of one that is at work; the command that made the data removes it"
 PNG_END = bytes.fromhex("0000000049454e44ae426082")
 PNG_KIND = {  # bits a channel and colour type (0 grey, 2 RGB) of each image
     "left.png": (8, 2), "right.png": (8, 2), "depth.png": (16, 0), "normal.png": (16, 2), "surface.png": (16, 0),
@@ -39,15 +42,23 @@ class Finding:
 
 
 def check_samples(dataset: StereoDataset, threads: int = 2) -> Iterator[tuple[str, list[Finding]]]:
-    """Name of each sample, in order, with what is wrong with its files."""
+    """Name of each sample, in order, with what is wrong with its files. Raises DatasetError for an older version."""
+    if dataset.index["version"] != VERSION:
+        raise DatasetError(
+            f"{dataset.path / 'dataset.json'}: is of version {dataset.index['version']}, whose hashes leave out "
+            f"sample.json; it can be read, but not checked: generate it anew for version {VERSION}"
+        )
     recorded = {sample["name"]: sample["sha256"] for sample in dataset.index["samples"]}
     check = partial(_check_sample, dataset.path, recorded)
     return zip(dataset.names, in_threads(check, dataset.names, threads))
 
 
 def check_index(dataset: StereoDataset) -> list[Finding]:
-    """What is wrong with the index itself: a sample listed twice, or in the split of another scene."""
-    found, seen = [], set()
+    """What is wrong with the index itself: other settings, a sample listed twice or in the split of another scene."""
+    found: list[Finding] = []
+    seen = set()
+    if (dataset.path / SETTINGS).is_file():
+        found += _check_settings(dataset)
     for sample in dataset.index["samples"]:
         name, split = sample["name"], sample["split"]
         if name in seen:
@@ -59,25 +70,41 @@ def check_index(dataset: StereoDataset) -> list[Finding]:
     return found
 
 
+def _check_settings(dataset: StereoDataset) -> list[Finding]:
+    try:
+        asked = read_json(dataset.path / SETTINGS)
+    except DatasetError as error:
+        return [Finding(SETTINGS, str(error).removeprefix(f"{dataset.path / SETTINGS}: "))]
+    config = dataset.index.get("config")
+    config = config if isinstance(config, dict) else {}
+    own = {"command", "pairs"}  # of the folder, of the index
+    same = {k: v for k, v in asked.items() if k not in own} == {k: v for k, v in config.items() if k not in own}
+    return [] if same else [Finding(SETTINGS, "other settings than dataset.json holds")]
+
+
 def check_trajectories(dataset: StereoDataset) -> list[Finding]:
-    """Where a scene's views are a drive (generate --trajectory), its poses must lie beside them, a line a view."""
+    """Where a scene's views are a drive (generate --trajectory), its poses must lie beside them as they are in them."""
     config = dataset.index.get("config")
     if not (isinstance(config, dict) and config.get("trajectory")):
         return []
-    views: dict[str, int] = {}
+    views: dict[str, list[str]] = {}
     for name in dataset.names:
-        scene = name.split("/")[0]
-        views[scene] = views.get(scene, 0) + 1
+        views.setdefault(name.split("/")[0], []).append(name)
     found = []
-    for scene, count in views.items():
+    for scene, names in views.items():
         path = f"scenes/{scene}/{TRAJECTORY}"
         try:
-            lines = [line for line in (dataset.path / path).read_text().splitlines() if not line.startswith("#")]
+            text = (dataset.path / path).read_text()
         except (OSError, ValueError):
             found.append(Finding(path, "missing, or cannot be read"))
             continue
-        if len(lines) != count:
-            found.append(Finding(path, f"holds {len(lines)} poses of {count} views"))
+        try:
+            metas = [read_json(dataset.path / "scenes" / name / "sample.json") for name in names]
+            due = tum_lines([meta["timestamp"] for meta in metas], np.array([meta["pose"] for meta in metas]))
+        except (KeyError, ValueError, TypeError, IndexError):
+            continue  # check_samples names the sample
+        if text != due:
+            found.append(Finding(path, "other poses or times than those of the views"))
     return found
 
 
@@ -97,11 +124,12 @@ def check_extra(dataset: StereoDataset, own: Path | None = None) -> list[Finding
                 if path in folders:
                     waiting.append(entry)
                 elif entry.name.endswith(".partial"):
-                    found.append(Finding(path, "left by an interrupted run"))
+                    found.append(Finding(path, LEFT))
                 else:
                     found.append(Finding(path, "a folder that the index does not list"))
             elif path not in expected:
-                found.append(Finding(path, "a file that the dataset does not have"))
+                left = path == LOCK or (entry.name.startswith(".") and entry.name.endswith(".part"))
+                found.append(Finding(path, LEFT if left else "a file that the dataset does not have"))
     return found
 
 
@@ -122,7 +150,7 @@ def _check_sample(root: Path, recorded: dict[str, str], name: str) -> list[Findi
         return found + [finding(image, "missing") for image in IMAGES if not (folder / image).is_file()]
     found = []
     if digest != recorded[name]:
-        found.append(finding("sample.json", "records other hashes than dataset.json"))
+        found.append(finding("sample.json", "other content than dataset.json records"))
     for image in IMAGES:
         problem = _check_image(folder / image, meta["sha256"][image], rig)
         if problem:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from marssim.atomic import write_atomically
-from marssim.dataset import DatasetError, is_complete, read_json, write_sample
+from marssim.dataset import SETTINGS, DatasetError, is_complete, read_json, write_sample
 from marssim.generate_config import GenerateConfig
 from marssim.render.makers import make_renderer
 from marssim.render.sensor import Sensor
@@ -19,7 +19,6 @@ from marssim.scene.scene import Scene, build_scene
 from marssim.trajectory import draw_trajectory, tum_lines
 from marssim.viewpoint import draw_pose
 
-SETTINGS = "generate.json"
 TRAJECTORY = "trajectory.txt"
 
 
@@ -47,8 +46,7 @@ def sample_folder(out: Path, scene: int, view: int) -> Path:
 
 def _render(config: GenerateConfig, scene_index: int, views: list[int]) -> None:
     rng = np.random.default_rng((config.seed, scene_index))
-    scene_config = config.scenes[rng.integers(len(config.scenes))] if len(config.scenes) > 1 else config.scenes[0]
-    scene = build_scene(scene_config, rng)
+    scene = build_scene(config.scene_config(scene_index), rng)
     poses, sensor = None, None
     if config.trajectory:  # one drive, and one camera for all of it
         rng = np.random.default_rng((config.seed, scene_index, 0))

@@ -1,11 +1,12 @@
 """Check a dataset against its index, and see what is in it.
 
-    python -m marssim.verify data/gale --out out/gale           hashes and statistics: verify.json, statistics.png
+    python -m marssim.verify data/gale                          hashes and statistics: verify.json, statistics.png
     python -m marssim.verify data/gale --sample 00003/05        one sample: figure, point cloud, mesh
     python -m marssim.verify --cross-check --scene jezero       do both renderers see the same?
 
-Every file is hashed; images are decoded for the statistics of --statistics-of samples only. Whatever is wrong is named,
-one line a file. Exit code 0: all is well; 1: something is wrong; 2: no dataset, or a bad value.
+Every file of every sample is hashed; images are decoded for the statistics of --statistics-of samples only. Whatever is
+wrong is named, one line a file. Results go to out/verify, into a folder for each dataset. Exit code 0: all is well; 1:
+something is wrong; 2: no dataset, or a bad value.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ from marssim.statistics import __doc__ as definitions
 from marssim.threads import in_threads
 from marssim.viewpoint import ViewConfig, draw_pose
 
+RESULTS = Path("out/verify")
 SHOWN = 50  # findings that are printed; the JSON holds all
 
 
@@ -44,10 +46,11 @@ class VerifyConfig:
 
     data: tyro.conf.Positional[Path | None] = None
     """dataset folder, as marssim.generate writes it"""
-    out: Path = Path("out/verify")
-    """folder for the results; it may lie in the dataset, but not among its scenes"""
+    out: Path | None = None
+    """folder for the results; it may lie in the dataset, but not among its scenes; default: out/verify/NAME-DIGEST,
+    after the dataset's folder and the first digits of its digest, and out/verify for --cross-check"""
     statistics_of: int = 200
-    """number of samples that the statistics are taken over, spread over all scenes; 0 for none"""
+    """number of samples that the statistics are taken over, spread over all splits; 0 for none"""
     workers: int = 2
     """threads that hash and decode"""
     sample: str | None = None
@@ -75,10 +78,16 @@ class VerifyConfig:
             raise ValueError(f"--sample {self.sample}: of which dataset folder?")
         if self.data is None and not self.cross_check:
             raise ValueError("give a dataset folder, or --cross-check; --help tells more")
-        if self.data is not None:
+        if self.data is not None and self.out is not None:
             data, out = self.data.resolve(), self.out.resolve()
             if out == data or out.is_relative_to(data / "scenes"):  # the results would be taken for foreign files
                 raise ValueError(f"--out {self.out}: the dataset's own folder; choose another, in it or elsewhere")
+
+    def results(self, dataset: StereoDataset | None = None) -> Path:
+        """The folder for the results: of a dataset, or of --cross-check."""
+        if self.out is not None:
+            return self.out
+        return RESULTS if dataset is None else RESULTS / f"{dataset.path.resolve().name}-{dataset.digest[:8]}"
 
 
 def verify_dataset(config: VerifyConfig, dataset: StereoDataset) -> tuple[list[Finding], dict[str, Tally]]:
@@ -93,7 +102,7 @@ def verify_dataset(config: VerifyConfig, dataset: StereoDataset) -> tuple[list[F
             if not problems:
                 whole.append(name)
             bar.update()
-    found += check_trajectories(dataset) + check_extra(dataset, config.out)
+    found += check_trajectories(dataset) + check_extra(dataset, config.results(dataset))
     tallies = {name: Tally() for name in ("all", *SPLITS)}
     split = {sample["name"]: sample["split"] for sample in dataset.index["samples"]}
     chosen = spread({name: split[name] for name in whole}, config.statistics_of)
@@ -142,15 +151,15 @@ def show_sample(config: VerifyConfig, dataset: StereoDataset, name: str) -> list
         like = f"they are named like {dataset.names[0]}" if dataset.names else "it has none"
         raise DatasetError(f"--sample {name}: no such sample among the {len(dataset)} of {dataset.path}; {like}")
     sample = read_sample(dataset.path / "scenes" / name)
-    flat = name.replace("/", "_")
-    files = {config.out / f"sample_{flat}.png": sample_figure(sample, name)}
+    flat, out = name.replace("/", "_"), config.results(dataset)
+    files = {out / f"sample_{flat}.png": sample_figure(sample, name)}
     camera = sample.rig.camera
     points, colours = coloured_points(sample.left, sample.depth, camera, config.farthest)
     if len(points):
-        files[config.out / f"sample_{flat}.ply"] = encode_ply(points, colours)
+        files[out / f"sample_{flat}.ply"] = encode_ply(points, colours)
     vertices, faces, pixel = surface_mesh(sample.depth, sample.normal, camera, config.farthest)
     if len(faces):
-        files[config.out / f"sample_{flat}.glb"] = encode_glb(vertices, faces, sample.left.reshape(-1, 3)[pixel])
+        files[out / f"sample_{flat}.glb"] = encode_glb(vertices, faces, sample.left.reshape(-1, 3)[pixel])
     for path, data in files.items():
         write_atomically(path, data)
     return list(files)
@@ -170,24 +179,25 @@ def verify(config: VerifyConfig) -> bool:
         found = cross_check(config)
         print(f"PyBullet against Embree, {config.scene}, seed {config.seed}: {found}")
         report = {"scene": config.scene, "seed": config.seed, **found.report()}
-        write_json(config.out / "cross_check.json", report)
+        write_json(config.results() / "cross_check.json", report)
         good &= found.good
     return good
 
 
 def _report(config: VerifyConfig, dataset: StereoDataset) -> bool:
+    out = config.results(dataset)
     found, tallies = verify_dataset(config, dataset)
     pairs = {name: sum(s["split"] == name for s in dataset.index["samples"]) for name in SPLITS}
     pairs = {"all": len(dataset), **pairs}
     for finding in found[:SHOWN]:
         print(finding)
     if len(found) > SHOWN:
-        print(f"and {len(found) - SHOWN} more, see {config.out / 'verify.json'}")
+        print(f"and {len(found) - SHOWN} more, see {out / 'verify.json'}")
     if tallies["all"].samples:
         print(table(tallies, pairs))
         print(tallies["all"].cover.table())
         figure = statistics_figure(tallies, f"{dataset.path.resolve().name}: {counted(len(dataset), 'pair')}")
-        write_atomically(config.out / "statistics.png", figure)
+        write_atomically(out / "statistics.png", figure)
     report = {
         "schema": "marssim-verify",
         "version": 1,
@@ -199,10 +209,10 @@ def _report(config: VerifyConfig, dataset: StereoDataset) -> bool:
         "statistics": {name: tally.report() for name, tally in tallies.items() if tally.samples},
         "definitions": definitions,
     }
-    write_json(config.out / "verify.json", report)
+    write_json(out / "verify.json", report)
     files = {finding.path for finding in found}
     verdict = f"{counted(len(files), 'file')} wrong" if found else "every file is what the index says"
-    print(f"{config.data}: {counted(len(dataset), 'pair')}, {verdict}; see {config.out / 'verify.json'}")
+    print(f"{config.data}: {counted(len(dataset), 'pair')}, {verdict}; see {out}")
     return not found
 
 

@@ -1,22 +1,19 @@
+import hashlib
 import json
 import shutil
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from hypothesis.extra import numpy as hnp
 
 from marssim.camera import NATECAM, look_pose
 from marssim.dataset import (
     IMAGES,
     DatasetError,
     StereoDataset,
-    decode_depth,
-    decode_normal,
-    encode_depth,
-    encode_normal,
     is_complete,
     read_json,
     read_sample,
@@ -62,47 +59,6 @@ def dataset(written, tmp_path):
     return shutil.copytree(written, tmp_path / "set")
 
 
-@given(depth=hnp.arrays(np.float64, 20, elements=st.floats(0.1, 1000)))
-def test_depth_survives_within_its_step(depth):
-    back = decode_depth(encode_depth(depth))
-    assert back.dtype == np.float32
-    assert np.abs(back / depth - 1).max() < 7.5e-5
-
-
-def test_the_whole_range_of_codes_is_used_in_order():
-    depth = np.geomspace(0.1, 1000, 300_000)
-    code = encode_depth(depth)
-    assert code[0] == 0 and code[-1] == 65534 and (np.diff(code.astype(int)) >= 0).all()
-    assert len(np.unique(code)) == 65535
-    known = np.arange(65535, dtype=np.uint16)
-    assert np.array_equal(encode_depth(decode_depth(known)), known)  # writing again loses nothing
-
-
-def test_sky_survives_and_what_lies_beyond_the_range_is_clipped():
-    depth = np.array([[np.inf, np.nan, 5000.0, 0.01]])
-    assert encode_depth(depth)[0, :2].tolist() == [65535, 65535]
-    back = decode_depth(encode_depth(depth))[0]
-    assert np.isinf(back[:2]).all() and back[2] == pytest.approx(1000) and back[3] == pytest.approx(0.1)
-
-
-@given(normal=hnp.arrays(np.float64, (6, 3), elements=st.floats(-1, 1)))
-def test_normals_survive(normal):
-    normal = normal[np.linalg.norm(normal, axis=1) > 0.1]
-    normal = np.append(normal, [[0, 0, -1]], axis=0)
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    back = decode_normal(encode_normal(normal[None]))[0]
-    assert np.abs(back - normal).max() < 1e-4
-    assert np.allclose(np.linalg.norm(back, axis=1), 1, atol=1e-6)
-
-
-def test_the_sky_has_no_normal():
-    normal = np.zeros((2, 2, 3), np.float32)
-    normal[0, 0] = [0.6, 0, -0.8]
-    code = encode_normal(normal)
-    assert not code[1].any()
-    assert not decode_normal(code)[1].any() and np.allclose(decode_normal(code)[0, 0], normal[0, 0], atol=1e-4)
-
-
 def test_a_rendered_frame_comes_back(frame, tmp_path):
     write_sample(tmp_path / "00000" / "00", frame, {"scene": 0, "sun_elevation_deg": 30.0})
     sample = read_sample(tmp_path / "00000" / "00")
@@ -127,13 +83,37 @@ def test_a_rendered_frame_comes_back(frame, tmp_path):
 def test_writing_again_replaces_and_gives_the_same_hash(frame, tmp_path):
     folder = tmp_path / "00"
     write_sample(folder, frame, {"view": 0})
-    first = sample_digest(folder)
-    leftover = tmp_path / ".00.partial"
-    leftover.mkdir()
-    (leftover / "left.png").write_bytes(b"half")
+    first, images = sample_digest(folder), read_sample(folder).meta["sha256"]
+    write_sample(folder, frame, {"view": 0})
+    assert sample_digest(folder) == first
     write_sample(folder, frame, {"view": 1})
-    assert sample_digest(folder) == first and read_sample(folder).meta["view"] == 1
-    assert not leftover.exists() and is_complete(folder)
+    assert sample_digest(folder) != first and read_sample(folder).meta["sha256"] == images
+    assert read_sample(folder).meta["view"] == 1 and is_complete(folder)
+    assert [p.name for p in tmp_path.iterdir()] == ["00"]
+
+
+def test_two_who_write_the_same_sample_do_not_disturb_each_other(frame, tmp_path, monkeypatch):
+    """The one renames its folder into place when the other has just done so."""
+    folder, rename = tmp_path / "00", Path.rename
+
+    def overtaken(path: Path, target: Path) -> Path:
+        monkeypatch.setattr(Path, "rename", rename)
+        write_sample(folder, frame, {"view": 0})
+        return rename(path, target)
+
+    monkeypatch.setattr(Path, "rename", overtaken)
+    write_sample(folder, frame, {"view": 0})
+    assert is_complete(folder) and [p.name for p in tmp_path.iterdir()] == ["00"]
+
+
+def test_a_sample_that_cannot_be_written_leaves_nothing(frame, tmp_path, monkeypatch):
+    def full(path: Path, text: str) -> int:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(OSError, match="No space"):
+        write_sample(tmp_path / "00", frame, {})
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_dataset_is_a_sequence(written):
@@ -232,6 +212,32 @@ def test_an_index_that_cannot_be_read_is_named(dataset, field, value):
         StereoDataset(dataset)
 
 
+def test_an_index_holds_the_plain_hash_of_each_sample_json(written):
+    for sample in StereoDataset(written).index["samples"]:
+        file = written / "scenes" / sample["name"] / "sample.json"
+        assert sample["sha256"] == hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_both_versions_are_read(dataset, version):
+    index = json.loads((dataset / "dataset.json").read_text())
+    assert index["version"] == 2
+    (dataset / "dataset.json").write_text(json.dumps({**index, "version": version}))
+    assert StereoDataset(dataset)[0].meta["view"] == 0
+
+
+def test_an_unfinished_dataset_says_what_completes_it(dataset):
+    (dataset / "dataset.json").unlink()
+    shutil.rmtree(dataset / "scenes" / NAMES[2])
+    write_json(dataset / "generate.json", {"seed": 3, "command": "--pairs 6 --seed 3 --scene gale"})
+    command = f"python -m marssim.generate --out {dataset} --pairs 6 --seed 3 --scene gale completes it"
+    with pytest.raises(DatasetError, match=rf"^{dataset}: not finished, 5 pairs are there; {command}$"):
+        StereoDataset(dataset)
+    write_json(dataset / "generate.json", {"seed": 3, "command": None})
+    with pytest.raises(DatasetError, match="5 pairs are there; the call that began it completes it"):
+        StereoDataset(dataset)
+
+
 def test_no_dataset_there(tmp_path):
     with pytest.raises(DatasetError, match=r"nowhere: no such folder"):
         StereoDataset(tmp_path / "nowhere")
@@ -255,8 +261,12 @@ def test_the_index_needs_every_sample(written, tmp_path):
     assert len(StereoDataset(written)) == 6  # the index that was there stands
 
 
-def test_the_digest_follows_the_images(frame, dataset):
-    before = StereoDataset(dataset).digest
+def test_the_digest_follows_every_file_of_a_sample(frame, dataset):
+    file, before = dataset / "scenes" / NAMES[0] / "sample.json", StereoDataset(dataset).digest
+    file.write_text(file.read_text().replace('"view": 0', '"view": 7'))
+    write_index(dataset, {"seed": 3}, NAMES)
+    before, renamed = StereoDataset(dataset).digest, before
+    assert before != renamed
     changed = frame.left.copy()
     changed[0, 0] ^= 1
     write_sample(dataset / "scenes" / NAMES[0], StereoFrame(**{**vars(frame), "left": changed}), {})

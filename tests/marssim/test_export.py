@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from marssim import export as command
+from marssim import lock
 from marssim.dataset import StereoDataset, StereoSample, read_sample
 from marssim.export import ExportConfig, export
 from marssim.layouts import LAYOUTS, kitti_code
@@ -389,6 +390,15 @@ def test_a_foreign_folder_is_left_alone(closed_form_set, tmp_path, capfd):
         assert (contents(tmp_path), contents(closed_form_set)) == before
 
 
+@pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock")
+def test_a_second_command_in_the_folder_is_told(exports, closed_form_set, tmp_path, capfd):
+    out = shutil.copytree(exports["kitti"], tmp_path / "out")
+    with lock.sole_writer(out):
+        code, err = run(capfd, closed_form_set, "--format", "kitti", "--out", out)
+    assert code == 2 and len(err.splitlines()) == 1 and f"{out}: another command (process " in err
+    assert contents(out) == contents(exports["kitti"])
+
+
 @pytest.mark.parametrize(
     ("args", "named"),
     [
@@ -419,7 +429,7 @@ def test_no_dataset_and_an_empty_split(closed_form_set, tmp_path, capfd):
 
 
 @pytest.mark.parametrize(
-    ("name", "said"), [("left.png", "readable"), ("depth.png", "readable"), ("sample.json", "Expecting")]
+    ("name", "said"), [("left.png", "readable"), ("depth.png", "readable"), ("sample.json", "is not JSON")]
 )
 def test_a_broken_sample_is_named_and_nothing_of_it_is_written(closed_form_set, tmp_path, name, said, capfd):
     other = shutil.copytree(closed_form_set, tmp_path / "set")

@@ -1,5 +1,7 @@
 import json
 import multiprocessing
+import os
+import shlex
 import shutil
 import sys
 from concurrent.futures import BrokenExecutor
@@ -11,6 +13,7 @@ import numpy as np
 import pytest
 
 from marssim import generate as command
+from marssim import lock
 from marssim.camera import NATECAM
 from marssim.dataset import DatasetError, StereoDataset
 from marssim.generate import GenerateConfig, generate, generate_scene
@@ -101,7 +104,7 @@ def test_a_stopped_run_goes_on_to_the_same_bytes(made, folder):
     shutil.rmtree(folder / "scenes" / "00000" / "01")
     (folder / "scenes" / "00001" / "00" / "depth.png").unlink()
     (folder / "scenes" / "00001" / "01" / "left.png").write_bytes(b"")
-    partial = folder / "scenes" / "00000" / ".01.partial"
+    partial = folder / "scenes" / "00000" / ".01.0123.partial"
     partial.mkdir()
     (partial / "left.png").write_bytes(b"half")
     for name in ("dataset.json", "README.md", "contact_sheet.png"):
@@ -180,8 +183,8 @@ def test_settings_of_which_nothing_came_are_replaced(made, tmp_path, capfd, monk
         patch.delitem(sys.modules, "marssim.render.rasterize", raising=False)
         code, err = run(capfd, "--out", out, *FLAGS, "--renderer", "pybullet")
     assert code == 2 and "embree" in err and list(contents(out)) == ["generate.json"]
-    (out / "scenes" / "00000" / ".00.partial").mkdir(parents=True)
-    (out / "scenes" / "00000" / ".00.partial" / "left.png").write_bytes(b"half")
+    (out / "scenes" / "00000" / ".00.0123.partial").mkdir(parents=True)
+    (out / "scenes" / "00000" / ".00.0123.partial" / "left.png").write_bytes(b"half")
     assert run(capfd, "--out", out, *FLAGS)[0] == 0
     assert contents(out) == contents(made)
 
@@ -243,6 +246,60 @@ def test_a_broken_record_of_the_settings_is_named(folder, capfd):
     (folder / "generate.json").write_text("{")
     code, err = run(capfd, "--out", folder)
     assert code == 2 and "generate.json" in err and len(err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("flags", "said"),
+    [
+        (("--rocks.k", 0.3, "--size", 60), "--rocks.k or --size"),
+        (("--rocks.k", 0.4, "--rocks.min-diameter", 0.25, "--rocks.cluster", 0, "--size", 2), "--rocks.k"),
+        (("--trajectory", "--size", 3, "--views-per-scene", 20), "--drive.step"),
+    ],
+)
+def test_scenes_that_cannot_be_are_told_before_anything_is_written(flags, said, tmp_path, capfd):
+    """Too many rocks for a dataset to tell apart, no place for a camera, a drive longer than its ground."""
+    code, err = run(capfd, "--out", tmp_path / "set", *FLAGS, *flags)
+    assert code == 2 and said in err and len(err.splitlines()) == 1
+    assert not (tmp_path / "set").exists()
+
+
+@pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock")
+def test_a_second_command_in_the_folder_is_told_and_harms_nothing(made, folder, tmp_path, capfd):
+    """Also where the first has not yet written anything, and where it is at work on other settings."""
+    before = contents(folder)
+    (tmp_path / "new").mkdir()
+    for out, flags in ((folder, FLAGS), (tmp_path / "new", FLAGS), (folder, (*FLAGS, "--pairs", 5))):
+        with lock.sole_writer(out):
+            code, err = run(capfd, "--out", out, *flags)
+        assert code == 2 and len(err.splitlines()) == 1
+        assert err.startswith(f"error: {out}: another command (process {os.getpid()} ")
+    assert contents(folder) == before and contents(tmp_path / "new") == {}
+    assert run(capfd, "--out", tmp_path / "new", *FLAGS)[0] == 0
+    assert hashes(tmp_path / "new") == hashes(made)
+
+
+@pytest.mark.parametrize("written", ["0.0.9", None])
+def test_data_of_another_version_are_not_added_to(folder, written, capfd):
+    """It may draw the same settings in another way."""
+    settings = json.loads((folder / "generate.json").read_text())
+    settings.pop("marssim")
+    (folder / "generate.json").write_text(json.dumps({**settings, **({"marssim": written} if written else {})}))
+    before = contents(folder)
+    code, err = run(capfd, "--out", folder, *FLAGS)
+    assert code == 2 and len(err.splitlines()) == 1 and f"marssim {written or 'of an earlier version'}" in err
+    assert contents(folder) == before
+
+
+def test_the_folder_says_what_completes_it(made, folder, monkeypatch, capfd):
+    """What is read of an unfinished dataset is the command line, and that command line works."""
+    (folder / "dataset.json").unlink()
+    shutil.rmtree(folder / "scenes" / "00001" / "00")
+    with pytest.raises(DatasetError, match=r"not finished, 3 pairs are there; .* completes it$") as error:
+        StereoDataset(folder)
+    words = shlex.split(str(error.value).split("; ")[1].removesuffix(" completes it"))
+    assert words[:3] == ["python", "-m", "marssim.generate"]
+    assert run(capfd, *words[3:])[0] == 0
+    assert contents(folder) == contents(made)
 
 
 @pytest.mark.parametrize(
@@ -325,9 +382,12 @@ def test_broken_pools_reach_the_caller_of_the_function(tmp_path, monkeypatch):
     assert json.loads((tmp_path / "set" / "generate.json").read_text())["seed"] == 5
 
 
-def test_mixed_draws_the_place_of_each_scene(tmp_path):
-    dataset = generate(config(tmp_path / "set", scenes=tuple(map(preset, PRESETS)), pairs=2, views_per_scene=1))
-    assert len({s.meta["preset"] for s in dataset}) > 1
+def test_mixed_has_every_place_once_in_five_scenes(tmp_path):
+    small = tuple(replace(preset(name), size=12.0, horizon=16.0) for name in PRESETS)
+    asked = config(tmp_path / "set", scenes=small, pairs=5, views_per_scene=1)
+    made = [s.meta["preset"] for s in generate(asked)]
+    assert sorted(made) == sorted(PRESETS)
+    assert made == [asked.scene_config(scene).preset for scene in range(5)]
 
 
 def test_the_command_writes_what_the_function_writes(made, tmp_path, capfd):

@@ -1,10 +1,13 @@
 import json
+import math
 from dataclasses import fields, replace
+from pathlib import Path
 
 import pytest
 
 from marssim.camera import NATECAM, PinholeCamera, StereoRig
 from marssim.command import parse
+from marssim.dataset import split_of
 from marssim.generate_config import GenerateConfig, GenerateOptions, RigOptions, parse_generate
 from marssim.scene.relief import ReliefConfig
 from marssim.scene.rocks import RockConfig
@@ -79,6 +82,7 @@ def test_cameras_by_flags():
     rig = asked("--rig.width", 640, "--rig.height", 400, "--rig.focal", 500, "--rig.baseline", 0.4).rig
     assert rig == StereoRig(PinholeCamera.centred(640, 400, 500.0), 0.4)
     assert asked("--rig.cx", 250.25).rig.camera.cx == 250.25
+    assert asked("--rig.focal-y", 610).rig == replace(NATECAM, camera=replace(NATECAM.camera, fy=610.0))
     assert RigOptions().rig() == NATECAM
 
 
@@ -90,15 +94,19 @@ def test_cameras_by_a_file(tmp_path):
     with pytest.raises(ValueError, match=r"--rig-file .*not together with --rig"):
         asked("--rig-file", file, "--rig.width", 100)
     for content, told in (
-        ("{", "rig.json"),
-        ("{}", "'width'"),
-        ('{"width": "wide"}', "rig.json: "),
-        ("[]", "rig.json"),
+        ("{", "is not JSON: "),
+        ("{}", "field 'width' is missing"),
+        ('{"width": "wide"}', "field 'width' must be a whole number"),
+        (json.dumps({**rig.to_dict(), "fx": -1}), "fx must be positive"),
+        ("[]", "not a JSON object"),
+        ("\xff", "is not JSON: "),
     ):
-        file.write_text(content)
-        with pytest.raises(ValueError, match=r"rig\.json") as error:
+        file.write_text(content, encoding="latin-1")
+        with pytest.raises(ValueError, match=rf"^--rig-file {file}: ") as error:
             asked("--rig-file", file)
-        assert told in str(error.value)
+        assert told in str(error.value) and "\n" not in str(error.value)
+    with pytest.raises(ValueError, match=rf"^--rig-file {tmp_path}: is a directory$"):
+        asked("--rig-file", tmp_path)
 
 
 def test_what_decides_the_content_is_noted_and_the_rest_is_not():
@@ -120,6 +128,35 @@ def test_every_scene_is_noted_in_the_order_of_the_draw(tmp_path):
     noted = [GenerateConfig(out=tmp_path, scenes=scenes).content()["scenes"] for scenes in orders]
     assert [len(scenes) for scenes in noted] == [2, 2, 1, 2]
     assert noted[0] == noted[1][::-1] != noted[1] and noted[3] == noted[2] * 2
+
+
+def places(count: int, seed: int, scenes: int) -> list[int]:
+    """Which of so many configs each scene of a dataset is drawn from."""
+    configs = [preset("gale", size=10.0 + n) for n in range(count)]
+    config = GenerateConfig(out=Path("x"), scenes=tuple(configs), seed=seed)
+    return [configs.index(config.scene_config(scene)) for scene in range(scenes)]
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 7, 10])
+@pytest.mark.parametrize("seed", [0, 1, 2**40])
+def test_places_come_by_turns_and_each_split_has_all_of_them(count, seed):
+    """Every block has each once; over count * lcm(count, 10) scenes each split has each equally often."""
+    cycle = count * math.lcm(count, 10)
+    drawn = places(count, seed, 2 * cycle)
+    for start in range(0, len(drawn), count):
+        assert sorted(drawn[start : start + count]) == list(range(count))
+    for part in (drawn[:cycle], drawn[cycle:]):
+        for split, share in (("train", 0.7), ("val", 0.2), ("test", 0.1)):
+            own = [place for scene, place in enumerate(part) if split_of(scene) == split]
+            assert [own.count(place) for place in range(count)] == [round(share * cycle / count)] * count
+
+
+def test_the_order_of_the_places_follows_from_the_seed():
+    assert places(5, 3, 100) == places(5, 3, 100) != places(5, 4, 100)
+    orders = {tuple(places(5, seed, 5)) for seed in range(60)}
+    assert len(orders) > 30  # of 120
+    first = [places(5, seed, 2)[1] for seed in range(300)]  # the scene that is the test split of a small dataset
+    assert min(first.count(place) for place in range(5)) > 30
 
 
 def test_a_config_needs_a_scene(tmp_path):

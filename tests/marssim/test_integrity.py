@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
-from marssim.dataset import IMAGES, StereoDataset
-from marssim.integrity import check_extra, check_index, check_samples, check_trajectories
+from marssim.dataset import IMAGES, DatasetError, StereoDataset, write_index
+from marssim.integrity import LEFT, check_extra, check_index, check_samples, check_trajectories
+from marssim.trajectory import tum_lines
 
 SAMPLE = "scenes/00001/01"
 
@@ -88,7 +89,10 @@ def test_a_wrong_file_with_a_right_hash_is_told_by_its_header(folder):
         (lambda c: c.update(sun_elevation_deg=31.0), "sun_elevation_deg"),
         (lambda c: c.pop("sun_elevation_deg"), "sun_elevation_deg"),
         (lambda c: c.update(sha256={}), "sha256"),
-        (lambda c: c["sha256"].update({"left.png": "0" * 64}), "records other hashes"),
+        (lambda c: c["sha256"].update({"left.png": "0" * 64}), "other content than dataset.json records"),
+        (lambda c: c.update(preset="hard"), "other content than dataset.json records"),
+        (lambda c: c["scene_config"]["rocks"].update(k=0.0701), "other content than dataset.json records"),
+        (lambda c: c.update(note="mine"), "other content than dataset.json records"),
     ],
 )
 def test_a_broken_sample_json(folder, edit, said):
@@ -114,10 +118,14 @@ def test_what_does_not_belong_is_named(folder):
     (folder / "notes.txt").write_text("mine")
     (folder / "README.md").write_text("of the dataset")
     (folder / "report").mkdir()
+    (folder / ".lock").write_text("")
+    (folder / ".README.md.12.part").write_text("half")
     found = set(findings(folder, folder / "report"))
     assert found == {
         f"{SAMPLE}/left.png~: a file that the dataset does not have",
-        "scenes/00001/.02.partial: left by an interrupted run",
+        f"scenes/00001/.02.partial: {LEFT}",
+        f".lock: {LEFT}",
+        f".README.md.12.part: {LEFT}",
         "scenes/00007: a folder that the index does not list",
         "notes.txt: a file that the dataset does not have",
     }
@@ -134,17 +142,42 @@ def test_the_index_is_watched(folder):
 def test_a_whole_sample_put_in_place_of_another_is_found(folder):
     shutil.rmtree(folder / SAMPLE)
     shutil.copytree(folder / "scenes/00001/00", folder / SAMPLE)
-    assert findings(folder) == [f"{SAMPLE}/sample.json: records other hashes than dataset.json"]
+    assert findings(folder) == [f"{SAMPLE}/sample.json: other content than dataset.json records"]
 
 
 def test_a_drive_has_its_poses_beside_it(folder):
-    change(folder / "dataset.json", lambda c: c["config"].update(trajectory=True))
-    for scene in range(4):
-        (folder / "scenes" / f"{scene:05d}" / "trajectory.txt").write_text("# t x y z\n0 1 2 3\n1 1 2 3\n")
+    drive = {}
+    for name in StereoDataset(folder).names:
+        file = folder / "scenes" / name / "sample.json"
+        change(file, lambda c: c.update(timestamp=4.0 * c["view"]))
+        drive.setdefault(name[:5], []).append(json.loads(file.read_text()))
+    write_index(folder, {"trajectory": True}, StereoDataset(folder).names)
+    for scene, metas in drive.items():
+        text = tum_lines([meta["timestamp"] for meta in metas], np.array([meta["pose"] for meta in metas]))
+        (folder / "scenes" / scene / "trajectory.txt").write_text(text)
     assert findings(folder) == []
-    (folder / "scenes/00002/trajectory.txt").write_text("# t x y z\n0 1 2 3\n")
+    short, moved = folder / "scenes/00002/trajectory.txt", folder / "scenes/00001/trajectory.txt"
+    short.write_text("".join(short.read_text().splitlines(keepends=True)[:-1]))
+    moved.write_text(moved.read_text().replace("1.000000000", "1.000000001", 1))
     (folder / "scenes/00003/trajectory.txt").unlink()
     assert findings(folder) == [
-        "scenes/00002/trajectory.txt: holds 1 poses of 2 views",
+        "scenes/00001/trajectory.txt: other poses or times than those of the views",
+        "scenes/00002/trajectory.txt: other poses or times than those of the views",
         "scenes/00003/trajectory.txt: missing, or cannot be read",
     ]
+
+
+def test_the_settings_are_those_that_the_index_holds(folder):
+    settings = {"seed": 3, "command": "--seed 3"}
+    (folder / "generate.json").write_text(json.dumps(settings))
+    assert findings(folder) == []
+    (folder / "generate.json").write_text(json.dumps({**settings, "seed": 4}))
+    assert findings(folder) == ["generate.json: other settings than dataset.json holds"]
+    (folder / "generate.json").write_text("{")
+    assert len(findings(folder)) == 1 and findings(folder)[0].startswith("generate.json: is not JSON")
+
+
+def test_data_of_an_older_version_are_not_called_good(folder):
+    change(folder / "dataset.json", lambda c: c.update(version=1))
+    with pytest.raises(DatasetError, match=r"dataset\.json: is of version 1, .* leave out sample\.json; .* anew"):
+        findings(folder)

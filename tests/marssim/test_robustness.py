@@ -92,7 +92,7 @@ def test_killed_at_any_moment_it_goes_on_to_the_same_bytes(undisturbed, tmp_path
     out, program = tmp_path / "set", tmp_path / "killed.py"
     program.write_text(KILLED)
     moments = (
-        ("in_the_middle_of_an_image", 0, "scenes/00000/.00.partial/depth.png"),
+        ("in_the_middle_of_an_image", 0, "scenes/00000/.00.*.partial/depth.png"),
         ("when_a_scene_is_done", 2, "scenes/*/01/sample.json"),  # its two workers were at work
         ("before_the_index_is_in_place", 4, ".dataset.json.*.part"),
     )

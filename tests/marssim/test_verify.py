@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from marssim import verify as command
-from marssim.dataset import SPLITS, StereoDataset
+from marssim.dataset import SPLITS, StereoDataset, write_index
 from marssim.render.agreement import Agreement
 from marssim.verify import VerifyConfig, cross_check, spread
 
@@ -45,6 +45,38 @@ def test_a_good_dataset(folder, tmp_path, capfd):
     assert whole["sun_elevation_deg"]["least"] == 20 and whole["sun_elevation_deg"]["most"] == 50
     assert whole["within_15m_of_all"] == pytest.approx(np.mean([(s.depth <= 15).mean() for s in StereoDataset(folder)]))
     assert (tmp_path / "out" / "statistics.png").stat().st_size > 10000
+
+
+def test_each_dataset_has_a_folder_for_its_results(folder, tmp_path, capfd, monkeypatch):
+    """Also two of one name: what is known of the one is not overwritten by the other."""
+    monkeypatch.chdir(tmp_path)
+    other = shutil.copytree(folder, tmp_path / "elsewhere" / "set")
+    write_index(other, {"seed": 3}, StereoDataset(other).names[:4])
+    for name in StereoDataset(folder).names[4:]:
+        shutil.rmtree(other / "scenes" / name[:5], ignore_errors=True)
+    for data in (folder, other, folder):
+        code, out, _ = run(capfd, data, "--statistics-of", 2)
+        assert code == 0 and f"see out/verify/set-{StereoDataset(data).digest[:8]}" in out
+    assert run(capfd, other, "--sample", "00000/01")[0] == 0
+    names = {p.relative_to("out/verify").as_posix() for p in Path("out/verify").rglob("*.*")}
+    mine, its = (f"set-{StereoDataset(data).digest[:8]}" for data in (folder, other))
+    results = {f"{place}/{name}" for place in (mine, its) for name in ("verify.json", "statistics.png")}
+    assert names == results | {f"{its}/sample_00000_01.{kind}" for kind in ("png", "ply", "glb")}
+    assert json.loads(Path("out/verify", mine, "verify.json").read_text())["pairs"]["all"] == 8
+
+
+def test_an_unfinished_dataset_says_what_completes_it(folder, tmp_path, capfd):
+    (folder / "dataset.json").unlink()
+    (folder / "generate.json").write_text('{"command": "--pairs 8 --scene gale"}')
+    line = mistake(capfd, folder, "--out", tmp_path / "out")
+    assert line.endswith(f"; python -m marssim.generate --out {folder} --pairs 8 --scene gale completes it")
+
+
+def test_a_changed_sample_json_is_noticed(folder, tmp_path, capfd):
+    file = folder / "scenes/00001/01/sample.json"
+    file.write_text(file.read_text().replace('"k": 0.07', '"k": 0.08'))
+    code, out, _ = run(capfd, folder, "--out", tmp_path / "out", "--statistics-of", 0)
+    assert code == 1 and out.startswith("scenes/00001/01/sample.json: other content than dataset.json records\n")
 
 
 def test_results_in_the_dataset_are_not_taken_for_extra_files(folder, capfd):

@@ -1,0 +1,67 @@
+"""One command at a time writes to a folder."""
+
+from __future__ import annotations
+
+import errno
+import os
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+LOCK = ".lock"
+TAKEN = (errno.EAGAIN, errno.EACCES)
+
+
+class FolderInUse(ValueError):
+    """Another command writes to the folder; the message names both."""
+
+
+@contextmanager
+def sole_writer(folder: Path) -> Iterator[None]:
+    """Hold a folder, which is made if need be, for as long as the block runs. Raises FolderInUse, OSError.
+
+    The lock is the operating system's (flock) on the file .lock: it ends with the process, also by kill -9, so that
+    none is ever left over; the file goes when the block ends, and one that a killed command leaves locks nothing.
+    Over NFS, Linux hands it on to the server, so that it holds between machines too. Where the system or the file
+    system knows no such lock (Windows, some network disks), nothing is held.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / LOCK
+    file = _take(path, folder)
+    try:
+        with suppress(OSError):  # who it is is a courtesy: a full disk does not end the command here
+            os.truncate(file, 0)
+            os.write(file, f"process {os.getpid()} on {socket.gethostname()}".encode())
+        yield
+    finally:
+        path.unlink(missing_ok=True)  # while it is held: whoever has opened it sees that it is gone, and looks again
+        os.close(file)
+
+
+def _take(path: Path, folder: Path) -> int:
+    """File descriptor of the lock file, locked."""
+    while True:
+        file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            if fcntl is None:
+                return file
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if path.exists() and os.path.samestat(os.fstat(file), path.stat()):
+                return file
+        except OSError as error:
+            if error.errno in (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP):
+                return file
+            who = os.read(file, 200).decode(errors="replace") if error.errno in TAKEN else ""
+            os.close(file)
+            if error.errno in TAKEN:
+                raise FolderInUse(
+                    f"{folder}: another command{f' ({who})' if who else ''} is writing here; let it end first"
+                ) from None
+            raise
+        os.close(file)  # that of a command which ended just now
