@@ -165,29 +165,34 @@ def _rocks(results: Results) -> list[str]:
     seen = {name: r["rocks"] for name, r in results.items() if r["rocks"]}
     if not seen:
         return []
-    rows = []
-    for name, rocks in seen.items():
-        for figures in (rocks["standing_0.2_m_within_8_m"], *rocks["bins"]):
-            high = figures["height_to_m"]
-            height = f"{figures['height_from_m']:g}{' and more' if high == math.inf else f'-{high:g}'} m"
-            rows.append(
-                [
-                    name,
-                    height,
-                    f"{figures['range_from_m']:g}-{figures['range_to_m']:g} m",
-                    *(str(figures[key]) for key in ("rocks", "found")),
-                    *_figures(figures, ["found_share", "height_error_m", "height_bias_m"]),
-                    str(figures["false"]) if figures["height_from_m"] >= OBSTACLE else "-",
-                ]
-            )
     images = next(iter(seen.values()))["images"]
     about = (
         "Found: the rock's predicted top stands at least half as high as the true one. Height error: median magnitude "
         "and median with sign, over the rocks found. False: regions away from rocks, in the sky too, that are "
         f"predicted to stand 0.2 m and more above the true ground, in {images} images."
     )
+    return ["", "## Rocks", "", about, "", *rocks_table(seen, OBSTACLE)]
+
+
+def rocks_table(seen: Mapping[str, Mapping[str, Any]], least_false: float) -> list[str]:
+    """Lines of a table by method, height and range. seen: RockTally.result() by method; least_false [m]: height from
+    which false obstacles were looked for."""
+    rows = []
+    for name, rocks in seen.items():
+        for figures in (rocks["standing_0.2_m_within_8_m"], *rocks["bins"]):
+            low, high = figures["height_from_m"], figures["height_to_m"]
+            rows.append(
+                [
+                    name,
+                    f"{low:g} m and more" if high == math.inf else f"{low:g}-{high:g} m",
+                    f"{figures['range_from_m']:g}-{figures['range_to_m']:g} m",
+                    *(str(figures[key]) for key in ("rocks", "found")),
+                    *_figures(figures, ["found_share", "height_error_m", "height_bias_m"]),
+                    "-" if high <= least_false else str(figures["false"]),
+                ]
+            )
     columns = ["method", "height", "range", "rocks", "found", "share", "height error [m]", "bias [m]", "false"]
-    return ["", "## Rocks", "", about, "", *_table(columns, rows)]
+    return _table(columns, rows)
 
 
 def _confidence(results: Results) -> list[str]:

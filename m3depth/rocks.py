@@ -220,10 +220,11 @@ class RockTally:
         self.false += false_obstacles(scene, prediction.depth)
 
     def result(self) -> dict[str, Any]:
-        """{"images", "bins": figures by height and distance, "standing_0.2_m_within_8_m": figures}; {} without images.
+        """{"images", "false": all of them, "bins": figures by height and distance, "standing_0.2_m_within_8_m":
+        figures}; {} without images.
 
         Figures: rocks, found; found_share and the height's error over the rocks found [m], its median magnitude and its
-        median with sign, None without rocks; false, false_per_image. Heights of 0.1 to 0.2 m are no false obstacles.
+        median with sign, None without rocks; false, false_per_image.
         """
         if not self.images:
             return {}
@@ -234,6 +235,7 @@ class RockTally:
         ]
         return {
             "images": self.images,
+            "false": len(self.false),
             "bins": bins,
             "standing_0.2_m_within_8_m": self._figures(OBSTACLE, np.inf, 0.0, 8.0),
         }

@@ -97,7 +97,8 @@ class ErrorMap:
     counts: np.ndarray = field(default_factory=lambda: np.zeros((ERROR_BINS, round(MAX_DEPTH / DEPTH_BIN)), np.int64))
 
     def add(self, true: np.ndarray, error: np.ndarray) -> None:
-        """true: (N,) depth [m]; error: (N,) [m], not negative."""
+        """true: (N,) depth [m]; error: (N,) [m], not negative. What is farther than the paper's 15 m is left out."""
+        true, error = true[true <= MAX_DEPTH], error[true <= MAX_DEPTH]
         rows, columns = self.counts.shape
         low, high = np.log(ERROR_RANGE)
         row = (np.log(np.clip(error, *ERROR_RANGE)) - low) * (rows / (high - low))

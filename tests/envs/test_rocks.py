@@ -1,0 +1,88 @@
+"""Rocks in the navigator's map, from a dataset whose rocks are known."""
+
+import json
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from rock_samples import RIG, ahead, rock_sample, without_rocks
+from rock_world import RockWorld
+
+from envs.rocks import main
+from m3depth.prediction import Prediction
+from marssim.dataset import write_index, write_sample
+from marssim.render.stereo import StereoFrame
+
+DOMES = ((3.0, -0.5, 0.35, 0.3), (5.0, 0.6, 0.5, 0.4), (6.0, -1.0, 0.4, 0.25))
+
+
+def world(*more) -> RockWorld:
+    return RockWorld(domes=np.array([(*ahead(d, aside), r, h) for d, aside, r, h in (*DOMES, *more)]))
+
+
+class Melted:
+    """Sees the first two rocks, and one where none is; the third is melted into the plain."""
+
+    def infer(self, left, right, rig):
+        phantom = rock_sample(world((4.0, 1.0, 0.3, 0.35)))
+        depth = without_rocks(phantom, keep=(1, 2, 4)).astype(np.float32)
+        return Prediction(depth, rig.depth_to_disparity(depth), None, np.ones(depth.shape, np.float32))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("rocks")
+    sample = rock_sample(world())
+    frame = StereoFrame(
+        sample.left, sample.right, sample.depth, sample.disparity, sample.normal,
+        np.where(np.isinf(sample.depth), -1, sample.rock), sample.occluded, RIG, np.array(sample.meta["pose"]),
+    )  # fmt: skip
+    bare = replace(frame, surface=np.where(np.isinf(sample.depth), -1, 0), depth=without_rocks(sample))
+    for name, content in (("00001/00", frame), ("00001/01", bare)):
+        write_sample(path / "scenes" / name, content, {})
+    write_index(path, {}, ["00001/00", "00001/01"])
+    return path
+
+
+def test_found_missed_and_false(folder, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("envs.rocks.load_perception", lambda name: None if name == "ground_truth" else Melted())
+    out = tmp_path / "out"
+    args = ["--data", str(folder), "--out", str(out), "--perception", "melted", "ground_truth"]
+    assert main(args) == 0
+    methods = json.loads((out / "results.json").read_text())["methods"]
+    true, melted = (methods[name]["standing_0.2_m_within_8_m"] for name in ("ground_truth", "melted"))
+    assert (true["rocks"], true["found"], methods["ground_truth"]["false"]) == (3, 3, 0)
+    assert true["height_error_m"] < 0.05
+    # the second frame has no rocks: there, the first two of those seen are false as well
+    assert (melted["rocks"], melted["found"], methods["melted"]["false"]) == (3, 2, 1 + 3)
+    assert "of 3 rocks of 0.2 m and more within 8 m 66.7 % found" in capsys.readouterr().out
+    assert "| melted | 0.2 m and more | 0-8 m | 3 | 2 |" in (out / "results.md").read_text()
+    assert cv2.imread(str(out / "rocks.png")).std() > 10
+
+
+def test_a_higher_step_finds_fewer(folder, tmp_path):
+    out = tmp_path / "out"
+    args = ["--data", str(folder), "--out", str(out), "--perception", "ground_truth", "--limit", "1"]
+    assert main([*args, "--step", "0.36"]) == 0
+    key = json.loads((out / "results.json").read_text())["methods"]["ground_truth"]["standing_0.2_m_within_8_m"]
+    assert (key["rocks"], key["found"]) == (3, 1)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"--data": "nowhere"}, "nowhere: no such folder"),
+        ({"--split": "val"}, "split val holds no pairs"),
+        ({"--step": "0"}, "--step must be positive, got 0.0"),
+        ({"--limit": "0"}, "--limit must be at least 1, got 0"),
+        ({"--perception": "raft"}, "perception 'raft' is unknown"),
+        ({"--degrade": "fog=1"}, "unknown field 'fog'"),
+    ],
+)
+def test_mistakes_are_one_line(folder, tmp_path, capsys, change, message):
+    options = {"--data": str(folder), "--out": str(tmp_path / "out"), "--perception": "ground_truth", **change}
+    assert main([word for pair in options.items() for word in pair]) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
