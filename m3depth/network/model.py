@@ -106,14 +106,16 @@ class M3Depth(nn.Module):
         source = SHIPPED_WEIGHTS if path is None else Path(path)
         config, tensors = load_weights(source)
         try:
-            model = cls(M3DepthConfig.from_dict(config))
+            network = M3DepthConfig.from_dict(config)
+            with torch.device("meta"):  # shapes alone: a config that lies about its sizes takes no memory
+                expected = cls(network).state_dict()
         except ValueError as error:
             raise ValueError(f"{source}: {error}") from None
-        expected = model.state_dict()
         wrong = sorted(expected.keys() ^ tensors.keys())
         wrong = wrong or sorted(k for k in expected if expected[k].shape != tensors[k].shape)
         if wrong:
             raise ValueError(f"{source}: {len(wrong)} tensors do not fit the network, the first is {wrong[0]!r}")
+        model = cls(network)
         model.load_state_dict(tensors)
         return model.eval()
 

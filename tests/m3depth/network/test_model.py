@@ -1,4 +1,5 @@
 import json
+import pickle
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -150,3 +151,58 @@ def test_the_package_offers_the_network() -> None:
     assert m3depth.M3Depth is M3Depth
     with pytest.raises(AttributeError, match="M4Depth"):
         m3depth.M4Depth  # noqa: B018
+
+
+class Door:
+    """Unpickled, it creates a file: what a malicious checkpoint would do."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self):
+        return Path.write_text, (self.path, "opened")
+
+
+@pytest.mark.parametrize("kind", ["pickle", "torch", "zip of torch"])
+def test_a_malicious_file_is_refused_without_executing_anything(tmp_path: Path, kind: str) -> None:
+    """A pickle that opens a door when it is loaded, under the name of weights or beside them."""
+    opened, path = tmp_path / "opened", tmp_path / "net.safetensors"
+    if kind == "pickle":
+        path.write_bytes(pickle.dumps(Door(opened)))
+    else:
+        torch.save({"x": Door(opened)}, path, _use_new_zipfile_serialization=kind == "zip of torch")
+    with pytest.raises(ValueError, match=r"net\.safetensors: [^\n]*$"):
+        M3Depth.from_pretrained(path)
+    assert not opened.exists()
+    pickle.loads(pickle.dumps(Door(opened)))
+    assert opened.exists(), "the door does open where pickles are loaded"
+
+
+def test_a_header_that_lies_is_refused(model: M3Depth, tmp_path: Path) -> None:
+    """Lengths and offsets that point outside the file, and a header that claims to be huge."""
+    path = tmp_path / "net.safetensors"
+    model.save_pretrained(path)
+    whole = path.read_bytes()
+    length = int.from_bytes(whole[:8], "little")
+    header = json.loads(whole[8 : 8 + length])
+    name = next(key for key in header if key != "__metadata__")
+    start, end = header[name]["data_offsets"]
+    for change in ({"data_offsets": [start, end + (1 << 40)]}, {"shape": [1 << 40]}, {"dtype": "F128"}):
+        lying = json.dumps({**header, name: {**header[name], **change}}).encode()
+        path.write_bytes(len(lying).to_bytes(8, "little") + lying + whole[8 + length :])
+        with pytest.raises(ValueError, match=r"net\.safetensors: [^\n]*$"):
+            M3Depth.from_pretrained(path)
+    path.write_bytes((1 << 62).to_bytes(8, "little") + whole[8:])
+    with pytest.raises(ValueError, match=r"net\.safetensors: [^\n]*$"):
+        M3Depth.from_pretrained(path)
+
+
+def test_a_huge_network_in_the_config_is_refused_before_it_is_built(tmp_path: Path) -> None:
+    """A few bytes of JSON must not ask for terabytes of weights."""
+    from safetensors.torch import save_file
+
+    path = tmp_path / "net.safetensors"
+    config = {**asdict(SMALL), "channels": [4096, 4096, 4096], "hidden": 4096, "motion": 4096, "groups": 4096}
+    save_file({"x": torch.zeros(1)}, path, metadata={"m3depth_config": json.dumps({**config, "match_channels": 4096})})
+    with pytest.raises(ValueError, match="do not fit the network"):
+        M3Depth.from_pretrained(path)
