@@ -20,7 +20,7 @@ from m3depth.window_costs import Cost, semi_global, window_costs, winners
 from marssim.camera import StereoRig
 
 WTA_BLOCK, SGM_BLOCK = 9, 5  # [px]
-PENALTIES: dict[str, tuple[int, int]] = {"sad": (100, 800), "ssd": (100, 800), "ncc": (100, 800)}  # of SGM
+PENALTIES: dict[str, tuple[int, int]] = {"sad": (200, 1600), "ssd": (60, 300), "ncc": (100, 800)}  # of SGM
 
 
 def _check_search(disparities: int | None, block: int) -> None:

@@ -39,10 +39,14 @@ RING = 0.75  # [m] of ground around a rock that its plane is fitted to
 class RockTruth(Protocol):
     """The fields of a sample that are read. meta holds "pose", (4, 4) left camera to world, z up."""
 
-    depth: np.ndarray
-    rock: np.ndarray
-    rig: StereoRig
-    meta: dict[str, Any]
+    @property
+    def depth(self) -> np.ndarray: ...
+    @property
+    def rock(self) -> np.ndarray: ...
+    @property
+    def rig(self) -> StereoRig: ...
+    @property
+    def meta(self) -> dict[str, Any]: ...
 
 
 @dataclass(frozen=True)

@@ -21,30 +21,34 @@ SCALE: dict[str, float] = {"sad": HIGHEST / 32, "ssd": HIGHEST / 32**2, "ncc": H
 
 def window_costs(left: np.ndarray, right: np.ndarray, reach: int, cost: Cost, block: int) -> np.ndarray:
     """The cost volume of windows of `block` x `block` px. left, right: (H, W) uint8; reach: D, at most W."""
-    size = (block, block)
-    a, b = left.astype(np.float32), right.astype(np.float32)
-    if cost == "ncc":
-        a, b = (_standardised(image, size) for image in (a, b))
+    a, b = (_Windows(image, block) for image in (left, right))
     height, width = left.shape
     volume = np.full((reach, height, width), HIGHEST, np.uint16)
     for d in range(reach):
-        here, there = a[:, d:], b[:, : width - d]
+        here, there = np.s_[:, d:], np.s_[:, : width - d]
         if cost == "sad":
-            difference = np.abs(here - there)
+            mean = a.mean_of(np.abs(a.grey[here] - b.grey[there]))
         elif cost == "ssd":
-            difference = (here - there) ** 2
+            mean = a.mean_of((a.grey[here] - b.grey[there]) ** 2)
         else:
-            difference = 1 - here * there
-        mean = cv2.boxFilter(difference, -1, size, borderType=cv2.BORDER_REPLICATE)
+            together = a.mean_of(a.grey[here] * b.grey[there]) - a.mean[here] * b.mean[there]
+            mean = 1 - np.clip(together / (a.deviation[here] * b.deviation[there]), -1, 1)
         volume[d, :, d:] = np.minimum(mean * np.float32(SCALE[cost]) + np.float32(0.5), HIGHEST)
     return volume
 
 
-def _standardised(image: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """The image less its local mean, over its local deviation: products of two such images correlate windows."""
-    mean = cv2.boxFilter(image, -1, size, borderType=cv2.BORDER_REPLICATE)
-    square = cv2.boxFilter(image * image, -1, size, borderType=cv2.BORDER_REPLICATE)
-    return (image - mean) / np.sqrt(np.maximum(square - mean * mean, 1.0))
+class _Windows:
+    """Grey levels (H, W) float32 about 0, and their mean and deviation (at least 1) in windows of that size."""
+
+    def __init__(self, image: np.ndarray, block: int) -> None:
+        self.size = (block, block)
+        self.grey = image.astype(np.float32) - np.float32(128)
+        self.mean = self.mean_of(self.grey)
+        variance = self.mean_of(self.grey * self.grey) - self.mean * self.mean
+        self.deviation = np.sqrt(np.maximum(variance, np.float32(1)))
+
+    def mean_of(self, values: np.ndarray) -> np.ndarray:
+        return cv2.boxFilter(values, -1, self.size, borderType=cv2.BORDER_REPLICATE)
 
 
 def semi_global(costs: np.ndarray, small: int, large: int) -> np.ndarray:
