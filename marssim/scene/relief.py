@@ -8,6 +8,7 @@ closed form from the RMS slope at 1 m (structure function of a self-affine surfa
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy import fft
@@ -16,6 +17,7 @@ from scipy.special import gamma
 from marssim.scene.heightmap import FLAG, file_digest
 
 Range = tuple[float, float]
+SUBHARMONICS = 3  # times that the middle of the Fourier grid is split
 
 
 @dataclass(frozen=True)
@@ -101,28 +103,50 @@ def self_affine(n: int, cell: float, hurst: float, rms_slope: float, rng: np.ran
     """
     k = wavenumber(n, cell)
     k[0, 0] = np.inf
-    amplitude = _amplitude(hurst, rms_slope)
-    return fft.rfft2(rng.standard_normal((n, n))) * (amplitude * k ** (-1 - hurst) * 2 * np.pi / cell)
+    amplitude = _amplitude(hurst, rms_slope) * k ** (-1 - hurst)
+    for j in (-1, 0, 1):  # of the next cells the Fourier grid is too coarse
+        for i in (0, 1):
+            if (i, j) != (0, 0):
+                amplitude[j, i] *= _over_cell(i, j, hurst)
+    return fft.rfft2(rng.standard_normal((n, n))) * (amplitude * 2 * np.pi / cell)
 
 
 def long_waves(x: np.ndarray, period: float, hurst: float, rms_slope: float, rng: np.random.Generator) -> np.ndarray:
     """(len(x), len(x)) heights [m] on the grid x, x of the waves longer than `period` [m] of the self-affine field.
 
     Without them a field of that side would be too level: at H = 0.7 they are a third of the variance of slopes over a
-    twentieth of it. The cell around k = 0 of the Fourier grid is split into 3 x 3, and its middle again, five times
-    (subharmonics; Lane, Glindemann and Dainty 1992).
+    twentieth of it. The cell around k = 0 of the Fourier grid is split into 3 x 3, and its middle again (subharmonics;
+    Lane, Glindemann and Dainty 1992). What is longer than 27 periods is a plane over this ground.
     """
     out = np.zeros((len(x), len(x)))
-    for part in range(1, 6):
+    amplitude = _amplitude(hurst, rms_slope)
+    for part in range(1, SUBHARMONICS + 1):
         step = 2 * np.pi / period / 3**part
         for i in (-1, 0, 1):
             for j in (-1, 0, 1):
                 if i == j == 0:
                     continue
                 k = step * np.hypot(i, j)
-                swing = _amplitude(hurst, rms_slope) * k ** (-1 - hurst) * step * (rng.standard_normal(2) @ (1, 1j))
-                out += (np.exp(1j * step * j * x)[:, None] * (swing * np.exp(1j * step * i * x))).real
-    return out
+                swing = amplitude * _over_cell(i, j, hurst) * k ** (-1 - hurst) * step
+                wave = swing * (rng.standard_normal(2) @ (1, 1j))
+                out += (np.exp(1j * step * j * x)[:, None] * (wave * np.exp(1j * step * i * x))).real
+    # E[(dh/dx)^2] of S(k) = C k^-(2 + 2H) within the square |kx|, |ky| < step / 2, in polar coordinates
+    angle = (np.arange(64) + 0.5) * np.pi / 256
+    edge = step / 2 / np.cos(angle)
+    tilt = amplitude * np.sqrt(np.pi * np.mean(edge ** (2 - 2 * hurst)) / (2 - 2 * hurst))
+    east, north = tilt * rng.standard_normal(2)
+    return out + east * x + north * x[:, None]
+
+
+@lru_cache(maxsize=64)
+def _over_cell(i: int, j: int, hurst: float) -> float:
+    """What the amplitude at the middle of the cell (i, j) of a Fourier grid is short of: the slopes of its waves.
+
+    Square root of the mean of k^2 S(k) ~ k^-2H over the cell, over its value in the middle.
+    """
+    at = (np.arange(32) + 0.5) / 32 - 0.5
+    mean = np.mean(np.hypot(i + at, j + at[:, None]) ** (-2 * hurst))
+    return float(np.sqrt(mean) * np.hypot(i, j) ** hurst)
 
 
 def _amplitude(hurst: float, rms_slope: float) -> float:

@@ -131,8 +131,9 @@ class Scene:
         return {"diameter": list(REPORTED), "asked": asked, "achieved": covered}
 
 
-# relief: RMS slope over 1 m and Hurst exponent as at Pathfinder and Viking 1 (4.8-5.4 deg, and 2.5-3.0 deg over 10 m)
-# where nothing is said; in utopia 98 % of the slopes are under 8 deg; hard is rougher than either
+# relief of gusev, gale and jezero: RMS slope over 1 m and Hurst exponent as at Pathfinder and Viking 1, which have 4.8
+# to 5.4 deg over 1 m, 2.5 to 3.0 over 10 m and 1.2 to 1.7 over 100 m; utopia is smoother, with 98 % of its slopes under
+# 8 deg; hard is rougher than any
 _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig]] = {
     # a dusty plain: few rocks, worn and half buried, broad ripples, old craters
     "utopia": (
@@ -147,7 +148,7 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig]] = {
     "gusev": (
         RockConfig(k=0.05, families=(0.75, 0.1, 0.15), albedo=0.6, cluster=0.4),
         ReliefConfig(
-            hurst=0.72, rms_slope_deg=4.4, crater_density=0.01, ripple_amplitude=0.006, ripple_wavelength=0.5,
+            hurst=0.74, rms_slope_deg=4.8, crater_density=0.01, ripple_amplitude=0.006, ripple_wavelength=0.5,
             ripple_cover=0.3,
         ),
         LookConfig(pebbles=(0.4, 1.0), wind_ripples=(0.1, 0.5), bedding=(0.0, 0.2)),
@@ -156,7 +157,7 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig]] = {
     "gale": (
         RockConfig(k=0.07, families=(0.25, 0.65, 0.1), height_ratio=0.44, albedo=1.25),
         ReliefConfig(
-            hurst=0.72, rms_slope_deg=4.9, crater_density=0.002, ripple_amplitude=0.025, ripple_wavelength=0.8,
+            hurst=0.73, rms_slope_deg=5.1, crater_density=0.002, ripple_amplitude=0.025, ripple_wavelength=0.8,
             ripple_cover=0.55,
         ),
         LookConfig(pebbles=(0.2, 0.9), wind_ripples=(0.3, 0.8), bedding=(0.6, 1.0)),
