@@ -1,0 +1,78 @@
+"""Images, their local binary patterns and their spectra, as the paper's first figure of texture shows them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
+
+from m3depth.figures.drawing import METHOD_COLOURS, save, show
+
+
+@dataclass(frozen=True)
+class TextureExample:
+    """One image of a group. grey: (H, W) uint8; codes: (H - 2, W - 2) uint8; power, frequency: (H, W), as np.fft orders
+    them."""
+
+    name: str
+    grey: np.ndarray
+    codes: np.ndarray
+    power: np.ndarray
+    frequency: np.ndarray
+
+
+def texture_figure(
+    examples: Sequence[TextureExample], groups: Mapping[str, Any], border: float, path: Path
+) -> None:  # fmt: skip
+    """Write a PNG: a row a group with its first image, the patterns, the spectrum, and where the energy lies.
+
+    groups: {"mean": figures} by name; border [cycles/px]: where high frequencies begin.
+    """
+    figure = Figure(figsize=(14, 3.7 * len(examples)), layout="constrained", dpi=110)
+    axes = figure.subplots(len(examples), 4, squeeze=False)
+    for row, example, colour in zip(axes, examples, METHOD_COLOURS):
+        mean = groups[example.name]["mean"]
+        show(row[0], example.grey, cmap="gray", vmin=0, vmax=255)
+        row[0].set_title(f"{example.name} (1 of {groups[example.name]['count']})", fontsize=10)
+        show(row[1], example.codes, cmap="gray", vmin=0, vmax=255)
+        bits = f"{mean['lbp_riu2']:.2f} of 10 labels, {mean['lbp_codes']:.2f} bits of codes"
+        row[1].set_title(f"local binary patterns; mean entropy\n{bits}", fontsize=9)
+        height, width = example.grey.shape
+        show(
+            row[2],
+            np.fft.fftshift(np.log10(example.power / max(example.power.max(), 1e-30) + 1e-9)),
+            cmap="magma",
+            vmin=-8,
+            vmax=0,
+        )
+        row[2].add_patch(
+            Ellipse(
+                (width // 2, height // 2), 2 * border * width, 2 * border * height, fill=False, color="white", lw=1.2
+            )
+        )
+        row[2].set_title(
+            f"spectrum (log); circle: {2 * border:g} f_max\nmean energy outside {mean['high']:.1%}", fontsize=9
+        )
+        ratio = np.geomspace(2e-3, np.sqrt(2), 300)
+        row[3].plot(ratio, 100 * energy_below(example, 10 * border * ratio), color=colour)
+        row[3].axvline(0.1, color="0.5", lw=1, ls="--")
+        row[3].set_xscale("log")
+        row[3].set_xlim(2e-3, 1.5)
+        row[3].set_ylim(0, 101)
+        row[3].set_xlabel("frequency / f_max")
+        row[3].set_ylabel("energy below, without the mean [%]")
+        row[3].grid(True, color="0.92")
+    save(figure, path)
+
+
+def energy_below(example: TextureExample, frequencies: np.ndarray) -> np.ndarray:
+    """Share of the energy up to each frequency [cycles/px]."""
+    order = np.argsort(example.frequency, axis=None)
+    total = np.concatenate([[0], np.cumsum(example.power.ravel()[order])])
+    upto = np.searchsorted(example.frequency.ravel()[order], frequencies, side="right")
+    return total[upto] / max(total[-1], 1e-30)

@@ -1,0 +1,209 @@
+"""How little texture an image has: the analysis behind the paper's first inspiration (Sec. III-A).
+
+    python -m m3depth.texture real/NLB*.jpeg --beside data/gale --out out/texture
+
+The paper gives two figures, for one Martian image and one of Earth: the entropy of local binary patterns, about 3.1 and
+3.7 bits, and the share of the Fourier energy above 0.1 f_max, under 5 % and 32 %. It does not define them, so ours are
+these, all of the 8-bit grey image (Rec. 601) as it is, sky, frame and all:
+
+    lbp_riu2    bits: entropy of the histogram of rotation-invariant uniform patterns of 8 neighbours on a circle of
+                radius 1 px, bilinear, a neighbour counts if it is at least as bright as the middle (Ojala et al. 2002):
+                10 labels, at most 3.32 bits
+    lbp_codes   bits: the same of the 256 plain codes, at most 8 bits
+    high        share of the energy |DFT|^2 at radial frequencies above 0.1 f_max, f_max = 0.5 cycles/px; of the image
+                less its mean
+    high_dc     the same with the mean left in, which makes it far smaller
+    high_hann   of the image less its mean, times a Hann window: without what the jump from one border to the opposite
+                one adds
+
+With 10 labels 3.7 bits cannot be, with 256 codes 3.1 bits means little more than one tone: the paper's definition is
+another one. Nothing here is a target; the figures compare images with each other. Writes texture.json and texture.png.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import cv2
+import numpy as np
+import tyro
+
+from m3depth.figures.texture import TextureExample, texture_figure
+from m3depth.report import write_json
+from marssim.command import counted, run_command
+from marssim.dataset import StereoDataset
+
+HIGH = 0.1  # of f_max
+F_MAX = 0.5  # [cycles/px]
+NEIGHBOURS = 8
+PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+MEASURES = ("lbp_riu2", "lbp_codes", "high", "high_dc", "high_hann")
+PAPER = "3.1 bits, < 5 % (Mars); 3.7 bits, 32 % (Earth)"
+
+
+@dataclass(frozen=True)
+class TextureOptions:
+    """Entropy of local binary patterns, and the share of high frequencies, of images."""
+
+    images: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="IMAGES")]
+    """Image files, folders of images, or datasets of marssim.generate (their left images)."""
+    out: Path
+    """Folder for texture.json and texture.png."""
+    beside: tuple[Path, ...] = ()
+    """Images, likewise, to compare them with."""
+    names: tuple[str, str] = ("images", "beside")
+    """What the two groups are called."""
+    limit: int = 50
+    """At most so many images of a folder or dataset, spread evenly."""
+
+    def __post_init__(self) -> None:
+        if self.limit < 1:
+            raise ValueError(f"limit must be at least 1, got {self.limit}")
+        if not self.images:
+            raise ValueError("IMAGES missing; --help tells more")
+
+
+def local_binary_patterns(grey: np.ndarray) -> np.ndarray:
+    """(H - 2, W - 2) uint8 codes: bit p is set where the neighbour at angle p / 8 is at least as bright.
+
+    grey: (H, W) uint8, at least 3 x 3. Neighbours lie on a circle of radius 1 px, counter-clockwise from the right;
+    diagonal ones are bilinear.
+    """
+    image = grey.astype(np.float64)
+    height, width = image.shape
+    middle = image[1:-1, 1:-1]
+    codes = np.zeros(middle.shape, np.uint8)
+    for p in range(NEIGHBOURS):
+        angle = 2 * np.pi * p / NEIGHBOURS
+        y, x = np.round(-np.sin(angle), 9), np.round(np.cos(angle), 9)
+        low_y, low_x = int(np.floor(y)), int(np.floor(x))
+        value = np.zeros_like(middle)
+        for dy, dx in ((0, 0), (0, 1), (1, 0), (1, 1)):
+            share = (y - low_y if dy else 1 - (y - low_y)) * (x - low_x if dx else 1 - (x - low_x))
+            if share > 0:
+                top, left = 1 + low_y + dy, 1 + low_x + dx
+                value += share * image[top : top + height - 2, left : left + width - 2]
+        codes |= (value >= middle - 1e-9).astype(np.uint8) << np.uint8(p)
+    return codes
+
+
+def uniform_labels() -> np.ndarray:
+    """(256,) label of each code: the number of set bits where at most two neighbours differ around it, else 9."""
+    bits = (np.arange(256)[:, None] >> np.arange(NEIGHBOURS)) & 1
+    changes = (bits != np.roll(bits, 1, axis=1)).sum(axis=1)
+    return np.where(changes <= 2, bits.sum(axis=1), NEIGHBOURS + 1)
+
+
+def entropy(labels: np.ndarray) -> float:
+    """Bits of the histogram of integer labels."""
+    share = np.bincount(labels.ravel()) / labels.size
+    share = share[share > 0]
+    return float(-(share * np.log2(share)).sum())
+
+
+def power_spectrum(grey: np.ndarray, hann: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """|DFT|^2 of the image less its mean, and the radial frequency [cycles/px] of each coefficient; both (H, W)."""
+    image = grey.astype(np.float64)
+    image -= image.mean()
+    if hann:
+        image *= np.outer(np.hanning(image.shape[0] + 2)[1:-1], np.hanning(image.shape[1] + 2)[1:-1])
+    rows, columns = (np.fft.fftfreq(n) for n in image.shape)
+    return np.abs(np.fft.fft2(image)) ** 2, np.hypot(rows[:, None], columns[None, :])
+
+
+def high_share(power: np.ndarray, frequency: np.ndarray, extra: float = 0.0) -> float:
+    """Energy above HIGH * F_MAX over all energy, `extra` added to the latter; 0 for an image of one tone."""
+    total = float(power.sum()) + extra
+    return float(power[frequency > HIGH * F_MAX].sum()) / total if total > 0 else 0.0
+
+
+def measure(grey: np.ndarray) -> dict[str, float]:
+    """The five figures of an image. grey: (H, W) uint8. Raises ValueError if it is smaller than 3 x 3."""
+    if min(grey.shape) < 3:
+        raise ValueError(f"is {grey.shape[1]} x {grey.shape[0]}: at least 3 x 3 pixels are needed")
+    codes = local_binary_patterns(grey)
+    power, frequency = power_spectrum(grey)
+    constant = (grey.astype(np.float64).mean() * grey.size) ** 2
+    return {
+        "lbp_riu2": entropy(uniform_labels()[codes]),
+        "lbp_codes": entropy(codes),
+        "high": high_share(power, frequency),
+        "high_dc": high_share(power, frequency, constant),
+        "high_hann": high_share(*power_spectrum(grey, hann=True)),
+    }
+
+
+def find_images(paths: Sequence[Path], limit: int) -> Iterator[tuple[str, np.ndarray]]:
+    """Name and (H, W) uint8 grey image of each. Raises FileNotFoundError or ValueError that names the file."""
+    for path in paths:
+        if (path / "dataset.json").is_file():
+            dataset = StereoDataset(path)
+            for i in _spread(len(dataset), limit):
+                yield f"{path}/{dataset.names[i]}", cv2.cvtColor(dataset[i].left, cv2.COLOR_RGB2GRAY)
+            continue
+        if not path.exists():
+            raise FileNotFoundError(f"{path}: no such file or folder")
+        files = sorted(p for p in path.iterdir() if p.suffix.lower() in PICTURES) if path.is_dir() else [path]
+        if not files:
+            raise ValueError(f"{path}: holds no images ({', '.join(PICTURES)}) and no dataset")
+        for i in _spread(len(files), limit):
+            grey = cv2.imdecode(np.frombuffer(files[i].read_bytes() or b"0", np.uint8), cv2.IMREAD_GRAYSCALE)
+            if grey is None:
+                raise ValueError(f"{files[i]}: not a readable image")
+            yield str(files[i]), grey
+
+
+def _spread(count: int, wanted: int) -> list[int]:
+    return np.unique(np.linspace(0, count - 1, min(count, wanted)).round().astype(int)).tolist() if count else []
+
+
+def analyse(options: TextureOptions) -> dict[str, Any]:
+    """Measure both groups, write texture.json and texture.png, and return the content of the first."""
+    groups: dict[str, Any] = {}
+    examples = []
+    for name, paths in zip(options.names, (options.images, options.beside), strict=True):
+        records = []
+        for file, grey in find_images(paths, options.limit):
+            try:
+                records.append({"image": file, **measure(grey)})
+            except ValueError as error:
+                raise ValueError(f"{file}: {error}") from None
+            if len(records) == 1:
+                codes = local_binary_patterns(grey)
+                spectrum, frequency = power_spectrum(grey)
+                examples.append(TextureExample(name, grey, codes, spectrum, frequency))
+        if records:
+            mean = {key: float(np.mean([record[key] for record in records])) for key in MEASURES}
+            groups[name] = {"count": len(records), "mean": mean, "images": records}
+    options.out.mkdir(parents=True, exist_ok=True)
+    content = {"paper": PAPER, "groups": groups}
+    write_json(options.out / "texture.json", content)
+    texture_figure(examples, groups, HIGH * F_MAX, options.out / "texture.png")
+    return content
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """The command. Returns the exit code."""
+    return run_command(_work, TextureOptions, "python -m m3depth.texture", __doc__, args, "nothing was written")
+
+
+def _work(options: TextureOptions) -> None:
+    content = analyse(options)
+    width = max(len(name) for name in content["groups"])
+    for name, group in content["groups"].items():
+        m = group["mean"]
+        print(
+            f"{name:<{width}}  {counted(group['count'], 'image'):>9}  LBP {m['lbp_riu2']:.2f} bits of 10 labels, "
+            f"{m['lbp_codes']:.2f} of 256 codes; energy above 0.1 f_max {m['high']:.1%}, with the mean "
+            f"{m['high_dc']:.1%}, windowed {m['high_hann']:.1%}"
+        )
+    print(f"{'paper':<{width}}  {'':>9}  {content['paper']}")
+    print(f"definitions: --help; {options.out / 'texture.png'}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,151 @@
+"""Texture measures against images whose answer is known, and the command that tells them."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from rock_samples import rock_sample
+from rock_world import RockWorld
+
+from m3depth.figures.texture import TextureExample, energy_below
+from m3depth.texture import (
+    entropy,
+    high_share,
+    local_binary_patterns,
+    main,
+    measure,
+    power_spectrum,
+    uniform_labels,
+)
+from marssim.camera import NATECAM
+from marssim.dataset import write_index, write_sample
+from marssim.render.stereo import StereoFrame
+
+
+def pattern_by_hand(image: np.ndarray, y: int, x: int) -> int:
+    """The code of one pixel, bilinear by the textbook."""
+    code = 0
+    for p in range(8):
+        v, u = y - np.sin(np.pi * p / 4), x + np.cos(np.pi * p / 4)
+        top, left = int(np.floor(v + 1e-9)), int(np.floor(u + 1e-9))
+        a, b = v - top, u - left
+        value = 0.0
+        for dy, dx, share in ((0, 0, (1 - a) * (1 - b)), (0, 1, (1 - a) * b), (1, 0, a * (1 - b)), (1, 1, a * b)):
+            if share > 1e-9:
+                value += share * image[top + dy, left + dx]
+        code |= int(value >= image[y, x] - 1e-9) << p
+    return code
+
+
+@given(hnp.arrays(np.uint8, (5, 6)))
+def test_patterns_against_a_pixel_at_a_time(image):
+    found = local_binary_patterns(image)
+    by_hand = [[pattern_by_hand(image.astype(float), y, x) for x in range(1, 5)] for y in range(1, 4)]
+    assert found.tolist() == by_hand
+
+
+def test_58_codes_are_uniform():
+    labels = uniform_labels()
+    assert (labels < 9).sum() == 58 and labels.min() == 0 and labels.max() == 9
+    assert [int((labels == n).sum()) for n in range(10)] == [1, 8, 8, 8, 8, 8, 8, 8, 1, 198]
+
+
+@given(hnp.arrays(np.uint8, (7, 7)), st.integers(1, 3))
+def test_labels_do_not_depend_on_how_the_image_is_turned(image, turns):
+    labels = uniform_labels()
+    here = labels[local_binary_patterns(image)]
+    there = labels[local_binary_patterns(np.rot90(image, turns))]
+    assert np.array_equal(np.rot90(here, turns), there)
+
+
+def test_entropy_of_known_histograms():
+    assert entropy(np.zeros(8, int)) == 0
+    assert entropy(np.arange(8)) == pytest.approx(3)
+    assert entropy(np.array([0, 0, 1, 2])) == pytest.approx(1.5)
+
+
+@pytest.mark.parametrize(("waves", "share"), [(4, 0.0), (40, 1.0)])
+def test_a_wave_lies_where_its_frequency_is(waves, share):
+    """128 px: f_max is 64 waves, the border 6.4."""
+    x = np.arange(128)
+    image = np.round(128 + 60 * np.cos(2 * np.pi * waves * x / 128))[None].repeat(128, axis=0).astype(np.uint8)
+    found = measure(image)
+    assert found["high"] == pytest.approx(share, abs=0.01) and found["high_hann"] == pytest.approx(share, abs=0.01)
+    assert found["high_dc"] == pytest.approx(share * 0.5 * 60**2 / (0.5 * 60**2 + 128**2), abs=0.01)
+
+
+def test_white_noise_has_its_energy_where_the_area_is():
+    image = np.random.default_rng(0).integers(0, 256, (256, 256), dtype=np.uint8)
+    found = measure(image)
+    assert found["high"] == pytest.approx(1 - np.pi * 0.05**2, abs=0.005)
+
+
+def test_the_energy_is_that_of_the_pixels():
+    image = np.random.default_rng(1).integers(0, 256, (40, 56), dtype=np.uint8)
+    power, frequency = power_spectrum(image)
+    assert power.sum() / image.size == pytest.approx(((image - image.mean()) ** 2).sum())
+    example = TextureExample("x", image, image, power, frequency)
+    assert energy_below(example, np.array([0.05, 0.8])) == pytest.approx([1 - high_share(power, frequency), 1])
+
+
+def test_one_tone_has_no_texture():
+    found = measure(np.full((20, 30), 77, np.uint8))
+    assert found["lbp_riu2"] == found["lbp_codes"] == found["high"] == found["high_hann"] == 0
+
+
+def test_command(tmp_path, capsys):
+    rng = np.random.default_rng(2)
+    folder = tmp_path / "smooth"
+    folder.mkdir()
+    for i in range(3):
+        noise = cv2.GaussianBlur(rng.standard_normal((60, 80)).astype(np.float32), (0, 0), 6)
+        cv2.imwrite(str(folder / f"{i}.png"), cv2.normalize(noise, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8))
+    rough = tmp_path / "rough.jpg"
+    cv2.imwrite(str(rough), rng.integers(0, 255, (60, 80, 3), dtype=np.uint8))
+    out = tmp_path / "out"
+    args = [str(folder), "--beside", str(rough), "--names", "smooth", "rough", "--limit", "2", "--out", str(out)]
+    assert main(args) == 0
+    groups = json.loads((out / "texture.json").read_text())["groups"]
+    assert groups["smooth"]["count"] == 2 and groups["rough"]["count"] == 1
+    assert groups["smooth"]["mean"]["high"] < 0.3 < 0.9 < groups["rough"]["mean"]["high"]
+    assert [record["image"] for record in groups["smooth"]["images"]] == [str(folder / f"{i}.png") for i in (0, 2)]
+    assert cv2.imread(str(out / "texture.png")).std() > 10
+    assert "LBP" in capsys.readouterr().out
+
+
+def test_command_on_a_dataset(tmp_path):
+    sample = rock_sample(RockWorld(), NATECAM.resized(64, 64))
+    frame = StereoFrame(
+        sample.left, sample.right, sample.depth, sample.disparity, sample.normal,
+        np.where(np.isinf(sample.depth), -1, 0), sample.occluded, sample.rig, np.eye(4),
+    )  # fmt: skip
+    write_sample(tmp_path / "set/scenes/00000/00", frame, {})
+    write_index(tmp_path / "set", {}, ["00000/00"])
+    assert main([str(tmp_path / "set"), "--out", str(tmp_path / "out")]) == 0
+    [group] = json.loads((tmp_path / "out/texture.json").read_text())["groups"].values()
+    assert group["images"][0]["high"] == pytest.approx(measure(cv2.cvtColor(sample.left, cv2.COLOR_RGB2GRAY))["high"])
+
+
+@pytest.mark.parametrize(
+    ("what", "message"),
+    [("none", "none: no such file or folder"), ("empty", "holds no images"), ("text", "not a readable image"),
+     ("tiny", "at least 3 x 3 pixels are needed"), ("limit", "--limit must be at least 1")],
+)  # fmt: skip
+def test_mistakes_are_one_line(tmp_path, capsys, what, message):
+    path, extra = tmp_path / what, []
+    if what == "empty":
+        path.mkdir()
+    elif what == "text":
+        path.write_text("words")
+    elif what in ("tiny", "limit"):
+        path = tmp_path / "tiny.png"
+        cv2.imwrite(str(path), np.zeros((2, 9), np.uint8))
+        extra = ["--limit", "0"] if what == "limit" else []
+    assert main([str(path), "--out", str(tmp_path / "out"), *extra]) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
