@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from m3depth.data import AugmentConfig
+from m3depth.augmentation import AugmentConfig
 from m3depth.datasets.config import DataConfig
 from m3depth.losses import LossConfig
 

@@ -10,9 +10,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from m3depth.data import Batch, PackedSample, whole_batch
+from m3depth.data import Batch, whole_batch
 from m3depth.losses import Target, disparity_edges
 from m3depth.network.model import M3Depth, StereoOutput, fast_dtype
+from m3depth.packing import TRAINED, PackedSample
 from marssim.contact_sheet import normal_colours
 
 
@@ -73,7 +74,7 @@ def save_panel(path: Path, model: M3Depth, samples: Sequence[PackedSample], devi
         truth = batch.target.disparity[0, 0].cpu().numpy()
         guess = out.disparity[0, 0].float().cpu().numpy()
         top = max(float(truth.max()), 1.0)
-        error = np.where(sample.flags & 1, np.abs(guess - truth), 0)
+        error = np.where(sample.flags & TRAINED, np.abs(guess - truth), 0)
         confidence = (out.confidence.sigmoid() * (out.sky <= 0))[0, 0].float().cpu().numpy()
         both = (batch.target.normal, out.normal)
         normals = [normal_colours(x[0].permute(1, 2, 0).float().cpu().numpy())[..., ::-1] for x in both]

@@ -4,19 +4,10 @@ import numpy as np
 import pytest
 import torch
 
-from m3depth.data import (
-    AugmentConfig,
-    Joined,
-    PackedCache,
-    augment,
-    batches,
-    crop,
-    make_batch,
-    pack,
-    sample_index,
-    whole_batch,
-)
+from m3depth.augmentation import AugmentConfig, augment, crop, random_crop, resized
+from m3depth.data import Joined, PackedCache, batches, make_batch, sample_index, whole_batch
 from m3depth.losses import consistency_residual
+from m3depth.packing import TRAINED, pack
 
 
 def test_packing_keeps_the_truth(plane_samples) -> None:
@@ -81,6 +72,57 @@ def test_crops_move_the_principal_point(plane_samples) -> None:
     assert residual.abs()[inner.expand_as(residual)].max() > 0.02
 
 
+@pytest.mark.parametrize("size", [(40, 60), (80, 120), (77, 125)])
+def test_resized_pairs_are_those_of_the_resized_camera(plane_samples, size) -> None:
+    """Disparity, camera and normals still belong to the plane that they were taken of."""
+    sample = plane_samples[0]
+    part = resized(pack(sample), size)
+    assert part.left.shape == part.right.shape == (*size, 3) and part.disparity.shape == size
+    rig = sample.rig.resized(size[1], size[0])
+    c = rig.camera
+    assert part.camera == pytest.approx((c.fx, c.fy, c.cx, c.cy))
+    normal = sample.normal[-1, 0].astype(float)  # of the plane, 1.2 m away
+    expected = rig.depth_to_disparity(np.maximum(1.2 / -(c.rays() @ normal), 0.01))
+    inner = (part.flags & TRAINED) > 0
+    assert inner.mean() > 0.5
+    got = part.disparity / 256
+    assert np.abs(got - expected)[inner].max() < 0.1  # beside the sky
+    assert np.median(np.abs(got - expected)[inner]) < 0.004
+    target = whole_batch(part).target
+    residual, usable = consistency_residual(target.disparity, target.normal, target.camera)
+    flat = usable & target.label
+    assert residual.abs()[flat.expand_as(residual)].median() < 0.01
+    # the right eye shows at x - d what the left one shows at x
+    x = np.arange(20, size[1] - 5)
+    y = size[0] - 3
+    moved = np.interp(x - got[y, x], np.arange(size[1]), part.right[y, :, 0].astype(float))
+    inside = x - got[y, x] > 1
+    error = np.abs(moved - part.left[y, x, 0])[inside]
+    other = np.abs(part.right[y, x, 0].astype(float) - part.left[y, x, 0])[inside]
+    assert error.mean() < 0.5 * other.mean()
+
+
+def test_enlarged_pixels_out_of_reach_are_not_trained(plane_samples) -> None:
+    sample = plane_samples[0]
+    depth = np.full_like(sample.depth, sample.rig.fb / 180)
+    near = pack(replace(sample, depth=depth, disparity=sample.rig.depth_to_disparity(depth)))
+    assert (near.flags & TRAINED).all() and not (resized(near, (80, 120)).flags & TRAINED).any()
+    assert (resized(near, (60, 90)).flags & TRAINED).all()
+
+
+def test_crops_are_scaled_within_what_was_asked_for(plane_samples) -> None:
+    packed = pack(plane_samples[0])
+    shares = []
+    for seed in range(40):
+        part = random_crop(packed, (32, 48), AugmentConfig(scale=0.3), np.random.default_rng(seed))
+        assert part.left.shape == (32, 48, 3)
+        shares.append(part.camera[0] / packed.camera[0])
+    assert 1 / 1.33 < min(shares) < 0.9 and 1.1 < max(shares) < 1.33
+    assert 10 < sum(share == 1 for share in shares) < 30
+    whole = random_crop(packed, (64, 96), AugmentConfig(scale=0.3), np.random.default_rng(1))
+    assert whole.left.shape == (64, 96, 3)  # the images allow no reduction
+
+
 def test_batches_are_a_function_of_seed_and_step(plane_samples) -> None:
     cache = PackedCache(plane_samples, 1 << 30)
     settings = {"size": 2, "crop_size": (32, 64), "config": AugmentConfig(), "seed": 3}
@@ -132,7 +174,7 @@ def test_too_large_a_crop_is_named(plane_samples) -> None:
 
 def test_parts_of_the_augmentation_can_be_turned_off(plane_samples) -> None:
     off = AugmentConfig(
-        contrast=1, brightness=0, gamma=0, eye_gain=0, noise=0, blur=0, grey=0, vertical=0, occlude=0, bottom=0
+        contrast=1, brightness=0, gamma=0, eye_gain=0, noise=0, blur=0, grey=0, vertical=0, occlude=0, bottom=0, scale=0
     )
     sample = plane_samples[0]
     for seed in range(8):  # several draws: each part has a chance of its own
