@@ -5,8 +5,12 @@
 Rays are shot straight down on finished scenes, on a grid of --cell, and say which rock each spot of ground shows. The
 area of a rock's visible spots is that of a disc of diameter D; the areas of all rocks of D and more, over the ground
 looked at, are F_k(D). Nothing is read from the list that the scene was drawn from: burial, overlap and relief act on
-what is measured as they do on a picture from orbit. A rock counts, with its whole area, where the middle of its
-visible part lies a margin inside the finely gridded square, so that none is cut by the border.
+what is measured as they do on a picture from orbit. Scenes correct for burial: each rock is widened until what stands
+out of the ground has the outline of the diameter that was drawn for it. A rock counts, with its whole area, where the
+middle of its visible part lies a margin inside the finely gridded square, so that none is cut by the border.
+
+Rocks fall by chance: "spread" is the standard deviation that this gives to the share of the ground, and "allowed" is
+10 % or three times that, whichever is larger. Where less than a few rocks are expected, one more lies outside.
 """
 
 from __future__ import annotations
@@ -18,7 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from marssim.command import counted, run_command
-from marssim.scene.golombek import MAX_DIAMETER, REPORTED, covered_area, sampling_spread
+from marssim.scene.golombek import MAX_DIAMETER, REPORTED, covered_area, number_density, sampling_spread
 from marssim.scene.scene import Place, Scene, build_scene, preset
 
 BAND = 2.0  # [m] of ground that is looked at in one go
@@ -56,11 +60,12 @@ class AbundanceConfig:
 class Abundance:
     """F_k at diameters (D,) [m]: asked, achieved by so many rocks, and the standard deviation that chance gives it.
 
-    area: ground looked at [m2]. Where less than a rock or two is expected, one more lies outside of any bound.
+    expected: number of rocks that the law has there. area: ground looked at [m2].
     """
 
     diameter: np.ndarray
     rocks: np.ndarray
+    expected: np.ndarray
     asked: np.ndarray
     achieved: np.ndarray
     spread: np.ndarray
@@ -78,14 +83,21 @@ class Abundance:
 
     def table(self) -> str:
         """One line a diameter, shares in percent of the ground."""
-        lines = ["D [m]  asked %  achieved %   rocks  ratio  spread %  allowed +- %"]
-        for d, asked, achieved, rocks, spread, tolerance, good in zip(
-            self.diameter, self.asked, self.achieved, self.rocks, self.spread, self.tolerance, self.within
+        lines = ["D [m]  asked %  achieved %  ratio   rocks  expected  spread %  allowed +- %"]
+        for d, asked, achieved, rocks, expected, spread, tolerance, good in zip(
+            self.diameter,
+            self.asked,
+            self.achieved,
+            self.rocks,
+            self.expected,
+            self.spread,
+            self.tolerance,
+            self.within,
         ):
             ratio = achieved / asked if asked > 0 else float("nan")
             lines.append(
-                f"{d:5.2f} {100 * asked:8.3f} {100 * achieved:11.3f} {rocks:7d} {ratio:6.3f} {100 * spread:9.3f} "
-                f"{100 * tolerance:13.3f}" + ("" if good else "  outside")
+                f"{d:5.2f} {100 * asked:8.3f} {100 * achieved:11.3f} {ratio:6.3f} {rocks:7d} {expected:9.1f} "
+                f"{100 * spread:9.3f} {100 * tolerance:13.3f}" + ("" if good else "  outside")
             )
         return "\n".join(lines)
 
@@ -143,8 +155,8 @@ def measure(scenes: Iterable[Scene], k: float, cell: float = 0.01) -> Abundance:
             rocks[row] += large.sum()
         area += (2 * inside) ** 2
     return Abundance(
-        diameter=diameter, rocks=rocks, asked=covered_area(diameter, k), achieved=covered / area,
-        spread=sampling_spread(diameter, k, area), area=area,
+        diameter=diameter, rocks=rocks, expected=number_density(diameter, k) * area,
+        asked=covered_area(diameter, k), achieved=covered / area, spread=sampling_spread(diameter, k, area), area=area,
     )  # fmt: skip
 
 

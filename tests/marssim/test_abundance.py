@@ -60,7 +60,10 @@ def test_the_command_prints_a_table(capsys):
     lines = capsys.readouterr().out.splitlines()
     assert "utopia" in lines[0] and len(lines) == 2 + 6
     assert float(lines[2].split()[1]) == pytest.approx(100 * covered_area(np.array(0.1), 0.033), abs=1e-3)
-    assert float(lines[2].split()[4]) == pytest.approx(1, abs=0.3)
+    ratio, rocks, expected = (float(word) for word in lines[2].split()[3:6])
+    assert ratio == pytest.approx(1, abs=0.3)
+    assert expected == pytest.approx(0.696 * 29.5**2, rel=0.02)  # of the published table, on the ground looked at
+    assert abs(rocks - expected) < 4 * expected**0.5
 
 
 @pytest.mark.parametrize("flag", ["--scenes 0", "--seed -1", "--k 0.9", "--cell 1"])
