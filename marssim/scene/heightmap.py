@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import zlib
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -21,6 +22,7 @@ MODEL_TYPE, GEOGRAPHIC, LINEAR_UNIT, METRE = 1024, 2, 3076, 9001  # GeoTIFF keys
 MARGIN = 6  # cells around the scene that the interpolation looks at
 LEAST_CELLS = 8  # along the side of a scene
 FLAG = "--relief.heightmap"  # of marssim.generate, in front of each message
+STEEPEST = 20.0  # rise over a cell, in cells
 PLACES = 200  # tried for a scene that draws its place
 
 
@@ -64,13 +66,23 @@ class HeightMap:
             part = self.heights[j0:j1, i0:i1]
             holes = np.mean(~np.isfinite(part))
             if holes == 0:
+                self._check_steps(part)
                 return Window(part, self.cell, (i0 - middle[0]) * self.cell, (j0 - middle[1]) * self.cell)
         if at is None:
             raise ValueError(f"{self.name}: no place without gaps in the data was found for a scene of {2 * half:g} m")
         raise ValueError(
-            f"{self.name}: {100 * holes:.2g} % of the scene's ground has no data (nan or nodata); choose "
+            f"{self.name}: {100 * holes:.3g} % of the scene's ground has no data (nan or nodata); choose "
             f"another --relief.heightmap-at"
         )
+
+    def _check_steps(self, part: np.ndarray) -> None:
+        """Raise ValueError for walls that no ground has: another unit, or gaps that are not marked as such."""
+        step = max(float(np.abs(np.diff(part, axis=axis)).max()) for axis in (0, 1))
+        if step > STEEPEST * self.cell:
+            raise ValueError(
+                f"{self.name}: rises by {step:g} m from one cell of {self.cell:g} m to the next; are its values metres "
+                f"(--relief.heightmap-height), and are all cells without data nan or nodata?"
+            )
 
 
 @dataclass(frozen=True)
@@ -167,7 +179,7 @@ def read_heightmap(path: str, digest: str, scale: float | None, height: float | 
 
 def _read_npy(path: str, name: str) -> np.ndarray:
     try:
-        values = np.load(path, allow_pickle=False)
+        values = np.load(path, mmap_mode="r", allow_pickle=False)  # a header that lies about the size is found so
     except (ValueError, OSError, EOFError) as error:
         raise ValueError(f"{name}: is no readable .npy file ({str(error).splitlines()[0]})") from None
     if not isinstance(values, np.ndarray) or values.ndim != 2 or values.dtype.kind not in "iuf":
@@ -176,11 +188,26 @@ def _read_npy(path: str, name: str) -> np.ndarray:
     return values
 
 
+def _is_whole_png(path: str) -> bool:
+    """Do the checksums of a PNG's chunks hold, up to the last one? What libpng says of them is more than a line."""
+    with open(path, "rb") as file:
+        if file.read(8) != b"\x89PNG\r\n\x1a\n":
+            return False
+        while len(head := file.read(8)) == 8:
+            data = file.read(int.from_bytes(head[:4], "big"))
+            if zlib.crc32(head[4:] + data).to_bytes(4, "big") != file.read(4):
+                return False
+            if head[4:] == b"IEND":
+                return True
+    return False
+
+
 def _read_image(path: str, name: str) -> np.ndarray:
     log = cv2.utils.logging
     before = log.setLogLevel(log.LOG_LEVEL_SILENT)  # a broken file is told in our words
     try:
-        values = cv2.imread(path, cv2.IMREAD_UNCHANGED)
+        png = path.lower().endswith(".png")
+        values = cv2.imread(path, cv2.IMREAD_UNCHANGED) if not png or _is_whole_png(path) else None
     except cv2.error:
         values = None
     finally:

@@ -173,6 +173,11 @@ def broken(tmp_path, case):
     elif case == "cut off":
         np.save(path, level)
         path.write_bytes(path.read_bytes()[:900])
+    elif case == "lying":
+        with path.open("wb") as file:
+            header = {"descr": "<f8", "fortran_order": False, "shape": (10**6, 10**6)}
+            np.lib.format.write_array_header_1_0(file, header)
+            file.write(bytes(100))
     elif case == "pickle":
         np.save(path, np.array([{"a": 1}], dtype=object), allow_pickle=True)
     elif case == "three dimensions":
@@ -201,6 +206,27 @@ def broken(tmp_path, case):
         kind = np.uint8 if case == "8 bits" else np.uint16
         cv2.imwrite(str(path), np.zeros((60, 60, 3) if case == "colour" else (60, 60), kind))
         config |= {} if case == "no height" else {"heightmap_height": 0.01}
+    elif case in ("cut png", "flipped png"):
+        path = tmp_path / "map.png"
+        cv2.imwrite(str(path), np.random.default_rng(0).integers(0, 65536, (60, 60)).astype(np.uint16))
+        data = bytearray(path.read_bytes())
+        data[len(data) // 2] ^= 4
+        path.write_bytes(bytes(data) if case == "flipped png" else path.read_bytes()[: len(data) // 2])
+        config |= {"heightmap_height": 0.01}
+    elif case == "cut tif":
+        path = geotiff(tmp_path / "map.tif", level + np.random.default_rng(0).normal(size=(60, 60)).astype(np.float32))
+        path.write_bytes(path.read_bytes()[:9000])
+    elif case == "complex tif":
+        path = tmp_path / "map.tif"
+        data, entries = np.zeros((60, 60), np.complex64).tobytes(), []
+        for tag, value in ((256, 60), (257, 60), (258, 64), (259, 1), (262, 1), (273, 8), (277, 1), (278, 60),
+                           (279, len(data)), (339, 6)):  # fmt: skip
+            entries.append(struct.pack("<HHII", tag, 4, 1, value))
+        directory = struct.pack("<H", len(entries)) + b"".join(entries) + bytes(4)
+        path.write_bytes(b"II*\0" + struct.pack("<I", 8 + len(data)) + data + directory)
+    elif case == "unmarked gaps":
+        level[10:20] = -9999
+        np.save(path, level)
     elif case == "no image":
         path = tmp_path / "map.tif"
         path.write_bytes(b"II*\0" + struct.pack("<I", 8) + b"\0\0")
@@ -218,7 +244,10 @@ def broken(tmp_path, case):
     ("case", "says"),
     [
         ("missing", "no such file"), ("folder", "directory"), ("empty", "no readable .npy"),
-        ("cut off", "no readable .npy"), ("pickle", "no readable .npy"), ("three dimensions", "two-dimensional"),
+        ("cut off", "no readable .npy"), ("lying", "no readable .npy"), ("unmarked gaps", "rises by 9999 m"),
+        ("cut png", "cannot be read as an image"), ("flipped png", "cannot be read as an image"),
+        ("cut tif", "cannot be read as an image"), ("complex tif", "cannot be read as an image"),
+        ("pickle", "no readable .npy"), ("three dimensions", "two-dimensional"),
         ("complex", "two-dimensional"), ("nan", "no data"), ("too small", "60 x 20 m, too small"),
         ("too coarse", "cells of 50 m"), ("beyond", "--relief.heightmap-at"), ("no scale", "--relief.heightmap-scale"),
         ("kind", ".npy, .png, .tif"), ("8 bits", "8 bits"), ("colour", "3 channels"),
@@ -227,9 +256,11 @@ def broken(tmp_path, case):
         ("not square", "not square"), ("no tags", "--relief.heightmap-scale"), ("odd nodata", "nodata"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_with_a_file_is_said_in_a_line(tmp_path, case, says):
+def test_what_is_wrong_with_a_file_is_said_in_a_line(tmp_path, case, says, capfd):
     path, config = broken(tmp_path, case)
+    capfd.readouterr()
     with pytest.raises(ValueError, match=r"^--relief\.heightmap /") as error:
         build(path, **config)
     message = str(error.value)
     assert path.name in message and says in message and "\n" not in message
+    assert capfd.readouterr() == ("", "")  # nor have the libraries that read images anything to add
