@@ -16,6 +16,7 @@ from marssim.render.gbuffer import GROUND
 from marssim.render.regolith import CODES, TONES, VARIANTS, WIDEST, grit, grit_at, ripple_tile
 from marssim.render.surroundings import surroundings, surroundings_at
 from marssim.render.texture import coded_tile, fractal_slopes, octave_slopes, octave_value, octave_weight, placing
+from marssim.scene.rocks import ground_plane
 from marssim.scene.scene import Look, Scene
 
 GROUND_COLOUR = (0.40, 0.262, 0.158)
@@ -81,7 +82,8 @@ class Shader:
         and how much its faces show of beds, 0 to 1."""
         rocks = self.scene.rocks
         x, y = rocks.centre[:, 0], rocks.centre[:, 1]
-        z, b, c = self.scene.terrain.gradient_at(x, y)
+        z, slope = ground_plane(rocks.centre[:, :2], rocks.diameter, self.scene.terrain.height_at)
+        b, c = slope.T
         sand = np.minimum(rocks.height * rng.uniform(*FILLET, len(rocks)), 0.06)
         beds = self.look.bedding * rng.uniform(0.4, 1, len(rocks))
         return np.concatenate([np.zeros((1, 5)), np.stack([z - b * x - c * y, b, c, sand, beds], axis=1)])

@@ -134,7 +134,7 @@ def build_rocks(
     yaw, stretch = rng.uniform(0, 2 * np.pi, n), np.sqrt(rng.uniform(0.65, 1.0, n))
     albedo = config.albedo * np.clip(rng.normal(1, 0.3, n), 0.45, 1.8)
     extent = height / (1 - buried)
-    ground, slope = _ground_plane(xy, diameter, height_at)
+    ground, slope = ground_plane(xy, diameter, height_at)
 
     centre = np.empty((n, 3))
     vertices, faces, face_rock, normals = [], [], [], []
@@ -199,7 +199,7 @@ def _scatter(
     return diameter, place(diameter, inners, outers, config.cluster, rng)
 
 
-def _ground_plane(
+def ground_plane(
     xy: np.ndarray, diameter: np.ndarray, height_at: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Height (N,) and slope (N, 2) of the plane through the ground at four points under each rock."""

@@ -154,7 +154,8 @@ def one_sample(maker, shader, camera, pose, view, shown_by=None) -> np.ndarray:
     """(H, W, 3) radiance through pixel centres alone, with the texture that the pixels of a camera show."""
     rays = camera.rays().reshape(-1, 3)
     maps = (view.depth.ravel(), view.normal.reshape(-1, 3), view.shading_normal.reshape(-1, 3), view.surface.ravel())
-    return stereo._shade(maker, shader, shown_by or camera, pose, rays, *maps)[0].reshape(camera.height, camera.width, 3)
+    colour = stereo._shade(maker, shader, shown_by or camera, pose, rays, *maps)[0]
+    return colour.reshape(camera.height, camera.width, 3)
 
 
 @pytest.mark.parametrize("name", ["embree", "pybullet"])
