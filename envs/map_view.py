@@ -36,7 +36,7 @@ class MapView:
         [0, 1], 1 where an obstacle is; 1 where it was seen, 0 where not.
         """
         self.map.recentre(pose[:2, 3])
-        self.map.assume_flat(pose, self.spec.footprint_radius)
+        self.map.assume_under(pose, self.spec.length, self.spec.width)
         eye = pose @ self.spec.mount.left_eye(sight.rig.baseline, sight.pan)
         self.map.integrate(sight.depth, sight.confidence, sight.rig, eye)
         ground = assess(self.map, self.spec, TraversabilityConfig())

@@ -10,6 +10,17 @@ from nav.traversability import TraversabilityConfig
 
 
 @dataclass(frozen=True)
+class Boldness:
+    """What is dared where every way is closed: rocks up to step [m] and slopes up to slope_deg are driven over, and
+    the margins beside obstacles shrink to a share. Heights err by centimetres, so step stays below
+    RoverSpec.obstacle_height."""
+
+    step: float
+    slope_deg: float
+    margin_share: float
+
+
+@dataclass(frozen=True)
 class NavigatorConfig:
     """Settings of Navigator and of what it is made of."""
 
@@ -27,9 +38,9 @@ class NavigatorConfig:
     back_up: float = 1.2  # recovery drives back this far [m]
     back_speed: float = 0.15  # at this speed [m/s]
     max_recoveries: int = 6  # without coming a metre nearer to the goal; then stuck
-    closed_steps: int = 15  # in a row with every way to the goal closed by known obstacles; then no path
-    bold_after: int = 5  # closed steps, after which more is dared ...
-    bold_step: float = 0.25  # ... rocks up to this height [m], well below RoverSpec.obstacle_height: heights err ...
-    bold_slope_deg: float = 26.0  # ... and slopes up to this ...
+    closed_steps: int = 15  # in a row with every way to the goal closed by known obstacles; then no path ...
+    bold_after: int = 5  # ... but first, after so many, the next of these is dared ...
+    bold_after_recoveries: int = 2  # ... and likewise where so many recoveries led nowhere ...
+    bold: tuple[Boldness, ...] = (Boldness(0.23, 26.0, 0.5), Boldness(0.25, 27.0, 0.4), Boldness(0.275, 28.0, 0.3))
     bold_steps: int = 25  # ... for so many steps
     slip_steps: int = 2  # drive steps without motion that mean an unseen obstacle

@@ -112,7 +112,19 @@ class ElevationMap:
         """
         x, y = self.centres()
         dx, dy = x[None, :] - pose[0, 3], y[:, None] - pose[1, 3]
-        fill = (dx**2 + dy**2 <= radius**2) & ~self.known
+        self._assume(pose, dx, dy, dx**2 + dy**2 <= radius**2)
+
+    def assume_under(self, pose: np.ndarray, length: float, width: float) -> None:
+        """The same for the rectangle that the rover stands on, and no further: beside it may lie the hidden half of a
+        rock. pose: (4, 4) body to world; length, width [m]."""
+        x, y = self.centres()
+        dx, dy = x[None, :] - pose[0, 3], y[:, None] - pose[1, 3]
+        yaw = np.arctan2(pose[1, 0], pose[0, 0])
+        ahead, left = np.cos(yaw) * dx + np.sin(yaw) * dy, np.cos(yaw) * dy - np.sin(yaw) * dx
+        self._assume(pose, dx, dy, (np.abs(ahead) <= length / 2) & (np.abs(left) <= width / 2))
+
+    def _assume(self, pose: np.ndarray, dx: np.ndarray, dy: np.ndarray, where: np.ndarray) -> None:
+        fill = where & ~self.known
         up = pose[:3, 2]
         plane = pose[2, 3] - (up[0] * dx + up[1] * dy) / max(up[2], 0.3)
         for layer in (self.top, self.low):

@@ -89,7 +89,7 @@ class Navigator:
         self._mast_works = True
         self._turn_looked = False
         self._closed = 0
-        self._bold = 0  # steps left
+        self._bold, self._bold_left = 0, 0  # how many of config.bold are dared, and for how many steps
         self._nearest = np.inf
         self._goal = np.full(2, np.nan)
 
@@ -134,7 +134,7 @@ class Navigator:
             self._nearest, self.recovery.attempts, self._closed, self._bold = np.inf, 0, 0, 0
         self.map.recentre(planar[:2])
         # Where the rover stands, the ground carries it, seen or not.
-        self.map.assume_flat(pose, self.spec.footprint_radius)
+        self.map.assume_under(pose, self.spec.length, self.spec.width)
         self.recovery.follow(planar)
         wish = self._last_command.pan
         if wish is not None and abs(wish - pan) > LOOKED and abs(wish - pan) > abs(wish - self._last_pan) - LOOKED:
@@ -175,9 +175,11 @@ class Navigator:
         self.planner.update(self.map, ground, goal)
 
         self._closed = self._closed + 1 if self._no_way(here, goal, ground) else 0
-        self._bold = max(self._bold - 1, 0)
-        if self._closed >= self.config.bold_after and not self._bold:
-            self._bold, self._closed = self.config.bold_steps, 0
+        self._bold_left -= 1
+        if self._bold_left <= 0 and not self._inflated(here, ground):
+            self._bold = 0  # not before the rover has left what it dared to enter
+        if self._closed >= self.config.bold_after:
+            self._dare()
         if self._closed >= self.config.closed_steps:
             return Command(0.0, 0.0, None, "no_path")
         if self.recovery.backing:
@@ -186,10 +188,21 @@ class Navigator:
                 return command
         self.motion = self.planner.plan(self.map, ground, here, goal)
         if self.motion is None:
+            if self.recovery.attempts >= self.config.bold_after_recoveries:
+                self._dare()
             way = self.recovery.search(here, ground, self.map, self.planner, pan, self._mast_works)
             return way or Command(0.0, 0.0, None, "no_path" if self._closed else "stuck")
         self.recovery.found_a_way()
         return self._follow(self.motion, here, distance, pan)
+
+    def _dare(self) -> None:
+        """Go one step on in config.bold, if there is one left."""
+        if self._bold < len(self.config.bold):
+            self._bold, self._bold_left, self._closed = self._bold + 1, self.config.bold_steps, 0
+
+    def _inflated(self, here: np.ndarray, ground: Traversability) -> bool:
+        x, y = np.clip(self.map.cell_of(here[:2]), 0, self.map.n - 1)
+        return bool(ground.inflated[y, x])
 
     def _assess(self, here: np.ndarray) -> Traversability:
         """Traversability, with what bumps and dead ends taught, and free of obstacles under the rover itself."""
@@ -205,13 +218,16 @@ class Navigator:
         corners = self.map.cell_of(here[:2] + corners @ np.array([[c, s], [-s, c]]))
         carried = np.zeros((self.map.n, self.map.n), np.uint8)
         cv2.fillConvexPoly(carried, corners.astype(np.int32), 1)
-        rules = self.config.traversability
+        rules, dared = self.config.traversability, None
         if self._bold:
+            dared = self.config.bold[self._bold - 1]
             rules = replace(
                 rules,
-                step_blocked=max(self.config.bold_step, rules.step_blocked),
-                slope_blocked_deg=max(self.config.bold_slope_deg, rules.slope_blocked_deg),
+                step_blocked=max(dared.step, rules.step_blocked),
+                slope_blocked_deg=max(dared.slope_deg, rules.slope_blocked_deg),
+                margin=rules.margin * dared.margin_share,
             )
+        self.planner.margin = self.config.planner.margin * (dared.margin_share if dared else 1.0)
         ground = assess(self.map, self.spec, rules, extra, carried > 0)
         if not ends:
             return ground

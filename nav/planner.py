@@ -112,15 +112,19 @@ def free_length(
     spec: RoverSpec,
     config: PlannerConfig,
     standing: Standing | None = None,
+    margin: float | None = None,
 ) -> np.ndarray:
     """How far motions are free of obstacles and of unseen ground, level enough and with room under the belly [m].
 
     poses: (a, k, 3), the first one where the rover stands. A rover that already stands within a margin may move as
-    long as it comes no nearer. standing: the map's surface under wheels and belly; None asks neither. Returns (a,) [m].
+    long as it comes no nearer. standing: the map's surface under wheels and belly; None asks neither. margin: in
+    place of config's. Returns (a,) [m].
     """
     room = footprint_distance(ground.clearance, elevation, poses, spec)
     light = footprint_distance(ground.dark_distance, elevation, poses, spec)
-    ok = room >= np.minimum(config.margin, room[:, :1] - 0.01)
+    # Half a cell, which the map may err, is all that it may come nearer by in the end: replanning adds up.
+    least = config.margin if margin is None else margin
+    ok = room >= np.minimum(least, np.maximum(room[:, :1] - 0.01, np.minimum(room[:, :1], -0.05)))
     ok &= light >= np.minimum(config.dark_margin, light[:, :1] - 0.01)
     if standing is not None:
         place = standing.at(poses)
@@ -136,6 +140,7 @@ class Planner:
     def __init__(self, spec: RoverSpec, config: PlannerConfig, elevation: ElevationMap) -> None:
         self.spec, self.config = spec, config
         self.field = DistanceField(elevation, config.coarse, config.inflated_cost)
+        self.margin = config.margin
         self._standing: Standing | None = None
         self.previous_curvature = 0.0
         self.previous_turn = 0.0
@@ -158,7 +163,9 @@ class Planner:
 
     def free_length(self, poses: np.ndarray, elevation: ElevationMap, ground: Traversability) -> np.ndarray:
         """How far motions (a, k, 3), poses `spacing` apart, can be driven [m]. Returns (a,)."""
-        return free_length(poses, self.config.spacing, elevation, ground, self.spec, self.config, self._standing)
+        return free_length(
+            poses, self.config.spacing, elevation, ground, self.spec, self.config, self._standing, self.margin
+        )
 
     def plan(
         self, elevation: ElevationMap, ground: Traversability, pose: np.ndarray, goal: np.ndarray
@@ -257,7 +264,7 @@ class Planner:
             poses = np.stack([np.full(angle.size, pose[0]), np.full(angle.size, pose[1]), pose[2] + angle], axis=1)
             # Half steps are covered by the margin: the corner moves 0.15 m between two headings.
             room = footprint_distance(ground.clearance, elevation, poses, self.spec)
-            ok = room >= min(c.margin, room[0] - 0.01)
+            ok = room >= min(self.margin, max(room[0] - 0.01, min(room[0], -0.05)))
             ok[0] = True
             out.append(angle[: np.cumprod(ok).sum()][1:])
         return np.concatenate(out)

@@ -32,6 +32,7 @@ class TraversabilityConfig:
     comfort: float = 1.35  # obstacle distance [m] from which the path costs nothing extra
     ground_window: float = 1.7  # rocks narrower than this [m] stand out of the ground entirely
     footprint_window: float = 1.1  # planes are fitted over this [m]
+    hidden_depth: float = 0.25  # unseen ground this near to an obstacle's seen face [m] belongs to it
     hiding_width: float = 0.5  # narrower unseen patches [m] hide no obstacle: rocks are twice as wide as high
 
 
@@ -172,6 +173,9 @@ def assess(
     with np.errstate(invalid="ignore"):
         blocked = seen & (step >= c.step_blocked)
         blocked |= seen & ((slope >= np.deg2rad(c.slope_blocked_deg)) | (roughness >= c.roughness_blocked))
+    # Of a rock only the near side is seen; what was not measured behind its face is taken for the rest of it.
+    width = _odd(2 * c.hidden_depth, cell)
+    blocked |= (cv2.dilate(blocked.astype(np.uint8), np.ones((width, width), np.uint8)) > 0) & ~seen
     if extra_blocked is not None:
         blocked |= extra_blocked
     if carried is not None:
