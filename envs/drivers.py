@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -12,7 +13,7 @@ from nav.navigator import Navigator
 
 
 class Driver(Protocol):
-    """Chooses actions for a MarsNavEnv made with mast=True."""
+    """Chooses actions for a MarsNavEnv made with mast=True; with map_observation=True if `needs_map` is true of it."""
 
     def reset(self, env: MarsNavEnv, seed: int) -> None:
         """A new episode begins."""
@@ -76,7 +77,16 @@ DRIVERS: dict[str, type[Driver]] = {
 
 
 def make_driver(name: str) -> Driver:
-    """A driver by name. Raises ValueError for an unknown one."""
-    if name not in DRIVERS:
-        raise ValueError(f"driver {name!r} is unknown; choose from {', '.join(DRIVERS)}")
-    return DRIVERS[name]()
+    """A driver by name, from a policy file (.zip, see envs.policies) or by class path, package.module:Class.
+
+    Raises ValueError or FileNotFoundError that says what was expected.
+    """
+    if name in DRIVERS:
+        return DRIVERS[name]()
+    from envs.policies import PolicyDriver, load_driver_class
+
+    if name.endswith(".zip"):
+        return PolicyDriver(Path(name))
+    if ":" in name:
+        return load_driver_class(name)
+    raise ValueError(f"driver {name!r} is unknown; choose from {', '.join(DRIVERS)}, FILE.zip, package.module:Class")

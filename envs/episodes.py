@@ -11,6 +11,10 @@ import numpy as np
 
 from envs.drivers import Driver
 from envs.mars_nav import MarsNavEnv
+from envs.sight import Sight
+from marssim.camera import MAX_DEPTH, MIN_DEPTH
+
+NEAR_MISS = 0.10  # [m] from the rover's flank to an obstacle
 
 
 @dataclass(frozen=True)
@@ -28,7 +32,9 @@ class Cell:
 
 @dataclass
 class EpisodeRecord:
-    """What became of one episode. Lengths [m], times [s]; track: (x, y) after every step, start first.
+    """What became of one episode. Lengths [m], times [s]; track: (x, y) after every step, start first; obstacles:
+    x, y, diameter of the rocks that block; abs_rel: mean over the looks of |Z - Z*| / Z* up to 15 m, None with the
+    ground truth.
 
     outcome: as MarsNavEnv's info names it, or "no_path" if the driver gave up.
     """
@@ -50,6 +56,9 @@ class EpisodeRecord:
     perception_seconds: float
     redraws: int
     goal: list[float]
+    abs_rel: float | None = None
+    near_miss: bool = False
+    obstacles: list[list[float]] = field(default_factory=list)
     track: list[list[float]] = field(default_factory=list)
 
 
@@ -78,6 +87,7 @@ def run_episode(
     track = [[float(v) for v in env.vehicle.state().position[:2]]]
     start_distance = info["distance"]
     total, seconds, seeing, tilt = 0.0, 0.0, 0.0, 0.0
+    errors = [_abs_rel(env.sight)]
     steps, done = 0, False
     if watch:
         watch(env, driver, 0)
@@ -94,6 +104,7 @@ def run_episode(
         steps += 1
         state = env.vehicle.state()
         tilt = max(tilt, float(np.rad2deg(state.tilt)))
+        errors.append(_abs_rel(env.sight))
         track.append([float(v) for v in state.position[:2]])
         done = terminated or truncated
         if watch:
@@ -103,5 +114,29 @@ def run_episode(
         distance=info["distance"], start_distance=start_distance, shortest=info["shortest"],
         path_length=info["path_length"], min_clearance=info["min_clearance"], max_tilt_deg=tilt, reward=total,
         step_seconds=seconds / max(steps, 1), perception_seconds=seeing / max(steps, 1), redraws=info["redraws"],
-        goal=[float(v) for v in env.course.goal], track=track,
+        goal=[float(v) for v in env.course.goal], abs_rel=_mean(errors),
+        near_miss=info["outcome"] != "collision"
+        and info["min_clearance"] < env.rover_spec.width / 2 + NEAR_MISS,
+        obstacles=_obstacles(env), track=track,
     )  # fmt: skip
+
+
+def _abs_rel(sight: Sight | None) -> float | None:
+    """Mean |Z - Z*| / Z* of one look over the true depths of 0.5 m to 15 m where something was measured."""
+    if sight is None or sight.true_depth is None or sight.true_depth is sight.depth:
+        return None
+    true = sight.true_depth
+    known = (true >= MIN_DEPTH) & (true <= MAX_DEPTH) & np.isfinite(sight.depth) & (sight.depth > 0)
+    return float(np.mean(np.abs(sight.depth[known] - true[known]) / true[known])) if known.any() else None
+
+
+def _mean(values: list[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return float(np.mean(known)) if known else None
+
+
+def _obstacles(env: MarsNavEnv) -> list[list[float]]:
+    assert env.course is not None
+    rocks, half = env.course.scene.rocks, env.course.scene.half
+    block = (rocks.height >= env.rover_spec.obstacle_height) & (np.abs(rocks.centre[:, :2]).max(axis=1) < half)
+    return [[round(float(v), 2) for v in (*rocks.centre[i, :2], rocks.diameter[i])] for i in np.flatnonzero(block)]

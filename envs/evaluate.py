@@ -1,9 +1,11 @@
 """Score a driver and a perception on frozen episodes of MarsNav-v0.
 
     python -m envs.evaluate --driver navigator --perception m3depth --episodes 10 --seed 1 --out out/eval
+    python -m envs.evaluate --driver navigator straight --perception ground_truth --dynamics kinematic --grid \
+        --episodes 50 --workers 2 --out out/grid
 
-Several perceptions are driven over the same courses. Finished episodes stay in OUT/episodes: the same command goes on
-where it was stopped.
+Several drivers and perceptions go over the same courses. Finished episodes stay in OUT/episodes: the same command goes
+on where it was stopped.
 """
 
 from __future__ import annotations
@@ -21,10 +23,10 @@ from zlib import crc32
 from tqdm import tqdm
 
 from envs.course import CourseConfig
-from envs.drivers import DRIVERS, make_driver
+from envs.drivers import DRIVERS, Driver, make_driver
 from envs.episodes import Cell, EpisodeRecord, run_episode
 from envs.mars_nav import MarsNavEnv
-from envs.metrics import summarise
+from envs.metrics import paired_difference, spl, summarise
 from envs.report import write_report
 from envs.sight import load_perception
 from m3depth.estimator import Estimator
@@ -33,16 +35,20 @@ from marssim.dataset import DatasetError, read_json, write_json
 from marssim.scene.scene import Place
 from marssim.workers import run_tasks
 
+GRID_K = (0.033, 0.07, 0.10, 0.15, 0.20)
+GRID_SLOPE_DEG = (0.0, 5.0, 10.0, 15.0)
+ERRORS = ("disparity_noise", "drift", "yaw_drift_deg")
+
 
 @dataclass(frozen=True)
 class EvaluateConfig:
     """Drive frozen episodes and report success, SPL, collisions and time."""
 
     out: Path
-    """folder for results.json, results.md, map.png and the episodes"""
+    """folder for results.json, results.md, plots, maps, videos and the episodes"""
     driver: tuple[str, ...] = ("navigator",)
-    """navigator (plans on a map of what it saw), straight (heads for the goal, blind), random; several are compared on
-    the same courses"""
+    """navigator (plans on a map of what it saw), straight (heads for the goal, blind), random, a policy of
+    stable-baselines3 (FILE.zip) or package.module:Class; several are compared on the same courses"""
     perception: tuple[str, ...] = ("m3depth",)
     """what turns the images into depth: m3depth (the shipped weights), sgbm, ground_truth (true depth), m3depth:WEIGHTS
     (a .safetensors file) or package.module:Class (with infer(left, right, rig)); several are compared likewise"""
@@ -60,12 +66,22 @@ class EvaluateConfig:
     """rock abundances, Golombek's k, to go through; none given: the preset's"""
     slope_deg: tuple[float, ...] = ()
     """regional slopes [deg] to go through; none given: the preset's"""
+    grid: bool = False
+    """the frozen grid: k .033 .07 .10 .15 .20 by slopes 0 5 10 15, in place of --k and --slope-deg"""
     goal_distance: float = 20.0
     """distance from start to goal [m]"""
     dynamics: Literal["physics", "kinematic"] = "physics"
     """rigid bodies, or settling without dynamics (faster)"""
     renderer: Literal["embree", "pybullet"] = "embree"
     """what renders the cameras"""
+    disparity_noise: float = 0.0
+    """standard deviation of an error added to the disparity [px]"""
+    drift: float = 0.0
+    """odometry: standard deviation of the position error after 1 m [m]"""
+    yaw_drift_deg: float = 0.0
+    """odometry: standard deviation of the heading's error after 1 m [deg]"""
+    videos: bool = True
+    """film the best and the worst drive, which are driven once more for that"""
 
     def __post_init__(self) -> None:
         if self.episodes < 1:
@@ -74,12 +90,18 @@ class EvaluateConfig:
             raise ValueError(f"--workers must be at least 1, got {self.workers}")
         if self.seed < 0:
             raise ValueError(f"--seed must not be negative, got {self.seed}")
+        if self.grid and (self.k or self.slope_deg):
+            raise ValueError("--grid is given instead of --k and --slope-deg")
         for name in self.driver:
-            if name not in DRIVERS:
-                raise ValueError(f"--driver {name!r} is unknown; choose from {', '.join(DRIVERS)}")
+            if name not in DRIVERS and ":" not in name and not name.endswith(".zip"):
+                known = ", ".join(DRIVERS)
+                raise ValueError(f"--driver {name!r} is unknown; choose from {known}, FILE.zip, package.module:Class")
         for flag, values in vars(self).items():
             if isinstance(values, tuple) and len(set(values)) < len(values):
                 raise ValueError(f"--{flag.replace('_', '-')} has a value twice: {', '.join(map(str, values))}")
+        for flag in ERRORS:
+            if not 0 <= getattr(self, flag) < float("inf"):
+                raise ValueError(f"--{flag.replace('_', '-')} must not be negative, got {getattr(self, flag)}")
         if not self.driver or not self.perception:
             raise ValueError("--driver and --perception need at least one name")
         for cell in self.cells:
@@ -87,11 +109,14 @@ class EvaluateConfig:
 
     @property
     def cells(self) -> list[Cell]:
-        return [Cell(k, slope) for k in (self.k or (None,)) for slope in (self.slope_deg or (None,))]
+        ks, slopes = (GRID_K, GRID_SLOPE_DEG) if self.grid else (self.k, self.slope_deg)
+        return [Cell(k, slope) for k in (ks or (None,)) for slope in (slopes or (None,))]
 
     def content(self) -> dict[str, Any]:
         """What an episode's outcome depends on, beside its driver, perception, cell and number."""
-        return {name: getattr(self, name) for name in ("seed", "scene", "goal_distance", "dynamics", "renderer")}
+        plain = ("seed", "scene", "goal_distance", "dynamics", "renderer")
+        errors = {name: getattr(self, name) for name in ERRORS if getattr(self, name)}
+        return {**{name: getattr(self, name) for name in plain}, **errors}
 
 
 @dataclass(frozen=True)
@@ -105,10 +130,11 @@ class Task:
 
     @property
     def file(self) -> str:
-        plain = "".join(c if c.isalnum() or c in ".-" else "_" for c in f"{self.perception}-{self.cell.name}")
-        if ":" in self.perception:
-            plain += f"-{crc32(self.perception.encode()):08x}"  # paths may differ in nothing but what became "_"
-        return f"{self.driver}-{plain}-{self.episode:04d}.json"
+        words = f"{self.driver}-{self.perception}-{self.cell.name}"
+        plain = "".join(c if c.isalnum() or c in ".-" else "_" for c in words)
+        if plain.replace("_", "") != words.replace("_", "").replace("=", "").replace(", ", ""):
+            plain += f"-{crc32(words.encode()):08x}"  # paths may differ in nothing but what became "_"
+        return f"{plain}-{self.episode:04d}.json"
 
 
 def evaluate(config: EvaluateConfig) -> dict[str, Any]:
@@ -118,6 +144,8 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
     """
     for name in config.perception:
         _perception(name)  # a name that means nothing is told before anything is written or started
+    for name in config.driver:
+        make_driver(name)
     folder = config.out / "episodes"
     folder.mkdir(parents=True, exist_ok=True)
     weights = _same_settings(config)
@@ -141,10 +169,44 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
         "config": json.loads(json.dumps({**asdict(config), "out": str(config.out)})),
         "weights": weights,
         "results": results,
+        "differences": _differences(config, records),
     }
     write_json(config.out / "results.json", content)
-    write_report(config.out, results, records)
+    write_report(config.out, content, records)
+    if config.videos:
+        _film(config, tasks, records)
     return content
+
+
+def _differences(config: EvaluateConfig, records: Sequence[EpisodeRecord]) -> list[dict[str, Any]]:
+    """Success of every driver and perception less the first one's, paired, over all cells."""
+    groups = [(driver, perception) for driver in config.driver for perception in config.perception]
+    of = {group: [r for r in records if (r.driver, r.perception) == group] for group in groups}
+    first = groups[0]
+    return [
+        {"driver": group[0], "perception": group[1], "less": list(first), **paired_difference(of[group], of[first])}
+        for group in groups[1:]
+    ]
+
+
+def _film(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence[EpisodeRecord]) -> None:
+    """best.mp4 and worst.mp4: the arrival of the highest SPL, and the drive that covered the least of its way."""
+    from envs.film import Film
+
+    def merit(n: int) -> tuple[bool, float]:
+        r = records[n]
+        arrived = r.outcome == "goal"
+        return arrived, spl(arrived, r.shortest, r.path_length) if arrived else 1 - r.distance / r.start_distance
+
+    order = sorted(range(len(records)), key=merit)
+    noted = config.out / "videos.json"
+    chosen = {"best": tasks[order[-1]].file, "worst": tasks[order[0]].file}
+    if noted.is_file() and read_json(noted) == chosen and all((config.out / f"{n}.mp4").is_file() for n in chosen):
+        return
+    for name, at in (("best", order[-1]), ("worst", order[0])):
+        with Film(config.out / f"{name}.mp4") as film:
+            drive(config, tasks[at], film.watch)
+    write_json(noted, chosen)
 
 
 def _same_settings(config: EvaluateConfig) -> dict[str, str]:
@@ -193,13 +255,18 @@ def _read_record(path: Path) -> EpisodeRecord:
         raise DatasetError(f"{path}: not an episode of this version; delete it, and it is driven anew") from None
 
 
-def drive(config: EvaluateConfig, task: Task) -> EpisodeRecord:
-    """Drive one episode."""
-    perception = _perception(task.perception)
-    env = MarsNavEnv(perception, config.dynamics, config.renderer, config.scene, config.goal_distance, mast=True)
+def drive(
+    config: EvaluateConfig, task: Task, watch: Callable[[MarsNavEnv, Driver, int], None] | None = None
+) -> EpisodeRecord:
+    """Drive one episode. watch: as run_episode takes it."""
+    driver = make_driver(task.driver)
+    env = MarsNavEnv(
+        _perception(task.perception), config.dynamics, config.renderer, config.scene, config.goal_distance, mast=True,
+        map_observation=bool(getattr(driver, "needs_map", False)), disparity_noise=config.disparity_noise,
+        drift=config.drift, yaw_drift_deg=config.yaw_drift_deg,
+    )  # fmt: skip
     try:
-        driver = make_driver(task.driver)
-        return run_episode(env, driver, task.cell, config.seed, task.episode, (task.driver, task.perception))
+        return run_episode(env, driver, task.cell, config.seed, task.episode, (task.driver, task.perception), watch)
     finally:
         env.close()
 
@@ -219,7 +286,7 @@ def _work(config: EvaluateConfig) -> None:
     content = evaluate(config)
     print((config.out / "results.md").read_text())
     rows = counted(len(content["results"]), "row")
-    print(f"{rows} in {config.out / 'results.json'}, drives in {config.out / 'map.png'}")
+    print(f"{rows} in {config.out / 'results.json'}, drives in {config.out / 'maps'}")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Tables and pictures of an evaluation."""
+"""The page of an evaluation: a table, the differences, and where the pictures are."""
 
 from __future__ import annotations
 
@@ -6,61 +6,55 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-
 from envs.episodes import EpisodeRecord
-
-OUTCOME_COLOURS = {
-    "goal": "#2a9d5c", "collision": "#d1495b", "tilt": "#8e44ad", "stuck": "#e08e45", "time": "#5c6b7a",
-    "out_of_bounds": "#b08968", "no_path": "#264653",
-}  # fmt: skip
+from envs.maps import plot_maps
+from envs.metrics import UNREACHABLE_MARK
+from envs.plots import plot_success
 
 
-def write_report(out: Path, results: Sequence[dict[str, Any]], records: Sequence[EpisodeRecord]) -> None:
-    """Write results.md and map.png into a folder."""
-    (out / "results.md").write_text(table(results))
-    plot_tracks(out / "map.png", records)
+def write_report(out: Path, content: dict[str, Any], records: Sequence[EpisodeRecord]) -> None:
+    """Write results.md, success.png and maps/ into a folder. content: what results.json holds."""
+    page = table(content["results"]) + "\n" + differences(content["differences"])
+    (out / "results.md").write_text(page)
+    plot_success(out / "success.png", content["results"])
+    plot_maps(out / "maps", records)
 
 
 def table(results: Sequence[dict[str, Any]]) -> str:
     """Markdown table, a row for each driver, perception and cell."""
-    head = "| driver | perception | k | slope | episodes | success (95 %) | SPL | SoftSPL | collisions | s / step |"
-    lines = [head, "|---|---|---|---|---|---|---|---|---|---|"]
+    head = (
+        "| driver | perception | k | slope | episodes | success (95 %) | SPL | SoftSPL | P / L | collisions "
+        "| near misses | no path, safety, time | tilt | Abs Rel | unreachable | s / step |"
+    )
+    lines = [head, "|" + "---|" * (head.count("|") - 1)]
+    marked = False
     for r in results:
         low, high = r["success_interval"]
         k, slope = (("preset" if v is None else f"{v:g}") for v in (r["cell"]["k"], r["cell"]["slope_deg"]))
+        mark = " *" if r["unreachable_share"] > UNREACHABLE_MARK else ""
+        marked |= bool(mark)
+        detour = "-" if r["path_inefficiency"] is None else f"{r['path_inefficiency']:.2f}"
+        error = "-" if r["abs_rel"] is None else f"{r['abs_rel']:.4f}"
+        failures = ", ".join(str(number) for number in r["failures"].values())
         lines.append(
-            f"| {r['driver']} | {r['perception']} | {k} | {slope} | {r['episodes']} "
+            f"| {r['driver']} | {r['perception']} | {k} | {slope}{mark} | {r['episodes']} "
             f"| {100 * r['success_rate']:.0f} % ({100 * low:.0f}-{100 * high:.0f}) | {r['spl']:.2f} "
-            f"| {r['soft_spl']:.2f} | {100 * r['collision_rate']:.0f} % | {r['step_seconds']:.2f} |"
+            f"| {r['soft_spl']:.2f} | {detour} | {100 * r['collision_rate']:.0f} % | {100 * r['near_miss_rate']:.0f} % "
+            f"| {failures} | {r['max_tilt_deg']:.0f} deg | {error} | {100 * r['unreachable_share']:.0f} % "
+            f"| {r['step_seconds']:.2f} |"
         )
+    if marked:
+        lines += ["", f"\\* of the goals drawn, more than {100 * UNREACHABLE_MARK:.0f} % had no way to them."]
     return "\n".join(lines) + "\n"
 
 
-def plot_tracks(path: Path, records: Sequence[EpisodeRecord]) -> None:
-    """All drives from above, each turned so that its goal lies to the right of its start; colour is the outcome."""
-    groups = sorted({(r.driver, r.perception) for r in records})
-    figure = Figure(figsize=(4.6 * len(groups), 4.4), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
-    for n, group in enumerate(groups):
-        axes = figure.add_subplot(1, len(groups), n + 1)
-        seen = set()
-        for record in (r for r in records if (r.driver, r.perception) == group):
-            track, goal = np.array(record.track), np.array(record.goal)
-            along = goal - track[0]
-            distance = float(np.hypot(*along))
-            turn = np.array([[along[0], along[1]], [-along[1], along[0]]]) / distance
-            x, y = turn @ (track - track[0]).T
-            label = record.outcome if record.outcome not in seen else None
-            seen.add(record.outcome)
-            colour = OUTCOME_COLOURS.get(record.outcome, "#333333")
-            axes.plot(x, y, color=colour, lw=1.2, alpha=0.8, label=label)
-            axes.plot(x[-1:], y[-1:], "o", color=colour, ms=4)
-            axes.plot([distance], [0], "k*", ms=9)
-        axes.set(title=f"{group[0]}, {group[1]}", xlabel="towards the goal [m]", ylabel="to the left [m]")
-        axes.set_aspect("equal", adjustable="datalim")
-        axes.grid(alpha=0.3)
-        axes.legend(fontsize=8, loc="upper left")
-    figure.savefig(path)
+def differences(rows: Sequence[dict[str, Any]]) -> str:
+    """Lines that say by how much success differs, on the same episodes."""
+    lines = []
+    for r in rows:
+        low, high = (f"{100 * end:+.0f}" for end in r["interval"])
+        lines.append(
+            f"{r['driver']}, {r['perception']} less {', '.join(r['less'])}: {100 * r['difference']:+.0f} points of "
+            f"success ({low} to {high}, paired bootstrap, {r['episodes']} episodes)\n"
+        )
+    return "".join(lines)

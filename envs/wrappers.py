@@ -25,19 +25,23 @@ class ImageObservation(gymnasium.ObservationWrapper):
 
     def __init__(self, env: gymnasium.Env) -> None:
         super().__init__(env)
-        inner = env.observation_space
-        assert isinstance(inner, spaces.Dict)
-        out: dict[str, spaces.Space] = dict(inner.spaces)
-        shape = inner["depth"].shape
-        assert shape is not None
-        out["depth"] = spaces.Box(0, 255, (1, *shape), np.uint8)
-        if "map" in out:
-            out["map"] = spaces.Box(0, 255, inner["map"].shape, np.uint8)
-        out["goal"] = spaces.Box(np.array([0, -1, -1], np.float32), np.ones(3, np.float32), dtype=np.float32)
-        self.observation_space = spaces.Dict(out)
+        self.observation_space = image_space(env.observation_space)
 
     def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
         return as_images(observation)
+
+
+def image_space(inner: gymnasium.Space) -> spaces.Dict:
+    """The space of ImageObservation over MarsNav-v0's."""
+    assert isinstance(inner, spaces.Dict)
+    out: dict[str, spaces.Space] = dict(inner.spaces)
+    shape = inner["depth"].shape
+    assert shape is not None
+    out["depth"] = spaces.Box(0, 255, (1, *shape), np.uint8)
+    if "map" in out:
+        out["map"] = spaces.Box(0, 255, inner["map"].shape, np.uint8)
+    out["goal"] = spaces.Box(np.array([0, -1, -1], np.float32), np.ones(3, np.float32), dtype=np.float32)
+    return spaces.Dict(out)
 
 
 def as_images(observation: dict[str, Any]) -> dict[str, Any]:

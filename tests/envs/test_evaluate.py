@@ -13,10 +13,10 @@ from marssim.dataset import DatasetError
 
 QUICK = {
     "driver": ("straight",), "perception": ("ground_truth",), "dynamics": "kinematic", "goal_distance": 4.0,
-    "k": (0.01,),
+    "k": (0.01,), "videos": False,
 }  # fmt: skip
 FLAGS = ["--driver", "straight", "--perception", "ground_truth", "--dynamics", "kinematic", "--goal-distance", "4"]
-FLAGS += ["--k", "0.01"]
+FLAGS += ["--k", "0.01", "--no-videos"]
 
 
 def timeless(value):
@@ -43,7 +43,7 @@ def test_results_say_what_was_asked_for(finished):
         assert 0 <= row[name] <= 1
     assert row["step_seconds"] > row["perception_seconds"] >= 0
     assert results["config"]["seed"] == 3 and results["config"]["driver"] == ["straight"]
-    assert "straight" in (out / "results.md").read_text() and (out / "map.png").stat().st_size > 1000
+    assert "straight" in (out / "results.md").read_text() and len(list((out / "maps").iterdir())) == 1
     assert len(list((out / "episodes").glob("*.json"))) == 2
 
 
@@ -93,7 +93,8 @@ def test_a_folder_of_other_settings_is_refused(finished, capsys):
         (["--episodes", "0"], "--episodes"), (["--workers", "0"], "--workers"), (["--seed", "-1"], "--seed"),
         (["--k", "0.9"], "k must"), (["--k", "0.1", "0.1"], "--k"), (["--slope-deg", "-4"], "slope"),
         (["--goal-distance", "1"], "distance must"), (["--goal-distance", "nan"], "distance must"),
-        (["--driver", "straight", "straight"], "--driver"),
+        (["--driver", "straight", "straight"], "--driver"), (["--driver", "/no/such.zip"], "/no/such.zip"),
+        (["--driver", "json:Nothing"], "Nothing"), (["--grid"], "--grid"), (["--drift", "-1"], "drift"),
     ],
 )  # fmt: skip
 def test_mistakes_are_named_before_anything_is_written(monkeypatch, capsys, tmp_path, flags, named):
@@ -121,6 +122,7 @@ def test_cells_are_the_grid():
     config = EvaluateConfig(None, k=(0.05, 0.1), slope_deg=(0.0, 10.0))
     assert config.cells == [Cell(0.05, 0.0), Cell(0.05, 10.0), Cell(0.1, 0.0), Cell(0.1, 10.0)]
     assert EvaluateConfig(None).cells == [Cell()]
+    assert len(EvaluateConfig(None, grid=True).cells) == 20 and Cell(0.2, 15.0) in EvaluateConfig(None, grid=True).cells
 
 
 def test_every_task_has_a_file_of_its_own():
@@ -129,6 +131,32 @@ def test_every_task_has_a_file_of_its_own():
     files = {Task("navigator", p, c, e).file for p in perceptions for c in cells for e in (0, 1)}
     assert len(files) == len(perceptions) * len(cells) * 2
     assert all(set(file) <= set("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789.-_") for file in files)
+
+
+def test_the_best_and_the_worst_are_filmed_once(tmp_path, monkeypatch):
+    config = EvaluateConfig(tmp_path, episodes=2, seed=3, **{**QUICK, "driver": ("straight", "random"), "videos": True})
+    filmed, drive = [], envs.evaluate.drive
+
+    class NoFilm:
+        def __init__(self, path):
+            self.path = path
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            self.path.write_bytes(b"film")
+
+        def watch(self, env, driver, step):
+            if step == 0:
+                filmed.append((self.path.name, type(driver).__name__))
+
+    monkeypatch.setattr("envs.film.Film", NoFilm)
+    content = evaluate(config)
+    assert [name for name, _ in filmed] == ["best.mp4", "worst.mp4"] and filmed[1][1] == "RandomDriver"
+    assert [(d["driver"], d["less"]) for d in content["differences"]] == [("random", ["straight", "ground_truth"])]
+    monkeypatch.setattr("envs.evaluate.drive", lambda *_: drive and pytest.fail("it was filmed already"))
+    evaluate(config)
 
 
 def test_one_estimator_serves_all_episodes_and_every_environment_is_closed(monkeypatch, tmp_path):

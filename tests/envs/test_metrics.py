@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.stats import binomtest
 
 from envs.episodes import EpisodeRecord
-from envs.metrics import soft_spl, spl, summarise, wilson_interval
+from envs.metrics import paired_difference, soft_spl, spl, summarise, wilson_interval
 
 
 def record(outcome="goal", **changes):
@@ -64,3 +64,31 @@ def test_summary_of_four_drives():
 
 def test_no_success_has_no_inefficiency():
     assert summarise([record("time")])["path_inefficiency"] is None
+
+
+def test_the_paired_difference_is_of_the_same_episodes():
+    first = [record("goal" if n < 8 else "collision", episode=n) for n in range(10)]
+    second = [record("goal" if n < 5 else "time", episode=n) for n in reversed(range(10))]
+    found = paired_difference(first, second)
+    assert found["difference"] == pytest.approx(0.3) and found["episodes"] == 10
+    low, high = found["interval"]
+    assert 0 <= low < 0.3 < high <= 0.7  # three of ten differ: the binomial interval is 7 to 65 %
+    assert paired_difference(first, first) == {"episodes": 10, "difference": 0.0, "interval": [0.0, 0.0]}
+    with pytest.raises(ValueError, match="same episodes"):
+        paired_difference(first, second[1:])
+
+
+def test_pairing_is_worth_something():
+    """Hard and easy courses differ more than the two drivers do."""
+    hard = [record("goal" if n % 2 else "collision", episode=n) for n in range(40)]
+    other = [record("goal" if n % 2 or n == 0 else "collision", episode=n) for n in range(40)]
+    low, high = paired_difference(other, hard)["interval"]
+    assert high - low < 0.1 < np.diff(wilson_interval(20, 40))
+
+
+def test_failures_are_classed_as_for_enav_and_near_misses_counted():
+    records = [record(o) for o in ("goal", "no_path", "collision", "tilt", "out_of_bounds", "time", "stuck")]
+    records.append(record("goal", near_miss=True, redraws=2, abs_rel=0.02))
+    row = summarise(records)
+    assert row["failures"] == {"no feasible path": 1, "safety limit": 3, "time": 2}
+    assert row["near_miss_rate"] == 1 / 8 and row["abs_rel"] == 0.02 and row["unreachable_share"] == 9 / 17

@@ -2,58 +2,93 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-import pytest
 
 from envs.episodes import EpisodeRecord
-from envs.report import OUTCOME_COLOURS, plot_tracks, table, write_report
+from envs.maps import OUTCOME_COLOURS, plot_maps
+from envs.metrics import summarise
+from envs.plots import plot_success, pool_by_k
+from envs.report import differences, table, write_report
 
 DRIVE = EpisodeRecord(
-    driver="navigator", perception="sgbm", cell="", episode=0, outcome="goal", steps=3, distance=0.5,
+    driver="navigator", perception="sgbm", cell="k=0.1, slope=5", episode=0, outcome="goal", steps=3, distance=0.5,
     start_distance=3.0, shortest=3.0, path_length=3.5, min_clearance=1.0, max_tilt_deg=4.0, reward=12.0,
-    step_seconds=0.1, perception_seconds=0.0, redraws=0, goal=[0.0, 3.0], track=[[0.0, 0.0], [0.5, 1.5], [0.0, 2.5]],
+    step_seconds=0.1, perception_seconds=0.0, redraws=0, goal=[0.0, 3.0], abs_rel=0.0123,
+    obstacles=[[1.0, 1.0, 0.8]], track=[[0.0, 0.0], [0.5, 1.5], [0.0, 2.5]],
 )  # fmt: skip
 ROW = {
     "driver": "navigator", "perception": "sgbm", "cell": {"k": 0.07, "slope_deg": None}, "episodes": 20,
     "success_rate": 0.85, "success_interval": [0.6396, 0.9476], "spl": 0.754, "soft_spl": 0.812,
-    "collision_rate": 0.1, "step_seconds": 0.356,
+    "path_inefficiency": 1.08, "collision_rate": 0.1, "near_miss_rate": 0.05,
+    "failures": {"no feasible path": 1, "safety limit": 2, "time": 0}, "max_tilt_deg": 17.4, "abs_rel": 0.0123,
+    "unreachable_share": 0.09, "step_seconds": 0.356,
 }  # fmt: skip
 
 
 def test_a_row_of_the_table():
     head, rule, row = table([ROW]).splitlines()
     assert head.count("|") == rule.count("|") == row.count("|")
-    assert row == "| navigator | sgbm | 0.07 | preset | 20 | 85 % (64-95) | 0.75 | 0.81 | 10 % | 0.36 |"
+    assert row == (
+        "| navigator | sgbm | 0.07 | preset | 20 | 85 % (64-95) | 0.75 | 0.81 | 1.08 | 10 % | 5 % | 1, 2, 0 | 17 deg "
+        "| 0.0123 | 9 % | 0.36 |"
+    )
 
 
-def green(image):
-    """Pixels of the colour that means goal."""
-    colour = [int(OUTCOME_COLOURS["goal"][i : i + 2], 16) for i in (5, 3, 1)]
-    return (np.abs(image.astype(int) - colour).max(axis=2) < 40).sum()
+def test_a_cell_with_many_unreachable_goals_is_marked():
+    page = table([ROW, {**ROW, "unreachable_share": 0.3, "abs_rel": None, "path_inefficiency": None}])
+    plain, marked = page.splitlines()[2:4]
+    assert " preset * |" in marked and "*" not in plain and "20 %" in page.splitlines()[-1]
+    assert "| - | 30 % |" in marked
 
 
-def test_tracks_are_drawn_in_the_colour_of_their_end(tmp_path):
-    plot_tracks(tmp_path / "goal.png", [DRIVE])
-    plot_tracks(tmp_path / "tilt.png", [replace(DRIVE, outcome="tilt")])
-    assert green(cv2.imread(str(tmp_path / "goal.png"))) > 30
-    assert green(cv2.imread(str(tmp_path / "tilt.png"))) == 0
+def test_differences_are_told_in_points():
+    row = {"driver": "straight", "perception": "p", "less": ["navigator", "p"], "episodes": 40, "difference": -0.35,
+           "interval": [-0.5, -0.2]}  # fmt: skip
+    assert differences([row]) == (
+        "straight, p less navigator, p: -35 points of success (-50 to -20, paired bootstrap, 40 episodes)\n"
+    )
 
 
-def test_a_panel_for_each_driver_and_perception(tmp_path):
-    widths = []
-    for records in ([DRIVE], [DRIVE, replace(DRIVE, perception="m3depth"), replace(DRIVE, outcome="time")]):
-        plot_tracks(tmp_path / "map.png", records)
-        widths.append(cv2.imread(str(tmp_path / "map.png")).shape[1])
-    assert widths[1] == pytest.approx(2 * widths[0], abs=4)
+def coloured(path, name="goal"):
+    """Pixels of the colour that means an outcome."""
+    colour = [int(OUTCOME_COLOURS[name][i : i + 2], 16) for i in (5, 3, 1)]
+    return (np.abs(cv2.imread(str(path)).astype(int) - colour).max(axis=2) < 40).sum()
+
+
+def test_every_drive_is_drawn_in_the_colour_of_its_end(tmp_path):
+    other = replace(DRIVE, driver="straight", outcome="tilt", track=[[0.0, 0.0], [-0.5, 1.5], [-2.0, 2.5]])
+    plot_maps(tmp_path, [DRIVE, other, replace(DRIVE, cell="k=0.2, slope=0")])
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["k0.1-slope5-0.png", "k0.2-slope0-0.png"]
+    both, one = tmp_path / "k0.1-slope5-0.png", tmp_path / "k0.2-slope0-0.png"
+    assert coloured(both) > 5 < coloured(both, "tilt") and coloured(one) > 5 and coloured(one, "tilt") == 0
+
+
+def test_more_courses_than_a_page_holds_take_another(tmp_path):
+    plot_maps(tmp_path, [replace(DRIVE, episode=n) for n in range(21)])
+    assert len(list(tmp_path.iterdir())) == 2
 
 
 def test_drives_are_turned_so_that_the_goal_is_to_the_right(tmp_path):
     """The same drive in another direction is the same picture."""
-    turned = replace(DRIVE, goal=[-3.0, 0.0], track=[[-y, x] for x, y in DRIVE.track])
-    pictures = []
-    for record in (DRIVE, turned):
-        plot_tracks(tmp_path / "map.png", [record])
-        pictures.append(cv2.imread(str(tmp_path / "map.png")))
-    np.testing.assert_array_equal(*pictures)
+    turned = replace(DRIVE, goal=[-3.0, 0.0], track=[[-y, x] for x, y in DRIVE.track], obstacles=[[-1.0, 1.0, 0.8]])
+    for name, record in (("a", DRIVE), ("b", turned)):
+        plot_maps(tmp_path / name, [record])
+    a, b = (cv2.imread(str(tmp_path / name / "k0.1-slope5-0.png")).astype(int) for name in "ab")
+    assert np.abs(a - b).max() < 60 and (a != b).mean() < 0.01
+
+
+def test_slopes_are_pooled_for_each_k():
+    rows = [
+        {**ROW, "cell": {"k": k, "slope_deg": s}, "episodes": 10, "success_rate": rate}
+        for k, s, rate in ((0.2, 0, 0.4), (0.1, 0, 1.0), (0.1, 10, 0.8))
+    ]
+    assert pool_by_k(rows) == {0.1: (18, 20), 0.2: (4, 10)} and list(pool_by_k(rows)) == [0.1, 0.2]
+
+
+def test_success_is_plotted_without_depth_errors_too(tmp_path):
+    for name, error in (("known", 0.02), ("unknown", None)):
+        plot_success(tmp_path / f"{name}.png", [{**ROW, "abs_rel": error}])
+    pictures = [cv2.imread(str(tmp_path / f"{name}.png")) for name in ("known", "unknown")]
+    assert pictures[0].shape == pictures[1].shape and (pictures[0] != pictures[1]).any()
 
 
 def test_every_end_has_a_colour():
@@ -61,6 +96,8 @@ def test_every_end_has_a_colour():
     assert len(set(OUTCOME_COLOURS.values())) == len(OUTCOME_COLOURS)
 
 
-def test_both_files_are_written(tmp_path):
-    write_report(tmp_path, [ROW], [DRIVE])
-    assert (tmp_path / "results.md").read_text() == table([ROW]) and (tmp_path / "map.png").is_file()
+def test_all_files_are_written(tmp_path):
+    row = {"driver": "navigator", "perception": "sgbm", "cell": {"k": 0.1, "slope_deg": 5.0}, **summarise([DRIVE])}
+    write_report(tmp_path, {"results": [row], "differences": []}, [DRIVE])
+    assert (tmp_path / "results.md").read_text().startswith(table([row]))
+    assert {file.name for file in tmp_path.iterdir()} == {"results.md", "success.png", "maps"}

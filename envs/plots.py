@@ -1,0 +1,64 @@
+"""Success of drives against rock abundance, and against the error of the depth that was driven by."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from envs.metrics import wilson_interval
+
+Group = tuple[str, str]
+
+
+def plot_success(path: Path, results: Sequence[dict[str, Any]]) -> None:
+    """Left: success against k, slopes pooled. Right: success against Abs Rel on the way, a point for each cell.
+
+    Bars are 95 % Wilson intervals. results: rows of results.json.
+    """
+    figure = Figure(figsize=(9.6, 4.0), dpi=110, layout="constrained")
+    FigureCanvasAgg(figure)
+    by_k, by_error = figure.subplots(1, 2, sharey=True)
+    groups = sorted({(r["driver"], r["perception"]) for r in results})
+    for n, group in enumerate(groups):
+        rows = [r for r in results if (r["driver"], r["perception"]) == group]
+        label, colour = ", ".join(group), f"C{n}"
+        pooled = pool_by_k(rows)
+        at = [(0.0 if k is None else k) + 0.0008 * (n - (len(groups) - 1) / 2) for k in pooled]
+        _bars(by_k, at, list(pooled.values()), colour, label, line=True)
+        known = [r for r in rows if r["abs_rel"] is not None]
+        points = [(round(r["success_rate"] * r["episodes"]), r["episodes"]) for r in known]
+        _bars(by_error, [r["abs_rel"] for r in known], points, colour, label, line=False)
+    by_k.set(
+        xlabel="rock abundance k" + ("" if any(r["cell"]["k"] is not None for r in results) else " (the preset's)")
+    )
+    by_error.set(xlabel="Abs Rel of the depth on the way, up to 15 m")
+    by_k.set(ylabel="success [%]", ylim=(-4, 104))
+    for axes in (by_k, by_error):
+        axes.grid(alpha=0.3)
+    by_k.legend(fontsize=8, loc="lower left")
+    if all(r["abs_rel"] is None for r in results):
+        by_error.text(0.5, 0.5, "driven by the true depth only", transform=by_error.transAxes, ha="center")
+    figure.savefig(path)
+
+
+def pool_by_k(rows: Sequence[dict[str, Any]]) -> dict[float | None, tuple[int, int]]:
+    """Arrivals and episodes for each k, in its order; rows: of one driver and perception."""
+    out: dict[float | None, tuple[int, int]] = {}
+    for r in sorted(rows, key=lambda r: r["cell"]["k"] or 0.0):
+        arrived, driven = out.get(r["cell"]["k"], (0, 0))
+        out[r["cell"]["k"]] = (arrived + round(r["success_rate"] * r["episodes"]), driven + r["episodes"])
+    return out
+
+
+def _bars(axes: Any, x: list[float], points: list[tuple[int, int]], colour: str, label: str, line: bool) -> None:
+    if not points:
+        return
+    rate = np.array([100 * arrived / driven for arrived, driven in points])
+    ends = 100 * np.array([wilson_interval(*point) for point in points]).T
+    error = np.abs(np.vstack([rate - ends[0], ends[1] - rate]))
+    axes.errorbar(x, rate, error, color=colour, label=label, fmt="o-" if line else "o", ms=4, lw=1.3, capsize=2)
