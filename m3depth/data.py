@@ -34,6 +34,11 @@ class Batch(NamedTuple):
         move = [x.to(device, non_blocking=True) for x in self.target]
         return Batch(self.left.to(device, non_blocking=True), self.right.to(device, non_blocking=True), Target(*move))
 
+    def split(self, parts: int) -> list[Batch]:
+        """The batch in so many equal parts."""
+        pieces = [x.chunk(parts) for x in (self.left, self.right, *self.target)]
+        return [Batch(left, right, Target(*rest)) for left, right, *rest in zip(*pieces)]
+
 
 class Joined:
     """Several sequences of samples as one, in their order."""

@@ -15,6 +15,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 
 from m3depth.network.model import M3Depth
@@ -125,6 +126,11 @@ class Log:
         if self.board is not None:
             for name, value in values.items():
                 self.board.add_scalar(f"{kind}/{name}", value, step)
+
+    def image(self, name: str, step: int, pixels: np.ndarray) -> None:
+        """Show an image, (H, W, 3) uint8 RGB, in TensorBoard."""
+        if self.board is not None:
+            self.board.add_image(name, pixels, step, dataformats="HWC")
 
     def records(self, kind: str) -> list[dict[str, Any]]:
         """What was written under a kind so far, earlier parts of a resumed run included."""

@@ -34,6 +34,12 @@ class TrainConfig:
     """Start from these weights (.safetensors) instead of random ones; their config replaces --preset."""
     batch: int = 4
     """Crops in a step, of each process under torchrun."""
+    accumulate: int = 1
+    """A step's crops go through the network in so many parts, one after the other: less memory for a larger batch."""
+    recompute: bool = False
+    """Keep few activations for the way back and compute the others anew: less memory, the same gradients, slower."""
+    precision: Literal["auto", "fp32", "bf16"] = "auto"
+    """Of the network while training; auto: bf16 where the device computes in it."""
     crop: tuple[int, int] = (256, 448)
     """Height and width of the crops [px], multiples of 32 (64 for the paper preset)."""
     lr: float = 8e-4
@@ -70,7 +76,16 @@ def check_config(config: TrainConfig) -> None:
         raise ValueError("--data: name at least one dataset folder")
     if config.max_minutes is None and config.max_steps is None:
         raise ValueError("give --max-minutes, --max-steps or both")
-    for name in ("max_minutes", "max_steps", "batch", "lr", "clip", "loader_threads", "checkpoint_minutes"):
+    for name in (
+        "max_minutes",
+        "max_steps",
+        "batch",
+        "accumulate",
+        "lr",
+        "clip",
+        "loader_threads",
+        "checkpoint_minutes",
+    ):
         value = getattr(config, name)
         if value is not None and not value > 0:
             raise ValueError(f"--{name.replace('_', '-')} must be positive, got {value}")
@@ -78,6 +93,8 @@ def check_config(config: TrainConfig) -> None:
         value = getattr(config, name)
         if not (math.isfinite(value) and value >= 0):
             raise ValueError(f"--{name.replace('_', '-')} must not be negative, got {value}")
+    if config.batch % config.accumulate:
+        raise ValueError(f"--accumulate {config.accumulate}: --batch {config.batch} is no multiple of it")
     if not 0 <= config.seed < 1 << 63:
         raise ValueError(f"--seed must be 0 to 2^63 - 1, got {config.seed}")
     if not 0 <= config.ema < 1:

@@ -6,6 +6,7 @@ import math
 import os
 import sys
 import time
+from contextlib import nullcontext
 from typing import Any
 
 import cv2
@@ -13,7 +14,7 @@ import torch
 import torch.distributed as dist
 from torch import Tensor, nn
 
-from m3depth.data import PackedCache, batches, free_memory
+from m3depth.data import Batch, PackedCache, batches, free_memory
 from m3depth.losses import total_loss
 from m3depth.network.model import fast_dtype
 from m3depth.pairs import StereoPairs
@@ -111,7 +112,8 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
         scores = validate(run.averaged, packed, device)
         log.write("val", run.step, scores)
         if panel:
-            save_panel(config.out / "panels" / f"{run.step:07d}.png", run.averaged, packed[:4], device)
+            path = config.out / "panels" / f"{run.step:07d}.png"
+            log.image("panel", run.step, save_panel(path, run.averaged, packed[:4], device))
         shown = "  ".join(f"{k} {v:.4g}" for k, v in scores.items())
         log.say(f"validation, step {run.step}: {shown}")
         return scores
@@ -119,7 +121,8 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
     stream = batches(
         cache, run.step, config.batch, config.crop, config.augment, config.seed, rank, world, config.loader_threads
     )
-    dtype = fast_dtype(device)
+    dtype = {"auto": fast_dtype(device), "fp32": None, "bf16": torch.bfloat16}[config.precision]
+    run.model.recompute = config.recompute
     spent_before, began, saved = run.seconds, time.monotonic(), time.monotonic()
     waited = 0.0
     with stop_on_signal() as signals:
@@ -136,11 +139,8 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
             waited += time.monotonic() - before
             for group in run.optimizer.param_groups:
                 group["lr"] = rate
-            with torch.autocast(device.type, dtype or torch.bfloat16, enabled=dtype is not None):
-                output = network(batch.left, batch.right, batch.target.camera)
-            loss, terms = total_loss(output, batch.target, config.loss)
             run.optimizer.zero_grad(set_to_none=True)
-            loss.backward()
+            loss, terms = backward(network, batch, config, dtype)
             norm = nn.utils.clip_grad_norm_(run.model.parameters(), config.clip)
             if agree([float(not is_finite(loss, norm))], device, world)[0]:
                 kept = (
@@ -154,7 +154,7 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
             run.average()
             run.seconds = spent_before + time.monotonic() - began
             if log:
-                values = {"loss": float(loss.detach()), "grad": float(norm), "lr": rate}
+                values = {"loss": float(loss), "grad": float(norm), "lr": rate}
                 values |= {name: float(value) for name, value in terms.items()}
                 if run.step % 10 == 0 or run.step == 1:
                     share = waited / max(time.monotonic() - began, 1e-9)
@@ -184,6 +184,29 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
         log.close()
     leave_group(world)
     return scores
+
+
+def backward(
+    network: nn.Module, batch: Batch, config: TrainConfig, dtype: torch.dtype | None
+) -> tuple[Tensor, dict[str, Tensor]]:
+    """Add the gradient of a batch, in --accumulate parts: the mean of the parts' gradients, each of its own loss.
+
+    dtype: of the network's forward pass; None: float32. Returns the mean loss and its terms, detached.
+    """
+    parts = batch.split(config.accumulate)
+    losses, all_terms = [], []
+    for number, part in enumerate(parts):
+        more = number + 1 < len(parts)  # processes exchange the sum, once
+        shared = isinstance(network, nn.parallel.DistributedDataParallel)
+        with network.no_sync() if more and shared else nullcontext():  # type: ignore[operator]
+            with torch.autocast(part.left.device.type, dtype or torch.bfloat16, enabled=dtype is not None):
+                output = network(part.left, part.right, part.target.camera)
+            loss, terms = total_loss(output, part.target, config.loss)
+            (loss / len(parts)).backward()
+        losses.append(loss.detach())
+        all_terms.append(terms)
+    mean = {name: torch.stack([terms[name] for terms in all_terms]).mean() for name in all_terms[0]}
+    return torch.stack(losses).mean(), mean
 
 
 def named(config: TrainConfig) -> str:

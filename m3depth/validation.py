@@ -64,10 +64,11 @@ def validate(model: M3Depth, samples: Iterable[PackedSample], device: torch.devi
     return {name: s / n if n else float("nan") for name, (s, n) in total.items()}
 
 
-def save_panel(path: Path, model: M3Depth, samples: Sequence[PackedSample], device: torch.device) -> None:
+def save_panel(path: Path, model: M3Depth, samples: Sequence[PackedSample], device: torch.device) -> np.ndarray:
     """One PNG, a row a sample: left image, disparity true and predicted, its error (white: 4 px), normals true and
-    predicted, confidence (0 where sky)."""
-    rows = []
+    predicted, confidence (0 where sky). Images of other sizes than the first are brought to its size. Returns it, RGB.
+    """
+    rows: list[np.ndarray] = []
     for sample in samples:
         batch = whole_batch(sample).to(device)
         out = predict_batch(model, batch)
@@ -81,9 +82,12 @@ def save_panel(path: Path, model: M3Depth, samples: Sequence[PackedSample], devi
         grey = [cv2.applyColorMap(_byte(x), cv2.COLORMAP_TURBO) for x in (truth / top, guess / top)]
         grey += [cv2.cvtColor(_byte(error / 4), cv2.COLOR_GRAY2BGR)]
         grey += [*normals, cv2.cvtColor(_byte(confidence), cv2.COLOR_GRAY2BGR)]
-        rows.append(np.concatenate([sample.left[..., ::-1], *grey], 1)[::2, ::2])
+        row = np.concatenate([sample.left[..., ::-1], *grey], 1)[::2, ::2]
+        rows.append(row if not rows or row.shape == rows[0].shape else cv2.resize(row, rows[0].shape[1::-1]))
+    panel = np.concatenate(rows)
     path.parent.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(path), np.concatenate(rows))
+    cv2.imwrite(str(path), panel)
+    return np.ascontiguousarray(panel[..., ::-1])
 
 
 def _byte(x: np.ndarray) -> np.ndarray:

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
 
 from marssim.camera import PinholeCamera, StereoRig
-from marssim.dataset import StereoSample
+from marssim.dataset import StereoSample, write_index, write_sample
+from marssim.render.stereo import StereoFrame
+
+RIG = StereoRig(PinholeCamera(64, 48, 70.0, 75.0, 30.3, 22.7), baseline=0.27)
+NAMES = [f"{scene:05d}/{view:02d}" for scene in range(4) for view in range(2)]  # train, test, val, train
 
 
 def plane_sample(seed: int, height: int = 64, width: int = 96) -> StereoSample:
@@ -35,3 +41,38 @@ def plane_sample(seed: int, height: int = 64, width: int = 96) -> StereoSample:
 @pytest.fixture(scope="session")
 def plane_samples() -> list[StereoSample]:
     return [plane_sample(seed) for seed in range(4)]
+
+
+def plane_frame(seed: int) -> StereoFrame:
+    """A textured plane below a sky, with a block that hides part of it."""
+    rng = np.random.default_rng(seed)
+    camera = RIG.camera
+    normal = np.array([0.1, -1.0, -0.3]) / np.linalg.norm([0.1, -1.0, -0.3])
+    facing = -(camera.rays() @ normal)
+    ground = facing > 0.08
+    depth = np.where(ground, 1.2 / np.where(ground, facing, 1), np.inf).astype(np.float32)
+    depth[30:40, 20:30] = 1.0  # the block, nearer than the ground behind it
+    disparity = RIG.depth_to_disparity(depth)
+    right = cv2.GaussianBlur(rng.integers(0, 256, (48, 64, 3), dtype=np.uint8), (0, 0), 1.0)
+    u, v = np.meshgrid(np.arange(64, dtype=np.float32), np.arange(48, dtype=np.float32))
+    left = cv2.remap(right, u - disparity, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+    sky = ~np.isfinite(depth)
+    surface = np.where(sky, -1, 0).astype(np.int32)
+    normals = np.where(sky[..., None], 0, normal).astype(np.float32)
+    occluded = ~sky & ((u - disparity < 0) | ((u > 12) & (u < 20) & (v >= 30) & (v < 40)))
+    return StereoFrame(left, right, depth, disparity, normals, surface, occluded, RIG, np.eye(4))
+
+
+@pytest.fixture(scope="session")
+def plane_set(tmp_path_factory) -> Path:
+    """A dataset folder of eight pairs."""
+    path = tmp_path_factory.mktemp("planes") / "set"
+    for number, name in enumerate(NAMES):
+        scene, view = map(int, name.split("/"))
+        meta = {
+            "scene": scene, "view": view, "preset": "gale", "sun": [1.0, 0.0, 0.5], "sun_elevation_deg": 30.0,
+            "scene_config": {"rocks": {"k": 0.07}},
+        }  # fmt: skip
+        write_sample(path / "scenes" / name, plane_frame(number), meta)
+    write_index(path, {"seed": 3}, NAMES)
+    return path

@@ -4,10 +4,12 @@ import re
 import signal
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
 
+from m3depth.data import PackedCache, make_batch
 from m3depth.losses import total_loss
 from m3depth.network import model as model_module
 from m3depth.network.model import M3Depth, M3DepthConfig
@@ -15,7 +17,7 @@ from m3depth.packing import pack
 from m3depth.run import Run
 from m3depth.train import main
 from m3depth.train_config import TrainConfig
-from m3depth.training import closing, learning_rate, train
+from m3depth.training import backward, closing, learning_rate, train
 from m3depth.validation import validate
 
 SMALL = M3DepthConfig(
@@ -85,6 +87,113 @@ def test_a_killed_run_goes_on_to_the_same_weights(plane_samples, tmp_path) -> No
     for part in ("model", "averaged"):
         for name, tensor in whole[part].items():
             assert torch.equal(tensor, again[part][name]), name
+
+
+def test_a_run_cut_off_after_a_checkpoint_goes_on_to_the_same_state(plane_samples, tmp_path, monkeypatch) -> None:
+    """As after kill -9 or a power cut: nothing is saved at the end, what came after the checkpoint is done again.
+
+    Weights, averaged weights, optimizer and log are those of a run that was not cut off, bit for bit.
+    """
+    settings = {"max_steps": 6, "cache": False, "validate_every": 2}
+    train(config_for(tmp_path / "whole", **settings), plane_samples, plane_samples)
+    cut = config_for(tmp_path / "cut", **settings, checkpoint_minutes=1e-9)  # after every step
+    save, saves = Run.save, []
+
+    def save_and_die(run: Run) -> None:
+        save(run)
+        saves.append(run.step)
+        if run.step == 3:
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Run, "save", save_and_die)
+        with pytest.raises(KeyboardInterrupt):
+            train(cut, plane_samples, plane_samples)
+    assert saves == [1, 2, 3]
+    train(cut, plane_samples, plane_samples)
+    whole, again = (torch.load(tmp_path / n / "checkpoint.pt", weights_only=True) for n in ("whole", "cut"))
+    for part in ("model", "averaged"):
+        assert all(torch.equal(tensor, again[part][name]) for name, tensor in whole[part].items())
+    for number, state in whole["optimizer"]["state"].items():
+        assert all(torch.equal(state[name], again["optimizer"]["state"][number][name]) for name in state)
+    records = []
+    for name in ("whole", "cut"):
+        lines = [json.loads(line) for line in (tmp_path / name / "log.jsonl").read_text().splitlines()]
+        records.append([{k: v for k, v in r.items() if k not in ("minutes", "loader_share")} for r in lines])
+    assert records[0] == records[1]
+    assert {record["kind"] for record in records[0]} == {"train", "val", "val_raw"}
+
+
+def test_tensorboard_holds_curves_and_panels(plane_samples, tmp_path) -> None:
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    train(config_for(tmp_path, max_steps=2, validate_every=1), plane_samples, plane_samples)
+    events = EventAccumulator(str(tmp_path / "tensorboard"), {"images": 0, "scalars": 0}).Reload()
+    tags = events.Tags()
+    assert {"train/loss", "train/lr", "val/epe", "val_raw/epe"} <= set(tags["scalars"])
+    assert [event.step for event in events.Scalars("val/epe")] == [1, 2, 2]  # the last time when the run is done
+    logged = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
+    curve = [r["epe"] for r in logged if r["kind"] == "val"]
+    assert [event.value for event in events.Scalars("val/epe")] == pytest.approx(curve, abs=1e-5)
+    panel = events.Images("panel")[-1]
+    assert (panel.width, panel.height) == (7 * 96 // 2, 64 // 2)
+
+
+def test_a_time_budget_counts_what_was_spent_before(plane_samples, tmp_path, capsys, monkeypatch) -> None:
+    clock = iter(range(10**6))
+    ticking = SimpleNamespace(monotonic=lambda: float(next(clock)))  # a second goes by with every look at the clock
+    monkeypatch.setattr("m3depth.training.time", ticking)
+    config = config_for(tmp_path, max_steps=None, max_minutes=2.0, validate_samples=0)
+    train(config, plane_samples, [])
+    state = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
+    assert 120 <= state["seconds"] < 140 and state["step"] > 5
+    assert state["optimizer"]["param_groups"][0]["lr"] < 0.1 * config.lr  # the schedule is fitted to it
+    train(replace(config, max_minutes=3.0), plane_samples, [])
+    more = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
+    assert 180 <= more["seconds"] < 200 and more["step"] > state["step"]
+    assert "ETA" in capsys.readouterr().err
+
+
+def gradients(
+    samples, config: TrainConfig, dtype: torch.dtype | None = None
+) -> tuple[list[torch.Tensor], torch.Tensor]:
+    run = Run(config, torch.device("cpu"))
+    run.model.recompute = config.recompute
+    batch = make_batch(PackedCache(samples, 0), 0, config.batch, config.crop, config.augment, config.seed)
+    loss, _ = backward(run.model, batch, config, dtype)
+    return [p.grad for p in run.model.parameters()], loss
+
+
+def test_accumulated_gradients_are_the_mean_of_the_parts(plane_samples, tmp_path) -> None:
+    config = config_for(tmp_path, batch=4)
+    run = Run(config, torch.device("cpu"))
+    batch = make_batch(PackedCache(plane_samples, 0), 0, 4, config.crop, config.augment, config.seed)
+    assert [len(part.left) for part in batch.split(2)] == [2, 2]
+    for part in batch.split(2):
+        loss = total_loss(run.model(part.left, part.right, part.target.camera), part.target, config.loss)[0]
+        (loss / 2).backward()
+    found, _ = gradients(plane_samples, replace(config, accumulate=2))
+    for parameter, gradient in zip(run.model.parameters(), found):
+        torch.testing.assert_close(gradient, parameter.grad)
+
+
+def test_recomputed_activations_give_the_same_gradients(plane_samples, tmp_path) -> None:
+    plain, loss = gradients(plane_samples, config_for(tmp_path))
+    again, same = gradients(plane_samples, config_for(tmp_path, recompute=True))
+    assert torch.equal(loss, same)
+    for a, b in zip(plain, again):
+        torch.testing.assert_close(a, b)
+
+
+def test_bf16_is_near_fp32_and_trains(plane_samples, tmp_path) -> None:
+    exact, loss = gradients(plane_samples, config_for(tmp_path))
+    rounded, near = gradients(plane_samples, config_for(tmp_path), torch.bfloat16)
+    assert near == pytest.approx(float(loss), rel=0.05) and near != loss
+    both = [torch.cat([g.flatten() for g in gs]) for gs in (exact, rounded)]
+    assert torch.nn.functional.cosine_similarity(*both, dim=0) > 0.8
+    train(config_for(tmp_path, max_steps=2, precision="bf16", validate_every=0), plane_samples, [])
+    state = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
+    assert all(tensor.dtype == torch.float32 and torch.isfinite(tensor).all() for tensor in state["model"].values())
 
 
 def test_a_run_says_what_it_wrote_and_how_to_go_on(plane_samples, tmp_path, capsys) -> None:
@@ -179,6 +288,8 @@ def test_misuse_is_named(plane_samples, tmp_path) -> None:
         ({"ema": 1.0}, "--ema"),
         ({"validate_every": -1}, "--validate-every"),
         ({"device": "tpu"}, "--device tpu"),
+        ({"accumulate": 3}, "--accumulate 3: --batch 2"),
+        ({"accumulate": 0}, "--accumulate"),
     ):
         with pytest.raises(ValueError, match=message):
             train(config_for(tmp_path, **changes), plane_samples, [])

@@ -1,0 +1,53 @@
+"""Two processes under torchrun train as one does that takes their crops one after the other."""
+
+import json
+import os
+import subprocess
+import sys
+
+import torch
+
+from m3depth.network.config import M3DepthConfig
+from m3depth.network.model import M3Depth
+from m3depth.train_config import TrainConfig
+from m3depth.training import train
+from marssim.dataset import StereoDataset
+
+SMALL = M3DepthConfig(
+    channels=(8, 8, 16), wavelet_levels=(1, 1), match_channels=16, hypotheses=8, groups=8, volume_width=8,
+    residual_width=8, normal_widths=(8, 8, 8), normal_context=3, refine_steps=1, hidden=8, motion=8, lookup_channels=8,
+    fine_width=0,
+)  # fmt: skip
+ENDS = 540  # [s] for a machine that is very busy
+
+
+def test_two_processes_are_one_batch_in_two_parts(plane_set, tmp_path) -> None:
+    torch.manual_seed(0)
+    M3Depth(SMALL).save_pretrained(tmp_path / "init.safetensors")
+    init = tmp_path / "init.safetensors"
+    arguments = [
+        "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", "-m", "m3depth.train",
+        "--data", str(plane_set), "--out", str(tmp_path / "two"), "--init", str(init), "--max-steps", "2",
+        "--batch", "1", "--crop", "32", "64", "--device", "cpu", "--precision", "fp32", "--validate-samples", "1",
+        "--lr", "1e-4",
+    ]  # fmt: skip
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(
+        [sys.executable, *arguments], env=environment, capture_output=True, text=True, timeout=ENDS, check=False
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    assert done.stdout.count("averaged weights of step 2") == 1  # one of the processes speaks and writes
+    config = TrainConfig(
+        data=(plane_set,), out=tmp_path / "one", init=init, max_steps=2, batch=2, accumulate=2, crop=(32, 64),
+        device="cpu", precision="fp32", validate_samples=1, lr=1e-4,
+    )  # fmt: skip
+    train(config, StereoDataset(plane_set, "train"), [])
+    two, one = (torch.load(tmp_path / name / "checkpoint.pt", weights_only=True) for name in ("two", "one"))
+    assert (two["identity"]["number of processes"], one["identity"]["number of processes"]) == (2, 1)
+    before = M3Depth.from_pretrained(tmp_path / "init.safetensors").state_dict()
+    moved = torch.cat([(one["model"][name] - before[name]).abs().flatten() for name in before])
+    apart = torch.cat([(one["model"][name] - two["model"][name]).abs().flatten() for name in before])
+    assert moved.mean() > 2e-5
+    assert apart.mean() < 0.01 * moved.mean()  # Adam blows up what rounding makes of gradients that are nearly zero
+    records = [json.loads(line) for line in (tmp_path / "two" / "log.jsonl").read_text().splitlines()]
+    assert [record["kind"] for record in records] == ["train", "val_raw", "val"]
