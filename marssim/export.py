@@ -113,7 +113,9 @@ def _held(config: ExportConfig, chosen: list[dict[str, Any]]) -> bool:
         there = read_json(mark)
         if there != settings:
             same = all(there.get(key) == settings[key] for key in ("schema", "version", "format", "split"))
-            what = "of other data" if same else f"of format {there.get('format')}, split {there.get('split')}"
+            split = there.get("split")
+            parts = " ".join(split) if isinstance(split, list) and all(isinstance(n, str) for n in split) else split
+            what = "of other data" if same else f"of format {there.get('format')}, split {parts}"
             raise DatasetError(f"{mark}: the folder holds an export {what}; choose another --out")
         return True
     if out.is_dir() and not all(file.name == LOCK or file.name.startswith(f".{SETTINGS}.") for file in out.iterdir()):

@@ -48,17 +48,15 @@ def _knobs(config: GenerateConfig) -> dict[str, Any] | None:
 
 
 def _rig(rig: StereoRig) -> dict[str, Any]:
-    if rig == NATECAM:
-        return {}
-    camera = rig.camera
-    asked = {"width": camera.width, "height": camera.height, "focal": camera.fx, "baseline": rig.baseline}
+    """What of the cameras differs from what RigOptions has without being asked."""
+    camera, usual = rig.camera, NATECAM.camera
     middle = PinholeCamera.centred(camera.width, camera.height, camera.fx)
-    for name, value, usual in (
-        ("focal_y", camera.fy, middle.fy), ("cx", camera.cx, middle.cx), ("cy", camera.cy, middle.cy),
-    ):  # fmt: skip
-        if value != usual:
-            asked[name] = value
-    return {f"rig.{name}": value for name, value in asked.items()}
+    knobs = {
+        "width": (camera.width, usual.width), "height": (camera.height, usual.height), "focal": (camera.fx, usual.fx),
+        "focal_y": (camera.fy, camera.fx), "cx": (camera.cx, middle.cx), "cy": (camera.cy, middle.cy),
+        "baseline": (rig.baseline, NATECAM.baseline),
+    }  # fmt: skip
+    return {f"rig.{name}": value for name, (value, without) in knobs.items() if value != without}
 
 
 def _leaves(config: Any, kind: type | None = None) -> Iterator[tuple[str, Any]]:

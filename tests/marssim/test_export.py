@@ -368,7 +368,7 @@ def test_another_export_in_the_folder(exports, closed_form_set, tmp_path, capfd)
     before = contents(out)
     for args, said in (
         (("--format", "eth3d"), "format kitti"),
-        (("--format", "kitti", "--split", "val"), "split ['train', 'val', 'test']"),
+        (("--format", "kitti", "--split", "val"), "split train val test"),
     ):
         code, err = run(capfd, closed_form_set, "--out", out, *args)
         assert code == 2 and "export.json" in err and said in err and len(err.splitlines()) == 1
