@@ -1,10 +1,18 @@
+from itertools import count
+
 import numpy as np
 import pytest
 import torch
 
 from m3depth import M3Depth
+from m3depth.data import PackedCache, make_batch
 from m3depth.matching import SGBM
+from m3depth.network.model import fast_dtype
+from m3depth.run import Run
+from m3depth.train_config import TrainConfig
+from m3depth.training import backward
 from marssim.camera import NATECAM
+from marssim.dataset import StereoSample
 
 pytestmark = pytest.mark.benchmark
 
@@ -24,14 +32,34 @@ def test_inference(clock):
     clock("OpenCV SGBM, padded, filled, with normals, 512 x 512", lambda: sgbm.infer(left, right, NATECAM))
 
 
-def test_training_step(clock):
-    network = M3Depth.from_preset("lite").train()
-    left, right = torch.rand(2, 3, 256, 448), torch.rand(2, 3, 256, 448)
-    camera = torch.tensor([[595.9, 595.9, 223.5, 127.5]] * 2)
+def test_training_step_and_its_loading(clock, capsys, tmp_path):
+    """A whole step as m3depth.train takes it, and what its crops cost the thread that loads them meanwhile."""
+    config = TrainConfig(data=(tmp_path,), out=tmp_path, max_steps=1, device="cpu")
+    run = Run(config, torch.device("cpu"))
+    cache = PackedCache([random_sample(seed) for seed in range(2)], 1 << 30)
+    steps = count()
+
+    def load():
+        return make_batch(cache, next(steps), config.batch, config.crop, config.augment, config.seed)
+
+    batch = load()
 
     def step():
-        network.zero_grad()
-        network(left, right, camera).disparity.mean().backward()
+        run.optimizer.zero_grad()
+        backward(run.model, batch, config, fast_dtype(run.device))
+        run.optimizer.step()
 
-    seconds = clock("M3Depth lite, forward and backward, 2 crops 256 x 448", step, 3)
-    assert seconds > 0
+    loading = clock("making 4 crops of 256 x 448, augmented", load)
+    stepping = clock("M3Depth lite, a training step of 4 crops of 256 x 448", step, 3)
+    with capsys.disabled():
+        print(f"\n{config.batch / stepping:.2f} crops/s; loading is {loading / stepping:.1%} of a step", end="")
+
+
+def random_sample(seed):
+    rng = np.random.default_rng(seed)
+    left, right = images()
+    depth = rng.uniform(2, 12, (512, 512)).astype(np.float32)
+    normal = np.broadcast_to(np.float32([0, -0.6, -0.8]), (512, 512, 3))
+    yes, none = np.ones((512, 512), bool), np.zeros((512, 512), np.int32)
+    disparity = NATECAM.depth_to_disparity(depth)
+    return StereoSample(left, right, depth, disparity, normal, yes, ~yes, none, NATECAM, {})
