@@ -1,3 +1,6 @@
+from time import perf_counter
+
+import gymnasium
 import numpy as np
 import pytest
 
@@ -27,3 +30,29 @@ def test_step_and_navigator_cycle_with_m3depth_and_physics(clock):
     clock("step, M3Depth, physics, Embree", lambda: env.step(action), 5)
     assert clock("navigator cycle, 512 x 512 depth", lambda: driver.act(env, observation), 10) > 0
     env.close()
+
+
+def test_two_workers_of_make_vec_against_one(capsys):
+    """Steps a second of an asynchronous vector of one and of two environments; the best of three runs each."""
+    rates = []
+    for count in (1, 2):
+        vector = gymnasium.make_vec(
+            "envs:MarsNav-v0",
+            num_envs=count,
+            vectorization_mode="async",
+            perception="ground_truth",
+            dynamics="kinematic",
+        )
+        vector.reset(seed=1)
+        actions, best = np.zeros((count, 2), np.float32), np.inf
+        for _ in range(3):
+            start = perf_counter()
+            for _ in range(40):
+                vector.step(actions)
+            best = min(best, perf_counter() - start)
+        vector.close()
+        rates.append(40 * count / best)
+    with capsys.disabled():
+        print(f"\nmake_vec, kinematic: {rates[0]:.0f} steps/s with one, {rates[1]:.0f} with two workers "
+              f"({rates[1] / rates[0]:.2f} times)", end="")  # fmt: skip
+    assert rates[1] > rates[0]
