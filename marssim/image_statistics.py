@@ -67,7 +67,7 @@ def ground_look(luminance: np.ndarray, mask: np.ndarray) -> GroundLook:
     inside = [(band == n) & (frequency < BAND_EDGES[-1]) for n in range(len(BAND_EDGES) - 1)]
     total = np.array([power[where].sum() for where in inside])
     sectors = np.array([[power[where & (sector == s)].mean() for s in range(SECTORS)] for where in inside[1:]])
-    direction = np.concatenate([[np.nan], sectors.max(axis=1) / sectors.mean(axis=1)])
+    direction = np.concatenate([[np.nan], sectors.max(axis=1) / np.maximum(sectors.mean(axis=1), 1e-30)])
     middle = np.sqrt(BAND_EDGES[:-1] * BAND_EDGES[1:])
     density = np.array([power[where].mean() for where in inside])
     slope = float(np.polyfit(np.log(middle[1:]), np.log(np.maximum(density[1:], 1e-30)), 1)[0])
@@ -111,7 +111,8 @@ def peakedness(logs: np.ndarray, mask: np.ndarray, blur: float) -> float:
     fine, coarse = (_smooth(logs * share, s) / np.maximum(_smooth(share, s), 1e-6) for s in (blur, 2 * blur))
     part = (fine - coarse)[mask].astype(float)
     part -= part.mean()
-    return float(np.mean(part**4) / np.mean(part**2) ** 2 - 3)
+    square = np.mean(part**2)
+    return float(np.mean(part**4) / square**2 - 3) if square > 1e-12 else 0.0
 
 
 def edge_widths(luminance: np.ndarray, most: int = 400) -> np.ndarray:

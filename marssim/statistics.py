@@ -11,11 +11,14 @@ cover           share of the ground under rocks of a diameter and more; see mars
 gradient        mean length of the grey image's Sobel gradient (scaled to grey levels a pixel) where it is not sky.
 LBP entropy     Shannon entropy [bits] of uniform, rotation-invariant local binary patterns of 8 points on a circle of
                 1 px (10 classes, so at most 3.32; Ojala et al. 2002) where it is not sky; mean over the samples.
+ground          of windows of the left image that show ground alone, up to NEAR_GROUND: contrast by octave of wavelength
+                and slope of the spectrum; see marssim/image_statistics.py. Samples without such windows do not count.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -24,11 +27,13 @@ import numpy as np
 
 from marssim.camera import MAX_DEPTH, MIN_DEPTH
 from marssim.dataset import StereoSample
+from marssim.image_statistics import BAND_EDGES, GroundLook, ground_look, linear
 from marssim.seen_rocks import RockCover
 
 DEPTH_STEP, DEPTH_END = 0.25, 100.0  # [m] of the depth histogram; what is farther goes into the last bin
 NETWORK_DISPARITY = 192.0  # [px] most that common networks search
 LBP_CLASSES = 10
+NEAR_GROUND = 8.0  # [m]
 
 
 @dataclass
@@ -48,6 +53,7 @@ class Tally:
     disparity_range: tuple[float, float] = (np.inf, 0.0)
     gradients: list[float] = field(default_factory=list)
     lbp: list[float] = field(default_factory=list)
+    ground: list[GroundLook] = field(default_factory=list)
     sun_elevation_deg: list[float] = field(default_factory=list)
     asked_k: list[float] = field(default_factory=list)
     presets: dict[str, int] = field(default_factory=dict)
@@ -83,6 +89,8 @@ class Tally:
             grey = cv2.cvtColor(sample.left, cv2.COLOR_RGB2GRAY)
             self.gradients.append(float(gradient(grey)[~sky].mean()))
             self.lbp.append(lbp_entropy(grey, ~sky))
+            with suppress(ValueError):  # no window of ground alone
+                self.ground.append(ground_look(linear(grey), (sample.rock == 0) & (sample.depth <= NEAR_GROUND)))
         meta = sample.meta
         if "sun_elevation_deg" in meta:
             self.sun_elevation_deg.append(float(meta["sun_elevation_deg"]))
@@ -120,10 +128,22 @@ class Tally:
             },
             "gradient": _spread(self.gradients),
             "lbp_entropy_bits": _spread(self.lbp),
+            "ground": self._ground(),
             "sun_elevation_deg": _spread(self.sun_elevation_deg),
             "asked_k": _spread(self.asked_k),
             "cover": self.cover.report(),
             "presets": dict(sorted(self.presets.items())),
+        }
+
+    def _ground(self) -> dict[str, Any]:
+        if not self.ground:
+            return {}
+        wavelength = 1 / np.sqrt(BAND_EDGES[:-1] * BAND_EDGES[1:])
+        return {
+            "samples": len(self.ground),
+            "wavelength_px": [round(float(w), 1) for w in wavelength],
+            "contrast": np.mean([look.contrast for look in self.ground], axis=0).tolist(),
+            "slope": _spread([look.slope for look in self.ground]),
         }
 
 
@@ -215,6 +235,11 @@ def table(tallies: dict[str, Tally], pairs: dict[str, int]) -> str:
     add(f"  {NETWORK_DISPARITY:g} px and more", lambda r: f"{r['disparity_px']['share_192_and_more']:.2%}")
     add("gradient [grey levels / px]", lambda r: _mean(r["gradient"], ".2f"))
     add("LBP entropy [bits]", lambda r: _mean(r["lbp_entropy_bits"], ".3f"))
+    add(
+        "contrast of ground, 45 to 2.8 px",
+        lambda r: " ".join(f"{c:.2f}" for c in r["ground"].get("contrast", "")) or "-",
+    )
+    add("slope of its spectrum", lambda r: _mean(r["ground"].get("slope", {}), ".2f"))
     add("sun elevation [deg]", lambda r: _range(r["sun_elevation_deg"], ".0f"))
     add("k asked for", lambda r: _range(r["asked_k"], ".3f"))
     label = max(len(row[0]) for row in rows)

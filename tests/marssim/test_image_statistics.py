@@ -99,5 +99,10 @@ def test_a_ramp_rises_over_eight_tenths_of_its_length():
     assert len(edge_widths(np.ones((64, 64), np.float32))) == 0
 
 
+def test_plain_ground_has_no_contrast():
+    look = ground_look(np.full((128, 128), 0.3, np.float32), ALL[:128, :128])
+    assert np.allclose(look.contrast, 0, atol=1e-5) and not look.peakedness.any() and np.isfinite(look.slope)
+
+
 def test_bands_are_octaves():
     assert np.allclose(np.diff(np.log2(BAND_EDGES)), 1) and BAND_EDGES[-1] == 0.5

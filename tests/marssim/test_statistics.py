@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from marssim.camera import NATECAM
 from marssim.dataset import StereoDataset, StereoSample
+from marssim.image_statistics import GAMMA
 from marssim.statistics import DEPTH_STEP, Tally, gradient, lbp_entropy, table, tally
 
 SIZE = (6, 10)
@@ -117,3 +118,20 @@ def test_colours_do_not_matter_for_shapes():
     grey = np.random.default_rng(1).integers(0, 256, (32, 32)).astype(np.uint8)
     coloured = replace(sample, left=np.repeat(grey[..., None], 3, axis=2))
     assert tally([coloured]).lbp == [lbp_entropy(grey, np.ones((32, 32), bool))]
+
+
+def test_contrast_of_ground_is_that_of_near_ground_without_rocks():
+    """Noise on near ground, five times as much on a rock and far away."""
+    noise = np.random.default_rng(0).standard_normal((128, 192))
+    depth, rock = np.full(noise.shape, 4.0, np.float32), np.zeros(noise.shape, bool)
+    depth[:, 128:], rock[64:, :64] = 9.0, True
+    strength = np.where(rock | (depth > 8), 0.25, 0.05)
+    grey = np.clip(120 * np.exp(strength * noise / GAMMA), 0, 255).round().astype(np.uint8)
+    sample = replace(made(depth, rock), left=np.repeat(grey[..., None], 3, axis=2))
+    found = tally([sample, made(depth[:60])])  # the second one is too small for a window
+    ground = found.report()["ground"]
+    assert ground["samples"] == 1 and ground["wavelength_px"] == [45.3, 22.6, 11.3, 5.7, 2.8]
+    contrast = np.array(ground["contrast"])
+    assert np.sqrt((contrast**2).sum()) == pytest.approx(0.05 * np.sqrt(np.pi / 4), rel=0.15)  # within the ring of 1/2
+    assert np.allclose(contrast[1:] / contrast[:-1], 2, rtol=0.35)  # white noise: twice as much in each octave
+    assert abs(ground["slope"]["mean"]) < 0.3 and "contrast of ground" in table({"all": found}, {"all": 2})
