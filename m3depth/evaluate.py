@@ -69,8 +69,8 @@ class EvaluateOptions:
     the class's)."""
     predictions: Annotated[tuple[str, ...], tyro.conf.arg(metavar=f"{FORM} ...")] = ()
     """Maps that other programs wrote: disparity [px], or depth [m] with ",depth"; ",scale=S" if 1 px or 1 m is
-    stored as S (-1 for RAFT-Stereo and Pandora, 256 for KITTI's PNG is the default). How the files are named:
-    m3depth/recorded.py."""
+    stored as S (-1 for RAFT-Stereo and Pandora, 256 for KITTI's PNG is the default); ",fill" to fill unknown pixels
+    from the background. How the files are named: m3depth/recorded.py; recipes: docs/other_methods.md."""
     limit: int | None = None
     """Score only so many pairs, spread evenly over the split."""
     degrade: str | None = None

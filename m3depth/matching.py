@@ -20,7 +20,7 @@ from m3depth.window_costs import Cost, semi_global, window_costs, winners
 from marssim.camera import StereoRig
 
 WTA_BLOCK, SGM_BLOCK = 9, 5  # [px]
-PENALTIES: dict[str, tuple[int, int]] = {"sad": (200, 1600), "ssd": (60, 300), "ncc": (100, 800)}  # of SGM
+PENALTIES: dict[str, tuple[int, int]] = {"sad": (200, 1600), "ssd": (60, 300), "ncc": (400, 3000)}  # of SGM
 
 
 def _check_search(disparities: int | None, block: int) -> None:
@@ -90,13 +90,14 @@ class BlockMatching:
     aggregation: wta, the best cost takes it all; sgm, semi-global matching along eight paths (Hirschmueller 2008).
     Sub-pixel by a parabola; both eyes have to agree within 1 px; what does not is filled. block: side of the window
     [px], odd; None: 9, or 5 for sgm. disparities: width of the search [px], a multiple of 16; None: what reaches to
-    0.84 m with the given rig. These are the six classical methods of the paper (App. "Supplementary Experiments").
+    0.84 m with the given rig. speckle: as SGBM's. These are the six classical methods of the paper (App. C).
     """
 
     cost: Cost = "sad"
     aggregation: Literal["wta", "sgm"] = "wta"
     block: int | None = None
     disparities: int | None = None
+    speckle: int = 400
     normals_are_fitted: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
@@ -116,7 +117,17 @@ class BlockMatching:
         reach = min(self.disparities or search_range(rig), rig.camera.width)
         sgm = self.aggregation == "sgm"
         costs = window_costs(*grey, reach, self.cost, self.block or (SGM_BLOCK if sgm else WTA_BLOCK))
-        return winners(semi_global(costs, *PENALTIES[self.cost]) if sgm else costs)
+        return _without_speckles(winners(semi_global(costs, *PENALTIES[self.cost]) if sgm else costs), self.speckle)
+
+
+def _without_speckles(disparity: np.ndarray, size: int) -> np.ndarray:
+    """Islands of at most `size` px, 2 px from their surroundings, and what is nearer to 0 than half a pixel, unmatched.
+
+    disparity: (H, W) float32, NaN where unmatched. Returns the same.
+    """
+    fixed = np.where(disparity >= 0.5, np.round(disparity * 16), 0).astype(np.int16)
+    cv2.filterSpeckles(fixed, 0, size, 2 * 16)
+    return np.where(fixed > 0, disparity, np.float32(np.nan))
 
 
 def search_range(rig: StereoRig) -> int:

@@ -27,13 +27,14 @@ from typing import Literal
 import cv2
 import numpy as np
 
+from m3depth.matching import fill_background
 from m3depth.prediction import Prediction
 from marssim.camera import StereoRig
 
 ENDINGS = ("npy", "pfm", "tiff", "tif", "png")
 PNG_SCALE = {"disparity": 256.0, "depth": 1000.0}  # KITTI's; millimetres
 IN_A_FOLDER = {"disparity": ("disparity", "left_disparity"), "depth": ("depth",)}
-FORM = "NAME=DIR[,depth][,scale=S]"
+FORM = "NAME=DIR[,depth][,scale=S][,fill]"
 
 
 class RecordedError(ValueError):
@@ -43,15 +44,17 @@ class RecordedError(ValueError):
 @dataclass(frozen=True)
 class RecordedPredictions:
     """The maps of one method. kind: what the numbers are. scale: stored number of 1 px or 1 m; None: 1, and for 16-bit
-    PNG 256 or 1000. RAFT-Stereo and Pandora store negative disparities: scale -1."""
+    PNG 256 or 1000. RAFT-Stereo and Pandora store negative disparities: scale -1. fill: fill what is unknown from the
+    background, as the classical baselines are."""
 
     folder: Path
     kind: Literal["disparity", "depth"] = "disparity"
     scale: float | None = None
+    fill: bool = False
 
     @classmethod
     def parse(cls, text: str) -> tuple[str, RecordedPredictions]:
-        """Name and maps from NAME=DIR[,depth][,scale=S]. Raises ValueError that says what is wrong."""
+        """Name and maps from NAME=DIR[,depth][,scale=S][,fill]. Raises ValueError that says what is wrong."""
         name, equals, rest = text.partition("=")
         folder, *settings = rest.split(",")
         if not (name and equals and folder):
@@ -60,6 +63,8 @@ class RecordedPredictions:
         scale = None
         for setting in settings:
             key, _, value = setting.partition("=")
+            if setting == "fill":
+                continue
             if setting in ("disparity", "depth"):
                 kind = "depth" if setting == "depth" else "disparity"
             elif key == "scale":
@@ -70,8 +75,8 @@ class RecordedPredictions:
                 if not np.isfinite(scale) or scale == 0:
                     raise ValueError(f"{text}: scale must be a number other than 0, got {value!r}")
             else:
-                raise ValueError(f"{text}: {setting!r} is none of depth, disparity, scale=S")
-        return name, cls(Path(folder), kind, scale)
+                raise ValueError(f"{text}: {setting!r} is none of depth, disparity, scale=S, fill")
+        return name, cls(Path(folder), kind, scale, "fill" in settings)
 
     def find(self, pair: str, number: int) -> Path:
         """The file of a pair. Raises FileNotFoundError that names it and the names that were looked for."""
@@ -108,12 +113,17 @@ class RecordedPredictions:
             disparity, depth = values, np.where(known, rig.disparity_to_depth(values), np.float32(np.nan))
         else:
             disparity, depth = np.where(known, rig.depth_to_disparity(values), np.float32(np.nan)), values
+        sure = np.ones(shape, np.float32)
+        if self.fill:
+            sure = np.isfinite(disparity).astype(np.float32)
+            disparity = fill_background(disparity)
+            depth = np.where(np.isfinite(disparity), rig.disparity_to_depth(disparity), np.float32(np.nan))
         normal, confidence = (self._beside(path, what) for what in ("normal", "confidence"))
         return Prediction(
             depth,
             disparity,
             None if normal is None else read_map(normal, (*shape, 3)).astype(np.float32),
-            np.ones(shape, np.float32) if confidence is None else read_map(confidence, shape).astype(np.float32),
+            sure if confidence is None else read_map(confidence, shape).astype(np.float32),
         )
 
     def _bases(self, pair: str, number: int) -> Iterator[Path]:

@@ -106,11 +106,13 @@ def test_normals_and_confidence_beside(tmp_path):
         ("RAFT=out/raft,scale=-1", ("RAFT", "out/raft", "disparity", -1.0)),
         ("Mine=depths,depth,scale=1000", ("Mine", "depths", "depth", 1000.0)),
         ("A=b", ("A", "b", "disparity", None)),
+        ("A=b,fill", ("A", "b", "disparity", None)),
     ],
 )
 def test_the_command_lines_form(text, expected):
     name, found = RecordedPredictions.parse(text)
     assert (name, str(found.folder), found.kind, found.scale) == expected
+    assert found.fill == text.endswith(",fill")
 
 
 @pytest.mark.parametrize(
@@ -119,6 +121,15 @@ def test_the_command_lines_form(text, expected):
 def test_another_form_is_refused(text):
     with pytest.raises(ValueError, match=r"expected NAME=DIR|none of depth|scale must be"):
         RecordedPredictions.parse(text)
+
+
+def test_unknown_is_filled_from_the_background_if_asked_for(tmp_path):
+    values = DISPARITY.copy()
+    values[3, 4:7] = np.nan
+    put(tmp_path / "00003_05.npy", values)
+    found = RecordedPredictions(tmp_path, fill=True).read(PAIR, NUMBER, RIG)
+    assert (found.disparity[3, 4:7] == values[3, 3]).all() and (found.confidence == 0).sum() == 3
+    assert found.depth == pytest.approx(RIG.fb / found.disparity)
 
 
 @pytest.mark.parametrize(
