@@ -16,6 +16,7 @@ class NoEstimator:
 def test_by_name():
     assert isinstance(load_estimator("sgbm"), SGBM)
     assert load_estimator("ncc") == BlockMatching("ncc")
+    assert load_estimator("ssd-sgm") == BlockMatching("ssd", "sgm")
     assert isinstance(load_estimator("m3depth.matching:SGBM"), SGBM)
 
 

@@ -14,6 +14,7 @@ from m3depth.evaluate import EvaluateOptions, evaluate, main, prepare
 from m3depth.matching import SGBM
 from m3depth.prediction import Prediction
 from m3depth.report import FIGURES
+from m3depth.resources import measured
 from marssim.camera import PinholeCamera, StereoRig
 from marssim.dataset import StereoDataset, write_index, write_sample
 from marssim.render.stereo import StereoFrame
@@ -145,6 +146,12 @@ def test_command_writes_tables_and_figures(folder, tmp_path, capsys):
         ({"--degrade": "fog=1"}, "unknown field 'fog'"),
         ({"--degrade": "blur=x"}, "blur must be a number, got 'x'"),
         ({"--estimator": "raft"}, "expected MODULE:CLASS or NAME=MODULE:CLASS"),
+        ({"--estimator": "m3depth.matching:Nothing"}, "has no class 'Nothing'"),
+        ({"--predictions": "raft"}, "--predictions raft: expected NAME=DIR[,depth][,scale=S][,fill]"),
+        ({"--predictions": "A=nowhere"}, "nowhere: no such folder"),
+        ({"--predictions": "A=.,scale=0"}, "scale must be a number other than 0"),
+        ({"--predictions": "SGBM=."}, "the name 'SGBM' is taken"),
+        ({"--predictions": "pair=."}, "the name 'pair' is taken"),
         ({"--estimator": "SGBM=m3depth.matching:BlockMatching"}, "the name 'SGBM' is taken"),
         ({"--estimator": "M3Depth=m3depth.matching:SGBM"}, "the name 'M3Depth' is taken"),
         ({"--estimator": "index=m3depth.matching:SGBM"}, "the name 'index' is taken"),
@@ -166,6 +173,52 @@ def test_a_name_given_twice_is_refused(folder, tmp_path, capsys, monkeypatch):
     assert "the name 'A' is taken" in capsys.readouterr().err
 
 
+def test_every_classical_method_and_saved_predictions_in_one_run(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr("m3depth.evaluate.draw", lambda *_: None)
+    monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
+    saved = tmp_path / "saved"
+    saved.mkdir()
+    for i, sample in enumerate(StereoDataset(folder, "test")):
+        np.save(saved / f"00001_0{i}.npy", -2 * sample.disparity)
+    out = tmp_path / "out"
+    args = ["--data", str(folder), "--out", str(out), "--limit", "2", "--baselines", "all"]
+    assert main([*args, "--predictions", f"Saved={saved},scale=-2"]) == 0
+    methods = json.loads((out / "results.json").read_text())["methods"]
+    names = ["M3Depth", "SGBM", "SSD", "SAD", "NCC", "SSD-SGM", "SAD-SGM", "NCC-SGM", "Saved"]
+    assert list(methods) == names
+    assert methods["Saved"]["depth"]["all"]["pooled"]["abs_rel"] < 1e-3
+    assert all(methods[name]["depth"]["visible"]["pooled"]["epe"] < 1.5 for name in names)
+    assert all(methods[name]["seconds"]["median"] > 0 for name in names[:-1]) and methods["Saved"]["seconds"] is None
+    report = (out / "results.md").read_text()
+    assert "| Saved, fitted to its depth |" in report and "| fitted to the true depth |" in report
+
+
+def test_a_saved_prediction_that_is_missing_or_broken_is_named(folder, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
+    np.save(tmp_path / "00001_00.npy", np.zeros((2, 2)))
+    args = ["--data", str(folder), "--out", str(tmp_path / "out"), "--predictions", f"Saved={tmp_path}"]
+    assert main(args) == 2
+    assert "no disparity of pair 00001/01" in capsys.readouterr().err
+    assert main([*args, "--limit", "1"]) == 2
+    error = capsys.readouterr().err
+    assert "00001_00.npy: is of shape (2, 2)" in error and error.count("\n") == 1
+
+
+def test_the_first_call_is_not_timed(folder, monkeypatch):
+    timed = []
+
+    def watched(call, *args):
+        timed.append(args)
+        return measured(call, *args)
+
+    monkeypatch.setattr("m3depth.evaluation.measured", watched)
+    method = Scaled()
+    done = evaluate(StereoDataset(folder, "test"), {"m": method})
+    assert (len(timed), len(method.seen)) == (4, 5)
+    assert np.array_equal(method.seen[0], method.seen[1])
+    assert set(done.results["m"]["memory_mib"]) == {"process", "gpu"}
+
+
 def test_bad_names_and_seeds_are_refused_by_the_function_too(folder):
     with pytest.raises(ValueError, match="'index'"):
         evaluate(StereoDataset(folder, "test"), {"index": Scaled()})
@@ -177,6 +230,7 @@ def test_results_tell_which_shipped_weights_were_scored(folder, tmp_path, monkey
     shipped = tmp_path / "lite.safetensors"
     shipped.write_bytes(b"some weights")
     monkeypatch.setattr("m3depth.evaluate.SHIPPED_WEIGHTS", shipped)
+    monkeypatch.setattr("m3depth.evaluate.draw", lambda *_: None)
     monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
     out = tmp_path / "out"
     assert main(["--data", str(folder), "--out", str(out), "--baselines", "none", "--limit", "1"]) == 0
