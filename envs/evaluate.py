@@ -32,6 +32,7 @@ from envs.sight import load_perception
 from m3depth.estimator import Estimator
 from marssim.command import counted, run_command
 from marssim.dataset import DatasetError, read_json, write_json
+from marssim.render.makers import Renderer
 from marssim.scene.scene import Place
 from marssim.workers import run_tasks
 
@@ -72,7 +73,7 @@ class EvaluateConfig:
     """distance from start to goal [m]"""
     dynamics: Literal["physics", "kinematic"] = "physics"
     """rigid bodies, or settling without dynamics (faster)"""
-    renderer: Literal["embree", "pybullet"] = "embree"
+    renderer: Renderer = "embree"
     """what renders the cameras"""
     disparity_noise: float = 0.0
     """standard deviation of an error added to the disparity [px]"""

@@ -17,6 +17,7 @@ from envs.odometry import Odometry
 from envs.sight import Eyes, Sight
 from envs.vehicle import Vehicle, make_vehicle
 from marssim.camera import MAX_DEPTH, NATECAM
+from marssim.render.makers import Renderer
 from marssim.rover_spec import ZHURONG
 from marssim.scene.scene import SceneConfig, preset
 
@@ -98,8 +99,8 @@ class MarsNavEnv(gymnasium.Env):
     ## Arguments
 
     `perception`: "m3depth" (default), "sgbm", "ground_truth", "m3depth:WEIGHTS", "package.module:Class", or any object
-    with `infer(left, right, rig)`. `dynamics`: "physics" (default) or "kinematic". `renderer`: "embree" (default) or
-    "pybullet". `scene`: a preset's name or a SceneConfig. `mast`, `map_observation`: see the spaces.
+    with `infer(left, right, rig)`. `dynamics`: "physics" (default) or "kinematic". `renderer`: "embree" (default),
+    "scan" or "pybullet". `scene`: a preset's name or a SceneConfig. `mast`, `map_observation`: see the spaces.
     `disparity_noise` [px]: standard deviation of an error added to the disparity of each pixel, at 512 pixels.
     `drift`, `yaw_drift_deg`: standard deviations of the odometry's error in position [m] and heading [deg] after 1 m;
     they grow with the root of the way. `goal` and `map` are as the rover believes; reward and ends are true.
@@ -125,7 +126,7 @@ class MarsNavEnv(gymnasium.Env):
         self,
         perception: str | Estimator = "m3depth",
         dynamics: Literal["physics", "kinematic"] = "physics",
-        renderer: Literal["embree", "pybullet"] = "embree",
+        renderer: Renderer = "embree",
         scene: str | SceneConfig = "utopia",
         goal_distance: float = 20.0,
         mast: bool = False,

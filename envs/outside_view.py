@@ -7,11 +7,11 @@ import numpy as np
 from marssim.camera import PinholeCamera, look_pose, rotate
 from marssim.physics.body import Part
 from marssim.physics.state import RoverState
+from marssim.render.antialias import SUBPIXELS, borders
 from marssim.render.gbuffer import GROUND, SKY
 from marssim.render.raycast import MeshCaster, MeshPart, Raycaster
 from marssim.render.sensor import Sensor
 from marssim.render.shading import Shader
-from marssim.render.stereo import SUBPIXELS, borders
 from marssim.scene.scene import Scene
 
 WIDTH, HEIGHT = 800, 400

@@ -17,6 +17,7 @@ import tyro
 from marssim.camera import NATECAM, PinholeCamera, StereoRig
 from marssim.command import parse
 from marssim.dataset import SPLIT_OF_TEN, DatasetError, read_json
+from marssim.render.makers import Renderer
 from marssim.render.sensor import SensorConfig
 from marssim.scene.scene import PRESETS, Place, SceneConfig, preset
 from marssim.trajectory import TrajectoryConfig
@@ -40,8 +41,9 @@ class RunConfig:
     """processes to render in, one thread each; the files do not depend on it"""
     scheduler: str | None = None
     """address of a dask scheduler, tcp://host:8786, whose workers render instead; all must see --out"""
-    renderer: Literal["pybullet", "embree"] = "pybullet"
-    """what makes the G-buffer: PyBullet's rasteriser, or Embree's rays (faster)"""
+    renderer: Renderer = "pybullet"
+    """what makes the G-buffer: PyBullet's rasteriser, Embree's rays, or scan conversion of the triangles in double
+    precision (the fastest; needs neither library)"""
     views_per_scene: int = 8
     """pairs rendered of one scene; train, val and test share no scene"""
     trajectory: bool = False

@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
+from typing import Literal, get_args
+
 from marssim.render.gbuffer import GBufferMaker
 from marssim.scene.scene import Scene
 
+Renderer = Literal["pybullet", "embree", "scan"]
+RENDERERS: tuple[Renderer, ...] = get_args(Renderer)
+
 
 def make_renderer(name: str, scene: Scene) -> GBufferMaker:
-    """The G-buffer maker "pybullet" or "embree" of a scene. Raises ImportError, in a line, if it is not installed."""
+    """The G-buffer maker of a scene, by its name in RENDERERS.
+
+    Raises ImportError, in a line, if what it needs is not installed.
+    """
     if name == "embree":
         from marssim.render.raycast import Raycaster
 
         return Raycaster(scene)
+    if name == "scan":
+        from marssim.render.scanner import Scanner
+
+        return Scanner(scene)
     from marssim.render.rasterize import Rasterizer
 
     return Rasterizer(scene)

@@ -25,6 +25,11 @@ class Projection:
     nearest: float
     away: float
 
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """axes row by row, then shift: 16 numbers, for kernels."""
+        return (*self.axes.ravel().tolist(), *self.shift.tolist())
+
     @classmethod
     def of_eye(cls, pose: np.ndarray) -> Projection:
         """Rays from the camera at pose (4, 4) to world; the image plane is z = 1, S is the depth."""

@@ -10,8 +10,7 @@ from marssim.render.bullet_tiles import BulletTiles
 from marssim.render.gbuffer import SKY, GBuffer
 from marssim.render.hits import hits
 from marssim.render.mesh import scene_mesh
-from marssim.render.projection import Projection
-from marssim.render.scan import matching
+from marssim.render.raster import matching_faces
 from marssim.render.visibility import Visibility
 from marssim.scene.scene import Scene
 
@@ -40,13 +39,9 @@ class Rasterizer:
         shape = (camera.height, camera.width)
         guess, surface = self._draw(camera, pose, NEAR, self._farthest(pose[:3, 3]))
         rays = camera.rays().reshape(-1, 3)
-        face = np.full(len(rays), -1, dtype=np.int32)
         at = np.flatnonzero(surface.ravel() != SKY)
+        face = matching_faces(self._mesh, camera, pose, guess, surface)
         if len(at):
-            near = guess.ravel()[at]
-            face[at] = matching(
-                self._mesh, Projection.of_eye(pose), rays[at, 0], rays[at, 1], near, surface.ravel()[at]
-            )
             _lend_faces(face.reshape(shape), surface)
             _nearest_faces(
                 face, surface.ravel(), rays, pose, self._mesh.vertices, self._mesh.faces, self._mesh.surface,

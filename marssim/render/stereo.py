@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from marssim.camera import PinholeCamera, StereoRig, rotate
 from marssim.compiled import compiled
-from marssim.render.gbuffer import GROUND, SKY, GBuffer, GBufferMaker
+from marssim.render.antialias import average, colours_beside, edge_pixels, subpixel_rays
+from marssim.render.gbuffer import SKY, GBuffer, GBufferMaker
 from marssim.render.sensor import Sensor
 from marssim.render.shading import Shader
-
-SAME_DEPTH = 0.02  # share of the depth up to which neighbours on one surface are taken for one place
-SUBPIXELS = ((-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375))  # rotated grid [px]
 
 
 @dataclass(frozen=True)
@@ -65,71 +62,60 @@ def render_stereo(
 
 def occlusion(maker: GBufferMaker, view: GBuffer, rig: StereoRig, pose: np.ndarray) -> np.ndarray:
     """(H, W) bool: the left pixel's point is hidden from the right eye or outside its image; never so in the sky."""
-    surface, depth = view.surface.ravel(), view.depth.ravel()
-    u = np.arange(depth.size) % rig.camera.width - rig.depth_to_disparity(depth)
-    inside = np.where(u >= -0.5, surface, SKY)
-    at, points, normals = _hit_points(rig.camera.rays().reshape(-1, 3), depth, view.normal.reshape(-1, 3), inside, pose)
-    out = surface != SKY
-    out[at] = ~maker.seen_from(points, normals, rig.right_pose(pose)[:3, 3])
-    return out.reshape(view.depth.shape)
+    depth, surface = view.depth.ravel(), view.surface.ravel()
+    rays = rig.camera.rays().reshape(-1, 3)
+    hidden, known = _outside(depth, surface, rig.camera.width, rig.fb)
+    at, points, normals = _hit_points(rays, depth, view.normal.reshape(-1, 3), surface, pose, known)
+    hidden[at] = ~maker.seen_from(points, normals, rig.right_pose(pose)[:3, 3])
+    return hidden.reshape(view.depth.shape)
 
 
 def radiance(maker: GBufferMaker, shader: Shader, camera: PinholeCamera, pose: np.ndarray, view: GBuffer) -> np.ndarray:
-    """(H, W, 3) float32 radiance of a view, one sample a pixel and more where edges are.
-
-    On an edge a pixel is the mean of four rays. Where a ray meets what a pixel beside it shows, in the same light, it
-    takes that pixel's colour; others are shaded.
-    """
+    """(H, W, 3) float32 radiance of a view, one sample a pixel and more where edges are (antialias.py)."""
     shape = view.depth.shape
-    rays = camera.rays().reshape(-1, 3)
-    colour, lit = _shade(
-        maker, shader, camera, pose, rays,
-        view.depth.ravel(), view.normal.reshape(-1, 3), view.shading_normal.reshape(-1, 3), view.surface.ravel(),
-    )  # fmt: skip
-    edge = np.flatnonzero(_edges(view, lit.reshape(shape)).ravel())
-    if len(edge):
-        step = np.array([[du / camera.fx, dv / camera.fy, 0] for du, dv in SUBPIXELS])
-        fine = (rays[edge, None] + step).reshape(-1, 3)
-        depth, normal, shading_normal, surface = maker.trace(fine, pose)
-        samples = np.empty((len(fine), 3), dtype=np.float32)
-        known = _beside(
-            edge, depth, surface, view.depth, view.surface, lit.reshape(shape), colour.reshape(*shape, 3), samples
-        )
-        new = np.flatnonzero(~known)
-        if len(new):
-            samples[new] = _shade(
-                maker, shader, camera, pose, fine[new], depth[new], normal[new], shading_normal[new], surface[new]
-            )[0]
-        colour[edge] = samples.reshape(len(edge), len(SUBPIXELS), 3).mean(axis=1)
+    colour = np.empty((view.depth.size, 3), dtype=np.float32)
+    maps = view.depth.ravel(), view.normal.reshape(-1, 3), view.shading_normal.reshape(-1, 3), view.surface.ravel()
+    none = np.zeros(len(colour), dtype=bool)
+    lit = _shade(maker, shader, camera, pose, camera.rays().reshape(-1, 3), *maps, none, colour).reshape(shape)
+    pixels = edge_pixels(view, lit)
+    if len(pixels):
+        rays = subpixel_rays(camera, pixels)
+        depth, normal, shading_normal, surface = maker.trace(rays, pose)
+        samples, known = colours_beside(pixels, depth, surface, view, lit, colour)
+        _shade(maker, shader, camera, pose, rays, depth, normal, shading_normal, surface, known, samples)
+        average(pixels, samples, colour)
     return colour.reshape(*shape, 3)
 
 
 def _shade(
     maker: GBufferMaker, shader: Shader, camera: PinholeCamera, pose: np.ndarray, rays: np.ndarray,
     depth: np.ndarray, normal: np.ndarray, shading_normal: np.ndarray, surface: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Radiance (N, 3) and lit (N,) along rays (N, 3) whose hits are given."""
-    colour = np.empty((len(rays), 3), dtype=np.float32)
+    known: np.ndarray, colour: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """Write the radiance along rays (N, 3) whose hits are given to colour (N, 3), except where it is known (N,).
+
+    Returns (N,) bool: in sunlight.
+    """
     lit = np.zeros(len(rays), dtype=bool)
-    sky = np.flatnonzero(surface == SKY)
+    sky = np.flatnonzero((surface == SKY) & ~known)
     if len(sky):
         toward = rotate(rays[sky], pose[:3, :3])
         colour[sky] = shader.sky(toward / np.sqrt(np.einsum("ij,ij->i", toward, toward))[:, None])
-    at, points, normals = _hit_points(rays, depth, normal, surface, pose)
+    at, points, normals = _hit_points(rays, depth, normal, surface, pose, known)
     if len(at):
         lit[at] = maker.lit(points, normals)
         shader.surface(points, shading_normal, surface, pose[:3, 3], lit, camera.fx, at, colour)
-    return colour, lit
+    return lit
 
 
 @compiled
-def _hit_points(rays, depth, normal, surface, pose):
-    """Indices (M,) of what is not sky, its points (M, 3), float64, and its normals (M, 3), float32, world frame."""
+def _hit_points(rays, depth, normal, surface, pose, known):
+    """Indices (M,) of what is not sky nor known, its points (M, 3), float64, and its normals (M, 3), float32, world."""
     n = len(rays)
     at, points, normals = np.empty(n, dtype=np.int32), np.empty((n, 3)), np.empty((n, 3), dtype=np.float32)
     found = 0
     for k in range(n):
-        if surface[k] == SKY:
+        if surface[k] == SKY or known[k]:
             continue
         at[found] = k
         z = depth[k]
@@ -144,56 +130,13 @@ def _hit_points(rays, depth, normal, surface, pose):
 
 
 @compiled
-def _beside(edge, depth, surface, pixel_depth, pixel_surface, lit, colour, out):
-    """(N,) bool: whether the pixels about a ray tell its colour, which is then written to out (N, 3).
-
-    edge: (N / 4,) pixels, depth, surface: (N,) of their rays. They do if some of the 3 x 3 show the same surface at the
-    same depth and all of these agree on whether the sun shines there.
-    """
-    height, width = lit.shape
-    known = np.zeros(len(depth), dtype=np.bool_)
+def _outside(depth, surface, width, fb):
+    """Where no rays are needed: (N,) hidden from the right eye, beyond the left border of its image; known, or sky."""
+    hidden, known = np.zeros(len(depth), dtype=np.bool_), np.zeros(len(depth), dtype=np.bool_)
+    fb = np.float32(fb)
     for k in range(len(depth)):
-        row, column = edge[k // 4] // width, edge[k // 4] % width
-        du, dv = SUBPIXELS[k % 4]
-        total, dark, bright = 0.0, False, False
-        out[k] = 0
-        for j in range(max(row - 1, 0), min(row + 2, height)):
-            for i in range(max(column - 1, 0), min(column + 2, width)):
-                if pixel_surface[j, i] != surface[k]:
-                    continue
-                if surface[k] != SKY and not abs(pixel_depth[j, i] - depth[k]) < SAME_DEPTH * depth[k]:
-                    continue
-                if lit[j, i]:
-                    bright = True
-                else:
-                    dark = True
-                # bilinear where the ray lies amid such pixels, and all but the nearest ones where it does not
-                weight = max(1 - abs(i - column - du), 1e-6) * max(1 - abs(j - row - dv), 1e-6)
-                total += weight
-                for c in range(3):
-                    out[k, c] += weight * colour[j, i, c]
-        if total > 0:
-            out[k] /= total
-        known[k] = bright != dark
-    return known
-
-
-def _edges(view: GBuffer, lit: np.ndarray) -> np.ndarray:
-    """(H, W) bool: pixels beside a change of surface, a depth edge or a shadow's border."""
-    inverse = np.where(view.hit, 1 / np.where(view.hit, view.depth, 1), 0).astype(np.float32)
-    kernel = np.ones((3, 3), np.uint8)
-    step = cv2.dilate(inverse, kernel) - cv2.erode(inverse, kernel) > 0.06 * inverse + 1e-3
-    level = view.surface == GROUND
-    # on open ground seen at a slant, 1 / Z changes fast without any edge
-    return borders(2 * view.surface + lit) | (step & ~level)
-
-
-def borders(seen: np.ndarray) -> np.ndarray:
-    """(H, W) bool: pixels beside one with another id. seen: (H, W) int."""
-    out = np.zeros(seen.shape, dtype=bool)
-    across, down = seen[:, 1:] != seen[:, :-1], seen[1:] != seen[:-1]
-    out[:, 1:] |= across
-    out[:, :-1] |= across
-    out[1:] |= down
-    out[:-1] |= down
-    return out
+        if surface[k] == SKY:
+            known[k] = True
+        elif k % width - fb / depth[k] < -0.5:
+            hidden[k] = known[k] = True
+    return hidden, known

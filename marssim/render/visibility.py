@@ -10,7 +10,7 @@ from marssim.compiled import compiled
 from marssim.render.hits import hits
 from marssim.render.mesh import SceneMesh, averted
 from marssim.render.projection import Projection
-from marssim.render.scan import blocked, nearest
+from marssim.render.scan import nearest, open_ways
 
 SELF_GAP = 2e-4  # [m] rays from a surface start this far off it, against meeting the face they leave
 
@@ -29,7 +29,8 @@ class Visibility:
         if len(rays) == 0:
             face = np.zeros(0, dtype=np.int32)
         else:
-            face = nearest(mesh, Projection.of_eye(pose), rays[:, 0], rays[:, 1])
+            x, y = np.ascontiguousarray(rays[:, 0]), np.ascontiguousarray(rays[:, 1])
+            face = nearest(mesh, Projection.of_eye(pose), x, y)
         return hits(mesh.vertices, mesh.faces, mesh.surface, mesh.vertex_normals, pose, rays, face)
 
     def lit(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
@@ -71,7 +72,7 @@ class Visibility:
         )  # fmt: skip
         out = np.zeros(len(points), dtype=bool)
         if len(at):
-            out[at] = ~blocked(mesh, view, x, y, s)
+            out[at] = open_ways(mesh, view, x, y, s)
         return out
 
 

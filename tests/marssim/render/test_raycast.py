@@ -1,4 +1,4 @@
-"""Ray casting against closed forms (plane, sphere) and against a brute-force ray-triangle test."""
+"""Embree's rays and scan conversion against closed forms (plane, sphere) and a brute-force ray-triangle test."""
 
 from dataclasses import replace
 
@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from marssim.camera import PinholeCamera, look_pose
 from marssim.render.gbuffer import GROUND, SKY, GBufferMaker
-from marssim.render.raycast import MeshCaster, MeshPart, Raycaster
+from marssim.render.makers import make_renderer
+from marssim.render.raycast import MeshCaster, MeshPart
 from marssim.render.visibility import SELF_GAP
 from marssim.scene.rocks import RockConfig, icosphere
 from marssim.scene.scene import Scene, SceneConfig, build_scene
@@ -24,9 +25,9 @@ def scene() -> Scene:
     return build_scene(SceneConfig(size=8.0, horizon=16.0, rocks=RockConfig(k=0.15)), np.random.default_rng(5))
 
 
-@pytest.fixture(scope="module")
-def raycaster(scene):
-    maker = Raycaster(scene)
+@pytest.fixture(scope="module", params=["embree", "scan"])
+def raycaster(request, scene):
+    maker = make_renderer(request.param, scene)
     yield maker
     maker.close()
 
@@ -72,6 +73,7 @@ def corners(scene) -> np.ndarray:
     return np.concatenate([vertices[faces] for vertices, faces in meshes])
 
 
+@pytest.mark.parametrize("name", ["embree", "scan"])
 @settings(max_examples=20)
 @given(
     slope=st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5)),
@@ -79,8 +81,8 @@ def corners(scene) -> np.ndarray:
     pitch=st.floats(-0.2, 1.5),
     roll=st.floats(-0.5, 0.5),
 )
-def test_a_tilted_plane_has_its_closed_form(bare, slope, yaw, pitch, roll):
-    maker = Raycaster(replace(bare, terrain=plane_terrain(*slope)))
+def test_a_tilted_plane_has_its_closed_form(bare, name, slope, yaw, pitch, roll):
+    maker = make_renderer(name, replace(bare, terrain=plane_terrain(*slope)))
     eye = np.array([0.3, -0.2, 0.3 * slope[0] - 0.2 * slope[1] + 1.2])
     pose = look_pose(eye, yaw, pitch, roll)
     view = maker.render(CAMERA, pose)
@@ -217,8 +219,9 @@ def test_it_can_stand_in_for_any_maker(raycaster):
     assert maker.lit(none, none).shape == maker.seen_from(none, none, np.zeros(3)).shape == (0,)
 
 
-def test_close_twice_and_use_after(bare):
-    maker = Raycaster(bare)
+@pytest.mark.parametrize("name", ["embree", "scan"])
+def test_close_twice_and_use_after(bare, name):
+    maker = make_renderer(name, bare)
     maker.close()
     maker.close()
     point = np.array([[0.0, 0.0, 0.0]])

@@ -1,0 +1,141 @@
+"""Sub-pixel edges: which pixels lie on one, and their colour as the mean of four rays.
+
+Four rays a pixel, and only where something changes: a surface, a depth or the light. Most of these rays meet what a
+pixel beside shows anyway, and take its colour.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from marssim.camera import PinholeCamera
+from marssim.compiled import compiled
+from marssim.render.gbuffer import GROUND, SKY, GBuffer
+
+SAME_DEPTH = 0.02  # share of the depth up to which neighbours on one surface are taken for one place
+SUBPIXELS = ((-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375))  # rotated grid [px]
+STEP_SHARE, STEP_LEAST = 0.06, 1e-3  # change of 1 / Z within 3 x 3 pixels that is an edge: of itself, and [1 / m]
+
+
+def edge_pixels(view: GBuffer, lit: np.ndarray) -> np.ndarray:
+    """(E,) int32 indices of the pixels beside a change of surface, a depth edge or a shadow's border. lit: (H, W)."""
+    return _edge_pixels(view.depth, view.surface, lit)
+
+
+def subpixel_rays(camera: PinholeCamera, pixels: np.ndarray) -> np.ndarray:
+    """(4 E, 3) rays of z = 1 through the sub-pixels of pixels (E,), those of a pixel one after the other."""
+    return _subpixel_rays(camera.rays().reshape(-1, 3), pixels, float(camera.fx), float(camera.fy))
+
+
+def colours_beside(
+    pixels: np.ndarray, depth: np.ndarray, surface: np.ndarray, view: GBuffer, lit: np.ndarray, colour: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What the pixels about each ray tell of its colour: (4 E, 3) float32, and (4 E,) bool whether they do.
+
+    pixels: (E,), as of edge_pixels; depth, surface: (4 E,) met by their sub-pixel rays; lit: (H, W); colour: (H * W, 3)
+    of the view. They do if some of the 3 x 3 show the same surface at the same depth and all of these agree on whether
+    the sun shines there.
+    """
+    return _colours_beside(pixels, depth, surface, view.depth, view.surface, lit, colour)
+
+
+def average(pixels: np.ndarray, samples: np.ndarray, colour: np.ndarray) -> None:
+    """Give the pixels (E,) of colour (H * W, 3) float32 the mean of their samples (4 E, 3) float32."""
+    _average(pixels, samples, colour)
+
+
+def borders(seen: np.ndarray) -> np.ndarray:
+    """(H, W) bool: pixels beside one with another id. seen: (H, W) int."""
+    out = np.zeros(seen.shape, dtype=bool)
+    across, down = seen[:, 1:] != seen[:, :-1], seen[1:] != seen[:-1]
+    out[:, 1:] |= across
+    out[:, :-1] |= across
+    out[1:] |= down
+    out[:-1] |= down
+    return out
+
+
+@compiled
+def _edge_pixels(depth, surface, lit):
+    height, width = depth.shape
+    out = np.empty(height * width, dtype=np.int32)
+    found = 0
+    share, least, one, none = np.float32(STEP_SHARE), np.float32(STEP_LEAST), np.float32(1), np.float32(0)
+    for row in range(height):
+        up, down = max(row - 1, 0), min(row + 1, height - 1)
+        for column in range(width):
+            left, right = max(column - 1, 0), min(column + 1, width - 1)
+            own, light = surface[row, column], lit[row, column]
+            edge = surface[row, left] != own or surface[row, right] != own
+            edge = edge or surface[up, column] != own or surface[down, column] != own
+            edge = edge or lit[row, left] != light or lit[row, right] != light
+            edge = edge or lit[up, column] != light or lit[down, column] != light
+            # on open ground seen at a slant, 1 / Z changes fast without any edge
+            if not edge and own != GROUND:
+                inverse = none if own == SKY else one / depth[row, column]
+                low, high = inverse, inverse
+                for j in range(up, down + 1):
+                    for i in range(left, right + 1):
+                        there = none if surface[j, i] == SKY else one / depth[j, i]
+                        low, high = min(low, there), max(high, there)
+                edge = high - low > share * inverse + least
+            if edge:
+                out[found] = row * width + column
+                found += 1
+    return out[:found]
+
+
+@compiled
+def _subpixel_rays(rays, pixels, fx, fy):
+    out = np.ones((4 * len(pixels), 3))
+    for p in range(len(pixels)):
+        u, v = rays[pixels[p], 0], rays[pixels[p], 1]
+        for k in range(4):
+            du, dv = SUBPIXELS[k]
+            out[4 * p + k, 0], out[4 * p + k, 1] = u + du / fx, v + dv / fy
+    return out
+
+
+@compiled
+def _colours_beside(pixels, depth, surface, pixel_depth, pixel_surface, lit, colour):
+    height, width = lit.shape
+    known = np.zeros(len(depth), dtype=np.bool_)
+    out = np.empty((len(depth), 3), dtype=np.float32)
+    for p in range(len(pixels)):
+        row, column = pixels[p] // width, pixels[p] % width
+        up, down = max(row - 1, 0), min(row + 1, height - 1)
+        left, right = max(column - 1, 0), min(column + 1, width - 1)
+        for k in range(4 * p, 4 * p + 4):
+            du, dv = SUBPIXELS[k - 4 * p]
+            own, z = surface[k], depth[k]
+            near = SAME_DEPTH * z
+            total, dark, bright = 0.0, False, False
+            red, green, blue = 0.0, 0.0, 0.0
+            for j in range(up, down + 1):
+                # bilinear where the ray lies amid such pixels, and all but the nearest ones where it does not
+                below = max(1 - abs(j - row - dv), 1e-6)
+                for i in range(left, right + 1):
+                    if pixel_surface[j, i] != own or (own != SKY and not abs(pixel_depth[j, i] - z) < near):
+                        continue
+                    if lit[j, i]:
+                        bright = True
+                    else:
+                        dark = True
+                    weight = max(1 - abs(i - column - du), 1e-6) * below
+                    total += weight
+                    at = j * width + i
+                    red += weight * colour[at, 0]
+                    green += weight * colour[at, 1]
+                    blue += weight * colour[at, 2]
+            known[k] = bright != dark
+            if total > 0:
+                out[k, 0], out[k, 1], out[k, 2] = red / total, green / total, blue / total
+    return out, known
+
+
+@compiled
+def _average(pixels, samples, colour):
+    for p in range(len(pixels)):
+        for c in range(3):
+            total = samples[4 * p, c] + samples[4 * p + 1, c] + samples[4 * p + 2, c] + samples[4 * p + 3, c]
+            colour[pixels[p], c] = total * np.float32(0.25)

@@ -1,0 +1,92 @@
+"""Sub-pixel edges against their plain definitions, pixel by pixel."""
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from marssim.camera import PinholeCamera
+from marssim.render.antialias import SUBPIXELS, average, borders, colours_beside, edge_pixels, subpixel_rays
+from marssim.render.gbuffer import GROUND, SKY, GBuffer
+
+CAMERA = PinholeCamera(9, 7, 20.0, 25.0, 3.6, 2.9)
+
+
+def random_view(seed: int) -> tuple[GBuffer, np.ndarray, np.ndarray]:
+    """Patches of sky, ground and rocks with jumps of depth within them, sunlight, and colours (H * W, 3)."""
+    rng = np.random.default_rng(seed)
+    shape = (CAMERA.height, CAMERA.width)
+    surface = np.where(rng.random(shape) < 0.3, rng.integers(-1, 3, shape), rng.integers(-1, 3)).astype(np.int32)
+    depth = (rng.choice([2.0, 2.02, 3.0], shape) * rng.uniform(0.999, 1.001, shape)).astype(np.float32)
+    depth[surface == SKY] = np.inf
+    empty = np.zeros((*shape, 3), np.float32)
+    colour = rng.random((CAMERA.height * CAMERA.width, 3), dtype=np.float32)
+    return GBuffer(depth, empty, empty, surface), rng.random(shape) < rng.choice([0.0, 0.9, 1.0]), colour
+
+
+@given(st.integers(0, 10**6))
+def test_edges_are_changes_of_surface_light_and_depth(seed):
+    view, lit, _ = random_view(seed)
+    inverse = np.where(view.surface == SKY, np.float32(0), np.float32(1) / view.depth)
+    kernel = np.ones((3, 3), np.uint8)
+    step = cv2.dilate(inverse, kernel) - cv2.erode(inverse, kernel) > np.float32(0.06) * inverse + np.float32(1e-3)
+    expected = borders(2 * view.surface + lit) | (step & (view.surface != GROUND))
+    assert np.array_equal(edge_pixels(view, lit), np.flatnonzero(expected))
+
+
+def test_one_plain_surface_has_no_edges():
+    shape = (CAMERA.height, CAMERA.width)
+    depth = np.linspace(2, 2.2, CAMERA.width, dtype=np.float32) * np.ones((CAMERA.height, 1), np.float32)
+    view = GBuffer(depth, np.zeros((*shape, 3)), np.zeros((*shape, 3)), np.ones(shape, np.int32))
+    assert len(edge_pixels(view, np.ones(shape, bool))) == 0
+
+
+def test_rays_of_a_pixel_are_spread_about_its_centre():
+    pixels = np.array([0, 12, 62], dtype=np.int32)
+    rays = subpixel_rays(CAMERA, pixels).reshape(3, 4, 3)
+    at = CAMERA.project(rays)
+    centre = np.stack([pixels % CAMERA.width, pixels // CAMERA.width], axis=1)
+    assert np.allclose(at - centre[:, None], np.array(SUBPIXELS), atol=1e-9)
+    assert np.allclose(rays.mean(axis=1), CAMERA.rays().reshape(-1, 3)[pixels], atol=1e-12)
+
+
+def told(view, lit, colour, pixel, ray, z, own):
+    """The plain definition of colours_beside for one ray; None where the neighbours do not tell."""
+    row, column = divmod(int(pixel), CAMERA.width)
+    du, dv = SUBPIXELS[ray]
+    weights, colours, lights = [], [], set()
+    for j in range(max(row - 1, 0), min(row + 2, CAMERA.height)):
+        for i in range(max(column - 1, 0), min(column + 2, CAMERA.width)):
+            alike = own == SKY or abs(view.depth[j, i] - z) < 0.02 * z
+            if view.surface[j, i] == own and alike:
+                across, down = max(1 - abs(i - column - du), 1e-6), max(1 - abs(j - row - dv), 1e-6)
+                weights.append(across * down)
+                colours.append(colour[j * CAMERA.width + i].astype(float))
+                lights.add(bool(lit[j, i]))
+    return np.average(colours, axis=0, weights=weights) if len(lights) == 1 else None
+
+
+@given(st.integers(0, 10**6))
+def test_a_ray_takes_the_colour_of_pixels_that_show_the_same_place(seed):
+    view, lit, colour = random_view(seed)
+    rng = np.random.default_rng(seed)
+    pixels = np.unique(rng.integers(0, colour.shape[0], 12)).astype(np.int32)
+    surface = rng.integers(-1, 3, 4 * len(pixels)).astype(np.int32)
+    depth = np.where(surface == SKY, np.inf, rng.choice([2.0, 3.0, 5.0], len(surface))).astype(np.float32)
+    samples, known = colours_beside(pixels, depth, surface, view, lit, colour)
+    for k in range(len(surface)):
+        expected = told(view, lit, colour, pixels[k // 4], k % 4, depth[k], surface[k])
+        assert known[k] == (expected is not None)
+        if known[k]:
+            assert samples[k] == pytest.approx(expected, rel=1e-5)
+
+
+def test_a_pixel_is_the_mean_of_its_rays():
+    colour = np.zeros((63, 3), dtype=np.float32)
+    samples = np.random.default_rng(0).random((8, 3), dtype=np.float32)
+    average(np.array([5, 60], dtype=np.int32), samples, colour)
+    assert colour[5] == pytest.approx(samples[:4].mean(axis=0)) and colour[60] == pytest.approx(
+        samples[4:].mean(axis=0)
+    )
+    assert np.count_nonzero(colour.any(axis=1)) == 2
