@@ -56,7 +56,8 @@ def test_the_map_shows_the_rock_the_rover_and_the_goal(filmed):
     assert near(2.4 - 0.5, 0.0, (190, 60, 60)) > 30  # the rock's near side is blocked
     assert near(6.0, 0.0, (80, 200, 255)) > 10
     assert near(0.0, 0.0, (255, 255, 255), 1.0) > 30
-    assert near(-8.0, 8.0, (60, 60, 60)) == (2 * round(0.6 * scale) + 1) ** 2  # never seen
+    assert near(-4.0, 4.0, (60, 60, 60)) == (2 * round(0.6 * scale) + 1) ** 2  # never seen
+    assert near(-8.0, 8.0, (190, 60, 60)) == (2 * round(0.6 * scale) + 1) ** 2  # beyond the area that it keeps to
 
 
 def test_a_driver_without_a_map_has_an_empty_one(filmed):

@@ -158,12 +158,13 @@ def test_a_killed_worker_is_told_and_the_others_end_at_once(tmp_path):
 
 
 PROGRAM = """
-import sys
+import signal, sys
 from pathlib import Path
 sys.path.insert(0, {tests!r})
 from test_workers import touch_and_wait
 from marssim.workers import run_tasks
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # what starts in the background would inherit deafness
     run_tasks(touch_and_wait, [(Path({folder!r}), "a"), (Path({folder!r}), "b")], print, workers=2)
 """
 
