@@ -88,17 +88,21 @@ def depth_terms(
 
 
 def angle_between(predicted: np.ndarray, true: np.ndarray) -> np.ndarray:
-    """Angle between vectors [deg], exact for small angles as well (Kahan).
+    """Angle between vectors [deg], exact for small angles as well: 2 atan(|a - b| / |a + b|) of equally long a and b.
 
     predicted, true: (..., 3), any length. Returns (...) in [0, 180]; 180 where `predicted` is not finite or zero.
     """
-    predicted, true = predicted.astype(np.float64), true.astype(np.float64)
-    length = np.linalg.norm(predicted, axis=-1, keepdims=True)
-    known = np.isfinite(length) & (length > 1e-6)
-    a = np.where(known, predicted, 0) / np.where(known, length, 1)
-    b = true / np.linalg.norm(true, axis=-1, keepdims=True)
-    angle = 2 * np.arctan2(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1))
-    return np.where(known[..., 0], np.degrees(angle), 180.0)
+    x, y, z = (predicted[..., i].astype(np.float64) for i in range(3))
+    u, v, w = (true[..., i].astype(np.float64) for i in range(3))
+    with np.errstate(invalid="ignore", over="ignore"):
+        length = np.sqrt(x * x + y * y + z * z)
+        known = np.isfinite(length) & (length > 1e-6)
+        scale = np.sqrt(u * u + v * v + w * w) / np.where(known, length, 1)  # makes both as long as `true`
+        x, y, z = x * scale, y * scale, z * scale
+        apart = (x - u) ** 2 + (y - v) ** 2 + (z - w) ** 2
+        together = (x + u) ** 2 + (y + v) ** 2 + (z + w) ** 2
+        angle = np.degrees(2 * np.arctan2(np.sqrt(apart), np.sqrt(together)))
+    return np.where(known, angle, 180.0)
 
 
 def normal_terms(angle: np.ndarray) -> np.ndarray:

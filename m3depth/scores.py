@@ -102,9 +102,12 @@ class Scores:
         figures = _add_kinds(self.depth, terms, pair.kinds, at)
         scored = pair.kinds["all"][at]
         terms, true = terms[scored], sample.depth[pair.kinds["all"]]
-        interval = np.searchsorted(INTERVAL_EDGES, true, side="left") - 1
-        for index, tally in enumerate(self.intervals):
-            tally.add(terms[interval == index])
+        interval = np.searchsorted(INTERVAL_EDGES, true, side="left")
+        ends = len(INTERVAL_EDGES) + 1
+        count = np.bincount(interval, minlength=ends)
+        sums = np.stack([np.bincount(interval, term, ends) for term in terms.T], axis=1)
+        for index, tally in enumerate(self.intervals, start=1):
+            tally.add_sums(sums[index], int(count[index]), terms[:0, 0])
         self.error_map.add(true, terms[:, MAE])
         self.confidence.add(prediction.confidence[pair.kinds["all"]], terms[:, EPE])
         if prediction.normal is not None:
@@ -150,4 +153,9 @@ def _add_kinds(
     tallies: Mapping[str, Tally], terms: np.ndarray, kinds: Mapping[str, np.ndarray], at: np.ndarray
 ) -> dict[str, float]:
     """Add the terms, given at the pixels of mask `at`, to the tallies; returns the figures of "all"."""
-    return {kind: tallies[kind].add(terms[kinds[kind][at]]) for kind in KINDS}["all"]
+    of_kind = np.stack([kinds[kind][at] for kind in KINDS])
+    sums = of_kind.astype(np.float64) @ terms
+    return {
+        kind: tallies[kind].add_sums(total, int(mask.sum()), terms[mask, 0])
+        for kind, mask, total in zip(KINDS, of_kind, sums, strict=True)
+    }["all"]

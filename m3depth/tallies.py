@@ -31,18 +31,21 @@ class Tally:
 
     def add(self, terms: np.ndarray) -> dict[str, float]:
         """Add one image. terms: (N, len(names)). Returns the image's own figures; {} if it has no such pixel."""
-        if not len(terms):
+        return self.add_sums(terms.sum(axis=0), len(terms), terms[:, 0])
+
+    def add_sums(self, total: np.ndarray, pixels: int, first: np.ndarray) -> dict[str, float]:
+        """The same from the sums of the terms, (len(names),), and the first term itself, (N,), for its median."""
+        if not pixels:
             return {}
-        total = terms.sum(axis=0)
-        figures = self._figures(total, len(terms))
+        figures = self._figures(total, pixels)
         if self._histogram is not None:
-            figures["median"] = float(np.median(terms[:, 0]))
-            index = np.minimum((terms[:, 0] / BIN).astype(np.int64), len(self._histogram) - 1)
+            figures["median"] = float(np.median(first))
+            index = np.minimum((first * (1 / BIN)).astype(np.int64), len(self._histogram) - 1)
             self._histogram += np.bincount(index, minlength=len(self._histogram))
         for name, value in figures.items():
             self._image_sum[name] = self._image_sum.get(name, 0.0) + value
         self._sum += total
-        self.pixels += len(terms)
+        self.pixels += pixels
         self.images += 1
         return figures
 
