@@ -52,8 +52,9 @@ def _take(path: Path, folder: Path) -> int:
             if fcntl is None:
                 return file
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if path.exists() and os.path.samestat(os.fstat(file), path.stat()):
-                return file
+            with suppress(FileNotFoundError):  # removed by a command that ended since it was opened here
+                if os.path.samestat(os.fstat(file), path.stat()):
+                    return file
         except OSError as error:
             if error.errno in (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP):
                 return file
