@@ -51,7 +51,7 @@ class Stopwatch:
 
 
 @pytest.mark.parametrize("place", ["utopia", "jezero"])
-@pytest.mark.parametrize("renderer", ["embree", "pybullet"])
+@pytest.mark.parametrize("renderer", ["scan", "embree", "pybullet"])
 def test_pair_with_ground_truth_and_files(capsys, monkeypatch, tmp_path, place, renderer):
     """The views of a scene, its own cost shared out among them: medians of three scenes, one core."""
     cv2.setNumThreads(1)
