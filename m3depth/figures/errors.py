@@ -20,7 +20,7 @@ def interval_figure(results: dict[str, dict[str, Any]], path: Path, fb: float | 
     results: Scores.result() by method. fb: focal length times baseline [px m] of the rig, to draw what a constant
     error of the disparity would give; None: not drawn.
     """
-    figure = Figure(figsize=(11, 4.4), layout="constrained", dpi=120)
+    figure = Figure(figsize=(11, 4.6), layout="constrained", dpi=120)
     panels = figure.subplots(1, 3)
     figures = (
         ("mae", "mean absolute error [m]"),
@@ -60,7 +60,7 @@ def interval_figure(results: dict[str, dict[str, Any]], path: Path, fb: float | 
         ax.set_zorder(shares.get_zorder() + 1)
         ax.patch.set_visible(False)
     handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), frameon=False)
+    figure.legend(handles, labels, loc="outside upper center", ncols=min(len(labels), 6), frameon=False)
     figure.supxlabel("bars: share of the scored pixels", fontsize=8, color="0.45")
     save(figure, path)
 
@@ -124,6 +124,6 @@ def sparsification_figure(results: dict[str, dict[str, Any]], path: Path) -> Non
         ax.spines[["top", "right"]].set_visible(False)
     handles, labels = panels[0].get_legend_handles_labels()
     if handles:
-        figure.legend(handles, labels, loc="outside upper center", ncols=min(len(labels), 8), frameon=False)
+        figure.legend(handles, labels, loc="outside upper center", ncols=min(len(labels), 6), frameon=False)
     figure.supxlabel("dashed: the oracle, which drops the worst pixels first", fontsize=8, color="0.45")
     save(figure, path)

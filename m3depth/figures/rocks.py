@@ -48,7 +48,7 @@ def rocks_figure(methods: Mapping[str, Mapping[str, Any]], path: Path) -> None:
     ):
         ax.set_ylabel(label)
     handles, names = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 8), frameon=False)
+    figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 6), frameon=False)
     save(figure, path)
 
 

@@ -50,9 +50,11 @@ def test_missing_weights_are_named():
         load_estimator("m3depth:nowhere/w.safetensors")
 
 
-def test_import_and_baselines_load_no_torch():
+def test_import_and_baselines_load_no_torch_and_no_other_floor():
     code = (
-        "import sys, m3depth.estimator as e; e.load_estimator('sgbm'); import m3depth.metrics, m3depth.evaluate, "
-        "m3depth.predict; sys.exit('torch' in sys.modules)"
+        "import sys, m3depth.estimator as e; [e.load_estimator(n) for n in ('sgbm', 'ncc-sgm')]; "
+        "import m3depth.evaluate, m3depth.predict, m3depth.texture; "
+        "sys.exit(' '.join({'torch', 'nav', 'envs', 'pybullet'} & set(sys.modules)) or 0)"
     )
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+    done = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
