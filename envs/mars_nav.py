@@ -10,13 +10,14 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from envs.course import EDGE, Course, CourseConfig, draw_course
-from envs.map_view import PIXELS, MapView
-from envs.nearest_depth import nearest_depth
+from envs.course import Course, CourseConfig, draw_course
+from envs.ends import Referee
+from envs.map_view import MapView
+from envs.observation import observation_space, observe
 from envs.odometry import Odometry
 from envs.sight import Eyes, Sight
 from envs.vehicle import Vehicle, make_vehicle
-from marssim.camera import MAX_DEPTH, NATECAM
+from marssim.camera import NATECAM
 from marssim.render.makers import Renderer
 from marssim.rover_spec import ZHURONG
 from marssim.scene.scene import SceneConfig, preset
@@ -26,10 +27,6 @@ if TYPE_CHECKING:
     from m3depth.estimator import Estimator
 
 STEP_SECONDS = 2.0
-DEPTH_PIXELS = 64  # a side of the observed depth
-GOAL_RADIUS = 1.0  # [m]
-STUCK_STEPS, STUCK_DISTANCE = 5, 0.1  # [m] less than that in so many steps
-STEPS_PER_METRE = 15  # time limit: six times what the straight way takes at full speed
 
 
 class MarsNavEnv(gymnasium.Env):
@@ -157,18 +154,7 @@ class MarsNavEnv(gymnasium.Env):
         self.drift, self.yaw_drift = float(drift), float(np.deg2rad(yaw_drift_deg))
         self.map_view = MapView(self.rover_spec) if map_observation else None
         self.action_space = spaces.Box(-1, 1, (3 if mast else 2,), np.float32)
-        self.observation_space: spaces.Dict = spaces.Dict(
-            {
-                "depth": spaces.Box(0, MAX_DEPTH, (DEPTH_PIXELS, DEPTH_PIXELS), np.float32),
-                "goal": spaces.Box(
-                    np.array([0, -1, -1], np.float32), np.array([np.inf, 1, 1], np.float32), dtype=np.float32
-                ),
-                "state": spaces.Box(-np.inf, np.inf, (6,), np.float32),
-            }
-        )
-        if self.map_view is not None:
-            low = np.broadcast_to(np.array([-1, 0, 0], np.float32)[:, None, None], (3, PIXELS, PIXELS))
-            self.observation_space["map"] = spaces.Box(low, np.ones(low.shape, np.float32), dtype=np.float32)
+        self.observation_space: spaces.Dict = observation_space(map_observation)
         self.course: Course | None = None
         self.vehicle: Vehicle | None = None
         self.sight: Sight | None = None
@@ -196,7 +182,7 @@ class MarsNavEnv(gymnasium.Env):
         self.believed_pose = self._odometry.update(self.vehicle.state().pose)
         if self.map_view is not None:
             self.map_view.start(self.believed_pose)
-        self.time_limit = round(STEPS_PER_METRE * config.goal_distance)
+        self.referee = Referee(self.course, self.rover_spec, config.goal_distance)
         self._steps = 0
         self.outcome = "driving"
         self._path_length = 0.0
@@ -205,7 +191,6 @@ class MarsNavEnv(gymnasium.Env):
         self._position = self._xy()
         self._to_go = self.course.ground.distance_to_goal(*self._position)
         self._min_clearance = self.course.ground.clearance(*self._position)
-        self._commanded = [self._position]  # where it was since it was last told to stand or turn
         self._look()
         return self._observation(), self._info()
 
@@ -237,7 +222,7 @@ class MarsNavEnv(gymnasium.Env):
         progress = self._to_go - to_go if np.isfinite(to_go) else 0.0
         if np.isfinite(to_go):
             self._to_go = to_go
-        self.outcome = self._judge(speed)
+        self.outcome = self.referee.judge(self.vehicle, speed, self._steps)
         reward = float(progress - 0.01)
         if self.outcome == "goal":
             reward += 10.0
@@ -278,28 +263,6 @@ class MarsNavEnv(gymnasium.Env):
         assert self.vehicle is not None
         return np.array(self.vehicle.state().position[:2], dtype=float)
 
-    def _judge(self, speed: float) -> str:
-        """How the episode stands after a drive at a commanded speed [m/s]."""
-        assert self.course is not None and self.vehicle is not None
-        state = self.vehicle.state()
-        contacts = self.vehicle.contacts()
-        if contacts.collision:
-            return "collision"
-        if state.tilt > self.rover_spec.max_tilt:
-            return "tilt"
-        if float(np.hypot(*(self._position - self.course.goal))) <= GOAL_RADIUS:
-            return "goal"
-        if np.abs(self._position).max() > self.course.scene.half - EDGE:
-            return "out_of_bounds"
-        if abs(speed) >= 0.25 * self.rover_spec.max_speed:
-            self._commanded.append(self._position)
-            recent = self._commanded[-STUCK_STEPS - 1 :]
-            if len(recent) > STUCK_STEPS and float(np.hypot(*(recent[-1] - recent[0]))) < STUCK_DISTANCE:
-                return "stuck"
-        else:
-            self._commanded = [self._position]
-        return "time" if self._steps >= self.time_limit else "driving"
-
     def _look(self) -> None:
         assert self.vehicle is not None
         pose = self.vehicle.state().pose @ self.rover_spec.mount.left_eye(NATECAM.baseline, self._pan)
@@ -307,17 +270,12 @@ class MarsNavEnv(gymnasium.Env):
 
     def _observation(self) -> dict[str, np.ndarray]:
         assert self.course is not None and self.vehicle is not None and self.sight is not None
-        state, believed = self.vehicle.state(), self.believed_pose
-        offset = self.course.goal - believed[:2, 3]
-        bearing = np.arctan2(offset[1], offset[0]) - np.arctan2(believed[1, 0], believed[0, 0])
-        motion = [state.roll, state.pitch, state.velocity[0], state.yaw_rate, *self._last_action]
-        seen = {} if self.map_view is None else {"map": self.map_view.update(self.sight, believed)}
-        return {
-            **seen,
-            "depth": nearest_depth(self.sight.depth, DEPTH_PIXELS),
-            "goal": np.array([np.hypot(*offset), np.sin(bearing), np.cos(bearing)], dtype=np.float32),
-            "state": np.array(motion, dtype=np.float32),
-        }
+        observation = observe(
+            self.sight.depth, self.believed_pose, self.course.goal, self.vehicle.state(), self._last_action
+        )
+        if self.map_view is not None:
+            observation["map"] = self.map_view.update(self.sight, self.believed_pose)
+        return observation
 
     def _info(self) -> dict[str, Any]:
         assert self.course is not None and self.sight is not None

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from envs.course import EDGE
-from envs.mars_nav import STEPS_PER_METRE, MarsNavEnv
+from envs.ends import STEPS_PER_METRE
+from envs.mars_nav import MarsNavEnv
 from envs.nearest_depth import nearest_depth
 from envs.wrappers import ImageObservation
 from marssim.physics.state import Contacts
@@ -238,7 +239,7 @@ def test_options_change_the_course(make_env):
     few = reset_rocks(env, k=0.03)
     assert reset_rocks(env, k=0.2) > 2 * few > 0
     _, info = env.reset(seed=1, options={"goal_distance": 4, "sun_elevation_deg": 33})
-    assert info["distance"] == pytest.approx(4) and env.time_limit == 4 * STEPS_PER_METRE
+    assert info["distance"] == pytest.approx(4) and env.referee.time_limit == 4 * STEPS_PER_METRE
     assert np.rad2deg(env.course.scene.look.sun_elevation) == pytest.approx(33)
     _, info = env.reset(seed=1)
     assert info["distance"] == pytest.approx(6)  # options hold for one reset
