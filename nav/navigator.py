@@ -41,9 +41,11 @@ from marssim.rover_spec import ZHURONG, RoverSpec
 from nav.command import Command
 from nav.config import NavigatorConfig
 from nav.controller import steerable
+from nav.daring import Daring
 from nav.elevation import ElevationMap
+from nav.mast import Mast
 from nav.planner import Motion, Planner, arc_poses
-from nav.recovery import LOOKED, Recovery
+from nav.recovery import Recovery
 from nav.traversability import Traversability, assess
 
 Area = tuple[float, float, float, float]
@@ -83,13 +85,10 @@ class Navigator:
         self.planner.reset()
         self.recovery = Recovery(self.spec, self.config)
         self._last_pose = np.zeros(3)
-        self._last_pan = 0.0
         self._last_command = Command(0.0, 0.0, None, "look")
         self._idle_drives = 0
-        self._mast_works = True
-        self._turn_looked = False
-        self._closed = 0
-        self._bold, self._bold_left = 0, 0  # how many of config.bold are dared, and for how many steps
+        self.mast = Mast(self.spec, self.config)
+        self.daring = Daring(self.config)
         self._nearest = np.inf
         self._goal = np.full(2, np.nan)
 
@@ -119,7 +118,7 @@ class Navigator:
         self._begin(pose, planar, goal[:2], pan)
         seen = self._look(depth, confidence, rig, pose, pan)
         command = self._decide(planar, goal[:2], pan, seen)
-        self._last_pose, self._last_pan, self._last_command = planar, pan, command
+        self._last_pose, self._last_command = planar, command
         return command
 
     # ---------------------------------------------------------------- what happened since the last step
@@ -131,14 +130,13 @@ class Navigator:
             self._started = True
         if not np.array_equal(goal, self._goal):
             self._goal = goal.copy()
-            self._nearest, self.recovery.attempts, self._closed, self._bold = np.inf, 0, 0, 0
+            self._nearest, self.recovery.attempts = np.inf, 0
+            self.daring.forget()
         self.map.recentre(planar[:2])
         # Where the rover stands, the ground carries it, seen or not.
         self.map.assume_under(pose, self.spec.length, self.spec.width)
         self.recovery.follow(planar)
-        wish = self._last_command.pan
-        if wish is not None and abs(wish - pan) > LOOKED and abs(wish - pan) > abs(wish - self._last_pan) - LOOKED:
-            self._mast_works = False  # neither there nor on its way
+        self.mast.follow(pan, self._last_command.pan)
         moved = float(np.hypot(*(planar - self._last_pose)[:2]))
         wanted = abs(self._last_command.speed) * self.config.step_time
         if self._last_command.status == "drive" and moved < 0.25 * wanted:
@@ -174,13 +172,8 @@ class Navigator:
         self.ground = ground
         self.planner.update(self.map, ground, goal)
 
-        self._closed = self._closed + 1 if self._no_way(here, goal, ground) else 0
-        self._bold_left -= 1
-        if self._bold_left <= 0 and not self._inflated(here, ground):
-            self._bold = 0  # not before the rover has left what it dared to enter
-        if self._closed >= self.config.bold_after:
-            self._dare()
-        if self._closed >= self.config.closed_steps:
+        self.daring.update(self._no_way(here, goal, ground), self._inflated(here, ground))
+        if self.daring.given_up:
             return Command(0.0, 0.0, None, "no_path")
         if self.recovery.backing:
             command = self.recovery.back_up(here, self._last_pose, self._last_command, ground, self.map, self.planner)
@@ -189,16 +182,11 @@ class Navigator:
         self.motion = self.planner.plan(self.map, ground, here, goal)
         if self.motion is None:
             if self.recovery.attempts >= self.config.bold_after_recoveries:
-                self._dare()
-            way = self.recovery.search(here, ground, self.map, self.planner, pan, self._mast_works)
-            return way or Command(0.0, 0.0, None, "no_path" if self._closed else "stuck")
+                self.daring.more()
+            way = self.recovery.search(here, ground, self.map, self.planner, pan, self.mast.works)
+            return way or Command(0.0, 0.0, None, "no_path" if self.daring.closed else "stuck")
         self.recovery.found_a_way()
         return self._follow(self.motion, here, distance, pan)
-
-    def _dare(self) -> None:
-        """Go one step on in config.bold, if there is one left."""
-        if self._bold < len(self.config.bold):
-            self._bold, self._bold_left, self._closed = self._bold + 1, self.config.bold_steps, 0
 
     def _inflated(self, here: np.ndarray, ground: Traversability) -> bool:
         x, y = np.clip(self.map.cell_of(here[:2]), 0, self.map.n - 1)
@@ -218,17 +206,8 @@ class Navigator:
         corners = self.map.cell_of(here[:2] + corners @ np.array([[c, s], [-s, c]]))
         carried = np.zeros((self.map.n, self.map.n), np.uint8)
         cv2.fillConvexPoly(carried, corners.astype(np.int32), 1)
-        rules, dared = self.config.traversability, None
-        if self._bold:
-            dared = self.config.bold[self._bold - 1]
-            rules = replace(
-                rules,
-                step_blocked=max(dared.step, rules.step_blocked),
-                slope_blocked_deg=max(dared.slope_deg, rules.slope_blocked_deg),
-                margin=rules.margin * dared.margin_share,
-            )
-        self.planner.margin = self.config.planner.margin * (dared.margin_share if dared else 1.0)
-        ground = assess(self.map, self.spec, rules, extra, carried > 0)
+        self.planner.margin = self.config.planner.margin * self.daring.margin_share
+        ground = assess(self.map, self.spec, self.daring.rules, extra, carried > 0)
         if not ends:
             return ground
         return replace(ground, cost=ground.cost + 3.0 * self._discs(ends, 1.0))
@@ -251,12 +230,12 @@ class Navigator:
     def _follow(self, motion: Motion, here: np.ndarray, distance: float, pan: float) -> Command:
         c = self.config
         if motion.turn:
-            if self._must_look(motion, here, pan):
-                return Command(0.0, 0.0, self._pan(motion.turn), "look")
+            if self.mast.must_look(motion.turn, here, pan, self._last_command, self.map):
+                return Command(0.0, 0.0, self.mast.towards(motion.turn), "look")
             rate = float(np.clip(motion.turn / c.step_time, -self.spec.max_yaw_rate, self.spec.max_yaw_rate))
             left = motion.turn - rate * c.step_time
-            return Command(0.0, rate, self._pan(left), "turn")
-        self._turn_looked = False
+            return Command(0.0, rate, self.mast.towards(left), "turn")
+        self.mast.turn_is_over()
         speed = self.spec.max_speed * float(np.clip(motion.length / (2 * c.planner.commit), 0.5, 1.0))
         speed = min(speed, max(distance - 0.5 * c.goal_radius, 0.1) / c.step_time)
         speed, yaw_rate = steerable(speed, motion.curvature * speed, self.spec)
@@ -268,36 +247,7 @@ class Navigator:
         bearing = _wrap(float(np.arctan2(way[1], way[0])) - then[2]) if len(path) > 3 else 0.0
         if motion.length < 2 * c.planner.commit and abs(turn) < 0.2:
             bearing = 0.0
-        return Command(speed, yaw_rate, self._pan(bearing), "drive")
-
-    def _must_look(self, motion: Motion, here: np.ndarray, pan: float) -> bool:
-        """Whether the mast shall look where a turn in place leads before the turn is begun.
-
-        Once a turn; and on, while the mast is still on its way there.
-        """
-        wish = self._pan(motion.turn)
-        if wish is None or abs(motion.turn) < np.deg2rad(self.config.look_before_turn_deg):
-            return False
-        on_the_way = self._last_command.status == "look" and self._last_command.pan is not None
-        if self._turn_looked and not (on_the_way and abs(wish - pan) > LOOKED):
-            return False
-        self._turn_looked = True
-        heading = here[2] + motion.turn
-        ahead = np.arange(self.spec.length / 2, self.spec.length / 2 + self.config.planner.lookahead, 0.2)
-        across = np.linspace(-0.5, 0.5, 7) * self.spec.width
-        c, s = np.cos(heading), np.sin(heading)
-        u, v = np.meshgrid(ahead, across)
-        cell = self.map.cell_of(np.stack([here[0] + c * u - s * v, here[1] + s * u + c * v], axis=-1))
-        inside = ((cell >= 0) & (cell < self.map.n)).all(axis=-1)
-        cell = np.clip(cell, 0, self.map.n - 1)
-        return bool((self.map.measured[cell[..., 1], cell[..., 0]] & inside).mean() < self.config.seen_share)
-
-    def _pan(self, bearing: float) -> float | None:
-        """The mast's angle for a bearing; None near straight ahead, or where the mast does not obey."""
-        if not self._mast_works or abs(bearing) < np.deg2rad(15):
-            return None
-        reach = min(np.deg2rad(self.config.pan_reach_deg), self.spec.mount.pan_limit)
-        return float(np.clip(bearing, -reach, reach))
+        return Command(speed, yaw_rate, self.mast.towards(bearing), "drive")
 
     def _no_way(self, here: np.ndarray, goal: np.ndarray, ground: Traversability) -> bool:
         """Whether even the best path to the goal leads through known obstacles, away from both of its ends."""

@@ -12,10 +12,9 @@ from nav.command import Command
 from nav.config import NavigatorConfig
 from nav.controller import steerable
 from nav.elevation import ElevationMap
+from nav.mast import LOOKED
 from nav.planner import Planner, arc_poses
 from nav.traversability import Traversability
-
-LOOKED = np.deg2rad(10.0)  # the mast is where it was asked to be within this
 
 
 class Recovery:
