@@ -10,7 +10,6 @@ on where it was stopped.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import sys
 from collections.abc import Callable, Sequence
@@ -23,6 +22,7 @@ from zlib import crc32
 from tqdm import tqdm
 
 from envs.course import CourseConfig
+from envs.depth_scores import errors_on_test_set, weights_digest
 from envs.drivers import DRIVERS, Driver, make_driver
 from envs.episodes import Cell, EpisodeRecord, run_episode
 from envs.mars_nav import MarsNavEnv
@@ -81,6 +81,8 @@ class EvaluateConfig:
     """odometry: standard deviation of the position error after 1 m [m]"""
     yaw_drift_deg: float = 0.0
     """odometry: standard deviation of the heading's error after 1 m [deg]"""
+    scores: tuple[Path, ...] = ()
+    """results.json of m3depth.evaluate: the test set's Abs Rel of m3depth and sgbm is set beside that on the way"""
     videos: bool = True
     """film the best and the worst drive, which are driven once more for that"""
 
@@ -147,6 +149,7 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
         _perception(name)  # a name that means nothing is told before anything is written or started
     for name in config.driver:
         make_driver(name)
+    test_errors = errors_on_test_set(config.scores, {name: weights_digest(name) for name in config.perception})
     folder = config.out / "episodes"
     folder.mkdir(parents=True, exist_ok=True)
     weights = _same_settings(config)
@@ -167,8 +170,9 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
                 chosen = [r for r in records if (r.driver, r.perception, r.cell) == (driver, perception, cell.name)]
                 results.append({"driver": driver, "perception": perception, "cell": asdict(cell), **summarise(chosen)})
     content = {
-        "config": json.loads(json.dumps({**asdict(config), "out": str(config.out)})),
+        "config": json.loads(json.dumps(asdict(config), default=str)),
         "weights": weights,
+        "test_set_abs_rel": test_errors,
         "results": results,
         "differences": _differences(config, records),
     }
@@ -216,7 +220,7 @@ def _same_settings(config: EvaluateConfig) -> dict[str, str]:
     Returns the SHA-256 of the weights of each perception that has some. Raises DatasetError if they differ.
     """
     asked = config.out / "evaluate.json"
-    weights = {name: digest for name in config.perception if (digest := _weights_digest(name))}
+    weights = {name: digest for name in config.perception if (digest := weights_digest(name))}
     if asked.is_file():
         before = read_json(asked)
         known = before.pop("weights", {})
@@ -228,15 +232,6 @@ def _same_settings(config: EvaluateConfig) -> dict[str, str]:
         weights = {**known, **weights}
     write_json(asked, {**config.content(), "weights": weights})
     return {name: weights[name] for name in config.perception if name in weights}
-
-
-def _weights_digest(perception: str) -> str | None:
-    name, _, path = perception.partition(":")
-    if name != "m3depth":
-        return None
-    from m3depth.network.model import SHIPPED_WEIGHTS
-
-    return hashlib.sha256((Path(path) if path else SHIPPED_WEIGHTS).read_bytes()).hexdigest()
 
 
 def _run(config: EvaluateConfig, tasks: list[Task], done: Callable[[Task, EpisodeRecord], None]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +15,11 @@ from envs.metrics import wilson_interval
 Group = tuple[str, str]
 
 
-def plot_success(path: Path, results: Sequence[dict[str, Any]]) -> None:
+def plot_success(path: Path, results: Sequence[dict[str, Any]], test_set: Mapping[str, float] | None = None) -> None:
     """Left: success against k, slopes pooled. Right: success against Abs Rel on the way, a point for each cell.
 
-    Bars are 95 % Wilson intervals. results: rows of results.json.
+    Bars are 95 % Wilson intervals. results: rows of results.json. test_set: Abs Rel of perceptions on their test set,
+    dotted lines in the right plot.
     """
     figure = Figure(figsize=(9.6, 4.0), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
@@ -33,9 +34,13 @@ def plot_success(path: Path, results: Sequence[dict[str, Any]]) -> None:
         known = [r for r in rows if r["abs_rel"] is not None]
         points = [(round(r["success_rate"] * r["episodes"]), r["episodes"]) for r in known]
         _bars(by_error, [r["abs_rel"] for r in known], points, colour, label, line=False)
-    by_k.set(
-        xlabel="rock abundance k" + ("" if any(r["cell"]["k"] is not None for r in results) else " (the preset's)")
-    )
+        if known and test_set and group[1] in test_set:
+            by_error.axvline(test_set[group[1]], color=colour, ls=":", label=f"{group[1]}, test set")
+            by_error.legend(fontsize=8, loc="lower left")
+    by_k.set(xlabel="rock abundance k")
+    if all(r["cell"]["k"] is None for r in results):
+        by_k.set_xticks([0.0], ["the preset's"])
+        by_k.set_xlim(-0.01, 0.01)
     by_error.set(xlabel="Abs Rel of the depth on the way, up to 15 m")
     by_k.set(ylabel="success [%]", ylim=(-4, 104))
     for axes in (by_k, by_error):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +15,8 @@ from envs.plots import plot_success
 def write_report(out: Path, content: dict[str, Any], records: Sequence[EpisodeRecord]) -> None:
     """Write results.md, success.png and maps/ into a folder. content: what results.json holds."""
     page = table(content["results"]) + "\n" + differences(content["differences"])
-    (out / "results.md").write_text(page)
-    plot_success(out / "success.png", content["results"])
+    (out / "results.md").write_text(page + errors_beside(content["test_set_abs_rel"], records))
+    plot_success(out / "success.png", content["results"], content["test_set_abs_rel"])
     plot_maps(out / "maps", records)
 
 
@@ -46,6 +46,21 @@ def table(results: Sequence[dict[str, Any]]) -> str:
     if marked:
         lines += ["", f"\\* of the goals drawn, more than {100 * UNREACHABLE_MARK:.0f} % had no way to them."]
     return "\n".join(lines) + "\n"
+
+
+def errors_beside(test_set: Mapping[str, float], records: Sequence[EpisodeRecord]) -> str:
+    """Lines that put the depth error on the way, mean over the drives, beside the test set's.
+
+    test_set: Abs Rel there by perception; those without one are left out."""
+    lines = []
+    for perception, error in test_set.items():
+        seen = [r.abs_rel for r in records if r.perception == perception and r.abs_rel is not None]
+        if seen:
+            way = sum(seen) / len(seen)
+            lines.append(
+                f"{perception}: Abs Rel {way:.4f} on the way ({len(seen)} drives), {error:.4f} on the test set\n"
+            )
+    return "".join(lines)
 
 
 def differences(rows: Sequence[dict[str, Any]]) -> str:

@@ -7,7 +7,7 @@ from envs.episodes import EpisodeRecord
 from envs.maps import OUTCOME_COLOURS, plot_maps
 from envs.metrics import summarise
 from envs.plots import plot_success, pool_by_k
-from envs.report import differences, table, write_report
+from envs.report import differences, errors_beside, table, write_report
 
 DRIVE = EpisodeRecord(
     driver="navigator", perception="sgbm", cell="k=0.1, slope=5", episode=0, outcome="goal", steps=3, distance=0.5,
@@ -91,6 +91,21 @@ def test_success_is_plotted_without_depth_errors_too(tmp_path):
     assert pictures[0].shape == pictures[1].shape and (pictures[0] != pictures[1]).any()
 
 
+def test_the_test_sets_error_is_a_line_of_its_own(tmp_path):
+    for name, test_set in (("with", {"sgbm": 0.013}), ("without", {"m3depth": 0.013})):
+        plot_success(tmp_path / f"{name}.png", [ROW], test_set)
+    pictures = [cv2.imread(str(tmp_path / f"{name}.png")) for name in ("with", "without")]
+    assert pictures[0].shape == pictures[1].shape and (pictures[0] != pictures[1]).any()
+
+
+def test_errors_on_the_way_stand_beside_the_test_sets():
+    drives = [DRIVE, replace(DRIVE, abs_rel=0.0177), replace(DRIVE, abs_rel=None), replace(DRIVE, perception="m3depth")]
+    assert errors_beside({"sgbm": 0.02, "ground_truth": 0.1}, drives) == (
+        "sgbm: Abs Rel 0.0150 on the way (2 drives), 0.0200 on the test set\n"
+    )
+    assert errors_beside({}, drives) == ""
+
+
 def test_every_end_has_a_colour():
     assert set(OUTCOME_COLOURS) == {"goal", "collision", "tilt", "stuck", "time", "out_of_bounds", "no_path"}
     assert len(set(OUTCOME_COLOURS.values())) == len(OUTCOME_COLOURS)
@@ -98,6 +113,7 @@ def test_every_end_has_a_colour():
 
 def test_all_files_are_written(tmp_path):
     row = {"driver": "navigator", "perception": "sgbm", "cell": {"k": 0.1, "slope_deg": 5.0}, **summarise([DRIVE])}
-    write_report(tmp_path, {"results": [row], "differences": []}, [DRIVE])
-    assert (tmp_path / "results.md").read_text().startswith(table([row]))
+    write_report(tmp_path, {"results": [row], "differences": [], "test_set_abs_rel": {"sgbm": 0.02}}, [DRIVE])
+    page = (tmp_path / "results.md").read_text()
+    assert page.startswith(table([row])) and page.endswith(errors_beside({"sgbm": 0.02}, [DRIVE]))
     assert {file.name for file in tmp_path.iterdir()} == {"results.md", "success.png", "maps"}
