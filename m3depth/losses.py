@@ -158,7 +158,7 @@ def normal_loss(normal: Tensor, target: Target, weight: Tensor) -> Tensor:
 def total_loss(output: StereoOutput, target: Target, config: LossConfig) -> tuple[Tensor, dict[str, Tensor]]:
     """The whole training loss. Returns it and its terms before weighting, detached, by name.
 
-    The image size must be a multiple of 8 and need no padding in the network.
+    The image size must be a multiple of 8.
     """
     edges = disparity_edges(target.disparity)
     weight = torch.ones_like(target.disparity)

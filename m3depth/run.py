@@ -18,12 +18,40 @@ from typing import Any
 import numpy as np
 import torch
 
+from m3depth.network.config import read_config
 from m3depth.network.model import M3Depth
 from m3depth.train_config import TrainConfig
 from marssim.atomic import write_atomically
 
+CHECKPOINT = "checkpoint.pt"
 WORLD = "number of processes"  # part of a run's identity
 PROGRESS_SECONDS = 20.0  # between progress lines where the output is no terminal
+
+
+def new_network(config: TrainConfig) -> M3Depth:
+    """The network that a run starts from. Raises FileNotFoundError or ValueError that names a file."""
+    if config.init:
+        return M3Depth.from_pretrained(config.init)
+    return M3Depth(read_config(config.network)) if config.network else M3Depth.from_preset(config.preset)
+
+
+def saved_progress(out: Path) -> tuple[int, float]:
+    """Steps and seconds of the checkpoint in a run folder; zeros without one. Raises ValueError if it is damaged."""
+    path = out / CHECKPOINT
+    if not path.is_file():
+        return 0, 0.0
+    state = read_checkpoint(path, torch.device("cpu"))
+    return state["step"], state["seconds"]
+
+
+def read_checkpoint(path: Path, device: torch.device) -> dict[str, Any]:
+    """What Run.save wrote; nothing in the file is executed. Raises ValueError that names it if it is damaged."""
+    try:
+        state = torch.load(path, map_location=device, weights_only=True)
+        state["identity"] = {WORLD: 1, **state["identity"]}  # those of single processes did not always say so
+    except Exception as error:  # torch raises whatever its unpickler stumbles over
+        raise ValueError(f"{path}: not a readable checkpoint ({type(error).__name__})") from None
+    return state
 
 
 class Run:
@@ -35,8 +63,7 @@ class Run:
     def __init__(self, config: TrainConfig, device: torch.device, world: int = 1) -> None:
         torch.manual_seed(config.seed)
         self.config, self.device, self.world = config, device, world
-        model = M3Depth.from_pretrained(config.init) if config.init else M3Depth.from_preset(config.preset)
-        self.model = model.to(device).train()
+        self.model = new_network(config).to(device).train()
         self.averaged = copy.deepcopy(self.model).eval().requires_grad_(False)
         self.optimizer = torch.optim.AdamW(self.model.parameters(), config.lr, weight_decay=config.weight_decay)
         self.step = 0
@@ -45,7 +72,7 @@ class Run:
     @property
     def checkpoint(self) -> Path:
         """RUN/checkpoint.pt: everything that a resumed run needs; weights.safetensors beside it is for users."""
-        return self.config.out / "checkpoint.pt"
+        return self.config.out / CHECKPOINT
 
     def average(self) -> None:
         """Move the averaged weights towards the current ones; faster at the start, when these still change a lot."""
@@ -82,13 +109,9 @@ class Run:
         """Continue from RUN/checkpoint.pt, if there is one. Raises ValueError if it is damaged or of another run."""
         if not self.checkpoint.is_file():
             return False
-        try:
-            state = torch.load(self.checkpoint, map_location=self.device, weights_only=True)
-            saved = {WORLD: 1, **state["identity"]}  # checkpoints of single processes did not always say so
-        except Exception as error:  # torch raises whatever its unpickler stumbles over
-            raise ValueError(f"{self.checkpoint}: not a readable checkpoint ({type(error).__name__})") from None
+        state = read_checkpoint(self.checkpoint, self.device)
         for name, value in self.identity().items():
-            if saved.get(name) != value:
+            if state["identity"].get(name) != value:
                 raise ValueError(f"{self.checkpoint}: belongs to a run with another {name}; choose another --out")
         self.model.load_state_dict(state["model"])
         self.averaged.load_state_dict(state["averaged"])

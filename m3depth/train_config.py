@@ -13,6 +13,8 @@ from m3depth.augmentation import AugmentConfig
 from m3depth.datasets.config import DataConfig
 from m3depth.losses import LossConfig
 
+COARSEST = 8  # [px] a cell of the coarsest grid on which the loss compares
+
 
 @dataclass(frozen=True)
 class TrainConfig:
@@ -26,12 +28,14 @@ class TrainConfig:
     """How the folders are read."""
     preset: Literal["lite", "paper"] = "lite"
     """Size of the network."""
+    network: Path | None = None
+    """The network's config as JSON, of the fields that stand beside any weights (weights.json), instead of --preset."""
     max_minutes: float | None = None
     """Time budget [min]; a resumed run counts what was spent before. The learning rate's schedule is fitted to it."""
     max_steps: int | None = None
     """Number of optimizer steps, those of a resumed run included. The learning rate's schedule is fitted to it."""
     init: Path | None = None
-    """Start from these weights (.safetensors) instead of random ones; their config replaces --preset."""
+    """Start from these weights (.safetensors) instead of random ones; their config replaces --preset and --network."""
     batch: int = 4
     """Crops in a step, of each process under torchrun."""
     accumulate: int = 1
@@ -41,7 +45,7 @@ class TrainConfig:
     precision: Literal["auto", "fp32", "bf16"] = "auto"
     """Of the network while training; auto: bf16 where the device computes in it."""
     crop: tuple[int, int] = (256, 448)
-    """Height and width of the crops [px], multiples of 32 (64 for the paper preset)."""
+    """Height and width of the crops [px], multiples of 8; those of 32 (64 for the paper preset) need no padding."""
     lr: float = 8e-4
     """Highest learning rate. Use a quarter of it or less with --init."""
     weight_decay: float = 1e-4
@@ -95,15 +99,11 @@ def check_config(config: TrainConfig) -> None:
             raise ValueError(f"--{name.replace('_', '-')} must not be negative, got {value}")
     if config.batch % config.accumulate:
         raise ValueError(f"--accumulate {config.accumulate}: --batch {config.batch} is no multiple of it")
+    if min(config.crop) < 1 or any(side % COARSEST for side in config.crop):
+        raise ValueError(f"--crop {config.crop[0]} {config.crop[1]}: both must be multiples of {COARSEST}")
     if not 0 <= config.seed < 1 << 63:
         raise ValueError(f"--seed must be 0 to 2^63 - 1, got {config.seed}")
     if not 0 <= config.ema < 1:
         raise ValueError(f"--ema must be at least 0 and less than 1, got {config.ema}")
     if config.device not in ("auto", "cpu", "cuda"):
         raise ValueError(f"--device {config.device}: expected auto, cpu or cuda")
-
-
-def check_crop(crop: tuple[int, int], multiple: int) -> None:
-    """Raise ValueError that names the flag if the network cannot work on crops of (height, width) as they are."""
-    if crop[0] % multiple or crop[1] % multiple or min(crop) < 1:
-        raise ValueError(f"--crop {crop[0]} {crop[1]}: both must be multiples of {multiple}")

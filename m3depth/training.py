@@ -19,7 +19,7 @@ from m3depth.losses import total_loss
 from m3depth.network.model import fast_dtype
 from m3depth.pairs import StereoPairs
 from m3depth.run import Log, Run, stop_on_signal
-from m3depth.train_config import TrainConfig, check_config, check_crop
+from m3depth.train_config import TrainConfig, check_config
 from m3depth.validation import save_panel, validate
 
 WARM_UP = 0.04  # share of the run in which the learning rate rises
@@ -80,7 +80,6 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
     if not len(samples):
         raise ValueError(f"{named(config)}: split train holds no pairs")
     run = Run(config, device, world)
-    check_crop(config.crop, run.model.config.size_multiple)
     resumed = run.resume()
     if budget := spent_budget(config, run.step, run.seconds):
         if rank == 0:

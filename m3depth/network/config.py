@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Any
 
 OPTIONAL = frozenset(
@@ -76,7 +78,10 @@ class M3DepthConfig:
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> M3DepthConfig:
-        """Read the JSON form. Raises ValueError that names an unknown or malformed field."""
+        """Read the JSON form; fields left out are those of `lite`, without its fine part.
+
+        Raises ValueError that names an unknown or malformed field.
+        """
         known: dict[str, Any] = {f.name: f.default for f in fields(cls)}
         values: dict[str, Any] = {"fine_width": 0}  # weights that were written before it existed have none
         for name, value in data.items():
@@ -89,6 +94,25 @@ class M3DepthConfig:
                 raise ValueError(f"network config: field {name!r} has the value {value!r}")
             values[name] = tuple(numbers) if size else value
         return cls(**values)
+
+
+def read_config(path: Path) -> M3DepthConfig:
+    """The config in a JSON file, as is written beside weights; see from_dict for fields that are left out.
+
+    Raises FileNotFoundError or ValueError, one line that names the file.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file")
+    try:
+        data = json.loads(path.read_text())
+    except ValueError as error:  # no JSON, or no text at all
+        raise ValueError(f"{path}: not readable as JSON ({error})") from None
+    if not isinstance(data, dict):
+        raise ValueError(f"{path}: holds no JSON object")
+    try:
+        return M3DepthConfig.from_dict(data)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
 
 
 LITE = M3DepthConfig()

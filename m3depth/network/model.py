@@ -35,7 +35,6 @@ class StereoOutput(NamedTuple):
     disparity: (B, 1, H, W). normal: (B, 3, H, W), facing the camera; the coarse ones need not. confidence, sky:
     (B, 1, H, W) logits of "within 1 px" and of "sky or beyond measure". initial: disparity and normal of soft argmin
     and SNNet, at 1/8 or on the grid of the output head. steps: disparity and normal at 1/4 after each refinement.
-    The coarse grids cover the padded image.
     """
 
     disparity: Tensor
@@ -165,6 +164,8 @@ class M3Depth(nn.Module):
             fine = torch.cat([resize(x, images.shape[-2:]) for x in maps], 1)
         fine = fine[..., :height, :width]
         normal = face_camera(unit(fine[:, 1:4]), pixel_rays(camera, height, width))
+        initial = unpadded(initial, height, width, cell)
+        steps = [unpadded(step, height, width, 4) for step in steps]
         return StereoOutput(fine[:, :1], normal, fine[:, 4:5], fine[:, 5:6], initial, steps)
 
     @torch.inference_mode()
@@ -207,6 +208,12 @@ class M3Depth(nn.Module):
         normal = maps[0, 1:4].permute(1, 2, 0)
         arrays = [x.cpu().contiguous().numpy() for x in (depth, disparity, normal, maps[0, 4])]
         return Prediction(*arrays)
+
+
+def unpadded(maps: tuple[Tensor, Tensor], height: int, width: int, cell: int) -> tuple[Tensor, Tensor]:
+    """Disparity and normal on a grid of `cell` px, without the cells that lie beyond an image of height x width."""
+    first, second = (x[..., : -(-height // cell), : -(-width // cell)] for x in maps)
+    return first, second
 
 
 def resize(maps: Tensor, size: torch.Size) -> Tensor:

@@ -2,7 +2,7 @@ import json
 import os
 import re
 import signal
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -268,6 +268,31 @@ def test_checkpoint_is_of_one_number_of_processes(tmp_path) -> None:
         Run(config, cpu, world=2).resume()
 
 
+def test_crops_that_the_network_pads_train_too(plane_samples, tmp_path) -> None:
+    """Wavelets of two levels at 1/8 need multiples of 32; the coarse maps that the loss sees end with the crop."""
+    config = config_for(tmp_path, max_steps=1, crop=(40, 72), validate_every=0)
+    train(config, plane_samples, [])
+    out = Run(config, torch.device("cpu")).model(torch.rand(1, 3, 40, 72), torch.rand(1, 3, 40, 72), torch.ones(1, 4))
+    assert [x.shape[-2:] for x in (*out.initial, *out.steps[-1])] == [(5, 9), (5, 9), (10, 18), (10, 18)]
+
+
+def test_a_network_of_ones_own_comes_from_a_file(plane_samples, tmp_path) -> None:
+    file = tmp_path / "net.json"
+    file.write_text(json.dumps({**asdict(SMALL), "refine_steps": 0, "wavelet_levels": [0, 1]}))
+    train(config_for(tmp_path / "run", network=file, max_steps=1, validate_every=0), plane_samples, [])
+    made = M3Depth.from_pretrained(tmp_path / "run" / "weights.safetensors").config
+    assert made == replace(SMALL, refine_steps=0, wavelet_levels=(0, 1))
+    for text, message in (
+        ("[1]", "holds no JSON object"), ("{", "not readable as JSON"), ('{"hiden": 8}', "network config: unknown field 'hiden'"),
+        ('{"wavelet_kernel": 4}', "wavelet_kernel must be odd"),
+    ):  # fmt: skip
+        file.write_text(text)
+        with pytest.raises(ValueError, match=rf"net\.json: {message}"):
+            train(config_for(tmp_path / "other", network=file), plane_samples, [])
+    with pytest.raises(FileNotFoundError, match=r"none\.json: no such file"):
+        train(config_for(tmp_path / "other", network=tmp_path / "none.json"), plane_samples, [])
+
+
 def test_warm_start_takes_weights_and_their_config(plane_samples, tmp_path) -> None:
     torch.manual_seed(5)
     M3Depth(replace(SMALL, hidden=16)).save_pretrained(tmp_path / "init.safetensors")
@@ -282,7 +307,7 @@ def test_warm_start_takes_weights_and_their_config(plane_samples, tmp_path) -> N
 def test_misuse_is_named(plane_samples, tmp_path) -> None:
     for changes, message in (
         ({"max_steps": None}, "--max-minutes"),
-        ({"crop": (40, 64)}, "--crop 40 64"),
+        ({"crop": (36, 64)}, "--crop 36 64"),
         ({"lr": 0.0}, "--lr"),
         ({"seed": -1}, "--seed"),
         ({"ema": 1.0}, "--ema"),
