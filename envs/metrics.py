@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from envs.episodes import EpisodeRecord
+from m3depth.bootstrap import interval, resampled_means
 
 
 def spl(success: bool, shortest: float, path_length: float) -> float:
@@ -34,9 +35,7 @@ def wilson_interval(successes: int, trials: int, z: float = 1.96) -> tuple[float
     return float(max(0.0, middle - half)), float(min(1.0, middle + half))
 
 
-def paired_difference(
-    first: Sequence[EpisodeRecord], second: Sequence[EpisodeRecord], draws: int = 4000, seed: int = 0
-) -> dict[str, Any]:
+def paired_difference(first: Sequence[EpisodeRecord], second: Sequence[EpisodeRecord]) -> dict[str, Any]:
     """Success of `first` less that of `second` on the same episodes, with a 95 % interval by the paired bootstrap.
 
     Records are matched by cell and episode. Raises ValueError where the two do not hold the same ones.
@@ -45,9 +44,9 @@ def paired_difference(
     if a.keys() != b.keys() or not a:
         raise ValueError("a paired difference needs the same episodes of both")
     gain = np.array([float(a[key]) - float(b[key]) for key in sorted(a)])
-    picks = np.random.default_rng(seed).integers(0, len(gain), (draws, len(gain)))
-    low, high = np.quantile(gain[picks].mean(axis=1), [0.025, 0.975])
-    return {"episodes": len(gain), "difference": float(gain.mean()), "interval": [float(low), float(high)]}
+    return {
+        "episodes": len(gain), "difference": float(gain.mean()), "interval": list(interval(resampled_means(gain))),
+    }  # fmt: skip
 
 
 FAILURES = {

@@ -95,7 +95,7 @@ def markdown_report(about: Mapping[str, Any], results: Results, true_depth_norma
     ]
     for key, title in (("per_image", "mean over images"), ("pooled", "pooled over all pixels")):
         lines += ["", f"## Depth, {title}", ""]
-        lines += _table(
+        lines += table(
             ["method", *DEPTH_COLUMNS.values(), "density", "s/pair", "MiB"],
             [
                 [
@@ -108,7 +108,7 @@ def markdown_report(about: Mapping[str, Any], results: Results, true_depth_norma
             ],
         )
         lines += ["", f"## Normals, {title}", "", "Fitted: planes in 15 x 15 px of the disparity.", ""]
-        lines += _table(
+        lines += table(
             ["method", *NORMAL_COLUMNS.values()],
             [
                 [name, *_figures(kinds["all"][key], NORMAL_COLUMNS)]
@@ -118,7 +118,7 @@ def markdown_report(about: Mapping[str, Any], results: Results, true_depth_norma
     lines += _by_kind(results, about["max_disparity_px"]) + _by_depth(results)
     lines += _rocks(results) + _confidence(results)
     lines += ["", "## Sky predicted nearer than 15 m", ""]
-    lines += _table(
+    lines += table(
         ["method", "share", "sky pixels"],
         [[name, *_figures(r["sky"], ["predicted_near"]), str(r["sky"]["pixels"])] for name, r in results.items()],
     )
@@ -147,7 +147,7 @@ def _by_kind(results: Results, max_disparity: float) -> list[str]:
             rows.append([kind, name, *figures, *_figures(normal["pooled"], ["mean"]), str(depth["pixels"])])
     columns = ["pixels", "method", "Abs Rel", "RMSE [m]", "EPE [px]", "bad-1", "normal [°]", "count"]
     about = f"`near`: more than {max_disparity:g} px; `texture_poor`: grey levels vary by less than 2.5 in 9 x 9 px."
-    return ["", "## By kind of pixel, pooled", "", about, "", *_table(columns, rows)]
+    return ["", "## By kind of pixel, pooled", "", about, "", *table(columns, rows)]
 
 
 def _by_depth(results: Results) -> list[str]:
@@ -157,7 +157,7 @@ def _by_depth(results: Results) -> list[str]:
         figures = [_figures(p, [key])[0] for key in ("mae", "abs_rel") for p in pooled]
         rows.append([f"{interval['from_m']:g}-{interval['to_m']:g} m", *figures, str(interval["pixels"])])
     columns = ["depth", *(f"{n} MAE [m]" for n in names), *(f"{n} Abs Rel" for n in names), "count"]
-    return ["", "## By true depth, pooled", "", *_table(columns, rows)]
+    return ["", "## By true depth, pooled", "", *table(columns, rows)]
 
 
 def _rocks(results: Results) -> list[str]:
@@ -192,7 +192,7 @@ def rocks_table(seen: Mapping[str, Mapping[str, Any]], least_false: float) -> li
                 ]
             )
     columns = ["method", "height", "range", "rocks", "found", "share", "height error [m]", "bias [m]", "false"]
-    return _table(columns, rows)
+    return table(columns, rows)
 
 
 def _confidence(results: Results) -> list[str]:
@@ -211,7 +211,7 @@ def _confidence(results: Results) -> list[str]:
     part = ["all", "-10 %", "-30 %", "oracle -10 %", "oracle -30 %"]
     columns = ["method", *(f"bad-1 {p}" for p in part), *(f"EPE {p}" for p in part), "AUSE bad-1", "AUSE EPE"]
     about = "What is left without the least confident 10 and 30 % of the pixels, and without the worst (oracle)."
-    return ["", "## Confidence, pooled", "", about, "", *_table(columns, rows)]
+    return ["", "## Confidence, pooled", "", about, "", *table(columns, rows)]
 
 
 def _seconds(result: Mapping[str, Any], digits: int) -> str:
@@ -224,13 +224,15 @@ def _memory(result: Mapping[str, Any]) -> str:
 
 
 def _figures(values: Mapping[str, float | None], names: Mapping[str, str] | Sequence[str]) -> list[str]:
-    return ["-" if (value := values.get(name)) is None else _number(value) for name in names]
+    return ["-" if (value := values.get(name)) is None else number(value) for name in names]
 
 
-def _number(value: float) -> str:
+def number(value: float) -> str:
+    """A figure with about four digits."""
     return f"{value:.4f}" if abs(value) < 1 else f"{value:.3f}" if abs(value) < 10 else f"{value:.2f}"
 
 
-def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a Markdown table; all columns but the first are set to the right."""
     rule = ["---", *("---:" for _ in header[1:])]
     return ["| " + " | ".join(row) + " |" for row in (header, rule, *rows)]

@@ -1,0 +1,181 @@
+"""The runs of an ablation: planned, trained one after the other, scored, told."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from m3depth.ablate_config import AblateOptions
+from m3depth.ablation_tables import METHOD, findings, markdown
+from m3depth.data import Joined
+from m3depth.datasets.open import open_pairs
+from m3depth.evaluation import evaluate
+from m3depth.figures.ablation import study_figure
+from m3depth.network.model import M3Depth
+from m3depth.report import versions, write_json
+from m3depth.run import saved_progress
+from m3depth.studies import BASE, Variant, distinct
+from m3depth.train_config import TrainConfig, check_config
+from m3depth.training import spent_budget, train
+from marssim.atomic import write_atomically
+from marssim.command import counted
+from marssim.dataset import read_json
+from marssim.lock import sole_writer
+
+SETTINGS = "ablation.json"
+SCORE = "score.json"
+
+
+@dataclass(frozen=True)
+class PlannedRun:
+    """One training run of an ablation."""
+
+    variant: Variant
+    seed: int
+    config: TrainConfig
+
+    @property
+    def folder(self) -> Path:
+        """Where it is trained and its score lies."""
+        return self.config.out
+
+
+def plan(options: AblateOptions) -> list[PlannedRun]:
+    """All runs, each once: by seed, the unchanged preset first. Raises ValueError for settings that cannot work."""
+    wanted = {v.name: v for v in distinct(options.chosen().values(), options.preset).values()}
+    variants = sorted(wanted.values(), key=lambda variant: variant != BASE)
+    runs = []
+    for seed in dict.fromkeys(options.seeds):
+        for variant in variants:
+            folder = options.out / "runs" / f"{variant.name}-{seed}"
+            config = TrainConfig(
+                data=options.data,
+                out=folder,
+                network=folder / "network.json",
+                loss=variant.resolved(options.preset)[1],
+                max_steps=options.steps,
+                max_minutes=options.minutes,
+                batch=options.batch,
+                crop=options.crop,
+                recompute=options.recompute,
+                seed=seed,
+                validate_every=0,  # would be paid from the budget of minutes
+                validate_samples=0,
+                device=options.device,
+            )
+            check_config(config)
+            runs.append(PlannedRun(variant, seed, config))
+    return runs
+
+
+def ablate(options: AblateOptions) -> dict[str, Any]:
+    """Train and score what is still missing, and write the tables. Returns what results.json holds.
+
+    Raises ValueError or OSError in one line for the user; KeyboardInterrupt after a signal, once the run that it came
+    upon is saved. A run whose loss is not finite is told, left out of the tables, and does not stop the others.
+    """
+    runs = plan(options)
+    test_folder = options.test or options.data[0]
+    training = [open_pairs(folder, "train") for folder in options.data]
+    held_out = Joined([open_pairs(folder, "val") for folder in options.data])
+    test = open_pairs(test_folder, "test")
+    for folder, pairs in zip(options.data, training, strict=True):
+        if not len(pairs):
+            raise ValueError(f"--data {folder}: split train holds no pairs")
+    if len(test) < 2:
+        raise ValueError(f"{test_folder}: split test holds {counted(len(test), 'pair')}; comparing needs two or more")
+    if options.out.exists() and not options.out.is_dir():
+        raise ValueError(f"--out {options.out}: is not a folder")
+    with sole_writer(options.out):
+        _claim(options, [*training, test])
+        print(
+            f"{counted(len(runs), 'run')} of {options.budget}, {counted(len(test), 'test pair')} ({options.out})",
+            file=sys.stderr,
+        )
+        for number, run in enumerate(runs, start=1):
+            print(f"run {number} of {len(runs)}: {run.folder.name}", file=sys.stderr, flush=True)
+            _train(run, options, Joined(training), held_out)
+            if _score(run, options, test):
+                _tables(options, runs)
+        results = _tables(options, runs)
+        for name, study in results["studies"].items():
+            study_figure(study, options.out / f"{name}.png")
+        return results
+
+
+def _claim(options: AblateOptions, datasets: Sequence[Any]) -> None:
+    """Note what makes runs comparable, or raise ValueError if the folder holds an ablation of another kind."""
+    settings = {
+        "preset": options.preset,
+        "steps": options.steps,
+        "minutes": options.minutes,
+        "batch": options.batch,
+        "crop": list(options.crop),
+        "data": [str(folder) for folder in options.data],
+        "test": str(options.test or options.data[0]),
+        "sha256": [getattr(pairs, "digest", None) for pairs in datasets],
+        "limit": options.limit,
+    }
+    path = options.out / SETTINGS
+    if path.is_file():
+        before = read_json(path)
+        for name, value in settings.items():
+            if before.get(name) != value:
+                raise ValueError(f"{path}: belongs to an ablation with another {name}; choose another --out")
+    else:
+        write_atomically(path, (json.dumps(settings, indent=1) + "\n").encode())
+
+
+def _train(run: PlannedRun, options: AblateOptions, samples: Any, held_out: Any) -> None:
+    """Train to the end of the budget, or find it done. Raises KeyboardInterrupt if a signal ended it before."""
+    network = asdict(run.variant.resolved(options.preset)[0])
+    write_atomically(run.folder / "network.json", (json.dumps(network, indent=2) + "\n").encode())
+    if spent_budget(run.config, *saved_progress(run.folder)):
+        return
+    try:
+        train(run.config, samples, held_out)
+    except FloatingPointError as error:
+        print(f"{run.folder.name}: {error}; it stays out of the tables", file=sys.stderr, flush=True)
+        return
+    if not spent_budget(run.config, *saved_progress(run.folder)):
+        raise KeyboardInterrupt
+
+
+def _score(run: PlannedRun, options: AblateOptions, test: Any) -> bool:
+    """Score a finished run on the test pairs. Returns whether there was anything to do."""
+    steps, seconds = saved_progress(run.folder)
+    if (run.folder / SCORE).is_file() or not spent_budget(run.config, steps, seconds):
+        return False
+    model = M3Depth.from_pretrained(run.folder / "weights.safetensors")
+    cuda = options.device == "cuda" or (options.device == "auto" and torch.cuda.is_available())
+    done = evaluate(test, {METHOD: model.to("cuda" if cuda else "cpu")}, limit=options.limit)
+    about = {
+        "parameters": sum(p.numel() for p in model.parameters()),
+        "steps": steps,
+        "minutes": seconds / 60,
+        "loss": asdict(run.config.loss),
+    }
+    write_json(run.folder / SCORE, {**about, "result": done.results[METHOD], "per_pair": done.pairs})
+    return True
+
+
+def _tables(options: AblateOptions, runs: Sequence[PlannedRun]) -> dict[str, Any]:
+    """Write results.json and results.md of what is scored so far. Returns the first."""
+    scores: dict[str, dict[int, dict[str, Any]]] = {run.variant.name: {} for run in runs}
+    for run in runs:
+        if (run.folder / SCORE).is_file():
+            scores[run.variant.name][run.seed] = read_json(run.folder / SCORE)
+    chosen = options.chosen()
+    by_variant = {name: scores[run.name] for name, run in distinct(chosen.values(), options.preset).items()}
+    found = {name: findings(study, by_variant) for name, study in chosen.items()}
+    about = {**read_json(options.out / SETTINGS), "seeds": list(dict.fromkeys(options.seeds)), "versions": versions()}
+    results = {**about, "studies": found}
+    write_json(options.out / "results.json", results)
+    write_atomically(options.out / "results.md", markdown(about, found).encode())
+    return results

@@ -1,0 +1,230 @@
+"""What an ablation found: the paper's tables beside ours, and where the two disagree."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from m3depth import bootstrap
+from m3depth.report import DEPTH_COLUMNS, NORMAL_COLUMNS, number, table
+from m3depth.studies import Comparison, Study
+from marssim.command import counted
+
+NAMES = {**DEPTH_COLUMNS, **{f"normal_{name}": f"normals, {text}" for name, text in NORMAL_COLUMNS.items()}}
+METHOD = "M3Depth"  # what a run's network is called in its score
+MEASURED = {"abs_rel": "Abs Rel", "normal_mean": "the mean error of the normals"}
+VERDICTS = ("agrees", "disagrees", "undecided")
+
+Scores = Mapping[int, Mapping[str, Any]]  # by seed, the score.json of a run
+
+
+def findings(study: Study, scores: Mapping[str, Scores]) -> dict[str, Any]:
+    """Everything that is said of a study, as plain numbers and sentences.
+
+    scores: by the name of the variant, score.json by seed; empty where nothing is scored yet. Figures are means
+    over the test pairs, then over the seeds. Changes are relative, with the 95 % interval of the paired bootstrap over
+    the pairs.
+    """
+    rows = []
+    for row in study.rows:
+        seeds = scores[row.variant.name]
+        rows.append(
+            {
+                "label": row.label,
+                "paper": dict(row.paper),
+                "here": {name: _mean(seeds, name) for name in study.columns},
+                "by_seed": {
+                    str(seed): {name: _mean({seed: score}, name) for name in study.columns}
+                    for seed, score in seeds.items()
+                },
+                "against_reference": {
+                    name: {
+                        "paper": _ratio(row.paper.get(name), study.rows[study.reference].paper.get(name)),
+                        **_change(scores[study.rows[study.reference].variant.name], seeds, name),
+                    }
+                    for name in study.columns
+                },
+                "runs": [
+                    {key: score[key] for key in ("steps", "minutes", "parameters")}
+                    | {"seconds_per_pair": score["result"]["seconds"]["median"]}
+                    for score in seeds.values()
+                ],
+            }
+        )
+    said = [_compare(study, comparison, scores, name) for name in study.measures for comparison in study.comparisons]
+    return {
+        "title": study.title,
+        "source": study.source,
+        "columns": list(study.columns),
+        "measures": list(study.measures),
+        "reference": study.reference,
+        "rows": rows,
+        "comparisons": said,
+        "order": [_order(study, rows, name) for name in study.measures],
+    }
+
+
+def _per_pair(scores: Scores, name: str) -> np.ndarray | None:
+    """(pairs, seeds) of a figure; None if a seed, or a pair of it, has none."""
+    if not scores:
+        return None
+    scored = [[record[METHOD] for record in score["per_pair"] if record[METHOD]] for score in scores.values()]
+    columns = [[figures.get(name) for figures in of_seed] for of_seed in scored]
+    if any(value is None for column in columns for value in column) or not columns[0]:
+        return None
+    return np.array(columns, float).T
+
+
+def _mean(scores: Scores, name: str) -> float | None:
+    values = _per_pair(scores, name)
+    return None if values is None else float(values.mean())
+
+
+def _ratio(value: float | None, reference: float | None) -> float | None:
+    return None if value is None or reference is None else value / reference - 1
+
+
+def _change(before: Scores, after: Scores, name: str) -> dict[str, Any]:
+    """Relative change of a mean from one run to another, by the seeds that both have."""
+    common = sorted(before.keys() & after.keys())
+    first, second = (_per_pair({seed: scores[seed] for seed in common}, name) for scores in (before, after))
+    if first is None or second is None or not first.mean() > 0:
+        return {"here": None, "interval": None, "by_seed": []}
+    means = bootstrap.resampled_means(np.stack([first.mean(1), second.mean(1)], 1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        low, high = bootstrap.interval(means[:, 1] / means[:, 0] - 1)
+        by_seed = (second.mean(0) / first.mean(0) - 1).tolist()
+    return {"here": float(second.mean() / first.mean() - 1), "interval": [low, high], "by_seed": by_seed}
+
+
+def _compare(study: Study, asked: Comparison, scores: Mapping[str, Scores], name: str) -> dict[str, Any]:
+    """One comparison by one measure, and the sentence about it."""
+    before, after = study.rows[asked.before], study.rows[asked.after]
+    paper = _ratio(after.paper.get(name), before.paper.get(name))
+    found = _change(scores[before.variant.name], scores[after.variant.name], name)
+    verdict = _verdict(paper, **found)
+    claim = f"{MEASURED[name]} {_moves(paper)}" if paper is not None else asked.said or "no figure"
+    if found["here"] is None:
+        here = "here it is not measured yet"
+    else:
+        low, high = found["interval"]
+        here = f"here {'it' if paper is not None else MEASURED[name]} {_moves(found['here'])} "
+        here += f"(95 % interval {100 * low:+.1f} to {100 * high:+.1f} %"
+        if len(found["by_seed"]) > 1:
+            alike = sum((change > 0) == (found["here"] > 0) for change in found["by_seed"])
+            here += f"; the same sign with {alike} of {len(found['by_seed'])} seeds"
+        here += ")"
+    ending = f": **{verdict}**" if verdict else ""
+    return {
+        "what": asked.what,
+        "measure": name,
+        "paper": paper,
+        **found,
+        "verdict": verdict,
+        "sentence": f"{asked.what}. Paper: {claim}; {here}{ending}.",
+    }
+
+
+def _verdict(
+    paper: float | None, here: float | None, interval: Sequence[float] | None, by_seed: Sequence[float]
+) -> str | None:
+    """Of the changes in the paper and here; None if one of them is not known."""
+    if paper is None or here is None or interval is None:
+        return None
+    if interval[0] <= 0 <= interval[1] or any((change < 0) != (here < 0) for change in by_seed):
+        return "undecided"
+    return "agrees" if (paper < 0) == (here < 0) else "disagrees"
+
+
+def _moves(change: float) -> str:
+    return f"{'falls' if change < 0 else 'rises'} by {abs(100 * change):.1f} %"
+
+
+def _order(study: Study, rows: Sequence[Mapping[str, Any]], name: str) -> dict[str, Any]:
+    """Rows from the best to the worst, and how many pairs of them stand the other way round than in the paper."""
+    both = [row for row in rows if row["paper"].get(name) is not None and row["here"][name] is not None]
+    paper = [row["label"] for row in sorted(both, key=lambda row: row["paper"][name])]
+    here = [row["label"] for row in sorted(both, key=lambda row: row["here"][name])]
+    turned = sum(here.index(a) > here.index(b) for i, a in enumerate(paper) for b in paper[i + 1 :])
+    count = len(paper) * (len(paper) - 1) // 2
+    sentence = (
+        f"Order by {MEASURED[name]}, best first. Paper: {'; '.join(paper)}. Here: {'; '.join(here)}. "
+        f"{turned} of {counted(count, 'pair')} of rows stand the other way round."
+    )
+    return {"measure": name, "paper": paper, "here": here, "turned": turned, "of": count, "sentence": sentence}
+
+
+def markdown(about: Mapping[str, Any], found: Mapping[str, Mapping[str, Any]]) -> str:
+    """The whole report. about: what ablation.json holds, seeds and versions. found: findings by study."""
+    budget = f"{about['steps']} steps" if about["steps"] is not None else f"{about['minutes']:g} minutes"
+    pairs = "" if about["limit"] is None else f" (at most {about['limit']} pairs)"
+    data = ", ".join(f"`{folder}`" for folder in about["data"])
+    seeds = ", ".join(map(str, about["seeds"]))
+    lines = [
+        "# Ablation",
+        "",
+        f"Preset `{about['preset']}`. Every run: {budget} on split train of {data}, {about['batch']} crops of "
+        f"{about['crop'][0]} x {about['crop'][1]} px a step, the same crops in the same order, seed {seeds}; scored on "
+        f"split test of `{about['test']}`{pairs}. Figures here are means over images, over every pixel from 0.5 to "
+        "15 m; the paper's are of other data, and of training without the limit of a budget, so orders and changes "
+        "compare, not sizes. The paper's unchanged row has three wavelet levels and, by its own tables, three "
+        "iterations (five under levels); here it has those of the preset.",
+        "",
+        "Changes are relative, their 95 % intervals those of the paired bootstrap over the test pairs. Agrees, "
+        "disagrees: the interval leaves zero out, on the paper's side or the other; undecided: it holds zero, "
+        "or seeds differ in sign. Rows "
+        "turned: pairs of rows that stand the other way round than in the paper."
+        + (" With one seed, chance in training is not in these intervals." if len(about["seeds"]) == 1 else ""),
+    ]
+    lines += ["", *table(["study", *VERDICTS, "rows turned"], [_summary(study) for study in found.values()])]
+    for name, study in found.items():
+        lines += ["", f"## {study['title']}", "", f"The paper's table `{study['source']}`.", ""]
+        normals = [column for column in study["columns"] if column.startswith("normal_")]
+        for columns in ([c for c in study["columns"] if c not in normals], normals):
+            lines += [*_figures(study, columns), ""] if columns else []
+        lines += [*_cost(study), ""]
+        lines += [f"- {part['sentence']}" for part in (*study["comparisons"], *study["order"])]
+        lines += ["", f"![{name}]({name}.png)"]
+    versions = ", ".join(f"{name} {value}" for name, value in about["versions"].items() if value is not None)
+    return "\n".join([*lines, "", f"{versions}.", ""])
+
+
+def _summary(study: Mapping[str, Any]) -> list[str]:
+    verdicts = [part["verdict"] for part in study["comparisons"]]
+    turned = ", ".join(f"{part['turned']} of {part['of']}" for part in study["order"])
+    return [study["title"], *(str(verdicts.count(verdict)) for verdict in VERDICTS), turned]
+
+
+def _figures(study: Mapping[str, Any], columns: Sequence[str]) -> list[str]:
+    header = ["", *(text for column in columns for text in (f"{NAMES[column]} paper", "here"))]
+    rows = [
+        [row["label"], *(cell for c in columns for cell in (_printed(row["paper"].get(c)), _cell(row["here"][c])))]
+        for row in study["rows"]
+    ]
+    return table(header, rows)
+
+
+def _cost(study: Mapping[str, Any]) -> list[str]:
+    rows = []
+    for row in study["rows"]:
+        means = {key: _average([run[key] for run in row["runs"]]) for key in ("steps", "minutes", "seconds_per_pair")}
+        size = _average([run["parameters"] for run in row["runs"]])
+        steps = "-" if means["steps"] is None else f"{means['steps']:.0f}"
+        millions = "-" if size is None else f"{size / 1e6:.2f}"
+        rows.append([row["label"], millions, steps, _cell(means["minutes"]), _cell(means["seconds_per_pair"])])
+    return table(["", "parameters [M]", "steps", "minutes", "s/pair"], rows)
+
+
+def _average(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return float(np.mean(known)) if known else None
+
+
+def _printed(value: float | None) -> str:
+    return "-" if value is None else f"{value:g}"
+
+
+def _cell(value: float | None) -> str:
+    return "-" if value is None else number(value)

@@ -1,0 +1,185 @@
+"""The ablation from the command line to its tables, with a tiny network."""
+
+import json
+import os
+import shutil
+import signal
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import pytest
+import torch
+
+from m3depth import ablation, training
+from m3depth.ablate import main
+from m3depth.ablate_config import AblateOptions
+from m3depth.ablation import plan
+from m3depth.network import config as network_config
+from m3depth.network.config import M3DepthConfig
+from m3depth.network.model import M3Depth
+
+SMALL = M3DepthConfig(
+    channels=(8, 16, 16), match_channels=16, hypotheses=8, groups=8, volume_width=8, residual_width=8,
+    normal_widths=(8, 8, 8), refine_steps=2, hidden=8, motion=8, lookup_channels=8, fine_width=8,
+)  # fmt: skip
+
+
+@pytest.fixture(autouse=True, scope="module")
+def small_network():
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(network_config.PRESETS, "lite", SMALL)
+        yield
+    torch.set_num_threads(threads)
+
+
+def flags(data: Path, out: Path, *more: str) -> list[str]:
+    return ["--data", str(data), "--out", str(out), "--batch", "2", "--crop", "32", "64", "--device", "cpu", *more]
+
+
+@pytest.fixture(scope="module")
+def done(plane_set, tmp_path_factory) -> Path:
+    """A finished ablation: components, three steps a run."""
+    out = tmp_path_factory.mktemp("done") / "ablation"
+    assert main(flags(plane_set, out, "--steps", "3", "--studies", "components")) == 0
+    return out
+
+
+@pytest.fixture
+def trained(monkeypatch) -> list[str]:
+    """Names of the runs that were trained, in their order."""
+    names: list[str] = []
+
+    def noted(config, samples, held_out):
+        names.append(config.out.name)
+        return training.train(config, samples, held_out)
+
+    monkeypatch.setattr(ablation, "train", noted)
+    return names
+
+
+def rows_of(out: Path) -> list[dict]:
+    return json.loads((out / "results.json").read_text())["studies"]["components"]["rows"]
+
+
+def test_a_study_is_trained_scored_and_told(done) -> None:
+    results = json.loads((done / "results.json").read_text())
+    assert (results["steps"], results["seeds"], results["crop"]) == (3, [0], [32, 64])
+    for row, name in zip(rows_of(done), ("no-wefe-no-irm", "no-wefe", "no-irm", "base"), strict=True):
+        folder = done / "runs" / f"{name}-0"
+        saved = json.loads((folder / "score.json").read_text())
+        pairs = [record["M3Depth"]["abs_rel"] for record in saved["per_pair"]]
+        assert len(pairs) == 2 and row["here"]["abs_rel"] == pytest.approx(sum(pairs) / 2)
+        assert row["here"]["abs_rel"] == pytest.approx(saved["result"]["depth"]["all"]["per_image"]["abs_rel"])
+        assert row["here"]["normal_mean"] == pytest.approx(saved["result"]["normal"]["all"]["per_image"]["mean"])
+        assert [run["steps"] for run in row["runs"]] == [3]
+        config = M3Depth.from_pretrained(folder / "weights.safetensors").config
+        assert config.refine_steps == (0 if "no-irm" in name else 2)
+        assert config.wavelet_levels == ((0, 0) if "no-wefe" in name else (2, 2))
+    told = (done / "results.md").read_text()
+    assert "| (b) IRM | 0.115 |" in told and "IRM, without WEFE. Paper: Abs Rel falls by 5.0 %; here it " in told
+    assert cv2.imread(str(done / "components.png")).shape[1] > 1000
+
+
+def test_runs_are_shared_between_studies(tmp_path) -> None:
+    options = AblateOptions((tmp_path,), tmp_path, steps=1)
+    names = [run.folder.name for run in plan(options)]
+    assert len(names) == len(set(names)) == 17
+    both = replace(options, studies=("components", "loss"), seeds=(0, 1, 0))
+    runs = plan(both)
+    assert [run.folder.name for run in runs[:2]] == ["base-0", "no-wefe-no-irm-0"] and len(runs) == 2 * (4 + 5)
+    equal = {(c.data, c.max_steps, c.max_minutes, c.batch, c.crop, c.lr, c.augment) for c in (r.config for r in runs)}
+    assert len(equal) == 1
+    assert {run.config.seed for run in runs[:9]} == {0} and {run.config.seed for run in runs[9:]} == {1}
+    assert len({run.config.loss for run in runs}) == 6
+
+
+def test_what_is_done_is_kept_and_seeds_can_be_added(plane_set, done, tmp_path, trained) -> None:
+    out = tmp_path / "again"
+    shutil.copytree(done, out)
+    asked = flags(plane_set, out, "--steps", "3", "--studies", "components")
+    assert main(asked) == 0 and trained == []
+    before, weights = rows_of(out), (out / "runs" / "base-0" / "weights.safetensors").read_bytes()
+    assert before == rows_of(done)
+    assert main([*asked, "--seeds", "0", "1"]) == 0
+    assert trained == ["base-1", "no-wefe-no-irm-1", "no-wefe-1", "no-irm-1"]
+    assert (out / "runs" / "base-0" / "weights.safetensors").read_bytes() == weights
+    for old, new in zip(before, rows_of(out), strict=True):
+        one, other = (new["by_seed"][seed]["normal_mean"] for seed in ("0", "1"))
+        assert one == old["here"]["normal_mean"] != other
+        assert new["here"]["normal_mean"] == pytest.approx((one + other) / 2)
+
+
+def test_a_killed_ablation_goes_on_to_the_same_figures(plane_set, done, tmp_path, trained, monkeypatch, capsys) -> None:
+    """SIGTERM in the second run; what the same command then says is what one that was not stopped says."""
+    step, calls = training.backward, []
+
+    def killed(*args):
+        calls.append(1)
+        if len(calls) == 5:  # the second step of the second run
+            os.kill(os.getpid(), signal.SIGTERM)
+        return step(*args)
+
+    out = tmp_path / "stopped"
+    asked = flags(plane_set, out, "--steps", "3", "--studies", "components")
+    with monkeypatch.context() as patch:
+        patch.setattr(training, "backward", killed)
+        assert main(asked) == 130
+    assert "the same command goes on from here" in capsys.readouterr().err
+    assert trained == ["base-0", "no-wefe-no-irm-0"] and not (out / "runs" / trained[-1] / "score.json").exists()
+    assert [row["here"]["abs_rel"] is None for row in rows_of(out)] == [True, True, True, False]  # base is done
+    trained.clear()
+    assert main(asked) == 0
+    assert trained == ["no-wefe-no-irm-0", "no-wefe-0", "no-irm-0"]
+    assert [row["here"] for row in rows_of(out)] == [row["here"] for row in rows_of(done)]
+
+
+def test_a_run_without_a_finite_loss_does_not_stop_the_others(plane_set, tmp_path, monkeypatch, capsys) -> None:
+    step = training.backward
+
+    def broken(network, batch, config, dtype):
+        loss, terms = step(network, batch, config, dtype)
+        return loss * (float("nan") if config.out.name == "no-wefe-0" else 1), terms
+
+    monkeypatch.setattr(training, "backward", broken)
+    out = tmp_path / "ablation"
+    assert main(flags(plane_set, out, "--steps", "1", "--studies", "components")) == 0
+    assert "no-wefe-0: loss or gradient is not finite at step 0" in capsys.readouterr().err
+    assert [row["here"]["abs_rel"] is None for row in rows_of(out)] == [False, True, False, False]
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ([], "either --steps or --minutes"),
+        (["--steps", "1", "--minutes", "1"], "either --steps or --minutes"),
+        (["--steps", "0"], "--steps must be positive"),
+        (["--minutes", "-1"], "--minutes must be positive"),
+        (["--steps", "1", "--limit", "1"], "--limit must be at least 2"),
+        (["--steps", "1", "--seeds"], "--seeds"),
+        (["--steps", "1", "--seeds", "-1"], "--seed must be"),
+        (["--steps", "1", "--studies", "levls"], "--studies"),
+        (["--steps", "1", "--crop", "36", "64"], "--crop 36 64: both must be multiples of 8"),
+        (["--steps", "1", "--test", "nowhere"], "nowhere: no such folder"),
+    ],
+)
+def test_misuse_is_one_line_and_exit_2(plane_set, tmp_path, capsys, more, message) -> None:
+    out = tmp_path / "ablation"
+    assert main(flags(plane_set, out, *more)) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and error.count("\n") == 1 and message in error
+    assert not out.exists()
+
+
+def test_a_folder_holds_one_ablation(plane_set, done, tmp_path, capsys) -> None:
+    before = (done / "results.json").read_bytes()
+    for more in (["--steps", "2"], ["--steps", "3", "--limit", "2"], ["--minutes", "1"]):
+        capsys.readouterr()
+        assert main(flags(plane_set, done, *more)) == 2
+        assert "belongs to an ablation with another" in capsys.readouterr().err
+    assert (done / "results.json").read_bytes() == before
+    (tmp_path / "file").write_text("")
+    assert main(flags(plane_set, tmp_path / "file", "--steps", "1")) == 2
+    assert f"--out {tmp_path / 'file'}: is not a folder" in capsys.readouterr().err

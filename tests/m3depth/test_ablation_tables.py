@@ -1,0 +1,103 @@
+"""What is said of figures that are known."""
+
+import numpy as np
+import pytest
+
+from m3depth.ablation_tables import findings, markdown
+from m3depth.studies import STUDIES
+
+
+def score(figures: dict[str, np.ndarray]) -> dict:
+    """score.json of a run with these figures, (pairs,) each."""
+    count = len(next(iter(figures.values())))
+    records = [{"index": i, "M3Depth": {name: float(x[i]) for name, x in figures.items()}} for i in range(count)]
+    return {
+        "parameters": 1_500_000, "steps": 100, "minutes": 2.0, "per_pair": records,
+        "result": {"seconds": {"median": 0.5}},
+    }  # fmt: skip
+
+
+def levels(changes: list[float | None], noise: float = 0.0) -> dict:
+    """Scores of the levels study: Abs Rel of each row is so many times that of hard and easy pairs."""
+    rng = np.random.default_rng(0)
+    pairs = rng.uniform(0.5, 2, 30)
+    scores = {}
+    for row, factor in zip(STUDIES["levels"].rows, changes, strict=True):
+        known = {}
+        for seed in range(2):
+            x = pairs * (factor or 0) * np.exp(noise * rng.normal(size=30))
+            known[seed] = score({name: x for name in ("abs_rel", "sq_rel", "rmse", "delta1")})
+        scores[row.variant.name] = {} if factor is None else known
+    return scores
+
+
+def test_verdicts_follow_the_sign_and_the_interval() -> None:
+    found = findings(STUDIES["levels"], levels([1.0, 0.9, 0.8, 0.8004], noise=0.01))
+    verdicts = [part["verdict"] for part in found["comparisons"]]
+    assert verdicts == ["agrees", "disagrees", "undecided"]  # paper: falls, rises, rises
+    first = found["comparisons"][0]
+    assert first["paper"] == pytest.approx(0.084 / 0.095 - 1)
+    assert first["here"] == pytest.approx(-0.1, abs=0.01)
+    assert first["interval"][0] < first["here"] < first["interval"][1] < -0.08
+    assert first["sentence"].startswith("3 levels instead of 2. Paper: Abs Rel falls by 11.6 %; here it falls by ")
+    assert "the same sign with 2 of 2 seeds" in first["sentence"] and first["sentence"].endswith("**agrees**.")
+
+
+def test_seeds_that_differ_in_sign_decide_nothing() -> None:
+    scores = levels([1.0, 0.5, 0.5, 0.5])
+    for record in scores["levels-3"][1]["per_pair"]:
+        record["M3Depth"]["abs_rel"] *= 2.2
+    part = findings(STUDIES["levels"], scores)["comparisons"][0]
+    assert part["interval"][1] < 0 and part["by_seed"] == pytest.approx([-0.5, 0.1])
+    assert part["verdict"] == "undecided" and "the same sign with 1 of 2 seeds" in part["sentence"]
+
+
+def test_pairs_of_one_difficulty_cancel() -> None:
+    """Paired: a ratio that all pairs share is known exactly, however much the pairs differ."""
+    found = findings(STUDIES["levels"], levels([1.0, 1.5, 1.5, 3.0]))
+    for part, ratio in zip(found["comparisons"], (0.5, 0.0, 1.0), strict=True):
+        np.testing.assert_allclose([part["here"], *part["interval"], *part["by_seed"]], ratio, atol=1e-12)
+    assert [row["against_reference"]["abs_rel"]["here"] for row in found["rows"]] == pytest.approx([-1 / 3, 0, 0, 1])
+
+
+def test_the_order_counts_what_is_turned() -> None:
+    order = findings(STUDIES["levels"], levels([1.0, 2.0, 3.0, 4.0]))["order"][0]
+    assert order["paper"] == ["3", "4", "5", "2"] and order["here"] == ["2", "3", "4", "5"]
+    assert (order["turned"], order["of"]) == (3, 6)  # 2 stands before 3, 4 and 5
+
+
+def test_what_is_not_measured_yet_is_told() -> None:
+    found = findings(STUDIES["levels"], levels([1.0, 0.9, None, None]))
+    assert [part["verdict"] for part in found["comparisons"]] == ["agrees", None, None]
+    assert "here it is not measured yet" in found["comparisons"][1]["sentence"]
+    assert found["rows"][2]["here"]["abs_rel"] is None and found["order"][0]["of"] == 1
+
+
+def test_seeds_are_compared_with_themselves() -> None:
+    """A seed that one of two runs lacks is left out of their comparison."""
+    scores = levels([1.0, 0.9, 1.0, 1.0])
+    del scores["levels-2"][0]
+    assert len(findings(STUDIES["levels"], scores)["comparisons"][0]["by_seed"]) == 1
+
+
+def test_normals_without_truth_leave_their_columns_empty() -> None:
+    figures = {name: np.ones(4) for name in ("abs_rel", "sq_rel", "rmse", "log10", "delta1")}
+    scores = {row.variant.name: {0: score(figures)} for row in STUDIES["components"].rows}
+    found = findings(STUDIES["components"], scores)
+    assert {part["verdict"] for part in found["comparisons"] if part["measure"] == "normal_mean"} == {None}
+    assert all(row["here"]["normal_mean"] is None for row in found["rows"])
+
+
+def test_the_report_has_the_papers_figures_beside_ours() -> None:
+    about = {
+        "preset": "lite", "steps": 100, "minutes": None, "batch": 4, "crop": [256, 448], "data": ["data/train"],
+        "test": "data/train", "limit": None, "seeds": [0, 1], "versions": {"torch": "2"},
+    }  # fmt: skip
+    text = markdown(about, {"levels": findings(STUDIES["levels"], levels([1.0, 0.9, 0.8, 0.8]))})
+    assert "Every run: 100 steps on split train of `data/train`" in text and "seed 0, 1" in text
+    here = f"{0.9 * np.random.default_rng(0).uniform(0.5, 2, 30).mean():.3f}"
+    row = next(line for line in text.splitlines() if line.startswith("| 3 | 0.084 |"))
+    assert row == f"| 3 | 0.084 | {here} | 0.059 | {here} | 0.308 | {here} | 0.912 | {here} |"
+    assert "| 3 | 1.50 | 100 | 2.000 | 0.5000 |" in text
+    assert "| Levels of the wavelet transform | 1 | 1 | 1 |" in text
+    assert "![levels](levels.png)" in text and "With one seed" not in text

@@ -1,0 +1,24 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import bootstrap
+
+from m3depth.bootstrap import interval, resampled_means
+
+
+@given(st.integers(0, 99))
+def test_intervals_are_scipys_percentile_bootstrap(seed: int) -> None:
+    values = np.random.default_rng(seed).lognormal(size=40)
+    theirs = bootstrap((values,), np.mean, n_resamples=4000, method="percentile", rng=seed).confidence_interval
+    ours = interval(resampled_means(values))
+    np.testing.assert_allclose(ours, theirs, atol=0.15 * (theirs.high - theirs.low))
+
+
+def test_columns_are_drawn_together() -> None:
+    values = np.random.default_rng(0).normal(size=30)
+    means = resampled_means(np.stack([values, values + 1], 1))
+    assert means.shape == (4000, 2)
+    np.testing.assert_allclose(means[:, 1] - means[:, 0], 1)
+    assert np.std(means[:, 0]) == pytest.approx(values.std() / 30**0.5, rel=0.05)
+    np.testing.assert_allclose(means[:, 0], resampled_means(values), atol=1e-12)
