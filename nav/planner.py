@@ -35,6 +35,7 @@ class PlannerConfig:
     turn_cost: float = 0.5  # a radian turned in place [m]
     turn_start_cost: float = 0.5  # stopping in order to turn [m]; not again while a turn goes on
     turn_back_cost: float = 1.0  # turning back at once [m]
+    turn_dark_cost: float = 4.0  # turning in place over ground that was not seen [m]: only where nothing else leads on
     bend_cost: float = 0.15  # a radian turned while driving [m]
     change_cost: float = 0.3  # departing from the previous curvature by 1 / m [m]
     heading_cost: float = 0.6  # a radian between the motion's end and the way onwards [m]
@@ -247,11 +248,25 @@ class Planner:
         cost += c.turn_cost * np.abs(turn) + np.choose(
             same_way.astype(int) + 1, [c.turn_start_cost + c.turn_back_cost, c.turn_start_cost, 0.0]
         )
+        cost += c.turn_dark_cost * self._into_the_dark(elevation, ground, pose, turn)
         i = int(cost.argmin())
         if not np.isfinite(cost[i]):
             return None
         stop = round(free[i] / c.spacing) + 1
         return Motion(0.0, float(turn[i]), float(free[i]), float(cost[i]), poses[i, :stop])
+
+    def _into_the_dark(
+        self, elevation: ElevationMap, ground: Traversability, pose: np.ndarray, turns: np.ndarray
+    ) -> np.ndarray:
+        """Whether turns in place (t,) [rad] lay the footprint on unseen ground that it does not stand on. (t,) bool.
+
+        The mast cannot show what is beside the wheels: a rock there has to have been seen before, or not be there."""
+        step = 2 * np.pi / self.config.turns
+        swept = turns[:, None] * np.linspace(0, 1, max(2, round(float(np.abs(turns).max()) / step) + 1))
+        poses = np.stack([np.full(swept.shape, pose[0]), np.full(swept.shape, pose[1]), pose[2] + swept], axis=-1)
+        light = footprint_distance(ground.dark_distance, elevation, poses, self.spec)
+        # The cover of discs is some centimetres larger than the footprint.
+        return np.asarray(light.min(axis=1) < np.minimum(light[:, 0], 0.0) - 0.1)
 
     def free_turns(self, elevation: ElevationMap, ground: Traversability, pose: np.ndarray) -> np.ndarray:
         """Heading changes in place [rad] during which the footprint touches nothing, 0 left out. Obstacles that were

@@ -79,6 +79,16 @@ def test_a_goal_behind_is_turned_to_in_place():
     assert abs(plan(*scene(), goal=(-6.0, 0.1)).turn) > np.deg2rad(90)
 
 
+def test_what_was_not_seen_beside_the_rover_is_turned_over_only_where_nothing_else_leads_on():
+    def seen(x, y):
+        return (np.abs(y) < 0.8) | (np.abs(x) > 1.2) | (np.abs(y) > 2.0)
+
+    behind = (-6.0, 0.1)
+    assert plan(*scene(seen=seen), goal=behind).turn == 0  # a curve ahead first
+    walled = [(1.6, y, 0.25) for y in np.arange(-6, 6.1, 0.4)]
+    assert abs(plan(*scene(walled, seen), goal=behind).turn) > np.deg2rad(90)
+
+
 def test_rocks_are_driven_round():
     elevation, ground = scene([(3.5, 0.1, 0.4)])
     motion = plan(elevation, ground, (7.0, 0.0))
