@@ -1,0 +1,165 @@
+"""Measure how steep and how rough the ground is, and set it beside what was asked for.
+
+    python -m marssim.slopes --scene gale --scenes 16 --seed 1
+    python -m marssim.slopes --scene gale --hurst 0.6 --rms-slope-deg 8 --bare
+
+The terrains are those of marssim.generate with that seed. The RMS slope over a lag r is that of profiles:
+sqrt(E[(h(x + r) - h(x))^2]) / r along x and y, pooled over the scenes, as an angle. Up to 5 m it is read from the
+finely gridded square, without the strip that fades into its surroundings, beyond that from the coarse grid. Asked is
+tan(slope) = tan(RMS slope over 1 m) r^(H - 1) of self-affine relief; craters and ripples come on top unless --bare
+leaves them out. The Hurst exponent is 1 plus the slope of log tan(slope) over log r, least squares, 0.5 m to 4 m.
+
+A scene is a small piece of the relief, and over the longest lags scenes differ much: "error" is the standard error
+that their scatter gives the figure beside it, 0 for one scene.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from marssim.command import counted, run_command
+from marssim.scene.scene import Place, SceneConfig, preset
+from marssim.scene.terrain import BLEND, HeightGrid, Terrain, build_terrain
+
+LAGS = (0.5, 1.0, 2.0, 4.0, 10.0, 30.0, 100.0)  # [m]
+FITTED = 4  # of them, from the first on, give the Hurst exponent
+FINE_UP_TO = 5.0  # [m] the coarse grid lacks what is shorter, a fortieth of the slope over 10 m
+GENTLE = 8.0  # [deg] 98 % of the slopes at Zhurong's site are less
+
+
+@dataclass(frozen=True)
+class SlopesConfig:
+    """Measure the slopes of drawn terrains."""
+
+    scene: Place = "gale"
+    """preset that the terrains are drawn from"""
+    hurst: float | None = None
+    """Hurst exponent instead of the preset's"""
+    rms_slope_deg: float | None = None
+    """RMS slope over 1 m [deg] instead of the preset's"""
+    bare: bool = False
+    """without craters and ripples, which what is asked for does not count"""
+    scenes: int = 16
+    """number of terrains to draw and measure together"""
+    seed: int = 1
+    """seed of the terrains, 0 or more"""
+
+    def __post_init__(self) -> None:
+        for name, least in (("scenes", 1), ("seed", 0)):
+            if getattr(self, name) < least:
+                raise ValueError(f"{name} must be at least {least}, got {getattr(self, name)}")
+        self.scene_config()  # says what is out of range
+
+    def scene_config(self) -> SceneConfig:
+        """What the terrains are drawn from. Raises ValueError that names the field."""
+        config = preset(self.scene)
+        changes: dict[str, Any] = {"crater_density": 0.0, "ripple_amplitude": 0.0} if self.bare else {}
+        for name in ("hurst", "rms_slope_deg"):
+            if getattr(self, name) is not None:
+                changes[name] = getattr(self, name)
+        return replace(config, relief=replace(config.relief, **changes))
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """RMS slopes (L,) [deg] over LAGS: asked, measured, and the standard error by the scatter of the terrains.
+
+    hurst: exponent measured, nan of level ground; gentle: share of the planes of 1 m x 1 m less than GENTLE steep.
+    """
+
+    asked: np.ndarray
+    measured: np.ndarray
+    error: np.ndarray
+    hurst: float
+    gentle: float
+
+
+def rms_difference(grid: HeightGrid, lag: float, margin: float = 0.0) -> float:
+    """Root of the mean squared height difference [m] between points `lag` [m] apart along x and along y.
+
+    margin: [m] along the border that is left out. A lag between two multiples of the cell is interpolated in the
+    logarithms. Raises ValueError where the grid is too small.
+    """
+    rim = int(np.ceil(margin / grid.cell))
+    h = grid.heights[rim : grid.heights.shape[0] - rim, rim : grid.heights.shape[1] - rim]
+    steps = np.unique([int(np.floor(lag / grid.cell + 1e-6)), int(np.ceil(lag / grid.cell - 1e-6))])
+    if steps[0] < 1 or steps[-1] >= min(h.shape):
+        raise ValueError(f"a lag of {lag:g} m does not fit a grid of {grid.cell:g} m, {h.shape[1]} x {h.shape[0]} wide")
+    found = []
+    for n in steps:
+        east, north = h[:, n:] - h[:, :-n], h[n:] - h[:-n]
+        found.append(np.sqrt((np.mean(east**2) + np.mean(north**2)) / 2))
+    if len(found) == 1 or not min(found) > 0:
+        return float(found[0])
+    return float(np.exp(np.interp(np.log(lag), np.log(steps * grid.cell), np.log(found))))
+
+
+def gentle_share(grid: HeightGrid, margin: float = 0.0) -> float:
+    """Share of the planes of 1 m x 1 m that are less than GENTLE steep. margin: [m] of the border that is left out."""
+    rim, n = int(np.ceil(margin / grid.cell)), round(1 / grid.cell)
+    h = grid.heights[rim : grid.heights.shape[0] - rim, rim : grid.heights.shape[1] - rim]
+    east, north = h[:, n:] - h[:, :-n], h[n:] - h[:-n]
+    steep = np.hypot(east[n:] + east[:-n], north[:, n:] + north[:, :-n]) / (2 * n * grid.cell)
+    return float(np.mean(np.rad2deg(np.arctan(steep)) < GENTLE))
+
+
+def measure(terrains: Iterable[Terrain], hurst: float, rms_slope_deg: float) -> Slopes:
+    """Slopes of some terrains taken together. hurst, rms_slope_deg: what was asked of them."""
+    differences, gentle = [], []
+    for terrain in terrains:
+        fine = [rms_difference(terrain.fine, lag, BLEND) for lag in LAGS if lag <= FINE_UP_TO]
+        coarse = [rms_difference(terrain.coarse, lag) for lag in LAGS if lag > FINE_UP_TO]
+        differences.append(fine + coarse)
+        gentle.append(gentle_share(terrain.fine, BLEND))
+    lags, squares = np.array(LAGS), np.square(differences)
+    tangent = np.sqrt(squares.mean(axis=0)) / lags
+    # of a root of a mean: half the mean's relative error
+    relative = squares.std(axis=0) / np.sqrt(len(squares)) / np.maximum(2 * squares.mean(axis=0), 1e-30)
+    due = np.tan(np.deg2rad(rms_slope_deg)) * lags ** (hurst - 1)
+    first = slice(None, FITTED)
+    level = not tangent[first].all()
+    return Slopes(
+        asked=np.rad2deg(np.arctan(due)),
+        measured=np.rad2deg(np.arctan(tangent)),
+        error=np.rad2deg(relative * tangent / (1 + tangent**2)),
+        hurst=np.nan if level else float(1 + np.polyfit(np.log(lags[first]), np.log(tangent[first]), 1)[0]),
+        gentle=float(np.mean(gentle)),
+    )
+
+
+def slopes(config: SlopesConfig) -> Slopes:
+    """Draw the terrains, those of build_scene from the same seeds, and measure them."""
+    scene = config.scene_config()
+    terrains = (
+        build_terrain(
+            scene.relief, scene.size, scene.cell, scene.horizon, np.random.default_rng((config.seed, n)).spawn(1)[0]
+        )
+        for n in range(config.scenes)
+    )
+    return measure(terrains, scene.relief.hurst, scene.relief.rms_slope_deg)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """The command. Returns the exit code."""
+    return run_command(_work, SlopesConfig, "python -m marssim.slopes", __doc__, args, "nothing was written")
+
+
+def _work(config: SlopesConfig) -> None:
+    relief, result = config.scene_config().relief, slopes(config)
+    bare = ", without craters and ripples" if config.bare else ""
+    print(f"{counted(config.scenes, 'terrain')} of {config.scene}{bare}; slopes of profiles [deg]")
+    print("over [m]  asked  measured  error")
+    for lag, asked, measured, error in zip(LAGS, result.asked, result.measured, result.error):
+        print(f"{lag:8g} {asked:6.2f} {measured:9.2f} {error:6.2f}")
+    fitted = f"{LAGS[0]:g} m to {LAGS[FITTED - 1]:g} m"
+    print(f"Hurst exponent, {fitted}: asked {relief.hurst:.2f}, measured {result.hurst:.2f}")
+    print(f"planes of 1 m x 1 m under {GENTLE:g} deg: {result.gentle:.1%}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

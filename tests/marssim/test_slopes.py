@@ -1,0 +1,92 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from marssim.scene.relief import ReliefConfig
+from marssim.scene.rocks import RockConfig
+from marssim.scene.scene import build_scene
+from marssim.scene.terrain import HeightGrid, build_terrain
+from marssim.slopes import FITTED, LAGS, SlopesConfig, gentle_share, main, measure, rms_difference, slopes
+
+
+def grid(height, cell=0.25, n=81):
+    x = np.arange(n) * cell
+    return HeightGrid(height(*np.meshgrid(x, x)), 0.0, 0.0, cell)
+
+
+@pytest.mark.parametrize("lag", [0.25, 1.0, 1.1])
+def test_a_plane_differs_by_its_slope_whatever_the_lag(lag):
+    east, north = 0.3, -0.1
+    plane = grid(lambda x, y: east * x + north * y)
+    assert rms_difference(plane, lag) == pytest.approx(lag * np.sqrt((east**2 + north**2) / 2))
+
+
+def test_a_wave_differs_as_its_phase_says():
+    """E[(sin(k (x + r)) - sin(k x))^2] = 1 - cos(k r) over whole waves, along x; nothing along y."""
+    k = 2 * np.pi / 4
+    wave = grid(lambda x, y: np.sin(k * x), n=64 + 4)  # 16 m and the lag of 1 m
+    assert rms_difference(wave, 1.0) == pytest.approx(np.sqrt((1 - np.cos(k * 1.0)) / 2), rel=1e-3)
+
+
+def test_the_border_is_left_out():
+    step = grid(lambda x, y: np.where(x < 1, 5.0, 0.0))
+    assert rms_difference(step, 1.0) > 0.1 and rms_difference(step, 1.0, margin=1.0) == 0
+    assert gentle_share(step) < 1 and gentle_share(step, margin=1.0) == 1
+
+
+@pytest.mark.parametrize("lag", [0.1, 30.0])
+def test_a_lag_that_does_not_fit_is_refused(lag):
+    with pytest.raises(ValueError, match="does not fit"):
+        rms_difference(grid(lambda x, y: x), lag)
+
+
+@pytest.mark.parametrize(("degrees", "share"), [(7.9, 1.0), (8.1, 0.0)])
+def test_planes_are_told_apart_at_eight_degrees(degrees, share):
+    tilt = np.tan(np.deg2rad(degrees)) / np.sqrt(2)
+    assert gentle_share(grid(lambda x, y: tilt * (x + y))) == share
+
+
+def test_what_was_asked_for_is_found():
+    relief = ReliefConfig(hurst=0.6, rms_slope_deg=7.0, crater_density=0.0, ripple_amplitude=0.0)
+    terrains = [build_terrain(relief, 24.0, 0.125, 96.0, np.random.default_rng((5, n))) for n in range(12)]
+    found = measure(terrains, relief.hurst, relief.rms_slope_deg)
+    assert found.asked[LAGS.index(1.0)] == pytest.approx(7.0)
+    assert found.measured[:FITTED] == pytest.approx(found.asked[:FITTED], rel=0.08)
+    assert found.hurst == pytest.approx(0.6, abs=0.05)
+    assert (np.abs(found.measured - found.asked) < 0.08 * found.asked + 4 * found.error).all()
+    assert (found.error > 0).all() and found.error[-1] / found.measured[-1] > found.error[1] / found.measured[1]
+    other = measure(terrains, 0.8, 3.0)
+    assert np.array_equal(other.measured, found.measured) and not np.allclose(other.asked, found.asked, rtol=0.2)
+
+
+def test_the_terrains_are_those_of_the_scenes():
+    config = SlopesConfig(scene="utopia", scenes=1, seed=3)
+    bare = replace(config.scene_config(), rocks=RockConfig(k=0))
+    scene = build_scene(bare, np.random.default_rng((3, 0)))
+    relief = scene.config.relief
+    assert np.array_equal(
+        slopes(config).measured, measure([scene.terrain], relief.hurst, relief.rms_slope_deg).measured
+    )
+
+
+def test_level_ground_has_no_exponent(capsys):
+    assert main(["--bare", "--rms-slope-deg", "0", "--scenes", "1"]) == 0
+    out = capsys.readouterr().out
+    assert "measured nan" in out and "100.0%" in out
+
+
+def test_the_command_prints_a_table(capsys):
+    assert main(["--scene", "hard", "--hurst", "0.5", "--scenes", "1"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert "hard" in lines[0] and len(lines) == 2 + len(LAGS) + 2
+    over, asked, measured, error = (float(word) for word in lines[3].split())
+    assert (over, asked, error) == (1.0, 7.0, 0.0) and 5 < measured < 9
+    assert "asked 0.50" in lines[-2]
+
+
+@pytest.mark.parametrize("flag", ["--scenes 0", "--seed -1", "--hurst 1", "--rms-slope-deg nan", "--scene moon"])
+def test_a_mistake_is_one_line(flag, capsys):
+    assert main(flag.split()) == 2
+    error = capsys.readouterr().err
+    assert flag.split()[0] in error and error.count("\n") == 1
