@@ -55,7 +55,7 @@ def _page(path: Path, cell: str, courses: Sequence[Sequence[EpisodeRecord]], gro
         panels[0].plot([], [], "k", ls=LINES[n % len(LINES)], label=", ".join(group))[0]
         for n, group in enumerate(groups)
     ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=min(6, len(handles)), fontsize=8)
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(1 + columns, len(handles)), fontsize=8)
     figure.suptitle(cell, fontsize=10)
     figure.savefig(path)
 

@@ -38,10 +38,11 @@ def plot_success(path: Path, results: Sequence[dict[str, Any]], test_set: Mappin
             by_error.axvline(test_set[group[1]], color=colour, ls=":", label=f"{group[1]}, test set")
             by_error.legend(fontsize=8, loc="lower left")
     by_k.set(xlabel="rock abundance k")
-    if all(r["cell"]["k"] is None for r in results):
-        by_k.set_xticks([0.0], ["the preset's"])
-        by_k.set_xlim(-0.01, 0.01)
+    driven = sorted({r["cell"]["k"] for r in results}, key=lambda k: k or 0.0)
+    by_k.set_xticks([k or 0.0 for k in driven], ["the preset's" if k is None else f"{k:g}" for k in driven])
+    by_k.set_xlim((driven[0] or 0.0) - 0.01, (driven[-1] or 0.0) + 0.01)
     by_error.set(xlabel="Abs Rel of the depth on the way, up to 15 m")
+    by_error.locator_params(axis="x", nbins=6)
     by_k.set(ylabel="success [%]", ylim=(-4, 104))
     for axes in (by_k, by_error):
         axes.grid(alpha=0.3)
