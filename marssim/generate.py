@@ -56,22 +56,40 @@ def generate(config: GenerateConfig) -> StereoDataset:
 def _generate(config: GenerateConfig) -> StereoDataset:
     content = _claim(config)
     _clear_up(config.out)
-    per_scene = config.views_per_scene
-    tasks = [
-        (config, scene, list(range(min(per_scene, config.pairs - scene * per_scene))))
-        for scene in range(-(-config.pairs // per_scene))
-    ]
+    scenes = _scenes(config)
+    tasks = _shared_out(config, scenes)
     with tqdm(total=config.pairs, unit="pair", desc="generate", disable=None) as bar:
         run_tasks(generate_scene, tasks, lambda _, count: bar.update(count), config.workers, config.scheduler)
     _clear_up(config.out)
-    names = [f"{scene:05d}/{view:02d}" for _, scene, views in tasks for view in views]
+    names = [f"{scene:05d}/{view:02d}" for scene, views in enumerate(scenes) for view in views]
     write_index(config.out, {**content, "pairs": config.pairs}, names)
     dataset = StereoDataset(config.out)
     step = max(1, len(dataset) // SHEET_SAMPLES)
-    sheet = contact_sheet([dataset[i] for i in range(0, len(dataset), step)][:SHEET_SAMPLES])
+    sheet = contact_sheet([dataset[i] for i in range(0, len(dataset), step)[:SHEET_SAMPLES]])
     write_atomically(config.out / "contact_sheet.png", cv2.imencode(".png", sheet[..., ::-1])[1].tobytes())
     write_atomically(config.out / "README.md", _readme(config, dataset).encode())
     return dataset
+
+
+def _scenes(config: GenerateConfig) -> list[range]:
+    """The views of each scene."""
+    per_scene = config.views_per_scene
+    return [range(min(per_scene, config.pairs - first)) for first in range(0, config.pairs, per_scene)]
+
+
+def _shared_out(config: GenerateConfig, scenes: list[range]) -> list[tuple[GenerateConfig, int, list[int]]]:
+    """Arguments of generate_scene. Scenes that are left over when all workers have had as many are shared out by views.
+
+    Else, of two workers that have five scenes, one would stand idle while the other renders the fifth. A drive is one
+    piece of work, and how many workers a cluster has is not known.
+    """
+    shares = config.workers if config.scheduler is None and not config.trajectory else 1
+    left_over = len(scenes) % shares
+    tasks = []
+    for scene, views in enumerate(scenes):
+        parts = shares if scene >= len(scenes) - left_over else 1
+        tasks += [(config, scene, list(views[part::parts])) for part in range(min(parts, len(views)))]
+    return tasks
 
 
 def _absolute(config: GenerateConfig) -> GenerateConfig:

@@ -9,13 +9,15 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import cv2
 
 from marssim.command import GOES_ON, KILLED
 
-TASKS_PER_WORKER = 16  # then a process is replaced, so that what libraries do not free cannot add up
+TASKS_PER_WORKER = 64  # then a process is replaced: what libraries do not free cannot add up, nor what is cached
+MOST_GROWTH = 400e6  # [bytes] or sooner, if it holds so much more memory than after its first task
 ANSWER_WITHIN = 10.0  # [s] for a scheduler
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -55,20 +57,28 @@ class _Worker:
     def __init__(self) -> None:
         self.pool: ProcessPoolExecutor | None = None
         self.processes: set[Any] = set()
-        self.tasks = 0
+        self.held: list[int] = []  # memory after each task
 
     def submit(self, function: Callable[..., Any], task: Task) -> Future[Any]:
-        if self.pool is None or self.tasks == TASKS_PER_WORKER:
+        """The future gives what `taken` takes."""
+        if self.pool is None or len(self.held) == TASKS_PER_WORKER or self._grown():
             self.end()
-            self.pool, self.tasks = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _start), 0
+            self.pool, self.held = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _start), []
             before = set(multiprocessing.active_children())
             with _as_worker():
-                future = self.pool.submit(function, *task)
+                future = self.pool.submit(_weighed, function, task)
             self.processes = set(multiprocessing.active_children()) - before
-        else:
-            future = self.pool.submit(function, *task)
-        self.tasks += 1
-        return future
+            return future
+        return self.pool.submit(_weighed, function, task)
+
+    def taken(self, future: Future[Any]) -> Any:
+        """The result of a task that is done. Raises what the task raised."""
+        result, held = future.result()
+        self.held.append(held)
+        return result
+
+    def _grown(self) -> bool:
+        return bool(self.held) and self.held[-1] > self.held[0] + MOST_GROWTH
 
     def end(self, now: bool = False) -> None:
         """now: without waiting for the task at work; what it has half written is made anew in the next run."""
@@ -93,7 +103,7 @@ def _in_processes(
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 worker, task = running.pop(future)
                 idle.append(worker)
-                done(task, future.result())
+                done(task, worker.taken(future))
     except BaseException as error:
         for worker in workers:
             worker.end(now=True)
@@ -132,6 +142,16 @@ def _start() -> None:
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _weighed(function: Callable[..., Any], task: Task) -> tuple[Any, int]:
+    """The task's result, and how many bytes of memory this process holds after it; 0 where that cannot be read."""
+    result = function(*task)
+    try:
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+    except OSError:
+        return result, 0
+    return result, pages * os.sysconf("SC_PAGE_SIZE")
 
 
 def _end_with(parent: Any) -> None:

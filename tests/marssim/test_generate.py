@@ -437,3 +437,16 @@ def test_a_drive_is_one_way_with_its_poses_beside_it(tmp_path):
     (tmp_path / "set" / "scenes" / "00000" / "trajectory.txt").unlink()
     generate(config(tmp_path / "set", trajectory=True, drive=drive, views_per_scene=3))
     assert contents(tmp_path / "set") == before
+
+
+@pytest.mark.parametrize(("pairs", "workers", "shares"), [(40, 1, 5), (40, 2, 6), (33, 2, 5), (8, 4, 4), (3, 4, 3)])
+def test_workers_get_equal_shares(tmp_path, pairs, workers, shares):
+    asked = config(tmp_path / "set", pairs=pairs, views_per_scene=8, workers=workers)
+    tasks = command._shared_out(asked, command._scenes(asked))
+    assert len(tasks) == shares
+    assert sorted((scene, view) for _, scene, views in tasks for view in views) == [divmod(n, 8) for n in range(pairs)]
+
+
+def test_a_drive_is_in_one_hand(tmp_path):
+    asked = config(tmp_path / "set", pairs=8, views_per_scene=8, workers=2, trajectory=True)
+    assert [views for _, _, views in command._shared_out(asked, command._scenes(asked))] == [list(range(8))]
