@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import importlib
 import os
 import sys
@@ -49,4 +50,10 @@ def quiet() -> Iterator[None]:
             undo.callback(os.close, saved)
             undo.callback(os.dup2, saved, descriptor)
             os.dup2(sink, descriptor)
+        undo.callback(_flush_c)  # comes first: what C holds back would be printed later
         yield
+
+
+def _flush_c() -> None:
+    with contextlib.suppress(OSError, AttributeError, TypeError):  # there is no such library by that name on Windows
+        ctypes.CDLL(None).fflush(None)

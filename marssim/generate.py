@@ -27,8 +27,9 @@ from marssim.command import counted, exit_code
 from marssim.contact_sheet import contact_sheet
 from marssim.dataset import SETTINGS, DatasetError, StereoDataset, read_json, write_index, write_json
 from marssim.generate_command import command_flags
-from marssim.generate_config import GenerateConfig, parse_generate
+from marssim.generate_config import AUTO, EGL, TINY, GenerateConfig, parse_generate
 from marssim.lock import LOCK, sole_writer
+from marssim.render.egl import draws_on_a_card, probe
 from marssim.scene.scene import PRESETS, build_scene, preset
 from marssim.scene_views import TRAJECTORY, generate_scene
 from marssim.trajectory import draw_trajectory
@@ -47,7 +48,7 @@ def generate(config: GenerateConfig) -> StereoDataset:
     ValueError for scenes that cannot be built, OSError if it cannot be written, and BrokenExecutor if a worker process
     was killed; what is complete stays, and the same call goes on from there.
     """
-    config = _absolute(config)
+    config = _with_rasterizer(_absolute(config))
     _check(config)
     with sole_writer(config.out):
         return _generate(config)
@@ -101,6 +102,25 @@ def _absolute(config: GenerateConfig) -> GenerateConfig:
         for scene in config.scenes
     ]
     return replace(config, out=config.out.absolute(), scenes=tuple(scenes))
+
+
+def _with_rasterizer(config: GenerateConfig) -> GenerateConfig:
+    """With what draws PyBullet's pictures decided: as the folder's dataset was begun, else by a trial.
+
+    The two differ in a few pixels on silhouettes, so that it belongs to the settings. Raises ValueError if it is EGL,
+    which does not work here.
+    """
+    if config.renderer != "pybullet":
+        return config
+    asked = config.out / SETTINGS
+    begun = asked.is_file() and not _only_claimed(config.out)
+    if config.rasterizer == AUTO:
+        egl = read_json(asked).get("rasterizer") == EGL if begun else draws_on_a_card()
+        config = replace(config, rasterizer=EGL if egl else TINY)
+    if config.rasterizer == EGL and not (found := probe()).works:
+        what = f"{asked}: the dataset was begun with EGL, which" if begun else "--rasterizer egl: it"
+        raise ValueError(f"{what} does not work here: {found.told}")
+    return config
 
 
 def _check(config: GenerateConfig) -> None:

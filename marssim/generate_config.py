@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields
 from importlib import metadata
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 import tyro
@@ -24,6 +24,9 @@ from marssim.trajectory import TrajectoryConfig
 from marssim.viewpoint import ViewConfig
 
 MIXED = "mixed"
+AUTO: Final = "auto"
+TINY: Final = "tiny"
+EGL: Final = "egl"
 MIXTURE = 0x6D69786564  # parts the draw of the places from all others of a seed
 
 
@@ -44,6 +47,10 @@ class RunConfig:
     renderer: Renderer = "pybullet"
     """what makes the G-buffer: PyBullet's rasteriser, Embree's rays, or scan conversion of the triangles in double
     precision (the fastest; needs neither library)"""
+    rasterizer: Literal["auto", "tiny", "egl"] = "auto"
+    """what draws PyBullet's pictures: its TinyRenderer (the same everywhere), or EGL (a few pixels on silhouettes
+    depend on driver and card); auto goes on with what a dataset was begun with, and begins one with EGL where a trial
+    in another process shows that it works on a graphics card"""
     views_per_scene: int = 8
     """pairs rendered of one scene; train, val and test share no scene"""
     trajectory: bool = False
@@ -57,6 +64,8 @@ class RunConfig:
         for name, least in (("pairs", 1), ("workers", 1), ("views_per_scene", 1), ("seed", 0)):
             if getattr(self, name) < least:
                 raise ValueError(f"{name} must be at least {least}, got {getattr(self, name)}")
+        if self.rasterizer != AUTO and self.renderer != "pybullet":
+            raise ValueError(f"rasterizer {self.rasterizer} draws for --renderer pybullet, not for {self.renderer}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,6 +98,8 @@ class GenerateConfig(RunConfig):
         content = {name: value for name, value in asdict(self).items() if name not in left_out}
         if not self.trajectory:
             del content["drive"]
+        if self.rasterizer != EGL:  # TinyRenderer draws alike everywhere
+            del content["rasterizer"]
         scenes = [asdict(scene) for scene in self.scenes]  # in the order that they are drawn from
         for scene in scenes:
             del scene["relief"]["heightmap"]

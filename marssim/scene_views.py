@@ -10,7 +10,7 @@ import numpy as np
 
 from marssim.atomic import write_atomically
 from marssim.dataset import SETTINGS, DatasetError, is_complete, read_json, write_sample
-from marssim.generate_config import GenerateConfig
+from marssim.generate_config import EGL, GenerateConfig
 from marssim.render.makers import make_renderer
 from marssim.render.sensor import Sensor
 from marssim.render.shading import Shader
@@ -52,7 +52,7 @@ def _render(config: GenerateConfig, scene_index: int, views: list[int]) -> None:
         rng = np.random.default_rng((config.seed, scene_index, 0))
         sensor = Sensor.draw(config.sensor, rng)
         poses = draw_trajectory(scene, config.view, config.drive, config.views_per_scene, rng)
-    maker = make_renderer(config.renderer, scene)
+    maker = make_renderer(config.renderer, scene, egl=config.rasterizer == EGL)
     try:
         shader = Shader(scene)
         for view in views:
@@ -74,7 +74,9 @@ def _meta(config: GenerateConfig, scene: Scene, sensor: Sensor, scene_index: int
     scene_config = asdict(scene.config)
     if scene.config.relief.heightmap is not None:  # by its name: the folder is another one elsewhere
         scene_config["relief"]["heightmap"] = Path(scene.config.relief.heightmap).name
-    when = {"timestamp": view * config.drive.step / config.drive.speed} if config.trajectory else {}
+    more: dict[str, Any] = {"rasterizer": EGL} if config.rasterizer == EGL else {}
+    if config.trajectory:
+        more["timestamp"] = view * config.drive.step / config.drive.speed
     return {
         "scene": scene_index,
         "view": view,
@@ -89,7 +91,7 @@ def _meta(config: GenerateConfig, scene: Scene, sensor: Sensor, scene_index: int
         "albedo_contrast": scene.look.albedo_contrast,
         "texture_strength": scene.look.texture_strength,
         "sensor": asdict(sensor),
-        **when,
+        **more,
     }
 
 

@@ -19,7 +19,7 @@ from marssim.command import GOES_ON, KILLED
 TASKS_PER_WORKER = 64  # then a process is replaced: what libraries do not free cannot add up, nor what is cached
 MOST_GROWTH = 400e6  # [bytes] or sooner, if it holds so much more memory than after its first task
 ANSWER_WITHIN = 10.0  # [s] for a scheduler
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "LP_NUM_THREADS")  # the last one: Mesa's
 
 Task = tuple[Any, ...]
 

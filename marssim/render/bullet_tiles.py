@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 
 from marssim.bullet import import_pybullet
+from marssim.camera import PinholeCamera
 from marssim.render.gbuffer import GROUND, SKY
 from marssim.scene.rocks import Rocks
 from marssim.scene.scene import Scene
@@ -67,18 +68,37 @@ class BulletTiles:
         self._tile_of_body: list[int] = []
         self._pb = import_pybullet()
         self._client: int | None = self._pb.connect(self._pb.DIRECT)
-        self._texture = self._load_palette()
+        self._prepare()
 
-    def draw(self, view: np.ndarray, projection: np.ndarray, width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
-        """Depth buffer and surface ids.
+    def group_of(self, surface: np.ndarray) -> np.ndarray:
+        """What `draw` tells surfaces (N,) apart by: (N,) int32 ids."""
+        return surface
 
-        view, projection: (4, 4) as OpenGL has them, for column vectors. width, height [px].
-        Returns (H, W) float64 OpenGL depth in [0, 1] and (H, W) int32 surface ids as in GBuffer.
-        Raises RuntimeError after close().
+    def draw(self, camera: PinholeCamera, pose: np.ndarray, near: float, far: float) -> tuple[np.ndarray, np.ndarray]:
+        """What each pixel shows between two depths [m]. pose: (4, 4) camera to world.
+
+        Returns (H, W) float64 depth [m] to the depth buffer's precision, arbitrary in the sky, and (H, W) int32 ids of
+        group_of, SKY where nothing is. Raises RuntimeError after close().
         """
         if self._client is None:
             raise RuntimeError("this Rasterizer is closed")
+        view = np.diag([1.0, -1.0, -1.0, 1.0]) @ np.linalg.inv(pose)
+        buffer, group = self._picture(camera, view, near, far)
+        return far * near / (far - (far - near) * np.minimum(buffer, 1.0)), group
+
+    def _prepare(self) -> None:
+        """Make the client ready."""
+        self._texture = self._load_palette()
+
+    def _picture(
+        self, camera: PinholeCamera, view: np.ndarray, near: float, far: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """OpenGL's depth, (H, W) in [0, 1], and ids (H, W). view: (4, 4) as OpenGL has it, for column vectors."""
+        # TinyRenderer samples the left edge of a pixel in u and the lower one in v (found by comparison with rays,
+        # which the tests repeat)
+        projection = opengl_projection(camera, near, far, 0.0, 1.0)
         self._show(self._inside(projection @ view))
+        width, height = camera.width, camera.height
         _, _, colour, depth, body = self._pb.getCameraImage(
             width, height, view.T.ravel().tolist(), projection.T.ravel().tolist(), shadow=0,
             lightColor=[1, 1, 1], lightAmbientCoeff=1, lightDiffuseCoeff=0, lightSpecularCoeff=0,
@@ -173,6 +193,21 @@ class BulletTiles:
             return int(self._pb.loadTexture(path, physicsClientId=self._client))
         finally:
             os.unlink(path)
+
+
+def opengl_projection(camera: PinholeCamera, near: float, far: float, left: float, top: float) -> np.ndarray:
+    """(4, 4) OpenGL projection for column vectors: row 0 is on top.
+
+    left, top: where in a pixel the renderer samples, from its left and its upper edge [px]; there its integer
+    coordinates lie. 0.5, 0.5 is OpenGL's own convention.
+    """
+    out = np.zeros((4, 4))
+    out[0, 0], out[1, 1] = 2 * camera.fx / camera.width, 2 * camera.fy / camera.height
+    out[0, 2] = 1 - 2 * (camera.cx + left) / camera.width
+    out[1, 2] = 2 * (camera.cy + top) / camera.height - 1
+    out[2, 2], out[2, 3] = -(far + near) / (far - near), -2 * far * near / (far - near)
+    out[3, 2] = -1
+    return out
 
 
 def _lent_rows(vertices: np.ndarray) -> list[list[float]]:

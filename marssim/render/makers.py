@@ -11,10 +11,10 @@ Renderer = Literal["pybullet", "embree", "scan"]
 RENDERERS: tuple[Renderer, ...] = get_args(Renderer)
 
 
-def make_renderer(name: str, scene: Scene) -> GBufferMaker:
-    """The G-buffer maker of a scene, by its name in RENDERERS.
+def make_renderer(name: str, scene: Scene, egl: bool = False) -> GBufferMaker:
+    """The G-buffer maker of a scene, by its name in RENDERERS. egl: let PyBullet draw with EGL, see Rasterizer.
 
-    Raises ImportError, in a line, if what it needs is not installed.
+    Raises ImportError, in a line, if what it needs is not installed, and OSError if EGL does not work.
     """
     if name == "embree":
         from marssim.render.raycast import Raycaster
@@ -26,4 +26,4 @@ def make_renderer(name: str, scene: Scene) -> GBufferMaker:
         return Scanner(scene)
     from marssim.render.rasterize import Rasterizer
 
-    return Rasterizer(scene)
+    return Rasterizer(scene, egl)

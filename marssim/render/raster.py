@@ -32,16 +32,16 @@ def first_faces(mesh: SceneMesh, camera: PinholeCamera, pose: np.ndarray) -> np.
 
 
 def matching_faces(
-    mesh: SceneMesh, camera: PinholeCamera, pose: np.ndarray, depth: np.ndarray, surface: np.ndarray
+    mesh: SceneMesh, group: np.ndarray, camera: PinholeCamera, pose: np.ndarray, depth: np.ndarray, wanted: np.ndarray
 ) -> np.ndarray:
-    """(H * W,) int32 index of the face of surface (H, W) that the ray of each pixel meets nearest to depth (H, W).
+    """(H * W,) int32 index of the face of the group wanted (H, W) that each pixel's ray meets nearest to depth (H, W).
 
-    -1 where it meets none of that surface. pose: (4, 4) camera to world.
+    -1 where it meets none of that group. group: (F,) int32 of each face; pose: (4, 4) camera to world.
     """
     view = Projection.of_eye(pose)
     return _matching_faces(
-        mesh.vertices, mesh.faces, mesh.surface, mesh.start, mesh.low, mesh.high, view.numbers, view.nearest,
-        _grid(camera), np.ascontiguousarray(depth, dtype=float).ravel(), surface.ravel(),
+        mesh.vertices, mesh.faces, group, mesh.start, mesh.low, mesh.high, view.numbers, view.nearest,
+        _grid(camera), np.ascontiguousarray(depth, dtype=float).ravel(), wanted.ravel(),
     )  # fmt: skip
 
 
@@ -96,7 +96,7 @@ def _first_faces(vertices, faces, start, low, high, view, nearest, grid):
 
 
 @compiled
-def _matching_faces(vertices, faces, surface, start, low, high, view, nearest, grid, guess, wanted):
+def _matching_faces(vertices, faces, group, start, low, high, view, nearest, grid, guess, wanted):
     width, height, fx, fy, cx, cy = grid
     out = np.full(width * height, -1, dtype=np.int32)
     off = np.full(width * height, np.inf)
@@ -118,7 +118,7 @@ def _matching_faces(vertices, faces, surface, start, low, high, view, nearest, g
                 y = (row - cy) / fy
                 for column in range(i0, i1 + 1):
                     k = row * width + column
-                    if wanted[k] == surface[face]:
+                    if wanted[k] == group[face]:
                         s = meet(ea, eb, ec, a[3], b[3], c[3], (column - cx) / fx, y)
                         if s > nearest and abs(s - guess[k]) < off[k]:
                             off[k] = abs(s - guess[k])

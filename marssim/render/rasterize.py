@@ -1,4 +1,4 @@
-"""The G-buffer by rasterising: PyBullet's TinyRenderer tells what each pixel sees, the geometry is then made exact."""
+"""The G-buffer by rasterising: PyBullet tells what each pixel sees, the geometry is then made exact."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import numpy as np
 from marssim.camera import PinholeCamera
 from marssim.compiled import compiled
 from marssim.render.bullet_tiles import BulletTiles
+from marssim.render.egl_tiles import EglTiles
 from marssim.render.gbuffer import SKY, GBuffer
-from marssim.render.hits import hits
+from marssim.render.hits import seen
 from marssim.render.mesh import scene_mesh
 from marssim.render.raster import matching_faces
 from marssim.render.visibility import Visibility
@@ -24,35 +25,32 @@ class Rasterizer:
     PyBullet decides which surface each pixel shows and about how far away; depth and normals are those of the very
     triangle of that surface which the pixel's ray meets there. So what may differ from ray casting is which surface a
     pixel on a silhouette shows. Shadows, occlusion and sub-pixel samples are by rays (visibility.py).
-    Raises ImportError where PyBullet is not installed.
+    egl: draw with PyBullet's EGL renderer instead of TinyRenderer; one Rasterizer that does may be open in a process.
+    Raises ImportError where PyBullet is not installed, and OSError where EGL does not work.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, egl: bool = False) -> None:
         self.scene = scene
-        self._tiles = BulletTiles(scene)
+        self._tiles = EglTiles(scene) if egl else BulletTiles(scene)
         self._mesh = scene_mesh(scene)
+        self._group = self._tiles.group_of(self._mesh.surface)
         self._visibility = Visibility(self._mesh, scene.look.sun)
         self._open = True
 
     def render(self, camera: PinholeCamera, pose: np.ndarray) -> GBuffer:
         """What the camera sees; see GBuffer. pose: (4, 4) camera to world. Nothing nearer than 0.1 m is seen."""
-        shape = (camera.height, camera.width)
-        guess, surface = self._draw(camera, pose, NEAR, self._farthest(pose[:3, 3]))
-        rays = camera.rays().reshape(-1, 3)
-        at = np.flatnonzero(surface.ravel() != SKY)
-        face = matching_faces(self._mesh, camera, pose, guess, surface)
-        if len(at):
-            _lend_faces(face.reshape(shape), surface)
-            _nearest_faces(
-                face, surface.ravel(), rays, pose, self._mesh.vertices, self._mesh.faces, self._mesh.surface,
-                self._mesh.start,
-            )  # fmt: skip
-        depth, normal, shading, _ = hits(
-            self._mesh.vertices, self._mesh.faces, self._mesh.surface, self._mesh.vertex_normals, pose, rays, face
+        mesh, shape = self._mesh, (camera.height, camera.width)
+        guess, group = self._tiles.draw(camera, pose, NEAR, self._farthest(pose[:3, 3]))
+        face = matching_faces(mesh, self._group, camera, pose, guess, group)
+        _lend_faces(face.reshape(shape), group)
+        _nearest_faces(
+            face, group.ravel(), camera.rays().reshape(-1, 3), pose, mesh.vertices, mesh.faces, self._group, mesh.start
         )
-        rough = guess.ravel()[at].astype(np.float32)
-        depth[at] = np.where(np.abs(depth[at] - rough) < SLIP * rough, depth[at], rough)
-        return GBuffer(depth.reshape(shape), normal.reshape(*shape, 3), shading.reshape(*shape, 3), surface)
+        view = seen(mesh, camera, pose, face)
+        rough = guess.astype(np.float32)
+        slipped = view.hit & ~(np.abs(view.depth - rough) < SLIP * rough)
+        view.depth[slipped] = rough[slipped]
+        return view
 
     def trace(self, rays: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Depth, normals, shading normals and surface along rays (N, 3) of z = 1; see GBufferMaker."""
@@ -80,17 +78,13 @@ class Rasterizer:
         reach = np.maximum(np.abs(self._tiles.low - eye), np.abs(self._tiles.high - eye))
         return float(np.linalg.norm(reach)) + 1.0
 
-    def _draw(self, camera: PinholeCamera, pose: np.ndarray, near: float, far: float) -> tuple[np.ndarray, np.ndarray]:
-        """Depth [m] to the depth buffer's precision, arbitrary in the sky, and surface ids."""
-        view = np.diag([1.0, -1.0, -1.0, 1.0]) @ np.linalg.inv(pose)
-        projection = _projection(camera, near, far)
-        buffer, surface = self._tiles.draw(view, projection, camera.width, camera.height)
-        return far * near / (far - (far - near) * np.minimum(buffer, 1.0)), surface
-
 
 @compiled
 def _lend_faces(face, surface):
-    """On silhouettes PyBullet may show a surface that the ray just misses: take the face of a neighbour on it."""
+    """On silhouettes PyBullet may show a surface that the ray just misses: take the face of a neighbour on it.
+
+    face, surface: (H, W); what PyBullet tells apart counts as a surface.
+    """
     height, width = face.shape
     known = face.copy()
     for row in range(height):
@@ -126,18 +120,3 @@ def _nearest_faces(face, surface, rays, pose, vertices, faces, of_face, start):
                     if off < best:
                         best = off
                         face[k] = f
-
-
-def _projection(camera: PinholeCamera, near: float, far: float) -> np.ndarray:
-    """(4, 4) OpenGL projection for column vectors: pixel centres are integers, row 0 is on top.
-
-    TinyRenderer samples the left edge of a pixel in u and the lower one in v (found by comparison with rays, which the
-    tests repeat), so the image is moved by half a pixel each way against OpenGL's convention.
-    """
-    out = np.zeros((4, 4))
-    out[0, 0], out[1, 1] = 2 * camera.fx / camera.width, 2 * camera.fy / camera.height
-    out[0, 2] = 1 - 2 * camera.cx / camera.width
-    out[1, 2] = 2 * (camera.cy + 1) / camera.height - 1
-    out[2, 2], out[2, 3] = -(far + near) / (far - near), -2 * far * near / (far - near)
-    out[3, 2] = -1
-    return out

@@ -17,6 +17,7 @@ from marssim import lock
 from marssim.camera import NATECAM
 from marssim.dataset import DatasetError, StereoDataset
 from marssim.generate import GenerateConfig, generate, generate_scene
+from marssim.render.egl import Egl, probe
 from marssim.render.sensor import SensorConfig
 from marssim.scene.relief import ReliefConfig
 from marssim.scene.scene import PRESETS, SceneConfig, preset
@@ -450,3 +451,67 @@ def test_workers_get_equal_shares(tmp_path, pairs, workers, shares):
 def test_a_drive_is_in_one_hand(tmp_path):
     asked = config(tmp_path / "set", pairs=8, views_per_scene=8, workers=2, trajectory=True)
     assert [views for _, _, views in command._shared_out(asked, command._scenes(asked))] == [list(range(8))]
+
+
+@pytest.fixture
+def bullet(monkeypatch):
+    """bullet(works, hardware): what the trial of PyBullet's EGL renderer finds."""
+    pytest.importorskip("pybullet")
+
+    def pretend(works: bool, hardware: bool) -> None:
+        found = Egl(works, hardware, "the trial ended with -11")
+        monkeypatch.setattr(command, "probe", lambda: found)
+        monkeypatch.setattr(command, "draws_on_a_card", lambda: hardware)
+
+    return pretend
+
+
+@pytest.mark.parametrize(("works", "hardware", "drawn_by"), [(0, 0, "tiny"), (1, 0, "tiny"), (1, 1, "egl")])
+def test_a_dataset_is_begun_with_egl_where_it_draws_on_a_card(tmp_path, bullet, works, hardware, drawn_by):
+    bullet(works, hardware)
+    assert command._with_rasterizer(config(tmp_path, renderer="pybullet")).rasterizer == drawn_by
+    assert command._with_rasterizer(config(tmp_path, renderer="embree")).rasterizer == "auto"
+
+
+@pytest.mark.parametrize("first", ["tiny", "egl"])
+def test_a_dataset_goes_on_as_it_was_begun(tmp_path, bullet, first):
+    """Elsewhere too, or it is refused: the two draw a few pixels otherwise."""
+    asked = config(tmp_path / "set", renderer="pybullet", rasterizer=first)
+    claimed(asked)
+    sample = tmp_path / "set" / "scenes" / "00000" / "00" / "left.png"
+    sample.parent.mkdir(parents=True)
+    sample.touch()
+    for hardware in (True, False):
+        bullet(True, hardware)
+        again = command._with_rasterizer(replace(asked, rasterizer="auto"))
+        assert again.rasterizer == first and command._held(again)
+    other = replace(asked, rasterizer="tiny" if first == "egl" else "egl")
+    with pytest.raises(DatasetError, match="other settings"):
+        generate(other)
+    bullet(False, False)
+    if first == "egl":
+        with pytest.raises(ValueError, match=r"generate\.json: the dataset was begun with EGL, which does not work"):
+            generate(replace(asked, rasterizer="auto"))
+    else:
+        assert command._with_rasterizer(replace(asked, rasterizer="auto")).rasterizer == first
+
+
+def test_egl_that_is_asked_for_and_does_not_work_is_one_line(tmp_path, bullet, capfd):
+    bullet(False, False)
+    flags = [*FLAGS, "--renderer", "pybullet", "--rasterizer", "egl"]
+    code, said = run(capfd, "--out", tmp_path / "set", *flags)
+    assert code == 2 and said == "error: --rasterizer egl: it does not work here: the trial ended with -11"
+    code, said = run(capfd, "--out", tmp_path / "set", *FLAGS, "--rasterizer", "egl")
+    assert code == 2 and said.startswith("error: --rasterizer egl draws for --renderer pybullet, not for embree")
+    assert not (tmp_path / "set").exists()
+
+
+def test_a_dataset_that_egl_draws_says_so_and_is_completed(tmp_path):
+    pytest.importorskip("pybullet")
+    if not probe().works:
+        pytest.skip(f"EGL does not work here: {probe().told}")
+    asked = config(tmp_path / "set", pairs=2, views_per_scene=2, renderer="pybullet", rasterizer="egl")
+    dataset = generate(asked)
+    assert dataset[0].meta["rasterizer"] == "egl" and dataset.index["config"]["rasterizer"] == "egl"
+    shutil.rmtree(tmp_path / "set" / "scenes" / "00000" / "01")
+    assert generate(replace(asked, rasterizer="auto")).digest == dataset.digest

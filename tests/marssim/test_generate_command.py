@@ -35,6 +35,7 @@ def asked(*flags: object) -> GenerateConfig:
         ("--rig.width", 640, "--rig.height", 400, "--rig.focal", 500.25, "--rig.baseline", 0.4, "--rig.cx", 300),
         ("--rig.focal-y", 600, "--rig.cy", 200.5),
         ("--sensor.rotation-deg", 0, 0, "--sensor.psf", 0.3, 0.7),
+        ("--rasterizer", "egl"),
     ],
 )
 def test_the_flags_of_a_config_give_it_again(flags):
@@ -84,4 +85,5 @@ def test_every_setting_that_decides_the_content_is_in_them():
     config = asked()
     for field in fields(config):
         if field.name not in ("out", "workers", "scheduler", "scenes", "rig"):
-            assert field.name in json.dumps({**config.content(), "pairs": 1, "drive": 1}), field.name
+            found = {**config.content(), "pairs": 1, "drive": 1, "rasterizer": 1}  # the last two: where they count
+            assert field.name in json.dumps(found), field.name

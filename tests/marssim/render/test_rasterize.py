@@ -69,7 +69,7 @@ def test_gbuffer_is_that_of_ray_casting(scene, rasterizer, raycaster, camera, pl
 def test_pixel_centres_lie_where_the_rays_go(scene, rasterizer, raycaster, camera, place):
     """The image shift of what PyBullet drew, before its depth is made exact: on smooth ground, and at silhouettes."""
     pose = pose_over(scene, *place)
-    raw, surface = rasterizer._draw(camera, pose, 0.1, 100.0)
+    raw, surface = rasterizer._tiles.draw(camera, pose, 0.1, 100.0)
     beside = BesideCentres(raycaster, camera, pose)
     smooth = beside.smooth() & (surface == GROUND)
     assert smooth.sum() > 5000
@@ -121,7 +121,7 @@ def test_a_plane_tilted_either_way_is_not_shifted(azimuth_deg):
         grid.heights[:] = tilt[0] * x[None, :] + tilt[1] * y[:, None]
     maker = Rasterizer(base)
     pose = look_pose(np.array([0.0, 0.0, 1.2]), 0.0, np.deg2rad(35))
-    raw, surface = maker._draw(SKEWED, pose, 0.1, 60.0)
+    raw, surface = maker._tiles.draw(SKEWED, pose, 0.1, 60.0)
     maker.close()
     up = np.array([-tilt[0], -tilt[1], 1.0])
     # 1 / Z = n . r / (n . p - n . eye) is linear in u and v

@@ -92,8 +92,10 @@ def test_matching_finds_the_face_of_the_surface_that_is_asked_for(scene):
     surface = np.where(first >= 0, mesh.surface[first], -1).reshape(shape)
     depth = Scanner(scene).render(CAMERA, pose).depth
     at = first >= 0
-    assert (matching_faces(mesh, CAMERA, pose, depth, surface.astype(np.int32))[at] == first[at]).mean() > 0.9999
-    behind = matching_faces(mesh, CAMERA, pose, depth, np.full(shape, GROUND, dtype=np.int32))
+    assert (
+        matching_faces(mesh, mesh.surface, CAMERA, pose, depth, surface.astype(np.int32))[at] == first[at]
+    ).mean() > 0.9999
+    behind = matching_faces(mesh, mesh.surface, CAMERA, pose, depth, np.full(shape, GROUND, dtype=np.int32))
     rock = surface.ravel() > GROUND
     assert rock.mean() > 0.05 and (behind[rock] >= 0).mean() > 0.95
     assert (mesh.surface[behind[behind >= 0]] == GROUND).all()
