@@ -127,8 +127,8 @@ def check_extra(dataset: StereoDataset, own: Path | None = None) -> list[Finding
                     found.append(Finding(path, LEFT))
                 else:
                     found.append(Finding(path, "a folder that the index does not list"))
-            elif path not in expected:
-                left = path == LOCK or (entry.name.startswith(".") and entry.name.endswith(".part"))
+            elif path not in expected and path != LOCK:  # which locks nothing after the command that held it
+                left = entry.name.startswith(".") and entry.name.endswith(".part")
                 found.append(Finding(path, LEFT if left else "a file that the dataset does not have"))
     return found
 

@@ -44,6 +44,28 @@ def sole_writer(folder: Path) -> Iterator[None]:
         os.close(file)
 
 
+def check_unused(folder: Path) -> None:
+    """Raise FolderInUse if a command writes to the folder now; nothing is held, and nothing is written.
+
+    A lock file that a killed command has left says nothing, nor does one that cannot be read.
+    """
+    with suppress(OSError):
+        file = os.open(folder / LOCK, os.O_RDONLY)
+        try:
+            if fcntl is not None:
+                fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except OSError as error:
+            if error.errno in TAKEN:
+                raise FolderInUse(_in_use(folder, file)) from None
+        finally:
+            os.close(file)
+
+
+def _in_use(folder: Path, file: int) -> str:
+    who = os.read(file, 200).decode(errors="replace")
+    return f"{folder}: another command{f' ({who})' if who else ''} is writing here; let it end first"
+
+
 def _take(path: Path, folder: Path) -> int:
     """File descriptor of the lock file, locked."""
     while True:
@@ -58,11 +80,9 @@ def _take(path: Path, folder: Path) -> int:
         except OSError as error:
             if error.errno in (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP):
                 return file
-            who = os.read(file, 200).decode(errors="replace") if error.errno in TAKEN else ""
+            taken = _in_use(folder, file) if error.errno in TAKEN else None
             os.close(file)
-            if error.errno in TAKEN:
-                raise FolderInUse(
-                    f"{folder}: another command{f' ({who})' if who else ''} is writing here; let it end first"
-                ) from None
+            if taken is not None:
+                raise FolderInUse(taken) from None
             raise
         os.close(file)  # that of a command which ended just now

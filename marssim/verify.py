@@ -27,6 +27,7 @@ from marssim.command import counted, run_command
 from marssim.dataset import SPLITS, DatasetError, StereoDataset, StereoSample, read_sample, write_json
 from marssim.dataset_figures import sample_figure, statistics_figure
 from marssim.integrity import Finding, check_extra, check_index, check_samples, check_trajectories
+from marssim.lock import check_unused
 from marssim.pointcloud import coloured_points, encode_glb, encode_ply, surface_mesh
 from marssim.render.agreement import Agreement, agreement
 from marssim.render.makers import make_renderer
@@ -169,12 +170,12 @@ def verify(config: VerifyConfig) -> bool:
     """Do what is asked, print it and write it. Returns whether all is well."""
     good = True
     if config.data is not None:
-        dataset = StereoDataset(config.data)
         if config.sample is not None:
-            for path in show_sample(config, dataset, config.sample):
+            for path in show_sample(config, StereoDataset(config.data), config.sample):
                 print(path)
         else:
-            good = _report(config, dataset)
+            check_unused(config.data)
+            good = _report(config, StereoDataset(config.data))
     if config.cross_check:
         found = cross_check(config)
         print(f"PyBullet against Embree, {config.scene}, seed {config.seed}: {found}")

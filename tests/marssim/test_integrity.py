@@ -124,7 +124,6 @@ def test_what_does_not_belong_is_named(folder):
     assert found == {
         f"{SAMPLE}/left.png~: a file that the dataset does not have",
         f"scenes/00001/.02.partial: {LEFT}",
-        f".lock: {LEFT}",
         f".README.md.12.part: {LEFT}",
         "scenes/00007: a folder that the index does not list",
         "notes.txt: a file that the dataset does not have",

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from marssim import lock
-from marssim.lock import FolderInUse, sole_writer
+from marssim.lock import FolderInUse, check_unused, sole_writer
 
 HOLD = """
 import sys
@@ -60,6 +60,24 @@ def test_the_lock_ends_with_its_process(tmp_path, ending):
     with sole_writer(tmp_path):
         pass
     assert list(tmp_path.iterdir()) == []
+
+
+@needs_flock
+def test_whether_a_folder_is_in_use_can_be_asked(tmp_path):
+    check_unused(tmp_path / "nowhere")
+    check_unused(tmp_path)
+    (tmp_path / ".lock").write_text("process 1 on a machine that was switched off")
+    check_unused(tmp_path)
+    before = (tmp_path / ".lock").read_bytes()
+    process = holder(tmp_path)
+    with pytest.raises(FolderInUse, match=f"process {process.pid} on .* is writing here"):
+        check_unused(tmp_path)
+    process.kill()
+    process.communicate()
+    check_unused(tmp_path)
+    assert before and (tmp_path / ".lock").exists()
+    with sole_writer(tmp_path):
+        pass
 
 
 @needs_flock

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 import trimesh
 
+from marssim import lock
 from marssim import verify as command
 from marssim.dataset import SPLITS, StereoDataset, write_index
+from marssim.lock import sole_writer
 from marssim.render.agreement import Agreement
 from marssim.verify import VerifyConfig, cross_check, spread
 
@@ -70,6 +72,18 @@ def test_an_unfinished_dataset_says_what_completes_it(folder, tmp_path, capfd):
     (folder / "generate.json").write_text('{"command": "--pairs 8 --scene gale"}')
     line = mistake(capfd, folder, "--out", tmp_path / "out")
     assert line.endswith(f"; python -m marssim.generate --out {folder} --pairs 8 --scene gale completes it")
+
+
+@pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock")
+def test_a_dataset_that_is_being_written_is_not_judged(folder, tmp_path, capfd):
+    """Samples may still be shown; what a killed command has left of its lock is nothing wrong."""
+    with sole_writer(folder):
+        said = mistake(capfd, folder, "--out", tmp_path / "out")
+        assert said.startswith(f"error: {folder}: another command (process ") and said.endswith("let it end first")
+        assert not (tmp_path / "out").exists()
+        assert run(capfd, folder, "--sample", "00000/00", "--out", tmp_path / "out")[0] == 0
+    (folder / ".lock").write_text("process 1 on a machine that was switched off")
+    assert run(capfd, folder, "--statistics-of", 0, "--out", tmp_path / "out")[0] == 0
 
 
 def test_a_changed_sample_json_is_noticed(folder, tmp_path, capfd):
