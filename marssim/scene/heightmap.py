@@ -14,6 +14,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.lib.format import MAGIC_PREFIX
 from PIL import TiffImagePlugin
 from scipy import ndimage
 
@@ -178,13 +179,16 @@ def read_heightmap(path: str, digest: str, scale: float | None, height: float | 
 
 
 def _read_npy(path: str, name: str) -> np.ndarray:
+    with open(path, "rb") as file:
+        if file.read(len(MAGIC_PREFIX)) != MAGIC_PREFIX:  # an archive, a pickle or a text by that name
+            raise ValueError(f"{name}: is no readable .npy file (it does not begin like one)")
     try:
         values = np.load(path, mmap_mode="r", allow_pickle=False)  # a header that lies about the size is found so
-    except (ValueError, OSError, EOFError) as error:
-        raise ValueError(f"{name}: is no readable .npy file ({str(error).splitlines()[0]})") from None
-    if not isinstance(values, np.ndarray) or values.ndim != 2 or values.dtype.kind not in "iuf":
-        found = f"{values.dtype} {values.shape}" if isinstance(values, np.ndarray) else "an archive"
-        raise ValueError(f"{name}: must be a two-dimensional array of numbers, is {found}")
+    except Exception as error:  # whatever a broken header makes the reader stumble over
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise ValueError(f"{name}: is no readable .npy file ({reason})") from None
+    if values.ndim != 2 or values.dtype.kind not in "iuf":
+        raise ValueError(f"{name}: must be a two-dimensional array of numbers, is {values.dtype} {values.shape}")
     return values
 
 

@@ -160,6 +160,13 @@ def test_the_config_tells_which_file_it_was(tmp_path):
         replace(config, hurst=0.5)
 
 
+HEADERS = {  # of .npy files, that numpy stumbles over in ways of its own
+    "header without end": (b"}", b" "),
+    "header of no type": (b"<f4", b"<04"),
+    "negative side": (b"60, 60)", b"60,-60)"),
+}
+
+
 def broken(tmp_path, case):
     """A file with that fault, and the config that goes with it."""
     path, config = tmp_path / "map.npy", {"heightmap_scale": 1.0}
@@ -180,6 +187,11 @@ def broken(tmp_path, case):
             file.write(bytes(100))
     elif case == "pickle":
         np.save(path, np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    elif case in ("text", "cut archive"):
+        path.write_bytes(b"1.0 2.0\n" if case == "text" else b"PK\3\4 and no more")
+    elif case in HEADERS:
+        np.save(path, level)
+        path.write_bytes(path.read_bytes().replace(*HEADERS[case]))
     elif case == "three dimensions":
         np.save(path, np.zeros((4, 60, 60)))
     elif case == "complex":
@@ -245,9 +257,11 @@ def broken(tmp_path, case):
     [
         ("missing", "no such file"), ("folder", "directory"), ("empty", "no readable .npy"),
         ("cut off", "no readable .npy"), ("lying", "no readable .npy"), ("unmarked gaps", "rises by 9999 m"),
+        *((case, "no readable .npy") for case in HEADERS),
         ("cut png", "cannot be read as an image"), ("flipped png", "cannot be read as an image"),
         ("cut tif", "cannot be read as an image"), ("complex tif", "cannot be read as an image"),
-        ("pickle", "no readable .npy"), ("three dimensions", "two-dimensional"),
+        ("pickle", "no readable .npy"), ("text", "does not begin like one"), ("cut archive", "does not begin like one"),
+        ("three dimensions", "two-dimensional"),
         ("complex", "two-dimensional"), ("nan", "no data"), ("too small", "60 x 20 m, too small"),
         ("too coarse", "cells of 50 m"), ("beyond", "--relief.heightmap-at"), ("no scale", "--relief.heightmap-scale"),
         ("kind", ".npy, .png, .tif"), ("8 bits", "8 bits"), ("colour", "3 channels"),
