@@ -55,7 +55,7 @@ def sample_figure(sample: StereoSample, name: str) -> bytes:
     figure.colorbar(shown, ax=axes[0, 3], shrink=0.8)
     _image(axes[1, 0], normal_colours(sample.normal), "normals: red right, green up, blue to the camera")
     _image(axes[1, 1], _surface_colours(sample), f"surfaces: {len(np.unique(sample.rock)) - 1} rocks, ground, sky")
-    occluded = (0.45 * sample.left + 0.0).astype(np.uint8)
+    occluded = (0.45 * sample.left).astype(np.uint8)
     occluded[sample.occluded] = (255, 140, 0)
     _image(
         axes[1, 2], occluded, f"hidden from the right eye: {sample.occluded[~sky].mean() if (~sky).any() else 0:.1%}"
