@@ -36,10 +36,10 @@ from m3depth.figures.texture import TextureExample, texture_figure
 from m3depth.report import write_json
 from marssim.command import counted, run_command
 from marssim.dataset import StereoDataset
+from marssim.local_texture import entropy, local_binary_patterns, uniform_labels
 
 HIGH = 0.1  # of f_max
 F_MAX = 0.5  # [cycles/px]
-NEIGHBOURS = 8
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 MEASURES = ("lbp_riu2", "lbp_codes", "high", "high_dc", "high_hann")
 PAPER = "3.1 bits, < 5 % (Mars); 3.7 bits, 32 % (Earth)"
@@ -65,44 +65,6 @@ class TextureOptions:
             raise ValueError(f"limit must be at least 1, got {self.limit}")
         if not self.images:
             raise ValueError("IMAGES missing; --help tells more")
-
-
-def local_binary_patterns(grey: np.ndarray) -> np.ndarray:
-    """(H - 2, W - 2) uint8 codes: bit p is set where the neighbour at angle p / 8 is at least as bright.
-
-    grey: (H, W) uint8, at least 3 x 3. Neighbours lie on a circle of radius 1 px, counter-clockwise from the right;
-    diagonal ones are bilinear.
-    """
-    image = grey.astype(np.float64)
-    height, width = image.shape
-    middle = image[1:-1, 1:-1]
-    codes = np.zeros(middle.shape, np.uint8)
-    for p in range(NEIGHBOURS):
-        angle = 2 * np.pi * p / NEIGHBOURS
-        y, x = np.round(-np.sin(angle), 9), np.round(np.cos(angle), 9)
-        low_y, low_x = int(np.floor(y)), int(np.floor(x))
-        value = np.zeros_like(middle)
-        for dy, dx in ((0, 0), (0, 1), (1, 0), (1, 1)):
-            share = (y - low_y if dy else 1 - (y - low_y)) * (x - low_x if dx else 1 - (x - low_x))
-            if share > 0:
-                top, left = 1 + low_y + dy, 1 + low_x + dx
-                value += share * image[top : top + height - 2, left : left + width - 2]
-        codes |= (value >= middle - 1e-9).astype(np.uint8) << np.uint8(p)
-    return codes
-
-
-def uniform_labels() -> np.ndarray:
-    """(256,) label of each code: the number of set bits where at most two neighbours differ around it, else 9."""
-    bits = (np.arange(256)[:, None] >> np.arange(NEIGHBOURS)) & 1
-    changes = (bits != np.roll(bits, 1, axis=1)).sum(axis=1)
-    return np.where(changes <= 2, bits.sum(axis=1), NEIGHBOURS + 1)
-
-
-def entropy(labels: np.ndarray) -> float:
-    """Bits of the histogram of integer labels."""
-    share = np.bincount(labels.ravel()) / labels.size
-    share = share[share > 0]
-    return float(-(share * np.log2(share)).sum())
 
 
 def power_spectrum(grey: np.ndarray, hann: bool = False) -> tuple[np.ndarray, np.ndarray]:

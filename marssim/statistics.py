@@ -28,11 +28,11 @@ import numpy as np
 from marssim.camera import MAX_DEPTH, MIN_DEPTH
 from marssim.dataset import StereoSample
 from marssim.image_statistics import BAND_EDGES, GroundLook, ground_look, linear
+from marssim.local_texture import gradient, lbp_entropy
 from marssim.seen_rocks import RockCover
 
 DEPTH_STEP, DEPTH_END = 0.25, 100.0  # [m] of the depth histogram; what is farther goes into the last bin
 NETWORK_DISPARITY = 192.0  # [px] most that common networks search
-LBP_CLASSES = 10
 NEAR_GROUND = 8.0  # [m]
 
 
@@ -153,42 +153,6 @@ def tally(samples: Iterable[StereoSample]) -> Tally:
     for sample in samples:
         out.add(sample)
     return out
-
-
-def gradient(grey: np.ndarray) -> np.ndarray:
-    """(H, W) length of the image gradient [grey levels / px], by Sobel's 3 x 3 operator over 8."""
-    across, down = (cv2.Sobel(grey, cv2.CV_32F, *order, ksize=3, scale=1 / 8) for order in ((1, 0), (0, 1)))
-    return np.hypot(across, down)
-
-
-def lbp_entropy(grey: np.ndarray, where: np.ndarray) -> float:
-    """Entropy [bits] of uniform rotation-invariant local binary patterns, 8 points, radius 1 px (LBP 8,1 riu2).
-
-    grey: (H, W) uint8; where: (H, W) bool, pixels to count; those of the border have no pattern. 0 where none is left.
-    """
-    image = grey.astype(np.float32)
-    height, width = (n - 2 for n in grey.shape)
-    if height < 1 or width < 1:
-        return 0.0
-
-    def shifted(down: int, across: int) -> np.ndarray:
-        return image[1 + down : 1 + down + height, 1 + across : 1 + across + width]
-
-    middle = shifted(0, 0)
-    near = np.float32(np.sqrt(0.5))
-    bits = []
-    for down, across in ((0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1), (1, 0), (1, 1)):  # around the circle
-        value = shifted(down, across)
-        if down and across:  # the circle's point lies between four pixels
-            side = shifted(down, 0), shifted(0, across)
-            value = near * near * value + near * (1 - near) * (side[0] + side[1]) + (1 - near) ** 2 * middle
-        bits.append(value >= middle - 1e-3)  # rounding must not part equal grey levels
-    around = np.stack(bits)
-    changes = (around != np.roll(around, 1, axis=0)).sum(axis=0)
-    pattern = np.where(changes <= 2, around.sum(axis=0), LBP_CLASSES - 1)
-    counts = np.bincount(pattern[where[1:-1, 1:-1]], minlength=LBP_CLASSES)
-    share = counts[counts > 0] / max(1, counts.sum())
-    return float(-(share * np.log2(share)).sum()) + 0.0
 
 
 def _rocks(meta: dict[str, Any]) -> dict[str, Any]:

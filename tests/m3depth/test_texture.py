@@ -5,67 +5,14 @@ import json
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from hypothesis.extra import numpy as hnp
 from rock_samples import rock_sample
 from rock_world import RockWorld
 
 from m3depth.figures.texture import TextureExample, energy_below
-from m3depth.texture import (
-    entropy,
-    high_share,
-    local_binary_patterns,
-    main,
-    measure,
-    power_spectrum,
-    uniform_labels,
-)
+from m3depth.texture import high_share, main, measure, power_spectrum
 from marssim.camera import NATECAM
 from marssim.dataset import write_index, write_sample
 from marssim.render.stereo import StereoFrame
-
-
-def pattern_by_hand(image: np.ndarray, y: int, x: int) -> int:
-    """The code of one pixel, bilinear by the textbook."""
-    code = 0
-    for p in range(8):
-        v, u = y - np.sin(np.pi * p / 4), x + np.cos(np.pi * p / 4)
-        top, left = int(np.floor(v + 1e-9)), int(np.floor(u + 1e-9))
-        a, b = v - top, u - left
-        value = 0.0
-        for dy, dx, share in ((0, 0, (1 - a) * (1 - b)), (0, 1, (1 - a) * b), (1, 0, a * (1 - b)), (1, 1, a * b)):
-            if share > 1e-9:
-                value += share * image[top + dy, left + dx]
-        code |= int(value >= image[y, x] - 1e-9) << p
-    return code
-
-
-@given(hnp.arrays(np.uint8, (5, 6)))
-def test_patterns_against_a_pixel_at_a_time(image):
-    found = local_binary_patterns(image)
-    by_hand = [[pattern_by_hand(image.astype(float), y, x) for x in range(1, 5)] for y in range(1, 4)]
-    assert found.tolist() == by_hand
-
-
-def test_58_codes_are_uniform():
-    labels = uniform_labels()
-    assert (labels < 9).sum() == 58 and labels.min() == 0 and labels.max() == 9
-    assert [int((labels == n).sum()) for n in range(10)] == [1, 8, 8, 8, 8, 8, 8, 8, 1, 198]
-
-
-@given(hnp.arrays(np.uint8, (7, 7)), st.integers(1, 3))
-def test_labels_do_not_depend_on_how_the_image_is_turned(image, turns):
-    labels = uniform_labels()
-    here = labels[local_binary_patterns(image)]
-    there = labels[local_binary_patterns(np.rot90(image, turns))]
-    assert np.array_equal(np.rot90(here, turns), there)
-
-
-def test_entropy_of_known_histograms():
-    assert entropy(np.zeros(8, int)) == 0
-    assert entropy(np.arange(8)) == pytest.approx(3)
-    assert entropy(np.array([0, 0, 1, 2])) == pytest.approx(1.5)
 
 
 @pytest.mark.parametrize(("waves", "share"), [(4, 0.0), (40, 1.0)])

@@ -1,6 +1,5 @@
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,10 +8,10 @@ from hypothesis import strategies as st
 from marssim.camera import NATECAM
 from marssim.dataset import StereoDataset, StereoSample
 from marssim.image_statistics import GAMMA
-from marssim.statistics import DEPTH_STEP, Tally, gradient, lbp_entropy, table, tally
+from marssim.local_texture import lbp_entropy
+from marssim.statistics import DEPTH_STEP, Tally, table, tally
 
 SIZE = (6, 10)
-EVERYWHERE = np.ones((64, 64), bool)
 
 
 def made(depth: np.ndarray, rock: np.ndarray | None = None, occluded: np.ndarray | None = None) -> StereoSample:
@@ -77,40 +76,6 @@ def test_tallies_add_up(closed_form_set):
     assert one.report() == whole.report() and whole.samples == 8
     assert whole.report()["asked_k"] == {"least": 0.07, "mean": pytest.approx(0.07), "most": 0.07}
     assert table({"all": whole, "val": Tally()}, {"all": 8, "val": 0}).splitlines()[1].split() == ["pairs", "8", "0"]
-
-
-def test_the_gradient_of_a_ramp():
-    ramp = np.round(np.add.outer(3.0 * np.arange(20), 4.0 * np.arange(20))).astype(np.uint8)
-    assert gradient(ramp)[1:-1, 1:-1] == pytest.approx(5.0)
-
-
-def test_lbp_entropy_of_patterns_that_are_known():
-    flat = np.full((64, 64), 80, np.uint8)
-    assert lbp_entropy(flat, EVERYWHERE) == 0  # one pattern: all neighbours at least as bright
-    ramp = np.tile(np.arange(64, dtype=np.uint8) * 2, (64, 1))
-    assert lbp_entropy(ramp, EVERYWHERE) == 0  # one pattern again: the right half and the two above and below
-    half = np.where(np.arange(64) < 32, ramp, 80).astype(np.uint8)
-    assert 0 < lbp_entropy(half, EVERYWHERE) < 1.3
-    assert lbp_entropy(flat, ~EVERYWHERE) == 0 and lbp_entropy(flat[:2], EVERYWHERE[:2]) == 0
-
-
-def test_lbp_of_noise_and_its_invariances():
-    noise = np.random.default_rng(0).integers(0, 256, (200, 200)).astype(np.uint8)
-    everywhere = np.ones(noise.shape, bool)
-    value = lbp_entropy(noise, everywhere)
-    assert 2.0 < value < np.log2(10)
-    assert lbp_entropy((noise // 2 + 60).astype(np.uint8) * 1, everywhere) == pytest.approx(value, abs=0.1)
-    assert lbp_entropy(np.rot90(noise).copy(), everywhere) == pytest.approx(value, abs=1e-9)
-    smooth = cv2.GaussianBlur(noise, (0, 0), 2)
-    assert lbp_entropy(smooth, everywhere) > 1.5 and lbp_entropy(smooth, everywhere) != value
-
-
-def test_lbp_counts_only_where_it_is_asked():
-    noise = np.random.default_rng(0).integers(0, 256, (64, 64)).astype(np.uint8)
-    noise[:, :32] = 80
-    where = np.zeros((64, 64), bool)
-    where[:, :30] = True
-    assert lbp_entropy(noise, where) == 0 < lbp_entropy(noise, ~where)
 
 
 def test_colours_do_not_matter_for_shapes():
