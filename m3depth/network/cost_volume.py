@@ -30,9 +30,9 @@ def group_correlation_volume(left: Tensor, right: Tensor, hypotheses: int, group
     C / groups channels of each group; 0 where x - i lies outside. Built by shift and slice, so that it exports.
     """
     width = right.shape[-1]
-    shifted = [F.pad(right, (i, 0))[..., :width] for i in range(hypotheses)]
-    product = left[:, :, None] * torch.stack(shifted, 2)  # (B, C, D, H, W)
-    return product.unflatten(1, (groups, -1)).mean(2)
+    shifted = (F.pad(right, (i, 0))[..., :width] for i in range(hypotheses))
+    # Hypothesis by hypothesis: the products of all channels at once would be by far the largest thing in memory.
+    return torch.stack([(left * other).unflatten(1, (groups, -1)).mean(2) for other in shifted], 2)
 
 
 def soft_argmin(logits: Tensor, step: float) -> Tensor:

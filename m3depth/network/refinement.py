@@ -24,12 +24,14 @@ class CorrelationLookup:
     def __init__(self, left: Tensor, right: Tensor, radius: int, levels: int) -> None:
         self.radius = radius
         self.pad = 2 * radius + 2
-        left, right = left.permute(0, 2, 3, 1), right.permute(0, 2, 1, 3)  # (B, H, W, C), (B, H, C, W)
-        scores = (left @ right / left.shape[-1] ** 0.5).float()  # (B, H, W, W)
-        self.pyramid = [F.pad(scores, (self.pad, self.pad))]
-        for _ in range(1, levels):
-            scores = F.avg_pool2d(scores, (1, 2), ceil_mode=True)
-            self.pyramid.append(F.pad(scores, (self.pad, self.pad)))
+        # The scores are the largest maps of all. So that none is copied, features are scaled, pooled and padded.
+        left = (left * left.shape[1] ** -0.5).permute(0, 2, 3, 1)  # (B, H, W, C)
+        self.pyramid = []
+        for level in range(levels):
+            if level:
+                right = F.avg_pool2d(right, (1, 2), ceil_mode=True)
+            padded = F.pad(right, (self.pad, self.pad)).permute(0, 2, 1, 3)  # (B, H, C, W + 2 pad)
+            self.pyramid.append(left @ padded)  # (B, H, W, W + 2 pad)
 
     def __call__(self, disparity: Tensor) -> Tensor:
         """disparity: (B, 1, H, W) in cells of this grid. Returns (B, levels (2 radius + 1), H, W)."""
@@ -42,7 +44,7 @@ class CorrelationLookup:
             fraction = (position - start)[..., None]
             last = scores.shape[-1] - 2 * self.pad + self.radius
             first = start.clamp(-(self.radius + 2), last).long() - self.radius + self.pad
-            taken = scores.gather(3, first[..., None] + offsets)
+            taken = scores.gather(3, first[..., None] + offsets).float()
             samples.append(taken[..., :-1] + fraction * (taken[..., 1:] - taken[..., :-1]))
             position = (position - 0.5) / 2  # cell j of the next level covers cells 2 j and 2 j + 1
         return torch.cat(samples, 3).permute(0, 3, 1, 2)
@@ -214,5 +216,6 @@ class Refinement(nn.Module):
         for _ in range(self.steps):
             hidden, disparity, normal = part(self.step, hidden, bias, first, disparity, normal, lookup, camera)
             history.append((disparity, normal))
+        lookup = None  # before the next large thing
         decisions = self.decisions(torch.cat([hidden, wide], 1)).float()
         return history, part(self.upsample, hidden, torch.cat([disparity, normal, decisions], 1)), hidden
