@@ -38,15 +38,18 @@ def wilson_interval(successes: int, trials: int, z: float = 1.96) -> tuple[float
 def paired_difference(first: Sequence[EpisodeRecord], second: Sequence[EpisodeRecord]) -> dict[str, Any]:
     """Success of `first` less that of `second` on the same episodes, with a 95 % interval by the paired bootstrap.
 
-    Records are matched by cell and episode. Raises ValueError where the two do not hold the same ones.
+    Records are matched by cell and episode. The cells' courses of one number come from one seed, and have much of
+    their ground in common: they are drawn together, as one (a cluster bootstrap, of as many cells for each number).
+    Raises ValueError where the two do not hold the same ones.
     """
     a, b = ({(r.cell, r.episode): r.outcome == "goal" for r in records} for records in (first, second))
     if a.keys() != b.keys() or not a:
         raise ValueError("a paired difference needs the same episodes of both")
-    gain = np.array([float(a[key]) - float(b[key]) for key in sorted(a)])
-    return {
-        "episodes": len(gain), "difference": float(gain.mean()), "interval": list(interval(resampled_means(gain))),
-    }  # fmt: skip
+    gains: dict[int, list[float]] = {}
+    for key in sorted(a):
+        gains.setdefault(key[1], []).append(float(a[key]) - float(b[key]))
+    gain = np.array([np.mean(of) for of in gains.values()])
+    return {"episodes": len(a), "difference": float(gain.mean()), "interval": list(interval(resampled_means(gain)))}
 
 
 FAILURES = {

@@ -18,8 +18,9 @@ Group = tuple[str, str]
 def plot_success(path: Path, results: Sequence[dict[str, Any]], test_set: Mapping[str, float] | None = None) -> None:
     """Left: success against k, slopes pooled. Right: success against Abs Rel on the way, a point for each cell.
 
-    Bars are 95 % Wilson intervals. results: rows of results.json. test_set: Abs Rel of perceptions on their test set,
-    dotted lines in the right plot.
+    Bars are 95 % Wilson intervals; those over several slopes are somewhat short, as the slopes' courses have their
+    rocks in common. results: rows of results.json. test_set: Abs Rel of perceptions on their test set, dotted lines in
+    the right plot.
     """
     figure = Figure(figsize=(9.6, 4.0), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)

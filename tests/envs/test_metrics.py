@@ -86,6 +86,17 @@ def test_pairing_is_worth_something():
     assert high - low < 0.1 < np.diff(wilson_interval(20, 40))
 
 
+def test_courses_of_one_seed_in_several_cells_count_as_one():
+    """Drives that repeat themselves on every slope tell no more than those of one slope."""
+    first = [record("goal" if n % 3 else "collision", episode=n, cell=c) for n in range(30) for c in "ab"]
+    second = [record("goal" if n % 2 else "collision", episode=n, cell=c) for n in range(30) for c in "ab"]
+    both = paired_difference(first, second)
+    one = paired_difference(*[[r for r in records if r.cell == "a"] for records in (first, second)])
+    assert (both["episodes"], one["episodes"]) == (60, 30)
+    assert both["difference"] == pytest.approx(one["difference"]) and one["interval"][0] < one["interval"][1]
+    np.testing.assert_allclose(both["interval"], one["interval"])
+
+
 def test_failures_are_classed_as_for_enav_and_near_misses_counted():
     records = [record(o) for o in ("goal", "no_path", "collision", "tilt", "out_of_bounds", "time", "stuck")]
     records.append(record("goal", near_miss=True, redraws=2, abs_rel=0.02))
