@@ -3,15 +3,16 @@
 A maker that is half a pixel off still agrees within 0.5 % of depth on nearly every pixel, so the shift is measured by
 itself: the least-squares (u, v) that explains the difference of two images by the reference's own slopes, which are
 taken from rays half a pixel to either side. On smooth ground the image is 1 / Z, which is linear on planes; at
-silhouettes it is 1 or 0, whether a pixel shows a rock or ground, and whether it shows sky. PyBullet's depth is made
-exact after it is drawn, so that on smooth ground its G-buffer has no shift whatever was drawn; silhouettes do tell.
+silhouettes it is 1 or 0, whether a pixel shows a rock or ground, and whether it shows sky. On planes of known tilt the
+reference is their closed form. PyBullet's depth is made exact after it is drawn, so that its G-buffer has no shift on
+smooth ground whatever was drawn; there and on planes the depth is looked at as it was drawn.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -28,8 +29,9 @@ Shifted = Callable[[float, float], np.ndarray]
 
 @dataclass(frozen=True)
 class Agreement:
-    """Of some views together. surface: share of pixels of the same surface id; depth: share within 0.5 % of depth, of
-    those that both see; smooth, silhouette: (2,) shift in u and v [px], NaN where no pixel tells."""
+    """surface: share of pixels of the same surface id; depth: share within 0.5 % of depth, of those that both see; each
+    of the view that agrees least. smooth, silhouette: (2,) shift in u and v [px] over all views together, NaN where no
+    pixel tells."""
 
     views: int
     surface: float
@@ -39,9 +41,9 @@ class Agreement:
 
     @property
     def good(self) -> bool:
-        """99 % of the pixels agree in surface and depth, and no shift reaches 0.05 px."""
-        shift = np.abs(np.concatenate([self.smooth, self.silhouette]))
-        return self.surface >= LEAST_SURFACE and self.depth >= LEAST_DEPTH and bool((shift < MOST_SHIFT).all())
+        """99 % of the pixels of each view agree in surface and depth, and no shift reaches 0.05 px."""
+        shift = np.concatenate([self.smooth, self.silhouette])
+        return self.surface >= LEAST_SURFACE and self.depth >= LEAST_DEPTH and small(shift)
 
     def report(self) -> dict[str, Any]:
         """Plain numbers, for JSON; None for a shift that no pixel tells."""
@@ -49,15 +51,10 @@ class Agreement:
         plain = {name: [None if np.isnan(v) else float(v) for v in shift] for name, shift in shifts.items()}
         return {"views": self.views, "surface": self.surface, "depth": self.depth, **plain, "good": self.good}
 
-    def __str__(self) -> str:
-        def pair(shift: np.ndarray) -> str:
-            return f"u {shift[0]:+.4f} v {shift[1]:+.4f} px"
 
-        return (
-            f"{self.views} views: same surface {self.surface:.3%}, depth within 0.5 % {self.depth:.3%}, "
-            f"shift on smooth ground {pair(self.smooth)}, at silhouettes {pair(self.silhouette)}: "
-            + ("they agree" if self.good else "they DISAGREE")
-        )
+def small(shift: np.ndarray) -> bool:
+    """Is a shift (N,) [px] known, and too small to matter?"""
+    return bool((np.abs(shift) < MOST_SHIFT).all())
 
 
 class ShiftFit:
@@ -122,24 +119,66 @@ class BesideCentres:
             return ground & (bend / middle < BEND)
 
 
+@runtime_checkable
+class Draws(Protocol):
+    """A maker whose G-buffer is more exact than what it draws."""
+
+    def drawn(self, camera: PinholeCamera, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Depth (H, W) [m] as drawn, arbitrary in the sky, and (H, W) SKY, GROUND, or another number for rocks."""
+
+
+@dataclass
+class _Tally:
+    """What is added up over the views of one maker."""
+
+    surface: list[float] = field(default_factory=list)
+    depth: list[float] = field(default_factory=list)
+    smooth: ShiftFit = field(default_factory=ShiftFit)
+    silhouette: ShiftFit = field(default_factory=ShiftFit)
+
+    def add(
+        self, maker: GBufferMaker, shot: GBuffer, beside: BesideCentres, camera: PinholeCamera, pose: np.ndarray
+    ) -> None:
+        seen = maker.render(camera, pose)
+        both = seen.hit & shot.hit
+        self.surface.append(float((seen.surface == shot.surface).mean()))
+        close = np.abs(seen.depth[both] / shot.depth[both] - 1) < DEPTH_TOLERANCE
+        self.depth.append(float(close.mean()) if len(close) else 1.0)
+        depth, surface = raw_depth(maker, seen, camera, pose)
+        where = beside.smooth() & (surface == GROUND)
+        self.smooth.add(1 / np.where(where, depth, 1), beside.inverse_depth, where)
+        everywhere = np.ones(both.shape, dtype=bool)
+        self.silhouette.add((seen.surface > GROUND).astype(float), beside.rock, everywhere)
+        self.silhouette.add((seen.surface == SKY).astype(float), beside.sky, everywhere)
+
+
+def raw_depth(
+    maker: GBufferMaker, seen: GBuffer, camera: PinholeCamera, pose: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Depth (H, W) float64 and surface (H, W), as drawn where the maker draws; seen: what it rendered of the view."""
+    return maker.drawn(camera, pose) if isinstance(maker, Draws) else (seen.depth.astype(float), seen.surface)
+
+
+def agreements(
+    makers: Mapping[str, GBufferMaker], tracer: GBufferMaker, camera: PinholeCamera, poses: Iterable[np.ndarray]
+) -> dict[str, Agreement]:
+    """Hold what each maker renders against `tracer`'s rays, over all poses (4, 4) camera to world together."""
+    tallies = {name: _Tally() for name in makers}
+    for pose in poses:
+        shot, beside = tracer.render(camera, pose), BesideCentres(tracer, camera, pose)
+        for name, maker in makers.items():
+            tallies[name].add(maker, shot, beside, camera, pose)
+    return {
+        name: Agreement(
+            len(tally.depth), min(tally.surface, default=0.0), min(tally.depth, default=0.0), tally.smooth.shift,
+            tally.silhouette.shift,
+        )
+        for name, tally in tallies.items()
+    }  # fmt: skip
+
+
 def agreement(
     maker: GBufferMaker, tracer: GBufferMaker, camera: PinholeCamera, poses: Iterable[np.ndarray]
 ) -> Agreement:
-    """Hold what `maker` renders against `tracer`'s rays, over all poses (4, 4) camera to world together."""
-    views = pixels = same = both = close = 0
-    smooth, silhouette = ShiftFit(), ShiftFit()
-    for pose in poses:
-        drawn: GBuffer = maker.render(camera, pose)
-        shot: GBuffer = tracer.render(camera, pose)
-        hit = drawn.hit & shot.hit
-        views += 1
-        pixels += hit.size
-        same += int((drawn.surface == shot.surface).sum())
-        both += int(hit.sum())
-        close += int((np.abs(drawn.depth[hit] / shot.depth[hit] - 1) < DEPTH_TOLERANCE).sum())
-        beside = BesideCentres(tracer, camera, pose)
-        smooth.add(1 / drawn.depth.astype(float), beside.inverse_depth, beside.smooth() & (drawn.surface == GROUND))
-        everywhere = np.ones(hit.shape, dtype=bool)
-        silhouette.add((drawn.surface > GROUND).astype(float), beside.rock, everywhere)
-        silhouette.add((drawn.surface == SKY).astype(float), beside.sky, everywhere)
-    return Agreement(views, same / max(1, pixels), close / max(1, both), smooth.shift, silhouette.shift)
+    """As agreements, of one maker."""
+    return agreements({"it": maker}, tracer, camera, poses)["it"]

@@ -40,7 +40,7 @@ class Rasterizer:
     def render(self, camera: PinholeCamera, pose: np.ndarray) -> GBuffer:
         """What the camera sees; see GBuffer. pose: (4, 4) camera to world. Nothing nearer than 0.1 m is seen."""
         mesh, shape = self._mesh, (camera.height, camera.width)
-        guess, group = self._tiles.draw(camera, pose, NEAR, self._farthest(pose[:3, 3]))
+        guess, group = self.drawn(camera, pose)
         face = matching_faces(mesh, self._group, camera, pose, guess, group)
         _lend_faces(face.reshape(shape), group)
         _nearest_faces(
@@ -51,6 +51,11 @@ class Rasterizer:
         slipped = view.hit & ~(np.abs(view.depth - rough) < SLIP * rough)
         view.depth[slipped] = rough[slipped]
         return view
+
+    def drawn(self, camera: PinholeCamera, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What PyBullet draws, before it is made exact: (H, W) float64 depth [m], arbitrary in the sky, and (H, W)
+        int32 SKY, GROUND, or a number that stands for a rock or for several (BulletTiles.group_of)."""
+        return self._tiles.draw(camera, pose, NEAR, self._farthest(pose[:3, 3]))
 
     def trace(self, rays: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Depth, normals, shading normals and surface along rays (N, 3) of z = 1; see GBufferMaker."""

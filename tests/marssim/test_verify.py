@@ -8,10 +8,11 @@ import trimesh
 
 from marssim import lock
 from marssim import verify as command
+from marssim.cross_check import MakerCheck
 from marssim.dataset import SPLITS, StereoDataset, write_index
 from marssim.lock import sole_writer
 from marssim.render.agreement import Agreement
-from marssim.verify import VerifyConfig, cross_check, spread
+from marssim.verify import spread
 
 
 @pytest.fixture
@@ -171,16 +172,22 @@ def test_a_sample_is_shown(folder, tmp_path, capfd):
     assert len(mesh.faces) > len(cloud.vertices) and -mesh.vertices[:, 2].min() <= 12.001
 
 
-def test_the_two_renderers_are_held_against_each_other(tmp_path, capfd, monkeypatch):
-    pytest.importorskip("pybullet")
-    monkeypatch.setattr(command, "NATECAM", command.NATECAM.resized(128, 128))
-    found = cross_check(VerifyConfig(cross_check=True, views=1, scene="utopia"))
-    assert found.good and found.views == 1
-    for good, code in ((True, 0), (False, 1)):
-        fake = Agreement(10, 1.0 if good else 0.9, 1.0, np.zeros(2), np.zeros(2))
-        monkeypatch.setattr(command, "cross_check", lambda config, fake=fake: fake)
-        assert run(capfd, "--cross-check", "--out", tmp_path)[0] == code
-        assert json.loads((tmp_path / "cross_check.json").read_text())["good"] == good
+def test_what_the_cross_check_finds_is_told(tmp_path, capfd, monkeypatch):
+    for surface, code in ((1.0, 0), (0.9, 1)):
+        views = Agreement(10, surface, 0.995, np.array([0.01, -0.02]), np.array([0.0, 0.03]))
+        checks = {"scan": MakerCheck(views, np.array([0.002, 0.001])), "embree": MakerCheck(None, np.zeros(2))}
+        monkeypatch.setattr(command, "cross_check", lambda *_, checks=checks: (checks, ["pybullet: left out"]))
+        done, out, _ = run(capfd, "--cross-check", "--scene", "utopia", "--seed", 4, "--out", tmp_path)
+        first, _, scan, embree, note = out.splitlines()
+        assert done == code and first == "10 views of utopia, seed 4, against Embree's rays"
+        assert note == "pybullet: left out"
+        words = scan.replace("(", " ").replace(")", " ").replace(",", " ").split()
+        shown = ["99.500%", "+0.0000", "+0.0300", "+0.0100", "-0.0200", "+0.0020", "+0.0010"]
+        assert words[2:-1] == shown and words[-1] == ("DISAGREES" if code else "agrees")
+        assert embree.split()[-1] == "agrees"
+        noted = json.loads((tmp_path / "cross_check.json").read_text())
+        assert noted["makers"]["scan"]["good"] == (code == 0) and noted["makers"]["scan"]["surface"] == surface
+        assert noted["makers"]["embree"] == {"planes_px": [0.0, 0.0], "good": True} and noted["scene"] == "utopia"
 
 
 def test_what_is_no_dataset(folder, tmp_path, capfd):
