@@ -38,7 +38,7 @@ _rows: list[list[float]] = []
 
 
 @dataclass(frozen=True)
-class _Tile:
+class Tile:
     """One body: a block of grid cells, or rocks. low, high: (3,) box [m]."""
 
     low: np.ndarray
@@ -225,7 +225,7 @@ def _lent_rows(vertices: np.ndarray) -> list[list[float]]:
     return lent
 
 
-def _grid_tiles(grid: HeightGrid, keep: np.ndarray) -> list[_Tile]:
+def _grid_tiles(grid: HeightGrid, keep: np.ndarray) -> list[Tile]:
     """Blocks of the cells to keep: (ny - 1, nx - 1) bool."""
     ny, nx = grid.heights.shape
     out = []
@@ -236,11 +236,11 @@ def _grid_tiles(grid: HeightGrid, keep: np.ndarray) -> list[_Tile]:
             part = HeightGrid(heights, grid.x0 + i * grid.cell, grid.y0 + j * grid.cell, grid.cell)
             x0, y0, x1, y1 = part.bounds
             low, high = np.array([x0, y0, heights.min()]), np.array([x1, y1, heights.max()])
-            out.append(_Tile(low, high, grid=part, keep=kept))
+            out.append(Tile(low, high, grid=part, keep=kept))
     return out
 
 
-def _rock_tiles(rocks: Rocks, half: float) -> list[_Tile]:
+def _rock_tiles(rocks: Rocks, half: float) -> list[Tile]:
     """Rocks that lie together, at most as many as the palette has colours."""
     if len(rocks) == 0:
         return []
@@ -257,5 +257,5 @@ def _rock_tiles(rocks: Rocks, half: float) -> list[_Tile]:
     for a, b in pairwise([0, *border.tolist(), len(order)]):
         for first in range(a, b, PALETTE[0] * PALETTE[1]):
             members = order[first : min(b, first + PALETTE[0] * PALETTE[1])]
-            out.append(_Tile(low[members].min(axis=0), high[members].max(axis=0), rocks=members))
+            out.append(Tile(low[members].min(axis=0), high[members].max(axis=0), rocks=members))
     return out

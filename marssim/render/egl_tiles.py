@@ -2,7 +2,7 @@
 
 It takes meshes from files alone, and keeps neither texture coordinates nor what is hidden from it. So a tile is an STL
 file that is read and deleted, its body is all that the picture tells of it, and which rock of the tile a pixel shows is
-found by its depth (raster.py). Its memory holds a good million triangles; more are drawn as they come into view.
+found by its depth (raster.py). Its memory holds a good million triangles; of larger scenes, those in view are drawn.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from marssim.bullet import quiet
 from marssim.camera import PinholeCamera
-from marssim.render.bullet_tiles import BulletTiles, opengl_projection
+from marssim.render.bullet_tiles import BulletTiles, Tile, opengl_projection
 from marssim.render.egl import load_plugin, probe, write_stl
 from marssim.render.gbuffer import GROUND, SKY
 
@@ -56,7 +56,7 @@ class EglTiles(BulletTiles):
             self._pb.disconnect(self._client)
             raise OSError("PyBullet cannot draw with EGL here: its plugin did not start")
         _in_use[0] += 1
-        self._held = 0
+        self._faces = np.array([self._size(tile) for tile in self._tiles])
 
     def _picture(
         self, camera: PinholeCamera, view: np.ndarray, near: float, far: float
@@ -85,34 +85,35 @@ class EglTiles(BulletTiles):
         return np.asarray(depth, dtype=float).reshape(shape), shown[np.asarray(body).reshape(shape)]
 
     def _show(self, wanted: np.ndarray) -> None:
-        new = np.flatnonzero(wanted & (self._body < 0))
-        meshes = [self._corners_of(int(tile)) for tile in new]
-        if self._held + sum(map(len, meshes)) > MOST_FACES:
-            if not self._tile_of_body:
-                raise ValueError(
-                    f"a view of {sum(map(len, meshes))} triangles is more than the {MOST_FACES} that PyBullet's EGL "
-                    "renderer holds; its TinyRenderer draws it"
-                )
+        """Hold all tiles if there is room, else those that are wanted: in their order, whatever was drawn before.
+
+        Which of two surfaces that cross in a pixel is drawn there depends on the order.
+        """
+        if self._faces.sum() <= MOST_FACES:
+            wanted = np.ones(len(self._tiles), dtype=bool)
+        elif self._faces[wanted].sum() > MOST_FACES:
+            raise ValueError(
+                f"a view of {self._faces[wanted].sum()} triangles is more than the {MOST_FACES} that PyBullet's EGL "
+                "renderer holds; its TinyRenderer draws it"
+            )
+        if np.array_equal(wanted, self._shown):
+            return
+        if self._tile_of_body:
             with quiet():
                 self._pb.resetSimulation(physicsClientId=self._client)
-            self._body[:] = -1
             self._tile_of_body.clear()
-            self._held = 0
-            self._show(wanted)
-            return
-        for tile, corners in zip(new, meshes):
-            self._add(int(tile), corners)
+        for tile in np.flatnonzero(wanted):
+            self._add(int(tile))
+        self._shown = wanted
 
-    def _add(self, index: int, corners: np.ndarray) -> None:
+    def _add(self, index: int) -> None:
         with tempfile.TemporaryDirectory() as folder, quiet():
             file = Path(folder) / "tile.stl"
-            write_stl(file, corners)
+            write_stl(file, self._corners_of(index))
             shape = self._pb.createVisualShape(self._pb.GEOM_MESH, fileName=str(file), physicsClientId=self._client)
             body = self._pb.createMultiBody(0, -1, shape, physicsClientId=self._client)
         assert body == len(self._tile_of_body)
         self._tile_of_body.append(index)
-        self._body[index] = body
-        self._held += len(corners)
 
     def _corners_of(self, index: int) -> np.ndarray:
         """(F, 3, 3) of a tile's triangles."""
@@ -123,3 +124,10 @@ class EglTiles(BulletTiles):
         else:
             vertices, faces, _ = self._rock_mesh(tile.rocks)
         return vertices[faces]
+
+    def _size(self, tile: Tile) -> int:
+        """Number of a tile's triangles."""
+        if tile.rocks is None:
+            assert tile.keep is not None
+            return 2 * int(tile.keep.sum())
+        return int((self._face_start[tile.rocks + 1] - self._face_start[tile.rocks]).sum())
