@@ -11,7 +11,7 @@ import numpy as np
 from m3depth.degradation import Degradation
 from m3depth.estimator import Estimator
 from m3depth.figures.example import Example
-from m3depth.pairs import MAX_DISPARITY, StereoPairs
+from m3depth.pairs import MAX_DISPARITY, StereoPairs, spread
 from m3depth.plane_normals import normals_from_disparity
 from m3depth.prediction import Prediction
 from m3depth.recorded import RecordedPredictions
@@ -61,7 +61,7 @@ def evaluate(
     recorded prediction is missing.
     """
     chosen = _checked(dataset, estimators, limit, seed)
-    shown = {chosen[i] for i in _spread(len(chosen), examples)} if examples else set()
+    shown = {chosen[i] for i in spread(len(chosen), examples)} if examples else set()
     scores = {name: Scores(fit=not getattr(method, "normals_are_fitted", False)) for name, method in estimators.items()}
     true_depth_normals = NormalScores()
     costs: dict[str, list[Cost]] = {name: [] for name in estimators}
@@ -118,7 +118,7 @@ def _checked(dataset: StereoPairs, estimators: Mapping[str, Method], limit: int 
         raise ValueError(f"limit must be at least 1, got {limit}")
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}")
-    chosen = _spread(len(dataset), len(dataset) if limit is None else limit)
+    chosen = spread(len(dataset), len(dataset) if limit is None else limit)
     for method in estimators.values():
         if isinstance(method, RecordedPredictions):
             method.check([(_name(dataset, index), index) for index in chosen])
@@ -129,11 +129,6 @@ def _name(dataset: StereoPairs, index: int) -> str:
     """The dataset's own name of a pair, where it has one."""
     names = getattr(dataset, "names", None)
     return f"{index:06d}" if names is None else names[index]
-
-
-def _spread(count: int, wanted: int) -> list[int]:
-    """At most `wanted` of range(count), evenly spread."""
-    return np.unique(np.linspace(0, count - 1, min(wanted, count)).round().astype(int)).tolist()
 
 
 def _medians(records: list[dict[str, float]]) -> dict[str, float]:

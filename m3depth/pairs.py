@@ -20,6 +20,11 @@ class StereoPairs(Protocol):
     def __getitem__(self, index: int, /) -> Any: ...
 
 
+def spread(count: int, wanted: int) -> list[int]:
+    """At most `wanted` of range(count), evenly spread from the first to the last."""
+    return np.unique(np.linspace(0, count - 1, min(wanted, count)).round().astype(int)).tolist()
+
+
 def checked_pair(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> tuple[np.ndarray, np.ndarray]:
     """Both images as (H, W) or (H, W, 3) uint8; a single channel is squeezed.
 

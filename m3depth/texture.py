@@ -33,6 +33,7 @@ import numpy as np
 import tyro
 
 from m3depth.figures.texture import TextureExample, texture_figure
+from m3depth.pairs import spread
 from m3depth.report import write_json
 from marssim.command import counted, run_command
 from marssim.dataset import StereoDataset
@@ -104,7 +105,7 @@ def find_images(paths: Sequence[Path], limit: int) -> Iterator[tuple[str, np.nda
     for path in paths:
         if (path / "dataset.json").is_file():
             dataset = StereoDataset(path)
-            for i in _spread(len(dataset), limit):
+            for i in spread(len(dataset), limit):
                 yield f"{path}/{dataset.names[i]}", cv2.cvtColor(dataset[i].left, cv2.COLOR_RGB2GRAY)
             continue
         if not path.exists():
@@ -112,15 +113,11 @@ def find_images(paths: Sequence[Path], limit: int) -> Iterator[tuple[str, np.nda
         files = sorted(p for p in path.iterdir() if p.suffix.lower() in PICTURES) if path.is_dir() else [path]
         if not files:
             raise ValueError(f"{path}: holds no images ({', '.join(PICTURES)}) and no dataset")
-        for i in _spread(len(files), limit):
+        for i in spread(len(files), limit):
             grey = cv2.imdecode(np.frombuffer(files[i].read_bytes() or b"0", np.uint8), cv2.IMREAD_GRAYSCALE)
             if grey is None:
                 raise ValueError(f"{files[i]}: not a readable image")
             yield str(files[i]), grey
-
-
-def _spread(count: int, wanted: int) -> list[int]:
-    return np.unique(np.linspace(0, count - 1, min(count, wanted)).round().astype(int)).tolist() if count else []
 
 
 def analyse(options: TextureOptions) -> dict[str, Any]:

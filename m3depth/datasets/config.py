@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal
 
 Format = Literal["auto", "marssim", "kitti", "sceneflow", "middlebury", "eth3d", "oaisys", "list", "folder"]
-FORMATS: tuple[Format, ...] = get_args(Format)
 Part = Literal["train", "val", "test", "all"]
 
 

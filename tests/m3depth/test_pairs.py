@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from m3depth.pairs import checked_pair
+from m3depth.pairs import checked_pair, spread
 from marssim.camera import PinholeCamera, StereoRig
 
 RIG = StereoRig(PinholeCamera.centred(6, 4, 10.0), baseline=0.27)
@@ -28,3 +28,11 @@ def test_grey_and_colour_pass(given, kept) -> None:
 def test_what_cannot_be_matched_is_named(image, message) -> None:
     with pytest.raises(ValueError, match=message):
         checked_pair(np.zeros((4, 6), np.uint8), image, RIG)
+
+
+@pytest.mark.parametrize(
+    ("count", "wanted", "expected"),
+    [(10, 3, [0, 4, 9]), (3, 10, [0, 1, 2]), (5, 1, [0]), (0, 4, []), (7, 7, list(range(7)))],
+)
+def test_what_is_chosen_spreads_from_the_first_to_the_last(count, wanted, expected) -> None:
+    assert spread(count, wanted) == expected
