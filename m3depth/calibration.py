@@ -17,11 +17,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from m3depth.camera_info import CameraInfo, is_camera_info, parse_camera_info
+from m3depth.camera_info import NUMBER, CameraInfo, is_camera_info, parse_camera_info
 from marssim.camera import PinholeCamera, StereoRig
 
 KITTI_GREY = frozenset({"image_0", "image_00"})  # folders of the left grey camera; the colour one is number 2
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 
 
 @dataclass(frozen=True)
@@ -136,7 +135,7 @@ def _from_ros(left_text: str, right_text: str | None, baseline: float | None) ->
 def _from_kitti(text: str, eyes: tuple[str, str]) -> Calibration:
     matrices = {
         number: np.array([float(value) for value in values.split()])
-        for number, values in re.findall(rf"^\s*P(?:_rect_0)?(\d)\s*:((?:\s+{_NUMBER})+)", text, re.MULTILINE)
+        for number, values in re.findall(rf"^\s*P(?:_rect_0)?(\d)\s*:((?:\s+{NUMBER})+)", text, re.MULTILINE)
     }
     present = [pair for pair in (eyes, ("2", "3"), ("0", "1")) if all(eye in matrices for eye in pair)]
     if not present:
@@ -152,7 +151,7 @@ def _from_middlebury(text: str) -> Calibration:
     for name in ("cam0", "baseline"):
         if name not in fields:
             raise ValueError(f"field {name} is missing")
-    camera = [float(value) for value in re.findall(_NUMBER, fields["cam0"])]
+    camera = [float(value) for value in re.findall(NUMBER, fields["cam0"])]
     if len(camera) != 9:
         raise ValueError(f"cam0 must have 9 numbers, has {len(camera)}")
     size = (int(fields["width"]), int(fields["height"])) if {"width", "height"} <= fields.keys() else None

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-_LIST = rf"(?:\[([^\]]*)\]|((?:\s*\n\s*-\s*{_NUMBER})+))"  # [1, 2] or a line each
+NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_LIST = rf"(?:\[([^\]]*)\]|((?:\s*\n\s*-\s*{NUMBER})+))"  # [1, 2] or a line each
 _PROJECTION = re.compile(
     rf"^\s*(?:projection_matrix\s*:(?:\s*(?:rows|cols)\s*:\s*\d+)*\s*data|P|p)\s*:\s*{_LIST}", re.MULTILINE
 )
@@ -36,7 +36,7 @@ def parse_camera_info(text: str) -> CameraInfo:
     match = _PROJECTION.search(text)
     if match is None:
         raise ValueError("holds no projection_matrix, which ROS's CameraInfo does")
-    numbers = [float(number) for number in re.findall(_NUMBER, match[1] or match[2] or "")]
+    numbers = [float(number) for number in re.findall(NUMBER, match[1] or match[2] or "")]
     if len(numbers) != 12:
         raise ValueError(f"projection_matrix must have 12 numbers, has {len(numbers)}")
     projection = np.array(numbers).reshape(3, 4)

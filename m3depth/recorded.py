@@ -27,12 +27,12 @@ from typing import Literal
 import cv2
 import numpy as np
 
+from m3depth.datasets.maps import PNG_UNIT
 from m3depth.matching import fill_background
 from m3depth.prediction import Prediction
 from marssim.camera import StereoRig
 
 ENDINGS = ("npy", "pfm", "tiff", "tif", "png")
-PNG_SCALE = {"disparity": 256.0, "depth": 1000.0}  # KITTI's; millimetres
 IN_A_FOLDER = {"disparity": ("disparity", "left_disparity"), "depth": ("depth",)}
 FORM = "NAME=DIR[,depth][,scale=S][,fill]"
 
@@ -102,7 +102,7 @@ class RecordedPredictions:
         path = self.find(pair, number)
         shape = (rig.camera.height, rig.camera.width)
         stored = read_map(path, shape)
-        scale = self.scale or (PNG_SCALE[self.kind] if path.suffix == ".png" else 1.0)
+        scale = self.scale or (PNG_UNIT[self.kind] if path.suffix == ".png" else 1.0)
         values = stored.astype(np.float32) / np.float32(scale)
         with np.errstate(invalid="ignore"):
             known = np.isfinite(values) & (values > 0 if self.kind == "depth" else values >= 0)

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from m3depth.datasets.config import DataConfig
+from m3depth.datasets.maps import Kind
 from m3depth.datasets.pair_files import PairFiles, Rigs
 from marssim.dataset import DatasetError
 
@@ -22,15 +23,14 @@ def folder(root: Path, config: DataConfig, rigs: Rigs) -> Iterator[PairFiles]:
             raise DatasetError(f"{root}: --format folder needs {flag}, a pattern as left/*.png")
     assert config.left is not None and config.right is not None and truth is not None
     left, right, maps = (matches(root, pattern) for pattern in (config.left, config.right, truth))
-    kind = "disparity" if config.disparity else "depth"
+    kind: Kind = "disparity" if config.disparity else "depth"
     for key, path in left.items():
         for others, pattern in ((right, config.right), (maps, truth)):
             if key not in others:
                 raise DatasetError(f"{path}: has no partner in {root / pattern}")
         name = path.relative_to(root).with_suffix("").as_posix()
         yield PairFiles(
-            name, name, path, right[key], maps[key], "disparity" if kind == "disparity" else "depth",
-            rigs(root / "calib.txt", path), unit=config.unit,
+            name, name, path, right[key], maps[key], kind, rigs(root / "calib.txt", path), unit=config.unit,
         )  # fmt: skip
 
 
