@@ -45,6 +45,7 @@ class Settled:
 
     @property
     def belly_contact(self) -> bool:
+        """Whether the chassis rests on ground or rock."""
         return self.clearance <= 0
 
 

@@ -43,6 +43,7 @@ class Contacts:
 
     @property
     def collision(self) -> bool:
+        """Whether either of them does."""
         return self.chassis or self.obstacle
 
 
