@@ -34,7 +34,7 @@ class PlannerConfig:
     belly_margin: float = 0.05  # chassis to whatever is below it [m]
     turn_cost: float = 0.5  # a radian turned in place [m]
     turn_start_cost: float = 0.5  # stopping in order to turn [m]; not again while a turn goes on
-    turn_back_cost: float = 1.0  # turning back at once [m]
+    turn_back_cost: float = 1.0  # turning back at once [m]; twice as much each further time, until the rover drives
     turn_dark_cost: float = 4.0  # turning in place over ground that was not seen [m]: only where nothing else leads on
     bend_cost: float = 0.15  # a radian turned while driving [m]
     change_cost: float = 0.3  # departing from the previous curvature by 1 / m [m]
@@ -145,6 +145,7 @@ class Planner:
         self._standing: Standing | None = None
         self.previous_curvature = 0.0
         self.previous_turn = 0.0
+        self._turned_back = 0  # times since the rover drove: headings that see each other's way as the better one
         # The tightest curve that the wheels can steer.
         sharpest = 1 / (spec.track / 2 + abs(spec.wheel_x[0]) / np.tan(spec.max_steer) + 0.02)
         sharpest = min(sharpest, spec.max_yaw_rate / spec.max_speed)
@@ -156,6 +157,7 @@ class Planner:
         """Forget the previous motion."""
         self.previous_curvature = 0.0
         self.previous_turn = 0.0
+        self._turned_back = 0
 
     def update(self, elevation: ElevationMap, ground: Traversability, goal: np.ndarray) -> None:
         """Take in a new map: the field to the goal (2,) [m], and the surface that arcs are checked on."""
@@ -183,6 +185,10 @@ class Planner:
         if not motions:
             return None
         best = min(motions, key=lambda motion: motion.cost)
+        if best.turn * self.previous_turn < 0:
+            self._turned_back += 1
+        elif not best.turn:
+            self._turned_back = 0
         self.previous_curvature, self.previous_turn = best.curvature, best.turn
         return best
 
@@ -246,7 +252,8 @@ class Planner:
         cost, _ = self._rate(poses, free, elevation, ground, goal)
         same_way = np.sign(turn) * np.sign(self.previous_turn)
         cost += c.turn_cost * np.abs(turn) + np.choose(
-            same_way.astype(int) + 1, [c.turn_start_cost + c.turn_back_cost, c.turn_start_cost, 0.0]
+            same_way.astype(int) + 1,
+            [c.turn_start_cost + c.turn_back_cost * 2**self._turned_back, c.turn_start_cost, 0.0],
         )
         cost += c.turn_dark_cost * self._into_the_dark(elevation, ground, pose, turn)
         i = int(cost.argmin())

@@ -89,6 +89,19 @@ def test_what_was_not_seen_beside_the_rover_is_turned_over_only_where_nothing_el
     assert abs(plan(*scene(walled, seen), goal=behind).turn) > np.deg2rad(90)
 
 
+def test_turning_to_and_fro_comes_to_an_end():
+    """Two headings, each of which takes the other's way for the better one: a goal that moves stands for them here."""
+    elevation, ground = scene([(1.6, y, 0.25) for y in np.arange(-6, 6.1, 0.4)])  # no driving on
+    planner = Planner(ZHURONG, CONFIG, elevation)
+    sides = []
+    for n in range(12):
+        goal = np.array([-3.0, 6.0 * (-1) ** n])
+        planner.update(elevation, ground, goal)
+        sides.append(np.sign(planner.plan(elevation, ground, np.zeros(3), goal).turn))
+    changes = np.flatnonzero(np.diff(sides))
+    assert 1 <= len(changes) <= 6 and changes[-1] < 8 and sides[-1] != 0
+
+
 def test_rocks_are_driven_round():
     elevation, ground = scene([(3.5, 0.1, 0.4)])
     motion = plan(elevation, ground, (7.0, 0.0))
