@@ -92,8 +92,8 @@ def to_onnx(model: M3Depth, opset: int = OPSETS[0]) -> bytes:
     # A size that is no multiple of what the network works on: the padding becomes part of what is exported.
     size = 2 * model.config.size_multiple - 6
     example = (*torch.rand(2, 2, 3, size, size + 4), torch.tensor([[100.0, 100, size / 2, size / 2]] * 2))
-    # The newer exporter (dynamo) cannot solve for sizes whose parity matters, as those of wavelets; older PyTorch has
-    # no such parameter.
+    # PyTorch 2.13's newer exporter (dynamo) needs onnxscript, whose optimiser (0.7.2) fails on chunks of a free batch;
+    # older PyTorch has no such parameter.
     exporter: Any = torch.onnx.export
     tracing = {"dynamo": False} if "dynamo" in inspect.signature(exporter).parameters else {}
     was_training = model.training
