@@ -2,8 +2,12 @@
 
 Grid convention: square, axes along world x (east) and y (north), indexed [iy, ix]; cell (0, 0) has its lower left
 corner at `origin`. Heights are world z [m]; NaN means that a cell was never seen. Each cell keeps two heights apart:
-`top`, a high percentile of what was measured in it, so that a rock is never averaged into the ground beside it, and
-`low`, a low percentile, which is the ground.
+`top`, the highest but one of the points in it, so that a rock is never averaged into the ground beside it, and `low`, a
+low percentile, which is the ground.
+
+What only the left eye sees (the left edge of its image, wider for what is near) is no stereo: estimators extend the
+ground there, over rocks too. Unless they are sure, such points may warn of what stands out, but make nothing known that
+would be free.
 """
 
 from __future__ import annotations
@@ -11,6 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
+import cv2
 import numpy as np
 
 from marssim.camera import PinholeCamera, StereoRig
@@ -25,7 +30,11 @@ class ElevationConfig:
     size: float = 40.0  # edge of the map [m]
     max_range: float = 12.0  # points farther ahead than this [m] are left out
     min_range: float = 0.5  # and nearer than this [m]
-    min_confidence: float = 0.3  # pixels below are unknown
+    min_confidence: float = 0.5  # pixels below are unknown
+    sure_alone: float = 0.7  # below, what the left eye alone sees shows no ground, only what stands out
+    stands_out: float = 0.10  # of the lowest point within ground_reach [m]
+    ground_reach: float = 0.8  # [m]
+    few: int = 2  # so few points in a cell need a cell beside it that is as high, to stand out
     disparity_sigma: float = 0.25  # stereo matching error [px]
     edge_jump: float = JUMP  # disparity change within 3 x 3 px [px] from which a pixel hangs between two surfaces
     columns: int = 256  # about this many image columns are used
@@ -146,15 +155,15 @@ class ElevationMap:
             raise ValueError(f"depth is {depth.shape}, the rig's camera has {(camera.height, camera.width)} pixels")
         if confidence is not None and np.shape(confidence) != depth.shape:
             raise ValueError(f"confidence is {np.shape(confidence)}, depth is {depth.shape}")
-        points, z, trust = self._points(depth, confidence, rig, np.asarray(camera_pose, float))
+        points, z, trust, sure = self._points(depth, confidence, rig, np.asarray(camera_pose, float))
         if z.size:
-            self._fuse(points, z, trust, rig.fb)
+            self._fuse(points, z, trust, sure, rig.fb)
         return int(z.size)
 
     def _points(
         self, depth: np.ndarray, confidence: np.ndarray | None, rig: StereoRig, pose: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """World points (m, 3), their depth (m,) and confidence (m,), after all filters."""
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """World points (m, 3), their depth (m,), confidence (m,) and whether they may show ground (m,), filtered."""
         c = self.config
         with np.errstate(invalid="ignore"):
             use = (depth > c.min_range) & (depth < c.max_range)
@@ -171,15 +180,16 @@ class ElevationMap:
         local = np.stack([slope_u[columns] * z, slope_v[rows] * z, z], axis=1)
         points = local @ pose[:3, :3].T.astype(np.float32)
         trust = np.ones_like(z) if confidence is None else np.asarray(confidence, np.float32)[rows, columns]
-        return points.astype(np.float64) + pose[:3, 3], z, trust
+        sure = (trust >= c.sure_alone) | (columns >= rig.fb / z)  # or seen by the right eye, at a column from 0 on
+        return points.astype(np.float64) + pose[:3, 3], z, trust, sure
 
-    def _fuse(self, points: np.ndarray, z: np.ndarray, trust: np.ndarray, fb: float) -> None:
+    def _fuse(self, points: np.ndarray, z: np.ndarray, trust: np.ndarray, sure: np.ndarray, fb: float) -> None:
         n = self.n
         ij = self.cell_of(points[:, :2])
         inside = ((ij >= 0) & (ij < n)).all(axis=1)
         if not inside.any():
             return
-        ij, height, z, trust = ij[inside], points[inside, 2], z[inside], trust[inside]
+        ij, height, z, trust, sure = ij[inside], points[inside, 2], z[inside], trust[inside], sure[inside]
         flat = ij[:, 1] * n + ij[:, 0]
 
         # One integer sort orders the points by cell, and by height [mm] inside each cell: percentiles come for free.
@@ -192,12 +202,36 @@ class ElevationMap:
         number = np.diff(np.r_[first, cell.size])
         ordered = (key & ((1 << 20) - 1)) * 1e-3 + base
         # Of four points and more the highest is not trusted: a single stray match would make a rock.
-        top = ordered[first + number - 1 - (number // 20) - (number >= 4)]
+        top = ordered[first + number - 1 - (number >= 4)]
         low = ordered[first + number // 10]
+        shows_ground = np.bincount(flat, sure, minlength=n * n)[touched] > 0
+        keep = self._credible(touched, top, low, number, shows_ground)
 
         sigma = z.astype(float) ** 2 / fb * self.config.disparity_sigma
         gain = np.bincount(flat, trust / sigma**2, minlength=n * n)[touched] / number * np.minimum(number, 5)
-        self._blend(touched, top, low, gain)
+        self._blend(touched[keep], top[keep], low[keep], gain[keep])
+
+    def _credible(
+        self, touched: np.ndarray, top: np.ndarray, low: np.ndarray, number: np.ndarray, shows_ground: np.ndarray
+    ) -> np.ndarray:
+        """(m,) bool: which cells of one look go into the map.
+
+        touched: (m,) flat cell indices; top, low: (m,) [m]; number: (m,) points; shows_ground: (m,) bool. A cell that
+        may not show ground has to stand out. One that stands out by few points needs a cell beside it that reaches as
+        high: a rock of a cell's width that is as high as `stands_out` has more of them, a stray match has not.
+        """
+        c = self.config
+        iy, ix = np.divmod(touched, self.n)
+        iy, ix = iy - iy.min(), ix - ix.min()
+        floor, highest = np.full((2, iy.max() + 1, ix.max() + 1), 1e6, np.float32)
+        floor[iy, ix], highest[iy, ix] = low, -top
+        window = 2 * round(c.ground_reach / c.cell) + 1
+        floor = cv2.erode(floor, np.ones((window, window), np.uint8))[iy, ix]
+        beside = np.ones((3, 3), np.uint8)
+        beside[1, 1] = 0
+        supported = -cv2.erode(highest, beside)[iy, ix] >= top - c.stands_out
+        stands = top - floor >= c.stands_out
+        return np.where(stands, supported | (number > c.few), shows_ground)
 
     def _blend(self, touched: np.ndarray, top: np.ndarray, low: np.ndarray, gain: np.ndarray) -> None:
         """Update the touched cells with one look, weighed by range error; near looks overrule far ones."""
