@@ -187,12 +187,14 @@ def rocks_table(seen: Mapping[str, Mapping[str, Any]], least_false: float) -> li
                     f"{low:g} m and more" if high == math.inf else f"{low:g}-{high:g} m",
                     f"{figures['range_from_m']:g}-{figures['range_to_m']:g} m",
                     *(str(figures[key]) for key in ("rocks", "found")),
-                    *_figures(figures, ["found_share", "height_error_m", "height_bias_m"]),
+                    *_figures(figures, ["found_share"]),
+                    *(str(figures[key]) for key in ("both_eyes", "both_eyes_found")),
+                    *_figures(figures, ["height_error_m", "height_bias_m"]),
                     "-" if high <= least_false else str(figures["false"]),
                 ]
             )
-    columns = ["method", "height", "range", "rocks", "found", "share", "height error [m]", "bias [m]", "false"]
-    return table(columns, rows)
+    columns = ["method", "height", "range", "rocks", "found", "share", "seen by both eyes", "found"]
+    return table([*columns, "height error [m]", "bias [m]", "false"], rows)
 
 
 def _confidence(results: Results) -> list[str]:

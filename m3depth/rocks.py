@@ -7,6 +7,8 @@ score (python -m envs.rocks asks the navigator's map instead):
   0.1 m and more, of 30 pixels and more, up to 15 m away count, by the height of their highest point.
 - It is found if the predicted top, the 95th percentile over its pixels, stands at least half as high as the true top,
   the same percentile. Pixels whose depth is off by more than a quarter show no rock at its place: they count as ground.
+- Stereo cannot measure a rock of which the right eye sees fewer than 30 pixels: those that both eyes see are told
+  apart.
 - Seen falsely is a connected region away from every rock (5 px), in the sky too, whose predicted points stand 0.2 m and
   more above the true ground below them, up to 15 m away, and that is as large as 0.1 m x 0.1 m at its depth.
 """
@@ -15,7 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import cv2
 import numpy as np
@@ -44,6 +46,8 @@ class RockTruth(Protocol):
     @property
     def rock(self) -> np.ndarray: ...
     @property
+    def occluded(self) -> np.ndarray: ...
+    @property
     def rig(self) -> StereoRig: ...
     @property
     def meta(self) -> dict[str, Any]: ...
@@ -51,13 +55,15 @@ class RockTruth(Protocol):
 
 @dataclass(frozen=True)
 class SeenRock:
-    """pixels: (N,) flat indices; plane: height of the ground is plane @ (x, y, 1); height, top, away: see above [m]."""
+    """pixels: (N,) flat indices; plane: height of the ground is plane @ (x, y, 1); height, top, away: see above [m];
+    both_eyes: whether the right eye sees enough of it."""
 
     pixels: np.ndarray
     plane: np.ndarray
     height: float
     top: float
     away: float
+    both_eyes: bool
 
 
 @dataclass
@@ -74,6 +80,11 @@ class RockScene:
     ground: np.ndarray
     beside: np.ndarray
     rocks: list[SeenRock]
+
+    def heights(self, points: np.ndarray) -> np.ndarray:
+        """(N,) [m] of points (N, 3), in these axes, above the ground below them; points beyond REACH are 0 m high."""
+        cell = _cells(points)
+        return np.where(cell >= 0, points[:, 2] - self.ground.ravel()[cell], 0.0)
 
 
 def rock_scene(sample: RockTruth) -> RockScene | None:
@@ -141,7 +152,8 @@ def _measure(sample: RockTruth, rays: np.ndarray, ground: np.ndarray, at: np.nda
             continue
         height = points[:, 2] - (points[:, :2] @ plane[:2] + plane[2])
         if height.max() >= HEIGHT_EDGES[0]:
-            rocks.append(SeenRock(pixels, plane, float(height.max()), float(np.percentile(height, TOP)), away))
+            both = int((~sample.occluded.ravel()[pixels]).sum()) >= LEAST_PIXELS
+            rocks.append(SeenRock(pixels, plane, float(height.max()), float(np.percentile(height, TOP)), away, both))
     return rocks
 
 
@@ -204,31 +216,47 @@ def false_obstacles(scene: RockScene, depth: np.ndarray) -> list[tuple[float, fl
     return found
 
 
+class RockOutcome(NamedTuple):
+    """What became of one rock: its height and distance [m], whether it was found, the error of its height [m], whether
+    both eyes see it, and whether its place was left unknown (which only a map can say)."""
+
+    height: float
+    away: float
+    found: bool
+    error: float
+    both_eyes: bool = True
+    unknown: bool = False
+
+
 @dataclass
 class RockTally:
     """Rocks found and missed, and obstacles that are none, over many images.
 
-    rocks: (height, distance, found, height error) of each rock; false: (height, distance) of each false obstacle.
+    false: (height, distance) of each false obstacle; displaced: of each that is a rock, but not at its place (none by
+    this file's measure, which asks pixel by pixel).
     """
 
     images: int = 0
-    rocks: list[tuple[float, float, bool, float]] = field(default_factory=list)
+    rocks: list[RockOutcome] = field(default_factory=list)
     false: list[tuple[float, float]] = field(default_factory=list)
+    displaced: list[tuple[float, float]] = field(default_factory=list)
 
     def add(self, prediction: Prediction, scene: RockScene) -> None:
         """Judge one prediction."""
         self.images += 1
         tops = predicted_tops(scene, prediction.depth)
         for rock, top in zip(scene.rocks, tops, strict=True):
-            self.rocks.append((rock.height, rock.away, bool(top >= rock.top / 2), float(top - rock.top)))
+            found = bool(top >= rock.top / 2)
+            self.rocks.append(RockOutcome(rock.height, rock.away, found, float(top - rock.top), rock.both_eyes))
         self.false += false_obstacles(scene, prediction.depth)
 
     def result(self) -> dict[str, Any]:
-        """{"images", "false": all of them, "bins": figures by height and distance, "standing_0.2_m_within_8_m":
-        figures}; {} without images.
+        """{"images", "false", "displaced": all of them, "bins": figures by height and distance,
+        "standing_0.2_m_within_8_m": figures}; {} without images.
 
         Figures: rocks, found; found_share and the height's error over the rocks found [m], its median magnitude and its
-        median with sign, None without rocks; false, false_per_image.
+        median with sign, None without rocks; the first three again of those that both eyes see; unknown: rocks missed
+        whose place was left unknown; false, displaced, false_per_image.
         """
         if not self.images:
             return {}
@@ -240,14 +268,19 @@ class RockTally:
         return {
             "images": self.images,
             "false": len(self.false),
+            "displaced": len(self.displaced),
             "bins": bins,
             "standing_0.2_m_within_8_m": self._figures(OBSTACLE, np.inf, 0.0, 8.0),
         }
 
     def _figures(self, low: float, high: float, near: float, far: float) -> dict[str, Any]:
-        rocks = [r for r in self.rocks if low <= r[0] < high and near <= r[1] < far]
-        errors = np.array([error for _, _, found, error in rocks if found])
-        false = sum(low <= height < high and near <= away < far for height, away in self.false)
+        rocks = [r for r in self.rocks if low <= r.height < high and near <= r.away < far]
+        errors = np.array([r.error for r in rocks if r.found])
+        both = [r.found for r in rocks if r.both_eyes]
+        false, displaced = (
+            sum(low <= height < high and near <= away < far for height, away in patches)
+            for patches in (self.false, self.displaced)
+        )
         return {
             "height_from_m": low,
             "height_to_m": high,
@@ -256,8 +289,13 @@ class RockTally:
             "rocks": len(rocks),
             "found": len(errors),
             "found_share": len(errors) / len(rocks) if rocks else None,
+            "both_eyes": len(both),
+            "both_eyes_found": sum(both),
+            "both_eyes_share": sum(both) / len(both) if both else None,
+            "unknown": sum(r.unknown and not r.found for r in rocks),
             "height_error_m": float(np.median(np.abs(errors))) if len(errors) else None,
             "height_bias_m": float(np.median(errors)) if len(errors) else None,
             "false": false,
+            "displaced": displaced,
             "false_per_image": false / self.images,
         }

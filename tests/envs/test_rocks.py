@@ -61,6 +61,19 @@ def test_found_missed_and_false(folder, tmp_path, capsys, monkeypatch):
     assert cv2.imread(str(out / "rocks.png")).std() > 10
 
 
+def test_several_folders_in_one_count_and_other_heights_of_an_obstacle(folder, tmp_path):
+    out = tmp_path / "out"
+    args = ["--data", str(folder), str(folder), "--split", "all", "--out", str(out), "--perception", "ground_truth"]
+    assert main(args) == 0
+    found = json.loads((out / "results.json").read_text())
+    assert found["images"] == 4 and found["methods"]["ground_truth"]["standing_0.2_m_within_8_m"]["rocks"] == 6
+    steps = found["by_step"]["ground_truth"]
+    assert [point["step_m"] for point in steps] == [0.1, 0.12, 0.15, 0.2, 0.25]
+    counts = [point["found"] for point in steps]
+    assert counts == sorted(counts, reverse=True) and counts[0] == 6
+    assert "| ground_truth | 0.12 m | 6 of 6 | 6 of 6 | 0 | 0 | 0 |" in (out / "results.md").read_text()
+
+
 def test_a_higher_step_finds_fewer(folder, tmp_path):
     out = tmp_path / "out"
     args = ["--data", str(folder), "--out", str(out), "--perception", "ground_truth", "--limit", "1"]

@@ -1,0 +1,133 @@
+"""Rocks in the navigator's map of one frame: found, missed, left unknown; and obstacles that are displaced or none.
+
+What a rover's driver asks decides what counts as what:
+
+- A rock that only the left eye sees is outside what stereo can measure, as it is outside the overlap that flight
+  software works on. It counts as missed all the same, but is told apart, and so is a rock not found at whose place the
+  map says nothing: the rover does not enter what it has not seen.
+- Stereo places what it sees no better than an error of its disparity of one pixel: 0.2 m along the ray at 6 m, 0.9 m at
+  12 m, with NaTeCam. A rock within that (and 0.3 m across) of where the map shows it, and at least half as high, is a
+  rock to be driven round, and is placed again from nearer; it is counted as displaced, not as false.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from m3depth.rocks import RockOutcome, RockScene, RockTally
+from marssim.camera import StereoRig
+from marssim.rover_spec import ZHURONG
+from nav import ElevationMap, TraversabilityConfig, assess
+
+BESIDE = 0.3  # [m] of a rock, where what stands out is the rock's
+STANDS_OUT = 0.1  # [m] in the map of the true depth: no false obstacle
+RANGE_ERROR = 1.0  # [px] of disparity
+RULES = """\
+Rocks, their height and distance are those of m3depth.rocks, as far as the map reaches (12 m). One is found if a cell on
+it, or beside it, stands out by that much; its height is that of the highest such cell. It is left unknown if it is not
+found and the map knows less than half of its cells. No rock's is a connected patch of such cells, away (0.3 m) from
+every rock pixel and from all that stands out by 0.1 m in the map of the true depth. It is displaced if something at
+least half as high stands within 0.3 m and a range error of 1 px of disparity, and else false. The rows of ground_truth
+say what the map can show at best."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """What one depth map shows. step: (n, n) [m] above the ground, NaN unknown."""
+
+    elevation: ElevationMap
+    step: np.ndarray
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where rocks truly are, in the cells of a Look.
+
+    cells: (n, n) bool, those of each rock; rocky: (n, n) bool, rock pixels and what stands out; height: (n, n) [m] of
+    what stands there above the ground, -1 where nothing is known; fb: focal length x baseline [px m].
+    """
+
+    cells: list[np.ndarray]
+    rocky: np.ndarray
+    height: np.ndarray
+    fb: float
+
+
+def true_place(scene: RockScene, true: Look, on_rock: np.ndarray, fb: float) -> Place:
+    """true: the look of the true depth; on_rock: (H, W) bool, all rock pixels, those of small rocks too."""
+    elevation = true.elevation
+    points = scene.rays.reshape(-1, 3) * np.where(np.isfinite(scene.true_depth), scene.true_depth, 0).reshape(-1, 1)
+    cells = [_cells_of(elevation, points[rock.pixels, :2]) for rock in scene.rocks]
+    rock_points = points[np.flatnonzero(on_rock & np.isfinite(scene.true_depth))]
+    rocky = _cells_of(elevation, rock_points[:, :2])
+    height = np.nan_to_num(true.step, nan=-1.0)
+    rocky |= height >= STANDS_OUT
+    index = elevation.cell_of(rock_points[:, :2])
+    inside = ((index >= 0) & (index < elevation.n)).all(axis=1)
+    above = scene.heights(rock_points)
+    np.maximum.at(height, (index[inside, 1], index[inside, 0]), above[inside])
+    return Place(cells, rocky, height, fb)
+
+
+def _cells_of(elevation: ElevationMap, xy: np.ndarray) -> np.ndarray:
+    """(n, n) bool: cells in which places (N, 2) [m] lie."""
+    mask = np.zeros((elevation.n, elevation.n), bool)
+    index = elevation.cell_of(xy)
+    index = index[((index >= 0) & (index < elevation.n)).all(axis=1)]
+    mask[index[:, 1], index[:, 0]] = True
+    return mask
+
+
+def look_at(depth: np.ndarray, confidence: np.ndarray | None, rig: StereoRig, turn: np.ndarray) -> Look:
+    """The navigator's map of one depth map. turn: (3, 3) left camera to level axes; the camera stands at (0, 0, 0)."""
+    pose = np.eye(4)
+    pose[:3, :3] = turn
+    elevation = ElevationMap()
+    elevation.integrate(depth, confidence, rig, pose)
+    return Look(elevation, assess(elevation, ZHURONG, TraversabilityConfig()).step)
+
+
+def count_rocks(tally: RockTally, look: Look, scene: RockScene, place: Place, least: float) -> None:
+    """Add what one look shows to the tally. place: where the rocks truly are; least: [m] from which height on a cell is
+    an obstacle."""
+    tally.images += 1
+    config = look.elevation.config
+    with np.errstate(invalid="ignore"):
+        stands = look.step >= least
+    for rock, on in zip(scene.rocks, place.cells, strict=True):
+        if np.median(scene.true_depth.ravel()[rock.pixels]) >= config.max_range - 0.5:
+            continue
+        cells = _wider(on, 1)
+        found = bool((stands & cells).any())
+        height = float(np.nanmax(look.step[cells])) if found else np.nan
+        unknown = not found and bool(look.elevation.known[on].mean() < 0.5)
+        tally.rocks.append(RockOutcome(rock.height, rock.away, found, height - rock.height, rock.both_eyes, unknown))
+    false = stands & ~_wider(place.rocky, round(BESIDE / config.cell))
+    count, label = cv2.connectedComponents(false.astype(np.uint8), connectivity=8)
+    x, y = look.elevation.centres()
+    away = np.hypot(x[None, :], y[:, None])
+    for number in range(1, count):
+        patch = label == number
+        height = float(look.step[patch].max())
+        told = tally.displaced if _is_displaced(look.elevation, patch, height, place) else tally.false
+        told.append((height, float(np.median(away[patch]))))
+
+
+def _is_displaced(elevation: ElevationMap, patch: np.ndarray, height: float, place: Place) -> bool:
+    """Whether something at least half as high truly stands within the range error of a patch (n, n) bool."""
+    iy, ix = np.nonzero(patch)
+    x, y = elevation.centres()
+    xy = np.column_stack([x[ix], y[iy]])
+    away = np.hypot(*xy.T)
+    # dZ = Z^2 / (f B) dd; distance along the ground for Z, which it exceeds a little towards the image's sides.
+    error = RANGE_ERROR * away / place.fb
+    along = 1 + np.arange(-1, 1.01, 0.02)[:, None] * error
+    near = _cells_of(elevation, (along[..., None] * xy).reshape(-1, 2))
+    return bool(place.height[_wider(near, round(BESIDE / elevation.config.cell))].max() >= height / 2)
+
+
+def _wider(mask: np.ndarray, cells: int) -> np.ndarray:
+    return cv2.dilate(mask.astype(np.uint8), np.ones((2 * cells + 1,) * 2, np.uint8)) > 0

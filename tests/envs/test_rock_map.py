@@ -1,0 +1,75 @@
+"""What the navigator's map makes of rocks of known size, when the depth that goes into it is wrong in known ways."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rock_samples import RIG, ahead, rock_sample, without_rocks
+from rock_world import RockWorld
+
+from envs.rock_map import count_rocks, look_at, true_place
+from m3depth.rocks import RockTally, rock_scene
+
+DOMES = ((3.0, -0.5, 0.35, 0.3), (9.0, 0.5, 0.5, 0.45))
+SAMPLE = rock_sample(RockWorld(domes=np.array([(*ahead(d, aside), r, h) for d, aside, r, h in DOMES])))
+ALL = np.ones(SAMPLE.depth.shape, np.float32)
+
+
+def tally(depth, confidence=ALL, sample=SAMPLE, step=0.15) -> RockTally:
+    turn = np.array(sample.meta["pose"])[:3, :3]
+    scene = rock_scene(sample)
+    place = true_place(scene, look_at(sample.depth, None, RIG, turn), sample.rock > 0, RIG.fb)
+    found = RockTally()
+    count_rocks(found, look_at(np.asarray(depth, np.float32), confidence, RIG, turn), scene, place, step)
+    return found
+
+
+def shifted(pixels: float) -> np.ndarray:
+    """The far rock, its disparity too large by so many pixels."""
+    return np.where(SAMPLE.rock == 2, RIG.fb / (RIG.fb / SAMPLE.depth + pixels), SAMPLE.depth)
+
+
+def test_true_depth_finds_all_at_their_height():
+    found = tally(SAMPLE.depth)
+    assert [rock.found for rock in found.rocks] == [True, True]
+    assert max(abs(rock.error) for rock in found.rocks) < 0.05
+    assert found.false == [] and found.displaced == []
+
+
+@pytest.mark.parametrize("pixels", [0.6, 0.9])
+def test_a_rock_within_the_range_error_is_displaced(pixels):
+    found = tally(shifted(pixels))
+    assert found.false == [] and len(found.displaced) >= 1
+    height, away = found.displaced[0]
+    assert height > 0.3 and 7.0 < away < 8.6
+
+
+def test_a_rock_farther_off_than_the_range_error_is_false():
+    found = tally(shifted(3.0))
+    assert found.displaced == [] and len(found.false) >= 1
+    assert not found.rocks[1].found and found.rocks[0].found
+
+
+def test_what_is_twice_as_high_as_all_about_it_is_not_displaced():
+    """A rock of 0.12 m does not excuse a block of 0.5 m half a metre before it."""
+    low = rock_sample(RockWorld(domes=np.array([[*ahead(8.0, 0.0), 0.3, 0.12]])))
+    block = rock_sample(RockWorld(domes=np.array([[*ahead(7.2, 0.0), 0.2, 0.5]])))
+    found = tally(np.minimum(low.depth, block.depth), sample=low)
+    assert len(found.false) == 1 and found.displaced == []
+
+
+def test_missed_as_ground_or_left_unknown():
+    melted = tally(without_rocks(SAMPLE))
+    assert [(rock.found, rock.unknown) for rock in melted.rocks] == [(False, False)] * 2
+    unsure = tally(SAMPLE.depth, np.where(SAMPLE.rock == 1, 0.2, 1.0).astype(np.float32))
+    assert (unsure.rocks[0].found, unsure.rocks[0].unknown) == (False, True)
+    near = unsure.result()["standing_0.2_m_within_8_m"]
+    assert (near["rocks"], near["found"], near["unknown"]) == (1, 0, 1)
+
+
+def test_rocks_that_one_eye_sees_are_told_apart():
+    hidden = replace(SAMPLE, occluded=SAMPLE.rock == 1)
+    found = tally(without_rocks(hidden), sample=hidden)
+    assert [rock.both_eyes for rock in found.rocks] == [False, True]
+    near = found.result()["standing_0.2_m_within_8_m"]
+    assert (near["rocks"], near["both_eyes"], near["both_eyes_share"]) == (1, 0, None)
