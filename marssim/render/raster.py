@@ -63,6 +63,17 @@ def _pixels(left, right, top, bottom, grid):
     )
 
 
+@inlined
+def _covered(vertices, faces, face, view, grid):
+    """Corners of a face, and the pixels that it may cover, see _pixels."""
+    a = corner(vertices, faces, face, 0, view)
+    b = corner(vertices, faces, face, 1, view)
+    c = corner(vertices, faces, face, 2, view)
+    left, right, top, bottom = extent(a, b, c)
+    i0, i1, j0, j1 = _pixels(left, right, top, bottom, grid)
+    return a, b, c, i0, i1, j0, j1
+
+
 @compiled
 def _first_faces(vertices, faces, start, low, high, view, nearest, grid):
     width, height, fx, fy, cx, cy = grid
@@ -74,11 +85,7 @@ def _first_faces(vertices, faces, start, low, high, view, nearest, grid):
         if i0 > i1 or j0 > j1:
             continue
         for face in range(start[piece], start[piece + 1]):
-            a = corner(vertices, faces, face, 0, view)
-            b = corner(vertices, faces, face, 1, view)
-            c = corner(vertices, faces, face, 2, view)
-            left, right, top, bottom = extent(a, b, c)
-            i0, i1, j0, j1 = _pixels(left, right, top, bottom, grid)
+            a, b, c, i0, i1, j0, j1 = _covered(vertices, faces, face, view, grid)
             if i0 > i1 or j0 > j1:
                 continue
             ea, eb, ec = edge(b, c), edge(c, a), edge(a, b)
@@ -106,11 +113,7 @@ def _matching_faces(vertices, faces, group, start, low, high, view, nearest, gri
         if i0 > i1 or j0 > j1:
             continue
         for face in range(start[piece], start[piece + 1]):
-            a = corner(vertices, faces, face, 0, view)
-            b = corner(vertices, faces, face, 1, view)
-            c = corner(vertices, faces, face, 2, view)
-            left, right, top, bottom = extent(a, b, c)
-            i0, i1, j0, j1 = _pixels(left, right, top, bottom, grid)
+            a, b, c, i0, i1, j0, j1 = _covered(vertices, faces, face, view, grid)
             if i0 > i1 or j0 > j1:
                 continue
             ea, eb, ec = edge(b, c), edge(c, a), edge(a, b)

@@ -12,14 +12,14 @@ from marssim.render.gbuffer import SKY, GBuffer
 from marssim.render.hits import seen
 from marssim.render.mesh import scene_mesh
 from marssim.render.raster import matching_faces
-from marssim.render.visibility import Visibility
+from marssim.render.visibility import SeesByRays
 from marssim.scene.scene import Scene
 
 NEAR = 0.1  # [m] what is nearer to the camera is not drawn
 SLIP = 0.01  # share of the depth by which the exact hit may differ from the depth buffer before it is not believed
 
 
-class Rasterizer:
+class Rasterizer(SeesByRays):
     """Renders a Scene with PyBullet's `getCameraImage`. Implements GBufferMaker.
 
     PyBullet decides which surface each pixel shows and about how far away; depth and normals are those of the very
@@ -32,14 +32,13 @@ class Rasterizer:
     def __init__(self, scene: Scene, egl: bool = False) -> None:
         self.scene = scene
         self._tiles = EglTiles(scene) if egl else BulletTiles(scene)
-        self._mesh = scene_mesh(scene)
-        self._group = self._tiles.group_of(self._mesh.surface)
-        self._visibility = Visibility(self._mesh, scene.look.sun)
-        self._open = True
+        mesh = scene_mesh(scene)
+        super().__init__(mesh, scene.look.sun)
+        self._group = self._tiles.group_of(mesh.surface)
 
     def render(self, camera: PinholeCamera, pose: np.ndarray) -> GBuffer:
         """What the camera sees; see GBuffer. pose: (4, 4) camera to world. Nothing nearer than 0.1 m is seen."""
-        mesh, shape = self._mesh, (camera.height, camera.width)
+        mesh, shape = self._seer().mesh, (camera.height, camera.width)
         guess, group = self.drawn(camera, pose)
         face = matching_faces(mesh, self._group, camera, pose, guess, group)
         _lend_faces(face.reshape(shape), group)
@@ -57,27 +56,10 @@ class Rasterizer:
         int32 SKY, GROUND, or a number that stands for a rock or for several (BulletTiles.group_of)."""
         return self._tiles.draw(camera, pose, NEAR, self._farthest(pose[:3, 3]))
 
-    def trace(self, rays: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Depth, normals, shading normals and surface along rays (N, 3) of z = 1; see GBufferMaker."""
-        return self._seer().trace(rays, pose)
-
-    def lit(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """(N,) bool: the sun's centre reaches these surface points; see GBufferMaker."""
-        return self._seer().lit(points, normals)
-
-    def seen_from(self, points: np.ndarray, normals: np.ndarray, eye: np.ndarray) -> np.ndarray:
-        """(N,) bool: nothing stands between these surface points and the eye; see GBufferMaker."""
-        return self._seer().seen_from(points, normals, eye)
-
     def close(self) -> None:
         """Free the PyBullet world; may be called twice."""
         self._tiles.close()
-        self._open = False
-
-    def _seer(self) -> Visibility:
-        if not self._open:
-            raise RuntimeError("this Rasterizer is closed")
-        return self._visibility
+        super().close()
 
     def _farthest(self, eye: np.ndarray) -> float:
         reach = np.maximum(np.abs(self._tiles.low - eye), np.abs(self._tiles.high - eye))

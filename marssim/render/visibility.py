@@ -76,6 +76,35 @@ class Visibility:
         return out
 
 
+class SeesByRays:
+    """What a maker answers by rays, until it is closed; see GBufferMaker."""
+
+    def __init__(self, mesh: SceneMesh, sun: np.ndarray) -> None:
+        self._visibility = Visibility(mesh, sun)
+        self._open = True
+
+    def trace(self, rays: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Depth, normals, shading normals and surface along rays (N, 3) of z = 1; see GBufferMaker."""
+        return self._seer().trace(rays, pose)
+
+    def lit(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """(N,) bool: the sun's centre reaches these surface points; see GBufferMaker."""
+        return self._seer().lit(points, normals)
+
+    def seen_from(self, points: np.ndarray, normals: np.ndarray, eye: np.ndarray) -> np.ndarray:
+        """(N,) bool: nothing stands between these surface points and the eye; see GBufferMaker."""
+        return self._seer().seen_from(points, normals, eye)
+
+    def close(self) -> None:
+        """It is not to be used after; may be called twice."""
+        self._open = False
+
+    def _seer(self) -> Visibility:
+        if not self._open:
+            raise RuntimeError(f"this {type(self).__name__} is closed")
+        return self._visibility
+
+
 def _looking(eye: np.ndarray, axis: np.ndarray) -> np.ndarray:
     """(4, 4) pose of a camera at the eye (3,) that looks along the axis (3,)."""
     forward = axis / np.linalg.norm(axis)
