@@ -11,26 +11,21 @@ import math
 
 import numpy as np
 
-from marssim.compiled import compiled, inlined
+from marssim.compiled import compiled
+from marssim.render.albedo import GROUND_COLOUR, regolith_at, rock_at
+from marssim.render.daylight import daylight, skies, sky_colour
 from marssim.render.gbuffer import GROUND
-from marssim.render.regolith import CODES, TONES, VARIANTS, WIDEST, grit, grit_at, ripple_tile
+from marssim.render.regolith import CODES, TONES, VARIANTS, grit, ripple_tile
 from marssim.render.surroundings import surroundings, surroundings_at
-from marssim.render.texture import coded_tile, fractal_slopes, octave_slopes, octave_value, octave_weight, placing
+from marssim.render.texture import coded_tile, placing
 from marssim.scene.rocks import ground_plane
-from marssim.scene.scene import Look, Scene
+from marssim.scene.scene import Scene
 
-GROUND_COLOUR = (0.40, 0.262, 0.158)
-ROCK_COLOUR = (0.265, 0.205, 0.158)
 SKY_COLOUR = (1.0, 0.86, 0.70)  # of the light that the sky throws on the ground
-ZENITH_COLOUR = (0.31, 0.235, 0.16)
-HORIZON_COLOUR = (0.50, 0.41, 0.29)
-HALO_COLOUR = (0.42, 0.40, 0.38)
-STAIN_HUE = (0.0, 0.10, 0.22)
 DUST_SCALE_HEIGHT = 10_800.0  # [m]
 THIN = 8e-4  # optical depth of dust too thin to show: it changes the image by an eighth of a grey level
 RELIEF_WAVELENGTHS = 0.035 * 2.0 ** np.arange(4)  # [m] between the pebbles' tile and the ground's grid
 STAIN_WAVELENGTHS = np.array([0.4, 1.7, 7.0])  # [m]
-PATCHES = 2  # the coarsest of them also tell sand from gravel
 RIPPLE_WAVELENGTHS = (0.06, 0.15)  # [m]
 FILLET = (0.03, 0.2)  # of a rock's height, up to which sand lies against it
 ROCK_WAVELENGTHS = np.array([0.009, 0.02, 0.05, 0.14])  # [m]
@@ -44,7 +39,7 @@ class Shader:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.look = look = scene.look
-        self.sun_light, self.sky_light = _light(look)
+        self.sun_light, self.sky_light = daylight(look)
         self._rock_albedo = np.concatenate([[1.0], scene.rocks.albedo])
         relief = 0.085 * look.texture_strength * (RELIEF_WAVELENGTHS / 0.05) ** -0.35
         rock = 0.13 * look.texture_strength * (ROCK_WAVELENGTHS / 0.1) ** -0.3
@@ -124,113 +119,7 @@ class Shader:
         Butterscotch, paler and brighter towards the horizon and around the sun, where dust scatters forward.
         """
         directions = np.ascontiguousarray(directions, dtype=np.float64)
-        return _skies(directions, self.look.sun, self.sky_light, self.look.optical_depth)
-
-
-@compiled
-def _skies(directions, sun, sky_light, optical_depth):
-    out = np.empty((len(directions), 3), dtype=np.float32)
-    for k in range(len(directions)):
-        out[k] = _sky(directions[k, 0], directions[k, 1], directions[k, 2], sun, sky_light, optical_depth)
-    return out
-
-
-@inlined
-def _sky(x, y, z, sun, sky_light, optical_depth):
-    towards_sun = min(max(x * sun[0] + y * sun[1] + z * sun[2], -1.0), 1.0)
-    horizon = math.exp(np.float32(-min(z, 1.0) / 0.25)) if z > 0 else 1.0
-    ahead = (1 + towards_sun) / 2
-    forward = math.exp(np.float32(-1 / 0.22) * math.acos(np.float32(towards_sun)))
-    halo = (0.9 * forward + 0.35 * ahead * ahead * ahead * ahead) * optical_depth
-    strength = 0.5 + 1.1 * sky_light
-    veil = 0.85 + 0.5 * optical_depth
-    return (
-        strength
-        * ((ZENITH_COLOUR[0] + (HORIZON_COLOUR[0] - ZENITH_COLOUR[0]) * horizon) * veil + halo * HALO_COLOUR[0]),
-        strength
-        * ((ZENITH_COLOUR[1] + (HORIZON_COLOUR[1] - ZENITH_COLOUR[1]) * horizon) * veil + halo * HALO_COLOUR[1]),
-        strength
-        * ((ZENITH_COLOUR[2] + (HORIZON_COLOUR[2] - ZENITH_COLOUR[2]) * horizon) * veil + halo * HALO_COLOUR[2]),
-    )
-
-
-@inlined
-def _ground(
-    x, y, footprint, contrast, tile, places, slope, spot_tile, spot_places, spot_amplitude, grit_tile, strong,
-    ripple_tile, ripple_places, drift,
-):  # fmt: skip
-    """Albedo of regolith, slopes of its fine relief along x and y, and share of the sun that reaches it."""
-    zero, one = np.float32(0), np.float32(1)
-    spots, patch = zero, zero
-    for octave in range(len(spot_places)):
-        weight = octave_weight(spot_places[octave, 0], footprint)
-        if weight > 0:
-            value = weight * octave_value(spot_tile, spot_places, octave, x, y)
-            spots += spot_amplitude[octave] * value
-            if octave >= len(spot_places) - PATCHES:
-                patch += value
-    height, du, dv = fractal_slopes(tile, places, slope, slope, x, y, footprint)
-    # wind keeps some patches clean of all but sand, which it ripples, and leaves pebbles on others
-    sand = _step(patch * np.float32(0.55) + np.float32(2) * strong[4] - one)
-    gravel = strong[3] * (one - np.float32(0.9) * max(sand, drift))
-    smooth = one - np.float32(0.7) * max(sand, drift)
-    du, dv = du * smooth, dv * smooth
-    seen = one - footprint * np.float32(1 / WIDEST)
-    if seen > 0:
-        seen = min(np.float32(2) * seen, one)
-        gu, gv, tone, shade, grain = grit_at(grit_tile, x, y, footprint, strong[0], strong[1], strong[2])
-        steep = (np.float32(0.15) * strong[3] + gravel) * strong[5] * seen
-        du, dv = du + steep * gu, dv + steep * gv
-        tone, shade = strong[6] + seen * (tone - strong[6]), strong[7] + seen * (shade - strong[7])
-        grain *= seen
-    else:
-        tone, shade, grain = strong[6], strong[7], zero
-    tone = (tone * gravel + np.float32(0.08) * grain) * contrast
-    shade = one - shade * gravel * min(strong[5], one)
-    bright = drift
-    weight = sand * (one - drift) * octave_weight(ripple_places[0, 0], footprint)
-    if weight > 0:
-        crest, along, across = octave_slopes(ripple_tile, ripple_places, 0, x, y)
-        steep = np.float32(0.22) * strong[5] * weight
-        du, dv = du + steep * along, dv + steep * across
-        # bright dust stays on one side of the crests, with ragged borders
-        bright += weight * min(
-            max(np.float32(1.3) * crest + np.float32(2) * height + np.float32(1.4) * grain, -one), one
-        )
-    tone += np.float32(0.15) * contrast * bright
-    # coarse grains gather in the troughs and are darker; fine dust lies on the crests
-    hue = min(max(spots + np.float32(0.5) * tone, np.float32(-0.5)), np.float32(0.5))
-    brightness = math.exp(np.float32(min(max(spots + tone + 0.25 * contrast * height, -1.5), 1.2)))
-    red = GROUND_COLOUR[0] * brightness * (1 + hue * STAIN_HUE[0])
-    green = GROUND_COLOUR[1] * brightness * (1 + hue * STAIN_HUE[1])
-    blue = GROUND_COLOUR[2] * brightness * (1 + hue * STAIN_HUE[2])
-    return red, green, blue, du, dv, shade
-
-
-@inlined
-def _step(value):
-    """From 0 at -1/2 to 1 at 1/2, smoothly."""
-    share = min(max(value + np.float32(0.5), np.float32(0)), np.float32(1))
-    return share * share * (np.float32(3) - np.float32(2) * share)
-
-
-@inlined
-def _rock(u, v, up, above, beds, albedo, footprint, contrast, tile, places, amplitude, slope):
-    """Albedo of a rock with dust on its top and sand against its foot, slopes of its fine relief along u and v, and
-    how much of it is sand.
-
-    above: height above the sand that lies against it, over that of the sand; beds: how much finer its relief is along
-    v than along u.
-    """
-    value, du, dv = fractal_slopes(tile, places, amplitude, slope, u, v * (1 + beds), footprint * (1 + beds / 2))
-    sand = _step(np.float32(-1.5) * above - 3 * value)
-    dust = min(max((up - 0.78) / 0.3 - 1.5 * value, 0.0), 0.75)
-    dust += sand * (1 - dust)
-    bare = albedo * math.exp(np.float32(contrast * value)) * 1.25 * (1 - dust)
-    red = ROCK_COLOUR[0] * bare + (0.85 + 0.15 * sand) * GROUND_COLOUR[0] * dust
-    green = ROCK_COLOUR[1] * bare + (0.85 + 0.15 * sand) * GROUND_COLOUR[1] * dust
-    blue = ROCK_COLOUR[2] * bare + (0.85 + 0.15 * sand) * GROUND_COLOUR[2] * dust
-    return red, green, blue, du * (1 - sand), dv * (1 - sand), sand
+        return skies(directions, self.look.sun, self.sky_light, self.look.optical_depth)
 
 
 @compiled
@@ -262,7 +151,7 @@ def _surface(
         open_sun, hidden = np.float32(1), np.float32(0)
         if surface[m] == GROUND:
             hidden, drift = surroundings_at(near_map, near_half, np.float32(x), np.float32(y))
-            red, green, blue, du, dv, open_sun = _ground(
+            red, green, blue, du, dv, open_sun = regolith_at(
                 np.float32(x), np.float32(y), footprint, contrast, relief_tile, relief_places, relief_slope,
                 stain_tile, stain_places, stain_amplitude, grit_tile, strong, ripple_tile, ripple_places, drift,
             )  # fmt: skip
@@ -277,7 +166,7 @@ def _surface(
             shift = 0.37 * surface[m]
             foot = rock_foot[surface[m]]
             above = (z - foot[0] - foot[1] * x - foot[2] * y) / max(foot[3], 1e-3) - 1
-            red, green, blue, du, dv, sand = _rock(
+            red, green, blue, du, dv, sand = rock_at(
                 np.float32((y if across == 0 else x) + shift), np.float32((y if across == 2 else z) + shift), mz,
                 np.float32(min(max(above, -1.0), 9.0)), np.float32(0.0 if across == 2 else 5 * foot[4]),
                 rock_albedo[surface[m]], footprint, contrast, rock_tile, rock_places, rock_amplitude, rock_slope,
@@ -310,7 +199,7 @@ def _surface(
         veiled = distance * optical_depth / DUST_SCALE_HEIGHT
         if veiled > THIN:
             veil = 1 - math.exp(-veiled)
-            haze_red, haze_green, haze_blue = _sky(-vx, -vy, -vz, sun, sky_light, optical_depth)
+            haze_red, haze_green, haze_blue = sky_colour(-vx, -vy, -vz, sun, sky_light, optical_depth)
             red += veil * (haze_red - red)
             green += veil * (haze_green - green)
             blue += veil * (haze_blue - blue)
@@ -319,11 +208,3 @@ def _surface(
 
 def _single(values: np.ndarray) -> np.ndarray:
     return values.astype(np.float32)
-
-
-def _light(look: Look) -> tuple[np.ndarray, float]:
-    """Sunlight (3,) and skylight on level ground. Dust scatters forward: only half of what it removes is lost."""
-    path = look.optical_depth / max(float(look.sun[2]), 0.06)
-    red, green, blue = np.exp(-path * np.array([0.42, 0.46, 0.52]))
-    sky = 0.42 * (1 - np.exp(-0.75 * path)) * max(float(look.sun[2]), 0.12) ** 0.75
-    return np.array([red, green, blue], dtype=np.float32), float(sky)

@@ -85,7 +85,7 @@ def _wave_train(n: int, cell: float, wavelength: float, wind: float, rng: np.ran
     wave = fft.ifft2(wave, overwrite_x=True)
     strength = np.abs(wave)
     phase = np.angle(wave)
-    phase += 0.35 * np.sin(phase)  # the lee side is the steeper one
+    phase += 0.35 * np.sin(phase)  # narrow crests, wide troughs; both sides of a crest are alike
     crest = 1.3 - 2 * np.abs(np.sin(phase / 2)) ** 0.8
     return crest * np.minimum(1, strength / (0.8 * np.sqrt(np.mean(strength**2))))
 

@@ -1,0 +1,51 @@
+"""What comes from above: sunlight through dust, and the sky that the dust makes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from marssim.compiled import compiled, inlined
+from marssim.scene.scene import Look
+
+ZENITH_COLOUR = (0.31, 0.235, 0.16)
+HORIZON_COLOUR = (0.50, 0.41, 0.29)
+HALO_COLOUR = (0.42, 0.40, 0.38)
+
+
+def daylight(look: Look) -> tuple[np.ndarray, float]:
+    """Sunlight (3,) and skylight on level ground. Dust scatters forward: only half of what it removes is lost."""
+    path = look.optical_depth / max(float(look.sun[2]), 0.06)
+    red, green, blue = np.exp(-path * np.array([0.42, 0.46, 0.52]))
+    sky = 0.42 * (1 - np.exp(-0.75 * path)) * max(float(look.sun[2]), 0.12) ** 0.75
+    return np.array([red, green, blue], dtype=np.float32), float(sky)
+
+
+@compiled
+def skies(directions, sun, sky_light, optical_depth):
+    """(N, 3) float32 radiance of the sky along unit directions (N, 3), world frame."""
+    out = np.empty((len(directions), 3), dtype=np.float32)
+    for k in range(len(directions)):
+        out[k] = sky_colour(directions[k, 0], directions[k, 1], directions[k, 2], sun, sky_light, optical_depth)
+    return out
+
+
+@inlined
+def sky_colour(x, y, z, sun, sky_light, optical_depth):
+    """Radiance along a unit vector x, y, z: paler towards the horizon, and brighter around the sun."""
+    towards_sun = min(max(x * sun[0] + y * sun[1] + z * sun[2], -1.0), 1.0)
+    horizon = math.exp(np.float32(-min(z, 1.0) / 0.25)) if z > 0 else 1.0
+    ahead = (1 + towards_sun) / 2
+    forward = math.exp(np.float32(-1 / 0.22) * math.acos(np.float32(towards_sun)))
+    halo = (0.9 * forward + 0.35 * ahead * ahead * ahead * ahead) * optical_depth
+    strength = 0.5 + 1.1 * sky_light
+    veil = 0.85 + 0.5 * optical_depth
+    return (
+        strength
+        * ((ZENITH_COLOUR[0] + (HORIZON_COLOUR[0] - ZENITH_COLOUR[0]) * horizon) * veil + halo * HALO_COLOUR[0]),
+        strength
+        * ((ZENITH_COLOUR[1] + (HORIZON_COLOUR[1] - ZENITH_COLOUR[1]) * horizon) * veil + halo * HALO_COLOUR[1]),
+        strength
+        * ((ZENITH_COLOUR[2] + (HORIZON_COLOUR[2] - ZENITH_COLOUR[2]) * horizon) * veil + halo * HALO_COLOUR[2]),
+    )
