@@ -8,6 +8,8 @@ What a rover's driver asks decides what counts as what:
 - Stereo places what it sees no better than an error of its disparity of one pixel: 0.2 m along the ray at 6 m, 0.9 m at
   12 m, with NaTeCam. A rock within that (and 0.3 m across) of where the map shows it, and at least half as high, is a
   rock to be driven round, and is placed again from nearer; it is counted as displaced, not as false.
+- A pebble explains no obstacle. Were every rock pixel an excuse, nine of ten obstacles put anywhere at random would be
+  excused, so densely are rocks strewn.
 """
 
 from __future__ import annotations
@@ -23,15 +25,13 @@ from marssim.rover_spec import ZHURONG
 from nav import ElevationMap, TraversabilityConfig, assess
 
 BESIDE = 0.3  # [m] of a rock, where what stands out is the rock's
-STANDS_OUT = 0.1  # [m] in the map of the true depth: no false obstacle
 RANGE_ERROR = 1.0  # [px] of disparity
 RULES = """\
 Rocks, their height and distance are those of m3depth.rocks, as far as the map reaches (12 m). One is found if a cell on
 it, or beside it, stands out by that much; its height is that of the highest such cell. It is left unknown if it is not
-found and the map knows less than half of its cells. No rock's is a connected patch of such cells, away (0.3 m) from
-every rock pixel and from all that stands out by 0.1 m in the map of the true depth. It is displaced if something at
-least half as high stands within 0.3 m and a range error of 1 px of disparity, and else false. The rows of ground_truth
-say what the map can show at best."""
+found and the map knows less than half of its cells. No rock's is a connected patch of such cells with nothing within
+0.3 m that truly stands at least half as high. It is displaced if such a thing stands within 0.3 m and a range error of
+1 px of disparity, and else false. The rows of ground_truth say what the map can show at best."""
 
 
 @dataclass(frozen=True)
@@ -46,12 +46,11 @@ class Look:
 class Place:
     """Where rocks truly are, in the cells of a Look.
 
-    cells: (n, n) bool, those of each rock; rocky: (n, n) bool, rock pixels and what stands out; height: (n, n) [m] of
-    what stands there above the ground, -1 where nothing is known; fb: focal length x baseline [px m].
+    cells: (n, n) bool, those of each rock; height: (n, n) [m] of what stands there above the ground, rock pixels and
+    the map of the true depth, -1 where nothing is known; fb: focal length x baseline [px m].
     """
 
     cells: list[np.ndarray]
-    rocky: np.ndarray
     height: np.ndarray
     fb: float
 
@@ -62,14 +61,12 @@ def true_place(scene: RockScene, true: Look, on_rock: np.ndarray, fb: float) -> 
     points = scene.rays.reshape(-1, 3) * np.where(np.isfinite(scene.true_depth), scene.true_depth, 0).reshape(-1, 1)
     cells = [_cells_of(elevation, points[rock.pixels, :2]) for rock in scene.rocks]
     rock_points = points[np.flatnonzero(on_rock & np.isfinite(scene.true_depth))]
-    rocky = _cells_of(elevation, rock_points[:, :2])
     height = np.nan_to_num(true.step, nan=-1.0)
-    rocky |= height >= STANDS_OUT
     index = elevation.cell_of(rock_points[:, :2])
     inside = ((index >= 0) & (index < elevation.n)).all(axis=1)
     above = scene.heights(rock_points)
     np.maximum.at(height, (index[inside, 1], index[inside, 0]), above[inside])
-    return Place(cells, rocky, height, fb)
+    return Place(cells, height, fb)
 
 
 def _cells_of(elevation: ElevationMap, xy: np.ndarray) -> np.ndarray:
@@ -105,7 +102,9 @@ def count_rocks(tally: RockTally, look: Look, scene: RockScene, place: Place, le
         height = float(np.nanmax(look.step[cells])) if found else np.nan
         unknown = not found and bool(look.elevation.known[on].mean() < 0.5)
         tally.rocks.append(RockOutcome(rock.height, rock.away, found, height - rock.height, rock.both_eyes, unknown))
-    false = stands & ~_wider(place.rocky, round(BESIDE / config.cell))
+    beside = np.ones((2 * round(BESIDE / config.cell) + 1,) * 2, np.uint8)
+    with np.errstate(invalid="ignore"):
+        false = stands & ~(cv2.dilate(place.height, beside) >= look.step / 2)
     count, label = cv2.connectedComponents(false.astype(np.uint8), connectivity=8)
     x, y = look.elevation.centres()
     away = np.hypot(x[None, :], y[:, None])

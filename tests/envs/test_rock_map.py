@@ -58,6 +58,13 @@ def test_what_is_twice_as_high_as_all_about_it_is_not_displaced():
     assert len(found.false) == 1 and found.displaced == []
 
 
+def test_a_pebble_beside_it_excuses_no_obstacle():
+    low = rock_sample(RockWorld(domes=np.array([[*ahead(5.0, 0.3), 0.1, 0.06]])))
+    block = rock_sample(RockWorld(domes=np.array([[*ahead(5.0, 0.0), 0.15, 0.4]])))
+    found = tally(np.minimum(low.depth, block.depth), sample=low)
+    assert len(found.false) == 1 and found.displaced == []
+
+
 def test_missed_as_ground_or_left_unknown():
     melted = tally(without_rocks(SAMPLE))
     assert [(rock.found, rock.unknown) for rock in melted.rocks] == [(False, False)] * 2
