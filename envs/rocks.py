@@ -180,7 +180,7 @@ def _work(config: RocksConfig) -> None:
         error = "-" if key["height_error_m"] is None else f"{100 * key['height_error_m']:.1f} cm"
         print(
             f"{name}: of {counted(key['rocks'], 'rock')} of 0.2 m and more within 8 m {share} found ({both} of those "
-            f"that both eyes see; of the others {key['unknown']} left unknown), height error {error} (median); "
+            f"that both eyes see; of those missed {key['unknown']} left unknown), height error {error} (median); "
             f"{counted(found['false'], 'false obstacle')} and {found['displaced']} displaced in "
             f"{counted(found['images'], 'frame')}"
         )
