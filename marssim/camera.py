@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 
 HUGE = sys.float_info.max
+WIDEST = 10.0  # [m] baseline; files that state it in millimetres are far above it
 MIN_DEPTH = 0.5  # [m] nearest depth that is scored (paper, Sec. V-B)
 MAX_DEPTH = 15.0  # [m] farthest depth that is scored
 
@@ -118,6 +119,8 @@ class StereoRig:
     def __post_init__(self) -> None:
         if not (np.isfinite(self.baseline) and self.baseline > 0):
             raise ValueError(f"baseline must be positive and finite [m], got {self.baseline}")
+        if self.baseline > WIDEST:
+            raise ValueError(f"baseline must be at most {WIDEST:g} m, got {self.baseline:g}; is it in millimetres?")
 
     @property
     def fb(self) -> float:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import json
 import shutil
 import sys
+import textwrap
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -66,7 +67,10 @@ def _generate(config: GenerateConfig) -> StereoDataset:
     write_index(config.out, {**content, "pairs": config.pairs}, names)
     dataset = StereoDataset(config.out)
     step = max(1, len(dataset) // SHEET_SAMPLES)
-    sheet = contact_sheet([dataset[i] for i in range(0, len(dataset), step)[:SHEET_SAMPLES]])
+    try:
+        sheet = contact_sheet([dataset[i] for i in range(0, len(dataset), step)[:SHEET_SAMPLES]])
+    except DatasetError as error:
+        raise DatasetError(f"{error}; delete that sample's folder, and the same command makes it anew") from None
     write_atomically(config.out / "contact_sheet.png", cv2.imencode(".png", sheet[..., ::-1])[1].tobytes())
     write_atomically(config.out / "README.md", _readme(config, dataset).encode())
     return dataset
@@ -128,6 +132,13 @@ def _check(config: GenerateConfig) -> None:
     if config.out.exists() and not config.out.is_dir():
         raise DatasetError(f"--out {config.out}: a file of that name is in the way; choose another")
     if _held(config):
+        asked = {f"{scene:05d}/{view:02d}" for scene, views in enumerate(_scenes(config)) for view in views}
+        there = {f"{file.parts[-3]}/{file.parts[-2]}" for file in config.out.glob("scenes/*/*/sample.json")}
+        if more := len(there - asked):
+            raise DatasetError(
+                f"--pairs {config.pairs}: {config.out} holds {counted(more, 'pair')} beyond these; "
+                f"ask for as many as before or more, or choose another --out"
+            )
         return
     for scene_config in config.scenes:
         if scene_config in map(preset, PRESETS) and not config.trajectory:
@@ -163,10 +174,26 @@ def _held(config: GenerateConfig) -> bool:
                 f"{asked}: the folder holds a dataset of marssim {there.get('marssim', 'of an earlier version')}, "
                 f"which this version, {content['marssim']}, may not draw alike; choose another --out"
             )
-        raise DatasetError(f"{asked}: the folder holds a dataset of other settings; choose another --out")
+        other = "; ".join(_differences(there, content)[:3])
+        raise DatasetError(f"{asked}: the folder holds a dataset of other settings ({other}); choose another --out")
     if config.out.is_dir() and not all(file.name == LOCK or _is_part(file) for file in config.out.iterdir()):
         raise DatasetError(f"{config.out}: the folder is not empty and holds no dataset; choose another --out")
     return False
+
+
+def _differences(there: Any, asked: Any, name: str = "") -> list[str]:
+    """Where two settings differ, as "name: value there, not value asked"."""
+    if isinstance(there, dict) and isinstance(asked, dict):
+        keys = [*there, *(key for key in asked if key not in there)]
+        parts = [_differences(there.get(key), asked.get(key), f"{name}.{key}" if name else str(key)) for key in keys]
+        return [difference for part in parts for difference in part]
+    if isinstance(there, list) and isinstance(asked, list) and len(there) == len(asked):
+        parts = [_differences(a, b, f"{name}[{i}]") for i, (a, b) in enumerate(zip(there, asked))]
+        return [difference for part in parts for difference in part]
+    if there == asked:
+        return []
+    values = (textwrap.shorten(json.dumps(value), 60) for value in (there, asked))
+    return [f"{name}: {next(values)}, not {next(values)}"]
 
 
 def _claim(config: GenerateConfig) -> dict[str, Any]:

@@ -200,7 +200,8 @@ def _report(config: VerifyConfig, dataset: StereoDataset) -> bool:
     }
     write_json(out / "verify.json", report)
     files = {finding.path for finding in found}
-    verdict = f"{counted(len(files), 'file')} wrong" if found else "every file is what the index says"
+    wrong = f"{counted(len(files), 'file')} wrong (the command that made the dataset replaces folders that are deleted)"
+    verdict = wrong if found else "every file is what the index says"
     print(f"{config.data}: {counted(len(dataset), 'pair')}, {verdict}; see {out}")
     return not found
 

@@ -100,7 +100,7 @@ def test_a_malformed_field_of_a_rig_is_named(name, value):
 
 
 def test_a_rig_out_of_range_or_of_another_form_is_told():
-    for name, value in (("width", 0), ("height", -3), ("fx", 0), ("fy", -1.0), ("baseline", 0)):
+    for name, value in (("width", 0), ("height", -3), ("fx", 0), ("fy", -1.0), ("baseline", 0), ("baseline", 120)):
         with pytest.raises(ValueError, match=f"stereo rig: {name} must be"):
             StereoRig.from_dict({**NATECAM.to_dict(), name: value})
     with pytest.raises(ValueError, match="'height' must be a whole number"):

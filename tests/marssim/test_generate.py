@@ -123,7 +123,8 @@ def test_more_pairs_later_keep_the_earlier_ones(made, folder):
     assert {name: h for name, h in hashes(folder).items() if name in hashes(made)} == hashes(made)
 
 
-def test_an_odd_number_of_pairs_leaves_the_last_scene_short(made, folder):
+def test_an_odd_number_of_pairs_leaves_the_last_scene_short(made, tmp_path):
+    folder = tmp_path / "set"
     dataset = generate(config(folder, pairs=3))
     assert dataset.names == ["00000/00", "00000/01", "00001/00"]
     assert hashes(folder).items() <= hashes(made).items()
@@ -165,9 +166,27 @@ def test_a_rasterised_view_does_not_depend_on_those_before_it(tmp_path):
 )
 def test_other_settings_in_the_same_folder_are_refused(made, change):
     before = contents(made)
-    with pytest.raises(DatasetError, match=r"generate\.json: .*other settings.*--out"):
+    name = next(iter(change))
+    with pytest.raises(DatasetError, match=rf"generate\.json: .*other settings \(.*\b{name}\b.*, not .*\);.*--out"):
         generate(config(made, **change))
     assert contents(made) == before
+
+
+def test_fewer_pairs_than_are_there_are_refused(made):
+    before = contents(made)
+    with pytest.raises(DatasetError, match=r"^--pairs 3: .* holds 1 pair beyond these"):
+        generate(config(made, pairs=3))
+    assert contents(made) == before
+
+
+def test_a_spoilt_sample_is_told_and_made_anew_without_its_folder(folder, made):
+    image = folder / "scenes/00000/00/left.png"
+    image.write_bytes(image.read_bytes()[:100])
+    with pytest.raises(DatasetError, match=r"00/left\.png: not a readable image; delete that sample's folder"):
+        generate(config(folder))
+    shutil.rmtree(image.parent)
+    generate(config(folder))
+    assert contents(folder) == contents(made)
 
 
 def test_the_command_refuses_other_settings_in_one_line(made, capfd):
