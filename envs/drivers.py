@@ -8,7 +8,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from envs.course import EDGE
-from envs.mars_nav import MarsNavEnv
+from envs.mars_nav import STEP_SECONDS, MarsNavEnv
+from marssim.rover_spec import RoverSpec
 from nav.navigator import Navigator
 
 
@@ -53,10 +54,15 @@ class StraightDriver:
     def reset(self, env: MarsNavEnv, seed: int) -> None: ...
 
     def act(self, env: MarsNavEnv, observation: dict[str, Any]) -> np.ndarray:
-        _, sine, cosine = observation["goal"]
-        bearing = float(np.arctan2(sine, cosine))
-        turn = np.clip(bearing / (env.rover_spec.max_yaw_rate * 2.0), -1, 1)
-        return np.array([1.0 if abs(bearing) < 0.3 else 0.0, turn, 0.0], dtype=np.float32)
+        return straight_action(observation["goal"], env.rover_spec)
+
+
+def straight_action(goal: np.ndarray, spec: RoverSpec) -> np.ndarray:
+    """(3,) action towards a goal as MarsNav-v0 observes it, (3,): turn until it is ahead within 0.3 rad, then drive."""
+    _, sine, cosine = goal
+    bearing = float(np.arctan2(sine, cosine))
+    turn = np.clip(bearing / (spec.max_yaw_rate * STEP_SECONDS), -1, 1)
+    return np.array([1.0 if abs(bearing) < 0.3 else 0.0, turn, 0.0], dtype=np.float32)
 
 
 class RandomDriver:

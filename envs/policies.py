@@ -12,12 +12,16 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
+from envs.drivers import straight_action
 from envs.mars_nav import MarsNavEnv
 from envs.wrappers import as_images, image_space
 
+RESIDUAL = "added_to_straight"  # an entry in a policy's .zip
+
 
 class PolicyDriver:
-    """A PPO policy of stable-baselines3 (`MultiInputPolicy`, its default sizes), trained through ImageObservation.
+    """A PPO policy of stable-baselines3 (`MultiInputPolicy`, its default sizes), trained through ImageObservation, and
+    through StraightResidual where mark_residual says so in the file.
 
     Of the .zip only the tensors of `policy.pth` are read: what is pickled beside them could run anything. Observed keys
     and size of the action follow from the tensors' names and shapes; a policy that does not move the mast looks ahead.
@@ -26,7 +30,7 @@ class PolicyDriver:
     def __init__(self, path: Path) -> None:
         """Raises FileNotFoundError or ValueError that names the file; reset raises ImportError without the package."""
         self.path = path
-        self._weights = _tensors(path)
+        self._weights, self.residual = _read(path)
         names = (re.match(r"features_extractor\.extractors\.(\w+)\.", name) for name in self._weights)
         self.images = sorted({name.group(1) for name in names if name})
         self.needs_map = "map" in self.images
@@ -59,10 +63,19 @@ class PolicyDriver:
         action, _ = self._policy.predict({key: seen[key] for key in self._keys}, deterministic=True)
         padded = np.zeros(3, dtype=np.float32)
         padded[: len(action)] = action
+        if self.residual:
+            padded += straight_action(observation["goal"], env.rover_spec)
         return np.clip(padded, -1, 1)
 
 
-def _tensors(path: Path) -> dict[str, Any]:
+def mark_residual(path: Path) -> None:
+    """Note in a policy's .zip that its actions are added to those of `straight`."""
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr(RESIDUAL, "")
+
+
+def _read(path: Path) -> tuple[dict[str, Any], bool]:
+    """The tensors by name, and whether the actions are added to `straight`'s."""
     import torch
 
     if not path.is_file():
@@ -70,11 +83,12 @@ def _tensors(path: Path) -> dict[str, Any]:
     try:
         with zipfile.ZipFile(path) as archive:
             weights = torch.load(io.BytesIO(archive.read("policy.pth")), map_location="cpu", weights_only=True)
+            residual = RESIDUAL in archive.namelist()
         assert "log_std" in weights
     except Exception as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise ValueError(f"{path}: holds no policy of stable-baselines3's PPO ({reason})") from None
-    return dict(weights)
+    return dict(weights), residual
 
 
 def load_driver_class(name: str) -> Any:

@@ -5,8 +5,9 @@
     python -m envs.evaluate --driver runs/ppo/policy.zip straight --perception ground_truth --dynamics kinematic \\
         --out out/ppo
 
-The policy sees what ImageObservation shows, the map included: it has no memory of its own. The same command goes on
-from OUT/policy.zip where it was stopped; that file is read as your own, do not continue a stranger's.
+The policy sees what ImageObservation shows, the map included: it has no memory of its own. It corrects the driver
+`straight` (StraightResidual), so that it begins as good as that. The same command goes on from OUT/policy.zip where it
+was stopped; that file is read as your own, do not continue a stranger's.
 """
 
 from __future__ import annotations
@@ -19,9 +20,11 @@ from time import monotonic
 from typing import Any
 
 import gymnasium
+import numpy as np
 
 from envs.mars_nav import MarsNavEnv
-from envs.wrappers import ImageObservation
+from envs.policies import mark_residual
+from envs.wrappers import ImageObservation, StraightResidual
 from marssim.command import run_command
 from marssim.scene.scene import Place
 
@@ -40,6 +43,8 @@ class TrainConfig:
     """environments, each in a process of its own"""
     scene: Place = "gale"
     """preset of the courses' scenes"""
+    k: tuple[float, float] = (0.05, 0.2)
+    """rock abundance, Golombek's k, of each course: drawn between these"""
     goal_distance: float = 10.0
     """distance from start to goal [m]; shorter than in evaluation, so that goals are met early"""
     seed: int = 0
@@ -49,6 +54,22 @@ class TrainConfig:
         for name in ("max_minutes", "max_steps", "workers"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"--{name.replace('_', '-')} must be positive, got {getattr(self, name)}")
+        if not 0 <= self.k[0] <= self.k[1] <= 0.4:
+            raise ValueError(f"--k must be two values in [0, 0.4], the lower one first, got {self.k[0]} {self.k[1]}")
+
+
+class DrawnAbundance(gymnasium.Wrapper):
+    """Draws the rock abundance of each course between two values of Golombek's k."""
+
+    def __init__(self, env: gymnasium.Env, k: tuple[float, float]) -> None:
+        super().__init__(env)
+        self.k = k
+        self._rng = np.random.default_rng()
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        if seed is not None:
+            self._rng = np.random.default_rng(seed)
+        return self.env.reset(seed=seed, options={"k": float(self._rng.uniform(*self.k)), **(options or {})})
 
 
 def train(config: TrainConfig, rollout: int = 256) -> Path:
@@ -66,13 +87,18 @@ def train(config: TrainConfig, rollout: int = 256) -> Path:
         env = MarsNavEnv(
             "ground_truth", "kinematic", scene=config.scene, goal_distance=config.goal_distance, map_observation=True
         )
-        return Monitor(ImageObservation(env), info_keywords=("outcome",))
+        courses = DrawnAbundance(StraightResidual(env), config.k)
+        return Monitor(ImageObservation(courses), info_keywords=("outcome",))
 
     path = config.out / "policy.zip"
     config.out.mkdir(parents=True, exist_ok=True)
     makers: list[Callable[[], gymnasium.Env]] = [make] * config.workers
     vector = DummyVecEnv(makers) if config.workers == 1 else SubprocVecEnv(makers, start_method="spawn")
     until = monotonic() + 60 * config.max_minutes
+
+    def save(model: Any) -> None:
+        model.save(path)
+        mark_residual(path)
 
     class Clock(BaseCallback):
         """Ends the training in time, and saves and tells how it goes after each update."""
@@ -81,7 +107,7 @@ def train(config: TrainConfig, rollout: int = 256) -> Path:
             return monotonic() < until
 
         def _on_rollout_end(self) -> None:
-            self.model.save(path)
+            save(self.model)
             ended: list[dict[str, Any]] = list(self.model.ep_info_buffer or [])
             if ended:
                 arrived = sum(e["outcome"] == "goal" for e in ended) / len(ended)
@@ -91,14 +117,16 @@ def train(config: TrainConfig, rollout: int = 256) -> Path:
 
     try:
         settings: dict[str, Any] = {"n_steps": rollout, "batch_size": min(256, rollout * config.workers), "n_epochs": 5,
-                                    "gamma": 0.97, "ent_coef": 0.003, "learning_rate": 3e-4}  # fmt: skip
+                                    "gamma": 0.97, "ent_coef": 0.003, "learning_rate": 3e-4,
+                                    "policy_kwargs": {"log_std_init": -1.0}}  # fmt: skip
         if path.is_file():
             model = PPO.load(path, vector, device="cpu")
+            vector.seed(config.seed + model.num_timesteps)  # other courses than it began with
         else:
             model = PPO("MultiInputPolicy", vector, device="cpu", seed=config.seed, **settings)
         # not by the callback: a rollout that it ends is never learnt from
         model.learn(max(0, config.max_steps - model.num_timesteps), callback=Clock(), reset_num_timesteps=False)
-        model.save(path)
+        save(model)
     finally:
         vector.close()
     return path

@@ -5,7 +5,8 @@ import zipfile
 import numpy as np
 import pytest
 
-from envs.drivers import make_driver
+from envs.drivers import StraightDriver, make_driver
+from envs.policies import mark_residual
 from envs.wrappers import ImageObservation
 
 
@@ -41,6 +42,13 @@ def test_a_trained_policy_drives_as_it_does_in_its_own_library(make_env, tmp_pat
            if key in trained_in.observation_space.spaces}  # fmt: skip
     np.testing.assert_allclose(action[:2], model.predict(own, deterministic=True)[0], atol=1e-6)
     assert action.shape == (3,) and action[2] == 0 and action in env.action_space
+    assert not driver.residual
+    mark_residual(tmp_path / "policy.zip")
+    residual = make_driver(str(tmp_path / "policy.zip"))
+    residual.reset(env, 4)
+    straight = StraightDriver().act(env, observation)
+    np.testing.assert_allclose(residual.act(env, observation), np.clip(action + straight, -1, 1), atol=1e-6)
+    sb3.PPO.load(tmp_path / "policy.zip")  # still a file of its own library
 
 
 def test_nothing_that_is_pickled_in_a_policy_is_run(tmp_path):

@@ -5,7 +5,7 @@ import pytest
 pytest.importorskip("stable_baselines3")
 
 from envs.drivers import make_driver
-from envs.train_ppo import TrainConfig, main, train
+from envs.train_ppo import DrawnAbundance, TrainConfig, main, train
 
 
 def test_it_trains_goes_on_and_what_it_saves_drives(tmp_path, make_env):
@@ -18,9 +18,26 @@ def test_it_trains_goes_on_and_what_it_saves_drives(tmp_path, make_env):
     observation, _ = env.reset(seed=0)
     driver = make_driver(str(path))
     driver.reset(env, 0)
-    assert driver.needs_map and driver.act(env, observation) in env.action_space
+    assert driver.needs_map and driver.residual and driver.act(env, observation) in env.action_space
 
 
 def test_no_time_is_named(tmp_path, capsys):
     assert main(["--out", str(tmp_path / "out"), "--max-minutes", "0"]) == 2
     assert "--max-minutes" in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+def test_each_course_has_its_own_rocks(make_env):
+    env = DrawnAbundance(make_env(), (0.05, 0.2))
+    asked = []
+    env.env.reset = lambda seed=None, options=None: asked.append(options["k"])
+    env.reset(seed=1)
+    env.reset()
+    env.reset(seed=1)
+    env.reset(options={"k": 0.3})
+    assert 0.05 <= asked[0] <= 0.2 and asked[0] == asked[2] != asked[1] and asked[3] == 0.3
+
+
+@pytest.mark.parametrize("k", [["0.2", "0.1"], ["-0.1", "0.1"], ["0.1", "0.5"]])
+def test_an_abundance_that_cannot_be_is_named(tmp_path, capsys, k):
+    assert main(["--out", str(tmp_path / "out"), "--k", *k]) == 2
+    assert "--k" in capsys.readouterr().err and not (tmp_path / "out").exists()
