@@ -88,7 +88,7 @@ def rocks_seen(config: RocksConfig) -> dict[str, Any]:
         left, right = sample.left, sample.right
         if worse is not None:
             rng = np.random.default_rng((config.seed, index))
-            left, right = worse.apply(left, rng), worse.apply(right, rng)
+            left, right = worse.apply(left, right, rng)
         turn = np.asarray(sample.meta["pose"], float)[:3, :3]
         true = look_at(sample.depth, None, sample.rig, turn)
         place = true_place(scene, true, sample.rock > 0, sample.rig.fb)

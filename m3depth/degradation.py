@@ -1,4 +1,4 @@
-"""Images made worse on purpose: what dust, bad focus and low light do to a pair."""
+"""Images made worse on purpose: what dust, bad focus, low light and a rig out of adjustment do to a pair."""
 
 from __future__ import annotations
 
@@ -7,21 +7,29 @@ from dataclasses import asdict, dataclass, fields
 import cv2
 import numpy as np
 
+MAX_VERTICAL = 16.0  # [px]
+
 
 @dataclass(frozen=True)
 class Degradation:
-    """Applied in this order to both eyes alike, noise drawn for each.
+    """Applied in this order, the first two to the right eye alone, the others to both alike, noise drawn for each.
 
-    contrast: factor about the image's mean; blur: standard deviation [px]; noise: standard deviation [grey levels].
+    vertical: rows that the right image lies too low [px], interpolated by Lanczos; gain: its brightness by that of the
+    left one; contrast: factor about the image's mean; blur: standard deviation [px]; noise: standard deviation [grey
+    levels].
     """
 
+    vertical: float = 0.0
+    gain: float = 1.0
     contrast: float = 1.0
     blur: float = 0.0
     noise: float = 0.0
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
-            if not (np.isfinite(value) and value >= 0):
+            if name == "vertical" and not abs(value) <= MAX_VERTICAL:
+                raise ValueError(f"degradation vertical must lie in [{-MAX_VERTICAL}, {MAX_VERTICAL}] px, got {value}")
+            if name != "vertical" and not (np.isfinite(value) and value >= 0):
                 raise ValueError(f"degradation {name} must be a number >= 0, got {value}")
 
     @classmethod
@@ -39,9 +47,16 @@ class Degradation:
                 raise ValueError(f"degradation: {name} must be a number, got {value!r}") from None
         return cls(**values)
 
-    def apply(self, image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """(H, W) or (H, W, 3) uint8 in, the same out."""
-        out: np.ndarray = image.astype(np.float32)
+    def apply(self, left: np.ndarray, right: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """The eyes, (H, W) or (H, W, 3) uint8, in, the same out."""
+        askew: np.ndarray = right.astype(np.float32)
+        if self.vertical:
+            move = np.array([[1, 0, 0], [0, 1, self.vertical]])
+            size = (right.shape[1], right.shape[0])
+            askew = cv2.warpAffine(askew, move, size, flags=cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REFLECT_101)
+        return self._blurred(left.astype(np.float32), rng), self._blurred(np.float32(self.gain) * askew, rng)
+
+    def _blurred(self, out: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         if self.contrast != 1:
             mean = out.mean()
             out = mean + np.float32(self.contrast) * (out - mean)

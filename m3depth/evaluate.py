@@ -74,8 +74,9 @@ class EvaluateOptions:
     limit: int | None = None
     """Score only so many pairs, spread evenly over the split."""
     degrade: str | None = None
-    """Make the images worse first: any of contrast (a factor), blur (sigma [px]) and noise (sigma [grey levels]),
-    as in contrast=.33,blur=1,noise=2.5."""
+    """Make the images worse first: any of contrast (a factor), blur (sigma [px]) and noise (sigma [grey levels]), and
+    of the right one alone vertical (too low by [px]) and gain (its brightness by the left's), as in
+    contrast=.33,blur=1,noise=2.5."""
     seed: int = 0
     """Seed of the noise that --degrade adds."""
     reader: Annotated[DataConfig, tyro.conf.arg(name="")] = field(default_factory=DataConfig)

@@ -73,7 +73,7 @@ def evaluate(
         left, right = sample.left, sample.right
         if degradation is not None:
             rng = np.random.default_rng((seed, index))
-            left, right = degradation.apply(left, rng), degradation.apply(right, rng)
+            left, right = degradation.apply(left, right, rng)
         record: dict[str, Any] = {"index": index, "pair": _name(dataset, index)}
         predictions: dict[str, Prediction] = {}
         for name, method in estimators.items():
