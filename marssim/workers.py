@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import asyncio
 import multiprocessing
 import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, ProcessPoolExecutor, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -164,6 +173,19 @@ def _one_thread(function: Callable[..., Any], task: Task) -> Any:
     return function(*task)
 
 
+async def _knock(address: str) -> None:
+    """Connect and go. Raises what is wrong with an address, OSError or TimeoutError if no scheduler answers there.
+
+    A Client of a wrong address does not end: it is closed when it is forgotten, which takes 20 s and a traceback.
+    """
+    from distributed import Security
+    from distributed.comm import connect
+
+    how = Security().get_connection_args("client")
+    comm = await asyncio.wait_for(connect(address, timeout=ANSWER_WITHIN, **how), ANSWER_WITHIN)
+    await comm.close()
+
+
 def _on_cluster(
     function: Callable[..., Any], tasks: Sequence[Task], done: Callable[[Task, Any], object], address: str
 ) -> None:
@@ -172,10 +194,13 @@ def _on_cluster(
     except ImportError:
         raise ImportError("--scheduler needs dask: pip install 'mars-m3depth[cluster]'") from None
     try:
+        with ThreadPoolExecutor(1) as elsewhere:  # a notebook has a loop in this thread already
+            elsewhere.submit(asyncio.run, _knock(address)).result()
         client = Client(address, timeout=ANSWER_WITHIN, set_as_default=False)
-    except (OSError, ValueError) as error:
-        reason = f"no answer within {ANSWER_WITHIN:g} s" if isinstance(error, OSError) else error
-        raise OSError(f"--scheduler {address}: {reason}") from None
+    except OSError:
+        raise OSError(f"--scheduler {address}: no answer of a scheduler within {ANSWER_WITHIN:g} s") from None
+    except Exception as error:  # each kind of address (tcp, tls, ws, ...) has its own of what is wrong with it
+        raise OSError(f"--scheduler {address}: {error}; expected one like tcp://host:8786") from None
     with client, client.get_executor(pure=False) as executor:
         running = {executor.submit(_one_thread, function, task): task for task in tasks}
         try:

@@ -187,16 +187,35 @@ def test_no_worker_outlives_its_parent(tmp_path, number):
         assert said.count("KeyboardInterrupt") == 1 and "Process" not in said.replace("ProcessPool", "")
 
 
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:{port}", "carrier-pigeon://roof"])
-def test_a_scheduler_that_does_not_answer_is_one_line(address, monkeypatch):
+def test_a_scheduler_that_does_not_answer_is_one_line(monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr(workers, "ANSWER_WITHIN", 0.5)
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
-        address = address.format(port=free.getsockname()[1])
+        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
         with pytest.raises(OSError, match=rf"^--scheduler {address}: ") as told:
             run_tasks(slow_square, [(1,)], print, scheduler=address)
     assert len(str(told.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("address", ["nonsense", "carrier-pigeon://roof", "tls://127.0.0.1:8786", ""])
+def test_an_address_that_is_none_is_one_line_and_no_client_is_made(address, monkeypatch):
+    """A client of such an address tries to close when it is forgotten: 20 s, and a traceback."""
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(distributed, "Client", lambda *_, **__: pytest.fail("it made a client"))
+    with pytest.raises(OSError, match=rf"^--scheduler {address}: .*; expected one like tcp://host:8786$"):
+        run_tasks(slow_square, [(1,)], print, scheduler=address)
+
+
+def test_what_listens_and_is_no_scheduler_is_one_line(monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr(workers, "ANSWER_WITHIN", 0.5)
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))
+        silent.listen()
+        address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        with pytest.raises(OSError, match=rf"^--scheduler {address}: no answer of a scheduler within 0.5 s$"):
+            run_tasks(slow_square, [(1,)], print, scheduler=address)
 
 
 def test_without_dask_the_extra_is_named(monkeypatch):
