@@ -48,8 +48,8 @@ class LossConfig:
 class Target(NamedTuple):
     """Ground truth of a batch.
 
-    disparity: (B, 1, H, W) [px], 0 on sky. normal: (B, 3, H, W). label: (B, 1, H, W) bool, where both are trained.
-    sky: (B, 1, H, W) bool. rock: (B, 1, H, W) bool. camera: (B, 4) fx, fy, cx, cy.
+    disparity: (B, 1, H, W) [px], 0 on sky and where nothing is known. normal: (B, 3, H, W). label: (B, 1, H, W) bool,
+    where both are trained. sky: (B, 1, H, W) bool. rock: (B, 1, H, W) bool. camera: (B, 4) fx, fy, cx, cy.
     """
 
     disparity: Tensor
@@ -58,6 +58,11 @@ class Target(NamedTuple):
     sky: Tensor
     rock: Tensor
     camera: Tensor
+
+    @property
+    def known(self) -> Tensor:
+        """(B, 1, H, W) bool: trained or not, the disparity is true here. Maps of lidars and of others have gaps."""
+        return (self.disparity > 0) | self.sky
 
 
 def huber(error: Tensor, delta: float) -> Tensor:
@@ -72,14 +77,24 @@ def weighted_mean(values: Tensor, weight: Tensor) -> Tensor:
     return torch.where(weight > 0, values * weight, torch.zeros_like(values)).sum() / weight.sum().clamp(min=1e-6)
 
 
-def disparity_range(disparity: Tensor) -> Tensor:
-    """Largest less smallest disparity in each 3 x 3 window. (B, 1, H, W) [px]. Level ground: B / h, half a pixel."""
-    return F.max_pool2d(disparity, 3, 1, 1) + F.max_pool2d(-disparity, 3, 1, 1)
+def disparity_range(disparity: Tensor, known: Tensor | None = None) -> Tensor:
+    """Largest less smallest disparity in each 3 x 3 window. (B, 1, H, W) [px]. Level ground: B / h, half a pixel.
+
+    known: (B, 1, H, W) bool, the pixels that count; None: all. 0 where a window holds none.
+    """
+    if known is None:
+        high, low = disparity, -disparity
+    else:
+        high, low = (x.masked_fill(~known, -torch.inf) for x in (disparity, -disparity))
+    return (F.max_pool2d(high, 3, 1, 1) + F.max_pool2d(low, 3, 1, 1)).clamp(min=0)
 
 
-def disparity_edges(disparity: Tensor, threshold: float = 1.0) -> Tensor:
-    """(B, 1, H, W) bool: pixels whose 3 x 3 window spans more than `threshold` px of disparity."""
-    return disparity_range(disparity) > threshold
+def disparity_edges(disparity: Tensor, known: Tensor | None = None, threshold: float = 1.0) -> Tensor:
+    """(B, 1, H, W) bool: pixels whose 3 x 3 window spans more than `threshold` px of disparity.
+
+    known: the pixels that are compared, see disparity_range; an edge that lies in a gap of them is not seen.
+    """
+    return disparity_range(disparity, known) > threshold
 
 
 def consistency_residual(disparity: Tensor, normal: Tensor, camera: Tensor) -> tuple[Tensor, Tensor]:
@@ -115,24 +130,29 @@ def consistency_loss(disparity: Tensor, normal: Tensor, camera: Tensor, mask: Te
 def reduce_target(target: Target, factor: int, weight: Tensor) -> tuple[Target, Tensor]:
     """Ground truth and pixel weight on the grid with one cell for factor x factor pixels (factor 1, or even).
 
-    The cell's centre lies between its four middle pixels: their mean is its value, unless one of them has no label or
-    they straddle an edge. H and W must be multiples of factor.
+    The cell's centre lies between its four middle pixels: the mean of those that are known is its value, unless one of
+    them is known but not trained or they straddle an edge. Where only some are known, that is the value up to half a
+    pixel beside the centre. H and W must be multiples of factor. The camera stays that of the full grid.
     """
     if factor == 1:
         return target, weight
     first = factor // 2 - 1
 
-    def middle(x: Tensor) -> tuple[Tensor, ...]:
-        return tuple(x[..., first + i :: factor, first + j :: factor] for i in (0, 1) for j in (0, 1))
+    def middle(x: Tensor) -> Tensor:
+        return torch.stack([x[..., first + i :: factor, first + j :: factor] for i in (0, 1) for j in (0, 1)])
 
-    disparity = torch.stack(middle(target.disparity))
-    same = disparity.amax(0) - disparity.amin(0) < 1.0
-    label = torch.stack(middle(target.label)).all(0) & same
-    sky = torch.stack(middle(target.sky)).all(0)
-    rock = torch.stack(middle(target.rock)).any(0)
-    normal = unit(sum(middle(target.normal), torch.zeros_like(target.normal[..., ::factor, ::factor])))
-    weight = torch.stack(middle(weight)).amax(0)
-    return Target(disparity.mean(0), normal, label, sky, rock, target.camera), weight
+    def alike(x: Tensor) -> Tensor:
+        """Where all known pixels of a cell, and at least one, are so."""
+        return (middle(x) | ~known).all(0) & middle(x & target.known).any(0)
+
+    disparity, known = middle(target.disparity), middle(target.known)
+    span = disparity.masked_fill(~known, -torch.inf).amax(0) - disparity.masked_fill(~known, torch.inf).amin(0)
+    mean = (disparity * known).sum(0) / known.sum(0).clamp(min=1)
+    normal = unit(middle(target.normal).sum(0))
+    reduced = Target(
+        mean, normal, alike(target.label) & (span < 1.0), alike(target.sky), middle(target.rock).any(0), target.camera
+    )
+    return reduced, middle(weight).amax(0)
 
 
 def disparity_loss(disparity: Tensor, target: Target, weight: Tensor, config: LossConfig) -> Tensor:
@@ -160,7 +180,7 @@ def total_loss(output: StereoOutput, target: Target, config: LossConfig) -> tupl
 
     The image size must be a multiple of 8.
     """
-    edges = disparity_edges(target.disparity)
+    edges = disparity_edges(target.disparity, target.known)
     weight = torch.ones_like(target.disparity)
     weight = torch.where(edges, config.edge, weight)
     weight = torch.where(target.rock, config.rock, weight)

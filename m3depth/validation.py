@@ -33,7 +33,7 @@ def error_sums(output: StereoOutput, target: Target) -> dict[str, tuple[float, f
         "abs_rel": (relative, label),
         "bad1": ((error > 1).float(), label),
         "rock_epe": (error, label & target.rock),
-        "edge_epe": (error, label & disparity_edges(truth)),
+        "edge_epe": (error, label & disparity_edges(truth, target.known)),
         "normal": (angle, label & (target.normal.square().sum(1, keepdim=True) > 0.25)),
         "sky_missed": (1 - says_sky, target.sky),
         "false_sky": (says_sky, label),
