@@ -130,21 +130,21 @@ def settle(surface: Scene | SupportMap, spec: RoverSpec, x: float, y: float, yaw
     return Settled(pose, roll, pitch, yaw, Joints(rocker, bogie), hubs[:, 2], clearance, worst)
 
 
-def collides(surface: SupportMap, spec: RoverSpec, x: float, y: float, yaw: float) -> bool:
-    """Whether the level rover at x, y [m], yaw [rad] stands with a wheel on an obstacle, or its chassis in a rock."""
+def collides(surface: SupportMap, spec: RoverSpec, x: float, y: float, yaw: float) -> Contacts:
+    """What of the level rover at x, y [m], yaw [rad] is in an obstacle: a wheel's outline, or the chassis."""
     shape = _footprint(spec)
     c, s = np.cos(yaw), np.sin(yaw)
     turn = np.array([[c, s], [-s, c]])
     wheels = shape.patches @ turn + (x, y)
-    if surface.nearest(surface.obstacle, wheels[:, 0], wheels[:, 1]).any():
-        return True
+    wheel = bool(surface.nearest(surface.obstacle, wheels[:, 0], wheels[:, 1]).any())
     belly = shape.belly[:, :2] @ turn + (x, y)
     blocked = surface.nearest(surface.obstacle, belly[:, 0], belly[:, 1])
     if not blocked.any():
-        return False
+        return Contacts(obstacle=wheel)
     px, py = belly[blocked].T
     middle = surface.sample(surface.ground, np.array(x), np.array(y))
-    return bool((surface.sample(surface.top, px, py) - middle).max() > spec.belly_clearance)
+    chassis = bool((surface.sample(surface.top, px, py) - middle).max() > spec.belly_clearance)
+    return Contacts(chassis, wheel)
 
 
 class KinematicRover:
@@ -169,7 +169,8 @@ class KinematicRover:
         self._twist = (0.0, 0.0)
         self._spin = np.zeros(6)
         self._steering = np.zeros(6)
-        self._contacts = Contacts(chassis=self._settled.belly_contact, obstacle=collides(self.support, spec, x, y, yaw))
+        hit = collides(self.support, spec, x, y, yaw)
+        self._contacts = Contacts(chassis=hit.chassis or self._settled.belly_contact, obstacle=hit.obstacle)
 
     def drive_twist(self, speed: float, yaw_rate: float, seconds: float) -> RoverState:
         """Follow an arc; stop where a wheel or the chassis would hit something, or at the scene's edge.
@@ -178,23 +179,24 @@ class KinematicRover:
         """
         substeps = max(1, int(np.ceil(seconds / SUBSTEP - 1e-9)))
         start, here = self._settled, self._settled
-        self._contacts, travelled = Contacts(), 0.0
+        self._contacts, travelled, settled = Contacts(), 0.0, 0.0
         for n in range(1, substeps + 1):
             t = seconds * n / substeps
             x, y, yaw = _along_arc(start, speed, yaw_rate, t)
             if not self.support.contains(x, y):
                 break
-            if collides(self.support, self.spec, x, y, yaw):
-                self._contacts = Contacts(obstacle=True)
+            hit = collides(self.support, self.spec, x, y, yaw)
+            if hit.collision:
+                self._contacts = hit
                 break
             travelled = t
             if n % SETTLE_EVERY == 0 or n == substeps:
-                here = settle(self.support, self.spec, x, y, yaw)
+                here, settled = settle(self.support, self.spec, x, y, yaw), t
                 if here.belly_contact:
                     self._contacts = Contacts(chassis=True)
                     break
         stopped = travelled < seconds
-        if stopped and not self._contacts.chassis:
+        if settled < travelled:
             here = settle(self.support, self.spec, *_along_arc(start, speed, yaw_rate, travelled))
         self._settled = here
         self._twist = (0.0, 0.0) if stopped else (speed, yaw_rate)

@@ -26,7 +26,8 @@ def settling_errors(scene: Scene, places: int, rng: np.random.Generator, spec: R
         done = 0
         while done < places:
             x, y, yaw = *rng.uniform(-reach, reach, 2), float(rng.uniform(-np.pi, np.pi))
-            if collides(world.support, spec, x, y, yaw) or settle(world.support, spec, x, y, yaw).belly_contact:
+            hit = collides(world.support, spec, x, y, yaw)
+            if hit.collision or settle(world.support, spec, x, y, yaw).belly_contact:
                 continue
             rover = Rover(world, x, y, yaw)
             world.step(DROP_TIME)

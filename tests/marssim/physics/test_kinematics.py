@@ -4,6 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from marssim.physics.kinematics import KinematicRover, collides, settle
+from marssim.physics.state import Contacts
 from marssim.physics.support import SupportMap
 from marssim.rover_spec import ZHURONG
 from marssim.scene.scene import build_scene, preset
@@ -46,10 +47,12 @@ def test_outside_is_refused(make_scene):
 def test_collision_is_of_the_oriented_wheels_and_chassis(make_scene):
     scene = make_scene(balls=[(1.0, 0.0, 0.3, 0.3)])
     support = SupportMap.of(scene, ZHURONG.obstacle_height)
-    assert not collides(support, ZHURONG, 0.0, 0.0, 0.0)  # between the front wheels, ahead of the chassis
-    assert collides(support, ZHURONG, 0.3, 0.0, 0.0)
-    assert collides(support, ZHURONG, 0.0, -0.6, 0.0)  # the left front wheel
-    assert not collides(support, ZHURONG, -0.9, 0.0, 0.0)
+    assert collides(support, ZHURONG, 0.0, 0.0, 0.0) == Contacts()  # between the front wheels, ahead of the chassis
+    assert collides(support, ZHURONG, 0.3, 0.0, 0.0) == Contacts(chassis=True)
+    assert collides(support, ZHURONG, 0.0, -0.6, 0.0) == Contacts(obstacle=True)  # the left front wheel
+    assert collides(support, ZHURONG, 1.0, 0.0, 1.5) == Contacts(chassis=True)  # under its middle, whatever the heading
+    assert collides(support, ZHURONG, 1.0, 0.3, 0.0) == Contacts(chassis=True, obstacle=True)  # right middle wheel too
+    assert collides(support, ZHURONG, -0.9, 0.0, 0.0) == Contacts()
 
 
 def test_a_drive_ends_at_the_rock_and_can_go_back(make_scene):
