@@ -12,7 +12,7 @@ from m3depth.degradation import Degradation
 from m3depth.estimator import Estimator
 from m3depth.figures.example import Example
 from m3depth.pairs import MAX_DISPARITY, StereoPairs, spread
-from m3depth.plane_normals import normals_from_disparity
+from m3depth.plane_normals import fitted_normals
 from m3depth.prediction import Prediction
 from m3depth.recorded import RecordedPredictions
 from m3depth.resources import Cost, measured
@@ -94,7 +94,7 @@ def evaluate(
                 record[name]["seconds"] = cost.seconds
             if index in shown:
                 predictions[name] = prediction
-        true_depth_normals.add(normals_from_disparity(sample.disparity, sample.rig.camera), pair)
+        true_depth_normals.add(fitted_normals(sample.disparity, sample.rig.camera), pair)
         out.pairs.append(record)
         if index in shown:
             out.examples.append(Example(index, left, right, sample, predictions))

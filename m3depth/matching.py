@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from m3depth.pairs import NEAREST, checked_pair
-from m3depth.plane_normals import normals_from_disparity
+from m3depth.plane_normals import fitted_normals
 from m3depth.prediction import Prediction
 from m3depth.window_costs import Cost, semi_global, window_costs, winners
 from marssim.camera import StereoRig
@@ -154,7 +154,7 @@ def prediction_from_matches(disparity: np.ndarray, rig: StereoRig) -> Prediction
     """
     filled = fill_background(disparity)
     depth = np.where(np.isnan(filled), np.float32(np.nan), rig.disparity_to_depth(filled))
-    normal = normals_from_disparity(filled, rig.camera)
+    normal = fitted_normals(filled, rig.camera)
     return Prediction(depth, filled, normal, np.isfinite(disparity).astype(np.float32))
 
 

@@ -21,7 +21,7 @@ from m3depth.metrics import (
     pixel_kinds,
 )
 from m3depth.pairs import MAX_DISPARITY
-from m3depth.plane_normals import normals_from_disparity
+from m3depth.plane_normals import fitted_normals
 from m3depth.prediction import Prediction
 from m3depth.rocks import RockScene, RockTally, rock_scene
 from m3depth.sparsification import ConfidenceTally
@@ -114,7 +114,7 @@ class Scores:
             angular = self.normal.add(prediction.normal, pair)
             figures |= {f"normal_{name}": value for name, value in angular.items()}
         if self.fit:
-            self.fitted.add(normals_from_disparity(prediction.disparity, sample.rig.camera), pair)
+            self.fitted.add(fitted_normals(prediction.disparity, sample.rig.camera), pair)
         self.sky.add(prediction.depth, np.isposinf(sample.depth))  # NaN is unknown
         if pair.rocks is not None:
             self.rocks.add(prediction, pair.rocks)

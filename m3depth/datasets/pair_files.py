@@ -13,7 +13,7 @@ from m3depth.calibration import Calibration, align_right
 from m3depth.datasets.config import DataConfig
 from m3depth.datasets.maps import Kind, read_map, read_mask
 from m3depth.image_files import read_pair
-from m3depth.plane_normals import normals_from_disparity
+from m3depth.plane_normals import fitted_normals
 from marssim.camera import StereoRig
 from marssim.dataset import DatasetError, StereoSample
 from marssim.depth_edges import depth_edges
@@ -82,7 +82,7 @@ def read_pair_files(files: PairFiles, config: DataConfig) -> StereoSample:
     disparity = rig.depth_to_disparity(depth)  # 0 where unknown
     normal = np.zeros((*depth.shape, 3), np.float32)
     if config.normals == "depth":
-        normal = fitted_normals(disparity, rig)
+        normal = unbroken_normals(disparity, rig)
     low, high = config.depth_range
     with np.errstate(invalid="ignore"):
         valid = np.isfinite(depth) & (depth >= low) & (depth <= high)
@@ -99,7 +99,7 @@ def read_mask_or_map(path: Path) -> np.ndarray:
     return read_mask(path)
 
 
-def fitted_normals(disparity: np.ndarray, rig: StereoRig) -> np.ndarray:
+def unbroken_normals(disparity: np.ndarray, rig: StereoRig) -> np.ndarray:
     """Normals of planes fitted to the disparity, 0 where a window of 7 x 7 px has gaps or spans a depth edge.
 
     disparity: (H, W) [px], 0 where unknown. Returns (H, W, 3) float32.
@@ -109,7 +109,7 @@ def fitted_normals(disparity: np.ndarray, rig: StereoRig) -> np.ndarray:
     rim = FITTED // 2
     near_break[:rim] = near_break[-rim:] = True
     near_break[:, :rim] = near_break[:, -rim:] = True
-    normal = normals_from_disparity(disparity, rig.camera, FITTED)
+    normal = fitted_normals(disparity, rig.camera, FITTED)
     return np.where(near_break[..., None], np.float32(0), normal)
 
 

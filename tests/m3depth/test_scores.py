@@ -8,7 +8,7 @@ from rock_samples import ahead, rock_sample, without_rocks
 from rock_world import RockWorld
 
 from m3depth.evaluation import evaluate
-from m3depth.plane_normals import normals_from_disparity
+from m3depth.plane_normals import fitted_normals
 from m3depth.prediction import Prediction
 from m3depth.scores import ScoredPair, Scores
 from m3depth.tallies import DEPTH_BIN, ErrorMap
@@ -32,7 +32,7 @@ def test_fitted_normals_are_those_of_the_disparity_whatever_the_method_says(plan
     assert found["normal"]["all"]["pooled"]["mean"] == pytest.approx(180)
     assert found["fitted_normal"]["all"]["pooled"]["median"] < 0.5
     alone = Scores()
-    alone.add(truth(sample, normal=normals_from_disparity(sample.disparity, sample.rig.camera)), ScoredPair(sample))
+    alone.add(truth(sample, normal=fitted_normals(sample.disparity, sample.rig.camera)), ScoredPair(sample))
     assert found["fitted_normal"]["all"]["pooled"] == alone.result()["normal"]["all"]["pooled"]
     assert scored(sample, truth(sample), fit=False)["fitted_normal"]["all"]["pixels"] == 0
 
@@ -42,7 +42,7 @@ def test_evaluate_fits_normals_once_for_the_truth_and_not_for_matchers_that_fit_
         normals_are_fitted = True
 
         def infer(self, left, right, rig):
-            return truth(plane_samples[0], normal=normals_from_disparity(plane_samples[0].disparity, rig.camera))
+            return truth(plane_samples[0], normal=fitted_normals(plane_samples[0].disparity, rig.camera))
 
     done = evaluate(plane_samples[:1], {"fits": Fits()})
     assert done.results["fits"]["fitted_normal"]["all"]["pixels"] == 0
