@@ -179,7 +179,7 @@ class KinematicRover:
         """
         substeps = max(1, int(np.ceil(seconds / SUBSTEP - 1e-9)))
         start, here = self._settled, self._settled
-        self._contacts, travelled, settled = Contacts(), 0.0, 0.0
+        self._contacts, travelled, settled, stopped = Contacts(), 0.0, 0.0, True
         for n in range(1, substeps + 1):
             t = seconds * n / substeps
             x, y, yaw = _along_arc(start, speed, yaw_rate, t)
@@ -195,7 +195,8 @@ class KinematicRover:
                 if here.belly_contact:
                     self._contacts = Contacts(chassis=True)
                     break
-        stopped = travelled < seconds
+        else:
+            stopped = False
         if settled < travelled:
             here = settle(self.support, self.spec, *_along_arc(start, speed, yaw_rate, travelled))
         self._settled = here

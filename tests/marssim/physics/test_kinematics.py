@@ -64,6 +64,24 @@ def test_a_drive_ends_at_the_rock_and_can_go_back(make_scene):
     assert not rover.contacts().collision
 
 
+@pytest.mark.parametrize(("seconds", "expected"), [(1.5, 0.2), (1.6, 0.0), (1.9, 0.0), (2.0, 0.0), (2.4, 0.0)])
+def test_a_belly_stop_is_a_stop_in_whichever_substep(make_scene, seconds, expected):
+    """The chassis, half 1.1 m long, comes to a ridge at x = 0.86 m between 1.5 and 1.6 s: the first look there is at
+    the end, or half a second later."""
+    ridge = make_scene(lambda x, y: 0.5 * ((x > 0.85) & (np.abs(y) < 0.3)), cell=0.02, half=2.0)
+    rover = KinematicRover(ridge, ZHURONG, 0.0, 0.0, 0.0)
+    state = rover.drive_twist(0.2, 0.0, seconds)
+    assert state.velocity[0] == expected and rover.contacts() == Contacts(chassis=expected == 0)
+
+
+@pytest.mark.parametrize("seconds", [0.05, 0.9, 1.8, 2.0])
+def test_a_free_drive_of_any_length_ends_moving(seconds):
+    """0.9 s and 1.8 s times n over n, in n substeps, are a little less than they were."""
+    level = np.zeros((121, 121))
+    rover = KinematicRover(None, ZHURONG, 0.0, 0.0, 0.0, SupportMap(level, level, level, level > 0, -3.0, -3.0, 0.05))
+    assert rover.drive_twist(0.2, 0.1, seconds).velocity[0] == 0.2 and rover.state().yaw_rate == 0.1
+
+
 @settings(max_examples=20, deadline=None)
 @given(speed=st.floats(-0.2, 0.2), yaw_rate=st.floats(-0.25, 0.25), seconds=st.floats(0.1, 4))
 def test_arcs_are_exact_on_level_ground(speed, yaw_rate, seconds):
