@@ -22,8 +22,13 @@ class Craters:
     """
 
     def __init__(self, config: ReliefConfig, far: float, largest: float, rng: np.random.Generator) -> None:
-        """far: half the side of the square that they lie in [m]; largest: diameter [m], none if that is under 1."""
-        count = rng.poisson(config.crater_density * (2 * far) ** 2) if largest > 1 else 0
+        """far: half the side of the square that they lie in [m].
+
+        largest: diameter [m], at most config.crater_max_diameter: of the density's craters, from 1 m to that one, only
+        those up to `largest` are there; none if that is under 1.
+        """
+        share = (1 - largest**-2.0) / (1 - config.crater_max_diameter**-2.0) if largest > 1 else 0.0
+        count = rng.poisson(share * config.crater_density * (2 * far) ** 2) if largest > 1 else 0
         self.centre = rng.uniform(-far, far, (count, 2))
         self.diameter = (1 - rng.uniform(0, 1 - largest**-2.0, count)) ** -0.5 if count else np.zeros(0)
         low, high = np.log(config.crater_depth)

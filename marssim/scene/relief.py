@@ -34,7 +34,7 @@ class ReliefConfig:
     regional_azimuth_deg: float = 0.0
     """direction in which the tilt rises most [deg], counter-clockwise from east"""
     crater_density: float = 0.004
-    """craters of more than 1 m diameter on a square metre; their number falls as the diameter squared"""
+    """craters from 1 m to the largest diameter on a square metre; the number above a diameter falls as its square"""
     crater_max_diameter: float = 25.0
     """largest crater [m]; with a heightmap, only craters too small for it are drawn"""
     crater_depth: Range = (0.03, 0.2)

@@ -44,13 +44,22 @@ def test_a_profile_has_no_steps(freshness):
 
 
 def test_craters_are_as_many_as_told_and_fall_with_the_square_of_their_size():
-    config = ReliefConfig(crater_density=0.05)
+    config = ReliefConfig(crater_density=0.05, crater_max_diameter=20.0)
     many = [Craters(config, 50.0, 20.0, np.random.default_rng(seed)).diameter for seed in range(20)]
     count = np.array([sum((d > size).sum() for d in many) for size in (1.0, 2.0, 4.0)]) / 20
     assert count[0] == pytest.approx(500, rel=0.05)
     assert count[1:] / count[0] == pytest.approx([0.25, 0.0625], rel=0.15)
     assert max(d.max() for d in many) <= 20
     assert len(Craters(config, 50.0, 0.8, np.random.default_rng(0)).diameter) == 0
+
+
+@pytest.mark.parametrize("largest", [1.5, 3.0])
+def test_a_heightmap_that_shows_the_large_ones_leaves_the_number_of_small_ones(largest):
+    """No more of them than there are of that size without a heightmap: 5/9 and 8/9 of all above 1 m."""
+    config = ReliefConfig(crater_density=0.05, crater_max_diameter=25.0)
+    many = [Craters(config, 50.0, largest, np.random.default_rng(seed)).diameter for seed in range(20)]
+    assert sum(map(len, many)) / 20 == pytest.approx(500 * (1 - largest**-2) / (1 - 25**-2), rel=0.05)
+    assert max(d.max() for d in many) <= largest
 
 
 @settings(max_examples=8)
