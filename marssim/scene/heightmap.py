@@ -21,6 +21,7 @@ from scipy import ndimage
 PIXEL_SCALE, GEO_KEYS, NO_DATA = 33550, 34735, 42113  # TIFF tags of GeoTIFF and GDAL
 MODEL_TYPE, GEOGRAPHIC, LINEAR_UNIT, METRE = 1024, 2, 3076, 9001  # GeoTIFF keys and values
 MARGIN = 6  # cells around the scene that the interpolation looks at
+ROUNDING = 1e-6  # cells that a division may be off by
 LEAST_CELLS = 8  # along the side of a scene
 FLAG = "--relief.heightmap"  # of marssim.generate, in front of each message
 STEEPEST = 20.0  # rise over a cell, in cells
@@ -39,11 +40,12 @@ class HeightMap:
         """The part under a scene.
 
         half: half the side of the scene [m]; at: its middle, east and north of the map's [m], or None to draw one.
-        Raises ValueError where the map ends or has no data.
+        Raises ValueError where the map ends or has no data. A scene may reach to the border of the outermost cells,
+        half a cell beyond their middles, and is as high there as they are.
         """
         ny, nx = self.heights.shape
         reach = half / self.cell
-        room = np.array([nx - 1, ny - 1]) / 2 - reach
+        room = np.array([nx, ny]) / 2 - reach + ROUNDING
         if room.min() < 0:
             raise ValueError(
                 f"{self.name}: covers {nx * self.cell:g} x {ny * self.cell:g} m, too small for the scene of "
@@ -59,8 +61,9 @@ class HeightMap:
                 f"{self.name}: a scene of {2 * half:g} m at {at[0]:g}, {at[1]:g} reaches beyond the map; "
                 f"--relief.heightmap-at may be +-{room[0] * self.cell:g} m east and +-{room[1] * self.cell:g} m north"
             )
+        inner = np.maximum(np.array([nx - 1, ny - 1]) / 2 - reach, 0)  # a place that is drawn lies between the middles
         for _ in range(1 if at is not None else PLACES):
-            offset = rng.uniform(-room, room) if at is None else np.array(at, dtype=float) / self.cell
+            offset = rng.uniform(-inner, inner) if at is None else np.array(at, dtype=float) / self.cell
             middle = np.array([nx - 1, ny - 1]) / 2 + offset
             i0, j0 = np.maximum(np.floor(middle - reach).astype(int) - MARGIN, 0)
             i1, j1 = np.ceil(middle + reach).astype(int) + MARGIN + 1

@@ -139,6 +139,22 @@ def test_only_what_equals_the_nodata_value_is_a_gap(tmp_path, kind, nodata, empt
     assert np.isnan(found[3, 4]) == (empty is not None) and np.isnan(found).sum() == (empty is not None)
 
 
+@pytest.mark.parametrize("cell", [1.0, 0.1, 0.3])
+def test_a_map_just_as_large_as_the_scene_is_enough(tmp_path, cell):
+    """A value stands for its whole cell: the outermost ones serve the last half of a cell, as the message counts."""
+    n = round(24 / cell)
+    axis = (np.arange(n) - (n - 1) / 2) * cell
+    slope = np.broadcast_to(0.1 * axis, (n, n))
+    np.save(path := tmp_path / "map.npy", slope)
+    terrain = build(path, horizon=12.0, size=8.0, heightmap_scale=cell)
+    edge = terrain.height_at(np.array([-12.0, 12.0]), 0.0) - terrain.height_at(0.0, 0.0)
+    assert edge == pytest.approx([-1.2, 1.2], abs=0.05 * cell + 0.05)
+    assert build(path, horizon=12.0, size=8.0, heightmap_scale=cell, heightmap_at=None) is not None
+    np.save(path, slope[1:])
+    with pytest.raises(ValueError, match=rf"covers 24 x {24 - cell:g} m, too small for the scene of 24 x 24 m"):
+        build(path, horizon=12.0, size=8.0, heightmap_scale=cell)
+
+
 def test_only_craters_too_small_for_the_map_are_added(tmp_path):
     np.save(tmp_path / "map.npy", np.zeros((60, 60)))
     config = {"crater_density": 0.05, "heightmap_scale": 1.0}
