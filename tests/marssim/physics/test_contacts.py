@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from marssim.physics.kinematics import KinematicRover
+from marssim.physics.kinematics import KinematicRover, settle
 from marssim.physics.rover import Rover
 from marssim.physics.state import Contacts
 from marssim.physics.world import PhysicsWorld
@@ -34,8 +34,40 @@ def forward(dynamics, scene, seconds, y=0.0):
     ids=["between the wheels", "before the left wheels", "beside the way"],
 )
 def test_a_rock_is_met_by_what_runs_into_it(make_scene, dynamics, y, expected):
-    scene = make_scene(balls=[(1.3, 0.0, 0.2, 0.35)], half=3.0)
-    contacts, x, _ = forward(dynamics, scene, 4.0, y)
+    scene = make_scene(balls=[(1.1, 0.0, 0.2, 0.35)], half=2.5)
+    contacts, x, _ = forward(dynamics, scene, 2.5, y)
     assert contacts == expected
     if expected.chassis:
-        assert x == pytest.approx(1.3 - 0.35 - ZHURONG.chassis_size[0] / 2, abs=0.15)
+        assert x == pytest.approx(1.1 - 0.35 - ZHURONG.chassis_size[0] / 2, abs=0.15)
+
+
+@pytest.mark.parametrize("dynamics", ["kinematic", "physics"])
+@pytest.mark.parametrize(("height", "expected"), [(0.2, Contacts()), (0.45, Contacts(chassis=True))])
+def test_a_hump_between_the_wheels_is_met_by_the_chassis_where_it_is_higher_than_that(
+    make_scene, dynamics, height, expected
+):
+    """Ground, not rock: 0.32 m are free under the chassis. It is half as wide as the way between the wheels."""
+    assert 0.2 < ZHURONG.belly_clearance < 0.45
+
+    def hump(x, y):
+        return height * ((x > 0.7) & (np.abs(y) < 0.25))
+
+    contacts, x, speed = forward(dynamics, make_scene(hump, half=2.5, cell=0.05), 2.5)
+    assert contacts == expected
+    if expected.chassis:
+        assert x < 0.7 - ZHURONG.chassis_size[0] / 2 + 0.15 and abs(speed) < 0.1
+    else:
+        assert x > 0.4 and speed == pytest.approx(0.2, rel=0.1)
+
+
+@pytest.mark.parametrize(("height", "clearance"), [(0.30, 0.02), (0.33, -0.01)])
+def test_put_down_over_a_hump_the_chassis_rests_on_it_or_does_not(make_scene, height, clearance):
+    pytest.importorskip("pybullet")
+    scene = make_scene(lambda x, y: height * ((np.abs(x) < 0.3) & (np.abs(y) < 0.3)), half=2.0, cell=0.05)
+    place, expected = settle(scene, ZHURONG, 0.0, 0.0, 0.3), Contacts(chassis=clearance < 0)
+    assert place.clearance == pytest.approx(clearance, abs=2e-3) and place.belly_contact == expected.chassis
+    assert KinematicRover(scene, ZHURONG, 0.0, 0.0, 0.3).contacts() == expected
+    with PhysicsWorld(scene) as world:
+        rover = Rover(world, 0.0, 0.0, 0.3)
+        assert rover.contacts() == expected
+        assert rover.state().position[2] == pytest.approx(max(-clearance, 0.0), abs=2e-3)  # it is lifted by as much
