@@ -1,4 +1,4 @@
-"""The rover's figures: friction of wheels on ground 0.9, gravity of Mars."""
+"""The rover's figures, with a friction of wheels on ground of 0.9 and the gravity that test_world.py measures."""
 
 import os
 import subprocess

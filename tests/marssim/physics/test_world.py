@@ -19,7 +19,7 @@ def test_ground_and_rocks_stand_where_the_scene_has_them(make_scene):
     with PhysicsWorld(scene) as world:
         x, y = np.random.default_rng(0).uniform(-3.9, 3.9, (2, 300))
         z, body = cast(world, x, y)
-        expected, _ = np.full(300, -np.inf), None
+        expected = np.full(300, -np.inf)
         for bx, by, bz, r in balls:
             inside = np.hypot(x - bx, y - by) < r
             expected[inside] = bz + np.sqrt(r**2 - np.hypot(x - bx, y - by)[inside] ** 2)
@@ -39,6 +39,20 @@ def test_wide_ground_is_thinned_to_a_tenth_of_a_metre_and_no_further(make_scene,
     with PhysicsWorld(scene) as world:
         z, _ = cast(world, nodes + 1e-4, np.full(40, 0.3))
     assert np.abs(z - scene.terrain.height_at(nodes, np.zeros(40))).max() < 2e-3
+
+
+def test_a_ball_falls_as_on_mars(make_scene):
+    """At 3.72076 m/s2: the way of the second half second less that of the first is g (0.5 s)^2, also in steps."""
+    with PhysicsWorld(make_scene(half=2.0)) as world:
+        p, client = world.bullet, world.client
+        ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.1, physicsClientId=client)
+        body = p.createMultiBody(1.0, ball, basePosition=[0, 0, 10.0], physicsClientId=client)
+        p.changeDynamics(body, -1, linearDamping=0, physicsClientId=client)
+        heights = [10.0]
+        for _ in range(2):
+            world.step(0.5)
+            heights.append(p.getBasePositionAndOrientation(body, physicsClientId=client)[0][2])
+    assert -np.diff(heights, 2)[0] / 0.5**2 == pytest.approx(3.72076, rel=1e-6)
 
 
 def test_time_is_carried_over_between_steps(make_scene):
