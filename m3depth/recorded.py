@@ -101,7 +101,7 @@ class RecordedPredictions:
         """What was recorded of a pair. Raises RecordedError that names a file that cannot be used."""
         path = self.find(pair, number)
         shape = (rig.camera.height, rig.camera.width)
-        stored = read_map(path, shape)
+        stored = read_recorded_map(path, shape)
         scale = self.scale or (PNG_UNIT[self.kind] if path.suffix == ".png" else 1.0)
         values = stored.astype(np.float32) / np.float32(scale)
         with np.errstate(invalid="ignore"):
@@ -122,8 +122,8 @@ class RecordedPredictions:
         return Prediction(
             depth,
             disparity,
-            None if normal is None else read_map(normal, (*shape, 3)).astype(np.float32),
-            sure if confidence is None else read_map(confidence, shape).astype(np.float32),
+            None if normal is None else read_recorded_map(normal, (*shape, 3)).astype(np.float32),
+            sure if confidence is None else read_recorded_map(confidence, shape).astype(np.float32),
         )
 
     def _bases(self, pair: str, number: int) -> Iterator[Path]:
@@ -138,7 +138,7 @@ class RecordedPredictions:
         return found if found.is_file() else None
 
 
-def read_map(path: Path, shape: tuple[int, ...]) -> np.ndarray:
+def read_recorded_map(path: Path, shape: tuple[int, ...]) -> np.ndarray:
     """Numbers of a file, of that shape; axes of length 1 are dropped. Raises RecordedError that names the file."""
     try:
         if path.suffix == ".npy":
