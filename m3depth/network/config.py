@@ -105,7 +105,7 @@ def read_config(path: Path) -> M3DepthConfig:
         raise FileNotFoundError(f"{path}: no such file")
     try:
         data = json.loads(path.read_text())
-    except ValueError as error:  # no JSON, or no text at all
+    except (ValueError, RecursionError) as error:  # no JSON, no text at all, or nested to break its reader
         raise ValueError(f"{path}: not readable as JSON ({error})") from None
     if not isinstance(data, dict):
         raise ValueError(f"{path}: holds no JSON object")

@@ -42,7 +42,7 @@ def load_weights(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
         raise ValueError(f"{path}: not a readable safetensors file ({str(error).splitlines()[0]})") from None
     try:
         config = json.loads(metadata["m3depth_config"])
-    except (KeyError, json.JSONDecodeError):
+    except (KeyError, json.JSONDecodeError, RecursionError):
         raise ValueError(f"{path}: holds no m3depth_config; these are not weights of M3Depth") from None
     if not isinstance(config, dict):
         raise ValueError(f"{path}: m3depth_config is not a JSON object")
