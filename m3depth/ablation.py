@@ -9,14 +9,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from m3depth.ablate_config import AblateOptions
 from m3depth.ablation_tables import METHOD, findings, markdown
 from m3depth.data import Joined
 from m3depth.datasets.open import open_pairs
 from m3depth.evaluation import evaluate
 from m3depth.figures.ablation import study_figure
+from m3depth.network.device import chosen_device
 from m3depth.network.model import M3Depth
 from m3depth.report import versions, write_json
 from m3depth.run import saved_progress
@@ -153,8 +152,7 @@ def _score(run: PlannedRun, options: AblateOptions, test: Any) -> bool:
     if (run.folder / SCORE).is_file() or not spent_budget(run.config, steps, seconds):
         return False
     model = M3Depth.from_pretrained(run.folder / "weights.safetensors")
-    cuda = options.device == "cuda" or (options.device == "auto" and torch.cuda.is_available())
-    done = evaluate(test, {METHOD: model.to("cuda" if cuda else "cpu")}, limit=options.limit)
+    done = evaluate(test, {METHOD: model.to(chosen_device(options.device))}, limit=options.limit)
     about = {
         "parameters": sum(p.numel() for p in model.parameters()),
         "steps": steps,

@@ -23,10 +23,13 @@ def unit(x: Tensor) -> Tensor:
 
 
 def disparity_to_depth(disparity: Tensor, fb: Tensor | float) -> Tensor:
-    """Z = f B / d (paper, Eq. 1). disparity: (...) [px]; fb [px m]. Returns (...) [m]; inf where d < MIN_DISPARITY."""
-    match = disparity >= MIN_DISPARITY
-    depth = fb / torch.where(match, disparity, torch.ones_like(disparity))
-    return torch.where(match, depth, torch.full_like(disparity, torch.inf))
+    """Z = f B / d (paper, Eq. 1). disparity: (...) [px]; fb [px m].
+
+    Returns (...) [m]; inf where d < MIN_DISPARITY, NaN where d is NaN.
+    """
+    far = disparity < MIN_DISPARITY
+    depth = fb / torch.where(far, torch.ones_like(disparity), disparity)
+    return torch.where(far, torch.full_like(disparity, torch.inf), depth)
 
 
 def scale_camera(camera: Tensor, factor: int) -> Tensor:

@@ -14,8 +14,9 @@ class Prediction:
     depth: (H, W) float32 [m], z along the optical axis; inf where the pixel is said to be sky or beyond measure,
         NaN where nothing is known.
     disparity: (H, W) float32 [px], x_left - x_right; 0 where depth is infinite, NaN where it is unknown.
-    normal: (H, W, 3) float32, unit length, facing the camera (n . ray < 0); None if the method gives none.
-    confidence: (H, W) float32 in [0, 1].
+    normal: (H, W, 3) float32, unit length, facing the camera (n . ray < 0), NaN where it is unknown; None if the method
+        gives none.
+    confidence: (H, W) float32 in [0, 1]; 0 where depth is unknown.
     """
 
     depth: np.ndarray

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from m3depth.data import Batch, PackedCache, batches, free_memory
 from m3depth.losses import total_loss
-from m3depth.network.model import fast_dtype
+from m3depth.network.device import autocast, chosen_device, fast_dtype
 from m3depth.pairs import StereoPairs
 from m3depth.run import Log, Run, stop_on_signal
 from m3depth.train_config import TrainConfig, check_config
@@ -52,17 +52,13 @@ def spent_budget(config: TrainConfig, step: int, seconds: float) -> str | None:
 
 def join_group(config: TrainConfig) -> tuple[int, int, torch.device]:
     """Rank, number of processes, device. Under torchrun the process group is joined."""
-    local = int(os.environ.get("LOCAL_RANK", 0))
-    cuda = config.device == "cuda" or (config.device == "auto" and torch.cuda.is_available())
-    if cuda and not torch.cuda.is_available():
-        raise ValueError("--device cuda: no GPU was found")
-    device = torch.device("cuda", local) if cuda else torch.device("cpu")
+    device = chosen_device(config.device, int(os.environ.get("LOCAL_RANK", 0)))
     if "LOCAL_RANK" not in os.environ:
         return 0, 1, device
-    if cuda:
+    if device.type == "cuda":
         torch.cuda.set_device(device)
     if not dist.is_initialized():
-        dist.init_process_group("nccl" if cuda else "gloo")
+        dist.init_process_group("nccl" if device.type == "cuda" else "gloo")
     return dist.get_rank(), dist.get_world_size(), device
 
 
@@ -198,7 +194,7 @@ def backward(
         more = number + 1 < len(parts)  # processes exchange the sum, once
         shared = isinstance(network, nn.parallel.DistributedDataParallel)
         with network.no_sync() if more and shared else nullcontext():  # type: ignore[operator]
-            with torch.autocast(part.left.device.type, dtype or torch.bfloat16, enabled=dtype is not None):
+            with autocast(part.left.device, dtype):
                 output = network(part.left, part.right, part.target.camera)
             loss, terms = total_loss(output, part.target, config.loss)
             (loss / len(parts)).backward()

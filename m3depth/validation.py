@@ -12,7 +12,8 @@ from torch import Tensor
 
 from m3depth.data import Batch, whole_batch
 from m3depth.losses import Target, disparity_edges
-from m3depth.network.model import M3Depth, StereoOutput, fast_dtype
+from m3depth.network.device import autocast, fast_dtype
+from m3depth.network.model import M3Depth, StereoOutput
 from m3depth.packing import TRAINED, PackedSample
 from marssim.contact_sheet import normal_colours
 
@@ -44,8 +45,8 @@ def error_sums(output: StereoOutput, target: Target) -> dict[str, tuple[float, f
 @torch.inference_mode()
 def predict_batch(model: M3Depth, batch: Batch) -> StereoOutput:
     """Forward pass in the device's fast precision."""
-    dtype = fast_dtype(batch.left.device)
-    with torch.autocast(batch.left.device.type, dtype or torch.bfloat16, enabled=dtype is not None):
+    device = batch.left.device
+    with autocast(device, fast_dtype(device)):
         return model(batch.left, batch.right, batch.target.camera)
 
 

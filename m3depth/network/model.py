@@ -16,6 +16,7 @@ from m3depth.geometry import disparity_to_depth, face_camera, pixel_rays, scale_
 from m3depth.network.backbone import Backbone
 from m3depth.network.config import PRESETS, M3DepthConfig
 from m3depth.network.cost_volume import Aggregation, group_correlation_volume, matchable, soft_argmin
+from m3depth.network.device import autocast, fast_dtype
 from m3depth.network.fine import FineCorrection
 from m3depth.network.normals import SNNet
 from m3depth.network.recompute import direct, recomputed
@@ -175,7 +176,8 @@ class M3Depth(nn.Module):
         left, right: (H, W) or (H, W, 3) uint8, RGB. rig: the cameras of these images. nearest [m]: what should still
         be measured, 0.84 m by default; images in which that is a larger disparity than the network's hypotheses reach
         (192 px) are reduced first, as those of rigs whose f B exceeds NaTeCam's. Depth is in metres of the given rig,
-        inf where the network sees sky. Raises ValueError for wrong types or sizes.
+        inf where the network sees sky; where its numbers are none, all is NaN and confidence 0. Raises ValueError for
+        wrong types or sizes.
         """
         left, right = (
             image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
@@ -192,21 +194,22 @@ class M3Depth(nn.Module):
             left, right = (cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (left, right))
         device = next(self.parameters()).device
         pair = torch.from_numpy(np.stack([left, right])).to(device).permute(0, 3, 1, 2).float() / 255
-        c = work.camera
-        camera = torch.tensor([[c.fx, c.fy, c.cx, c.cy]], dtype=torch.float32, device=device)
-        dtype = fast_dtype(device)
-        with torch.autocast(device.type, dtype or torch.bfloat16, enabled=dtype is not None):
-            out = self(pair[:1], pair[1:], camera)
+        with autocast(device, fast_dtype(device)):
+            out = self(pair[:1], pair[1:], camera_row(work, device))
         maps = torch.cat([out.disparity, out.normal, out.confidence.sigmoid(), out.sky], 1).float()
         if work is not rig:
             maps = F.interpolate(maps, (height, width), mode="bilinear")
             maps[:, 0] *= width / work.camera.width
-            maps[:, 1:4] = unit(maps[:, 1:4])
+            rays = pixel_rays(camera_row(rig, device), height, width)
+            maps[:, 1:4] = face_camera(unit(maps[:, 1:4]), rays)  # a mean of normals that face it need not
+        known = maps[0].isfinite().all(0)
         disparity = torch.where(maps[0, 5] > 0, torch.zeros_like(maps[0, 0]), maps[0, 0])
+        disparity = torch.where(known, disparity, torch.full_like(disparity, torch.nan))
         depth = disparity_to_depth(disparity, rig.fb)
         disparity = torch.where(depth.isinf(), torch.zeros_like(disparity), disparity)
         normal = maps[0, 1:4].permute(1, 2, 0)
-        arrays = [x.cpu().contiguous().numpy() for x in (depth, disparity, normal, maps[0, 4])]
+        confidence = torch.where(known, maps[0, 4], torch.zeros_like(disparity))
+        arrays = [x.cpu().contiguous().numpy() for x in (depth, disparity, normal, confidence)]
         return Prediction(*arrays)
 
 
@@ -224,12 +227,7 @@ def resize(maps: Tensor, size: torch.Size) -> Tensor:
     return maps if maps.shape[-1] == size[-1] else F.interpolate(maps, size, mode="bilinear")
 
 
-def fast_dtype(device: torch.device) -> torch.dtype | None:
-    """bfloat16 where the device computes in it (GPU, AMX, AVX-512 BF16); None: stay in float32."""
-    if device.type == "cuda":
-        return torch.bfloat16 if torch.cuda.is_bf16_supported() else None
-    if device.type == "cpu":
-        probes = ("_is_amx_tile_supported", "_is_avx512_bf16_supported")
-        if any(getattr(torch.cpu, name, lambda: False)() for name in probes):
-            return torch.bfloat16
-    return None
+def camera_row(rig: StereoRig, device: torch.device) -> Tensor:
+    """(1, 4) float32 fx, fy, cx, cy [px], as forward takes it."""
+    c = rig.camera
+    return torch.tensor([[c.fx, c.fy, c.cx, c.cy]], dtype=torch.float32, device=device)

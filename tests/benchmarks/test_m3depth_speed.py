@@ -7,7 +7,7 @@ import torch
 from m3depth import M3Depth
 from m3depth.data import PackedCache, make_batch
 from m3depth.matching import SGBM
-from m3depth.network.model import fast_dtype
+from m3depth.network.device import fast_dtype
 from m3depth.run import Run
 from m3depth.train_config import TrainConfig
 from m3depth.training import backward

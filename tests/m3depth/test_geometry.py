@@ -38,7 +38,8 @@ def test_depth_is_the_rigs_and_no_match_is_infinite() -> None:
     depth = np.array([0.5, 3.0, 15.0, np.inf])
     disparity = torch.from_numpy(NATECAM.depth_to_disparity(depth))
     np.testing.assert_allclose(disparity_to_depth(disparity, NATECAM.fb).numpy(), depth)
-    assert disparity_to_depth(torch.tensor([-1.0, 0.01, torch.nan]), NATECAM.fb).isinf().all()
+    assert disparity_to_depth(torch.tensor([-1.0, 0.0, 0.01]), NATECAM.fb).isinf().all()
+    assert disparity_to_depth(torch.tensor([torch.nan]), NATECAM.fb).isnan().all()  # unknown is not far
 
 
 @settings(max_examples=30, deadline=None)

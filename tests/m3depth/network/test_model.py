@@ -8,7 +8,9 @@ import pytest
 import torch
 
 import m3depth
-from m3depth.network.model import PRESETS, M3Depth, M3DepthConfig
+from m3depth.geometry import face_camera, pixel_rays, unit
+from m3depth.network.config import read_config
+from m3depth.network.model import PRESETS, M3Depth, M3DepthConfig, StereoOutput
 from marssim.camera import PinholeCamera, StereoRig
 
 SMALL = M3DepthConfig(
@@ -30,12 +32,13 @@ def rig_of(height: int, width: int) -> StereoRig:
     return StereoRig(PinholeCamera.centred(width, height, 50.0), baseline=0.27)
 
 
+@pytest.mark.parametrize("reduced", [False, True])
 @pytest.mark.parametrize(("height", "width"), [(33, 70), (64, 64), (17, 129)])
-def test_infer_at_any_size(model: M3Depth, height: int, width: int) -> None:
+def test_infer_at_any_size(model: M3Depth, height: int, width: int, reduced: bool) -> None:
     rng = np.random.default_rng(0)
     left, right = rng.integers(0, 256, (2, height, width, 3), dtype=np.uint8)
     rig = rig_of(height, width)
-    out = model.infer(left, right, rig)
+    out = model.infer(left, right, rig, rig.fb / (2.5 * 8 * SMALL.hypotheses) if reduced else None)
     assert out.depth.shape == out.disparity.shape == out.confidence.shape == (height, width)
     assert out.normal is not None
     assert {a.dtype for a in (out.depth, out.disparity, out.confidence, out.normal)} == {np.dtype(np.float32)}
@@ -45,6 +48,49 @@ def test_infer_at_any_size(model: M3Depth, height: int, width: int) -> None:
     far = np.isinf(out.depth)
     assert (out.disparity[far] == 0).all()
     np.testing.assert_allclose(out.depth[~far], rig.fb / out.disparity[~far], rtol=1e-5)
+
+
+def test_normals_between_two_that_are_seen_edge_on_face_the_camera(model: M3Depth, monkeypatch) -> None:
+    """Reduced images: what is interpolated between normals that face their own rays need not face the ray between."""
+    rig = rig_of(96, 256)
+
+    def checkered(left: torch.Tensor, right: torch.Tensor, camera: torch.Tensor) -> StereoOutput:
+        height, width = left.shape[-2:]
+        rays = pixel_rays(camera, height, width)
+        across = torch.stack([-rays[:, 2], torch.zeros_like(rays[:, 0]), rays[:, 0]], 1)
+        turned = torch.where(torch.arange(width) % 2 == 0, 1.0, -1.0) * across
+        one = torch.ones(1, 1, height, width)
+        return StereoOutput(one, face_camera(unit(turned), rays), one, -one, (one, rays), [])
+
+    monkeypatch.setattr(model, "forward", checkered)
+    image = np.zeros((96, 256), np.uint8)
+    out = model.infer(image, image, rig, rig.fb / (3 * 8 * SMALL.hypotheses))
+    assert out.normal is not None
+    assert ((out.normal * rig.camera.rays()).sum(-1) < 0).all()
+    np.testing.assert_allclose(np.linalg.norm(out.normal, axis=-1), 1, atol=1e-4)
+
+
+@pytest.mark.parametrize("reduced", [False, True])
+def test_what_is_no_number_is_unknown_not_sky(model: M3Depth, monkeypatch, reduced: bool) -> None:
+    plain = model.forward
+
+    def overflowing(*inputs: torch.Tensor) -> StereoOutput:
+        out = plain(*inputs)
+        out.disparity[..., :8, :8] = torch.nan
+        out.sky[..., :8, 16:24] = torch.nan
+        out.confidence[..., :8, 32:40] = torch.nan
+        out.disparity[..., 16:, :8] = torch.inf
+        return out
+
+    monkeypatch.setattr(model, "forward", overflowing)
+    image = np.random.default_rng(0).integers(0, 256, (32, 64), dtype=np.uint8)
+    rig = rig_of(32, 64)
+    out = model.infer(image, image, rig, rig.fb / (1.1 * 8 * SMALL.hypotheses) if reduced else None)
+    for rows, columns in ((0, 0), (0, 18), (0, 35), (20, 0)):
+        part = np.s_[rows : rows + 6, columns : columns + 5]
+        assert np.isnan(out.depth[part]).all() and np.isnan(out.disparity[part]).all()
+        assert (out.confidence[part] == 0).all()
+    assert np.isfinite(out.disparity[20:, 50:]).all() and (out.confidence[20:, 50:] > 0).all()
 
 
 def test_grey_equals_repeated_grey(model: M3Depth) -> None:
@@ -80,14 +126,6 @@ def test_misuse_is_named(model: M3Depth) -> None:
         M3Depth.from_preset("huge")
     with pytest.raises(ValueError, match="multiple of groups"):
         replace(SMALL, groups=5)
-
-
-def test_every_part_can_be_left_out() -> None:
-    image = np.random.default_rng(0).integers(0, 256, (32, 64), dtype=np.uint8)
-    for part in ("wavelet_levels", "residual_width", "refine_steps", "normal_context", "lookup_radius"):
-        change = {part: (0, 0) if part == "wavelet_levels" else 0}
-        out = M3Depth(replace(SMALL, **change)).eval().infer(image, image, rig_of(32, 64))  # type: ignore[arg-type]
-        assert not np.isnan(out.depth).any(), change
 
 
 def test_lite_is_small() -> None:
@@ -195,6 +233,19 @@ def test_a_header_that_lies_is_refused(model: M3Depth, tmp_path: Path) -> None:
     path.write_bytes((1 << 62).to_bytes(8, "little") + whole[8:])
     with pytest.raises(ValueError, match=r"net\.safetensors: [^\n]*$"):
         M3Depth.from_pretrained(path)
+
+
+def test_json_that_is_nested_to_break_its_reader_is_refused(tmp_path: Path) -> None:
+    from safetensors.torch import save_file
+
+    path, deep = tmp_path / "net.safetensors", "[" * 200_000
+    save_file({"x": torch.zeros(1)}, path, metadata={"m3depth_config": deep})
+    with pytest.raises(ValueError, match=r"net\.safetensors: holds no m3depth_config[^\n]*$"):
+        M3Depth.from_pretrained(path)
+    config = tmp_path / "net.json"
+    config.write_text(deep)
+    with pytest.raises(ValueError, match=r"net\.json: not readable as JSON[^\n]*$"):
+        read_config(config)
 
 
 def test_a_huge_network_in_the_config_is_refused_before_it_is_built(tmp_path: Path) -> None:
