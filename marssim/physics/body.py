@@ -61,7 +61,7 @@ def _pieces(spec: RoverSpec) -> list[tuple[str, np.ndarray, np.ndarray, Colour]]
         rocker, bogie = linkage.rocker[s], linkage.bogie[s]
         for a, axle in enumerate(AXLES):
             hub = linkage.hubs[2 * a + s]
-            carrier, origin = (f"rocker_{side}", rocker) if axle == "front" else (f"bogie_{side}", bogie)
+            carrier, origin = linkage.carrier(axle, s)
             inner = hub * (1, 0, 1) + (0, origin[1], spec.wheel_radius + 0.09)  # above the wheel, in the beam's plane
             out.append((carrier, _beam((0, 0, 0), inner - origin), GREY))
             out.append((carrier, _beam(inner - origin, hub - origin + (0, 0, spec.wheel_radius + 0.09)), GREY))

@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from marssim.physics.body import Part, rover_parts
-from marssim.physics.linkage import Joints, Linkage
+from marssim.physics.linkage import MAX_SWING, Joints, Linkage
 from marssim.physics.state import Contacts, RoverState, rotation, state_of
 from marssim.physics.support import SupportMap
 from marssim.rover_spec import ZHURONG, RoverSpec
@@ -20,7 +20,6 @@ from marssim.scene.scene import Scene
 
 ITERATIONS = 8
 TOLERANCE = 5e-4  # [m] of every wheel's gap
-MAX_JOINT = 0.6  # [rad] rocker and bogie stop here
 SUBSTEP = 0.1  # [s] between two collision checks of a driven arc
 SETTLE_EVERY = 5  # substeps between two checks of the belly
 
@@ -121,8 +120,8 @@ def settle(surface: Scene | SupportMap, spec: RoverSpec, x: float, y: float, yaw
         z += step * float(mean.mean())
         roll += step * float(mean[0] - mean[1]) / spec.track
         pitch += step * float(nose.mean())
-        differential = float(np.clip(differential + step * (nose[0] - nose[1]) / 2, -MAX_JOINT, MAX_JOINT))
-        bogie = np.clip(bogie + step * (bow - nose), -MAX_JOINT, MAX_JOINT)
+        differential = float(np.clip(differential + step * (nose[0] - nose[1]) / 2, -MAX_SWING, MAX_SWING))
+        bogie = np.clip(bogie + step * (bow - nose), -MAX_SWING, MAX_SWING)
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = turn, (x, y, z)
     belly = shape.belly @ turn.T + (x, y, z)

@@ -20,6 +20,7 @@ WHEELS = tuple(f"{axle}_{side}" for axle in AXLES for side in SIDES)  # the orde
 ROCKER_HEIGHT = 0.45  # [m] of the rocker pivots above level ground
 BOGIE_HEIGHT = 0.28  # [m] of the bogie pivots
 PIVOT_GAP = 0.06  # [m] from the chassis' flank to the plane of rocker and bogie
+MAX_SWING = 0.6  # [rad] to either side, where rockers and bogies stop
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,11 @@ class Linkage:
             bogie=np.array([[bogie_x, y, BOGIE_HEIGHT], [bogie_x, -y, BOGIE_HEIGHT]]),
         )
 
+    def carrier(self, axle: str, side: int) -> tuple[str, np.ndarray]:
+        """Name and pivot (3,) of the link that carries one of AXLES on side 0 (left) or 1: the rocker or the bogie."""
+        kind, pivots = ("rocker", self.rocker) if axle == "front" else ("bogie", self.bogie)
+        return f"{kind}_{SIDES[side]}", pivots[side]
+
     def hub_positions(self, rocker: np.ndarray, bogie: np.ndarray) -> np.ndarray:
         """(6, 3) wheel centres in the body frame. rocker, bogie: (2,) angles as in Joints [rad]."""
         out = self.hubs.copy()
@@ -79,8 +85,8 @@ class Linkage:
             out[f"rocker_{side}"], out[f"bogie_{side}"] = rocker, bogie
             for a, axle in enumerate(AXLES):
                 wheel = 2 * a + s
-                parent, origin = (rocker, self.rocker[s]) if axle == "front" else (bogie, self.bogie[s])
-                steer = parent @ _about_z(self.hubs[wheel] - origin, joints.steering[wheel])
+                carrier, origin = self.carrier(axle, s)
+                steer = out[carrier] @ _about_z(self.hubs[wheel] - origin, joints.steering[wheel])
                 out[f"steer_{axle}_{side}"] = steer
                 out[f"wheel_{axle}_{side}"] = steer @ _about_y(np.zeros(3), joints.spin[wheel])
         return out

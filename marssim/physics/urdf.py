@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from marssim.physics.linkage import AXLES, SIDES, Linkage
+from marssim.physics.linkage import AXLES, MAX_SWING, SIDES, Linkage
 from marssim.rover_spec import RoverSpec
 
 ROCKER_MASS, BOGIE_MASS, STEER_MASS, WHEEL_MASS = 8.0, 5.0, 2.5, 6.0  # [kg] each; the chassis has the rest
@@ -28,13 +28,13 @@ def rover_urdf(spec: RoverSpec) -> str:
         rocker, bogie = linkage.rocker[s], linkage.bogie[s]
         parts += [
             _link(f"rocker_{side}", ROCKER_MASS, _box_inertia(ROCKER_MASS, 1.0, 0.1, 0.2)),
-            _joint(f"rocker_{side}", "chassis", rocker - middle, "0 1 0", 0.6),
+            _joint(f"rocker_{side}", "chassis", rocker - middle, "0 1 0", MAX_SWING),
             _link(f"bogie_{side}", BOGIE_MASS, _box_inertia(BOGIE_MASS, 0.7, 0.1, 0.2)),
-            _joint(f"bogie_{side}", f"rocker_{side}", bogie - rocker, "0 1 0", 0.6),
+            _joint(f"bogie_{side}", f"rocker_{side}", bogie - rocker, "0 1 0", MAX_SWING),
         ]
         for a, axle in enumerate(AXLES):
             hub = linkage.hubs[2 * a + s]
-            carrier, origin = (f"rocker_{side}", rocker) if axle == "front" else (f"bogie_{side}", bogie)
+            carrier, origin = linkage.carrier(axle, s)
             parts += [
                 _link(f"steer_{axle}_{side}", STEER_MASS, _box_inertia(STEER_MASS, 0.2, 0.2, 0.3)),
                 _joint(f"steer_{axle}_{side}", carrier, hub - origin, "0 0 1", spec.max_steer + 0.02),
