@@ -5,8 +5,9 @@ import pytest
 
 pytest.importorskip("pybullet")
 
+from settling_errors import settling_errors
+
 from marssim.physics.rover import Rover
-from marssim.physics.settling import settling_errors
 from marssim.physics.world import PhysicsWorld
 from marssim.rover_spec import ZHURONG
 from marssim.scene.scene import build_scene, preset
