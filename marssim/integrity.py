@@ -21,6 +21,7 @@ from marssim.trajectory import tum_lines
 TOP = ("dataset.json", SETTINGS, "README.md", "contact_sheet.png")
 TRAJECTORY = "trajectory.txt"  # of a scene whose views are a drive, beside them
 LEFT = "left by a run that was interrupted, or of one that is at work; the command that made the data removes it"
+PNG_START = bytes.fromhex("89504e470d0a1a0a0000000d49484452")  # up to the sizes
 PNG_END = bytes.fromhex("0000000049454e44ae426082")
 PNG_KIND = {  # bits a channel and colour type (0 grey, 2 RGB) of each image
     "left.png": (8, 2), "right.png": (8, 2), "depth.png": (16, 0), "normal.png": (16, 2), "surface.png": (16, 0),
@@ -197,6 +198,8 @@ def _check_image(path: Path, recorded: str, rig: StereoRig) -> str | None:
         if not data:
             return "empty"
         return "other content than recorded" if data.endswith(PNG_END) else "truncated"
+    if not (len(data) > 26 and data.startswith(PNG_START) and data.endswith(PNG_END)):
+        return "is no whole PNG image" if data else "empty"
     width, height, bits, colour = struct.unpack(">IIBB", data[16:26])
     if (width, height) != (rig.camera.width, rig.camera.height) or (bits, colour) != PNG_KIND[path.name]:
         return f"is {width} x {height} px, {bits} bits, not what the rig and the format say"

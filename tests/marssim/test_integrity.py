@@ -1,5 +1,6 @@
 """Each way in which a dataset can be broken is found, and named by its file."""
 
+import hashlib
 import json
 import shutil
 from collections.abc import Callable
@@ -9,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from marssim.dataset import IMAGES, DatasetError, StereoDataset, write_index
+from marssim.dataset import IMAGES, DatasetError, StereoDataset, sample_digest, write_index
 from marssim.integrity import LEFT, check_extra, check_index, check_samples, check_trajectories
 from marssim.trajectory import tum_lines
 
@@ -40,6 +41,15 @@ def test_a_good_dataset_has_no_findings(folder):
     assert [name for name, _ in check_samples(StereoDataset(folder), threads=3)] == StereoDataset(folder).names
 
 
+def record(folder: Path, occluded: bytes) -> None:
+    """Give the sample that occlusion mask, with hashes as they should be."""
+    (folder / SAMPLE / "occluded.png").write_bytes(occluded)
+    digest = hashlib.sha256(occluded).hexdigest()
+    change(folder / SAMPLE / "sample.json", lambda c: c["sha256"].update({"occluded.png": digest}))
+    whole = sample_digest(folder / SAMPLE)
+    change(folder / "dataset.json", lambda c: c["samples"][3].update(sha256=whole))
+
+
 @pytest.mark.parametrize("name", IMAGES)
 def test_every_image_is_watched(folder, name):
     file = folder / SAMPLE / name
@@ -59,19 +69,19 @@ def test_every_image_is_watched(folder, name):
 
 def test_a_wrong_file_with_a_right_hash_is_told_by_its_header(folder):
     """Someone wrote the sample anew, hashes and all, yet with an image of another size or kind."""
-    import hashlib
-
-    from marssim.dataset import sample_digest
-
-    file = folder / SAMPLE / "occluded.png"
     for image in (np.zeros((5, 7), np.uint8), np.zeros((48, 64, 3), np.uint8), np.zeros((48, 64), np.uint16)):
-        cv2.imwrite(str(file), image)
-        digest = hashlib.sha256(file.read_bytes()).hexdigest()
-        change(folder / SAMPLE / "sample.json", lambda c, d=digest: c["sha256"].update({"occluded.png": d}))
-        whole = sample_digest(folder / SAMPLE)
-        change(folder / "dataset.json", lambda c, d=whole: c["samples"][3].update(sha256=d))
+        record(folder, cv2.imencode(".png", image)[1].tobytes())
         found = findings(folder)
         assert len(found) == 1 and found[0].startswith(f"{SAMPLE}/occluded.png: is ")
+
+
+def test_what_is_no_png_is_told_although_its_hash_is_right(folder):
+    image = (folder / SAMPLE / "occluded.png").read_bytes()
+    for data in (b"", image[:20], image[:-1], bytes(16) + image[16:], image[:8]):
+        record(folder, data)
+        assert findings(folder) == [f"{SAMPLE}/occluded.png: {'is no whole PNG image' if data else 'empty'}"]
+    record(folder, image)
+    assert findings(folder) == []
 
 
 @pytest.mark.parametrize(
