@@ -10,7 +10,7 @@ import numpy as np
 
 from marssim.camera import NATECAM, StereoRig
 from marssim.render.gbuffer import GBufferMaker
-from marssim.render.makers import RENDERERS, make_renderer
+from marssim.render.makers import known_renderer, make_renderer
 from marssim.render.sensor import Sensor, SensorConfig
 from marssim.render.shading import Shader
 from marssim.render.stereo import StereoFrame, render_stereo
@@ -67,10 +67,8 @@ class Eyes:
         disparity_noise: float = 0.0,
     ) -> None:
         """disparity_noise: standard deviation [px of a 512 px image] of an error added to what is perceived."""
-        if renderer not in RENDERERS:
-            raise ValueError(f"renderer {renderer!r} is unknown; choose from {', '.join(RENDERERS)}")
+        self.renderer = known_renderer(renderer)
         self.estimator = load_perception(perception)
-        self.renderer = renderer
         self.sensor_config = sensor or SensorConfig()
         self.disparity_noise = disparity_noise
         self.maker: GBufferMaker | None = None

@@ -11,11 +11,21 @@ Renderer = Literal["pybullet", "embree", "scan"]
 RENDERERS: tuple[Renderer, ...] = get_args(Renderer)
 
 
+def known_renderer(name: str) -> Renderer:
+    """The name, if it is one of RENDERERS. Raises ValueError that lists them if not."""
+    for renderer in RENDERERS:
+        if name == renderer:
+            return renderer
+    raise ValueError(f"renderer {name!r} is unknown; choose from {', '.join(RENDERERS)}")
+
+
 def make_renderer(name: str, scene: Scene, egl: bool = False) -> GBufferMaker:
     """The G-buffer maker of a scene, by its name in RENDERERS. egl: let PyBullet draw with EGL, see Rasterizer.
 
-    Raises ImportError, in a line, if what it needs is not installed, and OSError if EGL does not work.
+    Raises ValueError for another name, ImportError, in a line, if what it needs is not installed, and OSError if EGL
+    does not work.
     """
+    known_renderer(name)
     if name == "embree":
         from marssim.render.raycast import Raycaster
 

@@ -21,6 +21,12 @@ def test_all_renderers_are_there_by_name():
     assert names == ["Raycaster", "Scanner", "Rasterizer"]
 
 
+def test_another_name_is_no_renderer():
+    scene = build_scene(SceneConfig(size=4.0, horizon=6.0, rocks=RockConfig(k=0.0)), np.random.default_rng(0))
+    with pytest.raises(ValueError, match="renderer 'embre' is unknown; choose from pybullet, embree, scan"):
+        make_renderer("embre", scene)
+
+
 def test_scanning_needs_neither_embree_nor_pybullet():
     code = (
         "import sys; sys.modules.update(embreex=None, pybullet=None); import numpy as np;"
