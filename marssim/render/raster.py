@@ -15,7 +15,7 @@ from marssim.camera import PinholeCamera
 from marssim.compiled import compiled, inlined
 from marssim.render.mesh import SceneMesh
 from marssim.render.projection import Projection
-from marssim.render.triangles import box_extent, corner, edge, extent, meet
+from marssim.render.triangles import box_extent, corners, edges, extent, meet
 
 SLACK = 1e-6  # [px] about what a triangle covers, against rounding
 
@@ -25,10 +25,7 @@ def first_faces(mesh: SceneMesh, camera: PinholeCamera, pose: np.ndarray) -> np.
 
     pose: (4, 4) camera to world.
     """
-    view = Projection.of_eye(pose)
-    return _first_faces(
-        mesh.vertices, mesh.faces, mesh.start, mesh.low, mesh.high, view.numbers, view.nearest, _grid(camera)
-    )
+    return _nearest(mesh, None, camera, pose, None, None)
 
 
 def matching_faces(
@@ -38,10 +35,19 @@ def matching_faces(
 
     -1 where it meets none of that group. group: (F,) int32 of each face; pose: (4, 4) camera to world.
     """
+    depth = np.ascontiguousarray(depth, dtype=float).ravel()
+    return _nearest(mesh, group, camera, pose, depth, wanted.ravel())
+
+
+def _nearest(
+    mesh: SceneMesh, group: np.ndarray | None, camera: PinholeCamera, pose: np.ndarray,
+    guess: np.ndarray | None, wanted: np.ndarray | None,
+) -> np.ndarray:  # fmt: skip
+    """As matching_faces of guess (H * W,) and wanted (H * W,); as first_faces where these and the group are None."""
     view = Projection.of_eye(pose)
-    return _matching_faces(
-        mesh.vertices, mesh.faces, group, mesh.start, mesh.low, mesh.high, view.numbers, view.nearest,
-        _grid(camera), np.ascontiguousarray(depth, dtype=float).ravel(), wanted.ravel(),
+    return _scan(
+        mesh.vertices, mesh.faces, group, mesh.start, mesh.low, mesh.high, view.numbers, view.nearest, _grid(camera),
+        guess, wanted,
     )  # fmt: skip
 
 
@@ -63,47 +69,9 @@ def _pixels(left, right, top, bottom, grid):
     )
 
 
-@inlined
-def _covered(vertices, faces, face, view, grid):
-    """Corners of a face, and the pixels that it may cover, see _pixels."""
-    a = corner(vertices, faces, face, 0, view)
-    b = corner(vertices, faces, face, 1, view)
-    c = corner(vertices, faces, face, 2, view)
-    left, right, top, bottom = extent(a, b, c)
-    i0, i1, j0, j1 = _pixels(left, right, top, bottom, grid)
-    return a, b, c, i0, i1, j0, j1
-
-
 @compiled
-def _first_faces(vertices, faces, start, low, high, view, nearest, grid):
-    width, height, fx, fy, cx, cy = grid
-    out = np.full(width * height, -1, dtype=np.int32)
-    best = np.full(width * height, np.inf)
-    for piece in range(len(start) - 1):
-        left, right, top, bottom, _ = box_extent(low[piece], high[piece], view)
-        i0, i1, j0, j1 = _pixels(left, right, top, bottom, grid)
-        if i0 > i1 or j0 > j1:
-            continue
-        for face in range(start[piece], start[piece + 1]):
-            a, b, c, i0, i1, j0, j1 = _covered(vertices, faces, face, view, grid)
-            if i0 > i1 or j0 > j1:
-                continue
-            ea, eb, ec = edge(b, c), edge(c, a), edge(a, b)
-            first = min(a[3], min(b[3], c[3]))
-            for row in range(j0, j1 + 1):
-                y = (row - cy) / fy
-                for column in range(i0, i1 + 1):
-                    k = row * width + column
-                    if best[k] > first:
-                        s = meet(ea, eb, ec, a[3], b[3], c[3], (column - cx) / fx, y)
-                        if nearest < s < best[k]:
-                            best[k] = s
-                            out[k] = face
-    return out
-
-
-@compiled
-def _matching_faces(vertices, faces, group, start, low, high, view, nearest, grid, guess, wanted):
+def _scan(vertices, faces, group, start, low, high, view, nearest, grid, guess, wanted):
+    """What is nearest to the guess; to the eye where guess, group and wanted are None, which is compiled apart."""
     width, height, fx, fy, cx, cy = grid
     out = np.full(width * height, -1, dtype=np.int32)
     off = np.full(width * height, np.inf)
@@ -113,17 +81,20 @@ def _matching_faces(vertices, faces, group, start, low, high, view, nearest, gri
         if i0 > i1 or j0 > j1:
             continue
         for face in range(start[piece], start[piece + 1]):
-            a, b, c, i0, i1, j0, j1 = _covered(vertices, faces, face, view, grid)
+            a, b, c = corners(vertices, faces, face, view)
+            left, right, top, bottom = extent(a, b, c)
+            i0, i1, j0, j1 = _pixels(left, right, top, bottom, grid)
             if i0 > i1 or j0 > j1:
                 continue
-            ea, eb, ec = edge(b, c), edge(c, a), edge(a, b)
+            triangle, first = edges(a, b, c)
             for row in range(j0, j1 + 1):
                 y = (row - cy) / fy
                 for column in range(i0, i1 + 1):
                     k = row * width + column
-                    if wanted[k] == group[face]:
-                        s = meet(ea, eb, ec, a[3], b[3], c[3], (column - cx) / fx, y)
-                        if s > nearest and abs(s - guess[k]) < off[k]:
-                            off[k] = abs(s - guess[k])
+                    if (off[k] > first) if guess is None else (wanted[k] == group[face]):
+                        s = meet(triangle, (column - cx) / fx, y)
+                        away = s if guess is None else abs(s - guess[k])
+                        if s > nearest and away < off[k]:
+                            off[k] = away
                             out[k] = face
     return out

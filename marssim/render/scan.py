@@ -15,7 +15,7 @@ from marssim.compiled import compiled, inlined
 from marssim.render.gbuffer import GROUND
 from marssim.render.mesh import SceneMesh
 from marssim.render.projection import Projection
-from marssim.render.triangles import box_extent, corner, edge, extent, facing, meet
+from marssim.render.triangles import box_extent, corners, edges, extent, facing, meet
 
 PER_BIN = 3.0  # points a bin, on average
 SLACK = 1e-6  # bins about what a triangle covers, against rounding
@@ -28,19 +28,20 @@ def open_ways(mesh: SceneMesh, view: Projection, x: np.ndarray, y: np.ndarray, s
     Of the ground only what is turned away from the eye or sun: no point lies below it, so that a ray which leaves it
     has entered it.
     """
-    bins = _Bins(x, y)
-    return _scan_blocked(
-        mesh.vertices, mesh.faces, mesh.surface, mesh.start, mesh.low, mesh.high, view.numbers, view.nearest,
-        view.away, bins.grid, bins.order, bins.start, bins.x, bins.y, s,
-    )  # fmt: skip
+    return _met(mesh, view, x, y, s, view.away) < 0
 
 
 def nearest(mesh: SceneMesh, view: Projection, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """(N,) int32 index of the face that each ray meets first, -1 where there is none. x, y: (N,) image points."""
+    return _met(mesh, view, x, y, np.full(len(x), np.inf), 0.0)
+
+
+def _met(mesh: SceneMesh, view: Projection, x: np.ndarray, y: np.ndarray, limit: np.ndarray, away: float) -> np.ndarray:
+    """(N,) int32 index of the face that each ray meets at an S below limit (N,), -1: none. away: see _scan."""
     bins = _Bins(x, y)
-    return _scan_nearest(
-        mesh.vertices, mesh.faces, mesh.start, mesh.low, mesh.high, view.numbers, view.nearest,
-        bins.grid, bins.order, bins.start, bins.x, bins.y,
+    return _scan(
+        mesh.vertices, mesh.faces, mesh.surface, mesh.start, mesh.low, mesh.high, view.numbers, view.nearest, away,
+        bins.grid, bins.order, bins.start, bins.x, bins.y, limit,
     )  # fmt: skip
 
 
@@ -147,65 +148,30 @@ def _in_the_way(low, high, view, grid, reach):
 
 
 @compiled
-def _scan_blocked(vertices, faces, surface, start, low, high, view, nearest, away, grid, order, bins, x, y, s):
+def _scan(vertices, faces, surface, start, low, high, view, nearest, away, grid, order, bins, x, y, limit):
+    """away: 0 for the face that is met first; else any face, but of the ground only one turned that way (open_ways)."""
     number = grid[7]
-    limit = np.empty(len(x))
-    for k in range(len(x)):
-        limit[k] = s[order[k]]
-    blocked = np.zeros(len(x), dtype=np.bool_)
+    limit = limit[order]
+    found = np.full(len(x), -1, dtype=np.int32)
     reach = _block_reach(bins, limit, number)
     for piece in range(len(start) - 1):
         if not _in_the_way(low[piece], high[piece], view, grid, reach):
             continue
         for face in range(start[piece], start[piece + 1]):
-            a = corner(vertices, faces, face, 0, view)
-            b = corner(vertices, faces, face, 1, view)
-            c = corner(vertices, faces, face, 2, view)
-            if surface[face] == GROUND and away * facing(a, b, c) <= 0:
+            a, b, c = corners(vertices, faces, face, view)
+            if away != 0 and surface[face] == GROUND and away * facing(a, b, c) <= 0:
                 continue
             left, right, top, bottom = extent(a, b, c)
             i0, i1, j0, j1 = _bins(left, right, top, bottom, grid)
             if i0 > i1:
                 continue
-            ea, eb, ec = edge(b, c), edge(c, a), edge(a, b)
-            first = min(a[3], min(b[3], c[3]))
+            triangle, first = edges(a, b, c)
             for j in range(j0, j1 + 1):
                 for k in range(bins[j * number + i0], bins[j * number + i1 + 1]):
-                    if limit[k] > first and not blocked[k]:
-                        met = meet(ea, eb, ec, a[3], b[3], c[3], x[k], y[k])
+                    if limit[k] > first:
+                        met = meet(triangle, x[k], y[k])
                         if nearest < met < limit[k]:
-                            blocked[k] = True
-    out = np.empty(len(x), dtype=np.bool_)
-    for k in range(len(x)):
-        out[order[k]] = not blocked[k]
-    return out
-
-
-@compiled
-def _scan_nearest(vertices, faces, start, low, high, view, nearest, grid, order, bins, x, y):
-    number = grid[7]
-    found = np.full(len(x), -1, dtype=np.int32)
-    best = np.full(len(x), np.inf)
-    reach = _block_reach(bins, best, number)
-    for piece in range(len(start) - 1):
-        if not _in_the_way(low[piece], high[piece], view, grid, reach):
-            continue
-        for face in range(start[piece], start[piece + 1]):
-            a = corner(vertices, faces, face, 0, view)
-            b = corner(vertices, faces, face, 1, view)
-            c = corner(vertices, faces, face, 2, view)
-            left, right, top, bottom = extent(a, b, c)
-            i0, i1, j0, j1 = _bins(left, right, top, bottom, grid)
-            if i0 > i1:
-                continue
-            ea, eb, ec = edge(b, c), edge(c, a), edge(a, b)
-            first = min(a[3], min(b[3], c[3]))
-            for j in range(j0, j1 + 1):
-                for k in range(bins[j * number + i0], bins[j * number + i1 + 1]):
-                    if best[k] > first:
-                        met = meet(ea, eb, ec, a[3], b[3], c[3], x[k], y[k])
-                        if nearest < met < best[k]:
-                            best[k] = met
+                            limit[k] = met if away == 0 else -np.inf
                             found[k] = face
     out = np.empty(len(x), dtype=np.int32)
     for k in range(len(x)):

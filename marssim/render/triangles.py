@@ -25,10 +25,14 @@ def project(x, y, z, view):
 
 
 @inlined
-def corner(vertices, faces, face, number, view):
-    """X, Y, W, S of a corner, 0 to 2, of a face."""
-    v = faces[face, number]
-    return project(vertices[v, 0], vertices[v, 1], vertices[v, 2], view)
+def corners(vertices, faces, face, view):
+    """X, Y, W, S of each corner of a face."""
+    i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
+    return (
+        project(vertices[i, 0], vertices[i, 1], vertices[i, 2], view),
+        project(vertices[j, 0], vertices[j, 1], vertices[j, 2], view),
+        project(vertices[k, 0], vertices[k, 1], vertices[k, 2], view),
+    )
 
 
 @inlined
@@ -93,17 +97,24 @@ def facing(a, b, c):
 
 
 @inlined
-def edge(a, b):
+def _edge(a, b):
     """The edge function of side a b: its three factors, of (x, y, 1)."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @inlined
-def meet(ea, eb, ec, sa, sb, sc, x, y):
-    """S where the ray (x, y) meets the triangle, inf where it passes by. Edges belong to both neighbours.
+def edges(a, b, c):
+    """Of a triangle's corners X, Y, W, S what `meet` takes, and the smallest S.
 
-    ea, eb, ec: edge functions of the sides opposite to the corners; sa, sb, sc: S of the corners.
+    The edge functions of the sides opposite to the corners, and the S of the corners.
     """
+    return (_edge(b, c), _edge(c, a), _edge(a, b), a[3], b[3], c[3]), min(a[3], min(b[3], c[3]))
+
+
+@inlined
+def meet(triangle, x, y):
+    """S where the ray (x, y) meets a triangle of `edges`, inf where it passes by. Edges belong to both neighbours."""
+    ea, eb, ec, sa, sb, sc = triangle
     wa = ea[0] * x + ea[1] * y + ea[2]
     wb = eb[0] * x + eb[1] * y + eb[2]
     wc = ec[0] * x + ec[1] * y + ec[2]
