@@ -30,13 +30,15 @@ class Evaluation:
     results: by method, Scores.result() with "median_image" (the median over images of the image's figures), "seconds"
     (median and mean per pair) and "memory_mib" (the most that was held: by the process, everything in it included, and
     on a GPU); None for predictions that were read. pairs: a record per pair with the figures of each method.
-    true_depth_normals: the normals that fitting planes to the true depth gives, by kind. examples: to be shown.
+    true_depth_normals: the normals that fitting planes to the true depth gives, by kind. examples: to be shown. worst:
+    the pairs in which the first method's mean disparity error is largest, the largest first.
     """
 
     results: dict[str, dict[str, Any]]
     pairs: list[dict[str, Any]] = field(default_factory=list)
     true_depth_normals: dict[str, Any] = field(default_factory=dict)
     examples: list[Example] = field(default_factory=list)
+    worst: list[Example] = field(default_factory=list)
 
 
 def evaluate(
@@ -48,14 +50,16 @@ def evaluate(
     seed: int = 0,
     max_disparity: float = MAX_DISPARITY,
     examples: int = 0,
+    worst: int = 0,
     progress: Callable[[Sequence[int]], Any] | None = None,
 ) -> Evaluation:
     """Score every method on the same pairs.
 
     dataset: samples with ground truth. estimators: by the name they are reported under. limit: score only so many
     pairs, spread evenly over the dataset. degradation: applied to the images first; its noise depends on (seed, index)
-    alone. max_disparity [px]: nearer pixels are scored apart. examples: so many pairs are kept to be shown. progress:
-    wraps the indices that are walked through, as tqdm does. Besides the examples, memory grows by a few numbers a pair.
+    alone. max_disparity [px]: nearer pixels are scored apart. examples: so many pairs are kept to be shown, evenly
+    spread; worst: and so many of those that the first method got most wrong. progress: wraps the indices that are
+    walked through, as tqdm does. Besides what is kept to be shown, memory grows by a few numbers a pair.
     Each estimator sees the first pair twice: the first time warms it up and is not timed.
     Raises ValueError if there is nothing to score or a method returns maps of another size; FileNotFoundError if a
     recorded prediction is missing.
@@ -66,7 +70,8 @@ def evaluate(
     true_depth_normals = NormalScores()
     costs: dict[str, list[Cost]] = {name: [] for name in estimators}
     warm: set[str] = set()
-    out = Evaluation({})
+    out, first = Evaluation({}), next(iter(estimators))
+    most_wrong: list[tuple[float, Example]] = []
     for index in progress(chosen) if progress else chosen:
         sample = dataset[index]
         pair = ScoredPair(sample, max_disparity)
@@ -92,12 +97,15 @@ def evaluate(
                 raise ValueError(f"{name}, pair {index}: {error}") from None
             if cost is not None:
                 record[name]["seconds"] = cost.seconds
-            if index in shown:
-                predictions[name] = prediction
+            predictions[name] = prediction
         true_depth_normals.add(fitted_normals(sample.disparity, sample.rig.camera), pair)
         out.pairs.append(record)
+        example = Example(index, left, right, sample, predictions)
         if index in shown:
-            out.examples.append(Example(index, left, right, sample, predictions))
+            out.examples.append(example)
+        if "epe" in record[first]:
+            most_wrong = sorted([*most_wrong, (record[first]["epe"], example)], key=lambda kept: -kept[0])[:worst]
+    out.worst = [example for _, example in most_wrong]
     out.true_depth_normals = true_depth_normals.result()
     for name, score in scores.items():
         figures = [record[name] for record in out.pairs]

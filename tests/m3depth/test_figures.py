@@ -16,6 +16,7 @@ from m3depth.figures.example import Example
 from m3depth.figures.prediction import prediction_figure
 from m3depth.figures.qualitative import hard_parts, qualitative_figure, zoom_figure
 from m3depth.figures.rocks import rocks_figure
+from m3depth.figures.worst import worst_figure
 from m3depth.matching import SGBM
 from m3depth.metrics import pixel_kinds
 from m3depth.prediction import Prediction
@@ -74,7 +75,7 @@ def test_hard_parts_lie_apart_in_what_is_scored(plane_samples, seed):
 def test_without_anything_scored_there_are_no_parts_and_still_figures(plane_samples, tmp_path):
     sample = replace(plane_samples[0], valid=np.zeros_like(plane_samples[0].valid))
     assert hard_parts(example(sample)) == {}
-    for draw in (zoom_figure, qualitative_figure, comparison_figure):
+    for draw in (zoom_figure, qualitative_figure, comparison_figure, worst_figure):
         draw([example(sample)], tmp_path / "figure.png")
         assert cv2.imread(str(tmp_path / "figure.png")).std() > 5
 
@@ -90,6 +91,21 @@ def test_every_method_has_its_place_in_every_figure(plane_samples, tmp_path):
         assert cv2.imread(str(tmp_path / "figure.png")).std() > 5
     rocks_figure({name: result["rocks"] for name, result in done.results.items()}, tmp_path / "rocks.png")
     assert cv2.imread(str(tmp_path / "rocks.png")).min() < 128  # it says that there are none
+
+
+def test_the_worst_are_drawn_with_their_error_and_what_they_lack(plane_samples, tmp_path, monkeypatch):
+    sample = plane_samples[0]
+    off = Prediction(sample.depth, sample.disparity + 2, None, np.full(sample.depth.shape, 0.25, np.float32))
+    drawn = []
+    monkeypatch.setattr("m3depth.figures.worst.save", lambda figure, path: drawn.append(figure))
+    worst_figure([example(sample, off=off), example(sample)], tmp_path / "worst.png")
+    first, second = (drawn[0].axes[row * 7 : row * 7 + 7] for row in range(2))
+    scored = pixel_kinds(sample)["all"]
+    error, confidence = (ax.images[0].get_array() for ax in first[3:5])
+    np.testing.assert_allclose(np.asarray(error)[scored], 2, atol=1e-5)
+    assert not np.isfinite(np.ma.filled(error, np.nan))[~scored].any() and (confidence == 0.25).all()
+    assert [text.get_text() for text in first[3].texts] == ["2.00 px"]
+    assert not first[6].images and second[6].images
 
 
 @pytest.mark.parametrize("normal", [True, False])

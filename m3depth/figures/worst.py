@@ -1,0 +1,58 @@
+"""The pairs that a method got most wrong, with what it thought of itself there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from m3depth.figures.drawing import colour_map, label_bar, normal_image, note, save, show
+from m3depth.figures.example import Example
+from m3depth.metrics import pixel_kinds
+
+PANEL = 1.7  # [in] width of one image
+MOST = 4.0  # [px] of error that the colours tell apart
+COLUMNS = ("left", "true disparity", "predicted disparity", "error", "confidence", "true normals", "predicted normals")
+
+
+def worst_figure(examples: Sequence[Example], path: Path) -> None:
+    """Write a PNG: a row a pair, of the first method of each; grey is not scored or not known.
+
+    Disparities of a pair share a scale, that of its scored pixels. A method without normals has no picture
+    there.
+    """
+    rows = len(examples)
+    aspect = examples[0].left.shape[0] / examples[0].left.shape[1]
+    width, height = PANEL * len(COLUMNS) + 0.4, PANEL * aspect * rows + 1.0  # [in]
+    figure = Figure(figsize=(width, height), dpi=120)
+    edges = {"left": 0.36 / width, "right": 1 - 0.04 / width, "top": 1 - 0.3 / height, "bottom": 0.7 / height}
+    axes = figure.subplots(rows, len(COLUMNS), squeeze=False, gridspec_kw={**edges, "wspace": 0.03, "hspace": 0.03})
+    errors, shares = Normalize(0, MOST), Normalize(0, 1)
+    for row, example in zip(axes, examples, strict=True):
+        truth, found = example.truth, next(iter(example.predictions.values()))
+        scored = pixel_kinds(truth)["all"]
+        error = np.where(scored, np.abs(found.disparity - truth.disparity), np.nan)
+        norm = Normalize(*np.percentile(truth.disparity[scored], [1, 99])) if scored.any() else Normalize(0, 1)
+        show(row[0], example.left)
+        row[0].set_ylabel(f"pair {example.index}", fontsize=10)
+        show(row[1], np.where(scored, truth.disparity, np.nan), cmap=colour_map("viridis"), norm=norm)
+        show(row[2], np.where(found.disparity > 0, found.disparity, np.nan), cmap=colour_map("viridis"), norm=norm)
+        error_image = show(row[3], error, cmap=colour_map("inferno"), norm=errors)
+        note(row[3], f"{np.nanmean(error):.2f} px" if np.isfinite(error).any() else "nothing known")
+        share_image = show(row[4], found.confidence, cmap=colour_map("viridis"), norm=shares)
+        for ax, normal in ((row[5], truth.normal), (row[6], found.normal)):
+            if normal is None:
+                ax.axis("off")
+            else:
+                show(ax, normal_image(normal))
+    for ax, name in zip(axes[0], COLUMNS, strict=True):
+        ax.set_title(name, fontsize=10)
+    for column, image, label in ((3, error_image, "error [px]"), (4, share_image, "confidence")):
+        box = axes[-1, column].get_position()
+        at = (box.x0, 0.5 / height, box.width, 0.1 / height)
+        bar = figure.colorbar(image, cax=figure.add_axes(at), orientation="horizontal")
+        label_bar(bar, image.norm, label)
+    save(figure, path)
