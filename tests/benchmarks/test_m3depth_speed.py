@@ -8,6 +8,7 @@ from m3depth import M3Depth
 from m3depth.data import PackedCache, make_batch
 from m3depth.matching import SGBM
 from m3depth.network.device import fast_dtype
+from m3depth.resources import measured
 from m3depth.run import Run
 from m3depth.train_config import TrainConfig
 from m3depth.training import backward
@@ -23,12 +24,17 @@ def images(height=512, width=512):
     return texture[:, :width], texture[:, 20 : width + 20]
 
 
-def test_inference(clock):
+def test_inference(clock, capsys):
+    """The network as it ships, with its number of refinement steps, and what the process holds meanwhile."""
     left, right = images()
-    network, sgbm = M3Depth.from_preset("lite"), SGBM()
-    clock("M3Depth lite, 512 x 512", lambda: network.infer(left, right, NATECAM))
-    out = network.infer(left, right, NATECAM)
+    network, sgbm = M3Depth.from_pretrained(), SGBM()
+    steps = network.config.refine_steps
+    clock(f"M3Depth as shipped, {steps} steps, 512 x 512", lambda: network.infer(left, right, NATECAM))
+    out, cost = measured(network.infer, left, right, NATECAM)
     assert out.depth.shape == (512, 512)
+    if cost.peak_mib is not None:
+        with capsys.disabled():
+            print(f"\npeak memory of the process meanwhile: {cost.peak_mib:.0f} MiB", end="")
     clock("OpenCV SGBM, padded, filled, with normals, 512 x 512", lambda: sgbm.infer(left, right, NATECAM))
 
 
