@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import os
 import threading
+from bisect import bisect_right
 from collections import deque
 from collections.abc import Generator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import accumulate
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -41,20 +43,21 @@ class Batch(NamedTuple):
 
 
 class Joined:
-    """Several sequences of samples as one, in their order."""
+    """Several sequences of samples as one, in their order. Indices below 0 count from the end."""
 
     def __init__(self, parts: Sequence[StereoPairs]) -> None:
         self.parts = parts
+        self.ends = list(accumulate(map(len, parts)))
 
     def __len__(self) -> int:
-        return sum(map(len, self.parts))
+        return self.ends[-1] if self.ends else 0
 
     def __getitem__(self, index: int) -> Any:
-        for part in self.parts:
-            if index < len(part):
-                return part[index]
-            index -= len(part)
-        raise IndexError(f"there are {len(self)} samples only")
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"there are {len(self)} samples, none has the index {index}")
+        place = index % len(self)
+        part = bisect_right(self.ends, place)
+        return self.parts[part][place - (self.ends[part - 1] if part else 0)]
 
 
 class PackedCache:
@@ -132,7 +135,7 @@ def make_batch(
 
 
 def whole_batch(sample: PackedSample) -> Batch:
-    """One sample at full size, not augmented, for validation; labelled are the scored pixels (0.5 to 15 m) alone."""
+    """One sample at full size, not augmented, for validation; labelled are the scored pixels alone."""
     scale = np.float32(1 / 255)
     batch = to_batch([(sample.left * scale, sample.right * scale, sample)])
     scored = torch.from_numpy((sample.flags & SCORED) > 0)[None, None]

@@ -195,5 +195,9 @@ def test_augmentation_that_cannot_work_names_its_flag(name, value) -> None:
 def test_several_sequences_are_one_in_their_order() -> None:
     joined = Joined(["ab", "", "cde"])
     assert [joined[i] for i in range(len(joined))] == list("abcde")
-    with pytest.raises(IndexError, match="5 samples"):
-        joined[5]
+    assert [joined[i] for i in range(-5, 0)] == list("abcde")
+    for outside in (5, -6):
+        with pytest.raises(IndexError, match=f"5 samples, none has the index {outside}"):
+            joined[outside]
+    with pytest.raises(IndexError, match="0 samples"):
+        Joined([])[0]
