@@ -17,6 +17,7 @@ from m3depth.evaluation import evaluate
 from m3depth.figures.ablation import study_figure
 from m3depth.network.device import chosen_device
 from m3depth.network.model import M3Depth
+from m3depth.pairs import scored_depths
 from m3depth.report import versions, write_json
 from m3depth.run import saved_progress
 from m3depth.studies import BASE, Variant, distinct
@@ -101,8 +102,8 @@ def ablate(options: AblateOptions) -> dict[str, Any]:
             print(f"run {number} of {len(runs)}: {run.folder.name}", file=sys.stderr, flush=True)
             _train(run, options, Joined(training), held_out)
             if _score(run, options, test):
-                _tables(options, runs)
-        results = _tables(options, runs)
+                _tables(options, runs, test)
+        results = _tables(options, runs, test)
         for name, study in results["studies"].items():
             study_figure(study, options.out / f"{name}.png")
         return results
@@ -163,7 +164,7 @@ def _score(run: PlannedRun, options: AblateOptions, test: Any) -> bool:
     return True
 
 
-def _tables(options: AblateOptions, runs: Sequence[PlannedRun]) -> dict[str, Any]:
+def _tables(options: AblateOptions, runs: Sequence[PlannedRun], test: Any) -> dict[str, Any]:
     """Write results.json and results.md of what is scored so far. Returns the first."""
     scores: dict[str, dict[int, dict[str, Any]]] = {run.variant.name: {} for run in runs}
     for run in runs:
@@ -172,7 +173,12 @@ def _tables(options: AblateOptions, runs: Sequence[PlannedRun]) -> dict[str, Any
     chosen = options.chosen()
     by_variant = {name: scores[run.name] for name, run in distinct(chosen.values(), options.preset).items()}
     found = {name: findings(study, by_variant) for name, study in chosen.items()}
-    about = {**read_json(options.out / SETTINGS), "seeds": list(dict.fromkeys(options.seeds)), "versions": versions()}
+    about = {
+        **read_json(options.out / SETTINGS),
+        "seeds": list(dict.fromkeys(options.seeds)),
+        "depth_range_m": scored_depths(test),
+        "versions": versions(),
+    }
     results = {**about, "studies": found}
     write_json(options.out / "results.json", results)
     write_atomically(options.out / "results.md", markdown(about, found).encode())

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from m3depth import bootstrap
-from m3depth.report import DEPTH_COLUMNS, NORMAL_COLUMNS, number, table
+from m3depth.report import DEPTH_COLUMNS, NORMAL_COLUMNS, depths_said, number, table
 from m3depth.studies import Comparison, Study
 from marssim.command import counted
 
@@ -18,6 +18,7 @@ MEASURED = {"abs_rel": "Abs Rel", "normal_mean": "the mean error of the normals"
 VERDICTS = ("agrees", "disagrees", "undecided")
 
 Scores = Mapping[int, Mapping[str, Any]]  # by seed, the score.json of a run
+Figures = Mapping[int, np.ndarray]  # by seed, (pairs,) one figure of a run
 
 
 def findings(study: Study, scores: Mapping[str, Scores]) -> dict[str, Any]:
@@ -25,24 +26,27 @@ def findings(study: Study, scores: Mapping[str, Scores]) -> dict[str, Any]:
 
     scores: by the name of the variant, score.json by seed; empty where nothing is scored yet. Figures are means
     over the test pairs, then over the seeds. Changes are relative, with the 95 % interval of the paired bootstrap over
-    the pairs.
+    the pairs. A pair that holds no pixel of a figure is left out of that figure, in every run.
     """
+    runs = {row.variant.name: scores[row.variant.name] for row in study.rows}
+    columns = {name: _by_run(runs, name) for name in study.columns}
+    reference = study.rows[study.reference]
     rows = []
     for row in study.rows:
         seeds = scores[row.variant.name]
+        figures = {name: by_run[row.variant.name] for name, by_run in columns.items()}
         rows.append(
             {
                 "label": row.label,
                 "paper": dict(row.paper),
-                "here": {name: _mean(seeds, name) for name in study.columns},
+                "here": {name: _mean(figures[name]) for name in study.columns},
                 "by_seed": {
-                    str(seed): {name: _mean({seed: score}, name) for name in study.columns}
-                    for seed, score in seeds.items()
+                    str(seed): {name: _mean({seed: figures[name][seed]}) for name in study.columns} for seed in seeds
                 },
                 "against_reference": {
                     name: {
-                        "paper": _ratio(row.paper.get(name), study.rows[study.reference].paper.get(name)),
-                        **_change(scores[study.rows[study.reference].variant.name], seeds, name),
+                        "paper": _ratio(row.paper.get(name), reference.paper.get(name)),
+                        **_change(columns[name][reference.variant.name], figures[name]),
                     }
                     for name in study.columns
                 },
@@ -53,45 +57,59 @@ def findings(study: Study, scores: Mapping[str, Scores]) -> dict[str, Any]:
                 ],
             }
         )
-    said = [_compare(study, comparison, scores, name) for name in study.measures for comparison in study.comparisons]
+    said = [
+        _compare(study, comparison, columns[name], name) for name in study.measures for comparison in study.comparisons
+    ]
     return {
         "title": study.title,
         "source": study.source,
         "columns": list(study.columns),
         "measures": list(study.measures),
         "reference": study.reference,
+        "pairs": {
+            name: _most(len(x) for by_seed in columns[name].values() for x in by_seed.values()) for name in columns
+        },
+        "all_pairs": _most(len(score["per_pair"]) for by_seed in runs.values() for score in by_seed.values()),
         "rows": rows,
         "comparisons": said,
         "order": [_order(study, rows, name) for name in study.measures],
     }
 
 
-def _per_pair(scores: Scores, name: str) -> np.ndarray | None:
-    """(pairs, seeds) of a figure; None if a seed, or a pair of it, has none."""
-    if not scores:
-        return None
-    scored = [[record[METHOD] for record in score["per_pair"] if record[METHOD]] for score in scores.values()]
-    columns = [[figures.get(name) for figures in of_seed] for of_seed in scored]
-    if any(value is None for column in columns for value in column) or not columns[0]:
-        return None
-    return np.array(columns, float).T
+def _by_run(runs: Mapping[str, Scores], name: str) -> dict[str, dict[int, np.ndarray]]:
+    """By variant and seed, a figure of each pair that has it in all of these runs: everywhere the same pairs."""
+    found = {
+        run: {seed: [pair[METHOD].get(name) for pair in score["per_pair"]] for seed, score in by_seed.items()}
+        for run, by_seed in runs.items()
+    }
+    everything = [figures for by_seed in found.values() for figures in by_seed.values()]
+    has = [None not in figures for figures in zip(*everything)]
+    return {
+        run: {seed: np.array([x for x, kept in zip(figures, has) if kept], float) for seed, figures in by_seed.items()}
+        for run, by_seed in found.items()
+    }
 
 
-def _mean(scores: Scores, name: str) -> float | None:
-    values = _per_pair(scores, name)
-    return None if values is None else float(values.mean())
+def _most(counts: Iterable[int]) -> int:
+    return max(counts, default=0)
+
+
+def _mean(figures: Figures) -> float | None:
+    """Over the pairs and the seeds; None if there are none."""
+    values = [*figures.values()]
+    return float(np.mean(values)) if values and len(values[0]) else None
 
 
 def _ratio(value: float | None, reference: float | None) -> float | None:
     return None if value is None or reference is None else value / reference - 1
 
 
-def _change(before: Scores, after: Scores, name: str) -> dict[str, Any]:
+def _change(before: Figures, after: Figures) -> dict[str, Any]:
     """Relative change of a mean from one run to another, by the seeds that both have."""
     common = sorted(before.keys() & after.keys())
-    first, second = (_per_pair({seed: scores[seed] for seed in common}, name) for scores in (before, after))
-    if first is None or second is None or not first.mean() > 0:
+    if not common or not len(before[common[0]]) or not np.mean([before[seed] for seed in common]) > 0:
         return {"here": None, "interval": None, "by_seed": []}
+    first, second = (np.stack([run[seed] for seed in common], 1) for run in (before, after))  # (pairs, seeds)
     means = bootstrap.resampled_means(np.stack([first.mean(1), second.mean(1)], 1))
     with np.errstate(divide="ignore", invalid="ignore"):
         low, high = bootstrap.interval(means[:, 1] / means[:, 0] - 1)
@@ -99,11 +117,11 @@ def _change(before: Scores, after: Scores, name: str) -> dict[str, Any]:
     return {"here": float(second.mean() / first.mean() - 1), "interval": [low, high], "by_seed": by_seed}
 
 
-def _compare(study: Study, asked: Comparison, scores: Mapping[str, Scores], name: str) -> dict[str, Any]:
+def _compare(study: Study, asked: Comparison, figures: Mapping[str, Figures], name: str) -> dict[str, Any]:
     """One comparison by one measure, and the sentence about it."""
     before, after = study.rows[asked.before], study.rows[asked.after]
     paper = _ratio(after.paper.get(name), before.paper.get(name))
-    found = _change(scores[before.variant.name], scores[after.variant.name], name)
+    found = _change(figures[before.variant.name], figures[after.variant.name])
     verdict = _verdict(paper, **found)
     claim = f"{MEASURED[name]} {_moves(paper)}" if paper is not None else asked.said or "no figure"
     if found["here"] is None:
@@ -157,7 +175,10 @@ def _order(study: Study, rows: Sequence[Mapping[str, Any]], name: str) -> dict[s
 
 
 def markdown(about: Mapping[str, Any], found: Mapping[str, Mapping[str, Any]]) -> str:
-    """The whole report. about: what ablation.json holds, seeds and versions. found: findings by study."""
+    """The whole report.
+
+    about: what ablation.json holds, seeds, depth_range_m and versions. found: findings by study.
+    """
     budget = f"{about['steps']} steps" if about["steps"] is not None else f"{about['minutes']:g} minutes"
     pairs = "" if about["limit"] is None else f" (at most {about['limit']} pairs)"
     data = ", ".join(f"`{folder}`" for folder in about["data"])
@@ -167,10 +188,10 @@ def markdown(about: Mapping[str, Any], found: Mapping[str, Mapping[str, Any]]) -
         "",
         f"Preset `{about['preset']}`. Every run: {budget} on split train of {data}, {about['batch']} crops of "
         f"{about['crop'][0]} x {about['crop'][1]} px a step, the same crops in the same order, seed {seeds}; scored on "
-        f"split test of `{about['test']}`{pairs}. Figures here are means over images, over every pixel from 0.5 to "
-        "15 m; the paper's are of other data, and of training without the limit of a budget, so orders and changes "
-        "compare, not sizes. The paper's unchanged row has three wavelet levels and, by its own tables, three "
-        "iterations (five under levels); here it has those of the preset.",
+        f"split test of `{about['test']}`{pairs}. Figures here are means over images, over every pixel of "
+        f"{depths_said(about['depth_range_m'])}; the paper's are of other data, and of training without the limit of a "
+        "budget, so orders and changes compare, not sizes. The paper's unchanged row has three wavelet levels and, by "
+        "its own tables, three iterations (five under levels); here it has those of the preset.",
         "",
         "Changes are relative, their 95 % intervals those of the paired bootstrap over the test pairs. Agrees, "
         "disagrees: the interval leaves zero out, on the paper's side or the other; undecided: it holds zero, "
@@ -183,7 +204,9 @@ def markdown(about: Mapping[str, Any], found: Mapping[str, Mapping[str, Any]]) -
         lines += ["", f"## {study['title']}", "", f"The paper's table `{study['source']}`.", ""]
         normals = [column for column in study["columns"] if column.startswith("normal_")]
         for columns in ([c for c in study["columns"] if c not in normals], normals):
-            lines += [*_figures(study, columns), ""] if columns else []
+            if columns:
+                lines += [*_figures(study, columns), ""]
+                lines += _left_out(study["pairs"][columns[0]], study["all_pairs"])
         lines += [*_cost(study), ""]
         lines += [f"- {part['sentence']}" for part in (*study["comparisons"], *study["order"])]
         lines += ["", f"![{name}]({name}.png)"]
@@ -204,6 +227,12 @@ def _figures(study: Mapping[str, Any], columns: Sequence[str]) -> list[str]:
         for row in study["rows"]
     ]
     return table(header, rows)
+
+
+def _left_out(pairs: int, of: int) -> list[str]:
+    return (
+        [f"Over {pairs} of the {of} test pairs: the others hold no pixel that is scored so.", ""] if pairs < of else []
+    )
 
 
 def _cost(study: Mapping[str, Any]) -> list[str]:

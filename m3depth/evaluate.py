@@ -9,8 +9,8 @@ Writes results.json (every figure), results.md (the tables) and figures: compari
 truth, methods), zoom.png (parts that are hard), error_by_depth.png, error_distribution.png, sparsification.png (error
 left as the least confident pixels are dropped), rocks.png (found, missed and falsely seen).
 Every pixel with true depth from 0.5 to 15 m (in other layouts: every known one, or --depth-range) is scored, whatever
-a method says of it; the rules in full are in
-m3depth/metrics.py, m3depth/rocks.py and m3depth/sparsification.py. Files of predictions: m3depth/recorded.py.
+a method says of it; the rules in full are in m3depth/metrics.py, m3depth/rocks.py and m3depth/sparsification.py. Files
+of predictions: m3depth/recorded.py.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from m3depth.figures.errors import distribution_figure, interval_figure, sparsif
 from m3depth.figures.example import Example
 from m3depth.figures.qualitative import qualitative_figure, zoom_figure
 from m3depth.figures.rocks import rocks_figure
-from m3depth.pairs import MAX_DISPARITY, StereoPairs
+from m3depth.pairs import MAX_DISPARITY, StereoPairs, scored_depths
 from m3depth.recorded import FORM, RecordedError, RecordedPredictions
 from m3depth.report import markdown_report, text_table, versions, write_json
 from m3depth.weights import SHIPPED_WEIGHTS
@@ -107,6 +107,7 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
         "weights_sha256": digest,
         "degrade": options.degrade,
         "seed": options.seed,
+        "depth_range_m": scored_depths(dataset),
         "max_disparity_px": MAX_DISPARITY,
         "versions": versions(),
     }

@@ -2,8 +2,8 @@
 
 Rules, for every method alike:
 
-- Scored are the pixels that the ground truth calls valid (0.5 to 15 m) and whose true disparity is at most
-  `MAX_DISPARITY`; nearer ones are scored apart, as the kind "near".
+- Scored are the pixels that the ground truth calls valid (those of 0.5 to 15 m; in the layouts of others every known
+  one, or --depth-range) and whose true disparity is at most `MAX_DISPARITY`; nearer ones are scored apart, as "near".
 - No scored pixel is dropped. Depth that is unknown (NaN), infinite, not positive or beyond 80 m counts as 80 m, and
   under 0.01 m as 0.01 m; an unknown or infinite disparity as 0 px; an unknown normal as 180 deg off. `density` tells
   the share of pixels that had a finite, positive depth.

@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from marssim.camera import StereoRig
+from marssim.camera import MAX_DEPTH, MIN_DEPTH, StereoRig
 
 NEAREST = 0.84  # [m] every method looks for matches as near as this: 192 px for NaTeCam
 MAX_DISPARITY = 192.0  # [px] nearer pixels are neither trained nor scored with the others
@@ -18,6 +18,11 @@ class StereoPairs(Protocol):
     def __len__(self) -> int: ...
 
     def __getitem__(self, index: int, /) -> Any: ...
+
+
+def scored_depths(pairs: StereoPairs) -> tuple[float, float]:
+    """Nearest and farthest depth [m] that their `valid` masks hold, where they say so: else the paper's 0.5 to 15 m."""
+    return getattr(pairs, "depth_range", (MIN_DEPTH, MAX_DEPTH))
 
 
 def spread(count: int, wanted: int) -> list[int]:

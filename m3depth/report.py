@@ -80,8 +80,8 @@ def text_table(results: Results) -> str:
 def markdown_report(about: Mapping[str, Any], results: Results, true_depth_normals: Mapping[str, Any]) -> str:
     """The whole report.
 
-    about: data, split, pairs, weights, degrade, max_disparity_px, versions. true_depth_normals: of planes fitted to the
-    true depth, by kind.
+    about: data, split, pairs, weights, degrade, depth_range_m, max_disparity_px, versions. true_depth_normals: of
+    planes fitted to the true depth, by kind.
     """
     degrade = f", degraded by `{about['degrade']}` (seed {about['seed']})" if about["degrade"] else ""
     lines = [
@@ -89,9 +89,10 @@ def markdown_report(about: Mapping[str, Any], results: Results, true_depth_norma
         "",
         f"{about['pairs']} pairs, split {about['split']} of `{about['data']}`{degrade}. Weights: {about['weights']}.",
         "",
-        f"Scored: true depth 0.5 to 15 m and at most {about['max_disparity_px']:g} px of disparity. No pixel is "
-        f"dropped: unknown or infinite depth counts as {DEPTH_CAP:g} m. `density` is the share with a finite depth. "
-        "Seconds: median, the first call of each method left out. MiB: the most that the whole process held meanwhile.",
+        f"Scored: every pixel of {depths_said(about['depth_range_m'])} and at most {about['max_disparity_px']:g} px of "
+        f"disparity. None is dropped: unknown or infinite depth counts as {DEPTH_CAP:g} m. `density` is the share with "
+        "a finite depth. Seconds: median, the first call of each method left out. MiB: the most that the whole process "
+        "held meanwhile.",
     ]
     for key, title in (("per_image", "mean over images"), ("pooled", "pooled over all pixels")):
         lines += ["", f"## Depth, {title}", ""]
@@ -126,6 +127,14 @@ def markdown_report(about: Mapping[str, Any], results: Results, true_depth_norma
         lines += ["", f"![{figure.replace('_', ' ')}]({figure}.png)"]
     found = ", ".join(f"{name} {value}" for name, value in about["versions"].items() if value is not None)
     return "\n".join([*lines, "", f"One run on one machine. {found}.", ""])
+
+
+def depths_said(depth_range: Sequence[float]) -> str:
+    """The depths that are scored, nearest and farthest [m], in words."""
+    low, high = depth_range
+    if math.isinf(high):
+        return f"true depth of {low:g} m and more" if low else "known true depth"
+    return f"true depth {low:g} to {high:g} m"
 
 
 def _normal_rows(results: Results, true_depth_normals: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import shlex
 import sys
 import time
 from contextlib import nullcontext
@@ -17,7 +18,7 @@ from torch import Tensor, nn
 from m3depth.data import Batch, PackedCache, batches, free_memory
 from m3depth.losses import total_loss
 from m3depth.network.device import autocast, chosen_device, fast_dtype
-from m3depth.pairs import StereoPairs
+from m3depth.pairs import StereoPairs, spread
 from m3depth.run import Log, Run, stop_on_signal
 from m3depth.train_config import TrainConfig, check_config
 from m3depth.validation import save_panel, validate
@@ -94,9 +95,8 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
         network = nn.parallel.DistributedDataParallel(run.model, [device.index] if device.type == "cuda" else None)
     local = int(os.environ.get("LOCAL_WORLD_SIZE", 1))
     cache = PackedCache(samples, free_memory() // 2 // local if config.cache else 0)
-    wanted = min(config.validate_samples, len(held_out)) if rank == 0 else 0
     checks = PackedCache(held_out, 1 << 40)
-    chosen = [i * len(held_out) // wanted for i in range(wanted)]
+    chosen = spread(len(held_out), config.validate_samples)
 
     def assess(panel: bool) -> dict[str, float]:
         """Score the raw and the averaged weights, on rank 0."""
@@ -220,11 +220,12 @@ def closing(run: Run, validations: list[dict[str, Any]]) -> str:
         if best["epe"] < last["epe"]:
             quality += f" (best EPE {best['epe']:.3f} px at step {best['step']})"
     weights = run.config.out / "weights.safetensors"
-    return (
-        f"{weights}: averaged weights of step {run.step}, {run.seconds / 60:.1f} min; {quality}\n"
-        f"score them: python -m m3depth.evaluate --data {run.config.data[-1]} --split test --weights {weights} "
-        f"--out {run.config.out / 'score'}"
-    )
+    lines = [f"{weights}: averaged weights of step {run.step}, {run.seconds / 60:.1f} min; {quality}"]
+    for number, folder in enumerate(run.config.data, start=1):
+        words = ["--data", folder, *run.config.reader.flags(), "--split", "test", "--weights", weights]
+        out = run.config.out / ("score" if number == 1 else f"score-{number}")
+        lines.append(f"score them: python -m m3depth.evaluate {shlex.join(map(str, [*words, '--out', out]))}")
+    return "\n".join(lines)
 
 
 def leave_group(world: int) -> None:

@@ -3,12 +3,24 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 Format = Literal["auto", "marssim", "kitti", "sceneflow", "middlebury", "eth3d", "oaisys", "list", "folder"]
 Part = Literal["train", "val", "test", "all"]
+
+CAMERA_AND_SCORE = ("calib", "focal", "baseline", "normals", "resize", "depth_range")
+FLAGS: dict[Format, tuple[str, ...]] = {  # what each layout can be told; the others say it themselves
+    "marssim": (),
+    "kitti": CAMERA_AND_SCORE,
+    "sceneflow": CAMERA_AND_SCORE,
+    "middlebury": CAMERA_AND_SCORE,
+    "eth3d": CAMERA_AND_SCORE,
+    "oaisys": ("left", "right", *CAMERA_AND_SCORE),
+    "list": ("unit", *CAMERA_AND_SCORE),
+    "folder": ("left", "right", "disparity", "depth", "unit", *CAMERA_AND_SCORE),
+}
 
 
 @dataclass(frozen=True)
@@ -59,3 +71,26 @@ class DataConfig:
             raise ValueError("calib and --focal exclude each other: give one")
         if self.disparity is not None and self.depth is not None:
             raise ValueError("disparity and --depth exclude each other: give one")
+
+    def given(self) -> dict[str, Any]:
+        """The fields that are not as they are by default, the layout's name among them."""
+        return {f.name: value for f in fields(self) if (value := getattr(self, f.name)) != f.default}
+
+    def flags(self) -> list[str]:
+        """The words of a command line that say the same."""
+        words: list[str] = []
+        for name, value in self.given().items():
+            words += [flag(name), *map(str, value if isinstance(value, tuple) else (value,))]
+        return words
+
+    def check_layout(self, layout: Format) -> None:
+        """Raise ValueError that names a flag which this layout has no use for."""
+        for name in self.given():
+            if name != "format" and name not in FLAGS[layout]:
+                takes = ", ".join(map(flag, FLAGS[layout])) or "none: its files say everything"
+                raise ValueError(f"{flag(name)} does not belong to layout {layout}, whose flags are {takes}")
+
+
+def flag(name: str) -> str:
+    """A field as the command line spells it."""
+    return f"--{name.replace('_', '-')}"

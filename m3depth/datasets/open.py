@@ -36,12 +36,13 @@ SIGNS: tuple[tuple[Format, tuple[str, ...]], ...] = (  # what tells a layout, be
 class PairList:
     """Pairs that were found in a folder; indexing reads the files of that pair anew.
 
-    names: of the pairs, in order. path, split: where and which.
+    names: of the pairs, in order. path, split: where and which. depth_range [m]: what is scored.
     """
 
     def __init__(self, path: Path, split: Part, pairs: Sequence[PairFiles], config: DataConfig) -> None:
         self.path, self.split, self.pairs, self.config = path, split, list(pairs), config
         self.names = [pair.name for pair in self.pairs]
+        self.depth_range = config.depth_range
 
     def __len__(self) -> int:
         return len(self.pairs)
@@ -88,6 +89,10 @@ def open_pairs(path: Path, split: Part, config: DataConfig | None = None) -> Ste
     if not path.exists():
         raise DatasetError(f"{path}: no such folder")
     layout = detect(path, config)
+    try:
+        config.check_layout(layout)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
     if layout == "marssim":
         return StereoDataset(path, None if split == "all" else split)
     given = given_rig(config)

@@ -1,10 +1,19 @@
 """What is said of figures that are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from m3depth.ablation_tables import findings, markdown
+from m3depth.evaluation import evaluate
+from m3depth.prediction import Prediction
 from m3depth.studies import STUDIES
+
+ABOUT = {
+    "preset": "lite", "steps": 100, "minutes": None, "batch": 4, "crop": [256, 448], "data": ["data/train"],
+    "test": "data/train", "limit": None, "seeds": [0, 1], "versions": {"torch": "2"}, "depth_range_m": (0.5, 15.0),
+}  # fmt: skip
 
 
 def score(figures: dict[str, np.ndarray]) -> dict:
@@ -88,16 +97,45 @@ def test_normals_without_truth_leave_their_columns_empty() -> None:
     assert all(row["here"]["normal_mean"] is None for row in found["rows"])
 
 
+class Guess:
+    """Depths that are too far by a share, a little more from pair to pair."""
+
+    def __init__(self, samples, share: float) -> None:
+        self.samples, self.share, self.seen = samples, share, -1  # evaluate shows the first pair twice
+
+    def infer(self, left, right, rig) -> Prediction:
+        sample = self.samples[max(self.seen, 0)]
+        self.seen += 1
+        depth = sample.depth * np.float32(1 + self.share * (2 + self.seen))
+        return Prediction(depth, rig.depth_to_disparity(depth), sample.normal, np.ones_like(depth))
+
+
+def test_a_pair_without_a_scored_pixel_is_left_out_of_every_run(plane_samples) -> None:
+    """As evaluate records it: the pair has its seconds and no figure."""
+    empty = replace(plane_samples[1], valid=np.zeros_like(plane_samples[1].valid))
+    samples = [plane_samples[0], empty, *plane_samples[2:]]
+    scores = {}
+    for row, share in zip(STUDIES["levels"].rows, (0.02, 0.01, 0.01, 0.01), strict=True):
+        done = evaluate(samples, {"M3Depth": Guess(samples, share)})
+        assert done.pairs[1]["M3Depth"].keys() == {"seconds"}
+        about = {"parameters": 1, "steps": 1, "minutes": 1.0}
+        scores[row.variant.name] = {0: {**about, "result": done.results["M3Depth"], "per_pair": done.pairs}}
+    found = findings(STUDIES["levels"], scores)
+    assert found["comparisons"][0]["here"] == pytest.approx(-0.5, rel=1e-3)
+    pooled = [scores["levels-2"][0]["per_pair"][i]["M3Depth"]["abs_rel"] for i in (0, 2, 3)]
+    assert found["rows"][0]["here"]["abs_rel"] == pytest.approx(np.mean(pooled))
+    assert found["pairs"]["abs_rel"] == 3 and found["all_pairs"] == 4
+    text = markdown({**ABOUT, "depth_range_m": (0.0, np.inf)}, {"levels": found})
+    assert "Over 3 of the 4 test pairs" in text and "every pixel of known true depth;" in text
+
+
 def test_the_report_has_the_papers_figures_beside_ours() -> None:
-    about = {
-        "preset": "lite", "steps": 100, "minutes": None, "batch": 4, "crop": [256, 448], "data": ["data/train"],
-        "test": "data/train", "limit": None, "seeds": [0, 1], "versions": {"torch": "2"},
-    }  # fmt: skip
-    text = markdown(about, {"levels": findings(STUDIES["levels"], levels([1.0, 0.9, 0.8, 0.8]))})
+    text = markdown(ABOUT, {"levels": findings(STUDIES["levels"], levels([1.0, 0.9, 0.8, 0.8]))})
     assert "Every run: 100 steps on split train of `data/train`" in text and "seed 0, 1" in text
     here = f"{0.9 * np.random.default_rng(0).uniform(0.5, 2, 30).mean():.3f}"
     row = next(line for line in text.splitlines() if line.startswith("| 3 | 0.084 |"))
     assert row == f"| 3 | 0.084 | {here} | 0.059 | {here} | 0.308 | {here} | 0.912 | {here} |"
     assert "| 3 | 1.50 | 100 | 2.000 | 0.5000 |" in text
     assert "| Levels of the wavelet transform | 1 | 1 | 1 |" in text
+    assert "every pixel of true depth 0.5 to 15 m;" in text and "test pairs:" not in text
     assert "![levels](levels.png)" in text and "With one seed" not in text

@@ -1,6 +1,7 @@
 import json
 import os
 import re
+import shlex
 import signal
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -10,6 +11,8 @@ import pytest
 import torch
 
 from m3depth.data import PackedCache, make_batch
+from m3depth.datasets.config import DataConfig
+from m3depth.evaluate import EvaluateOptions
 from m3depth.losses import total_loss
 from m3depth.network import model as model_module
 from m3depth.network.model import M3Depth, M3DepthConfig
@@ -19,6 +22,7 @@ from m3depth.train import main
 from m3depth.train_config import TrainConfig
 from m3depth.training import backward, closing, learning_rate, train
 from m3depth.validation import validate
+from marssim.command import parse
 
 SMALL = M3DepthConfig(
     channels=(8, 16, 16), match_channels=16, hypotheses=8, groups=8, volume_width=8, residual_width=8,
@@ -222,6 +226,17 @@ def test_the_best_validation_is_told_if_it_was_not_the_last(tmp_path) -> None:
     records = [{"step": n, "epe": epe, "abs_rel": 0.01, "normal": 9.0} for n, epe in ((1, 0.5), (2, None), (3, 0.7))]
     assert "EPE 0.700 px" in closing(run, records) and "best EPE 0.500 px at step 1" in closing(run, records)
     assert "best EPE" not in closing(run, records[:1]) and "not validated" in closing(run, [])
+
+
+def test_the_hint_scores_every_folder_as_it_was_read(tmp_path) -> None:
+    reader = DataConfig(left="left/*.png", right="right/*.png", depth="depth/*.exr", calib=Path("natecam"), resize=0.5)
+    config = replace(config_for(tmp_path), data=(Path("SimMars6K"), Path("more data")), reader=reader)
+    hints = closing(Run(config, torch.device("cpu")), []).splitlines()[1:]
+    assert [line.startswith("score them: python -m m3depth.evaluate ") for line in hints] == [True, True]
+    asked = [parse(EvaluateOptions, "evaluate", None, shlex.split(line)[5:]) for line in hints]
+    assert [options.data for options in asked] == list(config.data) and len({options.out for options in asked}) == 2
+    assert all(options.reader == reader and options.split == "test" for options in asked)
+    assert all(options.weights == tmp_path / "weights.safetensors" for options in asked)
 
 
 def test_without_validation_pairs_the_run_says_so_and_goes_on(plane_samples, tmp_path, capsys) -> None:

@@ -1,15 +1,17 @@
 """The trees as their authors pack them, made by hand, with what is particular to each; and files that are wrong."""
 
 import json
+from dataclasses import fields
 from pathlib import Path
 
 import cv2
 import numpy as np
 import OpenEXR
 import pytest
+import tyro
 
 from m3depth.datasets import maps
-from m3depth.datasets.config import DataConfig
+from m3depth.datasets.config import FLAGS, DataConfig
 from m3depth.datasets.open import detect, open_pairs
 from marssim.dataset import DatasetError
 from marssim.pfm import encode_pfm
@@ -282,6 +284,37 @@ def test_a_folder_that_is_nothing_says_what_may_be_given(tmp_path) -> None:
         open_pairs(tmp_path / "none", "train")
     with pytest.raises(DatasetError, match="holds no pairs of layout eth3d"):
         open_pairs(tmp_path, "train", DataConfig(format="eth3d"))
+
+
+@pytest.mark.parametrize(
+    ("layout", "flags", "named"),
+    [
+        ("marssim", {"resize": 0.5}, "--resize does not belong to layout marssim, whose flags are none"),
+        ("marssim", {"depth_range": (1.0, 5.0)}, "--depth-range does not"),
+        ("marssim", {"normals": "depth"}, "--normals does not"),
+        ("marssim", {"focal": 50.0, "baseline": 0.3}, "--focal does not"),
+        ("kitti", {"left": "*.png"}, "--left does not belong to layout kitti, whose flags are --calib, --focal"),
+        ("middlebury", {"unit": 2.0}, "--unit does not"),
+        ("oaisys", {"depth": "*.exr"}, "--depth does not"),
+        ("list", {"right": "*.png"}, "--right does not"),
+    ],
+)
+def test_a_flag_that_the_layout_has_no_use_for_is_named(tmp_path, plane_set, layout, flags, named) -> None:
+    root = plane_set if layout == "marssim" else tmp_path
+    config = DataConfig(format="auto" if layout == "marssim" else layout, **flags)
+    with pytest.raises(ValueError, match=f"{root.name}: {named}") as error:
+        open_pairs(root, "train", config)
+    assert "\n" not in str(error.value)
+
+
+def test_every_field_of_the_config_is_a_flag_of_some_layout() -> None:
+    assert {name for names in FLAGS.values() for name in names} | {"format"} == {f.name for f in fields(DataConfig)}
+
+
+def test_the_flags_are_what_the_command_line_says() -> None:
+    words = ["--left", "left/*.png", "--depth", "d/*.exr", "--calib", "natecam", "--depth-range", "0.5", "20.0"]
+    config = tyro.cli(DataConfig, args=words)
+    assert config.flags() == words and DataConfig().flags() == []
 
 
 BROKEN = [
