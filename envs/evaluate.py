@@ -10,6 +10,7 @@ on where it was stopped.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import sys
 from collections.abc import Callable, Sequence
@@ -217,10 +218,13 @@ def _film(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence[Episo
 def _same_settings(config: EvaluateConfig) -> dict[str, str]:
     """Check that the folder's episodes were driven under these settings and weights, and note both there.
 
-    Returns the SHA-256 of the weights of each perception that has some. Raises DatasetError if they differ.
+    Returns the SHA-256 of the weights of each perception and of each driver's policy file that there is. Raises
+    DatasetError if they differ.
     """
     asked = config.out / "evaluate.json"
     weights = {name: digest for name in config.perception if (digest := weights_digest(name))}
+    policies = [name for name in config.driver if name.endswith(".zip")]
+    weights |= {name: hashlib.sha256(Path(name).read_bytes()).hexdigest() for name in policies}
     if asked.is_file():
         before = read_json(asked)
         known = before.pop("weights", {})
@@ -231,7 +235,7 @@ def _same_settings(config: EvaluateConfig) -> dict[str, str]:
                 raise DatasetError(f"{asked}: {name} drove with other weights then; choose another --out")
         weights = {**known, **weights}
     write_json(asked, {**config.content(), "weights": weights})
-    return {name: weights[name] for name in config.perception if name in weights}
+    return {name: weights[name] for name in (*config.perception, *policies) if name in weights}
 
 
 def _run(config: EvaluateConfig, tasks: list[Task], done: Callable[[Task, EpisodeRecord], None]) -> None:

@@ -1,3 +1,4 @@
+import hashlib
 import json
 import re
 import subprocess
@@ -211,3 +212,14 @@ def test_episodes_of_other_weights_are_not_reported_as_these(tmp_path, monkeypat
     with pytest.raises(DatasetError, match="other weights"):
         envs.evaluate._same_settings(config)
     assert envs.evaluate._same_settings(EvaluateConfig(out=config.out, perception=("sgbm",))) == {}
+
+
+def test_episodes_of_a_policy_are_not_reported_as_those_of_one_trained_on(tmp_path):
+    policy = tmp_path / "policy.zip"
+    policy.write_bytes(b"first")
+    config = EvaluateConfig(tmp_path / "out", driver=("straight", str(policy)), perception=("ground_truth",))
+    config.out.mkdir()
+    assert envs.evaluate._same_settings(config) == {str(policy): hashlib.sha256(b"first").hexdigest()}
+    policy.write_bytes(b"second")
+    with pytest.raises(DatasetError, match=r"policy\.zip drove with other weights"):
+        envs.evaluate._same_settings(config)
