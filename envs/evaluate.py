@@ -26,7 +26,7 @@ from envs.course import CourseConfig
 from envs.depth_scores import errors_on_test_set, weights_digest
 from envs.drivers import DRIVERS, Driver, make_driver
 from envs.episodes import Cell, EpisodeRecord, run_episode
-from envs.mars_nav import MarsNavEnv
+from envs.mars_nav import ERROR_LIMITS, MarsNavEnv
 from envs.metrics import paired_difference, spl, summarise
 from envs.report import write_report
 from envs.sight import load_perception
@@ -39,7 +39,6 @@ from marssim.workers import run_tasks
 
 GRID_K = (0.033, 0.07, 0.10, 0.15, 0.20)
 GRID_SLOPE_DEG = (0.0, 5.0, 10.0, 15.0)
-ERRORS = ("disparity_noise", "drift", "yaw_drift_deg")
 
 
 @dataclass(frozen=True)
@@ -103,9 +102,9 @@ class EvaluateConfig:
         for flag, values in vars(self).items():
             if isinstance(values, tuple) and len(set(values)) < len(values):
                 raise ValueError(f"--{flag.replace('_', '-')} has a value twice: {', '.join(map(str, values))}")
-        for flag in ERRORS:
-            if not 0 <= getattr(self, flag) < float("inf"):
-                raise ValueError(f"--{flag.replace('_', '-')} must not be negative, got {getattr(self, flag)}")
+        for flag, most in ERROR_LIMITS.items():
+            if not 0 <= getattr(self, flag) <= most:
+                raise ValueError(f"--{flag.replace('_', '-')} must lie in [0, {most}], got {getattr(self, flag)}")
         if not self.driver or not self.perception:
             raise ValueError("--driver and --perception need at least one name")
         for cell in self.cells:
@@ -119,7 +118,7 @@ class EvaluateConfig:
     def content(self) -> dict[str, Any]:
         """What an episode's outcome depends on, beside its driver, perception, cell and number."""
         plain = ("seed", "scene", "goal_distance", "dynamics", "renderer")
-        errors = {name: getattr(self, name) for name in ERRORS if getattr(self, name)}
+        errors = {name: getattr(self, name) for name in ERROR_LIMITS if getattr(self, name)}
         return {**{name: getattr(self, name) for name in plain}, **errors}
 
 

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from m3depth.estimator import Estimator
 
 STEP_SECONDS = 2.0
+ERROR_LIMITS = {"disparity_noise": 10, "drift": 1, "yaw_drift_deg": 45}  # largest values of these arguments
 
 
 class MarsNavEnv(gymnasium.Env):
@@ -133,9 +134,9 @@ class MarsNavEnv(gymnasium.Env):
         yaw_drift_deg: float = 0.0,
         render_mode: str | None = None,
     ) -> None:
-        for name, value, most in (
-            ("disparity_noise", disparity_noise, 10), ("drift", drift, 1), ("yaw_drift_deg", yaw_drift_deg, 45)
-        ):  # fmt: skip
+        errors = {"disparity_noise": disparity_noise, "drift": drift, "yaw_drift_deg": yaw_drift_deg}
+        for name, value in errors.items():
+            most = ERROR_LIMITS[name]
             if isinstance(value, bool) or not isinstance(value, Real) or not 0 <= float(value) <= most:
                 raise ValueError(f"{name} must lie in [0, {most}], got {value!r}")
         if dynamics not in ("physics", "kinematic"):

@@ -96,6 +96,8 @@ def test_a_folder_of_other_settings_is_refused(finished, capsys):
         (["--goal-distance", "1"], "distance must"), (["--goal-distance", "nan"], "distance must"),
         (["--driver", "straight", "straight"], "--driver"), (["--driver", "/no/such.zip"], "/no/such.zip"),
         (["--driver", "json:Nothing"], "Nothing"), (["--grid"], "--grid"), (["--drift", "-1"], "drift"),
+        (["--drift", "1.1"], "--drift must lie in [0, 1], got 1.1"), (["--disparity-noise", "11"], "--disparity-noise"),
+        (["--yaw-drift-deg", "nan"], "--yaw-drift-deg must lie in [0, 45]"),
     ],
 )  # fmt: skip
 def test_mistakes_are_named_before_anything_is_written(monkeypatch, capsys, tmp_path, flags, named):
