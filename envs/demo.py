@@ -17,6 +17,7 @@ from time import perf_counter
 
 import cv2
 
+from envs.course import CourseConfig
 from envs.drivers import NavigatorDriver
 from envs.episodes import Cell, EpisodeRecord, run_episode
 from envs.film import Film
@@ -53,6 +54,7 @@ class DemoConfig:
         for name in ("pairs", "workers"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+        CourseConfig(self.goal_distance)  # says what is out of range
 
 
 def demo(config: DemoConfig) -> Path:

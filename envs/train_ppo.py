@@ -22,6 +22,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+from envs.course import CourseConfig
 from envs.mars_nav import MarsNavEnv
 from envs.policies import mark_residual
 from envs.wrappers import ImageObservation, StraightResidual
@@ -54,6 +55,9 @@ class TrainConfig:
         for name in ("max_minutes", "max_steps", "workers"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"--{name.replace('_', '-')} must be positive, got {getattr(self, name)}")
+        if self.seed < 0:
+            raise ValueError(f"--seed must not be negative, got {self.seed}")
+        CourseConfig(self.goal_distance)  # says what is out of range
         if not 0 <= self.k[0] <= self.k[1] <= 0.4:
             raise ValueError(f"--k must be two values in [0, 0.4], the lower one first, got {self.k[0]} {self.k[1]}")
 

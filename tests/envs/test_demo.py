@@ -74,4 +74,6 @@ def test_a_wrong_number_is_told_before_anything_is_deleted(tmp_path, capsys):
     for flag in ("--pairs", "--workers"):
         assert main(["--out", str(tmp_path), flag, "0"]) == 2
         assert capsys.readouterr().err == f"error: {flag} must be at least 1, got 0\n"
+    assert main(["--out", str(tmp_path), "--goal-distance", "2"]) == 2
+    assert capsys.readouterr().err == "error: --goal-distance must lie in [3, 100] m, got 2.0\n"
     assert kept.is_file()

@@ -21,9 +21,11 @@ def test_it_trains_goes_on_and_what_it_saves_drives(tmp_path, make_env):
     assert driver.needs_map and driver.residual and driver.act(env, observation) in env.action_space
 
 
-def test_no_time_is_named(tmp_path, capsys):
-    assert main(["--out", str(tmp_path / "out"), "--max-minutes", "0"]) == 2
-    assert "--max-minutes" in capsys.readouterr().err and not (tmp_path / "out").exists()
+@pytest.mark.parametrize(("flag", "value"), [("--max-minutes", "0"), ("--goal-distance", "2"), ("--seed", "-1")])
+def test_a_wrong_number_is_named_before_anything_is_started(tmp_path, capsys, flag, value):
+    assert main(["--out", str(tmp_path / "out"), flag, value]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"error: {flag} must ") and error.count("\n") == 1 and not (tmp_path / "out").exists()
 
 
 def test_each_course_has_its_own_rocks(make_env):
