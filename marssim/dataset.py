@@ -8,7 +8,8 @@ DIR/scenes/00003/05/         one sample (scene 3, view 5)
     normal.png               16-bit RGB, (n + 1) / 2 scaled to 65535; 0 0 0 is the sky
     surface.png              16-bit, 0 sky, 1 ground, n + 2 rock n
     occluded.png             8-bit, 255 where the right eye does not see the point
-    sample.json              rig, pose, sun, sensor, scene parameters, and the SHA-256 of each image
+    sample.json              rig, pose, scene parameters, what was drawn from their ranges (sun, air, surface, sensor),
+                             and the SHA-256 of each image
 
 So the index holds, by way of each sample.json, every byte of every sample. In version 1 it held the images only.
 """

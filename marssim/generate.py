@@ -242,8 +242,8 @@ scene), scene `{config.place}`, seed {config.seed}, rendered with {config.render
 Files of a sample, in `scenes/<scene>/<view>/`: `left.png`, `right.png` (8-bit RGB), `depth.png`
 (16-bit: Z = 0.1 m * 10000^(code / 65534); 65535 is the sky), `normal.png` (16-bit RGB, n = 2 code / 65535 - 1, camera
 frame x right, y down, z forward), `surface.png` (0 sky, 1 ground, from 2 rocks), `occluded.png` (255: hidden from the
-right eye), `sample.json` (rig, pose, sun, sensor, scene; SHA-256 of each image).{drive} `dataset.json` lists all
-samples with the SHA-256 of their `sample.json`; `python -m marssim.verify DIR` checks them. Read it with
+right eye), `sample.json` (rig, pose, scene parameters, what was drawn from their ranges: sun, air, surface, sensor;
+SHA-256 of each image).{drive} `dataset.json` lists all samples with the SHA-256 of their `sample.json`; `python -m marssim.verify DIR` checks them. Read it with
 
     from marssim.dataset import StereoDataset
     sample = StereoDataset("{config.out.name}", split="train")[0]

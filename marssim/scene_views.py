@@ -85,11 +85,9 @@ def _meta(config: GenerateConfig, scene: Scene, sensor: Sensor, scene_index: int
         "preset": scene.config.preset,
         "scene_config": scene_config,
         "rock_abundance": scene.abundance(),
+        **asdict(scene.look),  # all that was drawn of it
         "sun": scene.look.sun.tolist(),
         "sun_elevation_deg": float(np.rad2deg(scene.look.sun_elevation)),
-        "optical_depth": scene.look.optical_depth,
-        "albedo_contrast": scene.look.albedo_contrast,
-        "texture_strength": scene.look.texture_strength,
         "sensor": asdict(sensor),
         **more,
     }
