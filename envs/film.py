@@ -73,12 +73,15 @@ class Film:
 
 
 def navigator_map(env: MarsNavEnv, driver: Driver) -> np.ndarray:
-    """(PANEL, PANEL, 3) uint8 map around the rover, north up: the navigator's ground, the track's end and the goal."""
-    assert env.course is not None and env.vehicle is not None
-    state = env.vehicle.state()
+    """(PANEL, PANEL, 3) uint8 map around the rover, north up: the navigator's ground, its far path and the goal.
+
+    All as the rover believes: its map is made where its odometry says that it stands.
+    """
+    assert env.course is not None
+    pose = env.believed_pose
     scale = PANEL / MAP_METRES
     canvas = np.full((PANEL, PANEL, 3), 60, np.uint8)
-    middle = state.position[:2]
+    middle, yaw = pose[:2, 3], np.arctan2(pose[1, 0], pose[0, 0])
 
     def pixel(xy: np.ndarray) -> tuple[int, int]:
         return round(PANEL / 2 + (xy[0] - middle[0]) * scale), round(PANEL / 2 - (xy[1] - middle[1]) * scale)
@@ -101,7 +104,7 @@ def navigator_map(env: MarsNavEnv, driver: Driver) -> np.ndarray:
     goal = pixel(env.course.goal)
     edge = tuple(int(np.clip(v, 8, PANEL - 8)) for v in goal)
     cv2.circle(canvas, edge, 7, (80, 200, 255), 2, cv2.LINE_AA)
-    c, s = np.cos(state.yaw), np.sin(state.yaw)
+    c, s = np.cos(yaw), np.sin(yaw)
     half = np.array([[0.8, 0.7], [0.8, -0.7], [-0.8, -0.7], [-0.8, 0.7]])
     corners = np.array([pixel(middle + np.array([c * a - s * b, s * a + c * b])) for a, b in half], dtype=np.int32)
     cv2.polylines(canvas, [corners], True, (255, 255, 255), 2, cv2.LINE_AA)

@@ -1,3 +1,5 @@
+from functools import partial
+
 import cv2
 import numpy as np
 import pytest
@@ -41,23 +43,37 @@ def test_a_frame_shows_rover_eye_depth_normals_and_map(filmed, tmp_path):
     video.release()
 
 
+def pixels_near(picture, x, y, colour, reach=0.6):
+    """Pixels of a colour about a place, in metres from the rover; east is right, north is up."""
+    scale = PANEL / 24.0
+    column, row, half = round(PANEL / 2 + x * scale), round(PANEL / 2 - y * scale), round(reach * scale)
+    window = picture[row - half : row + half + 1, column - half : column + half + 1].astype(int)
+    return (np.abs(window - colour).max(axis=2) < 60).sum()
+
+
 def test_the_map_shows_the_rock_the_rover_and_the_goal(filmed):
     env, driver, _ = filmed
     picture = navigator_map(env, driver)
     assert picture.shape == (PANEL, PANEL, 3)
-    scale = PANEL / 24.0
-
-    def near(x, y, colour, reach=0.6):
-        """Pixels of a colour about a place, in metres from the rover; east is right, north is up."""
-        column, row, half = round(PANEL / 2 + x * scale), round(PANEL / 2 - y * scale), round(reach * scale)
-        window = picture[row - half : row + half + 1, column - half : column + half + 1].astype(int)
-        return (np.abs(window - colour).max(axis=2) < 60).sum()
-
+    near, scale = partial(pixels_near, picture), PANEL / 24.0
     assert near(2.4 - 0.5, 0.0, (190, 60, 60)) > 30  # the rock's near side is blocked
     assert near(6.0, 0.0, (80, 200, 255)) > 10
     assert near(0.0, 0.0, (255, 255, 255), 1.0) > 30
     assert near(-4.0, 4.0, (60, 60, 60)) == (2 * round(0.6 * scale) + 1) ** 2  # never seen
     assert near(-8.0, 8.0, (190, 60, 60)) == (2 * round(0.6 * scale) + 1) ** 2  # beyond the area that it keeps to
+
+
+def test_the_map_is_drawn_where_the_rover_believes_to_be(filmed):
+    """Odometry that is off moves the map with the rover; the goal, told in the world, is elsewhere then."""
+    env, driver, _ = filmed
+    env.believed_pose = env.believed_pose.copy()
+    env.believed_pose[:2, 3] += (0.5, -1.5)
+    driver.reset(env, 0)
+    driver.act(env, env._observation())
+    picture = navigator_map(env, driver)
+    assert pixels_near(picture, 2.4 - 0.5, 0.0, (190, 60, 60)) > 30
+    assert pixels_near(picture, 5.5, 1.5, (80, 200, 255)) > 10 and pixels_near(picture, 6.0, 0.0, (80, 200, 255)) == 0
+    assert pixels_near(picture, 0.0, 0.0, (255, 255, 255), 1.0) > 30
 
 
 def test_a_driver_without_a_map_has_an_empty_one(filmed):
