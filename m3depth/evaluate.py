@@ -35,6 +35,7 @@ from m3depth.figures.errors import distribution_figure, interval_figure, sparsif
 from m3depth.figures.example import Example
 from m3depth.figures.qualitative import qualitative_figure, zoom_figure
 from m3depth.figures.rocks import rocks_figure
+from m3depth.figures.worst import worst_figure
 from m3depth.pairs import MAX_DISPARITY, StereoPairs, scored_depths
 from m3depth.recorded import FORM, RecordedError, RecordedPredictions
 from m3depth.report import markdown_report, text_table, versions, write_json
@@ -96,6 +97,7 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
         degradation=degradation,
         seed=options.seed,
         examples=EXAMPLES,
+        worst=EXAMPLES,
         progress=lambda indices: tqdm(indices, desc="evaluate", unit="pair", disable=not sys.stderr.isatty()),
     )
     about = {
@@ -126,6 +128,7 @@ def draw(done: Evaluation, out: Path) -> None:
     comparison_figure([e.only(first) for e in done.examples], out / "comparison.png")
     qualitative_figure(done.examples, out / "qualitative.png")
     zoom_figure(done.examples, out / "zoom.png")
+    worst_figure(done.worst, out / "worst.png")
     interval_figure(done.results, out / "error_by_depth.png", _common_fb(done.examples))
     distribution_figure(done.results, out / "error_distribution.png")
     sparsification_figure(done.results, out / "sparsification.png")

@@ -103,8 +103,8 @@ def evaluate(
         example = Example(index, left, right, sample, predictions)
         if index in shown:
             out.examples.append(example)
-        if "epe" in record[first]:
-            most_wrong = sorted([*most_wrong, (record[first]["epe"], example)], key=lambda kept: -kept[0])[:worst]
+        wrong_by = record[first].get("epe", 0.0)
+        most_wrong = sorted([*most_wrong, (wrong_by, example)], key=lambda kept: -kept[0])[:worst]
     out.worst = [example for _, example in most_wrong]
     out.true_depth_normals = true_depth_normals.result()
     for name, score in scores.items():

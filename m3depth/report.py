@@ -27,7 +27,7 @@ NORMAL_COLUMNS = {
     "within_11.25": "11.25° ↑", "within_22.5": "22.5° ↑", "within_30": "30° ↑",
 }  # fmt: skip
 FIGURES = (
-    "comparison", "qualitative", "zoom", "error_by_depth", "error_distribution", "sparsification", "rocks",
+    "comparison", "qualitative", "zoom", "worst", "error_by_depth", "error_distribution", "sparsification", "rocks",
 )  # fmt: skip
 PACKAGES = ("mars-m3depth", "torch", "numpy", "opencv-python-headless")
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from m3depth.figures.drawing import colour_map, label_bar, normal_image, note, save, show
 from m3depth.figures.example import Example
-from m3depth.metrics import pixel_kinds
+from m3depth.metrics import known_depth, pixel_kinds
 
 PANEL = 1.7  # [in] width of one image
 MOST = 4.0  # [px] of error that the colours tell apart
@@ -21,8 +21,7 @@ COLUMNS = ("left", "true disparity", "predicted disparity", "error", "confidence
 def worst_figure(examples: Sequence[Example], path: Path) -> None:
     """Write a PNG: a row a pair, of the first method of each; grey is not scored or not known.
 
-    Disparities of a pair share a scale, that of its scored pixels. A method without normals has no picture
-    there.
+    Disparities of a pair share a scale, that of its scored pixels. A method without normals has no picture there.
     """
     rows = len(examples)
     aspect = examples[0].left.shape[0] / examples[0].left.shape[1]
@@ -43,16 +42,16 @@ def worst_figure(examples: Sequence[Example], path: Path) -> None:
         error_image = show(row[3], error, cmap=colour_map("inferno"), norm=errors)
         note(row[3], f"{np.nanmean(error):.2f} px" if np.isfinite(error).any() else "nothing known")
         share_image = show(row[4], found.confidence, cmap=colour_map("viridis"), norm=shares)
-        for ax, normal in ((row[5], truth.normal), (row[6], found.normal)):
-            if normal is None:
-                ax.axis("off")
-            else:
-                show(ax, normal_image(normal))
+        show(row[5], normal_image(truth.normal))
+        if found.normal is None:
+            row[6].axis("off")
+        else:
+            show(row[6], normal_image(np.where(known_depth(found.depth)[..., None], found.normal, 0)))
     for ax, name in zip(axes[0], COLUMNS, strict=True):
         ax.set_title(name, fontsize=10)
     for column, image, label in ((3, error_image, "error [px]"), (4, share_image, "confidence")):
         box = axes[-1, column].get_position()
-        at = (box.x0, 0.5 / height, box.width, 0.1 / height)
+        at = (box.x0 + 0.05 * box.width, 0.5 / height, 0.9 * box.width, 0.1 / height)
         bar = figure.colorbar(image, cax=figure.add_axes(at), orientation="horizontal")
         label_bar(bar, image.norm, label)
     save(figure, path)

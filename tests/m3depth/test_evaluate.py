@@ -70,6 +70,17 @@ class Scaled:
         return Prediction(depth, rig.depth_to_disparity(depth), None, np.ones((H, W), np.float32))
 
 
+class Worse:
+    """The truth of make_frame with an error that grows from one pair to the next."""
+
+    def __init__(self) -> None:
+        self.times = 0
+
+    def infer(self, left, right, rig):
+        self.times += 1
+        return Scaled(1 + 0.01 * self.times).infer(left, right, rig)
+
+
 def test_known_errors_come_out(folder):
     done = evaluate(StereoDataset(folder, "test"), {"right": Scaled(1.0), "off": Scaled(1.1)}, examples=2)
     assert done.results["right"]["depth"]["all"]["pooled"]["abs_rel"] < 1e-4  # the disk's rounding
@@ -79,7 +90,15 @@ def test_known_errors_come_out(folder):
     assert done.results["off"]["normal"]["all"]["pooled"] == {}
     assert [(record["index"], record["pair"]) for record in done.pairs] == [(i, f"00001/0{i}") for i in range(4)]
     assert [example.index for example in done.examples] == [0, 3]
+
     assert done.results["off"]["seconds"]["median"] > 0
+
+
+def test_the_worst_pairs_of_the_first_method_are_kept_in_order(folder):
+    done = evaluate(StereoDataset(folder, "test"), {"worse": Worse(), "right": Scaled(1.0)}, worst=2)
+    errors = {record["index"]: record["worse"]["epe"] for record in done.pairs}
+    assert [example.index for example in done.worst] == sorted(errors, key=lambda index: -errors[index])[:2] == [3, 2]
+    assert list(done.worst[0].predictions) == ["worse", "right"]
 
 
 def test_limit_spreads_over_the_dataset(folder):
