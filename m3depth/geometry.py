@@ -48,6 +48,19 @@ def pixel_rays(camera: Tensor, height: int, width: int) -> Tensor:
     return torch.stack([x, y, torch.ones_like(x)], 1)
 
 
+def resize(maps: Tensor, size: torch.Size) -> Tensor:
+    """Maps (B, C, H, W) on a grid of another size, a multiple or a part: bilinear between cells, or their means."""
+    # The size, not the factor, is what an export keeps free.
+    if maps.shape[-1] > size[-1]:
+        return F.avg_pool2d(maps, maps.shape[-1] // size[-1])
+    return maps if maps.shape[-1] == size[-1] else F.interpolate(maps, size, mode="bilinear")
+
+
+def relief(disparity: Tensor) -> Tensor:
+    """What a disparity map stands out from its 5 x 5 px surroundings by, up to 8 px. (B, 1, H, W) [px]."""
+    return (disparity - F.avg_pool2d(disparity, 5, 1, 2, count_include_pad=False)).clamp(-8, 8)
+
+
 def sobel(x: Tensor) -> Tensor:
     """Derivatives along u and v by the Sobel filter, per pixel; exact for affine maps away from the border.
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from m3depth.network.config import read_config
+from m3depth.network.config import M3DepthConfig, read_config
 from m3depth.network.model import M3Depth
 from m3depth.train_config import TrainConfig
 from marssim.atomic import write_atomically
@@ -48,10 +48,17 @@ def read_checkpoint(path: Path, device: torch.device) -> dict[str, Any]:
     """What Run.save wrote; nothing in the file is executed. Raises ValueError that names it if it is damaged."""
     try:
         state = torch.load(path, map_location=device, weights_only=True)
-        state["identity"] = {WORLD: 1, **state["identity"]}  # those of single processes did not always say so
+        # Older ones do not say how many processes, and know fewer fields of the network.
+        network = M3DepthConfig.from_dict(state["identity"]["network"])
+        state["identity"] = {WORLD: 1, **state["identity"], "network": plain(network)}
     except Exception as error:  # torch raises whatever its unpickler stumbles over
         raise ValueError(f"{path}: not a readable checkpoint ({type(error).__name__})") from None
     return state
+
+
+def plain(network: M3DepthConfig) -> dict[str, Any]:
+    """As JSON gives it back."""
+    return json.loads(json.dumps(asdict(network)))
 
 
 class Run:
@@ -83,10 +90,10 @@ class Run:
     def identity(self) -> dict[str, Any]:
         """The settings that a resumed run must share with the one that it continues."""
         c = self.config
-        network = json.loads(json.dumps(asdict(self.model.config)))
         # Which samples a step sees depends on the number of processes too.
         return {
-            "network": network, "batch": c.batch, "crop": list(c.crop), "seed": c.seed, WORLD: self.world,
+            "network": plain(self.model.config), "batch": c.batch, "crop": list(c.crop), "seed": c.seed,
+            WORLD: self.world,
         }  # fmt: skip
 
     def save(self) -> None:

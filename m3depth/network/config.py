@@ -38,6 +38,7 @@ class M3DepthConfig:
     normal_widths: tuple[int, int, int] = (16, 16, 32)  # SNNet's three 3-D convolutions
     normal_context: int = 13  # left features given to SNNet beside volume and coordinates; 0: as in the paper
     slice_layers: int = 3  # SNNet's 2-D convolutions for each slice
+    slice_dilated: bool = True  # all of them but the last dilated, by 2, 4, ...; the paper speaks of no dilation
     refine_steps: int = 4  # T; 0: soft argmin and SNNet, upsampled
     hidden: int = 32  # of the ConvGRU
     motion: int = 32  # features of what a step sees
@@ -75,6 +76,11 @@ class M3DepthConfig:
         """Height and width inside the network are multiples of this [px]."""
         quarter, eighth = self.wavelet_levels
         return max(4 * 2**quarter, 8 * 2**eighth, 16)
+
+    @property
+    def coarse_width(self) -> int:
+        """Channels at 1/8 that the refinement gets: the features, and what the aggregation saw as context."""
+        return self.channels[2] + self.residual_width
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> M3DepthConfig:
@@ -133,6 +139,7 @@ PAPER = M3DepthConfig(
     normal_widths=(67, 67, 67),
     normal_context=0,
     slice_layers=2,
+    slice_dilated=False,
     refine_steps=5,
     hidden=128,
     motion=64,
@@ -141,26 +148,33 @@ PAPER = M3DepthConfig(
     lookup_levels=0,
     fine_width=0,
 )
-"""The paper's Tables I and II to the letter, with D = 24, three wavelet levels and five iterations.
+"""The paper's Tables I and II, with D = 24, three wavelet levels and five iterations.
 
-Where the tables cannot be built as printed, or say nothing, and what is done instead:
+Where the paper cannot be built as printed, or says nothing, and what is done instead:
 
 1. Table II ends in ReLU on the three components of the normals, which then could not be negative: the last layer is
    linear.
 2. Batch normalisation is group normalisation: with the few images that fit on a device, batch statistics spoil the
-   refinement (the error grows over its iterations).
+   refinement (the error grows over its iterations). The extractor's text names it after the activation, Table II
+   before: it stands before, everywhere. Conv8 ends in it, the layers of the output head have neither.
 3. D is not given: 24 hypotheses of 8 px, 0 to 184 px. The head makes them denser in the image plane, not in disparity.
 4. Conv4 and Conv6 are the two convolutions that wavelets "substitute". Depth-wise kernels mix no channels, so each ends
    in a 1 x 1 convolution; k is not given: 3. beta starts at 1, one a channel and level.
 5. "Unfold & Compare" is the correlation of 64 groups of 4 channels, centred and of unit length, shifted by whole cells.
 6. C_1 = C_0 + Conv8(Conv7(C_0)), as in DPSNet, so that training starts from the plain correlation. The residual that
-   turns P_1 into P_2 is computed for all hypotheses at once, not slice by slice.
+   turns P_1 into P_2 is computed for all hypotheses at once, not slice by slice, with growing dilations as in DPSNet's
+   context network. P_1 and P_2 are logits, and the one softmax is that before the soft argmin: the text normalises P_1
+   too, but a second softmax, of numbers between 0 and 1, is all but flat, and its mean the middle of the range.
 7. The text gives SNNet the volume C_0, the table one of 64 x D x 512 x 512: it gets what the output head returns, the
    only volume of that size. Its three extra channels are the camera-frame X, Y, Z of each pixel at each hypothesis, as
-   in Normal-Assisted Stereo.
+   in Normal-Assisted Stereo. Kernels are not given: 3 x 3 x 3 with stride 2 in depth, and 3 x 3 without dilation.
 8. The refinement's grid and widths are not given: 1/4 with 128 hidden channels and learned convex upsampling, as in
-   RAFT-Stereo and Metric3D, which the paper follows. H_0 and the gates' context come from the left features.
+   RAFT-Stereo and Metric3D, which the paper follows. H_0 and the gates' context come from the left features. What is
+   refined is disparity, 0 or more; depth follows from it. The heads get the updated hidden state H_t+1, as the text has
+   it; the equation has H_t. N_t is brought to unit length after each update, and D_t and N_t are passed on without
+   their gradient, as in RAFT: the text does not say, and each step then learns to correct what it is given.
 9. Two more outputs than the paper's, confidence and sky: what drives by depth has to know where there is none.
+10. The loss, the optimizer and their rates are m3depth.train's, for both presets alike.
 """
 
 PRESETS = {"lite": LITE, "paper": PAPER}

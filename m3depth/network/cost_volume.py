@@ -8,6 +8,7 @@ from torch import Tensor, nn
 
 from m3depth.geometry import unit
 from m3depth.network.backbone import conv_block, group_norm
+from m3depth.network.config import M3DepthConfig
 
 
 def matchable(features: Tensor) -> Tensor:
@@ -70,15 +71,14 @@ class Aggregation(nn.Module):
     """C_0 -> C_1 -> P_1 by 3-D convolutions, then P_2 = P_1 + residual seen in context.
 
     The residual is computed in 2-D, over all hypotheses of P_1 and the left features, with growing dilations: the
-    role that DPSNet's context network has, at a fraction of the cost of one pass per slice. doublings: the output head
-    enlarges C_1 so often. score_kernel: of the convolution from C_1 to P_1; 1 is a weighted sum of the groups.
+    role that DPSNet's context network has, at a fraction of the cost of one pass per slice. By the config's output_head
+    C_1 is enlarged so often; score_kernel is that of the convolution from C_1 to P_1, where 1 is a weighted sum of the
+    groups.
     """
 
-    def __init__(
-        self, groups: int, width: int, hypotheses: int, context: int, residual_width: int, doublings: int = 0,
-        score_kernel: int = 1,
-    ) -> None:  # fmt: skip
+    def __init__(self, config: M3DepthConfig) -> None:
         super().__init__()
+        groups, width, residual_width = config.groups, config.volume_width, config.residual_width
         # oneDNN is 20 times slower on 3-D convolutions whose channels are not multiples of 16: keep widths at 16, 32...
         self.first = nn.Sequential(
             nn.Conv3d(groups, width, 3, padding=1, bias=False), group_norm(width), nn.ReLU(inplace=True)
@@ -86,23 +86,23 @@ class Aggregation(nn.Module):
         self.second = nn.Sequential(nn.Conv3d(width, groups, 3, padding=1, bias=False), group_norm(groups))
         # At the start P_1 is the plain correlation, sharp enough for the softmax to have a peak.
         nn.init.zeros_(self.second[1].get_parameter("weight"))
-        self.head = OutputHead(groups, doublings) if doublings else None
+        self.head = OutputHead(groups, config.output_head) if config.output_head else None
         self.score: nn.Parameter | nn.Conv3d
-        if score_kernel == 1:
+        if config.score_kernel == 1:
             self.score = nn.Parameter(torch.full((groups,), 20.0 / groups))
         else:
-            middle = score_kernel // 2
-            self.score = nn.Conv3d(groups, 1, score_kernel, padding=middle)
+            middle = config.score_kernel // 2
+            self.score = nn.Conv3d(groups, 1, config.score_kernel, padding=middle)
             with torch.no_grad():
                 self.score.weight.zero_()[:, :, middle, middle, middle] = 20.0 / groups
                 self.score.get_parameter("bias").zero_()
         self.residual_width = residual_width
         if residual_width:
             self.context = nn.Sequential(
-                conv_block(hypotheses + context, residual_width),
+                conv_block(config.hypotheses + config.channels[2], residual_width),
                 *(conv_block(residual_width, residual_width, dilation=d) for d in (2, 4, 8, 1)),
             )
-            self.residual = nn.Conv2d(residual_width, hypotheses, 3, padding=1)
+            self.residual = nn.Conv2d(residual_width, config.hypotheses, 3, padding=1)
             nn.init.zeros_(self.residual.weight)
 
     def forward(self, volume: Tensor, left: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:

@@ -10,7 +10,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from m3depth.geometry import normals_from_disparity, scale_camera, unit
+from m3depth.geometry import normals_from_disparity, relief, scale_camera, unit
 from m3depth.network.cost_volume import matchable
 from m3depth.network.refinement import DISPARITY_SCALE
 
@@ -71,9 +71,8 @@ class FineCorrection(nn.Module):
         warped = F.pad(warp_right(match_right, disparity / CELL), (self.radius, self.radius))
         width = match_left.shape[-1]
         scores = [(match_left * warped[..., k : k + width]).mean(1, True) for k in range(2 * self.radius + 1)]
-        relief = (disparity - F.avg_pool2d(disparity, 5, 1, 2, count_include_pad=False)).clamp(-8, 8)
         implied = normals_from_disparity(disparity, scale_camera(camera, CELL))
-        seen = [*scores, disparity / DISPARITY_SCALE, relief, normal, implied, logits.clamp(-8, 8) / 4]
+        seen = [*scores, disparity / DISPARITY_SCALE, relief(disparity), normal, implied, logits.clamp(-8, 8) / 4]
         x = self.first(torch.cat([left, torch.cat(seen, 1).to(left.dtype)], 1))
         x = self.trunk(x + F.pixel_shuffle(self.state(hidden), CELL))
         return F.pixel_shuffle(self.last(x).float(), CELL)

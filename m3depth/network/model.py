@@ -12,7 +12,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from m3depth.geometry import disparity_to_depth, face_camera, pixel_rays, scale_camera, unit
+from m3depth.geometry import disparity_to_depth, face_camera, pixel_rays, resize, scale_camera, unit
 from m3depth.network.backbone import Backbone
 from m3depth.network.config import PRESETS, M3DepthConfig
 from m3depth.network.cost_volume import Aggregation, group_correlation_volume, matchable, soft_argmin
@@ -58,33 +58,20 @@ class M3Depth(nn.Module):
     def __init__(self, config: M3DepthConfig | None = None) -> None:
         super().__init__()
         self.config = c = config or M3DepthConfig()
-        half, quarter, eighth = c.channels
+        half, _, eighth = c.channels
         self.backbone = Backbone(c.channels, c.wavelet_levels, c.wavelet_kernel, c.feature_skips)
         self.match = nn.Conv2d(eighth, c.match_channels, 1) if c.match_channels else None
-        self.aggregation = Aggregation(
-            c.groups, c.volume_width, c.hypotheses, eighth, c.residual_width, c.output_head, c.score_kernel
-        )
-        self.normals = SNNet(c.groups, c.normal_widths, eighth, c.normal_context, c.slice_layers)
-        coarse = eighth + c.residual_width
+        self.aggregation = Aggregation(c)
+        self.normals = SNNet(c)
         self.refinement: Refinement | None = None
         self.fine: FineCorrection | None = None
         self.decisions: nn.Conv2d | None = None
         if c.refine_steps:
-            self.refinement = Refinement(
-                (quarter, coarse),
-                c.hidden,
-                c.motion,
-                c.lookup_channels,
-                c.refine_steps,
-                c.lookup_radius,
-                c.lookup_levels,
-                c.implied_geometry,
-                c.heads_see_all,
-            )
+            self.refinement = Refinement(c)
             if c.fine_width:
                 self.fine = FineCorrection(half, c.hidden, c.fine_width)
         else:
-            self.decisions = nn.Conv2d(coarse, 2, 3, padding=1)
+            self.decisions = nn.Conv2d(c.coarse_width, 2, 3, padding=1)
         for layer in self.modules():  # twice as fast on a CPU; Module.to() would stumble over the 3-D convolutions
             if isinstance(layer, nn.Conv2d):
                 layer.weight.data = layer.weight.data.contiguous(memory_format=torch.channels_last)
@@ -217,14 +204,6 @@ def unpadded(maps: tuple[Tensor, Tensor], height: int, width: int, cell: int) ->
     """Disparity and normal on a grid of `cell` px, without the cells that lie beyond an image of height x width."""
     first, second = (x[..., : -(-height // cell), : -(-width // cell)] for x in maps)
     return first, second
-
-
-def resize(maps: Tensor, size: torch.Size) -> Tensor:
-    """Maps (B, C, H, W) on a grid of another size, a multiple or a part: bilinear between cells, or their means."""
-    # The size, not the factor, is what an export keeps free.
-    if maps.shape[-1] > size[-1]:
-        return F.avg_pool2d(maps, maps.shape[-1] // size[-1])
-    return maps if maps.shape[-1] == size[-1] else F.interpolate(maps, size, mode="bilinear")
 
 
 def camera_row(rig: StereoRig, device: torch.device) -> Tensor:

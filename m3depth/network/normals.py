@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor, nn
 
-from m3depth.geometry import unit
+from m3depth.geometry import resize, unit
 from m3depth.network.backbone import conv_block, group_norm
+from m3depth.network.config import M3DepthConfig
 
 
 def hypothesis_points(rays: Tensor, hypotheses: int) -> Tensor:
@@ -26,16 +26,16 @@ class SNNet(nn.Module):
 
     n = sum_i SNNet(S_i) / |sum_i SNNet(S_i)| (paper, Eq. 9).
 
-    context: channels of left features that are given to every slice; 0 is the paper. layers: 2-D convolutions, two in
-    the paper. The last layer is linear: with the ReLU of the paper's table no component could be negative.
+    By the config, normal_context channels of left features are given to every slice, none in the paper, and the 2-D
+    network has slice_layers convolutions, two in the paper, all but the last dilated by 2, 4, ... if slice_dilated. The
+    last layer is linear: with the ReLU of the paper's table no component could be negative.
     """
 
-    def __init__(
-        self, groups: int, widths: tuple[int, int, int], left_channels: int, context: int, layers: int = 3
-    ) -> None:
+    def __init__(self, config: M3DepthConfig) -> None:
         super().__init__()
-        self.context = nn.Conv2d(left_channels, context, 1) if context else None
-        inputs = (groups + 3 + context, *widths[:2])
+        context, widths = config.normal_context, config.normal_widths
+        self.context = nn.Conv2d(config.channels[2], context, 1) if context else None
+        inputs = (config.groups + 3 + context, *widths[:2])
         self.volume = nn.Sequential(
             *(
                 nn.Sequential(
@@ -45,7 +45,10 @@ class SNNet(nn.Module):
             )
         )
         self.slice = nn.Sequential(
-            *(conv_block(widths[2], widths[2], dilation=2**i) for i in range(1, layers)),
+            *(
+                conv_block(widths[2], widths[2], dilation=2**i if config.slice_dilated else 1)
+                for i in range(1, config.slice_layers)
+            ),
             nn.Conv2d(widths[2], 3, 3, padding=1),
         )
 
@@ -57,9 +60,7 @@ class SNNet(nn.Module):
         depth = volume.shape[2]
         parts = [volume, hypothesis_points(rays, depth).to(volume.dtype)]
         if self.context is not None:
-            context = self.context(left)
-            if factor := volume.shape[-1] // context.shape[-1] - 1:
-                context = F.interpolate(context, scale_factor=int(factor) + 1, mode="bilinear")
+            context = resize(self.context(left), volume.shape[-2:])
             parts.append(context[:, :, None].expand(-1, -1, depth, -1, -1))
         x = self.volume(torch.cat(parts, 1))  # (B, C, D / 8, H, W)
         slices = depth // 8

@@ -6,10 +6,12 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from m3depth.geometry import normals_from_disparity, unit
+from m3depth.geometry import normals_from_disparity, relief, unit
+from m3depth.network.config import M3DepthConfig
 from m3depth.network.cost_volume import matchable
 from m3depth.network.recompute import Part, direct
 
+CELL = 4  # [px] of the grid that is refined
 DISPARITY_SCALE = 64.0  # [px] brings disparities to the size that the other inputs have
 
 
@@ -84,25 +86,27 @@ class RefinementStep(nn.Module):
 
     H_t+1 = ConvGRU(D_t, N_t, H_0, H_t), D_t+1 = D_t + Phi_d, N_t+1 = N_t + Phi_n (of unit length).
 
-    The step sees D_t and N_t. implied: also what D_t stands out from its surroundings by, and the normals that it
-    implies. samples: number of correlations around the current disparity that it sees; 0: none. all_to_heads: the heads
-    get what they change and H_0, as in the paper; otherwise the hidden state alone (and N_t for Phi_n).
+    The step sees D_t and N_t, and by the config's implied_geometry what D_t stands out from its surroundings by and the
+    normals that it implies, by lookup_levels and lookup_radius correlations around it. heads_see_all: the heads get
+    what they change and H_0, as in the paper; otherwise the hidden state alone (and N_t for Phi_n). cell [px]: of the
+    grid that the step works on.
     """
 
-    def __init__(
-        self, hidden: int, motion: int, samples: int, step: int, implied: bool = True, all_to_heads: bool = False
-    ) -> None:
+    def __init__(self, config: M3DepthConfig, cell: int) -> None:
         super().__init__()
-        self.step, self.implied, self.all_to_heads = step, implied, all_to_heads
+        hidden, motion = config.hidden, config.motion
+        self.cell, self.implied, self.all_to_heads = cell, config.implied_geometry, config.heads_see_all
+        samples = config.lookup_levels * (2 * config.lookup_radius + 1)
         self.correlation = nn.Sequential(nn.Conv2d(samples, motion, 1), nn.ReLU(inplace=True)) if samples else None
-        self.geometry = nn.Sequential(nn.Conv2d(8 if implied else 4, motion // 2, 3, padding=1), nn.ReLU(inplace=True))
+        inputs = 8 if self.implied else 4
+        self.geometry = nn.Sequential(nn.Conv2d(inputs, motion // 2, 3, padding=1), nn.ReLU(inplace=True))
         self.motion = nn.Sequential(
             nn.Conv2d((motion if samples else 0) + motion // 2, motion, 3, padding=1),
             nn.ReLU(inplace=True),
         )
         self.gru = ConvGRU(hidden, motion)
-        more = hidden if all_to_heads else 0
-        self.disparity = head(hidden + more + (1 if all_to_heads else 0), hidden, 1)
+        more = hidden if self.all_to_heads else 0
+        self.disparity = head(hidden + more + (1 if self.all_to_heads else 0), hidden, 1)
         self.normal = head(hidden + more + 3, hidden, 3)
 
     def forward(
@@ -124,18 +128,17 @@ class RefinementStep(nn.Module):
         dtype = hidden.dtype
         geometry = [disparity / DISPARITY_SCALE, normal]
         if self.implied:
-            relief = (disparity - F.avg_pool2d(disparity, 5, 1, 2, count_include_pad=False)).clamp(-8, 8)
-            geometry = [geometry[0], relief, normal, normals_from_disparity(disparity, camera)]
+            geometry = [geometry[0], relief(disparity), normal, normals_from_disparity(disparity, camera)]
         seen = [self.geometry(torch.cat(geometry, 1).to(dtype))]
         if self.correlation is not None and lookup is not None:
-            samples = lookup(disparity / self.step).to(dtype, memory_format=torch.channels_last)
+            samples = lookup(disparity / self.cell).to(dtype, memory_format=torch.channels_last)
             seen.insert(0, self.correlation(samples))
         hidden = self.gru(hidden, self.motion(torch.cat(seen, 1)), context)
         to_disparity, to_normal = [hidden], [hidden, normal.to(dtype)]
         if self.all_to_heads:
             to_disparity += [first, geometry[0].to(dtype)]
             to_normal.insert(1, first)
-        disparity = (disparity + self.step * self.disparity(torch.cat(to_disparity, 1)).float()).clamp(min=0)
+        disparity = (disparity + self.cell * self.disparity(torch.cat(to_disparity, 1)).float()).clamp(min=0)
         normal = unit(normal + self.normal(torch.cat(to_normal, 1)).float())
         return hidden, disparity, normal
 
@@ -165,32 +168,25 @@ class ConvexUpsampling(nn.Module):
 
 
 class Refinement(nn.Module):
-    """Context, T recurrent steps and the upsampling to full resolution.
+    """Context, T recurrent steps and the upsampling to full resolution. H_0 is made of the features at 1/4 and 1/8."""
 
-    context: channels of the two sources of H_0, at 1/4 and at 1/8. steps: T. match, radius, levels: channels of the
-    correlation, and see CorrelationLookup; levels = 0: none. implied, all_to_heads: see RefinementStep.
-    """
-
-    def __init__(
-        self, context: tuple[int, int], hidden: int, motion: int, match: int, steps: int, radius: int, levels: int,
-        implied: bool = True, all_to_heads: bool = False,
-    ) -> None:  # fmt: skip
+    def __init__(self, config: M3DepthConfig) -> None:
         super().__init__()
-        self.hidden, self.steps, self.radius, self.levels = hidden, steps, radius, levels
-        quarter, eighth = context
-        self.match = nn.Conv2d(quarter, match, 3, padding=1) if levels else None
-        self.coarse = nn.Conv2d(eighth, quarter, 1)
+        hidden, quarter = config.hidden, config.channels[1]
+        self.steps, self.radius, self.levels = config.refine_steps, config.lookup_radius, config.lookup_levels
+        self.match = nn.Conv2d(quarter, config.lookup_channels, 3, padding=1) if self.levels else None
+        self.coarse = nn.Conv2d(config.coarse_width, quarter, 1)
         self.context = nn.Sequential(
             nn.Conv2d(2 * quarter, 2 * hidden, 3, padding=1),
             nn.ReLU(inplace=True),
             nn.Conv2d(2 * hidden, 2 * hidden, 1),
         )
         self.bias = nn.Conv2d(hidden, 3 * hidden, 3, padding=1)
-        self.step = RefinementStep(hidden, motion, levels * (2 * radius + 1), 4, implied, all_to_heads)
+        self.step = RefinementStep(config, CELL)
         self.decisions = nn.Sequential(
             nn.Conv2d(hidden + quarter, hidden, 3, padding=1), nn.ReLU(inplace=True), nn.Conv2d(hidden, 2, 1)
         )
-        self.upsample = ConvexUpsampling(hidden, 4)
+        self.upsample = ConvexUpsampling(hidden, CELL)
 
     def forward(
         self, left: Tensor, right: Tensor, coarse: Tensor, disparity: Tensor, normal: Tensor, camera: Tensor,

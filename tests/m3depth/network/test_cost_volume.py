@@ -1,5 +1,8 @@
+from dataclasses import replace
+
 import torch
 
+from m3depth.network.config import M3DepthConfig
 from m3depth.network.cost_volume import Aggregation, group_correlation_volume, soft_argmin
 
 
@@ -32,8 +35,8 @@ def test_soft_argmin_gradients() -> None:
 def test_residual_starts_without_effect() -> None:
     """P_2 = P_1 + a residual that has learned nothing yet, up to its bias."""
     torch.manual_seed(0)
-    with_context = Aggregation(groups=8, width=8, hypotheses=8, context=8, residual_width=8)
-    plain = Aggregation(groups=8, width=8, hypotheses=8, context=8, residual_width=0)
+    config = M3DepthConfig(channels=(8, 8, 8), groups=8, volume_width=8, hypotheses=8, residual_width=8)
+    with_context, plain = Aggregation(config), Aggregation(replace(config, residual_width=0))
     plain.load_state_dict(with_context.state_dict(), strict=False)
     volume, left = torch.randn(1, 8, 8, 4, 6), torch.randn(1, 8, 4, 6)
     bias = with_context.residual.bias[:, None, None]

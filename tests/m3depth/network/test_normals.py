@@ -1,6 +1,7 @@
 import torch
 
 from m3depth.geometry import pixel_rays
+from m3depth.network.config import M3DepthConfig
 from m3depth.network.normals import SNNet, hypothesis_points
 
 CAMERA = torch.tensor([[60.0, 60.0, 9.0, 5.0], [40.0, 45.0, 2.0, 7.0]])
@@ -8,7 +9,7 @@ CAMERA = torch.tensor([[60.0, 60.0, 9.0, 5.0], [40.0, 45.0, 2.0, 7.0]])
 
 def test_normals_are_unit() -> None:
     torch.manual_seed(0)
-    net = SNNet(groups=8, widths=(8, 8, 8), left_channels=8, context=4)
+    net = SNNet(M3DepthConfig(channels=(8, 8, 8), groups=8, normal_widths=(8, 8, 8), normal_context=4))
     normal = net(torch.randn(2, 8, 16, 8, 12), torch.randn(2, 8, 8, 12), pixel_rays(CAMERA, 8, 12))
     torch.testing.assert_close(normal.norm(dim=1), torch.ones(2, 8, 12))
     assert (normal[:, 0] < 0).any(), "components of both signs must be possible"

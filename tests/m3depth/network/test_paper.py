@@ -31,6 +31,15 @@ TABLE_2 = {  # module: input and output shape of one pair (Table II); D' = D / 8
 }
 
 
+LAYERS_2 = {  # module: kernel, stride, padding, dilation (the text: stride 2 in depth; nothing of dilation)
+    "normals.volume.0.0": ((3, 3, 3), (2, 1, 1), (1, 1, 1), (1, 1, 1)),
+    "normals.volume.1.0": ((3, 3, 3), (2, 1, 1), (1, 1, 1), (1, 1, 1)),
+    "normals.volume.2.0": ((3, 3, 3), (2, 1, 1), (1, 1, 1), (1, 1, 1)),
+    "normals.slice.0.0": ((3, 3), (1, 1), (1, 1), (1, 1)),
+    "normals.slice.1": ((3, 3), (1, 1), (1, 1), (1, 1)),
+}
+
+
 @pytest.fixture(scope="module")
 def seen() -> tuple[M3Depth, dict[str, tuple], dict[str, tuple]]:
     """The network at full size without numbers; the shapes that went into and came out of each of its modules."""
@@ -91,6 +100,22 @@ def test_normals_are_made_as_in_the_second_table(seen, name: str) -> None:
     count = {"normals.volume": (nn.Conv3d, 3), "normals.slice": (nn.Conv2d, 2)}.get(name)
     if count:
         assert sum(isinstance(m, count[0]) for m in model.get_submodule(name).modules()) == count[1]
+
+
+def test_normals_have_the_layers_of_the_second_table_and_no_others(seen) -> None:
+    model, _, _ = seen
+    found = {n: m for n, m in model.named_modules() if isinstance(m, nn.Conv2d | nn.Conv3d) and n.startswith("normals")}
+    layers = {n: (m.kernel_size, m.stride, m.padding, m.dilation) for n, m in found.items()}
+    assert layers == LAYERS_2
+    kinds = [type(m) for m in model.get_submodule("normals").modules() if not list(m.children())]
+    block = [nn.GroupNorm, nn.ReLU]  # for the table's BN + ReLU
+    assert kinds == [nn.Conv3d, *block] * 3 + [nn.Conv2d, *block] + [nn.Conv2d]  # the last one linear
+
+
+def test_convolutions_of_the_extractor_are_normalised_and_activated(seen) -> None:
+    model, _, _ = seen
+    kinds = [type(m) for n, m in model.backbone.named_modules() if not list(m.children()) and ".first.0" not in n]
+    assert kinds.count(nn.GroupNorm) == kinds.count(nn.ReLU) == 6
 
 
 def test_forward_and_backward_reach_every_parameter(training_loss) -> None:

@@ -49,6 +49,7 @@ def trains(config: M3DepthConfig, training_loss) -> M3Depth:
         ({"output_head": 3, "refine_steps": 0}, ("refinement",)),
         ({"normal_context": 0}, ("normals.context",)),
         ({"slice_layers": 1}, ("normals.slice.1",)),
+        ({"slice_dilated": False}, ()),
         ({"refine_steps": 0}, ("refinement",)),
         ({"implied_geometry": False}, ()),
         ({"heads_see_all": True}, ()),
