@@ -7,7 +7,7 @@ import numpy as np
 from marssim.camera import PinholeCamera, look_pose, rotate
 from marssim.physics.body import Part
 from marssim.physics.state import RoverState
-from marssim.render.antialias import SUBPIXELS, borders
+from marssim.render.antialias import SUBPIXELS
 from marssim.render.gbuffer import GROUND, SKY
 from marssim.render.raycast import MeshCaster, MeshPart, Raycaster
 from marssim.render.sensor import Sensor
@@ -36,7 +36,7 @@ class OutsideView:
         rover = MeshCaster([_part(part, n) for n, part in enumerate(parts)])
         rays = camera.rays().reshape(-1, 3)
         colour, seen = self._shade(rays, camera.fx, pose, rover, parts)
-        edge = np.flatnonzero(borders(seen.reshape(HEIGHT, WIDTH)).ravel())
+        edge = np.flatnonzero(_borders(seen.reshape(HEIGHT, WIDTH)).ravel())
         step = np.array([[du / camera.fx, dv / camera.fy, 0] for du, dv in SUBPIXELS])
         fine = (rays[edge, None] + step).reshape(-1, 3)
         colour[edge] = self._shade(fine, camera.fx, pose, rover, parts)[0].reshape(len(edge), -1, 3).mean(axis=1)
@@ -107,3 +107,14 @@ def _part(part: Part, number: int) -> MeshPart:
     vertices = part.vertices @ part.pose[:3, :3].T + part.pose[:3, 3]
     surface = np.full(len(part.faces), number, dtype=np.int32)
     return MeshPart(vertices, part.faces, surface, np.zeros_like(vertices))
+
+
+def _borders(seen: np.ndarray) -> np.ndarray:
+    """(H, W) bool: pixels beside one with another id. seen: (H, W) int."""
+    out = np.zeros(seen.shape, dtype=bool)
+    across, down = seen[:, 1:] != seen[:, :-1], seen[1:] != seen[:-1]
+    out[:, 1:] |= across
+    out[:, :-1] |= across
+    out[1:] |= down
+    out[:-1] |= down
+    return out

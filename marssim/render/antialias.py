@@ -15,10 +15,14 @@ from marssim.render.gbuffer import GROUND, SKY, GBuffer
 SAME_DEPTH = 0.02  # share of the depth up to which neighbours on one surface are taken for one place
 SUBPIXELS = ((-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375))  # rotated grid [px]
 STEP_SHARE, STEP_LEAST = 0.06, 1e-3  # change of 1 / Z within 3 x 3 pixels that is an edge: of itself, and [1 / m]
+BEND_SHARE = 0.1  # of 1 / Z, and STEP_LEAST: second difference along a row or column that is an edge on ground
 
 
 def edge_pixels(view: GBuffer, lit: np.ndarray) -> np.ndarray:
-    """(E,) int32 indices of the pixels beside a change of surface, a depth edge or a shadow's border. lit: (H, W)."""
+    """(E,) int32 indices of the pixels beside a change of surface, a depth edge or a shadow's border. lit: (H, W).
+
+    A depth edge is a jump of 1 / Z. On ground that is one of its second difference, which is 0 on a plane at any slant.
+    """
     return _edge_pixels(view.depth, view.surface, lit)
 
 
@@ -44,22 +48,12 @@ def average(pixels: np.ndarray, samples: np.ndarray, colour: np.ndarray) -> None
     _average(pixels, samples, colour)
 
 
-def borders(seen: np.ndarray) -> np.ndarray:
-    """(H, W) bool: pixels beside one with another id. seen: (H, W) int."""
-    out = np.zeros(seen.shape, dtype=bool)
-    across, down = seen[:, 1:] != seen[:, :-1], seen[1:] != seen[:-1]
-    out[:, 1:] |= across
-    out[:, :-1] |= across
-    out[1:] |= down
-    out[:-1] |= down
-    return out
-
-
 @compiled
 def _edge_pixels(depth, surface, lit):
     height, width = depth.shape
     out = np.empty(height * width, dtype=np.int32)
     found = 0
+    bend = np.float32(BEND_SHARE)
     share, least, one, none = np.float32(STEP_SHARE), np.float32(STEP_LEAST), np.float32(1), np.float32(0)
     for row in range(height):
         up, down = max(row - 1, 0), min(row + 1, height - 1)
@@ -70,8 +64,20 @@ def _edge_pixels(depth, surface, lit):
             edge = edge or surface[up, column] != own or surface[down, column] != own
             edge = edge or lit[row, left] != light or lit[row, right] != light
             edge = edge or lit[up, column] != light or lit[down, column] != light
-            # on open ground seen at a slant, 1 / Z changes fast without any edge
-            if not edge and own != GROUND:
+            if edge:
+                pass
+            elif own == GROUND:
+                # 1 / Z changes fast on ground seen at a slant, but linearly; at a crest before other ground it jumps.
+                # Its second differences, times the depths, for want of divisions; all four neighbours are ground
+                z = depth[row, column]
+                step = bend + least * z
+                if left < column < right:
+                    before, after = depth[row, left], depth[row, right]
+                    edge = abs(z * (before + after) - 2 * before * after) > step * before * after
+                if not edge and up < row < down:
+                    before, after = depth[up, column], depth[down, column]
+                    edge = abs(z * (before + after) - 2 * before * after) > step * before * after
+            else:
                 inverse = none if own == SKY else one / depth[row, column]
                 low, high = inverse, inverse
                 for j in range(up, down + 1):

@@ -3,11 +3,11 @@
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from marssim.camera import PinholeCamera
-from marssim.render.antialias import SUBPIXELS, average, borders, colours_beside, edge_pixels, subpixel_rays
+from marssim.render.antialias import SUBPIXELS, average, colours_beside, edge_pixels, subpixel_rays
 from marssim.render.gbuffer import GROUND, SKY, GBuffer
 
 CAMERA = PinholeCamera(9, 7, 20.0, 25.0, 3.6, 2.9)
@@ -25,14 +25,41 @@ def random_view(seed: int) -> tuple[GBuffer, np.ndarray, np.ndarray]:
     return GBuffer(depth, empty, empty, surface), rng.random(shape) < rng.choice([0.0, 0.9, 1.0]), colour
 
 
+def borders(seen: np.ndarray) -> np.ndarray:
+    """(H, W) bool: pixels beside one with another id, above, below, left or right."""
+    around = np.pad(seen, 1, mode="edge")
+    beside = around[1:-1, 2:], around[1:-1, :-2], around[2:, 1:-1], around[:-2, 1:-1]
+    return np.any([seen != other for other in beside], axis=0)
+
+
 @given(st.integers(0, 10**6))
 def test_edges_are_changes_of_surface_light_and_depth(seed):
     view, lit, _ = random_view(seed)
     inverse = np.where(view.surface == SKY, np.float32(0), np.float32(1) / view.depth)
     kernel = np.ones((3, 3), np.uint8)
     step = cv2.dilate(inverse, kernel) - cv2.erode(inverse, kernel) > np.float32(0.06) * inverse + np.float32(1e-3)
-    expected = borders(2 * view.surface + lit) | (step & (view.surface != GROUND))
+    bent = np.zeros(inverse.shape, bool)
+    for across, along in ((bent, inverse), (bent.T, inverse.T)):
+        kink = np.abs(along[2:] - 2 * along[1:-1] + along[:-2])
+        across[1:-1] |= kink > np.float32(0.1) * along[1:-1] + np.float32(1e-3)
+    expected = borders(2 * view.surface + lit) | np.where(view.surface == GROUND, bent, step)
     assert np.array_equal(edge_pixels(view, lit), np.flatnonzero(expected))
+
+
+@given(st.floats(-75, 75), st.floats(0, 360))
+def test_on_ground_a_crest_is_an_edge_and_a_slant_is_none(slant, turn):
+    """Planes 1 / Z = a u + b v + c seen as steeply as the ground far away; another one farther begins at row 3."""
+    rays, shape = CAMERA.rays(), (CAMERA.height, CAMERA.width)
+    steep, turn = np.tan(np.deg2rad(slant)), np.deg2rad(turn)
+    inverse = 0.3 * (1 + steep * (np.cos(turn) * rays[..., 0] + np.sin(turn) * rays[..., 1]))
+    assume(inverse.min() > 0.05)
+    empty, lit = np.zeros((*shape, 3), np.float32), np.ones(shape, bool)
+    ground = np.full(shape, GROUND, np.int32)
+    plain = GBuffer((1 / inverse).astype(np.float32), empty, empty, ground)
+    assert len(edge_pixels(plain, lit)) == 0
+    crest = np.where(np.arange(CAMERA.height)[:, None] < 3, 0.8 * inverse, inverse)
+    rows, _ = np.divmod(edge_pixels(GBuffer((1 / crest).astype(np.float32), empty, empty, ground), lit), CAMERA.width)
+    assert np.array_equal(np.bincount(rows, minlength=7), [0, 0, 9, 9, 0, 0, 0])
 
 
 def test_one_plain_surface_has_no_edges():
