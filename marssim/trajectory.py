@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from marssim.camera import look_pose
 from marssim.rover_spec import ZHURONG, RoverSpec
-from marssim.scene.rocks import STAND
+from marssim.scene.rocks import STAND, reach_above_ground
 from marssim.scene.scene import Scene
-from marssim.viewpoint import TRIES, ViewConfig, beside_rocks
+from marssim.viewpoint import TRIES, ViewConfig
 
 MAX_CURVATURE = 0.5  # [1/m]
 MAX_CHANGE = 0.8  # [1/m2] of the curvature along the way, which keeps the heading smooth
@@ -40,16 +40,19 @@ class TrajectoryConfig:
 def draw_trajectory(
     scene: Scene, view: ViewConfig, config: TrajectoryConfig, count: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """(count, 4, 4) left camera to world, `step` apart along a smooth way past the rocks, in the middle of the scene.
+    """(count, 4, 4) left camera to world, along a smooth way past the rocks, in the middle of the scene.
 
-    The rover stands on the plane that fits the ground under its wheels; the height and pitch of its camera, drawn once,
-    are held against that plane, so that pitch and roll in the world are those of the ground too (view.roll_deg is not
-    drawn from). Raises ValueError if no such way is found.
+    The rover's middle is `step` further along it each time, on the map, and half its width at least from all that
+    stands above ground of rocks that are obstacles to it; its camera sways a little about that way. The rover stands on
+    the plane that fits the ground under its wheels; the height and pitch of its camera, drawn once, are held against
+    that plane, so that pitch and roll in the world are those of the ground too (view.roll_deg is not drawn from).
+    Raises ValueError if no such way is found.
     """
     height, pitch = rng.uniform(*view.height), np.deg2rad(rng.uniform(*view.pitch_deg))
     strides = int(np.ceil(config.step / LONGEST_STRIDE))
+    obstacles = _obstacles(scene)
     for _ in range(TRIES):
-        way = _draw_way(scene, view, (count - 1) * strides, config.step / strides, rng)
+        way = _draw_way(scene, obstacles, view, (count - 1) * strides, config.step / strides, rng)
         if way is not None:
             stand = [stand_on(scene, *state) for state in way[::strides]]
             return np.stack([body @ look_pose(np.array([0, 0, height]), 0.0, pitch) for body in stand])
@@ -85,7 +88,9 @@ def tum_lines(times: Sequence[float], poses: np.ndarray) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _draw_way(scene: Scene, view: ViewConfig, strides: int, stride: float, rng: np.random.Generator) -> list | None:
+def _draw_way(
+    scene: Scene, obstacles: np.ndarray, view: ViewConfig, strides: int, stride: float, rng: np.random.Generator
+) -> list | None:
     """strides + 1 states (x, y, yaw), `stride` [m] apart; None where it led into a dead end.
 
     Each stride takes the curvature that stays free for longest, and among those alike the one nearest to a curvature
@@ -95,7 +100,7 @@ def _draw_way(scene: Scene, view: ViewConfig, strides: int, stride: float, rng: 
     x, y = rng.uniform(-reach, reach, 2)
     yaw = np.deg2rad(rng.uniform(*view.yaw_deg))
     waves = rng.uniform(0.2, 1.0, 3), rng.uniform(0, 2 * np.pi, 3)  # [rad/m], [rad]
-    if not _free(scene, x, y):
+    if not _free(obstacles, x, y):
         return None
     turn, way = 0.0, [(x, y, yaw)]
     ahead = max(1, int(np.ceil(AHEAD / stride)))
@@ -113,7 +118,7 @@ def _draw_way(scene: Scene, view: ViewConfig, strides: int, stride: float, rng: 
             if len(places) == 1:
                 first = heading, curvature
         xs, ys = (np.array(axis) for axis in zip(*places))
-        free = _free(scene, xs, ys) & (np.maximum(np.abs(xs), np.abs(ys)) <= reach)
+        free = _free(obstacles, xs, ys) & (np.maximum(np.abs(xs), np.abs(ys)) <= reach)
         length = np.where(free.all(axis=0), ahead, free.argmin(axis=0))
         if length.max() == 0:
             return None
@@ -123,6 +128,16 @@ def _draw_way(scene: Scene, view: ViewConfig, strides: int, stride: float, rng: 
     return way
 
 
-def _free(scene: Scene, x: np.ndarray | float, y: np.ndarray | float) -> np.ndarray:
-    """(...) bool: the rover's wheels pass every rock that is an obstacle to it; lower ones it drives over."""
-    return beside_rocks(scene, x, y, ZHURONG.obstacle_height, ZHURONG.width / 2)
+def _obstacles(scene: Scene) -> np.ndarray:
+    """(M, 3) x, y and radius [m] about the rocks that are obstacles to the rover; lower ones it drives over."""
+    tall = np.flatnonzero(scene.rocks.height > ZHURONG.obstacle_height)
+    return np.column_stack(
+        [scene.rocks.centre[tall, :2], reach_above_ground(scene.rocks, tall, scene.terrain.height_at)]
+    )
+
+
+def _free(obstacles: np.ndarray, x: np.ndarray | float, y: np.ndarray | float) -> np.ndarray:
+    """(...) bool: half the rover's width of room between these points and all obstacles (M, 3)."""
+    cx, cy, radius = obstacles.T
+    away = np.hypot(cx - np.asarray(x)[..., None], cy - np.asarray(y)[..., None]) - radius
+    return (away >= ZHURONG.width / 2).all(axis=-1)

@@ -11,6 +11,7 @@ from marssim.scene.rocks import STAND
 from marssim.scene.scene import Scene
 
 Range = tuple[float, float]
+LOW, GAP = 0.15, 0.6  # [m] a camera stands this far from rocks higher than that
 TRIES = 1000  # places looked at before a scene is called too rocky
 
 
@@ -39,8 +40,8 @@ class ViewConfig:
 def draw_pose(scene: Scene, view: ViewConfig, rng: np.random.Generator) -> np.ndarray:
     """(4, 4) left camera to world: somewhere in the middle of the scene, away from rocks.
 
-    No rock of more than 0.15 m height is nearer than 0.6 m to the point below the camera. Raises ValueError if no such
-    place is found.
+    Outline discs of rocks of more than 0.15 m height are 0.6 m and more from the point below the camera; see
+    beside_rocks. Raises ValueError if no such place is found.
     """
     reach = STAND * scene.half
     for _ in range(TRIES):
@@ -49,8 +50,8 @@ def draw_pose(scene: Scene, view: ViewConfig, rng: np.random.Generator) -> np.nd
             break
     else:
         raise ValueError(
-            f"scene {scene.config.preset}: in {TRIES} tries no place 0.6 m from every rock was found for the camera; "
-            f"choose a smaller --rocks.k"
+            f"scene {scene.config.preset}: in {TRIES} tries no place {GAP:g} m from every rock was found for the "
+            f"camera; choose a smaller --rocks.k"
         )
     position = np.array([x, y, float(scene.terrain.height_at(x, y)) + rng.uniform(*view.height)])
     yaw = np.deg2rad(rng.uniform(*view.yaw_deg))
@@ -58,11 +59,12 @@ def draw_pose(scene: Scene, view: ViewConfig, rng: np.random.Generator) -> np.nd
     return look_pose(position, yaw, pitch, roll)
 
 
-def beside_rocks(
-    scene: Scene, x: np.ndarray | float, y: np.ndarray | float, height: float = 0.15, gap: float = 0.6
-) -> np.ndarray:
-    """(...) bool: no rock of more than that height is nearer than `gap` to these points. x, y: (...), all in [m]."""
-    tall = np.flatnonzero(scene.rocks.height > height)
+def beside_rocks(scene: Scene, x: float, y: float) -> bool:
+    """No outline disc of a rock of more than LOW is nearer than GAP to this point. x, y: [m].
+
+    The disc is that of the rock's area seen from above, its diameter D. The rock itself reaches beyond it: 1.3 D / 2 at
+    the median, 1.9 D / 2 at most.
+    """
+    tall = np.flatnonzero(scene.rocks.height > LOW)
     centre, radius = scene.rocks.centre[tall], scene.rocks.diameter[tall] / 2
-    away = np.hypot(centre[:, 0] - np.asarray(x)[..., None], centre[:, 1] - np.asarray(y)[..., None]) - radius
-    return (away >= gap).all(axis=-1)
+    return bool((np.hypot(centre[:, 0] - x, centre[:, 1] - y) - radius >= GAP).all())

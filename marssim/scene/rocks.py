@@ -96,6 +96,30 @@ class Rocks:
         return len(self.diameter)
 
 
+def reach_above_ground(
+    rocks: Rocks, which: np.ndarray, height_at: Callable[[np.ndarray, np.ndarray], np.ndarray]
+) -> np.ndarray:
+    """(M,) [m]: how far, sideways from its centre, each of the rocks `which` (M,) reaches above ground; 0 if nowhere.
+
+    Of the mesh: a rock of diameter D is no disc, and reaches farther than D / 2. height_at(x, y): ground [m].
+    """
+    place = np.full(len(rocks), -1)
+    place[which] = np.arange(len(which))
+    of = place[rocks.face_rock]
+    faces, of = rocks.faces[of >= 0], of[of >= 0]
+    corners = rocks.vertices[faces]
+    above = corners[..., 2] - height_at(corners[..., 0], corners[..., 1])
+    away = corners[..., :2] - rocks.centre[which][of, None, :2]
+    out = np.zeros(len(which))
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        seen = above[:, i] > 0
+        np.maximum.at(out, of[seen], np.hypot(*away[seen, i].T))
+        cut = seen != (above[:, j] > 0)  # where an edge goes into the ground
+        share = (above[cut, i] / (above[cut, i] - above[cut, j]))[:, None]
+        np.maximum.at(out, of[cut], np.hypot(*((1 - share) * away[cut, i] + share * away[cut, j]).T))
+    return out
+
+
 def detail_level(diameter: np.ndarray, distance: np.ndarray) -> np.ndarray:
     """Icosphere level of each rock: by the angle D / distance under which it is seen at closest."""
     return np.digitize(np.asarray(diameter) / np.maximum(distance, NEAREST), LEVEL_ANGLES)
@@ -109,7 +133,8 @@ def build_rocks(
     """Draw the rocks of a scene.
 
     half: half the side of the finely gridded square; horizon: half the side of all [m]. height_at(x, y): ground [m].
-    clear: discs (x, y, radius) [m] that stay free of rocks of 0.1 m and more. The law holds from min_diameter on where
+    clear: discs (x, y, radius) [m] that outline discs of rocks of 0.1 m and more keep off; rocks are not round, so that
+    corners may reach into them. The law holds from min_diameter on where
     cameras stand and a little around, from 0.08 m at the latest in the square, and farther out only from the size on
     that a camera inside would see as a few pixels. Raises ValueError for more rocks than a dataset can tell apart.
     """

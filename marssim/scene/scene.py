@@ -192,7 +192,8 @@ def build_scene(
 ) -> Scene:
     """Draw a Scene. The same rng state gives the same Scene.
 
-    clear: discs (x, y, radius) [m] that stay free of rocks of 0.1 m and more; pebbles lie there too.
+    clear: discs (x, y, radius) [m] that stay free of rocks of 0.1 m and more, of diameter D taken as an outline disc of
+    that diameter, beyond which a corner may reach; pebbles lie there too.
     """
     terrain_rng, rock_rng, look_rng = rng.spawn(3)
     terrain = build_terrain(config.relief, config.size, config.cell, config.horizon, terrain_rng)

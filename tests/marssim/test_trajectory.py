@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -33,6 +35,17 @@ def drive(scene: Scene, seed: int, step: float = 0.4, count: int = COUNT) -> np.
     return draw_trajectory(scene, VIEW, TrajectoryConfig(step=step), count, np.random.default_rng(seed))
 
 
+def room(scene: Scene, poses: np.ndarray) -> float:
+    """From the rover's middle, below the camera, to the nearest corner above ground of a rock that is an obstacle."""
+    up = -poses[:, :3, 1] * np.cos(np.deg2rad(20)) - poses[:, :3, 2] * np.sin(np.deg2rad(20))
+    middle = poses[:, :3, 3] - 1.2 * up
+    rocks = scene.rocks
+    tall = rocks.height[rocks.face_rock] > ZHURONG.obstacle_height
+    corners = rocks.vertices[np.unique(rocks.faces[tall])]
+    corners = corners[corners[:, 2] > scene.terrain.height_at(corners[:, 0], corners[:, 1])]
+    return float(np.hypot(*(middle[:, None, :2] - corners[:, :2]).T).min())
+
+
 @settings(max_examples=6, deadline=None)
 @given(seed=st.integers(0, 1000), step=st.sampled_from([0.15, 0.4]))
 def test_a_drive_is_smooth_and_passes_the_rocks(scene, seed, step):
@@ -45,10 +58,14 @@ def test_a_drive_is_smooth_and_passes_the_rocks(scene, seed, step):
     heading = np.unwrap(np.arctan2(poses[:, 1, 2], poses[:, 0, 2]))
     assert np.abs(np.diff(heading)).max() < 0.5 * step + 0.1  # no turn tighter than 2 m
     assert np.abs(poses[:, :2, 3]).max() < STAND * scene.half + 0.5
-    rocks = scene.rocks
-    tall = rocks.height > ZHURONG.obstacle_height
-    gap = np.linalg.norm(poses[:, None, :2, 3] - rocks.centre[tall, :2], axis=-1) - rocks.diameter[tall] / 2
-    assert gap.min() > ZHURONG.width / 2 - 0.35  # the way keeps half a rover off; the camera sways over it
+    assert room(scene, poses) >= ZHURONG.width / 2
+
+
+@pytest.mark.parametrize("seed", [2, 4])
+def test_amid_rocks_it_keeps_half_the_rover_off_their_corners(seed):
+    """Ways on which outline discs of the rocks' diameter let corners come as near as 0.66 and 0.52 m."""
+    rocky = build_scene(SceneConfig(rocks=RockConfig(k=0.2, min_diameter=0.4)), np.random.default_rng(3))
+    assert ZHURONG.width / 2 <= room(rocky, drive(rocky, seed)) < 1.0
 
 
 def test_it_follows_the_seed_and_its_beginning_does_not_depend_on_its_length(tilted):
@@ -91,10 +108,19 @@ def test_tum_format_is_read_back_by_another_hand():
         assert np.allclose(rotation, pose[:3, :3], atol=1e-7)
 
 
-def test_where_rocks_leave_no_way_it_is_told(scene):
-    with pytest.raises(ValueError, match=r"no way of .* --drive.step"):
-        crowded = build_scene(SceneConfig(size=8.0, horizon=12.0, rocks=RockConfig(k=0.0)), np.random.default_rng(0))
-        draw_trajectory(crowded, VIEW, TrajectoryConfig(step=5.0), 40, np.random.default_rng(0))
+def test_where_rocks_leave_no_way_it_is_told():
+    config = SceneConfig(size=16.0, horizon=20.0, rocks=RockConfig(k=0.2, min_diameter=0.1))
+    rocky = build_scene(config, np.random.default_rng(0))
+    low, tall = (replace(rocky, rocks=replace(rocky.rocks, height=np.full(len(rocky.rocks), h))) for h in (0.1, 1.0))
+    assert len(drive(low, 0, count=9)) == 9
+    with pytest.raises(ValueError, match=r"no way of 3\.2 m past the rocks .* --rocks\.k"):
+        drive(tall, 0, count=9)
+
+
+def test_where_the_scene_is_too_small_for_the_way_it_is_told():
+    small = build_scene(SceneConfig(size=8.0, horizon=12.0, rocks=RockConfig(k=0.0)), np.random.default_rng(0))
+    with pytest.raises(ValueError, match=r"no way of 195 m .* --drive.step"):
+        draw_trajectory(small, VIEW, TrajectoryConfig(step=5.0), 40, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("change", [{"step": 0.0}, {"step": float("nan")}, {"speed": 0.0}, {"speed": float("inf")}])

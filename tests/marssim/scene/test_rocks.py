@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from marssim.scene.rocks import MOST, RockConfig, build_rocks
+from marssim.scene.rocks import MOST, RockConfig, build_rocks, reach_above_ground
 
 
 def level_ground(x, y):
@@ -19,6 +19,21 @@ def test_rocks_stand_out_of_the_ground_by_their_height_and_reach_below_it():
         own = rocks.vertices[np.unique(rocks.faces[rocks.face_rock == rock])]
         assert own[:, 2].max() == pytest.approx(rocks.height[rock], abs=1e-6)
         assert own[:, 2].min() < 0
+
+
+def test_a_rock_reaches_as_far_as_its_part_above_ground_and_beyond_its_disc():
+    """Against the outline on the ground that trimesh finds, and the corners above it."""
+    rocks = build(k=0.1)
+    which = np.arange(0, len(rocks), 300)
+    reach = reach_above_ground(rocks, which, level_ground)
+    for rock, found in zip(which, reach):
+        mesh = trimesh.Trimesh(rocks.vertices, rocks.faces[rocks.face_rock == rock], process=False)
+        outline = trimesh.intersections.mesh_plane(mesh, [0, 0, 1], [0, 0, 0]).reshape(-1, 3)
+        corners = rocks.vertices[np.unique(mesh.faces)]
+        part = np.concatenate([outline, corners[corners[:, 2] > 0]])
+        assert found == pytest.approx(np.hypot(*(part[:, :2] - rocks.centre[rock, :2]).T).max(), abs=1e-6)
+    assert 1.2 < np.median(reach / rocks.diameter[which] * 2) < 1.5
+    assert not reach_above_ground(rocks, which, lambda x, y: np.full_like(x, 9.0)).any()
 
 
 def test_heights_are_about_half_the_diameter():
@@ -50,11 +65,11 @@ def test_more_rocks_than_a_dataset_can_tell_apart_are_refused():
             build(seed, k=0.117, half=48.0, horizon=96.0)  # 3 standard deviations below the limit
 
 
-def test_clear_discs_are_free_of_rocks():
+def test_clear_discs_are_free_of_the_discs_of_rocks():
     rocks = build(k=0.2, clear=((2.0, -3.0, 2.5),))
     large = rocks.diameter >= 0.1
-    gap = np.hypot(rocks.centre[large, 0] - 2, rocks.centre[large, 1] + 3) - rocks.diameter[large] / 2
-    assert gap.min() >= 2.5
+    to_disc = np.hypot(rocks.centre[large, 0] - 2, rocks.centre[large, 1] + 3) - rocks.diameter[large] / 2
+    assert to_disc.min() >= 2.5
 
 
 def test_heights_do_not_depend_on_the_mix_of_families():
