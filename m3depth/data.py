@@ -1,4 +1,4 @@
-"""Stereo samples to training batches: joined, cached, cropped, augmented, made ahead.
+"""The samples of a training run: joined, cached, in their order, and as batches made ahead.
 
 Every batch is a function of (seed, step, rank) alone, so that a run that was stopped goes on with the same batches.
 """
@@ -12,34 +12,14 @@ from collections import deque
 from collections.abc import Generator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import accumulate
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from m3depth.augmentation import AugmentConfig, augment, random_crop
-from m3depth.losses import Target
-from m3depth.packing import DISPARITY_UNIT, ROCK, SCORED, SKY, TRAINED, PackedSample, pack
+from m3depth.batch import Batch, to_batch
+from m3depth.packing import PackedSample, pack
 from m3depth.pairs import StereoPairs
-
-
-class Batch(NamedTuple):
-    """left, right: (B, 3, H, W) float32 in [0, 1]; what they show: target."""
-
-    left: Tensor
-    right: Tensor
-    target: Target
-
-    def to(self, device: torch.device) -> Batch:
-        """The batch on another device."""
-        move = [x.to(device, non_blocking=True) for x in self.target]
-        return Batch(self.left.to(device, non_blocking=True), self.right.to(device, non_blocking=True), Target(*move))
-
-    def split(self, parts: int) -> list[Batch]:
-        """The batch in so many equal parts."""
-        pieces = [x.chunk(parts) for x in (self.left, self.right, *self.target)]
-        return [Batch(left, right, Target(*rest)) for left, right, *rest in zip(*pieces)]
 
 
 class Joined:
@@ -99,27 +79,6 @@ def sample_index(count: int, position: int, seed: int) -> int:
     return int(np.random.default_rng((seed, 1, epoch)).permutation(count)[place])
 
 
-def to_batch(items: Sequence[tuple[np.ndarray, np.ndarray, PackedSample]]) -> Batch:
-    """Stack (left, right, packed ground truth) triples of one size."""
-
-    def stack(arrays: list[np.ndarray]) -> Tensor:
-        stacked = torch.from_numpy(np.stack(arrays))
-        return stacked.permute(0, 3, 1, 2) if stacked.ndim == 4 else stacked[:, None]
-
-    truths = [truth for _, _, truth in items]
-    flags = stack([t.flags for t in truths])
-    normal = stack([t.normal for t in truths]).float()
-    target = Target(
-        stack([t.disparity.astype(np.float32) for t in truths]) * DISPARITY_UNIT,
-        normal * normal.square().sum(1, keepdim=True).clamp(min=1).rsqrt(),
-        (flags & TRAINED) > 0,
-        (flags & SKY) > 0,
-        (flags & ROCK) > 0,
-        torch.tensor([t.camera for t in truths], dtype=torch.float32),
-    )
-    return Batch(stack([left for left, _, _ in items]), stack([right for _, right, _ in items]), target)
-
-
 def make_batch(
     cache: PackedCache, step: int, size: int, crop_size: tuple[int, int], config: AugmentConfig, seed: int,
     rank: int = 0, world: int = 1,
@@ -132,14 +91,6 @@ def make_batch(
         part = random_crop(cache[sample_index(len(cache), position, seed)], crop_size, config, rng)
         items.append((*augment(part.left, part.right, config, rng), part))
     return to_batch(items)
-
-
-def whole_batch(sample: PackedSample) -> Batch:
-    """One sample at full size, not augmented, for validation; labelled are the scored pixels alone."""
-    scale = np.float32(1 / 255)
-    batch = to_batch([(sample.left * scale, sample.right * scale, sample)])
-    scored = torch.from_numpy((sample.flags & SCORED) > 0)[None, None]
-    return batch._replace(target=batch.target._replace(label=scored))
 
 
 def batches(

@@ -1,21 +1,14 @@
-"""What a training run is made of: its state and checkpoint, its log, and the signals that end it."""
+"""The state of a training run, and its checkpoint."""
 
 from __future__ import annotations
 
 import copy
 import io
 import json
-import math
-import signal
-import sys
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 
 from m3depth.network.config import M3DepthConfig, read_config
@@ -25,7 +18,6 @@ from marssim.atomic import write_atomically
 
 CHECKPOINT = "checkpoint.pt"
 WORLD = "number of processes"  # part of a run's identity
-PROGRESS_SECONDS = 20.0  # between progress lines where the output is no terminal
 
 
 def new_network(config: TrainConfig) -> M3Depth:
@@ -126,78 +118,3 @@ class Run:
         self.step, self.seconds = state["step"], state["seconds"]
         torch.set_rng_state(state["rng"].cpu())
         return True
-
-
-class Log:
-    """RUN/log.jsonl, TensorBoard where it is installed, and the progress line."""
-
-    def __init__(self, out: Path, start: int) -> None:
-        out.mkdir(parents=True, exist_ok=True)
-        self.path = out / "log.jsonl"
-        if self.path.exists():  # what was logged after the checkpoint will be logged again
-            lines = self.path.read_text().splitlines(keepends=True)
-            kept = [line for line in lines if line.endswith("}\n") and json.loads(line)["step"] <= start]
-            write_atomically(self.path, "".join(kept).encode())
-        try:
-            from torch.utils.tensorboard import SummaryWriter
-
-            self.board: Any = SummaryWriter(str(out / "tensorboard"), purge_step=start + 1)
-        except ImportError:
-            self.board = None
-        self.last_line = 0.0
-
-    def write(self, kind: str, step: int, values: dict[str, float]) -> None:
-        """Add a record. kind: "train", "val" (averaged weights) or "val_raw" (the others)."""
-        # JSON knows no NaN, which stands for "no such pixels".
-        plain = {k: round(v, 6) if math.isfinite(v) else None for k, v in values.items()}
-        record = {"kind": kind, "step": step, **plain}
-        with self.path.open("a") as file:
-            file.write(json.dumps(record) + "\n")
-        if self.board is not None:
-            for name, value in values.items():
-                self.board.add_scalar(f"{kind}/{name}", value, step)
-
-    def image(self, name: str, step: int, pixels: np.ndarray) -> None:
-        """Show an image, (H, W, 3) uint8 RGB, in TensorBoard."""
-        if self.board is not None:
-            self.board.add_image(name, pixels, step, dataformats="HWC")
-
-    def records(self, kind: str) -> list[dict[str, Any]]:
-        """What was written under a kind so far, earlier parts of a resumed run included."""
-        lines = self.path.read_text().splitlines() if self.path.exists() else []
-        return [record for record in map(json.loads, lines) if record["kind"] == kind]
-
-    def close(self) -> None:
-        """Finish the TensorBoard files."""
-        if self.board is not None:
-            self.board.close()
-
-    def progress(self, text: str) -> None:
-        """One line, rewritten on a terminal, printed now and then elsewhere."""
-        if sys.stderr.isatty():
-            print(f"\r{text}\x1b[K", end="", file=sys.stderr, flush=True)
-        elif time.monotonic() - self.last_line > PROGRESS_SECONDS:
-            self.last_line = time.monotonic()
-            print(text, file=sys.stderr, flush=True)
-
-    def say(self, text: str) -> None:
-        """A line that stays, below the progress line."""
-        end = "\n" if sys.stderr.isatty() else ""
-        print(f"{end}{text}", file=sys.stderr, flush=True)
-
-
-@contextmanager
-def stop_on_signal() -> Iterator[list[int]]:
-    """The list that is handed out holds the signal's number once SIGTERM or SIGINT has come; a second one ends."""
-    received: list[int] = []
-
-    def remember(number: int, frame: Any) -> None:
-        received.append(number)
-        signal.signal(number, before[number])
-
-    before: dict[int, Any] = {n: signal.signal(n, remember) for n in (signal.SIGTERM, signal.SIGINT)}
-    try:
-        yield received
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

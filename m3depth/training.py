@@ -15,12 +15,15 @@ import torch
 import torch.distributed as dist
 from torch import Tensor, nn
 
-from m3depth.data import Batch, PackedCache, batches, free_memory
+from m3depth.batch import Batch
+from m3depth.data import PackedCache, batches, free_memory
 from m3depth.losses import total_loss
 from m3depth.network.device import autocast, chosen_device, fast_dtype
 from m3depth.pairs import StereoPairs, spread
-from m3depth.run import Log, Run, stop_on_signal
+from m3depth.run import Run
+from m3depth.stopping import stop_on_signal
 from m3depth.train_config import TrainConfig, check_config
+from m3depth.training_log import Log
 from m3depth.validation import save_panel, validate
 
 WARM_UP = 0.04  # share of the run in which the learning rate rises
@@ -78,6 +81,7 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
         raise ValueError(f"{named(config)}: split train holds no pairs")
     run = Run(config, device, world)
     resumed = run.resume()
+    check_common_step(run)
     if budget := spent_budget(config, run.step, run.seconds):
         if rank == 0:
             print(f"{config.out}: already at {budget} (step {run.step}, {run.seconds / 60:.1f} min); raise it to go on")
@@ -226,6 +230,16 @@ def closing(run: Run, validations: list[dict[str, Any]]) -> str:
         out = run.config.out / ("score" if number == 1 else f"score-{number}")
         lines.append(f"score them: python -m m3depth.evaluate {shlex.join(map(str, [*words, '--out', out]))}")
     return "\n".join(lines)
+
+
+def check_common_step(run: Run) -> None:
+    """Raise ValueError, in every process, if they have not all resumed from one checkpoint."""
+    last, behind = map(int, agree([run.step, -run.step], run.device, run.world))
+    if last != -behind:
+        raise ValueError(
+            f"--out {run.config.out}: the processes stand at steps {-behind} to {last}; it must be a folder that all "
+            "machines share"
+        )
 
 
 def leave_group(world: int) -> None:

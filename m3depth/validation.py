@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from m3depth.data import Batch, whole_batch
+from m3depth.batch import Batch, whole_batch
 from m3depth.losses import Target, disparity_edges
 from m3depth.network.device import autocast, fast_dtype
 from m3depth.network.model import M3Depth, StereoOutput

@@ -5,7 +5,8 @@ import pytest
 import torch
 
 from m3depth.augmentation import AugmentConfig, augment, crop, random_crop, resized
-from m3depth.data import Joined, PackedCache, batches, make_batch, sample_index, whole_batch
+from m3depth.batch import whole_batch
+from m3depth.data import Joined, PackedCache, batches, make_batch, sample_index
 from m3depth.losses import consistency_residual
 from m3depth.packing import TRAINED, pack
 
