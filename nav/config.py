@@ -44,3 +44,10 @@ class NavigatorConfig:
     bold: tuple[Boldness, ...] = (Boldness(0.23, 26.0, 0.5), Boldness(0.25, 27.0, 0.4), Boldness(0.275, 28.0, 0.3))
     bold_steps: int = 25  # ... for so many steps
     slip_steps: int = 2  # drive steps without motion that mean an unseen obstacle
+
+    def __post_init__(self) -> None:
+        if self.bold and self.bold_steps <= self.closed_steps:  # daring would lapse and begin anew, again and again
+            raise ValueError(
+                f"bold_steps must be more than closed_steps, got {self.bold_steps} and {self.closed_steps}: "
+                "the navigator would never give up"
+            )

@@ -1,0 +1,62 @@
+import numpy as np
+import pytest
+from flat_map import scene
+from hypothesis import given
+from hypothesis import strategies as st
+
+from marssim.rover_spec import ZHURONG
+from nav.command import Command
+from nav.config import NavigatorConfig
+from nav.mast import Mast
+
+CONFIG = NavigatorConfig()
+REACH = np.deg2rad(CONFIG.pan_reach_deg)
+DRIVE, HERE = Command(0.2, 0.0, None, "drive"), np.zeros(3)
+
+
+def mast():
+    return Mast(ZHURONG, CONFIG)
+
+
+@given(st.floats(-np.pi, np.pi))
+def test_it_looks_along_a_bearing_as_far_as_it_can(bearing):
+    pan = mast().towards(bearing)
+    if abs(bearing) < np.deg2rad(14):
+        assert pan is None
+    elif abs(bearing) > np.deg2rad(16):
+        assert pan == pytest.approx(np.clip(bearing, -REACH, REACH))
+
+
+def test_a_mast_that_does_not_move_is_noticed_and_a_slow_one_is_not():
+    slow, pan = mast(), 0.0
+    for _ in range(6):
+        pan = min(pan + 0.3, 1.2)
+        slow.follow(pan, 1.2)
+        assert slow.works
+    stuck = mast()
+    stuck.follow(0.0, None)
+    stuck.follow(0.0, 1.2)
+    assert not stuck.works and stuck.towards(1.2) is None
+    assert not stuck.must_look(1.2, HERE, 0.0, DRIVE, scene(seen=lambda x, y: x > 50)[0])
+
+
+def test_it_looks_once_before_a_turn_into_the_unseen():
+    elevation, _ = scene(seen=lambda x, y: (np.abs(y) < 0.8) & (x > 0))
+    own = mast()
+    assert own.must_look(1.2, HERE, 0.0, DRIVE, elevation)
+    there = Command(0.0, 0.0, 1.2, "look")
+    assert own.must_look(1.2, HERE, 0.6, there, elevation)  # on its way
+    assert not own.must_look(1.2, HERE, 1.2, there, elevation)  # it was there: it need not have seen everything
+    own.turn_is_over()
+    assert own.must_look(1.2, HERE, 0.0, DRIVE, elevation)
+
+
+def test_what_was_seen_and_small_turns_need_no_look():
+    everything, _ = scene()
+    assert not mast().must_look(1.2, HERE, 0.0, DRIVE, everything)
+    nothing, _ = scene(seen=lambda x, y: x > 50)
+    assert not mast().must_look(0.9 * np.deg2rad(CONFIG.look_before_turn_deg), HERE, 0.0, DRIVE, nothing)
+    assert mast().must_look(1.1 * np.deg2rad(CONFIG.look_before_turn_deg), HERE, 0.0, DRIVE, nothing)
+    # to the left everything was seen, to the right nothing
+    left, _ = scene(seen=lambda x, y: y > -0.7)
+    assert not mast().must_look(1.5, HERE, 0.0, DRIVE, left) and mast().must_look(-1.5, HERE, 0.0, DRIVE, left)
