@@ -1,4 +1,4 @@
-"""What a pixel sees: the contract between the two renderers and everything after them."""
+"""What a pixel sees: the contract between the renderers and everything after them."""
 
 from __future__ import annotations
 

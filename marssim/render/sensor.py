@@ -19,7 +19,8 @@ class SensorConfig:
     """Optics and detector. Each pair draws from these ranges, LOW HIGH; give a value twice to fix it."""
 
     exposure: Range = (0.40, 0.60)
-    """8-bit code that the ground's median brightness is brought to, as a share of 255"""
+    """8-bit code that the ground's median brightness is brought to, as a share of 255; a lower one where the ground's
+    brightest fiftieth would else be over nine tenths of full scale"""
     psf: Range = (0.35, 0.6)
     """standard deviation of the point spread [px]; 0 is perfectly sharp, above 1 the tails are cut"""
     full_well: Range = (4000.0, 16000.0)

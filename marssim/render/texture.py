@@ -76,7 +76,10 @@ def octave_weight(wavelength, footprint):
 @inlined
 def _texel(places, octave, u, v):
     """Where a surface point lies in the tile: index of the texel before it, and the rest, along x and y."""
-    # single precision, as the tile: at 100 m and the finest octave it is off by a hundredth of a texel
+    # single precision, as the tile. On ground, at 100 m and the finest octave, it is off by 0.004 texels at most. On
+    # rock n the caller moves u and v by 0.37 n, so that the finest octave is off by 0.01 texels at the median of rock
+    # 1,000 and by 0.14, up to a whole one, on rock 12,000: a sixtieth to an eighth of its wavelength. High numbers are
+    # rocks of few pixels
     x = places[octave, 5] * u - places[octave, 6] * v + places[octave, 3]
     y = places[octave, 6] * u + places[octave, 5] * v + places[octave, 4]
     left, top = np.floor(x), np.floor(y)

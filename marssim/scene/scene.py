@@ -66,11 +66,12 @@ class SceneConfig:
     rocks: RockConfig = field(default_factory=RockConfig)
     look: LookConfig = field(default_factory=LookConfig)
     size: float = 32.0
-    """side of the finely gridded square around the middle, where cameras stand [m]"""
+    """side of the finely gridded square around the middle, where cameras stand [m]; made an even number of metres, the
+    next one up, so that it ends on lines of the coarse grid: 7 makes 8"""
     cell: float = 0.08
-    """grid of that square [m]"""
+    """grid of that square [m]; fitted so that whole cells fill it: 0.3 in 8 m makes 0.296"""
     horizon: float = 96.0
-    """half the side of all that is there [m]"""
+    """half the side of all that is there [m]; made whole metres, the next one up"""
 
     def __post_init__(self) -> None:
         for name, (least, most) in SCENE_LIMITS.items():

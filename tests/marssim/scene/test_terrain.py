@@ -161,3 +161,10 @@ def test_points_outside_the_grid_take_the_edge():
 def test_impossible_relief_is_refused(bad):
     with pytest.raises(ValueError, match=next(iter(bad))):
         ReliefConfig(**bad)
+
+
+def test_sides_become_even_metres_and_the_cell_a_whole_part_of_them():
+    """As the knobs say: 7 m makes 8, of which 0.3 m is no whole part; 15.2 m makes 16."""
+    terrain = build_terrain(ReliefConfig(), size=7.0, cell=0.3, horizon=15.2, rng=np.random.default_rng(0))
+    assert terrain.fine.bounds == pytest.approx((-4, -4, 4, 4)) and terrain.fine.cell == pytest.approx(8 / 27)
+    assert terrain.coarse.bounds == (-16, -16, 16, 16)
