@@ -40,10 +40,11 @@ from m3depth.pair_checks import check_pair
 from m3depth.prediction import Prediction
 from m3depth.prediction_files import without_sky_normals, write_prediction
 from m3depth.second_look import closer_look
+from marssim.camera import WIDEST
 from marssim.command import counted, run_command
 
 MIN_ANGLE, MAX_ANGLE = 1.0, 150.0  # [deg] horizontal field of view of rectified images
-MIN_BASELINE, MAX_BASELINE = 0.001, 50.0  # [m]
+MIN_BASELINE = 0.001  # [m]
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,9 @@ def make_calibration(options: PredictOptions, height: int, width: int) -> Calibr
         middle = ((width - 1) / 2, (height - 1) / 2)
         found = Calibration(options.focal, options.focal, *middle, options.baseline)
     else:
-        found = read_calibration(*options.calib[:2], image=options.left, baseline=options.baseline)
+        if len(options.calib) > 2:
+            raise ValueError(f"--calib {options.calib[2]}: a pair has two calibration files at most, got a third")
+        found = read_calibration(*options.calib, image=options.left, baseline=options.baseline)
     calibration = replace(
         found,
         fx=found.fx if options.focal is None else options.focal,
@@ -127,9 +130,9 @@ def _check_sense(calibration: Calibration, width: int, options: PredictOptions) 
             f"{focal_from} {calibration.fx:g} px makes images of {width} px {angle:.3g} deg wide; "
             "it is counted in pixels of these images"
         )
-    if not MIN_BASELINE <= calibration.baseline <= MAX_BASELINE:
+    if not MIN_BASELINE <= calibration.baseline <= WIDEST:
         raise ValueError(
-            f"{baseline_from} {calibration.baseline:g} m is out of [{MIN_BASELINE:g}, {MAX_BASELINE:g}] m; "
+            f"{baseline_from} {calibration.baseline:g} m is out of [{MIN_BASELINE:g}, {WIDEST:g}] m; "
             "give --baseline in metres"
         )
 
@@ -150,6 +153,10 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
         raise ValueError(f"{flag} belongs to m3depth, not to --method {options.method}")
     if options.nearest is not None and not (np.isfinite(options.nearest) and options.nearest > 0):
         raise ValueError(f"--nearest must be positive, got {options.nearest}")
+    if not 0 <= options.min_confidence <= 1:
+        raise ValueError(f"--min-confidence must be 0 to 1, got {options.min_confidence:g}")
+    if not options.max_range > 0:
+        raise ValueError(f"--max-range must be positive, got {options.max_range:g}")
     if estimator is None:
         spec = options.method if options.weights is None else f"m3depth:{options.weights}"
         estimator = load_estimator(spec, "--method")

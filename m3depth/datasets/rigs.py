@@ -10,7 +10,7 @@ from m3depth.calibration import Calibration, read_calibration
 from m3depth.datasets.config import DataConfig
 from m3depth.datasets.oaisys import oaisys_rig
 from m3depth.datasets.pair_files import Rig, Rigs
-from marssim.camera import NATECAM
+from marssim.camera import NATECAM, WIDEST
 from marssim.dataset import DatasetError
 
 NATECAM_NAME = Path("natecam")
@@ -28,6 +28,8 @@ def file_rig(calib: Path, left: Path) -> Rig:
             raise DatasetError(f"{calib}: is for {found.size[0]} x {found.size[1]} px, {left} is {width} x {height}")
         if not np.isfinite(found.baseline) or found.baseline <= 0:
             raise DatasetError(f"{calib}: the baseline is {found.baseline:g} m; are the eyes exchanged?")
+        if found.baseline > WIDEST:
+            raise DatasetError(f"{calib}: the baseline is {found.baseline:g} m, over {WIDEST:g}; is it in millimetres?")
         return found
 
     return rig

@@ -182,7 +182,12 @@ def test_two_images_of_different_things_are_doubted(tmp_path, capsys):
         ("missing", "missing.png: no such file"),
         ("focal", "--focal must be positive"),
         ("millimetres", "--focal 4.6 px makes images of 61 px 163 deg wide; it is counted in pixels"),
-        ("baseline", "--baseline 200 m is out of [0.001, 50] m; give --baseline in metres"),
+        ("wide", "--baseline 12 m is out of [0.001, 10] m"),
+        ("third", "third.txt: a pair has two calibration files at most"),
+        ("confidence", "--min-confidence must be 0 to 1, got 7"),
+        ("confidence nan", "--min-confidence must be 0 to 1, got nan"),
+        ("range", "--max-range must be positive, got -1"),
+        ("baseline", "--baseline 200 m is out of [0.001, 10] m; give --baseline in metres"),
         ("centre", "--cx must be finite"),
         ("no focal", "--focal is missing; or give a calibration file with --calib"),
         ("calib", "calib.txt: is for images of 90 x 60 px"),
@@ -211,6 +216,14 @@ def test_mistakes_are_one_line(pair, tmp_path, capsys, case, message):
         focal = ["--focal", "4.6"]
     elif case == "baseline":
         baseline = ["--baseline", "200"]
+    elif case == "wide":
+        baseline = ["--baseline", "12"]
+    elif case == "third":
+        extra = ["--calib", *(str(tmp_path / f"{name}.txt") for name in ("first", "second", "third"))]
+    elif case.startswith("confidence"):
+        extra = ["--min-confidence", "nan" if "nan" in case else "7"]
+    elif case == "range":
+        extra = ["--max-range", "-1"]
     elif case == "centre":
         extra = ["--cx", "nan"]
     elif case == "no focal":
