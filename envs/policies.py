@@ -84,7 +84,8 @@ def _read(path: Path) -> tuple[dict[str, Any], bool]:
         with zipfile.ZipFile(path) as archive:
             weights = torch.load(io.BytesIO(archive.read("policy.pth")), map_location="cpu", weights_only=True)
             residual = RESIDUAL in archive.namelist()
-        assert "log_std" in weights
+        if "log_std" not in weights:
+            raise ValueError("policy.pth has no log_std")
     except Exception as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise ValueError(f"{path}: holds no policy of stable-baselines3's PPO ({reason})") from None

@@ -4,6 +4,7 @@ import zipfile
 
 import numpy as np
 import pytest
+import torch
 
 from envs.drivers import StraightDriver, make_driver
 from envs.policies import mark_residual
@@ -69,5 +70,9 @@ def test_files_that_are_no_policies_are_named(tmp_path):
     (tmp_path / "text.zip").write_text("no archive")
     with pytest.raises(ValueError, match=r"text\.zip"):
         make_driver(str(tmp_path / "text.zip"))
+    with zipfile.ZipFile(tmp_path / "other.zip", "w") as archive, archive.open("policy.pth", "w") as file:
+        torch.save({"weight": torch.zeros(3)}, file)
+    with pytest.raises(ValueError, match=r"other\.zip: holds no policy .* \(policy\.pth has no log_std\)"):
+        make_driver(str(tmp_path / "other.zip"))
     with pytest.raises(FileNotFoundError, match=r"none\.zip"):
         make_driver(str(tmp_path / "none.zip"))

@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
+import pytest
 
 from envs.episodes import EpisodeRecord
 from envs.maps import OUTCOME_COLOURS, plot_maps
@@ -60,6 +61,20 @@ def test_every_drive_is_drawn_in_the_colour_of_its_end(tmp_path):
     assert sorted(file.name for file in tmp_path.iterdir()) == ["k0.1-slope5-0.png", "k0.2-slope0-0.png"]
     both, one = tmp_path / "k0.1-slope5-0.png", tmp_path / "k0.2-slope0-0.png"
     assert coloured(both) > 5 < coloured(both, "tilt") and coloured(one) > 5 and coloured(one, "tilt") == 0
+
+
+def test_rocks_that_block_are_discs_where_they_lie(tmp_path):
+    """The goal lies north of the start, so that a rock 3 m west of the way is drawn 6 m above one 3 m east of it."""
+    middles = []
+    for east in (3.0, -3.0):
+        plot_maps(tmp_path, [replace(DRIVE, obstacles=[[east, 1.5, 3.0]], track=[[0.0, 0.0], [0.0, 0.1]])])
+        picture = cv2.imread(str(tmp_path / "k0.1-slope5-0.png")).astype(int)
+        row, column = np.nonzero(np.abs(picture - (0x8C, 0x93, 0x9A)).max(axis=2) < 5)
+        width, height = np.ptp(column) + 1, np.ptp(row) + 1
+        assert width > 20 and abs(width - height) <= 1 and len(row) == pytest.approx(np.pi / 4 * width**2, rel=0.2)
+        middles.append((np.mean(column), np.mean(row)))
+    (x0, y0), (x1, y1) = middles
+    assert x0 == pytest.approx(x1, abs=1) and y0 - y1 == pytest.approx(2 * width, rel=0.1)
 
 
 def test_more_courses_than_a_page_holds_take_another(tmp_path):
