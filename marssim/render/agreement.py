@@ -175,10 +175,3 @@ def agreements(
         )
         for name, tally in tallies.items()
     }  # fmt: skip
-
-
-def agreement(
-    maker: GBufferMaker, tracer: GBufferMaker, camera: PinholeCamera, poses: Iterable[np.ndarray]
-) -> Agreement:
-    """As agreements, of one maker."""
-    return agreements({"it": maker}, tracer, camera, poses)["it"]

@@ -115,19 +115,11 @@ def octave_slopes(tile, places, octave, u, v):
 
 
 @inlined
-def fractal_value(tile, places, amplitude, u, v, footprint):
-    """Sum of octaves at a point. places: (M, 7) of placing; amplitude: (M,); footprint [m]."""
-    total = np.float32(0)
-    for octave in range(len(places)):
-        weight = octave_weight(places[octave, 0], footprint)
-        if weight > 0:
-            total += weight * amplitude[octave] * octave_value(tile, places, octave, u, v)
-    return total
-
-
-@inlined
 def fractal_slopes(tile, places, amplitude, slope, u, v, footprint):
-    """Sum of octaves at a point and its slopes along u and v; amplitude, slope: (M,) of each octave."""
+    """Sum of octaves at a point and its slopes along u and v.
+
+    places: (M, 7) of placing; amplitude, slope: (M,) of each octave; footprint [m].
+    """
     total, du, dv = np.float32(0), np.float32(0), np.float32(0)
     for octave in range(len(places)):
         weight = octave_weight(places[octave, 0], footprint)

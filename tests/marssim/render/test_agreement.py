@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from marssim.camera import PinholeCamera, look_pose
-from marssim.render.agreement import Agreement, ShiftFit, agreement
+from marssim.render.agreement import Agreement, ShiftFit, agreements
 from marssim.render.gbuffer import GBuffer
 from marssim.render.raycast import Raycaster
 from marssim.render.tilted_planes import plane, plane_shift
@@ -35,6 +35,10 @@ def poses(scene) -> list[np.ndarray]:
     return [
         look_pose(np.array([x, y, z]), yaw, np.deg2rad(pitch), 0.1) for (x, y, yaw, pitch), z in zip(places, heights)
     ]
+
+
+def agreement(maker, tracer, camera, poses) -> Agreement:
+    return agreements({"it": maker}, tracer, camera, poses)["it"]
 
 
 class OffCentre:

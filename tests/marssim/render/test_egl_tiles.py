@@ -10,7 +10,7 @@ pytest.importorskip("pybullet")
 
 from marssim.camera import PinholeCamera, look_pose
 from marssim.render import egl_tiles
-from marssim.render.agreement import agreement
+from marssim.render.agreement import agreements
 from marssim.render.egl import Egl, probe
 from marssim.render.makers import make_renderer
 from marssim.render.rasterize import Rasterizer
@@ -46,7 +46,7 @@ def rasterizer(scene):
 
 
 def test_it_sees_what_scanning_sees(scene, poses, rasterizer):
-    found = agreement(rasterizer, Scanner(scene), CAMERA, poses)
+    found = agreements({"egl": rasterizer}, Scanner(scene), CAMERA, poses)["egl"]
     assert found.surface > 0.998 and found.depth > 0.999, str(found)
     assert found.good, str(found)  # also of its depth as it was drawn
     assert (rasterizer.render(CAMERA, poses[0]).surface > 0).mean() > 0.02, (

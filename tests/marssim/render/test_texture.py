@@ -8,7 +8,6 @@ from marssim.render.texture import (
     TILE,
     coded_tile,
     fractal_slopes,
-    fractal_value,
     noise_tile,
     octave_slopes,
     octave_value,
@@ -53,9 +52,6 @@ def test_a_sum_is_that_of_its_octaves():
 def test_without_slopes_the_value_is_the_same():
     uv = places(300)
     assert np.allclose(values(uv, WAVELENGTHS, 1, 2), noise(uv, WAVELENGTHS, 1, 2)[:, 0], atol=1e-5)
-    tile, place = coded_tile(1, False), placing(tuple(WAVELENGTHS), 1)
-    bare = [fractal_value(tile, place, ONES, u, v, 0.01) for u, v in uv.astype(float)]
-    assert np.allclose(bare, sums(uv, np.full(300, 0.01), 1)[:, 0], atol=1e-5)
 
 
 def test_interpolation_is_bilinear():
