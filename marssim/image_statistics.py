@@ -130,6 +130,8 @@ def edge_widths(luminance: np.ndarray, most: int = 400) -> np.ndarray:
     row, column = np.nonzero(peak)
     order = np.argsort(-steep[row, column], kind="stable")[:most]
     row, column = row[order], column[order]
+    if len(row) == 0:  # an image too small to follow an edge in
+        return np.zeros(0)
     way = np.stack([across[row, column], down[row, column]], axis=1) / np.maximum(steep[row, column], 1e-9)[:, None]
     step = np.arange(-REACH, REACH + 0.01, 0.25, dtype=np.float32)
     u, v = column[:, None] + way[:, :1] * step, row[:, None] + way[:, 1:] * step

@@ -12,12 +12,13 @@ gradient        mean length of the grey image's Sobel gradient (scaled to grey l
 LBP entropy     Shannon entropy [bits] of uniform, rotation-invariant local binary patterns of 8 points on a circle of
                 1 px (10 classes, so at most 3.32; Ojala et al. 2002) where it is not sky; mean over the samples.
 ground          of windows of the left image that show ground alone, up to NEAR_GROUND: contrast by octave of wavelength
-                and slope of the spectrum; see marssim/image_statistics.py. Samples without such windows do not count.
+                and slope of the spectrum, its direction (of all octaves but the longest), peakedness and shade; see
+                marssim/image_statistics.py. Mean over the samples; those without such windows do not count.
+edge width      median over the strongest clean edges of a left image; see there. Samples without edges do not count.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
@@ -27,7 +28,7 @@ import numpy as np
 
 from marssim.camera import MAX_DEPTH, MIN_DEPTH
 from marssim.dataset import StereoSample
-from marssim.image_statistics import BAND_EDGES, GroundLook, ground_look, linear
+from marssim.image_statistics import BAND_EDGES, GroundLook, edge_widths, ground_look, linear
 from marssim.local_texture import gradient, lbp_entropy
 from marssim.seen_rocks import RockCover
 
@@ -54,6 +55,7 @@ class Tally:
     gradients: list[float] = field(default_factory=list)
     lbp: list[float] = field(default_factory=list)
     ground: list[GroundLook] = field(default_factory=list)
+    edge_width: list[float] = field(default_factory=list)
     sun_elevation_deg: list[float] = field(default_factory=list)
     asked_k: list[float] = field(default_factory=list)
     presets: dict[str, int] = field(default_factory=dict)
@@ -89,8 +91,11 @@ class Tally:
             grey = cv2.cvtColor(sample.left, cv2.COLOR_RGB2GRAY)
             self.gradients.append(float(gradient(grey)[~sky].mean()))
             self.lbp.append(lbp_entropy(grey, ~sky))
+            luminance = linear(grey)
             with suppress(ValueError):  # no window of ground alone
-                self.ground.append(ground_look(linear(grey), (sample.rock == 0) & (sample.depth <= NEAR_GROUND)))
+                self.ground.append(ground_look(luminance, (sample.rock == 0) & (sample.depth <= NEAR_GROUND)))
+            if len(widths := edge_widths(luminance)):
+                self.edge_width.append(float(np.median(widths)))
         meta = sample.meta
         if "sun_elevation_deg" in meta:
             self.sun_elevation_deg.append(float(meta["sun_elevation_deg"]))
@@ -128,6 +133,7 @@ class Tally:
             },
             "gradient": _spread(self.gradients),
             "lbp_entropy_bits": _spread(self.lbp),
+            "edge_width_px": _spread(self.edge_width),
             "ground": self._ground(),
             "sun_elevation_deg": _spread(self.sun_elevation_deg),
             "asked_k": _spread(self.asked_k),
@@ -144,15 +150,10 @@ class Tally:
             "wavelength_px": [round(float(w), 1) for w in wavelength],
             "contrast": np.mean([look.contrast for look in self.ground], axis=0).tolist(),
             "slope": _spread([look.slope for look in self.ground]),
+            "direction": np.mean([look.direction[1:] for look in self.ground], axis=0).tolist(),
+            "peakedness": np.mean([look.peakedness for look in self.ground], axis=0).tolist(),
+            "shade": np.mean([look.shade for look in self.ground], axis=0).tolist(),
         }
-
-
-def tally(samples: Iterable[StereoSample]) -> Tally:
-    """Count some samples."""
-    out = Tally()
-    for sample in samples:
-        out.add(sample)
-    return out
 
 
 def _rocks(meta: dict[str, Any]) -> dict[str, Any]:
@@ -199,11 +200,10 @@ def table(tallies: dict[str, Tally], pairs: dict[str, int]) -> str:
     add(f"  {NETWORK_DISPARITY:g} px and more", lambda r: f"{r['disparity_px']['share_192_and_more']:.2%}")
     add("gradient [grey levels / px]", lambda r: _mean(r["gradient"], ".2f"))
     add("LBP entropy [bits]", lambda r: _mean(r["lbp_entropy_bits"], ".3f"))
-    add(
-        "contrast of ground, 45 to 2.8 px",
-        lambda r: " ".join(f"{c:.2f}" for c in r["ground"].get("contrast", "")) or "-",
-    )
+    add("contrast of ground, 45 to 2.8 px", lambda r: _row(r["ground"].get("contrast", []), ".2f"))
     add("slope of its spectrum", lambda r: _mean(r["ground"].get("slope", {}), ".2f"))
+    add("its peakedness at 1, 2 and 4 px", lambda r: _row(r["ground"].get("peakedness", []), ".1f"))
+    add("width of edges [px]", lambda r: _mean(r["edge_width_px"], ".2f"))
     add("sun elevation [deg]", lambda r: _range(r["sun_elevation_deg"], ".0f"))
     add("k asked for", lambda r: _range(r["asked_k"], ".3f"))
     label = max(len(row[0]) for row in rows)
@@ -221,3 +221,7 @@ def _range(values: dict[str, Any], form: str) -> str:
 
 def _mean(values: dict[str, float], form: str) -> str:
     return f"{values['mean']:{form}}" if values else "-"
+
+
+def _row(values: list[float], form: str) -> str:
+    return " ".join(f"{value:{form}}" for value in values) or "-"

@@ -97,6 +97,7 @@ def test_a_ramp_rises_over_eight_tenths_of_its_length():
     assert rise(profile[::-1], 0.25) is None  # falls
     assert rise(1 + 0.01 * profile, 0.25) is None  # hardly rises
     assert len(edge_widths(np.ones((64, 64), np.float32))) == 0
+    assert len(edge_widths(NOISE[:10, :12].astype(np.float32) ** 2 + 1)) == 0  # too small to follow one
 
 
 def test_plain_ground_has_no_contrast():

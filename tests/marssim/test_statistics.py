@@ -1,5 +1,7 @@
+from collections.abc import Iterable
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,9 +11,16 @@ from marssim.camera import NATECAM
 from marssim.dataset import StereoDataset, StereoSample
 from marssim.image_statistics import GAMMA
 from marssim.local_texture import lbp_entropy
-from marssim.statistics import DEPTH_STEP, Tally, table, tally
+from marssim.statistics import DEPTH_STEP, Tally, table
 
 SIZE = (6, 10)
+
+
+def tally(samples: Iterable[StereoSample]) -> Tally:
+    out = Tally()
+    for sample in samples:
+        out.add(sample)
+    return out
 
 
 def made(depth: np.ndarray, rock: np.ndarray | None = None, occluded: np.ndarray | None = None) -> StereoSample:
@@ -100,3 +109,24 @@ def test_contrast_of_ground_is_that_of_near_ground_without_rocks():
     assert np.sqrt((contrast**2).sum()) == pytest.approx(0.05 * np.sqrt(np.pi / 4), rel=0.15)  # within the ring of 1/2
     assert np.allclose(contrast[1:] / contrast[:-1], 2, rtol=0.35)  # white noise: twice as much in each octave
     assert abs(ground["slope"]["mean"]) < 0.3 and "contrast of ground" in table({"all": found}, {"all": 2})
+    assert len(ground["direction"]) == 4 and np.all(np.array(ground["direction"]) < 1.5)  # alike in all directions
+    assert ground["shade"][0] < ground["shade"][1] < 1 < ground["shade"][2]
+
+
+def test_single_bright_things_and_how_sharp_edges_are_show_in_the_table():
+    """Dots on plain ground are peaked, noise is not; a step blurred by 1 px rises over 2.56 px."""
+    dots = np.zeros((128, 192))
+    dots[tuple(np.random.default_rng(1).integers(8, 120, (2, 60)))] = 1
+    step = np.where(np.arange(192) < 96, 60.0, 120.0) * np.ones((128, 1))
+    grounds = {"dots": 100 + 80 * cv2.GaussianBlur(dots, (0, 0), 1), "step": cv2.GaussianBlur(step, (0, 0), 1)}
+    grounds["noise"] = 100 + 3 * np.random.default_rng(0).standard_normal(dots.shape)
+    found = {}
+    for name, grey in grounds.items():
+        image = np.repeat(np.clip(grey, 0, 255).round().astype(np.uint8)[..., None], 3, axis=2)
+        found[name] = tally([replace(made(np.full(dots.shape, 4.0, np.float32)), left=image)])
+    report = {name: of.report() for name, of in found.items()}
+    assert report["dots"]["ground"]["peakedness"][0] > 5 and abs(report["noise"]["ground"]["peakedness"][0]) < 1
+    assert report["step"]["edge_width_px"]["mean"] == pytest.approx(2.56, rel=0.15)
+    lines = table(found, dict.fromkeys(found, 1)).splitlines()
+    assert any(line.startswith("its peakedness") for line in lines)
+    assert any(line.startswith("width of edges") for line in lines)
