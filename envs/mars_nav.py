@@ -66,7 +66,8 @@ class MarsNavEnv(gymnasium.Env):
     | `map`   | (3, 64, 64) | with `map_observation=True`: see below                          | -1 to 1     |
 
     `map` shows 12.8 m around the rover, its heading up, as `nav` has fused it from all looks. Channels: height above
-    the rover's stand / 2 m; cost of driving there in [0, 1], 1 at an obstacle; 1 where it was seen, else 0.
+    the rover's stand / 2 m; cost of driving there in [0, 1], 1 at an obstacle; 1 where it was seen or taken for flat
+    (2.5 m about the start, and under the rover), else 0.
 
     `envs.wrappers.ImageObservation` turns depth and map into the uint8 images that stable-baselines3 expects. What is
     seen at full size (stereo pair, depth, confidence, pose) is `env.unwrapped.sight` (envs.sight.Sight).
@@ -98,7 +99,8 @@ class MarsNavEnv(gymnasium.Env):
 
     `perception`: "m3depth" (default), "sgbm", "ground_truth", "m3depth:WEIGHTS", "package.module:Class", or any object
     with `infer(left, right, rig)`. `dynamics`: "physics" (default) or "kinematic". `renderer`: "embree" (default),
-    "scan" or "pybullet". `scene`: a preset's name or a SceneConfig. `mast`, `map_observation`: see the spaces.
+    "scan" or "pybullet". `scene`: a preset's name or a SceneConfig, whose size and cell give way to the course's
+    (`goal_distance` + 14 m wide, 0.1 m). `mast`, `map_observation`: see the spaces.
     `disparity_noise` [px]: standard deviation of an error added to the disparity of each pixel, at 512 pixels.
     `drift`, `yaw_drift_deg`: standard deviations of the odometry's error in position [m] and heading [deg] after 1 m;
     they grow with the root of the way. `goal` and `map` are as the rover believes; reward and ends are true.

@@ -83,7 +83,7 @@ class DistanceField:
 
     def path(self, start: np.ndarray, length: float) -> np.ndarray:
         """Steepest descent from a world position, (k, 2) [m], start included; ends at the goal, at the map's edge or
-        after length [m]."""
+        after as many cells as a straight way of this length [m] has."""
         cell = np.floor((np.asarray(start, float)[:2] - self.origin) / self.cell).astype(int)
         points = [np.asarray(start, float)[:2]]
         for _ in range(int(length / self.cell)):

@@ -220,7 +220,8 @@ class Navigator:
         return out
 
     def _outside(self, area: Area) -> np.ndarray:
-        """(n, n) bool, cells that the wheels of a rover whose middle keeps inside the area never reach."""
+        """(n, n) bool, cells beyond the flank of a rover whose middle drives along the area's edge: no obstacle lies
+        there, but closing them keeps the footprint, and so the middle, in."""
         x, y = self.map.centres()
         reach = self.spec.width / 2
         out_x = (x < area[0] - reach) | (x > area[2] + reach)

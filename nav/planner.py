@@ -284,7 +284,7 @@ class Planner:
         for side in (1, -1):
             angle = side * step * np.arange(c.turns // 2 + 1)
             poses = np.stack([np.full(angle.size, pose[0]), np.full(angle.size, pose[1]), pose[2] + angle], axis=1)
-            # Half steps are covered by the margin: the corner moves 0.15 m between two headings.
+            # Between two headings a corner is within 0.14 m of one that is checked: margin and discs cover that.
             room = footprint_distance(ground.clearance, elevation, poses, self.spec)
             ok = room >= min(self.margin, max(room[0] - 0.01, min(room[0], -0.05)))
             ok[0] = True

@@ -3,7 +3,7 @@
     python tests/benchmarks/soak_envs.py --resets 1000 --steps 100000
 
 Fails on a crash, on an observation outside its space, on a reward that is not finite, and if the resident memory at the
-end is more than 10 % above that after the warm-up (a tenth of the steps).
+end is more than 10 % above that after the warm-up (a tenth of the resets).
 """
 
 import argparse
