@@ -11,9 +11,9 @@ from embreex.rtcore_scene import EmbreeScene
 
 from marssim.camera import PinholeCamera, rotate
 from marssim.render.gbuffer import GBuffer
-from marssim.render.hits import hits
+from marssim.render.hits import hits, seen
 from marssim.render.mesh import scene_mesh
-from marssim.render.visibility import SELF_GAP, Visibility
+from marssim.render.visibility import SELF_GAP, SeesByRays
 from marssim.scene.scene import Scene
 
 
@@ -48,15 +48,8 @@ class MeshCaster:
         rays: (N, 3) camera frame, scaled to z = 1. pose: (4, 4) camera to world.
         Returns (N,), (N, 3), (N, 3), (N,) as GBuffer defines them.
         """
-        world_rays = rotate(rays.astype(np.float32), pose[:3, :3].astype(np.float32))
-        origins = np.empty((len(rays), 3), dtype=np.float32)
-        origins[:] = pose[:3, 3]
-        # Embree works in float32 and only names the triangle; where the ray meets it is computed in float64
-        face = self._scene().run(origins, world_rays, query="INTERSECT")
-        return hits(
-            self._vertices, self._faces, self._surface, self._vertex_normals, pose, rays,
-            np.asarray(face, dtype=np.int32),
-        )  # fmt: skip
+        face = self._first_faces(rays, pose)
+        return hits(self._vertices, self._faces, self._surface, self._vertex_normals, pose, rays, face)
 
     def free(
         self, points: np.ndarray, normals: np.ndarray, directions: np.ndarray, reach: np.ndarray | None
@@ -76,36 +69,34 @@ class MeshCaster:
         """Free the acceleration structure; may be called twice."""
         self._embree = None
 
+    def _first_faces(self, rays: np.ndarray, pose: np.ndarray) -> np.ndarray:
+        """(N,) int32 the face that each ray meets first, negative for none; arguments as of trace."""
+        world_rays = rotate(rays.astype(np.float32), pose[:3, :3].astype(np.float32))
+        origins = np.empty((len(rays), 3), dtype=np.float32)
+        origins[:] = pose[:3, 3]
+        # Embree works in float32 and only names the triangle; where the ray meets it is computed in float64
+        return np.asarray(self._scene().run(origins, world_rays, query="INTERSECT"), dtype=np.int32)
+
     def _scene(self) -> EmbreeScene:
         if self._embree is None:
             raise RuntimeError("this Raycaster is closed")
         return self._embree
 
 
-class Raycaster(MeshCaster):
+class Raycaster(MeshCaster, SeesByRays):
     """Renders a Scene with Embree. Implements GBufferMaker; needs no PyBullet."""
 
     def __init__(self, scene: Scene) -> None:
-        self.scene = scene
         mesh = scene_mesh(scene)
-        super().__init__([MeshPart(mesh.vertices, mesh.faces, mesh.surface, mesh.vertex_normals)])
-        self._visibility = Visibility(mesh, scene.look.sun)
+        MeshCaster.__init__(self, [MeshPart(mesh.vertices, mesh.faces, mesh.surface, mesh.vertex_normals)])
+        SeesByRays.__init__(self, mesh, scene.look.sun)
+        self.scene = scene
 
     def render(self, camera: PinholeCamera, pose: np.ndarray) -> GBuffer:
         """What the camera sees; see GBuffer. pose: (4, 4) camera to world."""
-        shape = (camera.height, camera.width)
-        depth, normal, shading, surface = self.trace(camera.rays().reshape(-1, 3), pose)
-        return GBuffer(
-            depth=depth.reshape(shape), normal=normal.reshape(*shape, 3), shading_normal=shading.reshape(*shape, 3),
-            surface=surface.reshape(shape),
-        )  # fmt: skip
+        return seen(self._seer().mesh, camera, pose, self._first_faces(camera.rays().reshape(-1, 3), pose))
 
-    def lit(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """(N,) bool: the sun's centre reaches these surface points; see GBufferMaker."""
-        self._scene()
-        return self._visibility.lit(points, normals)
-
-    def seen_from(self, points: np.ndarray, normals: np.ndarray, eye: np.ndarray) -> np.ndarray:
-        """(N,) bool: nothing stands between these surface points and the eye; see GBufferMaker."""
-        self._scene()
-        return self._visibility.seen_from(points, normals, eye)
+    def close(self) -> None:
+        """Free the acceleration structure; may be called twice."""
+        MeshCaster.close(self)
+        SeesByRays.close(self)
