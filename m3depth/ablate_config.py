@@ -9,6 +9,11 @@ from typing import Literal
 from m3depth.studies import STUDIES, Study
 
 
+def said_budget(steps: int | None, minutes: float | None) -> str:
+    """The budget of each run, in words; one of the two is None."""
+    return f"{steps} steps" if steps is not None else f"{minutes:g} minutes"
+
+
 @dataclass(frozen=True)
 class AblateOptions:
     """Run the paper's ablation studies. Give --steps or --minutes."""
@@ -58,7 +63,7 @@ class AblateOptions:
     @property
     def budget(self) -> str:
         """As the tables state it."""
-        return f"{self.steps} steps" if self.steps is not None else f"{self.minutes:g} minutes"
+        return said_budget(self.steps, self.minutes)
 
     def chosen(self) -> dict[str, Study]:
         """The studies asked for, in the order of the paper."""

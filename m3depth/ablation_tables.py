@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from m3depth import bootstrap
+from m3depth.ablate_config import said_budget
 from m3depth.report import DEPTH_COLUMNS, NORMAL_COLUMNS, depths_said, number, table
 from m3depth.studies import Comparison, Study
 from marssim.command import counted
@@ -179,7 +180,7 @@ def markdown(about: Mapping[str, Any], found: Mapping[str, Mapping[str, Any]]) -
 
     about: what ablation.json holds, seeds, depth_range_m and versions. found: findings by study.
     """
-    budget = f"{about['steps']} steps" if about["steps"] is not None else f"{about['minutes']:g} minutes"
+    budget = said_budget(about["steps"], about["minutes"])
     pairs = "" if about["limit"] is None else f" (at most {about['limit']} pairs)"
     data = ", ".join(f"`{folder}`" for folder in about["data"])
     seeds = ", ".join(map(str, about["seeds"]))

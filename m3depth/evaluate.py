@@ -29,7 +29,7 @@ from m3depth.datasets.config import DataConfig, Part
 from m3depth.datasets.open import open_pairs
 from m3depth.degradation import Degradation
 from m3depth.estimator import WINDOWS, Estimator, load_estimator
-from m3depth.evaluation import RESERVED, Evaluation, Method, evaluate
+from m3depth.evaluation import RESERVED, Evaluation, Method, check_choice, evaluate
 from m3depth.figures.comparison import comparison_figure
 from m3depth.figures.errors import distribution_figure, interval_figure, sparsification_figure
 from m3depth.figures.example import Example
@@ -82,6 +82,9 @@ class EvaluateOptions:
     """Seed of the noise that --degrade adds."""
     reader: Annotated[DataConfig, tyro.conf.arg(name="")] = field(default_factory=DataConfig)
     """How the folder is read."""
+
+    def __post_init__(self) -> None:
+        check_choice(self.limit, self.seed)
 
 
 def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Method]) -> Evaluation:
@@ -146,10 +149,6 @@ def prepare(options: EvaluateOptions) -> tuple[StereoPairs, dict[str, Method]]:
     dataset = open_pairs(options.data, options.split, options.reader)
     if not len(dataset):
         raise ValueError(f"{options.data}: split {options.split} holds no pairs; choose another --split")
-    if options.limit is not None and options.limit < 1:
-        raise ValueError(f"--limit must be at least 1, got {options.limit}")
-    if options.seed < 0:
-        raise ValueError(f"--seed must not be negative, got {options.seed}")
     if options.degrade is not None:
         Degradation.parse(options.degrade)
     if options.out.exists() and not options.out.is_dir():

@@ -113,6 +113,14 @@ def evaluate(
     return out
 
 
+def check_choice(limit: int | None, seed: int) -> None:
+    """Raise ValueError that names what cannot be used."""
+    if limit is not None and limit < 1:
+        raise ValueError(f"limit must be at least 1, got {limit}")
+    if seed < 0:
+        raise ValueError(f"seed must not be negative, got {seed}")
+
+
 def _checked(dataset: StereoPairs, estimators: Mapping[str, Method], limit: int | None, seed: int) -> list[int]:
     """The indices to be scored, once everything that was asked for can be done."""
     if not len(dataset):
@@ -122,10 +130,7 @@ def _checked(dataset: StereoPairs, estimators: Mapping[str, Method], limit: int 
     for name in RESERVED:
         if name in estimators:
             raise ValueError(f"no method may be called {name!r}: the records of the pairs use that name themselves")
-    if limit is not None and limit < 1:
-        raise ValueError(f"limit must be at least 1, got {limit}")
-    if seed < 0:
-        raise ValueError(f"seed must not be negative, got {seed}")
+    check_choice(limit, seed)
     chosen = spread(len(dataset), len(dataset) if limit is None else limit)
     for method in estimators.values():
         if isinstance(method, RecordedPredictions):

@@ -7,6 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from m3depth.pairs import in_colour
+
 BRIGHT = 99.9  # [%] of a 16-bit pair's pixels are at most what becomes white: hot pixels do not darken all others
 
 
@@ -28,7 +30,7 @@ def read_pair(left: Path, right: Path) -> tuple[np.ndarray, np.ndarray]:
         white = max(1.0, *(float(np.percentile(image, BRIGHT)) for image in (a, b)))
         a, b = (np.round(np.minimum(image * (255 / white), 255)).astype(np.uint8) for image in (a, b))
     if a.ndim != b.ndim:
-        a, b = (x if x.ndim == 3 else np.repeat(x[..., None], 3, axis=2) for x in (a, b))
+        a, b = in_colour(a), in_colour(b)
     return np.ascontiguousarray(a), np.ascontiguousarray(b)
 
 

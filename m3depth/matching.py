@@ -13,7 +13,7 @@ from typing import ClassVar, Literal
 import cv2
 import numpy as np
 
-from m3depth.pairs import NEAREST, checked_pair
+from m3depth.pairs import NEAREST, checked_pair, in_grey
 from m3depth.plane_normals import fitted_normals
 from m3depth.prediction import Prediction
 from m3depth.window_costs import Cost, semi_global, window_costs, winners
@@ -140,10 +140,7 @@ def search_range(rig: StereoRig) -> int:
 
 def grey_pair(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> tuple[np.ndarray, np.ndarray]:
     """Both images as (H, W) uint8. Raises ValueError as checked_pair does."""
-    a, b = (
-        cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image
-        for image in checked_pair(left, right, rig)
-    )
+    a, b = map(in_grey, checked_pair(left, right, rig))
     return a, b
 
 

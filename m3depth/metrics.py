@@ -21,7 +21,7 @@ from typing import Any, Protocol
 import cv2
 import numpy as np
 
-from m3depth.pairs import MAX_DISPARITY
+from m3depth.pairs import MAX_DISPARITY, in_grey
 from marssim.camera import MAX_DEPTH, StereoRig
 
 DEPTH_CAP = 80.0  # [m]
@@ -136,7 +136,7 @@ def texture_poor(image: np.ndarray) -> np.ndarray:
 
 def grey_deviation(image: np.ndarray) -> np.ndarray:
     """(H, W) float32: standard deviation of the grey levels within 9 x 9 px. image: (H, W) or (H, W, 3) uint8."""
-    grey = (cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image).astype(np.float32)
+    grey = in_grey(image).astype(np.float32)
     mean = cv2.boxFilter(grey, -1, (9, 9), borderType=cv2.BORDER_REFLECT_101)
     square = cv2.boxFilter(grey * grey, -1, (9, 9), borderType=cv2.BORDER_REFLECT_101)
     return np.sqrt(np.maximum(square - mean * mean, 0))

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from m3depth.matching import SGBM, grey_pair
+from m3depth.pairs import in_grey
 from marssim.camera import StereoRig
 
 QUICK_WIDTH = 256  # [px] of matched_shares
@@ -121,7 +122,7 @@ def row_offset(left: np.ndarray, right: np.ndarray) -> RowOffset | None:
 
 def _features(image: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:
     """Places (N, 2) [px] of the full image, and descriptors (N, 128)."""
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image
+    grey = in_grey(image)
     if scale < 1:
         grey = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     points, descriptors = cv2.SIFT.create(FEATURES, contrastThreshold=0.01).detectAndCompute(grey, None)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
+import cv2
 import numpy as np
 
 from marssim.camera import MAX_DEPTH, MIN_DEPTH, StereoRig
@@ -28,6 +29,16 @@ def scored_depths(pairs: StereoPairs) -> tuple[float, float]:
 def spread(count: int, wanted: int) -> list[int]:
     """At most `wanted` of range(count), evenly spread from the first to the last."""
     return np.unique(np.linspace(0, count - 1, min(wanted, count)).round().astype(int)).tolist()
+
+
+def in_colour(image: np.ndarray) -> np.ndarray:
+    """(H, W, 3) of an image (H, W) or (H, W, 3): grey becomes three equal channels."""
+    return image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
+
+
+def in_grey(image: np.ndarray) -> np.ndarray:
+    """(H, W) of an image (H, W) or RGB (H, W, 3), uint8 or float32."""
+    return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image
 
 
 def checked_pair(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> tuple[np.ndarray, np.ndarray]:

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from m3depth.figures.prediction import prediction_figure
+from m3depth.pairs import in_colour
 from m3depth.prediction import Prediction
 from marssim.camera import StereoRig
 from marssim.contact_sheet import normal_colours
@@ -37,8 +38,7 @@ def point_cloud(
     with np.errstate(invalid="ignore"):
         keep = prediction.confidence >= min_confidence
     keep &= ~depth_edges(prediction.disparity, share=EDGE_SHARE)
-    colour = left if left.ndim == 3 else np.repeat(left[..., None], 3, axis=2)
-    return coloured_points(colour, np.where(keep, prediction.depth, np.nan), rig.camera, max_range)
+    return coloured_points(in_colour(left), np.where(keep, prediction.depth, np.nan), rig.camera, max_range)
 
 
 def write_prediction(

@@ -6,8 +6,9 @@ the same in several studies are one (`distinct`).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any
 
 from m3depth.losses import LossConfig
@@ -120,40 +121,48 @@ def _loss() -> Study:
     return Study("Weights of the loss", "lambda", columns, rows, 0, comparisons)
 
 
-def _iterations() -> Study:
+def _ladder(
+    title: str, source: str, what: str, change: Callable[[int], Mapping[str, Any]],
+    figures: Mapping[int, Sequence[float]], reference: int, said: Mapping[int, str] | None = None,
+) -> Study:  # fmt: skip
+    """A study of how many of something are best: a row for each number, compared with the one before it."""
     columns = ("abs_rel", "sq_rel", "rmse", "delta1")
+    rows = tuple(_row(str(n), Variant(f"{what}-{n}", change(n)), columns, paper) for n, paper in figures.items())
+    steps = enumerate(pairwise(figures))
+    comparisons = tuple(
+        Comparison(f"{more} {what} instead of {less}", i, i + 1, (said or {}).get(more, ""))
+        for i, (less, more) in steps
+    )
+    return Study(title, source, columns, rows, [*figures].index(reference), comparisons)
+
+
+def _iterations() -> Study:
     figures = {
         1: (0.112, 0.076, 0.368, 0.876),
         2: (0.098, 0.071, 0.338, 0.885),
         3: (0.089, 0.065, 0.314, 0.905),
         4: (0.086, 0.061, 0.310, 0.910),
         5: (0.084, 0.059, 0.308, 0.912),
+        6: (),
     }
-    rows = tuple(
-        _row(str(steps), Variant(f"iterations-{steps}", {"refine_steps": steps}), columns, figures.get(steps, ()))
-        for steps in range(1, 7)
-    )
-    rows = (*rows[:-1], replace(rows[-1], paper={"delta1": 0.913}))
-    comparisons = tuple(
-        Comparison(f"{i + 2} iterations instead of {i + 1}", i, i + 1, "Abs Rel hardly changes" if i == 4 else "")
-        for i in range(5)
-    )
-    return Study("Iterations of the IRM, trained and run alike", "irm_iterations", columns, rows, 0, comparisons)
+    study = _ladder(
+        "Iterations of the IRM, trained and run alike", "irm_iterations", "iterations", lambda n: {"refine_steps": n},
+        figures, 1, {6: "Abs Rel hardly changes"},
+    )  # fmt: skip
+    *rows, last = study.rows
+    return replace(study, rows=(*rows, replace(last, paper={"delta1": 0.913})))  # all that the text says of six
 
 
 def _levels() -> Study:
-    columns = ("abs_rel", "sq_rel", "rmse", "delta1")
     figures = {
         2: (0.095, 0.076, 0.330, 0.890),
         3: (0.084, 0.059, 0.308, 0.912),
         4: (0.088, 0.063, 0.318, 0.905),
         5: (0.093, 0.071, 0.327, 0.892),
     }
-    rows = tuple(
-        _row(str(n), Variant(f"levels-{n}", {"wavelet_levels": (n, n)}), columns, paper) for n, paper in figures.items()
+    return _ladder(
+        "Levels of the wavelet transform", "wt_levels", "levels", lambda n: {"wavelet_levels": (n, n)}, figures, 3
     )
-    comparisons = tuple(Comparison(f"{i + 3} levels instead of {i + 2}", i, i + 1) for i in range(3))
-    return Study("Levels of the wavelet transform", "wt_levels", columns, rows, 1, comparisons)
 
 
 STUDIES: dict[str, Study] = {

@@ -13,6 +13,7 @@ from m3depth.calibration import Calibration, align_right
 from m3depth.datasets.config import DataConfig
 from m3depth.datasets.maps import Kind, read_map, read_mask
 from m3depth.image_files import read_pair
+from m3depth.pairs import in_colour
 from m3depth.plane_normals import fitted_normals
 from marssim.camera import StereoRig
 from marssim.dataset import DatasetError, StereoSample
@@ -57,7 +58,7 @@ def read_pair_files(files: PairFiles, config: DataConfig) -> StereoSample:
         if not path.is_file():
             raise DatasetError(f"{path}: no such file")
     try:
-        left, right = (x if x.ndim == 3 else np.repeat(x[..., None], 3, 2) for x in read_pair(files.left, files.right))
+        left, right = map(in_colour, read_pair(files.left, files.right))
     except ValueError as error:
         raise DatasetError(str(error)) from None
     height, width = left.shape[:2]

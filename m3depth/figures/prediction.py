@@ -9,6 +9,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from m3depth.figures.drawing import colour_map, depth_scale, known_depths, label_bar, normal_image, save, show
+from m3depth.pairs import in_colour
 from m3depth.prediction import Prediction
 
 FARTHEST = 300.0  # [m] where the colours of depth end at the latest
@@ -19,7 +20,7 @@ def prediction_figure(left: np.ndarray, prediction: Prediction, path: Path) -> N
     height, width = left.shape[:2]
     figure = Figure(figsize=(11, 1.0 + 10.2 * height / width), layout="constrained", dpi=110)
     (image_axes, depth_axes), (normal_axes, confidence_axes) = figure.subplots(2, 2)
-    show(image_axes, left if left.ndim == 3 else np.repeat(left[..., None], 3, axis=2))
+    show(image_axes, in_colour(left))
     image_axes.set_title("left image")
     colours = colour_map("viridis_r")
     norm = depth_scale(prediction.depth[np.isfinite(prediction.depth)], farthest=FARTHEST)

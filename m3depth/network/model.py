@@ -22,7 +22,7 @@ from m3depth.network.normals import SNNet
 from m3depth.network.recompute import direct, recomputed
 from m3depth.network.refinement import Refinement
 from m3depth.network.weights_io import load_weights, save_weights
-from m3depth.pairs import NEAREST, checked_pair
+from m3depth.pairs import NEAREST, checked_pair, in_colour
 from m3depth.prediction import Prediction
 from m3depth.weights import SHIPPED_WEIGHTS
 from marssim.camera import StereoRig
@@ -166,10 +166,7 @@ class M3Depth(nn.Module):
         inf where the network sees sky; where its numbers are none, all is NaN and confidence 0. Raises ValueError for
         wrong types or sizes.
         """
-        left, right = (
-            image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
-            for image in checked_pair(left, right, rig)
-        )
+        left, right = map(in_colour, checked_pair(left, right, rig))
         height, width = left.shape[:2]
         reach = VOLUME_STEP * self.config.hypotheses
         needed = rig.fb / (NEAREST if nearest is None else nearest)
