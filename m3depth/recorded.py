@@ -31,6 +31,7 @@ from m3depth.datasets.maps import PNG_UNIT
 from m3depth.matching import fill_background
 from m3depth.prediction import Prediction
 from marssim.camera import StereoRig
+from marssim.npy import read_npy
 
 ENDINGS = ("npy", "pfm", "tiff", "tif", "png")
 IN_A_FOLDER = {"disparity": ("disparity", "left_disparity"), "depth": ("depth",)}
@@ -140,12 +141,13 @@ class RecordedPredictions:
 
 def read_recorded_map(path: Path, shape: tuple[int, ...]) -> np.ndarray:
     """Numbers of a file, of that shape; axes of length 1 are dropped. Raises RecordedError that names the file."""
+    values: np.ndarray | None
     try:
         if path.suffix == ".npy":
-            values = np.load(path, allow_pickle=False)
+            values = read_npy(path)
         else:
             values = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
-    except (ValueError, EOFError, cv2.error):
+    except (ValueError, cv2.error):
         values = None
     if values is None or values.dtype.kind not in "fiu":
         raise RecordedError(f"{path}: holds no numbers that can be read")

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from marssim.dataset import DatasetError
+from marssim.npy import read_npy
 
 Kind = Literal["disparity", "depth"]
 PNG_UNIT: dict[Kind, float] = {"disparity": 256.0, "depth": 1000.0}  # KITTI's; millimetres
@@ -46,14 +47,15 @@ def _numbers(path: Path) -> np.ndarray:
     """(H, W), as stored; of several equal channels, one."""
     if not path.is_file():
         raise DatasetError(f"{path}: no such file")
+    values: np.ndarray | None
     try:
         if path.suffix.lower() == ".npy":
-            values = np.load(path, allow_pickle=False).squeeze()
+            values = read_npy(path).squeeze()
         elif path.suffix.lower() == ".exr":
             values = _exr(path)
         else:
             values = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
-    except (ValueError, EOFError, cv2.error):
+    except (ValueError, cv2.error):
         values = None
     if values is None or values.dtype.kind not in "fiu" or values.ndim not in (2, 3):
         raise DatasetError(f"{path}: holds no map that can be read")

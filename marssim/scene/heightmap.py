@@ -14,9 +14,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.lib.format import MAGIC_PREFIX
 from PIL import TiffImagePlugin
 from scipy import ndimage
+
+from marssim.npy import read_npy
 
 PIXEL_SCALE, GEO_KEYS, NO_DATA = 33550, 34735, 42113  # TIFF tags of GeoTIFF and GDAL
 MODEL_TYPE, GEOGRAPHIC, LINEAR_UNIT, METRE = 1024, 2, 3076, 9001  # GeoTIFF keys and values
@@ -71,7 +72,9 @@ class HeightMap:
             holes = np.mean(~np.isfinite(part))
             if holes == 0:
                 self._check_steps(part)
-                return Window(part, self.cell, (i0 - middle[0]) * self.cell, (j0 - middle[1]) * self.cell)
+                x0, y0 = (i0 - middle[0]) * self.cell, (j0 - middle[1]) * self.cell
+                drawn = float(offset[0] * self.cell), float(offset[1] * self.cell)
+                return Window(part, self.cell, x0, y0, drawn if at is None else at)
         if at is None:
             raise ValueError(f"{self.name}: no place without gaps in the data was found for a scene of {2 * half:g} m")
         raise ValueError(
@@ -91,12 +94,16 @@ class HeightMap:
 
 @dataclass(frozen=True)
 class Window:
-    """heights: (ny, nx) [m], row 0 south, all finite; cell [m]; x0, y0: scene coordinates of heights[0, 0]."""
+    """heights: (ny, nx) [m], row 0 south, all finite; cell [m]; x0, y0: scene coordinates of heights[0, 0].
+
+    at: the scene's origin, east and north of the map's middle [m].
+    """
 
     heights: np.ndarray
     cell: float
     x0: float
     y0: float
+    at: tuple[float, float]
 
     def sample(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """(len(y), len(x)) heights on a regular grid, by cubic splines; averaged first where the grid is coarser."""
@@ -182,14 +189,10 @@ def read_heightmap(path: str, digest: str, scale: float | None, height: float | 
 
 
 def _read_npy(path: str, name: str) -> np.ndarray:
-    with open(path, "rb") as file:
-        if file.read(len(MAGIC_PREFIX)) != MAGIC_PREFIX:  # an archive, a pickle or a text by that name
-            raise ValueError(f"{name}: is no readable .npy file (it does not begin like one)")
     try:
-        values = np.load(path, mmap_mode="r", allow_pickle=False)  # a header that lies about the size is found so
-    except Exception as error:  # whatever a broken header makes the reader stumble over
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise ValueError(f"{name}: is no readable .npy file ({reason})") from None
+        values = read_npy(path)
+    except ValueError as error:
+        raise ValueError(f"{name}: is no readable .npy file ({error})") from None
     if values.ndim != 2 or values.dtype.kind not in "iuf":
         raise ValueError(f"{name}: must be a two-dimensional array of numbers, is {values.dtype} {values.shape}")
     return values

@@ -139,6 +139,8 @@ def test_unknown_is_filled_from_the_background_if_asked_for(tmp_path):
         ("00003_05.npy", DISPARITY[:5], r"is of shape \(5, 20\), the pair asks for \(12, 20\)"),
         ("00003_05.npy", np.array([{"a": 1}], object), "holds no numbers that can be read"),
         ("00003_05.npy", b"\x93NUMPY", "holds no numbers that can be read"),
+        ("00003_05.npy", b"PK\x03\x04 an archive", "holds no numbers that can be read"),
+        ("00003_05.npy", b"\x93NUMPY\x01\x00\x10\x00{'shape': (2,3   ", "holds no numbers that can be read"),
         ("00003_05.pfm", b"Pf\n20 12\n-1\nshort", "holds no numbers that can be read"),
         ("00003_05.tiff", b"", "holds no numbers that can be read"),
     ],

@@ -1,5 +1,6 @@
 """The trees as their authors pack them, made by hand, with what is particular to each; and files that are wrong."""
 
+import io
 import json
 from dataclasses import fields
 from pathlib import Path
@@ -201,6 +202,13 @@ def test_oaisys_sensors_that_are_no_pair_are_named(tmp_path, change, message) ->
     assert str(path) in str(error.value) and "\n" not in str(error.value)
 
 
+def archive(values: np.ndarray) -> bytes:
+    """What np.savez writes, whatever the file is called."""
+    file = io.BytesIO()
+    np.savez(file, values)
+    return file.getvalue()
+
+
 def patterns(root: Path, ending: str = ".npy", value: np.ndarray | None = None) -> None:
     for part in ("a", "b"):
         for number in range(5):
@@ -320,6 +328,8 @@ def test_the_flags_are_what_the_command_line_says() -> None:
 BROKEN = [
     (lambda r: (r / "a/0_right.jpg").unlink(), r"a/0_left\.jpg: has no partner in .*a/\*_right\.jpg"),
     (lambda r: (r / "a/0_map.npy").write_bytes(b""), r"a/0_map\.npy: holds no map"),
+    (lambda r: (r / "a/0_map.npy").write_bytes(archive(ramp())), r"a/0_map\.npy: holds no map"),
+    (lambda r: (r / "a/0_map.npy").write_bytes(b"PK\x03\x04"), r"a/0_map\.npy: holds no map"),
     (lambda r: (r / "a/0_left.jpg").write_bytes(b"x"), r"a/0_left\.jpg: not a readable image"),
     (lambda r: put(r / "a/0_right.jpg", image()[:20]), r"a/0_left\.jpg is 40 x 24, .*0_right\.jpg is 40 x 20"),
     (lambda r: put(r / "a/0_map.npy", ramp()[:20]), r"a/0_map\.npy: is 40 x 20, its image 40 x 24"),
