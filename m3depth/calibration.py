@@ -96,6 +96,8 @@ def _from_json(text: str) -> Calibration | None:
         data = json.loads(text)
     except json.JSONDecodeError:
         return None
+    except RecursionError:  # OpenCV's reader would end the process
+        raise ValueError("is nested too deeply") from None
     if not isinstance(data, dict) or not ("rig" in data or "baseline" in data):
         return None
     rig = StereoRig.from_dict(data.get("rig", data))

@@ -241,7 +241,7 @@ def read_json(path: Path) -> dict[str, Any]:
         raise DatasetError(f"{path}: no such file") from None
     except OSError as error:
         raise DatasetError(f"{path}: {(error.strerror or str(error)).lower()}") from None
-    except ValueError as error:  # bytes that are no text, or a text that is not JSON
+    except (ValueError, RecursionError) as error:  # bytes that are no text, no JSON, or nested to break its reader
         raise DatasetError(f"{path}: is not JSON: {error}") from None
     if not isinstance(content, dict):
         raise DatasetError(f"{path}: not a JSON object")

@@ -54,7 +54,7 @@ def oaisys_rig(path: Path, config: DataConfig) -> Calibration | None:
     try:
         data = json.loads(path.read_text())
         sensors = {s["sensorParams"]["outputBaseName"]: s["sensorParams"] for s in data["SENSOR_SETUP"]["SENSORS"]}
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
     eyes = []
     for end, name in (("left", config.left), ("right", config.right)):

@@ -97,6 +97,11 @@ def test_a_rig_file_of_the_simulator(tmp_path):
     assert found.rig(512, 512) == NATECAM and found.size == (512, 512)
 
 
+def test_json_nested_without_end_is_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"deep\.json: is nested too deeply"):
+        read_calibration(write(tmp_path / "deep.json", '{"a":' * 10**5))
+
+
 def camera_info(tx: float) -> str:
     """As camera_calibration saves it."""
     return f"""\

@@ -171,7 +171,9 @@ def test_an_image_of_another_shape_or_type_is_named(dataset, name):
             StereoDataset(dataset)[0]
 
 
-@pytest.mark.parametrize("content", ["", "{", "[1]", "{}", '{"rig": 3}', '{"rig": {"width": 96}}'])
+@pytest.mark.parametrize(
+    "content", ["", "{", "[1]", "{}", '{"rig": 3}', '{"rig": {"width": 96}}', '{"rig": ' + "[" * 10**5]
+)
 def test_a_broken_sample_json_is_named(dataset, content):
     (dataset / "scenes" / NAMES[0] / "sample.json").write_text(content)
     with pytest.raises(DatasetError, match=rf"{NAMES[0]}/sample.json"):
