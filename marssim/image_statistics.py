@@ -25,7 +25,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-GAMMA = 2.2
+from marssim.render.sensor import GAMMA
+
 WINDOW = 64  # [px]
 BAND_EDGES = 0.5 ** np.arange(6, 0, -1)  # 1/64 to 1/2 cycles/px
 SECTORS = 6

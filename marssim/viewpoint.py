@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from marssim.camera import look_pose
+from marssim.ranges import Range, check_ranges
 from marssim.scene.rocks import STAND
 from marssim.scene.scene import Scene
 
-Range = tuple[float, float]
 LOW, GAP = 0.15, 0.6  # [m] a camera stands this far from rocks higher than that
 TRIES = 1000  # places looked at before a scene is called too rocky
 
@@ -31,10 +31,7 @@ class ViewConfig:
     def __post_init__(self) -> None:
         limits = {"height": (0.2, 10.0), "pitch_deg": (-90.0, 90.0), "roll_deg": (-180.0, 180.0)}
         limits["yaw_deg"] = (-360.0, 360.0)
-        for name, (low, high) in vars(self).items():
-            least, most = limits[name]
-            if not least <= low <= high <= most:
-                raise ValueError(f"{name} must be a range LOW HIGH within {least:g} and {most:g}, got {low} {high}")
+        check_ranges(self, limits)
 
 
 def draw_pose(scene: Scene, view: ViewConfig, rng: np.random.Generator) -> np.ndarray:

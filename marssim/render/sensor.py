@@ -10,8 +10,9 @@ import numpy as np
 
 from marssim.camera import PinholeCamera
 from marssim.compiled import compiled
+from marssim.ranges import Range, check_ranges
 
-Range = tuple[float, float]
+GAMMA = 2.2  # a code is its share of full scale to the power 1 / GAMMA
 
 
 @dataclass(frozen=True)
@@ -44,10 +45,7 @@ class SensorConfig:
             "vignetting": (0, 1), "gain_difference": (-0.9, 9),
             "noise_difference": (-0.9, 9), "vertical_offset": (-10, 10), "rotation_deg": (-5, 5),
         }  # fmt: skip
-        for name, (low, high) in vars(self).items():
-            least, most = limits[name]
-            if not least <= low <= high <= most:
-                raise ValueError(f"{name} must be a range LOW HIGH within {least:g} and {most:g}, got {low} {high}")
+        check_ranges(self, limits)
 
 
 @dataclass(frozen=True)
@@ -94,11 +92,11 @@ class Sensor:
         rank = len(metered) // 2, min(int(0.98 * len(metered)), len(metered) - 1)
         middle, bright = (float(value) for value in np.partition(metered, rank)[list(rank)])
         # that code value stands for this linear value; highlights of the ground are kept
-        target = self.exposure**2.2
+        target = self.exposure**GAMMA
         return min(target / max(middle, 1e-6), 0.9 / max(bright, 1e-6))
 
     def expose(self, radiance: np.ndarray, gain: float, rng: np.random.Generator) -> np.ndarray:
-        """(H, W, 3) uint8 image of a radiance image (H, W, 3), with blur, vignetting, noise and gamma 2.2."""
+        """(H, W, 3) uint8 image of a radiance image (H, W, 3), with blur, vignetting, noise and GAMMA."""
         signal: np.ndarray = np.ascontiguousarray(radiance, dtype=np.float32)
         if self.psf > 0:
             signal = cv2.GaussianBlur(signal, (5, 5), self.psf, borderType=cv2.BORDER_REPLICATE)
@@ -107,7 +105,7 @@ class Sensor:
 
 
 # signal, as a share of full scale, from which each code from 1 is given; no signal reaches the last one
-CODE_STARTS = np.append(((np.arange(1, 256) - 0.5) / 255) ** 2.2, np.inf).astype(np.float32)
+CODE_STARTS = np.append(((np.arange(1, 256) - 0.5) / 255) ** GAMMA, np.inf).astype(np.float32)
 GUESSES = 32768  # so many that the code of a signal is its guess or, above the darkest few, at most the next one
 GUESS = np.searchsorted(CODE_STARTS, np.arange(GUESSES + 1) / GUESSES, side="right").astype(np.uint8)
 

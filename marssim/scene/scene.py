@@ -7,11 +7,11 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from marssim.ranges import Range, check_ranges
 from marssim.scene.golombek import REPORTED, covered_area
 from marssim.scene.rocks import RockConfig, Rocks, build_rocks
 from marssim.scene.terrain import ReliefConfig, Terrain, build_terrain
 
-Range = tuple[float, float]
 Place = Literal["utopia", "gusev", "gale", "jezero", "hard"]
 PRESETS: tuple[Place, ...] = get_args(Place)
 
@@ -48,10 +48,7 @@ class LookConfig:
     """how much the faces of rocks show of level beds, 0 for none to 1"""
 
     def __post_init__(self) -> None:
-        for name, (low, high) in vars(self).items():
-            least, most = LOOK_LIMITS[name]
-            if not least <= low <= high <= most:
-                raise ValueError(f"{name} must be a range LOW HIGH within {least:g} and {most:g}, got {low} {high}")
+        check_ranges(self, LOOK_LIMITS)
         if not self.sun_elevation_deg[0] > 0:
             raise ValueError(f"sun_elevation_deg must be above 0, got {self.sun_elevation_deg[0]}")
 

@@ -4,7 +4,6 @@ from scipy.special import erf
 
 from marssim.image_statistics import (
     BAND_EDGES,
-    GAMMA,
     WINDOW,
     edge_widths,
     ground_look,
@@ -13,6 +12,7 @@ from marssim.image_statistics import (
     rise,
     spectrum,
 )
+from marssim.render.sensor import GAMMA
 
 ALL = np.ones((256, 256), dtype=bool)
 U, V = np.meshgrid(np.arange(256), np.arange(256))

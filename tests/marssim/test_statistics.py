@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from marssim.camera import NATECAM
 from marssim.dataset import StereoDataset, StereoSample
-from marssim.image_statistics import GAMMA
 from marssim.local_texture import lbp_entropy
+from marssim.render.sensor import GAMMA
 from marssim.statistics import DEPTH_STEP, Tally, table
 
 SIZE = (6, 10)
