@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from marssim.camera import NATECAM
-from marssim.contact_sheet import depth_colours, normal_colours
+from marssim.colours import depth_colours, normal_colours
 from marssim.render.raycast import Raycaster
 from marssim.render.sensor import Sensor, SensorConfig
 from marssim.render.shading import Shader

@@ -10,7 +10,7 @@ import numpy as np
 from envs.drivers import Driver, NavigatorDriver
 from envs.mars_nav import MarsNavEnv
 from envs.outside_view import HEIGHT, OutsideView
-from marssim.contact_sheet import depth_colours, normal_colours
+from marssim.colours import depth_colours, normal_colours
 from marssim.render.raycast import Raycaster
 
 PANEL = HEIGHT  # the square panels are as high as the outside view, and half as wide

@@ -12,7 +12,7 @@ from m3depth.figures.prediction import prediction_figure
 from m3depth.pairs import in_colour
 from m3depth.prediction import Prediction
 from marssim.camera import StereoRig
-from marssim.contact_sheet import normal_colours
+from marssim.colours import normal_colours
 from marssim.depth_edges import depth_edges
 from marssim.pointcloud import coloured_points, encode_ply
 

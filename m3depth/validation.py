@@ -15,7 +15,7 @@ from m3depth.losses import Target, disparity_edges
 from m3depth.network.device import autocast, fast_dtype
 from m3depth.network.model import M3Depth, StereoOutput
 from m3depth.packing import TRAINED, PackedSample
-from marssim.contact_sheet import normal_colours
+from marssim.colours import normal_colours
 
 
 def error_sums(output: StereoOutput, target: Target) -> dict[str, tuple[float, float]]:

@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from marssim.camera import MAX_DEPTH
-from marssim.contact_sheet import depth_colours, normal_colours
+from marssim.colours import depth_colours, normal_colours
 from marssim.dataset import StereoSample
 from marssim.statistics import DEPTH_STEP, NETWORK_DISPARITY, Tally
 
