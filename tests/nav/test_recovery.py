@@ -1,0 +1,94 @@
+import numpy as np
+import pytest
+from flat_map import scene
+
+from marssim.rover_spec import ZHURONG
+from nav.command import Command
+from nav.config import NavigatorConfig
+from nav.planner import Planner, arc_poses
+from nav.recovery import Recovery
+
+CONFIG = NavigatorConfig()
+SIDE = np.deg2rad(CONFIG.look_pan_deg)
+ORIGIN = np.zeros(3)
+
+
+@pytest.fixture
+def site():
+    """Makes a recovery that came to the origin along the x axis, and what it is asked with on a map with rocks."""
+
+    def make(*rocks, came_from=-4.0):
+        elevation, ground = scene(rocks)
+        planner = Planner(ZHURONG, CONFIG.planner, elevation)
+        planner.update(elevation, ground, np.array([7.0, 0.0]))
+        recovery = Recovery(ZHURONG, CONFIG)
+        for x in np.arange(came_from, 0.01, 0.4):
+            recovery.follow(np.array([x, 0.0, 0.0]))
+        return recovery, (ground, elevation, planner)
+
+    return make
+
+
+def test_it_looks_to_both_sides_before_it_backs_out(site):
+    recovery, about = site()
+    wishes, pan = [], 0.0
+    for _ in range(3):
+        command = recovery.search(ORIGIN, *about, pan, True)
+        wishes.append((command.status, command.pan))
+        pan = command.pan or 0.0
+    assert wishes[:2] == [("look", pytest.approx(SIDE)), ("look", pytest.approx(-SIDE))]
+    assert command.status == "recover" and recovery.backing and recovery.attempts == 1
+
+
+def test_a_slow_mast_is_waited_for_and_one_that_does_not_turn_is_not_asked(site):
+    recovery, about = site()
+    for pan in (0.0, 0.2, 0.4):  # 0.7 rad are wished for
+        assert recovery.search(ORIGIN, *about, pan, True).pan == pytest.approx(SIDE)
+    assert recovery.search(ORIGIN, *about, 0.7, True).pan == pytest.approx(-SIDE)
+    recovery, about = site()
+    assert recovery.search(ORIGIN, *about, 0.0, False).status == "recover"
+
+
+def test_it_backs_out_along_its_track_and_as_far_as_it_should(site):
+    recovery, about = site()
+    command, before, here, steps = recovery.search(ORIGIN, *about, 0.0, False), ORIGIN, ORIGIN, 0
+    while command is not None:
+        assert command.speed < 0 and steps < 20
+        before, distance = here, command.speed * CONFIG.step_time
+        here = arc_poses(here, np.array(command.yaw_rate / command.speed), np.array([distance]))[0]
+        command, steps = recovery.back_up(here, before, command, *about), steps + 1
+    assert -CONFIG.back_up - 0.31 < here[0] <= -CONFIG.back_up + 1e-6 and abs(here[1]) < 0.05
+    assert not recovery.backing
+
+
+def test_it_does_not_back_into_a_rock_but_turns(site):
+    recovery, about = site((-1.45, 0.0, 0.2))  # half a metre behind the rear wheels, clear of a turn
+    command = recovery.search(ORIGIN, *about, 0.0, False)
+    assert command.status == "recover" and command.speed == 0 and command.yaw_rate != 0 and not recovery.backing
+
+
+def test_hemmed_in_all_round_it_stands(site):
+    corners = [(x, y, 0.08) for x in (0.55, -0.55) for y in (0.95, -0.95)]  # beside the flanks, where corners turn
+    recovery, about = site((-1.2, 0.0, 0.2), *corners)
+    assert recovery.search(ORIGIN, *about, 0.0, False) == Command(0.0, 0.0, None, "look")
+
+
+def test_backing_that_does_not_move_ends(site):
+    recovery, about = site()
+    command = recovery.search(ORIGIN, *about, 0.0, False)
+    assert recovery.back_up(ORIGIN, ORIGIN, command, *about) is None and not recovery.backing
+
+
+def test_it_gives_up_after_so_many_recoveries(site):
+    recovery, about = site()
+    for _ in range(CONFIG.max_recoveries):
+        assert recovery.search(ORIGIN, *about, 0.0, False) is not None
+    assert recovery.search(ORIGIN, *about, 0.0, False) is None
+
+
+def test_a_bump_is_remembered_before_the_rover_and_backed_from(site):
+    recovery, _ = site()
+    recovery.bump(np.array([1.0, 2.0, np.pi / 2]))
+    np.testing.assert_allclose(recovery.bumps, [[1.0, 2.0 + ZHURONG.length / 2 + 0.15]], atol=1e-9)
+    np.testing.assert_allclose(recovery.dead_ends, [[1.0, 2.5]], atol=1e-9)
+    assert recovery.backing and recovery.attempts == 1
