@@ -18,6 +18,7 @@ it says. Writes into RESULT:
     normal.npy         float32, camera frame (x right, y down, z forward); 0 0 0: none (sky, or unknown)
     normal.png         red right, green up, blue to the camera, black: none
     confidence.npy     float32, 0 to 1
+    left_right.npy     float32 [px], with --left-right: how far both eyes' disparities differ; NaN: out of sight
     cloud.ply          coloured points [m], camera frame, without what hangs between two surfaces
     figure.png         all of it at a glance
 """
@@ -27,6 +28,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -36,6 +38,7 @@ import tyro
 from m3depth.calibration import Calibration, align_right, read_calibration
 from m3depth.estimator import Estimator, load_estimator
 from m3depth.image_files import read_pair
+from m3depth.left_right import left_right_difference
 from m3depth.pair_checks import check_pair
 from m3depth.prediction import Prediction
 from m3depth.prediction_files import without_sky_normals, write_prediction
@@ -43,6 +46,7 @@ from m3depth.second_look import closer_look
 from marssim.camera import WIDEST
 from marssim.command import counted, run_command
 
+AGREEMENT = 1.0  # [px] that both eyes may differ by
 MIN_ANGLE, MAX_ANGLE = 1.0, 150.0  # [deg] horizontal field of view of rectified images
 MIN_BASELINE = 0.001  # [m]
 
@@ -78,6 +82,9 @@ class PredictOptions:
     default: 0.84 m at first, and then again, less reduced, if all is farther."""
     unchecked: bool = False
     """Write what comes out even where the pair shows that it means nothing; what is wrong is then a warning."""
+    left_right: bool = False
+    """Look from the right eye, too, which takes twice as long; where its disparity differs by more than 1 px, or where
+    it sees nothing, the confidence becomes 0."""
     min_confidence: float = 0.5
     """Pixels of less confidence, 0 to 1, are left out of the point cloud."""
     max_range: float = 30.0
@@ -166,15 +173,29 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
         if fatal and not options.unchecked:
             raise ValueError(f"{message}; nothing was written (--unchecked does it all the same)")
         print(f"warning: {message}", file=sys.stderr)
-    prediction = without_sky_normals(closer_look(estimator, left, right, rig, options.nearest))
+    look = partial(closer_look, estimator, nearest=options.nearest)
+    prediction = without_sky_normals(look(left, right, rig))
+    difference = left_right_difference(look, left, right, rig, prediction) if options.left_right else None
+    if difference is not None:
+        agree = difference <= AGREEMENT
+        prediction = replace(prediction, confidence=np.where(agree, prediction.confidence, np.float32(0)))
     count = write_prediction(options.out, left, prediction, rig, options.min_confidence, options.max_range)
+    agreed, file = "", options.out / "left_right.npy"
+    file.unlink(missing_ok=True)  # of an earlier run
+    if difference is not None:
+        np.save(file, difference)
+        compared = np.isfinite(prediction.depth) & np.isfinite(difference)
+        if compared.any():
+            agreed = (
+                f"; the eyes agree within {AGREEMENT:g} px on {100 * agree[compared].mean():.1f} % of what both see"
+            )
     known = prediction.depth[np.isfinite(prediction.depth)]
     seen = "no depth"
     if len(known):
         low, middle, high = np.percentile(known, [5, 50, 95])
         seen = f"depth {low:.2f} to {high:.2f} m (5 to 95 %), median {middle:.2f} m"
     share = 100 * len(known) / prediction.depth.size
-    print(f"{options.out}: {seen} on {share:.0f} % of the pixels; {counted(count, 'point')}")
+    print(f"{options.out}: {seen} on {share:.0f} % of the pixels; {counted(count, 'point')}{agreed}")
     return prediction
 
 

@@ -1,5 +1,7 @@
 """One pair to files: what is written, at any size, and what is said about input that cannot be used."""
 
+import re
+
 import cv2
 import numpy as np
 import pytest
@@ -245,3 +247,19 @@ def test_mistakes_are_one_line(pair, tmp_path, capsys, case, message):
     assert main([left, right, *focal, *baseline, "--out", str(out), *extra]) == 2
     error = capsys.readouterr().err
     assert message in error and error.count("\n") == 1
+
+
+def test_the_other_eye_is_asked_and_what_it_denies_is_not_trusted(plane_samples, tmp_path, capsys):
+    """A plane: SGBM from either eye says the same where both see it."""
+    sample = plane_samples[0]
+    left, right = (write(tmp_path / f"{name}.png", getattr(sample, name)) for name in ("left", "right"))
+    flags = [str(left), str(right), "--focal", str(sample.rig.camera.fx), "--baseline", str(sample.rig.baseline),
+             "--method", "sgbm", "--out", str(tmp_path / "out")]  # fmt: skip
+    assert main([*flags, "--left-right"]) == 0
+    said = capsys.readouterr().out
+    share = float(re.search(r"the eyes agree within 1 px on ([\d.]+) % of what both see", said)[1])
+    difference, confidence = (np.load(tmp_path / "out" / f"{name}.npy") for name in ("left_right", "confidence"))
+    assert share > 95 and difference.shape == confidence.shape
+    assert (confidence[~(difference <= 1)] == 0).all() and (confidence > 0).any() and np.isnan(difference[:, 0]).all()
+    assert main(flags) == 0
+    assert "agree" not in capsys.readouterr().out and not (tmp_path / "out" / "left_right.npy").exists()
