@@ -1,7 +1,9 @@
 """The examples of docs/other_methods.md do what the page says."""
 
-import ast
 import json
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from m3depth.evaluate import main
 from m3depth.matching import SGBM
 from marssim.camera import PinholeCamera, StereoRig
 from marssim.dataset import write_index, write_sample
+from marssim.export import ExportConfig, export
 from marssim.render.stereo import StereoFrame
 
 
@@ -41,9 +44,46 @@ def test_evaluate_takes_it_by_class_path(tmp_path, my_stereo, monkeypatch):
     assert found["fitted_normal"]["all"]["pixels"] and not found["normal"]["all"]["pixels"]
 
 
-def test_the_recipe_is_a_program(other_methods):
-    tree = ast.parse(other_methods("run_pandora.py"))
-    assert {"json", "subprocess", "sys"} <= {n.names[0].name for n in tree.body if isinstance(n, ast.Import)}
+STAND_IN = """#!{python}
+# What Pandora is asked for and answers: negative disparities as a TIFF, NaN where there is none.
+import json, sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+config, folder = json.loads(Path(sys.argv[1]).read_text()), Path(sys.argv[2])
+eyes = [cv2.imread(config["input"][eye]["img"], cv2.IMREAD_UNCHANGED) for eye in ("left", "right")]
+assert config["input"]["left"]["disp"] == [-192, 0] and all(eye.ndim == 2 for eye in eyes)
+data = (Path({truth!r}) / folder.name / "disp0GT.pfm").read_bytes()
+disparity = np.frombuffer(data[len(data) - 4 * eyes[0].size :], "<f4").reshape(eyes[0].shape)[::-1]
+found = np.where(np.isfinite(disparity), -disparity, np.nan).astype(np.float32)
+found[:, :8] = np.nan
+cv2.imwrite(str(folder / "left_disparity.tif"), found)
+"""
+
+
+def test_the_recipe_goes_there_and_back(tmp_path, plane_set, other_methods, monkeypatch):
+    """As on the page, but for the program in the middle, whose part another plays that knows the truth."""
+    export(ExportConfig(plane_set, "eth3d", tmp_path / "eth3d", split=("test",)))
+    (tmp_path / "run_pandora.py").write_text(other_methods("run_pandora.py"))
+    tree = tmp_path / "eth3d" / "test"
+    pandora = tmp_path / "bin" / "pandora"
+    pandora.parent.mkdir()
+    pandora.write_text(STAND_IN.format(python=sys.executable, truth=str(tree / "two_view_training_gt")))
+    pandora.chmod(0o755)
+    environment = {**os.environ, "PATH": f"{pandora.parent}{os.pathsep}{os.environ['PATH']}"}
+    command = [sys.executable, "run_pandora.py", str(tree / "two_view_training"), "out"]
+    subprocess.run(command, cwd=tmp_path, env=environment, check=True)
+    monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
+    asked = ["--predictions", f"Pandora={tmp_path / 'out'},scale=-1,fill", "--baselines", "none"]
+    assert main(["--data", str(plane_set), "--out", str(tmp_path / "score"), *asked]) == 0
+    found = json.loads((tmp_path / "score" / "results.json").read_text())
+    assert found["pairs"] == 2
+    scored = found["methods"]["Pandora"]["depth"]["all"]["pooled"]
+    assert scored["density"] == 1 and scored["bad1"] < 0.2 and scored["epe"] < 0.5  # the first 8 columns are filled
+    whole = 64 * 48 * 2
+    assert found["methods"]["Pandora"]["depth"]["all"]["pixels"] > 0.3 * whole
 
 
 def _without_network(spec, *role):
