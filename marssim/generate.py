@@ -73,6 +73,7 @@ def _generate(config: GenerateConfig) -> StereoDataset:
         raise DatasetError(f"{error}; delete that sample's folder, and the same command makes it anew") from None
     write_atomically(config.out / "contact_sheet.png", cv2.imencode(".png", sheet[..., ::-1])[1].tobytes())
     write_atomically(config.out / "README.md", _readme(config, dataset).encode())
+    _note(config, content, finished=True)
     return dataset
 
 
@@ -200,10 +201,15 @@ def _claim(config: GenerateConfig) -> dict[str, Any]:
     """Make the folder this dataset's, or find that it is. Returns the settings that are noted in it."""
     _held(config)
     content = _settings(config)
-    note = {**content, "command": command_flags(config)}
+    _note(config, content, finished=False)
+    return content
+
+
+def _note(config: GenerateConfig, content: dict[str, Any], finished: bool) -> None:
+    """Keep the settings, and the command that completes them here; of a finished dataset, that others can give."""
+    note = {**content, "command": command_flags(config, elsewhere=finished)}
     if not (config.out / SETTINGS).is_file() or read_json(config.out / SETTINGS) != note:
         write_json(config.out / SETTINGS, note)
-    return content
 
 
 def _is_part(file: Path) -> bool:
@@ -230,7 +236,11 @@ def _readme(config: GenerateConfig, dataset: StereoDataset) -> str:
     counts = {name: sum(s["split"] == name for s in dataset.index["samples"]) for name in ("train", "val", "test")}
     drive = f" The views of a scene are a drive; its poses are also in `scenes/<scene>/{TRAJECTORY}` (TUM format)."
     drive = drive if config.trajectory else ""
-    flags = command_flags(config)
+    datum = """ Heights are metres above
+the ground in the middle of each scene; `heightmap` in `sample.json` has where that lies in the heightmap (`at`: metres
+east and north of its middle) and how high (`datum`: metres to add to a height for that of the file)."""
+    datum = datum if any(scene.relief.heightmap for scene in config.scenes) else ""
+    flags = command_flags(config, elsewhere=True)
     made = f"\nMade by\n\n    python -m marssim.generate --out DIR {flags}\n" if flags is not None else ""
     return f"""# Mars stereo dataset
 
@@ -243,10 +253,11 @@ Files of a sample, in `scenes/<scene>/<view>/`: `left.png`, `right.png` (8-bit R
 (16-bit: Z = 0.1 m * 10000^(code / 65534); 65535 is the sky), `normal.png` (16-bit RGB, n = 2 code / 65535 - 1, camera
 frame x right, y down, z forward), `surface.png` (0 sky, 1 ground, from 2 rocks), `occluded.png` (255: hidden from the
 right eye), `sample.json` (rig, pose, scene parameters, what was drawn from their ranges: sun, air, surface, sensor;
-SHA-256 of each image).{drive} `dataset.json` lists all samples with the SHA-256 of their `sample.json`; `python -m marssim.verify DIR` checks them. Read it with
+SHA-256 of each image).{drive}{datum} `dataset.json` lists all samples with the SHA-256 of their
+`sample.json`; `python -m marssim.verify DIR` checks them. Read it with
 
     from marssim.dataset import StereoDataset
-    sample = StereoDataset("{config.out.name}", split="train")[0]
+    sample = StereoDataset("DIR", split="train")[0]
 
 Digest of all samples: `{dataset.digest}`
 """

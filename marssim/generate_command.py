@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
+from pathlib import Path
 from typing import Any
 
 from marssim.camera import NATECAM, PinholeCamera, StereoRig
@@ -12,13 +13,14 @@ from marssim.generate_config import MIXED, GenerateConfig, RunConfig
 from marssim.scene.scene import PRESETS, preset
 
 ELSEWHERE = ("out", "workers", "scheduler")  # who renders and where to: not of the dataset
-FILLED_IN = "relief.heightmap_sha256"  # from the file
+FROM_FILE, FILLED_IN = "relief.heightmap", "relief.heightmap_sha256"  # its digest
 
 
-def command_flags(config: GenerateConfig) -> str | None:
+def command_flags(config: GenerateConfig, elsewhere: bool = False) -> str | None:
     """Flags of marssim.generate that give this config, but for --out, --workers and --scheduler.
 
-    None for a config that no flags give: of scenes that are neither one place's nor all places', changed alike.
+    elsewhere: for other machines, where a heightmap is known by its name and lies in another folder. None for a config
+    that no flags give: of scenes that are neither one place's nor all places', changed alike.
     """
     knobs = _knobs(config)
     if knobs is None:
@@ -28,6 +30,8 @@ def command_flags(config: GenerateConfig) -> str | None:
     before = dict(_leaves(default, RunConfig))
     asked = {"pairs": config.pairs, "seed": config.seed, "scene": config.place}
     asked |= {name: value for name, value in run.items() if value != before[name]} | knobs | _rig(config.rig)
+    if elsewhere and FROM_FILE in asked:
+        asked[FROM_FILE] = Path(str(asked[FROM_FILE])).name
     return shlex.join(word for name, value in asked.items() for word in _words(name, value))
 
 

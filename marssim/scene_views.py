@@ -75,6 +75,8 @@ def _meta(config: GenerateConfig, scene: Scene, sensor: Sensor, scene_index: int
     if scene.config.relief.heightmap is not None:  # by its name: the folder is another one elsewhere
         scene_config["relief"]["heightmap"] = Path(scene.config.relief.heightmap).name
     more: dict[str, Any] = {"rasterizer": EGL} if config.rasterizer == EGL else {}
+    if scene.terrain.at is not None:  # where the scene's origin lies in the heightmap, and how high [m]
+        more["heightmap"] = {"at": list(scene.terrain.at), "datum": scene.terrain.datum}
     if config.trajectory:
         more["timestamp"] = view * config.drive.step / config.drive.speed
     return {

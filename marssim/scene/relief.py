@@ -48,7 +48,9 @@ class ReliefConfig:
     ripple_cover: float = 0.35
     """share of the ground that carries ripples, 0 to 1"""
     heightmap: str | None = None
-    """file with measured heights instead of drawn relief: .npy [m], 16-bit .png, or .tif (GeoTIFF); north is up"""
+    """file with measured heights instead of drawn relief: .npy [m], 16-bit .png, or .tif (GeoTIFF); north is up. A
+    scene's heights count from the ground in its middle; heightmap.datum in sample.json, added to them, gives the
+    file's"""
     heightmap_scale: float | None = None
     """side of a heightmap cell [m]; not needed for a GeoTIFF in metres"""
     heightmap_height: float | None = None

@@ -84,10 +84,16 @@ class HeightGrid:
 
 @dataclass(frozen=True)
 class Terrain:
-    """The ground: a fine grid around the origin, and a coarse one out to the horizon with a hole where the fine is."""
+    """The ground: a fine grid around the origin, and a coarse one out to the horizon with a hole where the fine is.
+
+    The ground at the origin has height 0. datum: what it has in the relief as it was drawn, or in the heightmap [m]:
+    z + datum is a height there. at: where the origin lies in the heightmap, east and north of its middle [m].
+    """
 
     fine: HeightGrid
     coarse: HeightGrid
+    datum: float = 0.0
+    at: tuple[float, float] | None = None
 
     def gradient_at(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Height [m] and slopes dh/dx, dh/dy of the ground triangle below each point."""
@@ -159,6 +165,8 @@ def build_terrain(config: ReliefConfig, size: float, cell: float, horizon: float
     return Terrain(
         fine=HeightGrid(blended - offset, -half, -half, x[1] - x[0]),
         coarse=HeightGrid(coarse - offset, -far, -far, COARSE_CELL),
+        datum=offset,
+        at=None if window is None else window.at,
     )
 
 

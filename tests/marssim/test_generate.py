@@ -218,6 +218,21 @@ def test_settings_beside_something_else_are_not_replaced(tmp_path):
     assert contents(tmp_path / "set") == before
 
 
+def test_no_byte_tells_where_data_and_heightmap_lay(tmp_path):
+    """Here two folders, else two machines."""
+    written = []
+    for name in ("one", "two"):
+        file = tmp_path / name / "map.npy"
+        file.parent.mkdir()
+        np.save(file, np.zeros((40, 40)))
+        scene = preset("utopia", size=12.0, horizon=16.0, relief=ReliefConfig(heightmap=str(file), heightmap_scale=1.0))
+        generate(config(tmp_path / name / f"set of {name}", scenes=(scene,), pairs=1))
+        written.append(contents(tmp_path / name / f"set of {name}"))
+    assert written[0] == written[1]
+    assert not [name for name, data in written[0].items() if bytes(tmp_path) in data]
+    assert "--relief.heightmap map.npy" in written[0]["README.md"].decode()
+
+
 def test_a_heightmap_is_found_from_any_folder_and_may_be_moved(tmp_path, monkeypatch):
     """Workers elsewhere stand in other folders; what is recorded is the map, not where it lay."""
     maps = [tmp_path / "here" / "map.npy", tmp_path / "there" / "moved.npy"]

@@ -108,6 +108,17 @@ def test_no_facets_are_seen(tmp_path):
     assert by_place.max() < 1.6 * by_place.min()
 
 
+@pytest.mark.parametrize("at", [(2.25, -1.5), None])
+def test_place_and_datum_lead_back_to_the_files_heights(tmp_path, at):
+    axis, surface = hills(80, 0.5)
+    np.save(tmp_path / "map.npy", surface(axis[None, :], axis[::-1, None]) - 2500)
+    terrain = build(tmp_path / "map.npy", heightmap_scale=0.5, heightmap_at=at)
+    assert at in (None, terrain.at) and terrain.height_at(0.0, 0.0) == pytest.approx(0, abs=1e-9)
+    x, y = np.random.default_rng(0).uniform(-4, 4, (2, 200))
+    there = surface(x + terrain.at[0], y + terrain.at[1]) - 2500
+    assert terrain.height_at(x, y) + terrain.datum == pytest.approx(there, abs=0.03)
+
+
 def test_a_scene_may_draw_its_own_place_and_keeps_off_gaps(tmp_path):
     values = np.add.outer(np.zeros(120), np.arange(120.0) ** 2 / 400).astype(np.float32)
     values[:, :40] = -9999
@@ -118,7 +129,7 @@ def test_a_scene_may_draw_its_own_place_and_keeps_off_gaps(tmp_path):
         assert np.isfinite(terrain.coarse.heights).all()
         slopes.append(float(terrain.height_at(5.0, 0.0) - terrain.height_at(-5.0, 0.0)))
     assert np.std(slopes) > 0.1 and min(slopes) > 2.0
-    with pytest.raises(ValueError, match=r"map\.tif.*no data.*--relief.heightmap-at"):
+    with pytest.raises(ValueError, match=r"map\.tif.*no data.*`relief.heightmap_at`"):
         build(path, heightmap_at=(-20.0, 0.0))
 
 
@@ -279,17 +290,17 @@ def broken(tmp_path, case):
         ("pickle", "no readable .npy"), ("text", "does not begin like one"), ("cut archive", "does not begin like one"),
         ("three dimensions", "two-dimensional"),
         ("complex", "two-dimensional"), ("nan", "no data"), ("too small", "60 x 20 m, too small"),
-        ("too coarse", "cells of 50 m"), ("beyond", "--relief.heightmap-at"), ("no scale", "--relief.heightmap-scale"),
+        ("too coarse", "cells of 50 m"), ("beyond", "`relief.heightmap_at`"), ("no scale", "`relief.heightmap_scale`"),
         ("kind", ".npy, .png, .tif"), ("8 bits", "8 bits"), ("colour", "3 channels"),
-        ("no height", "--relief.heightmap-height"),
+        ("no height", "`relief.heightmap_height`"),
         ("no image", "cannot be read as an image"), ("degrees", "degrees"), ("feet", "not measured in metres"),
-        ("not square", "not square"), ("no tags", "--relief.heightmap-scale"), ("odd nodata", "nodata"),
+        ("not square", "not square"), ("no tags", "`relief.heightmap_scale`"), ("odd nodata", "nodata"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_with_a_file_is_said_in_a_line(tmp_path, case, says, capfd):
     path, config = broken(tmp_path, case)
     capfd.readouterr()
-    with pytest.raises(ValueError, match=r"^--relief\.heightmap /") as error:
+    with pytest.raises(ValueError, match=r"^`relief\.heightmap` /") as error:
         build(path, **config)
     message = str(error.value)
     assert path.name in message and says in message and "\n" not in message
