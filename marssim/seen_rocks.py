@@ -4,7 +4,9 @@ A rock's diameter is its width across the line of sight; the area that goes with
 at is what the image covers on a map, up to a distance: the plane through the ground that is seen, also where rocks
 hide it. Rocks are seen from the side, partly hidden by others and cut by the image's border; all in all, on 1000 m2
 each of utopia, gale and jezero (72 views), rocks of 0.1 m and more gave 1.09, 1.02 and 0.99 times the area of those
-that stood there. What stands there is by chance, as the views are: marssim.abundance measures whole scenes from above.
+that stood there. What stands there is by chance, as the views are; golombek.sampling_spread says how much on so much
+ground. It is more where rocks lie in clusters, and where views share ground, as those of a drive: it is counted for
+each. marssim.abundance measures whole scenes from above.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ import numpy as np
 
 from marssim.camera import rotate
 from marssim.dataset import StereoSample
-from marssim.scene.golombek import covered_area
+from marssim.scene.golombek import covered_area, sampling_spread
 
 REACH = 6.0  # [m] of ground that is looked at: 0.1 m are 10 px there
 DIAMETERS = (0.1, 0.2, 0.3, 0.5)  # [m]
@@ -24,11 +26,15 @@ DIAMETERS = (0.1, 0.2, 0.3, 0.5)  # [m]
 
 @dataclass
 class RockCover:
-    """Rocks and ground of some samples; they add up. asked: (D,) sum of k's law times ground [m2]."""
+    """Rocks and ground of some samples; they add up. asked: (D,) sum of k's law times ground [m2].
+
+    variance: (D,) of what is covered [m4], by the chance that puts rocks on the ground of each sample.
+    """
 
     ground: float = 0.0
     covered: np.ndarray = field(default_factory=lambda: np.zeros(len(DIAMETERS)))
     asked: np.ndarray = field(default_factory=lambda: np.zeros(len(DIAMETERS)))
+    variance: np.ndarray = field(default_factory=lambda: np.zeros(len(DIAMETERS)))
 
     def add(self, sample: StereoSample, k: float) -> None:
         """Count the rocks of one more sample, whose scene was asked for a share k."""
@@ -37,9 +43,14 @@ class RockCover:
         self.ground += ground
         self.covered += [area[diameter >= d].sum() for d in DIAMETERS]
         self.asked += covered_area(np.array(DIAMETERS), k) * ground
+        if ground:
+            self.variance += (sampling_spread(np.array(DIAMETERS), k, ground) * ground) ** 2
 
     def report(self) -> dict[str, Any]:
-        """Plain numbers, for JSON: share of the ground under rocks of each diameter and more, seen and asked for."""
+        """Plain numbers, for JSON: share of the ground under rocks of each diameter and more, seen and asked for.
+
+        spread: standard deviation of the share by chance.
+        """
         if not self.ground:
             return {}
         return {
@@ -47,6 +58,7 @@ class RockCover:
             "diameters_m": list(DIAMETERS),
             "seen": (self.covered / self.ground).tolist(),
             "asked": (self.asked / self.ground).tolist(),
+            "spread": (np.sqrt(self.variance) / self.ground).tolist(),
         }
 
     def table(self) -> str:
@@ -54,9 +66,12 @@ class RockCover:
         report = self.report()
         if not report:
             return ""
-        lines = [f"ground under rocks of diameter D and more, on {self.ground:.0f} m2 up to {REACH:g} m away"]
-        for d, seen, asked in zip(DIAMETERS, report["seen"], report["asked"]):
-            lines.append(f"  D {d:.1f} m: seen {seen:.2%}, asked {asked:.2%}")
+        lines = [
+            f"ground under rocks of diameter D and more, on {self.ground:.0f} m2 up to {REACH:g} m away; "
+            f"spread: standard deviation by chance, more where views share ground"
+        ]
+        for d, seen, asked, spread in zip(DIAMETERS, report["seen"], report["asked"], report["spread"]):
+            lines.append(f"  D {d:.1f} m: seen {seen:.2%}, asked {asked:.2%}, spread {spread:.2%}")
         return "\n".join(lines)
 
 

@@ -6,6 +6,7 @@ import pytest
 from marssim.camera import PinholeCamera, StereoRig, look_pose
 from marssim.dataset import StereoSample, read_sample
 from marssim.render.raycast import Raycaster
+from marssim.scene.golombek import sampling_spread
 from marssim.scene.rocks import RockConfig
 from marssim.scene.scene import SceneConfig, build_scene
 from marssim.seen_rocks import DIAMETERS, REACH, RockCover, seen_rocks
@@ -71,6 +72,9 @@ def test_rocks_are_about_as_wide_as_their_outlines_from_above():
     assert report["seen"][0] * report["ground_m2"] == pytest.approx(there, rel=0.2)  # also what is hidden or cut
     assert (np.diff(report["seen"]) <= 0).all() and report["asked"][0] == pytest.approx(0.1 * np.exp(-0.331), abs=1e-3)
     assert f"D {DIAMETERS[0]} m" in cover.table()
+    total = sampling_spread(np.array(DIAMETERS), 0.1, report["ground_m2"])
+    assert report["spread"] == pytest.approx(total.tolist())  # however the ground is parted into views
+    assert f"spread {total[0]:.2%}" in cover.table()
 
 
 def test_nothing_seen():
