@@ -1,6 +1,7 @@
 """Measure how much of the ground rocks cover, and set it beside Golombek's law.
 
     python -m marssim.abundance --scene gale --scenes 8 --seed 1
+    python -m marssim.abundance --rocks.k 0.1 --rocks.cluster 1
 
 Rays are shot straight down on finished scenes, on a grid of --cell, and say which rock each spot of ground shows. The
 area of a rock's visible spots is that of a disc of diameter D; the areas of all rocks of D and more, over the ground
@@ -17,27 +18,28 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from marssim.command import counted, run_command
+from marssim.command import counted, exit_code, parse
+from marssim.generate_config import named_scene
 from marssim.scene.golombek import MAX_DIAMETER, REPORTED, covered_area, number_density, sampling_spread
-from marssim.scene.scene import Place, Scene, build_scene, preset
+from marssim.scene.rocks import RockConfig
+from marssim.scene.scene import PRESETS, Place, Scene, build_scene, preset
 
 BAND = 2.0  # [m] of ground that is looked at in one go
 LEAST_TOLERANCE = 0.10  # of the asked share
 SPREADS = 3.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class AbundanceConfig:
     """Measure the rock abundance of drawn scenes from straight above."""
 
     scene: Place = "gale"
-    """preset that the scenes are drawn from"""
-    k: float | None = None
-    """share of the ground that rocks cover, 0 to 0.4, instead of the preset's"""
+    """preset that the scenes are drawn from; `--scene NAME --help` shows its rocks as the defaults of --rocks"""
+    rocks: RockConfig
     scenes: int = 8
     """number of scenes to draw and measure together"""
     seed: int = 1
@@ -50,8 +52,6 @@ class AbundanceConfig:
             raise ValueError(f"--scenes must be at least 1, got {self.scenes}")
         if self.seed < 0:
             raise ValueError(f"--seed must not be negative, got {self.seed}")
-        if self.k is not None and not 0 <= self.k <= 0.4:
-            raise ValueError(f"--k must lie in [0, 0.4], got {self.k}")
         if not 0.002 <= self.cell <= 0.05:
             raise ValueError(f"--cell must lie in [0.002, 0.05] m, got {self.cell}")
 
@@ -162,22 +162,26 @@ def measure(scenes: Iterable[Scene], k: float, cell: float = 0.01) -> Abundance:
 
 def abundance(config: AbundanceConfig) -> Abundance:
     """Draw the scenes and measure them."""
-    scene_config = preset(config.scene)
-    if config.k is not None:
-        scene_config = replace(scene_config, rocks=replace(scene_config.rocks, k=config.k))
-    drawn = (build_scene(scene_config, np.random.default_rng((config.seed, n))) for n in range(config.scenes))
-    return measure(drawn, scene_config.rocks.k, config.cell)
+    scene = preset(config.scene, rocks=config.rocks)
+    drawn = (build_scene(scene, np.random.default_rng((config.seed, n))) for n in range(config.scenes))
+    return measure(drawn, config.rocks.k, config.cell)
 
 
 def main(args: Sequence[str] | None = None) -> int:
     """The command. Returns the exit code."""
-    return run_command(_work, AbundanceConfig, "python -m marssim.abundance", __doc__, args, "nothing was written")
+    return exit_code(lambda: _work(_parse(sys.argv[1:] if args is None else args)), "nothing was written")
+
+
+def _parse(args: Sequence[str]) -> AbundanceConfig:
+    scene = named_scene(args, PRESETS, "gale")
+    default = AbundanceConfig(scene=scene, rocks=preset(scene).rocks)
+    return parse(AbundanceConfig, "python -m marssim.abundance", __doc__, args, default)
 
 
 def _work(config: AbundanceConfig) -> None:
     result = abundance(config)
-    k = preset(config.scene).rocks.k if config.k is None else config.k
-    print(f"{counted(config.scenes, 'scene')} of {config.scene}, k {k:g}, {result.area:.0f} m2 seen from above")
+    scenes = f"{counted(config.scenes, 'scene')} of {config.scene}"
+    print(f"{scenes}, k {config.rocks.k:g}, {result.area:.0f} m2 seen from above")
     print(result.table())
 
 

@@ -186,7 +186,7 @@ class GenerateOptions(RunConfig):
 def parse_generate(prog: str, description: str | None, args: Sequence[str] | None = None) -> GenerateConfig:
     """The config that a command line asks for. Raises ValueError of one line that names the flag, OSError."""
     args = sys.argv[1:] if args is None else args
-    asked = _scene_of(args)
+    asked = named_scene(args, (*PRESETS, MIXED), PRESETS[0])
     names = PRESETS if asked == MIXED else (asked,)
     options = [
         parse(GenerateOptions, prog, description, args, GenerateOptions(out=tyro.MISSING, scene=asked, knobs=_of(name)))
@@ -213,10 +213,10 @@ def read_rig(path: Path) -> StereoRig:
         raise DatasetError(f"--rig-file {path}: {error}") from None
 
 
-def _scene_of(args: Sequence[str]) -> Any:
+def named_scene(args: Sequence[str], names: Sequence[str], default: str) -> Any:
     """The place that --scene names; the default one if it is not there or names none, which the parser will tell."""
     found = re.findall(r"(?:^|\0)--scene[=\0]([^\0]*)", "\0".join(args))
-    return found[-1] if found and found[-1] in (*PRESETS, MIXED) else PRESETS[0]
+    return found[-1] if found and found[-1] in names else default
 
 
 def _of(name: str) -> SceneOptions:

@@ -66,7 +66,25 @@ def test_the_command_prints_a_table(capsys):
     assert abs(rocks - expected) < 4 * expected**0.5
 
 
-@pytest.mark.parametrize("flag", ["--scenes 0", "--seed -1", "--k 0.9", "--cell 1"])
+def test_the_command_measures_the_rocks_that_it_is_given(capsys):
+    """Those of the place that --scene names, but for what is said of them."""
+    flags = ["--scene", "utopia", "--scenes", "1", "--cell", "0.05"]
+    tables = []
+    for more in ([], ["--rocks.k", "0.033"], ["--rocks.buried", "0", "0.5"], ["--rocks.k", "0"]):
+        assert main([*flags, *more]) == 0
+        tables.append(capsys.readouterr().out.splitlines())
+    assert tables[0] == tables[1] and tables[0][2:] != tables[2][2:]
+    assert all(float(word) == 0 for line in tables[3][2:] for word in line.split()[1:3])
+
+
+def test_help_shows_the_rocks_of_the_place(capsys):
+    for place, k in (("gale", "0.07"), ("jezero", "0.15")):
+        with pytest.raises(SystemExit):
+            main([f"--scene={place}", "--help"])
+        assert f"(default: {k})" in " ".join(capsys.readouterr().out.replace("│", " ").split())
+
+
+@pytest.mark.parametrize("flag", ["--scenes 0", "--seed -1", "--rocks.k 0.9", "--rocks.albedo nan", "--cell 1"])
 def test_a_mistake_is_one_line(flag, capsys):
     assert main(flag.split()) == 2
     error = capsys.readouterr().err
