@@ -197,7 +197,7 @@ def _check_image(path: Path, recorded: str, rig: StereoRig) -> str | None:
     if hashlib.sha256(data).hexdigest() != recorded:
         if not data:
             return "empty"
-        return "other content than recorded" if data.endswith(PNG_END) else "truncated"
+        return "other content than recorded" if PNG_END in data else "truncated"
     if not (len(data) > 26 and data.startswith(PNG_START) and data.endswith(PNG_END)):
         return "is no whole PNG image" if data else "empty"
     width, height, bits, colour = struct.unpack(">IIBB", data[16:26])

@@ -56,6 +56,7 @@ def test_every_image_is_watched(folder, name):
     data = file.read_bytes()
     for broken, said in (
         (data[:-20], "truncated"),
+        (data + b"x", "other content than recorded"),
         (b"", "empty"),
         (data[:60] + bytes([data[60] ^ 1]) + data[61:], "other content than recorded"),
     ):
