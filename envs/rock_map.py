@@ -14,12 +14,13 @@ What a rover's driver asks decides what counts as what:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import cv2
 import numpy as np
 
-from m3depth.rocks import RockOutcome, RockScene, RockTally
+from m3depth.rocks import RockOutcome, RockScene, RockTally, count_between
 from marssim.camera import StereoRig
 from marssim.rover_spec import ZHURONG
 from nav import ElevationMap, TraversabilityConfig, assess
@@ -87,7 +88,27 @@ def look_at(depth: np.ndarray, confidence: np.ndarray | None, rig: StereoRig, tu
     return Look(elevation, assess(elevation, ZHURONG, TraversabilityConfig()).step)
 
 
-def count_rocks(tally: RockTally, look: Look, scene: RockScene, place: Place, least: float) -> None:
+@dataclass
+class MapTally(RockTally):
+    """What a map tells beside what every depth does: displaced, (height, distance) [m] of each obstacle that is a rock
+    but not at its place; unknown: of each rock missed whose place was left unknown."""
+
+    displaced: list[tuple[float, float]] = field(default_factory=list)
+    unknown: list[tuple[float, float]] = field(default_factory=list)
+
+    def result(self) -> dict[str, Any]:
+        """RockTally's, with the number of all displaced."""
+        found = super().result()
+        return {**found, "displaced": len(self.displaced)} if found else {}
+
+    def figures(self, low: float, high: float, near: float, far: float) -> dict[str, Any]:
+        """RockTally's, with the numbers of unknown and displaced."""
+        mine = {"unknown": self.unknown, "displaced": self.displaced}
+        counts = {name: count_between(places, low, high, near, far) for name, places in mine.items()}
+        return {**super().figures(low, high, near, far), **counts}
+
+
+def count_rocks(tally: MapTally, look: Look, scene: RockScene, place: Place, least: float) -> None:
     """Add what one look shows to the tally. place: where the rocks truly are; least: [m] from which height on a cell is
     an obstacle."""
     tally.images += 1
@@ -100,8 +121,9 @@ def count_rocks(tally: RockTally, look: Look, scene: RockScene, place: Place, le
         cells = _wider(on, 1)
         found = bool((stands & cells).any())
         height = float(np.nanmax(look.step[cells])) if found else np.nan
-        unknown = not found and bool(look.elevation.known[on].mean() < 0.5)
-        tally.rocks.append(RockOutcome(rock.height, rock.away, found, height - rock.height, rock.both_eyes, unknown))
+        tally.rocks.append(RockOutcome(rock.height, rock.away, found, height - rock.height, rock.both_eyes))
+        if not found and look.elevation.known[on].mean() < 0.5:
+            tally.unknown.append((rock.height, rock.away))
     beside = np.ones((2 * round(BESIDE / config.cell) + 1,) * 2, np.uint8)
     with np.errstate(invalid="ignore"):
         false = stands & ~(cv2.dilate(place.height, beside) >= look.step / 2)

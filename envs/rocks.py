@@ -19,13 +19,13 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from envs.rock_map import RULES, count_rocks, look_at, true_place
+from envs.rock_map import RULES, MapTally, count_rocks, look_at, true_place
 from envs.sight import load_perception
 from m3depth.datasets.config import Part
 from m3depth.degradation import Degradation
 from m3depth.figures.rocks import rocks_figure
 from m3depth.report import rocks_table, versions, write_json
-from m3depth.rocks import RockTally, rock_scene
+from m3depth.rocks import rock_scene
 from marssim.command import counted, run_command
 from marssim.dataset import StereoDataset
 
@@ -78,7 +78,7 @@ def rocks_seen(config: RocksConfig) -> dict[str, Any]:
     methods = {name: load_perception(name) for name in config.perception}
     worse = None if config.degrade is None else Degradation.parse(config.degrade)
     steps = sorted({config.step, *STEPS})
-    tallies = {name: {step: RockTally() for step in steps} for name in methods}
+    tallies = {name: {step: MapTally() for step in steps} for name in methods}
     config.out.mkdir(parents=True, exist_ok=True)
     for index, (dataset, number) in enumerate(tqdm(pairs, desc="rocks", unit="pair", disable=None)):
         sample = dataset[number]

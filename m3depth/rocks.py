@@ -15,6 +15,7 @@ score (python -m envs.rocks asks the navigator's map instead):
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, NamedTuple, Protocol
@@ -217,29 +218,23 @@ def false_obstacles(scene: RockScene, depth: np.ndarray) -> list[tuple[float, fl
 
 
 class RockOutcome(NamedTuple):
-    """What became of one rock: its height and distance [m], whether it was found, the error of its height [m], whether
-    both eyes see it, and whether its place was left unknown (which only a map can say)."""
+    """What became of one rock: its height and distance [m], whether it was found, the error of its height [m], and
+    whether both eyes see it."""
 
     height: float
     away: float
     found: bool
     error: float
     both_eyes: bool = True
-    unknown: bool = False
 
 
 @dataclass
 class RockTally:
-    """Rocks found and missed, and obstacles that are none, over many images.
-
-    false: (height, distance) of each false obstacle; displaced: of each that is a rock, but not at its place (none by
-    this file's measure, which asks pixel by pixel).
-    """
+    """Rocks found and missed, and obstacles that are none, over many images. false: (height, distance) of these [m]."""
 
     images: int = 0
     rocks: list[RockOutcome] = field(default_factory=list)
     false: list[tuple[float, float]] = field(default_factory=list)
-    displaced: list[tuple[float, float]] = field(default_factory=list)
 
     def add(self, prediction: Prediction, scene: RockScene) -> None:
         """Judge one prediction."""
@@ -251,36 +246,32 @@ class RockTally:
         self.false += false_obstacles(scene, prediction.depth)
 
     def result(self) -> dict[str, Any]:
-        """{"images", "false", "displaced": all of them, "bins": figures by height and distance,
-        "standing_0.2_m_within_8_m": figures}; {} without images.
-
-        Figures: rocks, found; found_share and the height's error over the rocks found [m], its median magnitude and its
-        median with sign, None without rocks; the first three again of those that both eyes see; unknown: rocks missed
-        whose place was left unknown; false, displaced, false_per_image.
-        """
+        """{"images", "false": all of them, "bins": figures by height and distance, "standing_0.2_m_within_8_m":
+        figures}; {} without images."""
         if not self.images:
             return {}
         bins = [
-            self._figures(low, high, near, far)
+            self.figures(low, high, near, far)
             for low, high in pairwise(HEIGHT_EDGES)
             for near, far in pairwise(RANGE_EDGES)
         ]
         return {
             "images": self.images,
             "false": len(self.false),
-            "displaced": len(self.displaced),
             "bins": bins,
-            "standing_0.2_m_within_8_m": self._figures(OBSTACLE, np.inf, 0.0, 8.0),
+            "standing_0.2_m_within_8_m": self.figures(OBSTACLE, np.inf, 0.0, 8.0),
         }
 
-    def _figures(self, low: float, high: float, near: float, far: float) -> dict[str, Any]:
+    def figures(self, low: float, high: float, near: float, far: float) -> dict[str, Any]:
+        """Of heights and distances from the first up to the second [m].
+
+        rocks, found; found_share and the height's error over the rocks found [m], its median magnitude and its median
+        with sign, None without rocks; the first three again of those that both eyes see; false, false_per_image.
+        """
         rocks = [r for r in self.rocks if low <= r.height < high and near <= r.away < far]
         errors = np.array([r.error for r in rocks if r.found])
         both = [r.found for r in rocks if r.both_eyes]
-        false, displaced = (
-            sum(low <= height < high and near <= away < far for height, away in patches)
-            for patches in (self.false, self.displaced)
-        )
+        false = count_between(self.false, low, high, near, far)
         return {
             "height_from_m": low,
             "height_to_m": high,
@@ -292,10 +283,13 @@ class RockTally:
             "both_eyes": len(both),
             "both_eyes_found": sum(both),
             "both_eyes_share": sum(both) / len(both) if both else None,
-            "unknown": sum(r.unknown and not r.found for r in rocks),
             "height_error_m": float(np.median(np.abs(errors))) if len(errors) else None,
             "height_bias_m": float(np.median(errors)) if len(errors) else None,
             "false": false,
-            "displaced": displaced,
             "false_per_image": false / self.images,
         }
+
+
+def count_between(seen: Iterable[tuple[float, float]], low: float, high: float, near: float, far: float) -> int:
+    """How many of (height, distance) [m] lie in low <= height < high and near <= distance < far."""
+    return sum(low <= height < high and near <= away < far for height, away in seen)
