@@ -155,6 +155,31 @@ def test_few_points_need_company_to_stand_out(rows, columns, stands):
     assert np.nanmax(trusting.top) > 0.1
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_one_stray_point_among_many_is_neither_top_nor_ground(sign):
+    """At 3.5 m a cell has a dozen points; 0.5 px of disparity are 4 cm of height. Several such are believed."""
+    camera = body_pose(0, 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline)
+    level = SMALL_RIG.depth_to_disparity(RockWorld().depth(SMALL_RIG, camera))
+    row = int(np.argmin(np.abs(level[:, 96] - SMALL_RIG.fb / 3.5)))
+    extremes = []
+    for width in (1, 3):
+        disparity = level.copy()
+        disparity[row, 96 : 96 + width] += 0.5 * sign
+        elevation = ElevationMap(SMALL)
+        elevation.integrate(SMALL_RIG.disparity_to_depth(disparity).astype(np.float32), None, SMALL_RIG, camera)
+        extremes.append(np.nanmax(sign * (elevation.top if sign > 0 else elevation.low)))
+    assert extremes[0] < 0.005 and extremes[1] > 0.025
+
+
+def test_trust_grows_with_looks_up_to_four():
+    elevation, weights = ElevationMap(SMALL), []
+    for _ in range(8):
+        look(elevation, RockWorld(), body_pose(0, 0, 0))
+        weights.append(elevation.weight[elevation.measured])
+    for n, expected in enumerate((1, 2, 3, 4, 4, 4, 4, 4)):
+        np.testing.assert_allclose(weights[n], expected * weights[0], rtol=1e-5)
+
+
 @pytest.mark.parametrize("distance", [2.5, 4.0, 6.0])
 def test_low_rocks_keep_their_height(distance):
     camera = body_pose(0, 0, 0) @ ZHURONG.mount.left_eye(NATECAM.baseline)

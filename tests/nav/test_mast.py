@@ -60,3 +60,8 @@ def test_what_was_seen_and_small_turns_need_no_look():
     # to the left everything was seen, to the right nothing
     left, _ = scene(seen=lambda x, y: y > -0.7)
     assert not mast().must_look(1.5, HERE, 0.0, DRIVE, left) and mast().must_look(-1.5, HERE, 0.0, DRIVE, left)
+
+
+def test_beyond_the_map_nothing_was_seen():
+    everything, _ = scene()
+    assert mast().must_look(0.7, np.array([7.5, 0.0, 0.0]), 0.0, DRIVE, everything)

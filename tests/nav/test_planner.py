@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from flat_map import scene
@@ -100,6 +102,38 @@ def test_turning_to_and_fro_comes_to_an_end():
         sides.append(np.sign(planner.plan(elevation, ground, np.zeros(3), goal).turn))
     changes = np.flatnonzero(np.diff(sides))
     assert 1 <= len(changes) <= 6 and changes[-1] < 8 and sides[-1] != 0
+
+
+def chosen(goal, cost=0.0, before=0.0, **changes):
+    """The motion to a goal on open ground, each metre of which costs so much more, after a drive of a curvature."""
+    elevation, ground = scene()
+    ground = replace(ground, cost=np.full_like(ground.cost, cost))
+    planner = Planner(ZHURONG, replace(CONFIG, **changes), elevation)
+    planner.previous_curvature = before
+    planner.update(elevation, ground, np.array(goal))
+    return planner.plan(elevation, ground, np.zeros(3), np.array(goal))
+
+
+def test_a_motion_costs_what_the_ground_on_the_whole_way_does():
+    for cost in (0.0, 1.5):
+        motion = chosen((7.0, 0.05), cost)
+        assert motion.turn == 0 and abs(motion.curvature) < 0.05
+        assert motion.cost == pytest.approx(7.0 * (1 + cost), rel=0.03)
+
+
+def test_departing_from_the_last_curvature_costs():
+    assert chosen((7.0, 0.05), before=0.5).cost > chosen((7.0, 0.05)).cost
+    steady, torn = (chosen((7.0, 0.05), before=0.5, change_cost=cost, turn_start_cost=1000.0) for cost in (0.0, 20.0))
+    assert abs(steady.curvature) < 0.05 and torn.curvature == pytest.approx(0.5, abs=0.1)
+
+
+def test_bends_cost_and_end_in_time():
+    goal, no_turns = (-3.0, 4.0), {"turn_start_cost": 100.0}
+    bent = chosen(goal, **no_turns)
+    assert bent.turn == 0 and np.deg2rad(90) < bent.curvature * bent.length <= np.deg2rad(CONFIG.max_turn_deg) + 1e-6
+    farther = chosen(goal, **no_turns, max_turn_deg=200.0)
+    assert farther.curvature * farther.length > np.deg2rad(CONFIG.max_turn_deg) + 0.1
+    assert chosen(goal, **no_turns, bend_cost=20.0).curvature < 0.7 * bent.curvature
 
 
 def test_rocks_are_driven_round():

@@ -80,6 +80,39 @@ def test_the_top_of_a_rock_in_its_own_shadow_is_no_ground():
     assert np.nanmax(ground_surface(low, known, 17)) == pytest.approx(0, abs=1e-6)
 
 
+def test_what_is_hidden_behind_a_face_is_taken_for_the_rock_and_no_more():
+    """A block of which only the near face, at x = 2 m, is seen; behind it nothing is known."""
+    elevation = painted(lambda x, y: 0.5 * ((x > 2.0) & (np.abs(y) < 0.3)))
+    x, y = (a.ravel() for a in elevation.centres())
+    hidden = (x[None, :] > 2.1) & (np.abs(y[:, None]) < 0.3)
+    for layer, empty in ((elevation.top, np.nan), (elevation.low, np.nan), (elevation.weight, 0)):
+        layer[hidden] = empty
+    blocked = assess(elevation, ZHURONG, CONFIG).blocked
+    row = int(np.argmin(np.abs(y)))
+    depth = x[np.flatnonzero(blocked[row])] - 2.0
+    assert depth.min() < 0.1 and CONFIG.hidden_depth - 0.05 < depth.max() < CONFIG.hidden_depth + 0.15
+
+
+def test_the_bottom_of_a_ditch_is_rough_where_it_does_not_slope():
+    """Sides of 47 deg: along the middle the plane that fits best is all but level, and 0.17 m off."""
+    ditch = painted(lambda x, y: np.tan(np.deg2rad(47)) * np.abs(x) + 0 * y)
+    ground = assess(ditch, ZHURONG, CONFIG)
+    bottom = np.s_[40:120, 79:81]
+    assert ground.slope[bottom].max() < np.deg2rad(15) and ground.blocked[bottom].all()
+    smooth = TraversabilityConfig(roughness_blocked=9.0)
+    assert not assess(ditch, ZHURONG, smooth).blocked[bottom].any()
+
+
+def test_beside_an_obstacle_ground_costs_less_and_less():
+    ground = assess(painted(lambda x, y: 0.6 * ((np.abs(x) < 0.2) & (np.abs(y) < 0.2))), ZHURONG, CONFIG)
+    half = ZHURONG.width / 2 + CONFIG.margin
+    for column in range(94, 105):  # 1.2 m and more beside the block, which itself counts up to 0.9 m
+        away = ground.clearance[80, column]
+        expected = CONFIG.near_cost * np.clip((CONFIG.comfort - away) / (CONFIG.comfort - half), 0, 1)
+        assert ground.cost[80, column] == pytest.approx(expected, abs=1e-4)
+    assert ground.cost[80, 94] > 0.5 and ground.cost[80, 100] == 0
+
+
 def test_unknown_is_dark_never_blocked_never_free():
     elevation = ElevationMap(SMALL)
     elevation.assume_flat(body_pose(0, 0, 0), 3.0)
