@@ -20,6 +20,7 @@ MISTAKES = (ValueError, OSError, ImportError, FloatingPointError, MemoryError, B
 GOES_ON = "the same command goes on from here"
 KILLED = f"a worker process was killed, perhaps for lack of memory; {GOES_ON}, with fewer --workers it needs less"
 _RULE = re.compile(r"[─-]{8,}")
+_FIELD = re.compile(r"`([a-z][a-z0-9_]*(?:\.[a-z][a-z0-9_]*)*)`")
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 
 Config = TypeVar("Config")
@@ -81,7 +82,10 @@ def parse(
 
 
 def describe(error: BaseException) -> str:
-    """One line for the user: an OSError's file and reason, else what the error says."""
+    """One line for the user: an OSError's file and reason, else what the error says.
+
+    What stands in ` ` in a message is a field of a config, `relief.heightmap_at`, and becomes its flag.
+    """
     if isinstance(error, BrokenExecutor) and not str(error):
         return KILLED
     if isinstance(error, MemoryError):
@@ -90,7 +94,8 @@ def describe(error: BaseException) -> str:
         reason = error.strerror[0].lower() + error.strerror[1:]
         files = [str(file) for file in (error.filename, error.filename2) if file is not None]
         return ": ".join([" -> ".join(files), reason] if files else [reason])
-    return " ".join(line.strip() for line in str(error).splitlines() if line.strip()) or type(error).__name__
+    line = " ".join(line.strip() for line in str(error).splitlines() if line.strip()) or type(error).__name__
+    return _FIELD.sub(lambda found: f"--{found[1].replace('_', '-')}", line)
 
 
 def counted(number: int, noun: str) -> str:

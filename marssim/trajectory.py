@@ -58,7 +58,7 @@ def draw_trajectory(
             return np.stack([body @ look_pose(np.array([0, 0, height]), 0.0, pitch) for body in stand])
     raise ValueError(
         f"scene {scene.config.preset}: in {TRIES} tries no way of {(count - 1) * config.step:g} m past the rocks was "
-        f"found; choose a smaller --rocks.k, --views-per-scene or --drive.step"
+        f"found; choose a smaller `rocks.k`, `views_per_scene` or `drive.step`"
     )
 
 

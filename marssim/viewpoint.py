@@ -48,7 +48,7 @@ def draw_pose(scene: Scene, view: ViewConfig, rng: np.random.Generator) -> np.nd
     else:
         raise ValueError(
             f"scene {scene.config.preset}: in {TRIES} tries no place {GAP:g} m from every rock was found for the "
-            f"camera; choose a smaller --rocks.k"
+            f"camera; choose a smaller `rocks.k`"
         )
     position = np.array([x, y, float(scene.terrain.height_at(x, y)) + rng.uniform(*view.height)])
     yaw = np.deg2rad(rng.uniform(*view.yaw_deg))

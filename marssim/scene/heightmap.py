@@ -24,7 +24,7 @@ MODEL_TYPE, GEOGRAPHIC, LINEAR_UNIT, METRE = 1024, 2, 3076, 9001  # GeoTIFF keys
 MARGIN = 6  # cells around the scene that the interpolation looks at
 ROUNDING = 1e-6  # cells that a division may be off by
 LEAST_CELLS = 8  # along the side of a scene
-FLAG = "--relief.heightmap"  # of marssim.generate, in front of each message
+FIELD = "`relief.heightmap`"  # of a SceneConfig, in front of each message; a command makes a flag of what stands in ` `
 STEEPEST = 20.0  # rise over a cell, in cells
 PLACES = 200  # tried for a scene that draws its place
 
@@ -50,7 +50,7 @@ class HeightMap:
         if room.min() < 0:
             raise ValueError(
                 f"{self.name}: covers {nx * self.cell:g} x {ny * self.cell:g} m, too small for the scene of "
-                f"{2 * half:g} x {2 * half:g} m; choose a smaller --horizon or another file"
+                f"{2 * half:g} x {2 * half:g} m; choose a smaller `horizon` or another file"
             )
         if 2 * reach < LEAST_CELLS:
             raise ValueError(
@@ -60,7 +60,7 @@ class HeightMap:
         if at is not None and (np.abs(np.array(at) / self.cell) > room).any():
             raise ValueError(
                 f"{self.name}: a scene of {2 * half:g} m at {at[0]:g}, {at[1]:g} reaches beyond the map; "
-                f"--relief.heightmap-at may be +-{room[0] * self.cell:g} m east and +-{room[1] * self.cell:g} m north"
+                f"`relief.heightmap_at` may be +-{room[0] * self.cell:g} m east and +-{room[1] * self.cell:g} m north"
             )
         inner = np.maximum(np.array([nx - 1, ny - 1]) / 2 - reach, 0)  # a place that is drawn lies between the middles
         for _ in range(1 if at is not None else PLACES):
@@ -79,7 +79,7 @@ class HeightMap:
             raise ValueError(f"{self.name}: no place without gaps in the data was found for a scene of {2 * half:g} m")
         raise ValueError(
             f"{self.name}: {100 * holes:.3g} % of the scene's ground has no data (nan or nodata); choose "
-            f"another --relief.heightmap-at"
+            f"another `relief.heightmap_at`"
         )
 
     def _check_steps(self, part: np.ndarray) -> None:
@@ -88,7 +88,7 @@ class HeightMap:
         if step > STEEPEST * self.cell:
             raise ValueError(
                 f"{self.name}: rises by {step:g} m from one cell of {self.cell:g} m to the next; are its values metres "
-                f"(--relief.heightmap-height), and are all cells without data nan or nodata?"
+                f"(`relief.heightmap_height`), and are all cells without data nan or nodata?"
             )
 
 
@@ -143,7 +143,7 @@ def file_digest(path: str) -> str:
         state = os.stat(path)
         return _digest(path, state.st_size, state.st_mtime_ns)
     except OSError as error:
-        raise ValueError(f"{FLAG} {path}: {(error.strerror or str(error)).lower()}") from None
+        raise ValueError(f"{FIELD} {path}: {(error.strerror or str(error)).lower()}") from None
 
 
 @lru_cache(maxsize=8)
@@ -158,7 +158,7 @@ def read_heightmap(path: str, digest: str, scale: float | None, height: float | 
 
     Raises ValueError, one line that names the file, for all that can be wrong with it.
     """
-    name = f"{FLAG} {path}"
+    name = f"{FIELD} {path}"
     suffix = Path(path).suffix.lower()
     nodata: float | None = None
     if suffix == ".npy":
@@ -168,7 +168,7 @@ def read_heightmap(path: str, digest: str, scale: float | None, height: float | 
         if values.dtype != np.uint16:
             raise ValueError(f"{name}: {8 * values.itemsize} bits a pixel, 16 are needed")
         if height is None:
-            raise ValueError(f"{name}: a PNG does not say how high its values are; give --relief.heightmap-height [m]")
+            raise ValueError(f"{name}: a PNG does not say how high its values are; give `relief.heightmap_height` [m]")
     elif suffix in (".tif", ".tiff"):
         values = _read_image(path, name)
         file_scale, nodata = _read_tags(path, name, scale is None)
@@ -176,7 +176,7 @@ def read_heightmap(path: str, digest: str, scale: float | None, height: float | 
     else:
         raise ValueError(f"{name}: ends in neither .npy, .png, .tif nor .tiff")
     if scale is None:
-        raise ValueError(f"{name}: does not say how large its cells are; give --relief.heightmap-scale [m]")
+        raise ValueError(f"{name}: does not say how large its cells are; give `relief.heightmap_scale` [m]")
     if min(values.shape) < 2:
         raise ValueError(f"{name}: has {values.shape[1]} x {values.shape[0]} cells, too few")
     heights = values.astype(float) * (1.0 if height is None else height)
@@ -245,9 +245,9 @@ def _read_tags(path: str, name: str, need_scale: bool) -> tuple[float | None, fl
     if need_scale and keys is not None:
         entries = {key: value for key, place, _, value in zip(*[iter(keys[4:])] * 4) if place == 0}
         if entries.get(MODEL_TYPE) == GEOGRAPHIC:
-            raise ValueError(f"{name}: its cells are in degrees; project it, or give --relief.heightmap-scale [m]")
+            raise ValueError(f"{name}: its cells are in degrees; project it, or give `relief.heightmap_scale` [m]")
         if entries.get(LINEAR_UNIT, METRE) != METRE:
-            raise ValueError(f"{name}: its cells are not measured in metres; give --relief.heightmap-scale [m]")
+            raise ValueError(f"{name}: its cells are not measured in metres; give `relief.heightmap_scale` [m]")
     if need_scale and scale is not None and not np.isclose(scale[0], scale[1], rtol=1e-3):
         raise ValueError(f"{name}: its cells are {scale[0]:g} x {scale[1]:g} m, not square; resample it")
     try:

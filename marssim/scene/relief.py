@@ -14,9 +14,9 @@ import numpy as np
 from scipy import fft
 from scipy.special import gamma
 
-from marssim.scene.heightmap import FLAG, file_digest
+from marssim.ranges import Range
+from marssim.scene.heightmap import FIELD, file_digest
 
-Range = tuple[float, float]
 SUBHARMONICS = 3  # times that the middle of the Fourier grid is split
 
 
@@ -93,7 +93,7 @@ class ReliefConfig:
         if self.heightmap is not None:
             digest = file_digest(self.heightmap)
             if self.heightmap_sha256 not in (None, digest):
-                raise ValueError(f"{FLAG} {self.heightmap}: its SHA-256 is {digest}, not {self.heightmap_sha256}")
+                raise ValueError(f"{FIELD} {self.heightmap}: its SHA-256 is {digest}, not {self.heightmap_sha256}")
             object.__setattr__(self, "heightmap_sha256", digest)
 
 

@@ -215,8 +215,8 @@ def _scatter(
             inner = outer
     if (number := expected + SURE * np.sqrt(expected)) > MOST:  # told of the first scene rather than of a later one
         raise ValueError(
-            f"a scene can hold {MOST} rocks, {number:.0f} may be drawn here; choose a smaller --rocks.k or --size, or "
-            f"a larger --rocks.min-diameter"
+            f"a scene can hold {MOST} rocks, {number:.0f} may be drawn here; choose a smaller `rocks.k` or `size`, or "
+            f"a larger `rocks.min_diameter`"
         )
     diameters = [draw_diameters(config.k, least, 4 * (outer**2 - inner**2), rng) for inner, outer, least in rings]
     inners, outers = (np.repeat([ring[i] for ring in rings], [len(d) for d in diameters]) for i in (0, 1))

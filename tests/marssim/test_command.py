@@ -180,6 +180,9 @@ def test_mistakes_are_told_and_bugs_are_shown(error, line, capsys):
 
 def test_broken_pools_and_interrupts_say_how_to_go_on(capsys):
     assert "the same command goes on" in describe(BrokenExecutor())
+    told = ValueError("`relief.heightmap` /a/b.png: too small; choose a smaller `horizon` and `pip install x`")
+    assert describe(told) == "--relief.heightmap /a/b.png: too small; choose a smaller --horizon and `pip install x`"
+    assert describe(ValueError("give `relief.heightmap_at`")) == "give --relief.heightmap-at"
     assert describe(BrokenExecutor("--scheduler tcp://a:1: it was lost")) == "--scheduler tcp://a:1: it was lost"
     code, said = run(capsys, failing(KeyboardInterrupt()), interrupted="nothing was written")
     assert (code, said) == (130, "error: interrupted; nothing was written\n")

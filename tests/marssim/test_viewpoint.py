@@ -26,4 +26,4 @@ def test_a_scene_without_a_place_to_stand_is_refused():
     scene.rocks.diameter[0], scene.rocks.height[0] = 100.0, 1.0
     with pytest.raises(ValueError, match="no place") as refused:
         draw_pose(scene, ViewConfig(), np.random.default_rng(1))
-    assert "--rocks.k" in str(refused.value) and "\n" not in str(refused.value)
+    assert "`rocks.k`" in str(refused.value) and "\n" not in str(refused.value)
