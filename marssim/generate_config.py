@@ -27,6 +27,7 @@ MIXED = "mixed"
 AUTO: Final = "auto"
 TINY: Final = "tiny"
 EGL: Final = "egl"
+MOST_PAIRS = 10_000_000  # whose names alone fill a GB
 MIXTURE = 0x6D69786564  # parts the draw of the places from all others of a seed
 
 
@@ -64,6 +65,8 @@ class RunConfig:
         for name, least in (("pairs", 1), ("workers", 1), ("views_per_scene", 1), ("seed", 0)):
             if getattr(self, name) < least:
                 raise ValueError(f"{name} must be at least {least}, got {getattr(self, name)}")
+        if self.pairs > MOST_PAIRS:
+            raise ValueError(f"pairs must be at most {MOST_PAIRS}, got {self.pairs}")
         if self.rasterizer != AUTO and self.renderer != "pybullet":
             raise ValueError(f"rasterizer {self.rasterizer} draws for --renderer pybullet, not for {self.renderer}")
 
@@ -206,7 +209,10 @@ def parse_generate(prog: str, description: str | None, args: Sequence[str] | Non
 def read_rig(path: Path) -> StereoRig:
     """Read StereoRig.to_dict's form. Raises DatasetError, one line, that names the file, and the field."""
     try:
-        return StereoRig.from_dict(read_json(path))
+        content = read_json(path)
+        if unknown := sorted(set(content) - set(NATECAM.to_dict())):
+            raise DatasetError(f"{path}: unknown field {', '.join(unknown)}; a rig has {', '.join(NATECAM.to_dict())}")
+        return StereoRig.from_dict(content)
     except DatasetError as error:
         raise DatasetError(f"--rig-file {error}") from None
     except ValueError as error:

@@ -99,6 +99,7 @@ def test_cameras_by_a_file(tmp_path):
         ('{"width": "wide"}', "field 'width' must be a whole number"),
         (json.dumps({**rig.to_dict(), "fx": -1}), "fx must be positive"),
         ("[]", "not a JSON object"),
+        (json.dumps({**rig.to_dict(), "k1": 0.1}), "unknown field k1; a rig has width, height, fx"),
         ("\xff", "is not JSON: "),
     ):
         file.write_text(content, encoding="latin-1")
@@ -107,6 +108,11 @@ def test_cameras_by_a_file(tmp_path):
         assert told in str(error.value) and "\n" not in str(error.value)
     with pytest.raises(ValueError, match=rf"^--rig-file {tmp_path}: is a directory$"):
         asked("--rig-file", tmp_path)
+
+
+def test_more_pairs_than_memory_has_names_for_are_refused():
+    with pytest.raises(ValueError, match=r"^--pairs must be at most 10000000, got 100000000000000000000$"):
+        asked("--pairs", 10**20)
 
 
 def test_what_decides_the_content_is_noted_and_the_rest_is_not():
