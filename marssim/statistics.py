@@ -97,12 +97,11 @@ class Tally:
             if len(widths := edge_widths(luminance)):
                 self.edge_width.append(float(np.median(widths)))
         meta = sample.meta
-        if "sun_elevation_deg" in meta:
-            self.sun_elevation_deg.append(float(meta["sun_elevation_deg"]))
-        k = _rocks(meta).get("k")
-        if k is not None:
-            self.asked_k.append(float(k))
-            self.cover.add(sample, float(k))
+        if (elevation := _number(meta.get("sun_elevation_deg"), -90, 90)) is not None:
+            self.sun_elevation_deg.append(elevation)
+        if (k := _asked_k(meta)) is not None:
+            self.asked_k.append(k)
+            self.cover.add(sample, k)
         preset = str(meta.get("preset", "unknown"))
         self.presets[preset] = self.presets.get(preset, 0) + 1
 
@@ -156,10 +155,16 @@ class Tally:
         }
 
 
-def _rocks(meta: dict[str, Any]) -> dict[str, Any]:
+def _asked_k(meta: dict[str, Any]) -> float | None:
+    """The k that the scene was asked for."""
     config = meta.get("scene_config")
     rocks = config.get("rocks") if isinstance(config, dict) else None
-    return rocks if isinstance(rocks, dict) else {}
+    return _number(rocks.get("k"), 0, 1) if isinstance(rocks, dict) else None
+
+
+def _number(value: Any, least: float, most: float) -> float | None:
+    """None for what is none within these bounds: datasets that others wrote need not note it, nor as we do."""
+    return float(value) if isinstance(value, int | float) and least <= value <= most else None
 
 
 def _share(part: int, whole: int) -> float:

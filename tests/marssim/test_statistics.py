@@ -87,6 +87,14 @@ def test_tallies_add_up(closed_form_set):
     assert table({"all": whole, "val": Tally()}, {"all": 8, "val": 0}).splitlines()[1].split() == ["pairs", "8", "0"]
 
 
+@pytest.mark.parametrize("odd", [None, "0.07", [0.07], {}, float("nan"), -1, 10**400])
+def test_what_others_noted_in_other_ways_does_not_count(odd):
+    sample = made(np.full((32, 32), 4.0, np.float32))
+    meta = {**sample.meta, "sun_elevation_deg": odd if odd != -1 else -91, "scene_config": {"rocks": {"k": odd}}}
+    found = tally([replace(sample, meta=meta)]).report()
+    assert found["asked_k"] == {} and found["sun_elevation_deg"] == {} and found["cover"] == {}
+
+
 def test_colours_do_not_matter_for_shapes():
     sample = made(np.full((32, 32), 4.0, np.float32))
     grey = np.random.default_rng(1).integers(0, 256, (32, 32)).astype(np.uint8)
