@@ -106,12 +106,6 @@ class Terrain:
         """Height of the ground [m]; x, y: (...) [m]. Outside the scene: that of the nearest edge."""
         return self.gradient_at(x, y)[0]
 
-    def normal_at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """(..., 3) unit normal of the ground triangle below each point, world frame, upward."""
-        _, gx, gy = self.gradient_at(x, y)
-        normal = np.stack([-gx, -gy, np.ones_like(gx)], axis=-1)
-        return normal / np.linalg.norm(normal, axis=-1, keepdims=True)
-
     def meshes(self) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
         """(vertices, faces) of the fine part and of the coarse part without its middle."""
         return self.fine.mesh(), self.coarse.mesh(keep=self.coarse_cells)
