@@ -38,6 +38,20 @@ def test_a_heading_that_drifts_carries_the_rover_sideways():
     assert np.abs(error[:, 0]).max() < 1.0
 
 
+def test_a_heading_that_drifts_bends_the_way():
+    """Of a random walk with the way s, variance c^2 s; its integral over L, the way across, has c^2 L^3 / 3."""
+    c, metres, headings, across = 0.01, 20.0, [], []
+    for seed in range(300):
+        odometry = Odometry(0.0, c, np.random.default_rng(seed))
+        for pose in straight(metres, 0.4):
+            believed = odometry.update(pose)
+        headings.append(np.arctan2(believed[1, 0], believed[0, 0]))
+        across.append(believed[1, 3])
+    np.testing.assert_allclose(np.std(headings), c * np.sqrt(metres), rtol=0.15)
+    np.testing.assert_allclose(np.std(across), c * np.sqrt(metres**3 / 3), rtol=0.15)
+    assert np.corrcoef(headings, across)[0, 1] > 0.8  # to the left where it believes to head left: sqrt(3) / 2
+
+
 def test_what_is_measured_well_is_left_alone():
     odometry, pose = Odometry(0.5, 0.5, np.random.default_rng(0)), np.eye(4)
     odometry.update(pose)
