@@ -163,6 +163,7 @@ def verify(config: VerifyConfig) -> bool:
             check_unused(config.data)
             good = _report(config, StereoDataset(config.data))
     if config.cross_check:
+        config.results().mkdir(parents=True, exist_ok=True)  # what cannot be written to is told before the work
         checks, notes = cross_check(config.scene, config.seed, config.views, NATECAM.camera)
         print(f"{counted(config.views, 'view')} of {config.scene}, seed {config.seed}, against Embree's rays")
         print("\n".join([table_of_makers(checks), *notes]))
@@ -175,6 +176,7 @@ def verify(config: VerifyConfig) -> bool:
 
 def _report(config: VerifyConfig, dataset: StereoDataset) -> bool:
     out = config.results(dataset)
+    out.mkdir(parents=True, exist_ok=True)  # as above
     found, tallies = verify_dataset(config, dataset)
     pairs = {name: sum(s["split"] == name for s in dataset.index["samples"]) for name in SPLITS}
     pairs = {"all": len(dataset), **pairs}

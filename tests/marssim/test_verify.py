@@ -222,7 +222,10 @@ def test_a_broken_sample_cannot_be_shown(folder, tmp_path, capfd):
     assert "normal.png" in mistake(capfd, folder, "--sample", "00000/00", "--out", tmp_path / "out")
 
 
-def test_a_folder_that_cannot_be_written(folder, tmp_path, capfd):
-    (tmp_path / "file").write_text("mine")
-    assert str(tmp_path / "file") in mistake(capfd, folder, "--out", tmp_path / "file", "--statistics-of", 0)
-    assert (tmp_path / "file").read_text() == "mine"
+def test_a_folder_that_cannot_be_written_is_told_before_the_work(folder, tmp_path, capfd, monkeypatch):
+    for work in ("verify_dataset", "cross_check"):
+        monkeypatch.setattr(command, work, lambda *_: pytest.fail("it was at work"))
+    (tmp_path / "file").write_text("in the way")
+    for asked in (folder, "--cross-check"):
+        assert str(tmp_path / "file") in mistake(capfd, asked, "--out", tmp_path / "file")
+    assert (tmp_path / "file").read_text() == "in the way"
