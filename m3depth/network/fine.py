@@ -30,7 +30,7 @@ def warp_right(right: Tensor, disparity: Tensor) -> Tensor:
     start = position.floor()
     fraction = position - start
     padded = F.pad(right, (1, 2))
-    index = start.long() + 1
+    index = (start.long() + 1).clamp(0, width + 1)  # of a NaN too, which stays one
     near, far = (padded.gather(3, i.expand(-1, right.shape[1], -1, -1)) for i in (index, index + 1))
     return near + fraction * (far - near)
 

@@ -45,7 +45,8 @@ class CorrelationLookup:
             start = position.floor()
             fraction = (position - start)[..., None]
             last = scores.shape[-1] - 2 * self.pad + self.radius
-            first = start.clamp(-(self.radius + 2), last).long() - self.radius + self.pad
+            # As integers, after which a NaN is in range too; the fraction stays one.
+            first = start.long().clamp(-(self.radius + 2), last) - self.radius + self.pad
             taken = scores.gather(3, first[..., None] + offsets).float()
             samples.append(taken[..., :-1] + fraction * (taken[..., 1:] - taken[..., :-1]))
             position = (position - 0.5) / 2  # cell j of the next level covers cells 2 j and 2 j + 1

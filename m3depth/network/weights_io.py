@@ -1,4 +1,8 @@
-"""Weights on disk: safetensors, and the network's config as JSON beside it and in the file's own metadata."""
+"""Weights on disk: safetensors, with the network's config in the file's own metadata, which alone is read.
+
+The same config stands beside it as JSON, for people, and for `m3depth.train --network`, which makes a new network of
+the same sizes: changing it changes nothing of the weights.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +10,13 @@ import json
 from pathlib import Path
 from typing import Any
 
+import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor
 
 from marssim.atomic import write_atomically
+from marssim.command import counted
 
 
 def save_weights(path: Path, config: dict[str, Any], tensors: dict[str, Tensor]) -> None:
@@ -30,7 +36,9 @@ def save_weights(path: Path, config: dict[str, Any], tensors: dict[str, Tensor])
 def load_weights(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
     """The config and tensors of a file that save_weights wrote; nothing in it is executed.
 
-    Raises FileNotFoundError if it is missing, ValueError that names the file if it is damaged or of another network.
+    The config is the one inside the file: the JSON beside it is for people, and for --network of m3depth.train.
+    Raises FileNotFoundError if it is missing, ValueError that names the file if it is damaged, holds numbers that are
+    not finite, or is of another network.
     """
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such weights file")
@@ -46,4 +54,10 @@ def load_weights(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
         raise ValueError(f"{path}: holds no m3depth_config; these are not weights of M3Depth") from None
     if not isinstance(config, dict):
         raise ValueError(f"{path}: m3depth_config is not a JSON object")
+    spoilt = sorted(name for name, tensor in tensors.items() if not torch.isfinite(tensor).all())
+    if spoilt:
+        raise ValueError(
+            f"{path}: {counted(len(spoilt), 'tensor')} of NaN or infinity, the first is {spoilt[0]!r}: damaged, or of "
+            "a training that diverged"
+        )
     return config, tensors

@@ -267,6 +267,12 @@ def test_nan_before_the_first_checkpoint_says_that_nothing_is_saved(plane_sample
     assert not (tmp_path / "checkpoint.pt").exists()
 
 
+def test_a_learning_rate_beyond_all_reason_ends_in_one_line(plane_samples, tmp_path) -> None:
+    """The weights of the second step make NaN inside the network, not first in the loss."""
+    with pytest.raises(FloatingPointError, match="not finite at step 1; nothing is saved yet"):
+        train(config_for(tmp_path, lr=1e30, clip=1e30, validate_samples=0), plane_samples, [])
+
+
 def test_checkpoint_is_of_one_number_of_processes(tmp_path) -> None:
     config, cpu = config_for(tmp_path), torch.device("cpu")
     run = Run(config, cpu, world=1)

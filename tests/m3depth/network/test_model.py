@@ -11,6 +11,7 @@ import m3depth
 from m3depth.geometry import face_camera, pixel_rays, unit
 from m3depth.network.config import read_config
 from m3depth.network.model import PRESETS, M3Depth, M3DepthConfig, StereoOutput
+from m3depth.network.weights_io import save_weights
 from marssim.camera import PinholeCamera, StereoRig
 
 SMALL = M3DepthConfig(
@@ -199,6 +200,28 @@ class Door:
 
     def __reduce__(self):
         return Path.write_text, (self.path, "opened")
+
+
+@pytest.mark.parametrize("number", [torch.nan, torch.inf])
+def test_weights_that_are_no_numbers_are_refused(model: M3Depth, tmp_path: Path, number: float) -> None:
+    path = tmp_path / "net.safetensors"
+    spoilt = model.state_dict()
+    name = next(reversed(spoilt))
+    spoilt[name] = torch.full_like(spoilt[name], number)
+    save_weights(path, asdict(model.config), spoilt)
+    with pytest.raises(
+        ValueError, match=rf"net\.safetensors: 1 tensor of NaN or infinity, the first is '{name}'[^\n]*$"
+    ):
+        M3Depth.from_pretrained(path)
+
+
+def test_the_config_is_that_inside_the_file(model: M3Depth, tmp_path: Path) -> None:
+    """The JSON beside it is for people: what it says, or whether it can be read, changes nothing."""
+    path = tmp_path / "net.safetensors"
+    model.save_pretrained(path)
+    for text in ('{"refine_steps": 1}', "no JSON"):
+        path.with_suffix(".json").write_text(text)
+        assert M3Depth.from_pretrained(path).config == model.config
 
 
 @pytest.mark.parametrize("kind", ["pickle", "torch", "zip of torch"])

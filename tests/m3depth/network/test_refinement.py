@@ -1,5 +1,6 @@
 import torch
 
+from m3depth.network.fine import warp_right
 from m3depth.network.refinement import ConvexUpsampling, CorrelationLookup
 
 
@@ -38,3 +39,15 @@ def test_upsampling_stays_within_the_neighbourhood() -> None:
     cells = fine.unflatten(3, (6, 4)).unflatten(2, (5, 4)).permute(0, 1, 3, 5, 2, 4)  # (B, M, 4, 4, 5, 6)
     assert (cells <= highest[:, :, None, None] + 1e-5).all()
     assert (cells >= lowest[:, :, None, None] - 1e-5).all()
+
+
+def test_a_disparity_that_is_no_number_stays_one() -> None:
+    """It must not become a place outside the scores: training stops at a loss of NaN, infer says unknown."""
+    left, right = torch.ones(2, 1, 4, 2, 8)
+    disparity = torch.ones(1, 1, 2, 8)
+    disparity[0, 0, 0, 3], disparity[0, 0, 1, 4] = torch.nan, torch.inf
+    found = CorrelationLookup(left, right, radius=2, levels=2)(disparity)
+    assert found[0, :, 0, 3].isnan().all() and found[0, :, 1, 4].isnan().all()
+    assert int(found.isfinite().all(1).sum()) == 14
+    warped = warp_right(right, disparity)
+    assert warped[0, :, 0, 3].isnan().all() and warped[0, :, 0, 2].isfinite().all()
