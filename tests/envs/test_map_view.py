@@ -1,0 +1,47 @@
+import numpy as np
+import pytest
+
+from envs.map_view import CELL, PIXELS, MapView
+from envs.sight import Sight
+from marssim.camera import NATECAM
+from marssim.physics.state import rotation
+from marssim.rover_spec import ZHURONG
+
+RIG = NATECAM.resized(64, 64)
+NOTHING = Sight(np.full((64, 64), np.nan, np.float32), np.zeros((64, 64), np.float32), RIG, np.eye(4), 0.0)
+
+
+def pose(x, y, yaw, z=0.0):
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = rotation(0.0, 0.0, yaw), (x, y, z)
+    return out
+
+
+@pytest.fixture
+def started():
+    view = MapView(ZHURONG)
+    view.start(pose(0.0, 0.0, 0.0))
+    return view
+
+
+def test_before_anything_was_seen_the_start_is_taken_for_flat(started):
+    height, cost, known = started.update(NOTHING, pose(0.0, 0.0, 0.0))
+    axis = (np.arange(PIXELS) + 0.5 - PIXELS / 2) * CELL
+    away = np.hypot(*np.meshgrid(axis, axis))
+    assert (known[away < 2.3] == 1).all() and (known[away > 2.7] == 0).all()
+    assert (height == 0).all() and cost[away < 1].max() < cost[away > 4].min()
+
+
+def test_what_the_map_does_not_reach_is_unknown_and_closed(started):
+    """It follows the rover from 4 m on; turned by 45 deg, a corner of the square is 9 m off, the map's edge 8.1 m."""
+    height, cost, known = started.update(NOTHING, pose(3.9, 0.0, np.pi / 4))
+    corner = np.s_[:2, -2:]  # ahead on the right, which is east
+    assert (cost[corner] == 1).all() and (known[corner] == 0).all() and (height[corner] == 0).all()
+    assert cost[np.s_[-2:, :2]].max() < 1  # behind on the left, west, lies on it
+
+
+def test_the_start_stays_behind_and_heights_are_from_where_it_stands(started):
+    for x in (2.0, 4.0):
+        height, _, known = started.update(NOTHING, pose(x, 0.0, 0.0, z=-0.5))
+    behind = np.s_[PIXELS // 2 + round(3.5 / CELL), PIXELS // 2]  # 3.5 m back: where the flat start was
+    assert known[behind] == 1 and height[behind] == pytest.approx(0.25)  # 0.5 m higher, in units of 2 m
