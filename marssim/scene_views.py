@@ -16,10 +16,8 @@ from marssim.render.sensor import Sensor
 from marssim.render.shading import Shader
 from marssim.render.stereo import render_stereo
 from marssim.scene.scene import Scene, build_scene
-from marssim.trajectory import draw_trajectory, tum_lines
+from marssim.trajectory import TRAJECTORY, draw_trajectory, tum_lines
 from marssim.viewpoint import draw_pose
-
-TRAJECTORY = "trajectory.txt"
 
 
 def generate_scene(config: GenerateConfig, scene_index: int, views: list[int]) -> int:
@@ -44,20 +42,44 @@ def sample_folder(out: Path, scene: int, view: int) -> Path:
     return out / "scenes" / f"{scene:05d}" / f"{view:02d}"
 
 
+def draw_scene(config: GenerateConfig, scene_index: int) -> Scene:
+    """The scene of that index. Raises ValueError if it cannot be built."""
+    return build_scene(config.scene_config(scene_index), np.random.default_rng((config.seed, scene_index)))
+
+
+def draw_drive(config: GenerateConfig, scene: Scene, scene_index: int) -> tuple[Sensor, np.ndarray]:
+    """Of a scene's drive: the camera, one for all of it, and its poses (views_per_scene, 4, 4); see draw_trajectory."""
+    rng = np.random.default_rng((config.seed, scene_index, 0))
+    sensor = Sensor.draw(config.sensor, rng)
+    return sensor, draw_trajectory(scene, config.view, config.drive, config.views_per_scene, rng)
+
+
+def draw_view(
+    config: GenerateConfig, scene: Scene, scene_index: int, view: int
+) -> tuple[np.ndarray, np.random.Generator]:
+    """Where the cameras of a view stand, which is no part of a drive, and what its further draws come from.
+
+    The pose is (4, 4), left camera to world. Raises ValueError if there is no place to stand.
+    """
+    rng = _rng_of(config, scene_index, view)
+    return draw_pose(scene, config.view, rng), rng
+
+
+def _rng_of(config: GenerateConfig, scene_index: int, view: int) -> np.random.Generator:
+    return np.random.default_rng((config.seed, scene_index, 1 + view))
+
+
 def _render(config: GenerateConfig, scene_index: int, views: list[int]) -> None:
-    rng = np.random.default_rng((config.seed, scene_index))
-    scene = build_scene(config.scene_config(scene_index), rng)
-    poses, sensor = None, None
-    if config.trajectory:  # one drive, and one camera for all of it
-        rng = np.random.default_rng((config.seed, scene_index, 0))
-        sensor = Sensor.draw(config.sensor, rng)
-        poses = draw_trajectory(scene, config.view, config.drive, config.views_per_scene, rng)
+    scene = draw_scene(config, scene_index)
+    sensor, poses = draw_drive(config, scene, scene_index) if config.trajectory else (None, None)
     maker = make_renderer(config.renderer, scene, egl=config.rasterizer == EGL)
     try:
         shader = Shader(scene)
         for view in views:
-            rng = np.random.default_rng((config.seed, scene_index, 1 + view))
-            pose = draw_pose(scene, config.view, rng) if poses is None else poses[view]
+            if poses is None:
+                pose, rng = draw_view(config, scene, scene_index, view)
+            else:
+                pose, rng = poses[view], _rng_of(config, scene_index, view)
             used = sensor or Sensor.draw(config.sensor, rng)
             frame = render_stereo(maker, shader, config.rig, pose, used, rng)
             folder = sample_folder(config.out, scene_index, view)

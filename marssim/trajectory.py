@@ -14,6 +14,7 @@ from marssim.scene.rocks import STAND, reach_above_ground
 from marssim.scene.scene import Scene
 from marssim.viewpoint import TRIES, ViewConfig
 
+TRAJECTORY = "trajectory.txt"  # of a scene whose views are a drive, beside them: tum_lines
 MAX_CURVATURE = 0.5  # [1/m]
 MAX_CHANGE = 0.8  # [1/m2] of the curvature along the way, which keeps the heading smooth
 CHOICES = np.linspace(-MAX_CURVATURE, MAX_CURVATURE, 11)
