@@ -20,21 +20,20 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import numpy as np
 from tqdm import tqdm
 
 from marssim.atomic import write_atomically
 from marssim.command import counted, exit_code
 from marssim.contact_sheet import contact_sheet
-from marssim.dataset import SETTINGS, DatasetError, StereoDataset, read_json, write_index, write_json
+from marssim.dataset import SETTINGS, DatasetError, StereoDataset, is_complete, read_json, write_index, write_json
 from marssim.generate_command import command_flags
 from marssim.generate_config import AUTO, EGL, TINY, GenerateConfig, parse_generate
+from marssim.integrity import check_written
 from marssim.lock import LOCK, sole_writer
 from marssim.render.egl import draws_on_a_card, probe
-from marssim.scene.scene import PRESETS, build_scene, preset
-from marssim.scene_views import TRAJECTORY, generate_scene
-from marssim.trajectory import draw_trajectory
-from marssim.viewpoint import draw_pose
+from marssim.scene.scene import PRESETS, preset
+from marssim.scene_views import draw_drive, draw_scene, draw_view, generate_scene
+from marssim.trajectory import TRAJECTORY
 from marssim.workers import run_tasks
 
 __all__ = ["GenerateConfig", "generate", "generate_scene"]
@@ -59,22 +58,31 @@ def _generate(config: GenerateConfig) -> StereoDataset:
     content = _claim(config)
     _clear_up(config.out)
     scenes = _scenes(config)
+    names = [f"{scene:05d}/{view:02d}" for scene, views in enumerate(scenes) for view in views]
+    _check_written(config.out, names)
     tasks = _shared_out(config, scenes)
     with tqdm(total=config.pairs, unit="pair", desc="generate", disable=None) as bar:
         run_tasks(generate_scene, tasks, lambda _, count: bar.update(count), config.workers, config.scheduler)
     _clear_up(config.out)
-    names = [f"{scene:05d}/{view:02d}" for scene, views in enumerate(scenes) for view in views]
     write_index(config.out, {**content, "pairs": config.pairs}, names)
     dataset = StereoDataset(config.out)
     step = max(1, len(dataset) // SHEET_SAMPLES)
-    try:
-        sheet = contact_sheet([dataset[i] for i in range(0, len(dataset), step)[:SHEET_SAMPLES]])
-    except DatasetError as error:
-        raise DatasetError(f"{error}; delete that sample's folder, and the same command makes it anew") from None
+    sheet = contact_sheet([dataset[i] for i in range(0, len(dataset), step)[:SHEET_SAMPLES]])
     write_atomically(config.out / "contact_sheet.png", cv2.imencode(".png", sheet[..., ::-1])[1].tobytes())
     write_atomically(config.out / "README.md", _readme(config, dataset).encode())
     _note(config, content, finished=True)
     return dataset
+
+
+def _check_written(out: Path, names: list[str]) -> None:
+    """Raise DatasetError if a sample of an earlier run is not as it was written: it would be taken for whole."""
+    spoilt = check_written(out, [name for name in names if is_complete(out / "scenes" / name)])
+    if spoilt:
+        more = f" ({len(spoilt)} files in all)" if len(spoilt) > 1 else ""
+        raise DatasetError(
+            f"{out / spoilt[0].path}: {spoilt[0].problem}{more}; delete that sample's folder, and the same command "
+            "makes it anew"
+        )
 
 
 def _scenes(config: GenerateConfig) -> list[range]:
@@ -144,12 +152,12 @@ def _check(config: GenerateConfig) -> None:
     for scene_config in config.scenes:
         if scene_config in map(preset, PRESETS) and not config.trajectory:
             continue  # known to be sound
-        scene = build_scene(scene_config, np.random.default_rng((config.seed, 0)))
-        rng = np.random.default_rng((config.seed, 0, 0))
+        index = next(i for i in range(len(config.scenes)) if config.scene_config(i) == scene_config)
+        scene = draw_scene(config, index)
         if config.trajectory:
-            draw_trajectory(scene, config.view, config.drive, config.views_per_scene, rng)
+            draw_drive(config, scene, index)
         else:
-            draw_pose(scene, config.view, rng)
+            draw_view(config, scene, index, 0)
 
 
 def _settings(config: GenerateConfig) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -16,10 +16,9 @@ from marssim.camera import StereoRig
 from marssim.dataset import IMAGES, SETTINGS, VERSION, DatasetError, StereoDataset, read_json, sample_digest, split_of
 from marssim.lock import LOCK
 from marssim.threads import in_threads
-from marssim.trajectory import tum_lines
+from marssim.trajectory import TRAJECTORY, tum_lines
 
 TOP = ("dataset.json", SETTINGS, "README.md", "contact_sheet.png")
-TRAJECTORY = "trajectory.txt"  # of a scene whose views are a drive, beside them
 LEFT = "left by a run that was interrupted, or of one that is at work; the command that made the data removes it"
 PNG_START = bytes.fromhex("89504e470d0a1a0a0000000d49484452")  # up to the sizes
 PNG_END = bytes.fromhex("0000000049454e44ae426082")
@@ -134,6 +133,11 @@ def check_extra(dataset: StereoDataset, own: Path | None = None) -> list[Finding
     return found
 
 
+def check_written(root: Path, names: Sequence[str], threads: int = 2) -> list[Finding]:
+    """What is wrong with samples ("scene/view") that lie in a folder without an index: one that is being completed."""
+    return [finding for found in in_threads(partial(_check_sample, root, {}), names, threads) for finding in found]
+
+
 def _check_sample(root: Path, recorded: dict[str, str], name: str) -> list[Finding]:
     folder = root / "scenes" / name
 
@@ -150,7 +154,7 @@ def _check_sample(root: Path, recorded: dict[str, str], name: str) -> list[Findi
         found = [finding("sample.json", str(error).removeprefix(f"{file}: "))]
         return found + [finding(image, "missing") for image in IMAGES if not (folder / image).is_file()]
     found = []
-    if digest != recorded[name]:
+    if digest != recorded.get(name, digest):
         found.append(finding("sample.json", "other content than dataset.json records"))
     for image in IMAGES:
         problem = _check_image(folder / image, meta["sha256"][image], rig)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from marssim import generate as command
-from marssim import lock
+from marssim import lock, scene_views
 from marssim.camera import NATECAM
 from marssim.dataset import DatasetError, StereoDataset
 from marssim.generate import GenerateConfig, generate, generate_scene
@@ -179,10 +179,18 @@ def test_fewer_pairs_than_are_there_are_refused(made):
     assert contents(made) == before
 
 
-def test_a_spoilt_sample_is_told_and_made_anew_without_its_folder(folder, made):
-    image = folder / "scenes/00000/00/left.png"
-    image.write_bytes(image.read_bytes()[:100])
-    with pytest.raises(DatasetError, match=r"00/left\.png: not a readable image; delete that sample's folder"):
+@pytest.mark.parametrize("finished", [True, False])
+@pytest.mark.parametrize(
+    ("file", "cut", "end", "said"),
+    [("left.png", 100, b"", "truncated"), ("surface.png", None, b"x", "other content than recorded"),
+     ("sample.json", 100, b"", "is not JSON")],
+)  # fmt: skip
+def test_a_spoilt_sample_is_told_and_made_anew_without_its_folder(folder, made, finished, file, cut, end, said):
+    image = folder / "scenes/00000/00" / file
+    image.write_bytes(image.read_bytes()[:cut] + end)
+    if not finished:
+        (folder / "dataset.json").unlink()
+    with pytest.raises(DatasetError, match=rf"00/{file}: {said}.*; delete that sample's folder"):
         generate(config(folder))
     shutil.rmtree(image.parent)
     generate(config(folder))
@@ -451,6 +459,29 @@ def test_one_pair_is_one_pair(tmp_path, capfd):
     assert command.main([str(a) for a in ("--out", tmp_path / "set", *FLAGS, "--pairs", 1)]) == 0
     assert capfd.readouterr().out.startswith("1 pair in ")
     assert "1 stereo pair (" in (tmp_path / "set" / "README.md").read_text()
+
+
+def test_the_drive_that_is_tried_before_the_folder_is_claimed_is_the_one_that_is_rendered(tmp_path, monkeypatch):
+    """Of every place of a mixture the first scene that has it; so also where the cameras of single views stand."""
+    drawn: list[np.ndarray] = []
+
+    def kept(function):
+        def keep(*args):
+            drawn.append(function(*args))
+            return drawn[-1]
+
+        return keep
+
+    scenes = tuple(preset(name, size=12.0, horizon=16.0) for name in ("gale", "utopia"))
+    for name in ("draw_trajectory", "draw_pose"):
+        monkeypatch.setattr(scene_views, name, kept(getattr(scene_views, name)))
+    for trajectory in (True, False):
+        asked = config(tmp_path / f"{trajectory}", trajectory=trajectory, renderer="scan", scenes=scenes)
+        drawn.clear()
+        command._check(asked)
+        tried = {np.reshape(poses, (-1, 4, 4))[0].tobytes() for poses in drawn}
+        whole = generate(asked)
+        assert {np.array(whole[i].meta["pose"]).tobytes() for i in (0, 2)} == tried and len(tried) == 2
 
 
 def test_a_drive_is_one_way_with_its_poses_beside_it(tmp_path):
