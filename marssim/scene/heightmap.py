@@ -25,6 +25,7 @@ MARGIN = 6  # cells around the scene that the interpolation looks at
 ROUNDING = 1e-6  # cells that a division may be off by
 LEAST_CELLS = 8  # along the side of a scene
 FIELD = "`relief.heightmap`"  # of a SceneConfig, in front of each message; a command makes a flag of what stands in ` `
+HIGHEST = 1e7  # [m] also of maps whose heights count from the middle of Mars
 STEEPEST = 20.0  # rise over a cell, in cells
 PLACES = 200  # tried for a scene that draws its place
 
@@ -71,7 +72,7 @@ class HeightMap:
             part = self.heights[j0:j1, i0:i1]
             holes = np.mean(~np.isfinite(part))
             if holes == 0:
-                self._check_steps(part)
+                self._check_heights(part)
                 x0, y0 = (i0 - middle[0]) * self.cell, (j0 - middle[1]) * self.cell
                 drawn = float(offset[0] * self.cell), float(offset[1] * self.cell)
                 return Window(part, self.cell, x0, y0, drawn if at is None else at)
@@ -82,14 +83,14 @@ class HeightMap:
             f"another `relief.heightmap_at`"
         )
 
-    def _check_steps(self, part: np.ndarray) -> None:
-        """Raise ValueError for walls that no ground has: another unit, or gaps that are not marked as such."""
+    def _check_heights(self, part: np.ndarray) -> None:
+        """Raise ValueError for heights or walls that no ground has: another unit, or gaps not marked as such."""
+        doubt = "are its values metres (`relief.heightmap_height`), and are all cells without data nan or nodata?"
+        if (highest := float(np.abs(part).max())) > HIGHEST:
+            raise ValueError(f"{self.name}: has heights of {highest:g} m; {doubt}")
         step = max(float(np.abs(np.diff(part, axis=axis)).max()) for axis in (0, 1))
         if step > STEEPEST * self.cell:
-            raise ValueError(
-                f"{self.name}: rises by {step:g} m from one cell of {self.cell:g} m to the next; are its values metres "
-                f"(`relief.heightmap_height`), and are all cells without data nan or nodata?"
-            )
+            raise ValueError(f"{self.name}: rises by {step:g} m from one cell of {self.cell:g} m to the next; {doubt}")
 
 
 @dataclass(frozen=True)

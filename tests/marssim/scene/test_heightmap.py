@@ -266,6 +266,8 @@ def broken(tmp_path, case):
     elif case == "unmarked gaps":
         level[10:20] = -9999
         np.save(path, level)
+    elif case == "gaps alone":
+        np.save(path, np.full((60, 60), np.finfo(np.float32).min))
     elif case == "no image":
         path = tmp_path / "map.tif"
         path.write_bytes(b"II*\0" + struct.pack("<I", 8) + b"\0\0")
@@ -284,6 +286,7 @@ def broken(tmp_path, case):
     [
         ("missing", "no such file"), ("folder", "directory"), ("empty", "no readable .npy"),
         ("cut off", "no readable .npy"), ("lying", "no readable .npy"), ("unmarked gaps", "rises by 9999 m"),
+        ("gaps alone", "heights of 3.40282e+38 m"),
         *((case, "no readable .npy") for case in HEADERS),
         ("cut png", "cannot be read as an image"), ("flipped png", "cannot be read as an image"),
         ("cut tif", "cannot be read as an image"), ("complex tif", "cannot be read as an image"),
