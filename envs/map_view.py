@@ -33,8 +33,8 @@ class MapView:
         """Take in a look from the believed pose and return the map.
 
         (3, 64, 64) float32: height above the rover's stand / 2 m in [-1, 1], 0 where unknown; cost of driving there in
-        [0, 1], 1 at obstacles and beyond the map; 1 where it was seen, or taken for flat (about the start and under the rover), 0
-        where not.
+        [0, 1], 1 at obstacles and beyond the map; 1 where it was seen or taken for flat (about the start, and under the
+        rover), 0 where not.
         """
         self.map.recentre(pose[:2, 3])
         self.map.assume_under(pose, self.spec.length, self.spec.width)

@@ -44,4 +44,6 @@ def test_the_start_stays_behind_and_heights_are_from_where_it_stands(started):
     for x in (2.0, 4.0):
         height, _, known = started.update(NOTHING, pose(x, 0.0, 0.0, z=-0.5))
     behind = np.s_[PIXELS // 2 + round(3.5 / CELL), PIXELS // 2]  # 3.5 m back: where the flat start was
+    far = started.update(NOTHING, pose(40.0, 0.0, 0.0))[2]
+    assert far[PIXELS // 2, PIXELS // 2] == 1 and far.sum() < 100  # under the rover; the start was left behind
     assert known[behind] == 1 and height[behind] == pytest.approx(0.25)  # 0.5 m higher, in units of 2 m

@@ -54,6 +54,18 @@ def test_true_depth_is_the_same_by_every_renderer(scene):
         assert np.median(np.abs(depth[near] - seen["embree"][near])) < 0.01
 
 
+def test_noise_is_in_pixels_of_the_full_image(scene):
+    """True depth comes at a quarter of the size; 0.5 px of 512 are 0.5 px of Z = f B / d all the same."""
+    clean, noisy = (
+        open_eyes(Eyes("ground_truth", "embree", disparity_noise=noise), scene).look(POSE, 0.0).depth
+        for noise in (0.0, 0.5)
+    )
+    near = clean < 8  # 20 px and more: none becomes negative
+    error = NATECAM.fb / noisy[near] - NATECAM.fb / clean[near]
+    assert near.sum() > 3000 and error.std() == pytest.approx(0.5, rel=0.05) and abs(error.mean()) < 0.05
+    assert (noisy[np.isinf(clean)] == np.inf).all()  # the sky stays
+
+
 def test_an_estimator_sees_rectified_pairs(scene):
     estimator = Everywhere()
     eyes = open_eyes(Eyes(estimator, "embree"), scene)
