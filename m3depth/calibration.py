@@ -69,6 +69,8 @@ def read_calibration(
         if re.search(r"^\s*P(_rect_0)?\d\s*:", text, re.MULTILINE):
             grey = image is not None and not KITTI_GREY.isdisjoint(image.parts)
             return _from_kitti(text, ("0", "1") if grey else ("2", "3"))
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: is no text ({error.reason}), as calibration files are") from None
     except (ValueError, cv2.error, SystemError) as error:  # FileStorage raises SystemError from its own error
         reason = str(error) if isinstance(error, ValueError) else "not readable as OpenCV's YAML, XML or JSON"
         raise ValueError(f"{path}: {reason}") from None

@@ -24,6 +24,10 @@ class Estimator(Protocol):
         ...
 
 
+class EstimatorError(ValueError):
+    """A method returned something else than what is asked for; one line that names its class."""
+
+
 WINDOWS = ("ssd", "sad", "ncc", "ssd-sgm", "sad-sgm", "ncc-sgm")  # the paper's classical methods
 NAMES = ("m3depth", "sgbm", "m3depth:WEIGHTS", "package.module:Class", *WINDOWS)
 
@@ -56,6 +60,28 @@ def load_estimator(spec: str | Estimator, role: str = "estimator", others: tuple
     if name and rest:
         return _load_class(role, name, rest)
     raise ValueError(f"{role} {spec!r} is unknown; choose from {', '.join((*others, *NAMES))}")
+
+
+def checked_prediction(estimator: Estimator, found: object, size: tuple[int, int]) -> Prediction:
+    """What `estimator.infer` returned for images of this height and width, if it is a whole Prediction.
+
+    Raises EstimatorError that names the class, what it returned and what is asked for.
+    """
+    named = f"{type(estimator).__name__}.infer"
+    if not isinstance(found, Prediction):
+        what = f"an array of shape {found.shape}" if isinstance(found, np.ndarray) else f"a {type(found).__name__}"
+        raise EstimatorError(f"{named} returned {what}: it must be a Prediction of m3depth.prediction")
+    for name in ("depth", "disparity", "confidence", "normal"):
+        values = getattr(found, name)
+        if name == "normal" and values is None:
+            continue
+        shape = (*size, 3) if name == "normal" else size
+        if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiub":
+            what = f"an array of {values.dtype}" if isinstance(values, np.ndarray) else f"a {type(values).__name__}"
+            raise EstimatorError(f"{named} returned {what} as {name}: it must be a float array of shape {shape}")
+        if values.shape != shape:
+            raise EstimatorError(f"{named} returned {name} of shape {values.shape}: it must be {shape} here")
+    return found
 
 
 def _load_m3depth(weights: Path | None) -> Estimator:

@@ -28,7 +28,7 @@ from tqdm import tqdm
 from m3depth.datasets.config import DataConfig, Part
 from m3depth.datasets.open import open_pairs
 from m3depth.degradation import Degradation
-from m3depth.estimator import WINDOWS, Estimator, load_estimator
+from m3depth.estimator import WINDOWS, Estimator, EstimatorError, load_estimator
 from m3depth.evaluation import RESERVED, Evaluation, Method, check_choice, evaluate
 from m3depth.figures.comparison import comparison_figure
 from m3depth.figures.errors import distribution_figure, interval_figure, sparsification_figure
@@ -194,7 +194,7 @@ def _work(options: EvaluateOptions) -> None:
     dataset, methods = prepare(options)
     try:
         run(options, dataset, methods)
-    except (DatasetError, RecordedError):
+    except (DatasetError, EstimatorError, RecordedError):
         raise
     except ValueError as error:  # a bug, in here or in a method: show where
         raise RuntimeError(f"scoring failed: {error}") from error

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from m3depth.degradation import Degradation
-from m3depth.estimator import Estimator
+from m3depth.estimator import Estimator, EstimatorError, checked_prediction
 from m3depth.figures.example import Example
 from m3depth.pairs import MAX_DISPARITY, StereoPairs, spread
 from m3depth.plane_normals import fitted_normals
@@ -61,8 +61,8 @@ def evaluate(
     spread; worst: and so many of those that the first method got most wrong. progress: wraps the indices that are
     walked through, as tqdm does. Besides what is kept to be shown, memory grows by a few numbers a pair.
     Each estimator sees the first pair twice: the first time warms it up and is not timed.
-    Raises ValueError if there is nothing to score or a method returns maps of another size; FileNotFoundError if a
-    recorded prediction is missing.
+    Raises ValueError if there is nothing to score, EstimatorError if a method returns no Prediction of this size;
+    FileNotFoundError if a recorded prediction is missing.
     """
     chosen = _checked(dataset, estimators, limit, seed)
     shown = {chosen[i] for i in spread(len(chosen), examples)} if examples else set()
@@ -89,7 +89,11 @@ def evaluate(
                 if name not in warm:
                     method.infer(left, right, sample.rig)
                     warm.add(name)
-                prediction, cost = measured(method.infer, left, right, sample.rig)
+                found, cost = measured(method.infer, left, right, sample.rig)
+                try:
+                    prediction = checked_prediction(method, found, left.shape[:2])
+                except EstimatorError as error:
+                    raise EstimatorError(f"{name}, pair {index}: {error}") from None
                 costs[name].append(cost)
             try:
                 record[name] = scores[name].add(prediction, pair)

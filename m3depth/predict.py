@@ -28,7 +28,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -36,14 +35,15 @@ import numpy as np
 import tyro
 
 from m3depth.calibration import Calibration, align_right, read_calibration
-from m3depth.estimator import Estimator, load_estimator
+from m3depth.datasets.rigs import NATECAM_NAME, natecam
+from m3depth.estimator import Estimator, checked_prediction, load_estimator
 from m3depth.image_files import read_pair
 from m3depth.left_right import left_right_difference
 from m3depth.pair_checks import check_pair
 from m3depth.prediction import Prediction
 from m3depth.prediction_files import without_sky_normals, write_prediction
 from m3depth.second_look import closer_look
-from marssim.camera import WIDEST
+from marssim.camera import WIDEST, StereoRig
 from marssim.command import counted, run_command
 
 AGREEMENT = 1.0  # [px] that both eyes may differ by
@@ -62,12 +62,12 @@ class PredictOptions:
     out: Path
     """Folder for the results."""
     focal: float | None = None
-    """Focal length of the rectified images [px]."""
+    """Focal length of the rectified images [px]; default: the calibration file's."""
     baseline: float | None = None
-    """Distance of the two cameras [m]."""
+    """Distance of the two cameras [m]; default: the calibration file's."""
     calib: tuple[Path, ...] = ()
-    """Calibration file instead of --focal and --baseline; of ROS's CameraInfo the left and the right eye's, or the
-    right one's alone."""
+    """Calibration file, or "natecam": what --focal, --baseline, --cx and --cy need not say; given beside it, they
+    replace what it says. Of ROS's CameraInfo the left and the right eye's file, or the right one's alone."""
     cx: float | None = None
     """Principal point, column of the left image [px] from 0; default: the calibration's, or the middle."""
     cy: float | None = None
@@ -111,7 +111,10 @@ def make_calibration(options: PredictOptions, height: int, width: int) -> Calibr
     else:
         if len(options.calib) > 2:
             raise ValueError(f"--calib {options.calib[2]}: a pair has two calibration files at most, got a third")
-        found = read_calibration(*options.calib, image=options.left, baseline=options.baseline)
+        if options.calib == (NATECAM_NAME,):
+            found = natecam(width, height)
+        else:
+            found = read_calibration(*options.calib, image=options.left, baseline=options.baseline)
     calibration = replace(
         found,
         fx=found.fx if options.focal is None else options.focal,
@@ -173,7 +176,11 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
         if fatal and not options.unchecked:
             raise ValueError(f"{message}; nothing was written (--unchecked does it all the same)")
         print(f"warning: {message}", file=sys.stderr)
-    look = partial(closer_look, estimator, nearest=options.nearest)
+
+    def look(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
+        found = closer_look(estimator, left, right, rig, nearest=options.nearest)
+        return checked_prediction(estimator, found, left.shape[:2])
+
     prediction = without_sky_normals(look(left, right, rig))
     difference = left_right_difference(look, left, right, rig, prediction) if options.left_right else None
     if difference is not None:

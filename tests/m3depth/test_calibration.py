@@ -194,5 +194,5 @@ def test_a_missing_file_is_named(tmp_path):
 
 def test_binary_is_no_calibration(tmp_path):
     (tmp_path / "image.png").write_bytes(b"\x89PNG\r\n\xff\xfe")
-    with pytest.raises(ValueError, match=r"image\.png: "):
+    with pytest.raises(ValueError, match=r"image\.png: is no text [^\n]*, as calibration files are$"):
         read_calibration(tmp_path / "image.png")

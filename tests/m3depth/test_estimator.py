@@ -3,10 +3,14 @@
 import subprocess
 import sys
 
+import cv2
+import numpy as np
 import pytest
 
-from m3depth.estimator import Estimator, load_estimator
+from m3depth.estimator import Estimator, EstimatorError, checked_prediction, load_estimator
 from m3depth.matching import SGBM, BlockMatching
+from m3depth.predict import main as predict_command
+from m3depth.prediction import Prediction
 
 
 class NoEstimator:
@@ -58,3 +62,47 @@ def test_import_and_baselines_load_no_torch_and_no_other_floor():
     )
     done = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+MAP = np.ones((4, 6), np.float32)
+
+
+@pytest.mark.parametrize(
+    ("found", "message"),
+    [
+        (MAP, r"NoEstimator.infer returned an array of shape \(4, 6\): it must be a Prediction"),
+        ((MAP, MAP), "returned a tuple: it must be a Prediction"),
+        (
+            Prediction(MAP[:3], MAP, None, MAP),
+            r"returned depth of shape \(3, 6\): it must be \(4, 6\)",
+        ),
+        (Prediction(MAP, None, None, MAP), r"returned a NoneType as disparity: it must be a float array of .*\(4, 6\)"),
+        (Prediction(MAP, MAP, MAP, MAP), r"normal of shape \(4, 6\): it must be \(4, 6, 3\)"),
+        (Prediction(MAP, MAP, None, MAP.astype(object)), "returned an array of object as confidence"),
+    ],
+)
+def test_what_is_no_prediction_is_named(found, message):
+    with pytest.raises(EstimatorError, match=message) as caught:
+        checked_prediction(NoEstimator(), found, (4, 6))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_prediction_with_or_without_normals_passes():
+    for normal in (None, np.zeros((4, 6, 3))):
+        found = Prediction(MAP, MAP, normal, MAP)
+        assert checked_prediction(NoEstimator(), found, (4, 6)) is found
+
+
+def test_predict_says_in_a_line_what_a_class_of_ones_own_lacks(tmp_path, monkeypatch, capsys):
+    code = "import numpy as np\nfrom m3depth.prediction import Prediction\nclass Bad:\n"
+    code += "    def infer(self, left, right, rig):\n        return Prediction(np.ones((3, 3)), None, None, None)\n"
+    (tmp_path / "bad_stereo.py").write_text(code)
+    monkeypatch.syspath_prepend(tmp_path)
+    wall = np.random.default_rng(0).integers(0, 255, (40, 70), dtype=np.uint8)
+    for number in (0, 1):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), wall[:, 5 * number :][:, :60])
+    asked = [str(tmp_path / "0.png"), str(tmp_path / "1.png"), "--focal", "60", "--baseline", "0.2"]
+    assert predict_command([*asked, "--out", str(tmp_path / "out"), "--method", "bad_stereo:Bad"]) == 2
+    said = capsys.readouterr().err
+    assert said.endswith("Bad.infer returned depth of shape (3, 3): it must be (40, 60) here\n")
+    assert said.count("error:") == 1 and "Traceback" not in said and not (tmp_path / "out").exists()

@@ -125,7 +125,7 @@ def test_wrong_size_names_the_method(folder):
         def infer(self, left, right, rig):
             return replace(super().infer(left, right, rig), depth=np.ones((2, 2), np.float32))
 
-    with pytest.raises(ValueError, match="bad, pair 0: predicted depth"):
+    with pytest.raises(ValueError, match=r"bad, pair 0: Wrong\.infer returned depth of shape \(2, 2\)"):
         evaluate(StereoDataset(folder, "test"), {"bad": Wrong()})
 
 
@@ -282,3 +282,16 @@ def test_all_splits_are_scored_where_that_is_asked_for(tmp_path) -> None:
     for split, count in (("test", 1), ("all", 3)):
         dataset, _ = prepare(EvaluateOptions(tmp_path, tmp_path / "out", split=split, baselines=("none",)))
         assert len(dataset) == count
+
+
+def test_a_class_that_returns_no_prediction_is_told_in_a_line(folder, tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
+    code = "class Tup:\n    def infer(self, left, right, rig):\n        return left[..., 0]\n"
+    (tmp_path / "tup_stereo.py").write_text(code)
+    monkeypatch.syspath_prepend(tmp_path)
+    asked = ["--baselines", "none", "--limit", "1", "--estimator", "tup_stereo:Tup", "--out", str(tmp_path / "out")]
+    assert main(["--data", str(folder), *asked]) == 2
+    said = capsys.readouterr().err.strip().splitlines()[-1]
+    assert said.startswith(
+        f"error: Tup, pair 0: Tup.infer returned an array of shape ({H}, {W}): it must be a Prediction"
+    )

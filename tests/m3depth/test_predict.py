@@ -1,6 +1,7 @@
 """One pair to files: what is written, at any size, and what is said about input that cannot be used."""
 
 import re
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -154,6 +155,19 @@ def test_calibration_file_gives_metres_and_principal_point(tmp_path):
     assert cloud[:, 0].max() == pytest.approx((89 - 30) / 100 * 5, abs=0.12)
     found = predict(options(pair, tmp_path, **{**flags, "baseline": 1.1}), SGBM())
     assert np.median(found.depth) == pytest.approx(100 * 1.1 / 11, rel=2e-3)
+
+
+def test_natecam_by_name_and_a_flag_that_replaces_what_it_says(tmp_path):
+    """As in training: 595.9 px at 512, so 69.8 px at 60."""
+    wall = np.random.default_rng(4).integers(0, 255, (60, 90), dtype=np.uint8)
+    pair = [write(tmp_path / f"{n}.png", wall[:, n * 8 :][:, :60]) for n in (0, 1)]
+    flags = {"focal": None, "baseline": None, "calib": (Path("natecam"),)}
+    found = predict(options(pair, tmp_path, **flags), SGBM())
+    assert np.median(found.depth) == pytest.approx(595.9 * 60 / 512 * 0.27 / 8, rel=2e-3)
+    found = predict(options(pair, tmp_path, **{**flags, "baseline": 0.54}), SGBM())
+    assert np.median(found.depth) == pytest.approx(595.9 * 60 / 512 * 0.54 / 8, rel=2e-3)
+    with pytest.raises(ValueError, match="natecam: its images are square, these are 90 x 60"):
+        predict(options(textured_pair(tmp_path, 8), tmp_path, **flags), SGBM())
 
 
 @pytest.mark.parametrize(("level", "tone"), [(0, "black"), (90, "of one grey level")])
