@@ -14,6 +14,7 @@ from marssim.npy import read_npy
 
 Kind = Literal["disparity", "depth"]
 PNG_UNIT: dict[Kind, float] = {"disparity": 256.0, "depth": 1000.0}  # KITTI's; millimetres
+UNITS: dict[Kind, str] = {"disparity": "px", "depth": "m"}
 FAR = 1000.0  # [m] renderers write 1e10 or so where there is no surface
 DEPTH_CHANNELS = ("Z", "V", "R", "Y")  # OAISYS replicates one channel
 
@@ -23,10 +24,16 @@ def read_map(path: Path, kind: Kind, unit: float | None = None, zero_is_far: boo
 
     unit: stored number of 1 px or 1 m; None: 256 or 1000 in a PNG, else 1. A disparity that is not finite or under 0
     is unknown, and 0 too unless zero_is_far; so is depth that is NaN, 0 or negative, and 1 km and more is sky.
-    Raises DatasetError that names a file that is missing or cannot be read, ImportError that names the extra for EXR.
+    Raises DatasetError that names a file that is missing, cannot be read, or is a PNG of 8 bits without a unit;
+    ImportError that names the extra for EXR.
     """
     stored = _numbers(path)
     is_png = path.suffix.lower() == ".png"
+    if is_png and unit is None and stored.dtype == np.uint8:
+        raise DatasetError(
+            f"{path}: is of 8 bits; {kind} as PNG is of 16 bits, {PNG_UNIT[kind]:g} for 1 {UNITS[kind]}, unless the "
+            "layout takes --unit"
+        )
     values = stored.astype(np.float32) / np.float32(unit or (PNG_UNIT[kind] if is_png else 1.0))
     with np.errstate(invalid="ignore"):
         if kind == "depth":

@@ -69,14 +69,25 @@ def detect(path: Path, config: DataConfig) -> Format:
         known: dict[str, Format] = {sign[0]: sign[0] for sign in SIGNS} | {"openstereo": "list"}
         if name in known:
             return known[name]
-    for name, signs in SIGNS:
-        for root in (path, *(path / split for split in SPLITS)):
-            if any(next(root.glob(sign), None) for sign in signs):
-                return name
+    if (told := _told_by_signs(path)) is not None:
+        return told
+    for above in path.resolve().parents[:2]:
+        if (told := _told_by_signs(above, path.resolve())) is not None:
+            raise DatasetError(f"{path}: is a part of a dataset of layout {told}; give {above}")
     raise DatasetError(
         f"{path}: holds no dataset of marssim, KITTI, SceneFlow, Middlebury, ETH3D or OAISYS; for other folders give "
         "--left, --right, --disparity or --depth (patterns), and --calib"
     )
+
+
+def _told_by_signs(path: Path, part: Path | None = None) -> Format | None:
+    """The layout by SIGNS. part: a folder below, and only what lies in it, or holds it, is a sign."""
+    for name, signs in SIGNS:
+        for root in (path, *(path / split for split in SPLITS)):
+            for found in (found for sign in signs for found in root.glob(sign)):
+                if part is None or found.is_relative_to(part) or part.is_relative_to(found):
+                    return name
+    return None
 
 
 def open_pairs(path: Path, split: Part, config: DataConfig | None = None) -> StereoPairs:

@@ -294,6 +294,26 @@ def test_a_folder_that_is_nothing_says_what_may_be_given(tmp_path) -> None:
         open_pairs(tmp_path, "train", DataConfig(format="eth3d"))
 
 
+def test_a_part_of_a_tree_names_the_whole(tmp_path) -> None:
+    put(tmp_path / "tree" / "training" / "image_2" / "000007_10.png", image())
+    put(tmp_path / "other" / "notes.txt", "")
+    for part in ("training", "training/image_2"):
+        with pytest.raises(DatasetError, match=rf"{part}: is a part of a dataset of layout kitti; give .*/tree$"):
+            open_pairs(tmp_path / "tree" / part, "all")
+    with pytest.raises(DatasetError, match="other: holds no dataset"):
+        open_pairs(tmp_path / "other", "all")
+
+
+def test_disparities_of_8_bits_are_refused_unless_their_unit_is_told(tmp_path) -> None:
+    """KITTI's are of 16 bits, 256 for 1 px: a picture of 8 bits would be read as less than 1 px everywhere."""
+    patterns(tmp_path, ".png", np.round(ramp() * 4).astype(np.uint8))
+    put(tmp_path / "calib.txt", MIDDLEBURY_CALIB.format(right=19.5, doffs=0))
+    told = {"left": "a/*_left.jpg", "right": "a/*_right.jpg", "disparity": "a/*_map.png"}
+    with pytest.raises(DatasetError, match=r"0_map\.png: is of 8 bits; disparity as PNG is of 16 bits, 256 for 1 px"):
+        open_pairs(tmp_path, "all", DataConfig(**told))[0]
+    np.testing.assert_allclose(open_pairs(tmp_path, "all", DataConfig(**told, unit=4))[0].disparity, ramp(), atol=0.13)
+
+
 @pytest.mark.parametrize(
     ("layout", "flags", "named"),
     [
