@@ -1,6 +1,7 @@
 """What every command does with its command line and with mistakes: one line on stderr and an exit code.
 
-0: done. 2: a mistake of the user, or a disk, a package or a worker process that failed. 130: interrupted.
+0: done. 2: a mistake of the user, or a disk, a package or a worker process that failed. 130: interrupted. 141:
+nobody reads on what is printed, as behind `| head`; said by nothing else.
 Anything else is a bug and shows its traceback.
 """
 
@@ -8,7 +9,9 @@ from __future__ import annotations
 
 import difflib
 import io
+import os
 import re
+import select
 import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import BrokenExecutor
@@ -46,11 +49,30 @@ def exit_code(work: Callable[[], object], interrupted: str = GOES_ON) -> int:
     """Call `work`, tell its mistakes as run_command does, and return the exit code."""
     try:
         work()
+        sys.stdout.flush()
+    except BrokenPipeError as error:
+        return 141 if _unread() else _fail(describe(error), 2)
     except MISTAKES as error:
         return _fail(describe(error), 2)
     except KeyboardInterrupt:
         return _fail(f"interrupted; {interrupted}", 130)
     return 0
+
+
+def _unread() -> bool:
+    """Has whoever read what is printed gone? What is left to print then goes nowhere. Unix only."""
+    if not hasattr(select, "poll"):
+        return False
+    try:
+        out = sys.stdout.fileno()
+    except OSError:  # nothing of the system's: text that is kept
+        return False
+    pipe = select.poll()
+    pipe.register(out, 0)
+    gone = any(event & select.POLLERR for _, event in pipe.poll(0))
+    if gone:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), out)
+    return gone
 
 
 def parse(

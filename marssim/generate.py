@@ -183,7 +183,8 @@ def _held(config: GenerateConfig) -> bool:
                 f"{asked}: the folder holds a dataset of marssim {there.get('marssim', 'of an earlier version')}, "
                 f"which this version, {content['marssim']}, may not draw alike; choose another --out"
             )
-        other = "; ".join(_differences(there, content)[:3])
+        differing = sorted(_differences(there, content), key=lambda line: not line.startswith("scene:"))
+        other = "; ".join(differing[:3]) + (f"; and {len(differing) - 3} more" if len(differing) > 3 else "")
         raise DatasetError(f"{asked}: the folder holds a dataset of other settings ({other}); choose another --out")
     if config.out.is_dir() and not all(file.name == LOCK or _is_part(file) for file in config.out.iterdir()):
         raise DatasetError(f"{config.out}: the folder is not empty and holds no dataset; choose another --out")

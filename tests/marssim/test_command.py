@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 import pytest
 import tyro
 
-from marssim.command import counted, describe, parse, run_command
+from marssim.command import counted, describe, exit_code, parse, run_command
 
 
 @dataclass(frozen=True)
@@ -202,6 +202,24 @@ def test_ctrl_c_in_the_shell():
     os.kill(process.pid, signal.SIGINT)
     _, said = process.communicate()
     assert (process.returncode, said) == (130, "error: interrupted; the same command goes on from here\n")
+
+
+def test_who_reads_one_line_is_not_told_of_a_broken_pipe():
+    code = "\n".join([
+        "import sys", "from marssim.command import exit_code",
+        "sys.exit(exit_code(lambda: [print('line', i) for i in range(100_000)]))",
+    ])  # fmt: skip
+    writer = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert writer.stdout.readline() == "line 0\n"
+    writer.stdout.close()
+    assert writer.stderr.read() == "" and writer.wait() == 141
+
+
+def test_a_pipe_to_a_worker_that_breaks_is_told(capsys):
+    def work():
+        raise BrokenPipeError(errno.EPIPE, "Broken pipe")
+
+    assert exit_code(work) == 2 and "broken pipe" in capsys.readouterr().err.lower()
 
 
 def test_counted():
