@@ -84,3 +84,25 @@ def test_a_driver_may_give_up_at_once(env):
 
     record = run_episode(env, Quitter(), Cell(), 5, 0)
     assert (record.outcome, record.steps, record.step_seconds) == ("no_path", 0, 0.0)
+
+
+@pytest.mark.parametrize(("aside", "near"), [(1.34, True), (1.7, False)])
+def test_what_happened_on_the_way_is_in_the_record(on_course, make_scene, make_course, aside, near):
+    """Past a rock of 1.2 m, the flank 4 cm or 40 cm from it, then up a slope of 10 deg, with depth that errs."""
+
+    def ramp(x, y):
+        return np.tan(np.deg2rad(10)) * np.maximum(0, x)
+
+    scene = make_scene(ramp, cell=0.1, rocks=[(-1.4, aside, 1.2, 0.6)])
+    env, errors = on_course(make_course(scene, start=(-2.6, 0.0, 0.0)), disparity_noise=0.5, mast=True), []
+
+    def look(env, driver, step):
+        seen, true = env.sight.depth, env.sight.true_depth
+        known = (true >= 0.5) & (true <= 15) & np.isfinite(seen)
+        errors.append(np.mean(np.abs(seen[known] - true[known]) / true[known]))
+
+    record = run_episode(env, StraightDriver(), Cell(), 0, 0, watch=look)
+    assert record.outcome == "goal" and record.near_miss == near
+    assert record.max_tilt_deg == pytest.approx(10, abs=1)
+    assert len(errors) == record.steps + 1 and record.abs_rel == pytest.approx(np.mean(errors)) and record.abs_rel > 0
+    assert record.obstacles == [[-1.4, aside, 1.2]]
