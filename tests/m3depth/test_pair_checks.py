@@ -80,10 +80,21 @@ def test_where_nothing_can_be_told():
     assert row_offset(left, pair(seed=9)[1]) is None
     assert check_pair(left, flat, RIG) == [(True, "right is of one grey level: there is nothing to match")]
     [(fatal, message)] = check_pair(left, pair(seed=9)[1], RIG)
-    assert not fatal and "is it a pair?" in message
+    assert fatal and "is it a pair?" in message
+
+
+def test_one_image_for_both_eyes_is_meaningless():
+    left, _ = pair()
+    assert check_pair(left, left.copy(), RIG) == [(True, "left and right are one and the same image")]
+
+
+def test_features_that_match_keep_a_pair_from_being_meaningless(monkeypatch):
+    monkeypatch.setattr("m3depth.pair_checks.matched_shares", lambda *_: (0.02, 0.01))
+    assert [fatal for fatal, _ in check_pair(*pair(), RIG)] == [False]
+    assert [fatal for fatal, _ in check_pair(pair()[0], pair(seed=9)[1], RIG)] == [True]
 
 
 def test_tiny_images_do_not_break_it():
     rig = StereoRig(PinholeCamera.centred(5, 3, 10.0), 0.2)
     image = np.arange(15, dtype=np.uint8).reshape(3, 5)
-    assert all(not fatal for fatal, _ in check_pair(image, image, rig))
+    assert all(not fatal for fatal, _ in check_pair(image, image[:, ::-1], rig))

@@ -1,6 +1,7 @@
 """One pair to files: what is written, at any size, and what is said about input that cannot be used."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -181,11 +182,14 @@ def test_an_image_without_contrast_is_refused(tmp_path, capsys, level, tone):
     assert tone in capsys.readouterr().err
 
 
-def test_two_images_of_different_things_are_doubted(tmp_path, capsys):
+def test_two_images_of_different_things_are_refused(tmp_path, capsys):
     rng = np.random.default_rng(6)
-    smooth = (cv2.GaussianBlur(rng.standard_normal((120, 160)).astype(np.float32), (0, 0), 2) for _ in range(2))
+    smooth = (cv2.GaussianBlur(rng.standard_normal((300, 400)).astype(np.float32), (0, 0), 2) for _ in range(2))
     images = [cv2.normalize(image, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8) for image in smooth]
-    predict(options([write(tmp_path / f"{i}.png", image) for i, image in enumerate(images)], tmp_path), Wall())
+    asked = options([write(tmp_path / f"{i}.png", image) for i, image in enumerate(images)], tmp_path, focal=300.0)
+    with pytest.raises(ValueError, match=r"match: is it a pair\?; nothing was written"):
+        predict(asked, Wall())
+    predict(replace(asked, unchecked=True), Wall())
     assert "match: is it a pair?" in capsys.readouterr().err
 
 
