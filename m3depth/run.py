@@ -18,6 +18,9 @@ from marssim.atomic import write_atomically
 
 CHECKPOINT = "checkpoint.pt"
 WORLD = "number of processes"  # part of a run's identity
+FREE = (  # beside the weights of the loss and of the augmentation; the budgets, to which the learning rate is fitted
+    "max_minutes", "max_steps", "lr", "weight_decay", "clip", "ema", "precision", "data",
+)  # fmt: skip
 
 
 def new_network(config: TrainConfig) -> M3Depth:
@@ -48,6 +51,11 @@ def read_checkpoint(path: Path, device: torch.device) -> dict[str, Any]:
     return state
 
 
+def said(value: Any) -> str:
+    """A setting as its flag takes it."""
+    return " ".join(map(str, value)) if isinstance(value, tuple) else "none" if value is None else str(value)
+
+
 def plain(network: M3DepthConfig) -> dict[str, Any]:
     """As JSON gives it back."""
     return json.loads(json.dumps(asdict(network)))
@@ -56,6 +64,7 @@ def plain(network: M3DepthConfig) -> dict[str, Any]:
 class Run:
     """State of a training run: network, averaged copy, optimizer, step, seconds spent.
 
+    changed: what a resumed run is told otherwise than the one that it continues, a flag with both values each.
     world: number of processes that share the batches of a step.
     """
 
@@ -67,6 +76,7 @@ class Run:
         self.optimizer = torch.optim.AdamW(self.model.parameters(), config.lr, weight_decay=config.weight_decay)
         self.step = 0
         self.seconds = 0.0
+        self.changed: list[str] = []
 
     @property
     def checkpoint(self) -> Path:
@@ -88,10 +98,19 @@ class Run:
             WORLD: self.world,
         }  # fmt: skip
 
+    def settings(self) -> dict[str, str]:
+        """The settings that shape a run and may change when it is resumed, as text, by flag."""
+        c = self.config
+        found: dict[str, Any] = {name: getattr(c, name) for name in FREE}
+        for part, values in (("loss", asdict(c.loss)), ("augment", asdict(c.augment))):
+            found |= {f"{part}.{name}": value for name, value in values.items()}
+        return {f"--{name.replace('_', '-')}": said(value) for name, value in found.items()}
+
     def save(self) -> None:
         """Write the checkpoint, and the averaged weights with their config, atomically."""
         state = {
             "identity": self.identity(),
+            "settings": self.settings(),
             "model": self.model.state_dict(),
             "averaged": self.averaged.state_dict(),
             "optimizer": self.optimizer.state_dict(),
@@ -116,5 +135,7 @@ class Run:
         self.averaged.load_state_dict(state["averaged"])
         self.optimizer.load_state_dict(state["optimizer"])
         self.step, self.seconds = state["step"], state["seconds"]
+        before, now = state.get("settings", {}), self.settings()  # older ones do not say
+        self.changed = [f"{flag} {now[flag]} (was {old})" for flag, old in before.items() if now.get(flag, old) != old]
         torch.set_rng_state(state["rng"].cpu())
         return True

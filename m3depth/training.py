@@ -92,6 +92,8 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
         size = sum(p.numel() for p in run.model.parameters())
         start = f"resumed at step {run.step}, {run.seconds / 60:.1f} min" if resumed else "new run"
         print(f"{len(samples)} samples, {size / 1e6:.2f} M parameters, {device}, {start}", file=sys.stderr, flush=True)
+        if run.changed:
+            print(f"goes on with other settings: {', '.join(run.changed)}", file=sys.stderr, flush=True)
         if not len(held_out):
             print(f"{named(config)}: split val holds no pairs, so nothing is validated", file=sys.stderr, flush=True)
     network: nn.Module = run.model

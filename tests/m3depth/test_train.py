@@ -13,7 +13,7 @@ import torch
 from m3depth.data import PackedCache, make_batch
 from m3depth.datasets.config import DataConfig
 from m3depth.evaluate import EvaluateOptions
-from m3depth.losses import total_loss
+from m3depth.losses import LossConfig, total_loss
 from m3depth.network import model as model_module
 from m3depth.network.model import M3Depth, M3DepthConfig
 from m3depth.packing import pack
@@ -265,6 +265,17 @@ def test_nan_before_the_first_checkpoint_says_that_nothing_is_saved(plane_sample
     with pytest.raises(FloatingPointError, match="at step 0; nothing is saved yet"):
         train(config_for(tmp_path), plane_samples, [])
     assert not (tmp_path / "checkpoint.pt").exists()
+
+
+def test_a_resumed_run_says_which_settings_are_new(plane_samples, tmp_path, capsys) -> None:
+    config = config_for(tmp_path, max_steps=1, validate_samples=0)
+    train(config, plane_samples, [])
+    assert "other settings" not in capsys.readouterr().err
+    train(replace(config, max_steps=2), plane_samples, [])
+    assert "goes on with other settings: --max-steps 2 (was 1)\n" in capsys.readouterr().err
+    train(replace(config, max_steps=3, lr=1e-3, loss=LossConfig(rock=2.0)), plane_samples, [])
+    said = capsys.readouterr().err
+    assert "settings: --max-steps 3 (was 2), --lr 0.001 (was 0.005), --loss.rock 2.0 (was 4.0)\n" in said
 
 
 def test_a_learning_rate_beyond_all_reason_ends_in_one_line(plane_samples, tmp_path) -> None:
