@@ -16,6 +16,7 @@ from marssim.command import counted
 NAMES = {**DEPTH_COLUMNS, **{f"normal_{name}": f"normals, {text}" for name, text in NORMAL_COLUMNS.items()}}
 METHOD = "M3Depth"  # what a run's network is called in its score
 MEASURED = {"abs_rel": "Abs Rel", "normal_mean": "the mean error of the normals"}
+FEWEST_PAIRS, FEWEST_STEPS = 20, 200  # of a test set and a budget from which anything can be told
 VERDICTS = ("agrees", "disagrees", "undecided")
 
 Scores = Mapping[int, Mapping[str, Any]]  # by seed, the score.json of a run
@@ -200,6 +201,7 @@ def markdown(about: Mapping[str, Any], found: Mapping[str, Mapping[str, Any]]) -
         "turned: pairs of rows that stand the other way round than in the paper."
         + (" With one seed, chance in training is not in these intervals." if len(about["seeds"]) == 1 else ""),
     ]
+    lines += too_little(found.values())
     lines += ["", *table(["study", *VERDICTS, "rows turned"], [_summary(study) for study in found.values()])]
     for name, study in found.items():
         lines += ["", f"## {study['title']}", "", f"The paper's table `{study['source']}`.", ""]
@@ -213,6 +215,23 @@ def markdown(about: Mapping[str, Any], found: Mapping[str, Mapping[str, Any]]) -
         lines += ["", f"![{name}]({name}.png)"]
     versions = ", ".join(f"{name} {value}" for name, value in about["versions"].items() if value is not None)
     return "\n".join([*lines, "", f"{versions}.", ""])
+
+
+def too_little(studies: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Lines that say that test set or budget are too small to tell, with the rule; none if neither is.
+
+    An interval of the bootstrap over a handful of pairs is far too narrow, and networks of a few steps differ by how
+    they begin.
+    """
+    studies = list(studies)
+    pairs = [study["all_pairs"] for study in studies if study["all_pairs"]]
+    steps = [run["steps"] for study in studies for row in study["rows"] for run in row["runs"]]
+    said = []
+    if pairs and min(pairs) < FEWEST_PAIRS:
+        said.append(f"{counted(min(pairs), 'test pair')} (under {FEWEST_PAIRS}, intervals mean nothing)")
+    if steps and min(steps) < FEWEST_STEPS:
+        said.append(f"{counted(min(steps), 'step')} (under {FEWEST_STEPS}, a network has hardly begun to learn)")
+    return ["", f"**Too little to tell anything, agreement or not: {' and '.join(said)}.**"] if said else []
 
 
 def _summary(study: Mapping[str, Any]) -> list[str]:

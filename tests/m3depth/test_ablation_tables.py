@@ -139,3 +139,23 @@ def test_the_report_has_the_papers_figures_beside_ours() -> None:
     assert "| Levels of the wavelet transform | 1 | 1 | 1 |" in text
     assert "every pixel of true depth 0.5 to 15 m;" in text and "test pairs:" not in text
     assert "![levels](levels.png)" in text and "With one seed" not in text
+
+
+@pytest.mark.parametrize(
+    ("pairs", "steps", "said"),
+    [
+        (2, 2, "2 test pairs (under 20, intervals mean nothing) and 2 steps (under 200, a network has hardly begun"),
+        (20, 199, "anything, agreement or not: 199 steps (under 200"),
+        (19, 200, "anything, agreement or not: 19 test pairs (under 20, intervals mean nothing).**"),
+        (20, 200, None),
+    ],
+)
+def test_too_little_to_tell_is_said_before_the_tables(pairs, steps, said) -> None:
+    study = findings(STUDIES["levels"], levels([1.0, 0.9, 0.8, 0.8]))
+    study["all_pairs"] = pairs
+    for row in study["rows"]:
+        for run in row["runs"]:
+            run["steps"] = max(run["steps"], 200) if run is not study["rows"][1]["runs"][0] else steps
+    text = markdown(ABOUT, {"levels": study})
+    assert ("Too little to tell" in text) == (said is not None)
+    assert said is None or (said in text and text.index(said) < text.index("| study |"))
