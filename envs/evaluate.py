@@ -52,7 +52,8 @@ class EvaluateConfig:
     stable-baselines3 (FILE.zip) or package.module:Class; several are compared on the same courses"""
     perception: tuple[str, ...] = ("m3depth",)
     """what turns the images into depth: m3depth (the shipped weights), sgbm, ground_truth (true depth), m3depth:WEIGHTS
-    (a .safetensors file) or package.module:Class (with infer(left, right, rig)); several are compared likewise"""
+    (a .safetensors file), ssd, sad, ncc, ssd-sgm, sad-sgm, ncc-sgm, or package.module:Class (with infer(left, right,
+    rig)); several are compared likewise"""
     episodes: int = 10
     """courses for each --k and --slope-deg"""
     seed: int = 0

@@ -97,13 +97,14 @@ class MarsNavEnv(gymnasium.Env):
 
     ## Arguments
 
-    `perception`: "m3depth" (default), "sgbm", "ground_truth", "m3depth:WEIGHTS", "package.module:Class", or any object
-    with `infer(left, right, rig)`. `dynamics`: "physics" (default) or "kinematic". `renderer`: "embree" (default),
-    "scan" or "pybullet". `scene`: a preset's name or a SceneConfig, whose size and cell give way to the course's
-    (`goal_distance` + 14 m wide, 0.1 m). `mast`, `map_observation`: see the spaces.
-    `disparity_noise` [px]: standard deviation of an error added to the disparity of each pixel, at 512 pixels.
-    `drift`, `yaw_drift_deg`: standard deviations of the odometry's error in position [m] and heading [deg] after 1 m;
-    they grow with the root of the way. `goal` and `map` are as the rover believes; reward and ends are true.
+    `perception`: "m3depth" (default), "sgbm", "ground_truth", "m3depth:WEIGHTS", "package.module:Class", any object
+    with `infer(left, right, rig)`, or a classical window: "ssd", "sad", "ncc", each also with "-sgm". `dynamics`:
+    "physics" (default) or "kinematic". `renderer`: "embree" (default), "scan" or "pybullet". `scene`: a preset's name
+    or a SceneConfig, whose size and cell give way to the course's (`goal_distance` + 14 m wide, 0.1 m). `mast`,
+    `map_observation`: see the spaces. `disparity_noise` [px]: standard deviation of an error added to the disparity of
+    each pixel, at 512 pixels. `drift`, `yaw_drift_deg`: standard deviations of the odometry's error in position [m] and
+    heading [deg] after 1 m; they grow with the root of the way. `goal` and `map` are as the rover believes; reward and
+    ends are true.
 
     Options of `reset`, for one episode:
 
