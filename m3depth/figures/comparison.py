@@ -22,7 +22,7 @@ from m3depth.figures.drawing import (
     show,
 )
 from m3depth.figures.example import Example
-from m3depth.metrics import angle_between, capped_depth, pixel_kinds
+from m3depth.metrics import angle_between, capped_depth, known_depth, pixel_kinds
 
 PANEL = 2.1  # [in] width of one image
 ERROR_LIMIT = 10.0  # [%] relative depth error where the colour ends
@@ -37,9 +37,16 @@ def comparison_figure(examples: Sequence[Example], path: Path) -> None:
     names = list(examples[0].predictions)
     columns = 2 + 2 * len(names)
     rows = 2 * len(examples)
-    width, height = PANEL * columns + 0.4, PANEL * rows * _aspect(examples) + 1.2  # [in]
+    # A figure of one method is too narrow for labels of one line.
+    gap, extra = ("  ", 0.0) if len(names) > 1 else ("\n", 0.15)
+    width, height = PANEL * columns + 0.4, PANEL * rows * _aspect(examples) + 1.2 + extra  # [in]
     figure = Figure(figsize=(width, height), dpi=110)
-    grid = {"left": 0.38 / width, "right": 1 - 0.05 / width, "top": 1 - 0.32 / height, "bottom": 0.85 / height}
+    grid = {
+        "left": 0.38 / width,
+        "right": 1 - 0.05 / width,
+        "top": 1 - 0.32 / height,
+        "bottom": (0.85 + extra) / height,
+    }
     axes = figure.subplots(rows, columns, squeeze=False, gridspec_kw={**grid, "wspace": 0.03, "hspace": 0.03})
     depths = np.concatenate([e.truth.depth[pixel_kinds(e.truth)["all"]] for e in examples])
     depth_norm = depth_scale(depths)
@@ -72,19 +79,20 @@ def comparison_figure(examples: Sequence[Example], path: Path) -> None:
             oriented = scored & (np.linalg.norm(truth.normal, axis=-1) > 0.5)
             angle = np.zeros(scored.shape)
             angle[oriented] = angle_between(prediction.normal[oriented], truth.normal[oriented])
-            show(normal_axes, normal_image(prediction.normal))
+            known = known_depth(prediction.depth)[..., None]  # in the sky a normal means nothing
+            show(normal_axes, normal_image(np.where(known, prediction.normal, np.float32(0))))
             show(angle_axes, np.ma.masked_array(angle, ~oriented), cmap=angle_map, norm=angle_norm)
             note(angle_axes, f"mean {angle[oriented].mean():.1f}°" if oriented.any() else "")
     titles = ["images", "truth", *(t for name in names for t in (name, f"{name}: error"))]
     for ax, title in zip(axes[0], titles, strict=True):
         ax.set_title(title, fontsize=12, fontweight="bold")
     bars = (
-        (depth_norm, depth_map, "depth [m]  (grey: sky or unknown)", "both"),
-        (error_norm, error_map, "depth error [% of the true depth]  (grey: not scored)", "max"),
+        (depth_norm, depth_map, f"depth [m]{gap}(grey: sky or unknown)", "both"),
+        (error_norm, error_map, f"depth error [% of the true depth]{gap}(grey: not scored)", "max"),
         (angle_norm, angle_map, "angle between normals [deg]", "max"),
     )
     for i, (norm, colours, label, extend) in enumerate(bars):
-        place = figure.add_axes(((i + 0.12) / 3, 0.52 / height, 0.76 / 3, 0.16 / height))
+        place = figure.add_axes(((i + 0.12) / 3, (0.52 + extra) / height, 0.76 / 3, 0.16 / height))
         mappable = matplotlib.cm.ScalarMappable(norm, colours)
         bar = figure.colorbar(mappable, cax=place, orientation="horizontal", extend=extend)
         label_bar(bar, norm, label)

@@ -1,6 +1,7 @@
 """Figures hold what they should; how they look is for eyes."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -240,3 +241,21 @@ def test_depth_scales_span_what_is_there():
     assert depth_scale(np.array([90.0, 100.0])).vmax == pytest.approx(37.5)
     assert depth_scale(np.linspace(50, 100, 100), farthest=300).vmax == pytest.approx(99, abs=1)
     assert depth_scale(np.zeros(0)).vmin == 1.0
+
+
+def test_normals_of_the_sky_are_not_compared(plane_samples, tmp_path, drawn):
+    sample = plane_samples[0]
+    depth = sample.depth.copy()
+    depth[:10] = np.inf
+    told = Prediction(depth, sample.disparity, np.broadcast_to(np.float32([0, -1, 0]), sample.normal.shape), depth)
+    comparison_figure([example(sample, one=told)], tmp_path / "figure.png")
+    shown = drawn[0].axes[6].images[0].get_array()
+    grey, ground = shown[0, 0], shown[-1, 0]
+    assert grey[0] == grey[1] == grey[2] and (shown[:10] == grey).all() and not (ground == grey).all()
+
+
+def test_labels_of_the_bars_do_not_meet_in_a_figure_of_one_method(plane_samples, tmp_path, drawn):
+    comparison_figure([example(plane_samples[0])], tmp_path / "figure.png")
+    boxes = [ax.xaxis.label.get_window_extent() for ax in drawn[0].axes if ax.get_xlabel()]
+    assert len(boxes) == 3 and all(a.x1 + 5 < b.x0 for a, b in pairwise(boxes))
+    assert all(box.y0 >= 0 for box in boxes)
