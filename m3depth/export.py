@@ -106,6 +106,11 @@ def to_onnx(model: M3Depth, opset: int = OPSETS[0]) -> bytes:
         )  # fmt: skip
     model.train(was_training)
     exported = onnx.load_model_from_string(buffer.getvalue())
+    for value in exported.graph.output:  # tracing names what it does not know after the operator that it met
+        for place, side in ((1, 3 if value.name == "normal" else 1), (2, "height"), (3, "width")):
+            dim = value.type.tensor_type.shape.dim[place]
+            dim.Clear()
+            setattr(dim, "dim_value" if isinstance(side, int) else "dim_param", side)
     exported.doc_string = (__doc__ or "").strip()
     exported.metadata_props.add(key="m3depth_config", value=json.dumps(asdict(model.config)))
     onnx.checker.check_model(exported)

@@ -101,7 +101,8 @@ def measure(grey: np.ndarray) -> dict[str, float]:
 
 
 def find_images(paths: Sequence[Path], limit: int) -> Iterator[tuple[str, np.ndarray]]:
-    """Name and (H, W) uint8 grey image of each. Raises FileNotFoundError or ValueError that names the file."""
+    """Name and (H, W) uint8 grey image of each, once. Raises FileNotFoundError or ValueError that names the file."""
+    seen: set[Path] = set()
     for path in paths:
         if (path / "dataset.json").is_file():
             dataset = StereoDataset(path)
@@ -114,6 +115,9 @@ def find_images(paths: Sequence[Path], limit: int) -> Iterator[tuple[str, np.nda
         if not files:
             raise ValueError(f"{path}: holds no images ({', '.join(PICTURES)}) and no dataset")
         for i in spread(len(files), limit):
+            if files[i].resolve() in seen:  # named, and in a folder that is named
+                continue
+            seen.add(files[i].resolve())
             grey = cv2.imdecode(np.frombuffer(files[i].read_bytes() or b"0", np.uint8), cv2.IMREAD_GRAYSCALE)
             if grey is None:
                 raise ValueError(f"{files[i]}: not a readable image")

@@ -9,7 +9,7 @@ from rock_samples import rock_sample
 from rock_world import RockWorld
 
 from m3depth.figures.texture import TextureExample, energy_below
-from m3depth.texture import high_share, main, measure, power_spectrum
+from m3depth.texture import find_images, high_share, main, measure, power_spectrum
 from marssim.camera import NATECAM
 from marssim.dataset import write_index, write_sample
 from marssim.render.stereo import StereoFrame
@@ -75,6 +75,14 @@ def test_command_on_a_dataset(tmp_path):
     assert main([str(tmp_path / "set"), "--out", str(tmp_path / "out")]) == 0
     [group] = json.loads((tmp_path / "out/texture.json").read_text())["groups"].values()
     assert group["images"][0]["high"] == pytest.approx(measure(cv2.cvtColor(sample.left, cv2.COLOR_RGB2GRAY))["high"])
+
+
+def test_an_image_that_is_named_twice_counts_once(tmp_path):
+    for number in range(3):
+        image = np.random.default_rng(number).integers(0, 255, (20, 30), dtype=np.uint8)
+        cv2.imwrite(str(tmp_path / f"{number}.png"), image)
+    names = [name for name, _ in find_images([tmp_path / "1.png", tmp_path, tmp_path / "1.png"], 50)]
+    assert names == [str(tmp_path / f"{number}.png") for number in (1, 0, 2)]
 
 
 @pytest.mark.parametrize(
