@@ -17,6 +17,9 @@ from m3depth.network.model import M3Depth, StereoOutput
 from m3depth.packing import TRAINED, PackedSample
 from marssim.colours import normal_colours
 
+HEADER = 18  # [px] height of the line above a panel
+COLUMNS = ("left", "true disparity", "disparity", "error, to 4 px", "true normals", "normals", "confidence")
+
 
 def error_sums(output: StereoOutput, target: Target) -> dict[str, tuple[float, float]]:
     """Sum and count of each error over one batch, for means over several.
@@ -66,8 +69,9 @@ def validate(model: M3Depth, samples: Iterable[PackedSample], device: torch.devi
 
 
 def save_panel(path: Path, model: M3Depth, samples: Sequence[PackedSample], device: torch.device) -> np.ndarray:
-    """One PNG, a row a sample: left image, disparity true and predicted, its error (white: 4 px), normals true and
-    predicted, confidence (0 where sky). Images of other sizes than the first are brought to its size. Returns it, RGB.
+    """One PNG, a row a sample, the columns headed by COLUMNS; the error's white is 4 px, confidence is 0 where sky is.
+
+    Images of other sizes than the first are brought to its size. Returns it, (H, W, 3) RGB.
     """
     rows: list[np.ndarray] = []
     for sample in samples:
@@ -83,12 +87,24 @@ def save_panel(path: Path, model: M3Depth, samples: Sequence[PackedSample], devi
         grey = [cv2.applyColorMap(_byte(x), cv2.COLORMAP_TURBO) for x in (truth / top, guess / top)]
         grey += [cv2.cvtColor(_byte(error / 4), cv2.COLOR_GRAY2BGR)]
         grey += [*normals, cv2.cvtColor(_byte(confidence), cv2.COLOR_GRAY2BGR)]
-        row = np.concatenate([sample.left[..., ::-1], *grey], 1)[::2, ::2]
+        row = np.concatenate([x[::2, ::2] for x in (sample.left[..., ::-1], *grey)], 1)
         rows.append(row if not rows or row.shape == rows[0].shape else cv2.resize(row, rows[0].shape[1::-1]))
-    panel = np.concatenate(rows)
+    panel = np.concatenate([headed(rows[0].shape[1] // len(COLUMNS)), *rows])
     path.parent.mkdir(parents=True, exist_ok=True)
     cv2.imwrite(str(path), panel)
     return np.ascontiguousarray(panel[..., ::-1])
+
+
+def headed(width: int) -> np.ndarray:
+    """(HEADER, len(COLUMNS) width, 3) uint8: the names of the columns, each within its own width [px]."""
+    names = []
+    for name in COLUMNS:
+        strip = np.full((HEADER, width, 3), 255, np.uint8)
+        (wide, _), _ = cv2.getTextSize(name, cv2.FONT_HERSHEY_SIMPLEX, 1.0, 1)
+        scale = min(0.45, (width - 4) / wide)
+        cv2.putText(strip, name, (2, HEADER - 6), cv2.FONT_HERSHEY_SIMPLEX, scale, (0, 0, 0), 1, cv2.LINE_AA)
+        names.append(strip)
+    return np.concatenate(names, 1)
 
 
 def _byte(x: np.ndarray) -> np.ndarray:
