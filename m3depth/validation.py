@@ -82,7 +82,7 @@ def save_panel(path: Path, model: M3Depth, samples: Sequence[PackedSample], devi
         top = max(float(truth.max()), 1.0)
         error = np.where(sample.flags & TRAINED, np.abs(guess - truth), 0)
         confidence = (out.confidence.sigmoid() * (out.sky <= 0))[0, 0].float().cpu().numpy()
-        both = (batch.target.normal, out.normal)
+        both = (batch.target.normal, out.normal * (out.sky <= 0))  # in the sky a normal means nothing
         normals = [normal_colours(x[0].permute(1, 2, 0).float().cpu().numpy())[..., ::-1] for x in both]
         grey = [cv2.applyColorMap(_byte(x), cv2.COLORMAP_TURBO) for x in (truth / top, guess / top)]
         grey += [cv2.cvtColor(_byte(error / 4), cv2.COLOR_GRAY2BGR)]

@@ -46,11 +46,15 @@ def test_panels_are_headed_column_by_column(plane_samples, tmp_path) -> None:
     )  # fmt: skip
     path = tmp_path / "panel.png"
     sample = plane_samples[0]
-    panel = save_panel(path, M3Depth(config).eval(), [pack(sample)] * 2, torch.device("cpu"))
+    model = M3Depth(config).eval()
+    assert model.refinement is not None
+    torch.nn.init.constant_(model.refinement.decisions[2].bias, 50.0)  # all is sky
+    panel = save_panel(path, model, [pack(sample)] * 2, torch.device("cpu"))
     width = sample.left.shape[1] // 2
     assert panel.shape == (HEADER + sample.left.shape[0], len(COLUMNS) * width, 3)
     np.testing.assert_array_equal(panel, cv2.imread(str(path))[..., ::-1])
     np.testing.assert_array_equal(panel[HEADER:][: sample.left.shape[0] // 2, :width], sample.left[::2, ::2])
+    assert (panel[HEADER:, 5 * width :] == 0).all(), "neither normals nor confidence in the sky"
     for column in range(len(COLUMNS)):
         name = panel[:HEADER, column * width :][:, :width]
         assert name.min() < 150 and (name[:, -1] == 255).all()  # something is written, and it ends before the next one
