@@ -34,14 +34,23 @@ def read_pair(left: Path, right: Path) -> tuple[np.ndarray, np.ndarray]:
     return np.ascontiguousarray(a), np.ascontiguousarray(b)
 
 
+def decoded(data: bytes) -> np.ndarray | None:
+    """An image file as OpenCV reads it, (H, W) or BGR (H, W, 3), of any type; None, without a word, if it cannot be."""
+    log = cv2.utils.logging
+    before = log.setLogLevel(log.LOG_LEVEL_SILENT)  # a broken file is told in our words
+    try:
+        return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:  # an empty file
+        return None
+    finally:
+        log.setLogLevel(before)
+
+
 def _read(path: Path) -> np.ndarray:
     """(H, W) or RGB (H, W, 3), uint8 or uint16."""
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file")
-    try:
-        image = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error:  # an empty file
-        image = None
+    image = decoded(path.read_bytes())
     if image is None:
         raise ValueError(f"{path}: not a readable image")
     if image.dtype not in (np.uint8, np.uint16):

@@ -6,9 +6,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
-import cv2
 import numpy as np
 
+from m3depth.image_files import decoded
 from marssim.dataset import DatasetError
 from marssim.npy import read_npy
 
@@ -61,8 +61,8 @@ def _numbers(path: Path) -> np.ndarray:
         elif path.suffix.lower() == ".exr":
             values = _exr(path)
         else:
-            values = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
-    except (ValueError, cv2.error):
+            values = decoded(path.read_bytes())
+    except ValueError:
         values = None
     if values is None or values.dtype.kind not in "fiu" or values.ndim not in (2, 3):
         raise DatasetError(f"{path}: holds no map that can be read")

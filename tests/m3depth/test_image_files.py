@@ -50,3 +50,12 @@ def test_what_is_no_pair_is_named(tmp_path):
         read_pair(eight, sixteen)
     with pytest.raises(ValueError, match=r"real\.tiff: holds float32, must be 8 or 16 bit"):
         read_pair(real, real)
+
+
+@pytest.mark.parametrize("ending", [".png", ".tiff"])
+def test_a_file_that_was_cut_off_is_told_by_us_alone(tmp_path, capfd, ending):
+    path = write(tmp_path / f"cut{ending}", np.zeros((20, 30, 3), np.uint8))
+    path.write_bytes(path.read_bytes()[:40])
+    with pytest.raises(ValueError, match=rf"cut\{ending}: not a readable image"):
+        read_pair(path, path)
+    assert capfd.readouterr().err == ""
