@@ -21,7 +21,7 @@ from m3depth.run import Run
 from m3depth.train import main
 from m3depth.train_config import TrainConfig
 from m3depth.training import backward, closing, learning_rate, train
-from m3depth.validation import validate
+from m3depth.validation import HEADER, validate
 from marssim.command import parse
 
 SMALL = M3DepthConfig(
@@ -140,7 +140,7 @@ def test_tensorboard_holds_curves_and_panels(plane_samples, tmp_path) -> None:
     curve = [r["epe"] for r in logged if r["kind"] == "val"]
     assert [event.value for event in events.Scalars("val/epe")] == pytest.approx(curve, abs=1e-5)
     panel = events.Images("panel")[-1]
-    assert (panel.width, panel.height) == (7 * 96 // 2, 64 // 2)
+    assert (panel.width, panel.height) == (7 * 96 // 2, HEADER + 64 // 2)
 
 
 def test_a_time_budget_counts_what_was_spent_before(plane_samples, tmp_path, capsys, monkeypatch) -> None:
