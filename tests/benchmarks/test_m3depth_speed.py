@@ -41,24 +41,50 @@ def test_inference(clock, capsys):
 def test_training_step_and_its_loading(clock, capsys, tmp_path):
     """A whole step as m3depth.train takes it, and what its crops cost the thread that loads them meanwhile."""
     config = TrainConfig(data=(tmp_path,), out=tmp_path, max_steps=1, device="cpu")
-    run = Run(config, torch.device("cpu"))
     cache = PackedCache([random_sample(seed) for seed in range(2)], 1 << 30)
     steps = count()
+    loading = clock("making 4 crops of 256 x 448, augmented", lambda: crops(cache, config, next(steps)))
+    stepping = clock("M3Depth lite, a training step of 4 crops of 256 x 448", training_step(config, cache), 3)
+    with capsys.disabled():
+        print(f"\n{config.batch / stepping:.2f} crops/s; loading is {loading / stepping:.1%} of a step", end="")
 
-    def load():
-        return make_batch(cache, next(steps), config.batch, config.crop, config.augment, config.seed)
 
-    batch = load()
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+@pytest.mark.parametrize(
+    ("preset", "batch", "crop", "recompute"), [("lite", 64, (256, 448), False), ("paper", 12, (512, 512), True)]
+)
+def test_training_step_on_a_gpu(clock, capsys, tmp_path, preset, batch, crop, recompute):
+    """lite with a batch that fills the card; the paper's preset at its own size and batch."""
+    config = TrainConfig(data=(tmp_path,), out=tmp_path, max_steps=1, device="cuda", preset=preset, batch=batch,
+                         crop=crop, recompute=recompute)  # fmt: skip
+    step = training_step(config, PackedCache([random_sample(seed) for seed in range(2)], 1 << 30))
+
+    def whole():
+        step()
+        torch.cuda.synchronize()
+
+    stepping = clock(f"M3Depth {preset}, a training step of {batch} crops of {crop[0]} x {crop[1]}", whole)
+    with capsys.disabled():
+        held = torch.cuda.max_memory_allocated() / 2**30
+        print(f"\n{batch / stepping:.1f} crops/s, {held:.1f} GiB, {torch.cuda.get_device_name()}", end="")
+
+
+def crops(cache, config, step):
+    return make_batch(cache, step, config.batch, config.crop, config.augment, config.seed)
+
+
+def training_step(config, cache):
+    """A function that takes one step, of crops that are there already."""
+    run = Run(config, torch.device(config.device))
+    run.model.recompute = config.recompute
+    batch = crops(cache, config, 0).to(run.device)
 
     def step():
         run.optimizer.zero_grad()
         backward(run.model, batch, config, fast_dtype(run.device))
         run.optimizer.step()
 
-    loading = clock("making 4 crops of 256 x 448, augmented", load)
-    stepping = clock("M3Depth lite, a training step of 4 crops of 256 x 448", step, 3)
-    with capsys.disabled():
-        print(f"\n{config.batch / stepping:.2f} crops/s; loading is {loading / stepping:.1%} of a step", end="")
+    return step
 
 
 def random_sample(seed):
