@@ -24,11 +24,11 @@ def weights_digest(perception: str) -> str | None:
 def errors_on_test_set(files: Sequence[Path], perceptions: Mapping[str, str | None]) -> dict[str, float]:
     """Abs Rel (mean over images, all pixels) of each perception that one of the files has scored.
 
-    files: results.json of m3depth.evaluate; where several score the same, the last one counts. perceptions: names as
+    files: results.json of m3depth.evaluate; the pairs of all that score the same count alike. perceptions: names as
     envs.evaluate takes them, and the digests of their weights; a network's score counts only under the same weights.
     Raises DatasetError for a file that is no such results, or that scores none of the perceptions.
     """
-    found: dict[str, float] = {}
+    found: dict[str, list[tuple[float, int]]] = {}  # Abs Rel, pairs
     for file in files:
         content = read_json(file)
         try:
@@ -36,7 +36,7 @@ def errors_on_test_set(files: Sequence[Path], perceptions: Mapping[str, str | No
                 method: float(result["depth"]["all"]["per_image"]["abs_rel"])
                 for method, result in content["methods"].items()
             }
-            weights = content["weights_sha256"]
+            weights, pairs = content["weights_sha256"], int(content["pairs"])
         except (KeyError, TypeError, AttributeError, ValueError):
             raise DatasetError(f"{file}: is no results.json of m3depth.evaluate") from None
         own = {
@@ -46,5 +46,6 @@ def errors_on_test_set(files: Sequence[Path], perceptions: Mapping[str, str | No
         }
         if not own:
             raise DatasetError(f"{file}: scores none of {', '.join(perceptions)} (with the same weights)")
-        found |= own
-    return found
+        for perception, error in own.items():
+            found.setdefault(perception, []).append((error, pairs))
+    return {name: sum(e * n for e, n in parts) / sum(n for _, n in parts) for name, parts in found.items()}

@@ -7,13 +7,13 @@ from envs.depth_scores import errors_on_test_set, weights_digest
 from marssim.dataset import DatasetError
 
 
-def results(path, weights="abc", **errors):
+def results(path, weights="abc", pairs=4, **errors):
     """A results.json as m3depth.evaluate writes it, with what matters here; errors: Abs Rel by method."""
     methods = {
         method: {"depth": {"all": {"per_image": {"abs_rel": error}, "pooled": {"abs_rel": 9.0}}}}
         for method, error in errors.items()
     }
-    path.write_text(json.dumps({"weights_sha256": weights, "methods": methods}))
+    path.write_text(json.dumps({"weights_sha256": weights, "pairs": pairs, "methods": methods}))
     return path
 
 
@@ -30,6 +30,11 @@ def test_several_files_score_several_weights(tmp_path):
     ]
     assert errors_on_test_set(files, {"m3depth": "abc", "m3depth:w": "def"}) == {"m3depth": 0.1, "m3depth:w": 0.2}
     assert errors_on_test_set([], {"m3depth": "abc"}) == {}
+
+
+def test_pairs_of_several_folders_count_alike(tmp_path):
+    files = [results(tmp_path / "a.json", pairs=10, SGBM=0.1), results(tmp_path / "b.json", pairs=30, SGBM=0.3)]
+    assert errors_on_test_set(files, {"sgbm": None}) == {"sgbm": pytest.approx(0.25)}
 
 
 def test_scores_of_other_weights_are_refused(tmp_path):
