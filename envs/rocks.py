@@ -23,6 +23,7 @@ from envs.rock_map import RULES, MapTally, count_rocks, look_at, true_place
 from envs.sight import load_perception
 from m3depth.datasets.config import Part
 from m3depth.degradation import Degradation
+from m3depth.estimator import checked_prediction
 from m3depth.figures.rocks import rocks_figure
 from m3depth.report import rocks_table, versions, write_json
 from m3depth.rocks import rock_scene
@@ -72,7 +73,8 @@ class RocksConfig:
 def rocks_seen(config: RocksConfig) -> dict[str, Any]:
     """Count, write the report, and return the content of results.json.
 
-    Raises DatasetError or ValueError if the dataset cannot be read or tells no pose, or a perception is unknown.
+    Raises DatasetError or ValueError if the dataset cannot be read or tells no pose, or a perception is unknown or
+    returns no whole Prediction.
     """
     pairs = _pairs(config)
     methods = {name: load_perception(name) for name in config.perception}
@@ -96,7 +98,7 @@ def rocks_seen(config: RocksConfig) -> dict[str, Any]:
             if method is None:
                 look = true
             else:
-                seen = method.infer(left, right, sample.rig)
+                seen = checked_prediction(method, method.infer(left, right, sample.rig), left.shape[:2])
                 look = look_at(seen.depth, seen.confidence, sample.rig, turn)
             for step, tally in tallies[name].items():
                 count_rocks(tally, look, scene, place, step)

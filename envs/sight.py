@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from m3depth.estimator import Estimator, checked_prediction, load_estimator
 from marssim.camera import NATECAM, StereoRig
 from marssim.render.gbuffer import GBufferMaker
 from marssim.render.makers import known_renderer, make_renderer
@@ -15,9 +15,6 @@ from marssim.render.sensor import Sensor, SensorConfig
 from marssim.render.shading import Shader
 from marssim.render.stereo import StereoFrame, render_stereo
 from marssim.scene.scene import Scene
-
-if TYPE_CHECKING:
-    from m3depth.estimator import Estimator
 
 GROUND_TRUTH_PIXELS = 128  # true depth needs no images: this many rays a side are enough to drive by
 
@@ -51,8 +48,6 @@ def load_perception(perception: str | Estimator) -> Estimator | None:
     """
     if isinstance(perception, str) and perception == "ground_truth":
         return None
-    from m3depth.estimator import load_estimator
-
     return load_estimator(perception, "perception", ("ground_truth",))
 
 
@@ -83,7 +78,10 @@ class Eyes:
         self._noise = np.random.default_rng(rng.integers(2**63)) if self.disparity_noise else rng
 
     def look(self, pose: np.ndarray, pan: float) -> Sight:
-        """See from a left-camera pose (4, 4) to world."""
+        """See from a left-camera pose (4, 4) to world.
+
+        Raises EstimatorError (m3depth.estimator) where the perception returns anything but a whole Prediction.
+        """
         sight = self._see(pose, pan)
         if self.disparity_noise == 0:
             return sight
@@ -102,8 +100,9 @@ class Eyes:
             return Sight(depth, np.ones_like(depth), rig, pose, pan, true_depth=depth)
         frame = self.picture(pose)
         start = perf_counter()
-        seen = self.estimator.infer(frame.left, frame.right, NATECAM)
+        found = self.estimator.infer(frame.left, frame.right, NATECAM)
         seconds = perf_counter() - start
+        seen = checked_prediction(self.estimator, found, frame.left.shape[:2])
         return Sight(
             seen.depth, seen.confidence, NATECAM, pose, pan, frame.left, frame.right, frame.depth, seen.normal, seconds
         )

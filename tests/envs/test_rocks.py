@@ -30,6 +30,12 @@ class Melted:
         return Prediction(depth, rig.depth_to_disparity(depth), None, np.ones(depth.shape, np.float32))
 
 
+class Halved(Melted):
+    def infer(self, left, right, rig):
+        whole = super().infer(left, right, rig)
+        return replace(whole, depth=whole.depth[::2, ::2])
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("rocks")
@@ -43,6 +49,12 @@ def folder(tmp_path_factory):
         write_sample(path / "scenes" / name, content, {})
     write_index(path, {}, ["00001/00", "00001/01"])
     return path
+
+
+def test_a_method_that_returns_no_whole_prediction_is_named(folder, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("envs.rocks.load_perception", lambda name: Halved())
+    assert main(["--data", str(folder), "--out", str(tmp_path / "out"), "--perception", "halved"]) == 2
+    assert capsys.readouterr().err.splitlines()[-1].startswith("error: Halved.infer returned depth of shape")
 
 
 def test_found_missed_and_false(folder, tmp_path, capsys, monkeypatch):

@@ -3,6 +3,7 @@ import pytest
 
 from envs.drivers import NavigatorDriver
 from envs.sight import GROUND_TRUTH_PIXELS, Eyes
+from m3depth.estimator import EstimatorError
 from m3depth.prediction import Prediction
 from marssim.camera import NATECAM
 from marssim.render.makers import RENDERERS
@@ -97,6 +98,30 @@ def test_an_object_or_a_class_path_is_a_perception(make_env):
     assert (observation["depth"] == 6).all() and info["perception_seconds"] > 0
     env = make_env(perception="m3depth.matching:SGBM")
     assert type(env.eyes.estimator).__name__ == "SGBM"
+
+
+class Halved(Everywhere):
+    """Works at half the size, and leaves it at that."""
+
+    def infer(self, left, right, rig):
+        return super().infer(left[::2, ::2], right[::2, ::2], rig)
+
+
+class BareDepth(Everywhere):
+    def infer(self, left, right, rig):
+        return super().infer(left, right, rig).depth
+
+
+@pytest.mark.parametrize(
+    ("estimator", "message"),
+    [
+        (Halved(), r"^Halved\.infer returned depth of shape \(256, 256\): it must be \(512, 512\) here$"),
+        (BareDepth(), r"^BareDepth\.infer returned an array of shape \(512, 512\): it must be a Prediction"),
+    ],
+)
+def test_what_is_no_prediction_is_named_at_the_first_look(make_env, estimator, message):
+    with pytest.raises(EstimatorError, match=message):
+        make_env(perception=estimator, goal_distance=4.0).reset(seed=0)
 
 
 def test_sgbm_sees_enough_to_drive(make_env):
