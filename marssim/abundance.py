@@ -23,6 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from marssim.command import counted, exit_code, parse
+from marssim.embree import TriangleRays
 from marssim.generate_config import named_scene
 from marssim.scene.golombek import MAX_DIAMETER, REPORTED, covered_area, number_density, sampling_spread
 from marssim.scene.rocks import RockConfig
@@ -108,16 +109,12 @@ def visible_areas(scene: Scene, cell: float = 0.01) -> tuple[np.ndarray, np.ndar
     cell: [m] between rays; looked at is the finely gridded square. Returns the area (N,) [m2] of each rock, and the
     middle (N, 2) [m] of what is seen of it, nan where nothing is.
     """
-    from embreex.mesh_construction import TriangleMesh
-    from embreex.rtcore_scene import EmbreeScene
-
     rocks, half = scene.rocks, scene.half
     vertices, faces = scene.terrain.fine.mesh()
-    embree = EmbreeScene()
     ground = len(faces)
     faces = np.concatenate([faces, rocks.faces + len(vertices)])
     vertices = np.concatenate([vertices, rocks.vertices])
-    TriangleMesh(embree, vertices.astype(np.float32), np.ascontiguousarray(faces, dtype=np.int32))
+    triangles = TriangleRays(vertices, faces)
     above = np.float32(vertices[:, 2].max() + 1.0)
 
     steps = round(2 * half / cell)
@@ -130,7 +127,7 @@ def visible_areas(scene: Scene, cell: float = 0.01) -> tuple[np.ndarray, np.ndar
         origins[:, 0], origins[:, 1], origins[:, 2] = np.tile(at, len(band)), np.repeat(band, steps), above
         down = np.zeros_like(origins)
         down[:, 2] = -1
-        face = embree.run(origins, down)
+        face = triangles.meet(origins, down)[0]
         spot = np.flatnonzero(face >= ground)
         rock = rocks.face_rock[face[spot] - ground]
         count += np.bincount(rock, minlength=len(rocks))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from marssim.embree import TriangleRays
 from marssim.scene.rocks import Rocks, icosphere
 from marssim.scene.scene import Scene
 
@@ -113,9 +114,6 @@ def _rock_tops(rocks: Rocks, members: np.ndarray, x: np.ndarray, y: np.ndarray) 
     out = np.full((len(y), len(x)), -np.inf)
     if len(members) == 0:
         return out
-    from embreex.mesh_construction import TriangleMesh
-    from embreex.rtcore_scene import EmbreeScene
-
     used, index = np.unique(coarse_faces(rocks, members), return_inverse=True)
     vertices = rocks.vertices[used]
     near = np.zeros(out.shape, dtype=np.uint8)  # rays are shot only within the rocks' bounding circles
@@ -125,12 +123,9 @@ def _rock_tops(rocks: Rocks, members: np.ndarray, x: np.ndarray, y: np.ndarray) 
     for centre, r in zip(at.tolist(), radius):
         cv2.circle(near, centre, int(np.ceil(r)), 1, thickness=-1)
     row, column = np.nonzero(near)
-    embree = EmbreeScene()
-    TriangleMesh(embree, vertices.astype(np.float32), index.reshape(-1, 3).astype(np.int32))
     above = float(vertices[:, 2].max()) + 1.0
-    origins = np.stack([x[column], y[row], np.full(len(row), above)], axis=1).astype(np.float32)
-    down = np.broadcast_to(np.array([0, 0, -1], np.float32), origins.shape)
-    hit = embree.run(origins, np.ascontiguousarray(down), output=True)
-    found = hit["primID"] >= 0
-    out[row[found], column[found]] = above - hit["tfar"][found]
+    origins = np.stack([x[column], y[row], np.full(len(row), above)], axis=1)
+    face, below = TriangleRays(vertices, index.reshape(-1, 3)).meet(origins, np.broadcast_to([0, 0, -1], origins.shape))
+    found = face >= 0
+    out[row[found], column[found]] = above - below[found]
     return out

@@ -1,4 +1,4 @@
-"""The G-buffer by ray casting with Embree (embreex): one ray through each pixel centre."""
+"""The G-buffer by ray casting with Embree: one ray through each pixel centre."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 
 from marssim.camera import PinholeCamera, rotate
+from marssim.embree import TriangleRays
 from marssim.render.gbuffer import GBuffer
 from marssim.render.hits import hits, seen
 from marssim.render.mesh import scene_mesh
@@ -39,8 +38,7 @@ class MeshCaster:
         self._faces = self._faces.astype(np.int32, copy=False)
         self._surface = np.concatenate([part.surface for part in parts])
         self._vertex_normals = np.concatenate([part.vertex_normals for part in parts]).astype(np.float32, copy=False)
-        self._embree: EmbreeScene | None = EmbreeScene()
-        TriangleMesh(self._embree, self._vertices.astype(np.float32), self._faces)
+        self._rays = TriangleRays(self._vertices, self._faces)
 
     def trace(self, rays: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Depth, normal, shading normal and surface id along any rays of a camera.
@@ -60,27 +58,17 @@ class MeshCaster:
         """
         if len(points) == 0:
             return np.zeros(0, dtype=bool)
-        origins = np.ascontiguousarray(points + SELF_GAP * normals, dtype=np.float32)
-        limit = np.full(len(points), 1e9, np.float32) if reach is None else reach.astype(np.float32)
-        found = self._scene().run(origins, np.ascontiguousarray(directions, dtype=np.float32), limit, query="OCCLUDED")
-        return np.asarray(found) < 0
+        return self._rays.meet(points + SELF_GAP * normals, directions, reach)[0] < 0
 
     def close(self) -> None:
         """Free the acceleration structure; may be called twice."""
-        self._embree = None
+        self._rays.close()
 
     def _first_faces(self, rays: np.ndarray, pose: np.ndarray) -> np.ndarray:
         """(N,) int32 the face that each ray meets first, negative for none; arguments as of trace."""
         world_rays = rotate(rays.astype(np.float32), pose[:3, :3].astype(np.float32))
-        origins = np.empty((len(rays), 3), dtype=np.float32)
-        origins[:] = pose[:3, 3]
         # Embree works in float32 and only names the triangle; where the ray meets it is computed in float64
-        return np.asarray(self._scene().run(origins, world_rays, query="INTERSECT"), dtype=np.int32)
-
-    def _scene(self) -> EmbreeScene:
-        if self._embree is None:
-            raise RuntimeError("this Raycaster is closed")
-        return self._embree
+        return self._rays.meet(pose[None, :3, 3], world_rays)[0]
 
 
 class Raycaster(MeshCaster, SeesByRays):
