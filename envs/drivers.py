@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import Enum
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -13,14 +14,21 @@ from marssim.rover_spec import RoverSpec
 from nav.navigator import Navigator
 
 
+class Stop(Enum):
+    """Why a driver ends its drive by itself. The values are the outcomes that envs.episodes records."""
+
+    NO_PATH = "no_path"  # it finds no way on
+    ARRIVED = "elsewhere"  # it believes to be at the goal; were it there, the drive had ended with the step before
+
+
 class Driver(Protocol):
     """Chooses actions for a MarsNavEnv made with mast=True; with map_observation=True if `needs_map` is true of it."""
 
     def reset(self, env: MarsNavEnv, seed: int) -> None:
         """A new episode begins."""
 
-    def act(self, env: MarsNavEnv, observation: dict[str, Any]) -> np.ndarray | None:
-        """(3,) action in [-1, 1]: speed, yaw rate, pan; None to give up, where the driver finds no way on."""
+    def act(self, env: MarsNavEnv, observation: dict[str, Any]) -> np.ndarray | Stop:
+        """(3,) action in [-1, 1]: speed, yaw rate, pan; or a Stop, which ends the drive."""
         ...
 
 
@@ -35,14 +43,14 @@ class NavigatorDriver:
         reach = env.course.scene.half - EDGE
         self.navigator = Navigator(env.rover_spec, area=(-reach, -reach, reach, reach))  # the ground's edge is known
 
-    def act(self, env: MarsNavEnv, observation: dict[str, Any]) -> np.ndarray | None:
+    def act(self, env: MarsNavEnv, observation: dict[str, Any]) -> np.ndarray | Stop:
         assert env.sight is not None and env.course is not None
         sight, spec = env.sight, env.rover_spec
         command = self.navigator.step(
             sight.depth, sight.confidence, sight.rig, env.believed_pose, env.course.goal, sight.pan
         )
-        if command.status in ("no_path", "stuck"):
-            return None
+        if command.over:
+            return Stop.ARRIVED if command.status == "arrived" else Stop.NO_PATH
         pan = command.pan or 0.0
         action = [command.speed / spec.max_speed, command.yaw_rate / spec.max_yaw_rate, pan / spec.mount.pan_limit]
         return np.clip(np.array(action, dtype=np.float32), -1, 1)

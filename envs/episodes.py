@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from envs.drivers import Driver
-from envs.mars_nav import MarsNavEnv
+from envs.drivers import Driver, Stop
+from envs.mars_nav import ActionError, MarsNavEnv
 from envs.sight import Sight
 from marssim.camera import MAX_DEPTH, MIN_DEPTH
 
@@ -36,7 +36,8 @@ class EpisodeRecord:
     x, y, diameter of the rocks that block; abs_rel: mean over the looks of |Z - Z*| / Z* up to 15 m, None with the
     ground truth.
 
-    outcome: as MarsNavEnv's info names it, or "no_path" if the driver gave up.
+    outcome: as MarsNavEnv's info names it, or as the driver ended the drive (envs.drivers.Stop): "no_path" where it
+    gave up, "elsewhere" where it believed to be at the goal and was not, as happens by odometry that drifts.
     """
 
     driver: str
@@ -74,7 +75,8 @@ def run_episode(
     """Drive one episode to its end.
 
     The course follows from (seed, episode) and the cell alone. names: driver and perception, for the record.
-    watch(env, driver, step) is called after the reset (step 0) and after every step.
+    watch(env, driver, step) is called after the reset (step 0) and after every step. Raises ActionError that names the
+    driver for an answer that is neither an action nor a Stop.
     """
     options: dict[str, Any] = {"scene_seed": int(np.random.SeedSequence((seed, episode)).generate_state(1)[0])}
     if cell.k is not None:
@@ -94,10 +96,13 @@ def run_episode(
     while not done:
         begin = perf_counter()
         action = driver.act(env, observation)
-        if action is None:
-            info = {**info, "outcome": "no_path"}
+        if isinstance(action, Stop):
+            info = {**info, "outcome": action.value}
             break
-        observation, reward, terminated, truncated, info = env.step(action)
+        try:
+            observation, reward, terminated, truncated, info = env.step(action)
+        except ActionError as error:
+            raise ActionError(f"driver {names[0]!r}: {error}") from None
         seconds += perf_counter() - begin
         seeing += info["perception_seconds"]
         total += float(reward)

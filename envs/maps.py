@@ -14,7 +14,7 @@ from envs.episodes import EpisodeRecord
 
 OUTCOME_COLOURS = {
     "goal": "#2a9d5c", "collision": "#d1495b", "tilt": "#8e44ad", "stuck": "#e08e45", "time": "#5c6b7a",
-    "out_of_bounds": "#b08968", "no_path": "#264653",
+    "out_of_bounds": "#b08968", "no_path": "#264653", "elsewhere": "#3a86c8",
 }  # fmt: skip
 LINES = ("-", "--", ":", "-.")  # one for each driver and perception
 COLUMNS, ROWS = 5, 4

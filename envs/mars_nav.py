@@ -30,6 +30,10 @@ STEP_SECONDS = 2.0
 ERROR_LIMITS = {"disparity_noise": 10, "drift": 1, "yaw_drift_deg": 45}  # largest values of these arguments
 
 
+class ActionError(ValueError):
+    """An action that no rover can be given; one line that says what was expected."""
+
+
 class MarsNavEnv(gymnasium.Env):
     """
     ## Description
@@ -87,7 +91,9 @@ class MarsNavEnv(gymnasium.Env):
     Terminated: within 1 m of the goal; the chassis touches anything, or a wheel a rock of 0.30 m or more; tilt over 30
     deg; out of bounds; stuck (less than 0.1 m in five steps that were commanded to drive at 0.05 m/s or more, forwards
     or backwards). Truncated: out of time, 15 steps for each metre of goal distance. `info["outcome"]` is "driving" or
-    one of "goal", "collision", "tilt", "out_of_bounds", "stuck", "time".
+    one of "goal", "collision", "tilt", "out_of_bounds", "stuck", "time". There is no action to stop: where the rover
+    truly is ends the episode, whatever the odometry says. Drivers of `envs.evaluate` may end a drive by themselves:
+    "no_path", or "elsewhere" where they believe to be at the goal and are not.
 
     ## Information
 
@@ -199,15 +205,10 @@ class MarsNavEnv(gymnasium.Env):
         return self._observation(), self._info()
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
-        """Drive for 2 s, then look. Raises ValueError for an action of the wrong shape or not finite."""
+        """Drive for 2 s, then look. Raises ActionError for an action of the wrong shape or not finite."""
         if self.course is None or self.vehicle is None:
             raise gymnasium.error.ResetNeeded("call reset before step")
-        action = np.asarray(action, dtype=np.float32)
-        if action.shape != self.action_space.shape:
-            raise ValueError(f"action has shape {action.shape}, expected {self.action_space.shape}")
-        if not np.isfinite(action).all():
-            raise ValueError(f"action must be finite, got {action}")
-        action = np.clip(action, -1, 1)
+        action = self._checked(action)
         speed, yaw_rate = float(action[0]) * self.rover_spec.max_speed, float(action[1]) * self.rover_spec.max_yaw_rate
         if self.mast:
             mount = self.rover_spec.mount
@@ -262,6 +263,19 @@ class MarsNavEnv(gymnasium.Env):
         if self._view is not None:
             self._view.close()
         self.vehicle = self.course = self.sight = self._view = None
+
+    def _checked(self, action: object) -> np.ndarray:
+        """The action as numbers, clipped to its box."""
+        shape = self.action_space.shape
+        try:
+            numbers = np.asarray(action, dtype=np.float32)
+        except (TypeError, ValueError):
+            raise ActionError(f"action must be numbers of shape {shape}, got {action!r}") from None
+        if action is None or numbers.shape != shape:
+            raise ActionError(f"action must be of shape {shape}, got {action!r}")
+        if not np.isfinite(numbers).all():
+            raise ActionError(f"action must be finite, got {action!r}")
+        return np.clip(numbers, -1, 1)
 
     def _xy(self) -> np.ndarray:
         assert self.vehicle is not None

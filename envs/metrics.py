@@ -52,8 +52,9 @@ def paired_difference(first: Sequence[EpisodeRecord], second: Sequence[EpisodeRe
     return {"episodes": len(a), "difference": float(gain.mean()), "interval": list(interval(resampled_means(gain)))}
 
 
-FAILURES = {
-    "no feasible path": ("no_path",), "safety limit": ("collision", "tilt", "out_of_bounds"), "time": ("time", "stuck")
+FAILURES = {  # ENav's classes, and one of those whose odometry led them astray
+    "no feasible path": ("no_path",), "safety limit": ("collision", "tilt", "out_of_bounds"), "time": ("time", "stuck"),
+    "elsewhere": ("elsewhere",),
 }  # fmt: skip
 UNREACHABLE_MARK = 0.20  # share of goals without a way above which a cell is marked
 
@@ -62,9 +63,9 @@ def summarise(records: Sequence[EpisodeRecord]) -> dict[str, Any]:
     """Figures over the episodes of one driver, perception and cell. Raises ValueError without episodes.
 
     path_inefficiency: mean of P / L over the successes; down to 0.95 on 20 m, as the drive ends 1 m before the goal.
-    failures: how many by ENav's classes. near_miss_rate: episodes in which an obstacle came within NEAR_MISS of the
-    rover's flank without a collision. abs_rel: of the depth on the way, None with the ground truth. unreachable_share:
-    of the goals drawn, those that no way leads to on the true ground, and that were replaced.
+    failures: how many by the classes of FAILURES. near_miss_rate: episodes in which an obstacle came within NEAR_MISS
+    of the rover's flank without a collision. abs_rel: of the depth on the way, None with the ground truth.
+    unreachable_share: of the goals drawn, those that no way leads to on the true ground, and that were replaced.
     """
     n = len(records)
     if n == 0:

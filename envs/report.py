@@ -6,10 +6,20 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from envs.episodes import EpisodeRecord
+from envs.ends import GOAL_RADIUS
+from envs.episodes import NEAR_MISS, EpisodeRecord
 from envs.maps import plot_maps
 from envs.metrics import UNREACHABLE_MARK
 from envs.plots import plot_success
+
+LEGEND = f"""\
+Success: within {GOAL_RADIUS:g} m of the goal, with Wilson's interval. SPL, SoftSPL: success, or the share of the way
+covered, times shortest over driven way. P / L: driven over shortest way of those that arrived; the drive ends before
+the goal, so it may be below 1. Collisions: of the chassis, or of a wheel with a rock that blocks. Near misses: drives
+without one that came within {100 * NEAR_MISS:.0f} cm of such a rock. No path: the driver gave up. Safety: collision,
+tilt or out of bounds. Time: it ran out, or the rover was stuck. Elsewhere: the driver believed to be at the goal, by
+its odometry, and was not. Tilt: the greatest. Abs Rel: of the depth on the way. Unreachable: goals that no way leads
+to, and that were replaced. s / step: seconds of driver, perception and simulation."""
 
 
 def write_report(out: Path, content: dict[str, Any], records: Sequence[EpisodeRecord]) -> None:
@@ -24,7 +34,7 @@ def table(results: Sequence[dict[str, Any]]) -> str:
     """Markdown table, a row for each driver, perception and cell."""
     head = (
         "| driver | perception | k | slope | episodes | success (95 %) | SPL | SoftSPL | P / L | collisions "
-        "| near misses | no path, safety, time | tilt | Abs Rel | unreachable | s / step |"
+        "| near misses | no path, safety, time, elsewhere | tilt | Abs Rel | unreachable | s / step |"
     )
     lines = [head, "|" + "---|" * (head.count("|") - 1)]
     marked = False
@@ -43,6 +53,7 @@ def table(results: Sequence[dict[str, Any]]) -> str:
             f"| {failures} | {r['max_tilt_deg']:.0f} deg | {error} | {100 * r['unreachable_share']:.0f} % "
             f"| {r['step_seconds']:.2f} |"
         )
+    lines += ["", LEGEND]
     if marked:
         lines += ["", f"\\* of the goals drawn, more than {100 * UNREACHABLE_MARK:.0f} % had no way to them."]
     return "\n".join(lines) + "\n"

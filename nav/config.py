@@ -28,7 +28,7 @@ class NavigatorConfig:
     traversability: TraversabilityConfig = field(default_factory=TraversabilityConfig)
     planner: PlannerConfig = field(default_factory=PlannerConfig)
     step_time: float = 2.0  # a command is held this long [s]
-    goal_radius: float = 1.0  # arrived within [m]
+    goal_radius: float = 0.5  # arrived within [m], of what the odometry says: half of what a mission may ask for
     clear_radius: float = 2.5  # round the start the ground is taken for clear [m]
     least_points: int = 50  # an image that shows fewer points of ground shows nothing
     look_pan_deg: float = 40.0  # the mast looks this far to either side for a way out

@@ -238,7 +238,7 @@ class Navigator:
             return Command(0.0, rate, self.mast.towards(left), "turn")
         self.mast.turn_is_over()
         speed = self.spec.max_speed * float(np.clip(motion.length / (2 * c.planner.commit), 0.5, 1.0))
-        speed = min(speed, max(distance - 0.5 * c.goal_radius, 0.1) / c.step_time)
+        speed = min(speed, max(distance - c.goal_radius, 0.1) / c.step_time)
         speed, yaw_rate = steerable(speed, motion.curvature * speed, self.spec)
         # The next image shall show where the path leads from where the rover will be by then.
         turn = yaw_rate * c.step_time

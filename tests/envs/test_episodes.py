@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
-from envs.drivers import StraightDriver
+from envs.drivers import NavigatorDriver, Stop, StraightDriver
 from envs.episodes import Cell, run_episode
+from envs.mars_nav import ActionError
 
 
 class Standing:
@@ -71,7 +72,7 @@ def test_a_driver_that_gives_up_ends_the_episode(env):
 
         def act(self, env, observation):
             self.steps += 1
-            return super().act(env, observation) if self.steps <= 2 else None
+            return super().act(env, observation) if self.steps <= 2 else Stop.NO_PATH
 
     record = run_episode(env, Wavering(), Cell(), 5, 0)
     assert (record.outcome, record.steps, len(record.track)) == ("no_path", 2, 3)
@@ -80,10 +81,54 @@ def test_a_driver_that_gives_up_ends_the_episode(env):
 def test_a_driver_may_give_up_at_once(env):
     class Quitter(Standing):
         def act(self, env, observation):
-            return None
+            return Stop.NO_PATH
 
     record = run_episode(env, Quitter(), Cell(), 5, 0)
     assert (record.outcome, record.steps, record.step_seconds) == ("no_path", 0, 0.0)
+
+
+def test_a_driver_led_astray_by_its_odometry_ends_elsewhere_and_at_once(on_course, make_scene, make_course):
+    """Its odometry says 1 m too much to the left: it comes to a place 1 m to the right of the goal, and stops there."""
+    env = on_course(make_course(make_scene(), start=(-3.0, 0.0, 0.0), goal=(3.0, 0.0)), mast=True)
+
+    class Astray:
+        drift = yaw_drift = 0.0
+
+        def update(self, pose):
+            believed = pose.copy()
+            believed[1, 3] += 1.2
+            return believed
+
+    reset = env.reset
+
+    def astray(**options):
+        reset(**options)
+        env._odometry = Astray()
+        env.believed_pose = env._odometry.update(env.vehicle.state().pose)
+        return env._observation(), env._info()
+
+    env.reset = astray
+    record = run_episode(env, NavigatorDriver(), Cell(), 0, 0)
+    assert record.outcome == "elsewhere" and record.steps < 25
+    assert 1.0 < record.distance < 1.8
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        (None, r"^driver 'mine': action must be of shape \(3,\), got None$"),
+        ([1.0, 0.0], r"^driver 'mine': action must be of shape \(3,\), got \[1\.0, 0\.0\]$"),
+        ("left", r"^driver 'mine': action must be numbers of shape \(3,\), got 'left'$"),
+        ([np.nan, 0.0, 0.0], r"^driver 'mine': action must be finite, got \[nan, 0\.0, 0\.0\]$"),
+    ],
+)
+def test_an_answer_that_is_no_action_names_the_driver(env, answer, message):
+    class Mine(Standing):
+        def act(self, env, observation):
+            return answer
+
+    with pytest.raises(ActionError, match=message):
+        run_episode(env, Mine(), Cell(), 5, 0, ("mine", ""))
 
 
 @pytest.mark.parametrize(("aside", "near"), [(1.34, True), (1.7, False)])

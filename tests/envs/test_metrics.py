@@ -98,8 +98,10 @@ def test_courses_of_one_seed_in_several_cells_count_as_one():
 
 
 def test_failures_are_classed_as_for_enav_and_near_misses_counted():
-    records = [record(o) for o in ("goal", "no_path", "collision", "tilt", "out_of_bounds", "time", "stuck")]
+    records = [
+        record(o) for o in ("goal", "no_path", "collision", "tilt", "out_of_bounds", "time", "stuck", "elsewhere")
+    ]
     records.append(record("goal", near_miss=True, redraws=2, abs_rel=0.02))
     row = summarise(records)
-    assert row["failures"] == {"no feasible path": 1, "safety limit": 3, "time": 2}
-    assert row["near_miss_rate"] == 1 / 8 and row["abs_rel"] == 0.02 and row["unreachable_share"] == 9 / 17
+    assert row["failures"] == {"no feasible path": 1, "safety limit": 3, "time": 2, "elsewhere": 1}
+    assert row["near_miss_rate"] == 1 / 9 and row["abs_rel"] == 0.02 and row["unreachable_share"] == 10 / 19

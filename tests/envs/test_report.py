@@ -4,9 +4,10 @@ import cv2
 import numpy as np
 import pytest
 
+from envs.drivers import Stop
 from envs.episodes import EpisodeRecord
 from envs.maps import OUTCOME_COLOURS, plot_maps
-from envs.metrics import summarise
+from envs.metrics import FAILURES, summarise
 from envs.plots import plot_success, pool_by_k
 from envs.report import differences, errors_beside, table, write_report
 
@@ -20,18 +21,26 @@ ROW = {
     "driver": "navigator", "perception": "sgbm", "cell": {"k": 0.07, "slope_deg": None}, "episodes": 20,
     "success_rate": 0.85, "success_interval": [0.6396, 0.9476], "spl": 0.754, "soft_spl": 0.812,
     "path_inefficiency": 1.08, "collision_rate": 0.1, "near_miss_rate": 0.05,
-    "failures": {"no feasible path": 1, "safety limit": 2, "time": 0}, "max_tilt_deg": 17.4, "abs_rel": 0.0123,
-    "unreachable_share": 0.09, "step_seconds": 0.356,
+    "failures": {"no feasible path": 1, "safety limit": 2, "time": 0, "elsewhere": 3}, "max_tilt_deg": 17.4,
+    "abs_rel": 0.0123, "unreachable_share": 0.09, "step_seconds": 0.356,
 }  # fmt: skip
 
 
 def test_a_row_of_the_table():
-    head, rule, row = table([ROW]).splitlines()
+    head, rule, row = table([ROW]).splitlines()[:3]
     assert head.count("|") == rule.count("|") == row.count("|")
     assert row == (
-        "| navigator | sgbm | 0.07 | preset | 20 | 85 % (64-95) | 0.75 | 0.81 | 1.08 | 10 % | 5 % | 1, 2, 0 | 17 deg "
-        "| 0.0123 | 9 % | 0.36 |"
+        "| navigator | sgbm | 0.07 | preset | 20 | 85 % (64-95) | 0.75 | 0.81 | 1.08 | 10 % | 5 % | 1, 2, 0, 3 "
+        "| 17 deg | 0.0123 | 9 % | 0.36 |"
     )
+
+
+def test_every_figure_of_the_table_is_explained_below_it():
+    head, *_, legend = table([ROW]).partition("\n\n")
+    columns = [name.strip() for name in head.splitlines()[0].split("|")[6:-1]]
+    for name in ", ".join(columns).replace(" (95 %)", "").split(", "):
+        assert name.casefold() in " ".join(legend.split()).casefold(), name
+    assert legend.startswith("Success: within 1 m of the goal")
 
 
 def test_a_cell_with_many_unreachable_goals_is_marked():
@@ -122,7 +131,9 @@ def test_errors_on_the_way_stand_beside_the_test_sets():
 
 
 def test_every_end_has_a_colour():
-    assert set(OUTCOME_COLOURS) == {"goal", "collision", "tilt", "stuck", "time", "out_of_bounds", "no_path"}
+    ends = {"goal", "collision", "tilt", "stuck", "time", "out_of_bounds"}
+    assert set(OUTCOME_COLOURS) == ends | {stop.value for stop in Stop}
+    assert {"goal", *(end for of in FAILURES.values() for end in of)} == set(OUTCOME_COLOURS)
     assert len(set(OUTCOME_COLOURS.values())) == len(OUTCOME_COLOURS)
 
 

@@ -57,7 +57,7 @@ def test_a_dataset_is_replayed_as_its_frames_are(folder):
 
 
 def test_it_ends_when_the_goal_is_there():
-    assert [c.status for c in replay(frames(), (1.2, 0.0))] == ["drive", "arrived"]
+    assert [c.status for c in replay(frames(), (0.7, 0.0))] == ["drive", "arrived"]
 
 
 def test_the_command_prints_a_line_a_frame_and_needs_no_simulator(folder):
