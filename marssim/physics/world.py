@@ -23,7 +23,7 @@ GROUND_FRICTION = 1.0
 GROUND_CELL = 0.10  # [m] coarsest grid that ground is thinned to; what the eyes see of a course, the wheels feel
 MAX_NODES = 260  # [per side] above which the ground is thinned: 341 take 0.4 s to build, and time grows as the square
 SOLVER_ITERATIONS = 16  # Bullet's 50 change no drive here by more than a millimetre a metre, and cost a third more
-WATCH_EVERY = 8  # steps between two looks at the contacts
+WATCH_EVERY = 8  # steps between two calls of the watchers
 
 
 class PhysicsWorld:
@@ -43,6 +43,7 @@ class PhysicsWorld:
         self.client = self.bullet.connect(self.bullet.DIRECT)
         self._steps_owed, self._resting = 0.0, False
         self._watchers: list[Callable[[], bool]] = []
+        self._feelers: list[Callable[[], None]] = []
         try:
             self._build()
         except BaseException:
@@ -65,6 +66,8 @@ class PhysicsWorld:
             if not self._resting:
                 for _ in range(batch):
                     advance(physicsClientId=client)
+                    for feel in self._feelers:
+                        feel()
             self.time += batch * self.time_step
             count -= batch
             self.look()
@@ -74,23 +77,22 @@ class PhysicsWorld:
         answers = [watch() for watch in self._watchers]  # all are asked, whatever the first one says
         self._resting = bool(answers) and all(answers)
 
-    def watch(self, callback: Callable[[], bool]) -> None:
-        """Call back every few steps from now on. The callback returns whether what it watches is at rest for good."""
+    def watch(self, callback: Callable[[], bool], feel: Callable[[], None]) -> None:
+        """Call both back from now on: `callback` every few steps, which returns whether what it watches is at rest for
+        good; `feel` after every single one, so that the shortest contact is noticed."""
         self._watchers.append(callback)
+        self._feelers.append(feel)
         self._resting = False
 
-    def unwatch(self, callback: Callable[[], bool]) -> None:
-        """Call it back no more. Raises ValueError if it was not watching."""
+    def unwatch(self, callback: Callable[[], bool], feel: Callable[[], None]) -> None:
+        """Call them back no more. Raises ValueError if they were not watching."""
         self._watchers.remove(callback)
+        self._feelers.remove(feel)
 
     @cached_property
     def support(self) -> SupportMap:
         """The same scene as rasters, for putting a rover down."""
         return SupportMap.of(self.scene, self.spec.obstacle_height)
-
-    def is_obstacle(self, body: int) -> bool:
-        """Whether a PyBullet body is made of rocks that block."""
-        return body in self._obstacle_bodies
 
     def close(self) -> None:
         """Free the client; a second call does nothing."""
@@ -99,6 +101,7 @@ class PhysicsWorld:
             self.bullet.disconnect(physicsClientId=self.client)
             self.client = -1
         self._watchers.clear()
+        self._feelers.clear()
 
     def __enter__(self) -> PhysicsWorld:
         return self
@@ -116,7 +119,7 @@ class PhysicsWorld:
         self._add_ground()
         climbable, blocking = split_rocks(self.scene, self.spec.obstacle_height)
         self._add_rocks(climbable)
-        self._obstacle_bodies = frozenset(self._add_rocks(blocking))
+        self.obstacles = self._add_rocks(blocking)  # PyBullet's bodies of the rocks that block, one or none
 
     def _add_ground(self) -> int:
         fine = self.scene.terrain.fine

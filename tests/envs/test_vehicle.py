@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from envs.vehicle import make_vehicle
+from envs.vehicle import CHECK_EVERY, make_vehicle
 from marssim.rover_spec import ZHURONG
 
 
@@ -63,6 +63,16 @@ def test_it_stops_at_a_rock(put_down, dynamics):
             break
     assert vehicle.contacts().collision
     assert 0.2 < vehicle.state().position[0] < 0.8  # the left front wheel, 0.8 m ahead, at the rock's outline
+
+
+def test_physics_goes_no_further_than_to_the_next_look_at_the_contacts(put_down):
+    """The wheels would dig at a rock for the rest of the step. It lies 5 cm ahead of the left front wheel."""
+    vehicle = put_down("physics", 0.0, 0.0, 0.0, rocks=[(0.8 + 0.05 + 0.4, 0.6, 0.8, 0.8)])
+    seen, world = [], vehicle.world
+    world.watch(lambda: False, lambda: seen.append(vehicle.contacts().collision))
+    vehicle.drive_twist(0.2, 0.0, 2.0)
+    assert seen[-1] and 0.1 < seen.index(True) * world.time_step < 1.0
+    assert (len(seen) - seen.index(True)) * world.time_step <= CHECK_EVERY
 
 
 @pytest.mark.parametrize("dynamics", ["kinematic", "physics"])

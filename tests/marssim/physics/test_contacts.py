@@ -71,3 +71,26 @@ def test_put_down_over_a_hump_the_chassis_rests_on_it_or_does_not(make_scene, he
         rover = Rover(world, 0.0, 0.0, 0.3)
         assert rover.contacts() == expected
         assert rover.state().position[2] == pytest.approx(max(-clearance, 0.0), abs=2e-3)  # it is lifted by as much
+
+
+@pytest.mark.parametrize("late", range(8))
+def test_the_shortest_contact_is_noticed(make_scene, late):
+    """A ball that bounces off the chassis touches it for three steps or fewer, whichever of eight it comes at."""
+    p = pytest.importorskip("pybullet")
+    with PhysicsWorld(make_scene(half=2.0)) as world:
+        rover = Rover(world, 0.0, 0.0, 0.0)
+        rover.drive(ROLL, np.zeros(6))
+        world.step(0.1)
+        client, speed = world.client, 10.0
+        front = rover.state().position[0] + ZHURONG.chassis_size[0] / 2
+        place = [front + 0.1 + (0.2 + late * world.time_step) * speed, 0.0, ZHURONG.belly_clearance + 0.2]
+        shape = p.createCollisionShape(p.GEOM_SPHERE, radius=0.1, physicsClientId=client)
+        ball = p.createMultiBody(0.01, shape, basePosition=place, physicsClientId=client)
+        p.resetBaseVelocity(ball, [-speed, 0, 0.2 * 3.72], physicsClientId=client)
+        for body in (ball, rover._body):
+            p.changeDynamics(body, -1, restitution=1.0, physicsClientId=client)
+        touched = []
+        world.watch(lambda: False, lambda: touched.append(bool(p.getContactPoints(ball, physicsClientId=client))))
+        world.step(0.5)
+        assert 0 < sum(touched) <= 3  # near it, at least; a force may act in fewer
+        assert rover.contacts() == Contacts(chassis=True)

@@ -27,7 +27,7 @@ def test_ground_and_rocks_stand_where_the_scene_has_them(make_scene):
         np.testing.assert_allclose(z, np.maximum(ground, expected), atol=0.03)
         assert np.abs(z - ground)[body == 0].max() < 2e-3
         _, hit = cast(world, [-1.0, 1.5], [-2.0, 1.0])
-        assert world.is_obstacle(hit[0]) and not world.is_obstacle(hit[1])
+        assert hit[0] in world.obstacles and hit[1] not in world.obstacles
 
 
 @pytest.mark.parametrize(("half", "cell", "apart"), [(15.0, 0.1, 1), (7.0, 0.05, 2)])
