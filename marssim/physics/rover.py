@@ -195,8 +195,8 @@ class Rover:
             )  # fmt: skip
 
     def _feel(self) -> None:
-        """Note what is touched. This is done after every step, so only the points of chassis and obstacles are asked for:
-        those of all six wheels take three times as long."""
+        """Note what is touched. This is done after every step, so that only the points of chassis and obstacles are
+        asked for: those of all six wheels take three times as long."""
         if self._parked:
             return
         points, body, client = self._p.getContactPoints, self._body, self._client
