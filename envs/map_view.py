@@ -10,6 +10,7 @@ from nav.elevation import ElevationConfig, ElevationMap
 from nav.traversability import TraversabilityConfig, assess
 
 PIXELS, CELL = 64, 0.2  # of the observed map: 12.8 m wide
+REACH = PIXELS * CELL / np.sqrt(2)  # [m] from the rover to its corners
 HEIGHT_LIMIT = 2.0  # [m] above or below the rover; beyond it heights are clipped
 COST_LIMIT = 8.0  # a metre there counts as this many and more
 
@@ -19,7 +20,7 @@ class MapView:
 
     def __init__(self, spec: RoverSpec, clear_radius: float = 2.5) -> None:
         self.spec, self.clear_radius = spec, clear_radius
-        self.map = ElevationMap(ElevationConfig(size=24.0, recentre_at=8.0))
+        self.map = ElevationMap(ElevationConfig(size=24.0, recentre_at=REACH))  # so that the corners lie on it
         axis = (np.arange(PIXELS) + 0.5 - PIXELS / 2) * CELL
         left, ahead = np.meshgrid(-axis, -axis)
         self._ahead, self._left = ahead, left  # row 0 is the farthest ahead, column 0 the farthest to the left
@@ -33,8 +34,8 @@ class MapView:
         """Take in a look from the believed pose and return the map.
 
         (3, 64, 64) float32: height above the rover's stand / 2 m in [-1, 1], 0 where unknown; cost of driving there in
-        [0, 1], 1 at obstacles and beyond the map; 1 where it was seen or taken for flat (about the start, and under the
-        rover), 0 where not.
+        [0, 1], 1 at obstacles; 1 where it was seen or taken for flat (about the start, and under the rover), 0 where
+        not.
         """
         self.map.recentre(pose[:2, 3])
         self.map.assume_under(pose, self.spec.length, self.spec.width)
@@ -46,11 +47,9 @@ class MapView:
         xy = np.stack(
             [pose[0, 3] + c * self._ahead - s * self._left, pose[1, 3] + s * self._ahead + c * self._left], -1
         )
-        cell = self.map.cell_of(xy)
-        inside = ((cell >= 0) & (cell < self.map.n)).all(axis=-1)
-        x, y = np.moveaxis(np.clip(cell, 0, self.map.n - 1), -1, 0)
+        x, y = np.moveaxis(self.map.cell_of(xy), -1, 0)
         top = self.map.top[y, x]
-        known = inside & np.isfinite(top)
+        known = np.isfinite(top)
         height = np.clip((np.where(known, top, pose[2, 3]) - pose[2, 3]) / HEIGHT_LIMIT, -1, 1)
-        cost = np.where(ground.blocked[y, x] & inside, 1.0, np.clip(ground.cost[y, x] / COST_LIMIT, 0, 1))
-        return np.stack([height, np.where(inside, cost, 1.0), known]).astype(np.float32)
+        cost = np.where(ground.blocked[y, x], 1.0, np.clip(ground.cost[y, x] / COST_LIMIT, 0, 1))
+        return np.stack([height, cost, known]).astype(np.float32)
