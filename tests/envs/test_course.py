@@ -87,6 +87,22 @@ def test_no_way_is_infinite(make_scene):
     assert np.isfinite(ground.distance_to_goal(2.0, -3.0))
 
 
+def test_a_goal_within_a_rock_has_no_way_from_anywhere(make_scene):
+    """From beside it neither, where the nearest cells are those of the rock about the goal."""
+    ground = TrueGround(make_scene(rocks=[(2.0, 0.0, 1.6, 0.6)]), ZHURONG, np.array([2.0, 0.0]))
+    for x in (-4.0, 0.3, 1.2, 2.0):
+        assert ground.distance_to_goal(x, 0.0) == np.inf
+
+
+def test_near_the_goal_the_way_is_exact_though_it_lies_between_the_cells(empty):
+    """At the cells' middles, every 0.2 m: from elsewhere the way to one of them is added."""
+    goal, ground = empty
+    east, north = np.meshgrid(*[np.arange(-8, 9) * 0.2] * 2)
+    for place in np.stack([2.2 + east.ravel(), -1.2 + north.ravel()], axis=1):
+        straight = float(np.hypot(*(goal - place)))
+        assert straight - 1e-6 <= ground.distance_to_goal(*place) <= 1.03 * straight + 0.05
+
+
 def test_a_way_along_the_edge_is_none(make_scene):
     """The wall ends at 8.2 m: the rover's middle would pass it at 8.9 m, but has to keep EDGE from 10 m."""
     for end, open_ in ((8.2, False), (7.6, True)):
