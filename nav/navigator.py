@@ -181,7 +181,7 @@ class Navigator:
                 return command
         self.motion = self.planner.plan(self.map, ground, here, goal)
         if self.motion is None:
-            if self.recovery.attempts >= self.config.bold_after_recoveries:
+            if self.recovery.attempts >= self.config.bold_after_recoveries and not self.recovery.looking:
                 self.daring.more()
             way = self.recovery.search(here, ground, self.map, self.planner, pan, self.mast.works)
             return way or Command(0.0, 0.0, None, "no_path" if self.daring.closed else "stuck")

@@ -37,6 +37,11 @@ class Recovery:
         """Whether the rover is on its way back."""
         return self._back_left > 0
 
+    @property
+    def looking(self) -> bool:
+        """Whether the mast is on its way round, at a dead end."""
+        return self._looks is not None
+
     def follow(self, here: np.ndarray) -> None:
         """Note where the rover is. here: (3,) x, y, yaw."""
         if not self._track or np.hypot(*(here - self._track[-1])[:2]) > 0.2:
