@@ -1,7 +1,7 @@
 """Score a driver and a perception on frozen episodes of MarsNav-v0.
 
     python -m envs.evaluate --driver navigator --perception m3depth --episodes 10 --seed 1 --out out/eval
-    python -m envs.evaluate --driver navigator straight --perception ground_truth --dynamics kinematic --grid \
+    python -m envs.evaluate --driver navigator straight --perception ground_truth --dynamics kinematic --grid \\
         --episodes 50 --workers 2 --out out/grid
 
 Several drivers and perceptions go over the same courses. Finished episodes stay in OUT/episodes: the same command goes
@@ -31,6 +31,7 @@ from envs.metrics import paired_difference, spl, summarise
 from envs.report import write_report
 from envs.sight import load_perception
 from m3depth.estimator import Estimator
+from m3depth.report import versions
 from marssim.command import counted, run_command
 from marssim.dataset import DatasetError, read_json, write_json
 from marssim.render.makers import Renderer
@@ -173,6 +174,7 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
     content = {
         "config": json.loads(json.dumps(asdict(config), default=str)),
         "weights": weights,
+        "versions": versions(),
         "test_set_abs_rel": test_errors,
         "results": results,
         "differences": _differences(config, records),
@@ -228,14 +230,21 @@ def _same_settings(config: EvaluateConfig) -> dict[str, str]:
     if asked.is_file():
         before = read_json(asked)
         known = before.pop("weights", {})
-        if before != config.content():
-            raise DatasetError(f"{asked}: the folder holds episodes of other settings; choose another --out")
+        if changed := _changed(before, config.content()):
+            raise DatasetError(f"{asked}: the folder's episodes were driven with {changed}; choose another --out")
         for name in sorted(set(weights) & set(known)):
             if weights[name] != known[name]:
                 raise DatasetError(f"{asked}: {name} drove with other weights then; choose another --out")
         weights = {**known, **weights}
     write_json(asked, {**config.content(), "weights": weights})
     return {name: weights[name] for name in (*config.perception, *policies) if name in weights}
+
+
+def _changed(before: dict[str, Any], now: dict[str, Any]) -> str:
+    """The flags that differ, with what they were; those of errors, left out where there is none, were 0."""
+    names = sorted(before.keys() | now.keys())
+    other = {name: before.get(name, 0.0) for name in names if before.get(name, 0.0) != now.get(name, 0.0)}
+    return ", ".join(f"--{name.replace('_', '-')} {value}" for name, value in other.items())
 
 
 def _run(config: EvaluateConfig, tasks: list[Task], done: Callable[[Task, EpisodeRecord], None]) -> None:

@@ -12,9 +12,11 @@ from envs.mars_nav import MarsNavEnv
 from envs.outside_view import HEIGHT, OutsideView
 from marssim.colours import depth_colours, normal_colours
 from marssim.render.raycast import Raycaster
+from nav.navigator import Navigator
 
 PANEL = HEIGHT  # the square panels are as high as the outside view, and half as wide
 MAP_METRES = 24.0
+MAP_TITLE = "map: green free, yellow costly, red blocked, grey unknown"
 FPS = 5
 STILL_EVERY = 10
 
@@ -64,7 +66,7 @@ class Film:
         bottom = [
             _titled(_square(depth_colours(sight.depth)), "depth, 1 m (red) to 15 m (blue)"),
             _titled(_square(normal_colours(np.zeros_like(left) if normal is None else normal)), "normals"),
-            _titled(navigator_map(env, driver), "map: green free, yellow costly, red blocked, grey unknown"),
+            _titled(navigator_map(env, driver), MAP_TITLE if _navigator(driver) else "map: this driver keeps none"),
         ]
         frame = np.vstack([np.hstack(top), np.hstack(bottom)])
         self._writer.write(np.ascontiguousarray(frame[..., ::-1]))
@@ -86,7 +88,7 @@ def navigator_map(env: MarsNavEnv, driver: Driver) -> np.ndarray:
     def pixel(xy: np.ndarray) -> tuple[int, int]:
         return round(PANEL / 2 + (xy[0] - middle[0]) * scale), round(PANEL / 2 - (xy[1] - middle[1]) * scale)
 
-    navigator = driver.navigator if isinstance(driver, NavigatorDriver) else None
+    navigator = _navigator(driver)
     if navigator is not None and navigator.ground is not None:
         ground = navigator.ground
         axis = (np.arange(PANEL) + 0.5) / scale - MAP_METRES / 2
@@ -110,6 +112,10 @@ def navigator_map(env: MarsNavEnv, driver: Driver) -> np.ndarray:
     cv2.polylines(canvas, [corners], True, (255, 255, 255), 2, cv2.LINE_AA)
     cv2.line(canvas, pixel(middle), pixel(middle + np.array([c, s])), (255, 255, 255), 2, cv2.LINE_AA)
     return canvas
+
+
+def _navigator(driver: Driver) -> Navigator | None:
+    return driver.navigator if isinstance(driver, NavigatorDriver) else None
 
 
 def _square(image: np.ndarray) -> np.ndarray:

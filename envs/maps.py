@@ -9,7 +9,9 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 
+from envs.ends import GOAL_RADIUS
 from envs.episodes import EpisodeRecord
 
 OUTCOME_COLOURS = {
@@ -18,14 +20,15 @@ OUTCOME_COLOURS = {
 }  # fmt: skip
 LINES = ("-", "--", ":", "-.")  # one for each driver and perception
 COLUMNS, ROWS = 5, 4
-AROUND = 5.0  # [m] shown around start and goal
+AROUND = 5.0  # [m] shown before the start and behind the goal
+ASIDE = 8.0  # [m] shown to either side, more where a drive went further
 
 
 def plot_maps(folder: Path, records: Sequence[EpisodeRecord]) -> None:
     """Write folder/CELL-PAGE.png: a panel for each course of a cell, twenty a page.
 
-    Each course is turned so that its goal lies to the right of its start, both on the middle line; rocks that block are
-    grey discs. Colour is the outcome, the line says who drove.
+    Each course is turned so that its goal, a star in the circle within which it counts as reached, lies to the right of
+    its start, both on the middle line; rocks that block are grey discs. Colour is the outcome, the line says who drove.
     """
     folder.mkdir(parents=True, exist_ok=True)
     groups = sorted({(r.driver, r.perception) for r in records})
@@ -71,14 +74,17 @@ def _panel(axes, drives: Sequence[EpisodeRecord], groups: Sequence[tuple[str, st
         transOffset=axes.transData, facecolors="#9a938c",
     )  # fmt: skip
     axes.add_collection(discs)
+    aside = ASIDE
     for record in drives:
         x, y = turn @ (np.array(record.track) - origin).T
         colour = OUTCOME_COLOURS.get(record.outcome, "#333333")
         line = LINES[groups.index((record.driver, record.perception)) % len(LINES)]
         axes.plot(x, y, color=colour, lw=1.3, ls=line)
         axes.plot(x[-1:], y[-1:], "o", color=colour, ms=3)
+        aside = max(aside, float(np.abs(y).max()) + 1)
     axes.plot([distance], [0], "k*", ms=8)
-    axes.set(xlim=(-AROUND, distance + AROUND), ylim=(-8, 8), title=f"course {drives[0].episode}")
+    axes.add_patch(Circle((distance, 0), GOAL_RADIUS, fill=False, lw=0.8))
+    axes.set(xlim=(-AROUND, distance + AROUND), ylim=(-aside, aside), title=f"course {drives[0].episode}")
     axes.title.set_fontsize(8)
     axes.tick_params(labelsize=6)
     axes.set_aspect("equal")

@@ -16,15 +16,17 @@ Group = tuple[str, str]
 
 
 def plot_success(path: Path, results: Sequence[dict[str, Any]], test_set: Mapping[str, float] | None = None) -> None:
-    """Left: success against k, slopes pooled. Right: success against Abs Rel on the way, a point for each cell.
+    """Left: success against k, slopes pooled. Right: success against Abs Rel on the way, a point for each cell; it is
+    left out if all was driven by true depth.
 
     Bars are 95 % Wilson intervals; those over several slopes are somewhat short, as the slopes' courses have their
     rocks in common. results: rows of results.json. test_set: Abs Rel of perceptions on their test set, dotted lines in
     the right plot.
     """
-    figure = Figure(figsize=(9.6, 4.0), dpi=110, layout="constrained")
+    erring = any(r["abs_rel"] is not None for r in results)
+    figure = Figure(figsize=(9.6 if erring else 5.0, 4.0), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
-    by_k, by_error = figure.subplots(1, 2, sharey=True)
+    by_k, *others = figure.subplots(1, 1 + erring, sharey=True, squeeze=False)[0]
     groups = sorted({(r["driver"], r["perception"]) for r in results})
     for n, group in enumerate(groups):
         rows = [r for r in results if (r["driver"], r["perception"]) == group]
@@ -32,24 +34,24 @@ def plot_success(path: Path, results: Sequence[dict[str, Any]], test_set: Mappin
         pooled = pool_by_k(rows)
         at = [(0.0 if k is None else k) + 0.0008 * (n - (len(groups) - 1) / 2) for k in pooled]
         _bars(by_k, at, list(pooled.values()), colour, label, line=True)
-        known = [r for r in rows if r["abs_rel"] is not None]
-        points = [(round(r["success_rate"] * r["episodes"]), r["episodes"]) for r in known]
-        _bars(by_error, [r["abs_rel"] for r in known], points, colour, label, line=False)
-        if known and test_set and group[1] in test_set:
-            by_error.axvline(test_set[group[1]], color=colour, ls=":", label=f"{group[1]}, test set")
-            by_error.legend(fontsize=8, loc="lower left")
+        for by_error in others:
+            known = [r for r in rows if r["abs_rel"] is not None]
+            points = [(round(r["success_rate"] * r["episodes"]), r["episodes"]) for r in known]
+            _bars(by_error, [r["abs_rel"] for r in known], points, colour, label, line=False)
+            if known and test_set and group[1] in test_set:
+                by_error.axvline(test_set[group[1]], color=colour, ls=":", label=f"{group[1]}, test set")
+                by_error.legend(fontsize=8, loc="lower left")
     by_k.set(xlabel="rock abundance k")
     driven = sorted({r["cell"]["k"] for r in results}, key=lambda k: k or 0.0)
     by_k.set_xticks([k or 0.0 for k in driven], ["the preset's" if k is None else f"{k:g}" for k in driven])
     by_k.set_xlim((driven[0] or 0.0) - 0.01, (driven[-1] or 0.0) + 0.01)
-    by_error.set(xlabel="Abs Rel of the depth on the way, up to 15 m")
-    by_error.locator_params(axis="x", nbins=6)
     by_k.set(ylabel="success [%]", ylim=(-4, 104))
-    for axes in (by_k, by_error):
-        axes.grid(alpha=0.3)
+    by_k.grid(alpha=0.3)
     by_k.legend(fontsize=8, loc="lower left")
-    if all(r["abs_rel"] is None for r in results):
-        by_error.text(0.5, 0.5, "driven by the true depth only", transform=by_error.transAxes, ha="center")
+    for by_error in others:
+        by_error.set(xlabel="Abs Rel of the depth on the way, up to 15 m")
+        by_error.locator_params(axis="x", nbins=6)
+        by_error.grid(alpha=0.3)
     figure.savefig(path)
 
 

@@ -23,7 +23,8 @@ FLAGS += ["--k", "0.01", "--no-videos"]
 def timeless(value):
     """Without what differs from run to run."""
     if isinstance(value, dict):
-        return {k: timeless(v) for k, v in value.items() if k not in ("step_seconds", "perception_seconds", "config")}
+        own = ("step_seconds", "perception_seconds", "config", "versions")
+        return {k: timeless(v) for k, v in value.items() if k not in own}
     return [timeless(v) for v in value] if isinstance(value, list) else value
 
 
@@ -44,6 +45,7 @@ def test_results_say_what_was_asked_for(finished):
         assert 0 <= row[name] <= 1
     assert row["step_seconds"] > row["perception_seconds"] >= 0
     assert results["config"]["seed"] == 3 and results["config"]["driver"] == ["straight"]
+    assert results["versions"]["numpy"]
     assert "straight" in (out / "results.md").read_text() and len(list((out / "maps").iterdir())) == 1
     assert len(list((out / "episodes").glob("*.json"))) == 2
 
@@ -81,8 +83,9 @@ def run(capsys, *arguments):
 def test_a_folder_of_other_settings_is_refused(finished, capsys):
     out, _ = finished
     before = (out / "results.json").read_text()
-    code, message = run(capsys, "--out", out, "--episodes", 2, "--seed", 4, *FLAGS)
+    code, message = run(capsys, "--out", out, "--episodes", 2, "--seed", 4, "--drift", 0.1, *FLAGS)
     assert code == 2 and str(out) in message and message.count("\n") == 1
+    assert "driven with --drift 0.0, --seed 3; choose another --out" in message
     assert (out / "results.json").read_text() == before
 
 
@@ -117,6 +120,7 @@ def test_help_knows_every_flag(capsys):
     with pytest.raises(SystemExit, match="0"):
         main(["--help"])
     shown = capsys.readouterr().out
+    assert "--grid \\" in shown  # the example can be copied
     for flag in ("--out", "--driver", "--perception", "--episodes", "--k", "--slope-deg", "--dynamics", "--workers"):
         assert flag in shown
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from envs.drivers import NavigatorDriver, StraightDriver
-from envs.film import FPS, PANEL, Film, navigator_map
+from envs.film import FPS, MAP_TITLE, PANEL, Film, navigator_map
 from envs.outside_view import WIDTH
 
 
@@ -80,6 +80,15 @@ def test_a_driver_without_a_map_has_an_empty_one(filmed):
     env, _, _ = filmed
     picture = navigator_map(env, StraightDriver())
     assert (picture == 60).all(axis=2).mean() > 0.95
+
+
+def test_the_map_of_a_driver_without_one_is_not_told_as_unknown_ground(filmed, monkeypatch):
+    env, driver, film = filmed
+    titles = []
+    monkeypatch.setattr("envs.film._titled", lambda image, title: titles.append(title) or image)
+    film.watch(env, driver, 0)
+    film.watch(env, StraightDriver(), 1)
+    assert [title for title in titles if title.startswith("map")] == [MAP_TITLE, "map: this driver keeps none"]
 
 
 def test_filming_does_not_change_the_drive(make_env, tmp_path):

@@ -58,10 +58,14 @@ def test_differences_are_told_in_points():
     )
 
 
+def outcome_colour(name):
+    """Blue, green, red."""
+    return [int(OUTCOME_COLOURS[name][i : i + 2], 16) for i in (5, 3, 1)]
+
+
 def coloured(path, name="goal"):
     """Pixels of the colour that means an outcome."""
-    colour = [int(OUTCOME_COLOURS[name][i : i + 2], 16) for i in (5, 3, 1)]
-    return (np.abs(cv2.imread(str(path)).astype(int) - colour).max(axis=2) < 40).sum()
+    return (np.abs(cv2.imread(str(path)).astype(int) - outcome_colour(name)).max(axis=2) < 40).sum()
 
 
 def test_every_drive_is_drawn_in_the_colour_of_its_end(tmp_path):
@@ -84,6 +88,17 @@ def test_rocks_that_block_are_discs_where_they_lie(tmp_path):
         middles.append((np.mean(column), np.mean(row)))
     (x0, y0), (x1, y1) = middles
     assert x0 == pytest.approx(x1, abs=1) and y0 - y1 == pytest.approx(2 * width, rel=0.1)
+
+
+def test_a_detour_is_on_the_picture_as_a_whole(tmp_path):
+    """The drive goes 11 m to the right, which is down, where 8 m would be shown: its turn lies within the frame."""
+    plot_maps(tmp_path, [replace(DRIVE, track=[[0.0, 0.0], [11.0, 1.5], [0.0, 2.5]])])
+    picture = cv2.imread(str(tmp_path / "k0.1-slope5-0.png")).astype(int)
+    lines = (picture < 60).all(axis=2).sum(axis=1) > 0.3 * picture.shape[1]
+    top, bottom = np.flatnonzero(lines)[[0, -1]]  # of the frame
+    green = np.nonzero(np.abs(picture - outcome_colour("goal")).max(axis=2) < 60)[0]
+    lowest = green[green <= bottom].max()
+    assert top < lowest < bottom - 3
 
 
 def test_more_courses_than_a_page_holds_take_another(tmp_path):
@@ -111,8 +126,10 @@ def test_slopes_are_pooled_for_each_k():
 def test_success_is_plotted_without_depth_errors_too(tmp_path):
     for name, error in (("known", 0.02), ("unknown", None)):
         plot_success(tmp_path / f"{name}.png", [{**ROW, "abs_rel": error}])
-    pictures = [cv2.imread(str(tmp_path / f"{name}.png")) for name in ("known", "unknown")]
-    assert pictures[0].shape == pictures[1].shape and (pictures[0] != pictures[1]).any()
+    both, alone = (cv2.imread(str(tmp_path / f"{name}.png")) for name in ("known", "unknown"))
+    assert both.shape[0] == alone.shape[0] and both.shape[1] > 1.8 * alone.shape[1]  # no panel that shows nothing
+    dark = [(picture < 128).all(axis=2).sum() for picture in (alone, both[:, : alone.shape[1]])]
+    assert min(dark) > 1000
 
 
 def test_the_test_sets_error_is_a_line_of_its_own(tmp_path):
