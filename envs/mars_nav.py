@@ -148,6 +148,9 @@ class MarsNavEnv(gymnasium.Env):
             most = ERROR_LIMITS[name]
             if isinstance(value, bool) or not isinstance(value, Real) or not 0 <= float(value) <= most:
                 raise ValueError(f"{name} must lie in [0, {most}], got {value!r}")
+        for name, flag in {"mast": mast, "map_observation": map_observation}.items():
+            if not isinstance(flag, bool):
+                raise ValueError(f"{name} must be True or False, got {flag!r}")
         if dynamics not in ("physics", "kinematic"):
             raise ValueError(f"dynamics {dynamics!r} is unknown; choose from physics, kinematic")
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:

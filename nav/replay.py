@@ -26,6 +26,8 @@ from marssim.rover_spec import ZHURONG, RoverSpec
 from nav.command import Command
 from nav.navigator import Navigator
 
+DRIVE_APART = 4.0  # [m] between two looks, more than which no rover drives blind
+
 
 @dataclass(frozen=True)
 class Frame:
@@ -86,6 +88,11 @@ def _work(config: ReplayConfig) -> None:
     frames = list(recorded(StereoDataset(config.data), config.scene))
     if not frames:
         raise DatasetError(f"{config.data}: holds no scene {config.scene}")
+    places = np.array([frame.camera_pose[:2, 3] for frame in frames])
+    apart = float(np.hypot(*np.diff(places, axis=0).T).max(initial=0))
+    if apart > DRIVE_APART:
+        print(f"warning: frames lie up to {apart:.0f} m apart; the views of a scene are a drive only where "
+              "marssim.generate was told --trajectory", file=sys.stderr)  # fmt: skip
     eye = frames[0].camera_pose
     forward = eye[:2, 2] / max(float(np.hypot(*eye[:2, 2])), 1e-9)
     left = np.array([-forward[1], forward[0]])

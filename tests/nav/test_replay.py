@@ -71,6 +71,21 @@ def test_the_command_prints_a_line_a_frame_and_needs_no_simulator(folder):
     assert done.stdout.splitlines()[-1] == "8 commands for 8 frames" and done.stdout.count("m/s") == 8
 
 
+def test_views_that_are_no_drive_are_warned_of(folder, tmp_path, capsys):
+    assert main([str(folder)]) == 0
+    assert capsys.readouterr().err == ""
+    sample = StereoDataset(folder)[0]
+    for number, x in enumerate((0.0, 9.0)):
+        eye = body_pose(x, 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline)
+        surface = np.where(np.isfinite(sample.depth), 0, -1).astype(np.int32)
+        look = StereoFrame(sample.left, sample.right, sample.depth, sample.disparity, sample.normal, surface,
+                           sample.occluded, SMALL_RIG, eye)  # fmt: skip
+        write_sample(tmp_path / "scenes" / f"00000/{number:02d}", look, {"scene": 0, "view": number})
+    write_index(tmp_path, {"seed": 1}, ["00000/00", "00000/01"])
+    assert main([str(tmp_path)]) == 0
+    assert capsys.readouterr().err.startswith("warning: frames lie up to 9 m apart")
+
+
 def test_mistakes_are_one_line(folder, tmp_path, capsys):
     for arguments, named in (([str(folder), "--scene", "7"], "scene 7"), ([str(tmp_path / "no")], "no")):
         assert main(arguments) == 2
