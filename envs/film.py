@@ -58,6 +58,8 @@ class Film:
         if left is None:  # perception was the ground truth, and took no picture
             picture = env.eyes.picture(sight.pose)
             left, normal = picture.left, picture.normal
+        elif normal is not None:  # where an estimator sees sky, its normals mean nothing
+            normal = np.where(np.isfinite(sight.depth)[..., None], normal, 0)
         distance = float(np.hypot(*(env.course.goal - state.position[:2])))
         top = [
             _titled(outside, f"step {step}   goal {distance:.1f} m   {env.outcome}"),

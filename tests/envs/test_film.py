@@ -7,6 +7,7 @@ import pytest
 from envs.drivers import NavigatorDriver, StraightDriver
 from envs.film import FPS, MAP_TITLE, PANEL, Film, navigator_map
 from envs.outside_view import WIDTH
+from m3depth.prediction import Prediction
 
 
 @pytest.fixture
@@ -41,6 +42,24 @@ def test_a_frame_shows_rover_eye_depth_normals_and_map(filmed, tmp_path):
     assert ok and read.shape == frame.shape
     assert np.abs(read[..., ::-1].astype(int) - frame).mean() < 12  # a lossy codec
     video.release()
+
+
+class SkyAbove:
+    """An estimator that sees sky in the upper half, and answers level ground's normals everywhere."""
+
+    def infer(self, left, right, rig):
+        depth = np.full(left.shape[:2], 5.0, np.float32)
+        depth[: len(depth) // 2] = np.inf
+        normal = np.broadcast_to(np.array([0, -0.8, -0.6], np.float32), (*depth.shape, 3))
+        return Prediction(depth, rig.fb / depth, normal, np.ones_like(depth))
+
+
+def test_the_sky_has_no_normals(on_course, make_scene, make_course, tmp_path):
+    env = on_course(make_course(make_scene()), mast=True, perception=SkyAbove())
+    with Film(tmp_path / "drive.mp4") as film:
+        film.watch(env, StraightDriver(), 0)
+    panel = film.stills[0][PANEL:, PANEL : 2 * PANEL]
+    assert (panel[30 : PANEL // 2 - 2] == 0).all() and (panel[PANEL // 2 + 2 :].max(axis=2) > 100).all()
 
 
 def pixels_near(picture, x, y, colour, reach=0.6):

@@ -1,6 +1,10 @@
-"""The estimator of docs/other_methods.md is a perception of the rover."""
+"""The estimator of docs/other_methods.md is a perception of the rover, and the driver drives it."""
+
+import json
 
 import numpy as np
+
+from envs.evaluate import main
 
 
 def test_the_rover_takes_it_by_class_path(make_env, my_stereo):
@@ -11,3 +15,13 @@ def test_the_rover_takes_it_by_class_path(make_env, my_stereo):
     assert np.isnan(env.sight.depth).any() and np.isfinite(env.sight.depth).mean() > 0.1
     observation, *_ = env.step(np.array([0.5, 0.0]))
     assert observation in env.observation_space
+
+
+def test_the_driver_drives_by_its_class_path(other_methods, tmp_path, monkeypatch, capsys):
+    (tmp_path / "my_driver.py").write_text(other_methods("my_driver.py"))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    flags = ["--perception", "ground_truth", "--dynamics", "kinematic", "--goal-distance", "5", "--k", "0.01"]
+    flags += ["--episodes", "1", "--no-videos"]
+    assert main(["--driver", "my_driver:Wary", "--out", str(tmp_path / "out"), *flags]) == 0
+    (row,) = json.loads((tmp_path / "out" / "results.json").read_text())["results"]
+    assert row["outcomes"] == {"goal": 1} and "my_driver:Wary" in capsys.readouterr().out
