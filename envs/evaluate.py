@@ -10,7 +10,6 @@ on where it was stopped.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import sys
 from collections.abc import Callable, Sequence
@@ -29,6 +28,7 @@ from envs.episodes import Cell, EpisodeRecord, run_episode
 from envs.mars_nav import ERROR_LIMITS, MarsNavEnv
 from envs.metrics import paired_difference, spl, summarise
 from envs.report import write_report
+from envs.resumption import noted_settings
 from envs.sight import load_perception
 from m3depth.estimator import Estimator
 from m3depth.report import versions
@@ -38,6 +38,7 @@ from marssim.render.makers import Renderer
 from marssim.scene.scene import Place
 from marssim.workers import run_tasks
 
+SETTINGS = "evaluate.json"  # in OUT: what its episodes were driven with
 GRID_K = (0.033, 0.07, 0.10, 0.15, 0.20)
 GRID_SLOPE_DEG = (0.0, 5.0, 10.0, 15.0)
 
@@ -154,7 +155,7 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
     test_errors = errors_on_test_set(config.scores, {name: weights_digest(name) for name in config.perception})
     folder = config.out / "episodes"
     folder.mkdir(parents=True, exist_ok=True)
-    weights = _same_settings(config)
+    digests = noted_settings(config.out / SETTINGS, config.content(), (*config.perception, *config.driver))
     tasks = [
         Task(driver, perception, cell, episode)
         for episode in range(config.episodes)
@@ -173,7 +174,7 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
                 results.append({"driver": driver, "perception": perception, "cell": asdict(cell), **summarise(chosen)})
     content = {
         "config": json.loads(json.dumps(asdict(config), default=str)),
-        "weights": weights,
+        "weights": digests,
         "versions": versions(),
         "test_set_abs_rel": test_errors,
         "results": results,
@@ -215,36 +216,6 @@ def _film(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence[Episo
         with Film(config.out / f"{name}.mp4") as film:
             drive(config, tasks[at], film.watch)
     write_json(noted, chosen)
-
-
-def _same_settings(config: EvaluateConfig) -> dict[str, str]:
-    """Check that the folder's episodes were driven under these settings and weights, and note both there.
-
-    Returns the SHA-256 of the weights of each perception and of each driver's policy file that there is. Raises
-    DatasetError if they differ.
-    """
-    asked = config.out / "evaluate.json"
-    weights = {name: digest for name in config.perception if (digest := weights_digest(name))}
-    policies = [name for name in config.driver if name.endswith(".zip")]
-    weights |= {name: hashlib.sha256(Path(name).read_bytes()).hexdigest() for name in policies}
-    if asked.is_file():
-        before = read_json(asked)
-        known = before.pop("weights", {})
-        if changed := _changed(before, config.content()):
-            raise DatasetError(f"{asked}: the folder's episodes were driven with {changed}; choose another --out")
-        for name in sorted(set(weights) & set(known)):
-            if weights[name] != known[name]:
-                raise DatasetError(f"{asked}: {name} drove with other weights then; choose another --out")
-        weights = {**known, **weights}
-    write_json(asked, {**config.content(), "weights": weights})
-    return {name: weights[name] for name in (*config.perception, *policies) if name in weights}
-
-
-def _changed(before: dict[str, Any], now: dict[str, Any]) -> str:
-    """The flags that differ, with what they were; those of errors, left out where there is none, were 0."""
-    names = sorted(before.keys() | now.keys())
-    other = {name: before.get(name, 0.0) for name in names if before.get(name, 0.0) != now.get(name, 0.0)}
-    return ", ".join(f"--{name.replace('_', '-')} {value}" for name, value in other.items())
 
 
 def _run(config: EvaluateConfig, tasks: list[Task], done: Callable[[Task, EpisodeRecord], None]) -> None:

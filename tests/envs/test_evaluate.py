@@ -1,4 +1,3 @@
-import hashlib
 import json
 import re
 import subprocess
@@ -203,29 +202,3 @@ def test_a_file_in_the_way_is_one_line(tmp_path, capsys):
     code, message = run(capsys, "--out", tmp_path / "notes" / "out", *FLAGS)
     assert code == 2 and message.startswith(f"error: {tmp_path / 'notes'}") and "[Errno" not in message
     assert message.count("\n") == 1 and (tmp_path / "notes").read_text() == "mine"
-
-
-def test_episodes_of_other_weights_are_not_reported_as_these(tmp_path, monkeypatch):
-    """Retrained weights under the same name must not inherit the drives of the old ones."""
-    monkeypatch.setattr("envs.evaluate._perception", lambda name: name)
-    weights = tmp_path / "w.safetensors"
-    weights.write_bytes(b"first")
-    config = EvaluateConfig(out=tmp_path / "out", perception=(f"m3depth:{weights}",))
-    config.out.mkdir()
-    first = envs.evaluate._same_settings(config)
-    assert envs.evaluate._same_settings(config) == first
-    weights.write_bytes(b"second")
-    with pytest.raises(DatasetError, match="other weights"):
-        envs.evaluate._same_settings(config)
-    assert envs.evaluate._same_settings(EvaluateConfig(out=config.out, perception=("sgbm",))) == {}
-
-
-def test_episodes_of_a_policy_are_not_reported_as_those_of_one_trained_on(tmp_path):
-    policy = tmp_path / "policy.zip"
-    policy.write_bytes(b"first")
-    config = EvaluateConfig(tmp_path / "out", driver=("straight", str(policy)), perception=("ground_truth",))
-    config.out.mkdir()
-    assert envs.evaluate._same_settings(config) == {str(policy): hashlib.sha256(b"first").hexdigest()}
-    policy.write_bytes(b"second")
-    with pytest.raises(DatasetError, match=r"policy\.zip drove with other weights"):
-        envs.evaluate._same_settings(config)

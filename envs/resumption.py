@@ -1,0 +1,60 @@
+"""What the episodes in an evaluation's folder were driven with: noted there, and compared before more are added."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from envs.depth_scores import weights_digest
+from marssim.dataset import DatasetError, read_json, write_json
+
+
+def noted_settings(file: Path, settings: dict[str, Any], names: Sequence[str]) -> dict[str, str]:
+    """Check that a folder's episodes were driven under these settings, and by the same weights and code; note them.
+
+    file: where they are noted. settings: by flag, without its dashes. names: perceptions and drivers, as envs.evaluate
+    takes them. Returns the SHA-256 of what each of them is read from: weights, a policy, or the file of a class of
+    one's own, but not what that imports; names that come with the package are left out, but for m3depth.
+    Raises DatasetError that says what differs.
+    """
+    digests = {name: digest for name in names if (digest := _digest(name))}
+    known: dict[str, str] = {}
+    if file.is_file():
+        before = read_json(file)
+        known = before.pop("weights", {})
+        if changed := _changed(before, settings):
+            raise DatasetError(f"{file}: the folder's episodes were driven with {changed}; choose another --out")
+        for name in sorted(digests.keys() & known.keys()):
+            if digests[name] != known[name]:
+                what = "weights" if _read_from(name) is None or name.endswith(".zip") else "code"
+                raise DatasetError(f"{file}: {name} drove with other {what} then; choose another --out")
+    write_json(file, {**settings, "weights": {**known, **digests}})
+    return digests
+
+
+def _changed(before: dict[str, Any], now: dict[str, Any]) -> str:
+    """The flags that differ, with what they were; those of errors, left out where there is none, were 0."""
+    names = sorted(before.keys() | now.keys())
+    other = {name: before.get(name, 0.0) for name in names if before.get(name, 0.0) != now.get(name, 0.0)}
+    return ", ".join(f"--{name.replace('_', '-')} {value}" for name, value in other.items())
+
+
+def _digest(name: str) -> str | None:
+    if digest := weights_digest(name):
+        return digest
+    file = _read_from(name)
+    return hashlib.sha256(file.read_bytes()).hexdigest() if file is not None else None
+
+
+def _read_from(name: str) -> Path | None:
+    """The file of a policy, or of a class by its path; None for m3depth and for names without one."""
+    if name.endswith(".zip"):
+        return Path(name)
+    module, colon, _ = name.partition(":")
+    if not colon or module == "m3depth":
+        return None
+    spec = find_spec(module)
+    return Path(spec.origin) if spec is not None and spec.has_location and spec.origin else None
