@@ -24,7 +24,7 @@ import numpy as np
 
 from envs.course import CourseConfig
 from envs.mars_nav import MarsNavEnv
-from envs.policies import mark_residual
+from envs.policies import PolicyDriver, mark_residual
 from envs.wrappers import ImageObservation, StraightResidual
 from marssim.command import run_command
 from marssim.scene.scene import Place
@@ -78,7 +78,7 @@ class DrawnAbundance(gymnasium.Wrapper):
 
 def train(config: TrainConfig, rollout: int = 256) -> Path:
     """Train until the time or the steps are used up; returns the policy's path. rollout: steps of each environment
-    between two updates. Raises ImportError without stable-baselines3."""
+    between two updates. Raises ImportError without stable-baselines3, ValueError for a policy.zip that is none."""
     try:
         from stable_baselines3 import PPO
         from stable_baselines3.common.callbacks import BaseCallback
@@ -95,14 +95,18 @@ def train(config: TrainConfig, rollout: int = 256) -> Path:
         return Monitor(ImageObservation(courses), info_keywords=("outcome",))
 
     path = config.out / "policy.zip"
+    if path.is_file():
+        PolicyDriver(path)  # says what is wrong with a file that is no policy
     config.out.mkdir(parents=True, exist_ok=True)
     makers: list[Callable[[], gymnasium.Env]] = [make] * config.workers
     vector = DummyVecEnv(makers) if config.workers == 1 else SubprocVecEnv(makers, start_method="spawn")
     until = monotonic() + 60 * config.max_minutes
 
     def save(model: Any) -> None:
-        model.save(path)
-        mark_residual(path)
+        part = path.with_suffix(".part")  # whoever kills it meanwhile finds the last policy whole
+        model.save(part)
+        mark_residual(part)
+        part.replace(path)
 
     class Clock(BaseCallback):
         """Ends the training in time, and saves and tells how it goes after each update."""

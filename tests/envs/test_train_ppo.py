@@ -8,17 +8,33 @@ from envs.drivers import make_driver
 from envs.train_ppo import DrawnAbundance, TrainConfig, main, train
 
 
-def test_it_trains_goes_on_and_what_it_saves_drives(tmp_path, make_env):
+def killed(_):
+    raise KeyboardInterrupt
+
+
+def test_it_trains_goes_on_and_what_it_saves_drives(tmp_path, make_env, monkeypatch):
     config = {"out": tmp_path, "workers": 1, "goal_distance": 3.0, "scene": "utopia"}
     path = train(TrainConfig(**config, max_steps=16), rollout=16)
     first = zipfile.ZipFile(path).read("policy.pth")
     assert train(TrainConfig(**config, max_steps=32), rollout=16) == path
     assert zipfile.ZipFile(path).read("policy.pth") != first
+    whole = path.read_bytes()
+    monkeypatch.setattr("envs.train_ppo.mark_residual", killed)  # while it saves
+    with pytest.raises(KeyboardInterrupt):
+        train(TrainConfig(**config, max_steps=32), rollout=16)
+    assert path.read_bytes() == whole
     env = make_env(mast=True, map_observation=True)
     observation, _ = env.reset(seed=0)
     driver = make_driver(str(path))
     driver.reset(env, 0)
     assert driver.needs_map and driver.residual and driver.act(env, observation) in env.action_space
+
+
+def test_a_file_that_is_no_policy_is_not_gone_on_from(tmp_path, capsys):
+    (tmp_path / "policy.zip").write_text("mine")
+    assert main(["--out", str(tmp_path), "--workers", "1"]) == 2
+    assert capsys.readouterr().err.startswith(f"error: {tmp_path / 'policy.zip'}: holds no policy of")
+    assert (tmp_path / "policy.zip").read_text() == "mine"
 
 
 @pytest.mark.parametrize(("flag", "value"), [("--max-minutes", "0"), ("--goal-distance", "2"), ("--seed", "-1")])
