@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from envs.course import EDGE
+from envs.ends import GOAL_RADIUS
 from envs.mars_nav import STEP_SECONDS, MarsNavEnv
 from marssim.rover_spec import RoverSpec
 from nav.navigator import Navigator
@@ -57,11 +58,13 @@ class NavigatorDriver:
 
 
 class StraightDriver:
-    """Turns to the goal and drives straight at it, blind."""
+    """Turns to the goal and drives straight at it, blind, until it believes to be there."""
 
     def reset(self, env: MarsNavEnv, seed: int) -> None: ...
 
-    def act(self, env: MarsNavEnv, observation: dict[str, Any]) -> np.ndarray:
+    def act(self, env: MarsNavEnv, observation: dict[str, Any]) -> np.ndarray | Stop:
+        if observation["goal"][0] <= GOAL_RADIUS / 2:
+            return Stop.ARRIVED
         return straight_action(observation["goal"], env.rover_spec)
 
 

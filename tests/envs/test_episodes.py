@@ -87,8 +87,9 @@ def test_a_driver_may_give_up_at_once(env):
     assert (record.outcome, record.steps, record.step_seconds) == ("no_path", 0, 0.0)
 
 
-def test_a_driver_led_astray_by_its_odometry_ends_elsewhere_and_at_once(on_course, make_scene, make_course):
-    """Its odometry says 1 m too much to the left: it comes to a place 1 m to the right of the goal, and stops there."""
+@pytest.mark.parametrize("driver", [NavigatorDriver, StraightDriver])
+def test_a_driver_led_astray_by_its_odometry_ends_elsewhere_and_at_once(on_course, make_scene, make_course, driver):
+    """Its odometry says 1.2 m too much to the left: it stops as far to the right of the goal."""
     env = on_course(make_course(make_scene(), start=(-3.0, 0.0, 0.0), goal=(3.0, 0.0)), mast=True)
 
     class Astray:
@@ -108,7 +109,7 @@ def test_a_driver_led_astray_by_its_odometry_ends_elsewhere_and_at_once(on_cours
         return env._observation(), env._info()
 
     env.reset = astray
-    record = run_episode(env, NavigatorDriver(), Cell(), 0, 0)
+    record = run_episode(env, driver(), Cell(), 0, 0)
     assert record.outcome == "elsewhere" and record.steps < 25
     assert 1.0 < record.distance < 1.8
 
