@@ -1,8 +1,7 @@
 """The ground between the rocks: pebbles and grain too small for the mesh, and the small ripples of the wind.
 
 Both are periodic tiles that are laid on the ground by world position. Pebbles are modelled once, as a height field;
-their shadows are cast for the sun of the scene. The tile is kept at all resolutions, each half of the one before, so
-that a pixel shows the mean of what it covers.
+their shadows are cast for the sun of the scene.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ import numpy as np
 import scipy.fft
 
 from marssim.compiled import compiled, inlined
+from marssim.render.pyramid import CODES, pyramid, pyramid_at
 from marssim.render.texture import STEP, TEXELS, TILE
 
 SIDE = 1024  # texels along a side of the tile of pebbles
@@ -25,7 +25,6 @@ TONES = 1.5  # logarithm of brightness at which the coded tones end
 GRAIN = 3.5
 ROUGH = 0.3  # [texels] standard deviation of the grain's height
 LONGEST = 40  # [texels] shadow of a pebble
-CODES = 127
 WIDEST = 0.03  # [m] width of a pixel from which only the tile's mean is seen
 VARIANTS = 4  # tiles that scenes choose from, each turned and shifted by its own seed
 
@@ -109,37 +108,6 @@ def _layers(heights, tones, grain, along, across, rise, pebble_tone, out):
             out[j, i, 4] = min(max(grain[j, i] * np.float32(CODES / GRAIN), -most), most)
 
 
-@compiled
-def _levels(finest):
-    """(M, 5) int8 of the finest level (N, N, 5) and all that are half as fine as the one before."""
-    side = len(finest)
-    total, size = 0, side
-    while size >= 1:
-        total += size * size
-        size //= 2
-    out = np.empty((total, 5), dtype=np.int8)
-    level = finest
-    at = 0
-    while True:
-        size = len(level)
-        for j in range(size):
-            for i in range(size):
-                for c in range(5):
-                    out[at, c] = np.int8(np.rint(level[j, i, c]))
-                at += 1
-        if size == 1:
-            return out
-        half = np.empty((size // 2, size // 2, 5), dtype=np.float32)
-        for j in range(size // 2):
-            for i in range(size // 2):
-                for c in range(5):
-                    a, b = level[2 * j, 2 * i, c], level[2 * j, 2 * i + 1, c]
-                    half[j, i, c] = np.float32(0.25) * (
-                        a + b + level[2 * j + 1, 2 * i, c] + level[2 * j + 1, 2 * i + 1, c]
-                    )
-        level = half
-
-
 def grit(seed: int, turn: float, sun: np.ndarray, pebble_tone: float) -> np.ndarray:
     """(M, 5) int8, all resolutions of the tile one after another: slopes along and across, tone, shade, grain.
 
@@ -157,7 +125,7 @@ def grit(seed: int, turn: float, sun: np.ndarray, pebble_tone: float) -> np.ndar
         heights, tones, grain, along / max(level, 1e-6), across / max(level, 1e-6), max(rise, 0.05),
         np.float32(pebble_tone), finest,
     )  # fmt: skip
-    return _levels(finest)
+    return pyramid(finest)
 
 
 @lru_cache(maxsize=VARIANTS)
@@ -190,52 +158,9 @@ def grit_at(tile, u, v, footprint, cosine, sine, offset):
 
     tile: of grit; footprint: width of a pixel on the ground [m]; cosine, sine of the tile's turn; offset [texels].
     """
-    scale = np.float32(1 / TEXEL)
-    x = (cosine * u - sine * v) * scale + offset
-    y = (sine * u + cosine * v) * scale + offset
-    size, start, spread = SIDE, 0, footprint * scale
-    one, half = np.float32(1), np.float32(0.5)
-    while spread > one and size > 1:
-        start += size * size
-        size >>= 1
-        spread *= half
-        x = x * half - np.float32(0.25)
-        y = y * half - np.float32(0.25)
-    # the level whose texels are as wide as the pixel or a little wider, and some of the finer one before it
-    along, across, tone, shade, grain = _bilinear(tile, start, size, x, y)
-    if start > 0:
-        fine = np.float32(2) * (one - spread)
-        two = np.float32(2)
-        a, b, c, d, e = _bilinear(tile, start - 4 * size * size, 2 * size, two * x + half, two * y + half)
-        along += fine * (a - along)
-        across += fine * (b - across)
-        tone += fine * (c - tone)
-        shade += fine * (d - shade)
-        grain += fine * (e - grain)
-    steep, code = np.float32(STEEPEST / CODES), np.float32(1 / CODES)
-    along *= steep
-    across *= steep
+    along, across, tone, shade, grain = pyramid_at(tile, SIDE, TEXEL, u, v, footprint, cosine, sine, offset)
+    steep = np.float32(STEEPEST / CODES)
     return (
-        cosine * along + sine * across, cosine * across - sine * along, tone * np.float32(TONES / CODES), shade * code,
+        steep * along, steep * across, tone * np.float32(TONES / CODES), shade * np.float32(1 / CODES),
         grain * np.float32(GRAIN / CODES),
     )  # fmt: skip
-
-
-@inlined
-def _bilinear(tile, start, size, x, y):
-    left, top = np.floor(x), np.floor(y)
-    s, t = x - left, y - top
-    i, j = np.int32(left) & np.int32(size - 1), np.int32(top) & np.int32(size - 1)
-    i2, j2 = (i + np.int32(1)) & np.int32(size - 1), (j + np.int32(1)) & np.int32(size - 1)
-    p, q = np.uint32(start + j * size + i), np.uint32(start + j * size + i2)
-    r, w = np.uint32(start + j2 * size + i), np.uint32(start + j2 * size + i2)
-    d = s * t
-    b, c = s - d, t - d
-    a = np.float32(1) - s - c
-    return (
-        a * tile[p, 0] + b * tile[q, 0] + c * tile[r, 0] + d * tile[w, 0],
-        a * tile[p, 1] + b * tile[q, 1] + c * tile[r, 1] + d * tile[w, 1],
-        a * tile[p, 2] + b * tile[q, 2] + c * tile[r, 2] + d * tile[w, 2],
-        a * tile[p, 3] + b * tile[q, 3] + c * tile[r, 3] + d * tile[w, 3],
-        a * tile[p, 4] + b * tile[q, 4] + c * tile[r, 4] + d * tile[w, 4],
-    )
