@@ -39,7 +39,8 @@ def sky_colour(x, y, z, sun, sky_light, optical_depth):
     ahead = (1 + towards_sun) / 2
     forward = math.exp(np.float32(-1 / 0.22) * math.acos(np.float32(towards_sun)))
     halo = (0.9 * forward + 0.35 * ahead * ahead * ahead * ahead) * optical_depth
-    strength = 0.5 + 1.1 * sky_light
+    # a low sun lights the dust through more of it
+    strength = (0.5 + 1.1 * sky_light) * min(0.3 + 1.75 * sun[2], 1.0)
     veil = 0.85 + 0.5 * optical_depth
     return (
         strength

@@ -12,6 +12,7 @@ from marssim.camera import PinholeCamera
 from marssim.compiled import compiled
 from marssim.ranges import Range, check_ranges
 
+LEAST = 0.05  # share of the image from which ground or sky is metered for itself
 GAMMA = 2.2  # a code is its share of full scale to the power 1 / GAMMA
 
 
@@ -21,7 +22,7 @@ class SensorConfig:
 
     exposure: Range = (0.40, 0.60)
     """8-bit code that the ground's median brightness is brought to, as a share of 255; a lower one where the ground's
-    brightest fiftieth would else be over nine tenths of full scale"""
+    brightest fiftieth would else be over nine tenths of full scale, or half of the sky saturated"""
     psf: Range = (0.35, 0.6)
     """standard deviation of the point spread [px]; 0 is perfectly sharp, above 1 the tails are cut"""
     full_well: Range = (4000.0, 16000.0)
@@ -86,14 +87,16 @@ class Sensor:
 
     def gain(self, radiance: np.ndarray, ground: np.ndarray) -> float:
         """Auto-exposure: the factor from radiance to full scale. radiance: (H, W, 3); ground: (H, W) bool, not sky."""
-        metered = _luminance(
-            radiance.reshape(-1, 3), ground.ravel() if ground.mean() > 0.05 else np.ones(ground.size, bool)
-        )
+        pixels, share = radiance.reshape(-1, 3), ground.mean()
+        metered = _luminance(pixels, ground.ravel() if share > LEAST else np.ones(ground.size, bool))
         rank = len(metered) // 2, min(int(0.98 * len(metered)), len(metered) - 1)
         middle, bright = (float(value) for value in np.partition(metered, rank)[list(rank)])
-        # that code value stands for this linear value; highlights of the ground are kept
-        target = self.exposure**GAMMA
-        return min(target / max(middle, 1e-6), 0.9 / max(bright, 1e-6))
+        # that code value stands for this linear value; highlights of the ground and most of the sky are kept
+        gain = min(self.exposure**GAMMA / max(middle, 1e-6), 0.9 / max(bright, 1e-6))
+        if share < 1 - LEAST:
+            sky = _luminance(pixels, ~ground.ravel())
+            gain = min(gain, 1 / max(float(np.median(sky)), 1e-6))
+        return gain
 
     def expose(self, radiance: np.ndarray, gain: float, rng: np.random.Generator) -> np.ndarray:
         """(H, W, 3) uint8 image of a radiance image (H, W, 3), with blur, vignetting, noise and GAMMA."""

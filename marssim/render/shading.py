@@ -12,9 +12,11 @@ import math
 import numpy as np
 
 from marssim.compiled import compiled
-from marssim.render.albedo import GROUND_COLOUR, regolith_at, rock_at
+from marssim.render.albedo import FAR_FROM, FAR_TO, GROUND_COLOUR, regolith_at, rock_at
 from marssim.render.daylight import daylight, skies, sky_colour
 from marssim.render.gbuffer import GROUND
+from marssim.render.pavement import SIDE, plates
+from marssim.render.pavement import VARIANTS as PLATE_VARIANTS
 from marssim.render.regolith import CODES, TONES, VARIANTS, grit, ripple_tile
 from marssim.render.surroundings import surroundings, surroundings_at
 from marssim.render.texture import coded_tile, placing
@@ -30,7 +32,10 @@ RIPPLE_WAVELENGTHS = (0.06, 0.15)  # [m]
 FILLET = (0.03, 0.2)  # of a rock's height, up to which sand lies against it
 ROCK_WAVELENGTHS = np.array([0.009, 0.02, 0.05, 0.14])  # [m]
 STAIN = np.array([0.07, 0.07, 0.08])  # amplitude of each wavelength, at an albedo contrast of 1
-ROCK_STAIN = np.array([0.11, 0.10, 0.09, 0.08])
+ROCK_STAIN = np.array([0.15, 0.12, 0.10, 0.12])
+FAR_DENSE = 0.2  # rock abundance at which the stones that the mesh leaves out show as much as their tile has
+AHEAD = 0.9  # how much more skylight comes from the sun's side than from the other, where the sun stands low
+NO_PLATES = np.zeros((1, 5), dtype=np.int8)
 
 
 class Shader:
@@ -42,7 +47,7 @@ class Shader:
         self.sun_light, self.sky_light = daylight(look)
         self._rock_albedo = np.concatenate([[1.0], scene.rocks.albedo])
         relief = 0.085 * look.texture_strength * (RELIEF_WAVELENGTHS / 0.05) ** -0.35
-        rock = 0.13 * look.texture_strength * (ROCK_WAVELENGTHS / 0.1) ** -0.3
+        rock = 0.10 * look.texture_strength * (ROCK_WAVELENGTHS / 0.1) ** -0.25
         seed = look.texture_seed
         variant = VARIANTS * np.arange(3) + seed % VARIANTS  # few tiles, made once; places differ by the whole seed
         self._relief = coded_tile(int(variant[0])), placing(tuple(RELIEF_WAVELENGTHS), seed), _single(relief)
@@ -69,19 +74,25 @@ class Shader:
         wavelength = float(np.exp(rng.uniform(*np.log(RIPPLE_WAVELENGTHS))))
         self._ripples = ripple_tile(seed % VARIANTS), placing((wavelength,), seed + 3)
         _, cosine, sine = (float(value) for value in self._ripples[1][0, :3])
-        self._near = surroundings(scene.rocks, scene.half, (cosine, -sine)), np.float32(scene.half)
+        far = min(scene.config.rocks.k / FAR_DENSE, 1.0) * min(look.albedo_contrast, 1.0)
+        self._near = surroundings(scene.rocks, scene.half, (cosine, -sine)), np.float32(scene.half), np.float32(far)
         self._rock_foot = self._feet(rng)
+        turn = rng.uniform(0, 2 * np.pi)
+        bare = np.array([np.cos(turn), np.sin(turn), rng.uniform(0, SIDE), look.bedrock], dtype=np.float32)
+        self._bedrock = plates(seed % PLATE_VARIANTS) if look.bedrock > 0 else NO_PLATES, bare
 
     def _feet(self, rng: np.random.Generator) -> np.ndarray:
-        """(N + 1, 5) of each surface: z = a + b x + c y of the plane under a rock, height of the sand against it [m],
-        and how much its faces show of beds, 0 to 1."""
+        """(N + 1, 7) of each surface: z = a + b x + c y of the plane under a rock, height of the sand against it [m],
+        how much its faces show of beds, 0 to 1, how red it is, -1 to 1, and how much dust clings to it, 0 to 1."""
         rocks = self.scene.rocks
         x, y = rocks.centre[:, 0], rocks.centre[:, 1]
         z, slope = ground_plane(rocks.centre[:, :2], rocks.diameter, self.scene.terrain.height_at)
         b, c = slope.T
         sand = np.minimum(rocks.height * rng.uniform(*FILLET, len(rocks)), 0.06)
         beds = self.look.bedding * rng.uniform(0.4, 1, len(rocks))
-        return np.concatenate([np.zeros((1, 5)), np.stack([z - b * x - c * y, b, c, sand, beds], axis=1)])
+        warm = np.clip(rng.normal(0, 0.6, len(rocks)), -1.2, 1.2) * min(self.look.albedo_contrast, 1.0)
+        film = self.look.rock_dust * rng.uniform(0, 1, len(rocks))
+        return np.concatenate([np.zeros((1, 7)), np.stack([z - b * x - c * y, b, c, sand, beds, warm, film], axis=1)])
 
     def surface(
         self,
@@ -108,8 +119,8 @@ class Shader:
             np.ascontiguousarray(points, dtype=np.float64), at, np.ascontiguousarray(normals, dtype=np.float32),
             np.ascontiguousarray(surface, dtype=np.int32), np.asarray(eye, dtype=np.float64),
             np.ascontiguousarray(lit, dtype=np.float32), float(focal), self._rock_albedo, self.look.albedo_contrast,
-            self._relief, self._stain, self._rock, self._rock_foot, self._grit, self._ripples, self._near,
-            self.look.sun, self.sun_light, self.sky_light, self.look.optical_depth, out,
+            self._relief, self._stain, self._rock, self._rock_foot, self._grit, self._ripples, self._bedrock,
+            self._near, self.look.sun, self.sun_light, self.sky_light, self.look.optical_depth, out,
         )  # fmt: skip
         return out
 
@@ -125,7 +136,7 @@ class Shader:
 @compiled
 def _surface(
     points, at, normals, surface, eye, lit, focal, rock_albedo, contrast, relief, stain, rock, rock_foot, pebbles,
-    ripples, around, sun, sun_light, sky_light, optical_depth, out,
+    ripples, bedrock, around, sun, sun_light, sky_light, optical_depth, out,
 ):  # fmt: skip
     """Sun by a mixture of Lambert and Lommel-Seeliger with a backscatter lobe; sky by how much of it is seen."""
     relief_tile, relief_places, relief_slope = relief
@@ -133,8 +144,10 @@ def _surface(
     rock_tile, rock_places, rock_amplitude, rock_slope = rock
     grit_tile, strong = pebbles
     ripple_tile, ripple_places = ripples
-    near_map, near_half = around
+    bed_tile, bare = bedrock
+    near_map, near_half, far_stones = around
     sx, sy, sz = sun[0], sun[1], sun[2]
+    ahead = AHEAD * math.sqrt(max(1 - sz * sz, 0.0))
     sun_red, sun_green, sun_blue = float(sun_light[0]), float(sun_light[1]), float(sun_light[2])
     for k in range(len(points)):
         m = at[k]
@@ -150,10 +163,15 @@ def _surface(
         nx, ny, nz = mx, my, mz
         open_sun, hidden = np.float32(1), np.float32(0)
         if surface[m] == GROUND:
-            hidden, drift = surroundings_at(near_map, near_half, np.float32(x), np.float32(y))
+            hidden, drift, rubble = surroundings_at(near_map, near_half, np.float32(x), np.float32(y))
+            beyond = (np.float32(max(abs(x), abs(y))) / near_half - np.float32(FAR_FROM)) * np.float32(
+                1 / (FAR_TO - FAR_FROM)
+            )
+            far = far_stones * min(max(beyond, np.float32(0)), np.float32(1))
             red, green, blue, du, dv, open_sun = regolith_at(
                 np.float32(x), np.float32(y), footprint, contrast, relief_tile, relief_places, relief_slope,
-                stain_tile, stain_places, stain_amplitude, grit_tile, strong, ripple_tile, ripple_places, drift,
+                stain_tile, stain_places, stain_amplitude, grit_tile, strong, ripple_tile, ripple_places, bed_tile,
+                bare, far, drift, rubble,
             )  # fmt: skip
             nx, ny = nx - du, ny - dv
         else:
@@ -169,7 +187,8 @@ def _surface(
             red, green, blue, du, dv, sand = rock_at(
                 np.float32((y if across == 0 else x) + shift), np.float32((y if across == 2 else z) + shift), mz,
                 np.float32(min(max(above, -1.0), 9.0)), np.float32(0.0 if across == 2 else 5 * foot[4]),
-                rock_albedo[surface[m]], footprint, contrast, rock_tile, rock_places, rock_amplitude, rock_slope,
+                rock_albedo[surface[m]], foot[5], foot[6], footprint, contrast, rock_tile, rock_places, rock_amplitude,
+                rock_slope,
             )  # fmt: skip
             if across == 0:
                 ny, nz = ny - du, nz - dv
@@ -192,7 +211,8 @@ def _surface(
         )
         open_sky = (0.5 + 0.5 * nz) * (1 - hidden)
         bounce = 0.18 * (1 - open_sky) * sz / 0.27
-        sky = sky_light * open_sky
+        # dust scatters forward, so that the sky is brighter on the sun's side: relief shows in shadow, too
+        sky = sky_light * open_sky * max(1 + ahead * (nx * sx + ny * sy), 0.2)
         red *= sun_red * (direct + bounce * GROUND_COLOUR[0]) + sky * SKY_COLOUR[0]
         green *= sun_green * (direct + bounce * GROUND_COLOUR[1]) + sky * SKY_COLOUR[1]
         blue *= sun_blue * (direct + bounce * GROUND_COLOUR[2]) + sky * SKY_COLOUR[2]

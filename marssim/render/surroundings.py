@@ -1,5 +1,5 @@
-"""What rocks do to the ground about them, as maps on the fine square: they hide part of the sky, and sand gathers in
-their lee."""
+"""What rocks do to the ground about them, as maps on the fine square: they hide part of the sky, sand gathers in
+their lee, and what broke off them lies at their feet."""
 
 from __future__ import annotations
 
@@ -13,18 +13,20 @@ CELL = 0.05  # [m]
 SMALLEST = 0.12  # [m] diameter of rocks that matter
 REACHES = (0.08, 0.24)  # [m] distances over which sky is lost to a rock of that height
 TAIL = 2.5  # diameters that the sand behind a rock reaches
+APRON = 1.7  # radius of the ground that fragments lie on, in radii of the rock
+FRAGMENTS = 0.6  # how thick they lie there
 SHIFT = 4  # binary digits of sub-pixel positions in OpenCV's drawing
 CODE = 255
 
 
 def surroundings(rocks: Rocks, half: float, wind: tuple[float, float]) -> np.ndarray:
-    """(N, N, 2) uint8 on a grid of CELL over the square of half side `half` [m], rows northward, columns eastward.
+    """(N, N, 3) uint8 on a grid of CELL over the square of half side `half` [m], rows northward, columns eastward.
 
-    Shares in 1 / CODE: of the sky that rocks hide from level ground, half of it at the foot of a wall; and how much
-    sand the wind, towards (2,) unit, has left behind them.
+    Shares in 1 / CODE: of the sky that rocks hide from level ground, half of it at the foot of a wall; how much
+    sand the wind, towards (2,) unit, has left behind them; and how thick fragments lie about them.
     """
     side = int(np.ceil(2 * half / CELL)) + 1
-    height, drift = np.zeros((side, side), dtype=np.float32), np.zeros((side, side), dtype=np.float32)
+    height, drift, rubble = np.zeros((3, side, side), dtype=np.float32)
     chosen = np.flatnonzero((rocks.diameter > SMALLEST) & (np.abs(rocks.centre[:, :2]) < half + 1).all(axis=1))
     chosen = chosen[np.argsort(-rocks.diameter[chosen], kind="stable")]
     at = (rocks.centre[chosen, :2] + half) / CELL
@@ -36,21 +38,24 @@ def surroundings(rocks: Rocks, half: float, wind: tuple[float, float]) -> np.nda
     tails = at[:, None] + radius[:, None, None] * (corners[:, :1] * along + corners[:, 1:] * across)
     for (x, y), r, tall, tail in zip(np.rint(at * one), np.rint(radius * one), rocks.height[chosen], tails):
         cv2.circle(height, (int(x), int(y)), int(r), float(tall), -1, cv2.LINE_8, SHIFT)
+        cv2.circle(rubble, (int(x), int(y)), int(APRON * r), FRAGMENTS, -1, cv2.LINE_8, SHIFT)
         cv2.fillConvexPoly(drift, np.rint(tail * one).astype(np.int32), 1.0, cv2.LINE_8, SHIFT)
     hidden = np.mean(
         [cv2.GaussianBlur(np.minimum(height / reach, 1), (0, 0), reach / CELL) for reach in REACHES], axis=0
     )
     sand = cv2.GaussianBlur(drift, (0, 0), 0.06 / CELL)
-    return np.rint(CODE * np.stack([hidden, sand], axis=-1)).astype(np.uint8)
+    broken = cv2.GaussianBlur(rubble, (0, 0), 0.1 / CELL)
+    return np.rint(CODE * np.stack([hidden, sand, broken], axis=-1)).astype(np.uint8)
 
 
 @inlined
 def surroundings_at(near, half, x, y):
-    """Share of the sky that is hidden, and of sand, at x, y [m]; 0, 0 outside the map. near: of surroundings."""
+    """Share of the sky that is hidden, of sand and of fragments at x, y [m]; 0 outside the map. near: of
+    surroundings."""
     i, j = (x + half) * np.float32(1 / CELL), (y + half) * np.float32(1 / CELL)
     top = np.float32(len(near) - 1)
     if not (i >= 0 and j >= 0 and i < top and j < top):
-        return np.float32(0), np.float32(0)
+        return np.float32(0), np.float32(0), np.float32(0)
     left, low = np.int32(i), np.int32(j)
     s, t = i - left, j - low
     d = s * t
@@ -62,4 +67,5 @@ def surroundings_at(near, half, x, y):
     return (
         (a * p[0] + b * q[0] + c * r[0] + d * w[0]) * code,
         (a * p[1] + b * q[1] + c * r[1] + d * w[1]) * code,
+        (a * p[2] + b * q[2] + c * r[2] + d * w[2]) * code,
     )

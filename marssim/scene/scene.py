@@ -19,7 +19,7 @@ PRESETS: tuple[Place, ...] = get_args(Place)
 LOOK_LIMITS = {
     "sun_elevation_deg": (0.0, 90.0), "sun_azimuth_deg": (-360.0, 720.0), "optical_depth": (0.0, 12.0),
     "albedo_contrast": (0.0, 3.0), "texture_strength": (0.0, 3.0), "pebbles": (0.0, 1.0), "wind_ripples": (0.0, 1.0),
-    "bedding": (0.0, 1.0),
+    "bedding": (0.0, 1.0), "bedrock": (0.0, 1.0), "rock_dust": (0.0, 1.0),
 }  # fmt: skip
 # at 500 m the farthest corner is less than 1000 m away, where the code of depth in datasets ends
 SCENE_LIMITS = {"size": (1.0, 1000.0), "cell": (0.01, 1.0), "horizon": (1.0, 500.0)}  # [m]
@@ -46,6 +46,10 @@ class LookConfig:
     """share of the ground that is sand with hand-wide ripples, 0 to 1; pebbles lie on the rest"""
     bedding: Range = (0.0, 0.4)
     """how much the faces of rocks show of level beds, 0 for none to 1"""
+    bedrock: Range = (0.0, 0.2)
+    """share of the ground where plates of bedrock lie bare, level with the sand, 0 to 1"""
+    rock_dust: Range = (0.1, 0.6)
+    """share of the sides of the dustiest rocks that dust clings to, 0 to 1; it lies on the tops of all"""
 
     def __post_init__(self) -> None:
         check_ranges(self, LOOK_LIMITS)
@@ -95,6 +99,8 @@ class Look:
     pebbles: float
     wind_ripples: float
     bedding: float
+    bedrock: float
+    rock_dust: float
 
     @property
     def sun_elevation(self) -> float:
@@ -140,7 +146,9 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig]] = {
             hurst=0.72, rms_slope_deg=2.8, crater_density=0.005, crater_depth=(0.03, 0.12), ripple_amplitude=0.02,
             ripple_wavelength=1.1, ripple_cover=0.45,
         ),
-        LookConfig(pebbles=(0.2, 0.9), wind_ripples=(0.2, 0.7), bedding=(0.0, 0.2)),
+        LookConfig(
+            pebbles=(0.2, 0.9), wind_ripples=(0.2, 0.7), bedding=(0.0, 0.2), bedrock=(0.0, 0.0), rock_dust=(0.2, 0.8),
+        ),
     ),
     # a lava plain: dark angular blocks around small craters
     "gusev": (
@@ -149,7 +157,9 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig]] = {
             hurst=0.74, rms_slope_deg=4.8, crater_density=0.01, ripple_amplitude=0.006, ripple_wavelength=0.5,
             ripple_cover=0.3,
         ),
-        LookConfig(pebbles=(0.4, 1.0), wind_ripples=(0.1, 0.5), bedding=(0.0, 0.2)),
+        LookConfig(
+            pebbles=(0.4, 1.0), wind_ripples=(0.1, 0.5), bedding=(0.0, 0.2), bedrock=(0.0, 0.15), rock_dust=(0.1, 0.6),
+        ),
     ),
     # a lake bed: pale slabs between sharp ripples
     "gale": (
@@ -158,13 +168,17 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig]] = {
             hurst=0.73, rms_slope_deg=5.1, crater_density=0.002, ripple_amplitude=0.025, ripple_wavelength=0.8,
             ripple_cover=0.55,
         ),
-        LookConfig(pebbles=(0.2, 0.9), wind_ripples=(0.3, 0.8), bedding=(0.6, 1.0)),
+        LookConfig(
+            pebbles=(0.2, 0.9), wind_ripples=(0.2, 0.7), bedding=(0.6, 1.0), bedrock=(0.15, 0.6), rock_dust=(0.0, 0.5),
+        ),
     ),
     # a delta's foot: cobbles and boulders of every kind, sand in between
     "jezero": (
         RockConfig(k=0.15, families=(0.35, 0.2, 0.45), albedo=0.75),
         ReliefConfig(hurst=0.73, rms_slope_deg=5.2, ripple_amplitude=0.03, ripple_wavelength=1.4, ripple_cover=0.2),
-        LookConfig(pebbles=(0.5, 1.0), wind_ripples=(0.1, 0.6), bedding=(0.1, 0.8)),
+        LookConfig(
+            pebbles=(0.5, 1.0), wind_ripples=(0.1, 0.6), bedding=(0.1, 0.8), bedrock=(0.0, 0.4), rock_dust=(0.1, 0.6),
+        ),
     ),
     "hard": (
         RockConfig(k=0.20, cluster=0.5, families=(0.6, 0.2, 0.2), albedo=0.65),
@@ -172,7 +186,9 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig]] = {
             hurst=0.6, rms_slope_deg=7.0, crater_density=0.008, ripple_amplitude=0.02, ripple_wavelength=0.7,
             ripple_cover=0.15,
         ),
-        LookConfig(pebbles=(0.3, 1.0), wind_ripples=(0.0, 0.6), bedding=(0.0, 0.6)),
+        LookConfig(
+            pebbles=(0.3, 1.0), wind_ripples=(0.0, 0.6), bedding=(0.0, 0.6), bedrock=(0.0, 0.3), rock_dust=(0.0, 0.6),
+        ),
     ),
 }  # fmt: skip
 
@@ -214,4 +230,6 @@ def draw_look(config: LookConfig, rng: np.random.Generator) -> Look:
         pebbles=float(rng.uniform(*config.pebbles)),
         wind_ripples=float(rng.uniform(*config.wind_ripples)),
         bedding=float(rng.uniform(*config.bedding)),
+        bedrock=float(rng.uniform(*config.bedrock)),
+        rock_dust=float(rng.uniform(*config.rock_dust)),
     )

@@ -14,7 +14,7 @@ from marssim.scene.terrain import HeightGrid, Terrain
 
 cv2.setNumThreads(1)
 
-LOOK = Look(np.array([0.6, 0.0, 0.8]), 0.5, 1.0, 1.0, 0, 0.5, 0.5, 0.0)
+LOOK = Look(np.array([0.6, 0.0, 0.8]), 0.5, 1.0, 1.0, 0, 0.5, 0.5, 0.0, 0.0, 0.3)
 
 
 def build_scene(height=lambda x, y: 0 * x, half=10.0, cell=0.25, rocks=()):

@@ -5,7 +5,7 @@ from marssim.scene.rocks import Rocks, icosphere
 from marssim.scene.scene import Look, Scene, SceneConfig
 from marssim.scene.terrain import HeightGrid, Terrain
 
-LOOK = Look(np.array([0.0, 0.0, 1.0]), 0.5, 1.0, 1.0, 0, 0.5, 0.5, 0.0)
+LOOK = Look(np.array([0.0, 0.0, 1.0]), 0.5, 1.0, 1.0, 0, 0.5, 0.5, 0.0, 0.0, 0.3)
 
 
 def build(height=lambda x, y: 0 * x, half=4.0, cell=0.1, balls=()):

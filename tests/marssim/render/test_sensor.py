@@ -54,12 +54,15 @@ def test_highlights_of_the_ground_are_kept():
     assert 200 < image[0, 0, 0] < 255
 
 
-def test_the_sky_is_not_metered_unless_there_is_little_else():
+def test_the_sky_is_metered_only_where_half_of_it_would_saturate():
     radiance, ground = flat(0.2, 50), np.zeros((50, 50), bool)
     ground[25:] = True
-    brighter = radiance.copy()
-    brighter[:25] *= 7
-    assert CLEAN.gain(brighter, ground) == CLEAN.gain(radiance, ground)
+    brighter, glaring, halo = (radiance.copy() for _ in range(3))
+    brighter[:25] *= 4
+    glaring[:25] *= 20
+    halo[:12] *= 20  # less than half of the sky
+    assert CLEAN.gain(brighter, ground) == CLEAN.gain(halo, ground) == CLEAN.gain(radiance, ground)
+    assert CLEAN.gain(glaring, ground) * 4.0 == pytest.approx(1)
     only = np.zeros_like(ground)
     only[-1, -1] = True
     assert CLEAN.gain(brighter * 7, only) < CLEAN.gain(radiance, only)

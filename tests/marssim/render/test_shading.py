@@ -91,6 +91,12 @@ def test_the_sky_is_brighter_near_the_sun_and_at_the_horizon():
     assert (colour[:, 0] > colour[:, 1]).all() and (colour[:, 1] > colour[:, 2]).all()  # butterscotch
 
 
+def test_the_sky_is_darker_under_a_low_sun():
+    up = np.array([[0.0, 0.0, 1.0]])
+    high, low = (shader(sun=towards(e, 0), optical_depth=0.5).sky(up).mean() for e in (40, 10))
+    assert 0.4 * high < low < 0.8 * high
+
+
 def test_the_ground_scatters_back_to_where_the_light_comes_from():
     maker = shader(sun=towards(25, 0), texture_strength=0.0, albedo_contrast=0.0)
     up = np.array([[2.0, 0.0, 0.0], [-2.0, 0.0, 0.0]])  # looking towards the sun, and with the sun behind
@@ -121,7 +127,7 @@ def test_a_low_sun_is_redder_and_weaker():
 
 def test_rocks_have_their_own_albedo():
     dark, bright = np.argsort(SCENE.rocks.albedo)[[0, -1]]
-    maker = shader(sun=towards(40, 180), albedo_contrast=0.0, texture_strength=0.0)
+    maker = shader(sun=towards(40, 180), albedo_contrast=0.0, texture_strength=0.0, rock_dust=0.0)
     faces = np.array([[-1.0, 0.0, 0.0]] * 2)  # too steep for dust to lie on
     points = np.array([[2.0, 0.0, 0.3]] * 2)
     colour = maker.surface(points, faces, np.array([dark + 1, bright + 1]), EYE, np.ones(2), FOCAL)
@@ -132,7 +138,7 @@ def test_rocks_have_their_own_albedo():
 
 
 def test_sand_lies_against_the_foot_of_a_rock_and_not_higher():
-    maker = shader(sun=towards(40, 180), albedo_contrast=0.0, texture_strength=0.0)
+    maker = shader(sun=towards(40, 180), albedo_contrast=0.0, texture_strength=0.0, rock_dust=0.0)
     rock = int(np.argmax(SCENE.rocks.height))
     x, y, _ = SCENE.rocks.centre[rock]
     ground = float(SCENE.terrain.height_at(x, y))
@@ -148,11 +154,67 @@ def test_wind_ripples_and_pebbles_come_and_go_with_their_knobs():
     points = np.random.default_rng(1).uniform(-0.5, 0.5, (4000, 3)) * [1, 1, 0] + [2, 0, 0]
     none, pebbles, ripples = (
         (lambda colour: colour.std() / colour.mean())(
-            level(shader(sun=towards(30, 0), pebbles=p, wind_ripples=r, texture_strength=1.0), points)[:, 0]
+            level(shader(sun=towards(30, 0), pebbles=p, wind_ripples=r, texture_strength=1.0, bedrock=0.0), points)[
+                :, 0
+            ]
         )
         for p, r in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
     )
     assert pebbles > 1.1 * none and ripples > 1.1 * none
+
+
+def test_dust_clings_to_the_sides_of_some_rocks_as_much_as_its_knob_says():
+    count = len(SCENE.rocks)
+    faces, points = np.tile([-1.0, 0.0, 0.0], (count, 1)), np.tile([2.0, 0.0, 3.0], (count, 1))
+    reds = []
+    for dust in (0.0, 0.4, 0.9):
+        maker = shader(sun=towards(40, 180), albedo_contrast=0.0, texture_strength=0.0, rock_dust=dust)
+        colour = maker.surface(points, faces, np.arange(count) + 1, EYE, np.ones(count), FOCAL)
+        reds.append(colour[:, 0] / colour[:, 2])
+    assert np.ptp(reds[0]) < 0.1 and (reds[0].mean() < reds[1].mean() < reds[2].mean()) and np.ptp(reds[2]) > 0.3
+
+
+def test_rocks_differ_in_colour_as_the_contrast_says():
+    faces, points = np.tile([-1.0, 0.0, 0.0], (50, 1)), np.tile([2.0, 0.0, 3.0], (50, 1))
+    spread = []
+    for contrast in (0.0, 0.5, 1.0):
+        maker = shader(sun=towards(40, 180), albedo_contrast=contrast, texture_strength=0.0, rock_dust=0.0)
+        colour = maker.surface(points, faces, np.arange(50) + 1, EYE, np.ones(50), FOCAL)
+        spread.append((colour[:, 0] / colour[:, 2]).std())
+    assert spread[0] < 0.5 * spread[1] < 0.4 * spread[2]
+
+
+def test_bedrock_is_paler_than_sand_and_shows_as_its_knob_says():
+    points = np.random.default_rng(1).uniform(-10, 10, (20_000, 3)) * [1, 1, 0]
+    looks = [
+        level(shader(sun=towards(50, 0), wind_ripples=0.0, pebbles=0.0, albedo_contrast=1.0, bedrock=share), points)
+        for share in (0.0, 0.2, 0.5, 1.0)
+    ]
+    assert (np.abs(looks[0] - looks[1]).max(axis=1) > 1e-6).mean() < 0.3
+    bare = [(look[:, 2] / look[:, 0]).mean() for look in looks]  # sand is redder
+    assert (np.diff(bare) > 0).all()
+
+
+def test_relief_shows_in_the_shadow_under_a_low_sun():
+    """The sky is brighter on the sun's side, so that slopes towards it are brighter without sunlight, too."""
+    tilt = np.deg2rad([-20, 20])
+    normals = np.stack([np.sin(tilt), 0 * tilt, np.cos(tilt)], axis=1)
+    points = np.tile([0.0, 2.0, 0.0], (2, 1))
+
+    def ratio(elevation: float) -> float:
+        maker = shader(sun=towards(elevation, 0), texture_strength=0.0, albedo_contrast=0.0)
+        away, facing = maker.surface(points, normals, np.zeros(2, int), EYE, np.zeros(2), FOCAL)[:, 0]
+        return facing / away
+
+    assert ratio(15) > 1.3 and ratio(89) == pytest.approx(1, abs=0.02)
+
+
+def test_stones_stand_for_the_rocks_that_the_mesh_leaves_out_far_away():
+    far = np.random.default_rng(0).uniform(0, 1, (3000, 3)) * [2.5, 2.5, 0] + [10, 0, 0]
+    near = far - [10, 0, 0]
+    few = replace(SCENE, config=replace(SMALL, rocks=RockConfig(k=0.0)))
+    change = [np.abs(level(shader(SCENE), at) - level(shader(few), at)).max() for at in (near, far)]
+    assert change[0] == 0 and change[1] > 0.01
 
 
 def test_rocks_take_sky_from_the_ground_beside_them():

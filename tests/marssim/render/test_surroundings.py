@@ -41,6 +41,12 @@ def test_sand_lies_downwind():
         assert ahead > 0.5 and max(behind, beside) < 0.02
 
 
+def test_fragments_lie_about_a_rock_and_not_far_from_it():
+    near = surroundings(one_rock(1.0, 0.5), HALF, (1.0, 0.0))
+    beside, farther, away = (look_up(near, HALF, 0.0, y)[2] for y in (0.6, 0.9, 1.4))
+    assert beside > 0.4 > 0.3 > farther > 0 and away == 0
+
+
 def test_the_map_lies_where_the_rock_does():
     near = surroundings(one_rock(0.6, 0.5, 1.03, -2.01), HALF, (1.0, 0.0))
     share = near[..., 0].astype(float)
@@ -50,9 +56,9 @@ def test_the_map_lies_where_the_rock_does():
 
 
 def test_between_cells_it_is_linear_and_outside_nothing():
-    near = np.random.default_rng(0).integers(0, CODE + 1, (9, 9, 2), dtype=np.uint8)
+    near = np.random.default_rng(0).integers(0, CODE + 1, (9, 9, 3), dtype=np.uint8)
     half = 4 * CELL
     a, b = near[3, 5], near[3, 6]
     assert np.allclose(look_up(near, half, 1.25 * CELL, -CELL), (0.75 * a + 0.25 * b) / CODE, atol=1e-5)
     for x, y in ((half + 0.01, 0), (0, -half - 0.01), (np.inf, 0), (np.nan, 0)):
-        assert look_up(near, half, x, y) == (0, 0)
+        assert look_up(near, half, x, y) == (0, 0, 0)

@@ -1,0 +1,137 @@
+"""Bedrock that lies bare: level plates, cracked and worn, with sand in the joints between them.
+
+A periodic tile that is laid on the ground by world position, as pebbles are. The plates are cells of Voronoi's
+division of the plane about scattered points, with smaller ones within. They have no relief in the mesh: of a plate
+that stands a finger above the sand only its border's slope and its shade are seen.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+import scipy.fft
+
+from marssim.compiled import compiled, inlined
+from marssim.render.pyramid import CHANNELS, CODES, pyramid, pyramid_at
+
+SIDE = 512  # texels along a side of the tile
+TEXEL = 0.012  # [m]
+PLATES = (9, 27)  # plates along the side, and pieces that they are broken into
+BEND = 0.03  # [m] how far borders wander from straight lines
+ROUNDING = 0.018  # [m] width of the worn border of a plate
+STANDING = 0.022  # [m] height of a plate over the sand in its joints
+TILT = 0.10  # standard deviation of a plate's slope
+STEEPEST = 1.5  # slope at which the coded slopes end
+TONES = 1.0  # logarithm of brightness at which the coded tones end
+DEEPEST = 2.0  # coded cover of sand in a joint: above 1, it is never swept clean
+VARIANTS = 2  # tiles that scenes choose from, each turned and shifted by its own seed
+
+
+@lru_cache(maxsize=VARIANTS)
+def plates(seed: int) -> np.ndarray:
+    """(M, 5) int8 of pyramid: slopes along and across, tone, share of light that cracks take, and cover.
+
+    Slopes in STEEPEST / CODES, tone (logarithm of brightness) in TONES / CODES, crack in 1 / CODES, cover in DEEPEST /
+    CODES: how much of the ground must be bare before the wind has swept the sand off this place too, 0 to 1 on plates.
+    """
+    rng = np.random.default_rng((seed, 9))
+    k = np.hypot(scipy.fft.fftfreq(SIDE, TEXEL)[:, None], scipy.fft.rfftfreq(SIDE, TEXEL)[None, :])
+    band = np.exp(-0.5 * (k / 1.4) ** 2) * (k > 0)
+    bend = [_field(rng, band) * BEND / TEXEL for _ in range(2)]
+    rough = _field(rng, np.exp(-((k * 0.03 - 1) ** 2)) + np.exp(-((k * 0.09 - 1) ** 2)))
+    levels = [_jittered(n, rng) for n in PLATES]
+    draws = [
+        np.stack([*rng.normal(0, TILT, (2, n * n)), rng.standard_normal(n * n), rng.random(n * n)]) for n in PLATES
+    ]
+    finest = np.empty((SIDE, SIDE, CHANNELS), dtype=np.float32)
+    height = np.empty((SIDE, SIDE), dtype=np.float32)
+    _plates(levels[0], levels[1], draws[0], draws[1], bend[0], bend[1], rough, height, finest)
+    for channel, axis in ((0, 1), (1, 0)):
+        slope = (np.roll(height, -1, axis) - np.roll(height, 1, axis)) / (2 * TEXEL)
+        finest[..., channel] = np.clip(slope / STEEPEST, -1, 1) * CODES
+    return pyramid(finest)
+
+
+def _field(rng: np.random.Generator, band: np.ndarray) -> np.ndarray:
+    """(SIDE, SIDE) float32 periodic noise of unit variance with the given spectrum."""
+    white = scipy.fft.rfft2(rng.standard_normal((SIDE, SIDE)))
+    out = scipy.fft.irfft2(white * band, s=(SIDE, SIDE))
+    return (out / out.std()).astype(np.float32)
+
+
+def _jittered(n: int, rng: np.random.Generator) -> np.ndarray:
+    """(n, n, 2) points x, y [texels], one in each cell of a grid over the tile."""
+    j, i = np.indices((n, n))
+    return (np.stack([i, j], -1) + rng.uniform(0.08, 0.92, (n, n, 2))) * (SIDE / n)
+
+
+@compiled
+def _nearest(points, x, y):
+    """The cell of the point nearest to x, y [texels], the vector from it, and the distance to the cell's border."""
+    n = len(points)
+    cell = SIDE / n
+    ci, cj = math.floor(x / cell), math.floor(y / cell)
+    best, found, bx, by = 1e18, 0, 0.0, 0.0
+    for j in range(cj - 2, cj + 3):
+        for i in range(ci - 2, ci + 3):
+            dx = x - (points[j % n, i % n, 0] + SIDE * math.floor(i / n))
+            dy = y - (points[j % n, i % n, 1] + SIDE * math.floor(j / n))
+            if dx * dx + dy * dy < best:
+                best, found, bx, by = dx * dx + dy * dy, (j % n) * n + i % n, dx, dy
+    border = 1e18
+    for j in range(cj - 2, cj + 3):
+        for i in range(ci - 2, ci + 3):
+            dx = x - (points[j % n, i % n, 0] + SIDE * math.floor(i / n))
+            dy = y - (points[j % n, i % n, 1] + SIDE * math.floor(j / n))
+            apart = math.hypot(dx - bx, dy - by)
+            if apart > 1e-6:
+                border = min(border, (dx * dx + dy * dy - best) / (2 * apart))
+    return found, bx, by, border
+
+
+@compiled
+def _plates(large, small, drawn, drawn_small, bend_x, bend_y, rough, height, out):
+    """Heights [m] of plates, and channels 2 to 4 of out (SIDE, SIDE, CHANNELS) in codes; see plates."""
+    for j in range(SIDE):
+        for i in range(SIDE):
+            x, y = i + bend_x[j, i], j + bend_y[j, i]
+            plate, px, py, border = _nearest(large, x, y)
+            # pieces are bent less than plates: their borders run into those of the plates at any angle
+            piece, qx, qy, split = _nearest(small, i + 0.4 * bend_y[j, i], j + 0.4 * bend_x[j, i])
+            border, split = border * TEXEL, split * TEXEL
+            broken = drawn[3, plate] < 0.7  # into pieces, or whole
+            joint = 0.012 + 0.03 * drawn_small[3, piece] + 0.006 * rough[j, i]
+            edge = border - joint
+            inside = 1 - math.exp(-max(edge, 0.0) / ROUNDING)
+            crack = math.exp(-max(edge, 0.0) / 0.008) if edge > -0.01 else 0.0
+            lean = drawn[0, plate] * px + drawn[1, plate] * py
+            tone = 0.10 + 0.15 * drawn[2, plate] + 0.06 * rough[j, i]
+            if broken:
+                gap = math.exp(-split / (0.006 + 0.006 * drawn_small[3, piece]))
+                crack = max(crack, 0.8 * gap)
+                inside *= 1 - 0.35 * gap
+                lean += 0.4 * (drawn_small[0, piece] * qx + drawn_small[1, piece] * qy)
+                tone += 0.08 * drawn_small[2, piece]
+            height[j, i] = inside * (STANDING + lean * TEXEL + 0.0016 * rough[j, i])
+            out[j, i, 2] = min(max(tone / TONES, -1.0), 1.0) * CODES
+            out[j, i, 3] = 0.9 * crack * CODES
+            cover = drawn[3, plate] * 0.9 + (0.15 * drawn_small[3, piece] if broken else 0.0)
+            # sand thins out over a plate's border
+            cover += 1.2 * min(max(-edge / 0.006 + 0.5, 0.0), 1.0)
+            out[j, i, 4] = min(cover / DEEPEST, 1.0) * CODES
+
+
+@inlined
+def pavement_at(tile, u, v, footprint, cosine, sine, offset):
+    """Slopes along u and v, tone, crack and cover of the bedrock at surface coordinates u, v [m].
+
+    tile: of plates; footprint: width of a pixel on the ground [m]; cosine, sine of the tile's turn; offset [texels].
+    """
+    along, across, tone, crack, cover = pyramid_at(tile, SIDE, TEXEL, u, v, footprint, cosine, sine, offset)
+    steep = np.float32(STEEPEST / CODES)
+    return (
+        steep * along, steep * across, tone * np.float32(TONES / CODES), crack * np.float32(1 / CODES),
+        cover * np.float32(DEEPEST / CODES),
+    )  # fmt: skip
