@@ -26,7 +26,7 @@ STAND = 0.4  # of the half side of the fine square: along x and y, cameras stand
 MOST = 65_534  # rocks that the 16 bits of a dataset's surface.png can tell apart, beside sky and ground
 SURE = 6.0  # standard deviations by which the number that is expected stays below that
 NEAREST = 1.6  # [m] distance from which rocks among the cameras are taken to be seen
-LEVEL_ANGLES = (0.035, 0.16, 0.5, 1.1)  # [rad] seen diameter from which a rock gets the next level of detail
+LEVEL_ANGLES = (0.03, 0.1, 0.25, 0.8)  # [rad] seen diameter from which a rock gets the next level of detail
 SMALLEST = (
     (0.75, 0.05),
     (1.0, 0.08),

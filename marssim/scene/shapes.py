@@ -129,29 +129,60 @@ def _fracture_planes(family: str, rng: np.random.Generator) -> tuple[np.ndarray,
 
 
 def _roughness(family: str, points: np.ndarray, level: int, rng: np.random.Generator) -> np.ndarray:
-    """(V,) relative change of the radius: lumps, fracture steps and, on slabs, the edges of layers.
+    """(V,) relative change of the radius: lumps, ridges and dents of broken stone, scars of chips, ledges of beds.
 
-    Only what the level's triangles can show is added; each octave is drawn at every level, so that shapes agree.
+    Only what the level's triangles can show is added; everything is drawn at every level, so that shapes agree.
     """
     spacing = 1.1 / 2**level
     out = np.zeros(len(points))
-    strength = {"angular": 0.030, "slabby": 0.022, "rounded": 0.040}[family]
+    strength = {"angular": 0.036, "slabby": 0.030, "rounded": 0.045}[family]
+    patch = _waves(points, 1.1, rng)  # some sides are fresh and smooth, others weathered
+    worn = 0.55 + 0.45 * np.tanh(1.5 * patch)
     for octave, wavelength in enumerate((1.6, 0.8, 0.4, 0.2, 0.1)):
-        wave = rng.normal(size=(7, 3))
-        wave *= 2 * np.pi / wavelength / np.linalg.norm(wave, axis=1, keepdims=True) * rng.uniform(0.7, 1.4, (7, 1))
-        phase = rng.uniform(0, 2 * np.pi, 7)
+        swing = _waves(points, wavelength, rng)
         if wavelength < 2 * spacing:
             continue
-        swing = np.sin(points @ wave.T + phase).sum(axis=1) / np.sqrt(3.5)
         if family != "rounded" and octave >= 1:
             swing = 0.8 - 1.6 * np.abs(swing) / (1 + np.abs(swing))  # ridges and dents, as of broken stone
-        out += strength * 0.62**octave * swing
-    layers, start = rng.uniform(4, 7), rng.uniform(0, 1)
-    if family == "slabby" and level >= 3:  # beds that weather back by turns
-        height = points[:, 2] * layers + start
-        step = np.abs(height - np.floor(height) - 0.5) * 4 - 1
-        side = 1 - (points[:, 2] / np.linalg.norm(points, axis=1)) ** 2
-        out += 0.035 * side * np.clip(2 * step, -1, 1)
+        out += strength * 0.7**octave * swing * (worn if octave >= 2 else 1)
+    out -= _scars(family, points, 2 * spacing, rng)
+    layers, start, bedded = rng.uniform(4, 8), rng.uniform(0, 1), rng.random()
+    tilt = np.append(rng.normal(0, 0.15 if family == "slabby" else 0.5, 2), 1.0)
+    if (family == "slabby" or (family == "angular" and bedded < 0.4)) and level >= 2:  # beds weather back by turns
+        across = points @ (tilt / np.linalg.norm(tilt))
+        height = across * layers + start + 0.25 * patch
+        ledge = np.floor(height)
+        back = np.modf(np.sin(ledge * 127.1 + 311.7 * start) * 43758.5)[0]  # of each bed its own
+        step = np.clip((height - ledge) * 6, 0, 1) * np.clip((1 - height + ledge) * 12, 0, 1)
+        side = 1 - (across / np.linalg.norm(points, axis=1)) ** 2
+        out += 0.05 * side * (step - 0.6) + 0.05 * side * back
+    return np.maximum(out, -0.4)
+
+
+def _waves(points: np.ndarray, wavelength: float, rng: np.random.Generator) -> np.ndarray:
+    """(V,) smooth noise of about unit variance at points (V, 3)."""
+    wave = rng.normal(size=(7, 3))
+    wave *= 2 * np.pi / wavelength / np.linalg.norm(wave, axis=1, keepdims=True) * rng.uniform(0.7, 1.4, (7, 1))
+    return np.asarray(np.sin(points @ wave.T + rng.uniform(0, 2 * np.pi, 7)).sum(axis=1) / np.sqrt(3.5))
+
+
+def _scars(family: str, points: np.ndarray, least: float, rng: np.random.Generator) -> np.ndarray:
+    """(V,) how much of the radius chips took that broke off, most where the rock reaches out; none under `least`."""
+    count = {"angular": 14, "slabby": 10, "rounded": 4}[family]
+    reach = np.linalg.norm(points, axis=1)
+    out = np.zeros(len(points))
+    # drawn among directions, and kept where the rock has an edge or a corner: farther out than about it
+    where = rng.normal(size=(count, 3))
+    where /= np.linalg.norm(where, axis=1, keepdims=True)
+    size, depth = rng.uniform(0.15, 0.5, count), rng.uniform(0.25, 0.5, count)
+    for direction, width, deep in zip(where, size, depth):
+        if width < least:
+            continue
+        towards = points @ direction
+        tip = points[np.argmax(towards - 0.6 * np.linalg.norm(points - towards[:, None] * direction, axis=1))]
+        away = np.linalg.norm(points - tip, axis=1) / width
+        # the scar is a bowl about the tip that is broken off
+        out = np.maximum(out, deep * width * np.clip(1 - away**2, 0, 1) / np.maximum(reach, 1e-9))
     return out
 
 
