@@ -64,7 +64,7 @@ def pyramid_at(tile, side, texel, u, v, footprint, cosine, sine, offset):
     # the level whose texels are as wide as the pixel or a little wider, and some of the finer one before it
     along, across, third, fourth, fifth = _bilinear(tile, start, size, x, y)
     if start > 0:
-        fine = np.float32(2) * (one - spread)
+        fine = max(np.float32(2) * (one - spread), np.float32(0))  # a pixel wider than the tile sees its mean
         two = np.float32(2)
         a, b, c, d, e = _bilinear(tile, start - 4 * size * size, 2 * size, two * x + half, two * y + half)
         along += fine * (a - along)
