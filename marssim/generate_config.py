@@ -69,6 +69,9 @@ class RunConfig:
             raise ValueError(f"pairs must be at most {MOST_PAIRS}, got {self.pairs}")
         if self.rasterizer != AUTO and self.renderer != "pybullet":
             raise ValueError(f"rasterizer {self.rasterizer} draws for --renderer pybullet, not for {self.renderer}")
+        if not self.trajectory and self.drive != TrajectoryConfig():
+            given = [name for name, value in vars(self.drive).items() if value != getattr(TrajectoryConfig(), name)]
+            raise ValueError(f"--drive.{given[0].replace('_', '-')} says how a drive goes, which needs --trajectory")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -115,9 +115,16 @@ def test_more_pairs_than_memory_has_names_for_are_refused():
         asked("--pairs", 10**20)
 
 
+@pytest.mark.parametrize(("flag", "value"), [("--drive.step", 1), ("--drive.speed", 0.1)])
+def test_how_a_drive_goes_is_refused_where_there_is_none(flag, value):
+    with pytest.raises(ValueError, match=rf"^{flag} says how a drive goes, which needs --trajectory$"):
+        asked(flag, value)
+    assert asked(flag, value, "--trajectory").trajectory
+
+
 def test_what_decides_the_content_is_noted_and_the_rest_is_not():
     first = asked("--scene", "gale")
-    same = asked("--scene", "gale", "--pairs", 7, "--workers", 3, "--scheduler", "tcp://a:1", "--drive.step", 1)
+    same = asked("--scene", "gale", "--pairs", 7, "--workers", 3, "--scheduler", "tcp://a:1")
     assert first.content() == same.content()
     changes = [("--seed", 1), ("--rocks.k", 0.2), ("--rig.focal", 500), ("--trajectory",), ("--view.roll-deg", 0, 0)]
     changes += [("--sensor.rotation-deg", 0, 0), ("--views-per-scene", 2), ("--renderer", "embree"), ("--size", 20)]
