@@ -16,7 +16,7 @@ import numpy as np
 
 from marssim.compiled import compiled
 
-FAR = 1e9  # [m] beyond everything
+FAR = 1e9  # lengths of a ray's direction: beyond everything
 TRIANGLES, INDICES, VERTICES, UINT3, FLOAT3 = 0, 0, 1, 0x5003, 0x9003  # of RTCGeometryType, RTCBufferType, RTCFormat
 ROBUST = 4  # of RTCSceneFlags: no ray slips through between neighbours
 COHERENT = 1 << 16  # of RTCRayQueryFlags: neighbouring rays go alike
@@ -30,11 +30,14 @@ class TriangleRays:
     """Triangles that rays are shot at.
 
     vertices: (V, 3) [m], taken in float32; faces: (F, 3) int, not copied if int32, and then not to be written to.
-    Raises ImportError without embreex and RuntimeError if Embree refuses them.
+    Raises ImportError without embreex or where it does not work, ValueError for faces of other vertices.
     """
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray) -> None:
         embree, device = _embree()
+        faces = np.asarray(faces).reshape(-1, 3)
+        if len(faces) and not (faces.min() >= 0 and faces.max() < len(vertices)):
+            raise ValueError(f"faces must be of the {len(vertices)} vertices, got {faces.min()} to {faces.max()}")
         # both are read as long as the scene lives, 16 bytes from the start of each vertex
         self._vertices = np.zeros((len(vertices) + 1, 3), dtype=np.float32)
         self._vertices[:-1] = vertices
@@ -66,6 +69,8 @@ class TriangleRays:
         if not self._free.alive:
             raise RuntimeError("these triangles are closed")
         origins, directions = (np.ascontiguousarray(each, dtype=np.float32) for each in (origins, directions))
+        if directions.ndim != 2 or directions.shape[1] != 3 or origins.shape not in ((1, 3), directions.shape):
+            raise ValueError(f"origins {origins.shape} and directions {directions.shape} are no (N, 3) each")
         limit = np.full(len(directions), FAR if reach is None else reach, dtype=np.float32)
         embree, _ = _embree()
         face = _meet(embree.rtcIntersect8, self._scene, ctypes.addressof(_ARGUMENTS), origins, directions, limit)
@@ -83,7 +88,8 @@ def _embree() -> tuple[ctypes.CDLL, int]:
 
     brought = [str(file.locate()) for file in metadata.files("embreex") or () if "embree4" in file.name]
     # where the package brings no library, its module is linked to one, whose functions are found through it
-    embree = ctypes.CDLL(brought[0] if brought else rtcore_scene.__file__)
+    library = brought[0] if brought else rtcore_scene.__file__
+    embree = ctypes.CDLL(library)
     number, address = ctypes.c_int, ctypes.c_size_t
     for name, result, arguments in (
         ("NewDevice", address, [ctypes.c_char_p]),
@@ -99,9 +105,15 @@ def _embree() -> tuple[ctypes.CDLL, int]:
         ("ReleaseGeometry", None, [address]),
         ("Intersect8", None, [address, address, address, address]),
     ):
-        function = getattr(embree, "rtc" + name)
+        try:
+            function = getattr(embree, "rtc" + name)
+        except AttributeError:
+            raise ImportError(f"{library}: is no Embree 4 (it has no rtc{name})") from None
         function.restype, function.argtypes = result, arguments
-    return embree, embree.rtcNewDevice(b"threads=1")
+    device = embree.rtcNewDevice(b"threads=1")
+    if not device:
+        raise ImportError(f"Embree gives no device: error {embree.rtcGetDeviceError(None)}")
+    return embree, device
 
 
 @compiled

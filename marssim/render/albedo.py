@@ -17,7 +17,8 @@ BED_COLOUR = (0.45, 0.335, 0.235)
 STAIN_HUE = (0.0, 0.10, 0.22)
 PATCHES = 2  # the coarsest stains also tell sand from gravel and from bedrock
 FAR_STONES = 8.0  # how much larger than pebbles the stones are that stand for the rocks which the mesh leaves out
-FAR_FROM, FAR_TO = 0.7, 1.2  # half sides of the fine square, between which the mesh leaves them out by and by
+FAR_FROM, FAR_TO = 1.0, 1.25  # half sides of the fine square: within it the mesh leaves none of that size out
+WHITEST = 0.9  # the most light that any surface gives back
 
 
 @inlined
@@ -93,13 +94,13 @@ def regolith_at(
     red = (GROUND_COLOUR[0] + pale * (BED_COLOUR[0] - GROUND_COLOUR[0])) * brightness * (1 + hue * STAIN_HUE[0])
     green = (GROUND_COLOUR[1] + pale * (BED_COLOUR[1] - GROUND_COLOUR[1])) * brightness * (1 + hue * STAIN_HUE[1])
     blue = (GROUND_COLOUR[2] + pale * (BED_COLOUR[2] - GROUND_COLOUR[2])) * brightness * (1 + hue * STAIN_HUE[2])
-    return red, green, blue, du, dv, shade
+    return min(red, WHITEST), min(green, WHITEST), min(blue, WHITEST), du, dv, shade
 
 
 @inlined
 def _swept(patch, bedrock):
-    """How bare of sand the ground lies: above 1 all plates show, below 0 none. patch: of about 1.4 times unit variance;
-    bedrock: share of the ground where plates show."""
+    """How bare of sand the ground lies: above 1 all plates show, below 0 none. patch: of about 1.4 times unit standard
+    deviation; bedrock: of Look."""
     return np.float32(-0.45) * patch + np.float32(1.8) * bedrock - np.float32(0.45)
 
 
@@ -128,4 +129,4 @@ def rock_at(u, v, up, above, beds, albedo, warm, film, footprint, contrast, tile
     blue = ROCK_COLOUR[2] * bare * (1 - 0.16 * warm) + (0.85 + 0.15 * sand) * GROUND_COLOUR[2] * dust
     # some faces are smooth and some are pitted
     smooth = (1 - sand) * min(max(0.75 + 2.5 * value, 0.25), 1.25)
-    return red, green, blue, du * smooth, dv * smooth, sand
+    return min(red, WHITEST), min(green, WHITEST), min(blue, WHITEST), du * smooth, dv * smooth, sand

@@ -22,7 +22,7 @@ class SensorConfig:
 
     exposure: Range = (0.40, 0.60)
     """8-bit code that the ground's median brightness is brought to, as a share of 255; a lower one where the ground's
-    brightest fiftieth would else be over nine tenths of full scale, or half of the sky saturated"""
+    brightest fiftieth would else be over nine tenths of full scale in a channel, or half of the sky saturated"""
     psf: Range = (0.35, 0.6)
     """standard deviation of the point spread [px]; 0 is perfectly sharp, above 1 the tails are cut"""
     full_well: Range = (4000.0, 16000.0)
@@ -88,13 +88,13 @@ class Sensor:
     def gain(self, radiance: np.ndarray, ground: np.ndarray) -> float:
         """Auto-exposure: the factor from radiance to full scale. radiance: (H, W, 3); ground: (H, W) bool, not sky."""
         pixels, share = radiance.reshape(-1, 3), ground.mean()
-        metered = _luminance(pixels, ground.ravel() if share > LEAST else np.ones(ground.size, bool))
-        rank = len(metered) // 2, min(int(0.98 * len(metered)), len(metered) - 1)
-        middle, bright = (float(value) for value in np.partition(metered, rank)[list(rank)])
+        light, strongest = _metered(pixels, ground.ravel() if share > LEAST else np.ones(ground.size, bool))
+        high = min(int(0.98 * len(light)), len(light) - 1)
+        middle, bright = float(np.median(light)), float(np.partition(strongest, high)[high])
         # that code value stands for this linear value; highlights of the ground and most of the sky are kept
         gain = min(self.exposure**GAMMA / max(middle, 1e-6), 0.9 / max(bright, 1e-6))
         if share < 1 - LEAST:
-            sky = _luminance(pixels, ~ground.ravel())
+            _, sky = _metered(pixels, ~ground.ravel())
             gain = min(gain, 1 / max(float(np.median(sky)), 1e-6))
         return gain
 
@@ -114,14 +114,18 @@ GUESS = np.searchsorted(CODE_STARTS, np.arange(GUESSES + 1) / GUESSES, side="rig
 
 
 @compiled
-def _luminance(radiance, metered):
-    out = np.empty(metered.sum(), dtype=np.float32)
+def _metered(radiance, chosen):
+    """Mean and largest of the channels (M,) of the pixels (N, 3) that are chosen (N,)."""
+    count = chosen.sum()
+    mean, largest = np.empty(count, dtype=np.float32), np.empty(count, dtype=np.float32)
     found = 0
     for k in range(len(radiance)):
-        if metered[k]:
-            out[found] = (radiance[k, 0] + radiance[k, 1] + radiance[k, 2]) / np.float32(3)
+        if chosen[k]:
+            red, green, blue = radiance[k, 0], radiance[k, 1], radiance[k, 2]
+            mean[found] = (red + green + blue) / np.float32(3)
+            largest[found] = max(red, green, blue)
             found += 1
-    return out
+    return mean, largest
 
 
 @compiled

@@ -17,7 +17,8 @@ from marssim.render.daylight import daylight, skies, sky_colour
 from marssim.render.gbuffer import GROUND
 from marssim.render.pavement import SIDE, plates
 from marssim.render.pavement import VARIANTS as PLATE_VARIANTS
-from marssim.render.regolith import CODES, TONES, VARIANTS, grit, ripple_tile
+from marssim.render.pyramid import CODES
+from marssim.render.regolith import TONES, VARIANTS, grit, ripple_tile
 from marssim.render.surroundings import surroundings, surroundings_at
 from marssim.render.texture import coded_tile, placing
 from marssim.scene.rocks import ground_plane
@@ -34,7 +35,8 @@ ROCK_WAVELENGTHS = np.array([0.009, 0.02, 0.05, 0.14])  # [m]
 STAIN = np.array([0.07, 0.07, 0.08])  # amplitude of each wavelength, at an albedo contrast of 1
 ROCK_STAIN = np.array([0.15, 0.12, 0.10, 0.12])
 FAR_DENSE = 0.2  # rock abundance at which the stones that the mesh leaves out show as much as their tile has
-AHEAD = 0.9  # how much more skylight comes from the sun's side than from the other, where the sun stands low
+AHEAD = 0.9  # of skylight on a wall that faces a sun at the horizon, how much more than its mean over all walls
+LEAST_SKY = 0.2  # of the mean, on a wall that faces away
 NO_PLATES = np.zeros((1, 5), dtype=np.int8)
 
 
@@ -77,8 +79,9 @@ class Shader:
         far = min(scene.config.rocks.k / FAR_DENSE, 1.0) * min(look.albedo_contrast, 1.0)
         self._near = surroundings(scene.rocks, scene.half, (cosine, -sine)), np.float32(scene.half), np.float32(far)
         self._rock_foot = self._feet(rng)
-        turn = rng.uniform(0, 2 * np.pi)
-        bare = np.array([np.cos(turn), np.sin(turn), rng.uniform(0, SIDE), look.bedrock], dtype=np.float32)
+        placed = np.random.default_rng((seed, 4))
+        turn = placed.uniform(0, 2 * np.pi)
+        bare = np.array([np.cos(turn), np.sin(turn), placed.uniform(0, SIDE), look.bedrock], dtype=np.float32)
         self._bedrock = plates(seed % PLATE_VARIANTS) if look.bedrock > 0 else NO_PLATES, bare
 
     def _feet(self, rng: np.random.Generator) -> np.ndarray:
@@ -90,7 +93,7 @@ class Shader:
         b, c = slope.T
         sand = np.minimum(rocks.height * rng.uniform(*FILLET, len(rocks)), 0.06)
         beds = self.look.bedding * rng.uniform(0.4, 1, len(rocks))
-        warm = np.clip(rng.normal(0, 0.6, len(rocks)), -1.2, 1.2) * min(self.look.albedo_contrast, 1.0)
+        warm = np.clip(rng.normal(0, 0.6, len(rocks)), -1, 1) * min(self.look.albedo_contrast, 1.0)
         film = self.look.rock_dust * rng.uniform(0, 1, len(rocks))
         return np.concatenate([np.zeros((1, 7)), np.stack([z - b * x - c * y, b, c, sand, beds, warm, film], axis=1)])
 
@@ -212,7 +215,7 @@ def _surface(
         open_sky = (0.5 + 0.5 * nz) * (1 - hidden)
         bounce = 0.18 * (1 - open_sky) * sz / 0.27
         # dust scatters forward, so that the sky is brighter on the sun's side: relief shows in shadow, too
-        sky = sky_light * open_sky * max(1 + ahead * (nx * sx + ny * sy), 0.2)
+        sky = sky_light * open_sky * max(1 + ahead * (nx * sx + ny * sy), LEAST_SKY)
         red *= sun_red * (direct + bounce * GROUND_COLOUR[0]) + sky * SKY_COLOUR[0]
         green *= sun_green * (direct + bounce * GROUND_COLOUR[1]) + sky * SKY_COLOUR[1]
         blue *= sun_blue * (direct + bounce * GROUND_COLOUR[2]) + sky * SKY_COLOUR[2]

@@ -43,13 +43,14 @@ class LookConfig:
     pebbles: Range = (0.2, 1.0)
     """strength of pebbles and grain too small for the mesh, 0 for none to 1"""
     wind_ripples: Range = (0.2, 0.7)
-    """share of the ground that is sand with hand-wide ripples, 0 to 1; pebbles lie on the rest"""
+    """share of the ground that is sand with hand-wide ripples, 0 to 1; pebbles lie on the rest, but for bedrock"""
     bedding: Range = (0.0, 0.4)
     """how much the faces of rocks show of level beds, 0 for none to 1"""
     bedrock: Range = (0.0, 0.2)
-    """share of the ground where plates of bedrock lie bare, level with the sand, 0 to 1"""
+    """how much of the ground is swept bare of sand down to plates of bedrock, 0 to 1: a third to four fifths of that
+    share of the ground shows some"""
     rock_dust: Range = (0.1, 0.6)
-    """share of the sides of the dustiest rocks that dust clings to, 0 to 1; it lies on the tops of all"""
+    """how much dust clings to the sides of the dustiest rocks, 0 to 1; it lies on the tops of all"""
 
     def __post_init__(self) -> None:
         check_ranges(self, LOOK_LIMITS)

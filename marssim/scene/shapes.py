@@ -24,6 +24,7 @@ FEWER = (24, 24, 24, 10, 4)  # of these are drawn at each level: fine ones cost 
 BURIAL = np.linspace(0, 0.6, 13)  # shares of the height at which outlines are tabulated
 RASTER = 36  # cells along a side of the square on which outlines are measured
 SEED = 1997
+BEDS = 32  # of a rock, that weather back differently
 
 
 @dataclass(frozen=True)
@@ -146,13 +147,13 @@ def _roughness(family: str, points: np.ndarray, level: int, rng: np.random.Gener
             swing = 0.8 - 1.6 * np.abs(swing) / (1 + np.abs(swing))  # ridges and dents, as of broken stone
         out += strength * 0.7**octave * swing * (worn if octave >= 2 else 1)
     out -= _scars(family, points, 2 * spacing, rng)
-    layers, start, bedded = rng.uniform(4, 8), rng.uniform(0, 1), rng.random()
+    layers, start, bedded, backs = rng.uniform(4, 8), rng.uniform(0, 1), rng.random(), rng.uniform(-1, 1, BEDS)
     tilt = np.append(rng.normal(0, 0.15 if family == "slabby" else 0.5, 2), 1.0)
     if (family == "slabby" or (family == "angular" and bedded < 0.4)) and level >= 2:  # beds weather back by turns
         across = points @ (tilt / np.linalg.norm(tilt))
         height = across * layers + start + 0.25 * patch
         ledge = np.floor(height)
-        back = np.modf(np.sin(ledge * 127.1 + 311.7 * start) * 43758.5)[0]  # of each bed its own
+        back = backs[ledge.astype(int) % BEDS]
         step = np.clip((height - ledge) * 6, 0, 1) * np.clip((1 - height + ledge) * 12, 0, 1)
         side = 1 - (across / np.linalg.norm(points, axis=1)) ** 2
         out += 0.05 * side * (step - 0.6) + 0.05 * side * back
@@ -171,7 +172,7 @@ def _scars(family: str, points: np.ndarray, least: float, rng: np.random.Generat
     count = {"angular": 14, "slabby": 10, "rounded": 4}[family]
     reach = np.linalg.norm(points, axis=1)
     out = np.zeros(len(points))
-    # drawn among directions, and kept where the rock has an edge or a corner: farther out than about it
+    # drawn among directions, and moved to where the rock reaches out farthest near by: an edge or a corner
     where = rng.normal(size=(count, 3))
     where /= np.linalg.norm(where, axis=1, keepdims=True)
     size, depth = rng.uniform(0.15, 0.5, count), rng.uniform(0.25, 0.5, count)

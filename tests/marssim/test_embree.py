@@ -93,6 +93,20 @@ def test_it_keeps_what_embree_reads():
     assert face.tolist() == [0] and distance.tolist() == [3.0]
 
 
+@pytest.mark.parametrize("faces", [[[0, 1, 4]], [[-1, 0, 1]]])
+def test_faces_of_other_vertices_are_refused(faces):
+    with pytest.raises(ValueError, match="faces must be of the 4 vertices"):
+        TriangleRays(SQUARE, np.array(faces))
+
+
+@pytest.mark.parametrize(
+    ("origins", "directions"), [((0, 3), (4, 3)), ((2, 3), (4, 3)), ((1, 3), (4, 2)), ((3,), (3,))]
+)
+def test_rays_of_wrong_shapes_are_refused(origins, directions):
+    with pytest.raises(ValueError, match="are no "):
+        TriangleRays(SQUARE, HALVES).meet(np.zeros(origins), np.ones(directions))
+
+
 def test_closing():
     triangles = TriangleRays(SQUARE, HALVES)
     triangles.close()

@@ -68,6 +68,19 @@ def test_the_sky_is_metered_only_where_half_of_it_would_saturate():
     assert CLEAN.gain(brighter * 7, only) < CLEAN.gain(radiance, only)
 
 
+def test_no_channel_of_the_ground_nor_of_the_sky_saturates_by_half():
+    """Mars is red: its red channel is a fourth brighter than the mean of all."""
+    tint = np.array([1.5, 1.0, 0.5], np.float32)
+    ground = np.zeros((50, 50), bool)
+    ground[25:] = True
+    sky = flat(0.1, 50) * tint
+    sky[:25] *= 30
+    assert CLEAN.gain(sky, ground) * sky[0, 0, 0] == pytest.approx(1)
+    bright = flat(0.05, 50) * tint
+    bright[45:] *= 40
+    assert CLEAN.gain(bright, np.ones_like(ground)) * bright[49, 0, 0] == pytest.approx(0.9)
+
+
 @given(loss=st.floats(0.05, 0.9))
 def test_vignetting_darkens_the_corners_by_its_share(loss):
     image = linear(replace(CLEAN, vignetting=loss).expose(flat(0.8, 101), 1.0, np.random.default_rng(0)))

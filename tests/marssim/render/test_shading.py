@@ -174,6 +174,20 @@ def test_dust_clings_to_the_sides_of_some_rocks_as_much_as_its_knob_says():
     assert np.ptp(reds[0]) < 0.1 and (reds[0].mean() < reds[1].mean() < reds[2].mean()) and np.ptp(reds[2]) > 0.3
 
 
+@pytest.mark.parametrize("contrast", [1.0, 3.0])
+def test_nothing_gives_back_more_light_than_it_gets(contrast):
+    """The albedo: of ground and of rocks as bright as the config allows, in shadow under an even sky."""
+    rocks = replace(SCENE.rocks, albedo=np.full(len(SCENE.rocks), 2.7))
+    maker = shader(
+        replace(SCENE, rocks=rocks), sun=towards(89.9, 0), albedo_contrast=contrast, bedrock=0.5, optical_depth=1e-4
+    )
+    points = np.random.default_rng(0).uniform(-3.9, 3.9, (5000, 3)) * [1, 1, 0] + [0, 0, 1]
+    up = np.tile([0.0, 0.0, 1.0], (len(points), 1))
+    for surface in (np.full(len(points), GROUND), np.arange(len(points)) % len(rocks) + 1):
+        dark = maker.surface(points, up, surface, EYE + np.array([0, 0, 3.0]), np.zeros(len(points)), FOCAL)
+        assert dark.max() <= 0.92 * (maker.sky_light + 0.18 / 0.27 * 0.45 * maker.sun_light.max())
+
+
 def test_rocks_differ_in_colour_as_the_contrast_says():
     faces, points = np.tile([-1.0, 0.0, 0.0], (50, 1)), np.tile([2.0, 0.0, 3.0], (50, 1))
     spread = []
@@ -210,8 +224,8 @@ def test_relief_shows_in_the_shadow_under_a_low_sun():
 
 
 def test_stones_stand_for_the_rocks_that_the_mesh_leaves_out_far_away():
-    far = np.random.default_rng(0).uniform(0, 1, (3000, 3)) * [2.5, 2.5, 0] + [10, 0, 0]
-    near = far - [10, 0, 0]
+    share = np.random.default_rng(0).uniform(-1, 1, (3000, 3)) * [1, 1, 0]
+    near, far = share * SCENE.half, 0.2 * share * SCENE.half + [2.4 * SCENE.half, 0, 0]
     few = replace(SCENE, config=replace(SMALL, rocks=RockConfig(k=0.0)))
     change = [np.abs(level(shader(SCENE), at) - level(shader(few), at)).max() for at in (near, far)]
     assert change[0] == 0 and change[1] > 0.01

@@ -23,6 +23,22 @@ def test_shapes_are_closed_star_shaped_and_without_slivers(family, level, seed):
     assert mesh.area_faces.min() > 0.02 * mesh.area_faces.mean()
 
 
+@pytest.mark.parametrize("family", FAMILIES)
+def test_a_rock_is_the_same_at_every_level_but_for_what_its_triangles_cannot_show(family):
+    for variant in range(6):
+        shapes = [draw_shape(family, level, np.random.default_rng((3, variant)))[0] for level in (2, 3, 4)]
+        ends = [np.concatenate([shape.min(axis=0), shape.max(axis=0)]) for shape in shapes]
+        assert np.abs(ends[0] - ends[2]).max() < 0.25 and np.abs(ends[1] - ends[2]).max() < 0.15
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_the_finest_shapes_turn_no_face_over(family):
+    for variant in range(4):
+        vertices, middle = draw_shape(family, LEVELS - 1, np.random.default_rng((4, variant)))
+        a, b, c = (vertices[icosphere(LEVELS - 1)[1][:, i]] - (0, 0, middle) for i in range(3))
+        assert (np.einsum("ij,ij->i", a, np.cross(b, c)) > 0).all()
+
+
 @pytest.mark.parametrize("level", range(3))
 def test_library_normals_point_outward(level):
     library = shape_library(level)
