@@ -31,7 +31,8 @@ def test_clearance_is_the_distance_to_the_nearest_disc(drawn):
     truth = np.array([min(true_clearance(drawn.scene, x, y), EDGE) for x, y in points])
     found = np.array([min(drawn.ground.clearance(x, y), EDGE) for x, y in points])
     assert (truth == 0).sum() > 2 and (truth < RADIUS).sum() > 20
-    np.testing.assert_allclose(found, truth, atol=0.15)
+    # middle, radius and point each go to the nearest of the grid, .1 m wide: .05 + 2 * .0707 at most
+    np.testing.assert_allclose(found, truth, atol=0.192)
 
 
 def test_a_rock_beyond_the_edge_counts_where_it_reaches_in(make_scene):
