@@ -172,3 +172,12 @@ def draw_course(base: SceneConfig, config: CourseConfig, spec: RoverSpec, rng: n
         if np.isfinite(shortest):
             return Course(scene, ground, np.array([*start, yaw]), goal, shortest, redraw)
     raise ValueError(f"no goal can be reached in {REDRAWS} draws: k={rocks.k} leaves the rover no way")
+
+
+def turned_round(course: Course, spec: RoverSpec, rng: np.random.Generator) -> Course:
+    """The same scene the other way, from the goal to the start: both are free of rocks. rng draws the heading."""
+    start, goal = course.goal, course.start[:2]
+    bearing = np.arctan2(*(goal - start)[::-1])
+    ground = TrueGround(course.scene, spec, goal)
+    yaw = bearing + rng.uniform(-np.pi / 4, np.pi / 4)
+    return Course(course.scene, ground, np.array([*start, yaw]), goal, ground.distance_to_goal(*start), course.redraws)

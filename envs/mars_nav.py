@@ -10,8 +10,8 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from envs.course import Course, CourseConfig, draw_course
-from envs.ends import Referee
+from envs.course import Course, CourseConfig, draw_course, turned_round
+from envs.ends import STEPS_PER_METRE, Referee
 from envs.map_view import MapView
 from envs.observation import observation_space, observe
 from envs.odometry import Odometry
@@ -73,8 +73,9 @@ class MarsNavEnv(gymnasium.Env):
     the rover's stand / 2 m; cost of driving there in [0, 1], 1 at an obstacle; 1 where it was seen or taken for flat
     (2.5 m about the start, and under the rover), else 0.
 
-    `envs.wrappers.ImageObservation` turns depth and map into the uint8 images that stable-baselines3 expects. What is
-    seen at full size (stereo pair, depth, confidence, pose) is `env.unwrapped.sight` (envs.sight.Sight).
+    `envs.wrappers.ImageObservation` turns depth and map into the uint8 images that stable-baselines3 expects,
+    `envs.corridors.Corridors` the map into a short vector and the action into one number. What is seen at full size
+    (stereo pair, depth, confidence, pose) is `env.unwrapped.sight` (envs.sight.Sight).
 
     ## Reward
 
@@ -188,14 +189,35 @@ class MarsNavEnv(gymnasium.Env):
         config = replace(self.course_config, **options)
         self._close_course()
         self.course = draw_course(self.scene_config, config, self.rover_spec, self.np_random)
-        x, y, yaw = (float(v) for v in self.course.start)
-        self.vehicle = make_vehicle(self.dynamics, self.course.scene, self.rover_spec, x, y, yaw)
+        self._put_down(self.course)
         self.eyes.open(self.course.scene, np.random.default_rng(self.np_random.integers(2**63)))
+        return self._begin(config.goal_distance)
+
+    def drive_back(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Another episode on the scene that is there, from the goal to the start, heading within 45 deg of it.
+
+        A scene takes as long to draw as thirty steps: training may use each one several times. Returns what reset does.
+        Raises ResetNeeded before the first reset.
+        """
+        if self.course is None or self.vehicle is None:
+            raise gymnasium.error.ResetNeeded("call reset before drive_back")
+        self.course = turned_round(self.course, self.rover_spec, self.np_random)
+        self.vehicle.close()
+        self._put_down(self.course)
+        return self._begin(self.referee.time_limit / STEPS_PER_METRE)
+
+    def _put_down(self, course: Course) -> None:
+        x, y, yaw = (float(v) for v in course.start)
+        self.vehicle = make_vehicle(self.dynamics, course.scene, self.rover_spec, x, y, yaw)
+
+    def _begin(self, goal_distance: float) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Start counting on the course, the rover on its start, and look once."""
+        assert self.course is not None and self.vehicle is not None
         self._odometry = Odometry(self.drift, self.yaw_drift, np.random.default_rng(self.np_random.integers(2**63)))
         self.believed_pose = self._odometry.update(self.vehicle.state().pose)
         if self.map_view is not None:
             self.map_view.start(self.believed_pose)
-        self.referee = Referee(self.course, self.rover_spec, config.goal_distance)
+        self.referee = Referee(self.course, self.rover_spec, goal_distance)
         self._steps = 0
         self.outcome = "driving"
         self._path_length = 0.0

@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from envs.drivers import straight_action
+from envs.corridors import as_corridors, corridor_space, steer
 from envs.mars_nav import MarsNavEnv
 from envs.wrappers import as_images, image_space
 
-RESIDUAL = "added_to_straight"  # an entry in a policy's .zip
+CORRIDORS = "corridors"  # an entry in a policy's .zip
 
 
 class PolicyDriver:
-    """A PPO policy of stable-baselines3 (`MultiInputPolicy`, its default sizes), trained through ImageObservation, and
-    through StraightResidual where mark_residual says so in the file.
+    """A PPO policy of stable-baselines3 at its default sizes, trained through ImageObservation (`MultiInputPolicy`), or
+    through Corridors (`MlpPolicy`) where mark_corridors says so in the file.
 
     Of the .zip only the tensors of `policy.pth` are read: what is pickled beside them could run anything. Observed keys
     and size of the action follow from the tensors' names and shapes; a policy that does not move the mast looks ahead.
@@ -30,25 +30,28 @@ class PolicyDriver:
     def __init__(self, path: Path) -> None:
         """Raises FileNotFoundError or ValueError that names the file; reset raises ImportError without the package."""
         self.path = path
-        self._weights, self.residual = _read(path)
+        self._weights, self.corridors = _read(path)
         names = (re.match(r"features_extractor\.extractors\.(\w+)\.", name) for name in self._weights)
         self.images = sorted({name.group(1) for name in names if name})
-        self.needs_map = "map" in self.images
+        self.needs_map = self.corridors or "map" in self.images
         self._policy: Any = None
 
     def reset(self, env: MarsNavEnv, seed: int) -> None:
         if self._policy is not None:
             return
         try:
-            from stable_baselines3.common.policies import MultiInputActorCriticPolicy
+            from stable_baselines3.common.policies import ActorCriticPolicy, MultiInputActorCriticPolicy
         except ImportError:
             raise ImportError(f"{self.path}: needs stable-baselines3: pip install 'mars-m3depth[rl]'") from None
-        space = image_space(env.observation_space)
-        keys = {key: part for key, part in space.spaces.items() if key in self.images or len(part.shape or ()) == 1}
-        actions = len(self._weights["log_std"])
-        policy = MultiInputActorCriticPolicy(
-            spaces.Dict(keys), spaces.Box(-1, 1, (actions,), np.float32), lambda _: 0.0
-        )
+        actions = spaces.Box(-1, 1, (len(self._weights["log_std"]),), np.float32)
+        policy: Any
+        if self.corridors:
+            policy = ActorCriticPolicy(corridor_space(), actions, lambda _: 0.0)
+        else:
+            space = image_space(env.observation_space).spaces
+            keys = {key: part for key, part in space.items() if key in self.images or len(part.shape or ()) == 1}
+            policy = MultiInputActorCriticPolicy(spaces.Dict(keys), actions, lambda _: 0.0)
+            self._keys = list(keys)
         try:
             policy.load_state_dict(self._weights)
         except RuntimeError as error:
@@ -56,26 +59,27 @@ class PolicyDriver:
                 f"{self.path}: is no policy for these observations ({str(error).splitlines()[0]})"
             ) from None
         policy.set_training_mode(False)
-        self._policy, self._keys = policy, list(keys)
+        self._policy = policy
 
     def act(self, env: MarsNavEnv, observation: dict[str, Any]) -> np.ndarray:
+        if self.corridors:
+            turn, _ = self._policy.predict(as_corridors(observation, env.rover_spec), deterministic=True)
+            return steer(observation["goal"], float(turn[0]), env.rover_spec)
         seen = as_images(observation)
         action, _ = self._policy.predict({key: seen[key] for key in self._keys}, deterministic=True)
         padded = np.zeros(3, dtype=np.float32)
         padded[: len(action)] = action
-        if self.residual:
-            padded += straight_action(observation["goal"], env.rover_spec)
-        return np.clip(padded, -1, 1)
+        return padded
 
 
-def mark_residual(path: Path) -> None:
-    """Note in a policy's .zip that its actions are added to those of `straight`."""
+def mark_corridors(path: Path) -> None:
+    """Note in a policy's .zip that it sees and answers as Corridors says."""
     with zipfile.ZipFile(path, "a") as archive:
-        archive.writestr(RESIDUAL, "")
+        archive.writestr(CORRIDORS, "")
 
 
 def _read(path: Path) -> tuple[dict[str, Any], bool]:
-    """The tensors by name, and whether the actions are added to `straight`'s."""
+    """The tensors by name, and whether it is marked as one of Corridors."""
     import torch
 
     if not path.is_file():
@@ -83,13 +87,13 @@ def _read(path: Path) -> tuple[dict[str, Any], bool]:
     try:
         with zipfile.ZipFile(path) as archive:
             weights = torch.load(io.BytesIO(archive.read("policy.pth")), map_location="cpu", weights_only=True)
-            residual = RESIDUAL in archive.namelist()
+            corridors = CORRIDORS in archive.namelist()
         if "log_std" not in weights:
             raise ValueError("policy.pth has no log_std")
     except Exception as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise ValueError(f"{path}: holds no policy of stable-baselines3's PPO ({reason})") from None
-    return dict(weights), residual
+    return dict(weights), corridors
 
 
 def load_driver_class(name: str) -> Any:

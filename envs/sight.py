@@ -67,12 +67,13 @@ class Eyes:
         self.sensor_config = sensor or SensorConfig()
         self.disparity_noise = disparity_noise
         self.maker: GBufferMaker | None = None
+        self._shader: Shader | None = None
 
     def open(self, scene: Scene, rng: np.random.Generator) -> None:
         """Turn to another scene; rng draws the detector and its noise."""
         self.close()
         self.maker = make_renderer(self.renderer, scene)
-        self._shader = Shader(scene)
+        self._scene, self._shader = scene, None  # true depth needs no shading
         self._rng = rng
         self._sensor = Sensor.draw(self.sensor_config, rng)
         self._noise = np.random.default_rng(rng.integers(2**63)) if self.disparity_noise else rng
@@ -111,6 +112,7 @@ class Eyes:
         """The StereoFrame from a pose, as the cameras take it."""
         if self.maker is None:
             raise RuntimeError("open a scene before looking")
+        self._shader = self._shader or Shader(self._scene)
         return render_stereo(self.maker, self._shader, NATECAM, pose, self._sensor, self._rng)
 
     def close(self) -> None:

@@ -1,13 +1,13 @@
 """Train a driver by reinforcement learning: PPO of stable-baselines3 on the kinematic environment with true depth.
 
     pip install 'mars-m3depth[rl]'
-    python -m envs.train_ppo --out runs/ppo --max-minutes 60 --workers 8
+    python -m envs.train_ppo --out runs/ppo --max-minutes 20 --workers 2
     python -m envs.evaluate --driver runs/ppo/policy.zip straight --perception ground_truth --dynamics kinematic \\
-        --out out/ppo
+        --goal-distance 10 --out out/ppo
 
-The policy sees what ImageObservation shows, the map included: it has no memory of its own. It corrects the driver
-`straight` (StraightResidual), so that it begins as good as that. The same command goes on from OUT/policy.zip where it
-was stopped; that file is read as your own, do not continue a stranger's.
+The policy sees and answers what envs.corridors.Corridors says: how far each way is free, and which to take. It begins
+by driving straight at the goal and learns the detours. The same command goes on from OUT/policy.zip where it was
+stopped; that file is read as your own, do not continue a stranger's.
 """
 
 from __future__ import annotations
@@ -21,11 +21,12 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.wrappers import TransformReward
 
+from envs.corridors import Corridors
 from envs.course import CourseConfig
 from envs.mars_nav import MarsNavEnv
-from envs.policies import PolicyDriver, mark_residual
-from envs.wrappers import ImageObservation, StraightResidual
+from envs.policies import PolicyDriver, mark_corridors
 from marssim.command import run_command
 from marssim.scene.scene import Place
 
@@ -36,7 +37,7 @@ class TrainConfig:
 
     out: Path
     """folder for policy.zip"""
-    max_minutes: float = 60.0
+    max_minutes: float = 20.0
     """time to train [min]"""
     max_steps: int = 100_000_000
     """and at most so many steps"""
@@ -44,7 +45,7 @@ class TrainConfig:
     """environments, each in a process of its own"""
     scene: Place = "gale"
     """preset of the courses' scenes"""
-    k: tuple[float, float] = (0.05, 0.2)
+    k: tuple[float, float] = (0.1, 0.25)
     """rock abundance, Golombek's k, of each course: drawn between these"""
     goal_distance: float = 10.0
     """distance from start to goal [m]; shorter than in evaluation, so that goals are met early"""
@@ -62,17 +63,25 @@ class TrainConfig:
             raise ValueError(f"--k must be two values in [0, 0.4], the lower one first, got {self.k[0]} {self.k[1]}")
 
 
-class DrawnAbundance(gymnasium.Wrapper):
-    """Draws the rock abundance of each course between two values of Golombek's k."""
+class TrainingCourses(gymnasium.Wrapper):
+    """Draws the rock abundance of each scene between two values of Golombek's k, and has it crossed to and fro."""
 
-    def __init__(self, env: gymnasium.Env, k: tuple[float, float]) -> None:
+    def __init__(self, env: MarsNavEnv, k: tuple[float, float], crossings: int = 4) -> None:
         super().__init__(env)
-        self.k = k
+        self.k, self.crossings = k, crossings
         self._rng = np.random.default_rng()
+        self._crossed = 0
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """A new scene if asked for by a seed or options, or when this one has been crossed often enough."""
+        env = self.unwrapped
+        assert isinstance(env, MarsNavEnv)
         if seed is not None:
             self._rng = np.random.default_rng(seed)
+        if seed is None and options is None and 0 < self._crossed < self.crossings:
+            self._crossed += 1
+            return env.drive_back()
+        self._crossed = 1
         return self.env.reset(seed=seed, options={"k": float(self._rng.uniform(*self.k)), **(options or {})})
 
 
@@ -91,12 +100,12 @@ def train(config: TrainConfig, rollout: int = 256) -> Path:
         env = MarsNavEnv(
             "ground_truth", "kinematic", scene=config.scene, goal_distance=config.goal_distance, map_observation=True
         )
-        courses = DrawnAbundance(StraightResidual(env), config.k)
-        return Monitor(ImageObservation(courses), info_keywords=("outcome",))
+        told = Monitor(Corridors(TrainingCourses(env, config.k)), info_keywords=("outcome",))
+        return TransformReward(told, lambda reward: 0.1 * float(reward))  # returns of about one suit PPO's defaults
 
     path = config.out / "policy.zip"
-    if path.is_file():
-        PolicyDriver(path)  # says what is wrong with a file that is no policy
+    if path.is_file() and not PolicyDriver(path).corridors:  # which says what is wrong with a file that is no policy
+        raise ValueError(f"{path}: is a policy that envs.train_ppo cannot go on from; choose another --out")
     config.out.mkdir(parents=True, exist_ok=True)
     makers: list[Callable[[], gymnasium.Env]] = [make] * config.workers
     vector = DummyVecEnv(makers) if config.workers == 1 else SubprocVecEnv(makers, start_method="spawn")
@@ -105,7 +114,7 @@ def train(config: TrainConfig, rollout: int = 256) -> Path:
     def save(model: Any) -> None:
         part = path.with_suffix(".part")  # whoever kills it meanwhile finds the last policy whole
         model.save(part)
-        mark_residual(part)
+        mark_corridors(part)
         part.replace(path)
 
     class Clock(BaseCallback):
@@ -124,14 +133,20 @@ def train(config: TrainConfig, rollout: int = 256) -> Path:
                       f"reward {reward:.1f}", flush=True)  # fmt: skip
 
     try:
-        settings: dict[str, Any] = {"n_steps": rollout, "batch_size": min(256, rollout * config.workers), "n_epochs": 5,
-                                    "gamma": 0.97, "ent_coef": 0.003, "learning_rate": 3e-4,
-                                    "policy_kwargs": {"log_std_init": -1.0}}  # fmt: skip
+        settings: dict[str, Any] = {
+            # larger updates than this unlearn, on so few steps, what the last ones learnt
+            "n_steps": rollout, "batch_size": min(128, rollout * config.workers), "n_epochs": 10,
+            "learning_rate": 5e-4, "target_kl": 0.03,
+            # a detour is seen and driven within ten steps; what comes later is another one
+            "gamma": 0.95, "gae_lambda": 0.9,
+            # 15 deg to begin with: with more the rover would turn in place at every other step
+            "policy_kwargs": {"log_std_init": -1.8},
+        }  # fmt: skip
         if path.is_file():
             model = PPO.load(path, vector, device="cpu")
             vector.seed(config.seed + model.num_timesteps)  # other courses than it began with
         else:
-            model = PPO("MultiInputPolicy", vector, device="cpu", seed=config.seed, **settings)
+            model = PPO("MlpPolicy", vector, device="cpu", seed=config.seed, **settings)
         # not by the callback: a rollout that it ends is never learnt from
         model.learn(max(0, config.max_steps - model.num_timesteps), callback=Clock(), reset_num_timesteps=False)
         save(model)

@@ -1,4 +1,4 @@
-"""Wrappers of MarsNav-v0."""
+"""MarsNav-v0 as images, for policies that are convolutional networks; envs.corridors is the one for small ones."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from envs.drivers import straight_action
-from envs.mars_nav import MarsNavEnv
 from marssim.camera import MAX_DEPTH
 
 
@@ -56,22 +54,3 @@ def as_images(observation: dict[str, Any]) -> dict[str, Any]:
         height, cost, known = observation["map"]
         out["map"] = np.round(255 * np.stack([(height + 1) / 2, cost, known])).astype(np.uint8)
     return out
-
-
-class StraightResidual(gymnasium.Wrapper):
-    """Actions are added to those of the driver `straight`: a policy that answers nought drives straight at the goal,
-    and has only the detours to learn (residual policy learning: Silver et al. 2018, Johannink et al. 2019). Goes below
-    ImageObservation."""
-
-    def reset(self, **options: Any) -> tuple[Any, dict[str, Any]]:
-        observation, info = self.env.reset(**options)
-        self._goal = observation["goal"]
-        return observation, info
-
-    def step(self, action: np.ndarray) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        env = self.unwrapped
-        assert isinstance(env, MarsNavEnv)
-        base = straight_action(self._goal, env.rover_spec)[: len(action)]
-        observation, *rest = self.env.step(np.clip(base + action, -1, 1, dtype=np.float32))
-        self._goal = observation["goal"]
-        return observation, *rest

@@ -302,6 +302,25 @@ def test_bad_arguments_are_named(make_env, settings, named):
     assert "\n" not in str(error.value)
 
 
+def test_driving_back_is_an_episode_of_its_own(make_env):
+    env = make_env(goal_distance=6.0, map_observation=True)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.drive_back()
+    _, first = env.reset(seed=5, options={"goal_distance": 4.0})
+    scene, limit = env.course.scene, env.referee.time_limit
+    for _ in range(3):
+        env.step(AHEAD)
+    observation, info = env.drive_back()
+    assert observation in env.observation_space and env.course.scene is scene and env.referee.time_limit == limit
+    assert info["outcome"] == "driving" and info["path_length"] == 0
+    assert info["distance"] == pytest.approx(first["distance"]) == pytest.approx(observation["goal"][0])
+    assert info["shortest"] == pytest.approx(first["shortest"], rel=0.1)
+    assert abs(np.arctan2(*observation["goal"][1:])) <= np.pi / 4 + 1e-6
+    away = env.step(AHEAD)[4]["path_length"]
+    assert 0.3 < away < 0.41
+    assert env.reset(seed=5, options={"goal_distance": 4.0})[1] == first  # as if it had never been
+
+
 def test_bad_actions_are_refused(make_env):
     env = make_env()
     with pytest.raises(gymnasium.error.ResetNeeded):

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from envs.drivers import StraightDriver, make_driver
-from envs.policies import mark_residual
+from envs.corridors import Corridors
+from envs.drivers import make_driver
+from envs.policies import mark_corridors
 from envs.wrappers import ImageObservation
 
 
@@ -43,13 +44,37 @@ def test_a_trained_policy_drives_as_it_does_in_its_own_library(make_env, tmp_pat
            if key in trained_in.observation_space.spaces}  # fmt: skip
     np.testing.assert_allclose(action[:2], model.predict(own, deterministic=True)[0], atol=1e-6)
     assert action.shape == (3,) and action[2] == 0 and action in env.action_space
-    assert not driver.residual
-    mark_residual(tmp_path / "policy.zip")
-    residual = make_driver(str(tmp_path / "policy.zip"))
-    residual.reset(env, 4)
-    straight = StraightDriver().act(env, observation)
-    np.testing.assert_allclose(residual.act(env, observation), np.clip(action + straight, -1, 1), atol=1e-6)
+    assert not driver.corridors
+
+
+def test_a_policy_of_corridors_drives_as_it_was_trained(make_env, tmp_path):
+    sb3 = pytest.importorskip("stable_baselines3")
+    model = sb3.PPO("MlpPolicy", Corridors(make_env(map_observation=True)), n_steps=8, batch_size=8, seed=0)
+    with torch.no_grad():
+        model.policy.action_net.bias.fill_(0.4)  # untrained it is nought everywhere, which shows nothing
+    model.save(tmp_path / "policy.zip")
+    mark_corridors(tmp_path / "policy.zip")
+    driver = make_driver(str(tmp_path / "policy.zip"))
+    assert driver.needs_map and driver.corridors
+    env, trained_in = make_env(map_observation=True, mast=True), Corridors(make_env(map_observation=True))
+    observation, _ = env.reset(seed=4)
+    seen, _ = trained_in.reset(seed=4)
+    driver.reset(env, 4)
+    for _ in range(4):
+        observation = env.step(driver.act(env, observation))[0]
+        seen = trained_in.step(model.predict(seen, deterministic=True)[0])[0]
+        np.testing.assert_allclose(observation["state"], seen[-6:], atol=1e-5)
+    assert abs(observation["state"][-1]) > 0.1 or observation["goal"][1] < -0.1  # it does not drive at the goal
     sb3.PPO.load(tmp_path / "policy.zip")  # still a file of its own library
+
+
+def test_weights_of_other_sizes_are_named(make_env, tmp_path):
+    pytest.importorskip("stable_baselines3")
+    with zipfile.ZipFile(tmp_path / "other.zip", "w") as archive, archive.open("policy.pth", "w") as file:
+        torch.save({"log_std": torch.zeros(1)}, file)
+    mark_corridors(tmp_path / "other.zip")
+    with pytest.raises(ValueError, match=r"other\.zip: is no policy for these observations"):
+        make_driver(str(tmp_path / "other.zip")).reset(make_env(map_observation=True), 0)
 
 
 def test_nothing_that_is_pickled_in_a_policy_is_run(tmp_path):

@@ -1,11 +1,13 @@
 import zipfile
 
+import numpy as np
 import pytest
+import torch
 
 pytest.importorskip("stable_baselines3")
 
 from envs.drivers import make_driver
-from envs.train_ppo import DrawnAbundance, TrainConfig, main, train
+from envs.train_ppo import TrainConfig, TrainingCourses, main, train
 
 
 def killed(_):
@@ -19,7 +21,7 @@ def test_it_trains_goes_on_and_what_it_saves_drives(tmp_path, make_env, monkeypa
     assert train(TrainConfig(**config, max_steps=32), rollout=16) == path
     assert zipfile.ZipFile(path).read("policy.pth") != first
     whole = path.read_bytes()
-    monkeypatch.setattr("envs.train_ppo.mark_residual", killed)  # while it saves
+    monkeypatch.setattr("envs.train_ppo.mark_corridors", killed)  # while it saves
     with pytest.raises(KeyboardInterrupt):
         train(TrainConfig(**config, max_steps=32), rollout=16)
     assert path.read_bytes() == whole
@@ -27,7 +29,7 @@ def test_it_trains_goes_on_and_what_it_saves_drives(tmp_path, make_env, monkeypa
     observation, _ = env.reset(seed=0)
     driver = make_driver(str(path))
     driver.reset(env, 0)
-    assert driver.needs_map and driver.residual and driver.act(env, observation) in env.action_space
+    assert driver.needs_map and driver.corridors and driver.act(env, observation) in env.action_space
 
 
 def test_a_file_that_is_no_policy_is_not_gone_on_from(tmp_path, capsys):
@@ -44,8 +46,16 @@ def test_a_wrong_number_is_named_before_anything_is_started(tmp_path, capsys, fl
     assert error.startswith(f"error: {flag} must ") and error.count("\n") == 1 and not (tmp_path / "out").exists()
 
 
-def test_each_course_has_its_own_rocks(make_env):
-    env = DrawnAbundance(make_env(), (0.05, 0.2))
+def test_a_policy_of_another_kind_is_not_gone_on_from(tmp_path, capsys):
+    with zipfile.ZipFile(tmp_path / "policy.zip", "w") as archive, archive.open("policy.pth", "w") as file:
+        torch.save({"log_std": torch.zeros(2)}, file)
+    whole = (tmp_path / "policy.zip").read_bytes()
+    assert main(["--out", str(tmp_path), "--workers", "1"]) == 2
+    assert "cannot go on from" in capsys.readouterr().err and (tmp_path / "policy.zip").read_bytes() == whole
+
+
+def test_each_scene_has_its_own_rocks(make_env):
+    env = TrainingCourses(make_env(), (0.05, 0.2), crossings=1)
     asked = []
     env.env.reset = lambda seed=None, options=None: asked.append(options["k"])
     env.reset(seed=1)
@@ -53,6 +63,23 @@ def test_each_course_has_its_own_rocks(make_env):
     env.reset(seed=1)
     env.reset(options={"k": 0.3})
     assert 0.05 <= asked[0] <= 0.2 and asked[0] == asked[2] != asked[1] and asked[3] == 0.3
+
+
+def test_a_scene_is_crossed_to_and_fro_and_then_another(make_env):
+    inner = make_env()
+    env = TrainingCourses(inner, (0.05, 0.1), crossings=3)
+    env.reset(seed=1)
+    courses = [inner.course]
+    for _ in range(3):
+        env.reset()
+        courses.append(inner.course)
+    first, second, third, fourth = courses
+    assert first.scene is second.scene is third.scene is not fourth.scene
+    np.testing.assert_array_equal(second.goal, first.start[:2])
+    np.testing.assert_array_equal(third.goal, first.goal)
+    assert first.start[2] != third.start[2]
+    env.reset(seed=1)  # a seed asks for its own scene at once
+    np.testing.assert_array_equal(inner.course.start, first.start)
 
 
 @pytest.mark.parametrize("k", [["0.2", "0.1"], ["-0.1", "0.1"], ["0.1", "0.5"]])

@@ -1,7 +1,6 @@
 import numpy as np
 
-from envs.drivers import StraightDriver
-from envs.wrappers import ImageObservation, StraightResidual, as_images
+from envs.wrappers import ImageObservation, as_images
 
 
 def test_images_are_of_their_space_and_lose_no_obstacle(make_env):
@@ -25,23 +24,3 @@ def test_ends_of_the_scales():
     np.testing.assert_array_equal(seen["depth"], [[[0, 0], [255, 255]]])
     np.testing.assert_allclose(seen["goal"], [0.5, 0.6, 0.8])
     assert observation["goal"][0] == 5.0  # the original is as it was
-
-
-def test_nought_added_to_straight_is_straight(make_env):
-    plain, residual, driver = make_env(), StraightResidual(make_env()), StraightDriver()
-    seen, _ = plain.reset(seed=3)
-    corrected, _ = residual.reset(seed=3)
-    for _ in range(6):
-        seen = plain.step(driver.act(plain, seen)[:2])[0]
-        corrected = residual.step(np.zeros(2, np.float32))[0]
-        np.testing.assert_array_equal(seen["state"], corrected["state"])
-        np.testing.assert_array_equal(seen["goal"], corrected["goal"])
-
-
-def test_a_correction_turns_away_from_straight_within_the_bounds(make_env):
-    env = StraightResidual(make_env())
-    observation, _ = env.reset(seed=3)
-    base = StraightDriver().act(env.unwrapped, observation)[:2]
-    added = np.array([-0.5, 1.0], np.float32)
-    observation = env.step(added)[0]
-    np.testing.assert_allclose(observation["state"][-2:], np.clip(base + added, -1, 1), atol=1e-6)
