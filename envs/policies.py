@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from envs.corridors import as_corridors, corridor_space, steer
+from envs.corridors import AHEAD, KEPT, WAYS, as_corridors, corridor_space, steer
 from envs.mars_nav import MarsNavEnv
 from envs.wrappers import as_images, image_space
 
@@ -37,19 +37,20 @@ class PolicyDriver:
         self._policy: Any = None
 
     def reset(self, env: MarsNavEnv, seed: int) -> None:
+        self._kept, self._way = 0, AHEAD  # steps that the way is still kept
         if self._policy is not None:
             return
         try:
             from stable_baselines3.common.policies import ActorCriticPolicy, MultiInputActorCriticPolicy
         except ImportError:
             raise ImportError(f"{self.path}: needs stable-baselines3: pip install 'mars-m3depth[rl]'") from None
-        actions = spaces.Box(-1, 1, (len(self._weights["log_std"]),), np.float32)
         policy: Any
         if self.corridors:
-            policy = ActorCriticPolicy(corridor_space(), actions, lambda _: 0.0)
+            policy = ActorCriticPolicy(corridor_space(), spaces.Discrete(WAYS), lambda _: 0.0)
         else:
             space = image_space(env.observation_space).spaces
             keys = {key: part for key, part in space.items() if key in self.images or len(part.shape or ()) == 1}
+            actions = spaces.Box(-1, 1, (len(self._weights["log_std"]),), np.float32)
             policy = MultiInputActorCriticPolicy(spaces.Dict(keys), actions, lambda _: 0.0)
             self._keys = list(keys)
         try:
@@ -63,8 +64,12 @@ class PolicyDriver:
 
     def act(self, env: MarsNavEnv, observation: dict[str, Any]) -> np.ndarray:
         if self.corridors:
-            turn, _ = self._policy.predict(as_corridors(observation, env.rover_spec), deterministic=True)
-            return steer(observation["goal"], float(turn[0]), env.rover_spec)
+            if not self._kept:
+                self._kept = KEPT
+                shown = as_corridors(observation, env.rover_spec, self._way)
+                self._way = int(self._policy.predict(shown, deterministic=True)[0])
+            self._kept -= 1
+            return steer(observation["goal"], self._way, env.rover_spec)
         seen = as_images(observation)
         action, _ = self._policy.predict({key: seen[key] for key in self._keys}, deterministic=True)
         padded = np.zeros(3, dtype=np.float32)
@@ -88,8 +93,9 @@ def _read(path: Path) -> tuple[dict[str, Any], bool]:
         with zipfile.ZipFile(path) as archive:
             weights = torch.load(io.BytesIO(archive.read("policy.pth")), map_location="cpu", weights_only=True)
             corridors = CORRIDORS in archive.namelist()
-        if "log_std" not in weights:
-            raise ValueError("policy.pth has no log_std")
+        for name in ("action_net.weight",) if corridors else ("action_net.weight", "log_std"):
+            if name not in weights:
+                raise ValueError(f"policy.pth has no {name}")
     except Exception as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise ValueError(f"{path}: holds no policy of stable-baselines3's PPO ({reason})") from None

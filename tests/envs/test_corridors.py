@@ -4,7 +4,7 @@ from gymnasium.utils import env_checker
 from hypothesis import given
 from hypothesis import strategies as st
 
-from envs.corridors import REACH, WAYS, Corridors, as_corridors, look_along, steer
+from envs.corridors import AHEAD, KEPT, REACH, WAYS, Corridors, as_corridors, look_along, steer
 from envs.map_view import CELL, PIXELS
 from marssim.rover_spec import ZHURONG
 
@@ -67,53 +67,53 @@ def test_ways_turn_with_the_goal(bearing):
     state = np.zeros(6, np.float32)
     goal = np.array([5.0, np.sin(bearing), np.cos(bearing)], np.float32)
     seen = as_corridors({"map": np.stack([cost, cost, cost]), "goal": goal, "state": state}, ZHURONG)
-    offsets = np.linspace(-90, 90, WAYS)
+    offsets = np.linspace(90, -90, WAYS)
     blocked = seen[:WAYS] < 1
     from_rock = np.abs((np.rad2deg(bearing) + offsets + 180) % 360 - 180)
     assert blocked[from_rock < 15].all() and not blocked[from_rock > 40].any()
-    assert seen[2 * WAYS + 2] == pytest.approx(0.5)
+    assert seen[2 * WAYS] == pytest.approx(0.5)
 
 
-@given(st.lists(st.booleans(), min_size=WAYS, max_size=WAYS))
-def test_nearest_free_ways_are_the_nearest(closed):
-    cost = np.zeros((PIXELS, PIXELS), np.float32)
-    for angle in np.deg2rad(np.linspace(-90, 90, WAYS))[np.array(closed)]:
-        row, column = PIXELS / 2 - 1.6 * np.cos(angle) / CELL, PIXELS / 2 - 1.6 * np.sin(angle) / CELL
-        cost[int(row), int(column)] = 1.0
-    goal = np.array([9.0, 0.0, 1.0], np.float32)
-    seen = as_corridors({"map": np.stack([cost] * 3), "goal": goal, "state": np.zeros(6)}, ZHURONG)
-    free, (right, left) = seen[:WAYS] * REACH, seen[2 * WAYS : 2 * WAYS + 2]
-    for nearest, ways in ((right, free[WAYS // 2 :: -1]), (left, free[WAYS // 2 :])):  # outwards from the middle
-        taken = round(nearest * (WAYS // 2))
-        assert (ways[:taken] < 2.5).all() and (ways[taken] >= 2.5 or taken == WAYS // 2)
-    assert (right == 0) == (left == 0)
-
-
-@given(angles, st.floats(-1, 1))
-def test_steering_turns_towards_the_way_and_arrives_on_it(bearing, turn):
-    goal = np.array([7.0, np.sin(bearing), np.cos(bearing)])
-    way = bearing + turn * np.pi / 2
+@given(angles, st.integers(0, WAYS - 1))
+def test_steering_turns_towards_the_way_and_arrives_on_it(bearing, way):
+    left = bearing + np.deg2rad(90 - 15 * way)
     for _ in range(12):  # half a turn at 0.5 rad a step, and some more
-        speed, yaw_rate, pan = steer(goal, turn, ZHURONG)
-        off = (way + np.pi) % (2 * np.pi) - np.pi
+        speed, yaw_rate, pan = steer(np.array([7.0, np.sin(bearing), np.cos(bearing)]), way, ZHURONG)
+        off = (left + np.pi) % (2 * np.pi) - np.pi
         assert abs(yaw_rate) <= 1 and pan == 0 and speed == (abs(off) < 0.5)
-        way -= yaw_rate * 0.25 * 2.0
+        left -= yaw_rate * 0.25 * 2.0
         bearing -= yaw_rate * 0.25 * 2.0
-        goal = np.array([7.0, np.sin(bearing), np.cos(bearing)])
-    assert abs((way + np.pi) % (2 * np.pi) - np.pi) < 1e-3 and speed == 1
+    assert abs((left + np.pi) % (2 * np.pi) - np.pi) < 1e-3 and speed == 1
 
 
 @pytest.mark.parametrize("mast", [False, True])
-def test_nought_drives_at_the_goal(make_env, mast):
+def test_a_way_is_kept_for_some_steps_and_their_rewards_are_added(make_env, mast):
     env = Corridors(make_env(map_observation=True, mast=mast))
-    seen, info = env.reset(seed=3)
-    assert seen in env.observation_space and seen.dtype == np.float32
-    before = info["distance"]
-    for _ in range(4):
-        seen, _, ended, _, info = env.step(np.zeros(1, np.float32))
-        if ended:
-            break
-    assert info["distance"] < before - 1.0 and seen[-7] > 0.99  # the goal is ahead
+    plain = make_env(map_observation=True)
+    seen, _ = env.reset(seed=3)
+    observation, _ = plain.reset(seed=3)
+    last = AHEAD
+    for way in (2, 6):
+        assert seen in env.observation_space and seen.dtype == np.float32
+        np.testing.assert_array_equal(seen, as_corridors(observation, ZHURONG, last))
+        assert seen[-1] == pytest.approx(1 - last / AHEAD)
+        last = way
+        total = 0.0
+        for _ in range(KEPT):
+            observation, reward, *_ = plain.step(steer(observation["goal"], way, ZHURONG)[:2])
+            total += reward
+        seen, summed, *_ = env.step(way)
+        assert summed == pytest.approx(total)
+
+
+def test_it_ends_with_the_drive_and_not_later(make_env):
+    env = Corridors(make_env(map_observation=True))
+    env.reset(seed=3, options={"goal_distance": 3.0, "k": 0.0})
+    ended = False
+    while not ended:
+        seen, reward, ended, cut, info = env.step(AHEAD)
+        assert not cut
+    assert info["outcome"] == "goal" and reward > 9 and seen in env.observation_space
 
 
 def test_it_needs_the_map(make_env):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from envs.corridors import Corridors
+from envs.corridors import KEPT, Corridors
 from envs.drivers import make_driver
 from envs.policies import mark_corridors
 from envs.wrappers import ImageObservation
@@ -51,27 +51,29 @@ def test_a_policy_of_corridors_drives_as_it_was_trained(make_env, tmp_path):
     sb3 = pytest.importorskip("stable_baselines3")
     model = sb3.PPO("MlpPolicy", Corridors(make_env(map_observation=True)), n_steps=8, batch_size=8, seed=0)
     with torch.no_grad():
-        model.policy.action_net.bias.fill_(0.4)  # untrained it is nought everywhere, which shows nothing
+        model.policy.action_net.weight.mul_(100)  # untrained it all but always takes one way, which shows little
     model.save(tmp_path / "policy.zip")
     mark_corridors(tmp_path / "policy.zip")
     driver = make_driver(str(tmp_path / "policy.zip"))
     assert driver.needs_map and driver.corridors
     env, trained_in = make_env(map_observation=True, mast=True), Corridors(make_env(map_observation=True))
-    observation, _ = env.reset(seed=4)
-    seen, _ = trained_in.reset(seed=4)
-    driver.reset(env, 4)
-    for _ in range(4):
-        observation = env.step(driver.act(env, observation))[0]
-        seen = trained_in.step(model.predict(seen, deterministic=True)[0])[0]
-        np.testing.assert_allclose(observation["state"], seen[-6:], atol=1e-5)
-    assert abs(observation["state"][-1]) > 0.1 or observation["goal"][1] < -0.1  # it does not drive at the goal
+    for seed in (4, 5):  # a new drive begins with a new way, though the last one's was not driven to its end
+        observation, _ = env.reset(seed=seed)
+        seen, _ = trained_in.reset(seed=seed)
+        driver.reset(env, seed)
+        for _ in range(2):
+            for _ in range(KEPT):
+                observation = env.step(driver.act(env, observation))[0]
+            seen = trained_in.step(model.predict(seen, deterministic=True)[0])[0]
+            np.testing.assert_allclose(observation["state"], seen[-7:-1], atol=1e-5)
+        driver.act(env, observation)
     sb3.PPO.load(tmp_path / "policy.zip")  # still a file of its own library
 
 
 def test_weights_of_other_sizes_are_named(make_env, tmp_path):
     pytest.importorskip("stable_baselines3")
     with zipfile.ZipFile(tmp_path / "other.zip", "w") as archive, archive.open("policy.pth", "w") as file:
-        torch.save({"log_std": torch.zeros(1)}, file)
+        torch.save({"action_net.weight": torch.zeros(1, 1)}, file)
     mark_corridors(tmp_path / "other.zip")
     with pytest.raises(ValueError, match=r"other\.zip: is no policy for these observations"):
         make_driver(str(tmp_path / "other.zip")).reset(make_env(map_observation=True), 0)
@@ -97,7 +99,7 @@ def test_files_that_are_no_policies_are_named(tmp_path):
         make_driver(str(tmp_path / "text.zip"))
     with zipfile.ZipFile(tmp_path / "other.zip", "w") as archive, archive.open("policy.pth", "w") as file:
         torch.save({"weight": torch.zeros(3)}, file)
-    with pytest.raises(ValueError, match=r"other\.zip: holds no policy .* \(policy\.pth has no log_std\)"):
+    with pytest.raises(ValueError, match=r"other\.zip: holds no policy .* \(policy\.pth has no action_net\.weight\)"):
         make_driver(str(tmp_path / "other.zip"))
     with pytest.raises(FileNotFoundError, match=r"none\.zip"):
         make_driver(str(tmp_path / "none.zip"))

@@ -6,8 +6,9 @@ import torch
 
 pytest.importorskip("stable_baselines3")
 
+from envs.corridors import AHEAD, Corridors
 from envs.drivers import make_driver
-from envs.train_ppo import TrainConfig, TrainingCourses, main, train
+from envs.train_ppo import TrainConfig, TrainingCourses, drive_straight_at_first, main, train
 
 
 def killed(_):
@@ -32,6 +33,18 @@ def test_it_trains_goes_on_and_what_it_saves_drives(tmp_path, make_env, monkeypa
     assert driver.needs_map and driver.corridors and driver.act(env, observation) in env.action_space
 
 
+def test_a_new_policy_drives_at_the_goal_and_tries_what_lies_beside_it(make_env):
+    from stable_baselines3 import PPO
+
+    env = Corridors(make_env(map_observation=True))
+    model = PPO("MlpPolicy", env, n_steps=8, batch_size=8, device="cpu", seed=0)
+    drive_straight_at_first(model.policy)
+    shown = np.stack([env.reset(seed=seed, options={"k": 0.2})[0] for seed in range(4)])
+    assert (model.predict(shown, deterministic=True)[0] == AHEAD).all()
+    tried = np.concatenate([model.predict(shown)[0] for _ in range(100)])
+    assert 1.5 < np.std(tried) < 2.5
+
+
 def test_a_file_that_is_no_policy_is_not_gone_on_from(tmp_path, capsys):
     (tmp_path / "policy.zip").write_text("mine")
     assert main(["--out", str(tmp_path), "--workers", "1"]) == 2
@@ -48,7 +61,7 @@ def test_a_wrong_number_is_named_before_anything_is_started(tmp_path, capsys, fl
 
 def test_a_policy_of_another_kind_is_not_gone_on_from(tmp_path, capsys):
     with zipfile.ZipFile(tmp_path / "policy.zip", "w") as archive, archive.open("policy.pth", "w") as file:
-        torch.save({"log_std": torch.zeros(2)}, file)
+        torch.save({"action_net.weight": torch.zeros(2, 64), "log_std": torch.zeros(2)}, file)
     whole = (tmp_path / "policy.zip").read_bytes()
     assert main(["--out", str(tmp_path), "--workers", "1"]) == 2
     assert "cannot go on from" in capsys.readouterr().err and (tmp_path / "policy.zip").read_bytes() == whole
