@@ -95,8 +95,8 @@ class OutsideView:
         lit = (normals @ sun > 0) & rover.free(points, normals, towards, None)
         lit &= self.caster.free(points, normals, towards, None)
         albedo = (np.array([p.colour for p in parts], dtype=np.float32) / 255) ** 2.2
-        direct = (np.maximum(normals @ sun, 0) * lit)[:, None] * self.shader.sun_light
-        light = direct + self.shader.sky_light * (0.6 + 0.4 * normals[:, 2:])
+        direct = (np.maximum(normals @ sun, 0) * lit)[:, None] * self.shader.light.sunlight
+        light = direct + self.shader.light.skylight * (0.6 + 0.4 * normals[:, 2:])
         colour[body] = albedo[part[body]] * light
         shadow = np.zeros(len(rays), dtype=np.int32)
         shadow[ground] = lit_ground

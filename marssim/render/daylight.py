@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,33 +15,47 @@ HORIZON_COLOUR = (0.50, 0.41, 0.29)
 HALO_COLOUR = (0.42, 0.40, 0.38)
 
 
-def daylight(look: Look) -> tuple[np.ndarray, float]:
-    """Sunlight (3,) and skylight on level ground. Dust scatters forward: only half of what it removes is lost."""
+class Daylight(NamedTuple):
+    """What lights a scene, as kernels take it.
+
+    sun: (3,) unit, world, towards the sun; sunlight: (3,) float32 RGB, what reaches a surface that faces the sun;
+    skylight: on level ground; both over the sunlight without air; optical_depth: of the dust.
+    """
+
+    sun: np.ndarray
+    sunlight: np.ndarray
+    skylight: float
+    optical_depth: float
+
+
+def daylight(look: Look) -> Daylight:
+    """The light of a Look. Dust scatters forward: only half of what it removes from sunlight is lost."""
     path = look.optical_depth / max(float(look.sun[2]), 0.06)
     red, green, blue = np.exp(-path * np.array([0.42, 0.46, 0.52]))
     sky = 0.42 * (1 - np.exp(-0.75 * path)) * max(float(look.sun[2]), 0.12) ** 0.75
-    return np.array([red, green, blue], dtype=np.float32), float(sky)
+    return Daylight(look.sun, np.array([red, green, blue], dtype=np.float32), float(sky), look.optical_depth)
 
 
 @compiled
-def skies(directions, sun, sky_light, optical_depth):
-    """(N, 3) float32 radiance of the sky along unit directions (N, 3), world frame."""
+def skies(directions, light):
+    """(N, 3) float32 radiance of the sky along unit directions (N, 3), world frame. light: Daylight."""
     out = np.empty((len(directions), 3), dtype=np.float32)
+    sun, _, skylight, optical_depth = light
     for k in range(len(directions)):
-        out[k] = sky_colour(directions[k, 0], directions[k, 1], directions[k, 2], sun, sky_light, optical_depth)
+        out[k] = sky_colour(directions[k, 0], directions[k, 1], directions[k, 2], sun, skylight, optical_depth)
     return out
 
 
 @inlined
-def sky_colour(x, y, z, sun, sky_light, optical_depth):
-    """Radiance along a unit vector x, y, z: paler towards the horizon, and brighter around the sun."""
+def sky_colour(x, y, z, sun, skylight, optical_depth):
+    """Radiance along a unit vector x, y, z: paler towards the horizon, and brighter around the sun. See Daylight."""
     towards_sun = min(max(x * sun[0] + y * sun[1] + z * sun[2], -1.0), 1.0)
     horizon = math.exp(np.float32(-min(z, 1.0) / 0.25)) if z > 0 else 1.0
     ahead = (1 + towards_sun) / 2
     forward = math.exp(np.float32(-1 / 0.22) * math.acos(np.float32(towards_sun)))
     halo = (0.9 * forward + 0.35 * ahead * ahead * ahead * ahead) * optical_depth
     # a low sun lights the dust through more of it
-    strength = (0.5 + 1.1 * sky_light) * min(0.3 + 1.75 * sun[2], 1.0)
+    strength = (0.5 + 1.1 * skylight) * min(0.3 + 1.75 * sun[2], 1.0)
     veil = 0.85 + 0.5 * optical_depth
     return (
         strength

@@ -124,12 +124,12 @@ def _plates(large, small, drawn, drawn_small, bend_x, bend_y, rough, height, out
 
 
 @inlined
-def pavement_at(tile, u, v, footprint, cosine, sine, offset):
+def pavement_at(placed, u, v, footprint):
     """Slopes along u and v, tone, crack and cover of the bedrock at surface coordinates u, v [m].
 
-    tile: of plates; footprint: width of a pixel on the ground [m]; cosine, sine of the tile's turn; offset [texels].
+    placed: PlacedTile of plates; footprint: width of a pixel on the ground [m].
     """
-    along, across, tone, crack, cover = pyramid_at(tile, SIDE, TEXEL, u, v, footprint, cosine, sine, offset)
+    along, across, tone, crack, cover = pyramid_at(placed, SIDE, TEXEL, u, v, footprint)
     steep = np.float32(STEEPEST / CODES)
     return (
         steep * along, steep * across, tone * np.float32(TONES / CODES), crack * np.float32(1 / CODES),

@@ -3,12 +3,26 @@ covers."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from marssim.compiled import compiled, inlined
 
 CODES = 127  # of the largest value of a channel
 CHANNELS = 5  # slopes along x and y, and three more
+
+
+class PlacedTile(NamedTuple):
+    """A tile laid on a surface, as kernels take it.
+
+    codes: (M, CHANNELS) int8 of pyramid; cosine, sine: float32, of its turn; offset: float32 [texels], along both axes.
+    """
+
+    codes: np.ndarray
+    cosine: np.float32
+    sine: np.float32
+    offset: np.float32
 
 
 @compiled
@@ -44,15 +58,15 @@ def pyramid(finest):
 
 
 @inlined
-def pyramid_at(tile, side, texel, u, v, footprint, cosine, sine, offset):
+def pyramid_at(placed, side, texel, u, v, footprint):
     """The channels, in codes, at surface coordinates u, v [m]; the first two, slopes, are turned to u and v.
 
-    tile: of pyramid, `side` texels of `texel` [m] at its finest; footprint: width of a pixel on the surface [m];
-    cosine, sine of the tile's turn; offset [texels].
+    placed: PlacedTile of `side` texels of `texel` [m] at its finest; footprint: width of a pixel on the surface [m].
     """
     scale = np.float32(1 / texel)
-    x = (cosine * u - sine * v) * scale + offset
-    y = (sine * u + cosine * v) * scale + offset
+    tile, cosine, sine = placed.codes, placed.cosine, placed.sine
+    x = (cosine * u - sine * v) * scale + placed.offset
+    y = (sine * u + cosine * v) * scale + placed.offset
     size, start, spread = side, 0, footprint * scale
     one, half = np.float32(1), np.float32(0.5)
     while spread > one and size > 1:

@@ -153,12 +153,12 @@ def ripple_tile(seed: int) -> np.ndarray:
 
 
 @inlined
-def grit_at(tile, u, v, footprint, cosine, sine, offset):
+def grit_at(placed, u, v, footprint):
     """Slopes along u and v, tone, shade and grain of the pebbles at surface coordinates u, v [m].
 
-    tile: of grit; footprint: width of a pixel on the ground [m]; cosine, sine of the tile's turn; offset [texels].
+    placed: PlacedTile of grit; footprint: width of a pixel on the ground [m].
     """
-    along, across, tone, shade, grain = pyramid_at(tile, SIDE, TEXEL, u, v, footprint, cosine, sine, offset)
+    along, across, tone, shade, grain = pyramid_at(placed, SIDE, TEXEL, u, v, footprint)
     steep = np.float32(STEEPEST / CODES)
     return (
         steep * along, steep * across, tone * np.float32(TONES / CODES), shade * np.float32(1 / CODES),

@@ -7,6 +7,7 @@ width of a pixel on the ground, so that nothing shimmers and the two views of on
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import scipy.fft
@@ -16,6 +17,19 @@ from marssim.compiled import inlined
 TILE = 512  # texels on a side of the periodic tile
 TEXELS = 8.0  # texels per wavelength in the tile
 STEP = 1 / 4096  # of the coded noise; one is a standard deviation
+
+
+class Octaves(NamedTuple):
+    """Noise of M wavelengths on a surface, as kernels take it.
+
+    tile: of coded_tile; places: (M, 7) of placing; amplitude, slope: (M,) float32 standard deviation of each octave,
+    and of its slope.
+    """
+
+    tile: np.ndarray
+    places: np.ndarray
+    amplitude: np.ndarray
+    slope: np.ndarray
 
 
 def noise_tile(seed: int, slopes: bool = True) -> np.ndarray:
@@ -89,7 +103,7 @@ def _texel(places, octave, u, v):
 
 @inlined
 def octave_value(tile, places, octave, u, v):
-    """Noise of one octave at surface coordinates u, v [m]. tile: of coded_tile; places: (M, 7) of placing."""
+    """Noise of one octave, of unit variance, at surface coordinates u, v [m]. tile, places: of Octaves."""
     i, j, s, t = _texel(places, octave, u, v)
     right, below = i + np.uint32(1), j + np.uint32(1)
     d = s * t
@@ -101,7 +115,7 @@ def octave_value(tile, places, octave, u, v):
 
 @inlined
 def octave_slopes(tile, places, octave, u, v):
-    """Noise of one octave and its slopes along u and v, each of unit variance. tile: of coded_tile."""
+    """Noise of one octave and its slopes along u and v, each of unit variance. tile, places: of Octaves."""
     i, j, s, t = _texel(places, octave, u, v)
     right, below = i + np.uint32(1), j + np.uint32(1)
     d = s * t
@@ -115,11 +129,9 @@ def octave_slopes(tile, places, octave, u, v):
 
 
 @inlined
-def fractal_slopes(tile, places, amplitude, slope, u, v, footprint):
-    """Sum of octaves at a point and its slopes along u and v.
-
-    places: (M, 7) of placing; amplitude, slope: (M,) of each octave; footprint [m].
-    """
+def fractal_slopes(noise, u, v, footprint):
+    """Sum of the Octaves `noise` at surface coordinates u, v [m], and its slopes along u and v. footprint [m]."""
+    tile, places, amplitude, slope = noise  # taken apart once: each look into a tuple counts references, too
     total, du, dv = np.float32(0), np.float32(0), np.float32(0)
     for octave in range(len(places)):
         weight = octave_weight(places[octave, 0], footprint)

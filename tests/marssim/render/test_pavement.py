@@ -3,15 +3,15 @@ import pytest
 
 from marssim.compiled import compiled
 from marssim.render.pavement import DEEPEST, SIDE, STEEPEST, TEXEL, TONES, VARIANTS, pavement_at, plates
-from marssim.render.pyramid import CODES
+from marssim.render.pyramid import CODES, PlacedTile
 
 
 @compiled
 def look_up(tile, uv, footprint):
     out = np.empty((len(uv), 5))
-    one, zero = np.float32(1), np.float32(0)
+    placed = PlacedTile(tile, np.float32(1), np.float32(0), np.float32(0))
     for k in range(len(uv)):
-        out[k] = pavement_at(tile, np.float32(uv[k, 0]), np.float32(uv[k, 1]), np.float32(footprint), one, zero, zero)
+        out[k] = pavement_at(placed, np.float32(uv[k, 0]), np.float32(uv[k, 1]), np.float32(footprint))
     return out
 
 

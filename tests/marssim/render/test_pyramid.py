@@ -2,17 +2,15 @@ import numpy as np
 import pytest
 
 from marssim.compiled import compiled
-from marssim.render.pyramid import CHANNELS, CODES, pyramid, pyramid_at
+from marssim.render.pyramid import CHANNELS, CODES, PlacedTile, pyramid, pyramid_at
 
 
 @compiled
 def look_up(tile, side, uv, footprint, cosine, sine, offset):
     out = np.empty((len(uv), CHANNELS))
+    placed = PlacedTile(tile, np.float32(cosine), np.float32(sine), np.float32(offset))
     for k in range(len(uv)):
-        out[k] = pyramid_at(
-            tile, side, 0.5, np.float32(uv[k, 0]), np.float32(uv[k, 1]), np.float32(footprint), np.float32(cosine),
-            np.float32(sine), np.float32(offset),
-        )  # fmt: skip
+        out[k] = pyramid_at(placed, side, 0.5, np.float32(uv[k, 0]), np.float32(uv[k, 1]), np.float32(footprint))
     return out
 
 

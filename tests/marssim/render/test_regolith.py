@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from marssim.compiled import compiled
+from marssim.render.pyramid import PlacedTile
 from marssim.render.regolith import (
     CODES,
     COVER,
@@ -40,11 +41,9 @@ def level(tile: np.ndarray, n: int) -> np.ndarray:
 @compiled
 def look_up(tile, uv, footprint, cosine, sine):
     out = np.empty((len(uv), 5))
+    placed = PlacedTile(tile, np.float32(cosine), np.float32(sine), np.float32(0))
     for k in range(len(uv)):
-        out[k] = grit_at(
-            tile, np.float32(uv[k, 0]), np.float32(uv[k, 1]), np.float32(footprint), np.float32(cosine),
-            np.float32(sine), np.float32(0),
-        )  # fmt: skip
+        out[k] = grit_at(placed, np.float32(uv[k, 0]), np.float32(uv[k, 1]), np.float32(footprint))
     return out
 
 

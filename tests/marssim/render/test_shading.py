@@ -185,7 +185,7 @@ def test_nothing_gives_back_more_light_than_it_gets(contrast):
     up = np.tile([0.0, 0.0, 1.0], (len(points), 1))
     for surface in (np.full(len(points), GROUND), np.arange(len(points)) % len(rocks) + 1):
         dark = maker.surface(points, up, surface, EYE + np.array([0, 0, 3.0]), np.zeros(len(points)), FOCAL)
-        assert dark.max() <= 0.92 * (maker.sky_light + 0.18 / 0.27 * 0.45 * maker.sun_light.max())
+        assert dark.max() <= 0.92 * (maker.light.skylight + 0.18 / 0.27 * 0.45 * maker.light.sunlight.max())
 
 
 def test_rocks_differ_in_colour_as_the_contrast_says():

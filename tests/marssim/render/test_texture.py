@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 from marssim.render.texture import (
     TEXELS,
     TILE,
+    Octaves,
     coded_tile,
     fractal_slopes,
     noise_tile,
@@ -36,9 +37,9 @@ def values(uv: np.ndarray, wavelengths, seed: int, octave: int) -> np.ndarray:
 
 def sums(uv: np.ndarray, footprint: np.ndarray, seed: int) -> np.ndarray:
     """(N, 3) sum of the octaves of WAVELENGTHS and its slopes."""
-    tile, places = coded_tile(seed), placing(tuple(WAVELENGTHS), seed)
+    octaves = Octaves(coded_tile(seed), placing(tuple(WAVELENGTHS), seed), ONES, ONES)
     at = zip(uv.astype(float), footprint)
-    return np.array([fractal_slopes(tile, places, ONES, ONES, u, v, width) for (u, v), width in at])
+    return np.array([fractal_slopes(octaves, u, v, width) for (u, v), width in at])
 
 
 def test_a_sum_is_that_of_its_octaves():
