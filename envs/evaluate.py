@@ -13,7 +13,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal
@@ -35,10 +35,11 @@ from m3depth.report import versions
 from marssim.command import counted, run_command
 from marssim.dataset import DatasetError, read_json, write_json
 from marssim.render.makers import Renderer
-from marssim.scene.scene import Place
+from marssim.scene.scene import Place, SceneConfig, preset
 from marssim.workers import run_tasks
 
 SETTINGS = "evaluate.json"  # in OUT: what its episodes were driven with
+LOOK = ("sun_elevation_deg", "texture_strength")  # of the scene, which may be asked for
 GRID_K = (0.033, 0.07, 0.10, 0.15, 0.20)
 GRID_SLOPE_DEG = (0.0, 5.0, 10.0, 15.0)
 
@@ -66,6 +67,10 @@ class EvaluateConfig:
     """address of a dask scheduler, tcp://host:8786, whose workers drive instead"""
     scene: Place = "gale"
     """preset of the courses' scenes"""
+    sun_elevation_deg: float | None = None
+    """height of the sun [deg], instead of the preset's range"""
+    texture_strength: float | None = None
+    """of the relief below the mesh, which is what stereo matches, 0 to 3, instead of the preset's range"""
     k: tuple[float, ...] = ()
     """rock abundances, Golombek's k, to go through; none given: the preset's"""
     slope_deg: tuple[float, ...] = ()
@@ -110,6 +115,7 @@ class EvaluateConfig:
                 raise ValueError(f"--{flag.replace('_', '-')} must lie in [0, {most}], got {getattr(self, flag)}")
         if not self.driver or not self.perception:
             raise ValueError("--driver and --perception need at least one name")
+        self.scene_config()  # says what is out of range
         for cell in self.cells:
             CourseConfig(self.goal_distance, cell.k, cell.slope_deg)  # says what is out of range
 
@@ -118,11 +124,18 @@ class EvaluateConfig:
         ks, slopes = (GRID_K, GRID_SLOPE_DEG) if self.grid else (self.k, self.slope_deg)
         return [Cell(k, slope) for k in (ks or (None,)) for slope in (slopes or (None,))]
 
+    def scene_config(self) -> SceneConfig:
+        """The preset with what is asked for in place of its ranges. Raises ValueError for what cannot be."""
+        base = preset(self.scene)
+        asked = {name: (getattr(self, name),) * 2 for name in LOOK if getattr(self, name) is not None}
+        return replace(base, look=replace(base.look, **asked))
+
     def content(self) -> dict[str, Any]:
         """What an episode's outcome depends on, beside its driver, perception, cell and number."""
         plain = ("seed", "scene", "goal_distance", "dynamics", "renderer")
         errors = {name: getattr(self, name) for name in ERROR_LIMITS if getattr(self, name)}
-        return {**{name: getattr(self, name) for name in plain}, **errors}
+        look = {name: getattr(self, name) for name in LOOK if getattr(self, name) is not None}
+        return {**{name: getattr(self, name) for name in plain}, **errors, **look}
 
 
 @dataclass(frozen=True)
@@ -241,9 +254,9 @@ def drive(
     """Drive one episode. watch: as run_episode takes it."""
     driver = make_driver(task.driver)
     env = MarsNavEnv(
-        _perception(task.perception), config.dynamics, config.renderer, config.scene, config.goal_distance, mast=True,
-        map_observation=bool(getattr(driver, "needs_map", False)), disparity_noise=config.disparity_noise,
-        drift=config.drift, yaw_drift_deg=config.yaw_drift_deg,
+        _perception(task.perception), config.dynamics, config.renderer, config.scene_config(), config.goal_distance,
+        mast=True, map_observation=bool(getattr(driver, "needs_map", False)),
+        disparity_noise=config.disparity_noise, drift=config.drift, yaw_drift_deg=config.yaw_drift_deg,
     )  # fmt: skip
     try:
         return run_episode(env, driver, task.cell, config.seed, task.episode, (task.driver, task.perception), watch)

@@ -36,10 +36,10 @@ def noted_settings(file: Path, settings: dict[str, Any], names: Sequence[str]) -
 
 
 def _changed(before: dict[str, Any], now: dict[str, Any]) -> str:
-    """The flags that differ, with what they were; those of errors, left out where there is none, were 0."""
-    names = sorted(before.keys() | now.keys())
-    other = {name: before.get(name, 0.0) for name in names if before.get(name, 0.0) != now.get(name, 0.0)}
-    return ", ".join(f"--{name.replace('_', '-')} {value}" for name, value in other.items())
+    """The flags that differ, with what they were."""
+    other = sorted(name for name in before.keys() | now.keys() if before.get(name) != now.get(name))
+    flags = {name: f"--{name.replace('_', '-')}" for name in other}
+    return ", ".join(f"{flags[name]} {before[name]}" if name in before else f"no {flags[name]}" for name in other)
 
 
 def _digest(name: str) -> str | None:

@@ -10,6 +10,7 @@ from envs.episodes import Cell
 from envs.evaluate import EvaluateConfig, Task, evaluate, main
 from m3depth.estimator import load_estimator
 from marssim.dataset import DatasetError
+from marssim.scene.scene import preset
 
 QUICK = {
     "driver": ("straight",), "perception": ("ground_truth",), "dynamics": "kinematic", "goal_distance": 4.0,
@@ -84,7 +85,7 @@ def test_a_folder_of_other_settings_is_refused(finished, capsys):
     before = (out / "results.json").read_text()
     code, message = run(capsys, "--out", out, "--episodes", 2, "--seed", 4, "--drift", 0.1, *FLAGS)
     assert code == 2 and str(out) in message and message.count("\n") == 1
-    assert "driven with --drift 0.0, --seed 3; choose another --out" in message
+    assert "driven with no --drift, --seed 3; choose another --out" in message
     assert (out / "results.json").read_text() == before
 
 
@@ -100,6 +101,7 @@ def test_a_folder_of_other_settings_is_refused(finished, capsys):
         (["--driver", "json:Nothing"], "Nothing"), (["--grid"], "--grid"), (["--drift", "-1"], "drift"),
         (["--drift", "1.1"], "--drift must lie in [0, 1], got 1.1"), (["--disparity-noise", "11"], "--disparity-noise"),
         (["--yaw-drift-deg", "nan"], "--yaw-drift-deg must lie in [0, 45]"),
+        (["--sun-elevation-deg", "0"], "--sun-elevation-deg must"), (["--texture-strength", "9"], "--texture"),
     ],
 )  # fmt: skip
 def test_mistakes_are_named_before_anything_is_written(monkeypatch, capsys, tmp_path, flags, named):
@@ -129,6 +131,15 @@ def test_cells_are_the_grid():
     assert config.cells == [Cell(0.05, 0.0), Cell(0.05, 10.0), Cell(0.1, 0.0), Cell(0.1, 10.0)]
     assert EvaluateConfig(None).cells == [Cell()]
     assert len(EvaluateConfig(None, grid=True).cells) == 20 and Cell(0.2, 15.0) in EvaluateConfig(None, grid=True).cells
+
+
+def test_a_look_that_is_asked_for_is_the_scenes_and_of_other_drives():
+    plain, low = EvaluateConfig(None), EvaluateConfig(None, sun_elevation_deg=8.0, texture_strength=0.1)
+    assert plain.scene_config() == preset("gale") and "sun_elevation_deg" not in plain.content()
+    scene = low.scene_config()
+    assert scene.look.sun_elevation_deg == (8.0, 8.0) and scene.look.texture_strength == (0.1, 0.1)
+    assert scene.rocks == plain.scene_config().rocks
+    assert low.content().items() - plain.content().items() == {("sun_elevation_deg", 8.0), ("texture_strength", 0.1)}
 
 
 def test_every_task_has_a_file_of_its_own():

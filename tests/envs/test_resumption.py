@@ -25,7 +25,7 @@ def test_the_same_settings_go_on_and_others_are_named_with_what_they_were(file):
     noted_settings(file, SETTINGS, ("ground_truth", "navigator"))
     assert noted_settings(file, {**SETTINGS, "goal_distance": 20}, ("sgbm", "straight")) == {}
     before = file.read_bytes()
-    message = re.escape(f"{file}: the folder's episodes were driven with --drift 0.0, --goal-distance 20; choose")
+    message = re.escape(f"{file}: the folder's episodes were driven with no --drift, --goal-distance 20; choose")
     with pytest.raises(DatasetError, match=f"^{message}"):
         noted_settings(file, {**SETTINGS, "goal_distance": 30.0, "drift": 0.1}, ("sgbm",))
     assert file.read_bytes() == before
