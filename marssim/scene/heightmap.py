@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import zlib
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -18,6 +17,7 @@ from PIL import TiffImagePlugin
 from scipy import ndimage
 
 from marssim.npy import read_npy
+from marssim.png import decode_png
 
 PIXEL_SCALE, GEO_KEYS, NO_DATA = 33550, 34735, 42113  # TIFF tags of GeoTIFF and GDAL
 MODEL_TYPE, GEOGRAPHIC, LINEAR_UNIT, METRE = 1024, 2, 3076, 9001  # GeoTIFF keys and values
@@ -199,35 +199,24 @@ def _read_npy(path: str, name: str) -> np.ndarray:
     return values
 
 
-def _is_whole_png(path: str) -> bool:
-    """Do the checksums of a PNG's chunks hold, up to the last one? What libpng says of them is more than a line."""
-    with open(path, "rb") as file:
-        if file.read(8) != b"\x89PNG\r\n\x1a\n":
-            return False
-        while len(head := file.read(8)) == 8:
-            data = file.read(int.from_bytes(head[:4], "big"))
-            if zlib.crc32(head[4:] + data).to_bytes(4, "big") != file.read(4):
-                return False
-            if head[4:] == b"IEND":
-                return True
-    return False
-
-
 def _read_image(path: str, name: str) -> np.ndarray:
-    log = cv2.utils.logging
-    before = log.setLogLevel(log.LOG_LEVEL_SILENT)  # a broken file is told in our words
-    try:
-        png = path.lower().endswith(".png")
-        values = cv2.imread(path, cv2.IMREAD_UNCHANGED) if not png or _is_whole_png(path) else None
-    except cv2.error:
-        values = None
-    finally:
-        log.setLogLevel(before)
+    values = decode_png(Path(path).read_bytes()) if path.lower().endswith(".png") else _read_tiff(path)
     if values is None:
         raise ValueError(f"{name}: cannot be read as an image; it may be cut off or of another kind")
     if values.ndim != 2:
         raise ValueError(f"{name}: has {values.shape[2]} channels, a heightmap has one")
     return values
+
+
+def _read_tiff(path: str) -> np.ndarray | None:
+    log = cv2.utils.logging
+    before = log.setLogLevel(log.LOG_LEVEL_SILENT)  # a broken file is told in our words
+    try:
+        return cv2.imread(path, cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        return None
+    finally:
+        log.setLogLevel(before)
 
 
 def _read_tags(path: str, name: str, need_scale: bool) -> tuple[float | None, float | None]:
