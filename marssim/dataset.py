@@ -35,6 +35,7 @@ import numpy as np
 from marssim.atomic import write_atomically
 from marssim.camera import MAX_DEPTH, MIN_DEPTH, StereoRig
 from marssim.encoding import decode_depth, decode_normal, encode_depth, encode_normal
+from marssim.png import decode_png
 from marssim.render.gbuffer import SKY
 from marssim.render.stereo import StereoFrame
 
@@ -42,6 +43,8 @@ SCHEMA = "marssim-stereo"
 VERSION = 2
 READABLE = (1, VERSION)
 SETTINGS = "generate.json"
+MOST_LEVELS = 64  # of nesting in a JSON file; our own have less than ten
+TOO_DEEP = f"more than {MOST_LEVELS} lists and objects within each other"
 SPLITS = ("train", "val", "test")
 SPLIT_OF_TEN = ("train", "test", "val", "train", "train", "train", "val", "train", "train", "train")
 IMAGES = ("left.png", "right.png", "depth.png", "normal.png", "surface.png", "occluded.png")
@@ -241,11 +244,24 @@ def read_json(path: Path) -> dict[str, Any]:
         raise DatasetError(f"{path}: no such file") from None
     except OSError as error:
         raise DatasetError(f"{path}: {(error.strerror or str(error)).lower()}") from None
-    except (ValueError, RecursionError) as error:  # bytes that are no text, no JSON, or nested to break its reader
+    except ValueError as error:  # bytes that are no text, or no JSON
         raise DatasetError(f"{path}: is not JSON: {error}") from None
+    except RecursionError:
+        raise DatasetError(f"{path}: {TOO_DEEP}") from None
     if not isinstance(content, dict):
         raise DatasetError(f"{path}: not a JSON object")
+    if _deeper(content, MOST_LEVELS):
+        raise DatasetError(f"{path}: {TOO_DEEP}")
     return content
+
+
+def _deeper(content: dict[str, Any], levels: int) -> bool:
+    """Are dicts and lists nested in more levels? What compares and writes them again recurs, and would break."""
+    level: list[Any] = [content]
+    for _ in range(levels):
+        inner = (part for whole in level for part in (whole.values() if isinstance(whole, dict) else whole))
+        level = [part for part in inner if isinstance(part, dict | list)]
+    return bool(level)
 
 
 def _unfinished(path: Path) -> str:
@@ -272,9 +288,14 @@ def _lists_samples(index: dict[str, Any]) -> bool:
 
 
 def _read_image(path: Path, shape: tuple[int, ...], dtype: type[np.generic]) -> np.ndarray:
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.is_file() else None
+    try:
+        image = decode_png(path.read_bytes())
+    except FileNotFoundError:
+        raise DatasetError(f"{path}: no such file") from None
+    except OSError as error:
+        raise DatasetError(f"{path}: {(error.strerror or str(error)).lower()}") from None
     if image is None:
-        raise DatasetError(f"{path}: {'not a readable image' if path.exists() else 'no such file'}")
+        raise DatasetError(f"{path}: not a readable image")
     if image.shape != shape or image.dtype != dtype:
         sizes = " x ".join(str(n) for n in (shape[1], shape[0], *shape[2:]))
         raise DatasetError(f"{path}: must be {sizes} {np.dtype(dtype)} as the rig says, is {image.shape} {image.dtype}")
