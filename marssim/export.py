@@ -87,13 +87,10 @@ def _export(config: ExportConfig, chosen: list[dict[str, Any]]) -> int:
     with tqdm(total=len(jobs), unit="pair", desc="export", disable=None) as bar:
         for _ in in_threads(partial(_write, config.out, layout), jobs, config.workers):
             bar.update()
-    names = {}
-    for split, there in items.items():
-        if there:
-            for path, text in layout.lists(split, there).items():
-                write_atomically(config.out / path, text.encode())
-            names[split] = [item.name for item in there]
-    write_json(config.out / "samples.json", names)
+    for split in config.split:
+        for path, text in layout.lists(split, items[split]).items():  # empty ones too: trainers open them all
+            write_atomically(config.out / path, text.encode())
+    write_json(config.out / "samples.json", {split: [item.name for item in items[split]] for split in config.split})
     return len(chosen)
 
 

@@ -283,8 +283,8 @@ mask0nocc.png: 255 seen by both eyes, 128 hidden from the right one, 0 unknown).
         """\
 OpenStereo. `train.txt`, `val.txt`, `test.txt` list "left right disparity" a line, paths from this folder (its
 DATA_PATH; the lists are its DATA_SPLIT). PFM, positive, without NaN; the sky has disparity 0, which its losses mask.
-There is no right-eye disparity (RETURN_RIGHT_DISP: false). Beside what it reads: `occluded/` (255 where the right eye
-does not see the point) and `calib/` (Middlebury's notation).
+There is no right-eye disparity (RETURN_RIGHT_DISP: false). The list of a split without pairs is empty. Beside what it
+reads: `occluded/` (255 where the right eye does not see the point) and `calib/` (Middlebury's notation).
 """,
     ),
 }

@@ -363,6 +363,21 @@ def test_one_split_only(closed_form_set, tmp_path, capfd):
     assert not (tmp_path / "o" / "train.txt").exists() and len(list((tmp_path / "o" / "left").iterdir())) == 2
 
 
+@pytest.mark.parametrize(
+    ("name", "path"), [("openstereo", "{}.txt"), ("middlebury", "{}/MiddEval3/official_train.txt")]
+)
+def test_a_split_without_pairs_has_an_empty_list(closed_form_set, tmp_path, name, path):
+    """Trainers open the lists of all splits."""
+    data = shutil.copytree(closed_form_set, tmp_path / "set")
+    index = json.loads((data / "dataset.json").read_text())
+    index["samples"] = [s for s in index["samples"] if s["split"] == "train"]
+    (data / "dataset.json").write_text(json.dumps(index))
+    export(ExportConfig(data, name, tmp_path / "out", split=("train", "val")))
+    sizes = {split: (tmp_path / "out" / path.format(split)).stat().st_size for split in ("train", "val")}
+    assert sizes["val"] == 0 < sizes["train"] and not (tmp_path / "out" / path.format("test")).exists()
+    assert json.loads((tmp_path / "out" / "samples.json").read_text())["val"] == []
+
+
 def test_another_export_in_the_folder(exports, closed_form_set, tmp_path, capfd):
     out = shutil.copytree(exports["kitti"], tmp_path / "out")
     before = contents(out)
