@@ -81,11 +81,11 @@ class SceneConfig:
                 raise ValueError(f"{name} must lie within {least:g} and {most:g} m, got {getattr(self, name)}")
         if not self.cell < self.size < 2 * self.horizon:
             raise ValueError(
-                f"size must be more than cell, {self.cell:g} m, and less than twice the horizon, {self.horizon:g} m; "
+                f"size must be more than `cell`, {self.cell:g} m, and less than twice `horizon`, {self.horizon:g} m; "
                 f"got {self.size}"
             )
         if self.size > MOST_CELLS * self.cell:
-            raise ValueError(f"size must be at most {MOST_CELLS} times the cell, {self.cell:g} m, got {self.size}")
+            raise ValueError(f"size must be at most {MOST_CELLS} times `cell`, {self.cell:g} m, got {self.size}")
 
 
 @dataclass(frozen=True)
