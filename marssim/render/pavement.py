@@ -20,12 +20,27 @@ SIDE = 512  # texels along a side of the tile
 TEXEL = 0.012  # [m]
 PLATES = (9, 27)  # plates along the side, and pieces that they are broken into
 BEND = 0.03  # [m] how far borders wander from straight lines
+SHORTEST_BEND = 1.4  # [1/m] standard deviation of the wave numbers of that wandering
+ROUGH = (0.03, 0.09)  # [m] wavelengths of the roughness of plates, of which the following are standard deviations
+ROUGH_HEIGHT, ROUGH_JOINT, ROUGH_TONE = 0.0016, 0.006, 0.06  # [m], [m] and logarithm of brightness
 ROUNDING = 0.018  # [m] width of the worn border of a plate
 STANDING = 0.022  # [m] height of a plate over the sand in its joints
 TILT = 0.03  # standard deviation of a plate's slope
+PIECE_TILT = 0.4  # that of a piece, more, over that of a plate
+PIECE_BEND = 0.4  # how far the borders of pieces wander, over those of plates: they run into these at any angle
+BROKEN = 0.7  # share of the plates that are broken into pieces
+JOINT = (0.012, 0.03)  # [m] half the width of a joint, least and how much more at most
+JOINT_CRACK, JOINT_SIDE = 0.008, 0.01  # [m] width of the dark line along a plate's border, and how far out it begins
+SPLIT = (0.006, 0.006)  # [m] width of a crack between pieces, least and how much more at most
+SPLIT_DARK, SPLIT_DEEP = 0.8, 0.35  # how dark it is, over a joint, and how deep, over the plate
+TONE, PLATE_TONE, PIECE_TONE = 0.10, 0.15, 0.08  # logarithm of brightness: mean, and standard deviations
+DARK = 0.9  # share of the light that a crack takes
+PLATE_COVER, PIECE_COVER = 0.9, 0.15  # of sand: what plates, and pieces of one, differ by
+BORDER_COVER, BORDER = 1.2, 0.006  # how much more lies beyond a plate's border, and within what width [m] it thins out
 STEEPEST = 1.5  # slope at which the coded slopes end
 TONES = 1.0  # logarithm of brightness at which the coded tones end
 DEEPEST = 2.0  # coded cover of sand in a joint: above 1, it is never swept clean
+DRAWN = np.dtype([(name, np.float64) for name in ("east", "north", "tone", "chance")])  # slopes, N(0, 1), U(0, 1)
 VARIANTS = 2  # tiles that scenes choose from, each turned and shifted by its own seed
 
 
@@ -38,13 +53,11 @@ def plates(seed: int) -> np.ndarray:
     """
     rng = np.random.default_rng((seed, 9))
     k = np.hypot(scipy.fft.fftfreq(SIDE, TEXEL)[:, None], scipy.fft.rfftfreq(SIDE, TEXEL)[None, :])
-    band = np.exp(-0.5 * (k / 1.4) ** 2) * (k > 0)
+    band = np.exp(-0.5 * (k / SHORTEST_BEND) ** 2) * (k > 0)
     bend = [_field(rng, band) * BEND / TEXEL for _ in range(2)]
-    rough = _field(rng, np.exp(-((k * 0.03 - 1) ** 2)) + np.exp(-((k * 0.09 - 1) ** 2)))
+    rough = _field(rng, sum(np.exp(-((k * wavelength - 1) ** 2)) for wavelength in ROUGH))
     levels = [_jittered(n, rng) for n in PLATES]
-    draws = [
-        np.stack([*rng.normal(0, TILT, (2, n * n)), rng.standard_normal(n * n), rng.random(n * n)]) for n in PLATES
-    ]
+    draws = [_drawn(n * n, rng) for n in PLATES]
     finest = np.empty((SIDE, SIDE, CHANNELS), dtype=np.float32)
     height = np.empty((SIDE, SIDE), dtype=np.float32)
     _plates(levels[0], levels[1], draws[0], draws[1], bend[0], bend[1], rough, height, finest)
@@ -52,6 +65,14 @@ def plates(seed: int) -> np.ndarray:
         slope = (np.roll(height, -1, axis) - np.roll(height, 1, axis)) / (2 * TEXEL)
         finest[..., channel] = np.clip(slope / STEEPEST, -1, 1) * CODES
     return pyramid(finest)
+
+
+def _drawn(count: int, rng: np.random.Generator) -> np.ndarray:
+    """(count,) of DRAWN."""
+    out = np.empty(count, dtype=DRAWN)
+    out["east"], out["north"] = rng.normal(0, TILT, (2, count))
+    out["tone"], out["chance"] = rng.standard_normal(count), rng.random(count)
+    return out
 
 
 def _field(rng: np.random.Generator, band: np.ndarray) -> np.ndarray:
@@ -92,34 +113,36 @@ def _nearest(points, x, y):
 
 
 @compiled
-def _plates(large, small, drawn, drawn_small, bend_x, bend_y, rough, height, out):
-    """Heights [m] of plates, and channels 2 to 4 of out (SIDE, SIDE, CHANNELS) in codes; see plates."""
+def _plates(large, small, plate_drawn, piece_drawn, bend_x, bend_y, rough, height, out):
+    """Heights [m] of plates, and channels 2 to 4 of out (SIDE, SIDE, CHANNELS) in codes; see plates.
+
+    large, small: points of plates and of pieces, see _jittered; plate_drawn, piece_drawn: of DRAWN.
+    """
     for j in range(SIDE):
         for i in range(SIDE):
-            x, y = i + bend_x[j, i], j + bend_y[j, i]
-            plate, px, py, border = _nearest(large, x, y)
-            # pieces are bent less than plates: their borders run into those of the plates at any angle
-            piece, qx, qy, split = _nearest(small, i + 0.4 * bend_y[j, i], j + 0.4 * bend_x[j, i])
+            n, px, py, border = _nearest(large, i + bend_x[j, i], j + bend_y[j, i])
+            m, qx, qy, split = _nearest(small, i + PIECE_BEND * bend_y[j, i], j + PIECE_BEND * bend_x[j, i])
             border, split = border * TEXEL, split * TEXEL
-            broken = drawn[3, plate] < 0.7  # into pieces, or whole
-            joint = 0.012 + 0.03 * drawn_small[3, piece] + 0.006 * rough[j, i]
-            edge = border - joint
+            plate, piece = plate_drawn[n], piece_drawn[m]
+            broken = plate.chance < BROKEN  # into pieces, or whole
+            edge = border - (JOINT[0] + JOINT[1] * piece.chance + ROUGH_JOINT * rough[j, i])
             inside = 1 - math.exp(-max(edge, 0.0) / ROUNDING)
-            crack = math.exp(-max(edge, 0.0) / 0.008) if edge > -0.01 else 0.0
-            lean = drawn[0, plate] * px + drawn[1, plate] * py
-            tone = 0.10 + 0.15 * drawn[2, plate] + 0.06 * rough[j, i]
+            crack = math.exp(-max(edge, 0.0) / JOINT_CRACK) if edge > -JOINT_SIDE else 0.0
+            lean = plate.east * px + plate.north * py
+            tone = TONE + PLATE_TONE * plate.tone + ROUGH_TONE * rough[j, i]
+            cover = PLATE_COVER * plate.chance
             if broken:
-                gap = math.exp(-split / (0.006 + 0.006 * drawn_small[3, piece]))
-                crack = max(crack, 0.8 * gap)
-                inside *= 1 - 0.35 * gap
-                lean += 0.4 * (drawn_small[0, piece] * qx + drawn_small[1, piece] * qy)
-                tone += 0.08 * drawn_small[2, piece]
-            height[j, i] = inside * (STANDING + lean * TEXEL + 0.0016 * rough[j, i])
-            out[j, i, 2] = min(max(tone / TONES, -1.0), 1.0) * CODES
-            out[j, i, 3] = 0.9 * crack * CODES
-            cover = drawn[3, plate] * 0.9 + (0.15 * drawn_small[3, piece] if broken else 0.0)
+                gap = math.exp(-split / (SPLIT[0] + SPLIT[1] * piece.chance))
+                crack = max(crack, SPLIT_DARK * gap)
+                inside *= 1 - SPLIT_DEEP * gap
+                lean += PIECE_TILT * (piece.east * qx + piece.north * qy)
+                tone += PIECE_TONE * piece.tone
+                cover += PIECE_COVER * piece.chance
             # sand thins out over a plate's border
-            cover += 1.2 * min(max(-edge / 0.006 + 0.5, 0.0), 1.0)
+            cover += BORDER_COVER * min(max(-edge / BORDER + 0.5, 0.0), 1.0)
+            height[j, i] = inside * (STANDING + lean * TEXEL + ROUGH_HEIGHT * rough[j, i])
+            out[j, i, 2] = min(max(tone / TONES, -1.0), 1.0) * CODES
+            out[j, i, 3] = DARK * crack * CODES
             out[j, i, 4] = min(cover / DEEPEST, 1.0) * CODES
 
 
