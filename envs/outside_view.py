@@ -9,7 +9,8 @@ from marssim.physics.body import Part
 from marssim.physics.state import RoverState
 from marssim.render.antialias import SUBPIXELS
 from marssim.render.gbuffer import GROUND, SKY
-from marssim.render.raycast import MeshCaster, MeshPart, Raycaster
+from marssim.render.mesh import Mesh
+from marssim.render.raycast import MeshCaster, Raycaster
 from marssim.render.sensor import Sensor
 from marssim.render.shading import Shader
 from marssim.scene.scene import Scene
@@ -103,10 +104,10 @@ class OutsideView:
         return colour, np.where(is_rover, -2 - part, 2 * surface + shadow)
 
 
-def _part(part: Part, number: int) -> MeshPart:
+def _part(part: Part, number: int) -> Mesh:
     vertices = part.vertices @ part.pose[:3, :3].T + part.pose[:3, 3]
     surface = np.full(len(part.faces), number, dtype=np.int32)
-    return MeshPart(vertices, part.faces, surface, np.zeros_like(vertices))
+    return Mesh(vertices, part.faces, surface, np.zeros_like(vertices))
 
 
 def _borders(seen: np.ndarray) -> np.ndarray:

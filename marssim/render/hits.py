@@ -9,32 +9,29 @@ import numpy as np
 from marssim.camera import PinholeCamera
 from marssim.compiled import compiled
 from marssim.render.gbuffer import SKY, GBuffer
-from marssim.render.mesh import SceneMesh
+from marssim.render.mesh import Mesh
 
 MISS = 1e-3  # barycentric coordinate by which a ray may pass a triangle before the nearest point on it is taken
 
 
-def seen(mesh: SceneMesh, camera: PinholeCamera, pose: np.ndarray, face: np.ndarray) -> GBuffer:
+def seen(mesh: Mesh, camera: PinholeCamera, pose: np.ndarray, face: np.ndarray) -> GBuffer:
     """The G-buffer of a view whose pixels' rays meet the faces (H * W,), negative for the sky. pose: (4, 4)."""
     shape = (camera.height, camera.width)
     rays = camera.rays().reshape(-1, 3)
-    depth, normal, shading, surface = hits(
-        mesh.vertices, mesh.faces, mesh.surface, mesh.vertex_normals, pose, rays, face
-    )
+    depth, normal, shading, surface = hits(mesh, pose, rays, face)
     return GBuffer(depth.reshape(shape), normal.reshape(*shape, 3), shading.reshape(*shape, 3), surface.reshape(shape))
 
 
 def hits(
-    vertices: np.ndarray, faces: np.ndarray, surface: np.ndarray, vertex_normals: np.ndarray, pose: np.ndarray,
-    rays: np.ndarray, face: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    mesh: Mesh, pose: np.ndarray, rays: np.ndarray, face: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Depth (N,), normal (N, 3), shading normal (N, 3) and surface id (N,), as GBuffer defines them, of known hits.
 
-    vertices, faces, surface, vertex_normals: as in SceneMesh; pose: (4, 4) camera to world; rays: (N, 3) camera frame,
-    z = 1; face: (N,) the face that each ray meets, negative for the sky. All in float64 until the result is stored.
+    pose: (4, 4) camera to world; rays: (N, 3) camera frame, z = 1; face: (N,) the face of the mesh that each ray meets,
+    negative for the sky. All in float64 until the result is stored.
     """
     return _hits(
-        vertices, faces, surface, vertex_normals, np.ascontiguousarray(pose, dtype=np.float64),
+        mesh.vertices, mesh.faces, mesh.surface, mesh.vertex_normals, np.ascontiguousarray(pose, dtype=np.float64),
         np.ascontiguousarray(rays, dtype=np.float64), face,
     )  # fmt: skip
 

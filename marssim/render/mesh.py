@@ -15,18 +15,26 @@ PIECE_CELLS = 12  # grid cells along a piece of ground
 
 
 @dataclass(frozen=True)
-class SceneMesh:
-    """Triangles of ground and rocks.
+class Mesh:
+    """Triangles that can be seen.
 
-    vertices: (V, 3) float64, world [m]; faces: (F, 3) int32; surface: (F,) int32, GROUND or rock n + 1;
-    vertex_normals: (V, 3) float32, shorter than 1 where facets shall stay visible.
-    Piece p holds faces[start[p] : start[p + 1]] within the box low[p], high[p] (3,).
+    vertices: (V, 3) float64, world [m]; faces: (F, 3) int32; surface: (F,) int32 id of each face; vertex_normals:
+    (V, 3) float32, shorter than 1 where facets shall stay visible, 0 for flat shading.
     """
 
     vertices: np.ndarray
     faces: np.ndarray
     surface: np.ndarray
     vertex_normals: np.ndarray
+
+
+@dataclass(frozen=True)
+class SceneMesh(Mesh):
+    """Triangles of ground and rocks; surface: GROUND or rock n + 1.
+
+    Piece p holds faces[start[p] : start[p + 1]] within the box low[p], high[p] (3,).
+    """
+
     start: np.ndarray
     low: np.ndarray
     high: np.ndarray

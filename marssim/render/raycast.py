@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,34 +10,17 @@ from marssim.camera import PinholeCamera, rotate
 from marssim.embree import TriangleRays
 from marssim.render.gbuffer import GBuffer
 from marssim.render.hits import hits, seen
-from marssim.render.mesh import scene_mesh
+from marssim.render.mesh import Mesh, scene_mesh
 from marssim.render.visibility import SELF_GAP, SeesByRays
 from marssim.scene.scene import Scene
-
-
-@dataclass(frozen=True)
-class MeshPart:
-    """vertices: (V, 3) float64, world [m]; faces: (F, 3); surface: (F,) int32 id of each face; vertex_normals: (V, 3),
-    shorter than 1 where facets shall stay visible, 0 for flat shading."""
-
-    vertices: np.ndarray
-    faces: np.ndarray
-    surface: np.ndarray
-    vertex_normals: np.ndarray
 
 
 class MeshCaster:
     """Rays against triangle meshes."""
 
-    def __init__(self, parts: Sequence[MeshPart]) -> None:
-        parts = [part for part in parts if len(part.faces)]
-        starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
-        self._vertices = np.concatenate([part.vertices for part in parts]).astype(np.float64, copy=False)
-        self._faces = np.concatenate([part.faces + start for part, start in zip(parts, starts)])
-        self._faces = self._faces.astype(np.int32, copy=False)
-        self._surface = np.concatenate([part.surface for part in parts])
-        self._vertex_normals = np.concatenate([part.vertex_normals for part in parts]).astype(np.float32, copy=False)
-        self._rays = TriangleRays(self._vertices, self._faces)
+    def __init__(self, meshes: Sequence[Mesh]) -> None:
+        self._mesh = _joined([mesh for mesh in meshes if len(mesh.faces)])
+        self._rays = TriangleRays(self._mesh.vertices, self._mesh.faces)
 
     def trace(self, rays: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Depth, normal, shading normal and surface id along any rays of a camera.
@@ -46,8 +28,7 @@ class MeshCaster:
         rays: (N, 3) camera frame, scaled to z = 1. pose: (4, 4) camera to world.
         Returns (N,), (N, 3), (N, 3), (N,) as GBuffer defines them.
         """
-        face = self._first_faces(rays, pose)
-        return hits(self._vertices, self._faces, self._surface, self._vertex_normals, pose, rays, face)
+        return hits(self._mesh, pose, rays, self._first_faces(rays, pose))
 
     def free(
         self, points: np.ndarray, normals: np.ndarray, directions: np.ndarray, reach: np.ndarray | None
@@ -76,7 +57,7 @@ class Raycaster(MeshCaster, SeesByRays):
 
     def __init__(self, scene: Scene) -> None:
         mesh = scene_mesh(scene)
-        MeshCaster.__init__(self, [MeshPart(mesh.vertices, mesh.faces, mesh.surface, mesh.vertex_normals)])
+        MeshCaster.__init__(self, [mesh])
         SeesByRays.__init__(self, mesh, scene.look.sun)
         self.scene = scene
 
@@ -88,3 +69,15 @@ class Raycaster(MeshCaster, SeesByRays):
         """Free the acceleration structure; may be called twice."""
         MeshCaster.close(self)
         SeesByRays.close(self)
+
+
+def _joined(meshes: Sequence[Mesh]) -> Mesh:
+    if len(meshes) == 1:
+        return meshes[0]
+    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    return Mesh(
+        vertices=np.concatenate([mesh.vertices for mesh in meshes]).astype(np.float64, copy=False),
+        faces=np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts)]).astype(np.int32, copy=False),
+        surface=np.concatenate([mesh.surface for mesh in meshes]),
+        vertex_normals=np.concatenate([mesh.vertex_normals for mesh in meshes]).astype(np.float32, copy=False),
+    )

@@ -31,7 +31,7 @@ class Visibility:
         else:
             x, y = np.ascontiguousarray(rays[:, 0]), np.ascontiguousarray(rays[:, 1])
             face = nearest(mesh, Projection.of_eye(pose), x, y)
-        return hits(mesh.vertices, mesh.faces, mesh.surface, mesh.vertex_normals, pose, rays, face)
+        return hits(mesh, pose, rays, face)
 
     def lit(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """(N,) bool: the sun's centre reaches these surface points; see GBufferMaker. None may lie within a rock."""

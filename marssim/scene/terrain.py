@@ -106,10 +106,6 @@ class Terrain:
         """Height of the ground [m]; x, y: (...) [m]. Outside the scene: that of the nearest edge."""
         return self.gradient_at(x, y)[0]
 
-    def meshes(self) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
-        """(vertices, faces) of the fine part and of the coarse part without its middle."""
-        return self.fine.mesh(), self.coarse.mesh(keep=self.coarse_cells)
-
     @property
     def coarse_cells(self) -> np.ndarray:
         """(ny - 1, nx - 1) bool: the cells of the coarse grid that lie around the fine one."""

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from marssim.camera import PinholeCamera, look_pose
 from marssim.render.gbuffer import GROUND, SKY, GBufferMaker
 from marssim.render.makers import make_renderer
-from marssim.render.raycast import MeshCaster, MeshPart
+from marssim.render.mesh import Mesh
+from marssim.render.raycast import MeshCaster
 from marssim.render.visibility import SELF_GAP
 from marssim.scene.rocks import RockConfig, icosphere
 from marssim.scene.scene import Scene, SceneConfig, build_scene
@@ -69,7 +70,8 @@ def nearest_hit(origin: np.ndarray, direction: np.ndarray, corners: np.ndarray) 
 
 @pytest.fixture(scope="module")
 def corners(scene) -> np.ndarray:
-    meshes = [*scene.terrain.meshes(), (scene.rocks.vertices, scene.rocks.faces)]
+    terrain = scene.terrain
+    meshes = [terrain.fine.mesh(), terrain.coarse.mesh(terrain.coarse_cells), (scene.rocks.vertices, scene.rocks.faces)]
     return np.concatenate([vertices[faces] for vertices, faces in meshes])
 
 
@@ -102,7 +104,9 @@ def test_a_tilted_plane_has_its_closed_form(bare, name, slope, yaw, pitch, roll)
 
 def sphere_caster(centre: np.ndarray, radius: float) -> MeshCaster:
     direction, faces = SPHERE
-    return MeshCaster([MeshPart(centre + radius * direction, faces, np.full(len(faces), 7, np.int32), direction)])
+    return MeshCaster(
+        [Mesh(centre + radius * direction, faces, np.full(len(faces), 7, np.int32), direction.astype(np.float32))]
+    )
 
 
 @pytest.mark.parametrize("distance", [3.0, 0.4])  # from outside, and from within the sphere

@@ -43,7 +43,7 @@ def test_fine_and_coarse_ground_meet_without_a_gap():
 def test_meshes_cover_the_whole_square_once():
     terrain = small()
     area = 0.0
-    for vertices, faces in terrain.meshes():
+    for vertices, faces in (terrain.fine.mesh(), terrain.coarse.mesh(terrain.coarse_cells)):
         a, b, c = (vertices[faces[:, i], :2] for i in range(3))
         area += 0.5 * np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]).sum()
     x0, y0, x1, y1 = terrain.coarse.bounds
