@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -12,6 +12,15 @@ from marssim.camera import PinholeCamera, rotate
 SKY = -1
 GROUND = 0  # rock n of Scene.rocks has id n + 1
 ROCK_SMOOTHNESS = 0.55  # length of a rock's interpolated normals: 1 shades it as if it were smooth, 0 facet by facet
+
+
+class Hits(NamedTuple):
+    """What N rays meet; as in GBuffer: depth (N,), normal (N, 3), shading_normal (N, 3), surface (N,)."""
+
+    depth: np.ndarray
+    normal: np.ndarray
+    shading_normal: np.ndarray
+    surface: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -34,6 +43,13 @@ class GBuffer:
         """(H, W) bool: not sky."""
         return self.surface != SKY
 
+    @property
+    def pixels(self) -> Hits:
+        """What the rays through the pixel centres meet, row by row."""
+        return Hits(
+            self.depth.ravel(), self.normal.reshape(-1, 3), self.shading_normal.reshape(-1, 3), self.surface.ravel()
+        )
+
     def world(self, camera: PinholeCamera, pose: np.ndarray) -> np.ndarray:
         """(H, W, 3) float64 world position of each pixel; not finite in the sky. pose: (4, 4) camera to world."""
         points = rotate(camera.unproject(np.where(self.hit, self.depth, 0)), pose[:3, :3]) + pose[:3, 3]
@@ -54,8 +70,7 @@ class GBufferMaker(Protocol):
     def seen_from(self, points: np.ndarray, normals: np.ndarray, eye: np.ndarray) -> np.ndarray:
         """(N,) bool: is the straight line from these surface points to the eye free? eye: (3,) world."""
 
-    def trace(self, rays: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Depth (N,), normals (N, 3), shading normals (N, 3), surface (N,) along rays (N, 3) of z = 1, camera frame,
-        which need not pass through pixel centres."""
+    def trace(self, rays: np.ndarray, pose: np.ndarray) -> Hits:
+        """What rays (N, 3) of z = 1 meet, camera frame, which need not pass through pixel centres."""
 
     def close(self) -> None: ...

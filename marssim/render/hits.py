@@ -8,7 +8,7 @@ import numpy as np
 
 from marssim.camera import PinholeCamera
 from marssim.compiled import compiled
-from marssim.render.gbuffer import SKY, GBuffer
+from marssim.render.gbuffer import SKY, GBuffer, Hits
 from marssim.render.mesh import Mesh
 
 MISS = 1e-3  # barycentric coordinate by which a ray may pass a triangle before the nearest point on it is taken
@@ -22,18 +22,14 @@ def seen(mesh: Mesh, camera: PinholeCamera, pose: np.ndarray, face: np.ndarray) 
     return GBuffer(depth.reshape(shape), normal.reshape(*shape, 3), shading.reshape(*shape, 3), surface.reshape(shape))
 
 
-def hits(
-    mesh: Mesh, pose: np.ndarray, rays: np.ndarray, face: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Depth (N,), normal (N, 3), shading normal (N, 3) and surface id (N,), as GBuffer defines them, of known hits.
+def hits(mesh: Mesh, pose: np.ndarray, rays: np.ndarray, face: np.ndarray) -> Hits:
+    """Where exactly rays meet faces that they are known to meet.
 
     pose: (4, 4) camera to world; rays: (N, 3) camera frame, z = 1; face: (N,) the face of the mesh that each ray meets,
     negative for the sky. All in float64 until the result is stored.
     """
-    return _hits(
-        mesh.vertices, mesh.faces, mesh.surface, mesh.vertex_normals, np.ascontiguousarray(pose, dtype=np.float64),
-        np.ascontiguousarray(rays, dtype=np.float64), face,
-    )  # fmt: skip
+    pose, rays = (np.ascontiguousarray(each, dtype=np.float64) for each in (pose, rays))
+    return Hits(*_hits(mesh.vertices, mesh.faces, mesh.surface, mesh.vertex_normals, pose, rays, face))
 
 
 @compiled

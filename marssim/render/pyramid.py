@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from marssim.compiled import compiled, inlined
+from marssim.render.bilinear import bilinear_weights
 
 CODES = 127  # of the largest value of a channel
 CHANNELS = 5  # slopes along x and y, and three more
@@ -97,9 +98,7 @@ def _bilinear(tile, start, size, x, y):
     i2, j2 = (i + np.int32(1)) & np.int32(size - 1), (j + np.int32(1)) & np.int32(size - 1)
     p, q = np.uint32(start + j * size + i), np.uint32(start + j * size + i2)
     r, w = np.uint32(start + j2 * size + i), np.uint32(start + j2 * size + i2)
-    d = s * t
-    b, c = s - d, t - d
-    a = np.float32(1) - s - c
+    a, b, c, d = bilinear_weights(s, t)
     return (
         a * tile[p, 0] + b * tile[q, 0] + c * tile[r, 0] + d * tile[w, 0],
         a * tile[p, 1] + b * tile[q, 1] + c * tile[r, 1] + d * tile[w, 1],

@@ -8,7 +8,7 @@ import numpy as np
 
 from marssim.camera import PinholeCamera, rotate
 from marssim.embree import TriangleRays
-from marssim.render.gbuffer import GBuffer
+from marssim.render.gbuffer import GBuffer, Hits
 from marssim.render.hits import hits, seen
 from marssim.render.mesh import Mesh, scene_mesh
 from marssim.render.visibility import SELF_GAP, SeesByRays
@@ -22,12 +22,8 @@ class MeshCaster:
         self._mesh = _joined([mesh for mesh in meshes if len(mesh.faces)])
         self._rays = TriangleRays(self._mesh.vertices, self._mesh.faces)
 
-    def trace(self, rays: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Depth, normal, shading normal and surface id along any rays of a camera.
-
-        rays: (N, 3) camera frame, scaled to z = 1. pose: (4, 4) camera to world.
-        Returns (N,), (N, 3), (N, 3), (N,) as GBuffer defines them.
-        """
+    def trace(self, rays: np.ndarray, pose: np.ndarray) -> Hits:
+        """What any rays of a camera meet. rays: (N, 3) camera frame, scaled to z = 1; pose: (4, 4) camera to world."""
         return hits(self._mesh, pose, rays, self._first_faces(rays, pose))
 
     def free(

@@ -105,7 +105,7 @@ def _surface(points, at, normals, surface, eye, lit, focal, ground, rocks, light
             nx, ny, nz = mx - du, my - dv, mz
         else:
             red, green, blue, nx, ny, nz = _rock(
-                x, y, z, mx, my, mz, footprint, contrast, noise, surface[m], of_surface[surface[m]]
+                (x, y, z), (mx, my, mz), footprint, contrast, noise, surface[m], of_surface[surface[m]]
             )
         unit = 1 / math.sqrt(max(nx * nx + ny * ny + nz * nz, 1e-12))
         nx, ny, nz = nx * unit, ny * unit, nz * unit
@@ -131,8 +131,12 @@ def _surface(points, at, normals, surface, eye, lit, focal, ground, rocks, light
 
 
 @inlined
-def _rock(x, y, z, mx, my, mz, footprint, contrast, noise, surface, rock):
-    """Albedo of a rock at x, y, z [m], and the normal (not of unit length) of its fine relief; mx, my, mz: its own."""
+def _rock(point, normal, footprint, contrast, noise, surface, rock):
+    """Albedo (red, green, blue) of a rock at a point (x, y, z), and the normal of its fine relief, not of unit length.
+
+    normal: (x, y, z) of its surface; contrast, noise: of RockSurface; surface: its id; rock: of ROCK.
+    """
+    (x, y, z), (mx, my, mz) = point, normal
     # flat coordinates on the plane that the surface faces most
     across = 2
     if abs(mx) >= abs(my) and abs(mx) >= abs(mz):

@@ -9,7 +9,7 @@ import numpy as np
 from marssim.camera import PinholeCamera, StereoRig, rotate
 from marssim.compiled import compiled
 from marssim.render.antialias import average, colours_beside, edge_pixels, subpixel_rays
-from marssim.render.gbuffer import SKY, GBuffer, GBufferMaker
+from marssim.render.gbuffer import SKY, GBuffer, GBufferMaker, Hits
 from marssim.render.sensor import Sensor
 from marssim.render.shading import Shader
 
@@ -62,10 +62,9 @@ def render_stereo(
 
 def occlusion(maker: GBufferMaker, view: GBuffer, rig: StereoRig, pose: np.ndarray) -> np.ndarray:
     """(H, W) bool: the left pixel's point is hidden from the right eye or outside its image; never so in the sky."""
-    depth, surface = view.depth.ravel(), view.surface.ravel()
-    rays = rig.camera.rays().reshape(-1, 3)
-    hidden, known = _outside(depth, surface, rig.camera.width, rig.fb)
-    at, points, normals = _hit_points(rays, depth, view.normal.reshape(-1, 3), surface, pose, known)
+    met, rays = view.pixels, rig.camera.rays().reshape(-1, 3)
+    hidden, known = _outside(met.depth, met.surface, rig.camera.width, rig.fb)
+    at, points, normals = _hit_points(rays, met.depth, met.normal, met.surface, pose, known)
     hidden[at] = ~maker.seen_from(points, normals, rig.right_pose(pose)[:3, 3])
     return hidden.reshape(view.depth.shape)
 
@@ -74,37 +73,35 @@ def radiance(maker: GBufferMaker, shader: Shader, camera: PinholeCamera, pose: n
     """(H, W, 3) float32 radiance of a view, one sample a pixel and more where edges are (antialias.py)."""
     shape = view.depth.shape
     colour = np.empty((view.depth.size, 3), dtype=np.float32)
-    maps = view.depth.ravel(), view.normal.reshape(-1, 3), view.shading_normal.reshape(-1, 3), view.surface.ravel()
     none = np.zeros(len(colour), dtype=bool)
-    lit = _shade(maker, shader, camera, pose, camera.rays().reshape(-1, 3), *maps, none, colour).reshape(shape)
+    lit = _shade(maker, shader, camera, pose, camera.rays().reshape(-1, 3), view.pixels, none, colour).reshape(shape)
     pixels = edge_pixels(view, lit)
     if len(pixels):
         rays = subpixel_rays(camera, pixels)
-        depth, normal, shading_normal, surface = maker.trace(rays, pose)
-        samples, known = colours_beside(pixels, depth, surface, view, lit, colour)
-        _shade(maker, shader, camera, pose, rays, depth, normal, shading_normal, surface, known, samples)
+        met = maker.trace(rays, pose)
+        samples, known = colours_beside(pixels, met.depth, met.surface, view, lit, colour)
+        _shade(maker, shader, camera, pose, rays, met, known, samples)
         average(pixels, samples, colour)
     return colour.reshape(*shape, 3)
 
 
 def _shade(
-    maker: GBufferMaker, shader: Shader, camera: PinholeCamera, pose: np.ndarray, rays: np.ndarray,
-    depth: np.ndarray, normal: np.ndarray, shading_normal: np.ndarray, surface: np.ndarray,
+    maker: GBufferMaker, shader: Shader, camera: PinholeCamera, pose: np.ndarray, rays: np.ndarray, met: Hits,
     known: np.ndarray, colour: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
-    """Write the radiance along rays (N, 3) whose hits are given to colour (N, 3), except where it is known (N,).
+    """Write the radiance along rays (N, 3), given what they have met, to colour (N, 3), except where it is known (N,).
 
     Returns (N,) bool: in sunlight.
     """
     lit = np.zeros(len(rays), dtype=bool)
-    sky = np.flatnonzero((surface == SKY) & ~known)
+    sky = np.flatnonzero((met.surface == SKY) & ~known)
     if len(sky):
         toward = rotate(rays[sky], pose[:3, :3])
         colour[sky] = shader.sky(toward / np.sqrt(np.einsum("ij,ij->i", toward, toward))[:, None])
-    at, points, normals = _hit_points(rays, depth, normal, surface, pose, known)
+    at, points, normals = _hit_points(rays, met.depth, met.normal, met.surface, pose, known)
     if len(at):
         lit[at] = maker.lit(points, normals)
-        shader.surface(points, shading_normal, surface, pose[:3, 3], lit, camera.fx, at, colour)
+        shader.surface(points, met.shading_normal, met.surface, pose[:3, 3], lit, camera.fx, at, colour)
     return lit
 
 

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from marssim.compiled import inlined
+from marssim.render.bilinear import bilinear_weights
 from marssim.scene.rocks import Rocks
 
 CELL = 0.05  # [m]
@@ -57,10 +58,7 @@ def surroundings_at(near, half, x, y):
     if not (i >= 0 and j >= 0 and i < top and j < top):
         return np.float32(0), np.float32(0), np.float32(0)
     left, low = np.int32(i), np.int32(j)
-    s, t = i - left, j - low
-    d = s * t
-    b, c = s - d, t - d
-    a = np.float32(1) - s - c
+    a, b, c, d = bilinear_weights(i - left, j - low)
     p, q = near[low, left], near[low, left + 1]
     r, w = near[low + 1, left], near[low + 1, left + 1]
     code = np.float32(1 / CODE)

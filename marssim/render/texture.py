@@ -13,6 +13,7 @@ import numpy as np
 import scipy.fft
 
 from marssim.compiled import inlined
+from marssim.render.bilinear import bilinear_weights
 
 TILE = 512  # texels on a side of the periodic tile
 TEXELS = 8.0  # texels per wavelength in the tile
@@ -106,9 +107,7 @@ def octave_value(tile, places, octave, u, v):
     """Noise of one octave, of unit variance, at surface coordinates u, v [m]. tile, places: of Octaves."""
     i, j, s, t = _texel(places, octave, u, v)
     right, below = i + np.uint32(1), j + np.uint32(1)
-    d = s * t
-    b, c = s - d, t - d
-    a = np.float32(1) - s - c
+    a, b, c, d = bilinear_weights(s, t)
     value = a * tile[j, i, 0] + b * tile[j, right, 0] + c * tile[below, i, 0] + d * tile[below, right, 0]
     return value * np.float32(STEP)
 
@@ -118,9 +117,7 @@ def octave_slopes(tile, places, octave, u, v):
     """Noise of one octave and its slopes along u and v, each of unit variance. tile, places: of Octaves."""
     i, j, s, t = _texel(places, octave, u, v)
     right, below = i + np.uint32(1), j + np.uint32(1)
-    d = s * t
-    b, c = s - d, t - d
-    a = np.float32(1) - s - c
+    a, b, c, d = bilinear_weights(s, t)
     value = a * tile[j, i, 0] + b * tile[j, right, 0] + c * tile[below, i, 0] + d * tile[below, right, 0]
     along = a * tile[j, i, 1] + b * tile[j, right, 1] + c * tile[below, i, 1] + d * tile[below, right, 1]
     across = a * tile[j, i, 2] + b * tile[j, right, 2] + c * tile[below, i, 2] + d * tile[below, right, 2]

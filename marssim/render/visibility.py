@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from marssim.compiled import compiled
+from marssim.render.gbuffer import Hits
 from marssim.render.hits import hits
 from marssim.render.mesh import SceneMesh, averted
 from marssim.render.projection import Projection
@@ -23,8 +24,8 @@ class Visibility:
         self.sun = sun
         self._casting = averted(mesh, sun)
 
-    def trace(self, rays: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Depth, normal, shading normal and surface id along rays (N, 3) of z = 1; see GBufferMaker."""
+    def trace(self, rays: np.ndarray, pose: np.ndarray) -> Hits:
+        """What rays (N, 3) of z = 1 meet; see GBufferMaker."""
         mesh = self.mesh
         if len(rays) == 0:
             face = np.zeros(0, dtype=np.int32)
@@ -83,8 +84,8 @@ class SeesByRays:
         self._visibility = Visibility(mesh, sun)
         self._open = True
 
-    def trace(self, rays: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Depth, normals, shading normals and surface along rays (N, 3) of z = 1; see GBufferMaker."""
+    def trace(self, rays: np.ndarray, pose: np.ndarray) -> Hits:
+        """What rays (N, 3) of z = 1 meet; see GBufferMaker."""
         return self._seer().trace(rays, pose)
 
     def lit(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:

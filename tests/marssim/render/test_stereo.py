@@ -153,9 +153,8 @@ def test_gain_difference_is_the_right_eyes(scene, maker, pose, frame):
 def one_sample(maker, shader, camera, pose, view, shown_by=None) -> np.ndarray:
     """(H, W, 3) radiance through pixel centres alone, with the texture that the pixels of a camera show."""
     rays = camera.rays().reshape(-1, 3)
-    maps = (view.depth.ravel(), view.normal.reshape(-1, 3), view.shading_normal.reshape(-1, 3), view.surface.ravel())
     colour, none = np.empty((len(rays), 3), dtype=np.float32), np.zeros(len(rays), dtype=bool)
-    stereo._shade(maker, shader, shown_by or camera, pose, rays, *maps, none, colour)
+    stereo._shade(maker, shader, shown_by or camera, pose, rays, view.pixels, none, colour)
     return colour.reshape(camera.height, camera.width, 3)
 
 
