@@ -54,7 +54,8 @@ def sample_figure(sample: StereoSample, name: str) -> bytes:
     _bare(axes[0, 3], "disparity [px]")
     figure.colorbar(shown, ax=axes[0, 3], shrink=0.8)
     _image(axes[1, 0], normal_colours(sample.normal), "normals: red right, green up, blue to the camera")
-    _image(axes[1, 1], _surface_colours(sample), f"surfaces: {len(np.unique(sample.rock)) - 1} rocks, ground, sky")
+    rocks = len(np.unique(sample.rock[sample.rock > 0]))
+    _image(axes[1, 1], _surface_colours(sample), f"surfaces: {rocks} rocks, ground, sky")
     occluded = (0.45 * sample.left).astype(np.uint8)
     occluded[sample.occluded] = (255, 140, 0)
     _image(
@@ -115,13 +116,13 @@ def _depth_plot(axes: Axes, tallies: dict[str, Tally]) -> None:
 
 
 def _share_plot(axes: Axes, tallies: dict[str, Tally]) -> None:
-    kinds = {"valid": "valid", "sky": "sky", "occluded": "occluded", "rock": "rock"}
+    kinds = ("valid", "sky", "occluded", "rock")
     for place, (name, t) in enumerate(tallies.items()):
         report = t.report()
         height = 0.8 / len(tallies)
         at = np.arange(len(kinds)) + (place - (len(tallies) - 1) / 2) * height
-        axes.barh(at, [100 * report[kind] for kind in kinds.values()], height=height, color=COLOURS[name], label=name)
-    axes.set_yticks(range(len(kinds)), list(kinds))
+        axes.barh(at, [100 * report[kind] for kind in kinds], height=height, color=COLOURS[name], label=name)
+    axes.set_yticks(range(len(kinds)), kinds)
     axes.invert_yaxis()
     axes.set_xlabel("share [%]")
 

@@ -10,6 +10,12 @@ import numpy as np
 from marssim.compiled import compiled, inlined
 from marssim.scene.scene import Look
 
+EXTINCTION = (0.42, 0.46, 0.52)  # of red, green and blue sunlight, by dust of unit optical depth
+SKY_STRENGTH, SKY_EXTINCTION = 0.42, 0.75  # skylight under thick dust and a zenith sun, and how soon dust makes it
+SKY_FALL = 0.75  # power of the sun's height by which skylight falls
+LOWEST, LOWEST_SKY = 0.06, 0.12  # sines of the sun's elevation, below which sun and sky are as there: air is no slab
+HORIZON_HEIGHT = 0.25  # sine of the elevation over which the horizon's colour fades
+HALO_WIDTH = 0.22  # [rad] about the sun
 ZENITH_COLOUR = (0.31, 0.235, 0.16)
 HORIZON_COLOUR = (0.50, 0.41, 0.29)
 HALO_COLOUR = (0.42, 0.40, 0.38)
@@ -30,9 +36,10 @@ class Daylight(NamedTuple):
 
 def daylight(look: Look) -> Daylight:
     """The light of a Look. Dust scatters forward: only half of what it removes from sunlight is lost."""
-    path = look.optical_depth / max(float(look.sun[2]), 0.06)
-    red, green, blue = np.exp(-path * np.array([0.42, 0.46, 0.52]))
-    sky = 0.42 * (1 - np.exp(-0.75 * path)) * max(float(look.sun[2]), 0.12) ** 0.75
+    height = float(look.sun[2])
+    path = look.optical_depth / max(height, LOWEST)
+    red, green, blue = np.exp(-path * np.array(EXTINCTION))
+    sky = SKY_STRENGTH * (1 - np.exp(-SKY_EXTINCTION * path)) * max(height, LOWEST_SKY) ** SKY_FALL
     return Daylight(look.sun, np.array([red, green, blue], dtype=np.float32), float(sky), look.optical_depth)
 
 
@@ -50,9 +57,9 @@ def skies(directions, light):
 def sky_colour(x, y, z, sun, skylight, optical_depth):
     """Radiance along a unit vector x, y, z: paler towards the horizon, and brighter around the sun. See Daylight."""
     towards_sun = min(max(x * sun[0] + y * sun[1] + z * sun[2], -1.0), 1.0)
-    horizon = math.exp(np.float32(-min(z, 1.0) / 0.25)) if z > 0 else 1.0
+    horizon = math.exp(np.float32(-min(z, 1.0) / HORIZON_HEIGHT)) if z > 0 else 1.0
     ahead = (1 + towards_sun) / 2
-    forward = math.exp(np.float32(-1 / 0.22) * math.acos(np.float32(towards_sun)))
+    forward = math.exp(np.float32(-1 / HALO_WIDTH) * math.acos(np.float32(towards_sun)))
     halo = (0.9 * forward + 0.35 * ahead * ahead * ahead * ahead) * optical_depth
     # a low sun lights the dust through more of it
     strength = (0.5 + 1.1 * skylight) * min(0.3 + 1.75 * sun[2], 1.0)

@@ -22,10 +22,17 @@ SIZES = (0.006, 0.034)  # [m] diameters of pebbles; larger ones are rocks of the
 COVER = 0.12  # share of the tile under pebbles
 STEEPEST = 1.5  # slope at which the coded slopes end
 TONES = 1.5  # logarithm of brightness at which the coded tones end
-GRAIN = 3.5
+GRAIN = 3.5  # standard deviations of the grain at which its codes end
+GRAIN_BAND = (0.006, 0.2)  # [m] wavelengths of the grain, from the least to the most
+PEBBLE_TONES = 0.3  # standard deviation of the logarithm of pebbles' brightness
+LOWEST_SUN = 0.05  # tangent of its elevation: a lower one casts no longer shadows
 ROUGH = 0.3  # [texels] standard deviation of the grain's height
 LONGEST = 40  # [texels] shadow of a pebble
 WIDEST = 0.03  # [m] width of a pixel from which only the tile's mean is seen
+# x, y, diameter [texels]; turn [rad]; short over long axis, sharpness of the shoulders, height over diameter, slopes of
+# the top; tone, of unit spread
+PEBBLE_FIELDS = ("x", "y", "diameter", "turn", "narrow", "blunt", "ratio", "tilt_x", "tilt_y", "tone")
+PEBBLE = np.dtype([(name, np.float64) for name in PEBBLE_FIELDS])
 VARIANTS = 4  # tiles that scenes choose from, each turned and shifted by its own seed
 
 
@@ -42,28 +49,32 @@ def gravel(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     square = 3 * low**2 * (1 - low / high) / (1 - (low / high) ** 3)
     count = int(COVER * (SIDE * TEXEL) ** 2 / (math.pi / 4 * square))
     diameter = rng.uniform(high**-3, low**-3, count) ** (-1 / 3)
-    order = np.argsort(diameter)
-    shape = np.stack([
-        *rng.uniform(0, SIDE, (2, count)), diameter[order] / TEXEL, rng.uniform(0, 2 * np.pi, count),
-        rng.uniform(0.6, 1.0, count), rng.uniform(2.0, 5.0, count), rng.uniform(0.3, 0.6, count),
-        *rng.normal(0, 0.35, (2, count)), rng.standard_normal(count),
-    ], axis=1)  # fmt: skip
-    heights, tones = _pebbles(shape, SIDE)
+    pebbles = np.empty(count, dtype=PEBBLE)
+    pebbles["x"], pebbles["y"] = rng.uniform(0, SIDE, (2, count))
+    pebbles["diameter"] = np.sort(diameter) / TEXEL
+    pebbles["turn"] = rng.uniform(0, 2 * np.pi, count)
+    pebbles["narrow"], pebbles["blunt"] = rng.uniform(0.6, 1.0, count), rng.uniform(2.0, 5.0, count)
+    pebbles["ratio"] = rng.uniform(0.3, 0.6, count)
+    pebbles["tilt_x"], pebbles["tilt_y"] = rng.normal(0, 0.35, (2, count))
+    pebbles["tone"] = rng.standard_normal(count)
+    heights, tones = _pebbles(pebbles, SIDE)
     k = np.hypot(scipy.fft.fftfreq(SIDE, TEXEL)[:, None], scipy.fft.rfftfreq(SIDE, TEXEL)[None, :])
-    band = np.exp(-((np.maximum(k * 0.006, 1) - 1) ** 2)) * (1 - np.exp(-((k * 0.2) ** 4))) / np.maximum(k, 1e-9)
+    short, long = GRAIN_BAND
+    band = np.exp(-((np.maximum(k * short, 1) - 1) ** 2)) * (1 - np.exp(-((k * long) ** 4))) / np.maximum(k, 1e-9)
     white = scipy.fft.rfft2(rng.standard_normal((SIDE, SIDE), dtype=np.float32))
     grain = scipy.fft.irfft2(white * band.astype(np.float32), s=(SIDE, SIDE))
     return heights, tones, (grain / grain.std()).astype(np.float32)
 
 
 @compiled
-def _pebbles(shape, side):
-    """Heights [texels] and tones of pebbles, the highest one counting, as lumps with flat tops and tilted."""
+def _pebbles(pebbles, side):
+    """Heights [texels] and tones of pebbles (N,) of PEBBLE, as lumps with flat tops and tilted; the highest counts."""
     heights = np.zeros((side, side), dtype=np.float32)
     tones = np.zeros((side, side), dtype=np.float32)
-    for n in range(len(shape)):
-        x, y, d, turn, narrow, blunt, ratio, tilt_x, tilt_y, tone = shape[n]
-        cosine, sine, reach = math.cos(turn), math.sin(turn), int(0.5 * d / math.sqrt(narrow)) + 1
+    for n in range(len(pebbles)):
+        pebble = pebbles[n]
+        x, y, d, narrow = pebble.x, pebble.y, pebble.diameter, pebble.narrow
+        cosine, sine, reach = math.cos(pebble.turn), math.sin(pebble.turn), int(0.5 * d / math.sqrt(narrow)) + 1
         for j in range(int(y) - reach, int(y) + reach + 2):
             for i in range(int(x) - reach, int(x) + reach + 2):
                 u = (cosine * (i - x) + sine * (j - y)) / (0.5 * d) * math.sqrt(narrow)
@@ -71,10 +82,11 @@ def _pebbles(shape, side):
                 r = math.sqrt(u * u + v * v)
                 if r >= 1:
                     continue
-                height = ratio * d * math.sqrt(1 - r**blunt) * (1 + tilt_x * u + tilt_y * v)
+                height = pebble.ratio * d * math.sqrt(1 - r**pebble.blunt)
+                height *= 1 + pebble.tilt_x * u + pebble.tilt_y * v
                 if height > heights[j % side, i % side]:
                     heights[j % side, i % side] = height
-                    tones[j % side, i % side] = tone
+                    tones[j % side, i % side] = pebble.tone
     return heights, tones
 
 
@@ -102,7 +114,7 @@ def _layers(heights, tones, grain, along, across, rise, pebble_tone, out):
                     break
             out[j, i, 0] = min(max(slope * du, -most), most)
             out[j, i, 1] = min(max(slope * dv, -most), most)
-            bright = pebble_tone + np.float32(0.3) * tones[j, i] if start > 0 else np.float32(0)
+            bright = pebble_tone + np.float32(PEBBLE_TONES) * tones[j, i] if start > 0 else np.float32(0)
             out[j, i, 2] = min(max(tone * bright, -most), most)
             out[j, i, 3] = shade
             out[j, i, 4] = min(max(grain[j, i] * np.float32(CODES / GRAIN), -most), most)
@@ -122,7 +134,7 @@ def grit(seed: int, turn: float, sun: np.ndarray, pebble_tone: float) -> np.ndar
     rise = float(sun[2]) / max(level, 1e-6)
     finest = np.empty((SIDE, SIDE, 5), dtype=np.float32)
     _layers(
-        heights, tones, grain, along / max(level, 1e-6), across / max(level, 1e-6), max(rise, 0.05),
+        heights, tones, grain, along / max(level, 1e-6), across / max(level, 1e-6), max(rise, LOWEST_SUN),
         np.float32(pebble_tone), finest,
     )  # fmt: skip
     return pyramid(finest)

@@ -16,6 +16,7 @@ REACHES = (0.08, 0.24)  # [m] distances over which sky is lost to a rock of that
 TAIL = 2.5  # diameters that the sand behind a rock reaches
 APRON = 1.7  # radius of the ground that fragments lie on, in radii of the rock
 FRAGMENTS = 0.6  # how thick they lie there
+SAND_BORDER, APRON_BORDER = 0.06, 0.1  # [m] standard deviations of the blur of their borders
 SHIFT = 4  # binary digits of sub-pixel positions in OpenCV's drawing
 CODE = 255
 
@@ -44,8 +45,8 @@ def surroundings(rocks: Rocks, half: float, wind: tuple[float, float]) -> np.nda
     hidden = np.mean(
         [cv2.GaussianBlur(np.minimum(height / reach, 1), (0, 0), reach / CELL) for reach in REACHES], axis=0
     )
-    sand = cv2.GaussianBlur(drift, (0, 0), 0.06 / CELL)
-    broken = cv2.GaussianBlur(rubble, (0, 0), 0.1 / CELL)
+    sand = cv2.GaussianBlur(drift, (0, 0), SAND_BORDER / CELL)
+    broken = cv2.GaussianBlur(rubble, (0, 0), APRON_BORDER / CELL)
     return np.rint(CODE * np.stack([hidden, sand, broken], axis=-1)).astype(np.uint8)
 
 

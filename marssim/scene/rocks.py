@@ -34,6 +34,8 @@ SMALLEST = (
     (np.inf, 0.6),
 )  # least diameter [m] out to that many half sides of the square
 MIN_HEIGHT_RATIO, MAX_HEIGHT_RATIO = 0.15, 1.0
+FLATNESS = np.array([1.2, 0.5, 1.1])  # height over diameter of FAMILIES, beside each other: slabs are flat
+KEPT_OFF = 0.1  # [m] diameter of rocks from which on places that shall be clear are kept clear of them
 
 
 @dataclass(frozen=True)
@@ -133,15 +135,15 @@ def build_rocks(
     """Draw the rocks of a scene.
 
     half: half the side of the finely gridded square; horizon: half the side of all [m]. height_at(x, y): ground [m].
-    clear: discs (x, y, radius) [m] that outline discs of rocks of 0.1 m and more keep off; rocks are not round, so that
-    corners may reach into them. The law holds from min_diameter on where
-    cameras stand and a little around, from 0.08 m at the latest in the square, and farther out only from the size on
-    that a camera inside would see as a few pixels. Raises ValueError for more rocks than a dataset can tell apart.
+    clear: discs (x, y, radius) [m] that outline discs of rocks of KEPT_OFF and more keep off; rocks are not round, so
+    that corners may reach into them. The law holds from min_diameter on where cameras stand and a little around, from
+    0.08 m at the latest in the square, and farther out only from the size on that a camera inside would see as a few
+    pixels. Raises ValueError for more rocks than a dataset can tell apart.
     """
     diameter, xy = _scatter(config, half, horizon, rng)
     free = np.ones(len(diameter), dtype=bool)
     for x, y, radius in clear:
-        free &= (np.hypot(xy[:, 0] - x, xy[:, 1] - y) > radius + diameter / 2) | (diameter < 0.1)
+        free &= (np.hypot(xy[:, 0] - x, xy[:, 1] - y) > radius + diameter / 2) | (diameter < KEPT_OFF)
     diameter, xy = diameter[free], xy[free]
     away = np.abs(xy).max(axis=1, initial=0) - STAND * half
     level = detail_level(diameter, away + NEAREST)
@@ -151,8 +153,8 @@ def build_rocks(
 
     shares = np.array(config.families) / sum(config.families)
     family = rng.choice(len(FAMILIES), n, p=shares)
-    flatness = np.array([1.2, 0.5, 1.1])  # slabs are flat; the mean over the mixture is height_ratio
-    ratio = config.height_ratio * flatness[family] / (shares @ flatness) * rng.lognormal(-0.03, 0.25, n)
+    # the mean over the mixture of families is height_ratio
+    ratio = config.height_ratio * FLATNESS[family] / (shares @ FLATNESS) * rng.lognormal(-0.03, 0.25, n)
     height = diameter * np.clip(ratio, MIN_HEIGHT_RATIO, MAX_HEIGHT_RATIO)
     buried = rng.uniform(*config.buried, n)
     variant = rng.integers(0, VARIANTS, n)
@@ -171,13 +173,7 @@ def build_rocks(
         shapes = shape_library(detail)
         shape = shapes.index(family[members], variant[members])
         size = diameter[members] * np.sqrt(np.pi / 4 / shapes.exposed_outline(shape, buried[members]))
-        linear = np.zeros((len(members), 3, 3))
-        c, s = size * np.cos(yaw[members]), size * np.sin(yaw[members])
-        long, short = 1 / stretch[members], stretch[members]
-        linear[:, 0, 0], linear[:, 0, 1] = c * long, -s * short
-        linear[:, 1, 0], linear[:, 1, 1] = s * long, c * short
-        linear[:, 2, :2] = np.einsum("ni,nij->nj", slope[members], linear[:, :2, :2])
-        linear[:, 2, 2] = extent[members]
+        linear = _stretches(size, extent[members], yaw[members], stretch[members], slope[members])
         base = np.column_stack([xy[members], ground[members] - extent[members] * buried[members]])
         world = shapes.vertices[shape] @ linear.swapaxes(1, 2) + base[:, None]
         centre[members] = base
@@ -199,6 +195,24 @@ def build_rocks(
         faces=np.ascontiguousarray(np.concatenate(faces), dtype=np.int32), face_rock=np.concatenate(face_rock),
         vertex_normals=np.concatenate(normals),
     )  # fmt: skip
+
+
+def _stretches(
+    size: np.ndarray, extent: np.ndarray, yaw: np.ndarray, stretch: np.ndarray, slope: np.ndarray
+) -> np.ndarray:
+    """(N, 3, 3) linear maps from the library's shapes to rocks.
+
+    size (N,) [m] of a shape's unit along x and y, extent (N,) [m] of its height, which is 1; yaw (N,) [rad]; stretch
+    (N,): short over long axis is its square; slope (N, 2) of the ground, with which the rock is sheared.
+    """
+    c, s = size * np.cos(yaw), size * np.sin(yaw)
+    long, short = 1 / stretch, stretch
+    out = np.zeros((len(size), 3, 3))
+    out[:, 0, 0], out[:, 0, 1] = c * long, -s * short
+    out[:, 1, 0], out[:, 1, 1] = s * long, c * short
+    out[:, 2, :2] = np.einsum("ni,nij->nj", slope, out[:, :2, :2])
+    out[:, 2, 2] = extent
+    return out
 
 
 def _scatter(
