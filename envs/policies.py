@@ -20,8 +20,8 @@ CORRIDORS = "corridors"  # an entry in a policy's .zip
 
 
 class PolicyDriver:
-    """A PPO policy of stable-baselines3 at its default sizes, trained through ImageObservation (`MultiInputPolicy`), or
-    through Corridors (`MlpPolicy`) where mark_corridors says so in the file.
+    """A PPO policy of stable-baselines3, trained through ImageObservation (`MultiInputPolicy` at its default sizes), or
+    through Corridors (envs.way_policy) where mark_corridors says so in the file.
 
     Of the .zip only the tensors of `policy.pth` are read: what is pickled beside them could run anything. Observed keys
     and size of the action follow from the tensors' names and shapes; a policy that does not move the mast looks ahead.
@@ -41,12 +41,14 @@ class PolicyDriver:
         if self._policy is not None:
             return
         try:
-            from stable_baselines3.common.policies import ActorCriticPolicy, MultiInputActorCriticPolicy
+            from stable_baselines3.common.policies import MultiInputActorCriticPolicy
+
+            from envs.way_policy import WayPolicy
         except ImportError:
             raise ImportError(f"{self.path}: needs stable-baselines3: pip install 'mars-m3depth[rl]'") from None
         policy: Any
         if self.corridors:
-            policy = ActorCriticPolicy(corridor_space(), spaces.Discrete(WAYS), lambda _: 0.0)
+            policy = WayPolicy(corridor_space(), spaces.Discrete(WAYS), lambda _: 0.0)
         else:
             space = image_space(env.observation_space).spaces
             keys = {key: part for key, part in space.items() if key in self.images or len(part.shape or ()) == 1}

@@ -23,14 +23,14 @@ import gymnasium
 import numpy as np
 from gymnasium.wrappers import TransformReward
 
-from envs.corridors import AHEAD, WAYS, Corridors
+from envs.corridors import Corridors
 from envs.course import CourseConfig
 from envs.mars_nav import MarsNavEnv
 from envs.policies import PolicyDriver, mark_corridors
 from marssim.command import run_command
 from marssim.scene.scene import Place
 
-TRIED = 2.0  # ways off the goal's direction, by standard deviation, that a new policy tries
+RATE = 1e-3  # of learning, at first
 
 
 @dataclass(frozen=True)
@@ -95,6 +95,8 @@ def train(config: TrainConfig, rollout: int = 128) -> Path:
         from stable_baselines3.common.callbacks import BaseCallback
         from stable_baselines3.common.monitor import Monitor
         from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
+
+        from envs.way_policy import WayPolicy
     except ImportError:
         raise ImportError("envs.train_ppo needs stable-baselines3: pip install 'mars-m3depth[rl]'") from None
 
@@ -112,6 +114,10 @@ def train(config: TrainConfig, rollout: int = 128) -> Path:
     makers: list[Callable[[], gymnasium.Env]] = [make] * config.workers
     vector = DummyVecEnv(makers) if config.workers == 1 else SubprocVecEnv(makers, start_method="spawn")
     until = monotonic() + 60 * config.max_minutes
+
+    def rate(_: float) -> float:
+        """Of learning: falls to nought in the time that there is, or what was learnt early is unlearnt late."""
+        return RATE * max(0.0, until - monotonic()) / (60 * config.max_minutes)
 
     def save(model: Any) -> None:
         part = path.with_suffix(".part")  # whoever kills it meanwhile finds the last policy whole
@@ -136,33 +142,23 @@ def train(config: TrainConfig, rollout: int = 128) -> Path:
 
     try:
         settings: dict[str, Any] = {
-            "n_steps": rollout, "batch_size": min(64, rollout * config.workers), "n_epochs": 10, "learning_rate": 1e-3,
+            "n_steps": rollout, "batch_size": min(64, rollout * config.workers), "n_epochs": 10, "learning_rate": rate,
             # larger updates than this unlearn, on so few steps, what the last ones learnt
             "target_kl": 0.03, "ent_coef": 0.005,
             # a detour is a few choices long
             "gamma": 0.95, "gae_lambda": 0.9,
         }  # fmt: skip
         if path.is_file():
-            model = PPO.load(path, vector, device="cpu")
+            model = PPO.load(path, vector, device="cpu", custom_objects={"learning_rate": rate, "lr_schedule": rate})
             vector.seed(config.seed + model.num_timesteps)  # other courses than it began with
         else:
-            model = PPO("MlpPolicy", vector, device="cpu", seed=config.seed, **settings)
-            drive_straight_at_first(model.policy)
+            model = PPO(WayPolicy, vector, device="cpu", seed=config.seed, **settings)
         # not by the callback: a rollout that it ends is never learnt from
         model.learn(max(0, config.max_steps - model.num_timesteps), callback=Clock(), reset_num_timesteps=False)
         save(model)
     finally:
         vector.close()
     return path
-
-
-def drive_straight_at_first(policy: Any) -> None:
-    """Have a new policy of Corridors prefer ways near the goal's direction: it has the detours to learn only."""
-    import torch
-
-    off = torch.arange(WAYS) - AHEAD
-    with torch.no_grad():
-        policy.action_net.bias.copy_(-0.5 * (off / TRIED) ** 2)
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -49,7 +49,9 @@ def test_a_trained_policy_drives_as_it_does_in_its_own_library(make_env, tmp_pat
 
 def test_a_policy_of_corridors_drives_as_it_was_trained(make_env, tmp_path):
     sb3 = pytest.importorskip("stable_baselines3")
-    model = sb3.PPO("MlpPolicy", Corridors(make_env(map_observation=True)), n_steps=8, batch_size=8, seed=0)
+    from envs.way_policy import WayPolicy
+
+    model = sb3.PPO(WayPolicy, Corridors(make_env(map_observation=True)), n_steps=8, batch_size=8, seed=0)
     with torch.no_grad():
         model.policy.action_net.weight.mul_(100)  # untrained it all but always takes one way, which shows little
     model.save(tmp_path / "policy.zip")
