@@ -20,6 +20,7 @@ from m3depth.window_costs import Cost, semi_global, window_costs, winners
 from marssim.camera import StereoRig
 
 WTA_BLOCK, SGM_BLOCK = 9, 5  # [px]
+TEXTURE_WINDOW = 9  # [px]
 PENALTIES: dict[str, tuple[int, int]] = {"sad": (200, 1600), "ssd": (60, 300), "ncc": (400, 3000)}  # of SGM
 
 
@@ -38,17 +39,22 @@ class SGBM:
     disparities: width of the search [px], a multiple of 16; None: what reaches to 0.84 m with the given rig.
     block: side of the matched window [px], odd. uniqueness [%]: margin by which the best cost has to win. speckle [px]:
     smaller islands of disparity count as unmatched; one in the strip that the right eye does not see would otherwise
-    be smeared along the row by the filling.
+    be smeared along the row by the filling. texture [grey levels / px]: what has less of it along the row counts as
+    unmatched; in a clear sky islands of more than speckle px of the detector's noise match at the shortest range, which
+    a rover would take for walls.
     """
 
     disparities: int | None = None
     block: int = 3
     uniqueness: int = 10
     speckle: int = 400
+    texture: float = 0.35
     normals_are_fitted: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         _check_search(self.disparities, self.block)
+        if not self.texture >= 0:
+            raise ValueError(f"texture must be 0 or more grey levels / px, got {self.texture}")
 
     def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
         """Depth, disparity, normals (fitted to the disparity) and confidence: 1 where matched, 0 where filled.
@@ -80,7 +86,8 @@ class SGBM:
         columns = np.arange(disparity.shape[1], dtype=np.float32)
         # Where there is no texture, and along the right border, ties end at 0 px: that is no match either.
         disparity[(disparity < 0.5) | (disparity > columns + 0.5)] = np.nan
-        return disparity
+        disparity[_row_texture(left) < self.texture] = np.nan
+        return _without_speckles(disparity, self.speckle)
 
 
 @dataclass(frozen=True)
@@ -118,6 +125,12 @@ class BlockMatching:
         sgm = self.aggregation == "sgm"
         costs = window_costs(*grey, reach, self.cost, self.block or (SGM_BLOCK if sgm else WTA_BLOCK))
         return _without_speckles(winners(semi_global(costs, *PENALTIES[self.cost]) if sgm else costs), self.speckle)
+
+
+def _row_texture(grey: np.ndarray) -> np.ndarray:
+    """(H, W) float32, mean length of the gradient along the row [grey levels / px] over TEXTURE_WINDOW."""
+    across = cv2.Sobel(grey, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8)
+    return cv2.boxFilter(np.abs(across), -1, (TEXTURE_WINDOW, TEXTURE_WINDOW))
 
 
 def _without_speckles(disparity: np.ndarray, size: int) -> np.ndarray:

@@ -69,6 +69,26 @@ def test_colour_and_grey_give_the_same():
     assert np.array_equal(grey.disparity, colour.disparity)
 
 
+def test_noise_of_a_clear_sky_is_not_matched_and_the_ground_below_is():
+    rig = StereoRig(PinholeCamera.centred(320, 192, 400.0), baseline=0.25)
+    true = np.full((192, 320), 12, np.float32)
+    left, right = pair_of(true)
+    rng = np.random.default_rng(3)
+    sky = np.s_[:96]
+    for eye in (left, right):
+        eye[sky] = np.rint(np.linspace(150, 165, 96)[:, None] + rng.normal(0, 0.7, (96, 320)))
+    plain = np.isfinite(SGBM(texture=0.0).match(left, right, rig))
+    found = np.isfinite(SGBM().match(left, right, rig))
+    assert plain[:88].sum() > 400  # islands of noise, larger than speckles
+    assert found[:88].mean() < 0.005
+    assert found[104:-8, 40:-8].mean() > 0.95
+
+
+def test_texture_below_zero_is_refused():
+    with pytest.raises(ValueError, match="texture must be 0 or more"):
+        SGBM(texture=-1.0)
+
+
 def test_black_pair_gives_finite_or_unknown_never_negative():
     black = np.zeros((96, 160), np.uint8)
     out = SGBM().infer(black, black, RIG)
