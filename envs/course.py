@@ -83,7 +83,11 @@ class TrueGround:
         self._field = self._distances(goal)
 
     def clearance(self, x: float, y: float) -> float:
-        """Distance [m] from a point to the nearest obstacle's outline; 0 inside it."""
+        """Distance [m] from a point to the nearest obstacle's disc; 0 inside it.
+
+        On a grid of 0.1 m, and a disc is not the rock's outline: 0.04 m too large by the mean, with a deviation of
+        0.08 m, where the rover's flank comes by (k = .15).
+        """
         j, i = self._index(y, CELL, len(self._clearance)), self._index(x, CELL, len(self._clearance))
         return float(self._clearance[j, i])
 

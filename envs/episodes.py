@@ -14,7 +14,7 @@ from envs.mars_nav import ActionError, MarsNavEnv
 from envs.sight import Sight
 from marssim.camera import MAX_DEPTH, MIN_DEPTH
 
-NEAR_MISS = 0.10  # [m] from the rover's flank to an obstacle
+NEAR_MISS = 0.10  # [m] from the rover's flank to an obstacle; clearances are as coarse as that (envs.course)
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,9 @@ class Cell:
 @dataclass
 class EpisodeRecord:
     """What became of one episode. Lengths [m], times [s]; track: (x, y) after every step, start first; obstacles:
-    x, y, diameter of the rocks that block; abs_rel: mean over the looks of |Z - Z*| / Z* up to 15 m, None with the
-    ground truth.
+    x, y, diameter of the rocks that block; abs_rel: mean over the looks of |Z - Z*| / Z* up to 15 m where a depth was
+    given, None with the ground truth as it is; near_miss: no collision, but at the end of a step the rover's middle was
+    nearer to a rock that blocks than half its width and NEAR_MISS: what comes near to its nose is not looked at.
 
     outcome: as MarsNavEnv's info names it, or as the driver ended the drive (envs.drivers.Stop): "no_path" where it
     gave up, "elsewhere" where it believed to be at the goal and was not, as happens by odometry that drifts.

@@ -70,12 +70,13 @@ class MarsNavEnv(gymnasium.Env):
     | `map`   | (3, 64, 64) | with `map_observation=True`: see below                          | -1 to 1     |
 
     `map` shows 12.8 m around the rover, its heading up, as `nav` has fused it from all looks. Channels: height above
-    the rover's stand / 2 m; cost of driving there in [0, 1], 1 at an obstacle; 1 where it was seen or taken for flat
-    (2.5 m about the start, and under the rover), else 0.
+    the rover's stand / 2 m; cost of driving there in [0, 1], 1 at an obstacle and where a metre costs 8 m more; 1 where
+    it was seen or taken for flat (2.5 m about the start, and under the rover), else 0.
 
     `envs.wrappers.ImageObservation` turns depth and map into the uint8 images that stable-baselines3 expects,
     `envs.corridors.Corridors` the map into a short vector and the action into one number. What is seen at full size
-    (stereo pair, depth, confidence, pose) is `env.unwrapped.sight` (envs.sight.Sight).
+    (stereo pair, depth, confidence, rig, pan) is `env.unwrapped.sight` (envs.sight.Sight), beside the truth (its
+    `true_depth` and `pose`) by which a driver must not drive; what it believes of its pose is `believed_pose`.
 
     ## Reward
 
@@ -99,8 +100,8 @@ class MarsNavEnv(gymnasium.Env):
     ## Information
 
     `outcome`; `distance` to the goal and `shortest` passable way to it from the start [m]; `path_length` driven [m];
-    `min_clearance` from an obstacle to the rover's middle so far [m]; `pan` of the mast at this look [rad];
-    `position_error` of the odometry [m]; `perception_seconds` of this look; `redraws`.
+    `min_clearance` from an obstacle to the rover's middle so far [m], at the ends of steps and to 0.1 m; `pan` of the
+    mast at this look [rad]; `position_error` of the odometry [m]; `perception_seconds` of this look; `redraws`.
 
     ## Arguments
 

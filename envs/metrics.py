@@ -15,7 +15,8 @@ from m3depth.bootstrap import interval, resampled_means
 def spl(success: bool, shortest: float, path_length: float) -> float:
     """Success weighted by path length, S L / max(P, L) (Anderson et al. 2018); L is the geodesic optimum [m].
 
-    As in Habitat, L leads to the goal itself, and the drive may end at the goal radius.
+    As in Habitat, L leads to the goal itself, and the drive may end at the goal radius. L is found on a grid and may be
+    2.7 % too long (envs.course). Both flatter detours: on 20 m SPL is up to 8 % of itself too high.
     """
     return float(success) * shortest / max(path_length, shortest, 1e-9)
 
@@ -40,6 +41,8 @@ def paired_difference(first: Sequence[EpisodeRecord], second: Sequence[EpisodeRe
 
     Records are matched by cell and episode. The cells' courses of one number come from one seed, and have much of
     their ground in common: they are drawn together, as one (a cluster bootstrap, of as many cells for each number).
+    Of few numbers the interval is short: of 15 it covered the truth in 80 to 91 % of simulated comparisons, of 30 and
+    of 50 in 92 to 95 %. Where all numbers differ alike it has no width, and says nothing.
     Raises ValueError where the two do not hold the same ones.
     """
     a, b = ({(r.cell, r.episode): r.outcome == "goal" for r in records} for records in (first, second))
@@ -62,9 +65,9 @@ UNREACHABLE_MARK = 0.20  # share of goals without a way above which a cell is ma
 def summarise(records: Sequence[EpisodeRecord]) -> dict[str, Any]:
     """Figures over the episodes of one driver, perception and cell. Raises ValueError without episodes.
 
-    path_inefficiency: mean of P / L over the successes; down to 0.95 on 20 m, as the drive ends 1 m before the goal.
-    failures: how many by the classes of FAILURES. near_miss_rate: episodes in which an obstacle came within NEAR_MISS
-    of the rover's flank without a collision. abs_rel: of the depth on the way, None with the ground truth.
+    path_inefficiency: mean of P / L over the successes; down to 0.92 on 20 m, as the drive ends 1 m before the goal and
+    L may be 2.7 % too long. failures: how many by the classes of FAILURES. near_miss_rate: share of episodes with
+    near_miss. abs_rel: of the depth on the way, None with the ground truth.
     unreachable_share: of the goals drawn, those that no way leads to on the true ground, and that were replaced.
     """
     n = len(records)

@@ -16,10 +16,12 @@ LEGEND = f"""\
 Success: within {GOAL_RADIUS:g} m of the goal, with Wilson's interval. SPL, SoftSPL: success, or the share of the way
 covered, times shortest over driven way. P / L: driven over shortest way of those that arrived; the drive ends before
 the goal, so it may be below 1. Collisions: of the chassis, or of a wheel with a rock that blocks. Near misses: drives
-without one that came within {100 * NEAR_MISS:.0f} cm of such a rock. No path: the driver gave up. Safety: collision,
-tilt or out of bounds. Time: it ran out, or the rover was stuck. Elsewhere: the driver believed to be at the goal, by
-its odometry, and was not. Tilt: the greatest. Abs Rel: of the depth on the way. Unreachable: goals that no way leads
-to, and that were replaced. s / step: seconds of driver, perception and simulation."""
+without one whose flank came within some {100 * NEAR_MISS:.0f} cm of such a rock. No path: the driver gave up. Safety:
+collision, tilt or out of bounds. Time: it ran out, or the rover was stuck. Elsewhere: the driver believed to be at the
+goal, by its odometry, and was not. Tilt: the greatest. Abs Rel: of the depth on the way. Unreachable: goals that no
+way leads to, and that were replaced. s / step: seconds of driver, perception and simulation."""
+
+NO_INTERVAL = "no interval: all courses differ alike, and the bootstrap cannot tell what others would"
 
 
 def write_report(out: Path, content: dict[str, Any], records: Sequence[EpisodeRecord]) -> None:
@@ -78,9 +80,10 @@ def differences(rows: Sequence[dict[str, Any]]) -> str:
     """Lines that say by how much success differs, on the same episodes."""
     lines = []
     for r in rows:
-        low, high = (f"{100 * end:+.0f}" for end in r["interval"])
+        low, high = r["interval"]
+        told = f"{100 * low:+.0f} to {100 * high:+.0f}, paired bootstrap" if low < high else NO_INTERVAL
         lines.append(
             f"{r['driver']}, {r['perception']} less {', '.join(r['less'])}: {100 * r['difference']:+.0f} points of "
-            f"success ({low} to {high}, paired bootstrap, {r['episodes']} episodes)\n"
+            f"success ({told}, {r['episodes']} episodes)\n"
         )
     return "".join(lines)

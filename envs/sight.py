@@ -24,8 +24,9 @@ class Sight:
     """One look.
 
     depth: (H, W) float32 [m] of the left eye, inf in the sky, NaN unknown. confidence: (H, W) float32 in [0, 1].
-    rig: of these maps; pose: (4, 4) left camera to world; pan [rad] of the mast. left, right: (h, w, 3) uint8 images or
-    None with ground truth, true_depth: (h, w) their true depth. normal: (h, w, 3) or None. seconds: perception alone.
+    rig: of these maps; pan [rad] of the mast. left, right: (h, w, 3) uint8 images or None with ground truth. normal:
+    (h, w, 3), camera frame, or None. seconds: perception alone. What no rover knows, for scores and films: pose, (4, 4)
+    left camera to world as it truly is; true_depth, (h, w) [m].
     """
 
     depth: np.ndarray

@@ -2,8 +2,8 @@
 
 Grid convention: square, axes along world x (east) and y (north), indexed [iy, ix]; cell (0, 0) has its lower left
 corner at `origin`. Heights are world z [m]; NaN means that a cell was never seen. Each cell keeps two heights apart:
-`top`, the highest but one of the points in it, so that a rock is never averaged into the ground beside it, and `low`, a
-low percentile, which is the ground.
+`top`, the highest of the points in it (of four and more, the highest but one), so that a rock is never averaged into
+the ground beside it, and `low`, a low percentile, which is the ground.
 
 What only the left eye sees (the left edge of its image, wider for what is near) is no stereo: estimators extend the
 ground there, over rocks too. Unless they are sure, such points may warn of what stands out, but make nothing known that

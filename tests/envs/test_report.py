@@ -58,6 +58,14 @@ def test_differences_are_told_in_points():
     )
 
 
+def test_an_interval_without_width_is_not_told_as_certainty():
+    row = {"driver": "straight", "perception": "p", "less": ["navigator", "p"], "episodes": 8, "difference": 0.0,
+           "interval": [0.0, 0.0]}  # fmt: skip
+    (line,) = differences([row]).splitlines()
+    assert line.startswith("straight, p less navigator, p: +0 points of success (no interval") and "8 episodes" in line
+    assert "to +0" not in line
+
+
 def outcome_colour(name):
     """Blue, green, red."""
     return [int(OUTCOME_COLOURS[name][i : i + 2], 16) for i in (5, 3, 1)]
