@@ -16,8 +16,10 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from envs.drivers import head_for
 from envs.map_view import CELL, PIXELS
-from envs.mars_nav import STEP_SECONDS, MarsNavEnv
+from envs.mars_nav import MarsNavEnv
+from envs.observation import share_of_distance
 from marssim.rover_spec import RoverSpec
 
 SWING = np.pi / 2  # [rad] to either side of the goal's direction: the ways that are looked along and can be taken
@@ -27,6 +29,7 @@ REACH = 5.0  # [m] they are looked along
 MARGIN = -0.1  # [m] beside the rover: the map shows obstacles larger than they are, by about a cell
 KEPT = 3  # steps that a way is kept: 1.2 m
 TURN_IN_PLACE = 0.5  # [rad] what the rover turns in one step; straight ways are left by 0.1 m on the arcs up to it
+SHOWN = 2 * WAYS + 3 + 6 + 1  # numbers: ways and their room, goal, state, last way
 _OFFSETS = np.linspace(SWING, -SWING, WAYS)
 _ALONG = np.arange(1, round(REACH / CELL) + 1) * CELL
 _NEAR = round(2.0 / CELL)  # steps over which the room is told
@@ -87,14 +90,14 @@ class Corridors(gymnasium.Wrapper):
 
 def corridor_space() -> spaces.Box:
     """The space of what Corridors shows."""
-    return spaces.Box(-np.inf, np.inf, (2 * WAYS + 10,), np.float32)
+    return spaces.Box(-np.inf, np.inf, (SHOWN,), np.float32)
 
 
 def as_corridors(observation: dict[str, Any], spec: RoverSpec, last: int = AHEAD) -> np.ndarray:
     """(36,) float32: one observation of MarsNav-v0 as Corridors shows it. last: the way that was taken before."""
     distance, sine, cosine = observation["goal"]
     free, room = look_along(observation["map"][1], float(np.arctan2(sine, cosine)) + _OFFSETS, spec.width / 2 + MARGIN)
-    goal = [distance / (distance + 5.0), sine, cosine]
+    goal = [share_of_distance(distance), sine, cosine]
     took = [_OFFSETS[last] / SWING]
     return np.concatenate([free / REACH, room / ROOM, goal, observation["state"], took]).astype(np.float32)
 
@@ -124,6 +127,4 @@ def steer(goal: np.ndarray, way: int, spec: RoverSpec) -> np.ndarray:
     """(3,) action of MarsNav-v0 that takes a way, as Corridors says. goal: (3,) as MarsNav-v0 observes it."""
     _, sine, cosine = goal
     bearing = float(np.arctan2(sine, cosine) + _OFFSETS[way])
-    bearing = (bearing + np.pi) % (2 * np.pi) - np.pi
-    yaw_rate = np.clip(bearing / (spec.max_yaw_rate * STEP_SECONDS), -1, 1)
-    return np.array([abs(bearing) < TURN_IN_PLACE, yaw_rate, 0.0], dtype=np.float32)
+    return head_for((bearing + np.pi) % (2 * np.pi) - np.pi, TURN_IN_PLACE, spec)

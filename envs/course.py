@@ -22,7 +22,12 @@ MARGIN = 7.0  # [m] from start and goal to the edge of the driving ground
 EDGE = 1.5  # [m] the rover's middle must keep this far from the edge
 CELL = 0.1  # [m] grid of the clearance
 STRIDE = 2  # the geodesic is searched on every second cell
-REDRAWS = 50
+SCENE_CELL = 0.1  # [m] grid of the scenes' relief
+OFF_COURSE = np.pi / 4  # [rad] to either side of the goal's direction, in which the rover may head at the start
+REDRAWS = 50  # in a row at most
+SIXTEEN_NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))  # and their opposites
+BESIDE = 1.5  # cells that a place or the goal may be away from a cell to be joined to it straight
+LOOK_ROUND = max(6, round(1.5 * EDGE / (CELL * STRIDE)))  # cells; from beyond the edge some within must be among them
 
 LIMITS = {
     "goal_distance": (3, 100, " m"),
@@ -98,12 +103,12 @@ class TrueGround:
         """
         n = len(self._field)
         j, i = self._index(y, self._cell, n), self._index(x, self._cell, n)
-        reach = max(6, round(1.5 * EDGE / self._cell))  # from outside of the bounds some cell within must be near
-        window = np.s_[max(0, j - reach) : min(n, j + reach + 1), max(0, i - reach) : min(n, i + reach + 1)]
+        rows, columns = (slice(max(0, at - LOOK_ROUND), min(n, at + LOOK_ROUND + 1)) for at in (j, i))
+        window = (rows, columns)
         field = self._field[window]
         jj, ii = np.mgrid[window]
         gap = np.hypot(ii * self._cell - self.half - x, jj * self._cell - self.half - y)
-        near = gap <= max(1.5 * self._cell, float(np.where(np.isfinite(field), gap, np.inf).min()) + 1e-9)
+        near = gap <= max(BESIDE * self._cell, float(np.where(np.isfinite(field), gap, np.inf).min()) + 1e-9)
         return float(np.where(near, field + gap, np.inf).min())
 
     def _index(self, value: float, cell: float, n: int) -> int:
@@ -116,10 +121,9 @@ class TrueGround:
         # the goal is a node of its own, between cells: snapped to one, ways would come out shorter than they are
         y, x = np.meshgrid(*[np.arange(n) * self._cell - self.half] * 2, indexing="ij")
         gap = np.hypot(x - goal[0], y - goal[1])
-        near = (gap <= 1.5 * self._cell) & self._passable
-        moves = [(0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1)]
+        near = (gap <= BESIDE * self._cell) & self._passable
         rows, columns, lengths = [np.full(int(near.sum()), n * n)], [index[near]], [np.maximum(gap[near], 1e-9)]
-        for dj, di in moves:
+        for dj, di in SIXTEEN_NEIGHBOURS:
             a = np.s_[: n - dj, max(0, -di) : n - max(0, di)]
             b = np.s_[dj:, max(0, di) : n - max(0, -di)]
             open_ = self._passable[a] & self._passable[b]
@@ -163,12 +167,12 @@ def draw_course(base: SceneConfig, config: CourseConfig, spec: RoverSpec, rng: n
             relief = replace(
                 base.relief, regional_slope_deg=config.slope_deg, regional_azimuth_deg=float(rng.uniform(0, 360))
             )
-        scene_config = replace(base, relief=relief, rocks=rocks, look=look, size=size, cell=0.1)
+        scene_config = replace(base, relief=relief, rocks=rocks, look=look, size=size, cell=SCENE_CELL)
         bearing = rng.uniform(0, 2 * np.pi)
         forward = np.array([np.cos(bearing), np.sin(bearing)])
         middle = rng.uniform(-1, 1, 2)
         start, goal = middle - forward * config.goal_distance / 2, middle + forward * config.goal_distance / 2
-        yaw = bearing + rng.uniform(-np.pi / 4, np.pi / 4)
+        yaw = bearing + rng.uniform(-OFF_COURSE, OFF_COURSE)
         clear = tuple((float(x), float(y), CLEAR_RADIUS) for x, y in (start, goal))
         scene = build_scene(scene_config, rng, clear)
         ground = TrueGround(scene, spec, goal)
@@ -183,5 +187,5 @@ def turned_round(course: Course, spec: RoverSpec, rng: np.random.Generator) -> C
     start, goal = course.goal, course.start[:2]
     bearing = np.arctan2(*(goal - start)[::-1])
     ground = TrueGround(course.scene, spec, goal)
-    yaw = bearing + rng.uniform(-np.pi / 4, np.pi / 4)
+    yaw = bearing + rng.uniform(-OFF_COURSE, OFF_COURSE)
     return Course(course.scene, ground, np.array([*start, yaw]), goal, ground.distance_to_goal(*start), course.redraws)

@@ -14,6 +14,8 @@ from envs.mars_nav import STEP_SECONDS, MarsNavEnv
 from marssim.rover_spec import RoverSpec
 from nav.navigator import Navigator
 
+STRAIGHT_WITHIN = 0.3  # [rad] of the goal's direction the straight driver drives
+
 
 class Stop(Enum):
     """Why a driver ends its drive by itself. The values are the outcomes that envs.episodes records."""
@@ -63,17 +65,20 @@ class StraightDriver:
     def reset(self, env: MarsNavEnv, seed: int) -> None: ...
 
     def act(self, env: MarsNavEnv, observation: dict[str, Any]) -> np.ndarray | Stop:
-        if observation["goal"][0] <= GOAL_RADIUS / 2:
+        distance, sine, cosine = observation["goal"]
+        if distance <= GOAL_RADIUS / 2:
             return Stop.ARRIVED
-        return straight_action(observation["goal"], env.rover_spec)
+        return head_for(float(np.arctan2(sine, cosine)), STRAIGHT_WITHIN, env.rover_spec)
 
 
-def straight_action(goal: np.ndarray, spec: RoverSpec) -> np.ndarray:
-    """(3,) action towards a goal as MarsNav-v0 observes it, (3,): turn until it is ahead within 0.3 rad, then drive."""
-    _, sine, cosine = goal
-    bearing = float(np.arctan2(sine, cosine))
-    turn = np.clip(bearing / (spec.max_yaw_rate * STEP_SECONDS), -1, 1)
-    return np.array([1.0 if abs(bearing) < 0.3 else 0.0, turn, 0.0], dtype=np.float32)
+def head_for(bearing: float, within: float, spec: RoverSpec) -> np.ndarray:
+    """(3,) action of MarsNav-v0 that turns to a bearing and drives at full speed once it is ahead.
+
+    bearing: from the heading, in [-pi, pi] [rad], left > 0; within [rad]: of straight ahead the rover drives while it
+    turns, else it turns in place.
+    """
+    yaw_rate = np.clip(bearing / (spec.max_yaw_rate * STEP_SECONDS), -1, 1)
+    return np.array([abs(bearing) < within, yaw_rate, 0.0], dtype=np.float32)
 
 
 class RandomDriver:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from envs.course import CLEAR_RADIUS
 from envs.sight import Sight
 from marssim.rover_spec import RoverSpec
 from nav.elevation import ElevationConfig, ElevationMap
@@ -18,8 +19,8 @@ COST_LIMIT = 8.0  # a metre there counts as this many and more
 class MapView:
     """Fuses looks as nav does, and cuts out a square around the rover with its heading up."""
 
-    def __init__(self, spec: RoverSpec, clear_radius: float = 2.5) -> None:
-        self.spec, self.clear_radius = spec, clear_radius
+    def __init__(self, spec: RoverSpec) -> None:
+        self.spec = spec
         self.map = ElevationMap(ElevationConfig(size=24.0, recentre_at=REACH))  # so that the corners lie on it
         axis = (np.arange(PIXELS) + 0.5 - PIXELS / 2) * CELL
         left, ahead = np.meshgrid(-axis, -axis)
@@ -28,7 +29,7 @@ class MapView:
     def start(self, pose: np.ndarray) -> None:
         """Forget everything; the start is clear all round. pose: (4, 4) body to world, as believed."""
         self.map.clear(pose[:2, 3])
-        self.map.assume_flat(pose, self.clear_radius)
+        self.map.assume_flat(pose, CLEAR_RADIUS)
 
     def update(self, sight: Sight, pose: np.ndarray) -> np.ndarray:
         """Take in a look from the believed pose and return the map.

@@ -11,6 +11,7 @@ from marssim.camera import MAX_DEPTH
 from marssim.physics.state import RoverState
 
 DEPTH_PIXELS = 64  # a side of the observed depth
+HALFWAY = 5.0  # [m] from the goal, which share_of_distance makes one half
 
 
 def observation_space(with_map: bool) -> spaces.Dict:
@@ -46,3 +47,8 @@ def observe(
         "goal": np.array([np.hypot(*offset), np.sin(bearing), np.cos(bearing)], dtype=np.float32),
         "state": np.array(motion, dtype=np.float32),
     }
+
+
+def share_of_distance(distance: float) -> float:
+    """The goal's distance [m] within [0, 1), for networks: finest near the goal."""
+    return distance / (distance + HALFWAY)

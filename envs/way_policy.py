@@ -12,9 +12,12 @@ import torch
 from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import nn
 
-from envs.corridors import AHEAD, SWING, WAYS
+from envs.corridors import AHEAD, SHOWN, SWING, WAYS
 
-WIDTH = 32
+WIDTH = 32  # of the network that scores the ways
+VALUE_WIDTH = 64  # of the critic's
+TOLD = 6  # numbers that a way is scored by
+UNTRAINED = 0.1  # of a new network's scores is kept, so that they do not outweigh the goal's direction
 TRIED = 2.0  # ways off the goal's direction, by standard deviation, that a new policy tries
 
 
@@ -27,14 +30,16 @@ class WayScores(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.latent_dim_pi, self.latent_dim_vf = WAYS, 64
+        self.latent_dim_pi, self.latent_dim_vf = WAYS, VALUE_WIDTH
         self.offsets: torch.Tensor
         self.register_buffer("offsets", torch.linspace(SWING, -SWING, WAYS))
         self.score = nn.Sequential(
-            nn.Conv1d(6, WIDTH, 3, padding=1, padding_mode="replicate"), nn.Tanh(),
+            nn.Conv1d(TOLD, WIDTH, 3, padding=1, padding_mode="replicate"), nn.Tanh(),
             nn.Conv1d(WIDTH, WIDTH, 1), nn.Tanh(), nn.Conv1d(WIDTH, 1, 1),
         )  # fmt: skip
-        self.value = nn.Sequential(nn.Linear(2 * WAYS + 10, 64), nn.Tanh(), nn.Linear(64, 64), nn.Tanh())
+        self.value = nn.Sequential(
+            nn.Linear(SHOWN, VALUE_WIDTH), nn.Tanh(), nn.Linear(VALUE_WIDTH, VALUE_WIDTH), nn.Tanh()
+        )
 
     def forward(self, shown: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         return self.forward_actor(shown), self.forward_critic(shown)
@@ -67,4 +72,4 @@ class WayPolicy(ActorCriticPolicy):
         with torch.no_grad():
             self.action_net.weight.copy_(torch.eye(WAYS))
             self.action_net.bias.copy_(-0.5 * ((torch.arange(WAYS) - AHEAD) / TRIED) ** 2)
-            self.mlp_extractor.score[-1].weight.mul_(0.1)
+            self.mlp_extractor.score[-1].weight.mul_(UNTRAINED)

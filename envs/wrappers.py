@@ -8,7 +8,8 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from marssim.camera import MAX_DEPTH
+from envs.observation import share_of_distance
+from marssim.camera import MAX_DEPTH, MIN_DEPTH
 
 
 class ImageObservation(gymnasium.ObservationWrapper):
@@ -47,8 +48,8 @@ def image_space(inner: gymnasium.Space) -> spaces.Dict:
 def as_images(observation: dict[str, Any]) -> dict[str, Any]:
     """One observation of MarsNav-v0 as ImageObservation shows it."""
     depth, goal = observation["depth"], np.array(observation["goal"], dtype=np.float32)
-    near = np.where(depth > 0, 1 / np.maximum(depth, 0.5) - 1 / MAX_DEPTH, 0) / (2 - 1 / MAX_DEPTH)
-    goal[0] /= goal[0] + 5.0
+    near = np.where(depth > 0, 1 / np.maximum(depth, MIN_DEPTH) - 1 / MAX_DEPTH, 0) / (1 / MIN_DEPTH - 1 / MAX_DEPTH)
+    goal[0] = share_of_distance(goal[0])
     out = {**observation, "depth": np.round(255 * near).astype(np.uint8)[None], "goal": goal}
     if "map" in observation:
         height, cost, known = observation["map"]

@@ -1,7 +1,11 @@
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from envs.drivers import DRIVERS, NavigatorDriver, RandomDriver, StraightDriver, make_driver
+from envs.course import CLEAR_RADIUS
+from envs.drivers import DRIVERS, NavigatorDriver, RandomDriver, StraightDriver, head_for, make_driver
+from marssim.rover_spec import ZHURONG
 
 
 def observe(bearing, distance=5.0):
@@ -32,6 +36,19 @@ def test_straight_turns_to_the_goal_before_it_drives(make_env):
     assert speed == 0 and turn == 1
     speed, turn, _ = driver.act(env, observe(-0.2))
     assert speed == 1 and turn == pytest.approx(-0.4)  # 0.2 rad in 2 s is 0.4 of 0.25 rad/s
+
+
+@given(st.floats(-np.pi, np.pi), st.floats(0.05, 1.0))
+def test_heading_for_a_bearing_arrives_on_it_and_drives_only_then(bearing, within):
+    for _ in range(8):  # half a turn at 0.5 rad a step, and some more
+        speed, yaw_rate, pan = head_for(bearing, within, ZHURONG)
+        assert speed == (abs(bearing) < within) and abs(yaw_rate) <= 1 and pan == 0
+        bearing -= yaw_rate * 0.25 * 2.0
+    assert abs(bearing) < 1e-6 and speed == 1
+
+
+def test_no_more_is_taken_for_clear_than_every_course_is():
+    assert NavigatorDriver().navigator.config.clear_radius <= CLEAR_RADIUS
 
 
 def test_straight_reaches_a_goal_on_empty_ground(on_course, make_scene, make_course):

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from envs.observation import observation_space, observe
+from envs.observation import observation_space, observe, share_of_distance
 from marssim.physics.state import rotation, state_of
 
 
@@ -29,3 +29,8 @@ def test_the_space_has_a_map_where_there_is_one(with_map):
     if with_map:
         low, high = space["map"].low, space["map"].high
         assert (low[0] == -1).all() and (low[1:] == 0).all() and (high == 1).all()
+
+
+def test_the_share_of_a_distance_grows_with_it_and_stays_below_one():
+    shares = [share_of_distance(d) for d in (0.0, 1.0, 5.0, 20.0, 1e6)]
+    assert shares[0] == 0 and shares[2] == 0.5 and shares == sorted(shares) and shares[-1] < 1
