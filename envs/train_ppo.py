@@ -5,9 +5,9 @@
     python -m envs.evaluate --driver runs/ppo/policy.zip straight --perception ground_truth --dynamics kinematic \\
         --goal-distance 10 --out out/ppo
 
-The policy sees and answers what envs.corridors.Corridors says: how far each of 13 ways is free, and
-which of them to take. The same command goes on from OUT/policy.zip where it was stopped; that file
-is read as your own, do not continue a stranger's.
+The policy sees and answers what envs.corridors.Corridors says: how far each of 13 ways is free, and which of them to
+take. The same command goes on from OUT/policy.zip where it was stopped; that file is read as your own, do not continue
+a stranger's.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -27,10 +28,19 @@ from envs.corridors import Corridors
 from envs.course import CourseConfig
 from envs.mars_nav import MarsNavEnv
 from envs.policies import PolicyDriver, mark_corridors
-from marssim.command import run_command
+from marssim.command import counted, run_command
 from marssim.scene.scene import Place
 
 RATE = 1e-3  # of learning, at first
+BATCH = 64  # choices, at most
+REWARD_SHARE = 0.1  # returns of about one suit PPO's defaults
+SETTINGS: dict[str, Any] = {
+    "n_epochs": 10,
+    # larger updates than this unlearn, on so few choices, what the last ones learnt
+    "target_kl": 0.03, "ent_coef": 0.005,
+    # a detour is a few choices long
+    "gamma": 0.95, "gae_lambda": 0.9,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -42,7 +52,7 @@ class TrainConfig:
     max_minutes: float = 20.0
     """time to train [min]"""
     max_steps: int = 100_000_000
-    """and at most so many steps"""
+    """and at most so many choices of a way, three steps of the environment each"""
     workers: int = 2
     """environments, each in a process of its own"""
     scene: Place = "gale"
@@ -87,31 +97,34 @@ class TrainingCourses(gymnasium.Wrapper):
         return self.env.reset(seed=seed, options={"k": float(self._rng.uniform(*self.k)), **(options or {})})
 
 
+def training_env(config: TrainConfig) -> gymnasium.Env:
+    """What a policy is trained in: Corridors on TrainingCourses, with rewards of the size that PPO's defaults suit."""
+    from stable_baselines3.common.monitor import Monitor
+
+    env = MarsNavEnv(
+        "ground_truth", "kinematic", scene=config.scene, goal_distance=config.goal_distance, map_observation=True
+    )
+    told = Monitor(Corridors(TrainingCourses(env, config.k)), info_keywords=("outcome",))
+    return TransformReward(told, lambda reward: REWARD_SHARE * float(reward))
+
+
 def train(config: TrainConfig, rollout: int = 128) -> Path:
-    """Train until the time or the steps are used up; returns the policy's path. rollout: steps of each environment
+    """Train until the time or the steps are used up; returns the policy's path. rollout: choices in each environment
     between two updates. Raises ImportError without stable-baselines3, ValueError for a policy.zip that is none."""
     try:
         from stable_baselines3 import PPO
         from stable_baselines3.common.callbacks import BaseCallback
-        from stable_baselines3.common.monitor import Monitor
         from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
         from envs.way_policy import WayPolicy
     except ImportError:
         raise ImportError("envs.train_ppo needs stable-baselines3: pip install 'mars-m3depth[rl]'") from None
 
-    def make() -> gymnasium.Env:
-        env = MarsNavEnv(
-            "ground_truth", "kinematic", scene=config.scene, goal_distance=config.goal_distance, map_observation=True
-        )
-        told = Monitor(Corridors(TrainingCourses(env, config.k)), info_keywords=("outcome",))
-        return TransformReward(told, lambda reward: 0.1 * float(reward))  # returns of about one suit PPO's defaults
-
     path = config.out / "policy.zip"
     if path.is_file() and not PolicyDriver(path).corridors:  # which says what is wrong with a file that is no policy
         raise ValueError(f"{path}: is a policy that envs.train_ppo cannot go on from; choose another --out")
     config.out.mkdir(parents=True, exist_ok=True)
-    makers: list[Callable[[], gymnasium.Env]] = [make] * config.workers
+    makers: list[Callable[[], gymnasium.Env]] = [partial(training_env, config)] * config.workers
     vector = DummyVecEnv(makers) if config.workers == 1 else SubprocVecEnv(makers, start_method="spawn")
     until = monotonic() + 60 * config.max_minutes
 
@@ -119,46 +132,46 @@ def train(config: TrainConfig, rollout: int = 128) -> Path:
         """Of learning: falls to nought in the time that there is, or what was learnt early is unlearnt late."""
         return RATE * max(0.0, until - monotonic()) / (60 * config.max_minutes)
 
-    def save(model: Any) -> None:
-        part = path.with_suffix(".part")  # whoever kills it meanwhile finds the last policy whole
-        model.save(part)
-        mark_corridors(part)
-        part.replace(path)
-
     class Clock(BaseCallback):
-        """Ends the training in time, and saves and tells how it goes after each update."""
+        """Ends the training in time; before each update saves what the last one made, and tells how it goes."""
 
         def _on_step(self) -> bool:
             return monotonic() < until
 
         def _on_rollout_end(self) -> None:
-            save(self.model)
-            ended: list[dict[str, Any]] = list(self.model.ep_info_buffer or [])
-            if ended:
-                arrived = sum(e["outcome"] == "goal" for e in ended) / len(ended)
-                reward = sum(e["r"] for e in ended) / len(ended)
-                print(f"{self.num_timesteps} steps: last {len(ended)} episodes, {100 * arrived:.0f} % arrived, "
-                      f"reward {reward:.1f}", flush=True)  # fmt: skip
+            _save(self.model, path)
+            if ended := list(self.model.ep_info_buffer or []):
+                print(f"{self.num_timesteps} choices: {_summary(ended)}", flush=True)
 
     try:
-        settings: dict[str, Any] = {
-            "n_steps": rollout, "batch_size": min(64, rollout * config.workers), "n_epochs": 10, "learning_rate": rate,
-            # larger updates than this unlearn, on so few steps, what the last ones learnt
-            "target_kl": 0.03, "ent_coef": 0.005,
-            # a detour is a few choices long
-            "gamma": 0.95, "gae_lambda": 0.9,
-        }  # fmt: skip
         if path.is_file():
             model = PPO.load(path, vector, device="cpu", custom_objects={"learning_rate": rate, "lr_schedule": rate})
             vector.seed(config.seed + model.num_timesteps)  # other courses than it began with
         else:
-            model = PPO(WayPolicy, vector, device="cpu", seed=config.seed, **settings)
+            batch = min(BATCH, rollout * config.workers)
+            model = PPO(
+                WayPolicy, vector, rate, n_steps=rollout, batch_size=batch, device="cpu", seed=config.seed, **SETTINGS
+            )
         # not by the callback: a rollout that it ends is never learnt from
         model.learn(max(0, config.max_steps - model.num_timesteps), callback=Clock(), reset_num_timesteps=False)
-        save(model)
+        _save(model, path)
     finally:
         vector.close()
     return path
+
+
+def _save(model: Any, path: Path) -> None:
+    part = path.with_suffix(".part")  # whoever kills it meanwhile finds the last policy whole
+    model.save(part)
+    mark_corridors(part)
+    part.replace(path)
+
+
+def _summary(ended: list[dict[str, Any]]) -> str:
+    """How the last episodes went. ended: what Monitor noted of each, its reward "r" and its outcome."""
+    arrived = sum(e["outcome"] == "goal" for e in ended) / len(ended)
+    reward = sum(e["r"] for e in ended) / len(ended)
+    return f"last {counted(len(ended), 'episode')}, {100 * arrived:.0f} % arrived, reward {reward:.1f}"
 
 
 def main(args: Sequence[str] | None = None) -> int:
