@@ -64,6 +64,12 @@ class EpisodeRecord:
     track: list[list[float]] = field(default_factory=list)
 
 
+def course_options(cell: Cell, seed: int, episode: int) -> dict[str, Any]:
+    """Options of MarsNavEnv.reset that make the course of an episode: its scene_seed is of (seed, episode) alone."""
+    scene_seed = int(np.random.SeedSequence((seed, episode)).generate_state(1)[0])
+    return {"scene_seed": scene_seed, **{name: value for name, value in vars(cell).items() if value is not None}}
+
+
 def run_episode(
     env: MarsNavEnv,
     driver: Driver,
@@ -79,12 +85,8 @@ def run_episode(
     watch(env, driver, step) is called after the reset (step 0) and after every step. Raises ActionError that names the
     driver for an answer that is neither an action nor a Stop.
     """
-    options: dict[str, Any] = {"scene_seed": int(np.random.SeedSequence((seed, episode)).generate_state(1)[0])}
-    if cell.k is not None:
-        options["k"] = cell.k
-    if cell.slope_deg is not None:
-        options["slope_deg"] = cell.slope_deg
-    observation, info = env.reset(seed=int(options["scene_seed"]), options=options)
+    options = course_options(cell, seed, episode)
+    observation, info = env.reset(seed=options["scene_seed"], options=options)
     driver.reset(env, options["scene_seed"])
     assert env.vehicle is not None and env.course is not None
     track = [[float(v) for v in env.vehicle.state().position[:2]]]

@@ -15,6 +15,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
+from itertools import product
 from pathlib import Path
 from typing import Any, Literal
 from zlib import crc32
@@ -39,7 +40,7 @@ from marssim.scene.scene import Place, SceneConfig, preset
 from marssim.workers import run_tasks
 
 SETTINGS = "evaluate.json"  # in OUT: what its episodes were driven with
-LOOK = ("sun_elevation_deg", "texture_strength")  # of the scene, which may be asked for
+LOOK = ("sun_elevation_deg", "texture_strength")  # flags that stand for fields of the scene's LookConfig
 GRID_K = (0.033, 0.07, 0.10, 0.15, 0.20)
 GRID_SLOPE_DEG = (0.0, 5.0, 10.0, 15.0)
 
@@ -121,6 +122,7 @@ class EvaluateConfig:
 
     @property
     def cells(self) -> list[Cell]:
+        """Every k that is asked for with every slope."""
         ks, slopes = (GRID_K, GRID_SLOPE_DEG) if self.grid else (self.k, self.slope_deg)
         return [Cell(k, slope) for k in (ks or (None,)) for slope in (slopes or (None,))]
 
@@ -149,6 +151,7 @@ class Task:
 
     @property
     def file(self) -> str:
+        """Name of its record's file: of letters, digits, "_", "-" and "." only, and no other task's."""
         words = f"{self.driver}-{self.perception}-{self.cell.name}"
         plain = "".join(c if c.isalnum() or c in ".-" else "_" for c in words)
         if plain.replace("_", "") != words.replace("_", "").replace("=", "").replace(", ", ""):
@@ -171,26 +174,19 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
     digests = noted_settings(config.out / SETTINGS, config.content(), (*config.perception, *config.driver))
     tasks = [
         Task(driver, perception, cell, episode)
-        for episode in range(config.episodes)
-        for cell in config.cells
-        for driver in config.driver
-        for perception in config.perception
+        for episode, cell, driver, perception in product(
+            range(config.episodes), config.cells, config.driver, config.perception
+        )
     ]
     missing = [task for task in tasks if not (folder / task.file).is_file()]
     _run(config, missing, lambda task, record: write_json(folder / task.file, asdict(record)))
     records = [_read_record(folder / task.file) for task in tasks]
-    results = []
-    for cell in config.cells:
-        for driver in config.driver:
-            for perception in config.perception:
-                chosen = [r for r in records if (r.driver, r.perception, r.cell) == (driver, perception, cell.name)]
-                results.append({"driver": driver, "perception": perception, "cell": asdict(cell), **summarise(chosen)})
     content = {
         "config": json.loads(json.dumps(asdict(config), default=str)),
         "weights": digests,
         "versions": versions(),
         "test_set_abs_rel": test_errors,
-        "results": results,
+        "results": _results(config, records),
         "differences": _differences(config, records),
     }
     write_json(config.out / "results.json", content)
@@ -200,9 +196,19 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
     return content
 
 
+def _results(config: EvaluateConfig, records: Sequence[EpisodeRecord]) -> list[dict[str, Any]]:
+    """A row for each cell, driver and perception."""
+    rows = []
+    for cell in config.cells:
+        for driver, perception in product(config.driver, config.perception):
+            own = [r for r in records if (r.driver, r.perception, r.cell) == (driver, perception, cell.name)]
+            rows.append({"driver": driver, "perception": perception, "cell": asdict(cell), **summarise(own)})
+    return rows
+
+
 def _differences(config: EvaluateConfig, records: Sequence[EpisodeRecord]) -> list[dict[str, Any]]:
     """Success of every driver and perception less the first one's, paired, over all cells."""
-    groups = [(driver, perception) for driver in config.driver for perception in config.perception]
+    groups = list(product(config.driver, config.perception))
     of = {group: [r for r in records if (r.driver, r.perception) == group] for group in groups}
     first = groups[0]
     return [

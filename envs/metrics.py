@@ -11,6 +11,12 @@ import numpy as np
 from envs.episodes import EpisodeRecord
 from m3depth.bootstrap import interval, resampled_means
 
+FAILURES = {  # ENav's classes, and one of those whose odometry led them astray
+    "no feasible path": ("no_path",), "safety limit": ("collision", "tilt", "out_of_bounds"), "time": ("time", "stuck"),
+    "elsewhere": ("elsewhere",),
+}  # fmt: skip
+UNREACHABLE_MARK = 0.20  # share of goals without a way above which a cell is marked
+
 
 def spl(success: bool, shortest: float, path_length: float) -> float:
     """Success weighted by path length, S L / max(P, L) (Anderson et al. 2018); L is the geodesic optimum [m].
@@ -53,13 +59,6 @@ def paired_difference(first: Sequence[EpisodeRecord], second: Sequence[EpisodeRe
         gains.setdefault(key[1], []).append(float(a[key]) - float(b[key]))
     gain = np.array([np.mean(of) for of in gains.values()])
     return {"episodes": len(a), "difference": float(gain.mean()), "interval": list(interval(resampled_means(gain)))}
-
-
-FAILURES = {  # ENav's classes, and one of those whose odometry led them astray
-    "no feasible path": ("no_path",), "safety limit": ("collision", "tilt", "out_of_bounds"), "time": ("time", "stuck"),
-    "elsewhere": ("elsewhere",),
-}  # fmt: skip
-UNREACHABLE_MARK = 0.20  # share of goals without a way above which a cell is marked
 
 
 def summarise(records: Sequence[EpisodeRecord]) -> dict[str, Any]:
