@@ -36,11 +36,13 @@ from m3depth.report import versions
 from marssim.command import counted, run_command
 from marssim.dataset import DatasetError, read_json, write_json
 from marssim.render.makers import Renderer
-from marssim.scene.scene import Place, SceneConfig, preset
+from marssim.scene.scene import LOOK_LIMITS, Place, SceneConfig, preset
 from marssim.workers import run_tasks
 
 SETTINGS = "evaluate.json"  # in OUT: what its episodes were driven with
-LOOK = ("sun_elevation_deg", "texture_strength")  # flags that stand for fields of the scene's LookConfig
+LOOK = (  # flags that stand for fields of the scene's LookConfig
+    "sun_elevation_deg", "optical_depth", "albedo_contrast", "texture_strength", "pebbles", "wind_ripples",
+)  # fmt: skip
 GRID_K = (0.033, 0.07, 0.10, 0.15, 0.20)
 GRID_SLOPE_DEG = (0.0, 5.0, 10.0, 15.0)
 
@@ -70,8 +72,16 @@ class EvaluateConfig:
     """preset of the courses' scenes"""
     sun_elevation_deg: float | None = None
     """height of the sun [deg], instead of the preset's range"""
+    optical_depth: float | None = None
+    """of the dust in the air: .3 is clear, 1 hazy, 5 a storm, instead of the preset's range"""
+    albedo_contrast: float | None = None
+    """of the ground's bright and dark patches, 0 to 3, instead of the preset's range"""
     texture_strength: float | None = None
-    """of the relief below the mesh, which is what stereo matches, 0 to 3, instead of the preset's range"""
+    """of the relief below the mesh, 0 to 3, instead of the preset's range; stereo matches this and the next two"""
+    pebbles: float | None = None
+    """and grain too small for the mesh, 0 to 1, instead of the preset's range"""
+    wind_ripples: float | None = None
+    """share of the ground with hand-wide ripples, 0 to 1, instead of the preset's range"""
     k: tuple[float, ...] = ()
     """rock abundances, Golombek's k, to go through; none given: the preset's"""
     slope_deg: tuple[float, ...] = ()
@@ -114,6 +124,11 @@ class EvaluateConfig:
         for flag, most in ERROR_LIMITS.items():
             if not 0 <= getattr(self, flag) <= most:
                 raise ValueError(f"--{flag.replace('_', '-')} must lie in [0, {most}], got {getattr(self, flag)}")
+        for name in LOOK:
+            low, high = LOOK_LIMITS[name]
+            value = getattr(self, name)
+            if value is not None and not low <= value <= high:
+                raise ValueError(f"--{name.replace('_', '-')} must lie in [{low:g}, {high:g}], got {value:g}")
         if not self.driver or not self.perception:
             raise ValueError("--driver and --perception need at least one name")
         self.scene_config()  # says what is out of range

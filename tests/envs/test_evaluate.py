@@ -7,7 +7,7 @@ import pytest
 
 import envs.evaluate
 from envs.episodes import Cell
-from envs.evaluate import EvaluateConfig, Task, evaluate, main
+from envs.evaluate import LOOK, EvaluateConfig, Task, evaluate, main
 from m3depth.estimator import load_estimator
 from marssim.dataset import DatasetError
 from marssim.scene.scene import preset
@@ -140,6 +140,15 @@ def test_a_look_that_is_asked_for_is_the_scenes_and_of_other_drives():
     assert scene.look.sun_elevation_deg == (8.0, 8.0) and scene.look.texture_strength == (0.1, 0.1)
     assert scene.rocks == plain.scene_config().rocks
     assert low.content().items() - plain.content().items() == {("sun_elevation_deg", 8.0), ("texture_strength", 0.1)}
+
+
+@pytest.mark.parametrize("name", LOOK)
+def test_every_flag_of_the_look_is_a_field_of_the_scenes(name):
+    config = EvaluateConfig(None, **{name: 0.7})
+    assert getattr(config.scene_config().look, name) == (0.7, 0.7)
+    assert config.content()[name] == 0.7
+    with pytest.raises(ValueError, match=f"--{name.replace('_', '-')} must lie in"):
+        EvaluateConfig(None, **{name: -1.0})
 
 
 def test_every_task_has_a_file_of_its_own():
