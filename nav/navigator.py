@@ -43,12 +43,21 @@ from nav.config import NavigatorConfig
 from nav.controller import steerable
 from nav.daring import Daring
 from nav.elevation import ElevationMap
+from nav.footprint import arc_poses
 from nav.mast import Mast
-from nav.planner import Motion, Planner, arc_poses
+from nav.planner import Motion, Planner
 from nav.recovery import Recovery
 from nav.traversability import Traversability, assess
 
 Area = tuple[float, float, float, float]
+NEARER = 1.0  # [m] to the goal, which recoveries have helped for
+IDLE_SHARE = 0.25  # of a wanted drive, below which the rover did not move
+TOUCHED = 0.15  # [m] inside of the footprint's edge: a rock that a wheel touches stays a rock
+BUMP_RADIUS = 0.2  # [m] of what was bumped into
+DEAD_END_RADIUS, DEAD_END_COST = 1.0, 3.0  # [m], and what a metre of it costs more
+WAY_AHEAD = 3.0  # [m] of the far path that the mast looks along
+NEAR_ENDS = 1.0  # [m] from either end of the far path, where an obstacle does not close it
+BEND = 0.2  # [rad] turned in a step, from which on a short motion is one round something
 
 
 def _wrap(angle: float) -> float:
@@ -139,7 +148,7 @@ class Navigator:
         self.mast.follow(pan, self._last_command.pan)
         moved = float(np.hypot(*(planar - self._last_pose)[:2]))
         wanted = abs(self._last_command.speed) * self.config.step_time
-        if self._last_command.status == "drive" and moved < 0.25 * wanted:
+        if self._last_command.status == "drive" and moved < IDLE_SHARE * wanted:
             self._idle_drives += 1
         elif wanted > 0:
             self._idle_drives = 0
@@ -161,15 +170,15 @@ class Navigator:
             return Command(0.0, 0.0, None, "arrived")
         if not seen:
             return Command(0.0, 0.0, None, "blind")
-        if distance < self._nearest - 1.0:
+        if distance < self._nearest - NEARER:
             self._nearest, self.recovery.attempts = distance, 0
 
         if self._idle_drives >= self.config.slip_steps:
             self._idle_drives = 0
             self.recovery.bump(here)
             self.planner.reset()
-        ground = self._assess(here)
-        self.ground = ground
+        ground = self.ground = self._assess(here)
+        self.planner.margin = self.config.planner.margin * self.daring.margin_share
         self.planner.update(self.map, ground, goal)
 
         self.daring.update(self._no_way(here, goal, ground), self._inflated(here, ground))
@@ -194,23 +203,29 @@ class Navigator:
 
     def _assess(self, here: np.ndarray) -> Traversability:
         """Traversability, with what bumps and dead ends taught, and free of obstacles under the rover itself."""
-        bumps, ends = self.recovery.bumps, self.recovery.dead_ends
-        extra = self._discs(bumps, 0.2) > 0 if bumps else None
-        if self.area is not None:
-            outside = self._outside(self.area)
-            extra = outside if extra is None else extra | outside
-        # A little less than the footprint: a rock that a wheel touches stays a rock.
-        half = np.array([self.spec.length, self.spec.width]) / 2 - 0.15
+        ground = assess(self.map, self.spec, self.daring.rules, self._closed(), self._carried(here))
+        if not self.recovery.dead_ends:
+            return ground
+        return replace(ground, cost=ground.cost + DEAD_END_COST * self._discs(self.recovery.dead_ends, DEAD_END_RADIUS))
+
+    def _closed(self) -> np.ndarray | None:
+        """(n, n) bool, what the map does not show: what was bumped into, what lies beyond the area. None if neither."""
+        bumps = self.recovery.bumps
+        closed = self._discs(bumps, BUMP_RADIUS) > 0 if bumps else None
+        if self.area is None:
+            return closed
+        outside = self._outside(self.area)
+        return outside if closed is None else closed | outside
+
+    def _carried(self, here: np.ndarray) -> np.ndarray:
+        """(n, n) bool, the cells that the rover stands on."""
+        half = np.array([self.spec.length, self.spec.width]) / 2 - TOUCHED
         corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * half
         c, s = np.cos(here[2]), np.sin(here[2])
         corners = self.map.cell_of(here[:2] + corners @ np.array([[c, s], [-s, c]]))
         carried = np.zeros((self.map.n, self.map.n), np.uint8)
         cv2.fillConvexPoly(carried, corners.astype(np.int32), 1)
-        self.planner.margin = self.config.planner.margin * self.daring.margin_share
-        ground = assess(self.map, self.spec, self.daring.rules, extra, carried > 0)
-        if not ends:
-            return ground
-        return replace(ground, cost=ground.cost + 3.0 * self._discs(ends, 1.0))
+        return carried > 0
 
     def _discs(self, centres: list[np.ndarray], radius: float) -> np.ndarray:
         """(n, n) float32, 1 within radius [m] of any of the world positions."""
@@ -240,19 +255,25 @@ class Navigator:
         speed = self.spec.max_speed * float(np.clip(motion.length / (2 * c.planner.commit), 0.5, 1.0))
         speed = min(speed, max(distance - c.goal_radius, 0.1) / c.step_time)
         speed, yaw_rate = steerable(speed, motion.curvature * speed, self.spec)
-        # The next image shall show where the path leads from where the rover will be by then.
         turn = yaw_rate * c.step_time
+        short = motion.length < 2 * c.planner.commit and abs(turn) < BEND
         then = arc_poses(here, np.array(motion.curvature), np.array([speed * c.step_time]))[0]
-        path = self.planner.field.path(then, 3.0)
+        return Command(speed, yaw_rate, self.mast.towards(0.0 if short else self._bearing_onward(then)), "drive")
+
+    def _bearing_onward(self, then: np.ndarray) -> float:
+        """Where the path leads from where the rover will be, which the next image shall show. then: (3,) x, y, yaw.
+
+        Returns [rad] from its heading, left > 0; 0 where the path ends.
+        """
+        path = self.planner.field.path(then, WAY_AHEAD)
+        if len(path) <= 3:
+            return 0.0
         way = path[-1] - then[:2]
-        bearing = _wrap(float(np.arctan2(way[1], way[0])) - then[2]) if len(path) > 3 else 0.0
-        if motion.length < 2 * c.planner.commit and abs(turn) < 0.2:
-            bearing = 0.0
-        return Command(speed, yaw_rate, self.mast.towards(bearing), "drive")
+        return _wrap(float(np.arctan2(way[1], way[0])) - then[2])
 
     def _no_way(self, here: np.ndarray, goal: np.ndarray, ground: Traversability) -> bool:
         """Whether even the best path to the goal leads through known obstacles, away from both of its ends."""
         path = self.planner.field.path(here, 2 * self.config.elevation.size)
         from_ends = np.minimum(np.hypot(*(path - here[:2]).T), np.hypot(*(path - goal).T))
         cell = np.clip(self.map.cell_of(path), 0, self.map.n - 1)
-        return bool((ground.inflated[cell[:, 1], cell[:, 0]] & (from_ends > 1.0)).any())
+        return bool((ground.inflated[cell[:, 1], cell[:, 0]] & (from_ends > NEAR_ENDS)).any())

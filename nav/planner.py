@@ -13,8 +13,15 @@ import numpy as np
 from marssim.rover_spec import RoverSpec
 from nav.distance_field import DistanceField
 from nav.elevation import ElevationMap
+from nav.footprint import arc_poses, footprint_distance
 from nav.placement import Standing
 from nav.traversability import Traversability
+
+REPLANNED = 0.01  # [m] by which a rover within a margin may come nearer, from one plan to the next
+REPLANNED_TILT = 0.02  # [rad] likewise
+HALF_CELL = 0.05  # [m] of the map, by which it may err
+HEADING_FREE = 1.0  # [m] from the goal the heading does not matter
+PROBE = 0.5  # [m] to either side at which the field's slope is taken
 
 
 @dataclass(frozen=True)
@@ -58,51 +65,13 @@ class Motion:
     poses: np.ndarray
 
 
-def footprint_discs(spec: RoverSpec) -> tuple[np.ndarray, float]:
-    """Discs that cover the footprint rectangle.
+def room_needed(room: np.ndarray, margin: float) -> np.ndarray:
+    """How near to an obstacle a motion may come [m], of a rover that now has so much room: (...) [m] both.
 
-    Returns their centres (20, 2) in the body frame and their radius [m]; for Zhurong the cover is 6 cm wider and 8 cm
-    longer on each side than the rectangle.
+    To the margin; a rover that stands within it comes at most REPLANNED nearer, lest it be stuck. That adds up over the
+    plans, but ends where footprint and obstacle overlap by HALF_CELL.
     """
-    nx, ny = 5, 4
-    x = ((np.arange(nx) + 0.5) / nx - 0.5) * spec.length
-    y = ((np.arange(ny) + 0.5) / ny - 0.5) * spec.width
-    centres = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    return centres, float(np.hypot(spec.length / nx, spec.width / ny) / 2)
-
-
-def footprint_distance(field: np.ndarray, elevation: ElevationMap, poses: np.ndarray, spec: RoverSpec) -> np.ndarray:
-    """Distance [m] between the footprint and what a distance map measures to; negative where they overlap.
-
-    field: (n, n) [m] over the map's cells; poses: (..., 3) x, y, yaw. Returns (...); -inf off the map.
-    """
-    centres, radius = footprint_discs(spec)
-    cos, sin = np.cos(poses[..., 2, None]), np.sin(poses[..., 2, None])
-    x = poses[..., 0, None] + cos * centres[:, 0] - sin * centres[:, 1]
-    y = poses[..., 1, None] + sin * centres[:, 0] + cos * centres[:, 1]
-    cell = elevation.cell_of(np.stack([x, y], axis=-1))
-    n = elevation.n
-    inside = ((cell >= 0) & (cell < n)).all(axis=-1)
-    cell = np.clip(cell, 0, n - 1)
-    distance = np.where(inside, field[cell[..., 1], cell[..., 0]], -np.inf)
-    return distance.min(axis=-1) - radius
-
-
-def arc_poses(start: np.ndarray, curvature: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """Poses along arcs of constant curvature.
-
-    start: (..., 3) x, y, yaw; curvature: (...) [1/m], positive to the left; distance: (k,) [m], negative backwards.
-    Returns (..., k, 3).
-    """
-    start = np.asarray(start, float)[..., None, :]
-    curvature = np.asarray(curvature, float)[..., None]
-    angle = curvature * distance
-    # Chord of an arc: s sinc(angle / 2), in the direction halfway between both headings.
-    chord = distance * np.sinc(angle / (2 * np.pi))
-    middle = start[..., 2] + angle / 2
-    return np.stack(
-        [start[..., 0] + chord * np.cos(middle), start[..., 1] + chord * np.sin(middle), start[..., 2] + angle], axis=-1
-    )
+    return np.minimum(margin, np.maximum(room - REPLANNED, np.minimum(room, -HALF_CELL)))
 
 
 def free_length(
@@ -123,14 +92,12 @@ def free_length(
     """
     room = footprint_distance(ground.clearance, elevation, poses, spec)
     light = footprint_distance(ground.dark_distance, elevation, poses, spec)
-    # Half a cell, which the map may err, is all that it may come nearer by in the end: replanning adds up.
-    least = config.margin if margin is None else margin
-    ok = room >= np.minimum(least, np.maximum(room[:, :1] - 0.01, np.minimum(room[:, :1], -0.05)))
-    ok &= light >= np.minimum(config.dark_margin, light[:, :1] - 0.01)
+    ok = room >= room_needed(room[:, :1], config.margin if margin is None else margin)
+    ok &= light >= np.minimum(config.dark_margin, light[:, :1] - REPLANNED)
     if standing is not None:
         place = standing.at(poses)
-        ok &= place.tilt <= np.maximum(np.deg2rad(config.tilt_limit_deg), place.tilt[:, :1] + 0.02)
-        ok &= place.clearance >= np.minimum(config.belly_margin, place.clearance[:, :1] - 0.01)
+        ok &= place.tilt <= np.maximum(np.deg2rad(config.tilt_limit_deg), place.tilt[:, :1] + REPLANNED_TILT)
+        ok &= place.clearance >= np.minimum(config.belly_margin, place.clearance[:, :1] - REPLANNED)
     ok[:, 0] = True
     return (np.cumprod(ok, axis=1).sum(axis=1) - 1) * spacing
 
@@ -196,13 +163,13 @@ class Planner:
         """Cost from each pose to the goal: the field's value there, and the turn into its downhill direction."""
         xy = poses[..., :2]
         value = self.field.at(xy)
-        east, north = np.array([0.5, 0.0]), np.array([0.0, 0.5])
+        east, north = np.array([PROBE, 0.0]), np.array([0.0, PROBE])
         slope_x = self.field.at(xy + east) - self.field.at(xy - east)
         slope_y = self.field.at(xy + north) - self.field.at(xy - north)
         with np.errstate(invalid="ignore"):
             wanted = np.arctan2(-slope_y, -slope_x)
             error = np.abs((wanted - poses[..., 2] + np.pi) % (2 * np.pi) - np.pi)
-        near_goal = np.hypot(*np.moveaxis(xy - goal[:2], -1, 0)) < 1.0
+        near_goal = np.hypot(*np.moveaxis(xy - goal[:2], -1, 0)) < HEADING_FREE
         return value + np.where(near_goal | ~np.isfinite(error), 0.0, self.config.heading_cost * error)
 
     def _rate(
@@ -286,7 +253,7 @@ class Planner:
             poses = np.stack([np.full(angle.size, pose[0]), np.full(angle.size, pose[1]), pose[2] + angle], axis=1)
             # Between two headings a corner is within 0.14 m of one that is checked: margin and discs cover that.
             room = footprint_distance(ground.clearance, elevation, poses, self.spec)
-            ok = room >= min(self.margin, max(room[0] - 0.01, min(room[0], -0.05)))
+            ok = room >= room_needed(room[0], self.margin)
             ok[0] = True
             out.append(angle[: np.cumprod(ok).sum()][1:])
         return np.concatenate(out)

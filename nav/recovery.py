@@ -12,9 +12,18 @@ from nav.command import Command
 from nav.config import NavigatorConfig
 from nav.controller import steerable
 from nav.elevation import ElevationMap
+from nav.footprint import arc_poses
 from nav.mast import LOOKED
-from nav.planner import Planner, arc_poses
+from nav.planner import Planner
 from nav.traversability import Traversability
+
+TRACK_STEP = 0.2  # [m] between two points of the driven track
+BEFORE = 0.15  # [m] before the rover's front stands what it bumped into
+INTO = 0.5  # [m] ahead of the rover's middle is where a dead end is noted
+PASSED = 0.5  # [m] from the rover, points of the track have been driven back to
+BEHIND = 0.1  # [m] behind the rover's middle a point of the track must lie to be driven back to
+MOVED = 0.02  # [m] in a step, less than which it does not back out
+CHECKED = 4  # poses of a step back that are checked
 
 
 class Recovery:
@@ -44,7 +53,7 @@ class Recovery:
 
     def follow(self, here: np.ndarray) -> None:
         """Note where the rover is. here: (3,) x, y, yaw."""
-        if not self._track or np.hypot(*(here - self._track[-1])[:2]) > 0.2:
+        if not self._track or np.hypot(*(here - self._track[-1])[:2]) > TRACK_STEP:
             self._track.append(here)
 
     def found_a_way(self) -> None:
@@ -53,14 +62,14 @@ class Recovery:
 
     def bump(self, here: np.ndarray) -> None:
         """The rover drives and does not move: something unseen stands before it."""
-        ahead = self.spec.length / 2 + 0.15
+        ahead = self.spec.length / 2 + BEFORE
         self.bumps.append(here[:2] + ahead * np.array([np.cos(here[2]), np.sin(here[2])]))
         self.start(here)
 
     def start(self, here: np.ndarray) -> None:
         """Begin to back out of a dead end."""
         self.attempts += 1
-        self.dead_ends.append(here[:2] + 0.5 * np.array([np.cos(here[2]), np.sin(here[2])]))
+        self.dead_ends.append(here[:2] + INTO * np.array([np.cos(here[2]), np.sin(here[2])]))
         self._back_left = self.config.back_up
 
     def search(
@@ -119,9 +128,9 @@ class Recovery:
         moved = float(np.hypot(*(here - before)[:2]))
         if last.status == "recover" and last.speed < 0:
             self._back_left -= moved
-            if moved < 0.02:
+            if moved < MOVED:
                 self._back_left = 0.0
-        while len(self._track) > 1 and np.hypot(*(here - self._track[-1])[:2]) < 0.5:
+        while len(self._track) > 1 and np.hypot(*(here - self._track[-1])[:2]) < PASSED:
             self._track.pop()
         if self._back_left <= 0 or not self._track:
             self._back_left = 0.0
@@ -131,12 +140,12 @@ class Recovery:
         y = float(-np.sin(here[2]) * away[0] + np.cos(here[2]) * away[1])
         # A circle through the track point, tangent to the heading (pure pursuit, backwards).
         curvature = 2 * y / max(x * x + y * y, 1e-6)
-        if x > -0.1:
+        if x > -BEHIND:
             self._back_left = 0.0
             return None
         speed, yaw_rate = steerable(-self.config.back_speed, -curvature * self.config.back_speed, self.spec)
         spacing = self.config.planner.spacing
-        poses = arc_poses(here, np.array(yaw_rate / speed), -np.arange(4) * spacing)[None]
+        poses = arc_poses(here, np.array(yaw_rate / speed), -np.arange(CHECKED) * spacing)[None]
         if planner.free_length(poses, elevation, ground)[0] < 2 * spacing:
             self._back_left = 0.0
             return None

@@ -6,8 +6,9 @@ from hypothesis import strategies as st
 
 from marssim.rover_spec import ZHURONG
 from nav.elevation import ElevationMap
+from nav.footprint import arc_poses
 from nav.placement import Standing
-from nav.planner import PlannerConfig, arc_poses, free_length
+from nav.planner import PlannerConfig, free_length
 from nav.traversability import TraversabilityConfig, assess
 
 

@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from marssim.rover_spec import ZHURONG
-from nav.planner import Planner, PlannerConfig, arc_poses, footprint_discs, free_length
+from nav.footprint import arc_poses
+from nav.planner import Planner, PlannerConfig, free_length, room_needed
 
 CONFIG = PlannerConfig()
 
@@ -19,21 +20,16 @@ def plan(elevation, ground, goal, pose=(0.0, 0.0, 0.0)):
     return planner.plan(elevation, ground, np.asarray(pose, float), goal)
 
 
-@given(st.floats(-1.2, 1.2), st.floats(-3, 3), st.floats(-1, 4))
-def test_arcs_are_what_driving_them_gives(curvature, yaw, distance):
-    end = arc_poses(np.array([0.5, -0.5, yaw]), np.array(curvature), np.array([distance]))[0]
-    heading = yaw + curvature * (np.arange(2000) + 0.5) / 2000 * distance
-    x = 0.5 + np.cos(heading).mean() * distance
-    y = -0.5 + np.sin(heading).mean() * distance
-    np.testing.assert_allclose(end, [x, y, yaw + curvature * distance], atol=1e-5)
-
-
-def test_discs_cover_the_footprint():
-    centres, radius = footprint_discs(ZHURONG)
-    x, y = np.meshgrid(np.linspace(-1, 1, 41) * ZHURONG.length / 2, np.linspace(-1, 1, 41) * ZHURONG.width / 2)
-    assert (np.hypot(x[..., None] - centres[:, 0], y[..., None] - centres[:, 1]).min(-1) <= radius + 1e-9).all()
-    assert np.abs(centres).max(0)[1] + radius < ZHURONG.width / 2 + 0.07
-    assert np.abs(centres).max(0)[0] + radius < ZHURONG.length / 2 + 0.09
+@given(st.floats(-0.5, 2.0), st.floats(0.0, 0.3))
+def test_a_rover_within_the_margin_may_come_nearer_by_little_and_never_into_the_rock(room, margin):
+    least = room_needed(np.array(room), margin)
+    assert least <= margin and least <= max(room, margin)
+    if room < margin:
+        assert room - least <= 0.01 + 1e-9
+    plans = [room]
+    for _ in range(200):
+        plans.append(min(plans[-1], float(room_needed(np.array(plans[-1]), margin))))
+    assert plans[-1] == pytest.approx(min(room, -0.05)) or room >= margin
 
 
 @pytest.mark.parametrize("side", [-0.6, 0.0, 0.6])

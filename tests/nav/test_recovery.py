@@ -5,7 +5,8 @@ from flat_map import scene
 from marssim.rover_spec import ZHURONG
 from nav.command import Command
 from nav.config import NavigatorConfig
-from nav.planner import Planner, arc_poses
+from nav.footprint import arc_poses
+from nav.planner import Planner
 from nav.recovery import Recovery
 
 CONFIG = NavigatorConfig()
