@@ -13,6 +13,9 @@ import numpy as np
 from marssim.rover_spec import RoverSpec
 from nav.elevation import ElevationMap
 
+SEEN_SHARE = 0.2  # of a window, less than which tells nothing of its ground
+ROUGHNESS_FREE = 0.03  # [m] below this the footprint's plane counts as even
+
 
 @dataclass(frozen=True)
 class TraversabilityConfig:
@@ -75,11 +78,11 @@ def ground_surface(low: np.ndarray, known: np.ndarray, window: int) -> np.ndarra
     of it was seen; otherwise the top of a rock, with nothing but its own shadow around, would pass for ground.
     Returns (n, n) float32, NaN where not known.
     """
-    kernel = np.ones((window, window), np.uint8)
+    kernel = _square(window)
     far = np.float32(1e6)
     floor = cv2.erode(np.where(known, low, far), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=1e6)
     seen = cv2.boxFilter(known.astype(np.float32), -1, (window, window), borderType=cv2.BORDER_CONSTANT)
-    supported = np.where((seen >= 0.2) & (floor < far), floor, -far)
+    supported = np.where((seen >= SEEN_SHARE) & (floor < far), floor, -far)
     opened = cv2.dilate(supported, kernel, borderType=cv2.BORDER_CONSTANT, borderValue=-1e6)
     return np.where(known, np.where(opened > -far, opened, floor), np.nan).astype(np.float32)
 
@@ -111,7 +114,7 @@ def fit_planes(height: np.ndarray, known: np.ndarray, window: int, cell: float) 
     xz, yz = total(z * x) / count - mx * mz, total(z * y) / count - my * mz
     zz = total(z * z) / count - mz * mz
     det = xx * yy - xy * xy
-    good = (s >= 0.2 * window * window) & (det > 1e-2 * (cell * window) ** 4 / 144)
+    good = (s >= SEEN_SHARE * window * window) & (det > 1e-2 * (cell * window) ** 4 / 144)
     det = np.where(good, det, 1.0)
     a, b = (yy * xz - xy * yz) / det, (xx * yz - xy * xz) / det
     rms = np.sqrt(np.maximum(zz - a * xz - b * yz, 0))
@@ -154,66 +157,81 @@ def assess(
     extra_blocked: (n, n) bool, obstacles that the map does not show (bumped into), or None. carried: (n, n) bool, cells
     that the rover stands on, which are passable whatever the map says, or None.
     """
-    cell, c = elevation.config.cell, config
-    known = elevation.known
+    cell = elevation.config.cell
     # Assumed ground is a guess, wrong by decimetres on rough terrain: measured ground beside it would be a step.
     seen = elevation.measured
     # Single unseen cells between two image rows far away are sampling, not shadow.
-    filled = cv2.morphologyEx(known.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) > 0
+    filled = cv2.morphologyEx(elevation.known.astype(np.uint8), cv2.MORPH_CLOSE, _square(3)) > 0
 
-    ground = ground_surface(elevation.low, seen, _odd(c.ground_window, cell))
-    step = np.where(seen, elevation.top, np.nan) - ground
-    # The face of a rock wider than the window: the height difference between neighbours, which no passable slope has.
-    kernel = np.ones((3, 3), np.uint8)
-    rise = np.where(seen, elevation.top, np.nan) - cv2.erode(np.where(seen, elevation.low, np.float32(1e6)), kernel)
-    steepest = np.tan(np.deg2rad(c.slope_blocked_deg)) * cell * np.sqrt(2)
-    step = np.fmax(step, rise - steepest).astype(np.float32)
-    slope, roughness = _footprint_planes(ground, seen, c.footprint_window, cell)
-
-    with np.errstate(invalid="ignore"):
-        blocked = seen & (step >= c.step_blocked)
-        blocked |= seen & ((slope >= np.deg2rad(c.slope_blocked_deg)) | (roughness >= c.roughness_blocked))
-    # Of a rock only the near side is seen; what was not measured behind its face is taken for the rest of it.
-    width = _odd(2 * c.hidden_depth, cell)
-    blocked |= (cv2.dilate(blocked.astype(np.uint8), np.ones((width, width), np.uint8)) > 0) & ~seen
+    ground = ground_surface(elevation.low, seen, _odd(config.ground_window, cell))
+    step = _steps(elevation, ground, seen, config)
+    slope, roughness = _footprint_planes(ground, seen, config.footprint_window, cell)
+    blocked = _blocked(step, slope, roughness, seen, cell, config)
     if extra_blocked is not None:
         blocked |= extra_blocked
     if carried is not None:
         blocked &= ~carried
-    dark = (
-        cv2.morphologyEx(
-            (~filled).astype(np.uint8), cv2.MORPH_OPEN, np.ones((_odd(c.hiding_width, cell),) * 2, np.uint8)
-        )
-        > 0
-    )
-    dark &= ~filled
+    hiding = cv2.morphologyEx((~filled).astype(np.uint8), cv2.MORPH_OPEN, _square(_odd(config.hiding_width, cell)))
+    dark = (hiding > 0) & ~filled
     clearance = distance_to(blocked, cell)
-    dark_distance = distance_to(dark, cell)
 
-    def ramp(value: np.ndarray, free: float, full: float) -> np.ndarray:
-        # fmax and fmin drop NaN: what is unknown costs unknown_cost, below, and nothing here.
-        return np.fmin(np.fmax((value - np.float32(free)) * np.float32(1 / (full - free)), 0), 1).astype(np.float32)
-
-    own: np.ndarray = c.step_cost * ramp(step, c.step_free, c.step_blocked)
-    own = own + c.slope_cost * ramp(slope, np.deg2rad(c.slope_free_deg), np.deg2rad(c.slope_blocked_deg))
-    own = own + c.roughness_cost * ramp(roughness, 0.03, c.roughness_blocked)
-    # What lies under any wheel counts: a wheel feels its surroundings, and the centre the mean over the footprint.
-    reach = _odd(spec.width, cell)
-    cost: np.ndarray = cv2.blur(
-        cv2.dilate(own, np.ones((_odd(2 * spec.wheel_radius, cell),) * 2, np.uint8)), (reach, reach)
-    )
-    cost = cost + c.unknown_cost * (~filled)
-    half = spec.width / 2 + c.margin
-    cost = cost + c.near_cost * (1 - ramp(clearance, half, max(c.comfort, half + cell)))
+    cost = _own_cost(step, slope, roughness, spec, cell, config)
+    cost = cost + config.unknown_cost * (~filled)
+    half = spec.width / 2 + config.margin
+    cost = cost + config.near_cost * (1 - _ramp(clearance, half, max(config.comfort, half + cell)))
     return Traversability(
         cost=cost.astype(np.float32),
         blocked=blocked,
         known=filled,
         dark=dark,
         clearance=clearance,
-        dark_distance=dark_distance,
+        dark_distance=distance_to(dark, cell),
         step=step,
         slope=slope,
         roughness=roughness,
         inflated=clearance < half,
     )
+
+
+def _steps(elevation: ElevationMap, ground: np.ndarray, seen: np.ndarray, config: TraversabilityConfig) -> np.ndarray:
+    """(n, n) float32, how far each cell stands out [m]: of the ground (n, n) or of its neighbours; NaN where unseen."""
+    cell, top = elevation.config.cell, np.where(seen, elevation.top, np.nan)
+    # The face of a rock wider than the window: the height difference between neighbours, which no passable slope has.
+    rise = top - cv2.erode(np.where(seen, elevation.low, np.float32(1e6)), _square(3))
+    steepest = np.tan(np.deg2rad(config.slope_blocked_deg)) * cell * np.sqrt(2)
+    return np.fmax(top - ground, rise - steepest).astype(np.float32)
+
+
+def _blocked(
+    step: np.ndarray, slope: np.ndarray, roughness: np.ndarray, seen: np.ndarray, cell: float, c: TraversabilityConfig
+) -> np.ndarray:
+    """(n, n) bool, obstacles: too high, steep or rough, and what they hide. step [m], slope [rad], roughness [m]."""
+    with np.errstate(invalid="ignore"):
+        blocked = seen & (step >= c.step_blocked)
+        blocked |= seen & ((slope >= np.deg2rad(c.slope_blocked_deg)) | (roughness >= c.roughness_blocked))
+    # Of a rock only the near side is seen; what was not measured behind its face is taken for the rest of it.
+    hidden = cv2.dilate(blocked.astype(np.uint8), _square(_odd(2 * c.hidden_depth, cell))) > 0
+    return np.asarray(blocked | (hidden & ~seen))
+
+
+def _own_cost(
+    step: np.ndarray, slope: np.ndarray, roughness: np.ndarray, spec: RoverSpec, cell: float, c: TraversabilityConfig
+) -> np.ndarray:
+    """(n, n), extra cost per metre of the ground itself. step [m], slope [rad] and roughness [m], NaN where unknown."""
+    own: np.ndarray = c.step_cost * _ramp(step, c.step_free, c.step_blocked)
+    own = own + c.slope_cost * _ramp(slope, np.deg2rad(c.slope_free_deg), np.deg2rad(c.slope_blocked_deg))
+    own = own + c.roughness_cost * _ramp(roughness, ROUGHNESS_FREE, c.roughness_blocked)
+    # What lies under any wheel counts: a wheel feels its surroundings, and the centre the mean over the footprint.
+    reach = _odd(spec.width, cell)
+    return np.asarray(cv2.blur(cv2.dilate(own, _square(_odd(2 * spec.wheel_radius, cell))), (reach, reach)))
+
+
+def _ramp(value: np.ndarray, free: float, full: float) -> np.ndarray:
+    """float32, 0 up to `free`, 1 from `full` on, and 0 where the value is NaN: the unknown has a cost of its own."""
+    # fmax and fmin drop NaN
+    return np.fmin(np.fmax((value - np.float32(free)) * np.float32(1 / (full - free)), 0), 1).astype(np.float32)
+
+
+def _square(cells: int) -> np.ndarray:
+    """A structuring element of so many cells a side."""
+    return np.ones((cells, cells), np.uint8)
