@@ -1,3 +1,6 @@
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -5,6 +8,7 @@ from hypothesis import strategies as st
 
 from envs.course import CLEAR_RADIUS
 from envs.drivers import DRIVERS, NavigatorDriver, RandomDriver, StraightDriver, head_for, make_driver
+from envs.map_view import MapView
 from marssim.rover_spec import ZHURONG
 
 
@@ -86,6 +90,29 @@ def test_the_navigator_goes_round_a_rock(on_course, make_scene, make_course):
             break
     assert info["outcome"] == "goal"
     assert sideways > 1.0 and info["min_clearance"] > 0.5
+
+
+def what_a_rover_knows(env):
+    """An environment without the truth: no vehicle, no rocks, and of a look no true depth and no true pose."""
+    sight = replace(env.sight, true_depth=None, pose=np.full((4, 4), np.nan))
+    course = SimpleNamespace(goal=env.course.goal, scene=SimpleNamespace(half=env.course.scene.half))
+    return SimpleNamespace(rover_spec=ZHURONG, sight=sight, believed_pose=env.believed_pose, course=course)
+
+
+def test_navigator_and_map_are_given_nothing_of_the_truth(make_env):
+    env = make_env(mast=True, map_observation=True, disparity_noise=1.0, drift=0.2, yaw_drift_deg=5.0)
+    observation, _ = env.reset(seed=3, options={"k": 0.15})
+    driver, blindfolded, map_view = NavigatorDriver(), NavigatorDriver(), MapView(ZHURONG)
+    driver.reset(env, 0)
+    blindfolded.reset(what_a_rover_knows(env), 0)
+    map_view.start(env.believed_pose)
+    for _ in range(3):
+        told = what_a_rover_knows(env)
+        np.testing.assert_array_equal(map_view.update(told.sight, told.believed_pose), observation["map"])
+        action = driver.act(env, observation)
+        np.testing.assert_array_equal(blindfolded.act(told, {}), action)
+        observation, *_, info = env.step(action)
+    assert info["position_error"] > 0 and (env.sight.depth != env.sight.true_depth).any()  # it could have been told
 
 
 def test_the_navigator_forgets_with_its_reset(make_env):
