@@ -179,7 +179,10 @@ class MarsNavEnv(gymnasium.Env):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Draw a course and look once. options: fields of CourseConfig; see the class."""
+        """Draw a course and look once. options: fields of CourseConfig; see the class.
+
+        Raises ValueError that names an option that cannot be, or k where no course has a way to its goal.
+        """
         super().reset(seed=seed)
         options = options or {}
         if not isinstance(options, dict):
@@ -231,7 +234,10 @@ class MarsNavEnv(gymnasium.Env):
         return self._observation(), self._info()
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
-        """Drive for 2 s, then look. Raises ActionError for an action of the wrong shape or not finite."""
+        """Drive for 2 s, then look.
+
+        Raises ActionError for an action of the wrong shape or not finite, ResetNeeded before the first reset.
+        """
         if self.course is None or self.vehicle is None:
             raise gymnasium.error.ResetNeeded("call reset before step")
         action = self._checked(action)

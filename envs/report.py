@@ -26,10 +26,16 @@ NO_INTERVAL = "no interval: all courses differ alike, and the bootstrap cannot t
 
 def write_report(out: Path, content: dict[str, Any], records: Sequence[EpisodeRecord]) -> None:
     """Write results.md, success.png and maps/ into a folder. content: what results.json holds."""
-    page = table(content["results"]) + "\n" + differences(content["differences"])
+    page = f"{settings(content['driven_with'])}\n{table(content['results'])}\n{differences(content['differences'])}"
     (out / "results.md").write_text(page + errors_beside(content["test_set_abs_rel"], records))
     plot_success(out / "success.png", content["results"], content["test_set_abs_rel"])
     plot_maps(out / "maps", records)
+
+
+def settings(driven_with: Mapping[str, Any]) -> str:
+    """A line that says what the table's figures hold for. driven_with: by flag, without its dashes."""
+    flags = [f"--{name.replace('_', '-')} {value}" for name, value in driven_with.items()]
+    return f"Driven with {', '.join(flags)}.\n"
 
 
 def table(results: Sequence[dict[str, Any]]) -> str:
