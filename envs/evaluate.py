@@ -27,7 +27,7 @@ from envs.depth_scores import errors_on_test_set, weights_digest
 from envs.drivers import DRIVERS, Driver, make_driver
 from envs.episodes import Cell, EpisodeRecord, run_episode
 from envs.mars_nav import ERROR_LIMITS, MarsNavEnv
-from envs.metrics import paired_difference, spl, summarise
+from envs.metrics import best_and_worst, paired_difference, summarise
 from envs.report import write_report
 from envs.resumption import noted_settings
 from envs.sight import load_perception
@@ -232,20 +232,15 @@ def _differences(config: EvaluateConfig, records: Sequence[EpisodeRecord]) -> li
 
 
 def _film(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence[EpisodeRecord]) -> None:
-    """best.mp4 and worst.mp4: the arrival of the highest SPL, and the drive that covered the least of its way."""
+    """best.mp4 and worst.mp4 of the drives; tasks: of the records, in their order."""
     from envs.film import Film
 
-    def merit(n: int) -> tuple[bool, float]:
-        r = records[n]
-        arrived = r.outcome == "goal"
-        return arrived, spl(arrived, r.shortest, r.path_length) if arrived else 1 - r.distance / r.start_distance
-
-    order = sorted(range(len(records)), key=merit)
+    best, worst = best_and_worst(records)
     noted = config.out / "videos.json"
-    chosen = {"best": tasks[order[-1]].file, "worst": tasks[order[0]].file}
+    chosen = {"best": tasks[best].file, "worst": tasks[worst].file}
     if noted.is_file() and read_json(noted) == chosen and all((config.out / f"{n}.mp4").is_file() for n in chosen):
         return
-    for name, at in (("best", order[-1]), ("worst", order[0])):
+    for name, at in (("best", best), ("worst", worst)):
         with Film(config.out / f"{name}.mp4") as film:
             drive(config, tasks[at], film.watch)
     write_json(noted, chosen)

@@ -32,6 +32,18 @@ def soft_spl(start_distance: float, distance: float, shortest: float, path_lengt
     return max(0.0, 1 - distance / max(start_distance, 1e-9)) * shortest / max(path_length, shortest, 1e-9)
 
 
+def best_and_worst(records: Sequence[EpisodeRecord]) -> tuple[int, int]:
+    """Indices of the arrival of the highest SPL, and of the drive that covered the least of its way."""
+
+    def merit(n: int) -> tuple[bool, float]:
+        r = records[n]
+        arrived = r.outcome == "goal"
+        return arrived, spl(arrived, r.shortest, r.path_length) if arrived else 1 - r.distance / r.start_distance
+
+    order = sorted(range(len(records)), key=merit)
+    return order[-1], order[0]
+
+
 def wilson_interval(successes: int, trials: int, z: float = 1.96) -> tuple[float, float]:
     """Wilson score interval of a proportion, 95 % by default. Raises ValueError without trials."""
     if trials < 1:

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.stats import binomtest
 
 from envs.episodes import EpisodeRecord
-from envs.metrics import paired_difference, soft_spl, spl, summarise, wilson_interval
+from envs.metrics import best_and_worst, paired_difference, soft_spl, spl, summarise, wilson_interval
 
 
 def record(outcome="goal", **changes):
@@ -60,6 +60,14 @@ def test_summary_of_four_drives():
     assert found["step_seconds"] == pytest.approx(0.1) and found["perception_seconds"] == pytest.approx(0.05)
     low, high = found["success_interval"]
     assert low < 0.5 < high
+
+
+def test_the_best_arrived_by_the_shortest_way_and_the_worst_came_least_far():
+    near, far = record("time", distance=2.0), record("collision", distance=9.0)
+    long, short = record(path_length=20.0), record(path_length=11.0)
+    assert best_and_worst([near, long, far, short]) == (3, 2)
+    assert best_and_worst([near, far]) == (0, 1) and best_and_worst([long, short]) == (1, 0)
+    assert best_and_worst([near]) == (0, 0)
 
 
 def test_no_success_has_no_inefficiency():
