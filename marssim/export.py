@@ -62,15 +62,14 @@ def export(config: ExportConfig) -> int:
     """Write what is missing of the export. Returns the number of samples that are there now.
 
     Raises DatasetError if the dataset or one of its files cannot be read, if none of the splits holds a sample, or if
-    the output folder holds something else, FolderInUse if another command writes to it, and OSError if it cannot be
-    written; the same call goes on from there.
+    the output folder holds something else or lies in the dataset or around it, FolderInUse if another command writes to
+    it, and OSError if it cannot be written; the same call goes on from there.
     """
     dataset = StereoDataset(config.data)
     chosen = [sample for sample in dataset.index["samples"] if sample["split"] in config.split]
     if not chosen:
         raise DatasetError(f"{config.data}: holds no pairs of --split {' '.join(config.split)}")
-    if config.out.resolve() == config.data.resolve():
-        raise DatasetError(f"--out {config.out}: is the dataset itself; choose another folder")
+    _check_apart(config)
     _held(config, chosen)
     with sole_writer(config.out):
         return _export(config, chosen)
@@ -92,6 +91,17 @@ def _export(config: ExportConfig, chosen: list[dict[str, Any]]) -> int:
             write_atomically(config.out / path, text.encode())
     write_json(config.out / "samples.json", {split: [item.name for item in items[split]] for split in config.split})
     return len(chosen)
+
+
+def _check_apart(config: ExportConfig) -> None:
+    """Raise DatasetError unless the output folder lies beside the dataset.
+
+    In it, verify would find foreign files; around it, what killed commands have left would be cleared up in it too.
+    """
+    data, out = config.data.resolve(), config.out.resolve()
+    where = "is" if out == data else "lies in" if data in out.parents else "contains" if out in data.parents else None
+    if where is not None:
+        raise DatasetError(f"--out {config.out}: {where} the dataset {config.data}; choose another folder")
 
 
 def _settings(config: ExportConfig, chosen: list[dict[str, Any]]) -> dict[str, Any]:

@@ -405,6 +405,29 @@ def test_a_foreign_folder_is_left_alone(closed_form_set, tmp_path, capfd):
         assert (contents(tmp_path), contents(closed_form_set)) == before
 
 
+@pytest.mark.parametrize("place", ["scenes/00000", "scenes/00000/00", "kitti", "scenes/../new/deep", "link/new"])
+def test_an_export_into_the_dataset_is_refused(closed_form_set, tmp_path, place, capfd):
+    data = shutil.copytree(closed_form_set, tmp_path / "set")
+    (tmp_path / "link").symlink_to(data / "scenes")
+    out = tmp_path / place if place.startswith("link") else data / place
+    before = sorted(tmp_path.rglob("*"))
+    code, err = run(capfd, data, "--format", "kitti", "--out", out)
+    assert code == 2 and err.startswith(f"error: --out {out}: lies in the dataset") and len(err.splitlines()) == 1
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_an_export_around_the_dataset_is_refused(exports, closed_form_set, tmp_path, capfd):
+    """A folder that holds the same export, to which the dataset was moved since: what lies in it is not all its own."""
+    out = shutil.copytree(exports["kitti"], tmp_path / "out")
+    data = shutil.copytree(closed_form_set, out / "set")
+    half = data / "scenes" / ".dataset.json.7.part"  # of a command that writes to the dataset now
+    half.touch()
+    before = contents(out)
+    code, err = run(capfd, data, "--format", "kitti", "--out", out)
+    assert code == 2 and err.startswith(f"error: --out {out}: contains the dataset") and len(err.splitlines()) == 1
+    assert contents(out) == before
+
+
 @pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock")
 def test_a_second_command_in_the_folder_is_told(exports, closed_form_set, tmp_path, capfd):
     out = shutil.copytree(exports["kitti"], tmp_path / "out")
