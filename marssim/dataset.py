@@ -43,6 +43,7 @@ SCHEMA = "marssim-stereo"
 VERSION = 2
 READABLE = (1, VERSION)
 SETTINGS = "generate.json"
+EXPORTED = "export.json"  # of a folder that marssim.export has written
 MOST_LEVELS = 64  # of nesting in a JSON file; our own have less than ten
 TOO_DEEP = f"more than {MOST_LEVELS} lists and objects within each other"
 SPLITS = ("train", "val", "test")
@@ -103,8 +104,8 @@ class StereoDataset:
         if not self.path.is_dir():
             raise DatasetError(f"{self.path}: no such folder")
         file = self.path / "dataset.json"
-        if not file.is_file() and (self.path / SETTINGS).is_file():
-            raise DatasetError(_unfinished(self.path))
+        if not file.is_file():
+            _check_no_other(self.path)
         self.index = read_json(file)
         if self.index.get("schema") != SCHEMA:
             raise DatasetError(f"{file}: schema is {self.index.get('schema')!r}, not {SCHEMA!r}")
@@ -262,6 +263,15 @@ def _deeper(content: dict[str, Any], levels: int) -> bool:
         inner = (part for whole in level for part in (whole.values() if isinstance(whole, dict) else whole))
         level = [part for part in inner if isinstance(part, dict | list)]
     return bool(level)
+
+
+def _check_no_other(path: Path) -> None:
+    """Raise DatasetError that says what a folder without an index is, if that can be known."""
+    if (path / SETTINGS).is_file():
+        raise DatasetError(_unfinished(path))
+    if (path / EXPORTED).is_file():
+        layout = read_json(path / EXPORTED).get("format")
+        raise DatasetError(f"{path}: is an export of format {layout}, not a dataset of marssim.generate")
 
 
 def _unfinished(path: Path) -> str:

@@ -23,12 +23,11 @@ from tqdm import tqdm
 
 from marssim.atomic import write_atomically
 from marssim.command import counted, run_command
-from marssim.dataset import SPLITS, DatasetError, Split, StereoDataset, read_json, write_json
+from marssim.dataset import EXPORTED, SPLITS, DatasetError, Split, StereoDataset, read_json, write_json
 from marssim.layouts import LAYOUTS, Item, Layout, SameAs
 from marssim.lock import LOCK, sole_writer
 from marssim.threads import in_threads
 
-SETTINGS = "export.json"
 SCHEMA = "marssim-export"
 
 
@@ -115,7 +114,7 @@ def _held(config: ExportConfig, chosen: list[dict[str, Any]]) -> bool:
     out, settings = config.out, _settings(config, chosen)
     if out.exists() and not out.is_dir():
         raise DatasetError(f"--out {out}: a file of that name is in the way; choose another")
-    mark = out / SETTINGS
+    mark = out / EXPORTED
     if mark.is_file():
         there = read_json(mark)
         if there != settings:
@@ -125,7 +124,7 @@ def _held(config: ExportConfig, chosen: list[dict[str, Any]]) -> bool:
             what = "of other data" if same else f"of format {there.get('format')}, split {parts}"
             raise DatasetError(f"{mark}: the folder holds an export {what}; choose another --out")
         return True
-    if out.is_dir() and not all(file.name == LOCK or file.name.startswith(f".{SETTINGS}.") for file in out.iterdir()):
+    if out.is_dir() and not all(file.name == LOCK or file.name.startswith(f".{EXPORTED}.") for file in out.iterdir()):
         raise DatasetError(f"--out {out}: the folder is not empty and holds no export; choose another")
     return False
 
@@ -133,7 +132,7 @@ def _held(config: ExportConfig, chosen: list[dict[str, Any]]) -> bool:
 def _claim(config: ExportConfig, chosen: list[dict[str, Any]]) -> None:
     """Make the output folder this export's own, or find that it is."""
     if not _held(config, chosen):
-        write_json(config.out / SETTINGS, _settings(config, chosen))
+        write_json(config.out / EXPORTED, _settings(config, chosen))
     for leftover in config.out.rglob(".*.part"):  # of a run that was killed while it wrote
         leftover.unlink(missing_ok=True)
     name, about = config.data.resolve().name, LAYOUTS[config.format].about

@@ -10,6 +10,7 @@ from marssim import lock
 from marssim import verify as command
 from marssim.cross_check import MakerCheck
 from marssim.dataset import SPLITS, StereoDataset, write_index
+from marssim.export import ExportConfig, export
 from marssim.lock import sole_writer
 from marssim.render.agreement import Agreement
 from marssim.verify import spread
@@ -72,6 +73,13 @@ def test_an_unfinished_dataset_says_what_completes_it(folder, tmp_path, capfd):
     (folder / "generate.json").write_text('{"command": "--pairs 8 --scene gale"}')
     line = mistake(capfd, folder, "--out", tmp_path / "out")
     assert line.endswith(f"; python -m marssim.generate --out {folder} --pairs 8 --scene gale completes it")
+
+
+def test_an_export_is_told_from_a_dataset(folder, tmp_path, capfd):
+    export(ExportConfig(folder, "eth3d", tmp_path / "eth3d"))
+    line = mistake(capfd, tmp_path / "eth3d", "--out", tmp_path / "out")
+    assert line.endswith(f"{tmp_path / 'eth3d'}: is an export of format eth3d, not a dataset of marssim.generate")
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock")
