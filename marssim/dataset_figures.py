@@ -72,8 +72,13 @@ def sample_figure(sample: StereoSample, name: str) -> bytes:
 
 
 def statistics_figure(tallies: dict[str, Tally], title: str) -> bytes:
-    """PNG: depth distribution, disparities, what pixels show, texture, sun, rocks; by split."""
+    """PNG: depth distribution, disparities, what pixels show, texture, sun, rocks; by split, and of all of them.
+
+    "all" is left out where it is one split alone, whose curves would lie under it.
+    """
     tallies = {name: t for name, t in tallies.items() if t.samples}
+    if len(tallies) == 2:
+        tallies.pop("all", None)
     figure = Figure(figsize=(14, 8), dpi=100, layout="constrained")
     axes = figure.subplots(2, 3)
     _depth_plot(axes[0, 0], tallies)
@@ -89,6 +94,7 @@ def statistics_figure(tallies: dict[str, Tally], title: str) -> bytes:
     whole = tallies.get("all") or next(iter(tallies.values()))
     axes[1, 1].hist(whole.sun_elevation_deg, bins=np.arange(0, 91, 5).tolist(), color="0.5")
     axes[1, 1].set(xlabel="sun elevation [deg]", ylabel="samples")
+    axes[1, 1].yaxis.get_major_locator().set_params(integer=True)
     _cover_plot(axes[1, 2], whole)
     axes[0, 0].legend(fontsize=8)
     figure.suptitle(title)

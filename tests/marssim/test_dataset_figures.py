@@ -52,3 +52,13 @@ def test_statistics_are_drawn(closed_form_set):
             found[name].add(sample)
     image = decoded(statistics_figure(found, "set"))
     assert image.shape[:2] == (800, 1400) and image.std() > 20
+
+
+def test_one_split_alone_is_drawn_once(closed_form_set):
+    train = Tally()
+    for sample in StereoDataset(closed_form_set, "train"):
+        train.add(sample)
+    nothing = {"val": Tally(), "test": Tally()}
+    assert statistics_figure({"all": train, "train": train, **nothing}, "set") == statistics_figure(
+        {"train": train}, "set"
+    )
