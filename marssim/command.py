@@ -8,15 +8,17 @@ Anything else is a bug and shows its traceback.
 from __future__ import annotations
 
 import difflib
+import errno
 import io
 import os
 import re
 import select
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
-from contextlib import redirect_stderr
+from contextlib import contextmanager, redirect_stderr
 from dataclasses import is_dataclass
+from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
 MISTAKES = (ValueError, OSError, ImportError, FloatingPointError, MemoryError, BrokenExecutor)
@@ -40,9 +42,32 @@ def run_command(
     """Parse the command line into `config`, a dataclass, and call `work` on it. Returns the exit code.
 
     args: instead of sys.argv. interrupted: what Ctrl-C leaves, and how to go on. A mistake is one line,
-    `error: ...`, on stderr; --help raises SystemExit(0).
+    `error: ...`, on stderr; --help raises SystemExit(0). What a command writes goes to its field `out`, if it has one.
     """
-    return exit_code(lambda: work(parse(config, prog, description, args)), interrupted)
+
+    def parsed_and_done() -> None:
+        asked = parse(config, prog, description, args)
+        with writing_to(getattr(asked, "out", None)):
+            work(asked)
+
+    return exit_code(parsed_and_done, interrupted)
+
+
+@contextmanager
+def writing_to(out: Path | None) -> Iterator[None]:
+    """What the system does not let be written to `out`, or on the way there, is told with the flag --out before it."""
+    try:
+        yield
+    except OSError as error:
+        if out is None or error.filename is None or error.strerror is None:
+            raise
+        there, file = (Path(os.path.abspath(str(path))) for path in (out, error.filename))
+        if file == there:
+            raise OSError(f"--out {out}: {_reason(error)}") from error
+        to_be_made = file in there.parents and not os.path.exists(file)
+        if to_be_made or (there in file.parents and error.errno != errno.ENOENT):  # that was read, not written
+            raise OSError(f"--out {out}: {describe(error)}") from error
+        raise
 
 
 def exit_code(work: Callable[[], object], interrupted: str = GOES_ON) -> int:
@@ -113,11 +138,15 @@ def describe(error: BaseException) -> str:
     if isinstance(error, MemoryError):
         return f"out of memory{f' ({error})' if str(error) else ''}"
     if isinstance(error, OSError) and error.strerror:
-        reason = error.strerror[0].lower() + error.strerror[1:]
         files = [str(file) for file in (error.filename, error.filename2) if file is not None]
-        return ": ".join([" -> ".join(files), reason] if files else [reason])
+        return ": ".join([" -> ".join(files), _reason(error)] if files else [_reason(error)])
     line = " ".join(line.strip() for line in str(error).splitlines() if line.strip()) or type(error).__name__
     return _FIELD.sub(lambda found: f"--{found[1].replace('_', '-')}", line)
+
+
+def _reason(error: OSError) -> str:
+    said = error.strerror or str(error)
+    return said[:1].lower() + said[1:]
 
 
 def counted(number: int, noun: str) -> str:

@@ -23,7 +23,7 @@ import cv2
 from tqdm import tqdm
 
 from marssim.atomic import write_atomically
-from marssim.command import counted, exit_code
+from marssim.command import counted, exit_code, writing_to
 from marssim.contact_sheet import contact_sheet
 from marssim.dataset import SETTINGS, DatasetError, StereoDataset, is_complete, read_json, write_index, write_json
 from marssim.generate_command import command_flags
@@ -278,7 +278,8 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _work(config: GenerateConfig) -> None:
-    dataset = generate(config)
+    with writing_to(config.out):
+        dataset = generate(config)
     print(
         f"{counted(len(dataset), 'pair')} in {config.out}, digest {dataset.digest[:16]}, "
         f"see {config.out / 'contact_sheet.png'}"

@@ -23,7 +23,7 @@ from tqdm import tqdm
 
 from marssim.atomic import write_atomically
 from marssim.camera import NATECAM
-from marssim.command import counted, run_command
+from marssim.command import counted, run_command, writing_to
 from marssim.cross_check import cross_check
 from marssim.cross_check import table as table_of_makers
 from marssim.dataset import SPLITS, DatasetError, StereoDataset, StereoSample, read_sample, write_json
@@ -221,7 +221,8 @@ def main(args: Sequence[str] | None = None) -> int:
     good = [True]
 
     def work(config: VerifyConfig) -> None:
-        good[0] = verify(config)
+        with writing_to(config.out or RESULTS):
+            good[0] = verify(config)
 
     return run_command(work, VerifyConfig, "python -m marssim.verify", __doc__, args) or (0 if good[0] else 1)
 

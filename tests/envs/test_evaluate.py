@@ -220,5 +220,5 @@ def test_the_command_by_its_name_drives_in_workers_and_says_one_row(finished, tm
 def test_a_file_in_the_way_is_one_line(tmp_path, capsys):
     (tmp_path / "notes").write_text("mine")
     code, message = run(capsys, "--out", tmp_path / "notes" / "out", *FLAGS)
-    assert code == 2 and message.startswith(f"error: {tmp_path / 'notes'}") and "[Errno" not in message
+    assert code == 2 and message.startswith(f"error: --out {tmp_path / 'notes' / 'out'}: ") and "[Errno" not in message
     assert message.count("\n") == 1 and (tmp_path / "notes").read_text() == "mine"

@@ -178,6 +178,39 @@ def test_mistakes_are_told_and_bugs_are_shown(error, line, capsys):
         assert run(capsys, failing(error)) == (2, f"error: {line}\n")
 
 
+def refusing(number: int, path: Path):
+    def work(_: object) -> None:
+        raise OSError(number, os.strerror(number), str(path))
+
+    return work
+
+
+@pytest.mark.parametrize(
+    ("number", "at", "told"),
+    [
+        (errno.EACCES, "made/x", "--out made/x: permission denied"),
+        (errno.EROFS, "made/x/a.png", "--out made/x: {}/made/x/a.png: read-only file system"),
+        (errno.ENOTDIR, "made", "--out made/x: {}/made: not a directory"),  # a folder on the way, not there yet
+        (errno.EACCES, "data", "{}/data: permission denied"),
+        (errno.EACCES, ".", "{}: permission denied"),  # a folder that is there: it was read
+        (errno.ENOENT, "made/x/a.png", "{}/made/x/a.png: no such file or directory"),
+    ],
+)
+def test_what_cannot_be_written_names_the_flag(number, at, told, tmp_path, monkeypatch, capsys):
+    """Whether the flag was given as a relative path or not."""
+    monkeypatch.chdir(tmp_path)
+    work = refusing(number, tmp_path / at)
+    line = f"error: {told.format(tmp_path)}\n"
+    assert run(capsys, work, "--out", "made/x") == (2, line)
+    whole = line.replace("--out made/x", f"--out {tmp_path}/made/x")
+    assert run(capsys, work, "--out", str(tmp_path / "made/x")) == (2, whole)
+
+
+def test_a_command_without_an_output_folder_names_the_file(capsys):
+    code = run_command(refusing(errno.EACCES, Path("a")), Named, "named", None, ["b", "--size", "1"])
+    assert (code, capsys.readouterr().err) == (2, "error: a: permission denied\n")
+
+
 def test_broken_pools_and_interrupts_say_how_to_go_on(capsys):
     assert "the same command goes on" in describe(BrokenExecutor())
     told = ValueError("`relief.heightmap` /a/b.png: too small; choose a smaller `horizon` and `pip install x`")

@@ -405,6 +405,12 @@ def test_a_foreign_folder_is_left_alone(closed_form_set, tmp_path, capfd):
         assert (contents(tmp_path), contents(closed_form_set)) == before
 
 
+def test_a_file_on_the_way_is_told_with_the_flag(closed_form_set, tmp_path, capfd):
+    (tmp_path / "thesis.tex").write_text("years of work")
+    out = tmp_path / "thesis.tex" / "kitti"
+    assert run(capfd, closed_form_set, "--format", "kitti", "--out", out) == (2, f"error: --out {out}: not a directory")
+
+
 @pytest.mark.parametrize("place", ["scenes/00000", "scenes/00000/00", "kitti", "scenes/../new/deep", "link/new"])
 def test_an_export_into_the_dataset_is_refused(closed_form_set, tmp_path, place, capfd):
     data = shutil.copytree(closed_form_set, tmp_path / "set")

@@ -113,6 +113,16 @@ def test_results_among_the_datasets_own_files_are_refused(folder, place, capfd):
     assert sorted(folder.rglob("*")) == before
 
 
+def test_results_that_cannot_be_written_name_the_flag(folder, tmp_path, capfd, monkeypatch):
+    """Also where they go if it is not given."""
+    (tmp_path / "out").write_text("a file in the way")
+    for more in ((), ("--sample", "00000/00")):
+        below = tmp_path / "out" / "below"
+        assert mistake(capfd, folder, "--out", below, *more) == f"error: --out {below}: not a directory"
+    monkeypatch.chdir(tmp_path)
+    assert mistake(capfd, folder).startswith("error: --out out/verify: ")
+
+
 def test_broken_files_are_named_and_the_exit_code_is_1(folder, tmp_path, capfd):
     (folder / "scenes/00000/00/left.png").unlink()
     image = folder / "scenes/00001/00/depth.png"
