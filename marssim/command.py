@@ -21,6 +21,8 @@ from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
+from marssim.notice import speaking
+
 MISTAKES = (ValueError, OSError, ImportError, FloatingPointError, MemoryError, BrokenExecutor)
 GOES_ON = "the same command goes on from here"
 KILLED = f"a worker process was killed, perhaps for lack of memory; {GOES_ON}, with fewer --workers it needs less"
@@ -73,7 +75,8 @@ def writing_to(out: Path | None) -> Iterator[None]:
 def exit_code(work: Callable[[], object], interrupted: str = GOES_ON) -> int:
     """Call `work`, tell its mistakes as run_command does, and return the exit code."""
     try:
-        work()
+        with speaking():
+            work()
         sys.stdout.flush()
     except BrokenPipeError as error:
         return 141 if _unread() else _fail(describe(error), 2)

@@ -24,11 +24,14 @@ from typing import Any
 import cv2
 
 from marssim.command import GOES_ON, KILLED
+from marssim.notice import handed_over, let_speak
 
 TASKS_PER_WORKER = 64  # then a process is replaced: what libraries do not free cannot add up, nor what is cached
 MOST_GROWTH = 400e6  # [bytes] or sooner, if it holds so much more memory than after its first task
 ANSWER_WITHIN = 10.0  # [s] for a scheduler
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "LP_NUM_THREADS")  # the last one: Mesa's
+
+_SPAWN = multiprocessing.get_context("spawn")
 
 Task = tuple[Any, ...]
 
@@ -72,7 +75,7 @@ class _Worker:
         """The future gives what `taken` takes."""
         if self.pool is None or len(self.held) == TASKS_PER_WORKER or self._grown():
             self.end()
-            self.pool, self.held = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _start), []
+            self.pool, self.held = ProcessPoolExecutor(1, _SPAWN, _start, (handed_over(),)), []
             before = set(multiprocessing.active_children())
             with _as_worker():
                 future = self.pool.submit(_weighed, function, task)
@@ -145,9 +148,14 @@ def _as_worker() -> Iterator[None]:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
-def _start() -> None:
-    """Begin a worker: one thread for OpenCV too, and an end when the parent is gone, even by kill -9."""
+def _start(speaks: bool) -> None:
+    """Begin a worker: one thread for OpenCV too, and an end when the parent is gone, even by kill -9.
+
+    speaks: it may say what there is to say (marssim.notice), in the parent's stead.
+    """
     cv2.setNumThreads(1)
+    if speaks:
+        let_speak()
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
