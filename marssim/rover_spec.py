@@ -68,11 +68,6 @@ class RoverSpec:
         return self.track + self.wheel_width
 
     @property
-    def footprint_radius(self) -> float:
-        """Radius of the circle that the footprint sweeps when it turns in place [m]."""
-        return float(np.hypot(self.length, self.width) / 2)
-
-    @property
     def wheel_positions(self) -> np.ndarray:
         """(6, 3) wheel centres in the body frame: front left, front right, middle left, ... rear right."""
         return np.array([[x, side * self.track / 2, self.wheel_radius] for x in self.wheel_x for side in (1, -1)])

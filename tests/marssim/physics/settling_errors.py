@@ -20,7 +20,7 @@ def settling_errors(scene: Scene, places: int, rng: np.random.Generator, spec: R
     rigid bodies are put down where settle() says, and may move for DROP_TIME; where they then stand, as they may have
     slid, settle() is asked again. Needs PyBullet.
     """
-    reach = scene.half - spec.footprint_radius - 0.1
+    reach = scene.half - np.hypot(spec.length, spec.width) / 2 - 0.1
     out = np.zeros((places, 3))
     with PhysicsWorld(scene, spec) as world:
         done = 0
