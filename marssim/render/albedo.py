@@ -40,20 +40,12 @@ def regolith_at(x, y, footprint, mix, relief, stains, ripples, pebbles, bedrock,
     mix, relief, stains, ripples, pebbles, bedrock: of materials.Ground; drift, rubble: how much sand has gathered
     there, and how many fragments lie there, 0 to 1 (surroundings_at).
     """
-    zero, one = np.float32(0), np.float32(1)
+    one = np.float32(1)
     contrast, strength = mix.contrast, mix.strength
-    ripple_tile, ripple_places, _, ripple_slope = ripples
     spots, patch = _stains_at(x, y, footprint, stains)
     height, du, dv = fractal_slopes(relief, x, y, footprint)
-    # wind keeps some patches clean of all but sand, which it ripples, and leaves pebbles on others; bedrock lies bare
-    # in the midst of those
-    sand = _step(patch * np.float32(0.55) + np.float32(2) * mix.sand - one)
     bed, bed_tone, crack, bu, bv = _bedrock_at(x, y, footprint, bedrock, mix.swept, patch, height, drift)
-    sand *= one - bed
-    gravel = mix.gravel * (one - np.float32(SAND_PEBBLES) * max(sand, drift))
-    gravel += rubble * (one - gravel)
-    gravel *= one - np.float32(BED_PEBBLES) * bed
-    smooth = (one - np.float32(SAND_RELIEF) * max(sand, drift)) * (one - np.float32(BED_RELIEF) * bed)
+    sand, gravel, smooth = _cover(mix, patch, bed, drift, rubble)
     du, dv = du * smooth, dv * smooth
     if bed > 0:
         steep = bed * min(strength, one)
@@ -62,34 +54,80 @@ def regolith_at(x, y, footprint, mix, relief, stains, ripples, pebbles, bedrock,
     if seen > 0:
         steep = (np.float32(LOOSE_GRAIN) * mix.gravel + gravel) * strength * seen
         du, dv = du + steep * gu, dv + steep * gv
-    tone = (tone * gravel + np.float32(GRAIN_TONE) * grain) * contrast
-    shade = one - shade * gravel * min(strength, one)
-    far = _far_share(x, y, mix)
+    stone, dark = _far_stones_at(x, y, footprint, pebbles, mix)
+    dust, along, across = _ripples_at(x, y, footprint, ripples, sand * (one - drift), height, grain)
+    du, dv = du + along, dv + across
+    tone = (tone * gravel + np.float32(GRAIN_TONE) * grain) * contrast + stone
+    tone += np.float32(DUST_TONE) * contrast * (drift + dust) + bed * bed_tone * min(contrast, one)
+    shade = (one - shade * gravel * min(strength, one)) * (one - dark) * (one - bed * crack)
+    red, green, blue = _ground_colour(spots, tone, height, bed, contrast)
+    return red, green, blue, du, dv, shade
+
+
+@inlined
+def _cover(mix, patch, bed, drift, rubble):
+    """Shares of sand and of gravel, and how much of the fine relief's slopes they leave. See regolith_at.
+
+    Wind keeps some patches clean of all but sand, which it ripples, and leaves pebbles on others; bedrock (bed: how
+    much of it) lies bare in the midst of those. patch: of _stains_at.
+    """
+    one = np.float32(1)
+    sand = _step(patch * np.float32(0.55) + np.float32(2) * mix.sand - one) * (one - bed)
+    gravel = mix.gravel * (one - np.float32(SAND_PEBBLES) * max(sand, drift))
+    gravel += rubble * (one - gravel)
+    gravel *= one - np.float32(BED_PEBBLES) * bed
+    smooth = (one - np.float32(SAND_RELIEF) * max(sand, drift)) * (one - np.float32(BED_RELIEF) * bed)
+    return sand, gravel, smooth
+
+
+@inlined
+def _far_stones_at(x, y, footprint, pebbles, mix):
+    """Tone and shade of the stones that stand, far away, for the rocks which the mesh leaves out."""
+    tone, shade = np.float32(0), np.float32(0)
+    beyond = max(abs(x), abs(y)) / mix.half - np.float32(FAR_FROM)
+    far = mix.far_stones * min(max(beyond * np.float32(1 / (FAR_TO - FAR_FROM)), np.float32(0)), np.float32(1))
     if far > 0:
         less = np.float32(1 / FAR_STONES)
-        stones = PlacedTile(pebbles.codes, pebbles.cosine, pebbles.sine, zero)
+        stones = PlacedTile(pebbles.codes, pebbles.cosine, pebbles.sine, np.float32(0))
         _, _, stone, dark, _ = grit_at(stones, x * less, y * less, footprint * less)
-        tone += far * stone
-        shade *= one - far * dark
-    bright = drift
-    weight = sand * (one - drift) * octave_weight(ripple_places[0, 0], footprint)
+        tone, shade = far * stone, far * dark
+    return tone, shade
+
+
+@inlined
+def _ripples_at(x, y, footprint, ripples, sand, height, grain):
+    """How much bright dust lies on the wind's ripples, -1 to 1, and their slopes.
+
+    sand: share of the ground that it ripples; height: of the fine relief; grain: of _pebbles_at.
+    """
+    one = np.float32(1)
+    tile, places, _, slope = ripples
+    dust, du, dv = np.float32(0), np.float32(0), np.float32(0)
+    weight = sand * octave_weight(places[0, 0], footprint)
     if weight > 0:
-        crest, along, across = octave_slopes(ripple_tile, ripple_places, 0, x, y)
-        steep = ripple_slope[0] * weight
-        du, dv = du + steep * along, dv + steep * across
-        # bright dust stays on one side of the crests, with ragged borders
-        dust = np.float32(1.3) * crest + np.float32(2) * height + np.float32(1.4) * grain
-        bright += weight * min(max(dust, -one), one)
-    tone += np.float32(DUST_TONE) * contrast * bright + bed * bed_tone * min(contrast, one)
-    shade *= one - bed * crack
+        crest, along, across = octave_slopes(tile, places, 0, x, y)
+        steep = slope[0] * weight
+        du, dv = steep * along, steep * across
+        # it stays on one side of the crests, with ragged borders
+        lying = np.float32(1.3) * crest + np.float32(2) * height + np.float32(1.4) * grain
+        dust = weight * min(max(lying, -one), one)
+    return dust, du, dv
+
+
+@inlined
+def _ground_colour(spots, tone, height, bed, contrast):
+    """Albedo (red, green, blue). spots, tone: logarithms of brightness, of the stains and of all else but the height.
+
+    height: of the fine relief; bed: share of bedrock; contrast: of Mix.
+    """
     # coarse grains gather in the troughs and are darker; fine dust lies on the crests
     hue = min(max(spots + np.float32(0.5) * tone, np.float32(-0.5)), np.float32(0.5))
     brightness = math.exp(np.float32(min(max(spots + tone + 0.25 * contrast * height, -1.5), 1.2)))
-    pale = bed * np.float32(BED_PALE) * min(contrast, one)
+    pale = bed * np.float32(BED_PALE) * min(contrast, np.float32(1))
     red = (GROUND_COLOUR[0] + pale * (BED_COLOUR[0] - GROUND_COLOUR[0])) * brightness * (1 + hue * STAIN_HUE[0])
     green = (GROUND_COLOUR[1] + pale * (BED_COLOUR[1] - GROUND_COLOUR[1])) * brightness * (1 + hue * STAIN_HUE[1])
     blue = (GROUND_COLOUR[2] + pale * (BED_COLOUR[2] - GROUND_COLOUR[2])) * brightness * (1 + hue * STAIN_HUE[2])
-    return min(red, WHITEST), min(green, WHITEST), min(blue, WHITEST), du, dv, shade
+    return min(red, WHITEST), min(green, WHITEST), min(blue, WHITEST)
 
 
 @inlined
@@ -135,13 +173,6 @@ def _pebbles_at(x, y, footprint, pebbles, mix):
         shade += seen * (near_shade - shade)
         grain = near_grain * seen
     return tone, shade, grain, seen, gu, gv
-
-
-@inlined
-def _far_share(x, y, mix):
-    """How much of the stones shows that the mesh leaves out at this place."""
-    beyond = max(abs(x), abs(y)) / mix.half - np.float32(FAR_FROM)
-    return mix.far_stones * min(max(beyond * np.float32(1 / (FAR_TO - FAR_FROM)), np.float32(0)), np.float32(1))
 
 
 @inlined
