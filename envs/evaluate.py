@@ -40,7 +40,9 @@ from marssim.scene.scene import LOOK_LIMITS, Place, SceneConfig, preset
 from marssim.workers import run_tasks
 
 SETTINGS = "evaluate.json"  # in OUT: what its episodes were driven with
-LOOK = ("sun_elevation_deg", "texture_strength")  # flags for fields of LookConfig
+LOOK = (  # flags that stand for fields of the scene's LookConfig
+    "sun_elevation_deg", "optical_depth", "albedo_contrast", "texture_strength", "pebbles", "wind_ripples",
+)  # fmt: skip
 GRID_K = (0.033, 0.07, 0.10, 0.15, 0.20)
 GRID_SLOPE_DEG = (0.0, 5.0, 10.0, 15.0)
 

@@ -10,7 +10,7 @@ from envs.episodes import Cell
 from envs.evaluate import LOOK, EvaluateConfig, Task, evaluate, main
 from m3depth.estimator import load_estimator
 from marssim.dataset import DatasetError
-from marssim.scene.scene import preset
+from marssim.scene.scene import LookConfig, preset
 
 QUICK = {
     "driver": ("straight",), "perception": ("ground_truth",), "dynamics": "kinematic", "goal_distance": 4.0,
@@ -140,6 +140,10 @@ def test_a_look_that_is_asked_for_is_the_scenes_and_of_other_drives():
     assert scene.look.sun_elevation_deg == (8.0, 8.0) and scene.look.texture_strength == (0.1, 0.1)
     assert scene.rocks == plain.scene_config().rocks
     assert low.content().items() - plain.content().items() == {("sun_elevation_deg", 8.0), ("texture_strength", 0.1)}
+
+
+def test_no_flag_of_the_look_is_without_effect():
+    assert set(LOOK) == vars(LookConfig()).keys() & vars(EvaluateConfig(None)).keys()
 
 
 @pytest.mark.parametrize("name", LOOK)
