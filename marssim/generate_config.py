@@ -28,6 +28,7 @@ AUTO: Final = "auto"
 TINY: Final = "tiny"
 EGL: Final = "egl"
 MOST_PAIRS = 10_000_000  # whose names alone fill a GB
+MOST_PIXELS = 2**30  # that OpenCV reads from a file
 MIXTURE = 0x6D69786564  # parts the draw of the places from all others of a seed
 
 
@@ -88,6 +89,14 @@ class GenerateConfig(RunConfig):
         super().__post_init__()
         if not self.scenes:
             raise ValueError("scenes must hold one config or more")
+        camera = self.rig.camera
+        if (focal := min(camera.fx, camera.fy)) < 1:
+            raise ValueError(f"`rig.focal`, or fx and fy of a rig file, must be at least 1 px, got {focal}; in metres?")
+        if camera.width * camera.height > MOST_PIXELS:
+            raise ValueError(
+                f"`rig.width` times `rig.height`, or those of a rig file, must be at most {MOST_PIXELS} px, "
+                f"got {camera.width} x {camera.height}"
+            )
 
     @property
     def place(self) -> str:

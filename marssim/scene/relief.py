@@ -90,7 +90,11 @@ class ReliefConfig:
                 raise ValueError(f"{name} must be positive, got {value}")
         if self.heightmap_at is not None and not np.isfinite(self.heightmap_at).all():
             raise ValueError(f"heightmap_at must be finite, got {self.heightmap_at}")
-        if self.heightmap is not None:
+        if self.heightmap is None:
+            for name in ("heightmap_scale", "heightmap_height", "heightmap_at", "heightmap_sha256"):
+                if getattr(self, name) != getattr(ReliefConfig, name):
+                    raise ValueError(f"{name} says how a heightmap is taken, which needs {FIELD}")
+        else:
             digest = file_digest(self.heightmap)
             if self.heightmap_sha256 not in (None, digest):
                 raise ValueError(f"{FIELD} {self.heightmap}: its SHA-256 is {digest}, not {self.heightmap_sha256}")

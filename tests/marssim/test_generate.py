@@ -361,6 +361,15 @@ def test_the_folder_says_what_completes_it(made, folder, monkeypatch, capfd):
         (("--look.sun-elevation-deg", 0, 10), "--look.sun-elevation-deg must"),
         (("--rig.focal", -1), "--rig.focal must"),
         (("--rig.width", 0), "--rig.width must"),
+        (("--rig.focal", 0.0212), "--rig.focal, or fx and fy of a rig file, must"),  # in metres
+        (("--rig.focal-y", 0.5), "--rig.focal, or fx and fy of a rig file, must"),
+        (("--rig.width", 10**5, "--rig.height", 10**5), "--rig.width times --rig.height"),
+        (
+            ("--relief.heightmap-at", 5, 5),
+            "--relief.heightmap-at says how a heightmap is taken, which needs --relief.heightmap",
+        ),
+        (("--relief.heightmap-scale", 1), "--relief.heightmap-scale says how a heightmap is taken"),
+        (("--relief.heightmap-height", 1), "--relief.heightmap-height says how a heightmap is taken"),
         (("--drive.step", 0), "--drive.step must"),
         (("--rig-file", "/no/rig.json"), "/no/rig.json: no such file"),
         (("--scene", "olympus"), "--scene"),
