@@ -102,7 +102,8 @@ class StereoDataset:
         if split is not None and split not in SPLITS:
             raise ValueError(f"split {split!r} is unknown; choose from {', '.join(SPLITS)}")
         if not self.path.is_dir():
-            raise DatasetError(f"{self.path}: no such folder")
+            what = "is a file; give the dataset's folder" if self.path.exists() else "no such folder"
+            raise DatasetError(f"{self.path}: {what}")
         file = self.path / "dataset.json"
         if not file.is_file():
             _check_no_other(self.path)

@@ -241,6 +241,9 @@ def test_an_unfinished_dataset_says_what_completes_it(dataset):
 
 
 def test_no_dataset_there(tmp_path):
+    (tmp_path / "README.md").touch()
+    with pytest.raises(DatasetError, match=r"README\.md: is a file; give the dataset's folder"):
+        StereoDataset(tmp_path / "README.md")
     with pytest.raises(DatasetError, match=r"nowhere: no such folder"):
         StereoDataset(tmp_path / "nowhere")
     with pytest.raises(DatasetError, match=r"dataset\.json: no such file"):
