@@ -40,7 +40,7 @@ class ExportConfig:
     format: Literal["kitti", "sceneflow", "middlebury", "eth3d", "openstereo"]
     """layout to write"""
     out: Path
-    """folder to write; one that holds part of the same export is completed"""
+    """folder to write, outside of the dataset; one that holds part of the same export is completed"""
     split: tuple[Split, ...] = ("train", "val", "test")
     """parts of the dataset to write; they never share a scene"""
     workers: int = 2

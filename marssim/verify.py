@@ -11,6 +11,8 @@ something is wrong; 2: no dataset, or a bad value.
 
 from __future__ import annotations
 
+import errno
+import os
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -54,7 +56,7 @@ class VerifyConfig:
     workers: int = 2
     """threads that hash and decode"""
     sample: str | None = None
-    """show this sample, SCENE/VIEW as in 00003/05, and do nothing else"""
+    """show this sample, SCENE/VIEW as in 00003/05, instead of checking the dataset"""
     farthest: float = 30.0
     """what is farther [m] is left out of the sample's point cloud and mesh"""
     cross_check: bool = False
@@ -163,7 +165,7 @@ def verify(config: VerifyConfig) -> bool:
             check_unused(config.data)
             good = _report(config, StereoDataset(config.data))
     if config.cross_check:
-        config.results().mkdir(parents=True, exist_ok=True)  # what cannot be written to is told before the work
+        _make_writable(config.results())
         checks, notes = cross_check(config.scene, config.seed, config.views, NATECAM.camera)
         print(f"{counted(config.views, 'view')} of {config.scene}, seed {config.seed}, against Embree's rays")
         print("\n".join([table_of_makers(checks), *notes]))
@@ -176,7 +178,7 @@ def verify(config: VerifyConfig) -> bool:
 
 def _report(config: VerifyConfig, dataset: StereoDataset) -> bool:
     out = config.results(dataset)
-    out.mkdir(parents=True, exist_ok=True)  # as above
+    _make_writable(out)
     found, tallies = verify_dataset(config, dataset)
     pairs = {name: sum(s["split"] == name for s in dataset.index["samples"]) for name in SPLITS}
     pairs = {"all": len(dataset), **pairs}
@@ -206,6 +208,13 @@ def _report(config: VerifyConfig, dataset: StereoDataset) -> bool:
     verdict = wrong if found else "every file is what the index says"
     print(f"{config.data}: {counted(len(dataset), 'pair')}, {verdict}; see {out}")
     return not found
+
+
+def _make_writable(folder: Path) -> None:
+    """What cannot be written to is told before the work. Raises OSError."""
+    folder.mkdir(parents=True, exist_ok=True)
+    if not os.access(folder, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(folder))
 
 
 def _read(root: Path, name: str) -> StereoSample | Finding:

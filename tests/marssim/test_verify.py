@@ -123,6 +123,13 @@ def test_results_that_cannot_be_written_name_the_flag(folder, tmp_path, capfd, m
     assert mistake(capfd, folder).startswith("error: --out out/verify: ")
 
 
+def test_a_folder_that_may_not_be_written_is_told_before_the_work(folder, tmp_path, capfd, monkeypatch):
+    monkeypatch.setattr(command.os, "access", lambda *_: False)  # root may write anywhere
+    monkeypatch.setattr(command, "verify_dataset", None)
+    for asked in ((folder,), ("--cross-check",)):
+        assert mistake(capfd, *asked, "--out", tmp_path) == f"error: --out {tmp_path}: permission denied"
+
+
 def test_broken_files_are_named_and_the_exit_code_is_1(folder, tmp_path, capfd):
     (folder / "scenes/00000/00/left.png").unlink()
     image = folder / "scenes/00001/00/depth.png"
