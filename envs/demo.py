@@ -125,7 +125,8 @@ def _summary(
 
 **Drive.** The rover {arrived}: {record.path_length:.1f} m driven, {record.shortest:.1f} m is the shortest way,
 {record.steps} steps of {record.step_seconds:.2f} s, of which perception {record.perception_seconds:.2f} s; nearest
-obstacle {record.min_clearance:.2f} m from its middle, tilt at most {record.max_tilt_deg:.0f} deg. Video: `drive.mp4`.
+obstacle {record.min_clearance:.2f} m from its footprint, tilt at most {record.max_tilt_deg:.0f} deg.
+Video: `drive.mp4`.
 
 ![drive](drive.png)
 

