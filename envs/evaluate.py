@@ -29,17 +29,19 @@ from envs.episodes import Cell, EpisodeRecord, run_episode
 from envs.mars_nav import ERROR_LIMITS, MarsNavEnv
 from envs.metrics import best_and_worst, paired_difference, summarise
 from envs.report import write_report
-from envs.resumption import noted_settings
+from envs.resumption import check_folder, noted_settings
 from envs.sight import load_perception
 from m3depth.estimator import Estimator
 from m3depth.report import versions
 from marssim.command import counted, run_command
 from marssim.dataset import DatasetError, read_json, write_json
+from marssim.lock import sole_writer
 from marssim.render.makers import Renderer
 from marssim.scene.scene import LOOK_LIMITS, Place, SceneConfig, preset
 from marssim.workers import run_tasks
 
 SETTINGS = "evaluate.json"  # in OUT: what its episodes were driven with
+ANEW = "; delete it, and it is driven anew"
 LOOK = (  # flags that stand for fields of the scene's LookConfig
     "sun_elevation_deg", "optical_depth", "albedo_contrast", "texture_strength", "pebbles", "wind_ripples",
 )  # fmt: skip
@@ -177,16 +179,23 @@ class Task:
 def evaluate(config: EvaluateConfig) -> dict[str, Any]:
     """Drive what is not driven yet, write the report, and return the content of results.json.
 
-    Raises DatasetError if the folder holds other settings' episodes, ValueError for an unknown perception.
+    Raises DatasetError if the folder holds other settings' episodes or anything else, FolderInUse if another command
+    writes to it, ValueError for an unknown perception.
     """
     for name in config.perception:
         _perception(name)  # a name that means nothing is told before anything is written or started
     for name in config.driver:
         make_driver(name)
     test_errors = errors_on_test_set(config.scores, {name: weights_digest(name) for name in config.perception})
+    check_folder(config.out, SETTINGS)
+    with sole_writer(config.out):
+        return _evaluate(config, test_errors)
+
+
+def _evaluate(config: EvaluateConfig, test_errors: dict[str, float]) -> dict[str, Any]:
     folder = config.out / "episodes"
-    folder.mkdir(parents=True, exist_ok=True)
     digests = noted_settings(config.out / SETTINGS, config.content(), (*config.perception, *config.driver))
+    folder.mkdir(exist_ok=True)
     tasks = [
         Task(driver, perception, cell, episode)
         for episode, cell, driver, perception in product(
@@ -262,7 +271,9 @@ def _read_record(path: Path) -> EpisodeRecord:
     try:
         return EpisodeRecord(**read_json(path))
     except TypeError:
-        raise DatasetError(f"{path}: not an episode of this version; delete it, and it is driven anew") from None
+        raise DatasetError(f"{path}: not an episode of this version{ANEW}") from None
+    except DatasetError as error:
+        raise DatasetError(f"{error}{ANEW}") from None
 
 
 def drive(

@@ -10,6 +10,15 @@ from typing import Any
 
 from envs.depth_scores import weights_digest
 from marssim.dataset import DatasetError, read_json, write_json
+from marssim.lock import LOCK
+
+
+def check_folder(out: Path, settings: str) -> None:
+    """Raise DatasetError unless a folder is new, empty or an evaluation's: one in which a file `settings` stands."""
+    if not out.is_dir() or (out / settings).is_file():
+        return
+    if any(file.name != LOCK and not file.name.startswith(f".{settings}.") for file in out.iterdir()):
+        raise DatasetError(f"--out {out}: the folder is not empty and holds no evaluation of drives; choose another")
 
 
 def noted_settings(file: Path, settings: dict[str, Any], names: Sequence[str]) -> dict[str, str]:

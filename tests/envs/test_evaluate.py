@@ -7,9 +7,10 @@ import pytest
 
 import envs.evaluate
 from envs.episodes import Cell
-from envs.evaluate import LOOK, EvaluateConfig, Task, evaluate, main
+from envs.evaluate import LOOK, SETTINGS, EvaluateConfig, Task, evaluate, main
 from m3depth.estimator import load_estimator
 from marssim.dataset import DatasetError
+from marssim.lock import sole_writer
 from marssim.scene.scene import LookConfig, preset
 
 QUICK = {
@@ -67,10 +68,11 @@ def test_an_episode_that_is_none_is_named(tmp_path, monkeypatch):
     config = EvaluateConfig(tmp_path, episodes=1, **QUICK)
     monkeypatch.setattr("envs.evaluate.drive", lambda *_: pytest.fail("it is there already"))
     (tmp_path / "episodes").mkdir()
+    (tmp_path / SETTINGS).write_text(json.dumps({**config.content(), "weights": {}}))
     file = tmp_path / "episodes" / Task("straight", "ground_truth", config.cells[0], 0).file
     for content in ("{", '{"driver": "straight"}'):
         file.write_text(content)
-        with pytest.raises(DatasetError, match=re.escape(str(file))):
+        with pytest.raises(DatasetError, match=re.escape(str(file)) + ".*delete it, and it is driven anew"):
             evaluate(config)
 
 
@@ -226,3 +228,16 @@ def test_a_file_in_the_way_is_one_line(tmp_path, capsys):
     code, message = run(capsys, "--out", tmp_path / "notes" / "out", *FLAGS)
     assert code == 2 and message.startswith(f"error: --out {tmp_path / 'notes' / 'out'}: ") and "[Errno" not in message
     assert message.count("\n") == 1 and (tmp_path / "notes").read_text() == "mine"
+
+
+def test_two_at_once_in_one_folder_and_a_folder_of_other_results_are_refused(tmp_path, capsys):
+    mine, other = tmp_path / "mine", tmp_path / "other"
+    with sole_writer(mine):
+        assert main(["--out", str(mine), "--driver", "straight"]) == 2
+    assert "another command" in capsys.readouterr().err and not (mine / "episodes").exists()
+    other.mkdir()
+    (other / "results.md").write_text("of envs.rocks")
+    assert main(["--out", str(other), "--driver", "straight"]) == 2
+    error = capsys.readouterr().err
+    assert f"--out {other}" in error and len(error.strip().splitlines()) == 1
+    assert (other / "results.md").read_text() == "of envs.rocks" and not (other / "episodes").exists()

@@ -6,7 +6,7 @@ import re
 import pytest
 
 from envs.evaluate import EvaluateConfig, evaluate
-from envs.resumption import noted_settings
+from envs.resumption import check_folder, noted_settings
 from marssim.dataset import DatasetError, read_json
 
 SETTINGS = {"seed": 3, "scene": "gale", "goal_distance": 20.0}
@@ -72,3 +72,16 @@ def test_an_edited_class_is_not_reported_by_the_drives_of_what_it_was(tmp_path, 
     code.write_text("from envs.drivers import RandomDriver as Own\n")
     with pytest.raises(DatasetError, match="own_driver:Own drove with other code then"):
         evaluate(config)
+
+
+def test_a_folder_of_something_else_is_refused_and_an_evaluations_is_not(tmp_path):
+    check_folder(tmp_path / "new", "evaluate.json")
+    check_folder(tmp_path, "evaluate.json")
+    (tmp_path / ".lock").touch()
+    (tmp_path / ".evaluate.json.77.part").touch()  # of a run that was killed as it began
+    check_folder(tmp_path, "evaluate.json")
+    (tmp_path / "results.json").touch()
+    with pytest.raises(DatasetError, match="not empty and holds no evaluation"):
+        check_folder(tmp_path, "evaluate.json")
+    (tmp_path / "evaluate.json").touch()
+    check_folder(tmp_path, "evaluate.json")
