@@ -55,9 +55,9 @@ class MarsNavEnv(gymnasium.Env):
     | 2   | pan of the mast for the next look (`mast=True`) | 90 deg right | 90 deg left |
 
     The mast turns at 30 deg/s while the rover drives, so that a step turns it by 60 deg at most: a look to the side is
-    paid for in steps, and a longer turn goes on in the next one (`info["pan"]` tells where it looks). Actions outside
-    the box are clipped. Curves that would turn a wheel beyond its stop become the nearest ones that do not
-    (`nav.controller.steerable`).
+    paid for in steps, and a longer turn goes on in the next one (`info["pan"]` tells where it looks; no observation
+    does). Actions outside the box are clipped. Curves that would turn a wheel beyond its stop become the nearest ones
+    that do not (`nav.controller.steerable`).
 
     ## Observation space
 
@@ -108,7 +108,8 @@ class MarsNavEnv(gymnasium.Env):
     ## Arguments
 
     `perception`: "m3depth" (default), "sgbm", "ground_truth", "m3depth:WEIGHTS", "package.module:Class", any object
-    with `infer(left, right, rig)`, or a classical window: "ssd", "sad", "ncc", each also with "-sgm". `dynamics`:
+    with `infer(left, right, rig)`, or a classical window: "ssd", "sad", "ncc", each also with "-sgm". All see 512 x 512
+    pixels, but the ground truth 128 x 128 of the same view: rays that need no images. `dynamics`:
     "physics" (default) or "kinematic". `renderer`: "embree" (default), "scan" or "pybullet". `scene`: a preset's name
     or a SceneConfig, whose size and cell give way to the course's (`goal_distance` + 14 m wide, 0.1 m). `mast`,
     `map_observation`: see the spaces. `disparity_noise` [px]: standard deviation of an error added to the disparity of
