@@ -11,6 +11,7 @@ import numpy as np
 
 from envs.drivers import Driver, Stop
 from envs.mars_nav import ActionError, MarsNavEnv
+from envs.resumption import code_digest
 from envs.sight import Sight
 from marssim.camera import MAX_DEPTH, MIN_DEPTH
 
@@ -38,7 +39,8 @@ class EpisodeRecord:
     NEAR_MISS to the outline of a rock that blocks; min_clearance: how near, as in MarsNavEnv's info.
 
     outcome: as MarsNavEnv's info names it, or as the driver ended the drive (envs.drivers.Stop): "no_path" where it
-    gave up, "elsewhere" where it believed to be at the goal and was not, as happens by odometry that drifts.
+    gave up, "elsewhere" where it believed to be at the goal and was not, as happens by odometry that drifts. code: the
+    state of the sources that drove (envs.resumption.code_digest), "" where that was not noted.
     """
 
     driver: str
@@ -60,6 +62,7 @@ class EpisodeRecord:
     goal: list[float]
     abs_rel: float | None = None
     near_miss: bool = False
+    code: str = ""
     obstacles: list[list[float]] = field(default_factory=list)
     track: list[list[float]] = field(default_factory=list)
 
@@ -124,7 +127,7 @@ def run_episode(
         step_seconds=seconds / max(steps, 1), perception_seconds=seeing / max(steps, 1), redraws=info["redraws"],
         goal=[float(v) for v in env.course.goal], abs_rel=_mean(errors),
         near_miss=info["outcome"] != "collision" and info["min_clearance"] < NEAR_MISS,
-        obstacles=_obstacles(env), track=track,
+        code=code_digest(), obstacles=_obstacles(env), track=track,
     )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
@@ -209,6 +210,7 @@ def _evaluate(config: EvaluateConfig, test_errors: dict[str, float]) -> dict[str
         "config": json.loads(json.dumps(asdict(config), default=str)),
         "driven_with": config.content(),
         "weights": digests,
+        "code": dict(Counter(record.code for record in records)),
         "versions": versions(),
         "test_set_abs_rel": test_errors,
         "results": _results(config, records),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ LEGEND = f"""\
 Success: within {GOAL_RADIUS:g} m of the goal, with Wilson's interval. SPL, SoftSPL: success, or the share of the way
 covered, times shortest over driven way. P / L: driven over shortest way of those that arrived; the drive ends before
 the goal, so it may be below 1. Collisions: of the chassis, or of a wheel with a rock that blocks. Near misses: drives
-without one whose flank came within some {100 * NEAR_MISS:.0f} cm of such a rock. No path: the driver gave up. Safety:
+without one whose footprint came within {100 * NEAR_MISS:.0f} cm of such a rock. No path: the driver gave up. Safety:
 collision, tilt or out of bounds. Time: it ran out, or the rover was stuck. Elsewhere: the driver believed to be at the
 goal, by its odometry, and was not. Tilt: the greatest. Abs Rel: of the depth on the way. Unreachable: goals that no
 way leads to, and that were replaced. s / step: seconds of driver, perception and simulation."""
@@ -26,7 +27,8 @@ NO_INTERVAL = "no interval: all courses differ alike, and the bootstrap cannot t
 
 def write_report(out: Path, content: dict[str, Any], records: Sequence[EpisodeRecord]) -> None:
     """Write results.md, success.png and maps/ into a folder. content: what results.json holds."""
-    page = f"{settings(content['driven_with'])}\n{table(content['results'])}\n{differences(content['differences'])}"
+    head = settings(content["driven_with"]) + states_of_the_code(records)
+    page = f"{head}\n{table(content['results'])}\n{differences(content['differences'])}"
     (out / "results.md").write_text(page + errors_beside(content["test_set_abs_rel"], records))
     plot_success(out / "success.png", content["results"], content["test_set_abs_rel"])
     plot_maps(out / "maps", records)
@@ -36,6 +38,15 @@ def settings(driven_with: Mapping[str, Any]) -> str:
     """A line that says what the table's figures hold for. driven_with: by flag, without its dashes."""
     flags = [f"--{name.replace('_', '-')} {value}" for name, value in driven_with.items()]
     return f"Driven with {', '.join(flags)}.\n"
+
+
+def states_of_the_code(records: Sequence[EpisodeRecord]) -> str:
+    """A line that warns where not all episodes were driven by the same sources, as after an edit between two runs."""
+    states = Counter(record.code or "an unknown one" for record in records)
+    if len(states) == 1:
+        return ""
+    told = ", ".join(f"{number} by {state}" for state, number in states.most_common())
+    return f"\nNot all of one state of the code: {told}. Delete `episodes` to drive all anew.\n"
 
 
 def table(results: Sequence[dict[str, Any]]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,21 @@ from typing import Any
 from envs.depth_scores import weights_digest
 from marssim.dataset import DatasetError, read_json, write_json
 from marssim.lock import LOCK
+
+PACKAGES = ("marssim", "m3depth", "nav", "envs")
+
+
+@cache
+def code_digest() -> str:
+    """Twelve hexadecimal digits that tell one state of the project's Python sources from another."""
+    digest = hashlib.sha256()
+    for package in PACKAGES:
+        spec = find_spec(package)
+        assert spec is not None and spec.origin is not None
+        root = Path(spec.origin).parent
+        for file in sorted(root.rglob("*.py")):
+            digest.update(f"{package}/{file.relative_to(root).as_posix()}\0".encode() + file.read_bytes() + b"\0")
+    return digest.hexdigest()[:12]
 
 
 def check_folder(out: Path, settings: str) -> None:

@@ -9,7 +9,7 @@ from envs.episodes import EpisodeRecord
 from envs.maps import OUTCOME_COLOURS, plot_maps
 from envs.metrics import FAILURES, summarise
 from envs.plots import plot_success, pool_by_k
-from envs.report import differences, errors_beside, table, write_report
+from envs.report import differences, errors_beside, states_of_the_code, table, write_report
 
 DRIVE = EpisodeRecord(
     driver="navigator", perception="sgbm", cell="k=0.1, slope=5", episode=0, outcome="goal", steps=3, distance=0.5,
@@ -48,6 +48,13 @@ def test_a_cell_with_many_unreachable_goals_is_marked():
     plain, marked = page.splitlines()[2:4]
     assert " preset * |" in marked and "*" not in plain and "20 %" in page.splitlines()[-1]
     assert "| - | 30 % |" in marked
+
+
+def test_drives_of_other_code_are_told():
+    same, other = replace(DRIVE, code="aa11"), replace(DRIVE, code="bb22")
+    assert states_of_the_code([same, same]) == states_of_the_code([DRIVE]) == ""
+    told = states_of_the_code([same, other, same, DRIVE])
+    assert "2 by aa11, 1 by bb22, 1 by an unknown one" in told
 
 
 def test_differences_are_told_in_points():
