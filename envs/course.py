@@ -37,6 +37,10 @@ LIMITS = {
 }
 
 
+class CourseError(ValueError):
+    """No course can be drawn: rocks close every way."""
+
+
 @dataclass(frozen=True)
 class CourseConfig:
     """What reset may change. Lengths [m], angles [deg]."""
@@ -85,7 +89,8 @@ class TrueGround:
         self._cell = CELL * STRIDE
         inside = np.abs(np.arange(len(coarse)) * self._cell - self.half) <= self.half - EDGE
         self._passable = (coarse >= self.radius) & inside[:, None] & inside[None, :]
-        self._field = self._distances(goal)
+        self._goal = np.asarray(goal, float)
+        self._field, self._next = self._distances()
 
     def clearance(self, x: float, y: float) -> float:
         """Distance [m] from a point to the nearest obstacle's disc; 0 inside it.
@@ -101,6 +106,29 @@ class TrueGround:
 
         A point that is itself not passable (the rover brushes a rock) counts from the nearest passable cell near it.
         """
+        return self._entry(x, y)[0]
+
+    def way_to_goal(self, x: float, y: float) -> np.ndarray:
+        """(N, 2) [m] corners of the way whose length distance_to_goal tells, from the point to the goal; (0, 2) if
+        there is none."""
+        length, cell = self._entry(x, y)
+        if not np.isfinite(length):
+            return np.zeros((0, 2))
+        n = len(self._field)
+        cells = []
+        while cell != n * n:
+            cells.append(cell)
+            cell = self._next[cell]
+        j, i = np.divmod(np.array(cells), n)
+        middle = np.column_stack([i, j]) * self._cell - self.half
+        way = np.vstack([[x, y], middle, self._goal])
+        step = np.diff(way, axis=0)
+        heading = step / np.maximum(np.hypot(*step.T), 1e-12)[:, None]
+        turns = np.abs(np.diff(heading, axis=0)).max(axis=1) > 1e-9
+        return way[np.concatenate([[True], turns, [True]])]
+
+    def _entry(self, x: float, y: float) -> tuple[float, int]:
+        """Length [m] of the shortest way from a point, and the number of the cell by which it sets out."""
         n = len(self._field)
         j, i = self._index(y, self._cell, n), self._index(x, self._cell, n)
         rows, columns = (slice(max(0, at - LOOK_ROUND), min(n, at + LOOK_ROUND + 1)) for at in (j, i))
@@ -109,18 +137,24 @@ class TrueGround:
         jj, ii = np.mgrid[window]
         gap = np.hypot(ii * self._cell - self.half - x, jj * self._cell - self.half - y)
         near = gap <= max(BESIDE * self._cell, float(np.where(np.isfinite(field), gap, np.inf).min()) + 1e-9)
-        return float(np.where(near, field + gap, np.inf).min())
+        length = np.where(near, field + gap, np.inf)
+        best = np.unravel_index(length.argmin(), length.shape)
+        return float(length[best]), int(jj[best] * n + ii[best])
 
     def _index(self, value: float, cell: float, n: int) -> int:
         return int(np.clip(round((value + self.half) / cell), 0, n - 1))
 
-    def _distances(self, goal: np.ndarray) -> np.ndarray:
-        """Shortest way from every cell to the goal over 16 neighbours (at most 2.7 % longer than the true one)."""
+    def _distances(self) -> tuple[np.ndarray, np.ndarray]:
+        """Shortest way from every cell to the goal over 16 neighbours (at most 2.7 % longer than the true one).
+
+        Returns the lengths (n, n) [m], inf where there is none, and (n n,) the cell by which each way goes on, n n for
+        the goal itself.
+        """
         n = len(self._passable)
         index = np.arange(n * n).reshape(n, n)
         # the goal is a node of its own, between cells: snapped to one, ways would come out shorter than they are
         y, x = np.meshgrid(*[np.arange(n) * self._cell - self.half] * 2, indexing="ij")
-        gap = np.hypot(x - goal[0], y - goal[1])
+        gap = np.hypot(x - self._goal[0], y - self._goal[1])
         near = (gap <= BESIDE * self._cell) & self._passable
         rows, columns, lengths = [np.full(int(near.sum()), n * n)], [index[near]], [np.maximum(gap[near], 1e-9)]
         for dj, di in SIXTEEN_NEIGHBOURS:
@@ -132,7 +166,8 @@ class TrueGround:
             lengths.append(np.full(int(open_.sum()), np.hypot(dj, di) * self._cell))
         ends = (np.concatenate(rows), np.concatenate(columns))
         graph = csr_matrix((np.concatenate(lengths), ends), shape=(n * n + 1, n * n + 1))
-        return dijkstra(graph, directed=False, indices=n * n)[:-1].reshape(n, n)
+        length, onward = dijkstra(graph, directed=False, indices=n * n, return_predecessors=True)
+        return length[:-1].reshape(n, n), onward[:-1]
 
 
 @dataclass(frozen=True)
@@ -152,7 +187,7 @@ def draw_course(base: SceneConfig, config: CourseConfig, spec: RoverSpec, rng: n
     """Draw scene, start and goal; redraw while no way leads to the goal.
 
     The scene is as wide as the course needs, on a grid of 0.1 m, whatever base.size and base.cell say. Raises
-    ValueError if 50 draws in a row have no way (k is too high for the rover).
+    CourseError if 50 draws in a row have no way (k is too high for the rover).
     """
     if config.scene_seed is not None:
         rng = np.random.default_rng(config.scene_seed)
@@ -179,7 +214,7 @@ def draw_course(base: SceneConfig, config: CourseConfig, spec: RoverSpec, rng: n
         shortest = ground.distance_to_goal(*start)
         if np.isfinite(shortest):
             return Course(scene, ground, np.array([*start, yaw]), goal, shortest, redraw)
-    raise ValueError(f"no goal can be reached in {REDRAWS} draws: k={rocks.k} leaves the rover no way")
+    raise CourseError(f"no goal can be reached in {REDRAWS} draws: k={rocks.k} leaves the rover no way")
 
 
 def turned_round(course: Course, spec: RoverSpec, rng: np.random.Generator) -> Course:

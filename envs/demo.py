@@ -78,7 +78,8 @@ def demo(config: DemoConfig) -> Path:
     print(f"3. a drive of {config.goal_distance:g} m with M3Depth as the rover's eyes")
     env = MarsNavEnv(network, "physics", "embree", config.scene, config.goal_distance, mast=True)
     try:
-        with Film(config.out / "drive.mp4") as film:
+        title = f"navigator, m3depth: {config.scene}, {config.goal_distance:g} m"
+        with Film(config.out / "drive.mp4", title) as film:
             record = run_episode(env, NavigatorDriver(), Cell(), SEED, 0, ("navigator", "m3depth"), film.watch)
     finally:
         env.close()

@@ -9,13 +9,25 @@ from typing import Any
 
 import numpy as np
 
+from envs.course import CourseError
 from envs.drivers import Driver, Stop
 from envs.mars_nav import ActionError, MarsNavEnv
 from envs.resumption import code_digest
 from envs.sight import Sight
+from m3depth.estimator import EstimatorError
 from marssim.camera import MAX_DEPTH, MIN_DEPTH
+from marssim.physics.state import RoverState
+from marssim.scene.scene import Scene
 
+RELIEF_CELL = 1.0  # [m] about, between the heights that a record keeps
 NEAR_MISS = 0.10  # [m] between the rover's footprint and an obstacle (envs.flank)
+
+
+Watch = Callable[[MarsNavEnv, Driver, int], None]
+
+
+class DriveError(RuntimeError):
+    """A driver or a perception raised something; the message says on which course, the cause is what it was."""
 
 
 @dataclass(frozen=True)
@@ -33,10 +45,13 @@ class Cell:
 
 @dataclass
 class EpisodeRecord:
-    """What became of one episode. Lengths [m], times [s]; track: (x, y) after every step, start first; obstacles:
-    x, y, diameter of the rocks that block; abs_rel: mean over the looks of |Z - Z*| / Z* up to 15 m where a depth was
-    given, None with the ground truth as it is; near_miss: no collision, but the rover's footprint came nearer than
-    NEAR_MISS to the outline of a rock that blocks; min_clearance: how near, as in MarsNavEnv's info.
+    """What became of one episode. Lengths [m], times [s]; track: (x, y) after every step, start first; headings: yaw
+    [rad] there; obstacles: x, y, diameter of the rocks that block; way: corners (x, y) of the shortest passable way;
+    relief: heights of the ground in rows of constant y, over a square from -half to half, empty in records of earlier
+    versions, as headings and way are; abs_rel: mean over the looks of |Z - Z*| / Z* up to 15 m where a depth was given,
+    None with the ground truth as it is; blind: looks whose depth was finite nowhere; near_miss: no collision, but the
+    rover's footprint came nearer than NEAR_MISS to the outline of a rock that blocks; min_clearance: how near, as in
+    MarsNavEnv's info.
 
     outcome: as MarsNavEnv's info names it, or as the driver ended the drive (envs.drivers.Stop): "no_path" where it
     gave up, "elsewhere" where it believed to be at the goal and was not, as happens by odometry that drifts. code: the
@@ -61,10 +76,15 @@ class EpisodeRecord:
     redraws: int
     goal: list[float]
     abs_rel: float | None = None
+    blind: int = 0
     near_miss: bool = False
     code: str = ""
     obstacles: list[list[float]] = field(default_factory=list)
     track: list[list[float]] = field(default_factory=list)
+    headings: list[float] = field(default_factory=list)
+    way: list[list[float]] = field(default_factory=list)
+    half: float = 0.0
+    relief: list[list[float]] = field(default_factory=list)
 
 
 def course_options(cell: Cell, seed: int, episode: int) -> dict[str, Any]:
@@ -80,55 +100,91 @@ def run_episode(
     seed: int,
     episode: int,
     names: tuple[str, str] = ("", ""),
-    watch: Callable[[MarsNavEnv, Driver, int], None] | None = None,
+    watch: Watch | None = None,
 ) -> EpisodeRecord:
     """Drive one episode to its end.
 
     The course follows from (seed, episode) and the cell alone. names: driver and perception, for the record.
     watch(env, driver, step) is called after the reset (step 0) and after every step. Raises ActionError that names the
-    driver for an answer that is neither an action nor a Stop.
+    driver for an answer that is neither an action nor a Stop, EstimatorError for a perception's that is no Prediction,
+    CourseError where rocks leave no way, and DriveError, with its cause, for what else driver or perception raise.
     """
-    options = course_options(cell, seed, episode)
+    log = _Log()
+    try:
+        _drive(env, driver, course_options(cell, seed, episode), log, watch)
+    except ActionError as error:
+        raise ActionError(f"driver {names[0]!r}: {error}") from None
+    except (CourseError, EstimatorError, OSError, ImportError, MemoryError, FloatingPointError):
+        raise  # which tell by themselves what is wrong
+    except Exception as error:
+        where = f"step {len(log.states)} of course {episode}, {cell.name}, by {names[0]} and {names[1]}"
+        raise DriveError(f"{where}: {type(error).__name__}: {error}") from error
+    assert env.course is not None
+    steps, info = len(log.states) - 1, log.info
+    return EpisodeRecord(
+        driver=names[0], perception=names[1], cell=cell.name, episode=episode, outcome=info["outcome"], steps=steps,
+        distance=info["distance"], start_distance=log.start_distance, shortest=info["shortest"],
+        path_length=info["path_length"], min_clearance=info["min_clearance"], reward=log.reward,
+        max_tilt_deg=float(np.rad2deg(max((state.tilt for state in log.states[1:]), default=0.0))),
+        step_seconds=log.seconds / max(steps, 1), perception_seconds=log.seeing / max(steps, 1),
+        redraws=info["redraws"], goal=[float(v) for v in env.course.goal], abs_rel=_mean(log.errors), blind=log.blind,
+        near_miss=info["outcome"] != "collision" and info["min_clearance"] < NEAR_MISS,
+        code=code_digest(), obstacles=_obstacles(env),
+        track=[[float(v) for v in state.position[:2]] for state in log.states],
+        headings=[round(float(state.yaw), 4) for state in log.states],
+        way=_rounded(env.course.ground.way_to_goal(*env.course.start[:2])),
+        half=env.course.scene.half, relief=_relief(env.course.scene),
+    )  # fmt: skip
+
+
+@dataclass
+class _Log:
+    """What is noted of a drive on its way."""
+
+    states: list[RoverState] = field(default_factory=list)
+    errors: list[float | None] = field(default_factory=list)
+    info: dict[str, Any] = field(default_factory=dict)
+    start_distance: float = 0.0
+    reward: float = 0.0
+    seconds: float = 0.0
+    seeing: float = 0.0
+    blind: int = 0
+
+    def arrived(self, env: MarsNavEnv, info: dict[str, Any]) -> None:
+        """The rover stands somewhere and has looked."""
+        assert env.vehicle is not None and env.sight is not None
+        self.info = info
+        self.states.append(env.vehicle.state())
+        self.errors.append(_abs_rel(env.sight))
+        self.blind += not _measured(env.sight.depth).any()
+
+
+def _drive(env: MarsNavEnv, driver: Driver, options: dict[str, Any], log: _Log, watch: Watch | None) -> None:
     observation, info = env.reset(seed=options["scene_seed"], options=options)
     driver.reset(env, options["scene_seed"])
-    assert env.vehicle is not None and env.course is not None
-    track = [[float(v) for v in env.vehicle.state().position[:2]]]
-    start_distance = info["distance"]
-    total, seconds, seeing, tilt = 0.0, 0.0, 0.0, 0.0
-    errors = [_abs_rel(env.sight)]
-    steps, done = 0, False
+    log.start_distance = info["distance"]
+    log.arrived(env, info)
     if watch:
         watch(env, driver, 0)
+    done = False
     while not done:
         begin = perf_counter()
         action = driver.act(env, observation)
         if isinstance(action, Stop):
-            info = {**info, "outcome": action.value}
-            break
-        try:
-            observation, reward, terminated, truncated, info = env.step(action)
-        except ActionError as error:
-            raise ActionError(f"driver {names[0]!r}: {error}") from None
-        seconds += perf_counter() - begin
-        seeing += info["perception_seconds"]
-        total += float(reward)
-        steps += 1
-        state = env.vehicle.state()
-        tilt = max(tilt, float(np.rad2deg(state.tilt)))
-        errors.append(_abs_rel(env.sight))
-        track.append([float(v) for v in state.position[:2]])
+            log.info = {**log.info, "outcome": action.value}
+            return
+        observation, reward, terminated, truncated, info = env.step(action)
+        log.seconds += perf_counter() - begin
+        log.seeing += info["perception_seconds"]
+        log.reward += float(reward)
+        log.arrived(env, info)
         done = terminated or truncated
         if watch:
-            watch(env, driver, steps)
-    return EpisodeRecord(
-        driver=names[0], perception=names[1], cell=cell.name, episode=episode, outcome=info["outcome"], steps=steps,
-        distance=info["distance"], start_distance=start_distance, shortest=info["shortest"],
-        path_length=info["path_length"], min_clearance=info["min_clearance"], max_tilt_deg=tilt, reward=total,
-        step_seconds=seconds / max(steps, 1), perception_seconds=seeing / max(steps, 1), redraws=info["redraws"],
-        goal=[float(v) for v in env.course.goal], abs_rel=_mean(errors),
-        near_miss=info["outcome"] != "collision" and info["min_clearance"] < NEAR_MISS,
-        code=code_digest(), obstacles=_obstacles(env), track=track,
-    )  # fmt: skip
+            watch(env, driver, len(log.states) - 1)
+
+
+def _measured(depth: np.ndarray) -> np.ndarray:
+    return np.isfinite(depth) & (depth > 0)
 
 
 def _abs_rel(sight: Sight | None) -> float | None:
@@ -136,7 +192,7 @@ def _abs_rel(sight: Sight | None) -> float | None:
     if sight is None or sight.true_depth is None or sight.true_depth is sight.depth:
         return None
     true = sight.true_depth
-    known = (true >= MIN_DEPTH) & (true <= MAX_DEPTH) & np.isfinite(sight.depth) & (sight.depth > 0)
+    known = (true >= MIN_DEPTH) & (true <= MAX_DEPTH) & _measured(sight.depth)
     return float(np.mean(np.abs(sight.depth[known] - true[known]) / true[known])) if known.any() else None
 
 
@@ -145,8 +201,17 @@ def _mean(values: list[float | None]) -> float | None:
     return float(np.mean(known)) if known else None
 
 
+def _relief(scene: Scene) -> list[list[float]]:
+    axis = np.linspace(-scene.half, scene.half, round(2 * scene.half / RELIEF_CELL) + 1)
+    return _rounded(scene.terrain.height_at(*np.meshgrid(axis, axis)))
+
+
+def _rounded(values: np.ndarray) -> list[list[float]]:
+    return [[round(float(v), 2) for v in row] for row in values]
+
+
 def _obstacles(env: MarsNavEnv) -> list[list[float]]:
     assert env.course is not None
     rocks, half = env.course.scene.rocks, env.course.scene.half
     block = (rocks.height >= env.rover_spec.obstacle_height) & (np.abs(rocks.centre[:, :2]).max(axis=1) < half)
-    return [[round(float(v), 2) for v in (*rocks.centre[i, :2], rocks.diameter[i])] for i in np.flatnonzero(block)]
+    return _rounded(np.column_stack([rocks.centre[block, :2], rocks.diameter[block]]))

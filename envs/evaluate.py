@@ -25,8 +25,8 @@ from tqdm import tqdm
 
 from envs.course import CourseConfig
 from envs.depth_scores import errors_on_test_set, weights_digest
-from envs.drivers import DRIVERS, Driver, make_driver
-from envs.episodes import Cell, EpisodeRecord, run_episode
+from envs.drivers import DRIVERS, make_driver
+from envs.episodes import Cell, EpisodeRecord, Watch, run_episode
 from envs.mars_nav import ERROR_LIMITS, MarsNavEnv
 from envs.metrics import best_and_worst, paired_difference, summarise
 from envs.report import write_report
@@ -107,6 +107,8 @@ class EvaluateConfig:
     """results.json of m3depth.evaluate: the test set's Abs Rel of m3depth and sgbm is set beside that on the way"""
     videos: bool = True
     """film the best and the worst drive, which are driven once more for that"""
+    film_courses: tuple[int, ...] = ()
+    """and film all drives over these courses, by their numbers in maps/, into OUT/videos"""
 
     def __post_init__(self) -> None:
         if self.episodes < 1:
@@ -132,6 +134,9 @@ class EvaluateConfig:
             value = getattr(self, name)
             if value is not None and not low <= value <= high:
                 raise ValueError(f"--{name.replace('_', '-')} must lie in [{low:g}, {high:g}], got {value:g}")
+        for number in self.film_courses:
+            if not 0 <= number < self.episodes:
+                raise ValueError(f"--film-courses must lie in [0, {self.episodes - 1}], got {number}")
         if not self.driver or not self.perception:
             raise ValueError("--driver and --perception need at least one name")
         self.scene_config()  # says what is out of range
@@ -218,8 +223,7 @@ def _evaluate(config: EvaluateConfig, test_errors: dict[str, float]) -> dict[str
     }
     write_json(config.out / "results.json", content)
     write_report(config.out, content, records)
-    if config.videos:
-        _film(config, tasks, records)
+    _film(config, tasks, records)
     return content
 
 
@@ -245,18 +249,27 @@ def _differences(config: EvaluateConfig, records: Sequence[EpisodeRecord]) -> li
 
 
 def _film(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence[EpisodeRecord]) -> None:
-    """best.mp4 and worst.mp4 of the drives; tasks: of the records, in their order."""
+    """The films that are asked for and not there yet; tasks: of the records, in their order."""
     from envs.film import Film
 
-    best, worst = best_and_worst(records)
+    chosen: dict[str, Task] = {}
+    if config.videos:
+        best, worst = best_and_worst(records)
+        chosen = {"best.mp4": tasks[best], "worst.mp4": tasks[worst]}
+    for task in tasks:
+        if task.episode in config.film_courses:
+            chosen[f"videos/{Path(task.file).stem}.mp4"] = task
     noted = config.out / "videos.json"
-    chosen = {"best": tasks[best].file, "worst": tasks[worst].file}
-    if noted.is_file() and read_json(noted) == chosen and all((config.out / f"{n}.mp4").is_file() for n in chosen):
-        return
-    for name, at in (("best", best), ("worst", worst)):
-        with Film(config.out / f"{name}.mp4") as film:
-            drive(config, tasks[at], film.watch)
-    write_json(noted, chosen)
+    filmed = read_json(noted) if noted.is_file() else {}
+    for name, task in chosen.items():
+        path = config.out / name
+        if filmed.get(name) == task.file and path.is_file():
+            continue
+        path.parent.mkdir(exist_ok=True)
+        with Film(path, f"{task.driver}, {task.perception}: course {task.episode}, {task.cell.name}") as film:
+            drive(config, task, film.watch)
+        filmed[name] = task.file
+        write_json(noted, filmed)
 
 
 def _run(config: EvaluateConfig, tasks: list[Task], done: Callable[[Task, EpisodeRecord], None]) -> None:
@@ -278,9 +291,7 @@ def _read_record(path: Path) -> EpisodeRecord:
         raise DatasetError(f"{error}{ANEW}") from None
 
 
-def drive(
-    config: EvaluateConfig, task: Task, watch: Callable[[MarsNavEnv, Driver, int], None] | None = None
-) -> EpisodeRecord:
+def drive(config: EvaluateConfig, task: Task, watch: Watch | None = None) -> EpisodeRecord:
     """Drive one episode. watch: as run_episode takes it."""
     driver = make_driver(task.driver)
     env = MarsNavEnv(

@@ -12,6 +12,7 @@ from envs.mars_nav import MarsNavEnv
 from envs.outside_view import HEIGHT, OutsideView
 from marssim.colours import depth_colours, normal_colours
 from marssim.render.raycast import Raycaster
+from nav.footprint import footprint_corners
 from nav.navigator import Navigator
 
 PANEL = HEIGHT  # the square panels are as high as the outside view, and half as wide
@@ -24,15 +25,16 @@ STILL_EVERY = 10
 class Film:
     """Writes a frame a step into an mp4 file (MPEG-4, 5 frames a second); give `watch` to envs.episodes.run_episode.
 
-    Use it as a context manager, or close() it. Raises OSError if the file cannot be written. `stills` holds every
-    tenth frame.
+    Use it as a context manager, or close() it. title: what is driven, on every frame. Raises OSError if the file cannot
+    be written. `stills` holds every tenth frame.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, title: str = "") -> None:
         size = (3 * PANEL, 2 * PANEL)
         self._writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), FPS, size)
         if not self._writer.isOpened():
             raise OSError(f"{path}: cannot write a video there")
+        self.title = title
         self.stills: list[np.ndarray] = []
         self._view: OutsideView | None = None
 
@@ -62,7 +64,7 @@ class Film:
             normal = np.where(np.isfinite(sight.depth)[..., None], normal, 0)
         distance = float(np.hypot(*(env.course.goal - state.position[:2])))
         top = [
-            _titled(outside, f"step {step}   goal {distance:.1f} m   {env.outcome}"),
+            _titled(outside, self.title, f"step {step}   goal {distance:.1f} m   {env.outcome}"),
             _titled(_square(left), "left eye"),
         ]
         bottom = [
@@ -109,9 +111,8 @@ def navigator_map(env: MarsNavEnv, driver: Driver) -> np.ndarray:
     edge = tuple(int(np.clip(v, 8, PANEL - 8)) for v in goal)
     cv2.circle(canvas, edge, 7, (80, 200, 255), 2, cv2.LINE_AA)
     c, s = np.cos(yaw), np.sin(yaw)
-    half = np.array([[0.8, 0.7], [0.8, -0.7], [-0.8, -0.7], [-0.8, 0.7]])
-    corners = np.array([pixel(middle + np.array([c * a - s * b, s * a + c * b])) for a, b in half], dtype=np.int32)
-    cv2.polylines(canvas, [corners], True, (255, 255, 255), 2, cv2.LINE_AA)
+    corners = [pixel(corner) for corner in footprint_corners(env.rover_spec, (*middle, yaw))]
+    cv2.polylines(canvas, [np.array(corners, dtype=np.int32)], True, (255, 255, 255), 2, cv2.LINE_AA)
     cv2.line(canvas, pixel(middle), pixel(middle + np.array([c, s])), (255, 255, 255), 2, cv2.LINE_AA)
     return canvas
 
@@ -125,8 +126,10 @@ def _square(image: np.ndarray) -> np.ndarray:
     return cv2.resize(image, (PANEL, PANEL), interpolation=cv2.INTER_NEAREST if enlarge else cv2.INTER_AREA)
 
 
-def _titled(image: np.ndarray, title: str) -> np.ndarray:
+def _titled(image: np.ndarray, *lines: str) -> np.ndarray:
     out = np.ascontiguousarray(image)
-    cv2.rectangle(out, (0, 0), (out.shape[1], 20), (18, 18, 20), -1)
-    cv2.putText(out, title, (6, 15), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (240, 240, 240), 1, cv2.LINE_AA)
+    told = [line for line in lines if line]
+    cv2.rectangle(out, (0, 0), (out.shape[1], 20 * len(told)), (18, 18, 20), -1)
+    for n, line in enumerate(told):
+        cv2.putText(out, line, (6, 15 + 20 * n), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (240, 240, 240), 1, cv2.LINE_AA)
     return out

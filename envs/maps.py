@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Polygon
 
 from envs.ends import GOAL_RADIUS
 from envs.episodes import EpisodeRecord
+from marssim.rover_spec import ZHURONG
+from nav.footprint import footprint_corners
 
 OUTCOME_COLOURS = {
     "goal": "#2a9d5c", "collision": "#d1495b", "tilt": "#8e44ad", "stuck": "#e08e45", "time": "#5c6b7a",
     "out_of_bounds": "#b08968", "no_path": "#264653", "elsewhere": "#3a86c8",
 }  # fmt: skip
 LINES = ("-", "--", ":", "-.")  # one for each driver and perception
+ROCK_COLOUR, WAY_COLOUR, WAY_WIDTH = "#9a938c", "#f4d58d", 3.5
+CONTOURS, MOST_CONTOURS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0), 20  # [m] apart, the first with which there are no more
 COLUMNS, ROWS = 5, 4
 AROUND = 5.0  # [m] shown before the start and behind the goal
 ASIDE = 8.0  # [m] shown to either side, more where a drive went further
@@ -29,6 +35,8 @@ def plot_maps(folder: Path, records: Sequence[EpisodeRecord]) -> None:
 
     Each course is turned so that its goal, a star in the circle within which it counts as reached, lies to the right of
     its start, both on the middle line; rocks that block are grey discs. Colour is the outcome, the line says who drove.
+    The rover's footprint is drawn where it started and where each drive ended; the shortest passable way is a pale
+    band, relief is drawn as contours, dark ones below.
     """
     folder.mkdir(parents=True, exist_ok=True)
     groups = sorted({(r.driver, r.perception) for r in records})
@@ -44,47 +52,84 @@ def plot_maps(folder: Path, records: Sequence[EpisodeRecord]) -> None:
 def _page(path: Path, cell: str, courses: Sequence[Sequence[EpisodeRecord]], groups: Sequence[tuple[str, str]]) -> None:
     columns = min(COLUMNS, len(courses))
     rows = -(-len(courses) // columns)
-    figure = Figure(figsize=(3.6 * columns, 2.5 * rows + 0.6), dpi=90, layout="constrained")
+    figure = Figure(figsize=(3.6 * columns, 2.5 * rows + 0.8), dpi=90, layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    interval = _contour_interval(courses)
     for axes in panels:
         axes.set_axis_off()
     for axes, drives in zip(panels, courses):
         axes.set_axis_on()
-        _panel(axes, drives, groups)
+        _panel(axes, drives, groups, interval)
     seen = sorted({r.outcome for drives in courses for r in drives})
-    handles = [panels[0].plot([], [], color=OUTCOME_COLOURS.get(o, "#333333"), label=o)[0] for o in seen]
+    handles = [Line2D([], [], color=OUTCOME_COLOURS.get(o, "#333333"), label=o) for o in seen]
     handles += [
-        panels[0].plot([], [], "k", ls=LINES[n % len(LINES)], label=", ".join(group))[0]
-        for n, group in enumerate(groups)
+        Line2D([], [], color="k", ls=LINES[n % len(LINES)], label=", ".join(group)) for n, group in enumerate(groups)
     ]
+    if any(drives[0].way for drives in courses):
+        handles.append(Line2D([], [], color=WAY_COLOUR, lw=WAY_WIDTH, label="shortest passable way"))
     figure.legend(handles=handles, loc="outside lower center", ncols=min(1 + columns, len(handles)), fontsize=8)
-    figure.suptitle(cell, fontsize=10)
+    relief = f", contours every {interval:g} m" if interval else ""
+    figure.suptitle(f"{cell}\n[m] from the start{relief}", fontsize=9)
     figure.savefig(path)
 
 
-def _panel(axes, drives: Sequence[EpisodeRecord], groups: Sequence[tuple[str, str]]) -> None:
-    origin, goal = np.array(drives[0].track[0]), np.array(drives[0].goal)
+def _contour_interval(courses: Sequence[Sequence[EpisodeRecord]]) -> float | None:
+    """[m], one for a page; None where no record tells the relief."""
+    ranges = [float(np.ptp(drives[0].relief)) for drives in courses if drives[0].relief]
+    if not ranges:
+        return None
+    return next((step for step in CONTOURS if max(ranges) <= MOST_CONTOURS * step), CONTOURS[-1])
+
+
+def _panel(
+    axes: Axes, drives: Sequence[EpisodeRecord], groups: Sequence[tuple[str, str]], interval: float | None
+) -> None:
+    first = drives[0]
+    origin, goal = np.array(first.track[0]), np.array(first.goal)
     along = goal - origin
     distance = max(float(np.hypot(*along)), 1e-9)
     turn = np.array([[along[0], along[1]], [-along[1], along[0]]]) / distance
-    rocks = np.array(drives[0].obstacles).reshape(-1, 3)
+
+    def turned(points: Sequence[Sequence[float]] | np.ndarray) -> np.ndarray:
+        return np.asarray((np.array(points, float).reshape(-1, 2) - origin) @ turn.T)
+
+    if first.relief and interval:
+        _contours(axes, first, turned, interval)
+    if first.way:
+        axes.plot(*turned(first.way).T, color=WAY_COLOUR, lw=WAY_WIDTH, solid_capstyle="round", zorder=1.5)
+    rocks = np.array(first.obstacles).reshape(-1, 3)
     discs = EllipseCollection(
-        rocks[:, 2], rocks[:, 2], np.zeros(len(rocks)), units="x", offsets=(rocks[:, :2] - origin) @ turn.T,
-        transOffset=axes.transData, facecolors="#9a938c",
+        rocks[:, 2], rocks[:, 2], np.zeros(len(rocks)), units="x", offsets=turned(rocks[:, :2]),
+        offset_transform=axes.transData, facecolors=ROCK_COLOUR, zorder=1.6,
     )  # fmt: skip
     axes.add_collection(discs)
     aside = ASIDE
     for record in drives:
-        x, y = turn @ (np.array(record.track) - origin).T
+        x, y = turned(record.track).T
         colour = OUTCOME_COLOURS.get(record.outcome, "#333333")
         line = LINES[groups.index((record.driver, record.perception)) % len(LINES)]
         axes.plot(x, y, color=colour, lw=1.3, ls=line)
         axes.plot(x[-1:], y[-1:], "o", color=colour, ms=3)
+        for at, edge in ((0, "k"), (-1, colour)):
+            if record.headings:
+                corners = footprint_corners(ZHURONG, (*record.track[at], record.headings[at]))
+                axes.add_patch(Polygon(turned(corners), fill=False, lw=0.8, ec=edge, zorder=2.5))
+                nose = [corners[:2].mean(axis=0), record.track[at]]
+                axes.plot(*turned(nose).T, color=edge, lw=0.8)
         aside = max(aside, float(np.abs(y).max()) + 1)
     axes.plot([distance], [0], "k*", ms=8)
     axes.add_patch(Circle((distance, 0), GOAL_RADIUS, fill=False, lw=0.8))
-    axes.set(xlim=(-AROUND, distance + AROUND), ylim=(-aside, aside), title=f"course {drives[0].episode}")
+    axes.set(xlim=(-AROUND, distance + AROUND), ylim=(-aside, aside), title=f"course {first.episode}")
     axes.title.set_fontsize(8)
     axes.tick_params(labelsize=6)
     axes.set_aspect("equal")
+
+
+def _contours(axes: Axes, record: EpisodeRecord, turned: Callable[[np.ndarray], np.ndarray], interval: float) -> None:
+    heights = np.array(record.relief)
+    axis = np.linspace(-record.half, record.half, len(heights))
+    x, y = turned(np.stack(np.meshgrid(axis, axis), axis=-1)).T.reshape(2, *heights.shape)
+    low = np.floor(heights.min() / interval) * interval
+    levels = np.arange(low, heights.max() + interval, interval)
+    axes.contour(x, y, heights, levels=levels, cmap="copper", linewidths=0.6, alpha=0.8, zorder=1)

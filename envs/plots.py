@@ -40,18 +40,19 @@ def plot_success(path: Path, results: Sequence[dict[str, Any]], test_set: Mappin
             _bars(by_error, [r["abs_rel"] for r in known], points, colour, label, line=False)
             if known and test_set and group[1] in test_set:
                 by_error.axvline(test_set[group[1]], color=colour, ls=":", label=f"{group[1]}, test set")
-                by_error.legend(fontsize=8, loc="lower left")
     by_k.set(xlabel="rock abundance k")
     driven = sorted({r["cell"]["k"] for r in results}, key=lambda k: k or 0.0)
     by_k.set_xticks([k or 0.0 for k in driven], ["the preset's" if k is None else f"{k:g}" for k in driven])
     by_k.set_xlim((driven[0] or 0.0) - 0.01, (driven[-1] or 0.0) + 0.01)
     by_k.set(ylabel="success [%]", ylim=(-4, 104))
     by_k.grid(alpha=0.3)
-    by_k.legend(fontsize=8, loc="lower left")
     for by_error in others:
         by_error.set(xlabel="Abs Rel of the depth on the way, up to 15 m")
         by_error.locator_params(axis="x", nbins=6)
         by_error.grid(alpha=0.3)
+    named = [axes.get_legend_handles_labels() for axes in (*others, by_k)]  # of two alike the line
+    handles = {label: handle for pair in named for handle, label in zip(*pair)}
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=2 if erring else 1, fontsize=8)
     figure.savefig(path)
 
 

@@ -29,6 +29,7 @@ def write_report(out: Path, content: dict[str, Any], records: Sequence[EpisodeRe
     """Write results.md, success.png and maps/ into a folder. content: what results.json holds."""
     head = settings(content["driven_with"]) + states_of_the_code(records)
     page = f"{head}\n{table(content['results'])}\n{differences(content['differences'])}"
+    page += looks_without_depth(records)
     (out / "results.md").write_text(page + errors_beside(content["test_set_abs_rel"], records))
     plot_success(out / "success.png", content["results"], content["test_set_abs_rel"])
     plot_maps(out / "maps", records)
@@ -90,6 +91,18 @@ def errors_beside(test_set: Mapping[str, float], records: Sequence[EpisodeRecord
             lines.append(
                 f"{perception}: Abs Rel {way:.4f} on the way ({len(seen)} drives), {error:.4f} on the test set\n"
             )
+    return "".join(lines)
+
+
+def looks_without_depth(records: Sequence[EpisodeRecord]) -> str:
+    """Lines that warn of perceptions that measured nothing at all in some of their looks."""
+    lines = []
+    for perception in sorted({r.perception for r in records}):
+        own = [r for r in records if r.perception == perception]
+        blind, looks = sum(r.blind for r in own), sum(r.steps + 1 for r in own)
+        if blind:
+            share = max(1, round(100 * blind / looks))
+            lines.append(f"\n{perception} gave no depth at all in {blind} of its {looks} looks ({share} %).\n")
     return "".join(lines)
 
 

@@ -25,7 +25,7 @@ from m3depth.datasets.config import Part
 from m3depth.degradation import Degradation
 from m3depth.estimator import checked_prediction
 from m3depth.figures.rocks import rocks_figure
-from m3depth.report import rocks_table, versions, write_json
+from m3depth.report import check_own_results, rocks_table, versions, write_json
 from m3depth.rocks import rock_scene
 from marssim.command import counted, run_command
 from marssim.dataset import StereoDataset
@@ -73,9 +73,10 @@ class RocksConfig:
 def rocks_seen(config: RocksConfig) -> dict[str, Any]:
     """Count, write the report, and return the content of results.json.
 
-    Raises DatasetError or ValueError if the dataset cannot be read or tells no pose, or a perception is unknown or
-    returns no whole Prediction.
+    Raises DatasetError or ValueError if the dataset cannot be read or tells no pose, --out holds other results, or
+    a perception is unknown or returns no whole Prediction.
     """
+    check_own_results(config.out, "by_step")
     pairs = _pairs(config)
     methods = {name: load_perception(name) for name in config.perception}
     worse = None if config.degrade is None else Degradation.parse(config.degrade)

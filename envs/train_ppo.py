@@ -6,12 +6,13 @@
         --goal-distance 10 --out out/ppo
 
 The policy sees and answers what envs.corridors.Corridors says: how far each of 13 ways is free, and which of them to
-take. The same command goes on from OUT/policy.zip where it was stopped; that file is read as your own, do not continue
-a stranger's.
+take. Beside OUT/policy.zip train_ppo.json tells on which courses it learnt, log.jsonl how it went. The same command
+goes on where it was stopped; the policy is read as your own, do not continue a stranger's.
 """
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -28,9 +29,12 @@ from envs.corridors import Corridors
 from envs.course import CourseConfig
 from envs.mars_nav import MarsNavEnv
 from envs.policies import PolicyDriver, mark_corridors
+from m3depth.report import versions
 from marssim.command import counted, run_command
+from marssim.dataset import DatasetError, read_json, write_json
 from marssim.scene.scene import Place
 
+SETTINGS_FILE, LOG = "train_ppo.json", "log.jsonl"  # in OUT
 RATE = 1e-3  # of learning, at first
 BATCH = 64  # choices, at most
 REWARD_SHARE = 0.1  # returns of about one suit PPO's defaults
@@ -48,7 +52,7 @@ class TrainConfig:
     """Train PPO on MarsNav-v0 and save OUT/policy.zip, which envs.evaluate takes as a driver."""
 
     out: Path
-    """folder for policy.zip"""
+    """folder for policy.zip, train_ppo.json and log.jsonl"""
     max_minutes: float = 20.0
     """time to train [min]"""
     max_steps: int = 100_000_000
@@ -73,6 +77,12 @@ class TrainConfig:
         CourseConfig(self.goal_distance)  # says what is out of range
         if not 0 <= self.k[0] <= self.k[1] <= 0.4:
             raise ValueError(f"--k must be two values in [0, 0.4], the lower one first, got {self.k[0]} {self.k[1]}")
+
+    def courses(self) -> dict[str, Any]:
+        """What the policy learns on: with other values it would be another one's training that goes on."""
+        return {
+            "scene": self.scene, "k": list(self.k), "goal_distance": float(self.goal_distance), "seed": self.seed
+        }  # fmt: skip
 
 
 class TrainingCourses(gymnasium.Wrapper):
@@ -110,7 +120,8 @@ def training_env(config: TrainConfig) -> gymnasium.Env:
 
 def train(config: TrainConfig, rollout: int = 128) -> Path:
     """Train until the time or the steps are used up; returns the policy's path. rollout: choices in each environment
-    between two updates. Raises ImportError without stable-baselines3, ValueError for a policy.zip that is none."""
+    between two updates. Raises ImportError without stable-baselines3, ValueError for a policy.zip that is none,
+    DatasetError for one that learnt on other courses."""
     try:
         from stable_baselines3 import PPO
         from stable_baselines3.common.callbacks import BaseCallback
@@ -123,7 +134,7 @@ def train(config: TrainConfig, rollout: int = 128) -> Path:
     path = config.out / "policy.zip"
     if path.is_file() and not PolicyDriver(path).corridors:  # which says what is wrong with a file that is no policy
         raise ValueError(f"{path}: is a policy that envs.train_ppo cannot go on from; choose another --out")
-    config.out.mkdir(parents=True, exist_ok=True)
+    _note(config)
     makers: list[Callable[[], gymnasium.Env]] = [partial(training_env, config)] * config.workers
     vector = DummyVecEnv(makers) if config.workers == 1 else SubprocVecEnv(makers, start_method="spawn")
     until = monotonic() + 60 * config.max_minutes
@@ -141,7 +152,11 @@ def train(config: TrainConfig, rollout: int = 128) -> Path:
         def _on_rollout_end(self) -> None:
             _save(self.model, path)
             if ended := list(self.model.ep_info_buffer or []):
-                print(f"{self.num_timesteps} choices: {_summary(ended)}", flush=True)
+                row = _summary(ended)
+                with (config.out / LOG).open("a") as log:
+                    log.write(json.dumps({"choices": self.num_timesteps, **row}) + "\n")
+                told = f"{100 * row['arrived']:.0f} % arrived, reward {row['reward']:.1f}"
+                print(f"{self.num_timesteps} choices: last {counted(row['episodes'], 'episode')}, {told}", flush=True)
 
     try:
         if path.is_file():
@@ -167,11 +182,31 @@ def _save(model: Any, path: Path) -> None:
     part.replace(path)
 
 
-def _summary(ended: list[dict[str, Any]]) -> str:
+def _note(config: TrainConfig) -> None:
+    """Note what is learnt on; raise DatasetError that says what differs if a policy in the folder learnt on other."""
+    file = config.out / SETTINGS_FILE
+    courses = config.courses()
+    if (config.out / "policy.zip").is_file() and file.is_file():
+        before = read_json(file)
+        told = [f"--{k.replace('_', '-')} {_typed(before.get(k))}" for k in courses if before.get(k) != courses[k]]
+        if told:
+            raise DatasetError(f"{file}: the policy there learnt with {', '.join(told)}; choose another --out")
+    config.out.mkdir(parents=True, exist_ok=True)
+    write_json(file, {**courses, "versions": versions()})
+
+
+def _typed(value: Any) -> str:
+    """As on the command line."""
+    return " ".join(map(str, value)) if isinstance(value, list) else str(value)
+
+
+def _summary(ended: list[dict[str, Any]]) -> dict[str, Any]:
     """How the last episodes went. ended: what Monitor noted of each, its reward "r" and its outcome."""
-    arrived = sum(e["outcome"] == "goal" for e in ended) / len(ended)
-    reward = sum(e["r"] for e in ended) / len(ended)
-    return f"last {counted(len(ended), 'episode')}, {100 * arrived:.0f} % arrived, reward {reward:.1f}"
+    return {
+        "episodes": len(ended),
+        "arrived": sum(e["outcome"] == "goal" for e in ended) / len(ended),
+        "reward": sum(e["r"] for e in ended) / len(ended),
+    }
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -28,6 +28,7 @@ class EstimatorError(ValueError):
     """A method returned something else than what is asked for; one line that names its class."""
 
 
+CONFIDENCE_LIMITS = (-1e-3, 1 + 1e-3)  # that rounding may reach
 WINDOWS = ("ssd", "sad", "ncc", "ssd-sgm", "sad-sgm", "ncc-sgm")  # the paper's classical methods
 NAMES = ("m3depth", "sgbm", "m3depth:WEIGHTS", "package.module:Class", *WINDOWS)
 
@@ -81,6 +82,13 @@ def checked_prediction(estimator: Estimator, found: object, size: tuple[int, int
             raise EstimatorError(f"{named} returned {what} as {name}: it must be a float array of shape {shape}")
         if values.shape != shape:
             raise EstimatorError(f"{named} returned {name} of shape {values.shape}: it must be {shape} here")
+    low, high = CONFIDENCE_LIMITS
+    if (found.depth < 0).any():
+        worst = f"{np.nanmin(found.depth):g} m"
+        raise EstimatorError(f"{named} returned a depth of {worst}: unknown is NaN, and sky is inf")
+    outside = found.confidence[(found.confidence < low) | (found.confidence > high)]
+    if len(outside):
+        raise EstimatorError(f"{named} returned a confidence of {outside[0]:g}: it must lie in [0, 1]")
     return found
 
 

@@ -38,7 +38,7 @@ from m3depth.figures.rocks import rocks_figure
 from m3depth.figures.worst import worst_figure
 from m3depth.pairs import MAX_DISPARITY, StereoPairs, scored_depths
 from m3depth.recorded import FORM, RecordedError, RecordedPredictions
-from m3depth.report import markdown_report, text_table, versions, write_json
+from m3depth.report import check_own_results, markdown_report, text_table, versions, write_json
 from m3depth.weights import SHIPPED_WEIGHTS
 from marssim.command import counted, run_command
 from marssim.dataset import DatasetError
@@ -153,6 +153,7 @@ def prepare(options: EvaluateOptions) -> tuple[StereoPairs, dict[str, Method]]:
         Degradation.parse(options.degrade)
     if options.out.exists() and not options.out.is_dir():
         raise ValueError(f"--out {options.out}: is not a folder")
+    check_own_results(options.out, "per_pair")
     own = load_estimator("m3depth" if options.weights is None else f"m3depth:{options.weights}")
     methods: dict[str, Method] = {"M3Depth": own}
     names = ("sgbm", *WINDOWS) if "all" in options.baselines else options.baselines

@@ -15,6 +15,7 @@ from typing import Any
 from m3depth.metrics import DEPTH_CAP, KINDS
 from m3depth.rocks import OBSTACLE
 from marssim.atomic import write_atomically
+from marssim.dataset import DatasetError, read_json
 
 Results = Mapping[str, Mapping[str, Any]]
 
@@ -44,6 +45,16 @@ def versions() -> dict[str, Any]:
     if torch is not None:
         found["torch_threads"] = torch.get_num_threads()
     return found
+
+
+def check_own_results(out: Path, field: str) -> None:
+    """Raise DatasetError, before anything is scored, if the results.json in a folder is another command's.
+
+    field: what only the caller's has. Its own is replaced, as that of an earlier run.
+    """
+    path = out / "results.json"
+    if path.is_file() and field not in read_json(path):
+        raise DatasetError(f"--out {out}: results.json there is another command's; choose another folder")
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

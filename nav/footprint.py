@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from marssim.rover_spec import RoverSpec
 from nav.elevation import ElevationMap
 
 DISCS_ALONG, DISCS_ACROSS = 5, 4  # that cover the footprint
+
+
+def footprint_corners(spec: RoverSpec, pose: Sequence[float]) -> np.ndarray:
+    """(4, 2) [m] corners of the footprint rectangle seen from above, front left first, clockwise. pose: x, y, yaw."""
+    x, y, yaw = pose
+    ahead = np.array([1, 1, -1, -1]) * spec.length / 2
+    left = np.array([1, -1, -1, 1]) * spec.width / 2
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.stack([x + c * ahead - s * left, y + s * ahead + c * left], axis=-1)
 
 
 def footprint_discs(spec: RoverSpec) -> tuple[np.ndarray, float]:

@@ -82,6 +82,24 @@ def test_the_way_round_a_wall(make_scene):
     assert 0.98 * expected <= found <= 1.04 * expected + 0.1
 
 
+def test_the_way_is_as_long_as_told_and_passable_all_along(make_scene, drawn):
+    walled = TrueGround(make_scene(rocks=wall(2.5)), ZHURONG, np.array([4.0, 0.0]))
+    for ground, start, goal in ((walled, (-4.0, 0.0), (4.0, 0.0)), (drawn.ground, drawn.start[:2], drawn.goal)):
+        way = ground.way_to_goal(*start)
+        np.testing.assert_allclose(way[[0, -1]], [start, goal])
+        sides = np.diff(way, axis=0)
+        assert np.hypot(*sides.T).sum() == pytest.approx(ground.distance_to_goal(*start), abs=1e-6)
+        along = (way[:-1, None] + np.linspace(0, 1, 50)[:, None] * sides[:, None]).reshape(-1, 2)
+        assert min(ground.clearance(x, y) for x, y in along) > RADIUS - 2 * CELL
+    corners = walled.way_to_goal(-4.0, 0.0)
+    assert corners[:, 1].max() > 2.5 + RADIUS and 3 <= len(corners) < 20  # round the wall, without points on its sides
+
+
+def test_no_way_has_no_corners(make_scene):
+    closed = TrueGround(make_scene(rocks=wall(9.5)), ZHURONG, np.array([4.0, 0.0]))
+    assert closed.way_to_goal(-4.0, 0.0).shape == (0, 2)
+
+
 def test_no_way_is_infinite(make_scene):
     ground = TrueGround(make_scene(rocks=wall(9.5)), ZHURONG, np.array([4.0, 0.0]))
     assert ground.distance_to_goal(-4.0, 0.0) == np.inf

@@ -1,9 +1,12 @@
 import numpy as np
 import pytest
 
+from envs.course import CourseError
 from envs.drivers import NavigatorDriver, Stop, StraightDriver
-from envs.episodes import Cell, course_options, run_episode
+from envs.episodes import Cell, DriveError, course_options, run_episode
 from envs.mars_nav import ActionError
+from m3depth.prediction import Prediction
+from marssim.command import MISTAKES
 
 
 class Standing:
@@ -37,6 +40,13 @@ def test_the_record_tells_the_drive(env):
     track = np.array(record.track)
     assert track.shape == (record.steps + 1, 2)
     np.testing.assert_allclose(track[0], env.course.start[:2])
+    assert len(record.headings) == len(track)
+    assert np.exp(1j * record.headings[0]) == pytest.approx(np.exp(1j * env.course.start[2]), abs=1e-3)
+    way = np.array(record.way)
+    assert np.hypot(*np.diff(way, axis=0).T).sum() == pytest.approx(record.shortest, abs=0.05)
+    relief, scene = np.array(record.relief), env.course.scene
+    assert record.half == scene.half and relief.shape == (round(2 * scene.half) + 1,) * 2
+    assert relief[0, -1] == pytest.approx(scene.terrain.height_at(scene.half, -scene.half), abs=0.006)
     assert record.path_length == pytest.approx(np.hypot(*np.diff(track, axis=0).T).sum())
     assert record.distance == pytest.approx(np.hypot(*(np.array(record.goal) - track[-1])))
     assert record.start_distance == pytest.approx(3.0) and record.shortest == env.course.shortest >= 3.0
@@ -136,6 +146,47 @@ def test_an_answer_that_is_no_action_names_the_driver(env, answer, message):
 
     with pytest.raises(ActionError, match=message):
         run_episode(env, Mine(), Cell(), 5, 0, ("mine", ""))
+
+
+@pytest.mark.parametrize("place", ["reset", "act"])
+def test_what_a_driver_raises_is_told_with_its_course_and_its_cause(env, place):
+    """A ValueError of the user's own code is no mistake on the command line, whose one line would hide where it is."""
+
+    class Mine(Standing):
+        def act(self, env, observation):
+            if place == "act" and self.steps == 2:
+                raise ValueError("cannot broadcast")
+            self.steps += 1
+            return super().act(env, observation)
+
+        def reset(self, env, seed):
+            if place == "reset":
+                raise ValueError("cannot broadcast")
+            self.steps = 0
+
+    step = {"reset": 0, "act": 3}[place]
+    told = rf"^step {step} of course 4, k=0, slope=preset, by mine:Mine and sgbm: ValueError: cannot broadcast$"
+    with pytest.raises(DriveError, match=told) as raised:
+        run_episode(env, Mine(), Cell(k=0.0), 5, 4, ("mine:Mine", "sgbm"))
+    assert isinstance(raised.value.__cause__, ValueError) and not isinstance(raised.value, MISTAKES)
+
+
+def test_too_many_rocks_are_still_told_in_one_line(env, monkeypatch):
+    monkeypatch.setattr("envs.course.REDRAWS", 0)
+    with pytest.raises(CourseError, match="no goal can be reached"):
+        run_episode(env, Standing(), Cell(), 5, 0)
+
+
+def test_a_perception_that_sees_nothing_is_noted(make_env):
+    class Blind:
+        def infer(self, left, right, rig):
+            nothing = np.full(left.shape[:2], np.nan, np.float32)
+            return Prediction(nothing, nothing, None, np.zeros_like(nothing))
+
+    env = make_env(perception=Blind(), goal_distance=3.0, mast=True)
+    record = run_episode(env, NavigatorDriver(), Cell(k=0.0), 5, 0)
+    assert record.blind == record.steps + 1 and record.abs_rel is None and record.outcome != "goal"
+    assert run_episode(make_env(goal_distance=3.0, mast=True), StraightDriver(), Cell(k=0.0), 5, 0).blind == 0
 
 
 @pytest.mark.parametrize(("aside", "near"), [(1.34, True), (1.7, False)])

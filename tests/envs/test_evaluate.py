@@ -2,6 +2,7 @@ import json
 import re
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 
@@ -96,6 +97,7 @@ def test_a_folder_of_other_settings_is_refused(finished, capsys):
     [
         (["--perception", "magic"], "magic"), (["--perception", "m3depth:/no/such.safetensors"], "no/such"),
         (["--perception", "json:Nothing"], "Nothing"), (["--driver", "magic"], "--driver"),
+        (["--film-courses", "10"], "--film-courses"),
         (["--episodes", "0"], "--episodes"), (["--workers", "0"], "--workers"), (["--seed", "-1"], "--seed"),
         (["--k", "0.9"], "k must"), (["--k", "0.1", "0.1"], "--k"), (["--slope-deg", "-4"], "slope"),
         (["--goal-distance", "1"], "distance must"), (["--goal-distance", "nan"], "distance must"),
@@ -167,11 +169,12 @@ def test_every_task_has_a_file_of_its_own():
 
 def test_the_best_and_the_worst_are_filmed_once(tmp_path, monkeypatch):
     config = EvaluateConfig(tmp_path, episodes=2, seed=3, **{**QUICK, "driver": ("straight", "random"), "videos": True})
-    filmed = []
+    filmed, titles = [], []
 
     class NoFilm:
-        def __init__(self, path):
+        def __init__(self, path, title):
             self.path = path
+            titles.append(title)
 
         def __enter__(self):
             return self
@@ -186,9 +189,14 @@ def test_the_best_and_the_worst_are_filmed_once(tmp_path, monkeypatch):
     monkeypatch.setattr("envs.film.Film", NoFilm)
     content = evaluate(config)
     assert [name for name, _ in filmed] == ["best.mp4", "worst.mp4"] and filmed[1][1] == "RandomDriver"
+    assert titles[1].startswith("random, ground_truth: course ") and titles[1].endswith(", k=0.01, slope=preset")
+    evaluate(replace(config, film_courses=(1,)))  # adds to them
+    assert [driver for _, driver in filmed[2:]] == ["StraightDriver", "RandomDriver"]
+    assert sorted(file.name for file in (tmp_path / "videos").iterdir()) == sorted({name for name, _ in filmed[2:]})
+    assert all("course 1," in title for title in titles[2:])
     assert [(d["driver"], d["less"]) for d in content["differences"]] == [("random", ["straight", "ground_truth"])]
     monkeypatch.setattr("envs.evaluate.drive", lambda *_: pytest.fail("it was filmed already"))
-    evaluate(config)
+    evaluate(replace(config, film_courses=(1,)))
 
 
 def test_one_estimator_serves_all_episodes_and_every_environment_is_closed(monkeypatch, tmp_path):

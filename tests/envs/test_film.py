@@ -104,10 +104,19 @@ def test_a_driver_without_a_map_has_an_empty_one(filmed):
 def test_the_map_of_a_driver_without_one_is_not_told_as_unknown_ground(filmed, monkeypatch):
     env, driver, film = filmed
     titles = []
-    monkeypatch.setattr("envs.film._titled", lambda image, title: titles.append(title) or image)
+    monkeypatch.setattr("envs.film._titled", lambda image, *lines: titles.extend(lines) or image)
     film.watch(env, driver, 0)
     film.watch(env, StraightDriver(), 1)
     assert [title for title in titles if title.startswith("map")] == [MAP_TITLE, "map: this driver keeps none"]
+
+
+def test_every_frame_says_what_is_driven(filmed, tmp_path, monkeypatch):
+    env, driver, _ = filmed
+    titles = []
+    monkeypatch.setattr("envs.film._titled", lambda image, *lines: titles.append(lines) or image)
+    with Film(tmp_path / "named.mp4", "navigator, sgbm: course 3") as film:
+        film.watch(env, driver, 7)
+    assert titles[0][0] == "navigator, sgbm: course 3" and titles[0][1].startswith("step 7 ")
 
 
 def test_filming_does_not_change_the_drive(make_env, tmp_path):

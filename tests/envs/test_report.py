@@ -3,13 +3,15 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from envs.drivers import Stop
 from envs.episodes import EpisodeRecord
-from envs.maps import OUTCOME_COLOURS, plot_maps
+from envs.maps import OUTCOME_COLOURS, WAY_COLOUR, plot_maps
 from envs.metrics import FAILURES, summarise
 from envs.plots import plot_success, pool_by_k
-from envs.report import differences, errors_beside, states_of_the_code, table, write_report
+from envs.report import differences, errors_beside, looks_without_depth, states_of_the_code, table, write_report
+from marssim.rover_spec import ZHURONG
 
 DRIVE = EpisodeRecord(
     driver="navigator", perception="sgbm", cell="k=0.1, slope=5", episode=0, outcome="goal", steps=3, distance=0.5,
@@ -55,6 +57,14 @@ def test_drives_of_other_code_are_told():
     assert states_of_the_code([same, same]) == states_of_the_code([DRIVE]) == ""
     told = states_of_the_code([same, other, same, DRIVE])
     assert "2 by aa11, 1 by bb22, 1 by an unknown one" in told
+
+
+def test_looks_without_any_depth_are_told():
+    seeing, blind = replace(DRIVE, perception="sgbm"), replace(DRIVE, perception="mine:Net", blind=3)
+    assert looks_without_depth([seeing]) == ""
+    assert looks_without_depth([seeing, blind, replace(blind, blind=0)]) == (
+        "\nmine:Net gave no depth at all in 3 of its 8 looks (38 %).\n"
+    )
 
 
 def test_differences_are_told_in_points():
@@ -128,6 +138,52 @@ def test_drives_are_turned_so_that_the_goal_is_to_the_right(tmp_path):
         plot_maps(tmp_path / name, [record])
     a, b = (cv2.imread(str(tmp_path / name / "k0.1-slope5-0.png")).astype(int) for name in "ab")
     assert np.abs(a - b).max() < 60 and (a != b).mean() < 0.01
+
+
+def drawn_in(path, colour, reach=12):
+    """Pixels (N, 2), row and column, of a colour given as #rrggbb."""
+    blue_green_red = [int(colour[i : i + 2], 16) for i in (5, 3, 1)]
+    return np.argwhere(np.abs(cv2.imread(str(path)).astype(int) - blue_green_red).max(axis=2) < reach)
+
+
+def test_the_shortest_way_is_a_band_and_named(tmp_path):
+    """It goes 2 m to the left of the straight line, which is up."""
+    for name, way in (("without", []), ("with", [[0.0, 0.0], [-2.0, 1.5], [0.0, 3.0]])):
+        plot_maps(tmp_path / name, [replace(DRIVE, way=way)])
+    without, band = (drawn_in(tmp_path / name / "k0.1-slope5-0.png", WAY_COLOUR) for name in ("without", "with"))
+    assert len(without) == 0 and len(band) > 100
+    in_panel, legend = band[band[:, 0] < 150], band[band[:, 0] >= 150]
+    assert np.ptp(in_panel[:, 0]) > 10 and len(legend) > 20
+
+
+def test_the_footprint_shows_where_drives_begin_and_end(tmp_path):
+    """In the colour of the end; its size is the rover's."""
+    track = [[0.0, 0.0], [0.0, 1.0]]
+    plain = replace(DRIVE, track=track, obstacles=[], goal=[0.0, 20.0])
+    for name, headings in (("without", []), ("ahead", [np.pi / 2] * 2), ("turned", [np.pi / 4] * 2)):
+        plot_maps(tmp_path / name, [replace(plain, headings=headings)])
+    spread = {}
+    for name in ("without", "ahead", "turned"):
+        green = drawn_in(tmp_path / name / "k0.1-slope5-0.png", OUTCOME_COLOURS["goal"], 60)
+        inside = ((green > (90, 40)) & (green < (220, 250))).all(axis=1)  # of the frame
+        spread[name] = np.ptp(green[inside, 0])
+    assert spread["without"] < 8 < spread["ahead"]
+    diagonal = (ZHURONG.length + ZHURONG.width) / np.sqrt(2)
+    assert (spread["turned"] + 1) / (spread["ahead"] + 1) == pytest.approx(diagonal / ZHURONG.width, rel=0.15)
+
+
+def test_relief_is_drawn_as_contours_an_interval_for_the_page(tmp_path, monkeypatch):
+    titles = []
+    monkeypatch.setattr(Figure, "suptitle", lambda self, text, **_: titles.append(text))
+    ramp = (np.linspace(0, 6, 11)[:, None] * np.ones(11)).tolist()
+    level = np.zeros((11, 11)).tolist()
+    inks = []
+    for relief in ([], level, ramp):
+        folder = tmp_path / str(len(inks))
+        plot_maps(folder, [replace(DRIVE, half=10.0, relief=relief)])
+        inks.append((cv2.imread(str(folder / "k0.1-slope5-0.png")) < 250).all(axis=2).sum())
+    assert [title.partition("contours ")[2] for title in titles] == ["", "every 0.1 m", "every 0.5 m"]
+    assert inks[2] > inks[1] + 300
 
 
 def test_slopes_are_pooled_for_each_k():

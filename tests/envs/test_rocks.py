@@ -86,6 +86,15 @@ def test_several_folders_in_one_count_and_other_heights_of_an_obstacle(folder, t
     assert "| ground_truth | 0.12 m | 6 of 6 | 6 of 6 | 0 | 0 | 0 |" in (out / "results.md").read_text()
 
 
+def test_results_of_drives_are_not_replaced(folder, tmp_path, capsys):
+    drives = tmp_path / "results.json"
+    drives.write_text('{"differences": []}')
+    assert main(["--data", str(folder), "--out", str(tmp_path), "--split", "all", "--perception", "ground_truth"]) == 2
+    assert capsys.readouterr().err == f"error: --out {tmp_path}: results.json there is another command's; " \
+        "choose another folder\n"  # fmt: skip
+    assert drives.read_text() == '{"differences": []}'
+
+
 def test_a_higher_step_finds_fewer(folder, tmp_path):
     out = tmp_path / "out"
     args = ["--data", str(folder), "--out", str(out), "--perception", "ground_truth", "--limit", "1"]

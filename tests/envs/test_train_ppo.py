@@ -1,3 +1,4 @@
+import json
 import zipfile
 
 import numpy as np
@@ -8,6 +9,7 @@ pytest.importorskip("stable_baselines3")
 
 from envs.drivers import make_driver
 from envs.train_ppo import TrainConfig, TrainingCourses, main, train
+from marssim.dataset import DatasetError
 
 
 def killed(_):
@@ -24,6 +26,14 @@ def test_it_trains_goes_on_and_what_it_saves_drives(tmp_path, make_env, monkeypa
     monkeypatch.setattr("envs.train_ppo.mark_corridors", killed)  # while it saves
     with pytest.raises(KeyboardInterrupt):
         train(TrainConfig(**config, max_steps=32), rollout=16)
+    assert path.read_bytes() == whole
+    rows = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
+    assert [row["choices"] for row in rows] == sorted(row["choices"] for row in rows) and rows[-1]["choices"] == 32
+    assert all(0 <= row["arrived"] <= 1 and row["episodes"] >= 1 for row in rows)
+    with pytest.raises(
+        DatasetError, match=r"train_ppo\.json: the policy there learnt with --k 0\.1 0\.2, --seed 0; choose"
+    ):
+        train(TrainConfig(**config, k=(0.0, 0.1), seed=1, max_steps=48), rollout=16)
     assert path.read_bytes() == whole
     env = make_env(mast=True, map_observation=True)
     observation, _ = env.reset(seed=0)

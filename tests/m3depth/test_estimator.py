@@ -78,6 +78,8 @@ MAP = np.ones((4, 6), np.float32)
         ),
         (Prediction(MAP, None, None, MAP), r"returned a NoneType as disparity: it must be a float array of .*\(4, 6\)"),
         (Prediction(MAP, MAP, MAP, MAP), r"normal of shape \(4, 6\): it must be \(4, 6, 3\)"),
+        (Prediction(-3 * MAP, MAP, None, MAP), "^NoEstimator.infer returned a depth of -3 m: unknown is NaN, and sky"),
+        (Prediction(MAP, MAP, None, 100 * MAP), r"returned a confidence of 100: it must lie in \[0, 1\]"),
         (Prediction(MAP, MAP, None, MAP.astype(object)), "returned an array of object as confidence"),
     ],
 )

@@ -16,7 +16,7 @@ from m3depth.prediction import Prediction
 from m3depth.report import FIGURES
 from m3depth.resources import measured
 from marssim.camera import PinholeCamera, StereoRig
-from marssim.dataset import StereoDataset, write_index, write_sample
+from marssim.dataset import DatasetError, StereoDataset, write_index, write_sample
 from marssim.render.stereo import StereoFrame
 
 H, W = 64, 96
@@ -295,3 +295,13 @@ def test_a_class_that_returns_no_prediction_is_told_in_a_line(folder, tmp_path, 
     assert said.startswith(
         f"error: Tup, pair 0: Tup.infer returned an array of shape ({H}, {W}): it must be a Prediction"
     )
+
+
+def test_results_of_another_command_are_not_replaced(folder, tmp_path, capsys):
+    """Drives', say; its own of an earlier run are."""
+    results = tmp_path / "results.json"
+    results.write_text('{"differences": []}')
+    with pytest.raises(DatasetError, match=r"results\.json there is another command's"):
+        prepare(EvaluateOptions(folder, tmp_path, baselines=("none",)))
+    results.write_text('{"per_pair": []}')
+    prepare(EvaluateOptions(folder, tmp_path, baselines=("none",)))

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from marssim.rover_spec import ZHURONG
-from nav.footprint import arc_poses, footprint_discs, footprint_distance
+from nav.footprint import arc_poses, footprint_corners, footprint_discs, footprint_distance
 
 
 @given(st.floats(-1.2, 1.2), st.floats(-3, 3), st.floats(-1, 4))
@@ -35,3 +35,12 @@ def test_the_distance_is_from_the_footprints_edge(yaw):
     np.testing.assert_allclose(found, 3.0 - poses[:, 0] - reach, atol=0.2)
     assert footprint_distance(ground.clearance, elevation, np.array([3.0, 0.0, yaw]), ZHURONG) < 0
     assert footprint_distance(ground.clearance, elevation, np.array([7.9, 0.0, yaw]), ZHURONG) == -np.inf
+
+
+@given(st.tuples(st.floats(-50, 50), st.floats(-50, 50), st.floats(-7, 7)))
+def test_corners_are_half_a_length_ahead_and_half_a_width_aside(pose):
+    front_left, front_right, back_right, back_left = footprint_corners(ZHURONG, pose)
+    ahead, left = np.array([np.cos(pose[2]), np.sin(pose[2])]), np.array([-np.sin(pose[2]), np.cos(pose[2])])
+    np.testing.assert_allclose((front_left + front_right) / 2 - pose[:2], ahead * ZHURONG.length / 2, atol=1e-9)
+    np.testing.assert_allclose((front_left + back_left) / 2 - pose[:2], left * ZHURONG.width / 2, atol=1e-9)
+    np.testing.assert_allclose((front_left + back_right) / 2, pose[:2], atol=1e-9)
