@@ -37,10 +37,6 @@ LIMITS = {
 }
 
 
-class CourseError(ValueError):
-    """No course can be drawn: rocks close every way."""
-
-
 @dataclass(frozen=True)
 class CourseConfig:
     """What reset may change. Lengths [m], angles [deg]."""
@@ -187,7 +183,7 @@ def draw_course(base: SceneConfig, config: CourseConfig, spec: RoverSpec, rng: n
     """Draw scene, start and goal; redraw while no way leads to the goal.
 
     The scene is as wide as the course needs, on a grid of 0.1 m, whatever base.size and base.cell say. Raises
-    CourseError if 50 draws in a row have no way (k is too high for the rover).
+    ValueError if 50 draws in a row have no way (k is too high for the rover).
     """
     if config.scene_seed is not None:
         rng = np.random.default_rng(config.scene_seed)
@@ -214,7 +210,7 @@ def draw_course(base: SceneConfig, config: CourseConfig, spec: RoverSpec, rng: n
         shortest = ground.distance_to_goal(*start)
         if np.isfinite(shortest):
             return Course(scene, ground, np.array([*start, yaw]), goal, shortest, redraw)
-    raise CourseError(f"no goal can be reached in {REDRAWS} draws: k={rocks.k} leaves the rover no way")
+    raise ValueError(f"no goal can be reached in {REDRAWS} draws: k={rocks.k} leaves the rover no way")
 
 
 def turned_round(course: Course, spec: RoverSpec, rng: np.random.Generator) -> Course:

@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from envs.course import CourseError
 from envs.drivers import Driver, Stop
+from envs.foreign import ForeignError, called
 from envs.mars_nav import ActionError, MarsNavEnv
 from envs.resumption import code_digest
 from envs.sight import Sight
-from m3depth.estimator import EstimatorError
 from marssim.camera import MAX_DEPTH, MIN_DEPTH
 from marssim.physics.state import RoverState
 from marssim.scene.scene import Scene
@@ -24,10 +23,6 @@ NEAR_MISS = 0.10  # [m] between the rover's footprint and an obstacle (envs.flan
 
 
 Watch = Callable[[MarsNavEnv, Driver, int], None]
-
-
-class DriveError(RuntimeError):
-    """A driver or a perception raised something; the message says on which course, the cause is what it was."""
 
 
 @dataclass(frozen=True)
@@ -46,12 +41,13 @@ class Cell:
 @dataclass
 class EpisodeRecord:
     """What became of one episode. Lengths [m], times [s]; track: (x, y) after every step, start first; headings: yaw
-    [rad] there; obstacles: x, y, diameter of the rocks that block; way: corners (x, y) of the shortest passable way;
-    relief: heights of the ground in rows of constant y, over a square from -half to half, empty in records of earlier
-    versions, as headings and way are; abs_rel: mean over the looks of |Z - Z*| / Z* up to 15 m where a depth was given,
-    None with the ground truth as it is; blind: looks whose depth was finite nowhere; near_miss: no collision, but the
-    rover's footprint came nearer than NEAR_MISS to the outline of a rock that blocks; min_clearance: how near, as in
-    MarsNavEnv's info.
+    [rad] there; obstacles: x, y, diameter of the rocks that block; shortest_path: corners (x, y) of the shortest
+    passable way, whose length is `shortest`; relief: heights of the ground in rows of constant y, over a square from
+    -half to half; abs_rel: mean over the looks of |Z - Z*| / Z* up to 15 m where a depth was given, None with the
+    ground truth as it is; blind: looks in which nothing was measured of the ground within 15 m, None where that was not
+    noted; near_miss: no collision, but the rover's footprint came nearer than NEAR_MISS to the outline of a rock that
+    blocks; min_clearance: how near, as in MarsNavEnv's info. Records of earlier versions have no headings,
+    shortest_path and relief.
 
     outcome: as MarsNavEnv's info names it, or as the driver ended the drive (envs.drivers.Stop): "no_path" where it
     gave up, "elsewhere" where it believed to be at the goal and was not, as happens by odometry that drifts. code: the
@@ -76,13 +72,13 @@ class EpisodeRecord:
     redraws: int
     goal: list[float]
     abs_rel: float | None = None
-    blind: int = 0
+    blind: int | None = None
     near_miss: bool = False
     code: str = ""
     obstacles: list[list[float]] = field(default_factory=list)
     track: list[list[float]] = field(default_factory=list)
     headings: list[float] = field(default_factory=list)
-    way: list[list[float]] = field(default_factory=list)
+    shortest_path: list[list[float]] = field(default_factory=list)
     half: float = 0.0
     relief: list[list[float]] = field(default_factory=list)
 
@@ -106,19 +102,17 @@ def run_episode(
 
     The course follows from (seed, episode) and the cell alone. names: driver and perception, for the record.
     watch(env, driver, step) is called after the reset (step 0) and after every step. Raises ActionError that names the
-    driver for an answer that is neither an action nor a Stop, EstimatorError for a perception's that is no Prediction,
-    CourseError where rocks leave no way, and DriveError, with its cause, for what else driver or perception raise.
+    driver for an answer that is neither an action nor a Stop, and ForeignError that names the step and the course for
+    what a driver or a perception of the user's own raises.
     """
     log = _Log()
     try:
         _drive(env, driver, course_options(cell, seed, episode), log, watch)
     except ActionError as error:
         raise ActionError(f"driver {names[0]!r}: {error}") from None
-    except (CourseError, EstimatorError, OSError, ImportError, MemoryError, FloatingPointError):
-        raise  # which tell by themselves what is wrong
-    except Exception as error:
+    except ForeignError as error:
         where = f"step {len(log.states)} of course {episode}, {cell.name}, by {names[0]} and {names[1]}"
-        raise DriveError(f"{where}: {type(error).__name__}: {error}") from error
+        raise ForeignError(f"{where}: {error}") from error.__cause__
     assert env.course is not None
     steps, info = len(log.states) - 1, log.info
     return EpisodeRecord(
@@ -132,7 +126,7 @@ def run_episode(
         code=code_digest(), obstacles=_obstacles(env),
         track=[[float(v) for v in state.position[:2]] for state in log.states],
         headings=[round(float(state.yaw), 4) for state in log.states],
-        way=_rounded(env.course.ground.way_to_goal(*env.course.start[:2])),
+        shortest_path=_rounded(env.course.ground.way_to_goal(*env.course.start[:2])),
         half=env.course.scene.half, relief=_relief(env.course.scene),
     )  # fmt: skip
 
@@ -150,26 +144,28 @@ class _Log:
     seeing: float = 0.0
     blind: int = 0
 
-    def arrived(self, env: MarsNavEnv, info: dict[str, Any]) -> None:
-        """The rover stands somewhere and has looked."""
+    def looked(self, env: MarsNavEnv, info: dict[str, Any]) -> None:
+        """The rover stands, and has looked round."""
         assert env.vehicle is not None and env.sight is not None
         self.info = info
         self.states.append(env.vehicle.state())
         self.errors.append(_abs_rel(env.sight))
-        self.blind += not _measured(env.sight.depth).any()
+        self.blind += _is_blind(env.sight)
 
 
 def _drive(env: MarsNavEnv, driver: Driver, options: dict[str, Any], log: _Log, watch: Watch | None) -> None:
     observation, info = env.reset(seed=options["scene_seed"], options=options)
-    driver.reset(env, options["scene_seed"])
+    with called(driver):
+        driver.reset(env, options["scene_seed"])
     log.start_distance = info["distance"]
-    log.arrived(env, info)
+    log.looked(env, info)
     if watch:
         watch(env, driver, 0)
     done = False
     while not done:
         begin = perf_counter()
-        action = driver.act(env, observation)
+        with called(driver):
+            action = driver.act(env, observation)
         if isinstance(action, Stop):
             log.info = {**log.info, "outcome": action.value}
             return
@@ -177,23 +173,35 @@ def _drive(env: MarsNavEnv, driver: Driver, options: dict[str, Any], log: _Log, 
         log.seconds += perf_counter() - begin
         log.seeing += info["perception_seconds"]
         log.reward += float(reward)
-        log.arrived(env, info)
+        log.looked(env, info)
         done = terminated or truncated
         if watch:
             watch(env, driver, len(log.states) - 1)
 
 
+def _abs_rel(sight: Sight) -> float | None:
+    """Mean |Z - Z*| / Z* of one look over the true depths of 0.5 m to 15 m where something was measured."""
+    if sight.true_depth is None or sight.true_depth is sight.depth:
+        return None
+    known = _in_range(sight.true_depth) & _measured(sight.depth)
+    true = sight.true_depth[known]
+    return float(np.mean(np.abs(sight.depth[known] - true) / true)) if known.any() else None
+
+
+def _is_blind(sight: Sight) -> bool:
+    """Whether there was ground within range, and no depth was measured of any of it."""
+    if sight.true_depth is None:
+        return False
+    there = _in_range(sight.true_depth)
+    return bool(there.any() and not _measured(sight.depth[there]).any())
+
+
+def _in_range(depth: np.ndarray) -> np.ndarray:
+    return (depth >= MIN_DEPTH) & (depth <= MAX_DEPTH)
+
+
 def _measured(depth: np.ndarray) -> np.ndarray:
     return np.isfinite(depth) & (depth > 0)
-
-
-def _abs_rel(sight: Sight | None) -> float | None:
-    """Mean |Z - Z*| / Z* of one look over the true depths of 0.5 m to 15 m where something was measured."""
-    if sight is None or sight.true_depth is None or sight.true_depth is sight.depth:
-        return None
-    true = sight.true_depth
-    known = (true >= MIN_DEPTH) & (true <= MAX_DEPTH) & _measured(sight.depth)
-    return float(np.mean(np.abs(sight.depth[known] - true[known]) / true[known])) if known.any() else None
 
 
 def _mean(values: list[float | None]) -> float | None:

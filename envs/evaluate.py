@@ -250,8 +250,6 @@ def _differences(config: EvaluateConfig, records: Sequence[EpisodeRecord]) -> li
 
 def _film(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence[EpisodeRecord]) -> None:
     """The films that are asked for and not there yet; tasks: of the records, in their order."""
-    from envs.film import Film
-
     chosen: dict[str, Task] = {}
     if config.videos:
         best, worst = best_and_worst(records)
@@ -259,6 +257,10 @@ def _film(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence[Episo
     for task in tasks:
         if task.episode in config.film_courses:
             chosen[f"videos/{Path(task.file).stem}.mp4"] = task
+    if not chosen:
+        return
+    from envs.film import Film
+
     noted = config.out / "videos.json"
     filmed = read_json(noted) if noted.is_file() else {}
     for name, task in chosen.items():
@@ -266,6 +268,7 @@ def _film(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence[Episo
         if filmed.get(name) == task.file and path.is_file():
             continue
         path.parent.mkdir(exist_ok=True)
+        write_json(noted, {other: file for other, file in filmed.items() if other != name})  # until it is whole
         with Film(path, f"{task.driver}, {task.perception}: course {task.episode}, {task.cell.name}") as film:
             drive(config, task, film.watch)
         filmed[name] = task.file

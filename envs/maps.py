@@ -66,7 +66,7 @@ def _page(path: Path, cell: str, courses: Sequence[Sequence[EpisodeRecord]], gro
     handles += [
         Line2D([], [], color="k", ls=LINES[n % len(LINES)], label=", ".join(group)) for n, group in enumerate(groups)
     ]
-    if any(drives[0].way for drives in courses):
+    if any(r.shortest_path for drives in courses for r in drives):
         handles.append(Line2D([], [], color=WAY_COLOUR, lw=WAY_WIDTH, label="shortest passable way"))
     figure.legend(handles=handles, loc="outside lower center", ncols=min(1 + columns, len(handles)), fontsize=8)
     relief = f", contours every {interval:g} m" if interval else ""
@@ -76,7 +76,7 @@ def _page(path: Path, cell: str, courses: Sequence[Sequence[EpisodeRecord]], gro
 
 def _contour_interval(courses: Sequence[Sequence[EpisodeRecord]]) -> float | None:
     """[m], one for a page; None where no record tells the relief."""
-    ranges = [float(np.ptp(drives[0].relief)) for drives in courses if drives[0].relief]
+    ranges = [float(np.ptp(r.relief)) for drives in courses for r in drives if r.relief]
     if not ranges:
         return None
     return next((step for step in CONTOURS if max(ranges) <= MOST_CONTOURS * step), CONTOURS[-1])
@@ -94,17 +94,23 @@ def _panel(
     def turned(points: Sequence[Sequence[float]] | np.ndarray) -> np.ndarray:
         return np.asarray((np.array(points, float).reshape(-1, 2) - origin) @ turn.T)
 
-    if first.relief and interval:
-        _contours(axes, first, turned, interval)
-    if first.way:
-        axes.plot(*turned(first.way).T, color=WAY_COLOUR, lw=WAY_WIDTH, solid_capstyle="round", zorder=1.5)
+    aside = ASIDE
+    for record in drives:  # records of earlier versions do not tell these, others of the same course may
+        if record.relief and interval:
+            _contours(axes, record, turned, interval)
+            break
+    for record in drives:
+        if record.shortest_path:
+            x, y = turned(record.shortest_path).T
+            axes.plot(x, y, color=WAY_COLOUR, lw=WAY_WIDTH, solid_capstyle="round", zorder=1.5)
+            aside = max(aside, float(np.abs(y).max()) + 1)
+            break
     rocks = np.array(first.obstacles).reshape(-1, 3)
     discs = EllipseCollection(
         rocks[:, 2], rocks[:, 2], np.zeros(len(rocks)), units="x", offsets=turned(rocks[:, :2]),
         offset_transform=axes.transData, facecolors=ROCK_COLOUR, zorder=1.6,
     )  # fmt: skip
     axes.add_collection(discs)
-    aside = ASIDE
     for record in drives:
         x, y = turned(record.track).T
         colour = OUTCOME_COLOURS.get(record.outcome, "#333333")

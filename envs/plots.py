@@ -50,7 +50,7 @@ def plot_success(path: Path, results: Sequence[dict[str, Any]], test_set: Mappin
         by_error.set(xlabel="Abs Rel of the depth on the way, up to 15 m")
         by_error.locator_params(axis="x", nbins=6)
         by_error.grid(alpha=0.3)
-    named = [axes.get_legend_handles_labels() for axes in (*others, by_k)]  # of two alike the line
+    named = [axes.get_legend_handles_labels() for axes in (*others, by_k)]  # by_k last: its handles, with a line, win
     handles = {label: handle for pair in named for handle, label in zip(*pair)}
     figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=2 if erring else 1, fontsize=8)
     figure.savefig(path)

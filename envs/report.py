@@ -95,14 +95,14 @@ def errors_beside(test_set: Mapping[str, float], records: Sequence[EpisodeRecord
 
 
 def looks_without_depth(records: Sequence[EpisodeRecord]) -> str:
-    """Lines that warn of perceptions that measured nothing at all in some of their looks."""
+    """Lines that warn of perceptions that measured nothing of the ground within range in some of their looks."""
     lines = []
     for perception in sorted({r.perception for r in records}):
-        own = [r for r in records if r.perception == perception]
-        blind, looks = sum(r.blind for r in own), sum(r.steps + 1 for r in own)
+        own = [r for r in records if r.perception == perception and r.blind is not None]
+        blind, looks = sum(r.blind or 0 for r in own), sum(r.steps + 1 for r in own)
         if blind:
-            share = max(1, round(100 * blind / looks))
-            lines.append(f"\n{perception} gave no depth at all in {blind} of its {looks} looks ({share} %).\n")
+            share = f"{100 * blind / looks:.0f} %" if blind >= 0.01 * looks else "under 1 %"
+            lines.append(f"\n{perception} gave no depth at all in {blind} of its {looks} looks ({share}).\n")
     return "".join(lines)
 
 

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from envs.foreign import called
 from envs.rock_map import RULES, MapTally, count_rocks, look_at, true_place
 from envs.sight import load_perception
 from m3depth.datasets.config import Part
@@ -99,7 +100,9 @@ def rocks_seen(config: RocksConfig) -> dict[str, Any]:
             if method is None:
                 look = true
             else:
-                seen = checked_prediction(method, method.infer(left, right, sample.rig), left.shape[:2])
+                with called(method):
+                    found = method.infer(left, right, sample.rig)
+                seen = checked_prediction(method, found, left.shape[:2])
                 look = look_at(seen.depth, seen.confidence, sample.rig, turn)
             for step, tally in tallies[name].items():
                 count_rocks(tally, look, scene, place, step)

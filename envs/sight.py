@@ -7,6 +7,7 @@ from time import perf_counter
 
 import numpy as np
 
+from envs.foreign import called
 from m3depth.estimator import Estimator, checked_prediction, load_estimator
 from marssim.camera import NATECAM, StereoRig
 from marssim.render.gbuffer import GBufferMaker
@@ -82,7 +83,8 @@ class Eyes:
     def look(self, pose: np.ndarray, pan: float) -> Sight:
         """See from a left-camera pose (4, 4) to world.
 
-        Raises EstimatorError (m3depth.estimator) where the perception returns anything but a whole Prediction.
+        Raises EstimatorError (m3depth.estimator) where the perception returns anything but a whole Prediction,
+        ForeignError (envs.foreign) for what a class of the user's own raises.
         """
         sight = self._see(pose, pan)
         if self.disparity_noise == 0:
@@ -102,7 +104,8 @@ class Eyes:
             return Sight(depth, np.ones_like(depth), rig, pose, pan, true_depth=depth)
         frame = self.picture(pose)
         start = perf_counter()
-        found = self.estimator.infer(frame.left, frame.right, NATECAM)
+        with called(self.estimator):
+            found = self.estimator.infer(frame.left, frame.right, NATECAM)
         seconds = perf_counter() - start
         seen = checked_prediction(self.estimator, found, frame.left.shape[:2])
         return Sight(

@@ -34,7 +34,7 @@ from marssim.command import counted, run_command
 from marssim.dataset import DatasetError, read_json, write_json
 from marssim.scene.scene import Place
 
-SETTINGS_FILE, LOG = "train_ppo.json", "log.jsonl"  # in OUT
+POLICY, SETTINGS_FILE, LOG = "policy.zip", "train_ppo.json", "log.jsonl"  # in OUT
 RATE = 1e-3  # of learning, at first
 BATCH = 64  # choices, at most
 REWARD_SHARE = 0.1  # returns of about one suit PPO's defaults
@@ -131,7 +131,7 @@ def train(config: TrainConfig, rollout: int = 128) -> Path:
     except ImportError:
         raise ImportError("envs.train_ppo needs stable-baselines3: pip install 'mars-m3depth[rl]'") from None
 
-    path = config.out / "policy.zip"
+    path = config.out / POLICY
     if path.is_file() and not PolicyDriver(path).corridors:  # which says what is wrong with a file that is no policy
         raise ValueError(f"{path}: is a policy that envs.train_ppo cannot go on from; choose another --out")
     _note(config)
@@ -186,12 +186,16 @@ def _note(config: TrainConfig) -> None:
     """Note what is learnt on; raise DatasetError that says what differs if a policy in the folder learnt on other."""
     file = config.out / SETTINGS_FILE
     courses = config.courses()
-    if (config.out / "policy.zip").is_file() and file.is_file():
+    if (config.out / POLICY).is_file():
+        if not file.is_file():
+            raise DatasetError(f"{file}: is not there to say what {POLICY} learnt on; choose another --out")
         before = read_json(file)
         told = [f"--{k.replace('_', '-')} {_typed(before.get(k))}" for k in courses if before.get(k) != courses[k]]
         if told:
             raise DatasetError(f"{file}: the policy there learnt with {', '.join(told)}; choose another --out")
+        return
     config.out.mkdir(parents=True, exist_ok=True)
+    (config.out / LOG).unlink(missing_ok=True)  # of a policy that was deleted
     write_json(file, {**courses, "versions": versions()})
 
 

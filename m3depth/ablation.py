@@ -18,7 +18,7 @@ from m3depth.figures.ablation import study_figure
 from m3depth.network.device import chosen_device
 from m3depth.network.model import M3Depth
 from m3depth.pairs import scored_depths
-from m3depth.report import versions, write_json
+from m3depth.report import check_own_results, versions, write_json
 from m3depth.run import saved_progress
 from m3depth.studies import BASE, Variant, distinct
 from m3depth.train_config import TrainConfig, check_config
@@ -123,6 +123,7 @@ def _claim(options: AblateOptions, datasets: Sequence[Any]) -> None:
         "limit": options.limit,
     }
     path = options.out / SETTINGS
+    check_own_results(options.out, "studies")
     if path.is_file():
         before = read_json(path)
         for name, value in settings.items():

@@ -48,13 +48,15 @@ def versions() -> dict[str, Any]:
 
 
 def check_own_results(out: Path, field: str) -> None:
-    """Raise DatasetError, before anything is scored, if the results.json in a folder is another command's.
+    """Raise DatasetError, before anything is done, if the results.json in a folder is another command's.
 
-    field: what only the caller's has. Its own is replaced, as that of an earlier run.
+    field: what only the caller's has. Its own of an earlier run is replaced.
     """
     path = out / "results.json"
     if path.is_file() and field not in read_json(path):
-        raise DatasetError(f"--out {out}: results.json there is another command's; choose another folder")
+        raise DatasetError(
+            f"--out {out}: results.json there is another command's, or an earlier version's; choose another folder"
+        )
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from envs.course import CourseError
 from envs.drivers import NavigatorDriver, Stop, StraightDriver
-from envs.episodes import Cell, DriveError, course_options, run_episode
+from envs.episodes import Cell, course_options, run_episode
+from envs.foreign import ForeignError
 from envs.mars_nav import ActionError
 from m3depth.prediction import Prediction
 from marssim.command import MISTAKES
@@ -42,7 +42,7 @@ def test_the_record_tells_the_drive(env):
     np.testing.assert_allclose(track[0], env.course.start[:2])
     assert len(record.headings) == len(track)
     assert np.exp(1j * record.headings[0]) == pytest.approx(np.exp(1j * env.course.start[2]), abs=1e-3)
-    way = np.array(record.way)
+    way = np.array(record.shortest_path)
     assert np.hypot(*np.diff(way, axis=0).T).sum() == pytest.approx(record.shortest, abs=0.05)
     relief, scene = np.array(record.relief), env.course.scene
     assert record.half == scene.half and relief.shape == (round(2 * scene.half) + 1,) * 2
@@ -148,9 +148,9 @@ def test_an_answer_that_is_no_action_names_the_driver(env, answer, message):
         run_episode(env, Mine(), Cell(), 5, 0, ("mine", ""))
 
 
-@pytest.mark.parametrize("place", ["reset", "act"])
-def test_what_a_driver_raises_is_told_with_its_course_and_its_cause(env, place):
-    """A ValueError of the user's own code is no mistake on the command line, whose one line would hide where it is."""
+@pytest.mark.parametrize("place", ["reset", "act", "infer"])
+def test_what_the_users_own_code_raises_is_told_with_its_course_and_its_cause(make_env, place):
+    """A ValueError of that code is no mistake on the command line, whose one line would hide where it is."""
 
     class Mine(Standing):
         def act(self, env, observation):
@@ -164,16 +164,22 @@ def test_what_a_driver_raises_is_told_with_its_course_and_its_cause(env, place):
                 raise ValueError("cannot broadcast")
             self.steps = 0
 
-    step = {"reset": 0, "act": 3}[place]
-    told = rf"^step {step} of course 4, k=0, slope=preset, by mine:Mine and sgbm: ValueError: cannot broadcast$"
-    with pytest.raises(DriveError, match=told) as raised:
-        run_episode(env, Mine(), Cell(k=0.0), 5, 4, ("mine:Mine", "sgbm"))
+        def infer(self, left, right, rig):
+            raise ValueError("cannot broadcast")
+
+    env = make_env(perception=Mine() if place == "infer" else "ground_truth", goal_distance=3.0, mast=True)
+    step = {"reset": 0, "act": 3, "infer": 0}[place]
+    told = (
+        rf"^step {step} of course 4, k=0, slope=preset, by mine and sgbm: \S*:\S*Mine raised ValueError: cannot broad"
+    )
+    with pytest.raises(ForeignError, match=told) as raised:
+        run_episode(env, Mine(), Cell(k=0.0), 5, 4, ("mine", "sgbm"))
     assert isinstance(raised.value.__cause__, ValueError) and not isinstance(raised.value, MISTAKES)
 
 
-def test_too_many_rocks_are_still_told_in_one_line(env, monkeypatch):
+def test_a_mistake_in_what_was_asked_for_is_still_told_in_one_line(env, monkeypatch):
     monkeypatch.setattr("envs.course.REDRAWS", 0)
-    with pytest.raises(CourseError, match="no goal can be reached"):
+    with pytest.raises(ValueError, match=r"^no goal can be reached"):
         run_episode(env, Standing(), Cell(), 5, 0)
 
 

@@ -1,4 +1,5 @@
 import json
+import os
 import re
 import subprocess
 import sys
@@ -229,6 +230,21 @@ def test_the_command_by_its_name_drives_in_workers_and_says_one_row(finished, tm
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1].startswith("1 row in ")
     assert timeless(json.loads((tmp_path / "results.json").read_text())) == timeless(finished[1])
+
+
+def test_what_ones_own_driver_raises_in_a_worker_shows_where(tmp_path):
+    (tmp_path / "broken.py").write_text(
+        "class Driver:\n    def reset(self, env, seed): ...\n    def act(self, env, observation):\n"
+        "        return self.steer_by_feel()\n    def steer_by_feel(self):\n        raise ValueError('no feeling')\n"
+    )
+    flags = [*FLAGS, "--episodes", "2", "--workers", "2", "--driver", "broken:Driver", "--out", str(tmp_path / "out")]
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    command = [sys.executable, "-m", "envs.evaluate", *flags]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+    assert done.returncode == 1 and "in steer_by_feel" in done.stderr
+    last = done.stderr.strip().splitlines()[-1]
+    told = r"envs\.foreign\.ForeignError: step 1 of course \d, .* by broken:Driver and ground_truth: "
+    assert re.match(told + "broken:Driver raised ValueError: no feeling$", last)
 
 
 def test_a_file_in_the_way_is_one_line(tmp_path, capsys):

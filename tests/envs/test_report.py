@@ -61,10 +61,11 @@ def test_drives_of_other_code_are_told():
 
 def test_looks_without_any_depth_are_told():
     seeing, blind = replace(DRIVE, perception="sgbm"), replace(DRIVE, perception="mine:Net", blind=3)
-    assert looks_without_depth([seeing]) == ""
-    assert looks_without_depth([seeing, blind, replace(blind, blind=0)]) == (
+    assert looks_without_depth([seeing, replace(seeing, blind=0)]) == ""
+    assert looks_without_depth([seeing, blind, replace(blind, blind=0), replace(blind, blind=None)]) == (
         "\nmine:Net gave no depth at all in 3 of its 8 looks (38 %).\n"
     )
+    assert "3 of its 1001 looks (under 1 %)" in looks_without_depth([replace(blind, steps=1000)])
 
 
 def test_differences_are_told_in_points():
@@ -149,11 +150,25 @@ def drawn_in(path, colour, reach=12):
 def test_the_shortest_way_is_a_band_and_named(tmp_path):
     """It goes 2 m to the left of the straight line, which is up."""
     for name, way in (("without", []), ("with", [[0.0, 0.0], [-2.0, 1.5], [0.0, 3.0]])):
-        plot_maps(tmp_path / name, [replace(DRIVE, way=way)])
+        plot_maps(tmp_path / name, [replace(DRIVE, shortest_path=way)])
     without, band = (drawn_in(tmp_path / name / "k0.1-slope5-0.png", WAY_COLOUR) for name in ("without", "with"))
     assert len(without) == 0 and len(band) > 100
     in_panel, legend = band[band[:, 0] < 150], band[band[:, 0] >= 150]
     assert np.ptp(in_panel[:, 0]) > 10 and len(legend) > 20
+
+
+def test_what_one_record_of_a_course_tells_is_drawn_for_all(tmp_path):
+    """As where drives of an earlier version, which kept no relief, are in the folder. The bend is in the frame."""
+    ramp = (np.linspace(0, 6, 11)[:, None] * np.ones(11)).tolist()
+    newer = replace(DRIVE, half=10.0, relief=ramp, shortest_path=[[0.0, 0.0], [11.0, 1.5], [0.0, 3.0]])
+    plot_maps(tmp_path / "old", [DRIVE, replace(DRIVE, driver="straight")])
+    plot_maps(tmp_path / "mixed", [DRIVE, replace(newer, driver="straight")])
+    old, mixed = (drawn_in(tmp_path / name / "k0.1-slope5-0.png", WAY_COLOUR) for name in ("old", "mixed"))
+    assert len(old) == 0 and len(mixed) > 100
+    frame = cv2.imread(str(tmp_path / "mixed" / "k0.1-slope5-0.png")).astype(int)
+    lines = np.flatnonzero((frame < 60).all(axis=2).sum(axis=1) > 0.2 * frame.shape[1])
+    bend = mixed[mixed[:, 0] <= lines[-1], 0].max()
+    assert lines[0] < bend < lines[-1] - 3
 
 
 def test_the_footprint_shows_where_drives_begin_and_end(tmp_path):

@@ -34,6 +34,9 @@ def test_it_trains_goes_on_and_what_it_saves_drives(tmp_path, make_env, monkeypa
         DatasetError, match=r"train_ppo\.json: the policy there learnt with --k 0\.1 0\.2, --seed 0; choose"
     ):
         train(TrainConfig(**config, k=(0.0, 0.1), seed=1, max_steps=48), rollout=16)
+    (tmp_path / "train_ppo.json").unlink()
+    with pytest.raises(DatasetError, match="is not there to say what policy"):
+        train(TrainConfig(**config, max_steps=48), rollout=16)
     assert path.read_bytes() == whole
     env = make_env(mast=True, map_observation=True)
     observation, _ = env.reset(seed=0)
