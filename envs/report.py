@@ -19,8 +19,9 @@ covered, times shortest over driven way. P / L: driven over shortest way of thos
 the goal, so it may be below 1. Collisions: of the chassis, or of a wheel with a rock that blocks. Near misses: drives
 without one whose footprint came within {100 * NEAR_MISS:.0f} cm of such a rock. No path: the driver gave up. Safety:
 collision, tilt or out of bounds. Time: it ran out, or the rover was stuck. Elsewhere: the driver believed to be at the
-goal, by its odometry, and was not. Tilt: the greatest. Abs Rel: of the depth on the way. Unreachable: goals that no
-way leads to, and that were replaced. s / step: seconds of driver, perception and simulation."""
+goal, by its odometry, and was not. Tilt: the greatest. Abs Rel: of the depth on the way. Unreachable: goals that no way
+leads to, and that were replaced. s / step: seconds of driver, perception and simulation. Differences, below: with 95 %
+intervals by the paired bootstrap over the courses."""
 
 NO_INTERVAL = "no interval: all courses differ alike, and the bootstrap cannot tell what others would"
 
@@ -107,13 +108,17 @@ def looks_without_depth(records: Sequence[EpisodeRecord]) -> str:
 
 
 def differences(rows: Sequence[dict[str, Any]]) -> str:
-    """Lines that say by how much success differs, on the same episodes."""
+    """Lines that say by how much success and SPL differ, on the same episodes."""
     lines = []
     for r in rows:
-        low, high = r["interval"]
-        told = f"{100 * low:+.0f} to {100 * high:+.0f}, paired bootstrap" if low < high else NO_INTERVAL
         lines.append(
-            f"{r['driver']}, {r['perception']} less {', '.join(r['less'])}: {100 * r['difference']:+.0f} points of "
-            f"success ({told}, {r['episodes']} episodes)\n"
+            f"{r['driver']}, {r['perception']} less {', '.join(r['less'])}, paired, {r['episodes']} episodes: "
+            f"{100 * r['difference']:+.0f} points of success ({_interval(r['interval'], 100, '+.0f')}), "
+            f"SPL {r['spl_difference']:+.2f} ({_interval(r['spl_interval'], 1, '+.2f')})\n"
         )
     return "".join(lines)
+
+
+def _interval(ends: Sequence[float], scale: float, digits: str) -> str:
+    low, high = ends
+    return f"{scale * low:{digits}} to {scale * high:{digits}}" if low < high else NO_INTERVAL

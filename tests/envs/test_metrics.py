@@ -81,9 +81,21 @@ def test_the_paired_difference_is_of_the_same_episodes():
     assert found["difference"] == pytest.approx(0.3) and found["episodes"] == 10
     low, high = found["interval"]
     assert 0 <= low < 0.3 < high <= 0.7  # three of ten differ: the binomial interval is 7 to 65 %
-    assert paired_difference(first, first) == {"episodes": 10, "difference": 0.0, "interval": [0.0, 0.0]}
+    same = paired_difference(first, first)
+    assert (same["difference"], same["interval"], same["spl_interval"]) == (0.0, [0.0, 0.0], [0.0, 0.0])
     with pytest.raises(ValueError, match="same episodes"):
         paired_difference(first, second[1:])
+
+
+def test_detours_differ_in_spl_where_success_does_not():
+    """Twice as long ways, all of them to the goal: SPL 0.8 and 0.4, or 0.4 and 0.8 on one course of ten."""
+    first = [record(episode=n, path_length=25.0 if n == 0 else 12.5) for n in range(10)]
+    second = [record(episode=n, path_length=12.5 if n == 0 else 25.0) for n in range(10)]
+    found = paired_difference(first, second)
+    assert found["difference"] == 0 and found["interval"] == [0.0, 0.0]
+    assert found["spl_difference"] == pytest.approx(0.4 * 0.8)
+    low, high = found["spl_interval"]
+    assert 0 < low < 0.32 < high <= 0.4 + 1e-9
 
 
 def test_pairing_is_worth_something():

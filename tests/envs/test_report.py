@@ -68,20 +68,22 @@ def test_looks_without_any_depth_are_told():
     assert "3 of its 1001 looks (under 1 %)" in looks_without_depth([replace(blind, steps=1000)])
 
 
-def test_differences_are_told_in_points():
-    row = {"driver": "straight", "perception": "p", "less": ["navigator", "p"], "episodes": 40, "difference": -0.35,
-           "interval": [-0.5, -0.2]}  # fmt: skip
-    assert differences([row]) == (
-        "straight, p less navigator, p: -35 points of success (-50 to -20, paired bootstrap, 40 episodes)\n"
+DIFFERENCE = {
+    "driver": "straight", "perception": "p", "less": ["navigator", "p"], "episodes": 40, "difference": -0.35,
+    "interval": [-0.5, -0.2], "spl_difference": -0.281, "spl_interval": [-0.4, -0.1],
+}  # fmt: skip
+
+
+def test_differences_are_told_in_points_and_in_spl():
+    assert differences([DIFFERENCE]) == (
+        "straight, p less navigator, p, paired, 40 episodes: -35 points of success (-50 to -20), "
+        "SPL -0.28 (-0.40 to -0.10)\n"
     )
 
 
 def test_an_interval_without_width_is_not_told_as_certainty():
-    row = {"driver": "straight", "perception": "p", "less": ["navigator", "p"], "episodes": 8, "difference": 0.0,
-           "interval": [0.0, 0.0]}  # fmt: skip
-    (line,) = differences([row]).splitlines()
-    assert line.startswith("straight, p less navigator, p: +0 points of success (no interval") and "8 episodes" in line
-    assert "to +0" not in line
+    (line,) = differences([{**DIFFERENCE, "difference": 0.0, "interval": [0.0, 0.0]}]).splitlines()
+    assert "+0 points of success (no interval" in line and "to +0" not in line and "(-0.40 to -0.10)" in line
 
 
 def outcome_colour(name):
