@@ -106,7 +106,8 @@ class EvaluateConfig:
     scores: tuple[Path, ...] = ()
     """results.json of m3depth.evaluate: the test set's Abs Rel of m3depth and sgbm is set beside that on the way"""
     videos: bool = True
-    """film the best and the worst drive, which are driven once more for that"""
+    """film the best drive, the arrival of the highest SPL, and the worst, that covered the least of its way; they are
+    driven once more for that, and pictures of every step take longer than the drive"""
     film_courses: tuple[int, ...] = ()
     """and film all drives over these courses, by their numbers in maps/, into OUT/videos"""
 

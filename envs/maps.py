@@ -69,7 +69,7 @@ def _page(path: Path, cell: str, courses: Sequence[Sequence[EpisodeRecord]], gro
     if any(r.shortest_path for drives in courses for r in drives):
         handles.append(Line2D([], [], color=WAY_COLOUR, lw=WAY_WIDTH, label="shortest passable way"))
     figure.legend(handles=handles, loc="outside lower center", ncols=min(1 + columns, len(handles)), fontsize=8)
-    relief = f", contours every {interval:g} m" if interval else ""
+    relief = f", contours every {interval:g} m, the lower the darker" if interval else ""
     figure.suptitle(f"{cell}\n[m] from the start{relief}", fontsize=9)
     figure.savefig(path)
 
@@ -138,4 +138,14 @@ def _contours(axes: Axes, record: EpisodeRecord, turned: Callable[[np.ndarray], 
     x, y = turned(np.stack(np.meshgrid(axis, axis), axis=-1)).T.reshape(2, *heights.shape)
     low = np.floor(heights.min() / interval) * interval
     levels = np.arange(low, heights.max() + interval, interval)
-    axes.contour(x, y, heights, levels=levels, cmap="copper", linewidths=0.6, alpha=0.8, zorder=1)
+    axes.contour(
+        x,
+        y,
+        heights,
+        levels=levels,
+        cmap="Greys_r",
+        vmax=heights.max() + np.ptp(heights),
+        linewidths=0.6,
+        alpha=0.8,
+        zorder=1,
+    )
