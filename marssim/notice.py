@@ -1,7 +1,7 @@
 """One line on stderr for who waits at a command where nothing is to be seen: that something takes long, once.
 
 Commands alone speak; a program that calls the package is not spoken into. Of the worker processes that a command starts
-the first speaks in its stead, if it has said nothing by then.
+the first that has something to say speaks in its stead, if it has said nothing by then.
 """
 
 from __future__ import annotations
@@ -9,34 +9,39 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from threading import Event
+from multiprocessing.context import BaseContext
+from threading import Semaphore
+from typing import Any
 
-_may_speak = Event()
+_turn: Any = None  # a semaphore of threads or of processes: whoever acquires it may say the line
 
 
 @contextmanager
 def speaking() -> Iterator[None]:
     """A command, while it runs: one line may be said."""
-    let_speak()
+    take_turn(Semaphore(1))
     try:
         yield
     finally:
-        _may_speak.clear()
+        take_turn(None)
 
 
-def let_speak() -> None:
-    """One line may be said from now on, by this process."""
-    _may_speak.set()
+def take_turn(turn: Any) -> None:
+    """From now on this process may speak when it is given this turn, one for all that have it."""
+    global _turn
+    _turn = turn
 
 
-def handed_over() -> bool:
-    """May the process that is started now speak? This one does so no more."""
-    free = _may_speak.is_set()
-    _may_speak.clear()
-    return free
+def shared_turn(context: BaseContext) -> Any:
+    """The turn for processes that are started in a context, None if the line was said. This one speaks no more."""
+    return context.Semaphore(1) if _free() else None
 
 
 def say(line: str) -> None:
-    """Print the line, if this process may speak and has said nothing yet."""
-    if handed_over():
+    """Print the line, if this process may speak and neither it nor those that share its turn have said one."""
+    if _free():
         print(f"note: {line}", file=sys.stderr, flush=True)
+
+
+def _free() -> bool:
+    return _turn is not None and bool(_turn.acquire(False))

@@ -24,7 +24,7 @@ from typing import Any
 import cv2
 
 from marssim.command import GOES_ON, KILLED
-from marssim.notice import handed_over, let_speak
+from marssim.notice import shared_turn, take_turn
 
 TASKS_PER_WORKER = 64  # then a process is replaced: what libraries do not free cannot add up, nor what is cached
 MOST_GROWTH = 400e6  # [bytes] or sooner, if it holds so much more memory than after its first task
@@ -66,7 +66,8 @@ class _Worker:
     processes are replaced (python/cpython#115634).
     """
 
-    def __init__(self) -> None:
+    def __init__(self, turn: Any) -> None:
+        self.turn = turn  # to speak (marssim.notice), of all workers together
         self.pool: ProcessPoolExecutor | None = None
         self.processes: set[Any] = set()
         self.held: list[int] = []  # memory after each task
@@ -75,7 +76,7 @@ class _Worker:
         """The future gives what `taken` takes."""
         if self.pool is None or len(self.held) == TASKS_PER_WORKER or self._grown():
             self.end()
-            self.pool, self.held = ProcessPoolExecutor(1, _SPAWN, _start, (handed_over(),)), []
+            self.pool, self.held = ProcessPoolExecutor(1, _SPAWN, _start, (self.turn,)), []
             before = set(multiprocessing.active_children())
             with _as_worker():
                 future = self.pool.submit(_weighed, function, task)
@@ -104,7 +105,8 @@ class _Worker:
 def _in_processes(
     function: Callable[..., Any], tasks: Sequence[Task], done: Callable[[Task, Any], object], count: int
 ) -> None:
-    workers = [_Worker() for _ in range(count)]
+    turn = shared_turn(_SPAWN)
+    workers = [_Worker(turn) for _ in range(count)]
     waiting, idle = list(reversed(tasks)), list(workers)
     running: dict[Future[Any], tuple[_Worker, Task]] = {}
     try:
@@ -148,14 +150,13 @@ def _as_worker() -> Iterator[None]:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
-def _start(speaks: bool) -> None:
+def _start(turn: Any) -> None:
     """Begin a worker: one thread for OpenCV too, and an end when the parent is gone, even by kill -9.
 
-    speaks: it may say what there is to say (marssim.notice), in the parent's stead.
+    turn: to say what there is to say (marssim.notice), in the parent's stead; None if there is none.
     """
     cv2.setNumThreads(1)
-    if speaks:
-        let_speak()
+    take_turn(turn)
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
