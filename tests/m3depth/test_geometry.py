@@ -1,3 +1,4 @@
+import cv2
 import numpy as np
 import torch
 from hypothesis import given, settings
@@ -15,6 +16,7 @@ from m3depth.geometry import (
 )
 from marssim.camera import NATECAM, PinholeCamera
 
+UV = (1, 0), (0, 1)  # orders of the derivatives along u and v
 CAMERA = torch.tensor([[60.0, 55.0, 9.3, 5.1]], dtype=torch.float64)
 
 
@@ -57,6 +59,24 @@ def test_sobel_of_an_affine_map() -> None:
     v, u = torch.meshgrid(torch.arange(5.0), torch.arange(7.0), indexing="ij")
     slope = sobel((0.3 * u - 0.2 * v + 4)[None, None])[0, :, 1:-1, 1:-1]
     torch.testing.assert_close(slope, torch.tensor([0.3, -0.2])[:, None, None].expand(2, 3, 5))
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 2**31))
+def test_sobel_is_opencvs(seed: int) -> None:
+    x = np.random.default_rng(seed).normal(100, 30, (9, 14))
+    expected = [cv2.Sobel(x, cv2.CV_64F, *order, scale=1 / 8, borderType=cv2.BORDER_REPLICATE) for order in UV]
+    np.testing.assert_allclose(sobel(torch.from_numpy(x)[None, None])[0].numpy(), expected, atol=1e-12)
+
+
+def test_slopes_and_normals_keep_their_precision_under_autocast() -> None:
+    """bf16 counts in half pixels from 64 px of disparity on."""
+    camera = scale_camera(torch.tensor([[595.9, 595.9, 255.5, 255.5]]), 2)
+    near = (100 + 0.23 * torch.arange(32.0)[:, None] + 0.01 * torch.arange(48.0))[None, None]
+    slopes, normals = sobel(near), normals_from_disparity(near, camera)
+    with torch.autocast("cpu", torch.bfloat16):
+        torch.testing.assert_close(sobel(near), slopes)
+        torch.testing.assert_close(normals_from_disparity(near, camera), normals)
 
 
 @settings(max_examples=40, deadline=None)
