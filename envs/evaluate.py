@@ -21,8 +21,6 @@ from pathlib import Path
 from typing import Any, Literal
 from zlib import crc32
 
-from tqdm import tqdm
-
 from envs.course import CourseConfig
 from envs.depth_scores import errors_on_test_set, weights_digest
 from envs.drivers import DRIVERS, make_driver
@@ -37,6 +35,7 @@ from m3depth.report import versions
 from marssim.command import counted, run_command
 from marssim.dataset import DatasetError, read_json, write_json
 from marssim.lock import sole_writer
+from marssim.progress import progress
 from marssim.render.makers import Renderer
 from marssim.scene.scene import LOOK_LIMITS, Place, SceneConfig, preset
 from marssim.workers import run_tasks
@@ -277,7 +276,7 @@ def _film(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence[Episo
 
 
 def _run(config: EvaluateConfig, tasks: list[Task], done: Callable[[Task, EpisodeRecord], None]) -> None:
-    with tqdm(total=len(tasks), unit="episode", desc="drive", disable=None) as bar:
+    with progress(len(tasks), "episode", "drive") as bar:
 
         def finished(task: tuple[EvaluateConfig, Task], record: EpisodeRecord) -> None:
             done(task[1], record)

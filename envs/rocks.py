@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from envs.foreign import called
 from envs.rock_map import RULES, MapTally, count_rocks, look_at, true_place
@@ -30,6 +29,7 @@ from m3depth.report import check_own_results, rocks_table, versions, write_json
 from m3depth.rocks import rock_scene
 from marssim.command import counted, run_command
 from marssim.dataset import StereoDataset
+from marssim.progress import watched
 
 KEY = "standing_0.2_m_within_8_m"
 STEPS = (0.10, 0.12, 0.15, 0.20, 0.25)  # [m] obstacles from which height on are counted besides --step
@@ -84,7 +84,7 @@ def rocks_seen(config: RocksConfig) -> dict[str, Any]:
     steps = sorted({config.step, *STEPS})
     tallies = {name: {step: MapTally() for step in steps} for name in methods}
     config.out.mkdir(parents=True, exist_ok=True)
-    for index, (dataset, number) in enumerate(tqdm(pairs, desc="rocks", unit="pair", disable=None)):
+    for index, (dataset, number) in enumerate(watched(pairs, "pair", "rocks")):
         sample = dataset[number]
         scene = rock_scene(sample)
         if scene is None:

@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
-from tqdm import tqdm
 
 from m3depth.datasets.config import DataConfig, Part
 from m3depth.datasets.open import open_pairs
@@ -42,6 +41,7 @@ from m3depth.report import check_own_results, markdown_report, text_table, versi
 from m3depth.weights import SHIPPED_WEIGHTS
 from marssim.command import counted, run_command
 from marssim.dataset import DatasetError
+from marssim.progress import watched
 
 EXAMPLES = 3  # pairs in the figures
 COMPARED = 3  # methods in comparison.png, which shows the errors too; all are in qualitative.png
@@ -101,7 +101,7 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
         seed=options.seed,
         examples=EXAMPLES,
         worst=EXAMPLES,
-        progress=lambda indices: tqdm(indices, desc="evaluate", unit="pair", disable=not sys.stderr.isatty()),
+        progress=lambda indices: watched(indices, "pair", "evaluate"),
     )
     about = {
         "data": str(options.data),

@@ -59,7 +59,8 @@ def evaluate(
     pairs, spread evenly over the dataset. degradation: applied to the images first; its noise depends on (seed, index)
     alone. max_disparity [px]: nearer pixels are scored apart. examples: so many pairs are kept to be shown, evenly
     spread; worst: and so many of those that the first method got most wrong. progress: wraps the indices that are
-    walked through, as tqdm does. Besides what is kept to be shown, memory grows by a few numbers a pair.
+    walked through, as marssim.progress.watched does. Besides what is kept to be shown, memory grows by a few numbers a
+    pair.
     Each estimator sees the first pair twice: the first time warms it up and is not timed.
     Raises ValueError if there is nothing to score, EstimatorError if a method returns no Prediction of this size;
     FileNotFoundError if a recorded prediction is missing.

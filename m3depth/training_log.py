@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from marssim.atomic import write_atomically
-
-PROGRESS_SECONDS = 20.0  # between progress lines where the output is no terminal
+from marssim.progress import LINE_SECONDS
 
 
 class Log:
@@ -64,7 +63,7 @@ class Log:
         """One line, rewritten on a terminal, printed now and then elsewhere."""
         if sys.stderr.isatty():
             print(f"\r{text}\x1b[K", end="", file=sys.stderr, flush=True)
-        elif time.monotonic() - self.last_line > PROGRESS_SECONDS:
+        elif time.monotonic() - self.last_line > LINE_SECONDS:
             self.last_line = time.monotonic()
             print(text, file=sys.stderr, flush=True)
 

@@ -9,10 +9,10 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from marssim.bullet import import_pybullet
 from marssim.camera import PinholeCamera
+from marssim.progress import watched
 from marssim.render.agreement import Agreement, agreements, small
 from marssim.render.egl import probe
 from marssim.render.gbuffer import GBufferMaker
@@ -53,8 +53,7 @@ def cross_check(place: Place, seed: int, views: int, camera: PinholeCamera) -> t
     with ExitStack() as open_makers:
         opened = {name: open_makers.enter_context(closing(make(scene))) for name, make in makers.items()}
         tracer = opened.pop(REFERENCE)
-        bar = tqdm(poses, unit="view", desc="cross-check", disable=None)
-        found = agreements(opened, tracer, camera, bar)
+        found = agreements(opened, tracer, camera, watched(poses, "view", "cross-check"))
     return {name: MakerCheck(found.get(name), planes[name]) for name in makers}, notes
 
 

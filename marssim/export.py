@@ -19,13 +19,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 import tyro
-from tqdm import tqdm
 
 from marssim.atomic import write_atomically
 from marssim.command import counted, run_command
 from marssim.dataset import EXPORTED, SPLITS, DatasetError, Split, StereoDataset, read_json, write_json
 from marssim.layouts import LAYOUTS, Item, Layout, SameAs
 from marssim.lock import LOCK, sole_writer
+from marssim.progress import progress
 from marssim.threads import in_threads
 
 SCHEMA = "marssim-export"
@@ -82,7 +82,7 @@ def _export(config: ExportConfig, chosen: list[dict[str, Any]]) -> int:
         there = items[sample["split"]]
         there.append(Item(config.data / "scenes" / sample["name"], sample["name"], sample["split"], len(there)))
     jobs = [item for there in items.values() for item in there]
-    with tqdm(total=len(jobs), unit="pair", desc="export", disable=None) as bar:
+    with progress(len(jobs), "pair", "export") as bar:
         for _ in in_threads(partial(_write, config.out, layout), jobs, config.workers):
             bar.update()
     for split in config.split:

@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-from tqdm import tqdm
 
 from marssim.atomic import write_atomically
 from marssim.command import counted, exit_code, writing_to
@@ -30,6 +29,7 @@ from marssim.generate_command import command_flags
 from marssim.generate_config import AUTO, EGL, TINY, GenerateConfig, parse_generate
 from marssim.integrity import check_written
 from marssim.lock import LOCK, sole_writer
+from marssim.progress import progress
 from marssim.render.egl import draws_on_a_card, probe
 from marssim.scene.scene import PRESETS, preset
 from marssim.scene_views import draw_drive, draw_scene, draw_view, generate_scene
@@ -61,7 +61,7 @@ def _generate(config: GenerateConfig) -> StereoDataset:
     names = [f"{scene:05d}/{view:02d}" for scene, views in enumerate(scenes) for view in views]
     _check_written(config.out, names)
     tasks = _shared_out(config, scenes)
-    with tqdm(total=config.pairs, unit="pair", desc="generate", disable=None) as bar:
+    with progress(config.pairs, "pair", "generate") as bar:
         run_tasks(generate_scene, tasks, lambda _, count: bar.update(count), config.workers, config.scheduler)
     _clear_up(config.out)
     write_index(config.out, {**content, "pairs": config.pairs}, names)

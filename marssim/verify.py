@@ -21,7 +21,6 @@ from pathlib import Path
 
 import numpy as np
 import tyro
-from tqdm import tqdm
 
 from marssim.atomic import write_atomically
 from marssim.camera import NATECAM
@@ -33,6 +32,7 @@ from marssim.dataset_figures import sample_figure, statistics_figure
 from marssim.integrity import Finding, check_extra, check_index, check_samples, check_trajectories
 from marssim.lock import check_unused
 from marssim.pointcloud import coloured_points, encode_glb, encode_ply, surface_mesh
+from marssim.progress import progress
 from marssim.scene.scene import Place
 from marssim.statistics import Tally, table
 from marssim.statistics import __doc__ as definitions
@@ -99,7 +99,7 @@ def verify_dataset(config: VerifyConfig, dataset: StereoDataset) -> tuple[list[F
     Returns what is wrong, and the tallies of "all" and of each split.
     """
     found, whole = check_index(dataset), []
-    with tqdm(total=len(dataset), unit="pair", desc="check", disable=None) as bar:
+    with progress(len(dataset), "pair", "check") as bar:
         for name, problems in check_samples(dataset, config.workers):
             found += problems
             if not problems:
@@ -110,7 +110,7 @@ def verify_dataset(config: VerifyConfig, dataset: StereoDataset) -> tuple[list[F
     split = {sample["name"]: sample["split"] for sample in dataset.index["samples"]}
     chosen = spread({name: split[name] for name in whole}, config.statistics_of)
     read = partial(_read, dataset.path)
-    with tqdm(total=len(chosen), unit="pair", desc="statistics", disable=None) as bar:
+    with progress(len(chosen), "pair", "statistics") as bar:
         for name, sample in zip(chosen, in_threads(read, chosen, config.workers)):
             if isinstance(sample, Finding):
                 found.append(sample)
