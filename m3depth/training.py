@@ -7,6 +7,7 @@ import os
 import shlex
 import sys
 import time
+import warnings
 from contextlib import nullcontext
 from typing import Any
 
@@ -61,6 +62,8 @@ def join_group(config: TrainConfig) -> tuple[int, int, torch.device]:
         return 0, 1, device
     if device.type == "cuda":
         torch.cuda.set_device(device)
+    # Of 1 x 1 kernels, whose strides mean nothing; twice from each process.
+    warnings.filterwarnings("ignore", message="Grad strides do not match bucket view strides")
     if not dist.is_initialized():
         dist.init_process_group("nccl" if device.type == "cuda" else "gloo")
     return dist.get_rank(), dist.get_world_size(), device

@@ -65,6 +65,7 @@ def test_two_processes_are_one_batch_in_two_parts(plane_set, tmp_path) -> None:
     )  # fmt: skip
     assert done.returncode == 0, done.stderr[-3000:]
     assert done.stdout.count("averaged weights of step 2") == 1  # one of the processes speaks and writes
+    assert "Warning" not in done.stderr
     config = TrainConfig(
         data=(plane_set,), out=tmp_path / "one", init=init, max_steps=2, batch=2, accumulate=2, crop=(32, 64),
         device="cpu", precision="fp32", validate_samples=1, lr=1e-4,
