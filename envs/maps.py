@@ -25,6 +25,8 @@ OUTCOME_COLOURS = {
 LINES = ("-", "--", ":", "-.")  # one for each driver and perception
 ROCK_COLOUR, WAY_COLOUR, WAY_WIDTH = "#9a938c", "#f4d58d", 3.5
 CONTOURS, MOST_CONTOURS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0), 20  # [m] apart, the first with which there are no more
+CRASH = "collision"
+CRASH_MARK, END_MARK = ("X", 6), ("o", 3)  # matplotlib's marker and its size [pt]
 COLUMNS, ROWS = 5, 4
 AROUND = 5.0  # [m] shown before the start and behind the goal
 ASIDE = 8.0  # [m] shown to either side, more where a drive went further
@@ -35,8 +37,8 @@ def plot_maps(folder: Path, records: Sequence[EpisodeRecord]) -> None:
 
     Each course is turned so that its goal, a star in the circle within which it counts as reached, lies to the right of
     its start, both on the middle line; rocks that block are grey discs. Colour is the outcome, the line says who drove.
-    The rover's footprint is drawn where it started and where each drive ended; the shortest passable way is a pale
-    band, relief is drawn as contours, dark ones below.
+    The rover's footprint is drawn where it started and where each drive ended, with a cross where it hit something; the
+    shortest passable way is a pale band, relief is drawn as contours, dark ones below.
     """
     folder.mkdir(parents=True, exist_ok=True)
     groups = sorted({(r.driver, r.perception) for r in records})
@@ -52,7 +54,10 @@ def plot_maps(folder: Path, records: Sequence[EpisodeRecord]) -> None:
 def _page(path: Path, cell: str, courses: Sequence[Sequence[EpisodeRecord]], groups: Sequence[tuple[str, str]]) -> None:
     columns = min(COLUMNS, len(courses))
     rows = -(-len(courses) // columns)
-    figure = Figure(figsize=(3.6 * columns, 2.5 * rows + 0.8), dpi=90, layout="constrained")
+    legend = _legend(courses, groups)
+    across = min(1 + columns, len(legend))
+    height = 2.5 * rows + 0.4 + 0.2 * -(-len(legend) // across)
+    figure = Figure(figsize=(3.6 * columns, height), dpi=90, layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     interval = _contour_interval(courses)
@@ -61,17 +66,30 @@ def _page(path: Path, cell: str, courses: Sequence[Sequence[EpisodeRecord]], gro
     for axes, drives in zip(panels, courses):
         axes.set_axis_on()
         _panel(axes, drives, groups, interval)
-    seen = sorted({r.outcome for drives in courses for r in drives})
-    handles = [Line2D([], [], color=OUTCOME_COLOURS.get(o, "#333333"), label=o) for o in seen]
-    handles += [
-        Line2D([], [], color="k", ls=LINES[n % len(LINES)], label=", ".join(group)) for n, group in enumerate(groups)
-    ]
-    if any(r.shortest_path for drives in courses for r in drives):
-        handles.append(Line2D([], [], color=WAY_COLOUR, lw=WAY_WIDTH, label="shortest passable way"))
-    figure.legend(handles=handles, loc="outside lower center", ncols=min(1 + columns, len(handles)), fontsize=8)
+    figure.legend(handles=legend, loc="outside lower center", ncols=across, fontsize=8)
     relief = f", contours every {interval:g} m, the lower the darker" if interval else ""
     figure.suptitle(f"{cell}\n[m] from the start{relief}", fontsize=9)
     figure.savefig(path)
+
+
+def _legend(courses: Sequence[Sequence[EpisodeRecord]], groups: Sequence[tuple[str, str]]) -> list[Line2D]:
+    records = [record for drives in courses for record in drives]
+    outcomes = sorted({record.outcome for record in records})
+    out = [Line2D([], [], color=OUTCOME_COLOURS.get(o, "#333333"), label=o) for o in outcomes]
+    out += [
+        Line2D([], [], color="k", ls=LINES[n % len(LINES)], label=", ".join(group)) for n, group in enumerate(groups)
+    ]
+    if any(record.shortest_path for record in records):
+        out.append(Line2D([], [], color=WAY_COLOUR, lw=WAY_WIDTH, label="shortest passable way"))
+    out += [
+        Line2D([], [], ls="", marker="o", color=ROCK_COLOUR, label="rock that blocks"),
+        Line2D([], [], ls="", marker="*", color="k", ms=8, label="goal and its circle"),
+        Line2D([], [], ls="", marker="s", mfc="none", mec="k", ms=7, label="rover, start and end"),
+    ]
+    if CRASH in outcomes:
+        marker, size = CRASH_MARK
+        out.append(Line2D([], [], ls="", marker=marker, ms=size, color=OUTCOME_COLOURS[CRASH], label="hit here"))
+    return out
 
 
 def _contour_interval(courses: Sequence[Sequence[EpisodeRecord]]) -> float | None:
@@ -116,7 +134,8 @@ def _panel(
         colour = OUTCOME_COLOURS.get(record.outcome, "#333333")
         line = LINES[groups.index((record.driver, record.perception)) % len(LINES)]
         axes.plot(x, y, color=colour, lw=1.3, ls=line)
-        axes.plot(x[-1:], y[-1:], "o", color=colour, ms=3)
+        marker, size = CRASH_MARK if record.outcome == CRASH else END_MARK
+        axes.plot(x[-1:], y[-1:], marker, color=colour, ms=size)
         for at, edge in ((0, "k"), (-1, colour)):
             if record.headings:
                 corners = footprint_corners(ZHURONG, (*record.track[at], record.headings[at]))

@@ -44,8 +44,11 @@ def best_and_worst(records: Sequence[EpisodeRecord]) -> tuple[int, int]:
     return order[-1], order[0]
 
 
-def wilson_interval(successes: int, trials: int, z: float = 1.96) -> tuple[float, float]:
-    """Wilson score interval of a proportion, 95 % by default. Raises ValueError without trials."""
+def wilson_interval(successes: float, trials: int, z: float = 1.96) -> tuple[float, float]:
+    """Wilson score interval of a proportion, 95 % by default. Raises ValueError without trials.
+
+    successes: of more trials, if those are not independent, their mean a trial times `trials`.
+    """
     if trials < 1:
         raise ValueError("an interval needs at least one trial")
     p, n = successes / trials, trials

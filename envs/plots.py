@@ -19,9 +19,9 @@ def plot_success(path: Path, results: Sequence[dict[str, Any]], test_set: Mappin
     """Left: success against k, slopes pooled. Right: success against Abs Rel on the way, a point for each cell; it is
     left out if all was driven by true depth.
 
-    Bars are 95 % Wilson intervals; those over several slopes are somewhat short, as the slopes' courses have their
-    rocks in common. results: rows of results.json. test_set: Abs Rel of perceptions on their test set, dotted lines in
-    the right plot.
+    Bars are 95 % Wilson intervals. Where slopes are pooled, they are of as many trials as there are courses of
+    different numbers: those of one number have their rocks in common. results: rows of results.json. test_set: Abs Rel
+    of perceptions on their test set, dotted lines in the right plot.
     """
     erring = any(r["abs_rel"] is not None for r in results)
     figure = Figure(figsize=(9.6 if erring else 5.0, 4.0), dpi=110, layout="constrained")
@@ -36,7 +36,7 @@ def plot_success(path: Path, results: Sequence[dict[str, Any]], test_set: Mappin
         _bars(by_k, at, list(pooled.values()), colour, label, line=True)
         for by_error in others:
             known = [r for r in rows if r["abs_rel"] is not None]
-            points = [(round(r["success_rate"] * r["episodes"]), r["episodes"]) for r in known]
+            points = [(r["success_rate"], r["episodes"]) for r in known]
             _bars(by_error, [r["abs_rel"] for r in known], points, colour, label, line=False)
             if known and test_set and group[1] in test_set:
                 by_error.axvline(test_set[group[1]], color=colour, ls=":", label=f"{group[1]}, test set")
@@ -56,19 +56,24 @@ def plot_success(path: Path, results: Sequence[dict[str, Any]], test_set: Mappin
     figure.savefig(path)
 
 
-def pool_by_k(rows: Sequence[dict[str, Any]]) -> dict[float | None, tuple[int, int]]:
-    """Arrivals and episodes for each k, in its order; rows: of one driver and perception."""
-    out: dict[float | None, tuple[int, int]] = {}
-    for r in sorted(rows, key=lambda r: r["cell"]["k"] or 0.0):
-        arrived, driven = out.get(r["cell"]["k"], (0, 0))
-        out[r["cell"]["k"]] = (arrived + round(r["success_rate"] * r["episodes"]), driven + r["episodes"])
+def pool_by_k(rows: Sequence[dict[str, Any]]) -> dict[float | None, tuple[float, int]]:
+    """For each k, in its order: share of arrivals, and how many courses have numbers of their own.
+
+    rows: of one driver and perception.
+    """
+    out: dict[float | None, tuple[float, int]] = {}
+    for k in sorted({r["cell"]["k"] for r in rows}, key=lambda k: k or 0.0):
+        own = [r for r in rows if r["cell"]["k"] == k]
+        arrived = sum(round(r["success_rate"] * r["episodes"]) for r in own)
+        out[k] = (arrived / sum(r["episodes"] for r in own), max(r["episodes"] for r in own))
     return out
 
 
-def _bars(axes: Any, x: list[float], points: list[tuple[int, int]], colour: str, label: str, line: bool) -> None:
+def _bars(axes: Any, x: list[float], points: list[tuple[float, int]], colour: str, label: str, line: bool) -> None:
+    """points: share of arrivals and number of trials."""
     if not points:
         return
-    rate = np.array([100 * arrived / driven for arrived, driven in points])
-    ends = 100 * np.array([wilson_interval(*point) for point in points]).T
+    rate = np.array([100 * share for share, _ in points])
+    ends = 100 * np.array([wilson_interval(share * trials, trials) for share, trials in points]).T
     error = np.abs(np.vstack([rate - ends[0], ends[1] - rate]))
     axes.errorbar(x, rate, error, color=colour, label=label, fmt="o-" if line else "o", ms=4, lw=1.3, capsize=2)
