@@ -11,13 +11,17 @@ from envs.drivers import Driver, NavigatorDriver
 from envs.mars_nav import MarsNavEnv
 from envs.outside_view import HEIGHT, OutsideView
 from marssim.colours import depth_colours, normal_colours
+from marssim.physics.state import RoverState
 from marssim.render.raycast import Raycaster
 from nav.footprint import footprint_corners
 from nav.navigator import Navigator
 
 PANEL = HEIGHT  # the square panels are as high as the outside view, and half as wide
 MAP_METRES = 24.0
+SCALE_BAR = 5.0  # [m]
+NORMALS_TITLE = "normals: red right, green up, blue to the eye"
 MAP_TITLE = "map: green free, yellow costly, red blocked, grey unknown"
+TEXT = cv2.FONT_HERSHEY_SIMPLEX, 0.45, (240, 240, 240), 1, cv2.LINE_AA  # font, size, colour, weight
 FPS = 5
 STILL_EVERY = 10
 
@@ -64,12 +68,12 @@ class Film:
             normal = np.where(np.isfinite(sight.depth)[..., None], normal, 0)
         distance = float(np.hypot(*(env.course.goal - state.position[:2])))
         top = [
-            _titled(outside, self.title, f"step {step}   goal {distance:.1f} m   {env.outcome}"),
+            _titled(outside, self.title, f"step {step}   {_motion(state)}   goal {distance:.1f} m   {env.outcome}"),
             _titled(_square(left), "left eye"),
         ]
         bottom = [
             _titled(_square(depth_colours(sight.depth)), "depth, 1 m (red) to 15 m (blue)"),
-            _titled(_square(normal_colours(np.zeros_like(left) if normal is None else normal)), "normals"),
+            _titled(_square(normal_colours(np.zeros_like(left) if normal is None else normal)), NORMALS_TITLE),
             _titled(navigator_map(env, driver), MAP_TITLE if _navigator(driver) else "map: this driver keeps none"),
         ]
         frame = np.vstack([np.hstack(top), np.hstack(bottom)])
@@ -114,7 +118,14 @@ def navigator_map(env: MarsNavEnv, driver: Driver) -> np.ndarray:
     corners = [pixel(corner) for corner in footprint_corners(env.rover_spec, (*middle, yaw))]
     cv2.polylines(canvas, [np.array(corners, dtype=np.int32)], True, (255, 255, 255), 2, cv2.LINE_AA)
     cv2.line(canvas, pixel(middle), pixel(middle + np.array([c, s])), (255, 255, 255), 2, cv2.LINE_AA)
+    left, right, low = PANEL - 12 - round(SCALE_BAR * scale), PANEL - 12, PANEL - 12
+    cv2.line(canvas, (left, low), (right, low), (240, 240, 240), 2)
+    cv2.putText(canvas, f"{SCALE_BAR:g} m, north up", (left - 20, low - 8), *TEXT)
     return canvas
+
+
+def _motion(state: RoverState) -> str:
+    return f"{state.velocity[0]:.2f} m/s   tilt {np.degrees(state.tilt):.0f} deg"
 
 
 def _navigator(driver: Driver) -> Navigator | None:
@@ -131,5 +142,5 @@ def _titled(image: np.ndarray, *lines: str) -> np.ndarray:
     told = [line for line in lines if line]
     cv2.rectangle(out, (0, 0), (out.shape[1], 20 * len(told)), (18, 18, 20), -1)
     for n, line in enumerate(told):
-        cv2.putText(out, line, (6, 15 + 20 * n), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (240, 240, 240), 1, cv2.LINE_AA)
+        cv2.putText(out, line, (6, 15 + 20 * n), *TEXT)
     return out
