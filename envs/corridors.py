@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import cv2
 import gymnasium
 import numpy as np
 from gymnasium import spaces
@@ -21,6 +20,7 @@ from envs.map_view import CELL, PIXELS
 from envs.mars_nav import MarsNavEnv
 from envs.observation import share_of_distance
 from marssim.rover_spec import RoverSpec
+from nav.distance_transform import euclidean_distance
 
 SWING = np.pi / 2  # [rad] to either side of the goal's direction: the ways that are looked along and can be taken
 WAYS = 13  # every 15 deg
@@ -115,7 +115,7 @@ def look_along(cost: np.ndarray, bearings: np.ndarray, half_width: float) -> tup
     free = (cost < 1).astype(np.uint8)
     if free.all():
         return np.full(len(bearings), REACH), np.full(len(bearings), ROOM)
-    clearance = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * CELL - CELL / 2
+    clearance = euclidean_distance(free) * CELL - CELL / 2
     middle = slice(PIXELS // 2 - 1, PIXELS // 2 + 1)  # the rover stands at the corner of four cells
     near = clearance[row, column]
     hit = near < min(half_width, float(clearance[middle, middle].min()))

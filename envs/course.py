@@ -16,6 +16,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from marssim.rover_spec import RoverSpec
 from marssim.scene.scene import Scene, SceneConfig, build_scene
+from nav.distance_transform import euclidean_distance
 
 CLEAR_RADIUS = 2.5  # [m] around start and goal, free of rocks
 MARGIN = 7.0  # [m] from start and goal to the edge of the driving ground
@@ -80,7 +81,7 @@ class TrueGround:
         if free.all():
             self._clearance = np.full((n, n), np.float32(2 * self.half))
         else:
-            self._clearance = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * CELL
+            self._clearance = euclidean_distance(free) * CELL
         coarse = self._clearance[::STRIDE, ::STRIDE]
         self._cell = CELL * STRIDE
         inside = np.abs(np.arange(len(coarse)) * self._cell - self.half) <= self.half - EDGE

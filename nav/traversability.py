@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from marssim.rover_spec import RoverSpec
+from nav.distance_transform import euclidean_distance
 from nav.elevation import ElevationMap
 
 SEEN_SHARE = 0.2  # of a window, less than which tells nothing of its ground
@@ -68,7 +69,7 @@ def distance_to(mask: np.ndarray, cell: float) -> np.ndarray:
     """
     if not mask.any():
         return np.full(mask.shape, np.inf, np.float32)
-    return cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * cell - cell / 2
+    return euclidean_distance(~mask) * cell - cell / 2
 
 
 def ground_surface(low: np.ndarray, known: np.ndarray, window: int) -> np.ndarray:
