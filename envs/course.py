@@ -79,7 +79,7 @@ class TrueGround:
             centre = (round((x + self.half) / CELL), round((y + self.half) / CELL))
             cv2.circle(free, centre, max(1, round(rocks.diameter[i] / 2 / CELL)), 0, -1)
         if free.all():
-            self._clearance = np.full((n, n), np.float32(2 * self.half))
+            self._clearance: np.ndarray = np.full((n, n), np.float32(2 * self.half))
         else:
             self._clearance = euclidean_distance(free) * CELL
         coarse = self._clearance[::STRIDE, ::STRIDE]

@@ -31,7 +31,7 @@ def _work(options: AblateOptions) -> None:
     from m3depth.ablation import ablate
 
     ablate(options)
-    print((options.out / "results.md").read_text())
+    print((options.out / "results.md").read_text(encoding="utf-8"))
 
 
 if __name__ == "__main__":

@@ -83,7 +83,6 @@ def ablate(options: AblateOptions) -> dict[str, Any]:
     runs = plan(options)
     test_folder = options.test or options.data[0]
     training = [open_pairs(folder, "train") for folder in options.data]
-    held_out = Joined([open_pairs(folder, "val") for folder in options.data])
     test = open_pairs(test_folder, "test")
     for folder, pairs in zip(options.data, training, strict=True):
         if not len(pairs):
@@ -100,7 +99,7 @@ def ablate(options: AblateOptions) -> dict[str, Any]:
         )
         for number, run in enumerate(runs, start=1):
             print(f"run {number} of {len(runs)}: {run.folder.name}", file=sys.stderr, flush=True)
-            _train(run, options, Joined(training), held_out)
+            _train(run, options, Joined(training))
             if _score(run, options, test):
                 _tables(options, runs, test)
         results = _tables(options, runs, test)
@@ -133,14 +132,14 @@ def _claim(options: AblateOptions, datasets: Sequence[Any]) -> None:
         write_atomically(path, (json.dumps(settings, indent=1) + "\n").encode())
 
 
-def _train(run: PlannedRun, options: AblateOptions, samples: Any, held_out: Any) -> None:
+def _train(run: PlannedRun, options: AblateOptions, samples: Any) -> None:
     """Train to the end of the budget, or find it done. Raises KeyboardInterrupt if a signal ended it before."""
     network = asdict(run.variant.resolved(options.preset)[0])
     write_atomically(run.folder / "network.json", (json.dumps(network, indent=2) + "\n").encode())
     if spent_budget(run.config, *saved_progress(run.folder)):
         return
     try:
-        train(run.config, samples, held_out)
+        train(run.config, samples, [])
     except FloatingPointError as error:
         print(f"{run.folder.name}: {error}; it stays out of the tables", file=sys.stderr, flush=True)
         return

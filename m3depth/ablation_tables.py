@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,11 +17,20 @@ from marssim.command import counted
 NAMES = {**DEPTH_COLUMNS, **{f"normal_{name}": f"normals, {text}" for name, text in NORMAL_COLUMNS.items()}}
 METHOD = "M3Depth"  # what a run's network is called in its score
 MEASURED = {"abs_rel": "Abs Rel", "normal_mean": "the mean error of the normals"}
-FEWEST_PAIRS, FEWEST_STEPS = 20, 200  # of a test set and a budget from which anything can be told
+FEWEST_SCENES, FEWEST_STEPS = 20, 200  # of a test set and a budget from which anything can be told
 VERDICTS = ("agrees", "disagrees", "undecided")
 
 Scores = Mapping[int, Mapping[str, Any]]  # by seed, the score.json of a run
 Figures = Mapping[int, np.ndarray]  # by seed, (pairs,) one figure of a run
+
+
+@dataclass(frozen=True)
+class Column:
+    """One figure of all runs, on the pairs that have it in all of them. by_run: Figures by variant; scenes: (pairs,)
+    what each pair shows."""
+
+    by_run: dict[str, dict[int, np.ndarray]]
+    scenes: list[str]
 
 
 def findings(study: Study, scores: Mapping[str, Scores]) -> dict[str, Any]:
@@ -28,15 +38,16 @@ def findings(study: Study, scores: Mapping[str, Scores]) -> dict[str, Any]:
 
     scores: by the name of the variant, score.json by seed; empty where nothing is scored yet. Figures are means
     over the test pairs, then over the seeds. Changes are relative, with the 95 % interval of the paired bootstrap over
-    the pairs. A pair that holds no pixel of a figure is left out of that figure, in every run.
+    the scenes, whose pairs are drawn together: views of one scene are alike. A pair that
+    holds no pixel of a figure is left out of that figure, in every run.
     """
     runs = {row.variant.name: scores[row.variant.name] for row in study.rows}
-    columns = {name: _by_run(runs, name) for name in study.columns}
+    columns = {name: _column(runs, name) for name in study.columns}
     reference = study.rows[study.reference]
     rows = []
     for row in study.rows:
         seeds = scores[row.variant.name]
-        figures = {name: by_run[row.variant.name] for name, by_run in columns.items()}
+        figures = {name: column.by_run[row.variant.name] for name, column in columns.items()}
         rows.append(
             {
                 "label": row.label,
@@ -48,7 +59,7 @@ def findings(study: Study, scores: Mapping[str, Scores]) -> dict[str, Any]:
                 "against_reference": {
                     name: {
                         "paper": _ratio(row.paper.get(name), reference.paper.get(name)),
-                        **_change(columns[name][reference.variant.name], figures[name]),
+                        **_change(columns[name], reference.variant.name, row.variant.name),
                     }
                     for name in study.columns
                 },
@@ -68,32 +79,39 @@ def findings(study: Study, scores: Mapping[str, Scores]) -> dict[str, Any]:
         "columns": list(study.columns),
         "measures": list(study.measures),
         "reference": study.reference,
-        "pairs": {
-            name: _most(len(x) for by_seed in columns[name].values() for x in by_seed.values()) for name in columns
-        },
-        "all_pairs": _most(len(score["per_pair"]) for by_seed in runs.values() for score in by_seed.values()),
+        "pairs": {name: len(column.scenes) for name, column in columns.items()},
+        "all_pairs": max((len(records) for records in _records(runs)), default=0),
+        "all_scenes": max((len(set(map(_scene, records))) for records in _records(runs)), default=0),
         "rows": rows,
         "comparisons": said,
         "order": [_order(study, rows, name) for name in study.measures],
     }
 
 
-def _by_run(runs: Mapping[str, Scores], name: str) -> dict[str, dict[int, np.ndarray]]:
-    """By variant and seed, a figure of each pair that has it in all of these runs: everywhere the same pairs."""
+def _records(runs: Mapping[str, Scores]) -> list[Sequence[Mapping[str, Any]]]:
+    """The records of the pairs, of each run."""
+    return [score["per_pair"] for by_seed in runs.values() for score in by_seed.values()]
+
+
+def _scene(record: Mapping[str, Any]) -> str:
+    """What a pair shows: marssim names pairs SCENE/VIEW; where a name holds no folder, each pair stands alone."""
+    return str(record["pair"]).rpartition("/")[0] or str(record["pair"])
+
+
+def _column(runs: Mapping[str, Scores], name: str) -> Column:
+    """A figure of each pair that has it in all of these runs: everywhere the same pairs."""
     found = {
         run: {seed: [pair[METHOD].get(name) for pair in score["per_pair"]] for seed, score in by_seed.items()}
         for run, by_seed in runs.items()
     }
     everything = [figures for by_seed in found.values() for figures in by_seed.values()]
     has = [None not in figures for figures in zip(*everything)]
-    return {
+    by_run = {
         run: {seed: np.array([x for x, kept in zip(figures, has) if kept], float) for seed, figures in by_seed.items()}
         for run, by_seed in found.items()
     }
-
-
-def _most(counts: Iterable[int]) -> int:
-    return max(counts, default=0)
+    first = next(iter(_records(runs)), [])
+    return Column(by_run, [_scene(record) for record, kept in zip(first, has) if kept])
 
 
 def _mean(figures: Figures) -> float | None:
@@ -106,24 +124,25 @@ def _ratio(value: float | None, reference: float | None) -> float | None:
     return None if value is None or reference is None else value / reference - 1
 
 
-def _change(before: Figures, after: Figures) -> dict[str, Any]:
+def _change(column: Column, before_run: str, after_run: str) -> dict[str, Any]:
     """Relative change of a mean from one run to another, by the seeds that both have."""
+    before, after = column.by_run[before_run], column.by_run[after_run]
     common = sorted(before.keys() & after.keys())
     if not common or not len(before[common[0]]) or not np.mean([before[seed] for seed in common]) > 0:
         return {"here": None, "interval": None, "by_seed": []}
     first, second = (np.stack([run[seed] for seed in common], 1) for run in (before, after))  # (pairs, seeds)
-    means = bootstrap.resampled_means(np.stack([first.mean(1), second.mean(1)], 1))
+    means = bootstrap.resampled_means(np.stack([first.mean(1), second.mean(1)], 1), column.scenes)
     with np.errstate(divide="ignore", invalid="ignore"):
         low, high = bootstrap.interval(means[:, 1] / means[:, 0] - 1)
         by_seed = (second.mean(0) / first.mean(0) - 1).tolist()
     return {"here": float(second.mean() / first.mean() - 1), "interval": [low, high], "by_seed": by_seed}
 
 
-def _compare(study: Study, asked: Comparison, figures: Mapping[str, Figures], name: str) -> dict[str, Any]:
+def _compare(study: Study, asked: Comparison, column: Column, name: str) -> dict[str, Any]:
     """One comparison by one measure, and the sentence about it."""
     before, after = study.rows[asked.before], study.rows[asked.after]
     paper = _ratio(after.paper.get(name), before.paper.get(name))
-    found = _change(figures[before.variant.name], figures[after.variant.name])
+    found = _change(column, before.variant.name, after.variant.name)
     verdict = _verdict(paper, **found)
     claim = f"{MEASURED[name]} {_moves(paper)}" if paper is not None else asked.said or "no figure"
     if found["here"] is None:
@@ -195,7 +214,8 @@ def markdown(about: Mapping[str, Any], found: Mapping[str, Mapping[str, Any]]) -
         "budget, so orders and changes compare, not sizes. The paper's unchanged row has three wavelet levels and, by "
         "its own tables, three iterations (five under levels); here it has those of the preset.",
         "",
-        "Changes are relative, their 95 % intervals those of the paired bootstrap over the test pairs. Agrees, "
+        "Changes are relative, their 95 % intervals those of the paired bootstrap over the scenes "
+        "of the test set, whose pairs are drawn together. Agrees, "
         "disagrees: the interval leaves zero out, on the paper's side or the other; undecided: it holds zero, "
         "or seeds differ in sign. Rows "
         "turned: pairs of rows that stand the other way round than in the paper."
@@ -220,15 +240,15 @@ def markdown(about: Mapping[str, Any], found: Mapping[str, Mapping[str, Any]]) -
 def too_little(studies: Iterable[Mapping[str, Any]]) -> list[str]:
     """Lines that say that test set or budget are too small to tell, with the rule; none if neither is.
 
-    An interval of the bootstrap over a handful of pairs is far too narrow, and networks of a few steps differ by how
+    An interval of the bootstrap over a handful of scenes is far too narrow, and networks of a few steps differ by how
     they begin.
     """
     studies = list(studies)
-    pairs = [study["all_pairs"] for study in studies if study["all_pairs"]]
+    scenes = [study["all_scenes"] for study in studies if study["all_scenes"]]
     steps = [run["steps"] for study in studies for row in study["rows"] for run in row["runs"]]
     said = []
-    if pairs and min(pairs) < FEWEST_PAIRS:
-        said.append(f"{counted(min(pairs), 'test pair')} (under {FEWEST_PAIRS}, intervals mean nothing)")
+    if scenes and min(scenes) < FEWEST_SCENES:
+        said.append(f"{counted(min(scenes), 'scene')} in the test set (under {FEWEST_SCENES}, intervals mean nothing)")
     if steps and min(steps) < FEWEST_STEPS:
         said.append(f"{counted(min(steps), 'step')} (under {FEWEST_STEPS}, a network has hardly begun to learn)")
     return ["", f"**Too little to tell anything, agreement or not: {' and '.join(said)}.**"] if said else []

@@ -2,20 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Sequence
+
 import numpy as np
 
 DRAWS = 4000
 COVERAGE = 0.95  # of the intervals that are reported
 
 
-def resampled_means(values: np.ndarray, draws: int = DRAWS, seed: int = 0) -> np.ndarray:
+def resampled_means(
+    values: np.ndarray, clusters: Sequence[Hashable] | None = None, draws: int = DRAWS, seed: int = 0
+) -> np.ndarray:
     """Means over `draws` samples of as many rows, drawn with replacement (Efron's bootstrap).
 
     values: (N, ...), one row an image or drive. What stands in one row is drawn together: columns of the same images
-    by several methods are compared in pairs. Returns (draws, ...).
+    by several methods are compared in pairs. clusters: (N,) what each row belongs to, as images to a scene; rows of one
+    cluster are alike, and drawn together, as many clusters as there are (a cluster bootstrap); None: each by itself.
+    Returns (draws, ...).
     """
-    picks = np.random.default_rng(seed).integers(0, len(values), (draws, len(values)))
-    return values[picks].mean(axis=1)
+    total, size = values, np.ones(len(values))
+    if clusters is not None:
+        number = {name: i for i, name in enumerate(dict.fromkeys(clusters))}
+        member = np.array([number[name] for name in clusters])
+        total, size = np.zeros((len(number), *values.shape[1:])), np.bincount(member).astype(float)
+        np.add.at(total, member, values)
+    picks = np.random.default_rng(seed).integers(0, len(total), (draws, len(total)))
+    rows = size[picks].sum(axis=1)
+    return total[picks].sum(axis=1) / rows.reshape(-1, *[1] * (values.ndim - 1))
 
 
 def interval(statistic: np.ndarray) -> tuple[float, float]:

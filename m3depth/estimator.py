@@ -17,7 +17,11 @@ from marssim.camera import StereoRig
 
 @runtime_checkable
 class Estimator(Protocol):
-    """What evaluation, prediction and the driving environment ask of a method."""
+    """What evaluation, prediction and the driving environment ask of a method.
+
+    A class attribute `normals_are_fitted`, True, says that its normals are planes fitted to its disparity: evaluation
+    then does not fit them a second time.
+    """
 
     def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
         """Maps of the left image. left, right: (H, W) or (H, W, 3) uint8, RGB, rectified; rig: of these images."""
@@ -33,14 +37,17 @@ WINDOWS = ("ssd", "sad", "ncc", "ssd-sgm", "sad-sgm", "ncc-sgm")  # the paper's 
 NAMES = ("m3depth", "sgbm", "m3depth:WEIGHTS", "package.module:Class", *WINDOWS)
 
 
-def load_estimator(spec: str | Estimator, role: str = "estimator", others: tuple[str, ...] = ()) -> Estimator:
+def load_estimator(
+    spec: str | Estimator, role: str = "estimator", others: tuple[str, ...] = (), device: str = "auto"
+) -> Estimator:
     """An estimator by name.
 
     spec: "m3depth" (the weights that come with the package), "m3depth:PATH" (weights of one's own), "sgbm", one of
     WINDOWS, "package.module:Class" (a class without arguments that has infer), or an object that has infer.
-    role, others: what the caller calls it, and names that only the caller knows, for the messages.
-    Raises ValueError, in one line, if the name means nothing or the class is no estimator; FileNotFoundError that
-    names the file if weights are missing.
+    role, others: what the caller calls it, and names that only the caller knows, for the messages. device: what M3Depth
+    computes on: cpu, cuda, or auto, a GPU if there is one; the other methods know the CPU alone.
+    Raises ValueError, in one line, if the name means nothing, the class is no estimator or there is no GPU;
+    FileNotFoundError that names the file if weights are missing.
     """
     if not isinstance(spec, str):
         if not isinstance(spec, Estimator) or isinstance(spec, type):
@@ -48,7 +55,7 @@ def load_estimator(spec: str | Estimator, role: str = "estimator", others: tuple
         return spec
     name, _, rest = spec.partition(":")
     if name == "m3depth":
-        return _load_m3depth(Path(rest) if rest else None)
+        return _load_m3depth(Path(rest) if rest else None, device)
     if spec == "sgbm":
         from m3depth.matching import SGBM
 
@@ -92,12 +99,13 @@ def checked_prediction(estimator: Estimator, found: object, size: tuple[int, int
     return found
 
 
-def _load_m3depth(weights: Path | None) -> Estimator:
+def _load_m3depth(weights: Path | None, device: str) -> Estimator:
     if weights is not None and not weights.is_file():
         raise FileNotFoundError(f"{weights}: no such weights file")  # before torch is imported
+    from m3depth.network.device import chosen_device
     from m3depth.network.model import M3Depth
 
-    return M3Depth.from_pretrained(weights)
+    return M3Depth.from_pretrained(weights).to(chosen_device(device))
 
 
 def _load_class(role: str, module_name: str, class_name: str) -> Estimator:

@@ -6,8 +6,9 @@
     python -m m3depth.evaluate --data DIR --out RESULTS --estimator Mine=my_stereo:Net --predictions RAFT=out,scale=-1
 
 Writes results.json (every figure), results.md (the tables) and figures: comparison.png and qualitative.png (images,
-truth, methods), zoom.png (parts that are hard), error_by_depth.png, error_distribution.png, sparsification.png (error
-left as the least confident pixels are dropped), rocks.png (found, missed and falsely seen).
+truth, methods), zoom.png (parts that are hard), error_by_depth.png, error_distribution.png, worst.png (the pairs that
+the first method got most wrong), sparsification.png (error left as the least confident pixels are dropped), rocks.png
+(found, missed and falsely seen).
 Every pixel with true depth from 0.5 to 15 m (in other layouts: every known one, or --depth-range) is scored, whatever
 a method says of it; the rules in full are in m3depth/metrics.py, m3depth/rocks.py and m3depth/sparsification.py. Files
 of predictions: m3depth/recorded.py.
@@ -39,6 +40,7 @@ from m3depth.pairs import MAX_DISPARITY, StereoPairs, scored_depths
 from m3depth.recorded import FORM, RecordedError, RecordedPredictions
 from m3depth.report import check_own_results, markdown_report, text_table, versions, write_json
 from m3depth.weights import SHIPPED_WEIGHTS
+from marssim.atomic import write_atomically
 from marssim.command import counted, run_command
 from marssim.dataset import DatasetError
 from marssim.progress import watched
@@ -72,6 +74,8 @@ class EvaluateOptions:
     """Maps that other programs wrote: disparity [px], or depth [m] with ",depth"; ",scale=S" if 1 px or 1 m is
     stored as S (-1 for RAFT-Stereo and Pandora, 256 for KITTI's PNG is the default); ",fill" to fill unknown pixels
     from the background. How the files are named: m3depth/recorded.py; recipes: docs/other_methods.md."""
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+    """What M3Depth computes on; auto: a GPU if there is one."""
     limit: int | None = None
     """Score only so many pairs, spread evenly over the split."""
     degrade: str | None = None
@@ -118,7 +122,7 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
     }
     found = {"methods": done.results, "true_depth_normals": done.true_depth_normals}
     write_json(options.out / "results.json", {**about, **found, "per_pair": done.pairs})
-    (options.out / "results.md").write_text(markdown_report(about, done.results, done.true_depth_normals))
+    write_atomically(options.out / "results.md", markdown_report(about, done.results, done.true_depth_normals).encode())
     draw(done, options.out)
     print(text_table(done.results))
     print(f"{counted(len(done.pairs), 'pair')}; figures by kind and depth, and pictures, are in {options.out}")
@@ -154,8 +158,8 @@ def prepare(options: EvaluateOptions) -> tuple[StereoPairs, dict[str, Method]]:
     if options.out.exists() and not options.out.is_dir():
         raise ValueError(f"--out {options.out}: is not a folder")
     check_own_results(options.out, "per_pair")
-    own = load_estimator("m3depth" if options.weights is None else f"m3depth:{options.weights}")
-    methods: dict[str, Method] = {"M3Depth": own}
+    own = "m3depth" if options.weights is None else f"m3depth:{options.weights}"
+    methods: dict[str, Method] = {"M3Depth": load_estimator(own, device=options.device)}
     names = ("sgbm", *WINDOWS) if "all" in options.baselines else options.baselines
     methods |= {name.upper(): load_estimator(name) for name in names if name != "none"}
     for text in options.estimator:
@@ -188,7 +192,9 @@ def _add(methods: dict[str, Method], flag: str, text: str, name: str, method: Me
 
 def main(args: Sequence[str] | None = None) -> int:
     """The command. Returns the exit code: 2 for a mistake in what was asked for."""
-    return run_command(_work, EvaluateOptions, "python -m m3depth.evaluate", __doc__, args, "nothing was written")
+    return run_command(
+        _work, EvaluateOptions, "python -m m3depth.evaluate", __doc__, args, "the results may be incomplete"
+    )
 
 
 def _work(options: EvaluateOptions) -> None:

@@ -8,8 +8,6 @@ these units the three terms of a half-trained network are of one size under the 
 
 from __future__ import annotations
 
-import math
-from dataclasses import asdict, dataclass
 from typing import NamedTuple
 
 import torch
@@ -17,32 +15,8 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from m3depth.geometry import pixel_rays, sobel, unit
+from m3depth.loss_config import LossConfig
 from m3depth.network.model import StereoOutput
-
-
-@dataclass(frozen=True)
-class LossConfig:
-    """Weights of the loss terms; a weight of 0 takes its term out of the sum.
-
-    Raises ValueError that names the flag of a weight that is negative or not finite.
-    """
-
-    disparity: float = 2.0  # lambda_d of the paper
-    normal: float = 1.0  # lambda_n
-    consistency: float = 3.0  # lambda_c
-    relative: float = 4.0  # weight of the relative error beside the error in pixels: 4 px of disparity count double
-    decay: float = 0.8  # weight of each refinement step, relative to the next one
-    initial: float = 1.0  # weight of soft argmin and SNNet
-    rock: float = 4.0  # pixels on rocks count this much
-    edge: float = 3.0  # pixels at disparity edges count this much
-    sky_disparity: float = 0.02  # pull of sky pixels to zero disparity; small, as sky has a decision of its own
-    confidence: float = 0.2  # cross-entropy of "within 1 px"
-    sky: float = 0.3  # cross-entropy of "sky or beyond measure"
-
-    def __post_init__(self) -> None:
-        for name, value in asdict(self).items():
-            if not (math.isfinite(value) and value >= 0):
-                raise ValueError(f"--loss.{name.replace('_', '-')} must be at least 0, got {value}")
 
 
 class Target(NamedTuple):
@@ -156,7 +130,10 @@ def reduce_target(target: Target, factor: int, weight: Tensor) -> tuple[Target, 
 
 
 def disparity_loss(disparity: Tensor, target: Target, weight: Tensor, config: LossConfig) -> Tensor:
-    """L_d on one grid: labelled pixels by their weight, sky pixels pulled to zero."""
+    """L_d on one grid: labelled pixels by their weight, sky pixels pulled to zero.
+
+    disparity, weight: (B, 1, h, w), the disparity in px of the full image; target: on the same grid.
+    """
     error = disparity - target.disparity
     scale = 1 + config.relative / target.disparity.clamp(min=1.0)
     loss = weighted_mean(huber(error, 0.5) * scale, weight * target.label)
@@ -167,6 +144,8 @@ def disparity_loss(disparity: Tensor, target: Target, weight: Tensor, config: Lo
 
 def normal_loss(normal: Tensor, target: Target, weight: Tensor) -> Tensor:
     """L_n on one grid: Huber norm of the difference of unit vectors (its knee at 0.1 is 6 degrees).
+
+    normal: (B, 3, h, w) unit; weight: (B, 1, h, w); target: on the same grid.
 
     Pixels without a true normal (length 0: datasets of others hold none) are left out.
     """

@@ -112,7 +112,7 @@ class BlockMatching:
             raise ValueError(f"cost must be sad, ssd or ncc, got {self.cost!r}")
         if self.aggregation not in ("wta", "sgm"):
             raise ValueError(f"aggregation must be wta or sgm, got {self.aggregation!r}")
-        _check_search(self.disparities, self.block or WTA_BLOCK)
+        _check_search(self.disparities, WTA_BLOCK if self.block is None else self.block)
 
     def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
         """As SGBM.infer."""
@@ -160,11 +160,11 @@ def grey_pair(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> tuple[np.n
 def prediction_from_matches(disparity: np.ndarray, rig: StereoRig) -> Prediction:
     """Fill what has no match, and derive depth, normals and confidence.
 
-    disparity: (H, W) float32 [px], NaN where there is no match. Depth is NaN if the whole image has none.
+    disparity: (H, W) float32 [px], NaN where there is no match. Depth and normals are NaN if the whole image has none.
     """
     filled = fill_background(disparity)
     depth = np.where(np.isnan(filled), np.float32(np.nan), rig.disparity_to_depth(filled))
-    normal = fitted_normals(filled, rig.camera)
+    normal = np.where(np.isnan(depth)[..., None], np.float32(np.nan), fitted_normals(filled, rig.camera))
     return Prediction(depth, filled, normal, np.isfinite(disparity).astype(np.float32))
 
 

@@ -29,7 +29,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 import tyro
@@ -77,6 +77,8 @@ class PredictOptions:
     method: str = "m3depth"
     """m3depth, sgbm, ssd, sad, ncc, ssd-sgm, sad-sgm, ncc-sgm, or package.module:Class (a class with infer(left, right,
     rig))."""
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+    """What M3Depth computes on; auto: a GPU if there is one."""
     nearest: float | None = None
     """Nearest depth [m] that M3Depth has to see. What is nearer than 192 px of disparity is seen in reduced images;
     default: 0.84 m at first, and then again, less reduced, if all is farther."""
@@ -169,7 +171,7 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
         raise ValueError(f"--max-range must be positive, got {options.max_range:g}")
     if estimator is None:
         spec = options.method if options.weights is None else f"m3depth:{options.weights}"
-        estimator = load_estimator(spec, "--method")
+        estimator = load_estimator(spec, "--method", device=options.device)
     right = align_right(right, calibration.shift)
     doubts = check_pair(left, right, rig, (str(options.left), str(options.right)))
     for fatal, message in doubts:

@@ -50,6 +50,9 @@ def write_prediction(
         array = getattr(prediction, name)
         if array is not None:
             np.save(out / f"{name}.npy", array)
+        else:  # nothing of an earlier run may stand beside this one's
+            for suffix in ("npy", "png"):
+                (out / f"{name}.{suffix}").unlink(missing_ok=True)
     _write_png(out / "depth.png", _uint16(prediction.depth * 1000.0))
     _write_png(out / "disparity.png", _uint16(prediction.disparity * 256.0))
     if prediction.normal is not None:

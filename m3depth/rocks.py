@@ -4,7 +4,8 @@ Everything is told from the ground truth's own ground, so that no obstacle detec
 score (python -m envs.rocks asks the navigator's map instead):
 
 - A rock's height is that of its visible points above the plane through the ground around it, along gravity. Rocks of
-  0.1 m and more, of 30 pixels and more, up to 15 m away count, by the height of their highest point.
+  0.1 m and more, of 30 pixels and more, up to 15 m away count, by the height of their highest point;
+  one whose top (below) is not above that plane, in a hollow, is none.
 - It is found if the predicted top, the 95th percentile over its pixels, stands at least half as high as the true top,
   the same percentile. Pixels whose depth is off by more than a quarter show no rock at its place: they count as ground.
 - Stereo cannot measure a rock of which the right eye sees fewer than 30 pixels: those that both eyes see are told
@@ -71,7 +72,7 @@ class SeenRock:
 class RockScene:
     """The rocks and the ground of one sample, in axes that are level and stand in the left eye.
 
-    rays: (H, W, 3) float32 of depth 1; true_depth: (H, W) [m]; ground: (n, n) [m] height of each cell, [iy, ix];
+    rays: (H, W, 3) float32 of depth 1; true_depth: (H, W) [m]; focal: [px], of the rows; ground: (n, n) [m] height of each cell, [iy, ix];
     beside: (H, W) bool, on a rock or within ROCK_RIM.
     """
 
@@ -152,9 +153,10 @@ def _measure(sample: RockTruth, rays: np.ndarray, ground: np.ndarray, at: np.nda
         if plane is None:
             continue
         height = points[:, 2] - (points[:, :2] @ plane[:2] + plane[2])
-        if height.max() >= HEIGHT_EDGES[0]:
+        top = float(np.percentile(height, TOP))
+        if height.max() >= HEIGHT_EDGES[0] and top > 0:
             both = int((~sample.occluded.ravel()[pixels]).sum()) >= LEAST_PIXELS
-            rocks.append(SeenRock(pixels, plane, float(height.max()), float(np.percentile(height, TOP)), away, both))
+            rocks.append(SeenRock(pixels, plane, float(height.max()), top, away, both))
     return rocks
 
 

@@ -19,7 +19,7 @@ from marssim.atomic import write_atomically
 CHECKPOINT = "checkpoint.pt"
 WORLD = "number of processes"  # part of a run's identity
 FREE = (  # beside the weights of the loss and of the augmentation; the budgets, to which the learning rate is fitted
-    "max_minutes", "max_steps", "lr", "weight_decay", "clip", "ema", "precision", "data",
+    "max_minutes", "max_steps", "lr", "weight_decay", "clip", "ema", "accumulate", "precision", "data",
 )  # fmt: skip
 
 
@@ -95,7 +95,7 @@ class Run:
         # Which samples a step sees depends on the number of processes too.
         return {
             "network": plain(self.model.config), "batch": c.batch, "crop": list(c.crop), "seed": c.seed,
-            WORLD: self.world,
+            WORLD: self.world, "init": None if c.init is None else str(c.init),
         }  # fmt: skip
 
     def settings(self) -> dict[str, str]:
@@ -104,10 +104,11 @@ class Run:
         found: dict[str, Any] = {name: getattr(c, name) for name in FREE}
         for part, values in (("loss", asdict(c.loss)), ("augment", asdict(c.augment))):
             found |= {f"{part}.{name}": value for name, value in values.items()}
+        found |= asdict(c.reader)
         return {f"--{name.replace('_', '-')}": said(value) for name, value in found.items()}
 
     def save(self) -> None:
-        """Write the checkpoint, and the averaged weights with their config, atomically."""
+        """Write the averaged weights with their config, then the checkpoint, each atomically."""
         state = {
             "identity": self.identity(),
             "settings": self.settings(),
@@ -120,8 +121,9 @@ class Run:
         }
         buffer = io.BytesIO()
         torch.save(state, buffer)
-        write_atomically(self.checkpoint, buffer.getvalue())
+        # The checkpoint comes last: what it says is done, the weights have too, whatever ends the process in between.
         self.averaged.save_pretrained(self.config.out / "weights.safetensors")
+        write_atomically(self.checkpoint, buffer.getvalue())
 
     def resume(self) -> bool:
         """Continue from RUN/checkpoint.pt, if there is one. Raises ValueError if it is damaged or of another run."""
@@ -129,7 +131,7 @@ class Run:
             return False
         state = read_checkpoint(self.checkpoint, self.device)
         for name, value in self.identity().items():
-            if state["identity"].get(name) != value:
+            if state["identity"].get(name, value) != value:  # older ones know fewer
                 raise ValueError(f"{self.checkpoint}: belongs to a run with another {name}; choose another --out")
         self.model.load_state_dict(state["model"])
         self.averaged.load_state_dict(state["averaged"])

@@ -23,9 +23,9 @@ def closer_look(
 ) -> Prediction:
     """What the estimator sees, at the resolution that the scene allows.
 
-    M3Depth's disparities end at 192 px, so it reduces images in which 0.84 m is more. Where nothing is that near, a
-    second look, less reduced, sees finer. nearest [m]: look once, for this. Estimators whose infer takes no `nearest`
-    look once.
+    M3Depth's disparities end at 192 px (its `reach`), so it reduces images in which 0.84 m is more. Where nothing is
+    that near, a second look, less reduced, sees finer. nearest [m]: look once, for this. Estimators whose infer takes
+    no `nearest` look once.
     """
     infer: Callable[..., Prediction] = estimator.infer
     if "nearest" not in signature(infer).parameters:
@@ -34,7 +34,7 @@ def closer_look(
         return infer(left, right, rig, nearest=nearest)
     first = infer(left, right, rig, nearest=NEAREST)
     farther = _nearest_seen(first)
-    reduced = rig.fb / NEAREST > WORTH * MAX_DISPARITY
+    reduced = rig.fb / NEAREST > WORTH * getattr(estimator, "reach", MAX_DISPARITY)
     return infer(left, right, rig, nearest=farther) if reduced and farther > WORTH * NEAREST else first
 
 

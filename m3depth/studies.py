@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
-from m3depth.losses import LossConfig
+from m3depth.loss_config import LossConfig
 from m3depth.network.config import PRESETS, M3DepthConfig
 
 DEPTH = ("abs_rel", "sq_rel", "rmse", "log10", "delta1")

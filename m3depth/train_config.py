@@ -11,7 +11,7 @@ import tyro
 
 from m3depth.augmentation import AugmentConfig
 from m3depth.datasets.config import DataConfig
-from m3depth.losses import LossConfig
+from m3depth.loss_config import LossConfig
 
 COARSEST = 8  # [px] a cell of the coarsest grid on which the loss compares
 

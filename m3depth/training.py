@@ -8,7 +8,8 @@ import shlex
 import sys
 import time
 import warnings
-from contextlib import nullcontext
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, nullcontext
 from typing import Any
 
 import cv2
@@ -38,21 +39,24 @@ def learning_rate(peak: float, progress: float) -> float:
     return peak * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * fall)))
 
 
+def shares_done(config: TrainConfig, step: int, seconds: float) -> dict[str, float]:
+    """Share of each budget that is spent, by its flag and value; from 1 on there is nothing left to do."""
+    shares = {}
+    if config.max_steps:
+        shares[f"--max-steps {config.max_steps}"] = step / config.max_steps
+    if config.max_minutes:
+        shares[f"--max-minutes {config.max_minutes:g}"] = seconds / 60 / config.max_minutes
+    return shares
+
+
 def share_done(config: TrainConfig, step: int, seconds: float) -> float:
     """Share of the run that is done, by the budget that is nearer to its end; 1 or more: it is spent."""
-    return max(
-        seconds / 60 / config.max_minutes if config.max_minutes else 0.0,
-        step / config.max_steps if config.max_steps else 0.0,
-    )
+    return max(shares_done(config, step, seconds).values())
 
 
 def spent_budget(config: TrainConfig, step: int, seconds: float) -> str | None:
     """Which budget is spent, as its flag and value; None: there is something left to do."""
-    if config.max_steps and step >= config.max_steps:
-        return f"--max-steps {config.max_steps}"
-    if config.max_minutes and seconds / 60 >= config.max_minutes:
-        return f"--max-minutes {config.max_minutes:g}"
-    return None
+    return next((name for name, share in shares_done(config, step, seconds).items() if share >= 1), None)
 
 
 def join_group(config: TrainConfig) -> tuple[int, int, torch.device]:
@@ -67,6 +71,31 @@ def join_group(config: TrainConfig) -> tuple[int, int, torch.device]:
     if not dist.is_initialized():
         dist.init_process_group("nccl" if device.type == "cuda" else "gloo")
     return dist.get_rank(), dist.get_world_size(), device
+
+
+class Checks:
+    """Quick validation of a run's raw and averaged weights, on rank 0, where there is something to validate on."""
+
+    def __init__(self, run: Run, log: Log | None, held_out: StereoPairs) -> None:
+        self.run, self.log = run, log
+        self.chosen = spread(len(held_out), run.config.validate_samples) if log else []
+        self.cache = PackedCache(held_out, free_memory() // 4 if run.config.cache else 0)
+        self.step, self.scores = -1, dict[str, float]()
+
+    def __call__(self) -> dict[str, float]:
+        """Scores of the averaged weights as they are now, logged with a panel; empty where nothing is validated."""
+        run, log = self.run, self.log
+        if not self.chosen or log is None or self.step == run.step:
+            return self.scores
+        packed = [self.cache[i] for i in self.chosen]
+        log.write("val_raw", run.step, validate(run.model, packed, run.device))
+        self.step, self.scores = run.step, validate(run.averaged, packed, run.device)
+        log.write("val", run.step, self.scores)
+        path = run.config.out / "panels" / f"{run.step:07d}.png"
+        log.image("panel", run.step, save_panel(path, run.averaged, packed[:4], run.device))
+        shown = "  ".join(f"{k} {v:.4g}" for k, v in self.scores.items())
+        log.say(f"validation, step {run.step}: {shown}")
+        return self.scores
 
 
 def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> dict[str, float]:
@@ -90,41 +119,55 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
             print(f"{config.out}: already at {budget} (step {run.step}, {run.seconds / 60:.1f} min); raise it to go on")
         leave_group(world)
         return {}
-    log = Log(config.out, run.step) if rank == 0 else None
-    if log:
-        size = sum(p.numel() for p in run.model.parameters())
-        start = f"resumed at step {run.step}, {run.seconds / 60:.1f} min" if resumed else "new run"
-        print(f"{len(samples)} samples, {size / 1e6:.2f} M parameters, {device}, {start}", file=sys.stderr, flush=True)
-        if run.changed:
-            print(f"goes on with other settings: {', '.join(run.changed)}", file=sys.stderr, flush=True)
-        if not len(held_out):
-            print(f"{named(config)}: split val holds no pairs, so nothing is validated", file=sys.stderr, flush=True)
+    scores: dict[str, float] = {}
+    with ExitStack() as opened:
+        log = opened.enter_context(closing(Log(config.out, run.step))) if rank == 0 else None
+        if log:
+            announce(run, resumed, len(samples), len(held_out))
+        local = int(os.environ.get("LOCAL_WORLD_SIZE", 1))
+        cache = PackedCache(samples, free_memory() // 2 // local if config.cache else 0)
+        stream = opened.enter_context(
+            closing(
+                batches(
+                    cache, run.step, config.batch, config.crop, config.augment, config.seed, rank, world,
+                    config.loader_threads,
+                )
+            )
+        )  # fmt: skip
+        check = Checks(run, log, held_out)
+        stopped = take_steps(run, stream, log, check)
+        if log:
+            run.save()
+            if stopped:
+                log.say(f"stopped at step {run.step}; the same command goes on from here")
+            else:
+                scores = check()
+                log.say("done")
+                print(closing_words(run, log.records("val")), flush=True)
+    leave_group(world)
+    return scores
+
+
+def announce(run: Run, resumed: bool, samples: int, held_out: int) -> None:
+    """Say on stderr what is trained, on how many samples and on what, and what a resumed run has new."""
+    size = sum(p.numel() for p in run.model.parameters())
+    start = f"resumed at step {run.step}, {run.seconds / 60:.1f} min" if resumed else "new run"
+    print(f"{samples} samples, {size / 1e6:.2f} M parameters, {run.device}, {start}", file=sys.stderr, flush=True)
+    if run.changed:
+        print(f"goes on with other settings: {', '.join(run.changed)}", file=sys.stderr, flush=True)
+    if run.config.validate_samples and not held_out:
+        print(f"{named(run.config)}: split val holds no pairs, so nothing is validated", file=sys.stderr, flush=True)
+
+
+def take_steps(run: Run, stream: Iterator[Batch], log: Log | None, check: Checks) -> bool:
+    """Step until the budget is spent or a signal comes; returns whether it was a signal.
+
+    log: of rank 0, which saves checkpoints and validates; None in the other processes.
+    """
+    config, device, world = run.config, run.device, run.world
     network: nn.Module = run.model
     if world > 1:
         network = nn.parallel.DistributedDataParallel(run.model, [device.index] if device.type == "cuda" else None)
-    local = int(os.environ.get("LOCAL_WORLD_SIZE", 1))
-    cache = PackedCache(samples, free_memory() // 2 // local if config.cache else 0)
-    checks = PackedCache(held_out, 1 << 40)
-    chosen = spread(len(held_out), config.validate_samples)
-
-    def assess(panel: bool) -> dict[str, float]:
-        """Score the raw and the averaged weights, on rank 0."""
-        if not chosen or log is None:
-            return {}
-        packed = [checks[i] for i in chosen]
-        log.write("val_raw", run.step, validate(run.model, packed, device))
-        scores = validate(run.averaged, packed, device)
-        log.write("val", run.step, scores)
-        if panel:
-            path = config.out / "panels" / f"{run.step:07d}.png"
-            log.image("panel", run.step, save_panel(path, run.averaged, packed[:4], device))
-        shown = "  ".join(f"{k} {v:.4g}" for k, v in scores.items())
-        log.say(f"validation, step {run.step}: {shown}")
-        return scores
-
-    stream = batches(
-        cache, run.step, config.batch, config.crop, config.augment, config.seed, rank, world, config.loader_threads
-    )
     dtype = {"auto": fast_dtype(device), "fp32": None, "bf16": torch.bfloat16}[config.precision]
     run.model.recompute = config.recompute
     spent_before, began, saved = run.seconds, time.monotonic(), time.monotonic()
@@ -133,61 +176,53 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
         while True:
             # All processes must take the same decisions: the clock is rank 0's, a signal or NaN anybody's.
             run.seconds = spent_before + time.monotonic() - began
-            clock, stopped = agree([run.seconds if rank == 0 else 0.0, float(bool(signals))], device, world)
+            clock, stopped = agree([run.seconds if log else 0.0, float(bool(signals))], device, world)
             done = share_done(config, run.step, clock)
             if stopped or done >= 1:
-                break
-            rate = learning_rate(config.lr, done)
+                return bool(stopped)
             before = time.monotonic()
             batch = next(stream).to(device)
             waited += time.monotonic() - before
-            for group in run.optimizer.param_groups:
-                group["lr"] = rate
-            run.optimizer.zero_grad(set_to_none=True)
-            loss, terms = backward(network, batch, config, dtype)
-            norm = nn.utils.clip_grad_norm_(run.model.parameters(), config.clip)
-            if agree([float(not is_finite(loss, norm))], device, world)[0]:
-                kept = (
-                    f"{run.checkpoint} holds the last good state"
-                    if run.checkpoint.is_file()
-                    else "nothing is saved yet"
-                )
-                raise FloatingPointError(f"loss or gradient is not finite at step {run.step}; {kept}; try a lower --lr")
-            run.optimizer.step()
-            run.step += 1
-            run.average()
+            values = one_step(run, network, batch, learning_rate(config.lr, done), dtype)
             run.seconds = spent_before + time.monotonic() - began
-            if log:
-                values = {"loss": float(loss), "grad": float(norm), "lr": rate}
-                values |= {name: float(value) for name, value in terms.items()}
-                if run.step % 10 == 0 or run.step == 1:
-                    share = waited / max(time.monotonic() - began, 1e-9)
-                    log.write("train", run.step, values | {"minutes": run.seconds / 60, "loader_share": share})
-                done = min(1.0, share_done(config, run.step, run.seconds))  # of this step too: the first one has an ETA
-                left = run.seconds * (1 - done) / done
-                log.progress(
-                    f"step {run.step}  {done:6.1%}  ETA {left / 60:.1f} min  loss {values['loss']:.3f}  "
-                    f"d {values['disparity']:.3f}  n {values['normal']:.3f}  "
-                    f"{config.batch * world * run.step / max(run.seconds, 1e-9):.2f} crops/s"
-                )
-                if time.monotonic() - saved > 60 * config.checkpoint_minutes:
-                    run.save()
-                    saved = time.monotonic()
-                if config.validate_every and run.step % config.validate_every == 0:
-                    assess(panel=True)
-    stream.close()
-    scores: dict[str, float] = {}
-    if log:
-        run.save()
-        if stopped:
-            log.say(f"stopped at step {run.step}; the same command goes on from here")
-        else:
-            scores = assess(panel=True)
-            log.say("done")
-            print(closing(run, log.records("val")), flush=True)
-        log.close()
-    leave_group(world)
-    return scores
+            if log is None:
+                continue
+            if run.step % 10 == 0 or run.step == 1:
+                share = waited / max(time.monotonic() - began, 1e-9)
+                log.write("train", run.step, values | {"minutes": run.seconds / 60, "loader_share": share})
+            done = min(1.0, share_done(config, run.step, run.seconds))  # of this step too: the first one has an ETA
+            left = run.seconds * (1 - done) / done
+            log.progress(
+                f"step {run.step}  {done:6.1%}  ETA {left / 60:.1f} min  loss {values['loss']:.3f}  "
+                f"d {values['disparity']:.3f}  n {values['normal']:.3f}  "
+                f"{config.batch * world * run.step / max(run.seconds, 1e-9):.2f} crops/s"
+            )
+            if time.monotonic() - saved > 60 * config.checkpoint_minutes:
+                run.save()
+                saved = time.monotonic()
+            if config.validate_every and run.step % config.validate_every == 0:
+                check()
+
+
+def one_step(run: Run, network: nn.Module, batch: Batch, rate: float, dtype: torch.dtype | None) -> dict[str, float]:
+    """One step of the optimizer and of the averaged weights. network: run.model, or what wraps it.
+
+    Returns loss, grad (its norm before clipping), lr and the terms of the loss. Raises FloatingPointError, in every
+    process, if loss or gradient are not finite in one of them.
+    """
+    for group in run.optimizer.param_groups:
+        group["lr"] = rate
+    run.optimizer.zero_grad(set_to_none=True)
+    loss, terms = backward(network, batch, run.config, dtype)
+    norm = nn.utils.clip_grad_norm_(run.model.parameters(), run.config.clip)
+    if agree([float(not is_finite(loss, norm))], run.device, run.world)[0]:
+        kept = f"{run.checkpoint} holds the last good state" if run.checkpoint.is_file() else "nothing is saved yet"
+        raise FloatingPointError(f"loss or gradient is not finite at step {run.step}; {kept}; try a lower --lr")
+    run.optimizer.step()
+    run.step += 1
+    run.average()
+    values = {"loss": float(loss), "grad": float(norm), "lr": rate}
+    return values | {name: float(value) for name, value in terms.items()}
 
 
 def backward(
@@ -218,7 +253,7 @@ def named(config: TrainConfig) -> str:
     return " ".join(map(str, config.data))
 
 
-def closing(run: Run, validations: list[dict[str, Any]]) -> str:
+def closing_words(run: Run, validations: list[dict[str, Any]]) -> str:
     """What a finished run says: what it wrote, how good that is, and how it is scored."""
     known = [record for record in validations if record["epe"] is not None]
     quality = "not validated"

@@ -21,34 +21,29 @@ SCALE: dict[str, float] = {"sad": HIGHEST / 32, "ssd": HIGHEST / 32**2, "ncc": H
 
 def window_costs(left: np.ndarray, right: np.ndarray, reach: int, cost: Cost, block: int) -> np.ndarray:
     """The cost volume of windows of `block` x `block` px. left, right: (H, W) uint8; reach: D, at most W."""
-    a, b = (_Windows(image, block) for image in (left, right))
+    a, b = (image.astype(np.float32) - np.float32(128) for image in (left, right))
     height, width = left.shape
+
+    def mean_of(values: np.ndarray) -> np.ndarray:
+        return cv2.boxFilter(values, -1, (block, block), borderType=cv2.BORDER_REPLICATE)
+
+    def variance_of(values: np.ndarray, mean: np.ndarray) -> np.ndarray:
+        return np.maximum(mean_of(values * values) - mean * mean, np.float32(1))
+
     volume = np.full((reach, height, width), HIGHEST, np.uint16)
     for d in range(reach):
-        here, there = np.s_[:, d:], np.s_[:, : width - d]
+        # All windows of a disparity are those of what both images share, to its very ends.
+        here, there = a[:, d:], b[:, : width - d]
         if cost == "sad":
-            mean = a.mean_of(np.abs(a.grey[here] - b.grey[there]))
+            mean = mean_of(np.abs(here - there))
         elif cost == "ssd":
-            mean = a.mean_of((a.grey[here] - b.grey[there]) ** 2)
+            mean = mean_of((here - there) ** 2)
         else:
-            together = a.mean_of(a.grey[here] * b.grey[there]) - a.mean[here] * b.mean[there]
-            mean = 1 - np.clip(together / (a.deviation[here] * b.deviation[there]), -1, 1)
+            m, n = mean_of(here), mean_of(there)
+            deviations = np.sqrt(variance_of(here, m) * variance_of(there, n))
+            mean = 1 - np.clip((mean_of(here * there) - m * n) / deviations, -1, 1)
         volume[d, :, d:] = np.minimum(mean * np.float32(SCALE[cost]) + np.float32(0.5), HIGHEST)
     return volume
-
-
-class _Windows:
-    """Grey levels (H, W) float32 about 0, and their mean and deviation (at least 1) in windows of that size."""
-
-    def __init__(self, image: np.ndarray, block: int) -> None:
-        self.size = (block, block)
-        self.grey = image.astype(np.float32) - np.float32(128)
-        self.mean = self.mean_of(self.grey)
-        variance = self.mean_of(self.grey * self.grey) - self.mean * self.mean
-        self.deviation = np.sqrt(np.maximum(variance, np.float32(1)))
-
-    def mean_of(self, values: np.ndarray) -> np.ndarray:
-        return cv2.boxFilter(values, -1, self.size, borderType=cv2.BORDER_REPLICATE)
 
 
 def semi_global(costs: np.ndarray, small: int, large: int) -> np.ndarray:

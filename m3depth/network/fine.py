@@ -39,7 +39,8 @@ class FineCorrection(nn.Module):
     """Corrects the upsampled maps by what is seen at half the resolution; starts as no correction.
 
     features: channels at 1/2. hidden: channels of the recurrent state at 1/4. width: of the convolutions. radius:
-    compared are the pixel that the disparity points to and so many cells to either side.
+    compared with a pixel is what the right image shows at its own disparity and at those of so many pixels to either
+    side in the row, each by its own disparity.
     """
 
     def __init__(self, features: int, hidden: int, width: int, radius: int = 2) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict
 from pathlib import Path
 from typing import NamedTuple
@@ -156,6 +157,11 @@ class M3Depth(nn.Module):
         steps = [unpadded(step, height, width, 4) for step in steps]
         return StereoOutput(fine[:, :1], normal, fine[:, 4:5], fine[:, 5:6], initial, steps)
 
+    @property
+    def reach(self) -> int:
+        """Disparities [px] end here; images in which more is needed are reduced by infer."""
+        return VOLUME_STEP * self.config.hypotheses
+
     @torch.inference_mode()
     def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig, nearest: float | None = None) -> Prediction:
         """Depth, disparity, normals and confidence of one rectified pair, at the input's size.
@@ -164,13 +170,14 @@ class M3Depth(nn.Module):
         be measured, 0.84 m by default; images in which that is a larger disparity than the network's hypotheses reach
         (192 px) are reduced first, as those of rigs whose f B exceeds NaTeCam's. Depth is in metres of the given rig,
         inf where the network sees sky; where its numbers are none, all is NaN and confidence 0. Raises ValueError for
-        wrong types or sizes.
+        wrong types or sizes, and where nearest is not positive.
         """
+        if nearest is not None and not (math.isfinite(nearest) and nearest > 0):
+            raise ValueError(f"nearest must be positive, got {nearest}")
         left, right = map(in_colour, checked_pair(left, right, rig))
         height, width = left.shape[:2]
-        reach = VOLUME_STEP * self.config.hypotheses
         needed = rig.fb / (NEAREST if nearest is None else nearest)
-        scale = min(1.0, reach / needed)
+        scale = min(1.0, self.reach / needed)
         work = rig
         if scale < 0.99:
             work = rig.resized(max(1, round(width * scale)), max(1, round(height * scale)))
@@ -191,7 +198,7 @@ class M3Depth(nn.Module):
         disparity = torch.where(known, disparity, torch.full_like(disparity, torch.nan))
         depth = disparity_to_depth(disparity, rig.fb)
         disparity = torch.where(depth.isinf(), torch.zeros_like(disparity), disparity)
-        normal = maps[0, 1:4].permute(1, 2, 0)
+        normal = torch.where(known, maps[0, 1:4], torch.full_like(maps[0, 1:4], torch.nan)).permute(1, 2, 0)
         confidence = torch.where(known, maps[0, 4], torch.zeros_like(disparity))
         arrays = [x.cpu().contiguous().numpy() for x in (depth, disparity, normal, confidence)]
         return Prediction(*arrays)

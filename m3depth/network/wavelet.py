@@ -42,6 +42,7 @@ class WaveletConv(nn.Module):
     Z_i = IWT(beta_i (Y_A,i + Z_i+1), Y_HF,i) from the deepest level up, and Z_0 = Y_A,0 + Z_1 (paper, Eq. 5-7). The
     paper leaves beta's shape and start open: here it is one learnable number a channel and level, and starts at 1.
     Depth-wise kernels mix no channels, so a 1 x 1 convolution follows. H and W must be multiples of 2 ** levels.
+    channels: in and out. levels: of the decomposition, 1 or more. kernel: side of the depth-wise convolutions, odd.
     """
 
     def __init__(self, channels: int, levels: int, kernel: int) -> None:

@@ -18,6 +18,8 @@ from torch import Tensor
 from marssim.atomic import write_atomically
 from marssim.command import counted
 
+DTYPES = (torch.float32, torch.float16, torch.bfloat16)
+
 
 def save_weights(path: Path, config: dict[str, Any], tensors: dict[str, Tensor]) -> None:
     """Write `path` and the network's config, plain numbers, as JSON beside it (same name, .json).
@@ -37,8 +39,8 @@ def load_weights(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
     """The config and tensors of a file that save_weights wrote; nothing in it is executed.
 
     The config is the one inside the file: the JSON beside it is for people, and for --network of m3depth.train.
-    Raises FileNotFoundError if it is missing, ValueError that names the file if it is damaged, holds numbers that are
-    not finite, or is of another network.
+    Raises FileNotFoundError if it is missing, ValueError that names the file if it is damaged, holds numbers of
+    another kind or that are not finite, or is of another network.
     """
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such weights file")
@@ -54,6 +56,10 @@ def load_weights(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
         raise ValueError(f"{path}: holds no m3depth_config; these are not weights of M3Depth") from None
     if not isinstance(config, dict):
         raise ValueError(f"{path}: m3depth_config is not a JSON object")
+    strange = sorted(name for name, tensor in tensors.items() if tensor.dtype not in DTYPES)
+    if strange:
+        kind = str(tensors[strange[0]].dtype).removeprefix("torch.")
+        raise ValueError(f"{path}: {strange[0]!r} is of {kind}; weights are float32, float16 or bfloat16")
     spoilt = sorted(name for name, tensor in tensors.items() if not torch.isfinite(tensor).all())
     if spoilt:
         raise ValueError(

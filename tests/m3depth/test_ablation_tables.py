@@ -16,10 +16,13 @@ ABOUT = {
 }  # fmt: skip
 
 
-def score(figures: dict[str, np.ndarray]) -> dict:
-    """score.json of a run with these figures, (pairs,) each."""
+def score(figures: dict[str, np.ndarray], views: int = 1) -> dict:
+    """score.json of a run with these figures, (pairs,) each, so many pairs a scene."""
     count = len(next(iter(figures.values())))
-    records = [{"index": i, "M3Depth": {name: float(x[i]) for name, x in figures.items()}} for i in range(count)]
+    records = [
+        {"index": i, "pair": f"{i // views}/{i % views}", "M3Depth": {name: float(x[i]) for name, x in figures.items()}}
+        for i in range(count)
+    ]
     return {
         "parameters": 1_500_000, "steps": 100, "minutes": 2.0, "per_pair": records,
         "result": {"seconds": {"median": 0.5}},
@@ -67,6 +70,22 @@ def test_pairs_of_one_difficulty_cancel() -> None:
     for part, ratio in zip(found["comparisons"], (0.5, 0.0, 1.0), strict=True):
         np.testing.assert_allclose([part["here"], *part["interval"], *part["by_seed"]], ratio, atol=1e-12)
     assert [row["against_reference"]["abs_rel"]["here"] for row in found["rows"]] == pytest.approx([-1 / 3, 0, 0, 1])
+
+
+def test_views_of_a_scene_are_drawn_together() -> None:
+    """Five views each of six scenes, alike in every figure: the interval is that of six, not of thirty."""
+    rng = np.random.default_rng(3)
+    scenes = {name: np.repeat(rng.uniform(0.5, 2, 6), 5) for name in ("abs_rel", "sq_rel", "rmse", "delta1")}
+    change = np.repeat(np.exp(0.2 * rng.normal(size=6)), 5)
+    widths = {}
+    for views in (1, 5):
+        scores = {row.variant.name: {0: score(scenes, views)} for row in STUDIES["levels"].rows}
+        scores["levels-3"] = {0: score({name: x * change for name, x in scenes.items()}, views)}
+        found = findings(STUDIES["levels"], scores)
+        low, high = found["comparisons"][0]["interval"]
+        widths[views], count = high - low, found["all_scenes"]
+        assert count == 30 // views
+    assert widths[5] / widths[1] == pytest.approx(5**0.5, rel=0.3)
 
 
 def test_the_order_counts_what_is_turned() -> None:
@@ -142,17 +161,17 @@ def test_the_report_has_the_papers_figures_beside_ours() -> None:
 
 
 @pytest.mark.parametrize(
-    ("pairs", "steps", "said"),
+    ("scenes", "steps", "said"),
     [
-        (2, 2, "2 test pairs (under 20, intervals mean nothing) and 2 steps (under 200, a network has hardly begun"),
+        (2, 2, "2 scenes in the test set (under 20, intervals mean nothing) and 2 steps (under 200, a network has"),
         (20, 199, "anything, agreement or not: 199 steps (under 200"),
-        (19, 200, "anything, agreement or not: 19 test pairs (under 20, intervals mean nothing).**"),
+        (19, 200, "anything, agreement or not: 19 scenes in the test set (under 20, intervals mean nothing).**"),
         (20, 200, None),
     ],
 )
-def test_too_little_to_tell_is_said_before_the_tables(pairs, steps, said) -> None:
+def test_too_little_to_tell_is_said_before_the_tables(scenes, steps, said) -> None:
     study = findings(STUDIES["levels"], levels([1.0, 0.9, 0.8, 0.8]))
-    study["all_pairs"] = pairs
+    study["all_scenes"] = scenes
     for row in study["rows"]:
         for run in row["runs"]:
             run["steps"] = max(run["steps"], 200) if run is not study["rows"][1]["runs"][0] else steps

@@ -49,6 +49,15 @@ def test_what_is_no_estimator_is_named(spec, message):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("device", ["auto", "cpu", "cuda"])
+def test_the_network_goes_where_it_is_asked_to(monkeypatch, device):
+    """No GPU here: a device without memory stands for it."""
+    asked = []
+    monkeypatch.setattr("m3depth.network.device.chosen_device", lambda name: asked.append(name) or "meta")
+    network = load_estimator("m3depth", device=device)
+    assert asked == [device] and {p.device.type for p in network.parameters()} == {"meta"}
+
+
 def test_missing_weights_are_named():
     with pytest.raises(FileNotFoundError, match=r"nowhere/w\.safetensors"):
         load_estimator("m3depth:nowhere/w.safetensors")
@@ -57,7 +66,7 @@ def test_missing_weights_are_named():
 def test_import_and_baselines_load_no_torch_and_no_other_floor():
     code = (
         "import sys, m3depth.estimator as e; [e.load_estimator(n) for n in ('sgbm', 'ncc-sgm')]; "
-        "import m3depth.evaluate, m3depth.predict, m3depth.texture; "
+        "import m3depth.evaluate, m3depth.predict, m3depth.texture, m3depth.train, m3depth.ablate; "
         "sys.exit(' '.join({'torch', 'nav', 'envs', 'pybullet'} & set(sys.modules)) or 0)"
     )
     done = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True)

@@ -258,7 +258,7 @@ def test_results_tell_which_shipped_weights_were_scored(folder, tmp_path, monkey
     assert results["weights_sha256"] == hashlib.sha256(b"some weights").hexdigest()
 
 
-def _without_network(spec, *role):
+def _without_network(spec, *role, device="auto"):
     from m3depth.estimator import load_estimator
 
     return SGBM() if spec == "m3depth" else load_estimator(spec, *role)

@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from m3depth.geometry import pixel_rays
+from m3depth.loss_config import LossConfig
 from m3depth.losses import (
-    LossConfig,
     Target,
     consistency_loss,
     consistency_residual,
@@ -77,6 +77,8 @@ def test_masked_nan_does_not_reach_the_mean() -> None:
     values = torch.tensor([1.0, torch.nan, 3.0], requires_grad=True)
     mean = weighted_mean(values, torch.tensor([1.0, 0.0, 3.0]))
     assert mean.item() == pytest.approx(2.5)
+    mean.backward()
+    torch.testing.assert_close(values.grad, torch.tensor([0.25, 0.0, 0.75]))
     assert weighted_mean(torch.tensor([torch.nan]), torch.zeros(1)).item() == 0
 
 

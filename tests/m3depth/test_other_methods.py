@@ -86,7 +86,7 @@ def test_the_recipe_goes_there_and_back(tmp_path, plane_set, other_methods, monk
     assert found["methods"]["Pandora"]["depth"]["all"]["pixels"] > 0.3 * whole
 
 
-def _without_network(spec, *role):
+def _without_network(spec, *role, device="auto"):
     from m3depth.estimator import load_estimator
 
     return SGBM() if spec == "m3depth" else load_estimator(spec, *role)

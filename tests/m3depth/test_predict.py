@@ -281,3 +281,21 @@ def test_the_other_eye_is_asked_and_what_it_denies_is_not_trusted(plane_samples,
     assert (confidence[~(difference <= 1)] == 0).all() and (confidence > 0).any() and np.isnan(difference[:, 0]).all()
     assert main(flags) == 0
     assert "agree" not in capsys.readouterr().out and not (tmp_path / "out" / "left_right.npy").exists()
+
+
+def test_normals_of_an_earlier_run_do_not_stay_beside_a_prediction_without(pair, tmp_path):
+    class Bare(Wall):
+        def infer(self, left, right, rig):
+            return replace(super().infer(left, right, rig), normal=None)
+
+    predict(options(pair, tmp_path), Wall())
+    predict(options(pair, tmp_path), Bare())
+    assert not [path.name for path in (tmp_path / "out").iterdir() if path.name.startswith("normal")]
+
+
+def test_a_gpu_that_is_not_there_is_one_line(pair, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("torch.cuda.is_available", lambda: False)
+    words = [*map(str, pair), "--focal", "80", "--baseline", "0.2", "--out", str(tmp_path / "out"), "--device", "cuda"]
+    assert main(words) == 2
+    said = capsys.readouterr().err.strip()
+    assert said.endswith("--device cuda: no GPU was found") and "\n" not in said

@@ -39,6 +39,15 @@ def test_only_where_images_were_reduced_and_all_is_farther(rig, depth, confidenc
     assert far.asked == asked
 
 
+@pytest.mark.parametrize(("reach", "asked"), [(128, 2), (384, 1), (200, 1)])
+def test_a_network_of_another_reach_says_so_itself(reach, asked):
+    """NaTeCam has 191.5 px at 0.84 m: a network that sees 128 px reduced its images."""
+    far = Far()
+    far.reach = reach
+    closer_look(far, IMAGE, IMAGE, NATECAM)
+    assert len(far.asked) == asked
+
+
 def test_what_is_asked_for_is_done_once():
     far = Far()
     closer_look(far, IMAGE, IMAGE, LONG, nearest=3.0)

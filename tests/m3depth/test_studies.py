@@ -2,7 +2,7 @@
 
 import pytest
 
-from m3depth.losses import LossConfig
+from m3depth.loss_config import LossConfig
 from m3depth.network.config import PRESETS
 from m3depth.studies import BASE, STUDIES, distinct
 

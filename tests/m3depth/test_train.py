@@ -10,17 +10,19 @@ from types import SimpleNamespace
 import pytest
 import torch
 
+from m3depth import run as run_module
 from m3depth.data import PackedCache, make_batch
 from m3depth.datasets.config import DataConfig
 from m3depth.evaluate import EvaluateOptions
-from m3depth.losses import LossConfig, total_loss
+from m3depth.loss_config import LossConfig
+from m3depth.losses import total_loss
 from m3depth.network import model as model_module
 from m3depth.network.model import M3Depth, M3DepthConfig
 from m3depth.packing import pack
 from m3depth.run import Run
 from m3depth.train import main
 from m3depth.train_config import TrainConfig
-from m3depth.training import backward, closing, learning_rate, train
+from m3depth.training import backward, closing_words, learning_rate, train
 from m3depth.validation import HEADER, validate
 from marssim.command import parse
 
@@ -135,7 +137,7 @@ def test_tensorboard_holds_curves_and_panels(plane_samples, tmp_path) -> None:
     events = EventAccumulator(str(tmp_path / "tensorboard"), {"images": 0, "scalars": 0}).Reload()
     tags = events.Tags()
     assert {"train/loss", "train/lr", "val/epe", "val_raw/epe"} <= set(tags["scalars"])
-    assert [event.step for event in events.Scalars("val/epe")] == [1, 2, 2]  # the last time when the run is done
+    assert [event.step for event in events.Scalars("val/epe")] == [1, 2]  # the last one is that of the end, too
     logged = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
     curve = [r["epe"] for r in logged if r["kind"] == "val"]
     assert [event.value for event in events.Scalars("val/epe")] == pytest.approx(curve, abs=1e-5)
@@ -224,14 +226,15 @@ def test_a_run_says_what_it_wrote_and_how_to_go_on(plane_samples, tmp_path, caps
 def test_the_best_validation_is_told_if_it_was_not_the_last(tmp_path) -> None:
     run = Run(config_for(tmp_path), torch.device("cpu"))
     records = [{"step": n, "epe": epe, "abs_rel": 0.01, "normal": 9.0} for n, epe in ((1, 0.5), (2, None), (3, 0.7))]
-    assert "EPE 0.700 px" in closing(run, records) and "best EPE 0.500 px at step 1" in closing(run, records)
-    assert "best EPE" not in closing(run, records[:1]) and "not validated" in closing(run, [])
+    said = closing_words(run, records)
+    assert "EPE 0.700 px" in said and "best EPE 0.500 px at step 1" in said
+    assert "best EPE" not in closing_words(run, records[:1]) and "not validated" in closing_words(run, [])
 
 
 def test_the_hint_scores_every_folder_as_it_was_read(tmp_path) -> None:
     reader = DataConfig(left="left/*.png", right="right/*.png", depth="depth/*.exr", calib=Path("natecam"), resize=0.5)
     config = replace(config_for(tmp_path), data=(Path("SimMars6K"), Path("more data")), reader=reader)
-    hints = closing(Run(config, torch.device("cpu")), []).splitlines()[1:]
+    hints = closing_words(Run(config, torch.device("cpu")), []).splitlines()[1:]
     assert [line.startswith("score them: python -m m3depth.evaluate ") for line in hints] == [True, True]
     asked = [parse(EvaluateOptions, "evaluate", None, shlex.split(line)[5:]) for line in hints]
     assert [options.data for options in asked] == list(config.data) and len({options.out for options in asked}) == 2
@@ -276,6 +279,41 @@ def test_a_resumed_run_says_which_settings_are_new(plane_samples, tmp_path, caps
     train(replace(config, max_steps=3, lr=1e-3, loss=LossConfig(rock=2.0)), plane_samples, [])
     said = capsys.readouterr().err
     assert "settings: --max-steps 3 (was 2), --lr 0.001 (was 0.005), --loss.rock 2.0 (was 4.0)\n" in said
+    reader = DataConfig(resize=0.5)
+    changed = replace(config, max_steps=4, lr=1e-3, loss=LossConfig(rock=2.0), accumulate=2, reader=reader)
+    train(changed, plane_samples, [])
+    said = capsys.readouterr().err
+    assert "settings: --max-steps 4 (was 3), --accumulate 2 (was 1), --resize 0.5 (was 1.0)\n" in said
+
+
+def test_a_run_goes_on_from_its_own_beginning_alone(plane_samples, tmp_path) -> None:
+    """Weights given to a resumed run would be loaded, and overwritten by the checkpoint."""
+    for name in ("one", "two"):
+        M3Depth(SMALL).save_pretrained(tmp_path / f"{name}.safetensors")
+    config = config_for(tmp_path / "run", max_steps=1, validate_samples=0, init=tmp_path / "one.safetensors")
+    train(config, plane_samples, [])
+    with pytest.raises(ValueError, match="belongs to a run with another init"):
+        train(replace(config, max_steps=2, init=tmp_path / "two.safetensors"), plane_samples, [])
+    train(replace(config, max_steps=2), plane_samples, [])
+
+
+def test_no_checkpoint_is_ahead_of_its_weights(plane_samples, tmp_path, monkeypatch) -> None:
+    """A disk that is full between the two: the run goes on from before, and writes both."""
+    config = config_for(tmp_path, max_steps=2, validate_samples=0)
+    real = run_module.write_atomically
+
+    def full(path, content):
+        raise OSError(28, "No space left on device", str(path))
+
+    monkeypatch.setattr(run_module, "write_atomically", full)
+    with pytest.raises(OSError, match="No space"):
+        train(config, plane_samples, [])
+    assert not (tmp_path / "checkpoint.pt").exists()
+    monkeypatch.setattr(run_module, "write_atomically", real)
+    train(config, plane_samples, [])
+    state = torch.load(tmp_path / "checkpoint.pt", weights_only=True)["averaged"]
+    saved = M3Depth.from_pretrained(tmp_path / "weights.safetensors").state_dict()
+    assert all(torch.equal(saved[name], tensor) for name, tensor in state.items())
 
 
 def test_a_learning_rate_beyond_all_reason_ends_in_one_line(plane_samples, tmp_path) -> None:

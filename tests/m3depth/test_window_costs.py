@@ -75,6 +75,15 @@ def test_costs_against_windows_cut_out_by_hand(cost):
     assert (same[0, 4:-4, 4:-4] < same[1:, 4:-4, 4:-4]).mean() > 0.99
 
 
+@pytest.mark.parametrize("cost", ["sad", "ssd", "ncc"])
+def test_the_true_disparity_costs_nothing_up_to_the_borders(cost):
+    """What both images share ends at a column that differs from disparity to disparity: windows end there alike."""
+    wall = np.random.default_rng(4).integers(0, 255, (20, 80), dtype=np.uint8)
+    volume = window_costs(wall[:, :60], wall[:, 12:72], 16, cost, 9)
+    assert volume[12, :, 12:].max() <= 1
+    assert (volume[:, :, 16:].argmin(0) == 12).all()
+
+
 @given(st.integers(0, 10_000))
 @settings(max_examples=15)
 def test_winners_against_argmin(seed):

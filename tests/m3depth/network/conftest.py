@@ -5,7 +5,8 @@ from collections.abc import Callable
 import pytest
 import torch
 
-from m3depth.losses import LossConfig, Target, total_loss
+from m3depth.loss_config import LossConfig
+from m3depth.losses import Target, total_loss
 from m3depth.network.model import M3Depth
 
 Loss = Callable[..., torch.Tensor]

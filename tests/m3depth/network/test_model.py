@@ -90,8 +90,16 @@ def test_what_is_no_number_is_unknown_not_sky(model: M3Depth, monkeypatch, reduc
     for rows, columns in ((0, 0), (0, 18), (0, 35), (20, 0)):
         part = np.s_[rows : rows + 6, columns : columns + 5]
         assert np.isnan(out.depth[part]).all() and np.isnan(out.disparity[part]).all()
-        assert (out.confidence[part] == 0).all()
+        assert np.isnan(out.normal[part]).all() and (out.confidence[part] == 0).all()
+    assert np.isfinite(out.normal[20:, 50:]).all()
     assert np.isfinite(out.disparity[20:, 50:]).all() and (out.confidence[20:, 50:] > 0).all()
+
+
+@pytest.mark.parametrize("nearest", [0.0, -1.0, float("nan"), float("inf")])
+def test_nearest_that_is_no_distance_is_refused(model: M3Depth, nearest: float) -> None:
+    image = np.zeros((32, 64), np.uint8)
+    with pytest.raises(ValueError, match="nearest must be positive"):
+        model.infer(image, image, rig_of(32, 64), nearest=nearest)
 
 
 def test_grey_equals_repeated_grey(model: M3Depth) -> None:
@@ -255,6 +263,15 @@ def test_a_header_that_lies_is_refused(model: M3Depth, tmp_path: Path) -> None:
             M3Depth.from_pretrained(path)
     path.write_bytes((1 << 62).to_bytes(8, "little") + whole[8:])
     with pytest.raises(ValueError, match=r"net\.safetensors: [^\n]*$"):
+        M3Depth.from_pretrained(path)
+
+
+@pytest.mark.parametrize("kind", ["float8_e4m3fn", "int32", "float64"])
+def test_numbers_of_another_kind_are_refused(model: M3Depth, tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "net.safetensors"
+    tensors = {name: tensor.to(getattr(torch, kind)) for name, tensor in model.state_dict().items()}
+    save_weights(path, asdict(model.config), tensors)
+    with pytest.raises(ValueError, match=rf"net\.safetensors: [^\n]* is of {kind}; weights are float32[^\n]*$"):
         M3Depth.from_pretrained(path)
 
 
