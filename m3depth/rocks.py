@@ -72,8 +72,8 @@ class SeenRock:
 class RockScene:
     """The rocks and the ground of one sample, in axes that are level and stand in the left eye.
 
-    rays: (H, W, 3) float32 of depth 1; true_depth: (H, W) [m]; focal: [px], of the rows; ground: (n, n) [m] height of each cell, [iy, ix];
-    beside: (H, W) bool, on a rock or within ROCK_RIM.
+    rays: (H, W, 3) float32 of depth 1; true_depth: (H, W) [m]; focal: [px], of the rows; ground: (n, n) [m] height of
+    each cell, [iy, ix]; beside: (H, W) bool, on a rock or within ROCK_RIM.
     """
 
     rays: np.ndarray
