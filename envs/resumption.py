@@ -4,29 +4,20 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from functools import cache
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from envs.depth_scores import weights_digest
 from marssim.dataset import DatasetError, read_json, write_json
 from marssim.lock import LOCK
+from marssim.sources import source_digest, source_file
 
 PACKAGES = ("marssim", "m3depth", "nav", "envs")
 
 
-@cache
 def code_digest() -> str:
     """Twelve hexadecimal digits that tell one state of the project's Python sources from another."""
-    digest = hashlib.sha256()
-    for package in PACKAGES:
-        spec = find_spec(package)
-        assert spec is not None and spec.origin is not None
-        root = Path(spec.origin).parent
-        for file in sorted(root.rglob("*.py")):
-            digest.update(f"{package}/{file.relative_to(root).as_posix()}\0".encode() + file.read_bytes() + b"\0")
-    return digest.hexdigest()[:12]
+    return source_digest(PACKAGES)
 
 
 def check_folder(out: Path, settings: str) -> None:
@@ -81,5 +72,4 @@ def _read_from(name: str) -> Path | None:
     module, colon, _ = name.partition(":")
     if not colon or module == "m3depth":
         return None
-    spec = find_spec(module)
-    return Path(spec.origin) if spec is not None and spec.has_location and spec.origin else None
+    return source_file(module)

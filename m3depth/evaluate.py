@@ -12,20 +12,22 @@ the first method got most wrong), sparsification.png (error left as the least co
 Every pixel with true depth from 0.5 to 15 m (in other layouts: every known one, or --depth-range) is scored, whatever
 a method says of it; the rules in full are in m3depth/metrics.py, m3depth/rocks.py and m3depth/sparsification.py. Files
 of predictions: m3depth/recorded.py.
+The same command goes on where it was stopped or killed: what is scored is kept in RESULTS/unfinished.npz till the end.
 """
 
 from __future__ import annotations
 
 import hashlib
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 
-from m3depth.datasets.config import DataConfig, Part
+from m3depth.datasets.config import DataConfig, Part, flag
 from m3depth.datasets.open import open_pairs
 from m3depth.degradation import Degradation
 from m3depth.estimator import WINDOWS, Estimator, EstimatorError, load_estimator
@@ -39,11 +41,14 @@ from m3depth.figures.worst import worst_figure
 from m3depth.pairs import MAX_DISPARITY, StereoPairs, scored_depths
 from m3depth.recorded import FORM, RecordedError, RecordedPredictions
 from m3depth.report import check_own_results, markdown_report, text_table, versions, write_json
+from m3depth.unfinished import Unfinished, UnfinishedError
 from m3depth.weights import SHIPPED_WEIGHTS
 from marssim.atomic import write_atomically
 from marssim.command import counted, run_command
 from marssim.dataset import DatasetError
+from marssim.lock import sole_writer
 from marssim.progress import watched
+from marssim.sources import source_digest, source_file
 
 EXAMPLES = 3  # pairs in the figures
 COMPARED = 3  # methods in comparison.png, which shows the errors too; all are in qualitative.png
@@ -96,7 +101,7 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
     degradation = None if options.degrade is None else Degradation.parse(options.degrade)
     weights = options.weights or SHIPPED_WEIGHTS
     digest = hashlib.sha256(weights.read_bytes()).hexdigest() if weights.is_file() else None
-    options.out.mkdir(parents=True, exist_ok=True)
+    unfinished = Unfinished(options.out, asked_for(options, dataset, digest))
     done = evaluate(
         dataset,
         methods,
@@ -105,7 +110,8 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
         seed=options.seed,
         examples=EXAMPLES,
         worst=EXAMPLES,
-        progress=lambda indices: watched(indices, "pair", "evaluate"),
+        progress=partial(_watched, len(dataset) if options.limit is None else min(options.limit, len(dataset))),
+        unfinished=unfinished,
     )
     about = {
         "data": str(options.data),
@@ -124,9 +130,41 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
     write_json(options.out / "results.json", {**about, **found, "per_pair": done.pairs})
     write_atomically(options.out / "results.md", markdown_report(about, done.results, done.true_depth_normals).encode())
     draw(done, options.out)
+    unfinished.remove()
     print(text_table(done.results))
     print(f"{counted(len(done.pairs), 'pair')}; figures by kind and depth, and pictures, are in {options.out}")
     return done
+
+
+def asked_for(options: EvaluateOptions, dataset: StereoPairs, weights: str | None) -> dict[str, Any]:
+    """What the figures depend on, by flag; weights: their SHA-256. Only an evaluation of the same goes on."""
+    digest = getattr(dataset, "digest", None)
+    return {
+        "--data": [str(options.data.resolve()), len(dataset)] if digest is None else digest,
+        "--split": options.split,
+        "--weights": weights,
+        "--baselines": list(options.baselines),
+        "--estimator": [[text, _code_of(text)] for text in options.estimator],
+        "--predictions": list(options.predictions),
+        "--limit": options.limit,
+        "--degrade": options.degrade,
+        "--seed": options.seed,
+        **{flag(name): str(value) for name, value in options.reader.given().items()},
+        "state of the code": source_digest(("marssim", "m3depth")),
+    }
+
+
+def _code_of(estimator: str) -> str | None:
+    """SHA-256 of the file of a class of one's own, but not of what that imports."""
+    file = source_file(estimator.rpartition("=")[2].partition(":")[0])
+    return None if file is None else hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def _watched(number: int, left: Sequence[int]) -> Iterator[int]:
+    """The pairs that are left of so many, and how far one is among them."""
+    if len(left) < number:
+        print(f"evaluate: {number - len(left)} of {counted(number, 'pair')} are scored already", file=sys.stderr)
+    return watched(left, "pair", "evaluate")
 
 
 def draw(done: Evaluation, out: Path) -> None:
@@ -184,27 +222,26 @@ def _named_estimator(text: str) -> tuple[str, Estimator]:
     return name, load_estimator(spec, "--estimator")
 
 
-def _add(methods: dict[str, Method], flag: str, text: str, name: str, method: Method) -> None:
+def _add(methods: dict[str, Method], option: str, text: str, name: str, method: Method) -> None:
     if name in RESERVED or name in methods:
-        raise ValueError(f"{flag} {text}: the name {name!r} is taken, choose another")
+        raise ValueError(f"{option} {text}: the name {name!r} is taken, choose another")
     methods[name] = method
 
 
 def main(args: Sequence[str] | None = None) -> int:
     """The command. Returns the exit code: 2 for a mistake in what was asked for."""
-    return run_command(
-        _work, EvaluateOptions, "python -m m3depth.evaluate", __doc__, args, "the results may be incomplete"
-    )
+    return run_command(_work, EvaluateOptions, "python -m m3depth.evaluate", __doc__, args)
 
 
 def _work(options: EvaluateOptions) -> None:
     dataset, methods = prepare(options)
-    try:
-        run(options, dataset, methods)
-    except (DatasetError, EstimatorError, RecordedError):
-        raise
-    except ValueError as error:  # a bug, in here or in a method: show where
-        raise RuntimeError(f"scoring failed: {error}") from error
+    with sole_writer(options.out):
+        try:
+            run(options, dataset, methods)
+        except (DatasetError, EstimatorError, RecordedError, UnfinishedError):
+            raise
+        except ValueError as error:  # a bug, in here or in a method: show where
+            raise RuntimeError(f"scoring failed: {error}") from error
 
 
 if __name__ == "__main__":

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import astuple, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ from m3depth.prediction import Prediction
 from m3depth.recorded import RecordedPredictions
 from m3depth.resources import Cost, measured
 from m3depth.scores import NormalScores, ScoredPair, Scores
+from m3depth.stopping import stop_on_signal
+from m3depth.unfinished import Unfinished
 
 RESERVED = ("index", "pair")  # fields of a pair's record, beside those of the methods
 
@@ -41,6 +44,99 @@ class Evaluation:
     worst: list[Example] = field(default_factory=list)
 
 
+class Scoring:
+    """Methods that are being scored, a pair at a time; what they have so far can be saved, and gone on from.
+
+    pairs: the records so far, in the order in which the pairs came.
+    """
+
+    def __init__(
+        self,
+        dataset: StereoPairs,
+        methods: Mapping[str, Method],
+        degradation: Degradation | None,
+        seed: int,
+        max_disparity: float,
+    ) -> None:
+        self.dataset, self.methods = dataset, methods
+        self.degradation, self.seed, self.max_disparity = degradation, seed, max_disparity
+        self.pairs: list[dict[str, Any]] = []
+        self._scores = {
+            name: Scores(fit=not getattr(method, "normals_are_fitted", False)) for name, method in methods.items()
+        }
+        self._true_depth_normals = NormalScores()
+        self._costs: dict[str, list[Cost]] = {name: [] for name in methods}
+        self._warm: set[str] = set()
+
+    def add(self, index: int) -> Example:
+        """Score every method on one pair, and note it in pairs. Raises as `evaluate` does."""
+        example, costs = self.predicted(index)
+        pair = ScoredPair(example.truth, self.max_disparity)
+        record: dict[str, Any] = {"index": index, "pair": _name(self.dataset, index)}
+        for name, prediction in example.predictions.items():
+            try:
+                record[name] = self._scores[name].add(prediction, pair)
+            except ValueError as error:
+                raise ValueError(f"{name}, pair {index}: {error}") from None
+            if name in costs:
+                record[name]["seconds"] = costs[name].seconds
+                self._costs[name].append(costs[name])
+        self._true_depth_normals.add(fitted_normals(example.truth.disparity, example.truth.rig.camera), pair)
+        self.pairs.append(record)
+        return example
+
+    def predicted(self, index: int) -> tuple[Example, dict[str, Cost]]:
+        """What every method makes of a pair, and what that cost those that were run; nothing is scored."""
+        sample = self.dataset[index]
+        left, right = sample.left, sample.right
+        if self.degradation is not None:
+            left, right = self.degradation.apply(left, right, np.random.default_rng((self.seed, index)))
+        predictions: dict[str, Prediction] = {}
+        costs: dict[str, Cost] = {}
+        for name, method in self.methods.items():
+            if isinstance(method, RecordedPredictions):
+                predictions[name] = method.read(_name(self.dataset, index), index, sample.rig)
+                continue
+            if name not in self._warm:
+                method.infer(left, right, sample.rig)
+                self._warm.add(name)
+            found, costs[name] = measured(method.infer, left, right, sample.rig)
+            try:
+                predictions[name] = checked_prediction(method, found, left.shape[:2])
+            except EstimatorError as error:
+                raise EstimatorError(f"{name}, pair {index}: {error}") from None
+        return Example(index, left, right, sample, predictions), costs
+
+    def result(self) -> Evaluation:
+        """What has been found, without examples."""
+        results = {
+            name: {
+                **score.result(),
+                "median_image": _medians([record[name] for record in self.pairs]),
+                **_spent(self._costs[name]),
+            }
+            for name, score in self._scores.items()
+        }
+        return Evaluation(results, self.pairs, self._true_depth_normals.result())
+
+    def state_dict(self) -> dict[str, Any]:
+        """For Unfinished.save."""
+        return {
+            "pairs": self.pairs,
+            "scores": {name: score.state_dict() for name, score in self._scores.items()},
+            "true_depth_normals": self._true_depth_normals.state_dict(),
+            "costs": {name: [astuple(cost) for cost in costs] for name, costs in self._costs.items()},
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on from there. Raises KeyError if something is missing."""
+        self.pairs = state["pairs"]
+        for name, score in self._scores.items():
+            score.load_state_dict(state["scores"][name])
+        self._true_depth_normals.load_state_dict(state["true_depth_normals"])
+        self._costs = {name: [Cost(*cost) for cost in state["costs"][name]] for name in self.methods}
+
+
 def evaluate(
     dataset: StereoPairs,
     estimators: Mapping[str, Method],
@@ -51,7 +147,8 @@ def evaluate(
     max_disparity: float = MAX_DISPARITY,
     examples: int = 0,
     worst: int = 0,
-    progress: Callable[[Sequence[int]], Any] | None = None,
+    progress: Callable[[Sequence[int]], Iterable[int]] | None = None,
+    unfinished: Unfinished | None = None,
 ) -> Evaluation:
     """Score every method on the same pairs.
 
@@ -59,63 +156,49 @@ def evaluate(
     pairs, spread evenly over the dataset. degradation: applied to the images first; its noise depends on (seed, index)
     alone. max_disparity [px]: nearer pixels are scored apart. examples: so many pairs are kept to be shown, evenly
     spread; worst: and so many of those that the first method got most wrong. progress: wraps the indices that are
-    walked through, as marssim.progress.watched does. Besides what is kept to be shown, memory grows by a few numbers a
-    pair.
+    walked through, as marssim.progress.watched does. unfinished: where to save, now and then and at the end, and what
+    to go on from; the caller removes it. Besides what is kept to be shown, memory grows by a few numbers a pair.
     Each estimator sees the first pair twice: the first time warms it up and is not timed.
     Raises ValueError if there is nothing to score, EstimatorError if a method returns no Prediction of this size;
-    FileNotFoundError if a recorded prediction is missing.
+    FileNotFoundError if a recorded prediction is missing; with `unfinished`, KeyboardInterrupt after SIGINT or SIGTERM,
+    once the pair that it came upon is scored and saved.
     """
     chosen = _checked(dataset, estimators, limit, seed)
-    shown = {chosen[i] for i in spread(len(chosen), examples)} if examples else set()
-    scores = {name: Scores(fit=not getattr(method, "normals_are_fitted", False)) for name, method in estimators.items()}
-    true_depth_normals = NormalScores()
-    costs: dict[str, list[Cost]] = {name: [] for name in estimators}
-    warm: set[str] = set()
-    out, first = Evaluation({}), next(iter(estimators))
-    most_wrong: list[tuple[float, Example]] = []
-    for index in progress(chosen) if progress else chosen:
-        sample = dataset[index]
-        pair = ScoredPair(sample, max_disparity)
-        left, right = sample.left, sample.right
-        if degradation is not None:
-            rng = np.random.default_rng((seed, index))
-            left, right = degradation.apply(left, right, rng)
-        record: dict[str, Any] = {"index": index, "pair": _name(dataset, index)}
-        predictions: dict[str, Prediction] = {}
-        for name, method in estimators.items():
-            if isinstance(method, RecordedPredictions):
-                prediction = method.read(record["pair"], index, sample.rig)
-                cost = None
-            else:
-                if name not in warm:
-                    method.infer(left, right, sample.rig)
-                    warm.add(name)
-                found, cost = measured(method.infer, left, right, sample.rig)
-                try:
-                    prediction = checked_prediction(method, found, left.shape[:2])
-                except EstimatorError as error:
-                    raise EstimatorError(f"{name}, pair {index}: {error}") from None
-                costs[name].append(cost)
-            try:
-                record[name] = scores[name].add(prediction, pair)
-            except ValueError as error:
-                raise ValueError(f"{name}, pair {index}: {error}") from None
-            if cost is not None:
-                record[name]["seconds"] = cost.seconds
-            predictions[name] = prediction
-        true_depth_normals.add(fitted_normals(sample.disparity, sample.rig.camera), pair)
-        out.pairs.append(record)
-        example = Example(index, left, right, sample, predictions)
-        if index in shown:
-            out.examples.append(example)
-        wrong_by = record[first].get("epe", 0.0)
-        most_wrong = sorted([*most_wrong, (wrong_by, example)], key=lambda kept: -kept[0])[:worst]
-    out.worst = [example for _, example in most_wrong]
-    out.true_depth_normals = true_depth_normals.result()
-    for name, score in scores.items():
-        figures = [record[name] for record in out.pairs]
-        out.results[name] = {**score.result(), "median_image": _medians(figures), **_spent(costs[name])}
+    scoring = Scoring(dataset, estimators, degradation, seed, max_disparity)
+    if unfinished is not None and (state := unfinished.load()) is not None:
+        scoring.load_state_dict(state)
+    first = next(iter(estimators))
+    shown = [chosen[i] for i in spread(len(chosen), examples)] if examples else []
+    ranked = _worst(scoring.pairs, first, worst)
+    seen: dict[int, Example] = {}
+    noticed: AbstractContextManager[list[int]] = nullcontext([]) if unfinished is None else stop_on_signal()
+    with noticed as signals:
+        rest = chosen[len(scoring.pairs) :]
+        for index in progress(rest) if progress else rest:
+            example = scoring.add(index)
+            ranked = _worst([*ranked, scoring.pairs[-1]], first, worst)
+            wanted = {*shown, *(record["index"] for record in ranked)}
+            seen = {i: kept for i, kept in {**seen, index: example}.items() if i in wanted}
+            if unfinished is not None:
+                unfinished.save_now_and_then(scoring.state_dict)
+            if signals:
+                break
+        if unfinished is not None:
+            unfinished.save(scoring.state_dict())
+        if signals:
+            raise KeyboardInterrupt
+    out = scoring.result()
+    out.examples, out.worst = (
+        # Those that were scored before a stop are predicted again.
+        [seen[i] if i in seen else scoring.predicted(i)[0] for i in indices]
+        for indices in (shown, [record["index"] for record in ranked])
+    )
     return out
+
+
+def _worst(records: Sequence[dict[str, Any]], method: str, number: int) -> list[dict[str, Any]]:
+    """The records of the pairs in which the method's mean disparity error is largest, the largest first."""
+    return sorted(records, key=lambda record: -record[method].get("epe", 0.0))[:number]
 
 
 def check_choice(limit: int | None, seed: int) -> None:

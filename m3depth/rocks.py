@@ -16,7 +16,7 @@ score (python -m envs.rocks asks the navigator's map instead):
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, NamedTuple, Protocol
@@ -246,6 +246,16 @@ class RockTally:
             found = bool(top >= rock.top / 2)
             self.rocks.append(RockOutcome(rock.height, rock.away, found, float(top - rock.top), rock.both_eyes))
         self.false += false_obstacles(scene, prediction.depth)
+
+    def state_dict(self) -> dict[str, Any]:
+        """As m3depth.tallies.Tally.state_dict."""
+        return {"images": self.images, "rocks": self.rocks, "false": self.false}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """As m3depth.tallies.Tally.load_state_dict."""
+        self.images = state["images"]
+        self.rocks = [RockOutcome(*rock) for rock in state["rocks"]]
+        self.false = [(height, away) for height, away in state["false"]]
 
     def result(self) -> dict[str, Any]:
         """{"images", "false": all of them, "bins": figures by height and distance, "standing_0.2_m_within_8_m":

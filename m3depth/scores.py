@@ -72,6 +72,15 @@ class NormalScores:
         angles = angle_between(normal[pair.oriented], pair.sample.normal[pair.oriented])
         return _add_kinds(self.kinds, normal_terms(angles), pair.kinds, pair.oriented)
 
+    def state_dict(self) -> dict[str, Any]:
+        """Tally.state_dict by kind."""
+        return {kind: tally.state_dict() for kind, tally in self.kinds.items()}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """As Tally.load_state_dict."""
+        for kind, tally in self.kinds.items():
+            tally.load_state_dict(state[kind])
+
     def result(self) -> dict[str, Any]:
         """Tally.result by kind."""
         return {kind: tally.result() for kind, tally in self.kinds.items()}
@@ -119,6 +128,23 @@ class Scores:
         if pair.rocks is not None:
             self.rocks.add(prediction, pair.rocks)
         return figures
+
+    def state_dict(self) -> dict[str, Any]:
+        """The state of every tally in here, by its name."""
+        return {name: tally.state_dict() for name, tally in self._tallies().items()}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """As Tally.load_state_dict."""
+        for name, tally in self._tallies().items():
+            tally.load_state_dict(state[name])
+
+    def _tallies(self) -> dict[str, Any]:
+        return {
+            **{f"depth {kind}": tally for kind, tally in self.depth.items()},
+            **{f"interval {index}": tally for index, tally in enumerate(self.intervals)},
+            "normal": self.normal, "fitted": self.fitted, "error_map": self.error_map, "sky": self.sky,
+            "confidence": self.confidence, "rocks": self.rocks,
+        }  # fmt: skip
 
     def result(self) -> dict[str, Any]:
         """Plain numbers: depth, normal and fitted_normal by kind (Tally.result), the depth intervals, the error map,

@@ -7,6 +7,7 @@ equal shares, so that a method that tells nothing has a flat curve. Memory is th
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,15 @@ class ConfidenceTally:
         rank = np.log(np.clip(error, SMALLEST, 0.999 * LARGEST) / SMALLEST) * scale
         size = rank.astype(np.int64)
         self.by_error += [np.bincount(size, minlength=BINS), np.bincount(size, error, BINS)]
+
+    def state_dict(self) -> dict[str, Any]:
+        """As m3depth.tallies.Tally.state_dict."""
+        return {"pixels": self.pixels, "error": self.error, "bad": self.bad, "by_error": self.by_error}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """As m3depth.tallies.Tally.load_state_dict."""
+        self.pixels, self.error, self.bad = state["pixels"], state["error"], state["bad"]
+        self.by_error = state["by_error"]
 
     def result(self) -> dict[str, Any]:
         """{} without pixels, or if all have one confidence. Else

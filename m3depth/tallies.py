@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -59,6 +60,18 @@ class Tally:
                 out["pooled"]["median"] = self._histogram_median()
         return out
 
+    def state_dict(self) -> dict[str, Any]:
+        """What has been added so far, in JSON's types and arrays, for load_state_dict."""
+        return {
+            "pixels": self.pixels, "images": self.images, "sum": self._sum, "image_sum": self._image_sum,
+            "histogram": self._histogram,
+        }  # fmt: skip
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on from there. Raises KeyError if something is missing."""
+        self.pixels, self.images, self._sum = state["pixels"], state["images"], state["sum"]
+        self._image_sum, self._histogram = state["image_sum"], state["histogram"]
+
     def _figures(self, total: np.ndarray, count: int) -> dict[str, float]:
         means = total / count
         return {n: float(np.sqrt(m) if n in ROOTS else m) for n, m in zip(self.names, means, strict=True)}
@@ -85,6 +98,14 @@ class SkyTally:
         self.pixels += int(sky.sum())
         self.near += int((known_depth(depth) & (depth < MAX_DEPTH) & sky).sum())
 
+    def state_dict(self) -> dict[str, Any]:
+        """As Tally.state_dict."""
+        return {"pixels": self.pixels, "near": self.near}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """As Tally.load_state_dict."""
+        self.pixels, self.near = state["pixels"], state["near"]
+
     def result(self) -> dict[str, Any]:
         """{"pixels", "predicted_near": share or None}."""
         return {"pixels": self.pixels, "predicted_near": self.near / self.pixels if self.pixels else None}
@@ -108,6 +129,14 @@ class ErrorMap:
         column = true / DEPTH_BIN
         flat = np.minimum(row.astype(int), rows - 1) * columns + np.minimum(column.astype(int), columns - 1)
         self.counts += np.bincount(flat, minlength=rows * columns).reshape(rows, columns)
+
+    def state_dict(self) -> dict[str, Any]:
+        """As Tally.state_dict."""
+        return {"counts": self.counts}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """As Tally.load_state_dict."""
+        self.counts = state["counts"]
 
     def result(self) -> dict[str, Any]:
         """{"depth_step_m", "error_from_m", "error_to_m", "counts": rows of equal steps of the error's logarithm}."""

@@ -6,7 +6,7 @@ import re
 import pytest
 
 from envs.evaluate import EvaluateConfig, evaluate
-from envs.resumption import check_folder, code_digest, noted_settings
+from envs.resumption import check_folder, noted_settings
 from marssim.dataset import DatasetError, read_json
 
 SETTINGS = {"seed": 3, "scene": "gale", "goal_distance": 20.0}
@@ -85,20 +85,3 @@ def test_a_folder_of_something_else_is_refused_and_an_evaluations_is_not(tmp_pat
         check_folder(tmp_path, "evaluate.json")
     (tmp_path / "evaluate.json").touch()
     check_folder(tmp_path, "evaluate.json")
-
-
-def test_the_codes_digest_changes_with_any_source_and_only_then(tmp_path, monkeypatch):
-    for name in ("one", "two"):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "__init__.py").write_text("")
-    (tmp_path / "two" / "a.py").write_text("x = 1")
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr("envs.resumption.PACKAGES", ("one", "two"))
-    digest = code_digest.__wrapped__
-    first = digest()
-    (tmp_path / "two" / "notes.txt").write_text("no source")
-    assert digest() == first and len(first) == 12
-    (tmp_path / "two" / "a.py").write_text("x = 2")
-    second = digest()
-    (tmp_path / "two" / "a.py").rename(tmp_path / "two" / "b.py")
-    assert len({first, second, digest()}) == 3

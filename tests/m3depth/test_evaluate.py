@@ -2,6 +2,8 @@
 
 import hashlib
 import json
+import os
+import signal
 from dataclasses import replace
 from pathlib import Path
 
@@ -236,6 +238,65 @@ def test_the_first_call_is_not_timed(folder, monkeypatch):
     assert (len(timed), len(method.seen)) == (4, 5)
     assert np.array_equal(method.seen[0], method.seen[1])
     assert set(done.results["m"]["memory_mib"]) == {"process", "gpu"}
+
+
+class Stops(Scaled):
+    """The truth with an error that the image tells; gets a signal, or fails, in its so-many-th call."""
+
+    def __init__(self, call: int, signal_number: int | None) -> None:
+        super().__init__()
+        self.call, self.signal = call, signal_number
+
+    def infer(self, left, right, rig):
+        if len(self.seen) + 1 == self.call:
+            if self.signal is None:
+                raise OSError("the camera is gone")
+            os.kill(os.getpid(), self.signal)
+        self.seen.append(left)
+        return Scaled(1 + 0.001 * (int(left.sum()) % 100)).infer(left, right, rig)
+
+
+@pytest.mark.parametrize(
+    ("signal_number", "kept"), [(signal.SIGINT, 2), (signal.SIGTERM, 2), (None, 1)], ids=["ctrl-c", "term", "failure"]
+)
+def test_what_was_stopped_goes_on_and_comes_to_the_same(folder, tmp_path, capsys, monkeypatch, signal_number, kept):
+    """Of four pairs; without a signal nothing is saved but what was saved after the pair before, as by kill -9."""
+    monkeypatch.setattr("m3depth.unfinished.SECONDS", 0.0)
+    monkeypatch.setattr("m3depth.evaluate.draw", lambda done, out: drawn.append(done))
+    drawn: list = []
+    method = Stops(0, None)
+    monkeypatch.setattr("m3depth.evaluate.load_estimator", lambda spec, *_, **__: method)
+    asked = ["--data", str(folder), "--baselines", "none", "--degrade", "noise=2"]
+    assert main([*asked, "--out", str(tmp_path / "whole")]) == 0
+    method = Stops(3, signal_number)  # in the second pair: the first one is seen twice
+    stopped = [*asked, "--out", str(tmp_path / "stopped")]
+    assert main(stopped) == (2 if signal_number is None else 130)
+    assert ("the camera is gone" if signal_number is None else "the same command goes on") in capsys.readouterr().err
+    assert not (tmp_path / "stopped/results.json").exists() and (tmp_path / "stopped/unfinished.npz").exists()
+
+    assert main([*stopped, "--seed", "1"]) == 2
+    assert "unfinished.npz: of an unfinished evaluation with another --seed; choose" in capsys.readouterr().err
+    method = Stops(0, None)
+    assert main(stopped) == 0
+    assert f"{kept} of 4 pairs are scored already" in capsys.readouterr().err
+    whole, again = (_without_costs(tmp_path / name / "results.json") for name in ("whole", "stopped"))
+    assert again == whole
+    first, second = drawn
+    assert [e.index for e in first.examples] == [e.index for e in second.examples] == [0, 2, 3]
+    assert [e.index for e in first.worst] == [e.index for e in second.worst]
+    for one, other in zip([*first.examples, *first.worst], [*second.examples, *second.worst], strict=True):
+        assert np.array_equal(one.left, other.left)
+        assert np.array_equal(one.predictions["M3Depth"].depth, other.predictions["M3Depth"].depth)
+    assert sorted(file.name for file in (tmp_path / "stopped").iterdir()) == ["results.json", "results.md"]
+
+
+def _without_costs(file: Path) -> dict:
+    content = json.loads(file.read_text())
+    for result in content["methods"].values():
+        del result["seconds"], result["memory_mib"]
+    for record in content["per_pair"]:
+        assert record["M3Depth"].pop("seconds") > 0
+    return content
 
 
 def test_bad_names_and_seeds_are_refused_by_the_function_too(folder):
