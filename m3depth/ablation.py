@@ -11,6 +11,7 @@ from typing import Any
 
 from m3depth.ablate_config import AblateOptions
 from m3depth.ablation_tables import METHOD, findings, markdown
+from m3depth.budget import spent_budget
 from m3depth.data import Joined
 from m3depth.datasets.open import open_pairs
 from m3depth.evaluation import evaluate
@@ -22,14 +23,16 @@ from m3depth.report import check_own_results, versions, write_json
 from m3depth.run import saved_progress
 from m3depth.studies import BASE, Variant, distinct
 from m3depth.train_config import TrainConfig, check_config
-from m3depth.training import spent_budget, train
+from m3depth.training import train
 from marssim.atomic import write_atomically
 from marssim.command import counted
 from marssim.dataset import read_json
 from marssim.lock import sole_writer
+from marssim.sources import source_digest
 
 SETTINGS = "ablation.json"
 SCORE = "score.json"
+FAILED = "failed.json"  # of a run whose loss was not finite
 
 
 @dataclass(frozen=True)
@@ -78,7 +81,8 @@ def ablate(options: AblateOptions) -> dict[str, Any]:
     """Train and score what is still missing, and write the tables. Returns what results.json holds.
 
     Raises ValueError or OSError in one line for the user; KeyboardInterrupt after a signal, once the run that it came
-    upon is saved. A run whose loss is not finite is told, left out of the tables, and does not stop the others.
+    upon is saved. A run whose loss is not finite is told, left out of the tables, and does not stop the others; it is
+    not tried again as long as its failed.json is there.
     """
     runs = plan(options)
     test_folder = options.test or options.data[0]
@@ -133,7 +137,11 @@ def _claim(options: AblateOptions, datasets: Sequence[Any]) -> None:
 
 
 def _train(run: PlannedRun, options: AblateOptions, samples: Any) -> None:
-    """Train to the end of the budget, or find it done. Raises KeyboardInterrupt if a signal ended it before."""
+    """Train to the end of the budget, or find it done or failed. Raises KeyboardInterrupt if a signal ended it."""
+    failed = run.folder / FAILED
+    if failed.is_file():
+        print(f"{read_json(failed)['error']} (delete {failed} to try it again)", file=sys.stderr, flush=True)
+        return
     network = asdict(run.variant.resolved(options.preset)[0])
     write_atomically(run.folder / "network.json", (json.dumps(network, indent=2) + "\n").encode())
     if spent_budget(run.config, *saved_progress(run.folder)):
@@ -141,7 +149,9 @@ def _train(run: PlannedRun, options: AblateOptions, samples: Any) -> None:
     try:
         train(run.config, samples, [])
     except FloatingPointError as error:
-        print(f"{run.folder.name}: {error}; it stays out of the tables", file=sys.stderr, flush=True)
+        said = f"{run.folder.name}: {error}; it stays out of the tables"
+        print(said, file=sys.stderr, flush=True)
+        write_json(failed, {"error": said})
         return
     if not spent_budget(run.config, *saved_progress(run.folder)):
         raise KeyboardInterrupt
@@ -153,8 +163,11 @@ def _score(run: PlannedRun, options: AblateOptions, test: Any) -> bool:
     if (run.folder / SCORE).is_file() or not spent_budget(run.config, steps, seconds):
         return False
     model = M3Depth.from_pretrained(run.folder / "weights.safetensors")
-    done = evaluate(test, {METHOD: model.to(chosen_device(options.device))}, limit=options.limit)
+    device = chosen_device(options.device)
+    done = evaluate(test, {METHOD: model.to(device)}, limit=options.limit)
     about = {
+        "code": source_digest(("marssim", "m3depth")),
+        "device": device.type,
         "parameters": sum(p.numel() for p in model.parameters()),
         "steps": steps,
         "minutes": seconds / 60,

@@ -38,7 +38,7 @@ def findings(study: Study, scores: Mapping[str, Scores]) -> dict[str, Any]:
 
     scores: by the name of the variant, score.json by seed; empty where nothing is scored yet. Figures are means
     over the test pairs, then over the seeds. Changes are relative, with the 95 % interval of the paired bootstrap over
-    the scenes, whose pairs are drawn together: views of one scene are alike. A pair that
+    the scenes, whose pairs are drawn together: views of one scene are alike; a single scene gives none. A pair that
     holds no pixel of a figure is left out of that figure, in every run.
     """
     runs = {row.variant.name: scores[row.variant.name] for row in study.rows}
@@ -64,7 +64,7 @@ def findings(study: Study, scores: Mapping[str, Scores]) -> dict[str, Any]:
                     for name in study.columns
                 },
                 "runs": [
-                    {key: score[key] for key in ("steps", "minutes", "parameters")}
+                    {key: score[key] for key in ("steps", "minutes", "parameters", "code", "device")}
                     | {"seconds_per_pair": score["result"]["seconds"]["median"]}
                     for score in seeds.values()
                 ],
@@ -81,7 +81,7 @@ def findings(study: Study, scores: Mapping[str, Scores]) -> dict[str, Any]:
         "reference": study.reference,
         "pairs": {name: len(column.scenes) for name, column in columns.items()},
         "all_pairs": max((len(records) for records in _records(runs)), default=0),
-        "all_scenes": max((len(set(map(_scene, records))) for records in _records(runs)), default=0),
+        "all_scenes": max((len({record["scene"] for record in records}) for records in _records(runs)), default=0),
         "rows": rows,
         "comparisons": said,
         "order": [_order(study, rows, name) for name in study.measures],
@@ -91,11 +91,6 @@ def findings(study: Study, scores: Mapping[str, Scores]) -> dict[str, Any]:
 def _records(runs: Mapping[str, Scores]) -> list[Sequence[Mapping[str, Any]]]:
     """The records of the pairs, of each run."""
     return [score["per_pair"] for by_seed in runs.values() for score in by_seed.values()]
-
-
-def _scene(record: Mapping[str, Any]) -> str:
-    """What a pair shows: marssim names pairs SCENE/VIEW; where a name holds no folder, each pair stands alone."""
-    return str(record["pair"]).rpartition("/")[0] or str(record["pair"])
 
 
 def _column(runs: Mapping[str, Scores], name: str) -> Column:
@@ -111,7 +106,7 @@ def _column(runs: Mapping[str, Scores], name: str) -> Column:
         for run, by_seed in found.items()
     }
     first = next(iter(_records(runs)), [])
-    return Column(by_run, [_scene(record) for record, kept in zip(first, has) if kept])
+    return Column(by_run, [record["scene"] for record, kept in zip(first, has) if kept])
 
 
 def _mean(figures: Figures) -> float | None:
@@ -125,17 +120,19 @@ def _ratio(value: float | None, reference: float | None) -> float | None:
 
 
 def _change(column: Column, before_run: str, after_run: str) -> dict[str, Any]:
-    """Relative change of a mean from one run to another, by the seeds that both have."""
+    """Relative change of a mean from one run to another, by the seeds that both have; its interval over the scenes."""
     before, after = column.by_run[before_run], column.by_run[after_run]
     common = sorted(before.keys() & after.keys())
     if not common or not len(before[common[0]]) or not np.mean([before[seed] for seed in common]) > 0:
         return {"here": None, "interval": None, "by_seed": []}
     first, second = (np.stack([run[seed] for seed in common], 1) for run in (before, after))  # (pairs, seeds)
-    means = bootstrap.resampled_means(np.stack([first.mean(1), second.mean(1)], 1), column.scenes)
+    found: dict[str, Any] = {"here": float(second.mean() / first.mean() - 1), "interval": None}
     with np.errstate(divide="ignore", invalid="ignore"):
-        low, high = bootstrap.interval(means[:, 1] / means[:, 0] - 1)
-        by_seed = (second.mean(0) / first.mean(0) - 1).tolist()
-    return {"here": float(second.mean() / first.mean() - 1), "interval": [low, high], "by_seed": by_seed}
+        found["by_seed"] = (second.mean(0) / first.mean(0) - 1).tolist()
+        if len(set(column.scenes)) > 1:
+            means = bootstrap.resampled_means(np.stack([first.mean(1), second.mean(1)], 1), column.scenes)
+            found["interval"] = [*bootstrap.interval(means[:, 1] / means[:, 0] - 1)]
+    return found
 
 
 def _compare(study: Study, asked: Comparison, column: Column, name: str) -> dict[str, Any]:
@@ -148,9 +145,8 @@ def _compare(study: Study, asked: Comparison, column: Column, name: str) -> dict
     if found["here"] is None:
         here = "here it is not measured yet"
     else:
-        low, high = found["interval"]
         here = f"here {'it' if paper is not None else MEASURED[name]} {_moves(found['here'])} "
-        here += f"(95 % interval {100 * low:+.1f} to {100 * high:+.1f} %"
+        here += "(" + _bounds(found["interval"])
         if len(found["by_seed"]) > 1:
             alike = sum((change > 0) == (found["here"] > 0) for change in found["by_seed"])
             here += f"; the same sign with {alike} of {len(found['by_seed'])} seeds"
@@ -175,6 +171,12 @@ def _verdict(
     if interval[0] <= 0 <= interval[1] or any((change < 0) != (here < 0) for change in by_seed):
         return "undecided"
     return "agrees" if (paper < 0) == (here < 0) else "disagrees"
+
+
+def _bounds(interval: Sequence[float] | None) -> str:
+    if interval is None:
+        return "one scene gives no interval"
+    return f"95 % interval {100 * interval[0]:+.1f} to {100 * interval[1]:+.1f} %"
 
 
 def _moves(change: float) -> str:
@@ -214,14 +216,13 @@ def markdown(about: Mapping[str, Any], found: Mapping[str, Mapping[str, Any]]) -
         "budget, so orders and changes compare, not sizes. The paper's unchanged row has three wavelet levels and, by "
         "its own tables, three iterations (five under levels); here it has those of the preset.",
         "",
-        "Changes are relative, their 95 % intervals those of the paired bootstrap over the scenes "
-        "of the test set, whose pairs are drawn together. Agrees, "
-        "disagrees: the interval leaves zero out, on the paper's side or the other; undecided: it holds zero, "
-        "or seeds differ in sign. Rows "
-        "turned: pairs of rows that stand the other way round than in the paper."
+        "Changes are relative, their 95 % intervals those of the paired bootstrap over the scenes of the test set, "
+        "whose pairs are drawn together. Agrees, disagrees: the interval leaves zero out, on the paper's side or the "
+        "other; undecided: it holds zero, or seeds differ in sign. Rows turned: pairs of rows that stand the other way "
+        "round than in the paper."
         + (" With one seed, chance in training is not in these intervals." if len(about["seeds"]) == 1 else ""),
     ]
-    lines += too_little(found.values())
+    lines += too_little(found.values()) + several_kinds(found.values())
     lines += ["", *table(["study", *VERDICTS, "rows turned"], [_summary(study) for study in found.values()])]
     for name, study in found.items():
         lines += ["", f"## {study['title']}", "", f"The paper's table `{study['source']}`.", ""]
@@ -252,6 +253,15 @@ def too_little(studies: Iterable[Mapping[str, Any]]) -> list[str]:
     if steps and min(steps) < FEWEST_STEPS:
         said.append(f"{counted(min(steps), 'step')} (under {FEWEST_STEPS}, a network has hardly begun to learn)")
     return ["", f"**Too little to tell anything, agreement or not: {' and '.join(said)}.**"] if said else []
+
+
+def several_kinds(studies: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Lines that say that the runs are not all of one state of the code and one kind of device; none if they are."""
+    runs = [run for study in studies for row in study["rows"] for run in row["runs"]]
+    kinds = sorted({f"{run['code']} on {run['device']}" for run in runs})
+    if len(kinds) < 2:
+        return []
+    return ["", f"**These runs may not compare, of several states of the code or devices: {', '.join(kinds)}.**"]
 
 
 def _summary(study: Mapping[str, Any]) -> list[str]:

@@ -21,7 +21,7 @@ from m3depth.scores import NormalScores, ScoredPair, Scores
 from m3depth.stopping import stop_on_signal
 from m3depth.unfinished import Unfinished
 
-RESERVED = ("index", "pair")  # fields of a pair's record, beside those of the methods
+RESERVED = ("index", "pair", "scene")  # fields of a pair's record, beside those of the methods
 
 Method = Estimator | RecordedPredictions
 
@@ -72,7 +72,9 @@ class Scoring:
         """Score every method on one pair, and note it in pairs. Raises as `evaluate` does."""
         example, costs = self.predicted(index)
         pair = ScoredPair(example.truth, self.max_disparity)
-        record: dict[str, Any] = {"index": index, "pair": _name(self.dataset, index)}
+        record: dict[str, Any] = {
+            "index": index, "pair": _name(self.dataset, index), "scene": _scene(self.dataset, index),
+        }  # fmt: skip
         for name, prediction in example.predictions.items():
             try:
                 record[name] = self._scores[name].add(prediction, pair)
@@ -230,6 +232,12 @@ def _name(dataset: StereoPairs, index: int) -> str:
     """The dataset's own name of a pair, where it has one."""
     names = getattr(dataset, "names", None)
     return f"{index:06d}" if names is None else names[index]
+
+
+def _scene(dataset: StereoPairs, index: int) -> str:
+    """What the pair shows, as the dataset names it; where it says nothing, each pair shows a scene of its own."""
+    scenes = getattr(dataset, "scenes", None)
+    return _name(dataset, index) if scenes is None else scenes[index]
 
 
 def _medians(records: list[dict[str, float]]) -> dict[str, float]:

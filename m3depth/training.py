@@ -7,21 +7,21 @@ import os
 import shlex
 import sys
 import time
-import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, nullcontext
 from typing import Any
 
 import cv2
 import torch
-import torch.distributed as dist
 from torch import Tensor, nn
 
 from m3depth.batch import Batch
+from m3depth.budget import share_done, spent_budget
 from m3depth.data import PackedCache, batches, free_memory
 from m3depth.losses import total_loss
-from m3depth.network.device import autocast, chosen_device, fast_dtype
+from m3depth.network.device import autocast, fast_dtype
 from m3depth.pairs import StereoPairs, spread
+from m3depth.process_group import agree, joined_group
 from m3depth.run import Run
 from m3depth.stopping import stop_on_signal
 from m3depth.train_config import TrainConfig, check_config
@@ -37,40 +37,6 @@ def learning_rate(peak: float, progress: float) -> float:
         return peak * (0.05 + 0.95 * progress / WARM_UP)
     fall = min(1.0, (progress - WARM_UP) / (1 - WARM_UP))
     return peak * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * fall)))
-
-
-def shares_done(config: TrainConfig, step: int, seconds: float) -> dict[str, float]:
-    """Share of each budget that is spent, by its flag and value; from 1 on there is nothing left to do."""
-    shares = {}
-    if config.max_steps:
-        shares[f"--max-steps {config.max_steps}"] = step / config.max_steps
-    if config.max_minutes:
-        shares[f"--max-minutes {config.max_minutes:g}"] = seconds / 60 / config.max_minutes
-    return shares
-
-
-def share_done(config: TrainConfig, step: int, seconds: float) -> float:
-    """Share of the run that is done, by the budget that is nearer to its end; 1 or more: it is spent."""
-    return max(shares_done(config, step, seconds).values())
-
-
-def spent_budget(config: TrainConfig, step: int, seconds: float) -> str | None:
-    """Which budget is spent, as its flag and value; None: there is something left to do."""
-    return next((name for name, share in shares_done(config, step, seconds).items() if share >= 1), None)
-
-
-def join_group(config: TrainConfig) -> tuple[int, int, torch.device]:
-    """Rank, number of processes, device. Under torchrun the process group is joined."""
-    device = chosen_device(config.device, int(os.environ.get("LOCAL_RANK", 0)))
-    if "LOCAL_RANK" not in os.environ:
-        return 0, 1, device
-    if device.type == "cuda":
-        torch.cuda.set_device(device)
-    # Of 1 x 1 kernels, whose strides mean nothing; twice from each process.
-    warnings.filterwarnings("ignore", message="Grad strides do not match bucket view strides")
-    if not dist.is_initialized():
-        dist.init_process_group("nccl" if device.type == "cuda" else "gloo")
-    return dist.get_rank(), dist.get_world_size(), device
 
 
 class Checks:
@@ -104,47 +70,49 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
     samples, held_out: sequences of stereo samples (fields as in marssim.dataset); without held_out, nothing is
     validated. Returns the last validation of the averaged weights; empty after a signal, without held_out, and where
     the budget was spent before. Raises ValueError for bad settings, FloatingPointError if the loss is not finite: the
-    last checkpoint then stays as it was.
+    last checkpoint then stays as it was. Signals are heeded where it is called from the main thread.
     """
     check_config(config)
-    rank, world, device = join_group(config)
-    cv2.setNumThreads(1)
     if not len(samples):
         raise ValueError(f"{named(config)}: split train holds no pairs")
-    run = Run(config, device, world)
-    resumed = run.resume()
-    check_common_step(run)
-    if budget := spent_budget(config, run.step, run.seconds):
-        if rank == 0:
-            print(f"{config.out}: already at {budget} (step {run.step}, {run.seconds / 60:.1f} min); raise it to go on")
-        leave_group(world)
-        return {}
-    scores: dict[str, float] = {}
-    with ExitStack() as opened:
-        log = opened.enter_context(closing(Log(config.out, run.step))) if rank == 0 else None
-        if log:
-            announce(run, resumed, len(samples), len(held_out))
-        local = int(os.environ.get("LOCAL_WORLD_SIZE", 1))
-        cache = PackedCache(samples, free_memory() // 2 // local if config.cache else 0)
-        stream = opened.enter_context(
-            closing(
-                batches(
-                    cache, run.step, config.batch, config.crop, config.augment, config.seed, rank, world,
-                    config.loader_threads,
+    cv2.setNumThreads(1)
+    with joined_group(config.device) as (rank, world, device):
+        run = Run(config, device, world)
+        resumed = run.resume()
+        check_common_step(run)
+        if budget := spent_budget(config, run.step, run.seconds):
+            if rank == 0:
+                minutes = run.seconds / 60
+                print(f"{config.out}: already at {budget} (step {run.step}, {minutes:.1f} min); raise it to go on")
+            return {}
+        with ExitStack() as opened:
+            log = opened.enter_context(closing(Log(config.out, run.step))) if rank == 0 else None
+            if log:
+                announce(run, resumed, len(samples), len(held_out))
+            local = int(os.environ.get("LOCAL_WORLD_SIZE", 1))
+            cache = PackedCache(samples, free_memory() // 2 // local if config.cache else 0)
+            stream = opened.enter_context(
+                closing(
+                    batches(
+                        cache, run.step, config.batch, config.crop, config.augment, config.seed, rank, world,
+                        config.loader_threads,
+                    )
                 )
-            )
-        )  # fmt: skip
-        check = Checks(run, log, held_out)
-        stopped = take_steps(run, stream, log, check)
-        if log:
-            run.save()
-            if stopped:
-                log.say(f"stopped at step {run.step}; the same command goes on from here")
-            else:
-                scores = check()
-                log.say("done")
-                print(closing_words(run, log.records("val")), flush=True)
-    leave_group(world)
+            )  # fmt: skip
+            check = Checks(run, log, held_out)
+            stopped = take_steps(run, stream, log, check)
+            return closed(run, log, check, stopped) if log else {}
+
+
+def closed(run: Run, log: Log, check: Checks, stopped: bool) -> dict[str, float]:
+    """Save a run that a signal stopped, or that is done, and say so. Returns the scores of one that is done."""
+    run.save()
+    if stopped:
+        log.say(f"stopped at step {run.step}; the same command goes on from here")
+        return {}
+    scores = check()
+    log.say("done")
+    print(closing_words(run, log.records("val")), flush=True)
     return scores
 
 
@@ -280,22 +248,6 @@ def check_common_step(run: Run) -> None:
             f"--out {run.config.out}: the processes stand at steps {-behind} to {last}; it must be a folder that all "
             "machines share"
         )
-
-
-def leave_group(world: int) -> None:
-    """Wait for the other processes, if there are any, and part from them."""
-    if world > 1:
-        dist.barrier()
-        dist.destroy_process_group()
-
-
-def agree(values: list[float], device: torch.device, world: int) -> list[float]:
-    """The largest of each value over all processes."""
-    if world == 1:
-        return values
-    tensor = torch.tensor(values, dtype=torch.float64, device=device)
-    dist.all_reduce(tensor, dist.ReduceOp.MAX)
-    return tensor.tolist()
 
 
 def is_finite(loss: Tensor, norm: Tensor) -> bool:

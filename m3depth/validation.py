@@ -15,6 +15,7 @@ from m3depth.losses import Target, disparity_edges
 from m3depth.network.device import autocast, fast_dtype
 from m3depth.network.model import M3Depth, StereoOutput
 from m3depth.packing import TRAINED, PackedSample
+from marssim.atomic import write_atomically
 from marssim.colours import normal_colours
 
 HEADER = 18  # [px] height of the line above a panel
@@ -90,8 +91,7 @@ def save_panel(path: Path, model: M3Depth, samples: Sequence[PackedSample], devi
         row = np.concatenate([x[::2, ::2] for x in (sample.left[..., ::-1], *grey)], 1)
         rows.append(row if not rows or row.shape == rows[0].shape else cv2.resize(row, rows[0].shape[1::-1]))
     panel = np.concatenate([headed(rows[0].shape[1] // len(COLUMNS)), *rows])
-    path.parent.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(path), panel)
+    write_atomically(path, cv2.imencode(".png", panel)[1].tobytes())
     return np.ascontiguousarray(panel[..., ::-1])
 
 

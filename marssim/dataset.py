@@ -116,6 +116,7 @@ class StereoDataset:
         if not _lists_samples(self.index):
             raise DatasetError(f"{file}: samples must list name (scene/view), split and sha256")
         self.names: list[str] = [s["name"] for s in self.index["samples"] if split in (None, s["split"])]
+        self.scenes: list[str] = [name.partition("/")[0] for name in self.names]
 
     def __len__(self) -> int:
         return len(self.names)

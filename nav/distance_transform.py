@@ -15,7 +15,8 @@ def euclidean_distance(free: np.ndarray) -> np.ndarray:
     """Distance of each cell's centre to that of the nearest cell that is not free [cells].
 
     free: (h, w) bool or uint8, at least one cell of which is not free. Returns (h, w) float32, 0 where not free, exact
-    but for float32's own rounding up to 500 cells, within 1e-6 beyond. Raises ValueError where every cell is free.
+    but for float32's own rounding up to 500 cells, within a millionth of itself beyond. Raises ValueError where every
+    cell is free.
     """
     free = np.asarray(free, np.uint8)
     if free.all():

@@ -36,12 +36,14 @@ SIGNS: tuple[tuple[Format, tuple[str, ...]], ...] = (  # what tells a layout, be
 class PairList:
     """Pairs that were found in a folder; indexing reads the files of that pair anew.
 
-    names: of the pairs, in order. path, split: where and which. depth_range [m]: what is scored.
+    names, scenes: of the pairs, in order; pairs of one scene are alike. path, split: where and which. depth_range [m]:
+    what is scored.
     """
 
     def __init__(self, path: Path, split: Part, pairs: Sequence[PairFiles], config: DataConfig) -> None:
         self.path, self.split, self.pairs, self.config = path, split, list(pairs), config
         self.names = [pair.name for pair in self.pairs]
+        self.scenes = [pair.group for pair in self.pairs]
         self.depth_range = config.depth_range
 
     def __len__(self) -> int:

@@ -18,7 +18,7 @@ PAPER, HERE = METHOD_COLOURS[1], METHOD_COLOURS[0]
 def study_figure(study: Mapping[str, Any], path: Path) -> None:
     """Write a PNG: how much larger or smaller each row's errors are than the reference row's, paper and here.
 
-    study: what m3depth.ablation_tables.findings returns. Bars: the 95 % interval over test pairs.
+    study: what m3depth.ablation_tables.findings returns. Bars: the 95 % interval over test scenes.
     """
     names = [name for name in SHOWN if name in study["columns"]]
     rows = study["rows"]
@@ -31,8 +31,8 @@ def study_figure(study: Mapping[str, Any], path: Path) -> None:
             if change["paper"] is not None:
                 ax.plot(100 * change["paper"], place - 0.14, marker="D", ms=6, color=PAPER, mfc="white", mew=1.6, ls="")
             if change["here"] is not None:
-                low, high = (100 * bound for bound in change["interval"])
-                ax.plot([low, high], [place + 0.14] * 2, color=HERE, lw=2)
+                bounds = [100 * bound for bound in change["interval"] or ()]
+                ax.plot(bounds, [place + 0.14] * len(bounds), color=HERE, lw=2)
                 ax.plot(100 * change["here"], place + 0.14, marker="o", ms=6, color=HERE, ls="")
         ax.set_title(SHOWN[name], fontsize=11)
         ax.xaxis.set_major_locator(MaxNLocator(5))
@@ -44,7 +44,7 @@ def study_figure(study: Mapping[str, Any], path: Path) -> None:
     panels[0].set_ylim(len(rows) - 0.5, -0.5)
     handles = [
         panels[0].plot([], [], marker="D", ms=6, color=PAPER, mfc="white", mew=1.6, ls="", label="paper")[0],
-        panels[0].plot([], [], marker="o", ms=6, color=HERE, lw=2, label="here, 95 % interval over test pairs")[0],
+        panels[0].plot([], [], marker="o", ms=6, color=HERE, lw=2, label="here, 95 % interval over test scenes")[0],
     ]
     figure.legend(handles=handles, loc="outside upper center", ncols=2, frameon=False)
     reference = rows[study["reference"]]["label"]

@@ -149,6 +149,14 @@ def test_a_run_without_a_finite_loss_does_not_stop_the_others(plane_set, tmp_pat
     assert "no-wefe-0: loss or gradient is not finite at step 0" in capsys.readouterr().err
     assert [row["here"]["abs_rel"] is None for row in rows_of(out)] == [False, True, False, False]
 
+    monkeypatch.setattr(training, "backward", step)
+    failed = out / "runs/no-wefe-0/failed.json"
+    for times in range(2):  # again as it was, and once it is asked for
+        assert main(flags(plane_set, out, "--steps", "1", "--studies", "components")) == 0
+        assert (f"delete {failed} to try it again" in capsys.readouterr().err) == (times == 0)
+        assert [row["here"]["abs_rel"] is None for row in rows_of(out)] == [False, times == 0, False, False]
+        failed.unlink(missing_ok=True)
+
 
 @pytest.mark.parametrize(
     ("more", "message"),

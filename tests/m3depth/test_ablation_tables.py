@@ -7,6 +7,7 @@ import pytest
 
 from m3depth.ablation_tables import findings, markdown
 from m3depth.evaluation import evaluate
+from m3depth.figures.ablation import study_figure
 from m3depth.prediction import Prediction
 from m3depth.studies import STUDIES
 
@@ -20,12 +21,17 @@ def score(figures: dict[str, np.ndarray], views: int = 1) -> dict:
     """score.json of a run with these figures, (pairs,) each, so many pairs a scene."""
     count = len(next(iter(figures.values())))
     records = [
-        {"index": i, "pair": f"{i // views}/{i % views}", "M3Depth": {name: float(x[i]) for name, x in figures.items()}}
+        {
+            "index": i,
+            "pair": f"left/{i}",
+            "scene": str(i // views),
+            "M3Depth": {name: float(x[i]) for name, x in figures.items()},
+        }
         for i in range(count)
     ]
     return {
-        "parameters": 1_500_000, "steps": 100, "minutes": 2.0, "per_pair": records,
-        "result": {"seconds": {"median": 0.5}},
+        "parameters": 1_500_000, "code": "0123456789ab", "device": "cpu", "steps": 100, "minutes": 2.0,
+        "per_pair": records, "result": {"seconds": {"median": 0.5}},
     }  # fmt: skip
 
 
@@ -88,6 +94,27 @@ def test_views_of_a_scene_are_drawn_together() -> None:
     assert widths[5] / widths[1] == pytest.approx(5**0.5, rel=0.3)
 
 
+def test_one_scene_gives_no_interval_and_no_verdict(tmp_path) -> None:
+    pairs = {name: np.linspace(1, 2, 10) for name in ("abs_rel", "sq_rel", "rmse", "delta1")}
+    scores = {row.variant.name: {0: score(pairs, views=10)} for row in STUDIES["levels"].rows}
+    scores["levels-3"] = {0: score({name: 0.9 * x for name, x in pairs.items()}, views=10)}
+    found = findings(STUDIES["levels"], scores)
+    part = found["comparisons"][0]
+    assert (part["interval"], part["verdict"]) == (None, None)
+    assert part["sentence"].endswith("here it falls by 10.0 % (one scene gives no interval).")
+    study_figure(found, path := tmp_path / "levels.png")
+    assert path.stat().st_size > 10_000
+
+
+def test_runs_of_several_states_of_the_code_are_told() -> None:
+    scores = levels([1.0, 0.9, 0.8, 0.8])
+    assert "may not compare" not in markdown(ABOUT, {"levels": findings(STUDIES["levels"], scores)})
+    scores["levels-3"][1]["device"] = "cuda"
+    text = markdown(ABOUT, {"levels": findings(STUDIES["levels"], scores)})
+    assert "**These runs may not compare, of several states of the code or devices: " in text
+    assert "0123456789ab on cpu, 0123456789ab on cuda.**" in text
+
+
 def test_the_order_counts_what_is_turned() -> None:
     order = findings(STUDIES["levels"], levels([1.0, 2.0, 3.0, 4.0]))["order"][0]
     assert order["paper"] == ["3", "4", "5", "2"] and order["here"] == ["2", "3", "4", "5"]
@@ -137,7 +164,7 @@ def test_a_pair_without_a_scored_pixel_is_left_out_of_every_run(plane_samples) -
     for row, share in zip(STUDIES["levels"].rows, (0.02, 0.01, 0.01, 0.01), strict=True):
         done = evaluate(samples, {"M3Depth": Guess(samples, share)})
         assert done.pairs[1]["M3Depth"].keys() == {"seconds"}
-        about = {"parameters": 1, "steps": 1, "minutes": 1.0}
+        about = {"parameters": 1, "code": "0123456789ab", "device": "cpu", "steps": 1, "minutes": 1.0}
         scores[row.variant.name] = {0: {**about, "result": done.results["M3Depth"], "per_pair": done.pairs}}
     found = findings(STUDIES["levels"], scores)
     assert found["comparisons"][0]["here"] == pytest.approx(-0.5, rel=1e-3)

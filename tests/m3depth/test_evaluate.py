@@ -91,6 +91,7 @@ def test_known_errors_come_out(folder):
     assert done.results["off"]["depth"]["rock"]["pixels"] == 4 * 200
     assert done.results["off"]["normal"]["all"]["pooled"] == {}
     assert [(record["index"], record["pair"]) for record in done.pairs] == [(i, f"00001/0{i}") for i in range(4)]
+    assert {record["scene"] for record in done.pairs} == {"00001"}
     assert [example.index for example in done.examples] == [0, 3]
 
     assert done.results["off"]["seconds"]["median"] > 0

@@ -172,6 +172,7 @@ def test_oaisys_with_its_own_config(tmp_path) -> None:
     config = oaisys_tree(tmp_path)
     pairs = open_pairs(tmp_path, "all", DataConfig(calib=config))
     assert pairs.names == ["batch_0001/0001", "batch_0002/0001"]  # type: ignore[attr-defined]
+    assert pairs.scenes == ["batch_0001", "batch_0002"]  # type: ignore[attr-defined]
     sample = pairs[0]
     assert sample.rig.baseline == pytest.approx(0.27) and sample.rig.camera.cx == 19.5
     assert np.isinf(sample.depth[:5]).all() and (sample.disparity[:5] == 0).all()
