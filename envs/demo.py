@@ -19,6 +19,7 @@ import cv2
 
 from envs.course import CourseConfig
 from envs.drivers import NavigatorDriver
+from envs.ends import GOAL_RADIUS
 from envs.episodes import Cell, EpisodeRecord, run_episode
 from envs.film import Film
 from envs.mars_nav import MarsNavEnv
@@ -26,9 +27,11 @@ from m3depth.estimator import load_estimator
 from m3depth.evaluate import Evaluation, evaluate
 from m3depth.figures.comparison import comparison_figure
 from m3depth.report import text_table
+from marssim.atomic import write_atomically
 from marssim.command import counted, run_command
 from marssim.dataset import DatasetError, StereoDataset
 from marssim.generate import GenerateConfig, generate
+from marssim.out_folder import check_out
 from marssim.scene.scene import Place, preset
 
 MARK = "MADE_BY_DEMO.txt"
@@ -58,7 +61,12 @@ class DemoConfig:
 
 
 def demo(config: DemoConfig) -> Path:
-    """Run the demo; returns the summary's path. Raises FileNotFoundError if the weights are missing."""
+    """Run the demo; returns the summary's path.
+
+    Raises DatasetError if --out is a file or a dataset or holds what is not the demo's, FileNotFoundError if the
+    weights are missing.
+    """
+    check_out(config.out)
     started = perf_counter()
     network, sgbm = load_estimator("m3depth"), load_estimator("sgbm")
     data = _claim(config.out)
@@ -84,7 +92,7 @@ def demo(config: DemoConfig) -> Path:
     finally:
         env.close()
     still = film.stills[len(film.stills) // 2]
-    cv2.imwrite(str(config.out / "drive.png"), still[..., ::-1])
+    write_atomically(config.out / "drive.png", cv2.imencode(".png", still[..., ::-1])[1].tobytes())
     summary = config.out / "summary.md"
     summary.write_text(_summary(config, dataset, result, table, record, perf_counter() - started))
     return summary
@@ -124,7 +132,8 @@ def _summary(
 
 ![comparison](comparison.png)
 
-**Drive.** The rover {arrived}: {record.path_length:.1f} m driven, {record.shortest:.1f} m is the shortest way,
+**Drive.** The rover {arrived}: {record.path_length:.1f} m driven; the shortest way is {record.shortest:.1f} m, to the
+goal itself, of which the last {GOAL_RADIUS:g} m need not be driven.
 {record.steps} steps of {record.step_seconds:.2f} s, of which perception {record.perception_seconds:.2f} s; nearest
 obstacle {record.min_clearance:.2f} m from its footprint, tilt at most {record.max_tilt_deg:.0f} deg.
 Video: `drive.mp4`.

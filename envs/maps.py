@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -15,6 +14,7 @@ from matplotlib.patches import Circle, Polygon
 
 from envs.ends import GOAL_RADIUS
 from envs.episodes import EpisodeRecord
+from m3depth.figures.drawing import save
 from marssim.rover_spec import ZHURONG
 from nav.footprint import footprint_corners
 
@@ -28,6 +28,7 @@ CONTOURS, MOST_CONTOURS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0), 20  # [m] apart, the 
 CRASH = "collision"
 CRASH_MARK, END_MARK = ("X", 6), ("o", 3)  # matplotlib's marker and its size [pt]
 COLUMNS, ROWS = 5, 4
+NARROWEST = 7.2  # [in] in which title and legend find room
 AROUND = 5.0  # [m] shown before the start and behind the goal
 ASIDE = 8.0  # [m] shown to either side, more where a drive went further
 
@@ -57,8 +58,8 @@ def _page(path: Path, cell: str, courses: Sequence[Sequence[EpisodeRecord]], gro
     legend = _legend(courses, groups)
     across = min(1 + columns, len(legend))
     height = 2.5 * rows + 0.4 + 0.2 * -(-len(legend) // across)
-    figure = Figure(figsize=(3.6 * columns, height), dpi=90, layout="constrained")
-    FigureCanvasAgg(figure)
+    width = max(3.6 * columns, NARROWEST)
+    figure = Figure(figsize=(width, height), dpi=90, layout="constrained")
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     interval = _contour_interval(courses)
     for axes in panels:
@@ -69,7 +70,7 @@ def _page(path: Path, cell: str, courses: Sequence[Sequence[EpisodeRecord]], gro
     figure.legend(handles=legend, loc="outside lower center", ncols=across, fontsize=8)
     relief = f", contours every {interval:g} m, the lower the darker" if interval else ""
     figure.suptitle(f"{cell}\n[m] from the start{relief}", fontsize=9)
-    figure.savefig(path)
+    save(figure, path)
 
 
 def _legend(courses: Sequence[Sequence[EpisodeRecord]], groups: Sequence[tuple[str, str]]) -> list[Line2D]:

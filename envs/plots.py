@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from envs.metrics import wilson_interval
+from m3depth.figures.drawing import save
 
 Group = tuple[str, str]
 
@@ -25,7 +25,6 @@ def plot_success(path: Path, results: Sequence[dict[str, Any]], test_set: Mappin
     """
     erring = any(r["abs_rel"] is not None for r in results)
     figure = Figure(figsize=(9.6 if erring else 5.0, 4.0), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
     by_k, *others = figure.subplots(1, 1 + erring, sharey=True, squeeze=False)[0]
     groups = sorted({(r["driver"], r["perception"]) for r in results})
     for n, group in enumerate(groups):
@@ -53,7 +52,7 @@ def plot_success(path: Path, results: Sequence[dict[str, Any]], test_set: Mappin
     named = [axes.get_legend_handles_labels() for axes in (*others, by_k)]  # by_k last: its handles, with a line, win
     handles = {label: handle for pair in named for handle, label in zip(*pair)}
     figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=2 if erring else 1, fontsize=8)
-    figure.savefig(path)
+    save(figure, path)
 
 
 def pool_by_k(rows: Sequence[dict[str, Any]]) -> dict[float | None, tuple[float, int]]:

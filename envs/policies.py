@@ -15,6 +15,7 @@ from gymnasium import spaces
 from envs.corridors import AHEAD, KEPT, WAYS, as_corridors, corridor_space, steer
 from envs.mars_nav import MarsNavEnv
 from envs.wrappers import as_images, image_space
+from marssim.input_file import check_file
 
 CORRIDORS = "corridors"  # an entry in a policy's .zip
 
@@ -89,8 +90,7 @@ def _read(path: Path) -> tuple[dict[str, Any], bool]:
     """The tensors by name, and whether it is marked as one of Corridors."""
     import torch
 
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: there is no such policy")
+    check_file(path, "policy")
     try:
         with zipfile.ZipFile(path) as archive:
             weights = torch.load(io.BytesIO(archive.read("policy.pth")), map_location="cpu", weights_only=True)

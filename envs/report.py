@@ -12,6 +12,7 @@ from envs.episodes import NEAR_MISS, EpisodeRecord
 from envs.maps import plot_maps
 from envs.metrics import UNREACHABLE_MARK
 from envs.plots import plot_success
+from marssim.atomic import write_atomically
 
 LEGEND = f"""\
 Success: within {GOAL_RADIUS:g} m of the goal, with Wilson's interval. SPL, SoftSPL: success, or the share of the way
@@ -31,7 +32,7 @@ def write_report(out: Path, content: dict[str, Any], records: Sequence[EpisodeRe
     head = settings(content["driven_with"]) + states_of_the_code(records)
     page = f"{head}\n{table(content['results'])}\n{differences(content['differences'])}"
     page += looks_without_depth(records)
-    (out / "results.md").write_text(page + errors_beside(content["test_set_abs_rel"], records))
+    write_atomically(out / "results.md", (page + errors_beside(content["test_set_abs_rel"], records)).encode())
     plot_success(out / "success.png", content["results"], content["test_set_abs_rel"])
     plot_maps(out / "maps", records)
 

@@ -10,6 +10,7 @@ from typing import Any
 from envs.depth_scores import weights_digest
 from marssim.dataset import DatasetError, read_json, write_json
 from marssim.lock import LOCK
+from marssim.out_folder import check_out
 from marssim.sources import source_digest, source_file
 
 PACKAGES = ("marssim", "m3depth", "nav", "envs")
@@ -22,6 +23,7 @@ def code_digest() -> str:
 
 def check_folder(out: Path, settings: str) -> None:
     """Raise DatasetError unless a folder is new, empty or an evaluation's: one in which a file `settings` stands."""
+    check_out(out)
     if not out.is_dir() or (out / settings).is_file():
         return
     if any(file.name != LOCK and not file.name.startswith(f".{settings}.") for file in out.iterdir()):

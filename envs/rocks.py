@@ -27,8 +27,10 @@ from m3depth.estimator import checked_prediction
 from m3depth.figures.rocks import rocks_figure
 from m3depth.report import check_own_results, rocks_table, versions, write_json
 from m3depth.rocks import rock_scene
+from marssim.atomic import write_atomically
 from marssim.command import counted, run_command
 from marssim.dataset import StereoDataset
+from marssim.out_folder import check_out
 from marssim.progress import watched
 
 KEY = "standing_0.2_m_within_8_m"
@@ -77,6 +79,7 @@ def rocks_seen(config: RocksConfig) -> dict[str, Any]:
     Raises DatasetError or ValueError if the dataset cannot be read or tells no pose, --out holds other results, or
     a perception is unknown or returns no whole Prediction.
     """
+    check_out(config.out)
     check_own_results(config.out, "by_step")
     pairs = _pairs(config)
     methods = {name: load_perception(name) for name in config.perception}
@@ -152,7 +155,7 @@ def _report(config: RocksConfig, by_step: dict[str, dict[float, dict[str, Any]]]
         "![rocks](rocks.png)",
         "",
     ]
-    (config.out / "results.md").write_text("\n".join(lines))
+    write_atomically(config.out / "results.md", "\n".join(lines).encode())
     return content
 
 

@@ -50,7 +50,7 @@ def load_perception(perception: str | Estimator) -> Estimator | None:
     """
     if isinstance(perception, str) and perception == "ground_truth":
         return None
-    return load_estimator(perception, "perception", ("ground_truth",))
+    return load_estimator(perception, "`perception`", ("ground_truth",))
 
 
 class Eyes:

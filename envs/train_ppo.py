@@ -32,6 +32,7 @@ from envs.policies import PolicyDriver, mark_corridors
 from m3depth.report import versions
 from marssim.command import counted, run_command
 from marssim.dataset import DatasetError, read_json, write_json
+from marssim.out_folder import check_out
 from marssim.scene.scene import Place
 
 POLICY, SETTINGS_FILE, LOG = "policy.zip", "train_ppo.json", "log.jsonl"  # in OUT
@@ -131,6 +132,7 @@ def train(config: TrainConfig, rollout: int = 128) -> Path:
     except ImportError:
         raise ImportError("envs.train_ppo needs stable-baselines3: pip install 'mars-m3depth[rl]'") from None
 
+    check_out(config.out)
     path = config.out / POLICY
     if path.is_file() and not PolicyDriver(path).corridors:  # which says what is wrong with a file that is no policy
         raise ValueError(f"{path}: is a policy that envs.train_ppo cannot go on from; choose another --out")

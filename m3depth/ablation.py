@@ -20,7 +20,7 @@ from m3depth.network.device import chosen_device
 from m3depth.network.model import M3Depth
 from m3depth.pairs import scored_depths
 from m3depth.report import check_own_results, versions, write_json
-from m3depth.run import saved_progress
+from m3depth.run import differing, saved_progress
 from m3depth.studies import BASE, Variant, distinct
 from m3depth.train_config import TrainConfig, check_config
 from m3depth.training import train
@@ -28,6 +28,7 @@ from marssim.atomic import write_atomically
 from marssim.command import counted
 from marssim.dataset import read_json
 from marssim.lock import sole_writer
+from marssim.out_folder import check_out
 from marssim.sources import source_digest
 
 SETTINGS = "ablation.json"
@@ -93,14 +94,11 @@ def ablate(options: AblateOptions) -> dict[str, Any]:
             raise ValueError(f"--data {folder}: split train holds no pairs")
     if len(test) < 2:
         raise ValueError(f"{test_folder}: split test holds {counted(len(test), 'pair')}; comparing needs two or more")
-    if options.out.exists() and not options.out.is_dir():
-        raise ValueError(f"--out {options.out}: is not a folder")
+    check_out(options.out)
     with sole_writer(options.out):
         _claim(options, [*training, test])
-        print(
-            f"{counted(len(runs), 'run')} of {options.budget}, {counted(len(test), 'test pair')} ({options.out})",
-            file=sys.stderr,
-        )
+        scored = counted(len(test) if options.limit is None else min(options.limit, len(test)), "test pair")
+        print(f"{counted(len(runs), 'run')} of {options.budget}, {scored} ({options.out})", file=sys.stderr)
         for number, run in enumerate(runs, start=1):
             print(f"run {number} of {len(runs)}: {run.folder.name}", file=sys.stderr, flush=True)
             _train(run, options, Joined(training))
@@ -131,7 +129,8 @@ def _claim(options: AblateOptions, datasets: Sequence[Any]) -> None:
         before = read_json(path)
         for name, value in settings.items():
             if before.get(name) != value:
-                raise ValueError(f"{path}: belongs to an ablation with another {name}; choose another --out")
+                what = "other data" if name == "sha256" else differing(name, before.get(name), value)
+                raise ValueError(f"{path}: belongs to an ablation with {what}; choose another --out")
     else:
         write_atomically(path, (json.dumps(settings, indent=1) + "\n").encode())
 

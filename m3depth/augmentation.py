@@ -50,6 +50,13 @@ def crop(sample: PackedSample, y: int, x: int, height: int, width: int) -> Packe
     return PackedSample(left, right, disparity, normal, flags, (fx, fy, cx - x, cy - y))
 
 
+def check_crop(sample: PackedSample, size: tuple[int, int]) -> None:
+    """Raise ValueError if the images are smaller than crops of size (height, width)."""
+    height, width = sample.left.shape[:2]
+    if size[0] > height or size[1] > width:
+        raise ValueError(f"--crop {size[0]} {size[1]} is larger than the images, {height} x {width}")
+
+
 def random_crop(
     sample: PackedSample, size: tuple[int, int], config: AugmentConfig, rng: np.random.Generator
 ) -> PackedSample:
@@ -57,9 +64,8 @@ def random_crop(
 
     Raises ValueError if the images are smaller than the crop.
     """
+    check_crop(sample, size)
     height, width = sample.left.shape[:2]
-    if size[0] > height or size[1] > width:
-        raise ValueError(f"--crop {size[0]} {size[1]} is larger than the images, {height} x {width}")
     highest = np.log1p(config.scale)
     factor = np.exp(rng.uniform(-highest, highest)) if rng.random() < 0.5 else 1.0
     factor = max(factor, size[0] / height, size[1] / width)

@@ -19,6 +19,7 @@ import numpy as np
 
 from m3depth.camera_info import NUMBER, CameraInfo, is_camera_info, parse_camera_info
 from marssim.camera import PinholeCamera, StereoRig
+from marssim.input_file import check_file
 
 KITTI_GREY = frozenset({"image_0", "image_00"})  # folders of the left grey camera; the colour one is number 2
 
@@ -54,8 +55,8 @@ def read_calibration(
     names the file and what it lacks.
     """
     for file in (path, right):
-        if file is not None and not file.is_file():
-            raise FileNotFoundError(f"{file}: no such calibration file")
+        if file is not None:
+            check_file(file, "calibration file")
     try:
         text = path.read_text()
         if is_camera_info(text):

@@ -40,11 +40,11 @@ class Degradation:
         for part in filter(None, (p.strip() for p in text.split(","))):
             name, _, value = part.partition("=")
             if name not in known:
-                raise ValueError(f"degradation: unknown field {name!r}; known are {', '.join(sorted(known))}")
+                raise ValueError(f"`degrade`: unknown field {name!r}; known are {', '.join(sorted(known))}")
             try:
                 values[name] = float(value)
             except ValueError:
-                raise ValueError(f"degradation: {name} must be a number, got {value!r}") from None
+                raise ValueError(f"`degrade`: {name} must be a number, got {value!r}") from None
         return cls(**values)
 
     def apply(self, left: np.ndarray, right: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from m3depth.prediction import Prediction
 from marssim.camera import StereoRig
+from marssim.input_file import check_file
 
 
 @runtime_checkable
@@ -100,8 +101,8 @@ def checked_prediction(estimator: Estimator, found: object, size: tuple[int, int
 
 
 def _load_m3depth(weights: Path | None, device: str) -> Estimator:
-    if weights is not None and not weights.is_file():
-        raise FileNotFoundError(f"{weights}: no such weights file")  # before torch is imported
+    if weights is not None:
+        check_file(weights, "weights file")  # before torch is imported
     from m3depth.network.device import chosen_device
     from m3depth.network.model import M3Depth
 

@@ -47,6 +47,7 @@ from marssim.atomic import write_atomically
 from marssim.command import counted, run_command
 from marssim.dataset import DatasetError
 from marssim.lock import sole_writer
+from marssim.out_folder import check_out
 from marssim.progress import watched
 from marssim.sources import source_digest, source_file
 
@@ -169,8 +170,7 @@ def _watched(number: int, left: Sequence[int]) -> Iterator[int]:
 
 def draw(done: Evaluation, out: Path) -> None:
     """Write every figure."""
-    first = list(done.results)[:COMPARED]
-    comparison_figure([e.only(first) for e in done.examples], out / "comparison.png")
+    comparison_figure(done.examples, out / "comparison.png", most=COMPARED)
     qualitative_figure(done.examples, out / "qualitative.png")
     zoom_figure(done.examples, out / "zoom.png")
     worst_figure(done.worst, out / "worst.png")
@@ -193,8 +193,7 @@ def prepare(options: EvaluateOptions) -> tuple[StereoPairs, dict[str, Method]]:
         raise ValueError(f"{options.data}: split {options.split} holds no pairs; choose another --split")
     if options.degrade is not None:
         Degradation.parse(options.degrade)
-    if options.out.exists() and not options.out.is_dir():
-        raise ValueError(f"--out {options.out}: is not a folder")
+    check_out(options.out)
     check_own_results(options.out, "per_pair")
     own = "m3depth" if options.weights is None else f"m3depth:{options.weights}"
     methods: dict[str, Method] = {"M3Depth": load_estimator(own, device=options.device)}

@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 
 from m3depth.pairs import in_colour
+from marssim.input_file import check_file
+from marssim.png import MAGIC, is_whole
 
 BRIGHT = 99.9  # [%] of a 16-bit pair's pixels are at most what becomes white: hot pixels do not darken all others
 
@@ -34,12 +36,17 @@ def read_pair(left: Path, right: Path) -> tuple[np.ndarray, np.ndarray]:
     return np.ascontiguousarray(a), np.ascontiguousarray(b)
 
 
-def decoded(data: bytes) -> np.ndarray | None:
-    """An image file as OpenCV reads it, (H, W) or BGR (H, W, 3), of any type; None, without a word, if it cannot be."""
+def decoded(data: bytes, how: int = cv2.IMREAD_UNCHANGED) -> np.ndarray | None:
+    """An image file as OpenCV reads it, (H, W) or BGR (H, W, 3), of any type; None, without a word, if it cannot be.
+
+    how: OpenCV's flag, as IMREAD_GRAYSCALE.
+    """
+    if data.startswith(MAGIC) and not is_whole(data):  # libpng would say so on stderr
+        return None
     log = cv2.utils.logging
     before = log.setLogLevel(log.LOG_LEVEL_SILENT)  # a broken file is told in our words
     try:
-        return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+        return cv2.imdecode(np.frombuffer(data, np.uint8), how)
     except cv2.error:  # an empty file
         return None
     finally:
@@ -48,8 +55,7 @@ def decoded(data: bytes) -> np.ndarray | None:
 
 def _read(path: Path) -> np.ndarray:
     """(H, W) or RGB (H, W, 3), uint8 or uint16."""
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file")
+    check_file(path)
     image = decoded(path.read_bytes())
     if image is None:
         raise ValueError(f"{path}: not a readable image")

@@ -43,8 +43,11 @@ from m3depth.pair_checks import check_pair
 from m3depth.prediction import Prediction
 from m3depth.prediction_files import without_sky_normals, write_prediction
 from m3depth.second_look import closer_look
+from marssim.atomic import write_atomically
 from marssim.camera import WIDEST, StereoRig
 from marssim.command import counted, run_command
+from marssim.npy import encode_npy
+from marssim.out_folder import check_out
 
 AGREEMENT = 1.0  # [px] that both eyes may differ by
 MIN_ANGLE, MAX_ANGLE = 1.0, 150.0  # [deg] horizontal field of view of rectified images
@@ -106,6 +109,9 @@ def make_calibration(options: PredictOptions, height: int, width: int) -> Calibr
     for flag, value in (("--cx", options.cx), ("--cy", options.cy)):
         if value is not None and not np.isfinite(value):
             raise ValueError(f"{flag} must be finite, got {value}")
+    for flag, value, side in (("--cx", options.cx, width), ("--cy", options.cy, height)):
+        if value is not None and not -side <= value <= 2 * side:
+            raise ValueError(f"{flag} {value:g} px lies far outside of images of {width} x {height} px")
     if not options.calib:
         assert options.focal is not None and options.baseline is not None
         middle = ((width - 1) / 2, (height - 1) / 2)
@@ -158,8 +164,7 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
     left, right = read_pair(options.left, options.right)
     calibration = make_calibration(options, *left.shape[:2])
     rig = calibration.rig(left.shape[1], left.shape[0])
-    if options.out.exists() and not options.out.is_dir():
-        raise ValueError(f"--out {options.out}: is not a folder")
+    check_out(options.out)
     if options.method != "m3depth" and (options.weights is not None or options.nearest is not None):
         flag = "--nearest" if options.weights is None else "--weights"
         raise ValueError(f"{flag} belongs to m3depth, not to --method {options.method}")
@@ -192,7 +197,7 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
     agreed, file = "", options.out / "left_right.npy"
     file.unlink(missing_ok=True)  # of an earlier run
     if difference is not None:
-        np.save(file, difference)
+        write_atomically(file, encode_npy(difference))
         compared = np.isfinite(prediction.depth) & np.isfinite(difference)
         if compared.any():
             agreed = (

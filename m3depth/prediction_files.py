@@ -11,9 +11,11 @@ import numpy as np
 from m3depth.figures.prediction import prediction_figure
 from m3depth.pairs import in_colour
 from m3depth.prediction import Prediction
+from marssim.atomic import write_atomically
 from marssim.camera import StereoRig
 from marssim.colours import normal_colours
 from marssim.depth_edges import depth_edges
+from marssim.npy import encode_npy
 from marssim.pointcloud import coloured_points, encode_ply
 
 EDGE_SHARE = 0.02  # of the disparity, that it may change by within 3 x 3 px: near surfaces may be steep
@@ -44,12 +46,15 @@ def point_cloud(
 def write_prediction(
     out: Path, left: np.ndarray, prediction: Prediction, rig: StereoRig, min_confidence: float, max_range: float
 ) -> int:
-    """Write every file that m3depth.predict lists; returns the number of points of the cloud. Raises OSError."""
+    """Write every file that m3depth.predict lists, whole or not; returns the number of points of the cloud.
+
+    Raises OSError that names the file.
+    """
     out.mkdir(parents=True, exist_ok=True)
     for name in ("depth", "disparity", "normal", "confidence"):
         array = getattr(prediction, name)
         if array is not None:
-            np.save(out / f"{name}.npy", array)
+            write_atomically(out / f"{name}.npy", encode_npy(array))
         else:  # nothing of an earlier run may stand beside this one's
             for suffix in ("npy", "png"):
                 (out / f"{name}.{suffix}").unlink(missing_ok=True)
@@ -58,7 +63,7 @@ def write_prediction(
     if prediction.normal is not None:
         _write_png(out / "normal.png", np.ascontiguousarray(normal_colours(prediction.normal)[..., ::-1]))
     points, colour = point_cloud(left, prediction, rig, min_confidence, max_range)
-    (out / "cloud.ply").write_bytes(encode_ply(points, colour))
+    write_atomically(out / "cloud.ply", encode_ply(points, colour))
     prediction_figure(left, prediction, out / "figure.png")
     return len(points)
 
@@ -70,5 +75,7 @@ def _uint16(values: np.ndarray) -> np.ndarray:
 
 
 def _write_png(path: Path, image: np.ndarray) -> None:
-    if not cv2.imwrite(str(path), image):
-        raise OSError(f"{path}: could not be written")
+    ok, data = cv2.imencode(".png", image)
+    if not ok:
+        raise OSError(f"{path}: could not be encoded")
+    write_atomically(path, data.tobytes())

@@ -47,13 +47,25 @@ def read_checkpoint(path: Path, device: torch.device) -> dict[str, Any]:
         network = M3DepthConfig.from_dict(state["identity"]["network"])
         state["identity"] = {WORLD: 1, **state["identity"], "network": plain(network)}
     except Exception as error:  # torch raises whatever its unpickler stumbles over
-        raise ValueError(f"{path}: not a readable checkpoint ({type(error).__name__})") from None
+        raise ValueError(
+            f"{path}: not a readable checkpoint ({type(error).__name__}); delete it to begin anew, or choose another "
+            f"--out and begin from --init {path.parent / 'weights.safetensors'}"
+        ) from None
     return state
 
 
 def said(value: Any) -> str:
     """A setting as its flag takes it."""
     return " ".join(map(str, value)) if isinstance(value, tuple) else "none" if value is None else str(value)
+
+
+def differing(name: str, before: Any, now: Any) -> str:
+    """ "seed 0, not 1"; of a network, its fields that differ."""
+    if isinstance(before, dict) and isinstance(now, dict):
+        fields = [key for key in {**before, **now} if before.get(key) != now.get(key)]
+        return "; ".join(f"{name} {differing(key, before.get(key), now.get(key))}" for key in fields)
+    was, is_now = (said(tuple(value) if isinstance(value, list) else value) for value in (before, now))
+    return f"{name} {was}, not {is_now}"
 
 
 def plain(network: M3DepthConfig) -> dict[str, Any]:
@@ -132,7 +144,10 @@ class Run:
         state = read_checkpoint(self.checkpoint, self.device)
         for name, value in self.identity().items():
             if state["identity"].get(name, value) != value:  # older ones know fewer
-                raise ValueError(f"{self.checkpoint}: belongs to a run with another {name}; choose another --out")
+                raise ValueError(
+                    f"{self.checkpoint}: belongs to a run with {differing(name, state['identity'][name], value)}; "
+                    "choose another --out"
+                )
         self.model.load_state_dict(state["model"])
         self.averaged.load_state_dict(state["averaged"])
         self.optimizer.load_state_dict(state["optimizer"])

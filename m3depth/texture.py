@@ -33,11 +33,13 @@ import numpy as np
 import tyro
 
 from m3depth.figures.texture import TextureExample, texture_figure
+from m3depth.image_files import decoded
 from m3depth.pairs import spread
 from m3depth.report import write_json
 from marssim.command import counted, run_command
 from marssim.dataset import StereoDataset
 from marssim.local_texture import entropy, local_binary_patterns, uniform_labels
+from marssim.out_folder import check_out
 
 HIGH = 0.1  # of f_max
 F_MAX = 0.5  # [cycles/px]
@@ -118,7 +120,7 @@ def find_images(paths: Sequence[Path], limit: int) -> Iterator[tuple[str, np.nda
             if files[i].resolve() in seen:  # named, and in a folder that is named
                 continue
             seen.add(files[i].resolve())
-            grey = cv2.imdecode(np.frombuffer(files[i].read_bytes() or b"0", np.uint8), cv2.IMREAD_GRAYSCALE)
+            grey = decoded(files[i].read_bytes(), cv2.IMREAD_GRAYSCALE)
             if grey is None:
                 raise ValueError(f"{files[i]}: not a readable image")
             yield str(files[i]), grey
@@ -126,6 +128,7 @@ def find_images(paths: Sequence[Path], limit: int) -> Iterator[tuple[str, np.nda
 
 def analyse(options: TextureOptions) -> dict[str, Any]:
     """Measure both groups, write texture.json and texture.png, and return the content of the first."""
+    check_out(options.out)
     groups: dict[str, Any] = {}
     examples = []
     for name, paths in zip(options.names, (options.images, options.beside), strict=True):

@@ -9,15 +9,18 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, nullcontext
+from pathlib import Path
 from typing import Any
 
 import cv2
 import torch
 from torch import Tensor, nn
 
+from m3depth.augmentation import check_crop
 from m3depth.batch import Batch
 from m3depth.budget import share_done, spent_budget
 from m3depth.data import PackedCache, batches, free_memory
+from m3depth.datasets.open import open_pairs
 from m3depth.losses import total_loss
 from m3depth.network.device import autocast, fast_dtype
 from m3depth.pairs import StereoPairs, spread
@@ -27,6 +30,8 @@ from m3depth.stopping import stop_on_signal
 from m3depth.train_config import TrainConfig, check_config
 from m3depth.training_log import Log
 from m3depth.validation import save_panel, validate
+from marssim.command import counted
+from marssim.out_folder import check_out
 
 WARM_UP = 0.04  # share of the run in which the learning rate rises
 
@@ -73,6 +78,7 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
     last checkpoint then stays as it was. Signals are heeded where it is called from the main thread.
     """
     check_config(config)
+    check_out(config.out)
     if not len(samples):
         raise ValueError(f"{named(config)}: split train holds no pairs")
     cv2.setNumThreads(1)
@@ -85,12 +91,13 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
                 minutes = run.seconds / 60
                 print(f"{config.out}: already at {budget} (step {run.step}, {minutes:.1f} min); raise it to go on")
             return {}
+        local = int(os.environ.get("LOCAL_WORLD_SIZE", 1))
+        cache = PackedCache(samples, free_memory() // 2 // local if config.cache else 0)
+        check_crop(cache[0], config.crop)  # before anything is written
         with ExitStack() as opened:
             log = opened.enter_context(closing(Log(config.out, run.step))) if rank == 0 else None
             if log:
                 announce(run, resumed, len(samples), len(held_out))
-            local = int(os.environ.get("LOCAL_WORLD_SIZE", 1))
-            cache = PackedCache(samples, free_memory() // 2 // local if config.cache else 0)
             stream = opened.enter_context(
                 closing(
                     batches(
@@ -120,7 +127,11 @@ def announce(run: Run, resumed: bool, samples: int, held_out: int) -> None:
     """Say on stderr what is trained, on how many samples and on what, and what a resumed run has new."""
     size = sum(p.numel() for p in run.model.parameters())
     start = f"resumed at step {run.step}, {run.seconds / 60:.1f} min" if resumed else "new run"
-    print(f"{samples} samples, {size / 1e6:.2f} M parameters, {run.device}, {start}", file=sys.stderr, flush=True)
+    print(
+        f"{counted(samples, 'sample')}, {size / 1e6:.2f} M parameters, {run.device}, {start}",
+        file=sys.stderr,
+        flush=True,
+    )
     if run.changed:
         print(f"goes on with other settings: {', '.join(run.changed)}", file=sys.stderr, flush=True)
     if run.config.validate_samples and not held_out:
@@ -235,9 +246,20 @@ def closing_words(run: Run, validations: list[dict[str, Any]]) -> str:
     lines = [f"{weights}: averaged weights of step {run.step}, {run.seconds / 60:.1f} min; {quality}"]
     for number, folder in enumerate(run.config.data, start=1):
         words = ["--data", folder, *run.config.reader.flags(), "--split", "test", "--weights", weights]
+        if not holds_test_pairs(run.config, folder):
+            lines.append(f"{folder}: split test holds no pairs to score them on; more scenes would have some")
+            continue
         out = run.config.out / ("score" if number == 1 else f"score-{number}")
         lines.append(f"score them: python -m m3depth.evaluate {shlex.join(map(str, [*words, '--out', out]))}")
     return "\n".join(lines)
+
+
+def holds_test_pairs(config: TrainConfig, folder: Path) -> bool:
+    """Whether a folder's split test is worth naming; so it is where that cannot be known, of pairs from elsewhere."""
+    try:
+        return len(open_pairs(folder, "test", config.reader)) > 0
+    except (ValueError, OSError):
+        return True
 
 
 def check_common_step(run: Run) -> None:

@@ -28,6 +28,7 @@ GOES_ON = "the same command goes on from here"
 KILLED = f"a worker process was killed, perhaps for lack of memory; {GOES_ON}, with fewer --workers it needs less"
 _RULE = re.compile(r"[─-]{8,}")
 _FIELD = re.compile(r"`([a-z][a-z0-9_]*(?:\.[a-z][a-z0-9_]*)*)`")
+_OF_TYPES = re.compile(r"no type matching .*<class '\w+'>: ")  # of a flag that may be left out
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 
 Config = TypeVar("Config")
@@ -179,6 +180,7 @@ def _parse_error(framed: str, cause: BaseException | None, config: type) -> str:
     if wrong := re.match(r"Error parsing (\S+): (.*)", message):
         where, why = wrong.groups()
         if where.startswith("--"):
+            why = _OF_TYPES.sub("", why)
             usage = parts[1][1] if len(parts) > 1 and len(parts[1]) > 1 else where  # the flag with its kind of value
             return f"{usage}: {why}"
         while cause is not None and not isinstance(cause, ValueError):

@@ -142,7 +142,7 @@ def _check(config: GenerateConfig) -> None:
         raise DatasetError(f"--out {config.out}: a file of that name is in the way; choose another")
     if _held(config):
         asked = {f"{scene:05d}/{view:02d}" for scene, views in enumerate(_scenes(config)) for view in views}
-        there = {f"{file.parts[-3]}/{file.parts[-2]}" for file in config.out.glob("scenes/*/*/sample.json")}
+        there = {f"{file.parts[-3]}/{file.parts[-2]}" for file in config.out.glob("scenes/*/[0-9]*/sample.json")}
         if more := len(there - asked):
             raise DatasetError(
                 f"--pairs {config.pairs}: {config.out} holds {counted(more, 'pair')} beyond these; "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 
 import numpy as np
@@ -20,3 +21,10 @@ def read_npy(path: str | os.PathLike[str]) -> np.ndarray:
         return np.load(path, mmap_mode="r", allow_pickle=False)  # a header that lies about the size is found so
     except Exception as error:  # whatever a broken header makes the reader stumble over
         raise ValueError((str(error).splitlines() or [type(error).__name__])[0]) from None
+
+
+def encode_npy(array: np.ndarray) -> bytes:
+    """The .npy file of an array."""
+    buffer = io.BytesIO()
+    np.save(buffer, array, allow_pickle=False)
+    return buffer.getvalue()

@@ -23,18 +23,21 @@ from m3depth.figures.drawing import (
 )
 from m3depth.figures.example import Example
 from m3depth.metrics import angle_between, capped_depth, known_depth, pixel_kinds
+from marssim.command import counted
 
 PANEL = 2.1  # [in] width of one image
 ERROR_LIMIT = 10.0  # [%] relative depth error where the colour ends
 ANGLE_LIMIT = 45.0  # [deg]
 
 
-def comparison_figure(examples: Sequence[Example], path: Path) -> None:
+def comparison_figure(examples: Sequence[Example], path: Path, most: int | None = None) -> None:
     """Write a PNG: two rows a pair (depth above, normals below); the images, the truth, then each method and its error.
 
-    One scale for all methods: depth logarithmic, error in percent of the true depth, angles in degrees.
+    One scale for all methods: depth logarithmic, error in percent of the true depth, angles in degrees. most: so many
+    methods, the first; the figure says how many others there are.
     """
-    names = list(examples[0].predictions)
+    names = list(examples[0].predictions)[:most]
+    others = len(examples[0].predictions) - len(names)
     columns = 2 + 2 * len(names)
     rows = 2 * len(examples)
     # A figure of one method is too narrow for labels of one line.
@@ -86,6 +89,8 @@ def comparison_figure(examples: Sequence[Example], path: Path) -> None:
     titles = ["images", "truth", *(t for name in names for t in (name, f"{name}: error"))]
     for ax, title in zip(axes[0], titles, strict=True):
         ax.set_title(title, fontsize=12, fontweight="bold")
+    if others:
+        figure.text(0.05 / width, 0.05 / height, f"and {counted(others, 'method')} more", fontsize=9, color="0.3")
     bars = (
         (depth_norm, depth_map, f"depth [m]{gap}(grey: sky or unknown)", "both"),
         (error_norm, error_map, f"depth error [% of the true depth]{gap}(grey: not scored)", "max"),

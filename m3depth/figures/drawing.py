@@ -14,6 +14,7 @@ from matplotlib.colors import Colormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
+from marssim.atomic import write_atomically
 from marssim.colours import normal_colours
 
 DEPTH_TICKS = (0.2, 0.5, 1, 2, 3, 5, 10, 15, 30, 50, 100, 200, 500)  # [m]
@@ -52,12 +53,13 @@ def depth_scale(depths: np.ndarray, whole: bool = False, farthest: float = 30.0)
 
 
 def label_bar(bar: Any, norm: Normalize, label: str) -> None:
-    """Name a colour bar; a logarithmic one gets round depths as ticks."""
+    """Name a colour bar; a logarithmic one gets round depths as ticks, or its ends where it is too short for them."""
     bar.set_label(label, fontsize=10)
     if isinstance(norm, LogNorm):
         low, high = norm.vmin or 0, norm.vmax or 1
-        bar.locator = FixedLocator([t for t in DEPTH_TICKS if low <= t <= high])
-        bar.formatter = FuncFormatter(lambda value, _: f"{value:g}")
+        ticks = [t for t in DEPTH_TICKS if low <= t <= high]
+        bar.locator = FixedLocator(ticks if len(ticks) > 1 else [low, high])
+        bar.formatter = FuncFormatter(lambda value, _: f"{value:.3g}")
         bar.minorlocator = NullLocator()
         bar.update_ticks()
 
@@ -79,11 +81,11 @@ def note(ax: Axes, text: str, corner: str = "upper right") -> None:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Drawn by Agg into memory and written in one go. Raises OSError."""
+    """Drawn by Agg into memory and replaced in one step. Raises OSError."""
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     pixels = np.asarray(canvas.buffer_rgba())[..., :3]
     ok, data = cv2.imencode(".png", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_PNG_COMPRESSION, 6])
     if not ok:
         raise OSError(f"{path}: the figure could not be encoded")
-    path.write_bytes(data.tobytes())
+    write_atomically(path, data.tobytes())

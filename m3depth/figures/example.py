@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,7 +19,3 @@ class Example:
     right: np.ndarray
     truth: StereoTruth
     predictions: dict[str, Prediction]
-
-    def only(self, names: Sequence[str]) -> Example:
-        """The same pair with these methods alone."""
-        return replace(self, predictions={name: self.predictions[name] for name in names})

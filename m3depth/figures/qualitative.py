@@ -79,7 +79,7 @@ def hard_parts(example: Example) -> dict[str, tuple[int, int, int]]:
 def zoom_figure(examples: Sequence[Example], path: Path) -> None:
     """Write a PNG: for each pair the left image with its hard_parts marked, and these enlarged, by every method.
 
-    Each part has its own depth scale, from its nearest to its farthest true depth.
+    Each part has its own depth scale, from its nearest to its farthest true depth, which is written on it.
     """
     names = list(examples[0].predictions)
     found = [(example, hard_parts(example)) for example in examples]
@@ -110,6 +110,8 @@ def zoom_figure(examples: Sequence[Example], path: Path) -> None:
                         spine.set(visible=True, color=colour, linewidth=2.2)
                 else:
                     show(ax, known_depths(maps[i - 1]), cmap=colour_map("viridis_r"), norm=norm)
+                if i == 1:
+                    note(ax, f"{norm.vmin:.3g} to {norm.vmax:.3g} m", corner="lower left")
                 if block == line == 0:
                     ax.set_title(["image", "truth", *names][i], fontsize=10, fontweight="bold")
     save(figure, path)

@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from m3depth.figures.drawing import METHOD_COLOURS, save
+from m3depth.rocks import OBSTACLE
 
 
 def rocks_figure(methods: Mapping[str, Mapping[str, Any]], path: Path) -> None:
@@ -26,6 +27,7 @@ def rocks_figure(methods: Mapping[str, Mapping[str, Any]], path: Path) -> None:
         save(figure, path)
         return
     bins = next(iter(methods.values()))["bins"]
+    lowest = min([b["height_from_m"] for m in methods.values() for b in m["bins"] if b["false"]] + [OBSTACLE])
     ranges = sorted({(b["range_from_m"], b["range_to_m"]) for b in bins})
     axes = figure.subplots(3, len(ranges), squeeze=False, sharey="row")
     for column, (near, far) in enumerate(ranges):
@@ -38,7 +40,7 @@ def rocks_figure(methods: Mapping[str, Mapping[str, Any]], path: Path) -> None:
         axes[0, column].set_ylim(0, 105)
         errors = {n: [_centimetres(b["height_error_m"]) for b in found] for n, found in here.items()}
         _bars(axes[1, column], [_height(b) for b in first], errors)
-        tall = [i for i, b in enumerate(first) if b["height_from_m"] >= 0.2]
+        tall = [i for i, b in enumerate(first) if b["height_from_m"] >= lowest]
         false = {n: [found[i]["false"] / images * 100 for i in tall] for n, found in here.items()}
         _bars(axes[2, column], [_height(first[i]) for i in tall], false)
     if not any(bar.get_height() > 0 for ax in axes[2] for bar in ax.patches):

@@ -19,9 +19,10 @@ COLUMNS = ("left", "true disparity", "predicted disparity", "error", "confidence
 
 
 def worst_figure(examples: Sequence[Example], path: Path) -> None:
-    """Write a PNG: a row a pair, of the first method of each; grey is not scored or not known.
+    """Write a PNG: a row a pair, of the first method of each.
 
-    Disparities of a pair share a scale, that of its scored pixels. A method without normals has no picture there.
+    Disparities of a pair share a scale, that of its scored pixels, which is written on the true ones; grey is sky or
+    unknown, in the errors what is not scored. A method without normals has no picture there.
     """
     rows = len(examples)
     aspect = examples[0].left.shape[0] / examples[0].left.shape[1]
@@ -37,7 +38,8 @@ def worst_figure(examples: Sequence[Example], path: Path) -> None:
         norm = Normalize(*np.percentile(truth.disparity[scored], [1, 99])) if scored.any() else Normalize(0, 1)
         show(row[0], example.left)
         row[0].set_ylabel(f"pair {example.index}", fontsize=10)
-        show(row[1], np.where(scored, truth.disparity, np.nan), cmap=colour_map("viridis"), norm=norm)
+        show(row[1], np.where(truth.disparity > 0, truth.disparity, np.nan), cmap=colour_map("viridis"), norm=norm)
+        note(row[1], f"{norm.vmin:.3g} to {norm.vmax:.3g} px")
         show(row[2], np.where(found.disparity > 0, found.disparity, np.nan), cmap=colour_map("viridis"), norm=norm)
         error_image = show(row[3], error, cmap=colour_map("inferno"), norm=errors)
         note(row[3], f"{np.nanmean(error):.2f} px" if np.isfinite(error).any() else "nothing known")
@@ -49,6 +51,7 @@ def worst_figure(examples: Sequence[Example], path: Path) -> None:
             show(row[6], normal_image(np.where(known_depth(found.depth)[..., None], found.normal, 0)))
     for ax, name in zip(axes[0], COLUMNS, strict=True):
         ax.set_title(name, fontsize=10)
+    figure.text(0.36 / width, 0.46 / height, "grey: sky or unknown; in the error: not scored", fontsize=9, va="top")
     for column, image, label in ((3, error_image, "error [px]"), (4, share_image, "confidence")):
         box = axes[-1, column].get_position()
         at = (box.x0 + 0.05 * box.width, 0.5 / height, 0.9 * box.width, 0.1 / height)

@@ -7,6 +7,8 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from marssim.input_file import check_file
+
 OPTIONAL = frozenset(
     {
         "wavelet_levels", "match_channels", "output_head", "residual_width", "normal_context", "refine_steps",
@@ -107,8 +109,7 @@ def read_config(path: Path) -> M3DepthConfig:
 
     Raises FileNotFoundError or ValueError, one line that names the file.
     """
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file")
+    check_file(path)
     try:
         data = json.loads(path.read_text())
     except (ValueError, RecursionError) as error:  # no JSON, no text at all, or nested to break its reader

@@ -17,6 +17,7 @@ from torch import Tensor
 
 from marssim.atomic import write_atomically
 from marssim.command import counted
+from marssim.input_file import check_file
 
 DTYPES = (torch.float32, torch.float16, torch.bfloat16)
 
@@ -42,8 +43,7 @@ def load_weights(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
     Raises FileNotFoundError if it is missing, ValueError that names the file if it is damaged, holds numbers of
     another kind or that are not finite, or is of another network.
     """
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such weights file")
+    check_file(path, "weights file")
     try:
         with safe_open(str(path), framework="pt", device="cpu") as file:
             metadata = file.metadata() or {}

@@ -65,6 +65,16 @@ def test_a_demo_that_was_killed_while_it_deleted_starts_again(tmp_path, monkeypa
     assert not (data / "old.png").exists()
 
 
+def test_a_dataset_is_not_drawn_over(tmp_path, capsys):
+    (tmp_path / "scenes").mkdir()
+    (tmp_path / "generate.json").write_text("{}")
+    sheet = tmp_path / "contact_sheet.png"
+    sheet.write_bytes(b"of these pairs")
+    assert main(["--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err == f"error: --out {tmp_path}: is a dataset; choose another folder\n"
+    assert sheet.read_bytes() == b"of these pairs" and len(list(tmp_path.iterdir())) == 3
+
+
 def test_a_wrong_number_is_told_before_anything_is_deleted(tmp_path, capsys):
     with pytest.raises(Reached):
         demo(DemoConfig(out=tmp_path))

@@ -113,8 +113,8 @@ def test_a_higher_step_finds_fewer(folder, tmp_path):
         ({"--split": "val"}, "split val holds no pairs"),
         ({"--step": "0"}, "--step must be positive, got 0.0"),
         ({"--limit": "0"}, "--limit must be at least 1, got 0"),
-        ({"--perception": "raft"}, "perception 'raft' is unknown"),
-        ({"--degrade": "fog=1"}, "unknown field 'fog'"),
+        ({"--perception": "raft"}, "--perception 'raft' is unknown"),
+        ({"--degrade": "fog=1"}, "error: --degrade: unknown field 'fog'"),
     ],
 )
 def test_mistakes_are_one_line(folder, tmp_path, capsys, change, message):

@@ -183,10 +183,14 @@ def test_misuse_is_one_line_and_exit_2(plane_set, tmp_path, capsys, more, messag
 
 def test_a_folder_holds_one_ablation(plane_set, done, tmp_path, capsys) -> None:
     before = (done / "results.json").read_bytes()
-    for more in (["--steps", "2"], ["--steps", "3", "--limit", "2"], ["--minutes", "1"]):
+    for more, other in (
+        (["--steps", "2"], "steps 3, not 2"),
+        (["--steps", "3", "--limit", "2"], "limit none, not 2"),
+        (["--minutes", "1"], "steps 3, not none"),
+    ):
         capsys.readouterr()
         assert main(flags(plane_set, done, *more)) == 2
-        assert "belongs to an ablation with another" in capsys.readouterr().err
+        assert f"belongs to an ablation with {other}; choose" in capsys.readouterr().err
     assert (done / "results.json").read_bytes() == before
     (tmp_path / "file").write_text("")
     assert main(flags(plane_set, tmp_path / "file", "--steps", "1")) == 2

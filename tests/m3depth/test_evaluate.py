@@ -165,7 +165,7 @@ def test_command_writes_tables_and_figures(folder, tmp_path, capsys):
         ({"--weights": "none.safetensors"}, "none.safetensors: no such weights file"),
         ({"--limit": "0"}, "--limit must be at least 1"),
         ({"--seed": "-1", "--degrade": "noise=2"}, "--seed must not be negative, got -1"),
-        ({"--degrade": "fog=1"}, "unknown field 'fog'"),
+        ({"--degrade": "fog=1"}, "error: --degrade: unknown field 'fog'"),
         ({"--degrade": "blur=x"}, "blur must be a number, got 'x'"),
         ({"--estimator": "raft"}, "expected MODULE:CLASS or NAME=MODULE:CLASS"),
         ({"--estimator": "m3depth.matching:Nothing"}, "has no class 'Nothing'"),

@@ -144,6 +144,16 @@ def test_errors_stand_beside_what_methods_say(plane_samples, tmp_path, drawn):
     np.testing.assert_array_equal(image_in(lower[0]), sample.right)
 
 
+def test_methods_that_find_no_room_are_counted(plane_samples, tmp_path, drawn):
+    pair = example(plane_samples[0], a=example(plane_samples[0]).predictions["truth"])
+    pair = replace(pair, predictions={name: pair.predictions["a"] for name in "abc"})
+    for most, words in ((2, ["and 1 method more"]), (3, [])):
+        comparison_figure([pair], tmp_path / "figure.png", most=most)
+        titles = [ax.get_title() for ax in drawn[-1].axes]
+        assert [name for name in "abc" if name in titles] == list("abc")[:most]
+        assert [text.get_text() for text in drawn[-1].texts] == words
+
+
 def test_enlarged_parts_are_those_that_are_marked(plane_samples, tmp_path, drawn):
     sample = patchy(plane_samples[0])
     parts = hard_parts(example(sample))
@@ -197,8 +207,12 @@ def test_bars_are_what_became_of_the_rocks(tmp_path, drawn):
     ]  # fmt: skip
     for found, wanted in zip(heights, expected, strict=True):
         np.testing.assert_allclose(found, wanted)
+    tally.false.append((0.15, 9.0))  # lower than what counts as an obstacle here: nav's map has a lower step
+    rocks_figure({"net": tally.result()}, tmp_path / "figure.png")
+    assert [bar.get_height() for bar in drawn[1].axes[8].patches] == [25, 0, 0, 0]
+    assert [len(ax.patches) for ax in drawn[1].axes[6:]] == [4, 4, 4]
     rocks_figure({"net": {}}, tmp_path / "figure.png")
-    assert not drawn[1].axes and "no sample tells" in drawn[1].texts[0].get_text()
+    assert not drawn[2].axes and "no sample tells" in drawn[2].texts[0].get_text()
 
 
 def test_one_prediction_is_shown_as_it_is(plane_samples, tmp_path, drawn):
@@ -224,6 +238,12 @@ def test_the_worst_are_drawn_with_their_error_and_what_they_lack(plane_samples, 
     np.testing.assert_allclose(np.asarray(error)[scored], 2, atol=1e-5)
     assert not np.isfinite(np.ma.filled(error, np.nan))[~scored].any() and (confidence == 0.25).all()
     assert [text.get_text() for text in first[3].texts] == ["2.00 px"]
+    low, high = np.percentile(sample.disparity[scored], [1, 99])
+    assert [text.get_text() for text in first[1].texts] == [f"{low:.3g} to {high:.3g} px"]
+    known = sample.disparity > 0
+    truth = np.ma.filled(first[1].images[0].get_array(), np.nan)
+    np.testing.assert_array_equal(truth[known], sample.disparity[known])  # farther than what is scored, too
+    assert np.isnan(truth[~known]).all()
     assert not first[6].images and second[6].images
 
 

@@ -59,3 +59,13 @@ def test_a_file_that_was_cut_off_is_told_by_us_alone(tmp_path, capfd, ending):
     with pytest.raises(ValueError, match=rf"cut\{ending}: not a readable image"):
         read_pair(path, path)
     assert capfd.readouterr().err == ""
+
+
+def test_a_png_of_a_wrong_checksum_is_told_by_us_alone(tmp_path, capfd):
+    path = write(tmp_path / "bent.png", np.full((20, 30, 3), 7, np.uint8))
+    data = bytearray(path.read_bytes())
+    data[-20] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(ValueError, match=r"bent\.png: not a readable image"):
+        read_pair(path, path)
+    assert capfd.readouterr().err == ""

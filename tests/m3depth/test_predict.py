@@ -1,5 +1,7 @@
 """One pair to files: what is written, at any size, and what is said about input that cannot be used."""
 
+import errno
+import os
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -209,10 +211,15 @@ def test_two_images_of_different_things_are_refused(tmp_path, capsys):
         ("range", "--max-range must be positive, got -1"),
         ("baseline", "--baseline 200 m is out of [0.001, 10] m; give --baseline in metres"),
         ("centre", "--cx must be finite"),
+        ("centre far off", "--cy 999 px lies far outside of images of 61 x 45 px"),
         ("no focal", "--focal is missing; or give a calibration file with --calib"),
         ("calib", "calib.txt: is for images of 90 x 60 px"),
         ("unit", "calib.txt: baseline 0.00012 m is out of"),
         ("weights", "w.safetensors: no such weights file"),
+        ("weights folder", "is a folder, not a weights file"),
+        ("image folder", "is a folder, not a file"),
+        ("dataset", "set: is a dataset; choose another folder"),
+        ("no number", "--focal {None}|FLOAT: could not convert string to float: 'abc'"),
         ("nearest", "--nearest must be positive, got -1"),
         ("not its own", "--nearest belongs to m3depth, not to --method sgbm"),
         ("method", "--method 'raft' is unknown; choose from m3depth, sgbm"),
@@ -246,6 +253,8 @@ def test_mistakes_are_one_line(pair, tmp_path, capsys, case, message):
         extra = ["--max-range", "-1"]
     elif case == "centre":
         extra = ["--cx", "nan"]
+    elif case == "centre far off":
+        extra = ["--cy", "999"]
     elif case == "no focal":
         focal = []
     elif case in ("calib", "unit"):
@@ -254,6 +263,16 @@ def test_mistakes_are_one_line(pair, tmp_path, capsys, case, message):
         (tmp_path / "calib.txt").write_text(f"cam0=[80 0 30; 0 80 20; 0 0 1]\nbaseline=0.12\n{size}")
     elif case == "weights":
         extra = ["--weights", str(tmp_path / "w.safetensors")]
+    elif case == "weights folder":
+        extra = ["--weights", str(tmp_path)]
+    elif case == "image folder":
+        left = str(tmp_path)
+    elif case == "dataset":
+        out = tmp_path / "set"
+        (out / "scenes").mkdir(parents=True)
+        (out / "generate.json").write_text("{}")
+    elif case == "no number":
+        focal = ["--focal", "abc"]
     elif case == "nearest":
         extra = ["--nearest", "-1"]
     elif case == "not its own":
@@ -299,3 +318,18 @@ def test_a_gpu_that_is_not_there_is_one_line(pair, tmp_path, capsys, monkeypatch
     assert main(words) == 2
     said = capsys.readouterr().err.strip()
     assert said.endswith("--device cuda: no GPU was found") and "\n" not in said
+
+
+def test_a_disk_that_fills_up_is_told_and_leaves_no_half_of_a_file(pair, tmp_path, capsys, monkeypatch):
+    out, files = tmp_path / "out", []
+
+    def full(file):
+        files.append(file)
+        if len(files) == 2:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    assert main([*map(str, pair), "--focal", "80", "--baseline", "0.2", "--out", str(out), "--method", "sgbm"]) == 2
+    told = f"error: --out {out}: {out / 'disparity.npy'}: no space left on device\n"
+    assert capsys.readouterr().err.endswith(told)
+    assert [file.name for file in out.iterdir()] == ["depth.npy"]

@@ -292,7 +292,7 @@ def test_a_run_goes_on_from_its_own_beginning_alone(plane_samples, tmp_path) -> 
         M3Depth(SMALL).save_pretrained(tmp_path / f"{name}.safetensors")
     config = config_for(tmp_path / "run", max_steps=1, validate_samples=0, init=tmp_path / "one.safetensors")
     train(config, plane_samples, [])
-    with pytest.raises(ValueError, match="belongs to a run with another init"):
+    with pytest.raises(ValueError, match=r"belongs to a run with init .*one\.safetensors, not .*two\.safetensors"):
         train(replace(config, max_steps=2, init=tmp_path / "two.safetensors"), plane_samples, [])
     train(replace(config, max_steps=2), plane_samples, [])
 
@@ -327,7 +327,7 @@ def test_checkpoint_is_of_one_number_of_processes(tmp_path) -> None:
     run = Run(config, cpu, world=1)
     run.step = 7
     run.save()
-    with pytest.raises(ValueError, match="another number of processes"):
+    with pytest.raises(ValueError, match="number of processes 1, not 2"):
         Run(config, cpu, world=2).resume()
     state = torch.load(run.checkpoint, weights_only=True)
     del state["identity"]["number of processes"]  # as single processes used to write it
@@ -335,7 +335,7 @@ def test_checkpoint_is_of_one_number_of_processes(tmp_path) -> None:
     torch.save(state, run.checkpoint)
     again = Run(config, cpu, world=1)
     assert again.resume() and again.step == 7
-    with pytest.raises(ValueError, match="another number of processes"):
+    with pytest.raises(ValueError, match="number of processes 1, not 2"):
         Run(config, cpu, world=2).resume()
 
 
@@ -390,10 +390,10 @@ def test_misuse_is_named(plane_samples, tmp_path) -> None:
         with pytest.raises(ValueError, match=message):
             train(config_for(tmp_path, **changes), plane_samples, [])
     train(config_for(tmp_path, max_steps=1, validate_every=0), plane_samples, [])
-    with pytest.raises(ValueError, match="another batch"):
+    with pytest.raises(ValueError, match="belongs to a run with batch 2, not 1"):
         train(config_for(tmp_path, batch=1), plane_samples, [])
     (tmp_path / "checkpoint.pt").write_bytes(b"half a file")
-    with pytest.raises(ValueError, match=r"checkpoint\.pt: not a readable"):
+    with pytest.raises(ValueError, match=r"checkpoint\.pt: not a readable .* --init .*weights\.safetensors"):
         train(config_for(tmp_path), plane_samples, [])
 
 
@@ -408,6 +408,28 @@ def test_out_that_is_a_file_is_one_line_and_exit_2(plane_samples, tmp_path, caps
     assert main(["--data", "planes", "--out", str(tmp_path / "run"), "--max-steps", "1", "--crop", "32", "64"]) == 2
     last = capsys.readouterr().err.splitlines()[-1]
     assert last.startswith("error: ") and str(tmp_path / "run") in last
+
+
+def test_a_crop_that_no_image_holds_leaves_nothing(plane_samples, tmp_path) -> None:
+    with pytest.raises(ValueError, match="--crop 512 512 is larger than the images"):
+        train(config_for(tmp_path / "run", crop=(512, 512)), plane_samples, [])
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_dataset_takes_no_run(plane_samples, tmp_path) -> None:
+    (tmp_path / "scenes").mkdir()
+    (tmp_path / "generate.json").write_text("{}")
+    with pytest.raises(ValueError, match="run: lies in the dataset"):
+        train(config_for(tmp_path / "run"), plane_samples, [])
+
+
+def test_a_folder_without_test_pairs_is_told_instead_of_a_command_that_fails(tmp_path, monkeypatch) -> None:
+    pairs = {"one scene": 0, "ten": 2}
+    monkeypatch.setattr("m3depth.training.open_pairs", lambda path, split, config: [None] * pairs[path.name])
+    config = replace(config_for(tmp_path), data=(Path("one scene"), Path("ten")))
+    hints = closing_words(Run(config, torch.device("cpu")), []).splitlines()[1:]
+    assert hints[0] == "one scene: split test holds no pairs to score them on; more scenes would have some"
+    assert len(hints) == 2 and "m3depth.evaluate --data ten --split test" in hints[1]
 
 
 @pytest.mark.parametrize("flag", ["--augment.contrast", "--loss.rock"])

@@ -333,6 +333,14 @@ def test_data_of_another_version_are_not_added_to(folder, written, capfd):
     assert contents(folder) == before
 
 
+def test_a_sample_that_was_killed_before_it_got_its_name_is_drawn_again(made, folder, capfd):
+    """All of it is written, and it is none of the dataset's yet."""
+    (folder / "scenes" / "00001" / "01").rename(folder / "scenes" / "00001" / ".01.0123.partial")
+    (folder / "dataset.json").unlink()
+    assert run(capfd, "--out", folder, *FLAGS)[0] == 0
+    assert contents(folder) == contents(made)
+
+
 def test_the_folder_says_what_completes_it(made, folder, monkeypatch, capfd):
     """What is read of an unfinished dataset is the command line, and that command line works."""
     (folder / "dataset.json").unlink()
