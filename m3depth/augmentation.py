@@ -14,12 +14,12 @@ from m3depth.pairs import MAX_DISPARITY
 
 @dataclass(frozen=True)
 class AugmentConfig:
-    """Chances are per crop; every draw comes from the batch's own generator.
+    """Chances are per crop; every draw comes from the crop's own generator.
 
     Raises ValueError that names the flag of a value that cannot work.
     """
 
-    contrast: float = 0.34  # contrast is scaled down to this share, log-uniformly, up to 1.25; 1: not changed
+    contrast: float = 0.34  # three of five crops: factor from this to 1.25 (at most 1 / this), log-uniform; 1: none
     brightness: float = 0.12  # shift, of the full range
     gamma: float = 0.25  # exponent exp(+- this)
     eye_gain: float = 0.08  # gain of the right eye relative to the left one, 1 +- this
@@ -32,7 +32,8 @@ class AugmentConfig:
     scale: float = 0.2  # half of the crops are enlarged or reduced by up to this share, camera and disparity with them
 
     def __post_init__(self) -> None:
-        limits = {"contrast": 1.0, "brightness": 1.0, "grey": 1.0, "occlude": 1.0, "bottom": 1.0}
+        limits = {"brightness": 1.0, "gamma": 3.0, "eye_gain": 1.0, "scale": 3.0}
+        limits |= dict.fromkeys(("contrast", "grey", "occlude", "bottom"), 1.0)
         for name, value in asdict(self).items():
             highest = limits.get(name, math.inf)
             if not (math.isfinite(value) and 0 <= value <= highest):

@@ -5,6 +5,7 @@ Importing this loads no torch; `load_estimator("m3depth")` does.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -72,7 +73,7 @@ def load_estimator(
 
 
 def checked_prediction(estimator: Estimator, found: object, size: tuple[int, int]) -> Prediction:
-    """What `estimator.infer` returned for images of this height and width, if it is a whole Prediction.
+    """What `estimator.infer` returned for images of this height and width, as float32, if it is a whole Prediction.
 
     Raises EstimatorError that names the class, what it returned and what is asked for.
     """
@@ -97,7 +98,8 @@ def checked_prediction(estimator: Estimator, found: object, size: tuple[int, int
     outside = found.confidence[(found.confidence < low) | (found.confidence > high)]
     if len(outside):
         raise EstimatorError(f"{named} returned a confidence of {outside[0]:g}: it must lie in [0, 1]")
-    return found
+    maps = {name: getattr(found, name) for name in ("depth", "disparity", "normal", "confidence")}
+    return replace(found, **{name: m.astype(np.float32, copy=False) for name, m in maps.items() if m is not None})
 
 
 def _load_m3depth(weights: Path | None, device: str) -> Estimator:

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 INPUTS = ("left", "right", "camera")
 OUTPUTS = ("disparity", "normal", "confidence", "sky")
 OPSETS = (17, 20)  # 17: what the runtimes of the last years read; 20: the last that PyTorch's tracing exporter knows
-PARITY = 1e-2  # [px] mean difference of disparity from PyTorch's over which a file is refused
+PARITY = 1e-2  # mean difference from PyTorch's, of disparity [px] or of another output, over which a file is refused
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def parity(model: M3Depth, exported: bytes, sizes: Sequence[tuple[int, int, int]
     """Largest and mean difference of the exported network's outputs from PyTorch's, in onnxruntime on the CPU.
 
     sizes: batch, height, width of the textured pairs that both are given. Returns mean and largest difference of
-    disparity [px], and the largest of the other outputs. Raises ImportError that names the extra.
+    disparity [px], and of the other outputs, whichever is worst. Raises ImportError that names the extra.
     """
     require("onnxruntime")
     import onnxruntime
@@ -130,7 +130,7 @@ def parity(model: M3Depth, exported: bytes, sizes: Sequence[tuple[int, int, int]
     options = onnxruntime.SessionOptions()
     options.log_severity_level = 3
     session = onnxruntime.InferenceSession(exported, options, providers=["CPUExecutionProvider"])
-    means, largest, others = [], [], []
+    means, largest, other_means, others = [], [], [], []
     for batch, height, width in sizes:
         left, right = textured_pair(batch, height, width)
         camera = np.array([[width, width, (width - 1) / 2, (height - 1) / 2]] * batch, np.float32)
@@ -144,8 +144,12 @@ def parity(model: M3Depth, exported: bytes, sizes: Sequence[tuple[int, int, int]
         difference = [np.abs(a - b.float().cpu().numpy()) for a, b in zip(got, expected)]
         means.append(float(difference[0].mean()))
         largest.append(float(difference[0].max()))
+        other_means.append(max(float(d.mean()) for d in difference[1:]))
         others.append(max(float(d.max()) for d in difference[1:]))
-    return {"mean_px": max(means), "largest_px": max(largest), "largest_other": max(others)}
+    return {
+        "mean_px": max(means), "largest_px": max(largest),
+        "mean_other": max(other_means), "largest_other": max(others),
+    }  # fmt: skip
 
 
 def textured_pair(batch: int, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
@@ -183,8 +187,11 @@ def export(options: ExportOptions) -> dict[str, Any]:
     model = M3Depth.from_pretrained(options.weights)
     exported = to_onnx(model, options.opset)
     found = parity(model, exported, ((1, 96, 160), (2, 131, 203)))
-    if not found["mean_px"] < PARITY:
-        raise RuntimeError(f"onnxruntime disagrees with PyTorch by {found['mean_px']:.3g} px in the mean")
+    if not max(found["mean_px"], found["mean_other"]) < PARITY:
+        raise RuntimeError(
+            f"onnxruntime disagrees with PyTorch by {found['mean_px']:.3g} px in the mean, by "
+            f"{found['mean_other']:.3g} in normals, confidence or sky"
+        )
     options.out.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(options.out, exported)
     return {**found, "bytes": len(exported)}
@@ -199,7 +206,8 @@ def _work(options: ExportOptions) -> None:
     found = export(options)
     print(
         f"{options.out}: {found['bytes'] / 1e6:.1f} MB, opset {options.opset}; onnxruntime differs from PyTorch by "
-        f"{found['mean_px']:.2g} px in the mean, {found['largest_px']:.2g} px at most"
+        f"{found['mean_px']:.2g} px in the mean, {found['largest_px']:.2g} px at most, "
+        f"by {found['largest_other']:.2g} at most in normals, confidence and sky"
     )
 
 

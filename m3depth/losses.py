@@ -41,8 +41,7 @@ class Target(NamedTuple):
 
 def huber(error: Tensor, delta: float) -> Tensor:
     """Huber norm over delta: quadratic up to delta, then |error| - delta / 2 (slope 1, whatever delta is)."""
-    size = error.abs()
-    return torch.where(size < delta, 0.5 * size * size / delta, size - 0.5 * delta)
+    return F.smooth_l1_loss(error, torch.zeros_like(error), beta=delta, reduction="none")
 
 
 def weighted_mean(values: Tensor, weight: Tensor) -> Tensor:

@@ -14,7 +14,7 @@ it says. Writes into RESULT:
     depth.npy          float32 [m]; inf: sky or beyond measure, NaN: unknown
     depth.png          uint16 [mm]; 0: none, or farther than 65.5 m
     disparity.npy      float32 [px], f B / depth: with a calibration whose eyes have different principal points (doffs),
-                       that difference is in it;  disparity.png: uint16, times 256
+                       that difference is in it;  disparity.png: uint16, times 256; 0: none, or 256 px and more
     normal.npy         float32, camera frame (x right, y down, z forward); 0 0 0: none (sky, or unknown)
     normal.png         red right, green up, blue to the camera, black: none
     confidence.npy     float32, 0 to 1
@@ -36,13 +36,13 @@ import tyro
 
 from m3depth.calibration import Calibration, align_right, read_calibration
 from m3depth.datasets.rigs import NATECAM_NAME, natecam
-from m3depth.estimator import Estimator, checked_prediction, load_estimator
+from m3depth.estimator import Estimator, load_estimator
 from m3depth.image_files import read_pair
 from m3depth.left_right import left_right_difference
 from m3depth.pair_checks import check_pair
 from m3depth.prediction import Prediction
 from m3depth.prediction_files import without_sky_normals, write_prediction
-from m3depth.second_look import closer_look
+from m3depth.second_look import closer_look, takes_nearest
 from marssim.atomic import write_atomically
 from marssim.camera import WIDEST, StereoRig
 from marssim.command import counted, run_command
@@ -78,13 +78,13 @@ class PredictOptions:
     weights: Path | None = None
     """A .safetensors file written by m3depth.train; default: the weights that come with the package."""
     method: str = "m3depth"
-    """m3depth, sgbm, ssd, sad, ncc, ssd-sgm, sad-sgm, ncc-sgm, or package.module:Class (a class with infer(left, right,
-    rig))."""
+    """m3depth, m3depth:WEIGHTS, sgbm, ssd, sad, ncc, ssd-sgm, sad-sgm, ncc-sgm, or package.module:Class (a class with
+    infer(left, right, rig))."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
     """What M3Depth computes on; auto: a GPU if there is one."""
     nearest: float | None = None
-    """Nearest depth [m] that M3Depth has to see. What is nearer than 192 px of disparity is seen in reduced images;
-    default: 0.84 m at first, and then again, less reduced, if all is farther."""
+    """Nearest depth [m] that M3Depth, or a class whose infer takes it, has to see. What is nearer than 192 px of
+    disparity is seen in reduced images; default: 0.84 m at first, and then again, less reduced, if all is farther."""
     unchecked: bool = False
     """Write what comes out even where the pair shows that it means nothing; what is wrong is then a warning."""
     left_right: bool = False
@@ -165,9 +165,8 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
     calibration = make_calibration(options, *left.shape[:2])
     rig = calibration.rig(left.shape[1], left.shape[0])
     check_out(options.out)
-    if options.method != "m3depth" and (options.weights is not None or options.nearest is not None):
-        flag = "--nearest" if options.weights is None else "--weights"
-        raise ValueError(f"{flag} belongs to m3depth, not to --method {options.method}")
+    if options.method != "m3depth" and options.weights is not None:
+        raise ValueError(f"--weights belongs to m3depth, not to --method {options.method}")
     if options.nearest is not None and not (np.isfinite(options.nearest) and options.nearest > 0):
         raise ValueError(f"--nearest must be positive, got {options.nearest}")
     if not 0 <= options.min_confidence <= 1:
@@ -177,6 +176,8 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
     if estimator is None:
         spec = options.method if options.weights is None else f"m3depth:{options.weights}"
         estimator = load_estimator(spec, "--method", device=options.device)
+    if options.nearest is not None and not takes_nearest(estimator):
+        raise ValueError(f"--nearest: --method {options.method} cannot be told how near it has to see")
     right = align_right(right, calibration.shift)
     doubts = check_pair(left, right, rig, (str(options.left), str(options.right)))
     for fatal, message in doubts:
@@ -185,8 +186,7 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
         print(f"warning: {message}", file=sys.stderr)
 
     def look(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
-        found = closer_look(estimator, left, right, rig, nearest=options.nearest)
-        return checked_prediction(estimator, found, left.shape[:2])
+        return closer_look(estimator, left, right, rig, nearest=options.nearest)
 
     prediction = without_sky_normals(look(left, right, rig))
     difference = left_right_difference(look, left, right, rig, prediction) if options.left_right else None

@@ -24,7 +24,11 @@ FREE = (  # beside the weights of the loss and of the augmentation; the budgets,
 
 
 def new_network(config: TrainConfig) -> M3Depth:
-    """The network that a run starts from. Raises FileNotFoundError or ValueError that names a file."""
+    """The network that a run starts from; the one of its checkpoint, with any weights, if it goes on from weights that
+    may be gone by now. Raises FileNotFoundError or ValueError that names a file."""
+    begun = config.out / CHECKPOINT
+    if config.init and begun.is_file():
+        return M3Depth(M3DepthConfig.from_dict(read_checkpoint(begun, torch.device("cpu"))["identity"]["network"]))
     if config.init:
         return M3Depth.from_pretrained(config.init)
     return M3Depth(read_config(config.network)) if config.network else M3Depth.from_preset(config.preset)
@@ -46,6 +50,8 @@ def read_checkpoint(path: Path, device: torch.device) -> dict[str, Any]:
         # Older ones do not say how many processes, and know fewer fields of the network.
         network = M3DepthConfig.from_dict(state["identity"]["network"])
         state["identity"] = {WORLD: 1, **state["identity"], "network": plain(network)}
+        if state["identity"].get("init") is not None:  # as it was typed
+            state["identity"]["init"] = str(Path(state["identity"]["init"]).resolve())
     except Exception as error:  # torch raises whatever its unpickler stumbles over
         raise ValueError(
             f"{path}: not a readable checkpoint ({type(error).__name__}); delete it to begin anew, or choose another "
@@ -107,7 +113,7 @@ class Run:
         # Which samples a step sees depends on the number of processes too.
         return {
             "network": plain(self.model.config), "batch": c.batch, "crop": list(c.crop), "seed": c.seed,
-            WORLD: self.world, "init": None if c.init is None else str(c.init),
+            WORLD: self.world, "init": None if c.init is None else str(c.init.resolve()),
         }  # fmt: skip
 
     def settings(self) -> dict[str, str]:
@@ -151,6 +157,8 @@ class Run:
         self.model.load_state_dict(state["model"])
         self.averaged.load_state_dict(state["averaged"])
         self.optimizer.load_state_dict(state["optimizer"])
+        for group in self.optimizer.param_groups:  # the rate is set at each step
+            group["weight_decay"] = self.config.weight_decay
         self.step, self.seconds = state["step"], state["seconds"]
         before, now = state.get("settings", {}), self.settings()  # older ones do not say
         self.changed = [f"{flag} {now[flag]} (was {old})" for flag, old in before.items() if now.get(flag, old) != old]

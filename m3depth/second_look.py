@@ -7,7 +7,7 @@ from inspect import signature
 
 import numpy as np
 
-from m3depth.estimator import Estimator
+from m3depth.estimator import Estimator, checked_prediction
 from m3depth.pairs import MAX_DISPARITY, NEAREST
 from m3depth.prediction import Prediction
 from marssim.camera import StereoRig
@@ -25,17 +25,26 @@ def closer_look(
 
     M3Depth's disparities end at 192 px (its `reach`), so it reduces images in which 0.84 m is more. Where nothing is
     that near, a second look, less reduced, sees finer. nearest [m]: look once, for this. Estimators whose infer takes
-    no `nearest` look once.
+    no `nearest` look once. Raises EstimatorError if what infer returns is no whole Prediction.
     """
-    infer: Callable[..., Prediction] = estimator.infer
-    if "nearest" not in signature(infer).parameters:
-        return infer(left, right, rig)
+
+    def look(**nearest: float) -> Prediction:
+        infer: Callable[..., object] = estimator.infer
+        return checked_prediction(estimator, infer(left, right, rig, **nearest), left.shape[:2])
+
+    if not takes_nearest(estimator):
+        return look()
     if nearest is not None:
-        return infer(left, right, rig, nearest=nearest)
-    first = infer(left, right, rig, nearest=NEAREST)
+        return look(nearest=nearest)
+    first = look(nearest=NEAREST)
     farther = _nearest_seen(first)
     reduced = rig.fb / NEAREST > WORTH * getattr(estimator, "reach", MAX_DISPARITY)
-    return infer(left, right, rig, nearest=farther) if reduced and farther > WORTH * NEAREST else first
+    return look(nearest=farther) if reduced and farther > WORTH * NEAREST else first
+
+
+def takes_nearest(estimator: Estimator) -> bool:
+    """Can it be told the nearest depth that it has to see?"""
+    return "nearest" in signature(estimator.infer).parameters
 
 
 def _nearest_seen(prediction: Prediction) -> float:

@@ -7,8 +7,8 @@
     torchrun --nproc-per-node 4 -m m3depth.train --data DIR --out RUN --max-steps 100000
 
 The same command again goes on where RUN/checkpoint.pt stands; with a larger budget, --lr or other settings it goes on
-with those, and says which are new. Another network, batch, crop, seed or --init is another run, and
-refused.
+with those, and says which are new. Another network, batch, crop, seed, --init or number of processes is another run,
+and refused.
 RUN/weights.safetensors holds the averaged weights.
 """
 

@@ -61,7 +61,7 @@ class TrainConfig:
     augment: AugmentConfig = field(default_factory=AugmentConfig)
     """How the images are changed."""
     cache: bool = True
-    """Keep decoded samples in memory, up to half of what is free."""
+    """Keep decoded samples in memory, up to half of what is free, those for validation up to a quarter."""
     loader_threads: int = 1
     """Background threads that make batches."""
     checkpoint_minutes: float = 5.0

@@ -28,7 +28,7 @@ from m3depth.process_group import agree, joined_group
 from m3depth.run import Run
 from m3depth.stopping import stop_on_signal
 from m3depth.train_config import TrainConfig, check_config
-from m3depth.training_log import Log
+from m3depth.training_log import Log, records
 from m3depth.validation import save_panel, validate
 from marssim.command import counted
 from marssim.out_folder import check_out
@@ -59,8 +59,9 @@ class Checks:
         if not self.chosen or log is None or self.step == run.step:
             return self.scores
         packed = [self.cache[i] for i in self.chosen]
-        log.write("val_raw", run.step, validate(run.model, packed, run.device))
+        raw = validate(run.model, packed, run.device)
         self.step, self.scores = run.step, validate(run.averaged, packed, run.device)
+        log.write("val_raw", run.step, raw)
         log.write("val", run.step, self.scores)
         path = run.config.out / "panels" / f"{run.step:07d}.png"
         log.image("panel", run.step, save_panel(path, run.averaged, packed[:4], run.device))
@@ -74,7 +75,7 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
 
     samples, held_out: sequences of stereo samples (fields as in marssim.dataset); without held_out, nothing is
     validated. Returns the last validation of the averaged weights; empty after a signal, without held_out, and where
-    the budget was spent before. Raises ValueError for bad settings, FloatingPointError if the loss is not finite: the
+    the run was done before. Raises ValueError for bad settings, FloatingPointError if the loss is not finite: the
     last checkpoint then stays as it was. Signals are heeded where it is called from the main thread.
     """
     check_config(config)
@@ -87,10 +88,7 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
         resumed = run.resume()
         check_common_step(run)
         if budget := spent_budget(config, run.step, run.seconds):
-            if rank == 0:
-                minutes = run.seconds / 60
-                print(f"{config.out}: already at {budget} (step {run.step}, {minutes:.1f} min); raise it to go on")
-            return {}
+            return done_before(run, budget, held_out) if rank == 0 else {}
         local = int(os.environ.get("LOCAL_WORLD_SIZE", 1))
         cache = PackedCache(samples, free_memory() // 2 // local if config.cache else 0)
         check_crop(cache[0], config.crop)  # before anything is written
@@ -107,8 +105,31 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
                 )
             )  # fmt: skip
             check = Checks(run, log, held_out)
+            if log and resumed and validation_is_due(run) and not is_validated(run):
+                check()
             stopped = take_steps(run, stream, log, check)
             return closed(run, log, check, stopped) if log else {}
+
+
+def done_before(run: Run, budget: str, held_out: StereoPairs) -> dict[str, float]:
+    """Say that a run's budget is spent; or validate it, if it was killed between its last step and its end."""
+    if len(held_out) and run.config.validate_samples and not is_validated(run):
+        with closing(Log(run.config.out, run.step)) as log:
+            return closed(run, log, Checks(run, log, held_out), stopped=False)
+    minutes = run.seconds / 60
+    print(f"{run.config.out}: already at {budget} (step {run.step}, {minutes:.1f} min); raise it to go on")
+    return {}
+
+
+def validation_is_due(run: Run) -> bool:
+    """Is it the turn of a quick validation, after the step that the run stands at?"""
+    every = run.config.validate_every
+    return every > 0 and run.step > 0 and run.step % every == 0
+
+
+def is_validated(run: Run) -> bool:
+    """Does the log tell a validation of the step that the run stands at?"""
+    return any(record["step"] == run.step for record in records(run.config.out, "val"))
 
 
 def closed(run: Run, log: Log, check: Checks, stopped: bool) -> dict[str, float]:
@@ -119,7 +140,7 @@ def closed(run: Run, log: Log, check: Checks, stopped: bool) -> dict[str, float]
         return {}
     scores = check()
     log.say("done")
-    print(closing_words(run, log.records("val")), flush=True)
+    print(closing_words(run, records(run.config.out, "val")), flush=True)
     return scores
 
 
@@ -179,7 +200,7 @@ def take_steps(run: Run, stream: Iterator[Batch], log: Log | None, check: Checks
             if time.monotonic() - saved > 60 * config.checkpoint_minutes:
                 run.save()
                 saved = time.monotonic()
-            if config.validate_every and run.step % config.validate_every == 0:
+            if validation_is_due(run):
                 check()
 
 

@@ -14,13 +14,23 @@ import numpy as np
 from marssim.atomic import write_atomically
 from marssim.progress import LINE_SECONDS
 
+LOG = "log.jsonl"
+
+
+def records(out: Path, kind: str) -> list[dict[str, Any]]:
+    """What was logged in a run's folder under a kind so far, earlier parts of a resumed run included."""
+    path = out / LOG
+    lines = path.read_text().splitlines(keepends=True) if path.exists() else []
+    whole = (json.loads(line) for line in lines if line.endswith("}\n"))  # the last one may be half written
+    return [record for record in whole if record["kind"] == kind]
+
 
 class Log:
     """RUN/log.jsonl, TensorBoard where it is installed, and the progress line."""
 
     def __init__(self, out: Path, start: int) -> None:
         out.mkdir(parents=True, exist_ok=True)
-        self.path = out / "log.jsonl"
+        self.path = out / LOG
         if self.path.exists():  # what was logged after the checkpoint will be logged again
             lines = self.path.read_text().splitlines(keepends=True)
             kept = [line for line in lines if line.endswith("}\n") and json.loads(line)["step"] <= start]
@@ -48,11 +58,6 @@ class Log:
         """Show an image, (H, W, 3) uint8 RGB, in TensorBoard."""
         if self.board is not None:
             self.board.add_image(name, pixels, step, dataformats="HWC")
-
-    def records(self, kind: str) -> list[dict[str, Any]]:
-        """What was written under a kind so far, earlier parts of a resumed run included."""
-        lines = self.path.read_text().splitlines() if self.path.exists() else []
-        return [record for record in map(json.loads, lines) if record["kind"] == kind]
 
     def close(self) -> None:
         """Finish the TensorBoard files."""

@@ -83,9 +83,18 @@ def exit_code(work: Callable[[], object], interrupted: str = GOES_ON) -> int:
         return 141 if _unread() else _fail(describe(error), 2)
     except MISTAKES as error:
         return _fail(describe(error), 2)
+    except RuntimeError as error:
+        if not _is_out_of_memory(error):
+            raise
+        return _fail(f"out of memory ({str(error).strip().splitlines()[0]})", 2)
     except KeyboardInterrupt:
         return _fail(f"interrupted; {interrupted}", 130)
     return 0
+
+
+def _is_out_of_memory(error: RuntimeError) -> bool:
+    """Is it PyTorch's, of a GPU or of the processor? That knows no MemoryError, and is not imported here."""
+    return type(error).__name__ == "OutOfMemoryError" or "can't allocate memory" in str(error)
 
 
 def _unread() -> bool:

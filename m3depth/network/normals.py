@@ -11,14 +11,16 @@ from m3depth.network.config import M3DepthConfig
 
 
 def hypothesis_points(rays: Tensor, hypotheses: int) -> Tensor:
-    """Camera-frame X, Y, Z of each pixel at each disparity hypothesis, scaled to [-1, 1], without gradient.
+    """Camera-frame X, Y, Z of each pixel at each disparity hypothesis, scaled into [-1, 1], without gradient.
 
     rays: (B, 3, H, W) with z = 1. Slice i stands for disparity i steps, so Z is proportional to 1 / i; slice 0
-    (infinitely far) is set at half a step. Returns (B, 3, hypotheses, H, W); Z = 1 at half a step.
+    (infinitely far) is set at half a step. Returns (B, 3, hypotheses, H, W); Z = 1 at half a step, and less where a
+    camera sees more than 45 deg to a side.
     """
     index = torch.arange(hypotheses, dtype=rays.dtype, device=rays.device).clamp(min=0.5)
     z = (0.5 / index)[:, None, None]
-    return (rays[:, :, None] * z).clamp(-1, 1).detach()
+    widest = rays.abs().amax((1, 2, 3), keepdim=True)  # 1 or more, for z = 1
+    return ((rays / widest)[:, :, None] * z).detach()
 
 
 class SNNet(nn.Module):

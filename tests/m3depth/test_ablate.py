@@ -10,19 +10,16 @@ from pathlib import Path
 import cv2
 import pytest
 import torch
+from small_network import SMALL
 
 from m3depth import ablation, training
 from m3depth.ablate import main
 from m3depth.ablate_config import AblateOptions
 from m3depth.ablation import plan
 from m3depth.network import config as network_config
-from m3depth.network.config import M3DepthConfig
 from m3depth.network.model import M3Depth
 
-SMALL = M3DepthConfig(
-    channels=(8, 16, 16), match_channels=16, hypotheses=8, groups=8, volume_width=8, residual_width=8,
-    normal_widths=(8, 8, 8), refine_steps=2, hidden=8, motion=8, lookup_channels=8, fine_width=8,
-)  # fmt: skip
+TINY = replace(SMALL, wavelet_levels=(2, 2))  # as many as `lite` has, one of the rows of the study of levels
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -30,7 +27,7 @@ def small_network():
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(network_config.PRESETS, "lite", SMALL)
+        patch.setitem(network_config.PRESETS, "lite", TINY)
         yield
     torch.set_num_threads(threads)
 

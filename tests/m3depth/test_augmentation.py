@@ -122,3 +122,11 @@ def test_nothing_leaves_the_range() -> None:
     for seed in range(20):
         for eye in augment(255 - 4 * (left - 90), right, AugmentConfig(), np.random.default_rng(seed)):
             assert eye.dtype == np.float32 and eye.min() >= 0 and eye.max() <= 1
+
+
+def test_parts_of_the_augmentation_can_be_turned_off(plane_samples) -> None:
+    sample = plane_samples[0]
+    for seed in range(8):  # several draws: each part has a chance of its own
+        eyes = augment(sample.left, sample.right, OFF, np.random.default_rng(seed))
+        for eye, image in zip(eyes, (sample.left, sample.right)):
+            np.testing.assert_allclose(eye, image / np.float32(255), atol=1e-6)

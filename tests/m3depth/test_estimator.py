@@ -100,8 +100,12 @@ def test_what_is_no_prediction_is_named(found, message):
 
 def test_a_prediction_with_or_without_normals_passes():
     for normal in (None, np.zeros((4, 6, 3))):
-        found = Prediction(MAP, MAP, normal, MAP)
-        assert checked_prediction(NoEstimator(), found, (4, 6)) is found
+        found = checked_prediction(NoEstimator(), Prediction(MAP.astype(float), MAP, normal, MAP > 0), (4, 6))
+        for name in ("depth", "disparity", "confidence"):
+            values = getattr(found, name)
+            assert values.dtype == np.float32 and (values == MAP).all()
+        assert found.normal is None if normal is None else found.normal.dtype == np.float32
+    assert checked_prediction(NoEstimator(), found, (4, 6)).disparity is found.disparity  # not copied
 
 
 def test_predict_says_in_a_line_what_a_class_of_ones_own_lacks(tmp_path, monkeypatch, capsys):

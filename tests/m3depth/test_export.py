@@ -5,16 +5,15 @@ from dataclasses import replace
 import onnx
 import pytest
 import torch
+from small_network import SMALL
 
 from m3depth import export as module
 from m3depth.export import INPUTS, OUTPUTS, main, parity, textured_pair, to_onnx
 from m3depth.network.config import PAPER, M3DepthConfig
 from m3depth.network.model import M3Depth
 
-SMALL = M3DepthConfig(
-    channels=(8, 8, 16), wavelet_levels=(2, 1), match_channels=16, hypotheses=8, groups=8, volume_width=8,
-    residual_width=8, normal_widths=(8, 8, 8), normal_context=3, refine_steps=2, hidden=8, motion=8, lookup_channels=8,
-)  # fmt: skip
+TINY = replace(SMALL, wavelet_levels=(2, 1))
+
 THIN_PAPER = replace(
     PAPER, channels=(8, 8, 16), wavelet_levels=(1, 1), groups=8, hypotheses=8, volume_width=8, residual_width=8,
     normal_widths=(11, 11, 11), refine_steps=2, hidden=8, motion=8,
@@ -29,16 +28,16 @@ def network(config: M3DepthConfig) -> M3Depth:
 
 @pytest.fixture(scope="module")
 def exported() -> bytes:
-    return to_onnx(network(SMALL))
+    return to_onnx(network(TINY))
 
 
 def test_parity_at_free_sizes_and_batches(exported) -> None:
-    found = parity(network(SMALL), exported, SIZES)
+    found = parity(network(TINY), exported, SIZES)
     assert found["mean_px"] < 1e-4 and found["largest_px"] < 1e-2 and found["largest_other"] < 1e-3
 
 
 @pytest.mark.parametrize(
-    "config", [THIN_PAPER, replace(SMALL, refine_steps=0, wavelet_levels=(0, 0))], ids=["paper", "plain"]
+    "config", [THIN_PAPER, replace(TINY, refine_steps=0, wavelet_levels=(0, 0))], ids=["paper", "plain"]
 )
 def test_other_configurations_export_too(config: M3DepthConfig) -> None:
     found = parity(network(config), to_onnx(network(config)), SIZES[::2])
@@ -46,7 +45,7 @@ def test_other_configurations_export_too(config: M3DepthConfig) -> None:
 
 
 def test_parity_notices_another_network(exported) -> None:
-    model = network(SMALL)
+    model = network(TINY)
     with torch.no_grad():
         model.aggregation.score.mul_(1.5)
     assert parity(model, exported, SIZES[:1])["mean_px"] > 1e-2
@@ -71,7 +70,7 @@ def test_the_shipped_weights_export_and_free_sizes_are_declared() -> None:
 def test_the_command_writes_a_file_that_other_programs_read(tmp_path, capsys) -> None:
     import onnxruntime
 
-    network(SMALL).save_pretrained(tmp_path / "net.safetensors")
+    network(TINY).save_pretrained(tmp_path / "net.safetensors")
     out = tmp_path / "deep" / "net.onnx"
     assert main(["--weights", str(tmp_path / "net.safetensors"), "--out", str(out), "--opset", "18"]) == 0
     assert capsys.readouterr().out.startswith(f"{out}: ")
@@ -83,10 +82,15 @@ def test_the_command_writes_a_file_that_other_programs_read(tmp_path, capsys) ->
     assert list(out.parent.iterdir()) == [out]
 
 
-def test_a_file_that_disagrees_is_not_written(tmp_path, monkeypatch, exported) -> None:
-    monkeypatch.setattr(module, "to_onnx", lambda model, opset: exported)
-    network(SMALL).save_pretrained(tmp_path / "net.safetensors")
-    monkeypatch.setattr(module, "PARITY", 0.0)
+@pytest.mark.parametrize("part", ["aggregation.score", "normals.slice.2.weight"])
+def test_a_file_that_disagrees_is_not_written(tmp_path, monkeypatch, exported, part) -> None:
+    """In disparity, or in normals alone: the exported network is that of other weights."""
+    weights = network(replace(TINY, refine_steps=0))
+    with torch.no_grad():
+        dict(weights.named_parameters())[part].mul_(-3)
+    other = to_onnx(network(replace(TINY, refine_steps=0)))
+    monkeypatch.setattr(module, "to_onnx", lambda model, opset: other)
+    weights.save_pretrained(tmp_path / "net.safetensors")
     with pytest.raises(RuntimeError, match="disagrees with PyTorch"):
         main(["--weights", str(tmp_path / "net.safetensors"), "--out", str(tmp_path / "net.onnx")])
     assert not (tmp_path / "net.onnx").exists()

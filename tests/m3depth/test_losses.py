@@ -67,10 +67,60 @@ def test_consistency_gradients() -> None:
     assert torch.autograd.gradcheck(lambda d, n: consistency_loss(d, n, CAMERA, mask), (disparity, normal))
 
 
-def test_huber_is_torchs_over_delta() -> None:
+def test_huber_norms_have_slope_one_beyond_their_knee() -> None:
+    """Over delta: torch's huber_loss divided by it."""
     error = torch.linspace(-2, 2, 41)
-    expected = torch.nn.functional.smooth_l1_loss(error, torch.zeros(41), beta=0.5, reduction="none")
-    torch.testing.assert_close(huber(error, 0.5), expected)
+    for delta in (0.05, 0.5):
+        expected = torch.nn.functional.huber_loss(error, torch.zeros(41), delta=delta, reduction="none") / delta
+        torch.testing.assert_close(huber(error, delta), expected)
+
+
+def test_later_steps_weigh_more_and_the_first_guess_as_much_as_it_is_told() -> None:
+    """One pixel of error in one of three steps, the oldest first, in soft argmin, and in the result."""
+    target, config = make_target(), LossConfig(decay=0.5, initial=0.3, relative=0)
+    exact = output_of(target)
+    disparity, normal = exact.steps[0]
+    off, tilted = disparity + 1, normal.roll(1, 1)
+
+    def cost(term: str, output: StereoOutput) -> float:
+        return float(total_loss(output, target, config)[1][term])
+
+    def stepped(wrong: int, instead) -> StereoOutput:
+        return exact._replace(steps=[instead if step == wrong else (disparity, normal) for step in range(3)])
+
+    whole = cost("disparity", exact._replace(disparity=exact.disparity + 1))
+    assert whole == pytest.approx(0.75)  # Huber's, over 0.5 px
+    for step, share in enumerate((0.125, 0.25, 0.5)):
+        assert cost("disparity", stepped(step, (off, normal))) == pytest.approx(share * whole)
+    turned = cost("normal", exact._replace(normal=exact.normal.roll(1, 1)))
+    for step, share in enumerate((0.125, 0.25, 0.5)):
+        assert cost("normal", stepped(step, (disparity, tilted))) == pytest.approx(share * turned, rel=1e-4)
+    first = exact._replace(initial=(exact.initial[0] + 1, exact.initial[1]))
+    assert cost("disparity", first) == pytest.approx(0.3 * whole)
+
+
+def test_an_error_weighs_more_where_disparities_are_small() -> None:
+    """By `relative`: 4 px of disparity count double."""
+    four = make_target()._replace(disparity=torch.full((1, 1, 16, 24), 4.0))
+    eight = four._replace(disparity=2 * four.disparity)
+    for target, relative, expected in ((four, 0, 0.75), (four, 4, 1.5), (eight, 4, 1.125), (four, 12, 3.0)):
+        exact = output_of(target)._replace(steps=[])
+        wrong = exact._replace(disparity=exact.disparity + 1)
+        assert float(total_loss(wrong, target, LossConfig(relative=relative))[1]["disparity"]) == pytest.approx(
+            expected
+        )
+
+
+def test_edges_count_as_much_as_they_are_told() -> None:
+    """A step of disparity in the middle of the image: the two columns beside it are edges."""
+    target = make_target()._replace(disparity=torch.full((1, 1, 16, 24), 4.0))
+    target.disparity[..., 12:] = 12.0
+    exact = output_of(target)._replace(steps=[])
+    wrong = exact._replace(disparity=exact.disparity.clone())
+    wrong.disparity[..., 11:13] += 1
+    for edge, share in ((1.0, 2 / 24), (3.0, 6 / 28)):  # of the weight of all columns
+        config = LossConfig(edge=edge, relative=0)
+        assert float(total_loss(wrong, target, config)[1]["disparity"]) == pytest.approx(0.75 * share)
 
 
 def test_masked_nan_does_not_reach_the_mean() -> None:

@@ -221,7 +221,7 @@ def test_two_images_of_different_things_are_refused(tmp_path, capsys):
         ("dataset", "set: is a dataset; choose another folder"),
         ("no number", "--focal {None}|FLOAT: could not convert string to float: 'abc'"),
         ("nearest", "--nearest must be positive, got -1"),
-        ("not its own", "--nearest belongs to m3depth, not to --method sgbm"),
+        ("not its own", "--nearest: --method sgbm cannot be told how near it has to see"),
         ("method", "--method 'raft' is unknown; choose from m3depth, sgbm"),
         ("out", "is not a folder"),
     ],

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from m3depth.estimator import EstimatorError
 from m3depth.prediction import Prediction
 from m3depth.second_look import closer_look
 from marssim.camera import NATECAM, PinholeCamera, StereoRig
@@ -57,6 +58,15 @@ def test_what_is_asked_for_is_done_once():
 def test_others_look_once():
     class Plain:
         def infer(self, left, right, rig):
-            return "seen"
+            return Far(7.0).infer(left, right, rig)
 
-    assert closer_look(Plain(), IMAGE, IMAGE, LONG) == "seen"
+    assert (closer_look(Plain(), IMAGE, IMAGE, LONG, nearest=2.0).depth == 7).all()
+
+
+def test_what_is_no_prediction_is_told_before_it_is_used():
+    class Bare:
+        def infer(self, left, right, rig, nearest=None):
+            return np.ones(left.shape)
+
+    with pytest.raises(EstimatorError, match=r"Bare\.infer returned an array of shape \(8, 8\)"):
+        closer_look(Bare(), IMAGE, IMAGE, LONG)

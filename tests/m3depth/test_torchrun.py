@@ -4,20 +4,18 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 
 import torch
+from small_network import SMALL
 
-from m3depth.network.config import M3DepthConfig
 from m3depth.network.model import M3Depth
 from m3depth.train_config import TrainConfig
 from m3depth.training import train
 from marssim.dataset import StereoDataset
 
-SMALL = M3DepthConfig(
-    channels=(8, 8, 16), wavelet_levels=(1, 1), match_channels=16, hypotheses=8, groups=8, volume_width=8,
-    residual_width=8, normal_widths=(8, 8, 8), normal_context=3, refine_steps=1, hidden=8, motion=8, lookup_channels=8,
-    fine_width=0,
-)  # fmt: skip
+TINY = replace(SMALL, refine_steps=1, fine_width=0)
+
 SETTINGS = (
     "--batch", "1", "--crop", "32", "64", "--device", "cpu", "--precision", "fp32", "--validate-samples", "1",
     "--lr", "1e-4",
@@ -57,7 +55,7 @@ def torchrun(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 def test_two_processes_are_one_batch_in_two_parts(plane_set, tmp_path) -> None:
     torch.manual_seed(0)
-    M3Depth(SMALL).save_pretrained(tmp_path / "init.safetensors")
+    M3Depth(TINY).save_pretrained(tmp_path / "init.safetensors")
     init = tmp_path / "init.safetensors"
     done = torchrun(
         "-m", "m3depth.train", "--data", str(plane_set), "--out", str(tmp_path / "two"), "--init", str(init),

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 import torch
+from small_network import SMALL
 
 from m3depth import run as run_module
 from m3depth.data import PackedCache, make_batch
@@ -17,7 +18,7 @@ from m3depth.evaluate import EvaluateOptions
 from m3depth.loss_config import LossConfig
 from m3depth.losses import total_loss
 from m3depth.network import model as model_module
-from m3depth.network.model import M3Depth, M3DepthConfig
+from m3depth.network.model import M3Depth
 from m3depth.packing import pack
 from m3depth.run import Run
 from m3depth.train import main
@@ -25,11 +26,6 @@ from m3depth.train_config import TrainConfig
 from m3depth.training import backward, closing_words, learning_rate, train
 from m3depth.validation import HEADER, validate
 from marssim.command import parse
-
-SMALL = M3DepthConfig(
-    channels=(8, 16, 16), match_channels=16, hypotheses=8, groups=8, volume_width=8, residual_width=8,
-    normal_widths=(8, 8, 8), refine_steps=2, hidden=8, motion=8, lookup_channels=8,
-)  # fmt: skip
 
 
 @pytest.fixture(autouse=True)
@@ -95,10 +91,12 @@ def test_a_killed_run_goes_on_to_the_same_weights(plane_samples, tmp_path) -> No
             assert torch.equal(tensor, again[part][name]), name
 
 
-def test_a_run_cut_off_after_a_checkpoint_goes_on_to_the_same_state(plane_samples, tmp_path, monkeypatch) -> None:
+@pytest.mark.parametrize("last", [2, 3, 6])
+def test_a_run_cut_off_after_a_checkpoint_goes_on_to_the_same_state(plane_samples, tmp_path, monkeypatch, last) -> None:
     """As after kill -9 or a power cut: nothing is saved at the end, what came after the checkpoint is done again.
 
-    Weights, averaged weights, optimizer and log are those of a run that was not cut off, bit for bit.
+    A validation that was due after the checkpoint is made up for, the last one too. Weights, averaged weights,
+    optimizer and log are those of a run that was not cut off, bit for bit.
     """
     settings = {"max_steps": 6, "cache": False, "validate_every": 2}
     train(config_for(tmp_path / "whole", **settings), plane_samples, plane_samples)
@@ -108,14 +106,14 @@ def test_a_run_cut_off_after_a_checkpoint_goes_on_to_the_same_state(plane_sample
     def save_and_die(run: Run) -> None:
         save(run)
         saves.append(run.step)
-        if run.step == 3:
+        if run.step == last:
             raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
         patch.setattr(Run, "save", save_and_die)
         with pytest.raises(KeyboardInterrupt):
             train(cut, plane_samples, plane_samples)
-    assert saves == [1, 2, 3]
+    assert saves == list(range(1, last + 1))
     train(cut, plane_samples, plane_samples)
     whole, again = (torch.load(tmp_path / n / "checkpoint.pt", weights_only=True) for n in ("whole", "cut"))
     for part in ("model", "averaged"):
@@ -279,6 +277,9 @@ def test_a_resumed_run_says_which_settings_are_new(plane_samples, tmp_path, caps
     train(replace(config, max_steps=3, lr=1e-3, loss=LossConfig(rock=2.0)), plane_samples, [])
     said = capsys.readouterr().err
     assert "settings: --max-steps 3 (was 2), --lr 0.001 (was 0.005), --loss.rock 2.0 (was 4.0)\n" in said
+    run = Run(replace(config, weight_decay=0.5), torch.device("cpu"))
+    assert run.resume() and "--weight-decay 0.5 (was 0.0001)" in run.changed
+    assert [group["weight_decay"] for group in run.optimizer.param_groups] == [0.5]
     reader = DataConfig(resize=0.5)
     changed = replace(config, max_steps=4, lr=1e-3, loss=LossConfig(rock=2.0), accumulate=2, reader=reader)
     train(changed, plane_samples, [])
@@ -286,7 +287,7 @@ def test_a_resumed_run_says_which_settings_are_new(plane_samples, tmp_path, caps
     assert "settings: --max-steps 4 (was 3), --accumulate 2 (was 1), --resize 0.5 (was 1.0)\n" in said
 
 
-def test_a_run_goes_on_from_its_own_beginning_alone(plane_samples, tmp_path) -> None:
+def test_a_run_goes_on_from_its_own_beginning_alone(plane_samples, tmp_path, monkeypatch) -> None:
     """Weights given to a resumed run would be loaded, and overwritten by the checkpoint."""
     for name in ("one", "two"):
         M3Depth(SMALL).save_pretrained(tmp_path / f"{name}.safetensors")
@@ -294,7 +295,11 @@ def test_a_run_goes_on_from_its_own_beginning_alone(plane_samples, tmp_path) -> 
     train(config, plane_samples, [])
     with pytest.raises(ValueError, match=r"belongs to a run with init .*one\.safetensors, not .*two\.safetensors"):
         train(replace(config, max_steps=2, init=tmp_path / "two.safetensors"), plane_samples, [])
-    train(replace(config, max_steps=2), plane_samples, [])
+    monkeypatch.chdir(tmp_path)
+    spelt_otherwise = replace(config, max_steps=2, init=Path("run/../one.safetensors"))
+    (tmp_path / "one.safetensors").unlink()  # the checkpoint holds what is left of them
+    train(spelt_otherwise, plane_samples, [])
+    assert Run(spelt_otherwise, torch.device("cpu")).model.config == SMALL
 
 
 def test_no_checkpoint_is_ahead_of_its_weights(plane_samples, tmp_path, monkeypatch) -> None:

@@ -14,6 +14,10 @@ import tyro
 from marssim.command import counted, describe, exit_code, parse, run_command
 
 
+class OutOfMemoryError(RuntimeError):
+    """As PyTorch's is named."""
+
+
 @dataclass(frozen=True)
 class Part:
     angle: tuple[float, float] = (0.0, 1.0)
@@ -166,6 +170,14 @@ def test_help_goes_to_stdout(capsys):
         (OSError("x.png: could not be written"), "x.png: could not be written"),
         (ImportError("dask is not installed"), "dask is not installed"),
         (MemoryError(), "out of memory"),
+        (
+            OutOfMemoryError("CUDA out of memory. Tried 20 GiB.\nSee"),
+            "out of memory (CUDA out of memory. Tried 20 GiB.)",
+        ),
+        (
+            RuntimeError("[enforce] can't allocate memory: 9 bytes"),
+            "out of memory ([enforce] can't allocate memory: 9 bytes)",
+        ),
         (KeyError, KeyError),
         (RuntimeError("a bug"), RuntimeError),
     ],

@@ -1,21 +1,19 @@
 """m3depth.train and m3depth.evaluate read any layout by the same flags."""
 
 import json
+from dataclasses import replace
 
 import pytest
 import torch
+from small_network import SMALL
 
 from m3depth import evaluate, train
 from m3depth.network import model as model_module
-from m3depth.network.config import M3DepthConfig
 from m3depth.network.model import M3Depth
 from marssim.export import ExportConfig, export
 
-SMALL = M3DepthConfig(
-    channels=(8, 8, 16), wavelet_levels=(1, 1), match_channels=16, hypotheses=8, groups=8, volume_width=8,
-    residual_width=8, normal_widths=(8, 8, 8), normal_context=3, refine_steps=1, hidden=8, motion=8, lookup_channels=8,
-    fine_width=0,
-)  # fmt: skip
+TINY = replace(SMALL, refine_steps=1, fine_width=0)
+
 TREE = "KITTI"
 
 
@@ -27,7 +25,7 @@ def kitti(plane_set, tmp_path_factory):
 
 
 def test_training_on_two_layouts_at_once_without_normals(kitti, plane_set, tmp_path, monkeypatch, capsys) -> None:
-    monkeypatch.setitem(model_module.PRESETS, "lite", SMALL)
+    monkeypatch.setitem(model_module.PRESETS, "lite", TINY)
     run = tmp_path / "run"
     sizes = ["--max-steps", "2", "--batch", "2", "--crop", "32", "64", "--validate-samples", "4"]
     assert train.main(["--data", str(kitti), str(plane_set), "--out", str(run), "--device", "cpu", *sizes]) == 0
@@ -48,7 +46,7 @@ def test_training_on_two_layouts_at_once_without_normals(kitti, plane_set, tmp_p
 
 def test_scoring_a_folder_by_patterns(kitti, tmp_path) -> None:
     torch.manual_seed(0)
-    M3Depth(SMALL).save_pretrained(tmp_path / "net.safetensors")
+    M3Depth(TINY).save_pretrained(tmp_path / "net.safetensors")
     files = "*/training/{}/*_10.png"
     arguments = ["--data", str(kitti), "--out", str(tmp_path / "out"), "--weights", str(tmp_path / "net.safetensors")]
     arguments += ["--baselines", "none", "--split", "all", "--limit", "2", "--focal", "70", "--baseline", "0.27"]

@@ -6,18 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from small_network import SMALL
 
 import m3depth
 from m3depth.geometry import face_camera, pixel_rays, unit
 from m3depth.network.config import read_config
-from m3depth.network.model import PRESETS, M3Depth, M3DepthConfig, StereoOutput
+from m3depth.network.model import PRESETS, M3Depth, StereoOutput
 from m3depth.network.weights_io import save_weights
 from marssim.camera import PinholeCamera, StereoRig
-
-SMALL = M3DepthConfig(
-    channels=(8, 16, 16), match_channels=16, hypotheses=8, groups=8, volume_width=8, residual_width=8,
-    normal_widths=(8, 8, 8), refine_steps=2, hidden=8, motion=8, lookup_channels=8,
-)  # fmt: skip
 
 
 @pytest.fixture(scope="module")

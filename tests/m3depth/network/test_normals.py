@@ -23,3 +23,12 @@ def test_hypothesis_points_lie_on_the_rays_at_inverse_disparity() -> None:
     assert points.abs().max() <= 1
     torch.testing.assert_close(points[:, :, 4], rays.detach() * 0.125)
     torch.testing.assert_close(points[:, 2, 1] / points[:, 2, 2], torch.full((2, 8, 12), 2.0))
+
+
+def test_hypothesis_points_of_a_wide_camera_lie_on_its_rays_too() -> None:
+    """130 deg: X would be 2.1 where Z is 1."""
+    rays = pixel_rays(torch.tensor([[2.8, 2.8, 5.5, 3.5]]), 8, 12)
+    assert rays.abs().max() > 1.9
+    points = hypothesis_points(rays, 8)
+    assert points.abs().max() == 1
+    torch.testing.assert_close(points / points[:, 2:], rays[:, :, None].expand_as(points))

@@ -1,7 +1,15 @@
-import torch
+import math
+from dataclasses import replace
 
+import pytest
+import torch
+import torch.nn.functional as F
+from small_network import SMALL
+
+from m3depth.geometry import scale_camera, unit
 from m3depth.network.fine import warp_right
-from m3depth.network.refinement import ConvexUpsampling, CorrelationLookup
+from m3depth.network.model import M3Depth
+from m3depth.network.refinement import ConvexUpsampling, ConvGRU, CorrelationLookup, RefinementStep
 
 
 def test_lookup_against_loops() -> None:
@@ -51,3 +59,61 @@ def test_a_disparity_that_is_no_number_stays_one() -> None:
     assert int(found.isfinite().all(1).sum()) == 14
     warped = warp_right(right, disparity)
     assert warped[0, :, 0, 3].isnan().all() and warped[0, :, 0, 2].isfinite().all()
+
+
+def test_the_gru_is_eq_20() -> None:
+    """One pixel and one channel: H is blended with a candidate that sees what the reset gate lets through of H."""
+    torch.manual_seed(0)
+    gru = ConvGRU(1, 2).double()
+    hidden, x, context = (torch.randn(1, channels, 1, 1).double() for channels in (1, 2, 3))
+
+    def affine(layer: torch.nn.Conv2d, values: list[float]) -> list[float]:
+        middle = layer.weight[:, :, 1, 1]
+        return (middle @ torch.tensor(values).double() + layer.bias).tolist()
+
+    h, (a, b), (c_update, c_reset, c_candidate) = float(hidden), x.flatten().tolist(), context.flatten().tolist()
+    update, reset = affine(gru.gates, [h, a, b])
+    update, reset = (1 / (1 + math.exp(-v)) for v in (update + c_update, reset + c_reset))
+    candidate = math.tanh(affine(gru.candidate, [reset * h, a, b])[0] + c_candidate)
+    assert gru(hidden, x, context).item() == pytest.approx((1 - update) * h + update * candidate)
+
+
+@pytest.mark.parametrize("paper", [False, True])
+def test_a_step_adds_what_its_heads_say(paper: bool) -> None:
+    """D + Phi_d in pixels of the image, and at least 0; N + Phi_n of unit length (Eq. 18, 19)."""
+    torch.manual_seed(0)
+    step = RefinementStep(replace(SMALL, heads_see_all=paper), cell=4)
+    hidden, first, context = torch.randn(1, 8, 5, 6), torch.randn(1, 8, 5, 6), torch.randn(1, 24, 5, 6)
+    disparity, normal = 20 * torch.rand(1, 1, 5, 6), unit(torch.randn(1, 3, 5, 6))
+    features = torch.randn(2, 1, 8, 5, 6)
+    lookup = CorrelationLookup(*features, radius=SMALL.lookup_radius, levels=SMALL.lookup_levels)
+    camera = torch.tensor([[60.0, 55.0, 2.3, 1.8]])
+
+    def run(to_disparity: float, to_normal: tuple[float, float, float]) -> tuple[torch.Tensor, ...]:
+        for head, bias in ((step.disparity, [to_disparity]), (step.normal, to_normal)):
+            torch.nn.init.zeros_(head[-1].weight)
+            head[-1].bias.data = torch.tensor(bias)
+        return step(hidden, context, first, disparity, normal, lookup, camera)
+
+    moved, same_disparity, same_normal = run(0.0, (0.0, 0.0, 0.0))
+    assert not torch.equal(moved, hidden)
+    torch.testing.assert_close(same_disparity, disparity)
+    torch.testing.assert_close(same_normal, normal)
+    _, farther, turned = run(-1.5, (0.0, 2.0, 0.0))
+    torch.testing.assert_close(farther, (disparity - 6).clamp(min=0))
+    torch.testing.assert_close(turned, F.normalize(normal + torch.tensor([0.0, 2.0, 0.0])[:, None, None], dim=1))
+
+
+def test_every_grid_has_the_camera_of_its_own_pixels() -> None:
+    """The steps stand at a quarter; pixel 0 of it lies at 1.5 of the image."""
+    torch.manual_seed(0)
+    model = M3Depth(replace(SMALL, fine_width=8)).eval()
+    seen = {}
+    model.refinement.step.register_forward_hook(lambda _, given, out: seen.update(step=given[-1]))
+    model.fine.register_forward_hook(lambda _, given, out: seen.update(fine=given[-1]))
+    camera = torch.tensor([[60.0, 55.0, 31.5, 20.0]])
+    with torch.inference_mode():
+        model(*torch.rand(2, 1, 3, 64, 64), camera)
+    torch.testing.assert_close(seen["step"], torch.tensor([[15.0, 13.75, 7.5, 4.625]]))
+    torch.testing.assert_close(seen["step"], scale_camera(camera, 4))
+    torch.testing.assert_close(seen["fine"], camera)

@@ -4,15 +4,11 @@ from dataclasses import replace
 
 import pytest
 import torch
+from small_network import SMALL
 
 from m3depth.network.config import M3DepthConfig
 from m3depth.network.model import M3Depth
 from m3depth.network.wavelet import WaveletConv
-
-SMALL = M3DepthConfig(
-    channels=(8, 8, 16), wavelet_levels=(1, 1), match_channels=16, hypotheses=8, groups=8, volume_width=8,
-    residual_width=8, normal_widths=(8, 8, 8), normal_context=3, refine_steps=2, hidden=8, motion=8, lookup_channels=8,
-)  # fmt: skip
 
 
 def trains(config: M3DepthConfig, training_loss) -> M3Depth:
