@@ -15,15 +15,17 @@ from m3depth.budget import spent_budget
 from m3depth.data import Joined
 from m3depth.datasets.open import open_pairs
 from m3depth.evaluation import evaluate
+from m3depth.evaluation_inputs import state_of_pairs
 from m3depth.figures.ablation import study_figure
 from m3depth.network.device import chosen_device
 from m3depth.network.model import M3Depth
 from m3depth.pairs import scored_depths
 from m3depth.report import check_own_results, versions, write_json
-from m3depth.run import differing, saved_progress
+from m3depth.run import differing, plain, saved_progress
 from m3depth.studies import BASE, Variant, distinct
 from m3depth.train_config import TrainConfig, check_config
 from m3depth.training import train
+from m3depth.unfinished import Unfinished
 from marssim.atomic import write_atomically
 from marssim.command import counted
 from marssim.dataset import read_json
@@ -34,6 +36,7 @@ from marssim.sources import source_digest
 SETTINGS = "ablation.json"
 SCORE = "score.json"
 FAILED = "failed.json"  # of a run whose loss was not finite
+CODE = "code.json"  # the states of the code that a run was trained and scored by
 
 
 @dataclass(frozen=True)
@@ -120,7 +123,7 @@ def _claim(options: AblateOptions, datasets: Sequence[Any]) -> None:
         "crop": list(options.crop),
         "data": [str(folder) for folder in options.data],
         "test": str(options.test or options.data[0]),
-        "sha256": [getattr(pairs, "digest", None) for pairs in datasets],
+        "sha256": [state_of_pairs(pairs) for pairs in datasets],
         "limit": options.limit,
     }
     path = options.out / SETTINGS
@@ -141,10 +144,13 @@ def _train(run: PlannedRun, options: AblateOptions, samples: Any) -> None:
     if failed.is_file():
         print(f"{read_json(failed)['error']} (delete {failed} to try it again)", file=sys.stderr, flush=True)
         return
-    network = asdict(run.variant.resolved(options.preset)[0])
-    write_atomically(run.folder / "network.json", (json.dumps(network, indent=2) + "\n").encode())
+    network, file = plain(run.variant.resolved(options.preset)[0]), run.folder / "network.json"
+    if file.is_file() and (before := read_json(file)) != network:
+        raise ValueError(f"{file}: the run is of another {differing('network', before, network)}; choose another --out")
+    write_atomically(file, (json.dumps(network, indent=2) + "\n").encode())
     if spent_budget(run.config, *saved_progress(run.folder)):
         return
+    _note_code(run.folder)
     try:
         train(run.config, samples, [])
     except FloatingPointError as error:
@@ -163,9 +169,12 @@ def _score(run: PlannedRun, options: AblateOptions, test: Any) -> bool:
         return False
     model = M3Depth.from_pretrained(run.folder / "weights.safetensors")
     device = chosen_device(options.device)
-    done = evaluate(test, {METHOD: model.to(device)}, limit=options.limit)
+    _note_code(run.folder)
+    code = read_json(run.folder / CODE)["code"]
+    unfinished = Unfinished(run.folder, {"--test": state_of_pairs(test), "--limit": options.limit, "code": code})
+    done = evaluate(test, {METHOD: model.to(device)}, limit=options.limit, unfinished=unfinished)
     about = {
-        "code": source_digest(("marssim", "m3depth")),
+        "code": ", ".join(code),
         "device": device.type,
         "parameters": sum(p.numel() for p in model.parameters()),
         "steps": steps,
@@ -173,7 +182,16 @@ def _score(run: PlannedRun, options: AblateOptions, test: Any) -> bool:
         "loss": asdict(run.config.loss),
     }
     write_json(run.folder / SCORE, {**about, "result": done.results[METHOD], "per_pair": done.pairs})
+    unfinished.remove()
     return True
+
+
+def _note_code(folder: Path) -> None:
+    """Add the state of the code to those by which a run was trained and scored."""
+    file, now = folder / CODE, source_digest(("marssim", "m3depth"))
+    before = read_json(file)["code"] if file.is_file() else []
+    if now not in before:
+        write_json(file, {"code": [*before, now]})
 
 
 def _tables(options: AblateOptions, runs: Sequence[PlannedRun], test: Any) -> dict[str, Any]:

@@ -39,9 +39,11 @@ def findings(study: Study, scores: Mapping[str, Scores]) -> dict[str, Any]:
     scores: by the name of the variant, score.json by seed; empty where nothing is scored yet. Figures are means
     over the test pairs, then over the seeds. Changes are relative, with the 95 % interval of the paired bootstrap over
     the scenes, whose pairs are drawn together: views of one scene are alike; a single scene gives none. A pair that
-    holds no pixel of a figure is left out of that figure, in every run.
+    holds no pixel of a figure is left out of that figure, in every run. Raises ValueError if the runs were not all
+    scored on the same pairs.
     """
     runs = {row.variant.name: scores[row.variant.name] for row in study.rows}
+    _check_same_pairs(runs)
     columns = {name: _column(runs, name) for name in study.columns}
     reference = study.rows[study.reference]
     rows = []
@@ -88,6 +90,18 @@ def findings(study: Study, scores: Mapping[str, Scores]) -> dict[str, Any]:
     }
 
 
+def _check_same_pairs(runs: Mapping[str, Scores]) -> None:
+    named = {
+        f"{name}-{seed}": [(record["index"], record["pair"]) for record in score["per_pair"]]
+        for name, by_seed in runs.items()
+        for seed, score in by_seed.items()
+    }
+    first = next(iter(named), "")
+    for name, pairs in named.items():
+        if pairs != named[first]:
+            raise ValueError(f"run {name} was scored on other pairs than {first}: delete its score.json")
+
+
 def _records(runs: Mapping[str, Scores]) -> list[Sequence[Mapping[str, Any]]]:
     """The records of the pairs, of each run."""
     return [score["per_pair"] for by_seed in runs.values() for score in by_seed.values()]
@@ -100,13 +114,13 @@ def _column(runs: Mapping[str, Scores], name: str) -> Column:
         for run, by_seed in runs.items()
     }
     everything = [figures for by_seed in found.values() for figures in by_seed.values()]
-    has = [None not in figures for figures in zip(*everything)]
+    has = [place for place, figures in enumerate(zip(*everything, strict=True)) if None not in figures]
     by_run = {
-        run: {seed: np.array([x for x, kept in zip(figures, has) if kept], float) for seed, figures in by_seed.items()}
+        run: {seed: np.array([figures[place] for place in has], float) for seed, figures in by_seed.items()}
         for run, by_seed in found.items()
     }
     first = next(iter(_records(runs)), [])
-    return Column(by_run, [record["scene"] for record, kept in zip(first, has) if kept])
+    return Column(by_run, [first[place]["scene"] for place in has])
 
 
 def _mean(figures: Figures) -> float | None:
@@ -131,7 +145,8 @@ def _change(column: Column, before_run: str, after_run: str) -> dict[str, Any]:
         found["by_seed"] = (second.mean(0) / first.mean(0) - 1).tolist()
         if len(set(column.scenes)) > 1:
             means = bootstrap.resampled_means(np.stack([first.mean(1), second.mean(1)], 1), column.scenes)
-            found["interval"] = [*bootstrap.interval(means[:, 1] / means[:, 0] - 1)]
+            bounds = [*bootstrap.interval(means[:, 1] / means[:, 0] - 1)]
+            found["interval"] = bounds if np.isfinite(bounds).all() else None  # a mean of 0 in some samples
     return found
 
 
@@ -175,7 +190,7 @@ def _verdict(
 
 def _bounds(interval: Sequence[float] | None) -> str:
     if interval is None:
-        return "one scene gives no interval"
+        return "no interval"
     return f"95 % interval {100 * interval[0]:+.1f} to {100 * interval[1]:+.1f} %"
 
 

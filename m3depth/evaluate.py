@@ -30,8 +30,9 @@ import tyro
 from m3depth.datasets.config import DataConfig, Part, flag
 from m3depth.datasets.open import open_pairs
 from m3depth.degradation import Degradation
-from m3depth.estimator import WINDOWS, Estimator, EstimatorError, load_estimator
-from m3depth.evaluation import RESERVED, Evaluation, Method, check_choice, evaluate
+from m3depth.estimator import WINDOWS, EstimatorError, load_estimator
+from m3depth.evaluation import RESERVED, Evaluation, Method, check_choice, chosen_pairs, evaluate
+from m3depth.evaluation_inputs import state_of_estimator, state_of_files, state_of_pairs
 from m3depth.figures.comparison import comparison_figure
 from m3depth.figures.errors import distribution_figure, interval_figure, sparsification_figure
 from m3depth.figures.example import Example
@@ -49,7 +50,7 @@ from marssim.dataset import DatasetError
 from marssim.lock import sole_writer
 from marssim.out_folder import check_out
 from marssim.progress import watched
-from marssim.sources import source_digest, source_file
+from marssim.sources import source_digest
 
 EXAMPLES = 3  # pairs in the figures
 COMPARED = 3  # methods in comparison.png, which shows the errors too; all are in qualitative.png
@@ -72,7 +73,7 @@ class EvaluateOptions:
     baselines: tuple[Baseline, ...] = ("sgbm",)
     """Classical methods that are scored on the same pairs. sgbm: OpenCV's semi-global matching; ssd, sad, ncc: windows
     compared by squared or absolute differences or by correlation, best one taken; with -sgm: the same costs, summed
-    along eight paths. all: the seven of them. none: M3Depth alone."""
+    along eight paths. all: the seven of them. none: no classical method."""
     estimator: Annotated[tuple[str, ...], tyro.conf.arg(metavar="[NAME=]MODULE:CLASS ...")] = ()
     """Further methods: a class without arguments that has infer(left, right, rig), and a name for the table (default:
     the class's)."""
@@ -102,7 +103,10 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
     degradation = None if options.degrade is None else Degradation.parse(options.degrade)
     weights = options.weights or SHIPPED_WEIGHTS
     digest = hashlib.sha256(weights.read_bytes()).hexdigest() if weights.is_file() else None
-    unfinished = Unfinished(options.out, asked_for(options, dataset, digest))
+    from m3depth.network.device import chosen_device
+
+    device = chosen_device(options.device).type
+    unfinished = Unfinished(options.out, asked_for(options, dataset, digest, device))
     done = evaluate(
         dataset,
         methods,
@@ -121,6 +125,7 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
         "pairs": len(done.pairs),
         "weights": "shipped" if options.weights is None else str(options.weights),
         "weights_sha256": digest,
+        "device": device,
         "degrade": options.degrade,
         "seed": options.seed,
         "depth_range_m": scored_depths(dataset),
@@ -137,28 +142,31 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
     return done
 
 
-def asked_for(options: EvaluateOptions, dataset: StereoPairs, weights: str | None) -> dict[str, Any]:
-    """What the figures depend on, by flag; weights: their SHA-256. Only an evaluation of the same goes on."""
-    digest = getattr(dataset, "digest", None)
+def asked_for(options: EvaluateOptions, dataset: StereoPairs, weights: str | None, device: str) -> dict[str, Any]:
+    """What the figures depend on, by flag; only an evaluation of the same goes on where another was stopped.
+
+    weights: their SHA-256. device: what M3Depth computes on.
+    """
+    pairs = chosen_pairs(dataset, options.limit)
+    recorded = {text: RecordedPredictions.parse(text)[1] for text in options.predictions}
+    calib = options.reader.calib
     return {
-        "--data": [str(options.data.resolve()), len(dataset)] if digest is None else digest,
+        "--data": [str(options.data.resolve()), state_of_pairs(dataset)],
         "--split": options.split,
         "--weights": weights,
+        "--device": device,
         "--baselines": list(options.baselines),
-        "--estimator": [[text, _code_of(text)] for text in options.estimator],
-        "--predictions": list(options.predictions),
+        "--estimator": [[text, state_of_estimator(_split_estimator(text)[1])] for text in options.estimator],
+        "--predictions": [
+            [text, state_of_files(maps.find(*pair) for pair in pairs)] for text, maps in recorded.items()
+        ],
         "--limit": options.limit,
         "--degrade": options.degrade,
         "--seed": options.seed,
         **{flag(name): str(value) for name, value in options.reader.given().items()},
+        **({} if calib is None else {"--calib": [str(calib), state_of_files([calib])]}),
         "state of the code": source_digest(("marssim", "m3depth")),
     }
-
-
-def _code_of(estimator: str) -> str | None:
-    """SHA-256 of the file of a class of one's own, but not of what that imports."""
-    file = source_file(estimator.rpartition("=")[2].partition(":")[0])
-    return None if file is None else hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 def _watched(number: int, left: Sequence[int]) -> Iterator[int]:
@@ -193,6 +201,8 @@ def prepare(options: EvaluateOptions) -> tuple[StereoPairs, dict[str, Method]]:
         raise ValueError(f"{options.data}: split {options.split} holds no pairs; choose another --split")
     if options.degrade is not None:
         Degradation.parse(options.degrade)
+    if "none" in options.baselines and len(options.baselines) > 1:
+        raise ValueError("--baselines none stands alone")
     check_out(options.out)
     check_own_results(options.out, "per_pair")
     own = "m3depth" if options.weights is None else f"m3depth:{options.weights}"
@@ -200,7 +210,8 @@ def prepare(options: EvaluateOptions) -> tuple[StereoPairs, dict[str, Method]]:
     names = ("sgbm", *WINDOWS) if "all" in options.baselines else options.baselines
     methods |= {name.upper(): load_estimator(name) for name in names if name != "none"}
     for text in options.estimator:
-        _add(methods, "--estimator", text, *_named_estimator(text))
+        name, spec = _split_estimator(text)
+        _add(methods, "--estimator", text, name, load_estimator(spec, "--estimator", device=options.device))
     for text in options.predictions:
         try:
             name, recorded = RecordedPredictions.parse(text)
@@ -212,13 +223,14 @@ def prepare(options: EvaluateOptions) -> tuple[StereoPairs, dict[str, Method]]:
     return dataset, methods
 
 
-def _named_estimator(text: str) -> tuple[str, Estimator]:
+def _split_estimator(text: str) -> tuple[str, str]:
+    """Name and module:class, the name being the class's unless another is given."""
     name, equals, spec = text.partition("=")
     if not equals:
         name, spec = text.rpartition(":")[2], text
     if not (name and ":" in spec):
         raise ValueError(f"--estimator {text}: expected MODULE:CLASS or NAME=MODULE:CLASS")
-    return name, load_estimator(spec, "--estimator")
+    return name, spec
 
 
 def _add(methods: dict[str, Method], option: str, text: str, name: str, method: Method) -> None:

@@ -163,12 +163,15 @@ def evaluate(
     Each estimator sees the first pair twice: the first time warms it up and is not timed.
     Raises ValueError if there is nothing to score, EstimatorError if a method returns no Prediction of this size;
     FileNotFoundError if a recorded prediction is missing; with `unfinished`, KeyboardInterrupt after SIGINT or SIGTERM,
-    once the pair that it came upon is scored and saved.
+    once the pair that it came upon is scored and saved, and UnfinishedError if what was saved is of no use.
     """
     chosen = _checked(dataset, estimators, limit, seed)
     scoring = Scoring(dataset, estimators, degradation, seed, max_disparity)
     if unfinished is not None and (state := unfinished.load()) is not None:
-        scoring.load_state_dict(state)
+        try:
+            scoring.load_state_dict(state)
+        except (KeyError, TypeError, AttributeError, ValueError):
+            raise unfinished.damaged() from None
     first = next(iter(estimators))
     shown = [chosen[i] for i in spread(len(chosen), examples)] if examples else []
     ranked = _worst(scoring.pairs, first, worst)
@@ -221,11 +224,17 @@ def _checked(dataset: StereoPairs, estimators: Mapping[str, Method], limit: int 
         if name in estimators:
             raise ValueError(f"no method may be called {name!r}: the records of the pairs use that name themselves")
     check_choice(limit, seed)
-    chosen = spread(len(dataset), len(dataset) if limit is None else limit)
+    chosen = chosen_pairs(dataset, limit)
     for method in estimators.values():
         if isinstance(method, RecordedPredictions):
-            method.check([(_name(dataset, index), index) for index in chosen])
-    return chosen
+            method.check(chosen)
+    return [index for _, index in chosen]
+
+
+def chosen_pairs(dataset: StereoPairs, limit: int | None) -> list[tuple[str, int]]:
+    """Names and indices of the pairs that are scored, spread evenly over the dataset."""
+    chosen = spread(len(dataset), len(dataset) if limit is None else limit)
+    return [(_name(dataset, index), index) for index in chosen]
 
 
 def _name(dataset: StereoPairs, index: int) -> str:

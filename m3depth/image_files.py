@@ -9,6 +9,7 @@ import numpy as np
 
 from m3depth.pairs import in_colour
 from marssim.input_file import check_file
+from marssim.pfm import decode_pfm
 from marssim.png import MAGIC, is_whole
 
 BRIGHT = 99.9  # [%] of a 16-bit pair's pixels are at most what becomes white: hot pixels do not darken all others
@@ -43,6 +44,9 @@ def decoded(data: bytes, how: int = cv2.IMREAD_UNCHANGED) -> np.ndarray | None:
     """
     if data.startswith(MAGIC) and not is_whole(data):  # libpng would say so on stderr
         return None
+    if data[:2] in (b"Pf", b"PF"):
+        values = decode_pfm(data)
+        return values[..., ::-1] if values is not None and values.ndim == 3 else values
     log = cv2.utils.logging
     before = log.setLogLevel(log.LOG_LEVEL_SILENT)  # a broken file is told in our words
     try:

@@ -5,11 +5,12 @@ Rules, for every method alike:
 - Scored are the pixels that the ground truth calls valid (those of 0.5 to 15 m; in the layouts of others every known
   one, or --depth-range) and whose true disparity is at most `MAX_DISPARITY`; nearer ones are scored apart, as "near".
 - No scored pixel is dropped. Depth that is unknown (NaN), infinite, not positive or beyond 80 m counts as 80 m, and
-  under 0.01 m as 0.01 m; an unknown or infinite disparity as 0 px; an unknown normal as 180 deg off. `density` tells
-  the share of pixels that had a finite, positive depth.
+  under 0.01 m as 0.01 m; of true depth (of other layouts, ours ends at 15 m) both limits hold too. An unknown or
+  infinite disparity counts as 0 px; an unknown normal as 180 deg off. `density` tells the share of pixels that had a
+  finite, positive depth.
 - Every figure is given twice: `per_image`, the mean over images of the image's figure, and `pooled`, over all pixels.
 
-Memory does not grow with the number of pairs. The pooled median angle comes from a histogram with bins of 0.01 deg.
+Memory does not grow with the number of pixels. The pooled median angle comes from a histogram with bins of 0.01 deg.
 Depth and normal figures are those of the paper (Sec. V-B; the table of normal metrics); angles are signed, so a normal
 that points away from the camera is 180 deg off.
 """
@@ -73,7 +74,7 @@ def depth_terms(
     depth, disparity: (N,) as predicted, true_depth, true_disparity: (N,) finite and positive. Depth figures in metres
     or ratios (paper, Sec. V-B), epe in px, bad1 and bad3: share of disparities off by more than 1 and 3 px.
     """
-    predicted, true = capped_depth(depth), true_depth.astype(np.float64)
+    predicted, true = capped_depth(depth), capped_depth(true_depth)
     error = np.abs(predicted - true)
     ratio = np.maximum(predicted / true, true / predicted)
     guess = np.where(np.isfinite(disparity), disparity, 0).astype(np.float64)

@@ -1,13 +1,14 @@
 """Depth or disparity that another program wrote, scored as if an estimator had just made it.
 
 A folder DIR holds a map of the left image for every pair, at the pair's size, under one of these names. `scene/view`
-is the pair's name in the dataset (00001/03), NUMBER its place in the split, from 000000:
+is the pair's name in the dataset (00001/03; of KITTI a number, 000011), NUMBER its place in the split, from 000000:
 
-    scene/view.EXT    scene_view.EXT    NUMBER_10.EXT    NUMBER.EXT
+    scene/view.EXT    scene_view.EXT    NAME_10.EXT    NUMBER_10.EXT    NUMBER.EXT
 
 or a folder of that name with disparity.EXT, left_disparity.EXT or depth.EXT in it, as m3depth.predict makes one. These
 are the names under which marssim.export writes the images (ETH3D, Middlebury and OpenStereo: scene_view; KITTI:
-NUMBER_10). EXT, the first that is there:
+NUMBER_10). All files of a folder are named by the pairs' names, or all by their places; a pair whose name is itself a
+number goes by that alone. EXT, the first that is there:
 
     npy               numbers of any kind
     pfm, tiff, tif    float
@@ -19,15 +20,15 @@ frame, and NAME_confidence.npy, 0 to 1, are read where they are there; in a fold
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-import cv2
 import numpy as np
 
 from m3depth.datasets.maps import PNG_UNIT
+from m3depth.image_files import decoded
 from m3depth.matching import fill_background
 from m3depth.prediction import Prediction
 from marssim.camera import StereoRig
@@ -81,22 +82,21 @@ class RecordedPredictions:
 
     def find(self, pair: str, number: int) -> Path:
         """The file of a pair. Raises FileNotFoundError that names it and the names that were looked for."""
-        for base in self._bases(pair, number):
-            for ending in ENDINGS:
-                path = base.with_name(f"{base.name}.{ending}")
-                if path.is_file():
-                    return path
-        raise FileNotFoundError(
-            f"{self.folder}: no {self.kind} of pair {pair}; looked for {pair.replace('/', '_')}, {pair}, "
-            f"{number:06d}_10 and {number:06d}, with .{', .'.join(ENDINGS)}"
-        )
+        by_name, by_place = _names(pair, number)
+        path = self._first(by_name) or self._first(by_place)
+        if path is None:
+            raise self._missing(pair, [*by_name, *by_place])
+        return path
 
     def check(self, pairs: Sequence[tuple[str, int]]) -> None:
-        """Raise FileNotFoundError unless every pair (name, number) has its file."""
+        """Raise FileNotFoundError unless every pair (name, number) has its file, all by name or all by place."""
         if not self.folder.is_dir():
             raise FileNotFoundError(f"{self.folder}: no such folder")
+        named = any(self._first(_names(pair, number)[0]) for pair, number in pairs)
         for pair, number in pairs:
-            self.find(pair, number)
+            by_name, by_place = _names(pair, number)
+            if self._first(by_name if named else by_place) is None:
+                raise self._missing(pair, by_name if named else [*by_name, *by_place])
 
     def read(self, pair: str, number: int, rig: StereoRig) -> Prediction:
         """What was recorded of a pair. Raises RecordedError that names a file that cannot be used."""
@@ -127,16 +127,33 @@ class RecordedPredictions:
             sure if confidence is None else read_recorded_map(confidence, shape).astype(np.float32),
         )
 
-    def _bases(self, pair: str, number: int) -> Iterator[Path]:
-        for name in (pair, pair.replace("/", "_"), f"{number:06d}_10", f"{number:06d}"):
-            yield self.folder / name
-            for inner in IN_A_FOLDER[self.kind]:
-                yield self.folder / name / inner
+    def _first(self, names: Sequence[str]) -> Path | None:
+        """The first file that is there."""
+        for name in names:
+            for base in (self.folder / name, *(self.folder / name / inner for inner in IN_A_FOLDER[self.kind])):
+                for ending in ENDINGS:
+                    path = base.with_name(f"{base.name}.{ending}")
+                    if path.is_file():
+                        return path
+        return None
+
+    def _missing(self, pair: str, names: Sequence[str]) -> FileNotFoundError:
+        looked = ", ".join(dict.fromkeys(names))
+        return FileNotFoundError(
+            f"{self.folder}: no {self.kind} of pair {pair}; looked for {looked}, with .{', .'.join(ENDINGS)}"
+        )
 
     def _beside(self, path: Path, what: str) -> Path | None:
         own = path.stem in IN_A_FOLDER[self.kind]
         found = path.with_name(f"{what}.npy" if own else f"{path.stem}_{what}.npy")
         return found if found.is_file() else None
+
+
+def _names(pair: str, number: int) -> tuple[list[str], list[str]]:
+    """What the file of a pair may be called, without its ending: by the pair's name, and by its place in the split."""
+    flat = pair.replace("/", "_")
+    by_name = [pair, flat, f"{flat}_10"]
+    return by_name, [] if pair.isdigit() else [f"{number:06d}_10", f"{number:06d}"]
 
 
 def read_recorded_map(path: Path, shape: tuple[int, ...]) -> np.ndarray:
@@ -146,8 +163,8 @@ def read_recorded_map(path: Path, shape: tuple[int, ...]) -> np.ndarray:
         if path.suffix == ".npy":
             values = read_npy(path)
         else:
-            values = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
-    except (ValueError, cv2.error):
+            values = decoded(path.read_bytes())
+    except ValueError:
         values = None
     if values is None or values.dtype.kind not in "fiu":
         raise RecordedError(f"{path}: holds no numbers that can be read")

@@ -135,12 +135,8 @@ def _nearest(heights: np.ndarray) -> np.ndarray:
 
 
 def _measure(sample: RockTruth, rays: np.ndarray, ground: np.ndarray, at: np.ndarray) -> list[SeenRock]:
-    flat = np.flatnonzero(at)
-    number = sample.rock.ravel()[flat]
-    order = np.argsort(number, kind="stable")
-    _, start = np.unique(number[order], return_index=True)
     rocks = []
-    for pixels in np.split(flat[order], start[1:]):
+    for pixels in _by_label(np.where(at, sample.rock, 0)):
         if len(pixels) < LEAST_PIXELS:
             continue
         points = rays.reshape(-1, 3)[pixels] * sample.depth.ravel()[pixels][:, None]
@@ -158,6 +154,16 @@ def _measure(sample: RockTruth, rays: np.ndarray, ground: np.ndarray, at: np.nda
             both = int((~sample.occluded.ravel()[pixels]).sum()) >= LEAST_PIXELS
             rocks.append(SeenRock(pixels, plane, float(height.max()), top, away, both))
     return rocks
+
+
+def _by_label(labels: np.ndarray) -> list[np.ndarray]:
+    """The flat indices of the pixels of each label but 0, in the order of the labels. labels: (H, W) int."""
+    flat = np.flatnonzero(labels)
+    if not len(flat):
+        return []
+    order = np.argsort(labels.ravel()[flat], kind="stable")
+    start = np.unique(labels.ravel()[flat][order], return_index=True)[1]
+    return np.split(flat[order], start[1:])
 
 
 def _plane_around(ground: np.ndarray, middle: np.ndarray, radius: float) -> np.ndarray | None:
@@ -202,15 +208,12 @@ def false_obstacles(scene: RockScene, depth: np.ndarray) -> list[tuple[float, fl
     look &= depth * np.hypot(scene.rays[..., 0], scene.rays[..., 1]) <= RANGE_EDGES[-1]
     points = scene.rays[look] * depth[look][:, None]
     above = np.zeros(depth.shape, np.float32)
-    above[look] = points[:, 2] - scene.ground.ravel()[_cells(points)]
+    above[look] = scene.heights(points)
     count, label = cv2.connectedComponents((above >= OBSTACLE).astype(np.uint8), connectivity=8)
     if count == 1:
         return []
-    flat = np.flatnonzero(label)
-    order = np.argsort(label.ravel()[flat], kind="stable")
-    start = np.unique(label.ravel()[flat][order], return_index=True)[1]
     found = []
-    for pixels in np.split(flat[order], start[1:]):
+    for pixels in _by_label(label):
         z = float(np.median(depth.ravel()[pixels]))
         if len(pixels) >= (FALSE_EDGE * scene.focal / z) ** 2:
             across = scene.rays.reshape(-1, 3)[pixels, :2] * depth.ravel()[pixels][:, None]
@@ -278,7 +281,7 @@ class RockTally:
         """Of heights and distances from the first up to the second [m].
 
         rocks, found; found_share and the height's error over the rocks found [m], its median magnitude and its median
-        with sign, None without rocks; the first three again of those that both eyes see; false, false_per_image.
+        with sign, None without any; the first three again of those that both eyes see; false, false_per_image.
         """
         rocks = [r for r in self.rocks if low <= r.height < high and near <= r.away < far]
         errors = np.array([r.error for r in rocks if r.found])

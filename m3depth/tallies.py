@@ -30,12 +30,9 @@ class Tally:
         self._image_sum: dict[str, float] = {}
         self._histogram = np.zeros(round(180 / BIN), dtype=np.int64) if median else None
 
-    def add(self, terms: np.ndarray) -> dict[str, float]:
-        """Add one image. terms: (N, len(names)). Returns the image's own figures; {} if it has no such pixel."""
-        return self.add_sums(terms.sum(axis=0), len(terms), terms[:, 0])
-
     def add_sums(self, total: np.ndarray, pixels: int, first: np.ndarray) -> dict[str, float]:
-        """The same from the sums of the terms, (len(names),), and the first term itself, (N,), for its median."""
+        """Add one image: the sums of its terms, (len(names),), over so many pixels, and the first term, (N,), for its
+        median. Returns the image's own figures; {} if it has no such pixel."""
         if not pixels:
             return {}
         figures = self._figures(total, pixels)

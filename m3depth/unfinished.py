@@ -16,7 +16,7 @@ import numpy as np
 from marssim.atomic import write_atomically
 
 UNFINISHED = "unfinished.npz"
-SECONDS = 30.0  # between two saves: the most that is lost
+SECONDS = 30.0  # between two saves: the most that is lost, beside the pair that is being scored
 PLAIN = "plain"  # the entry that holds everything but the arrays, as JSON
 ARRAY = "\0array"  # key of what stands in it for an array
 
@@ -48,10 +48,8 @@ class Unfinished:
             with np.load(self.path, allow_pickle=False) as file:
                 content = json.loads(file[PLAIN].item())
                 asked, state = content["asked"], _with_arrays(content["state"], file)
-        except (OSError, EOFError, ValueError, KeyError, AttributeError, zipfile.BadZipFile, zlib.error):
-            raise UnfinishedError(
-                f"{self.path}: not a readable state of an evaluation; delete it to begin anew"
-            ) from None
+        except (EOFError, ValueError, KeyError, TypeError, AttributeError, zipfile.BadZipFile, zlib.error):
+            raise self.damaged() from None
         other = [name for name in sorted(asked.keys() | self.asked.keys()) if asked.get(name) != self.asked.get(name)]
         if other:
             raise UnfinishedError(
@@ -59,6 +57,10 @@ class Unfinished:
                 "--out, or delete it"
             )
         return state
+
+    def damaged(self) -> UnfinishedError:
+        """To be raised if what was loaded is of no use."""
+        return UnfinishedError(f"{self.path}: not a readable state of an evaluation; delete it to begin anew")
 
     def save(self, state: Mapping[str, Any]) -> None:
         """Replace the file. state: nested dicts with text as keys and lists of JSON's types and of arrays."""

@@ -178,6 +178,24 @@ def test_misuse_is_one_line_and_exit_2(plane_set, tmp_path, capsys, more, messag
     assert not out.exists()
 
 
+def test_a_run_of_another_network_or_state_of_the_code_is_told(plane_set, done, tmp_path, capsys, monkeypatch) -> None:
+    out = tmp_path / "again"
+    shutil.copytree(done, out)
+    (out / "runs" / "no-irm-0" / "score.json").unlink()
+    monkeypatch.setattr(ablation, "source_digest", lambda packages: "another")
+    assert main(flags(plane_set, out, "--steps", "3", "--studies", "components")) == 0
+    score = json.loads((out / "runs" / "no-irm-0" / "score.json").read_text())
+    before = json.loads((out / "runs" / "base-0" / "score.json").read_text())
+    assert score["code"] == f"{before['code']}, another"  # trained by one, scored by the other
+    assert "may not compare" in (out / "results.md").read_text()
+
+    monkeypatch.setitem(network_config.PRESETS, "lite", replace(TINY, hidden=16))
+    capsys.readouterr()
+    assert main(flags(plane_set, out, "--steps", "3", "--studies", "components")) == 2
+    assert "network.json: the run is of another network hidden 8, not 16; choose" in capsys.readouterr().err
+    assert json.loads((out / "runs" / "base-0" / "network.json").read_text())["hidden"] == 8
+
+
 def test_a_folder_holds_one_ablation(plane_set, done, tmp_path, capsys) -> None:
     before = (done / "results.json").read_bytes()
     for more, other in (

@@ -101,9 +101,31 @@ def test_one_scene_gives_no_interval_and_no_verdict(tmp_path) -> None:
     found = findings(STUDIES["levels"], scores)
     part = found["comparisons"][0]
     assert (part["interval"], part["verdict"]) == (None, None)
-    assert part["sentence"].endswith("here it falls by 10.0 % (one scene gives no interval).")
+    assert part["sentence"].endswith("here it falls by 10.0 % (no interval).")
     study_figure(found, path := tmp_path / "levels.png")
     assert path.stat().st_size > 10_000
+
+
+def test_errors_of_nothing_in_most_scenes_give_no_interval_and_no_verdict() -> None:
+    """Samples of scenes in which nobody errs have no relative change."""
+    pairs = {name: np.array([0.0, 0, 0, 1]) for name in ("abs_rel", "sq_rel", "rmse", "delta1")}
+    scores = {row.variant.name: {0: score(pairs, views=1)} for row in STUDIES["levels"].rows}
+    scores["levels-3"] = {0: score({name: 2 * x for name, x in pairs.items()}, views=1)}
+    part = findings(STUDIES["levels"], scores)["comparisons"][0]
+    assert part["here"] == 1 and (part["interval"], part["verdict"]) == (None, None)
+
+
+def test_runs_on_other_pairs_are_not_compared() -> None:
+    pairs = {name: np.linspace(1, 2, 10) for name in ("abs_rel", "sq_rel", "rmse", "delta1")}
+    for change in ("name", "count"):
+        scores = {row.variant.name: {0: score(pairs, views=1)} for row in STUDIES["levels"].rows}
+        records = scores["levels-3"][0]["per_pair"]
+        if change == "name":
+            records[3]["pair"] = "another"
+        else:
+            del records[-1]
+        with pytest.raises(ValueError, match=r"levels-3-0 was scored on other pairs than .*delete its score\.json"):
+            findings(STUDIES["levels"], scores)
 
 
 def test_runs_of_several_states_of_the_code_are_told() -> None:

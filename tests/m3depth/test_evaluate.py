@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import torch
 
 from m3depth.degradation import Degradation
 from m3depth.evaluate import EvaluateOptions, evaluate, main, prepare
@@ -17,6 +18,7 @@ from m3depth.matching import SGBM
 from m3depth.prediction import Prediction
 from m3depth.report import FIGURES
 from m3depth.resources import measured
+from m3depth.unfinished import Unfinished, UnfinishedError
 from marssim.camera import PinholeCamera, StereoRig
 from marssim.dataset import DatasetError, StereoDataset, write_index, write_sample
 from marssim.render.stereo import StereoFrame
@@ -289,6 +291,53 @@ def test_what_was_stopped_goes_on_and_comes_to_the_same(folder, tmp_path, capsys
         assert np.array_equal(one.left, other.left)
         assert np.array_equal(one.predictions["M3Depth"].depth, other.predictions["M3Depth"].depth)
     assert sorted(file.name for file in (tmp_path / "stopped").iterdir()) == ["results.json", "results.md"]
+
+
+@pytest.mark.parametrize("change", ["--predictions", "--estimator", "--device", "weights of an estimator"])
+def test_a_stopped_evaluation_does_not_go_on_with_other_inputs(folder, tmp_path, capsys, monkeypatch, change):
+    """The command is the same; what its files hold, or the device, is another."""
+    monkeypatch.setattr("m3depth.unfinished.SECONDS", 0.0)
+    monkeypatch.setattr("m3depth.evaluate.draw", lambda *_: None)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    module, weights, maps = tmp_path / "my_class_of_today.py", tmp_path / "w.safetensors", tmp_path / "maps"
+    module.write_text("class Mine:\n    pass\n")
+    weights.write_bytes(b"weights")
+    maps.mkdir()
+    pairs = StereoDataset(folder, "test")
+    for name, sample in zip(pairs.names, pairs, strict=True):
+        np.save(maps / f"{name.replace('/', '_')}.npy", sample.disparity)
+    method = Stops(3, signal.SIGINT)
+    monkeypatch.setattr("m3depth.evaluate.load_estimator", lambda spec, *_, **__: method)
+    asked = ["--data", str(folder), "--out", "out", "--baselines", "none", "--predictions", "Read=maps", "--estimator"]
+    asked += ["Mine=my_class_of_today:Mine", "Old=m3depth:w.safetensors"]
+    assert main(asked) == 130
+    told = change
+    if change == "--predictions":
+        os.utime(maps / f"{pairs.names[0].replace('/', '_')}.npy", (1, 1))
+    elif change == "--estimator":
+        module.write_text("class Mine:\n    better = True\n")
+    elif change == "--device":
+        monkeypatch.setattr("m3depth.network.device.chosen_device", lambda wanted: torch.device("meta"))
+    else:
+        weights.write_bytes(b"others")
+        told = "--estimator"
+    capsys.readouterr()
+    assert main(asked) == 2
+    assert f"of an unfinished evaluation with another {told}; choose" in capsys.readouterr().err
+
+
+def test_a_state_that_lacks_something_is_damaged(folder, tmp_path):
+    unfinished = Unfinished(tmp_path, {})
+    unfinished.save({"pairs": [], "scores": {}})
+    with pytest.raises(UnfinishedError, match="not a readable state"):
+        evaluate(StereoDataset(folder, "test"), {"m": Scaled()}, unfinished=unfinished)
+
+
+def test_none_and_a_classical_method_exclude_each_other(folder, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
+    assert main(["--data", str(folder), "--out", str(tmp_path / "out"), "--baselines", "none", "sgbm"]) == 2
+    assert capsys.readouterr().err == "error: --baselines none stands alone\n"
 
 
 def _without_costs(file: Path) -> dict:

@@ -95,6 +95,17 @@ def test_known_scale_error(factor):
             assert figures[f"delta{i}"] == (worst < 1.25**i)
 
 
+def test_what_is_farther_than_the_cap_is_as_far_for_both():
+    """Of other layouts, that score every known depth: a perfect prediction at 200 m has no error."""
+    true = np.array([200.0, 90.0, 0.001])
+    perfect_terms = dict(zip(DEPTH_TERMS, depth_terms(true, np.ones(3), true, np.ones(3)).T, strict=True))
+    for name in ("abs_rel", "sq_rel", "rmse", "log10", "mae", "epe"):
+        assert (perfect_terms[name] == 0).all()
+    assert (perfect_terms["delta1"] == 1).all()
+    near = dict(zip(DEPTH_TERMS, depth_terms(np.array([40.0]), np.ones(1), true[:1], np.ones(1)).T, strict=True))
+    assert near["abs_rel"][0] == 0.5 and near["mae"][0] == 40
+
+
 def test_kinds_partition_the_scored_pixels():
     sample = make_sample()
     kinds = pixel_kinds(sample)
@@ -158,7 +169,7 @@ def test_per_image_and_pooled_differ_as_they_should():
     """One image with 10 pixels off by 1, one with 30 pixels off by 3."""
     tally = Tally(("rmse", "mae"))
     for count, error in ((10, 1.0), (30, 3.0)):
-        tally.add(np.repeat([[error**2, error]], count, axis=0))
+        tally.add_sums(count * np.array([error**2, error]), count, np.full(count, error**2))
     result = tally.result()
     assert result["per_image"] == pytest.approx({"rmse": 2, "mae": 2})
     assert result["pooled"] == pytest.approx({"rmse": np.sqrt(7), "mae": 2.5})
@@ -179,7 +190,7 @@ def test_order_and_split_do_not_matter():
 @settings(max_examples=60, deadline=None)
 def test_streamed_median_is_within_a_bin(angles):
     tally = Tally(NORMAL_TERMS, median=True)
-    tally.add(normal_terms(angles))
+    tally.add_sums(normal_terms(angles).sum(axis=0), len(angles), angles)
     low, high = (np.quantile(angles, 0.5, method=m) for m in ("lower", "higher"))
     assert low - 0.011 <= tally.result()["pooled"]["median"] <= high + 0.011
     assert tally.result()["per_image"]["median"] == pytest.approx(np.median(angles))

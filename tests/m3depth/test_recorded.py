@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from m3depth.datasets.maps import read_map
 from m3depth.evaluation import evaluate
 from m3depth.recorded import RecordedError, RecordedPredictions
 from marssim.camera import PinholeCamera, StereoRig
@@ -13,6 +14,10 @@ H, W = 12, 20
 RIG = StereoRig(PinholeCamera.centred(W, H, 100.0), 0.27)
 DISPARITY = np.linspace(1, 40, H * W).reshape(H, W).astype(np.float32)
 PAIR, NUMBER = "00003/05", 7
+CUT_PNG, CUT_TIFF = (
+    cv2.imencode(ending, values)[1].tobytes()[:-100]
+    for ending, values in ((".png", (DISPARITY * 256).astype(np.uint16)), (".tiff", DISPARITY))
+)
 
 
 def put(path, values):
@@ -142,10 +147,12 @@ def test_unknown_is_filled_from_the_background_if_asked_for(tmp_path):
         ("00003_05.npy", b"PK\x03\x04 an archive", "holds no numbers that can be read"),
         ("00003_05.npy", b"\x93NUMPY\x01\x00\x10\x00{'shape': (2,3   ", "holds no numbers that can be read"),
         ("00003_05.pfm", b"Pf\n20 12\n-1\nshort", "holds no numbers that can be read"),
+        ("00003_05.png", CUT_PNG, "holds no numbers that can be read"),
+        ("00003_05.tiff", CUT_TIFF, "holds no numbers that can be read"),
         ("00003_05.tiff", b"", "holds no numbers that can be read"),
     ],
 )
-def test_what_cannot_be_used_is_named(tmp_path, name, content, message):
+def test_what_cannot_be_used_is_named(tmp_path, capfd, name, content, message):
     path = tmp_path / name
     if isinstance(content, bytes):
         path.write_bytes(content)
@@ -154,6 +161,7 @@ def test_what_cannot_be_used_is_named(tmp_path, name, content, message):
     with pytest.raises(RecordedError, match=message) as caught:
         RecordedPredictions(tmp_path).read(PAIR, NUMBER, RIG)
     assert str(caught.value).startswith(str(path))
+    assert capfd.readouterr().err == ""  # by us alone
 
 
 def test_missing_files_are_named_before_anything_is_scored(tmp_path, plane_samples):
@@ -163,6 +171,34 @@ def test_missing_files_are_named_before_anything_is_scored(tmp_path, plane_sampl
         evaluate(plane_samples, {"read": RecordedPredictions(tmp_path)})
     with pytest.raises(FileNotFoundError, match="nowhere: no such folder"):
         RecordedPredictions(tmp_path / "nowhere").check([])
+
+
+def test_pairs_whose_names_are_numbers_go_by_them(tmp_path):
+    """KITTI's test split does not begin at 0: its third pair is 000021, not the third file."""
+    for number in range(30):
+        put(tmp_path / f"{number:06d}_10.npy", DISPARITY + number)
+    maps = RecordedPredictions(tmp_path)
+    pairs = [(f"{number:06d}", place) for place, number in enumerate((1, 11, 21))]
+    maps.check(pairs)
+    for pair, place in pairs:
+        assert maps.read(pair, place, RIG).disparity == pytest.approx(DISPARITY + int(pair))
+    with pytest.raises(FileNotFoundError, match=r"no disparity of pair 000031; looked for 000031, 000031_10, with"):
+        maps.check([*pairs, ("000031", 3)])
+
+
+def test_a_folder_goes_by_names_or_by_places_and_never_by_both(tmp_path):
+    for name in ("00000_00", "00002_00", "000001"):
+        put(tmp_path / f"{name}.npy", DISPARITY)
+    with pytest.raises(FileNotFoundError, match=r"no disparity of pair 00001/00; looked for 00001/00, 00001_00, "):
+        RecordedPredictions(tmp_path).check([(f"{scene:05d}/00", scene) for scene in range(3)])
+
+
+def test_a_pfm_means_what_it_holds_whatever_its_scale(tmp_path):
+    data = encode_pfm(DISPARITY)
+    assert data.startswith(b"Pf\n20 12\n-1\n")
+    (tmp_path / "00003_05.pfm").write_bytes(data.replace(b"\n-1\n", b"\n-0.003922\n", 1))
+    assert np.array_equal(RecordedPredictions(tmp_path).read(PAIR, NUMBER, RIG).disparity, DISPARITY)
+    assert np.array_equal(read_map(tmp_path / "00003_05.pfm", "disparity"), DISPARITY)
 
 
 def test_the_truth_as_a_file_scores_perfectly(tmp_path, plane_samples):

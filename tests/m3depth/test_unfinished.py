@@ -50,7 +50,7 @@ def test_another_evaluation_does_not_go_on_with_it(tmp_path):
     assert (tmp_path / UNFINISHED).is_file()
 
 
-@pytest.mark.parametrize("change", ["cut", "other bytes", "another npz", "pickled"])
+@pytest.mark.parametrize("change", ["cut", "other bytes", "another npz", "pickled", "an array", "a list"])
 def test_a_damaged_file_is_named_and_nothing_in_it_is_executed(tmp_path, change):
     path = tmp_path / UNFINISHED
     file = Unfinished(tmp_path, ASKED)
@@ -61,6 +61,11 @@ def test_a_damaged_file_is_named_and_nothing_in_it_is_executed(tmp_path, change)
         path.write_bytes(b"no archive")
     elif change == "another npz":
         np.savez(path, other=np.zeros(3))
+    elif change == "an array":
+        with path.open("wb") as out:
+            np.save(out, np.zeros(3))
+    elif change == "a list":
+        np.savez(path, plain=np.array("[1]"))
     else:
         np.savez(path, plain=np.array([{"state": 1}], dtype=object), allow_pickle=True)
     with pytest.raises(UnfinishedError, match=r"unfinished\.npz: not a readable state of an evaluation; delete it"):
