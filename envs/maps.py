@@ -28,7 +28,7 @@ CONTOURS, MOST_CONTOURS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0), 20  # [m] apart, the 
 CRASH = "collision"
 CRASH_MARK, END_MARK = ("X", 6), ("o", 3)  # matplotlib's marker and its size [pt]
 COLUMNS, ROWS = 5, 4
-NARROWEST = 7.2  # [in] in which title and legend find room
+PANEL, NARROWEST = 3.6, 7.2  # [in] width of a course, and of a page whose title and legend find room
 AROUND = 5.0  # [m] shown before the start and behind the goal
 ASIDE = 8.0  # [m] shown to either side, more where a drive went further
 
@@ -57,9 +57,9 @@ def _page(path: Path, cell: str, courses: Sequence[Sequence[EpisodeRecord]], gro
     rows = -(-len(courses) // columns)
     legend = _legend(courses, groups)
     across = min(1 + columns, len(legend))
-    height = 2.5 * rows + 0.4 + 0.2 * -(-len(legend) // across)
-    width = max(3.6 * columns, NARROWEST)
-    figure = Figure(figsize=(width, height), dpi=90, layout="constrained")
+    panel = max(PANEL, NARROWEST / columns)
+    height = panel * rows / 1.44 + 0.4 + 0.2 * -(-len(legend) // across)
+    figure = Figure(figsize=(panel * columns, height), dpi=90, layout="constrained")
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     interval = _contour_interval(courses)
     for axes in panels:
