@@ -127,7 +127,7 @@ def _from_ros(left_text: str, right_text: str | None, baseline: float | None) ->
         found = _from_projections(first.projection, second.projection)
     elif first.projection[0, 3] == 0:
         if baseline is None:
-            raise ValueError("is the left eye's CameraInfo (Tx = 0); give the right eye's too, or --baseline")
+            raise ValueError("is the left eye's CameraInfo (Tx = 0); give the right eye's, which tells the baseline")
         p = first.projection
         found = Calibration(p[0, 0], p[1, 1], p[0, 2], p[1, 2], baseline)
     else:

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from marssim.camera import MAX_DEPTH
 from marssim.colours import depth_colours, normal_colours
 from marssim.dataset import StereoSample
-from marssim.statistics import DEPTH_STEP, NETWORK_DISPARITY, Tally
+from marssim.statistics import DEPTH_STEP, NETWORK_DISPARITY, Tally, noted_number
 
 SHOWN_DEPTH = 40.0  # [m] right end of the depth plot
 COLOURS = {"all": "0.25", "train": "#0072b2", "val": "#d55e00", "test": "#009e73"}  # Okabe and Ito
@@ -66,7 +66,8 @@ def sample_figure(sample: StereoSample, name: str) -> bytes:
     middle = f", median {np.nanmedian(residual):.1f}" if np.isfinite(residual).any() else ""
     _bare(axes[1, 3], f"|left - warped right| [grey levels]{middle}")
     figure.colorbar(shown, ax=axes[1, 3], shrink=0.8)
-    sun = f", sun {meta['sun_elevation_deg']:.0f} deg" if "sun_elevation_deg" in meta else ""
+    elevation = noted_number(meta.get("sun_elevation_deg"), -90, 90)
+    sun = "" if elevation is None else f", sun {elevation:.0f} deg"
     figure.suptitle(f"{name}  {meta.get('preset', '')}{sun}")
     return _png(figure)
 

@@ -25,6 +25,7 @@ from marssim.command import counted, run_command
 from marssim.dataset import EXPORTED, SPLITS, DatasetError, Split, StereoDataset, read_json, write_json
 from marssim.layouts import LAYOUTS, Item, Layout, SameAs
 from marssim.lock import LOCK, sole_writer
+from marssim.out_folder import check_around
 from marssim.progress import progress
 from marssim.threads import in_threads
 
@@ -51,7 +52,7 @@ class ExportConfig:
             raise ValueError(f"--workers must be at least 1, got {self.workers}")
         if not self.split or len(set(self.split)) < len(self.split):
             raise ValueError(f"--split must name one or more of {', '.join(SPLITS)}, each once")
-        if self.format == "sceneflow" and "left" in str(self.out):
+        if self.format == "sceneflow" and "left" in str(self.out.absolute()):
             raise ValueError(
                 f'--out {self.out}: SceneFlow readers replace "left" by "right" anywhere in a path; choose another'
             )
@@ -101,6 +102,7 @@ def _check_apart(config: ExportConfig) -> None:
     where = "is" if out == data else "lies in" if data in out.parents else "contains" if out in data.parents else None
     if where is not None:
         raise DatasetError(f"--out {config.out}: {where} the dataset {config.data}; choose another folder")
+    check_around(config.out)
 
 
 def _settings(config: ExportConfig, chosen: list[dict[str, Any]]) -> dict[str, Any]:

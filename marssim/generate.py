@@ -29,6 +29,7 @@ from marssim.generate_command import command_flags
 from marssim.generate_config import AUTO, EGL, TINY, GenerateConfig, parse_generate
 from marssim.integrity import check_written
 from marssim.lock import LOCK, sole_writer
+from marssim.out_folder import check_around
 from marssim.progress import progress
 from marssim.render.egl import draws_on_a_card, probe
 from marssim.scene.scene import PRESETS, preset
@@ -140,6 +141,7 @@ def _check(config: GenerateConfig) -> None:
     """Raise for what must fail, before anything is written: see _held, and scenes in which no camera can stand."""
     if config.out.exists() and not config.out.is_dir():
         raise DatasetError(f"--out {config.out}: a file of that name is in the way; choose another")
+    check_around(config.out)
     if _held(config):
         asked = {f"{scene:05d}/{view:02d}" for scene, views in enumerate(_scenes(config)) for view in views}
         there = {f"{file.parts[-3]}/{file.parts[-2]}" for file in config.out.glob("scenes/*/[0-9]*/sample.json")}

@@ -113,6 +113,9 @@ def check_extra(dataset: StereoDataset, own: Path | None = None) -> list[Finding
     expected = set(TOP) | {f"scenes/{n}/{file}" for n in dataset.names for file in (*IMAGES, "sample.json")}
     expected |= {f"scenes/{n.split('/')[0]}/{TRAJECTORY}" for n in dataset.names}
     folders = {str(parent) for path in expected for parent in Path(path).parents}
+    if own is not None and own.resolve().is_relative_to(dataset.path.resolve()):
+        inside = own.resolve().relative_to(dataset.path.resolve())
+        folders |= {parent.as_posix() for parent in inside.parents}
     found = []
     waiting = [dataset.path]
     while waiting:

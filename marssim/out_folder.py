@@ -15,8 +15,17 @@ def check_out(out: Path) -> None:
     """
     if out.exists() and not out.is_dir():
         raise DatasetError(f"--out {out}: is not a folder")
-    there = out.resolve()
-    for folder in (there, *there.parents):
-        if (folder / EXPORTED).is_file() or ((folder / SETTINGS).is_file() and (folder / "scenes").is_dir()):
-            where = "is a dataset" if folder == there else f"lies in the dataset {folder}"
-            raise DatasetError(f"--out {out}: {where}; choose another folder")
+    if _is_dataset(out.resolve()):
+        raise DatasetError(f"--out {out}: is a dataset; choose another folder")
+    check_around(out)
+
+
+def check_around(out: Path) -> None:
+    """Raise DatasetError if `out`, the flag --out of a command that makes datasets, lies in one."""
+    for folder in out.resolve().parents:
+        if _is_dataset(folder):
+            raise DatasetError(f"--out {out}: lies in the dataset {folder}; choose another folder")
+
+
+def _is_dataset(folder: Path) -> bool:
+    return (folder / EXPORTED).is_file() or ((folder / SETTINGS).is_file() and (folder / "scenes").is_dir())

@@ -118,8 +118,9 @@ def measure(terrains: Iterable[Terrain], hurst: float, rms_slope_deg: float) -> 
         gentle.append(gentle_share(terrain.fine, BLEND))
     lags, squares = np.array(LAGS), np.square(differences)
     tangent = np.sqrt(squares.mean(axis=0)) / lags
-    # of a root of a mean: half the mean's relative error
-    relative = squares.std(axis=0) / np.sqrt(len(squares)) / np.maximum(2 * squares.mean(axis=0), 1e-30)
+    # of a root of a mean: half the mean's relative error; a single terrain tells none
+    scatter = squares.std(axis=0, ddof=1) if len(squares) > 1 else np.zeros(len(lags))
+    relative = scatter / np.sqrt(len(squares)) / np.maximum(2 * squares.mean(axis=0), 1e-30)
     due = np.tan(np.deg2rad(rms_slope_deg)) * lags ** (hurst - 1)
     first = slice(None, FITTED)
     level = not tangent[first].all()

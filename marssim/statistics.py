@@ -97,7 +97,7 @@ class Tally:
             if len(widths := edge_widths(luminance)):
                 self.edge_width.append(float(np.median(widths)))
         meta = sample.meta
-        if (elevation := _number(meta.get("sun_elevation_deg"), -90, 90)) is not None:
+        if (elevation := noted_number(meta.get("sun_elevation_deg"), -90, 90)) is not None:
             self.sun_elevation_deg.append(elevation)
         if (k := _asked_k(meta)) is not None:
             self.asked_k.append(k)
@@ -159,10 +159,10 @@ def _asked_k(meta: dict[str, Any]) -> float | None:
     """The k that the scene was asked for."""
     config = meta.get("scene_config")
     rocks = config.get("rocks") if isinstance(config, dict) else None
-    return _number(rocks.get("k"), 0, 1) if isinstance(rocks, dict) else None
+    return noted_number(rocks.get("k"), 0, 1) if isinstance(rocks, dict) else None
 
 
-def _number(value: Any, least: float, most: float) -> float | None:
+def noted_number(value: Any, least: float, most: float) -> float | None:
     """None for what is none within these bounds: datasets that others wrote need not note it, nor as we do."""
     return float(value) if isinstance(value, int | float) and least <= value <= most else None
 

@@ -52,7 +52,7 @@ class VerifyConfig:
     """folder for the results; it may lie in the dataset, but not among its scenes; default: out/verify/NAME-DIGEST,
     after the dataset's folder and the first digits of its digest, and out/verify for --cross-check"""
     statistics_of: int = 200
-    """number of samples that the statistics are taken over, spread over all splits; 0 for none"""
+    """about so many samples are taken statistics of, spread over all splits, one at least of each; 0 for none"""
     workers: int = 2
     """threads that hash and decode"""
     sample: str | None = None
@@ -221,8 +221,9 @@ def _read(root: Path, name: str) -> StereoSample | Finding:
     try:
         return read_sample(root / "scenes" / name)
     except DatasetError as error:
-        path, _, problem = str(error).partition(": ")
-        return Finding(Path(path).relative_to(root).as_posix(), problem)
+        said = str(error).removeprefix(f"{root / 'scenes' / name}/")
+        file, _, problem = said.partition(": ")
+        return Finding(f"scenes/{name}/{file}", problem)
 
 
 def main(args: Sequence[str] | None = None) -> int:

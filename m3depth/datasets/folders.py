@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from m3depth.datasets.config import DataConfig
@@ -49,6 +49,9 @@ def matches(root: Path, pattern: str) -> dict[tuple[str, ...], Path]:
     return found
 
 
+EYES = ("left", "right", "image_0", "image_2", "image_02", "im0")  # folders of one eye's images
+
+
 def listed(file: Path, root: Path, rigs: Rigs, config: DataConfig) -> Iterator[PairFiles]:
     """Pairs of OpenStereo's lists: "left right disparity" a line, paths from `root`.
 
@@ -57,17 +60,34 @@ def listed(file: Path, root: Path, rigs: Rigs, config: DataConfig) -> Iterator[P
     """
     if not file.is_file():
         raise DatasetError(f"{file}: no such list")
-    for number, line in enumerate(file.read_text().splitlines(), 1):
+    try:
+        lines = file.read_text().splitlines()
+    except UnicodeDecodeError:
+        raise DatasetError(f"{file}: is no text") from None
+    rows = []
+    for number, line in enumerate(lines, 1):
         words = line.split()
         if not words:
             continue
         if len(words) != 3:
             raise DatasetError(f"{file}, line {number}: expected left, right and disparity, got {line.strip()!r}")
+        rows.append(words)
+    for words, scene in zip(rows, _scenes([words[0] for words in rows]), strict=True):
         left, right, truth = (root / word for word in words)
-        name = Path(words[0]).with_suffix("").as_posix()
         occluded = root / "occluded" / f"{left.stem}.png"
         yield PairFiles(
-            name, Path(words[0]).stem.rpartition("_")[0] or name, left, right, truth, "disparity",
+            Path(words[0]).with_suffix("").as_posix(), scene, left, right, truth, "disparity",
             rigs(root / "calib" / f"{left.stem}.txt", left), unit=config.unit,
             visible=occluded if occluded.is_file() else None, hidden=lambda mask: mask > 0,
         )  # fmt: skip
+
+
+def _scenes(lefts: Sequence[str]) -> list[str]:
+    """Of the left images of a list what tells scenes apart: the number in marssim's own names (00003_05), else the
+    folder, without one called after an eye; where that is the same for all, each pair shows a scene of its own."""
+    paths = [Path(left) for left in lefts]
+    own = [re.fullmatch(r"(\d{5})_\d+", path.stem) for path in paths]
+    if all(own):
+        return [found[1] for found in own if found]
+    folders = [(p.parent.parent if p.parent.name.lower() in EYES else p.parent).as_posix() for p in paths]
+    return folders if len(set(folders)) > 1 else [path.with_suffix("").as_posix() for path in paths]

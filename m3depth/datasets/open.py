@@ -137,8 +137,8 @@ def splits_of(pairs: Sequence[PairFiles]) -> list[str]:
     """The split of each pair: what its name begins with (SceneFlow's TRAIN), else 7:2:1 by groups in order."""
     named = [pair.name.split("/")[0].lower() for pair in pairs]
     there = set(named)
-    if "train" in there and there <= set(SPLITS):
-        if "val" in there:
+    if there <= set(SPLITS):
+        if "val" in there or "train" not in there:
             return named
         # SceneFlow brings no validation set: a tenth of the training scenes.
         train = {g: i for i, g in enumerate(dict.fromkeys(p.group for p, n in zip(pairs, named) if n == "train"))}

@@ -69,9 +69,10 @@ def read_pair_files(files: PairFiles, config: DataConfig) -> StereoSample:
         depth, disparity = values, rig.depth_to_disparity(values)
     else:
         with np.errstate(invalid="ignore"):  # sky stays 0
-            disparity = np.where(values > 0, values + np.float32(calibration.shift), values)
-            disparity = np.where(disparity < 0, np.float32(np.nan), disparity)
-        depth = rig.disparity_to_depth(disparity)
+            seen = values > 0
+            disparity = np.where(seen, values + np.float32(calibration.shift), values)
+            disparity = np.where(seen & (disparity <= 0), np.float32(np.nan), disparity)  # behind what is farthest
+        depth, values = rig.disparity_to_depth(disparity), disparity
     depth = np.where(np.isnan(values), np.float32(np.nan), depth)
     occluded = np.zeros(depth.shape, bool)
     if files.visible is not None and files.hidden is not None:

@@ -58,7 +58,8 @@ def given_rig(config: DataConfig) -> Rigs | None:
     def from_oaisys(left: Path) -> Rig:
         def checked(width: int, height: int) -> Calibration:
             if rig.size != (width, height):
-                raise DatasetError(f"{path}: is for {rig.size} px, {left} is {width} x {height}")
+                meant = "images of another size" if rig.size is None else f"{rig.size[0]} x {rig.size[1]} px"
+                raise DatasetError(f"{path}: is for {meant}, {left} is {width} x {height}")
             return rig
 
         return checked

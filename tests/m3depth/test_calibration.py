@@ -146,7 +146,7 @@ def test_camera_infos_of_ros(tmp_path):
     for name, text in (("one", ROS_1), ("two", ROS_2)):
         assert read_calibration(write(tmp_path / f"{name}.yaml", text)) == wanted
     with pytest.raises(
-        ValueError, match=r"left\.yaml: is the left eye's CameraInfo \(Tx = 0\); give the right eye's too"
+        ValueError, match=r"left\.yaml: is the left eye's CameraInfo \(Tx = 0\); give the right eye's, which tells"
     ):
         read_calibration(left)
     with pytest.raises(ValueError, match=r"right\.yaml: the left eye's CameraInfo .* comes first"):

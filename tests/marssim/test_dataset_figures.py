@@ -38,6 +38,14 @@ def test_a_sample_is_drawn(closed_form_set):
     assert image.shape[1] == 1600 and image.std() > 30
 
 
+def test_a_sample_without_a_sun_that_is_a_number_is_drawn(closed_form_set):
+    """Of a dataset that somebody else wrote."""
+    sample = read_sample(closed_form_set / "scenes" / "00000" / "00")
+    for sun in (None, "30", 12.5):
+        sample.meta["sun_elevation_deg"] = sun
+        assert decoded(sample_figure(sample, "00000/00")).std() > 30
+
+
 def test_a_sample_of_sky_alone_is_drawn(closed_form_set):
     sample = read_sample(closed_form_set / "scenes" / "00000" / "00")
     sample.depth[...], sample.disparity[...], sample.rock[...] = np.inf, 0, 0

@@ -174,7 +174,13 @@ def test_kitti_calibration(closed_form_set, exports):
     assert np.allclose(left[:, :3], camera.K, rtol=1e-9) and np.allclose(right[:, :3], camera.K, rtol=1e-9)
     baseline = (left[0, 3] - right[0, 3]) / left[0, 0]
     assert baseline == pytest.approx(sample.rig.baseline, rel=1e-9)
-    assert (fields["S_rect_02"] == [camera.width, camera.height]).all()
+    assert (fields["S_rect_02"] == [camera.width, camera.height]).all() and (
+        fields["S_03"] == fields["S_rect_02"]
+    ).all()
+    for eye in ("02", "03"):  # the eyes that are not rectified are the rectified ones
+        pose = np.column_stack([fields[f"R_{eye}"].reshape(3, 3), fields[f"T_{eye}"]])
+        assert np.allclose(fields[f"K_{eye}"].reshape(3, 3) @ pose, fields[f"P_rect_{eye}"].reshape(3, 4))
+        assert (fields[f"D_{eye}"] == 0).all()
     _, _, disparity, valid = next(read_kitti(exports["kitti"] / "train"))
     depth = left[0, 0] * baseline / disparity[valid]
     assert np.abs(depth / sample.depth[valid] - 1).max() < 0.5 / 256 / disparity[valid].min() * 1.01

@@ -122,6 +122,15 @@ def test_no_json_no_sample(folder):
     assert findings(folder) == [f"{SAMPLE}: missing"]
 
 
+def test_a_report_may_lie_deeper_in_the_dataset(folder):
+    own = folder / "reports" / "today"
+    own.mkdir(parents=True)
+    (own / "statistics.png").write_text("")
+    assert findings(folder, own) == []
+    (folder / "reports" / "notes.txt").write_text("mine")
+    assert findings(folder, own) == ["reports/notes.txt: a file that the dataset does not have"]
+
+
 def test_what_does_not_belong_is_named(folder):
     (folder / SAMPLE / "left.png~").write_text("a backup")
     (folder / "scenes" / "00001" / ".02.partial").mkdir()

@@ -1,7 +1,8 @@
 import pytest
 
 from marssim.dataset import DatasetError
-from marssim.out_folder import check_out
+from marssim.generate import GenerateConfig, generate
+from marssim.out_folder import check_around, check_out
 
 
 def test_a_dataset_and_what_lies_in_one_take_no_results(tmp_path):
@@ -16,6 +17,17 @@ def test_a_dataset_and_what_lies_in_one_take_no_results(tmp_path):
     (tmp_path / "link").symlink_to(tmp_path / "made")
     with pytest.raises(DatasetError, match="link: is a dataset"):
         check_out(tmp_path / "link")
+
+
+def test_no_dataset_is_made_in_another(tmp_path):
+    (tmp_path / "made" / "scenes").mkdir(parents=True)
+    (tmp_path / "made" / "generate.json").write_text("{}")
+    check_around(tmp_path / "made")  # it may be gone on with
+    with pytest.raises(DatasetError, match=rf"^--out .*made/more: lies in the dataset {tmp_path / 'made'}; choose"):
+        check_around(tmp_path / "made" / "more")
+    with pytest.raises(DatasetError, match="lies in the dataset"):
+        generate(GenerateConfig(out=tmp_path / "made" / "more", pairs=1))
+    assert not (tmp_path / "made" / "more").exists()
 
 
 def test_a_file_takes_none_either(tmp_path):

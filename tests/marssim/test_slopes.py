@@ -60,6 +60,17 @@ def test_what_was_asked_for_is_found():
     assert np.array_equal(other.measured, found.measured) and not np.allclose(other.asked, found.asked, rtol=0.2)
 
 
+def test_the_error_is_the_scatter_of_repeated_measurements():
+    """Of thirty times four terrains: what each says of itself, and how far they lie apart."""
+    relief = ReliefConfig(hurst=0.6, rms_slope_deg=7.0, crater_density=0.0, ripple_amplitude=0.0)
+    terrains = [build_terrain(relief, 12.0, 0.25, 96.0, np.random.default_rng((6, n))) for n in range(120)]
+    found = [measure(terrains[i : i + 4], 0.6, 7.0) for i in range(0, 120, 4)]
+    fine = [i for i, lag in enumerate(LAGS) if lag <= 2]
+    scatter = np.std([f.measured for f in found], axis=0, ddof=1)[fine]
+    told = np.sqrt(np.mean(np.square([f.error for f in found]), axis=0))[fine]
+    assert told == pytest.approx(scatter, rel=0.35)
+
+
 def test_the_terrains_are_those_of_the_scenes():
     config = SlopesConfig(scene="utopia", scenes=1, seed=3)
     bare = replace(config.scene_config(), rocks=RockConfig(k=0))

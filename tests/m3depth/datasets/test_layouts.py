@@ -14,7 +14,7 @@ import tyro
 from m3depth.datasets import maps
 from m3depth.datasets.config import FLAGS, DataConfig
 from m3depth.datasets.open import detect, open_pairs
-from marssim.dataset import DatasetError
+from marssim.dataset import SPLITS, DatasetError
 from marssim.pfm import encode_pfm
 
 H, W = 24, 40
@@ -378,6 +378,61 @@ def test_a_pattern_that_matches_nothing_is_named(tmp_path) -> None:
     config = DataConfig(left="a/*.png", right="b/*.png", depth="c/*.npy", focal=1, baseline=1)
     with pytest.raises(DatasetError, match=r"no file matches a/\*\.png"):
         open_pairs(tmp_path, "all", config)
+
+
+@pytest.mark.parametrize(
+    ("lefts", "scenes"),
+    [
+        (["left/00003_00.png", "left/00003_01.png", "left/00004_00.png"], ["00003", "00003", "00004"]),
+        ([f"left/img_{i:04d}.png" for i in range(3)], [f"left/img_{i:04d}" for i in range(3)]),
+        (["seq0/left_0.png", "seq0/left_1.png", "seq1/left_0.png"], ["seq0", "seq0", "seq1"]),
+        (["a/0000/left/0006.png", "a/0000/left/0007.png", "a/0001/left/0006.png"], ["a/0000", "a/0000", "a/0001"]),
+    ],
+)
+def test_pairs_of_a_list_that_show_one_scene_stay_together_and_others_do_not(tmp_path, lefts, scenes) -> None:
+    put(tmp_path / "mine.txt", "".join(f"{left} right.png map.pfm\n" for left in lefts))
+    assert open_pairs(tmp_path / "mine.txt", "all", DataConfig(focal=50, baseline=0.27)).scenes == scenes
+
+
+def test_an_unsorted_list_is_split_by_its_pairs(tmp_path) -> None:
+    put(tmp_path / "mine.txt", "".join(f"left/img_{i:04d}.png right.png map.pfm\n" for i in range(20)))
+    config = DataConfig(focal=50, baseline=0.27)
+    assert [len(open_pairs(tmp_path / "mine.txt", part, config)) for part in SPLITS] == [14, 4, 2]
+
+
+def test_a_list_that_is_no_text_is_named(tmp_path) -> None:
+    (tmp_path / "mine.txt").write_bytes(b"\x89PNG\r\n")
+    with pytest.raises(DatasetError, match=r"mine\.txt: is no text"):
+        open_pairs(tmp_path / "mine.txt", "all", DataConfig(focal=50, baseline=0.27))
+
+
+@pytest.mark.parametrize("parts", [("TEST",), ("VAL", "TEST"), ("TRAIN", "VAL", "TEST")])
+def test_what_is_named_after_splits_is_split_so(tmp_path, parts) -> None:
+    """A download of SceneFlow's TEST alone, or an export of one split, is not divided again."""
+    for part in parts:
+        for number in range(10):
+            frames = tmp_path / "frames_cleanpass" / part / "A" / f"{number:04d}"
+            put(frames / "left" / "0006.png", image())
+            put(frames / "right" / "0006.png", image())
+            put(tmp_path / "disparity" / part / "A" / f"{number:04d}" / "left" / "0006.pfm", ramp())
+    for split in SPLITS:
+        expected = 10 if split.upper() in parts else 0
+        assert len(open_pairs(tmp_path, split, DataConfig(format="sceneflow"))) == expected
+
+
+def test_a_disparity_that_the_principal_points_make_impossible_is_unknown(tmp_path) -> None:
+    """Of 3 px with doffs of -5, and of 5, the point would be behind what is farthest: no sky."""
+    scene = tmp_path / "2014" / "Attic"
+    truth = ramp()
+    truth[0, :2] = 3, 5
+    for name, content in (("im0.png", image()), ("im1.png", image()), ("disp0.pfm", truth)):
+        put(scene / name, content)
+    height, width = truth.shape
+    text = f"cam0=[50 0 9; 0 50 5; 0 0 1]\ndoffs=-5\nbaseline=270\nwidth={width}\nheight={height}\n"
+    put(scene / "calib.txt", text)
+    sample = open_pairs(tmp_path, "all")[0]
+    assert np.isnan(sample.depth[0, :2]).all() and (sample.disparity[0, :2] == 0).all()
+    assert not np.isinf(sample.depth).any()
 
 
 def test_a_list_of_pairs(tmp_path) -> None:

@@ -142,6 +142,15 @@ def test_ground_truth_does_not_depend_on_the_detector(scene, maker, pose, frame)
         assert np.array_equal(getattr(first, name), getattr(frame, name))
 
 
+def test_noise_difference_is_the_right_eyes(scene, maker, pose, frame):
+    noisier = pair(scene, maker, pose, replace(CLEAN, full_well=4000.0, read_noise=40.0, noise_difference=1.0))
+    spread = {}
+    for eye in ("left", "right"):
+        clean, noisy = (getattr(image, eye).astype(float) for image in (frame, noisier))
+        spread[eye] = (noisy - clean)[(clean > 80) & (clean < 180)].std()
+    assert spread["right"] / spread["left"] == pytest.approx(2, rel=0.05)
+
+
 def test_gain_difference_is_the_right_eyes(scene, maker, pose, frame):
     brighter = pair(scene, maker, pose, replace(CLEAN, gain_difference=0.1))
     assert np.array_equal(brighter.left, frame.left)
