@@ -288,10 +288,10 @@ def test_bad_options_are_named(make_env, options, named):
         ({"disparity_noise": -1.0}, "disparity_noise"), ({"drift": float("nan")}, "drift"),
         ({"yaw_drift_deg": "much"}, "yaw_drift_deg"),
         ({"mast": "no"}, "mast must be True or False, got 'no'"), ({"map_observation": 1}, "map_observation must be"),
-        ({"goal_distance": 0.0}, "goal_distance"), ({"perception": 5}, "perception 5 has no method infer"),
+        ({"goal_distance": 0.0}, "goal_distance"), ({"perception": 5}, "`perception` 5 has no method infer"),
         (
             {"perception": "magic"},
-            "^perception 'magic' is unknown; choose from ground_truth, m3depth, sgbm, m3depth:WEIGHTS, "
+            "^`perception` 'magic' is unknown; choose from ground_truth, m3depth, sgbm, m3depth:WEIGHTS, "
             r"package\.module:Class, ssd, sad, ncc, ssd-sgm, sad-sgm, ncc-sgm$",
         ),
     ],
