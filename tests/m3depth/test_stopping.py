@@ -1,6 +1,5 @@
 """Signals noticed while a run takes its steps."""
 
-import os
 import signal
 import threading
 
@@ -12,10 +11,10 @@ from m3depth.stopping import stop_on_signal
 def test_the_first_signal_is_noted_and_the_second_one_ends():
     before = signal.getsignal(signal.SIGINT)
     with stop_on_signal() as received:
-        os.kill(os.getpid(), signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)  # to this thread, and at once
         assert received == [signal.SIGINT]
         with pytest.raises(KeyboardInterrupt):
-            os.kill(os.getpid(), signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)  # to this thread, and at once
     assert signal.getsignal(signal.SIGINT) is before
 
 
