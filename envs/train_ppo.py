@@ -197,7 +197,10 @@ def _note(config: TrainConfig) -> None:
             raise DatasetError(f"{file}: the policy there learnt with {', '.join(told)}; choose another --out")
         return
     config.out.mkdir(parents=True, exist_ok=True)
-    (config.out / LOG).unlink(missing_ok=True)  # of a policy that was deleted
+    if file.is_file():
+        (config.out / LOG).unlink(missing_ok=True)  # of a policy that was deleted
+    elif (config.out / LOG).exists():
+        raise DatasetError(f"--out {config.out}: {LOG} there is another command's; choose another folder")
     write_json(file, {**courses, "versions": versions()})
 
 

@@ -99,3 +99,11 @@ def test_a_scene_is_crossed_to_and_fro_and_then_another(make_env):
 def test_an_abundance_that_cannot_be_is_named(tmp_path, capsys, k):
     assert main(["--out", str(tmp_path / "out"), "--k", *k]) == 2
     assert "--k" in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+def test_the_log_of_another_command_is_left_alone(tmp_path, capsys):
+    """m3depth.train calls its own the same."""
+    (tmp_path / "log.jsonl").write_text("{}\n")
+    assert main(["--out", str(tmp_path), "--max-steps", "1"]) == 2
+    assert "log.jsonl there is another command's; choose another folder" in capsys.readouterr().err
+    assert [file.name for file in tmp_path.iterdir()] == ["log.jsonl"]
