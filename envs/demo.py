@@ -63,8 +63,8 @@ class DemoConfig:
 def demo(config: DemoConfig) -> Path:
     """Run the demo; returns the summary's path.
 
-    Raises DatasetError if --out is a file or a dataset or holds what is not the demo's, FileNotFoundError if the
-    weights are missing.
+    Raises DatasetError if --out is a file or a dataset, or its demo_data holds what is not the demo's,
+    FileNotFoundError if the weights are missing.
     """
     check_out(config.out)
     started = perf_counter()
@@ -94,7 +94,7 @@ def demo(config: DemoConfig) -> Path:
     still = film.stills[len(film.stills) // 2]
     write_atomically(config.out / "drive.png", cv2.imencode(".png", still[..., ::-1])[1].tobytes())
     summary = config.out / "summary.md"
-    summary.write_text(_summary(config, dataset, result, table, record, perf_counter() - started))
+    write_atomically(summary, _summary(config, dataset, result, table, record, perf_counter() - started).encode())
     return summary
 
 
