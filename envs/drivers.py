@@ -85,7 +85,7 @@ class RandomDriver:
     """Uniform random actions."""
 
     def reset(self, env: MarsNavEnv, seed: int) -> None:
-        self._rng = np.random.default_rng(seed)
+        self._rng = np.random.default_rng((seed, 1))  # not the stream that draws the course
 
     def act(self, env: MarsNavEnv, observation: dict[str, Any]) -> np.ndarray:
         return self._rng.uniform(-1, 1, 3).astype(np.float32)

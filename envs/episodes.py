@@ -14,6 +14,8 @@ from envs.foreign import ForeignError, called
 from envs.mars_nav import ActionError, MarsNavEnv
 from envs.resumption import code_digest
 from envs.sight import Sight
+from m3depth.metrics import capped_depth, known_depth
+from m3depth.pairs import MAX_DISPARITY
 from marssim.camera import MAX_DEPTH, MIN_DEPTH
 from marssim.physics.state import RoverState
 from marssim.scene.scene import Scene
@@ -43,11 +45,11 @@ class EpisodeRecord:
     """What became of one episode. Lengths [m], times [s]; track: (x, y) after every step, start first; headings: yaw
     [rad] there; obstacles: x, y, diameter of the rocks that block; shortest_path: corners (x, y) of the shortest
     passable way, whose length is `shortest`; relief: heights of the ground in rows of constant y, over a square from
-    -half to half; abs_rel: mean over the looks of |Z - Z*| / Z* up to 15 m where a depth was given, None with the
-    ground truth as it is; blind: looks in which nothing was measured of the ground within 15 m, None where that was not
-    noted; near_miss: no collision, but the rover's footprint came nearer than NEAR_MISS to the outline of a rock that
-    blocks; min_clearance: how near, as in MarsNavEnv's info. Records of earlier versions have no headings,
-    shortest_path and relief.
+    -half to half; abs_rel: mean over the looks of their Abs Rel, as m3depth.evaluate scores a pair (m3depth.metrics),
+    None with the ground truth as it is; blind: looks in which nothing was measured of the ground within 15 m, None
+    where that was not noted; near_miss: no collision, but the rover's footprint came nearer than NEAR_MISS to the
+    outline of a rock that blocks; min_clearance: how near, as in MarsNavEnv's info. Records of earlier versions have no
+    headings, shortest_path and relief, and their abs_rel leaves out what is unknown.
 
     outcome: as MarsNavEnv's info names it, or as the driver ended the drive (envs.drivers.Stop): "no_path" where it
     gave up, "elsewhere" where it believed to be at the goal and was not, as happens by odometry that drifts. code: the
@@ -105,6 +107,7 @@ def run_episode(
     driver for an answer that is neither an action nor a Stop, and ForeignError that names the step and the course for
     what a driver or a perception of the user's own raises.
     """
+    code = code_digest()  # before the drive, during which the sources may be edited
     log = _Log()
     try:
         _drive(env, driver, course_options(cell, seed, episode), log, watch)
@@ -123,7 +126,7 @@ def run_episode(
         step_seconds=log.seconds / max(steps, 1), perception_seconds=log.seeing / max(steps, 1),
         redraws=info["redraws"], goal=[float(v) for v in env.course.goal], abs_rel=_mean(log.errors), blind=log.blind,
         near_miss=info["outcome"] != "collision" and info["min_clearance"] < NEAR_MISS,
-        code=code_digest(), obstacles=_obstacles(env),
+        code=code, obstacles=_obstacles(env),
         track=[[float(v) for v in state.position[:2]] for state in log.states],
         headings=[round(float(state.yaw), 4) for state in log.states],
         shortest_path=_rounded(env.course.ground.way_to_goal(*env.course.start[:2])),
@@ -180,12 +183,15 @@ def _drive(env: MarsNavEnv, driver: Driver, options: dict[str, Any], log: _Log, 
 
 
 def _abs_rel(sight: Sight) -> float | None:
-    """Mean |Z - Z*| / Z* of one look over the true depths of 0.5 m to 15 m where something was measured."""
+    """Mean |Z - Z*| / Z* of one look over the true depths of 0.5 m to 15 m and disparities of at most 192 px.
+
+    As the rules of m3depth.metrics have it: what is unknown counts as 80 m.
+    """
     if sight.true_depth is None or sight.true_depth is sight.depth:
         return None
-    known = _in_range(sight.true_depth) & _measured(sight.depth)
-    true = sight.true_depth[known]
-    return float(np.mean(np.abs(sight.depth[known] - true) / true)) if known.any() else None
+    scored = _in_range(sight.true_depth) & (sight.rig.depth_to_disparity(sight.true_depth) <= MAX_DISPARITY)
+    true = sight.true_depth[scored].astype(np.float64)
+    return float(np.mean(np.abs(capped_depth(sight.depth[scored]) - true) / true)) if scored.any() else None
 
 
 def _is_blind(sight: Sight) -> bool:
@@ -193,15 +199,11 @@ def _is_blind(sight: Sight) -> bool:
     if sight.true_depth is None:
         return False
     there = _in_range(sight.true_depth)
-    return bool(there.any() and not _measured(sight.depth[there]).any())
+    return bool(there.any() and not known_depth(sight.depth[there]).any())
 
 
 def _in_range(depth: np.ndarray) -> np.ndarray:
     return (depth >= MIN_DEPTH) & (depth <= MAX_DEPTH)
-
-
-def _measured(depth: np.ndarray) -> np.ndarray:
-    return np.isfinite(depth) & (depth > 0)
 
 
 def _mean(values: list[float | None]) -> float | None:

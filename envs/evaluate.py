@@ -175,11 +175,20 @@ class Task:
     @property
     def file(self) -> str:
         """Name of its record's file: of letters, digits, "_", "-" and "." only, and no other task's."""
-        words = f"{self.driver}-{self.perception}-{self.cell.name}"
-        plain = "".join(c if c.isalnum() or c in ".-" else "_" for c in words)
-        if plain.replace("_", "") != words.replace("_", "").replace("=", "").replace(", ", ""):
-            plain += f"-{crc32(words.encode()):08x}"  # paths may differ in nothing but what became "_"
+        names = f"{self.driver}-{self.perception}"
+        plain = _plain(f"{names}-{self.cell.name}")
+        if _plain(names) != names:
+            plain += f"-{crc32(names.encode()):08x}"  # paths may differ in nothing but what became "_"
         return f"{plain}-{self.episode:04d}.json"
+
+    def is_of(self, record: EpisodeRecord) -> bool:
+        """Whether a record is of this episode."""
+        own = (self.driver, self.perception, self.cell.name, self.episode)
+        return own == (record.driver, record.perception, record.cell, record.episode)
+
+
+def _plain(words: str) -> str:
+    return "".join(c if c.isalnum() or c in "._-" else "_" for c in words)
 
 
 def evaluate(config: EvaluateConfig) -> dict[str, Any]:
@@ -210,7 +219,7 @@ def _evaluate(config: EvaluateConfig, test_errors: dict[str, float]) -> dict[str
     ]
     missing = [task for task in tasks if not (folder / task.file).is_file()]
     _run(config, missing, lambda task, record: write_json(folder / task.file, asdict(record)))
-    records = [_read_record(folder / task.file) for task in tasks]
+    records = [_read_record(folder, task) for task in tasks]
     content = {
         "config": json.loads(json.dumps(asdict(config), default=str)),
         "driven_with": config.content(),
@@ -285,9 +294,13 @@ def _run(config: EvaluateConfig, tasks: list[Task], done: Callable[[Task, Episod
         run_tasks(drive, [(config, task) for task in tasks], finished, config.workers, config.scheduler)
 
 
-def _read_record(path: Path) -> EpisodeRecord:
+def _read_record(folder: Path, task: Task) -> EpisodeRecord:
+    path = folder / task.file
     try:
-        return EpisodeRecord(**read_json(path))
+        record = EpisodeRecord(**read_json(path))
+        if not task.is_of(record):
+            raise DatasetError(f"{path}: is of {record.driver}, {record.perception}, course {record.episode}")
+        return record
     except TypeError:
         raise DatasetError(f"{path}: not an episode of this version{ANEW}") from None
     except DatasetError as error:

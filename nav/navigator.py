@@ -116,13 +116,15 @@ class Navigator:
         if no image came. confidence: (H, W) in [0, 1] or None. rig: the cameras at that size. pose: (4, 4) body to
         world at the moment of the image. goal: (2,) or (3,) world [m]; may change at any time. pan [rad]: of the mast
         at the moment of the image, positive to the left.
-        Raises ValueError where shapes disagree or pose or goal are not finite.
+        Raises ValueError where shapes disagree or pose, goal or pan are not finite.
         """
         pose, goal = np.asarray(pose, float), np.asarray(goal, float)
         if pose.shape != (4, 4) or not np.isfinite(pose).all():
             raise ValueError("pose must be a finite (4, 4) matrix, body to world")
         if goal.shape not in ((2,), (3,)) or not np.isfinite(goal).all():
             raise ValueError(f"goal must be 2 or 3 finite numbers [m], got {goal}")
+        if not np.isfinite(pan):
+            raise ValueError(f"pan must be a finite angle [rad], got {pan}")
         planar = np.array([pose[0, 3], pose[1, 3], np.arctan2(pose[1, 0], pose[0, 0])])
         self._begin(pose, planar, goal[:2], pan)
         seen = self._look(depth, confidence, rig, pose, pan)

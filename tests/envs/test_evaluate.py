@@ -1,6 +1,7 @@
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -76,6 +77,15 @@ def test_an_episode_that_is_none_is_named(tmp_path, monkeypatch):
         file.write_text(content)
         with pytest.raises(DatasetError, match=re.escape(str(file)) + ".*delete it, and it is driven anew"):
             evaluate(config)
+
+
+def test_an_episode_of_another_drive_is_named(finished, tmp_path):
+    out = shutil.copytree(finished[0], tmp_path / "copy")
+    first, second = sorted((out / "episodes").glob("*.json"))
+    shutil.copy(first, second)
+    told = f"{second}: is of straight, ground_truth, course 0; delete it, and it is driven anew"
+    with pytest.raises(DatasetError, match=f"^{re.escape(told)}$"):
+        evaluate(EvaluateConfig(out, episodes=2, seed=3, **QUICK))
 
 
 def run(capsys, *arguments):
@@ -161,10 +171,11 @@ def test_every_flag_of_the_look_is_a_field_of_the_scenes(name):
 
 
 def test_every_task_has_a_file_of_its_own():
+    drivers = ("navigator", "a=1.zip", "a_1.zip", "a 1.zip")
     perceptions = ("m3depth", "m3depth:runs/a", "m3depth:runs_a", "m3depth:runs a", "pkg.module:Class")
     cells = (Cell(), Cell(0.1), Cell(0.1, 5), Cell(0.1234567), Cell(0.1234568))
-    files = {Task("navigator", p, c, e).file for p in perceptions for c in cells for e in (0, 1)}
-    assert len(files) == len(perceptions) * len(cells) * 2
+    files = {Task(d, p, c, e).file for d in drivers for p in perceptions for c in cells for e in (0, 1)}
+    assert len(files) == len(drivers) * len(perceptions) * len(cells) * 2
     assert all(set(file) <= set("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789.-_") for file in files)
 
 

@@ -126,6 +126,9 @@ def test_reset_starts_afresh():
 def test_wrong_input_is_named():
     with pytest.raises(ValueError, match="pose"):
         Navigator().step(None, None, SMALL_RIG, np.full((4, 4), np.nan), GOAL)
+    for pan in (np.nan, np.inf):
+        with pytest.raises(ValueError, match="pan must be a finite angle"):
+            Navigator().step(None, None, SMALL_RIG, np.eye(4), GOAL, pan)
     with pytest.raises(ValueError, match="goal"):
         Navigator().step(None, None, SMALL_RIG, np.eye(4), np.array([np.inf, 0]))
 
