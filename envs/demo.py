@@ -23,7 +23,7 @@ from envs.ends import GOAL_RADIUS
 from envs.episodes import Cell, EpisodeRecord, run_episode
 from envs.film import Film
 from envs.mars_nav import MarsNavEnv
-from m3depth.estimator import load_estimator
+from m3depth.estimator import Estimator, load_estimator
 from m3depth.evaluate import Evaluation, evaluate
 from m3depth.figures.comparison import comparison_figure
 from m3depth.report import text_table
@@ -31,6 +31,7 @@ from marssim.atomic import write_atomically
 from marssim.command import counted, run_command
 from marssim.dataset import DatasetError, StereoDataset
 from marssim.generate import GenerateConfig, generate
+from marssim.lock import LOCK, sole_writer
 from marssim.out_folder import check_out
 from marssim.scene.scene import Place, preset
 
@@ -43,7 +44,7 @@ class DemoConfig:
     """Generate, score and drive, once."""
 
     out: Path = Path("out/demo")
-    """folder to write; what an earlier demo left there is made anew"""
+    """folder to write: a new or an empty one, or an earlier demo's, which is made anew"""
     pairs: int = 16
     """stereo pairs to generate and score on"""
     scene: Place = "gale"
@@ -63,12 +64,17 @@ class DemoConfig:
 def demo(config: DemoConfig) -> Path:
     """Run the demo; returns the summary's path.
 
-    Raises DatasetError if --out is a file or a dataset, or its demo_data holds what is not the demo's,
-    FileNotFoundError if the weights are missing.
+    Raises DatasetError if --out is a file, a dataset or a folder of what is not the demo's, FolderInUse if another
+    command writes there, FileNotFoundError if the weights are missing.
     """
     check_out(config.out)
     started = perf_counter()
     network, sgbm = load_estimator("m3depth"), load_estimator("sgbm")
+    with sole_writer(config.out):
+        return _demo(config, network, sgbm, started)
+
+
+def _demo(config: DemoConfig, network: Estimator, sgbm: Estimator, started: float) -> Path:
     data = _claim(config.out)
     asked = GenerateConfig(
         out=data, pairs=config.pairs, seed=SEED, workers=config.workers, scenes=(preset(config.scene),)
@@ -99,16 +105,15 @@ def demo(config: DemoConfig) -> Path:
 
 
 def _claim(out: Path) -> Path:
-    """Make room for the dataset and return its folder. Raises DatasetError if somebody else's files are there.
+    """Make room for the dataset and return its folder. Raises DatasetError if somebody else's files are in `out`.
 
-    Data is deleted only beside the demo's mark, which stays: a demo that is killed meanwhile can start again.
+    Nothing is replaced or deleted but beside the demo's mark, which stays: a demo that is killed meanwhile can start
+    again.
     """
-    own = out / "demo_data"
-    mark, data = own / MARK, own / "data"
-    if own.exists() and any(own.iterdir()) and not mark.is_file():
-        raise DatasetError(f"{own}: holds what is not the demo's; choose another --out")
-    own.mkdir(parents=True, exist_ok=True)
-    mark.write_text("python -m envs.demo deletes data/ beside this file when it starts anew.\n")
+    mark, data = out / MARK, out / "data"
+    if not mark.is_file() and any(file.name != LOCK for file in out.iterdir()):
+        raise DatasetError(f"--out {out}: holds what is not the demo's; choose another")
+    mark.write_text("python -m envs.demo makes the files beside this one anew when it starts, and deletes data/.\n")
     if data.exists():
         shutil.rmtree(data)
     return data

@@ -34,7 +34,7 @@ ASIDE = 8.0  # [m] shown to either side, more where a drive went further
 
 
 def plot_maps(folder: Path, records: Sequence[EpisodeRecord]) -> None:
-    """Write folder/CELL-PAGE.png: a panel for each course of a cell, twenty a page.
+    """Write folder/CELL-PAGE.png: a panel for each course of a cell, twenty a page. Pages of other records go.
 
     Each course is turned so that its goal, a star in the circle within which it counts as reached, lies to the right of
     its start, both on the middle line; rocks that block are grey discs. Colour is the outcome, the line says who drove.
@@ -43,13 +43,17 @@ def plot_maps(folder: Path, records: Sequence[EpisodeRecord]) -> None:
     """
     folder.mkdir(parents=True, exist_ok=True)
     groups = sorted({(r.driver, r.perception) for r in records})
+    written = set()
     for cell in sorted({r.cell for r in records}):
         own = [r for r in records if r.cell == cell]
         courses = sorted({r.episode for r in own})
         for page, start in enumerate(range(0, len(courses), COLUMNS * ROWS)):
             shown = courses[start : start + COLUMNS * ROWS]
-            name = cell.replace("=", "").replace(", ", "-")
-            _page(folder / f"{name}-{page}.png", cell, [[r for r in own if r.episode == e] for e in shown], groups)
+            path = folder / f"{cell.replace('=', '').replace(', ', '-')}-{page}.png"
+            _page(path, cell, [[r for r in own if r.episode == e] for e in shown], groups)
+            written.add(path)
+    for old in set(folder.glob("k*-slope*-*.png")) - written:
+        old.unlink()
 
 
 def _page(path: Path, cell: str, courses: Sequence[Sequence[EpisodeRecord]], groups: Sequence[tuple[str, str]]) -> None:

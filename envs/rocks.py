@@ -49,7 +49,8 @@ class RocksConfig:
     """part of each dataset; all is for data that no training was done on"""
     perception: tuple[str, ...] = ("m3depth", "ground_truth")
     """what turns the images into depth: m3depth (the shipped weights), sgbm, ground_truth (true depth), m3depth:WEIGHTS
-    (a .safetensors file) or package.module:Class (with infer(left, right, rig))"""
+    (a .safetensors file), ssd, sad, ncc, ssd-sgm, sad-sgm, ncc-sgm, or package.module:Class (with infer(left, right,
+    rig))"""
     step: float = 0.15
     """height above the ground [m] from which a cell is an obstacle, for rocks found and false obstacles alike; a rock
     of 0.2 m may be measured 5 cm too low. Others are told in results.md"""

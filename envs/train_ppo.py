@@ -6,8 +6,9 @@
         --goal-distance 10 --out out/ppo
 
 The policy sees and answers what envs.corridors.Corridors says: how far each of 13 ways is free, and which of them to
-take. Beside OUT/policy.zip train_ppo.json tells on which courses it learnt, log.jsonl how it went. The same command
-goes on where it was stopped; the policy is read as your own, do not continue a stranger's.
+take. Beside OUT/policy.zip train_ppo.json tells on which courses it learnt and for how long, log.jsonl how it went.
+The same command goes on where it was stopped, with what is left of the time; the policy is read as your own, do not
+continue a stranger's.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -32,10 +34,12 @@ from envs.policies import PolicyDriver, mark_corridors
 from m3depth.report import versions
 from marssim.command import counted, run_command
 from marssim.dataset import DatasetError, read_json, write_json
+from marssim.lock import sole_writer
 from marssim.out_folder import check_out
 from marssim.scene.scene import Place
 
 POLICY, SETTINGS_FILE, LOG = "policy.zip", "train_ppo.json", "log.jsonl"  # in OUT
+SECONDS = "seconds"  # in SETTINGS_FILE: how long was trained
 RATE = 1e-3  # of learning, at first
 BATCH = 64  # choices, at most
 REWARD_SHARE = 0.1  # returns of about one suit PPO's defaults
@@ -55,9 +59,10 @@ class TrainConfig:
     out: Path
     """folder for policy.zip, train_ppo.json and log.jsonl"""
     max_minutes: float = 20.0
-    """time to train [min]"""
+    """time to train [min], earlier runs in OUT included; the learning rate falls to nought over it"""
     max_steps: int = 100_000_000
-    """and at most so many choices of a way, three steps of the environment each"""
+    """and at most so many choices of a way, three steps of the environment each, rounded up to whole rollouts (128 in
+    each environment)"""
     workers: int = 2
     """environments, each in a process of its own"""
     scene: Place = "gale"
@@ -122,37 +127,54 @@ def training_env(config: TrainConfig) -> gymnasium.Env:
 def train(config: TrainConfig, rollout: int = 128) -> Path:
     """Train until the time or the steps are used up; returns the policy's path. rollout: choices in each environment
     between two updates. Raises ImportError without stable-baselines3, ValueError for a policy.zip that is none,
-    DatasetError for one that learnt on other courses."""
-    try:
-        from stable_baselines3 import PPO
-        from stable_baselines3.common.callbacks import BaseCallback
-        from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
-
-        from envs.way_policy import WayPolicy
-    except ImportError:
-        raise ImportError("envs.train_ppo needs stable-baselines3: pip install 'mars-m3depth[rl]'") from None
-
+    DatasetError for one that learnt on other courses, FolderInUse."""
+    if find_spec("stable_baselines3") is None:
+        raise ImportError("envs.train_ppo needs stable-baselines3: pip install 'mars-m3depth[rl]'")
     check_out(config.out)
     path = config.out / POLICY
     if path.is_file() and not PolicyDriver(path).corridors:  # which says what is wrong with a file that is no policy
         raise ValueError(f"{path}: is a policy that envs.train_ppo cannot go on from; choose another --out")
-    _note(config)
+    with sole_writer(config.out):
+        _train(config, path, rollout)
+    return path
+
+
+def _train(config: TrainConfig, path: Path, rollout: int) -> None:
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.callbacks import BaseCallback
+    from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
+
+    from envs.way_policy import WayPolicy
+
+    used = _note(config)
+    budget = 60 * config.max_minutes
+    if used >= budget:
+        print(f"{config.out}: already at --max-minutes {config.max_minutes:g}; raise it to go on")
+        return
     makers: list[Callable[[], gymnasium.Env]] = [partial(training_env, config)] * config.workers
     vector = DummyVecEnv(makers) if config.workers == 1 else SubprocVecEnv(makers, start_method="spawn")
-    until = monotonic() + 60 * config.max_minutes
+    began = monotonic() - used
+
+    def trained() -> float:
+        """Seconds, those of earlier runs included."""
+        return monotonic() - began
 
     def rate(_: float) -> float:
         """Of learning: falls to nought in the time that there is, or what was learnt early is unlearnt late."""
-        return RATE * max(0.0, until - monotonic()) / (60 * config.max_minutes)
+        return RATE * max(0.0, 1 - trained() / budget)
+
+    def save(model: Any) -> None:
+        _save(model, path)
+        write_json(config.out / SETTINGS_FILE, {**read_json(config.out / SETTINGS_FILE), SECONDS: round(trained(), 1)})
 
     class Clock(BaseCallback):
         """Ends the training in time; before each update saves what the last one made, and tells how it goes."""
 
         def _on_step(self) -> bool:
-            return monotonic() < until
+            return trained() < budget
 
         def _on_rollout_end(self) -> None:
-            _save(self.model, path)
+            save(self.model)
             if ended := list(self.model.ep_info_buffer or []):
                 row = _summary(ended)
                 with (config.out / LOG).open("a") as log:
@@ -169,23 +191,28 @@ def train(config: TrainConfig, rollout: int = 128) -> Path:
             model = PPO(
                 WayPolicy, vector, rate, n_steps=rollout, batch_size=batch, device="cpu", seed=config.seed, **SETTINGS
             )
+        if model.num_timesteps >= config.max_steps:
+            print(f"{config.out}: already at --max-steps {config.max_steps}; raise it to go on")
+            return
         # not by the callback: a rollout that it ends is never learnt from
-        model.learn(max(0, config.max_steps - model.num_timesteps), callback=Clock(), reset_num_timesteps=False)
-        _save(model, path)
+        model.learn(config.max_steps - model.num_timesteps, callback=Clock(), reset_num_timesteps=False)
+        save(model)
     finally:
         vector.close()
-    return path
 
 
 def _save(model: Any, path: Path) -> None:
-    part = path.with_suffix(".part")  # whoever kills it meanwhile finds the last policy whole
+    part = path.with_name(f".{path.name}.part")  # whoever kills it meanwhile finds the last policy whole
     model.save(part)
     mark_corridors(part)
     part.replace(path)
 
 
-def _note(config: TrainConfig) -> None:
-    """Note what is learnt on; raise DatasetError that says what differs if a policy in the folder learnt on other."""
+def _note(config: TrainConfig) -> float:
+    """Note what is learnt on, and return for how long [s] a policy in the folder has learnt.
+
+    Raises DatasetError that says what differs if it learnt on other courses.
+    """
     file = config.out / SETTINGS_FILE
     courses = config.courses()
     if (config.out / POLICY).is_file():
@@ -195,13 +222,14 @@ def _note(config: TrainConfig) -> None:
         told = [f"--{k.replace('_', '-')} {_typed(before.get(k))}" for k in courses if before.get(k) != courses[k]]
         if told:
             raise DatasetError(f"{file}: the policy there learnt with {', '.join(told)}; choose another --out")
-        return
+        return float(before.get(SECONDS, 0))
     config.out.mkdir(parents=True, exist_ok=True)
     if file.is_file():
         (config.out / LOG).unlink(missing_ok=True)  # of a policy that was deleted
     elif (config.out / LOG).exists():
         raise DatasetError(f"--out {config.out}: {LOG} there is another command's; choose another folder")
     write_json(file, {**courses, "versions": versions()})
+    return 0.0
 
 
 def _typed(value: Any) -> str:

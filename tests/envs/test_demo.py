@@ -3,6 +3,7 @@ import shutil
 import pytest
 
 from envs.demo import DemoConfig, demo, main
+from marssim.lock import sole_writer
 
 
 class Unused:
@@ -25,23 +26,28 @@ def _no_network(monkeypatch):
     monkeypatch.setattr("envs.demo.generate", stop)
 
 
-@pytest.mark.parametrize("kept", ["data/generate.json", "demo_data/data/generate.json", "demo_data/thesis.txt"])
+@pytest.mark.parametrize("kept", ["data/generate.json", "summary.md", "demo_data/thesis.txt", "comparison.png"])
 def test_what_is_not_the_demos_is_untouched(tmp_path, kept):
     """Whatever it holds: the demo's seed may be anyone's."""
     precious = tmp_path / kept
-    precious.parent.mkdir(parents=True)
+    precious.parent.mkdir(parents=True, exist_ok=True)
     precious.write_text('{"seed": 20000}')
-    refused = kept.startswith("demo_data")
-    with pytest.raises(ValueError, match="not the demo's") if refused else pytest.raises(Reached):
+    with pytest.raises(ValueError, match=f"^--out {tmp_path}: holds what is not the demo's; choose another$"):
         demo(DemoConfig(out=tmp_path))
-    assert precious.read_text() == '{"seed": 20000}'
+    assert precious.read_text() == '{"seed": 20000}' and len(list(tmp_path.iterdir())) == 1
+
+
+def test_two_at_once_are_refused(tmp_path, capsys):
+    with sole_writer(tmp_path):
+        assert main(["--out", str(tmp_path)]) == 2
+    assert "another command" in capsys.readouterr().err and not list(tmp_path.iterdir())
 
 
 def test_the_data_of_an_earlier_demo_is_made_anew(tmp_path):
     for _ in range(2):
         with pytest.raises(Reached):
             demo(DemoConfig(out=tmp_path))
-        data = tmp_path / "demo_data" / "data"
+        data = tmp_path / "data"
         assert [file.name for file in data.iterdir()] == ["generate.json"]
         (data / "old.png").touch()
 
@@ -49,7 +55,7 @@ def test_the_data_of_an_earlier_demo_is_made_anew(tmp_path):
 def test_a_demo_that_was_killed_while_it_deleted_starts_again(tmp_path, monkeypatch):
     with pytest.raises(Reached):
         demo(DemoConfig(out=tmp_path))
-    data = tmp_path / "demo_data" / "data"
+    data = tmp_path / "data"
     (data / "old.png").touch()
 
     def killed(folder):
@@ -78,7 +84,7 @@ def test_a_dataset_is_not_drawn_over(tmp_path, capsys):
 def test_a_wrong_number_is_told_before_anything_is_deleted(tmp_path, capsys):
     with pytest.raises(Reached):
         demo(DemoConfig(out=tmp_path))
-    kept = tmp_path / "demo_data" / "data" / "generate.json"
+    kept = tmp_path / "data" / "generate.json"
     with pytest.raises(ValueError, match="pairs must"):
         demo(DemoConfig(out=tmp_path, pairs=0))
     for flag in ("--pairs", "--workers"):

@@ -159,6 +159,13 @@ def test_more_courses_than_a_page_holds_take_another(tmp_path):
     assert len(list(tmp_path.iterdir())) == 2
 
 
+def test_pages_of_drives_that_are_no_longer_asked_for_go_and_others_files_stay(tmp_path):
+    plot_maps(tmp_path, [replace(DRIVE, episode=n) for n in range(21)])
+    (tmp_path / "notes.png").touch()
+    plot_maps(tmp_path, [replace(DRIVE, cell="k=0.2, slope=preset")])
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["k0.2-slopepreset-0.png", "notes.png"]
+
+
 def test_drives_are_turned_so_that_the_goal_is_to_the_right(tmp_path):
     """The same drive in another direction is the same picture."""
     turned = replace(DRIVE, goal=[-3.0, 0.0], track=[[-y, x] for x, y in DRIVE.track], obstacles=[[-1.0, 1.0, 0.8]])

@@ -10,6 +10,7 @@ pytest.importorskip("stable_baselines3")
 from envs.drivers import make_driver
 from envs.train_ppo import TrainConfig, TrainingCourses, main, train
 from marssim.dataset import DatasetError
+from marssim.lock import sole_writer
 
 
 def killed(_):
@@ -25,7 +26,7 @@ def test_it_trains_goes_on_and_what_it_saves_drives(tmp_path, make_env, monkeypa
     whole = path.read_bytes()
     monkeypatch.setattr("envs.train_ppo.mark_corridors", killed)  # while it saves
     with pytest.raises(KeyboardInterrupt):
-        train(TrainConfig(**config, max_steps=32), rollout=16)
+        train(TrainConfig(**config, max_steps=48), rollout=16)
     assert path.read_bytes() == whole
     rows = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
     assert [row["choices"] for row in rows] == sorted(row["choices"] for row in rows) and rows[-1]["choices"] == 32
@@ -43,6 +44,44 @@ def test_it_trains_goes_on_and_what_it_saves_drives(tmp_path, make_env, monkeypa
     driver = make_driver(str(path))
     driver.reset(env, 0)
     assert driver.needs_map and driver.corridors and driver.act(env, observation) in env.action_space
+
+
+def test_it_goes_on_with_what_is_left_of_its_budgets_and_on_other_courses(tmp_path, monkeypatch, capsys):
+    import stable_baselines3.common.vec_env as vec_env
+
+    import envs.train_ppo
+
+    seeds, rates = [], []
+    seed, save = vec_env.DummyVecEnv.seed, envs.train_ppo._save
+    monkeypatch.setattr(vec_env.DummyVecEnv, "seed", lambda self, value: seeds.append(value) or seed(self, value))
+
+    def noted(model, path):
+        rates.append(model.policy.optimizer.param_groups[0]["lr"])
+        save(model, path)
+
+    monkeypatch.setattr("envs.train_ppo._save", noted)
+    config = {"out": tmp_path, "workers": 1, "goal_distance": 3.0, "scene": "utopia", "seed": 5, "max_minutes": 20}
+    path = train(TrainConfig(**config, max_steps=16), rollout=16)
+    file = tmp_path / "train_ppo.json"
+    about = json.loads(file.read_text())
+    assert 0 < about["seconds"] < 300 and rates[-1] > 0.75e-3
+    file.write_text(json.dumps({**about, "seconds": 900.0}))
+    train(TrainConfig(**config, max_steps=32), rollout=16)
+    assert 900 < json.loads(file.read_text())["seconds"] < 1200 and 0 < rates[-1] <= 0.25e-3
+    assert seeds[0] == 5 and seeds[-1] == 5 + 16
+    whole, told = path.read_bytes(), capsys.readouterr().out
+    assert "already" not in told
+    train(TrainConfig(**config, max_steps=32), rollout=16)
+    assert capsys.readouterr().out == f"{tmp_path}: already at --max-steps 32; raise it to go on\n"
+    train(TrainConfig(**{**config, "max_minutes": 15}, max_steps=64), rollout=16)
+    assert capsys.readouterr().out == f"{tmp_path}: already at --max-minutes 15; raise it to go on\n"
+    assert path.read_bytes() == whole
+
+
+def test_two_at_once_are_refused(tmp_path, capsys):
+    with sole_writer(tmp_path):
+        assert main(["--out", str(tmp_path), "--workers", "1"]) == 2
+    assert "another command" in capsys.readouterr().err and not list(tmp_path.iterdir())
 
 
 def test_a_file_that_is_no_policy_is_not_gone_on_from(tmp_path, capsys):
