@@ -49,12 +49,13 @@ class Bogged:
         return Contacts()
 
 
-def test_five_steps_on_the_spot_are_stuck(on_course, make_scene, make_course):
+@pytest.mark.parametrize("drive", [AHEAD, -AHEAD])
+def test_five_steps_on_the_spot_are_stuck(on_course, make_scene, make_course, drive):
     env = on_course(make_course(make_scene()))
     env.vehicle = Bogged(env.vehicle)
     turning = [env.step(np.array([0, 1.0]))[4]["outcome"] for _ in range(7)]
     assert set(turning) == {"driving"}
-    ends = [env.step(AHEAD)[2:] for _ in range(5)]
+    ends = [env.step(drive)[2:] for _ in range(5)]
     assert [end[2]["outcome"] for end in ends] == ["driving"] * 4 + ["stuck"]
     assert ends[-1][:2] == (True, False)
 

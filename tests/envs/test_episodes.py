@@ -215,6 +215,12 @@ def test_what_happened_on_the_way_is_in_the_record(on_course, make_scene, make_c
     assert record.obstacles == [[-1.4, aside, 1.2]]
 
 
+def test_a_collision_is_no_near_miss(on_course, make_scene, make_course):
+    env = on_course(make_course(make_scene(rocks=[(0.0, 0.0, 1.2, 0.9)])), mast=True)
+    record = run_episode(env, StraightDriver(), Cell(), 0, 0)
+    assert record.outcome == "collision" and record.min_clearance < 0.1 and not record.near_miss
+
+
 def test_the_error_on_the_way_is_that_of_the_test_set(on_course, make_scene, make_course):
     """m3depth's own scores of the same looks; a third of each is unknown, and a rock stands nearer than 192 px."""
 

@@ -47,3 +47,22 @@ def test_the_start_stays_behind_and_heights_are_from_where_it_stands(started):
     far = started.update(NOTHING, pose(40.0, 0.0, 0.0))[2]
     assert far[PIXELS // 2, PIXELS // 2] == 1 and far.sum() < 100  # under the rover; the start was left behind
     assert known[behind] == 1 and height[behind] == pytest.approx(0.25)  # 0.5 m higher, in units of 2 m
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_turned_mast_shows_what_lies_aside(on_course, make_scene, make_course, side):
+    env = on_course(make_course(make_scene()), mast=True)
+    for _ in range(4):
+        env.step(np.array([0.0, 0.0, side * 0.8]))
+    view = MapView(ZHURONG)
+    view.start(env.believed_pose)
+    known = view.update(env.sight, env.believed_pose)[2]
+
+    def seen(bearing):
+        """Share of what is known 4 m away in a direction."""
+        row, column = (round(PIXELS / 2 - 4 / CELL * part) for part in (np.cos(bearing), np.sin(bearing)))
+        return known[row - 2 : row + 3, column - 2 : column + 3].mean()
+
+    pan = side * 0.4 * np.pi
+    assert env.sight.pan == pytest.approx(pan)
+    assert seen(pan) > 0.5 and seen(0.0) == seen(-pan) == 0
