@@ -158,7 +158,7 @@ def _work(config: DemoConfig) -> None:
     summary = demo(config)
     folder = summary.parent
     print(f"summary      {summary}")
-    for name, what in (("contact_sheet.png", "data"), ("comparison.png", "depth, normals"), ("drive.mp4", "the drive")):
+    for name, what in (("contact_sheet.png", "data"), ("comparison.png", "depth"), ("drive.mp4", "drive")):
         print(f"{what:<12} {folder / name}")
 
 

@@ -27,6 +27,7 @@ from envs.drivers import DRIVERS, make_driver
 from envs.episodes import Cell, EpisodeRecord, Watch, run_episode
 from envs.mars_nav import ERROR_LIMITS, MarsNavEnv
 from envs.metrics import best_and_worst, paired_difference, summarise
+from envs.record_files import ANEW, read_record
 from envs.report import write_report
 from envs.resumption import check_folder, noted_settings
 from envs.sight import load_perception
@@ -41,7 +42,6 @@ from marssim.scene.scene import LOOK_LIMITS, Place, SceneConfig, preset
 from marssim.workers import run_tasks
 
 SETTINGS = "evaluate.json"  # in OUT: what its episodes were driven with
-ANEW = "; delete it, and it is driven anew"
 LOOK = (  # flags that stand for fields of the scene's LookConfig
     "sun_elevation_deg", "optical_depth", "albedo_contrast", "texture_strength", "pebbles", "wind_ripples",
 )  # fmt: skip
@@ -296,15 +296,10 @@ def _run(config: EvaluateConfig, tasks: list[Task], done: Callable[[Task, Episod
 
 def _read_record(folder: Path, task: Task) -> EpisodeRecord:
     path = folder / task.file
-    try:
-        record = EpisodeRecord(**read_json(path))
-        if not task.is_of(record):
-            raise DatasetError(f"{path}: is of {record.driver}, {record.perception}, course {record.episode}")
-        return record
-    except TypeError:
-        raise DatasetError(f"{path}: not an episode of this version{ANEW}") from None
-    except DatasetError as error:
-        raise DatasetError(f"{error}{ANEW}") from None
+    record = read_record(path)
+    if not task.is_of(record):
+        raise DatasetError(f"{path}: is of {record.driver}, {record.perception}, course {record.episode}{ANEW}")
+    return record
 
 
 def drive(config: EvaluateConfig, task: Task, watch: Watch | None = None) -> EpisodeRecord:

@@ -114,12 +114,18 @@ def differences(rows: Sequence[dict[str, Any]]) -> str:
     for r in rows:
         lines.append(
             f"{r['driver']}, {r['perception']} less {', '.join(r['less'])}, paired, {r['episodes']} episodes: "
-            f"{100 * r['difference']:+.0f} points of success ({_interval(r['interval'], 100, '+.0f')}), "
-            f"SPL {r['spl_difference']:+.2f} ({_interval(r['spl_interval'], 1, '+.2f')})\n"
+            f"{100 * r['difference']:+.0f} points of success{_interval(r['interval'], 100, '+.0f')}, "
+            f"SPL {r['spl_difference']:+.2f}{_interval(r['spl_interval'], 1, '+.2f')}{_without(r)}\n"
         )
     return "".join(lines)
 
 
 def _interval(ends: Sequence[float], scale: float, digits: str) -> str:
     low, high = ends
-    return f"{scale * low:{digits}} to {scale * high:{digits}}" if low < high else NO_INTERVAL
+    return f" ({scale * low:{digits}} to {scale * high:{digits}})" if low < high else ""
+
+
+def _without(row: Mapping[str, Any]) -> str:
+    """What is said of figures without an interval."""
+    none = [name for name, key in (("success", "interval"), ("SPL", "spl_interval")) if not row[key][0] < row[key][1]]
+    return f" ({' and '.join(none)}: {NO_INTERVAL})" if none else ""

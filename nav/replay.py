@@ -85,13 +85,14 @@ def main(args: Sequence[str] | None = None) -> int:
 def _work(config: ReplayConfig) -> None:
     if not np.isfinite(config.goal).all():
         raise ValueError(f"--goal must be two finite numbers [m], got {config.goal}")
-    frames = list(recorded(StereoDataset(config.data), config.scene))
+    dataset = StereoDataset(config.data)
+    frames = list(recorded(dataset, config.scene))
     if not frames:
         raise DatasetError(f"{config.data}: holds no scene {config.scene}")
     places = np.array([frame.camera_pose[:2, 3] for frame in frames])
     apart = float(np.hypot(*np.diff(places, axis=0).T).max(initial=0))
-    if apart > DRIVE_APART:
-        print(f"warning: frames lie up to {apart:.0f} m apart; the views of a scene are a drive only where "
+    if apart > DRIVE_APART or dataset.index["config"].get("trajectory") is False:
+        print(f"warning: frames lie up to {apart:.1f} m apart; the views of a scene are a drive only where "
               "marssim.generate was told --trajectory", file=sys.stderr)  # fmt: skip
     eye = frames[0].camera_pose
     forward = eye[:2, 2] / max(float(np.hypot(*eye[:2, 2])), 1e-9)

@@ -41,14 +41,18 @@ def rocks_figure(methods: Mapping[str, Mapping[str, Any]], path: Path) -> None:
         errors = {n: [_centimetres(b["height_error_m"]) for b in found] for n, found in here.items()}
         _bars(axes[1, column], [_height(b) for b in first], errors)
         tall = [i for i, b in enumerate(first) if b["height_from_m"] >= lowest]
-        false = {n: [found[i]["false"] / images * 100 for i in tall] for n, found in here.items()}
-        _bars(axes[2, column], [_height(first[i]) for i in tall], false)
+        false = {
+            n: [b["false"] / images * 100 if i in tall else np.nan for i, b in enumerate(found)]
+            for n, found in here.items()
+        }
+        _bars(axes[2, column], [_height(b) if i in tall else "" for i, b in enumerate(first)], false)
     if not any(bar.get_height() > 0 for ax in axes[2] for bar in ax.patches):
         axes[2, 0].set_ylim(0, 1)
     for ax, label in zip(
         axes[:, 0], ("rocks found [%]", "height error [cm],\nmedian of those found", "false obstacles\nin 100 images")
     ):
         ax.set_ylabel(label)
+    figure.supxlabel("height of the rock or the obstacle [m]", fontsize=10)
     handles, names = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 6), frameon=False)
     save(figure, path)
@@ -56,7 +60,7 @@ def rocks_figure(methods: Mapping[str, Mapping[str, Any]], path: Path) -> None:
 
 def _height(b: Mapping[str, Any]) -> str:
     low, high = b["height_from_m"], b["height_to_m"]
-    return f"{low:g} m +" if np.isinf(high) else f"{low:g}-{high:g}"
+    return f"over {low:g}" if np.isinf(high) else f"{low:g}-{high:g}"
 
 
 def _percent(share: float | None) -> float:
@@ -72,6 +76,7 @@ def _bars(ax: Axes, labels: list[str], values: Mapping[str, list[float]]) -> Non
     for i, ((name, heights), colour) in enumerate(zip(values.items(), cycle(METHOD_COLOURS))):
         ax.bar(place + (i + 0.5) * width - 0.4, heights, width=0.92 * width, color=colour, label=name)
     ax.set_xticks(place, labels, fontsize=8)
+    ax.set_xlim(-0.5, len(labels) - 0.5)
     ax.spines[["top", "right"]].set_visible(False)
     ax.grid(True, axis="y", color="0.9")
     ax.set_axisbelow(True)

@@ -10,7 +10,15 @@ from envs.episodes import EpisodeRecord
 from envs.maps import OUTCOME_COLOURS, WAY_COLOUR, plot_maps
 from envs.metrics import FAILURES, summarise
 from envs.plots import plot_success, pool_by_k
-from envs.report import differences, errors_beside, looks_without_depth, states_of_the_code, table, write_report
+from envs.report import (
+    NO_INTERVAL,
+    differences,
+    errors_beside,
+    looks_without_depth,
+    states_of_the_code,
+    table,
+    write_report,
+)
 from marssim.rover_spec import ZHURONG
 
 DRIVE = EpisodeRecord(
@@ -83,7 +91,11 @@ def test_differences_are_told_in_points_and_in_spl():
 
 def test_an_interval_without_width_is_not_told_as_certainty():
     (line,) = differences([{**DIFFERENCE, "difference": 0.0, "interval": [0.0, 0.0]}]).splitlines()
-    assert "+0 points of success (no interval" in line and "to +0" not in line and "(-0.40 to -0.10)" in line
+    assert "+0 points of success, SPL -0.28 (-0.40 to -0.10) (success: no interval: all" in line and "to +0" not in line
+    (line,) = differences(
+        [{**DIFFERENCE, "difference": 0.0, "interval": [0.0, 0.0], "spl_interval": [0.0, 0.0]}]
+    ).splitlines()
+    assert line.endswith(f", SPL -0.28 (success and SPL: {NO_INTERVAL})")
 
 
 def outcome_colour(name):

@@ -233,8 +233,10 @@ def test_broken_pools_and_interrupts_say_how_to_go_on(capsys):
     assert (code, said) == (130, "error: interrupted; nothing was written\n")
 
 
-def test_ctrl_c_in_the_shell():
-    """A real SIGINT of a real process; one that was started in the background would ignore it by inheritance."""
+@pytest.mark.parametrize(("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"),
+                                                      (signal.SIGTERM, 143, "ended by SIGTERM")])  # fmt: skip
+def test_a_signal_from_the_shell(number, code, word):
+    """A real signal to a real process; one that was started in the background would ignore SIGINT by inheritance."""
     program = (
         "import signal, sys; from dataclasses import dataclass; from marssim.command import run_command\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
@@ -244,9 +246,14 @@ def test_ctrl_c_in_the_shell():
     )
     process = subprocess.Popen([sys.executable, "-c", program], stdin=-1, stdout=-1, stderr=-1, text=True)
     assert process.stdout is not None and process.stdout.readline() == "at work\n"
-    os.kill(process.pid, signal.SIGINT)
+    os.kill(process.pid, number)
     _, said = process.communicate()
-    assert (process.returncode, said) == (130, "error: interrupted; the same command goes on from here\n")
+    assert (process.returncode, said) == (code, f"error: {word}; the same command goes on from here\n")
+
+
+def test_sigterm_is_left_as_it_was():
+    before = signal.getsignal(signal.SIGTERM)
+    assert exit_code(lambda: None) == 0 and signal.getsignal(signal.SIGTERM) is before
 
 
 def test_who_reads_one_line_is_not_told_of_a_broken_pipe():

@@ -1,5 +1,6 @@
 """The navigator on recorded frames: made and written here by ray casting, and read back as a user's would be."""
 
+import shutil
 import subprocess
 import sys
 
@@ -83,7 +84,15 @@ def test_views_that_are_no_drive_are_warned_of(folder, tmp_path, capsys):
         write_sample(tmp_path / "scenes" / f"00000/{number:02d}", look, {"scene": 0, "view": number})
     write_index(tmp_path, {"seed": 1}, ["00000/00", "00000/01"])
     assert main([str(tmp_path)]) == 0
-    assert capsys.readouterr().err.startswith("warning: frames lie up to 9 m apart")
+    assert capsys.readouterr().err.startswith("warning: frames lie up to 9.0 m apart")
+
+
+@pytest.mark.parametrize(("drive", "warned"), [(True, False), (False, True)])
+def test_views_near_each_other_that_are_no_drive_are_warned_of(folder, tmp_path, capsys, drive, warned):
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    write_index(copy, {"seed": 1, "trajectory": drive}, StereoDataset(folder).names)
+    assert main([str(copy)]) == 0
+    assert capsys.readouterr().err.startswith("warning: frames lie up to 0.3 m apart") == warned
 
 
 def test_mistakes_are_one_line(folder, tmp_path, capsys):

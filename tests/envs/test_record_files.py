@@ -1,0 +1,52 @@
+import json
+import re
+from dataclasses import asdict, fields
+
+import pytest
+
+from envs.episodes import EpisodeRecord
+from envs.record_files import KINDS, read_record
+from marssim.dataset import DatasetError
+
+DRIVE = EpisodeRecord(
+    driver="navigator", perception="sgbm", cell="k=0.1, slope=5", episode=0, outcome="goal", steps=3, distance=0.5,
+    start_distance=3.0, shortest=3.0, path_length=3.5, min_clearance=1.0, max_tilt_deg=4.0, reward=-12.0,
+    step_seconds=0.1, perception_seconds=0.0, redraws=0, goal=[0.0, 3.0], abs_rel=0.0123,
+    obstacles=[[1.0, 1.0, 0.8]], track=[[0.0, 0.0], [0.5, 1.5], [0.0, 2.5]],
+)  # fmt: skip
+
+
+@pytest.fixture
+def written(tmp_path):
+    def write(**changes):
+        path = tmp_path / "drive.json"
+        path.write_text(json.dumps({**asdict(DRIVE), **changes}))
+        return path
+
+    return write
+
+
+def test_what_was_written_is_read(written):
+    assert read_record(written()) == DRIVE
+    assert read_record(written(abs_rel=None, blind=2)).blind == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "told"),
+    [
+        ("path_length", "long", "must be a number of 0 or more, got 'long'"),
+        ("path_length", float("nan"), "must be a number of 0 or more, got nan"),
+        ("shortest", -4, "must be a number of 0 or more, got -4"), ("steps", True, "must be a number"),
+        ("shortest", None, "must be a number"), ("near_miss", 1, "must be true or false, got 1"),
+        ("outcome", 3, "must be a word, got 3"), ("goal", [1, "x"], r"must be numbers, got \[1, 'x'\]"),
+        ("track", [1.0, 2.0], "must be rows of numbers"), ("track", 7, "must be rows of numbers, got 7"),
+    ],
+)  # fmt: skip
+def test_what_no_drive_gives_is_named(written, name, value, told):
+    path = written(**{name: value})
+    with pytest.raises(DatasetError, match=f"^{re.escape(str(path))}: {name} {told}.*; delete it, and it is driven"):
+        read_record(path)
+
+
+def test_every_field_is_of_a_kind_that_is_checked():
+    assert {str(field.type).removesuffix(" | None") for field in fields(EpisodeRecord)} == set(KINDS)
