@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -33,6 +34,9 @@ AROUND = 5.0  # [m] shown before the start and behind the goal
 ASIDE = 8.0  # [m] shown to either side, more where a drive went further
 
 
+PAGE = re.compile(r"k(preset|[\d.e+-]+)-slope(preset|[\d.e+-]+)-\d+\.png")
+
+
 def plot_maps(folder: Path, records: Sequence[EpisodeRecord]) -> None:
     """Write folder/CELL-PAGE.png: a panel for each course of a cell, twenty a page. Pages of other records go.
 
@@ -52,8 +56,9 @@ def plot_maps(folder: Path, records: Sequence[EpisodeRecord]) -> None:
             path = folder / f"{cell.replace('=', '').replace(', ', '-')}-{page}.png"
             _page(path, cell, [[r for r in own if r.episode == e] for e in shown], groups)
             written.add(path)
-    for old in set(folder.glob("k*-slope*-*.png")) - written:
-        old.unlink()
+    for old in set(folder.iterdir()) - written:
+        if PAGE.fullmatch(old.name):
+            old.unlink()
 
 
 def _page(path: Path, cell: str, courses: Sequence[Sequence[EpisodeRecord]], groups: Sequence[tuple[str, str]]) -> None:

@@ -7,7 +7,7 @@ import io
 import re
 import zipfile
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from gymnasium import spaces
@@ -80,9 +80,9 @@ class PolicyDriver:
         return padded
 
 
-def mark_corridors(path: Path) -> None:
+def mark_corridors(policy: Path | IO[bytes]) -> None:
     """Note in a policy's .zip that it sees and answers as Corridors says."""
-    with zipfile.ZipFile(path, "a") as archive:
+    with zipfile.ZipFile(policy, "a") as archive:
         archive.writestr(CORRIDORS, "")
 
 

@@ -44,7 +44,7 @@ class RocksConfig:
     data: tuple[Path, ...]
     """dataset folders, as marssim.generate writes them; all go into one count"""
     out: Path
-    """folder for results.json, results.md and rocks.png"""
+    """folder for results.json, results.md and rocks.png; those of an earlier count are replaced"""
     split: Part = "test"
     """part of each dataset; all is for data that no training was done on"""
     perception: tuple[str, ...] = ("m3depth", "ground_truth")

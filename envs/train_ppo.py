@@ -13,12 +13,16 @@ continue a stranger's.
 
 from __future__ import annotations
 
+import io
 import json
+import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
+from multiprocessing import parent_process
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -31,7 +35,9 @@ from envs.corridors import Corridors
 from envs.course import CourseConfig
 from envs.mars_nav import MarsNavEnv
 from envs.policies import PolicyDriver, mark_corridors
+from envs.record_files import NUMBER, is_number
 from m3depth.report import versions
+from marssim.atomic import write_atomically
 from marssim.command import counted, run_command
 from marssim.dataset import DatasetError, read_json, write_json
 from marssim.lock import sole_writer
@@ -117,6 +123,8 @@ def training_env(config: TrainConfig) -> gymnasium.Env:
     """What a policy is trained in: Corridors on TrainingCourses, with rewards of the size that PPO's defaults suit."""
     from stable_baselines3.common.monitor import Monitor
 
+    if parent_process() is not None:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all; the command ends its processes
     env = MarsNavEnv(
         "ground_truth", "kinematic", scene=config.scene, goal_distance=config.goal_distance, map_observation=True
     )
@@ -182,7 +190,7 @@ def _train(config: TrainConfig, path: Path, rollout: int) -> None:
                 told = f"{100 * row['arrived']:.0f} % arrived, reward {row['reward']:.1f}"
                 print(f"{self.num_timesteps} choices: last {counted(row['episodes'], 'episode')}, {told}", flush=True)
 
-    try:
+    with _closed(vector):
         if path.is_file():
             model = PPO.load(path, vector, device="cpu", custom_objects={"learning_rate": rate, "lr_schedule": rate})
             vector.seed(config.seed + model.num_timesteps)  # other courses than it began with
@@ -197,15 +205,26 @@ def _train(config: TrainConfig, path: Path, rollout: int) -> None:
         # not by the callback: a rollout that it ends is never learnt from
         model.learn(config.max_steps - model.num_timesteps, callback=Clock(), reset_num_timesteps=False)
         save(model)
-    finally:
-        vector.close()
+
+
+@contextmanager
+def _closed(vector: Any) -> Iterator[None]:
+    """Close the environments in the end. After an error their processes are not waited for: one that was to answer
+    when a signal came would be waited for for ever."""
+    try:
+        yield
+    except BaseException:
+        for process in getattr(vector, "processes", ()):
+            process.terminate()
+        raise
+    vector.close()
 
 
 def _save(model: Any, path: Path) -> None:
-    part = path.with_name(f".{path.name}.part")  # whoever kills it meanwhile finds the last policy whole
-    model.save(part)
-    mark_corridors(part)
-    part.replace(path)
+    policy = io.BytesIO()
+    model.save(policy)
+    mark_corridors(policy)
+    write_atomically(path, policy.getvalue())
 
 
 def _note(config: TrainConfig) -> float:
@@ -222,7 +241,10 @@ def _note(config: TrainConfig) -> float:
         told = [f"--{k.replace('_', '-')} {_typed(before.get(k))}" for k in courses if before.get(k) != courses[k]]
         if told:
             raise DatasetError(f"{file}: the policy there learnt with {', '.join(told)}; choose another --out")
-        return float(before.get(SECONDS, 0))
+        seconds = before.get(SECONDS, 0)
+        if not is_number(seconds) or seconds < 0:
+            raise DatasetError(f"{file}: {SECONDS} must be {NUMBER}, got {seconds!r}; choose another --out")
+        return float(seconds)
     config.out.mkdir(parents=True, exist_ok=True)
     if file.is_file():
         (config.out / LOG).unlink(missing_ok=True)  # of a policy that was deleted

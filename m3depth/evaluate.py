@@ -65,7 +65,7 @@ class EvaluateOptions:
     data: Path
     """Dataset folder, of marssim.generate or of any layout that --format lists."""
     out: Path
-    """Folder for results.json, results.md and the figures."""
+    """Folder for results.json, results.md and the figures; those of an earlier scoring are replaced."""
     split: Part = "test"
     """Which part of the dataset; test is what no training on it has seen, all is for data that none was done on."""
     weights: Path | None = None

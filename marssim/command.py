@@ -1,8 +1,8 @@
 """What every command does with its command line and with mistakes: one line on stderr and an exit code.
 
-0: done. 2: a mistake of the user, or a disk, a package or a worker process that failed. 130: interrupted. 141:
-nobody reads on what is printed, as behind `| head`; said by nothing else. 143: ended by SIGTERM, as a cluster's queue
-does in the end, in the same order as by Ctrl-C.
+0: done. 2: a mistake of the user, or a disk, a package or a worker process that failed. 130: interrupted, by Ctrl-C or
+SIGTERM, as a cluster's queue sends it in the end. 141: nobody reads on what is printed, as behind `| head`; said by
+nothing else.
 Anything else is a bug and shows its traceback.
 """
 
@@ -79,7 +79,7 @@ def writing_to(out: Path | None) -> Iterator[None]:
 def exit_code(work: Callable[[], object], interrupted: str = GOES_ON) -> int:
     """Call `work`, tell its mistakes as run_command does, and return the exit code."""
     try:
-        with speaking(), _terminated_in_order():
+        with speaking(), _terminated_as_interrupted():
             work()
         sys.stdout.flush()
     except BrokenPipeError as error:
@@ -90,20 +90,14 @@ def exit_code(work: Callable[[], object], interrupted: str = GOES_ON) -> int:
         if not _is_out_of_memory(error):
             raise
         return _fail(f"out of memory ({str(error).strip().splitlines()[0]})", 2)
-    except Terminated:
-        return _fail(f"ended by SIGTERM; {interrupted}", 143)
     except KeyboardInterrupt:
         return _fail(f"interrupted; {interrupted}", 130)
     return 0
 
 
-class Terminated(KeyboardInterrupt):
-    """SIGTERM came."""
-
-
 @contextmanager
-def _terminated_in_order() -> Iterator[None]:
-    """Meanwhile SIGTERM raises Terminated; not outside the main thread, nor where somebody handles or ignores it."""
+def _terminated_as_interrupted() -> Iterator[None]:
+    """Meanwhile SIGTERM raises KeyboardInterrupt; not outside the main thread, nor where somebody else handles it."""
     if (
         threading.current_thread() is not threading.main_thread()
         or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL
@@ -113,7 +107,7 @@ def _terminated_in_order() -> Iterator[None]:
 
     def end(number: int, frame: object) -> None:
         signal.signal(number, signal.SIG_DFL)  # a second one ends at once
-        raise Terminated
+        raise KeyboardInterrupt
 
     signal.signal(signal.SIGTERM, end)
     try:

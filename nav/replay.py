@@ -91,7 +91,9 @@ def _work(config: ReplayConfig) -> None:
         raise DatasetError(f"{config.data}: holds no scene {config.scene}")
     places = np.array([frame.camera_pose[:2, 3] for frame in frames])
     apart = float(np.hypot(*np.diff(places, axis=0).T).max(initial=0))
-    if apart > DRIVE_APART or dataset.index["config"].get("trajectory") is False:
+    settings = dataset.index.get("config")
+    no_drive = isinstance(settings, dict) and settings.get("trajectory") is False and len(frames) > 1
+    if apart > DRIVE_APART or no_drive:
         print(f"warning: frames lie up to {apart:.1f} m apart; the views of a scene are a drive only where "
               "marssim.generate was told --trajectory", file=sys.stderr)  # fmt: skip
     eye = frames[0].camera_pose

@@ -173,9 +173,11 @@ def test_more_courses_than_a_page_holds_take_another(tmp_path):
 
 def test_pages_of_drives_that_are_no_longer_asked_for_go_and_others_files_stay(tmp_path):
     plot_maps(tmp_path, [replace(DRIVE, episode=n) for n in range(21)])
-    (tmp_path / "notes.png").touch()
+    mine = ["k0.1-slope5-0-annotated.png", "kept-slopes-of-mine.png", "notes.png"]
+    for name in mine:
+        (tmp_path / name).touch()
     plot_maps(tmp_path, [replace(DRIVE, cell="k=0.2, slope=preset")])
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["k0.2-slopepreset-0.png", "notes.png"]
+    assert sorted(file.name for file in tmp_path.iterdir()) == sorted([*mine, "k0.2-slopepreset-0.png"])
 
 
 def test_drives_are_turned_so_that_the_goal_is_to_the_right(tmp_path):

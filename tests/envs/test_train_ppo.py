@@ -1,4 +1,9 @@
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 import zipfile
 
 import numpy as np
@@ -76,6 +81,42 @@ def test_it_goes_on_with_what_is_left_of_its_budgets_and_on_other_courses(tmp_pa
     train(TrainConfig(**{**config, "max_minutes": 15}, max_steps=64), rollout=16)
     assert capsys.readouterr().out == f"{tmp_path}: already at --max-minutes 15; raise it to go on\n"
     assert path.read_bytes() == whole
+
+
+def test_a_signal_to_all_of_its_processes_ends_it_in_order(tmp_path):
+    program = (
+        "import sys; from pathlib import Path; from marssim.command import exit_code\n"
+        "from envs.train_ppo import TrainConfig, train\n"
+        "config = TrainConfig(Path(sys.argv[1]), workers=2, goal_distance=3.0, scene='utopia')\n"
+        "sys.exit(exit_code(lambda: train(config, rollout=16)))"
+    )
+    command = [sys.executable, "-c", program, str(tmp_path)]
+    process = subprocess.Popen(command, stdout=-1, stderr=-1, text=True, start_new_session=True)
+    for _ in range(600):
+        if (tmp_path / "log.jsonl").is_file() or process.poll() is not None:
+            break
+        time.sleep(0.1)
+    os.killpg(process.pid, signal.SIGTERM)
+    _, said = process.communicate(timeout=60)
+    assert said.strip().splitlines()[-1] == "error: interrupted; the same command goes on from here"
+    assert process.returncode == 130 and "Traceback" not in said
+    with pytest.raises(ProcessLookupError):
+        for _ in range(100):  # until the last of them is gone
+            os.killpg(process.pid, 0)
+            time.sleep(0.1)
+
+
+@pytest.mark.parametrize("seconds", [None, "x", -1, float("nan"), [1]])
+def test_a_time_that_is_none_is_named(tmp_path, capsys, seconds):
+    config = TrainConfig(tmp_path, workers=1)
+    (tmp_path / "train_ppo.json").write_text(json.dumps({**config.courses(), "seconds": seconds}))
+    with zipfile.ZipFile(tmp_path / "policy.zip", "w") as archive:
+        with archive.open("policy.pth", "w") as file:
+            torch.save({"action_net.weight": torch.zeros(13, 64)}, file)
+        archive.writestr("corridors", "")
+    assert main(["--out", str(tmp_path), "--workers", "1"]) == 2
+    error = capsys.readouterr().err
+    assert f"{tmp_path / 'train_ppo.json'}: seconds must be a number of 0 or more, got " in error
 
 
 def test_two_at_once_are_refused(tmp_path, capsys):
