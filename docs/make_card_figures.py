@@ -1,0 +1,26 @@
+"""Make two of the model card's figures anew, from its clean pairs: `python docs/make_card_figures.py data/clean`.
+
+The rocks' is that of `python -m envs.rocks`, as the card gives it, with `--out out/rocks`.
+"""
+
+import shutil
+import sys
+from pathlib import Path
+
+from m3depth.data import Joined
+from m3depth.datasets.open import open_pairs
+from m3depth.estimator import load_estimator
+from m3depth.evaluation import evaluate
+from m3depth.figures.errors import sparsification_figure
+from marssim.scene.scene import PRESETS
+
+HERE = Path(__file__).parent / "images"
+ROCKS = Path(__file__).parents[1] / "out" / "rocks" / "rocks.png"
+
+if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        raise SystemExit(__doc__)
+    pairs = Joined([open_pairs(Path(sys.argv[1], place), "all") for place in PRESETS])
+    done = evaluate(pairs, {"M3Depth": load_estimator("m3depth"), "SGBM": load_estimator("sgbm")})
+    sparsification_figure(done.results, HERE / "weights_sparsification.png")
+    shutil.copy(ROCKS, HERE / "weights_rocks.png")
