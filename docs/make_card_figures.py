@@ -20,6 +20,8 @@ ROCKS = Path(__file__).parents[1] / "out" / "rocks" / "rocks.png"
 if __name__ == "__main__":
     if len(sys.argv) != 2:
         raise SystemExit(__doc__)
+    if not ROCKS.is_file():
+        raise SystemExit(f"{ROCKS}: not there; run envs.rocks first, as the model card gives it")
     pairs = Joined([open_pairs(Path(sys.argv[1], place), "all") for place in PRESETS])
     done = evaluate(pairs, {"M3Depth": load_estimator("m3depth"), "SGBM": load_estimator("sgbm")})
     sparsification_figure(done.results, HERE / "weights_sparsification.png")

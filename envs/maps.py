@@ -32,9 +32,7 @@ COLUMNS, ROWS = 5, 4
 PANEL, NARROWEST = 3.6, 7.2  # [in] width of a course, and of a page whose title and legend find room
 AROUND = 5.0  # [m] shown before the start and behind the goal
 ASIDE = 8.0  # [m] shown to either side, more where a drive went further
-
-
-PAGE = re.compile(r"k(preset|[\d.e+-]+)-slope(preset|[\d.e+-]+)-\d+\.png")
+PAGE = re.compile(r"k(preset|[\d.e+-]+)-slope(preset|[\d.e+-]+)-\d+\.png")  # names that plot_maps gives
 
 
 def plot_maps(folder: Path, records: Sequence[EpisodeRecord]) -> None:

@@ -57,6 +57,14 @@ def test_the_record_tells_the_drive(env):
     assert record.step_seconds > 0 and record.max_tilt_deg < 30 and record.min_clearance > 0
 
 
+def test_the_state_of_the_code_is_that_before_the_drive(env, monkeypatch):
+    """Who edits the sources meanwhile does not change what drives."""
+    state = ["before"]
+    monkeypatch.setattr("envs.episodes.code_digest", lambda: state[0])
+    record = run_episode(env, StraightDriver(), Cell(), 5, 2, watch=lambda *_: state.__setitem__(0, "edited"))
+    assert record.code == "before" and state == ["edited"]
+
+
 def test_the_course_follows_from_seed_and_episode_alone(env):
     def goal(seed, episode, cell=None, driver=None):
         record = run_episode(env, driver or StraightDriver(), cell or Cell(), seed, episode)
