@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import gymnasium
 
-from marssim.dataset import StereoDataset
+from marssim.base.dataset.dataset import StereoDataset
 
 env = gymnasium.make("envs:MarsNav-v0", perception="ground_truth", dynamics="physics")
 observation, info = env.reset(seed=1)

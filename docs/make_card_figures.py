@@ -7,11 +7,11 @@ import shutil
 import sys
 from pathlib import Path
 
-from m3depth.data import Joined
 from m3depth.datasets.open import open_pairs
 from m3depth.estimator import load_estimator
-from m3depth.evaluation import evaluate
+from m3depth.evaluation.scoring import evaluate
 from m3depth.figures.errors import sparsification_figure
+from m3depth.training.samples import Joined
 from marssim.scene.scene import PRESETS
 
 HERE = Path(__file__).parent / "images"

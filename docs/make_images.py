@@ -6,14 +6,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from marssim.camera import NATECAM
-from marssim.colours import depth_colours, normal_colours
-from marssim.render.raycast import Raycaster
+from marssim.base.camera import NATECAM
+from marssim.base.images.colours import depth_colours, normal_colours
+from marssim.render.renderers.embree_renderer import Raycaster
 from marssim.render.sensor import Sensor, SensorConfig
-from marssim.render.shading import Shader
 from marssim.render.stereo import render_stereo
+from marssim.render.surfaces.shading import Shader
 from marssim.scene.scene import PRESETS, build_scene, preset
-from marssim.viewpoint import ViewConfig, draw_pose
+from marssim.scene.viewpoint import ViewConfig, draw_pose
 
 HERE = Path(__file__).parent / "images"
 DEMO = Path(__file__).parents[1] / "out" / "demo"

@@ -17,22 +17,22 @@ from time import perf_counter
 
 import cv2
 
-from envs.course import CourseConfig
-from envs.drivers import NavigatorDriver
-from envs.ends import GOAL_RADIUS
-from envs.episodes import Cell, EpisodeRecord, run_episode
-from envs.film import Film
+from envs.drivers.builtin import NavigatorDriver
+from envs.drives.episodes import Cell, EpisodeRecord, run_episode
+from envs.drives.film import Film
 from envs.mars_nav import MarsNavEnv
+from envs.world.course import CourseConfig
+from envs.world.referee import GOAL_RADIUS
 from m3depth.estimator import Estimator, load_estimator
 from m3depth.evaluate import Evaluation, evaluate
+from m3depth.evaluation.report import text_table
 from m3depth.figures.comparison import comparison_figure
-from m3depth.report import text_table
-from marssim.atomic import write_atomically
-from marssim.command import counted, run_command
-from marssim.dataset import DatasetError, StereoDataset
+from marssim.base.command.run import counted, run_command
+from marssim.base.dataset.dataset import DatasetError, StereoDataset
+from marssim.base.files.atomic import write_atomically
+from marssim.base.results.lock import LOCK, sole_writer
+from marssim.base.results.out_folder import check_out
 from marssim.generate import GenerateConfig, generate
-from marssim.lock import LOCK, sole_writer
-from marssim.out_folder import check_out
 from marssim.scene.scene import Place, preset
 
 MARK = "MADE_BY_DEMO.txt"

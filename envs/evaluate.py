@@ -21,25 +21,25 @@ from pathlib import Path
 from typing import Any, Literal
 from zlib import crc32
 
-from envs.course import CourseConfig
-from envs.depth_scores import errors_on_test_set, weights_digest
-from envs.drivers import DRIVERS, make_driver
-from envs.episodes import Cell, EpisodeRecord, Watch, run_episode
+from envs.drivers.builtin import DRIVERS, make_driver
+from envs.drives.episodes import Cell, EpisodeRecord, Watch, run_episode
+from envs.drives.metrics import best_and_worst, paired_difference, summarise
+from envs.drives.records import ANEW, read_record
+from envs.drives.report import write_report
+from envs.drives.resume import check_folder, noted_settings
+from envs.drives.test_set_errors import errors_on_test_set, weights_digest
 from envs.mars_nav import ERROR_LIMITS, MarsNavEnv
-from envs.metrics import best_and_worst, paired_difference, summarise
-from envs.record_files import ANEW, read_record
-from envs.report import write_report
-from envs.resumption import check_folder, noted_settings
-from envs.sight import load_perception
+from envs.world.course import CourseConfig
+from envs.world.perception import load_perception
 from m3depth.estimator import Estimator
-from m3depth.report import versions
-from marssim.command import counted, run_command
-from marssim.dataset import DatasetError, read_json, write_json
-from marssim.lock import sole_writer
-from marssim.progress import progress
-from marssim.render.makers import Renderer
+from m3depth.evaluation.report import versions
+from marssim.base.command.progress import progress
+from marssim.base.command.run import counted, run_command
+from marssim.base.compute.workers import run_tasks
+from marssim.base.dataset.dataset import DatasetError, read_json, write_json
+from marssim.base.results.lock import sole_writer
+from marssim.render.renderers.by_name import Renderer
 from marssim.scene.scene import LOOK_LIMITS, Place, SceneConfig, preset
-from marssim.workers import run_tasks
 
 SETTINGS = "evaluate.json"  # in OUT: what its episodes were driven with
 LOOK = (  # flags that stand for fields of the scene's LookConfig
@@ -268,7 +268,7 @@ def _film(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence[Episo
             chosen[f"videos/{Path(task.file).stem}.mp4"] = task
     if not chosen:
         return
-    from envs.film import Film
+    from envs.drives.film import Film
 
     noted = config.out / "videos.json"
     filmed = read_json(noted) if noted.is_file() else {}

@@ -10,21 +10,21 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from envs.course import Course, CourseConfig, draw_course, turned_round
-from envs.ends import STEPS_PER_METRE, Referee
-from envs.flank import Flank
-from envs.map_view import MapView
-from envs.observation import observation_space, observe
-from envs.odometry import Odometry
-from envs.sight import Eyes, Sight
-from envs.vehicle import Vehicle, make_vehicle
-from marssim.camera import NATECAM
-from marssim.render.makers import Renderer
-from marssim.rover_spec import ZHURONG
+from envs.observation.map_view import MapView
+from envs.observation.spaces import observation_space, observe
+from envs.world.clearance import Flank
+from envs.world.course import Course, CourseConfig, draw_course, turned_round
+from envs.world.odometry import Odometry
+from envs.world.perception import Eyes, Sight
+from envs.world.referee import STEPS_PER_METRE, Referee
+from envs.world.vehicle import Vehicle, make_vehicle
+from marssim.base.camera import NATECAM
+from marssim.base.rover_spec import ZHURONG
+from marssim.render.renderers.by_name import Renderer
 from marssim.scene.scene import SceneConfig, preset
 
 if TYPE_CHECKING:
-    from envs.outside_view import OutsideView
+    from envs.world.outside_view import OutsideView
     from m3depth.estimator import Estimator
 
 STEP_SECONDS = 2.0
@@ -74,10 +74,11 @@ class MarsNavEnv(gymnasium.Env):
     the rover's stand / 2 m; cost of driving there in [0, 1], 1 at an obstacle and where a metre costs 8 m more; 1 where
     it was seen or taken for flat (2.5 m about the start, and under the rover), else 0.
 
-    `envs.wrappers.ImageObservation` turns depth and map into the uint8 images that stable-baselines3 expects,
-    `envs.corridors.Corridors` the map into a short vector and the action into one number. What is seen at full size
-    (stereo pair, depth, confidence, rig, pan) is `env.unwrapped.sight` (envs.sight.Sight), beside the truth (its
-    `true_depth` and `pose`) by which a driver must not drive; what it believes of its pose is `believed_pose`.
+    `envs.drivers.image_observation.ImageObservation` turns depth and map into the uint8 images that stable-baselines3
+    expects, `envs.drivers.corridors.Corridors` the map into a short vector and the action into one number. What is seen
+    at full size (stereo pair, depth, confidence, rig, pan) is `env.unwrapped.sight` (envs.world.perception.Sight),
+    beside the truth (its `true_depth` and `pose`) by which a driver must not drive; what it believes of its pose is
+    `believed_pose`.
 
     ## Reward
 
@@ -281,8 +282,8 @@ class MarsNavEnv(gymnasium.Env):
         if self.course is None or self.vehicle is None:
             raise gymnasium.error.ResetNeeded("call reset before render")
         if self._view is None:
-            from envs.outside_view import OutsideView
-            from marssim.render.raycast import Raycaster
+            from envs.world.outside_view import OutsideView
+            from marssim.render.renderers.embree_renderer import Raycaster
 
             maker = self.eyes.maker
             self._view = OutsideView(self.course.scene, maker if isinstance(maker, Raycaster) else None)

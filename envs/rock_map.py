@@ -20,22 +20,22 @@ from typing import Any
 import cv2
 import numpy as np
 
-from m3depth.rocks import RockOutcome, RockScene, RockTally, count_between
-from marssim.camera import StereoRig
-from marssim.rover_spec import ZHURONG
+from m3depth.evaluation.rock_scores import RockOutcome, RockScene, RockTally, count_between
+from marssim.base.camera import StereoRig
+from marssim.base.rover_spec import ZHURONG
 from nav import ElevationMap, TraversabilityConfig, assess
-from nav.elevation import ElevationConfig
+from nav.ground.elevation import ElevationConfig
 
 BESIDE = 0.3  # [m] of a rock, where what stands out is the rock's
 RANGE_ERROR = 1.0  # [px] of disparity
 CUT = 0.5  # [m] before the map's range, from where on rocks may be on it in part only
 RULES = f"""\
-Rocks, their height and distance are those of m3depth.rocks, to {ElevationConfig.max_range - CUT:g} m of depth; the map
-ends at {ElevationConfig.max_range:g} m. One is found if a cell on it, or beside it, stands out by that much; its height
-is that of the highest such cell. It is left unknown if it is not found and the map knows less than half of its cells.
-No rock's is a connected patch of such cells with nothing within 0.3 m that truly stands at least half as high. It is
-displaced if such a thing stands within 0.3 m and a range error of 1 px of disparity, and else false. The rows of
-ground_truth say what the map can show at best."""
+Rocks, their height and distance are those of m3depth.evaluation.rock_scores, to
+{ElevationConfig.max_range - CUT:g} m of depth; the map ends at {ElevationConfig.max_range:g} m. One is found if a cell
+on it, or beside it, stands out by that much; its height is that of the highest such cell. It is left unknown if it is
+not found and the map knows less than half of its cells. No rock's is a connected patch of such cells with nothing
+within 0.3 m that truly stands at least half as high. It is displaced if such a thing stands within 0.3 m and a range
+error of 1 px of disparity, and else false. The rows of ground_truth say what the map can show at best."""
 
 
 @dataclass(frozen=True)

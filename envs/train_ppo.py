@@ -5,10 +5,10 @@
     python -m envs.evaluate --driver runs/ppo/policy.zip straight --perception ground_truth --dynamics kinematic \\
         --goal-distance 10 --out out/ppo
 
-The policy sees and answers what envs.corridors.Corridors says: how far each of 13 ways is free, and which of them to
-take. Beside OUT/policy.zip train_ppo.json tells on which courses it learnt and for how long, log.jsonl how it went.
-The same command goes on where it was stopped, with what is left of the time; the policy is read as your own, do not
-continue a stranger's.
+The policy sees and answers what envs.drivers.corridors.Corridors says: how far each of 13 ways is free, and which of
+them to take. Beside OUT/policy.zip train_ppo.json tells on which courses it learnt and for how long, log.jsonl how it
+went. The same command goes on where it was stopped, with what is left of the time; the policy is read as your own, do
+not continue a stranger's.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ import gymnasium
 import numpy as np
 from gymnasium.wrappers import TransformReward
 
-from envs.corridors import Corridors
-from envs.course import CourseConfig
+from envs.drivers.corridors import Corridors
+from envs.drivers.policy_files import PolicyDriver, mark_corridors
+from envs.drives.records import NUMBER, is_number
 from envs.mars_nav import MarsNavEnv
-from envs.policies import PolicyDriver, mark_corridors
-from envs.record_files import NUMBER, is_number
-from m3depth.report import versions
-from marssim.atomic import write_atomically
-from marssim.command import counted, run_command
-from marssim.dataset import DatasetError, read_json, write_json
-from marssim.lock import sole_writer
-from marssim.out_folder import check_out
+from envs.world.course import CourseConfig
+from m3depth.evaluation.report import versions
+from marssim.base.command.run import counted, run_command
+from marssim.base.dataset.dataset import DatasetError, read_json, write_json
+from marssim.base.files.atomic import write_atomically
+from marssim.base.results.lock import sole_writer
+from marssim.base.results.out_folder import check_out
 from marssim.scene.scene import Place
 
 POLICY, SETTINGS_FILE, LOG = "policy.zip", "train_ppo.json", "log.jsonl"  # in OUT
@@ -152,7 +152,7 @@ def _train(config: TrainConfig, path: Path, rollout: int) -> None:
     from stable_baselines3.common.callbacks import BaseCallback
     from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
-    from envs.way_policy import WayPolicy
+    from envs.drivers.way_policy import WayPolicy
 
     used = _note(config)
     budget = 60 * config.max_minutes

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from m3depth.prediction import Prediction
+from m3depth.stereo.prediction import Prediction
 
 if TYPE_CHECKING:
     from m3depth.network.model import M3Depth

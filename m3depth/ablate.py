@@ -18,8 +18,8 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from m3depth.ablate_config import AblateOptions
-from marssim.command import run_command
+from m3depth.ablation.config import AblateOptions
+from marssim.base.command.run import run_command
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -28,7 +28,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _work(options: AblateOptions) -> None:
-    from m3depth.ablation import ablate
+    from m3depth.ablation.runs import ablate
 
     ablate(options)
     print((options.out / "results.md").read_text(encoding="utf-8"))

@@ -12,9 +12,9 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from m3depth.prediction import Prediction
-from marssim.camera import StereoRig
-from marssim.input_file import check_file
+from m3depth.stereo.prediction import Prediction
+from marssim.base.camera import StereoRig
+from marssim.base.command.input_file import check_file
 
 
 @runtime_checkable
@@ -59,11 +59,11 @@ def load_estimator(
     if name == "m3depth":
         return _load_m3depth(Path(rest) if rest else None, device)
     if spec == "sgbm":
-        from m3depth.matching import SGBM
+        from m3depth.stereo.classical import SGBM
 
         return SGBM()
     if spec in WINDOWS:
-        from m3depth.matching import BlockMatching
+        from m3depth.stereo.classical import BlockMatching
 
         cost, _, sgm = spec.partition("-")
         return BlockMatching(cost, "sgm" if sgm else "wta")  # type: ignore[arg-type]
@@ -80,7 +80,7 @@ def checked_prediction(estimator: Estimator, found: object, size: tuple[int, int
     named = f"{type(estimator).__name__}.infer"
     if not isinstance(found, Prediction):
         what = f"an array of shape {found.shape}" if isinstance(found, np.ndarray) else f"a {type(found).__name__}"
-        raise EstimatorError(f"{named} returned {what}: it must be a Prediction of m3depth.prediction")
+        raise EstimatorError(f"{named} returned {what}: it must be a Prediction of m3depth.stereo.prediction")
     for name in ("depth", "disparity", "confidence", "normal"):
         values = getattr(found, name)
         if name == "normal" and values is None:

@@ -34,8 +34,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from marssim.atomic import write_atomically
-from marssim.command import run_command
+from marssim.base.command.run import run_command
+from marssim.base.files.atomic import write_atomically
 
 if TYPE_CHECKING:
     from m3depth.network.model import M3Depth

@@ -34,20 +34,20 @@ from typing import Annotated, Literal
 import numpy as np
 import tyro
 
-from m3depth.calibration import Calibration, align_right, read_calibration
+from m3depth.datasets.calibration import Calibration, align_right, read_calibration
+from m3depth.datasets.image_files import read_pair
 from m3depth.datasets.rigs import NATECAM_NAME, natecam
 from m3depth.estimator import Estimator, load_estimator
-from m3depth.image_files import read_pair
-from m3depth.left_right import left_right_difference
-from m3depth.pair_checks import check_pair
-from m3depth.prediction import Prediction
-from m3depth.prediction_files import without_sky_normals, write_prediction
-from m3depth.second_look import closer_look, takes_nearest
-from marssim.atomic import write_atomically
-from marssim.camera import WIDEST, StereoRig
-from marssim.command import counted, run_command
-from marssim.npy import encode_npy
-from marssim.out_folder import check_out
+from m3depth.prediction.closer_look import closer_look, takes_nearest
+from m3depth.prediction.files import without_sky_normals, write_prediction
+from m3depth.prediction.left_right import left_right_difference
+from m3depth.prediction.pair_checks import check_pair
+from m3depth.stereo.prediction import Prediction
+from marssim.base.camera import WIDEST, StereoRig
+from marssim.base.command.run import counted, run_command
+from marssim.base.files.atomic import write_atomically
+from marssim.base.files.npy import encode_npy
+from marssim.base.results.out_folder import check_out
 
 AGREEMENT = 1.0  # [px] that both eyes may differ by
 MIN_ANGLE, MAX_ANGLE = 1.0, 150.0  # [deg] horizontal field of view of rectified images

@@ -32,14 +32,14 @@ import cv2
 import numpy as np
 import tyro
 
+from m3depth.datasets.image_files import decoded
+from m3depth.evaluation.report import write_json
 from m3depth.figures.texture import TextureExample, texture_figure
-from m3depth.image_files import decoded
-from m3depth.pairs import spread
-from m3depth.report import write_json
-from marssim.command import counted, run_command
-from marssim.dataset import StereoDataset
-from marssim.local_texture import entropy, local_binary_patterns, uniform_labels
-from marssim.out_folder import check_out
+from m3depth.stereo.pairs import spread
+from marssim.base.command.run import counted, run_command
+from marssim.base.dataset.dataset import StereoDataset
+from marssim.base.images.texture import entropy, local_binary_patterns, uniform_labels
+from marssim.base.results.out_folder import check_out
 
 HIGH = 0.1  # of f_max
 F_MAX = 0.5  # [cycles/px]

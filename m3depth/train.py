@@ -19,8 +19,8 @@ import sys
 from collections.abc import Sequence
 
 from m3depth.datasets.config import Part
-from m3depth.train_config import TrainConfig
-from marssim.command import run_command
+from m3depth.training.config import TrainConfig
+from marssim.base.command.run import run_command
 
 SPLITS: tuple[Part, Part] = ("train", "val")
 
@@ -35,9 +35,9 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _work(config: TrainConfig) -> None:
-    from m3depth.data import Joined
     from m3depth.datasets.open import open_pairs
-    from m3depth.training import train
+    from m3depth.training.loop import train
+    from m3depth.training.samples import Joined
 
     train(config, *(Joined([open_pairs(folder, split, config.reader) for folder in config.data]) for split in SPLITS))
 

@@ -22,9 +22,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from marssim.command import counted, exit_code, parse
-from marssim.embree import TriangleRays
-from marssim.generate_config import named_scene
+from marssim.base.command.run import counted, exit_code, parse
+from marssim.engines.embree import TriangleRays
+from marssim.generation.config import named_scene
 from marssim.scene.golombek import MAX_DIAMETER, REPORTED, covered_area, number_density, sampling_spread
 from marssim.scene.rocks import RockConfig
 from marssim.scene.scene import PRESETS, Place, Scene, build_scene, preset

@@ -20,14 +20,14 @@ from typing import Any, Literal
 
 import tyro
 
-from marssim.atomic import write_atomically
-from marssim.command import counted, run_command
-from marssim.dataset import EXPORTED, SPLITS, DatasetError, Split, StereoDataset, read_json, write_json
-from marssim.layouts import LAYOUTS, Item, Layout, SameAs
-from marssim.lock import LOCK, sole_writer
-from marssim.out_folder import check_around
-from marssim.progress import progress
-from marssim.threads import in_threads
+from marssim.base.command.progress import progress
+from marssim.base.command.run import counted, run_command
+from marssim.base.compute.threads import in_threads
+from marssim.base.dataset.dataset import EXPORTED, SPLITS, DatasetError, Split, StereoDataset, read_json, write_json
+from marssim.base.files.atomic import write_atomically
+from marssim.base.results.lock import LOCK, sole_writer
+from marssim.base.results.out_folder import check_around
+from marssim.layouts.registry import LAYOUTS, Item, Layout, SameAs
 
 SCHEMA = "marssim-export"
 

@@ -21,21 +21,29 @@ from typing import Any
 
 import cv2
 
-from marssim.atomic import write_atomically
-from marssim.command import counted, exit_code, writing_to
-from marssim.contact_sheet import contact_sheet
-from marssim.dataset import SETTINGS, DatasetError, StereoDataset, is_complete, read_json, write_index, write_json
-from marssim.generate_command import command_flags
-from marssim.generate_config import AUTO, EGL, TINY, GenerateConfig, parse_generate
-from marssim.integrity import check_written
-from marssim.lock import LOCK, sole_writer
-from marssim.out_folder import check_around
-from marssim.progress import progress
-from marssim.render.egl import draws_on_a_card, probe
+from marssim.base.command.progress import progress
+from marssim.base.command.run import counted, exit_code, writing_to
+from marssim.base.compute.workers import run_tasks
+from marssim.base.dataset.dataset import (
+    SETTINGS,
+    DatasetError,
+    StereoDataset,
+    is_complete,
+    read_json,
+    write_index,
+    write_json,
+)
+from marssim.base.files.atomic import write_atomically
+from marssim.base.results.lock import LOCK, sole_writer
+from marssim.base.results.out_folder import check_around
+from marssim.engines.egl import draws_on_a_card, probe
+from marssim.generation.command_line import command_flags
+from marssim.generation.config import AUTO, EGL, TINY, GenerateConfig, parse_generate
+from marssim.generation.contact_sheet import contact_sheet
+from marssim.generation.scene_views import draw_drive, draw_scene, draw_view, generate_scene
+from marssim.inspection.integrity import check_written
 from marssim.scene.scene import PRESETS, preset
-from marssim.scene_views import draw_drive, draw_scene, draw_view, generate_scene
-from marssim.trajectory import TRAJECTORY
-from marssim.workers import run_tasks
+from marssim.scene.trajectory import TRAJECTORY
 
 __all__ = ["GenerateConfig", "generate", "generate_scene"]
 
@@ -267,7 +275,7 @@ right eye), `sample.json` (rig, pose, scene parameters, what was drawn from thei
 SHA-256 of each image).{drive}{datum} `dataset.json` lists all samples with the SHA-256 of their
 `sample.json`; `python -m marssim.verify DIR` checks them. Read it with
 
-    from marssim.dataset import StereoDataset
+    from marssim.base.dataset.dataset import StereoDataset
     sample = StereoDataset("DIR", split="train")[0]
 
 Digest of all samples: `{dataset.digest}`

@@ -22,21 +22,21 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from marssim.atomic import write_atomically
-from marssim.camera import NATECAM
-from marssim.command import counted, run_command, writing_to
-from marssim.cross_check import cross_check
-from marssim.cross_check import table as table_of_makers
-from marssim.dataset import SPLITS, DatasetError, StereoDataset, StereoSample, read_sample, write_json
-from marssim.dataset_figures import sample_figure, statistics_figure
-from marssim.integrity import Finding, check_extra, check_index, check_samples, check_trajectories
-from marssim.lock import check_unused
-from marssim.pointcloud import coloured_points, encode_glb, encode_ply, surface_mesh
-from marssim.progress import progress
+from marssim.base.camera import NATECAM
+from marssim.base.command.progress import progress
+from marssim.base.command.run import counted, run_command, writing_to
+from marssim.base.compute.threads import in_threads
+from marssim.base.dataset.dataset import SPLITS, DatasetError, StereoDataset, StereoSample, read_sample, write_json
+from marssim.base.files.atomic import write_atomically
+from marssim.base.images.pointcloud import coloured_points, encode_glb, encode_ply, surface_mesh
+from marssim.base.results.lock import check_unused
+from marssim.inspection.cross_check import cross_check
+from marssim.inspection.cross_check import table as table_of_makers
+from marssim.inspection.figures import sample_figure, statistics_figure
+from marssim.inspection.integrity import Finding, check_extra, check_index, check_samples, check_trajectories
+from marssim.inspection.statistics import Tally, table
+from marssim.inspection.statistics import __doc__ as definitions
 from marssim.scene.scene import Place
-from marssim.statistics import Tally, table
-from marssim.statistics import __doc__ as definitions
-from marssim.threads import in_threads
 
 RESULTS = Path("out/verify")
 SHOWN = 50  # findings that are printed; the JSON holds all

@@ -3,11 +3,11 @@
 from nav.command import Command
 from nav.config import NavigatorConfig
 from nav.controller import WheelCommand, crab, point_turn, steerable, wheel_command
-from nav.distance_field import DistanceField
-from nav.elevation import ElevationConfig, ElevationMap
+from nav.ground.elevation import ElevationConfig, ElevationMap
+from nav.ground.traversability import Traversability, TraversabilityConfig, assess
 from nav.navigator import Navigator
-from nav.planner import Motion, Planner, PlannerConfig
-from nav.traversability import Traversability, TraversabilityConfig, assess
+from nav.path.distance_field import DistanceField
+from nav.path.planner import Motion, Planner, PlannerConfig
 
 __all__ = [
     "Command",

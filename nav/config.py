@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from nav.elevation import ElevationConfig
-from nav.planner import PlannerConfig
-from nav.traversability import TraversabilityConfig
+from nav.ground.elevation import ElevationConfig
+from nav.ground.traversability import TraversabilityConfig
+from nav.path.planner import PlannerConfig
 
 
 @dataclass(frozen=True)

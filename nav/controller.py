@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from marssim.rover_spec import ZHURONG, RoverSpec
+from marssim.base.rover_spec import ZHURONG, RoverSpec
 
 
 @dataclass(frozen=True)

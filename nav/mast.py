@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from marssim.rover_spec import RoverSpec
+from marssim.base.rover_spec import RoverSpec
 from nav.command import Command
 from nav.config import NavigatorConfig
-from nav.elevation import ElevationMap
+from nav.ground.elevation import ElevationMap
 
 LOOKED = np.deg2rad(10.0)  # the mast is where it was asked to be within this
 AHEAD = np.deg2rad(15.0)  # smaller bearings are within the view straight ahead

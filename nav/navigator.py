@@ -4,8 +4,8 @@ Call it once per drive step with what the cameras measured; it answers with a mo
 with a wish where the mast should look. It holds the map and the driven track, and nothing of a simulator:
 
     import numpy as np
-    from marssim.camera import NATECAM
-    from marssim.rover_spec import ZHURONG
+    from marssim.base.camera import NATECAM
+    from marssim.base.rover_spec import ZHURONG
     from nav import Navigator, wheel_command
 
     navigator = Navigator(ZHURONG)
@@ -36,18 +36,18 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from marssim.camera import StereoRig
-from marssim.rover_spec import ZHURONG, RoverSpec
+from marssim.base.camera import StereoRig
+from marssim.base.rover_spec import ZHURONG, RoverSpec
 from nav.command import Command
 from nav.config import NavigatorConfig
 from nav.controller import steerable
-from nav.daring import Daring
-from nav.elevation import ElevationMap
-from nav.footprint import arc_poses
+from nav.ground.elevation import ElevationMap
+from nav.ground.traversability import Traversability, assess
 from nav.mast import Mast
-from nav.planner import Motion, Planner
+from nav.path.footprint import arc_poses
+from nav.path.planner import Motion, Planner
 from nav.recovery import Recovery
-from nav.traversability import Traversability, assess
+from nav.risk import Daring
 
 Area = tuple[float, float, float, float]
 NEARER = 1.0  # [m] to the goal, which recoveries have helped for

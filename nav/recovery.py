@@ -7,15 +7,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from marssim.rover_spec import RoverSpec
+from marssim.base.rover_spec import RoverSpec
 from nav.command import Command
 from nav.config import NavigatorConfig
 from nav.controller import steerable
-from nav.elevation import ElevationMap
-from nav.footprint import arc_poses
+from nav.ground.elevation import ElevationMap
+from nav.ground.traversability import Traversability
 from nav.mast import LOOKED
-from nav.planner import Planner
-from nav.traversability import Traversability
+from nav.path.footprint import arc_poses
+from nav.path.planner import Planner
 
 TRACK_STEP = 0.2  # [m] between two points of the driven track
 BEFORE = 0.15  # [m] before the rover's front stands what it bumped into

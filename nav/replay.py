@@ -19,10 +19,10 @@ import numpy as np
 import tyro
 from numpy.typing import ArrayLike
 
-from marssim.camera import StereoRig
-from marssim.command import counted, run_command
-from marssim.dataset import DatasetError, StereoDataset
-from marssim.rover_spec import ZHURONG, RoverSpec
+from marssim.base.camera import StereoRig
+from marssim.base.command.run import counted, run_command
+from marssim.base.dataset.dataset import DatasetError, StereoDataset
+from marssim.base.rover_spec import ZHURONG, RoverSpec
 from nav.command import Command
 from nav.navigator import Navigator
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from m3depth.calibration import Calibration
+from m3depth.datasets.calibration import Calibration
 from m3depth.datasets.pair_files import PairFiles, Rig, Rigs
 from m3depth.datasets.rigs import file_rig
 

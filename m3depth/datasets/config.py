@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Literal
 
-from marssim.camera import WIDEST
+from marssim.base.camera import WIDEST
 
 Format = Literal["auto", "marssim", "kitti", "sceneflow", "middlebury", "eth3d", "oaisys", "list", "folder"]
 Part = Literal["train", "val", "test", "all"]

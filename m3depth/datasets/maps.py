@@ -8,9 +8,9 @@ from typing import Literal
 
 import numpy as np
 
-from m3depth.image_files import decoded
-from marssim.dataset import DatasetError
-from marssim.npy import read_npy
+from m3depth.datasets.image_files import decoded
+from marssim.base.dataset.dataset import DatasetError
+from marssim.base.files.npy import read_npy
 
 Kind = Literal["disparity", "depth"]
 PNG_UNIT: dict[Kind, float] = {"disparity": 256.0, "depth": 1000.0}  # KITTI's; millimetres

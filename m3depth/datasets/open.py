@@ -20,8 +20,8 @@ from m3depth.datasets.folders import folder, listed
 from m3depth.datasets.oaisys import oaisys
 from m3depth.datasets.pair_files import PairFiles, Rigs, read_pair_files
 from m3depth.datasets.rigs import file_rig, given_rig
-from m3depth.pairs import StereoPairs
-from marssim.dataset import SPLITS, DatasetError, StereoDataset, StereoSample, read_json, split_of
+from m3depth.stereo.pairs import StereoPairs
+from marssim.base.dataset.dataset import SPLITS, DatasetError, StereoDataset, StereoSample, read_json, split_of
 
 SIGNS: tuple[tuple[Format, tuple[str, ...]], ...] = (  # what tells a layout, below the root or one of its splits
     ("marssim", ("dataset.json",)),

@@ -9,15 +9,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from m3depth.calibration import Calibration, align_right
+from m3depth.datasets.calibration import Calibration, align_right
 from m3depth.datasets.config import DataConfig
+from m3depth.datasets.image_files import read_pair
 from m3depth.datasets.maps import Kind, read_map, read_mask
-from m3depth.image_files import read_pair
-from m3depth.pairs import in_colour
-from m3depth.plane_normals import fitted_normals
-from marssim.camera import StereoRig
-from marssim.dataset import DatasetError, StereoSample
-from marssim.depth_edges import depth_edges
+from m3depth.stereo.pairs import in_colour
+from m3depth.stereo.plane_normals import fitted_normals
+from marssim.base.camera import StereoRig
+from marssim.base.dataset.dataset import DatasetError, StereoSample
+from marssim.base.images.depth_edges import depth_edges
 
 Rig = Callable[[int, int], Calibration]  # of images of (width, height); reads a file, or knows
 Rigs = Callable[[Path, Path], Rig]  # by the calibration file that a layout has for a pair, and its left image

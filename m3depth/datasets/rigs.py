@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from m3depth.calibration import Calibration, read_calibration
+from m3depth.datasets.calibration import Calibration, read_calibration
 from m3depth.datasets.config import DataConfig
 from m3depth.datasets.oaisys import oaisys_rig
 from m3depth.datasets.pair_files import Rig, Rigs
-from marssim.camera import NATECAM, WIDEST
-from marssim.dataset import DatasetError
+from marssim.base.camera import NATECAM, WIDEST
+from marssim.base.dataset.dataset import DatasetError
 
 NATECAM_NAME = Path("natecam")
 

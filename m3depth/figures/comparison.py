@@ -10,6 +10,8 @@ import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from m3depth.evaluation.example import Example
+from m3depth.evaluation.metrics import angle_between, capped_depth, known_depth, pixel_kinds
 from m3depth.figures.drawing import (
     UNSCORED,
     colour_map,
@@ -21,9 +23,7 @@ from m3depth.figures.drawing import (
     save,
     show,
 )
-from m3depth.figures.example import Example
-from m3depth.metrics import angle_between, capped_depth, known_depth, pixel_kinds
-from marssim.command import counted
+from marssim.base.command.run import counted
 
 PANEL = 2.1  # [in] width of one image
 ERROR_LIMIT = 10.0  # [%] relative depth error where the colour ends

@@ -14,8 +14,8 @@ from matplotlib.colors import Colormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-from marssim.atomic import write_atomically
-from marssim.colours import normal_colours
+from marssim.base.files.atomic import write_atomically
+from marssim.base.images.colours import normal_colours
 
 DEPTH_TICKS = (0.2, 0.5, 1, 2, 3, 5, 10, 15, 30, 50, 100, 200, 500)  # [m]
 UNSCORED = "0.82"  # grey of what has no truth, or no value

@@ -11,10 +11,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from m3depth.evaluation.example import Example
+from m3depth.evaluation.metrics import grey_deviation, pixel_kinds
 from m3depth.figures.drawing import colour_map, depth_scale, known_depths, label_bar, note, save, show
-from m3depth.figures.example import Example
-from m3depth.metrics import grey_deviation, pixel_kinds
-from marssim.depth_edges import depth_edges
+from marssim.base.images.depth_edges import depth_edges
 
 PANEL = 1.9  # [in] width of one image
 PART = 0.2  # of the image's width: side of an enlarged square

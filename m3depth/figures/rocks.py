@@ -11,8 +11,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from m3depth.evaluation.rock_scores import OBSTACLE
 from m3depth.figures.drawing import METHOD_COLOURS, save
-from m3depth.rocks import OBSTACLE
 
 
 def rocks_figure(methods: Mapping[str, Mapping[str, Any]], path: Path) -> None:

@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from m3depth.evaluation.example import Example
+from m3depth.evaluation.metrics import known_depth, pixel_kinds
 from m3depth.figures.drawing import colour_map, label_bar, normal_image, note, save, show
-from m3depth.figures.example import Example
-from m3depth.metrics import known_depth, pixel_kinds
 
 PANEL = 1.7  # [in] width of one image
 MOST = 4.0  # [px] of error that the colours tell apart

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from marssim.input_file import check_file
+from marssim.base.command.input_file import check_file
 
 OPTIONAL = frozenset(
     {

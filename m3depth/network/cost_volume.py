@@ -6,9 +6,9 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from m3depth.geometry import unit
 from m3depth.network.backbone import conv_block, group_norm
 from m3depth.network.config import M3DepthConfig
+from m3depth.network.geometry import unit
 
 
 def matchable(features: Tensor) -> Tensor:

@@ -13,20 +13,20 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from m3depth.geometry import disparity_to_depth, face_camera, pixel_rays, resize, scale_camera, unit
 from m3depth.network.backbone import Backbone
+from m3depth.network.checkpointing import direct, recomputed
 from m3depth.network.config import PRESETS, M3DepthConfig
 from m3depth.network.cost_volume import Aggregation, group_correlation_volume, matchable, soft_argmin
 from m3depth.network.device import autocast, fast_dtype
-from m3depth.network.fine import FineCorrection
-from m3depth.network.normals import SNNet
-from m3depth.network.recompute import direct, recomputed
+from m3depth.network.fine_correction import FineCorrection
+from m3depth.network.geometry import disparity_to_depth, face_camera, pixel_rays, resize, scale_camera, unit
+from m3depth.network.normal_branch import SNNet
 from m3depth.network.refinement import Refinement
-from m3depth.network.weights_io import load_weights, save_weights
-from m3depth.pairs import NEAREST, checked_pair, in_colour
-from m3depth.prediction import Prediction
+from m3depth.network.weights_file import load_weights, save_weights
+from m3depth.stereo.pairs import NEAREST, checked_pair, in_colour
+from m3depth.stereo.prediction import Prediction
 from m3depth.weights import SHIPPED_WEIGHTS
-from marssim.camera import StereoRig
+from marssim.base.camera import StereoRig
 
 VOLUME_STEP = 8  # [px] disparity between two hypotheses: the volume stands at 1/8
 

@@ -6,10 +6,10 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from m3depth.geometry import normals_from_disparity, relief, unit
+from m3depth.network.checkpointing import Part, direct
 from m3depth.network.config import M3DepthConfig
 from m3depth.network.cost_volume import matchable
-from m3depth.network.recompute import Part, direct
+from m3depth.network.geometry import normals_from_disparity, relief, unit
 
 CELL = 4  # [px] of the grid that is refined
 DISPARITY_SCALE = 64.0  # [px] brings disparities to the size that the other inputs have

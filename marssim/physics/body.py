@@ -8,8 +8,8 @@ from functools import lru_cache
 import numpy as np
 import trimesh
 
+from marssim.base.rover_spec import RoverSpec
 from marssim.physics.linkage import AXLES, SIDES, Joints, Linkage
-from marssim.rover_spec import RoverSpec
 
 BEAM = 0.05  # [m] thickness of rockers, bogies and the mast
 GOLD, GREY, DARK, WHITE, PANEL = (196, 160, 84), (150, 150, 152), (48, 48, 50), (226, 224, 218), (32, 40, 74)

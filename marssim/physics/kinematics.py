@@ -11,11 +11,11 @@ from functools import lru_cache
 
 import numpy as np
 
+from marssim.base.rover_spec import ZHURONG, RoverSpec
 from marssim.physics.body import Part, rover_parts
 from marssim.physics.linkage import MAX_SWING, Joints, Linkage
 from marssim.physics.state import Contacts, RoverState, rotation, state_of
 from marssim.physics.support import SupportMap
-from marssim.rover_spec import ZHURONG, RoverSpec
 from marssim.scene.scene import Scene
 
 ITERATIONS = 8

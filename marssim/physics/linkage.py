@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from marssim.rover_spec import RoverSpec
+from marssim.base.rover_spec import RoverSpec
 
 SIDES = ("left", "right")
 AXLES = ("front", "middle", "rear")

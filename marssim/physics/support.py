@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from marssim.embree import TriangleRays
+from marssim.engines.embree import TriangleRays
 from marssim.scene.rocks import Rocks, icosphere
 from marssim.scene.scene import Scene
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from marssim.base.rover_spec import RoverSpec
 from marssim.physics.linkage import AXLES, MAX_SWING, SIDES, Linkage
-from marssim.rover_spec import RoverSpec
 
 ROCKER_MASS, BOGIE_MASS, STEER_MASS, WHEEL_MASS = 8.0, 5.0, 2.5, 6.0  # [kg] each; the chassis has the rest
 

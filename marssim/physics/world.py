@@ -13,9 +13,9 @@ from functools import cached_property
 
 import numpy as np
 
-from marssim.bullet import import_pybullet
+from marssim.base.rover_spec import ZHURONG, RoverSpec
+from marssim.engines.bullet import import_pybullet
 from marssim.physics.support import SupportMap, coarse_faces, split_rocks
-from marssim.rover_spec import ZHURONG, RoverSpec
 from marssim.scene.scene import Scene
 
 GRAVITY = 3.72076  # [m/s2]

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from marssim.camera import PinholeCamera
-from marssim.compiled import compiled
-from marssim.render.gbuffer import GROUND, SKY, GBuffer
+from marssim.base.camera import PinholeCamera
+from marssim.base.compute.compiled import compiled
+from marssim.render.geometry.gbuffer import GROUND, SKY, GBuffer
 
 SAME_DEPTH = 0.02  # share of the depth up to which neighbours on one surface are taken for one place
 SUBPIXELS = ((-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375))  # rotated grid [px]

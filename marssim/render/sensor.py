@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from marssim.camera import PinholeCamera
-from marssim.compiled import compiled
-from marssim.ranges import Range, check_ranges
+from marssim.base.camera import PinholeCamera
+from marssim.base.compute.compiled import compiled
+from marssim.scene.ranges import Range, check_ranges
 
 LEAST = 0.05  # share of the image from which ground or sky is metered for itself
 GAMMA = 2.2  # a code is its share of full scale to the power 1 / GAMMA

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from marssim.camera import PinholeCamera, StereoRig, rotate
-from marssim.compiled import compiled
+from marssim.base.camera import PinholeCamera, StereoRig, rotate
+from marssim.base.compute.compiled import compiled
 from marssim.render.antialias import average, colours_beside, edge_pixels, subpixel_rays
-from marssim.render.gbuffer import SKY, GBuffer, GBufferMaker, Hits
+from marssim.render.geometry.gbuffer import SKY, GBuffer, GBufferMaker, Hits
 from marssim.render.sensor import Sensor
-from marssim.render.shading import Shader
+from marssim.render.surfaces.shading import Shader
 
 
 @dataclass(frozen=True)

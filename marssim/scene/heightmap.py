@@ -16,8 +16,8 @@ import numpy as np
 from PIL import TiffImagePlugin
 from scipy import ndimage
 
-from marssim.npy import read_npy
-from marssim.png import decode_png
+from marssim.base.files.npy import read_npy
+from marssim.base.files.png import decode_png
 
 PIXEL_SCALE, GEO_KEYS, NO_DATA = 33550, 34735, 42113  # TIFF tags of GeoTIFF and GDAL
 MODEL_TYPE, GEOGRAPHIC, LINEAR_UNIT, METRE = 1024, 2, 3076, 9001  # GeoTIFF keys and values

@@ -14,8 +14,8 @@ import numpy as np
 from scipy import fft
 from scipy.special import gamma
 
-from marssim.ranges import Range
 from marssim.scene.heightmap import FIELD, file_digest
+from marssim.scene.ranges import Range
 
 SUBHARMONICS = 3  # times that the middle of the Fourier grid is split
 

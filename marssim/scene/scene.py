@@ -7,8 +7,8 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from marssim.ranges import Range, check_ranges
 from marssim.scene.golombek import REPORTED, covered_area
+from marssim.scene.ranges import Range, check_ranges
 from marssim.scene.rocks import RockConfig, Rocks, build_rocks
 from marssim.scene.terrain import ReliefConfig, Terrain, build_terrain
 

@@ -4,7 +4,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from envs.drivers import NavigatorDriver
+from envs.drivers.builtin import NavigatorDriver
 from envs.mars_nav import MarsNavEnv
 
 pytestmark = pytest.mark.benchmark

@@ -5,15 +5,15 @@ import pytest
 import torch
 
 from m3depth import M3Depth
-from m3depth.data import PackedCache, make_batch
-from m3depth.matching import SGBM
+from m3depth.evaluation.cost import measured
 from m3depth.network.device import fast_dtype
-from m3depth.resources import measured
-from m3depth.run import Run
-from m3depth.train_config import TrainConfig
-from m3depth.training import backward
-from marssim.camera import NATECAM
-from marssim.dataset import StereoSample
+from m3depth.stereo.classical import SGBM
+from m3depth.training.config import TrainConfig
+from m3depth.training.loop import backward
+from m3depth.training.run import Run
+from m3depth.training.samples import PackedCache, make_batch
+from marssim.base.camera import NATECAM
+from marssim.base.dataset.dataset import StereoSample
 
 pytestmark = pytest.mark.benchmark
 

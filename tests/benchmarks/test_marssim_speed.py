@@ -6,14 +6,14 @@ import cv2
 import numpy as np
 import pytest
 
-from marssim.camera import NATECAM
-from marssim.dataset import write_sample
+from marssim.base.camera import NATECAM
+from marssim.base.dataset.dataset import write_sample
 from marssim.render import stereo
-from marssim.render.makers import make_renderer
+from marssim.render.renderers.by_name import make_renderer
 from marssim.render.sensor import Sensor, SensorConfig
-from marssim.render.shading import Shader
+from marssim.render.surfaces.shading import Shader
 from marssim.scene.scene import build_scene, preset
-from marssim.viewpoint import ViewConfig, draw_pose
+from marssim.scene.viewpoint import ViewConfig, draw_pose
 
 pytestmark = pytest.mark.benchmark
 

@@ -7,9 +7,9 @@ pytest.importorskip("pybullet")
 
 from settling_errors import settling_errors
 
+from marssim.base.rover_spec import ZHURONG
 from marssim.physics.rover import Rover
 from marssim.physics.world import PhysicsWorld
-from marssim.rover_spec import ZHURONG
 from marssim.scene.scene import build_scene, preset
 
 pytestmark = pytest.mark.benchmark

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 import envs.mars_nav
-from envs.course import Course, TrueGround
 from envs.mars_nav import MarsNavEnv
-from marssim.rover_spec import ZHURONG
+from envs.world.course import Course, TrueGround
+from marssim.base.rover_spec import ZHURONG
 from marssim.scene.rocks import Rocks, icosphere
 from marssim.scene.scene import Look, Scene, SceneConfig, preset
 from marssim.scene.terrain import HeightGrid, Terrain

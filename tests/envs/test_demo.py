@@ -3,7 +3,7 @@ import shutil
 import pytest
 
 from envs.demo import DemoConfig, demo, main
-from marssim.lock import sole_writer
+from marssim.base.results.lock import sole_writer
 
 
 class Unused:

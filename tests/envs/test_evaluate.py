@@ -9,11 +9,11 @@ from dataclasses import replace
 import pytest
 
 import envs.evaluate
-from envs.episodes import Cell
+from envs.drives.episodes import Cell
 from envs.evaluate import LOOK, SETTINGS, EvaluateConfig, Task, evaluate, main
 from m3depth.estimator import load_estimator
-from marssim.dataset import DatasetError
-from marssim.lock import sole_writer
+from marssim.base.dataset.dataset import DatasetError
+from marssim.base.results.lock import sole_writer
 from marssim.scene.scene import LookConfig, preset
 
 QUICK = {
@@ -198,7 +198,7 @@ def test_the_best_and_the_worst_are_filmed_once(tmp_path, monkeypatch):
             if step == 0:
                 filmed.append((self.path.name, type(driver).__name__))
 
-    monkeypatch.setattr("envs.film.Film", NoFilm)
+    monkeypatch.setattr("envs.drives.film.Film", NoFilm)
     content = evaluate(config)
     assert [name for name, _ in filmed] == ["best.mp4", "worst.mp4"] and filmed[1][1] == "RandomDriver"
     assert titles[1].startswith("random, ground_truth: course ") and titles[1].endswith(", k=0.01, slope=preset")
@@ -254,7 +254,7 @@ def test_what_ones_own_driver_raises_in_a_worker_shows_where(tmp_path):
     done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
     assert done.returncode == 1 and "in steer_by_feel" in done.stderr
     last = done.stderr.strip().splitlines()[-1]
-    told = r"envs\.foreign\.ForeignError: step 1 of course \d, .* by broken:Driver and ground_truth: "
+    told = r"envs\.world\.user_code\.ForeignError: step 1 of course \d, .* by broken:Driver and ground_truth: "
     assert re.match(told + "broken:Driver raised ValueError: no feeling$", last)
 
 

@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from envs.drivers.image_observation import ImageObservation
 from envs.mars_nav import MarsNavEnv
-from envs.nearest_depth import nearest_depth
-from envs.wrappers import ImageObservation
+from envs.observation.nearest_depth import nearest_depth
 
 AHEAD, LEFT = np.array([1, 0], np.float32), np.array([0.5, 0.3], np.float32)
 

@@ -10,8 +10,8 @@ from rock_samples import RIG, ahead, rock_sample, without_rocks
 from rock_world import RockWorld
 
 from envs.rocks import main
-from m3depth.prediction import Prediction
-from marssim.dataset import write_index, write_sample
+from m3depth.stereo.prediction import Prediction
+from marssim.base.dataset.dataset import write_index, write_sample
 from marssim.render.stereo import StereoFrame
 
 DOMES = ((3.0, -0.5, 0.35, 0.3), (5.0, 0.6, 0.5, 0.4), (6.0, -1.0, 0.4, 0.25))

@@ -12,10 +12,10 @@ import torch
 
 pytest.importorskip("stable_baselines3")
 
-from envs.drivers import make_driver
+from envs.drivers.builtin import make_driver
 from envs.train_ppo import TrainConfig, TrainingCourses, main, train
-from marssim.dataset import DatasetError
-from marssim.lock import sole_writer
+from marssim.base.dataset.dataset import DatasetError
+from marssim.base.results.lock import sole_writer
 
 
 def killed(_):
@@ -85,7 +85,7 @@ def test_it_goes_on_with_what_is_left_of_its_budgets_and_on_other_courses(tmp_pa
 
 def test_a_signal_to_all_of_its_processes_ends_it_in_order(tmp_path):
     program = (
-        "import sys; from pathlib import Path; from marssim.command import exit_code\n"
+        "import sys; from pathlib import Path; from marssim.base.command.run import exit_code\n"
         "from envs.train_ppo import TrainConfig, train\n"
         "config = TrainConfig(Path(sys.argv[1]), workers=2, goal_distance=3.0, scene='utopia')\n"
         "sys.exit(exit_code(lambda: train(config, rollout=16)))"

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from marssim.camera import PinholeCamera, StereoRig
-from marssim.dataset import StereoSample, write_index, write_sample
+from marssim.base.camera import PinholeCamera, StereoRig
+from marssim.base.dataset.dataset import StereoSample, write_index, write_sample
 from marssim.render.stereo import StereoFrame
 
 RIG = StereoRig(PinholeCamera(64, 48, 70.0, 75.0, 30.3, 22.7), baseline=0.27)

@@ -12,12 +12,13 @@ import pytest
 import torch
 from small_network import SMALL
 
-from m3depth import ablation, training
 from m3depth.ablate import main
-from m3depth.ablate_config import AblateOptions
-from m3depth.ablation import plan
+from m3depth.ablation import runs as ablation
+from m3depth.ablation.config import AblateOptions
+from m3depth.ablation.runs import plan
 from m3depth.network import config as network_config
 from m3depth.network.model import M3Depth
+from m3depth.training import loop as training
 
 TINY = replace(SMALL, wavelet_levels=(2, 2))  # as many as `lite` has, one of the rows of the study of levels
 

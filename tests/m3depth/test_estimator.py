@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from m3depth.estimator import Estimator, EstimatorError, checked_prediction, load_estimator
-from m3depth.matching import SGBM, BlockMatching
 from m3depth.predict import main as predict_command
-from m3depth.prediction import Prediction
+from m3depth.stereo.classical import SGBM, BlockMatching
+from m3depth.stereo.prediction import Prediction
 
 
 class NoEstimator:
@@ -21,7 +21,7 @@ def test_by_name():
     assert isinstance(load_estimator("sgbm"), SGBM)
     assert load_estimator("ncc") == BlockMatching("ncc")
     assert load_estimator("ssd-sgm") == BlockMatching("ssd", "sgm")
-    assert isinstance(load_estimator("m3depth.matching:SGBM"), SGBM)
+    assert isinstance(load_estimator("m3depth.stereo.classical:SGBM"), SGBM)
 
 
 def test_an_object_comes_back_as_it_is():
@@ -35,9 +35,9 @@ def test_an_object_comes_back_as_it_is():
     [
         ("raft", "estimator 'raft' is unknown; choose from m3depth, sgbm, m3depth:WEIGHTS, package.module:Class"),
         ("no_such_package:Net", "No module named 'no_such_package'"),
-        ("m3depth.matching:Net", "has no class 'Net'"),
-        ("m3depth.matching:fill_background", "has no class"),
-        ("marssim.camera:StereoRig", "cannot be made without arguments"),
+        ("m3depth.stereo.classical:Net", "has no class 'Net'"),
+        ("m3depth.stereo.classical:fill_background", "has no class"),
+        ("marssim.base.camera:StereoRig", "cannot be made without arguments"),
         ("collections:OrderedDict", "has no method infer"),
         (NoEstimator(), "has no method infer"),
         (SGBM, "has no method infer"),
@@ -109,7 +109,7 @@ def test_a_prediction_with_or_without_normals_passes():
 
 
 def test_predict_says_in_a_line_what_a_class_of_ones_own_lacks(tmp_path, monkeypatch, capsys):
-    code = "import numpy as np\nfrom m3depth.prediction import Prediction\nclass Bad:\n"
+    code = "import numpy as np\nfrom m3depth.stereo.prediction import Prediction\nclass Bad:\n"
     code += "    def infer(self, left, right, rig):\n        return Prediction(np.ones((3, 3)), None, None, None)\n"
     (tmp_path / "bad_stereo.py").write_text(code)
     monkeypatch.syspath_prepend(tmp_path)

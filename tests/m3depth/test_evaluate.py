@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 import torch
 
-from m3depth.degradation import Degradation
 from m3depth.evaluate import EvaluateOptions, evaluate, main, prepare
-from m3depth.matching import SGBM
-from m3depth.prediction import Prediction
-from m3depth.report import FIGURES
-from m3depth.resources import measured
-from m3depth.unfinished import Unfinished, UnfinishedError
-from marssim.camera import PinholeCamera, StereoRig
-from marssim.dataset import DatasetError, StereoDataset, write_index, write_sample
+from m3depth.evaluation.cost import measured
+from m3depth.evaluation.report import FIGURES
+from m3depth.evaluation.resume import Unfinished, UnfinishedError
+from m3depth.stereo.classical import SGBM
+from m3depth.stereo.degradation import Degradation
+from m3depth.stereo.prediction import Prediction
+from marssim.base.camera import PinholeCamera, StereoRig
+from marssim.base.dataset.dataset import DatasetError, StereoDataset, write_index, write_sample
 from marssim.render.stereo import StereoFrame
 
 H, W = 64, 96
@@ -170,15 +170,15 @@ def test_command_writes_tables_and_figures(folder, tmp_path, capsys):
         ({"--degrade": "fog=1"}, "error: --degrade: unknown field 'fog'"),
         ({"--degrade": "blur=x"}, "blur must be a number, got 'x'"),
         ({"--estimator": "raft"}, "expected MODULE:CLASS or NAME=MODULE:CLASS"),
-        ({"--estimator": "m3depth.matching:Nothing"}, "has no class 'Nothing'"),
+        ({"--estimator": "m3depth.stereo.classical:Nothing"}, "has no class 'Nothing'"),
         ({"--predictions": "raft"}, "--predictions raft: expected NAME=DIR[,depth][,scale=S][,fill]"),
         ({"--predictions": "A=nowhere"}, "nowhere: no such folder"),
         ({"--predictions": "A=.,scale=0"}, "scale must be a number other than 0"),
         ({"--predictions": "SGBM=."}, "the name 'SGBM' is taken"),
         ({"--predictions": "pair=."}, "the name 'pair' is taken"),
-        ({"--estimator": "SGBM=m3depth.matching:BlockMatching"}, "the name 'SGBM' is taken"),
-        ({"--estimator": "M3Depth=m3depth.matching:SGBM"}, "the name 'M3Depth' is taken"),
-        ({"--estimator": "index=m3depth.matching:SGBM"}, "the name 'index' is taken"),
+        ({"--estimator": "SGBM=m3depth.stereo.classical:BlockMatching"}, "the name 'SGBM' is taken"),
+        ({"--estimator": "M3Depth=m3depth.stereo.classical:SGBM"}, "the name 'M3Depth' is taken"),
+        ({"--estimator": "index=m3depth.stereo.classical:SGBM"}, "the name 'index' is taken"),
     ],
 )
 def test_mistakes_are_one_line(folder, tmp_path, capsys, monkeypatch, change, message):
@@ -192,7 +192,7 @@ def test_mistakes_are_one_line(folder, tmp_path, capsys, monkeypatch, change, me
 
 def test_a_name_given_twice_is_refused(folder, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
-    twice = ["A=m3depth.matching:SGBM", "A=m3depth.matching:BlockMatching"]
+    twice = ["A=m3depth.stereo.classical:SGBM", "A=m3depth.stereo.classical:BlockMatching"]
     assert main(["--data", str(folder), "--out", str(tmp_path / "out"), "--estimator", *twice]) == 2
     assert "the name 'A' is taken" in capsys.readouterr().err
 
@@ -235,7 +235,7 @@ def test_the_first_call_is_not_timed(folder, monkeypatch):
         timed.append(args)
         return measured(call, *args)
 
-    monkeypatch.setattr("m3depth.evaluation.measured", watched)
+    monkeypatch.setattr("m3depth.evaluation.scoring.measured", watched)
     method = Scaled()
     done = evaluate(StereoDataset(folder, "test"), {"m": method})
     assert (len(timed), len(method.seen)) == (4, 5)
@@ -264,7 +264,7 @@ class Stops(Scaled):
 )
 def test_what_was_stopped_goes_on_and_comes_to_the_same(folder, tmp_path, capsys, monkeypatch, signal_number, kept):
     """Of four pairs; without a signal nothing is saved but what was saved after the pair before, as by kill -9."""
-    monkeypatch.setattr("m3depth.unfinished.SECONDS", 0.0)
+    monkeypatch.setattr("m3depth.evaluation.resume.SECONDS", 0.0)
     monkeypatch.setattr("m3depth.evaluate.draw", lambda done, out: drawn.append(done))
     drawn: list = []
     method = Stops(0, None)
@@ -296,7 +296,7 @@ def test_what_was_stopped_goes_on_and_comes_to_the_same(folder, tmp_path, capsys
 @pytest.mark.parametrize("change", ["--predictions", "--estimator", "--device", "weights of an estimator"])
 def test_a_stopped_evaluation_does_not_go_on_with_other_inputs(folder, tmp_path, capsys, monkeypatch, change):
     """The command is the same; what its files hold, or the device, is another."""
-    monkeypatch.setattr("m3depth.unfinished.SECONDS", 0.0)
+    monkeypatch.setattr("m3depth.evaluation.resume.SECONDS", 0.0)
     monkeypatch.setattr("m3depth.evaluate.draw", lambda *_: None)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)

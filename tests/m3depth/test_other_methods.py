@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from m3depth.evaluate import main
-from m3depth.matching import SGBM
-from marssim.camera import PinholeCamera, StereoRig
-from marssim.dataset import write_index, write_sample
+from m3depth.stereo.classical import SGBM
+from marssim.base.camera import PinholeCamera, StereoRig
+from marssim.base.dataset.dataset import write_index, write_sample
 from marssim.export import ExportConfig, export
 from marssim.render.stereo import StereoFrame
 

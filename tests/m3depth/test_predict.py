@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from m3depth.matching import SGBM
 from m3depth.predict import PredictOptions, main, predict
-from m3depth.prediction import Prediction
-from m3depth.prediction_files import EDGE_SHARE, point_cloud, write_prediction
-from marssim.camera import PinholeCamera, StereoRig
-from marssim.depth_edges import depth_edges
+from m3depth.prediction.files import EDGE_SHARE, point_cloud, write_prediction
+from m3depth.stereo.classical import SGBM
+from m3depth.stereo.prediction import Prediction
+from marssim.base.camera import PinholeCamera, StereoRig
+from marssim.base.images.depth_edges import depth_edges
 
 
 class Wall:

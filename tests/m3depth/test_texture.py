@@ -10,8 +10,8 @@ from rock_world import RockWorld
 
 from m3depth.figures.texture import TextureExample, energy_below
 from m3depth.texture import find_images, high_share, main, measure, power_spectrum
-from marssim.camera import NATECAM
-from marssim.dataset import write_index, write_sample
+from marssim.base.camera import NATECAM
+from marssim.base.dataset.dataset import write_index, write_sample
 from marssim.render.stereo import StereoFrame
 
 

@@ -11,21 +11,21 @@ import pytest
 import torch
 from small_network import SMALL
 
-from m3depth import run as run_module
-from m3depth.data import PackedCache, make_batch
 from m3depth.datasets.config import DataConfig
 from m3depth.evaluate import EvaluateOptions
-from m3depth.loss_config import LossConfig
-from m3depth.losses import total_loss
 from m3depth.network import model as model_module
 from m3depth.network.model import M3Depth
-from m3depth.packing import pack
-from m3depth.run import Run
 from m3depth.train import main
-from m3depth.train_config import TrainConfig
-from m3depth.training import backward, closing_words, learning_rate, train
-from m3depth.validation import HEADER, validate
-from marssim.command import parse
+from m3depth.training import run as run_module
+from m3depth.training.config import TrainConfig
+from m3depth.training.loop import backward, closing_words, learning_rate, train
+from m3depth.training.loss_config import LossConfig
+from m3depth.training.losses import total_loss
+from m3depth.training.packing import pack
+from m3depth.training.run import Run
+from m3depth.training.samples import PackedCache, make_batch
+from m3depth.training.validation import HEADER, validate
+from marssim.base.command.run import parse
 
 
 @pytest.fixture(autouse=True)
@@ -146,7 +146,7 @@ def test_tensorboard_holds_curves_and_panels(plane_samples, tmp_path) -> None:
 def test_a_time_budget_counts_what_was_spent_before(plane_samples, tmp_path, capsys, monkeypatch) -> None:
     clock = iter(range(10**6))
     ticking = SimpleNamespace(monotonic=lambda: float(next(clock)))  # a second goes by with every look at the clock
-    monkeypatch.setattr("m3depth.training.time", ticking)
+    monkeypatch.setattr("m3depth.training.loop.time", ticking)
     config = config_for(tmp_path, max_steps=None, max_minutes=2.0, validate_samples=0)
     train(config, plane_samples, [])
     state = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
@@ -255,14 +255,14 @@ def test_nan_stops_the_run_and_keeps_the_last_checkpoint(plane_samples, tmp_path
     config = config_for(tmp_path, max_steps=2, validate_every=0)
     train(config, plane_samples, [])
     before = (tmp_path / "checkpoint.pt").read_bytes()
-    monkeypatch.setattr("m3depth.training.total_loss", no_number)
+    monkeypatch.setattr("m3depth.training.loop.total_loss", no_number)
     with pytest.raises(FloatingPointError, match=r"not finite at step 2; .*checkpoint\.pt holds the last good state"):
         train(replace(config, max_steps=4), plane_samples, [])
     assert (tmp_path / "checkpoint.pt").read_bytes() == before
 
 
 def test_nan_before_the_first_checkpoint_says_that_nothing_is_saved(plane_samples, tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("m3depth.training.total_loss", no_number)
+    monkeypatch.setattr("m3depth.training.loop.total_loss", no_number)
     with pytest.raises(FloatingPointError, match="at step 0; nothing is saved yet"):
         train(config_for(tmp_path), plane_samples, [])
     assert not (tmp_path / "checkpoint.pt").exists()
@@ -430,7 +430,7 @@ def test_a_dataset_takes_no_run(plane_samples, tmp_path) -> None:
 
 def test_a_folder_without_test_pairs_is_told_instead_of_a_command_that_fails(tmp_path, monkeypatch) -> None:
     pairs = {"one scene": 0, "ten": 2}
-    monkeypatch.setattr("m3depth.training.open_pairs", lambda path, split, config: [None] * pairs[path.name])
+    monkeypatch.setattr("m3depth.training.loop.open_pairs", lambda path, split, config: [None] * pairs[path.name])
     config = replace(config_for(tmp_path), data=(Path("one scene"), Path("ten")))
     hints = closing_words(Run(config, torch.device("cpu")), []).splitlines()[1:]
     assert hints[0] == "one scene: split test holds no pairs to score them on; more scenes would have some"

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from marssim.camera import PinholeCamera, StereoRig, look_pose
-from marssim.dataset import write_index, write_sample
+from marssim.base.camera import PinholeCamera, StereoRig, look_pose
+from marssim.base.dataset.dataset import write_index, write_sample
 from marssim.render.stereo import StereoFrame
 
 RIG = StereoRig(PinholeCamera(64, 48, 70.0, 75.0, 30.3, 22.7), baseline=0.27)  # principal point off the middle

@@ -18,10 +18,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from marssim import export as command
-from marssim import lock
-from marssim.dataset import StereoDataset, StereoSample, read_sample
+from marssim.base.dataset.dataset import StereoDataset, StereoSample, read_sample
+from marssim.base.results import lock
 from marssim.export import ExportConfig, export
-from marssim.layouts import LAYOUTS, kitti_code
+from marssim.layouts.registry import LAYOUTS, kitti_code
 
 FORMATS = tuple(LAYOUTS)
 THINGS = "FlyingThings3D"

@@ -13,16 +13,17 @@ import numpy as np
 import pytest
 
 from marssim import generate as command
-from marssim import lock, scene_views
-from marssim.camera import NATECAM
-from marssim.dataset import DatasetError, StereoDataset
+from marssim.base.camera import NATECAM
+from marssim.base.dataset.dataset import DatasetError, StereoDataset
+from marssim.base.results import lock
+from marssim.engines.egl import Egl, probe
 from marssim.generate import GenerateConfig, generate, generate_scene
-from marssim.render.egl import Egl, probe
+from marssim.generation import scene_views
 from marssim.render.sensor import SensorConfig
 from marssim.scene.relief import ReliefConfig
 from marssim.scene.scene import PRESETS, SceneConfig, preset
-from marssim.trajectory import TrajectoryConfig
-from marssim.viewpoint import ViewConfig
+from marssim.scene.trajectory import TrajectoryConfig
+from marssim.scene.viewpoint import ViewConfig
 
 RIG = NATECAM.resized(48, 48)
 
@@ -208,7 +209,7 @@ def test_settings_of_which_nothing_came_are_replaced(made, tmp_path, capfd, monk
     out = tmp_path / "set"
     with monkeypatch.context() as patch:
         patch.setitem(sys.modules, "pybullet", None)
-        patch.delitem(sys.modules, "marssim.render.rasterize", raising=False)
+        patch.delitem(sys.modules, "marssim.render.renderers.pybullet_renderer", raising=False)
         code, err = run(capfd, "--out", out, *FLAGS, "--renderer", "pybullet")
     assert code == 2 and "embree" in err and list(contents(out)) == ["generate.json"]
     (out / "scenes" / "00000" / ".00.0123.partial").mkdir(parents=True)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from marssim.dataset import StereoDataset
+from marssim.base.dataset.dataset import StereoDataset
 from marssim.generate import main
 
 FLAGS = ["--pairs", "4", "--views-per-scene", "2", "--renderer", "embree", "--seed", "9", "--scene", "gale"]
@@ -185,9 +185,9 @@ def test_memory_does_not_grow_with_the_number_of_scenes(tmp_path):
     program = """
 import os, sys
 from pathlib import Path
-from marssim.generate_config import parse_generate
+from marssim.generation.config import parse_generate
 from marssim.generate import _claim
-from marssim.scene_views import generate_scene
+from marssim.generation.scene_views import generate_scene
 config = parse_generate("generate", None, sys.argv[1:])
 _claim(config)
 for scene in range(14):

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import trimesh
 
-from marssim import lock
 from marssim import verify as command
-from marssim.cross_check import MakerCheck
-from marssim.dataset import SPLITS, StereoDataset, write_index
+from marssim.base.dataset.dataset import SPLITS, StereoDataset, write_index
+from marssim.base.results import lock
+from marssim.base.results.lock import sole_writer
 from marssim.export import ExportConfig, export
-from marssim.lock import sole_writer
-from marssim.render.agreement import Agreement
+from marssim.inspection.agreement import Agreement
+from marssim.inspection.cross_check import MakerCheck
 from marssim.verify import spread
 
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from marssim.rover_spec import ZHURONG
-from nav.elevation import ElevationConfig, ElevationMap
-from nav.traversability import TraversabilityConfig, assess
+from marssim.base.rover_spec import ZHURONG
+from nav.ground.elevation import ElevationConfig, ElevationMap
+from nav.ground.traversability import TraversabilityConfig, assess
 
 SMALL = ElevationConfig(size=16.0)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from marssim.camera import NATECAM, StereoRig
+from marssim.base.camera import NATECAM, StereoRig
 
 SMALL_RIG = NATECAM.resized(192, 192)
 

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from marssim.rover_spec import ZHURONG
+from marssim.base.rover_spec import ZHURONG
 from nav.controller import crab, point_turn, steerable, wheel_command
 
 HUBS = ZHURONG.wheel_positions[:, :2]

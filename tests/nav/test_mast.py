@@ -4,7 +4,7 @@ from flat_map import scene
 from hypothesis import given
 from hypothesis import strategies as st
 
-from marssim.rover_spec import ZHURONG
+from marssim.base.rover_spec import ZHURONG
 from nav.command import Command
 from nav.config import NavigatorConfig
 from nav.mast import Mast

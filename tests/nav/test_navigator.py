@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from rock_world import SMALL_RIG, RockWorld, body_pose
 
-from marssim.rover_spec import ZHURONG
+from marssim.base.rover_spec import ZHURONG
 from nav import ElevationConfig, Navigator, NavigatorConfig
-from nav.footprint import arc_poses
+from nav.path.footprint import arc_poses
 
 GOAL = np.array([20.0, 0.0])
 # Smaller than the drive, so that the map scrolls and the goal lies outside it at first; and quicker.

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from flat_map import scene
 
-from marssim.rover_spec import ZHURONG
+from marssim.base.rover_spec import ZHURONG
 from nav.command import Command
 from nav.config import NavigatorConfig
-from nav.footprint import arc_poses
-from nav.planner import Planner
+from nav.path.footprint import arc_poses
+from nav.path.planner import Planner
 from nav.recovery import Recovery
 
 CONFIG = NavigatorConfig()

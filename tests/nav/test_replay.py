@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from rock_world import SMALL_RIG, RockWorld, body_pose
 
-from marssim.dataset import StereoDataset, write_index, write_sample
+from marssim.base.dataset.dataset import StereoDataset, write_index, write_sample
+from marssim.base.rover_spec import ZHURONG
 from marssim.render.stereo import StereoFrame
-from marssim.rover_spec import ZHURONG
 from nav.replay import Frame, main, recorded, replay
 
 WORLD = RockWorld(domes=np.array([[5.0, 0.0, 0.6, 0.6]]))

@@ -7,7 +7,7 @@ import pytest
 
 from m3depth.datasets.config import DataConfig
 from m3depth.datasets.open import open_pairs
-from marssim.dataset import SPLITS, StereoDataset
+from marssim.base.dataset.dataset import SPLITS, StereoDataset
 from marssim.export import ExportConfig, export
 
 LAYOUTS = ("kitti", "sceneflow", "middlebury", "eth3d", "openstereo")

@@ -5,9 +5,9 @@ from collections.abc import Callable
 import pytest
 import torch
 
-from m3depth.loss_config import LossConfig
-from m3depth.losses import Target, total_loss
 from m3depth.network.model import M3Depth
+from m3depth.training.loss_config import LossConfig
+from m3depth.training.losses import Target, total_loss
 
 Loss = Callable[..., torch.Tensor]
 

@@ -9,11 +9,11 @@ import torch
 from small_network import SMALL
 
 import m3depth
-from m3depth.geometry import face_camera, pixel_rays, unit
 from m3depth.network.config import read_config
+from m3depth.network.geometry import face_camera, pixel_rays, unit
 from m3depth.network.model import PRESETS, M3Depth, StereoOutput
-from m3depth.network.weights_io import save_weights
-from marssim.camera import PinholeCamera, StereoRig
+from m3depth.network.weights_file import save_weights
+from marssim.base.camera import PinholeCamera, StereoRig
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,8 @@ import torch
 import torch.nn.functional as F
 from small_network import SMALL
 
-from m3depth.geometry import scale_camera, unit
-from m3depth.network.fine import warp_right
+from m3depth.network.fine_correction import warp_right
+from m3depth.network.geometry import scale_camera, unit
 from m3depth.network.model import M3Depth
 from m3depth.network.refinement import ConvexUpsampling, ConvGRU, CorrelationLookup, RefinementStep
 

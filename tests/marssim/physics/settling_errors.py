@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from marssim.base.rover_spec import ZHURONG, RoverSpec
 from marssim.physics.kinematics import collides, settle
 from marssim.physics.rover import Rover
 from marssim.physics.world import PhysicsWorld
-from marssim.rover_spec import ZHURONG, RoverSpec
 from marssim.scene.scene import Scene
 
 DROP_TIME = 1.5  # [s] after which the springs of the contacts are at rest

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from marssim.base.rover_spec import ZHURONG
 from marssim.physics.kinematics import KinematicRover, settle
 from marssim.physics.rover import Rover
 from marssim.physics.state import Contacts
 from marssim.physics.world import PhysicsWorld
-from marssim.rover_spec import ZHURONG
 
 ROLL = np.full(6, 0.2 / ZHURONG.wheel_radius)
 

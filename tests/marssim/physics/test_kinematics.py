@@ -3,10 +3,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from marssim.base.rover_spec import ZHURONG
 from marssim.physics.kinematics import KinematicRover, collides, settle
 from marssim.physics.state import Contacts
 from marssim.physics.support import SupportMap
-from marssim.rover_spec import ZHURONG
 from marssim.scene.scene import build_scene, preset
 
 

@@ -2,9 +2,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from marssim.base.rover_spec import ZHURONG
 from marssim.physics.linkage import WHEELS, Joints, Linkage
 from marssim.physics.state import angles, rotation
-from marssim.rover_spec import ZHURONG
 
 ANGLE = st.floats(-0.5, 0.5)
 LINKAGE = Linkage.of(ZHURONG)

@@ -11,10 +11,10 @@ p = pytest.importorskip("pybullet")
 
 from settling_errors import settling_errors  # noqa: E402
 
+from marssim.base.rover_spec import ZHURONG  # noqa: E402
 from marssim.physics.linkage import WHEELS, Linkage  # noqa: E402
 from marssim.physics.rover import WHEEL_FRICTION, Rover  # noqa: E402
 from marssim.physics.world import GROUND_FRICTION, PhysicsWorld  # noqa: E402
-from marssim.rover_spec import ZHURONG  # noqa: E402
 from marssim.scene.scene import build_scene, preset  # noqa: E402
 
 STRAIGHT = np.zeros(6)

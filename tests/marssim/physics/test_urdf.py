@@ -2,10 +2,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from marssim.base.rover_spec import ZHURONG
 from marssim.physics.kinematics import settle
 from marssim.physics.linkage import MAX_SWING, Joints, Linkage
 from marssim.physics.urdf import chassis_middle, rover_urdf
-from marssim.rover_spec import ZHURONG
 
 JOINTS = {joint.find("child").get("link"): joint for joint in ElementTree.fromstring(rover_urdf(ZHURONG)).iter("joint")}
 

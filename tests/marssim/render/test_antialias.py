@@ -6,9 +6,9 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from marssim.camera import PinholeCamera
+from marssim.base.camera import PinholeCamera
 from marssim.render.antialias import SUBPIXELS, average, colours_beside, edge_pixels, subpixel_rays
-from marssim.render.gbuffer import GROUND, SKY, GBuffer
+from marssim.render.geometry.gbuffer import GROUND, SKY, GBuffer
 
 CAMERA = PinholeCamera(9, 7, 20.0, 25.0, 3.6, 2.9)
 

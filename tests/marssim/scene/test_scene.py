@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from marssim.encoding import FARTHEST
+from marssim.base.dataset.encoding import FARTHEST
 from marssim.scene.rocks import STAND, RockConfig
 from marssim.scene.scene import PRESETS, SCENE_LIMITS, LookConfig, SceneConfig, build_scene, draw_look, preset
 

@@ -1,0 +1,130 @@
+"""MarsNav-v0 for a small policy: what lies in the ways round the goal's direction, and which of them to take.
+
+A policy on images needs millions of steps; this one sees 36 numbers and chooses among 13 ways. They are told from the
+goal's direction, not from the rover's heading, so that "straight on if that is free, else the nearest free way" is the
+same answer wherever the rover looks (the polar histogram of VFH: Borenstein and Koren 1991). A way is kept for some
+steps (an option of fixed length: Sutton, Precup and Singh 1999): a detour is tried by one draw instead of by ten that
+happen to agree, and its outcome is a few choices away.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+from envs.drivers.builtin import head_for
+from envs.mars_nav import MarsNavEnv
+from envs.observation.map_view import CELL, PIXELS
+from envs.observation.spaces import share_of_distance
+from marssim.base.images.distance_transform import euclidean_distance
+from marssim.base.rover_spec import RoverSpec
+
+SWING = np.pi / 2  # [rad] to either side of the goal's direction: the ways that are looked along and can be taken
+WAYS = 13  # every 15 deg
+AHEAD = WAYS // 2  # the way straight to the goal
+REACH = 5.0  # [m] they are looked along
+MARGIN = -0.1  # [m] beside the rover: the map shows obstacles larger than they are, by about a cell
+KEPT = 3  # steps that a way is kept: 1.2 m
+TURN_IN_PLACE = 0.5  # [rad] what the rover turns in one step; straight ways are left by 0.1 m on the arcs up to it
+SHOWN = 2 * WAYS + 3 + 6 + 1  # numbers: ways and their room, goal, state, last way
+_OFFSETS = np.linspace(SWING, -SWING, WAYS)
+_ALONG = np.arange(1, round(REACH / CELL) + 1) * CELL
+_NEAR = round(2.0 / CELL)  # steps over which the room is told
+ROOM = 1.5  # [m] more of it makes no difference
+
+
+class Corridors(gymnasium.Wrapper):
+    """Vectors for a multilayer perceptron instead of images. Goes on a MarsNavEnv made with map_observation=True.
+
+    Observation `Box((36,), float32)`:
+
+    | Index | Meaning                                                                                  |
+    |-------|------------------------------------------------------------------------------------------|
+    | 0-12  | free way / 5 m at 90, 75, ... -90 deg from the goal's direction, left > 0                |
+    | 13-25 | least distance from an obstacle on the first 2 m of these ways / 1.5 m                   |
+    | 26-28 | distance / (distance + 5 m) of the goal; sine and cosine of its bearing from the heading |
+    | 29-34 | MarsNav-v0's `state`                                                                     |
+    | 35    | the way that was taken last, from the goal's direction / 90 deg, left > 0; 0 at first    |
+
+    Action `Discrete(13)`: which of these ways to take, for three steps of MarsNav-v0; its rewards are their sum. The
+    rover turns in place while the way is more than 0.5 rad off its heading, and drives there at full speed otherwise.
+    """
+
+    def __init__(self, env: gymnasium.Env) -> None:
+        super().__init__(env)
+        assert isinstance(env.observation_space, spaces.Dict)
+        if "map" not in env.observation_space.spaces:
+            raise ValueError("Corridors needs an environment made with map_observation=True")
+        self.observation_space = corridor_space()
+        self.action_space = spaces.Discrete(WAYS)
+        self._goal = np.array([0.0, 0.0, 1.0])
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        observation, info = self.env.reset(seed=seed, options=options)
+        return self._seen(observation, AHEAD), info
+
+    def step(self, action: int) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        env = self.unwrapped
+        assert isinstance(env, MarsNavEnv) and env.action_space.shape is not None
+        total = 0.0
+        for _ in range(KEPT):
+            drive = steer(self._goal, int(action), env.rover_spec)
+            observation, reward, ended, cut, info = self.env.step(drive[: env.action_space.shape[0]])
+            self._goal = observation["goal"]
+            total += float(reward)
+            if ended or cut:
+                break
+        return self._seen(observation, int(action)), total, ended, cut, info
+
+    def _seen(self, observation: dict[str, Any], last: int) -> np.ndarray:
+        env = self.unwrapped
+        assert isinstance(env, MarsNavEnv)
+        self._goal = observation["goal"]
+        return as_corridors(observation, env.rover_spec, last)
+
+
+def corridor_space() -> spaces.Box:
+    """The space of what Corridors shows."""
+    return spaces.Box(-np.inf, np.inf, (SHOWN,), np.float32)
+
+
+def as_corridors(observation: dict[str, Any], spec: RoverSpec, last: int = AHEAD) -> np.ndarray:
+    """(36,) float32: one observation of MarsNav-v0 as Corridors shows it. last: the way that was taken before."""
+    distance, sine, cosine = observation["goal"]
+    free, room = look_along(observation["map"][1], float(np.arctan2(sine, cosine)) + _OFFSETS, spec.width / 2 + MARGIN)
+    goal = [share_of_distance(distance), sine, cosine]
+    took = [_OFFSETS[last] / SWING]
+    return np.concatenate([free / REACH, room / ROOM, goal, observation["state"], took]).astype(np.float32)
+
+
+def look_along(cost: np.ndarray, bearings: np.ndarray, half_width: float) -> tuple[np.ndarray, np.ndarray]:
+    """What lies along straight ways from the rover.
+
+    cost: (64, 64), MarsNav-v0's map of it, 1 at obstacles; bearings: (n,) from the heading [rad], left > 0; half_width
+    [m] of the corridor. Returns (n,) how far it is free [m], at most REACH, and (n,) how near to an obstacle its first
+    2 m come [m], at most ROOM.
+    A rover that stands nearer to an obstacle than half_width is free to go wherever it comes no nearer.
+    """
+    ahead, left = np.outer(np.cos(bearings), _ALONG), np.outer(np.sin(bearings), _ALONG)
+    row, column = (np.floor(PIXELS / 2 - part / CELL).astype(int) for part in (ahead, left))
+    free = (cost < 1).astype(np.uint8)
+    if free.all():
+        return np.full(len(bearings), REACH), np.full(len(bearings), ROOM)
+    clearance = euclidean_distance(free) * CELL - CELL / 2
+    middle = slice(PIXELS // 2 - 1, PIXELS // 2 + 1)  # the rover stands at the corner of four cells
+    near = clearance[row, column]
+    hit = near < min(half_width, float(clearance[middle, middle].min()))
+    length = np.where(hit.any(axis=1), hit.argmax(axis=1) * CELL, REACH)
+    return length, np.clip(near[:, :_NEAR].min(axis=1), 0, ROOM)
+
+
+def steer(goal: np.ndarray, way: int, spec: RoverSpec) -> np.ndarray:
+    """(3,) action of MarsNav-v0 that takes a way, as Corridors says. goal: (3,) as MarsNav-v0 observes it."""
+    _, sine, cosine = goal
+    bearing = float(np.arctan2(sine, cosine) + _OFFSETS[way])
+    return head_for((bearing + np.pi) % (2 * np.pi) - np.pi, TURN_IN_PLACE, spec)

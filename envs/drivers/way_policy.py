@@ -1,0 +1,75 @@
+"""A policy of stable-baselines3 that scores each way of Corridors by the same small network.
+
+What makes a way good is the same for all of them; a perceptron on the whole vector would have to learn it 13 times, in
+a time in which this one learns it once. Needs stable-baselines3: whoever imports this module sees to it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from stable_baselines3.common.policies import ActorCriticPolicy
+from torch import nn
+
+from envs.drivers.corridors import AHEAD, SHOWN, SWING, WAYS
+
+WIDTH = 32  # of the network that scores the ways
+VALUE_WIDTH = 64  # of the critic's
+TOLD = 6  # numbers that a way is scored by
+UNTRAINED = 0.1  # of a new network's scores is kept, so that they do not outweigh the goal's direction
+TRIED = 2.0  # ways off the goal's direction, by standard deviation, that a new policy tries
+
+
+class WayScores(nn.Module):
+    """What Corridors shows, (n, 36), to a score of each way (n, 13) for the actor, and features (n, 64) for the critic.
+
+    Of a way count: its own row of the vector and its neighbours', its angles from the goal's direction, from the
+    heading and from the way taken last, and how far the goal is.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.latent_dim_pi, self.latent_dim_vf = WAYS, VALUE_WIDTH
+        self.offsets: torch.Tensor
+        self.register_buffer("offsets", torch.linspace(SWING, -SWING, WAYS))
+        self.score = nn.Sequential(
+            nn.Conv1d(TOLD, WIDTH, 3, padding=1, padding_mode="replicate"), nn.Tanh(),
+            nn.Conv1d(WIDTH, WIDTH, 1), nn.Tanh(), nn.Conv1d(WIDTH, 1, 1),
+        )  # fmt: skip
+        self.value = nn.Sequential(
+            nn.Linear(SHOWN, VALUE_WIDTH), nn.Tanh(), nn.Linear(VALUE_WIDTH, VALUE_WIDTH), nn.Tanh()
+        )
+
+    def forward(self, shown: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        return self.forward_actor(shown), self.forward_critic(shown)
+
+    def forward_actor(self, shown: torch.Tensor) -> torch.Tensor:
+        free, room, (share, sine, cosine), last = (
+            shown[:, :WAYS], shown[:, WAYS : 2 * WAYS], shown[:, 2 * WAYS : 2 * WAYS + 3].T, shown[:, -1:],
+        )  # fmt: skip
+        bearing = self.offsets + torch.atan2(sine, cosine)[:, None]
+        turn = torch.atan2(bearing.sin(), bearing.cos()).abs()
+        beside = (self.offsets / SWING).abs().expand_as(free)
+        moved = (self.offsets / SWING - last).abs()
+        ways = torch.stack([free, room, beside, turn / SWING, moved, share[:, None].expand_as(free)], dim=1)
+        return self.score(ways)[:, 0]
+
+    def forward_critic(self, shown: torch.Tensor) -> torch.Tensor:
+        return self.value(shown)
+
+
+class WayPolicy(ActorCriticPolicy):
+    """PPO's policy on WayScores. A new one drives at the goal, and tries what lies beside: it has the detours to learn
+    only."""
+
+    def _build_mlp_extractor(self) -> None:
+        self.mlp_extractor: Any = WayScores()
+
+    def _build(self, lr_schedule: Any) -> None:
+        super()._build(lr_schedule)
+        assert isinstance(self.action_net, nn.Linear)
+        with torch.no_grad():
+            self.action_net.weight.copy_(torch.eye(WAYS))
+            self.action_net.bias.copy_(-0.5 * ((torch.arange(WAYS) - AHEAD) / TRIED) ** 2)
+            self.mlp_extractor.score[-1].weight.mul_(UNTRAINED)

@@ -1,0 +1,1 @@
+"""Series of drives: episodes, records, metrics, report and figures."""

@@ -1,0 +1,227 @@
+"""Frozen episodes: the same course for every driver and perception, by seed, rock abundance and slope."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from envs.drivers.builtin import Driver, Stop
+from envs.drives.resume import code_digest
+from envs.mars_nav import ActionError, MarsNavEnv
+from envs.world.perception import Sight
+from envs.world.user_code import ForeignError, called
+from m3depth.evaluation.metrics import capped_depth, known_depth
+from m3depth.stereo.pairs import MAX_DISPARITY
+from marssim.base.camera import MAX_DEPTH, MIN_DEPTH
+from marssim.physics.state import RoverState
+from marssim.scene.scene import Scene
+
+RELIEF_CELL = 1.0  # [m] about, between the heights that a record keeps
+NEAR_MISS = 0.10  # [m] between the rover's footprint and an obstacle (envs.world.clearance)
+
+
+Watch = Callable[[MarsNavEnv, Driver, int], None]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Where an episode is driven: k None and slope_deg None leave the scene preset's own."""
+
+    k: float | None = None
+    slope_deg: float | None = None
+
+    @property
+    def name(self) -> str:
+        k, slope = ("preset" if value is None else f"{value:.12g}" for value in (self.k, self.slope_deg))
+        return f"k={k}, slope={slope}"
+
+
+@dataclass
+class EpisodeRecord:
+    """What became of one episode. Lengths [m], times [s]; track: (x, y) after every step, start first; headings: yaw
+    [rad] there; obstacles: x, y, diameter of the rocks that block; shortest_path: corners (x, y) of the shortest
+    passable way, whose length is `shortest`; relief: heights of the ground in rows of constant y, over a square from
+    -half to half; abs_rel: mean over the looks of their Abs Rel, as m3depth.evaluate scores a pair (metrics.py there),
+    None with the ground truth as it is; blind: looks in which nothing was measured of the ground within 15 m, None
+    where that was not noted; near_miss: no collision, but the rover's footprint came nearer than NEAR_MISS to the
+    outline of a rock that blocks; min_clearance: how near, as in MarsNavEnv's info. Records of earlier versions have no
+    headings, shortest_path and relief, and their abs_rel leaves out what is unknown.
+
+    outcome: as MarsNavEnv's info names it, or as the driver ended the drive (envs.drivers.Stop): "no_path" where it
+    gave up, "elsewhere" where it believed to be at the goal and was not, as happens by odometry that drifts. code: the
+    state of the sources that drove (envs.drives.resume.code_digest), "" where that was not noted.
+    """
+
+    driver: str
+    perception: str
+    cell: str
+    episode: int
+    outcome: str
+    steps: int
+    distance: float
+    start_distance: float
+    shortest: float
+    path_length: float
+    min_clearance: float
+    max_tilt_deg: float
+    reward: float
+    step_seconds: float
+    perception_seconds: float
+    redraws: int
+    goal: list[float]
+    abs_rel: float | None = None
+    blind: int | None = None
+    near_miss: bool = False
+    code: str = ""
+    obstacles: list[list[float]] = field(default_factory=list)
+    track: list[list[float]] = field(default_factory=list)
+    headings: list[float] = field(default_factory=list)
+    shortest_path: list[list[float]] = field(default_factory=list)
+    half: float = 0.0
+    relief: list[list[float]] = field(default_factory=list)
+
+
+def course_options(cell: Cell, seed: int, episode: int) -> dict[str, Any]:
+    """Options of MarsNavEnv.reset that make the course of an episode: its scene_seed is of (seed, episode) alone."""
+    scene_seed = int(np.random.SeedSequence((seed, episode)).generate_state(1)[0])
+    return {"scene_seed": scene_seed, **{name: value for name, value in vars(cell).items() if value is not None}}
+
+
+def run_episode(
+    env: MarsNavEnv,
+    driver: Driver,
+    cell: Cell,
+    seed: int,
+    episode: int,
+    names: tuple[str, str] = ("", ""),
+    watch: Watch | None = None,
+) -> EpisodeRecord:
+    """Drive one episode to its end.
+
+    The course follows from (seed, episode) and the cell alone. names: driver and perception, for the record.
+    watch(env, driver, step) is called after the reset (step 0) and after every step. Raises ActionError that names the
+    driver for an answer that is neither an action nor a Stop, and ForeignError that names the step and the course for
+    what a driver or a perception of the user's own raises.
+    """
+    code = code_digest()  # before the drive, during which the sources may be edited
+    log = _Log()
+    try:
+        _drive(env, driver, course_options(cell, seed, episode), log, watch)
+    except ActionError as error:
+        raise ActionError(f"driver {names[0]!r}: {error}") from None
+    except ForeignError as error:
+        where = f"step {len(log.states)} of course {episode}, {cell.name}, by {names[0]} and {names[1]}"
+        raise ForeignError(f"{where}: {error}") from error.__cause__
+    assert env.course is not None
+    steps, info = len(log.states) - 1, log.info
+    return EpisodeRecord(
+        driver=names[0], perception=names[1], cell=cell.name, episode=episode, outcome=info["outcome"], steps=steps,
+        distance=info["distance"], start_distance=log.start_distance, shortest=info["shortest"],
+        path_length=info["path_length"], min_clearance=info["min_clearance"], reward=log.reward,
+        max_tilt_deg=float(np.rad2deg(max((state.tilt for state in log.states[1:]), default=0.0))),
+        step_seconds=log.seconds / max(steps, 1), perception_seconds=log.seeing / max(steps, 1),
+        redraws=info["redraws"], goal=[float(v) for v in env.course.goal], abs_rel=_mean(log.errors), blind=log.blind,
+        near_miss=info["outcome"] != "collision" and info["min_clearance"] < NEAR_MISS,
+        code=code, obstacles=_obstacles(env),
+        track=[[float(v) for v in state.position[:2]] for state in log.states],
+        headings=[round(float(state.yaw), 4) for state in log.states],
+        shortest_path=_rounded(env.course.ground.way_to_goal(*env.course.start[:2])),
+        half=env.course.scene.half, relief=_relief(env.course.scene),
+    )  # fmt: skip
+
+
+@dataclass
+class _Log:
+    """What is noted of a drive on its way."""
+
+    states: list[RoverState] = field(default_factory=list)
+    errors: list[float | None] = field(default_factory=list)
+    info: dict[str, Any] = field(default_factory=dict)
+    start_distance: float = 0.0
+    reward: float = 0.0
+    seconds: float = 0.0
+    seeing: float = 0.0
+    blind: int = 0
+
+    def looked(self, env: MarsNavEnv, info: dict[str, Any]) -> None:
+        """The rover stands, and has looked round."""
+        assert env.vehicle is not None and env.sight is not None
+        self.info = info
+        self.states.append(env.vehicle.state())
+        self.errors.append(_abs_rel(env.sight))
+        self.blind += _is_blind(env.sight)
+
+
+def _drive(env: MarsNavEnv, driver: Driver, options: dict[str, Any], log: _Log, watch: Watch | None) -> None:
+    observation, info = env.reset(seed=options["scene_seed"], options=options)
+    with called(driver):
+        driver.reset(env, options["scene_seed"])
+    log.start_distance = info["distance"]
+    log.looked(env, info)
+    if watch:
+        watch(env, driver, 0)
+    done = False
+    while not done:
+        begin = perf_counter()
+        with called(driver):
+            action = driver.act(env, observation)
+        if isinstance(action, Stop):
+            log.info = {**log.info, "outcome": action.value}
+            return
+        observation, reward, terminated, truncated, info = env.step(action)
+        log.seconds += perf_counter() - begin
+        log.seeing += info["perception_seconds"]
+        log.reward += float(reward)
+        log.looked(env, info)
+        done = terminated or truncated
+        if watch:
+            watch(env, driver, len(log.states) - 1)
+
+
+def _abs_rel(sight: Sight) -> float | None:
+    """Mean |Z - Z*| / Z* of one look over the true depths of 0.5 m to 15 m and disparities of at most 192 px.
+
+    As the rules of m3depth.evaluation.metrics have it: what is unknown counts as 80 m.
+    """
+    if sight.true_depth is None or sight.true_depth is sight.depth:
+        return None
+    scored = _in_range(sight.true_depth) & (sight.rig.depth_to_disparity(sight.true_depth) <= MAX_DISPARITY)
+    true = sight.true_depth[scored].astype(np.float64)
+    return float(np.mean(np.abs(capped_depth(sight.depth[scored]) - true) / true)) if scored.any() else None
+
+
+def _is_blind(sight: Sight) -> bool:
+    """Whether there was ground within range, and no depth was measured of any of it."""
+    if sight.true_depth is None:
+        return False
+    there = _in_range(sight.true_depth)
+    return bool(there.any() and not known_depth(sight.depth[there]).any())
+
+
+def _in_range(depth: np.ndarray) -> np.ndarray:
+    return (depth >= MIN_DEPTH) & (depth <= MAX_DEPTH)
+
+
+def _mean(values: list[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return float(np.mean(known)) if known else None
+
+
+def _relief(scene: Scene) -> list[list[float]]:
+    axis = np.linspace(-scene.half, scene.half, round(2 * scene.half / RELIEF_CELL) + 1)
+    return _rounded(scene.terrain.height_at(*np.meshgrid(axis, axis)))
+
+
+def _rounded(values: np.ndarray) -> list[list[float]]:
+    return [[round(float(v), 2) for v in row] for row in values]
+
+
+def _obstacles(env: MarsNavEnv) -> list[list[float]]:
+    assert env.course is not None
+    rocks, half = env.course.scene.rocks, env.course.scene.half
+    block = (rocks.height >= env.rover_spec.obstacle_height) & (np.abs(rocks.centre[:, :2]).max(axis=1) < half)
+    return _rounded(np.column_stack([rocks.centre[block, :2], rocks.diameter[block]]))

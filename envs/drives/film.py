@@ -1,0 +1,146 @@
+"""A film of a drive: the rover from outside, what its left eye sees, the depth and normals it believes, its map."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from envs.drivers.builtin import Driver, NavigatorDriver
+from envs.mars_nav import MarsNavEnv
+from envs.world.outside_view import HEIGHT, OutsideView
+from marssim.base.images.colours import depth_colours, normal_colours
+from marssim.physics.state import RoverState
+from marssim.render.renderers.embree_renderer import Raycaster
+from nav.navigator import Navigator
+from nav.path.footprint import footprint_corners
+
+PANEL = HEIGHT  # the square panels are as high as the outside view, and half as wide
+MAP_METRES = 24.0
+SCALE_BAR = 5.0  # [m]
+NORMALS_TITLE = "normals: red right, green up, blue to the eye"
+MAP_TITLE = "map: green free, yellow costly, red blocked, grey unknown"
+TEXT = cv2.FONT_HERSHEY_SIMPLEX, 0.45, (240, 240, 240), 1, cv2.LINE_AA  # font, size, colour, weight
+FPS = 5
+STILL_EVERY = 10
+
+
+class Film:
+    """Writes a frame a step into an mp4 file (MPEG-4, 5 frames a second); give `watch` to episodes.run_episode.
+
+    Use it as a context manager, or close() it. title: what is driven, on every frame. Raises OSError if the file cannot
+    be written. `stills` holds every tenth frame.
+    """
+
+    def __init__(self, path: Path, title: str = "") -> None:
+        size = (3 * PANEL, 2 * PANEL)
+        self._writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), FPS, size)
+        if not self._writer.isOpened():
+            raise OSError(f"{path}: cannot write a video there")
+        self.title = title
+        self.stills: list[np.ndarray] = []
+        self._view: OutsideView | None = None
+
+    def __enter__(self) -> Film:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Finish the file; may be called twice."""
+        self._writer.release()
+
+    def watch(self, env: MarsNavEnv, driver: Driver, step: int) -> None:
+        """Film one step of an episode."""
+        assert env.course is not None and env.vehicle is not None and env.sight is not None
+        if self._view is None or self._view.scene is not env.course.scene:
+            maker = env.eyes.maker
+            self._view = OutsideView(env.course.scene, maker if isinstance(maker, Raycaster) else None)
+        sight, state = env.sight, env.vehicle.state()
+        outside = self._view.picture(state, env.vehicle.mesh(sight.pan))
+        left, normal = sight.left, sight.normal
+        if left is None:  # perception was the ground truth, and took no picture
+            picture = env.eyes.picture(sight.pose)
+            left, normal = picture.left, picture.normal
+        elif normal is not None:  # where an estimator sees sky, its normals mean nothing
+            normal = np.where(np.isfinite(sight.depth)[..., None], normal, 0)
+        distance = float(np.hypot(*(env.course.goal - state.position[:2])))
+        top = [
+            _titled(outside, self.title, f"step {step}   {_motion(state)}   goal {distance:.1f} m   {env.outcome}"),
+            _titled(_square(left), "left eye"),
+        ]
+        bottom = [
+            _titled(_square(depth_colours(sight.depth)), "depth, 1 m (red) to 15 m (blue)"),
+            _titled(_square(normal_colours(np.zeros_like(left) if normal is None else normal)), NORMALS_TITLE),
+            _titled(navigator_map(env, driver), MAP_TITLE if _navigator(driver) else "map: this driver keeps none"),
+        ]
+        frame = np.vstack([np.hstack(top), np.hstack(bottom)])
+        self._writer.write(np.ascontiguousarray(frame[..., ::-1]))
+        if step % STILL_EVERY == 0:
+            self.stills.append(frame)
+
+
+def navigator_map(env: MarsNavEnv, driver: Driver) -> np.ndarray:
+    """(PANEL, PANEL, 3) uint8 map around the rover, north up: the navigator's ground, its far path and the goal.
+
+    All as the rover believes: its map is made where its odometry says that it stands.
+    """
+    assert env.course is not None
+    pose = env.believed_pose
+    scale = PANEL / MAP_METRES
+    canvas = np.full((PANEL, PANEL, 3), 60, np.uint8)
+    middle, yaw = pose[:2, 3], np.arctan2(pose[1, 0], pose[0, 0])
+
+    def pixel(xy: np.ndarray) -> tuple[int, int]:
+        return round(PANEL / 2 + (xy[0] - middle[0]) * scale), round(PANEL / 2 - (xy[1] - middle[1]) * scale)
+
+    navigator = _navigator(driver)
+    if navigator is not None and navigator.ground is not None:
+        ground = navigator.ground
+        axis = (np.arange(PANEL) + 0.5) / scale - MAP_METRES / 2
+        x, y = np.meshgrid(middle[0] + axis, middle[1] - axis)
+        cells = navigator.map.cell_of(np.stack([x, y], axis=-1))
+        inside = np.all((cells >= 0) & (cells < navigator.map.n), axis=-1)
+        c, r = np.moveaxis(np.where(inside[..., None], cells, 0), -1, 0)
+        known = inside & ground.known[r, c]
+        cost = np.clip(np.nan_to_num(ground.cost[r, c], posinf=1e3) / 4, 0, 1)[..., None]
+        free, costly = np.array([120, 150, 110]), np.array([225, 180, 90])
+        canvas[known] = (free + (costly - free) * cost)[known].astype(np.uint8)
+        canvas[inside & ground.blocked[r, c]] = (190, 60, 60)
+        for xy in navigator.planner.field.path(middle, MAP_METRES):
+            cv2.circle(canvas, pixel(xy), 1, (240, 240, 240), -1, cv2.LINE_AA)
+    goal = pixel(env.course.goal)
+    edge = tuple(int(np.clip(v, 8, PANEL - 8)) for v in goal)
+    cv2.circle(canvas, edge, 7, (80, 200, 255), 2, cv2.LINE_AA)
+    c, s = np.cos(yaw), np.sin(yaw)
+    corners = [pixel(corner) for corner in footprint_corners(env.rover_spec, (*middle, yaw))]
+    cv2.polylines(canvas, [np.array(corners, dtype=np.int32)], True, (255, 255, 255), 2, cv2.LINE_AA)
+    cv2.line(canvas, pixel(middle), pixel(middle + np.array([c, s])), (255, 255, 255), 2, cv2.LINE_AA)
+    left, right, low = PANEL - 12 - round(SCALE_BAR * scale), PANEL - 12, PANEL - 12
+    cv2.line(canvas, (left, low), (right, low), (240, 240, 240), 2)
+    cv2.putText(canvas, f"{SCALE_BAR:g} m, north up", (left - 20, low - 8), *TEXT)
+    return canvas
+
+
+def _motion(state: RoverState) -> str:
+    return f"{state.velocity[0]:.2f} m/s   tilt {np.degrees(state.tilt):.0f} deg"
+
+
+def _navigator(driver: Driver) -> Navigator | None:
+    return driver.navigator if isinstance(driver, NavigatorDriver) else None
+
+
+def _square(image: np.ndarray) -> np.ndarray:
+    enlarge = image.shape[0] < PANEL
+    return cv2.resize(image, (PANEL, PANEL), interpolation=cv2.INTER_NEAREST if enlarge else cv2.INTER_AREA)
+
+
+def _titled(image: np.ndarray, *lines: str) -> np.ndarray:
+    out = np.ascontiguousarray(image)
+    told = [line for line in lines if line]
+    cv2.rectangle(out, (0, 0), (out.shape[1], 20 * len(told)), (18, 18, 20), -1)
+    for n, line in enumerate(told):
+        cv2.putText(out, line, (6, 15 + 20 * n), *TEXT)
+    return out

@@ -1,0 +1,178 @@
+"""Every drive of an evaluation from above, on the rocks that were there."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import EllipseCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Polygon
+
+from envs.drives.episodes import EpisodeRecord
+from envs.world.referee import GOAL_RADIUS
+from m3depth.figures.drawing import save
+from marssim.base.rover_spec import ZHURONG
+from nav.path.footprint import footprint_corners
+
+OUTCOME_COLOURS = {
+    "goal": "#2a9d5c", "collision": "#d1495b", "tilt": "#8e44ad", "stuck": "#e08e45", "time": "#5c6b7a",
+    "out_of_bounds": "#b08968", "no_path": "#264653", "elsewhere": "#3a86c8",
+}  # fmt: skip
+LINES = ("-", "--", ":", "-.")  # one for each driver and perception
+ROCK_COLOUR, WAY_COLOUR, WAY_WIDTH = "#9a938c", "#f4d58d", 3.5
+CONTOURS, MOST_CONTOURS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0), 20  # [m] apart, the first with which there are no more
+CRASH = "collision"
+CRASH_MARK, END_MARK = ("X", 6), ("o", 3)  # matplotlib's marker and its size [pt]
+COLUMNS, ROWS = 5, 4
+PANEL, NARROWEST = 3.6, 7.2  # [in] width of a course, and of a page whose title and legend find room
+AROUND = 5.0  # [m] shown before the start and behind the goal
+ASIDE = 8.0  # [m] shown to either side, more where a drive went further
+PAGE = re.compile(r"k(preset|[\d.e+-]+)-slope(preset|[\d.e+-]+)-\d+\.png")  # names that plot_maps gives
+
+
+def plot_maps(folder: Path, records: Sequence[EpisodeRecord]) -> None:
+    """Write folder/CELL-PAGE.png: a panel for each course of a cell, twenty a page. Pages of other records go.
+
+    Each course is turned so that its goal, a star in the circle within which it counts as reached, lies to the right of
+    its start, both on the middle line; rocks that block are grey discs. Colour is the outcome, the line says who drove.
+    The rover's footprint is drawn where it started and where each drive ended, with a cross where it hit something; the
+    shortest passable way is a pale band, relief is drawn as contours, dark ones below.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    groups = sorted({(r.driver, r.perception) for r in records})
+    written = set()
+    for cell in sorted({r.cell for r in records}):
+        own = [r for r in records if r.cell == cell]
+        courses = sorted({r.episode for r in own})
+        for page, start in enumerate(range(0, len(courses), COLUMNS * ROWS)):
+            shown = courses[start : start + COLUMNS * ROWS]
+            path = folder / f"{cell.replace('=', '').replace(', ', '-')}-{page}.png"
+            _page(path, cell, [[r for r in own if r.episode == e] for e in shown], groups)
+            written.add(path)
+    for old in set(folder.iterdir()) - written:
+        if PAGE.fullmatch(old.name):
+            old.unlink()
+
+
+def _page(path: Path, cell: str, courses: Sequence[Sequence[EpisodeRecord]], groups: Sequence[tuple[str, str]]) -> None:
+    columns = min(COLUMNS, len(courses))
+    rows = -(-len(courses) // columns)
+    legend = _legend(courses, groups)
+    across = min(1 + columns, len(legend))
+    panel = max(PANEL, NARROWEST / columns)
+    height = panel * rows / 1.44 + 0.4 + 0.2 * -(-len(legend) // across)
+    figure = Figure(figsize=(panel * columns, height), dpi=90, layout="constrained")
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    interval = _contour_interval(courses)
+    for axes in panels:
+        axes.set_axis_off()
+    for axes, drives in zip(panels, courses):
+        axes.set_axis_on()
+        _panel(axes, drives, groups, interval)
+    figure.legend(handles=legend, loc="outside lower center", ncols=across, fontsize=8)
+    relief = f", contours every {interval:g} m, the lower the darker" if interval else ""
+    figure.suptitle(f"{cell}\n[m] from the start{relief}", fontsize=9)
+    save(figure, path)
+
+
+def _legend(courses: Sequence[Sequence[EpisodeRecord]], groups: Sequence[tuple[str, str]]) -> list[Line2D]:
+    records = [record for drives in courses for record in drives]
+    outcomes = sorted({record.outcome for record in records})
+    out = [Line2D([], [], color=OUTCOME_COLOURS.get(o, "#333333"), label=o) for o in outcomes]
+    out += [
+        Line2D([], [], color="k", ls=LINES[n % len(LINES)], label=", ".join(group)) for n, group in enumerate(groups)
+    ]
+    if any(record.shortest_path for record in records):
+        out.append(Line2D([], [], color=WAY_COLOUR, lw=WAY_WIDTH, label="shortest passable way"))
+    out += [
+        Line2D([], [], ls="", marker="o", color=ROCK_COLOUR, label="rock that blocks"),
+        Line2D([], [], ls="", marker="*", color="k", ms=8, label="goal and its circle"),
+        Line2D([], [], ls="", marker="s", mfc="none", mec="k", ms=7, label="rover, start and end"),
+    ]
+    if CRASH in outcomes:
+        marker, size = CRASH_MARK
+        out.append(Line2D([], [], ls="", marker=marker, ms=size, color=OUTCOME_COLOURS[CRASH], label="hit here"))
+    return out
+
+
+def _contour_interval(courses: Sequence[Sequence[EpisodeRecord]]) -> float | None:
+    """[m], one for a page; None where no record tells the relief."""
+    ranges = [float(np.ptp(r.relief)) for drives in courses for r in drives if r.relief]
+    if not ranges:
+        return None
+    return next((step for step in CONTOURS if max(ranges) <= MOST_CONTOURS * step), CONTOURS[-1])
+
+
+def _panel(
+    axes: Axes, drives: Sequence[EpisodeRecord], groups: Sequence[tuple[str, str]], interval: float | None
+) -> None:
+    first = drives[0]
+    origin, goal = np.array(first.track[0]), np.array(first.goal)
+    along = goal - origin
+    distance = max(float(np.hypot(*along)), 1e-9)
+    turn = np.array([[along[0], along[1]], [-along[1], along[0]]]) / distance
+
+    def turned(points: Sequence[Sequence[float]] | np.ndarray) -> np.ndarray:
+        return np.asarray((np.array(points, float).reshape(-1, 2) - origin) @ turn.T)
+
+    aside = ASIDE
+    for record in drives:  # records of earlier versions do not tell these, others of the same course may
+        if record.relief and interval:
+            _contours(axes, record, turned, interval)
+            break
+    for record in drives:
+        if record.shortest_path:
+            x, y = turned(record.shortest_path).T
+            axes.plot(x, y, color=WAY_COLOUR, lw=WAY_WIDTH, solid_capstyle="round", zorder=1.5)
+            aside = max(aside, float(np.abs(y).max()) + 1)
+            break
+    rocks = np.array(first.obstacles).reshape(-1, 3)
+    discs = EllipseCollection(
+        rocks[:, 2], rocks[:, 2], np.zeros(len(rocks)), units="x", offsets=turned(rocks[:, :2]),
+        offset_transform=axes.transData, facecolors=ROCK_COLOUR, zorder=1.6,
+    )  # fmt: skip
+    axes.add_collection(discs)
+    for record in drives:
+        x, y = turned(record.track).T
+        colour = OUTCOME_COLOURS.get(record.outcome, "#333333")
+        line = LINES[groups.index((record.driver, record.perception)) % len(LINES)]
+        axes.plot(x, y, color=colour, lw=1.3, ls=line)
+        marker, size = CRASH_MARK if record.outcome == CRASH else END_MARK
+        axes.plot(x[-1:], y[-1:], marker, color=colour, ms=size)
+        for at, edge in ((0, "k"), (-1, colour)):
+            if record.headings:
+                corners = footprint_corners(ZHURONG, (*record.track[at], record.headings[at]))
+                axes.add_patch(Polygon(turned(corners), fill=False, lw=0.8, ec=edge, zorder=2.5))
+                nose = [corners[:2].mean(axis=0), record.track[at]]
+                axes.plot(*turned(nose).T, color=edge, lw=0.8)
+        aside = max(aside, float(np.abs(y).max()) + 1)
+    axes.plot([distance], [0], "k*", ms=8)
+    axes.add_patch(Circle((distance, 0), GOAL_RADIUS, fill=False, lw=0.8))
+    axes.set(xlim=(-AROUND, distance + AROUND), ylim=(-aside, aside), title=f"course {first.episode}")
+    axes.title.set_fontsize(8)
+    axes.tick_params(labelsize=6)
+    axes.set_aspect("equal")
+
+
+def _contours(axes: Axes, record: EpisodeRecord, turned: Callable[[np.ndarray], np.ndarray], interval: float) -> None:
+    heights = np.array(record.relief)
+    axis = np.linspace(-record.half, record.half, len(heights))
+    x, y = turned(np.stack(np.meshgrid(axis, axis), axis=-1)).T.reshape(2, *heights.shape)
+    low = np.floor(heights.min() / interval) * interval
+    levels = np.arange(low, heights.max() + interval, interval)
+    axes.contour(
+        x,
+        y,
+        heights,
+        levels=levels,
+        cmap="Greys_r",
+        vmax=heights.max() + np.ptp(heights),
+        linewidths=0.6,
+        alpha=0.8,
+        zorder=1,
+    )

@@ -1,0 +1,131 @@
+"""Figures of merit of driven episodes."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from envs.drives.episodes import EpisodeRecord
+from m3depth.evaluation.bootstrap import interval, resampled_means
+
+FAILURES = {  # ENav's classes, and one of those whose odometry led them astray
+    "no feasible path": ("no_path",), "safety limit": ("collision", "tilt", "out_of_bounds"), "time": ("time", "stuck"),
+    "elsewhere": ("elsewhere",),
+}  # fmt: skip
+UNREACHABLE_MARK = 0.20  # share of goals without a way above which a cell is marked
+
+
+def spl(success: bool, shortest: float, path_length: float) -> float:
+    """Success weighted by path length, S L / max(P, L) (Anderson et al. 2018); L is the geodesic optimum [m].
+
+    As in Habitat, L leads to the goal itself, and the drive may end at the goal radius. L is found on a grid and may be
+    2.7 % too long (envs.world.course). Both flatter detours: on 20 m SPL is up to 8 % of itself too high.
+    """
+    return float(success) * shortest / max(path_length, shortest, 1e-9)
+
+
+def soft_spl(start_distance: float, distance: float, shortest: float, path_length: float) -> float:
+    """SPL with the success replaced by the share of the way covered: max(0, 1 - d_T / d_0) L / max(P, L)."""
+    return max(0.0, 1 - distance / max(start_distance, 1e-9)) * shortest / max(path_length, shortest, 1e-9)
+
+
+def best_and_worst(records: Sequence[EpisodeRecord]) -> tuple[int, int]:
+    """Indices of the arrival of the highest SPL, and of the drive that covered the least of its way."""
+
+    def merit(n: int) -> tuple[bool, float]:
+        r = records[n]
+        arrived = r.outcome == "goal"
+        return arrived, spl(arrived, r.shortest, r.path_length) if arrived else 1 - r.distance / r.start_distance
+
+    order = sorted(range(len(records)), key=merit)
+    return order[-1], order[0]
+
+
+def wilson_interval(successes: float, trials: int, z: float = 1.96) -> tuple[float, float]:
+    """Wilson score interval of a proportion, 95 % by default. Raises ValueError without trials.
+
+    successes: of more trials, if those are not independent, their mean a trial times `trials`.
+    """
+    if trials < 1:
+        raise ValueError("an interval needs at least one trial")
+    p, n = successes / trials, trials
+    middle = (p + z * z / (2 * n)) / (1 + z * z / n)
+    half = z / (1 + z * z / n) * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+    return float(max(0.0, middle - half)), float(min(1.0, middle + half))
+
+
+def paired_difference(first: Sequence[EpisodeRecord], second: Sequence[EpisodeRecord]) -> dict[str, Any]:
+    """Success and SPL of `first` less those of `second` on the same episodes, with 95 % intervals by the paired
+    bootstrap.
+
+    Records are matched by cell and episode. The cells' courses of one number come from one seed, and have much of
+    their ground in common: they are drawn together, as one (a cluster bootstrap, of as many cells for each number).
+    Of few numbers the interval is short: of 15 that of success covered the truth in 80 to 91 % of simulated
+    comparisons, of 30 and of 50 in 92 to 95 %. Where all numbers differ alike it has no width, and says nothing.
+    Raises ValueError where the two do not hold the same ones.
+    """
+    a, b = ({(r.cell, r.episode): r for r in records} for records in (first, second))
+    if a.keys() != b.keys() or not a:
+        raise ValueError("a paired difference needs the same episodes of both")
+    gains: dict[int, list[list[float]]] = {}
+    for key in sorted(a):
+        (success, weighted), (other_success, other_weighted) = _scores(a[key]), _scores(b[key])
+        gains.setdefault(key[1], []).append([success - other_success, weighted - other_weighted])
+    arrived, weighted_by_way = np.array([np.mean(of, axis=0) for of in gains.values()]).T
+    return {
+        "episodes": len(a),
+        "difference": float(arrived.mean()),
+        "interval": list(interval(resampled_means(arrived))),
+        "spl_difference": float(weighted_by_way.mean()),
+        "spl_interval": list(interval(resampled_means(weighted_by_way))),
+    }
+
+
+def _scores(record: EpisodeRecord) -> tuple[float, float]:
+    """Success and SPL of one episode."""
+    arrived = record.outcome == "goal"
+    return float(arrived), spl(arrived, record.shortest, record.path_length)
+
+
+def summarise(records: Sequence[EpisodeRecord]) -> dict[str, Any]:
+    """Figures over the episodes of one driver, perception and cell. Raises ValueError without episodes.
+
+    path_inefficiency: mean of P / L over the successes; down to 0.92 on 20 m, as the drive ends 1 m before the goal and
+    L may be 2.7 % too long. failures: how many by the classes of FAILURES. near_miss_rate: share of episodes with
+    near_miss. abs_rel: of the depth on the way, None with the ground truth.
+    unreachable_share: of the goals drawn, those that no way leads to on the true ground, and that were replaced.
+    """
+    n = len(records)
+    if n == 0:
+        raise ValueError("a summary needs at least one episode")
+    success = [r.outcome == "goal" for r in records]
+    outcomes = Counter(r.outcome for r in records)
+    redraws = int(sum(r.redraws for r in records))
+    errors = [r.abs_rel for r in records if r.abs_rel is not None]
+    driven = [r for r in records if r.outcome == "goal"]
+    return {
+        "episodes": n,
+        "success_rate": sum(success) / n,
+        "success_interval": list(wilson_interval(sum(success), n)),
+        "spl": float(np.mean([_scores(r)[1] for r in records])),
+        "soft_spl": float(
+            np.mean([soft_spl(r.start_distance, r.distance, r.shortest, r.path_length) for r in records])
+        ),
+        "collision_rate": outcomes["collision"] / n,
+        "tilt_rate": outcomes["tilt"] / n,
+        "near_miss_rate": sum(r.near_miss for r in records) / n,
+        "max_tilt_deg": float(np.max([r.max_tilt_deg for r in records])),
+        "failures": {name: sum(outcomes[o] for o in of) for name, of in FAILURES.items()},
+        "outcomes": dict(sorted(outcomes.items())),
+        "path_inefficiency": float(np.mean([r.path_length / r.shortest for r in driven])) if driven else None,
+        "min_clearance": float(np.min([r.min_clearance for r in records])),
+        "steps": float(np.mean([r.steps for r in records])),
+        "step_seconds": float(np.mean([r.step_seconds for r in records])),
+        "perception_seconds": float(np.mean([r.perception_seconds for r in records])),
+        "abs_rel": float(np.mean(errors)) if errors else None,
+        "redraws": redraws,
+        "unreachable_share": redraws / (redraws + n),
+    }

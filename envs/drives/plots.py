@@ -1,0 +1,78 @@
+"""Success of drives against rock abundance, and against the error of the depth that was driven by."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from envs.drives.metrics import wilson_interval
+from m3depth.figures.drawing import save
+
+Group = tuple[str, str]
+
+
+def plot_success(path: Path, results: Sequence[dict[str, Any]], test_set: Mapping[str, float] | None = None) -> None:
+    """Left: success against k, slopes pooled. Right: success against Abs Rel on the way, a point for each cell; it is
+    left out if all was driven by true depth.
+
+    Bars are 95 % Wilson intervals. Where slopes are pooled, they are of as many trials as there are courses of
+    different numbers: those of one number have their rocks in common. results: rows of results.json. test_set: Abs Rel
+    of perceptions on their test set, dotted lines in the right plot.
+    """
+    erring = any(r["abs_rel"] is not None for r in results)
+    figure = Figure(figsize=(9.6 if erring else 5.0, 4.0), dpi=110, layout="constrained")
+    by_k, *others = figure.subplots(1, 1 + erring, sharey=True, squeeze=False)[0]
+    groups = sorted({(r["driver"], r["perception"]) for r in results})
+    for n, group in enumerate(groups):
+        rows = [r for r in results if (r["driver"], r["perception"]) == group]
+        label, colour = ", ".join(group), f"C{n}"
+        pooled = pool_by_k(rows)
+        at = [(0.0 if k is None else k) + 0.0008 * (n - (len(groups) - 1) / 2) for k in pooled]
+        _bars(by_k, at, list(pooled.values()), colour, label, line=True)
+        for by_error in others:
+            known = [r for r in rows if r["abs_rel"] is not None]
+            points = [(r["success_rate"], r["episodes"]) for r in known]
+            _bars(by_error, [r["abs_rel"] for r in known], points, colour, label, line=False)
+            if known and test_set and group[1] in test_set:
+                by_error.axvline(test_set[group[1]], color=colour, ls=":", label=f"{group[1]}, test set")
+    by_k.set(xlabel="rock abundance k")
+    driven = sorted({r["cell"]["k"] for r in results}, key=lambda k: k or 0.0)
+    by_k.set_xticks([k or 0.0 for k in driven], ["the preset's" if k is None else f"{k:g}" for k in driven])
+    by_k.set_xlim((driven[0] or 0.0) - 0.01, (driven[-1] or 0.0) + 0.01)
+    by_k.set(ylabel="success [%]", ylim=(-4, 104))
+    by_k.grid(alpha=0.3)
+    for by_error in others:
+        by_error.set(xlabel="Abs Rel of the depth on the way, up to 15 m")
+        by_error.locator_params(axis="x", nbins=6)
+        by_error.grid(alpha=0.3)
+    named = [axes.get_legend_handles_labels() for axes in (*others, by_k)]  # by_k last: its handles, with a line, win
+    handles = {label: handle for pair in named for handle, label in zip(*pair)}
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=2 if erring else 1, fontsize=8)
+    save(figure, path)
+
+
+def pool_by_k(rows: Sequence[dict[str, Any]]) -> dict[float | None, tuple[float, int]]:
+    """For each k, in its order: share of arrivals, and how many courses have numbers of their own.
+
+    rows: of one driver and perception.
+    """
+    out: dict[float | None, tuple[float, int]] = {}
+    for k in sorted({r["cell"]["k"] for r in rows}, key=lambda k: k or 0.0):
+        own = [r for r in rows if r["cell"]["k"] == k]
+        arrived = sum(round(r["success_rate"] * r["episodes"]) for r in own)
+        out[k] = (arrived / sum(r["episodes"] for r in own), max(r["episodes"] for r in own))
+    return out
+
+
+def _bars(axes: Any, x: list[float], points: list[tuple[float, int]], colour: str, label: str, line: bool) -> None:
+    """points: share of arrivals and number of trials."""
+    if not points:
+        return
+    rate = np.array([100 * share for share, _ in points])
+    ends = 100 * np.array([wilson_interval(share * trials, trials) for share, trials in points]).T
+    error = np.abs(np.vstack([rate - ends[0], ends[1] - rate]))
+    axes.errorbar(x, rate, error, color=colour, label=label, fmt="o-" if line else "o", ms=4, lw=1.3, capsize=2)

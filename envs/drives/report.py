@@ -1,0 +1,131 @@
+"""The page of an evaluation: a table, the differences, and where the pictures are."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from envs.drives.episodes import NEAR_MISS, EpisodeRecord
+from envs.drives.maps import plot_maps
+from envs.drives.metrics import UNREACHABLE_MARK
+from envs.drives.plots import plot_success
+from envs.world.referee import GOAL_RADIUS
+from marssim.base.files.atomic import write_atomically
+
+LEGEND = f"""\
+Success: within {GOAL_RADIUS:g} m of the goal, with Wilson's interval. SPL, SoftSPL: success, or the share of the way
+covered, times shortest over driven way. P / L: driven over shortest way of those that arrived; the drive ends before
+the goal, so it may be below 1. Collisions: of the chassis, or of a wheel with a rock that blocks. Near misses: drives
+without one whose footprint came within {100 * NEAR_MISS:.0f} cm of such a rock. No path: the driver gave up. Safety:
+collision, tilt or out of bounds. Time: it ran out, or the rover was stuck. Elsewhere: the driver believed to be at the
+goal, by its odometry, and was not. Tilt: the greatest. Abs Rel: of the depth on the way. Unreachable: goals that no way
+leads to, and that were replaced. s / step: seconds of driver, perception and simulation. Differences, below: with 95 %
+intervals by the paired bootstrap over the courses."""
+
+NO_INTERVAL = "no interval: all courses differ alike, and the bootstrap cannot tell what others would"
+
+
+def write_report(out: Path, content: dict[str, Any], records: Sequence[EpisodeRecord]) -> None:
+    """Write results.md, success.png and maps/ into a folder. content: what results.json holds."""
+    head = settings(content["driven_with"]) + states_of_the_code(records)
+    page = f"{head}\n{table(content['results'])}\n{differences(content['differences'])}"
+    page += looks_without_depth(records)
+    write_atomically(out / "results.md", (page + errors_beside(content["test_set_abs_rel"], records)).encode())
+    plot_success(out / "success.png", content["results"], content["test_set_abs_rel"])
+    plot_maps(out / "maps", records)
+
+
+def settings(driven_with: Mapping[str, Any]) -> str:
+    """A line that says what the table's figures hold for. driven_with: by flag, without its dashes."""
+    flags = [f"--{name.replace('_', '-')} {value}" for name, value in driven_with.items()]
+    return f"Driven with {', '.join(flags)}.\n"
+
+
+def states_of_the_code(records: Sequence[EpisodeRecord]) -> str:
+    """A line that warns where not all episodes were driven by the same sources, as after an edit between two runs."""
+    states = Counter(record.code or "an unknown one" for record in records)
+    if len(states) == 1:
+        return ""
+    told = ", ".join(f"{number} by {state}" for state, number in states.most_common())
+    return f"\nNot all of one state of the code: {told}. Delete `episodes` to drive all anew.\n"
+
+
+def table(results: Sequence[dict[str, Any]]) -> str:
+    """Markdown table, a row for each driver, perception and cell."""
+    head = (
+        "| driver | perception | k | slope | episodes | success (95 %) | SPL | SoftSPL | P / L | collisions "
+        "| near misses | no path, safety, time, elsewhere | tilt | Abs Rel | unreachable | s / step |"
+    )
+    lines = [head, "|" + "---|" * (head.count("|") - 1)]
+    marked = False
+    for r in results:
+        low, high = r["success_interval"]
+        k, slope = (("preset" if v is None else f"{v:g}") for v in (r["cell"]["k"], r["cell"]["slope_deg"]))
+        mark = " *" if r["unreachable_share"] > UNREACHABLE_MARK else ""
+        marked |= bool(mark)
+        detour = "-" if r["path_inefficiency"] is None else f"{r['path_inefficiency']:.2f}"
+        error = "-" if r["abs_rel"] is None else f"{r['abs_rel']:.4f}"
+        failures = ", ".join(str(number) for number in r["failures"].values())
+        lines.append(
+            f"| {r['driver']} | {r['perception']} | {k} | {slope}{mark} | {r['episodes']} "
+            f"| {100 * r['success_rate']:.0f} % ({100 * low:.0f}-{100 * high:.0f}) | {r['spl']:.2f} "
+            f"| {r['soft_spl']:.2f} | {detour} | {100 * r['collision_rate']:.0f} % | {100 * r['near_miss_rate']:.0f} % "
+            f"| {failures} | {r['max_tilt_deg']:.0f} deg | {error} | {100 * r['unreachable_share']:.0f} % "
+            f"| {r['step_seconds']:.2f} |"
+        )
+    lines += ["", LEGEND]
+    if marked:
+        lines += ["", f"\\* of the goals drawn, more than {100 * UNREACHABLE_MARK:.0f} % had no way to them."]
+    return "\n".join(lines) + "\n"
+
+
+def errors_beside(test_set: Mapping[str, float], records: Sequence[EpisodeRecord]) -> str:
+    """Lines that put the depth error on the way, mean over the drives, beside the test set's.
+
+    test_set: Abs Rel there by perception; those without one are left out."""
+    lines = []
+    for perception, error in test_set.items():
+        seen = [r.abs_rel for r in records if r.perception == perception and r.abs_rel is not None]
+        if seen:
+            way = sum(seen) / len(seen)
+            lines.append(
+                f"{perception}: Abs Rel {way:.4f} on the way ({len(seen)} drives), {error:.4f} on the test set\n"
+            )
+    return "".join(lines)
+
+
+def looks_without_depth(records: Sequence[EpisodeRecord]) -> str:
+    """Lines that warn of perceptions that measured nothing of the ground within range in some of their looks."""
+    lines = []
+    for perception in sorted({r.perception for r in records}):
+        own = [r for r in records if r.perception == perception and r.blind is not None]
+        blind, looks = sum(r.blind or 0 for r in own), sum(r.steps + 1 for r in own)
+        if blind:
+            share = f"{100 * blind / looks:.0f} %" if blind >= 0.01 * looks else "under 1 %"
+            lines.append(f"\n{perception} gave no depth at all in {blind} of its {looks} looks ({share}).\n")
+    return "".join(lines)
+
+
+def differences(rows: Sequence[dict[str, Any]]) -> str:
+    """Lines that say by how much success and SPL differ, on the same episodes."""
+    lines = []
+    for r in rows:
+        lines.append(
+            f"{r['driver']}, {r['perception']} less {', '.join(r['less'])}, paired, {r['episodes']} episodes: "
+            f"{100 * r['difference']:+.0f} points of success{_interval(r['interval'], 100, '+.0f')}, "
+            f"SPL {r['spl_difference']:+.2f}{_interval(r['spl_interval'], 1, '+.2f')}{_without(r)}\n"
+        )
+    return "".join(lines)
+
+
+def _interval(ends: Sequence[float], scale: float, digits: str) -> str:
+    low, high = ends
+    return f" ({scale * low:{digits}} to {scale * high:{digits}})" if low < high else ""
+
+
+def _without(row: Mapping[str, Any]) -> str:
+    """What is said of figures without an interval."""
+    none = [name for name, key in (("success", "interval"), ("SPL", "spl_interval")) if not row[key][0] < row[key][1]]
+    return f" ({' and '.join(none)}: {NO_INTERVAL})" if none else ""

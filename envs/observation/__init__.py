@@ -1,0 +1,1 @@
+"""What MarsNav-v0 shows an agent."""

@@ -1,0 +1,56 @@
+"""The map around the rover as an observation: what the navigator knows, for a policy without memory."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from envs.world.course import CLEAR_RADIUS
+from envs.world.perception import Sight
+from marssim.base.rover_spec import RoverSpec
+from nav.ground.elevation import ElevationConfig, ElevationMap
+from nav.ground.traversability import TraversabilityConfig, assess
+
+PIXELS, CELL = 64, 0.2  # of the observed map: 12.8 m wide
+REACH = PIXELS * CELL / np.sqrt(2)  # [m] from the rover to its corners
+HEIGHT_LIMIT = 2.0  # [m] above or below the rover; beyond it heights are clipped
+COST_LIMIT = 8.0  # a metre there counts as this many and more
+
+
+class MapView:
+    """Fuses looks as nav does, and cuts out a square around the rover with its heading up."""
+
+    def __init__(self, spec: RoverSpec) -> None:
+        self.spec = spec
+        self.map = ElevationMap(ElevationConfig(size=24.0, recentre_at=REACH))  # so that the corners lie on it
+        axis = (np.arange(PIXELS) + 0.5 - PIXELS / 2) * CELL
+        left, ahead = np.meshgrid(-axis, -axis)
+        self._ahead, self._left = ahead, left  # row 0 is the farthest ahead, column 0 the farthest to the left
+
+    def start(self, pose: np.ndarray) -> None:
+        """Forget everything; the start is clear all round. pose: (4, 4) body to world, as believed."""
+        self.map.clear(pose[:2, 3])
+        self.map.assume_flat(pose, CLEAR_RADIUS)
+
+    def update(self, sight: Sight, pose: np.ndarray) -> np.ndarray:
+        """Take in a look from the believed pose and return the map.
+
+        (3, 64, 64) float32: height above the rover's stand / 2 m in [-1, 1], 0 where unknown; cost of driving there in
+        [0, 1], 1 at obstacles; 1 where it was seen or taken for flat (about the start, and under the rover), 0 where
+        not.
+        """
+        self.map.recentre(pose[:2, 3])
+        self.map.assume_under(pose, self.spec.length, self.spec.width)
+        eye = pose @ self.spec.mount.left_eye(sight.rig.baseline, sight.pan)
+        self.map.integrate(sight.depth, sight.confidence, sight.rig, eye)
+        ground = assess(self.map, self.spec, TraversabilityConfig())
+        yaw = np.arctan2(pose[1, 0], pose[0, 0])
+        c, s = np.cos(yaw), np.sin(yaw)
+        xy = np.stack(
+            [pose[0, 3] + c * self._ahead - s * self._left, pose[1, 3] + s * self._ahead + c * self._left], -1
+        )
+        x, y = np.moveaxis(self.map.cell_of(xy), -1, 0)
+        top = self.map.top[y, x]
+        known = np.isfinite(top)
+        height = np.clip((np.where(known, top, pose[2, 3]) - pose[2, 3]) / HEIGHT_LIMIT, -1, 1)
+        cost = np.where(ground.blocked[y, x], 1.0, np.clip(ground.cost[y, x] / COST_LIMIT, 0, 1))
+        return np.stack([height, cost, known]).astype(np.float32)

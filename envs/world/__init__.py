@@ -1,0 +1,1 @@
+"""The world of MarsNav-v0: course, vehicle, perception and referee."""

@@ -1,0 +1,223 @@
+"""A course: a scene with a start, a goal, and the true ground between them.
+
+What is passable is judged here on the true rocks, with a fixed footprint, and independently of any planner. Slopes and
+craters do not count: the rover climbs what the presets have.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from numbers import Integral, Real
+
+import cv2
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
+
+from marssim.base.images.distance_transform import euclidean_distance
+from marssim.base.rover_spec import RoverSpec
+from marssim.scene.scene import Scene, SceneConfig, build_scene
+
+CLEAR_RADIUS = 2.5  # [m] around start and goal, free of rocks
+MARGIN = 7.0  # [m] from start and goal to the edge of the driving ground
+EDGE = 1.5  # [m] the rover's middle must keep this far from the edge
+CELL = 0.1  # [m] grid of the clearance
+STRIDE = 2  # the geodesic is searched on every second cell
+SCENE_CELL = 0.1  # [m] grid of the scenes' relief
+OFF_COURSE = np.pi / 4  # [rad] to either side of the goal's direction, in which the rover may head at the start
+REDRAWS = 50  # in a row at most
+SIXTEEN_NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))  # and their opposites
+BESIDE = 1.5  # cells that a place or the goal may be away from a cell to be joined to it straight
+LOOK_ROUND = max(6, round(1.5 * EDGE / (CELL * STRIDE)))  # cells; from beyond the edge some within must be among them
+
+LIMITS = {
+    "goal_distance": (3, 100, " m"),
+    "k": (0, 0.4, ""),
+    "slope_deg": (0, 25, " deg"),
+    "sun_elevation_deg": (1, 90, " deg"),
+}
+
+
+@dataclass(frozen=True)
+class CourseConfig:
+    """What reset may change. Lengths [m], angles [deg]."""
+
+    goal_distance: float = 20.0
+    k: float | None = None  # rock abundance, instead of the scene's
+    slope_deg: float | None = None  # regional slope, its direction drawn, instead of the scene's
+    sun_elevation_deg: float | None = None
+    scene_seed: int | None = None  # the course's own seed, instead of one drawn from the environment's
+
+    def __post_init__(self) -> None:
+        for name, (low, high, unit) in LIMITS.items():
+            value = getattr(self, name)
+            if value is None and name != "goal_distance":
+                continue
+            if isinstance(value, bool) or not isinstance(value, Real) or not low <= float(value) <= high:
+                raise ValueError(f"{name} must lie in [{low}, {high}]{unit}, got {value!r}")
+        seed = self.scene_seed
+        if seed is not None and (isinstance(seed, bool) or not isinstance(seed, Integral) or seed < 0):
+            raise ValueError(f"scene_seed must be a whole number and not negative, got {seed!r}")
+
+
+class TrueGround:
+    """Clearance from obstacles and shortest way to the goal, on the true rocks of a scene.
+
+    An obstacle is a rock of spec.obstacle_height or more, taken as the disc of its outline. The rover is a disc of half
+    its width: it may pass where clearance is at least that.
+    """
+
+    def __init__(self, scene: Scene, spec: RoverSpec, goal: np.ndarray) -> None:
+        self.half = scene.half
+        self.radius = spec.width / 2
+        n = int(np.ceil(2 * self.half / CELL)) + 1
+        free = np.full((n, n), 255, np.uint8)
+        rocks = scene.rocks
+        reaches = np.abs(rocks.centre[:, :2]).max(axis=1) - rocks.diameter / 2 < self.half
+        for i in np.flatnonzero((rocks.height >= spec.obstacle_height) & reaches):
+            x, y = rocks.centre[i, :2]
+            centre = (round((x + self.half) / CELL), round((y + self.half) / CELL))
+            cv2.circle(free, centre, max(1, round(rocks.diameter[i] / 2 / CELL)), 0, -1)
+        if free.all():
+            self._clearance: np.ndarray = np.full((n, n), np.float32(2 * self.half))
+        else:
+            self._clearance = euclidean_distance(free) * CELL
+        coarse = self._clearance[::STRIDE, ::STRIDE]
+        self._cell = CELL * STRIDE
+        inside = np.abs(np.arange(len(coarse)) * self._cell - self.half) <= self.half - EDGE
+        self._passable = (coarse >= self.radius) & inside[:, None] & inside[None, :]
+        self._goal = np.asarray(goal, float)
+        self._field, self._next = self._distances()
+
+    def clearance(self, x: float, y: float) -> float:
+        """Distance [m] from a point to the nearest obstacle's disc; 0 inside it.
+
+        On a grid of 0.1 m, and a disc is not the rock's outline: 0.04 m too large by the mean, with a deviation of
+        0.08 m, where the rover's flank comes by (k = .15).
+        """
+        j, i = self._index(y, CELL, len(self._clearance)), self._index(x, CELL, len(self._clearance))
+        return float(self._clearance[j, i])
+
+    def distance_to_goal(self, x: float, y: float) -> float:
+        """Length [m] of the shortest passable way from a point to the goal; inf if there is none.
+
+        A point that is itself not passable (the rover brushes a rock) counts from the nearest passable cell near it.
+        """
+        return self._entry(x, y)[0]
+
+    def way_to_goal(self, x: float, y: float) -> np.ndarray:
+        """(N, 2) [m] corners of the way whose length distance_to_goal tells, from the point to the goal; (0, 2) if
+        there is none."""
+        length, cell = self._entry(x, y)
+        if not np.isfinite(length):
+            return np.zeros((0, 2))
+        n = len(self._field)
+        cells = []
+        while cell != n * n:
+            cells.append(cell)
+            cell = self._next[cell]
+        j, i = np.divmod(np.array(cells), n)
+        middle = np.column_stack([i, j]) * self._cell - self.half
+        way = np.vstack([[x, y], middle, self._goal])
+        step = np.diff(way, axis=0)
+        heading = step / np.maximum(np.hypot(*step.T), 1e-12)[:, None]
+        turns = np.abs(np.diff(heading, axis=0)).max(axis=1) > 1e-9
+        return way[np.concatenate([[True], turns, [True]])]
+
+    def _entry(self, x: float, y: float) -> tuple[float, int]:
+        """Length [m] of the shortest way from a point, and the number of the cell by which it sets out."""
+        n = len(self._field)
+        j, i = self._index(y, self._cell, n), self._index(x, self._cell, n)
+        rows, columns = (slice(max(0, at - LOOK_ROUND), min(n, at + LOOK_ROUND + 1)) for at in (j, i))
+        window = (rows, columns)
+        field = self._field[window]
+        jj, ii = np.mgrid[window]
+        gap = np.hypot(ii * self._cell - self.half - x, jj * self._cell - self.half - y)
+        near = gap <= max(BESIDE * self._cell, float(np.where(np.isfinite(field), gap, np.inf).min()) + 1e-9)
+        length = np.where(near, field + gap, np.inf)
+        best = np.unravel_index(length.argmin(), length.shape)
+        return float(length[best]), int(jj[best] * n + ii[best])
+
+    def _index(self, value: float, cell: float, n: int) -> int:
+        return int(np.clip(round((value + self.half) / cell), 0, n - 1))
+
+    def _distances(self) -> tuple[np.ndarray, np.ndarray]:
+        """Shortest way from every cell to the goal over 16 neighbours (at most 2.7 % longer than the true one).
+
+        Returns the lengths (n, n) [m], inf where there is none, and (n n,) the cell by which each way goes on, n n for
+        the goal itself.
+        """
+        n = len(self._passable)
+        index = np.arange(n * n).reshape(n, n)
+        # the goal is a node of its own, between cells: snapped to one, ways would come out shorter than they are
+        y, x = np.meshgrid(*[np.arange(n) * self._cell - self.half] * 2, indexing="ij")
+        gap = np.hypot(x - self._goal[0], y - self._goal[1])
+        near = (gap <= BESIDE * self._cell) & self._passable
+        rows, columns, lengths = [np.full(int(near.sum()), n * n)], [index[near]], [np.maximum(gap[near], 1e-9)]
+        for dj, di in SIXTEEN_NEIGHBOURS:
+            a = np.s_[: n - dj, max(0, -di) : n - max(0, di)]
+            b = np.s_[dj:, max(0, di) : n - max(0, -di)]
+            open_ = self._passable[a] & self._passable[b]
+            rows.append(index[a][open_])
+            columns.append(index[b][open_])
+            lengths.append(np.full(int(open_.sum()), np.hypot(dj, di) * self._cell))
+        ends = (np.concatenate(rows), np.concatenate(columns))
+        graph = csr_matrix((np.concatenate(lengths), ends), shape=(n * n + 1, n * n + 1))
+        length, onward = dijkstra(graph, directed=False, indices=n * n, return_predecessors=True)
+        return length[:-1].reshape(n, n), onward[:-1]
+
+
+@dataclass(frozen=True)
+class Course:
+    """start: (x, y, yaw) [m, rad]; goal: (2,) [m]; shortest: length of the shortest passable way [m]; redraws: how
+    many courses were thrown away because rocks closed every way to their goal."""
+
+    scene: Scene
+    ground: TrueGround
+    start: np.ndarray
+    goal: np.ndarray
+    shortest: float
+    redraws: int
+
+
+def draw_course(base: SceneConfig, config: CourseConfig, spec: RoverSpec, rng: np.random.Generator) -> Course:
+    """Draw scene, start and goal; redraw while no way leads to the goal.
+
+    The scene is as wide as the course needs, on a grid of 0.1 m, whatever base.size and base.cell say. Raises
+    ValueError if 50 draws in a row have no way (k is too high for the rover).
+    """
+    if config.scene_seed is not None:
+        rng = np.random.default_rng(config.scene_seed)
+    relief, rocks, look = base.relief, base.rocks, base.look
+    if config.k is not None:
+        rocks = replace(rocks, k=config.k)
+    if config.sun_elevation_deg is not None:
+        look = replace(look, sun_elevation_deg=(config.sun_elevation_deg, config.sun_elevation_deg))
+    size = config.goal_distance + 2 * MARGIN
+    for redraw in range(REDRAWS):
+        if config.slope_deg is not None:
+            relief = replace(
+                base.relief, regional_slope_deg=config.slope_deg, regional_azimuth_deg=float(rng.uniform(0, 360))
+            )
+        scene_config = replace(base, relief=relief, rocks=rocks, look=look, size=size, cell=SCENE_CELL)
+        bearing = rng.uniform(0, 2 * np.pi)
+        forward = np.array([np.cos(bearing), np.sin(bearing)])
+        middle = rng.uniform(-1, 1, 2)
+        start, goal = middle - forward * config.goal_distance / 2, middle + forward * config.goal_distance / 2
+        yaw = bearing + rng.uniform(-OFF_COURSE, OFF_COURSE)
+        clear = tuple((float(x), float(y), CLEAR_RADIUS) for x, y in (start, goal))
+        scene = build_scene(scene_config, rng, clear)
+        ground = TrueGround(scene, spec, goal)
+        shortest = ground.distance_to_goal(*start)
+        if np.isfinite(shortest):
+            return Course(scene, ground, np.array([*start, yaw]), goal, shortest, redraw)
+    raise ValueError(f"no goal can be reached in {REDRAWS} draws: k={rocks.k} leaves the rover no way")
+
+
+def turned_round(course: Course, spec: RoverSpec, rng: np.random.Generator) -> Course:
+    """The same scene the other way, from the goal to the start: both are free of rocks. rng draws the heading."""
+    start, goal = course.goal, course.start[:2]
+    bearing = np.arctan2(*(goal - start)[::-1])
+    ground = TrueGround(course.scene, spec, goal)
+    yaw = bearing + rng.uniform(-OFF_COURSE, OFF_COURSE)
+    return Course(course.scene, ground, np.array([*start, yaw]), goal, ground.distance_to_goal(*start), course.redraws)

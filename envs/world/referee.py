@@ -1,0 +1,47 @@
+"""How an episode ends: at the goal, against a rock, tilted, out of bounds, stuck, or out of time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from envs.world.course import EDGE, Course
+from envs.world.vehicle import Vehicle
+from marssim.base.rover_spec import RoverSpec
+
+GOAL_RADIUS = 1.0  # [m]
+STUCK_STEPS, STUCK_DISTANCE = 5, 0.1  # [m] less than that in so many steps
+STUCK_SPEED = 0.25  # share of the full speed from which on a command is one to drive
+STEPS_PER_METRE = 15  # time limit: six times what the straight way takes at full speed
+
+
+class Referee:
+    """Judges a drive after each of its steps. time_limit: steps that it may take."""
+
+    def __init__(self, course: Course, spec: RoverSpec, goal_distance: float) -> None:
+        self.course, self.spec = course, spec
+        self.time_limit = round(STEPS_PER_METRE * goal_distance)
+        self._places = [course.start[:2]]  # where the rover was since it was last told to stand or turn
+
+    def judge(self, vehicle: Vehicle, speed: float, steps: int) -> str:
+        """How the episode stands after `steps` steps, the last one at a commanded speed [m/s]: an outcome as
+        MarsNavEnv names it, "driving" while it goes on."""
+        state = vehicle.state()
+        position = np.array(state.position[:2], dtype=float)
+        if vehicle.contacts().collision:
+            return "collision"
+        if state.tilt > self.spec.max_tilt:
+            return "tilt"
+        if float(np.hypot(*(position - self.course.goal))) <= GOAL_RADIUS:
+            return "goal"
+        if np.abs(position).max() > self.course.scene.half - EDGE:
+            return "out_of_bounds"
+        if self._stuck(position, speed):
+            return "stuck"
+        return "time" if steps >= self.time_limit else "driving"
+
+    def _stuck(self, position: np.ndarray, speed: float) -> bool:
+        if abs(speed) < STUCK_SPEED * self.spec.max_speed:
+            self._places = [position]
+            return False
+        self._places = [*self._places[-STUCK_STEPS:], position]
+        return len(self._places) > STUCK_STEPS and float(np.hypot(*(position - self._places[0]))) < STUCK_DISTANCE

@@ -1,0 +1,29 @@
+"""Code that others wrote and that is called here, a driver's or an estimator's: what it raises is told as its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from envs.drives.resume import PACKAGES
+
+
+class ForeignError(RuntimeError):
+    """A class that is not the project's raised something. The message names it; the cause is what it was.
+
+    It is no mistake on the command line, whose one line would hide where it is: commands show its traceback.
+    """
+
+
+@contextmanager
+def called(what: object) -> Iterator[None]:
+    """What a method of `what` raises meanwhile becomes a ForeignError, unless the class is the project's own."""
+    cls = type(what)
+    if cls.__module__.partition(".")[0] in PACKAGES:
+        yield
+        return
+    try:
+        yield
+    except Exception as error:
+        told = f"{cls.__module__}:{cls.__qualname__} raised {type(error).__name__}"
+        raise ForeignError(f"{told}: {error}" if str(error) else told) from error

@@ -1,0 +1,86 @@
+"""What carries the rover in an episode: PyBullet's rigid bodies, or settling without dynamics."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from marssim.base.rover_spec import RoverSpec
+from marssim.physics.body import Part
+from marssim.physics.kinematics import KinematicRover
+from marssim.physics.rover import Rover
+from marssim.physics.state import Contacts, RoverState
+from marssim.physics.world import PhysicsWorld
+from marssim.scene.scene import Scene
+from nav.controller import steerable, wheel_command
+
+CHECK_EVERY = 0.25  # [s] how often contacts are looked at during a drive
+
+
+class Vehicle(Protocol):
+    """A rover on a Scene."""
+
+    def drive_twist(self, speed: float, yaw_rate: float, seconds: float) -> object:
+        """Drive a circular arc for a time; stops early at a collision. speed [m/s], yaw_rate [rad/s]."""
+
+    def state(self) -> RoverState:
+        """Where it is and how it moves."""
+        ...
+
+    def contacts(self) -> Contacts:
+        """What it touched during the last drive."""
+        ...
+
+    def mesh(self, pan: float = 0.0) -> list[Part]:
+        """Its parts, for drawing it from outside; pan [rad] of the mast."""
+        ...
+
+    def close(self) -> None:
+        """Free what it holds; may be called twice."""
+        ...
+
+
+class PhysicsVehicle:
+    """Six driven and steered wheels on the PyBullet world of a scene."""
+
+    def __init__(self, scene: Scene, spec: RoverSpec, x: float, y: float, yaw: float) -> None:
+        self.spec = spec
+        self.world = PhysicsWorld(scene, spec)
+        try:
+            self.rover = Rover(self.world, x, y, yaw)
+        except BaseException:
+            self.world.close()
+            raise
+
+    def drive_twist(self, speed: float, yaw_rate: float, seconds: float) -> None:
+        speed, yaw_rate = steerable(speed, yaw_rate, self.spec)
+        command = wheel_command(speed, yaw_rate, self.spec)
+        self.rover.drive(command.speeds, command.angles)
+        while seconds > 0 and not self.rover.contacts().collision:
+            self.world.step(min(CHECK_EVERY, seconds))
+            seconds -= CHECK_EVERY
+
+    def state(self) -> RoverState:
+        return self.rover.state()
+
+    def contacts(self) -> Contacts:
+        return self.rover.contacts()
+
+    def mesh(self, pan: float = 0.0) -> list[Part]:
+        return self.rover.mesh(pan)
+
+    def close(self) -> None:
+        self.world.close()
+
+
+class KinematicVehicle(KinematicRover):
+    """Settling without dynamics, on the curves that the wheels can steer."""
+
+    def drive_twist(self, speed: float, yaw_rate: float, seconds: float) -> RoverState:
+        return super().drive_twist(*steerable(speed, yaw_rate, self.spec), seconds)
+
+
+def make_vehicle(dynamics: str, scene: Scene, spec: RoverSpec, x: float, y: float, yaw: float) -> Vehicle:
+    """A rover at rest on the ground at (x, y) [m], heading yaw [rad]. dynamics: "physics" or "kinematic"."""
+    if dynamics == "physics":
+        return PhysicsVehicle(scene, spec, x, y, yaw)
+    return KinematicVehicle(scene, spec, x, y, yaw)

@@ -1,0 +1,1 @@
+"""The runs, tables and figure of the ablation study."""

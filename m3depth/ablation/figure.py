@@ -1,0 +1,52 @@
+"""A study of the paper, its changes beside ours."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+from m3depth.figures.drawing import METHOD_COLOURS, save
+
+SHOWN = {"abs_rel": "Abs Rel", "rmse": "RMSE", "normal_mean": "mean error of the normals"}
+PAPER, HERE = METHOD_COLOURS[1], METHOD_COLOURS[0]
+
+
+def study_figure(study: Mapping[str, Any], path: Path) -> None:
+    """Write a PNG: how much larger or smaller each row's errors are than the reference row's, paper and here.
+
+    study: what m3depth.ablation.tables.findings returns. Bars: the 95 % interval over test scenes.
+    """
+    names = [name for name in SHOWN if name in study["columns"]]
+    rows = study["rows"]
+    figure = Figure(figsize=(1.6 + 3.6 * len(names), 1.6 + 0.42 * len(rows)), layout="constrained", dpi=120)
+    panels = figure.subplots(1, len(names), sharey=True, squeeze=False)[0]
+    for ax, name in zip(panels, names, strict=True):
+        ax.axvline(0, color="0.6", lw=1, zorder=1)
+        for place, row in enumerate(rows):
+            change = row["against_reference"][name]
+            if change["paper"] is not None:
+                ax.plot(100 * change["paper"], place - 0.14, marker="D", ms=6, color=PAPER, mfc="white", mew=1.6, ls="")
+            if change["here"] is not None:
+                bounds = [100 * bound for bound in change["interval"] or ()]
+                ax.plot(bounds, [place + 0.14] * len(bounds), color=HERE, lw=2)
+                ax.plot(100 * change["here"], place + 0.14, marker="o", ms=6, color=HERE, ls="")
+        ax.set_title(SHOWN[name], fontsize=11)
+        ax.xaxis.set_major_locator(MaxNLocator(5))
+        ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:+g}" if value else "0"))
+        ax.grid(True, axis="x", color="0.9")
+        ax.spines[["top", "right", "left"]].set_visible(False)
+        ax.tick_params(axis="y", length=0)
+    panels[0].set_yticks(range(len(rows)), [row["label"] for row in rows])
+    panels[0].set_ylim(len(rows) - 0.5, -0.5)
+    handles = [
+        panels[0].plot([], [], marker="D", ms=6, color=PAPER, mfc="white", mew=1.6, ls="", label="paper")[0],
+        panels[0].plot([], [], marker="o", ms=6, color=HERE, lw=2, label="here, 95 % interval over test scenes")[0],
+    ]
+    figure.legend(handles=handles, loc="outside upper center", ncols=2, frameon=False)
+    reference = rows[study["reference"]]["label"]
+    figure.supxlabel(f'change of the error from that of the row "{reference}" [%]', fontsize=10)
+    save(figure, path)

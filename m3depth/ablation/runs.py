@@ -1,0 +1,215 @@
+"""The runs of an ablation: planned, trained one after the other, scored, told."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from m3depth.ablation.config import AblateOptions
+from m3depth.ablation.figure import study_figure
+from m3depth.ablation.studies import BASE, Variant, distinct
+from m3depth.ablation.tables import METHOD, findings, markdown
+from m3depth.datasets.open import open_pairs
+from m3depth.evaluation.inputs import state_of_pairs
+from m3depth.evaluation.report import check_own_results, versions, write_json
+from m3depth.evaluation.resume import Unfinished
+from m3depth.evaluation.scoring import evaluate
+from m3depth.network.device import chosen_device
+from m3depth.network.model import M3Depth
+from m3depth.stereo.pairs import scored_depths
+from m3depth.training.budget import spent_budget
+from m3depth.training.config import TrainConfig, check_config
+from m3depth.training.loop import train
+from m3depth.training.run import differing, plain, saved_progress
+from m3depth.training.samples import Joined
+from marssim.base.command.run import counted
+from marssim.base.dataset.dataset import read_json
+from marssim.base.files.atomic import write_atomically
+from marssim.base.results.code_state import source_digest
+from marssim.base.results.lock import sole_writer
+from marssim.base.results.out_folder import check_out
+
+SETTINGS = "ablation.json"
+SCORE = "score.json"
+FAILED = "failed.json"  # of a run whose loss was not finite
+CODE = "code.json"  # the states of the code that a run was trained and scored by
+
+
+@dataclass(frozen=True)
+class PlannedRun:
+    """One training run of an ablation."""
+
+    variant: Variant
+    seed: int
+    config: TrainConfig
+
+    @property
+    def folder(self) -> Path:
+        """Where it is trained and its score lies."""
+        return self.config.out
+
+
+def plan(options: AblateOptions) -> list[PlannedRun]:
+    """All runs, each once: by seed, the unchanged preset first. Raises ValueError for settings that cannot work."""
+    wanted = {v.name: v for v in distinct(options.chosen().values(), options.preset).values()}
+    variants = sorted(wanted.values(), key=lambda variant: variant != BASE)
+    runs = []
+    for seed in dict.fromkeys(options.seeds):
+        for variant in variants:
+            folder = options.out / "runs" / f"{variant.name}-{seed}"
+            config = TrainConfig(
+                data=options.data,
+                out=folder,
+                network=folder / "network.json",
+                loss=variant.resolved(options.preset)[1],
+                max_steps=options.steps,
+                max_minutes=options.minutes,
+                batch=options.batch,
+                crop=options.crop,
+                recompute=options.recompute,
+                seed=seed,
+                validate_every=0,  # would be paid from the budget of minutes
+                validate_samples=0,
+                device=options.device,
+            )
+            check_config(config)
+            runs.append(PlannedRun(variant, seed, config))
+    return runs
+
+
+def ablate(options: AblateOptions) -> dict[str, Any]:
+    """Train and score what is still missing, and write the tables. Returns what results.json holds.
+
+    Raises ValueError or OSError in one line for the user; KeyboardInterrupt after a signal, once the run that it came
+    upon is saved. A run whose loss is not finite is told, left out of the tables, and does not stop the others; it is
+    not tried again as long as its failed.json is there.
+    """
+    runs = plan(options)
+    test_folder = options.test or options.data[0]
+    training = [open_pairs(folder, "train") for folder in options.data]
+    test = open_pairs(test_folder, "test")
+    for folder, pairs in zip(options.data, training, strict=True):
+        if not len(pairs):
+            raise ValueError(f"--data {folder}: split train holds no pairs")
+    if len(test) < 2:
+        raise ValueError(f"{test_folder}: split test holds {counted(len(test), 'pair')}; comparing needs two or more")
+    check_out(options.out)
+    with sole_writer(options.out):
+        _claim(options, [*training, test])
+        scored = counted(len(test) if options.limit is None else min(options.limit, len(test)), "test pair")
+        print(f"{counted(len(runs), 'run')} of {options.budget}, {scored} ({options.out})", file=sys.stderr)
+        for number, run in enumerate(runs, start=1):
+            print(f"run {number} of {len(runs)}: {run.folder.name}", file=sys.stderr, flush=True)
+            _train(run, options, Joined(training))
+            if _score(run, options, test):
+                _tables(options, runs, test)
+        results = _tables(options, runs, test)
+        for name, study in results["studies"].items():
+            study_figure(study, options.out / f"{name}.png")
+        return results
+
+
+def _claim(options: AblateOptions, datasets: Sequence[Any]) -> None:
+    """Note what makes runs comparable, or raise ValueError if the folder holds an ablation of another kind."""
+    settings = {
+        "preset": options.preset,
+        "steps": options.steps,
+        "minutes": options.minutes,
+        "batch": options.batch,
+        "crop": list(options.crop),
+        "data": [str(folder) for folder in options.data],
+        "test": str(options.test or options.data[0]),
+        "sha256": [state_of_pairs(pairs) for pairs in datasets],
+        "limit": options.limit,
+    }
+    path = options.out / SETTINGS
+    check_own_results(options.out, "studies")
+    if path.is_file():
+        before = read_json(path)
+        for name, value in settings.items():
+            if before.get(name) != value:
+                what = "other data" if name == "sha256" else differing(name, before.get(name), value)
+                raise ValueError(f"{path}: belongs to an ablation with {what}; choose another --out")
+    else:
+        write_atomically(path, (json.dumps(settings, indent=1) + "\n").encode())
+
+
+def _train(run: PlannedRun, options: AblateOptions, samples: Any) -> None:
+    """Train to the end of the budget, or find it done or failed. Raises KeyboardInterrupt if a signal ended it."""
+    failed = run.folder / FAILED
+    if failed.is_file():
+        print(f"{read_json(failed)['error']} (delete {failed} to try it again)", file=sys.stderr, flush=True)
+        return
+    network, file = plain(run.variant.resolved(options.preset)[0]), run.folder / "network.json"
+    if file.is_file() and (before := read_json(file)) != network:
+        raise ValueError(f"{file}: the run is of another {differing('network', before, network)}; choose another --out")
+    write_atomically(file, (json.dumps(network, indent=2) + "\n").encode())
+    if spent_budget(run.config, *saved_progress(run.folder)):
+        return
+    _note_code(run.folder)
+    try:
+        train(run.config, samples, [])
+    except FloatingPointError as error:
+        said = f"{run.folder.name}: {error}; it stays out of the tables"
+        print(said, file=sys.stderr, flush=True)
+        write_json(failed, {"error": said})
+        return
+    if not spent_budget(run.config, *saved_progress(run.folder)):
+        raise KeyboardInterrupt
+
+
+def _score(run: PlannedRun, options: AblateOptions, test: Any) -> bool:
+    """Score a finished run on the test pairs. Returns whether there was anything to do."""
+    steps, seconds = saved_progress(run.folder)
+    if (run.folder / SCORE).is_file() or not spent_budget(run.config, steps, seconds):
+        return False
+    model = M3Depth.from_pretrained(run.folder / "weights.safetensors")
+    device = chosen_device(options.device)
+    _note_code(run.folder)
+    code = read_json(run.folder / CODE)["code"]
+    unfinished = Unfinished(run.folder, {"--test": state_of_pairs(test), "--limit": options.limit, "code": code})
+    done = evaluate(test, {METHOD: model.to(device)}, limit=options.limit, unfinished=unfinished)
+    about = {
+        "code": ", ".join(code),
+        "device": device.type,
+        "parameters": sum(p.numel() for p in model.parameters()),
+        "steps": steps,
+        "minutes": seconds / 60,
+        "loss": asdict(run.config.loss),
+    }
+    write_json(run.folder / SCORE, {**about, "result": done.results[METHOD], "per_pair": done.pairs})
+    unfinished.remove()
+    return True
+
+
+def _note_code(folder: Path) -> None:
+    """Add the state of the code to those by which a run was trained and scored."""
+    file, now = folder / CODE, source_digest(("marssim", "m3depth"))
+    before = read_json(file)["code"] if file.is_file() else []
+    if now not in before:
+        write_json(file, {"code": [*before, now]})
+
+
+def _tables(options: AblateOptions, runs: Sequence[PlannedRun], test: Any) -> dict[str, Any]:
+    """Write results.json and results.md of what is scored so far. Returns the first."""
+    scores: dict[str, dict[int, dict[str, Any]]] = {run.variant.name: {} for run in runs}
+    for run in runs:
+        if (run.folder / SCORE).is_file():
+            scores[run.variant.name][run.seed] = read_json(run.folder / SCORE)
+    chosen = options.chosen()
+    by_variant = {name: scores[run.name] for name, run in distinct(chosen.values(), options.preset).items()}
+    found = {name: findings(study, by_variant) for name, study in chosen.items()}
+    about = {
+        **read_json(options.out / SETTINGS),
+        "seeds": list(dict.fromkeys(options.seeds)),
+        "depth_range_m": scored_depths(test),
+        "versions": versions(),
+    }
+    results = {**about, "studies": found}
+    write_json(options.out / "results.json", results)
+    write_atomically(options.out / "results.md", markdown(about, found).encode())
+    return results

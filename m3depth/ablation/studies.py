@@ -1,0 +1,180 @@
+"""The ablation studies of the paper: which networks and losses are trained, and what the paper found.
+
+Each study is a table of the paper with one row a run. A run is a preset with a few fields changed; runs that come out
+the same in several studies are one (`distinct`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Any
+
+from m3depth.network.config import PRESETS, M3DepthConfig
+from m3depth.training.loss_config import LossConfig
+
+DEPTH = ("abs_rel", "sq_rel", "rmse", "log10", "delta1")
+NORMAL = ("normal_mean", "normal_median", "normal_rmse", "normal_within_11.25")
+PLAIN = (0, 0)  # wavelet levels of a network without WEFE
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A preset with some fields of the network and of the loss changed. name: of its run folder."""
+
+    name: str
+    network: Mapping[str, Any] = field(default_factory=dict)
+    loss: Mapping[str, float] = field(default_factory=dict)
+
+    def resolved(self, preset: str) -> tuple[M3DepthConfig, LossConfig]:
+        """The network and the loss that are trained."""
+        return replace(PRESETS[preset], **self.network), LossConfig(**self.loss)
+
+
+@dataclass(frozen=True)
+class Row:
+    """A line of a table. paper: its figures there, by the names of ours."""
+
+    label: str
+    variant: Variant
+    paper: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What changes from row `before` to row `after`, by number, as in "WEFE, without IRM"."""
+
+    what: str
+    before: int
+    after: int
+    said: str = ""  # the paper's words where it gives no figure
+
+
+@dataclass(frozen=True)
+class Study:
+    """A table. source: its label in the paper. reference: number of the row that the others are drawn against.
+
+    measures: of the columns, those in which rows are compared; smaller is better in them.
+    """
+
+    title: str
+    source: str
+    columns: Sequence[str]
+    rows: Sequence[Row]
+    reference: int
+    comparisons: Sequence[Comparison]
+    measures: Sequence[str] = ("abs_rel",)
+
+
+BASE = Variant("base")
+
+
+def _row(label: str, variant: Variant, columns: Sequence[str], figures: Iterable[float]) -> Row:
+    return Row(label, variant, dict(zip(columns, figures)))
+
+
+def _components() -> Study:
+    columns = (*DEPTH, *NORMAL)
+    neither = Variant("no-wefe-no-irm", {"wavelet_levels": PLAIN, "refine_steps": 0})
+    irm = Variant("no-wefe", {"wavelet_levels": PLAIN})
+    wefe = Variant("no-irm", {"refine_steps": 0})
+    rows = (  # the text says RMSE 0.311 of (d), the tables 0.314
+        _row("(a) neither", neither, columns, (0.121, 0.083, 0.562, 0.055, 0.825, 33.5, 24.2, 50.9, 0.179)),
+        _row("(b) IRM", irm, columns, (0.115, 0.071, 0.462, 0.051, 0.871, 29.6, 20.8, 46.9, 0.275)),
+        _row("(c) WEFE", wefe, columns, (0.113, 0.066, 0.418, 0.049, 0.882, 25.3, 17.2, 40.7, 0.361)),
+        _row("(d) WEFE and IRM", BASE, columns, (0.089, 0.058, 0.314, 0.038, 0.905, 20.6, 12.3, 34.2, 0.435)),
+    )
+    comparisons = (
+        Comparison("IRM, without WEFE", 0, 1),
+        Comparison("WEFE, without IRM", 0, 2),
+        Comparison("WEFE beside IRM", 1, 3),
+        Comparison("IRM beside WEFE", 2, 3),
+    )
+    measures = ("abs_rel", "normal_mean")
+    return Study("Components: WEFE and IRM", "ablation, ablation_normal", columns, rows, 3, comparisons, measures)
+
+
+def _loss() -> Study:
+    columns = ("abs_rel", "sq_rel", "rmse", "delta1", "normal_mean")  # the paper has no normals here
+
+    def weights(disparity: float, normal: float, consistency: float) -> Variant:
+        changes = {"disparity": disparity, "normal": normal, "consistency": consistency}
+        name = "loss-" + "-".join(f"{value:g}" for value in changes.values())
+        return Variant(name, {}, changes)
+
+    rows = (
+        _row("λd 2, λn 1, λc 3", weights(2, 1, 3), columns, (0.089, 0.058, 0.314, 0.905)),
+        _row("no consistency: 2, 1, 0", weights(2, 1, 0), columns, (0.132, 0.091, 0.402, 0.863)),
+        _row("1, 2, 3", weights(1, 2, 3), columns, (0.115, 0.074, 0.370, 0.875)),
+        _row("3, 2, 1", weights(3, 2, 1), columns, (0.125, 0.082, 0.390, 0.868)),
+        _row("1, 3, 2", weights(1, 3, 2), columns, (0.102, 0.065, 0.348, 0.891)),
+        _row("depth alone: 2, 0, 0", weights(2, 0, 0), columns, ()),
+    )
+    comparisons = (
+        Comparison("Leaving out the consistency loss", 0, 1),
+        Comparison("Weights 1, 2, 3 instead of 2, 1, 3", 0, 2),
+        Comparison("Weights 3, 2, 1 instead of 2, 1, 3", 0, 3),
+        Comparison("Weights 1, 3, 2 instead of 2, 1, 3", 0, 4),
+        Comparison("Leaving out normals and consistency", 0, 5, "normals make depth more accurate, without a figure"),
+    )
+    return Study("Weights of the loss", "lambda", columns, rows, 0, comparisons)
+
+
+def _ladder(
+    title: str, source: str, what: str, change: Callable[[int], Mapping[str, Any]],
+    figures: Mapping[int, Sequence[float]], reference: int, said: Mapping[int, str] | None = None,
+) -> Study:  # fmt: skip
+    """A study of how many of something are best: a row for each number, compared with the one before it."""
+    columns = ("abs_rel", "sq_rel", "rmse", "delta1")
+    rows = tuple(_row(str(n), Variant(f"{what}-{n}", change(n)), columns, paper) for n, paper in figures.items())
+    steps = enumerate(pairwise(figures))
+    comparisons = tuple(
+        Comparison(f"{more} {what} instead of {less}", i, i + 1, (said or {}).get(more, ""))
+        for i, (less, more) in steps
+    )
+    return Study(title, source, columns, rows, [*figures].index(reference), comparisons)
+
+
+def _iterations() -> Study:
+    figures = {
+        1: (0.112, 0.076, 0.368, 0.876),
+        2: (0.098, 0.071, 0.338, 0.885),
+        3: (0.089, 0.065, 0.314, 0.905),
+        4: (0.086, 0.061, 0.310, 0.910),
+        5: (0.084, 0.059, 0.308, 0.912),
+        6: (),
+    }
+    study = _ladder(
+        "Iterations of the IRM, trained and run alike", "irm_iterations", "iterations", lambda n: {"refine_steps": n},
+        figures, 1, {6: "Abs Rel hardly changes"},
+    )  # fmt: skip
+    *rows, last = study.rows
+    return replace(study, rows=(*rows, replace(last, paper={"delta1": 0.913})))  # all that the text says of six
+
+
+def _levels() -> Study:
+    figures = {
+        2: (0.095, 0.076, 0.330, 0.890),
+        3: (0.084, 0.059, 0.308, 0.912),
+        4: (0.088, 0.063, 0.318, 0.905),
+        5: (0.093, 0.071, 0.327, 0.892),
+    }
+    return _ladder(
+        "Levels of the wavelet transform", "wt_levels", "levels", lambda n: {"wavelet_levels": (n, n)}, figures, 3
+    )
+
+
+STUDIES: dict[str, Study] = {
+    "components": _components(), "loss": _loss(), "iterations": _iterations(), "levels": _levels(),
+}  # fmt: skip
+
+
+def distinct(studies: Iterable[Study], preset: str) -> dict[str, Variant]:
+    """By the name of each variant, the run that gives its figures: its own, or an earlier one that is the same.
+
+    The unchanged preset comes before all others.
+    """
+    first = {BASE.resolved(preset): BASE}
+    rows = (row for study in studies for row in study.rows)
+    return {row.variant.name: first.setdefault(row.variant.resolved(preset), row.variant) for row in rows}

@@ -1,0 +1,185 @@
+"""Calibration files of rectified stereo pairs, as KITTI, Middlebury, ETH3D, OpenCV and ROS write them.
+
+KITTI        `P2: ...` and `P3: ...` (or `P_rect_02: ...`), 3 x 4 projection matrices [px, m]
+Middlebury   `cam0=[f 0 cx; 0 f cy; 0 0 1]`, `doffs=` [px], `baseline=` [mm]; ETH3D too
+OpenCV       YAML, XML or JSON with stereoRectify's P1 and P2, or its Q; baseline in the unit of the calibration target
+ROS          CameraInfo of the left and of the right eye, as camera_calibration saves it and as `topic echo` prints it
+marssim      a rig file, {"width", "height", "fx", "fy", "cx", "cy", "baseline"} [px, m], or a dataset's sample.json
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from m3depth.datasets.camera_info import NUMBER, CameraInfo, is_camera_info, parse_camera_info
+from marssim.base.camera import PinholeCamera, StereoRig
+from marssim.base.command.input_file import check_file
+
+KITTI_GREY = frozenset({"image_0", "image_00"})  # folders of the left grey camera; the colour one is number 2
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A rectified pair of cameras.
+
+    fx, fy, cx, cy [px] of the left eye; baseline [m]; shift [px]: the right eye's principal point less the left one's
+    (Middlebury's doffs), so that Z = f B / (x_left - x_right + shift). size: width and height [px], None if unknown.
+    """
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    baseline: float
+    shift: float = 0.0
+    size: tuple[int, int] | None = None
+
+    def rig(self, width: int, height: int) -> StereoRig:
+        """The rig for images of this size, once the right one is moved by `shift` (see align_right)."""
+        return StereoRig(PinholeCamera(width, height, self.fx, self.fy, self.cx, self.cy), self.baseline)
+
+
+def read_calibration(
+    path: Path, right: Path | None = None, *, image: Path | None = None, baseline: float | None = None
+) -> Calibration:
+    """Read a calibration file of any of the kinds above, told apart by what it holds.
+
+    right: the right eye's file, of ROS's two; a left one alone needs `baseline` [m]. image: where the left image lies;
+    in KITTI's folders it tells the grey cameras from the colour ones. Raises FileNotFoundError, or ValueError that
+    names the file and what it lacks.
+    """
+    for file in (path, right):
+        if file is not None:
+            check_file(file, "calibration file")
+    try:
+        text = path.read_text()
+        if is_camera_info(text):
+            return _from_ros(text, None if right is None else right.read_text(), baseline)
+        if right is not None:
+            raise ValueError("is no CameraInfo of ROS, which alone comes in two files")
+        if text.lstrip().startswith(("%YAML", "<?xml", "{")):
+            return _from_json(text) or _from_opencv(text)
+        if re.search(r"^\s*cam0\s*=", text, re.MULTILINE):
+            return _from_middlebury(text)
+        if re.search(r"^\s*P(_rect_0)?\d\s*:", text, re.MULTILINE):
+            grey = image is not None and not KITTI_GREY.isdisjoint(image.parts)
+            return _from_kitti(text, ("0", "1") if grey else ("2", "3"))
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: is no text ({error.reason}), as calibration files are") from None
+    except (ValueError, cv2.error, SystemError) as error:  # FileStorage raises SystemError from its own error
+        reason = str(error) if isinstance(error, ValueError) else "not readable as OpenCV's YAML, XML or JSON"
+        raise ValueError(f"{path}: {reason}") from None
+    raise ValueError(
+        f"{path}: no calibration of KITTI (P2:), Middlebury or ETH3D (cam0=), OpenCV (%YAML), ROS (projection_matrix:) "
+        "or marssim"
+    )
+
+
+def align_right(right: np.ndarray, shift: float) -> np.ndarray:
+    """The right image as an eye with the left one's principal point would have taken it: moved left by `shift` px.
+
+    right: (H, W) or (H, W, 3) uint8. Returns the same shape; the border is repeated where nothing was seen.
+    """
+    if shift == 0:
+        return right
+    move = np.array([[1, 0, -shift], [0, 1, 0]])
+    size = (right.shape[1], right.shape[0])
+    return cv2.warpAffine(right, move, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+
+
+def _from_json(text: str) -> Calibration | None:
+    """marssim's rig file or sample.json; None if it is another JSON file."""
+    try:
+        data = json.loads(text)
+    except json.JSONDecodeError:
+        return None
+    except RecursionError:  # OpenCV's reader would end the process
+        raise ValueError("is nested too deeply") from None
+    if not isinstance(data, dict) or not ("rig" in data or "baseline" in data):
+        return None
+    rig = StereoRig.from_dict(data.get("rig", data))
+    c = rig.camera
+    return Calibration(c.fx, c.fy, c.cx, c.cy, rig.baseline, size=(c.width, c.height))
+
+
+def _from_projections(left: np.ndarray, right: np.ndarray) -> Calibration:
+    """From two (3, 4) projection matrices K [I | t] of one rectified frame; t along x only."""
+    if not (left[0, 0] > 0 and right[0, 0] > 0):
+        raise ValueError("the projection matrices have no positive focal length")
+    baseline = left[0, 3] / left[0, 0] - right[0, 3] / right[0, 0]
+    fx, fy, cx, cy = (float(left[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    return Calibration(fx, fy, cx, cy, float(baseline), float(right[0, 2] - left[0, 2]))
+
+
+def _from_ros(left_text: str, right_text: str | None, baseline: float | None) -> Calibration:
+    """From the left and the right eye's CameraInfo, from the right one's alone, or the left one's and a baseline."""
+    first: CameraInfo = parse_camera_info(left_text)
+    if right_text is not None:
+        second = parse_camera_info(right_text)
+        if first.projection[0, 3] != 0 or second.projection[0, 3] == 0:
+            raise ValueError("the left eye's CameraInfo (Tx = 0) comes first, then the right one's (Tx = -f B)")
+        found = _from_projections(first.projection, second.projection)
+    elif first.projection[0, 3] == 0:
+        if baseline is None:
+            raise ValueError("is the left eye's CameraInfo (Tx = 0); give the right eye's, which tells the baseline")
+        p = first.projection
+        found = Calibration(p[0, 0], p[1, 1], p[0, 2], p[1, 2], baseline)
+    else:
+        alone = first.projection.copy()
+        alone[0, 3] = 0
+        found = _from_projections(alone, first.projection)
+    return replace(found, size=first.size)
+
+
+def _from_kitti(text: str, eyes: tuple[str, str]) -> Calibration:
+    matrices = {
+        number: np.array([float(value) for value in values.split()])
+        for number, values in re.findall(rf"^\s*P(?:_rect_0)?(\d)\s*:((?:\s+{NUMBER})+)", text, re.MULTILINE)
+    }
+    present = [pair for pair in (eyes, ("2", "3"), ("0", "1")) if all(eye in matrices for eye in pair)]
+    if not present:
+        raise ValueError("needs the projection matrices of two eyes, P2 and P3 or P0 and P1")
+    for eye in present[0]:
+        if matrices[eye].size != 12:
+            raise ValueError(f"P{eye} must have 12 numbers, has {matrices[eye].size}")
+    return _from_projections(*(matrices[eye].reshape(3, 4) for eye in present[0]))
+
+
+def _from_middlebury(text: str) -> Calibration:
+    fields = dict(re.findall(r"^\s*(\w+)\s*=\s*(.+?)\s*$", text, re.MULTILINE))
+    for name in ("cam0", "baseline"):
+        if name not in fields:
+            raise ValueError(f"field {name} is missing")
+    camera = [float(value) for value in re.findall(NUMBER, fields["cam0"])]
+    if len(camera) != 9:
+        raise ValueError(f"cam0 must have 9 numbers, has {len(camera)}")
+    size = (int(fields["width"]), int(fields["height"])) if {"width", "height"} <= fields.keys() else None
+    fx, cx, fy, cy = (camera[i] for i in (0, 2, 4, 5))
+    return Calibration(fx, fy, cx, cy, float(fields["baseline"]) / 1000, float(fields.get("doffs", 0)), size)
+
+
+def _from_opencv(text: str) -> Calibration:
+    storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+    try:
+        found = {name: _matrix(storage, name) for name in ("P1", "P2", "Q")}
+    finally:
+        storage.release()
+    left, right, q = found["P1"], found["P2"], found["Q"]
+    if left is not None and right is not None:
+        return _from_projections(left, right)
+    if q is not None and q.shape == (4, 4) and q[3, 2] != 0:
+        # Q holds -cx, -cy, f, -1 / Tx and (cx - cx') / Tx (OpenCV, stereoRectify).
+        inverse, f = float(q[3, 2]), float(q[2, 3])
+        return Calibration(f, f, -float(q[0, 3]), -float(q[1, 3]), 1 / inverse, float(q[3, 3]) / inverse)
+    raise ValueError("holds neither P1 and P2 nor Q of stereoRectify; the images have to be rectified first")
+
+
+def _matrix(storage: cv2.FileStorage, name: str) -> np.ndarray | None:
+    node = storage.getNode(name)
+    return None if node.empty() else node.mat()

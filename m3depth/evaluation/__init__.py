@@ -1,0 +1,1 @@
+"""Scores of predicted depth and normals, and their report."""

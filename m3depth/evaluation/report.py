@@ -1,0 +1,262 @@
+"""Results of an evaluation as JSON, Markdown and a table for the terminal."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import platform
+import sys
+from collections.abc import Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from m3depth.evaluation.metrics import DEPTH_CAP, KINDS
+from m3depth.evaluation.rock_scores import OBSTACLE
+from marssim.base.dataset.dataset import DatasetError, read_json
+from marssim.base.files.atomic import write_atomically
+
+Results = Mapping[str, Mapping[str, Any]]
+
+DEPTH_COLUMNS = {
+    "abs_rel": "Abs Rel ↓", "sq_rel": "Sq Rel ↓", "rmse": "RMSE [m] ↓", "log10": "log10 ↓",
+    "delta1": "δ1 ↑", "delta2": "δ2 ↑", "delta3": "δ3 ↑", "epe": "EPE [px] ↓", "bad1": "bad-1 ↓",
+}  # fmt: skip
+NORMAL_COLUMNS = {
+    "mean": "mean [°] ↓", "median": "median [°] ↓", "rmse": "RMSE [°] ↓",
+    "within_11.25": "11.25° ↑", "within_22.5": "22.5° ↑", "within_30": "30° ↑",
+}  # fmt: skip
+FIGURES = (
+    "comparison", "qualitative", "zoom", "worst", "error_by_depth", "error_distribution", "sparsification", "rocks",
+)  # fmt: skip
+PACKAGES = ("mars-m3depth", "torch", "numpy", "opencv-python-headless")
+
+
+def versions() -> dict[str, Any]:
+    """Of what the figures depend on; the processor too, because seconds do."""
+    found: dict[str, Any] = {"python": platform.python_version(), "machine": platform.machine(), "cpus": os.cpu_count()}
+    for package in PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = None
+    torch = sys.modules.get("torch")
+    if torch is not None:
+        found["torch_threads"] = torch.get_num_threads()
+    return found
+
+
+def check_own_results(out: Path, field: str) -> None:
+    """Raise DatasetError, before anything is done, if the results.json in a folder is another command's.
+
+    field: what only the caller's has. Its own of an earlier run is replaced.
+    """
+    path = out / "results.json"
+    if path.is_file() and field not in read_json(path):
+        raise DatasetError(
+            f"--out {out}: results.json there is another command's, or an earlier version's; choose another folder"
+        )
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Replace a JSON file in one step; what is not finite becomes null, so that every reader can read it."""
+    write_atomically(path, (json.dumps(_finite(content), indent=1, allow_nan=False) + "\n").encode())
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return value
+
+
+def text_table(results: Results) -> str:
+    """The main figures (mean over images), for the terminal."""
+    header = ["", *DEPTH_COLUMNS.values(), "normal [°] ↓", "s/pair"]
+    rows = [
+        [
+            name,
+            *_figures(result["depth"]["all"]["per_image"], DEPTH_COLUMNS),
+            *_figures(result["normal"]["all"]["per_image"], ["mean"]),
+            _seconds(result, 2),
+        ]
+        for name, result in results.items()
+    ]
+    widths = [max(len(row[i]) for row in [header, *rows]) for i in range(len(header))]
+    return "\n".join("  ".join(cell.rjust(w) for cell, w in zip(row, widths, strict=True)) for row in [header, *rows])
+
+
+def markdown_report(about: Mapping[str, Any], results: Results, true_depth_normals: Mapping[str, Any]) -> str:
+    """The whole report.
+
+    about: data, split, pairs, weights, degrade, depth_range_m, max_disparity_px, versions. true_depth_normals: of
+    planes fitted to the true depth, by kind.
+    """
+    degrade = f", degraded by `{about['degrade']}` (seed {about['seed']})" if about["degrade"] else ""
+    lines = [
+        "# Evaluation",
+        "",
+        f"{about['pairs']} pairs, split {about['split']} of `{about['data']}`{degrade}. Weights: {about['weights']}.",
+        "",
+        f"Scored: every pixel of {depths_said(about['depth_range_m'])} and at most {about['max_disparity_px']:g} px of "
+        f"disparity. None is dropped: unknown or infinite depth counts as {DEPTH_CAP:g} m. `density` is the share with "
+        "a finite depth. Seconds: median, the first call of each method left out. MiB: the most that the whole process "
+        "held meanwhile.",
+    ]
+    for key, title in (("per_image", "mean over images"), ("pooled", "pooled over all pixels")):
+        lines += ["", f"## Depth, {title}", ""]
+        lines += table(
+            ["method", *DEPTH_COLUMNS.values(), "density", "s/pair", "MiB"],
+            [
+                [
+                    name,
+                    *_figures(r["depth"]["all"][key], [*DEPTH_COLUMNS, "density"]),
+                    _seconds(r, 3),
+                    _memory(r),
+                ]
+                for name, r in results.items()
+            ],
+        )
+        lines += ["", f"## Normals, {title}", "", "Fitted: planes in 15 x 15 px of the disparity.", ""]
+        lines += table(
+            ["method", *NORMAL_COLUMNS.values()],
+            [
+                [name, *_figures(kinds["all"][key], NORMAL_COLUMNS)]
+                for name, kinds in _normal_rows(results, true_depth_normals)
+            ],
+        )
+    lines += _by_kind(results, about["max_disparity_px"]) + _by_depth(results)
+    lines += _rocks(results) + _confidence(results)
+    lines += ["", "## Sky predicted nearer than 15 m", ""]
+    lines += table(
+        ["method", "share", "sky pixels"],
+        [[name, *_figures(r["sky"], ["predicted_near"]), str(r["sky"]["pixels"])] for name, r in results.items()],
+    )
+    for figure in FIGURES:
+        lines += ["", f"![{figure.replace('_', ' ')}]({figure}.png)"]
+    found = ", ".join(f"{name} {value}" for name, value in about["versions"].items() if value is not None)
+    return "\n".join([*lines, "", f"One run on one machine. {found}.", ""])
+
+
+def depths_said(depth_range: Sequence[float]) -> str:
+    """The depths that are scored, nearest and farthest [m], in words."""
+    low, high = depth_range
+    if math.isinf(high):
+        return f"true depth of {low:g} m and more" if low else "known true depth"
+    return f"true depth {low:g} to {high:g} m"
+
+
+def _normal_rows(results: Results, true_depth_normals: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:
+    rows: list[tuple[str, Mapping[str, Any]]] = []
+    for name, r in results.items():
+        if r["normal"]["all"]["pixels"] or not r["fitted_normal"]["all"]["pixels"]:
+            rows.append((name, r["normal"]))
+        if r["fitted_normal"]["all"]["pixels"]:
+            rows.append((f"{name}, fitted to its depth", r["fitted_normal"]))
+    return [*rows, ("fitted to the true depth", true_depth_normals)]
+
+
+def _by_kind(results: Results, max_disparity: float) -> list[str]:
+    rows = []
+    for kind in KINDS:
+        for name, r in results.items():
+            depth, normal = r["depth"][kind], r["normal"][kind]
+            figures = _figures(depth["pooled"], ["abs_rel", "rmse", "epe", "bad1"])
+            rows.append([kind, name, *figures, *_figures(normal["pooled"], ["mean"]), str(depth["pixels"])])
+    columns = ["pixels", "method", "Abs Rel", "RMSE [m]", "EPE [px]", "bad-1", "normal [°]", "count"]
+    about = f"`near`: more than {max_disparity:g} px; `texture_poor`: grey levels vary by less than 2.5 in 9 x 9 px."
+    return ["", "## By kind of pixel, pooled", "", about, "", *table(columns, rows)]
+
+
+def _by_depth(results: Results) -> list[str]:
+    names, rows = list(results), []
+    for i, interval in enumerate(results[names[0]]["intervals"]):
+        pooled = [r["intervals"][i]["pooled"] for r in results.values()]
+        figures = [_figures(p, [key])[0] for key in ("mae", "abs_rel") for p in pooled]
+        rows.append([f"{interval['from_m']:g}-{interval['to_m']:g} m", *figures, str(interval["pixels"])])
+    columns = ["depth", *(f"{n} MAE [m]" for n in names), *(f"{n} Abs Rel" for n in names), "count"]
+    return ["", "## By true depth, pooled", "", *table(columns, rows)]
+
+
+def _rocks(results: Results) -> list[str]:
+    """Found, missed and falsely seen; nothing if no sample told where its camera stood."""
+    seen = {name: r["rocks"] for name, r in results.items() if r["rocks"]}
+    if not seen:
+        return []
+    images = next(iter(seen.values()))["images"]
+    about = (
+        "Found: the rock's predicted top stands at least half as high as the true one. Height error: median magnitude "
+        "and median with sign, over the rocks found. False: regions away from rocks, in the sky too, that are "
+        f"predicted to stand 0.2 m and more above the true ground, in {images} images."
+    )
+    return ["", "## Rocks", "", about, "", *rocks_table(seen, OBSTACLE)]
+
+
+def rocks_table(seen: Mapping[str, Mapping[str, Any]], least_false: float) -> list[str]:
+    """Lines of a table by method, height and range. seen: RockTally.result() by method; least_false [m]: height from
+    which false obstacles were looked for."""
+    rows = []
+    for name, rocks in seen.items():
+        for figures in (rocks["standing_0.2_m_within_8_m"], *rocks["bins"]):
+            low, high = figures["height_from_m"], figures["height_to_m"]
+            rows.append(
+                [
+                    name,
+                    f"{low:g} m and more" if high == math.inf else f"{low:g}-{high:g} m",
+                    f"{figures['range_from_m']:g}-{figures['range_to_m']:g} m",
+                    *(str(figures[key]) for key in ("rocks", "found")),
+                    *_figures(figures, ["found_share"]),
+                    *(str(figures[key]) for key in ("both_eyes", "both_eyes_found")),
+                    *_figures(figures, ["height_error_m", "height_bias_m"]),
+                    "-" if high <= least_false else str(figures["false"]),
+                ]
+            )
+    columns = ["method", "height", "range", "rocks", "found", "share", "seen by both eyes", "found"]
+    return table([*columns, "height error [m]", "bias [m]", "false"], rows)
+
+
+def _confidence(results: Results) -> list[str]:
+    rows = []
+    for name, r in results.items():
+        if curve := r["sparsification"]:
+            here, tenth, third = (curve["dropped"].index(share) for share in (0.0, 0.1, 0.3))
+            figures: dict[str, float] = {}
+            for key in ("bad1", "epe"):
+                figures |= {f"{key} {i}": curve[key][i] for i in (here, tenth, third)}
+                figures |= {f"oracle {key} {i}": curve[f"oracle_{key}"][i] for i in (tenth, third)}
+            names = list(figures)
+            rows.append([name, *_figures(figures, names), *_figures(curve, ["ause_bad1", "ause_epe"])])
+    if not rows:
+        return []
+    part = ["all", "-10 %", "-30 %", "oracle -10 %", "oracle -30 %"]
+    columns = ["method", *(f"bad-1 {p}" for p in part), *(f"EPE {p}" for p in part), "AUSE bad-1", "AUSE EPE"]
+    about = "What is left without the least confident 10 and 30 % of the pixels, and without the worst (oracle)."
+    return ["", "## Confidence, pooled", "", about, "", *table(columns, rows)]
+
+
+def _seconds(result: Mapping[str, Any], digits: int) -> str:
+    return "-" if result["seconds"] is None else f"{result['seconds']['median']:.{digits}f}"
+
+
+def _memory(result: Mapping[str, Any]) -> str:
+    found = (result["memory_mib"] or {}).get("process")
+    return "-" if found is None else f"{found:.0f}"
+
+
+def _figures(values: Mapping[str, float | None], names: Mapping[str, str] | Sequence[str]) -> list[str]:
+    return ["-" if (value := values.get(name)) is None else number(value) for name in names]
+
+
+def number(value: float) -> str:
+    """A figure with about four digits."""
+    return f"{value:.4f}" if abs(value) < 1 else f"{value:.3f}" if abs(value) < 10 else f"{value:.2f}"
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a Markdown table; all columns but the first are set to the right."""
+    rule = ["---", *("---:" for _ in header[1:])]
+    return ["| " + " | ".join(row) + " |" for row in (header, rule, *rows)]

@@ -1,0 +1,265 @@
+"""Methods scored on the same pairs, in one pass over them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import astuple, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from m3depth.estimator import Estimator, EstimatorError, checked_prediction
+from m3depth.evaluation.cost import Cost, measured
+from m3depth.evaluation.example import Example
+from m3depth.evaluation.recorded_maps import RecordedPredictions
+from m3depth.evaluation.resume import Unfinished
+from m3depth.evaluation.scores import NormalScores, ScoredPair, Scores
+from m3depth.stereo.degradation import Degradation
+from m3depth.stereo.pairs import MAX_DISPARITY, StereoPairs, spread
+from m3depth.stereo.plane_normals import fitted_normals
+from m3depth.stereo.prediction import Prediction
+from marssim.base.command.signals import stop_on_signal
+
+RESERVED = ("index", "pair", "scene")  # fields of a pair's record, beside those of the methods
+
+Method = Estimator | RecordedPredictions
+
+
+@dataclass
+class Evaluation:
+    """What `evaluate` found out.
+
+    results: by method, Scores.result() with "median_image" (the median over images of the image's figures), "seconds"
+    (median and mean per pair) and "memory_mib" (the most that was held: by the process, everything in it included, and
+    on a GPU); None for predictions that were read. pairs: a record per pair with the figures of each method.
+    true_depth_normals: the normals that fitting planes to the true depth gives, by kind. examples: to be shown. worst:
+    the pairs in which the first method's mean disparity error is largest, the largest first.
+    """
+
+    results: dict[str, dict[str, Any]]
+    pairs: list[dict[str, Any]] = field(default_factory=list)
+    true_depth_normals: dict[str, Any] = field(default_factory=dict)
+    examples: list[Example] = field(default_factory=list)
+    worst: list[Example] = field(default_factory=list)
+
+
+class Scoring:
+    """Methods that are being scored, a pair at a time; what they have so far can be saved, and gone on from.
+
+    pairs: the records so far, in the order in which the pairs came.
+    """
+
+    def __init__(
+        self,
+        dataset: StereoPairs,
+        methods: Mapping[str, Method],
+        degradation: Degradation | None,
+        seed: int,
+        max_disparity: float,
+    ) -> None:
+        self.dataset, self.methods = dataset, methods
+        self.degradation, self.seed, self.max_disparity = degradation, seed, max_disparity
+        self.pairs: list[dict[str, Any]] = []
+        self._scores = {
+            name: Scores(fit=not getattr(method, "normals_are_fitted", False)) for name, method in methods.items()
+        }
+        self._true_depth_normals = NormalScores()
+        self._costs: dict[str, list[Cost]] = {name: [] for name in methods}
+        self._warm: set[str] = set()
+
+    def add(self, index: int) -> Example:
+        """Score every method on one pair, and note it in pairs. Raises as `evaluate` does."""
+        example, costs = self.predicted(index)
+        pair = ScoredPair(example.truth, self.max_disparity)
+        record: dict[str, Any] = {
+            "index": index, "pair": _name(self.dataset, index), "scene": _scene(self.dataset, index),
+        }  # fmt: skip
+        for name, prediction in example.predictions.items():
+            try:
+                record[name] = self._scores[name].add(prediction, pair)
+            except ValueError as error:
+                raise ValueError(f"{name}, pair {index}: {error}") from None
+            if name in costs:
+                record[name]["seconds"] = costs[name].seconds
+                self._costs[name].append(costs[name])
+        self._true_depth_normals.add(fitted_normals(example.truth.disparity, example.truth.rig.camera), pair)
+        self.pairs.append(record)
+        return example
+
+    def predicted(self, index: int) -> tuple[Example, dict[str, Cost]]:
+        """What every method makes of a pair, and what that cost those that were run; nothing is scored."""
+        sample = self.dataset[index]
+        left, right = sample.left, sample.right
+        if self.degradation is not None:
+            left, right = self.degradation.apply(left, right, np.random.default_rng((self.seed, index)))
+        predictions: dict[str, Prediction] = {}
+        costs: dict[str, Cost] = {}
+        for name, method in self.methods.items():
+            if isinstance(method, RecordedPredictions):
+                predictions[name] = method.read(_name(self.dataset, index), index, sample.rig)
+                continue
+            if name not in self._warm:
+                method.infer(left, right, sample.rig)
+                self._warm.add(name)
+            found, costs[name] = measured(method.infer, left, right, sample.rig)
+            try:
+                predictions[name] = checked_prediction(method, found, left.shape[:2])
+            except EstimatorError as error:
+                raise EstimatorError(f"{name}, pair {index}: {error}") from None
+        return Example(index, left, right, sample, predictions), costs
+
+    def result(self) -> Evaluation:
+        """What has been found, without examples."""
+        results = {
+            name: {
+                **score.result(),
+                "median_image": _medians([record[name] for record in self.pairs]),
+                **_spent(self._costs[name]),
+            }
+            for name, score in self._scores.items()
+        }
+        return Evaluation(results, self.pairs, self._true_depth_normals.result())
+
+    def state_dict(self) -> dict[str, Any]:
+        """For Unfinished.save."""
+        return {
+            "pairs": self.pairs,
+            "scores": {name: score.state_dict() for name, score in self._scores.items()},
+            "true_depth_normals": self._true_depth_normals.state_dict(),
+            "costs": {name: [astuple(cost) for cost in costs] for name, costs in self._costs.items()},
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on from there. Raises KeyError if something is missing."""
+        self.pairs = state["pairs"]
+        for name, score in self._scores.items():
+            score.load_state_dict(state["scores"][name])
+        self._true_depth_normals.load_state_dict(state["true_depth_normals"])
+        self._costs = {name: [Cost(*cost) for cost in state["costs"][name]] for name in self.methods}
+
+
+def evaluate(
+    dataset: StereoPairs,
+    estimators: Mapping[str, Method],
+    *,
+    limit: int | None = None,
+    degradation: Degradation | None = None,
+    seed: int = 0,
+    max_disparity: float = MAX_DISPARITY,
+    examples: int = 0,
+    worst: int = 0,
+    progress: Callable[[Sequence[int]], Iterable[int]] | None = None,
+    unfinished: Unfinished | None = None,
+) -> Evaluation:
+    """Score every method on the same pairs.
+
+    dataset: samples with ground truth. estimators: by the name they are reported under. limit: score only so many
+    pairs, spread evenly over the dataset. degradation: applied to the images first; its noise depends on (seed, index)
+    alone. max_disparity [px]: nearer pixels are scored apart. examples: so many pairs are kept to be shown, evenly
+    spread; worst: and so many of those that the first method got most wrong. progress: wraps the indices that are
+    walked through, as marssim.base.command.progress.watched does. unfinished: where to save, now and then and at the
+    end, and what to go on from; the caller removes it. Besides what is kept to be shown, memory grows by a few numbers
+    a pair. Each estimator sees the first pair twice: the first time warms it up and is not timed. Raises ValueError if
+    there is nothing to score, EstimatorError if a method returns no Prediction of this size; FileNotFoundError if a
+    recorded prediction is missing; with `unfinished`, KeyboardInterrupt after SIGINT or SIGTERM, once the pair that it
+    came upon is scored and saved, and UnfinishedError if what was saved is of no use.
+    """
+    chosen = _checked(dataset, estimators, limit, seed)
+    scoring = Scoring(dataset, estimators, degradation, seed, max_disparity)
+    if unfinished is not None and (state := unfinished.load()) is not None:
+        try:
+            scoring.load_state_dict(state)
+        except (KeyError, TypeError, AttributeError, ValueError):
+            raise unfinished.damaged() from None
+    first = next(iter(estimators))
+    shown = [chosen[i] for i in spread(len(chosen), examples)] if examples else []
+    ranked = _worst(scoring.pairs, first, worst)
+    seen: dict[int, Example] = {}
+    noticed: AbstractContextManager[list[int]] = nullcontext([]) if unfinished is None else stop_on_signal()
+    with noticed as signals:
+        rest = chosen[len(scoring.pairs) :]
+        for index in progress(rest) if progress else rest:
+            example = scoring.add(index)
+            ranked = _worst([*ranked, scoring.pairs[-1]], first, worst)
+            wanted = {*shown, *(record["index"] for record in ranked)}
+            seen = {i: kept for i, kept in {**seen, index: example}.items() if i in wanted}
+            if unfinished is not None:
+                unfinished.save_now_and_then(scoring.state_dict)
+            if signals:
+                break
+        if unfinished is not None:
+            unfinished.save(scoring.state_dict())
+        if signals:
+            raise KeyboardInterrupt
+    out = scoring.result()
+    out.examples, out.worst = (
+        # Those that were scored before a stop are predicted again.
+        [seen[i] if i in seen else scoring.predicted(i)[0] for i in indices]
+        for indices in (shown, [record["index"] for record in ranked])
+    )
+    return out
+
+
+def _worst(records: Sequence[dict[str, Any]], method: str, number: int) -> list[dict[str, Any]]:
+    """The records of the pairs in which the method's mean disparity error is largest, the largest first."""
+    return sorted(records, key=lambda record: -record[method].get("epe", 0.0))[:number]
+
+
+def check_choice(limit: int | None, seed: int) -> None:
+    """Raise ValueError that names what cannot be used."""
+    if limit is not None and limit < 1:
+        raise ValueError(f"limit must be at least 1, got {limit}")
+    if seed < 0:
+        raise ValueError(f"seed must not be negative, got {seed}")
+
+
+def _checked(dataset: StereoPairs, estimators: Mapping[str, Method], limit: int | None, seed: int) -> list[int]:
+    """The indices to be scored, once everything that was asked for can be done."""
+    if not len(dataset):
+        raise ValueError("the dataset holds no pairs")
+    if not estimators:
+        raise ValueError("no estimator to score")
+    for name in RESERVED:
+        if name in estimators:
+            raise ValueError(f"no method may be called {name!r}: the records of the pairs use that name themselves")
+    check_choice(limit, seed)
+    chosen = chosen_pairs(dataset, limit)
+    for method in estimators.values():
+        if isinstance(method, RecordedPredictions):
+            method.check(chosen)
+    return [index for _, index in chosen]
+
+
+def chosen_pairs(dataset: StereoPairs, limit: int | None) -> list[tuple[str, int]]:
+    """Names and indices of the pairs that are scored, spread evenly over the dataset."""
+    chosen = spread(len(dataset), len(dataset) if limit is None else limit)
+    return [(_name(dataset, index), index) for index in chosen]
+
+
+def _name(dataset: StereoPairs, index: int) -> str:
+    """The dataset's own name of a pair, where it has one."""
+    names = getattr(dataset, "names", None)
+    return f"{index:06d}" if names is None else names[index]
+
+
+def _scene(dataset: StereoPairs, index: int) -> str:
+    """What the pair shows, as the dataset names it; where it says nothing, each pair shows a scene of its own."""
+    scenes = getattr(dataset, "scenes", None)
+    return _name(dataset, index) if scenes is None else scenes[index]
+
+
+def _medians(records: list[dict[str, float]]) -> dict[str, float]:
+    names = sorted({name for record in records for name in record} - {"seconds"})
+    return {name: float(np.median([r[name] for r in records if name in r])) for name in names}
+
+
+def _spent(costs: list[Cost]) -> dict[str, Any]:
+    if not costs:
+        return {"seconds": None, "memory_mib": None}
+    seconds = [cost.seconds for cost in costs]
+    peak, gpu = ([x for x in found if x is not None] for found in zip(*((c.peak_mib, c.gpu_mib) for c in costs)))
+    return {
+        "seconds": {"median": float(np.median(seconds)), "mean": float(np.mean(seconds))},
+        "memory_mib": {"process": max(peak, default=None), "gpu": max(gpu, default=None)},
+    }

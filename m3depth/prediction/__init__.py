@@ -1,0 +1,1 @@
+"""Prediction on image files: checks, files and figure."""

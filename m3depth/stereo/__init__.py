@@ -1,0 +1,1 @@
+"""Stereo pairs, predictions and classical matching."""

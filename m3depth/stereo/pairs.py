@@ -1,0 +1,63 @@
+"""Rectified stereo pairs: what every method checks of one, how near they are matched, and sequences of them."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+
+from marssim.base.camera import MAX_DEPTH, MIN_DEPTH, StereoRig
+
+NEAREST = 0.84  # [m] every method looks for matches as near as this: 192 px for NaTeCam
+MAX_DISPARITY = 192.0  # [px] nearer pixels are neither trained nor scored with the others
+
+
+class StereoPairs(Protocol):
+    """A sequence of samples with ground truth and the fields of marssim.base.dataset.dataset's."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, index: int, /) -> Any: ...
+
+
+def scored_depths(pairs: StereoPairs) -> tuple[float, float]:
+    """Nearest and farthest depth [m] that their `valid` masks hold, where they say so: else the paper's 0.5 to 15 m."""
+    return getattr(pairs, "depth_range", (MIN_DEPTH, MAX_DEPTH))
+
+
+def spread(count: int, wanted: int) -> list[int]:
+    """At most `wanted` of range(count), evenly spread from the first to the last."""
+    return np.unique(np.linspace(0, count - 1, min(wanted, count)).round().astype(int)).tolist()
+
+
+def in_colour(image: np.ndarray) -> np.ndarray:
+    """(H, W, 3) of an image (H, W) or (H, W, 3): grey becomes three equal channels."""
+    return image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
+
+
+def in_grey(image: np.ndarray) -> np.ndarray:
+    """(H, W) of an image (H, W) or RGB (H, W, 3), uint8 or float32."""
+    return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image
+
+
+def checked_pair(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> tuple[np.ndarray, np.ndarray]:
+    """Both images as (H, W) or (H, W, 3) uint8; a single channel is squeezed.
+
+    Raises ValueError that names the image whose type or shape is wrong, or whose size is not the rig's.
+    """
+    checked = []
+    for name, image in (("left", left), ("right", right)):
+        if not isinstance(image, np.ndarray) or image.dtype != np.uint8:
+            raise ValueError(f"{name} image must be a uint8 array, got {getattr(image, 'dtype', type(image).__name__)}")
+        if image.ndim == 3 and image.shape[2] == 1:
+            image = image[..., 0]
+        if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] != 3):
+            raise ValueError(f"{name} image must be (H, W) or (H, W, 3), got {image.shape}")
+        if image.shape[:2] != (rig.camera.height, rig.camera.width):
+            raise ValueError(
+                f"{name} image is {image.shape[1]} x {image.shape[0]}, "
+                f"the rig's camera is {rig.camera.width} x {rig.camera.height}"
+            )
+        checked.append(image)
+    return checked[0], checked[1]

@@ -1,0 +1,1 @@
+"""The training loop with its data, losses and logs."""

@@ -1,0 +1,149 @@
+"""Crops of samples, and changes of how a pair looks: never of what it shows."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+
+import cv2
+import numpy as np
+
+from m3depth.stereo.pairs import MAX_DISPARITY
+from m3depth.training.packing import DISPARITY_UNIT, SCORED, TRAINED, PackedSample
+
+
+@dataclass(frozen=True)
+class AugmentConfig:
+    """Chances are per crop; every draw comes from the crop's own generator.
+
+    Raises ValueError that names the flag of a value that cannot work.
+    """
+
+    contrast: float = 0.34  # three of five crops: factor from this to 1.25 (at most 1 / this), log-uniform; 1: none
+    brightness: float = 0.12  # shift, of the full range
+    gamma: float = 0.25  # exponent exp(+- this)
+    eye_gain: float = 0.08  # gain of the right eye relative to the left one, 1 +- this
+    noise: float = 0.02  # highest standard deviation, of the full range; drawn for half of the crops
+    blur: float = 1.0  # highest sigma [px] of a Gaussian, a third of the crops; 0: none
+    grey: float = 0.3  # chance that colour is dropped
+    vertical: float = 0.5  # largest vertical offset of the right image [px], half of the crops
+    occlude: float = 0.25  # chance of patches in the right image that show nothing of the left
+    bottom: float = 0.35  # chance that the crop touches the lower edge, where disparities are largest
+    scale: float = 0.2  # half of the crops are enlarged or reduced by up to this share, camera and disparity with them
+
+    def __post_init__(self) -> None:
+        limits = {"brightness": 1.0, "gamma": 3.0, "eye_gain": 1.0, "scale": 3.0}
+        limits |= dict.fromkeys(("contrast", "grey", "occlude", "bottom"), 1.0)
+        for name, value in asdict(self).items():
+            highest = limits.get(name, math.inf)
+            if not (math.isfinite(value) and 0 <= value <= highest):
+                expected = "at least 0" if highest == math.inf else f"0 to {highest:g}"
+                raise ValueError(f"--augment.{name.replace('_', '-')} must be {expected}, got {value}")
+        if self.contrast == 0:
+            raise ValueError("--augment.contrast must be over 0; 1 leaves the contrast as it is")
+
+
+def crop(sample: PackedSample, y: int, x: int, height: int, width: int) -> PackedSample:
+    """The part whose upper left pixel is (x, y); the principal point moves with it."""
+    window = np.s_[y : y + height, x : x + width]
+    fx, fy, cx, cy = sample.camera
+    left, right, disparity, normal, flags = (a[window] for a in sample[:5])
+    return PackedSample(left, right, disparity, normal, flags, (fx, fy, cx - x, cy - y))
+
+
+def check_crop(sample: PackedSample, size: tuple[int, int]) -> None:
+    """Raise ValueError if the images are smaller than crops of size (height, width)."""
+    height, width = sample.left.shape[:2]
+    if size[0] > height or size[1] > width:
+        raise ValueError(f"--crop {size[0]} {size[1]} is larger than the images, {height} x {width}")
+
+
+def random_crop(
+    sample: PackedSample, size: tuple[int, int], config: AugmentConfig, rng: np.random.Generator
+) -> PackedSample:
+    """A crop of size (height, width), of a part of that size or of a somewhat larger or smaller one.
+
+    Raises ValueError if the images are smaller than the crop.
+    """
+    check_crop(sample, size)
+    height, width = sample.left.shape[:2]
+    highest = np.log1p(config.scale)
+    factor = np.exp(rng.uniform(-highest, highest)) if rng.random() < 0.5 else 1.0
+    factor = max(factor, size[0] / height, size[1] / width)
+    window = round(size[0] / factor), round(size[1] / factor)
+    spare_y, spare_x = height - window[0], width - window[1]
+    y = spare_y if rng.random() < config.bottom else int(rng.integers(spare_y + 1))
+    part = crop(sample, y, int(rng.integers(spare_x + 1)), *window)
+    return part if window == size else resized(part, size)
+
+
+def resized(sample: PackedSample, size: tuple[int, int]) -> PackedSample:
+    """The pair as cameras of another resolution see it. size: height, width.
+
+    Both eyes are resampled alike, so a disparity d becomes d s_x, fx and fy become fx s_x and fy s_y; what is then out
+    of the network's reach is no longer trained. Disparity is interpolated on surfaces, and the nearest pixel's where
+    it changes by more than 1 px within 3 x 3 px or is unknown; normals and flags are the nearest pixel's.
+    """
+    height, width = sample.left.shape[:2]
+    sy, sx = size[0] / height, size[1] / width
+
+    def nearest(image: np.ndarray) -> np.ndarray:
+        return cv2.resize(image, size[::-1], interpolation=cv2.INTER_NEAREST_EXACT)
+
+    images = [
+        cv2.resize(eye, size[::-1], interpolation=cv2.INTER_AREA if sx < 1 else cv2.INTER_LINEAR)
+        for eye in (sample.left, sample.right)
+    ]
+    window = np.ones((3, 3), np.uint8)
+    span = cv2.dilate(sample.disparity, window) - cv2.erode(sample.disparity, window)
+    smooth = (span <= 1 / DISPARITY_UNIT) & (cv2.erode(sample.flags & TRAINED, window) > 0)
+    disparity = np.where(
+        nearest(smooth.astype(np.uint8)) > 0,
+        cv2.resize(sample.disparity.astype(np.float32), size[::-1], interpolation=cv2.INTER_LINEAR),
+        nearest(sample.disparity),
+    )
+    disparity = (disparity * sx).round().clip(0, 65535).astype(np.uint16)
+    flags = nearest(sample.flags)
+    flags &= np.where(disparity <= MAX_DISPARITY / DISPARITY_UNIT, 255, 255 - TRAINED - SCORED).astype(np.uint8)
+    fx, fy, cx, cy = sample.camera
+    camera = (fx * sx, fy * sy, (cx + 0.5) * sx - 0.5, (cy + 0.5) * sy - 0.5)
+    return PackedSample(images[0], images[1], disparity, nearest(sample.normal), flags, camera)
+
+
+def augment(
+    left: np.ndarray, right: np.ndarray, config: AugmentConfig, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Change how a pair looks, never what it shows. left, right: (H, W, 3) uint8; returns float32 in [0, 1]."""
+    highest = min(1.25, 1 / config.contrast)
+    log_contrast = rng.uniform(np.log(config.contrast), np.log(highest)) if rng.random() < 0.6 else 0.0
+    gamma = np.exp(rng.uniform(-config.gamma, config.gamma))
+    shift = rng.uniform(-config.brightness, config.brightness)
+    middle = float(left[::8, ::8].mean()) / 255
+    grey = rng.random() < config.grey
+    sigma = rng.uniform(min(0.3, config.blur), config.blur) if rng.random() < 1 / 3 else 0.0
+    noise = rng.uniform(0, config.noise) if rng.random() < 0.5 else 0.0
+    levels = np.linspace(0, 1, 256) ** gamma
+    eyes = []
+    for image, gain in ((left, 1.0), (right, 1 + rng.uniform(-config.eye_gain, config.eye_gain))):
+        table = ((levels - middle**gamma) * np.exp(log_contrast) + middle**gamma + shift) * gain
+        eye = cv2.LUT(np.ascontiguousarray(image), table.clip(0, 1).astype(np.float32))
+        if grey:
+            eye = cv2.cvtColor(cv2.cvtColor(eye, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB)
+        if sigma:
+            eye = cv2.GaussianBlur(eye, (0, 0), sigma)
+        eyes.append(eye)
+    left, right = eyes
+    if rng.random() < 0.5 and config.vertical:
+        move = np.array([[1, 0, 0], [0, 1, rng.uniform(-config.vertical, config.vertical)]])
+        right = cv2.warpAffine(right, move, right.shape[1::-1], borderMode=cv2.BORDER_REPLICATE)
+    if rng.random() < config.occlude:
+        height, width = right.shape[:2]
+        for _ in range(rng.integers(1, 3)):
+            h, w = (int(rng.integers(max(2, s // 16), max(3, s // 4))) for s in (height, width))
+            y, x = int(rng.integers(height - h)), int(rng.integers(width - w))
+            right[y : y + h, x : x + w] = right[::8, ::8].mean((0, 1))
+    if noise:
+        left, right = (
+            (eye + noise * rng.standard_normal(eye.shape, dtype=np.float32)).clip(0, 1) for eye in (left, right)
+        )
+    return left, right

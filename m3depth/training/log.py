@@ -1,0 +1,78 @@
+"""What a training run tells: its log, TensorBoard, and the progress line."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from marssim.base.command.progress import LINE_SECONDS
+from marssim.base.files.atomic import write_atomically
+
+LOG = "log.jsonl"
+
+
+def records(out: Path, kind: str) -> list[dict[str, Any]]:
+    """What was logged in a run's folder under a kind so far, earlier parts of a resumed run included."""
+    path = out / LOG
+    lines = path.read_text().splitlines(keepends=True) if path.exists() else []
+    whole = (json.loads(line) for line in lines if line.endswith("}\n"))  # the last one may be half written
+    return [record for record in whole if record["kind"] == kind]
+
+
+class Log:
+    """RUN/log.jsonl, TensorBoard where it is installed, and the progress line."""
+
+    def __init__(self, out: Path, start: int) -> None:
+        out.mkdir(parents=True, exist_ok=True)
+        self.path = out / LOG
+        if self.path.exists():  # what was logged after the checkpoint will be logged again
+            lines = self.path.read_text().splitlines(keepends=True)
+            kept = [line for line in lines if line.endswith("}\n") and json.loads(line)["step"] <= start]
+            write_atomically(self.path, "".join(kept).encode())
+        try:
+            from torch.utils.tensorboard import SummaryWriter
+
+            self.board: Any = SummaryWriter(str(out / "tensorboard"), purge_step=start + 1)
+        except ImportError:
+            self.board = None
+        self.last_line = 0.0
+
+    def write(self, kind: str, step: int, values: dict[str, float]) -> None:
+        """Add a record. kind: "train", "val" (averaged weights) or "val_raw" (the others)."""
+        # Six digits, wherever they begin: rates are of the size 1e-6. JSON knows no NaN: "no such pixels".
+        plain = {k: float(f"{v:.6g}") if math.isfinite(v) else None for k, v in values.items()}
+        record = {"kind": kind, "step": step, **plain}
+        with self.path.open("a") as file:
+            file.write(json.dumps(record) + "\n")
+        if self.board is not None:
+            for name, value in values.items():
+                self.board.add_scalar(f"{kind}/{name}", value, step)
+
+    def image(self, name: str, step: int, pixels: np.ndarray) -> None:
+        """Show an image, (H, W, 3) uint8 RGB, in TensorBoard."""
+        if self.board is not None:
+            self.board.add_image(name, pixels, step, dataformats="HWC")
+
+    def close(self) -> None:
+        """Finish the TensorBoard files."""
+        if self.board is not None:
+            self.board.close()
+
+    def progress(self, text: str) -> None:
+        """One line, rewritten on a terminal, printed now and then elsewhere."""
+        if sys.stderr.isatty():
+            print(f"\r{text}\x1b[K", end="", file=sys.stderr, flush=True)
+        elif time.monotonic() - self.last_line > LINE_SECONDS:
+            self.last_line = time.monotonic()
+            print(text, file=sys.stderr, flush=True)
+
+    def say(self, text: str) -> None:
+        """A line that stays, below the progress line."""
+        end = "\n" if sys.stderr.isatty() else ""
+        print(f"{end}{text}", file=sys.stderr, flush=True)

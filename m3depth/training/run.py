@@ -1,0 +1,166 @@
+"""The state of a training run, and its checkpoint."""
+
+from __future__ import annotations
+
+import copy
+import io
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from m3depth.network.config import M3DepthConfig, read_config
+from m3depth.network.model import M3Depth
+from m3depth.training.config import TrainConfig
+from marssim.base.files.atomic import write_atomically
+
+CHECKPOINT = "checkpoint.pt"
+WORLD = "number of processes"  # part of a run's identity
+FREE = (  # beside the weights of the loss and of the augmentation; the budgets, to which the learning rate is fitted
+    "max_minutes", "max_steps", "lr", "weight_decay", "clip", "ema", "accumulate", "precision", "data",
+)  # fmt: skip
+
+
+def new_network(config: TrainConfig) -> M3Depth:
+    """The network that a run starts from; the one of its checkpoint, with any weights, if it goes on from weights that
+    may be gone by now. Raises FileNotFoundError or ValueError that names a file."""
+    begun = config.out / CHECKPOINT
+    if config.init and begun.is_file():
+        return M3Depth(M3DepthConfig.from_dict(read_checkpoint(begun, torch.device("cpu"))["identity"]["network"]))
+    if config.init:
+        return M3Depth.from_pretrained(config.init)
+    return M3Depth(read_config(config.network)) if config.network else M3Depth.from_preset(config.preset)
+
+
+def saved_progress(out: Path) -> tuple[int, float]:
+    """Steps and seconds of the checkpoint in a run folder; zeros without one. Raises ValueError if it is damaged."""
+    path = out / CHECKPOINT
+    if not path.is_file():
+        return 0, 0.0
+    state = read_checkpoint(path, torch.device("cpu"))
+    return state["step"], state["seconds"]
+
+
+def read_checkpoint(path: Path, device: torch.device) -> dict[str, Any]:
+    """What Run.save wrote; nothing in the file is executed. Raises ValueError that names it if it is damaged."""
+    try:
+        state = torch.load(path, map_location=device, weights_only=True)
+        # Older ones do not say how many processes, and know fewer fields of the network.
+        network = M3DepthConfig.from_dict(state["identity"]["network"])
+        state["identity"] = {WORLD: 1, **state["identity"], "network": plain(network)}
+        if state["identity"].get("init") is not None:  # as it was typed
+            state["identity"]["init"] = str(Path(state["identity"]["init"]).resolve())
+    except Exception as error:  # torch raises whatever its unpickler stumbles over
+        raise ValueError(
+            f"{path}: not a readable checkpoint ({type(error).__name__}); delete it to begin anew, or choose another "
+            f"--out and begin from --init {path.parent / 'weights.safetensors'}"
+        ) from None
+    return state
+
+
+def said(value: Any) -> str:
+    """A setting as its flag takes it."""
+    return " ".join(map(str, value)) if isinstance(value, tuple) else "none" if value is None else str(value)
+
+
+def differing(name: str, before: Any, now: Any) -> str:
+    """ "seed 0, not 1"; of a network, its fields that differ."""
+    if isinstance(before, dict) and isinstance(now, dict):
+        fields = [key for key in {**before, **now} if before.get(key) != now.get(key)]
+        return "; ".join(f"{name} {differing(key, before.get(key), now.get(key))}" for key in fields)
+    was, is_now = (said(tuple(value) if isinstance(value, list) else value) for value in (before, now))
+    return f"{name} {was}, not {is_now}"
+
+
+def plain(network: M3DepthConfig) -> dict[str, Any]:
+    """As JSON gives it back."""
+    return json.loads(json.dumps(asdict(network)))
+
+
+class Run:
+    """State of a training run: network, averaged copy, optimizer, step, seconds spent.
+
+    changed: what a resumed run is told otherwise than the one that it continues, a flag with both values each.
+    world: number of processes that share the batches of a step.
+    """
+
+    def __init__(self, config: TrainConfig, device: torch.device, world: int = 1) -> None:
+        torch.manual_seed(config.seed)
+        self.config, self.device, self.world = config, device, world
+        self.model = new_network(config).to(device).train()
+        self.averaged = copy.deepcopy(self.model).eval().requires_grad_(False)
+        self.optimizer = torch.optim.AdamW(self.model.parameters(), config.lr, weight_decay=config.weight_decay)
+        self.step = 0
+        self.seconds = 0.0
+        self.changed: list[str] = []
+
+    @property
+    def checkpoint(self) -> Path:
+        """RUN/checkpoint.pt: everything that a resumed run needs; weights.safetensors beside it is for users."""
+        return self.config.out / CHECKPOINT
+
+    def average(self) -> None:
+        """Move the averaged weights towards the current ones; faster at the start, when these still change a lot."""
+        decay = min(self.config.ema, (1 + self.step) / (10 + self.step))
+        with torch.no_grad():
+            torch._foreach_lerp_(list(self.averaged.parameters()), list(self.model.parameters()), 1 - decay)
+
+    def identity(self) -> dict[str, Any]:
+        """The settings that a resumed run must share with the one that it continues."""
+        c = self.config
+        # Which samples a step sees depends on the number of processes too.
+        return {
+            "network": plain(self.model.config), "batch": c.batch, "crop": list(c.crop), "seed": c.seed,
+            WORLD: self.world, "init": None if c.init is None else str(c.init.resolve()),
+        }  # fmt: skip
+
+    def settings(self) -> dict[str, str]:
+        """The settings that shape a run and may change when it is resumed, as text, by flag."""
+        c = self.config
+        found: dict[str, Any] = {name: getattr(c, name) for name in FREE}
+        for part, values in (("loss", asdict(c.loss)), ("augment", asdict(c.augment))):
+            found |= {f"{part}.{name}": value for name, value in values.items()}
+        found |= asdict(c.reader)
+        return {f"--{name.replace('_', '-')}": said(value) for name, value in found.items()}
+
+    def save(self) -> None:
+        """Write the averaged weights with their config, then the checkpoint, each atomically."""
+        state = {
+            "identity": self.identity(),
+            "settings": self.settings(),
+            "model": self.model.state_dict(),
+            "averaged": self.averaged.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+            "step": self.step,
+            "seconds": self.seconds,
+            "rng": torch.get_rng_state(),
+        }
+        buffer = io.BytesIO()
+        torch.save(state, buffer)
+        # The checkpoint comes last: what it says is done, the weights have too, whatever ends the process in between.
+        self.averaged.save_pretrained(self.config.out / "weights.safetensors")
+        write_atomically(self.checkpoint, buffer.getvalue())
+
+    def resume(self) -> bool:
+        """Continue from RUN/checkpoint.pt, if there is one. Raises ValueError if it is damaged or of another run."""
+        if not self.checkpoint.is_file():
+            return False
+        state = read_checkpoint(self.checkpoint, self.device)
+        for name, value in self.identity().items():
+            if state["identity"].get(name, value) != value:  # older ones know fewer
+                raise ValueError(
+                    f"{self.checkpoint}: belongs to a run with {differing(name, state['identity'][name], value)}; "
+                    "choose another --out"
+                )
+        self.model.load_state_dict(state["model"])
+        self.averaged.load_state_dict(state["averaged"])
+        self.optimizer.load_state_dict(state["optimizer"])
+        for group in self.optimizer.param_groups:  # the rate is set at each step
+            group["weight_decay"] = self.config.weight_decay
+        self.step, self.seconds = state["step"], state["seconds"]
+        before, now = state.get("settings", {}), self.settings()  # older ones do not say
+        self.changed = [f"{flag} {now[flag]} (was {old})" for flag, old in before.items() if now.get(flag, old) != old]
+        torch.set_rng_state(state["rng"].cpu())
+        return True

@@ -1,0 +1,112 @@
+"""The samples of a training run: joined, cached, in their order, and as batches made ahead.
+
+Every batch is a function of (seed, step, rank) alone, so that a run that was stopped goes on with the same batches.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from bisect import bisect_right
+from collections import deque
+from collections.abc import Generator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import accumulate
+from typing import Any
+
+import numpy as np
+
+from m3depth.stereo.pairs import StereoPairs
+from m3depth.training.augmentation import AugmentConfig, augment, random_crop
+from m3depth.training.batch import Batch, to_batch
+from m3depth.training.packing import PackedSample, pack
+
+
+class Joined:
+    """Several sequences of samples as one, in their order. Indices below 0 count from the end."""
+
+    def __init__(self, parts: Sequence[StereoPairs]) -> None:
+        self.parts = parts
+        self.ends = list(accumulate(map(len, parts)))
+
+    def __len__(self) -> int:
+        return self.ends[-1] if self.ends else 0
+
+    def __getitem__(self, index: int) -> Any:
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"there are {len(self)} samples, none has the index {index}")
+        place = index % len(self)
+        part = bisect_right(self.ends, place)
+        return self.parts[part][place - (self.ends[part - 1] if part else 0)]
+
+
+class PackedCache:
+    """Packed samples by index, kept in memory as long as they fit. Safe to read from several threads."""
+
+    def __init__(self, samples: StereoPairs, limit_bytes: int) -> None:
+        self.samples = samples
+        self.limit = limit_bytes
+        self.used = 0
+        self._kept: dict[int, PackedSample] = {}
+        self._lock = threading.Lock()
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+    def __getitem__(self, index: int) -> PackedSample:
+        kept = self._kept.get(index)
+        if kept is not None:
+            return kept
+        packed = pack(self.samples[index])
+        with self._lock:
+            if index not in self._kept and self.used + packed.nbytes <= self.limit:
+                self._kept[index] = packed
+                self.used += packed.nbytes
+        return packed
+
+
+def free_memory() -> int:
+    """Bytes of main memory that are free now; 2 GB where the system does not say."""
+    try:
+        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (ValueError, OSError, AttributeError):
+        return 2 << 30
+
+
+def sample_index(count: int, position: int, seed: int) -> int:
+    """Which sample stands at a position of the endless, shuffled sequence of epochs."""
+    epoch, place = divmod(position, count)
+    return int(np.random.default_rng((seed, 1, epoch)).permutation(count)[place])
+
+
+def make_batch(
+    cache: PackedCache, step: int, size: int, crop_size: tuple[int, int], config: AugmentConfig, seed: int,
+    rank: int = 0, world: int = 1,
+) -> Batch:  # fmt: skip
+    """The augmented training batch of one step and process."""
+    items = []
+    for slot in range(size):
+        position = (step * world + rank) * size + slot
+        rng = np.random.default_rng((seed, 2, position))
+        part = random_crop(cache[sample_index(len(cache), position, seed)], crop_size, config, rng)
+        items.append((*augment(part.left, part.right, config, rng), part))
+    return to_batch(items)
+
+
+def batches(
+    cache: PackedCache, start: int, size: int, crop_size: tuple[int, int], config: AugmentConfig, seed: int,
+    rank: int = 0, world: int = 1, threads: int = 1,
+) -> Generator[Batch, None, None]:  # fmt: skip
+    """The batches of steps start, start + 1, ..., made ahead by background threads."""
+    with ThreadPoolExecutor(threads, thread_name_prefix="loader") as pool:
+        ahead: deque[Future[Batch]] = deque()
+        step = start
+        try:
+            while True:
+                while len(ahead) < threads + 2:
+                    ahead.append(pool.submit(make_batch, cache, step, size, crop_size, config, seed, rank, world))
+                    step += 1
+                yield ahead.popleft().result()
+        finally:
+            for future in ahead:
+                future.cancel()

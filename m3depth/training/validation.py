@@ -1,0 +1,111 @@
+"""Quick validation during training, and its image panels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+from torch import Tensor
+
+from m3depth.network.device import autocast, fast_dtype
+from m3depth.network.model import M3Depth, StereoOutput
+from m3depth.training.batch import Batch, whole_batch
+from m3depth.training.losses import Target, disparity_edges
+from m3depth.training.packing import TRAINED, PackedSample
+from marssim.base.files.atomic import write_atomically
+from marssim.base.images.colours import normal_colours
+
+HEADER = 18  # [px] height of the line above a panel
+COLUMNS = ("left", "true disparity", "disparity", "error, to 4 px", "true normals", "normals", "confidence")
+
+
+def error_sums(output: StereoOutput, target: Target) -> dict[str, tuple[float, float]]:
+    """Sum and count of each error over one batch, for means over several.
+
+    epe [px], abs_rel (of depth: |d / d_predicted - 1|), bad1 (share over 1 px), rock_epe and edge_epe [px], normal
+    [deg], over labelled pixels; sky_missed (share of sky not said to be sky), false_sky (share of labelled pixels).
+    """
+    label, truth = target.label, target.disparity
+    error = (output.disparity - truth).abs()
+    relative = (truth / output.disparity.clamp(min=0.1) - 1).abs()
+    angle = torch.rad2deg((output.normal * target.normal).sum(1, keepdim=True).clamp(-1, 1).acos())
+    says_sky = (output.sky > 0).float()
+    values: dict[str, tuple[Tensor, Tensor]] = {
+        "epe": (error, label),
+        "abs_rel": (relative, label),
+        "bad1": ((error > 1).float(), label),
+        "rock_epe": (error, label & target.rock),
+        "edge_epe": (error, label & disparity_edges(truth, target.known)),
+        "normal": (angle, label & (target.normal.square().sum(1, keepdim=True) > 0.25)),
+        "sky_missed": (1 - says_sky, target.sky),
+        "false_sky": (says_sky, label),
+    }
+    return {name: (float(x[mask].sum()), float(mask.sum())) for name, (x, mask) in values.items()}
+
+
+@torch.inference_mode()
+def predict_batch(model: M3Depth, batch: Batch) -> StereoOutput:
+    """Forward pass in the device's fast precision."""
+    device = batch.left.device
+    with autocast(device, fast_dtype(device)):
+        return model(batch.left, batch.right, batch.target.camera)
+
+
+def validate(model: M3Depth, samples: Iterable[PackedSample], device: torch.device) -> dict[str, float]:
+    """Mean errors (see error_sums) over all pixels of whole images; NaN where there are no such pixels."""
+    training = model.training
+    model.eval()
+    total: dict[str, list[float]] = {}
+    for sample in samples:
+        batch = whole_batch(sample).to(device)
+        for name, pair in error_sums(predict_batch(model, batch), batch.target).items():
+            entry = total.setdefault(name, [0.0, 0.0])
+            entry[0] += pair[0]
+            entry[1] += pair[1]
+    model.train(training)
+    return {name: s / n if n else float("nan") for name, (s, n) in total.items()}
+
+
+def save_panel(path: Path, model: M3Depth, samples: Sequence[PackedSample], device: torch.device) -> np.ndarray:
+    """One PNG, a row a sample, the columns headed by COLUMNS; the error's white is 4 px, confidence is 0 where sky is.
+
+    Images of other sizes than the first are brought to its size. Returns it, (H, W, 3) RGB.
+    """
+    rows: list[np.ndarray] = []
+    for sample in samples:
+        batch = whole_batch(sample).to(device)
+        out = predict_batch(model, batch)
+        truth = batch.target.disparity[0, 0].cpu().numpy()
+        guess = out.disparity[0, 0].float().cpu().numpy()
+        top = max(float(truth.max()), 1.0)
+        error = np.where(sample.flags & TRAINED, np.abs(guess - truth), 0)
+        confidence = (out.confidence.sigmoid() * (out.sky <= 0))[0, 0].float().cpu().numpy()
+        both = (batch.target.normal, out.normal * (out.sky <= 0))  # in the sky a normal means nothing
+        normals = [normal_colours(x[0].permute(1, 2, 0).float().cpu().numpy())[..., ::-1] for x in both]
+        grey = [cv2.applyColorMap(_byte(x), cv2.COLORMAP_TURBO) for x in (truth / top, guess / top)]
+        grey += [cv2.cvtColor(_byte(error / 4), cv2.COLOR_GRAY2BGR)]
+        grey += [*normals, cv2.cvtColor(_byte(confidence), cv2.COLOR_GRAY2BGR)]
+        row = np.concatenate([x[::2, ::2] for x in (sample.left[..., ::-1], *grey)], 1)
+        rows.append(row if not rows or row.shape == rows[0].shape else cv2.resize(row, rows[0].shape[1::-1]))
+    panel = np.concatenate([headed(rows[0].shape[1] // len(COLUMNS)), *rows])
+    write_atomically(path, cv2.imencode(".png", panel)[1].tobytes())
+    return np.ascontiguousarray(panel[..., ::-1])
+
+
+def headed(width: int) -> np.ndarray:
+    """(HEADER, len(COLUMNS) width, 3) uint8: the names of the columns, each within its own width [px]."""
+    names = []
+    for name in COLUMNS:
+        strip = np.full((HEADER, width, 3), 255, np.uint8)
+        (wide, _), _ = cv2.getTextSize(name, cv2.FONT_HERSHEY_SIMPLEX, 1.0, 1)
+        scale = min(0.45, (width - 4) / wide)
+        cv2.putText(strip, name, (2, HEADER - 6), cv2.FONT_HERSHEY_SIMPLEX, scale, (0, 0, 0), 1, cv2.LINE_AA)
+        names.append(strip)
+    return np.concatenate(names, 1)
+
+
+def _byte(x: np.ndarray) -> np.ndarray:
+    return (np.nan_to_num(x).clip(0, 1) * 255).astype(np.uint8)

@@ -1,0 +1,1 @@
+"""Stereo datasets on disk: writing, reading and encoding of samples."""

@@ -1,0 +1,1 @@
+"""How a command claims, locks and checks the folder of its results."""

@@ -1,0 +1,1 @@
+"""The ray tracers and rasterizers that the simulator calls."""

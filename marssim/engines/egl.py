@@ -1,0 +1,140 @@
+"""Does PyBullet's EGL renderer work here? It is tried in a process of its own, since it may take that down.
+
+EGL draws without a display, on a graphics card or with Mesa's software driver. Where a library or a driver is missing,
+PyBullet's plugin exits hard, crashes or hangs, so this process only reads what the other one reports.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+from marssim.engines.bullet import import_pybullet
+
+ANSWER_WITHIN = 60.0  # [s] for the other process; two will do, but the machine may be busy
+PLUGIN = "_eglRendererPlugin"
+SOFTWARE = re.compile(r"llvmpipe|softpipe|swrast|software", re.IGNORECASE)
+DEVICES, CARDS = Path("/dev"), ("dri/renderD*", "nvidia[0-9]*", "dxg")  # Linux; PyBullet has no EGL elsewhere
+SIZE = 96  # [px] of the picture that is tried
+ALIKE = 0.97  # share of its pixels that must be as TinyRenderer's, which samples half a pixel beside
+
+
+@dataclass(frozen=True)
+class Egl:
+    """works: it draws what TinyRenderer draws; hardware: on a graphics card; told: the driver, or what went wrong."""
+
+    works: bool
+    hardware: bool
+    told: str
+
+
+@cache
+def probe() -> Egl:
+    """What EGL does here; asked once a process. Never raises."""
+    try:
+        with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+            return _try(Path(folder) / "report.json")
+    except OSError as error:
+        return Egl(False, False, f"it could not be tried: {error}")
+
+
+def draws_on_a_card() -> bool:
+    """Does EGL work here, on a graphics card? Where there is none, nothing is tried.
+
+    With Mesa's software driver a view takes half as long again as with TinyRenderer.
+    """
+    return any(any(DEVICES.glob(name)) for name in CARDS) and probe().hardware
+
+
+def _try(answer: Path) -> Egl:
+    """As probe; answer: the file that the other process is to write. Raises OSError if none can be started."""
+    command = [sys.executable, "-c", "from marssim.engines.egl import report; report()", str(answer)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)}
+    try:
+        done = subprocess.run(
+            command, env=environment, stdin=subprocess.DEVNULL, capture_output=True, timeout=ANSWER_WITHIN,
+            check=False, text=True, errors="replace",
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        return Egl(False, False, f"no answer within {ANSWER_WITHIN:g} s")
+    if done.returncode != 0:
+        last = done.stderr.strip().splitlines()[-1:] or ["nothing was said"]
+        return Egl(False, False, f"the trial ended with {done.returncode}: {last[0]}")
+    try:
+        said = json.loads(answer.read_text())
+        alike, failed = float(said["alike"]), str(said["failed"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return Egl(False, False, "the trial ended without an answer")
+    if failed or not alike >= ALIKE:
+        return Egl(False, False, failed or f"only {alike:.0%} of a picture were as they should be")
+    driver = re.search(r"^GL_RENDERER *= *(.+)$", done.stdout, re.MULTILINE)
+    if driver is None:
+        return Egl(True, False, "a driver without a name")
+    return Egl(True, SOFTWARE.search(driver[1]) is None, driver[1].strip())
+
+
+def load_plugin(pb: ModuleType, client: int) -> bool:
+    """Let EGL draw for a PyBullet client. False if the plugin is not there or does not start; it may also crash."""
+    found = importlib.util.find_spec("eglRenderer")
+    if found is None or found.origin is None:
+        return False
+    return bool(pb.loadPlugin(found.origin, PLUGIN, physicsClientId=client) >= 0)
+
+
+def report() -> None:
+    """What the other process does: draw one picture both ways, and write to the file argv[1] how alike they are."""
+    pictures, failed = [], ""
+    pb = import_pybullet()
+    for egl in (False, True):
+        client = pb.connect(pb.DIRECT)
+        if egl and not load_plugin(pb, client):
+            failed = "PyBullet's plugin did not start"
+            break
+        pictures.append(_picture(pb, client))
+        pb.disconnect(client)
+    alike = 0.0 if failed else _alike(*pictures)
+    Path(sys.argv[1]).write_text(json.dumps({"alike": alike, "failed": failed}))
+
+
+def write_stl(path: Path, corners: np.ndarray) -> None:
+    """Triangles, corners (F, 3, 3), as a binary STL file: the one kind of mesh that the plugin reads fast."""
+    triangle = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    triangles = np.zeros(len(corners), dtype=triangle)
+    triangles["corners"] = corners
+    path.write_bytes(bytes(80) + len(corners).to_bytes(4, "little") + triangles.tobytes())
+
+
+def _picture(pb: ModuleType, client: int) -> tuple[np.ndarray, np.ndarray]:
+    """Depth buffer and body of each pixel, (SIZE, SIZE), of two crossing sheets before the sky."""
+    with tempfile.TemporaryDirectory() as folder:
+        for n, tilt in enumerate((0.6, -0.3)):
+            x, y = np.array([-1.0, 1, 1, -1]), np.array([-1.0, -1, 1, 1])
+            sheet = np.stack([x, y, tilt * x + 0.2 * y], axis=1)[[[0, 1, 2], [0, 2, 3], [2, 1, 0], [3, 2, 0]]]
+            file = Path(folder) / f"{n}.stl"
+            write_stl(file, sheet)
+            shape = pb.createVisualShape(pb.GEOM_MESH, fileName=str(file), physicsClientId=client)
+            pb.createMultiBody(0, -1, shape, physicsClientId=client)
+    view = pb.computeViewMatrix([0.4, -0.3, 4.0], [0, 0, 0], [0, 1, 0])
+    projection = pb.computeProjectionMatrixFOV(45.0, 1.0, 1.0, 10.0)
+    image = pb.getCameraImage(SIZE, SIZE, view, projection, shadow=0, physicsClientId=client)
+    depth, body = (np.asarray(image[n], dtype=float).reshape(SIZE, SIZE) for n in (3, 4))
+    return depth, body
+
+
+def _alike(first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.ndarray]) -> float:
+    """Share of the pixels that show the same body at the same depth; 0 of a picture that shows too little."""
+    (depth, body), (other_depth, other_body) = first, second
+    if min(np.mean(body == n) for n in (-1, 0, 1)) < 0.05:
+        return 0.0
+    return float(np.mean((body == other_body) & ((body < 0) | (np.abs(depth - other_depth) < 0.02))))

@@ -1,0 +1,126 @@
+"""One task of marssim.generate: the views of one scene, rendered and written."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from marssim.base.dataset.dataset import SETTINGS, DatasetError, is_complete, read_json, write_sample
+from marssim.base.files.atomic import write_atomically
+from marssim.generation.config import EGL, GenerateConfig
+from marssim.render.renderers.by_name import make_renderer
+from marssim.render.sensor import Sensor
+from marssim.render.stereo import render_stereo
+from marssim.render.surfaces.shading import Shader
+from marssim.scene.scene import Scene, build_scene
+from marssim.scene.trajectory import TRAJECTORY, draw_trajectory, tum_lines
+from marssim.scene.viewpoint import draw_pose
+
+
+def generate_scene(config: GenerateConfig, scene_index: int, views: list[int]) -> int:
+    """Render the views of one scene that are not on disk yet. Returns how many of `views` are there now.
+
+    Every random draw follows from (seed, scene, view), so that a view does not depend on who renders it, nor on what
+    else is rendered. Raises ValueError if rocks leave a camera no place to stand, ImportError if the renderer is not
+    installed, DatasetError if the dataset is out of sight, OSError with the place if the disk refuses.
+    """
+    if not (config.out / SETTINGS).is_file():
+        raise DatasetError(f"{config.out}: not seen by a worker; --out must be a folder that all workers share")
+    missing = [v for v in views if not is_complete(sample_folder(config.out, scene_index, v))]
+    if missing:
+        _render(config, scene_index, missing)
+    if config.trajectory:
+        _write_trajectory(config.out, scene_index, views)
+    return len(views)
+
+
+def sample_folder(out: Path, scene: int, view: int) -> Path:
+    """Where a sample of the dataset `out` lies: scenes/<scene, 5 digits>/<view, 2 digits>."""
+    return out / "scenes" / f"{scene:05d}" / f"{view:02d}"
+
+
+def draw_scene(config: GenerateConfig, scene_index: int) -> Scene:
+    """The scene of that index. Raises ValueError if it cannot be built."""
+    return build_scene(config.scene_config(scene_index), np.random.default_rng((config.seed, scene_index)))
+
+
+def draw_drive(config: GenerateConfig, scene: Scene, scene_index: int) -> tuple[Sensor, np.ndarray]:
+    """Of a scene's drive: the camera, one for all of it, and its poses (views_per_scene, 4, 4); see draw_trajectory."""
+    rng = np.random.default_rng((config.seed, scene_index, 0))
+    sensor = Sensor.draw(config.sensor, rng)
+    return sensor, draw_trajectory(scene, config.view, config.drive, config.views_per_scene, rng)
+
+
+def draw_view(
+    config: GenerateConfig, scene: Scene, scene_index: int, view: int
+) -> tuple[np.ndarray, np.random.Generator]:
+    """Where the cameras of a view stand, which is no part of a drive, and what its further draws come from.
+
+    The pose is (4, 4), left camera to world. Raises ValueError if there is no place to stand.
+    """
+    rng = _rng_of(config, scene_index, view)
+    return draw_pose(scene, config.view, rng), rng
+
+
+def _rng_of(config: GenerateConfig, scene_index: int, view: int) -> np.random.Generator:
+    return np.random.default_rng((config.seed, scene_index, 1 + view))
+
+
+def _render(config: GenerateConfig, scene_index: int, views: list[int]) -> None:
+    scene = draw_scene(config, scene_index)
+    sensor, poses = draw_drive(config, scene, scene_index) if config.trajectory else (None, None)
+    maker = make_renderer(config.renderer, scene, egl=config.rasterizer == EGL)
+    try:
+        shader = Shader(scene)
+        for view in views:
+            if poses is None:
+                pose, rng = draw_view(config, scene, scene_index, view)
+            else:
+                pose, rng = poses[view], _rng_of(config, scene_index, view)
+            used = sensor or Sensor.draw(config.sensor, rng)
+            frame = render_stereo(maker, shader, config.rig, pose, used, rng)
+            folder = sample_folder(config.out, scene_index, view)
+            try:
+                write_sample(folder, frame, _meta(config, scene, used, scene_index, view))
+            except OSError as error:
+                error.filename = error.filename or str(folder)  # a write that fails does not say where
+                raise
+    finally:
+        maker.close()
+
+
+def _meta(config: GenerateConfig, scene: Scene, sensor: Sensor, scene_index: int, view: int) -> dict[str, Any]:
+    scene_config = asdict(scene.config)
+    if scene.config.relief.heightmap is not None:  # by its name: the folder is another one elsewhere
+        scene_config["relief"]["heightmap"] = Path(scene.config.relief.heightmap).name
+    more: dict[str, Any] = {"rasterizer": EGL} if config.rasterizer == EGL else {}
+    if scene.terrain.at is not None:  # where the scene's origin lies in the heightmap, and how high [m]
+        more["heightmap"] = {"at": list(scene.terrain.at), "datum": scene.terrain.datum}
+    if config.trajectory:
+        more["timestamp"] = view * config.drive.step / config.drive.speed
+    return {
+        "scene": scene_index,
+        "view": view,
+        "seed": config.seed,
+        "renderer": config.renderer,
+        "preset": scene.config.preset,
+        "scene_config": scene_config,
+        "rock_abundance": scene.abundance(),
+        **asdict(scene.look),  # all that was drawn of it
+        "sun": scene.look.sun.tolist(),
+        "sun_elevation_deg": float(np.rad2deg(scene.look.sun_elevation)),
+        "sensor": asdict(sensor),
+        **more,
+    }
+
+
+def _write_trajectory(out: Path, scene_index: int, views: list[int]) -> None:
+    """Beside the views, from what they say of themselves; not touched if it is there already."""
+    metas = [read_json(sample_folder(out, scene_index, view) / "sample.json") for view in views]
+    text = tum_lines([meta["timestamp"] for meta in metas], np.array([meta["pose"] for meta in metas]))
+    file = out / "scenes" / f"{scene_index:05d}" / TRAJECTORY
+    if not file.is_file() or file.read_text() != text:
+        write_atomically(file, text.encode())

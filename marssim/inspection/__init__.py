@@ -1,0 +1,1 @@
+"""Checks, statistics and figures of datasets and renderers."""

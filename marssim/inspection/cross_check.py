@@ -1,0 +1,92 @@
+"""Do all G-buffer makers see the same? Random views of a scene against Embree's rays, and tilted planes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from marssim.base.camera import PinholeCamera
+from marssim.base.command.progress import watched
+from marssim.engines.bullet import import_pybullet
+from marssim.engines.egl import probe
+from marssim.inspection.agreement import Agreement, agreements, small
+from marssim.inspection.tilted_planes import plane_shift
+from marssim.render.geometry.gbuffer import GBufferMaker
+from marssim.render.renderers.by_name import make_renderer
+from marssim.scene.scene import Place, Scene, build_scene, preset
+from marssim.scene.viewpoint import ViewConfig, draw_pose
+
+REFERENCE = "embree"
+
+
+@dataclass(frozen=True)
+class MakerCheck:
+    """One maker. views: its agreement with Embree on random views, None of Embree itself; planes: (2,) shift in u and v
+    [px] on tilted planes."""
+
+    views: Agreement | None
+    planes: np.ndarray
+
+    @property
+    def good(self) -> bool:
+        """See Agreement.good; no shift on planes reaches 0.05 px."""
+        return (self.views is None or self.views.good) and small(self.planes)
+
+    def report(self) -> dict[str, Any]:
+        """Plain numbers, for JSON."""
+        views = {} if self.views is None else self.views.report()
+        return {**views, "planes_px": [None if np.isnan(v) else float(v) for v in self.planes], "good": self.good}
+
+
+def cross_check(place: Place, seed: int, views: int, camera: PinholeCamera) -> tuple[dict[str, MakerCheck], list[str]]:
+    """Each maker by name, Embree last; and what is to be said of those that cannot be tried here, a line each."""
+    makers, notes = _makers()
+    rng = np.random.default_rng(seed)
+    scene = build_scene(preset(place), rng)
+    poses = [draw_pose(scene, ViewConfig(), rng) for _ in range(views)]
+    planes = {name: plane_shift(make, camera) for name, make in makers.items()}
+    with ExitStack() as open_makers:
+        opened = {name: open_makers.enter_context(closing(make(scene))) for name, make in makers.items()}
+        tracer = opened.pop(REFERENCE)
+        found = agreements(opened, tracer, camera, watched(poses, "view", "cross-check"))
+    return {name: MakerCheck(found.get(name), planes[name]) for name in makers}, notes
+
+
+def _makers() -> tuple[dict[str, Callable[[Scene], GBufferMaker]], list[str]]:
+    makers: dict[str, Callable[[Scene], GBufferMaker]] = {}
+    notes = []
+    try:
+        import_pybullet()
+    except ImportError as error:
+        notes.append(f"pybullet: left out, {error}")
+    else:
+        makers["pybullet"] = partial(make_renderer, "pybullet")
+        egl = probe()
+        if egl.works:
+            makers["pybullet, EGL"] = partial(make_renderer, "pybullet", egl=True)
+            notes.append(f"EGL draws with {egl.told}")
+        else:
+            notes.append(f"pybullet, EGL: left out, it does not work here: {egl.told}")
+    makers["scan"] = partial(make_renderer, "scan")
+    makers[REFERENCE] = partial(make_renderer, REFERENCE)
+    return makers, notes
+
+
+def table(checks: dict[str, MakerCheck]) -> str:
+    """A line for each maker."""
+    head = "same surface   depth within 0.5 %   shift (u, v) [px] at silhouettes, on smooth ground, on tilted planes"
+    rows = [f"{'':14}   {head}"]
+    for name, check in checks.items():
+        views = check.views
+        shares = f"{'':12}   {'':18}" if views is None else f"{views.surface:12.3%}   {views.depth:18.3%}"
+        shifts = [None, None] if views is None else [views.silhouette, views.smooth]
+        pairs = "".join(
+            f"   {'':17}" if s is None else f"   ({s[0]:+.4f}, {s[1]:+.4f})" for s in [*shifts, check.planes]
+        )
+        rows.append(f"{name:14}   {shares}{pairs}   {'agrees' if check.good else 'DISAGREES'}")
+    return "\n".join(rows)

@@ -1,0 +1,172 @@
+"""Figures of a dataset: one sample with all its ground truth, and the statistics of many.
+
+Drawn with matplotlib's object interface: no display, no global state.
+"""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from marssim.base.camera import MAX_DEPTH
+from marssim.base.dataset.dataset import StereoSample
+from marssim.base.images.colours import depth_colours, normal_colours
+from marssim.inspection.statistics import DEPTH_STEP, NETWORK_DISPARITY, Tally, noted_number
+
+SHOWN_DEPTH = 40.0  # [m] right end of the depth plot
+COLOURS = {"all": "0.25", "train": "#0072b2", "val": "#d55e00", "test": "#009e73"}  # Okabe and Ito
+RESIDUAL_END = 30.0  # [grey levels]
+
+
+def warped(image: np.ndarray, disparity: np.ndarray) -> np.ndarray:
+    """(H, W, 3) float32: the right image as the left eye would see it, sampled linearly at u - disparity."""
+    width = disparity.shape[1]
+    at = np.clip(np.arange(width) - disparity, 0, width - 1)
+    left = np.minimum(at.astype(int), width - 2)
+    share = (at - left)[..., None]
+    row = np.arange(len(disparity))[:, None]
+    return ((1 - share) * image[row, left] + share * image[row, left + 1]).astype(np.float32)
+
+
+def warp_residual(sample: StereoSample) -> np.ndarray:
+    """(H, W) float32 grey levels: mean over the colours of |left - warped right|; NaN in the sky and where occluded."""
+    difference = np.abs(warped(sample.right, sample.disparity) - sample.left).mean(axis=-1)
+    difference[sample.occluded | ~np.isfinite(sample.depth)] = np.nan
+    return difference
+
+
+def sample_figure(sample: StereoSample, name: str) -> bytes:
+    """PNG of a sample: both eyes, depth, disparity, normals, surfaces, occlusion, left-right residual."""
+    height, width = sample.depth.shape
+    figure = Figure(figsize=(16, 8.6 * height / width + 0.4), dpi=100, layout="constrained")
+    axes = figure.subplots(2, 4)
+    sky = ~np.isfinite(sample.depth)
+    residual = warp_residual(sample)
+    meta = sample.meta
+    _image(axes[0, 0], sample.left, "left")
+    _image(axes[0, 1], sample.right, "right")
+    _image(axes[0, 2], depth_colours(sample.depth), f"depth: 1 m red to {MAX_DEPTH:g} m blue, grey beyond")
+    shown = axes[0, 3].imshow(np.where(sky, np.nan, sample.disparity), cmap="viridis", interpolation="nearest")
+    _bare(axes[0, 3], "disparity [px]")
+    figure.colorbar(shown, ax=axes[0, 3], shrink=0.8)
+    _image(axes[1, 0], normal_colours(sample.normal), "normals: red right, green up, blue to the camera")
+    rocks = len(np.unique(sample.rock[sample.rock > 0]))
+    _image(axes[1, 1], _surface_colours(sample), f"surfaces: {rocks} rocks, ground, sky")
+    occluded = (0.45 * sample.left).astype(np.uint8)
+    occluded[sample.occluded] = (255, 140, 0)
+    _image(
+        axes[1, 2], occluded, f"hidden from the right eye: {sample.occluded[~sky].mean() if (~sky).any() else 0:.1%}"
+    )
+    shown = axes[1, 3].imshow(residual, cmap="magma", vmin=0, vmax=RESIDUAL_END, interpolation="nearest")
+    axes[1, 3].set_facecolor("0.8")
+    middle = f", median {np.nanmedian(residual):.1f}" if np.isfinite(residual).any() else ""
+    _bare(axes[1, 3], f"|left - warped right| [grey levels]{middle}")
+    figure.colorbar(shown, ax=axes[1, 3], shrink=0.8)
+    elevation = noted_number(meta.get("sun_elevation_deg"), -90, 90)
+    sun = "" if elevation is None else f", sun {elevation:.0f} deg"
+    figure.suptitle(f"{name}  {meta.get('preset', '')}{sun}")
+    return _png(figure)
+
+
+def statistics_figure(tallies: dict[str, Tally], title: str) -> bytes:
+    """PNG: depth distribution, disparities, what pixels show, texture, sun, rocks; by split, and of all of them.
+
+    "all" is left out where it is one split alone, whose curves would lie under it.
+    """
+    tallies = {name: t for name, t in tallies.items() if t.samples}
+    if len(tallies) == 2:
+        tallies.pop("all", None)
+    figure = Figure(figsize=(14, 8), dpi=100, layout="constrained")
+    axes = figure.subplots(2, 3)
+    _depth_plot(axes[0, 0], tallies)
+    for name, t in tallies.items():
+        share = t.disparity / max(1, t.disparity.sum())
+        axes[0, 1].stairs(share * 100, np.arange(len(share) + 1), color=COLOURS[name], label=name)
+    axes[0, 1].axvline(NETWORK_DISPARITY, color="0.6", linestyle=":")
+    axes[0, 1].set(xlabel="disparity of valid pixels [px]", ylabel="share of a 1 px bin [%]", yscale="log")
+    _share_plot(axes[0, 2], tallies)
+    for name, t in tallies.items():
+        axes[1, 0].scatter(t.gradients, t.lbp, s=10, color=COLOURS[name], label=name)
+    axes[1, 0].set(xlabel="mean gradient [grey levels / px]", ylabel="LBP entropy [bits]")
+    whole = tallies.get("all") or next(iter(tallies.values()))
+    axes[1, 1].hist(whole.sun_elevation_deg, bins=np.arange(0, 91, 5).tolist(), color="0.5")
+    axes[1, 1].set(xlabel="sun elevation [deg]", ylabel="samples")
+    axes[1, 1].yaxis.get_major_locator().set_params(integer=True)
+    _cover_plot(axes[1, 2], whole)
+    axes[0, 0].legend(fontsize=8)
+    figure.suptitle(title)
+    return _png(figure)
+
+
+def _depth_plot(axes: Axes, tallies: dict[str, Tally]) -> None:
+    distance = np.arange(0, SHOWN_DEPTH + DEPTH_STEP / 2, DEPTH_STEP)
+    for name, t in tallies.items():
+        axes.plot(distance, 100 * t.share_within(distance), color=COLOURS[name], label=name)
+    whole = tallies.get("all") or next(iter(tallies.values()))
+    counts = whole.depth[: len(distance) - 1]
+    other = axes.twinx()
+    other.stairs(100 * counts / max(1, whole.depth.sum()), distance, fill=True, color="0.85")
+    other.set_ylabel(f"share of a {DEPTH_STEP:g} m bin [%]", color="0.5")
+    axes.set_zorder(other.get_zorder() + 1)
+    axes.patch.set_visible(False)
+    within = 100 * float(whole.share_within(np.array([MAX_DEPTH]))[0])
+    axes.axvline(MAX_DEPTH, color="0.6", linestyle=":")
+    axes.axhline(within, color="0.6", linestyle=":")
+    axes.set(
+        xlabel="depth [m]", ylabel="pixels up to there, of those not sky [%]", xlim=(0, SHOWN_DEPTH), ylim=(0, 100)
+    )
+    axes.set_title(f"{within:.1f} % within {MAX_DEPTH:g} m", fontsize=10)
+
+
+def _share_plot(axes: Axes, tallies: dict[str, Tally]) -> None:
+    kinds = ("valid", "sky", "occluded", "rock")
+    for place, (name, t) in enumerate(tallies.items()):
+        report = t.report()
+        height = 0.8 / len(tallies)
+        at = np.arange(len(kinds)) + (place - (len(tallies) - 1) / 2) * height
+        axes.barh(at, [100 * report[kind] for kind in kinds], height=height, color=COLOURS[name], label=name)
+    axes.set_yticks(range(len(kinds)), kinds)
+    axes.invert_yaxis()
+    axes.set_xlabel("share [%]")
+
+
+def _cover_plot(axes: Axes, whole: Tally) -> None:
+    report = whole.cover.report()
+    if report:
+        axes.plot(report["diameters_m"], np.multiply(report["seen"], 100), "o-", color="0.25", label="seen")
+        axes.plot(report["diameters_m"], np.multiply(report["asked"], 100), "x:", color="#d55e00", label="asked for")
+        axes.legend(fontsize=8)
+        axes.set_ylim(0)
+    axes.set(xlabel="rock diameter D [m]", ylabel="ground under rocks of D and more [%]")
+
+
+def _surface_colours(sample: StereoSample) -> np.ndarray:
+    """A colour for each rock, the same wherever it is seen; grey ground, black sky."""
+    rng = np.random.default_rng(1)
+    palette = rng.integers(60, 256, (997, 3)).astype(np.uint8)
+    out = palette[sample.rock % len(palette)]
+    out[sample.rock == 0] = 110
+    out[~np.isfinite(sample.depth)] = 0
+    return out
+
+
+def _image(axes: Axes, image: np.ndarray, title: str) -> None:
+    axes.imshow(image, interpolation="nearest")
+    _bare(axes, title)
+
+
+def _bare(axes: Axes, title: str) -> None:
+    axes.set_title(title, fontsize=10)
+    axes.set_xticks([])
+    axes.set_yticks([])
+
+
+def _png(figure: Figure) -> bytes:
+    canvas = FigureCanvasAgg(figure)
+    out = io.BytesIO()
+    canvas.print_png(out)
+    return out.getvalue()

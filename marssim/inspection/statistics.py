@@ -1,0 +1,232 @@
+"""What a dataset shows: depth, disparity, sky, occlusion, texture, rocks and sun, over some of its samples.
+
+Definitions. Shares are of all pixels of the left images unless said otherwise; pixels of all samples are pooled.
+
+within 15 m     depth of 15 m or less. Of all pixels, the sky counting as farther; and of those that are not sky. The
+                paper (Sec. V-B, figure on the dataset) says about 90 % without saying of which.
+valid           depth within 0.5 m to 15 m, what is trained on and scored.
+occluded        not sky, and not seen by the right eye or outside its image; of the pixels that are not sky.
+rock            of the pixels up to 15 m that are not sky. It is what is seen, from the side: more than rocks cover.
+cover           share of the ground under rocks of a diameter and more; see marssim/seen_rocks.py.
+gradient        mean length of the grey image's Sobel gradient (scaled to grey levels a pixel) where it is not sky.
+LBP entropy     Shannon entropy [bits] of uniform, rotation-invariant local binary patterns of 8 points on a circle of
+                1 px (10 classes, so at most 3.32; Ojala et al. 2002) where it is not sky; mean over the samples.
+ground          of windows of the left image that show ground alone, up to NEAR_GROUND: contrast by octave of wavelength
+                and slope of the spectrum, its direction (of all octaves but the longest), peakedness and shade; see
+                marssim/image_statistics.py. Mean over the samples; those without such windows do not count.
+edge width      median over the strongest clean edges of a left image; see there. Samples without edges do not count.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any
+
+import cv2
+import numpy as np
+
+from marssim.base.camera import MAX_DEPTH, MIN_DEPTH
+from marssim.base.dataset.dataset import StereoSample
+from marssim.base.images.texture import gradient, lbp_entropy
+from marssim.inspection.image_statistics import BAND_EDGES, GroundLook, edge_widths, ground_look, linear
+from marssim.inspection.seen_rocks import RockCover
+
+DEPTH_STEP, DEPTH_END = 0.25, 100.0  # [m] of the depth histogram; what is farther goes into the last bin
+NETWORK_DISPARITY = 192.0  # [px] most that common networks search
+NEAR_GROUND = 8.0  # [m]
+
+
+@dataclass
+class Tally:
+    """Counts of some samples; they add up. depth: pixels by DEPTH_STEP; disparity: valid pixels by whole pixel."""
+
+    samples: int = 0
+    pixels: int = 0
+    sky: int = 0
+    occluded: int = 0
+    valid: int = 0
+    within: int = 0
+    rock: int = 0
+    beyond_network: int = 0
+    depth: np.ndarray = field(default_factory=lambda: np.zeros(round(DEPTH_END / DEPTH_STEP), dtype=np.int64))
+    disparity: np.ndarray = field(default_factory=lambda: np.zeros(1, dtype=np.int64))
+    disparity_range: tuple[float, float] = (np.inf, 0.0)
+    gradients: list[float] = field(default_factory=list)
+    lbp: list[float] = field(default_factory=list)
+    ground: list[GroundLook] = field(default_factory=list)
+    edge_width: list[float] = field(default_factory=list)
+    sun_elevation_deg: list[float] = field(default_factory=list)
+    asked_k: list[float] = field(default_factory=list)
+    presets: dict[str, int] = field(default_factory=dict)
+    cover: RockCover = field(default_factory=RockCover)
+
+    def add(self, sample: StereoSample) -> None:
+        """Count one more sample."""
+        sky = ~np.isfinite(sample.depth)
+        near = sample.depth <= MAX_DEPTH
+        self.samples += 1
+        self.pixels += sky.size
+        self.sky += int(sky.sum())
+        self.occluded += int((sample.occluded & ~sky).sum())
+        self.valid += int(sample.valid.sum())
+        self.within += int(near.sum())
+        self.rock += int((near & (sample.rock > 0)).sum())
+        known = sample.depth[~sky]
+        self.depth += np.bincount(
+            np.minimum(known / DEPTH_STEP, len(self.depth) - 1).astype(int), minlength=len(self.depth)
+        )
+        disparity = sample.disparity[sample.valid]
+        if len(disparity):
+            counts = np.bincount(disparity.astype(int))
+            longer, shorter = (
+                (counts, self.disparity) if len(counts) > len(self.disparity) else (self.disparity, counts)
+            )
+            self.disparity = longer.copy()
+            self.disparity[: len(shorter)] += shorter
+            low, high = self.disparity_range
+            self.disparity_range = min(low, float(disparity.min())), max(high, float(disparity.max()))
+            self.beyond_network += int((disparity >= NETWORK_DISPARITY).sum())
+        if not sky.all():
+            grey = cv2.cvtColor(sample.left, cv2.COLOR_RGB2GRAY)
+            self.gradients.append(float(gradient(grey)[~sky].mean()))
+            self.lbp.append(lbp_entropy(grey, ~sky))
+            luminance = linear(grey)
+            with suppress(ValueError):  # no window of ground alone
+                self.ground.append(ground_look(luminance, (sample.rock == 0) & (sample.depth <= NEAR_GROUND)))
+            if len(widths := edge_widths(luminance)):
+                self.edge_width.append(float(np.median(widths)))
+        meta = sample.meta
+        if (elevation := noted_number(meta.get("sun_elevation_deg"), -90, 90)) is not None:
+            self.sun_elevation_deg.append(elevation)
+        if (k := _asked_k(meta)) is not None:
+            self.asked_k.append(k)
+            self.cover.add(sample, k)
+        preset = str(meta.get("preset", "unknown"))
+        self.presets[preset] = self.presets.get(preset, 0) + 1
+
+    def share_within(self, distance: np.ndarray) -> np.ndarray:
+        """Share, of the pixels that are not sky, at depths up to `distance` [m], multiples of DEPTH_STEP."""
+        total = np.concatenate([[0], np.cumsum(self.depth)])
+        return total[np.round(np.asarray(distance) / DEPTH_STEP).astype(int)] / max(1, int(self.depth.sum()))
+
+    def report(self) -> dict[str, Any]:
+        """Plain numbers, for JSON; see the module for what they mean."""
+        ground = self.pixels - self.sky
+        return {
+            "samples": self.samples,
+            "within_15m_of_all": _share(self.within, self.pixels),
+            "within_15m_of_not_sky": _share(self.within, ground),
+            "valid": _share(self.valid, self.pixels),
+            "sky": _share(self.sky, self.pixels),
+            "occluded": _share(self.occluded, ground),
+            "rock": _share(self.rock, self.within),
+            "depth_histogram": {"step_m": DEPTH_STEP, "counts": self.depth.tolist()},
+            "depth_percentiles_m": _percentiles(self.depth, DEPTH_STEP),
+            "disparity_px": {
+                "least": self.disparity_range[0] if self.valid else None,
+                "most": self.disparity_range[1] if self.valid else None,
+                "percentiles": _percentiles(self.disparity, 1.0),
+                "share_192_and_more": _share(self.beyond_network, self.valid),
+                "counts": self.disparity.tolist(),
+            },
+            "gradient": _spread(self.gradients),
+            "lbp_entropy_bits": _spread(self.lbp),
+            "edge_width_px": _spread(self.edge_width),
+            "ground": self._ground(),
+            "sun_elevation_deg": _spread(self.sun_elevation_deg),
+            "asked_k": _spread(self.asked_k),
+            "cover": self.cover.report(),
+            "presets": dict(sorted(self.presets.items())),
+        }
+
+    def _ground(self) -> dict[str, Any]:
+        if not self.ground:
+            return {}
+        wavelength = 1 / np.sqrt(BAND_EDGES[:-1] * BAND_EDGES[1:])
+        return {
+            "samples": len(self.ground),
+            "wavelength_px": [round(float(w), 1) for w in wavelength],
+            "contrast": np.mean([look.contrast for look in self.ground], axis=0).tolist(),
+            "slope": _spread([look.slope for look in self.ground]),
+            "direction": np.mean([look.direction[1:] for look in self.ground], axis=0).tolist(),
+            "peakedness": np.mean([look.peakedness for look in self.ground], axis=0).tolist(),
+            "shade": np.mean([look.shade for look in self.ground], axis=0).tolist(),
+        }
+
+
+def _asked_k(meta: dict[str, Any]) -> float | None:
+    """The k that the scene was asked for."""
+    config = meta.get("scene_config")
+    rocks = config.get("rocks") if isinstance(config, dict) else None
+    return noted_number(rocks.get("k"), 0, 1) if isinstance(rocks, dict) else None
+
+
+def noted_number(value: Any, least: float, most: float) -> float | None:
+    """None for what is none within these bounds: datasets that others wrote need not note it, nor as we do."""
+    return float(value) if isinstance(value, int | float) and least <= value <= most else None
+
+
+def _share(part: int, whole: int) -> float:
+    return part / whole if whole else 0.0
+
+
+def _percentiles(counts: np.ndarray, step: float) -> dict[str, float]:
+    """Upper edges of the bins that hold the 1st, 50th and 99th percentile."""
+    total = np.cumsum(counts)
+    if not total[-1]:
+        return {}
+    return {str(p): float((np.searchsorted(total, p / 100 * total[-1]) + 1) * step) for p in (1, 50, 99)}
+
+
+def _spread(values: list[float]) -> dict[str, float]:
+    if not values:
+        return {}
+    return {"least": min(values), "mean": float(np.mean(values)), "most": max(values)}
+
+
+def table(tallies: dict[str, Tally], pairs: dict[str, int]) -> str:
+    """The report in lines for people. tallies by split, "all" among them; pairs: how many there are by split."""
+    rows: list[tuple[str, list[str]]] = [("pairs", [str(pairs[name]) for name in tallies])]
+    reports = {name: t.report() for name, t in tallies.items()}
+
+    def add(label: str, text: Any) -> None:
+        rows.append((label, [text(report) if report["samples"] else "-" for report in reports.values()]))
+
+    add("looked at", lambda r: f"{r['samples']}")
+    add(f"within {MAX_DEPTH:g} m, of all pixels", lambda r: f"{r['within_15m_of_all']:.1%}")
+    add(f"within {MAX_DEPTH:g} m, of those not sky", lambda r: f"{r['within_15m_of_not_sky']:.1%}")
+    add(f"valid ({MIN_DEPTH:g} m to {MAX_DEPTH:g} m)", lambda r: f"{r['valid']:.1%}")
+    add("sky", lambda r: f"{r['sky']:.1%}")
+    add("occluded, of those not sky", lambda r: f"{r['occluded']:.1%}")
+    add("rock, of those within 15 m", lambda r: f"{r['rock']:.1%}")
+    add("median depth [m]", lambda r: f"{r['depth_percentiles_m'].get('50', np.nan):.2f}")
+    add("disparity of valid pixels [px]", lambda r: _range(r["disparity_px"], ".1f"))
+    add(f"  {NETWORK_DISPARITY:g} px and more", lambda r: f"{r['disparity_px']['share_192_and_more']:.2%}")
+    add("gradient [grey levels / px]", lambda r: _mean(r["gradient"], ".2f"))
+    add("LBP entropy [bits]", lambda r: _mean(r["lbp_entropy_bits"], ".3f"))
+    add("contrast of ground, 45 to 2.8 px", lambda r: _row(r["ground"].get("contrast", []), ".2f"))
+    add("slope of its spectrum", lambda r: _mean(r["ground"].get("slope", {}), ".2f"))
+    add("its peakedness at 1, 2 and 4 px", lambda r: _row(r["ground"].get("peakedness", []), ".1f"))
+    add("width of edges [px]", lambda r: _mean(r["edge_width_px"], ".2f"))
+    add("sun elevation [deg]", lambda r: _range(r["sun_elevation_deg"], ".0f"))
+    add("k asked for", lambda r: _range(r["asked_k"], ".3f"))
+    label = max(len(row[0]) for row in rows)
+    width = max(len(cell) for row in rows for cell in (*row[1], "train")) + 2
+    lines = [" " * label + "".join(f"{name:>{width}}" for name in tallies)]
+    lines += [f"{name:<{label}}" + "".join(f"{cell:>{width}}" for cell in cells) for name, cells in rows]
+    return "\n".join(lines)
+
+
+def _range(values: dict[str, Any], form: str) -> str:
+    if values.get("least") is None:
+        return "-"
+    return f"{values['least']:{form}} to {values['most']:{form}}"
+
+
+def _mean(values: dict[str, float], form: str) -> str:
+    return f"{values['mean']:{form}}" if values else "-"
+
+
+def _row(values: list[float], form: str) -> str:
+    return " ".join(f"{value:{form}}" for value in values) or "-"

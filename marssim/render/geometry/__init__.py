@@ -1,0 +1,1 @@
+"""What each pixel sees: meshes, projection, hits and visibility."""

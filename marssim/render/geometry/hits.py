@@ -1,0 +1,104 @@
+"""Where exactly rays meet the triangles that they are known to meet, and with which normals."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from marssim.base.camera import PinholeCamera
+from marssim.base.compute.compiled import compiled, inlined
+from marssim.render.geometry.gbuffer import SKY, GBuffer, Hits
+from marssim.render.geometry.mesh import Mesh
+from marssim.render.geometry.vectors import column, cross, dot, minus, mixed, row, times
+
+MISS = 1e-3  # barycentric coordinate by which a ray may pass a triangle before the nearest point on it is taken
+
+
+def seen(mesh: Mesh, camera: PinholeCamera, pose: np.ndarray, face: np.ndarray) -> GBuffer:
+    """The G-buffer of a view whose pixels' rays meet the faces (H * W,), negative for the sky. pose: (4, 4)."""
+    shape = (camera.height, camera.width)
+    rays = camera.rays().reshape(-1, 3)
+    depth, normal, shading, surface = hits(mesh, pose, rays, face)
+    return GBuffer(depth.reshape(shape), normal.reshape(*shape, 3), shading.reshape(*shape, 3), surface.reshape(shape))
+
+
+def hits(mesh: Mesh, pose: np.ndarray, rays: np.ndarray, face: np.ndarray) -> Hits:
+    """Where exactly rays meet faces that they are known to meet.
+
+    pose: (4, 4) camera to world; rays: (N, 3) camera frame, z = 1; face: (N,) the face of the mesh that each ray meets,
+    negative for the sky. All in float64 until the result is stored.
+    """
+    pose, rays = (np.ascontiguousarray(each, dtype=np.float64) for each in (pose, rays))
+    return Hits(*_hits(mesh.vertices, mesh.faces, mesh.surface, mesh.vertex_normals, pose, rays, face))
+
+
+@compiled
+def _hits(vertices, faces, surface, vertex_normals, pose, rays, face):
+    n = len(face)
+    depth = np.full(n, np.inf, dtype=np.float32)
+    normal, shading = np.zeros((n, 3), dtype=np.float32), np.zeros((n, 3), dtype=np.float32)
+    ids = np.full(n, SKY, dtype=np.int32)
+    right, down, ahead, eye = column(pose, 0), column(pose, 1), column(pose, 2), column(pose, 3)
+    last, i, j, m = -1, 0, 0, 0
+    # of the face that was met last: corners from the eye, edge functions opposite to them, normal times twice its area
+    a = b = c = edge_a = edge_b = edge_c = wide = (0.0, 0.0, 0.0)
+    size = height = 0.0
+    for k in range(n):
+        f = face[k]
+        if f < 0:
+            continue
+        if f != last:  # neighbours often meet the same face
+            last = f
+            i, j, m = faces[f, 0], faces[f, 1], faces[f, 2]
+            a, b, c = minus(row(vertices, i), eye), minus(row(vertices, j), eye), minus(row(vertices, m), eye)
+            edge_a, edge_b, edge_c = cross(b, c), cross(c, a), cross(a, b)
+            wide = cross(minus(b, a), minus(c, a))
+            size, height = math.sqrt(dot(wide, wide)), dot(wide, a)
+        ray = mixed(right, down, ahead, (rays[k, 0], rays[k, 1], 1.0))
+        slant = dot(wide, ray)
+        z, weights = _met(ray, ahead, (a, b, c), (edge_a, edge_b, edge_c), height, slant)
+        unit = 1 / size if size != 0 else 1.0
+        if slant > 0:
+            unit = -unit
+        facet = times(wide, unit)
+        depth[k], ids[k] = z, surface[f]
+        normal[k, 0], normal[k, 1], normal[k, 2] = dot(facet, right), dot(facet, down), dot(facet, ahead)
+        smooth = mixed(row(vertex_normals, i), row(vertex_normals, j), row(vertex_normals, m), weights)
+        shading[k, 0], shading[k, 1], shading[k, 2] = _shading(smooth, facet)
+    return depth, normal, shading, ids
+
+
+@inlined
+def _met(ray, ahead, corners, edges, height, slant):
+    """Depth of where a ray meets a triangle that it is known to meet, and the barycentric coordinates, 0 to 1.
+
+    ray: of depth 1; ahead: unit, along which depth is measured; corners: from the eye; edges: edge functions, how far
+    the ray passes inside of each edge; height, slant: of the first corner and of the ray along the triangle's normal.
+    """
+    a, b, c = corners
+    share = 1 / slant
+    z = height * share
+    wa, wb, wc = dot(ray, edges[0]) * share, dot(ray, edges[1]) * share, dot(ray, edges[2]) * share
+    if not (z > 0 and wa > -MISS and wb > -MISS and wc > -MISS):
+        # seen edge on, or passed by a hair (Embree works in float32): take the nearest point of the triangle
+        wa, wb, wc = _within(wa), _within(wb), _within(wc)
+        total = wa + wb + wc
+        wa, wb, wc = wa / total, wb / total, wc / total
+        z = dot(ahead, mixed(a, b, c, (wa, wb, wc)))
+    return z, (min(max(wa, 0.0), 1.0), min(max(wb, 0.0), 1.0), min(max(wc, 0.0), 1.0))
+
+
+@inlined
+def _shading(smooth, facet):
+    """Unit normal for shading. smooth: interpolated between the vertices; facet: unit, the triangle's own."""
+    # where the interpolated normal is shorter than 1, as on rocks, the facet's own makes up: edges stay visible
+    lack = 1 - min(math.sqrt(dot(smooth, smooth)), 1.0)
+    leaning = (smooth[0] + lack * facet[0], smooth[1] + lack * facet[1], smooth[2] + lack * facet[2])
+    return times(leaning, 1 / math.sqrt(dot(leaning, leaning)))
+
+
+@compiled
+def _within(weight: float) -> float:
+    """A barycentric coordinate brought into the triangle; also where it is not finite."""
+    return min(max(weight, 1e-9), 1.0) if weight == weight else 1e-9

@@ -1,0 +1,136 @@
+"""All triangles of a Scene in one list, in compact pieces, so that a look-up pays only for the pieces in its way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from marssim.base.compute.compiled import compiled
+from marssim.render.geometry.gbuffer import GROUND, ROCK_SMOOTHNESS
+from marssim.scene.scene import Scene
+from marssim.scene.terrain import HeightGrid
+
+PIECE_CELLS = 12  # grid cells along a piece of ground
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles that can be seen.
+
+    vertices: (V, 3) float64, world [m]; faces: (F, 3) int32; surface: (F,) int32 id of each face; vertex_normals:
+    (V, 3) float32, shorter than 1 where facets shall stay visible, 0 for flat shading.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    surface: np.ndarray
+    vertex_normals: np.ndarray
+
+
+@dataclass(frozen=True)
+class SceneMesh(Mesh):
+    """Triangles of ground and rocks; surface: GROUND or rock n + 1.
+
+    Piece p holds faces[start[p] : start[p + 1]] within the box low[p], high[p] (3,).
+    """
+
+    start: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+
+def scene_mesh(scene: Scene) -> SceneMesh:
+    """The mesh of a scene: the fine grid, the coarse grid around it, and a piece for each rock."""
+    terrain, rocks = scene.terrain, scene.rocks
+    every = np.ones(np.array(terrain.fine.heights.shape) - 1, dtype=bool)
+    vertices, faces, normals, counts, boxes = [], [], [], [], []
+    first = 0
+    for grid, keep in ((terrain.fine, every), (terrain.coarse, terrain.coarse_cells)):
+        points, triangles, sizes, box = _grid_pieces(grid, keep)
+        vertices.append(points)
+        faces.append(triangles + np.int32(first))
+        normals.append(grid.vertex_normals().astype(np.float32))
+        counts.append(sizes)
+        boxes.append(box)
+        first += len(points)
+    ground = sum(len(f) for f in faces)
+    if len(rocks):
+        vertices.append(rocks.vertices)
+        faces.append(rocks.faces + np.int32(first))
+        normals.append((ROCK_SMOOTHNESS * rocks.vertex_normals).astype(np.float32))
+        start = np.searchsorted(rocks.face_rock, np.arange(len(rocks) + 1))
+        counts.append(np.diff(start))
+        # the first corners of a rock's faces do not hold every vertex, so all three are looked at
+        corner = [rocks.vertices[rocks.faces[:, k]] for k in range(3)]
+        low, high = np.minimum(np.minimum(*corner[:2]), corner[2]), np.maximum(np.maximum(*corner[:2]), corner[2])
+        boxes.append((np.minimum.reduceat(low, start[:-1]), np.maximum.reduceat(high, start[:-1])))
+    faces_of_all = np.concatenate(faces)
+    surface = np.full(len(faces_of_all), GROUND, dtype=np.int32)
+    surface[ground:] = rocks.face_rock + 1
+    return SceneMesh(
+        vertices=np.concatenate(vertices), faces=faces_of_all, surface=surface, vertex_normals=np.concatenate(normals),
+        start=np.concatenate([[0], np.cumsum(np.concatenate(counts))]).astype(np.int64),
+        low=np.concatenate([low for low, _ in boxes]), high=np.concatenate([high for _, high in boxes]),
+    )  # fmt: skip
+
+
+def averted(mesh: SceneMesh, sun: np.ndarray) -> SceneMesh:
+    """The faces that are turned away from the sun, unit vector (3,), in pieces as in the mesh: all that cast shadows.
+
+    Ground and rocks are closed: a ray to the sun from outside of them enters by such a face, and leaves by another.
+    """
+    face, count = _averted(mesh.vertices, mesh.faces, mesh.start, np.asarray(sun, dtype=float))
+    some = np.flatnonzero(count)
+    return SceneMesh(
+        vertices=mesh.vertices, faces=mesh.faces[face], surface=mesh.surface[face], vertex_normals=mesh.vertex_normals,
+        start=np.concatenate([[0], np.cumsum(count[some])]), low=mesh.low[some], high=mesh.high[some],
+    )  # fmt: skip
+
+
+@compiled
+def _averted(vertices, faces, start, sun):
+    """Faces turned away from the sun, and how many of them are in each piece."""
+    out = np.empty(len(faces), dtype=np.int64)
+    count = np.zeros(len(start) - 1, dtype=np.int64)
+    found = 0
+    for piece in range(len(count)):
+        for face in range(start[piece], start[piece + 1]):
+            i, j, m = faces[face, 0], faces[face, 1], faces[face, 2]
+            ux, uy, uz = (
+                vertices[j, 0] - vertices[i, 0],
+                vertices[j, 1] - vertices[i, 1],
+                vertices[j, 2] - vertices[i, 2],
+            )
+            tx, ty, tz = (
+                vertices[m, 0] - vertices[i, 0],
+                vertices[m, 1] - vertices[i, 1],
+                vertices[m, 2] - vertices[i, 2],
+            )
+            if (uy * tz - uz * ty) * sun[0] + (uz * tx - ux * tz) * sun[1] + (ux * ty - uy * tx) * sun[2] < 0:
+                out[found] = face
+                count[piece] += 1
+                found += 1
+    return out[:found], count
+
+
+def _grid_pieces(
+    grid: HeightGrid, keep: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """Vertices and faces of the cells to keep, (ny - 1, nx - 1) bool, block by block; faces a block; boxes."""
+    vertices, faces = grid.mesh(keep)
+    row, column = np.nonzero(keep)
+    blocks = -(-keep.shape[1] // PIECE_CELLS)
+    block = (row // PIECE_CELLS) * blocks + column // PIECE_CELLS
+    order = np.argsort(block, kind="stable")
+    faces = np.ascontiguousarray(faces.reshape(-1, 2, 3)[order].reshape(-1, 3))
+    block = block[order]
+    begin = np.flatnonzero(np.diff(block, prepend=-1))
+    corner = grid.heights[:-1, :-1], grid.heights[:-1, 1:], grid.heights[1:, :-1], grid.heights[1:, 1:]
+    lowest = np.minimum(np.minimum(*corner[:2]), np.minimum(*corner[2:]))[keep][order]
+    highest = np.maximum(np.maximum(*corner[:2]), np.maximum(*corner[2:]))[keep][order]
+    x, y = grid.x0 + column[order] * grid.cell, grid.y0 + row[order] * grid.cell
+    low = np.stack([np.minimum.reduceat(v, begin) for v in (x, y, lowest)], axis=1)
+    high = np.stack([np.maximum.reduceat(v, begin) for v in (x + grid.cell, y + grid.cell, highest)], axis=1)
+    slack = 1e-9 * np.abs(grid.x0)  # grid lines are computed in more than one way
+    return vertices, faces, 2 * np.diff(begin, append=len(block)), (low - slack, high + slack)

@@ -1,0 +1,152 @@
+"""What stands between a point and the sun or an eye, and what rays from an eye meet, for all triangles of a Scene."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from marssim.base.compute.compiled import compiled
+from marssim.render.geometry.gbuffer import Hits
+from marssim.render.geometry.hits import hits
+from marssim.render.geometry.mesh import SceneMesh, averted
+from marssim.render.geometry.projection import Projection
+from marssim.render.geometry.scan import nearest, open_ways
+
+SELF_GAP = 2e-4  # [m] rays from a surface start this far off it, against meeting the face they leave
+
+
+class Visibility:
+    """Exact answers by rays, from the triangles alone; see scan.py."""
+
+    def __init__(self, mesh: SceneMesh, sun: np.ndarray) -> None:
+        self.mesh = mesh
+        self.sun = sun
+        self._casting = averted(mesh, sun)
+
+    def trace(self, rays: np.ndarray, pose: np.ndarray) -> Hits:
+        """What rays (N, 3) of z = 1 meet; see GBufferMaker."""
+        mesh = self.mesh
+        if len(rays) == 0:
+            face = np.zeros(0, dtype=np.int32)
+        else:
+            x, y = np.ascontiguousarray(rays[:, 0]), np.ascontiguousarray(rays[:, 1])
+            face = nearest(mesh, Projection.of_eye(pose), x, y)
+        return hits(mesh, pose, rays, face)
+
+    def lit(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """(N,) bool: the sun's centre reaches these surface points; see GBufferMaker. None may lie within a rock."""
+        return self._open(points, normals, self.sun, False, Projection.of_sun(self.sun), self._casting)
+
+    def seen_from(self, points: np.ndarray, normals: np.ndarray, eye: np.ndarray) -> np.ndarray:
+        """(N,) bool: nothing stands between these surface points and the eye (3,); see GBufferMaker.
+
+        An eye looks one way: points all round it are looked at in as many views as it takes, each of less than a half
+        space.
+        """
+        eye = np.asarray(eye, dtype=float)
+        out = np.zeros(len(points), dtype=bool)
+        if len(points) == 0:
+            return out
+        axis = np.median(points[:: max(1, len(points) // 512)] - eye, axis=0)
+        if _ahead(np.ascontiguousarray(points, dtype=float), eye, axis):
+            return self._open(points, normals, eye, True, Projection.of_eye(_looking(eye, axis)), self.mesh)
+        offset = points - eye
+        side = np.abs(offset).argmax(axis=1)
+        sign = np.sign(offset[np.arange(len(points)), side])
+        for axis_number in range(3):
+            for direction in (-1.0, 1.0):
+                at = np.flatnonzero((side == axis_number) & (sign == direction))
+                if len(at):
+                    view = Projection.of_eye(_looking(eye, direction * np.eye(3)[axis_number]))
+                    out[at] = self._open(points[at], normals[at], eye, True, view, self.mesh)
+        return out
+
+    def _open(
+        self, points: np.ndarray, normals: np.ndarray, light: np.ndarray, near: bool, view: Projection, mesh: SceneMesh
+    ) -> np.ndarray:
+        """(N,) bool: the face looks to the light (3,), a place if near or else a direction, and nothing stands in the
+        way. view: the same light's."""
+        at, x, y, s = _leaving(
+            np.ascontiguousarray(points, dtype=float), np.ascontiguousarray(normals, dtype=np.float32), light, near,
+            view.axes, view.shift,
+        )  # fmt: skip
+        out = np.zeros(len(points), dtype=bool)
+        if len(at):
+            out[at] = open_ways(mesh, view, x, y, s)
+        return out
+
+
+class SeesByRays:
+    """What a maker answers by rays, until it is closed; see GBufferMaker."""
+
+    def __init__(self, mesh: SceneMesh, sun: np.ndarray) -> None:
+        self._visibility = Visibility(mesh, sun)
+        self._open = True
+
+    def trace(self, rays: np.ndarray, pose: np.ndarray) -> Hits:
+        """What rays (N, 3) of z = 1 meet; see GBufferMaker."""
+        return self._seer().trace(rays, pose)
+
+    def lit(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """(N,) bool: the sun's centre reaches these surface points; see GBufferMaker."""
+        return self._seer().lit(points, normals)
+
+    def seen_from(self, points: np.ndarray, normals: np.ndarray, eye: np.ndarray) -> np.ndarray:
+        """(N,) bool: nothing stands between these surface points and the eye; see GBufferMaker."""
+        return self._seer().seen_from(points, normals, eye)
+
+    def close(self) -> None:
+        """It is not to be used after; may be called twice."""
+        self._open = False
+
+    def _seer(self) -> Visibility:
+        if not self._open:
+            raise RuntimeError(f"this {type(self).__name__} is closed")
+        return self._visibility
+
+
+def _looking(eye: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    """(4, 4) pose of a camera at the eye (3,) that looks along the axis (3,)."""
+    forward = axis / np.linalg.norm(axis)
+    helper = np.array([0.0, 0.0, 1.0]) if abs(forward[2]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    right = np.cross(forward, helper)
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
+    pose[:3, 3] = eye
+    return pose
+
+
+@compiled
+def _ahead(points, eye, axis):
+    """Do all points lie well before an eye that looks along the axis?"""
+    least = 0.3 * math.sqrt(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2])
+    for k in range(len(points)):
+        x, y, z = points[k, 0] - eye[0], points[k, 1] - eye[1], points[k, 2] - eye[2]
+        if not x * axis[0] + y * axis[1] + z * axis[2] > least * math.sqrt(x * x + y * y + z * z):
+            return False
+    return True
+
+
+@compiled
+def _leaving(points, normals, light, near, axes, shift):
+    """Indices of the points whose face looks to the light, and where their rays start: image x, image y and S."""
+    n = len(points)
+    at, x, y, s = np.empty(n, dtype=np.int32), np.empty(n), np.empty(n), np.empty(n)
+    found = 0
+    for k in range(n):
+        px, py, pz = points[k, 0], points[k, 1], points[k, 2]
+        nx, ny, nz = normals[k, 0], normals[k, 1], normals[k, 2]
+        tx, ty, tz = light[0], light[1], light[2]
+        if near:
+            tx, ty, tz = tx - px, ty - py, tz - pz
+        if nx * tx + ny * ty + nz * tz > 0:
+            px, py, pz = px + SELF_GAP * nx, py + SELF_GAP * ny, pz + SELF_GAP * nz
+            w = axes[2, 0] * px + axes[2, 1] * py + axes[2, 2] * pz + shift[2]
+            at[found] = k
+            x[found] = (axes[0, 0] * px + axes[0, 1] * py + axes[0, 2] * pz + shift[0]) / w
+            y[found] = (axes[1, 0] * px + axes[1, 1] * py + axes[1, 2] * pz + shift[1]) / w
+            s[found] = axes[3, 0] * px + axes[3, 1] * py + axes[3, 2] * pz + shift[3]
+            found += 1
+    return at[:found], x[:found], y[:found], s[:found]

@@ -1,0 +1,1 @@
+"""The renderers that fill a G-buffer: PyBullet, Embree and scan conversion."""

@@ -1,0 +1,1 @@
+"""How surfaces and sky look: albedo, texture, reflectance and light."""

@@ -1,0 +1,163 @@
+"""What a Scene's ground and rocks are made of, as the kernels of albedo.py and shading.py take it.
+
+Everything is drawn from the scene's texture seed. Tiles are few and made once; places differ by the whole seed.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from marssim.render.surfaces.grain import Octaves, coded_tile, placing
+from marssim.render.surfaces.pavement import SIDE, plates
+from marssim.render.surfaces.pavement import VARIANTS as PLATE_VARIANTS
+from marssim.render.surfaces.pyramid import CHANNELS, CODES, PlacedTile
+from marssim.render.surfaces.regolith import TONES, VARIANTS, grit, ripple_tile
+from marssim.render.surfaces.surroundings import surroundings
+from marssim.scene.rocks import ground_plane
+from marssim.scene.scene import Scene
+
+RELIEF_WAVELENGTHS = 0.035 * 2.0 ** np.arange(4)  # [m] between the pebbles' tile and the ground's grid
+RELIEF_SLOPE = 0.085  # RMS slope of an octave of 5 cm at a texture strength of 1; the longer, the less
+STAIN_WAVELENGTHS = np.array([0.4, 1.7, 7.0])  # [m]
+STAIN = np.array([0.07, 0.07, 0.08])  # amplitude of each wavelength, at an albedo contrast of 1
+RIPPLE_WAVELENGTHS = (0.06, 0.15)  # [m] of the wind's small ripples, from the least to the most
+RIPPLE_SLOPE = 0.22  # RMS slope of ripples at a texture strength of 1
+PEBBLE_OFFSET = 1000.0  # [texels] of the tile of pebbles at most: near a whole turn of it
+DARKER_PEBBLES = 0.9  # mean brightness of pebbles over that of the rocks
+ROCK_WAVELENGTHS = np.array([0.009, 0.02, 0.05, 0.14])  # [m]
+ROCK_STAIN = np.array([0.15, 0.12, 0.10, 0.12])  # amplitude of each wavelength
+ROCK_SLOPE = 0.10  # RMS slope of an octave of 10 cm at a texture strength of 1
+FAR_DENSE = 0.2  # rock abundance at which the stones that the mesh leaves out show as much as their tile has
+FILLET = (0.03, 0.2)  # of a rock's height, up to which sand lies against it
+HIGHEST_FILLET = 0.06  # [m]
+NO_PLATES = np.zeros((1, CHANNELS), dtype=np.int8)
+
+
+# of a rock: the plane z = base + east x + north y of the ground under it [m], how high sand lies against it [m], how
+# much its faces show of beds, 0 to 1, albedo over that of the ground, how much redder than the mean it is, -1 to 1, and
+# the share of its sides that is under dust
+ROCK = np.dtype([(name, np.float64) for name in ("base", "east", "north", "fillet", "beds", "albedo", "red", "film")])
+
+
+class Mix(NamedTuple):
+    """Numbers of the ground, float32 but for contrast.
+
+    contrast, strength, gravel, sand, swept: albedo_contrast, texture_strength, pebbles, wind_ripples and bedrock of
+    Look. pebble_tone, pebble_shade: means over the tile of pebbles. far_stones: how much shows, 0 to 1, of the stones
+    that the mesh leaves out; half: half the side of the square in which it leaves none out [m].
+    """
+
+    contrast: float
+    strength: np.float32
+    gravel: np.float32
+    sand: np.float32
+    swept: np.float32
+    pebble_tone: np.float32
+    pebble_shade: np.float32
+    far_stones: np.float32
+    half: np.float32
+
+
+class Ground(NamedTuple):
+    """The ground between the rocks.
+
+    relief: what is finer than the mesh and coarser than pebbles. stains: patches of brightness, without slopes.
+    ripples: of the wind, where sand lies; one octave. pebbles: see grit. bedrock: see plates. near: see surroundings.
+    """
+
+    mix: Mix
+    relief: Octaves
+    stains: Octaves
+    ripples: Octaves
+    pebbles: PlacedTile
+    bedrock: PlacedTile
+    near: np.ndarray
+
+
+class RockSurface(NamedTuple):
+    """The rocks' surfaces. contrast: albedo_contrast of Look; noise: relief and stains in one; of_surface: (N + 1,) of
+    ROCK by surface id, zeros of GROUND."""
+
+    contrast: float
+    noise: Octaves
+    of_surface: np.ndarray
+
+
+def materials(scene: Scene) -> tuple[Ground, RockSurface]:
+    """Ground and rocks of a scene."""
+    rng = np.random.default_rng((scene.look.texture_seed, 3))
+    return _ground(scene, rng), _rocks(scene, rng)
+
+
+def _ground(scene: Scene, rng: np.random.Generator) -> Ground:
+    look, seed = scene.look, scene.look.texture_seed
+    turn, offset = rng.uniform(0, 2 * np.pi), rng.uniform(0, PEBBLE_OFFSET)
+    wavelength = float(np.exp(rng.uniform(*np.log(RIPPLE_WAVELENGTHS))))
+    codes = grit(seed, turn, look.sun, float(np.log(DARKER_PEBBLES * scene.config.rocks.albedo)))
+    ripples = placing((wavelength,), seed + 3)
+    _, cosine, sine = (float(value) for value in ripples[0, :3])
+    relief = _single(RELIEF_SLOPE * look.texture_strength * (RELIEF_WAVELENGTHS / 0.05) ** -0.35)
+    mix = Mix(
+        contrast=look.albedo_contrast,
+        strength=np.float32(look.texture_strength),
+        gravel=np.float32(look.pebbles),
+        sand=np.float32(look.wind_ripples),
+        swept=np.float32(look.bedrock),
+        pebble_tone=np.float32(codes[-1, 2] * TONES / CODES),
+        pebble_shade=np.float32(codes[-1, 3] / CODES),
+        far_stones=np.float32(min(scene.config.rocks.k / FAR_DENSE, 1.0) * min(look.albedo_contrast, 1.0)),
+        half=np.float32(scene.half),
+    )
+    steep = np.full(1, np.float32(RIPPLE_SLOPE) * mix.strength)
+    return Ground(
+        mix=mix,
+        relief=Octaves(_noise(seed, 0), placing(tuple(RELIEF_WAVELENGTHS), seed), relief, relief),
+        stains=Octaves(
+            _noise(seed, 1, slopes=False), placing(tuple(STAIN_WAVELENGTHS), seed + 1),
+            _single(STAIN * look.albedo_contrast), _single(np.zeros_like(STAIN)),
+        ),
+        ripples=Octaves(ripple_tile(seed % VARIANTS), ripples, np.ones_like(steep), steep),
+        pebbles=_placed(codes, turn, offset),
+        bedrock=_bedrock(scene),
+        near=surroundings(scene.rocks, scene.half, (cosine, -sine)),  # the wind blows across the ripples' crests
+    )  # fmt: skip
+
+
+def _bedrock(scene: Scene) -> PlacedTile:
+    seed = scene.look.texture_seed
+    rng = np.random.default_rng((seed, 4))
+    turn, offset = rng.uniform(0, 2 * np.pi), rng.uniform(0, SIDE)
+    return _placed(plates(seed % PLATE_VARIANTS) if scene.look.bedrock > 0 else NO_PLATES, turn, offset)
+
+
+def _rocks(scene: Scene, rng: np.random.Generator) -> RockSurface:
+    look, rocks, seed = scene.look, scene.rocks, scene.look.texture_seed
+    x, y = rocks.centre[:, 0], rocks.centre[:, 1]
+    z, slope = ground_plane(rocks.centre[:, :2], rocks.diameter, scene.terrain.height_at)
+    b, c = slope.T
+    out = np.zeros(len(rocks) + 1, dtype=ROCK)
+    own = out[1:]
+    own["base"], own["east"], own["north"] = z - b * x - c * y, b, c
+    own["fillet"] = np.minimum(rocks.height * rng.uniform(*FILLET, len(rocks)), HIGHEST_FILLET)
+    own["beds"] = look.bedding * rng.uniform(0.4, 1, len(rocks))
+    own["albedo"] = rocks.albedo
+    own["red"] = np.clip(rng.normal(0, 0.6, len(rocks)), -1, 1) * min(look.albedo_contrast, 1.0)
+    own["film"] = look.rock_dust * rng.uniform(0, 1, len(rocks))
+    places = placing(tuple(ROCK_WAVELENGTHS), seed + 2)
+    slope = _single(ROCK_SLOPE * look.texture_strength * (ROCK_WAVELENGTHS / 0.1) ** -0.25)
+    return RockSurface(look.albedo_contrast, Octaves(_noise(seed, 2), places, _single(ROCK_STAIN), slope), out)
+
+
+def _noise(seed: int, layer: int, slopes: bool = True) -> np.ndarray:
+    """The tile of noise of a layer: layers differ, and a scene chooses among VARIANTS of each."""
+    return coded_tile(VARIANTS * layer + seed % VARIANTS, slopes)
+
+
+def _placed(codes: np.ndarray, turn: float, offset: float) -> PlacedTile:
+    return PlacedTile(codes, np.float32(np.cos(turn)), np.float32(np.sin(turn)), np.float32(offset))
+
+
+def _single(values: np.ndarray) -> np.ndarray:
+    return values.astype(np.float32)

@@ -1,0 +1,168 @@
+"""From geometry to radiance: regolith and rock under sun, sky and dust.
+
+Deferred: the light of a pixel is a function of what it sees (position, normal, surface), so both eyes see one world and
+the ground truth stays exact. Radiance is linear RGB, relative to a white Lambert surface under the sun at zenith
+without air.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from marssim.base.compute.compiled import compiled, inlined
+from marssim.render.geometry.gbuffer import GROUND
+from marssim.render.surfaces.albedo import GROUND_COLOUR, regolith_at, rock_at
+from marssim.render.surfaces.daylight import daylight, skies, sky_colour
+from marssim.render.surfaces.materials import materials
+from marssim.render.surfaces.surroundings import surroundings_at
+from marssim.scene.scene import Scene
+
+SKY_COLOUR = (1.0, 0.86, 0.70)  # of the light that the sky throws on the ground
+DUST_SCALE_HEIGHT = 10_800.0  # [m]
+THIN = 8e-4  # optical depth of dust too thin to show: it changes the image by an eighth of a grey level
+AHEAD = 0.9  # of skylight on a wall that faces a sun at the horizon, how much more than its mean over all walls
+LEAST_SKY = 0.2  # of the mean, on a wall that faces away
+LEAST_SLANT = 0.08  # cosine of the view's angle: what is seen edge on is filtered as if at that one
+LEAST_OUT = 0.05  # cosine of the view's angle to the fine relief, which may turn away though its surface does not
+DUSK = 12.0  # the sun fades over the last twelfth of its cosine on the surface itself: relief does not outlast it
+BOUNCE = 0.18  # light that level ground under a zenith sun throws at a wall, of the sun's
+GROUND_GREY = 0.27  # mean of GROUND_COLOUR
+
+
+class Shader:
+    """Radiance of surface points and sky of one Scene. light: its Daylight."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self._ground, self._rocks = materials(scene)
+        self.light = daylight(scene.look)
+
+    def surface(
+        self,
+        points: np.ndarray,
+        normals: np.ndarray,
+        surface: np.ndarray,
+        eye: np.ndarray,
+        lit: np.ndarray,
+        focal: float,
+        at: np.ndarray | None = None,
+        out: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """(N, 3) float32 radiance towards the eye.
+
+        points: (N, 3) world [m]; normals: (N, 3) shading normals, world; surface: (N,) ids (GROUND, rock n + 1);
+        eye: (3,) world; lit: (N,) in [0, 1], share of the sun that is seen; focal [px] gives the pixel footprint.
+        at: (M,) int32, of which of them the points are, which are then (M, 3); out: (N, 3) float32, written there only.
+        """
+        if at is None:
+            at = np.arange(len(points), dtype=np.int32)
+        if out is None:
+            out = np.zeros((len(surface), 3), dtype=np.float32)
+        _surface(
+            np.ascontiguousarray(points, dtype=np.float64), at, np.ascontiguousarray(normals, dtype=np.float32),
+            np.ascontiguousarray(surface, dtype=np.int32), np.asarray(eye, dtype=np.float64),
+            np.ascontiguousarray(lit, dtype=np.float32), float(focal), self._ground, self._rocks, self.light, out,
+        )  # fmt: skip
+        return out
+
+    def sky(self, directions: np.ndarray) -> np.ndarray:
+        """(N, 3) float32 radiance of the sky along unit directions (N, 3), world frame.
+
+        Butterscotch, paler and brighter towards the horizon and around the sun, where dust scatters forward.
+        """
+        return skies(np.ascontiguousarray(directions, dtype=np.float64), self.light)
+
+
+@compiled
+def _surface(points, at, normals, surface, eye, lit, focal, ground, rocks, light, out):
+    """Fill out, see Shader.surface. ground, rocks: of materials; light: Daylight."""
+    mix, relief, stains, ripples, pebbles, bedrock, near_rocks = ground
+    contrast, noise, of_surface = rocks
+    sun, sunlight, skylight, optical_depth = light
+    sx, sy, sz = sun[0], sun[1], sun[2]
+    ahead = AHEAD * math.sqrt(max(1 - sz * sz, 0.0))
+    sun_red, sun_green, sun_blue = float(sunlight[0]), float(sunlight[1]), float(sunlight[2])
+    for k in range(len(points)):
+        m = at[k]
+        x, y, z = points[k, 0], points[k, 1], points[k, 2]
+        mx, my, mz = float(normals[m, 0]), float(normals[m, 1]), float(normals[m, 2])
+        vx, vy, vz = eye[0] - x, eye[1] - y, eye[2] - z
+        distance = math.sqrt(vx * vx + vy * vy + vz * vz)
+        near = 1 / distance
+        vx, vy, vz = vx * near, vy * near, vz * near
+        slant = min(max(mx * vx + my * vy + mz * vz, LEAST_SLANT), 1.0)
+        # geometric mean of the two axes of the ellipse that a pixel covers
+        footprint = np.float32(distance / (focal * math.sqrt(slant)))
+        open_sun, hidden = np.float32(1), np.float32(0)
+        if surface[m] == GROUND:
+            east, north = np.float32(x), np.float32(y)
+            hidden, drift, rubble = surroundings_at(near_rocks, mix.half, east, north)
+            red, green, blue, du, dv, open_sun = regolith_at(
+                east, north, footprint, mix, relief, stains, ripples, pebbles, bedrock, drift, rubble
+            )
+            nx, ny, nz = mx - du, my - dv, mz
+        else:
+            red, green, blue, nx, ny, nz = _rock(
+                (x, y, z), (mx, my, mz), footprint, contrast, noise, surface[m], of_surface[surface[m]]
+            )
+        unit = 1 / math.sqrt(max(nx * nx + ny * ny + nz * nz, 1e-12))
+        nx, ny, nz = nx * unit, ny * unit, nz * unit
+        cos_in = max(nx * sx + ny * sy + nz * sz, 0.0)
+        cos_in *= min(max((mx * sx + my * sy + mz * sz) * DUSK, 0.0), 1.0)
+        direct = _reflected(cos_in, max(nx * vx + ny * vy + nz * vz, LEAST_OUT), vx * sx + vy * sy + vz * sz)
+        direct *= lit[m] * open_sun
+        open_sky = (0.5 + 0.5 * nz) * (1 - hidden)
+        bounce = BOUNCE * (1 - open_sky) * sz / GROUND_GREY
+        # dust scatters forward, so that the sky is brighter on the sun's side: relief shows in shadow, too
+        sky = skylight * open_sky * max(1 + ahead * (nx * sx + ny * sy), LEAST_SKY)
+        red *= sun_red * (direct + bounce * GROUND_COLOUR[0]) + sky * SKY_COLOUR[0]
+        green *= sun_green * (direct + bounce * GROUND_COLOUR[1]) + sky * SKY_COLOUR[1]
+        blue *= sun_blue * (direct + bounce * GROUND_COLOUR[2]) + sky * SKY_COLOUR[2]
+        veiled = distance * optical_depth / DUST_SCALE_HEIGHT
+        if veiled > THIN:
+            veil = 1 - math.exp(-veiled)
+            haze_red, haze_green, haze_blue = sky_colour(-vx, -vy, -vz, sun, skylight, optical_depth)
+            red += veil * (haze_red - red)
+            green += veil * (haze_green - green)
+            blue += veil * (haze_blue - blue)
+        out[m, 0], out[m, 1], out[m, 2] = red, green, blue
+
+
+@inlined
+def _rock(point, normal, footprint, contrast, noise, surface, rock):
+    """Albedo (red, green, blue) of a rock at a point (x, y, z), and the normal of its fine relief, not of unit length.
+
+    normal: (x, y, z) of its surface; contrast, noise: of RockSurface; surface: its id; rock: of ROCK.
+    """
+    (x, y, z), (mx, my, mz) = point, normal
+    # flat coordinates on the plane that the surface faces most
+    across = 2
+    if abs(mx) >= abs(my) and abs(mx) >= abs(mz):
+        across = 0
+    elif abs(my) >= abs(mz):
+        across = 1
+    shift = 0.37 * surface  # [m] so that neighbours are not alike
+    above = (z - rock.base - rock.east * x - rock.north * y) / max(rock.fillet, 1e-3) - 1
+    red, green, blue, du, dv, sand = rock_at(
+        np.float32((y if across == 0 else x) + shift), np.float32((y if across == 2 else z) + shift), mz,
+        np.float32(min(max(above, -1.0), 9.0)), np.float32(0.0 if across == 2 else 5 * rock.beds), footprint,
+        contrast, noise, rock,
+    )  # fmt: skip
+    nx, ny, nz = mx, my, mz
+    if across == 0:
+        ny, nz = ny - du, nz - dv
+    elif across == 1:
+        nx, nz = nx - du, nz - dv
+    else:
+        nx, ny = nx - du, ny - dv
+    return red, green, blue, nx * (1 - 0.6 * sand), ny * (1 - 0.6 * sand), nz + 0.5 * sand
+
+
+@inlined
+def _reflected(cos_in, cos_out, cos_phase):
+    """Sunlight that comes back, over that of a white Lambert surface under a sun at zenith: a mixture of Lambert and
+    Lommel-Seeliger with a backscatter lobe. Cosines of the angles of incidence and of view, and between the two."""
+    back = (1 + cos_phase) / 2
+    return (0.55 * cos_in + 0.9 * cos_in / (cos_in + cos_out + 1e-3)) * (0.86 + 0.32 * back * back * back)

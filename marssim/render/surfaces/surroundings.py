@@ -1,0 +1,70 @@
+"""What rocks do to the ground about them, as maps on the fine square: they hide part of the sky, sand gathers in
+their lee, and what broke off them lies at their feet."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from marssim.base.compute.compiled import inlined
+from marssim.render.surfaces.bilinear import bilinear_weights
+from marssim.scene.rocks import Rocks
+
+CELL = 0.05  # [m]
+SMALLEST = 0.12  # [m] diameter of rocks that matter
+REACHES = (0.08, 0.24)  # [m] distances over which sky is lost to a rock of that height
+TAIL = 2.5  # diameters that the sand behind a rock reaches
+APRON = 1.7  # radius of the ground that fragments lie on, in radii of the rock
+FRAGMENTS = 0.6  # how thick they lie there
+SAND_BORDER, APRON_BORDER = 0.06, 0.1  # [m] standard deviations of the blur of their borders
+SHIFT = 4  # binary digits of sub-pixel positions in OpenCV's drawing
+CODE = 255
+
+
+def surroundings(rocks: Rocks, half: float, wind: tuple[float, float]) -> np.ndarray:
+    """(N, N, 3) uint8 on a grid of CELL over the square of half side `half` [m], rows northward, columns eastward.
+
+    Shares in 1 / CODE: of the sky that rocks hide from level ground, half of it at the foot of a wall; how much
+    sand the wind, towards (2,) unit, has left behind them; and how thick fragments lie about them.
+    """
+    side = int(np.ceil(2 * half / CELL)) + 1
+    height, drift, rubble = np.zeros((3, side, side), dtype=np.float32)
+    chosen = np.flatnonzero((rocks.diameter > SMALLEST) & (np.abs(rocks.centre[:, :2]) < half + 1).all(axis=1))
+    chosen = chosen[np.argsort(-rocks.diameter[chosen], kind="stable")]
+    at = (rocks.centre[chosen, :2] + half) / CELL
+    radius = rocks.diameter[chosen] / 2 / CELL
+    one = 1 << SHIFT
+    along, across = np.array(wind), np.array([-wind[1], wind[0]])
+    # a tail: as wide as the rock where it begins, pointed where it ends
+    corners = np.array([[0.0, 0.8], [0.8, 0.7], [1.0 + TAIL, 0.15], [1.0 + TAIL, -0.15], [0.8, -0.7], [0.0, -0.8]])
+    tails = at[:, None] + radius[:, None, None] * (corners[:, :1] * along + corners[:, 1:] * across)
+    for (x, y), r, tall, tail in zip(np.rint(at * one), np.rint(radius * one), rocks.height[chosen], tails):
+        cv2.circle(height, (int(x), int(y)), int(r), float(tall), -1, cv2.LINE_8, SHIFT)
+        cv2.circle(rubble, (int(x), int(y)), int(APRON * r), FRAGMENTS, -1, cv2.LINE_8, SHIFT)
+        cv2.fillConvexPoly(drift, np.rint(tail * one).astype(np.int32), 1.0, cv2.LINE_8, SHIFT)
+    hidden = np.mean(
+        [cv2.GaussianBlur(np.minimum(height / reach, 1), (0, 0), reach / CELL) for reach in REACHES], axis=0
+    )
+    sand = cv2.GaussianBlur(drift, (0, 0), SAND_BORDER / CELL)
+    broken = cv2.GaussianBlur(rubble, (0, 0), APRON_BORDER / CELL)
+    return np.rint(CODE * np.stack([hidden, sand, broken], axis=-1)).astype(np.uint8)
+
+
+@inlined
+def surroundings_at(near, half, x, y):
+    """Share of the sky that is hidden, of sand and of fragments at x, y [m]; 0 outside the map. near: of
+    surroundings."""
+    i, j = (x + half) * np.float32(1 / CELL), (y + half) * np.float32(1 / CELL)
+    top = np.float32(len(near) - 1)
+    if not (i >= 0 and j >= 0 and i < top and j < top):
+        return np.float32(0), np.float32(0), np.float32(0)
+    left, low = np.int32(i), np.int32(j)
+    a, b, c, d = bilinear_weights(i - left, j - low)
+    p, q = near[low, left], near[low, left + 1]
+    r, w = near[low + 1, left], near[low + 1, left + 1]
+    code = np.float32(1 / CODE)
+    return (
+        (a * p[0] + b * q[0] + c * r[0] + d * w[0]) * code,
+        (a * p[1] + b * q[1] + c * r[1] + d * w[1]) * code,
+        (a * p[2] + b * q[2] + c * r[2] + d * w[2]) * code,
+    )

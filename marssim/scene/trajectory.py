@@ -1,0 +1,144 @@
+"""A drive over a scene: where a rover's left camera passes, step by step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from marssim.base.camera import look_pose
+from marssim.base.rover_spec import ZHURONG, RoverSpec
+from marssim.scene.rocks import STAND, reach_above_ground
+from marssim.scene.scene import Scene
+from marssim.scene.viewpoint import TRIES, ViewConfig
+
+TRAJECTORY = "trajectory.txt"  # of a scene whose views are a drive, beside them: tum_lines
+MAX_CURVATURE = 0.5  # [1/m]
+MAX_CHANGE = 0.8  # [1/m2] of the curvature along the way, which keeps the heading smooth
+CHOICES = np.linspace(-MAX_CURVATURE, MAX_CURVATURE, 11)
+AHEAD = 5.0  # [m] looked ahead: enough to turn away from whatever is in the way
+LONGEST_STRIDE = 0.2  # [m] between two choices of the curvature
+
+
+@dataclass(frozen=True)
+class TrajectoryConfig:
+    """How a drive is sampled."""
+
+    step: float = 0.4
+    """way between two pairs of a --trajectory [m]"""
+    speed: float = 0.056
+    """of the rover [m/s]; makes the time stamps of a --trajectory"""
+
+    def __post_init__(self) -> None:
+        if not 0.001 <= self.step <= 5:
+            raise ValueError(f"step must lie in [0.001, 5] m, got {self.step}")
+        if not 0 < self.speed < float("inf"):
+            raise ValueError(f"speed must be positive, got {self.speed}")
+
+
+def draw_trajectory(
+    scene: Scene, view: ViewConfig, config: TrajectoryConfig, count: int, rng: np.random.Generator
+) -> np.ndarray:
+    """(count, 4, 4) left camera to world, along a smooth way past the rocks, in the middle of the scene.
+
+    The rover's middle is `step` further along it each time, on the map, and half its width at least from all that
+    stands above ground of rocks that are obstacles to it; its camera sways a little about that way. The rover stands on
+    the plane that fits the ground under its wheels; the height and pitch of its camera, drawn once, are held against
+    that plane, so that pitch and roll in the world are those of the ground too (view.roll_deg is not drawn from).
+    Raises ValueError if no such way is found.
+    """
+    height, pitch = rng.uniform(*view.height), np.deg2rad(rng.uniform(*view.pitch_deg))
+    strides = int(np.ceil(config.step / LONGEST_STRIDE))
+    obstacles = _obstacles(scene)
+    for _ in range(TRIES):
+        way = _draw_way(scene, obstacles, view, (count - 1) * strides, config.step / strides, rng)
+        if way is not None:
+            stand = [stand_on(scene, *state) for state in way[::strides]]
+            return np.stack([body @ look_pose(np.array([0, 0, height]), 0.0, pitch) for body in stand])
+    raise ValueError(
+        f"scene {scene.config.preset}: in {TRIES} tries no way of {(count - 1) * config.step:g} m past the rocks was "
+        f"found; choose a smaller `rocks.k`, `views_per_scene` or `drive.step`"
+    )
+
+
+def stand_on(scene: Scene, x: float, y: float, yaw: float, rover: RoverSpec = ZHURONG) -> np.ndarray:
+    """(4, 4) pose (x forward, y left, z up) on the plane that fits the ground under the wheels best."""
+    wheels = np.array([(wx, wy) for wx in rover.wheel_x for wy in (-rover.track / 2, rover.track / 2)])
+    c, s = np.cos(yaw), np.sin(yaw)
+    at = wheels @ np.array([[c, s], [-s, c]]) + [x, y]
+    ground = scene.terrain.height_at(at[:, 0], at[:, 1])
+    (a, b, z), *_ = np.linalg.lstsq(np.column_stack([at - [x, y], np.ones(len(at))]), ground, rcond=None)
+    up = np.array([-a, -b, 1.0])
+    up /= np.linalg.norm(up)
+    forward = np.array([c, s, a * c + b * s])
+    forward /= np.linalg.norm(forward)
+    pose = np.eye(4)
+    pose[:3, :3] = np.column_stack([forward, np.cross(up, forward), up])
+    pose[:3, 3] = x, y, z
+    return pose
+
+
+def tum_lines(times: Sequence[float], poses: np.ndarray) -> str:
+    """Poses (N, 4, 4) in the format of the TUM RGB-D benchmark: timestamp tx ty tz qx qy qz qw, one a line."""
+    lines = ["# left camera (x right, y down, z forward) to world (z up); timestamp [s] tx ty tz [m] qx qy qz qw"]
+    for time, pose in zip(times, np.asarray(poses, dtype=float)):
+        numbers = (*pose[:3, 3], *Rotation.from_matrix(pose[:3, :3]).as_quat(canonical=True))
+        lines.append(f"{time:.6f} " + " ".join(f"{number:.9f}" for number in numbers))
+    return "\n".join(lines) + "\n"
+
+
+def _draw_way(
+    scene: Scene, obstacles: np.ndarray, view: ViewConfig, strides: int, stride: float, rng: np.random.Generator
+) -> list | None:
+    """strides + 1 states (x, y, yaw), `stride` [m] apart; None where it led into a dead end.
+
+    Each stride takes the curvature that stays free for longest, and among those alike the one nearest to a curvature
+    that wanders: random, smooth over a few metres.
+    """
+    reach = STAND * scene.half
+    x, y = rng.uniform(-reach, reach, 2)
+    yaw = np.deg2rad(rng.uniform(*view.yaw_deg))
+    waves = rng.uniform(0.2, 1.0, 3), rng.uniform(0, 2 * np.pi, 3)  # [rad/m], [rad]
+    if not _free(obstacles, x, y):
+        return None
+    turn, way = 0.0, [(x, y, yaw)]
+    ahead = max(1, int(np.ceil(AHEAD / stride)))
+    for n in range(strides):
+        wish = MAX_CURVATURE * np.sin(waves[0] * n * stride + waves[1]).mean()
+        px, py = np.full(len(CHOICES), x), np.full(len(CHOICES), y)
+        heading, curvature = np.full(len(CHOICES), yaw), np.full(len(CHOICES), turn)
+        places = []
+        for _ in range(ahead):
+            change = MAX_CHANGE * stride
+            curvature = curvature + np.clip(CHOICES - curvature, -change, change)
+            heading = heading + curvature * stride
+            px, py = px + stride * np.cos(heading), py + stride * np.sin(heading)
+            places.append((px, py))
+            if len(places) == 1:
+                first = heading, curvature
+        xs, ys = (np.array(axis) for axis in zip(*places))
+        free = _free(obstacles, xs, ys) & (np.maximum(np.abs(xs), np.abs(ys)) <= reach)
+        length = np.where(free.all(axis=0), ahead, free.argmin(axis=0))
+        if length.max() == 0:
+            return None
+        best = int(np.argmin(np.where(length == length.max(), np.abs(CHOICES - wish), np.inf)))
+        x, y, yaw, turn = float(xs[0, best]), float(ys[0, best]), float(first[0][best]), float(first[1][best])
+        way.append((x, y, yaw))
+    return way
+
+
+def _obstacles(scene: Scene) -> np.ndarray:
+    """(M, 3) x, y and radius [m] about the rocks that are obstacles to the rover; lower ones it drives over."""
+    tall = np.flatnonzero(scene.rocks.height > ZHURONG.obstacle_height)
+    return np.column_stack(
+        [scene.rocks.centre[tall, :2], reach_above_ground(scene.rocks, tall, scene.terrain.height_at)]
+    )
+
+
+def _free(obstacles: np.ndarray, x: np.ndarray | float, y: np.ndarray | float) -> np.ndarray:
+    """(...) bool: half the rover's width of room between these points and all obstacles (M, 3)."""
+    cx, cy, radius = obstacles.T
+    away = np.hypot(cx - np.asarray(x)[..., None], cy - np.asarray(y)[..., None]) - radius
+    return (away >= ZHURONG.width / 2).all(axis=-1)

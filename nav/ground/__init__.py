@@ -1,0 +1,1 @@
+"""The map of the ground: elevation and traversability."""

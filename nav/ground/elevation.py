@@ -1,0 +1,249 @@
+"""A 2.5D elevation map that follows the rover and remembers what it has seen.
+
+Grid convention: square, axes along world x (east) and y (north), indexed [iy, ix]; cell (0, 0) has its lower left
+corner at `origin`. Heights are world z [m]; NaN means that a cell was never seen. Each cell keeps two heights apart:
+`top`, the highest of the points in it (of four and more, the highest but one), so that a rock is never averaged into
+the ground beside it, and `low`, a low percentile, which is the ground.
+
+What only the left eye sees (the left edge of its image, wider for what is near) is no stereo: estimators extend the
+ground there, over rocks too. Unless they are sure, such points may warn of what stands out, but make nothing known that
+would be free.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+from marssim.base.camera import PinholeCamera, StereoRig
+from marssim.base.images.depth_edges import JUMP, depth_edges
+
+
+@dataclass(frozen=True)
+class ElevationConfig:
+    """How depth maps are turned into heights."""
+
+    cell: float = 0.10  # edge of a cell [m]
+    size: float = 40.0  # edge of the map [m]
+    max_range: float = 12.0  # points farther ahead than this [m] are left out
+    min_range: float = 0.5  # and nearer than this [m]
+    min_confidence: float = 0.5  # pixels below are unknown
+    sure_alone: float = 0.7  # below, what the left eye alone sees shows no ground, only what stands out
+    stands_out: float = 0.10  # of the lowest point within ground_reach [m]
+    ground_reach: float = 0.8  # [m]
+    few: int = 2  # so few points in a cell need a cell beside it that is as high, to stand out
+    disparity_sigma: float = 0.25  # stereo matching error [px]
+    edge_jump: float = JUMP  # disparity change within 3 x 3 px [px] from which a pixel hangs between two surfaces
+    columns: int = 256  # about this many image columns are used
+    recentre_at: float = 7.0  # the map moves when the rover comes this near to its edge [m]
+
+    def __post_init__(self) -> None:
+        if not (self.cell > 0 and self.size >= 10 * self.cell):
+            raise ValueError(f"size must be at least ten cells, got cell={self.cell}, size={self.size}")
+
+
+@lru_cache(maxsize=8)
+def _ray_slopes(camera: PinholeCamera) -> tuple[np.ndarray, np.ndarray]:
+    """Ray directions of the columns (x / z) and of the rows (y / z), float32."""
+    u = (np.arange(camera.width) - camera.cx) / camera.fx
+    v = (np.arange(camera.height) - camera.cy) / camera.fy
+    return u.astype(np.float32), v.astype(np.float32)
+
+
+class ElevationMap:
+    """World-aligned scrolling height map, fused from depth maps.
+
+    Arrays, all (n, n) float32, [iy, ix]: top, low [m], NaN where unknown; weight [1 / m2], the inverse squared range
+    error of the best looks.
+    """
+
+    def __init__(self, config: ElevationConfig | None = None, centre: tuple[float, float] = (0.0, 0.0)) -> None:
+        self.config = config or ElevationConfig()
+        self.n = round(self.config.size / self.config.cell)
+        self.clear(centre)
+
+    def clear(self, centre: tuple[float, float] | np.ndarray) -> None:
+        """Forget everything and centre the map on a world position (x, y) [m]."""
+        shape = (self.n, self.n)
+        self.top, self.low = (np.full(shape, np.nan, np.float32) for _ in range(2))
+        self.weight = np.zeros(shape, np.float32)
+        cell = self.config.cell
+        self.origin = np.round((np.asarray(centre, float)[:2] - self.config.size / 2) / cell) * cell
+
+    @property
+    def known(self) -> np.ndarray:
+        """(n, n) bool: seen, or assumed at the start."""
+        return np.isfinite(self.top)
+
+    @property
+    def measured(self) -> np.ndarray:
+        """(n, n) bool: really seen. Only these cells have heights that can be compared with each other."""
+        return self.weight > 0
+
+    def cell_of(self, xy: np.ndarray) -> np.ndarray:
+        """Cell indices (ix, iy) of world positions, not clipped to the map. xy: (..., 2) [m]. Returns (..., 2) int."""
+        return np.floor((np.asarray(xy, float) - self.origin) / self.config.cell).astype(np.int64)
+
+    def centres(self) -> tuple[np.ndarray, np.ndarray]:
+        """World x of the columns and world y of the rows [m], cell centres, each (n,)."""
+        steps = (np.arange(self.n) + 0.5) * self.config.cell
+        return self.origin[0] + steps, self.origin[1] + steps
+
+    def recentre(self, xy: np.ndarray) -> bool:
+        """Scroll by whole cells so that the rover stays off the edge; what scrolls out is forgotten.
+
+        xy: (2,) [m]. Returns whether the map moved.
+        """
+        offset = np.asarray(xy, float)[:2] - (self.origin + self.config.size / 2)
+        if np.abs(offset).max() < self.config.size / 2 - self.config.recentre_at:
+            return False
+        dx, dy = (int(s) for s in np.round(offset / self.config.cell))
+        n = self.n
+        source = np.s_[max(0, dy) : min(n, n + dy), max(0, dx) : min(n, n + dx)]
+        target = np.s_[max(0, -dy) : min(n, n - dy), max(0, -dx) : min(n, n - dx)]
+        for name, unknown in (("top", np.nan), ("low", np.nan), ("weight", 0)):
+            old = getattr(self, name)
+            new = np.full_like(old, unknown)
+            if abs(dx) < n and abs(dy) < n:
+                new[target] = old[source]
+            setattr(self, name, new)
+        self.origin = self.origin + np.array([dx, dy]) * self.config.cell
+        return True
+
+    def assume_flat(self, pose: np.ndarray, radius: float) -> None:
+        """Fill the unknown cells round the rover with the plane that it stands on.
+
+        The camera never sees the ground beside and under the rover; where the rover stands, it is passable. The first
+        real measurement of a cell replaces the assumption. pose: (4, 4) body to world; radius [m].
+        """
+        x, y = self.centres()
+        dx, dy = x[None, :] - pose[0, 3], y[:, None] - pose[1, 3]
+        self._assume(pose, dx, dy, dx**2 + dy**2 <= radius**2)
+
+    def assume_under(self, pose: np.ndarray, length: float, width: float) -> None:
+        """The same for the rectangle that the rover stands on, and no further: beside it may lie the hidden half of a
+        rock. pose: (4, 4) body to world; length, width [m]."""
+        x, y = self.centres()
+        dx, dy = x[None, :] - pose[0, 3], y[:, None] - pose[1, 3]
+        yaw = np.arctan2(pose[1, 0], pose[0, 0])
+        ahead, left = np.cos(yaw) * dx + np.sin(yaw) * dy, np.cos(yaw) * dy - np.sin(yaw) * dx
+        self._assume(pose, dx, dy, (np.abs(ahead) <= length / 2) & (np.abs(left) <= width / 2))
+
+    def _assume(self, pose: np.ndarray, dx: np.ndarray, dy: np.ndarray, where: np.ndarray) -> None:
+        fill = where & ~self.known
+        up = pose[:3, 2]
+        plane = pose[2, 3] - (up[0] * dx + up[1] * dy) / max(up[2], 0.3)
+        for layer in (self.top, self.low):
+            layer[fill] = plane[fill]
+
+    def integrate(
+        self, depth: np.ndarray, confidence: np.ndarray | None, rig: StereoRig, camera_pose: np.ndarray
+    ) -> int:
+        """Fuse one depth map.
+
+        depth: (H, W) [m] along the optical axis; inf (sky, far) and NaN (unknown) leave the map as it is, they never
+        make a cell free. confidence: (H, W) in [0, 1], or None for all 1. rig: the cameras, at the size of depth.
+        camera_pose: (4, 4) left camera to world. Returns the number of points used.
+        Raises ValueError where the shapes of depth, confidence and rig disagree.
+        """
+        depth = np.asarray(depth, np.float32)
+        camera = rig.camera
+        if depth.shape != (camera.height, camera.width):
+            raise ValueError(f"depth is {depth.shape}, the rig's camera has {(camera.height, camera.width)} pixels")
+        if confidence is not None and np.shape(confidence) != depth.shape:
+            raise ValueError(f"confidence is {np.shape(confidence)}, depth is {depth.shape}")
+        points, z, trust, sure = self._points(depth, confidence, rig, np.asarray(camera_pose, float))
+        if z.size:
+            self._fuse(points, z, trust, sure, rig.fb)
+        return int(z.size)
+
+    def _points(
+        self, depth: np.ndarray, confidence: np.ndarray | None, rig: StereoRig, pose: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """World points (m, 3), their depth (m,), confidence (m,) and whether they may show ground (m,), filtered."""
+        c = self.config
+        with np.errstate(invalid="ignore"):
+            use = (depth > c.min_range) & (depth < c.max_range)
+            # On level ground rows are Z^2 / (f h) apart: near the rover every second one still hits every cell.
+            use[::2] &= depth[::2] > np.sqrt(0.4 * c.cell * rig.camera.fy)
+        stride = max(1, round(rig.camera.width / c.columns))
+        if confidence is not None:
+            use &= np.asarray(confidence) >= c.min_confidence
+        use &= ~depth_edges(rig.depth_to_disparity(depth), c.edge_jump)
+        rows, columns = np.nonzero(use[:, ::stride])
+        columns *= stride
+        z = depth[rows, columns]
+        slope_u, slope_v = _ray_slopes(rig.camera)
+        local = np.stack([slope_u[columns] * z, slope_v[rows] * z, z], axis=1)
+        points = local @ pose[:3, :3].T.astype(np.float32)
+        trust = np.ones_like(z) if confidence is None else np.asarray(confidence, np.float32)[rows, columns]
+        sure = (trust >= c.sure_alone) | (columns >= rig.fb / z)  # or seen by the right eye, at a column from 0 on
+        return points.astype(np.float64) + pose[:3, 3], z, trust, sure
+
+    def _fuse(self, points: np.ndarray, z: np.ndarray, trust: np.ndarray, sure: np.ndarray, fb: float) -> None:
+        n = self.n
+        ij = self.cell_of(points[:, :2])
+        inside = ((ij >= 0) & (ij < n)).all(axis=1)
+        if not inside.any():
+            return
+        ij, height, z, trust, sure = ij[inside], points[inside, 2], z[inside], trust[inside], sure[inside]
+        flat = ij[:, 1] * n + ij[:, 0]
+
+        # One integer sort orders the points by cell, and by height [mm] inside each cell: percentiles come for free.
+        base = float(height.min())
+        millimetre = np.minimum((height - base) * 1000, (1 << 20) - 1).astype(np.int64)
+        key = np.sort((flat << 20) | millimetre)
+        cell = key >> 20
+        first = np.flatnonzero(np.r_[True, cell[1:] != cell[:-1]])
+        touched = cell[first]
+        number = np.diff(np.r_[first, cell.size])
+        ordered = (key & ((1 << 20) - 1)) * 1e-3 + base
+        # Of four points and more the highest is not trusted: a single stray match would make a rock.
+        top = ordered[first + number - 1 - (number >= 4)]
+        low = ordered[first + number // 10]
+        shows_ground = np.bincount(flat, sure, minlength=n * n)[touched] > 0
+        keep = self._credible(touched, top, low, number, shows_ground)
+
+        sigma = z.astype(float) ** 2 / fb * self.config.disparity_sigma
+        gain = np.bincount(flat, trust / sigma**2, minlength=n * n)[touched] / number * np.minimum(number, 5)
+        self._blend(touched[keep], top[keep], low[keep], gain[keep])
+
+    def _credible(
+        self, touched: np.ndarray, top: np.ndarray, low: np.ndarray, number: np.ndarray, shows_ground: np.ndarray
+    ) -> np.ndarray:
+        """(m,) bool: which cells of one look go into the map.
+
+        touched: (m,) flat cell indices; top, low: (m,) [m]; number: (m,) points; shows_ground: (m,) bool. A cell that
+        may not show ground has to stand out. One that stands out by few points needs a cell beside it that reaches as
+        high: a rock of a cell's width that is as high as `stands_out` has more of them, a stray match has not.
+        """
+        c = self.config
+        iy, ix = np.divmod(touched, self.n)
+        iy, ix = iy - iy.min(), ix - ix.min()
+        floor, highest = np.full((2, iy.max() + 1, ix.max() + 1), 1e6, np.float32)
+        floor[iy, ix], highest[iy, ix] = low, -top
+        window = 2 * round(c.ground_reach / c.cell) + 1
+        floor = cv2.erode(floor, np.ones((window, window), np.uint8))[iy, ix]
+        beside = np.ones((3, 3), np.uint8)
+        beside[1, 1] = 0
+        supported = -cv2.erode(highest, beside)[iy, ix] >= top - c.stands_out
+        stands = top - floor >= c.stands_out
+        return np.where(stands, supported | (number > c.few), shows_ground)
+
+    def _blend(self, touched: np.ndarray, top: np.ndarray, low: np.ndarray, gain: np.ndarray) -> None:
+        """Update the touched cells with one look, weighed by range error; near looks overrule far ones."""
+        old = self.weight.ravel()[touched]
+        k = gain / (old + gain)
+        fresh = old == 0
+        # Extremes move away from the ground quickly and come back only on better evidence: a look that shows only
+        # the foot of a rock must not melt its top, but a stray point seen from afar fades when it is seen from near.
+        quick, slow = np.where(fresh, 1.0, np.maximum(k, 0.5)), np.where(fresh, 1.0, np.minimum(k, 0.8))
+        for layer, new, sign in ((self.top, top, 1), (self.low, low, -1)):
+            values = layer.ravel()
+            before = np.where(fresh, 0.0, values[touched])
+            values[touched] = before + np.where((new - before) * sign > 0, quick, slow) * (new - before)
+        # Looks err together (the same matching bias), so a cell's trust saturates at four looks of the best kind.
+        self.weight.ravel()[touched] = np.maximum(old, np.minimum(old + gain, 4 * gain))

@@ -1,0 +1,1 @@
+"""Paths over the map: search, footprint and distances."""

@@ -1,0 +1,99 @@
+"""How far it is to the goal from everywhere: Dijkstra's search on a coarser grid, through known and unknown ground."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
+
+from nav.ground.elevation import ElevationMap
+from nav.ground.traversability import Traversability
+
+
+class DistanceField:
+    """Cost-to-go [m] to a goal over the whole map, 8-connected, goals outside the map included.
+
+    Ground outside the map counts as easy: every border cell is joined to an outside goal by the straight distance.
+    """
+
+    def __init__(self, elevation: ElevationMap, coarse: int, inflated_cost: float) -> None:
+        """Lay out the graph for a map of this size; update() fills it.
+
+        coarse: map cells along a cell of the field; inflated_cost: what a metre too near to an obstacle costs more.
+        """
+        self.coarse = coarse
+        self.inflated_cost = inflated_cost
+        self.m = elevation.n // coarse
+        self.cell = elevation.config.cell * coarse
+        self.values = np.full((self.m, self.m), np.inf)
+        self.origin = elevation.origin
+        index = np.arange(self.m**2).reshape(self.m, self.m)
+        a, b, length = [], [], []
+        for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
+            left, right = max(0, -dx), max(0, dx)
+            first = index[: self.m - dy, left : self.m - right].ravel()
+            a.append(first)
+            b.append(first + dy * self.m + dx)
+            length.append(np.full(first.size, np.hypot(dx, dy) * self.cell / 2))
+        self._a, self._b, self._half = np.concatenate(a), np.concatenate(b), np.concatenate(length)
+        self._border = np.unique(np.concatenate([index[0], index[-1], index[:, 0], index[:, -1]]))
+        # The sparsity never changes, so the matrix is laid out once and only its weights are refreshed.
+        source = np.full(self._border.size, self.m**2)
+        tail = np.concatenate([self._a, self._b, source])
+        head = np.concatenate([self._b, self._a, self._border])
+        layout = csr_matrix(
+            (np.arange(1, tail.size + 1, dtype=float), (tail, head)), shape=(self.m**2 + 1, self.m**2 + 1)
+        )
+        layout.sort_indices()
+        self._order = layout.data.astype(np.int64) - 1
+        self._graph = layout
+
+    def update(self, elevation: ElevationMap, ground: Traversability, goal: np.ndarray) -> None:
+        """Compute the field. goal: (2,) world [m]."""
+        m, k = self.m, self.coarse
+        self.origin = elevation.origin
+        price = 1.0 + ground.cost + np.where(ground.inflated, np.float32(self.inflated_cost), np.float32(0))
+        parts = [price[i : m * k : k, j : m * k : k] for i in range(k) for j in range(k)]
+        coarse = np.maximum.reduce(parts).ravel().astype(float)
+        goal = np.asarray(goal, float)[:2]
+        cell = np.floor((goal - self.origin) / self.cell).astype(int)
+        inside = bool(((cell >= 0) & (cell < m)).all())
+        if inside:
+            link = np.full(self._border.size, 1e9)
+            start = cell[1] * m + cell[0]
+        else:
+            xy = self.origin + (np.stack([self._border % m, self._border // m], axis=1) + 0.5) * self.cell
+            link = np.hypot(*(xy - goal).T)
+            start = m * m
+        edge = (coarse[self._a] + coarse[self._b]) * self._half
+        self._graph.data = np.concatenate([edge, edge, link])[self._order]
+        self.values = dijkstra(self._graph, indices=start)[: m * m].reshape(m, m)
+
+    def at(self, xy: np.ndarray) -> np.ndarray:
+        """Cost-to-go [m] at world positions, interpolated. xy: (..., 2). inf outside the map."""
+        u = (np.asarray(xy, float) - self.origin) / self.cell - 0.5
+        outside = ((u < -0.5) | (u > self.m - 0.5)).any(axis=-1)
+        u = np.clip(u, 0, self.m - 1.001)
+        i = u.astype(int)
+        fx, fy = u[..., 0] - i[..., 0], u[..., 1] - i[..., 1]
+        v, ix, iy = self.values, i[..., 0], i[..., 1]
+        low = v[iy, ix] * (1 - fx) + v[iy, ix + 1] * fx
+        high = v[iy + 1, ix] * (1 - fx) + v[iy + 1, ix + 1] * fx
+        return np.where(outside, np.inf, low * (1 - fy) + high * fy)
+
+    def path(self, start: np.ndarray, length: float) -> np.ndarray:
+        """Steepest descent from a world position, (k, 2) [m], start included; ends at the goal, at the map's edge or
+        after as many cells as a straight way of this length [m] has."""
+        cell = np.floor((np.asarray(start, float)[:2] - self.origin) / self.cell).astype(int)
+        points = [np.asarray(start, float)[:2]]
+        for _ in range(int(length / self.cell)):
+            x, y = cell
+            if not (0 < x < self.m - 1 and 0 < y < self.m - 1):
+                break
+            near = self.values[y - 1 : y + 2, x - 1 : x + 2]
+            best = np.unravel_index(np.argmin(near), near.shape)
+            if near[best] >= self.values[y, x]:
+                break
+            cell = cell + np.array([best[1] - 1, best[0] - 1])
+            points.append(self.origin + (cell + 0.5) * self.cell)
+        return np.array(points)

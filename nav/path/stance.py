@@ -1,0 +1,71 @@
+"""How the rover would stand: where each wheel rests, the tilt that makes, and how far the belly clears the ground.
+
+As ACE does in ENav on Perseverance (Otsu et al. 2020): the wheels' heights bound the attitude, so that no dynamics are
+needed. A wheel rests on the highest that was measured under it, whatever its heading.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from marssim.base.rover_spec import RoverSpec
+from nav.ground.elevation import ElevationMap
+
+
+@dataclass(frozen=True)
+class Placement:
+    """tilt: (...) [rad] of the chassis against the vertical; clearance: (...) [m] of its underside from the highest
+    thing below it. 0 and inf where a wheel stands on what was not seen: nothing can be said there."""
+
+    tilt: np.ndarray
+    clearance: np.ndarray
+
+
+class Standing:
+    """The surface of a map as six wheels and a belly feel it."""
+
+    def __init__(self, elevation: ElevationMap, spec: RoverSpec) -> None:
+        self.elevation, self.spec = elevation, spec
+        cell = elevation.config.cell
+        known = elevation.measured
+        top = np.where(known, elevation.top, np.float32(-1e6))
+        patch = max(1, round(2 * spec.wheel_radius / cell)) // 2 * 2 + 1
+        self._wheel = cv2.dilate(top, np.ones((patch, patch), np.uint8))
+        self._belly = cv2.dilate(top, np.ones((3, 3), np.uint8))
+        length, width, _ = spec.chassis_size
+        x, y = np.meshgrid(np.linspace(-length / 2, length / 2, 5), np.linspace(-width / 2, width / 2, 4))
+        self._under = np.stack([x.ravel(), y.ravel()], axis=1)
+
+    def at(self, poses: np.ndarray) -> Placement:
+        """Placement at poses (..., 3) x, y, yaw."""
+        spec = self.spec
+        hubs = spec.wheel_positions[:, :2]
+        wheel = self._sample(self._wheel, poses, hubs)
+        seen = np.asarray((wheel > -1e5).all(axis=-1))
+        wheel = np.where(seen[..., None], wheel, 0.0)
+        side = wheel.reshape(*wheel.shape[:-1], 3, 2)  # front, middle, rear by left, right
+        front, back = side[..., 0, :], (side[..., 1, :] + side[..., 2, :]) / 2
+        axles = spec.wheel_x
+        rise = ((front - back) / (axles[0] - (axles[1] + axles[2]) / 2)).mean(axis=-1)  # of the ground, ahead
+        left = side.mean(axis=-2)
+        bank = (left[..., 0] - left[..., 1]) / spec.track  # of the ground, to the left
+        tilt = np.arctan(np.hypot(rise, bank))
+        floor = (
+            wheel.mean(axis=-1)[..., None] + rise[..., None] * self._under[:, 0] + bank[..., None] * self._under[:, 1]
+        )
+        room = (floor + spec.belly_clearance - self._sample(self._belly, poses, self._under)).min(axis=-1)
+        return Placement(np.where(seen, tilt, 0.0), np.where(seen, room, np.inf))
+
+    def _sample(self, surface: np.ndarray, poses: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Surface [m] under body points (k, 2) at poses (..., 3). Returns (..., k); -1e6 where nothing was seen."""
+        cos, sin = np.cos(poses[..., 2, None]), np.sin(poses[..., 2, None])
+        x = poses[..., 0, None] + cos * points[:, 0] - sin * points[:, 1]
+        y = poses[..., 1, None] + sin * points[:, 0] + cos * points[:, 1]
+        cell = self.elevation.cell_of(np.stack([x, y], axis=-1))
+        n = self.elevation.n
+        inside = ((cell >= 0) & (cell < n)).all(axis=-1)
+        cell = np.clip(cell, 0, n - 1)
+        return np.where(inside, surface[cell[..., 1], cell[..., 0]], -1e6)

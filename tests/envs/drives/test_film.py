@@ -1,0 +1,138 @@
+from functools import partial
+
+import cv2
+import numpy as np
+import pytest
+
+from envs.drivers.builtin import NavigatorDriver, StraightDriver
+from envs.drives.film import FPS, MAP_TITLE, PANEL, Film, navigator_map
+from envs.world.outside_view import WIDTH
+from m3depth.stereo.prediction import Prediction
+
+
+@pytest.fixture
+def filmed(on_course, make_scene, make_course, tmp_path):
+    """An environment at its first step, the navigator that drives it, and a film of that."""
+    scene = make_scene(rocks=[(-0.6, 0.0, 1.2, 0.8)])
+    env = on_course(make_course(scene, start=(-3.0, 0.0, 0.0), goal=(3.0, 0.0)), mast=True)
+    driver, film = NavigatorDriver(), Film(tmp_path / "drive.mp4")
+    driver.reset(env, 0)
+    driver.act(env, env._observation())
+    yield env, driver, film
+    film.close()
+
+
+def test_a_frame_shows_rover_eye_depth_normals_and_map(filmed, tmp_path):
+    env, driver, film = filmed
+    film.watch(env, driver, 0)
+    (frame,) = film.stills
+    assert frame.shape == (2 * PANEL, WIDTH + PANEL, 3) == (2 * PANEL, 3 * PANEL, 3) and frame.dtype == np.uint8
+    panels = [frame[30:PANEL, :WIDTH], frame[30:PANEL, WIDTH:]]
+    panels += [frame[PANEL + 30 :, n * PANEL : (n + 1) * PANEL] for n in range(3)]
+    assert all(panel.std() > 5 for panel in panels)  # none is empty
+    np.testing.assert_array_equal(panels[4], navigator_map(env, driver)[30:])
+
+    film.watch(env, driver, 1)
+    assert len(film.stills) == 1  # every tenth step
+    film.close()
+    film.close()
+    video = cv2.VideoCapture(str(tmp_path / "drive.mp4"))
+    assert video.get(cv2.CAP_PROP_FPS) == FPS and video.get(cv2.CAP_PROP_FRAME_COUNT) == 2
+    ok, read = video.read()
+    assert ok and read.shape == frame.shape
+    assert np.abs(read[..., ::-1].astype(int) - frame).mean() < 12  # a lossy codec
+    video.release()
+
+
+class SkyAbove:
+    """An estimator that sees sky in the upper half, and answers level ground's normals everywhere."""
+
+    def infer(self, left, right, rig):
+        depth = np.full(left.shape[:2], 5.0, np.float32)
+        depth[: len(depth) // 2] = np.inf
+        normal = np.broadcast_to(np.array([0, -0.8, -0.6], np.float32), (*depth.shape, 3))
+        return Prediction(depth, rig.fb / depth, normal, np.ones_like(depth))
+
+
+def test_the_sky_has_no_normals(on_course, make_scene, make_course, tmp_path):
+    env = on_course(make_course(make_scene()), mast=True, perception=SkyAbove())
+    with Film(tmp_path / "drive.mp4") as film:
+        film.watch(env, StraightDriver(), 0)
+    panel = film.stills[0][PANEL:, PANEL : 2 * PANEL]
+    assert (panel[30 : PANEL // 2 - 2] == 0).all() and (panel[PANEL // 2 + 2 :].max(axis=2) > 100).all()
+
+
+def pixels_near(picture, x, y, colour, reach=0.6):
+    """Pixels of a colour about a place, in metres from the rover; east is right, north is up."""
+    scale = PANEL / 24.0
+    column, row, half = round(PANEL / 2 + x * scale), round(PANEL / 2 - y * scale), round(reach * scale)
+    window = picture[row - half : row + half + 1, column - half : column + half + 1].astype(int)
+    return (np.abs(window - colour).max(axis=2) < 60).sum()
+
+
+def test_the_map_shows_the_rock_the_rover_and_the_goal(filmed):
+    env, driver, _ = filmed
+    picture = navigator_map(env, driver)
+    assert picture.shape == (PANEL, PANEL, 3)
+    near, scale = partial(pixels_near, picture), PANEL / 24.0
+    assert near(2.4 - 0.5, 0.0, (190, 60, 60)) > 30  # the rock's near side is blocked
+    assert near(6.0, 0.0, (80, 200, 255)) > 10
+    assert near(0.0, 0.0, (255, 255, 255), 1.0) > 30
+    assert near(-4.0, 4.0, (60, 60, 60)) == (2 * round(0.6 * scale) + 1) ** 2  # never seen
+    assert near(-8.0, 8.0, (190, 60, 60)) == (2 * round(0.6 * scale) + 1) ** 2  # beyond the area that it keeps to
+
+
+def test_the_map_is_drawn_where_the_rover_believes_to_be(filmed):
+    """Odometry that is off moves the map with the rover; the goal, told in the world, is elsewhere then."""
+    env, driver, _ = filmed
+    env.believed_pose = env.believed_pose.copy()
+    env.believed_pose[:2, 3] += (0.5, -1.5)
+    driver.reset(env, 0)
+    driver.act(env, env._observation())
+    picture = navigator_map(env, driver)
+    assert pixels_near(picture, 2.4 - 0.5, 0.0, (190, 60, 60)) > 30
+    assert pixels_near(picture, 5.5, 1.5, (80, 200, 255)) > 10 and pixels_near(picture, 6.0, 0.0, (80, 200, 255)) == 0
+    assert pixels_near(picture, 0.0, 0.0, (255, 255, 255), 1.0) > 30
+
+
+def test_a_driver_without_a_map_has_an_empty_one(filmed):
+    env, _, _ = filmed
+    picture = navigator_map(env, StraightDriver())
+    assert (picture == 60).all(axis=2).mean() > 0.95
+
+
+def test_the_map_of_a_driver_without_one_is_not_told_as_unknown_ground(filmed, monkeypatch):
+    env, driver, film = filmed
+    titles = []
+    monkeypatch.setattr("envs.drives.film._titled", lambda image, *lines: titles.extend(lines) or image)
+    film.watch(env, driver, 0)
+    film.watch(env, StraightDriver(), 1)
+    assert [title for title in titles if title.startswith("map")] == [MAP_TITLE, "map: this driver keeps none"]
+
+
+def test_every_frame_says_what_is_driven(filmed, tmp_path, monkeypatch):
+    env, driver, _ = filmed
+    titles = []
+    monkeypatch.setattr("envs.drives.film._titled", lambda image, *lines: titles.append(lines) or image)
+    with Film(tmp_path / "named.mp4", "navigator, sgbm: course 3") as film:
+        film.watch(env, driver, 7)
+    assert titles[0][0] == "navigator, sgbm: course 3" and titles[0][1].startswith("step 7 ")
+
+
+def test_filming_does_not_change_the_drive(make_env, tmp_path):
+    """The picture that a film takes for the ground truth's left eye is its own."""
+    ends = []
+    for watched in (False, True):
+        env = make_env(goal_distance=4.0, mast=True)
+        env.reset(seed=2)
+        if watched:
+            with Film(tmp_path / "drive.mp4") as film:
+                film.watch(env, StraightDriver(), 0)
+        ends.append(env.step(np.array([1.0, 0.2, 0.3]))[0])
+    for key in ends[0]:
+        np.testing.assert_array_equal(ends[0][key], ends[1][key])
+
+
+def test_a_film_that_cannot_be_written_is_named(tmp_path):
+    with pytest.raises(OSError, match=r"none/a\.mp4"):
+        Film(tmp_path / "none" / "a.mp4")

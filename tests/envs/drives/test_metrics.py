@@ -1,0 +1,127 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import binomtest
+
+from envs.drives.episodes import EpisodeRecord
+from envs.drives.metrics import best_and_worst, paired_difference, soft_spl, spl, summarise, wilson_interval
+
+
+def record(outcome="goal", **changes):
+    values = {
+        "driver": "d", "perception": "p", "cell": "c", "episode": 0, "outcome": outcome, "steps": 10, "distance": 0.5,
+        "start_distance": 10.0, "shortest": 10.0, "path_length": 12.5, "min_clearance": 1.0, "max_tilt_deg": 5.0,
+        "reward": 1.0, "step_seconds": 0.1, "perception_seconds": 0.05, "redraws": 1, "goal": [0.0, 0.0],
+        **changes,
+    }  # fmt: skip
+    return EpisodeRecord(**values)
+
+
+def test_spl_is_the_share_of_the_optimum():
+    assert spl(True, 10.0, 12.5) == pytest.approx(0.8)
+    assert spl(True, 10.0, 9.5) == 1.0  # the goal's radius makes ways a little shorter than the optimum
+    assert spl(False, 10.0, 10.0) == 0.0
+
+
+def test_soft_spl_counts_how_far_it_came():
+    assert soft_spl(10.0, 4.0, 10.0, 8.0) == pytest.approx(0.6)
+    assert soft_spl(10.0, 4.0, 10.0, 20.0) == pytest.approx(0.6 * 0.5)
+    assert soft_spl(10.0, 13.0, 10.0, 5.0) == 0.0  # it ended farther away than it began
+
+
+@given(trials=st.integers(1, 400), share=st.floats(0, 1))
+def test_wilson_interval_is_scipys(trials, share):
+    successes = round(share * trials)
+    expected = binomtest(successes, trials).proportion_ci(0.95, method="wilson")
+    np.testing.assert_allclose(wilson_interval(successes, trials), expected, atol=1e-4)
+
+
+def test_no_trials_are_refused():
+    with pytest.raises(ValueError, match="trial"):
+        wilson_interval(0, 0)
+    with pytest.raises(ValueError, match="episode"):
+        summarise([])
+
+
+def test_summary_of_four_drives():
+    drives = [
+        record(), record(path_length=10.0, min_clearance=0.7),
+        record("collision", distance=6.0, path_length=5.0, steps=30, min_clearance=0.4), record("tilt", distance=10.0),
+    ]  # fmt: skip
+    found = summarise(drives)
+    assert found["episodes"] == 4
+    assert found["success_rate"] == 0.5 and found["collision_rate"] == 0.25 and found["tilt_rate"] == 0.25
+    assert found["spl"] == pytest.approx((0.8 + 1.0) / 4)
+    assert found["soft_spl"] == pytest.approx((0.95 * 0.8 + 0.95 + 0.4 + 0) / 4)
+    assert found["path_inefficiency"] == pytest.approx((1.25 + 1.0) / 2)
+    assert found["outcomes"] == {"collision": 1, "goal": 2, "tilt": 1}
+    assert found["min_clearance"] == 0.4 and found["steps"] == 15 and found["redraws"] == 4
+    assert found["step_seconds"] == pytest.approx(0.1) and found["perception_seconds"] == pytest.approx(0.05)
+    low, high = found["success_interval"]
+    assert low < 0.5 < high
+
+
+def test_the_best_arrived_by_the_shortest_way_and_the_worst_came_least_far():
+    near, far = record("time", distance=2.0), record("collision", distance=9.0)
+    long, short = record(path_length=20.0), record(path_length=11.0)
+    assert best_and_worst([near, long, far, short]) == (3, 2)
+    assert best_and_worst([near, far]) == (0, 1) and best_and_worst([long, short]) == (1, 0)
+    assert best_and_worst([near]) == (0, 0)
+
+
+def test_no_success_has_no_inefficiency():
+    assert summarise([record("time")])["path_inefficiency"] is None
+
+
+def test_the_paired_difference_is_of_the_same_episodes():
+    first = [record("goal" if n < 8 else "collision", episode=n) for n in range(10)]
+    second = [record("goal" if n < 5 else "time", episode=n) for n in reversed(range(10))]
+    found = paired_difference(first, second)
+    assert found["difference"] == pytest.approx(0.3) and found["episodes"] == 10
+    low, high = found["interval"]
+    assert 0 <= low < 0.3 < high <= 0.7  # three of ten differ: the binomial interval is 7 to 65 %
+    same = paired_difference(first, first)
+    assert (same["difference"], same["interval"], same["spl_interval"]) == (0.0, [0.0, 0.0], [0.0, 0.0])
+    with pytest.raises(ValueError, match="same episodes"):
+        paired_difference(first, second[1:])
+
+
+def test_detours_differ_in_spl_where_success_does_not():
+    """Twice as long ways, all of them to the goal: SPL 0.8 and 0.4, or 0.4 and 0.8 on one course of ten."""
+    first = [record(episode=n, path_length=25.0 if n == 0 else 12.5) for n in range(10)]
+    second = [record(episode=n, path_length=12.5 if n == 0 else 25.0) for n in range(10)]
+    found = paired_difference(first, second)
+    assert found["difference"] == 0 and found["interval"] == [0.0, 0.0]
+    assert found["spl_difference"] == pytest.approx(0.4 * 0.8)
+    low, high = found["spl_interval"]
+    assert 0 < low < 0.32 < high <= 0.4 + 1e-9
+
+
+def test_pairing_is_worth_something():
+    """Hard and easy courses differ more than the two drivers do."""
+    hard = [record("goal" if n % 2 else "collision", episode=n) for n in range(40)]
+    other = [record("goal" if n % 2 or n == 0 else "collision", episode=n) for n in range(40)]
+    low, high = paired_difference(other, hard)["interval"]
+    assert high - low < 0.1 < np.diff(wilson_interval(20, 40))
+
+
+def test_courses_of_one_seed_in_several_cells_count_as_one():
+    """Drives that repeat themselves on every slope tell no more than those of one slope."""
+    first = [record("goal" if n % 3 else "collision", episode=n, cell=c) for n in range(30) for c in "ab"]
+    second = [record("goal" if n % 2 else "collision", episode=n, cell=c) for n in range(30) for c in "ab"]
+    both = paired_difference(first, second)
+    one = paired_difference(*[[r for r in records if r.cell == "a"] for records in (first, second)])
+    assert (both["episodes"], one["episodes"]) == (60, 30)
+    assert both["difference"] == pytest.approx(one["difference"]) and one["interval"][0] < one["interval"][1]
+    np.testing.assert_allclose(both["interval"], one["interval"])
+
+
+def test_failures_are_classed_as_for_enav_and_near_misses_counted():
+    records = [
+        record(o) for o in ("goal", "no_path", "collision", "tilt", "out_of_bounds", "time", "stuck", "elsewhere")
+    ]
+    records.append(record("goal", near_miss=True, redraws=2, abs_rel=0.02))
+    row = summarise(records)
+    assert row["failures"] == {"no feasible path": 1, "safety limit": 3, "time": 2, "elsewhere": 1}
+    assert row["near_miss_rate"] == 1 / 9 and row["abs_rel"] == 0.02 and row["unreachable_share"] == 10 / 19

@@ -1,0 +1,59 @@
+import hashlib
+import json
+
+import pytest
+
+from envs.drives.test_set_errors import errors_on_test_set, weights_digest
+from marssim.base.dataset.dataset import DatasetError
+
+
+def results(path, weights="abc", pairs=4, **errors):
+    """A results.json as m3depth.evaluate writes it, with what matters here; errors: Abs Rel by method."""
+    methods = {
+        method: {"depth": {"all": {"per_image": {"abs_rel": error}, "pooled": {"abs_rel": 9.0}}}}
+        for method, error in errors.items()
+    }
+    path.write_text(json.dumps({"weights_sha256": weights, "pairs": pairs, "methods": methods}))
+    return path
+
+
+def test_each_perception_finds_its_own_error(tmp_path):
+    file = results(tmp_path / "r.json", M3Depth=0.008, SGBM=0.015, SAD=0.02)
+    asked = {"m3depth": "abc", "m3depth:other.safetensors": "def", "sgbm": None, "ground_truth": None}
+    assert errors_on_test_set([file], asked) == {"m3depth": 0.008, "sgbm": 0.015}
+
+
+def test_several_files_score_several_weights(tmp_path):
+    files = [
+        results(tmp_path / "a.json", "abc", M3Depth=0.1, SGBM=0.3),
+        results(tmp_path / "b.json", "def", M3Depth=0.2),
+    ]
+    assert errors_on_test_set(files, {"m3depth": "abc", "m3depth:w": "def"}) == {"m3depth": 0.1, "m3depth:w": 0.2}
+    assert errors_on_test_set([], {"m3depth": "abc"}) == {}
+
+
+def test_pairs_of_several_folders_count_alike(tmp_path):
+    files = [results(tmp_path / "a.json", pairs=10, SGBM=0.1), results(tmp_path / "b.json", pairs=30, SGBM=0.3)]
+    assert errors_on_test_set(files, {"sgbm": None}) == {"sgbm": pytest.approx(0.25)}
+
+
+def test_scores_of_other_weights_are_refused(tmp_path):
+    file = results(tmp_path / "r.json", "abc", M3Depth=0.1)
+    with pytest.raises(DatasetError, match=r"r\.json: scores none of m3depth"):
+        errors_on_test_set([file], {"m3depth": "def"})
+
+
+@pytest.mark.parametrize("content", ["{}", '{"methods": []}', '{"methods": {"SGBM": {}}, "weights_sha256": null}', "["])
+def test_other_files_are_named(tmp_path, content):
+    (tmp_path / "x.json").write_text(content)
+    with pytest.raises(DatasetError, match=r"x\.json"):
+        errors_on_test_set([tmp_path / "x.json"], {"sgbm": None})
+    with pytest.raises(DatasetError, match="no such file"):
+        errors_on_test_set([tmp_path / "nowhere.json"], {"sgbm": None})
+
+
+def test_the_digest_is_the_files(tmp_path):
+    file = tmp_path / "w.safetensors"
+    file.write_bytes(b"weights")
+    assert weights_digest(f"m3depth:{file}") == hashlib.sha256(b"weights").hexdigest()
+    assert weights_digest("sgbm") is None and weights_digest("some.module:Class") is None

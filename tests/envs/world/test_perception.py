@@ -1,0 +1,150 @@
+import numpy as np
+import pytest
+
+from envs.drivers.builtin import NavigatorDriver
+from envs.world.perception import GROUND_TRUTH_PIXELS, Eyes
+from m3depth.estimator import EstimatorError
+from m3depth.stereo.prediction import Prediction
+from marssim.base.camera import NATECAM
+from marssim.base.rover_spec import ZHURONG
+from marssim.render.renderers.by_name import RENDERERS
+
+POSE = ZHURONG.mount.left_eye(NATECAM.baseline)
+
+
+class Everywhere:
+    """An estimator that says one depth everywhere, and remembers what it was shown."""
+
+    def __init__(self, depth=7.0):
+        self.depth = depth
+        self.shown = []
+
+    def infer(self, left, right, rig):
+        self.shown.append((left, right, rig))
+        flat = np.full(left.shape[:2], self.depth, np.float32)
+        return Prediction(flat, rig.fb / flat, None, np.ones_like(flat))
+
+
+class Blind(Everywhere):
+    def __init__(self):
+        super().__init__(np.nan)
+
+
+@pytest.fixture
+def scene(make_scene):
+    return make_scene(rocks=[(4.0, 0.0, 0.8, 0.6)])
+
+
+def open_eyes(eyes, scene, seed=0):
+    eyes.open(scene, np.random.default_rng(seed))
+    return eyes
+
+
+def test_true_depth_is_the_same_by_every_renderer(scene):
+    seen = {}
+    for renderer in RENDERERS:
+        eyes = open_eyes(Eyes("ground_truth", renderer), scene)
+        sight = eyes.look(POSE, 0.0)
+        eyes.close()
+        assert sight.depth.shape == (GROUND_TRUTH_PIXELS, GROUND_TRUTH_PIXELS)
+        assert sight.left is None and sight.seconds == 0 and (sight.confidence == 1).all()
+        seen[renderer] = sight.depth
+    for depth in seen.values():
+        near = (depth < 15) & (seen["embree"] < 15)
+        assert near.mean() > 0.5
+        assert np.median(np.abs(depth[near] - seen["embree"][near])) < 0.01
+
+
+def test_noise_is_in_pixels_of_the_full_image(scene):
+    """True depth comes at a quarter of the size; 0.5 px of 512 are 0.5 px of Z = f B / d all the same."""
+    clean, noisy = (
+        open_eyes(Eyes("ground_truth", "embree", disparity_noise=noise), scene).look(POSE, 0.0).depth
+        for noise in (0.0, 0.5)
+    )
+    near = clean < 8  # 20 px and more: none becomes negative
+    error = NATECAM.fb / noisy[near] - NATECAM.fb / clean[near]
+    assert near.sum() > 3000 and error.std() == pytest.approx(0.5, rel=0.05) and abs(error.mean()) < 0.05
+    assert (noisy[np.isinf(clean)] == np.inf).all()  # the sky stays
+
+
+def test_an_estimator_sees_rectified_pairs(scene):
+    estimator = Everywhere()
+    eyes = open_eyes(Eyes(estimator, "embree"), scene)
+    sight = eyes.look(POSE, 0.3)
+    left, right, rig = estimator.shown[0]
+    assert left.shape == right.shape == (512, 512, 3) and left.dtype == np.uint8 and rig is NATECAM
+    assert (sight.depth == 7).all() and sight.rig is rig and sight.pan == 0.3 and sight.seconds >= 0
+    np.testing.assert_array_equal(sight.left, left)
+    assert not np.array_equal(left, right) and left.std() > 5
+    other = open_eyes(Eyes(Everywhere(), "embree"), scene, seed=1).look(POSE, 0.0)
+    assert not np.array_equal(other.left, left)  # another detector, other noise
+    again = open_eyes(Eyes(Everywhere(), "embree"), scene).look(POSE, 0.0)
+    np.testing.assert_array_equal(again.left, left)
+
+
+def test_looking_needs_a_scene(scene):
+    eyes = Eyes("ground_truth", "embree")
+    with pytest.raises(RuntimeError, match="open"):
+        eyes.look(POSE, 0.0)
+    open_eyes(eyes, scene).close()
+    eyes.close()
+    with pytest.raises(RuntimeError, match="open"):
+        eyes.picture(POSE)
+
+
+def test_an_object_or_a_class_path_is_a_perception(make_env):
+    env = make_env(perception=Everywhere(6.0), goal_distance=4.0)
+    observation, info = env.reset(seed=0)
+    assert (observation["depth"] == 6).all() and info["perception_seconds"] > 0
+    env = make_env(perception="m3depth.stereo.classical:SGBM")
+    assert type(env.eyes.estimator).__name__ == "SGBM"
+
+
+class Halved(Everywhere):
+    """Works at half the size, and leaves it at that."""
+
+    def infer(self, left, right, rig):
+        return super().infer(left[::2, ::2], right[::2, ::2], rig)
+
+
+class BareDepth(Everywhere):
+    def infer(self, left, right, rig):
+        return super().infer(left, right, rig).depth
+
+
+@pytest.mark.parametrize(
+    ("estimator", "message"),
+    [
+        (Halved(), r"^Halved\.infer returned depth of shape \(256, 256\): it must be \(512, 512\) here$"),
+        (BareDepth(), r"^BareDepth\.infer returned an array of shape \(512, 512\): it must be a Prediction"),
+    ],
+)
+def test_what_is_no_prediction_is_named_at_the_first_look(make_env, estimator, message):
+    with pytest.raises(EstimatorError, match=message):
+        make_env(perception=estimator, goal_distance=4.0).reset(seed=0)
+
+
+def test_sgbm_sees_enough_to_drive(make_env):
+    env = make_env(perception="sgbm", goal_distance=4.0)
+    observation, _ = env.reset(seed=0)
+    for _ in range(2):
+        assert observation in env.observation_space
+        truth = env.sight.true_depth
+        near = (truth > 2) & (truth < 6) & np.isfinite(env.sight.depth)
+        assert near.sum() > 1000
+        assert np.median(np.abs(env.sight.depth - truth)[near] / truth[near]) < 0.05
+        observation, _, terminated, _, info = env.step(np.array([0.5, 0.0]))
+        assert not terminated and info["perception_seconds"] > 0
+
+
+def test_the_blind_navigator_stands(make_env):
+    env = make_env(perception=Blind(), goal_distance=4.0, mast=True)
+    driver = NavigatorDriver()
+    observation, _ = env.reset(seed=0)
+    driver.reset(env, 0)
+    for _ in range(2):
+        assert (observation["depth"] == 0).all()
+        action = driver.act(env, observation)
+        np.testing.assert_array_equal(action, 0)
+        observation, *_, info = env.step(action)
+    assert info["path_length"] == 0

@@ -1,0 +1,54 @@
+"""The studies are those of the paper: what is trained, and what the paper found."""
+
+import pytest
+
+from m3depth.ablation.studies import BASE, STUDIES, distinct
+from m3depth.network.config import PRESETS
+from m3depth.training.loss_config import LossConfig
+
+
+@pytest.mark.parametrize("preset", list(PRESETS))
+def test_a_run_that_is_the_same_in_several_tables_is_one(preset: str) -> None:
+    runs = distinct(STUDIES.values(), preset)
+    different = {run.name: run.resolved(preset) for run in runs.values()}
+    rows = [row.variant.name for study in STUDIES.values() for row in study.rows]
+    assert len(different) == len(set(different.values())) == len(rows) - 3 == 17  # the preset is in each study
+    assert runs.keys() == set(rows)
+    network, loss = BASE.resolved(preset)
+    assert (network, loss) == (PRESETS[preset], LossConfig()) and BASE in runs.values()
+
+
+@pytest.mark.parametrize("preset", list(PRESETS))
+def test_what_a_study_changes_and_nothing_else(preset: str) -> None:
+    base = PRESETS[preset]
+
+    def changed(study: str) -> list[dict]:
+        networks = [row.variant.resolved(preset)[0] for row in STUDIES[study].rows]
+        names = ("wavelet_levels", "refine_steps")
+        fixed = [{k: v for k, v in vars(n).items() if k not in names} for n in networks]
+        assert all(f == {k: v for k, v in vars(base).items() if k not in names} for f in fixed)
+        return [{name: getattr(n, name) for name in names} for n in networks]
+
+    on, off = base.wavelet_levels, (0, 0)
+    assert [tuple(c.values()) for c in changed("components")] == [
+        (off, 0), (off, base.refine_steps), (on, 0), (on, base.refine_steps),
+    ]  # fmt: skip
+    assert [c["refine_steps"] for c in changed("iterations")] == [1, 2, 3, 4, 5, 6]
+    assert [c["wavelet_levels"] for c in changed("levels")] == [(2, 2), (3, 3), (4, 4), (5, 5)]
+    losses = [row.variant.resolved(preset)[1] for row in STUDIES["loss"].rows]
+    assert [(c.disparity, c.normal, c.consistency) for c in losses] == [
+        (2, 1, 3), (2, 1, 0), (1, 2, 3), (3, 2, 1), (1, 3, 2), (2, 0, 0),
+    ]  # fmt: skip
+
+
+def test_the_papers_changes_are_those_that_its_text_tells() -> None:
+    """From the text, not the tables: figures that were copied wrongly would not give them."""
+    rows = STUDIES["components"].rows
+    assert [rows[i].paper["rmse"] for i in (0, 1, 2)] == [0.562, 0.462, 0.418]
+    assert rows[2].paper["normal_mean"] == 25.3 and rows[2].paper["normal_within_11.25"] == 0.361
+    assert STUDIES["loss"].rows[1].paper == {"abs_rel": 0.132, "sq_rel": 0.091, "rmse": 0.402, "delta1": 0.863}
+    steps = STUDIES["iterations"].rows
+    assert steps[4].paper["delta1"] == 0.912 and steps[5].paper == {"delta1": 0.913}
+    best = min(STUDIES["levels"].rows, key=lambda row: row.paper["abs_rel"])
+    assert best.label == "3" and best.paper["abs_rel"] == steps[4].paper["abs_rel"] == 0.084
+    assert steps[2].paper["abs_rel"] == rows[3].paper["abs_rel"] == 0.089

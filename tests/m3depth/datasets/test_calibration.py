@@ -1,0 +1,198 @@
+"""Calibration files of others, read to the depth that they mean."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from m3depth.datasets.calibration import Calibration, align_right, read_calibration
+from marssim.base.camera import NATECAM
+
+KITTI = """\
+P0: 707.0493 0 604.0814 0 0 707.0493 180.5066 0 0 0 1 0
+P1: 707.0493 0 604.0814 -379.7842 0 707.0493 180.5066 0 0 0 1 0
+P2: 7.070493e+02 0 6.040814e+02 4.575831e+01 0 7.070493e+02 1.805066e+02 -3.454157e-01 0 0 1 4.981016e-03
+P3: 7.070493e+02 0 6.040814e+02 -3.341081e+02 0 7.070493e+02 1.805066e+02 2.330660e+00 0 0 1 3.201153e-03
+Tr_velo_to_cam: 6.9e-03 -9.9e-01 -2.7e-03 -2.4e-02 -1.1e-03 2.7e-03 -9.9e-01 -6.1e-02 9.9e-01 1.1e-03 -9.8e-03 -0.33
+"""
+RAW = "calib_time: 09-Jan-2012 13:57:47\nS_rect_02: 1.242e+03 3.75e+02\n" + KITTI.replace("P", "P_rect_0")
+MIDDLEBURY = """\
+cam0=[3979.911 0 1244.772; 0 3979.911 1019.507; 0 0 1]
+cam1=[3979.911 0 1369.115; 0 3979.911 1019.507; 0 0 1]
+doffs=124.343
+baseline=193.001
+width=2964
+height=1988
+ndisp=270
+"""
+
+
+def write(path, text):
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("text", [KITTI, RAW])
+def test_kitti_colour_and_grey(tmp_path, text):
+    path = write(tmp_path / "calib.txt", text)
+    colour = read_calibration(path, image=tmp_path / "image_2" / "0.png")
+    assert (colour.fx, colour.fy, colour.cx, colour.cy) == (707.0493, 707.0493, 604.0814, 180.5066)
+    assert colour.baseline == pytest.approx((45.75831 + 334.1081) / 707.0493) and colour.shift == 0
+    grey = read_calibration(path, image=tmp_path / "image_00" / "data" / "0.png")
+    assert grey.baseline == pytest.approx(379.7842 / 707.0493)
+    without_colour = [line for line in text.splitlines() if not line.startswith(("P2", "P_rect_02"))]
+    only_grey = write(tmp_path / "grey.txt", "\n".join(without_colour))
+    assert read_calibration(only_grey).baseline == pytest.approx(grey.baseline)
+
+
+def test_middlebury(tmp_path):
+    found = read_calibration(write(tmp_path / "calib.txt", MIDDLEBURY))
+    assert found == Calibration(3979.911, 3979.911, 1244.772, 1019.507, pytest.approx(0.193001), 124.343, (2964, 1988))
+    without = "\n".join(line for line in MIDDLEBURY.splitlines() if line.startswith(("cam", "base")))
+    assert read_calibration(write(tmp_path / "eth3d.txt", without)).size is None
+
+
+@pytest.mark.parametrize("kept", [("P1", "P2", "Q"), ("Q",)])
+@pytest.mark.parametrize("flags", [0, cv2.CALIB_ZERO_DISPARITY])
+@pytest.mark.parametrize("ending", ["yml", "xml", "json"])
+def test_opencv_after_stereo_rectify(tmp_path, kept, flags, ending):
+    """A point that OpenCV's own matrices put into both images comes back at its depth."""
+    camera = [np.array([[f, 0, 310.0], [0, f, 245], [0, 0, 1]]) for f in (500.0, 510.0)]
+    turn = cv2.Rodrigues(np.array([0.01, 0.03, -0.02]))[0]
+    none = np.zeros(5)
+    _, _, p1, p2, q, *_ = cv2.stereoRectify(
+        camera[0], none, camera[1], none, (640, 480), turn, np.array([[-0.12], [0.001], [0.002]]), flags=flags
+    )
+    path = tmp_path / f"stereo.{ending}"
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    for name, matrix in (("P1", p1), ("P2", p2), ("Q", q)):
+        if name in kept:
+            storage.write(name, matrix)
+    storage.release()
+    found = read_calibration(path)
+    point = np.array([0.3, -0.2, 2.5, 1])
+    left, right = ((p @ point)[:2] / (p @ point)[2] for p in (p1, p2))
+    disparity = left[0] - right[0] + found.shift
+    assert found.fx * found.baseline / disparity == pytest.approx(2.5, rel=1e-6)
+    assert (left[0] - found.cx) / found.fx * 2.5 == pytest.approx(0.3, rel=1e-6)
+    assert (left[1] - found.cy) / found.fy * 2.5 == pytest.approx(-0.2, rel=1e-6)
+
+
+def test_a_dataset_says_what_its_rig_is(tmp_path):
+    found = read_calibration(write(tmp_path / "sample.json", json.dumps({"rig": NATECAM.to_dict(), "sun": 3})))
+    assert found.rig(512, 512) == NATECAM and found.size == (512, 512)
+
+
+def test_the_right_eye_is_moved_by_the_difference_of_the_principal_points():
+    """Fractions too: a ramp of 4 grey levels a pixel moves by that much."""
+    ramp = np.repeat(np.arange(10, 250, 4, dtype=np.uint8)[None], 5, axis=0)
+    moved = align_right(ramp, 3.25)
+    assert moved.shape == ramp.shape and (moved[:, 3:50].astype(int) == ramp[:, 3:50].astype(int) + 13).all()
+    assert align_right(ramp, 0.0) is ramp
+
+
+def test_a_rig_file_of_the_simulator(tmp_path):
+    found = read_calibration(write(tmp_path / "rig.json", json.dumps(NATECAM.to_dict())))
+    assert found.rig(512, 512) == NATECAM and found.size == (512, 512)
+
+
+def test_json_nested_without_end_is_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"deep\.json: is nested too deeply"):
+        read_calibration(write(tmp_path / "deep.json", '{"a":' * 10**5))
+
+
+def camera_info(tx: float) -> str:
+    """As camera_calibration saves it."""
+    return f"""\
+image_width: 640
+image_height: 480
+camera_name: narrow_stereo/left
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [500.0, 0., 319.5, 0., 500.0, 239.5, 0., 0., 1.]
+distortion_model: plumb_bob
+distortion_coefficients:
+  rows: 1
+  cols: 5
+  data: [-0.1, 0.05, 0.0, 0.0, 0.0]
+rectification_matrix:
+  rows: 3
+  cols: 3
+  data: [1., 0., 0., 0., 1., 0., 0., 0., 1.]
+projection_matrix:
+  rows: 3
+  cols: 4
+  data: [480.5, 0.00000,
+         310.25, {tx}, 0.,
+         481.5, 245.75, 0., 0., 0., 1., 0.]
+"""
+
+
+ROWS = (480.5, 0, 310.25, -57.66, 0, 481.5, 245.75, 0, 0, 0, 1, 0)
+ROS_1 = f"height: 480\nwidth: 640\ndistortion_model: x\nK: [1.0, 0.0]\nP: {list(ROWS)}\n"
+ROS_2 = "height: 480\nwidth: 640\np:\n" + "".join(f"- {x}\n" for x in ROWS)
+ROS_2 += "binning_x: 0\n"
+
+
+def test_camera_infos_of_ros(tmp_path):
+    left = write(tmp_path / "left.yaml", camera_info(0.0))
+    right = write(tmp_path / "right.yaml", camera_info(-57.66))
+    wanted = Calibration(480.5, 481.5, 310.25, 245.75, pytest.approx(0.12), 0.0, (640, 480))
+    assert read_calibration(left, right) == wanted
+    assert read_calibration(right) == wanted
+    assert read_calibration(left, baseline=0.12) == wanted
+    for name, text in (("one", ROS_1), ("two", ROS_2)):
+        assert read_calibration(write(tmp_path / f"{name}.yaml", text)) == wanted
+    with pytest.raises(
+        ValueError, match=r"left\.yaml: is the left eye's CameraInfo \(Tx = 0\); give the right eye's, which tells"
+    ):
+        read_calibration(left)
+    with pytest.raises(ValueError, match=r"right\.yaml: the left eye's CameraInfo .* comes first"):
+        read_calibration(right, left)
+    with pytest.raises(ValueError, match=r"calib\.txt: is no CameraInfo of ROS"):
+        read_calibration(write(tmp_path / "calib.txt", MIDDLEBURY), right)
+
+
+def test_camera_infos_with_other_principal_points_shift(tmp_path):
+    left = write(tmp_path / "left.yaml", camera_info(0.0))
+    right = write(tmp_path / "right.yaml", camera_info(-57.66).replace("310.25", "313.75"))
+    assert read_calibration(left, right).shift == 3.5
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("nothing of this\n", "no calibration of KITTI"),
+        ("", "no calibration of KITTI"),
+        ("P2: 1 2 3\nP3: 1 2 3\n", "P2 must have 12 numbers, has 3"),
+        ("P2: " + "1 " * 12 + "\n", "needs the projection matrices of two eyes"),
+        (KITTI.replace("707.0493 0", "0 0").replace("7.070493e+02 0", "0 0"), "no positive focal length"),
+        (MIDDLEBURY.replace("baseline", "base"), "field baseline is missing"),
+        (MIDDLEBURY.replace("193.001", "wide"), "could not convert"),
+        (MIDDLEBURY.replace("; 0 0 1]", "]"), "cam0 must have 9 numbers, has 6"),
+        ("%YAML:1.0\n---\nM1: 3\n", "have to be rectified first"),
+        ("%YAML:1.0\n---\nP1: [1, 2\n", "not readable as OpenCV's"),
+        ('{"rig": {"width": 5}}', "'height' is missing"),
+        ('{"baseline": 0.2, "width": 5}', "'height' is missing"),
+        (camera_info(-57.66).replace("245.75, ", ""), "projection_matrix must have 12 numbers, has 11"),
+        (camera_info(-57.66).replace("480.5", "0.0"), "the camera is not calibrated"),
+    ],
+)
+def test_what_cannot_be_used_is_one_line(tmp_path, text, message):
+    path = write(tmp_path / "calib.txt", text)
+    with pytest.raises(ValueError, match=message) as caught:
+        read_calibration(path)
+    assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"none\.txt: no such calibration file"):
+        read_calibration(tmp_path / "none.txt")
+
+
+def test_binary_is_no_calibration(tmp_path):
+    (tmp_path / "image.png").write_bytes(b"\x89PNG\r\n\xff\xfe")
+    with pytest.raises(ValueError, match=r"image\.png: is no text [^\n]*, as calibration files are$"):
+        read_calibration(tmp_path / "image.png")

@@ -1,0 +1,34 @@
+"""Seconds and memory of a call."""
+
+import sys
+import time
+
+import numpy as np
+import pytest
+import torch
+
+from m3depth.evaluation.cost import measured
+
+
+def test_what_the_call_returns_and_how_long_it_took():
+    def work(a, b=1):
+        time.sleep(0.02)
+        return a + b
+
+    result, cost = measured(work, 2, b=5)
+    assert result == 7 and cost.seconds >= 0.02
+    assert (cost.gpu_mib is None) == (not torch.cuda.is_available())
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux tells")
+def test_the_peak_is_that_of_the_call_not_of_what_was_before():
+    """200 MiB are held and let go, then 20 MiB: the second peak lies below the first."""
+    peaks = [measured(lambda size=size: np.ones(size * 2**17).sum())[1].peak_mib for size in (200, 20)]
+    if None in peaks:
+        pytest.skip("the kernel does not let the peak be counted anew")
+    assert peaks[0] - peaks[1] > 100
+
+
+def test_errors_pass_through():
+    with pytest.raises(ZeroDivisionError):
+        measured(lambda: 1 / 0)

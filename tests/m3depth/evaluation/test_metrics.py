@@ -1,0 +1,239 @@
+"""Figures against hand-made errors, against torchmetrics, and the rule that nothing is dropped."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from m3depth.evaluation.metrics import (
+    DEPTH_TERMS,
+    NORMAL_TERMS,
+    angle_between,
+    capped_depth,
+    depth_terms,
+    normal_terms,
+    pixel_kinds,
+)
+from m3depth.evaluation.running_sums import Tally
+from m3depth.evaluation.scores import ScoredPair, Scores
+from m3depth.stereo.prediction import Prediction
+from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
+from marssim.base.dataset.dataset import StereoSample
+
+H, W = 40, 60
+RIG = StereoRig(PinholeCamera.centred(W, H, NATECAM.camera.fx), NATECAM.baseline)
+
+
+def make_sample(seed: int = 0) -> StereoSample:
+    """Five rows of sky, ground from 15 m to 0.6 m (nearer than 192 px reach), a rock, a strip that is hidden."""
+    rng = np.random.default_rng(seed)
+    depth = np.repeat(np.geomspace(14.9, 0.6, H)[:, None], W, axis=1).astype(np.float32)
+    depth[:5] = np.inf
+    normal = rng.normal(size=(H, W, 3)).astype(np.float32)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    normal *= np.sign(-(normal * RIG.camera.rays()).sum(-1, keepdims=True))
+    normal[:5] = 0
+    rock = np.zeros((H, W), np.int32)
+    rock[15:20, 20:30] = 3
+    occluded = np.zeros((H, W), bool)
+    occluded[10:, :4] = True
+    left = rng.integers(0, 255, (H, W, 3), dtype=np.uint8)
+    left[:, 40:] = 90
+    valid = (depth >= 0.5) & (depth <= 15)
+    return StereoSample(
+        left, left, depth, RIG.depth_to_disparity(depth), normal.astype(np.float32), valid, occluded, rock, RIG, {}
+    )
+
+
+def perfect(sample: StereoSample) -> Prediction:
+    return Prediction(sample.depth, sample.disparity, sample.normal, np.ones((H, W), np.float32))
+
+
+def scaled(sample: StereoSample, factor: float) -> Prediction:
+    depth = (sample.depth * factor).astype(np.float32)
+    return replace(perfect(sample), depth=depth, disparity=RIG.depth_to_disparity(depth))
+
+
+def score(prediction: Prediction, sample: StereoSample) -> dict:
+    scores = Scores()
+    scores.add(prediction, ScoredPair(sample))
+    return scores.result()
+
+
+def test_perfect_prediction_has_perfect_scores_everywhere():
+    result = score(perfect(make_sample()), make_sample())
+    for kind, tally in result["depth"].items():
+        assert tally["pixels"] > 0, kind
+        for figures in (tally["per_image"], tally["pooled"]):
+            for name, value in figures.items():
+                best = 1 if name.startswith("delta") or name == "density" else 0
+                assert value == pytest.approx(best, abs=1e-6), (kind, name)
+    for kind, tally in result["normal"].items():
+        assert tally["pooled"]["mean"] == pytest.approx(0, abs=1e-4), kind
+        assert tally["pooled"]["median"] < 0.02
+        assert tally["per_image"]["within_11.25"] == 1
+    assert result["sky"] == {"pixels": 5 * W, "predicted_near": 0}
+
+
+@given(st.floats(0.5, 3.0))
+@settings(max_examples=30, deadline=None)
+def test_known_scale_error(factor):
+    sample = make_sample()
+    figures = score(scaled(sample, factor), sample)["depth"]["all"]["pooled"]
+    true = sample.depth[pixel_kinds(sample)["all"]].astype(float)
+    assert figures["abs_rel"] == pytest.approx(abs(factor - 1), abs=1e-4)
+    assert figures["log10"] == pytest.approx(abs(np.log10(factor)), abs=1e-4)
+    assert figures["sq_rel"] == pytest.approx((factor - 1) ** 2 * true.mean(), rel=1e-3, abs=1e-5)
+    assert figures["rmse"] == pytest.approx(abs(factor - 1) * np.sqrt((true**2).mean()), rel=1e-3, abs=1e-4)
+    worst = max(factor, 1 / factor)
+    for i in (1, 2, 3):
+        if abs(worst - 1.25**i) > 1e-3:
+            assert figures[f"delta{i}"] == (worst < 1.25**i)
+
+
+def test_what_is_farther_than_the_cap_is_as_far_for_both():
+    """Of other layouts, that score every known depth: a perfect prediction at 200 m has no error."""
+    true = np.array([200.0, 90.0, 0.001])
+    perfect_terms = dict(zip(DEPTH_TERMS, depth_terms(true, np.ones(3), true, np.ones(3)).T, strict=True))
+    for name in ("abs_rel", "sq_rel", "rmse", "log10", "mae", "epe"):
+        assert (perfect_terms[name] == 0).all()
+    assert (perfect_terms["delta1"] == 1).all()
+    near = dict(zip(DEPTH_TERMS, depth_terms(np.array([40.0]), np.ones(1), true[:1], np.ones(1)).T, strict=True))
+    assert near["abs_rel"][0] == 0.5 and near["mae"][0] == 40
+
+
+def test_kinds_partition_the_scored_pixels():
+    sample = make_sample()
+    kinds = pixel_kinds(sample)
+    for first, second in (("visible", "occluded"), ("rock", "ground")):
+        assert np.array_equal(kinds[first] ^ kinds[second], kinds["all"])
+    assert not (kinds["near"] & kinds["all"]).any()
+    assert np.array_equal(kinds["near"] | kinds["all"], sample.valid)
+    assert (sample.depth[kinds["near"]] < NATECAM.fb / 192).all() and kinds["near"].any()
+    assert kinds["texture_poor"][20, 50] and not kinds["texture_poor"][20, 20]
+
+
+def test_intervals_cover_every_scored_pixel_once():
+    sample = make_sample()
+    result = score(scaled(sample, 1.1), sample)
+    assert sum(i["pixels"] for i in result["intervals"]) == result["depth"]["all"]["pixels"]
+    assert len(result["intervals"]) == 15
+    for interval in result["intervals"]:
+        if interval["pixels"]:
+            assert interval["from_m"] * 0.1 < interval["pooled"]["mae"] <= interval["to_m"] * 0.1 + 1e-5
+
+
+@pytest.mark.parametrize("unknown", [np.nan, np.inf, -np.inf, -3.0, 0.0])
+def test_unknown_depth_is_an_error_not_a_gap(unknown):
+    sample = make_sample()
+    depth = sample.depth.copy()
+    hole = np.s_[12:14, 10:20]
+    depth[hole] = unknown
+    result = score(
+        replace(perfect(sample), depth=depth, disparity=np.where(depth == unknown, 0, sample.disparity)), sample
+    )
+    figures = result["depth"]["all"]
+    true = sample.depth[hole].astype(float)
+    assert figures["pixels"] == pixel_kinds(sample)["all"].sum()
+    assert figures["pooled"]["abs_rel"] == pytest.approx(((80 - true) / true).sum() / figures["pixels"], rel=1e-6)
+    assert figures["pooled"]["density"] == pytest.approx(1 - 20 / figures["pixels"])
+
+
+def test_unknown_normals_count_as_180_deg():
+    sample = make_sample()
+    normal = sample.normal.copy()
+    normal[12, 10:20] = np.nan
+    normal[13, 10:20] = 0
+    tally = score(replace(perfect(sample), normal=normal), sample)["normal"]["all"]
+    assert tally["pooled"]["mean"] == pytest.approx(20 * 180 / tally["pixels"], rel=1e-4)
+
+
+def test_no_normals_give_no_figures():
+    sample = make_sample()
+    tally = score(replace(perfect(sample), normal=None), sample)["normal"]["all"]
+    assert tally == {"pixels": 0, "images": 0, "per_image": {}, "pooled": {}}
+
+
+def test_sky_predicted_near():
+    sample = make_sample()
+    depth = sample.depth.copy()
+    depth[:5] = [[np.nan], [16.0], [14.0], [np.inf], [2.0]]
+    assert score(replace(perfect(sample), depth=depth), sample)["sky"]["predicted_near"] == pytest.approx(0.4)
+
+
+def test_per_image_and_pooled_differ_as_they_should():
+    """One image with 10 pixels off by 1, one with 30 pixels off by 3."""
+    tally = Tally(("rmse", "mae"))
+    for count, error in ((10, 1.0), (30, 3.0)):
+        tally.add_sums(count * np.array([error**2, error]), count, np.full(count, error**2))
+    result = tally.result()
+    assert result["per_image"] == pytest.approx({"rmse": 2, "mae": 2})
+    assert result["pooled"] == pytest.approx({"rmse": np.sqrt(7), "mae": 2.5})
+    assert (result["pixels"], result["images"]) == (40, 2)
+
+
+def test_order_and_split_do_not_matter():
+    samples = [make_sample(seed) for seed in range(3)]
+    forward, backward = Scores(), Scores()
+    for i in range(3):
+        forward.add(scaled(samples[i], 1 + 0.1 * i), ScoredPair(samples[i]))
+        backward.add(scaled(samples[2 - i], 1.2 - 0.1 * i), ScoredPair(samples[2 - i]))
+    a, b = (s.result()["depth"]["rock"]["pooled"] for s in (forward, backward))
+    assert a == pytest.approx(b)
+
+
+@given(hnp.arrays(np.float64, st.integers(1, 200), elements=st.floats(0, 180)))
+@settings(max_examples=60, deadline=None)
+def test_streamed_median_is_within_a_bin(angles):
+    tally = Tally(NORMAL_TERMS, median=True)
+    tally.add_sums(normal_terms(angles).sum(axis=0), len(angles), angles)
+    low, high = (np.quantile(angles, 0.5, method=m) for m in ("lower", "higher"))
+    assert low - 0.011 <= tally.result()["pooled"]["median"] <= high + 0.011
+    assert tally.result()["per_image"]["median"] == pytest.approx(np.median(angles))
+
+
+@given(st.floats(0, 180), st.floats(0.1, 10))
+@settings(max_examples=50, deadline=None)
+def test_angle_between_turned_vectors(angle, length):
+    turned = length * np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle)), 0])
+    assert angle_between(turned[None], np.array([[2.0, 0, 0]]))[0] == pytest.approx(angle, abs=1e-6)
+
+
+@given(hnp.arrays(np.float32, 20, elements=st.floats(width=32)))
+@settings(max_examples=60, deadline=None)
+def test_terms_are_finite_whatever_is_predicted(depth):
+    true = np.linspace(0.5, 15, 20)
+    assert np.isfinite(depth_terms(depth, depth, true, 160 / true)).all()
+    assert ((capped_depth(depth) >= 0.01) & (capped_depth(depth) <= 80)).all()
+
+
+def test_wrong_size_is_named():
+    sample = make_sample()
+    with pytest.raises(ValueError, match=r"predicted depth is \(2, 2\)"):
+        Scores().add(replace(perfect(sample), depth=np.ones((2, 2), np.float32)), ScoredPair(sample))
+    for shape in ((3, *sample.depth.shape), sample.depth.shape, (*sample.depth.shape, 4)):
+        with pytest.raises(ValueError, match=f"predicted normal is {re.escape(str(shape))}"):
+            Scores().add(replace(perfect(sample), normal=np.ones(shape, np.float32)), ScoredPair(sample))
+
+
+def test_against_torchmetrics():
+    torch = pytest.importorskip("torch")
+    regression = pytest.importorskip("torchmetrics.regression")
+    rng = np.random.default_rng(1)
+    true = rng.uniform(0.5, 15, 500)
+    predicted = true * rng.uniform(0.6, 1.7, 500)
+    means = dict(zip(DEPTH_TERMS, depth_terms(predicted, 160 / predicted, true, 160 / true).mean(axis=0), strict=True))
+    p, t = torch.from_numpy(predicted), torch.from_numpy(true)
+    assert means["rmse"] == pytest.approx(float(regression.MeanSquaredError()(p, t)))
+    assert means["mae"] == pytest.approx(float(regression.MeanAbsoluteError()(p, t)))
+    assert means["abs_rel"] == pytest.approx(float(regression.MeanAbsolutePercentageError()(p, t)), rel=1e-6)
+    assert means["log10"] == pytest.approx(float(regression.MeanAbsoluteError()(p.log10(), t.log10())))
+    assert means["epe"] == pytest.approx(float(regression.MeanAbsoluteError()(160 / p, 160 / t)))
+    normals = rng.normal(size=(2, 500, 3))
+    cosine = regression.CosineSimilarity(reduction="none")(*(torch.from_numpy(n) for n in normals))
+    # torchmetrics computes the cosine in float32
+    assert angle_between(*normals) == pytest.approx(np.degrees(np.arccos(cosine.numpy())), abs=1e-3)

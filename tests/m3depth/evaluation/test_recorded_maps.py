@@ -1,0 +1,211 @@
+"""Files of other programs, read to the disparity and depth that they mean."""
+
+import cv2
+import numpy as np
+import pytest
+
+from m3depth.datasets.maps import read_map
+from m3depth.evaluation.recorded_maps import RecordedError, RecordedPredictions
+from m3depth.evaluation.scoring import evaluate
+from marssim.base.camera import PinholeCamera, StereoRig
+from marssim.base.files.pfm import encode_pfm
+
+H, W = 12, 20
+RIG = StereoRig(PinholeCamera.centred(W, H, 100.0), 0.27)
+DISPARITY = np.linspace(1, 40, H * W).reshape(H, W).astype(np.float32)
+PAIR, NUMBER = "00003/05", 7
+CUT_PNG, CUT_TIFF = (
+    cv2.imencode(ending, values)[1].tobytes()[:-100]
+    for ending, values in ((".png", (DISPARITY * 256).astype(np.uint16)), (".tiff", DISPARITY))
+)
+
+
+def put(path, values):
+    """Write a map by its ending."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.suffix == ".npy":
+        np.save(path, values)
+    elif path.suffix == ".pfm":
+        path.write_bytes(encode_pfm(values))
+    else:
+        assert cv2.imwrite(str(path), values)
+    return path
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "00003/05",
+        "00003_05",
+        "000007_10",
+        "000007",
+        "00003_05/disparity",
+        "00003/05/disparity",
+        "000007/left_disparity",
+    ],
+)
+@pytest.mark.parametrize("ending", ["npy", "pfm", "tiff", "tif", "png"])
+def test_every_name_and_ending(tmp_path, name, ending):
+    stored = np.round(DISPARITY * 256).astype(np.uint16) if ending == "png" else DISPARITY
+    put(tmp_path / f"{name}.{ending}", stored)
+    found = RecordedPredictions(tmp_path).read(PAIR, NUMBER, RIG)
+    assert found.disparity == pytest.approx(DISPARITY, abs=1 / 256)
+    assert found.depth == pytest.approx(RIG.fb / found.disparity)
+    assert found.normal is None and (found.confidence == 1).all()
+    assert found.disparity.dtype == found.depth.dtype == np.float32
+
+
+def test_depth_in_metres_and_millimetres(tmp_path):
+    depth = RIG.disparity_to_depth(DISPARITY)
+    put(tmp_path / "00003_05.png", np.round(depth * 1000).astype(np.uint16))
+    found = RecordedPredictions(tmp_path, "depth").read(PAIR, NUMBER, RIG)
+    assert found.depth == pytest.approx(depth, abs=6e-4)
+    assert found.disparity == pytest.approx(RIG.fb / found.depth)
+    put(tmp_path / "00003_05.npy", depth / 15)
+    assert RecordedPredictions(tmp_path, "depth", 1 / 15).read(PAIR, NUMBER, RIG).depth == pytest.approx(
+        depth, rel=1e-5
+    )
+
+
+def test_negative_disparities_by_their_scale(tmp_path):
+    """RAFT-Stereo's demo writes (H, W) npy of -d beside a picture of 8 bit of the same name."""
+    put(tmp_path / "00003_05.npy", -DISPARITY)
+    put(tmp_path / "00003_05.png", np.zeros((H, W, 3), np.uint8))
+    assert RecordedPredictions(tmp_path, scale=-1).read(PAIR, NUMBER, RIG).disparity == pytest.approx(DISPARITY)
+    assert np.isnan(RecordedPredictions(tmp_path).read(PAIR, NUMBER, RIG).depth).all()
+
+
+@pytest.mark.parametrize("shape", [(1, H, W), (H, W, 1), (1, 1, H, W)])
+def test_axes_of_length_one_are_dropped(tmp_path, shape):
+    put(tmp_path / "00003_05.npy", DISPARITY.reshape(shape).astype(np.float64))
+    assert RecordedPredictions(tmp_path).read(PAIR, NUMBER, RIG).disparity == pytest.approx(DISPARITY)
+
+
+def test_unknown_is_unknown_and_zero_is_far(tmp_path):
+    values = DISPARITY.copy()
+    values[0, :4] = [np.nan, np.inf, -3, 0]
+    put(tmp_path / "00003_05.npy", values)
+    found = RecordedPredictions(tmp_path).read(PAIR, NUMBER, RIG)
+    assert np.isnan(found.disparity[0, :3]).all() and np.isnan(found.depth[0, :3]).all()
+    assert found.disparity[0, 3] == 0 and np.isinf(found.depth[0, 3])
+    put(tmp_path / "a" / "00003_05.png", np.zeros((H, W), np.uint16))
+    assert np.isnan(RecordedPredictions(tmp_path / "a").read(PAIR, NUMBER, RIG).depth).all()
+
+
+def test_normals_and_confidence_beside(tmp_path):
+    normal = np.broadcast_to(np.float32([0, 0, -1]), (H, W, 3))
+    sure = np.full((H, W), 0.4, np.float32)
+    for maps, names in (
+        ("flat/00003_05.npy", ("flat/00003_05_normal.npy", "flat/00003_05_confidence.npy")),
+        ("folder/00003_05/disparity.npy", ("folder/00003_05/normal.npy", "folder/00003_05/confidence.npy")),
+    ):
+        for name, values in zip((maps, *names), (DISPARITY, normal, sure)):
+            put(tmp_path / name, values)
+        found = RecordedPredictions(tmp_path / maps.split("/")[0]).read(PAIR, NUMBER, RIG)
+        assert np.array_equal(found.normal, normal) and np.array_equal(found.confidence, sure)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("RAFT=out/raft,scale=-1", ("RAFT", "out/raft", "disparity", -1.0)),
+        ("Mine=depths,depth,scale=1000", ("Mine", "depths", "depth", 1000.0)),
+        ("A=b", ("A", "b", "disparity", None)),
+        ("A=b,fill", ("A", "b", "disparity", None)),
+    ],
+)
+def test_the_command_lines_form(text, expected):
+    name, found = RecordedPredictions.parse(text)
+    assert (name, str(found.folder), found.kind, found.scale) == expected
+    assert found.fill == text.endswith(",fill")
+
+
+@pytest.mark.parametrize(
+    "text", ["out", "=out", "A=", "A=out,metres", "A=out,scale=0", "A=out,scale=x", "A=out,scale=nan"]
+)
+def test_another_form_is_refused(text):
+    with pytest.raises(ValueError, match=r"expected NAME=DIR|none of depth|scale must be"):
+        RecordedPredictions.parse(text)
+
+
+def test_unknown_is_filled_from_the_background_if_asked_for(tmp_path):
+    values = DISPARITY.copy()
+    values[3, 4:7] = np.nan
+    put(tmp_path / "00003_05.npy", values)
+    found = RecordedPredictions(tmp_path, fill=True).read(PAIR, NUMBER, RIG)
+    assert (found.disparity[3, 4:7] == values[3, 3]).all() and (found.confidence == 0).sum() == 3
+    assert found.depth == pytest.approx(RIG.fb / found.disparity)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("00003_05.png", np.zeros((H, W), np.uint8), "is a picture of 8 bit"),
+        ("00003_05.npy", DISPARITY[:5], r"is of shape \(5, 20\), the pair asks for \(12, 20\)"),
+        ("00003_05.npy", np.array([{"a": 1}], object), "holds no numbers that can be read"),
+        ("00003_05.npy", b"\x93NUMPY", "holds no numbers that can be read"),
+        ("00003_05.npy", b"PK\x03\x04 an archive", "holds no numbers that can be read"),
+        ("00003_05.npy", b"\x93NUMPY\x01\x00\x10\x00{'shape': (2,3   ", "holds no numbers that can be read"),
+        ("00003_05.pfm", b"Pf\n20 12\n-1\nshort", "holds no numbers that can be read"),
+        ("00003_05.png", CUT_PNG, "holds no numbers that can be read"),
+        ("00003_05.tiff", CUT_TIFF, "holds no numbers that can be read"),
+        ("00003_05.tiff", b"", "holds no numbers that can be read"),
+    ],
+)
+def test_what_cannot_be_used_is_named(tmp_path, capfd, name, content, message):
+    path = tmp_path / name
+    if isinstance(content, bytes):
+        path.write_bytes(content)
+    else:
+        put(path, content)
+    with pytest.raises(RecordedError, match=message) as caught:
+        RecordedPredictions(tmp_path).read(PAIR, NUMBER, RIG)
+    assert str(caught.value).startswith(str(path))
+    assert capfd.readouterr().err == ""  # by us alone
+
+
+def test_missing_files_are_named_before_anything_is_scored(tmp_path, plane_samples):
+    for i in (0, 1, 3):
+        put(tmp_path / f"{i:06d}.npy", plane_samples[i].disparity)
+    with pytest.raises(FileNotFoundError, match=r"no disparity of pair 000002; looked for 000002"):
+        evaluate(plane_samples, {"read": RecordedPredictions(tmp_path)})
+    with pytest.raises(FileNotFoundError, match="nowhere: no such folder"):
+        RecordedPredictions(tmp_path / "nowhere").check([])
+
+
+def test_pairs_whose_names_are_numbers_go_by_them(tmp_path):
+    """KITTI's test split does not begin at 0: its third pair is 000021, not the third file."""
+    for number in range(30):
+        put(tmp_path / f"{number:06d}_10.npy", DISPARITY + number)
+    maps = RecordedPredictions(tmp_path)
+    pairs = [(f"{number:06d}", place) for place, number in enumerate((1, 11, 21))]
+    maps.check(pairs)
+    for pair, place in pairs:
+        assert maps.read(pair, place, RIG).disparity == pytest.approx(DISPARITY + int(pair))
+    with pytest.raises(FileNotFoundError, match=r"no disparity of pair 000031; looked for 000031, 000031_10, with"):
+        maps.check([*pairs, ("000031", 3)])
+
+
+def test_a_folder_goes_by_names_or_by_places_and_never_by_both(tmp_path):
+    for name in ("00000_00", "00002_00", "000001"):
+        put(tmp_path / f"{name}.npy", DISPARITY)
+    with pytest.raises(FileNotFoundError, match=r"no disparity of pair 00001/00; looked for 00001/00, 00001_00, "):
+        RecordedPredictions(tmp_path).check([(f"{scene:05d}/00", scene) for scene in range(3)])
+
+
+def test_a_pfm_means_what_it_holds_whatever_its_scale(tmp_path):
+    data = encode_pfm(DISPARITY)
+    assert data.startswith(b"Pf\n20 12\n-1\n")
+    (tmp_path / "00003_05.pfm").write_bytes(data.replace(b"\n-1\n", b"\n-0.003922\n", 1))
+    assert np.array_equal(RecordedPredictions(tmp_path).read(PAIR, NUMBER, RIG).disparity, DISPARITY)
+    assert np.array_equal(read_map(tmp_path / "00003_05.pfm", "disparity"), DISPARITY)
+
+
+def test_the_truth_as_a_file_scores_perfectly(tmp_path, plane_samples):
+    for i, sample in enumerate(plane_samples):
+        put(tmp_path / f"{i:06d}_10.pfm", sample.disparity)
+        put(tmp_path / f"{i:06d}_10_normal.npy", sample.normal)
+    found = evaluate(plane_samples, {"read": RecordedPredictions(tmp_path)}).results["read"]
+    assert found["depth"]["all"]["pooled"]["abs_rel"] == pytest.approx(0, abs=1e-6)
+    assert found["normal"]["all"]["pooled"]["mean"] == pytest.approx(0, abs=1e-3)
+    assert found["seconds"] is None and found["memory_mib"] is None and found["sparsification"] == {}

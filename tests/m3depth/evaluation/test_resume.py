@@ -1,0 +1,112 @@
+"""The file of an evaluation that is not done, and the states of what sums up in it."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from m3depth.evaluation.resume import UNFINISHED, Unfinished, UnfinishedError
+from m3depth.evaluation.rock_scores import RockOutcome, RockTally
+from m3depth.evaluation.scores import ScoredPair, Scores
+from m3depth.stereo.classical import SGBM
+
+ASKED = {"--seed": 0, "--baselines": ["sgbm"]}
+PLAIN = st.none() | st.booleans() | st.integers(-(2**60), 2**60) | st.floats(allow_nan=False) | st.text(max_size=5)
+ARRAYS = st.sampled_from(["float64", "int64", "bool"]).flatmap(
+    lambda kind: st.integers(0, 4).map(lambda n: np.arange(6 * n).reshape(2, 3 * n).astype(kind))
+)
+STATES = st.recursive(
+    PLAIN | ARRAYS, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=4), inner, max_size=3)
+)
+
+
+def alike(one, other):
+    if isinstance(one, np.ndarray):
+        return isinstance(other, np.ndarray) and one.dtype == other.dtype and np.array_equal(one, other)
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(alike(value, other[key]) for key, value in one.items())
+    if isinstance(one, list):
+        return len(one) == len(other) and all(map(alike, one, other))
+    return type(one) is type(other) and one == other
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.dictionaries(st.text(max_size=4), STATES, max_size=4))
+def test_what_is_saved_comes_back(tmp_path_factory, state):
+    file = Unfinished(tmp_path_factory.mktemp("out"), ASKED)
+    assert file.load() is None
+    file.save({"kept": state})
+    assert alike({"kept": state}, Unfinished(file.path.parent, ASKED).load())
+    file.remove()
+    assert file.load() is None
+
+
+def test_another_evaluation_does_not_go_on_with_it(tmp_path):
+    Unfinished(tmp_path, {**ASKED, "--unit": 32.0}).save({})
+    with pytest.raises(UnfinishedError, match=r"with another --seed, another --unit; choose another --out, or delete"):
+        Unfinished(tmp_path, {**ASKED, "--seed": 1}).load()
+    assert (tmp_path / UNFINISHED).is_file()
+
+
+@pytest.mark.parametrize("change", ["cut", "other bytes", "another npz", "pickled", "an array", "a list"])
+def test_a_damaged_file_is_named_and_nothing_in_it_is_executed(tmp_path, change):
+    path = tmp_path / UNFINISHED
+    file = Unfinished(tmp_path, ASKED)
+    file.save({"a": np.arange(1000)})
+    if change == "cut":
+        path.write_bytes(path.read_bytes()[:-200])
+    elif change == "other bytes":
+        path.write_bytes(b"no archive")
+    elif change == "another npz":
+        np.savez(path, other=np.zeros(3))
+    elif change == "an array":
+        with path.open("wb") as out:
+            np.save(out, np.zeros(3))
+    elif change == "a list":
+        np.savez(path, plain=np.array("[1]"))
+    else:
+        np.savez(path, plain=np.array([{"state": 1}], dtype=object), allow_pickle=True)
+    with pytest.raises(UnfinishedError, match=r"unfinished\.npz: not a readable state of an evaluation; delete it"):
+        file.load()
+
+
+def test_saves_are_some_time_apart(tmp_path, monkeypatch):
+    now = 100.0
+    monkeypatch.setattr("m3depth.evaluation.resume.time.monotonic", lambda: now)
+    file = Unfinished(tmp_path, ASKED)
+    now += 29
+    file.save_now_and_then(lambda: {"at": now})
+    assert file.load() is None
+    now += 1
+    file.save_now_and_then(lambda: {"at": now})
+    now += 29
+    file.save_now_and_then(lambda: {"at": now})
+    assert file.load() == {"at": 130.0}
+
+
+def test_rocks_come_back_as_what_they_were(tmp_path):
+    tally, again = RockTally(2, [RockOutcome(0.3, 4.0, True, 0.01, False)], [(0.25, 3.0)]), RockTally()
+    file = Unfinished(tmp_path, ASKED)
+    file.save(tally.state_dict())
+    again.load_state_dict(file.load())
+    assert again == tally and again.result() == tally.result() and again.rocks[0].both_eyes is False
+
+
+def test_scores_go_on_from_what_was_saved(plane_samples, tmp_path):
+    """To the last bit as if nothing had come between, sky and confidence included."""
+
+    def add(scores, samples):
+        for sample in samples:
+            scores.add(SGBM().infer(sample.left, sample.right, sample.rig), ScoredPair(sample))
+
+    whole, before, after = Scores(fit=True), Scores(fit=True), Scores(fit=True)
+    add(whole, plane_samples)
+    add(before, plane_samples[:1])
+    file = Unfinished(tmp_path, ASKED)
+    file.save(before.state_dict())
+    after.load_state_dict(file.load())
+    add(after, plane_samples[1:])
+    assert json.dumps(after.result()) == json.dumps(whole.result())
+    assert whole.result()["depth"]["all"]["images"] == len(plane_samples) > 1

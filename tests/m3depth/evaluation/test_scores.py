@@ -1,0 +1,81 @@
+"""What is summed up about a method beside the metrics: fitted normals, the map of errors, rocks, confidence."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rock_samples import ahead, rock_sample, without_rocks
+from rock_world import RockWorld
+
+from m3depth.evaluation.running_sums import DEPTH_BIN, ErrorMap
+from m3depth.evaluation.scores import ScoredPair, Scores
+from m3depth.evaluation.scoring import evaluate
+from m3depth.stereo.plane_normals import fitted_normals
+from m3depth.stereo.prediction import Prediction
+
+
+def truth(sample, **changes) -> Prediction:
+    told = Prediction(sample.depth, sample.disparity, sample.normal, np.ones(sample.depth.shape, np.float32))
+    return replace(told, **changes)
+
+
+def scored(sample, prediction, fit=True) -> dict:
+    scores = Scores(fit=fit)
+    scores.add(prediction, ScoredPair(sample))
+    return scores.result()
+
+
+def test_fitted_normals_are_those_of_the_disparity_whatever_the_method_says(plane_samples):
+    """On a plane the fit is exact but for the borders; wrong normals of the method do not touch it."""
+    sample = plane_samples[0]
+    found = scored(sample, truth(sample, normal=-sample.normal))
+    assert found["normal"]["all"]["pooled"]["mean"] == pytest.approx(180)
+    assert found["fitted_normal"]["all"]["pooled"]["median"] < 0.5
+    alone = Scores()
+    alone.add(truth(sample, normal=fitted_normals(sample.disparity, sample.rig.camera)), ScoredPair(sample))
+    assert found["fitted_normal"]["all"]["pooled"] == alone.result()["normal"]["all"]["pooled"]
+    assert scored(sample, truth(sample), fit=False)["fitted_normal"]["all"]["pixels"] == 0
+
+
+def test_evaluate_fits_normals_once_for_the_truth_and_not_for_matchers_that_fit_themselves(plane_samples):
+    class Fits:
+        normals_are_fitted = True
+
+        def infer(self, left, right, rig):
+            return truth(plane_samples[0], normal=fitted_normals(plane_samples[0].disparity, rig.camera))
+
+    done = evaluate(plane_samples[:1], {"fits": Fits()})
+    assert done.results["fits"]["fitted_normal"]["all"]["pixels"] == 0
+    assert done.true_depth_normals == done.results["fits"]["normal"]
+
+
+def test_the_error_map_counts_every_pixel_once_where_it_belongs():
+    tally = ErrorMap()
+    tally.add(np.array([0.6, 0.6, 14.99, 15.0, 15.5]), np.array([0.0, 0.011, 200.0, 1.0, 1.0]))
+    counts = np.array(tally.result()["counts"])
+    assert counts.sum() == 4  # 15.5 m is beyond
+    column = int(0.6 / DEPTH_BIN)
+    edges = np.geomspace(1e-3, 1e2, 61)
+    assert counts[0, column] == 1 and counts[np.searchsorted(edges, 0.011) - 1, column] == 1
+    assert counts[-1, -1] == 1 and counts[:, -1].sum() == 2
+
+
+def test_rocks_and_confidence_are_in_the_result():
+    x, y = ahead(4.0, 0.0)
+    sample = rock_sample(RockWorld(domes=np.array([[x, y, 0.4, 0.3]])))
+    depth = without_rocks(sample).astype(np.float32)
+    confidence = np.where(sample.rock > 0, np.float32(0.1), np.float32(0.9))
+    missed = truth(sample, depth=depth, disparity=sample.rig.depth_to_disparity(depth), confidence=confidence)
+    found = scored(sample, missed)
+    assert found["rocks"]["standing_0.2_m_within_8_m"]["rocks"] == 1
+    assert found["rocks"]["standing_0.2_m_within_8_m"]["found"] == 0
+    curve = found["sparsification"]
+    assert curve["bad1"][0] > 0 and curve["bad1"][-1] == pytest.approx(0, abs=1e-12)
+    told = scored(sample, truth(sample))
+    assert told["rocks"]["standing_0.2_m_within_8_m"]["found"] == 1 and told["sparsification"] == {}
+
+
+def test_wrong_confidence_is_named(plane_samples):
+    sample = plane_samples[0]
+    with pytest.raises(ValueError, match=r"predicted confidence is \(3, 3\)"):
+        scored(sample, truth(sample, confidence=np.ones((3, 3), np.float32)))

@@ -1,0 +1,100 @@
+"""What speaks against a pair of images, on pairs that were spoilt by a known amount."""
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from m3depth.prediction.pair_checks import check_pair, exchanged, matched_shares, row_offset
+from marssim.base.camera import PinholeCamera, StereoRig
+
+H, W = 240, 320
+RIG = StereoRig(PinholeCamera.centred(W, H, 300.0), 0.2)
+
+
+def pair(matrix=((1, 0, -12), (0, 1, 0)), seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """A blurred noise wall, and its image under an affine map (of pixels), both with a margin cut off."""
+    noise = np.random.default_rng(seed).integers(0, 255, (H + 80, W + 80)).astype(np.float32)
+    wall = cv2.normalize(cv2.GaussianBlur(noise, (0, 0), 1.5), None, 0, 255, cv2.NORM_MINMAX)
+    moved = cv2.warpAffine(wall, np.array(matrix, float), wall.shape[::-1], flags=cv2.INTER_CUBIC)
+    return tuple(np.clip(image[40:-40, 40:-40], 0, 255).astype(np.uint8) for image in (wall, moved))
+
+
+@given(st.floats(-6, 6), st.integers(0, 5))
+@settings(max_examples=5)
+def test_rows_that_lie_apart_are_measured(rows, seed):
+    found = row_offset(*pair(((1, 0, -12), (0, 1, rows)), seed))
+    assert found is not None and found.matches > 100
+    assert found.middle == pytest.approx(abs(rows), abs=0.06)
+    assert found.worst == pytest.approx(abs(rows), abs=0.12)
+
+
+def test_a_roll_shows_in_the_corners():
+    angle = np.deg2rad(1.0)
+    centre = np.array([(W + 79) / 2, (H + 79) / 2])
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    matrix = np.column_stack([turn, centre - turn @ centre])
+    found = row_offset(*pair(matrix))
+    assert found.worst == pytest.approx(np.sin(angle) * W / 2, rel=0.05)
+    assert found.middle == pytest.approx(np.sin(angle) * W / 4, rel=0.25)
+
+
+def test_a_pair_as_it_should_be_raises_no_doubt():
+    assert check_pair(*pair(), RIG) == []
+    assert check_pair(*(np.repeat(image[..., None], 3, axis=2) for image in pair()), RIG) == []
+
+
+def test_noise_and_low_contrast_raise_no_doubt():
+    rng = np.random.default_rng(1)
+    dull = [np.clip(100 + 0.3 * (i - 100.0) + 2.5 * rng.standard_normal(i.shape), 0, 255) for i in pair()]
+    assert check_pair(*(image.astype(np.uint8) for image in dull), RIG) == []
+
+
+def test_exchanged_eyes():
+    left, right = pair()
+    assert not exchanged(matched_shares(left, right, RIG))
+    assert exchanged(matched_shares(right, left, RIG))
+    [(fatal, message)] = check_pair(right, left, RIG, ("a.png", "b.png"))
+    assert fatal and message == "a.png and b.png match the wrong way round: exchange left and right"
+
+
+@pytest.mark.parametrize(("rows", "fatal"), [(1.2, False), (4.0, True)])
+def test_rows_are_told_from_one_limit_and_refused_from_another(rows, fatal):
+    [(serious, message)] = check_pair(*pair(((1, 0, -12), (0, 1, rows))), RIG)
+    assert serious == fatal and "not rectified" in message
+
+
+def test_limits_grow_with_images_that_will_be_reduced():
+    left, right = (cv2.resize(image, None, fx=8, fy=8, interpolation=cv2.INTER_CUBIC) for image in pair())
+    right = np.roll(right, 5, axis=0)
+    big = RIG.resized(8 * W, 8 * H)
+    [(fatal, message)] = check_pair(left, right, big)
+    assert not fatal and "5.0 px apart" in message
+
+
+def test_where_nothing_can_be_told():
+    flat = np.full((H, W), 90, np.uint8)
+    left, _ = pair()
+    assert row_offset(flat, flat) is None and row_offset(left, flat) is None
+    assert row_offset(left, pair(seed=9)[1]) is None
+    assert check_pair(left, flat, RIG) == [(True, "right is of one grey level: there is nothing to match")]
+    [(fatal, message)] = check_pair(left, pair(seed=9)[1], RIG)
+    assert fatal and "is it a pair?" in message
+
+
+def test_one_image_for_both_eyes_is_meaningless():
+    left, _ = pair()
+    assert check_pair(left, left.copy(), RIG) == [(True, "left and right are one and the same image")]
+
+
+def test_features_that_match_keep_a_pair_from_being_meaningless(monkeypatch):
+    monkeypatch.setattr("m3depth.prediction.pair_checks.matched_shares", lambda *_: (0.02, 0.01))
+    assert [fatal for fatal, _ in check_pair(*pair(), RIG)] == [False]
+    assert [fatal for fatal, _ in check_pair(pair()[0], pair(seed=9)[1], RIG)] == [True]
+
+
+def test_tiny_images_do_not_break_it():
+    rig = StereoRig(PinholeCamera.centred(5, 3, 10.0), 0.2)
+    image = np.arange(15, dtype=np.uint8).reshape(3, 5)
+    assert all(not fatal for fatal, _ in check_pair(image, image[:, ::-1], rig))

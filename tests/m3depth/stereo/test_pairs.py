@@ -1,0 +1,38 @@
+import numpy as np
+import pytest
+
+from m3depth.stereo.pairs import checked_pair, spread
+from marssim.base.camera import PinholeCamera, StereoRig
+
+RIG = StereoRig(PinholeCamera.centred(6, 4, 10.0), baseline=0.27)
+
+
+@pytest.mark.parametrize(("given", "kept"), [((4, 6), (4, 6)), ((4, 6, 1), (4, 6)), ((4, 6, 3), (4, 6, 3))])
+def test_grey_and_colour_pass(given, kept) -> None:
+    image = np.arange(np.prod(given), dtype=np.uint8).reshape(given)
+    left, right = checked_pair(image, image[::-1], RIG)
+    np.testing.assert_array_equal(left, image.reshape(kept))
+    np.testing.assert_array_equal(right, image[::-1].reshape(kept))
+
+
+@pytest.mark.parametrize(
+    ("image", "message"),
+    [
+        (np.zeros((4, 6)), "right image must be a uint8 array, got float64"),
+        ([[0]], "right image must be a uint8 array, got list"),
+        (np.zeros((4, 6, 4), np.uint8), r"right image must be .*, got \(4, 6, 4\)"),
+        (np.zeros(4, np.uint8), r"right image must be .*, got \(4,\)"),
+        (np.zeros((6, 4), np.uint8), "right image is 4 x 6, the rig's camera is 6 x 4"),
+    ],
+)
+def test_what_cannot_be_matched_is_named(image, message) -> None:
+    with pytest.raises(ValueError, match=message):
+        checked_pair(np.zeros((4, 6), np.uint8), image, RIG)
+
+
+@pytest.mark.parametrize(
+    ("count", "wanted", "expected"),
+    [(10, 3, [0, 4, 9]), (3, 10, [0, 1, 2]), (5, 1, [0]), (0, 4, []), (7, 7, list(range(7)))],
+)
+def test_what_is_chosen_spreads_from_the_first_to_the_last(count, wanted, expected) -> None:
+    assert spread(count, wanted) == expected

@@ -1,0 +1,28 @@
+"""What a run tells stays as exact as it was measured, and a resumed run goes on after its checkpoint."""
+
+import json
+
+from m3depth.training.log import Log, records
+
+
+def test_small_numbers_keep_their_digits(tmp_path) -> None:
+    log = Log(tmp_path, 0)
+    log.write("train", 1, {"lr": 3.141592653e-6, "loss": 1234.56789, "normal": float("nan")})
+    log.close()
+    record = json.loads((tmp_path / "log.jsonl").read_text())
+    assert record == {"kind": "train", "step": 1, "lr": 3.14159e-6, "loss": 1234.57, "normal": None}
+    assert records(tmp_path, "train") == [record] and records(tmp_path, "val") == []
+
+
+def test_what_came_after_the_checkpoint_is_logged_again(tmp_path) -> None:
+    log = Log(tmp_path, 0)
+    for step in (1, 2, 3):
+        log.write("train", step, {"loss": float(step)})
+    log.close()
+    path = tmp_path / "log.jsonl"
+    path.write_text(path.read_text() + '{"kind": "train", "st')  # cut off
+    assert [record["step"] for record in records(tmp_path, "train")] == [1, 2, 3]
+    again = Log(tmp_path, 2)
+    again.write("train", 3, {"loss": 5.0})
+    again.close()
+    assert [(r["step"], r["loss"]) for r in records(tmp_path, "train")] == [(1, 1.0), (2, 2.0), (3, 5.0)]

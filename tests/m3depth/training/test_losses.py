@@ -1,0 +1,256 @@
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from m3depth.network.geometry import pixel_rays
+from m3depth.network.model import StereoOutput
+from m3depth.training.loss_config import LossConfig
+from m3depth.training.losses import (
+    Target,
+    consistency_loss,
+    consistency_residual,
+    disparity_edges,
+    huber,
+    reduce_target,
+    total_loss,
+    weighted_mean,
+)
+
+CAMERA = torch.tensor([[60.0, 55.0, 9.3, 5.1]], dtype=torch.float64)
+
+
+def plane(normal: tuple[float, float, float], height: int = 16, width: int = 24) -> tuple[torch.Tensor, torch.Tensor]:
+    n = torch.tensor(normal, dtype=torch.float64)
+    n = (n / n.norm())[None, :, None, None].expand(1, 3, height, width)
+    depth = -1.2 / (pixel_rays(CAMERA, height, width) * n).sum(1, keepdim=True)
+    return 16.2 / depth, n
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5))
+def test_consistency_is_zero_on_planes_alone(nx: float, ny: float) -> None:
+    disparity, normal = plane((nx, ny, -1.0))
+    mask = torch.ones_like(disparity, dtype=torch.bool)
+    assert consistency_loss(disparity, normal, CAMERA, mask) < 1e-12
+    _, tilted = plane((nx + 0.3, ny, -1.0))
+    assert consistency_loss(disparity, tilted, CAMERA, mask) > 1e-3
+    assert consistency_loss(disparity + 0.1 * torch.arange(24), normal, CAMERA, mask) > 1e-3
+
+
+def test_consistency_takes_normals_across_the_view() -> None:
+    """A wall at the side of the camera: n_z = 0, where the paper's form divides by zero."""
+    disparity, normal = plane((1.0, 0.0, 0.0), 16, 8)  # cx = 9.3: all pixels look to the left, at the wall
+    residual, usable = consistency_residual(disparity, normal, CAMERA)
+    assert usable.any()
+    assert residual[usable.expand_as(residual)].abs().max() < 1e-10
+
+
+def test_consistency_ignores_edges_borders_and_grazing_pixels() -> None:
+    disparity, normal = plane((0.0, -0.4, -1.0))
+    torch.manual_seed(0)
+    spoiled = disparity.clone()
+    spoiled[..., 10:, :] += 40 * torch.rand(1, 1, 6, 24, dtype=torch.float64)
+    mask = ~disparity_edges(spoiled)
+    assert 0.2 < mask.double().mean() < 0.9
+    assert consistency_loss(spoiled, normal, CAMERA, mask) < 1e-12
+    grazing, _ = consistency_residual(*plane((0.0, -1.0, -0.0)), CAMERA)
+    assert torch.isfinite(grazing).all()
+
+
+def test_consistency_gradients() -> None:
+    torch.manual_seed(0)
+    disparity, normal = plane((0.1, -0.3, -1.0), 6, 6)
+    disparity = (disparity + 0.3 * torch.randn_like(disparity)).requires_grad_()
+    normal = (normal + 0.05 * torch.randn_like(normal)).requires_grad_()
+    mask = torch.ones_like(disparity, dtype=torch.bool)
+    assert torch.autograd.gradcheck(lambda d, n: consistency_loss(d, n, CAMERA, mask), (disparity, normal))
+
+
+def test_huber_norms_have_slope_one_beyond_their_knee() -> None:
+    """Over delta: torch's huber_loss divided by it."""
+    error = torch.linspace(-2, 2, 41)
+    for delta in (0.05, 0.5):
+        expected = torch.nn.functional.huber_loss(error, torch.zeros(41), delta=delta, reduction="none") / delta
+        torch.testing.assert_close(huber(error, delta), expected)
+
+
+def test_later_steps_weigh_more_and_the_first_guess_as_much_as_it_is_told() -> None:
+    """One pixel of error in one of three steps, the oldest first, in soft argmin, and in the result."""
+    target, config = make_target(), LossConfig(decay=0.5, initial=0.3, relative=0)
+    exact = output_of(target)
+    disparity, normal = exact.steps[0]
+    off, tilted = disparity + 1, normal.roll(1, 1)
+
+    def cost(term: str, output: StereoOutput) -> float:
+        return float(total_loss(output, target, config)[1][term])
+
+    def stepped(wrong: int, instead) -> StereoOutput:
+        return exact._replace(steps=[instead if step == wrong else (disparity, normal) for step in range(3)])
+
+    whole = cost("disparity", exact._replace(disparity=exact.disparity + 1))
+    assert whole == pytest.approx(0.75)  # Huber's, over 0.5 px
+    for step, share in enumerate((0.125, 0.25, 0.5)):
+        assert cost("disparity", stepped(step, (off, normal))) == pytest.approx(share * whole)
+    turned = cost("normal", exact._replace(normal=exact.normal.roll(1, 1)))
+    for step, share in enumerate((0.125, 0.25, 0.5)):
+        assert cost("normal", stepped(step, (disparity, tilted))) == pytest.approx(share * turned, rel=1e-4)
+    first = exact._replace(initial=(exact.initial[0] + 1, exact.initial[1]))
+    assert cost("disparity", first) == pytest.approx(0.3 * whole)
+
+
+def test_an_error_weighs_more_where_disparities_are_small() -> None:
+    """By `relative`: 4 px of disparity count double."""
+    four = make_target()._replace(disparity=torch.full((1, 1, 16, 24), 4.0))
+    eight = four._replace(disparity=2 * four.disparity)
+    for target, relative, expected in ((four, 0, 0.75), (four, 4, 1.5), (eight, 4, 1.125), (four, 12, 3.0)):
+        exact = output_of(target)._replace(steps=[])
+        wrong = exact._replace(disparity=exact.disparity + 1)
+        assert float(total_loss(wrong, target, LossConfig(relative=relative))[1]["disparity"]) == pytest.approx(
+            expected
+        )
+
+
+def test_edges_count_as_much_as_they_are_told() -> None:
+    """A step of disparity in the middle of the image: the two columns beside it are edges."""
+    target = make_target()._replace(disparity=torch.full((1, 1, 16, 24), 4.0))
+    target.disparity[..., 12:] = 12.0
+    exact = output_of(target)._replace(steps=[])
+    wrong = exact._replace(disparity=exact.disparity.clone())
+    wrong.disparity[..., 11:13] += 1
+    for edge, share in ((1.0, 2 / 24), (3.0, 6 / 28)):  # of the weight of all columns
+        config = LossConfig(edge=edge, relative=0)
+        assert float(total_loss(wrong, target, config)[1]["disparity"]) == pytest.approx(0.75 * share)
+
+
+def test_masked_nan_does_not_reach_the_mean() -> None:
+    values = torch.tensor([1.0, torch.nan, 3.0], requires_grad=True)
+    mean = weighted_mean(values, torch.tensor([1.0, 0.0, 3.0]))
+    assert mean.item() == pytest.approx(2.5)
+    mean.backward()
+    torch.testing.assert_close(values.grad, torch.tensor([0.25, 0.0, 0.75]))
+    assert weighted_mean(torch.tensor([torch.nan]), torch.zeros(1)).item() == 0
+
+
+def make_target(height: int = 16, width: int = 24) -> Target:
+    disparity, normal = plane((0.0, -0.5, -1.0), height, width)
+    yes = torch.ones_like(disparity, dtype=torch.bool)
+    return Target(disparity.float(), normal.float(), yes, ~yes, ~yes, CAMERA.float())
+
+
+def test_reduced_disparity_is_that_of_the_cells_centre() -> None:
+    target = make_target()
+    reduced, _ = reduce_target(target, 8, torch.ones_like(target.disparity))
+    # Disparity is affine on a plane: the mean over a cell is the value at its centre.
+    expected = torch.nn.functional.avg_pool2d(target.disparity, 8)
+    assert reduced.label.all()
+    torch.testing.assert_close(reduced.disparity, expected)
+    torch.testing.assert_close(reduced.normal, target.normal[..., :2, :3])
+
+
+def random_holes(shape: tuple[int, ...]) -> torch.Tensor:
+    return torch.rand(shape, generator=torch.Generator().manual_seed(0)) < 0.7
+
+
+def every_second_row(shape: tuple[int, ...]) -> torch.Tensor:
+    return (torch.arange(shape[2]) % 2 == 0)[:, None].expand(shape)
+
+
+def with_holes(target: Target, holes: torch.Tensor) -> Target:
+    """As pack and to_batch make it of depth that is NaN there."""
+    return target._replace(disparity=target.disparity.masked_fill(holes, 0), label=target.label & ~holes)
+
+
+@pytest.mark.parametrize("holes_of", [random_holes, every_second_row])
+def test_gaps_are_no_edges_and_cells_need_no_four_pixels(holes_of) -> None:
+    full = make_target(64, 96)
+    target = with_holes(full, holes_of(full.label.shape))
+    labelled = target.label
+    assert 0.2 < labelled.float().mean() < 0.6
+    assert not (disparity_edges(target.disparity, target.known) & labelled).any()
+    for factor in (4, 8):
+        reduced, _ = reduce_target(target, factor, torch.ones_like(target.disparity))
+        centre = torch.nn.functional.avg_pool2d(full.disparity, factor)
+        assert reduced.label.float().mean() > 0.6
+        slope = (full.disparity[..., 1:, :] - full.disparity[..., :-1, :]).max()
+        assert (reduced.disparity - centre)[reduced.label].abs().max() <= slope  # half a pixel each way
+        assert (reduced.normal - full.normal[..., :1, :1]).abs().amax(1, keepdim=True)[reduced.label].max() < 1e-6
+
+
+def test_the_consistency_of_sparse_truth_is_trained() -> None:
+    full = make_target(64, 96)
+    target = with_holes(full, random_holes(full.label.shape))
+    output = output_of(full)
+    tilted = output._replace(normal=full.normal.roll(1, 1))
+    assert total_loss(output, target, LossConfig())[1]["consistency"] < 1e-6
+    assert total_loss(tilted, target, LossConfig())[1]["consistency"] > 0.01
+    wrong = output._replace(initial=(output.initial[0] + 1, output.initial[1]), steps=[])
+    assert total_loss(wrong, target, LossConfig())[1]["disparity"] > 0.5  # the coarse grid sees it
+
+
+def test_an_edge_between_sparse_pixels_is_one_and_what_is_known_but_not_trained_hides_no_cell() -> None:
+    target = make_target(16, 16)
+    target.disparity[..., 8:] += 30
+    step = target.disparity[..., :1, 7:9]
+    assert step.diff().item() > 29
+    sparse = with_holes(target, every_second_row(target.label.shape))
+    assert disparity_edges(sparse.disparity, sparse.known)[0, 0, 1::2, 7:9].all()
+    assert not disparity_edges(sparse.disparity, sparse.known)[0, 0, 1::2, :6].any()
+    far = make_target(16, 16)  # as beyond 40 m: known, not trained
+    far.label[..., 3, 3] = False
+    reduced, _ = reduce_target(far, 8, torch.ones_like(far.disparity))
+    assert not reduced.label[0, 0, 0, 0] and reduced.label.sum() == 3
+
+
+def output_of(target: Target, shift: float = 0.0) -> StereoOutput:
+    ones = torch.ones_like(target.disparity)
+    eighth, _ = reduce_target(target, 8, ones)
+    quarter, _ = reduce_target(target, 4, ones)
+    return StereoOutput(
+        target.disparity + shift, target.normal, 20 * ones, -20 * ones,
+        (eighth.disparity, eighth.normal), [(quarter.disparity, quarter.normal)] * 2,
+    )  # fmt: skip
+
+
+def test_truth_costs_nothing_and_rocks_cost_more() -> None:
+    target = make_target()
+    config = LossConfig()
+    total, terms = total_loss(output_of(target), target, config)
+    assert total < 1e-3, terms
+    wrong = output_of(target)
+    wrong.disparity[..., 4:8, 4:8] += 2.0
+    plain = total_loss(wrong, target, config)[1]["disparity"]
+    target.rock[..., 4:8, 4:8] = True
+    assert total_loss(wrong, target, config)[1]["disparity"] > 2 * plain
+
+
+def test_sky_costs_no_normals_and_little_disparity() -> None:
+    target = make_target()
+    target.sky[..., :8, :] = True
+    target.label[..., :8, :] = False
+    target.disparity[..., :8, :] = 0
+    target.normal[..., :8, :] = 0
+    output = output_of(make_target())
+    total, terms = total_loss(output, target, LossConfig())
+    assert torch.isfinite(total)
+    assert terms["normal"] < 1e-3
+    assert 0 < terms["disparity"] < 3
+    assert terms["sky"] > 5, "the decision that half the image is no sky is wrong"
+
+
+def test_without_true_normals_depth_is_trained_alone() -> None:
+    target = make_target()
+    output = output_of(target)
+    blind = target._replace(normal=torch.zeros_like(target.normal))
+    _, terms = total_loss(output, blind, LossConfig())
+    assert terms["normal"] == 0 and terms["disparity"] < 1e-3
+    half = target._replace(normal=target.normal.clone())
+    half.normal[..., 12:] = 0
+    output.normal[..., :8] = 0.5  # wrong where the truth is known
+    assert total_loss(output, half, LossConfig())[1]["normal"] > 0.1
+
+
+@pytest.mark.parametrize("value", [-0.1, float("nan"), float("inf")])
+def test_weights_that_cannot_work_name_their_flag(value) -> None:
+    with pytest.raises(ValueError, match=r"--loss\.sky-disparity must be at least 0"):
+        LossConfig(sky_disparity=value)

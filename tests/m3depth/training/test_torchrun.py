@@ -1,0 +1,81 @@
+"""Two processes under torchrun train as one does that takes their crops one after the other."""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+
+import torch
+from small_network import SMALL
+
+from m3depth.network.model import M3Depth
+from m3depth.training.config import TrainConfig
+from m3depth.training.loop import train
+from marssim.base.dataset.dataset import StereoDataset
+
+TINY = replace(SMALL, refine_steps=1, fine_width=0)
+
+SETTINGS = (
+    "--batch", "1", "--crop", "32", "64", "--device", "cpu", "--precision", "fp32", "--validate-samples", "1",
+    "--lr", "1e-4",
+)  # fmt: skip
+ENDS = 540  # [s] for a machine that is very busy
+
+
+EACH_ITS_OWN = """
+import os, sys
+from m3depth.train import main
+
+os.chdir(sys.argv[1 + int(os.environ["RANK"])])  # as on machines without a common disk
+sys.exit(main(sys.argv[3:]))
+"""
+
+
+def apart_folders(plane_set, tmp_path) -> None:
+    """Resumed where only the first process sees the checkpoint, every process refuses."""
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "own.py").write_text(EACH_ITS_OWN)
+    done = torchrun(
+        str(tmp_path / "own.py"), str(tmp_path), str(tmp_path / "elsewhere"), "--data", str(plane_set), "--out", "two",
+        "--init", str(tmp_path / "init.safetensors"), "--max-steps", "3", *SETTINGS,
+    )  # fmt: skip
+    assert done.returncode != 0
+    told = "error: --out two: the processes stand at steps 0 to 2; it must be a folder that all machines share"
+    assert done.stderr.count(told) >= 1, done.stderr[-3000:]  # torchrun may end the other before it speaks
+    assert not (tmp_path / "elsewhere" / "two").exists()
+
+
+def torchrun(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Two processes, and what they said."""
+    command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", *arguments]
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=ENDS, check=False)
+
+
+def test_two_processes_are_one_batch_in_two_parts(plane_set, tmp_path) -> None:
+    torch.manual_seed(0)
+    M3Depth(TINY).save_pretrained(tmp_path / "init.safetensors")
+    init = tmp_path / "init.safetensors"
+    done = torchrun(
+        "-m", "m3depth.train", "--data", str(plane_set), "--out", str(tmp_path / "two"), "--init", str(init),
+        "--max-steps", "2", *SETTINGS,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-3000:]
+    assert done.stdout.count("averaged weights of step 2") == 1  # one of the processes speaks and writes
+    assert "Warning" not in done.stderr
+    config = TrainConfig(
+        data=(plane_set,), out=tmp_path / "one", init=init, max_steps=2, batch=2, accumulate=2, crop=(32, 64),
+        device="cpu", precision="fp32", validate_samples=1, lr=1e-4,
+    )  # fmt: skip
+    train(config, StereoDataset(plane_set, "train"), [])
+    two, one = (torch.load(tmp_path / name / "checkpoint.pt", weights_only=True) for name in ("two", "one"))
+    assert (two["identity"]["number of processes"], one["identity"]["number of processes"]) == (2, 1)
+    before = M3Depth.from_pretrained(tmp_path / "init.safetensors").state_dict()
+    moved = torch.cat([(one["model"][name] - before[name]).abs().flatten() for name in before])
+    apart = torch.cat([(one["model"][name] - two["model"][name]).abs().flatten() for name in before])
+    assert moved.mean() > 2e-5
+    assert apart.mean() < 0.01 * moved.mean()  # Adam blows up what rounding makes of gradients that are nearly zero
+    apart_folders(plane_set, tmp_path)
+    records = [json.loads(line) for line in (tmp_path / "two" / "log.jsonl").read_text().splitlines()]
+    assert [record["kind"] for record in records] == ["train", "val_raw", "val"]

@@ -1,0 +1,280 @@
+import errno
+import os
+import signal
+import subprocess
+import sys
+from concurrent.futures import BrokenExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal
+
+import pytest
+import tyro
+
+from marssim.base.command.run import counted, describe, exit_code, parse, run_command
+
+
+class OutOfMemoryError(RuntimeError):
+    """As PyTorch's is named."""
+
+
+@dataclass(frozen=True)
+class Part:
+    angle: tuple[float, float] = (0.0, 1.0)
+    """a range"""
+    half_width: float = 1.0
+    """a size"""
+
+    def __post_init__(self) -> None:
+        if self.half_width < 0:
+            raise ValueError(f"half_width must not be negative, got {self.half_width}")
+        if self.angle[0] > self.angle[1]:
+            raise ValueError(
+                f"--part.angle must be a range LOW HIGH, and this message is far longer than a terminal is wide so "
+                f"that the parser has to wrap it, /a/path/{'long' * 30}, got {self.angle}"
+            )
+
+
+@dataclass(frozen=True)
+class Inner:
+    depth: int = 1
+    """a number"""
+
+    def __post_init__(self) -> None:
+        if self.depth > 9:
+            raise ValueError(f"depth must be small, got {self.depth}")
+
+
+@dataclass(frozen=True)
+class Flat:
+    inner: Inner = field(default_factory=Inner)
+    grain: float = 1.0
+    """a number"""
+
+    def __post_init__(self) -> None:
+        if self.grain == 0:
+            raise ValueError("grain must not be 0")
+        if self.grain < 0:
+            raise ValueError("no such sand")
+
+
+@dataclass(frozen=True)
+class Settings:
+    out: Path
+    """a folder"""
+    count: int = 1
+    """a number; its help is long enough for several lines of a terminal that is not very wide, which is to be seen"""
+    kind: Literal["round", "square"] = "round"
+    """a choice"""
+    quiet: bool = False
+    """a switch"""
+    part: Part = field(default_factory=Part)
+    flat: Annotated[Flat, tyro.conf.arg(name="")] = field(default_factory=Flat)
+
+    def __post_init__(self) -> None:
+        if self.count < 0:
+            raise ValueError(f"count must not be negative, got {self.count}")
+
+
+@dataclass(frozen=True)
+class Named:
+    name: tyro.conf.Positional[Path]
+    """a file"""
+    size: int
+    """a size"""
+
+
+def failing(error: BaseException):
+    def work(_: Settings) -> None:
+        raise error
+
+    return work
+
+
+def run(capsys, work, *args: str, **more: str) -> tuple[int, str]:
+    code = run_command(work, Settings, "python -m settings", "About.", ["--out", "x", *args], **more)
+    return code, capsys.readouterr().err
+
+
+def test_a_good_command_line_reaches_the_work(capsys):
+    seen = []
+    assert run(capsys, seen.append, "--count", "3", "--part.angle", "2", "4") == (0, "")
+    assert seen == [Settings(Path("x"), 3, part=Part((2.0, 4.0)))]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "ascii"])  # the parser draws another frame where it cannot draw lines
+@pytest.mark.parametrize("columns", ["40", "80", "300"])
+@pytest.mark.parametrize(
+    ("args", "line"),
+    [
+        (["--count", "many"], "--count INT: invalid literal for int() with base 10: 'many'"),
+        (["--count"], "missing value for argument '--count'. Expected 1 values."),
+        (["--count", "-1"], "--count must not be negative, got -1"),
+        (["--part.half-width", "-1"], "--part.half-width must not be negative, got -1.0"),
+        (["--inner.depth", "10"], "--inner.depth must be small, got 10"),
+        (["--grain", "0"], "--grain must not be 0"),
+        (["--grain", "-1"], "no such sand"),
+        (["--kind", "oval"], "invalid choice 'oval' for argument '--kind'. Expected one of ('round', 'square')."),
+        (["--cuont", "3"], "unknown option --cuont (did you mean --count?)"),
+        (["--part.half-wdith=3"], "unknown option --part.half-wdith (did you mean --part.half-width?)"),
+        (["--part.half", "-3"], "unknown option --part.half (did you mean --part.half-width?)"),
+        (
+            ["--cuont", "3", "--grian", "2", "--zebra"],
+            "unknown option --cuont (did you mean --count?), --grian (did you mean --grain?), --zebra",
+        ),
+        (["--quite"], "unknown option --quite (did you mean --quiet?)"),
+        (["--zebra"], "unknown option --zebra"),
+        (["stray", "sheep"], "stray sheep belongs to no option"),
+    ],
+)
+def test_the_parsers_mistakes_are_one_line(args, line, columns, encoding, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", columns)
+    monkeypatch.setattr("tyro._fmtlib._should_use_utf8_drawing_chars", lambda: encoding == "utf-8")
+    assert run(capsys, failing(AssertionError()), *args) == (2, f"error: {line}\n")
+
+
+def test_a_configs_own_words_are_kept_whatever_their_length(capsys):
+    with pytest.raises(ValueError) as own:
+        Part((3.0, 1.0))
+    assert run(capsys, failing(AssertionError()), "--part.angle", "3", "1") == (2, f"error: {own.value}\n")
+
+
+def test_defaults_of_an_instance_instead_of_the_class():
+    given = parse(Settings, "settings", None, ["--out", "y", "--part.half-width", "3"], Settings(Path("x"), 7))
+    assert given == Settings(Path("y"), 7, part=Part(half_width=3.0))
+
+
+def test_all_that_is_missing_is_named():
+    with pytest.raises(ValueError, match=r"^--out missing; --help tells more$"):
+        parse(Settings, "settings", None, [])
+    with pytest.raises(ValueError, match=r"^--out missing; unknown option --otu \(did you mean --out\?\); --help"):
+        parse(Settings, "settings", None, ["--otu", "x"])
+    with pytest.raises(ValueError, match=r"^PATH, --size missing; --help tells more$"):
+        parse(Named, "named", None, [])
+
+
+def test_help_goes_to_stdout(capsys):
+    with pytest.raises(SystemExit) as end:
+        run_command(print, Settings, "settings", "About settings.", ["--help"])
+    said = capsys.readouterr()
+    assert end.value.code == 0 and "a range" in said.out and "About settings." in said.out and said.err == ""
+
+
+@pytest.mark.parametrize(
+    ("error", "line"),
+    [
+        (ValueError("--count 3:\n  is too many\n"), "--count 3: is too many"),
+        (NotADirectoryError(errno.ENOTDIR, "Not a directory", "a/b"), "a/b: not a directory"),
+        (OSError(errno.EXDEV, "Invalid cross-device link", "a", None, "b"), "a -> b: invalid cross-device link"),
+        (OSError(errno.ENOSPC, "No space left on device"), "no space left on device"),
+        (OSError("x.png: could not be written"), "x.png: could not be written"),
+        (ImportError("dask is not installed"), "dask is not installed"),
+        (MemoryError(), "out of memory"),
+        (
+            OutOfMemoryError("CUDA out of memory. Tried 20 GiB.\nSee"),
+            "out of memory (CUDA out of memory. Tried 20 GiB.)",
+        ),
+        (
+            RuntimeError("[enforce] can't allocate memory: 9 bytes"),
+            "out of memory ([enforce] can't allocate memory: 9 bytes)",
+        ),
+        (KeyError, KeyError),
+        (RuntimeError("a bug"), RuntimeError),
+    ],
+)
+def test_mistakes_are_told_and_bugs_are_shown(error, line, capsys):
+    if isinstance(line, type):
+        with pytest.raises(line):
+            run(capsys, failing(error))
+    else:
+        assert run(capsys, failing(error)) == (2, f"error: {line}\n")
+
+
+def refusing(number: int, path: Path):
+    def work(_: object) -> None:
+        raise OSError(number, os.strerror(number), str(path))
+
+    return work
+
+
+@pytest.mark.parametrize(
+    ("number", "at", "told"),
+    [
+        (errno.EACCES, "made/x", "--out made/x: permission denied"),
+        (errno.EROFS, "made/x/a.png", "--out made/x: {}/made/x/a.png: read-only file system"),
+        (errno.ENOTDIR, "made", "--out made/x: {}/made: not a directory"),  # a folder on the way, not there yet
+        (errno.EACCES, "data", "{}/data: permission denied"),
+        (errno.EACCES, ".", "{}: permission denied"),  # a folder that is there: it was read
+        (errno.ENOENT, "made/x/a.png", "{}/made/x/a.png: no such file or directory"),
+    ],
+)
+def test_what_cannot_be_written_names_the_flag(number, at, told, tmp_path, monkeypatch, capsys):
+    """Whether the flag was given as a relative path or not."""
+    monkeypatch.chdir(tmp_path)
+    work = refusing(number, tmp_path / at)
+    line = f"error: {told.format(tmp_path)}\n"
+    assert run(capsys, work, "--out", "made/x") == (2, line)
+    whole = line.replace("--out made/x", f"--out {tmp_path}/made/x")
+    assert run(capsys, work, "--out", str(tmp_path / "made/x")) == (2, whole)
+
+
+def test_a_command_without_an_output_folder_names_the_file(capsys):
+    code = run_command(refusing(errno.EACCES, Path("a")), Named, "named", None, ["b", "--size", "1"])
+    assert (code, capsys.readouterr().err) == (2, "error: a: permission denied\n")
+
+
+def test_broken_pools_and_interrupts_say_how_to_go_on(capsys):
+    assert "the same command goes on" in describe(BrokenExecutor())
+    told = ValueError("`relief.heightmap` /a/b.png: too small; choose a smaller `horizon` and `pip install x`")
+    assert describe(told) == "--relief.heightmap /a/b.png: too small; choose a smaller --horizon and `pip install x`"
+    assert describe(ValueError("give `relief.heightmap_at`")) == "give --relief.heightmap-at"
+    assert describe(BrokenExecutor("--scheduler tcp://a:1: it was lost")) == "--scheduler tcp://a:1: it was lost"
+    code, said = run(capsys, failing(KeyboardInterrupt()), interrupted="nothing was written")
+    assert (code, said) == (130, "error: interrupted; nothing was written\n")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_from_the_shell(number):
+    """A real signal to a real process; one that was started in the background would ignore SIGINT by inheritance."""
+    program = (
+        "import signal, sys; from dataclasses import dataclass; from marssim.base.command.run import run_command\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "@dataclass\nclass C: pass\n"
+        "def work(_): print('at work', flush=True); sys.stdin.read()\n"
+        "sys.exit(run_command(work, C, 'c', None, []))"
+    )
+    process = subprocess.Popen([sys.executable, "-c", program], stdin=-1, stdout=-1, stderr=-1, text=True)
+    assert process.stdout is not None and process.stdout.readline() == "at work\n"
+    os.kill(process.pid, number)
+    _, said = process.communicate()
+    assert (process.returncode, said) == (130, "error: interrupted; the same command goes on from here\n")
+
+
+def test_sigterm_is_left_as_it_was():
+    before = signal.getsignal(signal.SIGTERM)
+    for error, code in ((ValueError("no"), 2), (KeyboardInterrupt(), 130)):
+        assert exit_code(lambda error=error: failing(error)(None)) == code
+        assert signal.getsignal(signal.SIGTERM) is before
+    assert exit_code(lambda: None) == 0 and signal.getsignal(signal.SIGTERM) is before
+
+
+def test_who_reads_one_line_is_not_told_of_a_broken_pipe():
+    code = "\n".join([
+        "import sys", "from marssim.base.command.run import exit_code",
+        "sys.exit(exit_code(lambda: [print('line', i) for i in range(100_000)]))",
+    ])  # fmt: skip
+    writer = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert writer.stdout.readline() == "line 0\n"
+    writer.stdout.close()
+    assert writer.stderr.read() == "" and writer.wait() == 141
+
+
+def test_a_pipe_to_a_worker_that_breaks_is_told(capsys):
+    def work():
+        raise BrokenPipeError(errno.EPIPE, "Broken pipe")
+
+    assert exit_code(work) == 2 and "broken pipe" in capsys.readouterr().err.lower()
+
+
+def test_counted():
+    assert [counted(n, "pair") for n in (0, 1, 2)] == ["0 pairs", "1 pair", "2 pairs"]

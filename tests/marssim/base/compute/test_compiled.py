@@ -1,0 +1,126 @@
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from marssim.base.command.run import exit_code
+from marssim.base.compute.compiled import KEPT, NOT_KEPT, compiled, source_digest
+
+KERNELS = """
+from some.steps import STEP
+from marssim.base.compute.compiled import compiled
+
+@compiled
+def up(x):
+    return x + STEP
+
+print(up(1), sum(up.stats.cache_hits.values()))
+"""
+
+
+COMMAND = """
+import sys
+from marssim.base.command.run import exit_code
+from marssim.base.compute.compiled import compiled
+from marssim.base.compute.workers import run_tasks
+
+@compiled
+def up(x):
+    return x + 1
+
+@compiled
+def down(x):
+    return x - 1
+
+def work(x):
+    return up(x) + down(x)
+
+if __name__ == "__main__":
+    from some.work import work  # as the workers know it
+    workers = int(sys.argv[1])
+    sys.exit(exit_code(lambda: run_tasks(work, [(n,) for n in range(4)], lambda task, result: print(result), workers)))
+"""
+
+
+def run(folder: Path, **environment: str) -> list[int]:
+    """What the package prints: the kernel's answer, and how many kernels came from disk."""
+    done = subprocess.run(
+        [sys.executable, "-c", "import some.kernels"], cwd=folder, capture_output=True, text=True,
+        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1", **environment},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return [int(word) for word in done.stdout.split()]
+
+
+def package(folder: Path, step: int) -> None:
+    made = folder / "some"
+    made.mkdir(exist_ok=True)
+    (made / "__init__.py").touch()
+    (made / "steps.py").write_text(f"STEP = {step}\n")
+    (made / "kernels.py").write_text(KERNELS)
+
+
+def test_kernels_are_kept_until_any_source_of_the_package_changes(tmp_path):
+    package(tmp_path, 10)
+    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    assert run(tmp_path, **cache) == [11, 0]
+    assert run(tmp_path, **cache) == [11, 1]
+    package(tmp_path, 20)  # another file than the kernel's
+    assert run(tmp_path, **cache) == [21, 0]
+
+
+def test_kernels_run_where_nothing_can_be_kept(tmp_path):
+    package(tmp_path, 10)
+    nowhere = tmp_path / "file"
+    nowhere.touch()
+    assert run(tmp_path, NUMBA_CACHE_DIR=str(nowhere / "cache")) == [11, 0]
+
+
+@pytest.fixture
+def homeless(monkeypatch):
+    """No folder in which kernels could be kept."""
+
+    def refuse(*_: object) -> None:
+        raise RuntimeError("cannot cache function: no locator available")
+
+    monkeypatch.setattr("numba.core.caching.CompileResultCacheImpl.__init__", refuse)
+
+
+def test_without_a_folder_to_write_a_kernel_is_compiled_anew(homeless):
+    assert compiled(lambda x: 2 * x)(np.arange(3)).tolist() == [0, 2, 4]
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_command_tells_once_that_it_compiles(workers, tmp_path):
+    """By whichever process, for whichever kernel; and not when they are kept."""
+    package(tmp_path, 10)
+    (tmp_path / "some" / "work.py").write_text(COMMAND)
+    told = []
+    for _ in range(2):
+        done = subprocess.run(
+            [sys.executable, "-m", "some.work", str(workers)], cwd=tmp_path, capture_output=True, text=True,
+            env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONDONTWRITEBYTECODE": "1"},
+        )  # fmt: skip
+        assert done.returncode == 0 and sorted(done.stdout.split()) == ["0", "2", "4", "6"], done.stderr
+        told.append(done.stderr)
+    assert told == [f"note: {KEPT}\n", ""]
+
+
+def test_a_command_tells_that_nothing_can_be_kept(homeless, capsys):
+    kernels = [compiled(lambda x: 2 * x), compiled(lambda x: 3 * x)]
+    assert exit_code(lambda: [kernel(1) for kernel in kernels]) == 0
+    assert capsys.readouterr().err == f"note: {NOT_KEPT}\n"
+    assert compiled(lambda x: 4 * x)(1) == 4  # a program's own call
+    assert capsys.readouterr().err == ""
+
+
+def test_the_digest_sees_names_and_contents(tmp_path):
+    (tmp_path / "a.py").write_text("x = 1")
+    first = source_digest.__wrapped__(tmp_path)
+    (tmp_path / "a.py").write_text("x = 2")
+    second = source_digest.__wrapped__(tmp_path)
+    (tmp_path / "a.py").rename(tmp_path / "b.py")
+    assert len({first, second, source_digest.__wrapped__(tmp_path)}) == 3

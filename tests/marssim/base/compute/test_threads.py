@@ -1,0 +1,47 @@
+import threading
+import time
+
+import pytest
+
+from marssim.base.compute.threads import in_threads
+
+
+def test_results_come_in_order_from_several_threads():
+    both = threading.Barrier(2, timeout=30)  # passes only if two jobs run at the same time
+
+    def work(job: int) -> int:
+        if job < 2:
+            both.wait()
+        time.sleep(0.001 * (job % 3))
+        return job * job
+
+    assert list(in_threads(work, range(50), 2)) == [job * job for job in range(50)]
+
+
+def test_an_error_starts_no_more():
+    started = []
+
+    def work(job: int) -> int:
+        started.append(job)
+        if job == 3:
+            raise OSError("full")
+        return job
+
+    with pytest.raises(OSError, match="full"):
+        list(in_threads(work, range(1000), 2))
+    assert len(started) < 30
+
+
+def test_jobs_are_taken_as_they_are_needed():
+    taken = []
+
+    def jobs():
+        for job in range(1000):
+            taken.append(job)
+            yield job
+
+    results = in_threads(lambda job: job, jobs(), 2)
+    next(results)
+    assert len(taken) < 20
+    results.close()
+    assert len(taken) < 20

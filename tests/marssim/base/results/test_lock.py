@@ -1,0 +1,132 @@
+import os
+import signal
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from marssim.base.results import lock
+from marssim.base.results.lock import FolderInUse, check_unused, sole_writer
+
+HOLD = """
+import sys
+from pathlib import Path
+from marssim.base.results.lock import sole_writer
+with sole_writer(Path(sys.argv[1])):
+    print("held", flush=True)
+    sys.stdin.readline()
+"""
+needs_flock = pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock")
+
+
+def holder(folder: Path) -> subprocess.Popen[str]:
+    """Another process that holds the folder until it is told to go on, or killed."""
+    process = subprocess.Popen([sys.executable, "-c", HOLD, str(folder)], stdin=-1, stdout=-1, text=True)
+    assert process.stdout is not None and process.stdout.readline() == "held\n"
+    return process
+
+
+def test_the_folder_is_made_and_nothing_stays(tmp_path):
+    folder = tmp_path / "a" / "b"
+    with sole_writer(folder):
+        assert [p.name for p in folder.iterdir()] == [".lock"]
+    assert list(folder.iterdir()) == []
+
+
+@needs_flock
+def test_a_second_writer_is_told_who_is_there(tmp_path):
+    with (
+        sole_writer(tmp_path),
+        pytest.raises(FolderInUse, match=rf"^{tmp_path}: another command \(process {os.getpid()} on .*\) is writing"),
+        sole_writer(tmp_path),
+    ):
+        raise AssertionError
+    with sole_writer(tmp_path):
+        pass
+
+
+@needs_flock
+@pytest.mark.parametrize("ending", [signal.SIGKILL, None])
+def test_the_lock_ends_with_its_process(tmp_path, ending):
+    process = holder(tmp_path)
+    with pytest.raises(FolderInUse, match=f"process {process.pid} on"), sole_writer(tmp_path):
+        raise AssertionError
+    if ending is not None:
+        process.send_signal(ending)
+    process.communicate("\n")
+    assert (tmp_path / ".lock").exists() == (ending == signal.SIGKILL)  # a file that locks nothing any more
+    with sole_writer(tmp_path):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
+@needs_flock
+def test_whether_a_folder_is_in_use_can_be_asked(tmp_path):
+    check_unused(tmp_path / "nowhere")
+    check_unused(tmp_path)
+    (tmp_path / ".lock").write_text("process 1 on a machine that was switched off")
+    check_unused(tmp_path)
+    before = (tmp_path / ".lock").read_bytes()
+    process = holder(tmp_path)
+    with pytest.raises(FolderInUse, match=f"process {process.pid} on .* is writing here"):
+        check_unused(tmp_path)
+    process.kill()
+    process.communicate()
+    check_unused(tmp_path)
+    assert before and (tmp_path / ".lock").exists()
+    with sole_writer(tmp_path):
+        pass
+
+
+@needs_flock
+def test_an_error_lets_go(tmp_path):
+    with pytest.raises(KeyError), sole_writer(tmp_path):
+        raise KeyError
+    with sole_writer(tmp_path):
+        pass
+
+
+@needs_flock
+def test_never_two_at_once(tmp_path):
+    """Many who come and go: the file that one has removed is not taken for the lock by another who had opened it."""
+    inside: list[int] = []
+
+    def visit(number: int) -> tuple[int, int]:
+        refused, most = 0, 0
+        for _ in range(200):
+            try:
+                with sole_writer(tmp_path):
+                    inside.append(number)
+                    most = max(most, len(inside))
+                    inside.remove(number)
+            except FolderInUse:
+                refused += 1
+        return refused, most
+
+    with ThreadPoolExecutor(8) as pool:  # whose map raises what a visitor ran into
+        visits = list(pool.map(visit, range(8)))
+    assert max(most for _, most in visits) == 1 and sum(refused for refused, _ in visits) < 1600
+
+
+@pytest.mark.parametrize("kind", ["no fcntl", "no locks on this disk"])
+def test_without_locks_it_goes_on(tmp_path, monkeypatch, kind):
+    if kind == "no fcntl":
+        monkeypatch.setattr(lock, "fcntl", None)
+    else:
+
+        def none_here(*_: object) -> None:
+            raise OSError(37, "No locks available")
+
+        monkeypatch.setattr(lock.fcntl, "flock", none_here)
+    with sole_writer(tmp_path), sole_writer(tmp_path):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_cannot_be_made_is_named(tmp_path):
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(OSError) as error, sole_writer(tmp_path / "file" / "below"):
+        raise AssertionError
+    assert str(tmp_path / "file") in str(error.value.filename)

@@ -1,0 +1,123 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from marssim.base.camera import NATECAM, PinholeCamera, StereoRig, look_pose
+
+positive = st.floats(0.3, 80)
+pixels = st.tuples(st.floats(0, 511), st.floats(0, 511))
+
+
+def test_natecam_is_the_papers_rig():
+    assert NATECAM.fb == pytest.approx(160.893)
+    assert np.rad2deg(NATECAM.camera.fov) == pytest.approx((46.5, 46.5), abs=0.02)
+    assert (NATECAM.camera.cx, NATECAM.camera.cy) == (255.5, 255.5)
+    assert NATECAM.depth_to_disparity(np.array(15.0)) == pytest.approx(10.726, abs=1e-3)
+
+
+@given(pixels, positive)
+def test_unprojected_pixels_project_back(pixel, depth):
+    camera = NATECAM.camera
+    u, v = round(pixel[0]), round(pixel[1])
+    point = camera.rays()[v, u] * depth
+    assert camera.project(point) == pytest.approx((u, v), abs=1e-9)
+    assert point[2] == depth
+
+
+@given(positive)
+def test_disparity_and_depth_are_inverse(depth):
+    assert NATECAM.disparity_to_depth(NATECAM.depth_to_disparity(np.array(depth))) == pytest.approx(depth)
+
+
+@given(pixels, positive)
+def test_a_point_is_shifted_by_its_disparity_in_the_right_eye(pixel, depth):
+    pose = look_pose(np.array([1.0, -2.0, 1.2]), 0.7, 0.3, 0.1)
+    right = NATECAM.right_pose(pose)
+    camera = NATECAM.camera
+    ray = np.array([(pixel[0] - camera.cx) / camera.fx, (pixel[1] - camera.cy) / camera.fy, 1])
+    world = pose[:3, :3] @ (ray * depth) + pose[:3, 3]
+    in_right = right[:3, :3].T @ (world - right[:3, 3])
+    u, v = camera.project(in_right)
+    assert v == pytest.approx(pixel[1], abs=1e-6)
+    assert pixel[0] - u == pytest.approx(float(NATECAM.depth_to_disparity(np.array(depth))), abs=1e-6)
+
+
+def test_no_match_is_infinitely_far_and_back():
+    disparity = np.array([0.0, -1.0, np.nan])
+    assert np.isinf(NATECAM.disparity_to_depth(disparity)).all()
+    assert (NATECAM.depth_to_disparity(np.array([np.inf, np.nan, -1.0])) == 0).all()
+
+
+def test_integers_are_converted_as_floats_are_and_floats_keep_their_precision():
+    whole = np.array([0, 3, 64])
+    for convert in (NATECAM.disparity_to_depth, NATECAM.depth_to_disparity):
+        assert np.array_equal(convert(whole), convert(whole.astype(float)))
+        assert convert(whole.astype(np.float32)).dtype == np.float32
+
+
+@given(st.integers(0, 100), st.integers(0, 100))
+def test_cropping_keeps_the_rays(x, y):
+    part = NATECAM.camera.cropped(x, y, 64, 48)
+    assert np.allclose(part.rays(), NATECAM.camera.rays()[y : y + 48, x : x + 64])
+
+
+@given(st.integers(16, 1024), st.integers(16, 1024))
+def test_resizing_keeps_the_field_of_view(width, height):
+    assert NATECAM.camera.resized(width, height).fov == pytest.approx(NATECAM.camera.fov)
+
+
+@given(st.floats(-3, 3), st.floats(-1.2, 1.2), st.floats(-1, 1))
+def test_look_pose_is_a_rotation_that_looks_where_it_says(yaw, pitch, roll):
+    pose = look_pose(np.zeros(3), yaw, pitch, roll)
+    turn = pose[:3, :3]
+    assert np.allclose(turn @ turn.T, np.eye(3))
+    assert np.linalg.det(turn) == pytest.approx(1)
+    assert np.allclose(turn[:, 2], [np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), -np.sin(pitch)])
+    if roll == 0:
+        assert turn[2, 0] == pytest.approx(0)  # the x axis stays level
+        assert turn[2, 1] < 0  # image down is world down
+
+
+def test_positive_roll_turns_the_camera_clockwise():
+    right = look_pose(np.zeros(3), 0, 0, np.deg2rad(10))[:3, 0]
+    assert right[2] < 0  # its right side sinks
+
+
+def test_rig_survives_json_and_names_a_missing_field():
+    assert StereoRig.from_dict(NATECAM.to_dict()) == NATECAM
+    broken = NATECAM.to_dict()
+    del broken["baseline"]
+    with pytest.raises(ValueError, match="baseline"):
+        StereoRig.from_dict(broken)
+
+
+@pytest.mark.parametrize("name", NATECAM.to_dict())
+@pytest.mark.parametrize("value", ["a", "5", None, [], True, float("inf"), -float("inf"), float("nan"), 10**400])
+def test_a_malformed_field_of_a_rig_is_named(name, value):
+    with pytest.raises(ValueError, match=rf"^stereo rig: field '{name}' must be a .* number"):
+        StereoRig.from_dict({**NATECAM.to_dict(), name: value})
+
+
+def test_a_rig_out_of_range_or_of_another_form_is_told():
+    for name, value in (("width", 0), ("height", -3), ("fx", 0), ("fy", -1.0), ("baseline", 0), ("baseline", 120)):
+        with pytest.raises(ValueError, match=f"stereo rig: {name} must be"):
+            StereoRig.from_dict({**NATECAM.to_dict(), name: value})
+    with pytest.raises(ValueError, match="'height' must be a whole number"):
+        StereoRig.from_dict({**NATECAM.to_dict(), "height": 511.5})
+    with pytest.raises(ValueError, match="is a list"):
+        StereoRig.from_dict([1, 2])
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [{"fx": 0.0}, {"width": 0}, {"height": float("nan")}, {"fy": float("nan")}, {"cx": float("nan")}, {"cy": np.inf}],
+)
+def test_impossible_cameras_are_refused_by_the_fields_name(bad):
+    with pytest.raises(ValueError, match=f"^{next(iter(bad))} must be"):
+        PinholeCamera(**{"width": 4, "height": 4, "fx": 1.0, "fy": 1.0, "cx": 1.5, "cy": 1.5, **bad})
+
+
+def test_depth_of_another_size_is_refused():
+    with pytest.raises(ValueError, match="pixels"):
+        NATECAM.camera.unproject(np.ones((3, 4)))

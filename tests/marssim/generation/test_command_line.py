@@ -1,0 +1,89 @@
+import json
+import shlex
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from marssim.base.camera import PinholeCamera, StereoRig
+from marssim.generation.command_line import command_flags
+from marssim.generation.config import GenerateConfig, parse_generate
+from marssim.scene.scene import PRESETS, preset
+
+
+def again(config: GenerateConfig) -> GenerateConfig:
+    """The config that its own flags give."""
+    flags = command_flags(config)
+    assert flags is not None
+    return parse_generate("generate", None, ["--out", str(config.out), *shlex.split(flags)])
+
+
+def asked(*flags: object) -> GenerateConfig:
+    return parse_generate("generate", None, ["--out", "x", *map(str, flags)])
+
+
+@pytest.mark.parametrize(
+    "flags",
+    [
+        (),
+        ("--pairs", 7, "--seed", 3, "--renderer", "embree", "--views-per-scene", 2),
+        ("--scene", "gale", "--rocks.k", 0.1, "--look.sun-elevation-deg", 10, 20, "--size", 20, "--horizon", 50.5),
+        ("--scene", "jezero", "--trajectory", "--drive.step", 0.3, "--view.roll-deg", -3, 3),
+        ("--scene", "mixed", "--rocks.k", 0.15, "--relief.hurst", 1 / 3),
+        ("--rig.width", 640, "--rig.height", 400, "--rig.focal", 500.25, "--rig.baseline", 0.4, "--rig.cx", 300),
+        ("--rig.focal-y", 600, "--rig.cy", 200.5),
+        ("--sensor.rotation-deg", 0, 0, "--sensor.psf", 0.3, 0.7),
+        ("--rasterizer", "egl"),
+    ],
+)
+def test_the_flags_of_a_config_give_it_again(flags):
+    assert again(asked(*flags)) == asked(*flags)
+
+
+def test_a_heightmap_is_among_them(tmp_path):
+    np.save(tmp_path / "a map.npy", np.zeros((300, 300)))
+    config = asked("--relief.heightmap", tmp_path / "a map.npy", "--relief.heightmap-scale", 1, "--scene", "hard")
+    drawn = replace(config.scenes[0], relief=replace(config.scenes[0].relief, heightmap_at=None))
+    for scenes in (config.scenes, (drawn,)):
+        assert again(replace(config, scenes=scenes)) == replace(config, scenes=scenes)
+
+
+@settings(max_examples=8, deadline=None)  # a command line takes a while to be parsed
+@given(
+    seed=st.integers(0, 2**70),
+    fx=st.floats(1, 5000), fy=st.floats(1, 5000), cx=st.floats(-100, 100), baseline=st.floats(1e-3, 10),
+    k=st.floats(0, 0.4), dust=st.tuples(st.floats(0, 12), st.floats(0, 12)).map(sorted),
+)  # fmt: skip
+def test_numbers_come_back_to_the_last_bit(seed, fx, fy, cx, baseline, k, dust):
+    gale = preset("gale")
+    scene = replace(gale, rocks=replace(gale.rocks, k=k), look=replace(gale.look, optical_depth=tuple(dust)))
+    rig = StereoRig(PinholeCamera(64, 48, fx, fy, cx, 23.5), baseline)
+    config = replace(asked(), seed=seed, rig=rig, scenes=(scene,))
+    assert again(config) == config
+
+
+def test_who_renders_and_where_to_is_left_out():
+    flags = command_flags(asked("--workers", 3, "--scheduler", "tcp://a:1", "--pairs", 5))
+    assert flags == "--pairs 5 --seed 0 --scene utopia"
+
+
+def test_scenes_that_no_flags_give():
+    gale, hard = preset("gale"), preset("hard")
+    rough = replace(gale, relief=replace(gale.relief, rms_slope_deg=9.0))
+    every = tuple(map(preset, PRESETS))
+    for scenes in ((gale, hard), (gale, rough), (replace(gale, preset="mine"),), every[::-1]):
+        assert command_flags(replace(asked(), scenes=scenes)) is None
+    mixed = replace(asked(), scenes=(*every[:-1], replace(hard, size=9.0)))
+    assert command_flags(mixed) is None
+    assert command_flags(replace(mixed, scenes=tuple(replace(scene, size=9.0) for scene in every))) is not None
+
+
+def test_every_setting_that_decides_the_content_is_in_them():
+    """A field that is added to the run's config is noted without anything to be done."""
+    config = asked()
+    for field in fields(config):
+        if field.name not in ("out", "workers", "scheduler", "scenes", "rig"):
+            found = {**config.content(), "pairs": 1, "drive": 1, "rasterizer": 1}  # the last two: where they count
+            assert field.name in json.dumps(found), field.name

@@ -1,0 +1,184 @@
+import json
+import math
+from dataclasses import fields, replace
+from pathlib import Path
+
+import pytest
+
+from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
+from marssim.base.command.run import parse
+from marssim.base.dataset.dataset import split_of
+from marssim.generation.config import GenerateConfig, GenerateOptions, RigOptions, parse_generate
+from marssim.scene.relief import ReliefConfig
+from marssim.scene.rocks import RockConfig
+from marssim.scene.scene import PRESETS, LookConfig, SceneConfig, preset
+
+
+def asked(*args: object) -> GenerateConfig:
+    return parse_generate("generate", None, ["--out", "x", *map(str, args)])
+
+
+def shown(capsys, *args: str) -> str:
+    with pytest.raises(SystemExit, match="0"):
+        parse_generate("generate", None, [*args, "--help"])
+    return " ".join(capsys.readouterr().out.replace("│", " ").split())
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_place_alone_is_its_preset(name):
+    config = asked("--scene", name)
+    assert config.scenes == (preset(name),) and type(config.scenes[0]) is SceneConfig
+    assert config.place == name and config.rig == NATECAM
+    assert config == GenerateConfig(out=config.out, scenes=(preset(name),))
+
+
+def test_the_last_scene_counts_however_it_is_written():
+    assert asked("--scene", "gale", "--scene=hard").scenes == (preset("hard"),)
+    assert asked("--scene=hard", "--scene", "gale").scenes == (preset("gale"),)
+
+
+def test_knobs_change_the_place_and_nothing_else():
+    gale = preset("gale")
+    config = asked("--scene", "gale", "--rocks.k", 0.1, "--relief.hurst", 0.6, "--look.sun-elevation-deg", 10, 20,
+                   "--horizon", 50)  # fmt: skip
+    assert config.scenes == (
+        replace(
+            gale,
+            rocks=replace(gale.rocks, k=0.1),
+            relief=replace(gale.relief, hurst=0.6),
+            look=replace(gale.look, sun_elevation_deg=(10.0, 20.0)),
+            horizon=50.0,
+        ),
+    )
+
+
+def test_knobs_hold_for_every_place_of_mixed():
+    config = asked("--scene", "mixed", "--rocks.k", preset("jezero").rocks.k)
+    assert config.place == "mixed" and [s.preset for s in config.scenes] == list(PRESETS)
+    for scene in config.scenes:
+        whole = preset(scene.preset)
+        assert scene == replace(whole, rocks=replace(whole.rocks, k=preset("jezero").rocks.k))
+
+
+def test_help_shows_the_values_of_the_place(capsys):
+    for name in ("gale", "hard"):
+        text = shown(capsys, "--scene", name)
+        assert f"(Golombek's k: Utopia .033, Viking 2 .15) (default: {preset(name).rocks.k})" in text
+
+
+def test_every_field_of_the_scene_is_a_flag_and_says_what_it_is(capsys):
+    """Also one that is added later: nothing lists them but the configs themselves."""
+    text = shown(capsys)
+    for part, config in (("rocks", RockConfig), ("relief", ReliefConfig), ("look", LookConfig)):
+        for field in fields(config):
+            flag = f"--{part}.{field.name.replace('_', '-')} "
+            assert flag in text, flag
+            after = text.split(flag, 1)[1].split(" --", 1)[0]
+            assert len(after.split("(default", 1)[0].split()) > 4, f"{flag} has no help"
+    assert "--preset" not in text and "--knobs" not in text
+
+
+def test_cameras_by_flags():
+    rig = asked("--rig.width", 640, "--rig.height", 400, "--rig.focal", 500, "--rig.baseline", 0.4).rig
+    assert rig == StereoRig(PinholeCamera.centred(640, 400, 500.0), 0.4)
+    assert asked("--rig.cx", 250.25).rig.camera.cx == 250.25
+    assert asked("--rig.focal-y", 610).rig == replace(NATECAM, camera=replace(NATECAM.camera, fy=610.0))
+    assert RigOptions().rig() == NATECAM
+
+
+def test_cameras_by_a_file(tmp_path):
+    rig = StereoRig(PinholeCamera(320, 200, 300.0, 301.0, 160.0, 99.0), 0.12)
+    file = tmp_path / "rig.json"
+    file.write_text(json.dumps(rig.to_dict()))
+    assert asked("--rig-file", file).rig == rig
+    with pytest.raises(ValueError, match=r"--rig-file .*not together with --rig"):
+        asked("--rig-file", file, "--rig.width", 100)
+    for content, told in (
+        ("{", "is not JSON: "),
+        ("{}", "field 'width' is missing"),
+        ('{"width": "wide"}', "field 'width' must be a whole number"),
+        (json.dumps({**rig.to_dict(), "fx": -1}), "fx must be positive"),
+        ("[]", "not a JSON object"),
+        ("5", "not a JSON object"),
+        *(('{"a":' * deep + "1" + "}" * deep, "within each other") for deep in (70, 900, 100_000)),
+        (json.dumps({**rig.to_dict(), "k1": 0.1}), "unknown field k1; a rig has width, height, fx"),
+        ("\xff", "is not JSON: "),
+    ):
+        file.write_text(content, encoding="latin-1")
+        with pytest.raises(ValueError, match=rf"^--rig-file {file}: ") as error:
+            asked("--rig-file", file)
+        assert told in str(error.value) and "\n" not in str(error.value)
+    with pytest.raises(ValueError, match=rf"^--rig-file {tmp_path}: is a directory$"):
+        asked("--rig-file", tmp_path)
+
+
+def test_more_pairs_than_memory_has_names_for_are_refused():
+    with pytest.raises(ValueError, match=r"^--pairs must be at most 10000000, got 100000000000000000000$"):
+        asked("--pairs", 10**20)
+
+
+@pytest.mark.parametrize(("flag", "value"), [("--drive.step", 1), ("--drive.speed", 0.1)])
+def test_how_a_drive_goes_is_refused_where_there_is_none(flag, value):
+    with pytest.raises(ValueError, match=rf"^{flag} says how a drive goes, which needs --trajectory$"):
+        asked(flag, value)
+    assert asked(flag, value, "--trajectory").trajectory
+
+
+def test_what_decides_the_content_is_noted_and_the_rest_is_not():
+    first = asked("--scene", "gale")
+    same = asked("--scene", "gale", "--pairs", 7, "--workers", 3, "--scheduler", "tcp://a:1")
+    assert first.content() == same.content()
+    changes = [("--seed", 1), ("--rocks.k", 0.2), ("--rig.focal", 500), ("--trajectory",), ("--view.roll-deg", 0, 0)]
+    changes += [("--sensor.rotation-deg", 0, 0), ("--views-per-scene", 2), ("--renderer", "embree"), ("--size", 20)]
+    noted = [json.dumps(asked("--scene", "gale", *change).content(), sort_keys=True) for change in changes]
+    assert len({*noted, json.dumps(first.content(), sort_keys=True)}) == len(changes) + 1
+    drives = [asked("--trajectory", "--drive.step", step).content() for step in (0.2, 0.3)]
+    assert drives[0] != drives[1]
+
+
+def test_every_scene_is_noted_in_the_order_of_the_draw(tmp_path):
+    """Also two of one preset."""
+    rough = preset("gale", relief=replace(preset("gale").relief, rms_slope_deg=9.0))
+    orders = [(preset("gale"), rough), (rough, preset("gale")), (rough,), (rough, rough)]
+    noted = [GenerateConfig(out=tmp_path, scenes=scenes).content()["scenes"] for scenes in orders]
+    assert [len(scenes) for scenes in noted] == [2, 2, 1, 2]
+    assert noted[0] == noted[1][::-1] != noted[1] and noted[3] == noted[2] * 2
+
+
+def places(count: int, seed: int, scenes: int) -> list[int]:
+    """Which of so many configs each scene of a dataset is drawn from."""
+    configs = [preset("gale", size=10.0 + n) for n in range(count)]
+    config = GenerateConfig(out=Path("x"), scenes=tuple(configs), seed=seed)
+    return [configs.index(config.scene_config(scene)) for scene in range(scenes)]
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 7, 10])
+@pytest.mark.parametrize("seed", [0, 1, 2**40])
+def test_places_come_by_turns_and_each_split_has_all_of_them(count, seed):
+    """Every block has each once; over count * lcm(count, 10) scenes each split has each equally often."""
+    cycle = count * math.lcm(count, 10)
+    drawn = places(count, seed, 2 * cycle)
+    for start in range(0, len(drawn), count):
+        assert sorted(drawn[start : start + count]) == list(range(count))
+    for part in (drawn[:cycle], drawn[cycle:]):
+        for split, share in (("train", 0.7), ("val", 0.2), ("test", 0.1)):
+            own = [place for scene, place in enumerate(part) if split_of(scene) == split]
+            assert [own.count(place) for place in range(count)] == [round(share * cycle / count)] * count
+
+
+def test_the_order_of_the_places_follows_from_the_seed():
+    assert places(5, 3, 100) == places(5, 3, 100) != places(5, 4, 100)
+    orders = {tuple(places(5, seed, 5)) for seed in range(60)}
+    assert len(orders) > 30  # of 120
+    first = [places(5, seed, 2)[1] for seed in range(300)]  # the scene that is the test split of a small dataset
+    assert min(first.count(place) for place in range(5)) > 30
+
+
+def test_a_config_needs_a_scene(tmp_path):
+    with pytest.raises(ValueError, match="scenes"):
+        GenerateConfig(out=tmp_path, scenes=())
+
+
+def test_options_have_no_place_of_their_own_choice():
+    """Parsed without a preset's values, they are those of the first place."""
+    assert parse(GenerateOptions, "generate", None, ["--out", "x"]).scene == PRESETS[0]

@@ -1,0 +1,62 @@
+"""What a sample says of the scene that it shows."""
+
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from marssim.base.camera import NATECAM
+from marssim.base.dataset.dataset import StereoSample
+from marssim.generate import GenerateConfig, generate
+from marssim.render.sensor import SensorConfig
+from marssim.scene.scene import Look, SceneConfig, build_scene, preset
+
+SMALL = preset("gale", size=12.0, horizon=16.0)
+
+
+def pair(out: Path, scene: SceneConfig = SMALL, **changes) -> StereoSample:
+    """The only pair of a dataset."""
+    asked = GenerateConfig(
+        out=out, pairs=1, views_per_scene=1, renderer="scan", seed=4, rig=NATECAM.resized(48, 48), scenes=(scene,)
+    )
+    return generate(replace(asked, **changes))[0]
+
+
+@pytest.fixture(scope="module")
+def sample(tmp_path_factory) -> StereoSample:
+    return pair(tmp_path_factory.mktemp("views") / "set")
+
+
+def test_every_value_of_the_look_is_recorded(sample):
+    look = build_scene(SMALL, np.random.default_rng((4, 0))).look
+    assert {f.name for f in fields(Look)} <= set(sample.meta)
+    for field in fields(Look):
+        assert np.array_equal(sample.meta[field.name], getattr(look, field.name)), field.name
+
+
+def test_ranges_narrowed_to_what_was_recorded_give_the_same_images(sample, tmp_path):
+    """So nothing that a range of the look or the sensor decided is missing, the sun's two angles being the vector's."""
+    drawn = {name: (sample.meta[name],) * 2 for name in vars(SMALL.look) if name in sample.meta}
+    assert set(vars(SMALL.look)) - set(drawn) == {"sun_azimuth_deg"}
+    del drawn["sun_elevation_deg"]  # a rounding error away
+    scene = replace(SMALL, look=replace(SMALL.look, **drawn))
+    sensor = SensorConfig(**{name: (value, value) for name, value in sample.meta["sensor"].items()})
+    again = pair(tmp_path / "set", scene, sensor=sensor)
+    assert again.meta["scene_config"] != sample.meta["scene_config"]
+    assert again.meta["sha256"] == sample.meta["sha256"]
+
+
+def test_a_heightmap_is_recorded_with_its_place_and_datum(sample, tmp_path):
+    """So that the cameras' places can be told in the map: they stand as high above its ground as they were asked to."""
+    assert "heightmap" not in sample.meta
+    east = np.arange(160) - 79.5
+    np.save(tmp_path / "map.npy", np.tile(-2500 + 0.05 * east, (160, 1)))
+    relief = replace(SMALL.relief, heightmap=str(tmp_path / "map.npy"), heightmap_scale=1.0, heightmap_at=None)
+    bare = replace(relief, ripple_amplitude=0.0, crater_density=0.0)
+    seen = pair(tmp_path / "set", replace(SMALL, relief=bare))
+    told, eye = seen.meta["heightmap"], np.array(seen.meta["pose"])[:3, 3]
+    assert np.abs(told["at"]).min() > 1
+    ground = -2500 + 0.05 * (told["at"][0] + eye[0])
+    assert 1.14 < eye[2] + told["datum"] - ground < 1.26
+    assert "`datum`" in (tmp_path / "set" / "README.md").read_text()

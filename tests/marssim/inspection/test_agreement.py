@@ -1,0 +1,132 @@
+"""The measure of agreement itself: it must find a shift that is there, of a maker that is off on purpose."""
+
+import json
+
+import numpy as np
+import pytest
+
+from marssim.base.camera import PinholeCamera, look_pose
+from marssim.inspection.agreement import Agreement, ShiftFit, agreements
+from marssim.inspection.tilted_planes import plane, plane_shift
+from marssim.render.geometry.gbuffer import GBuffer
+from marssim.render.renderers.embree_renderer import Raycaster
+from marssim.scene.rocks import RockConfig
+from marssim.scene.scene import Scene, SceneConfig, build_scene
+
+CAMERA = PinholeCamera(144, 128, 160.0, 175.0, 60.3, 71.7)
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return build_scene(SceneConfig(size=8.0, horizon=16.0, rocks=RockConfig(k=0.15)), np.random.default_rng(5))
+
+
+@pytest.fixture(scope="module")
+def tracer(scene):
+    maker = Raycaster(scene)
+    yield maker
+    maker.close()
+
+
+@pytest.fixture(scope="module")
+def poses(scene) -> list[np.ndarray]:
+    places = [(-2.0, -1.0, 0.5, 10), (1.0, 0.5, 2.0, 25), (0.0, 2.0, 4.0, 35)]
+    heights = [float(scene.terrain.height_at(np.array(x), np.array(y))) + 1.2 for x, y, _, _ in places]
+    return [
+        look_pose(np.array([x, y, z]), yaw, np.deg2rad(pitch), 0.1) for (x, y, yaw, pitch), z in zip(places, heights)
+    ]
+
+
+def agreement(maker, tracer, camera, poses) -> Agreement:
+    return agreements({"it": maker}, tracer, camera, poses)["it"]
+
+
+class OffCentre:
+    """Sees (du, dv) [px] beside the pixel centres, and depth by a factor."""
+
+    def __init__(self, tracer: Raycaster, du: float = 0.0, dv: float = 0.0, factor: float = 1.0) -> None:
+        self.tracer, self.du, self.dv, self.factor = tracer, du, dv, factor
+
+    def render(self, camera: PinholeCamera, pose: np.ndarray) -> GBuffer:
+        rays = camera.rays() + np.array([self.du / camera.fx, self.dv / camera.fy, 0])
+        depth, normal, shading, surface = self.tracer.trace(rays.reshape(-1, 3), pose)
+        shape = (camera.height, camera.width)
+        return GBuffer(
+            (depth * self.factor).reshape(shape), normal.reshape(*shape, 3), shading.reshape(*shape, 3),
+            surface.reshape(shape),
+        )  # fmt: skip
+
+
+def test_a_maker_agrees_with_itself(tracer, poses):
+    found = agreement(tracer, tracer, CAMERA, poses)
+    assert (found.views, found.surface, found.depth) == (3, 1.0, 1.0) and found.good
+    assert np.abs([found.smooth, found.silhouette]).max() < 1e-5
+
+
+@pytest.mark.parametrize(("du", "dv"), [(0.1, 0.0), (0.0, 0.1), (-0.3, 0.2), (0.06, -0.06)])
+def test_a_shift_is_found_by_planes_and_by_silhouettes(tracer, poses, du, dv):
+    found = agreement(OffCentre(tracer, du, dv), tracer, CAMERA, poses)
+    assert found.smooth == pytest.approx([du, dv], abs=0.02)
+    # rocks of a few pixels bend the indicator, the more the larger the shift; up to 0.1 px it is exact enough
+    assert found.silhouette == pytest.approx([du, dv], abs=0.02 + 0.25 * np.hypot(du, dv))
+    assert not found.good
+
+
+def test_half_a_pixel_hides_in_the_depths_but_not_in_the_shift(tracer, poses):
+    found = agreement(OffCentre(tracer, 0.5), tracer, CAMERA, poses)
+    assert found.surface > 0.96 and found.smooth[0] == pytest.approx(0.5, abs=0.05) and not found.good
+
+
+def test_wrong_depth_is_found(tracer, poses):
+    assert agreement(OffCentre(tracer, factor=1.004), tracer, CAMERA, poses).depth == 1
+    assert agreement(OffCentre(tracer, factor=1.006), tracer, CAMERA, poses).depth == 0
+
+
+def test_what_tells_nothing_is_no_agreement():
+    fit = ShiftFit()
+    fit.add(np.ones((4, 4)), lambda du, dv: np.ones((4, 4)), np.ones((4, 4), bool))
+    assert np.isnan(fit.shift).all()
+    found = Agreement(1, 1.0, 1.0, fit.shift, np.zeros(2))
+    assert not found.good
+    assert json.loads(json.dumps(found.report(), allow_nan=False))["smooth_px"] == [None, None]
+
+
+def test_the_view_that_agrees_least_counts(tracer, poses):
+    class OnceWrong(OffCentre):
+        def render(self, camera, pose):
+            self.factor = 1.01 if pose is poses[1] else 1.0
+            return super().render(camera, pose)
+
+    found = agreement(OnceWrong(tracer), tracer, CAMERA, poses)
+    assert found.depth == 0.0 and found.surface == 1.0 and not found.good
+
+
+def test_what_is_drawn_is_looked_at_before_it_is_made_exact(tracer, poses):
+    """On smooth ground, where an exact G-buffer hides that the picture was off."""
+
+    class DrawnBeside(OffCentre):
+        def render(self, camera, pose):
+            return self.tracer.render(camera, pose)
+
+        def drawn(self, camera, pose):
+            view = super().render(camera, pose)
+            return view.depth.astype(float), view.surface
+
+    found = agreement(DrawnBeside(tracer, 0.1, -0.2), tracer, CAMERA, poses)
+    assert found.smooth == pytest.approx([0.1, -0.2], abs=0.02) and found.depth == 1.0
+
+
+def test_shifts_are_found_on_tilted_planes():
+    assert np.abs(plane_shift(Raycaster, CAMERA)).max() < 1e-4
+
+    class Off(Raycaster):
+        def render(self, camera, pose):
+            return OffCentre(self, 0.06, -0.03).render(camera, pose)
+
+    assert plane_shift(Off, CAMERA) == pytest.approx([0.06, -0.03], abs=1e-3)
+    assert np.isnan(plane_shift(Raycaster, CAMERA, azimuths_deg=(0.0,))).all()  # level across: u is not told
+
+
+def test_a_plane_is_the_one_that_is_asked_for():
+    terrain, at = plane(np.array([0.2, -0.1])).terrain, np.array([[-3.0, 2.0], [0.3, 0.1], [7.0, -9.0]])
+    assert terrain.height_at(*at.T) == pytest.approx(at @ [0.2, -0.1], abs=1e-9)

@@ -1,0 +1,202 @@
+"""Each way in which a dataset can be broken is found, and named by its file."""
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from marssim.base.dataset.dataset import IMAGES, DatasetError, StereoDataset, sample_digest, write_index
+from marssim.inspection.integrity import LEFT, check_extra, check_index, check_samples, check_trajectories
+from marssim.scene.trajectory import tum_lines
+
+SAMPLE = "scenes/00001/01"
+
+
+@pytest.fixture
+def folder(closed_form_set, tmp_path) -> Path:
+    return shutil.copytree(closed_form_set, tmp_path / "set")
+
+
+def findings(folder: Path, own: Path | None = None) -> list[str]:
+    dataset = StereoDataset(folder)
+    found = check_index(dataset)
+    for _, problems in check_samples(dataset):
+        found += problems
+    return [str(finding) for finding in found + check_trajectories(dataset) + check_extra(dataset, own)]
+
+
+def change(path: Path, edit: Callable[[dict], object]) -> None:
+    content = json.loads(path.read_text())
+    edit(content)
+    path.write_text(json.dumps(content))
+
+
+def test_a_good_dataset_has_no_findings(folder):
+    assert findings(folder) == []
+    assert [name for name, _ in check_samples(StereoDataset(folder), threads=3)] == StereoDataset(folder).names
+
+
+def record(folder: Path, occluded: bytes) -> None:
+    """Give the sample that occlusion mask, with hashes as they should be."""
+    (folder / SAMPLE / "occluded.png").write_bytes(occluded)
+    digest = hashlib.sha256(occluded).hexdigest()
+    change(folder / SAMPLE / "sample.json", lambda c: c["sha256"].update({"occluded.png": digest}))
+    whole = sample_digest(folder / SAMPLE)
+    change(folder / "dataset.json", lambda c: c["samples"][3].update(sha256=whole))
+
+
+@pytest.mark.parametrize("name", IMAGES)
+def test_every_image_is_watched(folder, name):
+    file = folder / SAMPLE / name
+    data = file.read_bytes()
+    for broken, said in (
+        (data[:-20], "truncated"),
+        (data + b"x", "other content than recorded"),
+        (b"", "empty"),
+        (data[:60] + bytes([data[60] ^ 1]) + data[61:], "other content than recorded"),
+    ):
+        file.write_bytes(broken)
+        assert findings(folder) == [f"{SAMPLE}/{name}: {said}"]
+    file.unlink()
+    assert findings(folder) == [f"{SAMPLE}/{name}: missing"]
+    file.mkdir()
+    assert len(findings(folder)) == 2 and "cannot be read" in findings(folder)[0]
+
+
+def test_a_wrong_file_with_a_right_hash_is_told_by_its_header(folder):
+    """Someone wrote the sample anew, hashes and all, yet with an image of another size or kind."""
+    for image in (np.zeros((5, 7), np.uint8), np.zeros((48, 64, 3), np.uint8), np.zeros((48, 64), np.uint16)):
+        record(folder, cv2.imencode(".png", image)[1].tobytes())
+        found = findings(folder)
+        assert len(found) == 1 and found[0].startswith(f"{SAMPLE}/occluded.png: is ")
+
+
+def test_what_is_no_png_is_told_although_its_hash_is_right(folder):
+    image = (folder / SAMPLE / "occluded.png").read_bytes()
+    for data in (b"", image[:20], image[:-1], bytes(16) + image[16:], image[:8]):
+        record(folder, data)
+        assert findings(folder) == [f"{SAMPLE}/occluded.png: {'is no whole PNG image' if data else 'empty'}"]
+    record(folder, image)
+    assert findings(folder) == []
+
+
+@pytest.mark.parametrize(
+    ("edit", "said"),
+    [
+        (lambda c: c.pop("rig"), "rig"),
+        (lambda c: c["rig"].pop("fx"), "fx"),
+        (lambda c: c["rig"].update(baseline=-1), "baseline"),
+        (lambda c: c.pop("pose"), "pose"),
+        (lambda c: c["pose"].pop(), "pose"),
+        (lambda c: c.update(pose="north"), "pose"),
+        (lambda c: c["pose"][0].__setitem__(0, 3.0), "pose"),
+        (lambda c: c.update(sun=[0, 0, 2]), "sun"),
+        (lambda c: c.update(sun="high"), "sun"),
+        (lambda c: c.update(sun_elevation_deg=31.0), "sun_elevation_deg"),
+        (lambda c: c.pop("sun_elevation_deg"), "sun_elevation_deg"),
+        (lambda c: c.update(sha256={}), "sha256"),
+        (lambda c: c["sha256"].update({"left.png": "0" * 64}), "other content than dataset.json records"),
+        (lambda c: c.update(preset="hard"), "other content than dataset.json records"),
+        (lambda c: c["scene_config"]["rocks"].update(k=0.0701), "other content than dataset.json records"),
+        (lambda c: c.update(note="mine"), "other content than dataset.json records"),
+    ],
+)
+def test_a_broken_sample_json(folder, edit, said):
+    change(folder / SAMPLE / "sample.json", edit)
+    found = findings(folder)
+    assert found and found[0].startswith(f"{SAMPLE}/sample.json: ") and said in found[0]
+    assert all(finding.startswith(SAMPLE) for finding in found)
+
+
+def test_no_json_no_sample(folder):
+    (folder / SAMPLE / "sample.json").write_text("{")
+    (folder / SAMPLE / "left.png").unlink()
+    first, second = findings(folder)
+    assert first.startswith(f"{SAMPLE}/sample.json: ") and second == f"{SAMPLE}/left.png: missing"
+    shutil.rmtree(folder / SAMPLE)
+    assert findings(folder) == [f"{SAMPLE}: missing"]
+
+
+def test_a_report_may_lie_deeper_in_the_dataset(folder):
+    own = folder / "reports" / "today"
+    own.mkdir(parents=True)
+    (own / "statistics.png").write_text("")
+    assert findings(folder, own) == []
+    (folder / "reports" / "notes.txt").write_text("mine")
+    assert findings(folder, own) == ["reports/notes.txt: a file that the dataset does not have"]
+
+
+def test_what_does_not_belong_is_named(folder):
+    (folder / SAMPLE / "left.png~").write_text("a backup")
+    (folder / "scenes" / "00001" / ".02.partial").mkdir()
+    shutil.copytree(folder / SAMPLE, folder / "scenes" / "00007" / "00")
+    (folder / "notes.txt").write_text("mine")
+    (folder / "README.md").write_text("of the dataset")
+    (folder / "report").mkdir()
+    (folder / ".lock").write_text("")
+    (folder / ".README.md.12.part").write_text("half")
+    found = set(findings(folder, folder / "report"))
+    assert found == {
+        f"{SAMPLE}/left.png~: a file that the dataset does not have",
+        f"scenes/00001/.02.partial: {LEFT}",
+        f".README.md.12.part: {LEFT}",
+        "scenes/00007: a folder that the index does not list",
+        "notes.txt: a file that the dataset does not have",
+    }
+
+
+def test_the_index_is_watched(folder):
+    change(folder / "dataset.json", lambda c: c["samples"][2].update(split="train"))
+    change(folder / "dataset.json", lambda c: c["samples"].append(c["samples"][0]))
+    found = findings(folder)
+    assert "dataset.json: 00001/00 is in train, its scene belongs to test" in found
+    assert "dataset.json: lists 00000/00 twice" in found and len(found) == 2
+
+
+def test_a_whole_sample_put_in_place_of_another_is_found(folder):
+    shutil.rmtree(folder / SAMPLE)
+    shutil.copytree(folder / "scenes/00001/00", folder / SAMPLE)
+    assert findings(folder) == [f"{SAMPLE}/sample.json: other content than dataset.json records"]
+
+
+def test_a_drive_has_its_poses_beside_it(folder):
+    drive = {}
+    for name in StereoDataset(folder).names:
+        file = folder / "scenes" / name / "sample.json"
+        change(file, lambda c: c.update(timestamp=4.0 * c["view"]))
+        drive.setdefault(name[:5], []).append(json.loads(file.read_text()))
+    write_index(folder, {"trajectory": True}, StereoDataset(folder).names)
+    for scene, metas in drive.items():
+        text = tum_lines([meta["timestamp"] for meta in metas], np.array([meta["pose"] for meta in metas]))
+        (folder / "scenes" / scene / "trajectory.txt").write_text(text)
+    assert findings(folder) == []
+    short, moved = folder / "scenes/00002/trajectory.txt", folder / "scenes/00001/trajectory.txt"
+    short.write_text("".join(short.read_text().splitlines(keepends=True)[:-1]))
+    moved.write_text(moved.read_text().replace("1.000000000", "1.000000001", 1))
+    (folder / "scenes/00003/trajectory.txt").unlink()
+    assert findings(folder) == [
+        "scenes/00001/trajectory.txt: other poses or times than those of the views",
+        "scenes/00002/trajectory.txt: other poses or times than those of the views",
+        "scenes/00003/trajectory.txt: missing, or cannot be read",
+    ]
+
+
+def test_the_settings_are_those_that_the_index_holds(folder):
+    settings = {"seed": 3, "command": "--seed 3"}
+    (folder / "generate.json").write_text(json.dumps(settings))
+    assert findings(folder) == []
+    (folder / "generate.json").write_text(json.dumps({**settings, "seed": 4}))
+    assert findings(folder) == ["generate.json: other settings than dataset.json holds"]
+    (folder / "generate.json").write_text("{")
+    assert len(findings(folder)) == 1 and findings(folder)[0].startswith("generate.json: is not JSON")
+
+
+def test_data_of_an_older_version_are_not_called_good(folder):
+    change(folder / "dataset.json", lambda c: c.update(version=1))
+    with pytest.raises(DatasetError, match=r"dataset\.json: is of version 1, .* leave out sample\.json; .* anew"):
+        findings(folder)

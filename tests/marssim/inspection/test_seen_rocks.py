@@ -1,0 +1,81 @@
+"""Rocks of known width on ground of known area; then rendered scenes against what was asked of them."""
+
+import numpy as np
+import pytest
+
+from marssim.base.camera import PinholeCamera, StereoRig, look_pose
+from marssim.base.dataset.dataset import StereoSample, read_sample
+from marssim.inspection.seen_rocks import DIAMETERS, REACH, RockCover, seen_rocks
+from marssim.render.renderers.embree_renderer import Raycaster
+from marssim.scene.golombek import sampling_spread
+from marssim.scene.rocks import RockConfig
+from marssim.scene.scene import SceneConfig, build_scene
+
+RIG = StereoRig(PinholeCamera.centred(256, 256, 298.0), 0.27)
+
+
+def rendered(depth: np.ndarray, normal: np.ndarray, rock: np.ndarray, pose: np.ndarray) -> StereoSample:
+    image, nothing = np.zeros((*depth.shape, 3), np.uint8), np.zeros(depth.shape, bool)
+    return StereoSample(
+        image, image, depth, RIG.depth_to_disparity(depth), normal, depth < 15, nothing, rock, RIG,
+        {"pose": pose.tolist()},
+    )  # fmt: skip
+
+
+def test_a_board_has_its_width(closed_form_set):
+    sample = read_sample(closed_form_set / "scenes" / "00000" / "00")
+    number, diameter, _ = seen_rocks(sample, 6.0)
+    assert number.tolist() == [1] and diameter == pytest.approx([0.9], abs=0.03)
+    assert len(seen_rocks(sample, 2.0)[0]) == 0  # it stands 3 m away
+
+
+def test_level_ground_has_its_area():
+    pose = look_pose(np.array([3.0, 1.0, 1.2]), 0.7, np.deg2rad(25))
+    camera = RIG.camera
+    slope = camera.rays() @ -pose[2, :3]
+    depth = np.where(slope > 1e-3, 1.2 / np.where(slope > 0, slope, 1), np.inf).astype(np.float32)
+    normal = np.broadcast_to((pose[:3, :3].T @ [0, 0, 1.0]).astype(np.float32), (*depth.shape, 3))
+    _, _, area = seen_rocks(rendered(depth, normal, np.zeros(depth.shape, np.int32), pose), 5.0)
+    # the same patch counted on the map, on a grid of 2 cm
+    x, y = np.meshgrid(np.arange(-6, 6, 0.02), np.arange(-6, 6, 0.02))
+    spot = np.stack([x, y, np.full_like(x, -1.2)], axis=-1) @ pose[:3, :3]
+    u, v = np.moveaxis(camera.project(spot), -1, 0)
+    inside = (np.abs(u - 127.5) < 128) & (np.abs(v - 127.5) < 128) & (np.hypot(x, y) <= 5)
+    assert area == pytest.approx(inside.sum() * 0.02**2, rel=0.01)
+
+
+def test_rocks_are_about_as_wide_as_their_outlines_from_above():
+    """Every rock's own diameter, which is that of its outline on the map, against its width from the side."""
+    scene = build_scene(SceneConfig(size=16.0, horizon=24.0, rocks=RockConfig(k=0.1)), np.random.default_rng(1))
+    maker = Raycaster(scene)
+    seen, drawn, cover, there = [], [], RockCover(), 0.0
+    for n in range(6):
+        at = np.array([2.5 * np.cos(n), 2.5 * np.sin(n)])
+        pose = look_pose(np.array([*at, float(scene.terrain.height_at(*at)) + 1.6]), 0.8 * n, np.deg2rad(25))
+        view = maker.render(RIG.camera, pose)
+        sample = rendered(view.depth, view.normal, np.maximum(view.surface, 0), pose)
+        number, diameter, _ = seen_rocks(sample)
+        seen.append(diameter)
+        drawn.append(scene.rocks.diameter[number - 1])
+        cover.add(sample, 0.1)
+        offset = scene.rocks.centre - pose[:3, 3]
+        u, v = RIG.camera.project(offset @ pose[:3, :3]).T
+        in_view = (np.abs(u - 127.5) < 128) & (np.abs(v - 127.5) < 128) & (np.hypot(*offset[:, :2].T) <= REACH)
+        there += np.pi / 4 * (scene.rocks.diameter[in_view & (scene.rocks.diameter >= 0.1)] ** 2).sum()
+    maker.close()
+    width, outline = np.concatenate(seen), np.concatenate(drawn)
+    large = outline > 0.1
+    assert large.sum() > 50
+    assert np.median(width[large] / outline[large]) == pytest.approx(1, abs=0.12)
+    assert (width[large] ** 2).sum() / (outline[large] ** 2).sum() == pytest.approx(1, abs=0.25)
+    report = cover.report()
+    assert report["seen"][0] * report["ground_m2"] == pytest.approx(there, rel=0.2)  # also what is hidden or cut
+    assert (np.diff(report["seen"]) <= 0).all() and report["asked"][0] == pytest.approx(0.1 * np.exp(-0.331), abs=1e-3)
+    assert f"D {DIAMETERS[0]} m" in cover.table()
+    total = sampling_spread(np.array(DIAMETERS), 0.1, report["ground_m2"])
+    assert report["spread"] == pytest.approx(total.tolist())  # however the ground is parted into views
+    assert f"spread {total[0]:.2%}" in cover.table()
+
+
+def test_nothing_seen():
+    assert RockCover().report() == {} and RockCover().table() == ""

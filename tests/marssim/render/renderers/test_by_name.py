@@ -1,0 +1,48 @@
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from marssim.render.renderers.by_name import make_renderer
+from marssim.scene.rocks import RockConfig
+from marssim.scene.scene import SceneConfig, build_scene
+
+
+def test_all_renderers_are_there_by_name():
+    scene = build_scene(SceneConfig(size=4.0, horizon=6.0, rocks=RockConfig(k=0.0)), np.random.default_rng(0))
+    embree, scan = make_renderer("embree", scene), make_renderer("scan", scene)
+    embree.close()
+    scan.close()
+    pytest.importorskip("pybullet")
+    bullet = make_renderer("pybullet", scene)
+    bullet.close()
+    names = [type(maker).__name__ for maker in (embree, scan, bullet)]
+    assert names == ["Raycaster", "Scanner", "Rasterizer"]
+
+
+def test_another_name_is_no_renderer():
+    scene = build_scene(SceneConfig(size=4.0, horizon=6.0, rocks=RockConfig(k=0.0)), np.random.default_rng(0))
+    with pytest.raises(ValueError, match="renderer 'embre' is unknown; choose from pybullet, embree, scan"):
+        make_renderer("embre", scene)
+
+
+def test_scanning_needs_neither_embree_nor_pybullet():
+    code = (
+        "import sys; sys.modules.update(embreex=None, pybullet=None); import numpy as np;"
+        "from marssim.render.renderers.by_name import make_renderer; from marssim.base.camera import NATECAM;"
+        "from marssim.scene.scene import SceneConfig, build_scene;"
+        "scene = build_scene(SceneConfig(size=4.0, horizon=6.0), np.random.default_rng(0));"
+        "pose = np.diag([1.0, -1, -1, 1]); pose[2, 3] = 5.0;"
+        "print(make_renderer('scan', scene).render(NATECAM.resized(32, 32).camera, pose).hit.mean())"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert float(found.stdout) == 1.0
+
+
+def test_the_renderers_need_no_command_line():
+    code = (
+        "import sys, marssim.render.renderers.by_name; print({'tyro', 'tqdm', 'marssim.generate'} & set(sys.modules))"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "set()"

@@ -1,0 +1,239 @@
+"""Embree's rays and scan conversion against closed forms (plane, sphere) and a brute-force ray-triangle test."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from marssim.base.camera import PinholeCamera, look_pose
+from marssim.render.geometry.gbuffer import GROUND, SKY, GBufferMaker
+from marssim.render.geometry.mesh import Mesh
+from marssim.render.geometry.visibility import SELF_GAP
+from marssim.render.renderers.by_name import make_renderer
+from marssim.render.renderers.embree_renderer import MeshCaster
+from marssim.scene.rocks import RockConfig, icosphere
+from marssim.scene.scene import Scene, SceneConfig, build_scene
+from marssim.scene.terrain import HeightGrid, Terrain
+
+CAMERA = PinholeCamera(96, 80, 110.0, 125.0, 40.3, 44.7)  # principal point off the middle, fx != fy
+SPHERE = icosphere(6)
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return build_scene(SceneConfig(size=8.0, horizon=16.0, rocks=RockConfig(k=0.15)), np.random.default_rng(5))
+
+
+@pytest.fixture(scope="module", params=["embree", "scan"])
+def raycaster(request, scene):
+    maker = make_renderer(request.param, scene)
+    yield maker
+    maker.close()
+
+
+@pytest.fixture(scope="module")
+def pose(scene):
+    height = float(scene.terrain.height_at(np.array(-2.0), np.array(-1.0)))
+    return look_pose(np.array([-2.0, -1.0, height + 1.2]), 0.5, np.deg2rad(20), 0.05)
+
+
+@pytest.fixture(scope="module")
+def bare() -> Scene:
+    config = SceneConfig(size=4.0, horizon=12.0, cell=0.5, rocks=RockConfig(k=0.0))
+    return build_scene(config, np.random.default_rng(0))
+
+
+def plane_terrain(slope_x: float, slope_y: float) -> Terrain:
+    def grid(half: float, cell: float) -> HeightGrid:
+        axis = np.linspace(-half, half, round(2 * half / cell) + 1)
+        return HeightGrid(slope_x * axis[None, :] + slope_y * axis[:, None], -half, -half, cell)
+
+    return Terrain(grid(2.0, 0.5), grid(12.0, 1.0))
+
+
+def nearest_hit(origin: np.ndarray, direction: np.ndarray, corners: np.ndarray) -> float:
+    """Smallest t > 0 at which origin + t direction meets a triangle of corners (F, 3, 3): Moeller and Trumbore."""
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    across = np.cross(direction, second)
+    determinant = (first * across).sum(axis=1)
+    inverse = 1 / np.where(determinant == 0, np.nan, determinant)
+    offset = origin - corners[:, 0]
+    u = (offset * across).sum(axis=1) * inverse
+    over = np.cross(offset, first)
+    v = over @ direction * inverse
+    t = (second * over).sum(axis=1) * inverse
+    meets = (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 1e-9)
+    return float(t[meets].min(initial=np.inf))
+
+
+@pytest.fixture(scope="module")
+def corners(scene) -> np.ndarray:
+    terrain = scene.terrain
+    meshes = [terrain.fine.mesh(), terrain.coarse.mesh(terrain.coarse_cells), (scene.rocks.vertices, scene.rocks.faces)]
+    return np.concatenate([vertices[faces] for vertices, faces in meshes])
+
+
+@pytest.mark.parametrize("name", ["embree", "scan"])
+@settings(max_examples=20)
+@given(
+    slope=st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5)),
+    yaw=st.floats(0, 6.28),
+    pitch=st.floats(-0.2, 1.5),
+    roll=st.floats(-0.5, 0.5),
+)
+def test_a_tilted_plane_has_its_closed_form(bare, name, slope, yaw, pitch, roll):
+    maker = make_renderer(name, replace(bare, terrain=plane_terrain(*slope)))
+    eye = np.array([0.3, -0.2, 0.3 * slope[0] - 0.2 * slope[1] + 1.2])
+    pose = look_pose(eye, yaw, pitch, roll)
+    view = maker.render(CAMERA, pose)
+    up = np.array([-slope[0], -slope[1], 1.0]) / np.sqrt(1 + slope[0] ** 2 + slope[1] ** 2)
+    rays = CAMERA.rays() @ pose[:3, :3].T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = -(eye @ up) / (rays @ up)
+        place = np.abs(eye + depth[..., None] * rays)[..., :2].max(axis=-1)
+    there = (depth > 0) & (place < 11.9)
+    nothing = ~(depth > 0) | (place > 12.1)
+    assert (view.surface[there] == GROUND).all()
+    assert np.allclose(view.depth[there], depth[there], rtol=1e-4)
+    assert np.allclose(view.normal[there], pose[:3, :3].T @ up, atol=1e-5)
+    assert np.allclose(view.shading_normal[there], up, atol=1e-5)
+    assert (view.surface[nothing] == SKY).all() and np.isinf(view.depth[nothing]).all()
+
+
+def sphere_caster(centre: np.ndarray, radius: float) -> MeshCaster:
+    direction, faces = SPHERE
+    return MeshCaster(
+        [Mesh(centre + radius * direction, faces, np.full(len(faces), 7, np.int32), direction.astype(np.float32))]
+    )
+
+
+@pytest.mark.parametrize("distance", [3.0, 0.4])  # from outside, and from within the sphere
+def test_a_sphere_has_its_closed_form(distance):
+    pose = look_pose(np.array([0.5, 0.2, 1.0]), 2.0, 0.3, 0.1)
+    centre, radius = pose[:3, 3] + distance * pose[:3, 2], 1.0
+    rays = CAMERA.rays().reshape(-1, 3)
+    depth, normal, shading, surface = sphere_caster(centre, radius).trace(rays, pose)
+    # |t r - (0, 0, distance)| = radius in the camera frame
+    a, b, c = (rays**2).sum(axis=1), -2 * distance * rays[:, 2], distance**2 - radius**2
+    root = b * b - 4 * a * c
+    side = -1 if distance > radius else 1
+    expected = (-b + side * np.sqrt(np.maximum(root, 0))) / (2 * a)
+    outward = (rays * expected[:, None] - [0, 0, distance]) / radius * -side
+    facing = -np.einsum("ij,ij->i", outward, rays / np.sqrt(a)[:, None])
+    clear = (root > 0) & (facing > 0.35)  # a faceted silhouette is not that of the sphere
+    assert clear.sum() > 1000
+    assert (surface[clear] == 7).all() and (surface[root < -0.01] == SKY).all()
+    assert np.allclose(depth[clear], expected[clear], rtol=1e-4)
+    direction, faces = SPHERE
+    facet = np.cross(direction[faces[:, 1]] - direction[faces[:, 0]], direction[faces[:, 2]] - direction[faces[:, 0]])
+    facet /= np.linalg.norm(facet, axis=1, keepdims=True)
+    steepest = np.einsum("fi,fvi->fv", facet, direction[faces]).min()  # cos of a facet's normal to its corners'
+    assert np.einsum("ij,ij->i", normal[clear], outward[clear]).min() > steepest - 1e-5
+    inward = 1 if distance > radius else -1  # vertex normals point out of the sphere and are not turned
+    assert np.allclose(shading[clear] @ pose[:3, :3] * inward, outward[clear], atol=2e-3)
+
+
+def test_normals_are_unit_and_face_the_camera(raycaster, pose):
+    view = raycaster.render(CAMERA, pose)
+    hit = view.hit
+    assert 0.3 < hit.mean() < 1
+    assert np.allclose(np.linalg.norm(view.normal[hit], axis=1), 1, atol=1e-5)
+    assert np.allclose(np.linalg.norm(view.shading_normal[hit], axis=1), 1, atol=1e-5)
+    assert (np.einsum("ij,ij->i", view.normal[hit], CAMERA.rays()[hit]) <= 1e-6).all()
+    assert np.isinf(view.depth[~hit]).all() and not view.normal[~hit].any() and not view.shading_normal[~hit].any()
+
+
+def test_the_sky_alone(raycaster, pose):
+    view = raycaster.render(CAMERA, look_pose(pose[:3, 3], 0.0, np.deg2rad(-70)))
+    assert (view.surface == SKY).all() and np.isinf(view.depth).all()
+
+
+def test_surface_ids_name_what_stands_there(scene, raycaster, pose):
+    view = raycaster.render(CAMERA, pose)
+    points = view.world(CAMERA, pose)
+    ground = points[view.surface == GROUND]
+    assert np.allclose(ground[:, 2], scene.terrain.height_at(ground[:, 0], ground[:, 1]), atol=1e-4)
+    rock = view.surface > GROUND
+    assert len(np.unique(view.surface[rock])) > 10
+    for surface in np.unique(view.surface[rock]):
+        corner = scene.rocks.vertices[scene.rocks.faces[scene.rocks.face_rock == surface - 1]].reshape(-1, 3)
+        seen = points[view.surface == surface]
+        assert (seen >= corner.min(axis=0) - 1e-4).all() and (seen <= corner.max(axis=0) + 1e-4).all()
+
+
+def test_rays_are_those_of_brute_force(raycaster, pose, corners):
+    rays = CAMERA.rays().reshape(-1, 3)[np.random.default_rng(0).choice(96 * 80, 30, replace=False)]
+    depth = raycaster.trace(rays, pose)[0]
+    expected = [nearest_hit(pose[:3, 3], pose[:3, :3] @ ray, corners) for ray in rays]
+    assert np.isinf(expected).any() and np.isfinite(expected).sum() > 15
+    assert np.allclose(depth, expected, rtol=1e-5)
+
+
+def balanced(answer: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Indices of 25 yes and 25 no."""
+    return np.concatenate([rng.choice(np.flatnonzero(answer == value), 25, replace=False) for value in (True, False)])
+
+
+def test_shadows_are_those_of_brute_force(scene, raycaster, pose, corners):
+    view = raycaster.render(CAMERA, pose)
+    points, normals = view.world(CAMERA, pose)[view.hit], view.normal[view.hit] @ pose[:3, :3].T
+    facing = normals @ scene.look.sun > 0
+    lit = raycaster.lit(points, normals)
+    assert not lit[~facing].any()
+    points, normals, lit = points[facing], normals[facing], lit[facing]
+    for n in balanced(lit, np.random.default_rng(0)):
+        blocked = np.isfinite(nearest_hit(points[n] + SELF_GAP * normals[n], scene.look.sun, corners))
+        assert lit[n] != blocked
+
+
+def test_what_another_eye_sees_is_that_of_brute_force(raycaster, pose, corners):
+    view = raycaster.render(CAMERA, pose)
+    points, normals = view.world(CAMERA, pose)[view.hit], view.normal[view.hit] @ pose[:3, :3].T
+    eye = pose[:3, 3] + 1.5 * pose[:3, 0] - 0.7 * np.array([0, 0, 1])
+    facing = np.einsum("ij,ij->i", normals, eye - points) > 0
+    seen = raycaster.seen_from(points, normals, eye)
+    assert not seen[~facing].any()
+    points, normals, seen = points[facing], normals[facing], seen[facing]
+    for n in balanced(seen, np.random.default_rng(1)):
+        start = points[n] + SELF_GAP * normals[n]
+        assert seen[n] == (nearest_hit(start, eye - points[n], corners) > 1)
+
+
+def test_what_stands_behind_the_eye_hides_nothing():
+    sphere = sphere_caster(np.array([0.0, 0.0, 5.0]), 1.0)
+    start, up = np.zeros((2, 3)), np.array([[0.0, 0.0, 1.0]] * 2)
+    assert sphere.free(start, up, up, np.array([3.9, 4.1])).tolist() == [True, False]
+    assert not sphere.free(start, up, up, None).any()
+
+
+def test_rays_between_pixels_are_those_of_a_shifted_camera(raycaster, pose):
+    shifted = replace(CAMERA, cx=CAMERA.cx - 0.25, cy=CAMERA.cy + 0.5)
+    step = np.array([0.25 / CAMERA.fx, -0.5 / CAMERA.fy, 0])
+    depth, _, _, surface = raycaster.trace(CAMERA.rays().reshape(-1, 3) + step, pose)
+    view = raycaster.render(shifted, pose)
+    assert (surface.reshape(view.surface.shape) == view.surface).mean() > 0.999
+    assert np.isclose(depth.reshape(view.depth.shape), view.depth, rtol=1e-5).mean() > 0.998
+
+
+def test_it_can_stand_in_for_any_maker(raycaster):
+    maker: GBufferMaker = raycaster
+    none = np.zeros((0, 3))
+    assert maker.lit(none, none).shape == maker.seen_from(none, none, np.zeros(3)).shape == (0,)
+
+
+@pytest.mark.parametrize("name", ["embree", "scan"])
+def test_close_twice_and_use_after(bare, name):
+    maker = make_renderer(name, bare)
+    maker.close()
+    maker.close()
+    point = np.array([[0.0, 0.0, 0.0]])
+    up = np.array([[0.0, 0.0, 1.0]])
+    for use in (
+        lambda: maker.render(CAMERA, np.eye(4)),
+        lambda: maker.lit(point, up),
+        lambda: maker.seen_from(point, up, np.array([0.0, 0.0, 2.0])),
+    ):
+        with pytest.raises(RuntimeError, match="closed"):
+            use()

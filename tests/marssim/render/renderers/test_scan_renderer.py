@@ -1,0 +1,109 @@
+"""Scan conversion against Embree's rays, which know nothing of pixels, near the ground and far from it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from marssim.base.camera import PinholeCamera, look_pose
+from marssim.render.geometry.gbuffer import GROUND
+from marssim.render.geometry.mesh import scene_mesh
+from marssim.render.geometry.projection import Projection
+from marssim.render.geometry.raster import first_faces, matching_faces
+from marssim.render.geometry.scan import nearest
+from marssim.render.renderers.embree_renderer import Raycaster
+from marssim.render.renderers.scan_renderer import Scanner
+from marssim.scene.rocks import RockConfig
+from marssim.scene.scene import Scene, SceneConfig, build_scene
+
+CAMERA = PinholeCamera(140, 100, 150.0, 135.0, 61.2, 53.7)  # principal point off the middle, fx != fy
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return build_scene(SceneConfig(size=8.0, horizon=20.0, rocks=RockConfig(k=0.2)), np.random.default_rng(5))
+
+
+@pytest.fixture(scope="module")
+def scanner(scene) -> Scanner:
+    return Scanner(scene)
+
+
+@pytest.fixture(scope="module")
+def caster(scene):
+    caster = Raycaster(scene)
+    yield caster
+    caster.close()
+
+
+def pose_at(scene, x, y, above, yaw, pitch, roll) -> np.ndarray:
+    return look_pose(np.array([x, y, float(scene.terrain.height_at(x, y)) + above]), yaw, pitch, roll)
+
+
+@settings(max_examples=25)
+@given(
+    place=st.tuples(st.floats(-3, 3), st.floats(-3, 3)),
+    above=st.sampled_from([0.35, 1.2, 1.2, 6.0]),  # low down triangles reach behind the eye
+    yaw=st.floats(0, 6.28),
+    pitch=st.floats(-0.3, 1.55),
+    roll=st.floats(-0.6, 0.6),
+)
+def test_it_sees_what_embree_sees(scene, scanner, caster, place, above, yaw, pitch, roll):
+    pose = pose_at(scene, *place, above, yaw, pitch, roll)
+    scanned, shot = scanner.render(CAMERA, pose), caster.render(CAMERA, pose)
+    # Embree works in float32: at silhouettes a ray may pass on the other side
+    assert (scanned.surface == shot.surface).mean() > 0.999
+    both = scanned.hit & shot.hit
+    if not both.any():
+        return
+    off = np.abs(scanned.depth[both] / shot.depth[both] - 1)
+    assert (off < 1e-5).mean() > 0.998 and np.median(off) < 1e-6
+    turn = np.einsum("ij,ij->i", scanned.normal[both], shot.normal[both])
+    assert (turn > 0.99999).mean() > 0.998
+
+
+def test_it_sees_what_rays_between_the_pixels_see(scene, scanner):
+    """The same rays as points of no raster, looked up by bins."""
+    mesh = scene_mesh(scene)
+    rays = CAMERA.rays().reshape(-1, 3)
+    x, y = np.ascontiguousarray(rays[:, 0]), np.ascontiguousarray(rays[:, 1])
+    for n, above in enumerate((0.4, 1.2, 3.0)):
+        pose = pose_at(scene, n - 1.0, 0.5, above, 2.0 * n, 0.25 * n, 0.1)
+        face = first_faces(mesh, CAMERA, pose)
+        assert (face >= 0).mean() > 0.4
+        assert (face == nearest(mesh, Projection.of_eye(pose), x, y)).mean() > 0.9999
+
+
+def test_a_part_of_the_image_is_that_part_of_the_whole(scene, scanner):
+    pose = pose_at(scene, 1.0, -1.0, 1.2, 0.7, 0.3, -0.1)
+    whole, part = scanner.render(CAMERA, pose), scanner.render(CAMERA.cropped(30, 20, 64, 48), pose)
+    assert np.array_equal(part.surface, whole.surface[20:68, 30:94])
+    assert np.allclose(part.depth, whole.depth[20:68, 30:94], rtol=1e-6)
+
+
+def test_matching_finds_the_face_of_the_surface_that_is_asked_for(scene):
+    """Also where another surface stands before it."""
+    mesh = scene_mesh(scene)
+    pose = pose_at(scene, 0.0, 0.0, 1.2, 1.0, 0.4, 0.0)
+    first = first_faces(mesh, CAMERA, pose)
+    shape = (CAMERA.height, CAMERA.width)
+    surface = np.where(first >= 0, mesh.surface[first], -1).reshape(shape)
+    depth = Scanner(scene).render(CAMERA, pose).depth
+    at = first >= 0
+    assert (
+        matching_faces(mesh, mesh.surface, CAMERA, pose, depth, surface.astype(np.int32))[at] == first[at]
+    ).mean() > 0.9999
+    behind = matching_faces(mesh, mesh.surface, CAMERA, pose, depth, np.full(shape, GROUND, dtype=np.int32))
+    rock = surface.ravel() > GROUND
+    assert rock.mean() > 0.05 and (behind[rock] >= 0).mean() > 0.95
+    assert (mesh.surface[behind[behind >= 0]] == GROUND).all()
+    bare = Scanner(
+        replace(scene, rocks=build_scene(SceneConfig(size=8.0, rocks=RockConfig(k=0)), np.random.default_rng(0)).rocks)
+    ).render(CAMERA, pose)
+    seen = rock & (behind >= 0)
+    corners = mesh.vertices[mesh.faces[behind[seen]]]
+    ground = bare.world(CAMERA, pose).reshape(-1, 3)[seen]
+    assert (ground[:, None, :2] >= corners[..., :2].min(axis=1, keepdims=True) - 1e-3).all(axis=(1, 2)).mean() > 0.98
+    assert (ground[:, None, :2] <= corners[..., :2].max(axis=1, keepdims=True) + 1e-3).all(axis=(1, 2)).mean() > 0.98

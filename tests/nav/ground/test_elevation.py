@@ -1,0 +1,244 @@
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rock_world import SMALL_RIG, RockWorld, body_pose
+
+from marssim.base.camera import NATECAM, look_pose
+from marssim.base.rover_spec import ZHURONG
+from nav.ground.elevation import ElevationConfig, ElevationMap
+
+SMALL = ElevationConfig(size=24.0)
+
+
+def look(elevation, world, pose, confidence=None, pan=0.0):
+    camera = pose @ ZHURONG.mount.left_eye(SMALL_RIG.baseline, pan)
+    return elevation.integrate(world.depth(SMALL_RIG, camera), confidence, SMALL_RIG, camera)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.floats(-0.15, 0.15), st.floats(-0.15, 0.15), st.floats(-3, 3))
+def test_map_of_a_plane_is_the_plane(slope_x, slope_y, yaw):
+    elevation = ElevationMap(SMALL)
+    camera = look_pose([0.3, -0.2, 1.2], yaw, np.deg2rad(20))
+    elevation.integrate(RockWorld(slope=(slope_x, slope_y)).depth(SMALL_RIG, camera), None, SMALL_RIG, camera)
+    x, y = elevation.centres()
+    plane = slope_x * x[None, :] + slope_y * y[:, None]
+    known = elevation.known
+    assert known.sum() > 500
+    # Inside a cell the plane itself rises by up to slope x cell.
+    tolerance = 0.05 * (abs(slope_x) + abs(slope_y)) + 0.002
+    assert np.abs(elevation.top - plane)[known].max() < tolerance
+    assert np.abs(elevation.low - plane)[known].max() < tolerance
+
+
+def test_only_what_the_camera_sees_becomes_known():
+    elevation = ElevationMap(SMALL)
+    look(elevation, RockWorld(), body_pose(0, 0, 0))
+    x, y = elevation.centres()
+    bearing = np.abs(np.arctan2(y[:, None], x[None, :] - ZHURONG.mount.x))
+    ahead = x[None, :] - ZHURONG.mount.x + 0 * y[:, None]
+    assert not elevation.known[(bearing > np.deg2rad(36)) & (ahead > 1)].any()
+    assert not elevation.known[ahead < 1.1].any()
+    assert elevation.known[(bearing < np.deg2rad(20)) & (ahead > 1.5) & (ahead < 4)].mean() > 0.97
+
+
+def test_a_rock_keeps_its_height_and_hides_what_is_behind():
+    elevation = ElevationMap(SMALL)
+    look(elevation, RockWorld(boxes=np.array([[4.0, 0.0, 0.3, 0.3, 0.6]])), body_pose(0, 0, 0))
+    ix, iy = elevation.cell_of(np.array([3.7, 0.0]))
+    assert 0.5 < elevation.top[iy, ix - 1 : ix + 2].max() < 0.61
+    # The shadow is 0.6 / (1.2 - 0.6) times the distance long.
+    for behind in (4.6, 5.5, 6.5):
+        bx, by = elevation.cell_of(np.array([behind, 0.0]))
+        assert not elevation.known[by, bx]
+
+
+def test_rock_does_not_melt_over_many_looks():
+    elevation, world = ElevationMap(SMALL), RockWorld(domes=np.array([[5.0, 0.2, 0.4, 0.4]]))
+    for x in np.arange(0, 2.4, 0.4):
+        look(elevation, world, body_pose(x, 0, 0))
+    ix, iy = elevation.cell_of(np.array([5.0, 0.2]))
+    assert np.nanmax(elevation.top[iy - 4 : iy + 5, ix - 4 : ix + 5]) > 0.35
+
+
+def test_a_stray_far_point_fades_when_seen_from_near():
+    elevation, camera = ElevationMap(SMALL), body_pose(0, 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline)
+    depth = RockWorld().depth(SMALL_RIG, camera)
+    far = np.argwhere((depth > 7.9) & (depth < 8.1))[:, 0].max()
+    depth[far - 12 : far, 90:100] = 8.0
+    elevation.integrate(depth, None, SMALL_RIG, camera)
+    assert np.nanmax(elevation.top) > 0.2
+    for x in (3.0, 3.4, 3.8, 4.2, 4.6):
+        look(elevation, RockWorld(), body_pose(x, 0, 0))
+    assert np.nanmax(elevation.top) < 0.08
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_no_depth_makes_nothing_known(value):
+    elevation = ElevationMap(SMALL)
+    depth = np.full((192, 192), value, np.float32)
+    assert elevation.integrate(depth, None, SMALL_RIG, body_pose(0, 0, 0)) == 0
+    assert not elevation.known.any()
+
+
+def test_nan_pixels_stay_unknown_and_low_confidence_too():
+    camera = body_pose(0, 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline)
+    depth = RockWorld().depth(SMALL_RIG, camera)
+    holed = depth.copy()
+    holed[:, :96] = np.nan
+    confidence = np.ones_like(depth)
+    confidence[:, :96] = 0.1
+    for d, c in ((holed, None), (depth, confidence)):
+        elevation = ElevationMap(SMALL)
+        elevation.integrate(d, c, SMALL_RIG, camera)
+        _, y = elevation.centres()
+        assert elevation.known[y < -0.2].any()
+        assert not elevation.known[y > 0.2].any()
+
+
+def alone_and_both(depth):
+    """(H, W) bool: pixels that the left eye alone sees, by the geometry of the rig; and the others."""
+    outside = np.arange(192)[None, :] - SMALL_RIG.depth_to_disparity(depth) < 0
+    return outside, ~outside
+
+
+def test_what_one_eye_sees_makes_ground_known_only_where_it_is_sure():
+    camera = body_pose(0, 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline)
+    depth = RockWorld().depth(SMALL_RIG, camera)
+    alone, both = alone_and_both(depth)
+    known = {}
+    for name, d, confidence in (
+        ("unsure", depth, np.full_like(depth, 0.6)),
+        ("sure", depth, np.full_like(depth, 0.8)),
+        ("overlap", np.where(both, depth, np.nan), None),
+    ):
+        elevation = ElevationMap(SMALL)
+        elevation.integrate(d, confidence, SMALL_RIG, camera)
+        known[name] = elevation.known
+    assert alone[96:].mean() > 0.1 and known["overlap"].sum() > 300
+    assert known["unsure"][known["overlap"]].all()
+    assert (known["unsure"] & ~known["overlap"]).sum() < 0.03 * known["overlap"].sum()  # beside NaN is an edge
+    assert known["sure"].sum() > 1.05 * known["overlap"].sum()
+
+
+def test_what_one_eye_sees_may_warn():
+    """The same rock, unsure and seen by the left eye alone, stands in the map; the ground about it does not."""
+    camera = body_pose(0, 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline)
+    world = RockWorld(boxes=np.array([[4.0, 1.5, 0.15, 0.06, 0.4]]))
+    depth = world.depth(SMALL_RIG, camera)
+    on_rock = depth < RockWorld().depth(SMALL_RIG, camera) - 0.01
+    assert on_rock.sum() > 100 and alone_and_both(depth)[0][on_rock].mean() > 0.97
+    elevation = ElevationMap(SMALL)
+    elevation.integrate(depth, np.full_like(depth, 0.6), SMALL_RIG, camera)
+    x, y = elevation.centres()
+    near = (np.abs(x[None, :] - 3.85) < 0.3) & (np.abs(y[:, None] - 1.5) < 0.25)
+    assert np.nanmax(elevation.top[near]) == pytest.approx(0.4, abs=0.05)
+    left = (x[None, :] > 2.5) & (x[None, :] < 6) & (y[:, None] > 0.45 * x[None, :])
+    assert np.nanmin(elevation.top[left], initial=1.0) > 0.1
+
+
+@pytest.mark.parametrize(("rows", "columns", "stands"), [(1, 1, False), (8, 8, True)])
+def test_few_points_need_company_to_stand_out(rows, columns, stands):
+    """Pixels a little too near, 0.74 px at 10 m, hang 0.12 m above the ground; that is no edge of depth."""
+    camera = body_pose(0, 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline)
+    disparity = SMALL_RIG.depth_to_disparity(RockWorld().depth(SMALL_RIG, camera))
+    row = int(np.argmin(np.abs(disparity[:, 96] - SMALL_RIG.fb / 10)))
+    disparity[row - rows + 1 : row + 1, 96 : 96 + columns] += 0.74
+    depth = SMALL_RIG.disparity_to_depth(disparity).astype(np.float32)
+    elevation = ElevationMap(SMALL)
+    elevation.integrate(depth, None, SMALL_RIG, camera)
+    assert (np.nanmax(elevation.top) > 0.1) == stands
+    trusting = ElevationMap(ElevationConfig(size=24.0, few=0))
+    trusting.integrate(depth, None, SMALL_RIG, camera)
+    assert np.nanmax(trusting.top) > 0.1
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_one_stray_point_among_many_is_neither_top_nor_ground(sign):
+    """At 3.5 m a cell has a dozen points; 0.5 px of disparity are 4 cm of height. Several such are believed."""
+    camera = body_pose(0, 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline)
+    level = SMALL_RIG.depth_to_disparity(RockWorld().depth(SMALL_RIG, camera))
+    row = int(np.argmin(np.abs(level[:, 96] - SMALL_RIG.fb / 3.5)))
+    extremes = []
+    for width in (1, 3):
+        disparity = level.copy()
+        disparity[row, 96 : 96 + width] += 0.5 * sign
+        elevation = ElevationMap(SMALL)
+        elevation.integrate(SMALL_RIG.disparity_to_depth(disparity).astype(np.float32), None, SMALL_RIG, camera)
+        extremes.append(np.nanmax(sign * (elevation.top if sign > 0 else elevation.low)))
+    assert extremes[0] < 0.005 and extremes[1] > 0.025
+
+
+def test_trust_grows_with_looks_up_to_four():
+    elevation, weights = ElevationMap(SMALL), []
+    for _ in range(8):
+        look(elevation, RockWorld(), body_pose(0, 0, 0))
+        weights.append(elevation.weight[elevation.measured])
+    for n, expected in enumerate((1, 2, 3, 4, 4, 4, 4, 4)):
+        np.testing.assert_allclose(weights[n], expected * weights[0], rtol=1e-5)
+
+
+@pytest.mark.parametrize("distance", [2.5, 4.0, 6.0])
+def test_low_rocks_keep_their_height(distance):
+    camera = body_pose(0, 0, 0) @ ZHURONG.mount.left_eye(NATECAM.baseline)
+    world = RockWorld(domes=np.array([[distance, 0.1, 0.25, 0.2]]))
+    elevation = ElevationMap(SMALL)
+    elevation.integrate(world.depth(NATECAM, camera), None, NATECAM, camera)
+    assert np.nanmax(elevation.top) == pytest.approx(0.19, abs=0.011)
+
+
+def test_flying_pixels_are_edges_not_ground():
+    """Disparities that are averaged across a rock's outline hang in its shadow, where nothing is to be seen."""
+    world = RockWorld(boxes=np.array([[4.0, 0.0, 0.3, 0.3, 0.6]]))
+    camera = body_pose(0, 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline)
+    disparity = SMALL_RIG.depth_to_disparity(world.depth(SMALL_RIG, camera))
+    blurred = cv2.blur(disparity.astype(np.float32), (3, 3))
+    blurred[disparity == 0] = 0  # the sky stays
+    depth = SMALL_RIG.disparity_to_depth(blurred).astype(np.float32)
+    hanging = []
+    for jump in (ElevationConfig().edge_jump, 100.0):
+        elevation = ElevationMap(ElevationConfig(size=24.0, edge_jump=jump))
+        elevation.integrate(depth, None, SMALL_RIG, camera)
+        x, y = elevation.centres()
+        shadow = (x[None, :] > 4.5) & (x[None, :] < 6.5) & (np.abs(y[:, None]) < 0.25)
+        hanging.append(elevation.known[shadow].sum())
+        assert elevation.known.sum() > 1000
+    assert hanging[0] == 0 < hanging[1]
+
+
+def test_scrolling_keeps_heights_where_they_are_in_the_world():
+    elevation, world = ElevationMap(SMALL), RockWorld(slope=(0.1, -0.05))
+    camera = look_pose([0, 0, 1.2], 0.0, np.deg2rad(20))
+    elevation.integrate(world.depth(SMALL_RIG, camera), None, SMALL_RIG, camera)
+    before = elevation.known.sum()
+    assert elevation.recentre(np.array([6.0, 1.0]))
+    x, y = elevation.centres()
+    known = elevation.known
+    assert known.sum() == before
+    plane = 0.1 * x[None, :] - 0.05 * y[:, None]
+    assert np.abs(elevation.top - plane)[known].max() < 0.02 and np.abs(elevation.low - plane)[known].max() < 0.02
+    assert elevation.recentre(np.array([500.0, 500.0])) and not elevation.known.any()
+    assert not elevation.recentre(np.array([501.0, 499.0]))
+
+
+def test_measurements_replace_the_assumed_ground():
+    elevation = ElevationMap(SMALL)
+    raised = body_pose(0, 0, 0)
+    raised[2, 3] = 0.5
+    elevation.assume_flat(raised, 4.0)
+    assert np.nanmin(elevation.top) == pytest.approx(0.5)
+    look(elevation, RockWorld(), body_pose(0, 0, 0))
+    ix, iy = elevation.cell_of(np.array([3.0, 0.0]))
+    assert elevation.top[iy, ix] == pytest.approx(0, abs=0.01) and elevation.low[iy, ix] == pytest.approx(0, abs=0.01)
+
+
+def test_shapes_are_checked():
+    elevation = ElevationMap(SMALL)
+    with pytest.raises(ValueError, match="192"):
+        elevation.integrate(np.ones((10, 10)), None, SMALL_RIG, np.eye(4))
+    with pytest.raises(ValueError, match="confidence"):
+        elevation.integrate(np.ones((192, 192)), np.ones((5, 5)), SMALL_RIG, np.eye(4))
+    with pytest.raises(ValueError, match="cell"):
+        ElevationConfig(cell=0)
