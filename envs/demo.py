@@ -27,9 +27,11 @@ from m3depth.estimator import Estimator, load_estimator
 from m3depth.evaluate import Evaluation, evaluate
 from m3depth.evaluation.report import text_table
 from m3depth.figures.comparison import comparison_figure
-from marssim.base.command.run import counted, run_command
-from marssim.base.dataset.dataset import DatasetError, StereoDataset
+from marssim.base.command.notes import counted
+from marssim.base.command.run import run_command
+from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.files.atomic import write_atomically
+from marssim.base.files.json_file import DatasetError
 from marssim.base.results.lock import LOCK, sole_writer
 from marssim.base.results.out_folder import check_out
 from marssim.generate import GenerateConfig, generate

@@ -21,22 +21,23 @@ from pathlib import Path
 from typing import Any, Literal
 from zlib import crc32
 
-from envs.drivers.builtin import DRIVERS, make_driver
+from envs.drivers.by_name import DRIVERS, make_driver
 from envs.drives.episodes import Cell, EpisodeRecord, Watch, run_episode
 from envs.drives.metrics import best_and_worst, paired_difference, summarise
 from envs.drives.records import ANEW, read_record
 from envs.drives.report import write_report
 from envs.drives.resume import check_folder, noted_settings
-from envs.drives.test_set_errors import errors_on_test_set, weights_digest
+from envs.drives.test_set_errors import errors_on_test_set
 from envs.mars_nav import ERROR_LIMITS, MarsNavEnv
 from envs.world.course import CourseConfig
 from envs.world.perception import load_perception
-from m3depth.estimator import Estimator
-from m3depth.evaluation.report import versions
+from m3depth.estimator import Estimator, weights_digest
+from marssim.base.command.notes import counted
 from marssim.base.command.progress import progress
-from marssim.base.command.run import counted, run_command
+from marssim.base.command.run import run_command
 from marssim.base.compute.workers import run_tasks
-from marssim.base.dataset.dataset import DatasetError, read_json, write_json
+from marssim.base.files.json_file import DatasetError, read_json, write_json
+from marssim.base.results.code_state import versions
 from marssim.base.results.lock import sole_writer
 from marssim.render.renderers.by_name import Renderer
 from marssim.scene.scene import LOOK_LIMITS, Place, SceneConfig, preset

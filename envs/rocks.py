@@ -23,15 +23,17 @@ from envs.world.perception import load_perception
 from envs.world.user_code import called
 from m3depth.datasets.config import Part
 from m3depth.estimator import checked_prediction
-from m3depth.evaluation.report import check_own_results, rocks_table, versions, write_json
+from m3depth.evaluation.report import rocks_table, write_json
 from m3depth.evaluation.rock_scores import rock_scene
 from m3depth.figures.rocks import rocks_figure
 from m3depth.stereo.degradation import Degradation
+from marssim.base.command.notes import counted
 from marssim.base.command.progress import watched
-from marssim.base.command.run import counted, run_command
+from marssim.base.command.run import run_command
 from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.files.atomic import write_atomically
-from marssim.base.results.out_folder import check_out
+from marssim.base.results.code_state import versions
+from marssim.base.results.out_folder import check_out, check_own_results
 
 KEY = "standing_0.2_m_within_8_m"
 STEPS = (0.10, 0.12, 0.15, 0.20, 0.25)  # [m] obstacles from which height on are counted besides --step

@@ -36,10 +36,11 @@ from envs.drivers.policy_files import PolicyDriver, mark_corridors
 from envs.drives.records import NUMBER, is_number
 from envs.mars_nav import MarsNavEnv
 from envs.world.course import CourseConfig
-from m3depth.evaluation.report import versions
-from marssim.base.command.run import counted, run_command
-from marssim.base.dataset.dataset import DatasetError, read_json, write_json
+from marssim.base.command.notes import counted
+from marssim.base.command.run import run_command
 from marssim.base.files.atomic import write_atomically
+from marssim.base.files.json_file import DatasetError, read_json, write_json
+from marssim.base.results.code_state import versions
 from marssim.base.results.lock import sole_writer
 from marssim.base.results.out_folder import check_out
 from marssim.scene.scene import Place

@@ -5,6 +5,7 @@ Importing this loads no torch; `load_estimator("m3depth")` does.
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -15,6 +16,7 @@ import numpy as np
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import StereoRig
 from marssim.base.command.input_file import check_file
+from marssim.base.results.code_state import source_file
 
 
 @runtime_checkable
@@ -127,3 +129,21 @@ def _load_class(role: str, module_name: str, class_name: str) -> Estimator:
     if not isinstance(estimator, Estimator):
         raise ValueError(f"{named}: the class has no method infer(left, right, rig)")
     return estimator
+
+
+def state_of_estimator(spec: str) -> str | None:
+    """Of what load_estimator is given: SHA-256 of the file of m3depth:WEIGHTS, or of the one that a class of one's own
+    is read from, but not of what that imports; None where there is none."""
+    module, _, rest = spec.partition(":")
+    file = Path(rest) if module == "m3depth" else source_file(module)
+    return hashlib.sha256(file.read_bytes()).hexdigest() if file is not None and file.is_file() else None
+
+
+def weights_digest(perception: str) -> str | None:
+    """SHA-256 of the weights of a perception, None where it has none. Raises OSError for a file that is not there."""
+    name, _, path = perception.partition(":")
+    if name != "m3depth":
+        return None
+    from m3depth.network.model import SHIPPED_WEIGHTS
+
+    return hashlib.sha256((Path(path) if path else SHIPPED_WEIGHTS).read_bytes()).hexdigest()

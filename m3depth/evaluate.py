@@ -29,11 +29,11 @@ import tyro
 
 from m3depth.datasets.config import DataConfig, Part, flag
 from m3depth.datasets.open import open_pairs
-from m3depth.estimator import WINDOWS, EstimatorError, load_estimator
+from m3depth.estimator import WINDOWS, EstimatorError, load_estimator, state_of_estimator
 from m3depth.evaluation.example import Example
-from m3depth.evaluation.inputs import state_of_estimator, state_of_files, state_of_pairs
+from m3depth.evaluation.inputs import state_of_files, state_of_pairs
 from m3depth.evaluation.recorded_maps import FORM, RecordedError, RecordedPredictions
-from m3depth.evaluation.report import check_own_results, markdown_report, text_table, versions, write_json
+from m3depth.evaluation.report import markdown_report, text_table, write_json
 from m3depth.evaluation.resume import Unfinished, UnfinishedError
 from m3depth.evaluation.scoring import RESERVED, Evaluation, Method, check_choice, chosen_pairs, evaluate
 from m3depth.figures.comparison import comparison_figure
@@ -44,13 +44,14 @@ from m3depth.figures.worst import worst_figure
 from m3depth.stereo.degradation import Degradation
 from m3depth.stereo.pairs import MAX_DISPARITY, StereoPairs, scored_depths
 from m3depth.weights import SHIPPED_WEIGHTS
+from marssim.base.command.notes import counted
 from marssim.base.command.progress import watched
-from marssim.base.command.run import counted, run_command
-from marssim.base.dataset.dataset import DatasetError
+from marssim.base.command.run import run_command
 from marssim.base.files.atomic import write_atomically
-from marssim.base.results.code_state import source_digest
+from marssim.base.files.json_file import DatasetError
+from marssim.base.results.code_state import source_digest, versions
 from marssim.base.results.lock import sole_writer
-from marssim.base.results.out_folder import check_out
+from marssim.base.results.out_folder import check_out, check_own_results
 
 EXAMPLES = 3  # pairs in the figures
 COMPARED = 3  # methods in comparison.png, which shows the errors too; all are in qualitative.png

@@ -44,7 +44,8 @@ from m3depth.prediction.left_right import left_right_difference
 from m3depth.prediction.pair_checks import check_pair
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import WIDEST, StereoRig
-from marssim.base.command.run import counted, run_command
+from marssim.base.command.notes import counted
+from marssim.base.command.run import run_command
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.npy import encode_npy
 from marssim.base.results.out_folder import check_out

@@ -22,7 +22,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from marssim.base.command.run import counted, exit_code, parse
+from marssim.base.command.flags import parse
+from marssim.base.command.notes import counted
+from marssim.base.command.run import exit_code
 from marssim.engines.embree import TriangleRays
 from marssim.generation.config import named_scene
 from marssim.scene.golombek import MAX_DIAMETER, REPORTED, covered_area, number_density, sampling_spread

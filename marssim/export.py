@@ -20,14 +20,18 @@ from typing import Any, Literal
 
 import tyro
 
+from marssim.base.command.notes import counted
 from marssim.base.command.progress import progress
-from marssim.base.command.run import counted, run_command
+from marssim.base.command.run import run_command
 from marssim.base.compute.threads import in_threads
-from marssim.base.dataset.dataset import EXPORTED, SPLITS, DatasetError, Split, StereoDataset, read_json, write_json
+from marssim.base.dataset.dataset import SPLITS, Split, StereoDataset
+from marssim.base.dataset.marks import EXPORTED
 from marssim.base.files.atomic import write_atomically
+from marssim.base.files.json_file import DatasetError, read_json, write_json
 from marssim.base.results.lock import LOCK, sole_writer
 from marssim.base.results.out_folder import check_around
-from marssim.layouts.registry import LAYOUTS, Item, Layout, SameAs
+from marssim.layouts.layout import Item, Layout, SameAs
+from marssim.layouts.registry import LAYOUTS
 
 SCHEMA = "marssim-export"
 

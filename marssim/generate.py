@@ -21,19 +21,15 @@ from typing import Any
 
 import cv2
 
+from marssim.base.command.notes import counted
 from marssim.base.command.progress import progress
-from marssim.base.command.run import counted, exit_code, writing_to
+from marssim.base.command.run import exit_code, writing_to
 from marssim.base.compute.workers import run_tasks
-from marssim.base.dataset.dataset import (
-    SETTINGS,
-    DatasetError,
-    StereoDataset,
-    is_complete,
-    read_json,
-    write_index,
-    write_json,
-)
+from marssim.base.dataset.dataset import StereoDataset, write_index
+from marssim.base.dataset.marks import SETTINGS
+from marssim.base.dataset.sample import is_complete
 from marssim.base.files.atomic import write_atomically
+from marssim.base.files.json_file import DatasetError, read_json, write_json
 from marssim.base.results.lock import LOCK, sole_writer
 from marssim.base.results.out_folder import check_around
 from marssim.engines.egl import draws_on_a_card, probe

@@ -22,7 +22,8 @@ from typing import Any
 
 import numpy as np
 
-from marssim.base.command.run import counted, run_command
+from marssim.base.command.notes import counted
+from marssim.base.command.run import run_command
 from marssim.scene.scene import Place, SceneConfig, preset
 from marssim.scene.terrain import BLEND, HeightGrid, Terrain, build_terrain
 

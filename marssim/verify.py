@@ -23,11 +23,14 @@ import numpy as np
 import tyro
 
 from marssim.base.camera import NATECAM
+from marssim.base.command.notes import counted
 from marssim.base.command.progress import progress
-from marssim.base.command.run import counted, run_command, writing_to
+from marssim.base.command.run import run_command, writing_to
 from marssim.base.compute.threads import in_threads
-from marssim.base.dataset.dataset import SPLITS, DatasetError, StereoDataset, StereoSample, read_sample, write_json
+from marssim.base.dataset.dataset import SPLITS, StereoDataset
+from marssim.base.dataset.sample import StereoSample, read_sample
 from marssim.base.files.atomic import write_atomically
+from marssim.base.files.json_file import DatasetError, write_json
 from marssim.base.images.pointcloud import coloured_points, encode_glb, encode_ply, surface_mesh
 from marssim.base.results.lock import check_unused
 from marssim.inspection.cross_check import cross_check

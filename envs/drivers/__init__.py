@@ -9,7 +9,7 @@ __all__ = ["Driver", "Stop"]
 
 def __getattr__(name: str) -> Any:
     if name in __all__:
-        from envs.drivers import builtin
+        from envs.drivers import driver
 
-        return getattr(builtin, name)
+        return getattr(driver, name)
     raise AttributeError(f"module 'envs.drivers' has no attribute {name!r}")

@@ -15,7 +15,7 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from envs.drivers.builtin import head_for
+from envs.drivers.steering import head_for
 from envs.mars_nav import MarsNavEnv
 from envs.observation.map_view import CELL, PIXELS
 from envs.observation.spaces import share_of_distance

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import io
 import re
 import zipfile
@@ -102,15 +101,3 @@ def _read(path: Path) -> tuple[dict[str, Any], bool]:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise ValueError(f"{path}: holds no policy of stable-baselines3's PPO ({reason})") from None
     return dict(weights), corridors
-
-
-def load_driver_class(name: str) -> Any:
-    """A driver from "package.module:Class", made without arguments. Raises ValueError that names what is wrong."""
-    module, _, attribute = name.partition(":")
-    try:
-        made = getattr(importlib.import_module(module), attribute)()
-    except (ImportError, AttributeError, TypeError, ValueError) as error:
-        raise ValueError(f"driver {name!r} cannot be made: {error}") from None
-    if not (callable(getattr(made, "act", None)) and callable(getattr(made, "reset", None))):
-        raise ValueError(f"driver {name!r} has no methods reset and act")
-    return made

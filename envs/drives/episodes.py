@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from envs.drivers.builtin import Driver, Stop
-from envs.drives.resume import code_digest
+from envs.drivers.driver import Driver, Stop
 from envs.mars_nav import ActionError, MarsNavEnv
 from envs.world.perception import Sight
-from envs.world.user_code import ForeignError, called
+from envs.world.user_code import ForeignError, called, code_digest
 from m3depth.evaluation.metrics import capped_depth, known_depth
 from m3depth.stereo.pairs import MAX_DISPARITY
 from marssim.base.camera import MAX_DEPTH, MIN_DEPTH
@@ -53,7 +52,7 @@ class EpisodeRecord:
 
     outcome: as MarsNavEnv's info names it, or as the driver ended the drive (envs.drivers.Stop): "no_path" where it
     gave up, "elsewhere" where it believed to be at the goal and was not, as happens by odometry that drifts. code: the
-    state of the sources that drove (envs.drives.resume.code_digest), "" where that was not noted.
+    state of the sources that drove (envs.world.user_code.code_digest), "" where that was not noted.
     """
 
     driver: str

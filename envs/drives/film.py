@@ -7,7 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from envs.drivers.builtin import Driver, NavigatorDriver
+from envs.drivers.builtin import NavigatorDriver
+from envs.drivers.driver import Driver
 from envs.mars_nav import MarsNavEnv
 from envs.world.outside_view import HEIGHT, OutsideView
 from marssim.base.images.colours import depth_colours, normal_colours

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from envs.drives.episodes import EpisodeRecord
-from marssim.base.dataset.dataset import DatasetError, read_json
+from marssim.base.files.json_file import DatasetError, read_json
 
 ANEW = "; delete it, and it is driven anew"
 NUMBER = "a number of 0 or more"

@@ -7,18 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from envs.drives.test_set_errors import weights_digest
-from marssim.base.dataset.dataset import DatasetError, read_json, write_json
-from marssim.base.results.code_state import source_digest, source_file
+from m3depth.estimator import weights_digest
+from marssim.base.files.json_file import DatasetError, read_json, write_json
+from marssim.base.results.code_state import source_file
 from marssim.base.results.lock import LOCK
 from marssim.base.results.out_folder import check_out
-
-PACKAGES = ("marssim", "m3depth", "nav", "envs")
-
-
-def code_digest() -> str:
-    """Twelve hexadecimal digits that tell one state of the project's Python sources from another."""
-    return source_digest(PACKAGES)
 
 
 def check_folder(out: Path, settings: str) -> None:

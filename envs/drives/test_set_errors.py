@@ -2,23 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from marssim.base.dataset.dataset import DatasetError, read_json
+from marssim.base.files.json_file import DatasetError, read_json
 
 METHODS = {"m3depth": "M3Depth", "sgbm": "SGBM"}  # perceptions, and what m3depth.evaluate calls them
-
-
-def weights_digest(perception: str) -> str | None:
-    """SHA-256 of the weights of a perception, None where it has none. Raises OSError for a file that is not there."""
-    name, _, path = perception.partition(":")
-    if name != "m3depth":
-        return None
-    from m3depth.network.model import SHIPPED_WEIGHTS
-
-    return hashlib.sha256((Path(path) if path else SHIPPED_WEIGHTS).read_bytes()).hexdigest()
 
 
 def errors_on_test_set(files: Sequence[Path], perceptions: Mapping[str, str | None]) -> dict[str, float]:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from marssim.base.camera import PinholeCamera, look_pose, rotate
+from marssim.base.dataset.frame import GROUND, SKY
 from marssim.physics.body import Part
 from marssim.physics.state import RoverState
 from marssim.render.antialias import SUBPIXELS
-from marssim.render.geometry.gbuffer import GROUND, SKY
 from marssim.render.geometry.mesh import Mesh
 from marssim.render.renderers.embree_renderer import MeshCaster, Raycaster
 from marssim.render.sensor import Sensor

@@ -10,10 +10,11 @@ import numpy as np
 from envs.world.user_code import called
 from m3depth.estimator import Estimator, checked_prediction, load_estimator
 from marssim.base.camera import NATECAM, StereoRig
+from marssim.base.dataset.frame import StereoFrame
 from marssim.render.geometry.gbuffer import GBufferMaker
 from marssim.render.renderers.by_name import known_renderer, make_renderer
 from marssim.render.sensor import Sensor, SensorConfig
-from marssim.render.stereo import StereoFrame, render_stereo
+from marssim.render.stereo import render_stereo
 from marssim.render.surfaces.shading import Shader
 from marssim.scene.scene import Scene
 

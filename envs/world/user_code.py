@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from envs.drives.resume import PACKAGES
+from marssim.base.results.code_state import source_digest
+
+PACKAGES = ("marssim", "m3depth", "nav", "envs")
 
 
 class ForeignError(RuntimeError):
@@ -27,3 +29,8 @@ def called(what: object) -> Iterator[None]:
     except Exception as error:
         told = f"{cls.__module__}:{cls.__qualname__} raised {type(error).__name__}"
         raise ForeignError(f"{told}: {error}" if str(error) else told) from error
+
+
+def code_digest() -> str:
+    """Twelve hexadecimal digits that tell one state of the project's Python sources from another."""
+    return source_digest(PACKAGES)

@@ -15,7 +15,7 @@ from m3depth.ablation.studies import BASE, Variant, distinct
 from m3depth.ablation.tables import METHOD, findings, markdown
 from m3depth.datasets.open import open_pairs
 from m3depth.evaluation.inputs import state_of_pairs
-from m3depth.evaluation.report import check_own_results, versions, write_json
+from m3depth.evaluation.report import write_json
 from m3depth.evaluation.resume import Unfinished
 from m3depth.evaluation.scoring import evaluate
 from m3depth.network.device import chosen_device
@@ -26,12 +26,12 @@ from m3depth.training.config import TrainConfig, check_config
 from m3depth.training.loop import train
 from m3depth.training.run import differing, plain, saved_progress
 from m3depth.training.samples import Joined
-from marssim.base.command.run import counted
-from marssim.base.dataset.dataset import read_json
+from marssim.base.command.notes import counted
 from marssim.base.files.atomic import write_atomically
-from marssim.base.results.code_state import source_digest
+from marssim.base.files.json_file import read_json
+from marssim.base.results.code_state import source_digest, versions
 from marssim.base.results.lock import sole_writer
-from marssim.base.results.out_folder import check_out
+from marssim.base.results.out_folder import check_out, check_own_results
 
 SETTINGS = "ablation.json"
 SCORE = "score.json"

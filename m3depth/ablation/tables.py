@@ -12,7 +12,7 @@ from m3depth.ablation.config import said_budget
 from m3depth.ablation.studies import Comparison, Study
 from m3depth.evaluation import bootstrap
 from m3depth.evaluation.report import DEPTH_COLUMNS, NORMAL_COLUMNS, depths_said, number, table
-from marssim.base.command.run import counted
+from marssim.base.command.notes import counted
 
 NAMES = {**DEPTH_COLUMNS, **{f"normal_{name}": f"normals, {text}" for name, text in NORMAL_COLUMNS.items()}}
 METHOD = "M3Depth"  # what a run's network is called in its score

@@ -9,7 +9,7 @@ from pathlib import Path
 from m3depth.datasets.config import DataConfig
 from m3depth.datasets.maps import Kind
 from m3depth.datasets.pair_files import PairFiles, Rigs
-from marssim.base.dataset.dataset import DatasetError
+from marssim.base.files.json_file import DatasetError
 
 
 def folder(root: Path, config: DataConfig, rigs: Rigs) -> Iterator[PairFiles]:

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from m3depth.datasets.image_files import decoded
-from marssim.base.dataset.dataset import DatasetError
+from marssim.base.files.json_file import DatasetError
 from marssim.base.files.npy import read_npy
 
 Kind = Literal["disparity", "depth"]

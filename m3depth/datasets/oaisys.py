@@ -11,7 +11,7 @@ import numpy as np
 from m3depth.datasets.calibration import Calibration
 from m3depth.datasets.config import DataConfig
 from m3depth.datasets.pair_files import PairFiles, Rigs
-from marssim.base.dataset.dataset import DatasetError
+from marssim.base.files.json_file import DatasetError
 
 RENDERING = "00"  # OAISYS renders a pass several times if it is told to; the first one
 

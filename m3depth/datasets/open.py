@@ -21,7 +21,9 @@ from m3depth.datasets.oaisys import oaisys
 from m3depth.datasets.pair_files import PairFiles, Rigs, read_pair_files
 from m3depth.datasets.rigs import file_rig, given_rig
 from m3depth.stereo.pairs import StereoPairs
-from marssim.base.dataset.dataset import SPLITS, DatasetError, StereoDataset, StereoSample, read_json, split_of
+from marssim.base.dataset.dataset import SPLITS, StereoDataset, split_of
+from marssim.base.dataset.sample import StereoSample
+from marssim.base.files.json_file import DatasetError, read_json
 
 SIGNS: tuple[tuple[Format, tuple[str, ...]], ...] = (  # what tells a layout, below the root or one of its splits
     ("marssim", ("dataset.json",)),

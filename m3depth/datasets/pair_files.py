@@ -16,7 +16,8 @@ from m3depth.datasets.maps import Kind, read_map, read_mask
 from m3depth.stereo.pairs import in_colour
 from m3depth.stereo.plane_normals import fitted_normals
 from marssim.base.camera import StereoRig
-from marssim.base.dataset.dataset import DatasetError, StereoSample
+from marssim.base.dataset.sample import StereoSample
+from marssim.base.files.json_file import DatasetError
 from marssim.base.images.depth_edges import depth_edges
 
 Rig = Callable[[int, int], Calibration]  # of images of (width, height); reads a file, or knows

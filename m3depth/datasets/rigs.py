@@ -11,7 +11,7 @@ from m3depth.datasets.config import DataConfig
 from m3depth.datasets.oaisys import oaisys_rig
 from m3depth.datasets.pair_files import Rig, Rigs
 from marssim.base.camera import NATECAM, WIDEST
-from marssim.base.dataset.dataset import DatasetError
+from marssim.base.files.json_file import DatasetError
 
 NATECAM_NAME = Path("natecam")
 

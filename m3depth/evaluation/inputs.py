@@ -9,7 +9,6 @@ from typing import Any
 
 from m3depth.datasets.open import PairList
 from m3depth.stereo.pairs import StereoPairs
-from marssim.base.results.code_state import source_file
 
 
 def state_of_pairs(dataset: StereoPairs) -> Any:
@@ -20,14 +19,6 @@ def state_of_pairs(dataset: StereoPairs) -> Any:
     if isinstance(dataset, PairList):
         return state_of_files(path for pair in dataset.pairs for path in (pair.left, pair.right, pair.truth))
     return len(dataset)
-
-
-def state_of_estimator(spec: str) -> str | None:
-    """Of what load_estimator is given: SHA-256 of the file of m3depth:WEIGHTS, or of the one that a class of one's own
-    is read from, but not of what that imports; None where there is none."""
-    module, _, rest = spec.partition(":")
-    file = Path(rest) if module == "m3depth" else source_file(module)
-    return hashlib.sha256(file.read_bytes()).hexdigest() if file is not None and file.is_file() else None
 
 
 def state_of_files(files: Iterable[Path]) -> str:

@@ -4,17 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import platform
-import sys
 from collections.abc import Mapping, Sequence
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from m3depth.evaluation.metrics import DEPTH_CAP, KINDS
 from m3depth.evaluation.rock_scores import OBSTACLE
-from marssim.base.dataset.dataset import DatasetError, read_json
 from marssim.base.files.atomic import write_atomically
 
 Results = Mapping[str, Mapping[str, Any]]
@@ -30,33 +25,6 @@ NORMAL_COLUMNS = {
 FIGURES = (
     "comparison", "qualitative", "zoom", "worst", "error_by_depth", "error_distribution", "sparsification", "rocks",
 )  # fmt: skip
-PACKAGES = ("mars-m3depth", "torch", "numpy", "opencv-python-headless")
-
-
-def versions() -> dict[str, Any]:
-    """Of what the figures depend on; the processor too, because seconds do."""
-    found: dict[str, Any] = {"python": platform.python_version(), "machine": platform.machine(), "cpus": os.cpu_count()}
-    for package in PACKAGES:
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            found[package] = None
-    torch = sys.modules.get("torch")
-    if torch is not None:
-        found["torch_threads"] = torch.get_num_threads()
-    return found
-
-
-def check_own_results(out: Path, field: str) -> None:
-    """Raise DatasetError, before anything is done, if the results.json in a folder is another command's.
-
-    field: what only the caller's has. Its own of an earlier run is replaced.
-    """
-    path = out / "results.json"
-    if path.is_file() and field not in read_json(path):
-        raise DatasetError(
-            f"--out {out}: results.json there is another command's, or an earlier version's; choose another folder"
-        )
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

@@ -23,7 +23,7 @@ from m3depth.figures.drawing import (
     save,
     show,
 )
-from marssim.base.command.run import counted
+from marssim.base.command.notes import counted
 
 PANEL = 2.1  # [in] width of one image
 ERROR_LIMIT = 10.0  # [%] relative depth error where the colour ends

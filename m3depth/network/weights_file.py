@@ -16,7 +16,7 @@ from safetensors.torch import save
 from torch import Tensor
 
 from marssim.base.command.input_file import check_file
-from marssim.base.command.run import counted
+from marssim.base.command.notes import counted
 from marssim.base.files.atomic import write_atomically
 
 DTYPES = (torch.float32, torch.float16, torch.bfloat16)

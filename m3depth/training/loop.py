@@ -29,7 +29,7 @@ from m3depth.training.process_group import agree, joined_group
 from m3depth.training.run import Run
 from m3depth.training.samples import PackedCache, batches, free_memory
 from m3depth.training.validation import save_panel, validate
-from marssim.base.command.run import counted
+from marssim.base.command.notes import counted
 from marssim.base.command.signals import stop_on_signal
 from marssim.base.results.out_folder import check_out
 

@@ -15,8 +15,9 @@ import numpy as np
 import tyro
 
 from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
-from marssim.base.command.run import parse
-from marssim.base.dataset.dataset import SPLIT_OF_TEN, DatasetError, read_json
+from marssim.base.command.flags import parse
+from marssim.base.dataset.dataset import SPLIT_OF_TEN
+from marssim.base.files.json_file import DatasetError, read_json
 from marssim.render.renderers.by_name import Renderer
 from marssim.render.sensor import SensorConfig
 from marssim.scene.scene import PRESETS, Place, SceneConfig, preset

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from marssim.base.dataset.dataset import StereoSample
+from marssim.base.dataset.sample import StereoSample
 from marssim.base.images.colours import depth_colours, normal_colours
 
 

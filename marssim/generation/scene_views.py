@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from marssim.base.dataset.dataset import SETTINGS, DatasetError, is_complete, read_json, write_sample
+from marssim.base.dataset.marks import SETTINGS
+from marssim.base.dataset.sample import is_complete, write_sample
 from marssim.base.files.atomic import write_atomically
+from marssim.base.files.json_file import DatasetError, read_json
 from marssim.generation.config import EGL, GenerateConfig
 from marssim.render.renderers.by_name import make_renderer
 from marssim.render.sensor import Sensor

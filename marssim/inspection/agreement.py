@@ -17,7 +17,8 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from marssim.base.camera import PinholeCamera
-from marssim.render.geometry.gbuffer import GROUND, SKY, GBuffer, GBufferMaker
+from marssim.base.dataset.frame import GROUND, SKY
+from marssim.render.geometry.gbuffer import GBuffer, GBufferMaker
 
 STEP = 0.5  # [px] of the rays beside a pixel's centre
 BEND = 0.05  # change of 1 / Z within a pixel, relative, from which a pixel is no smooth ground

@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from marssim.base.camera import MAX_DEPTH
-from marssim.base.dataset.dataset import StereoSample
+from marssim.base.dataset.sample import StereoSample
 from marssim.base.images.colours import depth_colours, normal_colours
 from marssim.inspection.statistics import DEPTH_STEP, NETWORK_DISPARITY, Tally, noted_number
 

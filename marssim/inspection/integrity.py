@@ -14,16 +14,10 @@ import numpy as np
 
 from marssim.base.camera import StereoRig
 from marssim.base.compute.threads import in_threads
-from marssim.base.dataset.dataset import (
-    IMAGES,
-    SETTINGS,
-    VERSION,
-    DatasetError,
-    StereoDataset,
-    read_json,
-    sample_digest,
-    split_of,
-)
+from marssim.base.dataset.dataset import VERSION, StereoDataset, split_of
+from marssim.base.dataset.marks import SETTINGS
+from marssim.base.dataset.sample import IMAGES, sample_digest
+from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.results.lock import LOCK
 from marssim.scene.trajectory import TRAJECTORY, tum_lines
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from marssim.base.camera import rotate
-from marssim.base.dataset.dataset import StereoSample
+from marssim.base.dataset.sample import StereoSample
 from marssim.scene.golombek import covered_area, sampling_spread
 
 REACH = 6.0  # [m] of ground that is looked at: 0.1 m are 10 px there

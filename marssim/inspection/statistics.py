@@ -27,7 +27,7 @@ import cv2
 import numpy as np
 
 from marssim.base.camera import MAX_DEPTH, MIN_DEPTH
-from marssim.base.dataset.dataset import StereoSample
+from marssim.base.dataset.sample import StereoSample
 from marssim.base.images.texture import gradient, lbp_entropy
 from marssim.inspection.image_statistics import BAND_EDGES, GroundLook, edge_widths, ground_look, linear
 from marssim.inspection.seen_rocks import RockCover

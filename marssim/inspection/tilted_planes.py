@@ -8,8 +8,9 @@ from functools import partial
 import numpy as np
 
 from marssim.base.camera import PinholeCamera, look_pose
+from marssim.base.dataset.frame import GROUND
 from marssim.inspection.agreement import ShiftFit, raw_depth
-from marssim.render.geometry.gbuffer import GROUND, GBufferMaker
+from marssim.render.geometry.gbuffer import GBufferMaker
 from marssim.scene.rocks import RockConfig
 from marssim.scene.scene import Scene, SceneConfig, build_scene
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from marssim.base.camera import PinholeCamera
 from marssim.base.compute.compiled import compiled
-from marssim.render.geometry.gbuffer import GROUND, SKY, GBuffer
+from marssim.base.dataset.frame import GROUND, SKY
+from marssim.render.geometry.gbuffer import GBuffer
 
 SAME_DEPTH = 0.02  # share of the depth up to which neighbours on one surface are taken for one place
 SUBPIXELS = ((-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375))  # rotated grid [px]

@@ -2,36 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from marssim.base.camera import PinholeCamera, StereoRig, rotate
 from marssim.base.compute.compiled import compiled
+from marssim.base.dataset.frame import SKY, StereoFrame
 from marssim.render.antialias import average, colours_beside, edge_pixels, subpixel_rays
-from marssim.render.geometry.gbuffer import SKY, GBuffer, GBufferMaker, Hits
+from marssim.render.geometry.gbuffer import GBuffer, GBufferMaker, Hits
 from marssim.render.sensor import Sensor
 from marssim.render.surfaces.shading import Shader
-
-
-@dataclass(frozen=True)
-class StereoFrame:
-    """What the rig sees. Maps are of the left eye; frame: left camera, x right, y down, z forward.
-
-    left, right: (H, W, 3) uint8 RGB. depth: (H, W) float32 [m], inf in the sky. disparity: (H, W) float32 [px], 0 in
-    the sky. normal: (H, W, 3) float32. surface: (H, W) int32 ids of GBuffer. occluded: (H, W) bool, left pixels whose
-    point the right eye does not see. rig; pose: (4, 4) left camera to world.
-    """
-
-    left: np.ndarray
-    right: np.ndarray
-    depth: np.ndarray
-    disparity: np.ndarray
-    normal: np.ndarray
-    surface: np.ndarray
-    occluded: np.ndarray
-    rig: StereoRig
-    pose: np.ndarray
 
 
 def render_stereo(

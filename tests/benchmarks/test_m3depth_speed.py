@@ -13,7 +13,7 @@ from m3depth.training.loop import backward
 from m3depth.training.run import Run
 from m3depth.training.samples import PackedCache, make_batch
 from marssim.base.camera import NATECAM
-from marssim.base.dataset.dataset import StereoSample
+from marssim.base.dataset.sample import StereoSample
 
 pytestmark = pytest.mark.benchmark
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from marssim.base.camera import NATECAM
-from marssim.base.dataset.dataset import write_sample
+from marssim.base.dataset.sample import write_sample
 from marssim.render import stereo
 from marssim.render.renderers.by_name import make_renderer
 from marssim.render.sensor import Sensor, SensorConfig

@@ -12,7 +12,7 @@ import envs.evaluate
 from envs.drives.episodes import Cell
 from envs.evaluate import LOOK, SETTINGS, EvaluateConfig, Task, evaluate, main
 from m3depth.estimator import load_estimator
-from marssim.base.dataset.dataset import DatasetError
+from marssim.base.files.json_file import DatasetError
 from marssim.base.results.lock import sole_writer
 from marssim.scene.scene import LookConfig, preset
 

@@ -11,8 +11,9 @@ from rock_world import RockWorld
 
 from envs.rocks import main
 from m3depth.stereo.prediction import Prediction
-from marssim.base.dataset.dataset import write_index, write_sample
-from marssim.render.stereo import StereoFrame
+from marssim.base.dataset.dataset import write_index
+from marssim.base.dataset.frame import StereoFrame
+from marssim.base.dataset.sample import write_sample
 
 DOMES = ((3.0, -0.5, 0.35, 0.3), (5.0, 0.6, 0.5, 0.4), (6.0, -1.0, 0.4, 0.25))
 

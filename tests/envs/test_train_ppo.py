@@ -12,9 +12,9 @@ import torch
 
 pytest.importorskip("stable_baselines3")
 
-from envs.drivers.builtin import make_driver
+from envs.drivers.by_name import make_driver
 from envs.train_ppo import TrainConfig, TrainingCourses, main, train
-from marssim.base.dataset.dataset import DatasetError
+from marssim.base.files.json_file import DatasetError
 from marssim.base.results.lock import sole_writer
 
 

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from marssim.base.camera import PinholeCamera, StereoRig
-from marssim.base.dataset.dataset import StereoSample, write_index, write_sample
-from marssim.render.stereo import StereoFrame
+from marssim.base.dataset.dataset import write_index
+from marssim.base.dataset.frame import StereoFrame
+from marssim.base.dataset.sample import StereoSample, write_sample
 
 RIG = StereoRig(PinholeCamera(64, 48, 70.0, 75.0, 30.3, 22.7), baseline=0.27)
 NAMES = [f"{scene:05d}/{view:02d}" for scene in range(4) for view in range(2)]  # train, test, val, train

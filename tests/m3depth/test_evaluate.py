@@ -20,8 +20,10 @@ from m3depth.stereo.classical import SGBM
 from m3depth.stereo.degradation import Degradation
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import PinholeCamera, StereoRig
-from marssim.base.dataset.dataset import DatasetError, StereoDataset, write_index, write_sample
-from marssim.render.stereo import StereoFrame
+from marssim.base.dataset.dataset import StereoDataset, write_index
+from marssim.base.dataset.frame import StereoFrame
+from marssim.base.dataset.sample import write_sample
+from marssim.base.files.json_file import DatasetError
 
 H, W = 64, 96
 RIG = StereoRig(PinholeCamera.centred(W, H, 120.0), 0.25)

@@ -11,9 +11,10 @@ import pytest
 from m3depth.evaluate import main
 from m3depth.stereo.classical import SGBM
 from marssim.base.camera import PinholeCamera, StereoRig
-from marssim.base.dataset.dataset import write_index, write_sample
+from marssim.base.dataset.dataset import write_index
+from marssim.base.dataset.frame import StereoFrame
+from marssim.base.dataset.sample import write_sample
 from marssim.export import ExportConfig, export
-from marssim.render.stereo import StereoFrame
 
 
 def test_the_estimator_has_20_lines(other_methods):

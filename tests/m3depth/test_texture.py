@@ -11,8 +11,9 @@ from rock_world import RockWorld
 from m3depth.figures.texture import TextureExample, energy_below
 from m3depth.texture import find_images, high_share, main, measure, power_spectrum
 from marssim.base.camera import NATECAM
-from marssim.base.dataset.dataset import write_index, write_sample
-from marssim.render.stereo import StereoFrame
+from marssim.base.dataset.dataset import write_index
+from marssim.base.dataset.frame import StereoFrame
+from marssim.base.dataset.sample import write_sample
 
 
 @pytest.mark.parametrize(("waves", "share"), [(4, 0.0), (40, 1.0)])

@@ -25,7 +25,7 @@ from m3depth.training.packing import pack
 from m3depth.training.run import Run
 from m3depth.training.samples import PackedCache, make_batch
 from m3depth.training.validation import HEADER, validate
-from marssim.base.command.run import parse
+from marssim.base.command.flags import parse
 
 
 @pytest.fixture(autouse=True)

@@ -18,10 +18,12 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from marssim import export as command
-from marssim.base.dataset.dataset import StereoDataset, StereoSample, read_sample
+from marssim.base.dataset.dataset import StereoDataset
+from marssim.base.dataset.sample import StereoSample, read_sample
 from marssim.base.results import lock
 from marssim.export import ExportConfig, export
-from marssim.layouts.registry import LAYOUTS, kitti_code
+from marssim.layouts.kitti import kitti_code
+from marssim.layouts.registry import LAYOUTS
 
 FORMATS = tuple(LAYOUTS)
 THINGS = "FlyingThings3D"

@@ -14,7 +14,8 @@ import pytest
 
 from marssim import generate as command
 from marssim.base.camera import NATECAM
-from marssim.base.dataset.dataset import DatasetError, StereoDataset
+from marssim.base.dataset.dataset import StereoDataset
+from marssim.base.files.json_file import DatasetError
 from marssim.base.results import lock
 from marssim.engines.egl import Egl, probe
 from marssim.generate import GenerateConfig, generate, generate_scene

@@ -8,7 +8,7 @@ import numpy as np
 from rock_world import RockWorld
 
 from marssim.base.camera import NATECAM, StereoRig, look_pose
-from marssim.base.dataset.dataset import StereoSample
+from marssim.base.dataset.sample import StereoSample
 
 RIG = NATECAM.resized(256, 256)
 HEIGHT, PITCH = 1.2, np.deg2rad(20.0)

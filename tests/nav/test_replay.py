@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from rock_world import SMALL_RIG, RockWorld, body_pose
 
-from marssim.base.dataset.dataset import StereoDataset, write_index, write_sample
+from marssim.base.dataset.dataset import StereoDataset, write_index
+from marssim.base.dataset.frame import StereoFrame
+from marssim.base.dataset.sample import write_sample
 from marssim.base.rover_spec import ZHURONG
-from marssim.render.stereo import StereoFrame
 from nav.replay import Frame, main, recorded, replay
 
 WORLD = RockWorld(domes=np.array([[5.0, 0.0, 0.6, 0.6]]))

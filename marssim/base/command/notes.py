@@ -13,6 +13,9 @@ from multiprocessing.context import BaseContext
 from threading import Semaphore
 from typing import Any
 
+GOES_ON = "the same command goes on from here"
+KILLED = f"a worker process was killed, perhaps for lack of memory; {GOES_ON}, with fewer --workers it needs less"
+
 _turn: Any = None  # a semaphore of threads or of processes: whoever acquires it may say the line
 
 
@@ -45,3 +48,8 @@ def say(line: str) -> None:
 
 def _free() -> bool:
     return _turn is not None and bool(_turn.acquire(False))
+
+
+def counted(number: int, noun: str) -> str:
+    """ "1 pair", "2 pairs"."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

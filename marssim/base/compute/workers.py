@@ -23,8 +23,7 @@ from typing import Any
 
 import cv2
 
-from marssim.base.command.notes import shared_turn, take_turn
-from marssim.base.command.run import GOES_ON, KILLED
+from marssim.base.command.notes import GOES_ON, KILLED, shared_turn, take_turn
 
 TASKS_PER_WORKER = 64  # then a process is replaced: what libraries do not free cannot add up, nor what is cached
 MOST_GROWTH = 400e6  # [bytes] or sooner, if it holds so much more memory than after its first task

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from marssim.base.dataset.dataset import EXPORTED, SETTINGS, DatasetError
+from marssim.base.dataset.marks import EXPORTED, SETTINGS
+from marssim.base.files.json_file import DatasetError, read_json
 
 
 def check_out(out: Path) -> None:
@@ -29,3 +30,15 @@ def check_around(out: Path) -> None:
 
 def _is_dataset(folder: Path) -> bool:
     return (folder / EXPORTED).is_file() or ((folder / SETTINGS).is_file() and (folder / "scenes").is_dir())
+
+
+def check_own_results(out: Path, field: str) -> None:
+    """Raise DatasetError, before anything is done, if the results.json in a folder is another command's.
+
+    field: what only the caller's has. Its own of an earlier run is replaced.
+    """
+    path = out / "results.json"
+    if path.is_file() and field not in read_json(path):
+        raise DatasetError(
+            f"--out {out}: results.json there is another command's, or an earlier version's; choose another folder"
+        )

@@ -8,9 +8,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from marssim.base.camera import PinholeCamera, rotate
+from marssim.base.dataset.frame import SKY
 
-SKY = -1
-GROUND = 0  # rock n of Scene.rocks has id n + 1
 ROCK_SMOOTHNESS = 0.55  # length of a rock's interpolated normals: 1 shades it as if it were smooth, 0 facet by facet
 
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from marssim.base.camera import PinholeCamera
 from marssim.base.compute.compiled import compiled, inlined
-from marssim.render.geometry.gbuffer import SKY, GBuffer, Hits
+from marssim.base.dataset.frame import SKY
+from marssim.render.geometry.gbuffer import GBuffer, Hits
 from marssim.render.geometry.mesh import Mesh
 from marssim.render.geometry.vectors import column, cross, dot, minus, mixed, row, times
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from marssim.base.compute.compiled import compiled
-from marssim.render.geometry.gbuffer import GROUND, ROCK_SMOOTHNESS
+from marssim.base.dataset.frame import GROUND
+from marssim.render.geometry.gbuffer import ROCK_SMOOTHNESS
 from marssim.scene.scene import Scene
 from marssim.scene.terrain import HeightGrid
 

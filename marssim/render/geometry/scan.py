@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from marssim.base.compute.compiled import compiled, inlined
-from marssim.render.geometry.gbuffer import GROUND
+from marssim.base.dataset.frame import GROUND
 from marssim.render.geometry.mesh import SceneMesh
 from marssim.render.geometry.projection import Projection
 from marssim.render.geometry.triangles import box_extent, corners, edges, extent, facing, meet

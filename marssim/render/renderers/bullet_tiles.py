@@ -16,8 +16,8 @@ import cv2
 import numpy as np
 
 from marssim.base.camera import PinholeCamera
+from marssim.base.dataset.frame import GROUND, SKY
 from marssim.engines.bullet import import_pybullet
-from marssim.render.geometry.gbuffer import GROUND, SKY
 from marssim.scene.rocks import Rocks
 from marssim.scene.scene import Scene
 from marssim.scene.terrain import HeightGrid

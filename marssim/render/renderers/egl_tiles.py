@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from marssim.base.camera import PinholeCamera
+from marssim.base.dataset.frame import GROUND, SKY
 from marssim.engines.bullet import quiet
 from marssim.engines.egl import load_plugin, probe, write_stl
-from marssim.render.geometry.gbuffer import GROUND, SKY
 from marssim.render.renderers.bullet_tiles import BulletTiles, Tile, opengl_projection
 
 WINDOW = (1024, 768)  # [px] width and height that the plugin draws at most; it would scale larger pictures

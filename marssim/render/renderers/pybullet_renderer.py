@@ -6,7 +6,8 @@ import numpy as np
 
 from marssim.base.camera import PinholeCamera
 from marssim.base.compute.compiled import compiled
-from marssim.render.geometry.gbuffer import SKY, GBuffer
+from marssim.base.dataset.frame import SKY
+from marssim.render.geometry.gbuffer import GBuffer
 from marssim.render.geometry.hits import seen
 from marssim.render.geometry.mesh import scene_mesh
 from marssim.render.geometry.raster import matching_faces

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from marssim.base.compute.compiled import compiled, inlined
-from marssim.render.geometry.gbuffer import GROUND
+from marssim.base.dataset.frame import GROUND
 from marssim.render.surfaces.albedo import GROUND_COLOUR, regolith_at, rock_at
 from marssim.render.surfaces.daylight import daylight, skies, sky_colour
 from marssim.render.surfaces.materials import materials

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from envs.drivers.builtin import make_driver
+from envs.drivers.by_name import make_driver
 from envs.drivers.corridors import KEPT, Corridors
 from envs.drivers.image_observation import ImageObservation
 from envs.drivers.policy_files import mark_corridors

@@ -3,7 +3,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from envs.drivers.builtin import NavigatorDriver, Stop, StraightDriver
+from envs.drivers.builtin import NavigatorDriver, StraightDriver
+from envs.drivers.driver import Stop
 from envs.drives.episodes import Cell, course_options, run_episode
 from envs.mars_nav import ActionError
 from envs.world.user_code import ForeignError

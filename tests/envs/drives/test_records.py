@@ -6,7 +6,7 @@ import pytest
 
 from envs.drives.episodes import EpisodeRecord
 from envs.drives.records import read_record
-from marssim.base.dataset.dataset import DatasetError
+from marssim.base.files.json_file import DatasetError
 
 DRIVE = EpisodeRecord(
     driver="navigator", perception="sgbm", cell="k=0.1, slope=5", episode=0, outcome="goal", steps=3, distance=0.5,

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from envs.drivers.builtin import Stop
+from envs.drivers.driver import Stop
 from envs.drives.episodes import EpisodeRecord
 from envs.drives.maps import OUTCOME_COLOURS, WAY_COLOUR, plot_maps
 from envs.drives.metrics import FAILURES, summarise

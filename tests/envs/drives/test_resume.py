@@ -7,7 +7,7 @@ import pytest
 
 from envs.drives.resume import check_folder, noted_settings
 from envs.evaluate import EvaluateConfig, evaluate
-from marssim.base.dataset.dataset import DatasetError, read_json
+from marssim.base.files.json_file import DatasetError, read_json
 
 SETTINGS = {"seed": 3, "scene": "gale", "goal_distance": 20.0}
 

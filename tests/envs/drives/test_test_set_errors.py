@@ -3,8 +3,9 @@ import json
 
 import pytest
 
-from envs.drives.test_set_errors import errors_on_test_set, weights_digest
-from marssim.base.dataset.dataset import DatasetError
+from envs.drives.test_set_errors import errors_on_test_set
+from m3depth.estimator import weights_digest
+from marssim.base.files.json_file import DatasetError
 
 
 def results(path, weights="abc", pairs=4, **errors):

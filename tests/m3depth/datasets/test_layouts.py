@@ -14,7 +14,8 @@ import tyro
 from m3depth.datasets import maps
 from m3depth.datasets.config import FLAGS, DataConfig
 from m3depth.datasets.open import detect, open_pairs
-from marssim.base.dataset.dataset import SPLITS, DatasetError
+from marssim.base.dataset.dataset import SPLITS
+from marssim.base.files.json_file import DatasetError
 from marssim.base.files.pfm import encode_pfm
 
 H, W = 24, 40

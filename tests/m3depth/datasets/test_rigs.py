@@ -7,7 +7,7 @@ import pytest
 
 from m3depth.datasets.config import DataConfig
 from m3depth.datasets.rigs import file_rig
-from marssim.base.dataset.dataset import DatasetError
+from marssim.base.files.json_file import DatasetError
 
 CALIB = "cam0=[50 0 20; 0 50 12; 0 0 1]\ncam1=[50 0 20; 0 50 12; 0 0 1]\ndoffs=0\nbaseline={}\nwidth=40\nheight=24\n"
 

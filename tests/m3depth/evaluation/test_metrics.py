@@ -22,7 +22,7 @@ from m3depth.evaluation.running_sums import Tally
 from m3depth.evaluation.scores import ScoredPair, Scores
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
-from marssim.base.dataset.dataset import StereoSample
+from marssim.base.dataset.sample import StereoSample
 
 H, W = 40, 60
 RIG = StereoRig(PinholeCamera.centred(W, H, NATECAM.camera.fx), NATECAM.baseline)

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
-from marssim.base.command.run import parse
+from marssim.base.command.flags import parse
 from marssim.base.dataset.dataset import split_of
 from marssim.generation.config import GenerateConfig, GenerateOptions, RigOptions, parse_generate
 from marssim.scene.relief import ReliefConfig

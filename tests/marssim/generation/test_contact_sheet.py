@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from marssim.base.camera import NATECAM
-from marssim.base.dataset.dataset import StereoSample
+from marssim.base.dataset.sample import StereoSample
 from marssim.generation.contact_sheet import contact_sheet
 
 SIDE = 24

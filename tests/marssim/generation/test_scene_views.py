@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from marssim.base.camera import NATECAM
-from marssim.base.dataset.dataset import StereoSample
+from marssim.base.dataset.sample import StereoSample
 from marssim.generate import GenerateConfig, generate
 from marssim.render.sensor import SensorConfig
 from marssim.scene.scene import Look, SceneConfig, build_scene, preset

@@ -1,7 +1,8 @@
 import cv2
 import numpy as np
 
-from marssim.base.dataset.dataset import StereoDataset, read_sample
+from marssim.base.dataset.dataset import StereoDataset
+from marssim.base.dataset.sample import read_sample
 from marssim.inspection.figures import sample_figure, statistics_figure, warp_residual, warped
 from marssim.inspection.statistics import Tally
 

@@ -10,7 +10,9 @@ import cv2
 import numpy as np
 import pytest
 
-from marssim.base.dataset.dataset import IMAGES, DatasetError, StereoDataset, sample_digest, write_index
+from marssim.base.dataset.dataset import StereoDataset, write_index
+from marssim.base.dataset.sample import IMAGES, sample_digest
+from marssim.base.files.json_file import DatasetError
 from marssim.inspection.integrity import LEFT, check_extra, check_index, check_samples, check_trajectories
 from marssim.scene.trajectory import tum_lines
 

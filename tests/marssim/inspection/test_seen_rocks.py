@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from marssim.base.camera import PinholeCamera, StereoRig, look_pose
-from marssim.base.dataset.dataset import StereoSample, read_sample
+from marssim.base.dataset.sample import StereoSample, read_sample
 from marssim.inspection.seen_rocks import DIAMETERS, REACH, RockCover, seen_rocks
 from marssim.render.renderers.embree_renderer import Raycaster
 from marssim.scene.golombek import sampling_spread

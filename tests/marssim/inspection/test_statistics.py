@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from marssim.base.camera import NATECAM
-from marssim.base.dataset.dataset import StereoDataset, StereoSample
+from marssim.base.dataset.dataset import StereoDataset
+from marssim.base.dataset.sample import StereoSample
 from marssim.base.images.texture import lbp_entropy
 from marssim.inspection.statistics import DEPTH_STEP, Tally, table
 from marssim.render.sensor import GAMMA

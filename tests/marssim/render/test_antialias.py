@@ -7,8 +7,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from marssim.base.camera import PinholeCamera
+from marssim.base.dataset.frame import GROUND, SKY
 from marssim.render.antialias import SUBPIXELS, average, colours_beside, edge_pixels, subpixel_rays
-from marssim.render.geometry.gbuffer import GROUND, SKY, GBuffer
+from marssim.render.geometry.gbuffer import GBuffer
 
 CAMERA = PinholeCamera(9, 7, 20.0, 25.0, 3.6, 2.9)
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from marssim.base.camera import NATECAM, look_pose
+from marssim.base.dataset.frame import SKY, StereoFrame
 from marssim.render import stereo
-from marssim.render.geometry.gbuffer import SKY
 from marssim.render.renderers.by_name import make_renderer
 from marssim.render.renderers.embree_renderer import Raycaster
 from marssim.render.sensor import Sensor
-from marssim.render.stereo import StereoFrame, radiance, render_stereo
+from marssim.render.stereo import radiance, render_stereo
 from marssim.render.surfaces.shading import Shader
 from marssim.scene.rocks import RockConfig
 from marssim.scene.scene import Scene, SceneConfig, build_scene

@@ -11,7 +11,9 @@ from typing import Annotated, Literal
 import pytest
 import tyro
 
-from marssim.base.command.run import counted, describe, exit_code, parse, run_command
+from marssim.base.command.flags import parse
+from marssim.base.command.notes import counted
+from marssim.base.command.run import describe, exit_code, run_command
 
 
 class OutOfMemoryError(RuntimeError):

@@ -10,22 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from marssim.base.camera import NATECAM, look_pose
-from marssim.base.dataset.dataset import (
-    IMAGES,
-    DatasetError,
-    StereoDataset,
-    is_complete,
-    read_json,
-    read_sample,
-    sample_digest,
-    split_of,
-    write_index,
-    write_json,
-    write_sample,
-)
+from marssim.base.dataset.dataset import StereoDataset, split_of, write_index
+from marssim.base.dataset.frame import StereoFrame
+from marssim.base.dataset.sample import IMAGES, is_complete, read_sample, sample_digest, write_sample
+from marssim.base.files.json_file import DatasetError, read_json, write_json
 from marssim.render.renderers.embree_renderer import Raycaster
 from marssim.render.sensor import Sensor, SensorConfig
-from marssim.render.stereo import StereoFrame, render_stereo
+from marssim.render.stereo import render_stereo
 from marssim.render.surfaces.shading import Shader
 from marssim.scene.rocks import RockConfig
 from marssim.scene.scene import SceneConfig, build_scene

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from marssim.base.camera import look_pose
-from marssim.base.dataset.dataset import StereoSample, read_sample
+from marssim.base.dataset.sample import StereoSample, read_sample
 from marssim.base.images.pointcloud import coloured_points, encode_glb, encode_ply, surface_mesh
 
 HEIGHT, PITCH, BOARD_Z = 1.2, np.deg2rad(12), 3.0  # of conftest.py

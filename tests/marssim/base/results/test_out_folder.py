@@ -1,6 +1,6 @@
 import pytest
 
-from marssim.base.dataset.dataset import DatasetError
+from marssim.base.files.json_file import DatasetError
 from marssim.base.results.out_folder import check_around, check_out
 from marssim.generate import GenerateConfig, generate
 

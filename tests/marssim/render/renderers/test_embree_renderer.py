@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from marssim.base.camera import PinholeCamera, look_pose
-from marssim.render.geometry.gbuffer import GROUND, SKY, GBufferMaker
+from marssim.base.dataset.frame import GROUND, SKY
+from marssim.render.geometry.gbuffer import GBufferMaker
 from marssim.render.geometry.mesh import Mesh
 from marssim.render.geometry.visibility import SELF_GAP
 from marssim.render.renderers.by_name import make_renderer

@@ -9,9 +9,9 @@ import pytest
 pytest.importorskip("pybullet")
 
 from marssim.base.camera import PinholeCamera, look_pose
+from marssim.base.dataset.frame import GROUND, SKY
 from marssim.inspection.agreement import BesideCentres, ShiftFit
 from marssim.inspection.tilted_planes import plane_shift
-from marssim.render.geometry.gbuffer import GROUND, SKY
 from marssim.render.renderers.embree_renderer import Raycaster
 from marssim.render.renderers.pybullet_renderer import Rasterizer
 from marssim.scene.rocks import RockConfig

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from marssim.base.camera import PinholeCamera, look_pose
-from marssim.render.geometry.gbuffer import GROUND
+from marssim.base.dataset.frame import GROUND
 from marssim.render.geometry.mesh import scene_mesh
 from marssim.render.geometry.projection import Projection
 from marssim.render.geometry.raster import first_faces, matching_faces

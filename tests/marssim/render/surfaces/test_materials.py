@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from marssim.base.dataset.frame import GROUND
 from marssim.inspection.tilted_planes import plane
-from marssim.render.geometry.gbuffer import GROUND
 from marssim.render.surfaces.materials import FILLET, HIGHEST_FILLET, materials
 from marssim.render.surfaces.regolith import VARIANTS
 from marssim.scene.rocks import RockConfig

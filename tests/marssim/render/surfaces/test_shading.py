@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from marssim.render.geometry.gbuffer import GROUND
+from marssim.base.dataset.frame import GROUND
 from marssim.render.surfaces.shading import DUST_SCALE_HEIGHT, Shader
 from marssim.scene.rocks import RockConfig
 from marssim.scene.scene import LOOK_LIMITS, LookConfig, Scene, SceneConfig, build_scene, draw_look

@@ -1,0 +1,144 @@
+"""One sample of a dataset: written in one step, hashed, and read back as arrays."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+import cv2
+import numpy as np
+
+from marssim.base.camera import MAX_DEPTH, MIN_DEPTH, StereoRig
+from marssim.base.dataset.encoding import decode_depth, decode_normal, encode_depth, encode_normal
+from marssim.base.dataset.frame import SKY, StereoFrame
+from marssim.base.files.json_file import DatasetError, read_json
+from marssim.base.files.png import decode_png
+
+IMAGES = ("left.png", "right.png", "depth.png", "normal.png", "surface.png", "occluded.png")
+# the fastest that PNG has to offer for each, at about equal size: noise does not repeat, so searching it for repeats is
+# lost time; maps do, and normals are those of facets: unfiltered they repeat as they are
+_PLAIN = [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE]
+_NOISY = [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
+_RUNS = [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
+PNG = {
+    name: [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_SUB, *strategy]
+    for name, strategy in zip(IMAGES, (_NOISY, _NOISY, [], _PLAIN, _RUNS, _RUNS))
+}
+
+
+@dataclass(frozen=True)
+class StereoSample:
+    """One stereo pair with its ground truth; maps are of the left eye, frame: left camera, x right, y down, z forward.
+
+    left, right: (H, W, 3) uint8 RGB. depth: (H, W) float32 [m], z along the optical axis, inf in the sky.
+    disparity: (H, W) float32 [px], 0 in the sky. normal: (H, W, 3) float32, unit, facing the camera, 0 in the sky.
+    valid: (H, W) bool, depth within 0.5 m to 15 m. occluded: (H, W) bool, not seen by the right eye.
+    rock: (H, W) int32, 0 or the rock's number, from 1. rig: StereoRig. meta: the sample's JSON.
+    """
+
+    left: np.ndarray
+    right: np.ndarray
+    depth: np.ndarray
+    disparity: np.ndarray
+    normal: np.ndarray
+    valid: np.ndarray
+    occluded: np.ndarray
+    rock: np.ndarray
+    rig: StereoRig
+    meta: dict[str, Any]
+
+
+def write_sample(folder: Path, frame: StereoFrame, meta: dict[str, Any]) -> None:
+    """Write one sample so that the folder appears complete or not at all. Raises OSError if the disk refuses.
+
+    Nothing half written stays, but for a process that is killed. Two that write the same sample, as a run on a cluster
+    and the next one may for a moment, do not touch each other's files; whoever is done last finds it done.
+    """
+    images = {
+        "left.png": frame.left[..., ::-1],
+        "right.png": frame.right[..., ::-1],
+        "depth.png": encode_depth(frame.depth),
+        "normal.png": encode_normal(frame.normal)[..., ::-1],
+        "surface.png": (frame.surface + 1).astype(np.uint16),
+        "occluded.png": frame.occluded.astype(np.uint8) * 255,
+    }
+    partial = folder.with_name(f".{folder.name}.{uuid4().hex}.partial")
+    try:
+        partial.mkdir(parents=True)
+        digest = {}
+        for name, image in images.items():
+            encoded = cv2.imencode(".png", np.ascontiguousarray(image), PNG[name])[1].tobytes()
+            digest[name] = hashlib.sha256(encoded).hexdigest()
+            (partial / name).write_bytes(encoded)
+        meta = {**meta, "rig": frame.rig.to_dict(), "pose": frame.pose.tolist(), "sha256": digest}
+        (partial / "sample.json").write_text(json.dumps(meta, indent=1, sort_keys=True))
+        shutil.rmtree(folder, ignore_errors=True)
+        try:
+            partial.rename(folder)
+        except OSError:
+            if not is_complete(folder):
+                raise
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def is_complete(folder: Path) -> bool:
+    """Are all files of a sample there, none of them empty? What they hold is not looked at."""
+    files = (folder / name for name in ("sample.json", *IMAGES))
+    return all(file.is_file() and file.stat().st_size > 0 for file in files)
+
+
+def read_sample(folder: Path) -> StereoSample:
+    """Read one sample. Raises DatasetError that names the file which is missing or broken."""
+    meta = read_json(folder / "sample.json")
+    try:
+        rig = StereoRig.from_dict(meta["rig"])
+    except KeyError:
+        raise DatasetError(f"{folder / 'sample.json'}: field 'rig' is missing") from None
+    except ValueError as error:
+        raise DatasetError(f"{folder / 'sample.json'}: {error}") from None
+    size = (rig.camera.height, rig.camera.width)
+    surface = _read_image(folder / "surface.png", size, np.uint16).astype(np.int32) - 1
+    depth = decode_depth(_read_image(folder / "depth.png", size, np.uint16))
+    depth[surface == SKY] = np.inf
+    return StereoSample(
+        left=_read_image(folder / "left.png", (*size, 3), np.uint8)[..., ::-1].copy(),
+        right=_read_image(folder / "right.png", (*size, 3), np.uint8)[..., ::-1].copy(),
+        depth=depth,
+        disparity=rig.depth_to_disparity(depth),
+        normal=decode_normal(_read_image(folder / "normal.png", (*size, 3), np.uint16)[..., ::-1]),
+        valid=(depth >= MIN_DEPTH) & (depth <= MAX_DEPTH),
+        occluded=_read_image(folder / "occluded.png", size, np.uint8) > 0,
+        rock=np.maximum(surface, 0),
+        rig=rig,
+        meta=meta,
+    )
+
+
+def sample_digest(folder: Path) -> str:
+    """SHA-256 of a sample's sample.json, which holds those of its images. Raises DatasetError if it does not."""
+    file = folder / "sample.json"
+    digest = read_json(file).get("sha256")
+    if not isinstance(digest, dict) or set(digest) != set(IMAGES):
+        raise DatasetError(f"{file}: sha256 must hold the hash of each image")
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def _read_image(path: Path, shape: tuple[int, ...], dtype: type[np.generic]) -> np.ndarray:
+    try:
+        image = decode_png(path.read_bytes())
+    except FileNotFoundError:
+        raise DatasetError(f"{path}: no such file") from None
+    except OSError as error:
+        raise DatasetError(f"{path}: {(error.strerror or str(error)).lower()}") from None
+    if image is None:
+        raise DatasetError(f"{path}: not a readable image")
+    if image.shape != shape or image.dtype != dtype:
+        sizes = " x ".join(str(n) for n in (shape[1], shape[0], *shape[2:]))
+        raise DatasetError(f"{path}: must be {sizes} {np.dtype(dtype)} as the rig says, is {image.shape} {image.dtype}")
+    return image
