@@ -7,7 +7,6 @@ import re
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields
-from importlib import metadata
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -18,6 +17,7 @@ from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
 from marssim.base.command.flags import parse
 from marssim.base.dataset.dataset import SPLIT_OF_TEN
 from marssim.base.files.json_file import DatasetError, read_json
+from marssim.base.version import VERSION
 from marssim.render.renderers.by_name import Renderer
 from marssim.render.sensor import SensorConfig
 from marssim.scene.scene import PRESETS, Place, SceneConfig, preset
@@ -119,8 +119,7 @@ class GenerateConfig(RunConfig):
         scenes = [asdict(scene) for scene in self.scenes]  # in the order that they are drawn from
         for scene in scenes:
             del scene["relief"]["heightmap"]
-        version = {"marssim": marssim_version()}
-        return {**version, **content, "scene": self.place, "scenes": scenes, "rig": self.rig.to_dict()}
+        return {"marssim": VERSION, **content, "scene": self.place, "scenes": scenes, "rig": self.rig.to_dict()}
 
     def scene_config(self, scene: int) -> SceneConfig:
         """The config that a scene of the dataset is drawn from; it follows from the seed and the scene alone.
@@ -134,14 +133,6 @@ class GenerateConfig(RunConfig):
         rng = np.random.default_rng((self.seed, MIXTURE, cycle))
         order, start = rng.permutation(n), rng.permutation(n)
         return self.scenes[order[(start[within % n] + within // n) % n]]
-
-
-def marssim_version() -> str:
-    """Of the installed package; "unknown" where it runs from its source alone."""
-    try:
-        return metadata.version("mars-m3depth")
-    except metadata.PackageNotFoundError:
-        return "unknown"
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import trimesh
 
 from marssim.base.camera import PinholeCamera
 
@@ -70,6 +69,8 @@ def encode_ply(points: np.ndarray, colours: np.ndarray) -> bytes:
         kinds = [f"property float {axis}" for axis in "xyz"] + [f"property uchar {c}" for c in ("red", "green", "blue")]
         lines = ["ply", "format binary_little_endian 1.0", "element vertex 0", *kinds, "end_header", ""]
         return "\n".join(lines).encode()
+    import trimesh  # here, for it loads Embree
+
     return trimesh.PointCloud(points, colors=colours).export(file_type="ply")
 
 
@@ -80,6 +81,8 @@ def encode_glb(vertices: np.ndarray, faces: np.ndarray, colours: np.ndarray) -> 
     """
     if not len(faces):
         raise ValueError("a mesh needs at least one triangle")
+    import trimesh
+
     mesh = trimesh.Trimesh(vertices * GLTF_AXES, faces, vertex_colors=colours, process=False)
     data = mesh.export(file_type="glb")
     assert isinstance(data, bytes)

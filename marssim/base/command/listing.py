@@ -1,0 +1,41 @@
+"""The list of a package's commands: what `python -m marssim` and its like print."""
+
+from __future__ import annotations
+
+import ast
+from importlib.util import find_spec
+from pathlib import Path
+
+from marssim.base.version import VERSION
+
+COMMANDS = {
+    "marssim": ("generate", "verify", "export", "abundance", "slopes"),
+    "m3depth": ("train", "evaluate", "predict", "export", "ablate", "texture"),
+    "nav": ("replay",),
+    "envs": ("evaluate", "demo", "rocks", "train_ppo"),
+}
+
+
+def command_list(package: str) -> str:
+    """Return the commands of a package with what each does, as text for the terminal.
+
+    Args:
+        package: One of COMMANDS.
+
+    Returns:
+        A heading, one line a command, and how to get the help of a command. No module of the package is imported.
+    """
+    names = [f"python -m {package}.{name}" for name in COMMANDS[package]]
+    width = max(map(len, names))
+    rows = [f"  {name:<{width}}  {summary(package, command)}" for name, command in zip(names, COMMANDS[package])]
+    return "\n".join(
+        [f"Commands of {package} {VERSION}:", "", *rows, "", f"{names[0]} --help explains a command's flags."]
+    )
+
+
+def summary(package: str, command: str) -> str:
+    """Return the first line of a command's docstring, read from its source."""
+    spec = find_spec(package)
+    assert spec is not None and spec.origin is not None
+    text = (Path(spec.origin).parent / f"{command}.py").read_text(encoding="utf-8")
+    return (ast.get_docstring(ast.parse(text)) or "").partition("\n")[0]

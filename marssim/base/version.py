@@ -1,0 +1,17 @@
+"""The version of this distribution, for all of its packages."""
+
+from __future__ import annotations
+
+from importlib.metadata import PackageNotFoundError, version
+
+DISTRIBUTION = "mars-m3depth"
+
+
+def _installed() -> str:
+    try:
+        return version(DISTRIBUTION)
+    except PackageNotFoundError:  # run from a source tree that is not installed
+        return "unknown"
+
+
+VERSION = _installed()
