@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 PIP_TORCH := $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX),)
 TEST_WORKERS ?= 2
 
-.PHONY: install test lint types demo bench wheel clean
+.PHONY: install test quick lint types demo bench wheel clean
 
 install: $(VENV)/.installed
 
@@ -19,6 +19,10 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 
 test: install
 	$(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile -m "not benchmark"
+
+# In a minute: does the chain stand?
+quick: install
+	$(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile -m "quick and not benchmark"
 
 lint: install
 	$(BIN)/ruff check .

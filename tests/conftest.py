@@ -11,6 +11,28 @@ from hypothesis import settings
 settings.register_profile("suite", deadline=None, max_examples=50, derandomize=True)
 settings.load_profile("suite")
 
+# What `make quick` runs: the chain from end to end, and of each room the tests that take a moment.
+QUICK = (
+    "chain/", "layout/",
+    "marssim/base/test_camera.py", "marssim/base/dataset/", "marssim/base/files/", "marssim/base/results/",
+    "marssim/base/command/test_listing.py", "marssim/scene/test_golombek.py", "marssim/scene/test_rocks.py",
+    "marssim/scene/test_placement.py", "marssim/render/geometry/test_vectors.py", "marssim/render/test_sensor.py",
+    "marssim/physics/test_linkage.py", "marssim/layouts/",
+    "m3depth/network/test_wavelet.py", "m3depth/network/test_geometry.py", "m3depth/network/test_cost_volume.py",
+    "m3depth/training/test_losses.py", "m3depth/evaluation/test_metrics.py", "m3depth/stereo/test_plane_normals.py",
+    "m3depth/test_estimator.py",
+    "nav/test_controller.py", "nav/ground/", "nav/path/test_planner.py", "nav/path/test_footprint.py",
+    "envs/drives/test_metrics.py", "envs/world/test_odometry.py", "envs/observation/test_spaces.py",
+)  # fmt: skip
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests that `make quick` runs."""
+    root = Path(__file__).parent
+    for item in items:
+        if item.path.relative_to(root).as_posix().startswith(QUICK):
+            item.add_marker(pytest.mark.quick)
+
 
 @pytest.fixture(scope="session")
 def other_methods() -> Callable[[str], str]:
