@@ -1,23 +1,14 @@
-"""M3Depth: stereo depth and surface normals for Mars terrain.
+"""M3Depth: depth and surface normals of Mars terrain from a stereo pair, and the methods that it is compared with.
 
-`import m3depth` loads no torch; `m3depth.M3Depth` does, when it is first asked for.
+    from m3depth import load_estimator
+    prediction = load_estimator("m3depth").infer(left, right, rig)  # depth [m], disparity [px], normals, confidence
+
+The names are listed, with their types, in __init__.pyi. Each is loaded when it is first used, so `import m3depth` loads
+no torch.
 """
 
-from __future__ import annotations
+import lazy_loader
 
-from typing import TYPE_CHECKING, Any
+from marssim.base.version import VERSION as __version__  # noqa: F401
 
-from m3depth.stereo.prediction import Prediction
-
-if TYPE_CHECKING:
-    from m3depth.network.model import M3Depth
-
-__all__ = ["M3Depth", "Prediction"]
-
-
-def __getattr__(name: str) -> Any:
-    if name == "M3Depth":
-        from m3depth.network.model import M3Depth
-
-        return M3Depth
-    raise AttributeError(f"module 'm3depth' has no attribute {name!r}")
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -53,7 +53,7 @@ def test_every_folder_with_code_is_a_package(package):
     "program",
     [
         "import nav; nav.Navigator; nav.ElevationMap",
-        "import m3depth; m3depth.Prediction",
+        "import m3depth; [getattr(m3depth, name) for name in m3depth.__all__ if name != 'M3Depth']",
         "import m3depth.estimator, m3depth.evaluate, m3depth.predict, m3depth.train",
         "import marssim",
         "import marssim.camera",
