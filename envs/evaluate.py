@@ -24,7 +24,7 @@ from zlib import crc32
 from envs.drivers.by_name import DRIVERS, make_driver
 from envs.drives.episodes import Cell, EpisodeRecord, Watch, run_episode
 from envs.drives.metrics import best_and_worst, paired_difference, summarise
-from envs.drives.records import ANEW, read_record
+from envs.drives.records import DELETE_TO_REPEAT, read_record
 from envs.drives.report import write_report
 from envs.drives.resume import check_folder, noted_settings
 from envs.drives.test_set_errors import errors_on_test_set
@@ -43,7 +43,7 @@ from marssim.render.renderers.by_name import Renderer
 from marssim.scene.scene import LOOK_LIMITS, Place, SceneConfig, preset
 
 SETTINGS = "evaluate.json"  # in OUT: what its episodes were driven with
-LOOK = (  # flags that stand for fields of the scene's LookConfig
+LOOK_FLAGS = (  # flags that stand for fields of the scene's LookConfig
     "sun_elevation_deg", "optical_depth", "albedo_contrast", "texture_strength", "pebbles", "wind_ripples",
 )  # fmt: skip
 GRID_K = (0.033, 0.07, 0.10, 0.15, 0.20)
@@ -130,7 +130,7 @@ class EvaluateConfig:
         for flag, most in ERROR_LIMITS.items():
             if not 0 <= getattr(self, flag) <= most:
                 raise ValueError(f"--{flag.replace('_', '-')} must lie in [0, {most}], got {getattr(self, flag)}")
-        for name in LOOK:
+        for name in LOOK_FLAGS:
             low, high = LOOK_LIMITS[name]
             value = getattr(self, name)
             if value is not None and not low <= value <= high:
@@ -153,14 +153,14 @@ class EvaluateConfig:
     def scene_config(self) -> SceneConfig:
         """The preset with what is asked for in place of its ranges. Raises ValueError for what cannot be."""
         base = preset(self.scene)
-        asked = {name: (getattr(self, name),) * 2 for name in LOOK if getattr(self, name) is not None}
+        asked = {name: (getattr(self, name),) * 2 for name in LOOK_FLAGS if getattr(self, name) is not None}
         return replace(base, look=replace(base.look, **asked))
 
     def content(self) -> dict[str, Any]:
         """What an episode's outcome depends on, beside its driver, perception, cell and number."""
         plain = ("seed", "scene", "goal_distance", "dynamics", "renderer")
         errors = {name: getattr(self, name) for name in ERROR_LIMITS if getattr(self, name)}
-        look = {name: getattr(self, name) for name in LOOK if getattr(self, name) is not None}
+        look = {name: getattr(self, name) for name in LOOK_FLAGS if getattr(self, name) is not None}
         return {**{name: getattr(self, name) for name in plain}, **errors, **look}
 
 
@@ -299,7 +299,9 @@ def _read_record(folder: Path, task: Task) -> EpisodeRecord:
     path = folder / task.file
     record = read_record(path)
     if not task.is_of(record):
-        raise DatasetError(f"{path}: is of {record.driver}, {record.perception}, course {record.episode}{ANEW}")
+        raise DatasetError(
+            f"{path}: is of {record.driver}, {record.perception}, course {record.episode}{DELETE_TO_REPEAT}"
+        )
     return record
 
 

@@ -12,10 +12,10 @@ from gymnasium import spaces
 
 from envs.observation.map_view import MapView
 from envs.observation.spaces import observation_space, observe
-from envs.world.clearance import Flank
-from envs.world.course import Course, CourseConfig, draw_course, turned_round
+from envs.world.clearance import RockClearance
+from envs.world.course import Course, CourseConfig, draw_course, reversed_course
 from envs.world.odometry import Odometry
-from envs.world.perception import Eyes, Sight
+from envs.world.perception import Perception, Sight
 from envs.world.referee import STEPS_PER_METRE, Referee
 from envs.world.vehicle import Vehicle, make_vehicle
 from marssim.base.camera import NATECAM
@@ -169,7 +169,7 @@ class MarsNavEnv(gymnasium.Env):
         self.mast = mast
         self.scene_config = preset(scene) if isinstance(scene, str) else scene
         self.course_config = CourseConfig(goal_distance=goal_distance)
-        self.eyes = Eyes(perception, renderer, disparity_noise=float(disparity_noise))
+        self.perception = Perception(perception, renderer, disparity_noise=float(disparity_noise))
         self.drift, self.yaw_drift = float(drift), float(np.deg2rad(yaw_drift_deg))
         self.map_view = MapView(self.rover_spec) if map_observation else None
         self.action_space = spaces.Box(-1, 1, (3 if mast else 2,), np.float32)
@@ -197,9 +197,9 @@ class MarsNavEnv(gymnasium.Env):
         config = replace(self.course_config, **options)
         self._close_course()
         self.course = draw_course(self.scene_config, config, self.rover_spec, self.np_random)
-        self._flank = Flank(self.course.scene, self.rover_spec)
+        self._rock_clearance = RockClearance(self.course.scene, self.rover_spec)
         self._put_down(self.course)
-        self.eyes.open(self.course.scene, np.random.default_rng(self.np_random.integers(2**63)))
+        self.perception.open(self.course.scene, np.random.default_rng(self.np_random.integers(2**63)))
         return self._begin(config.goal_distance)
 
     def drive_back(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
@@ -210,7 +210,7 @@ class MarsNavEnv(gymnasium.Env):
         """
         if self.course is None or self.vehicle is None:
             raise gymnasium.error.ResetNeeded("call reset before drive_back")
-        self.course = turned_round(self.course, self.rover_spec, self.np_random)
+        self.course = reversed_course(self.course, self.rover_spec, self.np_random)
         self.vehicle.close()
         self._put_down(self.course)
         return self._begin(self.referee.time_limit / STEPS_PER_METRE)
@@ -234,7 +234,7 @@ class MarsNavEnv(gymnasium.Env):
         self._last_action = np.zeros(2, dtype=np.float32)
         self._place = self._stand()
         self._to_go = self.course.ground.distance_to_goal(*self._place[:2])
-        self._min_clearance = self._flank.clearance(self._place, self._place)
+        self._min_clearance = self._rock_clearance.between(self._place, self._place)
         self._look()
         return self._observation(), self._info()
 
@@ -258,7 +258,7 @@ class MarsNavEnv(gymnasium.Env):
 
         place = self._stand()
         self._path_length += float(np.hypot(*(place - self._place)[:2]))
-        self._min_clearance = min(self._min_clearance, self._flank.clearance(self._place, place))
+        self._min_clearance = min(self._min_clearance, self._rock_clearance.between(self._place, place))
         self._place = place
         to_go = self.course.ground.distance_to_goal(*place[:2])
         progress = self._to_go - to_go if np.isfinite(to_go) else 0.0
@@ -285,8 +285,8 @@ class MarsNavEnv(gymnasium.Env):
             from envs.world.outside_view import OutsideView
             from marssim.render.renderers.embree_renderer import Raycaster
 
-            maker = self.eyes.maker
-            self._view = OutsideView(self.course.scene, maker if isinstance(maker, Raycaster) else None)
+            renderer = self.perception.renderer
+            self._view = OutsideView(self.course.scene, renderer if isinstance(renderer, Raycaster) else None)
         return self._view.picture(self.vehicle.state(), self.vehicle.mesh(self._pan))
 
     def close(self) -> None:
@@ -294,7 +294,7 @@ class MarsNavEnv(gymnasium.Env):
         self._close_course()
 
     def _close_course(self) -> None:
-        self.eyes.close()
+        self.perception.close()
         if self.vehicle is not None:
             self.vehicle.close()
         if self._view is not None:
@@ -323,7 +323,7 @@ class MarsNavEnv(gymnasium.Env):
     def _look(self) -> None:
         assert self.vehicle is not None
         pose = self.vehicle.state().pose @ self.rover_spec.mount.left_eye(NATECAM.baseline, self._pan)
-        self.sight = self.eyes.look(pose, self._pan)
+        self.sight = self.perception.look(pose, self._pan)
 
     def _observation(self) -> dict[str, np.ndarray]:
         assert self.course is not None and self.vehicle is not None and self.sight is not None

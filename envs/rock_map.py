@@ -39,7 +39,7 @@ error of 1 px of disparity, and else false. The rows of ground_truth say what th
 
 
 @dataclass(frozen=True)
-class Look:
+class FrameMap:
     """What one depth map shows. step: (n, n) [m] above the ground, NaN unknown."""
 
     elevation: ElevationMap
@@ -47,8 +47,8 @@ class Look:
 
 
 @dataclass(frozen=True)
-class Place:
-    """Where rocks truly are, in the cells of a Look.
+class TrueRocks:
+    """Where rocks truly are, in the cells of a FrameMap.
 
     cells: (n, n) bool, those of each rock; height: (n, n) [m] of what stands there above the ground, rock pixels and
     the map of the true depth, -1 where nothing is known; fb: focal length x baseline [px m].
@@ -59,7 +59,7 @@ class Place:
     fb: float
 
 
-def true_place(scene: RockScene, true: Look, on_rock: np.ndarray, fb: float) -> Place:
+def true_rocks(scene: RockScene, true: FrameMap, on_rock: np.ndarray, fb: float) -> TrueRocks:
     """true: the look of the true depth; on_rock: (H, W) bool, all rock pixels, those of small rocks too."""
     elevation = true.elevation
     points = scene.rays.reshape(-1, 3) * np.where(np.isfinite(scene.true_depth), scene.true_depth, 0).reshape(-1, 1)
@@ -70,7 +70,7 @@ def true_place(scene: RockScene, true: Look, on_rock: np.ndarray, fb: float) -> 
     inside = ((index >= 0) & (index < elevation.n)).all(axis=1)
     above = scene.heights(rock_points)
     np.maximum.at(height, (index[inside, 1], index[inside, 0]), above[inside])
-    return Place(cells, height, fb)
+    return TrueRocks(cells, height, fb)
 
 
 def _cells_of(elevation: ElevationMap, xy: np.ndarray) -> np.ndarray:
@@ -82,17 +82,17 @@ def _cells_of(elevation: ElevationMap, xy: np.ndarray) -> np.ndarray:
     return mask
 
 
-def look_at(depth: np.ndarray, confidence: np.ndarray | None, rig: StereoRig, turn: np.ndarray) -> Look:
+def frame_map(depth: np.ndarray, confidence: np.ndarray | None, rig: StereoRig, turn: np.ndarray) -> FrameMap:
     """The navigator's map of one depth map. turn: (3, 3) left camera to level axes; the camera stands at (0, 0, 0)."""
     pose = np.eye(4)
     pose[:3, :3] = turn
     elevation = ElevationMap()
     elevation.integrate(depth, confidence, rig, pose)
-    return Look(elevation, assess(elevation, ZHURONG, TraversabilityConfig()).step)
+    return FrameMap(elevation, assess(elevation, ZHURONG, TraversabilityConfig()).step)
 
 
 @dataclass
-class MapTally(RockTally):
+class MapRockCounts(RockTally):
     """What a map tells beside what every depth does: displaced, (height, distance) [m] of each obstacle that is a rock
     but not at its place; unknown: of each rock missed whose place was left unknown."""
 
@@ -101,8 +101,8 @@ class MapTally(RockTally):
 
     def result(self) -> dict[str, Any]:
         """RockTally's, with the number of all displaced."""
-        found = super().result()
-        return {**found, "displaced": len(self.displaced)} if found else {}
+        counts = super().result()
+        return {**counts, "displaced": len(self.displaced)} if counts else {}
 
     def figures(self, low: float, high: float, near: float, far: float) -> dict[str, Any]:
         """RockTally's, with the numbers of unknown and displaced."""
@@ -111,46 +111,46 @@ class MapTally(RockTally):
         return {**super().figures(low, high, near, far), **counts}
 
 
-def count_rocks(tally: MapTally, look: Look, scene: RockScene, place: Place, least: float) -> None:
+def count_rocks(tally: MapRockCounts, shown: FrameMap, scene: RockScene, truth: TrueRocks, least: float) -> None:
     """Add what one look shows to the tally. place: where the rocks truly are; least: [m] from which height on a cell is
     an obstacle."""
     tally.images += 1
-    config = look.elevation.config
+    config = shown.elevation.config
     with np.errstate(invalid="ignore"):
-        stands = look.step >= least
-    for rock, on in zip(scene.rocks, place.cells, strict=True):
+        stands = shown.step >= least
+    for rock, on in zip(scene.rocks, truth.cells, strict=True):
         if np.median(scene.true_depth.ravel()[rock.pixels]) >= config.max_range - CUT:
             continue
         cells = _wider(on, 1)
         found = bool((stands & cells).any())
-        height = float(np.nanmax(look.step[cells])) if found else np.nan
+        height = float(np.nanmax(shown.step[cells])) if found else np.nan
         tally.rocks.append(RockOutcome(rock.height, rock.away, found, height - rock.height, rock.both_eyes))
-        if not found and look.elevation.known[on].mean() < 0.5:
+        if not found and shown.elevation.known[on].mean() < 0.5:
             tally.unknown.append((rock.height, rock.away))
     beside = np.ones((2 * round(BESIDE / config.cell) + 1,) * 2, np.uint8)
     with np.errstate(invalid="ignore"):
-        false = stands & ~(cv2.dilate(place.height, beside) >= look.step / 2)
+        false = stands & ~(cv2.dilate(truth.height, beside) >= shown.step / 2)
     count, label = cv2.connectedComponents(false.astype(np.uint8), connectivity=8)
-    x, y = look.elevation.centres()
+    x, y = shown.elevation.centres()
     away = np.hypot(x[None, :], y[:, None])
     for number in range(1, count):
         patch = label == number
-        height = float(look.step[patch].max())
-        told = tally.displaced if _is_displaced(look.elevation, patch, height, place) else tally.false
-        told.append((height, float(np.median(away[patch]))))
+        height = float(shown.step[patch].max())
+        places = tally.displaced if _is_displaced(shown.elevation, patch, height, truth) else tally.false
+        places.append((height, float(np.median(away[patch]))))
 
 
-def _is_displaced(elevation: ElevationMap, patch: np.ndarray, height: float, place: Place) -> bool:
+def _is_displaced(elevation: ElevationMap, patch: np.ndarray, height: float, truth: TrueRocks) -> bool:
     """Whether something at least half as high truly stands within the range error of a patch (n, n) bool."""
     iy, ix = np.nonzero(patch)
     x, y = elevation.centres()
     xy = np.column_stack([x[ix], y[iy]])
     away = np.hypot(*xy.T)
     # dZ = Z^2 / (f B) dd; distance along the ground for Z, which it exceeds a little towards the image's sides.
-    error = RANGE_ERROR * away / place.fb
+    error = RANGE_ERROR * away / truth.fb
     along = 1 + np.arange(-1, 1.01, 0.02)[:, None] * error
     near = _cells_of(elevation, (along[..., None] * xy).reshape(-1, 2))
-    return bool(place.height[_wider(near, round(BESIDE / elevation.config.cell))].max() >= height / 2)
+    return bool(truth.height[_wider(near, round(BESIDE / elevation.config.cell))].max() >= height / 2)
 
 
 def _wider(mask: np.ndarray, cells: int) -> np.ndarray:

@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from envs.rock_map import RULES, MapTally, count_rocks, look_at, true_place
+from envs.rock_map import RULES, MapRockCounts, count_rocks, frame_map, true_rocks
 from envs.world.perception import load_perception
-from envs.world.user_code import called
+from envs.world.user_code import errors_of
 from m3depth.datasets.config import Part
 from m3depth.estimator import checked_prediction
 from m3depth.evaluation.report import rocks_table, write_json
@@ -88,7 +88,7 @@ def rocks_seen(config: RocksConfig) -> dict[str, Any]:
     methods = {name: load_perception(name) for name in config.perception}
     worse = None if config.degrade is None else Degradation.parse(config.degrade)
     steps = sorted({config.step, *STEPS})
-    tallies = {name: {step: MapTally() for step in steps} for name in methods}
+    tallies = {name: {step: MapRockCounts() for step in steps} for name in methods}
     config.out.mkdir(parents=True, exist_ok=True)
     for index, (dataset, number) in enumerate(watched(pairs, "pair", "rocks")):
         sample = dataset[number]
@@ -100,18 +100,18 @@ def rocks_seen(config: RocksConfig) -> dict[str, Any]:
             rng = np.random.default_rng((config.seed, index))
             left, right = worse.apply(left, right, rng)
         turn = np.asarray(sample.meta["pose"], float)[:3, :3]
-        true = look_at(sample.depth, None, sample.rig, turn)
-        place = true_place(scene, true, sample.rock > 0, sample.rig.fb)
+        true = frame_map(sample.depth, None, sample.rig, turn)
+        truth = true_rocks(scene, true, sample.rock > 0, sample.rig.fb)
         for name, method in methods.items():
             if method is None:
-                look = true
+                shown = true
             else:
-                with called(method):
-                    found = method.infer(left, right, sample.rig)
-                seen = checked_prediction(method, found, left.shape[:2])
-                look = look_at(seen.depth, seen.confidence, sample.rig, turn)
+                with errors_of(method):
+                    prediction = method.infer(left, right, sample.rig)
+                prediction = checked_prediction(method, prediction, left.shape[:2])
+                shown = frame_map(prediction.depth, prediction.confidence, sample.rig, turn)
             for step, tally in tallies[name].items():
-                count_rocks(tally, look, scene, place, step)
+                count_rocks(tally, shown, scene, truth, step)
     return _report(config, {name: {step: t.result() for step, t in by.items()} for name, by in tallies.items()})
 
 

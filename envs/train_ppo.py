@@ -60,7 +60,7 @@ SETTINGS: dict[str, Any] = {
 
 
 @dataclass(frozen=True)
-class TrainConfig:
+class PPOConfig:
     """Train PPO on MarsNav-v0 and save OUT/policy.zip, which envs.evaluate takes as a driver."""
 
     out: Path
@@ -120,7 +120,7 @@ class TrainingCourses(gymnasium.Wrapper):
         return self.env.reset(seed=seed, options={"k": float(self._rng.uniform(*self.k)), **(options or {})})
 
 
-def training_env(config: TrainConfig) -> gymnasium.Env:
+def training_env(config: PPOConfig) -> gymnasium.Env:
     """What a policy is trained in: Corridors on TrainingCourses, with rewards of the size that PPO's defaults suit."""
     from stable_baselines3.common.monitor import Monitor
 
@@ -133,7 +133,7 @@ def training_env(config: TrainConfig) -> gymnasium.Env:
     return TransformReward(told, lambda reward: REWARD_SHARE * float(reward))
 
 
-def train(config: TrainConfig, rollout: int = 128) -> Path:
+def train(config: PPOConfig, rollout: int = 128) -> Path:
     """Train until the time or the steps are used up; returns the policy's path. rollout: choices in each environment
     between two updates. Raises ImportError without stable-baselines3, ValueError for a policy.zip that is none,
     DatasetError for one that learnt on other courses, FolderInUse."""
@@ -148,7 +148,7 @@ def train(config: TrainConfig, rollout: int = 128) -> Path:
     return path
 
 
-def _train(config: TrainConfig, path: Path, rollout: int) -> None:
+def _train(config: PPOConfig, path: Path, rollout: int) -> None:
     from stable_baselines3 import PPO
     from stable_baselines3.common.callbacks import BaseCallback
     from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
@@ -228,7 +228,7 @@ def _save(model: Any, path: Path) -> None:
     write_atomically(path, policy.getvalue())
 
 
-def _note(config: TrainConfig) -> float:
+def _note(config: PPOConfig) -> float:
     """Note what is learnt on, and return for how long [s] a policy in the folder has learnt.
 
     Raises DatasetError that says what differs if it learnt on other courses.
@@ -271,7 +271,7 @@ def _summary(ended: list[dict[str, Any]]) -> dict[str, Any]:
 
 def main(args: Sequence[str] | None = None) -> int:
     """The command. Returns the exit code."""
-    return run_command(lambda config: print(train(config)), TrainConfig, "python -m envs.train_ppo", __doc__, args)
+    return run_command(lambda config: print(train(config)), PPOConfig, "python -m envs.train_ppo", __doc__, args)
 
 
 if __name__ == "__main__":

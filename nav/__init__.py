@@ -1,6 +1,7 @@
-"""Depth in, wheel command out: map, traversability, planner and controller of a rover. numpy, scipy and OpenCV only.
+"""A rover's navigator: depth goes in, wheel commands come out. Needs numpy, scipy and OpenCV only.
 
-The names are listed, with their types, in __init__.pyi. Each is loaded when it is first used.
+It holds the elevation map, the traversability, the planner and the controller. __init__.pyi lists the public names with
+their types. Each is loaded at its first use.
 """
 
 import lazy_loader

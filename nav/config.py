@@ -1,4 +1,4 @@
-"""Everything of the navigator that can be tuned, in one place."""
+"""Every setting of the navigator, in one place."""
 
 from __future__ import annotations
 
@@ -10,44 +10,71 @@ from nav.path.planner import PlannerConfig
 
 
 @dataclass(frozen=True)
-class Boldness:
-    """What is dared where every way is closed: rocks up to step [m] and slopes up to slope_deg are driven over, and
-    the margins beside obstacles shrink to a share. Heights err by centimetres, so step stays below
-    RoverSpec.obstacle_height."""
+class RiskLevel:
+    """Relaxed rules for the case that every way is closed."""
 
     step: float
+    """Rocks up to this height may be driven over [m]. Measured heights are wrong by centimetres, so it stays below
+    RoverSpec.obstacle_height."""
     slope_deg: float
+    """Slopes up to this angle may be driven over [deg]."""
     margin_share: float
+    """Share of the margins beside obstacles that is kept."""
 
 
 @dataclass(frozen=True)
 class NavigatorConfig:
-    """Settings of Navigator and of what it is made of."""
+    """Settings of Navigator and of its parts."""
 
     elevation: ElevationConfig = field(default_factory=ElevationConfig)
+    """Settings of the elevation map."""
     traversability: TraversabilityConfig = field(default_factory=TraversabilityConfig)
+    """Settings of the judgement of the ground."""
     planner: PlannerConfig = field(default_factory=PlannerConfig)
-    step_time: float = 2.0  # a command is held this long [s]
-    goal_radius: float = 0.5  # arrived within [m], of what the odometry says: half of what a mission may ask for
-    clear_radius: float = 2.5  # round the start the ground is taken for clear [m]
-    least_points: int = 50  # an image that shows fewer points of ground shows nothing
-    look_pan_deg: float = 40.0  # the mast looks this far to either side for a way out
-    pan_reach_deg: float = 75.0  # and at most this far when it follows the path
-    look_before_turn_deg: float = 30.0  # before a turn in place of more than this the mast looks there first ...
-    seen_share: float = 0.6  # ... unless this share of the way after the turn was seen
-    back_up: float = 1.2  # recovery drives back this far [m]
-    back_speed: float = 0.15  # at this speed [m/s]
-    max_recoveries: int = 6  # without coming a metre nearer to the goal; then stuck
-    closed_steps: int = 15  # in a row with every way to the goal closed by known obstacles; then no path ...
-    bold_after: int = 5  # ... but first, after so many, the next of these is dared ...
-    bold_after_recoveries: int = 2  # ... and likewise where so many recoveries led nowhere ...
-    bold: tuple[Boldness, ...] = (Boldness(0.23, 26.0, 0.5), Boldness(0.25, 27.0, 0.4), Boldness(0.275, 28.0, 0.3))
-    bold_steps: int = 25  # ... for so many steps
-    slip_steps: int = 2  # drive steps without motion that mean an unseen obstacle
+    """Settings of the planner."""
+    step_time: float = 2.0
+    """Time for which the rover holds a command [s]."""
+    goal_radius: float = 0.5
+    """Distance to the goal, by odometry, at which the drive ends [m]: half of what a mission may ask for."""
+    clear_radius: float = 2.5
+    """Radius around the start within which unseen ground is assumed to be flat and free [m]."""
+    least_points: int = 50
+    """An image that shows fewer points of ground counts as showing nothing."""
+    look_pan_deg: float = 40.0
+    """Pan to either side when the mast looks for a way out [deg]."""
+    pan_reach_deg: float = 75.0
+    """Largest pan when the mast follows the path [deg]."""
+    look_before_turn_deg: float = 30.0
+    """The mast looks ahead of a turn in place of more than this angle [deg], unless seen_share is reached."""
+    seen_share: float = 0.6
+    """Share of the ground ahead after the turn that must have been measured to turn without a look."""
+    back_up: float = 1.2
+    """Distance that a recovery drives back [m]."""
+    back_speed: float = 0.15
+    """Speed at which it drives back [m/s]."""
+    max_recoveries: int = 6
+    """Recoveries without coming one metre nearer to the goal, after which the rover is stuck."""
+    closed_steps: int = 15
+    """Steps in a row with every way to the goal closed by known obstacles, after which there is no path."""
+    risk_after: int = 5
+    """Steps in a row with every way closed, after which the next risk level is accepted."""
+    risk_after_recoveries: int = 2
+    """Recoveries without success, after which the next risk level is accepted."""
+    risk_levels: tuple[RiskLevel, ...] = (
+        RiskLevel(0.23, 26.0, 0.5),
+        RiskLevel(0.25, 27.0, 0.4),
+        RiskLevel(0.275, 28.0, 0.3),
+    )
+    """The levels of risk, in the order in which they are accepted."""
+    risk_steps: int = 25
+    """Steps for which a risk level is accepted."""
+    slip_steps: int = 2
+    """Drive steps without motion that mean an unseen obstacle."""
 
     def __post_init__(self) -> None:
-        if self.bold and self.bold_steps <= self.closed_steps:  # daring would lapse and begin anew, again and again
+        # A level that ends before the rover gives up would be accepted again and again.
+        if self.risk_levels and self.risk_steps <= self.closed_steps:
             raise ValueError(
-                f"bold_steps must be more than closed_steps, got {self.bold_steps} and {self.closed_steps}: "
+                f"risk_steps must be more than closed_steps, got {self.risk_steps} and {self.closed_steps}: "
                 "the navigator would never give up"
             )

@@ -1,7 +1,7 @@
-"""From a body motion to six wheel speeds and six steering angles.
+"""Turn a body motion into six wheel speeds and six steering angles.
 
-Body frame x forward, y left, z up; wheel order is RoverSpec.wheel_positions: front left, front right, middle left,
-middle right, rear left, rear right. All six wheels steer, so that every wheel rolls along the rigid body's velocity at
+Body frame: x forward, y left, z up. Wheel order as in RoverSpec.wheel_positions: front left, front right, middle left,
+middle right, rear left, rear right. All six wheels steer, so every wheel rolls along the velocity of the rigid body at
 its hub: v_i = (v_x - w y_i, v_y + w x_i) (double Ackermann; a point turn is v = 0, a crab is w = 0).
 """
 
@@ -16,20 +16,31 @@ from marssim.base.rover_spec import ZHURONG, RoverSpec
 
 @dataclass(frozen=True)
 class WheelCommand:
-    """speeds: (6,) [rad/s], positive rolls forward; angles: (6,) steering [rad], positive to the left."""
+    """The speeds and angles of the six wheels, in the order of RoverSpec.wheel_positions."""
 
     speeds: np.ndarray
+    """(6,) wheel speeds [rad/s], positive rolls forward."""
     angles: np.ndarray
+    """(6,) steering angles [rad], positive to the left."""
 
 
 def wheel_command(speed: float, yaw_rate: float, spec: RoverSpec = ZHURONG, lateral: float = 0.0) -> WheelCommand:
-    """Wheel speeds and steering angles of a planar body motion.
+    """Return the wheel speeds and steering angles of a planar body motion.
 
-    speed: forward [m/s], negative backwards; yaw_rate [rad/s], positive to the left; lateral: to the left [m/s].
     The motion is scaled down as a whole, so that it keeps its curve, until speed, yaw rate and wheel speeds are within
-    spec. A wheel points backwards and turns in reverse where that keeps its angle within spec.max_steer.
-    Returns wheels straight and at rest for no motion.
-    Raises ValueError if an input is not finite, or if the motion needs a steering angle beyond spec.max_steer.
+    `spec`. A wheel points backwards and turns in reverse where that keeps its angle within spec.max_steer.
+
+    Args:
+        speed: Forward speed [m/s], negative backwards.
+        yaw_rate: Yaw rate [rad/s], positive to the left.
+        spec: The rover.
+        lateral: Speed to the left [m/s].
+
+    Returns:
+        The wheel command; wheels straight and at rest for no motion.
+
+    Raises:
+        ValueError: If an input is not finite, or if the motion needs a steering angle beyond spec.max_steer.
     """
     if not np.isfinite([speed, yaw_rate, lateral]).all():
         raise ValueError(f"speed, yaw_rate and lateral must be finite, got {speed}, {yaw_rate}, {lateral}")
@@ -60,21 +71,40 @@ def wheel_command(speed: float, yaw_rate: float, spec: RoverSpec = ZHURONG, late
 
 
 def point_turn(yaw_rate: float, spec: RoverSpec = ZHURONG) -> WheelCommand:
-    """Turn on the spot. yaw_rate [rad/s], positive to the left."""
+    """Return the wheel command of a turn on the spot.
+
+    Args:
+        yaw_rate: Yaw rate [rad/s], positive to the left.
+        spec: The rover.
+    """
     return wheel_command(0.0, yaw_rate, spec)
 
 
 def crab(speed: float, direction: float, spec: RoverSpec = ZHURONG) -> WheelCommand:
-    """Drive along a body direction without turning. speed [m/s]; direction [rad] from x, positive to the left."""
+    """Return the wheel command of a drive along a body direction without turning.
+
+    Args:
+        speed: Speed [m/s].
+        direction: Direction of the motion [rad] from x, positive to the left.
+        spec: The rover.
+    """
     return wheel_command(speed * np.cos(direction), 0.0, spec, lateral=speed * np.sin(direction))
 
 
 def steerable(speed: float, yaw_rate: float, spec: RoverSpec = ZHURONG) -> tuple[float, float]:
-    """The drivable motion nearest to a wish: clipped to the limits, and to curves that the steering can follow.
+    """Return the drivable motion that is nearest to the requested one, within the limits of speed and steering.
 
-    Curves whose turning centre comes too near a wheel need more than spec.max_steer; they become the tightest curve
-    that does not, with the yaw rate kept and the speed raised or lowered; where that would pass the speed limit, the
-    yaw rate is lowered instead. Returns (speed, yaw_rate).
+    A curve whose turning centre is too near to a wheel needs more than spec.max_steer. It becomes the tightest curve
+    that does not: the yaw rate is kept and the speed raised or lowered; where that would exceed the speed limit, the
+    yaw rate is lowered instead.
+
+    Args:
+        speed: Forward speed [m/s], negative backwards.
+        yaw_rate: Yaw rate [rad/s], positive to the left.
+        spec: The rover.
+
+    Returns:
+        The speed [m/s] and the yaw rate [rad/s].
     """
     speed = float(np.clip(speed, -spec.max_speed, spec.max_speed))
     yaw_rate = float(np.clip(yaw_rate, -spec.max_yaw_rate, spec.max_yaw_rate))
@@ -86,7 +116,7 @@ def steerable(speed: float, yaw_rate: float, spec: RoverSpec = ZHURONG) -> tuple
     radius = speed / yaw_rate
     low, high = float(np.min(np.abs(y) - reach)), float(np.max(np.abs(y) + reach))
     if low < abs(radius) < high:
-        # A drive becomes a wider drive, what is nearly a point turn a tighter one.
+        # A drive becomes a wider drive; a motion near a point turn becomes a tighter turn.
         wanted = high if abs(radius) > (low + high) / 2 else max(low, 0.0)
         if wanted * abs(yaw_rate) > spec.max_speed:
             yaw_rate *= spec.max_speed / (wanted * abs(yaw_rate))

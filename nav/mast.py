@@ -1,4 +1,4 @@
-"""Where the mast looks: along the path, and there first where a turn in place leads into what was not seen."""
+"""The direction in which the mast looks: along the path, and into a turn in place before the rover makes it."""
 
 from __future__ import annotations
 
@@ -9,53 +9,70 @@ from nav.command import Command
 from nav.config import NavigatorConfig
 from nav.ground.elevation import ElevationMap
 
-LOOKED = np.deg2rad(10.0)  # the mast is where it was asked to be within this
-AHEAD = np.deg2rad(15.0)  # smaller bearings are within the view straight ahead
+PAN_TOLERANCE = np.deg2rad(10.0)  # [rad] within which the mast has reached a pan
+AHEAD_BEARING = np.deg2rad(15.0)  # [rad] below which a bearing lies within the view straight ahead
 
 
 class Mast:
-    """Chooses pans [rad], positive to the left. works: False once the mast did not obey."""
+    """Chooses the pan of the mast [rad], positive to the left.
+
+    Attributes:
+        works: False once the mast did not obey.
+    """
 
     def __init__(self, spec: RoverSpec, config: NavigatorConfig) -> None:
         self.spec, self.config = spec, config
         self.works = True
-        self._looked = False  # before the turn that goes on
-        self._last = 0.0
+        self._looked = False  # whether it has looked into the present turn
+        self._last_pan = 0.0
 
-    def follow(self, pan: float, wish: float | None) -> None:
-        """Note where the mast is. wish: what was asked of it in the step before, None for straight ahead."""
-        if wish is not None and abs(wish - pan) > LOOKED and abs(wish - pan) > abs(wish - self._last) - LOOKED:
-            self.works = False  # neither there nor on its way
-        self._last = pan
+    def follow(self, pan: float, asked: float | None) -> None:
+        """Note the pan that the mast has reached.
+
+        Args:
+            pan: The pan now [rad].
+            asked: The pan that the step before asked for [rad]; None for straight ahead.
+        """
+        if asked is not None:
+            missing = abs(asked - pan)
+            if missing > PAN_TOLERANCE and missing > abs(asked - self._last_pan) - PAN_TOLERANCE:
+                self.works = False  # it is neither at the pan nor moving towards it
+        self._last_pan = pan
 
     def towards(self, bearing: float) -> float | None:
-        """The pan for a bearing [rad]; None near straight ahead, or where the mast does not obey."""
-        if not self.works or abs(bearing) < AHEAD:
+        """Return the pan for a bearing [rad]; None near straight ahead, or if the mast does not obey."""
+        if not self.works or abs(bearing) < AHEAD_BEARING:
             return None
         reach = min(np.deg2rad(self.config.pan_reach_deg), self.spec.mount.pan_limit)
         return float(np.clip(bearing, -reach, reach))
 
     def turn_is_over(self) -> None:
-        """The rover drives on: the next turn is looked into anew."""
+        """Note that the rover drives again, so that the mast looks into the next turn too."""
         self._looked = False
 
     def must_look(self, turn: float, here: np.ndarray, pan: float, last: Command, elevation: ElevationMap) -> bool:
-        """Whether it shall look where a turn in place leads before the turn is begun.
+        """Return whether the mast shall look into a turn in place before the rover begins it.
 
-        Once a turn; and on, while the mast is still on its way there. turn [rad]; here: (3,) x, y, yaw; pan [rad] at
-        the last image; last: the command before it.
+        It looks once for each turn, and goes on looking while the mast is still moving there.
+
+        Args:
+            turn: The turn [rad], positive to the left.
+            here: (3,) x, y [m], yaw [rad] of the rover.
+            pan: Pan of the mast at the last image [rad].
+            last: The command before it.
+            elevation: The map.
         """
-        wish = self.towards(turn)
-        if wish is None or abs(turn) < np.deg2rad(self.config.look_before_turn_deg):
+        target = self.towards(turn)
+        if target is None or abs(turn) < np.deg2rad(self.config.look_before_turn_deg):
             return False
         on_the_way = last.status == "look" and last.pan is not None
-        if self._looked and not (on_the_way and abs(wish - pan) > LOOKED):
+        if self._looked and not (on_the_way and abs(target - pan) > PAN_TOLERANCE):
             return False
         self._looked = True
-        return self._seen(here, turn, elevation) < self.config.seen_share
+        return self._measured_share(here, turn, elevation) < self.config.seen_share
 
-    def _seen(self, here: np.ndarray, turn: float, elevation: ElevationMap) -> float:
-        """Share of the way ahead after a turn that was measured."""
+    def _measured_share(self, here: np.ndarray, turn: float, elevation: ElevationMap) -> float:
+        """Return the share of the ground ahead after a turn that has been measured."""
         heading, spec = here[2] + turn, self.spec
         ahead = np.arange(spec.length / 2, spec.length / 2 + self.config.planner.lookahead, 0.2)
         across = np.linspace(-0.5, 0.5, 7) * spec.width

@@ -1,7 +1,8 @@
-"""Look, update, plan, command: the rover's autonomous drive.
+"""The rover's autonomous drive: look, update the map, plan, command.
 
-Call it once per drive step with what the cameras measured; it answers with a motion for the next step and, at times,
-with a wish where the mast should look. It holds the map and the driven track, and nothing of a simulator:
+Call `step` once per drive step with the depth that the cameras measured. It returns a motion for the next step and, at
+times, a direction in which the mast should look. The navigator holds the map and the driven track, and needs no
+simulator:
 
     import numpy as np
     from marssim.base.camera import NATECAM
@@ -24,9 +25,9 @@ with a wish where the mast should look. It holds the map and the driven track, a
         rover.drive(wheels.speeds, wheels.angles, seconds=2.0)  # then stop and look again
     rover.stop()
 
-The pan that is handed to `step` is the mast's at the moment of the image: a slow mast may still be on its way. A rover
-whose mast cannot turn ignores `command.pan` and keeps passing 0: the navigator notices, and turns the whole rover
-instead. `python -m nav.replay FOLDER` feeds it recorded frames.
+`step` takes the pan of the mast at the moment of the image: a slow mast may still be turning. A rover whose mast cannot
+turn ignores `command.pan` and always passes 0: the navigator notices it, and turns the whole rover instead.
+`python -m nav.replay FOLDER` feeds recorded frames to the navigator.
 """
 
 from __future__ import annotations
@@ -47,36 +48,51 @@ from nav.mast import Mast
 from nav.path.footprint import arc_poses
 from nav.path.planner import Motion, Planner
 from nav.recovery import Recovery
-from nav.risk import Daring
+from nav.risk import RiskTaking
 
 Area = tuple[float, float, float, float]
-NEARER = 1.0  # [m] to the goal, which recoveries have helped for
-IDLE_SHARE = 0.25  # of a wanted drive, below which the rover did not move
-TOUCHED = 0.15  # [m] inside of the footprint's edge: a rock that a wheel touches stays a rock
-BUMP_RADIUS = 0.2  # [m] of what was bumped into
-DEAD_END_RADIUS, DEAD_END_COST = 1.0, 3.0  # [m], and what a metre of it costs more
-WAY_AHEAD = 3.0  # [m] of the far path that the mast looks along
-NEAR_ENDS = 1.0  # [m] from either end of the far path, where an obstacle does not close it
-BEND = 0.2  # [rad] turned in a step, from which on a short motion is one round something
+PROGRESS = 1.0  # [m] nearer to the goal, after which recoveries are counted from zero again
+IDLE_SHARE = 0.25  # share of a commanded drive below which the rover did not move
+CARRIED_INSET = 0.15  # [m] by which the ground under the rover is smaller than the footprint: touched rocks stay rocks
+BUMP_RADIUS = 0.2  # [m] around a place where the rover bumped into something
+DEAD_END_RADIUS, DEAD_END_COST = 1.0, 3.0  # [m] around a dead end, and the extra cost of a metre there
+WAY_AHEAD = 3.0  # [m] of the far path along which the mast looks
+PATH_END = 1.0  # [m] from either end of the far path, within which an obstacle does not close it
+BEND = 0.2  # [rad] turned in a step from which a short motion leads round something
 
 
 def _wrap(angle: float) -> float:
-    """The same angle in [-pi, pi) [rad]."""
+    """Return the same angle in [-pi, pi) [rad]."""
     return float((angle + np.pi) % (2 * np.pi) - np.pi)
 
 
 class Navigator:
     """Drives a rover to a goal from depth maps.
 
-    area: (x0, y0, x1, y1) world [m], the operators' keep-in zone for the rover's middle; None for no bounds.
-    After a step, `map` (ElevationMap), `ground` (Traversability), `motion` (the chosen Motion or None) and
-    `planner.field` (cost-to-go) hold what the decision was made from, for display and logging.
+    After a step, `map`, `ground`, `motion` and `planner.field` show what the decision was made from, for display and
+    logging.
+
+    Attributes:
+        map: The ElevationMap.
+        ground: The Traversability of the last step, or None.
+        motion: The Motion chosen in the last step, or None.
+        planner: The planner; `planner.field` is the cost to go.
     """
 
     def __init__(
         self, spec: RoverSpec = ZHURONG, config: NavigatorConfig | None = None, area: Area | None = None
     ) -> None:
-        """Raises ValueError for an area that has no inside."""
+        """Make a navigator that has seen nothing.
+
+        Args:
+            spec: The rover.
+            config: The settings.
+            area: (x0, y0, x1, y1) in the world [m], the operators' keep-in zone for the rover's middle; None for no
+                bounds.
+
+        Raises:
+            ValueError: If the area is empty.
+        """
         if area is not None and not (area[0] < area[2] and area[1] < area[3]):
             raise ValueError(f"area must be x0 < x1 and y0 < y1 [m], got {area}")
         self.spec = spec
@@ -87,7 +103,7 @@ class Navigator:
         self.reset()
 
     def reset(self) -> None:
-        """Forget map, track and recoveries; the next step's pose is a new start, clear all round."""
+        """Forget map, track and recoveries; the pose of the next step is a new start, clear all around."""
         self._started = False
         self.ground: Traversability | None = None
         self.motion: Motion | None = None
@@ -97,7 +113,7 @@ class Navigator:
         self._last_command = Command(0.0, 0.0, None, "look")
         self._idle_drives = 0
         self.mast = Mast(self.spec, self.config)
-        self.daring = Daring(self.config)
+        self.risk = RiskTaking(self.config)
         self._nearest = np.inf
         self._goal = np.full(2, np.nan)
 
@@ -110,13 +126,22 @@ class Navigator:
         goal: np.ndarray,
         pan: float = 0.0,
     ) -> Command:
-        """One cycle: fuse the image, judge the ground, choose the motion for the next step_time seconds.
+        """Do one cycle: fuse the image, judge the ground, choose the motion for the next step_time seconds.
 
-        depth: (H, W) [m] of the left eye along its optical axis, inf for sky and beyond measure, NaN for unknown; None
-        if no image came. confidence: (H, W) in [0, 1] or None. rig: the cameras at that size. pose: (4, 4) body to
-        world at the moment of the image. goal: (2,) or (3,) world [m]; may change at any time. pan [rad]: of the mast
-        at the moment of the image, positive to the left.
-        Raises ValueError where shapes disagree or pose, goal or pan are not finite.
+        Args:
+            depth: (H, W) depth of the left eye along its optical axis [m], inf for sky and beyond measure, NaN for
+                unknown; None if no image came.
+            confidence: (H, W) in [0, 1], or None.
+            rig: The cameras at that size.
+            pose: (4, 4) body to world at the moment of the image.
+            goal: (2,) or (3,) goal in the world [m]; it may change at any time.
+            pan: Pan of the mast at the moment of the image [rad], positive to the left.
+
+        Returns:
+            The command for the next step.
+
+        Raises:
+            ValueError: If shapes disagree, or pose, goal or pan are not finite.
         """
         pose, goal = np.asarray(pose, float), np.asarray(goal, float)
         if pose.shape != (4, 4) or not np.isfinite(pose).all():
@@ -127,8 +152,8 @@ class Navigator:
             raise ValueError(f"pan must be a finite angle [rad], got {pan}")
         planar = np.array([pose[0, 3], pose[1, 3], np.arctan2(pose[1, 0], pose[0, 0])])
         self._begin(pose, planar, goal[:2], pan)
-        seen = self._look(depth, confidence, rig, pose, pan)
-        command = self._decide(planar, goal[:2], pan, seen)
+        ground_visible = self._look(depth, confidence, rig, pose, pan)
+        command = self._decide(planar, goal[:2], pan, ground_visible)
         self._last_pose, self._last_command = planar, command
         return command
 
@@ -142,9 +167,9 @@ class Navigator:
         if not np.array_equal(goal, self._goal):
             self._goal = goal.copy()
             self._nearest, self.recovery.attempts = np.inf, 0
-            self.daring.forget()
+            self.risk.reset()
         self.map.recentre(planar[:2])
-        # Where the rover stands, the ground carries it, seen or not.
+        # The ground under the rover carries it, seen or not.
         self.map.assume_under(pose, self.spec.length, self.spec.width)
         self.recovery.follow(planar)
         self.mast.follow(pan, self._last_command.pan)
@@ -158,7 +183,7 @@ class Navigator:
     def _look(
         self, depth: np.ndarray | None, confidence: np.ndarray | None, rig: StereoRig, pose: np.ndarray, pan: float
     ) -> bool:
-        """Fuse the image. Returns whether it showed any ground."""
+        """Fuse the image and return whether it showed any ground."""
         if depth is None:
             return False
         camera_pose = pose @ self.spec.mount.left_eye(rig.baseline, pan)
@@ -166,13 +191,13 @@ class Navigator:
 
     # ---------------------------------------------------------------- what to do now
 
-    def _decide(self, here: np.ndarray, goal: np.ndarray, pan: float, seen: bool) -> Command:
+    def _decide(self, here: np.ndarray, goal: np.ndarray, pan: float, ground_visible: bool) -> Command:
         distance = float(np.hypot(*(goal - here[:2])))
         if distance <= self.config.goal_radius:
             return Command(0.0, 0.0, None, "arrived")
-        if not seen:
+        if not ground_visible:
             return Command(0.0, 0.0, None, "blind")
-        if distance < self._nearest - NEARER:
+        if distance < self._nearest - PROGRESS:
             self._nearest, self.recovery.attempts = distance, 0
 
         if self._idle_drives >= self.config.slip_steps:
@@ -180,11 +205,11 @@ class Navigator:
             self.recovery.bump(here)
             self.planner.reset()
         ground = self.ground = self._assess(here)
-        self.planner.margin = self.config.planner.margin * self.daring.margin_share
+        self.planner.margin = self.config.planner.margin * self.risk.margin_share
         self.planner.update(self.map, ground, goal)
 
-        self.daring.update(self._no_way(here, goal, ground), self._inflated(here, ground))
-        if self.daring.given_up:
+        self.risk.update(self._no_way(here, goal, ground), self._inflated(here, ground))
+        if self.risk.given_up:
             return Command(0.0, 0.0, None, "no_path")
         if self.recovery.backing:
             command = self.recovery.back_up(here, self._last_pose, self._last_command, ground, self.map, self.planner)
@@ -192,10 +217,10 @@ class Navigator:
                 return command
         self.motion = self.planner.plan(self.map, ground, here, goal)
         if self.motion is None:
-            if self.recovery.attempts >= self.config.bold_after_recoveries and not self.recovery.looking:
-                self.daring.more()
+            if self.recovery.attempts >= self.config.risk_after_recoveries and not self.recovery.looking:
+                self.risk.raise_level()
             way = self.recovery.search(here, ground, self.map, self.planner, pan, self.mast.works)
-            return way or Command(0.0, 0.0, None, "no_path" if self.daring.closed else "stuck")
+            return way or Command(0.0, 0.0, None, "no_path" if self.risk.closed else "stuck")
         self.recovery.found_a_way()
         return self._follow(self.motion, here, distance, pan)
 
@@ -204,14 +229,16 @@ class Navigator:
         return bool(ground.inflated[y, x])
 
     def _assess(self, here: np.ndarray) -> Traversability:
-        """Traversability, with what bumps and dead ends taught, and free of obstacles under the rover itself."""
-        ground = assess(self.map, self.spec, self.daring.rules, self._closed(), self._carried(here))
+        """Return the traversability, with bumps and dead ends, and without obstacles under the rover itself."""
+        ground = assess(self.map, self.spec, self.risk.rules, self._closed(), self._carried(here))
         if not self.recovery.dead_ends:
             return ground
         return replace(ground, cost=ground.cost + DEAD_END_COST * self._discs(self.recovery.dead_ends, DEAD_END_RADIUS))
 
     def _closed(self) -> np.ndarray | None:
-        """(n, n) bool, what the map does not show: what was bumped into, what lies beyond the area. None if neither."""
+        """Return the closed cells that the map does not show, (n, n) bool: bumps, and ground beyond the area; None if
+        neither.
+        """
         bumps = self.recovery.bumps
         closed = self._discs(bumps, BUMP_RADIUS) > 0 if bumps else None
         if self.area is None:
@@ -220,8 +247,8 @@ class Navigator:
         return outside if closed is None else closed | outside
 
     def _carried(self, here: np.ndarray) -> np.ndarray:
-        """(n, n) bool, the cells that the rover stands on."""
-        half = np.array([self.spec.length, self.spec.width]) / 2 - TOUCHED
+        """Return the cells that the rover stands on, (n, n) bool."""
+        half = np.array([self.spec.length, self.spec.width]) / 2 - CARRIED_INSET
         corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * half
         c, s = np.cos(here[2]), np.sin(here[2])
         corners = self.map.cell_of(here[:2] + corners @ np.array([[c, s], [-s, c]]))
@@ -230,15 +257,17 @@ class Navigator:
         return carried > 0
 
     def _discs(self, centres: list[np.ndarray], radius: float) -> np.ndarray:
-        """(n, n) float32, 1 within radius [m] of any of the world positions."""
+        """Return a mask (n, n) float32 that is 1 within the radius [m] of any of the world positions."""
         out = np.zeros((self.map.n, self.map.n), np.float32)
         for cell in self.map.cell_of(np.array(centres)):
             cv2.circle(out, (int(cell[0]), int(cell[1])), round(radius / self.map.config.cell), 1.0, -1)
         return out
 
     def _outside(self, area: Area) -> np.ndarray:
-        """(n, n) bool, cells beyond the flank of a rover whose middle drives along the area's edge: no obstacle lies
-        there, but closing them keeps the footprint, and so the middle, in."""
+        """Return the cells beyond the side of a rover whose middle drives along the area's edge, (n, n) bool.
+
+        No obstacle lies there, but closing these cells keeps the footprint, and so the middle, within the area.
+        """
         x, y = self.map.centres()
         reach = self.spec.width / 2
         out_x = (x < area[0] - reach) | (x > area[2] + reach)
@@ -263,9 +292,13 @@ class Navigator:
         return Command(speed, yaw_rate, self.mast.towards(0.0 if short else self._bearing_onward(then)), "drive")
 
     def _bearing_onward(self, then: np.ndarray) -> float:
-        """Where the path leads from where the rover will be, which the next image shall show. then: (3,) x, y, yaw.
+        """Return the bearing of the path from where the rover will be, so that the next image shows it.
 
-        Returns [rad] from its heading, left > 0; 0 where the path ends.
+        Args:
+            then: (3,) x, y [m], yaw [rad] after the step.
+
+        Returns:
+            Bearing from the heading [rad], positive to the left; 0 where the path ends.
         """
         path = self.planner.field.path(then, WAY_AHEAD)
         if len(path) <= 3:
@@ -274,8 +307,8 @@ class Navigator:
         return _wrap(float(np.arctan2(way[1], way[0])) - then[2])
 
     def _no_way(self, here: np.ndarray, goal: np.ndarray, ground: Traversability) -> bool:
-        """Whether even the best path to the goal leads through known obstacles, away from both of its ends."""
+        """Return whether even the best path to the goal leads through known obstacles, away from both of its ends."""
         path = self.planner.field.path(here, 2 * self.config.elevation.size)
         from_ends = np.minimum(np.hypot(*(path - here[:2]).T), np.hypot(*(path - goal).T))
         cell = np.clip(self.map.cell_of(path), 0, self.map.n - 1)
-        return bool((ground.inflated[cell[:, 1], cell[:, 0]] & (from_ends > NEAR_ENDS)).any())
+        return bool((ground.inflated[cell[:, 1], cell[:, 0]] & (from_ends > PATH_END)).any())

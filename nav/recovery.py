@@ -1,6 +1,6 @@
-"""What the rover does when there is no way on: it looks to both sides, backs out along its track, turns, or gives up.
+"""Recovery where no way leads on: look to both sides, back out along the track, turn, or give up.
 
-Dead ends and what it bumped into are remembered, so that the next plan leads elsewhere.
+Dead ends and bumps are remembered, so that the next plan leads elsewhere.
 """
 
 from __future__ import annotations
@@ -13,23 +13,26 @@ from nav.config import NavigatorConfig
 from nav.controller import steerable
 from nav.ground.elevation import ElevationMap
 from nav.ground.traversability import Traversability
-from nav.mast import LOOKED
+from nav.mast import PAN_TOLERANCE
 from nav.path.footprint import arc_poses
 from nav.path.planner import Planner
 
 TRACK_STEP = 0.2  # [m] between two points of the driven track
-BEFORE = 0.15  # [m] before the rover's front stands what it bumped into
-INTO = 0.5  # [m] ahead of the rover's middle is where a dead end is noted
-PASSED = 0.5  # [m] from the rover, points of the track have been driven back to
-BEHIND = 0.1  # [m] behind the rover's middle a point of the track must lie to be driven back to
-MOVED = 0.02  # [m] in a step, less than which it does not back out
-CHECKED = 4  # poses of a step back that are checked
+BUMP_AHEAD = 0.15  # [m] from the rover's front to the thing that it bumped into
+DEAD_END_AHEAD = 0.5  # [m] from the rover's middle to the place that is noted as a dead end
+TRACK_REACHED = 0.5  # [m] within which a point of the track counts as reached on the way back
+TRACK_BEHIND = 0.1  # [m] that a point of the track must lie behind the rover's middle to be driven to
+STALLED = 0.02  # [m] in a step, below which the rover is not backing out
+CHECKED_POSES = 4  # number of poses of a step back that are checked
 
 
 class Recovery:
     """The driven track, and the ways back.
 
-    bumps, dead_ends: world positions (2,) [m]. attempts: recoveries begun since the goal last came nearer.
+    Attributes:
+        bumps: World positions (2,) [m] of what the rover bumped into.
+        dead_ends: World positions (2,) [m] of dead ends.
+        attempts: Recoveries begun since the rover last came nearer to the goal.
     """
 
     def __init__(self, spec: RoverSpec, config: NavigatorConfig) -> None:
@@ -43,33 +46,33 @@ class Recovery:
 
     @property
     def backing(self) -> bool:
-        """Whether the rover is on its way back."""
+        """Whether the rover is driving back."""
         return self._back_left > 0
 
     @property
     def looking(self) -> bool:
-        """Whether the mast is on its way round, at a dead end."""
+        """Whether the mast is looking to the sides at a dead end."""
         return self._looks is not None
 
     def follow(self, here: np.ndarray) -> None:
-        """Note where the rover is. here: (3,) x, y, yaw."""
+        """Note where the rover is: (3,) x, y [m], yaw [rad]."""
         if not self._track or np.hypot(*(here - self._track[-1])[:2]) > TRACK_STEP:
             self._track.append(here)
 
     def found_a_way(self) -> None:
-        """There is a way on: the next dead end is looked round anew."""
+        """Note that a way leads on, so that the mast looks to both sides at the next dead end."""
         self._looks = None
 
     def bump(self, here: np.ndarray) -> None:
-        """The rover drives and does not move: something unseen stands before it."""
-        ahead = self.spec.length / 2 + BEFORE
+        """Note that the rover drives and does not move: something that it did not see stands in front of it."""
+        ahead = self.spec.length / 2 + BUMP_AHEAD
         self.bumps.append(here[:2] + ahead * np.array([np.cos(here[2]), np.sin(here[2])]))
         self.start(here)
 
     def start(self, here: np.ndarray) -> None:
         """Begin to back out of a dead end."""
         self.attempts += 1
-        self.dead_ends.append(here[:2] + INTO * np.array([np.cos(here[2]), np.sin(here[2])]))
+        self.dead_ends.append(here[:2] + DEAD_END_AHEAD * np.array([np.cos(here[2]), np.sin(here[2])]))
         self._back_left = self.config.back_up
 
     def search(
@@ -81,21 +84,30 @@ class Recovery:
         pan: float,
         mast: bool,
     ) -> Command | None:
-        """Look to both sides, then back out, then turn; None when max_recoveries did not help.
+        """Look to both sides, then back out, then turn.
 
-        pan [rad] of the mast at the last image; mast: whether it obeys.
+        Args:
+            here: (3,) x, y [m], yaw [rad] of the rover.
+            ground: The judged ground.
+            elevation: The map.
+            planner: The planner.
+            pan: Pan of the mast at the last image [rad].
+            mast: Whether the mast obeys.
+
+        Returns:
+            The command; None after max_recoveries attempts that did not help.
         """
         if self._looks is None:
             side = np.deg2rad(self.config.look_pan_deg)
-            self._looks = [a for a in (side, -side, 0.0) if abs(a - pan) > LOOKED]
+            self._looks = [a for a in (side, -side, 0.0) if abs(a - pan) > PAN_TOLERANCE]
         if not mast:
             self._looks = []
         if self._looks:
-            wish = self._looks[0]
-            if abs(wish - pan) <= LOOKED:  # it took the mast more than one step to come there
+            target = self._looks[0]
+            if abs(target - pan) <= PAN_TOLERANCE:  # the mast needed more than one step to get there
                 self._looks.pop(0)
                 return self.search(here, ground, elevation, planner, pan, mast)
-            return Command(0.0, 0.0, wish or None, "look")
+            return Command(0.0, 0.0, target or None, "look")
         if self.attempts >= self.config.max_recoveries:
             return None
         self._looks = None
@@ -121,16 +133,25 @@ class Recovery:
         elevation: ElevationMap,
         planner: Planner,
     ) -> Command | None:
-        """Reverse along the driven track. None where it ends or is closed, which ends the backing.
+        """Reverse along the driven track.
 
-        here, before: (3,) x, y, yaw now and at the last step; last: the command between them.
+        Args:
+            here: (3,) x, y [m], yaw [rad] of the rover now.
+            before: (3,) the same at the last step.
+            last: The command between the two.
+            ground: The judged ground.
+            elevation: The map.
+            planner: The planner.
+
+        Returns:
+            The command; None where the track ends or is closed, which ends the backing.
         """
         moved = float(np.hypot(*(here - before)[:2]))
         if last.status == "recover" and last.speed < 0:
             self._back_left -= moved
-            if moved < MOVED:
+            if moved < STALLED:
                 self._back_left = 0.0
-        while len(self._track) > 1 and np.hypot(*(here - self._track[-1])[:2]) < PASSED:
+        while len(self._track) > 1 and np.hypot(*(here - self._track[-1])[:2]) < TRACK_REACHED:
             self._track.pop()
         if self._back_left <= 0 or not self._track:
             self._back_left = 0.0
@@ -140,12 +161,12 @@ class Recovery:
         y = float(-np.sin(here[2]) * away[0] + np.cos(here[2]) * away[1])
         # A circle through the track point, tangent to the heading (pure pursuit, backwards).
         curvature = 2 * y / max(x * x + y * y, 1e-6)
-        if x > -BEHIND:
+        if x > -TRACK_BEHIND:
             self._back_left = 0.0
             return None
         speed, yaw_rate = steerable(-self.config.back_speed, -curvature * self.config.back_speed, self.spec)
         spacing = self.config.planner.spacing
-        poses = arc_poses(here, np.array(yaw_rate / speed), -np.arange(CHECKED) * spacing)[None]
+        poses = arc_poses(here, np.array(yaw_rate / speed), -np.arange(CHECKED_POSES) * spacing)[None]
         if planner.free_length(poses, elevation, ground)[0] < 2 * spacing:
             self._back_left = 0.0
             return None

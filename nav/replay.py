@@ -1,10 +1,10 @@
-"""What the navigator would have done: recorded depth maps in, commands out. No simulator, no network.
+"""Replay a recorded drive: depth maps go in, the navigator's commands come out. No simulator, no network.
 
     python -m marssim.generate --out data/drive --trajectory --pairs 20 --views-per-scene 20
     python -m nav.replay data/drive --goal 20 0
 
-The goal is in the frame of the first image: metres ahead, metres to the left. The dataset's true depth is what the
-navigator sees; `replay` takes the frames of any source of depth and poses.
+The goal is given in the frame of the first image: metres ahead, metres to the left. The navigator gets the dataset's
+true depth. From Python, `replay` takes frames from any source of depth and poses.
 """
 
 from __future__ import annotations
@@ -28,26 +28,35 @@ from marssim.base.rover_spec import ZHURONG, RoverSpec
 from nav.command import Command
 from nav.navigator import Navigator
 
-DRIVE_APART = 4.0  # [m] between two looks, more than which no rover drives blind
+DRIVE_APART = 4.0  # [m] between two images, beyond which the frames are not a drive
 
 
 @dataclass(frozen=True)
 class Frame:
-    """One look. depth: (H, W) [m] along the optical axis; confidence: (H, W) in [0, 1] or None; rig: at that size;
-    camera_pose: (4, 4) left camera to world; pan [rad] of the mast."""
+    """One image of a recorded drive."""
 
     depth: np.ndarray
+    """(H, W) depth [m] along the optical axis."""
     confidence: np.ndarray | None
+    """(H, W) confidence in [0, 1], or None."""
     rig: StereoRig
+    """The cameras at the size of `depth`."""
     camera_pose: np.ndarray
+    """(4, 4) pose of the left camera, camera to world."""
     pan: float = 0.0
+    """Pan of the mast [rad], positive to the left."""
 
 
 def replay(frames: Iterable[Frame], goal: ArrayLike, spec: RoverSpec = ZHURONG) -> list[Command]:
-    """The command for each frame, until the navigator says that the drive is over.
+    """Return the navigator's command for each frame, until the navigator ends the drive.
 
-    goal: (2,) world [m]. The rover stood where its mount (spec.mount) puts the camera there. What was recorded was
-    driven by somebody else, so each command is what the navigator would do from where that driver had come to.
+    The recording is another driver's: each command is what the navigator would do from the place that this driver had
+    reached. The rover is assumed to stand where its mount (spec.mount) puts the camera at its recorded pose.
+
+    Args:
+        frames: The recorded images, in order.
+        goal: (2,) goal in the world [m].
+        spec: The rover.
     """
     navigator, commands = Navigator(spec), []
     for frame in frames:
@@ -60,7 +69,7 @@ def replay(frames: Iterable[Frame], goal: ArrayLike, spec: RoverSpec = ZHURONG) 
 
 
 def recorded(dataset: StereoDataset, scene: int) -> Iterator[Frame]:
-    """The frames of one scene of a dataset, in the order in which they were taken, with their true depth."""
+    """Yield the frames of one scene of a dataset with their true depth, in the order in which they were taken."""
     for number, entry in enumerate(dataset.index["samples"]):
         if int(entry["name"].split("/")[0]) == scene:
             sample = dataset[number]
@@ -69,18 +78,18 @@ def recorded(dataset: StereoDataset, scene: int) -> Iterator[Frame]:
 
 @dataclass(frozen=True)
 class ReplayConfig:
-    """Feed a recorded drive to the navigator and print what it answers."""
+    """Feed a recorded drive to the navigator and print its commands."""
 
     data: Annotated[Path, tyro.conf.Positional]
-    """a dataset of `marssim.generate --trajectory`"""
+    """Dataset of a recorded drive, as `marssim.generate --trajectory` writes it."""
     goal: tuple[float, float] = (20.0, 0.0)
-    """metres ahead and to the left of the first image"""
+    """Goal in metres ahead and metres to the left of the first image."""
     scene: int = 0
-    """which of the dataset's drives"""
+    """Number of the scene in the dataset; each scene is one drive."""
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """The command. Returns the exit code."""
+    """Run the command and return the exit code."""
     return run_command(_work, ReplayConfig, "python -m nav.replay", __doc__, args)
 
 
@@ -96,8 +105,11 @@ def _work(config: ReplayConfig) -> None:
     settings = dataset.index.get("config")
     no_drive = isinstance(settings, dict) and settings.get("trajectory") is False and len(frames) > 1
     if apart > DRIVE_APART or no_drive:
-        print(f"warning: frames lie up to {apart:.1f} m apart; the views of a scene are a drive only where "
-              "marssim.generate was told --trajectory", file=sys.stderr)  # fmt: skip
+        print(
+            f"warning: frames lie up to {apart:.1f} m apart; the views of a scene are a drive only if marssim.generate "
+            "ran with --trajectory",
+            file=sys.stderr,
+        )
     eye = frames[0].camera_pose
     forward = eye[:2, 2] / max(float(np.hypot(*eye[:2, 2])), 1e-9)
     left = np.array([-forward[1], forward[0]])

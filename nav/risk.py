@@ -1,40 +1,48 @@
-"""What the navigator dares where every way it knows of is closed: a little more, step by step, and for a while."""
+"""The risk that the navigator accepts when every known way is closed: raised in steps, and for a limited time."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-from nav.config import Boldness, NavigatorConfig
+from nav.config import NavigatorConfig, RiskLevel
 from nav.ground.traversability import TraversabilityConfig
 
 
-class Daring:
-    """Counts for how long every way to the goal has been closed (`closed`, in steps), and how much is dared."""
+class RiskTaking:
+    """The level of risk that the navigator accepts now.
+
+    Attributes:
+        closed: How many steps in a row known obstacles have closed every way to the goal.
+    """
 
     def __init__(self, config: NavigatorConfig) -> None:
         self.config = config
-        self._left = 0
-        self.forget()
+        self._steps_left = 0
+        self.reset()
 
-    def forget(self) -> None:
-        """A new goal: dare nothing yet."""
+    def reset(self) -> None:
+        """Accept no extra risk, as at the start and after a new goal."""
         self.closed = 0
-        self._level = 0  # how many of config.bold are dared
+        self._level = 0  # how many of config.risk_levels are accepted
 
     def update(self, closed: bool, hemmed_in: bool) -> None:
-        """A step went by. closed: whether known obstacles close every way to the goal; hemmed_in: whether the rover
-        stands too near to an obstacle."""
-        self.closed = self.closed + 1 if closed else 0
-        self._left -= 1
-        if self._left <= 0 and not hemmed_in:
-            self._level = 0  # not before the rover has left what it dared to enter
-        if self.closed >= self.config.bold_after:
-            self.more()
+        """Count one step.
 
-    def more(self) -> None:
-        """Go one step on in config.bold, if there is one left."""
-        if self._level < len(self.config.bold):
-            self._level, self._left, self.closed = self._level + 1, self.config.bold_steps, 0
+        Args:
+            closed: Whether known obstacles close every way to the goal.
+            hemmed_in: Whether the rover stands too near to an obstacle.
+        """
+        self.closed = self.closed + 1 if closed else 0
+        self._steps_left -= 1
+        if self._steps_left <= 0 and not hemmed_in:
+            self._level = 0  # only after the rover has left the place that the risk let it enter
+        if self.closed >= self.config.risk_after:
+            self.raise_level()
+
+    def raise_level(self) -> None:
+        """Accept the next level of config.risk_levels, if one is left."""
+        if self._level < len(self.config.risk_levels):
+            self._level, self._steps_left, self.closed = self._level + 1, self.config.risk_steps, 0
 
     @property
     def given_up(self) -> bool:
@@ -43,22 +51,22 @@ class Daring:
 
     @property
     def margin_share(self) -> float:
-        """Of the margins beside obstacles, what is kept."""
-        return self._dared.margin_share if self._dared else 1.0
+        """Share of the margins beside obstacles that is kept."""
+        return self._current.margin_share if self._current else 1.0
 
     @property
     def rules(self) -> TraversabilityConfig:
-        """Traversability's, with what is dared."""
-        rules, dared = self.config.traversability, self._dared
-        if dared is None:
+        """The rules of traversability at the present level."""
+        rules, level = self.config.traversability, self._current
+        if level is None:
             return rules
         return replace(
             rules,
-            step_blocked=max(dared.step, rules.step_blocked),
-            slope_blocked_deg=max(dared.slope_deg, rules.slope_blocked_deg),
-            margin=rules.margin * dared.margin_share,
+            step_blocked=max(level.step, rules.step_blocked),
+            slope_blocked_deg=max(level.slope_deg, rules.slope_blocked_deg),
+            margin=rules.margin * level.margin_share,
         )
 
     @property
-    def _dared(self) -> Boldness | None:
-        return self.config.bold[self._level - 1] if self._level else None
+    def _current(self) -> RiskLevel | None:
+        return self.config.risk_levels[self._level - 1] if self._level else None

@@ -22,17 +22,17 @@ from envs.observation.spaces import share_of_distance
 from marssim.base.images.distance_transform import euclidean_distance
 from marssim.base.rover_spec import RoverSpec
 
-SWING = np.pi / 2  # [rad] to either side of the goal's direction: the ways that are looked along and can be taken
+HALF_FAN = np.pi / 2  # [rad] to either side of the goal's direction: the ways that are looked along and can be taken
 WAYS = 13  # every 15 deg
 AHEAD = WAYS // 2  # the way straight to the goal
 REACH = 5.0  # [m] they are looked along
 MARGIN = -0.1  # [m] beside the rover: the map shows obstacles larger than they are, by about a cell
-KEPT = 3  # steps that a way is kept: 1.2 m
+HOLD_STEPS = 3  # steps that a way is kept: 1.2 m
 TURN_IN_PLACE = 0.5  # [rad] what the rover turns in one step; straight ways are left by 0.1 m on the arcs up to it
-SHOWN = 2 * WAYS + 3 + 6 + 1  # numbers: ways and their room, goal, state, last way
-_OFFSETS = np.linspace(SWING, -SWING, WAYS)
+OBSERVATION_SIZE = 2 * WAYS + 3 + 6 + 1  # numbers: ways and their room, goal, state, last way
+_OFFSETS = np.linspace(HALF_FAN, -HALF_FAN, WAYS)
 _ALONG = np.arange(1, round(REACH / CELL) + 1) * CELL
-_NEAR = round(2.0 / CELL)  # steps over which the room is told
+_ROOM_CELLS = round(2.0 / CELL)  # steps over which the room is told
 ROOM = 1.5  # [m] more of it makes no difference
 
 
@@ -66,22 +66,22 @@ class Corridors(gymnasium.Wrapper):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         observation, info = self.env.reset(seed=seed, options=options)
-        return self._seen(observation, AHEAD), info
+        return self._to_vector(observation, AHEAD), info
 
     def step(self, action: int) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         env = self.unwrapped
         assert isinstance(env, MarsNavEnv) and env.action_space.shape is not None
         total = 0.0
-        for _ in range(KEPT):
+        for _ in range(HOLD_STEPS):
             drive = steer(self._goal, int(action), env.rover_spec)
             observation, reward, ended, cut, info = self.env.step(drive[: env.action_space.shape[0]])
             self._goal = observation["goal"]
             total += float(reward)
             if ended or cut:
                 break
-        return self._seen(observation, int(action)), total, ended, cut, info
+        return self._to_vector(observation, int(action)), total, ended, cut, info
 
-    def _seen(self, observation: dict[str, Any], last: int) -> np.ndarray:
+    def _to_vector(self, observation: dict[str, Any], last: int) -> np.ndarray:
         env = self.unwrapped
         assert isinstance(env, MarsNavEnv)
         self._goal = observation["goal"]
@@ -90,7 +90,7 @@ class Corridors(gymnasium.Wrapper):
 
 def corridor_space() -> spaces.Box:
     """The space of what Corridors shows."""
-    return spaces.Box(-np.inf, np.inf, (SHOWN,), np.float32)
+    return spaces.Box(-np.inf, np.inf, (OBSERVATION_SIZE,), np.float32)
 
 
 def as_corridors(observation: dict[str, Any], spec: RoverSpec, last: int = AHEAD) -> np.ndarray:
@@ -98,7 +98,7 @@ def as_corridors(observation: dict[str, Any], spec: RoverSpec, last: int = AHEAD
     distance, sine, cosine = observation["goal"]
     free, room = look_along(observation["map"][1], float(np.arctan2(sine, cosine)) + _OFFSETS, spec.width / 2 + MARGIN)
     goal = [share_of_distance(distance), sine, cosine]
-    took = [_OFFSETS[last] / SWING]
+    took = [_OFFSETS[last] / HALF_FAN]
     return np.concatenate([free / REACH, room / ROOM, goal, observation["state"], took]).astype(np.float32)
 
 
@@ -120,7 +120,7 @@ def look_along(cost: np.ndarray, bearings: np.ndarray, half_width: float) -> tup
     near = clearance[row, column]
     hit = near < min(half_width, float(clearance[middle, middle].min()))
     length = np.where(hit.any(axis=1), hit.argmax(axis=1) * CELL, REACH)
-    return length, np.clip(near[:, :_NEAR].min(axis=1), 0, ROOM)
+    return length, np.clip(near[:, :_ROOM_CELLS].min(axis=1), 0, ROOM)
 
 
 def steer(goal: np.ndarray, way: int, spec: RoverSpec) -> np.ndarray:

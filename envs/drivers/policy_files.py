@@ -11,7 +11,7 @@ from typing import IO, Any
 import numpy as np
 from gymnasium import spaces
 
-from envs.drivers.corridors import AHEAD, KEPT, WAYS, as_corridors, corridor_space, steer
+from envs.drivers.corridors import AHEAD, HOLD_STEPS, WAYS, as_corridors, corridor_space, steer
 from envs.drivers.image_observation import as_images, image_space
 from envs.mars_nav import MarsNavEnv
 from marssim.base.command.input_file import check_file
@@ -37,7 +37,7 @@ class PolicyDriver:
         self._policy: Any = None
 
     def reset(self, env: MarsNavEnv, seed: int) -> None:
-        self._kept, self._way = 0, AHEAD  # steps that the way is still kept
+        self._held, self._way = 0, AHEAD  # steps that the way is still kept
         if self._policy is not None:
             return
         try:
@@ -66,11 +66,11 @@ class PolicyDriver:
 
     def act(self, env: MarsNavEnv, observation: dict[str, Any]) -> np.ndarray:
         if self.corridors:
-            if not self._kept:
-                self._kept = KEPT
+            if not self._held:
+                self._held = HOLD_STEPS
                 shown = as_corridors(observation, env.rover_spec, self._way)
                 self._way = int(self._policy.predict(shown, deterministic=True)[0])
-            self._kept -= 1
+            self._held -= 1
             return steer(observation["goal"], self._way, env.rover_spec)
         seen = as_images(observation)
         action, _ = self._policy.predict({key: seen[key] for key in self._keys}, deterministic=True)

@@ -12,13 +12,13 @@ import torch
 from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import nn
 
-from envs.drivers.corridors import AHEAD, SHOWN, SWING, WAYS
+from envs.drivers.corridors import AHEAD, HALF_FAN, OBSERVATION_SIZE, WAYS
 
 WIDTH = 32  # of the network that scores the ways
 VALUE_WIDTH = 64  # of the critic's
-TOLD = 6  # numbers that a way is scored by
-UNTRAINED = 0.1  # of a new network's scores is kept, so that they do not outweigh the goal's direction
-TRIED = 2.0  # ways off the goal's direction, by standard deviation, that a new policy tries
+WAY_FEATURES = 6  # numbers that a way is scored by
+INITIAL_WEIGHT = 0.1  # of a new network's scores is kept, so that they do not outweigh the goal's direction
+INITIAL_SPREAD = 2.0  # ways off the goal's direction, by standard deviation, that a new policy tries
 
 
 class WayScores(nn.Module):
@@ -32,13 +32,13 @@ class WayScores(nn.Module):
         super().__init__()
         self.latent_dim_pi, self.latent_dim_vf = WAYS, VALUE_WIDTH
         self.offsets: torch.Tensor
-        self.register_buffer("offsets", torch.linspace(SWING, -SWING, WAYS))
+        self.register_buffer("offsets", torch.linspace(HALF_FAN, -HALF_FAN, WAYS))
         self.score = nn.Sequential(
-            nn.Conv1d(TOLD, WIDTH, 3, padding=1, padding_mode="replicate"), nn.Tanh(),
+            nn.Conv1d(WAY_FEATURES, WIDTH, 3, padding=1, padding_mode="replicate"), nn.Tanh(),
             nn.Conv1d(WIDTH, WIDTH, 1), nn.Tanh(), nn.Conv1d(WIDTH, 1, 1),
         )  # fmt: skip
         self.value = nn.Sequential(
-            nn.Linear(SHOWN, VALUE_WIDTH), nn.Tanh(), nn.Linear(VALUE_WIDTH, VALUE_WIDTH), nn.Tanh()
+            nn.Linear(OBSERVATION_SIZE, VALUE_WIDTH), nn.Tanh(), nn.Linear(VALUE_WIDTH, VALUE_WIDTH), nn.Tanh()
         )
 
     def forward(self, shown: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -50,9 +50,9 @@ class WayScores(nn.Module):
         )  # fmt: skip
         bearing = self.offsets + torch.atan2(sine, cosine)[:, None]
         turn = torch.atan2(bearing.sin(), bearing.cos()).abs()
-        beside = (self.offsets / SWING).abs().expand_as(free)
-        moved = (self.offsets / SWING - last).abs()
-        ways = torch.stack([free, room, beside, turn / SWING, moved, share[:, None].expand_as(free)], dim=1)
+        beside = (self.offsets / HALF_FAN).abs().expand_as(free)
+        moved = (self.offsets / HALF_FAN - last).abs()
+        ways = torch.stack([free, room, beside, turn / HALF_FAN, moved, share[:, None].expand_as(free)], dim=1)
         return self.score(ways)[:, 0]
 
     def forward_critic(self, shown: torch.Tensor) -> torch.Tensor:
@@ -71,5 +71,5 @@ class WayPolicy(ActorCriticPolicy):
         assert isinstance(self.action_net, nn.Linear)
         with torch.no_grad():
             self.action_net.weight.copy_(torch.eye(WAYS))
-            self.action_net.bias.copy_(-0.5 * ((torch.arange(WAYS) - AHEAD) / TRIED) ** 2)
-            self.mlp_extractor.score[-1].weight.mul_(UNTRAINED)
+            self.action_net.bias.copy_(-0.5 * ((torch.arange(WAYS) - AHEAD) / INITIAL_SPREAD) ** 2)
+            self.mlp_extractor.score[-1].weight.mul_(INITIAL_WEIGHT)

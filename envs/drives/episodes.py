@@ -12,7 +12,7 @@ import numpy as np
 from envs.drivers.driver import Driver, Stop
 from envs.mars_nav import ActionError, MarsNavEnv
 from envs.world.perception import Sight
-from envs.world.user_code import ForeignError, called, code_digest
+from envs.world.user_code import UserCodeError, code_digest, errors_of
 from m3depth.evaluation.metrics import capped_depth, known_depth
 from m3depth.stereo.pairs import MAX_DISPARITY
 from marssim.base.camera import MAX_DEPTH, MIN_DEPTH
@@ -103,7 +103,7 @@ def run_episode(
 
     The course follows from (seed, episode) and the cell alone. names: driver and perception, for the record.
     watch(env, driver, step) is called after the reset (step 0) and after every step. Raises ActionError that names the
-    driver for an answer that is neither an action nor a Stop, and ForeignError that names the step and the course for
+    driver for an answer that is neither an action nor a Stop, and UserCodeError that names the step and the course for
     what a driver or a perception of the user's own raises.
     """
     code = code_digest()  # before the drive, during which the sources may be edited
@@ -112,9 +112,9 @@ def run_episode(
         _drive(env, driver, course_options(cell, seed, episode), log, watch)
     except ActionError as error:
         raise ActionError(f"driver {names[0]!r}: {error}") from None
-    except ForeignError as error:
+    except UserCodeError as error:
         where = f"step {len(log.states)} of course {episode}, {cell.name}, by {names[0]} and {names[1]}"
-        raise ForeignError(f"{where}: {error}") from error.__cause__
+        raise UserCodeError(f"{where}: {error}") from error.__cause__
     assert env.course is not None
     steps, info = len(log.states) - 1, log.info
     return EpisodeRecord(
@@ -157,7 +157,7 @@ class _Log:
 
 def _drive(env: MarsNavEnv, driver: Driver, options: dict[str, Any], log: _Log, watch: Watch | None) -> None:
     observation, info = env.reset(seed=options["scene_seed"], options=options)
-    with called(driver):
+    with errors_of(driver):
         driver.reset(env, options["scene_seed"])
     log.start_distance = info["distance"]
     log.looked(env, info)
@@ -166,7 +166,7 @@ def _drive(env: MarsNavEnv, driver: Driver, options: dict[str, Any], log: _Log, 
     done = False
     while not done:
         begin = perf_counter()
-        with called(driver):
+        with errors_of(driver):
             action = driver.act(env, observation)
         if isinstance(action, Stop):
             log.info = {**log.info, "outcome": action.value}

@@ -57,13 +57,13 @@ class Film:
         """Film one step of an episode."""
         assert env.course is not None and env.vehicle is not None and env.sight is not None
         if self._view is None or self._view.scene is not env.course.scene:
-            maker = env.eyes.maker
-            self._view = OutsideView(env.course.scene, maker if isinstance(maker, Raycaster) else None)
+            renderer = env.perception.renderer
+            self._view = OutsideView(env.course.scene, renderer if isinstance(renderer, Raycaster) else None)
         sight, state = env.sight, env.vehicle.state()
         outside = self._view.picture(state, env.vehicle.mesh(sight.pan))
         left, normal = sight.left, sight.normal
         if left is None:  # perception was the ground truth, and took no picture
-            picture = env.eyes.picture(sight.pose)
+            picture = env.perception.picture(sight.pose)
             left, normal = picture.left, picture.normal
         elif normal is not None:  # where an estimator sees sky, its normals mean nothing
             normal = np.where(np.isfinite(sight.depth)[..., None], normal, 0)

@@ -10,7 +10,7 @@ from typing import Any
 from envs.drives.episodes import EpisodeRecord
 from marssim.base.files.json_file import DatasetError, read_json
 
-ANEW = "; delete it, and it is driven anew"
+DELETE_TO_REPEAT = "; delete it, and it is driven anew"
 NUMBER = "a number of 0 or more"
 LARGEST = 1e300
 WIDTHS = {"track": 2, "shortest_path": 2, "obstacles": 3}
@@ -21,14 +21,14 @@ def read_record(path: Path) -> EpisodeRecord:
     try:
         record = EpisodeRecord(**read_json(path))
     except TypeError:
-        raise DatasetError(f"{path}: not an episode of this version{ANEW}") from None
+        raise DatasetError(f"{path}: not an episode of this version{DELETE_TO_REPEAT}") from None
     except DatasetError as error:
-        raise DatasetError(f"{error}{ANEW}") from None
+        raise DatasetError(f"{error}{DELETE_TO_REPEAT}") from None
     for field in fields(record):
         value = getattr(record, field.name)
         kind, fits = _kind(field.name, str(field.type).removesuffix(" | None"))
         if not fits(value) and not (value is None and str(field.type).endswith(" | None")):
-            raise DatasetError(f"{path}: {field.name} must be {kind}, got {value!r:.40}{ANEW}")
+            raise DatasetError(f"{path}: {field.name} must be {kind}, got {value!r:.40}{DELETE_TO_REPEAT}")
     return record
 
 

@@ -14,7 +14,7 @@ BETWEEN = 0.05  # [m] that the footprint's corners move between two looks at a d
 FAR = 3.0  # [m]; what is farther away is not looked for
 
 
-class Flank:
+class RockClearance:
     """Distance between the rover and what blocks it, both seen from above.
 
     The rover is its driving footprint, length x width, at any heading; an obstacle is a rock of obstacle_height or
@@ -32,7 +32,7 @@ class Flank:
         around = np.concatenate([np.zeros((0, 2)), *(_walked(outline) for outline in outlines if len(outline) > 2)])
         self._outlines = around[np.argsort(around[:, 0])]
 
-    def clearance(self, before: np.ndarray, after: np.ndarray) -> float:
+    def between(self, before: np.ndarray, after: np.ndarray) -> float:
         """Least distance [m] from the footprint to an outline on the way between two places, turning evenly.
 
         before, after: (3,) x, y [m] and yaw [rad]. 0 where they overlap, FAR where nothing comes as near.

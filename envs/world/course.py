@@ -214,7 +214,7 @@ def draw_course(base: SceneConfig, config: CourseConfig, spec: RoverSpec, rng: n
     raise ValueError(f"no goal can be reached in {REDRAWS} draws: k={rocks.k} leaves the rover no way")
 
 
-def turned_round(course: Course, spec: RoverSpec, rng: np.random.Generator) -> Course:
+def reversed_course(course: Course, spec: RoverSpec, rng: np.random.Generator) -> Course:
     """The same scene the other way, from the goal to the start: both are free of rocks. rng draws the heading."""
     start, goal = course.goal, course.start[:2]
     bearing = np.arctan2(*(goal - start)[::-1])

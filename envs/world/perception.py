@@ -7,7 +7,7 @@ from time import perf_counter
 
 import numpy as np
 
-from envs.world.user_code import called
+from envs.world.user_code import errors_of
 from m3depth.estimator import Estimator, checked_prediction, load_estimator
 from marssim.base.camera import NATECAM, StereoRig
 from marssim.base.dataset.frame import StereoFrame
@@ -54,7 +54,7 @@ def load_perception(perception: str | Estimator) -> Estimator | None:
     return load_estimator(perception, "`perception`", ("ground_truth",))
 
 
-class Eyes:
+class Perception:
     """Looks at one Scene. perception: "ground_truth", an estimator's name or class path, or an estimator object."""
 
     def __init__(
@@ -65,17 +65,17 @@ class Eyes:
         disparity_noise: float = 0.0,
     ) -> None:
         """disparity_noise: standard deviation [px of a 512 px image] of an error added to what is perceived."""
-        self.renderer = known_renderer(renderer)
+        self.renderer_name = known_renderer(renderer)
         self.estimator = load_perception(perception)
         self.sensor_config = sensor or SensorConfig()
         self.disparity_noise = disparity_noise
-        self.maker: GBufferMaker | None = None
+        self.renderer: GBufferMaker | None = None
         self._shader: Shader | None = None
 
     def open(self, scene: Scene, rng: np.random.Generator) -> None:
         """Turn to another scene; rng draws the detector and its noise."""
         self.close()
-        self.maker = make_renderer(self.renderer, scene)
+        self.renderer = make_renderer(self.renderer_name, scene)
         self._scene, self._shader = scene, None  # true depth needs no shading
         self._rng = rng
         self._sensor = Sensor.draw(self.sensor_config, rng)
@@ -85,7 +85,7 @@ class Eyes:
         """See from a left-camera pose (4, 4) to world.
 
         Raises EstimatorError (m3depth.estimator) where the perception returns anything but a whole Prediction,
-        ForeignError (envs.world.user_code) for what a class of the user's own raises.
+        UserCodeError (envs.world.user_code) for what a class of the user's own raises.
         """
         sight = self._see(pose, pan)
         if self.disparity_noise == 0:
@@ -97,15 +97,15 @@ class Eyes:
         return replace(sight, depth=np.where(np.isfinite(sight.depth), noisy, sight.depth).astype(np.float32))
 
     def _see(self, pose: np.ndarray, pan: float) -> Sight:
-        if self.maker is None:
+        if self.renderer is None:
             raise RuntimeError("open a scene before looking")
         if self.estimator is None:
             rig = NATECAM.resized(GROUND_TRUTH_PIXELS, GROUND_TRUTH_PIXELS)
-            depth = self.maker.render(rig.camera, pose).depth
+            depth = self.renderer.render(rig.camera, pose).depth
             return Sight(depth, np.ones_like(depth), rig, pose, pan, true_depth=depth)
         frame = self.picture(pose)
         start = perf_counter()
-        with called(self.estimator):
+        with errors_of(self.estimator):
             found = self.estimator.infer(frame.left, frame.right, NATECAM)
         seconds = perf_counter() - start
         seen = checked_prediction(self.estimator, found, frame.left.shape[:2])
@@ -115,13 +115,13 @@ class Eyes:
 
     def picture(self, pose: np.ndarray) -> StereoFrame:
         """The StereoFrame from a pose, as the cameras take it."""
-        if self.maker is None:
+        if self.renderer is None:
             raise RuntimeError("open a scene before looking")
         self._shader = self._shader or Shader(self._scene)
-        return render_stereo(self.maker, self._shader, NATECAM, pose, self._sensor, self._rng)
+        return render_stereo(self.renderer, self._shader, NATECAM, pose, self._sensor, self._rng)
 
     def close(self) -> None:
         """Free the renderer; may be called twice."""
-        if self.maker is not None:
-            self.maker.close()
-            self.maker = None
+        if self.renderer is not None:
+            self.renderer.close()
+            self.renderer = None

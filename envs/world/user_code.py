@@ -7,10 +7,10 @@ from contextlib import contextmanager
 
 from marssim.base.results.code_state import source_digest
 
-PACKAGES = ("marssim", "m3depth", "nav", "envs")
+PROJECT = ("marssim", "m3depth", "nav", "envs")
 
 
-class ForeignError(RuntimeError):
+class UserCodeError(RuntimeError):
     """A class that is not the project's raised something. The message names it; the cause is what it was.
 
     It is no mistake on the command line, whose one line would hide where it is: commands show its traceback.
@@ -18,19 +18,19 @@ class ForeignError(RuntimeError):
 
 
 @contextmanager
-def called(what: object) -> Iterator[None]:
-    """What a method of `what` raises meanwhile becomes a ForeignError, unless the class is the project's own."""
+def errors_of(what: object) -> Iterator[None]:
+    """What a method of `what` raises meanwhile becomes a UserCodeError, unless the class is the project's own."""
     cls = type(what)
-    if cls.__module__.partition(".")[0] in PACKAGES:
+    if cls.__module__.partition(".")[0] in PROJECT:
         yield
         return
     try:
         yield
     except Exception as error:
         told = f"{cls.__module__}:{cls.__qualname__} raised {type(error).__name__}"
-        raise ForeignError(f"{told}: {error}" if str(error) else told) from error
+        raise UserCodeError(f"{told}: {error}" if str(error) else told) from error
 
 
 def code_digest() -> str:
     """Twelve hexadecimal digits that tell one state of the project's Python sources from another."""
-    return source_digest(PACKAGES)
+    return source_digest(PROJECT)

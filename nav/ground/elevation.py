@@ -1,13 +1,13 @@
 """A 2.5D elevation map that follows the rover and remembers what it has seen.
 
 Grid convention: square, axes along world x (east) and y (north), indexed [iy, ix]; cell (0, 0) has its lower left
-corner at `origin`. Heights are world z [m]; NaN means that a cell was never seen. Each cell keeps two heights apart:
-`top`, the highest of the points in it (of four and more, the highest but one), so that a rock is never averaged into
-the ground beside it, and `low`, a low percentile, which is the ground.
+corner at `origin`. Heights are world z [m]; NaN means that a cell was never seen. Each cell keeps two heights: `top`,
+the highest of the points in it (of four or more, the highest but one), so that a rock is never averaged into the ground
+beside it, and `low`, a low percentile, which is the ground.
 
-What only the left eye sees (the left edge of its image, wider for what is near) is no stereo: estimators extend the
-ground there, over rocks too. Unless they are sure, such points may warn of what stands out, but make nothing known that
-would be free.
+The left edge of the image, wider for near ground, is seen by the left eye only. Estimators extend the ground there,
+also over rocks. Unless they are confident, such points may show what stands out, but they never make ground known as
+free.
 """
 
 from __future__ import annotations
@@ -24,21 +24,34 @@ from marssim.base.images.depth_edges import JUMP, depth_edges
 
 @dataclass(frozen=True)
 class ElevationConfig:
-    """How depth maps are turned into heights."""
+    """How depth maps become heights."""
 
-    cell: float = 0.10  # edge of a cell [m]
-    size: float = 40.0  # edge of the map [m]
-    max_range: float = 12.0  # points farther ahead than this [m] are left out
-    min_range: float = 0.5  # and nearer than this [m]
-    min_confidence: float = 0.5  # pixels below are unknown
-    sure_alone: float = 0.7  # below, what the left eye alone sees shows no ground, only what stands out
-    stands_out: float = 0.10  # of the lowest point within ground_reach [m]
-    ground_reach: float = 0.8  # [m]
-    few: int = 2  # so few points in a cell need a cell beside it that is as high, to stand out
-    disparity_sigma: float = 0.25  # stereo matching error [px]
-    edge_jump: float = JUMP  # disparity change within 3 x 3 px [px] from which a pixel hangs between two surfaces
-    columns: int = 256  # about this many image columns are used
-    recentre_at: float = 7.0  # the map moves when the rover comes this near to its edge [m]
+    cell: float = 0.10
+    """Edge of a cell [m]."""
+    size: float = 40.0
+    """Edge of the map [m]."""
+    max_range: float = 12.0
+    """Depth beyond which points are left out [m]."""
+    min_range: float = 0.5
+    """Depth below which points are left out [m]."""
+    min_confidence: float = 0.5
+    """Confidence below which a pixel is unknown."""
+    sure_alone: float = 0.7
+    """Confidence below which a point that only the left eye sees shows no ground, only what stands out."""
+    stands_out: float = 0.10
+    """Height above the lowest point within ground_reach from which a cell stands out [m]."""
+    ground_reach: float = 0.8
+    """Distance within which the lowest point is taken for the ground [m]."""
+    few: int = 2
+    """A cell with this many points or fewer stands out only if a cell beside it reaches as high."""
+    disparity_sigma: float = 0.25
+    """Standard deviation of the stereo matching error [px]."""
+    edge_jump: float = JUMP
+    """Change of disparity within 3 x 3 px from which a pixel hangs between two surfaces [px]."""
+    columns: int = 256
+    """Number of image columns that are used, roughly."""
+    recentre_at: float = 7.0
+    """Distance of the rover from the map's edge at which the map moves [m]."""
 
     def __post_init__(self) -> None:
         if not (self.cell > 0 and self.size >= 10 * self.cell):
@@ -47,7 +60,7 @@ class ElevationConfig:
 
 @lru_cache(maxsize=8)
 def _ray_slopes(camera: PinholeCamera) -> tuple[np.ndarray, np.ndarray]:
-    """Ray directions of the columns (x / z) and of the rows (y / z), float32."""
+    """Return the ray directions of the columns (x / z) and of the rows (y / z), float32."""
     u = (np.arange(camera.width) - camera.cx) / camera.fx
     v = (np.arange(camera.height) - camera.cy) / camera.fy
     return u.astype(np.float32), v.astype(np.float32)
@@ -56,8 +69,13 @@ def _ray_slopes(camera: PinholeCamera) -> tuple[np.ndarray, np.ndarray]:
 class ElevationMap:
     """World-aligned scrolling height map, fused from depth maps.
 
-    Arrays, all (n, n) float32, [iy, ix]: top, low [m], NaN where unknown; weight [1 / m2], the inverse squared range
-    error of the best looks.
+    Attributes:
+        config: The settings.
+        n: Number of cells along one side.
+        origin: (2,) world position of the lower left corner [m].
+        top: (n, n) float32 [iy, ix], height of the highest points [m]; NaN where unknown.
+        low: (n, n) float32 [iy, ix], height of the ground [m]; NaN where unknown.
+        weight: (n, n) float32 [iy, ix], inverse squared range error of the best looks [1 / m2].
     """
 
     def __init__(self, config: ElevationConfig | None = None, centre: tuple[float, float] = (0.0, 0.0)) -> None:
@@ -80,22 +98,26 @@ class ElevationMap:
 
     @property
     def measured(self) -> np.ndarray:
-        """(n, n) bool: really seen. Only these cells have heights that can be compared with each other."""
+        """(n, n) bool: really seen. Only the heights of these cells can be compared with each other."""
         return self.weight > 0
 
     def cell_of(self, xy: np.ndarray) -> np.ndarray:
-        """Cell indices (ix, iy) of world positions, not clipped to the map. xy: (..., 2) [m]. Returns (..., 2) int."""
+        """Return the cell indices (ix, iy) of world positions (..., 2) [m], not clipped to the map: (..., 2) int."""
         return np.floor((np.asarray(xy, float) - self.origin) / self.config.cell).astype(np.int64)
 
     def centres(self) -> tuple[np.ndarray, np.ndarray]:
-        """World x of the columns and world y of the rows [m], cell centres, each (n,)."""
+        """Return the world x of the columns and the world y of the rows, cell centres, each (n,) [m]."""
         steps = (np.arange(self.n) + 0.5) * self.config.cell
         return self.origin[0] + steps, self.origin[1] + steps
 
     def recentre(self, xy: np.ndarray) -> bool:
-        """Scroll by whole cells so that the rover stays off the edge; what scrolls out is forgotten.
+        """Scroll by whole cells so that the rover stays off the edge, and forget what scrolls out.
 
-        xy: (2,) [m]. Returns whether the map moved.
+        Args:
+            xy: (2,) position of the rover [m].
+
+        Returns:
+            Whether the map moved.
         """
         offset = np.asarray(xy, float)[:2] - (self.origin + self.config.size / 2)
         if np.abs(offset).max() < self.config.size / 2 - self.config.recentre_at:
@@ -114,18 +136,27 @@ class ElevationMap:
         return True
 
     def assume_flat(self, pose: np.ndarray, radius: float) -> None:
-        """Fill the unknown cells round the rover with the plane that it stands on.
+        """Fill the unknown cells around the rover with the plane that it stands on.
 
         The camera never sees the ground beside and under the rover; where the rover stands, it is passable. The first
-        real measurement of a cell replaces the assumption. pose: (4, 4) body to world; radius [m].
+        real measurement of a cell replaces the assumption.
+
+        Args:
+            pose: (4, 4) body to world.
+            radius: Radius that is filled [m].
         """
         x, y = self.centres()
         dx, dy = x[None, :] - pose[0, 3], y[:, None] - pose[1, 3]
         self._assume(pose, dx, dy, dx**2 + dy**2 <= radius**2)
 
     def assume_under(self, pose: np.ndarray, length: float, width: float) -> None:
-        """The same for the rectangle that the rover stands on, and no further: beside it may lie the hidden half of a
-        rock. pose: (4, 4) body to world; length, width [m]."""
+        """Fill the unknown cells under the rover likewise, and no others: beside it may lie the hidden half of a rock.
+
+        Args:
+            pose: (4, 4) body to world.
+            length: Length of the rectangle [m].
+            width: Width of the rectangle [m].
+        """
         x, y = self.centres()
         dx, dy = x[None, :] - pose[0, 3], y[:, None] - pose[1, 3]
         yaw = np.arctan2(pose[1, 0], pose[0, 0])
@@ -144,10 +175,18 @@ class ElevationMap:
     ) -> int:
         """Fuse one depth map.
 
-        depth: (H, W) [m] along the optical axis; inf (sky, far) and NaN (unknown) leave the map as it is, they never
-        make a cell free. confidence: (H, W) in [0, 1], or None for all 1. rig: the cameras, at the size of depth.
-        camera_pose: (4, 4) left camera to world. Returns the number of points used.
-        Raises ValueError where the shapes of depth, confidence and rig disagree.
+        Args:
+            depth: (H, W) depth [m] along the optical axis. inf (sky, far) and NaN (unknown) leave the map as it is;
+                they never make a cell free.
+            confidence: (H, W) in [0, 1]; None means 1 everywhere.
+            rig: The cameras at the size of depth.
+            camera_pose: (4, 4) left camera to world.
+
+        Returns:
+            The number of points used.
+
+        Raises:
+            ValueError: If the shapes of depth, confidence and rig disagree.
         """
         depth = np.asarray(depth, np.float32)
         camera = rig.camera
@@ -163,11 +202,13 @@ class ElevationMap:
     def _points(
         self, depth: np.ndarray, confidence: np.ndarray | None, rig: StereoRig, pose: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """World points (m, 3), their depth (m,), confidence (m,) and whether they may show ground (m,), filtered."""
+        """Return the filtered points: world positions (m, 3), depth (m,), confidence (m,), and whether they may show
+        ground (m,).
+        """
         c = self.config
         with np.errstate(invalid="ignore"):
             use = (depth > c.min_range) & (depth < c.max_range)
-            # On level ground rows are Z^2 / (f h) apart: near the rover every second one still hits every cell.
+            # On level ground, image rows are Z^2 / (f h) apart: near the rover every second one still hits every cell.
             use[::2] &= depth[::2] > np.sqrt(0.4 * c.cell * rig.camera.fy)
         stride = max(1, round(rig.camera.width / c.columns))
         if confidence is not None:
@@ -180,7 +221,7 @@ class ElevationMap:
         local = np.stack([slope_u[columns] * z, slope_v[rows] * z, z], axis=1)
         points = local @ pose[:3, :3].T.astype(np.float32)
         trust = np.ones_like(z) if confidence is None else np.asarray(confidence, np.float32)[rows, columns]
-        sure = (trust >= c.sure_alone) | (columns >= rig.fb / z)  # or seen by the right eye, at a column from 0 on
+        sure = (trust >= c.sure_alone) | (columns >= rig.fb / z)  # the right eye sees the point too, at a column >= 0
         return points.astype(np.float64) + pose[:3, 3], z, trust, sure
 
     def _fuse(self, points: np.ndarray, z: np.ndarray, trust: np.ndarray, sure: np.ndarray, fb: float) -> None:
@@ -192,7 +233,7 @@ class ElevationMap:
         ij, height, z, trust, sure = ij[inside], points[inside, 2], z[inside], trust[inside], sure[inside]
         flat = ij[:, 1] * n + ij[:, 0]
 
-        # One integer sort orders the points by cell, and by height [mm] inside each cell: percentiles come for free.
+        # One integer sort orders the points by cell, and by height [mm] inside each cell, which gives percentiles.
         base = float(height.min())
         millimetre = np.minimum((height - base) * 1000, (1 << 20) - 1).astype(np.int64)
         key = np.sort((flat << 20) | millimetre)
@@ -201,7 +242,7 @@ class ElevationMap:
         touched = cell[first]
         number = np.diff(np.r_[first, cell.size])
         ordered = (key & ((1 << 20) - 1)) * 1e-3 + base
-        # Of four points and more the highest is not trusted: a single stray match would make a rock.
+        # Of four or more points the highest is not used: a single stray match would make a rock.
         top = ordered[first + number - 1 - (number >= 4)]
         low = ordered[first + number // 10]
         shows_ground = np.bincount(flat, sure, minlength=n * n)[touched] > 0
@@ -214,11 +255,18 @@ class ElevationMap:
     def _credible(
         self, touched: np.ndarray, top: np.ndarray, low: np.ndarray, number: np.ndarray, shows_ground: np.ndarray
     ) -> np.ndarray:
-        """(m,) bool: which cells of one look go into the map.
+        """Return which cells of one look go into the map: (m,) bool.
 
-        touched: (m,) flat cell indices; top, low: (m,) [m]; number: (m,) points; shows_ground: (m,) bool. A cell that
-        may not show ground has to stand out. One that stands out by few points needs a cell beside it that reaches as
-        high: a rock of a cell's width that is as high as `stands_out` has more of them, a stray match has not.
+        A cell that may not show ground has to stand out. A cell that stands out by few points needs a cell beside it
+        that reaches as high: a rock as wide as a cell and as high as `stands_out` has more points, a stray match has
+        not.
+
+        Args:
+            touched: (m,) flat cell indices.
+            top: (m,) heights of the highest points [m].
+            low: (m,) heights of the ground [m].
+            number: (m,) numbers of points.
+            shows_ground: (m,) bool.
         """
         c = self.config
         iy, ix = np.divmod(touched, self.n)
@@ -234,16 +282,16 @@ class ElevationMap:
         return np.where(stands, supported | (number > c.few), shows_ground)
 
     def _blend(self, touched: np.ndarray, top: np.ndarray, low: np.ndarray, gain: np.ndarray) -> None:
-        """Update the touched cells with one look, weighed by range error; near looks overrule far ones."""
+        """Update the touched cells with one look, weighed by range error: near looks count more than far ones."""
         old = self.weight.ravel()[touched]
         k = gain / (old + gain)
         fresh = old == 0
-        # Extremes move away from the ground quickly and come back only on better evidence: a look that shows only
-        # the foot of a rock must not melt its top, but a stray point seen from afar fades when it is seen from near.
+        # Extremes move away from the ground quickly and come back only on better evidence: a look that shows only the
+        # foot of a rock must not lower its top, but a stray point from afar disappears when the rover comes near.
         quick, slow = np.where(fresh, 1.0, np.maximum(k, 0.5)), np.where(fresh, 1.0, np.minimum(k, 0.8))
         for layer, new, sign in ((self.top, top, 1), (self.low, low, -1)):
             values = layer.ravel()
             before = np.where(fresh, 0.0, values[touched])
             values[touched] = before + np.where((new - before) * sign > 0, quick, slow) * (new - before)
-        # Looks err together (the same matching bias), so a cell's trust saturates at four looks of the best kind.
+        # Looks share their errors (the same matching bias), so a cell's weight saturates at four of the best looks.
         self.weight.ravel()[touched] = np.maximum(old, np.minimum(old + gain, 4 * gain))

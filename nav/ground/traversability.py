@@ -1,4 +1,4 @@
-"""From heights to where the rover can stand: step height, slope and roughness over its footprint.
+"""From heights to the places where the rover can stand: step height, slope and roughness over its footprint.
 
 Grid convention as in nav.ground.elevation: [iy, ix], world-aligned.
 """
@@ -14,58 +14,84 @@ from marssim.base.images.distance_transform import euclidean_distance
 from marssim.base.rover_spec import RoverSpec
 from nav.ground.elevation import ElevationMap
 
-SEEN_SHARE = 0.2  # of a window, less than which tells nothing of its ground
-ROUGHNESS_FREE = 0.03  # [m] below this the footprint's plane counts as even
+MEASURED_SHARE = 0.2  # share of a window that must be measured to judge its ground
+ROUGHNESS_FREE = 0.03  # [m] below which the footprint's plane counts as even
 
 
 @dataclass(frozen=True)
 class TraversabilityConfig:
-    """What the rover may drive over, and how much it dislikes the rest."""
+    """What the rover may drive over, and the costs of the rest."""
 
-    step_free: float = 0.08  # exposed heights below this [m] cost nothing
-    step_blocked: float = 0.23  # from this on [m] they are obstacles; RoverSpec.obstacle_height less a margin
-    slope_free_deg: float = 6.0  # slopes below this cost nothing
-    slope_blocked_deg: float = 22.0  # and from this on they are obstacles
-    roughness_blocked: float = 0.15  # RMS departure from the footprint's plane [m]
-    step_cost: float = 4.0  # cost per metre driven at the blocking threshold
-    slope_cost: float = 4.0  # likewise
-    roughness_cost: float = 3.0  # likewise
-    unknown_cost: float = 0.8  # cost per metre driven over what was not seen
-    near_cost: float = 4.0  # cost beside an obstacle; fades to zero at comfort
-    margin: float = 0.14  # between footprint and obstacle [m]: map and localisation errors
-    comfort: float = 1.35  # obstacle distance [m] from which the path costs nothing extra
-    ground_window: float = 1.7  # rocks narrower than this [m] stand out of the ground entirely
-    footprint_window: float = 1.1  # planes are fitted over this [m]
-    hidden_depth: float = 0.25  # unseen ground this near to an obstacle's seen face [m] belongs to it
-    hiding_width: float = 0.5  # narrower unseen patches [m] hide no obstacle: rocks are twice as wide as high
+    step_free: float = 0.08
+    """Exposed heights below this cost nothing [m]."""
+    step_blocked: float = 0.23
+    """Exposed heights from this on are obstacles [m]: RoverSpec.obstacle_height less a margin."""
+    slope_free_deg: float = 6.0
+    """Slopes below this cost nothing [deg]."""
+    slope_blocked_deg: float = 22.0
+    """Slopes from this on are obstacles [deg]."""
+    roughness_blocked: float = 0.15
+    """RMS departure from the footprint's plane from which ground is an obstacle [m]."""
+    step_cost: float = 4.0
+    """Extra cost of a metre driven at step_blocked [m]."""
+    slope_cost: float = 4.0
+    """Extra cost of a metre driven at slope_blocked_deg [m]."""
+    roughness_cost: float = 3.0
+    """Extra cost of a metre driven at roughness_blocked [m]."""
+    unknown_cost: float = 0.8
+    """Extra cost of a metre driven over unseen ground [m]."""
+    near_cost: float = 4.0
+    """Extra cost of a metre beside an obstacle [m]; it fades to zero at `comfort`."""
+    margin: float = 0.14
+    """Distance between footprint and obstacle for errors of map and localisation [m]."""
+    comfort: float = 1.35
+    """Distance to an obstacle from which the path costs nothing extra [m]."""
+    ground_window: float = 1.7
+    """Rocks narrower than this stand out of the ground entirely [m]."""
+    footprint_window: float = 1.1
+    """Side of the square over which planes are fitted [m]."""
+    hidden_depth: float = 0.25
+    """Unseen ground within this distance of an obstacle's seen face belongs to the obstacle [m]."""
+    hiding_width: float = 0.5
+    """Unseen patches narrower than this hide no obstacle [m]: rocks are twice as wide as high."""
 
 
 @dataclass(frozen=True)
 class Traversability:
-    """All (n, n), [iy, ix].
-
-    cost: float32, extra cost per metre at the rover's centre, >= 0, obstacles' surroundings and the unknown included;
-    blocked: bool, obstacles themselves, not inflated; known: bool; dark: bool, unknown patches wide enough to hide
-    an obstacle; clearance, dark_distance: float32 [m] to the nearest obstacle or dark cell; step [m], slope [rad] and
-    roughness [m]: float32, NaN where unknown; inflated: bool, the rover's centre must not be here at any heading.
-    """
+    """The judged ground, all maps (n, n), [iy, ix]."""
 
     cost: np.ndarray
+    """float32 extra cost per metre at the rover's centre, >= 0, with the surroundings of obstacles and unknown ground
+    included."""
     blocked: np.ndarray
+    """bool, the obstacles themselves, not inflated."""
     known: np.ndarray
+    """bool, seen or assumed."""
     dark: np.ndarray
+    """bool, unknown patches wide enough to hide an obstacle."""
     clearance: np.ndarray
+    """float32 distance to the nearest obstacle [m]."""
     dark_distance: np.ndarray
+    """float32 distance to the nearest dark cell [m]."""
     step: np.ndarray
+    """float32 height that stands out of the ground [m]; NaN where unknown."""
     slope: np.ndarray
+    """float32 slope [rad]; NaN where unknown."""
     roughness: np.ndarray
+    """float32 RMS departure from the footprint's plane [m]; NaN where unknown."""
     inflated: np.ndarray
+    """bool, cells in which the rover's centre must not be at any heading."""
 
 
 def distance_to(mask: np.ndarray, cell: float) -> np.ndarray:
-    """Distance from each cell's centre to the nearest edge of a marked cell [m], negative inside; inf if none is.
+    """Return the distance from each cell's centre to the nearest edge of a marked cell, within half a cell.
 
-    mask: (n, n) bool. Returns (n, n) float32, within half a cell.
+    Args:
+        mask: (n, n) bool, the marked cells.
+        cell: Edge of a cell [m].
+
+    Returns:
+        (n, n) float32 distance [m], negative inside; inf if no cell is marked.
     """
     if not mask.any():
         return np.full(mask.shape, np.inf, np.float32)
@@ -73,26 +99,42 @@ def distance_to(mask: np.ndarray, cell: float) -> np.ndarray:
 
 
 def ground_surface(low: np.ndarray, known: np.ndarray, window: int) -> np.ndarray:
-    """The ground without the rocks: a grey opening of the low heights, which leaves any plane as it is.
+    """Return the ground without the rocks: a grey opening of the low heights, which leaves any plane as it is.
 
-    low: (n, n) float32, anything where not known; window: odd [cells]. A window counts only where at least a fifth
-    of it was seen; otherwise the top of a rock, with nothing but its own shadow around, would pass for ground.
-    Returns (n, n) float32, NaN where not known.
+    A window counts only if at least a fifth of it is known; otherwise the top of a rock, surrounded by nothing but its
+    own shadow, would pass for ground.
+
+    Args:
+        low: (n, n) float32 heights [m], any value where not known.
+        known: (n, n) bool.
+        window: Side of the window [cells], odd.
+
+    Returns:
+        (n, n) float32 heights [m]; NaN where not known.
     """
     kernel = _square(window)
     far = np.float32(1e6)
     floor = cv2.erode(np.where(known, low, far), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=1e6)
-    seen = cv2.boxFilter(known.astype(np.float32), -1, (window, window), borderType=cv2.BORDER_CONSTANT)
-    supported = np.where((seen >= SEEN_SHARE) & (floor < far), floor, -far)
+    share = cv2.boxFilter(known.astype(np.float32), -1, (window, window), borderType=cv2.BORDER_CONSTANT)
+    supported = np.where((share >= MEASURED_SHARE) & (floor < far), floor, -far)
     opened = cv2.dilate(supported, kernel, borderType=cv2.BORDER_CONSTANT, borderValue=-1e6)
     return np.where(known, np.where(opened > -far, opened, floor), np.nan).astype(np.float32)
 
 
 def fit_planes(height: np.ndarray, known: np.ndarray, window: int, cell: float) -> tuple[np.ndarray, np.ndarray]:
-    """Slope [rad] and RMS residual [m] of the least-squares plane through the known cells of each window.
+    """Return slope and RMS residual of the least-squares plane through the known cells of each window.
 
-    height: (n, n); known: (n, n) bool; window: odd [cells]; cell [m]. Exact for planes with any gaps, by moments.
-    Returns two (n, n) float32; NaN where fewer than a fifth of the window is known or its cells lie on a line.
+    Exact for planes with any gaps, by moments.
+
+    Args:
+        height: (n, n) heights [m].
+        known: (n, n) bool.
+        window: Side of the window [cells], odd.
+        cell: Edge of a cell [m].
+
+    Returns:
+        Slope [rad] and residual [m], both (n, n) float32; NaN where less than a fifth of the window is known or its
+        known cells lie on a line.
     """
     rows, columns = height.shape
     box = (window, window)
@@ -115,7 +157,7 @@ def fit_planes(height: np.ndarray, known: np.ndarray, window: int, cell: float) 
     xz, yz = total(z * x) / count - mx * mz, total(z * y) / count - my * mz
     zz = total(z * z) / count - mz * mz
     det = xx * yy - xy * xy
-    good = (s >= SEEN_SHARE * window * window) & (det > 1e-2 * (cell * window) ** 4 / 144)
+    good = (s >= MEASURED_SHARE * window * window) & (det > 1e-2 * (cell * window) ** 4 / 144)
     det = np.where(good, det, 1.0)
     a, b = (yy * xz - xy * yz) / det, (xx * yz - xy * xz) / det
     rms = np.sqrt(np.maximum(zz - a * xz - b * yz, 0))
@@ -126,12 +168,12 @@ def fit_planes(height: np.ndarray, known: np.ndarray, window: int, cell: float) 
 def _footprint_planes(
     ground: np.ndarray, known: np.ndarray, window: float, cell: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """fit_planes on cells of twice the size: the ground without its rocks is smooth, and a quarter of the work."""
+    """Return fit_planes on cells of twice the size: bare ground is smooth, and it is a quarter of the work."""
     rows, columns = ground.shape[0] // 2 * 2, ground.shape[1] // 2 * 2
     height = np.where(known, ground, 0)[:rows, :columns]
     corners = [np.s_[i::2, j::2] for i in (0, 1) for j in (0, 1)]
-    seen = known[:rows, :columns]
-    number = sum(seen[at].astype(np.float32) for at in corners)
+    valid = known[:rows, :columns]
+    number = sum(valid[at].astype(np.float32) for at in corners)
     mean = sum(height[at] for at in corners) / np.maximum(number, 1)
     planes = fit_planes(mean, np.asarray(number > 0), _odd(window, 2 * cell), 2 * cell)
     out = []
@@ -155,19 +197,23 @@ def assess(
 ) -> Traversability:
     """Judge every cell of a map for a rover.
 
-    extra_blocked: (n, n) bool, obstacles that the map does not show (bumped into), or None. carried: (n, n) bool, cells
-    that the rover stands on, which are passable whatever the map says, or None.
+    Args:
+        elevation: The map.
+        spec: The rover.
+        config: The rules.
+        extra_blocked: (n, n) bool, obstacles that the map does not show (the rover bumped into them), or None.
+        carried: (n, n) bool, cells that the rover stands on, passable whatever the map shows, or None.
     """
     cell = elevation.config.cell
-    # Assumed ground is a guess, wrong by decimetres on rough terrain: measured ground beside it would be a step.
-    seen = elevation.measured
-    # Single unseen cells between two image rows far away are sampling, not shadow.
+    # Assumed ground may be wrong by decimetres on rough terrain: measured ground beside it would look like a step.
+    measured = elevation.measured
+    # Far away, single unseen cells between two image rows are gaps of sampling, not shadows.
     filled = cv2.morphologyEx(elevation.known.astype(np.uint8), cv2.MORPH_CLOSE, _square(3)) > 0
 
-    ground = ground_surface(elevation.low, seen, _odd(config.ground_window, cell))
-    step = _steps(elevation, ground, seen, config)
-    slope, roughness = _footprint_planes(ground, seen, config.footprint_window, cell)
-    blocked = _blocked(step, slope, roughness, seen, cell, config)
+    ground = ground_surface(elevation.low, measured, _odd(config.ground_window, cell))
+    step = _steps(elevation, ground, measured, config)
+    slope, roughness = _footprint_planes(ground, measured, config.footprint_window, cell)
+    blocked = _blocked(step, slope, roughness, measured, cell, config)
     if extra_blocked is not None:
         blocked |= extra_blocked
     if carried is not None:
@@ -194,45 +240,54 @@ def assess(
     )
 
 
-def _steps(elevation: ElevationMap, ground: np.ndarray, seen: np.ndarray, config: TraversabilityConfig) -> np.ndarray:
-    """(n, n) float32, how far each cell stands out [m]: of the ground (n, n) or of its neighbours; NaN where unseen."""
-    cell, top = elevation.config.cell, np.where(seen, elevation.top, np.nan)
-    # The face of a rock wider than the window: the height difference between neighbours, which no passable slope has.
-    rise = top - cv2.erode(np.where(seen, elevation.low, np.float32(1e6)), _square(3))
+def _steps(
+    elevation: ElevationMap, ground: np.ndarray, measured: np.ndarray, config: TraversabilityConfig
+) -> np.ndarray:
+    """Return the height by which each cell stands out of the ground (n, n) or of its neighbours [m]: (n, n) float32."""
+    cell, top = elevation.config.cell, np.where(measured, elevation.top, np.nan)
+    # Rocks wider than the window show by their face: a height difference between neighbours that no passable slope has.
+    rise = top - cv2.erode(np.where(measured, elevation.low, np.float32(1e6)), _square(3))
     steepest = np.tan(np.deg2rad(config.slope_blocked_deg)) * cell * np.sqrt(2)
     return np.fmax(top - ground, rise - steepest).astype(np.float32)
 
 
 def _blocked(
-    step: np.ndarray, slope: np.ndarray, roughness: np.ndarray, seen: np.ndarray, cell: float, c: TraversabilityConfig
+    step: np.ndarray,
+    slope: np.ndarray,
+    roughness: np.ndarray,
+    measured: np.ndarray,
+    cell: float,
+    c: TraversabilityConfig,
 ) -> np.ndarray:
-    """(n, n) bool, obstacles: too high, steep or rough, and what they hide. step [m], slope [rad], roughness [m]."""
+    """Return the obstacles (n, n) bool: ground that is too high [m], steep [rad] or rough [m], and what it hides."""
     with np.errstate(invalid="ignore"):
-        blocked = seen & (step >= c.step_blocked)
-        blocked |= seen & ((slope >= np.deg2rad(c.slope_blocked_deg)) | (roughness >= c.roughness_blocked))
-    # Of a rock only the near side is seen; what was not measured behind its face is taken for the rest of it.
+        blocked = measured & (step >= c.step_blocked)
+        blocked |= measured & ((slope >= np.deg2rad(c.slope_blocked_deg)) | (roughness >= c.roughness_blocked))
+    # Only the near side of a rock is seen; unmeasured cells behind its face are taken for the rest of it.
     hidden = cv2.dilate(blocked.astype(np.uint8), _square(_odd(2 * c.hidden_depth, cell))) > 0
-    return np.asarray(blocked | (hidden & ~seen))
+    return np.asarray(blocked | (hidden & ~measured))
 
 
 def _own_cost(
     step: np.ndarray, slope: np.ndarray, roughness: np.ndarray, spec: RoverSpec, cell: float, c: TraversabilityConfig
 ) -> np.ndarray:
-    """(n, n), extra cost per metre of the ground itself. step [m], slope [rad] and roughness [m], NaN where unknown."""
+    """Return the extra cost per metre of the ground itself (n, n), from step [m], slope [rad] and roughness [m]."""
     own: np.ndarray = c.step_cost * _ramp(step, c.step_free, c.step_blocked)
     own = own + c.slope_cost * _ramp(slope, np.deg2rad(c.slope_free_deg), np.deg2rad(c.slope_blocked_deg))
     own = own + c.roughness_cost * _ramp(roughness, ROUGHNESS_FREE, c.roughness_blocked)
-    # What lies under any wheel counts: a wheel feels its surroundings, and the centre the mean over the footprint.
+    # The ground under any wheel counts: a wheel feels its surroundings, the centre the mean over the footprint.
     reach = _odd(spec.width, cell)
     return np.asarray(cv2.blur(cv2.dilate(own, _square(_odd(2 * spec.wheel_radius, cell))), (reach, reach)))
 
 
 def _ramp(value: np.ndarray, free: float, full: float) -> np.ndarray:
-    """float32, 0 up to `free`, 1 from `full` on, and 0 where the value is NaN: the unknown has a cost of its own."""
+    """Return float32 that rises from 0 at `free` to 1 at `full`, and is 0 where the value is NaN: unknown has its own
+    cost.
+    """
     # fmax and fmin drop NaN
     return np.fmin(np.fmax((value - np.float32(free)) * np.float32(1 / (full - free)), 0), 1).astype(np.float32)
 
 
 def _square(cells: int) -> np.ndarray:
-    """A structuring element of so many cells a side."""
+    """Return a square structuring element with sides of this many cells."""
     return np.ones((cells, cells), np.uint8)

@@ -1,4 +1,4 @@
-"""How far it is to the goal from everywhere: Dijkstra's search on a coarser grid, through known and unknown ground."""
+"""The cost to reach the goal from everywhere: Dijkstra's search on a coarser grid, over known and unknown ground."""
 
 from __future__ import annotations
 
@@ -11,15 +11,18 @@ from nav.ground.traversability import Traversability
 
 
 class DistanceField:
-    """Cost-to-go [m] to a goal over the whole map, 8-connected, goals outside the map included.
+    """The cost to go to a goal [m] over the whole map, 8-connected; the goal may lie outside the map.
 
-    Ground outside the map counts as easy: every border cell is joined to an outside goal by the straight distance.
+    Ground outside the map counts as easy: the straight distance joins every border cell to a goal outside.
     """
 
     def __init__(self, elevation: ElevationMap, coarse: int, inflated_cost: float) -> None:
-        """Lay out the graph for a map of this size; update() fills it.
+        """Lay out the graph for a map of this size; `update` fills it.
 
-        coarse: map cells along a cell of the field; inflated_cost: what a metre too near to an obstacle costs more.
+        Args:
+            elevation: The map.
+            coarse: Map cells along one cell of the field.
+            inflated_cost: Extra cost of a metre too near to an obstacle [m].
         """
         self.coarse = coarse
         self.inflated_cost = inflated_cost
@@ -37,7 +40,7 @@ class DistanceField:
             length.append(np.full(first.size, np.hypot(dx, dy) * self.cell / 2))
         self._a, self._b, self._half = np.concatenate(a), np.concatenate(b), np.concatenate(length)
         self._border = np.unique(np.concatenate([index[0], index[-1], index[:, 0], index[:, -1]]))
-        # The sparsity never changes, so the matrix is laid out once and only its weights are refreshed.
+        # The sparsity never changes, so the matrix is laid out once and only its weights are updated.
         source = np.full(self._border.size, self.m**2)
         tail = np.concatenate([self._a, self._b, source])
         head = np.concatenate([self._b, self._a, self._border])
@@ -49,7 +52,7 @@ class DistanceField:
         self._graph = layout
 
     def update(self, elevation: ElevationMap, ground: Traversability, goal: np.ndarray) -> None:
-        """Compute the field. goal: (2,) world [m]."""
+        """Compute the field to a goal (2,) in the world [m]."""
         m, k = self.m, self.coarse
         self.origin = elevation.origin
         price = 1.0 + ground.cost + np.where(ground.inflated, np.float32(self.inflated_cost), np.float32(0))
@@ -70,7 +73,7 @@ class DistanceField:
         self.values = dijkstra(self._graph, indices=start)[: m * m].reshape(m, m)
 
     def at(self, xy: np.ndarray) -> np.ndarray:
-        """Cost-to-go [m] at world positions, interpolated. xy: (..., 2). inf outside the map."""
+        """Return the interpolated cost to go [m] at world positions (..., 2) [m]; inf outside the map."""
         u = (np.asarray(xy, float) - self.origin) / self.cell - 0.5
         outside = ((u < -0.5) | (u > self.m - 0.5)).any(axis=-1)
         u = np.clip(u, 0, self.m - 1.001)
@@ -82,8 +85,16 @@ class DistanceField:
         return np.where(outside, np.inf, low * (1 - fy) + high * fy)
 
     def path(self, start: np.ndarray, length: float) -> np.ndarray:
-        """Steepest descent from a world position, (k, 2) [m], start included; ends at the goal, at the map's edge or
-        after as many cells as a straight way of this length [m] has."""
+        """Return the path of steepest descent from a world position.
+
+        Args:
+            start: World position, x and y first [m].
+            length: Length of the path [m]: it ends after as many cells as a straight way of this length has, or at the
+                goal or the map's edge.
+
+        Returns:
+            (k, 2) world positions [m], the start included.
+        """
         cell = np.floor((np.asarray(start, float)[:2] - self.origin) / self.cell).astype(int)
         points = [np.asarray(start, float)[:2]]
         for _ in range(int(length / self.cell)):

@@ -1,4 +1,4 @@
-"""The ground that the rover covers along a motion, and how far that is from what a map marks."""
+"""The ground that the rover covers along a motion, and its distance to the cells that a map marks."""
 
 from __future__ import annotations
 
@@ -9,11 +9,19 @@ import numpy as np
 from marssim.base.rover_spec import RoverSpec
 from nav.ground.elevation import ElevationMap
 
-DISCS_ALONG, DISCS_ACROSS = 5, 4  # that cover the footprint
+DISCS_ALONG, DISCS_ACROSS = 5, 4  # number of discs that cover the footprint
 
 
 def footprint_corners(spec: RoverSpec, pose: Sequence[float]) -> np.ndarray:
-    """(4, 2) [m] corners of the footprint rectangle seen from above, front left first, clockwise. pose: x, y, yaw."""
+    """Return the corners of the footprint rectangle from above, front left first, clockwise.
+
+    Args:
+        spec: The rover.
+        pose: x, y [m], yaw [rad].
+
+    Returns:
+        (4, 2) world positions [m].
+    """
     x, y, yaw = pose
     ahead = np.array([1, 1, -1, -1]) * spec.length / 2
     left = np.array([1, -1, -1, 1]) * spec.width / 2
@@ -22,10 +30,11 @@ def footprint_corners(spec: RoverSpec, pose: Sequence[float]) -> np.ndarray:
 
 
 def footprint_discs(spec: RoverSpec) -> tuple[np.ndarray, float]:
-    """Discs that cover the footprint rectangle.
+    """Return discs that cover the footprint rectangle.
 
-    Returns their centres (20, 2) in the body frame and their radius [m]; for Zhurong the cover is 6 cm wider and 8 cm
-    longer on each side than the rectangle.
+    Returns:
+        The centres (20, 2) in the body frame and the radius [m]. For Zhurong the cover is 6 cm wider and 8 cm longer on
+        each side than the rectangle.
     """
     nx, ny = DISCS_ALONG, DISCS_ACROSS
     x = ((np.arange(nx) + 0.5) / nx - 0.5) * spec.length
@@ -35,9 +44,16 @@ def footprint_discs(spec: RoverSpec) -> tuple[np.ndarray, float]:
 
 
 def footprint_distance(field: np.ndarray, elevation: ElevationMap, poses: np.ndarray, spec: RoverSpec) -> np.ndarray:
-    """Distance [m] between the footprint and what a distance map measures to; negative where they overlap.
+    """Return the distance between the footprint and the cells that a distance map measures to.
 
-    field: (n, n) [m] over the map's cells; poses: (..., 3) x, y, yaw. Returns (...); -inf off the map.
+    Args:
+        field: (n, n) distance map over the cells of the elevation map [m].
+        elevation: The map.
+        poses: (..., 3) x, y [m], yaw [rad].
+        spec: The rover.
+
+    Returns:
+        (...) distance [m]; negative where they overlap, -inf off the map.
     """
     centres, radius = footprint_discs(spec)
     cos, sin = np.cos(poses[..., 2, None]), np.sin(poses[..., 2, None])
@@ -52,10 +68,15 @@ def footprint_distance(field: np.ndarray, elevation: ElevationMap, poses: np.nda
 
 
 def arc_poses(start: np.ndarray, curvature: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """Poses along arcs of constant curvature.
+    """Return poses along arcs of constant curvature.
 
-    start: (..., 3) x, y, yaw; curvature: (...) [1/m], positive to the left; distance: (k,) [m], negative backwards.
-    Returns (..., k, 3).
+    Args:
+        start: (..., 3) x, y [m], yaw [rad].
+        curvature: (...) [1/m], positive to the left.
+        distance: (k,) distances along the arc [m], negative backwards.
+
+    Returns:
+        (..., k, 3) x, y [m], yaw [rad].
     """
     start = np.asarray(start, float)[..., None, :]
     curvature = np.asarray(curvature, float)[..., None]

@@ -1,7 +1,7 @@
-"""Where to go next: arcs near the rover that descend the distance field to the goal.
+"""Choice of the next motion: arcs near the rover that descend the distance field to the goal.
 
-The arcs are checked with the rover's oriented footprint and may only enter what has been seen. As ENav does on
-Perseverance, the far path (distance_field.py) is cheap and optimistic, the near one is exact and cautious.
+The arcs are checked with the rover's oriented footprint and may enter only ground that has been seen. As in ENav on
+Perseverance, the far path (distance_field.py) is cheap and optimistic, the near one exact and cautious.
 """
 
 from __future__ import annotations
@@ -15,61 +15,90 @@ from nav.ground.elevation import ElevationMap
 from nav.ground.traversability import Traversability
 from nav.path.distance_field import DistanceField
 from nav.path.footprint import arc_poses, footprint_distance
-from nav.path.stance import Standing
+from nav.path.stance import StanceModel
 
-REPLANNED = 0.01  # [m] by which a rover within a margin may come nearer, from one plan to the next
-REPLANNED_TILT = 0.02  # [rad] likewise
-HALF_CELL = 0.05  # [m] of the map, by which it may err
-HEADING_FREE = 1.0  # [m] from the goal the heading does not matter
-PROBE = 0.5  # [m] to either side at which the field's slope is taken
+REPLANNED = 0.01  # [m] by which a rover within a margin may come nearer from one plan to the next
+REPLANNED_TILT = 0.02  # [rad] by which a rover beyond the tilt limit may tilt more from one plan to the next
+HALF_CELL = 0.05  # [m] half a cell of the map, by which an obstacle's edge may be wrong
+HEADING_FREE = 1.0  # [m] from the goal, within which the heading does not matter
+PROBE = 0.5  # [m] to either side, where the slope of the field is taken
 
 
 @dataclass(frozen=True)
 class PlannerConfig:
-    """Candidate motions, and how they are compared. Costs are in metres of easy ground."""
+    """Candidate motions and the costs that compare them, in metres of easy ground."""
 
-    arcs: int = 31  # curvatures tried
-    arc_length: float = 4.0  # [m]
-    max_turn_deg: float = 100.0  # an arc ends after this much turning
-    turns: int = 24  # headings tried by turning in place, then straight
-    spacing: float = 0.2  # between poses checked on a motion [m]
-    commit: float = 0.8  # a motion must be free at least this far [m]: one drive step and room to stop
-    lookahead: float = 2.5  # motions are compared where they have come this far [m], or where they end
-    margin: float = 0.08  # covered footprint (footprint_discs) to obstacle [m]
-    dark_margin: float = 0.0  # footprint to unseen ground [m]
-    tilt_limit_deg: float = 25.0  # of the chassis on its wheels; RoverSpec.max_tilt less a margin
-    belly_margin: float = 0.05  # chassis to whatever is below it [m]
-    turn_cost: float = 0.5  # a radian turned in place [m]
-    turn_start_cost: float = 0.5  # stopping in order to turn [m]; not again while a turn goes on
-    turn_back_cost: float = 1.0  # turning back at once [m]; twice as much each further time, until the rover drives
-    turn_dark_cost: float = 4.0  # turning in place over ground that was not seen [m]: only where nothing else leads on
-    bend_cost: float = 0.15  # a radian turned while driving [m]
-    change_cost: float = 0.3  # departing from the previous curvature by 1 / m [m]
-    heading_cost: float = 0.6  # a radian between the motion's end and the way onwards [m]
-    coarse: int = 2  # map cells per cell of the distance field
-    inflated_cost: float = 30.0  # per metre too near to an obstacle: a way out of it must exist, but never through
+    arcs: int = 31
+    """Number of curvatures that are tried."""
+    arc_length: float = 4.0
+    """Length of an arc [m]."""
+    max_turn_deg: float = 100.0
+    """Turn at which an arc ends [deg]."""
+    turns: int = 24
+    """Number of headings that are tried by turning in place and then driving straight."""
+    spacing: float = 0.2
+    """Distance between the poses that are checked on a motion [m]."""
+    commit: float = 0.8
+    """Least free length of a motion [m]: one drive step and room to stop."""
+    lookahead: float = 2.5
+    """Distance at which motions are compared [m], or at their end if that comes first."""
+    margin: float = 0.08
+    """Least distance from the covered footprint (footprint_discs) to an obstacle [m]."""
+    dark_margin: float = 0.0
+    """Least distance from the covered footprint to unseen ground [m]."""
+    tilt_limit_deg: float = 25.0
+    """Largest tilt of the chassis on its wheels [deg]: RoverSpec.max_tilt less a margin."""
+    belly_margin: float = 0.05
+    """Least distance from the chassis to the ground below it [m]."""
+    turn_cost: float = 0.5
+    """Cost of a radian turned in place [m]."""
+    turn_start_cost: float = 0.5
+    """Cost of stopping in order to turn [m]; not charged again while a turn continues."""
+    turn_back_cost: float = 1.0
+    """Cost of turning back at once [m]; it doubles each further time until the rover drives."""
+    turn_dark_cost: float = 4.0
+    """Cost of turning in place over unseen ground [m], so that the rover does it only where nothing else leads on."""
+    bend_cost: float = 0.15
+    """Cost of a radian turned while driving [m]."""
+    change_cost: float = 0.3
+    """Cost of changing the previous curvature by 1/m [m]."""
+    heading_cost: float = 0.6
+    """Cost of a radian between the heading at the motion's end and the way onwards [m]."""
+    coarse: int = 2
+    """Map cells along one cell of the distance field."""
+    inflated_cost: float = 30.0
+    """Extra cost of a metre too near to an obstacle [m]: high enough to lead out of such a place, and never through
+    one."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """One motion, chosen or considered.
-
-    curvature [1/m], positive to the left; turn: heading change in place that comes first [rad], 0 for an arc; length:
-    how far it is free [m]; cost: to the goal over this motion [m]; poses: (k, 3) x, y, yaw in the world.
-    """
+    """A motion that the planner chose or considered."""
 
     curvature: float
+    """Curvature [1/m], positive to the left."""
     turn: float
+    """Heading change in place before the drive [rad], positive to the left; 0 for an arc."""
     length: float
+    """Free length [m]."""
     cost: float
+    """Cost to reach the goal over this motion [m]."""
     poses: np.ndarray
+    """(k, 3) x, y [m], yaw [rad] in the world."""
 
 
 def room_needed(room: np.ndarray, margin: float) -> np.ndarray:
-    """How near to an obstacle a motion may come [m], of a rover that now has so much room: (...) [m] both.
+    """Return how near to an obstacle a motion may come.
 
-    To the margin; a rover that stands within it comes at most REPLANNED nearer, lest it be stuck. That adds up over the
-    plans, but ends where footprint and obstacle overlap by HALF_CELL.
+    That is the margin. A rover that already stands within the margin may come nearer by REPLANNED, or it would be
+    stuck; this adds up over the plans, but ends where footprint and obstacle overlap by HALF_CELL.
+
+    Args:
+        room: (...) distance from the rover to the obstacle now [m].
+        margin: The margin [m].
+
+    Returns:
+        (...) least distance [m].
     """
     return np.minimum(margin, np.maximum(room - REPLANNED, np.minimum(room, -HALF_CELL)))
 
@@ -81,21 +110,32 @@ def free_length(
     ground: Traversability,
     spec: RoverSpec,
     config: PlannerConfig,
-    standing: Standing | None = None,
+    stance: StanceModel | None = None,
     margin: float | None = None,
 ) -> np.ndarray:
-    """How far motions are free of obstacles and of unseen ground, level enough and with room under the belly [m].
+    """Return how far motions are free: no obstacles, no unseen ground, level enough, and room under the belly.
 
-    poses: (a, k, 3), the first one where the rover stands. A rover that already stands within a margin may move as
-    long as it comes no nearer. standing: the map's surface under wheels and belly; None asks neither. margin: in
-    place of config's. Returns (a,) [m].
+    A rover that already stands within a margin may move as long as it comes no nearer.
+
+    Args:
+        poses: (a, k, 3) poses x, y [m], yaw [rad] of a motions, the first where the rover stands.
+        spacing: Distance between two poses [m].
+        elevation: The map.
+        ground: The judged ground.
+        spec: The rover.
+        config: The limits.
+        stance: The surface under wheels and belly; None checks neither tilt nor belly.
+        margin: Distance to obstacles [m], instead of that of config.
+
+    Returns:
+        (a,) free lengths [m].
     """
     room = footprint_distance(ground.clearance, elevation, poses, spec)
     light = footprint_distance(ground.dark_distance, elevation, poses, spec)
     ok = room >= room_needed(room[:, :1], config.margin if margin is None else margin)
     ok &= light >= np.minimum(config.dark_margin, light[:, :1] - REPLANNED)
-    if standing is not None:
-        place = standing.at(poses)
+    if stance is not None:
+        place = stance.at(poses)
         ok &= place.tilt <= np.maximum(np.deg2rad(config.tilt_limit_deg), place.tilt[:, :1] + REPLANNED_TILT)
         ok &= place.clearance >= np.minimum(config.belly_margin, place.clearance[:, :1] - REPLANNED)
     ok[:, 0] = True
@@ -109,10 +149,10 @@ class Planner:
         self.spec, self.config = spec, config
         self.field = DistanceField(elevation, config.coarse, config.inflated_cost)
         self.margin = config.margin
-        self._standing: Standing | None = None
+        self._stance: StanceModel | None = None
         self.previous_curvature = 0.0
         self.previous_turn = 0.0
-        self._turned_back = 0  # times since the rover drove: headings that see each other's way as the better one
+        self._turned_back = 0  # turns back since the rover drove: each heading sees the other's way as the better one
         # The tightest curve that the wheels can steer.
         sharpest = 1 / (spec.track / 2 + abs(spec.wheel_x[0]) / np.tan(spec.max_steer) + 0.02)
         sharpest = min(sharpest, spec.max_yaw_rate / spec.max_speed)
@@ -127,22 +167,26 @@ class Planner:
         self._turned_back = 0
 
     def update(self, elevation: ElevationMap, ground: Traversability, goal: np.ndarray) -> None:
-        """Take in a new map: the field to the goal (2,) [m], and the surface that arcs are checked on."""
+        """Take in a new map: the field to the goal (2,) [m], and the surface on which arcs are checked."""
         self.field.update(elevation, ground, goal)
-        self._standing = Standing(elevation, self.spec)
+        self._stance = StanceModel(elevation, self.spec)
 
     def free_length(self, poses: np.ndarray, elevation: ElevationMap, ground: Traversability) -> np.ndarray:
-        """How far motions (a, k, 3), poses `spacing` apart, can be driven [m]. Returns (a,)."""
+        """Return how far motions (a, k, 3), with poses `spacing` apart, can be driven: (a,) [m]."""
         return free_length(
-            poses, self.config.spacing, elevation, ground, self.spec, self.config, self._standing, self.margin
+            poses, self.config.spacing, elevation, ground, self.spec, self.config, self._stance, self.margin
         )
 
     def plan(
         self, elevation: ElevationMap, ground: Traversability, pose: np.ndarray, goal: np.ndarray
     ) -> Motion | None:
-        """The best motion from a pose, or None if no motion is free.
+        """Return the best motion from a pose, or None if no motion is free. Call `update` with the map first.
 
-        pose: (3,) x, y, yaw; goal: (2,) world [m]. update() must have seen the map.
+        Args:
+            elevation: The map.
+            ground: The judged ground.
+            pose: (3,) x, y [m], yaw [rad].
+            goal: (2,) goal in the world [m].
         """
         motions = [
             m
@@ -160,7 +204,7 @@ class Planner:
         return best
 
     def _onward(self, poses: np.ndarray, goal: np.ndarray) -> np.ndarray:
-        """Cost from each pose to the goal: the field's value there, and the turn into its downhill direction."""
+        """Return the cost from each pose to the goal: the field there, and the turn into its downhill direction."""
         xy = poses[..., :2]
         value = self.field.at(xy)
         east, north = np.array([PROBE, 0.0]), np.array([0.0, PROBE])
@@ -175,7 +219,15 @@ class Planner:
     def _rate(
         self, poses: np.ndarray, free: np.ndarray, elevation: ElevationMap, ground: Traversability, goal: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Cost of each motion with the best point to leave it, and the index of that point. (a, k, 3), (a,) -> (a,)."""
+        """Return the cost of each motion (a,) when it is left at its best point, and the index of that point (a,).
+
+        Args:
+            poses: (a, k, 3) poses of the motions.
+            free: (a,) free lengths [m].
+            elevation: The map.
+            ground: The judged ground.
+            goal: (2,) goal in the world [m].
+        """
         c = self.config
         cell = np.clip(elevation.cell_of(poses[..., :2]), 0, elevation.n - 1)
         price = 1.0 + ground.cost[cell[..., 1], cell[..., 0]]
@@ -232,26 +284,30 @@ class Planner:
     def _into_the_dark(
         self, elevation: ElevationMap, ground: Traversability, pose: np.ndarray, turns: np.ndarray
     ) -> np.ndarray:
-        """Whether turns in place (t,) [rad] lay the footprint on unseen ground that it does not stand on. (t,) bool.
+        """Return whether turns in place (t,) [rad] lay the footprint on unseen ground that the rover does not stand on:
+        (t,) bool.
 
-        The mast cannot show what is beside the wheels: a rock there has to have been seen before, or not be there."""
+        The mast cannot show the ground beside the wheels: a rock there is only known if it was seen before.
+        """
         step = 2 * np.pi / self.config.turns
         swept = turns[:, None] * np.linspace(0, 1, max(2, round(float(np.abs(turns).max()) / step) + 1))
         poses = np.stack([np.full(swept.shape, pose[0]), np.full(swept.shape, pose[1]), pose[2] + swept], axis=-1)
         light = footprint_distance(ground.dark_distance, elevation, poses, self.spec)
-        # The cover of discs is some centimetres larger than the footprint.
+        # The discs cover some centimetres more than the footprint.
         return np.asarray(light.min(axis=1) < np.minimum(light[:, 0], 0.0) - 0.1)
 
     def free_turns(self, elevation: ElevationMap, ground: Traversability, pose: np.ndarray) -> np.ndarray:
-        """Heading changes in place [rad] during which the footprint touches nothing, 0 left out. Obstacles that were
-        not seen are taken not to exist: the rover has driven past what lies beside it."""
+        """Return the heading changes in place [rad] during which the footprint touches nothing, without 0.
+
+        Unseen obstacles are assumed not to exist: the rover has driven past the ground beside it.
+        """
         c = self.config
         step = 2 * np.pi / c.turns
         out = []
         for side in (1, -1):
             angle = side * step * np.arange(c.turns // 2 + 1)
             poses = np.stack([np.full(angle.size, pose[0]), np.full(angle.size, pose[1]), pose[2] + angle], axis=1)
-            # Between two headings a corner is within 0.14 m of one that is checked: margin and discs cover that.
+            # Between two checked headings a corner moves by 0.14 m at most, which margin and discs cover.
             room = footprint_distance(ground.clearance, elevation, poses, self.spec)
             ok = room >= room_needed(room[0], self.margin)
             ok[0] = True

@@ -1,7 +1,7 @@
-"""How the rover would stand: where each wheel rests, the tilt that makes, and how far the belly clears the ground.
+"""The rover's stance: where each wheel rests, the resulting tilt, and the clearance of the belly.
 
 As ACE does in ENav on Perseverance (Otsu et al. 2020): the wheels' heights bound the attitude, so that no dynamics are
-needed. A wheel rests on the highest that was measured under it, whatever its heading.
+needed. A wheel rests on the highest point that was measured under it, whatever its heading.
 """
 
 from __future__ import annotations
@@ -16,22 +16,24 @@ from nav.ground.elevation import ElevationMap
 
 
 @dataclass(frozen=True)
-class Placement:
-    """tilt: (...) [rad] of the chassis against the vertical; clearance: (...) [m] of its underside from the highest
-    thing below it. 0 and inf where a wheel stands on what was not seen: nothing can be said there."""
+class Stance:
+    """How the rover stands at poses (...)."""
 
     tilt: np.ndarray
+    """(...) angle between the chassis and the vertical [rad]; 0 where a wheel stands on unseen ground, of which nothing
+    is known."""
     clearance: np.ndarray
+    """(...) distance of the chassis' underside from the highest thing below it [m]; inf where a wheel stands on unseen
+    ground."""
 
 
-class Standing:
-    """The surface of a map as six wheels and a belly feel it."""
+class StanceModel:
+    """The surface of a map as six wheels and a belly meet it."""
 
     def __init__(self, elevation: ElevationMap, spec: RoverSpec) -> None:
         self.elevation, self.spec = elevation, spec
         cell = elevation.config.cell
-        known = elevation.measured
-        top = np.where(known, elevation.top, np.float32(-1e6))
+        top = np.where(elevation.measured, elevation.top, np.float32(-1e6))
         patch = max(1, round(2 * spec.wheel_radius / cell)) // 2 * 2 + 1
         self._wheel = cv2.dilate(top, np.ones((patch, patch), np.uint8))
         self._belly = cv2.dilate(top, np.ones((3, 3), np.uint8))
@@ -39,13 +41,13 @@ class Standing:
         x, y = np.meshgrid(np.linspace(-length / 2, length / 2, 5), np.linspace(-width / 2, width / 2, 4))
         self._under = np.stack([x.ravel(), y.ravel()], axis=1)
 
-    def at(self, poses: np.ndarray) -> Placement:
-        """Placement at poses (..., 3) x, y, yaw."""
+    def at(self, poses: np.ndarray) -> Stance:
+        """Return the stance at poses (..., 3): x, y [m], yaw [rad]."""
         spec = self.spec
         hubs = spec.wheel_positions[:, :2]
         wheel = self._sample(self._wheel, poses, hubs)
-        seen = np.asarray((wheel > -1e5).all(axis=-1))
-        wheel = np.where(seen[..., None], wheel, 0.0)
+        known = np.asarray((wheel > -1e5).all(axis=-1))
+        wheel = np.where(known[..., None], wheel, 0.0)
         side = wheel.reshape(*wheel.shape[:-1], 3, 2)  # front, middle, rear by left, right
         front, back = side[..., 0, :], (side[..., 1, :] + side[..., 2, :]) / 2
         axles = spec.wheel_x
@@ -57,10 +59,10 @@ class Standing:
             wheel.mean(axis=-1)[..., None] + rise[..., None] * self._under[:, 0] + bank[..., None] * self._under[:, 1]
         )
         room = (floor + spec.belly_clearance - self._sample(self._belly, poses, self._under)).min(axis=-1)
-        return Placement(np.where(seen, tilt, 0.0), np.where(seen, room, np.inf))
+        return Stance(np.where(known, tilt, 0.0), np.where(known, room, np.inf))
 
     def _sample(self, surface: np.ndarray, poses: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Surface [m] under body points (k, 2) at poses (..., 3). Returns (..., k); -1e6 where nothing was seen."""
+        """Return the surface [m] under body points (k, 2) at poses (..., 3): (..., k), -1e6 where nothing was seen."""
         cos, sin = np.cos(poses[..., 2, None]), np.sin(poses[..., 2, None])
         x = poses[..., 0, None] + cos * points[:, 0] - sin * points[:, 1]
         y = poses[..., 1, None] + sin * points[:, 0] + cos * points[:, 1]

@@ -10,7 +10,7 @@ import pytest
 
 import envs.evaluate
 from envs.drives.episodes import Cell
-from envs.evaluate import LOOK, SETTINGS, EvaluateConfig, Task, evaluate, main
+from envs.evaluate import LOOK_FLAGS, SETTINGS, EvaluateConfig, Task, evaluate, main
 from m3depth.estimator import load_estimator
 from marssim.base.files.json_file import DatasetError
 from marssim.base.results.lock import sole_writer
@@ -158,10 +158,10 @@ def test_a_look_that_is_asked_for_is_the_scenes_and_of_other_drives():
 
 
 def test_no_flag_of_the_look_is_without_effect():
-    assert set(LOOK) == vars(LookConfig()).keys() & vars(EvaluateConfig(None)).keys()
+    assert set(LOOK_FLAGS) == vars(LookConfig()).keys() & vars(EvaluateConfig(None)).keys()
 
 
-@pytest.mark.parametrize("name", LOOK)
+@pytest.mark.parametrize("name", LOOK_FLAGS)
 def test_every_flag_of_the_look_is_a_field_of_the_scenes(name):
     config = EvaluateConfig(None, **{name: 0.7})
     assert getattr(config.scene_config().look, name) == (0.7, 0.7)
@@ -254,7 +254,7 @@ def test_what_ones_own_driver_raises_in_a_worker_shows_where(tmp_path):
     done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
     assert done.returncode == 1 and "in steer_by_feel" in done.stderr
     last = done.stderr.strip().splitlines()[-1]
-    told = r"envs\.world\.user_code\.ForeignError: step 1 of course \d, .* by broken:Driver and ground_truth: "
+    told = r"envs\.world\.user_code\.UserCodeError: step 1 of course \d, .* by broken:Driver and ground_truth: "
     assert re.match(told + "broken:Driver raised ValueError: no feeling$", last)
 
 

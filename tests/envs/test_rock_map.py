@@ -7,7 +7,7 @@ import pytest
 from rock_samples import RIG, ahead, rock_sample, without_rocks
 from rock_world import RockWorld
 
-from envs.rock_map import MapTally, count_rocks, look_at, true_place
+from envs.rock_map import MapRockCounts, count_rocks, frame_map, true_rocks
 from m3depth.evaluation.rock_scores import rock_scene
 
 DOMES = ((3.0, -0.5, 0.35, 0.3), (9.0, 0.5, 0.5, 0.45))
@@ -15,12 +15,12 @@ SAMPLE = rock_sample(RockWorld(domes=np.array([(*ahead(d, aside), r, h) for d, a
 ALL = np.ones(SAMPLE.depth.shape, np.float32)
 
 
-def tally(depth, confidence=ALL, sample=SAMPLE, step=0.15) -> MapTally:
+def tally(depth, confidence=ALL, sample=SAMPLE, step=0.15) -> MapRockCounts:
     turn = np.array(sample.meta["pose"])[:3, :3]
     scene = rock_scene(sample)
-    place = true_place(scene, look_at(sample.depth, None, RIG, turn), sample.rock > 0, RIG.fb)
-    found = MapTally()
-    count_rocks(found, look_at(np.asarray(depth, np.float32), confidence, RIG, turn), scene, place, step)
+    place = true_rocks(scene, frame_map(sample.depth, None, RIG, turn), sample.rock > 0, RIG.fb)
+    found = MapRockCounts()
+    count_rocks(found, frame_map(np.asarray(depth, np.float32), confidence, RIG, turn), scene, place, step)
     return found
 
 

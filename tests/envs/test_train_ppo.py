@@ -13,7 +13,7 @@ import torch
 pytest.importorskip("stable_baselines3")
 
 from envs.drivers.by_name import make_driver
-from envs.train_ppo import TrainConfig, TrainingCourses, main, train
+from envs.train_ppo import PPOConfig, TrainingCourses, main, train
 from marssim.base.files.json_file import DatasetError
 from marssim.base.results.lock import sole_writer
 
@@ -24,14 +24,14 @@ def killed(_):
 
 def test_it_trains_goes_on_and_what_it_saves_drives(tmp_path, make_env, monkeypatch):
     config = {"out": tmp_path, "workers": 1, "goal_distance": 3.0, "scene": "utopia"}
-    path = train(TrainConfig(**config, max_steps=16), rollout=16)
+    path = train(PPOConfig(**config, max_steps=16), rollout=16)
     first = zipfile.ZipFile(path).read("policy.pth")
-    assert train(TrainConfig(**config, max_steps=32), rollout=16) == path
+    assert train(PPOConfig(**config, max_steps=32), rollout=16) == path
     assert zipfile.ZipFile(path).read("policy.pth") != first
     whole = path.read_bytes()
     monkeypatch.setattr("envs.train_ppo.mark_corridors", killed)  # while it saves
     with pytest.raises(KeyboardInterrupt):
-        train(TrainConfig(**config, max_steps=48), rollout=16)
+        train(PPOConfig(**config, max_steps=48), rollout=16)
     assert path.read_bytes() == whole
     rows = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
     assert [row["choices"] for row in rows] == sorted(row["choices"] for row in rows) and rows[-1]["choices"] == 32
@@ -39,10 +39,10 @@ def test_it_trains_goes_on_and_what_it_saves_drives(tmp_path, make_env, monkeypa
     with pytest.raises(
         DatasetError, match=r"train_ppo\.json: the policy there learnt with --k 0\.1 0\.2, --seed 0; choose"
     ):
-        train(TrainConfig(**config, k=(0.0, 0.1), seed=1, max_steps=48), rollout=16)
+        train(PPOConfig(**config, k=(0.0, 0.1), seed=1, max_steps=48), rollout=16)
     (tmp_path / "train_ppo.json").unlink()
     with pytest.raises(DatasetError, match="is not there to say what policy"):
-        train(TrainConfig(**config, max_steps=48), rollout=16)
+        train(PPOConfig(**config, max_steps=48), rollout=16)
     assert path.read_bytes() == whole
     env = make_env(mast=True, map_observation=True)
     observation, _ = env.reset(seed=0)
@@ -66,19 +66,19 @@ def test_it_goes_on_with_what_is_left_of_its_budgets_and_on_other_courses(tmp_pa
 
     monkeypatch.setattr("envs.train_ppo._save", noted)
     config = {"out": tmp_path, "workers": 1, "goal_distance": 3.0, "scene": "utopia", "seed": 5, "max_minutes": 20}
-    path = train(TrainConfig(**config, max_steps=16), rollout=16)
+    path = train(PPOConfig(**config, max_steps=16), rollout=16)
     file = tmp_path / "train_ppo.json"
     about = json.loads(file.read_text())
     assert 0 < about["seconds"] < 300 and rates[-1] > 0.75e-3
     file.write_text(json.dumps({**about, "seconds": 900.0}))
-    train(TrainConfig(**config, max_steps=32), rollout=16)
+    train(PPOConfig(**config, max_steps=32), rollout=16)
     assert 900 < json.loads(file.read_text())["seconds"] < 1200 and 0 < rates[-1] <= 0.25e-3
     assert seeds[0] == 5 and seeds[-1] == 5 + 16
     whole, told = path.read_bytes(), capsys.readouterr().out
     assert "already" not in told
-    train(TrainConfig(**config, max_steps=32), rollout=16)
+    train(PPOConfig(**config, max_steps=32), rollout=16)
     assert capsys.readouterr().out == f"{tmp_path}: already at --max-steps 32; raise it to go on\n"
-    train(TrainConfig(**{**config, "max_minutes": 15}, max_steps=64), rollout=16)
+    train(PPOConfig(**{**config, "max_minutes": 15}, max_steps=64), rollout=16)
     assert capsys.readouterr().out == f"{tmp_path}: already at --max-minutes 15; raise it to go on\n"
     assert path.read_bytes() == whole
 
@@ -86,8 +86,8 @@ def test_it_goes_on_with_what_is_left_of_its_budgets_and_on_other_courses(tmp_pa
 def test_a_signal_to_all_of_its_processes_ends_it_in_order(tmp_path):
     program = (
         "import sys; from pathlib import Path; from marssim.base.command.run import exit_code\n"
-        "from envs.train_ppo import TrainConfig, train\n"
-        "config = TrainConfig(Path(sys.argv[1]), workers=2, goal_distance=3.0, scene='utopia')\n"
+        "from envs.train_ppo import PPOConfig, train\n"
+        "config = PPOConfig(Path(sys.argv[1]), workers=2, goal_distance=3.0, scene='utopia')\n"
         "sys.exit(exit_code(lambda: train(config, rollout=16)))"
     )
     command = [sys.executable, "-c", program, str(tmp_path)]
@@ -108,7 +108,7 @@ def test_a_signal_to_all_of_its_processes_ends_it_in_order(tmp_path):
 
 @pytest.mark.parametrize("seconds", [None, "x", -1, float("nan"), [1]])
 def test_a_time_that_is_none_is_named(tmp_path, capsys, seconds):
-    config = TrainConfig(tmp_path, workers=1)
+    config = PPOConfig(tmp_path, workers=1)
     (tmp_path / "train_ppo.json").write_text(json.dumps({**config.courses(), "seconds": seconds}))
     with zipfile.ZipFile(tmp_path / "policy.zip", "w") as archive:
         with archive.open("policy.pth", "w") as file:

@@ -197,18 +197,18 @@ def test_a_handful_of_points_is_blindness():
     assert Navigator().step(depth, None, SMALL_RIG, body_pose(0, 0, 0), GOAL).status == "blind"
 
 
-def test_more_is_dared_once_a_dead_end_and_not_at_each_look_about_it(monkeypatch):
-    """It looks to both sides, at two steps each for a mast that is slow, before the next of config.bold is due."""
+def test_the_risk_rises_once_a_dead_end_and_not_at_each_look_around(monkeypatch):
+    """It looks to both sides, at two steps each for a mast that is slow, before the next risk level is due."""
     navigator, pan, shares = Navigator(config=SMALL), 0.0, []
     depth = RockWorld().depth(SMALL_RIG, body_pose(0, 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline))
     navigator.step(depth, None, SMALL_RIG, body_pose(0, 0, 0), GOAL)
     monkeypatch.setattr(navigator.planner, "plan", lambda *_: None)
-    navigator.recovery.attempts = SMALL.bold_after_recoveries
+    navigator.recovery.attempts = SMALL.risk_after_recoveries
     while (command := navigator.step(depth, None, SMALL_RIG, body_pose(0, 0, 0), GOAL, pan)).status == "look":
         pan += float(np.clip((command.pan or 0.0) - pan, -0.5, 0.5))
-        shares.append(navigator.daring.margin_share)
-    assert len(shares) >= 4 and set(shares) == {SMALL.bold[0].margin_share}
-    assert command.status == "recover" and navigator.recovery.attempts == SMALL.bold_after_recoveries + 1
+        shares.append(navigator.risk.margin_share)
+    assert len(shares) >= 4 and set(shares) == {SMALL.risk_levels[0].margin_share}
+    assert command.status == "recover" and navigator.recovery.attempts == SMALL.risk_after_recoveries + 1
     while (command := navigator.step(depth, None, SMALL_RIG, body_pose(0, 0, 0), GOAL, pan)).status == "recover":
         pass
-    assert command.status == "look" and navigator.daring.margin_share == SMALL.bold[1].margin_share
+    assert command.status == "look" and navigator.risk.margin_share == SMALL.risk_levels[1].margin_share

@@ -4,54 +4,54 @@ from dataclasses import replace
 
 import pytest
 
-from nav.config import Boldness, NavigatorConfig
-from nav.risk import Daring
+from nav.config import NavigatorConfig, RiskLevel
+from nav.risk import RiskTaking
 
-LEVELS = (Boldness(0.24, 26.0, 0.5), Boldness(0.27, 28.0, 0.3))
-CONFIG = NavigatorConfig(bold=LEVELS, bold_after=3, bold_steps=8, closed_steps=6)
+LEVELS = (RiskLevel(0.24, 26.0, 0.5), RiskLevel(0.27, 28.0, 0.3))
+CONFIG = NavigatorConfig(risk_levels=LEVELS, risk_after=3, risk_steps=8, closed_steps=6)
 PLAIN = CONFIG.traversability
 
 
-def after(*steps, daring=None):
-    """A Daring after steps, each (closed, hemmed_in)."""
-    daring = daring or Daring(CONFIG)
+def after(*steps, risk=None):
+    """The RiskTaking after steps, each (closed, hemmed_in)."""
+    risk = risk or RiskTaking(CONFIG)
     for closed, hemmed_in in steps:
-        daring.update(closed, hemmed_in)
-    return daring
+        risk.update(closed, hemmed_in)
+    return risk
 
 
 CLOSED, OPEN, HEMMED = (True, False), (False, False), (False, True)
 
 
-def test_nothing_is_dared_before_every_way_has_been_closed_for_long_enough():
+def test_no_risk_is_taken_before_every_way_has_been_closed_for_long_enough():
     for steps in ([CLOSED] * 2, [CLOSED, CLOSED, OPEN, CLOSED, CLOSED]):  # not in a row
-        daring = after(*steps)
-        assert daring.rules is PLAIN and daring.margin_share == 1.0 and not daring.given_up
+        risk = after(*steps)
+        assert risk.rules is PLAIN and risk.margin_share == 1.0 and not risk.given_up
 
 
-def test_each_step_of_daring_allows_more_and_comes_nearer():
-    daring = Daring(CONFIG)
-    for bold in LEVELS:
-        after(*[CLOSED] * 3, daring=daring)
-        assert daring.rules == replace(
-            PLAIN, step_blocked=bold.step, slope_blocked_deg=bold.slope_deg, margin=PLAIN.margin * bold.margin_share
+def test_each_risk_level_allows_more_and_comes_nearer():
+    risk = RiskTaking(CONFIG)
+    for level in LEVELS:
+        after(*[CLOSED] * 3, risk=risk)
+        assert risk.rules == replace(
+            PLAIN, step_blocked=level.step, slope_blocked_deg=level.slope_deg, margin=PLAIN.margin * level.margin_share
         )
-        assert daring.margin_share == bold.margin_share and not daring.given_up
+        assert risk.margin_share == level.margin_share and not risk.given_up
 
 
 def test_it_gives_up_after_the_last_of_them_and_not_before():
-    daring = Daring(CONFIG)
-    given_up = [after(CLOSED, daring=daring).given_up for _ in range(12)]
+    risk = RiskTaking(CONFIG)
+    given_up = [after(CLOSED, risk=risk).given_up for _ in range(12)]
     assert given_up == [False] * 11 + [True]  # three steps for each level, and then closed_steps in a row
 
 
-def test_a_daring_too_short_to_give_up_in_is_refused():
-    with pytest.raises(ValueError, match="bold_steps must be more than closed_steps, got 6 and 6"):
-        replace(CONFIG, bold_steps=6)
-    assert replace(CONFIG, bold_steps=6, bold=()).bold == ()
+def test_a_risk_too_short_to_give_up_in_is_refused():
+    with pytest.raises(ValueError, match="risk_steps must be more than closed_steps, got 6 and 6"):
+        replace(CONFIG, risk_steps=6)
+    assert replace(CONFIG, risk_steps=6, risk_levels=()).risk_levels == ()
 
 
-def test_daring_lasts_its_steps_and_longer_only_beside_an_obstacle():
+def test_a_risk_lasts_its_steps_and_longer_only_beside_an_obstacle():
     entered = [CLOSED] * 3
     assert after(*entered, *[OPEN] * 7).margin_share == 0.5
     assert after(*entered, *[OPEN] * 8).margin_share == 1.0
@@ -61,19 +61,19 @@ def test_daring_lasts_its_steps_and_longer_only_beside_an_obstacle():
     assert hemmed.margin_share == 1.0 and hemmed.rules is PLAIN
 
 
-def test_dead_ends_make_it_dare_too_and_a_new_goal_forgets():
-    daring = Daring(CONFIG)
+def test_dead_ends_raise_the_risk_too_and_a_new_goal_resets_it():
+    risk = RiskTaking(CONFIG)
     for _ in range(5):  # there is no more than the last
-        daring.more()
-    assert daring.margin_share == 0.3
-    daring.forget()
-    assert daring.rules is PLAIN and daring.closed == 0
+        risk.raise_level()
+    assert risk.margin_share == 0.3
+    risk.reset()
+    assert risk.rules is PLAIN and risk.closed == 0
 
 
-@pytest.mark.parametrize("bold", NavigatorConfig().bold)
-def test_what_is_dared_never_forbids_what_was_allowed(bold):
+@pytest.mark.parametrize("level", NavigatorConfig().risk_levels)
+def test_a_risk_level_never_forbids_what_was_allowed(level):
     own = replace(PLAIN, step_blocked=0.29, slope_blocked_deg=29.0)
-    daring = Daring(replace(CONFIG, traversability=own, bold=(bold,)))
-    daring.more()
-    assert (daring.rules.step_blocked, daring.rules.slope_blocked_deg) == (0.29, 29.0)
-    assert bold.step < 0.30 and 0 < bold.margin_share < 1  # below RoverSpec.obstacle_height
+    risk = RiskTaking(replace(CONFIG, traversability=own, risk_levels=(level,)))
+    risk.raise_level()
+    assert (risk.rules.step_blocked, risk.rules.slope_blocked_deg) == (0.29, 29.0)
+    assert level.step < 0.30 and 0 < level.margin_share < 1  # below RoverSpec.obstacle_height

@@ -4,7 +4,7 @@ from gymnasium.utils import env_checker
 from hypothesis import given
 from hypothesis import strategies as st
 
-from envs.drivers.corridors import AHEAD, KEPT, REACH, WAYS, Corridors, as_corridors, look_along, steer
+from envs.drivers.corridors import AHEAD, HOLD_STEPS, REACH, WAYS, Corridors, as_corridors, look_along, steer
 from envs.observation.map_view import CELL, PIXELS
 from marssim.base.rover_spec import ZHURONG
 
@@ -99,7 +99,7 @@ def test_a_way_is_kept_for_some_steps_and_their_rewards_are_added(make_env, mast
         assert seen[-1] == pytest.approx(1 - last / AHEAD)
         last = way
         total = 0.0
-        for _ in range(KEPT):
+        for _ in range(HOLD_STEPS):
             observation, reward, *_ = plain.step(steer(observation["goal"], way, ZHURONG)[:2])
             total += reward
         seen, summed, *_ = env.step(way)

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from envs.drivers.by_name import make_driver
-from envs.drivers.corridors import KEPT, Corridors
+from envs.drivers.corridors import HOLD_STEPS, Corridors
 from envs.drivers.image_observation import ImageObservation
 from envs.drivers.policy_files import mark_corridors
 
@@ -64,7 +64,7 @@ def test_a_policy_of_corridors_drives_as_it_was_trained(make_env, tmp_path):
         seen, _ = trained_in.reset(seed=seed)
         driver.reset(env, seed)
         for _ in range(2):
-            for _ in range(KEPT):
+            for _ in range(HOLD_STEPS):
                 observation = env.step(driver.act(env, observation))[0]
             seen = trained_in.step(model.predict(seen, deterministic=True)[0])[0]
             np.testing.assert_allclose(observation["state"], seen[-7:-1], atol=1e-5)

@@ -7,7 +7,7 @@ from envs.drivers.builtin import NavigatorDriver, StraightDriver
 from envs.drivers.driver import Stop
 from envs.drives.episodes import Cell, course_options, run_episode
 from envs.mars_nav import ActionError
-from envs.world.user_code import ForeignError
+from envs.world.user_code import UserCodeError
 from m3depth.evaluation.scores import ScoredPair, Scores
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import NATECAM
@@ -185,7 +185,7 @@ def test_what_the_users_own_code_raises_is_told_with_its_course_and_its_cause(ma
     told = (
         rf"^step {step} of course 4, k=0, slope=preset, by mine and sgbm: \S*:\S*Mine raised ValueError: cannot broad"
     )
-    with pytest.raises(ForeignError, match=told) as raised:
+    with pytest.raises(UserCodeError, match=told) as raised:
         run_episode(env, Mine(), Cell(k=0.0), 5, 4, ("mine", "sgbm"))
     assert isinstance(raised.value.__cause__, ValueError) and not isinstance(raised.value, MISTAKES)
 

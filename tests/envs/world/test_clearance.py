@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from envs.world.clearance import FAR, Flank
+from envs.world.clearance import FAR, RockClearance
 from marssim.base.rover_spec import ZHURONG
 
 LENGTH, WIDTH = ZHURONG.length, ZHURONG.width
@@ -26,34 +26,36 @@ def places(reach=4.0):
 
 @pytest.fixture(scope="module")
 def two_rocks(make_scene):
-    return Flank(make_scene(rocks=[(0.0, 0.0, 1.2, 0.6), (3.0, 1.0, 0.8, 0.4), (-2.0, 2.0, 0.8, 0.29)]), ZHURONG)
+    return RockClearance(
+        make_scene(rocks=[(0.0, 0.0, 1.2, 0.6), (3.0, 1.0, 0.8, 0.4), (-2.0, 2.0, 0.8, 0.29)]), ZHURONG
+    )
 
 
 @given(places())
 def test_standing_it_is_the_distance_of_a_rectangle_to_discs(two_rocks, place):
     true = min(FAR, beside_disc(place, 0, 0, 0.6), beside_disc(place, 3, 1, 0.4))
-    assert true - 1e-6 <= two_rocks.clearance(place, place) <= true + ROUND
+    assert true - 1e-6 <= two_rocks.between(place, place) <= true + ROUND
 
 
 @given(places(), st.floats(-0.4, 0.4), st.floats(-0.5, 0.5))
 @settings(max_examples=50)
 def test_on_the_way_it_is_the_least_of_what_lies_between(two_rocks, before, ahead, turn):
     after = before + np.array([ahead * np.cos(before[2]), ahead * np.sin(before[2]), turn])
-    between = [two_rocks.clearance(p, p) for p in before + np.linspace(0, 1, 41)[:, None] * (after - before)]
-    found = two_rocks.clearance(before, after)
+    between = [two_rocks.between(p, p) for p in before + np.linspace(0, 1, 41)[:, None] * (after - before)]
+    found = two_rocks.between(before, after)
     assert min(between) - 0.03 <= found <= min(between[0], between[-1]) + 1e-9
     wrapped = after + np.array([0, 0, 2 * np.pi])  # a heading is told modulo a turn
-    assert two_rocks.clearance(before, wrapped) == pytest.approx(found, abs=1e-9)
+    assert two_rocks.between(before, wrapped) == pytest.approx(found, abs=1e-9)
 
 
 def test_a_corner_that_swings_past_a_rock_is_seen(two_rocks):
-    """Turning on the spot: at both ends the flank is away from the rock, half-way the corner points at it."""
+    """Turning on the spot: at both ends the outline is away from the rock, half-way the corner points at it."""
     corner = np.hypot(LENGTH, WIDTH) / 2
     at = np.arctan2(WIDTH, LENGTH)
     x = -(corner + 0.6 + 0.05)
     before, after = np.array([x, 0.0, -at - 0.5]), np.array([x, 0.0, -at + 0.5])
-    assert two_rocks.clearance(before, after) == pytest.approx(0.05, abs=ROUND)
-    assert min(two_rocks.clearance(before, before), two_rocks.clearance(after, after)) > 0.1
+    assert two_rocks.between(before, after) == pytest.approx(0.05, abs=ROUND)
+    assert min(two_rocks.between(before, before), two_rocks.between(after, after)) > 0.1
 
 
 def test_of_a_rock_in_the_ground_only_what_shows_counts(make_scene):
@@ -61,16 +63,16 @@ def test_of_a_rock_in_the_ground_only_what_shows_counts(make_scene):
     scene = make_scene(lambda x, y: 0.3 + 0 * x, rocks=[(0.0, 0.0, 2.0, 0.6)])
     place = np.array([3.0, 0.0, 0.0])
     true = 3.0 - LENGTH / 2 - np.sqrt(0.75)
-    assert Flank(scene, ZHURONG).clearance(place, place) == pytest.approx(true, abs=0.04)
+    assert RockClearance(scene, ZHURONG).between(place, place) == pytest.approx(true, abs=0.04)
 
 
 def test_where_nothing_blocks_it_is_far(make_scene):
     place = np.zeros(3)
     for rocks in ([], [(1.5, 0.0, 1.0, 0.29)], [(8.0, 0.0, 1.0, 0.9)]):
-        assert Flank(make_scene(rocks=rocks), ZHURONG).clearance(place, place) == FAR
+        assert RockClearance(make_scene(rocks=rocks), ZHURONG).between(place, place) == FAR
 
 
 def test_a_rock_beyond_the_edge_counts_where_it_reaches_in(make_scene):
-    flank = Flank(make_scene(half=6.0, rocks=[(6.3, 0.0, 2.4, 0.5)]), ZHURONG)
+    clearance = RockClearance(make_scene(half=6.0, rocks=[(6.3, 0.0, 2.4, 0.5)]), ZHURONG)
     place = np.array([3.5, 0.0, 0.0])
-    assert flank.clearance(place, place) == pytest.approx(5.1 - 3.5 - LENGTH / 2, abs=0.05)
+    assert clearance.between(place, place) == pytest.approx(5.1 - 3.5 - LENGTH / 2, abs=0.05)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from envs.drivers.builtin import NavigatorDriver
-from envs.world.perception import GROUND_TRUTH_PIXELS, Eyes
+from envs.world.perception import GROUND_TRUTH_PIXELS, Perception
 from m3depth.estimator import EstimatorError
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import NATECAM
@@ -35,17 +35,17 @@ def scene(make_scene):
     return make_scene(rocks=[(4.0, 0.0, 0.8, 0.6)])
 
 
-def open_eyes(eyes, scene, seed=0):
-    eyes.open(scene, np.random.default_rng(seed))
-    return eyes
+def opened(perception, scene, seed=0):
+    perception.open(scene, np.random.default_rng(seed))
+    return perception
 
 
 def test_true_depth_is_the_same_by_every_renderer(scene):
     seen = {}
     for renderer in RENDERERS:
-        eyes = open_eyes(Eyes("ground_truth", renderer), scene)
-        sight = eyes.look(POSE, 0.0)
-        eyes.close()
+        perception = opened(Perception("ground_truth", renderer), scene)
+        sight = perception.look(POSE, 0.0)
+        perception.close()
         assert sight.depth.shape == (GROUND_TRUTH_PIXELS, GROUND_TRUTH_PIXELS)
         assert sight.left is None and sight.seconds == 0 and (sight.confidence == 1).all()
         seen[renderer] = sight.depth
@@ -58,7 +58,7 @@ def test_true_depth_is_the_same_by_every_renderer(scene):
 def test_noise_is_in_pixels_of_the_full_image(scene):
     """True depth comes at a quarter of the size; 0.5 px of 512 are 0.5 px of Z = f B / d all the same."""
     clean, noisy = (
-        open_eyes(Eyes("ground_truth", "embree", disparity_noise=noise), scene).look(POSE, 0.0).depth
+        opened(Perception("ground_truth", "embree", disparity_noise=noise), scene).look(POSE, 0.0).depth
         for noise in (0.0, 0.5)
     )
     near = clean < 8  # 20 px and more: none becomes negative
@@ -69,27 +69,27 @@ def test_noise_is_in_pixels_of_the_full_image(scene):
 
 def test_an_estimator_sees_rectified_pairs(scene):
     estimator = Everywhere()
-    eyes = open_eyes(Eyes(estimator, "embree"), scene)
-    sight = eyes.look(POSE, 0.3)
+    perception = opened(Perception(estimator, "embree"), scene)
+    sight = perception.look(POSE, 0.3)
     left, right, rig = estimator.shown[0]
     assert left.shape == right.shape == (512, 512, 3) and left.dtype == np.uint8 and rig is NATECAM
     assert (sight.depth == 7).all() and sight.rig is rig and sight.pan == 0.3 and sight.seconds >= 0
     np.testing.assert_array_equal(sight.left, left)
     assert not np.array_equal(left, right) and left.std() > 5
-    other = open_eyes(Eyes(Everywhere(), "embree"), scene, seed=1).look(POSE, 0.0)
+    other = opened(Perception(Everywhere(), "embree"), scene, seed=1).look(POSE, 0.0)
     assert not np.array_equal(other.left, left)  # another detector, other noise
-    again = open_eyes(Eyes(Everywhere(), "embree"), scene).look(POSE, 0.0)
+    again = opened(Perception(Everywhere(), "embree"), scene).look(POSE, 0.0)
     np.testing.assert_array_equal(again.left, left)
 
 
 def test_looking_needs_a_scene(scene):
-    eyes = Eyes("ground_truth", "embree")
+    perception = Perception("ground_truth", "embree")
     with pytest.raises(RuntimeError, match="open"):
-        eyes.look(POSE, 0.0)
-    open_eyes(eyes, scene).close()
-    eyes.close()
+        perception.look(POSE, 0.0)
+    opened(perception, scene).close()
+    perception.close()
     with pytest.raises(RuntimeError, match="open"):
-        eyes.picture(POSE)
+        perception.picture(POSE)
 
 
 def test_an_object_or_a_class_path_is_a_perception(make_env):
@@ -97,7 +97,7 @@ def test_an_object_or_a_class_path_is_a_perception(make_env):
     observation, info = env.reset(seed=0)
     assert (observation["depth"] == 6).all() and info["perception_seconds"] > 0
     env = make_env(perception="m3depth.stereo.classical:SGBM")
-    assert type(env.eyes.estimator).__name__ == "SGBM"
+    assert type(env.perception.estimator).__name__ == "SGBM"
 
 
 class Halved(Everywhere):
