@@ -10,7 +10,13 @@ from m3depth.network.wavelet import WaveletConv
 
 
 class Features(NamedTuple):
-    """half: (B, C2, H / 2, W / 2); quarter: (B, C4, H / 4, W / 4); eighth: (B, C8, H / 8, W / 8)."""
+    """Features of an image at three scales.
+
+    Attributes:
+        half: (B, C2, H / 2, W / 2).
+        quarter: (B, C4, H / 4, W / 4).
+        eighth: (B, C8, H / 8, W / 8).
+    """
 
     half: Tensor
     quarter: Tensor
@@ -18,13 +24,16 @@ class Features(NamedTuple):
 
 
 def group_norm(channels: int) -> nn.GroupNorm:
-    """Groups of 8 channels (or fewer groups). Batch statistics spoil the refinement, so no batch normalisation."""
+    """Return a group normalisation with 8 channels a group, or one group if 8 does not divide them.
+
+    There is no batch normalisation: batch statistics degrade the refinement.
+    """
     groups = channels // 8 if channels % 8 == 0 else 1
     return nn.GroupNorm(groups, channels)
 
 
 def conv_block(inputs: int, outputs: int, kernel: int = 3, stride: int = 1, dilation: int = 1) -> nn.Sequential:
-    """Convolution, group normalisation, ReLU; output size is the input's over the stride."""
+    """Return convolution, group normalisation and ReLU. The output has the input's size over the stride."""
     padding = dilation * (kernel // 2)
     return nn.Sequential(
         nn.Conv2d(inputs, outputs, kernel, stride, padding, dilation, bias=False),
@@ -34,10 +43,14 @@ def conv_block(inputs: int, outputs: int, kernel: int = 3, stride: int = 1, dila
 
 
 class WaveletBlock(nn.Module):
-    """A convolution at one scale: the wavelet convolution or, with levels = 0, a plain one, normalised, then ReLU.
+    """A convolution at one scale: the wavelet convolution or, with levels = 0, a plain one; normalised, then ReLU.
 
-    skips: it becomes a residual block, x + conv(x + wavelet(x)), with a 3 x 3 convolution as the second; without, it
-    is the one convolution of the paper's table.
+    Args:
+        channels: Channels of input and output.
+        levels: Wavelet levels; 0 for a plain 3 x 3 convolution.
+        kernel: Side of the wavelet convolution's kernels, odd.
+        skips: True makes it a residual block, x + conv(x + wavelet(x)), whose second convolution is 3 x 3. False leaves
+            the one convolution of the paper's table.
     """
 
     def __init__(self, channels: int, levels: int, kernel: int, skips: bool) -> None:
@@ -53,10 +66,15 @@ class WaveletBlock(nn.Module):
 
 
 class Backbone(nn.Module):
-    """A 7 x 7 and five 3 x 3 convolutions down to 1/8 (paper, Table I), Conv4 and Conv6 of them by wavelets.
+    """The feature extractor: a 7 x 7 and five 3 x 3 convolutions down to 1/8 (paper, Table I).
 
-    channels: widths at 1/2, 1/4 and 1/8. levels: wavelet levels at 1/4 and at 1/8; 0 means none. skips: see
-    WaveletBlock.
+    Conv4 and Conv6 are wavelet convolutions.
+
+    Args:
+        channels: Widths at 1/2, 1/4 and 1/8.
+        levels: Wavelet levels at 1/4 and at 1/8; 0 for none.
+        kernel: Side of the wavelet convolutions' kernels, odd.
+        skips: See WaveletBlock.
     """
 
     def __init__(
@@ -73,7 +91,7 @@ class Backbone(nn.Module):
         )
 
     def forward(self, image: Tensor) -> Features:
-        """image: (B, 3, H, W), normalised."""
-        half = self.stem(image)
-        quarter = self.quarter(half)
+        """Return the features of normalised images, (B, 3, H, W)."""
+        half = self.stem(image)  # (B, C2, H / 2, W / 2)
+        quarter = self.quarter(half)  # (B, C4, H / 4, W / 4)
         return Features(half, quarter, self.eighth(quarter))

@@ -1,4 +1,4 @@
-"""Activation checkpointing: time for memory, the same gradients."""
+"""Activation checkpointing: takes more time and less memory for the same gradients."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import Any
 
 from torch.utils.checkpoint import checkpoint
 
-Part = Callable[..., Any]
+Caller = Callable[..., Any]
+"""A way to call a part of the network: direct or recomputed."""
 
 
 def direct(part: Callable[..., Any], *inputs: Any) -> Any:
@@ -16,5 +17,5 @@ def direct(part: Callable[..., Any], *inputs: Any) -> Any:
 
 
 def recomputed(part: Callable[..., Any], *inputs: Any) -> Any:
-    """Call a part without keeping what lies between its inputs and its outputs; the backward pass computes it anew."""
+    """Call a part and keep only its inputs and outputs; the backward pass computes what lies between once more."""
     return checkpoint(part, *inputs, use_reentrant=False, preserve_rng_state=False)

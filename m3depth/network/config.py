@@ -9,47 +9,75 @@ from typing import Any
 
 from marssim.base.command.input_file import check_file
 
+# Fields that may be 0, which leaves out the part that they size.
 OPTIONAL = frozenset(
     {
         "wavelet_levels", "match_channels", "output_head", "residual_width", "normal_context", "refine_steps",
         "lookup_radius", "lookup_levels", "fine_width",
     }
 )  # fmt: skip
-DEEPEST_WAVELET = 6  # images are padded to a multiple of 8 * 2 ** levels px
+DEEPEST_WAVELET = 6  # most wavelet levels; images are padded to a multiple of 8 * 2 ** levels px
 FULL_SIZE = 3  # doublings from the cost volume's grid to the image's
 
 
 @dataclass(frozen=True)
 class M3DepthConfig:
-    """Every size of the network; the defaults are the `lite` preset. A part that OPTIONAL names is left out by a 0.
+    """Every size of the network. The defaults are the `lite` preset.
 
-    Raises ValueError that names the field of a size that no network can have.
+    A size of 0 leaves out a part that OPTIONAL lists.
+
+    Raises:
+        ValueError: A size that no network can have; the message names the field.
     """
 
-    channels: tuple[int, int, int] = (16, 48, 96)  # feature widths at 1/2, 1/4, 1/8
-    feature_skips: bool = True  # residual blocks of two convolutions at 1/4 and 1/8; False: one convolution, as Table I
-    wavelet_levels: tuple[int, int] = (2, 2)  # levels of the decomposition at 1/4 and 1/8; 0: plain convolution
+    channels: tuple[int, int, int] = (16, 48, 96)
+    """Feature widths at 1/2, 1/4 and 1/8 of the image's size."""
+    feature_skips: bool = True
+    """True: residual blocks of two convolutions at 1/4 and 1/8. False: one convolution, as in Table I."""
+    wavelet_levels: tuple[int, int] = (2, 2)
+    """Levels of the wavelet decomposition at 1/4 and 1/8; 0 is a plain convolution."""
     wavelet_kernel: int = 3
-    hypotheses: int = 24  # D: disparities 0, 8, ... 184 px
-    match_channels: int = 64  # features that are correlated, at 1/8; 0: those of the extractor as they are
-    groups: int = 16  # f: channels of the cost volume
-    volume_width: int = 16  # widest 3-D convolution of the aggregation
-    output_head: int = 0  # transposed convolutions that double the volume's grid before soft argmin and SNNet
-    score_kernel: int = 1  # of the 3-D convolution from C_1 to P_1; 1: a weighted sum of the groups
-    residual_width: int = 64  # residual context aggregation P1 -> P2; 0: P1 is used as it is
-    normal_widths: tuple[int, int, int] = (16, 16, 32)  # SNNet's three 3-D convolutions
-    normal_context: int = 13  # left features given to SNNet beside volume and coordinates; 0: as in the paper
-    slice_layers: int = 3  # SNNet's 2-D convolutions for each slice
-    slice_dilated: bool = True  # all of them but the last dilated, by 2, 4, ...; the paper speaks of no dilation
-    refine_steps: int = 4  # T; 0: soft argmin and SNNet, upsampled
-    hidden: int = 32  # of the ConvGRU
-    motion: int = 32  # features of what a step sees
-    implied_geometry: bool = True  # a step sees the normals that D_t implies, and its relief; False: D_t and N_t alone
-    heads_see_all: bool = False  # the heads get D_t or N_t and H_0 beside the hidden state (paper, Sec. IV-D)
-    lookup_channels: int = 32  # features that are correlated, at 1/4
-    lookup_radius: int = 4  # cells to either side; 0: the current disparity alone
-    lookup_levels: int = 2  # 0: a step sees no correlation
-    fine_width: int = 32  # of the last correction, at 1/2; 0: none, as in the paper
+    """Side of the depth-wise kernels of the wavelet convolution, odd."""
+    hypotheses: int = 24
+    """D, the number of disparity hypotheses: 24 are 0, 8, ... 184 px."""
+    match_channels: int = 64
+    """Feature channels that are correlated at 1/8; 0 correlates the extractor's features as they are."""
+    groups: int = 16
+    """Channels of the cost volume (f in the paper)."""
+    volume_width: int = 16
+    """Channels of the widest 3-D convolution of the aggregation."""
+    output_head: int = 0
+    """Transposed convolutions that each double the volume's grid before soft argmin and SNNet."""
+    score_kernel: int = 1
+    """Side of the 3-D convolution from C_1 to P_1, odd; 1 is a weighted sum of the groups."""
+    residual_width: int = 64
+    """Channels of the residual context aggregation P_1 -> P_2; 0 uses P_1 as it is."""
+    normal_widths: tuple[int, int, int] = (16, 16, 32)
+    """Channels of SNNet's three 3-D convolutions."""
+    normal_context: int = 13
+    """Channels of left features that SNNet gets beside volume and coordinates; 0 gives none, as in the paper."""
+    slice_layers: int = 3
+    """Number of SNNet's 2-D convolutions for each slice."""
+    slice_dilated: bool = True
+    """Dilates all of them but the last, by 2, 4, ...; the paper mentions no dilation."""
+    refine_steps: int = 4
+    """T, the number of refinement steps; with 0, soft argmin and SNNet are upsampled."""
+    hidden: int = 32
+    """Channels of the ConvGRU's state."""
+    motion: int = 32
+    """Feature channels that a refinement step computes from its inputs."""
+    implied_geometry: bool = True
+    """A step also gets the normals and the relief that D_t implies. False: D_t and N_t alone."""
+    heads_see_all: bool = False
+    """The heads get D_t or N_t and H_0 beside the hidden state (paper, Sec. IV-D)."""
+    lookup_channels: int = 32
+    """Feature channels that are correlated at 1/4."""
+    lookup_radius: int = 4
+    """Cells to either side of the current disparity that a step compares; 0: that disparity alone."""
+    lookup_levels: int = 2
+    """Resolutions at which a step compares; with 0, it gets no correlation."""
+    fine_width: int = 32
+    """Channels of the last correction, at 1/2; 0 leaves it out, as the paper does."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -81,22 +109,23 @@ class M3DepthConfig:
 
     @property
     def coarse_width(self) -> int:
-        """Channels at 1/8 that the refinement gets: the features, and what the aggregation saw as context."""
+        """Channels at 1/8 that the refinement gets: the features and the aggregation's context."""
         return self.channels[2] + self.residual_width
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> M3DepthConfig:
-        """Read the JSON form; fields left out are those of `lite`, without its fine part.
+        """Read the JSON form. Fields that it lacks are those of `lite`, without the fine part.
 
-        Raises ValueError that names an unknown or malformed field.
+        Raises:
+            ValueError: A field is unknown or malformed; the message names it.
         """
-        known: dict[str, Any] = {f.name: f.default for f in fields(cls)}
-        values: dict[str, Any] = {"fine_width": 0}  # weights that were written before it existed have none
+        defaults: dict[str, Any] = {f.name: f.default for f in fields(cls)}
+        values: dict[str, Any] = {"fine_width": 0}  # weights of the first networks lack the field and the part
         for name, value in data.items():
-            if name not in known:
+            if name not in defaults:
                 raise ValueError(f"network config: unknown field {name!r}")
-            kind = bool if isinstance(known[name], bool) else int
-            size = len(known[name]) if isinstance(known[name], tuple) else None
+            kind = bool if isinstance(defaults[name], bool) else int
+            size = len(defaults[name]) if isinstance(defaults[name], tuple) else None
             numbers = value if size and isinstance(value, list | tuple) else [value]
             if len(numbers) != (size or 1) or not all(type(n) is kind and 0 <= n <= 4096 for n in numbers):
                 raise ValueError(f"network config: field {name!r} has the value {value!r}")
@@ -105,14 +134,16 @@ class M3DepthConfig:
 
 
 def read_config(path: Path) -> M3DepthConfig:
-    """The config in a JSON file, as is written beside weights; see from_dict for fields that are left out.
+    """Read the config in a JSON file, as save_weights writes it beside weights; see from_dict for missing fields.
 
-    Raises FileNotFoundError or ValueError, one line that names the file.
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: The file holds no config of a network. The message, one line, names the file.
     """
     check_file(path)
     try:
         data = json.loads(path.read_text())
-    except (ValueError, RecursionError) as error:  # no JSON, no text at all, or nested to break its reader
+    except (ValueError, RecursionError) as error:  # no JSON, no text, or nested too deeply for the reader
         raise ValueError(f"{path}: not readable as JSON ({error})") from None
     if not isinstance(data, dict):
         raise ValueError(f"{path}: holds no JSON object")
@@ -123,8 +154,8 @@ def read_config(path: Path) -> M3DepthConfig:
 
 
 LITE = M3DepthConfig()
-"""For a CPU: thin channels, volume and SNNet at 1/8, refinement at 1/4 with a correlation lookup, one
-correction at 1/2."""
+"""For a CPU: thin channels, volume and SNNet at 1/8, refinement at 1/4 with a correlation lookup, a correction at 1/2.
+"""
 
 PAPER = M3DepthConfig(
     channels=(64, 128, 256),
@@ -151,13 +182,13 @@ PAPER = M3DepthConfig(
 )
 """The paper's Tables I and II, with D = 24, three wavelet levels and five iterations.
 
-Where the paper cannot be built as printed, or says nothing, and what is done instead:
+Where the paper cannot be built as printed, or leaves a size open, this is done instead:
 
 1. Table II ends in ReLU on the three components of the normals, which then could not be negative: the last layer is
    linear.
-2. Batch normalisation is group normalisation: with the few images that fit on a device, batch statistics spoil the
-   refinement (the error grows over its iterations). The extractor's text names it after the activation, Table II
-   before: it stands before, everywhere. Conv8 ends in it, the layers of the output head have neither.
+2. Batch normalisation is group normalisation: with the few images that fit on a device, batch statistics degrade
+   the refinement (the error grows over its iterations). The extractor's text puts it after the activation, Table II
+   before it: here it always stands before. Conv8 ends in the normalisation; the layers of the output head have neither.
 3. D is not given: 24 hypotheses of 8 px, 0 to 184 px. The head makes them denser in the image plane, not in disparity.
 4. Conv4 and Conv6 are the two convolutions that wavelets "substitute". Depth-wise kernels mix no channels, so each ends
    in a 1 x 1 convolution; k is not given: 3. beta starts at 1, one a channel and level.
@@ -174,8 +205,8 @@ Where the paper cannot be built as printed, or says nothing, and what is done in
    refined is disparity, 0 or more; depth follows from it. The heads get the updated hidden state H_t+1, as the text has
    it; the equation has H_t. N_t is brought to unit length after each update, and D_t and N_t are passed on without
    their gradient, as in RAFT: the text does not say, and each step then learns to correct what it is given.
-9. Two more outputs than the paper's, confidence and sky: what drives by depth has to know where there is none.
-10. The loss, the optimizer and their rates are m3depth.train's, for both presets alike.
+9. There are two outputs more than the paper's, confidence and sky: a rover has to know where depth is missing.
+10. Both presets share the loss, the optimizer and the rates of m3depth.train.
 """
 
 PRESETS = {"lite": LITE, "paper": PAPER}

@@ -14,9 +14,14 @@ from m3depth.network.geometry import unit
 def matchable(features: Tensor) -> Tensor:
     """Centre the features of a pair and scale each pixel's vector to length sqrt(C), so that products are cosines.
 
-    features: (2 B, C, H, W), left images first. Without this, the common mean of the channels and the length of the
-    vectors decide the correlation: with random weights on Mars scenes the soft argmin is then 25 px off in the
-    median, and 4 px with it.
+    Otherwise the common mean of the channels and the length of the vectors dominate the correlation: with random
+    weights on Mars scenes the soft argmin is then off by 25 px in the median, and by 4 px with this step.
+
+    Args:
+        features: (2 B, C, H, W), left images first.
+
+    Returns:
+        (2 B, C, H, W), in the same order.
     """
     mean = features.mean((2, 3), keepdim=True)
     left, right = mean.chunk(2)
@@ -25,21 +30,33 @@ def matchable(features: Tensor) -> Tensor:
 
 
 def group_correlation_volume(left: Tensor, right: Tensor, hypotheses: int, groups: int) -> Tensor:
-    """Group-wise correlation of left pixel x with right pixel x - i, for i = 0 ... hypotheses - 1.
+    """Correlate left pixel x with right pixel x - i by groups of channels, for i = 0 ... hypotheses - 1.
 
-    left, right: (B, C, H, W), C a multiple of groups. Returns (B, groups, hypotheses, H, W): the mean product over the
-    C / groups channels of each group; 0 where x - i lies outside. Built by shift and slice, so that it exports.
+    Built by shift and slice, so that it can be exported.
+
+    Args:
+        left, right: (B, C, H, W), C a multiple of groups.
+        hypotheses: D, the number of shifts.
+        groups: G, the number of groups.
+
+    Returns:
+        (B, G, D, H, W): the mean product over the C / G channels of each group; 0 where x - i lies outside.
     """
     width = right.shape[-1]
     shifted = (F.pad(right, (i, 0))[..., :width] for i in range(hypotheses))
-    # Hypothesis by hypothesis: the products of all channels at once would be by far the largest thing in memory.
+    # One hypothesis after the other: the products of all channels at once would take by far the most memory.
     return torch.stack([(left * other).unflatten(1, (groups, -1)).mean(2) for other in shifted], 2)
 
 
 def soft_argmin(logits: Tensor, step: float) -> Tensor:
-    """Expected disparity under the softmax of the matching scores.
+    """Return the expected disparity under the softmax of the matching scores.
 
-    logits: (B, D, H, W), larger is better; slice i stands for i * step pixels. Returns (B, 1, H, W) [px].
+    Args:
+        logits: (B, D, H, W), larger is better; slice i stands for i * step pixels.
+        step: Disparity between two slices [px].
+
+    Returns:
+        (B, 1, H, W) [px].
     """
     index = torch.arange(logits.shape[1], dtype=logits.dtype, device=logits.device)
     return (logits.softmax(1) * index[:, None, None]).sum(1, keepdim=True) * step
@@ -49,6 +66,10 @@ class OutputHead(nn.Module):
     """Transposed convolutions, 4 x 4 with stride 2, over each slice of the volume (paper, Table I, Upsample1 to 3).
 
     They start as bilinear interpolation of each channel.
+
+    Args:
+        groups: G, channels of the volume.
+        doublings: n, how often height and width are doubled.
     """
 
     def __init__(self, groups: int, doublings: int) -> None:
@@ -63,17 +84,17 @@ class OutputHead(nn.Module):
                 layer.get_parameter("bias").zero_()
 
     def forward(self, volume: Tensor) -> Tensor:
-        """(B, G, D, H, W) -> (B, G, D, 2^n H, 2^n W), n doublings."""
+        """(B, G, D, H, W) -> (B, G, D, 2^n H, 2^n W)."""
         return self.layers(volume)
 
 
 class Aggregation(nn.Module):
-    """C_0 -> C_1 -> P_1 by 3-D convolutions, then P_2 = P_1 + residual seen in context.
+    """C_0 -> C_1 -> P_1 by 3-D convolutions, then P_2 = P_1 + a residual from context.
 
-    The residual is computed in 2-D, over all hypotheses of P_1 and the left features, with growing dilations: the
-    role that DPSNet's context network has, at a fraction of the cost of one pass per slice. By the config's output_head
-    C_1 is enlarged so often; score_kernel is that of the convolution from C_1 to P_1, where 1 is a weighted sum of the
-    groups.
+    The residual is computed in 2-D, over all hypotheses of P_1 and the left features, with growing dilations. This is
+    the role of DPSNet's context network, at a fraction of the cost of one pass a slice. config.output_head sets how
+    often C_1 is doubled in size, config.score_kernel the convolution from C_1 to P_1 (1 is a weighted sum of the
+    groups).
     """
 
     def __init__(self, config: M3DepthConfig) -> None:
@@ -106,14 +127,20 @@ class Aggregation(nn.Module):
             nn.init.zeros_(self.residual.weight)
 
     def forward(self, volume: Tensor, left: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:
-        """volume: C_0, (B, G, D, H, W). left: (B, C, H, W), of its grid.
+        """Aggregate the cost volume.
 
-        Returns the volume for SNNet, C_0 or, with an output head, the enlarged C_1; on the same grid h x w the scores
-        P_2 (B, D, h, w), before the softmax; and the context features (B, residual_width, h, w).
+        Args:
+            volume: C_0, (B, G, D, H, W).
+            left: Left features on the volume's grid, (B, C, H, W).
+
+        Returns:
+            The volume for SNNet: C_0 or, with an output head, the enlarged C_1, (B, G, D, h, w).
+            The scores P_2 before the softmax, (B, D, h, w).
+            The context features, (B, residual_width, h, w), or None without them.
         """
-        aggregated = volume + self.second(self.first(volume))
+        aggregated = volume + self.second(self.first(volume))  # C_1, (B, G, D, H, W)
         if self.head is not None:
-            volume = aggregated = self.head(aggregated)
+            volume = aggregated = self.head(aggregated)  # (B, G, D, h, w)
             left = F.interpolate(left, scale_factor=2 ** len(self.head.layers), mode="bilinear")
         if isinstance(self.score, nn.Conv3d):
             scores = self.score(aggregated)[:, 0]
@@ -121,5 +148,5 @@ class Aggregation(nn.Module):
             scores = (aggregated * self.score[:, None, None, None]).sum(1)
         if not self.residual_width:
             return volume, scores, None
-        context = self.context(torch.cat([scores, left], 1))
+        context = self.context(torch.cat([scores, left], 1))  # (B, residual_width, h, w)
         return volume, scores + self.residual(context), context

@@ -1,7 +1,7 @@
-"""The last correction, at half the resolution: match once more with pixels twice as fine, and see the image itself.
+"""The last correction, at half the resolution: match once more, with pixels twice as fine.
 
-The recurrent steps stand at a quarter of the resolution, where a facet of a rock is a cell or two and a tenth of a
-pixel of disparity a fortieth of a cell. This part is not in the paper.
+The recurrent steps work at a quarter of the resolution, where a facet of a rock is a cell or two, and a tenth of a
+pixel of disparity is a fortieth of a cell. This part is not in the paper.
 """
 
 from __future__ import annotations
@@ -14,15 +14,20 @@ from m3depth.network.cost_volume import matchable
 from m3depth.network.geometry import normals_from_disparity, relief, scale_camera, unit
 from m3depth.network.refinement import DISPARITY_SCALE
 
-CELL = 2  # [px] of the grid that the correction is computed on
-MATCHED = 16  # features that are compared
-MAPS = 6  # disparity, normal, confidence, sky
+CELL = 2  # side of a cell of this part's grid [px of the image]
+MATCHED = 16  # feature channels that are compared
+MAPS = 6  # channels of the maps: disparity, normal (3), confidence, sky
 
 
 def warp_right(right: Tensor, disparity: Tensor) -> Tensor:
-    """What the right image shows where the left one's pixels are said to lie; 0 outside of it.
+    """Sample the right image where the disparity says that the left image's pixels lie; 0 outside of it.
 
-    right: (B, C, H, W). disparity: (B, 1, H, W) in cells of this grid. Linear along the row.
+    Args:
+        right: (B, C, H, W).
+        disparity: (B, 1, H, W) in cells of this grid.
+
+    Returns:
+        (B, C, H, W), interpolated linearly along the row.
     """
     width = right.shape[-1]
     column = torch.arange(width, dtype=torch.float32, device=right.device)
@@ -30,17 +35,22 @@ def warp_right(right: Tensor, disparity: Tensor) -> Tensor:
     start = position.floor()
     fraction = position - start
     padded = F.pad(right, (1, 2))
-    index = (start.long() + 1).clamp(0, width + 1)  # of a NaN too, which stays one
+    index = (start.long() + 1).clamp(0, width + 1)  # a NaN gets an index in range, and stays NaN
     near, far = (padded.gather(3, i.expand(-1, right.shape[1], -1, -1)) for i in (index, index + 1))
     return near + fraction * (far - near)
 
 
 class FineCorrection(nn.Module):
-    """Corrects the upsampled maps by what is seen at half the resolution; starts as no correction.
+    """Corrects the upsampled maps with features at half the resolution. It starts as no correction.
 
-    features: channels at 1/2. hidden: channels of the recurrent state at 1/4. width: of the convolutions. radius:
-    compared with a pixel is what the right image shows at its own disparity and at those of so many pixels to either
-    side in the row, each by its own disparity.
+    A left pixel is compared with what the right image shows at that pixel's disparity, and at the matches of `radius`
+    neighbours to either side in its row, each found by the neighbour's own disparity.
+
+    Args:
+        features: Channels at 1/2.
+        hidden: Channels of the recurrent state at 1/4.
+        width: Channels of the convolutions.
+        radius: Neighbours to either side, in pixels of this grid.
     """
 
     def __init__(self, features: int, hidden: int, width: int, radius: int = 2) -> None:
@@ -62,18 +72,25 @@ class FineCorrection(nn.Module):
         nn.init.zeros_(self.last.get_parameter("bias"))
 
     def forward(self, left: Tensor, right: Tensor, hidden: Tensor, maps: Tensor, camera: Tensor) -> Tensor:
-        """left, right: (B, C, H / 2, W / 2) features. hidden: (B, hidden, H / 4, W / 4). camera: (B, 4), full size.
+        """Compute the correction.
 
-        maps: (B, 6, H, W) disparity [px], normal, confidence and sky logits. Returns (B, 6, H, W), to be added.
+        Args:
+            left, right: (B, C, H / 2, W / 2) features.
+            hidden: (B, hidden, H / 4, W / 4).
+            maps: (B, 6, H, W): disparity [px], normal, logits of confidence and sky.
+            camera: (B, 4) of the full-size image.
+
+        Returns:
+            (B, 6, H, W), to be added to the maps.
         """
-        given = F.avg_pool2d(maps.detach(), CELL)
-        disparity, normal, logits = given[:, :1], unit(given[:, 1:4]), given[:, 4:]
+        halved = F.avg_pool2d(maps.detach(), CELL)  # (B, 6, H / 2, W / 2)
+        disparity, normal, logits = halved[:, :1], unit(halved[:, 1:4]), halved[:, 4:]
         match_left, match_right = matchable(self.match(torch.cat([left, right])).float().contiguous()).chunk(2)
         warped = F.pad(warp_right(match_right, disparity / CELL), (self.radius, self.radius))
         width = match_left.shape[-1]
         scores = [(match_left * warped[..., k : k + width]).mean(1, True) for k in range(2 * self.radius + 1)]
         implied = normals_from_disparity(disparity, scale_camera(camera, CELL))
-        seen = [*scores, disparity / DISPARITY_SCALE, relief(disparity), normal, implied, logits.clamp(-8, 8) / 4]
-        x = self.first(torch.cat([left, torch.cat(seen, 1).to(left.dtype)], 1))
+        inputs = [*scores, disparity / DISPARITY_SCALE, relief(disparity), normal, implied, logits.clamp(-8, 8) / 4]
+        x = self.first(torch.cat([left, torch.cat(inputs, 1).to(left.dtype)], 1))  # (B, width, H / 2, W / 2)
         x = self.trunk(x + F.pixel_shuffle(self.state(hidden), CELL))
-        return F.pixel_shuffle(self.last(x).float(), CELL)
+        return F.pixel_shuffle(self.last(x).float(), CELL)  # (B, 6, H, W)

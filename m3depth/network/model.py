@@ -28,15 +28,20 @@ from m3depth.stereo.prediction import Prediction
 from m3depth.weights import SHIPPED_WEIGHTS
 from marssim.base.camera import StereoRig
 
-VOLUME_STEP = 8  # [px] disparity between two hypotheses: the volume stands at 1/8
+VOLUME_STEP = 8  # [px] disparity between two hypotheses: a cell of the volume, which is at 1/8
 
 
 class StereoOutput(NamedTuple):
-    """What forward returns; all float32. Disparities are pixels of the full-size image, normals are of unit length.
+    """What forward returns, all float32. Disparities are pixels of the full-size image, normals have unit length.
 
-    disparity: (B, 1, H, W). normal: (B, 3, H, W), facing the camera; the coarse ones need not. confidence, sky:
-    (B, 1, H, W) logits of "within 1 px" and of "sky or beyond measure". initial: disparity and normal of soft argmin
-    and SNNet, at 1/8 or on the grid of the output head. steps: disparity and normal at 1/4 after each refinement.
+    Attributes:
+        disparity: (B, 1, H, W) [px].
+        normal: (B, 3, H, W), facing the camera.
+        confidence: (B, 1, H, W), logit of "the disparity is within 1 px".
+        sky: (B, 1, H, W), logit of "sky or too far to measure".
+        initial: Disparity and normal of soft argmin and SNNet, at 1/8 or on the grid of the output head.
+        steps: Disparity and normal at 1/4 after each refinement step. These normals, and the initial ones, may point
+            away from the camera.
     """
 
     disparity: Tensor
@@ -48,10 +53,12 @@ class StereoOutput(NamedTuple):
 
 
 class M3Depth(nn.Module):
-    """The network. `infer` takes images as they come; `forward` takes batches of tensors.
+    """The network. `infer` takes images as they come, `forward` takes batches of tensors.
 
-    recompute: activation checkpointing. While training, large parts keep their inputs only and are computed again on
-    the way back: the same gradients with less memory, about a third slower.
+    Attributes:
+        config: The sizes of the network.
+        recompute: Activation checkpointing. In training, large parts keep only their inputs, and the backward pass
+            computes them once more: the same gradients with less memory, about a third slower.
     """
 
     recompute = False
@@ -73,104 +80,134 @@ class M3Depth(nn.Module):
                 self.fine = FineCorrection(half, c.hidden, c.fine_width)
         else:
             self.decisions = nn.Conv2d(c.coarse_width, 2, 3, padding=1)
-        for layer in self.modules():  # twice as fast on a CPU; Module.to() would stumble over the 3-D convolutions
+        for layer in self.modules():  # twice as fast on a CPU; Module.to() fails on the 3-D convolutions
             if isinstance(layer, nn.Conv2d):
                 layer.weight.data = layer.weight.data.contiguous(memory_format=torch.channels_last)
 
     @classmethod
     def from_preset(cls, name: str) -> M3Depth:
-        """A new network, `lite` or `paper`, with random weights."""
+        """Make a new network with random weights.
+
+        Args:
+            name: "lite" or "paper".
+
+        Raises:
+            ValueError: There is no such preset.
+        """
         if name not in PRESETS:
             raise ValueError(f"preset {name!r} is not one of {', '.join(PRESETS)}")
         return cls(PRESETS[name])
 
     @classmethod
     def from_pretrained(cls, path: str | Path | None = None) -> M3Depth:
-        """A trained network, in evaluation mode.
+        """Load a trained network, in evaluation mode.
 
-        path: a .safetensors file written by save_pretrained; None: the weights that come with the package. Raises
-        FileNotFoundError if there is none, ValueError (one line that names the file) if it cannot be used.
+        Args:
+            path: A .safetensors file that save_pretrained wrote; None loads the weights that come with the package.
+
+        Raises:
+            FileNotFoundError: There is no such file.
+            ValueError: The file cannot be used. The message, one line, names it.
         """
         source = SHIPPED_WEIGHTS if path is None else Path(path)
         config, tensors = load_weights(source)
         try:
             network = M3DepthConfig.from_dict(config)
-            with torch.device("meta"):  # shapes alone: a config that lies about its sizes takes no memory
+            with torch.device("meta"):  # shapes alone: a config with wrong, huge sizes then takes no memory
                 expected = cls(network).state_dict()
         except ValueError as error:
             raise ValueError(f"{source}: {error}") from None
-        wrong = sorted(expected.keys() ^ tensors.keys())
-        wrong = wrong or sorted(k for k in expected if expected[k].shape != tensors[k].shape)
-        if wrong:
-            raise ValueError(f"{source}: {len(wrong)} tensors do not fit the network, the first is {wrong[0]!r}")
+        misfits = sorted(expected.keys() ^ tensors.keys())
+        misfits = misfits or sorted(k for k in expected if expected[k].shape != tensors[k].shape)
+        if misfits:
+            raise ValueError(f"{source}: {len(misfits)} tensors do not fit the network, the first is {misfits[0]!r}")
         model = cls(network)
         model.load_state_dict(tensors)
         return model.eval()
 
     def save_pretrained(self, path: str | Path) -> None:
-        """Write weights (.safetensors) and, beside them, their config (.json). Replaces existing files atomically."""
+        """Write weights (.safetensors) and, beside them, their config (.json). Replaces existing files atomically.
+
+        Raises:
+            ValueError: path does not end in .safetensors.
+        """
         save_weights(Path(path), asdict(self.config), self.state_dict())
 
     def forward(self, left: Tensor, right: Tensor, camera: Tensor) -> StereoOutput:
-        """left, right: (B, 3, H, W) float in [0, 1], rectified, any size. camera: (B, 4) fx, fy, cx, cy [px]."""
+        """Run the network on a batch.
+
+        Args:
+            left, right: (B, 3, H, W) float in [0, 1], rectified, of any size.
+            camera: (B, 4) fx, fy, cx, cy [px].
+        """
         height, width = left.shape[-2:]
         multiple = self.config.size_multiple
         padding = (0, -width % multiple, 0, -height % multiple)  # right and bottom: the principal point stays
         if any(padding):
             left, right = (F.pad(image, padding, mode="replicate") for image in (left, right))
         camera = camera.float()
-        # One mean and contrast for both eyes: low contrast then looks like high contrast, gains between eyes remain.
+        # Both images share one mean and contrast: this evens out low contrast, and keeps gains between the two.
         mean = left.mean((1, 2, 3), keepdim=True)
         scale = left.std((1, 2, 3), keepdim=True).clamp(min=0.01)
         images = (torch.cat([left, right]) - torch.cat([mean, mean])) / torch.cat([scale, scale])
-        part = recomputed if self.recompute and torch.is_grad_enabled() else direct
-        features = part(self.backbone, images.contiguous(memory_format=torch.channels_last))
-        left4, right4 = features.quarter.chunk(2)
-        left8 = features.eighth.chunk(2)[0]
+        call = recomputed if self.recompute and torch.is_grad_enabled() else direct
+        features = call(self.backbone, images.contiguous(memory_format=torch.channels_last))  # of 2 B images
+        left4, right4 = features.quarter.chunk(2)  # (B, C4, H / 4, W / 4)
+        left8 = features.eighth.chunk(2)[0]  # (B, C8, H / 8, W / 8)
 
         matched = features.eighth if self.match is None else self.match(features.eighth)
         match_left, match_right = matchable(matched.float().contiguous()).chunk(2)
         volume = group_correlation_volume(match_left, match_right, self.config.hypotheses, self.config.groups)
-        volume, scores, context = part(self.aggregation, volume, left8)
-        cell = VOLUME_STEP >> self.config.output_head  # [px] of the grid on which the volume now stands
-        disparity = soft_argmin(scores.float(), VOLUME_STEP)
+        # From (B, groups, D, H / 8, W / 8) to the grid of `cell` px, which is finer with an output head.
+        volume, scores, context = call(self.aggregation, volume, left8)
+        cell = VOLUME_STEP >> self.config.output_head
+        disparity = soft_argmin(scores.float(), VOLUME_STEP)  # (B, 1, H / cell, W / cell)
         rays = pixel_rays(scale_camera(camera, cell), images.shape[-2] // cell, images.shape[-1] // cell)
-        normal = part(self.normals, volume, left8, rays)
+        normal = call(self.normals, volume, left8, rays)  # (B, 3, H / cell, W / cell)
         initial = (disparity, normal)
 
         if context is not None:
-            left8 = torch.cat([left8, resize(context, left8.shape[-2:])], 1)
+            left8 = torch.cat([left8, resize(context, left8.shape[-2:])], 1)  # (B, coarse_width, H / 8, W / 8)
         steps: list[tuple[Tensor, Tensor]] = []
         if self.refinement is not None:
             disparity, normal = (resize(x, left4.shape[-2:]) for x in initial)
             camera4 = scale_camera(camera, 4)
-            steps, fine, hidden = self.refinement(left4, right4, left8, disparity, unit(normal), camera4, part)
+            steps, maps, hidden = self.refinement(left4, right4, left8, disparity, unit(normal), camera4, call)
             if self.fine is not None:
-                fine = fine + part(self.fine, *features.half.chunk(2), hidden, fine, camera)
+                maps = maps + call(self.fine, *features.half.chunk(2), hidden, maps, camera)
         else:
             assert self.decisions is not None
-            maps = (disparity, normal, self.decisions(left8).float())
-            fine = torch.cat([resize(x, images.shape[-2:]) for x in maps], 1)
-        fine = fine[..., :height, :width]
-        normal = face_camera(unit(fine[:, 1:4]), pixel_rays(camera, height, width))
+            coarse = (disparity, normal, self.decisions(left8).float())
+            maps = torch.cat([resize(x, images.shape[-2:]) for x in coarse], 1)
+        maps = maps[..., :height, :width]  # (B, 6, H, W): disparity, normal, confidence, sky
+        normal = face_camera(unit(maps[:, 1:4]), pixel_rays(camera, height, width))
         initial = unpadded(initial, height, width, cell)
         steps = [unpadded(step, height, width, 4) for step in steps]
-        return StereoOutput(fine[:, :1], normal, fine[:, 4:5], fine[:, 5:6], initial, steps)
+        return StereoOutput(maps[:, :1], normal, maps[:, 4:5], maps[:, 5:6], initial, steps)
 
     @property
     def reach(self) -> int:
-        """Disparities [px] end here; images in which more is needed are reduced by infer."""
+        """The disparity at which the hypotheses end [px]; `infer` reduces images that need more."""
         return VOLUME_STEP * self.config.hypotheses
 
     @torch.inference_mode()
     def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig, nearest: float | None = None) -> Prediction:
-        """Depth, disparity, normals and confidence of one rectified pair, at the input's size.
+        """Estimate depth, disparity, normals and confidence of one rectified pair, at the input's size.
 
-        left, right: (H, W) or (H, W, 3) uint8, RGB. rig: the cameras of these images. nearest [m]: what should still
-        be measured, 0.84 m by default; images in which that is a larger disparity than the network's hypotheses reach
-        (192 px) are reduced first, as those of rigs whose f B exceeds NaTeCam's. Depth is in metres of the given rig,
-        inf where the network sees sky; where its numbers are none, all is NaN and confidence 0. Raises ValueError for
-        wrong types or sizes, and where nearest is not positive.
+        Images of a rig in which `nearest` is a larger disparity than the hypotheses reach (192 px) are reduced first.
+        This concerns rigs whose f B exceeds NaTeCam's.
+
+        Args:
+            left, right: (H, W) or (H, W, 3) uint8, RGB.
+            rig: The cameras of these images.
+            nearest: The shortest distance that should be measured [m]; None is 0.84 m.
+
+        Returns:
+            Depth in metres of the given rig; inf where the network sees sky. Where the network's numbers are not
+            finite, all maps are NaN and confidence is 0.
+
+        Raises:
+            ValueError: Images of a wrong type or size, or `nearest` is not positive.
         """
         if nearest is not None and not (math.isfinite(nearest) and nearest > 0):
             raise ValueError(f"nearest must be positive, got {nearest}")
@@ -187,12 +224,12 @@ class M3Depth(nn.Module):
         pair = torch.from_numpy(np.stack([left, right])).to(device).permute(0, 3, 1, 2).float() / 255
         with autocast(device, fast_dtype(device)):
             out = self(pair[:1], pair[1:], camera_row(work, device))
-        maps = torch.cat([out.disparity, out.normal, out.confidence.sigmoid(), out.sky], 1).float()
+        maps = torch.cat([out.disparity, out.normal, out.confidence.sigmoid(), out.sky], 1).float()  # (1, 6, h, w)
         if work is not rig:
             maps = F.interpolate(maps, (height, width), mode="bilinear")
             maps[:, 0] *= width / work.camera.width
             rays = pixel_rays(camera_row(rig, device), height, width)
-            maps[:, 1:4] = face_camera(unit(maps[:, 1:4]), rays)  # a mean of normals that face it need not
+            maps[:, 1:4] = face_camera(unit(maps[:, 1:4]), rays)  # interpolation may turn a normal away from the camera
         known = maps[0].isfinite().all(0)
         disparity = torch.where(maps[0, 5] > 0, torch.zeros_like(maps[0, 0]), maps[0, 0])
         disparity = torch.where(known, disparity, torch.full_like(disparity, torch.nan))
@@ -205,12 +242,12 @@ class M3Depth(nn.Module):
 
 
 def unpadded(maps: tuple[Tensor, Tensor], height: int, width: int, cell: int) -> tuple[Tensor, Tensor]:
-    """Disparity and normal on a grid of `cell` px, without the cells that lie beyond an image of height x width."""
+    """Cut disparity and normal on a grid of `cell` px to the cells of an image of height x width."""
     first, second = (x[..., : -(-height // cell), : -(-width // cell)] for x in maps)
     return first, second
 
 
 def camera_row(rig: StereoRig, device: torch.device) -> Tensor:
-    """(1, 4) float32 fx, fy, cx, cy [px], as forward takes it."""
+    """Return fx, fy, cx, cy [px] of a rig as forward takes them: (1, 4) float32."""
     c = rig.camera
     return torch.tensor([[c.fx, c.fy, c.cx, c.cy]], dtype=torch.float32, device=device)

@@ -11,11 +11,17 @@ from m3depth.network.geometry import resize, unit
 
 
 def hypothesis_points(rays: Tensor, hypotheses: int) -> Tensor:
-    """Camera-frame X, Y, Z of each pixel at each disparity hypothesis, scaled into [-1, 1], without gradient.
+    """Return the camera-frame X, Y, Z of each pixel at each disparity hypothesis, scaled into [-1, 1], without
+    gradient.
 
-    rays: (B, 3, H, W) with z = 1. Slice i stands for disparity i steps, so Z is proportional to 1 / i; slice 0
-    (infinitely far) is set at half a step. Returns (B, 3, hypotheses, H, W); Z = 1 at half a step, and less where a
-    camera sees more than 45 deg to a side.
+    Slice i stands for disparity i steps, so Z is proportional to 1 / i; slice 0 (infinitely far) is set to half a step.
+
+    Args:
+        rays: (B, 3, H, W) with z = 1.
+        hypotheses: D, the number of slices.
+
+    Returns:
+        (B, 3, D, H, W); Z is 1 at half a step, and less if the camera sees more than 45 deg to a side.
     """
     index = torch.arange(hypotheses, dtype=rays.dtype, device=rays.device).clamp(min=0.5)
     z = (0.5 / index)[:, None, None]
@@ -24,13 +30,13 @@ def hypothesis_points(rays: Tensor, hypotheses: int) -> Tensor:
 
 
 class SNNet(nn.Module):
-    """Three 3-D convolutions of stride 2 in depth, one 2-D network for all D / 8 slices, sum, unit length:
+    """Three 3-D convolutions of stride 2 in depth, one 2-D network for each of the D / 8 slices, sum, unit length:
 
     n = sum_i SNNet(S_i) / |sum_i SNNet(S_i)| (paper, Eq. 9).
 
-    By the config, normal_context channels of left features are given to every slice, none in the paper, and the 2-D
-    network has slice_layers convolutions, two in the paper, all but the last dilated by 2, 4, ... if slice_dilated. The
-    last layer is linear: with the ReLU of the paper's table no component could be negative.
+    Every slice gets config.normal_context channels of left features (none in the paper). The 2-D network has
+    config.slice_layers convolutions (two in the paper); with config.slice_dilated, all but the last are dilated by 2,
+    4, ... The last layer is linear: with the ReLU of the paper's table no component could be negative.
     """
 
     def __init__(self, config: M3DepthConfig) -> None:
@@ -55,17 +61,23 @@ class SNNet(nn.Module):
         )
 
     def forward(self, volume: Tensor, left: Tensor, rays: Tensor) -> Tensor:
-        """volume: (B, G, D, H, W). left: (B, C, h, w), of any grid. rays: (B, 3, H, W) of the volume's grid, z = 1.
+        """Compute normals from the cost volume.
 
-        Returns (B, 3, H, W) unit normals in the camera frame.
+        Args:
+            volume: (B, G, D, H, W).
+            left: (B, C, h, w) left features on any grid.
+            rays: (B, 3, H, W) of the volume's grid, z = 1.
+
+        Returns:
+            (B, 3, H, W) unit normals in the camera frame.
         """
         depth = volume.shape[2]
-        parts = [volume, hypothesis_points(rays, depth).to(volume.dtype)]
+        parts = [volume, hypothesis_points(rays, depth).to(volume.dtype)]  # (B, G, D, H, W), (B, 3, D, H, W)
         if self.context is not None:
             context = resize(self.context(left), volume.shape[-2:])
             parts.append(context[:, :, None].expand(-1, -1, depth, -1, -1))
         x = self.volume(torch.cat(parts, 1))  # (B, C, D / 8, H, W)
         slices = depth // 8
         x = self.slice(x.transpose(1, 2).flatten(0, 1))  # (B D / 8, 3, H, W)
-        total = x.unflatten(0, (-1, slices)).sum(1).float()
+        total = x.unflatten(0, (-1, slices)).sum(1).float()  # (B, 3, H, W)
         return unit(total)

@@ -6,27 +6,32 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from m3depth.network.checkpointing import Part, direct
+from m3depth.network.checkpointing import Caller, direct
 from m3depth.network.config import M3DepthConfig
 from m3depth.network.cost_volume import matchable
 from m3depth.network.geometry import normals_from_disparity, relief, unit
 
-CELL = 4  # [px] of the grid that is refined
-DISPARITY_SCALE = 64.0  # [px] brings disparities to the size that the other inputs have
+CELL = 4  # side of a cell of the refined grid [px of the image]
+DISPARITY_SCALE = 64.0  # [px] brings disparities to the size of the other inputs
 
 
 class CorrelationLookup:
     """Matching scores around the current disparity, from all pairs of pixels on the same row.
 
-    left, right: (B, C, H, W) features of one grid. A sample at offset k compares left pixel x with right pixel
-    x - d - k; scores between pixels are interpolated, outside the image they are 0. `levels` halve the right image's
-    resolution again and again, so that the same number of samples looks farther.
+    A sample at offset k compares left pixel x with right pixel x - d - k. Scores between pixels are interpolated, and
+    are 0 outside the image.
+
+    Args:
+        left, right: (B, C, H, W) features of one grid.
+        radius: Offsets run from -radius to radius.
+        levels: Each level after the first halves the right image's width, so that the same number of samples reaches
+            farther.
     """
 
     def __init__(self, left: Tensor, right: Tensor, radius: int, levels: int) -> None:
         self.radius = radius
         self.pad = 2 * radius + 2
-        # The scores are the largest maps of all. So that none is copied, features are scaled, pooled and padded.
+        # The scores are the largest maps. Scaling, pooling and padding the features instead avoids copies of them.
         left = (left * left.shape[1] ** -0.5).permute(0, 2, 3, 1)  # (B, H, W, C)
         self.pyramid = []
         for level in range(levels):
@@ -36,7 +41,14 @@ class CorrelationLookup:
             self.pyramid.append(left @ padded)  # (B, H, W, W + 2 pad)
 
     def __call__(self, disparity: Tensor) -> Tensor:
-        """disparity: (B, 1, H, W) in cells of this grid. Returns (B, levels (2 radius + 1), H, W)."""
+        """Look up the scores around a disparity.
+
+        Args:
+            disparity: (B, 1, H, W) in cells of this grid.
+
+        Returns:
+            (B, levels (2 radius + 1), H, W).
+        """
         column = torch.arange(disparity.shape[-1], dtype=torch.float32, device=disparity.device)
         position = column - disparity[:, 0].float()  # (B, H, W)
         offsets = torch.arange(2 * self.radius + 2, device=disparity.device)
@@ -45,7 +57,7 @@ class CorrelationLookup:
             start = position.floor()
             fraction = (position - start)[..., None]
             last = scores.shape[-1] - 2 * self.pad + self.radius
-            # As integers, after which a NaN is in range too; the fraction stays one.
+            # Clamped as integers, so that a NaN gets an index in range too; its fraction stays NaN.
             first = start.long().clamp(-(self.radius + 2), last) - self.radius + self.pad
             taken = scores.gather(3, first[..., None] + offsets).float()
             samples.append(taken[..., :-1] + fraction * (taken[..., 1:] - taken[..., :-1]))
@@ -56,8 +68,9 @@ class CorrelationLookup:
 class ConvGRU(nn.Module):
     """Convolutional gated recurrent unit, H_t+1 = ConvGRU(D_t, N_t, H_0, H_t) (paper, Eq. 20):
 
-    z, r = sigmoid(W [H_t, x] + c), q = tanh(W_q [r H_t, x] + c_q), H_t+1 = (1 - z) H_t + z q. x is made of D_t and N_t;
-    what the context H_0 adds to the gates, c and c_q, is computed once.
+    z, r = sigmoid(W [H_t, x] + c), q = tanh(W_q [r H_t, x] + c_q), H_t+1 = (1 - z) H_t + z q.
+
+    x is computed from D_t and N_t; c and c_q, which the context H_0 adds to the gates, are computed once.
     """
 
     def __init__(self, hidden: int, inputs: int) -> None:
@@ -66,7 +79,13 @@ class ConvGRU(nn.Module):
         self.candidate = nn.Conv2d(hidden + inputs, hidden, 3, padding=1)
 
     def forward(self, hidden: Tensor, x: Tensor, context: Tensor) -> Tensor:
-        """hidden: (B, C, H, W). x: (B, inputs, H, W). context: (B, 3 C, H, W), added to update, reset, candidate."""
+        """Return the new hidden state, (B, C, H, W).
+
+        Args:
+            hidden: H_t, (B, C, H, W).
+            x: (B, inputs, H, W).
+            context: (B, 3 C, H, W), added to update, reset and candidate.
+        """
         size = hidden.shape[1]
         gates = self.gates(torch.cat([hidden, x], 1)) + context[:, : 2 * size]
         update, reset = torch.sigmoid(gates).chunk(2, 1)
@@ -75,7 +94,7 @@ class ConvGRU(nn.Module):
 
 
 def head(inputs: int, width: int, outputs: int) -> nn.Sequential:
-    """Two 3 x 3 convolutions; starts as a small correction."""
+    """Return two 3 x 3 convolutions that start as a small correction."""
     last = nn.Conv2d(width, outputs, 3, padding=1)
     nn.init.normal_(last.weight, std=1e-3)
     nn.init.constant_(last.get_parameter("bias"), 0.0)
@@ -87,10 +106,14 @@ class RefinementStep(nn.Module):
 
     H_t+1 = ConvGRU(D_t, N_t, H_0, H_t), D_t+1 = D_t + Phi_d, N_t+1 = N_t + Phi_n (of unit length).
 
-    The step sees D_t and N_t, and by the config's implied_geometry what D_t stands out from its surroundings by and the
-    normals that it implies, by lookup_levels and lookup_radius correlations around it. heads_see_all: the heads get
-    what they change and H_0, as in the paper; otherwise the hidden state alone (and N_t for Phi_n). cell [px]: of the
-    grid that the step works on.
+    The step gets D_t and N_t. With config.implied_geometry it also gets the relief of D_t and the normals that D_t
+    implies; config.lookup_levels and config.lookup_radius add correlations around D_t. With config.heads_see_all the
+    heads get D_t or N_t and H_0 beside the hidden state, as in the paper; otherwise the hidden state alone (and N_t for
+    Phi_n).
+
+    Args:
+        config: Sizes of the network.
+        cell: Side of a cell of the step's grid [px of the image].
     """
 
     def __init__(self, config: M3DepthConfig, cell: int) -> None:
@@ -120,9 +143,19 @@ class RefinementStep(nn.Module):
         lookup: CorrelationLookup | None,
         camera: Tensor,
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """hidden: H_t. context: what H_0 adds to the gates; first: H_0. camera: (B, 4) of this grid.
+        """Take one step.
 
-        disparity: (B, 1, H, W) in full-resolution pixels. Returns the new hidden state, disparity and normals.
+        Args:
+            hidden: H_t, (B, hidden, H, W).
+            context: (B, 3 hidden, H, W), which H_0 adds to the gates.
+            first: H_0, (B, hidden, H, W).
+            disparity: D_t, (B, 1, H, W) [px of the full-size image].
+            normal: N_t, (B, 3, H, W).
+            lookup: Matching scores; None without them.
+            camera: (B, 4) of this grid.
+
+        Returns:
+            The new hidden state, disparity and normals, of the same shapes.
         """
         # Gradients pass through the hidden state only, as in RAFT: each step learns to correct what it is given.
         disparity, normal = disparity.detach(), normal.detach()
@@ -130,11 +163,11 @@ class RefinementStep(nn.Module):
         geometry = [disparity / DISPARITY_SCALE, normal]
         if self.implied:
             geometry = [geometry[0], relief(disparity), normal, normals_from_disparity(disparity, camera)]
-        seen = [self.geometry(torch.cat(geometry, 1).to(dtype))]
+        inputs = [self.geometry(torch.cat(geometry, 1).to(dtype))]  # (B, motion / 2, H, W)
         if self.correlation is not None and lookup is not None:
             samples = lookup(disparity / self.cell).to(dtype, memory_format=torch.channels_last)
-            seen.insert(0, self.correlation(samples))
-        hidden = self.gru(hidden, self.motion(torch.cat(seen, 1)), context)
+            inputs.insert(0, self.correlation(samples))  # (B, motion, H, W)
+        hidden = self.gru(hidden, self.motion(torch.cat(inputs, 1)), context)
         to_disparity, to_normal = [hidden], [hidden, normal.to(dtype)]
         if self.all_to_heads:
             to_disparity += [first, geometry[0].to(dtype)]
@@ -145,7 +178,7 @@ class RefinementStep(nn.Module):
 
 
 class ConvexUpsampling(nn.Module):
-    """Each fine pixel is a convex combination of its coarse pixel's 3 x 3 neighbours (RAFT), weights learned."""
+    """Upsampling by learned weights: a fine pixel is a convex combination of 3 x 3 coarse ones (RAFT)."""
 
     def __init__(self, hidden: int, factor: int) -> None:
         super().__init__()
@@ -157,19 +190,19 @@ class ConvexUpsampling(nn.Module):
         )
 
     def forward(self, hidden: Tensor, maps: Tensor) -> Tensor:
-        """hidden: (B, C, H, W). maps: (B, M, H, W). Returns (B, M, factor H, factor W)."""
+        """Upsample maps (B, M, H, W) to (B, M, factor H, factor W), by weights from the hidden state (B, C, H, W)."""
         height, width = hidden.shape[-2:]
         weights = self.weights(hidden).float().contiguous().unflatten(1, (9, -1)).softmax(1)
         padded = F.pad(maps, (1, 1, 1, 1), mode="replicate")
         out = maps.new_zeros(())
         for k, weight in enumerate(weights.unbind(1)):  # (B, f f, H, W) each
-            near = padded[:, :, k // 3 : k // 3 + height, k % 3 : k % 3 + width]
-            out = out + weight[:, None] * near[:, :, None]  # (B, M, f f, H, W)
+            neighbour = padded[:, :, k // 3 : k // 3 + height, k % 3 : k % 3 + width]
+            out = out + weight[:, None] * neighbour[:, :, None]  # (B, M, f f, H, W)
         return F.pixel_shuffle(out.flatten(1, 2), self.factor)
 
 
 class Refinement(nn.Module):
-    """Context, T recurrent steps and the upsampling to full resolution. H_0 is made of the features at 1/4 and 1/8."""
+    """Context, T recurrent steps and the upsampling to full size. H_0 comes from the left features at 1/4 and 1/8."""
 
     def __init__(self, config: M3DepthConfig) -> None:
         super().__init__()
@@ -191,28 +224,36 @@ class Refinement(nn.Module):
 
     def forward(
         self, left: Tensor, right: Tensor, coarse: Tensor, disparity: Tensor, normal: Tensor, camera: Tensor,
-        part: Part = direct,
+        call: Caller = direct,
     ) -> tuple[list[tuple[Tensor, Tensor]], Tensor, Tensor]:  # fmt: skip
-        """left, right: (B, C4, h, w) features at 1/4. coarse: (B, C8, h / 2, w / 2) context at 1/8.
+        """Refine disparity and normals.
 
-        disparity [px at full resolution], normal: starting maps on the 1/4 grid. camera: (B, 4) of that grid. part:
-        how a part is called, directly or with its activations recomputed.
-        Returns the (disparity, normal) of every step on the 1/4 grid, and (B, 6, 4 h, 4 w): disparity, normal (not
-        normalised), confidence logit, sky logit; and the hidden state, (B, hidden, h, w).
+        Args:
+            left, right: (B, C4, h, w) features at 1/4.
+            coarse: (B, coarse_width, h / 2, w / 2) left features and context at 1/8.
+            disparity: (B, 1, h, w) starting map [px of the full-size image].
+            normal: (B, 3, h, w) starting map.
+            camera: (B, 4) of the grid at 1/4.
+            call: How a part of the network is called: `direct` or `recomputed`.
+
+        Returns:
+            The (disparity, normal) of every step, at 1/4.
+            (B, 6, 4 h, 4 w): disparity, normal (not normalised), confidence logit, sky logit.
+            The hidden state, (B, hidden, h, w).
         """
         lookup = None
         if self.match is not None:
             match_left, match_right = matchable(self.match(torch.cat([left, right])).float()).chunk(2)
             lookup = CorrelationLookup(match_left, match_right, self.radius, self.levels)
-        wide = F.interpolate(self.coarse(coarse), left.shape[-2:], mode="bilinear")
-        features = torch.cat([left, wide], 1)
+        wide = F.interpolate(self.coarse(coarse), left.shape[-2:], mode="bilinear")  # (B, C4, h, w)
+        features = torch.cat([left, wide], 1)  # (B, 2 C4, h, w)
         hidden, context = self.context(features).chunk(2, 1)
         first = hidden = torch.tanh(hidden)
-        bias = self.bias(F.relu(context))
+        bias = self.bias(F.relu(context))  # (B, 3 hidden, h, w)
         history = []
         for _ in range(self.steps):
-            hidden, disparity, normal = part(self.step, hidden, bias, first, disparity, normal, lookup, camera)
+            hidden, disparity, normal = call(self.step, hidden, bias, first, disparity, normal, lookup, camera)
             history.append((disparity, normal))
-        lookup = None  # before the next large thing
-        decisions = self.decisions(torch.cat([hidden, wide], 1)).float()
-        return history, part(self.upsample, hidden, torch.cat([disparity, normal, decisions], 1)), hidden
+        lookup = None  # frees its memory before the upsampling needs some
+        decisions = self.decisions(torch.cat([hidden, wide], 1)).float()  # (B, 2, h, w)
+        return history, call(self.upsample, hidden, torch.cat([disparity, normal, decisions], 1)), hidden

@@ -11,15 +11,22 @@ HAAR = 0.5 * torch.tensor([[[1.0, 1], [1, 1]], [[1, -1], [1, -1]], [[1, 1], [-1,
 
 
 def haar_filters(channels: int) -> Tensor:
-    """(4 C, 1, 2, 2) the four Haar filters (paper, Eq. 2), repeated for every channel."""
+    """Return the four Haar filters (paper, Eq. 2), repeated for every channel: (4 C, 1, 2, 2)."""
     return HAAR[:, None].repeat(channels, 1, 1, 1)
 
 
 def haar_transform(x: Tensor, filters: Tensor | None = None) -> Tensor:
-    """One level of the 2-D Haar transform, as a depth-wise convolution of stride 2. filters: haar_filters(C), if kept.
+    """Compute one level of the 2-D Haar transform, as a depth-wise convolution of stride 2.
 
-    x: (B, C, H, W), H and W even. Returns (B, 4 C, H / 2, W / 2); channel 4 c + s is sub-band s of channel c, in the
-    order A, H, V, D. Raises ValueError for odd sizes.
+    Args:
+        x: (B, C, H, W), H and W even.
+        filters: haar_filters(C), if the caller keeps them.
+
+    Returns:
+        (B, 4 C, H / 2, W / 2); channel 4 c + s is sub-band s of channel c, in the order A, H, V, D.
+
+    Raises:
+        ValueError: H or W is odd.
     """
     if x.shape[-2] % 2 or x.shape[-1] % 2:
         raise ValueError(f"the Haar transform needs even sizes, got {x.shape[-2]} x {x.shape[-1]}")
@@ -28,9 +35,14 @@ def haar_transform(x: Tensor, filters: Tensor | None = None) -> Tensor:
 
 
 def inverse_haar_transform(bands: Tensor, filters: Tensor | None = None) -> Tensor:
-    """The inverse of haar_transform, Eq. 3 (the filters are orthonormal, so it is the transposed convolution).
+    """Invert haar_transform, Eq. 3. The filters are orthonormal, so this is the transposed convolution.
 
-    bands: (B, 4 C, H, W), ordered as haar_transform returns them. Returns (B, C, 2 H, 2 W).
+    Args:
+        bands: (B, 4 C, H, W), ordered as haar_transform returns them.
+        filters: haar_filters(C), if the caller keeps them.
+
+    Returns:
+        (B, C, 2 H, 2 W).
     """
     filters = haar_filters(bands.shape[1] // 4) if filters is None else filters
     return F.conv_transpose2d(bands, filters.to(bands), stride=2, groups=len(filters) // 4)
@@ -40,9 +52,14 @@ class WaveletConv(nn.Module):
     """Wavelet-enhanced convolution: a small depth-wise kernel at every level of a Haar decomposition.
 
     Z_i = IWT(beta_i (Y_A,i + Z_i+1), Y_HF,i) from the deepest level up, and Z_0 = Y_A,0 + Z_1 (paper, Eq. 5-7). The
-    paper leaves beta's shape and start open: here it is one learnable number a channel and level, and starts at 1.
-    Depth-wise kernels mix no channels, so a 1 x 1 convolution follows. H and W must be multiples of 2 ** levels.
-    channels: in and out. levels: of the decomposition, 1 or more. kernel: side of the depth-wise convolutions, odd.
+    paper leaves beta's shape and initial value open: here it is one learnable number for each channel and level, and
+    starts at 1. Depth-wise kernels mix no channels, so a 1 x 1 convolution follows. H and W must be multiples of 2 **
+    levels.
+
+    Args:
+        channels: Channels of input and output.
+        levels: Levels of the decomposition, 1 or more.
+        kernel: Side of the depth-wise kernels, odd.
     """
 
     def __init__(self, channels: int, levels: int, kernel: int) -> None:
@@ -64,8 +81,8 @@ class WaveletConv(nn.Module):
         out = self.base(x)
         low, features = x, []
         for conv in self.bands:
-            bands = haar_transform(low, self.filters)
-            low = bands[:, 0::4]
+            bands = haar_transform(low, self.filters)  # (B, 4 C, h, w), half of the level above
+            low = bands[:, 0::4]  # (B, C, h, w)
             features.append(conv(bands))
         deeper: Tensor | None = None
         for level in range(self.levels - 1, -1, -1):

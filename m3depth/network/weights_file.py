@@ -1,7 +1,7 @@
-"""Weights on disk: safetensors, with the network's config in the file's own metadata, which alone is read.
+"""Weights on disk: safetensors, with the network's config in the metadata of the same file.
 
-The same config stands beside it as JSON, for people, and for `m3depth.train --network`, which makes a new network of
-the same sizes: changing it changes nothing of the weights.
+Loading reads the config in that file alone. A copy of it stands beside the file as JSON, for people and for
+`m3depth.train --network`, which makes a new network of the same sizes. Changing the copy does not change the weights.
 """
 
 from __future__ import annotations
@@ -19,29 +19,37 @@ from marssim.base.command.input_file import check_file
 from marssim.base.command.notes import counted
 from marssim.base.files.atomic import write_atomically
 
+# Types that weights may have.
 DTYPES = (torch.float32, torch.float16, torch.bfloat16)
 
 
 def save_weights(path: Path, config: dict[str, Any], tensors: dict[str, Tensor]) -> None:
-    """Write `path` and the network's config, plain numbers, as JSON beside it (same name, .json).
+    """Write the weights to `path`, and the network's config as JSON beside it (same name, .json).
 
-    Raises ValueError if path does not end in .safetensors.
+    Args:
+        path: The file, *.safetensors.
+        config: Fields of M3DepthConfig, plain numbers.
+        tensors: The state_dict of the network.
+
+    Raises:
+        ValueError: path does not end in .safetensors.
     """
     if path.suffix != ".safetensors":
         raise ValueError(f"{path}: weights are written as .safetensors")
     plain = {k: v.detach().cpu().contiguous() for k, v in tensors.items()}
     text = json.dumps(config, indent=2) + "\n"
-    # The file carries its config too: weights and JSON that were mixed up by hand are not loaded as each other's.
+    # The file holds its config too, so a JSON file of other weights beside it cannot mislead the loader.
     write_atomically(path, save(plain, metadata={"m3depth_config": json.dumps(config)}))
     write_atomically(path.with_suffix(".json"), text.encode())
 
 
 def load_weights(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
-    """The config and tensors of a file that save_weights wrote; nothing in it is executed.
+    """Read config and tensors of a file that save_weights wrote. Nothing in the file is executed.
 
-    The config is the one inside the file: the JSON beside it is for people, and for --network of m3depth.train.
-    Raises FileNotFoundError if it is missing, ValueError that names the file if it is damaged, holds numbers of
-    another kind or that are not finite, or is of another network.
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: The file is damaged, belongs to another network, or holds numbers of another type or that are not
+            finite. The message names it.
     """
     check_file(path, "weights file")
     try:
@@ -53,17 +61,17 @@ def load_weights(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
     try:
         config = json.loads(metadata["m3depth_config"])
     except (KeyError, json.JSONDecodeError, RecursionError):
-        raise ValueError(f"{path}: holds no m3depth_config; these are not weights of M3Depth") from None
+        raise ValueError(f"{path}: holds no m3depth_config, so these are not weights of M3Depth") from None
     if not isinstance(config, dict):
         raise ValueError(f"{path}: m3depth_config is not a JSON object")
-    strange = sorted(name for name, tensor in tensors.items() if tensor.dtype not in DTYPES)
-    if strange:
-        kind = str(tensors[strange[0]].dtype).removeprefix("torch.")
-        raise ValueError(f"{path}: {strange[0]!r} is of {kind}; weights are float32, float16 or bfloat16")
-    spoilt = sorted(name for name, tensor in tensors.items() if not torch.isfinite(tensor).all())
-    if spoilt:
+    mistyped = sorted(name for name, tensor in tensors.items() if tensor.dtype not in DTYPES)
+    if mistyped:
+        kind = str(tensors[mistyped[0]].dtype).removeprefix("torch.")
+        raise ValueError(f"{path}: {mistyped[0]!r} is of {kind}; weights are float32, float16 or bfloat16")
+    not_finite = sorted(name for name, tensor in tensors.items() if not torch.isfinite(tensor).all())
+    if not_finite:
         raise ValueError(
-            f"{path}: {counted(len(spoilt), 'tensor')} of NaN or infinity, the first is {spoilt[0]!r}: damaged, or of "
-            "a training that diverged"
+            f"{path}: {counted(len(not_finite), 'tensor')} of NaN or infinity, the first is {not_finite[0]!r}; the "
+            "file is damaged, or its training diverged"
         )
     return config, tensors
