@@ -1,0 +1,134 @@
+"""Places in files: a SceneConfig as a JSON object.
+
+A file names only what differs from the preset that it starts from:
+
+    {"preset": "gale", "size": 40, "rocks": {"k": 0.12}, "look": {"sun_elevation_deg": [20, 25]}}
+
+Its fields are those of SceneConfig, by name, and nested as they are there. `save_place` writes a whole file to start
+from; what a dataset's sample.json holds as `scene_config` has the same form. The path of a heightmap is relative to
+the folder of the file.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, is_dataclass, replace
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+
+from marssim.base.files.json_file import read_json, write_json
+from marssim.scene.scene import PRESETS, SceneConfig, preset
+
+PLACE_VALUES = "{" + ",".join(PRESETS) + "}|FILE.json"  # how a flag that takes a place shows its values in the help
+
+Part = TypeVar("Part")
+
+
+def load_place(name: str | Path) -> SceneConfig:
+    """Return the place of that name: a preset, or the content of a JSON file.
+
+    Args:
+        name: One of PRESETS, or the path of a file as `save_place` writes it; a path that no preset is called.
+
+    Raises:
+        ValueError: There is neither; or the file is no JSON object, or has an unknown field or a value out of range.
+            One line that begins with `name`, and names the field, as `rocks.k`.
+    """
+    if str(name) in PRESETS:
+        return preset(str(name))
+    path = Path(name)
+    if path.suffix != ".json" and not path.exists():
+        near = difflib.get_close_matches(str(name), PRESETS, 1)
+        meant = f"; did you mean {near[0]}?" if near else ""
+        raise ValueError(f"{name}: no scene preset ({', '.join(PRESETS)}) and no JSON file of a place{meant}")
+    content = read_json(path)
+    try:
+        return _merged(_start(content), _with_heightmap(content, path.parent))
+    except ValueError as error:
+        raise ValueError(f"{path}: {str(error).replace('`', '')}") from None
+
+
+def save_place(place: SceneConfig, path: Path) -> None:
+    """Write a place with all its fields to a JSON file that `load_place` reads.
+
+    Args:
+        place: What to write, as `preset("gale")`.
+        path: The file, replaced if it is there. The path of a heightmap is written as an absolute one.
+    """
+    content = asdict(place)
+    if place.relief.heightmap is not None:
+        content["relief"]["heightmap"] = str(Path(place.relief.heightmap).absolute())
+    write_json(Path(path), content)
+
+
+def _start(content: dict[str, Any]) -> SceneConfig:
+    """The preset that a file starts from."""
+    name = content.get("preset", PRESETS[0])
+    if name not in PRESETS:
+        raise ValueError(f"preset {name!r} is unknown; {_nearest(str(name), PRESETS)}")
+    return preset(name)
+
+
+def _with_heightmap(content: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """The content of a file in that folder, with the heightmap's path as seen from the working directory."""
+    relief = content.get("relief")
+    if not isinstance(relief, dict) or not isinstance(relief.get("heightmap"), str):
+        return content
+    return {**content, "relief": {**relief, "heightmap": str(folder / relief["heightmap"])}}
+
+
+def _merged(config: Part, content: Any, where: str = "") -> Part:
+    """A config with those fields replaced that `content` has.
+
+    where: the config's dotted name, with a dot at its end. Raises ValueError that begins with a field's dotted name.
+    """
+    if not isinstance(content, dict):
+        raise ValueError(f"{where.rstrip('.')} must be a JSON object, got {content!r}")
+    hints = get_type_hints(type(config))
+    changes = {}
+    for name, value in content.items():
+        if name not in hints:
+            raise ValueError(f"unknown field {where}{name}; {_nearest(name, list(hints), where)}")
+        present = getattr(config, name)
+        if is_dataclass(present):
+            changes[name] = _merged(present, value, f"{where}{name}.")
+        else:
+            changes[name] = _value(value, hints[name], where + name)
+    try:
+        return replace(config, **changes)  # type: ignore[type-var]
+    except ValueError as error:
+        raise ValueError(f"{'' if str(error).startswith('`') else where}{error}") from None
+
+
+def _value(value: Any, hint: Any, where: str) -> Any:
+    """A JSON value as a field's type has it: float, str, None, or a tuple of floats."""
+    numbers = isinstance(value, list) and all(map(_is_number, value))
+    for option in get_args(hint) if isinstance(hint, UnionType) else (hint,):
+        if option is float and _is_number(value):
+            return float(value)
+        if numbers and get_origin(option) is tuple and len(value) == len(get_args(option)):
+            return tuple(map(float, value))
+        if option in (str, NoneType) and isinstance(value, option):
+            return value
+    raise ValueError(f"{where} must be {_kind(hint)}, got {value!r}")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _kind(hint: Any) -> str:
+    """What a field takes, in words."""
+    if isinstance(hint, UnionType):
+        return " or ".join(map(_kind, get_args(hint)))
+    if get_origin(hint) is tuple:
+        return f"a list of {len(get_args(hint))} numbers"
+    return {float: "a number", str: "a text", NoneType: "null"}[hint]
+
+
+def _nearest(name: str, names: Sequence[str], where: str = "") -> str:
+    near = difflib.get_close_matches(name, names, 1)
+    return f"did you mean {where}{near[0]}?" if near else f"choose from {', '.join(where + name for name in names)}"
