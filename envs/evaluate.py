@@ -30,8 +30,8 @@ from envs.drives.resume import check_folder, noted_settings
 from envs.drives.test_set_errors import errors_on_test_set
 from envs.mars_nav import ERROR_LIMITS, MarsNavEnv
 from envs.world.course import CourseConfig
-from envs.world.perception import load_perception
-from m3depth.estimator import Estimator, weights_digest
+from envs.world.perception import load_perception, perception_digest
+from m3depth.estimator import Estimator
 from marssim.base.command.notes import counted
 from marssim.base.command.progress import progress
 from marssim.base.command.run import run_command
@@ -202,7 +202,7 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
         _perception(name)  # a name that means nothing is told before anything is written or started
     for name in config.driver:
         make_driver(name)
-    test_errors = errors_on_test_set(config.scores, {name: weights_digest(name) for name in config.perception})
+    test_errors = errors_on_test_set(config.scores, {name: perception_digest(name) for name in config.perception})
     check_folder(config.out, SETTINGS)
     with sole_writer(config.out):
         return _evaluate(config, test_errors)

@@ -1,12 +1,14 @@
-"""One interface for everything that turns a stereo pair into depth.
+"""One interface for everything that turns a stereo pair into depth, and one reader of the names of methods.
 
-Importing this loads no torch; `load_estimator("m3depth")` does.
+Importing this module loads no torch; `load_estimator("m3depth")` does.
 """
 
 from __future__ import annotations
 
 import hashlib
-from dataclasses import replace
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -14,99 +16,222 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from m3depth.stereo.prediction import Prediction
+from m3depth.weights import SHIPPED_WEIGHTS
 from marssim.base.camera import StereoRig
 from marssim.base.command.input_file import check_file
 from marssim.base.results.code_state import source_file
 
+M3DEPTH = "m3depth"
+CLASSICAL = ("sgbm", "ssd", "sad", "ncc", "ssd-sgm", "sad-sgm", "ncc-sgm")  # OpenCV's and the paper's (App. C)
+FORMS = (M3DEPTH, "sgbm", "m3depth:WEIGHTS", "package.module:Class", *CLASSICAL[1:])  # every name that is understood
+CONFIDENCE_LIMITS = (-1e-3, 1 + 1e-3)  # that rounding may reach
+
 
 @runtime_checkable
 class Estimator(Protocol):
-    """What evaluation, prediction and the driving environment ask of a method.
+    """A stereo method, as evaluation, prediction and the driving environment use it.
 
-    A class attribute `normals_are_fitted`, True, says that its normals are planes fitted to its disparity: evaluation
+    A class attribute `normals_are_fitted`, True, says that its normals are planes fitted to its disparity. Evaluation
     then does not fit them a second time.
     """
 
     def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
-        """Maps of the left image. left, right: (H, W) or (H, W, 3) uint8, RGB, rectified; rig: of these images."""
+        """Return the maps of the left image of a rectified pair.
+
+        Args:
+            left: (H, W) or (H, W, 3) uint8, RGB.
+            right: The right image, of the same shape and type.
+            rig: The cameras of these images.
+        """
         ...
 
 
 class EstimatorError(ValueError):
-    """A method returned something else than what is asked for; one line that names its class."""
+    """A method returned something other than a Prediction of the images' size; the one-line message names its class."""
 
 
-CONFIDENCE_LIMITS = (-1e-3, 1 + 1e-3)  # that rounding may reach
-WINDOWS = ("ssd", "sad", "ncc", "ssd-sgm", "sad-sgm", "ncc-sgm")  # the paper's classical methods
-NAMES = ("m3depth", "sgbm", "m3depth:WEIGHTS", "package.module:Class", *WINDOWS)
+@dataclass(frozen=True)
+class EstimatorName:
+    """The name of a stereo method, as every command takes it.
+
+    Attributes:
+        name: "m3depth" (the shipped weights), "m3depth:PATH" (other weights), one of CLASSICAL, or
+            "package.module:Class" (a class without arguments that has infer).
+        given_label: What tables call the method instead of its default label; None for the default.
+    """
+
+    name: str
+    given_label: str | None = None
+
+    @classmethod
+    def parse(
+        cls, text: str, role: str = "estimator", others: Sequence[str] = (), labelled: bool = False
+    ) -> EstimatorName:
+        """Read a name.
+
+        Args:
+            text: The name; with `labelled` also LABEL=NAME.
+            role: What the caller calls it, for the message: a flag or an argument.
+            others: Names that the caller alone understands, for the message.
+            labelled: Whether a label may precede the name.
+
+        Raises:
+            ValueError: The name is of no known form.
+        """
+        before, equals, after = text.partition("=")
+        label, name = (before, after) if labelled and equals and ":" not in before else (None, text)
+        first, _, second = name.partition(":")
+        if label == "" or not (name in (M3DEPTH, *CLASSICAL) or (first and second)):
+            forms = ", ".join((*others, *FORMS))
+            put_before = "; LABEL= before it names it in tables" if labelled else ""
+            raise ValueError(f"{role} {text!r} is unknown; choose from {forms}{put_before}")
+        return cls(name, label)
+
+    @property
+    def weights(self) -> Path | None:
+        """The file of M3Depth's weights; None for other methods."""
+        first, _, path = self.name.partition(":")
+        return (Path(path) if path else SHIPPED_WEIGHTS) if first == M3DEPTH else None
+
+    @property
+    def file(self) -> Path | None:
+        """The file that the method is read from: M3Depth's weights or a class's module; None for classical methods."""
+        if self.weights is not None:
+            return self.weights
+        module, colon, _ = self.name.partition(":")
+        return source_file(module) if colon else None
+
+    def digest(self) -> str | None:
+        """Return the SHA-256 of `file`, but not of what a module imports; None without a file.
+
+        Raises:
+            OSError: The weights file is missing or cannot be read.
+        """
+        if self.weights is not None:
+            check_file(self.weights, "weights file")
+        return None if self.file is None else hashlib.sha256(self.file.read_bytes()).hexdigest()
+
+    def label(self, parts: int = 1) -> str:
+        """Return what tables call the method.
+
+        That is the given label, "M3Depth" for the shipped weights, "SGBM" and its like for classical methods, the name
+        of a class, and for other weights that of their file, or of the folder of their run.
+
+        Args:
+            parts: How many parts of the path the label of a weights file has, to tell files of one name apart.
+        """
+        if self.given_label is not None:
+            return self.given_label
+        if self.name in CLASSICAL:
+            return self.name.upper()
+        if self.weights is None:
+            return self.name.rpartition(":")[2]
+        path = self._label_path()
+        return "M3Depth" if path is None else "/".join(path[-parts:])
+
+    def longest_label(self) -> int:
+        """Return the number of parts from which `label` grows no longer."""
+        path = self._label_path()
+        return 1 if self.given_label is not None or path is None else len(path)
+
+    def _label_path(self) -> tuple[str, ...] | None:
+        """The path that a label of weights is the end of; None for methods without weights and for shipped ones."""
+        if self.weights is None or self.weights.resolve() == SHIPPED_WEIGHTS.resolve():
+            return None
+        path = self.weights.absolute()
+        return (path.parent if path.stem == "weights" and path.parent.name else path.with_suffix("")).parts[1:]
+
+
+def distinct_labels(names: Sequence[EstimatorName]) -> list[str]:
+    """Return the labels of several methods; weights files of one name get as much of their path as they need.
+
+    Labels that are given, and those of one method given twice, may still be alike.
+    """
+    parts = [1] * len(names)
+    while True:
+        labels = [name.label(count) for name, count in zip(names, parts, strict=True)]
+        times = Counter(labels)
+        longer = [
+            min(count + (times[label] > 1), name.longest_label())
+            for name, count, label in zip(names, parts, labels, strict=True)
+        ]
+        if longer == parts:
+            return labels
+        parts = longer
 
 
 def load_estimator(
     spec: str | Estimator, role: str = "estimator", others: tuple[str, ...] = (), device: str = "auto"
 ) -> Estimator:
-    """An estimator by name.
+    """Return the estimator of a name.
 
-    spec: "m3depth" (the weights that come with the package), "m3depth:PATH" (weights of one's own), "sgbm", one of
-    WINDOWS, "package.module:Class" (a class without arguments that has infer), or an object that has infer.
-    role, others: what the caller calls it, and names that only the caller knows, for the messages. device: what M3Depth
-    computes on: cpu, cuda, or auto, a GPU if there is one; the other methods know the CPU alone.
-    Raises ValueError, in one line, if the name means nothing, the class is no estimator or there is no GPU;
-    FileNotFoundError that names the file if weights are missing.
+    Args:
+        spec: A name as EstimatorName describes it, or an object that has infer, which comes back as it is.
+        role: What the caller calls it, for the messages.
+        others: Names that the caller alone understands, for the messages.
+        device: What M3Depth computes on: cpu, cuda, or auto for a GPU if there is one. Other methods use the CPU.
+
+    Raises:
+        ValueError: The name is unknown, the class is no estimator, or there is no GPU; in one line.
+        FileNotFoundError: The weights are missing; the message names the file.
     """
     if not isinstance(spec, str):
         if not isinstance(spec, Estimator) or isinstance(spec, type):
             raise ValueError(f"{role} {spec!r} has no method infer(left, right, rig)")
         return spec
-    name, _, rest = spec.partition(":")
-    if name == "m3depth":
-        return _load_m3depth(Path(rest) if rest else None, device)
-    if spec == "sgbm":
+    name = EstimatorName.parse(spec, role, others)
+    if name.weights is not None:
+        return _load_m3depth(name.weights, device)
+    if name.name == "sgbm":
         from m3depth.stereo.classical import SGBM
 
         return SGBM()
-    if spec in WINDOWS:
+    if name.name in CLASSICAL:
         from m3depth.stereo.classical import BlockMatching
 
-        cost, _, sgm = spec.partition("-")
+        cost, _, sgm = name.name.partition("-")
         return BlockMatching(cost, "sgm" if sgm else "wta")  # type: ignore[arg-type]
-    if name and rest:
-        return _load_class(role, name, rest)
-    raise ValueError(f"{role} {spec!r} is unknown; choose from {', '.join((*others, *NAMES))}")
+    return _load_class(role, *name.name.split(":", 1))
 
 
-def checked_prediction(estimator: Estimator, found: object, size: tuple[int, int]) -> Prediction:
-    """What `estimator.infer` returned for images of this height and width, as float32, if it is a whole Prediction.
+def checked_prediction(estimator: Estimator, result: object, size: tuple[int, int]) -> Prediction:
+    """Return what `estimator.infer` returned, as float32, if it is a whole Prediction.
 
-    Raises EstimatorError that names the class, what it returned and what is asked for.
+    Args:
+        estimator: The method, for the message.
+        result: What its infer returned.
+        size: Height and width of the images [px].
+
+    Raises:
+        EstimatorError: It is something else; the message names the class, what it returned and what is expected.
     """
-    named = f"{type(estimator).__name__}.infer"
-    if not isinstance(found, Prediction):
-        what = f"an array of shape {found.shape}" if isinstance(found, np.ndarray) else f"a {type(found).__name__}"
-        raise EstimatorError(f"{named} returned {what}: it must be a Prediction of m3depth.stereo.prediction")
+    caller = f"{type(estimator).__name__}.infer"
+    if not isinstance(result, Prediction):
+        kind = f"an array of shape {result.shape}" if isinstance(result, np.ndarray) else f"a {type(result).__name__}"
+        raise EstimatorError(f"{caller} returned {kind}: it must be a Prediction of m3depth.stereo.prediction")
     for name in ("depth", "disparity", "confidence", "normal"):
-        values = getattr(found, name)
+        values = getattr(result, name)
         if name == "normal" and values is None:
             continue
         shape = (*size, 3) if name == "normal" else size
         if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiub":
-            what = f"an array of {values.dtype}" if isinstance(values, np.ndarray) else f"a {type(values).__name__}"
-            raise EstimatorError(f"{named} returned {what} as {name}: it must be a float array of shape {shape}")
+            kind = f"an array of {values.dtype}" if isinstance(values, np.ndarray) else f"a {type(values).__name__}"
+            raise EstimatorError(f"{caller} returned {kind} as {name}: it must be a float array of shape {shape}")
         if values.shape != shape:
-            raise EstimatorError(f"{named} returned {name} of shape {values.shape}: it must be {shape} here")
+            raise EstimatorError(f"{caller} returned {name} of shape {values.shape}: it must be {shape} here")
     low, high = CONFIDENCE_LIMITS
-    if (found.depth < 0).any():
-        worst = f"{np.nanmin(found.depth):g} m"
-        raise EstimatorError(f"{named} returned a depth of {worst}: unknown is NaN, and sky is inf")
-    outside = found.confidence[(found.confidence < low) | (found.confidence > high)]
+    if (result.depth < 0).any():
+        lowest = f"{np.nanmin(result.depth):g} m"
+        raise EstimatorError(f"{caller} returned a depth of {lowest}: unknown is NaN, and sky is inf")
+    outside = result.confidence[(result.confidence < low) | (result.confidence > high)]
     if len(outside):
-        raise EstimatorError(f"{named} returned a confidence of {outside[0]:g}: it must lie in [0, 1]")
-    maps = {name: getattr(found, name) for name in ("depth", "disparity", "normal", "confidence")}
-    return replace(found, **{name: m.astype(np.float32, copy=False) for name, m in maps.items() if m is not None})
+        raise EstimatorError(f"{caller} returned a confidence of {outside[0]:g}: it must lie in [0, 1]")
+    maps = {name: getattr(result, name) for name in ("depth", "disparity", "normal", "confidence")}
+    return replace(result, **{name: m.astype(np.float32, copy=False) for name, m in maps.items() if m is not None})
 
 
-def _load_m3depth(weights: Path | None, device: str) -> Estimator:
-    if weights is not None:
-        check_file(weights, "weights file")  # before torch is imported
+def _load_m3depth(weights: Path, device: str) -> Estimator:
+    check_file(weights, "weights file")  # before torch is imported
     from m3depth.network.device import chosen_device
     from m3depth.network.model import M3Depth
 
@@ -114,36 +239,18 @@ def _load_m3depth(weights: Path | None, device: str) -> Estimator:
 
 
 def _load_class(role: str, module_name: str, class_name: str) -> Estimator:
-    named = f"{role} '{module_name}:{class_name}'"
+    where = f"{role} '{module_name}:{class_name}'"
     try:
         module = import_module(module_name)
     except ModuleNotFoundError as error:
-        raise ValueError(f"{named}: {error}") from None
+        raise ValueError(f"{where}: {error}") from None
     cls = getattr(module, class_name, None)
     if not isinstance(cls, type):
-        raise ValueError(f"{named}: module {module_name} has no class {class_name!r}")
+        raise ValueError(f"{where}: module {module_name} has no class {class_name!r}")
     try:
         estimator = cls()
     except TypeError as error:
-        raise ValueError(f"{named}: cannot be made without arguments ({error})") from None
+        raise ValueError(f"{where}: cannot be made without arguments ({error})") from None
     if not isinstance(estimator, Estimator):
-        raise ValueError(f"{named}: the class has no method infer(left, right, rig)")
+        raise ValueError(f"{where}: the class has no method infer(left, right, rig)")
     return estimator
-
-
-def state_of_estimator(spec: str) -> str | None:
-    """Of what load_estimator is given: SHA-256 of the file of m3depth:WEIGHTS, or of the one that a class of one's own
-    is read from, but not of what that imports; None where there is none."""
-    module, _, rest = spec.partition(":")
-    file = Path(rest) if module == "m3depth" else source_file(module)
-    return hashlib.sha256(file.read_bytes()).hexdigest() if file is not None and file.is_file() else None
-
-
-def weights_digest(perception: str) -> str | None:
-    """SHA-256 of the weights of a perception, None where it has none. Raises OSError for a file that is not there."""
-    name, _, path = perception.partition(":")
-    if name != "m3depth":
-        return None
-    from m3depth.network.model import SHIPPED_WEIGHTS
-
-    return hashlib.sha256((Path(path) if path else SHIPPED_WEIGHTS).read_bytes()).hexdigest()

@@ -29,7 +29,7 @@ import tyro
 
 from m3depth.datasets.config import DataConfig, Part, flag
 from m3depth.datasets.open import open_pairs
-from m3depth.estimator import WINDOWS, EstimatorError, load_estimator, state_of_estimator
+from m3depth.estimator import CLASSICAL, EstimatorError, EstimatorName, load_estimator
 from m3depth.evaluation.example import Example
 from m3depth.evaluation.inputs import state_of_files, state_of_pairs
 from m3depth.evaluation.recorded_maps import FORM, RecordedError, RecordedPredictions
@@ -157,7 +157,7 @@ def asked_for(options: EvaluateOptions, dataset: StereoPairs, weights: str | Non
         "--weights": weights,
         "--device": device,
         "--baselines": list(options.baselines),
-        "--estimator": [[text, state_of_estimator(_split_estimator(text)[1])] for text in options.estimator],
+        "--estimator": [[text, EstimatorName(_split_estimator(text)[1]).digest()] for text in options.estimator],
         "--predictions": [
             [text, state_of_files(maps.find(*pair) for pair in pairs)] for text, maps in recorded.items()
         ],
@@ -208,7 +208,7 @@ def prepare(options: EvaluateOptions) -> tuple[StereoPairs, dict[str, Method]]:
     check_own_results(options.out, "per_pair")
     own = "m3depth" if options.weights is None else f"m3depth:{options.weights}"
     methods: dict[str, Method] = {"M3Depth": load_estimator(own, device=options.device)}
-    names = ("sgbm", *WINDOWS) if "all" in options.baselines else options.baselines
+    names = CLASSICAL if "all" in options.baselines else options.baselines
     methods |= {name.upper(): load_estimator(name) for name in names if name != "none"}
     for text in options.estimator:
         name, spec = _split_estimator(text)

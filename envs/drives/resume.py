@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from m3depth.estimator import weights_digest
+from m3depth.estimator import EstimatorName
 from marssim.base.files.json_file import DatasetError, read_json, write_json
-from marssim.base.results.code_state import source_file
 from marssim.base.results.lock import LOCK
 from marssim.base.results.out_folder import check_out
 
@@ -40,7 +39,8 @@ def noted_settings(file: Path, settings: dict[str, Any], names: Sequence[str]) -
             raise DatasetError(f"{file}: the folder's episodes were driven with {changed}; choose another --out")
         for name in sorted(digests.keys() & known.keys()):
             if digests[name] != known[name]:
-                what = "weights" if _read_from(name) is None or name.endswith(".zip") else "code"
+                file_read = _read_from(name)
+                what = "code" if file_read is not None and file_read.suffix == ".py" else "weights"
                 raise DatasetError(f"{file}: {name} drove with other {what} then; choose another --out")
     write_json(file, {**settings, "weights": {**known, **digests}})
     return digests
@@ -54,17 +54,10 @@ def _changed(before: dict[str, Any], now: dict[str, Any]) -> str:
 
 
 def _digest(name: str) -> str | None:
-    if digest := weights_digest(name):
-        return digest
     file = _read_from(name)
     return hashlib.sha256(file.read_bytes()).hexdigest() if file is not None else None
 
 
 def _read_from(name: str) -> Path | None:
-    """The file of a policy, or of a class by its path; None for m3depth and for names without one."""
-    if name.endswith(".zip"):
-        return Path(name)
-    module, colon, _ = name.partition(":")
-    if not colon or module == "m3depth":
-        return None
-    return source_file(module)
+    """The file of weights, of a policy, or of a class by its path; None for names without one."""
+    return Path(name) if name.endswith(".zip") else EstimatorName(name).file

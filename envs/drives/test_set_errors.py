@@ -1,40 +1,61 @@
-"""The test set's depth errors, to hold those on the way against: read from what m3depth.evaluate wrote."""
+"""The test set's depth errors, which the drives' own are compared with: read from the results of m3depth.evaluate."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from marssim.base.files.json_file import DatasetError, read_json
 
-METHODS = {"m3depth": "M3Depth", "sgbm": "SGBM"}  # perceptions, and what m3depth.evaluate calls them
+# Estimators by their columns in results that do not list them: those of release 0.1.0 score one network.
+COLUMNS = {"M3Depth": "m3depth", "SGBM": "sgbm"}
 
 
 def errors_on_test_set(files: Sequence[Path], perceptions: Mapping[str, str | None]) -> dict[str, float]:
-    """Abs Rel (mean over images, all pixels) of each perception that one of the files has scored.
+    """Return the Abs Rel (mean over images, all pixels) of each perception that one of the files has scored.
 
-    files: results.json of m3depth.evaluate; the pairs of all that score the same count alike. perceptions: names as
-    envs.evaluate takes them, and the digests of their weights; a network's score counts only under the same weights.
-    Raises DatasetError for a file that is no such results, or that scores none of the perceptions.
+    Args:
+        files: results.json of m3depth.evaluate. The pairs of all that score the same perception count alike.
+        perceptions: Names as envs.evaluate takes them, each with the SHA-256 of the file that it is read from (None
+            without one). A score counts only if it is of the same file.
+
+    Raises:
+        DatasetError: A file holds no such results, or scores none of the perceptions.
     """
-    found: dict[str, list[tuple[float, int]]] = {}  # Abs Rel, pairs
+    scores: dict[str, list[tuple[float, int]]] = {}  # Abs Rel, pairs
     for file in files:
         content = read_json(file)
         try:
-            scores = {
-                method: float(result["depth"]["all"]["per_image"]["abs_rel"])
-                for method, result in content["methods"].items()
-            }
-            weights, pairs = content["weights_sha256"], int(content["pairs"])
+            pairs = int(content["pairs"])
+            columns = _scored(content)
         except (KeyError, TypeError, AttributeError, ValueError):
             raise DatasetError(f"{file}: is no results.json of m3depth.evaluate") from None
         own = {
-            perception: scores[method]
+            perception: columns[key]
             for perception, digest in perceptions.items()
-            if (method := METHODS.get(perception.partition(":")[0])) in scores and digest in (None, weights)
+            if (key := digest or perception) in columns
         }
         if not own:
             raise DatasetError(f"{file}: scores none of {', '.join(perceptions)} (with the same weights)")
         for perception, error in own.items():
-            found.setdefault(perception, []).append((error, pairs))
-    return {name: sum(e * n for e, n in parts) / sum(n for _, n in parts) for name, parts in found.items()}
+            scores.setdefault(perception, []).append((error, pairs))
+    return {name: sum(e * n for e, n in parts) / sum(n for _, n in parts) for name, parts in scores.items()}
+
+
+def _scored(content: Mapping[str, Any]) -> dict[str, float]:
+    """The Abs Rel of every estimator, by the digest of its file or, without one, by its name."""
+    estimators = content.get("estimators")
+    if estimators is None:
+        weights = content["weights_sha256"]
+        estimators = {
+            column: {"name": name, "sha256": weights if name == "m3depth" else None} for column, name in COLUMNS.items()
+        }
+    errors = {
+        method: float(result["depth"]["all"]["per_image"]["abs_rel"]) for method, result in content["methods"].items()
+    }
+    return {
+        str(estimator["sha256"] or estimator["name"]): errors[column]
+        for column, estimator in estimators.items()
+        if column in errors
+    }

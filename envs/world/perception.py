@@ -8,7 +8,7 @@ from time import perf_counter
 import numpy as np
 
 from envs.world.user_code import errors_of
-from m3depth.estimator import Estimator, checked_prediction, load_estimator
+from m3depth.estimator import Estimator, EstimatorName, checked_prediction, load_estimator
 from marssim.base.camera import NATECAM, StereoRig
 from marssim.base.dataset.frame import StereoFrame
 from marssim.render.geometry.gbuffer import GBufferMaker
@@ -18,6 +18,7 @@ from marssim.render.stereo import render_stereo
 from marssim.render.surfaces.shading import Shader
 from marssim.scene.scene import Scene
 
+GROUND_TRUTH = "ground_truth"  # the name of the perception that reads the true depth
 GROUND_TRUTH_PIXELS = 128  # true depth needs no images: this many rays a side are enough to drive by
 
 
@@ -49,9 +50,18 @@ def load_perception(perception: str | Estimator) -> Estimator | None:
     perception: as MarsNavEnv takes it. Raises ValueError that lists the names there are, FileNotFoundError that names
     the file if weights are missing.
     """
-    if isinstance(perception, str) and perception == "ground_truth":
+    if isinstance(perception, str) and perception == GROUND_TRUTH:
         return None
-    return load_estimator(perception, "`perception`", ("ground_truth",))
+    return load_estimator(perception, "`perception`", (GROUND_TRUTH,))
+
+
+def perception_digest(perception: str) -> str | None:
+    """Return the SHA-256 of the file that a perception is read from; None where it is part of the packages' code.
+
+    Raises:
+        OSError: The weights file is missing or cannot be read.
+    """
+    return None if perception == GROUND_TRUTH else EstimatorName.parse(perception).digest()
 
 
 class Perception:

@@ -1,5 +1,6 @@
 """Estimators by name, and what is said about names that mean nothing."""
 
+import hashlib
 import subprocess
 import sys
 
@@ -7,10 +8,18 @@ import cv2
 import numpy as np
 import pytest
 
-from m3depth.estimator import Estimator, EstimatorError, checked_prediction, load_estimator
+from m3depth.estimator import (
+    Estimator,
+    EstimatorError,
+    EstimatorName,
+    checked_prediction,
+    distinct_labels,
+    load_estimator,
+)
 from m3depth.predict import main as predict_command
 from m3depth.stereo.classical import SGBM, BlockMatching
 from m3depth.stereo.prediction import Prediction
+from m3depth.weights import SHIPPED_WEIGHTS
 
 
 class NoEstimator:
@@ -61,6 +70,49 @@ def test_the_network_goes_where_it_is_asked_to(monkeypatch, device):
 def test_missing_weights_are_named():
     with pytest.raises(FileNotFoundError, match=r"nowhere/w\.safetensors"):
         load_estimator("m3depth:nowhere/w.safetensors")
+
+
+def test_tables_name_methods_by_their_labels():
+    names = {
+        "m3depth": "M3Depth",
+        f"m3depth:{SHIPPED_WEIGHTS}": "M3Depth",
+        "sgbm": "SGBM",
+        "ssd-sgm": "SSD-SGM",
+        "m3depth.stereo.classical:SGBM": "SGBM",
+        "m3depth:runs/nine/weights.safetensors": "nine",
+        "m3depth:runs/lr=1e-4/best.safetensors": "best",
+        "Mine=m3depth:runs/nine/weights.safetensors": "Mine",
+    }
+    assert {text: EstimatorName.parse(text, labelled=True).label() for text in names} == names
+
+
+def test_weights_of_one_name_get_labels_that_differ():
+    paths = ["runs/a/weights.safetensors", "old/a/weights.safetensors", "runs/b/weights.safetensors", "m3/SGBM.st"]
+    names = [EstimatorName(f"m3depth:{path}") for path in paths]
+    assert distinct_labels(names) == ["runs/a", "old/a", "b", "SGBM"]
+    assert distinct_labels([*names, EstimatorName("sgbm")])[3:] == ["m3/SGBM", "SGBM"]
+    assert len(set(distinct_labels([names[0], names[0]]))) == 1
+
+
+@pytest.mark.parametrize("text", ["=sgbm", "Mine=raft", "Mine", "Mine=:Class", "m3depth.stereo:"])
+def test_what_names_no_method_is_refused(text):
+    with pytest.raises(ValueError, match=f"--estimator '{text}' is unknown; choose from m3depth, .*LABEL= before it"):
+        EstimatorName.parse(text, "--estimator", labelled=True)
+
+
+def test_a_digest_is_that_of_the_file_a_method_is_read_from(tmp_path, monkeypatch):
+    def digest(file):
+        return hashlib.sha256(file.read_bytes()).hexdigest()
+
+    (tmp_path / "w.safetensors").write_bytes(b"weights")
+    (tmp_path / "stereo_of_mine.py").write_text("class Mine: ...")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert EstimatorName("m3depth").digest() == digest(SHIPPED_WEIGHTS)
+    assert EstimatorName(f"m3depth:{tmp_path / 'w.safetensors'}").digest() == digest(tmp_path / "w.safetensors")
+    assert EstimatorName("stereo_of_mine:Mine").digest() == digest(tmp_path / "stereo_of_mine.py")
+    assert EstimatorName("sgbm").digest() is None
+    with pytest.raises(FileNotFoundError, match="no such weights file"):
+        EstimatorName("m3depth:nowhere.safetensors").digest()
 
 
 def test_import_and_baselines_load_no_torch_and_no_other_floor():

@@ -4,7 +4,7 @@ import json
 import pytest
 
 from envs.drives.test_set_errors import errors_on_test_set
-from m3depth.estimator import weights_digest
+from envs.world.perception import perception_digest
 from marssim.base.files.json_file import DatasetError
 
 
@@ -56,5 +56,20 @@ def test_other_files_are_named(tmp_path, content):
 def test_the_digest_is_the_files(tmp_path):
     file = tmp_path / "w.safetensors"
     file.write_bytes(b"weights")
-    assert weights_digest(f"m3depth:{file}") == hashlib.sha256(b"weights").hexdigest()
-    assert weights_digest("sgbm") is None and weights_digest("some.module:Class") is None
+    assert perception_digest(f"m3depth:{file}") == hashlib.sha256(b"weights").hexdigest()
+    assert perception_digest("sgbm") is None and perception_digest("ground_truth") is None
+
+
+def test_one_file_scores_several_weights_and_classes(tmp_path):
+    file = results(tmp_path / "r.json", "abc", M3Depth=0.1, mine=0.2, Blocks=0.4, SGBM=0.3)
+    estimators = {
+        "M3Depth": {"name": "m3depth", "sha256": "abc"},
+        "mine": {"name": "m3depth:mine.safetensors", "sha256": "def"},
+        "SGBM": {"name": "sgbm", "sha256": None},
+        "Blocks": {"name": "my_stereo:Blocks", "sha256": "123"},
+    }
+    file.write_text(json.dumps({**json.loads(file.read_text()), "estimators": estimators}))
+    asked = {"m3depth": "abc", "m3depth:moved.safetensors": "def", "sgbm": None, "my_stereo:Blocks": "123"}
+    assert errors_on_test_set([file], asked) == dict(zip(asked, (0.1, 0.2, 0.3, 0.4), strict=True))
+    changed = {"my_stereo:Blocks": "456", "m3depth": "abc"}
+    assert errors_on_test_set([file], changed) == {"m3depth": 0.1}
