@@ -1,1 +1,13 @@
-"""Stereo pairs, predictions and classical matching."""
+"""Stereo pairs, predictions and classical matching, in NumPy and OpenCV.
+
+    pairs.py          checks of a rectified pair, and the protocol of a sequence of samples
+    prediction.py     Prediction: what every estimator returns
+    classical.py      the classical methods: SGBM and BlockMatching
+    window_costs.py   matching costs of windows and semi-global matching, compiled, for BlockMatching
+    plane_normals.py  normals of planes that are fitted to a disparity map
+    degradation.py    dust, bad focus, low light and a maladjusted rig, applied to a pair
+
+To add a classical method, write a class with `infer(left, right, rig) -> Prediction` in classical.py;
+`prediction_from_matches` fills holes and derives depth, normals and confidence. Commands take it at once as
+`--estimator m3depth.stereo.classical:MyMatcher`; a short name is a case of `load_estimator` in m3depth/estimator.py.
+"""

@@ -1,7 +1,7 @@
-"""Classical stereo on the CPU: the baselines that a learned network has to beat.
+"""Classical stereo on the CPU: the baselines of a learned network.
 
-Every matcher is an estimator: `infer(left, right, rig) -> Prediction`. Disparities that no match was found for are
-filled along the row (confidence 0), as KITTI's development kit does before it scores a method densely.
+Every matcher is an estimator: `infer(left, right, rig) -> Prediction`. Pixels without a match are filled along the row
+(with confidence 0), as KITTI's development kit does before it scores a method densely.
 """
 
 from __future__ import annotations
@@ -19,9 +19,10 @@ from m3depth.stereo.prediction import Prediction
 from m3depth.stereo.window_costs import Cost, semi_global, window_costs, winners
 from marssim.base.camera import StereoRig
 
-WTA_BLOCK, SGM_BLOCK = 9, 5  # [px]
-TEXTURE_WINDOW = 9  # [px]
-PENALTIES: dict[str, tuple[int, int]] = {"sad": (200, 1600), "ssd": (60, 300), "ncc": (400, 3000)}  # of SGM
+WTA_BLOCK, SGM_BLOCK = 9, 5  # default side of BlockMatching's window [px]
+TEXTURE_WINDOW = 9  # side of the window in which texture is measured [px]
+# Penalties of semi-global matching for a disparity change by 1 px and by more, in units of the costs.
+PENALTIES: dict[str, tuple[int, int]] = {"sad": (200, 1600), "ssd": (60, 300), "ncc": (400, 3000)}
 
 
 def _check_search(disparities: int | None, block: int) -> None:
@@ -36,20 +37,29 @@ def _check_search(disparities: int | None, block: int) -> None:
 class SGBM:
     """OpenCV's semi-global block matching (Hirschmueller 2008), with its holes filled.
 
-    disparities: width of the search [px], a multiple of 16; None: what reaches to 0.84 m with the given rig.
-    block: side of the matched window [px], odd. uniqueness [%]: margin by which the best cost has to win. speckle [px]:
-    smaller islands of disparity count as unmatched; one in the strip that the right eye does not see would otherwise
-    be smeared along the row by the filling. texture [grey levels / px]: what has less of it along the row counts as
-    unmatched; in a clear sky islands of more than speckle px of the detector's noise match at the shortest range, which
-    a rover would take for walls.
+    Raises:
+        ValueError: A setting that cannot work; the message names it.
     """
 
     disparities: int | None = None
+    """Width of the search [px], a multiple of 16; None reaches to 0.84 m with the given rig."""
     block: int = 3
+    """Side of the matched window [px], odd."""
     uniqueness: int = 10
+    """Margin by which the best cost has to win [%]."""
     speckle: int = 400
+    """Islands of disparity with fewer pixels count as unmatched.
+
+    Otherwise, filling would smear an island in the strip that only the left camera sees along its whole row.
+    """
     texture: float = 0.35
+    """Pixels with less texture along the row count as unmatched [grey levels / px].
+
+    In a clear sky, islands of noise larger than `speckle` match at the shortest range; a rover would take them for
+    walls.
+    """
     normals_are_fitted: ClassVar[bool] = True
+    """Its normals are planes fitted to its disparity; see Estimator."""
 
     def __post_init__(self) -> None:
         _check_search(self.disparities, self.block)
@@ -57,17 +67,22 @@ class SGBM:
             raise ValueError(f"texture must be 0 or more grey levels / px, got {self.texture}")
 
     def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
-        """Depth, disparity, normals (fitted to the disparity) and confidence: 1 where matched, 0 where filled.
+        """Estimate depth, disparity, normals (fitted to the disparity) and confidence (1 matched, 0 filled).
 
-        left, right: (H, W) or (H, W, 3) uint8, RGB, rectified. Raises ValueError for wrong types or sizes.
+        Args:
+            left, right: (H, W) or (H, W, 3) uint8, RGB, rectified.
+            rig: The cameras of these images.
+
+        Raises:
+            ValueError: Images of a wrong type or size.
         """
         return prediction_from_matches(self.match(left, right, rig), rig)
 
     def match(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> np.ndarray:
-        """(H, W) float32 disparity [px], NaN where nothing matches. Images and errors as in infer."""
+        """Match without filling: (H, W) float32 disparity [px], NaN where nothing matches. Arguments as in infer."""
         left, right = grey_pair(left, right, rig)
         reach = self.disparities or search_range(rig)
-        # Without the padding OpenCV leaves the first `reach` columns empty. What matches inside it is no match.
+        # Without padding OpenCV leaves the first `reach` columns empty. A match inside the padding is discarded below.
         padded = [cv2.copyMakeBorder(image, 0, 0, reach, 0, cv2.BORDER_REPLICATE) for image in (left, right)]
         matcher = cv2.StereoSGBM.create(
             minDisparity=0,
@@ -84,7 +99,7 @@ class SGBM:
         )
         disparity = matcher.compute(*padded)[:, reach:].astype(np.float32) / 16
         columns = np.arange(disparity.shape[1], dtype=np.float32)
-        # Where there is no texture, and along the right border, ties end at 0 px: that is no match either.
+        # Without texture, and along the right border, ties end at 0 px, which is not a match either.
         disparity[(disparity < 0.5) | (disparity > columns + 0.5)] = np.nan
         disparity[_row_texture(left) < self.texture] = np.nan
         return _without_speckles(disparity, self.speckle)
@@ -92,20 +107,28 @@ class SGBM:
 
 @dataclass(frozen=True)
 class BlockMatching:
-    """Windows compared by absolute (sad) or squared (ssd) differences or by normalised cross-correlation (ncc).
+    """Matching of windows: the six classical methods of the paper (App. C).
 
-    aggregation: wta, the best cost takes it all; sgm, semi-global matching along eight paths (Hirschmueller 2008).
-    Sub-pixel by a parabola; both eyes have to agree within 1 px; what does not is filled. block: side of the window
-    [px], odd; None: 9, or 5 for sgm. disparities: width of the search [px], a multiple of 16; None: what reaches to
-    0.84 m with the given rig. speckle: as SGBM's. These are the six classical methods of the paper (App. C).
+    Disparities are refined to sub-pixels by a parabola. The matches of both images have to agree within 1 px; pixels
+    where they do not are filled.
+
+    Raises:
+        ValueError: A setting that cannot work; the message names it.
     """
 
     cost: Cost = "sad"
+    """How windows are compared: by absolute (sad) or squared (ssd) differences or normalised cross-correlation (ncc).
+    """
     aggregation: Literal["wta", "sgm"] = "wta"
+    """wta takes the best cost; sgm is semi-global matching along eight paths (Hirschmueller 2008)."""
     block: int | None = None
+    """Side of the window [px], odd; None is 9, or 5 with sgm."""
     disparities: int | None = None
+    """Width of the search [px], a multiple of 16; None reaches to 0.84 m with the given rig."""
     speckle: int = 400
+    """Islands of disparity with fewer pixels count as unmatched."""
     normals_are_fitted: ClassVar[bool] = True
+    """Its normals are planes fitted to its disparity; see Estimator."""
 
     def __post_init__(self) -> None:
         if self.cost not in PENALTIES:
@@ -115,11 +138,11 @@ class BlockMatching:
         _check_search(self.disparities, WTA_BLOCK if self.block is None else self.block)
 
     def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
-        """As SGBM.infer."""
+        """Estimate as SGBM.infer does."""
         return prediction_from_matches(self.match(left, right, rig), rig)
 
     def match(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> np.ndarray:
-        """As SGBM.match."""
+        """Match without filling, as SGBM.match does."""
         grey = grey_pair(left, right, rig)
         reach = min(self.disparities or search_range(rig), rig.camera.width)
         sgm = self.aggregation == "sgm"
@@ -128,15 +151,22 @@ class BlockMatching:
 
 
 def _row_texture(grey: np.ndarray) -> np.ndarray:
-    """(H, W) float32, mean length of the gradient along the row [grey levels / px] over TEXTURE_WINDOW."""
+    """Return the mean gradient along the row over TEXTURE_WINDOW: (H, W) float32 [grey levels / px]."""
     across = cv2.Sobel(grey, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8)
     return cv2.boxFilter(np.abs(across), -1, (TEXTURE_WINDOW, TEXTURE_WINDOW))
 
 
 def _without_speckles(disparity: np.ndarray, size: int) -> np.ndarray:
-    """Islands of at most `size` px, 2 px from their surroundings, and what is nearer to 0 than half a pixel, unmatched.
+    """Mark small islands and near-zero disparities as unmatched.
 
-    disparity: (H, W) float32, NaN where unmatched. Returns the same.
+    An island has at most `size` pixels and differs by over 2 px from its surroundings; near zero is below half a pixel.
+
+    Args:
+        disparity: (H, W) float32 [px], NaN where unmatched.
+        size: Pixels of the largest island that is removed.
+
+    Returns:
+        (H, W) float32 [px], NaN where unmatched.
     """
     fixed = np.where(disparity >= 0.5, np.round(disparity * 16), 0).astype(np.int16)
     cv2.filterSpeckles(fixed, 0, size, 2 * 16)
@@ -144,23 +174,29 @@ def _without_speckles(disparity: np.ndarray, size: int) -> np.ndarray:
 
 
 def search_range(rig: StereoRig) -> int:
-    """Disparities [px] that reach to 0.84 m, or over the image's whole width if that is less.
+    """Return the disparities [px] that reach to 0.84 m, or over the whole image width if that is less.
 
-    Rounded up to a multiple of 16, as OpenCV asks for: up to 15 px more than the image is wide.
+    The number is rounded up to a multiple of 16, as OpenCV requires, so it may exceed the width by up to 15 px.
     """
     return max(16, 16 * math.ceil(min(rig.fb / NEAREST, rig.camera.width) / 16))
 
 
 def grey_pair(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> tuple[np.ndarray, np.ndarray]:
-    """Both images as (H, W) uint8. Raises ValueError as checked_pair does."""
+    """Return both images as (H, W) uint8. Raises ValueError as checked_pair does."""
     a, b = map(in_grey, checked_pair(left, right, rig))
     return a, b
 
 
 def prediction_from_matches(disparity: np.ndarray, rig: StereoRig) -> Prediction:
-    """Fill what has no match, and derive depth, normals and confidence.
+    """Fill holes, and derive depth, normals and confidence.
 
-    disparity: (H, W) float32 [px], NaN where there is no match. Depth and normals are NaN if the whole image has none.
+    Args:
+        disparity: (H, W) float32 [px], NaN where there is no match.
+        rig: The cameras of the images.
+
+    Returns:
+        A Prediction whose confidence is 1 where matched and 0 where filled. Depth and normals are NaN if the whole
+        image has no match.
     """
     filled = fill_background(disparity)
     depth = np.where(np.isnan(filled), np.float32(np.nan), rig.disparity_to_depth(filled))
@@ -169,21 +205,27 @@ def prediction_from_matches(disparity: np.ndarray, rig: StereoRig) -> Prediction
 
 
 def fill_background(disparity: np.ndarray) -> np.ndarray:
-    """Fill holes with the smaller of their two neighbours along the row: what is hidden belongs to the background.
+    """Fill holes with the smaller of their two neighbours along the row: hidden pixels belong to the background.
 
-    disparity: (H, W) float [px], NaN in holes. A hole at the border takes its one neighbour; a row without any value
-    takes the smaller of the nearest rows' values, column by column. All NaN stays NaN. (KITTI development kit,
-    interpolateBackground.)
+    A hole at the border takes its one neighbour. A row without any value takes the smaller of the nearest rows' values,
+    column by column. An image without any value stays NaN. (KITTI development kit, interpolateBackground.)
+
+    Args:
+        disparity: (H, W) float [px], NaN in holes.
+
+    Returns:
+        (H, W) of the same type.
     """
     rows = _fill_along_rows(disparity)
     return _fill_along_rows(rows.T).T.copy()
 
 
 def _fill_along_rows(values: np.ndarray) -> np.ndarray:
-    known = np.isfinite(values)
+    valid = np.isfinite(values)
     width = values.shape[1]
     columns = np.arange(width)
-    before = np.maximum.accumulate(np.where(known, columns, -1), axis=1)
-    after = np.minimum.accumulate(np.where(known, columns, width)[:, ::-1], axis=1)[:, ::-1]
-    padded = np.concatenate([values, np.full((len(values), 1), np.nan, values.dtype)], axis=1)  # -1 and width: NaN
+    before = np.maximum.accumulate(np.where(valid, columns, -1), axis=1)
+    after = np.minimum.accumulate(np.where(valid, columns, width)[:, ::-1], axis=1)[:, ::-1]
+    gap = np.full((len(values), 1), np.nan, values.dtype)
+    padded = np.concatenate([values, gap], axis=1)  # the indices -1 and width read the gap
     return np.fmin(np.take_along_axis(padded, before, axis=1), np.take_along_axis(padded, after, axis=1))

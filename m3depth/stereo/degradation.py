@@ -1,4 +1,4 @@
-"""Images made worse on purpose: what dust, bad focus, low light and a rig out of adjustment do to a pair."""
+"""Degraded images: the effects of dust, bad focus, low light and a maladjusted rig on a pair."""
 
 from __future__ import annotations
 
@@ -7,23 +7,27 @@ from dataclasses import asdict, dataclass, fields
 import cv2
 import numpy as np
 
-MAX_VERTICAL = 16.0  # [px]
+MAX_VERTICAL = 16.0  # largest vertical offset of the right image [px]
 
 
 @dataclass(frozen=True)
 class Degradation:
-    """Applied in this order, the first two to the right eye alone, the others to both alike, noise drawn for each.
+    """Changes that are applied in this order: the first two to the right image alone, the others to both.
 
-    vertical: rows that the right image lies too low [px], interpolated by Lanczos; gain: its brightness by that of the
-    left one; contrast: factor about the image's mean; blur: standard deviation [px]; noise: standard deviation [grey
-    levels].
+    Raises:
+        ValueError: A value out of range; the message names the field.
     """
 
     vertical: float = 0.0
+    """Rows by which the right image is too low [px], interpolated by Lanczos."""
     gain: float = 1.0
+    """Brightness of the right image relative to the left one."""
     contrast: float = 1.0
+    """Factor on the differences to the image's mean."""
     blur: float = 0.0
+    """Standard deviation of a Gaussian blur [px]."""
     noise: float = 0.0
+    """Standard deviation of the noise [grey levels], drawn for each image."""
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
@@ -34,13 +38,17 @@ class Degradation:
 
     @classmethod
     def parse(cls, text: str) -> Degradation:
-        """Read "contrast=.33,blur=1,noise=2.5"; what is left out stays. Raises ValueError that names a field."""
-        known = {field.name for field in fields(cls)}
+        """Read text like "contrast=.33,blur=1,noise=2.5"; fields that it lacks keep their default.
+
+        Raises:
+            ValueError: A field is unknown or its value is not a number; the message names it.
+        """
+        names = {field.name for field in fields(cls)}
         values: dict[str, float] = {}
         for part in filter(None, (p.strip() for p in text.split(","))):
             name, _, value = part.partition("=")
-            if name not in known:
-                raise ValueError(f"`degrade`: unknown field {name!r}; known are {', '.join(sorted(known))}")
+            if name not in names:
+                raise ValueError(f"`degrade`: unknown field {name!r}; choose from {', '.join(sorted(names))}")
             try:
                 values[name] = float(value)
             except ValueError:
@@ -48,15 +56,24 @@ class Degradation:
         return cls(**values)
 
     def apply(self, left: np.ndarray, right: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        """The eyes, (H, W) or (H, W, 3) uint8, in, the same out."""
-        askew: np.ndarray = right.astype(np.float32)
+        """Degrade a pair.
+
+        Args:
+            left, right: (H, W) or (H, W, 3) uint8.
+            rng: Draws the noise.
+
+        Returns:
+            Both images, of the same shapes, uint8.
+        """
+        shifted: np.ndarray = right.astype(np.float32)
         if self.vertical:
             move = np.array([[1, 0, 0], [0, 1, self.vertical]])
             size = (right.shape[1], right.shape[0])
-            askew = cv2.warpAffine(askew, move, size, flags=cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REFLECT_101)
-        return self._blurred(left.astype(np.float32), rng), self._blurred(np.float32(self.gain) * askew, rng)
+            shifted = cv2.warpAffine(shifted, move, size, flags=cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REFLECT_101)
+        return self._worsened(left.astype(np.float32), rng), self._worsened(np.float32(self.gain) * shifted, rng)
 
-    def _blurred(self, out: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    def _worsened(self, out: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Apply contrast, blur and noise to one image, float32, and round it to uint8."""
         if self.contrast != 1:
             mean = out.mean()
             out = mean + np.float32(self.contrast) * (out - mean)

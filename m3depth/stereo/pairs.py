@@ -1,4 +1,4 @@
-"""Rectified stereo pairs: what every method checks of one, how near they are matched, and sequences of them."""
+"""Rectified stereo pairs: their checks, the range of matching, and sequences of them."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 
 from marssim.base.camera import MAX_DEPTH, MIN_DEPTH, StereoRig
 
-NEAREST = 0.84  # [m] every method looks for matches as near as this: 192 px for NaTeCam
-MAX_DISPARITY = 192.0  # [px] nearer pixels are neither trained nor scored with the others
+NEAREST = 0.84  # [m] shortest depth at which every method searches for matches; 192 px for NaTeCam
+MAX_DISPARITY = 192.0  # [px] pixels of larger disparity are not trained, and are scored apart
 
 
 class StereoPairs(Protocol):
-    """A sequence of samples with ground truth and the fields of marssim.base.dataset.dataset's."""
+    """A sequence of samples with ground truth, with the fields of StereoSample (marssim.base.dataset.sample)."""
 
     def __len__(self) -> int: ...
 
@@ -22,29 +22,30 @@ class StereoPairs(Protocol):
 
 
 def scored_depths(pairs: StereoPairs) -> tuple[float, float]:
-    """Nearest and farthest depth [m] that their `valid` masks hold, where they say so: else the paper's 0.5 to 15 m."""
+    """Return the nearest and farthest depth [m] in the `valid` masks of pairs; by default the paper's 0.5 to 15 m."""
     return getattr(pairs, "depth_range", (MIN_DEPTH, MAX_DEPTH))
 
 
 def spread(count: int, wanted: int) -> list[int]:
-    """At most `wanted` of range(count), evenly spread from the first to the last."""
+    """Return at most `wanted` of range(count), evenly spread from the first to the last."""
     return np.unique(np.linspace(0, count - 1, min(wanted, count)).round().astype(int)).tolist()
 
 
 def in_colour(image: np.ndarray) -> np.ndarray:
-    """(H, W, 3) of an image (H, W) or (H, W, 3): grey becomes three equal channels."""
+    """Return an image (H, W) or (H, W, 3) as (H, W, 3); grey becomes three equal channels."""
     return image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
 
 
 def in_grey(image: np.ndarray) -> np.ndarray:
-    """(H, W) of an image (H, W) or RGB (H, W, 3), uint8 or float32."""
+    """Return an image (H, W) or RGB (H, W, 3), uint8 or float32, as (H, W)."""
     return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image
 
 
 def checked_pair(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> tuple[np.ndarray, np.ndarray]:
-    """Both images as (H, W) or (H, W, 3) uint8; a single channel is squeezed.
+    """Return both images as (H, W) or (H, W, 3) uint8; a single channel is squeezed.
 
-    Raises ValueError that names the image whose type or shape is wrong, or whose size is not the rig's.
+    Raises:
+        ValueError: An image has a wrong type or shape, or not the rig's size; the message names it.
     """
     checked = []
     for name, image in (("left", left), ("right", right)):

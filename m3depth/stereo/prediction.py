@@ -1,4 +1,4 @@
-"""What an estimator makes of a stereo pair."""
+"""The maps that an estimator returns for a stereo pair."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ import numpy as np
 class Prediction:
     """Dense maps of the left image, at the input's size. Frame: left camera, x right, y down, z forward.
 
-    depth: (H, W) float32 [m], z along the optical axis; inf where the pixel is said to be sky or beyond measure,
-        NaN where nothing is known.
-    disparity: (H, W) float32 [px], x_left - x_right; 0 where depth is infinite, NaN where it is unknown.
-    normal: (H, W, 3) float32, unit length, facing the camera (n . ray < 0), NaN where it is unknown; None if the method
-        gives none.
-    confidence: (H, W) float32 in [0, 1]; 0 where depth is unknown.
+    Attributes:
+        depth: (H, W) float32 [m], z along the optical axis; inf where the method sees sky or too far to measure, NaN
+            where depth is unknown.
+        disparity: (H, W) float32 [px], x_left - x_right; 0 where depth is infinite, NaN where it is unknown.
+        normal: (H, W, 3) float32, unit length, facing the camera (n . ray < 0), NaN where it is unknown; None if the
+            method gives none.
+        confidence: (H, W) float32 in [0, 1]; 0 where depth is unknown.
     """
 
     depth: np.ndarray

@@ -1,7 +1,7 @@
-"""Matching costs of windows, and what is made of them: the cheapest disparity, alone or along paths (SGM).
+"""Matching costs of windows, and the cheapest disparity, pixel by pixel or along paths (SGM).
 
-A cost volume here is (D, H, W) uint16: the cost of disparity d at (y, x) of the left image, 0 to HIGHEST; HIGHEST where
-x - d lies outside the right image.
+A cost volume here is (D, H, W) uint16: the cost of disparity d at (y, x) of the left image, 0 to HIGHEST. It is HIGHEST
+where x - d lies outside the right image.
 """
 
 from __future__ import annotations
@@ -14,13 +14,23 @@ import numpy as np
 from marssim.base.compute.compiled import compiled
 
 Cost = Literal["ssd", "sad", "ncc"]
-HIGHEST = 4095  # eight paths of HIGHEST plus a penalty as high still fit 16 bit
-# What a cost of 1 counts: absolute differences up to 32 grey levels, squared ones up to 32 squared, 1 - ncc up to 2.
+HIGHEST = 4095  # largest cost: eight paths of it, plus an equal penalty each, still fit 16 bit
+# Cost of a difference of 1, so that HIGHEST is reached at 32 grey levels (sad), 32 squared (ssd) and 2 (1 - ncc).
 SCALE: dict[str, float] = {"sad": HIGHEST / 32, "ssd": HIGHEST / 32**2, "ncc": HIGHEST / 2}
 
 
 def window_costs(left: np.ndarray, right: np.ndarray, reach: int, cost: Cost, block: int) -> np.ndarray:
-    """The cost volume of windows of `block` x `block` px. left, right: (H, W) uint8; reach: D, at most W."""
+    """Compute the cost volume of windows of `block` x `block` px.
+
+    Args:
+        left, right: (H, W) uint8.
+        reach: D, the number of disparities, at most W.
+        cost: "ssd", "sad" or "ncc".
+        block: Side of the window [px], odd.
+
+    Returns:
+        (D, H, W) uint16.
+    """
     a, b = (image.astype(np.float32) - np.float32(128) for image in (left, right))
     height, width = left.shape
 
@@ -32,25 +42,33 @@ def window_costs(left: np.ndarray, right: np.ndarray, reach: int, cost: Cost, bl
 
     volume = np.full((reach, height, width), HIGHEST, np.uint16)
     for d in range(reach):
-        # All windows of a disparity are those of what both images share, to its very ends.
-        here, there = a[:, d:], b[:, : width - d]
+        # The windows of a disparity cover the columns that both images share.
+        first, second = a[:, d:], b[:, : width - d]
         if cost == "sad":
-            mean = mean_of(np.abs(here - there))
+            mean = mean_of(np.abs(first - second))
         elif cost == "ssd":
-            mean = mean_of((here - there) ** 2)
+            mean = mean_of((first - second) ** 2)
         else:
-            m, n = mean_of(here), mean_of(there)
-            deviations = np.sqrt(variance_of(here, m) * variance_of(there, n))
-            mean = 1 - np.clip((mean_of(here * there) - m * n) / deviations, -1, 1)
+            m, n = mean_of(first), mean_of(second)
+            deviations = np.sqrt(variance_of(first, m) * variance_of(second, n))
+            mean = 1 - np.clip((mean_of(first * second) - m * n) / deviations, -1, 1)
         volume[d, :, d:] = np.minimum(mean * np.float32(SCALE[cost]) + np.float32(0.5), HIGHEST)
     return volume
 
 
 def semi_global(costs: np.ndarray, small: int, large: int) -> np.ndarray:
-    """Sum of the costs along eight paths (Hirschmueller 2008, Eq. 13), no more than 65535.
+    """Sum costs along eight paths (Hirschmueller 2008, Eq. 13), up to 65535.
 
-    costs: a cost volume. small, large: penalties for a change of the disparity by 1 px, and by more. Returns
-    (D, H, W) uint16. Raises ValueError if the penalties are not 0 <= small <= large <= HIGHEST.
+    Args:
+        costs: A cost volume, (D, H, W) uint16.
+        small: Penalty for a change of the disparity by 1 px.
+        large: Penalty for a larger change.
+
+    Returns:
+        (D, H, W) uint16.
+
+    Raises:
+        ValueError: The penalties are not 0 <= small <= large <= HIGHEST.
     """
     if not 0 <= small <= large <= HIGHEST:
         raise ValueError(f"penalties must be 0 <= small <= large <= {HIGHEST}, got {small} and {large}")
@@ -62,19 +80,22 @@ def semi_global(costs: np.ndarray, small: int, large: int) -> np.ndarray:
 
 
 def winners(costs: np.ndarray) -> np.ndarray:
-    """(H, W) float32 [px]: the cheapest disparity, sub-pixel by a parabola; NaN where the right eye disagrees.
+    """Return the cheapest disparity, refined by a parabola: (H, W) float32 [px]; NaN where the right image disagrees.
 
-    costs: (D, H, W) uint16. The right eye's own cheapest disparity has to be the same within 1 px.
+    The cheapest disparity of the right image's pixel has to be the same within 1 px.
+
+    Args:
+        costs: (D, H, W) uint16.
     """
     return _winners(costs)
 
 
 @compiled
 def _down_the_rows(costs, total, small, large, step):
-    """Three paths that come from the row before: straight and from both sides. step: 1 downwards, -1 upwards."""
+    """Add three paths that come from the previous row: straight and from both sides. step: 1 down, -1 up."""
     reach, height, width = costs.shape
-    before = np.zeros((3, reach, width), np.int32)
-    now = np.zeros((3, reach, width), np.int32)
+    previous = np.zeros((3, reach, width), np.int32)
+    current = np.zeros((3, reach, width), np.int32)
     least = np.zeros((3, width), np.int32)
     for row in range(height):
         y = row if step > 0 else height - 1 - row
@@ -83,64 +104,64 @@ def _down_the_rows(costs, total, small, large, step):
             low, high = max(0, -side), min(width, width - side)  # x + side lies in the image
             for d in range(reach):
                 for x in range(width):
-                    now[path, d, x] = costs[d, y, x]
+                    current[path, d, x] = costs[d, y, x]
                 if row > 0:
                     up, down = max(d - 1, 0), min(d + 1, reach - 1)
                     for x in range(low, high):
-                        best = before[path, d, x + side]
-                        best = min(best, before[path, up, x + side] + small)
-                        best = min(best, before[path, down, x + side] + small)
+                        best = previous[path, d, x + side]
+                        best = min(best, previous[path, up, x + side] + small)
+                        best = min(best, previous[path, down, x + side] + small)
                         lowest = least[path, x + side]
                         best = min(best, lowest + large)
-                        now[path, d, x] += best - lowest
+                        current[path, d, x] += best - lowest
                 for x in range(width):
-                    total[d, y, x] += now[path, d, x]
+                    total[d, y, x] += current[path, d, x]
         for path in range(3):
             for x in range(width):
-                least[path, x] = now[path, 0, x]
+                least[path, x] = current[path, 0, x]
             for d in range(1, reach):
                 for x in range(width):
-                    least[path, x] = min(least[path, x], now[path, d, x])
-        before, now = now, before
+                    least[path, x] = min(least[path, x], current[path, d, x])
+        previous, current = current, previous
 
 
 @compiled
 def _along_the_rows(costs, total, small, large):
-    """The two paths within a row."""
+    """Add the two paths within a row."""
     reach, height, width = costs.shape
-    own = np.zeros((width, reach), np.int32)
+    row_costs = np.zeros((width, reach), np.int32)
     added = np.zeros((width, reach), np.int32)
-    before = np.zeros(reach + 2, np.int32)
-    now = np.zeros(reach + 2, np.int32)
+    previous = np.zeros(reach + 2, np.int32)
+    current = np.zeros(reach + 2, np.int32)
     for y in range(height):
         for d in range(reach):
             for x in range(width):
-                own[x, d] = costs[d, y, x]
+                row_costs[x, d] = costs[d, y, x]
         for way in range(2):
             least = 0
             for column in range(width):
                 x = column if way == 0 else width - 1 - column
                 if column == 0:
                     for d in range(reach):
-                        now[d + 1] = own[x, d]
+                        current[d + 1] = row_costs[x, d]
                 else:
                     for d in range(reach):
-                        best = min(before[d] + small, before[d + 2] + small)
-                        best = min(best, before[d + 1])
+                        best = min(previous[d] + small, previous[d + 2] + small)
+                        best = min(best, previous[d + 1])
                         best = min(best, least + large)
-                        now[d + 1] = own[x, d] + best - least
-                now[0] = now[1]
-                now[reach + 1] = now[reach]
-                least = now[1]
+                        current[d + 1] = row_costs[x, d] + best - least
+                current[0] = current[1]
+                current[reach + 1] = current[reach]
+                least = current[1]
                 for d in range(1, reach + 1):
-                    least = min(least, now[d])
+                    least = min(least, current[d])
                 if way == 0:
                     for d in range(reach):
-                        added[x, d] = now[d + 1]
+                        added[x, d] = current[d + 1]
                 else:
                     for d in range(reach):
-                        added[x, d] += now[d + 1]
-                before, now = now, before
+                        added[x, d] += current[d + 1]
+                previous, current = current, previous
         for d in range(reach):
             for x in range(width):
                 total[d, y, x] += added[x, d]
