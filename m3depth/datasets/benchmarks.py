@@ -1,14 +1,15 @@
-"""The trees of KITTI, SceneFlow, Middlebury and ETH3D, as their authors pack them and as marssim.export writes them.
+"""The folder trees of KITTI, SceneFlow, Middlebury and ETH3D, as published and as marssim.export writes them.
 
 KITTI        training/{image_2,image_3,disp_occ_0,disp_noc_0}/*_10.png, training/calib_cam_to_cam/*.txt (2015);
-             training/{colored_0,colored_1,disp_occ,disp_noc}/*_10.png, training/calib/*.txt (2012). 0 is unknown;
-             occluded is what disp_occ knows and disp_noc does not
-SceneFlow    frames_{cleanpass,finalpass}/**/left/*.png, .../right/..., disparity/**/left/*.pfm; TRAIN, TEST and VAL are
-             splits. Its cameras have f = 1050 px (450 in 15mm_focallength) and a baseline of 1 unit: depth is in units
-Middlebury   <scene>/{im0.png,im1.png,disp0.pfm or disp0GT.pfm,calib.txt,mask0nocc.png}, below 2014/, trainingF/ (H, Q),
-             MiddEval3/trainingF/ or right there. inf is unknown
+             training/{colored_0,colored_1,disp_occ,disp_noc}/*_10.png, training/calib/*.txt (2012). 0 is unknown.
+             A pixel is occluded if disp_occ has a value for it and disp_noc has none.
+SceneFlow    frames_{cleanpass,finalpass}/**/left/*.png, .../right/..., disparity/**/left/*.pfm. TRAIN, TEST and VAL
+             are splits. Its cameras have f = 1050 px (450 in 15mm_focallength) and a baseline of 1 unit: depth is in
+             these units.
+Middlebury   <scene>/{im0.png,im1.png,disp0.pfm or disp0GT.pfm,calib.txt,mask0nocc.png}, in 2014/, trainingF/ (H, Q),
+             MiddEval3/trainingF/ or the root itself. inf is unknown.
 ETH3D        two_view_training/<scene>/{im0.png,im1.png,calib.txt}, two_view_training_gt/<scene>/{disp0GT.pfm,
-             mask0nocc.png}. inf is unknown
+             mask0nocc.png}. inf is unknown.
 """
 
 from __future__ import annotations
@@ -20,36 +21,39 @@ from m3depth.datasets.calibration import Calibration
 from m3depth.datasets.pair_files import PairFiles, Rig, Rigs
 from m3depth.datasets.rigs import file_rig
 
-KITTI_FOLDERS = (  # left, right, disparity, disparity of what both eyes see, calibrations
+KITTI_FOLDERS = (  # left, right, disparity, disparity of pixels that both cameras see, calibrations
     ("image_2", "image_3", "disp_occ_0", "disp_noc_0", "calib_cam_to_cam"),
     ("colored_0", "colored_1", "disp_occ", "disp_noc", "calib"),
     ("image_0", "image_1", "disp_occ", "disp_noc", "calib"),
 )
-SCENEFLOW_FOCAL, SCENEFLOW_SHORT = 1050.0, 450.0  # [px] at 960 x 540
+SCENEFLOW_FOCAL, SCENEFLOW_SHORT = 1050.0, 450.0  # focal lengths at 960 x 540 [px]
 MIDDLEBURY_FOLDERS = ("2014", "MiddEval3/trainingF", "MiddEval3/trainingH", "MiddEval3/trainingQ",
                       "trainingF", "trainingH", "trainingQ", ".")  # fmt: skip
-OCCLUDED = 128  # in mask0nocc.png; 255 both eyes, 0 unknown
+OCCLUDED = 128  # in mask0nocc.png: only the left camera sees it; 255 is both, 0 is unknown
 
 
 def kitti(root: Path, rigs: Rigs) -> Iterator[PairFiles]:
-    """Pairs of a KITTI root, in the order of their numbers."""
+    """Yield the pairs of a KITTI root, in the order of their numbers."""
     training = root / "training"
     for left, right, truth, both, calib in KITTI_FOLDERS:
-        found = sorted((training / left).glob("*_10.png"))
-        for path in found:
+        images = sorted((training / left).glob("*_10.png"))
+        for path in images:
             number = path.name.removesuffix("_10.png")
             visible = training / both / path.name
             yield PairFiles(
                 number, number, path, training / right / path.name, training / truth / path.name, "disparity",
                 rigs(training / calib / f"{number}.txt", path),
-                visible=visible if visible.is_file() else None, hidden=lambda seen: seen == 0,
+                visible=visible if visible.is_file() else None, hidden=lambda mask: mask == 0,
             )  # fmt: skip
-        if found:
+        if images:
             return
 
 
 def sceneflow(root: Path, rigs: Rigs) -> Iterator[PairFiles]:
-    """Pairs of FlyingThings3D, Driving or Monkaa; `name` begins with TRAIN, TEST or VAL where the tree does."""
+    """Yield the pairs of FlyingThings3D, Driving or Monkaa.
+
+    `name` begins with TRAIN, TEST or VAL where the tree does.
+    """
     if (root / "FlyingThings3D").is_dir():
         root = root / "FlyingThings3D"
     frames = next((f for f in ("frames_cleanpass", "frames_finalpass") if (root / f).is_dir()), "frames_cleanpass")
@@ -67,7 +71,7 @@ def sceneflow(root: Path, rigs: Rigs) -> Iterator[PairFiles]:
 
 
 def sceneflow_rig(calib: Path, left: Path) -> Rig:
-    """SceneFlow's own camera, where no calibration file says otherwise."""
+    """Return SceneFlow's own camera, unless a calibration file says otherwise."""
     if calib.is_file():
         return file_rig(calib, left)
 
@@ -79,22 +83,23 @@ def sceneflow_rig(calib: Path, left: Path) -> Rig:
 
 
 def middlebury(root: Path, rigs: Rigs) -> Iterator[PairFiles]:
-    """Pairs of the first of Middlebury's folders that is there; scenes without truth (the test sets) are left out."""
+    """Yield the pairs of the first of Middlebury's folders that exists, without scenes that lack truth (test sets)."""
     for folder in MIDDLEBURY_FOLDERS:
-        found = sorted((root / folder).glob("*/im0.png"))
-        for path in found:
+        images = sorted((root / folder).glob("*/im0.png"))
+        for path in images:
             yield from _scene(path.parent, path.parent, rigs)
-        if found:
+        if images:
             return
 
 
 def eth3d(root: Path, rigs: Rigs) -> Iterator[PairFiles]:
-    """Pairs of the two-view training set."""
+    """Yield the pairs of the two-view training set."""
     for path in sorted((root / "two_view_training").glob("*/im0.png")):
         yield from _scene(path.parent, root / "two_view_training_gt" / path.parent.name, rigs)
 
 
 def _scene(images: Path, truths: Path, rigs: Rigs) -> Iterator[PairFiles]:
+    """Yield the pair of one scene of Middlebury or ETH3D, if it has a true disparity map."""
     truth = next((truths / n for n in ("disp0GT.pfm", "disp0.pfm") if (truths / n).is_file()), None)
     if truth is None:
         return

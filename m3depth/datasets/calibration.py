@@ -3,7 +3,7 @@
 KITTI        `P2: ...` and `P3: ...` (or `P_rect_02: ...`), 3 x 4 projection matrices [px, m]
 Middlebury   `cam0=[f 0 cx; 0 f cy; 0 0 1]`, `doffs=` [px], `baseline=` [mm]; ETH3D too
 OpenCV       YAML, XML or JSON with stereoRectify's P1 and P2, or its Q; baseline in the unit of the calibration target
-ROS          CameraInfo of the left and of the right eye, as camera_calibration saves it and as `topic echo` prints it
+ROS          CameraInfo of the left and the right camera, as camera_calibration and `topic echo` write it
 marssim      a rig file, {"width", "height", "fx", "fy", "cx", "cy", "baseline"} [px, m], or a dataset's sample.json
 """
 
@@ -21,15 +21,20 @@ from m3depth.datasets.camera_info import NUMBER, CameraInfo, is_camera_info, par
 from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.command.input_file import check_file
 
-KITTI_GREY = frozenset({"image_0", "image_00"})  # folders of the left grey camera; the colour one is number 2
+KITTI_GREY = frozenset({"image_0", "image_00"})  # folders of the left grey camera; the left colour camera has number 2
 
 
 @dataclass(frozen=True)
 class Calibration:
     """A rectified pair of cameras.
 
-    fx, fy, cx, cy [px] of the left eye; baseline [m]; shift [px]: the right eye's principal point less the left one's
-    (Middlebury's doffs), so that Z = f B / (x_left - x_right + shift). size: width and height [px], None if unknown.
+    Attributes:
+        fx, fy: Focal lengths [px].
+        cx, cy: Principal point of the left camera [px].
+        baseline: Distance of the cameras [m].
+        shift: The right camera's cx minus the left one's [px] (Middlebury's doffs): Z = f B / (x_left - x_right +
+            shift).
+        size: Width and height [px]; None if unknown.
     """
 
     fx: float
@@ -41,18 +46,24 @@ class Calibration:
     size: tuple[int, int] | None = None
 
     def rig(self, width: int, height: int) -> StereoRig:
-        """The rig for images of this size, once the right one is moved by `shift` (see align_right)."""
+        """Return the rig for images of this size, once the right one is moved by `shift` (see align_right)."""
         return StereoRig(PinholeCamera(width, height, self.fx, self.fy, self.cx, self.cy), self.baseline)
 
 
 def read_calibration(
     path: Path, right: Path | None = None, *, image: Path | None = None, baseline: float | None = None
 ) -> Calibration:
-    """Read a calibration file of any of the kinds above, told apart by what it holds.
+    """Read a calibration file of any of the kinds above; its contents tell which.
 
-    right: the right eye's file, of ROS's two; a left one alone needs `baseline` [m]. image: where the left image lies;
-    in KITTI's folders it tells the grey cameras from the colour ones. Raises FileNotFoundError, or ValueError that
-    names the file and what it lacks.
+    Args:
+        path: The file; the left camera's if ROS has two.
+        right: The right camera's CameraInfo of ROS.
+        image: Path of the left image; in KITTI's folders it distinguishes the grey cameras from the colour ones.
+        baseline: Distance of the cameras [m], for a left CameraInfo alone.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: The file is not a calibration, or lacks something; the message names both.
     """
     for file in (path, right):
         if file is not None:
@@ -62,7 +73,7 @@ def read_calibration(
         if is_camera_info(text):
             return _from_ros(text, None if right is None else right.read_text(), baseline)
         if right is not None:
-            raise ValueError("is no CameraInfo of ROS, which alone comes in two files")
+            raise ValueError("is not a CameraInfo of ROS, the only kind that comes in two files")
         if text.lstrip().startswith(("%YAML", "<?xml", "{")):
             return _from_json(text) or _from_opencv(text)
         if re.search(r"^\s*cam0\s*=", text, re.MULTILINE):
@@ -71,20 +82,25 @@ def read_calibration(
             grey = image is not None and not KITTI_GREY.isdisjoint(image.parts)
             return _from_kitti(text, ("0", "1") if grey else ("2", "3"))
     except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: is no text ({error.reason}), as calibration files are") from None
+        raise ValueError(f"{path}: is not a text file ({error.reason}), as calibrations are") from None
     except (ValueError, cv2.error, SystemError) as error:  # FileStorage raises SystemError from its own error
         reason = str(error) if isinstance(error, ValueError) else "not readable as OpenCV's YAML, XML or JSON"
         raise ValueError(f"{path}: {reason}") from None
     raise ValueError(
-        f"{path}: no calibration of KITTI (P2:), Middlebury or ETH3D (cam0=), OpenCV (%YAML), ROS (projection_matrix:) "
-        "or marssim"
+        f"{path}: is not a calibration of KITTI (P2:), Middlebury or ETH3D (cam0=), OpenCV (%YAML), ROS "
+        "(projection_matrix:) or marssim"
     )
 
 
 def align_right(right: np.ndarray, shift: float) -> np.ndarray:
-    """The right image as an eye with the left one's principal point would have taken it: moved left by `shift` px.
+    """Shift the right image to the left by `shift` px, as if both cameras had the same principal point.
 
-    right: (H, W) or (H, W, 3) uint8. Returns the same shape; the border is repeated where nothing was seen.
+    Args:
+        right: (H, W) or (H, W, 3) uint8.
+        shift: See Calibration [px].
+
+    Returns:
+        The same shape; the border is repeated where the image ends.
     """
     if shift == 0:
         return right
@@ -94,7 +110,7 @@ def align_right(right: np.ndarray, shift: float) -> np.ndarray:
 
 
 def _from_json(text: str) -> Calibration | None:
-    """marssim's rig file or sample.json; None if it is another JSON file."""
+    """Read marssim's rig file or sample.json; None for another JSON file."""
     try:
         data = json.loads(text)
     except json.JSONDecodeError:
@@ -109,7 +125,7 @@ def _from_json(text: str) -> Calibration | None:
 
 
 def _from_projections(left: np.ndarray, right: np.ndarray) -> Calibration:
-    """From two (3, 4) projection matrices K [I | t] of one rectified frame; t along x only."""
+    """Return the calibration of two (3, 4) projection matrices K [I | t] of one rectified frame; t along x only."""
     if not (left[0, 0] > 0 and right[0, 0] > 0):
         raise ValueError("the projection matrices have no positive focal length")
     baseline = left[0, 3] / left[0, 0] - right[0, 3] / right[0, 0]
@@ -118,23 +134,25 @@ def _from_projections(left: np.ndarray, right: np.ndarray) -> Calibration:
 
 
 def _from_ros(left_text: str, right_text: str | None, baseline: float | None) -> Calibration:
-    """From the left and the right eye's CameraInfo, from the right one's alone, or the left one's and a baseline."""
+    """Read the CameraInfo of both cameras, of the right one alone, or of the left one with a baseline."""
     first: CameraInfo = parse_camera_info(left_text)
     if right_text is not None:
         second = parse_camera_info(right_text)
         if first.projection[0, 3] != 0 or second.projection[0, 3] == 0:
-            raise ValueError("the left eye's CameraInfo (Tx = 0) comes first, then the right one's (Tx = -f B)")
-        found = _from_projections(first.projection, second.projection)
+            raise ValueError("the left camera's CameraInfo (Tx = 0) comes first, then the right one's (Tx = -f B)")
+        calibration = _from_projections(first.projection, second.projection)
     elif first.projection[0, 3] == 0:
         if baseline is None:
-            raise ValueError("is the left eye's CameraInfo (Tx = 0); give the right eye's, which tells the baseline")
+            raise ValueError(
+                "is the left camera's CameraInfo (Tx = 0); give the right camera's, which holds the baseline"
+            )
         p = first.projection
-        found = Calibration(p[0, 0], p[1, 1], p[0, 2], p[1, 2], baseline)
+        calibration = Calibration(p[0, 0], p[1, 1], p[0, 2], p[1, 2], baseline)
     else:
         alone = first.projection.copy()
         alone[0, 3] = 0
-        found = _from_projections(alone, first.projection)
-    return replace(found, size=first.size)
+        calibration = _from_projections(alone, first.projection)
+    return replace(calibration, size=first.size)
 
 
 def _from_kitti(text: str, eyes: tuple[str, str]) -> Calibration:
@@ -144,7 +162,7 @@ def _from_kitti(text: str, eyes: tuple[str, str]) -> Calibration:
     }
     present = [pair for pair in (eyes, ("2", "3"), ("0", "1")) if all(eye in matrices for eye in pair)]
     if not present:
-        raise ValueError("needs the projection matrices of two eyes, P2 and P3 or P0 and P1")
+        raise ValueError("lacks the projection matrices of two cameras, P2 and P3 or P0 and P1")
     for eye in present[0]:
         if matrices[eye].size != 12:
             raise ValueError(f"P{eye} must have 12 numbers, has {matrices[eye].size}")
@@ -167,17 +185,17 @@ def _from_middlebury(text: str) -> Calibration:
 def _from_opencv(text: str) -> Calibration:
     storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
     try:
-        found = {name: _matrix(storage, name) for name in ("P1", "P2", "Q")}
+        matrices = {name: _matrix(storage, name) for name in ("P1", "P2", "Q")}
     finally:
         storage.release()
-    left, right, q = found["P1"], found["P2"], found["Q"]
+    left, right, q = matrices["P1"], matrices["P2"], matrices["Q"]
     if left is not None and right is not None:
         return _from_projections(left, right)
     if q is not None and q.shape == (4, 4) and q[3, 2] != 0:
         # Q holds -cx, -cy, f, -1 / Tx and (cx - cx') / Tx (OpenCV, stereoRectify).
         inverse, f = float(q[3, 2]), float(q[2, 3])
         return Calibration(f, f, -float(q[0, 3]), -float(q[1, 3]), 1 / inverse, float(q[3, 3]) / inverse)
-    raise ValueError("holds neither P1 and P2 nor Q of stereoRectify; the images have to be rectified first")
+    raise ValueError("holds neither P1 and P2 nor Q of stereoRectify; rectify the images first")
 
 
 def _matrix(storage: cv2.FileStorage, name: str) -> np.ndarray | None:

@@ -1,6 +1,6 @@
-"""ROS's CameraInfo as text: the YAML that camera_calibration saves, and what `rostopic echo`, `ros2 topic echo` print.
+"""ROS's CameraInfo as text: the YAML of camera_calibration, and the output of `rostopic echo` and `ros2 topic echo`.
 
-Only plain keys with numbers are read, by pattern; no YAML is loaded.
+It reads only plain keys with numbers, by regular expressions; it loads no YAML.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-_LIST = rf"(?:\[([^\]]*)\]|((?:\s*\n\s*-\s*{NUMBER})+))"  # [1, 2] or a line each
+_LIST = rf"(?:\[([^\]]*)\]|((?:\s*\n\s*-\s*{NUMBER})+))"  # [1, 2], or one number a line
 _PROJECTION = re.compile(
     rf"^\s*(?:projection_matrix\s*:(?:\s*(?:rows|cols)\s*:\s*\d+)*\s*data|P|p)\s*:\s*{_LIST}", re.MULTILINE
 )
@@ -19,23 +19,31 @@ _PROJECTION = re.compile(
 
 @dataclass(frozen=True)
 class CameraInfo:
-    """projection: (3, 4) P of the rectified camera, [0, 3] is -f B of a right eye [px m]; size: width, height [px], or
-    None if they are not told."""
+    """A CameraInfo of ROS.
+
+    Attributes:
+        projection: (3, 4) matrix P of the rectified camera; [0, 3] of a right camera is -f B [px m].
+        size: Width and height [px]; None if the text lacks them.
+    """
 
     projection: np.ndarray
     size: tuple[int, int] | None
 
 
 def is_camera_info(text: str) -> bool:
-    """Whether a text looks like one."""
+    """Tell whether a text looks like a CameraInfo."""
     return _PROJECTION.search(text) is not None and re.search(r"^\s*(image_)?width\s*:", text, re.MULTILINE) is not None
 
 
 def parse_camera_info(text: str) -> CameraInfo:
-    """Raises ValueError that says what is missing."""
+    """Read a CameraInfo.
+
+    Raises:
+        ValueError: Something is missing or malformed; the message says what.
+    """
     match = _PROJECTION.search(text)
     if match is None:
-        raise ValueError("holds no projection_matrix, which ROS's CameraInfo does")
+        raise ValueError("lacks the projection_matrix of a CameraInfo of ROS")
     numbers = [float(number) for number in re.findall(NUMBER, match[1] or match[2] or "")]
     if len(numbers) != 12:
         raise ValueError(f"projection_matrix must have 12 numbers, has {len(numbers)}")
@@ -46,5 +54,5 @@ def parse_camera_info(text: str) -> CameraInfo:
 
 
 def _size(text: str) -> tuple[int, int] | None:
-    found = [re.search(rf"^\s*(?:image_)?{name}\s*:\s*(\d+)", text, re.MULTILINE) for name in ("width", "height")]
-    return (int(found[0][1]), int(found[1][1])) if found[0] and found[1] else None
+    matches = [re.search(rf"^\s*(?:image_)?{name}\s*:\s*(\d+)", text, re.MULTILINE) for name in ("width", "height")]
+    return (int(matches[0][1]), int(matches[1][1])) if matches[0] and matches[1] else None

@@ -1,4 +1,4 @@
-"""What a reader of datasets can be told."""
+"""The settings of a dataset's reader: flags of every command that reads datasets."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Format = Literal["auto", "marssim", "kitti", "sceneflow", "middlebury", "eth3d",
 Part = Literal["train", "val", "test", "all"]
 
 CAMERA_AND_SCORE = ("calib", "focal", "baseline", "normals", "resize", "depth_range")
-FLAGS: dict[Format, tuple[str, ...]] = {  # what each layout can be told; the others say it themselves
+FLAGS: dict[Format, tuple[str, ...]] = {  # the fields that each layout takes; its files say the rest
     "marssim": (),
     "kitti": CAMERA_AND_SCORE,
     "sceneflow": CAMERA_AND_SCORE,
@@ -27,35 +27,52 @@ FLAGS: dict[Format, tuple[str, ...]] = {  # what each layout can be told; the ot
 
 @dataclass(frozen=True)
 class DataConfig:
-    """How a dataset folder is read; needed for folders of your own, and where files do not say enough.
+    """How a dataset folder is read. Datasets of marssim need none of these settings.
 
-    Raises ValueError that names the field of a value that cannot work.
+    Raises:
+        ValueError: A value that cannot work; the message names the field.
     """
 
     format: Format = "auto"
-    """Layout of --data; auto: told by what lies there. list: lines of "left right disparity"; folder: patterns."""
+    """Layout of the dataset folders; auto recognises it by the files in them.
+    list is a text file with lines of "left right disparity"; folder finds files by patterns.
+    """
     left: str | None = None
-    """folder: pattern of the left images below --data, as left/*.png. oaisys: name of the left sensor."""
+    """Pattern of the left images below --data, such as left/*.png (--format folder).
+    With --format oaisys: name of the left sensor.
+    """
     right: str | None = None
-    """folder: pattern of the right images; what its * match pairs them with the left ones. oaisys: the right sensor."""
+    """Pattern of the right images; the text that * stands for pairs them with the left ones (--format folder).
+    With --format oaisys: name of the right sensor.
+    """
     disparity: str | None = None
-    """folder: pattern of disparity maps of the left eye [px]: pfm, 16-bit png (x 256), npy, tiff, exr."""
+    """Pattern of the left images' disparity maps [px] (--format folder).
+    Their files are pfm, npy, tiff, exr or 16-bit png (256 times the disparity).
+    """
     depth: str | None = None
-    """folder: pattern of depth maps instead [m along the optical axis]: exr, npy, pfm, tiff, 16-bit png (mm)."""
+    """Pattern of depth maps instead of disparity maps [m along the optical axis] (--format folder).
+    Their files are exr, npy, pfm, tiff or 16-bit png (millimetres).
+    """
     unit: float | None = None
-    """Stored number of 1 px, or of 1 m, where it is another than the above (CREStereo: 32)."""
+    """Stored number for 1 px of disparity or 1 m of depth; by default 256 or 1000 in a PNG, else 1.
+    CREStereo's datasets have 32.
+    """
     calib: Path | None = None
-    """One calibration file for all pairs (any that m3depth.predict reads, or OAISYS's config), or "natecam"."""
+    """One calibration file for all pairs, or the word natecam for Zhurong's camera.
+    It may be of any kind that m3depth.predict reads, or the config file of OAISYS.
+    """
     focal: float | None = None
-    """Focal length of the rectified images [px], with --baseline instead of a calibration file."""
+    """Focal length of the rectified images [px], given with --baseline instead of a calibration file."""
     baseline: float | None = None
-    """Distance of the eyes [m]."""
+    """Distance between the two cameras [m], given with --focal."""
     normals: Literal["none", "depth"] = "none"
-    """Where a dataset holds no normals: none, depth is trained and scored alone; or those of planes fitted to depth."""
+    """Normals of datasets without true ones: none trains and scores depth alone; depth fits planes to it."""
     resize: float = 1.0
-    """Factor to which images are reduced as they are read; disparities and cameras follow."""
+    """Factor by which images are reduced when they are read, at most 1; disparities and cameras follow."""
     depth_range: tuple[float, float] = (0.0, math.inf)
-    """Depths that are scored [m] (marssim's datasets: always 0.5 to 15); what is outside is still trained."""
+    """Nearest and farthest depth that is scored [m]; pixels outside of it are still trained.
+    Datasets of marssim always have 0.5 to 15 m.
+    """
 
     def __post_init__(self) -> None:
         for name in ("unit", "focal", "baseline"):
@@ -77,24 +94,24 @@ class DataConfig:
             raise ValueError("disparity and --depth exclude each other: give one")
 
     def given(self) -> dict[str, Any]:
-        """The fields that are not as they are by default, the layout's name among them."""
+        """Return the fields that differ from their defaults, the layout's name included."""
         return {f.name: value for f in fields(self) if (value := getattr(self, f.name)) != f.default}
 
     def flags(self) -> list[str]:
-        """The words of a command line that say the same."""
+        """Return the words of a command line that give the same config."""
         words: list[str] = []
         for name, value in self.given().items():
             words += [flag(name), *map(str, value if isinstance(value, tuple) else (value,))]
         return words
 
     def check_layout(self, layout: Format) -> None:
-        """Raise ValueError that names a flag which this layout has no use for."""
+        """Raise ValueError that names a given flag which this layout does not take."""
         for name in self.given():
             if name != "format" and name not in FLAGS[layout]:
-                takes = ", ".join(map(flag, FLAGS[layout])) or "none: its files say everything"
+                takes = ", ".join(map(flag, FLAGS[layout])) or "none, because its files say everything"
                 raise ValueError(f"{flag(name)} does not belong to layout {layout}, whose flags are {takes}")
 
 
 def flag(name: str) -> str:
-    """A field as the command line spells it."""
+    """Return the flag of a field, such as --depth-range."""
     return f"--{name.replace('_', '-')}"

@@ -1,4 +1,4 @@
-"""Pairs in anybody's folders, by patterns or by a list."""
+"""Pairs in folders of any structure, found by patterns or by a list."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ from marssim.base.files.json_file import DatasetError
 
 
 def folder(root: Path, config: DataConfig, rigs: Rigs) -> Iterator[PairFiles]:
-    """Pairs by patterns: left and right images and maps belong together where their * stand for the same text.
+    """Yield pairs found by patterns: two images and a map belong together where their * stand for the same text.
 
-    Raises DatasetError that names a pattern that matches nothing, or a left image without a partner.
+    Raises:
+        DatasetError: A pattern matches nothing, or a left image lacks a partner; the message names it.
     """
     truth = config.disparity or config.depth
     for flag, pattern in (("--left", config.left), ("--right", config.right), ("--disparity or --depth", truth)):
         if pattern is None:
-            raise DatasetError(f"{root}: --format folder needs {flag}, a pattern as left/*.png")
+            raise DatasetError(f"{root}: --format folder needs {flag}, a pattern such as left/*.png")
     assert config.left is not None and config.right is not None and truth is not None
     left, right, maps = (matches(root, pattern) for pattern in (config.left, config.right, truth))
     kind: Kind = "disparity" if config.disparity else "depth"
@@ -35,35 +36,41 @@ def folder(root: Path, config: DataConfig, rigs: Rigs) -> Iterator[PairFiles]:
 
 
 def matches(root: Path, pattern: str) -> dict[tuple[str, ...], Path]:
-    """Files of a pattern by what its wildcards stand for, in order. Raises DatasetError if there are none."""
+    """Return the files that match a pattern, in order, by the texts that its wildcards stand for.
+
+    Raises:
+        DatasetError: There are none.
+    """
     parts = re.split(r"(\*\*/|\*|\?)", pattern)
     wild = {"**/": r"((?:.*/)?)", "*": r"([^/]*)", "?": r"([^/])"}
     form = re.compile("".join(wild.get(part) or re.escape(part) for part in parts))
-    found = {}
+    files = {}
     for path in sorted(root.glob(pattern)):
         match = form.fullmatch(path.relative_to(root).as_posix())
         if match and path.is_file():
-            found[match.groups()] = path
-    if not found:
+            files[match.groups()] = path
+    if not files:
         raise DatasetError(f"{root}: no file matches {pattern}")
-    return found
+    return files
 
 
-EYES = ("left", "right", "image_0", "image_2", "image_02", "im0")  # folders of one eye's images
+CAMERAS = ("left", "right", "image_0", "image_2", "image_02", "im0")  # folders that are named after a camera
 
 
 def listed(file: Path, root: Path, rigs: Rigs, config: DataConfig) -> Iterator[PairFiles]:
-    """Pairs of OpenStereo's lists: "left right disparity" a line, paths from `root`.
+    """Yield the pairs of an OpenStereo list: lines of "left right disparity" with paths from `root`.
 
-    Beside what OpenStereo reads, root/calib/NAME.txt and root/occluded/NAME.png are used where they are there. Raises
-    DatasetError that names the list and the line.
+    root/calib/NAME.txt and root/occluded/NAME.png, which OpenStereo does not know, are used where they exist.
+
+    Raises:
+        DatasetError: The list is missing or a line is malformed; the message names list and line.
     """
     if not file.is_file():
         raise DatasetError(f"{file}: no such list")
     try:
         lines = file.read_text().splitlines()
     except UnicodeDecodeError:
-        raise DatasetError(f"{file}: is no text") from None
+        raise DatasetError(f"{file}: is not a text file") from None
     rows = []
     for number, line in enumerate(lines, 1):
         words = line.split()
@@ -83,11 +90,14 @@ def listed(file: Path, root: Path, rigs: Rigs, config: DataConfig) -> Iterator[P
 
 
 def _scenes(lefts: Sequence[str]) -> list[str]:
-    """Of the left images of a list what tells scenes apart: the number in marssim's own names (00003_05), else the
-    folder, without one called after an eye; where that is the same for all, each pair shows a scene of its own."""
+    """Return the scene of each left image of a list.
+
+    In marssim's names (00003_05) it is the number, else the folder above the images, skipping one named after a camera.
+    Where that is the same for all, each pair is a scene of its own.
+    """
     paths = [Path(left) for left in lefts]
-    own = [re.fullmatch(r"(\d{5})_\d+", path.stem) for path in paths]
-    if all(own):
-        return [found[1] for found in own if found]
-    folders = [(p.parent.parent if p.parent.name.lower() in EYES else p.parent).as_posix() for p in paths]
+    numbers = [re.fullmatch(r"(\d{5})_\d+", path.stem) for path in paths]
+    if all(numbers):
+        return [match[1] for match in numbers if match]
+    folders = [(p.parent.parent if p.parent.name.lower() in CAMERAS else p.parent).as_posix() for p in paths]
     return folders if len(set(folders)) > 1 else [path.with_suffix("").as_posix() for path in paths]

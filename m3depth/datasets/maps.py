@@ -1,4 +1,4 @@
-"""Disparity and depth maps in the files that datasets keep them in."""
+"""Disparity and depth maps in the file types of datasets."""
 
 from __future__ import annotations
 
@@ -13,45 +13,56 @@ from marssim.base.files.json_file import DatasetError
 from marssim.base.files.npy import read_npy
 
 Kind = Literal["disparity", "depth"]
-PNG_UNIT: dict[Kind, float] = {"disparity": 256.0, "depth": 1000.0}  # KITTI's; millimetres
+PNG_UNIT: dict[Kind, float] = {"disparity": 256.0, "depth": 1000.0}  # stored for 1 px (as KITTI does) and for 1 m
 UNITS: dict[Kind, str] = {"disparity": "px", "depth": "m"}
-FAR = 1000.0  # [m] renderers write 1e10 or so where there is no surface
-DEPTH_CHANNELS = ("Z", "V", "R", "Y")  # OAISYS replicates one channel
+FAR = 1000.0  # [m] beyond this is sky; renderers write about 1e10 where there is no surface
+DEPTH_CHANNELS = ("Z", "V", "R", "Y")  # of an EXR file, the first that exists; OAISYS repeats one channel
 
 
 def read_map(path: Path, kind: Kind, unit: float | None = None, zero_is_far: bool = False) -> np.ndarray:
-    """(H, W) float32 disparity [px] or depth [m]: NaN where unknown; 0 disparity, or inf depth, where there is sky.
+    """Read a map of disparity [px] or depth [m].
 
-    unit: stored number of 1 px or 1 m; None: 256 or 1000 in a PNG, else 1. A disparity that is not finite or under 0
-    is unknown, and 0 too unless zero_is_far; so is depth that is NaN, 0 or negative, and 1 km and more is sky.
-    Raises DatasetError that names a file that is missing, cannot be read, or is a PNG of 8 bits without a unit;
-    ImportError that names the extra for EXR.
+    Disparity that is not finite or under 0 is unknown, and 0 too unless zero_is_far. Depth that is NaN, 0 or negative
+    is unknown; depth of 1 km and more is sky.
+
+    Args:
+        path: The file: npy, exr, or an image that OpenCV reads.
+        kind: "disparity" or "depth".
+        unit: Stored number that stands for 1 px or 1 m; None is 256 or 1000 in a PNG and 1 elsewhere.
+        zero_is_far: A disparity of 0 is sky, not a gap.
+
+    Returns:
+        (H, W) float32, NaN where unknown; sky has disparity 0 or depth inf.
+
+    Raises:
+        DatasetError: The file is missing, unreadable, or a PNG of 8 bits without a unit; the message names it.
+        ImportError: An EXR file without OpenEXR; the message names the extra.
     """
     stored = _numbers(path)
     is_png = path.suffix.lower() == ".png"
     if is_png and unit is None and stored.dtype == np.uint8:
         raise DatasetError(
-            f"{path}: is of 8 bits; {kind} as PNG is of 16 bits, {PNG_UNIT[kind]:g} for 1 {UNITS[kind]}, unless the "
+            f"{path}: has 8 bits; a PNG of {kind} has 16 bits, {PNG_UNIT[kind]:g} for 1 {UNITS[kind]}, unless the "
             "layout takes --unit"
         )
     values = stored.astype(np.float32) / np.float32(unit or (PNG_UNIT[kind] if is_png else 1.0))
     with np.errstate(invalid="ignore"):
         if kind == "depth":
             return np.where(values >= FAR, np.float32(np.inf), np.where(values > 0, values, np.float32(np.nan)))
-        known = np.isfinite(values) & ((values >= 0) if zero_is_far else (values > 0))
-    return np.where(known, values, np.float32(np.nan))
+        valid = np.isfinite(values) & ((values >= 0) if zero_is_far else (values > 0))
+    return np.where(valid, values, np.float32(np.nan))
 
 
 def read_mask(path: Path) -> np.ndarray:
-    """(H, W) uint8. Raises DatasetError that names the file."""
+    """Read a mask, (H, W) uint8. Raises DatasetError that names the file."""
     values = _numbers(path)
     if values.dtype != np.uint8:
-        raise DatasetError(f"{path}: a mask must be of 8 bit, is {values.dtype}")
+        raise DatasetError(f"{path}: holds {values.dtype}; a mask must have 8 bits")
     return values
 
 
 def _numbers(path: Path) -> np.ndarray:
-    """(H, W), as stored; of several equal channels, one."""
+    """Read the stored numbers, (H, W); one of several equal channels."""
     if not path.is_file():
         raise DatasetError(f"{path}: no such file")
     values: np.ndarray | None
@@ -78,7 +89,9 @@ def _exr(path: Path) -> np.ndarray:
         channels = OpenEXR.File(str(path), separate_channels=True).channels()
     except RuntimeError as error:
         raise ValueError(str(error)) from None
-    by_name = {name.rsplit(".")[-1].upper(): channel for name, channel in channels.items()}  # "Depth.V" of layers
+    by_name = {
+        name.rsplit(".")[-1].upper(): channel for name, channel in channels.items()
+    }  # layers are named as in "Depth.V"
     chosen = next((by_name[name] for name in DEPTH_CHANNELS if name in by_name), None)
     if chosen is None:
         raise ValueError("no depth channel")

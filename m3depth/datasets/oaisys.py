@@ -1,4 +1,4 @@
-"""OAISYS's output, the simulator that made SimMars6K, and its config file as a calibration."""
+"""The output of OAISYS, the simulator that made SimMars6K, and its config file as a calibration."""
 
 from __future__ import annotations
 
@@ -13,14 +13,16 @@ from m3depth.datasets.config import DataConfig
 from m3depth.datasets.pair_files import PairFiles, Rigs
 from marssim.base.files.json_file import DatasetError
 
-RENDERING = "00"  # OAISYS renders a pass several times if it is told to; the first one
+RENDERING = "00"  # number of the rendering that is read; OAISYS can render a pass several times
 
 
 def oaisys(root: Path, config: DataConfig, rigs: Rigs) -> Iterator[PairFiles]:
-    """Pairs of OAISYS: batch_0001/<sensor>/0003<sensor>_rgb_00.png and ..._pinhole_depth_00.exr [m].
+    """Yield the pairs of OAISYS: batch_0001/<sensor>/0003<sensor>_rgb_00.png and ..._pinhole_depth_00.exr [m].
 
-    The sensors are those whose names end in left and right, or the ones that --left and --right name. Raises
-    DatasetError if they are not told apart, or if a file of the right eye or a depth map is missing.
+    The sensors are those whose names end in left and right, or those that --left and --right name.
+
+    Raises:
+        DatasetError: The sensors cannot be identified, or a file of the right sensor or a depth map is missing.
     """
     batches = sorted(root.glob("batch_*")) or sorted(root.glob("*/batch_*"))
     for batch in batches:
@@ -35,21 +37,28 @@ def oaisys(root: Path, config: DataConfig, rigs: Rigs) -> Iterator[PairFiles]:
 
 
 def _sensor(batch: Path, end: str, name: str | None) -> str:
-    there = sorted(path.name for path in batch.iterdir() if path.is_dir() and path.name != "blender_file")
+    """Return the name of a batch's left or right sensor."""
+    sensors = sorted(path.name for path in batch.iterdir() if path.is_dir() and path.name != "blender_file")
     if name is not None:
-        if name not in there:
-            raise DatasetError(f"{batch}: has no sensor {name}, but {', '.join(there) or 'none'}")
+        if name not in sensors:
+            raise DatasetError(f"{batch}: has no sensor {name}; its sensors: {', '.join(sensors) or 'none'}")
         return name
-    fitting = [sensor for sensor in there if sensor.lower().endswith(end)]
+    fitting = [sensor for sensor in sensors if sensor.lower().endswith(end)]
     if len(fitting) != 1:
-        raise DatasetError(f"{batch}: which sensor is the {end} eye? --{end} names it; there are {', '.join(there)}")
+        names = ", ".join(sensors) or "none"
+        raise DatasetError(f"{batch}: cannot tell the {end} sensor; name it by --{end}; its sensors: {names}")
     return fitting[0]
 
 
 def oaisys_rig(path: Path, config: DataConfig) -> Calibration | None:
-    """From OAISYS's own config file: KMatrix of the left sensor, and how far the right one stands from it.
+    """Read the calibration from the config file of OAISYS: KMatrix of the left sensor, and the distance to the right
+    one.
 
-    None if the file is another one. Raises DatasetError that names the file if the sensors make no rectified pair.
+    Returns:
+        The calibration; None if the file is not a config of OAISYS.
+
+    Raises:
+        DatasetError: The sensors are not a rectified pair; the message names the file.
     """
     try:
         data = json.loads(path.read_text())
@@ -61,7 +70,7 @@ def oaisys_rig(path: Path, config: DataConfig) -> Calibration | None:
         fitting = [s for n, s in sensors.items() if (n == name if name else n.lower().endswith(end))]
         if len(fitting) != 1:
             raise DatasetError(
-                f"{path}: which sensor is the {end} eye? --{end} names it; there are {', '.join(sensors)}"
+                f"{path}: cannot tell the {end} sensor; name it by --{end}; its sensors: {', '.join(sensors)}"
             )
         eyes.append(fitting[0])
     try:
@@ -73,16 +82,18 @@ def oaisys_rig(path: Path, config: DataConfig) -> Calibration | None:
         across = _camera_axes(place[3:7]).T @ (right_place[:3] - place[:3])
         turned = np.abs(place[3:7] - right_place[3:7]).max() > 1e-6
     except (KeyError, ValueError, TypeError, IndexError):
-        raise DatasetError(f"{path}: the sensors need KMatrix, transformation and imageResolution") from None
+        raise DatasetError(f"{path}: the sensors lack KMatrix, transformation or imageResolution") from None
     if turned or not across[0] > 0 or np.abs(across[1:]).max() > 1e-3 * across[0] or abs(right_k - k)[:2, :2].max() > 0:
-        raise DatasetError(f"{path}: the two sensors are no rectified pair, the right one to the right of the left one")
+        raise DatasetError(
+            f"{path}: the sensors are not a rectified pair with the right one to the right of the left one"
+        )
     shift = float(right_k[0, 2] - k[0, 2])
     size = (int(width), int(height))
     return Calibration(float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2]), float(across[0]), shift, size)
 
 
 def _camera_axes(quaternion: np.ndarray) -> np.ndarray:
-    """(3, 3) rotation of a quaternion w, x, y, z; its columns are the camera's right, up and backward (Blender)."""
+    """Return the (3, 3) rotation of a quaternion w, x, y, z; columns: the camera's right, up and backward (Blender)."""
     w, x, y, z = quaternion / np.linalg.norm(quaternion)
     return np.array(
         [

@@ -1,4 +1,4 @@
-"""One stereo pair of a dataset of others: its files, and the sample that they make."""
+"""One stereo pair of a dataset: its files, and the sample read from them."""
 
 from __future__ import annotations
 
@@ -20,19 +20,30 @@ from marssim.base.dataset.sample import StereoSample
 from marssim.base.files.json_file import DatasetError
 from marssim.base.images.depth_edges import depth_edges
 
-Rig = Callable[[int, int], Calibration]  # of images of (width, height); reads a file, or knows
-Rigs = Callable[[Path, Path], Rig]  # by the calibration file that a layout has for a pair, and its left image
-FITTED = 7  # [px] window of normals that are fitted to depth, as wide as Normal-Assisted Stereo's
-BREAK = 0.1  # share of the disparity that may change within 3 x 3 px of one surface
+Rig = Callable[[int, int], Calibration]
+"""Returns the calibration of images of (width, height) [px]."""
+Rigs = Callable[[Path, Path], Rig]
+"""Returns the Rig of a pair, from the path of its calibration file and of its left image."""
+
+FITTED = 7  # window in which normals are fitted to depth [px], as wide as Normal-Assisted Stereo's
+BREAK = 0.1  # share of the disparity by which one surface may change within 3 x 3 px
 
 
 @dataclass(frozen=True)
 class PairFiles:
-    """Where one pair lies, and how its files are to be understood.
+    """The files of one pair, and how they are read.
 
-    name: in reports. group: pairs of one scene share it; a split never divides one. truth: the map of the left eye.
-    calibration: reads it, from the left image's size. zero_is_far: 0 disparity is sky, not a gap. unit: see read_map.
-    visible: a mask; a pixel is occluded where it is known and `hidden(mask)`.
+    Attributes:
+        name: Name in reports.
+        group: Scene of the pair; a split never divides one.
+        left, right: The images.
+        truth: The map of the left image.
+        kind: What the map holds, "disparity" or "depth".
+        calibration: Reads the calibration, given width and height of the left image.
+        zero_is_far: A disparity of 0 is sky, not a gap.
+        unit: See read_map.
+        visible: A mask of visible pixels.
+        hidden: Tells occluded pixels from the mask; only pixels of known depth count.
     """
 
     name: str
@@ -49,11 +60,14 @@ class PairFiles:
 
 
 def read_pair_files(files: PairFiles, config: DataConfig) -> StereoSample:
-    """The pair as a sample: unknown depth is NaN, with disparity 0; normals are 0 where unknown; there are no rocks.
+    """Read the pair as a sample.
 
-    Sky, where the format tells it, has infinite depth. The right image is moved where the eyes have different
-    principal points (Middlebury's doffs), and that difference is in the disparity. Raises DatasetError, one line that
-    names the file, for files that are missing, broken, or of other sizes than their partners.
+    Unknown depth is NaN, with disparity 0; unknown normals are 0; there are no rocks. Sky has infinite depth, where the
+    format marks it. The right image is moved where the cameras have different principal points (Middlebury's doffs);
+    the disparity then contains that difference.
+
+    Raises:
+        DatasetError: A file is missing, broken, or of another size than its partners; the message, one line, names it.
     """
     for path in (files.left, files.right):
         if not path.is_file():
@@ -70,9 +84,9 @@ def read_pair_files(files: PairFiles, config: DataConfig) -> StereoSample:
         depth, disparity = values, rig.depth_to_disparity(values)
     else:
         with np.errstate(invalid="ignore"):  # sky stays 0
-            seen = values > 0
-            disparity = np.where(seen, values + np.float32(calibration.shift), values)
-            disparity = np.where(seen & (disparity <= 0), np.float32(np.nan), disparity)  # behind what is farthest
+            matched = values > 0
+            disparity = np.where(matched, values + np.float32(calibration.shift), values)
+            disparity = np.where(matched & (disparity <= 0), np.float32(np.nan), disparity)  # beyond infinity
         depth, values = rig.disparity_to_depth(disparity), disparity
     depth = np.where(np.isnan(values), np.float32(np.nan), depth)
     occluded = np.zeros(depth.shape, bool)
@@ -96,16 +110,21 @@ def read_pair_files(files: PairFiles, config: DataConfig) -> StereoSample:
 
 
 def read_mask_or_map(path: Path) -> np.ndarray:
-    """A mask, or KITTI's disparity of the pixels that both eyes see, which is one."""
+    """Read a mask, or KITTI's disparity of the pixels that both cameras see as a mask: (H, W) uint8."""
     if path.parent.name.startswith("disp_noc"):
         return np.isfinite(read_map(path, "disparity")).astype(np.uint8)
     return read_mask(path)
 
 
 def unbroken_normals(disparity: np.ndarray, rig: StereoRig) -> np.ndarray:
-    """Normals of planes fitted to the disparity, 0 where a window of 7 x 7 px has gaps or spans a depth edge.
+    """Fit planes to the disparity; the normal is 0 where a window of 7 x 7 px has gaps or spans a depth edge.
 
-    disparity: (H, W) [px], 0 where unknown. Returns (H, W, 3) float32.
+    Args:
+        disparity: (H, W) [px], 0 where unknown.
+        rig: The cameras of the map.
+
+    Returns:
+        (H, W, 3) float32.
     """
     broken = (disparity <= 0) | depth_edges(disparity, share=BREAK)
     near_break = cv2.dilate(broken.astype(np.uint8), np.ones((FITTED, FITTED), np.uint8)) > 0
@@ -117,9 +136,10 @@ def unbroken_normals(disparity: np.ndarray, rig: StereoRig) -> np.ndarray:
 
 
 def _fitting(path: Path, values: np.ndarray, image: np.ndarray) -> np.ndarray:
+    """Return the values if they have the image's size. Raises DatasetError that names the file otherwise."""
     if values.shape != image.shape[:2]:
         raise DatasetError(
-            f"{path}: is {values.shape[1]} x {values.shape[0]}, its image {image.shape[1]} x {image.shape[0]}"
+            f"{path}: is {values.shape[1]} x {values.shape[0]}, its image is {image.shape[1]} x {image.shape[0]}"
         )
     return values
 
@@ -127,7 +147,7 @@ def _fitting(path: Path, values: np.ndarray, image: np.ndarray) -> np.ndarray:
 def _reduced(
     left: np.ndarray, right: np.ndarray, depth: np.ndarray, occluded: np.ndarray, rig: StereoRig, factor: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, StereoRig]:
-    """A smaller pair; depth is the nearest pixel's, never a mean over an edge."""
+    """Reduce a pair. Depth is that of the nearest pixel, never a mean over an edge."""
     size = max(1, round(left.shape[1] * factor)), max(1, round(left.shape[0] * factor))
     left, right = (cv2.resize(eye, size, interpolation=cv2.INTER_AREA) for eye in (left, right))
     depth = cv2.resize(depth, size, interpolation=cv2.INTER_NEAREST_EXACT)

@@ -1,4 +1,4 @@
-"""Where the camera of a dataset's pairs comes from: a file beside them, or the flags for all of them."""
+"""The camera of a dataset's pairs: from a file beside them, or from flags for all of them."""
 
 from __future__ import annotations
 
@@ -17,26 +17,34 @@ NATECAM_NAME = Path("natecam")
 
 
 def file_rig(calib: Path, left: Path) -> Rig:
-    """A calibration file, checked against the size of the images. Raises DatasetError that names it."""
+    """Return a reader of a calibration file that checks it against the size of the images.
+
+    The reader raises DatasetError that names the file.
+    """
 
     def rig(width: int, height: int) -> Calibration:
         try:
-            found = read_calibration(calib, image=left)
+            calibration = read_calibration(calib, image=left)
         except (ValueError, FileNotFoundError) as error:
-            raise DatasetError(f"{error}; --calib, or --focal and --baseline, replace it") from None
-        if found.size is not None and found.size != (width, height):
-            raise DatasetError(f"{calib}: is for {found.size[0]} x {found.size[1]} px, {left} is {width} x {height}")
-        if not np.isfinite(found.baseline) or found.baseline <= 0:
-            raise DatasetError(f"{calib}: the baseline is {found.baseline:g} m; are the eyes exchanged?")
-        if found.baseline > WIDEST:
-            raise DatasetError(f"{calib}: the baseline is {found.baseline:g} m, over {WIDEST:g}; is it in millimetres?")
-        return found
+            raise DatasetError(f"{error}; give --calib, or --focal and --baseline, instead") from None
+        size, baseline = calibration.size, calibration.baseline
+        if size is not None and size != (width, height):
+            raise DatasetError(f"{calib}: is for {size[0]} x {size[1]} px, {left} is {width} x {height}")
+        if not np.isfinite(baseline) or baseline <= 0:
+            raise DatasetError(f"{calib}: the baseline is {baseline:g} m; are left and right exchanged?")
+        if baseline > WIDEST:
+            raise DatasetError(f"{calib}: the baseline is {baseline:g} m, over {WIDEST:g}; is it in millimetres?")
+        return calibration
 
     return rig
 
 
 def given_rig(config: DataConfig) -> Rigs | None:
-    """The calibration that the flags give for all pairs; None if they give none. Raises DatasetError, one line."""
+    """Return the calibration that the flags give for all pairs; None if they give none.
+
+    Raises:
+        DatasetError: The calibration file is missing or does not fit; the message is one line.
+    """
     if config.focal is not None and config.baseline is not None:
         focal, baseline = config.focal, config.baseline
 
@@ -51,15 +59,15 @@ def given_rig(config: DataConfig) -> Rigs | None:
     path = config.calib
     if not path.is_file():
         raise DatasetError(f"{path}: no such calibration file")
-    if (own := oaisys_rig(path, config)) is None:
+    if (sensors := oaisys_rig(path, config)) is None:
         return lambda calib, left: file_rig(path, left)
-    rig: Calibration = own
+    rig: Calibration = sensors
 
     def from_oaisys(left: Path) -> Rig:
         def checked(width: int, height: int) -> Calibration:
             if rig.size != (width, height):
-                meant = "images of another size" if rig.size is None else f"{rig.size[0]} x {rig.size[1]} px"
-                raise DatasetError(f"{path}: is for {meant}, {left} is {width} x {height}")
+                expected = "images of another size" if rig.size is None else f"{rig.size[0]} x {rig.size[1]} px"
+                raise DatasetError(f"{path}: is for {expected}, {left} is {width} x {height}")
             return rig
 
         return checked
@@ -68,8 +76,8 @@ def given_rig(config: DataConfig) -> Rigs | None:
 
 
 def natecam(width: int, height: int) -> Calibration:
-    """Zhurong's camera, as the paper gives it, for images of any size of its square field of view."""
+    """Return Zhurong's camera, as the paper gives it, for images of any size of its square field of view."""
     if width != height:
-        raise DatasetError(f"--calib natecam: its images are square, these are {width} x {height}")
+        raise DatasetError(f"--calib natecam: the images must be square, these are {width} x {height}")
     c = NATECAM.camera.resized(width, height)
     return Calibration(c.fx, c.fy, c.cx, c.cy, NATECAM.baseline)

@@ -169,7 +169,7 @@ def test_natecam_by_name_and_a_flag_that_replaces_what_it_says(tmp_path):
     assert np.median(found.depth) == pytest.approx(595.9 * 60 / 512 * 0.27 / 8, rel=2e-3)
     found = predict(options(pair, tmp_path, **{**flags, "baseline": 0.54}), SGBM())
     assert np.median(found.depth) == pytest.approx(595.9 * 60 / 512 * 0.54 / 8, rel=2e-3)
-    with pytest.raises(ValueError, match="natecam: its images are square, these are 90 x 60"):
+    with pytest.raises(ValueError, match="natecam: the images must be square, these are 90 x 60"):
         predict(options(textured_pair(tmp_path, 8), tmp_path, **flags), SGBM())
 
 
@@ -198,7 +198,7 @@ def test_two_images_of_different_things_are_refused(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("case", "message"),
     [
-        ("sizes", "a rectified pair has one size"),
+        ("sizes", "both images of a rectified pair must have the same size"),
         ("broken", "broken.png: not a readable image"),
         ("empty", "empty.png: not a readable image"),
         ("missing", "missing.png: no such file"),

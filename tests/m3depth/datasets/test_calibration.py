@@ -146,12 +146,13 @@ def test_camera_infos_of_ros(tmp_path):
     for name, text in (("one", ROS_1), ("two", ROS_2)):
         assert read_calibration(write(tmp_path / f"{name}.yaml", text)) == wanted
     with pytest.raises(
-        ValueError, match=r"left\.yaml: is the left eye's CameraInfo \(Tx = 0\); give the right eye's, which tells"
+        ValueError,
+        match=r"left\.yaml: is the left camera's CameraInfo \(Tx = 0\); give the right camera's, which holds",
     ):
         read_calibration(left)
-    with pytest.raises(ValueError, match=r"right\.yaml: the left eye's CameraInfo .* comes first"):
+    with pytest.raises(ValueError, match=r"right\.yaml: the left camera's CameraInfo .* comes first"):
         read_calibration(right, left)
-    with pytest.raises(ValueError, match=r"calib\.txt: is no CameraInfo of ROS"):
+    with pytest.raises(ValueError, match=r"calib\.txt: is not a CameraInfo of ROS"):
         read_calibration(write(tmp_path / "calib.txt", MIDDLEBURY), right)
 
 
@@ -164,15 +165,15 @@ def test_camera_infos_with_other_principal_points_shift(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("nothing of this\n", "no calibration of KITTI"),
-        ("", "no calibration of KITTI"),
+        ("nothing of this\n", "is not a calibration of KITTI"),
+        ("", "is not a calibration of KITTI"),
         ("P2: 1 2 3\nP3: 1 2 3\n", "P2 must have 12 numbers, has 3"),
-        ("P2: " + "1 " * 12 + "\n", "needs the projection matrices of two eyes"),
+        ("P2: " + "1 " * 12 + "\n", "lacks the projection matrices of two cameras"),
         (KITTI.replace("707.0493 0", "0 0").replace("7.070493e+02 0", "0 0"), "no positive focal length"),
         (MIDDLEBURY.replace("baseline", "base"), "field baseline is missing"),
         (MIDDLEBURY.replace("193.001", "wide"), "could not convert"),
         (MIDDLEBURY.replace("; 0 0 1]", "]"), "cam0 must have 9 numbers, has 6"),
-        ("%YAML:1.0\n---\nM1: 3\n", "have to be rectified first"),
+        ("%YAML:1.0\n---\nM1: 3\n", "rectify the images first"),
         ("%YAML:1.0\n---\nP1: [1, 2\n", "not readable as OpenCV's"),
         ('{"rig": {"width": 5}}', "'height' is missing"),
         ('{"baseline": 0.2, "width": 5}', "'height' is missing"),
@@ -194,5 +195,5 @@ def test_a_missing_file_is_named(tmp_path):
 
 def test_binary_is_no_calibration(tmp_path):
     (tmp_path / "image.png").write_bytes(b"\x89PNG\r\n\xff\xfe")
-    with pytest.raises(ValueError, match=r"image\.png: is no text [^\n]*, as calibration files are$"):
+    with pytest.raises(ValueError, match=r"image\.png: is not a text file [^\n]*, as calibrations are$"):
         read_calibration(tmp_path / "image.png")

@@ -46,9 +46,11 @@ def test_what_is_no_pair_is_named(tmp_path):
     eight = write(tmp_path / "eight.png", np.zeros((20, 30), np.uint8))
     sixteen = write(tmp_path / "sixteen.png", np.zeros((20, 30), np.uint16))
     real = write(tmp_path / "real.tiff", np.zeros((20, 30), np.float32))
-    with pytest.raises(ValueError, match=r"eight\.png is uint8, .*sixteen\.png is uint16: a pair must be of one depth"):
+    with pytest.raises(
+        ValueError, match=r"eight\.png is uint8, .*sixteen\.png is uint16: both images of a pair must have 8 bits"
+    ):
         read_pair(eight, sixteen)
-    with pytest.raises(ValueError, match=r"real\.tiff: holds float32, must be 8 or 16 bit"):
+    with pytest.raises(ValueError, match=r"real\.tiff: holds float32; images must have 8 or 16 bits"):
         read_pair(real, real)
 
 

@@ -186,12 +186,12 @@ def test_oaisys_with_its_own_config(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"transformation": [0, -0.27, 0, 1, 0, 0, 0]}, "no rectified pair"),
-        ({"transformation": [0, 0.27, 0, 0.5, 0.5, -0.5, -0.5]}, "no rectified pair"),
-        ({"transformation": [0, -0.27, 0.1, 0.5, 0.5, -0.5, -0.5]}, "no rectified pair"),
-        ({"KMatrix": [51, 0, 19.5, 0, 50, 11.5, 0, 0, 1]}, "no rectified pair"),
-        ({"KMatrix": [51, 0]}, "need KMatrix"),
-        ({"outputBaseName": "second"}, "which sensor is the right eye"),
+        ({"transformation": [0, -0.27, 0, 1, 0, 0, 0]}, "not a rectified pair"),
+        ({"transformation": [0, 0.27, 0, 0.5, 0.5, -0.5, -0.5]}, "not a rectified pair"),
+        ({"transformation": [0, -0.27, 0.1, 0.5, 0.5, -0.5, -0.5]}, "not a rectified pair"),
+        ({"KMatrix": [51, 0, 19.5, 0, 50, 11.5, 0, 0, 1]}, "not a rectified pair"),
+        ({"KMatrix": [51, 0]}, "lack KMatrix"),
+        ({"outputBaseName": "second"}, "cannot tell the right sensor; name it by --right"),
     ],
 )
 def test_oaisys_sensors_that_are_no_pair_are_named(tmp_path, change, message) -> None:
@@ -240,7 +240,7 @@ def test_natecam_is_a_calibration_by_name(tmp_path) -> None:
     assert sample.rig.camera.fx == pytest.approx(595.9 * H / 512) and sample.rig.baseline == 0.27
     put(tmp_path / "l" / "0.png", image())
     put(tmp_path / "r" / "0.png", image())
-    with pytest.raises(DatasetError, match="natecam: its images are square"):
+    with pytest.raises(DatasetError, match="natecam: the images must be square"):
         open_pairs(tmp_path, "all", config)[0]
 
 
@@ -311,7 +311,7 @@ def test_disparities_of_8_bits_are_refused_unless_their_unit_is_told(tmp_path) -
     patterns(tmp_path, ".png", np.round(ramp() * 4).astype(np.uint8))
     put(tmp_path / "calib.txt", MIDDLEBURY_CALIB.format(right=19.5, doffs=0))
     told = {"left": "a/*_left.jpg", "right": "a/*_right.jpg", "disparity": "a/*_map.png"}
-    with pytest.raises(DatasetError, match=r"0_map\.png: is of 8 bits; disparity as PNG is of 16 bits, 256 for 1 px"):
+    with pytest.raises(DatasetError, match=r"0_map\.png: has 8 bits; a PNG of disparity has 16 bits, 256 for 1 px"):
         open_pairs(tmp_path, "all", DataConfig(**told))[0]
     np.testing.assert_allclose(open_pairs(tmp_path, "all", DataConfig(**told, unit=4))[0].disparity, ramp(), atol=0.13)
 
@@ -354,8 +354,8 @@ BROKEN = [
     (lambda r: (r / "a/0_map.npy").write_bytes(b"PK\x03\x04"), r"a/0_map\.npy: holds no map"),
     (lambda r: (r / "a/0_left.jpg").write_bytes(b"x"), r"a/0_left\.jpg: not a readable image"),
     (lambda r: put(r / "a/0_right.jpg", image()[:20]), r"a/0_left\.jpg is 40 x 24, .*0_right\.jpg is 40 x 20"),
-    (lambda r: put(r / "a/0_map.npy", ramp()[:20]), r"a/0_map\.npy: is 40 x 20, its image 40 x 24"),
-    (lambda r: put(r / "calib.txt", "cam0=[50 0 1]"), r"calib\.txt: field baseline is missing; --calib"),
+    (lambda r: put(r / "a/0_map.npy", ramp()[:20]), r"a/0_map\.npy: is 40 x 20, its image is 40 x 24"),
+    (lambda r: put(r / "calib.txt", "cam0=[50 0 1]"), r"calib\.txt: field baseline is missing; give --calib"),
     (lambda r: (r / "calib.txt").unlink(), "needs --calib"),
     (
         lambda r: put(r / "calib.txt", MIDDLEBURY_CALIB.format(right=19.5, doffs=0).replace("width=40", "width=80")),
@@ -403,7 +403,7 @@ def test_an_unsorted_list_is_split_by_its_pairs(tmp_path) -> None:
 
 def test_a_list_that_is_no_text_is_named(tmp_path) -> None:
     (tmp_path / "mine.txt").write_bytes(b"\x89PNG\r\n")
-    with pytest.raises(DatasetError, match=r"mine\.txt: is no text"):
+    with pytest.raises(DatasetError, match=r"mine\.txt: is not a text file"):
         open_pairs(tmp_path / "mine.txt", "all", DataConfig(focal=50, baseline=0.27))
 
 
