@@ -18,9 +18,11 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
+import tyro
 
 from marssim.base.command.flags import parse
 from marssim.base.command.notes import counted
@@ -28,8 +30,9 @@ from marssim.base.command.run import exit_code
 from marssim.engines.embree import TriangleRays
 from marssim.generation.config import named_scene
 from marssim.scene.golombek import MAX_DIAMETER, REPORTED, covered_area, number_density, sampling_spread
+from marssim.scene.place_file import PLACE_VALUES, load_place
 from marssim.scene.rocks import RockConfig
-from marssim.scene.scene import PRESETS, Place, Scene, build_scene, preset
+from marssim.scene.scene import PRESETS, Scene, build_scene
 
 BAND = 2.0  # [m] of ground that is looked at in one go
 LEAST_TOLERANCE = 0.10  # of the asked share
@@ -40,7 +43,7 @@ SPREADS = 3.0
 class AbundanceConfig:
     """Measure the rock abundance of drawn scenes from straight above."""
 
-    scene: Place = "gale"
+    scene: Annotated[str, tyro.conf.arg(metavar=PLACE_VALUES)] = PRESETS[0]
     """preset that the scenes are drawn from; `--scene NAME --help` shows its rocks as the defaults of --rocks"""
     rocks: RockConfig
     scenes: int = 8
@@ -161,7 +164,7 @@ def measure(scenes: Iterable[Scene], k: float, cell: float = 0.01) -> Abundance:
 
 def abundance(config: AbundanceConfig) -> Abundance:
     """Draw the scenes and measure them."""
-    scene = preset(config.scene, rocks=config.rocks)
+    scene = replace(load_place(config.scene), rocks=config.rocks)
     drawn = (build_scene(scene, np.random.default_rng((config.seed, n))) for n in range(config.scenes))
     return measure(drawn, config.rocks.k, config.cell)
 
@@ -172,8 +175,8 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _parse(args: Sequence[str]) -> AbundanceConfig:
-    scene = named_scene(args, PRESETS, "gale")
-    default = AbundanceConfig(scene=scene, rocks=preset(scene).rocks)
+    scene = named_scene(args)
+    default = AbundanceConfig(scene=scene, rocks=load_place(scene).rocks)
     return parse(AbundanceConfig, "python -m marssim.abundance", __doc__, args, default)
 
 

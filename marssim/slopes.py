@@ -18,13 +18,15 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import tyro
 
 from marssim.base.command.notes import counted
 from marssim.base.command.run import run_command
-from marssim.scene.scene import Place, SceneConfig, preset
+from marssim.scene.place_file import PLACE_VALUES, load_place
+from marssim.scene.scene import PRESETS, SceneConfig
 from marssim.scene.terrain import BLEND, HeightGrid, Terrain, build_terrain
 
 LAGS = (0.5, 1.0, 2.0, 4.0, 10.0, 30.0, 100.0)  # [m]
@@ -37,7 +39,7 @@ GENTLE = 8.0  # [deg] 98 % of the slopes at Zhurong's site are less
 class SlopesConfig:
     """Measure the slopes of drawn terrains."""
 
-    scene: Place = "gale"
+    scene: Annotated[str, tyro.conf.arg(metavar=PLACE_VALUES)] = PRESETS[0]
     """preset that the terrains are drawn from"""
     hurst: float | None = None
     """Hurst exponent instead of the preset's"""
@@ -58,7 +60,7 @@ class SlopesConfig:
 
     def scene_config(self) -> SceneConfig:
         """What the terrains are drawn from. Raises ValueError that names the field."""
-        config = preset(self.scene)
+        config = load_place(self.scene)
         changes: dict[str, Any] = {"crater_density": 0.0, "ripple_amplitude": 0.0} if self.bare else {}
         for name in ("hurst", "rms_slope_deg"):
             if getattr(self, name) is not None:

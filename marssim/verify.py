@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import tyro
@@ -39,7 +40,8 @@ from marssim.inspection.figures import sample_figure, statistics_figure
 from marssim.inspection.integrity import Finding, check_extra, check_index, check_samples, check_trajectories
 from marssim.inspection.statistics import Tally, table
 from marssim.inspection.statistics import __doc__ as definitions
-from marssim.scene.scene import Place
+from marssim.scene.place_file import PLACE_VALUES, load_place
+from marssim.scene.scene import PRESETS
 
 RESULTS = Path("out/verify")
 SHOWN = 50  # findings that are printed; the JSON holds all
@@ -67,7 +69,7 @@ class VerifyConfig:
     rays: shares of the view that agrees least, shifts of all together"""
     views: int = 10
     """number of views of --cross-check"""
-    scene: Place = "gale"
+    scene: Annotated[str, tyro.conf.arg(metavar=PLACE_VALUES)] = PRESETS[0]
     """preset of the scene of --cross-check"""
     seed: int = 0
     """seed of the scene and the views of --cross-check"""
@@ -84,6 +86,8 @@ class VerifyConfig:
             raise ValueError(f"--sample {self.sample}: of which dataset folder?")
         if self.data is None and not self.cross_check:
             raise ValueError("give a dataset folder, or --cross-check; --help tells more")
+        if self.cross_check:
+            load_place(self.scene)  # reports what is wrong with it
         if self.data is not None and self.out is not None:
             data, out = self.data.resolve(), self.out.resolve()
             if out == data or out.is_relative_to(data / "scenes"):  # the results would be taken for foreign files
@@ -169,7 +173,7 @@ def verify(config: VerifyConfig) -> bool:
             good = _report(config, StereoDataset(config.data))
     if config.cross_check:
         _make_writable(config.results())
-        checks, notes = cross_check(config.scene, config.seed, config.views, NATECAM.camera)
+        checks, notes = cross_check(load_place(config.scene), config.seed, config.views, NATECAM.camera)
         print(f"{counted(config.views, 'view')} of {config.scene}, seed {config.seed}, against Embree's rays")
         print("\n".join([table_of_makers(checks), *notes]))
         report = {name: check.report() for name, check in checks.items()}

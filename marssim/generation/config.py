@@ -20,7 +20,8 @@ from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.version import VERSION
 from marssim.render.renderers.by_name import Renderer
 from marssim.render.sensor import SensorConfig
-from marssim.scene.scene import PRESETS, Place, SceneConfig, preset
+from marssim.scene.place_file import PLACE_VALUES, load_place
+from marssim.scene.scene import PRESETS, SceneConfig, preset
 from marssim.scene.trajectory import TrajectoryConfig
 from marssim.scene.viewpoint import ViewConfig
 
@@ -180,10 +181,11 @@ class SceneOptions(SceneConfig):
 class GenerateOptions(RunConfig):
     """Generate stereo pairs of Mars with exact depth, normals and masks."""
 
-    scene: Literal[Place, "mixed"] = "utopia"
-    """place on Mars that the terrain is modelled on, from few rocks to many; "mixed" has them by turns, so that train,
-    val and test hold each equally often. `--scene NAME --help` shows that place's values as the defaults of --rocks,
-    --relief and --look (mixed: those of utopia); what is given of them holds for every place of "mixed" """
+    scene: Annotated[str, tyro.conf.arg(metavar=f"{PLACE_VALUES}|{MIXED}")] = PRESETS[0]
+    """Place on Mars that the terrain is modelled on: a preset (listed from few rocks to many), a JSON file of your own
+    place, or mixed, which takes the presets in turn so that train, val and test hold each equally often. `--scene NAME
+    --help` shows the values of that place as the defaults of --rocks, --relief and --look (those of utopia for mixed).
+    Values that you give replace those of the place, or of each place of mixed."""
     knobs: Annotated[SceneOptions, tyro.conf.arg(name="")] = field(default_factory=SceneOptions)
     rig: RigOptions = field(default_factory=RigOptions)
     rig_file: Path | None = None
@@ -193,12 +195,10 @@ class GenerateOptions(RunConfig):
 def parse_generate(prog: str, description: str | None, args: Sequence[str] | None = None) -> GenerateConfig:
     """The config that a command line asks for. Raises ValueError of one line that names the flag, OSError."""
     args = sys.argv[1:] if args is None else args
-    asked = named_scene(args, (*PRESETS, MIXED), PRESETS[0])
-    names = PRESETS if asked == MIXED else (asked,)
-    options = [
-        parse(GenerateOptions, prog, description, args, GenerateOptions(out=tyro.MISSING, scene=asked, knobs=_of(name)))
-        for name in names
-    ]
+    asked = named_scene(args)
+    places = tuple(map(preset, PRESETS)) if asked == MIXED else (load_place(asked),)
+    defaults = [GenerateOptions(out=tyro.MISSING, scene=asked, knobs=_options(place)) for place in places]
+    options = [parse(GenerateOptions, prog, description, args, default) for default in defaults]
     first = options[0]
     scenes = tuple(SceneConfig(**{f.name: getattr(o.knobs, f.name) for f in fields(SceneConfig)}) for o in options)
     rig = first.rig.rig()
@@ -223,12 +223,11 @@ def read_rig(path: Path) -> StereoRig:
         raise DatasetError(f"--rig-file {path}: {error}") from None
 
 
-def named_scene(args: Sequence[str], names: Sequence[str], default: str) -> Any:
-    """The place that --scene names; the default one if it is not there or names none, which the parser will tell."""
-    found = re.findall(r"(?:^|\0)--scene[=\0]([^\0]*)", "\0".join(args))
-    return found[-1] if found and found[-1] in names else default
+def named_scene(args: Sequence[str]) -> str:
+    """Return the last value of --scene on a command line; that of the default place if there is none."""
+    values = re.findall(r"(?:^|\0)--scene[=\0](?!-)([^\0]*)", "\0".join(args))
+    return values[-1] if values else PRESETS[0]
 
 
-def _of(name: str) -> SceneOptions:
-    config = preset(name)
-    return SceneOptions(**{f.name: getattr(config, f.name) for f in fields(SceneConfig)})
+def _options(place: SceneConfig) -> SceneOptions:
+    return SceneOptions(**{f.name: getattr(place, f.name) for f in fields(SceneConfig)})

@@ -18,7 +18,7 @@ from marssim.inspection.agreement import Agreement, agreements, small
 from marssim.inspection.tilted_planes import plane_shift
 from marssim.render.geometry.gbuffer import GBufferMaker
 from marssim.render.renderers.by_name import make_renderer
-from marssim.scene.scene import Place, Scene, build_scene, preset
+from marssim.scene.scene import Scene, SceneConfig, build_scene
 from marssim.scene.viewpoint import ViewConfig, draw_pose
 
 REFERENCE = "embree"
@@ -43,11 +43,13 @@ class MakerCheck:
         return {**views, "planes_px": [None if np.isnan(v) else float(v) for v in self.planes], "good": self.good}
 
 
-def cross_check(place: Place, seed: int, views: int, camera: PinholeCamera) -> tuple[dict[str, MakerCheck], list[str]]:
+def cross_check(
+    place: SceneConfig, seed: int, views: int, camera: PinholeCamera
+) -> tuple[dict[str, MakerCheck], list[str]]:
     """Each maker by name, Embree last; and what is to be said of those that cannot be tried here, a line each."""
     makers, notes = _makers()
     rng = np.random.default_rng(seed)
-    scene = build_scene(preset(place), rng)
+    scene = build_scene(place, rng)
     poses = [draw_pose(scene, ViewConfig(), rng) for _ in range(views)]
     planes = {name: plane_shift(make, camera) for name, make in makers.items()}
     with ExitStack() as open_makers:

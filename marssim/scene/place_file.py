@@ -22,6 +22,7 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 from marssim.base.files.json_file import read_json, write_json
 from marssim.scene.scene import PRESETS, SceneConfig, preset
 
+FIELD = "`scene`"  # in front of each message: a command makes the flag of what stands in ` `
 PLACE_VALUES = "{" + ",".join(PRESETS) + "}|FILE.json"  # how a flag that takes a place shows its values in the help
 
 Part = TypeVar("Part")
@@ -35,7 +36,8 @@ def load_place(name: str | Path) -> SceneConfig:
 
     Raises:
         ValueError: There is neither; or the file is no JSON object, or has an unknown field or a value out of range.
-            One line that begins with `name`, and names the field, as `rocks.k`.
+            One line that names the file and the field, as rocks.k. It begins with `scene`, of which a command makes
+            the flag.
     """
     if str(name) in PRESETS:
         return preset(str(name))
@@ -43,12 +45,15 @@ def load_place(name: str | Path) -> SceneConfig:
     if path.suffix != ".json" and not path.exists():
         near = difflib.get_close_matches(str(name), PRESETS, 1)
         meant = f"; did you mean {near[0]}?" if near else ""
-        raise ValueError(f"{name}: no scene preset ({', '.join(PRESETS)}) and no JSON file of a place{meant}")
-    content = read_json(path)
+        raise ValueError(f"{FIELD} {name}: no preset ({', '.join(PRESETS)}) and no JSON file of a place{meant}")
+    try:
+        content = read_json(path)
+    except ValueError as error:
+        raise ValueError(f"{FIELD} {error}") from None
     try:
         return _merged(_start(content), _with_heightmap(content, path.parent))
     except ValueError as error:
-        raise ValueError(f"{path}: {str(error).replace('`', '')}") from None
+        raise ValueError(f"{FIELD} {path}: {str(error).replace('`', '')}") from None
 
 
 def save_place(place: SceneConfig, path: Path) -> None:

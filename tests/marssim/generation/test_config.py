@@ -8,6 +8,8 @@ import pytest
 from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
 from marssim.base.command.flags import parse
 from marssim.base.dataset.dataset import split_of
+from marssim.generate import main
+from marssim.generation.command_line import command_flags
 from marssim.generation.config import GenerateConfig, GenerateOptions, RigOptions, parse_generate
 from marssim.scene.relief import ReliefConfig
 from marssim.scene.rocks import RockConfig
@@ -50,6 +52,25 @@ def test_knobs_change_the_place_and_nothing_else():
             horizon=50.0,
         ),
     )
+
+
+def test_a_place_from_a_file_and_flags_that_change_it(tmp_path, capsys):
+    file = tmp_path / "my_place.json"
+    file.write_text('{"preset": "gale", "size": 20, "rocks": {"k": 0.12}}')
+    gale = preset("gale", size=20.0, rocks=replace(preset("gale").rocks, k=0.12))
+    config = asked("--scene", file)
+    assert config.scenes == (gale,) and type(config.scenes[0]) is SceneConfig and config.place == "gale"
+    assert command_flags(config) == "--pairs 100 --seed 0 --scene gale --rocks.k 0.12 --size 20.0"
+    assert asked("--scene", file, "--rocks.k", 0.2).scenes == (replace(gale, rocks=replace(gale.rocks, k=0.2)),)
+    assert "Viking 2 .15) (default: 0.12)" in shown(capsys, "--scene", str(file))
+
+
+@pytest.mark.parametrize("name", ["galle", "no.json", ""])
+def test_a_scene_that_is_neither_a_preset_nor_a_file_is_refused_with_the_flag(name, capsys):
+    assert main(["--out", "x", f"--scene={name}"]) == 2
+    line = capsys.readouterr().err
+    assert line.startswith("error: ") and "--scene" in line and line.count("\n") == 1
+    assert ("did you mean gale?" in line) == (name == "galle")
 
 
 def test_knobs_hold_for_every_place_of_mixed():

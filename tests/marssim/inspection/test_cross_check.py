@@ -8,13 +8,14 @@ from marssim.engines.egl import Egl
 from marssim.inspection import cross_check as module
 from marssim.inspection.agreement import Agreement
 from marssim.inspection.cross_check import MakerCheck, cross_check, table
+from marssim.scene.scene import preset
 
 CAMERA = NATECAM.resized(112, 112).camera
 
 
 def test_all_makers_agree_on_ten_random_views():
     """Depth, ids, and the shift at silhouettes, on ground and on tilted planes, of every maker that there is here."""
-    checks, notes = cross_check("gale", 0, 10, CAMERA)
+    checks, notes = cross_check(preset("gale"), 0, 10, CAMERA)
     told = table(checks)
     names = ["scan", "embree"] if sys.version_info >= (3, 12) else ["pybullet", "scan", "embree"]
     assert [name for name in checks if "EGL" not in name] == names

@@ -92,12 +92,18 @@ def test_a_mistake_in_a_file_is_one_line_with_the_file_and_the_field(content, me
     file = place_file(content)
     with pytest.raises(ValueError) as error:
         load_place(file)
-    assert str(error.value).startswith(f"{file}: ") and message in str(error.value) and "\n" not in str(error.value)
-    assert "`" not in str(error.value)
+    assert (
+        str(error.value).startswith(f"`scene` {file}: ")
+        and message in str(error.value)
+        and "\n" not in str(error.value)
+    )
+    assert str(error.value).count("`") == 2
 
 
 def test_neither_a_preset_nor_a_file():
-    with pytest.raises(ValueError, match=r"^galle: no scene preset \(utopia, .*\) and no JSON .*did you mean gale\?$"):
+    with pytest.raises(
+        ValueError, match=r"^`scene` galle: no preset \(utopia, .*\) and no JSON .*did you mean gale\?$"
+    ):
         load_place("galle")
-    with pytest.raises(ValueError, match=r"^nowhere\.json: no such file$"):
+    with pytest.raises(ValueError, match=r"^`scene` nowhere\.json: no such file$"):
         load_place("nowhere.json")
