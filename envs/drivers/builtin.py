@@ -1,4 +1,4 @@
-"""Who drives: the navigator, and the simplest drivers to compare it with."""
+"""The navigator as a driver, and the simplest drivers to compare it with."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from envs.world.course import EDGE
 from envs.world.referee import GOAL_RADIUS
 from nav.navigator import Navigator
 
-STRAIGHT_WITHIN = 0.3  # [rad] of the goal's direction the straight driver drives
+STRAIGHT_WITHIN = 0.3  # [rad] from the goal's direction, within which the straight driver drives while it turns
 
 
 class NavigatorDriver:
-    """nav.Navigator, fed with what the environment's eyes saw."""
+    """nav.Navigator, fed with the environment's depth."""
 
     def __init__(self) -> None:
         self.navigator = Navigator()
@@ -25,7 +25,8 @@ class NavigatorDriver:
     def reset(self, env: MarsNavEnv, seed: int) -> None:
         assert env.course is not None
         reach = env.course.scene.half - EDGE
-        self.navigator = Navigator(env.rover_spec, area=(-reach, -reach, reach, reach))  # the ground's edge is known
+        area = (-reach, -reach, reach, reach)  # the navigator knows where the ground ends
+        self.navigator = Navigator(env.rover_spec, area=area)
 
     def act(self, env: MarsNavEnv, observation: dict[str, Any]) -> np.ndarray | Stop:
         assert env.sight is not None and env.course is not None
@@ -41,7 +42,7 @@ class NavigatorDriver:
 
 
 class StraightDriver:
-    """Turns to the goal and drives straight at it, blind, until it believes to be there."""
+    """Turns to the goal and drives straight at it, blind, until it believes that it is there."""
 
     def reset(self, env: MarsNavEnv, seed: int) -> None: ...
 
@@ -53,10 +54,10 @@ class StraightDriver:
 
 
 class RandomDriver:
-    """Uniform random actions."""
+    """Draws uniform random actions."""
 
     def reset(self, env: MarsNavEnv, seed: int) -> None:
-        self._rng = np.random.default_rng((seed, 1))  # not the stream that draws the course
+        self._rng = np.random.default_rng((seed, 1))  # another stream than the one that draws the course
 
     def act(self, env: MarsNavEnv, observation: dict[str, Any]) -> np.ndarray:
         return self._rng.uniform(-1, 1, 3).astype(np.float32)

@@ -1,4 +1,4 @@
-"""A driver by its name, from the file of a trained policy, or from a class of your own."""
+"""Drivers by name, from the file of a trained policy, or from a class path."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from envs.drivers.builtin import NavigatorDriver, RandomDriver, StraightDriver
 from envs.drivers.driver import Driver
 from envs.drivers.policy_files import PolicyDriver
 
+# the drivers that come with the package
 DRIVERS: dict[str, type[Driver]] = {
     "navigator": NavigatorDriver,
     "straight": StraightDriver,
@@ -18,9 +19,15 @@ DRIVERS: dict[str, type[Driver]] = {
 
 
 def make_driver(name: str) -> Driver:
-    """A driver by name, from a policy file (.zip, see policy_files.py) or by class path, package.module:Class.
+    """Make a driver.
 
-    Raises ValueError or FileNotFoundError that says what was expected.
+    Args:
+        name: A name of DRIVERS, the file of a policy (FILE.zip, see policy_files.py), or a class path,
+            package.module:Class.
+
+    Raises:
+        ValueError: If the name is unknown or no driver; the message says what was expected.
+        FileNotFoundError: If the file is missing.
     """
     if name in DRIVERS:
         return DRIVERS[name]()
@@ -32,12 +39,16 @@ def make_driver(name: str) -> Driver:
 
 
 def load_driver_class(name: str) -> Any:
-    """A driver from "package.module:Class", made without arguments. Raises ValueError that names what is wrong."""
+    """Make a driver from "package.module:Class", without arguments.
+
+    Raises:
+        ValueError: If the class cannot be imported or made, or is no driver.
+    """
     module, _, attribute = name.partition(":")
     try:
-        made = getattr(importlib.import_module(module), attribute)()
+        driver = getattr(importlib.import_module(module), attribute)()
     except (ImportError, AttributeError, TypeError, ValueError) as error:
         raise ValueError(f"driver {name!r} cannot be made: {error}") from None
-    if not (callable(getattr(made, "act", None)) and callable(getattr(made, "reset", None))):
+    if not (callable(getattr(driver, "act", None)) and callable(getattr(driver, "reset", None))):
         raise ValueError(f"driver {name!r} has no methods reset and act")
-    return made
+    return driver

@@ -1,10 +1,10 @@
-"""MarsNav-v0 for a small policy: what lies in the ways round the goal's direction, and which of them to take.
+"""MarsNav-v0 for a small policy: how free the ways around the goal's direction are, and which of them to take.
 
-A policy on images needs millions of steps; this one sees 36 numbers and chooses among 13 ways. They are told from the
-goal's direction, not from the rover's heading, so that "straight on if that is free, else the nearest free way" is the
-same answer wherever the rover looks (the polar histogram of VFH: Borenstein and Koren 1991). A way is kept for some
-steps (an option of fixed length: Sutton, Precup and Singh 1999): a detour is tried by one draw instead of by ten that
-happen to agree, and its outcome is a few choices away.
+A policy on images needs millions of steps; this one sees 36 numbers and chooses among 13 ways. Their directions count
+from the goal's direction, not from the rover's heading, so that "straight on if that is free, else the nearest free
+way" is the same answer wherever the rover looks (the polar histogram of VFH: Borenstein and Koren 1991). A way is held
+for some steps (an option of fixed length: Sutton, Precup and Singh 1999): one draw tries a detour, instead of ten draws
+that happen to agree, and its outcome is a few choices away.
 """
 
 from __future__ import annotations
@@ -22,35 +22,36 @@ from envs.observation.spaces import share_of_distance
 from marssim.base.images.distance_transform import euclidean_distance
 from marssim.base.rover_spec import RoverSpec
 
-HALF_FAN = np.pi / 2  # [rad] to either side of the goal's direction: the ways that are looked along and can be taken
-WAYS = 13  # every 15 deg
-AHEAD = WAYS // 2  # the way straight to the goal
-REACH = 5.0  # [m] they are looked along
-MARGIN = -0.1  # [m] beside the rover: the map shows obstacles larger than they are, by about a cell
-HOLD_STEPS = 3  # steps that a way is kept: 1.2 m
-TURN_IN_PLACE = 0.5  # [rad] what the rover turns in one step; straight ways are left by 0.1 m on the arcs up to it
+HALF_FAN = np.pi / 2  # [rad] to either side of the goal's direction: the range of the ways
+WAYS = 13  # number of ways, 15 deg apart
+AHEAD = WAYS // 2  # number of the way straight to the goal
+REACH = 5.0  # [m] length over which a way is checked
+MARGIN = -0.1  # [m] added to half the rover's width: the map shows obstacles too large by about a cell
+HOLD_STEPS = 3  # steps for which a way is held: 1.2 m
+TURN_IN_PLACE = 0.5  # [rad] that the rover turns in one step; arcs up to it leave a straight way by 0.1 m
 OBSERVATION_SIZE = 2 * WAYS + 3 + 6 + 1  # numbers: ways and their room, goal, state, last way
 _OFFSETS = np.linspace(HALF_FAN, -HALF_FAN, WAYS)
 _ALONG = np.arange(1, round(REACH / CELL) + 1) * CELL
-_ROOM_CELLS = round(2.0 / CELL)  # steps over which the room is told
-ROOM = 1.5  # [m] more of it makes no difference
+_ROOM_CELLS = round(2.0 / CELL)  # cells of a way over which its room is measured
+ROOM = 1.5  # [m] beyond which more room makes no difference
 
 
 class Corridors(gymnasium.Wrapper):
-    """Vectors for a multilayer perceptron instead of images. Goes on a MarsNavEnv made with map_observation=True.
+    """Vectors for a multilayer perceptron instead of images, on a MarsNavEnv that was made with map_observation=True.
 
     Observation `Box((36,), float32)`:
 
-    | Index | Meaning                                                                                  |
-    |-------|------------------------------------------------------------------------------------------|
-    | 0-12  | free way / 5 m at 90, 75, ... -90 deg from the goal's direction, left > 0                |
-    | 13-25 | least distance from an obstacle on the first 2 m of these ways / 1.5 m                   |
-    | 26-28 | distance / (distance + 5 m) of the goal; sine and cosine of its bearing from the heading |
-    | 29-34 | MarsNav-v0's `state`                                                                     |
-    | 35    | the way that was taken last, from the goal's direction / 90 deg, left > 0; 0 at first    |
+    | Index | Meaning                                                                                     |
+    |-------|---------------------------------------------------------------------------------------------|
+    | 0-12  | free length / 5 m of the ways at 90, 75, ... -90 deg from the goal's direction, left > 0    |
+    | 13-25 | least distance from an obstacle on the first 2 m of these ways / 1.5 m                      |
+    | 26-28 | distance / (distance + 5 m) of the goal; sine and cosine of its bearing from the heading    |
+    | 29-34 | MarsNav-v0's `state`                                                                        |
+    | 35    | direction of the last way from the goal's direction / 90 deg, left > 0; 0 at first          |
 
-    Action `Discrete(13)`: which of these ways to take, for three steps of MarsNav-v0; its rewards are their sum. The
-    rover turns in place while the way is more than 0.5 rad off its heading, and drives there at full speed otherwise.
+    Action `Discrete(13)`: which of these ways to take for three steps of MarsNav-v0. The reward is the sum of theirs.
+    The rover turns in place while the way is more than 0.5 rad off its heading; otherwise it drives there at full
+    speed.
     """
 
     def __init__(self, env: gymnasium.Env) -> None:
@@ -89,12 +90,21 @@ class Corridors(gymnasium.Wrapper):
 
 
 def corridor_space() -> spaces.Box:
-    """The space of what Corridors shows."""
+    """Return the observation space of Corridors."""
     return spaces.Box(-np.inf, np.inf, (OBSERVATION_SIZE,), np.float32)
 
 
 def as_corridors(observation: dict[str, Any], spec: RoverSpec, last: int = AHEAD) -> np.ndarray:
-    """(36,) float32: one observation of MarsNav-v0 as Corridors shows it. last: the way that was taken before."""
+    """Return one observation of MarsNav-v0 as Corridors shows it.
+
+    Args:
+        observation: The observation, with its map.
+        spec: The rover.
+        last: Number of the way that was taken last.
+
+    Returns:
+        (36,) float32.
+    """
     distance, sine, cosine = observation["goal"]
     free, room = look_along(observation["map"][1], float(np.arctan2(sine, cosine)) + _OFFSETS, spec.width / 2 + MARGIN)
     goal = [share_of_distance(distance), sine, cosine]
@@ -103,12 +113,18 @@ def as_corridors(observation: dict[str, Any], spec: RoverSpec, last: int = AHEAD
 
 
 def look_along(cost: np.ndarray, bearings: np.ndarray, half_width: float) -> tuple[np.ndarray, np.ndarray]:
-    """What lies along straight ways from the rover.
+    """Measure the straight ways from the rover.
 
-    cost: (64, 64), MarsNav-v0's map of it, 1 at obstacles; bearings: (n,) from the heading [rad], left > 0; half_width
-    [m] of the corridor. Returns (n,) how far it is free [m], at most REACH, and (n,) how near to an obstacle its first
-    2 m come [m], at most ROOM.
-    A rover that stands nearer to an obstacle than half_width is free to go wherever it comes no nearer.
+    A rover that stands nearer to an obstacle than half_width may go wherever it comes no nearer.
+
+    Args:
+        cost: (64, 64) cost of MarsNav-v0's map, 1 at obstacles.
+        bearings: (n,) directions of the ways from the heading [rad], positive to the left.
+        half_width: Half the width of the corridor [m].
+
+    Returns:
+        (n,) free lengths [m], at most REACH, and (n,) least distances from an obstacle on the first 2 m [m], at most
+        ROOM.
     """
     ahead, left = np.outer(np.cos(bearings), _ALONG), np.outer(np.sin(bearings), _ALONG)
     row, column = (np.floor(PIXELS / 2 - part / CELL).astype(int) for part in (ahead, left))
@@ -124,7 +140,16 @@ def look_along(cost: np.ndarray, bearings: np.ndarray, half_width: float) -> tup
 
 
 def steer(goal: np.ndarray, way: int, spec: RoverSpec) -> np.ndarray:
-    """(3,) action of MarsNav-v0 that takes a way, as Corridors says. goal: (3,) as MarsNav-v0 observes it."""
+    """Return the action of MarsNav-v0 that takes a way, as Corridors documents it.
+
+    Args:
+        goal: (3,) the goal as MarsNav-v0 observes it.
+        way: Number of the way.
+        spec: The rover.
+
+    Returns:
+        (3,) action.
+    """
     _, sine, cosine = goal
     bearing = float(np.arctan2(sine, cosine) + _OFFSETS[way])
     return head_for((bearing + np.pi) % (2 * np.pi) - np.pi, TURN_IN_PLACE, spec)

@@ -1,4 +1,4 @@
-"""What a driver is: the interface that every driver of MarsNav-v0 has."""
+"""The interface of every driver of MarsNav-v0."""
 
 from __future__ import annotations
 
@@ -11,18 +11,27 @@ from envs.mars_nav import MarsNavEnv
 
 
 class Stop(Enum):
-    """Why a driver ends its drive by itself. The values are the outcomes that envs.drives.episodes records."""
+    """The reason for which a driver ends its drive. The values are the outcomes that envs.drives.episodes records."""
 
-    NO_PATH = "no_path"  # it finds no way on
-    ARRIVED = "elsewhere"  # it believes to be at the goal; were it there, the drive had ended with the step before
+    NO_PATH = "no_path"
+    """The driver finds no way to the goal."""
+    ARRIVED = "elsewhere"
+    """The driver believes that it is at the goal. If it were, the environment would have ended the drive before."""
 
 
 class Driver(Protocol):
-    """Chooses actions for a MarsNavEnv made with mast=True; with map_observation=True if `needs_map` is true of it."""
+    """Chooses the actions of a MarsNavEnv that was made with mast=True.
+
+    A driver whose attribute `needs_map` is true gets an environment with map_observation=True.
+    """
 
     def reset(self, env: MarsNavEnv, seed: int) -> None:
-        """A new episode begins."""
+        """Begin a new episode; seed is that of its course."""
 
     def act(self, env: MarsNavEnv, observation: dict[str, Any]) -> np.ndarray | Stop:
-        """(3,) action in [-1, 1]: speed, yaw rate, pan; or a Stop, which ends the drive."""
+        """Return the next action, or a Stop that ends the drive.
+
+        Returns:
+            (3,) in [-1, 1]: speed, yaw rate, pan of the mast.
+        """
         ...

@@ -1,4 +1,4 @@
-"""MarsNav-v0 as images, for policies that are convolutional networks (envs.drivers.corridors: for small networks)."""
+"""MarsNav-v0 as images, for policies that are convolutional networks (envs.drivers.corridors: small networks)."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ from marssim.base.camera import MAX_DEPTH, MIN_DEPTH
 
 
 class ImageObservation(gymnasium.ObservationWrapper):
-    """Depth and map as uint8 images, channels first, and the goal's distance within [0, 1]: what stable-baselines3's
-    `MultiInputPolicy` takes for images.
+    """MarsNav-v0 with depth and map as uint8 images, as `MultiInputPolicy` of stable-baselines3 expects them.
+
+    Images have their channels first; the goal's distance lies in [0, 1].
 
     | Key     | Shape       | Meaning                                                        |
     |---------|-------------|----------------------------------------------------------------|
     | `depth` | (1, 64, 64) | nearness: 255 at 0.5 m, 0 from 15 m on and where unknown       |
     | `map`   | (3, 64, 64) | the map's channels: height (128 is the rover's), cost, known   |
     | `goal`  | (3,)        | distance / (distance + 5 m); sine and cosine of the bearing    |
-    | `state` | (6,)        | as it is                                                       |
+    | `state` | (6,)        | as in MarsNav-v0                                               |
     """
 
     def __init__(self, env: gymnasium.Env) -> None:
@@ -33,7 +34,7 @@ class ImageObservation(gymnasium.ObservationWrapper):
 
 
 def image_space(inner: gymnasium.Space) -> spaces.Dict:
-    """The space of ImageObservation over MarsNav-v0's."""
+    """Return the observation space of ImageObservation over that of MarsNav-v0."""
     assert isinstance(inner, spaces.Dict)
     out: dict[str, spaces.Space] = dict(inner.spaces)
     shape = inner["depth"].shape
@@ -46,7 +47,7 @@ def image_space(inner: gymnasium.Space) -> spaces.Dict:
 
 
 def as_images(observation: dict[str, Any]) -> dict[str, Any]:
-    """One observation of MarsNav-v0 as ImageObservation shows it."""
+    """Return one observation of MarsNav-v0 as ImageObservation shows it."""
     depth, goal = observation["depth"], np.array(observation["goal"], dtype=np.float32)
     near = np.where(depth > 0, 1 / np.maximum(depth, MIN_DEPTH) - 1 / MAX_DEPTH, 0) / (1 / MIN_DEPTH - 1 / MAX_DEPTH)
     goal[0] = share_of_distance(goal[0])

@@ -1,4 +1,4 @@
-"""Policies from elsewhere as drivers: stable-baselines3's files, and classes by their path."""
+"""Policies of stable-baselines3 as drivers, read from their files."""
 
 from __future__ import annotations
 
@@ -16,19 +16,26 @@ from envs.drivers.image_observation import as_images, image_space
 from envs.mars_nav import MarsNavEnv
 from marssim.base.command.input_file import check_file
 
-CORRIDORS = "corridors"  # an entry in a policy's .zip
+CORRIDORS = "corridors"  # name of the entry that marks a policy's .zip as one of Corridors
 
 
 class PolicyDriver:
-    """A PPO policy of stable-baselines3, trained through ImageObservation (`MultiInputPolicy` at its default sizes), or
-    through Corridors (envs.drivers.way_policy) where mark_corridors says so in the file.
+    """A PPO policy of stable-baselines3, trained through ImageObservation or Corridors.
 
-    Of the .zip only the tensors of `policy.pth` are read: what is pickled beside them could run anything. Observed keys
-    and size of the action follow from the tensors' names and shapes; a policy that does not move the mast looks ahead.
+    A policy of ImageObservation is `MultiInputPolicy` at its default sizes. A policy of Corridors
+    (envs.drivers.way_policy) bears a mark in its file (mark_corridors). Of the .zip only the tensors of `policy.pth`
+    are read: the pickled parts could run anything. The observed keys and the size of the action follow from the
+    tensors' names and shapes; a policy that does not move the mast looks ahead.
     """
 
     def __init__(self, path: Path) -> None:
-        """Raises FileNotFoundError or ValueError that names the file; reset raises ImportError without the package."""
+        """Read the policy's tensors; `reset` builds the network.
+
+        Raises:
+            FileNotFoundError: If the file is missing.
+            ValueError: If the file holds no policy.
+            ImportError: Raised by `reset` if stable-baselines3 is not installed.
+        """
         self.path = path
         self._weights, self.corridors = _read(path)
         names = (re.match(r"features_extractor\.extractors\.(\w+)\.", name) for name in self._weights)
@@ -37,7 +44,7 @@ class PolicyDriver:
         self._policy: Any = None
 
     def reset(self, env: MarsNavEnv, seed: int) -> None:
-        self._held, self._way = 0, AHEAD  # steps that the way is still kept
+        self._held, self._way = 0, AHEAD  # steps for which the way is still held, and the way
         if self._policy is not None:
             return
         try:
@@ -68,25 +75,25 @@ class PolicyDriver:
         if self.corridors:
             if not self._held:
                 self._held = HOLD_STEPS
-                shown = as_corridors(observation, env.rover_spec, self._way)
-                self._way = int(self._policy.predict(shown, deterministic=True)[0])
+                vector = as_corridors(observation, env.rover_spec, self._way)
+                self._way = int(self._policy.predict(vector, deterministic=True)[0])
             self._held -= 1
             return steer(observation["goal"], self._way, env.rover_spec)
-        seen = as_images(observation)
-        action, _ = self._policy.predict({key: seen[key] for key in self._keys}, deterministic=True)
+        images = as_images(observation)
+        action, _ = self._policy.predict({key: images[key] for key in self._keys}, deterministic=True)
         padded = np.zeros(3, dtype=np.float32)
         padded[: len(action)] = action
         return padded
 
 
 def mark_corridors(policy: Path | IO[bytes]) -> None:
-    """Note in a policy's .zip that it sees and answers as Corridors says."""
+    """Mark a policy's .zip as one that observes and acts as Corridors documents."""
     with zipfile.ZipFile(policy, "a") as archive:
         archive.writestr(CORRIDORS, "")
 
 
 def _read(path: Path) -> tuple[dict[str, Any], bool]:
-    """The tensors by name, and whether it is marked as one of Corridors."""
+    """Return the tensors by name, and whether the file is marked as a policy of Corridors."""
     import torch
 
     check_file(path, "policy")

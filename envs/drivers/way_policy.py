@@ -1,7 +1,7 @@
 """A policy of stable-baselines3 that scores each way of Corridors by the same small network.
 
-What makes a way good is the same for all of them; a perceptron on the whole vector would have to learn it 13 times, in
-a time in which this one learns it once. Needs stable-baselines3: whoever imports this module sees to it.
+The same things make each way good. A perceptron on the whole vector would have to learn them 13 times; this network
+learns them once. The module imports torch and stable-baselines3: import it only where both are installed.
 """
 
 from __future__ import annotations
@@ -14,18 +14,19 @@ from torch import nn
 
 from envs.drivers.corridors import AHEAD, HALF_FAN, OBSERVATION_SIZE, WAYS
 
-WIDTH = 32  # of the network that scores the ways
-VALUE_WIDTH = 64  # of the critic's
-WAY_FEATURES = 6  # numbers that a way is scored by
-INITIAL_WEIGHT = 0.1  # of a new network's scores is kept, so that they do not outweigh the goal's direction
-INITIAL_SPREAD = 2.0  # ways off the goal's direction, by standard deviation, that a new policy tries
+WIDTH = 32  # channels of the network that scores the ways
+VALUE_WIDTH = 64  # width of the critic
+WAY_FEATURES = 6  # numbers from which a way is scored
+INITIAL_WEIGHT = 0.1  # factor on a new network's scores, so that they do not outweigh the goal's direction
+INITIAL_SPREAD = 2.0  # standard deviation, in ways, of a new policy's choices about the goal's direction
 
 
 class WayScores(nn.Module):
-    """What Corridors shows, (n, 36), to a score of each way (n, 13) for the actor, and features (n, 64) for the critic.
+    """Turns vectors of Corridors (n, 36) into a score of each way (n, 13) for the actor and features (n, 64) for the
+    critic.
 
-    Of a way count: its own row of the vector and its neighbours', its angles from the goal's direction, from the
-    heading and from the way taken last, and how far the goal is.
+    A way's score depends on its own values and its neighbours', on its angles from the goal's direction, from the
+    heading and from the last way, and on the distance of the goal.
     """
 
     def __init__(self) -> None:
@@ -41,12 +42,12 @@ class WayScores(nn.Module):
             nn.Linear(OBSERVATION_SIZE, VALUE_WIDTH), nn.Tanh(), nn.Linear(VALUE_WIDTH, VALUE_WIDTH), nn.Tanh()
         )
 
-    def forward(self, shown: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        return self.forward_actor(shown), self.forward_critic(shown)
+    def forward(self, vector: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        return self.forward_actor(vector), self.forward_critic(vector)
 
-    def forward_actor(self, shown: torch.Tensor) -> torch.Tensor:
+    def forward_actor(self, vector: torch.Tensor) -> torch.Tensor:
         free, room, (share, sine, cosine), last = (
-            shown[:, :WAYS], shown[:, WAYS : 2 * WAYS], shown[:, 2 * WAYS : 2 * WAYS + 3].T, shown[:, -1:],
+            vector[:, :WAYS], vector[:, WAYS : 2 * WAYS], vector[:, 2 * WAYS : 2 * WAYS + 3].T, vector[:, -1:],
         )  # fmt: skip
         bearing = self.offsets + torch.atan2(sine, cosine)[:, None]
         turn = torch.atan2(bearing.sin(), bearing.cos()).abs()
@@ -55,13 +56,15 @@ class WayScores(nn.Module):
         ways = torch.stack([free, room, beside, turn / HALF_FAN, moved, share[:, None].expand_as(free)], dim=1)
         return self.score(ways)[:, 0]
 
-    def forward_critic(self, shown: torch.Tensor) -> torch.Tensor:
-        return self.value(shown)
+    def forward_critic(self, vector: torch.Tensor) -> torch.Tensor:
+        return self.value(vector)
 
 
 class WayPolicy(ActorCriticPolicy):
-    """PPO's policy on WayScores. A new one drives at the goal, and tries what lies beside: it has the detours to learn
-    only."""
+    """PPO's policy on WayScores.
+
+    A new one drives at the goal and tries the ways beside it, so that it has only detours to learn.
+    """
 
     def _build_mlp_extractor(self) -> None:
         self.mlp_extractor: Any = WayScores()

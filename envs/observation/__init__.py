@@ -1,1 +1,1 @@
-"""What MarsNav-v0 shows an agent."""
+"""The observations of MarsNav-v0."""

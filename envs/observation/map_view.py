@@ -1,4 +1,4 @@
-"""The map around the rover as an observation: what the navigator knows, for a policy without memory."""
+"""The map around the rover as an observation: the navigator's knowledge, for a policy without memory."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from marssim.base.rover_spec import RoverSpec
 from nav.ground.elevation import ElevationConfig, ElevationMap
 from nav.ground.traversability import TraversabilityConfig, assess
 
-PIXELS, CELL = 64, 0.2  # of the observed map: 12.8 m wide
-REACH = PIXELS * CELL / np.sqrt(2)  # [m] from the rover to its corners
-HEIGHT_LIMIT = 2.0  # [m] above or below the rover; beyond it heights are clipped
-COST_LIMIT = 8.0  # a metre there counts as this many and more
+PIXELS, CELL = 64, 0.2  # pixels along a side of the observed map, and their edge [m]: it is 12.8 m wide
+REACH = PIXELS * CELL / np.sqrt(2)  # [m] from the rover to the map's corners
+HEIGHT_LIMIT = 2.0  # [m] above or below the rover at which heights are clipped
+COST_LIMIT = 8.0  # extra metres for a metre of ground at which the cost is clipped
 
 
 class MapView:
-    """Fuses looks as nav does, and cuts out a square around the rover with its heading up."""
+    """Fuses looks as the navigator does, and cuts out a square around the rover with its heading up."""
 
     def __init__(self, spec: RoverSpec) -> None:
         self.spec = spec
@@ -27,16 +27,21 @@ class MapView:
         self._ahead, self._left = ahead, left  # row 0 is the farthest ahead, column 0 the farthest to the left
 
     def start(self, pose: np.ndarray) -> None:
-        """Forget everything; the start is clear all round. pose: (4, 4) body to world, as believed."""
+        """Forget everything; the start is clear all around. pose: (4, 4) believed pose, body to world."""
         self.map.clear(pose[:2, 3])
         self.map.assume_flat(pose, CLEAR_RADIUS)
 
     def update(self, sight: Sight, pose: np.ndarray) -> np.ndarray:
         """Take in a look from the believed pose and return the map.
 
-        (3, 64, 64) float32: height above the rover's stand / 2 m in [-1, 1], 0 where unknown; cost of driving there in
-        [0, 1], 1 at obstacles; 1 where it was seen or taken for flat (about the start, and under the rover), 0 where
-        not.
+        Args:
+            sight: The look.
+            pose: (4, 4) believed pose, body to world.
+
+        Returns:
+            (3, 64, 64) float32. Channel 0: height above the rover / 2 m in [-1, 1], 0 where unknown. Channel 1: cost of
+            driving in [0, 1], 1 at obstacles. Channel 2: 1 where the ground was seen or is assumed to be flat (about
+            the start, and under the rover), else 0.
         """
         self.map.recentre(pose[:2, 3])
         self.map.assume_under(pose, self.spec.length, self.spec.width)

@@ -1,4 +1,4 @@
-"""The depth that is observed: small, and with no rock lost."""
+"""The observed depth: small, and with no rock lost."""
 
 from __future__ import annotations
 
@@ -10,8 +10,16 @@ from marssim.base.camera import MAX_DEPTH
 def nearest_depth(depth: np.ndarray, pixels: int) -> np.ndarray:
     """Shrink a depth map to pixels x pixels so that the nearest thing in each block stays.
 
-    depth: (H, W) [m], inf for sky; NaN and what is not positive is unknown. H and W multiples of `pixels`. Returns
-    float32 in [0, 15]: 15 for all that is farther (sky too), 0 for blocks in which nothing is known.
+    Args:
+        depth: (H, W) depth [m], inf for sky; NaN and values that are not positive are unknown. H and W are multiples of
+            `pixels`.
+        pixels: Side of the result [px].
+
+    Returns:
+        float32 in [0, 15]: 15 for everything farther (sky too), 0 for blocks in which nothing is known.
+
+    Raises:
+        ValueError: If the depth does not divide into blocks.
     """
     h, w = depth.shape
     if h % pixels or w % pixels:

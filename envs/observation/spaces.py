@@ -1,4 +1,4 @@
-"""What the rover tells its driver: the spaces of MarsNav-v0's observation, and how it is made up."""
+"""The spaces of MarsNav-v0's observation, and the observation without its map."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from envs.observation.nearest_depth import nearest_depth
 from marssim.base.camera import MAX_DEPTH
 from marssim.physics.state import RoverState
 
-DEPTH_PIXELS = 64  # a side of the observed depth
-HALFWAY = 5.0  # [m] from the goal, which share_of_distance makes one half
+DEPTH_PIXELS = 64  # [px] along a side of the observed depth
+HALFWAY = 5.0  # [m] from the goal at which share_of_distance is one half
 
 
 def observation_space(with_map: bool) -> spaces.Dict:
-    """The Dict that MarsNavEnv documents. with_map: whether "map" is in it."""
+    """Return the Dict space that MarsNavEnv documents; with_map: whether it has "map"."""
     space = spaces.Dict(
         {
             "depth": spaces.Box(0, MAX_DEPTH, (DEPTH_PIXELS, DEPTH_PIXELS), np.float32),
@@ -34,10 +34,14 @@ def observation_space(with_map: bool) -> spaces.Dict:
 def observe(
     depth: np.ndarray, pose: np.ndarray, goal: np.ndarray, state: RoverState, last_action: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """The observation without its map.
+    """Return the observation without its map.
 
-    depth: (H, W) [m] of the look; pose: (4, 4) body to world, as the rover believes; goal: (2,) world [m]; state: how
-    it stands and moves; last_action: (2,).
+    Args:
+        depth: (H, W) depth of the look [m].
+        pose: (4, 4) believed pose, body to world.
+        goal: (2,) goal in the world [m].
+        state: Attitude and motion of the rover.
+        last_action: (2,) the last action.
     """
     offset = goal - pose[:2, 3]
     bearing = np.arctan2(offset[1], offset[0]) - np.arctan2(pose[1, 0], pose[0, 0])
@@ -50,5 +54,5 @@ def observe(
 
 
 def share_of_distance(distance: float) -> float:
-    """The goal's distance [m] within [0, 1), for networks: finest near the goal."""
+    """Return the goal's distance [m] scaled to [0, 1), for networks: finest near the goal."""
     return distance / (distance + HALFWAY)

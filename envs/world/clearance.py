@@ -1,4 +1,4 @@
-"""How near the rover's outline comes to the rocks that block it."""
+"""The clearance between the rover's outline and the rocks that block it."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from marssim.base.rover_spec import RoverSpec
 from marssim.scene.rocks import outline_points
 from marssim.scene.scene import Scene
 
-SPACING = 0.03  # [m] between points of an outline; at 0.1 m distances come out a millimetre too large at most
-BETWEEN = 0.05  # [m] that the footprint's corners move between two looks at a drive
-FAR = 3.0  # [m]; what is farther away is not looked for
+SPACING = 0.03  # [m] between points of an outline; it makes distances at 0.1 m too large by a millimetre at most
+BETWEEN = 0.05  # [m] that the footprint's corners move between two checks of a drive
+FAR = 3.0  # [m] largest clearance; rocks farther away are not searched
 
 
 class RockClearance:
-    """Distance between the rover and what blocks it, both seen from above.
+    """Distance between the rover and the rocks that block it, both seen from above.
 
-    The rover is its driving footprint, length x width, at any heading; an obstacle is a rock of obstacle_height or
-    more, and its outline that of its mesh above ground.
+    The rover is its driving footprint, length x width, at any heading. An obstacle is a rock of obstacle_height or
+    more; its outline is that of its mesh above ground.
     """
 
     def __init__(self, scene: Scene, spec: RoverSpec) -> None:
@@ -26,16 +26,22 @@ class RockClearance:
         rocks = scene.rocks
         reached = np.abs(rocks.centre[:, :2]).max(axis=1) - rocks.diameter < scene.half
         block = np.flatnonzero((rocks.height >= spec.obstacle_height) & reached)
-        points, of = outline_points(rocks, block, scene.terrain.height_at)
-        order = np.argsort(of, kind="stable")
-        outlines = np.split(points[order], np.flatnonzero(np.diff(of[order])) + 1)
-        around = np.concatenate([np.zeros((0, 2)), *(_walked(outline) for outline in outlines if len(outline) > 2)])
+        points, owner = outline_points(rocks, block, scene.terrain.height_at)
+        order = np.argsort(owner, kind="stable")
+        outlines = np.split(points[order], np.flatnonzero(np.diff(owner[order])) + 1)
+        hulls = [_hull_points(outline) for outline in outlines if len(outline) > 2]
+        around = np.concatenate([np.zeros((0, 2)), *hulls])
         self._outlines = around[np.argsort(around[:, 0])]
 
     def between(self, before: np.ndarray, after: np.ndarray) -> float:
-        """Least distance [m] from the footprint to an outline on the way between two places, turning evenly.
+        """Return the least distance from the footprint to an outline on the way between two places, turning evenly.
 
-        before, after: (3,) x, y [m] and yaw [rad]. 0 where they overlap, FAR where nothing comes as near.
+        Args:
+            before: (3,) x, y [m] and yaw [rad] at the start.
+            after: (3,) the same at the end.
+
+        Returns:
+            Distance [m]; 0 where they overlap, FAR where nothing comes as near.
         """
         turn = (after[2] - before[2] + np.pi) % (2 * np.pi) - np.pi
         change = np.array([*(after[:2] - before[:2]), turn])
@@ -51,14 +57,14 @@ class RockClearance:
         return float(beyond.min(initial=FAR))
 
     def _within(self, middle: np.ndarray, reach: float) -> np.ndarray:
-        """Points (n, 2) of the outlines in a square of 2 reach [m]."""
+        """Return the points (n, 2) of the outlines in a square of side 2 reach [m]."""
         low, high = np.searchsorted(self._outlines[:, 0], (middle[0] - reach, middle[0] + reach))
         strip = self._outlines[low:high]
         return strip[np.abs(strip[:, 1] - middle[1]) <= reach]
 
 
-def _walked(points: np.ndarray) -> np.ndarray:
-    """(n, 2): the convex hull of points (m, 2) [m], walked round in steps of SPACING at most."""
+def _hull_points(points: np.ndarray) -> np.ndarray:
+    """Return points (n, 2) along the convex hull of points (m, 2) [m], at most SPACING apart."""
     corners = cv2.convexHull(points.astype(np.float32))[:, 0].astype(float)
     sides = np.roll(corners, -1, axis=0) - corners
     number = np.ceil(np.hypot(*sides.T) / SPACING).astype(int).clip(1)

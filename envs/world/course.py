@@ -1,7 +1,7 @@
 """A course: a scene with a start, a goal, and the true ground between them.
 
-What is passable is judged here on the true rocks, with a fixed footprint, and independently of any planner. Slopes and
-craters do not count: the rover climbs what the presets have.
+Whether ground is passable is judged on the true rocks, with a fixed footprint, and independently of any planner. Slopes
+and craters do not count: the rover climbs those of the presets.
 """
 
 from __future__ import annotations
@@ -18,18 +18,20 @@ from marssim.base.images.distance_transform import euclidean_distance
 from marssim.base.rover_spec import RoverSpec
 from marssim.scene.scene import Scene, SceneConfig, build_scene
 
-CLEAR_RADIUS = 2.5  # [m] around start and goal, free of rocks
+CLEAR_RADIUS = 2.5  # [m] around start and goal within which there are no rocks
 MARGIN = 7.0  # [m] from start and goal to the edge of the driving ground
-EDGE = 1.5  # [m] the rover's middle must keep this far from the edge
+EDGE = 1.5  # [m] least distance of the rover's middle from the edge
 CELL = 0.1  # [m] grid of the clearance
-STRIDE = 2  # the geodesic is searched on every second cell
+STRIDE = 2  # cells of the clearance along one cell of the search for the shortest way
 SCENE_CELL = 0.1  # [m] grid of the scenes' relief
-OFF_COURSE = np.pi / 4  # [rad] to either side of the goal's direction, in which the rover may head at the start
-REDRAWS = 50  # in a row at most
+OFF_COURSE = np.pi / 4  # [rad] largest angle between the rover's heading at the start and the goal's direction
+REDRAWS = 50  # most draws of one course
 SIXTEEN_NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))  # and their opposites
-BESIDE = 1.5  # cells that a place or the goal may be away from a cell to be joined to it straight
-LOOK_ROUND = max(6, round(1.5 * EDGE / (CELL * STRIDE)))  # cells; from beyond the edge some within must be among them
+BESIDE = 1.5  # cells within which a place or the goal is joined to a cell by a straight line
+# cells searched around a place: enough to reach the ground from beyond its edge
+LOOK_ROUND = max(6, round(1.5 * EDGE / (CELL * STRIDE)))
 
+# least and largest value of each property of a course, and its unit
 LIMITS = {
     "goal_distance": (3, 100, " m"),
     "k": (0, 0.4, ""),
@@ -40,13 +42,18 @@ LIMITS = {
 
 @dataclass(frozen=True)
 class CourseConfig:
-    """What reset may change. Lengths [m], angles [deg]."""
+    """The properties of a course that reset may change. Lengths [m], angles [deg]."""
 
     goal_distance: float = 20.0
-    k: float | None = None  # rock abundance, instead of the scene's
-    slope_deg: float | None = None  # regional slope, its direction drawn, instead of the scene's
+    """Distance from start to goal [m]."""
+    k: float | None = None
+    """Rock abundance, Golombek's k; None for the scene's own."""
+    slope_deg: float | None = None
+    """Regional slope [deg], its direction drawn; None for the scene's own."""
     sun_elevation_deg: float | None = None
-    scene_seed: int | None = None  # the course's own seed, instead of one drawn from the environment's
+    """Height of the sun [deg]; None for the scene's own."""
+    scene_seed: int | None = None
+    """Seed of the course; None draws it from the environment's seed."""
 
     def __post_init__(self) -> None:
         for name, (low, high, unit) in LIMITS.items():
@@ -61,10 +68,10 @@ class CourseConfig:
 
 
 class TrueGround:
-    """Clearance from obstacles and shortest way to the goal, on the true rocks of a scene.
+    """Clearance from obstacles and the shortest way to the goal, on the true rocks of a scene.
 
     An obstacle is a rock of spec.obstacle_height or more, taken as the disc of its outline. The rover is a disc of half
-    its width: it may pass where clearance is at least that.
+    its width: it may pass where the clearance is at least that.
     """
 
     def __init__(self, scene: Scene, spec: RoverSpec, goal: np.ndarray) -> None:
@@ -90,24 +97,27 @@ class TrueGround:
         self._field, self._next = self._distances()
 
     def clearance(self, x: float, y: float) -> float:
-        """Distance [m] from a point to the nearest obstacle's disc; 0 inside it.
+        """Return the distance from a point to the nearest obstacle's disc [m]; 0 inside it.
 
-        On a grid of 0.1 m, and a disc is not the rock's outline: 0.04 m too large by the mean, with a deviation of
-        0.08 m, where the rover's flank comes by (k = .15).
+        It is taken on a grid of 0.1 m, and a disc is not the rock's outline: where the rover's side passes, it is 0.04
+        m too large on average, with a standard deviation of 0.08 m (k = .15).
         """
         j, i = self._index(y, CELL, len(self._clearance)), self._index(x, CELL, len(self._clearance))
         return float(self._clearance[j, i])
 
     def distance_to_goal(self, x: float, y: float) -> float:
-        """Length [m] of the shortest passable way from a point to the goal; inf if there is none.
+        """Return the length of the shortest passable way from a point to the goal [m]; inf if there is none.
 
-        A point that is itself not passable (the rover brushes a rock) counts from the nearest passable cell near it.
+        A point that is not passable itself (the rover touches a rock) counts from the nearest passable cell.
         """
         return self._entry(x, y)[0]
 
     def way_to_goal(self, x: float, y: float) -> np.ndarray:
-        """(N, 2) [m] corners of the way whose length distance_to_goal tells, from the point to the goal; (0, 2) if
-        there is none."""
+        """Return the corners of the shortest way from a point to the goal, whose length distance_to_goal returns.
+
+        Returns:
+            (N, 2) [m]; (0, 2) if there is no way.
+        """
         length, cell = self._entry(x, y)
         if not np.isfinite(length):
             return np.zeros((0, 2))
@@ -125,7 +135,7 @@ class TrueGround:
         return way[np.concatenate([[True], turns, [True]])]
 
     def _entry(self, x: float, y: float) -> tuple[float, int]:
-        """Length [m] of the shortest way from a point, and the number of the cell by which it sets out."""
+        """Return the length of the shortest way from a point [m], and the number of the cell in which it starts."""
         n = len(self._field)
         j, i = self._index(y, self._cell, n), self._index(x, self._cell, n)
         rows, columns = (slice(max(0, at - LOOK_ROUND), min(n, at + LOOK_ROUND + 1)) for at in (j, i))
@@ -142,14 +152,15 @@ class TrueGround:
         return int(np.clip(round((value + self.half) / cell), 0, n - 1))
 
     def _distances(self) -> tuple[np.ndarray, np.ndarray]:
-        """Shortest way from every cell to the goal over 16 neighbours (at most 2.7 % longer than the true one).
+        """Find the shortest way from every cell to the goal over 16 neighbours, at most 2.7 % longer than the true one.
 
-        Returns the lengths (n, n) [m], inf where there is none, and (n n,) the cell by which each way goes on, n n for
-        the goal itself.
+        Returns:
+            The lengths (n, n) [m], inf where there is no way, and (n n,) the next cell of each way, n n for the goal
+            itself.
         """
         n = len(self._passable)
         index = np.arange(n * n).reshape(n, n)
-        # the goal is a node of its own, between cells: snapped to one, ways would come out shorter than they are
+        # The goal is a node of its own, between cells: snapped to a cell, it would make ways too short.
         y, x = np.meshgrid(*[np.arange(n) * self._cell - self.half] * 2, indexing="ij")
         gap = np.hypot(x - self._goal[0], y - self._goal[1])
         near = (gap <= BESIDE * self._cell) & self._passable
@@ -161,30 +172,43 @@ class TrueGround:
             rows.append(index[a][open_])
             columns.append(index[b][open_])
             lengths.append(np.full(int(open_.sum()), np.hypot(dj, di) * self._cell))
-        ends = (np.concatenate(rows), np.concatenate(columns))
-        graph = csr_matrix((np.concatenate(lengths), ends), shape=(n * n + 1, n * n + 1))
+        edges = (np.concatenate(rows), np.concatenate(columns))
+        graph = csr_matrix((np.concatenate(lengths), edges), shape=(n * n + 1, n * n + 1))
         length, onward = dijkstra(graph, directed=False, indices=n * n, return_predecessors=True)
         return length[:-1].reshape(n, n), onward[:-1]
 
 
 @dataclass(frozen=True)
 class Course:
-    """start: (x, y, yaw) [m, rad]; goal: (2,) [m]; shortest: length of the shortest passable way [m]; redraws: how
-    many courses were thrown away because rocks closed every way to their goal."""
+    """A scene with a start and a goal."""
 
     scene: Scene
+    """The scene."""
     ground: TrueGround
+    """The true clearance and shortest way."""
     start: np.ndarray
+    """x, y [m] and yaw [rad] of the start."""
     goal: np.ndarray
+    """(2,) goal [m]."""
     shortest: float
+    """Length of the shortest passable way [m]."""
     redraws: int
+    """Number of courses that were rejected before, as rocks closed every way to their goal."""
 
 
 def draw_course(base: SceneConfig, config: CourseConfig, spec: RoverSpec, rng: np.random.Generator) -> Course:
-    """Draw scene, start and goal; redraw while no way leads to the goal.
+    """Draw scene, start and goal; draw again while no way leads to the goal.
 
-    The scene is as wide as the course needs, on a grid of 0.1 m, whatever base.size and base.cell say. Raises
-    ValueError if 50 draws in a row have no way (k is too high for the rover).
+    The scene is as wide as the course needs, on a grid of 0.1 m; base.size and base.cell have no effect.
+
+    Args:
+        base: The scene's settings.
+        config: The course's settings.
+        spec: The rover.
+        rng: Source of the random draws, unless config.scene_seed is given.
+
+    Raises:
+        ValueError: If 50 draws in a row have no way: k is too high for the rover.
     """
     if config.scene_seed is not None:
         rng = np.random.default_rng(config.scene_seed)
@@ -215,7 +239,13 @@ def draw_course(base: SceneConfig, config: CourseConfig, spec: RoverSpec, rng: n
 
 
 def reversed_course(course: Course, spec: RoverSpec, rng: np.random.Generator) -> Course:
-    """The same scene the other way, from the goal to the start: both are free of rocks. rng draws the heading."""
+    """Return the course from the goal to the start of the same scene: both are free of rocks.
+
+    Args:
+        course: The course.
+        spec: The rover.
+        rng: Source of the heading at the new start.
+    """
     start, goal = course.goal, course.start[:2]
     bearing = np.arctan2(*(goal - start)[::-1])
     ground = TrueGround(course.scene, spec, goal)

@@ -1,4 +1,4 @@
-"""Where the rover believes to be: its true motion with the errors of dead reckoning added up."""
+"""The rover's belief of its own pose: its true motion with the accumulated errors of dead reckoning."""
 
 from __future__ import annotations
 
@@ -6,10 +6,14 @@ import numpy as np
 
 
 class Odometry:
-    """Dead reckoning that drifts. Attitude and height are measured well (inertial unit, sun), position and heading not.
+    """Dead reckoning that drifts.
 
-    drift: standard deviation of the position error after 1 m, as a share; it grows with the root of the way, so that
-    2 % is 2 cm after 1 m and 9 cm after 20 m. yaw_drift [rad]: likewise of the heading after 1 m.
+    Attitude and height are measured well (inertial unit, sun); position and heading are not.
+
+    Attributes:
+        drift: Standard deviation of the position error after 1 m, as a share of the way. It grows with the root of the
+            way: 2 % is 2 cm after 1 m and 9 cm after 20 m.
+        yaw_drift: Standard deviation of the heading's error after 1 m [rad]; it grows likewise.
     """
 
     def __init__(self, drift: float, yaw_drift: float, rng: np.random.Generator) -> None:
@@ -19,7 +23,14 @@ class Odometry:
         self._xy, self._yaw_error = np.zeros(2), 0.0
 
     def update(self, pose: np.ndarray) -> np.ndarray:
-        """The believed pose after a move to the true one, (4, 4) body to world both; the first is believed as it is."""
+        """Return the believed pose after a move.
+
+        Args:
+            pose: (4, 4) true pose, body to world. The first one is believed as it is.
+
+        Returns:
+            (4, 4) believed pose, body to world.
+        """
         here = pose[:2, 3]
         if self._true is None:
             self._xy = here.copy()
@@ -38,5 +49,6 @@ class Odometry:
 
 
 def _turn(angle: float) -> np.ndarray:
+    """Return the (2, 2) rotation by an angle [rad]."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s], [s, c]])

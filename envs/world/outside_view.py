@@ -1,4 +1,4 @@
-"""The rover seen from outside, in the same light as its cameras see the ground."""
+"""The rover seen from outside, in the light that its cameras see."""
 
 from __future__ import annotations
 
@@ -15,15 +15,22 @@ from marssim.render.sensor import Sensor
 from marssim.render.surfaces.shading import Shader
 from marssim.scene.scene import Scene
 
-WIDTH, HEIGHT = 800, 400
-BEHIND, ABOVE, ASIDE = 4.2, 2.3, 1.6  # [m] where the chase camera stands from the rover
+WIDTH, HEIGHT = 800, 400  # [px] of the picture
+BEHIND, ABOVE, ASIDE = 4.2, 2.3, 1.6  # [m] from the rover to the chase camera
+# the detector of the chase camera: no blur, no noise
 SENSOR = Sensor(exposure=0.5, psf=0.0, full_well=1e6, read_noise=0.0, vignetting=0.0, gain_difference=0.0)
 
 
 class OutsideView:
-    """A chase camera on one Scene. caster: a Raycaster of that scene to share, or None to build one."""
+    """A chase camera on one scene."""
 
     def __init__(self, scene: Scene, caster: Raycaster | None = None) -> None:
+        """Make the camera.
+
+        Args:
+            scene: The scene.
+            caster: A Raycaster of that scene to share; None builds one.
+        """
         self.scene = scene
         self._own = caster is None
         self.caster = caster or Raycaster(scene)
@@ -31,13 +38,13 @@ class OutsideView:
         self._heading: float | None = None
 
     def picture(self, state: RoverState, parts: list[Part]) -> np.ndarray:
-        """(400, 800, 3) uint8 RGB of the rover's parts on the scene, from behind, above and aside."""
+        """Return a picture of the rover's parts on the scene, from behind, above and aside: (400, 800, 3) uint8 RGB."""
         pose = self._chase(state)
         camera = PinholeCamera.centred(WIDTH, HEIGHT, 0.75 * WIDTH)
         rover = MeshCaster([_part(part, n) for n, part in enumerate(parts)])
         rays = camera.rays().reshape(-1, 3)
-        colour, seen = self._shade(rays, camera.fx, pose, rover, parts)
-        edge = np.flatnonzero(_borders(seen.reshape(HEIGHT, WIDTH)).ravel())
+        colour, surface = self._shade(rays, camera.fx, pose, rover, parts)
+        edge = np.flatnonzero(_borders(surface.reshape(HEIGHT, WIDTH)).ravel())
         step = np.array([[du / camera.fx, dv / camera.fy, 0] for du, dv in SUBPIXELS])
         fine = (rays[edge, None] + step).reshape(-1, 3)
         colour[edge] = self._shade(fine, camera.fx, pose, rover, parts)[0].reshape(len(edge), -1, 3).mean(axis=1)
@@ -46,12 +53,12 @@ class OutsideView:
         return SENSOR.expose(colour, gain, np.random.default_rng(0))
 
     def close(self) -> None:
-        """Free the ray caster if it is this view's own; may be called twice."""
+        """Free the ray caster if it is not shared; may be called twice."""
         if self._own:
             self.caster.close()
 
     def _chase(self, state: RoverState) -> np.ndarray:
-        """Camera pose behind the rover; it follows turns slowly, so that a film is calm."""
+        """Return the camera's pose behind the rover; it follows turns slowly, so that a film is calm."""
         if self._heading is None:
             self._heading = state.yaw
         turn = (state.yaw - self._heading + np.pi) % (2 * np.pi) - np.pi
@@ -70,7 +77,7 @@ class OutsideView:
     def _shade(
         self, rays: np.ndarray, focal: float, pose: np.ndarray, rover: MeshCaster, parts: list[Part]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Radiance (N, 3) and what is seen (N,) along rays, ground or rover, each in the other's shadow."""
+        """Return the radiance (N, 3) and the surface's number (N,) along rays, with the shadows of ground and rover."""
         world_rays = rotate(rays, pose[:3, :3])
         eye, sun = pose[:3, 3], self.scene.look.sun
         depth, normal, smooth, surface = self.caster.trace(rays, pose)
@@ -110,10 +117,10 @@ def _part(part: Part, number: int) -> Mesh:
     return Mesh(vertices, part.faces, surface, np.zeros_like(vertices))
 
 
-def _borders(seen: np.ndarray) -> np.ndarray:
-    """(H, W) bool: pixels beside one with another id. seen: (H, W) int."""
-    out = np.zeros(seen.shape, dtype=bool)
-    across, down = seen[:, 1:] != seen[:, :-1], seen[1:] != seen[:-1]
+def _borders(surface: np.ndarray) -> np.ndarray:
+    """Return the pixels (H, W) bool beside a pixel of another number; surface: (H, W) int."""
+    out = np.zeros(surface.shape, dtype=bool)
+    across, down = surface[:, 1:] != surface[:, :-1], surface[1:] != surface[:-1]
     out[:, 1:] |= across
     out[:, :-1] |= across
     out[1:] |= down

@@ -1,4 +1,4 @@
-"""The rover's eyes: renders what its cameras see and turns it into depth, by an estimator or by the ground truth."""
+"""The rover's perception: it renders the cameras' images and turns them into depth, or returns the true depth."""
 
 from __future__ import annotations
 
@@ -19,36 +19,47 @@ from marssim.render.surfaces.shading import Shader
 from marssim.scene.scene import Scene
 
 GROUND_TRUTH = "ground_truth"  # the name of the perception that reads the true depth
-GROUND_TRUTH_PIXELS = 128  # true depth needs no images: this many rays a side are enough to drive by
+GROUND_TRUTH_PIXELS = 128  # rays along a side of true depth: it needs no images, and fewer rays are enough to drive
 
 
 @dataclass(frozen=True)
 class Sight:
-    """One look.
+    """One look of the rover.
 
-    depth: (H, W) float32 [m] of the left eye, inf in the sky, NaN unknown. confidence: (H, W) float32 in [0, 1].
-    rig: of these maps; pan [rad] of the mast. left, right: (h, w, 3) uint8 images or None with ground truth. normal:
-    (h, w, 3), camera frame, or None. seconds: perception alone. What no rover knows, for scores and films: pose, (4, 4)
-    left camera to world as it truly is; true_depth, (h, w) [m].
+    `pose` and `true_depth` are for scores and films: no rover knows them.
     """
 
     depth: np.ndarray
+    """(H, W) float32 depth of the left eye [m], inf in the sky, NaN where unknown."""
     confidence: np.ndarray
+    """(H, W) float32 in [0, 1]."""
     rig: StereoRig
+    """The cameras at the size of `depth`."""
     pose: np.ndarray
+    """(4, 4) true pose of the left camera, camera to world."""
     pan: float
+    """Pan of the mast [rad], positive to the left."""
     left: np.ndarray | None = None
+    """(h, w, 3) uint8 image of the left eye; None with ground truth."""
     right: np.ndarray | None = None
+    """(h, w, 3) uint8 image of the right eye; None with ground truth."""
     true_depth: np.ndarray | None = None
+    """(h, w) true depth of the left eye [m]."""
     normal: np.ndarray | None = None
+    """(h, w, 3) surface normals in the camera frame, or None."""
     seconds: float = 0.0
+    """Run time of the perception alone [s]."""
 
 
 def load_perception(perception: str | Estimator) -> Estimator | None:
-    """What turns images into depth; None for "ground_truth", which needs none.
+    """Return the estimator that turns images into depth; None for "ground_truth", which needs none.
 
-    perception: as MarsNavEnv takes it. Raises ValueError that lists the names there are, FileNotFoundError that names
-    the file if weights are missing.
+    Args:
+        perception: As MarsNavEnv takes it.
+
+    Raises:
+        ValueError: If the name is unknown; it lists the known ones.
+        FileNotFoundError: If a file of weights is missing.
     """
     if isinstance(perception, str) and perception == GROUND_TRUTH:
         return None
@@ -65,7 +76,15 @@ def perception_digest(perception: str) -> str | None:
 
 
 class Perception:
-    """Looks at one Scene. perception: "ground_truth", an estimator's name or class path, or an estimator object."""
+    """Looks at one scene after the other.
+
+    Attributes:
+        renderer_name: Name of the renderer.
+        renderer: The renderer of the open scene, or None.
+        estimator: The estimator; None for ground truth.
+        sensor_config: Settings from which the detector is drawn.
+        disparity_noise: Standard deviation of an error added to the perceived disparity [px of a 512 px image].
+    """
 
     def __init__(
         self,
@@ -74,7 +93,14 @@ class Perception:
         sensor: SensorConfig | None = None,
         disparity_noise: float = 0.0,
     ) -> None:
-        """disparity_noise: standard deviation [px of a 512 px image] of an error added to what is perceived."""
+        """Load the estimator; `open` makes the renderer.
+
+        Args:
+            perception: "ground_truth", an estimator's name or class path, or an estimator.
+            renderer: Name of a renderer.
+            sensor: Settings of the detector.
+            disparity_noise: Standard deviation of an error added to the perceived disparity [px of a 512 px image].
+        """
         self.renderer_name = known_renderer(renderer)
         self.estimator = load_perception(perception)
         self.sensor_config = sensor or SensorConfig()
@@ -92,10 +118,11 @@ class Perception:
         self._noise = np.random.default_rng(rng.integers(2**63)) if self.disparity_noise else rng
 
     def look(self, pose: np.ndarray, pan: float) -> Sight:
-        """See from a left-camera pose (4, 4) to world.
+        """Look from a left-camera pose (4, 4) to world.
 
-        Raises EstimatorError (m3depth.estimator) where the perception returns anything but a whole Prediction,
-        UserCodeError (envs.world.user_code) for what a class of the user's own raises.
+        Raises:
+            EstimatorError: If the estimator returns anything but a whole Prediction (m3depth.estimator).
+            UserCodeError: If a class of the user raises an exception (envs.world.user_code).
         """
         sight = self._see(pose, pan)
         if self.disparity_noise == 0:
@@ -116,15 +143,24 @@ class Perception:
         frame = self.picture(pose)
         start = perf_counter()
         with errors_of(self.estimator):
-            found = self.estimator.infer(frame.left, frame.right, NATECAM)
+            returned = self.estimator.infer(frame.left, frame.right, NATECAM)
         seconds = perf_counter() - start
-        seen = checked_prediction(self.estimator, found, frame.left.shape[:2])
+        prediction = checked_prediction(self.estimator, returned, frame.left.shape[:2])
         return Sight(
-            seen.depth, seen.confidence, NATECAM, pose, pan, frame.left, frame.right, frame.depth, seen.normal, seconds
+            depth=prediction.depth,
+            confidence=prediction.confidence,
+            rig=NATECAM,
+            pose=pose,
+            pan=pan,
+            left=frame.left,
+            right=frame.right,
+            true_depth=frame.depth,
+            normal=prediction.normal,
+            seconds=seconds,
         )
 
     def picture(self, pose: np.ndarray) -> StereoFrame:
-        """The StereoFrame from a pose, as the cameras take it."""
+        """Return the StereoFrame from a pose, as the cameras take it."""
         if self.renderer is None:
             raise RuntimeError("open a scene before looking")
         self._shader = self._shader or Shader(self._scene)

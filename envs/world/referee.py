@@ -1,4 +1,4 @@
-"""How an episode ends: at the goal, against a rock, tilted, out of bounds, stuck, or out of time."""
+"""The end of an episode: at the goal, against a rock, tilted, out of bounds, stuck, or out of time."""
 
 from __future__ import annotations
 
@@ -8,23 +8,32 @@ from envs.world.course import EDGE, Course
 from envs.world.vehicle import Vehicle
 from marssim.base.rover_spec import RoverSpec
 
-GOAL_RADIUS = 1.0  # [m]
-STUCK_STEPS, STUCK_DISTANCE = 5, 0.1  # [m] less than that in so many steps
-STUCK_SPEED = 0.25  # share of the full speed from which on a command is one to drive
+GOAL_RADIUS = 1.0  # [m] within which the goal is reached
+STUCK_STEPS, STUCK_DISTANCE = 5, 0.1  # steps, and [m] below which the rover is stuck
+STUCK_SPEED = 0.25  # share of the full speed from which a command is one to drive
 STEPS_PER_METRE = 15  # time limit: six times what the straight way takes at full speed
 
 
 class Referee:
-    """Judges a drive after each of its steps. time_limit: steps that it may take."""
+    """Judges a drive after each of its steps.
+
+    Attributes:
+        time_limit: Most steps of the drive.
+    """
 
     def __init__(self, course: Course, spec: RoverSpec, goal_distance: float) -> None:
         self.course, self.spec = course, spec
         self.time_limit = round(STEPS_PER_METRE * goal_distance)
-        self._places = [course.start[:2]]  # where the rover was since it was last told to stand or turn
+        self._places = [course.start[:2]]  # the rover's places since the last command to stand or turn
 
     def judge(self, vehicle: Vehicle, speed: float, steps: int) -> str:
-        """How the episode stands after `steps` steps, the last one at a commanded speed [m/s]: an outcome as
-        MarsNavEnv names it, "driving" while it goes on."""
+        """Return the state of the episode: an outcome as MarsNavEnv names it, "driving" while it goes on.
+
+        Args:
+            vehicle: The rover.
+            speed: Commanded speed of the last step [m/s].
+            steps: Number of steps so far.
+        """
         state = vehicle.state()
         position = np.array(state.position[:2], dtype=float)
         if vehicle.contacts().collision:

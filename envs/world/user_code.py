@@ -1,4 +1,4 @@
-"""Code that others wrote and that is called here, a driver's or an estimator's: what it raises is told as its own."""
+"""Code of the user that runs here, a driver or an estimator: its exceptions are reported as its own."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ PROJECT = ("marssim", "m3depth", "nav", "envs")
 
 
 class UserCodeError(RuntimeError):
-    """A class that is not the project's raised something. The message names it; the cause is what it was.
+    """A class of the user raised an exception. The message names the class; `__cause__` is the exception.
 
-    It is no mistake on the command line, whose one line would hide where it is: commands show its traceback.
+    This is no mistake on the command line, where one line without a place would hide it: commands show its traceback.
     """
 
 
 @contextmanager
-def errors_of(what: object) -> Iterator[None]:
-    """What a method of `what` raises meanwhile becomes a UserCodeError, unless the class is the project's own."""
-    cls = type(what)
+def errors_of(owner: object) -> Iterator[None]:
+    """Raise exceptions of a method of `owner` as UserCodeError, unless its class is part of this project."""
+    cls = type(owner)
     if cls.__module__.partition(".")[0] in PROJECT:
         yield
         return
     try:
         yield
     except Exception as error:
-        told = f"{cls.__module__}:{cls.__qualname__} raised {type(error).__name__}"
-        raise UserCodeError(f"{told}: {error}" if str(error) else told) from error
+        message = f"{cls.__module__}:{cls.__qualname__} raised {type(error).__name__}"
+        raise UserCodeError(f"{message}: {error}" if str(error) else message) from error
 
 
 def code_digest() -> str:
-    """Twelve hexadecimal digits that tell one state of the project's Python sources from another."""
+    """Return twelve hexadecimal digits that identify the state of the project's Python sources."""
     return source_digest(PROJECT)

@@ -1,4 +1,4 @@
-"""What carries the rover in an episode: PyBullet's rigid bodies, or settling without dynamics."""
+"""The vehicle of an episode: PyBullet's rigid bodies, or a rover that settles on the ground without dynamics."""
 
 from __future__ import annotations
 
@@ -13,34 +13,40 @@ from marssim.physics.world import PhysicsWorld
 from marssim.scene.scene import Scene
 from nav.controller import steerable, wheel_command
 
-CHECK_EVERY = 0.25  # [s] how often contacts are looked at during a drive
+CHECK_EVERY = 0.25  # [s] between two checks for contacts during a drive
 
 
 class Vehicle(Protocol):
-    """A rover on a Scene."""
+    """A rover on a scene."""
 
     def drive_twist(self, speed: float, yaw_rate: float, seconds: float) -> object:
-        """Drive a circular arc for a time; stops early at a collision. speed [m/s], yaw_rate [rad/s]."""
+        """Drive a circular arc for a time; stop early at a collision.
+
+        Args:
+            speed: Forward speed [m/s].
+            yaw_rate: Yaw rate [rad/s], positive to the left.
+            seconds: Time [s].
+        """
 
     def state(self) -> RoverState:
-        """Where it is and how it moves."""
+        """Return where the rover is and how it moves."""
         ...
 
     def contacts(self) -> Contacts:
-        """What it touched during the last drive."""
+        """Return what the rover touched during the last drive."""
         ...
 
     def mesh(self, pan: float = 0.0) -> list[Part]:
-        """Its parts, for drawing it from outside; pan [rad] of the mast."""
+        """Return the rover's parts, to draw it from outside; pan [rad] of the mast."""
         ...
 
     def close(self) -> None:
-        """Free what it holds; may be called twice."""
+        """Free physics and meshes; may be called twice."""
         ...
 
 
 class PhysicsVehicle:
-    """Six driven and steered wheels on the PyBullet world of a scene."""
+    """A rover with six driven and steered wheels in PyBullet's world of a scene."""
 
     def __init__(self, scene: Scene, spec: RoverSpec, x: float, y: float, yaw: float) -> None:
         self.spec = spec
@@ -73,14 +79,23 @@ class PhysicsVehicle:
 
 
 class KinematicVehicle(KinematicRover):
-    """Settling without dynamics, on the curves that the wheels can steer."""
+    """A rover that settles on the ground without dynamics, on the curves that the wheels can steer."""
 
     def drive_twist(self, speed: float, yaw_rate: float, seconds: float) -> RoverState:
         return super().drive_twist(*steerable(speed, yaw_rate, self.spec), seconds)
 
 
 def make_vehicle(dynamics: str, scene: Scene, spec: RoverSpec, x: float, y: float, yaw: float) -> Vehicle:
-    """A rover at rest on the ground at (x, y) [m], heading yaw [rad]. dynamics: "physics" or "kinematic"."""
+    """Return a rover at rest on the ground.
+
+    Args:
+        dynamics: "physics" or "kinematic".
+        scene: The scene.
+        spec: The rover.
+        x: World position [m].
+        y: World position [m].
+        yaw: Heading [rad].
+    """
     if dynamics == "physics":
         return PhysicsVehicle(scene, spec, x, y, yaw)
     return KinematicVehicle(scene, spec, x, y, yaw)

@@ -53,6 +53,7 @@ def test_every_folder_with_code_is_a_package(package):
     "program",
     [
         "import nav; nav.Navigator; nav.ElevationMap",
+        "import envs, envs.drivers; envs.__version__",
         "import m3depth; [getattr(m3depth, name) for name in m3depth.__all__ if name != 'M3Depth']",
         "import m3depth.estimator, m3depth.evaluate, m3depth.predict, m3depth.train",
         "import marssim",

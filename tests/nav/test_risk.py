@@ -1,4 +1,4 @@
-"""What is dared, and for how long, as the configuration says; each step is one call of update."""
+"""The risk that the navigator takes, and for how long; each step is one call of update."""
 
 from dataclasses import replace
 
