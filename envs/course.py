@@ -1,4 +1,4 @@
-"""Courses of MarsNav-v0 by their documented names; `envs.world.course` holds the code."""
+"""The documented names of a course of MarsNav-v0; the code is in envs.world.course."""
 
 from envs.world.course import EDGE, Course
 

@@ -1,10 +1,11 @@
-"""MarsNav-v0: cross rocky Martian ground to a goal, seeing only through a stereo camera."""
+"""MarsNav-v0: cross rocky Martian ground to a goal, seeing through a stereo camera only."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from numbers import Real
-from typing import TYPE_CHECKING, Any, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
@@ -17,22 +18,23 @@ from envs.world.course import Course, CourseConfig, draw_course, reversed_course
 from envs.world.odometry import Odometry
 from envs.world.perception import Perception, Sight
 from envs.world.referee import STEPS_PER_METRE, Referee
-from envs.world.vehicle import Vehicle, make_vehicle
+from envs.world.vehicle import NO_PHYSICS, Dynamics, Vehicle, known_dynamics, make_vehicle
 from marssim.base.camera import NATECAM
 from marssim.base.rover_spec import ZHURONG
 from marssim.render.renderers.by_name import Renderer
-from marssim.scene.scene import SceneConfig, preset
+from marssim.scene.place_file import load_place
+from marssim.scene.scene import SceneConfig
 
 if TYPE_CHECKING:
     from envs.world.outside_view import OutsideView
     from m3depth.estimator import Estimator
 
-STEP_SECONDS = 2.0
+STEP_SECONDS = 2.0  # [s] that the rover drives in one step
 ERROR_LIMITS = {"disparity_noise": 10, "drift": 1, "yaw_drift_deg": 45}  # largest values of these arguments
 
 
 class ActionError(ValueError):
-    """An action that no rover can be given; one line that says what was expected."""
+    """The environment got an action that it cannot carry out; the message says what was expected."""
 
 
 class MarsNavEnv(gymnasium.Env):
@@ -41,7 +43,7 @@ class MarsNavEnv(gymnasium.Env):
 
     A six-wheel rover of Zhurong's size stands on a Martian plain with rocks, craters and slopes, and has to come within
     1 m of a goal. It sees through its mast camera NaTeCam only: at each step it drives for 2 s, stops and looks. The
-    real rover drives at 0.056 m/s, here it may do 0.20 m/s; at both speeds the motion is quasi-static, so that the
+    real rover drives at 0.056 m/s; here it may drive at 0.20 m/s. At both speeds the motion is quasi-static, so the
     outcome is the same.
 
     ## Action space
@@ -54,10 +56,10 @@ class MarsNavEnv(gymnasium.Env):
     | 1   | yaw rate, positive to the left | -0.25 rad/s      | 0.25 rad/s      |
     | 2   | pan of the mast for the next look (`mast=True`) | 90 deg right | 90 deg left |
 
-    The mast turns at 30 deg/s while the rover drives, so that a step turns it by 60 deg at most: a look to the side is
-    paid for in steps, and a longer turn goes on in the next one (`info["pan"]` tells where it looks; no observation
-    does). Actions outside the box are clipped. Curves that would turn a wheel beyond its stop become the nearest ones
-    that do not (`nav.controller.steerable`).
+    The mast turns at 30 deg/s while the rover drives, 60 deg in a step at most: a look to the side costs steps, and a
+    longer turn continues in the next step. `info["pan"]` holds the pan; the observation does not. Actions outside the
+    box are clipped. Curves that would turn a wheel beyond its stop become the nearest ones that do not
+    (`nav.controller.steerable`).
 
     ## Observation space
 
@@ -70,9 +72,9 @@ class MarsNavEnv(gymnasium.Env):
     | `state` | (6,)     | roll, pitch; speed; yaw rate; last action (2)                | rad; m/s; rad/s; -1 to 1 |
     | `map`   | (3, 64, 64) | with `map_observation=True`: see below                          | -1 to 1     |
 
-    `map` shows 12.8 m around the rover, its heading up, as `nav` has fused it from all looks. Channels: height above
-    the rover's stand / 2 m; cost of driving there in [0, 1], 1 at an obstacle and where a metre costs 8 m more; 1 where
-    it was seen or taken for flat (2.5 m about the start, and under the rover), else 0.
+    `map` shows 12.8 m around the rover, with its heading up, as `nav` has fused it from all looks. Channel 0: height
+    above the rover / 2 m. Channel 1: cost of driving in [0, 1], 1 at an obstacle and where a metre costs 8 m more.
+    Channel 2: 1 where the ground was seen or is assumed flat (2.5 m about the start, and under the rover), else 0.
 
     `envs.drivers.image_observation.ImageObservation` turns depth and map into the uint8 images that stable-baselines3
     expects, `envs.drivers.corridors.Corridors` the map into a short vector and the action into one number. What is seen
@@ -87,46 +89,65 @@ class MarsNavEnv(gymnasium.Env):
 
     ## Starting state
 
-    A scene drawn from the seed; start and goal lie `goal_distance` apart, free of rocks within 2.5 m; the rover heads
-    for the goal within 45 deg. Courses whose goal no way leads to are drawn anew (`info["redraws"]`).
+    The scene is drawn from the seed. Start and goal lie `goal_distance` apart, free of rocks within 2.5 m; the rover
+    heads for the goal within 45 deg. A course without a way to its goal is drawn again (`info["redraws"]`).
 
     ## Episode end
 
     Terminated: within 1 m of the goal; the chassis touches anything, or a wheel a rock of 0.30 m or more; tilt over 30
     deg; out of bounds; stuck (less than 0.1 m in five steps that were commanded to drive at 0.05 m/s or more, forwards
     or backwards). Truncated: out of time, 15 steps for each metre of goal distance. `info["outcome"]` is "driving" or
-    one of "goal", "collision", "tilt", "out_of_bounds", "stuck", "time". There is no action to stop: where the rover
-    truly is ends the episode, whatever the odometry says. Drivers of `envs.evaluate` may end a drive by themselves:
-    "no_path", or "elsewhere" where they believe to be at the goal and are not.
+    one of "goal", "collision", "tilt", "out_of_bounds", "stuck", "time". There is no action to stop: the rover's true
+    place ends the episode, whatever the odometry says. Drivers of `envs.evaluate` may end a drive by themselves:
+    "no_path", or "elsewhere" where they believe that they are at the goal and are not.
 
     ## Information
 
-    `outcome`; `distance` to the goal and `shortest` passable way to it from the start [m]; `path_length` driven [m];
-    `min_clearance` [m], the least distance so far between the rover's footprint and the outline of a rock that blocks
-    it, 3 where none came as near; `pan` of the mast at this look [rad]; `position_error` of the odometry [m];
-    `perception_seconds` of this look; `redraws`.
+    | Key                  | Meaning                                                                               |
+    |----------------------|---------------------------------------------------------------------------------------|
+    | `outcome`            | see above                                                                             |
+    | `distance`           | distance to the goal [m]                                                              |
+    | `shortest`           | length of the shortest passable way from the start to the goal [m]                    |
+    | `path_length`        | length of the way driven [m]                                                          |
+    | `min_clearance`      | least distance so far between the rover's footprint and the outline of a rock that    |
+    |                      | blocks it [m]; 3 if no rock came as near                                              |
+    | `pan`                | pan of the mast at this look [rad]                                                    |
+    | `position_error`     | error of the odometry's position [m]                                                  |
+    | `perception_seconds` | run time of the perception at this look [s]                                           |
+    | `redraws`            | number of courses that were rejected, as no way led to their goal                     |
 
     ## Arguments
 
     `perception`: "m3depth" (default), "sgbm", "ground_truth", "m3depth:WEIGHTS", "package.module:Class", any object
-    with `infer(left, right, rig)`, or a classical window: "ssd", "sad", "ncc", each also with "-sgm". All see 512 x 512
-    pixels, but the ground truth 128 x 128 of the same view: rays that need no images. `dynamics`:
-    "physics" (default) or "kinematic". `renderer`: "embree" (default), "scan" or "pybullet". `scene`: a preset's name
-    or a SceneConfig, whose size and cell give way to the course's (`goal_distance` + 14 m wide, 0.1 m). `mast`,
-    `map_observation`: see the spaces. `disparity_noise` [px]: standard deviation of an error added to the disparity of
-    each pixel, at 512 pixels. `drift`, `yaw_drift_deg`: standard deviations of the odometry's error in position [m] and
-    heading [deg] after 1 m; they grow with the root of the way. `goal` and `map` are as the rover believes; reward and
-    ends are true.
+    with `infer(left, right, rig)`, or a classical window: "ssd", "sad", "ncc", each also with "-sgm". Estimators see
+    images of 512 x 512 pixels. The ground truth has 128 x 128 rays over the same view and needs no images.
+
+    `dynamics`: "physics" (PyBullet's rigid bodies) or "kinematic" (settling without dynamics, faster). The default is
+    "physics"; where PyBullet is not installed, it is "kinematic", with a warning.
+
+    `renderer`: "embree" (default), "scan" or "pybullet".
+
+    `scene`: the name of a preset, "utopia" by default; the path of a JSON file of a place (marssim.scene.place_file);
+    or a SceneConfig. The course determines its size and cell: `goal_distance` + 14 m wide, on a grid of 0.1 m.
+
+    `goal_distance`: distance from start to goal [m], 20 by default.
+
+    `mast`, `map_observation`: whether the action has a pan and the observation a map, see the spaces.
+
+    `disparity_noise`: standard deviation of an error added to the disparity of each pixel [px], at 512 pixels.
+
+    `drift`, `yaw_drift_deg`: standard deviations of the odometry's error in position [m] and heading [deg] after 1 m;
+    they grow with the root of the way. `goal` and `map` follow the rover's belief; reward and episode end are true.
 
     Options of `reset`, for one episode:
 
     | Option              | Default        | Range    | Meaning                                    |
     |---------------------|----------------|----------|--------------------------------------------|
-    | `goal_distance`     | the argument's | 3 to 100 | from start to goal [m]                     |
+    | `goal_distance`     | the argument's | 3 to 100 | distance from start to goal [m]            |
     | `k`                 | the scene's    | 0 to 0.4 | rock abundance, Golombek's k               |
     | `slope_deg`         | the scene's    | 0 to 25  | regional slope [deg], its direction drawn  |
     | `sun_elevation_deg` | the scene's    | 1 to 90  | height of the sun [deg]                    |
-    | `scene_seed`        | drawn          | 0 and up | the course's own, whatever the env's seed  |
+    | `scene_seed`        | drawn          | 0 and up | the course's seed, whatever the env's seed |
 
     ## Version history
 
@@ -138,9 +159,9 @@ class MarsNavEnv(gymnasium.Env):
     def __init__(
         self,
         perception: str | Estimator = "m3depth",
-        dynamics: Literal["physics", "kinematic"] = "physics",
+        dynamics: Dynamics | None = None,
         renderer: Renderer = "embree",
-        scene: str | SceneConfig = "utopia",
+        scene: str | Path | SceneConfig = "utopia",
         goal_distance: float = 20.0,
         mast: bool = False,
         map_observation: bool = False,
@@ -157,17 +178,17 @@ class MarsNavEnv(gymnasium.Env):
         for name, flag in {"mast": mast, "map_observation": map_observation}.items():
             if not isinstance(flag, bool):
                 raise ValueError(f"{name} must be True or False, got {flag!r}")
-        if dynamics not in ("physics", "kinematic"):
-            raise ValueError(f"dynamics {dynamics!r} is unknown; choose from physics, kinematic")
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ValueError(f"render_mode {render_mode!r} is unknown; choose from rgb_array")
-        if not isinstance(scene, str | SceneConfig):
-            raise ValueError(f"scene must be a preset's name or a SceneConfig, got {scene!r}")
+        if not isinstance(scene, str | Path | SceneConfig):
+            raise ValueError(f"scene must be a preset's name, a JSON file of a place or a SceneConfig, got {scene!r}")
         self.render_mode = render_mode
-        self.dynamics = dynamics
+        self.dynamics = known_dynamics(dynamics)
+        if dynamics is None and self.dynamics != "physics":
+            gymnasium.logger.warn(NO_PHYSICS)
         self.rover_spec = ZHURONG
         self.mast = mast
-        self.scene_config = preset(scene) if isinstance(scene, str) else scene
+        self.scene_config = scene if isinstance(scene, SceneConfig) else load_place(scene)
         self.course_config = CourseConfig(goal_distance=goal_distance)
         self.perception = Perception(perception, renderer, disparity_noise=float(disparity_noise))
         self.drift, self.yaw_drift = float(drift), float(np.deg2rad(yaw_drift_deg))
@@ -183,9 +204,17 @@ class MarsNavEnv(gymnasium.Env):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Draw a course and look once. options: fields of CourseConfig; see the class.
+        """Draw a course and look once.
 
-        Raises ValueError that names an option that cannot be, or k where no course has a way to its goal.
+        Args:
+            seed: Seed of the environment; None continues its random stream.
+            options: Properties of the course for this episode; see the class.
+
+        Returns:
+            The observation and the info.
+
+        Raises:
+            ValueError: If an option is unknown or out of range, or if no course with this k has a way to its goal.
         """
         super().reset(seed=seed)
         options = options or {}
@@ -203,10 +232,15 @@ class MarsNavEnv(gymnasium.Env):
         return self._begin(config.goal_distance)
 
     def drive_back(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Another episode on the scene that is there, from the goal to the start, heading within 45 deg of it.
+        """Begin another episode on the present scene, from the goal to the start, heading within 45 deg of it.
 
-        A scene takes as long to draw as thirty steps: training may use each one several times. Returns what reset does.
-        Raises ResetNeeded before the first reset.
+        A scene takes as long to draw as thirty steps, so training may use each one several times.
+
+        Returns:
+            The observation and the info.
+
+        Raises:
+            ResetNeeded: Before the first reset.
         """
         if self.course is None or self.vehicle is None:
             raise gymnasium.error.ResetNeeded("call reset before drive_back")
@@ -220,7 +254,7 @@ class MarsNavEnv(gymnasium.Env):
         self.vehicle = make_vehicle(self.dynamics, course.scene, self.rover_spec, x, y, yaw)
 
     def _begin(self, goal_distance: float) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Start counting on the course, the rover on its start, and look once."""
+        """Start counting on the course, with the rover on its start, and look once."""
         assert self.course is not None and self.vehicle is not None
         self._odometry = Odometry(self.drift, self.yaw_drift, np.random.default_rng(self.np_random.integers(2**63)))
         self.believed_pose = self._odometry.update(self.vehicle.state().pose)
@@ -241,7 +275,15 @@ class MarsNavEnv(gymnasium.Env):
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Drive for 2 s, then look.
 
-        Raises ActionError for an action of the wrong shape or not finite, ResetNeeded before the first reset.
+        Args:
+            action: Speed, yaw rate and, with mast=True, pan; see the class.
+
+        Returns:
+            Observation, reward, whether the episode is terminated, whether it is truncated, and the info.
+
+        Raises:
+            ActionError: If the action has the wrong shape or is not finite.
+            ResetNeeded: Before the first reset.
         """
         if self.course is None or self.vehicle is None:
             raise gymnasium.error.ResetNeeded("call reset before step")
@@ -275,7 +317,11 @@ class MarsNavEnv(gymnasium.Env):
         return self._observation(), reward, terminated, self.outcome == "time", self._info()
 
     def render(self) -> np.ndarray | None:
-        """(H, W, 3) uint8 picture of the rover from behind and above, in render_mode "rgb_array"."""
+        """Return a picture of the rover from behind and above, (H, W, 3) uint8, in render_mode "rgb_array".
+
+        Raises:
+            ResetNeeded: Before the first reset.
+        """
         if self.render_mode is None:
             gymnasium.logger.warn('render() needs gymnasium.make(..., render_mode="rgb_array")')
             return None
@@ -302,7 +348,7 @@ class MarsNavEnv(gymnasium.Env):
         self.vehicle = self.course = self.sight = self._view = None
 
     def _checked(self, action: object) -> np.ndarray:
-        """The action as numbers, clipped to its box."""
+        """Return the action as numbers, clipped to its box."""
         shape = self.action_space.shape
         try:
             numbers = np.asarray(action, dtype=np.float32)
@@ -315,7 +361,7 @@ class MarsNavEnv(gymnasium.Env):
         return np.clip(numbers, -1, 1)
 
     def _stand(self) -> np.ndarray:
-        """(3,) x, y [m] and yaw [rad] of the rover."""
+        """Return x, y [m] and yaw [rad] of the rover, (3,)."""
         assert self.vehicle is not None
         state = self.vehicle.state()
         return np.array([*state.position[:2], state.yaw], dtype=float)

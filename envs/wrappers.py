@@ -1,4 +1,4 @@
-"""Wrappers of MarsNav-v0 by their documented names; `envs.drivers.image_observation` holds the code."""
+"""The documented names of wrappers of MarsNav-v0; the code is in envs.drivers.image_observation."""
 
 from envs.drivers.image_observation import ImageObservation
 

@@ -6,4 +6,6 @@ their types. Each is loaded at its first use.
 
 import lazy_loader
 
+from marssim.base.version import VERSION as __version__  # noqa: F401
+
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -7,6 +7,8 @@ from .navigator import Navigator
 from .path.distance_field import DistanceField
 from .path.planner import Motion, Planner, PlannerConfig
 
+__version__: str
+
 __all__ = [
     "Command",
     "DistanceField",

@@ -1,15 +1,8 @@
-"""Who drives: the navigator, simple baselines, trained policies and drivers of your own."""
+"""Drivers of MarsNav-v0: the navigator, simple baselines, trained policies and your own.
 
-from __future__ import annotations
+__init__.pyi lists the public names with their types. Each is loaded at its first use.
+"""
 
-from typing import Any
+import lazy_loader
 
-__all__ = ["Driver", "Stop"]
-
-
-def __getattr__(name: str) -> Any:
-    if name in __all__:
-        from envs.drivers import driver
-
-        return getattr(driver, name)
-    raise AttributeError(f"module 'envs.drivers' has no attribute {name!r}")
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

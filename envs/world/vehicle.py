@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from importlib.util import find_spec
+from typing import Literal, Protocol, get_args
 
 from marssim.base.rover_spec import RoverSpec
 from marssim.physics.body import Part
@@ -14,6 +15,26 @@ from marssim.scene.scene import Scene
 from nav.controller import steerable, wheel_command
 
 CHECK_EVERY = 0.25  # [s] between two checks for contacts during a drive
+NO_PHYSICS = "PyBullet is not installed: the rover settles on the ground by kinematic dynamics, without rigid bodies"
+
+Dynamics = Literal["physics", "kinematic"]
+
+
+def known_dynamics(name: str | None) -> Dynamics:
+    """Return the dynamics of that name; None means physics, or kinematic where PyBullet is not installed.
+
+    Raises:
+        ValueError: If there is no such dynamics.
+        ImportError: If physics is asked for by name and PyBullet is not installed.
+    """
+    has_physics = find_spec("pybullet") is not None
+    if name is None:
+        return "physics" if has_physics else "kinematic"
+    if name not in get_args(Dynamics):
+        raise ValueError(f"dynamics {name!r} is unknown; choose from {', '.join(get_args(Dynamics))}")
+    if name == "physics" and not has_physics:
+        raise ImportError("`dynamics` physics needs PyBullet, which is not installed; choose kinematic instead")
+    return "physics" if name == "physics" else "kinematic"
 
 
 class Vehicle(Protocol):
@@ -85,7 +106,7 @@ class KinematicVehicle(KinematicRover):
         return super().drive_twist(*steerable(speed, yaw_rate, self.spec), seconds)
 
 
-def make_vehicle(dynamics: str, scene: Scene, spec: RoverSpec, x: float, y: float, yaw: float) -> Vehicle:
+def make_vehicle(dynamics: Dynamics, scene: Scene, spec: RoverSpec, x: float, y: float, yaw: float) -> Vehicle:
     """Return a rover at rest on the ground.
 
     Args:

@@ -1,3 +1,4 @@
+import json
 import os
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from hypothesis.extra.numpy import arrays
 from envs.drivers.image_observation import ImageObservation
 from envs.mars_nav import MarsNavEnv
 from envs.observation.nearest_depth import nearest_depth
+from marssim.scene.place_file import save_place
 
 AHEAD, LEFT = np.array([1, 0], np.float32), np.array([0.5, 0.3], np.float32)
 
@@ -300,6 +302,53 @@ def test_bad_arguments_are_named(make_env, settings, named):
     with pytest.raises(ValueError, match=named) as error:
         make_env(**settings)
     assert "\n" not in str(error.value)
+
+
+def test_a_place_of_the_users_own_comes_from_a_file(make_env, small_scene, tmp_path):
+    file = tmp_path / "my_place.json"
+    save_place(small_scene, file)
+    ours, theirs = (make_env(scene=scene).reset(seed=4)[0] for scene in (str(file), file))
+    expected = make_env(scene=small_scene).reset(seed=4)[0]
+    assert all(np.array_equal(ours[key], expected[key]) and np.array_equal(theirs[key], expected[key]) for key in ours)
+
+
+def test_a_heightmap_of_a_place_in_a_file_is_the_ground_of_the_course(make_env, tmp_path):
+    columns = np.mgrid[:80, :80][1]
+    np.save(tmp_path / "heights.npy", 0.05 * columns.astype(np.float32))  # rises by 1 m in 10 m to the east
+    place = {"rocks": {"k": 0}, "relief": {"heightmap": "heights.npy", "heightmap_scale": 0.5}, "horizon": 18}
+    (tmp_path / "place.json").write_text(json.dumps(place))
+    env = make_env(scene=tmp_path / "place.json")
+    env.reset(seed=1)
+    east, west = (env.course.scene.terrain.height_at(np.array(x), np.array(0.0)) for x in (4.0, -4.0))
+    assert east - west == pytest.approx(0.8, abs=0.05)
+
+
+WITHOUT_PYBULLET = """
+import sys, warnings
+sys.modules["pybullet"] = None  # as if it were not installed
+import gymnasium, numpy as np
+settings = {"perception": "ground_truth", "goal_distance": 4.0, "disable_env_checker": True}
+with warnings.catch_warnings(record=True) as caught:
+    warnings.simplefilter("always")
+    env = gymnasium.make("envs:MarsNav-v0", **settings)
+print([str(warning.message) for warning in caught if "PyBullet" in str(warning.message)])
+env.reset(seed=1)
+env.step(np.ones(2, np.float32))
+print(env.unwrapped.dynamics)
+try:
+    gymnasium.make("envs:MarsNav-v0", dynamics="physics", **settings)
+except ImportError as error:
+    print(error)
+"""
+
+
+def test_without_pybullet_the_default_is_kinematic_and_physics_by_name_is_refused():
+    run = subprocess.run([sys.executable, "-c", WITHOUT_PYBULLET], capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+    warned, dynamics, error = run.stdout.splitlines()
+    assert warned.count("PyBullet is not installed") == 1
+    assert dynamics == "kinematic"
+    assert error == "`dynamics` physics needs PyBullet, which is not installed; choose kinematic instead"
 
 
 def test_driving_back_is_an_episode_of_its_own(make_env):
