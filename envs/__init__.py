@@ -3,8 +3,8 @@
     import gymnasium
     env = gymnasium.make("envs:MarsNav-v0")
 
-`import envs` registers the environment and loads no torch, physics or renderer. __init__.pyi lists the public names with
-their types. Each is loaded at its first use.
+`import envs` registers the environment and loads no torch, physics or renderer. __init__.pyi lists the public names
+with their types. Each is loaded at its first use.
 """
 
 import gymnasium
