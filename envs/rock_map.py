@@ -20,7 +20,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from m3depth.evaluation.rock_scores import RockOutcome, RockScene, RockTally, count_between
+from m3depth.evaluation.rock_scene import RockScene
+from m3depth.evaluation.rock_scores import RockCounts, RockOutcome, count_between
 from marssim.base.camera import StereoRig
 from marssim.base.rover_spec import ZHURONG
 from nav import ElevationMap, TraversabilityConfig, assess
@@ -92,7 +93,7 @@ def frame_map(depth: np.ndarray, confidence: np.ndarray | None, rig: StereoRig, 
 
 
 @dataclass
-class MapRockCounts(RockTally):
+class MapRockCounts(RockCounts):
     """What a map tells beside what every depth does: displaced, (height, distance) [m] of each obstacle that is a rock
     but not at its place; unknown: of each rock missed whose place was left unknown."""
 
@@ -100,12 +101,12 @@ class MapRockCounts(RockTally):
     unknown: list[tuple[float, float]] = field(default_factory=list)
 
     def result(self) -> dict[str, Any]:
-        """RockTally's, with the number of all displaced."""
+        """RockCounts's, with the number of all displaced."""
         counts = super().result()
         return {**counts, "displaced": len(self.displaced)} if counts else {}
 
     def figures(self, low: float, high: float, near: float, far: float) -> dict[str, Any]:
-        """RockTally's, with the numbers of unknown and displaced."""
+        """RockCounts's, with the numbers of unknown and displaced."""
         mine = {"unknown": self.unknown, "displaced": self.displaced}
         counts = {name: count_between(places, low, high, near, far) for name, places in mine.items()}
         return {**super().figures(low, high, near, far), **counts}

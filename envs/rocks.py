@@ -24,7 +24,7 @@ from envs.world.user_code import errors_of
 from m3depth.datasets.config import Part
 from m3depth.estimator import checked_prediction
 from m3depth.evaluation.report import rocks_table, write_json
-from m3depth.evaluation.rock_scores import rock_scene
+from m3depth.evaluation.rock_scene import rock_scene
 from m3depth.figures.rocks import rocks_figure
 from m3depth.stereo.degradation import Degradation
 from marssim.base.command.notes import counted

@@ -1,4 +1,4 @@
-"""How far a mean over a sample would move with another sample."""
+"""How far a mean over a sample would move with another sample (Efron's bootstrap)."""
 
 from __future__ import annotations
 
@@ -6,19 +6,25 @@ from collections.abc import Hashable, Sequence
 
 import numpy as np
 
-DRAWS = 4000
-COVERAGE = 0.95  # of the intervals that are reported
+DRAWS = 4000  # resampled means that an interval comes from
+COVERAGE = 0.95  # share of the resampled means that an interval holds
 
 
 def resampled_means(
     values: np.ndarray, clusters: Sequence[Hashable] | None = None, draws: int = DRAWS, seed: int = 0
 ) -> np.ndarray:
-    """Means over `draws` samples of as many rows, drawn with replacement (Efron's bootstrap).
+    """Return means over `draws` samples of as many rows as there are, drawn with replacement.
 
-    values: (N, ...), one row an image or drive. What stands in one row is drawn together: columns of the same images
-    by several methods are compared in pairs. clusters: (N,) what each row belongs to, as images to a scene; rows of one
-    cluster are alike, and drawn together, as many clusters as there are (a cluster bootstrap); None: each by itself.
-    Returns (draws, ...).
+    Args:
+        values: (N, ...), one row an image or a drive. A row is drawn as a whole, so that columns of the same images by
+            several methods are compared in pairs.
+        clusters: (N,) what each row belongs to, as images belong to a scene. Rows of one cluster resemble each other
+            and are drawn together, as many clusters as there are (a cluster bootstrap). None: each row by itself.
+        draws: Number of samples.
+        seed: Seed of the draws.
+
+    Returns:
+        (draws, ...) means.
     """
     total, size = values, np.ones(len(values))
     if clusters is not None:
@@ -32,6 +38,6 @@ def resampled_means(
 
 
 def interval(statistic: np.ndarray) -> tuple[float, float]:
-    """The middle 95 % of a resampled statistic, (draws,)."""
+    """Return the bounds of the middle 95 % of a resampled statistic, (draws,)."""
     low, high = np.quantile(statistic, [(1 - COVERAGE) / 2, (1 + COVERAGE) / 2])
     return float(low), float(high)

@@ -12,13 +12,19 @@ from typing import Any, ParamSpec, TypeVar
 
 P = ParamSpec("P")
 T = TypeVar("T")
-MIB = 2**20
+MIB = 2**20  # [bytes]
 
 
 @dataclass(frozen=True)
 class Cost:
-    """seconds: wall clock. peak_mib: most memory that the process held meanwhile, everything else in it included; None
-    where the system does not tell (it does on Linux). gpu_mib: most that PyTorch held on the GPU; None without one."""
+    """The cost of one call.
+
+    Attributes:
+        seconds: Wall-clock time [s].
+        peak_mib: Most memory that the whole process held during the call [MiB]; None where the system does not report
+            it (Linux does).
+        gpu_mib: Most memory that PyTorch held on the GPU [MiB]; None without a GPU.
+    """
 
     seconds: float
     peak_mib: float | None
@@ -26,8 +32,8 @@ class Cost:
 
 
 def measured(call: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> tuple[T, Cost]:
-    """What the call with these arguments returns, and what it cost."""
-    told = _restart_peak()
+    """Call a function with these arguments, and return its result and its cost."""
+    peak_is_reported = _restart_peak()
     cuda = _cuda()
     if cuda is not None:
         cuda.synchronize()
@@ -37,11 +43,12 @@ def measured(call: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> tuple[T
     if cuda is not None:
         cuda.synchronize()
     seconds = time.perf_counter() - start
-    return result, Cost(seconds, _peak() if told else None, cuda.max_memory_allocated() / MIB if cuda else None)
+    peak = _peak() if peak_is_reported else None
+    return result, Cost(seconds, peak, cuda.max_memory_allocated() / MIB if cuda else None)
 
 
 def _restart_peak() -> bool:
-    """Have Linux count the peak of this process's memory anew (man 5 proc, clear_refs)."""
+    """Have Linux restart its count of this process's peak memory (man 5 proc, clear_refs)."""
     try:
         Path("/proc/self/clear_refs").write_text("5")
     except OSError:
@@ -50,6 +57,7 @@ def _restart_peak() -> bool:
 
 
 def _peak() -> float | None:
+    """Return the peak memory of this process since the restart [MiB]."""
     with suppress(OSError):
         for line in Path("/proc/self/status").read_text().splitlines():
             if line.startswith("VmHWM:"):
@@ -58,5 +66,6 @@ def _peak() -> float | None:
 
 
 def _cuda() -> Any:
-    torch = sys.modules.get("torch")  # not imported for this
+    """Return torch.cuda where torch is loaded (it is not imported for this) and there is a GPU."""
+    torch = sys.modules.get("torch")
     return torch.cuda if torch is not None and torch.cuda.is_available() else None

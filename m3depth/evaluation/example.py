@@ -1,4 +1,4 @@
-"""One pair to show, with what every method made of it."""
+"""One pair for the figures, with what every method predicted for it."""
 
 from __future__ import annotations
 
@@ -12,10 +12,25 @@ from m3depth.stereo.prediction import Prediction
 
 @dataclass(frozen=True)
 class Example:
-    """left, right: (H, W, 3) uint8 as the methods saw them; predictions by method."""
+    """A scored pair.
+
+    Attributes:
+        index: Its place in the split.
+        left: (H, W, 3) uint8 left image, as the methods received it.
+        right: The right image, likewise.
+        truth: The ground truth.
+        predictions: What each method predicted, by its column's name.
+        name: The dataset's name of the pair, for the figures; empty: its place.
+    """
 
     index: int
     left: np.ndarray
     right: np.ndarray
     truth: StereoTruth
     predictions: dict[str, Prediction]
+    name: str = ""
+
+    @property
+    def title(self) -> str:
+        """What figures call the pair."""
+        return self.name or f"pair {self.index}"

@@ -1,4 +1,4 @@
-"""What tells whether the inputs of an evaluation are still the same, in JSON's types."""
+"""Digests by which a resumed evaluation recognises its inputs, in JSON's types."""
 
 from __future__ import annotations
 
@@ -12,8 +12,12 @@ from m3depth.stereo.pairs import StereoPairs
 
 
 def state_of_pairs(dataset: StereoPairs) -> Any:
-    """Of a split of a dataset: the digest of its content, where it has one; state_of_files of other layouts; of any
-    other sequence its length."""
+    """Return what identifies the content of a split.
+
+    Returns:
+        The digest of its content where the dataset has one, state_of_files for other layouts, and the length of any
+        other sequence.
+    """
     if (digest := getattr(dataset, "digest", None)) is not None:
         return digest
     if isinstance(dataset, PairList):
@@ -22,9 +26,12 @@ def state_of_pairs(dataset: StereoPairs) -> Any:
 
 
 def state_of_files(files: Iterable[Path]) -> str:
-    """SHA-256 of their paths, sizes and times of change: to read gigabytes would take longer than to score them."""
+    """Return the SHA-256 of the files' paths, sizes and times of change.
+
+    Their content is not read: reading gigabytes would take longer than scoring them.
+    """
     digest = hashlib.sha256()
     for path in files:
-        told = path.stat() if path.exists() else None
-        digest.update(f"{path.resolve()}\0{told and (told.st_size, told.st_mtime_ns)}\n".encode())
+        status = path.stat() if path.exists() else None
+        digest.update(f"{path.resolve()}\0{status and (status.st_size, status.st_mtime_ns)}\n".encode())
     return digest.hexdigest()

@@ -1,18 +1,19 @@
-"""What is scored of depth, disparity and normals, pixel by pixel; m3depth.evaluation.scores sums it up.
+"""Errors of depth, disparity and normals, pixel by pixel, and the rules of scoring.
 
 Rules, for every method alike:
 
 - Scored are the pixels that the ground truth calls valid (those of 0.5 to 15 m; in the layouts of others every known
-  one, or --depth-range) and whose true disparity is at most `MAX_DISPARITY`; nearer ones are scored apart, as "near".
+  one, or --depth-range) and whose true disparity is at most `MAX_DISPARITY`. Nearer pixels are scored separately, as
+  "near".
 - No scored pixel is dropped. Depth that is unknown (NaN), infinite, not positive or beyond 80 m counts as 80 m, and
-  under 0.01 m as 0.01 m; of true depth (of other layouts, ours ends at 15 m) both limits hold too. An unknown or
-  infinite disparity counts as 0 px; an unknown normal as 180 deg off. `density` tells the share of pixels that had a
-  finite, positive depth.
+  under 0.01 m as 0.01 m. Both limits also hold for true depth (of other layouts; that of marssim ends at 15 m). An
+  unknown or infinite disparity counts as 0 px, an unknown normal as 180 deg off. `density` is the share of pixels with
+  a finite, positive depth.
 - Every figure is given twice: `per_image`, the mean over images of the image's figure, and `pooled`, over all pixels.
 
-Memory does not grow with the number of pixels. The pooled median angle comes from a histogram with bins of 0.01 deg.
-Depth and normal figures are those of the paper (Sec. V-B; the table of normal metrics); angles are signed, so a normal
-that points away from the camera is 180 deg off.
+m3depth.evaluation.scores sums them up, in memory that does not grow with the number of pixels: the pooled median angle
+comes from a histogram with bins of 0.01 deg. Depth and normal figures are those of the paper (Sec. V-B; the table of
+normal metrics). A normal that points away from the camera is 180 deg off.
 """
 
 from __future__ import annotations
@@ -25,12 +26,14 @@ import numpy as np
 from m3depth.stereo.pairs import MAX_DISPARITY, in_grey
 from marssim.base.camera import MAX_DEPTH, StereoRig
 
-DEPTH_CAP = 80.0  # [m]
-DEPTH_FLOOR = 0.01  # [m]
+DEPTH_CAP = 80.0  # [m] what unknown and larger depths count as
+DEPTH_FLOOR = 0.01  # [m] what smaller depths count as
 INTERVAL_EDGES = np.arange(0.0, MAX_DEPTH + 1)  # [m] the paper's 15 depth intervals (a, b]
+# Kinds of pixels that have figures of their own.
 KINDS = ("all", "visible", "occluded", "rock", "ground", "texture_poor", "near")
 POOR_TEXTURE = 2.5  # [grey levels] standard deviation in 9 x 9 px below which a pixel counts as texture-poor
 
+# Terms of depth_terms and normal_terms, in order; their means are the figures.
 DEPTH_TERMS = (
     "abs_rel", "sq_rel", "rmse", "log10", "delta1", "delta2", "delta3", "mae", "epe", "bad1", "bad3", "density",
 )  # fmt: skip
@@ -38,10 +41,18 @@ NORMAL_TERMS = ("mean", "rmse", "within_11.25", "within_22.5", "within_30")
 
 
 class StereoTruth(Protocol):
-    """What is known about a pair: the fields of a marssim.base.dataset.dataset sample that scoring reads.
+    """The ground truth of a pair: the fields of a marssim.base.dataset.dataset sample that scoring reads.
 
-    left: (H, W, 3) uint8. depth [m], disparity [px]: (H, W). normal: (H, W, 3), 0 where unknown. valid, occluded:
-    (H, W) bool. rock: (H, W) int, 0 where there is no rock. meta: "pose" is (4, 4) left camera to world, if known.
+    Attributes:
+        left: (H, W, 3) uint8 left image.
+        depth: (H, W) depth [m].
+        disparity: (H, W) disparity [px].
+        normal: (H, W, 3) normals in the camera's frame, 0 where unknown.
+        valid: (H, W) bool, the pixels that count.
+        occluded: (H, W) bool, the pixels that the right eye does not see.
+        rock: (H, W) int number of the rock, 0 where there is none.
+        rig: The cameras.
+        meta: "pose" is the (4, 4) matrix from the left camera to the world, if it is known.
     """
 
     left: np.ndarray
@@ -56,12 +67,15 @@ class StereoTruth(Protocol):
 
 
 def known_depth(depth: np.ndarray) -> np.ndarray:
-    """(...) bool: the method committed itself to a finite, positive depth."""
+    """Return where depth (...) [m] is finite and positive, (...) bool."""
     return np.isfinite(depth) & (depth > 0)
 
 
 def capped_depth(depth: np.ndarray) -> np.ndarray:
-    """(...) float64 [m]: the depth that is scored, 0.01 to 80 m; 80 m where it is unknown, infinite or not positive."""
+    """Return the depth that is scored, (...) float64 [m], 0.01 to 80 m.
+
+    It is 80 m where `depth`, (...) [m], is unknown, infinite or not positive.
+    """
     known = known_depth(depth)
     return np.clip(np.where(known, depth, DEPTH_CAP).astype(np.float64), DEPTH_FLOOR, DEPTH_CAP)
 
@@ -69,10 +83,17 @@ def capped_depth(depth: np.ndarray) -> np.ndarray:
 def depth_terms(
     depth: np.ndarray, disparity: np.ndarray, true_depth: np.ndarray, true_disparity: np.ndarray
 ) -> np.ndarray:
-    """(N, len(DEPTH_TERMS)) float64 of N scored pixels; their mean is the figure (RMSE: its square).
+    """Return the terms of the depth figures at N scored pixels (paper, Sec. V-B).
 
-    depth, disparity: (N,) as predicted, true_depth, true_disparity: (N,) finite and positive. Depth figures in metres
-    or ratios (paper, Sec. V-B), epe in px, bad1 and bad3: share of disparities off by more than 1 and 3 px.
+    Args:
+        depth: (N,) predicted depth [m].
+        disparity: (N,) predicted disparity [px].
+        true_depth: (N,) true depth [m], finite and positive.
+        true_disparity: (N,) true disparity [px], finite and positive.
+
+    Returns:
+        (N, len(DEPTH_TERMS)) float64; the mean of a column is the figure (of RMSE: its square). Depth terms are in
+        metres or ratios, epe in px; bad1 and bad3 count disparities off by more than 1 and 3 px.
     """
     predicted, true = capped_depth(depth), capped_depth(true_depth)
     error = np.abs(predicted - true)
@@ -89,9 +110,16 @@ def depth_terms(
 
 
 def angle_between(predicted: np.ndarray, true: np.ndarray) -> np.ndarray:
-    """Angle between vectors [deg], exact for small angles as well: 2 atan(|a - b| / |a + b|) of equally long a and b.
+    """Return the angle between vectors [deg], exact for small angles too.
 
-    predicted, true: (..., 3), any length. Returns (...) in [0, 180]; 180 where `predicted` is not finite or zero.
+    It is 2 atan(|a - b| / |a + b|) of equally long a and b.
+
+    Args:
+        predicted: (..., 3) vectors of any length.
+        true: (..., 3) vectors of any length.
+
+    Returns:
+        (...) angles in [0, 180]; 180 where `predicted` is zero or not finite.
     """
     x, y, z = (predicted[..., i].astype(np.float64) for i in range(3))
     u, v, w = (true[..., i].astype(np.float64) for i in range(3))
@@ -107,12 +135,21 @@ def angle_between(predicted: np.ndarray, true: np.ndarray) -> np.ndarray:
 
 
 def normal_terms(angle: np.ndarray) -> np.ndarray:
-    """(N, len(NORMAL_TERMS)) float64 of N angular errors [deg]; their mean is the figure (RMSE: its square)."""
+    """Return the terms of the normal figures of N angular errors [deg].
+
+    Returns:
+        (N, len(NORMAL_TERMS)) float64; the mean of a column is the figure (of RMSE: its square).
+    """
     return np.stack([angle, angle**2, angle < 11.25, angle < 22.5, angle < 30], axis=-1).astype(np.float64)
 
 
 def pixel_kinds(sample: StereoTruth, max_disparity: float = MAX_DISPARITY) -> dict[str, np.ndarray]:
-    """(H, W) bool masks by kind; every kind but "near" lies within "all"."""
+    """Return masks (H, W) bool of the scored pixels by kind; every kind but "near" lies within "all".
+
+    Args:
+        sample: The ground truth.
+        max_disparity: Pixels of a larger true disparity [px] are "near".
+    """
     known = sample.valid & np.isfinite(sample.depth) & (sample.depth > 0) & (sample.disparity > 0)
     scored = known & (sample.disparity <= max_disparity)
     rock = sample.rock > 0
@@ -128,15 +165,26 @@ def pixel_kinds(sample: StereoTruth, max_disparity: float = MAX_DISPARITY) -> di
 
 
 def texture_poor(image: np.ndarray) -> np.ndarray:
-    """(H, W) bool: grey levels vary by less than 2.5 (standard deviation) within 9 x 9 px.
+    """Return where the grey levels of an image vary by less than 2.5 (standard deviation) within 9 x 9 px.
 
-    image: (H, W) or (H, W, 3) uint8.
+    Args:
+        image: (H, W) or (H, W, 3) uint8.
+
+    Returns:
+        (H, W) bool.
     """
     return grey_deviation(image) < POOR_TEXTURE
 
 
 def grey_deviation(image: np.ndarray) -> np.ndarray:
-    """(H, W) float32: standard deviation of the grey levels within 9 x 9 px. image: (H, W) or (H, W, 3) uint8."""
+    """Return the standard deviation of the grey levels within 9 x 9 px.
+
+    Args:
+        image: (H, W) or (H, W, 3) uint8.
+
+    Returns:
+        (H, W) float32 [grey levels].
+    """
     grey = in_grey(image).astype(np.float32)
     mean = cv2.boxFilter(grey, -1, (9, 9), borderType=cv2.BORDER_REFLECT_101)
     square = cv2.boxFilter(grey * grey, -1, (9, 9), borderType=cv2.BORDER_REFLECT_101)

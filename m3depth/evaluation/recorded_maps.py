@@ -1,21 +1,22 @@
-"""Depth or disparity that another program wrote, scored as if an estimator had just made it.
+"""Maps of depth or disparity that another program wrote, scored as if an estimator had computed them.
 
 A folder DIR holds a map of the left image for every pair, at the pair's size, under one of these names. `scene/view`
-is the pair's name in the dataset (00001/03; of KITTI a number, 000011), NUMBER its place in the split, from 000000:
+is the pair's name in the dataset (00001/03; in KITTI a number, 000011), NUMBER its place in the split, from 000000:
 
     scene/view.EXT    scene_view.EXT    NAME_10.EXT    NUMBER_10.EXT    NUMBER.EXT
 
-or a folder of that name with disparity.EXT, left_disparity.EXT or depth.EXT in it, as m3depth.predict makes one. These
+or a folder of that name that holds disparity.EXT, left_disparity.EXT or depth.EXT, as m3depth.predict writes it. These
 are the names under which marssim.export writes the images (ETH3D, Middlebury and OpenStereo: scene_view; KITTI:
-NUMBER_10). All files of a folder are named by the pairs' names, or all by their places; a pair whose name is itself a
-number goes by that alone. EXT, the first that is there:
+NUMBER_10). Either all files of a folder have the pairs' names, or all have their places; a pair whose name is a number
+is found by its name alone. EXT is the first of these that exists:
 
     npy               numbers of any kind
     pfm, tiff, tif    float
     png               16 bit, disparity x 256 (KITTI) or depth in mm; 0: none
 
-Unknown is what is not finite or negative (in depth: or 0). Beside NAME.EXT, NAME_normal.npy, (H, W, 3) in the camera's
-frame, and NAME_confidence.npy, 0 to 1, are read where they are there; in a folder, normal.npy and confidence.npy.
+Values that are negative or not finite are unknown (in depth also 0). NAME_normal.npy, (H, W, 3) in the camera's frame,
+and NAME_confidence.npy, 0 to 1, are read too where they exist beside NAME.EXT; in a folder, normal.npy and
+confidence.npy.
 """
 
 from __future__ import annotations
@@ -34,20 +35,26 @@ from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import StereoRig
 from marssim.base.files.npy import read_npy
 
-ENDINGS = ("npy", "pfm", "tiff", "tif", "png")
-IN_A_FOLDER = {"disparity": ("disparity", "left_disparity"), "depth": ("depth",)}
-FORM = "NAME=DIR[,depth][,scale=S][,fill]"
+ENDINGS = ("npy", "pfm", "tiff", "tif", "png")  # of files of maps; the first that exists is read
+IN_A_FOLDER = {"disparity": ("disparity", "left_disparity"), "depth": ("depth",)}  # names in a pair's own folder
+FORM = "NAME=DIR[,depth][,scale=S][,fill]"  # of --predictions
 
 
 class RecordedError(ValueError):
-    """A file of predictions that cannot be used; the message names it."""
+    """A file of predictions cannot be used; the message names it."""
 
 
 @dataclass(frozen=True)
 class RecordedPredictions:
-    """The maps of one method. kind: what the numbers are. scale: stored number of 1 px or 1 m; None: 1, and for 16-bit
-    PNG 256 or 1000. RAFT-Stereo and Pandora store negative disparities: scale -1. fill: fill what is unknown from the
-    background, as the classical baselines are."""
+    """The maps of one method.
+
+    Attributes:
+        folder: The folder of the maps.
+        kind: Whether the numbers are disparity or depth.
+        scale: Stored number of 1 px or 1 m; None: 1, and for 16-bit PNG 256 or 1000. RAFT-Stereo and Pandora store
+            negative disparities, scale -1.
+        fill: Whether unknown pixels are filled from the background, as those of the classical baselines are.
+    """
 
     folder: Path
     kind: Literal["disparity", "depth"] = "disparity"
@@ -56,7 +63,11 @@ class RecordedPredictions:
 
     @classmethod
     def parse(cls, text: str) -> tuple[str, RecordedPredictions]:
-        """Name and maps from NAME=DIR[,depth][,scale=S][,fill]. Raises ValueError that says what is wrong."""
+        """Return name and maps of a text NAME=DIR[,depth][,scale=S][,fill].
+
+        Raises:
+            ValueError: The text has another form.
+        """
         name, equals, rest = text.partition("=")
         folder, *settings = rest.split(",")
         if not (name and equals and folder):
@@ -81,7 +92,15 @@ class RecordedPredictions:
         return name, cls(Path(folder), kind, scale, "fill" in settings)
 
     def find(self, pair: str, number: int) -> Path:
-        """The file of a pair. Raises FileNotFoundError that names it and the names that were looked for."""
+        """Return the file of a pair.
+
+        Args:
+            pair: The pair's name in the dataset.
+            number: Its place in the split.
+
+        Raises:
+            FileNotFoundError: There is none; the message lists the names that were tried.
+        """
         by_name, by_place = _names(pair, number)
         path = self._first(by_name) or self._first(by_place)
         if path is None:
@@ -89,7 +108,11 @@ class RecordedPredictions:
         return path
 
     def check(self, pairs: Sequence[tuple[str, int]]) -> None:
-        """Raise FileNotFoundError unless every pair (name, number) has its file, all by name or all by place."""
+        """Check that every pair (name, number) has its file, all by name or all by place.
+
+        Raises:
+            FileNotFoundError: The folder or the file of a pair is missing.
+        """
         if not self.folder.is_dir():
             raise FileNotFoundError(f"{self.folder}: no such folder")
         named = any(self._first(_names(pair, number)[0]) for pair, number in pairs)
@@ -99,7 +122,17 @@ class RecordedPredictions:
                 raise self._missing(pair, by_name if named else [*by_name, *by_place])
 
     def read(self, pair: str, number: int, rig: StereoRig) -> Prediction:
-        """What was recorded of a pair. Raises RecordedError that names a file that cannot be used."""
+        """Return the recorded maps of a pair as a Prediction.
+
+        Args:
+            pair: The pair's name in the dataset.
+            number: Its place in the split.
+            rig: The cameras of the pair.
+
+        Raises:
+            FileNotFoundError: The pair has no file.
+            RecordedError: A file cannot be used.
+        """
         path = self.find(pair, number)
         shape = (rig.camera.height, rig.camera.width)
         stored = read_recorded_map(path, shape)
@@ -114,9 +147,9 @@ class RecordedPredictions:
             disparity, depth = values, np.where(known, rig.disparity_to_depth(values), np.float32(np.nan))
         else:
             disparity, depth = np.where(known, rig.depth_to_disparity(values), np.float32(np.nan)), values
-        sure = np.ones(shape, np.float32)
+        certainty = np.ones(shape, np.float32)
         if self.fill:
-            sure = np.isfinite(disparity).astype(np.float32)
+            certainty = np.isfinite(disparity).astype(np.float32)
             disparity = fill_background(disparity)
             depth = np.where(np.isfinite(disparity), rig.disparity_to_depth(disparity), np.float32(np.nan))
         normal, confidence = (self._beside(path, what) for what in ("normal", "confidence"))
@@ -124,11 +157,11 @@ class RecordedPredictions:
             depth,
             disparity,
             None if normal is None else read_recorded_map(normal, (*shape, 3)).astype(np.float32),
-            sure if confidence is None else read_recorded_map(confidence, shape).astype(np.float32),
+            certainty if confidence is None else read_recorded_map(confidence, shape).astype(np.float32),
         )
 
     def _first(self, names: Sequence[str]) -> Path | None:
-        """The first file that is there."""
+        """Return the first file of these names that exists."""
         for name in names:
             for base in (self.folder / name, *(self.folder / name / inner for inner in IN_A_FOLDER[self.kind])):
                 for ending in ENDINGS:
@@ -138,26 +171,31 @@ class RecordedPredictions:
         return None
 
     def _missing(self, pair: str, names: Sequence[str]) -> FileNotFoundError:
-        looked = ", ".join(dict.fromkeys(names))
+        tried = ", ".join(dict.fromkeys(names))
         return FileNotFoundError(
-            f"{self.folder}: no {self.kind} of pair {pair}; looked for {looked}, with .{', .'.join(ENDINGS)}"
+            f"{self.folder}: no {self.kind} of pair {pair}; looked for {tried}, with .{', .'.join(ENDINGS)}"
         )
 
     def _beside(self, path: Path, what: str) -> Path | None:
-        own = path.stem in IN_A_FOLDER[self.kind]
-        found = path.with_name(f"{what}.npy" if own else f"{path.stem}_{what}.npy")
-        return found if found.is_file() else None
+        """Return the file of normals or confidence that belongs to a map, if it exists."""
+        in_a_folder = path.stem in IN_A_FOLDER[self.kind]
+        beside = path.with_name(f"{what}.npy" if in_a_folder else f"{path.stem}_{what}.npy")
+        return beside if beside.is_file() else None
 
 
 def _names(pair: str, number: int) -> tuple[list[str], list[str]]:
-    """What the file of a pair may be called, without its ending: by the pair's name, and by its place in the split."""
+    """Return the names that the file of a pair may have, without its ending: by its name, and by its place."""
     flat = pair.replace("/", "_")
     by_name = [pair, flat, f"{flat}_10"]
     return by_name, [] if pair.isdigit() else [f"{number:06d}_10", f"{number:06d}"]
 
 
 def read_recorded_map(path: Path, shape: tuple[int, ...]) -> np.ndarray:
-    """Numbers of a file, of that shape; axes of length 1 are dropped. Raises RecordedError that names the file."""
+    """Return the numbers of a file as an array of a shape; axes of length 1 are dropped.
+
+    Raises:
+        RecordedError: The file holds no such numbers; the message names it.
+    """
     values: np.ndarray | None
     try:
         if path.suffix == ".npy":
@@ -169,7 +207,7 @@ def read_recorded_map(path: Path, shape: tuple[int, ...]) -> np.ndarray:
     if values is None or values.dtype.kind not in "fiu":
         raise RecordedError(f"{path}: holds no numbers that can be read")
     if path.suffix == ".png" and values.dtype != np.uint16:
-        raise RecordedError(f"{path}: is a picture of 8 bit; a PNG of measurements has 16")
+        raise RecordedError(f"{path}: is an 8-bit picture; a PNG of measurements has 16 bits")
     if values.shape != shape and values.squeeze().shape != shape:
-        raise RecordedError(f"{path}: is of shape {values.shape}, the pair asks for {shape}")
+        raise RecordedError(f"{path}: is of shape {values.shape}, the pair's images are of shape {shape}")
     return values.reshape(shape)

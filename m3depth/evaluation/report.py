@@ -165,7 +165,7 @@ def _rocks(results: Results) -> list[str]:
 
 
 def rocks_table(seen: Mapping[str, Mapping[str, Any]], least_false: float) -> list[str]:
-    """Lines of a table by method, height and range. seen: RockTally.result() by method; least_false [m]: height from
+    """Lines of a table by method, height and range. seen: RockCounts.result() by method; least_false [m]: height from
     which false obstacles were looked for."""
     rows = []
     for name, rocks in seen.items():

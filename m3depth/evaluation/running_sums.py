@@ -12,17 +12,28 @@ from m3depth.evaluation.metrics import known_depth
 from marssim.base.camera import MAX_DEPTH
 
 ROOTS = frozenset({"rmse"})  # terms whose mean is a mean square
-BIN = 0.01  # [deg] of the histogram that the pooled median angle comes from
-DEPTH_BIN = 0.25  # [m]
-ERROR_RANGE = (1e-3, 1e2)  # [m]
-ERROR_BINS = 60
+BIN = 0.01  # [deg] width of a bin of the histogram that the pooled median angle comes from
+DEPTH_BIN = 0.25  # [m] width of a column of the error map
+ERROR_RANGE = (1e-3, 1e2)  # [m] smallest and largest error of the error map
+ERROR_BINS = 60  # rows of the error map
 
 
-class Tally:
-    """Means of per-pixel terms, over all pixels and as the mean over images."""
+class RunningSums:
+    """Means of per-pixel terms, over all pixels and as the mean over images.
+
+    Attributes:
+        names: Names of the terms, in order.
+        pixels: Number of pixels so far.
+        images: Number of images so far that have such pixels.
+    """
 
     def __init__(self, names: tuple[str, ...], median: bool = False) -> None:
-        """names: of the terms, in order. median: the first term is an angle [deg] whose median is wanted too."""
+        """Begin with no pixels.
+
+        Args:
+            names: Names of the terms, in order.
+            median: Whether the first term is an angle [deg] whose median is needed too.
+        """
         self.names = names
         self.pixels = 0
         self.images = 0
@@ -31,8 +42,16 @@ class Tally:
         self._histogram = np.zeros(round(180 / BIN), dtype=np.int64) if median else None
 
     def add_sums(self, total: np.ndarray, pixels: int, first: np.ndarray) -> dict[str, float]:
-        """Add one image: the sums of its terms, (len(names),), over so many pixels, and the first term, (N,), for its
-        median. Returns the image's own figures; {} if it has no such pixel."""
+        """Add one image.
+
+        Args:
+            total: (len(names),) sums of the terms over the image's pixels.
+            pixels: Number of these pixels.
+            first: (N,) the first term at every pixel, for its median.
+
+        Returns:
+            The image's own figures by name; {} if it has no such pixel.
+        """
         if not pixels:
             return {}
         figures = self._figures(total, pixels)
@@ -48,7 +67,10 @@ class Tally:
         return figures
 
     def result(self) -> dict[str, Any]:
-        """{"pixels", "images", "per_image": {name: figure}, "pooled": {name: figure}}; {} for both without pixels."""
+        """Return {"pixels", "images", "per_image": {name: figure}, "pooled": {name: figure}}.
+
+        Both "per_image" and "pooled" are {} without pixels.
+        """
         out: dict[str, Any] = {"pixels": self.pixels, "images": self.images, "per_image": {}, "pooled": {}}
         if self.pixels:
             out["per_image"] = {name: value / self.images for name, value in self._image_sum.items()}
@@ -58,14 +80,18 @@ class Tally:
         return out
 
     def state_dict(self) -> dict[str, Any]:
-        """What has been added so far, in JSON's types and arrays, for load_state_dict."""
+        """Return everything added so far, as JSON's types and arrays, for load_state_dict."""
         return {
             "pixels": self.pixels, "images": self.images, "sum": self._sum, "image_sum": self._image_sum,
             "histogram": self._histogram,
         }  # fmt: skip
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on from there. Raises KeyError if something is missing."""
+        """Continue from a state_dict.
+
+        Raises:
+            KeyError: Something is missing in it.
+        """
         self.pixels, self.images, self._sum = state["pixels"], state["images"], state["sum"]
         self._image_sum, self._histogram = state["image_sum"], state["histogram"]
 
@@ -74,7 +100,7 @@ class Tally:
         return {n: float(np.sqrt(m) if n in ROOTS else m) for n, m in zip(self.names, means, strict=True)}
 
     def _histogram_median(self) -> float:
-        """Linear within the bin that holds the middle."""
+        """Return the median [deg], linear within the bin that holds the middle."""
         assert self._histogram is not None
         below = np.cumsum(self._histogram)
         half = self.pixels / 2
@@ -84,41 +110,58 @@ class Tally:
 
 
 @dataclass
-class SkyTally:
-    """Sky that is predicted as an obstacle: nearer than the 15 m that count."""
+class SkyCounts:
+    """Sky pixels, and those that are predicted as an obstacle: nearer than the 15 m that count.
+
+    Attributes:
+        pixels: Number of sky pixels.
+        near: Number of those with a predicted depth under 15 m.
+    """
 
     pixels: int = 0
     near: int = 0
 
     def add(self, depth: np.ndarray, sky: np.ndarray) -> None:
-        """depth: (H, W) predicted [m]; sky: (H, W) bool."""
+        """Add one image.
+
+        Args:
+            depth: (H, W) predicted depth [m].
+            sky: (H, W) bool, the true sky.
+        """
         self.pixels += int(sky.sum())
         self.near += int((known_depth(depth) & (depth < MAX_DEPTH) & sky).sum())
 
     def state_dict(self) -> dict[str, Any]:
-        """As Tally.state_dict."""
+        """Return the state, as RunningSums.state_dict does."""
         return {"pixels": self.pixels, "near": self.near}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """As Tally.load_state_dict."""
+        """Continue from a state, as RunningSums.load_state_dict does."""
         self.pixels, self.near = state["pixels"], state["near"]
 
     def result(self) -> dict[str, Any]:
-        """{"pixels", "predicted_near": share or None}."""
+        """Return {"pixels", "predicted_near": share, or None without sky}."""
         return {"pixels": self.pixels, "predicted_near": self.near / self.pixels if self.pixels else None}
 
 
 @dataclass
 class ErrorMap:
-    """How many pixels have which absolute depth error at which true depth: the paper's cloud of points, counted.
+    """Counts of pixels by absolute depth error and true depth: the paper's cloud of points, counted.
 
-    counts: (60, 60), [error, depth]: errors by equal steps of their logarithm from 1 mm to 100 m, depths by 0.25 m.
+    Attributes:
+        counts: (60, 60) pixels, [error, depth]. Errors go from 1 mm to 100 m in equal steps of their logarithm, depths
+            in steps of 0.25 m.
     """
 
     counts: np.ndarray = field(default_factory=lambda: np.zeros((ERROR_BINS, round(MAX_DEPTH / DEPTH_BIN)), np.int64))
 
     def add(self, true: np.ndarray, error: np.ndarray) -> None:
-        """true: (N,) depth [m]; error: (N,) [m], not negative. What is farther than the paper's 15 m is left out."""
+        """Add pixels; those beyond the paper's 15 m are left out.
+
+        Args:
+            true: (N,) true depth [m].
+            error: (N,) absolute error [m].
+        """
         true, error = true[true <= MAX_DEPTH], error[true <= MAX_DEPTH]
         rows, columns = self.counts.shape
         low, high = np.log(ERROR_RANGE)
@@ -128,15 +171,15 @@ class ErrorMap:
         self.counts += np.bincount(flat, minlength=rows * columns).reshape(rows, columns)
 
     def state_dict(self) -> dict[str, Any]:
-        """As Tally.state_dict."""
+        """Return the state, as RunningSums.state_dict does."""
         return {"counts": self.counts}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """As Tally.load_state_dict."""
+        """Continue from a state, as RunningSums.load_state_dict does."""
         self.counts = state["counts"]
 
     def result(self) -> dict[str, Any]:
-        """{"depth_step_m", "error_from_m", "error_to_m", "counts": rows of equal steps of the error's logarithm}."""
+        """Return {"depth_step_m", "error_from_m", "error_to_m", "counts": rows by the error's logarithm}."""
         low, high = ERROR_RANGE
         return {
             "depth_step_m": DEPTH_BIN, "error_from_m": low, "error_to_m": high, "counts": self.counts.tolist(),

@@ -1,4 +1,4 @@
-"""Methods scored on the same pairs, in one pass over them."""
+"""The scoring of several methods on the same pairs, in one pass over them."""
 
 from __future__ import annotations
 
@@ -21,20 +21,24 @@ from m3depth.stereo.plane_normals import fitted_normals
 from m3depth.stereo.prediction import Prediction
 from marssim.base.command.signals import stop_on_signal
 
-RESERVED = ("index", "pair", "scene")  # fields of a pair's record, beside those of the methods
+RESERVED = ("index", "pair", "scene")  # fields of a pair's record that no method may be called
 
+# What can be scored: an estimator that is run, or maps that another program wrote.
 Method = Estimator | RecordedPredictions
 
 
 @dataclass
 class Evaluation:
-    """What `evaluate` found out.
+    """The result of `evaluate`.
 
-    results: by method, Scores.result() with "median_image" (the median over images of the image's figures), "seconds"
-    (median and mean per pair) and "memory_mib" (the most that was held: by the process, everything in it included, and
-    on a GPU); None for predictions that were read. pairs: a record per pair with the figures of each method.
-    true_depth_normals: the normals that fitting planes to the true depth gives, by kind. examples: to be shown. worst:
-    the pairs in which the first method's mean disparity error is largest, the largest first.
+    Attributes:
+        results: By method, Scores.result() with "median_image" (the median over images of the image's figures),
+            "seconds" (median and mean per pair) and "memory_mib" (the most that the whole process held, and that was
+            held on a GPU). The last two are None for predictions that were read.
+        pairs: A record per pair, with the figures of each method.
+        true_depth_normals: Figures of the normals that planes fitted to the true depth give, by kind.
+        examples: Pairs for the figures.
+        worst: The pairs in which the first method's mean disparity error is largest, the largest first.
     """
 
     results: dict[str, dict[str, Any]]
@@ -45,9 +49,15 @@ class Evaluation:
 
 
 class Scoring:
-    """Methods that are being scored, a pair at a time; what they have so far can be saved, and gone on from.
+    """Methods that are scored a pair at a time, in a state that can be saved and loaded.
 
-    pairs: the records so far, in the order in which the pairs came.
+    Attributes:
+        dataset: The pairs, with ground truth.
+        methods: The methods, by the name of their column.
+        degradation: Applied to the images first; None for none.
+        seed: Seed of the degradation's noise.
+        max_disparity: Pixels of a larger true disparity [px] are scored separately.
+        pairs: The records so far, in the order in which the pairs came.
     """
 
     def __init__(
@@ -69,7 +79,7 @@ class Scoring:
         self._warm: set[str] = set()
 
     def add(self, index: int) -> Example:
-        """Score every method on one pair, and note it in pairs. Raises as `evaluate` does."""
+        """Score every method on the pair of an index, and append its record to `pairs`. Raises as `evaluate` does."""
         example, costs = self.predicted(index)
         pair = ScoredPair(example.truth, self.max_disparity)
         record: dict[str, Any] = {
@@ -88,7 +98,7 @@ class Scoring:
         return example
 
     def predicted(self, index: int) -> tuple[Example, dict[str, Cost]]:
-        """What every method makes of a pair, and what that cost those that were run; nothing is scored."""
+        """Return the predictions of every method for a pair, and the costs of those that were run; score nothing."""
         sample = self.dataset[index]
         left, right = sample.left, sample.right
         if self.degradation is not None:
@@ -102,15 +112,15 @@ class Scoring:
             if name not in self._warm:
                 method.infer(left, right, sample.rig)
                 self._warm.add(name)
-            found, costs[name] = measured(method.infer, left, right, sample.rig)
+            result, costs[name] = measured(method.infer, left, right, sample.rig)
             try:
-                predictions[name] = checked_prediction(method, found, left.shape[:2])
+                predictions[name] = checked_prediction(method, result, left.shape[:2])
             except EstimatorError as error:
                 raise EstimatorError(f"{name}, pair {index}: {error}") from None
-        return Example(index, left, right, sample, predictions), costs
+        return Example(index, left, right, sample, predictions, _name(self.dataset, index)), costs
 
     def result(self) -> Evaluation:
-        """What has been found, without examples."""
+        """Return the figures so far, without examples."""
         results = {
             name: {
                 **score.result(),
@@ -122,7 +132,7 @@ class Scoring:
         return Evaluation(results, self.pairs, self._true_depth_normals.result())
 
     def state_dict(self) -> dict[str, Any]:
-        """For Unfinished.save."""
+        """Return the state, for Unfinished.save."""
         return {
             "pairs": self.pairs,
             "scores": {name: score.state_dict() for name, score in self._scores.items()},
@@ -131,7 +141,11 @@ class Scoring:
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on from there. Raises KeyError if something is missing."""
+        """Continue from a state_dict.
+
+        Raises:
+            KeyError: Something is missing in it.
+        """
         self.pairs = state["pairs"]
         for name, score in self._scores.items():
             score.load_state_dict(state["scores"][name])
@@ -154,16 +168,27 @@ def evaluate(
 ) -> Evaluation:
     """Score every method on the same pairs.
 
-    dataset: samples with ground truth. estimators: by the name they are reported under. limit: score only so many
-    pairs, spread evenly over the dataset. degradation: applied to the images first; its noise depends on (seed, index)
-    alone. max_disparity [px]: nearer pixels are scored apart. examples: so many pairs are kept to be shown, evenly
-    spread; worst: and so many of those that the first method got most wrong. progress: wraps the indices that are
-    walked through, as marssim.base.command.progress.watched does. unfinished: where to save, now and then and at the
-    end, and what to go on from; the caller removes it. Besides what is kept to be shown, memory grows by a few numbers
-    a pair. Each estimator sees the first pair twice: the first time warms it up and is not timed. Raises ValueError if
-    there is nothing to score, EstimatorError if a method returns no Prediction of this size; FileNotFoundError if a
-    recorded prediction is missing; with `unfinished`, KeyboardInterrupt after SIGINT or SIGTERM, once the pair that it
-    came upon is scored and saved, and UnfinishedError if what was saved is of no use.
+    Each estimator receives the first pair twice: the first time warms it up and is not timed. Besides the examples,
+    memory grows by a few numbers a pair.
+
+    Args:
+        dataset: Samples with ground truth.
+        estimators: The methods, by the name of their column.
+        limit: Number of pairs to score, spread evenly over the dataset; None for all.
+        degradation: Applied to the images first; its noise depends on (seed, index) alone.
+        seed: Seed of that noise.
+        max_disparity: Pixels of a larger true disparity [px] are scored separately.
+        examples: Number of pairs to keep for the figures, evenly spread.
+        worst: Number of pairs to keep of those in which the first method's error is largest.
+        progress: Wraps the indices of the pairs, as marssim.base.command.progress.watched does.
+        unfinished: Where the state is saved, every 30 s and at the end, and loaded from; the caller removes it.
+
+    Raises:
+        ValueError: There is nothing to score, or a name or number cannot be used.
+        EstimatorError: A method returned no Prediction of the images' size.
+        FileNotFoundError: A recorded prediction is missing.
+        UnfinishedError: The saved state cannot be used.
+        KeyboardInterrupt: With `unfinished`, after SIGINT or SIGTERM, once the current pair is scored and saved.
     """
     chosen = _checked(dataset, estimators, limit, seed)
     scoring = Scoring(dataset, estimators, degradation, seed, max_disparity)
@@ -175,15 +200,15 @@ def evaluate(
     first = next(iter(estimators))
     shown = [chosen[i] for i in spread(len(chosen), examples)] if examples else []
     ranked = _worst(scoring.pairs, first, worst)
-    seen: dict[int, Example] = {}
-    noticed: AbstractContextManager[list[int]] = nullcontext([]) if unfinished is None else stop_on_signal()
-    with noticed as signals:
+    kept: dict[int, Example] = {}
+    stopping: AbstractContextManager[list[int]] = nullcontext([]) if unfinished is None else stop_on_signal()
+    with stopping as signals:
         rest = chosen[len(scoring.pairs) :]
         for index in progress(rest) if progress else rest:
             example = scoring.add(index)
             ranked = _worst([*ranked, scoring.pairs[-1]], first, worst)
             wanted = {*shown, *(record["index"] for record in ranked)}
-            seen = {i: kept for i, kept in {**seen, index: example}.items() if i in wanted}
+            kept = {i: one for i, one in {**kept, index: example}.items() if i in wanted}
             if unfinished is not None:
                 unfinished.save_now_and_then(scoring.state_dict)
             if signals:
@@ -194,20 +219,20 @@ def evaluate(
             raise KeyboardInterrupt
     out = scoring.result()
     out.examples, out.worst = (
-        # Those that were scored before a stop are predicted again.
-        [seen[i] if i in seen else scoring.predicted(i)[0] for i in indices]
+        # Pairs that were scored before a stop are predicted again.
+        [kept[i] if i in kept else scoring.predicted(i)[0] for i in indices]
         for indices in (shown, [record["index"] for record in ranked])
     )
     return out
 
 
 def _worst(records: Sequence[dict[str, Any]], method: str, number: int) -> list[dict[str, Any]]:
-    """The records of the pairs in which the method's mean disparity error is largest, the largest first."""
+    """Return the records of the pairs in which the method's mean disparity error is largest, the largest first."""
     return sorted(records, key=lambda record: -record[method].get("epe", 0.0))[:number]
 
 
 def check_choice(limit: int | None, seed: int) -> None:
-    """Raise ValueError that names what cannot be used."""
+    """Raise ValueError, which names the setting, unless the number of pairs and the seed can be used."""
     if limit is not None and limit < 1:
         raise ValueError(f"limit must be at least 1, got {limit}")
     if seed < 0:
@@ -215,14 +240,14 @@ def check_choice(limit: int | None, seed: int) -> None:
 
 
 def _checked(dataset: StereoPairs, estimators: Mapping[str, Method], limit: int | None, seed: int) -> list[int]:
-    """The indices to be scored, once everything that was asked for can be done."""
+    """Return the indices of the pairs to score. Raises as `evaluate` does."""
     if not len(dataset):
         raise ValueError("the dataset holds no pairs")
     if not estimators:
         raise ValueError("no estimator to score")
     for name in RESERVED:
         if name in estimators:
-            raise ValueError(f"no method may be called {name!r}: the records of the pairs use that name themselves")
+            raise ValueError(f"no method may be called {name!r}: the records of the pairs use that name")
     check_choice(limit, seed)
     chosen = chosen_pairs(dataset, limit)
     for method in estimators.values():
@@ -232,19 +257,19 @@ def _checked(dataset: StereoPairs, estimators: Mapping[str, Method], limit: int 
 
 
 def chosen_pairs(dataset: StereoPairs, limit: int | None) -> list[tuple[str, int]]:
-    """Names and indices of the pairs that are scored, spread evenly over the dataset."""
+    """Return names and indices of the pairs to score: `limit` of them, spread evenly over the dataset, or all."""
     chosen = spread(len(dataset), len(dataset) if limit is None else limit)
     return [(_name(dataset, index), index) for index in chosen]
 
 
 def _name(dataset: StereoPairs, index: int) -> str:
-    """The dataset's own name of a pair, where it has one."""
+    """Return the dataset's own name of a pair; where it has none, its index."""
     names = getattr(dataset, "names", None)
     return f"{index:06d}" if names is None else names[index]
 
 
 def _scene(dataset: StereoPairs, index: int) -> str:
-    """What the pair shows, as the dataset names it; where it says nothing, each pair shows a scene of its own."""
+    """Return the name of a pair's scene; in a dataset without scenes, each pair is a scene."""
     scenes = getattr(dataset, "scenes", None)
     return _name(dataset, index) if scenes is None else scenes[index]
 
@@ -258,7 +283,7 @@ def _spent(costs: list[Cost]) -> dict[str, Any]:
     if not costs:
         return {"seconds": None, "memory_mib": None}
     seconds = [cost.seconds for cost in costs]
-    peak, gpu = ([x for x in found if x is not None] for found in zip(*((c.peak_mib, c.gpu_mib) for c in costs)))
+    peak, gpu = ([x for x in values if x is not None] for values in zip(*((c.peak_mib, c.gpu_mib) for c in costs)))
     return {
         "seconds": {"median": float(np.median(seconds)), "mean": float(np.mean(seconds))},
         "memory_mib": {"process": max(peak, default=None), "gpu": max(gpu, default=None)},

@@ -1,8 +1,8 @@
-"""Does the confidence know where the errors are? The error that remains as the least confident pixels are dropped.
+"""How well the confidence marks the errors: the error that remains as the least confident pixels are dropped.
 
-A sparsification curve (Ilg et al. 2018, Sec. 5), over all scored pixels of all images together; beside it the oracle's,
-which drops the pixels with the largest error first: nothing can lie below it. Pixels of equal confidence are dropped in
-equal shares, so that a method that tells nothing has a flat curve. Memory is that of two histograms.
+This is a sparsification curve (Ilg et al. 2018, Sec. 5) over all scored pixels of all images together. The oracle's
+curve drops the pixels with the largest error first, so nothing can lie below it. Pixels of equal confidence are dropped
+in equal shares: a method whose confidence is constant has a flat curve. Memory is that of two histograms.
 """
 
 from __future__ import annotations
@@ -12,23 +12,35 @@ from typing import Any
 
 import numpy as np
 
-DROPPED = np.arange(0, 100, 5) / 100  # shares of the pixels
-LOGIT = 16.0  # confidences beyond 1 / (1 + exp(-+16)) are all one
-BINS = 3200
-SMALLEST, LARGEST = 1e-4, 1e4  # [px] of the oracle's error histogram
+DROPPED = np.arange(0, 100, 5) / 100  # shares of the pixels that are dropped
+LOGIT = 16.0  # confidences beyond 1 / (1 + exp(-+16)) share a bin
+BINS = 3200  # of each histogram
+SMALLEST, LARGEST = 1e-4, 1e4  # [px] errors at the ends of the oracle's histogram
 
 
-class ConfidenceTally:
-    """Errors by confidence, and by error, of many images."""
+class ConfidenceHistograms:
+    """Errors of many images by confidence, and by their size.
+
+    Attributes:
+        pixels: (BINS,) number of pixels by confidence.
+        error: (BINS,) sum of their errors [px].
+        bad: (BINS,) number of those off by more than 1 px.
+        by_error: (2, BINS) number of pixels by the size of their error, and the sum of these errors [px].
+    """
 
     def __init__(self) -> None:
         self.pixels = np.zeros(BINS)
         self.error = np.zeros(BINS)
         self.bad = np.zeros(BINS)
-        self.by_error = np.zeros((2, BINS))  # pixels and their error, by error
+        self.by_error = np.zeros((2, BINS))
 
     def add(self, confidence: np.ndarray, error: np.ndarray) -> None:
-        """confidence: (N,) in [0, 1], NaN counts as 0; error: (N,) [px], finite."""
+        """Add pixels.
+
+        Args:
+            confidence: (N,) in [0, 1]; NaN counts as 0.
+            error: (N,) [px], finite.
+        """
         sure = np.clip(np.nan_to_num(confidence.astype(np.float64), nan=0.0), 0, 1)
         with np.errstate(divide="ignore"):
             logit = np.clip(np.log(sure) - np.log1p(-sure), -LOGIT, LOGIT)
@@ -42,20 +54,25 @@ class ConfidenceTally:
         self.by_error += [np.bincount(size, minlength=BINS), np.bincount(size, error, BINS)]
 
     def state_dict(self) -> dict[str, Any]:
-        """As m3depth.evaluation.running_sums.Tally.state_dict."""
+        """Return the state, as RunningSums.state_dict does."""
         return {"pixels": self.pixels, "error": self.error, "bad": self.bad, "by_error": self.by_error}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """As m3depth.evaluation.running_sums.Tally.load_state_dict."""
+        """Continue from a state, as RunningSums.load_state_dict does."""
         self.pixels, self.error, self.bad = state["pixels"], state["error"], state["bad"]
         self.by_error = state["by_error"]
 
     def result(self) -> dict[str, Any]:
-        """{} without pixels, or if all have one confidence. Else
+        """Return the curves.
 
-        dropped: shares; epe [px], bad1: of the pixels that are left; oracle_epe, oracle_bad1: the least that any order
-        leaves; ause_epe, ause_bad1: mean distance of the two curves, in units of the error at 0; bad1_without_10: the
-        share over 1 px without the 10 % least confident pixels, as a part of that over all.
+        Returns:
+            {} without pixels, or if all have one confidence. Otherwise
+
+            - dropped: shares of the pixels that are dropped.
+            - epe [px], bad1: errors of the pixels that are left.
+            - oracle_epe, oracle_bad1: the least that any order leaves.
+            - ause_epe, ause_bad1: mean distance of the two curves, in units of the error at 0.
+            - bad1_without_10: bad1 without the 10 % least confident pixels, as a share of that over all.
         """
         count = self.pixels.sum()
         if count == 0 or np.count_nonzero(self.pixels) < 2:
@@ -84,7 +101,7 @@ class ConfidenceTally:
 
 
 def _left(pixels: np.ndarray, value: np.ndarray) -> np.ndarray:
-    """Mean of `value` over what is left after each share of DROPPED, the first bins dropped first."""
+    """Return the mean of `value` over what is left after each share of DROPPED; the first bins are dropped first."""
     gone = np.concatenate([[0], np.cumsum(pixels)])
     lost = np.concatenate([[0], np.cumsum(value)])
     wanted = DROPPED * gone[-1]

@@ -18,7 +18,7 @@ from m3depth.figures.drawing import METHOD_COLOURS, save
 def rocks_figure(methods: Mapping[str, Mapping[str, Any]], path: Path) -> None:
     """Write a PNG: a column a range; found share, height error and false obstacles, a bar a method and height.
 
-    methods: RockTally.result() by name. Without any rocks the figure says so.
+    methods: RockCounts.result() by name. Without any rocks the figure says so.
     """
     methods = {name: found for name, found in methods.items() if found}
     figure = Figure(figsize=(11, 7.6), layout="constrained", dpi=120)

@@ -8,7 +8,7 @@ from rock_samples import RIG, ahead, rock_sample, without_rocks
 from rock_world import RockWorld
 
 from envs.rock_map import MapRockCounts, count_rocks, frame_map, true_rocks
-from m3depth.evaluation.rock_scores import rock_scene
+from m3depth.evaluation.rock_scene import rock_scene
 
 DOMES = ((3.0, -0.5, 0.35, 0.3), (9.0, 0.5, 0.5, 0.45))
 SAMPLE = rock_sample(RockWorld(domes=np.array([(*ahead(d, aside), r, h) for d, aside, r, h in DOMES])))

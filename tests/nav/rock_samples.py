@@ -12,6 +12,15 @@ from marssim.base.dataset.sample import StereoSample
 
 RIG = NATECAM.resized(256, 256)
 HEIGHT, PITCH = 1.2, np.deg2rad(20.0)
+DOMES = (  # distance ahead, to the left, radius, height [m]
+    (3.0, -0.5, 0.3, 0.25), (5.0, 0.6, 0.5, 0.4), (9.0, -1.5, 0.6, 0.55), (2.5, 0.5, 0.25, 0.12),
+)  # fmt: skip
+
+
+def domes_on_a_plain(slope: tuple[float, float] = (0.0, 0.0)) -> RockWorld:
+    """DOMES on a plain of a slope along x and y."""
+    domes = [(*ahead(distance, aside), radius, height) for distance, aside, radius, height in DOMES]
+    return RockWorld(domes=np.array(domes), slope=slope)
 
 
 def rock_sample(world: RockWorld, rig: StereoRig = RIG, yaw: float = 0.4) -> StereoSample:

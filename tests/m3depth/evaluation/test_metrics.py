@@ -18,7 +18,7 @@ from m3depth.evaluation.metrics import (
     normal_terms,
     pixel_kinds,
 )
-from m3depth.evaluation.running_sums import Tally
+from m3depth.evaluation.running_sums import RunningSums
 from m3depth.evaluation.scores import ScoredPair, Scores
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
@@ -66,16 +66,16 @@ def score(prediction: Prediction, sample: StereoSample) -> dict:
 
 def test_perfect_prediction_has_perfect_scores_everywhere():
     result = score(perfect(make_sample()), make_sample())
-    for kind, tally in result["depth"].items():
-        assert tally["pixels"] > 0, kind
-        for figures in (tally["per_image"], tally["pooled"]):
+    for kind, sums in result["depth"].items():
+        assert sums["pixels"] > 0, kind
+        for figures in (sums["per_image"], sums["pooled"]):
             for name, value in figures.items():
                 best = 1 if name.startswith("delta") or name == "density" else 0
                 assert value == pytest.approx(best, abs=1e-6), (kind, name)
-    for kind, tally in result["normal"].items():
-        assert tally["pooled"]["mean"] == pytest.approx(0, abs=1e-4), kind
-        assert tally["pooled"]["median"] < 0.02
-        assert tally["per_image"]["within_11.25"] == 1
+    for kind, sums in result["normal"].items():
+        assert sums["pooled"]["mean"] == pytest.approx(0, abs=1e-4), kind
+        assert sums["pooled"]["median"] < 0.02
+        assert sums["per_image"]["within_11.25"] == 1
     assert result["sky"] == {"pixels": 5 * W, "predicted_near": 0}
 
 
@@ -148,14 +148,14 @@ def test_unknown_normals_count_as_180_deg():
     normal = sample.normal.copy()
     normal[12, 10:20] = np.nan
     normal[13, 10:20] = 0
-    tally = score(replace(perfect(sample), normal=normal), sample)["normal"]["all"]
-    assert tally["pooled"]["mean"] == pytest.approx(20 * 180 / tally["pixels"], rel=1e-4)
+    sums = score(replace(perfect(sample), normal=normal), sample)["normal"]["all"]
+    assert sums["pooled"]["mean"] == pytest.approx(20 * 180 / sums["pixels"], rel=1e-4)
 
 
 def test_no_normals_give_no_figures():
     sample = make_sample()
-    tally = score(replace(perfect(sample), normal=None), sample)["normal"]["all"]
-    assert tally == {"pixels": 0, "images": 0, "per_image": {}, "pooled": {}}
+    sums = score(replace(perfect(sample), normal=None), sample)["normal"]["all"]
+    assert sums == {"pixels": 0, "images": 0, "per_image": {}, "pooled": {}}
 
 
 def test_sky_predicted_near():
@@ -167,10 +167,10 @@ def test_sky_predicted_near():
 
 def test_per_image_and_pooled_differ_as_they_should():
     """One image with 10 pixels off by 1, one with 30 pixels off by 3."""
-    tally = Tally(("rmse", "mae"))
+    sums = RunningSums(("rmse", "mae"))
     for count, error in ((10, 1.0), (30, 3.0)):
-        tally.add_sums(count * np.array([error**2, error]), count, np.full(count, error**2))
-    result = tally.result()
+        sums.add_sums(count * np.array([error**2, error]), count, np.full(count, error**2))
+    result = sums.result()
     assert result["per_image"] == pytest.approx({"rmse": 2, "mae": 2})
     assert result["pooled"] == pytest.approx({"rmse": np.sqrt(7), "mae": 2.5})
     assert (result["pixels"], result["images"]) == (40, 2)
@@ -189,11 +189,11 @@ def test_order_and_split_do_not_matter():
 @given(hnp.arrays(np.float64, st.integers(1, 200), elements=st.floats(0, 180)))
 @settings(max_examples=60, deadline=None)
 def test_streamed_median_is_within_a_bin(angles):
-    tally = Tally(NORMAL_TERMS, median=True)
-    tally.add_sums(normal_terms(angles).sum(axis=0), len(angles), angles)
+    sums = RunningSums(NORMAL_TERMS, median=True)
+    sums.add_sums(normal_terms(angles).sum(axis=0), len(angles), angles)
     low, high = (np.quantile(angles, 0.5, method=m) for m in ("lower", "higher"))
-    assert low - 0.011 <= tally.result()["pooled"]["median"] <= high + 0.011
-    assert tally.result()["per_image"]["median"] == pytest.approx(np.median(angles))
+    assert low - 0.011 <= sums.result()["pooled"]["median"] <= high + 0.011
+    assert sums.result()["per_image"]["median"] == pytest.approx(np.median(angles))
 
 
 @given(st.floats(0, 180), st.floats(0.1, 10))
@@ -213,10 +213,10 @@ def test_terms_are_finite_whatever_is_predicted(depth):
 
 def test_wrong_size_is_named():
     sample = make_sample()
-    with pytest.raises(ValueError, match=r"predicted depth is \(2, 2\)"):
+    with pytest.raises(ValueError, match=r"predicted depth is of shape \(2, 2\)"):
         Scores().add(replace(perfect(sample), depth=np.ones((2, 2), np.float32)), ScoredPair(sample))
     for shape in ((3, *sample.depth.shape), sample.depth.shape, (*sample.depth.shape, 4)):
-        with pytest.raises(ValueError, match=f"predicted normal is {re.escape(str(shape))}"):
+        with pytest.raises(ValueError, match=f"predicted normal is of shape {re.escape(str(shape))}"):
             Scores().add(replace(perfect(sample), normal=np.ones(shape, np.float32)), ScoredPair(sample))
 
 

@@ -140,8 +140,8 @@ def test_unknown_is_filled_from_the_background_if_asked_for(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("00003_05.png", np.zeros((H, W), np.uint8), "is a picture of 8 bit"),
-        ("00003_05.npy", DISPARITY[:5], r"is of shape \(5, 20\), the pair asks for \(12, 20\)"),
+        ("00003_05.png", np.zeros((H, W), np.uint8), "is an 8-bit picture"),
+        ("00003_05.npy", DISPARITY[:5], r"is of shape \(5, 20\), the pair's images are of shape \(12, 20\)"),
         ("00003_05.npy", np.array([{"a": 1}], object), "holds no numbers that can be read"),
         ("00003_05.npy", b"\x93NUMPY", "holds no numbers that can be read"),
         ("00003_05.npy", b"PK\x03\x04 an archive", "holds no numbers that can be read"),

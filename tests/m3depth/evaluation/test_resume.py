@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from m3depth.evaluation.resume import UNFINISHED, Unfinished, UnfinishedError
-from m3depth.evaluation.rock_scores import RockOutcome, RockTally
+from m3depth.evaluation.rock_scores import RockCounts, RockOutcome
 from m3depth.evaluation.scores import ScoredPair, Scores
 from m3depth.stereo.classical import SGBM
 
@@ -87,11 +87,11 @@ def test_saves_are_some_time_apart(tmp_path, monkeypatch):
 
 
 def test_rocks_come_back_as_what_they_were(tmp_path):
-    tally, again = RockTally(2, [RockOutcome(0.3, 4.0, True, 0.01, False)], [(0.25, 3.0)]), RockTally()
+    sums, again = RockCounts(2, [RockOutcome(0.3, 4.0, True, 0.01, False)], [(0.25, 3.0)]), RockCounts()
     file = Unfinished(tmp_path, ASKED)
-    file.save(tally.state_dict())
+    file.save(sums.state_dict())
     again.load_state_dict(file.load())
-    assert again == tally and again.result() == tally.result() and again.rocks[0].both_eyes is False
+    assert again == sums and again.result() == sums.result() and again.rocks[0].both_eyes is False
 
 
 def test_scores_go_on_from_what_was_saved(plane_samples, tmp_path):

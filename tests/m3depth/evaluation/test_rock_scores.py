@@ -1,21 +1,14 @@
-"""Rocks of known size on a plain: measured, found, missed, and seen where none are."""
+"""Rocks of known size on a plain: found, missed, and predicted where none are."""
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from rock_samples import ahead, rock_sample, without_rocks
+from rock_samples import DOMES, ahead, rock_sample, without_rocks
+from rock_samples import domes_on_a_plain as world
 from rock_world import RockWorld
 
-from m3depth.evaluation.rock_scores import RockTally, false_obstacles, predicted_tops, rock_scene
+from m3depth.evaluation.rock_scene import rock_scene
+from m3depth.evaluation.rock_scores import RockCounts, false_obstacles, predicted_tops
 from m3depth.stereo.prediction import Prediction
-
-DOMES = ((3.0, -0.5, 0.3, 0.25), (5.0, 0.6, 0.5, 0.4), (9.0, -1.5, 0.6, 0.55), (2.5, 0.5, 0.25, 0.12))
-
-
-def world(slope=(0.0, 0.0)) -> RockWorld:
-    domes = [(*ahead(distance, aside), radius, height) for distance, aside, radius, height in DOMES]
-    return RockWorld(domes=np.array(domes), slope=slope)
 
 
 def prediction(sample, depth=None) -> Prediction:
@@ -23,39 +16,14 @@ def prediction(sample, depth=None) -> Prediction:
     return Prediction(depth, sample.rig.depth_to_disparity(depth), None, np.ones(depth.shape, np.float32))
 
 
-def tally(sample, depth=None) -> RockTally:
-    out = RockTally()
+def counted(sample, depth=None) -> RockCounts:
+    out = RockCounts()
     out.add(prediction(sample, depth), rock_scene(sample))
     return out
 
 
-def test_heights_and_distances_are_those_of_the_world():
-    sample = rock_sample(world())
-    rocks = rock_scene(sample).rocks
-    assert len(rocks) == len(DOMES)
-    for rock, (distance, aside, radius, height) in zip(rocks, DOMES, strict=True):
-        assert rock.height == pytest.approx(height, abs=0.015)
-        assert 0.8 * rock.height < rock.top <= rock.height
-        middle = np.hypot(distance, aside)
-        assert middle - radius - 0.05 < rock.away < middle + 0.05  # only its front is seen
-
-
-@given(st.floats(-0.15, 0.15), st.floats(-0.15, 0.15))
-@settings(max_examples=10)
-def test_heights_stand_on_the_slope_that_the_ground_has(along, across):
-    """A box on a slope, given by hand: its top is level, so its height is that of its highest place above the plane."""
-    x, y = ahead(4.0, 0.0)
-    box = np.array([[x, y, 0.2, 0.2, 0.0]])
-    base = along * x + across * y
-    box[0, 4] = base + 0.35
-    sample = rock_sample(RockWorld(boxes=box, slope=(along, across)))
-    rock = rock_scene(sample).rocks[0]
-    most = 0.35 + 0.2 * (abs(along) + abs(across))
-    assert 0.33 < rock.height <= most + 0.02
-
-
 def test_true_depth_finds_every_rock_at_its_height_and_nothing_else():
-    found = tally(rock_sample(world()))
+    found = counted(rock_sample(world()))
     assert len(found.rocks) == len(DOMES) and all(rock[2] for rock in found.rocks)
     assert max(abs(rock[3]) for rock in found.rocks) < 1e-6
     assert found.false == []
@@ -67,7 +35,7 @@ def test_true_depth_finds_every_rock_at_its_height_and_nothing_else():
 
 def test_melted_rocks_are_missed_and_the_others_are_not():
     sample = rock_sample(world())
-    found = tally(sample, without_rocks(sample, keep=(2,)))
+    found = counted(sample, without_rocks(sample, keep=(2,)))
     assert [rock[2] for rock in found.rocks] == [False, True, False, False]
     assert found.false == []
 
@@ -82,7 +50,7 @@ def test_a_rock_at_the_wrong_depth_is_not_found():
 @pytest.mark.parametrize("unknown", [np.nan, np.inf, 0.0, -2.0])
 def test_unknown_depth_shows_no_rock(unknown):
     sample = rock_sample(world())
-    found = tally(sample, np.full_like(sample.depth, unknown))
+    found = counted(sample, np.full_like(sample.depth, unknown))
     assert not any(rock[2] for rock in found.rocks) and found.false == []
 
 
@@ -124,8 +92,5 @@ def test_ground_that_is_all_too_near_is_told():
     assert false_obstacles(scene, sample.depth * np.float32(0.67))
 
 
-def test_without_a_pose_there_are_no_heights():
-    sample = rock_sample(world())
-    sample.meta.clear()
-    assert rock_scene(sample) is None
-    assert RockTally().result() == {}
+def test_without_images_there_are_no_figures():
+    assert RockCounts().result() == {}

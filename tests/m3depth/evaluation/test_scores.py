@@ -50,9 +50,9 @@ def test_evaluate_fits_normals_once_for_the_truth_and_not_for_matchers_that_fit_
 
 
 def test_the_error_map_counts_every_pixel_once_where_it_belongs():
-    tally = ErrorMap()
-    tally.add(np.array([0.6, 0.6, 14.99, 15.0, 15.5]), np.array([0.0, 0.011, 200.0, 1.0, 1.0]))
-    counts = np.array(tally.result()["counts"])
+    errors = ErrorMap()
+    errors.add(np.array([0.6, 0.6, 14.99, 15.0, 15.5]), np.array([0.0, 0.011, 200.0, 1.0, 1.0]))
+    counts = np.array(errors.result()["counts"])
     assert counts.sum() == 4  # 15.5 m is beyond
     column = int(0.6 / DEPTH_BIN)
     edges = np.geomspace(1e-3, 1e2, 61)
@@ -77,5 +77,5 @@ def test_rocks_and_confidence_are_in_the_result():
 
 def test_wrong_confidence_is_named(plane_samples):
     sample = plane_samples[0]
-    with pytest.raises(ValueError, match=r"predicted confidence is \(3, 3\)"):
+    with pytest.raises(ValueError, match=r"predicted confidence is of shape \(3, 3\)"):
         scored(sample, truth(sample, confidence=np.ones((3, 3), np.float32)))

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from m3depth.evaluation.sparsification import DROPPED, ConfidenceTally
+from m3depth.evaluation.sparsification import DROPPED, ConfidenceHistograms
 
 
 def brute_force(order: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -15,8 +15,8 @@ def brute_force(order: np.ndarray, values: np.ndarray) -> np.ndarray:
     return np.array([ordered[round(share * len(values)) :].mean() for share in DROPPED])
 
 
-def tally(confidence: np.ndarray, error: np.ndarray) -> dict:
-    out = ConfidenceTally()
+def curves(confidence: np.ndarray, error: np.ndarray) -> dict:
+    out = ConfidenceHistograms()
     out.add(confidence, error)
     return out.result()
 
@@ -27,7 +27,7 @@ def test_against_sorting(seed):
     rng = np.random.default_rng(seed)
     error = rng.exponential(0.7, 20_000)
     confidence = 1 / (1 + np.exp(-(2 - error + rng.normal(0, 1, error.shape))))
-    found = tally(confidence, error)
+    found = curves(confidence, error)
     by_confidence, by_error = np.argsort(confidence), np.argsort(-error)
     assert found["epe"] == pytest.approx(brute_force(by_confidence, error), rel=0.01)
     assert found["bad1"] == pytest.approx(brute_force(by_confidence, error > 1.0), abs=3e-3)
@@ -41,7 +41,7 @@ def test_against_sorting(seed):
     hnp.arrays(np.float64, 50, elements=st.floats(0, 200)),
 )
 def test_nothing_lies_below_the_oracle(confidence, error):
-    found = tally(confidence, error)
+    found = curves(confidence, error)
     if not found:
         assert len(np.unique(confidence)) < 50
         return
@@ -53,33 +53,33 @@ def test_nothing_lies_below_the_oracle(confidence, error):
 
 def test_a_confidence_that_knows_the_errors_reaches_the_oracle():
     error = np.linspace(0, 3, 30_001)
-    found = tally(1 / (1 + np.exp(5 * (error - 1.5))), error)
+    found = curves(1 / (1 + np.exp(5 * (error - 1.5))), error)
     assert found["ause_epe"] == pytest.approx(0, abs=5e-3) and found["ause_bad1"] == pytest.approx(0, abs=5e-3)
-    worst = tally(1 / (1 + np.exp(-5 * (error - 1.5))), error)
+    worst = curves(1 / (1 + np.exp(-5 * (error - 1.5))), error)
     assert worst["ause_epe"] > 0.5 and worst["bad1_without_10"] > 1
 
 
 def test_equal_confidences_are_dropped_in_equal_shares():
     """Filled pixels (confidence 0) are a quarter and all off by 2 px; half of the others by 1.5 px."""
     error = np.repeat([2.0, 1.5, 0.0], [1000, 1500, 1500])
-    found = tally(np.repeat([0.0, 1.0], [1000, 3000]), error)
+    found = curves(np.repeat([0.0, 1.0], [1000, 3000]), error)
     assert found["bad1"][2] == pytest.approx((600 + 1500) / 3600)
     assert found["bad1"][5:] == pytest.approx([0.5] * 15)
     shuffled = np.random.default_rng(0).permutation(4000)
-    again = tally(np.repeat([0.0, 1.0], [1000, 3000])[shuffled], error[shuffled])
+    again = curves(np.repeat([0.0, 1.0], [1000, 3000])[shuffled], error[shuffled])
     assert again["epe"] == pytest.approx(found["epe"])
 
 
 def test_what_tells_nothing_has_no_curve():
-    assert tally(np.ones(10), np.ones(10)) == {}
-    assert ConfidenceTally().result() == {}
+    assert curves(np.ones(10), np.ones(10)) == {}
+    assert ConfidenceHistograms().result() == {}
 
 
 def test_images_add_up_and_odd_confidences_are_taken():
     rng = np.random.default_rng(1)
     confidence, error = rng.uniform(-0.2, 1.2, 400), rng.exponential(1, 400)
     confidence[:5] = np.nan
-    whole, parts = ConfidenceTally(), ConfidenceTally()
+    whole, parts = ConfidenceHistograms(), ConfidenceHistograms()
     whole.add(confidence, error)
     for i in range(0, 400, 100):
         parts.add(confidence[i : i + 100], error[i : i + 100])

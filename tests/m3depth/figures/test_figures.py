@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from m3depth.evaluation.example import Example
 from m3depth.evaluation.metrics import angle_between, pixel_kinds
-from m3depth.evaluation.rock_scores import RockOutcome, RockTally
+from m3depth.evaluation.rock_scores import RockCounts, RockOutcome
 from m3depth.evaluation.scoring import evaluate
 from m3depth.figures import drawing
 from m3depth.figures.comparison import comparison_figure
@@ -194,10 +194,10 @@ def test_curves_are_the_figures_of_each_method(plane_samples, tmp_path, drawn):
 
 
 def test_bars_are_what_became_of_the_rocks(tmp_path, drawn):
-    tally = RockTally(images=4, false=[(0.25, 2.0), (0.6, 6.0)])
+    counted = RockCounts(images=4, false=[(0.25, 2.0), (0.6, 6.0)])
     for height, away, found, error in ((0.15, 2, True, 0.01), (0.15, 3, False, 0), (0.35, 6, True, -0.03)):
-        tally.rocks.append(RockOutcome(height, away, found, error))
-    rocks_figure({"net": tally.result(), "none": {}}, tmp_path / "figure.png")
+        counted.rocks.append(RockOutcome(height, away, found, error))
+    rocks_figure({"net": counted.result(), "none": {}}, tmp_path / "figure.png")
     heights = [[bar.get_height() for bar in ax.patches] for ax in drawn[0].axes]
     nan = np.nan
     expected = [
@@ -207,8 +207,8 @@ def test_bars_are_what_became_of_the_rocks(tmp_path, drawn):
     ]  # fmt: skip
     for found, wanted in zip(heights, expected, strict=True):
         np.testing.assert_allclose(found, wanted)
-    tally.false.append((0.15, 9.0))  # lower than what counts as an obstacle here: nav's map has a lower step
-    rocks_figure({"net": tally.result()}, tmp_path / "figure.png")
+    counted.false.append((0.15, 9.0))  # lower than what counts as an obstacle here: nav's map has a lower step
+    rocks_figure({"net": counted.result()}, tmp_path / "figure.png")
     assert [bar.get_height() for bar in drawn[1].axes[8].patches] == [25, 0, 0, 0]
     assert [len(ax.patches) for ax in drawn[1].axes[6:]] == [4, 4, 4]
     rocks_figure({"net": {}}, tmp_path / "figure.png")

@@ -1,0 +1,188 @@
+"""The rocks and the ground of one sample, measured on its ground truth.
+
+A rock's height is that of its visible points above the plane through the ground around it, along gravity. A rock is
+measured if its highest point stands 0.1 m or more above that plane, and its top (the 95th percentile over its pixels)
+above it, if it has 30 pixels or more, and if it is up to 15 m away.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+
+from marssim.base.camera import MAX_DEPTH, StereoRig, rotate
+
+LEAST_HEIGHT = 0.1  # [m] lower rocks are not measured
+LEAST_PIXELS = 30  # rocks of fewer pixels are not measured
+TOP = 95.0  # [%] percentile of the heights of a rock's pixels that is called its top
+ROCK_RIM = 5  # [px] beside a rock, where a blurred outline is no obstacle
+CELL = 0.1  # [m] edge of a cell of the ground's map
+REACH = 20.0  # [m] half the edge of the ground's map
+RING = 0.75  # [m] width of the ring of ground around a rock that its plane is fitted to
+
+
+class RockTruth(Protocol):
+    """The fields of a sample that are read; meta holds "pose", (4, 4) from the left camera to the world, z up."""
+
+    @property
+    def depth(self) -> np.ndarray: ...
+    @property
+    def rock(self) -> np.ndarray: ...
+    @property
+    def occluded(self) -> np.ndarray: ...
+    @property
+    def rig(self) -> StereoRig: ...
+    @property
+    def meta(self) -> dict[str, Any]: ...
+
+
+@dataclass(frozen=True)
+class SeenRock:
+    """A rock as the left eye sees it.
+
+    Attributes:
+        pixels: (N,) flat indices of its pixels.
+        plane: (3,) the ground around it has the height plane @ (x, y, 1) [m].
+        height: Height of its highest point above the ground [m].
+        top: The 95th percentile of its pixels' heights [m].
+        away: Distance along the ground [m].
+        both_eyes: Whether the right eye sees 30 pixels of it or more.
+    """
+
+    pixels: np.ndarray
+    plane: np.ndarray
+    height: float
+    top: float
+    away: float
+    both_eyes: bool
+
+
+@dataclass
+class RockScene:
+    """The rocks and the ground of one sample, in level axes with their origin in the left eye.
+
+    Attributes:
+        rays: (H, W, 3) float32 rays of depth 1.
+        true_depth: (H, W) depth [m].
+        focal: Focal length of the rows [px].
+        ground: (n, n) height of each cell of the ground [m], [iy, ix].
+        beside: (H, W) bool, pixels on a rock or within ROCK_RIM of one.
+        rocks: The rocks that are measured.
+    """
+
+    rays: np.ndarray
+    true_depth: np.ndarray
+    focal: float
+    ground: np.ndarray
+    beside: np.ndarray
+    rocks: list[SeenRock]
+
+    def heights(self, points: np.ndarray) -> np.ndarray:
+        """Return the heights (N,) [m] of points (N, 3), in these axes, above the ground below them.
+
+        Points beyond REACH have a height of 0.
+        """
+        cell = _cells(points)
+        return np.where(cell >= 0, points[:, 2] - self.ground.ravel()[cell], 0.0)
+
+
+def rock_scene(sample: RockTruth) -> RockScene | None:
+    """Return the rocks and the ground of a sample; None if it records no pose, or shows no ground."""
+    pose = getattr(sample, "meta", {}).get("pose")
+    if pose is None:
+        return None
+    camera = sample.rig.camera
+    rays = rotate(camera.rays(), np.asarray(pose, dtype=float)[:3, :3]).astype(np.float32)
+    on_rock = sample.rock > 0
+    visible = np.isfinite(sample.depth) & (sample.depth > 0)
+    open_ground = visible & ~on_rock
+    known = _mean_heights(rays[open_ground] * sample.depth[open_ground][:, None])
+    if np.isnan(known).all():
+        return None
+    reach = np.ones((2 * ROCK_RIM + 1,) * 2, np.uint8)
+    beside = cv2.dilate(on_rock.astype(np.uint8), reach) > 0
+    rocks = _measure(sample, rays, known, on_rock & visible & (sample.depth <= 1.5 * MAX_DEPTH))
+    return RockScene(rays, sample.depth, camera.fy, _nearest(known), beside, rocks)
+
+
+def _cells(points: np.ndarray) -> np.ndarray:
+    """Return the flat index (N,) of the cell that each point (N, 3) lies in; -1 outside."""
+    n = round(2 * REACH / CELL)
+    index = np.floor((points[:, :2] + REACH) / CELL).astype(np.int64)
+    inside = ((index >= 0) & (index < n)).all(axis=1)
+    return np.where(inside, index[:, 1] * n + index[:, 0], -1)
+
+
+def _mean_heights(points: np.ndarray) -> np.ndarray:
+    """Return the mean height (n, n) [m] of the points (N, 3) in each cell; NaN where there is none."""
+    n = round(2 * REACH / CELL)
+    cell = _cells(points)
+    inside = cell >= 0
+    count = np.bincount(cell[inside], minlength=n * n)
+    total = np.bincount(cell[inside], points[inside, 2], minlength=n * n)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(n, n)
+
+
+def _nearest(heights: np.ndarray) -> np.ndarray:
+    """Return the map with every gap filled by the nearest known cell."""
+    gap = np.isnan(heights).astype(np.uint8)
+    labels = cv2.distanceTransformWithLabels(gap, cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL)[1]
+    value = np.zeros(labels.max() + 1)
+    value[labels[gap == 0]] = heights[gap == 0]
+    return value[labels]
+
+
+def _measure(sample: RockTruth, rays: np.ndarray, ground: np.ndarray, at: np.ndarray) -> list[SeenRock]:
+    """Return the rocks of the pixels `at`, (H, W) bool; ground: (n, n) known heights [m], NaN elsewhere."""
+    rocks = []
+    for pixels in pixels_by_label(np.where(at, sample.rock, 0)):
+        if len(pixels) < LEAST_PIXELS:
+            continue
+        points = rays.reshape(-1, 3)[pixels] * sample.depth.ravel()[pixels][:, None]
+        middle = points[:, :2].mean(axis=0)
+        away = float(np.hypot(*middle))
+        if away > MAX_DEPTH:
+            continue
+        radius = float(np.hypot(*(points[:, :2] - middle).T).max())
+        plane = _plane_around(ground, middle, radius + RING)
+        if plane is None:
+            continue
+        height = points[:, 2] - (points[:, :2] @ plane[:2] + plane[2])
+        top = float(np.percentile(height, TOP))
+        if height.max() >= LEAST_HEIGHT and top > 0:
+            both = int((~sample.occluded.ravel()[pixels]).sum()) >= LEAST_PIXELS
+            rocks.append(SeenRock(pixels, plane, float(height.max()), top, away, both))
+    return rocks
+
+
+def pixels_by_label(labels: np.ndarray) -> list[np.ndarray]:
+    """Return the flat indices of the pixels of each label but 0, in the order of the labels, (H, W) int."""
+    flat = np.flatnonzero(labels)
+    if not len(flat):
+        return []
+    order = np.argsort(labels.ravel()[flat], kind="stable")
+    start = np.unique(labels.ravel()[flat][order], return_index=True)[1]
+    return np.split(flat[order], start[1:])
+
+
+def _plane_around(ground: np.ndarray, middle: np.ndarray, radius: float) -> np.ndarray | None:
+    """Fit a plane (slope x, slope y, height at 0) to the known cells of a disc by least squares; None without any.
+
+    The slopes are damped by a tenth of the cells' weight at a metre, so that ground on a line gives no wild plane.
+    """
+    n = len(ground)
+    low, high = (np.clip(np.floor((middle + s * radius + REACH) / CELL).astype(int), 0, n - 1) for s in (-1, 1))
+    part = ground[low[1] : high[1] + 1, low[0] : high[0] + 1]
+    iy, ix = np.nonzero(np.isfinite(part))
+    x, y = ((i + start + 0.5) * CELL - REACH - m for i, start, m in zip((ix, iy), low, middle))
+    near = np.hypot(x, y) <= radius
+    if not near.any():
+        return None
+    x, y, z = x[near], y[near], part[iy[near], ix[near]]
+    damping = np.sqrt(0.1 * len(z)) * np.eye(3)[:2]
+    system = np.vstack([np.column_stack([x, y, np.ones(len(z))]), damping])
+    slope_x, slope_y, level = np.linalg.lstsq(system, np.append(z, [0, 0]), rcond=None)[0]
+    return np.array([slope_x, slope_y, level - slope_x * middle[0] - slope_y * middle[1]])
