@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 PIP_TORCH := $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX),)
 TEST_WORKERS ?= 2
 
-.PHONY: install test quick lint types demo bench wheel clean
+.PHONY: install test quick lint types demo bench wheel docs clean
 
 install: $(VENV)/.installed
 
@@ -41,5 +41,13 @@ bench: install
 wheel: install
 	$(BIN)/python -m build --wheel --outdir dist .
 
+# The site, in site/: strict, and without the network once it is installed.
+docs: install $(VENV)/.docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
+
+$(VENV)/.docs: pyproject.toml constraints.txt
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[docs]'
+	touch $@
+
 clean:
-	rm -rf $(VENV) build dist out *.egg-info
+	rm -rf $(VENV) build dist site out *.egg-info
