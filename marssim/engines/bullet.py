@@ -1,4 +1,4 @@
-"""PyBullet, imported on demand: it is heavy, prints to stdout from C, and has no wheel for Python 3.12 and newer."""
+"""PyBullet, imported on demand: it is heavy, prints to stdout from C, and has no wheel on some platforms."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ import os
 import sys
 from collections.abc import Iterator
 from types import ModuleType
+
+# The maintained drop-in fork has wheels for Pythons that the original has none for.
+PACKAGE = "pybullet" if sys.version_info < (3, 12) else "pybullet-arm64"
 
 
 def import_pybullet() -> ModuleType:
@@ -24,9 +27,8 @@ def import_pybullet() -> ModuleType:
             return importlib.import_module("pybullet")
     except ImportError as error:
         raise ImportError(
-            f"pybullet cannot be imported ({error}): it needs Python 3.11 (this is "
-            f"{sys.version_info.major}.{sys.version_info.minor}) and `pip install pybullet`; "
-            "the embree renderer and the kinematic dynamics work without it"
+            f"pybullet cannot be imported ({error}): install it with `pip install {PACKAGE}`, or do without it: the "
+            "renderers scan and embree and the kinematic dynamics need none"
         ) from None
 
 

@@ -6,6 +6,8 @@ PyBullet's plugin exits hard, crashes or hangs, so this process only reads what 
 
 from __future__ import annotations
 
+import contextlib
+import importlib
 import importlib.util
 import json
 import os
@@ -82,6 +84,17 @@ def _try(answer: Path) -> Egl:
     if driver is None:
         return Egl(True, False, "a driver without a name")
     return Egl(True, SOFTWARE.search(driver[1]) is None, driver[1].strip())
+
+
+def load_triton_first() -> None:
+    """Import Triton, if it is installed, before a graphics driver brings its own LLVM into this process.
+
+    PyTorch's CUDA builds import Triton later, as when a network is built. Mesa's driver and Triton each bring LLVM;
+    the process crashes when Mesa's is loaded first, and works the other way round.
+    """
+    if importlib.util.find_spec("triton") is not None:
+        with contextlib.suppress(ImportError):
+            importlib.import_module("triton")
 
 
 def load_plugin(pb: ModuleType, client: int) -> bool:

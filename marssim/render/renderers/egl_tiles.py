@@ -15,7 +15,7 @@ import numpy as np
 from marssim.base.camera import PinholeCamera
 from marssim.base.dataset.frame import GROUND, SKY
 from marssim.engines.bullet import quiet
-from marssim.engines.egl import load_plugin, probe, write_stl
+from marssim.engines.egl import load_plugin, load_triton_first, probe, write_stl
 from marssim.render.renderers.bullet_tiles import BulletTiles, Tile, opengl_projection
 
 WINDOW = (1024, 768)  # [px] width and height that the plugin draws at most; it would scale larger pictures
@@ -50,6 +50,7 @@ class EglTiles(BulletTiles):
         if not found.works:
             self._pb.disconnect(self._client)
             raise OSError(f"PyBullet cannot draw with EGL here: {found.told}")
+        load_triton_first()
         with quiet():
             loaded = load_plugin(self._pb, self._client)
         if not loaded:

@@ -136,3 +136,12 @@ def test_the_trial_prints_nothing_here():
     code = "from marssim.engines.egl import probe; probe()"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "" and done.stderr == ""
+
+
+def test_triton_is_loaded_before_the_driver_where_it_is_installed(tmp_path):
+    """Else a network of PyTorch's CUDA build crashes in a process in which Mesa has drawn."""
+    (tmp_path / "triton.py").write_text("")
+    code = "import sys\nfrom marssim.engines import egl\negl.load_triton_first()\nprint('triton' in sys.modules)"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True)
+    assert done.stdout.strip() == "True"
