@@ -6,10 +6,17 @@
         --calib natecam --normals depth --out RUN --max-minutes 120
     torchrun --nproc-per-node 4 -m m3depth.train --data DIR --out RUN --max-steps 100000
 
-The same command again goes on where RUN/checkpoint.pt stands; with a larger budget, --lr or other settings it goes on
-with those, and says which are new. Another network, batch, crop, seed, --init or number of processes is another run,
-and refused.
-RUN/weights.safetensors holds the averaged weights.
+RUN/weights.safetensors holds the averaged weights, RUN/checkpoint.pt the state of the run. The same command again
+continues from the checkpoint. It may have a larger budget, another --lr or other settings, and prints which are new. A
+different network, batch, crop, seed, --init or number of processes belongs to another run and is refused.
+
+The files, in the order of the data's way:
+
+    datasets/open.py                 a folder -> pairs of a split, with ground truth
+    training/samples.py, batch.py    pairs -> shuffled, augmented crops -> batches; packing.py keeps pairs in memory
+    training/loop.py                 batch -> network -> losses.py -> step, until the budget is spent
+    training/run.py                  the state of the run, its checkpoint, and what a resumed run must share
+    training/validation.py, log.py   scores on the val split, the log and the progress line
 """
 
 from __future__ import annotations
@@ -23,11 +30,12 @@ from m3depth.training.config import TrainConfig
 from marssim.base.command.run import run_command
 
 SPLITS: tuple[Part, Part] = ("train", "val")
+USAGE = (__doc__ or "").partition("\nThe files, ")[0]  # the description that --help prints
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """The command. Returns the exit code: 2 for a mistake in what was asked for, or a disk that fails."""
-    code = run_command(_work, TrainConfig, "python -m m3depth.train", __doc__, args)
+    """Run the command and return its exit code: 2 for a mistake in the flags, or a disk that fails."""
+    code = run_command(_work, TrainConfig, "python -m m3depth.train", USAGE, args)
     if code and "LOCAL_RANK" in os.environ:
         # A process of torchrun that waits for the others in a collective must not outlive a failed one.
         os._exit(code)
@@ -35,11 +43,14 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _work(config: TrainConfig) -> None:
+    """Open the datasets and train."""
     from m3depth.datasets.open import open_pairs
     from m3depth.training.loop import train
-    from m3depth.training.samples import Joined
+    from m3depth.training.samples import JoinedPairs
 
-    train(config, *(Joined([open_pairs(folder, split, config.reader) for folder in config.data]) for split in SPLITS))
+    train(
+        config, *(JoinedPairs([open_pairs(folder, split, config.reader) for folder in config.data]) for split in SPLITS)
+    )
 
 
 if __name__ == "__main__":

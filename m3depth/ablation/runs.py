@@ -25,7 +25,7 @@ from m3depth.training.budget import spent_budget
 from m3depth.training.config import TrainConfig, check_config
 from m3depth.training.loop import train
 from m3depth.training.run import differing, plain, saved_progress
-from m3depth.training.samples import Joined
+from m3depth.training.samples import JoinedPairs
 from marssim.base.command.notes import counted
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import read_json
@@ -104,7 +104,7 @@ def ablate(options: AblateOptions) -> dict[str, Any]:
         print(f"{counted(len(runs), 'run')} of {options.budget}, {scored} ({options.out})", file=sys.stderr)
         for number, run in enumerate(runs, start=1):
             print(f"run {number} of {len(runs)}: {run.folder.name}", file=sys.stderr, flush=True)
-            _train(run, options, Joined(training))
+            _train(run, options, JoinedPairs(training))
             if _score(run, options, test):
                 _tables(options, runs, test)
         results = _tables(options, runs, test)

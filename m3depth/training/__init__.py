@@ -1,1 +1,12 @@
-"""The training loop with its data, losses and logs."""
+"""Training of M3Depth, behind `python -m m3depth.train`. In the order of the data's way:
+
+    samples.py, augmentation.py, packing.py   samples in memory, shuffled; crops of them, changed in look
+    batch.py                                  crops -> Batch of tensors
+    loop.py                                   train(): Batch -> network -> loss -> optimizer step, until the budget ends
+    losses.py                                 the loss terms, with the weights of loss_config.py
+    run.py                                    Run: network, averaged weights, optimizer; checkpoint.pt and its resuming
+    validation.py, log.py, curves.py          scores on the val split; log.jsonl, the progress line and curves.png
+
+config.py holds the flags, budget.py what is left of --max-steps and --max-minutes, process_group.py the processes of
+torchrun. To add a loss term: a weight in loss_config.py and a line in `total_loss` (losses.py).
+"""

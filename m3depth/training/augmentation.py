@@ -1,4 +1,4 @@
-"""Crops of samples, and changes of how a pair looks: never of what it shows."""
+"""Crops of samples, and changes of their look that leave the ground truth valid."""
 
 from __future__ import annotations
 
@@ -14,22 +14,36 @@ from m3depth.training.packing import DISPARITY_UNIT, SCORED, TRAINED, PackedSamp
 
 @dataclass(frozen=True)
 class AugmentConfig:
-    """Chances are per crop; every draw comes from the crop's own generator.
+    """How crops are changed. Chances are per crop; every draw comes from the crop's own random generator.
 
-    Raises ValueError that names the flag of a value that cannot work.
+    Raises:
+        ValueError: A value that cannot work; the message names its flag.
     """
 
-    contrast: float = 0.34  # three of five crops: factor from this to 1.25 (at most 1 / this), log-uniform; 1: none
-    brightness: float = 0.12  # shift, of the full range
-    gamma: float = 0.25  # exponent exp(+- this)
-    eye_gain: float = 0.08  # gain of the right eye relative to the left one, 1 +- this
-    noise: float = 0.02  # highest standard deviation, of the full range; drawn for half of the crops
-    blur: float = 1.0  # highest sigma [px] of a Gaussian, a third of the crops; 0: none
-    grey: float = 0.3  # chance that colour is dropped
-    vertical: float = 0.5  # largest vertical offset of the right image [px], half of the crops
-    occlude: float = 0.25  # chance of patches in the right image that show nothing of the left
-    bottom: float = 0.35  # chance that the crop touches the lower edge, where disparities are largest
-    scale: float = 0.2  # half of the crops are enlarged or reduced by up to this share, camera and disparity with them
+    contrast: float = 0.34
+    """Lowest contrast factor; three of five crops get one between it and 1.25, log-uniform.
+    The highest is 1 / this if that is less; 1 leaves the contrast as it is.
+    """
+    brightness: float = 0.12
+    """Largest shift of the brightness, up or down, as a share of the full range."""
+    gamma: float = 0.25
+    """Largest change of gamma: the exponent lies between exp(-this) and exp(this)."""
+    eye_gain: float = 0.08
+    """Largest difference in gain: the right image is multiplied by a factor of up to 1 +- this."""
+    noise: float = 0.02
+    """Highest standard deviation of the noise, as a share of the full range; half of the crops get some."""
+    blur: float = 1.0
+    """Highest standard deviation of a Gaussian blur [px]; a third of the crops is blurred; 0 for none."""
+    grey: float = 0.3
+    """Chance that a crop loses its colour."""
+    vertical: float = 0.5
+    """Largest vertical offset of the right image [px]; half of the crops get one."""
+    occlude: float = 0.25
+    """Chance that patches of the right image are painted over, so that they match nothing."""
+    bottom: float = 0.35
+    """Chance that the crop touches the image's lower edge, where disparities are largest."""
+    scale: float = 0.2
+    """Half of the crops are enlarged or reduced by up to this share, with camera and disparity."""
 
     def __post_init__(self) -> None:
         limits = {"brightness": 1.0, "gamma": 3.0, "eye_gain": 1.0, "scale": 3.0}
@@ -44,7 +58,7 @@ class AugmentConfig:
 
 
 def crop(sample: PackedSample, y: int, x: int, height: int, width: int) -> PackedSample:
-    """The part whose upper left pixel is (x, y); the principal point moves with it."""
+    """Cut out the part whose upper left pixel is (x, y); the principal point moves with it."""
     window = np.s_[y : y + height, x : x + width]
     fx, fy, cx, cy = sample.camera
     left, right, disparity, normal, flags = (a[window] for a in sample[:5])
@@ -61,9 +75,10 @@ def check_crop(sample: PackedSample, size: tuple[int, int]) -> None:
 def random_crop(
     sample: PackedSample, size: tuple[int, int], config: AugmentConfig, rng: np.random.Generator
 ) -> PackedSample:
-    """A crop of size (height, width), of a part of that size or of a somewhat larger or smaller one.
+    """Draw a crop of size (height, width), cut out at that size or resized from a slightly different one.
 
-    Raises ValueError if the images are smaller than the crop.
+    Raises:
+        ValueError: The images are smaller than the crop.
     """
     check_crop(sample, size)
     height, width = sample.left.shape[:2]
@@ -78,11 +93,15 @@ def random_crop(
 
 
 def resized(sample: PackedSample, size: tuple[int, int]) -> PackedSample:
-    """The pair as cameras of another resolution see it. size: height, width.
+    """Resample the pair, as cameras of another resolution would see it.
 
-    Both eyes are resampled alike, so a disparity d becomes d s_x, fx and fy become fx s_x and fy s_y; what is then out
-    of the network's reach is no longer trained. Disparity is interpolated on surfaces, and the nearest pixel's where
-    it changes by more than 1 px within 3 x 3 px or is unknown; normals and flags are the nearest pixel's.
+    Both images are resampled alike, so a disparity d becomes d s_x, and fx and fy become fx s_x and fy s_y. Disparities
+    beyond the network's reach are then no longer trained. Disparity is interpolated on surfaces; it is the nearest
+    pixel's where it is unknown or changes by more than 1 px within 3 x 3 px. Normals and flags are the nearest pixel's.
+
+    Args:
+        sample: The pair.
+        size: New height and width [px].
     """
     height, width = sample.left.shape[:2]
     sy, sx = size[0] / height, size[1] / width
@@ -113,7 +132,16 @@ def resized(sample: PackedSample, size: tuple[int, int]) -> PackedSample:
 def augment(
     left: np.ndarray, right: np.ndarray, config: AugmentConfig, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Change how a pair looks, never what it shows. left, right: (H, W, 3) uint8; returns float32 in [0, 1]."""
+    """Change how a pair looks, but not what it shows.
+
+    Args:
+        left, right: (H, W, 3) uint8.
+        config: What is changed.
+        rng: Draws the changes.
+
+    Returns:
+        Both images, (H, W, 3) float32 in [0, 1].
+    """
     highest = min(1.25, 1 / config.contrast)
     log_contrast = rng.uniform(np.log(config.contrast), np.log(highest)) if rng.random() < 0.6 else 0.0
     gamma = np.exp(rng.uniform(-config.gamma, config.gamma))

@@ -1,4 +1,4 @@
-"""Batches of tensors, made of packed samples."""
+"""Batches of tensors, stacked from packed samples."""
 
 from __future__ import annotations
 
@@ -14,25 +14,30 @@ from m3depth.training.packing import DISPARITY_UNIT, ROCK, SCORED, SKY, TRAINED,
 
 
 class Batch(NamedTuple):
-    """left, right: (B, 3, H, W) float32 in [0, 1]; what they show: target."""
+    """Crops as tensors.
+
+    Attributes:
+        left, right: (B, 3, H, W) float32 in [0, 1].
+        target: Their ground truth.
+    """
 
     left: Tensor
     right: Tensor
     target: Target
 
     def to(self, device: torch.device) -> Batch:
-        """The batch on another device."""
+        """Return the batch on another device."""
         move = [x.to(device, non_blocking=True) for x in self.target]
         return Batch(self.left.to(device, non_blocking=True), self.right.to(device, non_blocking=True), Target(*move))
 
     def split(self, parts: int) -> list[Batch]:
-        """The batch in so many equal parts."""
+        """Return the batch in `parts` equal parts."""
         pieces = [x.chunk(parts) for x in (self.left, self.right, *self.target)]
         return [Batch(left, right, Target(*rest)) for left, right, *rest in zip(*pieces)]
 
 
 def to_batch(items: Sequence[tuple[np.ndarray, np.ndarray, PackedSample]]) -> Batch:
-    """Stack (left, right, packed ground truth) triples of one size."""
+    """Stack triples of left image, right image and packed ground truth, all of one size."""
 
     def stack(arrays: list[np.ndarray]) -> Tensor:
         stacked = torch.from_numpy(np.stack(arrays))
@@ -53,7 +58,7 @@ def to_batch(items: Sequence[tuple[np.ndarray, np.ndarray, PackedSample]]) -> Ba
 
 
 def whole_batch(sample: PackedSample) -> Batch:
-    """One sample at full size, not augmented, for validation; labelled are the scored pixels alone."""
+    """Return one sample at full size, without augmentation, for validation; its label is the scored pixels alone."""
     scale = np.float32(1 / 255)
     batch = to_batch([(sample.left * scale, sample.right * scale, sample)])
     scored = torch.from_numpy((sample.flags & SCORED) > 0)[None, None]

@@ -1,4 +1,4 @@
-"""How much of a training run's budget of steps and minutes is spent."""
+"""The budget of a training run: how much of its steps and minutes is spent."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from m3depth.training.config import TrainConfig
 
 
 def shares_done(config: TrainConfig, step: int, seconds: float) -> dict[str, float]:
-    """Share of each budget that is spent, by its flag and value; from 1 on there is nothing left to do."""
+    """Return the spent share of each budget, by its flag and value; 1 or more is spent."""
     shares = {}
     if config.max_steps:
         shares[f"--max-steps {config.max_steps}"] = step / config.max_steps
@@ -16,10 +16,10 @@ def shares_done(config: TrainConfig, step: int, seconds: float) -> dict[str, flo
 
 
 def share_done(config: TrainConfig, step: int, seconds: float) -> float:
-    """Share of the run that is done, by the budget that is nearer to its end; 1 or more: it is spent."""
+    """Return the share of the run that is done, by the budget that ends first; 1 or more is the end."""
     return max(shares_done(config, step, seconds).values())
 
 
 def spent_budget(config: TrainConfig, step: int, seconds: float) -> str | None:
-    """Which budget is spent, as its flag and value; None: there is something left to do."""
+    """Return the budget that is spent, as its flag and value; None if none is."""
     return next((name for name, share in shares_done(config, step, seconds).items() if share >= 1), None)

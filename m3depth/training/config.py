@@ -1,4 +1,4 @@
-"""Settings of a training run, and the check of them."""
+"""The flags of m3depth.train, and their checks."""
 
 from __future__ import annotations
 
@@ -13,65 +13,79 @@ from m3depth.datasets.config import DataConfig
 from m3depth.training.augmentation import AugmentConfig
 from m3depth.training.loss_config import LossConfig
 
-COARSEST = 8  # [px] a cell of the coarsest grid on which the loss compares
+COARSEST = 8  # side of a cell of the coarsest grid on which the loss is computed [px]
 
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """Settings of a training run. Give --max-steps, --max-minutes, or both (whichever is reached first)."""
+    """Settings of a training run. Give --max-steps, --max-minutes, or both (the first that is reached ends it)."""
 
     data: tuple[Path, ...]
-    """Dataset folders, of marssim.generate or of any layout that --format lists; several are trained on as one."""
+    """Dataset folders, of marssim.generate or of a layout that --format lists.
+    Several are trained on as one.
+    """
     out: Path
-    """Run folder: checkpoint, weights, log, panels."""
+    """Folder of the run, for its checkpoint, weights, log, curves and image panels."""
     reader: Annotated[DataConfig, tyro.conf.arg(name="")] = field(default_factory=DataConfig)
-    """How the folders are read."""
+    """Settings of the dataset reader."""
     preset: Literal["lite", "paper"] = "lite"
-    """Size of the network."""
+    """Size of the network: lite runs on a CPU, paper has the sizes of the paper's tables."""
     network: Path | None = None
-    """The network's config as JSON, of the fields that stand beside any weights (weights.json), instead of --preset."""
+    """JSON file with the sizes of the network, such as weights.json beside any weights.
+    It replaces --preset.
+    """
     max_minutes: float | None = None
-    """Time budget [min]; a resumed run counts what was spent before. The learning rate's schedule is fitted to it."""
+    """Time budget [min]; a resumed run counts the time that it has spent before.
+    The schedule of the learning rate is fitted to it.
+    """
     max_steps: int | None = None
-    """Number of optimizer steps, those of a resumed run included. The learning rate's schedule is fitted to it."""
+    """Number of optimizer steps, including those of the run before it was resumed.
+    The schedule of the learning rate is fitted to it.
+    """
     init: Path | None = None
     """Start from these weights (.safetensors) instead of random ones; their config replaces --preset and --network."""
     batch: int = 4
-    """Crops in a step, of each process under torchrun."""
+    """Crops in a step; under torchrun, of each process."""
     accumulate: int = 1
-    """A step's crops go through the network in so many parts, one after the other: less memory for a larger batch."""
+    """Parts in which the crops of a step pass through the network one after the other.
+    More parts need less memory; --batch must be a multiple.
+    """
     recompute: bool = False
-    """Keep few activations for the way back and compute the others anew: less memory, the same gradients, slower."""
+    """Keep few activations and compute the others twice: less memory, the same gradients, a third slower."""
     precision: Literal["auto", "fp32", "bf16"] = "auto"
-    """Of the network while training; auto: bf16 where the device computes in it."""
+    """Precision of the network in training; auto is bf16 where the device computes in it, else fp32."""
     crop: tuple[int, int] = (256, 448)
-    """Height and width of the crops [px], multiples of 8; those of 32 (64 for the paper preset) need no padding."""
+    """Height and width of the crops [px], multiples of 8.
+    Multiples of 32 (64 with --preset paper) need no padding.
+    """
     lr: float = 8e-4
-    """Highest learning rate. Use a quarter of it or less with --init."""
+    """Highest learning rate. With --init, use a quarter of it or less."""
     weight_decay: float = 1e-4
     """Weight decay of the optimizer, AdamW."""
     clip: float = 1.0
-    """The gradient is scaled down to this norm where it is larger."""
+    """Largest norm of the gradient; larger ones are scaled down to it."""
     ema: float = 0.998
-    """Decay a step of the averaged weights, which are what is saved; 0: no averaging."""
+    """Decay of the averaged weights at each step; they are what is saved and validated.
+    0 saves the current weights without averaging.
+    """
     seed: int = 0
-    """Seed of initial weights, order and augmentation."""
+    """Seed of the initial weights, the order of the samples and the augmentation."""
     loss: LossConfig = field(default_factory=LossConfig)
     """Weights of the loss terms."""
     augment: AugmentConfig = field(default_factory=AugmentConfig)
-    """How the images are changed."""
+    """Random changes of the crops."""
     cache: bool = True
-    """Keep decoded samples in memory, up to half of what is free, those for validation up to a quarter."""
+    """Keep decoded samples in memory: up to half of the free memory, and a quarter for validation."""
     loader_threads: int = 1
-    """Background threads that make batches."""
+    """Number of background threads that prepare batches."""
     checkpoint_minutes: float = 5.0
     """Time between checkpoints [min]."""
     validate_every: int = 500
-    """Steps between quick validations (and image panels); 0: none but the last."""
+    """Steps between validations, each with an image panel; 0 validates at the end alone."""
     validate_samples: int = 16
-    """Pairs of the val split that a quick validation scores; 0: no validation."""
+    """Number of pairs of the val split that a validation scores; 0 turns validation off."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
-    """auto: a GPU if there is one."""
+    """Device that trains: auto is a GPU if there is one, else the CPU."""
 
 
 def check_config(config: TrainConfig) -> None:
@@ -98,7 +112,7 @@ def check_config(config: TrainConfig) -> None:
         if not (math.isfinite(value) and value >= 0):
             raise ValueError(f"--{name.replace('_', '-')} must not be negative, got {value}")
     if config.batch % config.accumulate:
-        raise ValueError(f"--accumulate {config.accumulate}: --batch {config.batch} is no multiple of it")
+        raise ValueError(f"--accumulate {config.accumulate}: --batch {config.batch} is not a multiple of it")
     if min(config.crop) < 1 or any(side % COARSEST for side in config.crop):
         raise ValueError(f"--crop {config.crop[0]} {config.crop[1]}: both must be multiples of {COARSEST}")
     if not 0 <= config.seed < 1 << 63:

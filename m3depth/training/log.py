@@ -1,4 +1,4 @@
-"""What a training run tells: its log, TensorBoard, and the progress line."""
+"""The log of a training run: its file, TensorBoard, and the progress line."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ import numpy as np
 from marssim.base.command.progress import LINE_SECONDS
 from marssim.base.files.atomic import write_atomically
 
-LOG = "log.jsonl"
+LOG = "log.jsonl"  # name of the log in a run's folder
 
 
 def records(out: Path, kind: str) -> list[dict[str, Any]]:
-    """What was logged in a run's folder under a kind so far, earlier parts of a resumed run included."""
+    """Read the records of a kind in a run's log, those from before it was resumed included."""
     path = out / LOG
     lines = path.read_text().splitlines(keepends=True) if path.exists() else []
-    whole = (json.loads(line) for line in lines if line.endswith("}\n"))  # the last one may be half written
-    return [record for record in whole if record["kind"] == kind]
+    complete = (json.loads(line) for line in lines if line.endswith("}\n"))  # the last one may be half written
+    return [record for record in complete if record["kind"] == kind]
 
 
 class Log:
@@ -31,7 +31,7 @@ class Log:
     def __init__(self, out: Path, start: int) -> None:
         out.mkdir(parents=True, exist_ok=True)
         self.path = out / LOG
-        if self.path.exists():  # what was logged after the checkpoint will be logged again
+        if self.path.exists():  # steps after the checkpoint will be logged again
             lines = self.path.read_text().splitlines(keepends=True)
             kept = [line for line in lines if line.endswith("}\n") and json.loads(line)["step"] <= start]
             write_atomically(self.path, "".join(kept).encode())
@@ -44,8 +44,14 @@ class Log:
         self.last_line = 0.0
 
     def write(self, kind: str, step: int, values: dict[str, float]) -> None:
-        """Add a record. kind: "train", "val" (averaged weights) or "val_raw" (the others)."""
-        # Six digits, wherever they begin: rates are of the size 1e-6. JSON knows no NaN: "no such pixels".
+        """Add a record.
+
+        Args:
+            kind: "train", "val" (averaged weights) or "val_raw" (current weights).
+            step: Step of the record.
+            values: Numbers by name; those that are not finite become null.
+        """
+        # Six significant digits: learning rates are about 1e-6. JSON has no NaN, which means "no such pixels".
         plain = {k: float(f"{v:.6g}") if math.isfinite(v) else None for k, v in values.items()}
         record = {"kind": kind, "step": step, **plain}
         with self.path.open("a") as file:
@@ -65,7 +71,7 @@ class Log:
             self.board.close()
 
     def progress(self, text: str) -> None:
-        """One line, rewritten on a terminal, printed now and then elsewhere."""
+        """Show the progress line: rewritten in place on a terminal, printed now and then elsewhere."""
         if sys.stderr.isatty():
             print(f"\r{text}\x1b[K", end="", file=sys.stderr, flush=True)
         elif time.monotonic() - self.last_line > LINE_SECONDS:
@@ -73,6 +79,6 @@ class Log:
             print(text, file=sys.stderr, flush=True)
 
     def say(self, text: str) -> None:
-        """A line that stays, below the progress line."""
+        """Print a line that stays, below the progress line."""
         end = "\n" if sys.stderr.isatty() else ""
         print(f"{end}{text}", file=sys.stderr, flush=True)

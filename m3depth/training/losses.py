@@ -1,9 +1,9 @@
 """Training losses (paper, Sec. V-A): L = lambda_d L_d + lambda_n L_n + lambda_c L_c, and two decisions.
 
-Units: L_d is a Huber loss on disparity in pixels (depth from disparity is hyperbolic: one unit of depth / 15 m means
-1 px at 15 m and 320 px at 0.5 m), with an optional share relative to the true disparity, which is the relative error
-of depth. L_n is a Huber loss on the difference of unit vectors. L_c compares gradients of disparity, px per px. With
-these units the three terms of a half-trained network are of one size under the paper's lambdas 2, 1, 3.
+L_d is a Huber loss on disparity in pixels, plus a share relative to the true disparity, which is the relative error of
+depth. (Depth from disparity is hyperbolic: one unit of depth / 15 m would be 1 px at 15 m and 320 px at 0.5 m.) L_n is
+a Huber loss on the difference of unit vectors. L_c compares gradients of disparity, px per px. In these units the three
+terms of a half-trained network are of similar size under the paper's lambdas 2, 1, 3.
 """
 
 from __future__ import annotations
@@ -22,8 +22,13 @@ from m3depth.training.loss_config import LossConfig
 class Target(NamedTuple):
     """Ground truth of a batch.
 
-    disparity: (B, 1, H, W) [px], 0 on sky and where nothing is known. normal: (B, 3, H, W). label: (B, 1, H, W) bool,
-    where both are trained. sky: (B, 1, H, W) bool. rock: (B, 1, H, W) bool. camera: (B, 4) fx, fy, cx, cy.
+    Attributes:
+        disparity: (B, 1, H, W) [px]; 0 on sky and where it is unknown.
+        normal: (B, 3, H, W), unit length; 0 where it is unknown.
+        label: (B, 1, H, W) bool, the pixels that are trained.
+        sky: (B, 1, H, W) bool.
+        rock: (B, 1, H, W) bool.
+        camera: (B, 4) fx, fy, cx, cy [px].
     """
 
     disparity: Tensor
@@ -35,25 +40,32 @@ class Target(NamedTuple):
 
     @property
     def known(self) -> Tensor:
-        """(B, 1, H, W) bool: trained or not, the disparity is true here. Maps of lidars and of others have gaps."""
+        """(B, 1, H, W) bool, the pixels whose disparity is known, trained or not; maps of lidars, for example, have
+        gaps.
+        """
         return (self.disparity > 0) | self.sky
 
 
 def huber(error: Tensor, delta: float) -> Tensor:
-    """Huber norm over delta: quadratic up to delta, then |error| - delta / 2 (slope 1, whatever delta is)."""
+    """Return the Huber norm over delta: quadratic up to delta, then |error| - delta / 2 (slope 1 for any delta)."""
     return F.smooth_l1_loss(error, torch.zeros_like(error), beta=delta, reduction="none")
 
 
 def weighted_mean(values: Tensor, weight: Tensor) -> Tensor:
-    """Mean of values under a weight of the same shape; 0 where all weights are 0."""
+    """Return the mean of values under a weight of the same shape; 0 where all weights are 0."""
     # A product would let the NaN of a masked pixel through.
     return torch.where(weight > 0, values * weight, torch.zeros_like(values)).sum() / weight.sum().clamp(min=1e-6)
 
 
 def disparity_range(disparity: Tensor, known: Tensor | None = None) -> Tensor:
-    """Largest less smallest disparity in each 3 x 3 window. (B, 1, H, W) [px]. Level ground: B / h, half a pixel.
+    """Return the largest minus the smallest disparity in each 3 x 3 window. Level ground has B / h, half a pixel.
 
-    known: (B, 1, H, W) bool, the pixels that count; None: all. 0 where a window holds none.
+    Args:
+        disparity: (B, 1, H, W) [px].
+        known: (B, 1, H, W) bool, the pixels that count; None for all.
+
+    Returns:
+        (B, 1, H, W) [px]; 0 where a window holds no such pixel.
     """
     if known is None:
         high, low = disparity, -disparity
@@ -63,49 +75,68 @@ def disparity_range(disparity: Tensor, known: Tensor | None = None) -> Tensor:
 
 
 def disparity_edges(disparity: Tensor, known: Tensor | None = None, threshold: float = 1.0) -> Tensor:
-    """(B, 1, H, W) bool: pixels whose 3 x 3 window spans more than `threshold` px of disparity.
+    """Mark pixels whose 3 x 3 window spans more than `threshold` px of disparity: (B, 1, H, W) bool.
 
-    known: the pixels that are compared, see disparity_range; an edge that lies in a gap of them is not seen.
+    Args:
+        disparity: (B, 1, H, W) [px].
+        known: The pixels that are compared, see disparity_range; an edge in a gap of them is missed.
+        threshold: [px].
     """
     return disparity_range(disparity, known) > threshold
 
 
 def consistency_residual(disparity: Tensor, normal: Tensor, camera: Tensor) -> tuple[Tensor, Tensor]:
-    """What a disparity map's Sobel gradient differs by from the gradient that the normals demand.
+    """Return the difference between a disparity map's Sobel gradient and the gradient that the normals demand.
 
-    The paper's dZ/du = -Z n_x / (f_x (n . r)), r = ((u - cx) / fx, (v - cy) / fy, 1), multiplied through by n_z so
-    that n_z = 0 is not singular, and written for f B / Z: dd/du = d n_x / (f_x (n . r)). Disparity is affine on a
-    plane, so the Sobel gradient is exact there, and its size does not grow with range as that of Z does.
+    The paper has dZ/du = -Z n_x / (f_x (n . r)), r = ((u - cx) / fx, (v - cy) / fy, 1). Here it is multiplied through
+    by n_z, so that n_z = 0 is not singular, and written for f B / Z: dd/du = d n_x / (f_x (n . r)). Disparity is affine
+    on a plane, so the Sobel gradient is exact there, and it does not grow with range as that of Z does.
 
-    disparity: (B, 1, H, W) [px]. normal: (B, 3, H, W) unit. camera: (B, 4).
-    Returns (B, 2, H, W) residuals [px / px] and (B, 1, H, W) bool, False where the surface is seen at a grazing angle
-    (|n . r| / |r| under 0.05: level ground at 24 m from 1.2 m height) or the Sobel window leaves the image.
+    Args:
+        disparity: (B, 1, H, W) [px].
+        normal: (B, 3, H, W), unit length.
+        camera: (B, 4).
+
+    Returns:
+        (B, 2, H, W) residuals [px / px].
+        (B, 1, H, W) bool, False where the surface is seen at a grazing angle (|n . r| / |r| under 0.05: level ground at
+        24 m from a height of 1.2 m) or the Sobel window leaves the image.
     """
     rays = pixel_rays(camera, disparity.shape[-2], disparity.shape[-1])
     facing = -(normal * rays).sum(1, keepdim=True)  # -(n . r), positive towards the camera
-    seen = facing > 0.05 * rays.square().sum(1, keepdim=True).sqrt()
-    inside = torch.zeros_like(seen)
+    not_grazing = facing > 0.05 * rays.square().sum(1, keepdim=True).sqrt()
+    inside = torch.zeros_like(not_grazing)
     inside[..., 1:-1, 1:-1] = True
-    demanded = -disparity * normal[:, :2] / camera[:, :2, None, None] / torch.where(seen, facing, 1.0)
-    return demanded - sobel(disparity), seen & inside
+    demanded = -disparity * normal[:, :2] / camera[:, :2, None, None] / torch.where(not_grazing, facing, 1.0)
+    return demanded - sobel(disparity), not_grazing & inside
 
 
 def consistency_loss(disparity: Tensor, normal: Tensor, camera: Tensor, mask: Tensor) -> Tensor:
-    """Huber norm of consistency_residual over mask (paper, Eq. 16).
+    """Return the Huber norm of consistency_residual over mask (paper, Eq. 16).
 
-    mask: (B, 1, H, W) bool, which should leave out invalid pixels and depth edges; grazing ones are left out here.
+    Args:
+        disparity, normal, camera: See consistency_residual.
+        mask: (B, 1, H, W) bool, which should leave out invalid pixels and depth edges; grazing ones are left out here.
     """
     residual, usable = consistency_residual(disparity, normal, camera)
-    # 0.05 px / px: a fifth of level ground's own slope. A step that the true normals do not explain costs linearly.
+    # 0.05 px / px is a fifth of the slope of level ground. A step that the true normals do not explain costs linearly.
     return weighted_mean(huber(residual, 0.05).sum(1, keepdim=True), (mask & usable).to(residual))
 
 
 def reduce_target(target: Target, factor: int, weight: Tensor) -> tuple[Target, Tensor]:
-    """Ground truth and pixel weight on the grid with one cell for factor x factor pixels (factor 1, or even).
+    """Reduce ground truth and pixel weight to the grid with one cell for factor x factor pixels (factor 1, or even).
 
-    The cell's centre lies between its four middle pixels: the mean of those that are known is its value, unless one of
-    them is known but not trained or they straddle an edge. Where only some are known, that is the value up to half a
-    pixel beside the centre. H and W must be multiples of factor. The camera stays that of the full grid.
+    The cell's centre lies between its four middle pixels. Its value is the mean of those that are known. The cell is
+    not trained if one of them is known but not trained, or if they straddle an edge. Where only some are known, the
+    value belongs to a point up to half a pixel beside the centre. The camera stays that of the full grid.
+
+    Args:
+        target: Ground truth; H and W are multiples of factor.
+        factor: Side of a cell [px].
+        weight: (B, 1, H, W) weight of the pixels.
+
+    Returns:
+        The target and the weight on the grid of H / factor x W / factor.
     """
     if factor == 1:
         return target, weight
@@ -115,7 +146,7 @@ def reduce_target(target: Target, factor: int, weight: Tensor) -> tuple[Target, 
         return torch.stack([x[..., first + i :: factor, first + j :: factor] for i in (0, 1) for j in (0, 1)])
 
     def alike(x: Tensor) -> Tensor:
-        """Where all known pixels of a cell, and at least one, are so."""
+        """Mark cells with at least one known pixel, all of whose known pixels are in x."""
         return (middle(x) | ~known).all(0) & middle(x & target.known).any(0)
 
     disparity, known = middle(target.disparity), middle(target.known)
@@ -129,9 +160,12 @@ def reduce_target(target: Target, factor: int, weight: Tensor) -> tuple[Target, 
 
 
 def disparity_loss(disparity: Tensor, target: Target, weight: Tensor, config: LossConfig) -> Tensor:
-    """L_d on one grid: labelled pixels by their weight, sky pixels pulled to zero.
+    """Return L_d on one grid: labelled pixels by their weight, sky pixels pulled to zero.
 
-    disparity, weight: (B, 1, h, w), the disparity in px of the full image; target: on the same grid.
+    Args:
+        disparity, weight: (B, 1, h, w), the disparity in pixels of the full image.
+        target: On the same grid.
+        config: Weights.
     """
     error = disparity - target.disparity
     scale = 1 + config.relative / target.disparity.clamp(min=1.0)
@@ -142,11 +176,14 @@ def disparity_loss(disparity: Tensor, target: Target, weight: Tensor, config: Lo
 
 
 def normal_loss(normal: Tensor, target: Target, weight: Tensor) -> Tensor:
-    """L_n on one grid: Huber norm of the difference of unit vectors (its knee at 0.1 is 6 degrees).
+    """Return L_n on one grid: the Huber norm of the difference of unit vectors (its knee at 0.1 is 6 degrees).
 
-    normal: (B, 3, h, w) unit; weight: (B, 1, h, w); target: on the same grid.
+    Pixels without a true normal (length 0, in datasets that have none) are left out.
 
-    Pixels without a true normal (length 0: datasets of others hold none) are left out.
+    Args:
+        normal: (B, 3, h, w), unit length.
+        target: On the same grid.
+        weight: (B, 1, h, w).
     """
     error = ((normal - target.normal).square().sum(1, keepdim=True) + 1e-8).sqrt()
     known = target.normal.square().sum(1, keepdim=True) > 0.25
@@ -154,9 +191,12 @@ def normal_loss(normal: Tensor, target: Target, weight: Tensor) -> Tensor:
 
 
 def total_loss(output: StereoOutput, target: Target, config: LossConfig) -> tuple[Tensor, dict[str, Tensor]]:
-    """The whole training loss. Returns it and its terms before weighting, detached, by name.
+    """Return the whole training loss, and its terms before weighting, detached, by name.
 
-    The image size must be a multiple of 8.
+    Args:
+        output: Of the network, for images whose size is a multiple of 8.
+        target: Their ground truth.
+        config: Weights of the terms.
     """
     edges = disparity_edges(target.disparity, target.known)
     weight = torch.ones_like(target.disparity)
@@ -181,9 +221,9 @@ def total_loss(output: StereoOutput, target: Target, config: LossConfig) -> tupl
         terms["consistency"] = consistency_loss(output.disparity, output.normal, target.camera, smooth)
 
     known = target.label | target.sky
-    right = target.label & ((output.disparity.detach() - target.disparity).abs() < 1)
+    correct = target.label & ((output.disparity.detach() - target.disparity).abs() < 1)
     terms["confidence"] = weighted_mean(
-        F.binary_cross_entropy_with_logits(output.confidence, right.to(weight), reduction="none"), known.to(weight)
+        F.binary_cross_entropy_with_logits(output.confidence, correct.to(weight), reduction="none"), known.to(weight)
     )
     terms["sky"] = weighted_mean(
         F.binary_cross_entropy_with_logits(output.sky, target.sky.to(weight), reduction="none"), known * weight

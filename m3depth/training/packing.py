@@ -1,4 +1,4 @@
-"""Samples as training keeps them: in less than half of their memory."""
+"""The form in which training keeps samples in memory, in less than half of their size."""
 
 from __future__ import annotations
 
@@ -9,17 +9,21 @@ import numpy as np
 from m3depth.stereo.pairs import MAX_DISPARITY
 from marssim.base.camera import NATECAM
 
-FARTHEST = 40.0  # [m] trained although only 15 m are scored: what is farther tells far ground from sky
-LEAST_DISPARITY = NATECAM.fb / FARTHEST  # [px] that is 4 px; rigs that see more at 40 m are trained as far as that
-DISPARITY_UNIT = 1 / 256  # [px] of the packed disparities
-TRAINED, SKY, ROCK, SCORED = 1, 2, 4, 8  # flags
+FARTHEST = 40.0  # [m] pixels up to here are trained, though only 15 m are scored: far ground is not sky
+LEAST_DISPARITY = NATECAM.fb / FARTHEST  # [px] 4 px; rigs with more at 40 m are trained down to it
+DISPARITY_UNIT = 1 / 256  # [px] unit of the packed disparities
+TRAINED, SKY, ROCK, SCORED = 1, 2, 4, 8  # flags of a pixel
 
 
 class PackedSample(NamedTuple):
     """A sample in three eighths of its memory, 3.1 MB at 512 x 512.
 
-    left, right: (H, W, 3) uint8. disparity: (H, W) uint16, in DISPARITY_UNIT. normal: (H, W, 3) int8, 127 is 1.
-    flags: (H, W) uint8, the sum of TRAINED, SKY, ROCK and SCORED where they hold. camera: fx, fy, cx, cy.
+    Attributes:
+        left, right: (H, W, 3) uint8.
+        disparity: (H, W) uint16, in DISPARITY_UNIT.
+        normal: (H, W, 3) int8; 127 stands for 1.
+        flags: (H, W) uint8, the sum of those of TRAINED, SKY, ROCK and SCORED that apply.
+        camera: fx, fy, cx, cy [px].
     """
 
     left: np.ndarray
@@ -31,14 +35,14 @@ class PackedSample(NamedTuple):
 
     @property
     def nbytes(self) -> int:
+        """Memory of the arrays [bytes]."""
         return sum(a.nbytes for a in self[:5])
 
 
 def pack(sample: Any) -> PackedSample:
-    """Pack a sample of marssim.base.dataset.dataset, or any object with its fields.
+    """Pack a StereoSample, or any object with its fields.
 
-    Depth that is infinite is sky; what is NaN is unknown and not trained. A normal of length 0 is unknown: depth is
-    trained there alone.
+    Infinite depth is sky; NaN is unknown and not trained. A normal of length 0 is unknown: only depth is trained there.
     """
     disparity = np.asarray(sample.disparity, np.float32)
     depth = np.asarray(sample.depth)
@@ -49,7 +53,7 @@ def pack(sample: Any) -> PackedSample:
     rock = np.asarray(sample.rock) > 0
     scored = trained & np.asarray(sample.valid)
     flags = trained * np.uint8(TRAINED) | sky * np.uint8(SKY) | rock * np.uint8(ROCK) | scored * np.uint8(SCORED)
-    # What lies beyond FARTHEST is neither trained nor sky; its disparity is kept for the edges.
+    # Pixels beyond FARTHEST are neither trained nor sky; their disparity is kept for the edges.
     stored = np.where(np.isfinite(disparity), disparity, 0) / DISPARITY_UNIT
     c = sample.rig.camera
     return PackedSample(

@@ -1,6 +1,6 @@
-"""The samples of a training run: joined, cached, in their order, and as batches made ahead.
+"""The samples of a training run: joined, cached, shuffled, and prepared as batches in the background.
 
-Every batch is a function of (seed, step, rank) alone, so that a run that was stopped goes on with the same batches.
+Every batch is a function of (seed, step, rank) alone, so that a resumed run continues with the same batches.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from m3depth.training.batch import Batch, to_batch
 from m3depth.training.packing import PackedSample, pack
 
 
-class Joined:
+class JoinedPairs:
     """Several sequences of samples as one, in their order. Indices below 0 count from the end."""
 
     def __init__(self, parts: Sequence[StereoPairs]) -> None:
@@ -35,13 +35,13 @@ class Joined:
     def __getitem__(self, index: int) -> Any:
         if not -len(self) <= index < len(self):
             raise IndexError(f"there are {len(self)} samples, none has the index {index}")
-        place = index % len(self)
-        part = bisect_right(self.ends, place)
-        return self.parts[part][place - (self.ends[part - 1] if part else 0)]
+        position = index % len(self)
+        part = bisect_right(self.ends, position)
+        return self.parts[part][position - (self.ends[part - 1] if part else 0)]
 
 
 class PackedCache:
-    """Packed samples by index, kept in memory as long as they fit. Safe to read from several threads."""
+    """Packed samples by index, kept in memory as long as they fit. Several threads may read it."""
 
     def __init__(self, samples: StereoPairs, limit_bytes: int) -> None:
         self.samples = samples
@@ -66,7 +66,7 @@ class PackedCache:
 
 
 def free_memory() -> int:
-    """Bytes of main memory that are free now; 2 GB where the system does not say."""
+    """Return the free main memory [bytes]; 2 GB where the system does not report it."""
     try:
         return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (ValueError, OSError, AttributeError):
@@ -74,7 +74,7 @@ def free_memory() -> int:
 
 
 def sample_index(count: int, position: int, seed: int) -> int:
-    """Which sample stands at a position of the endless, shuffled sequence of epochs."""
+    """Return the sample at a position of the endless, shuffled sequence of epochs."""
     epoch, place = divmod(position, count)
     return int(np.random.default_rng((seed, 1, epoch)).permutation(count)[place])
 
@@ -83,7 +83,17 @@ def make_batch(
     cache: PackedCache, step: int, size: int, crop_size: tuple[int, int], config: AugmentConfig, seed: int,
     rank: int = 0, world: int = 1,
 ) -> Batch:  # fmt: skip
-    """The augmented training batch of one step and process."""
+    """Make the augmented training batch of one step and process.
+
+    Args:
+        cache: The samples.
+        step: Step of the run, from 0.
+        size: Crops in the batch.
+        crop_size: Height and width of the crops [px].
+        config: Augmentation.
+        seed: Seed of the run.
+        rank, world: Number of this process, and of all processes.
+    """
     items = []
     for slot in range(size):
         position = (step * world + rank) * size + slot
@@ -97,7 +107,7 @@ def batches(
     cache: PackedCache, start: int, size: int, crop_size: tuple[int, int], config: AugmentConfig, seed: int,
     rank: int = 0, world: int = 1, threads: int = 1,
 ) -> Generator[Batch, None, None]:  # fmt: skip
-    """The batches of steps start, start + 1, ..., made ahead by background threads."""
+    """Yield the batches of steps start, start + 1, ..., prepared by background threads; arguments as of make_batch."""
     with ThreadPoolExecutor(threads, thread_name_prefix="loader") as pool:
         ahead: deque[Future[Batch]] = deque()
         step = start

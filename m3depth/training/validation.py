@@ -1,4 +1,4 @@
-"""Quick validation during training, and its image panels."""
+"""Validation during training, and its image panels."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from m3depth.training.packing import TRAINED, PackedSample
 from marssim.base.files.atomic import write_atomically
 from marssim.base.images.colours import normal_colours
 
-HEADER = 18  # [px] height of the line above a panel
+HEADER = 18  # height of the line of names above a panel [px]
 COLUMNS = ("left", "true disparity", "disparity", "error, to 4 px", "true normals", "normals", "confidence")
 
 
 def error_sums(output: StereoOutput, target: Target) -> dict[str, tuple[float, float]]:
-    """Sum and count of each error over one batch, for means over several.
+    """Return sum and count of each error over one batch, for means over several.
 
-    epe [px], abs_rel (of depth: |d / d_predicted - 1|), bad1 (share over 1 px), rock_epe and edge_epe [px], normal
-    [deg], over labelled pixels; sky_missed (share of sky not said to be sky), false_sky (share of labelled pixels).
+    Over labelled pixels: epe [px], abs_rel (of depth: |d / d_predicted - 1|), bad1 (share over 1 px), rock_epe and
+    edge_epe [px], normal [deg], false_sky (share taken for sky). Over sky pixels: sky_missed (share not taken for sky).
     """
     label, truth = target.label, target.disparity
     error = (output.disparity - truth).abs()
     relative = (truth / output.disparity.clamp(min=0.1) - 1).abs()
     angle = torch.rad2deg((output.normal * target.normal).sum(1, keepdim=True).clamp(-1, 1).acos())
-    says_sky = (output.sky > 0).float()
+    predicted_sky = (output.sky > 0).float()
     values: dict[str, tuple[Tensor, Tensor]] = {
         "epe": (error, label),
         "abs_rel": (relative, label),
@@ -40,22 +40,22 @@ def error_sums(output: StereoOutput, target: Target) -> dict[str, tuple[float, f
         "rock_epe": (error, label & target.rock),
         "edge_epe": (error, label & disparity_edges(truth, target.known)),
         "normal": (angle, label & (target.normal.square().sum(1, keepdim=True) > 0.25)),
-        "sky_missed": (1 - says_sky, target.sky),
-        "false_sky": (says_sky, label),
+        "sky_missed": (1 - predicted_sky, target.sky),
+        "false_sky": (predicted_sky, label),
     }
     return {name: (float(x[mask].sum()), float(mask.sum())) for name, (x, mask) in values.items()}
 
 
 @torch.inference_mode()
 def predict_batch(model: M3Depth, batch: Batch) -> StereoOutput:
-    """Forward pass in the device's fast precision."""
+    """Run the network on a batch in the device's fast precision, without gradients."""
     device = batch.left.device
     with autocast(device, fast_dtype(device)):
         return model(batch.left, batch.right, batch.target.camera)
 
 
 def validate(model: M3Depth, samples: Iterable[PackedSample], device: torch.device) -> dict[str, float]:
-    """Mean errors (see error_sums) over all pixels of whole images; NaN where there are no such pixels."""
+    """Return the mean errors (see error_sums) over all pixels of whole images; NaN where there are no such pixels."""
     training = model.training
     model.eval()
     total: dict[str, list[float]] = {}
@@ -70,33 +70,37 @@ def validate(model: M3Depth, samples: Iterable[PackedSample], device: torch.devi
 
 
 def save_panel(path: Path, model: M3Depth, samples: Sequence[PackedSample], device: torch.device) -> np.ndarray:
-    """One PNG, a row a sample, the columns headed by COLUMNS; the error's white is 4 px, confidence is 0 where sky is.
+    """Write a PNG with a row for each sample and the columns COLUMNS.
 
-    Images of other sizes than the first are brought to its size. Returns it, (H, W, 3) RGB.
+    White is an error of 4 px; confidence is 0 where the network sees sky. Images of other sizes are resized to the
+    first one's.
+
+    Returns:
+        The picture, (H, W, 3) RGB.
     """
     rows: list[np.ndarray] = []
     for sample in samples:
         batch = whole_batch(sample).to(device)
         out = predict_batch(model, batch)
         truth = batch.target.disparity[0, 0].cpu().numpy()
-        guess = out.disparity[0, 0].float().cpu().numpy()
+        estimate = out.disparity[0, 0].float().cpu().numpy()
         top = max(float(truth.max()), 1.0)
-        error = np.where(sample.flags & TRAINED, np.abs(guess - truth), 0)
+        error = np.where(sample.flags & TRAINED, np.abs(estimate - truth), 0)
         confidence = (out.confidence.sigmoid() * (out.sky <= 0))[0, 0].float().cpu().numpy()
-        both = (batch.target.normal, out.normal * (out.sky <= 0))  # in the sky a normal means nothing
-        normals = [normal_colours(x[0].permute(1, 2, 0).float().cpu().numpy())[..., ::-1] for x in both]
-        grey = [cv2.applyColorMap(_byte(x), cv2.COLORMAP_TURBO) for x in (truth / top, guess / top)]
-        grey += [cv2.cvtColor(_byte(error / 4), cv2.COLOR_GRAY2BGR)]
-        grey += [*normals, cv2.cvtColor(_byte(confidence), cv2.COLOR_GRAY2BGR)]
-        row = np.concatenate([x[::2, ::2] for x in (sample.left[..., ::-1], *grey)], 1)
+        normal_maps = (batch.target.normal, out.normal * (out.sky <= 0))  # sky has no normals
+        normals = [normal_colours(x[0].permute(1, 2, 0).float().cpu().numpy())[..., ::-1] for x in normal_maps]
+        maps = [cv2.applyColorMap(_byte(x), cv2.COLORMAP_TURBO) for x in (truth / top, estimate / top)]
+        maps += [cv2.cvtColor(_byte(error / 4), cv2.COLOR_GRAY2BGR)]
+        maps += [*normals, cv2.cvtColor(_byte(confidence), cv2.COLOR_GRAY2BGR)]
+        row = np.concatenate([x[::2, ::2] for x in (sample.left[..., ::-1], *maps)], 1)
         rows.append(row if not rows or row.shape == rows[0].shape else cv2.resize(row, rows[0].shape[1::-1]))
-    panel = np.concatenate([headed(rows[0].shape[1] // len(COLUMNS)), *rows])
+    panel = np.concatenate([column_headers(rows[0].shape[1] // len(COLUMNS)), *rows])
     write_atomically(path, cv2.imencode(".png", panel)[1].tobytes())
     return np.ascontiguousarray(panel[..., ::-1])
 
 
-def headed(width: int) -> np.ndarray:
-    """(HEADER, len(COLUMNS) width, 3) uint8: the names of the columns, each within its own width [px]."""
+def column_headers(width: int) -> np.ndarray:
+    """Return the names of the columns, each in its own width: (HEADER, len(COLUMNS) width, 3) uint8."""
     names = []
     for name in COLUMNS:
         strip = np.full((HEADER, width, 3), 255, np.uint8)

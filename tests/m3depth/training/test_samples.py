@@ -8,7 +8,7 @@ from m3depth.training.augmentation import AugmentConfig, crop, random_crop, resi
 from m3depth.training.batch import whole_batch
 from m3depth.training.losses import consistency_residual
 from m3depth.training.packing import TRAINED, pack
-from m3depth.training.samples import Joined, PackedCache, batches, make_batch, sample_index
+from m3depth.training.samples import JoinedPairs, PackedCache, batches, make_batch, sample_index
 
 
 def test_packing_keeps_the_truth(plane_samples) -> None:
@@ -193,11 +193,11 @@ def test_augmentation_that_cannot_work_names_its_flag(name, value) -> None:
 
 
 def test_several_sequences_are_one_in_their_order() -> None:
-    joined = Joined(["ab", "", "cde"])
+    joined = JoinedPairs(["ab", "", "cde"])
     assert [joined[i] for i in range(len(joined))] == list("abcde")
     assert [joined[i] for i in range(-5, 0)] == list("abcde")
     for outside in (5, -6):
         with pytest.raises(IndexError, match=f"5 samples, none has the index {outside}"):
             joined[outside]
     with pytest.raises(IndexError, match="0 samples"):
-        Joined([])[0]
+        JoinedPairs([])[0]
