@@ -71,8 +71,8 @@ def _generate(config: GenerateConfig) -> StereoDataset:
     _clear_up(config.out)
     write_index(config.out, {**content, "pairs": config.pairs}, names)
     dataset = StereoDataset(config.out)
-    step = max(1, len(dataset) // SHEET_SAMPLES)
-    sheet = contact_sheet([dataset[i] for i in range(0, len(dataset), step)[:SHEET_SAMPLES]])
+    chosen = range(0, len(dataset), max(1, len(dataset) // SHEET_SAMPLES))[:SHEET_SAMPLES]
+    sheet = contact_sheet([dataset[i] for i in chosen], [dataset.names[i] for i in chosen])
     write_atomically(config.out / "contact_sheet.png", cv2.imencode(".png", sheet[..., ::-1])[1].tobytes())
     write_atomically(config.out / "README.md", _readme(config, dataset).encode())
     _note(config, content, finished=True)
@@ -271,7 +271,7 @@ right eye), `sample.json` (rig, pose, scene parameters, what was drawn from thei
 SHA-256 of each image).{drive}{datum} `dataset.json` lists all samples with the SHA-256 of their
 `sample.json`; `python -m marssim.verify DIR` checks them. Read it with
 
-    from marssim.base.dataset.dataset import StereoDataset
+    from marssim.dataset import StereoDataset
     sample = StereoDataset("DIR", split="train")[0]
 
 Digest of all samples: `{dataset.digest}`

@@ -11,7 +11,7 @@ from envs.drivers.builtin import NavigatorDriver
 from envs.drivers.driver import Driver
 from envs.mars_nav import MarsNavEnv
 from envs.world.outside_view import HEIGHT, OutsideView
-from marssim.base.images.colours import depth_colours, normal_colours
+from marssim.base.images.colours import DEPTH_TITLE, depth_colours, normal_colours
 from marssim.physics.state import RoverState
 from marssim.render.renderers.embree_renderer import Raycaster
 from nav.navigator import Navigator
@@ -73,7 +73,7 @@ class Film:
             _titled(_square(left), "left eye"),
         ]
         bottom = [
-            _titled(_square(depth_colours(sight.depth)), "depth, 1 m (red) to 15 m (blue)"),
+            _titled(_square(depth_colours(sight.depth)), DEPTH_TITLE),
             _titled(_square(normal_colours(np.zeros_like(left) if normal is None else normal)), NORMALS_TITLE),
             _titled(navigator_map(env, driver), MAP_TITLE if _navigator(driver) else "map: this driver keeps none"),
         ]

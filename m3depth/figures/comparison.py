@@ -24,6 +24,7 @@ from m3depth.figures.drawing import (
     show,
 )
 from marssim.base.command.notes import counted
+from marssim.base.images.colours import DEPTH_MAP
 
 PANEL = 2.1  # [in] width of one image
 ERROR_LIMIT = 10.0  # [%] relative depth error where the colour ends
@@ -53,7 +54,7 @@ def comparison_figure(examples: Sequence[Example], path: Path, most: int | None 
     axes = figure.subplots(rows, columns, squeeze=False, gridspec_kw={**grid, "wspace": 0.03, "hspace": 0.03})
     depths = np.concatenate([e.truth.depth[pixel_kinds(e.truth)["all"]] for e in examples])
     depth_norm = depth_scale(depths)
-    depth_map, error_map, angle_map = colour_map("viridis_r"), colour_map("magma"), colour_map("inferno")
+    depth_map, error_map, angle_map = colour_map(DEPTH_MAP), colour_map("magma"), colour_map("inferno")
     error_norm, angle_norm = Normalize(0, ERROR_LIMIT), Normalize(0, ANGLE_LIMIT)
     for pair, example in enumerate(examples):
         upper, lower = axes[2 * pair], axes[2 * pair + 1]

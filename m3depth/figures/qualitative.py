@@ -14,6 +14,7 @@ from matplotlib.patches import Rectangle
 from m3depth.evaluation.example import Example
 from m3depth.evaluation.metrics import grey_deviation, pixel_kinds
 from m3depth.figures.drawing import colour_map, depth_scale, known_depths, label_bar, note, save, show
+from marssim.base.images.colours import DEPTH_MAP
 from marssim.base.images.depth_edges import depth_edges
 
 PANEL = 1.9  # [in] width of one image
@@ -32,7 +33,7 @@ def qualitative_figure(examples: Sequence[Example], path: Path) -> None:
     edges = {"left": 0.36 / width, "right": 1 - 0.04 / width, "top": 1 - 0.3 / height, "bottom": 0.72 / height}
     axes = figure.subplots(rows, columns, squeeze=False, gridspec_kw={**edges, "wspace": 0.03, "hspace": 0.03})
     norm = depth_scale(np.concatenate([e.truth.depth[pixel_kinds(e.truth)["all"]] for e in examples]))
-    depth_map = colour_map("viridis_r")
+    depth_map = colour_map(DEPTH_MAP)
     for row, example in zip(axes, examples, strict=True):
         show(row[0], example.left)
         row[0].set_ylabel(f"pair {example.index}", fontsize=10)
@@ -109,7 +110,7 @@ def zoom_figure(examples: Sequence[Example], path: Path) -> None:
                     for spine in ax.spines.values():
                         spine.set(visible=True, color=colour, linewidth=2.2)
                 else:
-                    show(ax, known_depths(maps[i - 1]), cmap=colour_map("viridis_r"), norm=norm)
+                    show(ax, known_depths(maps[i - 1]), cmap=colour_map(DEPTH_MAP), norm=norm)
                 if i == 1:
                     note(ax, f"{norm.vmin:.3g} to {norm.vmax:.3g} m", corner="lower left")
                 if block == line == 0:

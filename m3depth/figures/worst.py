@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from m3depth.evaluation.example import Example
 from m3depth.evaluation.metrics import known_depth, pixel_kinds
 from m3depth.figures.drawing import colour_map, label_bar, normal_image, note, save, show
+from marssim.base.images.colours import DISPARITY_MAP
 
 PANEL = 1.7  # [in] width of one image
 MOST = 4.0  # [px] of error that the colours tell apart
@@ -38,9 +39,9 @@ def worst_figure(examples: Sequence[Example], path: Path) -> None:
         norm = Normalize(*np.percentile(truth.disparity[scored], [1, 99])) if scored.any() else Normalize(0, 1)
         show(row[0], example.left)
         row[0].set_ylabel(f"pair {example.index}", fontsize=10)
-        show(row[1], np.where(truth.disparity > 0, truth.disparity, np.nan), cmap=colour_map("viridis"), norm=norm)
+        show(row[1], np.where(truth.disparity > 0, truth.disparity, np.nan), cmap=colour_map(DISPARITY_MAP), norm=norm)
         note(row[1], f"{norm.vmin:.3g} to {norm.vmax:.3g} px")
-        show(row[2], np.where(found.disparity > 0, found.disparity, np.nan), cmap=colour_map("viridis"), norm=norm)
+        show(row[2], np.where(found.disparity > 0, found.disparity, np.nan), cmap=colour_map(DISPARITY_MAP), norm=norm)
         error_image = show(row[3], error, cmap=colour_map("inferno"), norm=errors)
         note(row[3], f"{np.nanmean(error):.2f} px" if np.isfinite(error).any() else "nothing known")
         share_image = show(row[4], found.confidence, cmap=colour_map("viridis"), norm=shares)

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from m3depth.figures.drawing import colour_map, depth_scale, known_depths, label_bar, normal_image, save, show
 from m3depth.stereo.pairs import in_colour
 from m3depth.stereo.prediction import Prediction
+from marssim.base.images.colours import DEPTH_MAP
 
 FARTHEST = 300.0  # [m] where the colours of depth end at the latest
 
@@ -22,7 +23,7 @@ def prediction_figure(left: np.ndarray, prediction: Prediction, path: Path) -> N
     (image_axes, depth_axes), (normal_axes, confidence_axes) = figure.subplots(2, 2)
     show(image_axes, in_colour(left))
     image_axes.set_title("left image")
-    colours = colour_map("viridis_r")
+    colours = colour_map(DEPTH_MAP)
     norm = depth_scale(prediction.depth[np.isfinite(prediction.depth)], farthest=FARTHEST)
     shown = show(depth_axes, known_depths(prediction.depth), cmap=colours, norm=norm)
     bar = figure.colorbar(shown, ax=depth_axes, fraction=0.046, pad=0.02, extend="both")

@@ -16,7 +16,7 @@ from m3depth.training.batch import Batch, whole_batch
 from m3depth.training.losses import Target, disparity_edges
 from m3depth.training.packing import TRAINED, PackedSample
 from marssim.base.files.atomic import write_atomically
-from marssim.base.images.colours import normal_colours
+from marssim.base.images.colours import disparity_colours, normal_colours
 
 HEADER = 18  # height of the line of names above a panel [px]
 COLUMNS = ("left", "true disparity", "disparity", "error, to 4 px", "true normals", "normals", "confidence")
@@ -89,7 +89,7 @@ def save_panel(path: Path, model: M3Depth, samples: Sequence[PackedSample], devi
         confidence = (out.confidence.sigmoid() * (out.sky <= 0))[0, 0].float().cpu().numpy()
         normal_maps = (batch.target.normal, out.normal * (out.sky <= 0))  # sky has no normals
         normals = [normal_colours(x[0].permute(1, 2, 0).float().cpu().numpy())[..., ::-1] for x in normal_maps]
-        maps = [cv2.applyColorMap(_byte(x), cv2.COLORMAP_TURBO) for x in (truth / top, estimate / top)]
+        maps = [disparity_colours(x, top)[..., ::-1] for x in (truth, estimate)]
         maps += [cv2.cvtColor(_byte(error / 4), cv2.COLOR_GRAY2BGR)]
         maps += [*normals, cv2.cvtColor(_byte(confidence), cv2.COLOR_GRAY2BGR)]
         row = np.concatenate([x[::2, ::2] for x in (sample.left[..., ::-1], *maps)], 1)

@@ -7,26 +7,106 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from marssim.base.camera import MAX_DEPTH
 from marssim.base.dataset.sample import StereoSample
-from marssim.base.images.colours import depth_colours, normal_colours
+from marssim.base.images.colours import NORMAL_TITLE, TICKS, depth_bar, depth_colours, normal_colours
+
+ROWS = ("left eye", "right eye", "depth", "normals")
+PAPER, INK = 24, (230, 230, 230)  # grey level of the sheet, and colour of its text
+GAP = 3  # [px] between images
+SIDE = 24  # [px] width of the column with the rows' names
+LINE = 18  # [px] height of a line of text
+SMALL = 0.35  # size of what is less important, in OpenCV's unit
 
 
-def contact_sheet(samples: Sequence[StereoSample], columns: int = 3, tile: int = 192) -> np.ndarray:
-    """(H, W, 3) uint8 RGB sheet: left eye, right eye, depth and normals of each sample, with scene and view."""
-    cells = []
-    for sample in samples:
-        parts = [sample.left, sample.right, depth_colours(sample.depth), normal_colours(sample.normal)]
-        size = (tile, max(1, round(tile * sample.depth.shape[0] / sample.depth.shape[1])))
-        cell = np.hstack([cv2.resize(part, size, interpolation=cv2.INTER_AREA) for part in parts])
-        caption = np.full((18, cell.shape[1], 3), 24, np.uint8)
-        meta = sample.meta
-        text = f"{meta.get('preset', '')}  scene {meta.get('scene', '?')} view {meta.get('view', '?')}  "
-        text += f"sun {meta.get('sun_elevation_deg', 0):.0f} deg"
-        cv2.putText(caption, text, (4, 13), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (230, 230, 230), 1, cv2.LINE_AA)
-        cells.append(cv2.copyMakeBorder(np.vstack([caption, cell]), 3, 3, 3, 3, cv2.BORDER_CONSTANT, value=(24,) * 3))
-    if not cells:
+def contact_sheet(
+    samples: Sequence[StereoSample], names: Sequence[str], columns: int = 6, tile: int = 192
+) -> np.ndarray:
+    """Draw samples side by side, each as a column of both eyes, depth and normals, headed by its name.
+
+    Args:
+        samples: The samples, at least one; their images may differ in size.
+        names: "scene/view" of each.
+        columns: How many stand side by side; further ones go below.
+        tile: Width of each image on the sheet [px].
+
+    Returns:
+        (H, W, 3) uint8 RGB. The legend at the bottom has the scale of depth.
+
+    Raises:
+        ValueError: There is no sample.
+    """
+    if not samples:
         raise ValueError("a contact sheet needs at least one sample")
-    columns = min(columns, len(cells))
-    while len(cells) % columns:
-        cells.append(np.full_like(cells[0], 24))
-    return np.vstack([np.hstack(cells[i : i + columns]) for i in range(0, len(cells), columns)])
+    heights = [max(1, round(tile * sample.depth.shape[0] / sample.depth.shape[1])) for sample in samples]
+    height = max(heights)
+    strips = [_strip(sample, name, tile, height) for sample, name in zip(samples, names)]
+    columns = min(columns, len(strips))
+    strips += [np.full_like(strips[0], PAPER)] * (-len(strips) % columns)
+    bands = [
+        np.hstack([_row_names(height), *strips[start : start + columns]]) for start in range(0, len(strips), columns)
+    ]
+    return np.vstack([*bands, _legend(bands[0].shape[1])])
+
+
+def _strip(sample: StereoSample, name: str, width: int, height: int) -> np.ndarray:
+    """One sample: two lines of text, and its images one below the other."""
+    strip = _blank(2 * LINE + len(ROWS) * (height + GAP), width + GAP)
+    meta = sample.meta
+    _write(strip, name, (2, 13))
+    _write(strip, f"{meta.get('preset', '')} sun {_degrees(meta.get('sun_elevation_deg'))}", (2, 13 + LINE), SMALL)
+    images = [sample.left, sample.right, depth_colours(sample.depth), normal_colours(sample.normal)]
+    own = max(1, round(width * sample.depth.shape[0] / sample.depth.shape[1]))
+    for row, image in enumerate(images):
+        top = 2 * LINE + row * (height + GAP)
+        strip[top : top + own, :width] = cv2.resize(image, (width, own), interpolation=cv2.INTER_AREA)
+    return strip
+
+
+def _degrees(value: object) -> str:
+    return f"{value:.0f} deg" if isinstance(value, int | float) else "?"
+
+
+def _row_names(height: int) -> np.ndarray:
+    """What the rows show, written upwards beside them."""
+    names = [np.zeros((0, SIDE, 3), np.uint8)]
+    for name in ROWS:
+        line = _blank(SIDE, height + GAP)
+        (wide, _), _ = cv2.getTextSize(name, cv2.FONT_HERSHEY_SIMPLEX, 0.4, 1)
+        _write(line, name, (max(2, (height - wide) // 2), 16))
+        names.append(np.rot90(line))
+    return np.vstack([_blank(2 * LINE, SIDE), *names])
+
+
+def _legend(width: int) -> np.ndarray:
+    """The scale of depth, and in words what grey and the colours of normals mean."""
+    lines = _wrapped(f"depth [m], grey beyond {MAX_DEPTH:g} m; {NORMAL_TITLE}", width - SIDE - GAP)
+    bar, ticks = depth_bar(min(420, width - SIDE - 16))
+    legend = _blank(3 * LINE + len(lines) * LINE, width)
+    legend[8 : 8 + len(bar), SIDE : SIDE + bar.shape[1]] = bar
+    for metres, column in zip(TICKS, ticks):
+        legend[20:24, SIDE + column] = INK
+        _write(legend, f"{metres:g}", (SIDE + column - (4 if metres < 10 else 7), 36), SMALL)
+    for row, line in enumerate(lines):
+        _write(legend, line, (SIDE, 3 * LINE + 4 + row * LINE), SMALL)
+    return legend
+
+
+def _wrapped(text: str, width: int) -> list[str]:
+    """The words in lines of at most that width [px]."""
+    lines: list[str] = []
+    for word in text.split():
+        longer = f"{lines[-1]} {word}" if lines else word
+        if lines and cv2.getTextSize(longer, cv2.FONT_HERSHEY_SIMPLEX, SMALL, 1)[0][0] <= width:
+            lines[-1] = longer
+        else:
+            lines.append(word)
+    return lines
+
+
+def _blank(height: int, width: int) -> np.ndarray:
+    return np.full((height, width, 3), PAPER, np.uint8)
+
+
+def _write(image: np.ndarray, text: str, at: tuple[int, int], size: float = 0.4) -> None:
+    cv2.putText(image, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, INK, 1, cv2.LINE_AA)

@@ -10,11 +10,22 @@ import io
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
 
 from marssim.base.camera import MAX_DEPTH
 from marssim.base.dataset.sample import StereoSample
-from marssim.base.images.colours import depth_colours, normal_colours
+from marssim.base.images.colours import (
+    DEPTH_MAP,
+    DISPARITY_MAP,
+    NEAR,
+    NORMAL_TITLE,
+    TICKS,
+    depth_colours,
+    normal_colours,
+)
 from marssim.inspection.statistics import DEPTH_STEP, NETWORK_DISPARITY, Tally, noted_number
 
 SHOWN_DEPTH = 40.0  # [m] right end of the depth plot
@@ -47,13 +58,16 @@ def sample_figure(sample: StereoSample, name: str) -> bytes:
     sky = ~np.isfinite(sample.depth)
     residual = warp_residual(sample)
     meta = sample.meta
-    _image(axes[0, 0], sample.left, "left")
-    _image(axes[0, 1], sample.right, "right")
-    _image(axes[0, 2], depth_colours(sample.depth), f"depth: 1 m red to {MAX_DEPTH:g} m blue, grey beyond")
-    shown = axes[0, 3].imshow(np.where(sky, np.nan, sample.disparity), cmap="viridis", interpolation="nearest")
+    _image(axes[0, 0], sample.left, "left eye")
+    _image(axes[0, 1], sample.right, "right eye")
+    _image(axes[0, 2], depth_colours(sample.depth), f"depth [m], grey beyond {MAX_DEPTH:g} m")
+    scale = ScalarMappable(LogNorm(NEAR, MAX_DEPTH), DEPTH_MAP)
+    bar = figure.colorbar(scale, ax=axes[0, 2], shrink=0.8, ticks=TICKS, format="%g")
+    bar.ax.yaxis.set_minor_locator(NullLocator())
+    shown = axes[0, 3].imshow(np.where(sky, np.nan, sample.disparity), cmap=DISPARITY_MAP, interpolation="nearest")
     _bare(axes[0, 3], "disparity [px]")
     figure.colorbar(shown, ax=axes[0, 3], shrink=0.8)
-    _image(axes[1, 0], normal_colours(sample.normal), "normals: red right, green up, blue to the camera")
+    _image(axes[1, 0], normal_colours(sample.normal), NORMAL_TITLE)
     rocks = len(np.unique(sample.rock[sample.rock > 0]))
     _image(axes[1, 1], _surface_colours(sample), f"surfaces: {rocks} rocks, ground, sky")
     occluded = (0.45 * sample.left).astype(np.uint8)

@@ -1,4 +1,8 @@
-"""Depth and normals as colours."""
+"""Depth, disparity and normals as colours: the same in every figure, sheet and film.
+
+Near is bright yellow, far is dark violet, and each ratio of depths takes the same share of the colours (a logarithmic
+scale). Disparity, which is large where things are near, has the same colours the other way round.
+"""
 
 from __future__ import annotations
 
@@ -7,22 +11,65 @@ import numpy as np
 
 from marssim.base.camera import MAX_DEPTH
 
-NEAR = 1.0  # [m] depth at the warm end of the colours
+DEPTH_MAP = "viridis_r"  # matplotlib's name of the colours of depth
+DISPARITY_MAP = "viridis"  # and of disparity
+NEAR = 1.0  # [m] depth of the bright end where a scale is fixed
+TICKS = (1, 2, 3, 5, 10, 15)  # [m] named beside a fixed scale
+BEYOND = 90  # grey level of the sky, and of what is farther than the dark end
+DEPTH_TITLE = f"depth: {NEAR:g} m yellow to {MAX_DEPTH:g} m violet, grey beyond"
+NORMAL_TITLE = "normals: red right, green up, blue to the camera"
 
 
 def depth_colours(depth: np.ndarray, near: float = NEAR, far: float = MAX_DEPTH) -> np.ndarray:
-    """(H, W, 3) uint8 RGB of depth (H, W) [m]: logarithmic, near is warm; grey beyond `far`, black where NaN."""
+    """Return depth as colours, on a logarithmic scale.
+
+    Args:
+        depth: (H, W) [m]; inf in the sky, NaN where it is unknown.
+        near: Depth of the bright end [m].
+        far: Depth of the dark end [m].
+
+    Returns:
+        (H, W, 3) uint8 RGB; grey beyond `far`, black where depth is unknown.
+    """
     z = np.where(np.isfinite(depth) & (depth > 0), depth, far)
-    code = np.clip(np.log(far / z) / np.log(far / near), 0, 1)
-    colours = cv2.applyColorMap((code * 255).astype(np.uint8), cv2.COLORMAP_TURBO)[..., ::-1].copy()
-    colours[depth > far] = 90
+    share = np.clip(np.log(far / z) / np.log(far / near), 0, 1)
+    colours = _viridis(share)
+    colours[depth > far] = BEYOND
     colours[np.isnan(depth)] = 0
     return colours
 
 
+def disparity_colours(disparity: np.ndarray, largest: float) -> np.ndarray:
+    """Return disparity (H, W) [px] as (H, W, 3) uint8 RGB, on a linear scale from 0 to `largest`."""
+    return _viridis(np.clip(np.nan_to_num(disparity / largest), 0, 1))
+
+
 def normal_colours(normal: np.ndarray) -> np.ndarray:
-    """(H, W, 3) uint8 RGB of camera-frame normals: x right, y up and towards the camera are bright; black where 0."""
+    """Return camera-frame normals as colours: red to the right, green up, blue to the camera.
+
+    Args:
+        normal: (H, W, 3) unit vectors, x right, y down, z forward; 0 or NaN where they are unknown.
+
+    Returns:
+        (H, W, 3) uint8 RGB; black where the normal is unknown.
+    """
     shown = normal * np.array([1, -1, -1], dtype=normal.dtype)
     colours = np.clip((np.nan_to_num(shown) + 1) * 127.5, 0, 255).astype(np.uint8)
     colours[(normal == 0).all(axis=-1) | ~np.isfinite(normal).all(axis=-1)] = 0
     return colours
+
+
+def depth_bar(width: int, height: int = 12, near: float = NEAR, far: float = MAX_DEPTH) -> tuple[np.ndarray, list[int]]:
+    """Draw the scale of `depth_colours`, near on the left.
+
+    Returns:
+        (height, width, 3) uint8 RGB, and the columns of TICKS in it.
+    """
+    depth = np.geomspace(near, far, width)
+    columns = [round((width - 1) * float(np.log(tick / near) / np.log(far / near))) for tick in TICKS]
+    return np.repeat(depth_colours(depth[None], near, far), height, axis=0), columns
+
+
+def _viridis(share: np.ndarray) -> np.ndarray:
+    """(H, W, 3) uint8 RGB of shares (H, W) from 0, dark violet, to 1, bright yellow."""
+    return cv2.applyColorMap((share * 255).astype(np.uint8), cv2.COLORMAP_VIRIDIS)[..., ::-1].copy()

@@ -5,6 +5,7 @@ import pytest
 
 from marssim.base.camera import NATECAM
 from marssim.base.dataset.sample import StereoSample
+from marssim.base.images.colours import depth_colours
 from marssim.generation.contact_sheet import contact_sheet
 
 SIDE = 24
@@ -21,16 +22,49 @@ def sample(value: int) -> StereoSample:
     )
 
 
-@pytest.mark.parametrize(("count", "rows"), [(1, 1), (3, 1), (4, 2), (6, 2)])
-def test_every_sample_has_its_place(count, rows):
-    samples = [sample(10 + 30 * n) for n in range(count)]
-    sheet = contact_sheet(samples, columns=3, tile=SIDE)
-    columns = min(count, 3)
-    assert sheet.dtype == np.uint8 and sheet.shape[0] % rows == 0 and sheet.shape[1] % columns == 0
-    high, wide = sheet.shape[0] // rows, sheet.shape[1] // columns
+def runs_of(sheet: np.ndarray, colour: int) -> list[int]:
+    """First columns of the squares of one grey level, in any row."""
+    here = (sheet == colour).all(axis=-1).sum(axis=0) >= SIDE
+    return np.flatnonzero(np.diff(here.astype(int), prepend=0) == 1).tolist()
+
+
+@pytest.mark.parametrize(("count", "bands"), [(1, 1), (3, 1), (4, 2), (6, 2)])
+def test_every_sample_has_its_place(count, bands):
+    """In a column of its own, with both eyes, and in the order of the names; each third begins a new band."""
+    samples, names = [sample(40 + 30 * n) for n in range(count)], [f"{n:05d}/00" for n in range(count)]
+    sheet = contact_sheet(samples, names, columns=3, tile=SIDE)
+    one = contact_sheet(samples[:1], names[:1], columns=3, tile=SIDE)
+    assert sheet.dtype == np.uint8 and sheet.shape[2] == 3
+    if bands == 2:
+        single = contact_sheet(samples[:3], names[:3], columns=3, tile=SIDE)
+        assert sheet.shape[1] == single.shape[1] and sheet.shape[0] > 1.4 * single.shape[0]
+    places = [runs_of(sheet, 40 + 30 * n)[0] for n in range(count)]
+    assert places[:3] == sorted(places[:3]) and places[3:] == places[: max(0, count - 3)]
     for n in range(count):
-        cell = sheet[n // 3 * high :, n % 3 * wide :][:high, :wide]
-        assert (cell == 10 + 30 * n).all(axis=-1).sum() >= 2 * SIDE * SIDE  # both eyes
+        assert (sheet == 40 + 30 * n).all(axis=-1).sum() >= 2 * SIDE * SIDE  # both eyes
+    assert one.shape[1] <= sheet.shape[1]
+
+
+def test_samples_bear_their_names_and_rows_what_they_show():
+    sheets = [contact_sheet([sample(90)], [name], tile=96) for name in ("00000/00", "00000/00", "00123/07")]
+    assert np.array_equal(sheets[0], sheets[1])
+    differs = np.argwhere((sheets[0] != sheets[2]).any(axis=-1))
+    assert len(differs) and differs[:, 0].max() < 20  # in the first line alone
+    edge = sheets[0][:, :20]
+    assert (edge.max(axis=(1, 2)) > 200).sum() > 60  # of 4 x 96 rows
+
+
+def test_the_scale_of_depth_is_below():
+    sheet = contact_sheet([sample(90)], ["00000/00"], tile=96)
+    near, far = depth_colours(np.array([[1.0, 15.0]]))[0]
+    for colour in (near, far):
+        assert (sheet[-150:] == colour).all(axis=-1).sum() >= 10
+
+
+def test_a_sample_without_a_sun_that_is_a_number_is_drawn():
+    """Of a dataset that somebody else wrote."""
+    for sun in (None, "30", 12.5):
+        assert contact_sheet([replace(sample(90), meta={"sun_elevation_deg": sun})], ["a"], tile=SIDE).std() > 1
 
 
 def test_other_proportions_are_kept():
@@ -38,9 +72,11 @@ def test_other_proportions_are_kept():
         sample(200),
         **{name: getattr(sample(200), name)[: SIDE // 2] for name in ("left", "right", "depth", "normal")},
     )
-    assert contact_sheet([wide], tile=SIDE).shape[0] < contact_sheet([sample(200)], tile=SIDE).shape[0]
+    low, high = (contact_sheet([one], ["a"], tile=SIDE) for one in (wide, sample(200)))
+    assert low.shape[0] < high.shape[0]
+    assert (low == 200).all(axis=-1).sum() >= SIDE * SIDE  # two images of half the height
 
 
 def test_no_samples_make_no_sheet():
     with pytest.raises(ValueError, match="at least one"):
-        contact_sheet([])
+        contact_sheet([], [])

@@ -1,6 +1,15 @@
+import matplotlib
 import numpy as np
 
-from marssim.base.images.colours import depth_colours, normal_colours
+from marssim.base.images.colours import (
+    DEPTH_MAP,
+    DISPARITY_MAP,
+    TICKS,
+    depth_bar,
+    depth_colours,
+    disparity_colours,
+    normal_colours,
+)
 
 
 def test_depth_colours_tell_near_from_far_from_sky_from_unknown():
@@ -8,8 +17,8 @@ def test_depth_colours_tell_near_from_far_from_sky_from_unknown():
     colours = depth_colours(depth)
     assert colours.shape == (1, 7, 3) and colours.dtype == np.uint8
     near, one, three, far, beyond, sky, unknown = colours[0].astype(int)
-    assert np.array_equal(near, one) and one[0] > one[2]  # red; nearer than `near` is no other colour
-    assert far[2] > far[0] or far.sum() < one.sum()  # blue, dark
+    assert np.array_equal(near, one) and min(one[:2]) > 200 > one[2]  # yellow; nearer than `near` is no other colour
+    assert far[2] > far[0] and far.sum() < one.sum() / 2  # violet, dark
     assert len({tuple(c) for c in (one, three, far)}) == 3
     assert (beyond == 90).all() and (sky == 90).all() and (unknown == 0).all()
 
@@ -17,7 +26,25 @@ def test_depth_colours_tell_near_from_far_from_sky_from_unknown():
 def test_depth_colours_are_logarithmic():
     ramp = depth_colours(np.geomspace(1, 15, 200, dtype=np.float32)[None])[0].astype(int)
     moved = np.abs(np.diff(ramp, axis=0)).sum(axis=1)
-    assert moved[:66].sum() > 200 and moved[66:133].sum() > 200 and moved[133:].sum() > 200
+    thirds = [moved[:66].sum(), moved[66:133].sum(), moved[133:].sum()]
+    assert min(thirds) > 0.15 * sum(thirds) > 100
+
+
+def test_matplotlib_draws_depth_and_disparity_in_the_same_colours():
+    share = np.linspace(0, 1, 256)
+    for name, colours in (
+        (DEPTH_MAP, depth_colours(15 ** share[None])),
+        (DISPARITY_MAP, disparity_colours(share, 1.0)),
+    ):
+        drawn = matplotlib.colormaps[name](share)[:, :3] * 255
+        assert np.abs(colours.reshape(-1, 3) - drawn).max() < 4, name
+
+
+def test_the_scale_of_depth_has_the_colours_of_its_ticks():
+    bar, columns = depth_bar(300, height=7)
+    assert bar.shape == (7, 300, 3) and len(columns) == len(TICKS) and (columns[0], columns[-1]) == (0, 299)
+    ticks = depth_colours(np.array([TICKS], float))[0].astype(int)
+    assert np.abs(bar[3, columns].astype(int) - ticks).max() < 8
 
 
 def test_normal_colours():
