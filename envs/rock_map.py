@@ -1,15 +1,15 @@
-"""Rocks in the navigator's map of one frame: found, missed, left unknown; and obstacles that are displaced or none.
+"""Rocks in the navigator's map of one frame: found, missed or left unknown; and displaced or false obstacles.
 
-What a rover's driver asks decides what counts as what:
+The needs of a rover's driver decide what counts:
 
-- A rock that only the left eye sees is outside what stereo can measure, as it is outside the overlap that flight
-  software works on. It counts as missed all the same, but is told apart, and so is a rock not found at whose place the
-  map says nothing: the rover does not enter what it has not seen.
-- Stereo places what it sees no better than an error of its disparity of one pixel: 0.2 m along the ray at 6 m, 0.9 m at
-  12 m, with NaTeCam. A rock within that (and 0.3 m across) of where the map shows it, and at least half as high, is a
-  rock to be driven round, and is placed again from nearer; it is counted as displaced, not as false.
-- A pebble explains no obstacle. Were every rock pixel an excuse, nine of ten obstacles put anywhere at random would be
-  excused, so densely are rocks strewn.
+- A rock that only the left eye sees cannot be measured by stereo, as it lies outside the overlap on which flight
+  software works. It counts as missed, but is reported separately. So is a missed rock at a place where the map shows
+  nothing: the rover does not enter unseen ground.
+- Stereo places things no better than an error of one pixel of disparity: 0.2 m along the ray at 6 m, 0.9 m at 12 m,
+  with NaTeCam. A rock within that distance (and 0.3 m across) of the place where the map shows it, and at least half as
+  high, is a rock to drive around, which is placed again when the rover is nearer. It counts as displaced, not as false.
+- A pebble explains no obstacle. If every rock pixel did, nine of ten obstacles at random places would be explained, so
+  densely are rocks strewn.
 """
 
 from __future__ import annotations
@@ -27,41 +27,49 @@ from marssim.base.rover_spec import ZHURONG
 from nav import ElevationMap, TraversabilityConfig, assess
 from nav.ground.elevation import ElevationConfig
 
-BESIDE = 0.3  # [m] of a rock, where what stands out is the rock's
-RANGE_ERROR = 1.0  # [px] of disparity
-CUT = 0.5  # [m] before the map's range, from where on rocks may be on it in part only
+BESIDE = 0.3  # [m] around a rock, within which what stands out belongs to the rock
+RANGE_ERROR = 1.0  # [px] error of the disparity within which a rock counts as displaced
+CUT = 0.5  # [m] before the end of the map's range, where only parts of rocks may be on it
 RULES = f"""\
-Rocks, their height and distance are those of m3depth.evaluation.rock_scores, to
-{ElevationConfig.max_range - CUT:g} m of depth; the map ends at {ElevationConfig.max_range:g} m. One is found if a cell
-on it, or beside it, stands out by that much; its height is that of the highest such cell. It is left unknown if it is
-not found and the map knows less than half of its cells. No rock's is a connected patch of such cells with nothing
-within 0.3 m that truly stands at least half as high. It is displaced if such a thing stands within 0.3 m and a range
-error of 1 px of disparity, and else false. The rows of ground_truth say what the map can show at best."""
+Rocks, their heights and distances are those of m3depth.evaluation.rock_scores, to
+{ElevationConfig.max_range - CUT:g} m of depth; the map ends at {ElevationConfig.max_range:g} m. A rock is found if a
+cell on it, or beside it, stands out by that much; its height is that of the highest such cell. A rock is left unknown
+if it is not found and the map knows less than half of its cells. A connected patch of such cells belongs to no rock if
+nothing within 0.3 m truly stands at least half as high. The patch is displaced if such a thing stands within 0.3 m and
+a range error of 1 px of disparity, and else false. The rows of ground_truth show the best that the map can do."""
 
 
 @dataclass(frozen=True)
 class FrameMap:
-    """What one depth map shows. step: (n, n) [m] above the ground, NaN unknown."""
+    """The navigator's map of one depth map."""
 
     elevation: ElevationMap
+    """The elevation map."""
     step: np.ndarray
+    """(n, n) height that each cell stands out of the ground [m]; NaN where unknown."""
 
 
 @dataclass(frozen=True)
 class TrueRocks:
-    """Where rocks truly are, in the cells of a FrameMap.
-
-    cells: (n, n) bool, those of each rock; height: (n, n) [m] of what stands there above the ground, rock pixels and
-    the map of the true depth, -1 where nothing is known; fb: focal length x baseline [px m].
-    """
+    """Where the rocks truly are, in the cells of a FrameMap."""
 
     cells: list[np.ndarray]
+    """For each rock its cells, (n, n) bool."""
     height: np.ndarray
+    """(n, n) true height above the ground [m], from the rock pixels and the map of the true depth; -1 where unknown."""
     fb: float
+    """Focal length x baseline [px m]."""
 
 
 def true_rocks(scene: RockScene, true: FrameMap, on_rock: np.ndarray, fb: float) -> TrueRocks:
-    """true: the look of the true depth; on_rock: (H, W) bool, all rock pixels, those of small rocks too."""
+    """Return where the rocks truly are.
+
+    Args:
+        scene: The rocks that the frame shows.
+        true: The map of the true depth.
+        on_rock: (H, W) bool, the pixels of all rocks, small ones included.
+        fb: Focal length x baseline [px m].
+    """
     elevation = true.elevation
     points = scene.rays.reshape(-1, 3) * np.where(np.isfinite(scene.true_depth), scene.true_depth, 0).reshape(-1, 1)
     cells = [_cells_of(elevation, points[rock.pixels, :2]) for rock in scene.rocks]
@@ -75,7 +83,7 @@ def true_rocks(scene: RockScene, true: FrameMap, on_rock: np.ndarray, fb: float)
 
 
 def _cells_of(elevation: ElevationMap, xy: np.ndarray) -> np.ndarray:
-    """(n, n) bool: cells in which places (N, 2) [m] lie."""
+    """Return the cells in which places (N, 2) [m] lie: (n, n) bool."""
     mask = np.zeros((elevation.n, elevation.n), bool)
     index = elevation.cell_of(xy)
     index = index[((index >= 0) & (index < elevation.n)).all(axis=1)]
@@ -84,7 +92,14 @@ def _cells_of(elevation: ElevationMap, xy: np.ndarray) -> np.ndarray:
 
 
 def frame_map(depth: np.ndarray, confidence: np.ndarray | None, rig: StereoRig, turn: np.ndarray) -> FrameMap:
-    """The navigator's map of one depth map. turn: (3, 3) left camera to level axes; the camera stands at (0, 0, 0)."""
+    """Return the navigator's map of one depth map.
+
+    Args:
+        depth: (H, W) depth [m].
+        confidence: (H, W) in [0, 1], or None.
+        rig: The cameras.
+        turn: (3, 3) rotation from the left camera to level axes; the camera stands at (0, 0, 0).
+    """
     pose = np.eye(4)
     pose[:3, :3] = turn
     elevation = ElevationMap()

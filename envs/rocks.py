@@ -1,11 +1,11 @@
-"""Which rocks the navigator's map shows as obstacles, from one frame of predicted depth.
+"""Count the rocks that the navigator's map shows as obstacles, from single frames of predicted depth.
 
     python -m envs.rocks --data DIR [DIR ...] --split all --perception m3depth sgbm ground_truth --out out/rocks
 
 Each pair of the datasets is one look: its depth goes into an empty elevation map as the navigator's does, and the map
-says what stands out of the ground (what counts: envs/rock_map.py). m3depth.evaluate scores rocks on the depth map
-itself; what the navigator makes of it is told here, one floor above m3depth and nav, which do not know each other. The
-rows of ground_truth say what the map can show at best. Writes results.json, results.md and rocks.png.
+shows what stands out of the ground (envs/rock_map.py defines what counts). m3depth.evaluate scores rocks on the depth
+map itself; this command scores them in the navigator's map. The rows of ground_truth show the best that the map can do.
+Writes results.json, results.md and rocks.png.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from marssim.base.results.code_state import versions
 from marssim.base.results.out_folder import check_out, check_own_results
 
 KEY = "standing_0.2_m_within_8_m"
-STEPS = (0.10, 0.12, 0.15, 0.20, 0.25)  # [m] obstacles from which height on are counted besides --step
+STEPS = (0.10, 0.12, 0.15, 0.20, 0.25)  # [m] heights from which cells are obstacles, counted beside --step
 
 
 @dataclass(frozen=True)
@@ -44,24 +44,24 @@ class RocksConfig:
     """Count the rocks that the navigator's map shows, from single frames of a dataset."""
 
     data: tuple[Path, ...]
-    """dataset folders, as marssim.generate writes them; all go into one count"""
+    """Dataset folders, as marssim.generate writes them; all go into one count."""
     out: Path
-    """folder for results.json, results.md and rocks.png; those of an earlier count are replaced"""
+    """Folder for results.json, results.md and rocks.png; those of an earlier count are replaced."""
     split: Part = "test"
-    """part of each dataset; all is for data that no training was done on"""
+    """Part of each dataset. Take "all" for data on which no training was done."""
     perception: tuple[str, ...] = ("m3depth", "ground_truth")
-    """what turns the images into depth: m3depth (the shipped weights), sgbm, ground_truth (true depth), m3depth:WEIGHTS
-    (a .safetensors file), ssd, sad, ncc, ssd-sgm, sad-sgm, ncc-sgm, or package.module:Class (with infer(left, right,
-    rig))"""
+    """Methods that turn the images into depth: m3depth (the shipped weights), sgbm, ground_truth (true depth),
+    m3depth:WEIGHTS (a .safetensors file), ssd, sad, ncc, ssd-sgm, sad-sgm, ncc-sgm, or package.module:Class (a class
+    with infer(left, right, rig))."""
     step: float = 0.15
-    """height above the ground [m] from which a cell is an obstacle, for rocks found and false obstacles alike; a rock
-    of 0.2 m may be measured 5 cm too low. Others are told in results.md"""
+    """Height above the ground from which a cell is an obstacle [m], for rocks found and for false obstacles. A rock of
+    0.2 m may be measured 5 cm too low. results.md has other heights too."""
     limit: int | None = None
-    """look at so many pairs only, spread evenly"""
+    """Number of pairs to look at, spread evenly; left out: all."""
     degrade: str | None = None
-    """make the images worse first, as in contrast=.33,blur=1,noise=2.5"""
+    """Make the images worse first, as in contrast=.33,blur=1,noise=2.5."""
     seed: int = 0
-    """seed of the noise that --degrade adds"""
+    """Seed of the noise that --degrade adds."""
 
     def __post_init__(self) -> None:
         if not self.step > 0:
@@ -79,8 +79,9 @@ class RocksConfig:
 def rocks_seen(config: RocksConfig) -> dict[str, Any]:
     """Count, write the report, and return the content of results.json.
 
-    Raises DatasetError or ValueError if the dataset cannot be read or tells no pose, --out holds other results, or
-    a perception is unknown or returns no whole Prediction.
+    Raises:
+        DatasetError: If the dataset cannot be read or holds no poses, or --out holds other results.
+        ValueError: If a perception is unknown or returns no whole Prediction.
     """
     check_out(config.out)
     check_own_results(config.out, "by_step")
@@ -116,7 +117,7 @@ def rocks_seen(config: RocksConfig) -> dict[str, Any]:
 
 
 def _pairs(config: RocksConfig) -> list[tuple[StereoDataset, int]]:
-    """The chosen pairs of all datasets."""
+    """Return the chosen pairs of all datasets."""
     datasets = [StereoDataset(path, None if config.split == "all" else config.split) for path in config.data]
     for path, dataset in zip(config.data, datasets):
         if not len(dataset):
@@ -127,16 +128,16 @@ def _pairs(config: RocksConfig) -> list[tuple[StereoDataset, int]]:
 
 
 def _report(config: RocksConfig, by_step: dict[str, dict[float, dict[str, Any]]]) -> dict[str, Any]:
-    results = {name: found[config.step] for name, found in by_step.items()}
+    results = {name: steps[config.step] for name, steps in by_step.items()}
     named = ", ".join(map(str, config.data))
-    images = max((found["images"] for found in results.values() if found), default=0)
+    images = max((counts["images"] for counts in results.values() if counts), default=0)
     if not images:
-        raise ValueError(f"{named}: no pair of split {config.split} shows ground and says where its camera stood")
+        raise ValueError(f"{named}: no pair of split {config.split} shows ground and holds the pose of its camera")
     about = {
         "data": [str(path) for path in config.data], "split": config.split, "images": images, "step_m": config.step,
         "degrade": config.degrade, "seed": config.seed, "versions": versions(),
     }  # fmt: skip
-    curve = {name: [_at(step, r) for step, r in found.items()] for name, found in by_step.items()}
+    curve = {name: [_at(step, counts) for step, counts in steps.items()] for name, steps in by_step.items()}
     content = {**about, "methods": results, "by_step": curve}
     write_json(config.out / "results.json", content)
     rocks_figure(results, config.out / "rocks.png")
@@ -151,7 +152,7 @@ def _report(config: RocksConfig, by_step: dict[str, dict[float, dict[str, Any]]]
         "",
         *rocks_table(results, config.step),
         "",
-        "Rocks of 0.2 m and more within 8 m, and what is no rock's anywhere, with other heights for an obstacle:",
+        "Rocks of 0.2 m and more within 8 m, and obstacles anywhere that belong to no rock, for other heights of an obstacle:",
         "",
         *_curve_table(curve),
         "",
@@ -173,28 +174,28 @@ def _curve_table(curve: dict[str, list[dict[str, Any]]]) -> list[str]:
     ]
     for name, points in curve.items():
         for p in points:
-            found, both = f"{p['found']} of {p['rocks']}", f"{p['both_eyes_found']} of {p['both_eyes']}"
+            shares = f"{p['found']} of {p['rocks']}", f"{p['both_eyes_found']} of {p['both_eyes']}"
             last = f"{p['unknown']} | {p['all_false']} | {p['all_displaced']} |"
-            lines.append(f"| {name} | {p['step_m']:g} m | {found} | {both} | {last}")
+            lines.append(f"| {name} | {p['step_m']:g} m | {shares[0]} | {shares[1]} | {last}")
     return lines
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """The command. Returns the exit code."""
+    """Run the command and return the exit code."""
     return run_command(_work, RocksConfig, "python -m envs.rocks", __doc__, args, "nothing was written")
 
 
 def _work(config: RocksConfig) -> None:
     content = rocks_seen(config)
-    for name, found in content["methods"].items():
-        key = found[KEY]
+    for name, counts in content["methods"].items():
+        key = counts[KEY]
         share, both = ("-" if key[k] is None else f"{100 * key[k]:.1f} %" for k in ("found_share", "both_eyes_share"))
         error = "-" if key["height_error_m"] is None else f"{100 * key['height_error_m']:.1f} cm"
         print(
             f"{name}: of {counted(key['rocks'], 'rock')} of 0.2 m and more within 8 m {share} found ({both} of those "
             f"that both eyes see; of those missed {key['unknown']} left unknown), height error {error} (median); "
-            f"{counted(found['false'], 'false obstacle')} and {found['displaced']} displaced in "
-            f"{counted(found['images'], 'frame')}"
+            f"{counted(counts['false'], 'false obstacle')} and {counts['displaced']} displaced in "
+            f"{counted(counts['images'], 'frame')}"
         )
     print(f"by height and range: {config.out / 'results.md'}")
 

@@ -1,1 +1,1 @@
-"""Series of drives: episodes, records, metrics, report and figures."""
+"""Series of drives: episodes, their records, metrics, report and figures."""

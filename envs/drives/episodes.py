@@ -19,8 +19,10 @@ from marssim.base.camera import MAX_DEPTH, MIN_DEPTH
 from marssim.physics.state import RoverState
 from marssim.scene.scene import Scene
 
-RELIEF_CELL = 1.0  # [m] about, between the heights that a record keeps
-NEAR_MISS = 0.10  # [m] between the rover's footprint and an obstacle (envs.world.clearance)
+RELIEF_CELL = 1.0  # [m] between the heights that a record keeps, roughly
+NEAR_MISS = 0.10  # [m] of clearance (envs.world.clearance) below which a drive without collision is a near miss
+
+# called with environment, driver and step: after the reset (step 0) and after every step
 
 
 Watch = Callable[[MarsNavEnv, Driver, int], None]
@@ -28,64 +30,89 @@ Watch = Callable[[MarsNavEnv, Driver, int], None]
 
 @dataclass(frozen=True)
 class Cell:
-    """Where an episode is driven: k None and slope_deg None leave the scene preset's own."""
+    """A cell of the grid of an evaluation: the conditions of an episode."""
 
     k: float | None = None
+    """Rock abundance, Golombek's k; None for that of the scene preset."""
     slope_deg: float | None = None
+    """Regional slope [deg]; None for that of the scene preset."""
 
     @property
     def name(self) -> str:
+        """The cell in words, as records and tables have it."""
         k, slope = ("preset" if value is None else f"{value:.12g}" for value in (self.k, self.slope_deg))
         return f"k={k}, slope={slope}"
 
 
 @dataclass
 class EpisodeRecord:
-    """What became of one episode. Lengths [m], times [s]; track: (x, y) after every step, start first; headings: yaw
-    [rad] there; obstacles: x, y, diameter of the rocks that block; shortest_path: corners (x, y) of the shortest
-    passable way, whose length is `shortest`; relief: heights of the ground in rows of constant y, over a square from
-    -half to half; abs_rel: mean over the looks of their Abs Rel, as m3depth.evaluate scores a pair (metrics.py there),
-    None with the ground truth as it is; blind: looks in which nothing was measured of the ground within 15 m, None
-    where that was not noted; near_miss: no collision, but the rover's footprint came nearer than NEAR_MISS to the
-    outline of a rock that blocks; min_clearance: how near, as in MarsNavEnv's info. Records of earlier versions have no
-    headings, shortest_path and relief, and their abs_rel leaves out what is unknown.
+    """The outcome of one episode, as a file in the folder of an evaluation keeps it.
 
-    outcome: as MarsNavEnv's info names it, or as the driver ended the drive (envs.drivers.Stop): "no_path" where it
-    gave up, "elsewhere" where it believed to be at the goal and was not, as happens by odometry that drifts. code: the
-    state of the sources that drove (envs.world.user_code.code_digest), "" where that was not noted.
+    Records of earlier releases lack headings, shortest_path and relief, and their abs_rel leaves out unknown depth.
     """
 
     driver: str
+    """Name of the driver."""
     perception: str
+    """Name of the perception."""
     cell: str
+    """Name of the cell (Cell.name)."""
     episode: int
+    """Number of the course."""
     outcome: str
+    """The outcome as MarsNavEnv's info names it, or the driver's reason to stop (envs.drivers.Stop): "no_path" if it
+    gave up, "elsewhere" if it believed that it was at the goal and was not, as happens when the odometry drifts."""
     steps: int
+    """Number of steps."""
     distance: float
+    """Distance to the goal at the end [m]."""
     start_distance: float
+    """Distance to the goal at the start [m]."""
     shortest: float
+    """Length of the shortest passable way [m]."""
     path_length: float
+    """Length of the way driven [m]."""
     min_clearance: float
+    """Least clearance from the rocks that block [m], as in MarsNavEnv's info."""
     max_tilt_deg: float
+    """Largest tilt [deg]."""
     reward: float
+    """Sum of the rewards."""
     step_seconds: float
+    """Mean time of a step: driver, perception and simulation [s]."""
     perception_seconds: float
+    """Mean time of the perception in a step [s]."""
     redraws: int
+    """Number of courses that were rejected, as no way led to their goal."""
     goal: list[float]
+    """x, y of the goal [m]."""
     abs_rel: float | None = None
+    """Mean over the looks of their Abs Rel, as m3depth.evaluate scores a pair; None with the ground truth."""
     blind: int | None = None
+    """Number of looks that measured nothing of the ground within 15 m; None where that was not recorded."""
     near_miss: bool = False
+    """Whether there was no collision, but the clearance was below NEAR_MISS."""
     code: str = ""
+    """State of the sources that drove (envs.world.user_code.code_digest); "" where that was not recorded."""
     obstacles: list[list[float]] = field(default_factory=list)
+    """x, y, diameter of the rocks that block [m]."""
     track: list[list[float]] = field(default_factory=list)
+    """x, y after every step, the start first [m]."""
     headings: list[float] = field(default_factory=list)
+    """Yaw at the places of `track` [rad]."""
     shortest_path: list[list[float]] = field(default_factory=list)
+    """Corners x, y of the shortest passable way, whose length is `shortest` [m]."""
     half: float = 0.0
+    """Half the side of the square that `relief` covers [m]."""
     relief: list[list[float]] = field(default_factory=list)
+    """Heights of the ground [m] in rows of constant y, over a square from -half to half."""
 
 
 def course_options(cell: Cell, seed: int, episode: int) -> dict[str, Any]:
-    """Options of MarsNavEnv.reset that make the course of an episode: its scene_seed is of (seed, episode) alone."""
+    """Return the options of MarsNavEnv.reset that make the course of an episode.
+
+    Its scene_seed depends on (seed, episode) alone.
+    """
     scene_seed = int(np.random.SeedSequence((seed, episode)).generate_state(1)[0])
     return {"scene_seed": scene_seed, **{name: value for name, value in vars(cell).items() if value is not None}}
 
@@ -99,14 +126,25 @@ def run_episode(
     names: tuple[str, str] = ("", ""),
     watch: Watch | None = None,
 ) -> EpisodeRecord:
-    """Drive one episode to its end.
+    """Drive one episode to its end. The course depends on (seed, episode) and the cell alone.
 
-    The course follows from (seed, episode) and the cell alone. names: driver and perception, for the record.
-    watch(env, driver, step) is called after the reset (step 0) and after every step. Raises ActionError that names the
-    driver for an answer that is neither an action nor a Stop, and UserCodeError that names the step and the course for
-    what a driver or a perception of the user's own raises.
+    Args:
+        env: The environment.
+        driver: The driver.
+        cell: The conditions.
+        seed: Seed of the series of courses.
+        episode: Number of the course.
+        names: Driver and perception, for the record.
+        watch: Called as watch(env, driver, step) after the reset (step 0) and after every step.
+
+    Returns:
+        The record.
+
+    Raises:
+        ActionError: If the driver returns neither an action nor a Stop; the message names the driver.
+        UserCodeError: If a driver or a perception of the user raises an exception; the message names step and course.
     """
-    code = code_digest()  # before the drive, during which the sources may be edited
+    code = code_digest()  # before the drive, as the sources may be edited during it
     log = _Log()
     try:
         _drive(env, driver, course_options(cell, seed, episode), log, watch)
@@ -135,7 +173,7 @@ def run_episode(
 
 @dataclass
 class _Log:
-    """What is noted of a drive on its way."""
+    """Notes taken during a drive."""
 
     states: list[RoverState] = field(default_factory=list)
     errors: list[float | None] = field(default_factory=list)
@@ -147,7 +185,7 @@ class _Log:
     blind: int = 0
 
     def looked(self, env: MarsNavEnv, info: dict[str, Any]) -> None:
-        """The rover stands, and has looked round."""
+        """Note that the rover stands and has looked."""
         assert env.vehicle is not None and env.sight is not None
         self.info = info
         self.states.append(env.vehicle.state())
@@ -182,9 +220,10 @@ def _drive(env: MarsNavEnv, driver: Driver, options: dict[str, Any], log: _Log, 
 
 
 def _abs_rel(sight: Sight) -> float | None:
-    """Mean |Z - Z*| / Z* of one look over the true depths of 0.5 m to 15 m and disparities of at most 192 px.
+    """Return the mean |Z - Z*| / Z* of one look over the true depths of 0.5 m to 15 m and disparities of at most 192
+    px.
 
-    As the rules of m3depth.evaluation.metrics have it: what is unknown counts as 80 m.
+    By the rules of m3depth.evaluation.metrics unknown depth counts as 80 m.
     """
     if sight.true_depth is None or sight.true_depth is sight.depth:
         return None
@@ -194,11 +233,11 @@ def _abs_rel(sight: Sight) -> float | None:
 
 
 def _is_blind(sight: Sight) -> bool:
-    """Whether there was ground within range, and no depth was measured of any of it."""
+    """Return whether there was ground within range, and no depth was measured of any of it."""
     if sight.true_depth is None:
         return False
-    there = _in_range(sight.true_depth)
-    return bool(there.any() and not known_depth(sight.depth[there]).any())
+    in_range = _in_range(sight.true_depth)
+    return bool(in_range.any() and not known_depth(sight.depth[in_range]).any())
 
 
 def _in_range(depth: np.ndarray) -> np.ndarray:

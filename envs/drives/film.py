@@ -1,4 +1,4 @@
-"""A film of a drive: the rover from outside, what its left eye sees, the depth and normals it believes, its map."""
+"""A film of a drive: the rover from outside, its left eye, its depth and normals, and its map."""
 
 from __future__ import annotations
 
@@ -17,24 +17,36 @@ from marssim.render.renderers.embree_renderer import Raycaster
 from nav.navigator import Navigator
 from nav.path.footprint import footprint_corners
 
-PANEL = HEIGHT  # the square panels are as high as the outside view, and half as wide
-MAP_METRES = 24.0
-SCALE_BAR = 5.0  # [m]
+PANEL = HEIGHT  # [px] side of the square panels: as high as the outside view, and half as wide
+MAP_METRES = 24.0  # [m] side of the map
+SCALE_BAR = 5.0  # [m] length of the map's scale
 NORMALS_TITLE = "normals: red right, green up, blue to the eye"
 MAP_TITLE = "map: green free, yellow costly, red blocked, grey unknown"
 TEXT = cv2.FONT_HERSHEY_SIMPLEX, 0.45, (240, 240, 240), 1, cv2.LINE_AA  # font, size, colour, weight
-FPS = 5
-STILL_EVERY = 10
+FPS = 5  # frames a second
+STILL_EVERY = 10  # steps between two stills
 
 
 class Film:
-    """Writes a frame a step into an mp4 file (MPEG-4, 5 frames a second); give `watch` to episodes.run_episode.
+    """Writes a frame for each step into an mp4 file (MPEG-4, 5 frames a second).
 
-    Use it as a context manager, or close() it. title: what is driven, on every frame. Raises OSError if the file cannot
-    be written. `stills` holds every tenth frame.
+    Give `watch` to envs.drives.episodes.run_episode. Use the film as a context manager, or close() it.
+
+    Attributes:
+        title: What is driven; it stands on every frame.
+        stills: Every tenth frame, (H, W, 3) uint8.
     """
 
     def __init__(self, path: Path, title: str = "") -> None:
+        """Open the file.
+
+        Args:
+            path: The file.
+            title: What is driven; it stands on every frame.
+
+        Raises:
+            OSError: If the file cannot be written.
+        """
         size = (3 * PANEL, 2 * PANEL)
         self._writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), FPS, size)
         if not self._writer.isOpened():
@@ -62,10 +74,10 @@ class Film:
         sight, state = env.sight, env.vehicle.state()
         outside = self._view.picture(state, env.vehicle.mesh(sight.pan))
         left, normal = sight.left, sight.normal
-        if left is None:  # perception was the ground truth, and took no picture
+        if left is None:  # the perception is the ground truth, and took no picture
             picture = env.perception.picture(sight.pose)
             left, normal = picture.left, picture.normal
-        elif normal is not None:  # where an estimator sees sky, its normals mean nothing
+        elif normal is not None:  # normals mean nothing where the estimator sees sky
             normal = np.where(np.isfinite(sight.depth)[..., None], normal, 0)
         distance = float(np.hypot(*(env.course.goal - state.position[:2])))
         top = [
@@ -84,9 +96,12 @@ class Film:
 
 
 def navigator_map(env: MarsNavEnv, driver: Driver) -> np.ndarray:
-    """(PANEL, PANEL, 3) uint8 map around the rover, north up: the navigator's ground, its far path and the goal.
+    """Return a map around the rover, north up: the navigator's ground, its far path and the goal.
 
-    All as the rover believes: its map is made where its odometry says that it stands.
+    Everything is drawn at the believed pose, as the map is made from the odometry's poses.
+
+    Returns:
+        (PANEL, PANEL, 3) uint8.
     """
     assert env.course is not None
     pose = env.believed_pose
@@ -140,8 +155,8 @@ def _square(image: np.ndarray) -> np.ndarray:
 
 def _titled(image: np.ndarray, *lines: str) -> np.ndarray:
     out = np.ascontiguousarray(image)
-    told = [line for line in lines if line]
-    cv2.rectangle(out, (0, 0), (out.shape[1], 20 * len(told)), (18, 18, 20), -1)
-    for n, line in enumerate(told):
+    shown = [line for line in lines if line]
+    cv2.rectangle(out, (0, 0), (out.shape[1], 20 * len(shown)), (18, 18, 20), -1)
+    for n, line in enumerate(shown):
         cv2.putText(out, line, (6, 15 + 20 * n), *TEXT)
     return out

@@ -1,4 +1,4 @@
-"""Every drive of an evaluation from above, on the rocks that were there."""
+"""Every drive of an evaluation from above, on the true rocks."""
 
 from __future__ import annotations
 
@@ -23,36 +23,37 @@ OUTCOME_COLOURS = {
     "goal": "#2a9d5c", "collision": "#d1495b", "tilt": "#8e44ad", "stuck": "#e08e45", "time": "#5c6b7a",
     "out_of_bounds": "#b08968", "no_path": "#264653", "elsewhere": "#3a86c8",
 }  # fmt: skip
-LINES = ("-", "--", ":", "-.")  # one for each driver and perception
+LINES = ("-", "--", ":", "-.")  # line styles, one for each driver and perception
 ROCK_COLOUR, WAY_COLOUR, WAY_WIDTH = "#9a938c", "#f4d58d", 3.5
-CONTOURS, MOST_CONTOURS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0), 20  # [m] apart, the first with which there are no more
+CONTOURS, MOST_CONTOURS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0), 20  # intervals [m], and the most contours on a map
 CRASH = "collision"
 CRASH_MARK, END_MARK = ("X", 6), ("o", 3)  # matplotlib's marker and its size [pt]
-COLUMNS, ROWS = 5, 4
-PANEL, NARROWEST = 3.6, 7.2  # [in] width of a course, and of a page whose title and legend find room
+COLUMNS, ROWS = 5, 4  # courses on a page
+PANEL, NARROWEST = 3.6, 7.2  # [in] width of a course, and least width of a page, for its title and legend
 AROUND = 5.0  # [m] shown before the start and behind the goal
-ASIDE = 8.0  # [m] shown to either side, more where a drive went further
-PAGE = re.compile(r"k(preset|[\d.e+-]+)-slope(preset|[\d.e+-]+)-\d+\.png")  # names that plot_maps gives
+ASIDE = 8.0  # [m] shown to either side, or more if a drive went farther
+PAGE = re.compile(r"k(preset|[\d.e+-]+)-slope(preset|[\d.e+-]+)-\d+\.png")  # names of the pages
 
 
 def plot_maps(folder: Path, records: Sequence[EpisodeRecord]) -> None:
-    """Write folder/CELL-PAGE.png: a panel for each course of a cell, twenty a page. Pages of other records go.
+    """Write folder/CELL-PAGE.png: a panel for each course of a cell, twenty on a page. Pages of other records are
+    deleted.
 
-    Each course is turned so that its goal, a star in the circle within which it counts as reached, lies to the right of
-    its start, both on the middle line; rocks that block are grey discs. Colour is the outcome, the line says who drove.
-    The rover's footprint is drawn where it started and where each drive ended, with a cross where it hit something; the
-    shortest passable way is a pale band, relief is drawn as contours, dark ones below.
+    Each course is turned so that its start lies to the left of its goal, both on the middle line. The goal is a star in
+    the circle within which it counts as reached; rocks that block are grey discs. The colour shows the outcome, the
+    line style who drove. The rover's footprint is drawn where it started and where each drive ended, with a cross where
+    it hit something. A pale band is the shortest passable way; contours are relief, dark ones low.
     """
     folder.mkdir(parents=True, exist_ok=True)
     groups = sorted({(r.driver, r.perception) for r in records})
     written = set()
     for cell in sorted({r.cell for r in records}):
-        own = [r for r in records if r.cell == cell]
-        courses = sorted({r.episode for r in own})
+        in_cell = [r for r in records if r.cell == cell]
+        courses = sorted({r.episode for r in in_cell})
         for page, start in enumerate(range(0, len(courses), COLUMNS * ROWS)):
             shown = courses[start : start + COLUMNS * ROWS]
             path = folder / f"{cell.replace('=', '').replace(', ', '-')}-{page}.png"
-            _page(path, cell, [[r for r in own if r.episode == e] for e in shown], groups)
+            _page(path, cell, [[r for r in in_cell if r.episode == e] for e in shown], groups)
             written.add(path)
     for old in set(folder.iterdir()) - written:
         if PAGE.fullmatch(old.name):
@@ -101,7 +102,7 @@ def _legend(courses: Sequence[Sequence[EpisodeRecord]], groups: Sequence[tuple[s
 
 
 def _contour_interval(courses: Sequence[Sequence[EpisodeRecord]]) -> float | None:
-    """[m], one for a page; None where no record tells the relief."""
+    """Return the interval of the contours of a page [m]; None if no record holds the relief."""
     ranges = [float(np.ptp(r.relief)) for drives in courses for r in drives if r.relief]
     if not ranges:
         return None
@@ -121,7 +122,7 @@ def _panel(
         return np.asarray((np.array(points, float).reshape(-1, 2) - origin) @ turn.T)
 
     aside = ASIDE
-    for record in drives:  # records of earlier versions do not tell these, others of the same course may
+    for record in drives:  # records of earlier releases lack these, other records of the course may have them
         if record.relief and interval:
             _contours(axes, record, turned, interval)
             break

@@ -1,4 +1,4 @@
-"""Figures of merit of driven episodes."""
+"""Metrics of driven episodes."""
 
 from __future__ import annotations
 
@@ -11,29 +11,42 @@ import numpy as np
 from envs.drives.episodes import EpisodeRecord
 from m3depth.evaluation.bootstrap import interval, resampled_means
 
-FAILURES = {  # ENav's classes, and one of those whose odometry led them astray
+# outcomes by ENav's classes of failure, and one class for drives that odometry led to a wrong place
+FAILURES = {
     "no feasible path": ("no_path",), "safety limit": ("collision", "tilt", "out_of_bounds"), "time": ("time", "stuck"),
     "elsewhere": ("elsewhere",),
 }  # fmt: skip
-UNREACHABLE_MARK = 0.20  # share of goals without a way above which a cell is marked
+UNREACHABLE_MARK = 0.20  # share of goals without a way above which the table marks a cell
 
 
 def spl(success: bool, shortest: float, path_length: float) -> float:
-    """Success weighted by path length, S L / max(P, L) (Anderson et al. 2018); L is the geodesic optimum [m].
+    """Return the success weighted by path length, S L / max(P, L) (Anderson et al. 2018).
 
     As in Habitat, L leads to the goal itself, and the drive may end at the goal radius. L is found on a grid and may be
-    2.7 % too long (envs.world.course). Both flatter detours: on 20 m SPL is up to 8 % of itself too high.
+    2.7 % too long (envs.world.course). Both favour detours: on 20 m, SPL is too high by up to 8 % of itself.
+
+    Args:
+        success: Whether the drive arrived, S.
+        shortest: Length of the shortest passable way, L [m].
+        path_length: Length of the way driven, P [m].
     """
     return float(success) * shortest / max(path_length, shortest, 1e-9)
 
 
 def soft_spl(start_distance: float, distance: float, shortest: float, path_length: float) -> float:
-    """SPL with the success replaced by the share of the way covered: max(0, 1 - d_T / d_0) L / max(P, L)."""
+    """Return SPL with the share of the way covered instead of the success: max(0, 1 - d_T / d_0) L / max(P, L).
+
+    Args:
+        start_distance: Distance to the goal at the start, d_0 [m].
+        distance: Distance to the goal at the end, d_T [m].
+        shortest: Length of the shortest passable way, L [m].
+        path_length: Length of the way driven, P [m].
+    """
     return max(0.0, 1 - distance / max(start_distance, 1e-9)) * shortest / max(path_length, shortest, 1e-9)
 
 
 def best_and_worst(records: Sequence[EpisodeRecord]) -> tuple[int, int]:
-    """Indices of the arrival of the highest SPL, and of the drive that covered the least of its way."""
+    """Return the indices of the arrival with the highest SPL and of the drive that covered least of its way."""
 
     def merit(n: int) -> tuple[bool, float]:
         r = records[n]
@@ -45,9 +58,15 @@ def best_and_worst(records: Sequence[EpisodeRecord]) -> tuple[int, int]:
 
 
 def wilson_interval(successes: float, trials: int, z: float = 1.96) -> tuple[float, float]:
-    """Wilson score interval of a proportion, 95 % by default. Raises ValueError without trials.
+    """Return the Wilson score interval of a proportion, 95 % by default.
 
-    successes: of more trials, if those are not independent, their mean a trial times `trials`.
+    Args:
+        successes: Number of successes. If several trials depend on each other: their mean a trial times `trials`.
+        trials: Number of independent trials.
+        z: Quantile of the normal distribution.
+
+    Raises:
+        ValueError: Without trials.
     """
     if trials < 1:
         raise ValueError("an interval needs at least one trial")
@@ -58,14 +77,17 @@ def wilson_interval(successes: float, trials: int, z: float = 1.96) -> tuple[flo
 
 
 def paired_difference(first: Sequence[EpisodeRecord], second: Sequence[EpisodeRecord]) -> dict[str, Any]:
-    """Success and SPL of `first` less those of `second` on the same episodes, with 95 % intervals by the paired
-    bootstrap.
+    """Return success and SPL of `first` less those of `second` on the same episodes, with 95 % paired-bootstrap
+    intervals.
 
-    Records are matched by cell and episode. The cells' courses of one number come from one seed, and have much of
-    their ground in common: they are drawn together, as one (a cluster bootstrap, of as many cells for each number).
-    Of few numbers the interval is short: of 15 that of success covered the truth in 80 to 91 % of simulated
-    comparisons, of 30 and of 50 in 92 to 95 %. Where all numbers differ alike it has no width, and says nothing.
-    Raises ValueError where the two do not hold the same ones.
+    Records are matched by cell and episode. The courses of one number in all cells come from one seed and have much of
+    their ground in common. They are drawn together, as one: a cluster bootstrap, with as many cells for each number.
+    With few numbers the interval is too short: with 15, that of success covered the truth in 80 to 91 % of simulated
+    comparisons, with 30 and with 50 in 92 to 95 %. If all numbers differ by the same amount, the interval has no width
+    and says nothing.
+
+    Raises:
+        ValueError: If the two do not hold the same episodes.
     """
     a, b = ({(r.cell, r.episode): r for r in records} for records in (first, second))
     if a.keys() != b.keys() or not a:
@@ -74,7 +96,7 @@ def paired_difference(first: Sequence[EpisodeRecord], second: Sequence[EpisodeRe
     for key in sorted(a):
         (success, weighted), (other_success, other_weighted) = _scores(a[key]), _scores(b[key])
         gains.setdefault(key[1], []).append([success - other_success, weighted - other_weighted])
-    arrived, weighted_by_way = np.array([np.mean(of, axis=0) for of in gains.values()]).T
+    arrived, weighted_by_way = np.array([np.mean(cells, axis=0) for cells in gains.values()]).T
     return {
         "episodes": len(a),
         "difference": float(arrived.mean()),
@@ -85,18 +107,22 @@ def paired_difference(first: Sequence[EpisodeRecord], second: Sequence[EpisodeRe
 
 
 def _scores(record: EpisodeRecord) -> tuple[float, float]:
-    """Success and SPL of one episode."""
+    """Return success and SPL of one episode."""
     arrived = record.outcome == "goal"
     return float(arrived), spl(arrived, record.shortest, record.path_length)
 
 
 def summarise(records: Sequence[EpisodeRecord]) -> dict[str, Any]:
-    """Figures over the episodes of one driver, perception and cell. Raises ValueError without episodes.
+    """Return the metrics over the episodes of one driver, perception and cell.
 
-    path_inefficiency: mean of P / L over the successes; down to 0.92 on 20 m, as the drive ends 1 m before the goal and
-    L may be 2.7 % too long. failures: how many by the classes of FAILURES. near_miss_rate: share of episodes with
-    near_miss. abs_rel: of the depth on the way, None with the ground truth.
-    unreachable_share: of the goals drawn, those that no way leads to on the true ground, and that were replaced.
+    Returns:
+        A row of results.json. path_inefficiency: mean of P / L over the arrivals; down to 0.92 on 20 m, as the drive
+        ends 1 m before the goal and L may be 2.7 % too long. failures: numbers by the classes of FAILURES.
+        near_miss_rate: share of episodes with near_miss. abs_rel: of the depth on the way, None with the ground truth.
+        unreachable_share: share of the drawn goals without a way on the true ground, which were drawn again.
+
+    Raises:
+        ValueError: Without episodes.
     """
     n = len(records)
     if n == 0:
@@ -118,7 +144,7 @@ def summarise(records: Sequence[EpisodeRecord]) -> dict[str, Any]:
         "tilt_rate": outcomes["tilt"] / n,
         "near_miss_rate": sum(r.near_miss for r in records) / n,
         "max_tilt_deg": float(np.max([r.max_tilt_deg for r in records])),
-        "failures": {name: sum(outcomes[o] for o in of) for name, of in FAILURES.items()},
+        "failures": {name: sum(outcomes[o] for o in members) for name, members in FAILURES.items()},
         "outcomes": dict(sorted(outcomes.items())),
         "path_inefficiency": float(np.mean([r.path_length / r.shortest for r in driven])) if driven else None,
         "min_clearance": float(np.min([r.min_clearance for r in records])),

@@ -1,4 +1,4 @@
-"""Success of drives against rock abundance, and against the error of the depth that was driven by."""
+"""Success of drives against rock abundance, and against the error of the depth on the way."""
 
 from __future__ import annotations
 
@@ -16,12 +16,15 @@ Group = tuple[str, str]
 
 
 def plot_success(path: Path, results: Sequence[dict[str, Any]], test_set: Mapping[str, float] | None = None) -> None:
-    """Left: success against k, slopes pooled. Right: success against Abs Rel on the way, a point for each cell; it is
-    left out if all was driven by true depth.
+    """Plot success against k (left, slopes pooled) and against Abs Rel on the way (right, a point for each cell).
 
-    Bars are 95 % Wilson intervals. Where slopes are pooled, they are of as many trials as there are courses of
-    different numbers: those of one number have their rocks in common. results: rows of results.json. test_set: Abs Rel
-    of perceptions on their test set, dotted lines in the right plot.
+    The right plot is left out if all was driven by true depth. Bars are 95 % Wilson intervals. Where slopes are pooled,
+    the number of trials is that of courses with different numbers, as courses of one number have their rocks in common.
+
+    Args:
+        path: File of the picture.
+        results: Rows of results.json.
+        test_set: Abs Rel of perceptions on their test set, as dotted lines in the right plot.
     """
     erring = any(r["abs_rel"] is not None for r in results)
     figure = Figure(figsize=(9.6 if erring else 5.0, 4.0), dpi=110, layout="constrained")
@@ -56,9 +59,10 @@ def plot_success(path: Path, results: Sequence[dict[str, Any]], test_set: Mappin
 
 
 def pool_by_k(rows: Sequence[dict[str, Any]]) -> dict[float | None, tuple[float, int]]:
-    """For each k, in its order: share of arrivals, and how many courses have numbers of their own.
+    """Return for each k, in order, the share of arrivals and the number of courses with different numbers.
 
-    rows: of one driver and perception.
+    Args:
+        rows: Rows of results.json of one driver and perception.
     """
     out: dict[float | None, tuple[float, int]] = {}
     for k in sorted({r["cell"]["k"] for r in rows}, key=lambda k: k or 0.0):
@@ -69,7 +73,7 @@ def pool_by_k(rows: Sequence[dict[str, Any]]) -> dict[float | None, tuple[float,
 
 
 def _bars(axes: Any, x: list[float], points: list[tuple[float, int]], colour: str, label: str, line: bool) -> None:
-    """points: share of arrivals and number of trials."""
+    """Plot points (share of arrivals, number of trials) with their intervals."""
     if not points:
         return
     rate = np.array([100 * share for share, _ in points])

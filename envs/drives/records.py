@@ -1,4 +1,4 @@
-"""The files that episodes' records are kept in: whatever else stands in one is told, not counted."""
+"""The files of episodes' records: a file with anything else is reported, not counted."""
 
 from __future__ import annotations
 
@@ -10,14 +10,18 @@ from typing import Any
 from envs.drives.episodes import EpisodeRecord
 from marssim.base.files.json_file import DatasetError, read_json
 
-DELETE_TO_REPEAT = "; delete it, and it is driven anew"
+DELETE_TO_REPEAT = "; delete the file to drive this episode again"
 NUMBER = "a number of 0 or more"
-LARGEST = 1e300
-WIDTHS = {"track": 2, "shortest_path": 2, "obstacles": 3}
+LARGEST = 1e300  # numbers beyond count as infinite
+WIDTHS = {"track": 2, "shortest_path": 2, "obstacles": 3}  # numbers in a row of these fields
 
 
 def read_record(path: Path) -> EpisodeRecord:
-    """What envs.evaluate wrote of an episode. Raises DatasetError that names the file and what is wrong with it."""
+    """Read the record that envs.evaluate wrote of an episode.
+
+    Raises:
+        DatasetError: If the file holds anything else; the message names the file and the field.
+    """
     try:
         record = EpisodeRecord(**read_json(path))
     except TypeError:
@@ -33,12 +37,12 @@ def read_record(path: Path) -> EpisodeRecord:
 
 
 def is_number(value: Any) -> bool:
-    """Whether it is a finite number."""
+    """Return whether a value is a finite number."""
     return isinstance(value, (int, float)) and not isinstance(value, bool) and -LARGEST < value < LARGEST
 
 
 def _kind(name: str, annotation: str) -> tuple[str, Callable[[Any], bool]]:
-    """What a field must be, in words and as a question."""
+    """Return a description of what a field must be, and a function that checks it."""
     if annotation == "str":
         return "a word", lambda value: isinstance(value, str)
     if annotation == "bool":
@@ -55,9 +59,9 @@ def _kind(name: str, annotation: str) -> tuple[str, Callable[[Any], bool]]:
         return "numbers", lambda value: isinstance(value, list) and _are_numbers(value, len(value))
     assert annotation == "list[list[float]]", annotation
     width = WIDTHS.get(name)
-    told = "rows of as many numbers" if width is None else f"rows of {width} numbers"
-    least = name == "track"  # which has the start
-    return (f"{told}, one or more" if least else told), lambda value: _are_rows(value, width) and len(value) >= least
+    kind = "rows of as many numbers" if width is None else f"rows of {width} numbers"
+    least = name == "track"  # it holds at least the start
+    return (f"{kind}, one or more" if least else kind), lambda value: _are_rows(value, width) and len(value) >= least
 
 
 def _are_numbers(value: Any, width: int) -> bool:
@@ -65,7 +69,7 @@ def _are_numbers(value: Any, width: int) -> bool:
 
 
 def _are_rows(value: Any, width: int | None) -> bool:
-    """width: numbers in each row, those of the first if None."""
+    """Return whether a value is rows of `width` numbers each; None: as many as the first row has."""
     if not isinstance(value, list) or not all(isinstance(row, list) for row in value):
         return False
     return all(_are_numbers(row, len(value[0]) if width is None else width) for row in value)

@@ -1,4 +1,4 @@
-"""The page of an evaluation: a table, the differences, and where the pictures are."""
+"""The page of an evaluation: settings, table, differences and pictures."""
 
 from __future__ import annotations
 
@@ -15,20 +15,27 @@ from envs.world.referee import GOAL_RADIUS
 from marssim.base.files.atomic import write_atomically
 
 LEGEND = f"""\
-Success: within {GOAL_RADIUS:g} m of the goal, with Wilson's interval. SPL, SoftSPL: success, or the share of the way
-covered, times shortest over driven way. P / L: driven over shortest way of those that arrived; the drive ends before
-the goal, so it may be below 1. Collisions: of the chassis, or of a wheel with a rock that blocks. Near misses: drives
-without one whose footprint came within {100 * NEAR_MISS:.0f} cm of such a rock. No path: the driver gave up. Safety:
-collision, tilt or out of bounds. Time: it ran out, or the rover was stuck. Elsewhere: the driver believed to be at the
-goal, by its odometry, and was not. Tilt: the greatest. Abs Rel: of the depth on the way. Unreachable: goals that no way
-leads to, and that were replaced. s / step: seconds of driver, perception and simulation. Differences, below: with 95 %
-intervals by the paired bootstrap over the courses."""
+Success: the rover came within {GOAL_RADIUS:g} m of the goal; with Wilson's interval. SPL, SoftSPL: success, or the
+share of the way covered, times the shortest way over the driven way. P / L: driven way over shortest way, of the drives
+that arrived; a drive ends before the goal, so this may be below 1. Collisions: of the chassis, or of a wheel with a
+rock that blocks. Near misses: drives without a collision whose footprint came within {100 * NEAR_MISS:.0f} cm of such a
+rock. No path: the driver gave up. Safety: collision, tilt or out of bounds. Time: time ran out, or the rover was stuck.
+Elsewhere: by its odometry the driver believed that it was at the goal, and it was not. Tilt: the largest. Abs Rel:
+error of the depth on the way. Unreachable: goals without a way to them, which were drawn again. s / step: seconds of
+driver, perception and simulation. Differences (below): with 95 % intervals by the paired bootstrap over the
+courses."""
 
-NO_INTERVAL = "no interval: all courses differ alike, and the bootstrap cannot tell what others would"
+NO_INTERVAL = "no interval: all courses differ by the same amount, so the bootstrap says nothing about other courses"
 
 
 def write_report(out: Path, content: dict[str, Any], records: Sequence[EpisodeRecord]) -> None:
-    """Write results.md, success.png and maps/ into a folder. content: what results.json holds."""
+    """Write results.md, success.png and maps/ into a folder.
+
+    Args:
+        out: The folder.
+        content: The content of results.json.
+        records: The records of all drives.
+    """
     head = settings(content["driven_with"]) + states_of_the_code(records)
     page = f"{head}\n{table(content['results'])}\n{differences(content['differences'])}"
     page += looks_without_depth(records)
@@ -38,22 +45,24 @@ def write_report(out: Path, content: dict[str, Any], records: Sequence[EpisodeRe
 
 
 def settings(driven_with: Mapping[str, Any]) -> str:
-    """A line that says what the table's figures hold for. driven_with: by flag, without its dashes."""
+    """Return a line with the flags for which the table holds. driven_with: values by flag, without its dashes."""
     flags = [f"--{name.replace('_', '-')} {value}" for name, value in driven_with.items()]
     return f"Driven with {', '.join(flags)}.\n"
 
 
 def states_of_the_code(records: Sequence[EpisodeRecord]) -> str:
-    """A line that warns where not all episodes were driven by the same sources, as after an edit between two runs."""
+    """Return a line that warns if different sources drove the episodes, as after an edit between two runs; else ""."""
     states = Counter(record.code or "an unknown one" for record in records)
     if len(states) == 1:
         return ""
-    told = ", ".join(f"{number} by {state}" for state, number in states.most_common())
-    return f"\nNot all of one state of the code: {told}. Delete `episodes` to drive all anew.\n"
+    counts = ", ".join(f"{number} by {state}" for state, number in states.most_common())
+    return (
+        f"\nThe episodes were driven by different states of the code: {counts}. Delete `episodes` to drive all again.\n"
+    )
 
 
 def table(results: Sequence[dict[str, Any]]) -> str:
-    """Markdown table, a row for each driver, perception and cell."""
+    """Return a Markdown table with a row for each driver, perception and cell."""
     head = (
         "| driver | perception | k | slope | episodes | success (95 %) | SPL | SoftSPL | P / L | collisions "
         "| near misses | no path, safety, time, elsewhere | tilt | Abs Rel | unreachable | s / step |"
@@ -77,31 +86,34 @@ def table(results: Sequence[dict[str, Any]]) -> str:
         )
     lines += ["", LEGEND]
     if marked:
-        lines += ["", f"\\* of the goals drawn, more than {100 * UNREACHABLE_MARK:.0f} % had no way to them."]
+        lines += ["", f"\\* More than {100 * UNREACHABLE_MARK:.0f} % of the drawn goals had no way to them."]
     return "\n".join(lines) + "\n"
 
 
 def errors_beside(test_set: Mapping[str, float], records: Sequence[EpisodeRecord]) -> str:
-    """Lines that put the depth error on the way, mean over the drives, beside the test set's.
+    """Return lines with each perception's depth error on the way, mean over the drives, and on the test set.
 
-    test_set: Abs Rel there by perception; those without one are left out."""
+    Args:
+        test_set: Abs Rel on the test set by perception; others are left out.
+        records: The records of all drives.
+    """
     lines = []
     for perception, error in test_set.items():
-        seen = [r.abs_rel for r in records if r.perception == perception and r.abs_rel is not None]
-        if seen:
-            way = sum(seen) / len(seen)
+        errors = [r.abs_rel for r in records if r.perception == perception and r.abs_rel is not None]
+        if errors:
+            way = sum(errors) / len(errors)
             lines.append(
-                f"{perception}: Abs Rel {way:.4f} on the way ({len(seen)} drives), {error:.4f} on the test set\n"
+                f"{perception}: Abs Rel {way:.4f} on the way ({len(errors)} drives), {error:.4f} on the test set\n"
             )
     return "".join(lines)
 
 
 def looks_without_depth(records: Sequence[EpisodeRecord]) -> str:
-    """Lines that warn of perceptions that measured nothing of the ground within range in some of their looks."""
+    """Return lines that warn of perceptions that measured nothing of the ground within range in some of their looks."""
     lines = []
     for perception in sorted({r.perception for r in records}):
-        own = [r for r in records if r.perception == perception and r.blind is not None]
-        blind, looks = sum(r.blind or 0 for r in own), sum(r.steps + 1 for r in own)
+        counted = [r for r in records if r.perception == perception and r.blind is not None]
+        blind, looks = sum(r.blind or 0 for r in counted), sum(r.steps + 1 for r in counted)
         if blind:
             share = f"{100 * blind / looks:.0f} %" if blind >= 0.01 * looks else "under 1 %"
             lines.append(f"\n{perception} gave no depth at all in {blind} of its {looks} looks ({share}).\n")
@@ -109,7 +121,7 @@ def looks_without_depth(records: Sequence[EpisodeRecord]) -> str:
 
 
 def differences(rows: Sequence[dict[str, Any]]) -> str:
-    """Lines that say by how much success and SPL differ, on the same episodes."""
+    """Return lines with the differences of success and SPL on the same episodes."""
     lines = []
     for r in rows:
         lines.append(
@@ -120,12 +132,12 @@ def differences(rows: Sequence[dict[str, Any]]) -> str:
     return "".join(lines)
 
 
-def _interval(ends: Sequence[float], scale: float, digits: str) -> str:
-    low, high = ends
+def _interval(bounds: Sequence[float], scale: float, digits: str) -> str:
+    low, high = bounds
     return f" ({scale * low:{digits}} to {scale * high:{digits}})" if low < high else ""
 
 
 def _without(row: Mapping[str, Any]) -> str:
-    """What is said of figures without an interval."""
+    """Return a remark on values without an interval."""
     none = [name for name, key in (("success", "interval"), ("SPL", "spl_interval")) if not row[key][0] < row[key][1]]
     return f" ({' and '.join(none)}: {NO_INTERVAL})" if none else ""

@@ -75,7 +75,7 @@ def test_an_episode_that_is_none_is_named(tmp_path, monkeypatch):
     file = tmp_path / "episodes" / Task("straight", "ground_truth", config.cells[0], 0).file
     for content in ("{", '{"driver": "straight"}'):
         file.write_text(content)
-        with pytest.raises(DatasetError, match=re.escape(str(file)) + ".*delete it, and it is driven anew"):
+        with pytest.raises(DatasetError, match=re.escape(str(file)) + ".*delete the file to drive this episode again"):
             evaluate(config)
 
 
@@ -83,8 +83,8 @@ def test_an_episode_of_another_drive_is_named(finished, tmp_path):
     out = shutil.copytree(finished[0], tmp_path / "copy")
     first, second = sorted((out / "episodes").glob("*.json"))
     shutil.copy(first, second)
-    told = f"{second}: is of straight, ground_truth, course 0; delete it, and it is driven anew"
-    with pytest.raises(DatasetError, match=f"^{re.escape(told)}$"):
+    message = f"{second}: is of straight, ground_truth, course 0; delete the file to drive this episode again"
+    with pytest.raises(DatasetError, match=f"^{re.escape(message)}$"):
         evaluate(EvaluateConfig(out, episodes=2, seed=3, **QUICK))
 
 
@@ -254,8 +254,8 @@ def test_what_ones_own_driver_raises_in_a_worker_shows_where(tmp_path):
     done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
     assert done.returncode == 1 and "in steer_by_feel" in done.stderr
     last = done.stderr.strip().splitlines()[-1]
-    told = r"envs\.world\.user_code\.UserCodeError: step 1 of course \d, .* by broken:Driver and ground_truth: "
-    assert re.match(told + "broken:Driver raised ValueError: no feeling$", last)
+    message = r"envs\.world\.user_code\.UserCodeError: step 1 of course \d, .* by broken:Driver and ground_truth: "
+    assert re.match(message + "broken:Driver raised ValueError: no feeling$", last)
 
 
 def test_a_file_in_the_way_is_one_line(tmp_path, capsys):

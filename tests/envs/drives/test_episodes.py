@@ -162,7 +162,7 @@ def test_an_answer_that_is_no_action_names_the_driver(env, answer, message):
 
 
 @pytest.mark.parametrize("place", ["reset", "act", "infer"])
-def test_what_the_users_own_code_raises_is_told_with_its_course_and_its_cause(make_env, place):
+def test_what_the_users_own_code_raises_is_reported_with_its_course_and_its_cause(make_env, place):
     """A ValueError of that code is no mistake on the command line, whose one line would hide where it is."""
 
     class Mine(Standing):
@@ -182,15 +182,15 @@ def test_what_the_users_own_code_raises_is_told_with_its_course_and_its_cause(ma
 
     env = make_env(perception=Mine() if place == "infer" else "ground_truth", goal_distance=3.0, mast=True)
     step = {"reset": 0, "act": 3, "infer": 0}[place]
-    told = (
+    message = (
         rf"^step {step} of course 4, k=0, slope=preset, by mine and sgbm: \S*:\S*Mine raised ValueError: cannot broad"
     )
-    with pytest.raises(UserCodeError, match=told) as raised:
+    with pytest.raises(UserCodeError, match=message) as raised:
         run_episode(env, Mine(), Cell(k=0.0), 5, 4, ("mine", "sgbm"))
     assert isinstance(raised.value.__cause__, ValueError) and not isinstance(raised.value, MISTAKES)
 
 
-def test_a_mistake_in_what_was_asked_for_is_still_told_in_one_line(env, monkeypatch):
+def test_a_mistake_in_what_was_asked_for_is_still_reported_in_one_line(env, monkeypatch):
     monkeypatch.setattr("envs.world.course.REDRAWS", 0)
     with pytest.raises(ValueError, match=r"^no goal can be reached"):
         run_episode(env, Standing(), Cell(), 5, 0)

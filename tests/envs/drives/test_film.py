@@ -83,7 +83,7 @@ def test_the_map_shows_the_rock_the_rover_and_the_goal(filmed):
 
 
 def test_the_map_is_drawn_where_the_rover_believes_to_be(filmed):
-    """Odometry that is off moves the map with the rover; the goal, told in the world, is elsewhere then."""
+    """Odometry that is off moves the map with the rover; the goal, fixed in the world, is elsewhere on it then."""
     env, driver, _ = filmed
     env.believed_pose = env.believed_pose.copy()
     env.believed_pose[:2, 3] += (0.5, -1.5)
@@ -101,7 +101,7 @@ def test_a_driver_without_a_map_has_an_empty_one(filmed):
     assert (picture == 60).all(axis=2).mean() > 0.95
 
 
-def test_the_map_of_a_driver_without_one_is_not_told_as_unknown_ground(filmed, monkeypatch):
+def test_the_map_of_a_driver_without_one_is_not_shown_as_unknown_ground(filmed, monkeypatch):
     env, driver, film = filmed
     titles = []
     monkeypatch.setattr("envs.drives.film._titled", lambda image, *lines: titles.extend(lines) or image)

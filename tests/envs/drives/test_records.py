@@ -32,7 +32,7 @@ def test_what_was_written_is_read(written):
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "told"),
+    ("name", "value", "message"),
     [
         ("path_length", "long", "must be a number of 0 or more, got 'long'"),
         ("path_length", float("nan"), "must be a number of 0 or more, got nan"),
@@ -47,7 +47,7 @@ def test_what_was_written_is_read(written):
         ("track", 7, "must be rows of 2 numbers, one or more, got 7"),
     ],
 )  # fmt: skip
-def test_what_no_drive_gives_is_named(written, name, value, told):
+def test_what_no_drive_gives_is_named(written, name, value, message):
     path = written(**{name: value})
-    with pytest.raises(DatasetError, match=f"^{re.escape(str(path))}: {name} {told}.*; delete it, and it is driven"):
+    with pytest.raises(DatasetError, match=f"^{re.escape(str(path))}: {name} {message}.*; delete the file to drive"):
         read_record(path)

@@ -60,14 +60,14 @@ def test_a_cell_with_many_unreachable_goals_is_marked():
     assert "| - | 30 % |" in marked
 
 
-def test_drives_of_other_code_are_told():
+def test_drives_of_other_code_are_reported():
     same, other = replace(DRIVE, code="aa11"), replace(DRIVE, code="bb22")
     assert states_of_the_code([same, same]) == states_of_the_code([DRIVE]) == ""
-    told = states_of_the_code([same, other, same, DRIVE])
-    assert "2 by aa11, 1 by bb22, 1 by an unknown one" in told
+    message = states_of_the_code([same, other, same, DRIVE])
+    assert "2 by aa11, 1 by bb22, 1 by an unknown one" in message
 
 
-def test_looks_without_any_depth_are_told():
+def test_looks_without_any_depth_are_reported():
     seeing, blind = replace(DRIVE, perception="sgbm"), replace(DRIVE, perception="mine:Net", blind=3)
     assert looks_without_depth([seeing, replace(seeing, blind=0)]) == ""
     assert looks_without_depth([seeing, blind, replace(blind, blind=0), replace(blind, blind=None)]) == (
@@ -82,14 +82,14 @@ DIFFERENCE = {
 }  # fmt: skip
 
 
-def test_differences_are_told_in_points_and_in_spl():
+def test_differences_are_reported_in_points_and_in_spl():
     assert differences([DIFFERENCE]) == (
         "straight, p less navigator, p, paired, 40 episodes: -35 points of success (-50 to -20), "
         "SPL -0.28 (-0.40 to -0.10)\n"
     )
 
 
-def test_an_interval_without_width_is_not_told_as_certainty():
+def test_an_interval_without_width_is_not_shown_as_certainty():
     (line,) = differences([{**DIFFERENCE, "difference": 0.0, "interval": [0.0, 0.0]}]).splitlines()
     assert "+0 points of success, SPL -0.28 (-0.40 to -0.10) (success: no interval: all" in line and "to +0" not in line
     (line,) = differences(
@@ -246,8 +246,8 @@ def test_relief_is_drawn_as_contours_an_interval_for_the_page(tmp_path, monkeypa
         folder = tmp_path / str(len(inks))
         plot_maps(folder, [replace(DRIVE, half=10.0, relief=relief)])
         inks.append((cv2.imread(str(folder / "k0.1-slope5-0.png")) < 250).all(axis=2).sum())
-    told = [title.partition("contours every ")[2].partition(",")[0] for title in titles]
-    assert told == ["", "0.1 m", "0.5 m"]
+    message = [title.partition("contours every ")[2].partition(",")[0] for title in titles]
+    assert message == ["", "0.1 m", "0.5 m"]
     assert inks[2] > inks[1] + 300
 
 
