@@ -109,28 +109,36 @@ def frame_map(depth: np.ndarray, confidence: np.ndarray | None, rig: StereoRig, 
 
 @dataclass
 class MapRockCounts(RockCounts):
-    """What a map tells beside what every depth does: displaced, (height, distance) [m] of each obstacle that is a rock
-    but not at its place; unknown: of each rock missed whose place was left unknown."""
+    """Counts of a map, beside those that every depth has."""
 
     displaced: list[tuple[float, float]] = field(default_factory=list)
+    """(height, distance) [m] of each obstacle that is a rock, but not at its place."""
     unknown: list[tuple[float, float]] = field(default_factory=list)
+    """(height, distance) [m] of each missed rock whose place is unknown in the map."""
 
     def result(self) -> dict[str, Any]:
-        """RockCounts's, with the number of all displaced."""
+        """Return the result of RockCounts, with the number of all displaced obstacles."""
         counts = super().result()
         return {**counts, "displaced": len(self.displaced)} if counts else {}
 
     def figures(self, low: float, high: float, near: float, far: float) -> dict[str, Any]:
-        """RockCounts's, with the numbers of unknown and displaced."""
-        mine = {"unknown": self.unknown, "displaced": self.displaced}
-        counts = {name: count_between(places, low, high, near, far) for name, places in mine.items()}
+        """Return the figures of RockCounts, with the numbers of unknown and displaced."""
+        lists = {"unknown": self.unknown, "displaced": self.displaced}
+        counts = {name: count_between(places, low, high, near, far) for name, places in lists.items()}
         return {**super().figures(low, high, near, far), **counts}
 
 
-def count_rocks(tally: MapRockCounts, shown: FrameMap, scene: RockScene, truth: TrueRocks, least: float) -> None:
-    """Add what one look shows to the tally. place: where the rocks truly are; least: [m] from which height on a cell is
-    an obstacle."""
-    tally.images += 1
+def count_rocks(counts: MapRockCounts, shown: FrameMap, scene: RockScene, truth: TrueRocks, least: float) -> None:
+    """Add what one map shows to the counts.
+
+    Args:
+        counts: The counts.
+        shown: The map.
+        scene: The rocks that the frame shows.
+        truth: Where the rocks truly are.
+        least: Height from which a cell is an obstacle [m].
+    """
+    counts.images += 1
     config = shown.elevation.config
     with np.errstate(invalid="ignore"):
         stands = shown.step >= least
@@ -140,9 +148,9 @@ def count_rocks(tally: MapRockCounts, shown: FrameMap, scene: RockScene, truth: 
         cells = _wider(on, 1)
         found = bool((stands & cells).any())
         height = float(np.nanmax(shown.step[cells])) if found else np.nan
-        tally.rocks.append(RockOutcome(rock.height, rock.away, found, height - rock.height, rock.both_eyes))
+        counts.rocks.append(RockOutcome(rock.height, rock.away, found, height - rock.height, rock.both_eyes))
         if not found and shown.elevation.known[on].mean() < 0.5:
-            tally.unknown.append((rock.height, rock.away))
+            counts.unknown.append((rock.height, rock.away))
     beside = np.ones((2 * round(BESIDE / config.cell) + 1,) * 2, np.uint8)
     with np.errstate(invalid="ignore"):
         false = stands & ~(cv2.dilate(truth.height, beside) >= shown.step / 2)
@@ -152,12 +160,12 @@ def count_rocks(tally: MapRockCounts, shown: FrameMap, scene: RockScene, truth: 
     for number in range(1, count):
         patch = label == number
         height = float(shown.step[patch].max())
-        places = tally.displaced if _is_displaced(shown.elevation, patch, height, truth) else tally.false
+        places = counts.displaced if _is_displaced(shown.elevation, patch, height, truth) else counts.false
         places.append((height, float(np.median(away[patch]))))
 
 
 def _is_displaced(elevation: ElevationMap, patch: np.ndarray, height: float, truth: TrueRocks) -> bool:
-    """Whether something at least half as high truly stands within the range error of a patch (n, n) bool."""
+    """Return whether something at least half as high truly stands within the range error of a patch (n, n) bool."""
     iy, ix = np.nonzero(patch)
     x, y = elevation.centres()
     xy = np.column_stack([x[ix], y[iy]])
@@ -170,4 +178,5 @@ def _is_displaced(elevation: ElevationMap, patch: np.ndarray, height: float, tru
 
 
 def _wider(mask: np.ndarray, cells: int) -> np.ndarray:
+    """Return a mask that is wider by a number of cells to each side."""
     return cv2.dilate(mask.astype(np.uint8), np.ones((2 * cells + 1,) * 2, np.uint8)) > 0

@@ -152,7 +152,7 @@ def _report(config: RocksConfig, by_step: dict[str, dict[float, dict[str, Any]]]
         "",
         *rocks_table(results, config.step),
         "",
-        "Rocks of 0.2 m and more within 8 m, and obstacles anywhere that belong to no rock, for other heights of an obstacle:",
+        "Rocks of 0.2 m and more within 8 m, and obstacles that belong to no rock, for other heights of an obstacle:",
         "",
         *_curve_table(curve),
         "",

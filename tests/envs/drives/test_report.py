@@ -50,7 +50,7 @@ def test_every_figure_of_the_table_is_explained_below_it():
     columns = [name.strip() for name in head.splitlines()[0].split("|")[6:-1]]
     for name in ", ".join(columns).replace(" (95 %)", "").split(", "):
         assert name.casefold() in " ".join(legend.split()).casefold(), name
-    assert legend.startswith("Success: within 1 m of the goal")
+    assert legend.startswith("Success: the rover came within 1 m of the goal;")
 
 
 def test_a_cell_with_many_unreachable_goals_is_marked():
