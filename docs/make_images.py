@@ -8,7 +8,7 @@ import numpy as np
 
 from marssim.base.camera import NATECAM
 from marssim.base.images.colours import depth_colours, normal_colours
-from marssim.render.renderers.embree_renderer import Raycaster
+from marssim.render.renderers.embree_renderer import EmbreeRenderer
 from marssim.render.sensor import Sensor, SensorConfig
 from marssim.render.stereo import render_stereo
 from marssim.render.surfaces.shading import Shader
@@ -29,10 +29,10 @@ def presets() -> np.ndarray:
         rng = np.random.default_rng((11, n))
         look = replace(preset(name).look, sun_elevation_deg=SUN)
         scene = build_scene(preset(name, look=look), rng)
-        maker = Raycaster(scene)
+        renderer = EmbreeRenderer(scene)
         pose = draw_pose(scene, VIEW, rng)
-        frame = render_stereo(maker, Shader(scene), NATECAM, pose, Sensor.draw(SensorConfig(), rng), rng)
-        maker.close()
+        frame = render_stereo(renderer, Shader(scene), NATECAM, pose, Sensor.draw(SensorConfig(), rng), rng)
+        renderer.close()
         parts = [frame.left, depth_colours(frame.depth), normal_colours(frame.normal)]
         columns.append(np.vstack([cv2.resize(part, (TILE, TILE), interpolation=cv2.INTER_AREA) for part in parts]))
     return np.hstack(columns)

@@ -39,7 +39,7 @@ from marssim.base.compute.workers import run_tasks
 from marssim.base.files.json_file import DatasetError, read_json, write_json
 from marssim.base.results.code_state import versions
 from marssim.base.results.lock import sole_writer
-from marssim.render.renderers.by_name import Renderer
+from marssim.render.renderers.by_name import RendererName
 from marssim.scene.scene import LOOK_LIMITS, Place, SceneConfig, preset
 
 SETTINGS = "evaluate.json"  # in OUT: what its episodes were driven with
@@ -95,7 +95,7 @@ class EvaluateConfig:
     """distance from start to goal [m]"""
     dynamics: Literal["physics", "kinematic"] = "physics"
     """rigid bodies, or settling without dynamics (faster)"""
-    renderer: Renderer = "embree"
+    renderer: RendererName = "embree"
     """what renders the cameras"""
     disparity_noise: float = 0.0
     """standard deviation of an error added to the disparity [px]"""

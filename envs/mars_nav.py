@@ -21,7 +21,7 @@ from envs.world.referee import STEPS_PER_METRE, Referee
 from envs.world.vehicle import NO_PHYSICS, Dynamics, Vehicle, known_dynamics, make_vehicle
 from marssim.base.camera import NATECAM
 from marssim.base.rover_spec import ZHURONG
-from marssim.render.renderers.by_name import Renderer
+from marssim.render.renderers.by_name import RendererName
 from marssim.scene.place_file import load_place
 from marssim.scene.scene import SceneConfig
 
@@ -160,7 +160,7 @@ class MarsNavEnv(gymnasium.Env):
         self,
         perception: str | Estimator = "m3depth",
         dynamics: Dynamics | None = None,
-        renderer: Renderer = "embree",
+        renderer: RendererName = "embree",
         scene: str | Path | SceneConfig = "utopia",
         goal_distance: float = 20.0,
         mast: bool = False,
@@ -329,10 +329,10 @@ class MarsNavEnv(gymnasium.Env):
             raise gymnasium.error.ResetNeeded("call reset before render")
         if self._view is None:
             from envs.world.outside_view import OutsideView
-            from marssim.render.renderers.embree_renderer import Raycaster
+            from marssim.render.renderers.embree_renderer import EmbreeRenderer
 
             renderer = self.perception.renderer
-            self._view = OutsideView(self.course.scene, renderer if isinstance(renderer, Raycaster) else None)
+            self._view = OutsideView(self.course.scene, renderer if isinstance(renderer, EmbreeRenderer) else None)
         return self._view.picture(self.vehicle.state(), self.vehicle.mesh(self._pan))
 
     def close(self) -> None:

@@ -137,7 +137,7 @@ def _with_rasterizer(config: GenerateConfig) -> GenerateConfig:
         config = replace(config, rasterizer=EGL if egl else TINY)
     if config.rasterizer == EGL and not (found := probe()).works:
         what = f"{asked}: the dataset was begun with EGL, which" if begun else "--rasterizer egl: it"
-        raise ValueError(f"{what} does not work here: {found.told}")
+        raise ValueError(f"{what} does not work here: {found.message}")
     return config
 
 

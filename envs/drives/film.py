@@ -13,7 +13,7 @@ from envs.mars_nav import MarsNavEnv
 from envs.world.outside_view import HEIGHT, OutsideView
 from marssim.base.images.colours import DEPTH_TITLE, depth_colours, normal_colours
 from marssim.physics.state import RoverState
-from marssim.render.renderers.embree_renderer import Raycaster
+from marssim.render.renderers.embree_renderer import EmbreeRenderer
 from nav.navigator import Navigator
 from nav.path.footprint import footprint_corners
 
@@ -70,7 +70,7 @@ class Film:
         assert env.course is not None and env.vehicle is not None and env.sight is not None
         if self._view is None or self._view.scene is not env.course.scene:
             renderer = env.perception.renderer
-            self._view = OutsideView(env.course.scene, renderer if isinstance(renderer, Raycaster) else None)
+            self._view = OutsideView(env.course.scene, renderer if isinstance(renderer, EmbreeRenderer) else None)
         sight, state = env.sight, env.vehicle.state()
         outside = self._view.picture(state, env.vehicle.mesh(sight.pan))
         left, normal = sight.left, sight.normal

@@ -10,7 +10,7 @@ from marssim.physics.body import Part
 from marssim.physics.state import RoverState
 from marssim.render.antialias import SUBPIXELS
 from marssim.render.geometry.mesh import Mesh
-from marssim.render.renderers.embree_renderer import MeshCaster, Raycaster
+from marssim.render.renderers.embree_renderer import EmbreeRenderer, MeshTracer
 from marssim.render.sensor import Sensor
 from marssim.render.surfaces.shading import Shader
 from marssim.scene.scene import Scene
@@ -24,16 +24,16 @@ SENSOR = Sensor(exposure=0.5, psf=0.0, full_well=1e6, read_noise=0.0, vignetting
 class OutsideView:
     """A chase camera on one scene."""
 
-    def __init__(self, scene: Scene, caster: Raycaster | None = None) -> None:
+    def __init__(self, scene: Scene, caster: EmbreeRenderer | None = None) -> None:
         """Make the camera.
 
         Args:
             scene: The scene.
-            caster: A Raycaster of that scene to share; None builds one.
+            caster: A EmbreeRenderer of that scene to share; None builds one.
         """
         self.scene = scene
         self._own = caster is None
-        self.caster = caster or Raycaster(scene)
+        self.caster = caster or EmbreeRenderer(scene)
         self.shader = Shader(scene)
         self._heading: float | None = None
 
@@ -41,7 +41,7 @@ class OutsideView:
         """Return a picture of the rover's parts on the scene, from behind, above and aside: (400, 800, 3) uint8 RGB."""
         pose = self._chase(state)
         camera = PinholeCamera.centred(WIDTH, HEIGHT, 0.75 * WIDTH)
-        rover = MeshCaster([_part(part, n) for n, part in enumerate(parts)])
+        rover = MeshTracer([_part(part, n) for n, part in enumerate(parts)])
         rays = camera.rays().reshape(-1, 3)
         colour, surface = self._shade(rays, camera.fx, pose, rover, parts)
         edge = np.flatnonzero(_borders(surface.reshape(HEIGHT, WIDTH)).ravel())
@@ -75,7 +75,7 @@ class OutsideView:
         return look_pose(eye, float(yaw), float(pitch))
 
     def _shade(
-        self, rays: np.ndarray, focal: float, pose: np.ndarray, rover: MeshCaster, parts: list[Part]
+        self, rays: np.ndarray, focal: float, pose: np.ndarray, rover: MeshTracer, parts: list[Part]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the radiance (N, 3) and the surface's number (N,) along rays, with the shadows of ground and rover."""
         world_rays = rotate(rays, pose[:3, :3])

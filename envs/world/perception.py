@@ -11,8 +11,8 @@ from envs.world.user_code import errors_of
 from m3depth.estimator import Estimator, EstimatorName, checked_prediction, load_estimator
 from marssim.base.camera import NATECAM, StereoRig
 from marssim.base.dataset.frame import StereoFrame
-from marssim.render.geometry.gbuffer import GBufferMaker
-from marssim.render.renderers.by_name import known_renderer, make_renderer
+from marssim.render.renderers.by_name import checked_renderer_name, make_renderer
+from marssim.render.renderers.renderer import Renderer
 from marssim.render.sensor import Sensor, SensorConfig
 from marssim.render.stereo import render_stereo
 from marssim.render.surfaces.shading import Shader
@@ -101,11 +101,11 @@ class Perception:
             sensor: Settings of the detector.
             disparity_noise: Standard deviation of an error added to the perceived disparity [px of a 512 px image].
         """
-        self.renderer_name = known_renderer(renderer)
+        self.renderer_name = checked_renderer_name(renderer)
         self.estimator = load_perception(perception)
         self.sensor_config = sensor or SensorConfig()
         self.disparity_noise = disparity_noise
-        self.renderer: GBufferMaker | None = None
+        self.renderer: Renderer | None = None
         self._shader: Shader | None = None
 
     def open(self, scene: Scene, rng: np.random.Generator) -> None:

@@ -1,10 +1,11 @@
-"""PyBullet, imported on demand: it is heavy, prints to stdout from C, and has no wheel on some platforms."""
+"""PyBullet, imported on demand: it is large, its C code prints to stdout, and some platforms have no wheel."""
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
 import importlib
+import importlib.util
 import os
 import sys
 from collections.abc import Iterator
@@ -15,9 +16,10 @@ PACKAGE = "pybullet" if sys.version_info < (3, 12) else "pybullet-arm64"
 
 
 def import_pybullet() -> ModuleType:
-    """The `pybullet` module, imported without the banner that its C code prints.
+    """Import `pybullet` without the banner that its C code prints, and return the module.
 
-    Raises ImportError, in one line that says what to do, where PyBullet is not installed.
+    Raises:
+        ImportError: PyBullet is not installed. The message is one line that says what to do.
     """
     loaded = sys.modules.get("pybullet")
     if loaded is not None:
@@ -32,11 +34,19 @@ def import_pybullet() -> ModuleType:
         ) from None
 
 
+def pybullet_is_installed() -> bool:
+    """Return whether PyBullet is installed, without importing it."""
+    if "pybullet" in sys.modules:
+        return sys.modules["pybullet"] is not None
+    return importlib.util.find_spec("pybullet") is not None
+
+
 @contextlib.contextmanager
 def quiet() -> Iterator[None]:
-    """Send stdout and stderr to nowhere for a while, C code's too: it passes by Python's sys.stdout and sys.stderr.
+    """Discard what is printed to stdout and stderr inside the `with` block, by C code too.
 
-    Exceptions still reach the caller.
+    C code bypasses Python's sys.stdout and sys.stderr, so the file descriptors are redirected. Exceptions still reach
+    the caller.
     """
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
@@ -47,15 +57,15 @@ def quiet() -> Iterator[None]:
         for descriptor in (1, 2):
             try:
                 saved = os.dup(descriptor)
-            except OSError:  # it is closed: nothing can be printed there
+            except OSError:  # the descriptor is closed: nothing can be printed to it
                 continue
             undo.callback(os.close, saved)
             undo.callback(os.dup2, saved, descriptor)
             os.dup2(sink, descriptor)
-        undo.callback(_flush_c)  # comes first: what C holds back would be printed later
+        undo.callback(_flush_c)  # runs first: C would print its buffer after the block
         yield
 
 
 def _flush_c() -> None:
-    with contextlib.suppress(OSError, AttributeError, TypeError):  # there is no such library by that name on Windows
+    with contextlib.suppress(OSError, AttributeError, TypeError):  # Windows has no library of that name
         ctypes.CDLL(None).fflush(None)

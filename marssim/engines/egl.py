@@ -1,7 +1,7 @@
-"""Does PyBullet's EGL renderer work here? It is tried in a process of its own, since it may take that down.
+"""A test of whether PyBullet's EGL renderer works here, run in a child process because a failure may kill it.
 
 EGL draws without a display, on a graphics card or with Mesa's software driver. Where a library or a driver is missing,
-PyBullet's plugin exits hard, crashes or hangs, so this process only reads what the other one reports.
+PyBullet's plugin exits, crashes or hangs. So a child process draws a picture, and this process reads its report.
 """
 
 from __future__ import annotations
@@ -24,43 +24,49 @@ import numpy as np
 
 from marssim.engines.bullet import import_pybullet
 
-ANSWER_WITHIN = 60.0  # [s] for the other process; two will do, but the machine may be busy
+ANSWER_WITHIN = 60.0  # [s] limit for the child process; it takes two seconds, but the machine may be busy
 PLUGIN = "_eglRendererPlugin"
 SOFTWARE = re.compile(r"llvmpipe|softpipe|swrast|software", re.IGNORECASE)
-DEVICES, CARDS = Path("/dev"), ("dri/renderD*", "nvidia[0-9]*", "dxg")  # Linux; PyBullet has no EGL elsewhere
-SIZE = 96  # [px] of the picture that is tried
-ALIKE = 0.97  # share of its pixels that must be as TinyRenderer's, which samples half a pixel beside
+DEVICES, CARDS = Path("/dev"), ("dri/renderD*", "nvidia[0-9]*", "dxg")  # on Linux; PyBullet has no EGL elsewhere
+SIZE = 96  # [px] side of the test picture
+ALIKE = 0.97  # least share of its pixels that must equal TinyRenderer's, which samples half a pixel away
 
 
 @dataclass(frozen=True)
 class Egl:
-    """works: it draws what TinyRenderer draws; hardware: on a graphics card; told: the driver, or what went wrong."""
+    """The result of the test.
+
+    Attributes:
+        works: EGL draws what TinyRenderer draws.
+        hardware: It draws on a graphics card.
+        message: The name of the driver, or what went wrong, in one line.
+    """
 
     works: bool
     hardware: bool
-    told: str
+    message: str
 
 
 @cache
 def probe() -> Egl:
-    """What EGL does here; asked once a process. Never raises."""
+    """Return whether EGL works here. The test runs once per process; it never raises."""
     try:
         with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
             return _try(Path(folder) / "report.json")
     except OSError as error:
-        return Egl(False, False, f"it could not be tried: {error}")
+        return Egl(False, False, f"the test could not be started: {error}")
 
 
 def draws_on_a_card() -> bool:
-    """Does EGL work here, on a graphics card? Where there is none, nothing is tried.
+    """Return whether EGL works here on a graphics card. Without a card, nothing is tested.
 
-    With Mesa's software driver a view takes half as long again as with TinyRenderer.
+    With Mesa's software driver a view takes 1.5 times as long as with TinyRenderer.
     """
     return any(any(DEVICES.glob(name)) for name in CARDS) and probe().hardware
 
 
 def _try(answer: Path) -> Egl:
-    """As probe; answer: the file that the other process is to write. Raises OSError if none can be started."""
+    """Run the test. answer: the file that the child process writes. Raises OSError if no process can be started."""
     command = [sys.executable, "-c", "from marssim.engines.egl import report; report()", str(answer)]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)}
     try:
@@ -71,15 +77,15 @@ def _try(answer: Path) -> Egl:
     except subprocess.TimeoutExpired:
         return Egl(False, False, f"no answer within {ANSWER_WITHIN:g} s")
     if done.returncode != 0:
-        last = done.stderr.strip().splitlines()[-1:] or ["nothing was said"]
-        return Egl(False, False, f"the trial ended with {done.returncode}: {last[0]}")
+        last = done.stderr.strip().splitlines()[-1:] or ["it printed nothing"]
+        return Egl(False, False, f"the test ended with exit code {done.returncode}: {last[0]}")
     try:
-        said = json.loads(answer.read_text())
-        alike, failed = float(said["alike"]), str(said["failed"])
+        answered = json.loads(answer.read_text())
+        alike, failed = float(answered["alike"]), str(answered["failed"])
     except (OSError, ValueError, KeyError, TypeError):
-        return Egl(False, False, "the trial ended without an answer")
+        return Egl(False, False, "the test ended without a report")
     if failed or not alike >= ALIKE:
-        return Egl(False, False, failed or f"only {alike:.0%} of a picture were as they should be")
+        return Egl(False, False, failed or f"only {alike:.0%} of the test picture were right")
     driver = re.search(r"^GL_RENDERER *= *(.+)$", done.stdout, re.MULTILINE)
     if driver is None:
         return Egl(True, False, "a driver without a name")
@@ -98,15 +104,23 @@ def load_triton_first() -> None:
 
 
 def load_plugin(pb: ModuleType, client: int) -> bool:
-    """Let EGL draw for a PyBullet client. False if the plugin is not there or does not start; it may also crash."""
-    found = importlib.util.find_spec("eglRenderer")
-    if found is None or found.origin is None:
+    """Let EGL draw for a PyBullet client.
+
+    Args:
+        pb: The pybullet module.
+        client: Id of the client.
+
+    Returns:
+        False if the plugin is missing or does not start. It may also crash the process.
+    """
+    spec = importlib.util.find_spec("eglRenderer")
+    if spec is None or spec.origin is None:
         return False
-    return bool(pb.loadPlugin(found.origin, PLUGIN, physicsClientId=client) >= 0)
+    return bool(pb.loadPlugin(spec.origin, PLUGIN, physicsClientId=client) >= 0)
 
 
 def report() -> None:
-    """What the other process does: draw one picture both ways, and write to the file argv[1] how alike they are."""
+    """Draw one picture both ways and write how alike they are to the file argv[1]. The child process runs this."""
     pictures, failed = [], ""
     pb = import_pybullet()
     for egl in (False, True):
@@ -121,7 +135,7 @@ def report() -> None:
 
 
 def write_stl(path: Path, corners: np.ndarray) -> None:
-    """Triangles, corners (F, 3, 3), as a binary STL file: the one kind of mesh that the plugin reads fast."""
+    """Write triangles as a binary STL file, the one mesh format that the plugin reads fast. corners: (F, 3, 3)."""
     triangle = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
     triangles = np.zeros(len(corners), dtype=triangle)
     triangles["corners"] = corners
@@ -129,7 +143,7 @@ def write_stl(path: Path, corners: np.ndarray) -> None:
 
 
 def _picture(pb: ModuleType, client: int) -> tuple[np.ndarray, np.ndarray]:
-    """Depth buffer and body of each pixel, (SIZE, SIZE), of two crossing sheets before the sky."""
+    """Draw two crossing sheets before the sky; return each pixel's depth and body, (SIZE, SIZE) each."""
     with tempfile.TemporaryDirectory() as folder:
         for n, tilt in enumerate((0.6, -0.3)):
             x, y = np.array([-1.0, 1, 1, -1]), np.array([-1.0, -1, 1, 1])
@@ -146,7 +160,7 @@ def _picture(pb: ModuleType, client: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _alike(first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.ndarray]) -> float:
-    """Share of the pixels that show the same body at the same depth; 0 of a picture that shows too little."""
+    """Return the share of pixels that show the same body at the same depth; 0 where a body or the sky hardly shows."""
     (depth, body), (other_depth, other_body) = first, second
     if min(np.mean(body == n) for n in (-1, 0, 1)) < 0.05:
         return 0.0

@@ -1,8 +1,8 @@
-"""Rays against triangles with Embree 4, by the C interface of the library that embreex brings.
+"""Ray casting with Embree 4, through the C interface of the library that the package embreex contains.
 
-embreex's own interface copies a mesh in Python, number by number, which takes as long as Embree needs to sort it, and
-shoots rays one by one. Here Embree reads the arrays where they are, and takes rays in packets, which is three times as
-fast where neighbours go alike.
+embreex's Python interface copies a mesh number by number, which takes as long as Embree needs to build its tree, and
+casts rays one by one. Here Embree reads the arrays in place and takes rays in packets, which is three times as fast
+where neighbouring rays are nearly parallel.
 """
 
 from __future__ import annotations
@@ -16,21 +16,27 @@ import numpy as np
 
 from marssim.base.compute.compiled import compiled
 
-FAR = 1e9  # lengths of a ray's direction: beyond everything
-TRIANGLES, INDICES, VERTICES, UINT3, FLOAT3 = 0, 0, 1, 0x5003, 0x9003  # of RTCGeometryType, RTCBufferType, RTCFormat
-ROBUST = 4  # of RTCSceneFlags: no ray slips through between neighbours
-COHERENT = 1 << 16  # of RTCRayQueryFlags: neighbouring rays go alike
-LANES = 8  # rays in a packet: what AVX2 takes at once; 16 are no faster with AVX-512, and far slower without
-# rows of RTCRayHit8, of LANES numbers of 4 bytes each, that are not left at 0
+FAR = 1e9  # longest ray, in lengths of its direction: beyond everything
+TRIANGLES, INDICES, VERTICES, UINT3, FLOAT3 = 0, 0, 1, 0x5003, 0x9003  # RTCGeometryType, RTCBufferType, RTCFormat
+ROBUST = 4  # RTCSceneFlags: no ray slips through between neighbouring triangles
+COHERENT = 1 << 16  # RTCRayQueryFlags: neighbouring rays are nearly parallel
+LANES = 8  # rays in a packet, the width of AVX2; 16 are no faster with AVX-512, and far slower without
+# the rows of RTCRayHit8 that are not left at 0; each row has LANES numbers of 4 bytes
 ORIGIN, DIRECTION, REACH, MASK, PRIMITIVE, GEOMETRY, ROWS = 0, 4, 8, 9, 17, 18, 21
-_ARGUMENTS = (ctypes.c_uint64 * 6)(0xFFFFFFFF << 32 | COHERENT)  # RTCIntersectArguments: flags, all features, no calls
+_ARGUMENTS = (ctypes.c_uint64 * 6)(0xFFFFFFFF << 32 | COHERENT)  # RTCIntersectArguments: all features, no callbacks
 
 
 class TriangleRays:
-    """Triangles that rays are shot at.
+    """Triangles that rays are cast at.
 
-    vertices: (V, 3) [m], taken in float32; faces: (F, 3) int, not copied if int32, and then not to be written to.
-    Raises ImportError without embreex or where it does not work, ValueError for faces of other vertices.
+    Args:
+        vertices: (V, 3) [m]; converted to float32.
+        faces: (F, 3) indices of vertices. An int32 array is not copied, so do not write to it later.
+
+    Raises:
+        ImportError: embreex is not installed or does not work here.
+        ValueError: A face names a vertex that does not exist.
+        RuntimeError: Embree refuses the mesh.
     """
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray) -> None:
@@ -38,7 +44,7 @@ class TriangleRays:
         faces = np.asarray(faces).reshape(-1, 3)
         if len(faces) and not (faces.min() >= 0 and faces.max() < len(vertices)):
             raise ValueError(f"faces must be of the {len(vertices)} vertices, got {faces.min()} to {faces.max()}")
-        # both are read as long as the scene lives, 16 bytes from the start of each vertex
+        # Embree reads both while the scene lives, and 16 bytes from the start of each vertex: hence one vertex more
         self._vertices = np.zeros((len(vertices) + 1, 3), dtype=np.float32)
         self._vertices[:-1] = vertices
         self._faces = np.ascontiguousarray(faces, dtype=np.int32)
@@ -60,35 +66,44 @@ class TriangleRays:
     def meet(
         self, origins: np.ndarray, directions: np.ndarray, reach: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Which face each ray meets first, and how far away. Raises RuntimeError after close.
+        """Return which face each ray hits first, and at what distance. Computed in float32.
 
-        origins: (N, 3), or (1, 3) for all rays; directions: (N, 3); reach: (N,) how far to look, in lengths of the
-        direction, None for any distance. All are taken in float32.
-        Returns (N,) int32, -1 where there is none, and (N,) float32 in lengths of the direction, the reach there.
+        Args:
+            origins: (N, 3) start of each ray [m], or (1, 3) for all rays.
+            directions: (N, 3) direction of each ray, of any length.
+            reach: (N,) length of each ray, in lengths of its direction; None for no limit.
+
+        Returns:
+            (N,) int32 face, -1 where the ray hits none; and (N,) float32 distance in lengths of the direction, equal to
+            the reach where the ray hits none.
+
+        Raises:
+            RuntimeError: The triangles are closed.
+            ValueError: The arrays' shapes do not fit.
         """
         if not self._free.alive:
             raise RuntimeError("these triangles are closed")
         origins, directions = (np.ascontiguousarray(each, dtype=np.float32) for each in (origins, directions))
         if directions.ndim != 2 or directions.shape[1] != 3 or origins.shape not in ((1, 3), directions.shape):
-            raise ValueError(f"origins {origins.shape} and directions {directions.shape} are no (N, 3) each")
+            raise ValueError(f"origins and directions must be (N, 3) each, got {origins.shape} and {directions.shape}")
         limit = np.full(len(directions), FAR if reach is None else reach, dtype=np.float32)
         embree, _ = _embree()
         face = _meet(embree.rtcIntersect8, self._scene, ctypes.addressof(_ARGUMENTS), origins, directions, limit)
         return face, limit
 
     def close(self) -> None:
-        """Free what Embree holds; may be called twice."""
+        """Free Embree's memory; a second call does nothing."""
         self._free()
 
 
 @cache
 def _embree() -> tuple[ctypes.CDLL, int]:
-    """Embree's library, and a device of it that works in the thread that calls."""
+    """Load Embree's library and return it with a device that works in the calling thread."""
     from embreex import rtcore_scene
 
-    brought = [str(file.locate()) for file in metadata.files("embreex") or () if "embree4" in file.name]
-    # where the package brings no library, its module is linked to one, whose functions are found through it
-    library = brought[0] if brought else rtcore_scene.__file__
+    bundled = [str(file.locate()) for file in metadata.files("embreex") or () if "embree4" in file.name]
+    # a package without a bundled library has a module that is linked to one: its functions are found through the module
+    library = bundled[0] if bundled else rtcore_scene.__file__
     embree = ctypes.CDLL(library)
     number, address = ctypes.c_int, ctypes.c_size_t
     for name, result, arguments in (
@@ -118,7 +133,7 @@ def _embree() -> tuple[ctypes.CDLL, int]:
 
 @compiled
 def _meet(intersect, scene, arguments, origins, directions, limit):
-    """Faces (N,) that rays meet within the limit (N,), which becomes how far away that is."""
+    """Return the faces (N,) that rays hit within limit (N,), and overwrite limit with the distances."""
     out = np.empty(len(limit), dtype=np.int32)
     memory = np.zeros((ROWS + 2) * LANES, dtype=np.float32)
     memory = memory[(-memory.ctypes.data % 32) // 4 :]  # Embree wants packets at multiples of 32 bytes
@@ -126,7 +141,7 @@ def _meet(intersect, scene, arguments, origins, directions, limit):
     whole = packet.view(np.int32)
     whole[MASK], used[:] = -1, -1
     for first in range(0, len(limit), LANES):
-        count = min(LANES, len(limit) - first)  # what the last packet holds beyond is shot for nothing
+        count = min(LANES, len(limit) - first)  # the last packet may hold leftover rays; their hits are ignored
         for k in range(count):
             start = first + k if len(origins) > 1 else 0
             for axis in range(3):

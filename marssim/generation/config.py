@@ -18,7 +18,7 @@ from marssim.base.command.flags import parse
 from marssim.base.dataset.dataset import SPLIT_OF_TEN
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.version import VERSION
-from marssim.render.renderers.by_name import Renderer
+from marssim.render.renderers.by_name import RendererName
 from marssim.render.sensor import SensorConfig
 from marssim.scene.place_file import PLACE_VALUES, load_place
 from marssim.scene.scene import PRESETS, SceneConfig, preset
@@ -48,7 +48,7 @@ class RunConfig:
     """processes to render in, one thread each; the files do not depend on it"""
     scheduler: str | None = None
     """address of a dask scheduler, tcp://host:8786, whose workers render instead; all must see --out"""
-    renderer: Renderer = "pybullet"
+    renderer: RendererName = "pybullet"
     """what makes the G-buffer: PyBullet's rasteriser, Embree's rays, or scan conversion of the triangles in double
     precision (the fastest; needs neither library)"""
     rasterizer: Literal["auto", "tiny", "egl"] = "auto"

@@ -74,7 +74,7 @@ def _rng_of(config: GenerateConfig, scene_index: int, view: int) -> np.random.Ge
 def _render(config: GenerateConfig, scene_index: int, views: list[int]) -> None:
     scene = draw_scene(config, scene_index)
     sensor, poses = draw_drive(config, scene, scene_index) if config.trajectory else (None, None)
-    maker = make_renderer(config.renderer, scene, egl=config.rasterizer == EGL)
+    renderer = make_renderer(config.renderer, scene, egl=config.rasterizer == EGL)
     try:
         shader = Shader(scene)
         for view in views:
@@ -83,7 +83,7 @@ def _render(config: GenerateConfig, scene_index: int, views: list[int]) -> None:
             else:
                 pose, rng = poses[view], _rng_of(config, scene_index, view)
             used = sensor or Sensor.draw(config.sensor, rng)
-            frame = render_stereo(maker, shader, config.rig, pose, used, rng)
+            frame = render_stereo(renderer, shader, config.rig, pose, used, rng)
             folder = sample_folder(config.out, scene_index, view)
             try:
                 write_sample(folder, frame, _meta(config, scene, used, scene_index, view))
@@ -91,7 +91,7 @@ def _render(config: GenerateConfig, scene_index: int, views: list[int]) -> None:
                 error.filename = error.filename or str(folder)  # a write that fails does not say where
                 raise
     finally:
-        maker.close()
+        renderer.close()
 
 
 def _meta(config: GenerateConfig, scene: Scene, sensor: Sensor, scene_index: int, view: int) -> dict[str, Any]:

@@ -18,7 +18,8 @@ import numpy as np
 
 from marssim.base.camera import PinholeCamera
 from marssim.base.dataset.frame import GROUND, SKY
-from marssim.render.geometry.gbuffer import GBuffer, GBufferMaker
+from marssim.render.geometry.gbuffer import GBuffer
+from marssim.render.renderers.renderer import Renderer
 
 STEP = 0.5  # [px] of the rays beside a pixel's centre
 BEND = 0.05  # change of 1 / Z within a pixel, relative, from which a pixel is no smooth ground
@@ -82,7 +83,7 @@ class ShiftFit:
 class BesideCentres:
     """Depth and surface of a view, looked up along rays (du, dv) [px] beside the pixel centres, each traced once."""
 
-    def __init__(self, tracer: GBufferMaker, camera: PinholeCamera, pose: np.ndarray) -> None:
+    def __init__(self, tracer: Renderer, camera: PinholeCamera, pose: np.ndarray) -> None:
         self._tracer, self._camera, self._pose = tracer, camera, pose
         self._seen: dict[tuple[float, float], tuple[np.ndarray, np.ndarray]] = {}
 
@@ -138,7 +139,7 @@ class _Tally:
     silhouette: ShiftFit = field(default_factory=ShiftFit)
 
     def add(
-        self, maker: GBufferMaker, shot: GBuffer, beside: BesideCentres, camera: PinholeCamera, pose: np.ndarray
+        self, maker: Renderer, shot: GBuffer, beside: BesideCentres, camera: PinholeCamera, pose: np.ndarray
     ) -> None:
         seen = maker.render(camera, pose)
         both = seen.hit & shot.hit
@@ -153,15 +154,13 @@ class _Tally:
         self.silhouette.add((seen.surface == SKY).astype(float), beside.sky, everywhere)
 
 
-def raw_depth(
-    maker: GBufferMaker, seen: GBuffer, camera: PinholeCamera, pose: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def raw_depth(maker: Renderer, seen: GBuffer, camera: PinholeCamera, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Depth (H, W) float64 and surface (H, W), as drawn where the maker draws; seen: what it rendered of the view."""
     return maker.drawn(camera, pose) if isinstance(maker, Draws) else (seen.depth.astype(float), seen.surface)
 
 
 def agreements(
-    makers: Mapping[str, GBufferMaker], tracer: GBufferMaker, camera: PinholeCamera, poses: Iterable[np.ndarray]
+    makers: Mapping[str, Renderer], tracer: Renderer, camera: PinholeCamera, poses: Iterable[np.ndarray]
 ) -> dict[str, Agreement]:
     """Hold what each maker renders against `tracer`'s rays, over all poses (4, 4) camera to world together."""
     tallies = {name: _Tally() for name in makers}

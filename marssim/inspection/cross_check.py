@@ -16,8 +16,8 @@ from marssim.engines.bullet import import_pybullet
 from marssim.engines.egl import probe
 from marssim.inspection.agreement import Agreement, agreements, small
 from marssim.inspection.tilted_planes import plane_shift
-from marssim.render.geometry.gbuffer import GBufferMaker
 from marssim.render.renderers.by_name import make_renderer
+from marssim.render.renderers.renderer import Renderer
 from marssim.scene.scene import Scene, SceneConfig, build_scene
 from marssim.scene.viewpoint import ViewConfig, draw_pose
 
@@ -59,8 +59,8 @@ def cross_check(
     return {name: MakerCheck(found.get(name), planes[name]) for name in makers}, notes
 
 
-def _makers() -> tuple[dict[str, Callable[[Scene], GBufferMaker]], list[str]]:
-    makers: dict[str, Callable[[Scene], GBufferMaker]] = {}
+def _makers() -> tuple[dict[str, Callable[[Scene], Renderer]], list[str]]:
+    makers: dict[str, Callable[[Scene], Renderer]] = {}
     notes = []
     try:
         import_pybullet()
@@ -71,9 +71,9 @@ def _makers() -> tuple[dict[str, Callable[[Scene], GBufferMaker]], list[str]]:
         egl = probe()
         if egl.works:
             makers["pybullet, EGL"] = partial(make_renderer, "pybullet", egl=True)
-            notes.append(f"EGL draws with {egl.told}")
+            notes.append(f"EGL draws with {egl.message}")
         else:
-            notes.append(f"pybullet, EGL: left out, it does not work here: {egl.told}")
+            notes.append(f"pybullet, EGL: left out, it does not work here: {egl.message}")
     makers["scan"] = partial(make_renderer, "scan")
     makers[REFERENCE] = partial(make_renderer, REFERENCE)
     return makers, notes

@@ -10,7 +10,7 @@ import numpy as np
 from marssim.base.camera import PinholeCamera, look_pose
 from marssim.base.dataset.frame import GROUND
 from marssim.inspection.agreement import ShiftFit, raw_depth
-from marssim.render.geometry.gbuffer import GBufferMaker
+from marssim.render.renderers.renderer import Renderer
 from marssim.scene.rocks import RockConfig
 from marssim.scene.scene import Scene, SceneConfig, build_scene
 
@@ -21,7 +21,7 @@ FARTHEST = 6.0  # [m]; beyond, a pixel's depth says less of where it is
 
 
 def plane_shift(
-    make: Callable[[Scene], GBufferMaker], camera: PinholeCamera, azimuths_deg: tuple[float, ...] = AZIMUTHS_DEG
+    make: Callable[[Scene], Renderer], camera: PinholeCamera, azimuths_deg: tuple[float, ...] = AZIMUTHS_DEG
 ) -> np.ndarray:
     """(2,) best-fit shift in u and v [px] of 1 / Z over all planes, NaN in both if they do not tell one of them.
 

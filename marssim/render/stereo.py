@@ -8,23 +8,24 @@ from marssim.base.camera import PinholeCamera, StereoRig, rotate
 from marssim.base.compute.compiled import compiled
 from marssim.base.dataset.frame import SKY, StereoFrame
 from marssim.render.antialias import average, colours_beside, edge_pixels, subpixel_rays
-from marssim.render.geometry.gbuffer import GBuffer, GBufferMaker, Hits
+from marssim.render.geometry.gbuffer import GBuffer, Hits
+from marssim.render.renderers.renderer import Renderer
 from marssim.render.sensor import Sensor
 from marssim.render.surfaces.shading import Shader
 
 
 def render_stereo(
-    maker: GBufferMaker, shader: Shader, rig: StereoRig, pose: np.ndarray, sensor: Sensor, rng: np.random.Generator
+    renderer: Renderer, shader: Shader, rig: StereoRig, pose: np.ndarray, sensor: Sensor, rng: np.random.Generator
 ) -> StereoFrame:
     """Render both eyes and the ground truth. pose: (4, 4) left camera to world; rng: detector noise.
 
     What the sensor says of imperfect rectification shows in the right image alone.
     """
     right_pose = sensor.right_view(rig.camera, rig.right_pose(pose))
-    left_view = maker.render(rig.camera, pose)
-    right_view = maker.render(rig.camera, right_pose)
-    left = radiance(maker, shader, rig.camera, pose, left_view)
-    right = radiance(maker, shader, rig.camera, right_pose, right_view)
+    left_view = renderer.render(rig.camera, pose)
+    right_view = renderer.render(rig.camera, right_pose)
+    left = radiance(renderer, shader, rig.camera, pose, left_view)
+    right = radiance(renderer, shader, rig.camera, right_pose, right_view)
     gain = sensor.gain(left, left_view.hit)
     return StereoFrame(
         left=sensor.expose(left, gain, rng),
@@ -33,39 +34,39 @@ def render_stereo(
         disparity=rig.depth_to_disparity(left_view.depth),
         normal=left_view.normal,
         surface=left_view.surface,
-        occluded=occlusion(maker, left_view, rig, pose),
+        occluded=occlusion(renderer, left_view, rig, pose),
         rig=rig,
         pose=pose,
     )
 
 
-def occlusion(maker: GBufferMaker, view: GBuffer, rig: StereoRig, pose: np.ndarray) -> np.ndarray:
+def occlusion(renderer: Renderer, view: GBuffer, rig: StereoRig, pose: np.ndarray) -> np.ndarray:
     """(H, W) bool: the left pixel's point is hidden from the right eye or outside its image; never so in the sky."""
     met, rays = view.pixels, rig.camera.rays().reshape(-1, 3)
     hidden, known = _outside(met.depth, met.surface, rig.camera.width, rig.fb)
     at, points, normals = _hit_points(rays, met.depth, met.normal, met.surface, pose, known)
-    hidden[at] = ~maker.seen_from(points, normals, rig.right_pose(pose)[:3, 3])
+    hidden[at] = ~renderer.visible_from(points, normals, rig.right_pose(pose)[:3, 3])
     return hidden.reshape(view.depth.shape)
 
 
-def radiance(maker: GBufferMaker, shader: Shader, camera: PinholeCamera, pose: np.ndarray, view: GBuffer) -> np.ndarray:
+def radiance(renderer: Renderer, shader: Shader, camera: PinholeCamera, pose: np.ndarray, view: GBuffer) -> np.ndarray:
     """(H, W, 3) float32 radiance of a view, one sample a pixel and more where edges are (antialias.py)."""
     shape = view.depth.shape
     colour = np.empty((view.depth.size, 3), dtype=np.float32)
     none = np.zeros(len(colour), dtype=bool)
-    lit = _shade(maker, shader, camera, pose, camera.rays().reshape(-1, 3), view.pixels, none, colour).reshape(shape)
+    lit = _shade(renderer, shader, camera, pose, camera.rays().reshape(-1, 3), view.pixels, none, colour).reshape(shape)
     pixels = edge_pixels(view, lit)
     if len(pixels):
         rays = subpixel_rays(camera, pixels)
-        met = maker.trace(rays, pose)
+        met = renderer.trace(rays, pose)
         samples, known = colours_beside(pixels, met.depth, met.surface, view, lit, colour)
-        _shade(maker, shader, camera, pose, rays, met, known, samples)
+        _shade(renderer, shader, camera, pose, rays, met, known, samples)
         average(pixels, samples, colour)
     return colour.reshape(*shape, 3)
 
 
 def _shade(
-    maker: GBufferMaker, shader: Shader, camera: PinholeCamera, pose: np.ndarray, rays: np.ndarray, met: Hits,
+    renderer: Renderer, shader: Shader, camera: PinholeCamera, pose: np.ndarray, rays: np.ndarray, met: Hits,
     known: np.ndarray, colour: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
     """Write the radiance along rays (N, 3), given what they have met, to colour (N, 3), except where it is known (N,).
@@ -79,7 +80,7 @@ def _shade(
         colour[sky] = shader.sky(toward / np.sqrt(np.einsum("ij,ij->i", toward, toward))[:, None])
     at, points, normals = _hit_points(rays, met.depth, met.normal, met.surface, pose, known)
     if len(at):
-        lit[at] = maker.lit(points, normals)
+        lit[at] = renderer.lit(points, normals)
         shader.surface(points, met.shading_normal, met.surface, pose[:3, 3], lit, camera.fx, at, colour)
     return lit
 

@@ -596,7 +596,7 @@ def test_egl_that_is_asked_for_and_does_not_work_is_one_line(tmp_path, bullet, c
 def test_a_dataset_that_egl_draws_says_so_and_is_completed(tmp_path):
     pytest.importorskip("pybullet")
     if not probe().works:
-        pytest.skip(f"EGL does not work here: {probe().told}")
+        pytest.skip(f"EGL does not work here: {probe().message}")
     asked = config(tmp_path / "set", pairs=2, views_per_scene=2, renderer="pybullet", rasterizer="egl")
     dataset = generate(asked)
     assert dataset[0].meta["rasterizer"] == "egl" and dataset.index["config"]["rasterizer"] == "egl"

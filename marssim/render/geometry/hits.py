@@ -16,15 +16,15 @@ from marssim.render.geometry.vectors import column, cross, dot, minus, mixed, ro
 MISS = 1e-3  # barycentric coordinate by which a ray may pass a triangle before the nearest point on it is taken
 
 
-def seen(mesh: Mesh, camera: PinholeCamera, pose: np.ndarray, face: np.ndarray) -> GBuffer:
+def gbuffer_of_faces(mesh: Mesh, camera: PinholeCamera, pose: np.ndarray, face: np.ndarray) -> GBuffer:
     """The G-buffer of a view whose pixels' rays meet the faces (H * W,), negative for the sky. pose: (4, 4)."""
     shape = (camera.height, camera.width)
     rays = camera.rays().reshape(-1, 3)
-    depth, normal, shading, surface = hits(mesh, pose, rays, face)
+    depth, normal, shading, surface = intersect_faces(mesh, pose, rays, face)
     return GBuffer(depth.reshape(shape), normal.reshape(*shape, 3), shading.reshape(*shape, 3), surface.reshape(shape))
 
 
-def hits(mesh: Mesh, pose: np.ndarray, rays: np.ndarray, face: np.ndarray) -> Hits:
+def intersect_faces(mesh: Mesh, pose: np.ndarray, rays: np.ndarray, face: np.ndarray) -> Hits:
     """Where exactly rays meet faces that they are known to meet.
 
     pose: (4, 4) camera to world; rays: (N, 3) camera frame, z = 1; face: (N,) the face of the mesh that each ray meets,

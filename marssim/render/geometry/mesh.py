@@ -76,12 +76,12 @@ def scene_mesh(scene: Scene) -> SceneMesh:
     )  # fmt: skip
 
 
-def averted(mesh: SceneMesh, sun: np.ndarray) -> SceneMesh:
+def faces_away_from(mesh: SceneMesh, sun: np.ndarray) -> SceneMesh:
     """The faces that are turned away from the sun, unit vector (3,), in pieces as in the mesh: all that cast shadows.
 
     Ground and rocks are closed: a ray to the sun from outside of them enters by such a face, and leaves by another.
     """
-    face, count = _averted(mesh.vertices, mesh.faces, mesh.start, np.asarray(sun, dtype=float))
+    face, count = _faces_away_from(mesh.vertices, mesh.faces, mesh.start, np.asarray(sun, dtype=float))
     some = np.flatnonzero(count)
     return SceneMesh(
         vertices=mesh.vertices, faces=mesh.faces[face], surface=mesh.surface[face], vertex_normals=mesh.vertex_normals,
@@ -90,7 +90,7 @@ def averted(mesh: SceneMesh, sun: np.ndarray) -> SceneMesh:
 
 
 @compiled
-def _averted(vertices, faces, start, sun):
+def _faces_away_from(vertices, faces, start, sun):
     """Faces turned away from the sun, and how many of them are in each piece."""
     out = np.empty(len(faces), dtype=np.int64)
     count = np.zeros(len(start) - 1, dtype=np.int64)

@@ -22,7 +22,7 @@ SLACK = 1e-6  # bins about what a triangle covers, against rounding
 BLOCK = 8  # bins along a block: pieces of the mesh are held against blocks
 
 
-def open_ways(mesh: SceneMesh, view: Projection, x: np.ndarray, y: np.ndarray, s: np.ndarray) -> np.ndarray:
+def unobstructed(mesh: SceneMesh, view: Projection, x: np.ndarray, y: np.ndarray, s: np.ndarray) -> np.ndarray:
     """(N,) bool: does no triangle stand before the points? x, y: (N,) in the image plane, s: (N,).
 
     Of the ground only what is turned away from the eye or sun: no point lies below it, so that a ray which leaves it
@@ -31,7 +31,7 @@ def open_ways(mesh: SceneMesh, view: Projection, x: np.ndarray, y: np.ndarray, s
     return _met(mesh, view, x, y, s, view.away) < 0
 
 
-def nearest(mesh: SceneMesh, view: Projection, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def nearest_faces(mesh: SceneMesh, view: Projection, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """(N,) int32 index of the face that each ray meets first, -1 where there is none. x, y: (N,) image points."""
     return _met(mesh, view, x, y, np.full(len(x), np.inf), 0.0)
 
@@ -149,7 +149,10 @@ def _in_the_way(low, high, view, grid, reach):
 
 @compiled
 def _scan(vertices, faces, surface, start, low, high, view, nearest, away, grid, order, bins, x, y, limit):
-    """away: 0 for the face that is met first; else any face, but of the ground only one turned that way (open_ways)."""
+    """Return the face that each point's ray hits.
+
+    away: 0 for the face that is hit first; else any face will do, but of the ground only one turned that way.
+    """
     number = grid[7]
     limit = limit[order]
     found = np.full(len(x), -1, dtype=np.int32)

@@ -8,10 +8,10 @@ import numpy as np
 
 from marssim.base.compute.compiled import compiled
 from marssim.render.geometry.gbuffer import Hits
-from marssim.render.geometry.hits import hits
-from marssim.render.geometry.mesh import SceneMesh, averted
+from marssim.render.geometry.hits import intersect_faces
+from marssim.render.geometry.mesh import SceneMesh, faces_away_from
 from marssim.render.geometry.projection import Projection
-from marssim.render.geometry.scan import nearest, open_ways
+from marssim.render.geometry.scan import nearest_faces, unobstructed
 
 SELF_GAP = 2e-4  # [m] rays from a surface start this far off it, against meeting the face they leave
 
@@ -22,24 +22,24 @@ class Visibility:
     def __init__(self, mesh: SceneMesh, sun: np.ndarray) -> None:
         self.mesh = mesh
         self.sun = sun
-        self._casting = averted(mesh, sun)
+        self._casting = faces_away_from(mesh, sun)
 
     def trace(self, rays: np.ndarray, pose: np.ndarray) -> Hits:
-        """What rays (N, 3) of z = 1 meet; see GBufferMaker."""
+        """What rays (N, 3) of z = 1 meet; see Renderer."""
         mesh = self.mesh
         if len(rays) == 0:
             face = np.zeros(0, dtype=np.int32)
         else:
             x, y = np.ascontiguousarray(rays[:, 0]), np.ascontiguousarray(rays[:, 1])
-            face = nearest(mesh, Projection.of_eye(pose), x, y)
-        return hits(mesh, pose, rays, face)
+            face = nearest_faces(mesh, Projection.of_eye(pose), x, y)
+        return intersect_faces(mesh, pose, rays, face)
 
     def lit(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """(N,) bool: the sun's centre reaches these surface points; see GBufferMaker. None may lie within a rock."""
+        """(N,) bool: the sun's centre reaches these surface points; see Renderer. None may lie within a rock."""
         return self._open(points, normals, self.sun, False, Projection.of_sun(self.sun), self._casting)
 
-    def seen_from(self, points: np.ndarray, normals: np.ndarray, eye: np.ndarray) -> np.ndarray:
-        """(N,) bool: nothing stands between these surface points and the eye (3,); see GBufferMaker.
+    def visible_from(self, points: np.ndarray, normals: np.ndarray, eye: np.ndarray) -> np.ndarray:
+        """(N,) bool: nothing stands between these surface points and the eye (3,); see Renderer.
 
         An eye looks one way: points all round it are looked at in as many views as it takes, each of less than a half
         space.
@@ -73,34 +73,34 @@ class Visibility:
         )  # fmt: skip
         out = np.zeros(len(points), dtype=bool)
         if len(at):
-            out[at] = open_ways(mesh, view, x, y, s)
+            out[at] = unobstructed(mesh, view, x, y, s)
         return out
 
 
-class SeesByRays:
-    """What a maker answers by rays, until it is closed; see GBufferMaker."""
+class RayQueries:
+    """What a maker answers by rays, until it is closed; see Renderer."""
 
     def __init__(self, mesh: SceneMesh, sun: np.ndarray) -> None:
         self._visibility = Visibility(mesh, sun)
         self._open = True
 
     def trace(self, rays: np.ndarray, pose: np.ndarray) -> Hits:
-        """What rays (N, 3) of z = 1 meet; see GBufferMaker."""
-        return self._seer().trace(rays, pose)
+        """What rays (N, 3) of z = 1 meet; see Renderer."""
+        return self._open_visibility().trace(rays, pose)
 
     def lit(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """(N,) bool: the sun's centre reaches these surface points; see GBufferMaker."""
-        return self._seer().lit(points, normals)
+        """(N,) bool: the sun's centre reaches these surface points; see Renderer."""
+        return self._open_visibility().lit(points, normals)
 
-    def seen_from(self, points: np.ndarray, normals: np.ndarray, eye: np.ndarray) -> np.ndarray:
-        """(N,) bool: nothing stands between these surface points and the eye; see GBufferMaker."""
-        return self._seer().seen_from(points, normals, eye)
+    def visible_from(self, points: np.ndarray, normals: np.ndarray, eye: np.ndarray) -> np.ndarray:
+        """(N,) bool: nothing stands between these surface points and the eye; see Renderer."""
+        return self._open_visibility().visible_from(points, normals, eye)
 
     def close(self) -> None:
         """It is not to be used after; may be called twice."""
         self._open = False
 
-    def _seer(self) -> Visibility:
+    def _open_visibility(self) -> Visibility:
         if not self._open:
             raise RuntimeError(f"this {type(self).__name__} is closed")
         return self._visibility

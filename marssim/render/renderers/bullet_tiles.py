@@ -81,7 +81,7 @@ class BulletTiles:
         group_of, SKY where nothing is. Raises RuntimeError after close().
         """
         if self._client is None:
-            raise RuntimeError("this Rasterizer is closed")
+            raise RuntimeError("this PyBulletRenderer is closed")
         view = np.diag([1.0, -1.0, -1.0, 1.0]) @ np.linalg.inv(pose)
         buffer, group = self._picture(camera, view, near, far)
         return far * near / (far - (far - near) * np.minimum(buffer, 1.0)), group

@@ -45,11 +45,11 @@ class EglTiles(BulletTiles):
         assert self._client is not None
         if _in_use[0]:
             self._pb.disconnect(self._client)
-            raise RuntimeError("close the Rasterizer that draws with EGL before another one is made")
+            raise RuntimeError("close the PyBulletRenderer that draws with EGL before another one is made")
         found = probe()
         if not found.works:
             self._pb.disconnect(self._client)
-            raise OSError(f"PyBullet cannot draw with EGL here: {found.told}")
+            raise OSError(f"PyBullet cannot draw with EGL here: {found.message}")
         load_triton_first()
         with quiet():
             loaded = load_plugin(self._pb, self._client)

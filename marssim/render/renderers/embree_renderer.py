@@ -1,4 +1,4 @@
-"""The G-buffer by ray casting with Embree: one ray through each pixel centre."""
+"""The Embree renderer: one ray through each pixel centre."""
 
 from __future__ import annotations
 
@@ -9,62 +9,79 @@ import numpy as np
 from marssim.base.camera import PinholeCamera, rotate
 from marssim.engines.embree import TriangleRays
 from marssim.render.geometry.gbuffer import GBuffer, Hits
-from marssim.render.geometry.hits import hits, seen
+from marssim.render.geometry.hits import gbuffer_of_faces, intersect_faces
 from marssim.render.geometry.mesh import Mesh, scene_mesh
-from marssim.render.geometry.visibility import SELF_GAP, SeesByRays
+from marssim.render.geometry.visibility import SELF_GAP, RayQueries
 from marssim.scene.scene import Scene
 
 
-class MeshCaster:
-    """Rays against triangle meshes."""
+class MeshTracer:
+    """Traces rays through triangle meshes with Embree. Meshes without faces are ignored."""
 
     def __init__(self, meshes: Sequence[Mesh]) -> None:
         self._mesh = _joined([mesh for mesh in meshes if len(mesh.faces)])
         self._rays = TriangleRays(self._mesh.vertices, self._mesh.faces)
 
     def trace(self, rays: np.ndarray, pose: np.ndarray) -> Hits:
-        """What any rays of a camera meet. rays: (N, 3) camera frame, scaled to z = 1; pose: (4, 4) camera to world."""
-        return hits(self._mesh, pose, rays, self._first_faces(rays, pose))
+        """Return what rays of a camera hit; see `Renderer.trace`.
+
+        Args:
+            rays: (N, 3) directions, camera frame, scaled to z = 1.
+            pose: (4, 4) camera to world.
+        """
+        return intersect_faces(self._mesh, pose, rays, self._first_faces(rays, pose))
 
     def free(
         self, points: np.ndarray, normals: np.ndarray, directions: np.ndarray, reach: np.ndarray | None
     ) -> np.ndarray:
-        """(N,) bool: nothing stands on the way from surface points.
+        """Return which rays from surface points hit nothing.
 
-        points, normals, directions: (N, 3), world; directions of unit length; reach: (N,) [m], None for any distance.
+        Args:
+            points: (N, 3) surface points [m], world frame.
+            normals: (N, 3) unit normals of their faces, world frame.
+            directions: (N, 3) unit vectors, world frame.
+            reach: (N,) length of each ray [m]; None for no limit.
+
+        Returns:
+            (N,) bool.
         """
         if len(points) == 0:
             return np.zeros(0, dtype=bool)
         return self._rays.meet(points + SELF_GAP * normals, directions, reach)[0] < 0
 
     def close(self) -> None:
-        """Free the acceleration structure; may be called twice."""
+        """Free the acceleration structure; a second call does nothing."""
         self._rays.close()
 
     def _first_faces(self, rays: np.ndarray, pose: np.ndarray) -> np.ndarray:
-        """(N,) int32 the face that each ray meets first, negative for none; arguments as of trace."""
+        """Return (N,) int32: the face that each ray hits first, negative for none. The arguments are those of trace."""
         world_rays = rotate(rays.astype(np.float32), pose[:3, :3].astype(np.float32))
-        # Embree works in float32 and only names the triangle; where the ray meets it is computed in float64
+        # Embree works in float32 and only names the triangle; the point on it is computed in float64
         return self._rays.meet(pose[None, :3, 3], world_rays)[0]
 
 
-class Raycaster(MeshCaster, SeesByRays):
-    """Renders a Scene with Embree. Implements GBufferMaker; needs no PyBullet."""
+class EmbreeRenderer(MeshTracer, RayQueries):
+    """Renders a Scene with Embree's ray casting. Fulfils `Renderer` and needs no PyBullet.
+
+    Raises:
+        ImportError: embreex is not installed, or its Embree does not work here.
+    """
 
     def __init__(self, scene: Scene) -> None:
         mesh = scene_mesh(scene)
-        MeshCaster.__init__(self, [mesh])
-        SeesByRays.__init__(self, mesh, scene.look.sun)
+        MeshTracer.__init__(self, [mesh])
+        RayQueries.__init__(self, mesh, scene.look.sun)
         self.scene = scene
 
     def render(self, camera: PinholeCamera, pose: np.ndarray) -> GBuffer:
-        """What the camera sees; see GBuffer. pose: (4, 4) camera to world."""
-        return seen(self._seer().mesh, camera, pose, self._first_faces(camera.rays().reshape(-1, 3), pose))
+        """Return the G-buffer of one view. pose: (4, 4) camera to world."""
+        faces = self._first_faces(camera.rays().reshape(-1, 3), pose)
+        return gbuffer_of_faces(self._open_visibility().mesh, camera, pose, faces)
 
     def close(self) -> None:
-        """Free the acceleration structure; may be called twice."""
-        MeshCaster.close(self)
-        SeesByRays.close(self)
+        """Free the acceleration structure; a second call does nothing."""
+        MeshTracer.close(self)
+        RayQueries.close(self)
 
 
 def _joined(meshes: Sequence[Mesh]) -> Mesh:

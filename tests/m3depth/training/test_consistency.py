@@ -10,7 +10,7 @@ import torch
 from m3depth.network.geometry import pixel_rays, unit
 from m3depth.training.losses import consistency_loss, consistency_residual, disparity_edges
 from marssim.base.camera import NATECAM, look_pose
-from marssim.render.renderers.embree_renderer import Raycaster
+from marssim.render.renderers.embree_renderer import EmbreeRenderer
 from marssim.scene.rocks import RockConfig
 from marssim.scene.scene import SceneConfig, build_scene
 
@@ -63,11 +63,11 @@ def rendered() -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor, 
     scene = build_scene(SceneConfig(size=10.0, horizon=20.0, rocks=RockConfig(k=0.1)), np.random.default_rng(5))
     rig = NATECAM.resized(256, 256)
     height = float(scene.terrain.height_at(np.array(-3.0), np.array(0.0)))
-    maker = Raycaster(scene)
+    renderer = EmbreeRenderer(scene)
     try:
-        view = maker.render(rig.camera, look_pose(np.array([-3.0, 0.0, height + 1.2]), 0.2, np.deg2rad(20)))
+        view = renderer.render(rig.camera, look_pose(np.array([-3.0, 0.0, height + 1.2]), 0.2, np.deg2rad(20)))
     finally:
-        maker.close()
+        renderer.close()
     disparity = torch.from_numpy(rig.depth_to_disparity(view.depth).astype(np.float64))[None, None]
     normal = torch.from_numpy(view.normal.astype(np.float64)).permute(2, 0, 1)[None]
     c = rig.camera

@@ -54,7 +54,7 @@ def pretend(tmp_path, monkeypatch):
     probe.cache_clear()
 
 
-def test_what_works_is_told_with_its_driver(pretend):
+def test_egl_that_works_is_reported_with_its_driver(pretend):
     pretend()
     assert probe() == Egl(True, True, "Acme 3000")
 
@@ -65,25 +65,25 @@ def test_software_works_but_is_no_card(pretend):
 
 
 @pytest.mark.parametrize(
-    ("start", "drawn", "told"),
+    ("start", "drawn", "message"),
     [
         ("return -1", "pass", "did not start"),
-        ("os.kill(os.getpid(), signal.SIGSEGV)", "pass", f"ended with {-11}"),
-        ("os._exit(1)", "pass", "ended with 1"),
-        ("os._exit(0)", "pass", "without an answer"),
+        ("os.kill(os.getpid(), signal.SIGSEGV)", "pass", "ended with exit code -11"),
+        ("os._exit(1)", "pass", "ended with exit code 1"),
+        ("os._exit(0)", "pass", "without a report"),
         ("raise RuntimeError('no display')", "pass", "no display"),
-        ("pass", "os.abort()", "ended with -6"),
-        ("pass", "body[:] = -1; depth[:] = 1", "% of a picture"),
-        ("pass", "depth += 0.1", "% of a picture"),
-        ("pass", "depth[:] = np.nan", "% of a picture"),
-        ("pass", "body[:, 60:] = 0", "% of a picture"),
-        ("pass", "body = np.roll(body, 9, axis=1)", "% of a picture"),
+        ("pass", "os.abort()", "ended with exit code -6"),
+        ("pass", "body[:] = -1; depth[:] = 1", "% of the test picture"),
+        ("pass", "depth += 0.1", "% of the test picture"),
+        ("pass", "depth[:] = np.nan", "% of the test picture"),
+        ("pass", "body[:, 60:] = 0", "% of the test picture"),
+        ("pass", "body = np.roll(body, 9, axis=1)", "% of the test picture"),
     ],
 )
-def test_what_fails_crashes_or_draws_something_else_does_not_work(pretend, start, drawn, told):
+def test_what_fails_crashes_or_draws_something_else_does_not_work(pretend, start, drawn, message):
     pretend(start, drawn)
     found = probe()
-    assert not found.works and not found.hardware and told in found.told and len(found.told.splitlines()) == 1
+    assert not found.works and not found.hardware and message in found.message and len(found.message.splitlines()) == 1
 
 
 def test_what_hangs_is_ended(pretend, monkeypatch, tmp_path):
@@ -108,7 +108,7 @@ def test_no_process_and_no_folder_is_an_answer_too(pretend, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr(subprocess, "run", refused)
-        assert not probe().works and "no more processes" in probe().told
+        assert not probe().works and "no more processes" in probe().message
     probe.cache_clear()
     monkeypatch.setattr(egl.tempfile, "TemporaryDirectory", refused)
     assert not probe().works
@@ -117,7 +117,7 @@ def test_no_process_and_no_folder_is_an_answer_too(pretend, monkeypatch):
 def test_without_pybullet_it_does_not_work(pretend, tmp_path):
     (tmp_path / "pybullet.py").write_text("raise ImportError('there is none')")
     found = probe()
-    assert not found.works and "pybullet cannot be imported" in found.told
+    assert not found.works and "pybullet cannot be imported" in found.message
 
 
 def test_where_there_is_no_card_nothing_is_tried(pretend, monkeypatch, tmp_path):

@@ -9,7 +9,7 @@ from marssim.base.camera import PinholeCamera, look_pose
 from marssim.inspection.agreement import Agreement, ShiftFit, agreements
 from marssim.inspection.tilted_planes import plane, plane_shift
 from marssim.render.geometry.gbuffer import GBuffer
-from marssim.render.renderers.embree_renderer import Raycaster
+from marssim.render.renderers.embree_renderer import EmbreeRenderer
 from marssim.scene.rocks import RockConfig
 from marssim.scene.scene import Scene, SceneConfig, build_scene
 
@@ -23,7 +23,7 @@ def scene() -> Scene:
 
 @pytest.fixture(scope="module")
 def tracer(scene):
-    maker = Raycaster(scene)
+    maker = EmbreeRenderer(scene)
     yield maker
     maker.close()
 
@@ -44,7 +44,7 @@ def agreement(maker, tracer, camera, poses) -> Agreement:
 class OffCentre:
     """Sees (du, dv) [px] beside the pixel centres, and depth by a factor."""
 
-    def __init__(self, tracer: Raycaster, du: float = 0.0, dv: float = 0.0, factor: float = 1.0) -> None:
+    def __init__(self, tracer: EmbreeRenderer, du: float = 0.0, dv: float = 0.0, factor: float = 1.0) -> None:
         self.tracer, self.du, self.dv, self.factor = tracer, du, dv, factor
 
     def render(self, camera: PinholeCamera, pose: np.ndarray) -> GBuffer:
@@ -117,14 +117,14 @@ def test_what_is_drawn_is_looked_at_before_it_is_made_exact(tracer, poses):
 
 
 def test_shifts_are_found_on_tilted_planes():
-    assert np.abs(plane_shift(Raycaster, CAMERA)).max() < 1e-4
+    assert np.abs(plane_shift(EmbreeRenderer, CAMERA)).max() < 1e-4
 
-    class Off(Raycaster):
+    class Off(EmbreeRenderer):
         def render(self, camera, pose):
             return OffCentre(self, 0.06, -0.03).render(camera, pose)
 
     assert plane_shift(Off, CAMERA) == pytest.approx([0.06, -0.03], abs=1e-3)
-    assert np.isnan(plane_shift(Raycaster, CAMERA, azimuths_deg=(0.0,))).all()  # level across: u is not told
+    assert np.isnan(plane_shift(EmbreeRenderer, CAMERA, azimuths_deg=(0.0,))).all()  # level across: u is not told
 
 
 def test_a_plane_is_the_one_that_is_asked_for():

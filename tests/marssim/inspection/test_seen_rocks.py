@@ -6,7 +6,7 @@ import pytest
 from marssim.base.camera import PinholeCamera, StereoRig, look_pose
 from marssim.base.dataset.sample import StereoSample, read_sample
 from marssim.inspection.seen_rocks import DIAMETERS, REACH, RockCover, seen_rocks
-from marssim.render.renderers.embree_renderer import Raycaster
+from marssim.render.renderers.embree_renderer import EmbreeRenderer
 from marssim.scene.golombek import sampling_spread
 from marssim.scene.rocks import RockConfig
 from marssim.scene.scene import SceneConfig, build_scene
@@ -47,7 +47,7 @@ def test_level_ground_has_its_area():
 def test_rocks_are_about_as_wide_as_their_outlines_from_above():
     """Every rock's own diameter, which is that of its outline on the map, against its width from the side."""
     scene = build_scene(SceneConfig(size=16.0, horizon=24.0, rocks=RockConfig(k=0.1)), np.random.default_rng(1))
-    maker = Raycaster(scene)
+    maker = EmbreeRenderer(scene)
     seen, drawn, cover, there = [], [], RockCover(), 0.0
     for n in range(6):
         at = np.array([2.5 * np.cos(n), 2.5 * np.sin(n)])

@@ -10,7 +10,7 @@ from marssim.base.camera import NATECAM, look_pose
 from marssim.base.dataset.frame import SKY, StereoFrame
 from marssim.render import stereo
 from marssim.render.renderers.by_name import make_renderer
-from marssim.render.renderers.embree_renderer import Raycaster
+from marssim.render.renderers.embree_renderer import EmbreeRenderer
 from marssim.render.sensor import Sensor
 from marssim.render.stereo import radiance, render_stereo
 from marssim.render.surfaces.shading import Shader
@@ -28,10 +28,10 @@ def scene() -> Scene:
 
 
 @pytest.fixture(scope="module")
-def maker(scene):
-    maker = Raycaster(scene)
-    yield maker
-    maker.close()
+def renderer(scene):
+    renderer = EmbreeRenderer(scene)
+    yield renderer
+    renderer.close()
 
 
 @pytest.fixture(scope="module")
@@ -40,17 +40,17 @@ def pose(scene) -> np.ndarray:
     return look_pose(np.array([-1.0, 0.5, height + 1.2]), 0.9, np.deg2rad(18), 0.06)
 
 
-def pair(scene, maker, pose, sensor=CLEAN, seed=0) -> StereoFrame:
-    return render_stereo(maker, Shader(scene), RIG, pose, sensor, np.random.default_rng(seed))
+def pair(scene, renderer, pose, sensor=CLEAN, seed=0) -> StereoFrame:
+    return render_stereo(renderer, Shader(scene), RIG, pose, sensor, np.random.default_rng(seed))
 
 
 @pytest.fixture(scope="module")
-def frame(scene, maker, pose) -> StereoFrame:
-    return pair(scene, maker, pose)
+def frame(scene, renderer, pose) -> StereoFrame:
+    return pair(scene, renderer, pose)
 
 
-def test_imperfect_rectification_shows_in_the_right_image_alone(scene, maker, pose, frame):
-    other = pair(scene, maker, pose, replace(CLEAN, vertical_offset=1.0, rotation_deg=0.05))
+def test_imperfect_rectification_shows_in_the_right_image_alone(scene, renderer, pose, frame):
+    other = pair(scene, renderer, pose, replace(CLEAN, vertical_offset=1.0, rotation_deg=0.05))
     for name in ("left", "depth", "disparity", "normal", "surface", "occluded"):
         assert np.array_equal(getattr(other, name), getattr(frame, name))
     shifts = []
@@ -89,8 +89,8 @@ def test_the_right_image_moved_by_the_disparity_is_the_left_one(frame):
     assert off < 0.8 * min(wrong[1:3]) and off < 0.6 * min(wrong[0], wrong[3])
 
 
-def test_with_noise_they_differ_by_no_more_than_noise(scene, maker, pose, frame):
-    noisy = pair(scene, maker, pose, NOISY)
+def test_with_noise_they_differ_by_no_more_than_noise(scene, renderer, pose, frame):
+    noisy = pair(scene, renderer, pose, NOISY)
     where = comparable(frame) & (frame.left.min(axis=-1) > 30)
 
     def residual(image: StereoFrame) -> np.ndarray:
@@ -103,9 +103,9 @@ def test_with_noise_they_differ_by_no_more_than_noise(scene, maker, pose, frame)
     assert residual(noisy).std() > 1.2 * residual(frame).std()  # and there is noise in each eye of its own
 
 
-def test_occlusion_is_what_the_depth_of_the_right_view_says(maker, pose, frame):
+def test_occlusion_is_what_the_depth_of_the_right_view_says(renderer, pose, frame):
     fine = RIG.resized(RIG.camera.width * 4, RIG.camera.height * 4).camera
-    right = maker.render(fine, RIG.right_pose(pose))
+    right = renderer.render(fine, RIG.right_pose(pose))
     hit = frame.surface != SKY
     points = RIG.camera.unproject(np.where(hit, frame.depth, 1.0)) - [RIG.baseline, 0, 0]
     at = fine.project(points)
@@ -134,16 +134,16 @@ def test_disparity_is_that_of_the_depth_and_the_sky_has_none(frame):
     assert beyond.sum() > 100 and frame.occluded[beyond].all()
 
 
-def test_ground_truth_does_not_depend_on_the_detector(scene, maker, pose, frame):
-    first, same, other = (pair(scene, maker, pose, NOISY, seed) for seed in (1, 1, 2))
+def test_ground_truth_does_not_depend_on_the_detector(scene, renderer, pose, frame):
+    first, same, other = (pair(scene, renderer, pose, NOISY, seed) for seed in (1, 1, 2))
     assert np.array_equal(first.left, same.left) and np.array_equal(first.right, same.right)
     assert not np.array_equal(first.left, other.left)
     for name in ("depth", "disparity", "normal", "surface", "occluded", "pose"):
         assert np.array_equal(getattr(first, name), getattr(frame, name))
 
 
-def test_noise_difference_is_the_right_eyes(scene, maker, pose, frame):
-    noisier = pair(scene, maker, pose, replace(CLEAN, full_well=4000.0, read_noise=40.0, noise_difference=1.0))
+def test_noise_difference_is_the_right_eyes(scene, renderer, pose, frame):
+    noisier = pair(scene, renderer, pose, replace(CLEAN, full_well=4000.0, read_noise=40.0, noise_difference=1.0))
     spread = {}
     for eye in ("left", "right"):
         clean, noisy = (getattr(image, eye).astype(float) for image in (frame, noisier))
@@ -151,19 +151,19 @@ def test_noise_difference_is_the_right_eyes(scene, maker, pose, frame):
     assert spread["right"] / spread["left"] == pytest.approx(2, rel=0.05)
 
 
-def test_gain_difference_is_the_right_eyes(scene, maker, pose, frame):
-    brighter = pair(scene, maker, pose, replace(CLEAN, gain_difference=0.1))
+def test_gain_difference_is_the_right_eyes(scene, renderer, pose, frame):
+    brighter = pair(scene, renderer, pose, replace(CLEAN, gain_difference=0.1))
     assert np.array_equal(brighter.left, frame.left)
     middle = (frame.right > 40) & (frame.right < 200)
     ratio = (brighter.right[middle] / 255.0) ** 2.2 / (frame.right[middle] / 255.0) ** 2.2
     assert np.median(ratio) == pytest.approx(1.1, abs=0.01)
 
 
-def one_sample(maker, shader, camera, pose, view, shown_by=None) -> np.ndarray:
+def one_sample(renderer, shader, camera, pose, view, shown_by=None) -> np.ndarray:
     """(H, W, 3) radiance through pixel centres alone, with the texture that the pixels of a camera show."""
     rays = camera.rays().reshape(-1, 3)
     colour, none = np.empty((len(rays), 3), dtype=np.float32), np.zeros(len(rays), dtype=bool)
-    stereo._shade(maker, shader, shown_by or camera, pose, rays, view.pixels, none, colour)
+    stereo._shade(renderer, shader, shown_by or camera, pose, rays, view.pixels, none, colour)
     return colour.reshape(camera.height, camera.width, 3)
 
 
@@ -172,15 +172,15 @@ def test_edges_are_smoothed(scene, pose, name):
     """Against the same view at four times the resolution, averaged over blocks."""
     if name == "pybullet":
         pytest.importorskip("pybullet")
-    maker = make_renderer(name, scene)
+    renderer = make_renderer(name, scene)
     shader, camera = Shader(scene), RIG.camera
     fine = camera.resized(camera.width * 4, camera.height * 4)
-    fine_image = one_sample(maker, shader, fine, pose, maker.render(fine, pose), shown_by=camera)
+    fine_image = one_sample(renderer, shader, fine, pose, renderer.render(fine, pose), shown_by=camera)
     truth = fine_image.reshape(camera.height, 4, camera.width, 4, 3).mean(axis=(1, 3))
-    view = maker.render(camera, pose)
+    view = renderer.render(camera, pose)
     surface = view.surface.astype(np.float32)
     silhouette = cv2.dilate(surface, np.ones((3, 3), np.uint8)) != cv2.erode(surface, np.ones((3, 3), np.uint8))
-    smooth = np.abs(radiance(maker, shader, camera, pose, view) - truth)[silhouette].mean()
-    jagged = np.abs(one_sample(maker, shader, camera, pose, view) - truth)[silhouette].mean()
-    maker.close()
+    smooth = np.abs(radiance(renderer, shader, camera, pose, view) - truth)[silhouette].mean()
+    jagged = np.abs(one_sample(renderer, shader, camera, pose, view) - truth)[silhouette].mean()
+    renderer.close()
     assert smooth < 0.6 * jagged

@@ -14,7 +14,7 @@ from marssim.base.dataset.dataset import StereoDataset, split_of, write_index
 from marssim.base.dataset.frame import StereoFrame
 from marssim.base.dataset.sample import IMAGES, is_complete, read_sample, sample_digest, write_sample
 from marssim.base.files.json_file import DatasetError, read_json, write_json
-from marssim.render.renderers.embree_renderer import Raycaster
+from marssim.render.renderers.embree_renderer import EmbreeRenderer
 from marssim.render.sensor import Sensor, SensorConfig
 from marssim.render.stereo import render_stereo
 from marssim.render.surfaces.shading import Shader
@@ -27,11 +27,11 @@ NAMES = [f"{scene:05d}/{view:02d}" for scene in range(3) for view in range(2)]  
 @pytest.fixture(scope="module")
 def frame() -> StereoFrame:
     scene = build_scene(SceneConfig(size=8.0, horizon=16.0, rocks=RockConfig(k=0.1)), np.random.default_rng(1))
-    maker = Raycaster(scene)
+    renderer = EmbreeRenderer(scene)
     rng = np.random.default_rng(0)
     pose = look_pose(np.array([0.0, 0.0, 1.3]), 0.3, np.deg2rad(15))
-    frame = render_stereo(maker, Shader(scene), NATECAM.resized(96, 80), pose, Sensor.draw(SensorConfig(), rng), rng)
-    maker.close()
+    frame = render_stereo(renderer, Shader(scene), NATECAM.resized(96, 80), pose, Sensor.draw(SensorConfig(), rng), rng)
+    renderer.close()
     return frame
 
 

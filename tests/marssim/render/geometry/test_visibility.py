@@ -6,7 +6,7 @@ import pytest
 from marssim.base.camera import PinholeCamera, look_pose
 from marssim.render.geometry.mesh import scene_mesh
 from marssim.render.geometry.visibility import Visibility
-from marssim.render.renderers.embree_renderer import Raycaster
+from marssim.render.renderers.embree_renderer import EmbreeRenderer
 from marssim.scene.rocks import RockConfig
 from marssim.scene.scene import Scene, SceneConfig, build_scene
 
@@ -20,7 +20,7 @@ def scene() -> Scene:
 
 @pytest.fixture(scope="module")
 def caster(scene):
-    caster = Raycaster(scene)
+    caster = EmbreeRenderer(scene)
     yield caster
     caster.close()
 
@@ -37,7 +37,7 @@ def pose_at(scene: Scene, seed: int) -> np.ndarray:
     return look_pose(eye, rng.uniform(0, 6.3), rng.uniform(-0.1, 1.2), rng.uniform(-0.3, 0.3))
 
 
-def seen(caster: Raycaster, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def seen(caster: EmbreeRenderer, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     view = caster.render(CAMERA, pose)
     return view.world(CAMERA, pose)[view.hit], view.normal[view.hit] @ pose[:3, :3].T
 
@@ -91,7 +91,7 @@ def test_occlusion_is_that_of_embree(scene, caster, visibility, beside):
         expected = np.einsum("ij,ij->i", normals, towards) > 0
         at = np.flatnonzero(expected)
         expected[at] = caster.free(points[at], normals[at], towards[at] / distance[at, None], distance[at])
-        answer = visibility.seen_from(points, normals, eye)
+        answer = visibility.visible_from(points, normals, eye)
         assert (answer == expected).mean() > 0.999
         hidden += (~answer).sum()
     assert hidden > 100, "the views hide nothing: they test too little"
@@ -108,7 +108,7 @@ def test_an_eye_amid_the_points_sees_all_round(scene, caster, visibility):
     distance = np.linalg.norm(towards, axis=1)
     expected = np.einsum("ij,ij->i", normals, towards) > 0
     expected &= caster.free(points, normals, towards / distance[:, None], distance)
-    assert (visibility.seen_from(points, normals, eye) == expected).mean() > 0.999
+    assert (visibility.visible_from(points, normals, eye) == expected).mean() > 0.999
 
 
 def test_an_answer_does_not_depend_on_what_is_asked_with_it(scene, caster, visibility):
@@ -116,7 +116,7 @@ def test_an_answer_does_not_depend_on_what_is_asked_with_it(scene, caster, visib
     some = np.random.default_rng(0).permutation(len(points))[:500]
     assert np.array_equal(visibility.lit(points, normals)[some], visibility.lit(points[some], normals[some]))
     eye = points.mean(axis=0) + np.array([0, 0, 1.5])
-    whole, part = (visibility.seen_from(p, n, eye) for p, n in ((points, normals), (points[some], normals[some])))
+    whole, part = (visibility.visible_from(p, n, eye) for p, n in ((points, normals), (points[some], normals[some])))
     assert (whole[some] == part).mean() > 0.998  # views of another axis round differently at edges
 
 
@@ -125,5 +125,5 @@ def test_few_points_are_no_error(visibility):
     for count in (0, 1):
         points = np.tile([0, 0, 5.0], (count, 1))
         assert visibility.lit(points, up[:count]).shape == (count,)
-        assert visibility.seen_from(points, up[:count], np.array([0.0, 0.0, 9.0])).tolist() == [True] * count
+        assert visibility.visible_from(points, up[:count], np.array([0.0, 0.0, 9.0])).tolist() == [True] * count
         assert visibility.trace(np.ones((count, 3)), np.eye(4))[0].shape == (count,)

@@ -13,8 +13,8 @@ from marssim.engines.egl import Egl, probe
 from marssim.inspection.agreement import agreements
 from marssim.render.renderers import egl_tiles
 from marssim.render.renderers.by_name import make_renderer
-from marssim.render.renderers.pybullet_renderer import Rasterizer
-from marssim.render.renderers.scan_renderer import Scanner
+from marssim.render.renderers.pybullet_renderer import PyBulletRenderer
+from marssim.render.renderers.scan_renderer import ScanRenderer
 from marssim.scene.rocks import RockConfig
 from marssim.scene.scene import Scene, SceneConfig, build_scene
 
@@ -39,14 +39,14 @@ def poses(scene) -> list[np.ndarray]:
 @pytest.fixture
 def rasterizer(scene):
     if not probe().works:
-        pytest.skip(f"EGL does not work here: {probe().told}")
-    maker = make_renderer("pybullet", scene, egl=True)
-    yield maker
-    maker.close()
+        pytest.skip(f"EGL does not work here: {probe().message}")
+    renderer = make_renderer("pybullet", scene, egl=True)
+    yield renderer
+    renderer.close()
 
 
 def test_it_sees_what_scanning_sees(scene, poses, rasterizer):
-    found = agreements({"egl": rasterizer}, Scanner(scene), CAMERA, poses)["egl"]
+    found = agreements({"egl": rasterizer}, ScanRenderer(scene), CAMERA, poses)["egl"]
     assert found.surface > 0.998 and found.depth > 0.999, str(found)
     assert found.good, str(found)  # also of its depth as it was drawn
     assert (rasterizer.render(CAMERA, poses[0]).surface > 0).mean() > 0.02, (
@@ -83,22 +83,22 @@ def test_a_view_does_not_depend_on_those_before_it(scene, poses, rasterizer, mon
     through = [rasterizer.render(CAMERA, pose) for pose in poses]
     rasterizer.close()
     for pose, expected in list(zip(poses, through))[:0:-1]:
-        alone = Rasterizer(scene, egl=True)
+        alone = PyBulletRenderer(scene, egl=True)
         view = alone.render(CAMERA, pose)
         alone.close()
         assert np.array_equal(view.surface, expected.surface) and np.array_equal(view.depth, expected.depth)
 
 
 def test_one_may_be_open_in_a_process(scene, poses, rasterizer):
-    with pytest.raises(RuntimeError, match="close the Rasterizer"):
-        Rasterizer(scene, egl=True)
+    with pytest.raises(RuntimeError, match="close the PyBulletRenderer"):
+        PyBulletRenderer(scene, egl=True)
     rasterizer.close()
     rasterizer.close()
     with pytest.raises(RuntimeError, match="closed"):
         rasterizer.render(CAMERA, poses[0])
     with pytest.raises(RuntimeError, match="closed"):
         rasterizer.lit(np.zeros((1, 3)), np.zeros((1, 3)))
-    other = Rasterizer(scene, egl=True)
+    other = PyBulletRenderer(scene, egl=True)
     assert other.render(CAMERA, poses[0]).hit.mean() > 0.3
     other.close()
 
@@ -106,18 +106,18 @@ def test_one_may_be_open_in_a_process(scene, poses, rasterizer):
 def test_where_it_does_not_work_that_is_one_line(scene, monkeypatch):
     monkeypatch.setattr(egl_tiles, "probe", lambda: Egl(False, False, "the trial ended with -11: nothing was said"))
     with pytest.raises(OSError, match=r"^PyBullet cannot draw with EGL here: the trial ended with -11"):
-        Rasterizer(scene, egl=True)
+        PyBulletRenderer(scene, egl=True)
 
 
 def test_it_prints_nothing(rasterizer):
     """Its C code does, when it starts, when it draws and when it ends."""
     code = (
-        "import numpy as np; from marssim.render.renderers.pybullet_renderer import Rasterizer;"
+        "import numpy as np; from marssim.render.renderers.pybullet_renderer import PyBulletRenderer;"
         "from marssim.base.camera import NATECAM;"
         "from marssim.scene.scene import SceneConfig, build_scene;"
         "scene = build_scene(SceneConfig(size=4.0, horizon=6.0), np.random.default_rng(0));"
-        "pose = np.diag([1.0, -1, -1, 1]); pose[2, 3] = 5.0; maker = Rasterizer(scene, egl=True);"
-        "print(maker.render(NATECAM.resized(32, 32).camera, pose).hit.mean()); maker.close()"
+        "pose = np.diag([1.0, -1, -1, 1]); pose[2, 3] = 5.0; renderer = PyBulletRenderer(scene, egl=True);"
+        "print(renderer.render(NATECAM.resized(32, 32).camera, pose).hit.mean()); renderer.close()"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "1.0\n" and done.stderr == ""

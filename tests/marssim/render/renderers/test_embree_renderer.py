@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from marssim.base.camera import PinholeCamera, look_pose
 from marssim.base.dataset.frame import GROUND, SKY
-from marssim.render.geometry.gbuffer import GBufferMaker
 from marssim.render.geometry.mesh import Mesh
 from marssim.render.geometry.visibility import SELF_GAP
 from marssim.render.renderers.by_name import make_renderer
-from marssim.render.renderers.embree_renderer import MeshCaster
+from marssim.render.renderers.embree_renderer import MeshTracer
+from marssim.render.renderers.renderer import Renderer
 from marssim.scene.rocks import RockConfig, icosphere
 from marssim.scene.scene import Scene, SceneConfig, build_scene
 from marssim.scene.terrain import HeightGrid, Terrain
@@ -29,9 +29,9 @@ def scene() -> Scene:
 
 @pytest.fixture(scope="module", params=["embree", "scan"])
 def raycaster(request, scene):
-    maker = make_renderer(request.param, scene)
-    yield maker
-    maker.close()
+    renderer = make_renderer(request.param, scene)
+    yield renderer
+    renderer.close()
 
 
 @pytest.fixture(scope="module")
@@ -85,10 +85,10 @@ def corners(scene) -> np.ndarray:
     roll=st.floats(-0.5, 0.5),
 )
 def test_a_tilted_plane_has_its_closed_form(bare, name, slope, yaw, pitch, roll):
-    maker = make_renderer(name, replace(bare, terrain=plane_terrain(*slope)))
+    renderer = make_renderer(name, replace(bare, terrain=plane_terrain(*slope)))
     eye = np.array([0.3, -0.2, 0.3 * slope[0] - 0.2 * slope[1] + 1.2])
     pose = look_pose(eye, yaw, pitch, roll)
-    view = maker.render(CAMERA, pose)
+    view = renderer.render(CAMERA, pose)
     up = np.array([-slope[0], -slope[1], 1.0]) / np.sqrt(1 + slope[0] ** 2 + slope[1] ** 2)
     rays = CAMERA.rays() @ pose[:3, :3].T
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -103,9 +103,9 @@ def test_a_tilted_plane_has_its_closed_form(bare, name, slope, yaw, pitch, roll)
     assert (view.surface[nothing] == SKY).all() and np.isinf(view.depth[nothing]).all()
 
 
-def sphere_caster(centre: np.ndarray, radius: float) -> MeshCaster:
+def sphere_caster(centre: np.ndarray, radius: float) -> MeshTracer:
     direction, faces = SPHERE
-    return MeshCaster(
+    return MeshTracer(
         [Mesh(centre + radius * direction, faces, np.full(len(faces), 7, np.int32), direction.astype(np.float32))]
     )
 
@@ -194,7 +194,7 @@ def test_what_another_eye_sees_is_that_of_brute_force(raycaster, pose, corners):
     points, normals = view.world(CAMERA, pose)[view.hit], view.normal[view.hit] @ pose[:3, :3].T
     eye = pose[:3, 3] + 1.5 * pose[:3, 0] - 0.7 * np.array([0, 0, 1])
     facing = np.einsum("ij,ij->i", normals, eye - points) > 0
-    seen = raycaster.seen_from(points, normals, eye)
+    seen = raycaster.visible_from(points, normals, eye)
     assert not seen[~facing].any()
     points, normals, seen = points[facing], normals[facing], seen[facing]
     for n in balanced(seen, np.random.default_rng(1)):
@@ -219,22 +219,22 @@ def test_rays_between_pixels_are_those_of_a_shifted_camera(raycaster, pose):
 
 
 def test_it_can_stand_in_for_any_maker(raycaster):
-    maker: GBufferMaker = raycaster
+    renderer: Renderer = raycaster
     none = np.zeros((0, 3))
-    assert maker.lit(none, none).shape == maker.seen_from(none, none, np.zeros(3)).shape == (0,)
+    assert renderer.lit(none, none).shape == renderer.visible_from(none, none, np.zeros(3)).shape == (0,)
 
 
 @pytest.mark.parametrize("name", ["embree", "scan"])
 def test_close_twice_and_use_after(bare, name):
-    maker = make_renderer(name, bare)
-    maker.close()
-    maker.close()
+    renderer = make_renderer(name, bare)
+    renderer.close()
+    renderer.close()
     point = np.array([[0.0, 0.0, 0.0]])
     up = np.array([[0.0, 0.0, 1.0]])
     for use in (
-        lambda: maker.render(CAMERA, np.eye(4)),
-        lambda: maker.lit(point, up),
-        lambda: maker.seen_from(point, up, np.array([0.0, 0.0, 2.0])),
+        lambda: renderer.render(CAMERA, np.eye(4)),
+        lambda: renderer.lit(point, up),
+        lambda: renderer.visible_from(point, up, np.array([0.0, 0.0, 2.0])),
     ):
         with pytest.raises(RuntimeError, match="closed"):
             use()

@@ -12,8 +12,8 @@ from marssim.base.camera import PinholeCamera, look_pose
 from marssim.base.dataset.frame import GROUND, SKY
 from marssim.inspection.agreement import BesideCentres, ShiftFit
 from marssim.inspection.tilted_planes import plane_shift
-from marssim.render.renderers.embree_renderer import Raycaster
-from marssim.render.renderers.pybullet_renderer import Rasterizer
+from marssim.render.renderers.embree_renderer import EmbreeRenderer
+from marssim.render.renderers.pybullet_renderer import PyBulletRenderer
 from marssim.scene.rocks import RockConfig
 from marssim.scene.scene import Scene, SceneConfig, build_scene
 
@@ -28,16 +28,16 @@ def scene() -> Scene:
 
 @pytest.fixture(scope="module")
 def rasterizer(scene):
-    maker = Rasterizer(scene)
-    yield maker
-    maker.close()
+    renderer = PyBulletRenderer(scene)
+    yield renderer
+    renderer.close()
 
 
 @pytest.fixture(scope="module")
 def raycaster(scene):
-    maker = Raycaster(scene)
-    yield maker
-    maker.close()
+    renderer = EmbreeRenderer(scene)
+    yield renderer
+    renderer.close()
 
 
 def pose_over(scene: Scene, x: float, y: float, yaw: float, pitch_deg: float = 20.0, roll: float = 0.05) -> np.ndarray:
@@ -85,7 +85,7 @@ def test_pixel_centres_lie_where_the_rays_go(scene, rasterizer, raycaster, camer
 @pytest.mark.parametrize("azimuths_deg", [(45, 135), (225, 315), (0, 90), (180, 270)])
 def test_planes_tilted_in_each_axis_are_not_shifted(azimuths_deg):
     """As they are drawn, before their depth is made exact, against their closed form."""
-    assert np.abs(plane_shift(Rasterizer, SKEWED, azimuths_deg)).max() < 0.05
+    assert np.abs(plane_shift(PyBulletRenderer, SKEWED, azimuths_deg)).max() < 0.05
 
 
 def test_normals_are_unit_and_face_the_camera(scene, rasterizer):
@@ -106,29 +106,29 @@ def test_the_sky_alone(scene, rasterizer):
 def test_a_view_does_not_depend_on_those_before_it(scene):
     """A generation that was stopped goes on without the views that are there, and must write the same bytes."""
     poses = [pose_over(scene, *place) for place in ((0.0, 0.0, 0.3), (0.12, 0.05, 0.32), (0.3, 0.3, 0.4), (0, -1, 0.2))]
-    through, seen = Rasterizer(scene), []
+    through, seen = PyBulletRenderer(scene), []
     for pose in poses:
         seen.append(all_that_is_seen(through, pose))
     through.close()
     for pose, expected in zip(poses[1:], seen[1:]):
-        alone = Rasterizer(scene)
+        alone = PyBulletRenderer(scene)
         for ours, theirs in zip(all_that_is_seen(alone, pose), expected):
             assert np.array_equal(ours, theirs)
         alone.close()
 
 
-def all_that_is_seen(maker: Rasterizer, pose: np.ndarray) -> list[np.ndarray]:
-    view = maker.render(LEVEL, pose)
+def all_that_is_seen(renderer: PyBulletRenderer, pose: np.ndarray) -> list[np.ndarray]:
+    view = renderer.render(LEVEL, pose)
     points, normals = view.world(LEVEL, pose)[view.hit], view.normal[view.hit] @ pose[:3, :3].T
     eye = pose[:3, 3] + 0.27 * pose[:3, 0]
-    lit, seen = maker.lit(points, normals), maker.seen_from(points, normals, eye)
+    lit, seen = renderer.lit(points, normals), renderer.visible_from(points, normals, eye)
     return [view.depth, view.normal, view.shading_normal, view.surface, lit, seen]
 
 
 def test_no_points_are_no_error(rasterizer):
     none = np.zeros((0, 3))
     assert rasterizer.lit(none, none).shape == (0,)
-    assert rasterizer.seen_from(none, none, np.zeros(3)).shape == (0,)
+    assert rasterizer.visible_from(none, none, np.zeros(3)).shape == (0,)
 
 
 def test_a_plane_without_rocks_has_its_closed_form():
@@ -136,23 +136,23 @@ def test_a_plane_without_rocks_has_its_closed_form():
     base = build_scene(config, np.random.default_rng(0))
     for grid in (base.terrain.fine, base.terrain.coarse):
         grid.heights[:] = 0.0
-    maker = Rasterizer(base)
+    renderer = PyBulletRenderer(base)
     pose = look_pose(np.array([0.0, 0.0, 1.2]), 0.4, np.deg2rad(30))
-    view = maker.render(SKEWED, pose)
+    view = renderer.render(SKEWED, pose)
     down = SKEWED.rays() @ pose[:3, :3].T
     hit = view.hit
     assert hit.mean() > 0.5
     assert np.allclose(view.depth[hit], (-1.2 / down[..., 2])[hit], rtol=1e-6)
-    assert maker.lit(view.world(SKEWED, pose)[hit], np.tile([0.0, 0.0, 1.0], (int(hit.sum()), 1))).all()
-    maker.close()
+    assert renderer.lit(view.world(SKEWED, pose)[hit], np.tile([0.0, 0.0, 1.0], (int(hit.sum()), 1))).all()
+    renderer.close()
 
 
 def test_close_twice_and_use_after():
-    maker = Rasterizer(build_scene(SceneConfig(size=4.0, horizon=6.0), np.random.default_rng(0)))
-    maker.close()
-    maker.close()
+    renderer = PyBulletRenderer(build_scene(SceneConfig(size=4.0, horizon=6.0), np.random.default_rng(0)))
+    renderer.close()
+    renderer.close()
     with pytest.raises(RuntimeError, match="closed"):
-        maker.render(LEVEL, np.eye(4))
+        renderer.render(LEVEL, np.eye(4))
 
 
 def resident() -> int:
@@ -165,10 +165,10 @@ def test_scenes_one_after_another_take_no_more_memory(scene):
     """What is held, not its peak, which may be that of an earlier test."""
     held = []
     for _ in range(6):
-        maker = Rasterizer(scene)
-        maker.render(LEVEL, pose_over(scene, 0.0, 0.0, 0.0))
-        maker.lit(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]))  # builds every tile
-        maker.close()
+        renderer = PyBulletRenderer(scene)
+        renderer.render(LEVEL, pose_over(scene, 0.0, 0.0, 0.0))
+        renderer.lit(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]))  # builds every tile
+        renderer.close()
         held.append(resident())
     built = len(scene.rocks.vertices) + scene.terrain.fine.heights.size
     assert held[-1] - held[2] < 3 * 150 * built  # kept rows are about 600 bytes a vertex and scene

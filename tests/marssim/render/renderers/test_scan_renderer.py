@@ -12,9 +12,9 @@ from marssim.base.dataset.frame import GROUND
 from marssim.render.geometry.mesh import scene_mesh
 from marssim.render.geometry.projection import Projection
 from marssim.render.geometry.raster import first_faces, matching_faces
-from marssim.render.geometry.scan import nearest
-from marssim.render.renderers.embree_renderer import Raycaster
-from marssim.render.renderers.scan_renderer import Scanner
+from marssim.render.geometry.scan import nearest_faces
+from marssim.render.renderers.embree_renderer import EmbreeRenderer
+from marssim.render.renderers.scan_renderer import ScanRenderer
 from marssim.scene.rocks import RockConfig
 from marssim.scene.scene import Scene, SceneConfig, build_scene
 
@@ -27,13 +27,13 @@ def scene() -> Scene:
 
 
 @pytest.fixture(scope="module")
-def scanner(scene) -> Scanner:
-    return Scanner(scene)
+def scanner(scene) -> ScanRenderer:
+    return ScanRenderer(scene)
 
 
 @pytest.fixture(scope="module")
 def caster(scene):
-    caster = Raycaster(scene)
+    caster = EmbreeRenderer(scene)
     yield caster
     caster.close()
 
@@ -73,7 +73,7 @@ def test_it_sees_what_rays_between_the_pixels_see(scene, scanner):
         pose = pose_at(scene, n - 1.0, 0.5, above, 2.0 * n, 0.25 * n, 0.1)
         face = first_faces(mesh, CAMERA, pose)
         assert (face >= 0).mean() > 0.4
-        assert (face == nearest(mesh, Projection.of_eye(pose), x, y)).mean() > 0.9999
+        assert (face == nearest_faces(mesh, Projection.of_eye(pose), x, y)).mean() > 0.9999
 
 
 def test_a_part_of_the_image_is_that_part_of_the_whole(scene, scanner):
@@ -90,7 +90,7 @@ def test_matching_finds_the_face_of_the_surface_that_is_asked_for(scene):
     first = first_faces(mesh, CAMERA, pose)
     shape = (CAMERA.height, CAMERA.width)
     surface = np.where(first >= 0, mesh.surface[first], -1).reshape(shape)
-    depth = Scanner(scene).render(CAMERA, pose).depth
+    depth = ScanRenderer(scene).render(CAMERA, pose).depth
     at = first >= 0
     assert (
         matching_faces(mesh, mesh.surface, CAMERA, pose, depth, surface.astype(np.int32))[at] == first[at]
@@ -99,7 +99,7 @@ def test_matching_finds_the_face_of_the_surface_that_is_asked_for(scene):
     rock = surface.ravel() > GROUND
     assert rock.mean() > 0.05 and (behind[rock] >= 0).mean() > 0.95
     assert (mesh.surface[behind[behind >= 0]] == GROUND).all()
-    bare = Scanner(
+    bare = ScanRenderer(
         replace(scene, rocks=build_scene(SceneConfig(size=8.0, rocks=RockConfig(k=0)), np.random.default_rng(0)).rocks)
     ).render(CAMERA, pose)
     seen = rock & (behind >= 0)

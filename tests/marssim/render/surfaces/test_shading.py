@@ -32,16 +32,16 @@ def around(count: int = 500, near: float = 1.0, far: float = 6.0) -> np.ndarray:
     return np.stack([reach * np.cos(angle), reach * np.sin(angle), np.zeros(count)], axis=1)
 
 
-def level(maker: Shader, points: np.ndarray, lit: float = 1.0, eye: np.ndarray = EYE) -> np.ndarray:
+def level(renderer: Shader, points: np.ndarray, lit: float = 1.0, eye: np.ndarray = EYE) -> np.ndarray:
     up = np.tile([0.0, 0.0, 1.0], (len(points), 1))
-    return maker.surface(points, up, np.full(len(points), GROUND), eye, np.full(len(points), lit), FOCAL)
+    return renderer.surface(points, up, np.full(len(points), GROUND), eye, np.full(len(points), lit), FOCAL)
 
 
 @given(elevation=st.floats(10, 89), depth=st.floats(0.1, 2.0))
 def test_what_the_sun_reaches_is_brighter(elevation, depth):
-    maker = shader(sun=towards(elevation, 40), optical_depth=depth)
+    renderer = shader(sun=towards(elevation, 40), optical_depth=depth)
     points = around()
-    dark, half, lit = (level(maker, points, share) for share in (0.0, 0.5, 1.0))
+    dark, half, lit = (level(renderer, points, share) for share in (0.0, 0.5, 1.0))
     sunlit = (lit > dark).all(axis=1)  # a steep flank of the fine relief may turn away from a low sun
     assert sunlit.mean() > 0.6 and (lit >= dark).all()
     assert np.allclose(half, (lit + dark) / 2, atol=1e-5)
@@ -57,7 +57,7 @@ def test_what_the_sun_reaches_is_brighter(elevation, depth):
 )
 def test_radiance_is_finite_and_sane(elevation, depth, contrast, strength, seed):
     rng = np.random.default_rng(seed)
-    maker = shader(
+    renderer = shader(
         sun=towards(elevation, 200), optical_depth=depth, albedo_contrast=contrast, texture_strength=strength
     )
     points = rng.normal(0, 5, (300, 3))
@@ -65,7 +65,7 @@ def test_radiance_is_finite_and_sane(elevation, depth, contrast, strength, seed)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     normals *= np.sign(np.einsum("ij,ij->i", normals, EYE - points))[:, None]
     surface = rng.integers(0, len(SCENE.rocks) + 1, 300)
-    radiance = maker.surface(points, normals, surface, EYE, rng.uniform(0, 1, 300), FOCAL)
+    radiance = renderer.surface(points, normals, surface, EYE, rng.uniform(0, 1, 300), FOCAL)
     assert radiance.shape == (300, 3) and radiance.dtype == np.float32
     assert np.isfinite(radiance).all() and (radiance >= 0).all()
     assert radiance.max() < 3  # of a white surface under the sun at zenith
@@ -75,19 +75,19 @@ def test_radiance_is_finite_and_sane(elevation, depth, contrast, strength, seed)
 @pytest.mark.parametrize("end", [0, 1])
 def test_radiance_is_finite_at_the_ends_of_every_range(name, end):
     value = LOOK_LIMITS[name][end] or (0.01 if name == "sun_elevation_deg" else 0.0)
-    maker = Shader(replace(SCENE, look=draw_look(LookConfig(**{name: (value, value)}), np.random.default_rng(1))))
-    sky = maker.sky(np.eye(3, dtype=np.float32))
-    for radiance in (level(maker, around()), sky):
+    renderer = Shader(replace(SCENE, look=draw_look(LookConfig(**{name: (value, value)}), np.random.default_rng(1))))
+    sky = renderer.sky(np.eye(3, dtype=np.float32))
+    for radiance in (level(renderer, around()), sky):
         assert np.isfinite(radiance).all() and (radiance >= 0).all() and radiance.max() > 0
 
 
 def test_the_sky_is_brighter_near_the_sun_and_at_the_horizon():
-    maker = shader(sun=towards(30, 50))
+    renderer = shader(sun=towards(30, 50))
     at = np.stack([towards(30, azimuth) for azimuth in (50, 60, 90, 150, 230)])
-    assert (np.diff(maker.sky(at).mean(axis=1)) < 0).all()
+    assert (np.diff(renderer.sky(at).mean(axis=1)) < 0).all()
     up = np.stack([towards(elevation, 230) for elevation in (2, 15, 40)])
-    assert (np.diff(maker.sky(up).mean(axis=1)) < 0).all()
-    colour = maker.sky(np.stack([towards(e, a) for e in (1, 30, 80) for a in range(0, 360, 30)]))
+    assert (np.diff(renderer.sky(up).mean(axis=1)) < 0).all()
+    colour = renderer.sky(np.stack([towards(e, a) for e in (1, 30, 80) for a in range(0, 360, 30)]))
     assert (colour[:, 0] > colour[:, 1]).all() and (colour[:, 1] > colour[:, 2]).all()  # butterscotch
 
 
@@ -98,18 +98,18 @@ def test_the_sky_is_darker_under_a_low_sun():
 
 
 def test_the_ground_scatters_back_to_where_the_light_comes_from():
-    maker = shader(sun=towards(25, 0), texture_strength=0.0, albedo_contrast=0.0)
+    renderer = shader(sun=towards(25, 0), texture_strength=0.0, albedo_contrast=0.0)
     up = np.array([[2.0, 0.0, 0.0], [-2.0, 0.0, 0.0]])  # looking towards the sun, and with the sun behind
-    against, along = level(maker, up)
+    against, along = level(renderer, up)
     assert (along > 1.1 * against).all()
 
 
 def test_light_follows_the_slope():
-    maker = shader(sun=towards(30, 0), texture_strength=0.0, albedo_contrast=0.0)
+    renderer = shader(sun=towards(30, 0), texture_strength=0.0, albedo_contrast=0.0)
     tilt = np.deg2rad([-20, 0, 20])
     normals = np.stack([np.sin(tilt), 0 * tilt, np.cos(tilt)], axis=1)
     points = np.tile([0.0, 2.0, 0.0], (3, 1))
-    radiance = maker.surface(points, normals, np.zeros(3, int), EYE, np.ones(3), FOCAL)
+    radiance = renderer.surface(points, normals, np.zeros(3, int), EYE, np.ones(3), FOCAL)
     assert (np.diff(radiance, axis=0) > 0).all()
 
 
@@ -127,25 +127,25 @@ def test_a_low_sun_is_redder_and_weaker():
 
 def test_rocks_have_their_own_albedo():
     dark, bright = np.argsort(SCENE.rocks.albedo)[[0, -1]]
-    maker = shader(sun=towards(40, 180), albedo_contrast=0.0, texture_strength=0.0, rock_dust=0.0)
+    renderer = shader(sun=towards(40, 180), albedo_contrast=0.0, texture_strength=0.0, rock_dust=0.0)
     faces = np.array([[-1.0, 0.0, 0.0]] * 2)  # too steep for dust to lie on
     points = np.array([[2.0, 0.0, 0.3]] * 2)
-    colour = maker.surface(points, faces, np.array([dark + 1, bright + 1]), EYE, np.ones(2), FOCAL)
+    colour = renderer.surface(points, faces, np.array([dark + 1, bright + 1]), EYE, np.ones(2), FOCAL)
     expected = SCENE.rocks.albedo[bright] / SCENE.rocks.albedo[dark]
     assert np.allclose(colour[1] / colour[0], expected, rtol=0.02)
-    ground = maker.surface(points[:1], faces[:1], np.array([GROUND]), EYE, np.ones(1), FOCAL)[0]
+    ground = renderer.surface(points[:1], faces[:1], np.array([GROUND]), EYE, np.ones(1), FOCAL)[0]
     assert ground[0] / ground[2] > 1.2 * colour[0, 0] / colour[0, 2]  # the ground is redder than bare rock
 
 
 def test_sand_lies_against_the_foot_of_a_rock_and_not_higher():
-    maker = shader(sun=towards(40, 180), albedo_contrast=0.0, texture_strength=0.0, rock_dust=0.0)
+    renderer = shader(sun=towards(40, 180), albedo_contrast=0.0, texture_strength=0.0, rock_dust=0.0)
     rock = int(np.argmax(SCENE.rocks.height))
     x, y, _ = SCENE.rocks.centre[rock]
     ground = float(SCENE.terrain.height_at(x, y))
     heights = np.array([0.0, 0.5, 1.0]) * SCENE.rocks.height[rock]
     points = np.stack([np.full(3, x), np.full(3, y), ground + heights], axis=1)
     faces = np.tile([-1.0, 0.0, 0.0], (3, 1))
-    colour = maker.surface(points, faces, np.full(3, rock + 1), EYE, np.ones(3), FOCAL)
+    colour = renderer.surface(points, faces, np.full(3, rock + 1), EYE, np.ones(3), FOCAL)
     red = colour[:, 0] / colour[:, 2]
     assert red[0] > 1.2 * red[1] and red[1] == pytest.approx(red[2], rel=1e-3)
 
@@ -168,8 +168,8 @@ def test_dust_clings_to_the_sides_of_some_rocks_as_much_as_its_knob_says():
     faces, points = np.tile([-1.0, 0.0, 0.0], (count, 1)), np.tile([2.0, 0.0, 3.0], (count, 1))
     reds = []
     for dust in (0.0, 0.4, 0.9):
-        maker = shader(sun=towards(40, 180), albedo_contrast=0.0, texture_strength=0.0, rock_dust=dust)
-        colour = maker.surface(points, faces, np.arange(count) + 1, EYE, np.ones(count), FOCAL)
+        renderer = shader(sun=towards(40, 180), albedo_contrast=0.0, texture_strength=0.0, rock_dust=dust)
+        colour = renderer.surface(points, faces, np.arange(count) + 1, EYE, np.ones(count), FOCAL)
         reds.append(colour[:, 0] / colour[:, 2])
     assert np.ptp(reds[0]) < 0.1 and (reds[0].mean() < reds[1].mean() < reds[2].mean()) and np.ptp(reds[2]) > 0.3
 
@@ -178,22 +178,22 @@ def test_dust_clings_to_the_sides_of_some_rocks_as_much_as_its_knob_says():
 def test_nothing_gives_back_more_light_than_it_gets(contrast):
     """The albedo: of ground and of rocks as bright as the config allows, in shadow under an even sky."""
     rocks = replace(SCENE.rocks, albedo=np.full(len(SCENE.rocks), 2.7))
-    maker = shader(
+    renderer = shader(
         replace(SCENE, rocks=rocks), sun=towards(89.9, 0), albedo_contrast=contrast, bedrock=0.5, optical_depth=1e-4
     )
     points = np.random.default_rng(0).uniform(-3.9, 3.9, (5000, 3)) * [1, 1, 0] + [0, 0, 1]
     up = np.tile([0.0, 0.0, 1.0], (len(points), 1))
     for surface in (np.full(len(points), GROUND), np.arange(len(points)) % len(rocks) + 1):
-        dark = maker.surface(points, up, surface, EYE + np.array([0, 0, 3.0]), np.zeros(len(points)), FOCAL)
-        assert dark.max() <= 0.92 * (maker.light.skylight + 0.18 / 0.27 * 0.45 * maker.light.sunlight.max())
+        dark = renderer.surface(points, up, surface, EYE + np.array([0, 0, 3.0]), np.zeros(len(points)), FOCAL)
+        assert dark.max() <= 0.92 * (renderer.light.skylight + 0.18 / 0.27 * 0.45 * renderer.light.sunlight.max())
 
 
 def test_rocks_differ_in_colour_as_the_contrast_says():
     faces, points = np.tile([-1.0, 0.0, 0.0], (50, 1)), np.tile([2.0, 0.0, 3.0], (50, 1))
     spread = []
     for contrast in (0.0, 0.5, 1.0):
-        maker = shader(sun=towards(40, 180), albedo_contrast=contrast, texture_strength=0.0, rock_dust=0.0)
-        colour = maker.surface(points, faces, np.arange(50) + 1, EYE, np.ones(50), FOCAL)
+        renderer = shader(sun=towards(40, 180), albedo_contrast=contrast, texture_strength=0.0, rock_dust=0.0)
+        colour = renderer.surface(points, faces, np.arange(50) + 1, EYE, np.ones(50), FOCAL)
         spread.append((colour[:, 0] / colour[:, 2]).std())
     assert spread[0] < 0.5 * spread[1] < 0.4 * spread[2]
 
@@ -216,8 +216,8 @@ def test_relief_shows_in_the_shadow_under_a_low_sun():
     points = np.tile([0.0, 2.0, 0.0], (2, 1))
 
     def ratio(elevation: float) -> float:
-        maker = shader(sun=towards(elevation, 0), texture_strength=0.0, albedo_contrast=0.0)
-        away, facing = maker.surface(points, normals, np.zeros(2, int), EYE, np.zeros(2), FOCAL)[:, 0]
+        renderer = shader(sun=towards(elevation, 0), texture_strength=0.0, albedo_contrast=0.0)
+        away, facing = renderer.surface(points, normals, np.zeros(2, int), EYE, np.zeros(2), FOCAL)[:, 0]
         return facing / away
 
     assert ratio(15) > 1.3 and ratio(89) == pytest.approx(1, abs=0.02)
@@ -232,20 +232,20 @@ def test_stones_stand_for_the_rocks_that_the_mesh_leaves_out_far_away():
 
 
 def test_rocks_take_sky_from_the_ground_beside_them():
-    maker = shader(sun=towards(40, 180), albedo_contrast=0.0, texture_strength=0.0)
+    renderer = shader(sun=towards(40, 180), albedo_contrast=0.0, texture_strength=0.0)
     inside = (np.abs(SCENE.rocks.centre[:, :2]) < SCENE.half - 1.5).all(axis=1)
     rock = int(np.argmax(SCENE.rocks.height * inside))
     centre, radius = SCENE.rocks.centre[rock], SCENE.rocks.diameter[rock] / 2
     points = np.stack([centre[0] - radius - np.array([0.05, 1.0]), np.full(2, centre[1]), np.zeros(2)], axis=1)
-    near, far = level(maker, points, 0.0)
+    near, far = level(renderer, points, 0.0)
     assert (near < 0.9 * far).all()
 
 
 def test_dust_in_the_air_takes_over_with_distance():
-    maker = shader(sun=towards(40, 10), optical_depth=1.0)
+    renderer = shader(sun=towards(40, 10), optical_depth=1.0)
     far = np.array([[0.0, DUST_SCALE_HEIGHT, 0.0], [0.0, 20 * DUST_SCALE_HEIGHT, 0.0]])
-    sky = maker.sky((far - EYE) / np.linalg.norm(far - EYE, axis=1, keepdims=True))
-    dark = level(maker, far, 0.0)
+    sky = renderer.sky((far - EYE) / np.linalg.norm(far - EYE, axis=1, keepdims=True))
+    dark = level(renderer, far, 0.0)
     ground = (dark[0] - sky[0] * (1 - np.exp(-1))) / np.exp(-1)
     assert ((ground > 0) & (ground < 0.2)).all()  # Beer and Lambert: 1 / e is left after an optical depth of one
     assert np.allclose(dark[1], sky[1], atol=1e-5)
@@ -278,6 +278,6 @@ def test_both_eyes_see_one_world():
 
 @pytest.mark.parametrize("count", [0, 1])
 def test_few_points_are_no_error(count):
-    maker = shader()
-    assert maker.sky(np.zeros((count, 3)) + np.array([0.0, 0.0, 1.0])).shape == (count, 3)
-    assert level(maker, around(count)).shape == (count, 3)
+    renderer = shader()
+    assert renderer.sky(np.zeros((count, 3)) + np.array([0.0, 0.0, 1.0])).shape == (count, 3)
+    assert level(renderer, around(count)).shape == (count, 3)
