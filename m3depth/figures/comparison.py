@@ -1,4 +1,4 @@
-"""Pairs, their truth, what methods made of them, and where they were wrong."""
+"""The figure that compares methods: pairs, their truth, the predictions and their errors."""
 
 from __future__ import annotations
 
@@ -24,18 +24,22 @@ from m3depth.figures.drawing import (
     show,
 )
 from marssim.base.command.notes import counted
-from marssim.base.images.colours import DEPTH_MAP
+from marssim.base.images.colours import DEPTH_MAP, NORMAL_TITLE
 
 PANEL = 2.1  # [in] width of one image
 ERROR_LIMIT = 10.0  # [%] relative depth error where the colour ends
-ANGLE_LIMIT = 45.0  # [deg]
+ANGLE_LIMIT = 45.0  # [deg] angle between normals where the colour ends
 
 
 def comparison_figure(examples: Sequence[Example], path: Path, most: int | None = None) -> None:
-    """Write a PNG: two rows a pair (depth above, normals below); the images, the truth, then each method and its error.
+    """Write a PNG with two rows a pair, depth above and normals below: images, truth, each method and its error.
 
-    One scale for all methods: depth logarithmic, error in percent of the true depth, angles in degrees. most: so many
-    methods, the first; the figure says how many others there are.
+    All methods share the scales: depth is logarithmic, its error in percent of the true depth, angles in degrees.
+
+    Args:
+        examples: The pairs.
+        path: The file to write.
+        most: Number of methods that are drawn, the first ones; the figure says how many others there are. None: all.
     """
     names = list(examples[0].predictions)[:most]
     others = len(examples[0].predictions) - len(names)
@@ -43,13 +47,13 @@ def comparison_figure(examples: Sequence[Example], path: Path, most: int | None 
     rows = 2 * len(examples)
     # A figure of one method is too narrow for labels of one line.
     gap, extra = ("  ", 0.0) if len(names) > 1 else ("\n", 0.15)
-    width, height = PANEL * columns + 0.4, PANEL * rows * _aspect(examples) + 1.2 + extra  # [in]
+    width, height = PANEL * columns + 0.4, PANEL * rows * _aspect(examples) + 1.4 + extra  # [in]
     figure = Figure(figsize=(width, height), dpi=110)
     grid = {
         "left": 0.38 / width,
         "right": 1 - 0.05 / width,
         "top": 1 - 0.32 / height,
-        "bottom": (0.85 + extra) / height,
+        "bottom": (1.05 + extra) / height,
     }
     axes = figure.subplots(rows, columns, squeeze=False, gridspec_kw={**grid, "wspace": 0.03, "hspace": 0.03})
     depths = np.concatenate([e.truth.depth[pixel_kinds(e.truth)["all"]] for e in examples])
@@ -63,7 +67,7 @@ def comparison_figure(examples: Sequence[Example], path: Path, most: int | None 
         show(lower[0], example.right)
         show(upper[1], known_depths(truth.depth), cmap=depth_map, norm=depth_norm)
         show(lower[1], normal_image(truth.normal))
-        upper[0].set_ylabel(f"pair {example.index}\nleft", fontsize=10)
+        upper[0].set_ylabel(f"{example.title}\nleft", fontsize=10)
         lower[0].set_ylabel("right", fontsize=10)
         for i, name in enumerate(names):
             prediction = example.predictions[name]
@@ -83,7 +87,7 @@ def comparison_figure(examples: Sequence[Example], path: Path, most: int | None 
             oriented = scored & (np.linalg.norm(truth.normal, axis=-1) > 0.5)
             angle = np.zeros(scored.shape)
             angle[oriented] = angle_between(prediction.normal[oriented], truth.normal[oriented])
-            known = known_depth(prediction.depth)[..., None]  # in the sky a normal means nothing
+            known = known_depth(prediction.depth)[..., None]  # normals mean nothing in the sky
             show(normal_axes, normal_image(np.where(known, prediction.normal, np.float32(0))))
             show(angle_axes, np.ma.masked_array(angle, ~oriented), cmap=angle_map, norm=angle_norm)
             note(angle_axes, f"mean {angle[oriented].mean():.1f}°" if oriented.any() else "")
@@ -92,13 +96,14 @@ def comparison_figure(examples: Sequence[Example], path: Path, most: int | None 
         ax.set_title(title, fontsize=12, fontweight="bold")
     if others:
         figure.text(0.05 / width, 0.05 / height, f"and {counted(others, 'method')} more", fontsize=9, color="0.3")
+    figure.text(1 - 0.05 / width, 0.05 / height, NORMAL_TITLE, fontsize=9, color="0.3", ha="right")
     bars = (
         (depth_norm, depth_map, f"depth [m]{gap}(grey: sky or unknown)", "both"),
         (error_norm, error_map, f"depth error [% of the true depth]{gap}(grey: not scored)", "max"),
         (angle_norm, angle_map, "angle between normals [deg]", "max"),
     )
     for i, (norm, colours, label, extend) in enumerate(bars):
-        place = figure.add_axes(((i + 0.12) / 3, (0.52 + extra) / height, 0.76 / 3, 0.16 / height))
+        place = figure.add_axes(((i + 0.12) / 3, (0.72 + extra) / height, 0.76 / 3, 0.16 / height))
         mappable = matplotlib.cm.ScalarMappable(norm, colours)
         bar = figure.colorbar(mappable, cax=place, orientation="horizontal", extend=extend)
         label_bar(bar, norm, label)
@@ -106,6 +111,6 @@ def comparison_figure(examples: Sequence[Example], path: Path, most: int | None 
 
 
 def _aspect(examples: Sequence[Example]) -> float:
-    """Height over width of the first pair."""
+    """Return height over width of the first pair."""
     height, width = examples[0].left.shape[:2]
     return height / width

@@ -1,4 +1,7 @@
-"""What the figures share. Drawn with matplotlib's object interface: no display, no global state."""
+"""Colours, scales and files that all figures share.
+
+They use matplotlib's object interface: no display, no global state.
+"""
 
 from __future__ import annotations
 
@@ -17,34 +20,37 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from marssim.base.files.atomic import write_atomically
 from marssim.base.images.colours import normal_colours
 
-DEPTH_TICKS = (0.2, 0.5, 1, 2, 3, 5, 10, 15, 30, 50, 100, 200, 500)  # [m]
-UNSCORED = "0.82"  # grey of what has no truth, or no value
-# Okabe and Ito, and two more: told apart by everyone
+DEPTH_TICKS = (0.2, 0.5, 1, 2, 3, 5, 10, 15, 30, 50, 100, 200, 500)  # [m] depths that a colour bar may name
+UNSCORED = "0.82"  # grey of pixels without truth or without a value
+# Colours of Okabe and Ito, which colour-blind readers can distinguish, and two more.
 METHOD_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000", "#8c6d31")
 METHOD_MARKERS = "osD^vPX*"
 
 
 def colour_map(name: str) -> Colormap:
-    """matplotlib's, with grey for what is masked."""
+    """Return a colour map of matplotlib, with grey for masked pixels."""
     return matplotlib.colormaps[name].with_extremes(bad=UNSCORED)
 
 
 def normal_image(normal: np.ndarray) -> np.ndarray:
-    """(H, W, 3) uint8 colours of normals on the grey of what is unknown, which normal_colours leaves black."""
+    """Return (H, W, 3) uint8 colours of normals; unknown ones are grey, where normal_colours has black."""
     colours = normal_colours(normal)
     colours[(colours == 0).all(axis=-1)] = round(255 * float(UNSCORED))
     return colours
 
 
 def known_depths(depth: np.ndarray) -> np.ma.MaskedArray:
-    """Depth with sky and unknown masked."""
+    """Return depth with sky and unknown pixels masked."""
     return np.ma.masked_array(depth, ~(np.isfinite(depth) & (depth > 0)))
 
 
 def depth_scale(depths: np.ndarray, whole: bool = False, farthest: float = 30.0) -> LogNorm:
-    """Logarithmic scale over what is there: its 2nd to 98th percentile, from 0.3 m at the lowest to `farthest` at most.
+    """Return a logarithmic scale of depth.
 
-    whole: from the nearest to the farthest.
+    Args:
+        depths: Depths [m] that the scale should hold: their 2nd to 98th percentile. It never begins under 0.3 m.
+        whole: Whether the scale goes from the nearest to the farthest depth instead.
+        farthest: Largest depth [m] at which the scale may end.
     """
     depths = depths[np.isfinite(depths) & (depths > 0)]
     low, high = np.percentile(depths, [0, 100] if whole else [2, 98]) if len(depths) else (1.0, 15.0)
@@ -53,7 +59,7 @@ def depth_scale(depths: np.ndarray, whole: bool = False, farthest: float = 30.0)
 
 
 def label_bar(bar: Any, norm: Normalize, label: str) -> None:
-    """Name a colour bar; a logarithmic one gets round depths as ticks, or its ends where it is too short for them."""
+    """Label a colour bar; a logarithmic one gets round depths as ticks, or its ends where it is too short for them."""
     bar.set_label(label, fontsize=10)
     if isinstance(norm, LogNorm):
         low, high = norm.vmin or 0, norm.vmax or 1
@@ -65,7 +71,7 @@ def label_bar(bar: Any, norm: Normalize, label: str) -> None:
 
 
 def show(ax: Axes, image: np.ndarray, **options: Any) -> Any:
-    """An image without axes; options as imshow takes them. Returns what imshow does."""
+    """Draw an image without ticks and frame, and return imshow's result; it takes imshow's options."""
     ax.set_xticks([])
     ax.set_yticks([])
     for spine in ax.spines.values():
@@ -74,14 +80,14 @@ def show(ax: Axes, image: np.ndarray, **options: Any) -> Any:
 
 
 def note(ax: Axes, text: str, corner: str = "upper right") -> None:
-    """Words on an image. corner: "upper right" or "lower left"."""
+    """Write words on an image, into the corner "upper right" or "lower left"."""
     x, y, ha, va = (0.97, 0.96, "right", "top") if corner == "upper right" else (0.03, 0.04, "left", "bottom")
     ax.text(x, y, text, transform=ax.transAxes, ha=ha, va=va, fontsize=9,
             bbox={"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 2})  # fmt: skip
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Drawn by Agg into memory and replaced in one step. Raises OSError."""
+    """Draw a figure with Agg, and write it as PNG in one step. Raises OSError, which names the file."""
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     pixels = np.asarray(canvas.buffer_rgba())[..., :3]

@@ -1,4 +1,4 @@
-"""Errors against depth, and against confidence."""
+"""The figures of errors by true depth and by confidence."""
 
 from __future__ import annotations
 
@@ -15,10 +15,13 @@ from m3depth.figures.drawing import METHOD_COLOURS, METHOD_MARKERS, save
 
 
 def interval_figure(results: dict[str, dict[str, Any]], path: Path, fb: float | None = None) -> None:
-    """Write a PNG: error against true depth, in the 15 intervals of the paper's figure.
+    """Write a PNG of the errors by true depth, in the 15 intervals of the paper's figure.
 
-    results: Scores.result() by method. fb: focal length times baseline [px m] of the rig, to draw what a constant
-    error of the disparity would give; None: not drawn.
+    Args:
+        results: Scores.result() by method.
+        path: The file to write.
+        fb: Focal length times baseline [px m] of the rig, for the error that a constant error of disparity gives. None:
+            it is not drawn.
     """
     figure = Figure(figsize=(11, 4.6), layout="constrained", dpi=120)
     panels = figure.subplots(1, 3)
@@ -66,9 +69,13 @@ def interval_figure(results: dict[str, dict[str, Any]], path: Path, fb: float | 
 
 
 def distribution_figure(results: dict[str, dict[str, Any]], path: Path) -> None:
-    """Write a PNG: how often which absolute error comes at which true depth, a panel a method (the paper's cloud).
+    """Write a PNG of the frequency of absolute errors by true depth, a panel a method (the paper's cloud of points).
 
-    results: Scores.result() by method. The line is the mean of each depth interval.
+    The line is the mean of each depth interval.
+
+    Args:
+        results: Scores.result() by method.
+        path: The file to write.
     """
     columns = min(4, len(results))
     rows = -(-len(results) // columns)
@@ -102,9 +109,11 @@ def distribution_figure(results: dict[str, dict[str, Any]], path: Path) -> None:
 
 
 def sparsification_figure(results: dict[str, dict[str, Any]], path: Path) -> None:
-    """Write a PNG: the error that is left as the least confident pixels are dropped, and the oracle's, dashed.
+    """Write a PNG of the error that is left as the least confident pixels are dropped; the oracle's is dashed.
 
-    results: Scores.result() by method; methods that tell no confidence have no curve.
+    Args:
+        results: Scores.result() by method; methods of constant confidence have no curve.
+        path: The file to write.
     """
     figure = Figure(figsize=(9.5, 4.2), layout="constrained", dpi=120)
     panels = figure.subplots(1, 2)

@@ -1,4 +1,4 @@
-"""All methods side by side as the paper shows them: whole pairs, and the parts of them that are hard."""
+"""The figures with all methods side by side, as in the paper: whole pairs, and their hardest parts."""
 
 from __future__ import annotations
 
@@ -18,13 +18,14 @@ from marssim.base.images.colours import DEPTH_MAP
 from marssim.base.images.depth_edges import depth_edges
 
 PANEL = 1.9  # [in] width of one image
-PART = 0.2  # of the image's width: side of an enlarged square
-SCORED = 0.9  # share of it that has to be scored
-BOXES = ("#e6194b", "#ffe119", "#42d4f4")
+PART = 0.2  # side of an enlarged square, as a share of the image's shorter side
+SCORED = 0.9  # share of a square that has to be scored
+BOXES = ("#e6194b", "#ffe119", "#42d4f4")  # colours of the squares
+ZOOM_SCALE = "depth: bright is near; each part has a scale of its own, written on its truth; grey: sky or unknown"
 
 
 def qualitative_figure(examples: Sequence[Example], path: Path) -> None:
-    """Write a PNG: a row a pair; the left image, the true depth, the depth of each method, all on one scale."""
+    """Write a PNG with a row a pair: left image, true depth and the depth of each method, all on one scale."""
     names = list(examples[0].predictions)
     columns, rows = 2 + len(names), len(examples)
     aspect = examples[0].left.shape[0] / examples[0].left.shape[1]
@@ -36,7 +37,7 @@ def qualitative_figure(examples: Sequence[Example], path: Path) -> None:
     depth_map = colour_map(DEPTH_MAP)
     for row, example in zip(axes, examples, strict=True):
         show(row[0], example.left)
-        row[0].set_ylabel(f"pair {example.index}", fontsize=10)
+        row[0].set_ylabel(example.title, fontsize=10)
         for ax, depth in zip(row[1:], [example.truth.depth, *(example.predictions[n].depth for n in names)]):
             show(ax, known_depths(depth), cmap=depth_map, norm=norm)
     for ax, title in zip(axes[0], ["left image", "truth", *names], strict=True):
@@ -50,9 +51,12 @@ def qualitative_figure(examples: Sequence[Example], path: Path) -> None:
 
 
 def hard_parts(example: Example) -> dict[str, tuple[int, int, int]]:
-    """Squares (row, column, side) [px] of a pair where it shows least texture, most depth edges and least light.
+    """Return the squares of a pair with the least texture, the most depth edges and the least light.
 
-    They do not overlap, and nine tenths of each are scored; a kind for which no such square is left is missing.
+    They do not overlap, and nine tenths of each are scored.
+
+    Returns:
+        (row, column, side) [px] by kind; a kind for which no such square is left is missing.
     """
     truth = example.truth
     scored = pixel_kinds(truth)["all"]
@@ -78,24 +82,25 @@ def hard_parts(example: Example) -> dict[str, tuple[int, int, int]]:
 
 
 def zoom_figure(examples: Sequence[Example], path: Path) -> None:
-    """Write a PNG: for each pair the left image with its hard_parts marked, and these enlarged, by every method.
+    """Write a PNG with each pair's hard_parts: marked in the left image, and enlarged as every method sees them.
 
     Each part has its own depth scale, from its nearest to its farthest true depth, which is written on it.
     """
     names = list(examples[0].predictions)
-    found = [(example, hard_parts(example)) for example in examples]
-    found = [(example, parts) for example, parts in found if parts] or [(examples[0], {})]
-    columns, lines = 2 + len(names), 3 * len(found)
-    width, height = 1.3 * (columns + 3) + 0.3, 1.3 * lines + 0.5  # [in]
+    blocks = [(example, hard_parts(example)) for example in examples]
+    blocks = [(example, parts) for example, parts in blocks if parts] or [(examples[0], {})]
+    columns, lines = 2 + len(names), 3 * len(blocks)
+    width, height = 1.3 * (columns + 3) + 0.3, 1.3 * lines + 0.7  # [in]
     figure = Figure(figsize=(width, height), dpi=120)
     grid = figure.add_gridspec(
-        lines, columns + 3, left=0.1 / width, right=1 - 0.1 / width, top=1 - 0.35 / height, bottom=0.1 / height,
+        lines, columns + 3, left=0.1 / width, right=1 - 0.1 / width, top=1 - 0.35 / height, bottom=0.3 / height,
         wspace=0.04, hspace=0.06,
     )  # fmt: skip
-    for block, (example, parts) in enumerate(found):
+    figure.text(0.1 / width, 0.08 / height, ZOOM_SCALE, fontsize=9, color="0.3")
+    for block, (example, parts) in enumerate(blocks):
         whole = figure.add_subplot(grid[3 * block : 3 * block + 3, :3])
         show(whole, example.left)
-        whole.text(0.02, 0.98, f"pair {example.index}", transform=whole.transAxes, va="top", fontsize=10, color="white")
+        note(whole, example.title, corner="lower left")
         for line, ((kind, (row, column, side)), colour) in enumerate(zip(parts.items(), BOXES)):
             whole.add_patch(Rectangle((column, row), side, side, fill=False, edgecolor=colour, lw=2.2))
             cut = np.s_[row : row + side, column : column + side]

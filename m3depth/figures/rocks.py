@@ -1,4 +1,4 @@
-"""Rocks found and missed, the error of their height, and obstacles that are none, by height and range."""
+"""The figure of rocks found, the error of their height, and false obstacles, by height and distance."""
 
 from __future__ import annotations
 
@@ -16,14 +16,16 @@ from m3depth.figures.drawing import METHOD_COLOURS, save
 
 
 def rocks_figure(methods: Mapping[str, Mapping[str, Any]], path: Path) -> None:
-    """Write a PNG: a column a range; found share, height error and false obstacles, a bar a method and height.
+    """Write a PNG with a column a distance: share found, height error and false obstacles, a bar a method and height.
 
-    methods: RockCounts.result() by name. Without any rocks the figure says so.
+    Args:
+        methods: RockCounts.result() by method. Without any rocks the figure says so.
+        path: The file to write.
     """
-    methods = {name: found for name, found in methods.items() if found}
+    methods = {name: result for name, result in methods.items() if result}
     figure = Figure(figsize=(11, 7.6), layout="constrained", dpi=120)
     if not methods:
-        figure.text(0.5, 0.5, "no sample tells where its camera stood: rocks have no height", ha="center")
+        figure.text(0.5, 0.5, "no sample records the pose of its camera: rocks have no height", ha="center")
         save(figure, path)
         return
     bins = next(iter(methods.values()))["bins"]
@@ -35,15 +37,15 @@ def rocks_figure(methods: Mapping[str, Mapping[str, Any]], path: Path) -> None:
         first = next(iter(here.values()))
         labels = [_height(b) + f"\n{b['rocks']} rocks" for b in first]
         images = next(iter(methods.values()))["images"]
-        _bars(axes[0, column], labels, {n: [_percent(b["found_share"]) for b in found] for n, found in here.items()})
+        _bars(axes[0, column], labels, {n: [_percent(b["found_share"]) for b in rows] for n, rows in here.items()})
         axes[0, column].set_title(f"{near:g} to {far:g} m away")
         axes[0, column].set_ylim(0, 105)
-        errors = {n: [_centimetres(b["height_error_m"]) for b in found] for n, found in here.items()}
+        errors = {n: [_centimetres(b["height_error_m"]) for b in rows] for n, rows in here.items()}
         _bars(axes[1, column], [_height(b) for b in first], errors)
         tall = [i for i, b in enumerate(first) if b["height_from_m"] >= lowest]
         false = {
-            n: [b["false"] / images * 100 if i in tall else np.nan for i, b in enumerate(found)]
-            for n, found in here.items()
+            n: [b["false"] / images * 100 if i in tall else np.nan for i, b in enumerate(rows)]
+            for n, rows in here.items()
         }
         _bars(axes[2, column], [_height(b) if i in tall else "" for i, b in enumerate(first)], false)
     if not any(bar.get_height() > 0 for ax in axes[2] for bar in ax.patches):

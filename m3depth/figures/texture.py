@@ -1,4 +1,4 @@
-"""Images, their local binary patterns and their spectra, as the paper's first figure of texture shows them."""
+"""The figure of images, their local binary patterns and their spectra, as the paper's first figure of texture."""
 
 from __future__ import annotations
 
@@ -16,8 +16,15 @@ from m3depth.figures.drawing import METHOD_COLOURS, save, show
 
 @dataclass(frozen=True)
 class TextureExample:
-    """One image of a group. grey: (H, W) uint8; codes: (H - 2, W - 2) uint8; power, frequency: (H, W), as np.fft orders
-    them."""
+    """One image of a group.
+
+    Attributes:
+        name: Name of the group.
+        grey: (H, W) uint8 image.
+        codes: (H - 2, W - 2) uint8 local binary patterns.
+        power: (H, W) power spectrum, in the order of np.fft.
+        frequency: (H, W) radial frequency [cycles/px], likewise.
+    """
 
     name: str
     grey: np.ndarray
@@ -29,9 +36,13 @@ class TextureExample:
 def texture_figure(
     examples: Sequence[TextureExample], groups: Mapping[str, Any], border: float, path: Path
 ) -> None:  # fmt: skip
-    """Write a PNG: a row a group with its first image, the patterns, the spectrum, and where the energy lies.
+    """Write a PNG with a row a group: its first image, the patterns, the spectrum, and the energy by frequency.
 
-    groups: {"mean": figures} by name; border [cycles/px]: where high frequencies begin.
+    Args:
+        examples: One image of each group.
+        groups: {"mean": figures, "count": number of images} by the group's name.
+        border: Frequency at which high frequencies begin [cycles/px].
+        path: The file to write.
     """
     figure = Figure(figsize=(14, 3.7 * len(examples)), layout="constrained", dpi=110)
     axes = figure.subplots(len(examples), 4, squeeze=False)
@@ -71,7 +82,7 @@ def texture_figure(
 
 
 def energy_below(example: TextureExample, frequencies: np.ndarray) -> np.ndarray:
-    """Share of the energy up to each frequency [cycles/px]."""
+    """Return the share of the energy up to each frequency [cycles/px]."""
     order = np.argsort(example.frequency, axis=None)
     total = np.concatenate([[0], np.cumsum(example.power.ravel()[order])])
     upto = np.searchsorted(example.frequency.ravel()[order], frequencies, side="right")

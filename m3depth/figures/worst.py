@@ -1,4 +1,4 @@
-"""The pairs that a method got most wrong, with what it thought of itself there."""
+"""The figure of the pairs with the largest error of a method, beside its own confidence."""
 
 from __future__ import annotations
 
@@ -12,18 +12,22 @@ from matplotlib.figure import Figure
 from m3depth.evaluation.example import Example
 from m3depth.evaluation.metrics import known_depth, pixel_kinds
 from m3depth.figures.drawing import colour_map, label_bar, normal_image, note, save, show
-from marssim.base.images.colours import DISPARITY_MAP
+from marssim.base.images.colours import DISPARITY_MAP, NORMAL_TITLE
 
 PANEL = 1.7  # [in] width of one image
-MOST = 4.0  # [px] of error that the colours tell apart
+MOST = 4.0  # [px] error where the colour ends
+WORDS = (
+    "disparity: bright is near; the range of a pair is written on its truth\n"
+    f"grey: sky or unknown; in the error: not scored\n{NORMAL_TITLE}"
+)
 COLUMNS = ("left", "true disparity", "predicted disparity", "error", "confidence", "true normals", "predicted normals")
 
 
 def worst_figure(examples: Sequence[Example], path: Path) -> None:
-    """Write a PNG: a row a pair, of the first method of each.
+    """Write a PNG with a row a pair, as the first method sees it.
 
-    Disparities of a pair share a scale, that of its scored pixels, which is written on the true ones; grey is sky or
-    unknown, in the errors what is not scored. A method without normals has no picture there.
+    The disparities of a pair share a scale, that of its scored pixels, which is written on the true ones. Grey is sky
+    or unknown; in the errors it is what is not scored. A method without normals has no picture of them.
     """
     rows = len(examples)
     aspect = examples[0].left.shape[0] / examples[0].left.shape[1]
@@ -33,26 +37,26 @@ def worst_figure(examples: Sequence[Example], path: Path) -> None:
     axes = figure.subplots(rows, len(COLUMNS), squeeze=False, gridspec_kw={**edges, "wspace": 0.03, "hspace": 0.03})
     errors, shares = Normalize(0, MOST), Normalize(0, 1)
     for row, example in zip(axes, examples, strict=True):
-        truth, found = example.truth, next(iter(example.predictions.values()))
+        truth, prediction = example.truth, next(iter(example.predictions.values()))
         scored = pixel_kinds(truth)["all"]
-        error = np.where(scored, np.abs(found.disparity - truth.disparity), np.nan)
+        error = np.where(scored, np.abs(prediction.disparity - truth.disparity), np.nan)
         norm = Normalize(*np.percentile(truth.disparity[scored], [1, 99])) if scored.any() else Normalize(0, 1)
         show(row[0], example.left)
-        row[0].set_ylabel(f"pair {example.index}", fontsize=10)
-        show(row[1], np.where(truth.disparity > 0, truth.disparity, np.nan), cmap=colour_map(DISPARITY_MAP), norm=norm)
+        row[0].set_ylabel(example.title, fontsize=10)
+        for ax, disparity in ((row[1], truth.disparity), (row[2], prediction.disparity)):
+            show(ax, np.where(disparity > 0, disparity, np.nan), cmap=colour_map(DISPARITY_MAP), norm=norm)
         note(row[1], f"{norm.vmin:.3g} to {norm.vmax:.3g} px")
-        show(row[2], np.where(found.disparity > 0, found.disparity, np.nan), cmap=colour_map(DISPARITY_MAP), norm=norm)
         error_image = show(row[3], error, cmap=colour_map("inferno"), norm=errors)
         note(row[3], f"{np.nanmean(error):.2f} px" if np.isfinite(error).any() else "nothing known")
-        share_image = show(row[4], found.confidence, cmap=colour_map("viridis"), norm=shares)
+        share_image = show(row[4], prediction.confidence, cmap=colour_map("cividis"), norm=shares)
         show(row[5], normal_image(truth.normal))
-        if found.normal is None:
+        if prediction.normal is None:
             row[6].axis("off")
         else:
-            show(row[6], normal_image(np.where(known_depth(found.depth)[..., None], found.normal, 0)))
+            show(row[6], normal_image(np.where(known_depth(prediction.depth)[..., None], prediction.normal, 0)))
     for ax, name in zip(axes[0], COLUMNS, strict=True):
         ax.set_title(name, fontsize=10)
-    figure.text(0.36 / width, 0.46 / height, "grey: sky or unknown; in the error: not scored", fontsize=9, va="top")
+    figure.text(0.36 / width, 0.46 / height, WORDS, fontsize=8, va="top")
     for column, image, label in ((3, error_image, "error [px]"), (4, share_image, "confidence")):
         box = axes[-1, column].get_position()
         at = (box.x0 + 0.05 * box.width, 0.5 / height, 0.9 * box.width, 0.1 / height)

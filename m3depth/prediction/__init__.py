@@ -1,1 +1,1 @@
-"""Prediction on image files: checks, files and figure."""
+"""Prediction on image files: checks of the pair, the files that are written, and the figure."""

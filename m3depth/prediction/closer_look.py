@@ -1,4 +1,4 @@
-"""A second look at images that the network reduced more than what they show asks for."""
+"""A second run of the network at a higher resolution, where nothing in view is near."""
 
 from __future__ import annotations
 
@@ -12,43 +12,52 @@ from m3depth.stereo.pairs import MAX_DISPARITY, NEAREST
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import StereoRig
 
-SURE = 0.5  # confidence from which a pixel tells how near things are
-NEAR_SHARE = 0.5  # [%] of the sure pixels may be nearer than what the second look is meant for
-SLACK = 0.9  # of that depth
-WORTH = 1.25  # times less reduced is worth a second look
+CONFIDENT = 0.5  # confidence from which a pixel counts for the nearest depth
+NEAR_SHARE = 0.5  # [%] of the confident pixels that may be nearer than the second run's nearest depth
+SLACK = 0.9  # factor by which the second run's nearest depth is nearer than what the first one found
+WORTH = 1.25  # gain of resolution from which a second run is worth its time
 
 
 def closer_look(
     estimator: Estimator, left: np.ndarray, right: np.ndarray, rig: StereoRig, nearest: float | None = None
 ) -> Prediction:
-    """What the estimator sees, at the resolution that the scene allows.
+    """Return the estimator's prediction at the resolution that the scene allows.
 
     M3Depth's disparities end at 192 px (its `reach`), so it reduces images in which 0.84 m is more. Where nothing is
-    that near, a second look, less reduced, sees finer. nearest [m]: look once, for this. Estimators whose infer takes
-    no `nearest` look once. Raises EstimatorError if what infer returns is no whole Prediction.
+    that near, a second run on less reduced images resolves more. Estimators whose infer takes no `nearest` run once.
+
+    Args:
+        estimator: The method.
+        left: (H, W) or (H, W, 3) uint8 left image, rectified.
+        right: The right image, likewise.
+        rig: The cameras of these images.
+        nearest: Nearest depth [m] that must be seen; the estimator then runs once, for this depth.
+
+    Raises:
+        EstimatorError: infer did not return a whole Prediction.
     """
 
-    def look(**nearest: float) -> Prediction:
+    def run(**nearest: float) -> Prediction:
         infer: Callable[..., object] = estimator.infer
         return checked_prediction(estimator, infer(left, right, rig, **nearest), left.shape[:2])
 
     if not takes_nearest(estimator):
-        return look()
+        return run()
     if nearest is not None:
-        return look(nearest=nearest)
-    first = look(nearest=NEAREST)
-    farther = _nearest_seen(first)
+        return run(nearest=nearest)
+    first = run(nearest=NEAREST)
+    farther = _nearest_depth(first)
     reduced = rig.fb / NEAREST > WORTH * getattr(estimator, "reach", MAX_DISPARITY)
-    return look(nearest=farther) if reduced and farther > WORTH * NEAREST else first
+    return run(nearest=farther) if reduced and farther > WORTH * NEAREST else first
 
 
 def takes_nearest(estimator: Estimator) -> bool:
-    """Can it be told the nearest depth that it has to see?"""
+    """Return whether the estimator's infer takes the nearest depth that must be seen."""
     return "nearest" in signature(estimator.infer).parameters
 
 
-def _nearest_seen(prediction: Prediction) -> float:
-    """[m] with some slack; 0 if nothing is seen for sure."""
+def _nearest_depth(prediction: Prediction) -> float:
+    """Return the nearest predicted depth [m], with some slack; 0 if no pixel is confident."""
     with np.errstate(invalid="ignore"):
-        sure = np.isfinite(prediction.depth) & (prediction.confidence >= SURE)
-    return SLACK * float(np.percentile(prediction.depth[sure], NEAR_SHARE)) if sure.any() else 0.0
+        confident = np.isfinite(prediction.depth) & (prediction.confidence >= CONFIDENT)
+    return SLACK * float(np.percentile(prediction.depth[confident], NEAR_SHARE)) if confident.any() else 0.0

@@ -1,4 +1,4 @@
-"""One prediction at a glance."""
+"""The figure of one prediction."""
 
 from __future__ import annotations
 
@@ -8,16 +8,30 @@ import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from m3depth.figures.drawing import colour_map, depth_scale, known_depths, label_bar, normal_image, save, show
+from m3depth.figures.drawing import (
+    colour_map,
+    depth_scale,
+    known_depths,
+    label_bar,
+    normal_image,
+    save,
+    show,
+)
 from m3depth.stereo.pairs import in_colour
 from m3depth.stereo.prediction import Prediction
-from marssim.base.images.colours import DEPTH_MAP
+from marssim.base.images.colours import DEPTH_MAP, NORMAL_TITLE
 
-FARTHEST = 300.0  # [m] where the colours of depth end at the latest
+FARTHEST = 300.0  # [m] largest depth at which the colours may end
 
 
 def prediction_figure(left: np.ndarray, prediction: Prediction, path: Path) -> None:
-    """Write a PNG of one prediction: left image, depth, normals, confidence. left: (H, W) or (H, W, 3) uint8."""
+    """Write a PNG of one prediction: left image, depth, normals, confidence.
+
+    Args:
+        left: (H, W) or (H, W, 3) uint8 left image.
+        prediction: Its maps.
+        path: The file to write.
+    """
     height, width = left.shape[:2]
     figure = Figure(figsize=(11, 1.0 + 10.2 * height / width), layout="constrained", dpi=110)
     (image_axes, depth_axes), (normal_axes, confidence_axes) = figure.subplots(2, 2)
@@ -31,7 +45,7 @@ def prediction_figure(left: np.ndarray, prediction: Prediction, path: Path) -> N
     depth_axes.set_title("depth (grey: sky or unknown)")
     if prediction.normal is not None:
         show(normal_axes, normal_image(prediction.normal))
-        normal_axes.set_title("normals (red right, green up, blue to the camera)")
+        normal_axes.set_title(NORMAL_TITLE)
     else:
         normal_axes.set_axis_off()
     shown = show(confidence_axes, prediction.confidence, cmap=colour_map("cividis"), norm=Normalize(0, 1))

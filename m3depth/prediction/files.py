@@ -1,4 +1,4 @@
-"""A prediction as files: arrays, pictures and a point cloud without what hangs between two surfaces."""
+"""The files of a prediction: arrays, pictures, and a point cloud without points between two surfaces."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from marssim.base.images.colours import normal_colours
 from marssim.base.images.depth_edges import depth_edges
 from marssim.base.images.pointcloud import coloured_points, encode_ply
 
-EDGE_SHARE = 0.02  # of the disparity, that it may change by within 3 x 3 px: near surfaces may be steep
+EDGE_SHARE = 0.02  # largest change of disparity within 3 x 3 px, as a share of it, that is no depth edge
 
 
 def without_sky_normals(prediction: Prediction) -> Prediction:
-    """The prediction with normals of length 0, none, where there is no finite depth: no surface to have one."""
+    """Return the prediction with normals set to 0, which means none, where depth is not finite."""
     if prediction.normal is None:
         return prediction
     normal = np.where(np.isfinite(prediction.depth)[..., None], prediction.normal, np.float32(0))
@@ -32,10 +32,19 @@ def without_sky_normals(prediction: Prediction) -> Prediction:
 def point_cloud(
     left: np.ndarray, prediction: Prediction, rig: StereoRig, min_confidence: float = 0.5, max_range: float = 30.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points that can be trusted, and their colours.
+    """Return the points that can be trusted, and their colours.
 
-    left: (H, W) or (H, W, 3) uint8. Left out are unknown depth, depth over max_range [m], confidence under
-    min_confidence, and depth edges. Returns (N, 3) float32 [m] in the left camera's frame and (N, 3) uint8 RGB.
+    Pixels of unknown depth and depth edges are left out.
+
+    Args:
+        left: (H, W) or (H, W, 3) uint8 left image.
+        prediction: Its maps.
+        rig: The cameras of the images.
+        min_confidence: Pixels of less confidence are left out.
+        max_range: Points of larger depth [m] are left out.
+
+    Returns:
+        (N, 3) float32 points [m] in the left camera's frame, and (N, 3) uint8 RGB.
     """
     with np.errstate(invalid="ignore"):
         keep = prediction.confidence >= min_confidence
@@ -46,16 +55,28 @@ def point_cloud(
 def write_prediction(
     out: Path, left: np.ndarray, prediction: Prediction, rig: StereoRig, min_confidence: float, max_range: float
 ) -> int:
-    """Write every file that m3depth.predict lists, whole or not; returns the number of points of the cloud.
+    """Write every file that m3depth.predict lists, each in one step.
 
-    Raises OSError that names the file.
+    Args:
+        out: The folder; it is made.
+        left: (H, W) or (H, W, 3) uint8 left image.
+        prediction: Its maps.
+        rig: The cameras of the images.
+        min_confidence: Pixels of less confidence are left out of the point cloud.
+        max_range: Points of larger depth [m] are left out of the point cloud.
+
+    Returns:
+        The number of points of the cloud.
+
+    Raises:
+        OSError: A file cannot be written; the message names it.
     """
     out.mkdir(parents=True, exist_ok=True)
     for name in ("depth", "disparity", "normal", "confidence"):
         array = getattr(prediction, name)
         if array is not None:
             write_atomically(out / f"{name}.npy", encode_npy(array))
-        else:  # nothing of an earlier run may stand beside this one's
+        else:  # files of an earlier run would be taken for this one's
             for suffix in ("npy", "png"):
                 (out / f"{name}.{suffix}").unlink(missing_ok=True)
     _write_png(out / "depth.png", _uint16(prediction.depth * 1000.0))
@@ -69,7 +90,7 @@ def write_prediction(
 
 
 def _uint16(values: np.ndarray) -> np.ndarray:
-    """Rounded; 0 where the value is not finite or does not fit."""
+    """Return rounded values; 0 where a value is not finite or does not fit."""
     fits = np.isfinite(values) & (values >= 0) & (values < 65535.5)
     return np.round(np.where(fits, values, 0)).astype(np.uint16)
 

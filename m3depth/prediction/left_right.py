@@ -1,4 +1,4 @@
-"""Does the right eye see the same? The check that needs no ground truth."""
+"""Left-right consistency: a check of a prediction that needs no ground truth."""
 
 from __future__ import annotations
 
@@ -10,28 +10,38 @@ import numpy as np
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import StereoRig
 
-Look = Callable[[np.ndarray, np.ndarray, StereoRig], Prediction]
+# A function that predicts for a pair, as Estimator.infer does.
+Infer = Callable[[np.ndarray, np.ndarray, StereoRig], Prediction]
 
 
 def left_right_difference(
-    look: Look, left: np.ndarray, right: np.ndarray, rig: StereoRig, prediction: Prediction
+    infer: Infer, left: np.ndarray, right: np.ndarray, rig: StereoRig, prediction: Prediction
 ) -> np.ndarray:
-    """(H, W) float32 [px]: how far the left eye's disparity is from the right eye's at the point that it says.
+    """Return how far the left eye's disparity is from the right eye's disparity of the same point.
 
-    look: predicts for a pair, as Estimator.infer does. left, right: (H, W) or (H, W, 3) uint8. prediction: what `look`
-    made of them. The right eye's disparities come from the mirrored pair with the eyes exchanged, which is a rectified
-    pair again. NaN where the point lies beyond the right image's border, or where either eye knows nothing; 0 where
-    both say sky. Occluded pixels differ by what the other eye sees there instead.
+    The right eye's disparities come from the mirrored pair with the eyes exchanged, which is again a rectified pair.
+    Occluded pixels differ by what the other eye sees there instead.
+
+    Args:
+        infer: Predicts for a pair, as Estimator.infer does.
+        left: (H, W) or (H, W, 3) uint8 left image.
+        right: The right image, likewise.
+        rig: The cameras of these images.
+        prediction: What `infer` returned for them.
+
+    Returns:
+        (H, W) float32 [px]. NaN where the point lies beyond the right image's border or either disparity is unknown; 0
+        where both are sky.
     """
     width = left.shape[1]
     mirrored = replace(rig, camera=replace(rig.camera, cx=width - 1 - rig.camera.cx))
     first, second = (np.ascontiguousarray(image[:, ::-1]) for image in (right, left))
-    seen_by_right = look(first, second, mirrored).disparity[:, ::-1]
+    of_right_eye = infer(first, second, mirrored).disparity[:, ::-1]
     at = np.arange(width) - prediction.disparity  # columns of the right image
     inside = (at >= 0) & (at <= width - 1)  # False where it is NaN
     at = np.where(inside, at, 0)
     before = at.astype(int)
-    low, high = (np.take_along_axis(seen_by_right, i, axis=1) for i in (before, np.minimum(before + 1, width - 1)))
+    low, high = (np.take_along_axis(of_right_eye, i, axis=1) for i in (before, np.minimum(before + 1, width - 1)))
     part = at - before
     other = np.where(part > 0, (1 - part) * low + part * high, low)
     return np.where(inside, np.abs(prediction.disparity - other), np.nan).astype(np.float32)

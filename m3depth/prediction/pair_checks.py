@@ -1,4 +1,4 @@
-"""Signs that two images are no rectified stereo pair, or that left and right are exchanged."""
+"""Checks whether two images are a rectified stereo pair, and whether left and right are exchanged."""
 
 from __future__ import annotations
 
@@ -11,24 +11,31 @@ from m3depth.stereo.classical import SGBM, grey_pair
 from m3depth.stereo.pairs import in_grey
 from marssim.base.camera import StereoRig
 
-QUICK_WIDTH = 256  # [px] of matched_shares
-SWAP_SHARE = 0.3  # of the pixels
-LITTLE, HARDLY_ANY = 0.15, 0.05  # of the pixels
-SMALLEST = 100  # [px] in images of fewer columns what matches says too little
-FULL_WIDTH = 1024  # [px] images up to this width
-DOUBTFUL_ROWS, WRONG_ROWS = 0.75, 2.5  # [px] rows this far apart are told, and make the result meaningless
-FEATURE_WIDTH = 1200  # [px] features are looked for in images of at most this width
-FEATURES = 1200
-RATIO = 0.75  # of the distances of a feature to its nearest and second nearest partner (Lowe 2004)
-TRIPLES = 300  # drawn by the robust fit
-LEAST_MATCHES = 30
+QUICK_WIDTH = 256  # [px] width to which matched_shares reduces images
+SWAP_SHARE = 0.3  # share of the pixels that must match with exchanged eyes
+LITTLE, HARDLY_ANY = 0.15, 0.05  # shares of matching pixels under which a pair is doubtful, and meaningless
+SMALLEST = 100  # [px] width under which too few matches are not held against a pair
+FULL_WIDTH = 1024  # [px] width from which the limits of rows grow with the width
+DOUBTFUL_ROWS, WRONG_ROWS = 0.75, 2.5  # [px] distances of rows that give a warning, and make the result meaningless
+FEATURE_WIDTH = 1200  # [px] largest width of images in which features are searched
+FEATURES = 1200  # most features of an image
+RATIO = 0.75  # largest ratio of the distances of a feature to its nearest and second nearest partner (Lowe 2004)
+TRIPLES = 300  # planes that the robust fit tries
+LEAST_MATCHES = 30  # features that the fit needs
 
 
 def matched_shares(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> tuple[float, float]:
-    """Shares of the pixels that match as the images are given, and with the eyes exchanged.
+    """Return the shares of the pixels that match in the given order, and with the eyes exchanged.
 
-    A quick look with SGBM on images reduced to 256 columns. left, right: (H, W) or (H, W, 3) uint8. Raises ValueError
-    as SGBM.infer does.
+    SGBM matches images reduced to 256 columns.
+
+    Args:
+        left: (H, W) or (H, W, 3) uint8 left image.
+        right: The right image, likewise.
+        rig: The cameras of these images.
+
+    Raises:
+        ValueError: As SGBM.infer.
     """
     left, right = grey_pair(left, right, rig)
     scale = min(1.0, QUICK_WIDTH / rig.camera.width)
@@ -40,10 +47,10 @@ def matched_shares(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> tuple
 
 
 def exchanged(shares: tuple[float, float]) -> bool:
-    """Whether matched_shares tell exchanged eyes: three tenths of the pixels match that way, and twice as many.
+    """Return whether matched_shares show exchanged eyes: 30 % of the pixels match that way, and twice as many.
 
-    Of clean and degraded simulated pairs at least 0.49 match the right way and at most 0.17 the wrong one, of a raw
-    pair of Curiosity's Navcams 0.85 and 0.36.
+    Of clean and degraded simulated pairs at least 0.49 match in the right order and at most 0.17 in the wrong one; of a
+    raw pair of Curiosity's Navcams 0.85 and 0.36.
     """
     return shares[1] > SWAP_SHARE and shares[1] > 2 * shares[0]
 
@@ -51,14 +58,22 @@ def exchanged(shares: tuple[float, float]) -> bool:
 def check_pair(
     left: np.ndarray, right: np.ndarray, rig: StereoRig, names: tuple[str, str] = ("left", "right")
 ) -> list[tuple[bool, str]]:
-    """What speaks against a pair, each with whether it makes the result meaningless.
+    """Return what speaks against a pair.
 
-    left, right: (H, W) or (H, W, 3) uint8 of the rig's size; names: what the messages call them. Checked are images of
-    one grey level, eyes that are one image or exchanged, pairs of which little matches, and rows that lie apart:
-    M3Depth's error grows by a half at 1 px, threefold at 2 px, and at 3 px it sees nothing any more. The limits grow
-    with images wider than 1024 px. Meaningless is a pair in which neither features nor 5 % of the pixels match: images
-    of different places match in 1 to 8 %, of simulated pairs with a seventh of the contrast, blurred and noisy, at
-    least 16 %.
+    The checks find images of one grey level, eyes that are one image or exchanged, pairs of which little matches, and
+    rows that lie apart. M3Depth's error grows by a half where rows lie 1 px apart and threefold at 2 px; at 3 px it
+    measures nothing. These limits grow with images wider than 1024 px. A pair in which neither features nor 5 % of the
+    pixels match is meaningless: images of different places match in 1 to 8 % of the pixels, simulated pairs with a
+    seventh of the contrast, blurred and noisy, in at least 16 %.
+
+    Args:
+        left: (H, W) or (H, W, 3) uint8 left image, of the rig's size.
+        right: The right image, likewise.
+        rig: The cameras of these images.
+        names: What the messages call the images.
+
+    Returns:
+        Whether each finding makes the result meaningless, and its message.
     """
     for name, image in zip(names, (left, right), strict=True):
         if image.min() == image.max():
@@ -88,8 +103,13 @@ def check_pair(
 
 @dataclass(frozen=True)
 class RowOffset:
-    """How far the rows of two images are apart. middle: median [px] over the matched features; worst: the most in a
-    corner of the image, by a plane fitted to them; matches: features that the plane was fitted to."""
+    """The distance of the rows of two images.
+
+    Attributes:
+        middle: Median over the matched features [px].
+        worst: Largest distance in a corner of the image [px], by a plane fitted to them.
+        matches: Number of features that the plane was fitted to.
+    """
 
     middle: float
     worst: float
@@ -97,27 +117,33 @@ class RowOffset:
 
 
 def row_offset(left: np.ndarray, right: np.ndarray) -> RowOffset | None:
-    """Vertical distance of what the two eyes see, which is 0 in a rectified pair; None if too little can be matched.
+    """Measure the vertical distance of what the two eyes see, which is 0 in a rectified pair.
 
-    SIFT features that are each other's best partners; v_left - v_right as an affine function of the place (what roll,
-    pitch and a difference of focal lengths give, to first order), found by the least median of squares and refined.
-    left, right: (H, W) or (H, W, 3) uint8, of one size.
+    SIFT features that are each other's best partners give v_left - v_right as an affine function of the place (what
+    roll, pitch and a difference of focal lengths give, to first order), by the least median of squares, refined.
+
+    Args:
+        left: (H, W) or (H, W, 3) uint8 left image.
+        right: The right image, of the same size.
+
+    Returns:
+        The distance; None if too few features match.
     """
     scale = min(1.0, FEATURE_WIDTH / left.shape[1])
-    found = [_features(image, scale) for image in (left, right)]
-    if any(len(points) < LEAST_MATCHES for points, _ in found):
+    features = [_features(image, scale) for image in (left, right)]
+    if any(len(points) < LEAST_MATCHES for points, _ in features):
         return None
-    (here, a), (there, b) = found
+    (in_left, a), (in_right, b) = features
     pairs = _mutual(a, b)
-    here, there = here[pairs[:, 0]], there[pairs[:, 1]]
+    in_left, in_right = in_left[pairs[:, 0]], in_right[pairs[:, 1]]
     height, width = left.shape[:2]
-    # Without this, what matches by accident all over the image can outnumber what matches rightly.
-    near = (np.abs(here - there) < [0.5 * width, 0.15 * height]).all(axis=1)
-    here, there = here[near], there[near]
-    if len(here) < LEAST_MATCHES:
+    # Without this, accidental matches all over the image can outnumber the right ones.
+    near = (np.abs(in_left - in_right) < [0.5 * width, 0.15 * height]).all(axis=1)
+    in_left, in_right = in_left[near], in_right[near]
+    if len(in_left) < LEAST_MATCHES:
         return None
-    offset = here[:, 1] - there[:, 1]
-    place = np.column_stack([here / width, np.ones(len(here))])
+    offset = in_left[:, 1] - in_right[:, 1]
+    place = np.column_stack([in_left / width, np.ones(len(in_left))])
     plane, inside = _robust_plane(place, offset)
     if inside.sum() < max(LEAST_MATCHES, 0.4 * len(offset)):
         return None
@@ -127,7 +153,7 @@ def row_offset(left: np.ndarray, right: np.ndarray) -> RowOffset | None:
 
 
 def _features(image: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:
-    """Places (N, 2) [px] of the full image, and descriptors (N, 128)."""
+    """Return places (N, 2) [px] in the full image, and descriptors (N, 128)."""
     grey = in_grey(image)
     if scale < 1:
         grey = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
@@ -137,7 +163,7 @@ def _features(image: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _mutual(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(M, 2) indices of features that are each other's nearest, clearly nearer than the second."""
+    """Return indices (M, 2) of features that are each other's nearest, clearly nearer than the second."""
     matcher = cv2.BFMatcher()
     back = {m.queryIdx: m.trainIdx for m in matcher.match(b, a)}
     forth = [m for m in matcher.knnMatch(a, b, k=2) if len(m) == 2 and m[0].distance < RATIO * m[1].distance]
@@ -146,7 +172,7 @@ def _mutual(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _robust_plane(place: np.ndarray, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Plane (3,) and which values (N,) belong to it. place: (N, 3) x, y, 1."""
+    """Return a plane (3,), and which offsets (N,) belong to it. place: (N, 3) x, y, 1."""
     rng = np.random.default_rng(0)
     best, plane = np.inf, np.zeros(3)
     for _ in range(TRIPLES):

@@ -25,6 +25,7 @@ from m3depth.figures.worst import worst_figure
 from m3depth.prediction.figure import prediction_figure
 from m3depth.stereo.classical import SGBM
 from m3depth.stereo.prediction import Prediction
+from marssim.base.images.colours import NORMAL_TITLE
 
 
 def example(sample, **methods) -> Example:
@@ -151,7 +152,7 @@ def test_methods_that_find_no_room_are_counted(plane_samples, tmp_path, drawn):
         comparison_figure([pair], tmp_path / "figure.png", most=most)
         titles = [ax.get_title() for ax in drawn[-1].axes]
         assert [name for name in "abc" if name in titles] == list("abc")[:most]
-        assert [text.get_text() for text in drawn[-1].texts] == words
+        assert [text.get_text() for text in drawn[-1].texts] == [*words, NORMAL_TITLE]
 
 
 def test_enlarged_parts_are_those_that_are_marked(plane_samples, tmp_path, drawn):
@@ -212,7 +213,7 @@ def test_bars_are_what_became_of_the_rocks(tmp_path, drawn):
     assert [bar.get_height() for bar in drawn[1].axes[8].patches] == [25, 0, 0, 0]
     assert [len(ax.patches) for ax in drawn[1].axes[6:]] == [4, 4, 4]
     rocks_figure({"net": {}}, tmp_path / "figure.png")
-    assert not drawn[2].axes and "no sample tells" in drawn[2].texts[0].get_text()
+    assert not drawn[2].axes and "no sample records the pose" in drawn[2].texts[0].get_text()
 
 
 def test_one_prediction_is_shown_as_it_is(plane_samples, tmp_path, drawn):
