@@ -2,7 +2,7 @@
 
     python -m m3depth.train --data DIR --out RUN --max-minutes 120
     python -m m3depth.train --data KITTI --out RUN --max-steps 20000 --crop 320 960
-    python -m m3depth.train --data SimMars6K --left 'left/*.png' --right 'right/*.png' --depth 'depth/*.exr' \
+    python -m m3depth.train --data SimMars6K --left 'left/*.png' --right 'right/*.png' --depth 'depth/*.exr' \\
         --calib natecam --normals depth --out RUN --max-minutes 120
     torchrun --nproc-per-node 4 -m m3depth.train --data DIR --out RUN --max-steps 100000
 

@@ -1,0 +1,109 @@
+"""The curves of a training run as a picture: loss and validation over steps, drawn from the run's log."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+from m3depth.figures.drawing import METHOD_COLOURS, save
+from m3depth.training.log import records
+
+CURVES = "curves.png"  # name of the picture in a run's folder
+LOSS, AVERAGED, CURRENT = METHOD_COLOURS[:3]
+VALIDATED = (("epe", "EPE [px]"), ("abs_rel", "Abs Rel of depth"), ("normal", "error of the normals [deg]"))
+PANEL = (5.2, 3.4)  # width and height of a panel [inch]
+SMOOTHED = 25  # records of the loss in a running mean
+LEAST_SMOOTHED = 4 * SMOOTHED  # records from which the mean is drawn
+LOG_RANGE = 3.0  # ratio of values from which an axis is logarithmic
+
+
+def save_curves(out: Path) -> Path | None:
+    """Draw RUN/curves.png from RUN/log.jsonl: the training loss, and EPE, Abs Rel and normals on the val split.
+
+    A panel without numbers is left out: those of the validation without pairs in the val split, that of the normals
+    where the dataset has none.
+
+    Args:
+        out: Folder of the run.
+
+    Returns:
+        The picture; None, and no file, if nothing is logged yet.
+
+    Raises:
+        OSError: The picture cannot be written.
+    """
+    steps, loss = series(records(out, "train"), "loss")
+    averaged, current = records(out, "val"), records(out, "val_raw")
+    panels = [(key, label) for key, label in VALIDATED if len(series(averaged, key)[0])]
+    count = len(panels) + (len(steps) > 0)
+    if not count:
+        return None
+    columns = min(count, 2)
+    figure, axes = panels_in_grid(count, columns, -(-count // columns))
+    if len(steps):
+        draw_loss(axes.pop(0), steps, loss)
+    for ax, (key, label) in zip(axes, panels):
+        draw_validation(ax, series(averaged, key), series(current, key), label)
+    save(figure, out / CURVES)
+    return out / CURVES
+
+
+def panels_in_grid(count: int, columns: int, rows: int) -> tuple[Figure, list[Axes]]:
+    """Return a figure with `count` panels; margins are fixed, as matplotlib takes twice as long to compute them."""
+    wide, high = PANEL
+    figure = Figure(figsize=(wide * columns, high * rows), dpi=110)
+    axes = list(figure.subplots(rows, columns, squeeze=False).flat)
+    for number, ax in enumerate(axes):
+        row, column = divmod(number, columns)
+        left, bottom = (column * wide + 0.75) / (wide * columns), ((rows - 1 - row) * high + 0.5) / (high * rows)
+        ax.set_position((left, bottom, (wide - 0.85) / (wide * columns), (high - 0.6) / (high * rows)))
+    for unused in axes[count:]:
+        unused.remove()
+    return figure, axes[:count]
+
+
+def series(log: Iterable[dict[str, Any]], key: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return steps and values of a key in records; null values, which are not finite, are left out."""
+    points = [(record["step"], record[key]) for record in log if record.get(key) is not None]
+    steps, values = np.array(points, float).reshape(-1, 2).T
+    return steps, values
+
+
+def draw_loss(ax: Axes, steps: np.ndarray, loss: np.ndarray) -> None:
+    """Draw the loss of single batches and, once there are enough, its running mean."""
+    enough = len(loss) >= LEAST_SMOOTHED
+    line = {"lw": 1, "alpha": 0.35} if enough else {"lw": 1, "marker": "o", "ms": 4}
+    ax.plot(steps, loss, color=LOSS, label="one batch", **line)
+    if enough:
+        mean = np.convolve(loss, np.full(SMOOTHED, 1 / SMOOTHED), "valid")
+        ax.plot(steps[SMOOTHED // 2 :][: len(mean)], mean, color=LOSS, lw=2, label=f"mean of {SMOOTHED} batches")
+    finish(ax, loss, "training loss (weighted sum)")
+
+
+def draw_validation(
+    ax: Axes, averaged: tuple[np.ndarray, np.ndarray], current: tuple[np.ndarray, np.ndarray], label: str
+) -> None:
+    """Draw an error on the val split, of the averaged weights (the saved ones) and of the current ones."""
+    ax.plot(*current, color=CURRENT, lw=1, marker=".", label="current weights")
+    ax.plot(*averaged, color=AVERAGED, lw=2, marker="o", ms=4, label="averaged weights (saved)")
+    finish(ax, np.concatenate([current[1], averaged[1]]), f"{label}, val split")
+
+
+def finish(ax: Axes, values: np.ndarray, label: str) -> None:
+    """Name the axes. The vertical one is logarithmic where the largest value is over LOG_RANGE times the least."""
+    if 0 < LOG_RANGE * values.min() < values.max():
+        ax.set_yscale("log")
+        ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        ax.yaxis.set_minor_formatter(FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else ""))
+    ax.xaxis.set_major_locator(MaxNLocator(6, integer=True))
+    ax.set_xlabel("optimizer step")
+    ax.set_ylabel(label)
+    ax.set_xlim(left=0)
+    ax.grid(True, which="both", alpha=0.25)
+    ax.legend(fontsize=8)
