@@ -1,6 +1,6 @@
 from .datasets.config import DataConfig
 from .datasets.open import open_pairs
-from .estimator import Estimator, EstimatorError, load_estimator
+from .estimator import Estimator, EstimatorError, EstimatorName, load_estimator
 from .network.config import M3DepthConfig
 from .network.model import M3Depth
 from .stereo.classical import SGBM, BlockMatching
@@ -17,6 +17,7 @@ __all__ = [
     "DataConfig",
     "Estimator",
     "EstimatorError",
+    "EstimatorName",
     "M3Depth",
     "M3DepthConfig",
     "Prediction",

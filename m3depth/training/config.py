@@ -43,7 +43,9 @@ class TrainConfig:
     The schedule of the learning rate is fitted to it.
     """
     init: Path | None = None
-    """Start from these weights (.safetensors) instead of random ones; their config replaces --preset and --network."""
+    """Weights to start from: a .safetensors file, or the word shipped for those of the package.
+    Their network replaces --preset and --network.
+    """
     batch: int = 4
     """Crops in a step; under torchrun, of each process."""
     accumulate: int = 1
