@@ -23,6 +23,7 @@ from m3depth.training.augmentation import check_crop
 from m3depth.training.batch import Batch
 from m3depth.training.budget import share_done, spent_budget
 from m3depth.training.config import TrainConfig, check_config
+from m3depth.training.curves import CURVES, save_curves
 from m3depth.training.log import Log, records
 from m3depth.training.losses import total_loss
 from m3depth.training.process_group import agree, joined_group
@@ -34,6 +35,7 @@ from marssim.base.command.signals import stop_on_signal
 from marssim.base.results.out_folder import check_out
 
 WARM_UP = 0.04  # share of the run in which the learning rate rises
+CURVES_SECONDS = 10.0  # least time between two drawings of the curves in a run [s]; one takes a quarter of a second
 
 
 def learning_rate(peak: float, progress: float) -> float:
@@ -52,6 +54,7 @@ class Checks:
         self.chosen = spread(len(held_out), run.config.validate_samples) if log else []
         self.cache = PackedCache(held_out, free_memory() // 4 if run.config.cache else 0)
         self.step, self.scores = -1, dict[str, float]()
+        self.drawn = time.monotonic()  # when the curves were drawn last; the end of a run draws them too
 
     def __call__(self) -> dict[str, float]:
         """Scores of the averaged weights as they are now, logged with a panel; empty where nothing is validated."""
@@ -65,6 +68,9 @@ class Checks:
         log.write("val", run.step, self.scores)
         path = run.config.out / "panels" / f"{run.step:07d}.png"
         log.image("panel", run.step, save_panel(path, run.averaged, packed[:4], run.device))
+        if time.monotonic() - self.drawn > CURVES_SECONDS:
+            save_curves(run.config.out)
+            self.drawn = time.monotonic()
         shown = "  ".join(f"{k} {v:.4g}" for k, v in self.scores.items())
         log.say(f"validation, step {run.step}: {shown}")
         return self.scores
@@ -135,10 +141,11 @@ def is_validated(run: Run) -> bool:
 def closed(run: Run, log: Log, check: Checks, stopped: bool) -> dict[str, float]:
     """Save a run that a signal stopped, or that is done, and say so. Returns the scores of one that is done."""
     run.save()
+    scores = {} if stopped else check()
+    save_curves(run.config.out)
     if stopped:
         log.say(f"stopped at step {run.step}; the same command goes on from here")
         return {}
-    scores = check()
     log.say("done")
     print(closing_words(run, records(run.config.out, "val")), flush=True)
     return scores
@@ -272,6 +279,8 @@ def closing_words(run: Run, validations: list[dict[str, Any]]) -> str:
             continue
         out = run.config.out / ("score" if number == 1 else f"score-{number}")
         lines.append(f"score them: python -m m3depth.evaluate {shlex.join(map(str, [*words, '--out', out]))}")
+    if (run.config.out / CURVES).is_file():
+        lines.insert(1, f"{run.config.out / CURVES}: curves of the loss and the validations")
     return "\n".join(lines)
 
 

@@ -14,6 +14,7 @@ import torch
 from m3depth.network.config import M3DepthConfig, read_config
 from m3depth.network.model import M3Depth
 from m3depth.training.config import TrainConfig
+from m3depth.weights import SHIPPED, SHIPPED_WEIGHTS, weights_file
 from marssim.base.files.atomic import write_atomically
 
 CHECKPOINT = "checkpoint.pt"
@@ -30,8 +31,18 @@ def new_network(config: TrainConfig) -> M3Depth:
     if config.init and begun.is_file():
         return M3Depth(M3DepthConfig.from_dict(read_checkpoint(begun, torch.device("cpu"))["identity"]["network"]))
     if config.init:
-        return M3Depth.from_pretrained(config.init)
+        return M3Depth.from_pretrained(weights_file(config.init))
     return M3Depth(read_config(config.network)) if config.network else M3Depth.from_preset(config.preset)
+
+
+def origin(init: Path) -> str:
+    """Return the value of --init as a run's identity has it: "shipped", or the resolved path of another file.
+
+    The file of the shipped weights counts as "shipped" too: the package may be elsewhere when the run is resumed, and
+    checkpoints of release 0.1 have its path.
+    """
+    file = weights_file(init).resolve()
+    return SHIPPED if file == SHIPPED_WEIGHTS.resolve() else str(file)
 
 
 def saved_progress(out: Path) -> tuple[int, float]:
@@ -51,7 +62,7 @@ def read_checkpoint(path: Path, device: torch.device) -> dict[str, Any]:
         network = M3DepthConfig.from_dict(state["identity"]["network"])
         state["identity"] = {WORLD: 1, **state["identity"], "network": plain(network)}
         if state["identity"].get("init") is not None:  # as it was typed
-            state["identity"]["init"] = str(Path(state["identity"]["init"]).resolve())
+            state["identity"]["init"] = origin(Path(state["identity"]["init"]))
     except Exception as error:  # torch raises whatever its unpickler stumbles over
         raise ValueError(
             f"{path}: not a readable checkpoint ({type(error).__name__}); delete it to begin anew, or choose another "
@@ -113,7 +124,7 @@ class Run:
         # Which samples a step sees depends on the number of processes too.
         return {
             "network": plain(self.model.config), "batch": c.batch, "crop": list(c.crop), "seed": c.seed,
-            WORLD: self.world, "init": None if c.init is None else str(c.init.resolve()),
+            WORLD: self.world, "init": None if c.init is None else origin(c.init),
         }  # fmt: skip
 
     def settings(self) -> dict[str, str]:

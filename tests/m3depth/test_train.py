@@ -7,6 +7,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import cv2
 import pytest
 import torch
 from small_network import SMALL
@@ -25,6 +26,7 @@ from m3depth.training.packing import pack
 from m3depth.training.run import Run
 from m3depth.training.samples import PackedCache, make_batch
 from m3depth.training.validation import HEADER, validate
+from m3depth.weights import SHIPPED_WEIGHTS
 from marssim.base.command.flags import parse
 
 
@@ -378,6 +380,38 @@ def test_warm_start_takes_weights_and_their_config(plane_samples, tmp_path) -> N
     assert last.config.hidden == 16
     for a, b in zip(first.parameters(), last.parameters()):
         torch.testing.assert_close(a, b, atol=1e-6, rtol=0)
+
+
+def test_fine_tuning_starts_from_the_shipped_weights_by_their_name(plane_samples, tmp_path, capsys) -> None:
+    """A checkpoint has their name, not a path: it is resumed where the package lies elsewhere, too."""
+    config = config_for(tmp_path / "run", init=Path("shipped"), max_steps=1, batch=1, lr=1e-9, validate_samples=0)
+    train(config, plane_samples, [])
+    shipped, tuned = M3Depth.from_pretrained(), M3Depth.from_pretrained(config.out / "weights.safetensors")
+    assert shipped.config == tuned.config != SMALL
+    for a, b in zip(shipped.parameters(), tuned.parameters()):
+        torch.testing.assert_close(a, b, atol=1e-6, rtol=0)
+    checkpoint = config.out / "checkpoint.pt"
+    state = torch.load(checkpoint, weights_only=True)
+    assert state["identity"]["init"] == "shipped"
+    with pytest.raises(ValueError, match=r"belongs to a run with init shipped, not .*other\.safetensors"):
+        train(replace(config, max_steps=2, init=tmp_path / "other.safetensors"), plane_samples, [])
+    # Checkpoints of the first release have the path that was typed.
+    torch.save(state | {"identity": state["identity"] | {"init": str(SHIPPED_WEIGHTS)}}, checkpoint)
+    train(replace(config, max_steps=2), plane_samples, [])
+    assert "resumed at step 1" in capsys.readouterr().err
+    train(replace(config, max_steps=3, init=SHIPPED_WEIGHTS), plane_samples, [])
+    assert "resumed at step 2" in capsys.readouterr().err
+
+
+def test_a_run_draws_its_curves_and_names_the_picture(plane_samples, tmp_path, capsys) -> None:
+    config = config_for(tmp_path / "validated", max_steps=2)
+    train(config, plane_samples, plane_samples)
+    assert f"{config.out / 'curves.png'}: curves of the loss and the validations\n" in capsys.readouterr().out
+    assert cv2.imread(str(config.out / "curves.png")) is not None
+    config = config_for(tmp_path / "not validated", max_steps=1)
+    train(config, plane_samples, [])
+    assert str(config.out / "curves.png") in capsys.readouterr().out
+    assert cv2.imread(str(config.out / "curves.png")) is not None
 
 
 def test_misuse_is_named(plane_samples, tmp_path) -> None:
