@@ -1,1 +1,1 @@
-"""The runs, tables and figure of the ablation study."""
+"""The studies, runs, tables and figures of the ablation."""

@@ -1,4 +1,4 @@
-"""Settings of an ablation, and the check of them."""
+"""The settings of an ablation."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Literal
 from m3depth.ablation.studies import STUDIES, Study
 
 
-def said_budget(steps: int | None, minutes: float | None) -> str:
-    """The budget of each run, in words; one of the two is None."""
+def budget_text(steps: int | None, minutes: float | None) -> str:
+    """Return the budget of each run in words; one of the two is None."""
     return f"{steps} steps" if steps is not None else f"{minutes:g} minutes"
 
 
@@ -19,33 +19,33 @@ class AblateOptions:
     """Run the paper's ablation studies. Give --steps or --minutes."""
 
     data: tuple[Path, ...]
-    """Dataset folders, of marssim.generate or of any layout that m3depth.train reads by itself; trained on as one."""
+    """Dataset folders to train on, together: of marssim.generate or of any layout that m3depth.train recognises."""
     out: Path
-    """Folder for the runs, the tables and the plots."""
+    """Folder to write the runs, the tables and the figures to."""
     test: Path | None = None
-    """Dataset folder whose test split is scored; default: the first of --data."""
+    """Dataset folder whose test split is scored. Without it, the first folder of --data."""
     studies: tuple[Literal["components", "loss", "iterations", "levels"], ...] = (
         "components", "loss", "iterations", "levels",
     )  # fmt: skip
-    """Which of the paper's tables. More can be asked for later, in the same --out."""
+    """Tables of the paper to reproduce. More of them can be added later in the same --out."""
     steps: int | None = None
-    """Budget of each run, in optimizer steps: the same crops for every network."""
+    """Budget of each run in optimizer steps, so that every network is trained on the same crops."""
     minutes: float | None = None
-    """Budget of each run, in minutes of training: more steps for cheaper networks."""
+    """Budget of each run in minutes of training, so that cheaper networks make more steps."""
     preset: Literal["lite", "paper"] = "lite"
-    """The network that is changed."""
+    """Network that the studies change: lite, which ships, or paper, the paper's full size."""
     seeds: tuple[int, ...] = (0,)
-    """Every run is made with each of them. Figures are means over them; more can be asked for later."""
+    """Seeds that every run is repeated with. Tables show means over them; more can be added later in the same --out."""
     limit: int | None = None
-    """Score only so many pairs, spread evenly over the test split."""
+    """Number of test pairs to score, spread evenly over the split. Without it, all are scored."""
     batch: int = 4
-    """Crops in a step."""
+    """Number of crops in a training step."""
     crop: tuple[int, int] = (256, 448)
-    """Height and width of the crops [px], multiples of 8."""
+    """Height and width of the crops [px]; both must be multiples of 8."""
     recompute: bool = False
-    """Keep few activations for the way back, as m3depth.train does: less memory, slower."""
+    """Compute activations twice instead of storing them, which takes less memory and more time."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
-    """auto: a GPU if there is one."""
+    """Device to train and score on; auto takes a GPU if there is one."""
 
     def __post_init__(self) -> None:
         if (self.steps is None) == (self.minutes is None):
@@ -62,9 +62,9 @@ class AblateOptions:
 
     @property
     def budget(self) -> str:
-        """As the tables state it."""
-        return said_budget(self.steps, self.minutes)
+        """The budget of each run in words."""
+        return budget_text(self.steps, self.minutes)
 
     def chosen(self) -> dict[str, Study]:
-        """The studies asked for, in the order of the paper."""
+        """Return the chosen studies, in the order of the paper."""
         return {name: study for name, study in STUDIES.items() if name in self.studies}

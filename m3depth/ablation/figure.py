@@ -1,4 +1,4 @@
-"""A study of the paper, its changes beside ours."""
+"""The figure of a study: the paper's changes of the errors beside ours."""
 
 from __future__ import annotations
 
@@ -11,14 +11,19 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from m3depth.figures.drawing import METHOD_COLOURS, save
 
+# Figures that have a panel, and its title.
 SHOWN = {"abs_rel": "Abs Rel", "rmse": "RMSE", "normal_mean": "mean error of the normals"}
-PAPER, HERE = METHOD_COLOURS[1], METHOD_COLOURS[0]
+PAPER, HERE = METHOD_COLOURS[1], METHOD_COLOURS[0]  # colours of the marks
 
 
 def study_figure(study: Mapping[str, Any], path: Path) -> None:
-    """Write a PNG: how much larger or smaller each row's errors are than the reference row's, paper and here.
+    """Write a PNG of how much each row's errors differ from the reference row's, in the paper and here.
 
-    study: what m3depth.ablation.tables.findings returns. Bars: the 95 % interval over test scenes.
+    Bars are the 95 % intervals over test scenes.
+
+    Args:
+        study: The result of m3depth.ablation.findings.findings.
+        path: The file to write.
     """
     names = [name for name in SHOWN if name in study["columns"]]
     rows = study["rows"]

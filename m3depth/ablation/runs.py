@@ -11,8 +11,9 @@ from typing import Any
 
 from m3depth.ablation.config import AblateOptions
 from m3depth.ablation.figure import study_figure
+from m3depth.ablation.findings import METHOD, findings
 from m3depth.ablation.studies import BASE, Variant, distinct
-from m3depth.ablation.tables import METHOD, findings, markdown
+from m3depth.ablation.tables import markdown
 from m3depth.datasets.open import open_pairs
 from m3depth.evaluation.inputs import state_of_pairs
 from m3depth.evaluation.report import write_json

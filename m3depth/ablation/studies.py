@@ -1,7 +1,7 @@
-"""The ablation studies of the paper: which networks and losses are trained, and what the paper found.
+"""The ablation studies of the paper: the networks and losses that are trained, and the paper's figures.
 
-Each study is a table of the paper with one row a run. A run is a preset with a few fields changed; runs that come out
-the same in several studies are one (`distinct`).
+Each study is a table of the paper with one row a run. A run is a preset with a few fields changed. A run that several
+studies share is trained once (`distinct`).
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import Any
 from m3depth.network.config import PRESETS, M3DepthConfig
 from m3depth.training.loss_config import LossConfig
 
+# Columns of the paper's tables, by the names of our figures.
 DEPTH = ("abs_rel", "sq_rel", "rmse", "log10", "delta1")
 NORMAL = ("normal_mean", "normal_median", "normal_rmse", "normal_within_11.25")
 PLAIN = (0, 0)  # wavelet levels of a network without WEFE
@@ -21,20 +22,32 @@ PLAIN = (0, 0)  # wavelet levels of a network without WEFE
 
 @dataclass(frozen=True)
 class Variant:
-    """A preset with some fields of the network and of the loss changed. name: of its run folder."""
+    """A preset with some fields of the network and of the loss changed.
+
+    Attributes:
+        name: Name of its run folder.
+        network: Changed fields of the network's config.
+        loss: Changed weights of the loss.
+    """
 
     name: str
     network: Mapping[str, Any] = field(default_factory=dict)
     loss: Mapping[str, float] = field(default_factory=dict)
 
     def resolved(self, preset: str) -> tuple[M3DepthConfig, LossConfig]:
-        """The network and the loss that are trained."""
+        """Return the network and the loss that are trained."""
         return replace(PRESETS[preset], **self.network), LossConfig(**self.loss)
 
 
 @dataclass(frozen=True)
 class Row:
-    """A line of a table. paper: its figures there, by the names of ours."""
+    """A row of a table.
+
+    Attributes:
+        label: What the table calls it.
+        variant: The run that gives its figures.
+        paper: The paper's figures, by the names of ours.
+    """
 
     label: str
     variant: Variant
@@ -43,19 +56,33 @@ class Row:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What changes from row `before` to row `after`, by number, as in "WEFE, without IRM"."""
+    """A change from one row to another, as in "WEFE, without IRM".
+
+    Attributes:
+        what: The change in words.
+        before: Number of the row without it.
+        after: Number of the row with it.
+        statement: What the paper says about it where it gives no figure.
+    """
 
     what: str
     before: int
     after: int
-    said: str = ""  # the paper's words where it gives no figure
+    statement: str = ""
 
 
 @dataclass(frozen=True)
 class Study:
-    """A table. source: its label in the paper. reference: number of the row that the others are drawn against.
+    """A table of the paper.
 
-    measures: of the columns, those in which rows are compared; smaller is better in them.
+    Attributes:
+        title: Its title here.
+        source: Its label in the paper.
+        columns: Names of its figures.
+        rows: Its rows.
+        reference: Number of the row that the figure draws the others against.
+        comparisons: The changes that are compared with the paper's.
+        measures: Columns in which rows are compared; smaller is better in them.
     """
 
     title: str
@@ -67,7 +94,7 @@ class Study:
     measures: Sequence[str] = ("abs_rel",)
 
 
-BASE = Variant("base")
+BASE = Variant("base")  # the unchanged preset
 
 
 def _row(label: str, variant: Variant, columns: Sequence[str], figures: Iterable[float]) -> Row:
@@ -123,14 +150,14 @@ def _loss() -> Study:
 
 def _ladder(
     title: str, source: str, what: str, change: Callable[[int], Mapping[str, Any]],
-    figures: Mapping[int, Sequence[float]], reference: int, said: Mapping[int, str] | None = None,
+    figures: Mapping[int, Sequence[float]], reference: int, statements: Mapping[int, str] | None = None,
 ) -> Study:  # fmt: skip
-    """A study of how many of something are best: a row for each number, compared with the one before it."""
+    """Return a study of how many of something are best: a row for each number, compared with the previous one."""
     columns = ("abs_rel", "sq_rel", "rmse", "delta1")
     rows = tuple(_row(str(n), Variant(f"{what}-{n}", change(n)), columns, paper) for n, paper in figures.items())
     steps = enumerate(pairwise(figures))
     comparisons = tuple(
-        Comparison(f"{more} {what} instead of {less}", i, i + 1, (said or {}).get(more, ""))
+        Comparison(f"{more} {what} instead of {less}", i, i + 1, (statements or {}).get(more, ""))
         for i, (less, more) in steps
     )
     return Study(title, source, columns, rows, [*figures].index(reference), comparisons)
@@ -150,7 +177,7 @@ def _iterations() -> Study:
         figures, 1, {6: "Abs Rel hardly changes"},
     )  # fmt: skip
     *rows, last = study.rows
-    return replace(study, rows=(*rows, replace(last, paper={"delta1": 0.913})))  # all that the text says of six
+    return replace(study, rows=(*rows, replace(last, paper={"delta1": 0.913})))  # the text gives no other figure of six
 
 
 def _levels() -> Study:
@@ -171,9 +198,9 @@ STUDIES: dict[str, Study] = {
 
 
 def distinct(studies: Iterable[Study], preset: str) -> dict[str, Variant]:
-    """By the name of each variant, the run that gives its figures: its own, or an earlier one that is the same.
+    """Return the run that gives the figures of each variant, by the variant's name.
 
-    The unchanged preset comes before all others.
+    That is its own run, or an earlier one of the same network and loss. The unchanged preset comes first.
     """
     first = {BASE.resolved(preset): BASE}
     rows = (row for study in studies for row in study.rows)

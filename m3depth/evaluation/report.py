@@ -43,7 +43,7 @@ def _finite(value: Any) -> Any:
 
 
 def text_table(results: Results) -> str:
-    """The main figures (mean over images), for the terminal."""
+    """Return the main figures (means over images) as a table for the terminal."""
     header = ["", *DEPTH_COLUMNS.values(), "normal [°] ↓", "s/pair"]
     rows = [
         [
@@ -59,10 +59,12 @@ def text_table(results: Results) -> str:
 
 
 def markdown_report(about: Mapping[str, Any], results: Results, true_depth_normals: Mapping[str, Any]) -> str:
-    """The whole report.
+    """Return the whole report as Markdown.
 
-    about: data, split, pairs, weights, degrade, depth_range_m, max_disparity_px, versions. true_depth_normals: of
-    planes fitted to the true depth, by kind.
+    Args:
+        about: data, split, pairs, weights, degrade, depth_range_m, max_disparity_px and versions.
+        results: Evaluation.results.
+        true_depth_normals: Figures of the normals of planes fitted to the true depth, by kind of pixel.
     """
     degrade = f", degraded by `{about['degrade']}` (seed {about['seed']})" if about["degrade"] else ""
     lines = [
@@ -70,10 +72,10 @@ def markdown_report(about: Mapping[str, Any], results: Results, true_depth_norma
         "",
         f"{about['pairs']} pairs, split {about['split']} of `{about['data']}`{degrade}. Weights: {about['weights']}.",
         "",
-        f"Scored: every pixel of {depths_said(about['depth_range_m'])} and at most {about['max_disparity_px']:g} px of "
-        f"disparity. None is dropped: unknown or infinite depth counts as {DEPTH_CAP:g} m. `density` is the share with "
-        "a finite depth. Seconds: median, the first call of each method left out. MiB: the most that the whole process "
-        "held meanwhile.",
+        f"Scored: every pixel of {depth_range_text(about['depth_range_m'])} and at most "
+        f"{about['max_disparity_px']:g} px of disparity. None is dropped: unknown or infinite depth counts as "
+        f"{DEPTH_CAP:g} m. `density` is the share with a finite depth. Seconds: median, without the first call of each "
+        "method. MiB: the most that the whole process held during a call.",
     ]
     for key, title in (("per_image", "mean over images"), ("pooled", "pooled over all pixels")):
         lines += ["", f"## Depth, {title}", ""]
@@ -106,12 +108,12 @@ def markdown_report(about: Mapping[str, Any], results: Results, true_depth_norma
     )
     for figure in FIGURES:
         lines += ["", f"![{figure.replace('_', ' ')}]({figure}.png)"]
-    found = ", ".join(f"{name} {value}" for name, value in about["versions"].items() if value is not None)
-    return "\n".join([*lines, "", f"One run on one machine. {found}.", ""])
+    versions = ", ".join(f"{name} {value}" for name, value in about["versions"].items() if value is not None)
+    return "\n".join([*lines, "", f"One run on one machine. {versions}.", ""])
 
 
-def depths_said(depth_range: Sequence[float]) -> str:
-    """The depths that are scored, nearest and farthest [m], in words."""
+def depth_range_text(depth_range: Sequence[float]) -> str:
+    """Return the range of scored depths, nearest and farthest [m], in words."""
     low, high = depth_range
     if math.isinf(high):
         return f"true depth of {low:g} m and more" if low else "known true depth"
@@ -151,24 +153,28 @@ def _by_depth(results: Results) -> list[str]:
 
 
 def _rocks(results: Results) -> list[str]:
-    """Found, missed and falsely seen; nothing if no sample told where its camera stood."""
-    seen = {name: r["rocks"] for name, r in results.items() if r["rocks"]}
-    if not seen:
+    """Return the section on rocks; nothing if no sample records the pose of its camera."""
+    rocks = {name: r["rocks"] for name, r in results.items() if r["rocks"]}
+    if not rocks:
         return []
-    images = next(iter(seen.values()))["images"]
+    images = next(iter(rocks.values()))["images"]
     about = (
         "Found: the rock's predicted top stands at least half as high as the true one. Height error: median magnitude "
         "and median with sign, over the rocks found. False: regions away from rocks, in the sky too, that are "
         f"predicted to stand 0.2 m and more above the true ground, in {images} images."
     )
-    return ["", "## Rocks", "", about, "", *rocks_table(seen, OBSTACLE)]
+    return ["", "## Rocks", "", about, "", *rocks_table(rocks, OBSTACLE)]
 
 
-def rocks_table(seen: Mapping[str, Mapping[str, Any]], least_false: float) -> list[str]:
-    """Lines of a table by method, height and range. seen: RockCounts.result() by method; least_false [m]: height from
-    which false obstacles were looked for."""
+def rocks_table(results: Mapping[str, Mapping[str, Any]], least_false: float) -> list[str]:
+    """Return the lines of a table of rocks by method, height and distance.
+
+    Args:
+        results: RockCounts.result() by method.
+        least_false: Height from which false obstacles were searched [m].
+    """
     rows = []
-    for name, rocks in seen.items():
+    for name, rocks in results.items():
         for figures in (rocks["standing_0.2_m_within_8_m"], *rocks["bins"]):
             low, high = figures["height_from_m"], figures["height_to_m"]
             rows.append(
@@ -211,8 +217,8 @@ def _seconds(result: Mapping[str, Any], digits: int) -> str:
 
 
 def _memory(result: Mapping[str, Any]) -> str:
-    found = (result["memory_mib"] or {}).get("process")
-    return "-" if found is None else f"{found:.0f}"
+    memory = (result["memory_mib"] or {}).get("process")
+    return "-" if memory is None else f"{memory:.0f}"
 
 
 def _figures(values: Mapping[str, float | None], names: Mapping[str, str] | Sequence[str]) -> list[str]:
@@ -220,11 +226,11 @@ def _figures(values: Mapping[str, float | None], names: Mapping[str, str] | Sequ
 
 
 def number(value: float) -> str:
-    """A figure with about four digits."""
+    """Return a figure with about four digits."""
     return f"{value:.4f}" if abs(value) < 1 else f"{value:.3f}" if abs(value) < 10 else f"{value:.2f}"
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines of a Markdown table; all columns but the first are set to the right."""
+    """Return the lines of a Markdown table; all columns but the first are aligned right."""
     rule = ["---", *("---:" for _ in header[1:])]
     return ["| " + " | ".join(row) + " |" for row in (header, rule, *rows)]

@@ -1,0 +1,221 @@
+"""The results of an ablation as numbers and sentences, and where they disagree with the paper's."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from m3depth.ablation.studies import Comparison, Study
+from m3depth.evaluation import bootstrap
+from marssim.base.command.notes import counted
+
+METHOD = "M3Depth"  # name of a run's network in its score
+# Names of the measures in sentences.
+MEASURED = {"abs_rel": "Abs Rel", "normal_mean": "the mean error of the normals"}
+
+RunScores = Mapping[int, Mapping[str, Any]]  # by seed, the score.json of a run
+Figures = Mapping[int, np.ndarray]  # by seed, (pairs,) one figure of a run
+
+
+@dataclass(frozen=True)
+class Column:
+    """One figure of all runs, on the pairs that have it in all of them.
+
+    Attributes:
+        by_run: Figures by variant and seed, (pairs,).
+        scenes: (pairs,) scene of each pair.
+    """
+
+    by_run: dict[str, dict[int, np.ndarray]]
+    scenes: list[str]
+
+
+def findings(study: Study, scores: Mapping[str, RunScores]) -> dict[str, Any]:
+    """Return everything that is reported of a study, as plain numbers and sentences.
+
+    Figures are means over the test pairs, then over the seeds. Changes are relative, with the 95 % interval of the
+    paired bootstrap over the scenes: views of one scene resemble each other, so its pairs are drawn together. A single
+    scene gives no interval. A pair that holds no pixel of a figure is left out of that figure, in every run.
+
+    Args:
+        study: The study.
+        scores: score.json by seed, by the name of the variant; empty where nothing is scored yet.
+
+    Raises:
+        ValueError: The runs were not all scored on the same pairs.
+    """
+    runs = {row.variant.name: scores[row.variant.name] for row in study.rows}
+    _check_same_pairs(runs)
+    columns = {name: _column(runs, name) for name in study.columns}
+    reference = study.rows[study.reference]
+    rows = []
+    for row in study.rows:
+        seeds = scores[row.variant.name]
+        figures = {name: column.by_run[row.variant.name] for name, column in columns.items()}
+        rows.append(
+            {
+                "label": row.label,
+                "paper": dict(row.paper),
+                "here": {name: _mean(figures[name]) for name in study.columns},
+                "by_seed": {
+                    str(seed): {name: _mean({seed: figures[name][seed]}) for name in study.columns} for seed in seeds
+                },
+                "against_reference": {
+                    name: {
+                        "paper": _ratio(row.paper.get(name), reference.paper.get(name)),
+                        **_change(columns[name], reference.variant.name, row.variant.name),
+                    }
+                    for name in study.columns
+                },
+                "runs": [
+                    {key: score[key] for key in ("steps", "minutes", "parameters", "code", "device")}
+                    | {"seconds_per_pair": score["result"]["seconds"]["median"]}
+                    for score in seeds.values()
+                ],
+            }
+        )
+    comparisons = [
+        _compare(study, comparison, columns[name], name) for name in study.measures for comparison in study.comparisons
+    ]
+    return {
+        "title": study.title,
+        "source": study.source,
+        "columns": list(study.columns),
+        "measures": list(study.measures),
+        "reference": study.reference,
+        "pairs": {name: len(column.scenes) for name, column in columns.items()},
+        "all_pairs": max((len(records) for records in _records(runs)), default=0),
+        "all_scenes": max((len({record["scene"] for record in records}) for records in _records(runs)), default=0),
+        "rows": rows,
+        "comparisons": comparisons,
+        "order": [_order(study, rows, name) for name in study.measures],
+    }
+
+
+def _check_same_pairs(runs: Mapping[str, RunScores]) -> None:
+    by_run = {
+        f"{name}-{seed}": [(record["index"], record["pair"]) for record in score["per_pair"]]
+        for name, by_seed in runs.items()
+        for seed, score in by_seed.items()
+    }
+    first = next(iter(by_run), "")
+    for name, pairs in by_run.items():
+        if pairs != by_run[first]:
+            raise ValueError(f"run {name} was scored on other pairs than {first}: delete its score.json")
+
+
+def _records(runs: Mapping[str, RunScores]) -> list[Sequence[Mapping[str, Any]]]:
+    """Return the records of the pairs of each run."""
+    return [score["per_pair"] for by_seed in runs.values() for score in by_seed.values()]
+
+
+def _column(runs: Mapping[str, RunScores], name: str) -> Column:
+    """Return one figure of the pairs that have it in all of these runs."""
+    values = {
+        run: {seed: [pair[METHOD].get(name) for pair in score["per_pair"]] for seed, score in by_seed.items()}
+        for run, by_seed in runs.items()
+    }
+    everything = [figures for by_seed in values.values() for figures in by_seed.values()]
+    has = [place for place, figures in enumerate(zip(*everything, strict=True)) if None not in figures]
+    by_run = {
+        run: {seed: np.array([figures[place] for place in has], float) for seed, figures in by_seed.items()}
+        for run, by_seed in values.items()
+    }
+    first = next(iter(_records(runs)), [])
+    return Column(by_run, [first[place]["scene"] for place in has])
+
+
+def _mean(figures: Figures) -> float | None:
+    """Return the mean over the pairs and the seeds; None if there are none."""
+    values = [*figures.values()]
+    return float(np.mean(values)) if values and len(values[0]) else None
+
+
+def _ratio(value: float | None, reference: float | None) -> float | None:
+    return None if value is None or reference is None else value / reference - 1
+
+
+def _change(column: Column, before_run: str, after_run: str) -> dict[str, Any]:
+    """Return the relative change of a mean from one run to another, over the seeds that both have.
+
+    Returns:
+        "here": the change, "interval": its bounds over the scenes, "by_seed"; None where it is not known.
+    """
+    before, after = column.by_run[before_run], column.by_run[after_run]
+    common = sorted(before.keys() & after.keys())
+    if not common or not len(before[common[0]]) or not np.mean([before[seed] for seed in common]) > 0:
+        return {"here": None, "interval": None, "by_seed": []}
+    first, second = (np.stack([run[seed] for seed in common], 1) for run in (before, after))  # (pairs, seeds)
+    change: dict[str, Any] = {"here": float(second.mean() / first.mean() - 1), "interval": None}
+    with np.errstate(divide="ignore", invalid="ignore"):
+        change["by_seed"] = (second.mean(0) / first.mean(0) - 1).tolist()
+        if len(set(column.scenes)) > 1:
+            means = bootstrap.resampled_means(np.stack([first.mean(1), second.mean(1)], 1), column.scenes)
+            bounds = [*bootstrap.interval(means[:, 1] / means[:, 0] - 1)]
+            change["interval"] = bounds if np.isfinite(bounds).all() else None  # a mean of 0 in some samples
+    return change
+
+
+def _compare(study: Study, comparison: Comparison, column: Column, name: str) -> dict[str, Any]:
+    """Return one comparison by one measure, with a sentence about it."""
+    before, after = study.rows[comparison.before], study.rows[comparison.after]
+    paper = _ratio(after.paper.get(name), before.paper.get(name))
+    change = _change(column, before.variant.name, after.variant.name)
+    verdict = _verdict(paper, **change)
+    claim = f"{MEASURED[name]} {_moves(paper)}" if paper is not None else comparison.statement or "no figure"
+    if change["here"] is None:
+        here = "here it is not measured yet"
+    else:
+        here = f"here {'it' if paper is not None else MEASURED[name]} {_moves(change['here'])} "
+        here += "(" + _bounds(change["interval"])
+        if len(change["by_seed"]) > 1:
+            same = sum((of_seed > 0) == (change["here"] > 0) for of_seed in change["by_seed"])
+            here += f"; the same sign with {same} of {len(change['by_seed'])} seeds"
+        here += ")"
+    ending = f": **{verdict}**" if verdict else ""
+    return {
+        "what": comparison.what,
+        "measure": name,
+        "paper": paper,
+        **change,
+        "verdict": verdict,
+        "sentence": f"{comparison.what}. Paper: {claim}; {here}{ending}.",
+    }
+
+
+def _verdict(
+    paper: float | None, here: float | None, interval: Sequence[float] | None, by_seed: Sequence[float]
+) -> str | None:
+    """Return whether the changes in the paper and here agree; None if one of them is not known."""
+    if paper is None or here is None or interval is None:
+        return None
+    if interval[0] <= 0 <= interval[1] or any((change < 0) != (here < 0) for change in by_seed):
+        return "undecided"
+    return "agrees" if (paper < 0) == (here < 0) else "disagrees"
+
+
+def _bounds(interval: Sequence[float] | None) -> str:
+    if interval is None:
+        return "no interval"
+    return f"95 % interval {100 * interval[0]:+.1f} to {100 * interval[1]:+.1f} %"
+
+
+def _moves(change: float) -> str:
+    return f"{'falls' if change < 0 else 'rises'} by {abs(100 * change):.1f} %"
+
+
+def _order(study: Study, rows: Sequence[Mapping[str, Any]], name: str) -> dict[str, Any]:
+    """Return the rows from the best to the worst, and how many pairs of them are in another order than the paper's."""
+    both = [row for row in rows if row["paper"].get(name) is not None and row["here"][name] is not None]
+    paper = [row["label"] for row in sorted(both, key=lambda row: row["paper"][name])]
+    here = [row["label"] for row in sorted(both, key=lambda row: row["here"][name])]
+    turned = sum(here.index(a) > here.index(b) for i, a in enumerate(paper) for b in paper[i + 1 :])
+    count = len(paper) * (len(paper) - 1) // 2
+    sentence = (
+        f"Order by {MEASURED[name]}, best first. Paper: {'; '.join(paper)}. Here: {'; '.join(here)}. "
+        f"{turned} of {counted(count, 'pair')} of rows are in the opposite order."
+    )
+    return {"measure": name, "paper": paper, "here": here, "turned": turned, "of": count, "sentence": sentence}

@@ -1,0 +1,116 @@
+"""What follows from figures that are known."""
+
+import numpy as np
+import pytest
+from ablation_scores import levels, score
+
+from m3depth.ablation.figure import study_figure
+from m3depth.ablation.findings import findings
+from m3depth.ablation.studies import STUDIES
+
+
+def test_verdicts_follow_the_sign_and_the_interval() -> None:
+    found = findings(STUDIES["levels"], levels([1.0, 0.9, 0.8, 0.8004], noise=0.01))
+    verdicts = [part["verdict"] for part in found["comparisons"]]
+    assert verdicts == ["agrees", "disagrees", "undecided"]  # paper: falls, rises, rises
+    first = found["comparisons"][0]
+    assert first["paper"] == pytest.approx(0.084 / 0.095 - 1)
+    assert first["here"] == pytest.approx(-0.1, abs=0.01)
+    assert first["interval"][0] < first["here"] < first["interval"][1] < -0.08
+    assert first["sentence"].startswith("3 levels instead of 2. Paper: Abs Rel falls by 11.6 %; here it falls by ")
+    assert "the same sign with 2 of 2 seeds" in first["sentence"] and first["sentence"].endswith("**agrees**.")
+
+
+def test_seeds_that_differ_in_sign_decide_nothing() -> None:
+    scores = levels([1.0, 0.5, 0.5, 0.5])
+    for record in scores["levels-3"][1]["per_pair"]:
+        record["M3Depth"]["abs_rel"] *= 2.2
+    part = findings(STUDIES["levels"], scores)["comparisons"][0]
+    assert part["interval"][1] < 0 and part["by_seed"] == pytest.approx([-0.5, 0.1])
+    assert part["verdict"] == "undecided" and "the same sign with 1 of 2 seeds" in part["sentence"]
+
+
+def test_pairs_of_one_difficulty_cancel() -> None:
+    """Paired: a ratio that all pairs share is known exactly, however much the pairs differ."""
+    found = findings(STUDIES["levels"], levels([1.0, 1.5, 1.5, 3.0]))
+    for part, ratio in zip(found["comparisons"], (0.5, 0.0, 1.0), strict=True):
+        np.testing.assert_allclose([part["here"], *part["interval"], *part["by_seed"]], ratio, atol=1e-12)
+    assert [row["against_reference"]["abs_rel"]["here"] for row in found["rows"]] == pytest.approx([-1 / 3, 0, 0, 1])
+
+
+def test_views_of_a_scene_are_drawn_together() -> None:
+    """Five views each of six scenes, alike in every figure: the interval is that of six, not of thirty."""
+    rng = np.random.default_rng(3)
+    scenes = {name: np.repeat(rng.uniform(0.5, 2, 6), 5) for name in ("abs_rel", "sq_rel", "rmse", "delta1")}
+    change = np.repeat(np.exp(0.2 * rng.normal(size=6)), 5)
+    widths = {}
+    for views in (1, 5):
+        scores = {row.variant.name: {0: score(scenes, views)} for row in STUDIES["levels"].rows}
+        scores["levels-3"] = {0: score({name: x * change for name, x in scenes.items()}, views)}
+        found = findings(STUDIES["levels"], scores)
+        low, high = found["comparisons"][0]["interval"]
+        widths[views], count = high - low, found["all_scenes"]
+        assert count == 30 // views
+    assert widths[5] / widths[1] == pytest.approx(5**0.5, rel=0.3)
+
+
+def test_one_scene_gives_no_interval_and_no_verdict(tmp_path) -> None:
+    pairs = {name: np.linspace(1, 2, 10) for name in ("abs_rel", "sq_rel", "rmse", "delta1")}
+    scores = {row.variant.name: {0: score(pairs, views=10)} for row in STUDIES["levels"].rows}
+    scores["levels-3"] = {0: score({name: 0.9 * x for name, x in pairs.items()}, views=10)}
+    found = findings(STUDIES["levels"], scores)
+    part = found["comparisons"][0]
+    assert (part["interval"], part["verdict"]) == (None, None)
+    assert part["sentence"].endswith("here it falls by 10.0 % (no interval).")
+    study_figure(found, path := tmp_path / "levels.png")
+    assert path.stat().st_size > 10_000
+
+
+def test_errors_of_nothing_in_most_scenes_give_no_interval_and_no_verdict() -> None:
+    """Samples of scenes in which nobody errs have no relative change."""
+    pairs = {name: np.array([0.0, 0, 0, 1]) for name in ("abs_rel", "sq_rel", "rmse", "delta1")}
+    scores = {row.variant.name: {0: score(pairs, views=1)} for row in STUDIES["levels"].rows}
+    scores["levels-3"] = {0: score({name: 2 * x for name, x in pairs.items()}, views=1)}
+    part = findings(STUDIES["levels"], scores)["comparisons"][0]
+    assert part["here"] == 1 and (part["interval"], part["verdict"]) == (None, None)
+
+
+def test_runs_on_other_pairs_are_not_compared() -> None:
+    pairs = {name: np.linspace(1, 2, 10) for name in ("abs_rel", "sq_rel", "rmse", "delta1")}
+    for change in ("name", "count"):
+        scores = {row.variant.name: {0: score(pairs, views=1)} for row in STUDIES["levels"].rows}
+        records = scores["levels-3"][0]["per_pair"]
+        if change == "name":
+            records[3]["pair"] = "another"
+        else:
+            del records[-1]
+        with pytest.raises(ValueError, match=r"levels-3-0 was scored on other pairs than .*delete its score\.json"):
+            findings(STUDIES["levels"], scores)
+
+
+def test_the_order_counts_what_is_turned() -> None:
+    order = findings(STUDIES["levels"], levels([1.0, 2.0, 3.0, 4.0]))["order"][0]
+    assert order["paper"] == ["3", "4", "5", "2"] and order["here"] == ["2", "3", "4", "5"]
+    assert (order["turned"], order["of"]) == (3, 6)  # 2 stands before 3, 4 and 5
+
+
+def test_what_is_not_measured_yet_is_told() -> None:
+    found = findings(STUDIES["levels"], levels([1.0, 0.9, None, None]))
+    assert [part["verdict"] for part in found["comparisons"]] == ["agrees", None, None]
+    assert "here it is not measured yet" in found["comparisons"][1]["sentence"]
+    assert found["rows"][2]["here"]["abs_rel"] is None and found["order"][0]["of"] == 1
+
+
+def test_seeds_are_compared_with_themselves() -> None:
+    """A seed that one of two runs lacks is left out of their comparison."""
+    scores = levels([1.0, 0.9, 1.0, 1.0])
+    del scores["levels-2"][0]
+    assert len(findings(STUDIES["levels"], scores)["comparisons"][0]["by_seed"]) == 1
+
+
+def test_normals_without_truth_leave_their_columns_empty() -> None:
+    figures = {name: np.ones(4) for name in ("abs_rel", "sq_rel", "rmse", "log10", "delta1")}
+    scores = {row.variant.name: {0: score(figures)} for row in STUDIES["components"].rows}
+    found = findings(STUDIES["components"], scores)
+    assert {part["verdict"] for part in found["comparisons"] if part["measure"] == "normal_mean"} == {None}
+    assert all(row["here"]["normal_mean"] is None for row in found["rows"])
