@@ -38,7 +38,7 @@ from marssim.inspection.cross_check import cross_check
 from marssim.inspection.cross_check import table as table_of_makers
 from marssim.inspection.figures import sample_figure, statistics_figure
 from marssim.inspection.integrity import Finding, check_extra, check_index, check_samples, check_trajectories
-from marssim.inspection.statistics import Tally, table
+from marssim.inspection.statistics import SampleStatistics, table
 from marssim.inspection.statistics import __doc__ as definitions
 from marssim.scene.place_file import PLACE_VALUES, load_place
 from marssim.scene.scene import PRESETS
@@ -100,10 +100,10 @@ class VerifyConfig:
         return RESULTS if dataset is None else RESULTS / f"{dataset.path.resolve().name}-{dataset.digest[:8]}"
 
 
-def verify_dataset(config: VerifyConfig, dataset: StereoDataset) -> tuple[list[Finding], dict[str, Tally]]:
+def verify_dataset(config: VerifyConfig, dataset: StereoDataset) -> tuple[list[Finding], dict[str, SampleStatistics]]:
     """Hash every file, then take statistics over some of the samples that are whole.
 
-    Returns what is wrong, and the tallies of "all" and of each split.
+    Returns what is wrong, and the statistics of "all" and of each split.
     """
     found, whole = check_index(dataset), []
     with progress(len(dataset), "pair", "check") as bar:
@@ -113,7 +113,7 @@ def verify_dataset(config: VerifyConfig, dataset: StereoDataset) -> tuple[list[F
                 whole.append(name)
             bar.update()
     found += check_trajectories(dataset) + check_extra(dataset, config.results(dataset))
-    tallies = {name: Tally() for name in ("all", *SPLITS)}
+    statistics = {name: SampleStatistics() for name in ("all", *SPLITS)}
     split = {sample["name"]: sample["split"] for sample in dataset.index["samples"]}
     chosen = spread({name: split[name] for name in whole}, config.statistics_of)
     read = partial(_read, dataset.path)
@@ -122,10 +122,10 @@ def verify_dataset(config: VerifyConfig, dataset: StereoDataset) -> tuple[list[F
             if isinstance(sample, Finding):
                 found.append(sample)
             else:
-                for tally in (tallies["all"], tallies[split[name]]):
-                    tally.add(sample)
+                for part in (statistics["all"], statistics[split[name]]):
+                    part.add(sample)
             bar.update()
-    return found, tallies
+    return found, statistics
 
 
 def spread(split: dict[str, str], number: int) -> list[str]:
@@ -186,17 +186,17 @@ def verify(config: VerifyConfig) -> bool:
 def _report(config: VerifyConfig, dataset: StereoDataset) -> bool:
     out = config.results(dataset)
     _make_writable(out)
-    found, tallies = verify_dataset(config, dataset)
+    found, statistics = verify_dataset(config, dataset)
     pairs = {name: sum(s["split"] == name for s in dataset.index["samples"]) for name in SPLITS}
     pairs = {"all": len(dataset), **pairs}
     for finding in found[:SHOWN]:
         print(finding)
     if len(found) > SHOWN:
         print(f"and {len(found) - SHOWN} more, see {out / 'verify.json'}")
-    if tallies["all"].samples:
-        print(table(tallies, pairs))
-        print(tallies["all"].cover.table())
-        figure = statistics_figure(tallies, f"{dataset.path.resolve().name}: {counted(len(dataset), 'pair')}")
+    if statistics["all"].samples:
+        print(table(statistics, pairs))
+        print(statistics["all"].cover.table())
+        figure = statistics_figure(statistics, f"{dataset.path.resolve().name}: {counted(len(dataset), 'pair')}")
         write_atomically(out / "statistics.png", figure)
     report = {
         "schema": "marssim-verify",
@@ -206,7 +206,7 @@ def _report(config: VerifyConfig, dataset: StereoDataset) -> bool:
         "good": not found,
         "findings": [asdict(finding) for finding in found],
         "pairs": pairs,
-        "statistics": {name: tally.report() for name, tally in tallies.items() if tally.samples},
+        "statistics": {name: part.report() for name, part in statistics.items() if part.samples},
         "definitions": definitions,
     }
     write_json(out / "verify.json", report)

@@ -1,1 +1,1 @@
-"""Checks, statistics and figures of datasets and renderers."""
+"""Checks, statistics and figures of datasets, and comparisons of renderers."""

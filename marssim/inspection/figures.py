@@ -1,6 +1,6 @@
 """Figures of a dataset: one sample with all its ground truth, and the statistics of many.
 
-Drawn with matplotlib's object interface: no display, no global state.
+They are drawn with matplotlib's object interface, which needs no display and keeps no global state.
 """
 
 from __future__ import annotations
@@ -26,15 +26,23 @@ from marssim.base.images.colours import (
     depth_colours,
     normal_colours,
 )
-from marssim.inspection.statistics import DEPTH_STEP, NETWORK_DISPARITY, Tally, noted_number
+from marssim.inspection.statistics import DEPTH_STEP, NETWORK_DISPARITY, SampleStatistics, noted_number
 
-SHOWN_DEPTH = 40.0  # [m] right end of the depth plot
-COLOURS = {"all": "0.25", "train": "#0072b2", "val": "#d55e00", "test": "#009e73"}  # Okabe and Ito
-RESIDUAL_END = 30.0  # [grey levels]
+SHOWN_DEPTH = 40.0  # right end of the depth plot [m]
+COLOURS = {"all": "0.25", "train": "#0072b2", "val": "#d55e00", "test": "#009e73"}  # of the splits; by Okabe and Ito
+RESIDUAL_END = 30.0  # bright end of the residual's colours [grey levels]
 
 
 def warped(image: np.ndarray, disparity: np.ndarray) -> np.ndarray:
-    """(H, W, 3) float32: the right image as the left eye would see it, sampled linearly at u - disparity."""
+    """Return the right image as the left eye would see it, sampled linearly at column u - disparity.
+
+    Args:
+        image: (H, W, 3) right image.
+        disparity: (H, W) of the left eye [px].
+
+    Returns:
+        (H, W, 3) float32.
+    """
     width = disparity.shape[1]
     at = np.clip(np.arange(width) - disparity, 0, width - 1)
     left = np.minimum(at.astype(int), width - 2)
@@ -44,14 +52,26 @@ def warped(image: np.ndarray, disparity: np.ndarray) -> np.ndarray:
 
 
 def warp_residual(sample: StereoSample) -> np.ndarray:
-    """(H, W) float32 grey levels: mean over the colours of |left - warped right|; NaN in the sky and where occluded."""
+    """Return how much the left image differs from the warped right one.
+
+    Returns:
+        (H, W) float32 [grey levels], mean of |left - warped right| over the colours; NaN in the sky and where occluded.
+    """
     difference = np.abs(warped(sample.right, sample.disparity) - sample.left).mean(axis=-1)
     difference[sample.occluded | ~np.isfinite(sample.depth)] = np.nan
     return difference
 
 
 def sample_figure(sample: StereoSample, name: str) -> bytes:
-    """PNG of a sample: both eyes, depth, disparity, normals, surfaces, occlusion, left-right residual."""
+    """Draw a sample: both eyes, depth, disparity, normals, surfaces, occlusion and the residual of warping.
+
+    Args:
+        sample: The sample.
+        name: Its name, for the title.
+
+    Returns:
+        A PNG file.
+    """
     height, width = sample.depth.shape
     figure = Figure(figsize=(16, 8.6 * height / width + 0.4), dpi=100, layout="constrained")
     axes = figure.subplots(2, 4)
@@ -86,29 +106,34 @@ def sample_figure(sample: StereoSample, name: str) -> bytes:
     return _png(figure)
 
 
-def statistics_figure(tallies: dict[str, Tally], title: str) -> bytes:
-    """PNG: depth distribution, disparities, what pixels show, texture, sun, rocks; by split, and of all of them.
+def statistics_figure(statistics: dict[str, SampleStatistics], title: str) -> bytes:
+    """Draw the distributions of depth and disparity, and shares of surfaces, texture, sun and rocks, by split.
 
-    "all" is left out where it is one split alone, whose curves would lie under it.
+    Args:
+        statistics: By split, "all" among them, which is not drawn if there is only one split.
+        title: Title of the figure.
+
+    Returns:
+        A PNG file.
     """
-    tallies = {name: t for name, t in tallies.items() if t.samples}
-    if len(tallies) == 2:
-        tallies.pop("all", None)
+    statistics = {name: part for name, part in statistics.items() if part.samples}
+    if len(statistics) == 2:
+        statistics.pop("all", None)
     figure = Figure(figsize=(14, 8), dpi=100, layout="constrained")
     axes = figure.subplots(2, 3)
-    _depth_plot(axes[0, 0], tallies)
-    for name, t in tallies.items():
-        share = t.disparity / max(1, t.disparity.sum())
+    _depth_plot(axes[0, 0], statistics)
+    for name, part in statistics.items():
+        share = part.disparity / max(1, part.disparity.sum())
         axes[0, 1].stairs(share * 100, np.arange(len(share) + 1), color=COLOURS[name], label=name)
     axes[0, 1].axvline(NETWORK_DISPARITY, color="0.6", linestyle=":")
-    axes[0, 1].set(xlabel="disparity of valid pixels [px]", ylabel="share of a 1 px bin [%]", yscale="log")
-    _share_plot(axes[0, 2], tallies)
-    for name, t in tallies.items():
-        axes[1, 0].scatter(t.gradients, t.lbp, s=10, color=COLOURS[name], label=name)
+    axes[0, 1].set(xlabel="disparity of valid pixels [px]", ylabel="share of pixels in a bin of 1 px [%]", yscale="log")
+    _share_plot(axes[0, 2], statistics)
+    for name, part in statistics.items():
+        axes[1, 0].scatter(part.gradients, part.lbp, s=10, color=COLOURS[name], label=name)
     axes[1, 0].set(xlabel="mean gradient [grey levels / px]", ylabel="LBP entropy [bits]")
-    whole = tallies.get("all") or next(iter(tallies.values()))
+    whole = statistics.get("all") or next(iter(statistics.values()))
     axes[1, 1].hist(whole.sun_elevation_deg, bins=np.arange(0, 91, 5).tolist(), color="0.5")
-    axes[1, 1].set(xlabel="sun elevation [deg]", ylabel="samples")
+    axes[1, 1].set(xlabel="sun elevation [deg]", ylabel="number of samples")
     axes[1, 1].yaxis.get_major_locator().set_params(integer=True)
     _cover_plot(axes[1, 2], whole)
     axes[0, 0].legend(fontsize=8)
@@ -116,50 +141,53 @@ def statistics_figure(tallies: dict[str, Tally], title: str) -> bytes:
     return _png(figure)
 
 
-def _depth_plot(axes: Axes, tallies: dict[str, Tally]) -> None:
+def _depth_plot(axes: Axes, statistics: dict[str, SampleStatistics]) -> None:
     distance = np.arange(0, SHOWN_DEPTH + DEPTH_STEP / 2, DEPTH_STEP)
-    for name, t in tallies.items():
-        axes.plot(distance, 100 * t.share_within(distance), color=COLOURS[name], label=name)
-    whole = tallies.get("all") or next(iter(tallies.values()))
+    for name, part in statistics.items():
+        axes.plot(distance, 100 * part.share_within(distance), color=COLOURS[name], label=name)
+    whole = statistics.get("all") or next(iter(statistics.values()))
     counts = whole.depth[: len(distance) - 1]
     other = axes.twinx()
     other.stairs(100 * counts / max(1, whole.depth.sum()), distance, fill=True, color="0.85")
-    other.set_ylabel(f"share of a {DEPTH_STEP:g} m bin [%]", color="0.5")
+    other.set_ylabel(f"share of pixels in a bin of {DEPTH_STEP:g} m [%]", color="0.5")
     axes.set_zorder(other.get_zorder() + 1)
     axes.patch.set_visible(False)
     within = 100 * float(whole.share_within(np.array([MAX_DEPTH]))[0])
     axes.axvline(MAX_DEPTH, color="0.6", linestyle=":")
     axes.axhline(within, color="0.6", linestyle=":")
     axes.set(
-        xlabel="depth [m]", ylabel="pixels up to there, of those not sky [%]", xlim=(0, SHOWN_DEPTH), ylim=(0, 100)
+        xlabel="depth [m]",
+        ylabel="share of pixels up to this depth, without sky [%]",
+        xlim=(0, SHOWN_DEPTH),
+        ylim=(0, 100),
     )
     axes.set_title(f"{within:.1f} % within {MAX_DEPTH:g} m", fontsize=10)
 
 
-def _share_plot(axes: Axes, tallies: dict[str, Tally]) -> None:
+def _share_plot(axes: Axes, statistics: dict[str, SampleStatistics]) -> None:
     kinds = ("valid", "sky", "occluded", "rock")
-    for place, (name, t) in enumerate(tallies.items()):
-        report = t.report()
-        height = 0.8 / len(tallies)
-        at = np.arange(len(kinds)) + (place - (len(tallies) - 1) / 2) * height
+    for place, (name, part) in enumerate(statistics.items()):
+        report = part.report()
+        height = 0.8 / len(statistics)
+        at = np.arange(len(kinds)) + (place - (len(statistics) - 1) / 2) * height
         axes.barh(at, [100 * report[kind] for kind in kinds], height=height, color=COLOURS[name], label=name)
     axes.set_yticks(range(len(kinds)), kinds)
     axes.invert_yaxis()
-    axes.set_xlabel("share [%]")
+    axes.set_xlabel("share of pixels [%]")
 
 
-def _cover_plot(axes: Axes, whole: Tally) -> None:
+def _cover_plot(axes: Axes, whole: SampleStatistics) -> None:
     report = whole.cover.report()
     if report:
         axes.plot(report["diameters_m"], np.multiply(report["seen"], 100), "o-", color="0.25", label="seen")
         axes.plot(report["diameters_m"], np.multiply(report["asked"], 100), "x:", color="#d55e00", label="asked for")
         axes.legend(fontsize=8)
         axes.set_ylim(0)
-    axes.set(xlabel="rock diameter D [m]", ylabel="ground under rocks of D and more [%]")
+    axes.set(xlabel="rock diameter D [m]", ylabel="share of ground under rocks of D and more [%]")
 
 
 def _surface_colours(sample: StereoSample) -> np.ndarray:
-    """A colour for each rock, the same wherever it is seen; grey ground, black sky."""
+    """Return a colour for each rock, the same in every view; grey ground, black sky."""
     rng = np.random.default_rng(1)
     palette = rng.integers(60, 256, (997, 3)).astype(np.uint8)
     out = palette[sample.rock % len(palette)]

@@ -1,21 +1,22 @@
-"""What the ground looks like in an image, in numbers that real and rendered frames can be compared by.
+"""Numbers that describe how the ground looks in an image, to compare real and rendered frames.
 
 Definitions. All are of luminance that is linear in light: the grey image's codes as shares of 255, to the power GAMMA,
-which undoes the encoding of marssim.render.sensor; other cameras need their own power.
+which undoes the encoding of marssim.render.sensor. Other cameras need their own power.
 
-spectrum    of square windows of WINDOW px that lie wholly in the mask, half a window apart: natural logarithm of
-            luminance, less its least-squares plane, times a Hann window of unit mean square; squared modulus of its
-            discrete Fourier transform over WINDOW^4, mean of the windows. Summed over all frequencies it is the
-            variance of log-luminance, so that its square root is a contrast.
-bands       octaves of the radial frequency [cycles/px] between BAND_EDGES; the contrast of a band is the square root of
-            the power in it, one for each wavelength of 2.8, 5.7, 11, 23 and 45 px.
-slope       of the logarithm of the power's mean over a ring of frequencies, over that of the frequency, by least
-            squares over one point an octave, from 1/32 to 1/2 cycles/px: 0 for white noise.
-direction   of a band: the largest over the mean power of six sectors of 30 deg; 1 if alike in all directions.
-peakedness  excess kurtosis of log-luminance band-passed by a difference of Gaussians (standard deviations s and 2 s px,
-            normalised to the mask): 0 for Gaussian noise, more where there are few marked things on plain ground.
-shade       darkest hundredth, fifth, and brightest hundredth of the luminance, over its median.
-edge width  distance over which luminance rises from 10 to 90 % of its step, along the gradient.
+spectrum    Power spectrum of log-luminance, mean over square windows of WINDOW px that lie wholly in the mask, half a
+            window apart: the natural logarithm of luminance, less its least-squares plane, times a Hann window of unit
+            mean square; the squared modulus of its discrete Fourier transform, divided by WINDOW^4. Its sum over all
+            frequencies is the variance of log-luminance, so that the square root of the sum is a contrast.
+bands       Octaves of the radial frequency [cycles/px] between BAND_EDGES. The contrast of a band is the square root of
+            the power in it. The bands have wavelengths of 45, 23, 11, 5.7 and 2.8 px.
+slope       Slope of the logarithm of the mean power on a ring of frequencies over the logarithm of the frequency, by
+            least squares through one point an octave, from 1/32 to 1/2 cycles/px. It is 0 for white noise.
+direction   Of a band: the largest mean power in a sector of 30 deg over the mean of the six sectors; 1 if the power is
+            the same in all directions.
+peakedness  Excess kurtosis of log-luminance after a band-pass by a difference of Gaussians (standard deviations s and
+            2 s px, normalised to the mask): 0 for Gaussian noise, larger for few strong marks on plain ground.
+shade       The 1st, 5th and 99th percentile of luminance, over its median.
+edge width  Distance over which luminance rises from 10 to 90 % of its step, along the gradient [px].
 """
 
 from __future__ import annotations
@@ -27,20 +28,28 @@ import numpy as np
 
 from marssim.render.sensor import GAMMA
 
-WINDOW = 64  # [px]
-BAND_EDGES = 0.5 ** np.arange(6, 0, -1)  # 1/64 to 1/2 cycles/px
-SECTORS = 6
-BLURS = (1.0, 2.0, 4.0)  # [px] the smaller standard deviation of the band-passes
-PERCENTILES = (1.0, 5.0, 99.0)
-DARKEST = 0.5 / 255  # share of full scale that a code of 0 is taken for
-REACH = 6  # [px] that an edge is followed to either side
-LEAST_STEP = 0.35  # of an edge in log-luminance
+WINDOW = 64  # side of a window of the spectrum [px]
+BAND_EDGES = 0.5 ** np.arange(6, 0, -1)  # borders of the bands, 1/64 to 1/2 [cycles/px]
+SECTORS = 6  # of direction, over half a turn
+BLURS = (1.0, 2.0, 4.0)  # smaller standard deviation of each band-pass [px]
+PERCENTILES = (1.0, 5.0, 99.0)  # of luminance, for the shade
+DARKEST = 0.5 / 255  # luminance that a code of 0 stands for, before the power
+REACH = 6  # distance that an edge is followed to either side [px]
+LEAST_STEP = 0.35  # height of an edge in log-luminance
 
 
 @dataclass(frozen=True)
 class GroundLook:
-    """What `ground_look` found. contrast, direction: (5,) of each band, coarse first; peakedness: (3,) of BLURS;
-    shade: (3,) of PERCENTILES; windows: how many."""
+    """The numbers that `ground_look` measures.
+
+    Attributes:
+        contrast: (5,) contrast of each band, the longest wavelength first.
+        direction: (5,) direction of each band; NaN for the longest wavelength.
+        slope: Slope of the spectrum.
+        peakedness: (3,) peakedness for each of BLURS.
+        shade: (3,) shade for each of PERCENTILES.
+        windows: Number of windows that gave the spectrum.
+    """
 
     contrast: np.ndarray
     direction: np.ndarray
@@ -51,15 +60,20 @@ class GroundLook:
 
 
 def linear(grey: np.ndarray, gamma: float = GAMMA) -> np.ndarray:
-    """(H, W) float32 luminance in (0, 1] of an 8-bit grey image (H, W)."""
+    """Return the luminance (H, W) float32 in (0, 1] of an 8-bit grey image (H, W)."""
     share = np.maximum(grey.astype(np.float32) / 255, DARKEST)
     return np.asarray(share**gamma, dtype=np.float32)
 
 
 def ground_look(luminance: np.ndarray, mask: np.ndarray) -> GroundLook:
-    """Measure an image's ground. luminance: (H, W) > 0, linear in light; mask: (H, W) bool, what counts.
+    """Measure how the ground looks in an image.
 
-    Raises ValueError if no window lies in the mask.
+    Args:
+        luminance: (H, W) above 0, linear in light.
+        mask: (H, W) bool, the pixels that count.
+
+    Raises:
+        ValueError: No window lies wholly in the mask.
     """
     logs = np.log(luminance.astype(np.float32))
     power, windows = spectrum(logs, mask)
@@ -80,9 +94,17 @@ def ground_look(luminance: np.ndarray, mask: np.ndarray) -> GroundLook:
 
 
 def spectrum(logs: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, int]:
-    """(WINDOW, WINDOW) power of log-luminance (H, W) at the frequencies of numpy.fft.fft2; and how many windows.
+    """Return the spectrum of log-luminance.
 
-    Raises ValueError if no window lies in the mask (H, W) bool.
+    Args:
+        logs: (H, W) natural logarithm of luminance.
+        mask: (H, W) bool, the pixels that count.
+
+    Returns:
+        (WINDOW, WINDOW) power at the frequencies of numpy.fft.fft2, and the number of windows.
+
+    Raises:
+        ValueError: No window lies wholly in the mask.
     """
     whole = cv2.integral(mask.astype(np.uint8))
     axis = np.linspace(-1, 1, WINDOW)
@@ -107,7 +129,13 @@ def spectrum(logs: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def peakedness(logs: np.ndarray, mask: np.ndarray, blur: float) -> float:
-    """Excess kurtosis of an image (H, W) between the standard deviations blur and 2 blur [px], over mask (H, W)."""
+    """Return the excess kurtosis of a band-passed image.
+
+    Args:
+        logs: (H, W) log-luminance.
+        mask: (H, W) bool, the pixels that count.
+        blur: Smaller standard deviation of the band-pass [px]; the larger one is twice that.
+    """
     share = mask.astype(np.float32)
     fine, coarse = (_smooth(logs * share, s) / np.maximum(_smooth(share, s), 1e-6) for s in (blur, 2 * blur))
     part = (fine - coarse)[mask].astype(float)
@@ -117,10 +145,17 @@ def peakedness(logs: np.ndarray, mask: np.ndarray, blur: float) -> float:
 
 
 def edge_widths(luminance: np.ndarray, most: int = 400) -> np.ndarray:
-    """(N,) widths [px] over which luminance (H, W) rises from 10 to 90 % across its strongest clean edges.
+    """Return the widths of the strongest clean edges of an image.
 
-    Along the gradient at each of the `most` pixels where log-luminance is steepest and steeper than at its neighbours
-    along the gradient; an edge counts if it rises over LEAST_STEP and stays within a fifth of its step on either side.
+    An edge is followed along the gradient, at the pixels where log-luminance is steepest and steeper than around them.
+    It is clean if it rises by more than LEAST_STEP and stays level within a fifth of its step on either side.
+
+    Args:
+        luminance: (H, W), linear in light.
+        most: Number of pixels that are looked at.
+
+    Returns:
+        (N,) distance from 10 to 90 % of each step [px].
     """
     logs = np.log(cv2.GaussianBlur(luminance, (0, 0), 0.7))
     across, down = (cv2.Sobel(logs, cv2.CV_32F, *order, ksize=3, scale=1 / 8) for order in ((1, 0), (0, 1)))
@@ -131,18 +166,23 @@ def edge_widths(luminance: np.ndarray, most: int = 400) -> np.ndarray:
     row, column = np.nonzero(peak)
     order = np.argsort(-steep[row, column], kind="stable")[:most]
     row, column = row[order], column[order]
-    if len(row) == 0:  # an image too small to follow an edge in
+    if len(row) == 0:  # the image is too small to follow an edge
         return np.zeros(0)
     way = np.stack([across[row, column], down[row, column]], axis=1) / np.maximum(steep[row, column], 1e-9)[:, None]
     step = np.arange(-REACH, REACH + 0.01, 0.25, dtype=np.float32)
     u, v = column[:, None] + way[:, :1] * step, row[:, None] + way[:, 1:] * step
     profiles = cv2.remap(luminance, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR)
-    found = [rise(profile, 0.25) for profile in profiles]
-    return np.array([width for width in found if width is not None])
+    widths = [rise(profile, 0.25) for profile in profiles]
+    return np.array([width for width in widths if width is not None])
 
 
 def rise(profile: np.ndarray, step: float) -> float | None:
-    """10 to 90 % distance of a rising profile (N,), `step` apart, between its ends' levels; None if it is no edge."""
+    """Return the distance from 10 to 90 % of a rising profile, or None if it is no clean edge.
+
+    Args:
+        profile: (N,) values, `step` apart, that rise from the level of the first quarter to that of the last.
+        step: Distance of two values.
+    """
     quarter = len(profile) // 4
     low, high = float(np.median(profile[:quarter])), float(np.median(profile[-quarter:]))
     if not (low > 0 and np.log(high / low) > LEAST_STEP):
@@ -160,7 +200,7 @@ def rise(profile: np.ndarray, step: float) -> float | None:
 
 
 def _polar(n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Frequency [cycles/px] and sector of direction of each term of an (n, n) discrete Fourier transform."""
+    """Return the frequency [cycles/px] and the sector of each term of an (n, n) discrete Fourier transform."""
     along = np.fft.fftfreq(n)
     angle = np.arctan2(along[:, None], along[None, :]) % np.pi
     return np.hypot(along[:, None], along[None, :]), np.minimum((angle / np.pi * SECTORS).astype(int), SECTORS - 1)

@@ -1,12 +1,12 @@
-"""How much of the ground rocks cover, measured on the ground truth of stereo pairs.
+"""How much of the ground is covered by rocks, measured on the ground truth of stereo pairs.
 
-A rock's diameter is its width across the line of sight; the area that goes with it is that of a disc. The ground looked
-at is what the image covers on a map, up to a distance: the plane through the ground that is seen, also where rocks
-hide it. Rocks are seen from the side, partly hidden by others and cut by the image's border; all in all, on 1000 m2
-each of utopia, gale and jezero (72 views), rocks of 0.1 m and more gave 1.09, 1.02 and 0.99 times the area of those
-that stood there. What stands there is by chance, as the views are; golombek.sampling_spread says how much on so much
-ground. It is more where rocks lie in clusters, and where views share ground, as those of a drive: it is counted for
-each. marssim.abundance measures whole scenes from above.
+A rock's diameter is its width across the line of sight, and its area is that of a disc of this diameter. The ground is
+the area that an image covers on a map up to a distance: of the plane through the visible ground, also where rocks hide
+it. Images show rocks from the side, partly hidden by others and cut by the border. These errors nearly cancel: on
+1000 m2 each of utopia, gale and jezero (72 views), rocks of 0.1 m and more gave 1.09, 1.02 and 0.99 times their true
+area. The rocks on a piece of ground vary by chance; golombek.sampling_spread gives the standard deviation. It is larger
+where rocks lie in clusters, and where views show the same ground, as those of a drive do, which counts in each of them.
+marssim.abundance measures whole scenes from above.
 """
 
 from __future__ import annotations
@@ -20,15 +20,19 @@ from marssim.base.camera import rotate
 from marssim.base.dataset.sample import StereoSample
 from marssim.scene.golombek import covered_area, sampling_spread
 
-REACH = 6.0  # [m] of ground that is looked at: 0.1 m are 10 px there
-DIAMETERS = (0.1, 0.2, 0.3, 0.5)  # [m]
+REACH = 6.0  # [m] farthest ground that counts: a rock of 0.1 m is 10 px wide there
+DIAMETERS = (0.1, 0.2, 0.3, 0.5)  # [m] least diameters of the rocks that are reported
 
 
 @dataclass
 class RockCover:
-    """Rocks and ground of some samples; they add up. asked: (D,) sum of k's law times ground [m2].
+    """Sums over samples: the ground, and the part of it that rocks cover.
 
-    variance: (D,) of what is covered [m4], by the chance that puts rocks on the ground of each sample.
+    Attributes:
+        ground: Ground that the samples show [m2].
+        covered: (D,) ground under rocks of each of DIAMETERS and more [m2].
+        asked: (D,) the same by the law for k that each scene was asked for [m2].
+        variance: (D,) variance of `covered` that chance gives it [m4].
     """
 
     ground: float = 0.0
@@ -37,7 +41,7 @@ class RockCover:
     variance: np.ndarray = field(default_factory=lambda: np.zeros(len(DIAMETERS)))
 
     def add(self, sample: StereoSample, k: float) -> None:
-        """Count the rocks of one more sample, whose scene was asked for a share k."""
+        """Add a sample, whose scene was asked for rock abundance k."""
         _, diameter, ground = seen_rocks(sample)
         area = np.pi / 4 * diameter**2
         self.ground += ground
@@ -47,9 +51,10 @@ class RockCover:
             self.variance += (sampling_spread(np.array(DIAMETERS), k, ground) * ground) ** 2
 
     def report(self) -> dict[str, Any]:
-        """Plain numbers, for JSON: share of the ground under rocks of each diameter and more, seen and asked for.
+        """Return shares of the ground as plain numbers, for JSON.
 
-        spread: standard deviation of the share by chance.
+        "seen" and "asked" are those under rocks of each diameter and more, and "spread" is the standard deviation that
+        chance gives them. Empty if there is no ground.
         """
         if not self.ground:
             return {}
@@ -62,13 +67,13 @@ class RockCover:
         }
 
     def table(self) -> str:
-        """In lines for people."""
+        """Return the report as lines of text."""
         report = self.report()
         if not report:
             return ""
         lines = [
-            f"ground under rocks of diameter D and more, on {self.ground:.0f} m2 up to {REACH:g} m away; "
-            f"spread: standard deviation by chance, more where views share ground"
+            f"share of the ground under rocks of diameter D and more, on {self.ground:.0f} m2 up to {REACH:g} m away; "
+            f"spread: standard deviation by chance, which is larger where views show the same ground"
         ]
         for d, seen, asked, spread in zip(DIAMETERS, report["seen"], report["asked"], report["spread"]):
             lines.append(f"  D {d:.1f} m: seen {seen:.2%}, asked {asked:.2%}, spread {spread:.2%}")
@@ -76,10 +81,17 @@ class RockCover:
 
 
 def seen_rocks(sample: StereoSample, reach: float = REACH) -> tuple[np.ndarray, np.ndarray, float]:
-    """Rocks and ground no farther than `reach` [m] along the ground.
+    """Measure the rocks and the ground that a sample shows.
 
-    Returns the rocks' numbers (N,) and diameters (N,) [m], and the map area of the ground, rocks' included [m2]. Raises
-    KeyError if the sample records no pose.
+    Args:
+        sample: The sample.
+        reach: Farthest rocks and ground, along the ground [m].
+
+    Returns:
+        The rocks' numbers (N,) and diameters (N,) [m], and the map area of the ground, with the rocks' own [m2].
+
+    Raises:
+        KeyError: The sample records no pose.
     """
     pose, camera = np.array(sample.meta["pose"], dtype=float), sample.rig.camera
     hit = np.isfinite(sample.depth)
@@ -100,18 +112,21 @@ def seen_rocks(sample: StereoSample, reach: float = REACH) -> tuple[np.ndarray, 
     depth = np.add.reduceat(sample.depth[rock][order].astype(float), start) / count
     extent = np.maximum.reduceat(heading[order], start) - np.minimum.reduceat(heading[order], start)
     diameter = extent * away + depth / camera.fx  # between pixel centres, and a pixel
-    near = away + diameter / 2 <= reach  # what is seen is the front
+    near = away + diameter / 2 <= reach  # the visible front is half a diameter nearer than the middle
     return number[near], diameter[near], area
 
 
 def _map_area(rays: np.ndarray, ground: np.ndarray, reach: float) -> float:
-    """Map area of the image's ground up to `reach`, times fx fy, on the plane through the ground points.
+    """Return the map area of the ground up to `reach` [m], times fx fy, on the plane through the ground points.
 
-    rays: (H, W, 3) of camera z = 1, ground: (N, 3), both world axes from the camera.
+    Args:
+        rays: (H, W, 3) rays of the pixels with camera z = 1, world axes.
+        ground: (N, 3) visible points of the ground, world axes, from the camera [m].
+        reach: Farthest ground [m].
     """
     if len(ground) < 3:
         return 0.0
-    weight = np.einsum("ij,ij->i", ground, ground)  # pixels are the denser the nearer they are
+    weight = np.einsum("ij,ij->i", ground, ground)  # pixels lie denser on near ground
     system = np.column_stack([ground[:, :2], np.ones(len(ground))]) * weight[:, None]
     slope_x, slope_y, height = np.linalg.lstsq(system, ground[:, 2] * weight, rcond=None)[0]
     fall = rays[..., 2] - slope_x * rays[..., 0] - slope_y * rays[..., 1]

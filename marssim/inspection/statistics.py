@@ -1,20 +1,23 @@
-"""What a dataset shows: depth, disparity, sky, occlusion, texture, rocks and sun, over some of its samples.
+"""Statistics of a dataset's samples: depth, disparity, sky, occlusion, texture, rocks and sun.
 
-Definitions. Shares are of all pixels of the left images unless said otherwise; pixels of all samples are pooled.
+Definitions. The pixels of the left images of all samples are pooled; a share is one of all of them unless it names
+another whole.
 
-within 15 m     depth of 15 m or less. Of all pixels, the sky counting as farther; and of those that are not sky. The
-                paper (Sec. V-B, figure on the dataset) says about 90 % without saying of which.
-valid           depth within 0.5 m to 15 m, what is trained on and scored.
-occluded        not sky, and not seen by the right eye or outside its image; of the pixels that are not sky.
-rock            of the pixels up to 15 m that are not sky. It is what is seen, from the side: more than rocks cover.
-cover           share of the ground under rocks of a diameter and more; see marssim/seen_rocks.py.
-gradient        mean length of the grey image's Sobel gradient (scaled to grey levels a pixel) where it is not sky.
+within 15 m     Pixels of a depth of 15 m or less. One share is of all pixels, where the sky counts as farther, the
+                other of the pixels that are not sky. The paper (Sec. V-B, figure on the dataset) gives about 90 % and
+                does not tell which share it means.
+valid           Pixels of a depth from 0.5 m to 15 m, on which methods are trained and scored.
+occluded        Share of the pixels that are not sky: those hidden from the right eye or outside its image.
+rock            Share of the pixels up to 15 m. Rocks are seen from the side, so that it is more than the share of the
+                ground that they cover.
+cover           Share of the ground under rocks of a diameter and more; see marssim/inspection/seen_rocks.py.
+gradient        Mean length of the grey image's Sobel gradient [grey levels / px] where it does not show the sky.
 LBP entropy     Shannon entropy [bits] of uniform, rotation-invariant local binary patterns of 8 points on a circle of
-                1 px (10 classes, so at most 3.32; Ojala et al. 2002) where it is not sky; mean over the samples.
-ground          of windows of the left image that show ground alone, up to NEAR_GROUND: contrast by octave of wavelength
-                and slope of the spectrum, its direction (of all octaves but the longest), peakedness and shade; see
-                marssim/image_statistics.py. Mean over the samples; those without such windows do not count.
-edge width      median over the strongest clean edges of a left image; see there. Samples without edges do not count.
+                1 px (10 classes, so at most 3.32; Ojala et al. 2002) outside the sky; mean over the samples.
+ground          Contrast by octave of wavelength and slope of the spectrum, its direction (of all octaves but the
+                longest), peakedness and shade, in windows of the left image that show only ground up to NEAR_GROUND;
+                see marssim/inspection/image_statistics.py. Mean over the samples that have such windows.
+edge width      Median over the strongest clean edges of a left image, see there; of the samples that have such edges.
 """
 
 from __future__ import annotations
@@ -32,14 +35,36 @@ from marssim.base.images.texture import gradient, lbp_entropy
 from marssim.inspection.image_statistics import BAND_EDGES, GroundLook, edge_widths, ground_look, linear
 from marssim.inspection.seen_rocks import RockCover
 
-DEPTH_STEP, DEPTH_END = 0.25, 100.0  # [m] of the depth histogram; what is farther goes into the last bin
-NETWORK_DISPARITY = 192.0  # [px] most that common networks search
-NEAR_GROUND = 8.0  # [m]
+DEPTH_STEP, DEPTH_END = 0.25, 100.0  # bin and end of the depth histogram [m]; the last bin has all that is farther
+NETWORK_DISPARITY = 192.0  # largest disparity that common networks search [px]
+NEAR_GROUND = 8.0  # farthest ground whose texture counts [m]
 
 
 @dataclass
-class Tally:
-    """Counts of some samples; they add up. depth: pixels by DEPTH_STEP; disparity: valid pixels by whole pixel."""
+class SampleStatistics:
+    """Sums and lists over samples, from which `report` makes the statistics.
+
+    Attributes:
+        samples: Number of samples.
+        pixels: Number of pixels of their left images.
+        sky: Pixels that show the sky.
+        occluded: Pixels, not of sky, that are hidden from the right eye or outside its image.
+        valid: Pixels of valid depth.
+        within: Pixels up to MAX_DEPTH.
+        rock: Pixels of rocks up to MAX_DEPTH.
+        beyond_network: Valid pixels of NETWORK_DISPARITY and more.
+        depth: Histogram of depth, number of pixels in bins of DEPTH_STEP.
+        disparity: Histogram of the disparity of valid pixels, in bins of 1 px.
+        disparity_range: Least and largest disparity of valid pixels [px].
+        gradients: Mean gradient of each sample that shows more than sky [grey levels / px].
+        lbp: LBP entropy of each of those [bits].
+        ground: Texture of the ground of each sample that has windows of ground.
+        edge_width: Median width of edges of each sample that has any [px].
+        sun_elevation_deg: Elevation of the sun in each sample that notes it [deg].
+        asked_k: Rock abundance that each scene was asked for, where the sample notes it.
+        presets: Number of samples by scene preset.
+        cover: Rocks and ground of the samples that note their rock abundance.
+    """
 
     samples: int = 0
     pixels: int = 0
@@ -62,7 +87,7 @@ class Tally:
     cover: RockCover = field(default_factory=RockCover)
 
     def add(self, sample: StereoSample) -> None:
-        """Count one more sample."""
+        """Add a sample."""
         sky = ~np.isfinite(sample.depth)
         near = sample.depth <= MAX_DEPTH
         self.samples += 1
@@ -72,9 +97,9 @@ class Tally:
         self.valid += int(sample.valid.sum())
         self.within += int(near.sum())
         self.rock += int((near & (sample.rock > 0)).sum())
-        known = sample.depth[~sky]
+        depth = sample.depth[~sky]
         self.depth += np.bincount(
-            np.minimum(known / DEPTH_STEP, len(self.depth) - 1).astype(int), minlength=len(self.depth)
+            np.minimum(depth / DEPTH_STEP, len(self.depth) - 1).astype(int), minlength=len(self.depth)
         )
         disparity = sample.disparity[sample.valid]
         if len(disparity):
@@ -92,7 +117,7 @@ class Tally:
             self.gradients.append(float(gradient(grey)[~sky].mean()))
             self.lbp.append(lbp_entropy(grey, ~sky))
             luminance = linear(grey)
-            with suppress(ValueError):  # no window of ground alone
+            with suppress(ValueError):  # no window shows only ground
                 self.ground.append(ground_look(luminance, (sample.rock == 0) & (sample.depth <= NEAR_GROUND)))
             if len(widths := edge_widths(luminance)):
                 self.edge_width.append(float(np.median(widths)))
@@ -106,12 +131,12 @@ class Tally:
         self.presets[preset] = self.presets.get(preset, 0) + 1
 
     def share_within(self, distance: np.ndarray) -> np.ndarray:
-        """Share, of the pixels that are not sky, at depths up to `distance` [m], multiples of DEPTH_STEP."""
+        """Return the share of pixels up to `distance` [m], multiples of DEPTH_STEP, of all that are not sky."""
         total = np.concatenate([[0], np.cumsum(self.depth)])
         return total[np.round(np.asarray(distance) / DEPTH_STEP).astype(int)] / max(1, int(self.depth.sum()))
 
     def report(self) -> dict[str, Any]:
-        """Plain numbers, for JSON; see the module for what they mean."""
+        """Return the statistics as plain numbers, for JSON; the module defines them."""
         ground = self.pixels - self.sky
         return {
             "samples": self.samples,
@@ -156,14 +181,17 @@ class Tally:
 
 
 def _asked_k(meta: dict[str, Any]) -> float | None:
-    """The k that the scene was asked for."""
+    """Return the rock abundance k that the sample's scene was asked for, or None if it is not noted."""
     config = meta.get("scene_config")
     rocks = config.get("rocks") if isinstance(config, dict) else None
     return noted_number(rocks.get("k"), 0, 1) if isinstance(rocks, dict) else None
 
 
 def noted_number(value: Any, least: float, most: float) -> float | None:
-    """None for what is none within these bounds: datasets that others wrote need not note it, nor as we do."""
+    """Return a value as a number, or None if it is no number within these bounds.
+
+    Other programs may write datasets without this value, or with something else in its place.
+    """
     return float(value) if isinstance(value, int | float) and least <= value <= most else None
 
 
@@ -172,7 +200,7 @@ def _share(part: int, whole: int) -> float:
 
 
 def _percentiles(counts: np.ndarray, step: float) -> dict[str, float]:
-    """Upper edges of the bins that hold the 1st, 50th and 99th percentile."""
+    """Return the upper edges of the bins that hold the 1st, 50th and 99th percentile."""
     total = np.cumsum(counts)
     if not total[-1]:
         return {}
@@ -185,35 +213,40 @@ def _spread(values: list[float]) -> dict[str, float]:
     return {"least": min(values), "mean": float(np.mean(values)), "most": max(values)}
 
 
-def table(tallies: dict[str, Tally], pairs: dict[str, int]) -> str:
-    """The report in lines for people. tallies by split, "all" among them; pairs: how many there are by split."""
-    rows: list[tuple[str, list[str]]] = [("pairs", [str(pairs[name]) for name in tallies])]
-    reports = {name: t.report() for name, t in tallies.items()}
+def table(statistics: dict[str, SampleStatistics], pairs: dict[str, int]) -> str:
+    """Return the statistics as lines of text.
+
+    Args:
+        statistics: By split, "all" among them.
+        pairs: Number of pairs in the dataset, by split.
+    """
+    rows: list[tuple[str, list[str]]] = [("pairs", [str(pairs[name]) for name in statistics])]
+    reports = {name: part.report() for name, part in statistics.items()}
 
     def add(label: str, text: Any) -> None:
         rows.append((label, [text(report) if report["samples"] else "-" for report in reports.values()]))
 
-    add("looked at", lambda r: f"{r['samples']}")
+    add("pairs in these statistics", lambda r: f"{r['samples']}")
     add(f"within {MAX_DEPTH:g} m, of all pixels", lambda r: f"{r['within_15m_of_all']:.1%}")
-    add(f"within {MAX_DEPTH:g} m, of those not sky", lambda r: f"{r['within_15m_of_not_sky']:.1%}")
+    add(f"within {MAX_DEPTH:g} m, of pixels not sky", lambda r: f"{r['within_15m_of_not_sky']:.1%}")
     add(f"valid ({MIN_DEPTH:g} m to {MAX_DEPTH:g} m)", lambda r: f"{r['valid']:.1%}")
     add("sky", lambda r: f"{r['sky']:.1%}")
-    add("occluded, of those not sky", lambda r: f"{r['occluded']:.1%}")
-    add("rock, of those within 15 m", lambda r: f"{r['rock']:.1%}")
+    add("occluded, of pixels not sky", lambda r: f"{r['occluded']:.1%}")
+    add("rock, of pixels within 15 m", lambda r: f"{r['rock']:.1%}")
     add("median depth [m]", lambda r: f"{r['depth_percentiles_m'].get('50', np.nan):.2f}")
     add("disparity of valid pixels [px]", lambda r: _range(r["disparity_px"], ".1f"))
     add(f"  {NETWORK_DISPARITY:g} px and more", lambda r: f"{r['disparity_px']['share_192_and_more']:.2%}")
     add("gradient [grey levels / px]", lambda r: _mean(r["gradient"], ".2f"))
     add("LBP entropy [bits]", lambda r: _mean(r["lbp_entropy_bits"], ".3f"))
-    add("contrast of ground, 45 to 2.8 px", lambda r: _row(r["ground"].get("contrast", []), ".2f"))
-    add("slope of its spectrum", lambda r: _mean(r["ground"].get("slope", {}), ".2f"))
-    add("its peakedness at 1, 2 and 4 px", lambda r: _row(r["ground"].get("peakedness", []), ".1f"))
+    add("contrast of ground, 45 to 2.8 px wavelength", lambda r: _row(r["ground"].get("contrast", []), ".2f"))
+    add("slope of the ground's spectrum", lambda r: _mean(r["ground"].get("slope", {}), ".2f"))
+    add("peakedness of ground at 1, 2 and 4 px", lambda r: _row(r["ground"].get("peakedness", []), ".1f"))
     add("width of edges [px]", lambda r: _mean(r["edge_width_px"], ".2f"))
     add("sun elevation [deg]", lambda r: _range(r["sun_elevation_deg"], ".0f"))
-    add("k asked for", lambda r: _range(r["asked_k"], ".3f"))
+    add("rock abundance k asked for", lambda r: _range(r["asked_k"], ".3f"))
     label = max(len(row[0]) for row in rows)
     width = max(len(cell) for row in rows for cell in (*row[1], "train")) + 2
-    lines = [" " * label + "".join(f"{name:>{width}}" for name in tallies)]
+    lines = [" " * label + "".join(f"{name:>{width}}" for name in statistics)]
     lines += [f"{name:<{label}}" + "".join(f"{cell:>{width}}" for cell in cells) for name, cells in rows]
     return "\n".join(lines)
 

@@ -1,1 +1,1 @@
-"""The folder layouts of well-known stereo benchmarks."""
+"""The folder layouts of well-known stereo benchmarks, as marssim.export writes them."""

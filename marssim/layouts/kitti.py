@@ -1,4 +1,4 @@
-"""The folders of KITTI 2015."""
+"""The layout of KITTI 2015."""
 
 from __future__ import annotations
 
@@ -15,21 +15,28 @@ from marssim.layouts.layout import (
     png_bytes,
 )
 
-KITTI_SCALE = 256  # uint16 steps a pixel of disparity
+KITTI_SCALE = 256  # uint16 steps for each pixel of disparity
 
 
 def kitti_code(disparity: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """uint16 disparity as KITTI keeps it: 256 steps a pixel, 0 where there is none.
+    """Return disparity as KITTI stores it: 256 steps a pixel, 0 where it is unknown.
 
-    As the benchmark's own writer has it, known disparities too small for a step are 1, and those that do not fit
-    (256 px and more) are 0.
+    Like the benchmark's own writer, it gives known disparities that are smaller than a step the code 1, and those that
+    do not fit (256 px and more) the code 0.
+
+    Args:
+        disparity: (H, W) [px].
+        known: (H, W) bool.
+
+    Returns:
+        (H, W) uint16.
     """
     code = np.round(disparity.astype(np.float64) * KITTI_SCALE)
     return np.where(known & (code <= 65535), np.maximum(code, 1), 0).astype(np.uint16)
 
 
 def kitti_calibration(sample: StereoSample) -> str:
-    """calib_cam_to_cam of a rectified pair: cameras 00 and 02 are the left eye, 01 and 03 the right one [m]."""
+    """Return calib_cam_to_cam of a rectified pair. Cameras 00 and 02 are the left eye, 01 and 03 the right one [m]."""
     camera, lines = sample.rig.camera, []
 
     def line(key: str, values: np.ndarray | Sequence[float]) -> None:

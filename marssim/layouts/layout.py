@@ -1,4 +1,4 @@
-"""What a layout is, and the files that several layouts share."""
+"""What a layout is, and the files that several layouts have in common."""
 
 from __future__ import annotations
 
@@ -18,37 +18,53 @@ from marssim.base.files.pfm import encode_pfm
 
 @dataclass(frozen=True)
 class SameAs:
-    """A file with the content of another one of the same sample: a hard link where the disk can."""
+    """A file with the content of another file of the same sample; a hard link where the file system allows it."""
 
     path: str
+    """Path of the other file under the output folder."""
 
 
 @dataclass(frozen=True)
 class Item:
-    """One sample to be written. folder: where it lies; name: scene/view; number: its place within the split."""
+    """One sample to be exported."""
 
     folder: Path
+    """Folder of the sample in the dataset."""
     name: str
+    """Name of the sample, "scene/view"."""
     split: str
+    """Split that its scene belongs to."""
     number: int
+    """Position of the sample within its split, from 0."""
 
     @property
     def flat(self) -> str:
-        """The name as a file name."""
+        """The name with an underscore instead of the slash, for file names."""
         return self.name.replace("/", "_")
 
     @cached_property
     def sample(self) -> StereoSample:
-        """Read once. Raises DatasetError that names the file which is missing or broken."""
+        """The sample, read at the first use.
+
+        Raises:
+            DatasetError: A file is missing or broken. The message names it.
+        """
         return read_sample(self.folder)
 
     @property
     def known(self) -> np.ndarray:
-        """(H, W) bool: not sky."""
+        """(H, W) bool, true where the disparity is known, which is everywhere but in the sky."""
         return np.isfinite(self.sample.depth)
 
     def image(self, name: str) -> bytes:
-        """The bytes of left.png or right.png. Raises DatasetError if they are not those that were recorded."""
+        """Return the bytes of an image file.
+
+        Args:
+            name: "left.png" or "right.png".
+
+        Raises:
+            DatasetError: The file is missing, or sample.json records another content.
+        """
         path = self.folder / name
         try:
             data = path.read_bytes()
@@ -56,7 +72,9 @@ class Item:
             raise DatasetError(f"{path}: no such file") from None
         recorded = self.sample.meta.get("sha256")
         if not isinstance(recorded, dict) or hashlib.sha256(data).hexdigest() != recorded.get(name):
-            raise DatasetError(f"{path}: other content than sample.json records; see python -m marssim.verify")
+            raise DatasetError(
+                f"{path}: its content is not what sample.json records; python -m marssim.verify lists all such files"
+            )
         return data
 
 
@@ -65,36 +83,41 @@ Content = Callable[[], bytes] | SameAs
 
 @dataclass(frozen=True)
 class Layout:
-    """sample: the files of an item, by path under the output folder. lists: files over all items of a split, written
-    when those are complete. about: what a reader has to know, Markdown."""
+    """The files that an export writes."""
 
     sample: Callable[[Item], dict[str, Content]]
+    """Returns the content of each file of an item, by its path under the output folder."""
     lists: Callable[[str, Sequence[Item]], dict[str, str]]
+    """Returns the text of the files that list all items of a split, by path. They are written last."""
     about: str
+    """What a reader of the export has to know, in Markdown."""
 
 
 def png_bytes(image: np.ndarray) -> bytes:
+    """Encode an image as PNG."""
     return cv2.imencode(".png", image)[1].tobytes()
 
 
 def no_lists(split: str, items: Sequence[Item]) -> dict[str, str]:
+    """Return no files: the layout has no lists."""
     return {}
 
 
 def dense_pfm(item: Item) -> bytes:
-    """PFM of the disparity, 0 in the sky: the disparity of what is infinitely far."""
+    """Encode the disparity [px] as PFM, with 0 in the sky, which is infinitely far."""
     return encode_pfm(np.where(item.known, item.sample.disparity, 0))
 
 
 def gapped_pfm(item: Item) -> bytes:
-    """PFM of the disparity, inf in the sky, where Middlebury's ground truth is unknown."""
+    """Encode the disparity [px] as PFM, with inf in the sky, as Middlebury marks unknown pixels."""
     return encode_pfm(np.where(item.known, item.sample.disparity, np.inf))
 
 
 def occlusion_png(item: Item) -> bytes:
+    """Encode the occlusion mask as PNG: 255 where the right eye does not see the point."""
     return png_bytes(item.sample.occluded.astype(np.uint8) * 255)
 
 
 def visibility_png(item: Item) -> bytes:
-    """255 seen by both eyes, 128 hidden from the right one, 0 unknown (sky)."""
+    """Encode the visibility as PNG: 255 seen by both eyes, 128 hidden from the right eye, 0 unknown (sky)."""
     return png_bytes(np.where(item.known, np.where(item.sample.occluded, 128, 255), 0).astype(np.uint8))

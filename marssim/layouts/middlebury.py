@@ -1,4 +1,4 @@
-"""The folders of Middlebury 2014 and of ETH3D, which share one notation of calibration."""
+"""The layouts of Middlebury 2014 and of ETH3D, which share one calibration format."""
 
 from __future__ import annotations
 
@@ -19,7 +19,12 @@ from marssim.layouts.layout import (
 
 
 def middlebury_calibration(sample: StereoSample, known: np.ndarray) -> str:
-    """calib.txt of Middlebury 2014 and ETH3D; baseline [mm], depth = baseline f / (disparity + doffs)."""
+    """Return calib.txt of Middlebury 2014 and ETH3D: baseline in mm, depth = baseline f / (disparity + doffs).
+
+    Args:
+        sample: The sample, for its rig and its disparities.
+        known: (H, W) bool, the pixels that give the range of disparity, vmin to vmax [px].
+    """
     camera = sample.rig.camera
     disparity = sample.disparity[known]
     low, high = (int(np.floor(disparity.min())), int(np.ceil(disparity.max()))) if known.any() else (0, 0)
@@ -32,6 +37,7 @@ def middlebury_calibration(sample: StereoSample, known: np.ndarray) -> str:
 
 
 def calibration_file(item: Item) -> bytes:
+    """Return calib.txt of an item as bytes."""
     return middlebury_calibration(item.sample, item.known).encode()
 
 

@@ -1,4 +1,4 @@
-"""The lists and folders that OpenStereo reads."""
+"""The layout that OpenStereo reads: lists of files, and the files."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ OPENSTEREO = Layout(
     """\
 OpenStereo. `train.txt`, `val.txt`, `test.txt` list "left right disparity" a line, paths from this folder (its
 DATA_PATH; the lists are its DATA_SPLIT). PFM, positive, without NaN; the sky has disparity 0, which its losses mask.
-There is no right-eye disparity (RETURN_RIGHT_DISP: false). The list of a split without pairs is empty. Beside what it
-reads: `occluded/` (255 where the right eye does not see the point) and `calib/` (Middlebury's notation).
+There is no right-eye disparity (RETURN_RIGHT_DISP: false). The list of a split without pairs is empty. OpenStereo
+does not read `occluded/` (255 where the right eye does not see the point) and `calib/` (Middlebury's format).
 """,
 )

@@ -1,7 +1,7 @@
-"""The folders of well-known stereo benchmarks, filled with our samples.
+"""The layouts by the names that marssim.export knows.
 
-Each layout lists the files of one sample by their path, with a function that makes the content, so that only what is
-missing is made. Left images and maps are of the left eye. Known means not sky; known pixels are kept at any depth.
+A layout gives the path of each file of a sample, and a function that makes its content, so that an export makes only
+the files that are missing. All maps are of the left eye. A pixel is known if it is not sky, at whatever depth.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The folders of SceneFlow's FlyingThings3D."""
+"""The layout of SceneFlow's FlyingThings3D."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from marssim.layouts.layout import (
 )
 from marssim.layouts.middlebury import calibration_file
 
-SEQUENCE = "A"  # FlyingThings3D has A, B and C
+SEQUENCE = "A"  # the one that holds all scenes; FlyingThings3D has A, B and C
 
 
 def _files(item: Item) -> dict[str, Content]:
@@ -37,8 +37,8 @@ SCENEFLOW = Layout(
     no_lists,
     """\
 SceneFlow's FlyingThings3D tree: `TRAIN`, `VAL` and `TEST` below `frames_cleanpass`, `frames_finalpass` (the same
-images) and `disparity` (PFM, positive, left eye only). The sky has disparity 0, as what is infinitely far. Trainers
-mask what is too near for them (RAFT-Stereo: 512 px). Beside what they read: `disparity_occlusions` (255 where the
-right eye does not see the point) and `calib` (Middlebury's notation).
+images) and `disparity` (PFM, positive, left eye only). The sky has disparity 0, since it is infinitely far. Trainers
+mask pixels that are too near for them (RAFT-Stereo: 512 px). They do not read `disparity_occlusions` (255 where the
+right eye does not see the point) and `calib` (Middlebury's format).
 """,
 )

@@ -184,7 +184,7 @@ def test_fewer_pairs_than_are_there_are_refused(made):
 @pytest.mark.parametrize("finished", [True, False])
 @pytest.mark.parametrize(
     ("file", "cut", "end", "said"),
-    [("left.png", 100, b"", "truncated"), ("surface.png", None, b"x", "other content than recorded"),
+    [("left.png", 100, b"", "truncated"), ("surface.png", None, b"x", "its content is not what sample.json records"),
      ("sample.json", 100, b"", "is not JSON")],
 )  # fmt: skip
 def test_a_spoilt_sample_is_told_and_made_anew_without_its_folder(folder, made, finished, file, cut, end, said):

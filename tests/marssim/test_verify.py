@@ -98,7 +98,7 @@ def test_a_changed_sample_json_is_noticed(folder, tmp_path, capfd):
     file = folder / "scenes/00001/01/sample.json"
     file.write_text(file.read_text().replace('"k": 0.07', '"k": 0.08'))
     code, out, _ = run(capfd, folder, "--out", tmp_path / "out", "--statistics-of", 0)
-    assert code == 1 and out.startswith("scenes/00001/01/sample.json: other content than dataset.json records\n")
+    assert code == 1 and out.startswith("scenes/00001/01/sample.json: its content is not what dataset.json records\n")
 
 
 def test_results_in_the_dataset_are_not_taken_for_extra_files(folder, capfd):
@@ -140,7 +140,7 @@ def test_broken_files_are_named_and_the_exit_code_is_1(folder, tmp_path, capfd):
     assert code == 1 and lines[:3] == [
         "scenes/00000/00/left.png: missing",
         "scenes/00001/00/depth.png: truncated",
-        "scenes/00002/00/old.png: a file that the dataset does not have",
+        "scenes/00002/00/old.png: a file that the index does not list",
     ]
     assert "3 files wrong" in lines[-1]
     report = json.loads((tmp_path / "out" / "verify.json").read_text())

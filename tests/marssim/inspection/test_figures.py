@@ -4,7 +4,7 @@ import numpy as np
 from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.dataset.sample import read_sample
 from marssim.inspection.figures import sample_figure, statistics_figure, warp_residual, warped
-from marssim.inspection.statistics import Tally
+from marssim.inspection.statistics import SampleStatistics
 
 
 def decoded(png: bytes) -> np.ndarray:
@@ -55,7 +55,7 @@ def test_a_sample_of_sky_alone_is_drawn(closed_form_set):
 
 
 def test_statistics_are_drawn(closed_form_set):
-    found = {name: Tally() for name in ("all", "train", "val", "test")}
+    found = {name: SampleStatistics() for name in ("all", "train", "val", "test")}
     for name, split in (("all", None), ("train", "train"), ("val", "val")):
         for sample in StereoDataset(closed_form_set, split):
             found[name].add(sample)
@@ -64,10 +64,10 @@ def test_statistics_are_drawn(closed_form_set):
 
 
 def test_one_split_alone_is_drawn_once(closed_form_set):
-    train = Tally()
+    train = SampleStatistics()
     for sample in StereoDataset(closed_form_set, "train"):
         train.add(sample)
-    nothing = {"val": Tally(), "test": Tally()}
+    nothing = {"val": SampleStatistics(), "test": SampleStatistics()}
     assert statistics_figure({"all": train, "train": train, **nothing}, "set") == statistics_figure(
         {"train": train}, "set"
     )

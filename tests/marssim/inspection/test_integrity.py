@@ -13,7 +13,7 @@ import pytest
 from marssim.base.dataset.dataset import StereoDataset, write_index
 from marssim.base.dataset.sample import IMAGES, sample_digest
 from marssim.base.files.json_file import DatasetError
-from marssim.inspection.integrity import LEFT, check_extra, check_index, check_samples, check_trajectories
+from marssim.inspection.integrity import UNFINISHED, check_extra, check_index, check_samples, check_trajectories
 from marssim.scene.trajectory import tum_lines
 
 SAMPLE = "scenes/00001/01"
@@ -58,9 +58,9 @@ def test_every_image_is_watched(folder, name):
     data = file.read_bytes()
     for broken, said in (
         (data[:-20], "truncated"),
-        (data + b"x", "other content than recorded"),
+        (data + b"x", "its content is not what sample.json records"),
         (b"", "empty"),
-        (data[:60] + bytes([data[60] ^ 1]) + data[61:], "other content than recorded"),
+        (data[:60] + bytes([data[60] ^ 1]) + data[61:], "its content is not what sample.json records"),
     ):
         file.write_bytes(broken)
         assert findings(folder) == [f"{SAMPLE}/{name}: {said}"]
@@ -71,18 +71,20 @@ def test_every_image_is_watched(folder, name):
 
 
 def test_a_wrong_file_with_a_right_hash_is_told_by_its_header(folder):
-    """Someone wrote the sample anew, hashes and all, yet with an image of another size or kind."""
+    """Someone wrote the sample again, with its hashes, yet with an image of another size or kind."""
     for image in (np.zeros((5, 7), np.uint8), np.zeros((48, 64, 3), np.uint8), np.zeros((48, 64), np.uint16)):
         record(folder, cv2.imencode(".png", image)[1].tobytes())
         found = findings(folder)
-        assert len(found) == 1 and found[0].startswith(f"{SAMPLE}/occluded.png: is ")
+        assert len(found) == 1 and found[0].startswith(
+            f"{SAMPLE}/occluded.png: {image.shape[1]} x {image.shape[0]} px "
+        )
 
 
 def test_what_is_no_png_is_told_although_its_hash_is_right(folder):
     image = (folder / SAMPLE / "occluded.png").read_bytes()
     for data in (b"", image[:20], image[:-1], bytes(16) + image[16:], image[:8]):
         record(folder, data)
-        assert findings(folder) == [f"{SAMPLE}/occluded.png: {'is no whole PNG image' if data else 'empty'}"]
+        assert findings(folder) == [f"{SAMPLE}/occluded.png: {'not a complete PNG image' if data else 'empty'}"]
     record(folder, image)
     assert findings(folder) == []
 
@@ -102,10 +104,10 @@ def test_what_is_no_png_is_told_although_its_hash_is_right(folder):
         (lambda c: c.update(sun_elevation_deg=31.0), "sun_elevation_deg"),
         (lambda c: c.pop("sun_elevation_deg"), "sun_elevation_deg"),
         (lambda c: c.update(sha256={}), "sha256"),
-        (lambda c: c["sha256"].update({"left.png": "0" * 64}), "other content than dataset.json records"),
-        (lambda c: c.update(preset="hard"), "other content than dataset.json records"),
-        (lambda c: c["scene_config"]["rocks"].update(k=0.0701), "other content than dataset.json records"),
-        (lambda c: c.update(note="mine"), "other content than dataset.json records"),
+        (lambda c: c["sha256"].update({"left.png": "0" * 64}), "its content is not what dataset.json records"),
+        (lambda c: c.update(preset="hard"), "its content is not what dataset.json records"),
+        (lambda c: c["scene_config"]["rocks"].update(k=0.0701), "its content is not what dataset.json records"),
+        (lambda c: c.update(note="mine"), "its content is not what dataset.json records"),
     ],
 )
 def test_a_broken_sample_json(folder, edit, said):
@@ -130,7 +132,7 @@ def test_a_report_may_lie_deeper_in_the_dataset(folder):
     (own / "statistics.png").write_text("")
     assert findings(folder, own) == []
     (folder / "reports" / "notes.txt").write_text("mine")
-    assert findings(folder, own) == ["reports/notes.txt: a file that the dataset does not have"]
+    assert findings(folder, own) == ["reports/notes.txt: a file that the index does not list"]
 
 
 def test_what_does_not_belong_is_named(folder):
@@ -144,11 +146,11 @@ def test_what_does_not_belong_is_named(folder):
     (folder / ".README.md.12.part").write_text("half")
     found = set(findings(folder, folder / "report"))
     assert found == {
-        f"{SAMPLE}/left.png~: a file that the dataset does not have",
-        f"scenes/00001/.02.partial: {LEFT}",
-        f".README.md.12.part: {LEFT}",
+        f"{SAMPLE}/left.png~: a file that the index does not list",
+        f"scenes/00001/.02.partial: {UNFINISHED}",
+        f".README.md.12.part: {UNFINISHED}",
         "scenes/00007: a folder that the index does not list",
-        "notes.txt: a file that the dataset does not have",
+        "notes.txt: a file that the index does not list",
     }
 
 
@@ -163,7 +165,7 @@ def test_the_index_is_watched(folder):
 def test_a_whole_sample_put_in_place_of_another_is_found(folder):
     shutil.rmtree(folder / SAMPLE)
     shutil.copytree(folder / "scenes/00001/00", folder / SAMPLE)
-    assert findings(folder) == [f"{SAMPLE}/sample.json: other content than dataset.json records"]
+    assert findings(folder) == [f"{SAMPLE}/sample.json: its content is not what dataset.json records"]
 
 
 def test_a_drive_has_its_poses_beside_it(folder):
@@ -182,8 +184,8 @@ def test_a_drive_has_its_poses_beside_it(folder):
     moved.write_text(moved.read_text().replace("1.000000000", "1.000000001", 1))
     (folder / "scenes/00003/trajectory.txt").unlink()
     assert findings(folder) == [
-        "scenes/00001/trajectory.txt: other poses or times than those of the views",
-        "scenes/00002/trajectory.txt: other poses or times than those of the views",
+        "scenes/00001/trajectory.txt: its poses or times are not those of the views",
+        "scenes/00002/trajectory.txt: its poses or times are not those of the views",
         "scenes/00003/trajectory.txt: missing, or cannot be read",
     ]
 
@@ -193,12 +195,12 @@ def test_the_settings_are_those_that_the_index_holds(folder):
     (folder / "generate.json").write_text(json.dumps(settings))
     assert findings(folder) == []
     (folder / "generate.json").write_text(json.dumps({**settings, "seed": 4}))
-    assert findings(folder) == ["generate.json: other settings than dataset.json holds"]
+    assert findings(folder) == ["generate.json: its settings are not those that dataset.json records"]
     (folder / "generate.json").write_text("{")
     assert len(findings(folder)) == 1 and findings(folder)[0].startswith("generate.json: is not JSON")
 
 
 def test_data_of_an_older_version_are_not_called_good(folder):
     change(folder / "dataset.json", lambda c: c.update(version=1))
-    with pytest.raises(DatasetError, match=r"dataset\.json: is of version 1, .* leave out sample\.json; .* anew"):
+    with pytest.raises(DatasetError, match=r"dataset\.json: has version 1, .* not cover sample\.json: .* again"):
         findings(folder)
