@@ -1,4 +1,4 @@
-"""The whole chain in a few minutes: generate, score, drive.
+"""Show the whole chain in a few minutes: generate, score, drive.
 
     python -m envs.demo --out out/demo
 
@@ -14,15 +14,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
+from typing import Annotated
 
 import cv2
+import tyro
 
 from envs.drivers.builtin import NavigatorDriver
+from envs.drivers.driver import Driver
 from envs.drives.episodes import Cell, EpisodeRecord, run_episode
 from envs.drives.film import Film
+from envs.drives.step_lines import StepLines
 from envs.mars_nav import MarsNavEnv
 from envs.world.course import CourseConfig
 from envs.world.referee import GOAL_RADIUS
+from envs.world.vehicle import chosen_dynamics
 from m3depth.estimator import Estimator, load_estimator
 from m3depth.evaluate import Evaluation, evaluate
 from m3depth.evaluation.report import text_table
@@ -35,10 +40,11 @@ from marssim.base.files.json_file import DatasetError
 from marssim.base.results.lock import LOCK, sole_writer
 from marssim.base.results.out_folder import check_out
 from marssim.generate import GenerateConfig, generate
-from marssim.scene.scene import Place, preset
+from marssim.scene.place_file import PLACE_VALUES, load_place
+from marssim.scene.scene import PRESETS
 
 MARK = "MADE_BY_DEMO.txt"
-SEED = 20_000  # none of the shipped weights' training data has it
+SEED = 20_000  # seed of the data; none of the shipped weights' training data has it
 
 
 @dataclass(frozen=True)
@@ -46,28 +52,31 @@ class DemoConfig:
     """Generate, score and drive, once."""
 
     out: Path = Path("out/demo")
-    """folder to write: a new or an empty one, or an earlier demo's, which is made anew"""
+    """Folder to write: a new or an empty one, or that of an earlier demo, which is replaced."""
     pairs: int = 16
-    """stereo pairs to generate and score on"""
-    scene: Place = "gale"
-    """preset of the terrain, of the pairs and of the drive"""
+    """Number of stereo pairs to generate and score."""
+    scene: Annotated[str, tyro.conf.arg(metavar=PLACE_VALUES)] = PRESETS[0]
+    """Place of the pairs and of the drive: a preset, or the JSON file of a place (marssim.scene.place_file)."""
     goal_distance: float = 14.0
-    """distance from start to goal of the drive [m]"""
+    """Distance from start to goal of the drive [m]."""
     workers: int = 2
-    """processes that generate"""
+    """Number of processes that generate."""
 
     def __post_init__(self) -> None:
         for name in ("pairs", "workers"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
-        CourseConfig(self.goal_distance)  # says what is out of range
+        CourseConfig(self.goal_distance)  # raises ValueError for a value out of range
+        load_place(self.scene)  # raises ValueError for a place that is none
 
 
 def demo(config: DemoConfig) -> Path:
-    """Run the demo; returns the summary's path.
+    """Run the demo and return the path of its summary.
 
-    Raises DatasetError if --out is a file, a dataset or a folder of what is not the demo's, FolderInUse if another
-    command writes there, FileNotFoundError if the weights are missing.
+    Raises:
+        DatasetError: If --out is a file, a dataset or a folder with files of another command.
+        FolderInUse: If another command writes there.
+        FileNotFoundError: If the weights are missing.
     """
     check_out(config.out)
     started = perf_counter()
@@ -79,9 +88,9 @@ def demo(config: DemoConfig) -> Path:
 def _demo(config: DemoConfig, network: Estimator, sgbm: Estimator, started: float) -> Path:
     data = _claim(config.out)
     asked = GenerateConfig(
-        out=data, pairs=config.pairs, seed=SEED, workers=config.workers, scenes=(preset(config.scene),)
+        out=data, pairs=config.pairs, seed=SEED, workers=config.workers, scenes=(load_place(config.scene),)
     )
-    print(f"1. {counted(config.pairs, 'stereo pair')} of {config.scene}, rendered with PyBullet")
+    print(f"1. {counted(config.pairs, 'stereo pair')} of {config.scene}, rendered by {asked.renderer}")
     dataset = generate(asked)
     shutil.copy(data / "contact_sheet.png", config.out / "contact_sheet.png")
 
@@ -92,11 +101,18 @@ def _demo(config: DemoConfig, network: Estimator, sgbm: Estimator, started: floa
     print(table)
 
     print(f"3. a drive of {config.goal_distance:g} m with M3Depth as the rover's eyes")
-    env = MarsNavEnv(network, "physics", "embree", config.scene, config.goal_distance, mast=True)
+    dynamics = chosen_dynamics(None)
+    env = MarsNavEnv(network, dynamics, "embree", config.scene, config.goal_distance, mast=True)
     try:
-        title = f"navigator, m3depth: {config.scene}, {config.goal_distance:g} m"
+        title = f"navigator, m3depth: {Path(config.scene).stem}, {config.goal_distance:g} m"
         with Film(config.out / "drive.mp4", title) as film:
-            record = run_episode(env, NavigatorDriver(), Cell(), SEED, 0, ("navigator", "m3depth"), film.watch)
+            lines = StepLines("drive")
+
+            def watch(env: MarsNavEnv, driver: Driver, step: int) -> None:
+                film.watch(env, driver, step)
+                lines.watch(env, driver, step)
+
+            record = run_episode(env, NavigatorDriver(), Cell(), SEED, 0, ("navigator", "m3depth"), watch)
     finally:
         env.close()
     still = film.stills[len(film.stills) // 2]
@@ -152,7 +168,7 @@ The whole demo took {seconds:.0f} s.
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """The command. Returns the exit code."""
+    """Run the command and return the exit code."""
     return run_command(_work, DemoConfig, "python -m envs.demo", __doc__, args, "the demo starts anew next time")
 
 

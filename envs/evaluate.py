@@ -1,11 +1,11 @@
-"""Score a driver and a perception on frozen episodes of MarsNav-v0.
+"""Score drivers and perceptions on frozen episodes of MarsNav-v0.
 
     python -m envs.evaluate --driver navigator --perception m3depth --episodes 10 --seed 1 --out out/eval
     python -m envs.evaluate --driver navigator straight --perception ground_truth --dynamics kinematic --grid \\
         --episodes 50 --workers 2 --out out/grid
 
-Several drivers and perceptions go over the same courses. Finished episodes stay in OUT/episodes: the same command goes
-on where it was stopped.
+All drivers and perceptions drive the same courses. Finished episodes stay in OUT/episodes: the same command continues
+where it was stopped.
 """
 
 from __future__ import annotations
@@ -18,19 +18,26 @@ from dataclasses import asdict, dataclass, replace
 from functools import cache
 from itertools import product
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any
 from zlib import crc32
 
+import tyro
+
 from envs.drivers.by_name import DRIVERS, make_driver
+from envs.drivers.driver import Driver
 from envs.drives.episodes import Cell, EpisodeRecord, Watch, run_episode
 from envs.drives.metrics import best_and_worst, paired_difference, summarise
 from envs.drives.records import DELETE_TO_REPEAT, read_record
 from envs.drives.report import write_report
 from envs.drives.resume import check_folder, noted_settings
+from envs.drives.step_lines import StepLines
 from envs.drives.test_set_errors import errors_on_test_set
 from envs.mars_nav import ERROR_LIMITS, MarsNavEnv
 from envs.world.course import CourseConfig
 from envs.world.perception import load_perception, perception_digest
+from envs.world.place_note import place_note
+from envs.world.vehicle import Dynamics as DynamicsName
+from envs.world.vehicle import chosen_dynamics, known_dynamics
 from m3depth.estimator import Estimator
 from marssim.base.command.notes import counted
 from marssim.base.command.progress import progress
@@ -39,15 +46,21 @@ from marssim.base.compute.workers import run_tasks
 from marssim.base.files.json_file import DatasetError, read_json, write_json
 from marssim.base.results.code_state import versions
 from marssim.base.results.lock import sole_writer
+<<<<<<< HEAD
 from marssim.render.renderers.by_name import RendererName
 from marssim.scene.scene import LOOK_LIMITS, Place, SceneConfig, preset
+=======
+from marssim.render.renderers.by_name import Renderer
+from marssim.scene.place_file import PLACE_VALUES, load_place
+from marssim.scene.scene import LOOK_LIMITS, PRESETS, SceneConfig
+>>>>>>> 6df5bfe (Make utopia the default place of envs.evaluate, demo and train_ppo, and take places from files there)
 
-SETTINGS = "evaluate.json"  # in OUT: what its episodes were driven with
-LOOK_FLAGS = (  # flags that stand for fields of the scene's LookConfig
+SETTINGS = "evaluate.json"  # file in OUT with the settings of its episodes
+LOOK_FLAGS = (  # flags that replace fields of the scene's LookConfig
     "sun_elevation_deg", "optical_depth", "albedo_contrast", "texture_strength", "pebbles", "wind_ripples",
 )  # fmt: skip
-GRID_K = (0.033, 0.07, 0.10, 0.15, 0.20)
-GRID_SLOPE_DEG = (0.0, 5.0, 10.0, 15.0)
+GRID_K = (0.033, 0.07, 0.10, 0.15, 0.20)  # rock abundances of --grid
+GRID_SLOPE_DEG = (0.0, 5.0, 10.0, 15.0)  # [deg] slopes of --grid
 
 
 @dataclass(frozen=True)
@@ -55,61 +68,73 @@ class EvaluateConfig:
     """Drive frozen episodes and report success, SPL, collisions and time."""
 
     out: Path
-    """folder for results.json, results.md, plots, maps, videos and the episodes"""
+    """Folder for results.json, results.md, plots, maps, videos and the episodes."""
     driver: tuple[str, ...] = ("navigator",)
-    """navigator (plans on a map of what it saw), straight (heads for the goal, blind), random, a policy of
-    stable-baselines3 (FILE.zip) or package.module:Class; several are compared on the same courses"""
+    """Who drives: navigator (plans on a map of its depth), straight (heads for the goal, blind), random, a policy of
+    stable-baselines3 (FILE.zip), or package.module:Class. Several drivers are compared on the same courses."""
     perception: tuple[str, ...] = ("m3depth",)
-    """what turns the images into depth: m3depth (the shipped weights), sgbm, ground_truth (true depth), m3depth:WEIGHTS
-    (a .safetensors file), ssd, sad, ncc, ssd-sgm, sad-sgm, ncc-sgm, or package.module:Class (with infer(left, right,
-    rig)); several are compared likewise"""
+    """Method that turns the images into depth: m3depth (the shipped weights), sgbm, ground_truth (true depth),
+    m3depth:WEIGHTS (a .safetensors file), ssd, sad, ncc, ssd-sgm, sad-sgm, ncc-sgm, or package.module:Class (a class
+    with infer(left, right, rig)). Several methods are compared on the same courses."""
     episodes: int = 10
-    """courses for each --k and --slope-deg"""
+    """Number of courses for each --k and --slope-deg."""
     seed: int = 0
-    """seed of the courses"""
+    """Seed of the courses."""
     workers: int = 1
-    """processes; the courses do not depend on it"""
+    """Number of processes. The courses do not depend on it."""
     scheduler: str | None = None
-    """address of a dask scheduler, tcp://host:8786, whose workers drive instead"""
-    scene: Place = "gale"
-    """preset of the courses' scenes"""
+    """Address of a dask scheduler, tcp://host:8786, whose workers drive instead."""
+    scene: Annotated[str, tyro.conf.arg(metavar=PLACE_VALUES)] = PRESETS[0]
+    """Place of the courses: a preset, or the JSON file of a place (marssim.scene.place_file)."""
     sun_elevation_deg: float | None = None
-    """height of the sun [deg], instead of the preset's range"""
+    """Height of the sun above the horizon [deg]. Left out: drawn from the scene's range."""
     optical_depth: float | None = None
-    """of the dust in the air: .3 is clear, 1 hazy, 5 a storm, instead of the preset's range"""
+    """Optical depth of the dust in the air: 0.3 is a clear sky, 1 a hazy one, 5 a dust storm. Left out: drawn from the
+    scene's range."""
     albedo_contrast: float | None = None
-    """of the ground's bright and dark patches, 0 to 3, instead of the preset's range"""
+    """Contrast of the ground's bright and dark patches, 0 to 3. Left out: drawn from the scene's range."""
     texture_strength: float | None = None
-    """of the relief below the mesh, 0 to 3, instead of the preset's range; stereo matches this and the next two"""
+    """Strength of the relief below the mesh, 0 to 3. Stereo matches this texture, pebbles and wind ripples. Left out:
+    drawn from the scene's range."""
     pebbles: float | None = None
-    """and grain too small for the mesh, 0 to 1, instead of the preset's range"""
+    """Strength of pebbles and grain too small for the mesh, 0 to 1. Left out: drawn from the scene's range."""
     wind_ripples: float | None = None
-    """share of the ground with hand-wide ripples, 0 to 1, instead of the preset's range"""
+    """Share of the ground with ripples a hand wide, 0 to 1. Left out: drawn from the scene's range."""
     k: tuple[float, ...] = ()
-    """rock abundances, Golombek's k, to go through; none given: the preset's"""
+    """Rock abundances to drive in, Golombek's k. Left out: that of the scene."""
     slope_deg: tuple[float, ...] = ()
-    """regional slopes [deg] to go through; none given: the preset's"""
+    """Regional slopes to drive on [deg]. Left out: that of the scene."""
     grid: bool = False
-    """the frozen grid: k .033 .07 .10 .15 .20 by slopes 0 5 10 15, in place of --k and --slope-deg"""
+    """Drive the frozen grid, k .033 .07 .10 .15 .20 by slopes 0 5 10 15 deg, instead of --k and --slope-deg."""
     goal_distance: float = 20.0
+<<<<<<< HEAD
     """distance from start to goal [m]"""
     dynamics: Literal["physics", "kinematic"] = "physics"
     """rigid bodies, or settling without dynamics (faster)"""
     renderer: RendererName = "embree"
     """what renders the cameras"""
+=======
+    """Distance from start to goal [m]."""
+    dynamics: DynamicsName | None = None
+    """How the rover moves: physics (rigid bodies in PyBullet) or kinematic (settling without dynamics, faster). Left
+    out: physics, or kinematic where PyBullet is not installed."""
+    renderer: Renderer = "embree"
+    """Renderer of the cameras' images."""
+>>>>>>> 6df5bfe (Make utopia the default place of envs.evaluate, demo and train_ppo, and take places from files there)
     disparity_noise: float = 0.0
-    """standard deviation of an error added to the disparity [px]"""
+    """Standard deviation of an error added to the disparity [px]."""
     drift: float = 0.0
-    """odometry: standard deviation of the position error after 1 m [m]"""
+    """Standard deviation of the odometry's position error after 1 m [m]."""
     yaw_drift_deg: float = 0.0
-    """odometry: standard deviation of the heading's error after 1 m [deg]"""
+    """Standard deviation of the odometry's heading error after 1 m [deg]."""
     scores: tuple[Path, ...] = ()
-    """results.json of m3depth.evaluate: the test set's Abs Rel of m3depth and sgbm is set beside that on the way"""
+    """Files results.json of m3depth.evaluate. The report sets the Abs Rel of m3depth and sgbm on the test set beside
+    that on the way."""
     videos: bool = True
-    """film the best drive, the arrival of the highest SPL, and the worst, that covered the least of its way; they are
-    driven once more for that, and pictures of every step take longer than the drive"""
+    """Film the best drive (the arrival with the highest SPL) and the worst (the one that covered least of its way).
+    Both are driven once more for the film, and pictures of every step take longer than the drive."""
     film_courses: tuple[int, ...] = ()
-    """and film all drives over these courses, by their numbers in maps/, into OUT/videos"""
+    """Numbers of courses, as in maps/, of which all drives are filmed into OUT/videos too."""
 
     def __post_init__(self) -> None:
         if self.episodes < 1:
@@ -140,28 +165,32 @@ class EvaluateConfig:
                 raise ValueError(f"--film-courses must lie in [0, {self.episodes - 1}], got {number}")
         if not self.driver or not self.perception:
             raise ValueError("--driver and --perception need at least one name")
-        self.scene_config()  # says what is out of range
+        self.scene_config()  # raises ValueError for a value out of range
         for cell in self.cells:
-            CourseConfig(self.goal_distance, cell.k, cell.slope_deg)  # says what is out of range
+            CourseConfig(self.goal_distance, cell.k, cell.slope_deg)  # raises ValueError for a value out of range
 
     @property
     def cells(self) -> list[Cell]:
-        """Every k that is asked for with every slope."""
+        """Every k with every slope."""
         ks, slopes = (GRID_K, GRID_SLOPE_DEG) if self.grid else (self.k, self.slope_deg)
         return [Cell(k, slope) for k in (ks or (None,)) for slope in (slopes or (None,))]
 
     def scene_config(self) -> SceneConfig:
-        """The preset with what is asked for in place of its ranges. Raises ValueError for what cannot be."""
-        base = preset(self.scene)
-        asked = {name: (getattr(self, name),) * 2 for name in LOOK_FLAGS if getattr(self, name) is not None}
-        return replace(base, look=replace(base.look, **asked))
+        """Return the place with the given values instead of its ranges. Raises ValueError for a value out of range."""
+        base = load_place(self.scene)
+        fixed = {name: (getattr(self, name),) * 2 for name in LOOK_FLAGS if getattr(self, name) is not None}
+        return replace(base, look=replace(base.look, **fixed))
 
     def content(self) -> dict[str, Any]:
-        """What an episode's outcome depends on, beside its driver, perception, cell and number."""
-        plain = ("seed", "scene", "goal_distance", "dynamics", "renderer")
+        """Return the settings on which the outcome of an episode depends, beside its driver, perception, cell and
+        number.
+        """
         errors = {name: getattr(self, name) for name in ERROR_LIMITS if getattr(self, name)}
         look = {name: getattr(self, name) for name in LOOK_FLAGS if getattr(self, name) is not None}
-        return {**{name: getattr(self, name) for name in plain}, **errors, **look}
+        return {
+            "seed": self.seed, **place_note(self.scene), "goal_distance": self.goal_distance,
+            "dynamics": known_dynamics(self.dynamics), "renderer": self.renderer, **errors, **look,
+        }  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -175,17 +204,17 @@ class Task:
 
     @property
     def file(self) -> str:
-        """Name of its record's file: of letters, digits, "_", "-" and "." only, and no other task's."""
+        """Name of the record's file: letters, digits, "_", "-" and "." only, and different for each task."""
         names = f"{self.driver}-{self.perception}"
         plain = _plain(f"{names}-{self.cell.name}")
         if _plain(names) != names:
-            plain += f"-{crc32(names.encode()):08x}"  # paths may differ in nothing but what became "_"
+            plain += f"-{crc32(names.encode()):08x}"  # names may differ only in letters that became "_"
         return f"{plain}-{self.episode:04d}.json"
 
     def is_of(self, record: EpisodeRecord) -> bool:
-        """Whether a record is of this episode."""
-        own = (self.driver, self.perception, self.cell.name, self.episode)
-        return own == (record.driver, record.perception, record.cell, record.episode)
+        """Return whether a record is of this episode."""
+        names = (self.driver, self.perception, self.cell.name, self.episode)
+        return names == (record.driver, record.perception, record.cell, record.episode)
 
 
 def _plain(words: str) -> str:
@@ -193,13 +222,16 @@ def _plain(words: str) -> str:
 
 
 def evaluate(config: EvaluateConfig) -> dict[str, Any]:
-    """Drive what is not driven yet, write the report, and return the content of results.json.
+    """Drive the episodes that are missing, write the report, and return the content of results.json.
 
-    Raises DatasetError if the folder holds other settings' episodes or anything else, FolderInUse if another command
-    writes to it, ValueError for an unknown perception.
+    Raises:
+        DatasetError: If the folder holds episodes of other settings, or anything else.
+        FolderInUse: If another command writes to the folder.
+        ValueError: If a perception or a driver is unknown.
     """
+    config = replace(config, dynamics=chosen_dynamics(config.dynamics))
     for name in config.perception:
-        _perception(name)  # a name that means nothing is told before anything is written or started
+        _perception(name)  # an unknown name is reported before anything is written or started
     for name in config.driver:
         make_driver(name)
     test_errors = errors_on_test_set(config.scores, {name: perception_digest(name) for name in config.perception})
@@ -238,28 +270,31 @@ def _evaluate(config: EvaluateConfig, test_errors: dict[str, float]) -> dict[str
 
 
 def _results(config: EvaluateConfig, records: Sequence[EpisodeRecord]) -> list[dict[str, Any]]:
-    """A row for each cell, driver and perception."""
+    """Return a row for each cell, driver and perception."""
     rows = []
     for cell in config.cells:
         for driver, perception in product(config.driver, config.perception):
-            own = [r for r in records if (r.driver, r.perception, r.cell) == (driver, perception, cell.name)]
-            rows.append({"driver": driver, "perception": perception, "cell": asdict(cell), **summarise(own)})
+            drives = [r for r in records if (r.driver, r.perception, r.cell) == (driver, perception, cell.name)]
+            rows.append({"driver": driver, "perception": perception, "cell": asdict(cell), **summarise(drives)})
     return rows
 
 
 def _differences(config: EvaluateConfig, records: Sequence[EpisodeRecord]) -> list[dict[str, Any]]:
-    """Success of every driver and perception less the first one's, paired, over all cells."""
+    """Return success and SPL of every driver and perception less those of the first, paired, over all cells."""
     groups = list(product(config.driver, config.perception))
-    of = {group: [r for r in records if (r.driver, r.perception) == group] for group in groups}
+    drives = {group: [r for r in records if (r.driver, r.perception) == group] for group in groups}
     first = groups[0]
     return [
-        {"driver": group[0], "perception": group[1], "less": list(first), **paired_difference(of[group], of[first])}
+        {
+            "driver": group[0], "perception": group[1], "less": list(first),
+            **paired_difference(drives[group], drives[first]),
+        }
         for group in groups[1:]
-    ]
+    ]  # fmt: skip
 
 
 def _film(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence[EpisodeRecord]) -> None:
-    """The films that are asked for and not there yet; tasks: of the records, in their order."""
+    """Make the films that are asked for and missing; tasks: those of the records, in their order."""
     chosen: dict[str, Task] = {}
     if config.videos:
         best, worst = best_and_worst(records)
@@ -299,34 +334,48 @@ def _read_record(folder: Path, task: Task) -> EpisodeRecord:
     path = folder / task.file
     record = read_record(path)
     if not task.is_of(record):
-        raise DatasetError(
-            f"{path}: is of {record.driver}, {record.perception}, course {record.episode}{DELETE_TO_REPEAT}"
-        )
+        actual = f"{record.driver}, {record.perception}, course {record.episode}"
+        raise DatasetError(f"{path}: is the record of {actual}{DELETE_TO_REPEAT}")
     return record
 
 
 def drive(config: EvaluateConfig, task: Task, watch: Watch | None = None) -> EpisodeRecord:
     """Drive one episode. watch: as run_episode takes it."""
     driver = make_driver(task.driver)
+    name = f"course {task.episode}, {task.cell.name}, {task.driver}, {task.perception}"
+    lines = StepLines(name, lambda: _drives_done(config))
+
+    def watched(env: MarsNavEnv, driver: Driver, step: int) -> None:
+        lines.watch(env, driver, step)
+        if watch is not None:
+            watch(env, driver, step)
+
     env = MarsNavEnv(
-        _perception(task.perception), config.dynamics, config.renderer, config.scene_config(), config.goal_distance,
+        _perception(task.perception), known_dynamics(config.dynamics), config.renderer, config.scene_config(),
+        config.goal_distance,
         mast=True, map_observation=bool(getattr(driver, "needs_map", False)),
         disparity_noise=config.disparity_noise, drift=config.drift, yaw_drift_deg=config.yaw_drift_deg,
     )  # fmt: skip
     try:
-        return run_episode(env, driver, task.cell, config.seed, task.episode, (task.driver, task.perception), watch)
+        return run_episode(env, driver, task.cell, config.seed, task.episode, (task.driver, task.perception), watched)
     finally:
         env.close()
 
 
+def _drives_done(config: EvaluateConfig) -> str:
+    """Return how many drives are finished, as a worker sees it from the files."""
+    total = config.episodes * len(config.cells) * len(config.driver) * len(config.perception)
+    return f"{len(list((config.out / 'episodes').glob('*.json')))} of {counted(total, 'drive')} done"
+
+
 @cache
 def _perception(name: str) -> str | Estimator:
-    """What an environment takes as perception, of this process: loading a network once is enough."""
+    """Return what an environment takes as perception; each process loads a network once."""
     return load_perception(name) or name
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """The command. Returns the exit code."""
+    """Run the command and return the exit code."""
     return run_command(_work, EvaluateConfig, "python -m envs.evaluate", __doc__, args)
 
 
@@ -338,6 +387,6 @@ def _work(config: EvaluateConfig) -> None:
 
 
 if __name__ == "__main__":
-    from envs.evaluate import main as command  # by its own name, by which workers elsewhere can import it too
+    from envs.evaluate import main as command  # not __main__, so that workers elsewhere can import what is pickled
 
     sys.exit(command())

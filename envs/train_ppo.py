@@ -5,10 +5,10 @@
     python -m envs.evaluate --driver runs/ppo/policy.zip straight --perception ground_truth --dynamics kinematic \\
         --goal-distance 10 --out out/ppo
 
-The policy sees and answers what envs.drivers.corridors.Corridors says: how far each of 13 ways is free, and which of
-them to take. Beside OUT/policy.zip train_ppo.json tells on which courses it learnt and for how long, log.jsonl how it
-went. The same command goes on where it was stopped, with what is left of the time; the policy is read as your own, do
-not continue a stranger's.
+The policy observes and acts as envs.drivers.corridors.Corridors documents: it sees how far each of 13 ways is free, and
+chooses one of them. OUT/policy.zip is the policy, OUT/train_ppo.json its courses and its time of training,
+OUT/log.jsonl its progress. The same command continues where it was stopped, with the rest of the time. The policy is
+read as your own file: do not continue a stranger's.
 """
 
 from __future__ import annotations
@@ -25,10 +25,11 @@ from importlib.util import find_spec
 from multiprocessing import parent_process
 from pathlib import Path
 from time import monotonic
-from typing import Any
+from typing import Annotated, Any
 
 import gymnasium
 import numpy as np
+import tyro
 from gymnasium.wrappers import TransformReward
 
 from envs.drivers.corridors import Corridors
@@ -36,6 +37,7 @@ from envs.drivers.policy_files import PolicyDriver, mark_corridors
 from envs.drives.records import NUMBER, is_number
 from envs.mars_nav import MarsNavEnv
 from envs.world.course import CourseConfig
+from envs.world.place_note import place_note
 from marssim.base.command.notes import counted
 from marssim.base.command.run import run_command
 from marssim.base.files.atomic import write_atomically
@@ -43,16 +45,17 @@ from marssim.base.files.json_file import DatasetError, read_json, write_json
 from marssim.base.results.code_state import versions
 from marssim.base.results.lock import sole_writer
 from marssim.base.results.out_folder import check_out
-from marssim.scene.scene import Place
+from marssim.scene.place_file import PLACE_VALUES, load_place
+from marssim.scene.scene import PRESETS
 
 POLICY, SETTINGS_FILE, LOG = "policy.zip", "train_ppo.json", "log.jsonl"  # in OUT
 SECONDS = "seconds"  # in SETTINGS_FILE: how long was trained
-RATE = 1e-3  # of learning, at first
-BATCH = 64  # choices, at most
-REWARD_SHARE = 0.1  # returns of about one suit PPO's defaults
+RATE = 1e-3  # learning rate at the start
+BATCH = 64  # largest number of choices in a batch
+REWARD_SHARE = 0.1  # factor on rewards: PPO's defaults suit returns of about one
 SETTINGS: dict[str, Any] = {
     "n_epochs": 10,
-    # larger updates than this unlearn, on so few choices, what the last ones learnt
+    # with so few choices, larger updates than this undo what earlier ones learnt
     "target_kl": 0.03, "ent_coef": 0.005,
     # a detour is a few choices long
     "gamma": 0.95, "gae_lambda": 0.9,
@@ -64,22 +67,22 @@ class PPOConfig:
     """Train PPO on MarsNav-v0 and save OUT/policy.zip, which envs.evaluate takes as a driver."""
 
     out: Path
-    """folder for policy.zip, train_ppo.json and log.jsonl"""
+    """Folder for policy.zip, train_ppo.json and log.jsonl."""
     max_minutes: float = 20.0
-    """time to train [min], earlier runs in OUT included; the learning rate falls to nought over it"""
+    """Time of training [min], that of earlier runs in OUT included. The learning rate falls to zero over this time."""
     max_steps: int = 100_000_000
-    """and at most so many choices of a way, three steps of the environment each, rounded up to whole rollouts (128 in
-    each environment)"""
+    """Most choices of a way, rounded up to whole rollouts (128 in each environment). A choice is three steps of the
+    environment."""
     workers: int = 2
-    """environments, each in a process of its own"""
-    scene: Place = "gale"
-    """preset of the courses' scenes"""
+    """Number of environments, each in its own process."""
+    scene: Annotated[str, tyro.conf.arg(metavar=PLACE_VALUES)] = PRESETS[0]
+    """Place of the courses: a preset, or the JSON file of a place (marssim.scene.place_file)."""
     k: tuple[float, float] = (0.1, 0.2)
-    """rock abundance, Golombek's k, of each course: drawn between these"""
+    """Range from which the rock abundance of each course is drawn, Golombek's k."""
     goal_distance: float = 10.0
-    """distance from start to goal [m]; shorter than in evaluation, so that goals are met early"""
+    """Distance from start to goal [m]: shorter than in evaluation, so that the policy meets goals early."""
     seed: int = 0
-    """seed of courses and policy"""
+    """Seed of the courses and of the policy."""
 
     def __post_init__(self) -> None:
         for name in ("max_minutes", "max_steps", "workers"):
@@ -87,19 +90,24 @@ class PPOConfig:
                 raise ValueError(f"--{name.replace('_', '-')} must be positive, got {getattr(self, name)}")
         if self.seed < 0:
             raise ValueError(f"--seed must not be negative, got {self.seed}")
-        CourseConfig(self.goal_distance)  # says what is out of range
+        CourseConfig(self.goal_distance)  # raises ValueError for a value out of range
+        load_place(self.scene)  # raises ValueError for a place that is none
         if not 0 <= self.k[0] <= self.k[1] <= 0.4:
             raise ValueError(f"--k must be two values in [0, 0.4], the lower one first, got {self.k[0]} {self.k[1]}")
 
     def courses(self) -> dict[str, Any]:
-        """What the policy learns on: with other values it would be another one's training that goes on."""
+        """Return the settings of the courses on which the policy learns; with other values it would be another
+        training.
+        """
         return {
-            "scene": self.scene, "k": list(self.k), "goal_distance": float(self.goal_distance), "seed": self.seed
+            **place_note(self.scene), "k": list(self.k), "goal_distance": float(self.goal_distance), "seed": self.seed
         }  # fmt: skip
 
 
 class TrainingCourses(gymnasium.Wrapper):
-    """Draws the rock abundance of each scene between two values of Golombek's k, and has it crossed to and fro."""
+    """Draws the rock abundance of each scene from a range of Golombek's k, and lets the rover cross the scene several
+    times.
+    """
 
     def __init__(self, env: MarsNavEnv, k: tuple[float, float], crossings: int = 4) -> None:
         super().__init__(env)
@@ -108,7 +116,9 @@ class TrainingCourses(gymnasium.Wrapper):
         self._crossed = 0
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """A new scene if asked for by a seed or options, or when this one has been crossed often enough."""
+        """Draw a new scene if a seed or options are given, or if this one has been crossed often enough; else drive
+        back.
+        """
         env = self.unwrapped
         assert isinstance(env, MarsNavEnv)
         if seed is not None:
@@ -121,22 +131,33 @@ class TrainingCourses(gymnasium.Wrapper):
 
 
 def training_env(config: PPOConfig) -> gymnasium.Env:
-    """What a policy is trained in: Corridors on TrainingCourses, with rewards of the size that PPO's defaults suit."""
+    """Return the environment of training: Corridors on TrainingCourses, with rewards of the size that suits PPO's
+    defaults.
+    """
     from stable_baselines3.common.monitor import Monitor
 
     if parent_process() is not None:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all; the command ends its processes
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the command ends the others
     env = MarsNavEnv(
         "ground_truth", "kinematic", scene=config.scene, goal_distance=config.goal_distance, map_observation=True
     )
-    told = Monitor(Corridors(TrainingCourses(env, config.k)), info_keywords=("outcome",))
-    return TransformReward(told, lambda reward: REWARD_SHARE * float(reward))
+    monitored = Monitor(Corridors(TrainingCourses(env, config.k)), info_keywords=("outcome",))
+    return TransformReward(monitored, lambda reward: REWARD_SHARE * float(reward))
 
 
 def train(config: PPOConfig, rollout: int = 128) -> Path:
-    """Train until the time or the steps are used up; returns the policy's path. rollout: choices in each environment
-    between two updates. Raises ImportError without stable-baselines3, ValueError for a policy.zip that is none,
-    DatasetError for one that learnt on other courses, FolderInUse."""
+    """Train until the time or the steps are used up, and return the policy's path.
+
+    Args:
+        config: The settings.
+        rollout: Choices in each environment between two updates.
+
+    Raises:
+        ImportError: If stable-baselines3 is not installed.
+        ValueError: If the folder's policy.zip is no policy of this command.
+        DatasetError: If the folder's policy learnt on other courses.
+        FolderInUse: If another command writes to the folder.
+    """
     if find_spec("stable_baselines3") is None:
         raise ImportError("envs.train_ppo needs stable-baselines3: pip install 'mars-m3depth[rl]'")
     check_out(config.out)
@@ -165,11 +186,11 @@ def _train(config: PPOConfig, path: Path, rollout: int) -> None:
     began = monotonic() - used
 
     def trained() -> float:
-        """Seconds, those of earlier runs included."""
+        """Return the time of training so far [s], that of earlier runs included."""
         return monotonic() - began
 
     def rate(_: float) -> float:
-        """Of learning: falls to nought in the time that there is, or what was learnt early is unlearnt late."""
+        """Return the learning rate. It falls to zero over the time, or late updates would undo early ones."""
         return RATE * max(0.0, 1 - trained() / budget)
 
     def save(model: Any) -> None:
@@ -177,7 +198,7 @@ def _train(config: PPOConfig, path: Path, rollout: int) -> None:
         write_json(config.out / SETTINGS_FILE, {**read_json(config.out / SETTINGS_FILE), SECONDS: round(trained(), 1)})
 
     class Clock(BaseCallback):
-        """Ends the training in time; before each update saves what the last one made, and tells how it goes."""
+        """Ends the training in time; before each update saves the policy of the last one and prints the progress."""
 
         def _on_step(self) -> bool:
             return trained() < budget
@@ -188,8 +209,12 @@ def _train(config: PPOConfig, path: Path, rollout: int) -> None:
                 row = _summary(ended)
                 with (config.out / LOG).open("a") as log:
                     log.write(json.dumps({"choices": self.num_timesteps, **row}) + "\n")
-                told = f"{100 * row['arrived']:.0f} % arrived, reward {row['reward']:.1f}"
-                print(f"{self.num_timesteps} choices: last {counted(row['episodes'], 'episode')}, {told}", flush=True)
+                share = f"{100 * row['arrived']:.0f} % arrived, reward {row['reward']:.1f}"
+                left = f"{max(0.0, budget - trained()) / 60:.0f} min to go"
+                print(
+                    f"{self.num_timesteps} choices: last {counted(row['episodes'], 'episode')}, {share}, {left}",
+                    flush=True,
+                )
 
     with _closed(vector):
         if path.is_file():
@@ -203,15 +228,18 @@ def _train(config: PPOConfig, path: Path, rollout: int) -> None:
         if model.num_timesteps >= config.max_steps:
             print(f"{config.out}: already at --max-steps {config.max_steps}; raise it to go on")
             return
-        # not by the callback: a rollout that it ends is never learnt from
+        # the steps end it here, not in the callback: PPO never learns from a rollout that the callback ends
         model.learn(config.max_steps - model.num_timesteps, callback=Clock(), reset_num_timesteps=False)
         save(model)
 
 
 @contextmanager
 def _closed(vector: Any) -> Iterator[None]:
-    """Close the environments in the end. After an error their processes are not waited for: one that was to answer
-    when a signal came would be waited for for ever."""
+    """Close the environments at the end.
+
+    After an error their processes are not waited for: a process that should have answered when a signal came never
+    would.
+    """
     try:
         yield
     except BaseException:
@@ -256,12 +284,12 @@ def _note(config: PPOConfig) -> float:
 
 
 def _typed(value: Any) -> str:
-    """As on the command line."""
+    """Return a value as it is typed on the command line."""
     return " ".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
 def _summary(ended: list[dict[str, Any]]) -> dict[str, Any]:
-    """How the last episodes went. ended: what Monitor noted of each, its reward "r" and its outcome."""
+    """Return how the last episodes ended; ended: Monitor's notes of each, its reward "r" and its outcome."""
     return {
         "episodes": len(ended),
         "arrived": sum(e["outcome"] == "goal" for e in ended) / len(ended),
@@ -270,7 +298,7 @@ def _summary(ended: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """The command. Returns the exit code."""
+    """Run the command and return the exit code."""
     return run_command(lambda config: print(train(config)), PPOConfig, "python -m envs.train_ppo", __doc__, args)
 
 

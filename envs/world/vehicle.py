@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from importlib.util import find_spec
 from typing import Literal, Protocol, get_args
 
@@ -35,6 +36,14 @@ def known_dynamics(name: str | None) -> Dynamics:
     if name == "physics" and not has_physics:
         raise ImportError("`dynamics` physics needs PyBullet, which is not installed; choose kinematic instead")
     return "physics" if name == "physics" else "kinematic"
+
+
+def chosen_dynamics(name: str | None) -> Dynamics:
+    """Return known_dynamics for a command, and print a note if None means kinematic, as PyBullet is not installed."""
+    dynamics = known_dynamics(name)
+    if name is None and dynamics != "physics":
+        print(f"note: {NO_PHYSICS}", file=sys.stderr, flush=True)
+    return dynamics
 
 
 class Vehicle(Protocol):

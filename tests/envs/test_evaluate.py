@@ -83,7 +83,9 @@ def test_an_episode_of_another_drive_is_named(finished, tmp_path):
     out = shutil.copytree(finished[0], tmp_path / "copy")
     first, second = sorted((out / "episodes").glob("*.json"))
     shutil.copy(first, second)
-    message = f"{second}: is of straight, ground_truth, course 0; delete the file to drive this episode again"
+    message = (
+        f"{second}: is the record of straight, ground_truth, course 0; delete the file to drive this episode again"
+    )
     with pytest.raises(DatasetError, match=f"^{re.escape(message)}$"):
         evaluate(EvaluateConfig(out, episodes=2, seed=3, **QUICK))
 
@@ -150,11 +152,36 @@ def test_cells_are_the_grid():
 
 def test_a_look_that_is_asked_for_is_the_scenes_and_of_other_drives():
     plain, low = EvaluateConfig(None), EvaluateConfig(None, sun_elevation_deg=8.0, texture_strength=0.1)
-    assert plain.scene_config() == preset("gale") and "sun_elevation_deg" not in plain.content()
+    assert plain.scene_config() == preset("utopia") and "sun_elevation_deg" not in plain.content()
     scene = low.scene_config()
     assert scene.look.sun_elevation_deg == (8.0, 8.0) and scene.look.texture_strength == (0.1, 0.1)
     assert scene.rocks == plain.scene_config().rocks
     assert low.content().items() - plain.content().items() == {("sun_elevation_deg", 8.0), ("texture_strength", 0.1)}
+
+
+def test_a_place_from_a_file_is_noted_by_its_content(tmp_path):
+    """Other spaces, or another folder, are the same place; another value is another place."""
+    files = [tmp_path / folder / "my_place.json" for folder in ("a", "b", "c")]
+    for file, text in zip(files, ['{"preset": "gale"}', '{ "preset" : "gale" }', '{"preset": "gale", "horizon": 40}']):
+        file.parent.mkdir()
+        file.write_text(text)
+    first, same, other = (EvaluateConfig(None, scene=str(file)).content() for file in files)
+    assert first == same and first["scene"] == "my_place.json"
+    assert first.items() ^ other.items() == {(key, c[key]) for c in (first, other) for key in ("scene_sha256",)}
+    assert EvaluateConfig(None, scene=str(files[2])).scene_config() == preset("gale", horizon=40.0)
+
+
+def test_a_folder_of_the_earlier_default_place_is_refused_in_one_line(finished, capsys):
+    """Release 0.1 drove in gale where no --scene was given."""
+    out, _ = finished
+    settings = json.loads((out / SETTINGS).read_text())
+    (out / SETTINGS).write_text(json.dumps({**settings, "scene": "gale"}))
+    try:
+        code, message = run(capsys, "--out", out, *FLAGS, "--episodes", 2, "--seed", 3)
+    finally:
+        (out / SETTINGS).write_text(json.dumps(settings))
+    assert code == 2 and message.count("\n") == 1
+    assert "--scene gale" in message and "choose another --out" in message
 
 
 def test_no_flag_of_the_look_is_without_effect():
