@@ -36,8 +36,7 @@ from envs.mars_nav import ERROR_LIMITS, MarsNavEnv
 from envs.world.course import CourseConfig
 from envs.world.perception import load_perception, perception_digest
 from envs.world.place_note import place_note
-from envs.world.vehicle import Dynamics as DynamicsName
-from envs.world.vehicle import chosen_dynamics, known_dynamics
+from envs.world.vehicle import DynamicsName, chosen_dynamics, known_dynamics
 from m3depth.estimator import Estimator
 from marssim.base.command.notes import counted
 from marssim.base.command.progress import progress
@@ -46,14 +45,9 @@ from marssim.base.compute.workers import run_tasks
 from marssim.base.files.json_file import DatasetError, read_json, write_json
 from marssim.base.results.code_state import versions
 from marssim.base.results.lock import sole_writer
-<<<<<<< HEAD
 from marssim.render.renderers.by_name import RendererName
-from marssim.scene.scene import LOOK_LIMITS, Place, SceneConfig, preset
-=======
-from marssim.render.renderers.by_name import Renderer
 from marssim.scene.place_file import PLACE_VALUES, load_place
 from marssim.scene.scene import LOOK_LIMITS, PRESETS, SceneConfig
->>>>>>> 6df5bfe (Make utopia the default place of envs.evaluate, demo and train_ppo, and take places from files there)
 
 SETTINGS = "evaluate.json"  # file in OUT with the settings of its episodes
 LOOK_FLAGS = (  # flags that replace fields of the scene's LookConfig
@@ -107,20 +101,12 @@ class EvaluateConfig:
     grid: bool = False
     """Drive the frozen grid, k .033 .07 .10 .15 .20 by slopes 0 5 10 15 deg, instead of --k and --slope-deg."""
     goal_distance: float = 20.0
-<<<<<<< HEAD
-    """distance from start to goal [m]"""
-    dynamics: Literal["physics", "kinematic"] = "physics"
-    """rigid bodies, or settling without dynamics (faster)"""
-    renderer: RendererName = "embree"
-    """what renders the cameras"""
-=======
     """Distance from start to goal [m]."""
     dynamics: DynamicsName | None = None
     """How the rover moves: physics (rigid bodies in PyBullet) or kinematic (settling without dynamics, faster). Left
     out: physics, or kinematic where PyBullet is not installed."""
-    renderer: Renderer = "embree"
+    renderer: RendererName = "embree"
     """Renderer of the cameras' images."""
->>>>>>> 6df5bfe (Make utopia the default place of envs.evaluate, demo and train_ppo, and take places from files there)
     disparity_noise: float = 0.0
     """Standard deviation of an error added to the disparity [px]."""
     drift: float = 0.0

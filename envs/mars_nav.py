@@ -18,7 +18,7 @@ from envs.world.course import Course, CourseConfig, draw_course, reversed_course
 from envs.world.odometry import Odometry
 from envs.world.perception import Perception, Sight
 from envs.world.referee import STEPS_PER_METRE, Referee
-from envs.world.vehicle import NO_PHYSICS, Dynamics, Vehicle, known_dynamics, make_vehicle
+from envs.world.vehicle import FALLBACK_NOTE, DynamicsName, Vehicle, known_dynamics, make_vehicle
 from marssim.base.camera import NATECAM
 from marssim.base.rover_spec import ZHURONG
 from marssim.render.renderers.by_name import RendererName
@@ -159,7 +159,7 @@ class MarsNavEnv(gymnasium.Env):
     def __init__(
         self,
         perception: str | Estimator = "m3depth",
-        dynamics: Dynamics | None = None,
+        dynamics: DynamicsName | None = None,
         renderer: RendererName = "embree",
         scene: str | Path | SceneConfig = "utopia",
         goal_distance: float = 20.0,
@@ -185,7 +185,7 @@ class MarsNavEnv(gymnasium.Env):
         self.render_mode = render_mode
         self.dynamics = known_dynamics(dynamics)
         if dynamics is None and self.dynamics != "physics":
-            gymnasium.logger.warn(NO_PHYSICS)
+            gymnasium.logger.warn(FALLBACK_NOTE)
         self.rover_spec = ZHURONG
         self.mast = mast
         self.scene_config = scene if isinstance(scene, SceneConfig) else load_place(scene)

@@ -11,7 +11,7 @@ from envs.drivers.builtin import NavigatorDriver
 from envs.drivers.driver import Driver
 from envs.mars_nav import MarsNavEnv
 from envs.world.outside_view import HEIGHT, OutsideView
-from marssim.base.images.colours import DEPTH_TITLE, depth_colours, normal_colours
+from marssim.base.images.colours import DEPTH_TITLE, NORMAL_TITLE, TICKS, depth_bar, depth_colours, normal_colours
 from marssim.physics.state import RoverState
 from marssim.render.renderers.embree_renderer import EmbreeRenderer
 from nav.navigator import Navigator
@@ -20,7 +20,6 @@ from nav.path.footprint import footprint_corners
 PANEL = HEIGHT  # [px] side of the square panels: as high as the outside view, and half as wide
 MAP_METRES = 24.0  # [m] side of the map
 SCALE_BAR = 5.0  # [m] length of the map's scale
-NORMALS_TITLE = "normals: red right, green up, blue to the eye"
 MAP_TITLE = "map: green free, yellow costly, red blocked, grey unknown"
 TEXT = cv2.FONT_HERSHEY_SIMPLEX, 0.45, (240, 240, 240), 1, cv2.LINE_AA  # font, size, colour, weight
 FPS = 5  # frames a second
@@ -85,8 +84,8 @@ class Film:
             _titled(_square(left), "left eye"),
         ]
         bottom = [
-            _titled(_square(depth_colours(sight.depth)), DEPTH_TITLE),
-            _titled(_square(normal_colours(np.zeros_like(left) if normal is None else normal)), NORMALS_TITLE),
+            _titled(_with_scale(_square(depth_colours(sight.depth))), DEPTH_TITLE),
+            _titled(_square(normal_colours(np.zeros_like(left) if normal is None else normal)), NORMAL_TITLE),
             _titled(navigator_map(env, driver), MAP_TITLE if _navigator(driver) else "map: this driver keeps none"),
         ]
         frame = np.vstack([np.hstack(top), np.hstack(bottom)])
@@ -151,6 +150,23 @@ def _navigator(driver: Driver) -> Navigator | None:
 def _square(image: np.ndarray) -> np.ndarray:
     enlarge = image.shape[0] < PANEL
     return cv2.resize(image, (PANEL, PANEL), interpolation=cv2.INTER_NEAREST if enlarge else cv2.INTER_AREA)
+
+
+def _with_scale(image: np.ndarray) -> np.ndarray:
+    """Draw the scale of depth along the lower edge of a panel."""
+    out = np.ascontiguousarray(image)
+    margin, height = 12, 10
+    bar, columns = depth_bar(PANEL - 2 * margin, height)
+    top = PANEL - margin - height
+    cv2.rectangle(out, (0, top - 22), (PANEL, PANEL), (18, 18, 20), -1)
+    out[top : top + height, margin : PANEL - margin] = bar
+    for tick, column in zip(TICKS, columns):
+        text = f"{tick} m" if tick == TICKS[-1] else f"{tick}"
+        width = cv2.getTextSize(text, *TEXT[:2], TEXT[3])[0][0]
+        left = int(np.clip(margin + column - width // 2, 2, PANEL - 2 - width))
+        cv2.putText(out, text, (left, top - 6), *TEXT)
+        cv2.line(out, (margin + column, top - 3), (margin + column, top + height), TEXT[2], 1)
+    return out
 
 
 def _titled(image: np.ndarray, *lines: str) -> np.ndarray:

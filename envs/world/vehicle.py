@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import sys
-from importlib.util import find_spec
 from typing import Literal, Protocol, get_args
 
 from marssim.base.rover_spec import RoverSpec
+from marssim.engines.bullet import pybullet_is_installed
 from marssim.physics.body import Part
 from marssim.physics.kinematics import KinematicRover
 from marssim.physics.rover import Rover
@@ -16,33 +16,36 @@ from marssim.scene.scene import Scene
 from nav.controller import steerable, wheel_command
 
 CHECK_EVERY = 0.25  # [s] between two checks for contacts during a drive
-NO_PHYSICS = "PyBullet is not installed: the rover settles on the ground by kinematic dynamics, without rigid bodies"
+FALLBACK_NOTE = "PyBullet is not installed here, so the dynamics are kinematic"  # printed where a default falls back
 
-Dynamics = Literal["physics", "kinematic"]
+DynamicsName = Literal["physics", "kinematic"]
+DYNAMICS: tuple[DynamicsName, ...] = get_args(DynamicsName)
 
 
-def known_dynamics(name: str | None) -> Dynamics:
+def known_dynamics(name: str | None) -> DynamicsName:
     """Return the dynamics of that name; None means physics, or kinematic where PyBullet is not installed.
 
     Raises:
         ValueError: If there is no such dynamics.
         ImportError: If physics is asked for by name and PyBullet is not installed.
     """
-    has_physics = find_spec("pybullet") is not None
     if name is None:
-        return "physics" if has_physics else "kinematic"
-    if name not in get_args(Dynamics):
-        raise ValueError(f"dynamics {name!r} is unknown; choose from {', '.join(get_args(Dynamics))}")
-    if name == "physics" and not has_physics:
+        return "physics" if pybullet_is_installed() else "kinematic"
+    for dynamics in DYNAMICS:
+        if name == dynamics:
+            break
+    else:
+        raise ValueError(f"dynamics {name!r} is unknown; choose from {', '.join(DYNAMICS)}")
+    if dynamics == "physics" and not pybullet_is_installed():
         raise ImportError("`dynamics` physics needs PyBullet, which is not installed; choose kinematic instead")
-    return "physics" if name == "physics" else "kinematic"
+    return dynamics
 
 
-def chosen_dynamics(name: str | None) -> Dynamics:
+def chosen_dynamics(name: str | None) -> DynamicsName:
     """Return known_dynamics for a command, and print a note if None means kinematic, as PyBullet is not installed."""
     dynamics = known_dynamics(name)
     if name is None and dynamics != "physics":
-        print(f"note: {NO_PHYSICS}", file=sys.stderr, flush=True)
+        print(f"note: {FALLBACK_NOTE}", file=sys.stderr, flush=True)
     return dynamics
 
 
@@ -115,7 +118,7 @@ class KinematicVehicle(KinematicRover):
         return super().drive_twist(*steerable(speed, yaw_rate, self.spec), seconds)
 
 
-def make_vehicle(dynamics: Dynamics, scene: Scene, spec: RoverSpec, x: float, y: float, yaw: float) -> Vehicle:
+def make_vehicle(dynamics: DynamicsName, scene: Scene, spec: RoverSpec, x: float, y: float, yaw: float) -> Vehicle:
     """Return a rover at rest on the ground.
 
     Args:
