@@ -123,6 +123,22 @@ class Scene:
         """Half the side of the finely gridded square [m]."""
         return self.terrain.fine.bounds[2]
 
+    def with_sun(self, elevation_deg: float, azimuth_deg: float, optical_depth: float | None = None) -> Scene:
+        """Return the same place under another sun; ground, rocks and surface stay.
+
+        Args:
+            elevation_deg: Height of the sun above the horizon [deg], above 0 and up to 90.
+            azimuth_deg: Direction of the sun [deg], counter-clockwise from east.
+            optical_depth: Optical depth of the dust in the air, 0 to 12; None keeps it.
+
+        Raises:
+            ValueError: A value is out of its range.
+        """
+        depth = self.look.optical_depth if optical_depth is None else optical_depth
+        LookConfig((elevation_deg,) * 2, (azimuth_deg,) * 2, (depth,) * 2)  # checks the ranges
+        sun = _sun_direction(np.deg2rad(elevation_deg), np.deg2rad(azimuth_deg))
+        return replace(self, look=replace(self.look, sun=sun, optical_depth=float(depth)))
+
     def abundance(self) -> dict[str, list[float]]:
         """Share of the ground that rocks of `diameter` [m] and more cover: what was `asked`, what was `achieved`.
 
@@ -203,14 +219,20 @@ def preset(name: str, **changes: object) -> SceneConfig:
 
 
 def build_scene(
-    config: SceneConfig, rng: np.random.Generator, clear: tuple[tuple[float, float, float], ...] = ()
+    config: SceneConfig, rng: np.random.Generator | int, clear: tuple[tuple[float, float, float], ...] = ()
 ) -> Scene:
-    """Draw a Scene. The same rng state gives the same Scene.
+    """Draw a Scene.
 
-    clear: discs (x, y, radius) [m] that stay free of rocks of 0.1 m and more, of diameter D taken as an outline disc of
-    that diameter, beyond which a corner may reach; pebbles lie there too.
+    Args:
+        config: The place, as `preset("gale")`.
+        rng: A random generator, or the seed of one. The same seed or state gives the same scene.
+        clear: Discs (x, y, radius) [m] that stay free of rocks with a diameter of 0.1 m and more. A rock counts as the
+            disc of its diameter, so a corner of it may reach into a clear disc. Smaller rocks lie there too.
+
+    Raises:
+        ValueError: The heightmap cannot be read or is too small, or the scene would have too many rocks.
     """
-    terrain_rng, rock_rng, look_rng = rng.spawn(3)
+    terrain_rng, rock_rng, look_rng = np.random.default_rng(rng).spawn(3)
     terrain = build_terrain(config.relief, config.size, config.cell, config.horizon, terrain_rng)
     half = terrain.fine.bounds[2]
     rocks = build_rocks(config.rocks, half, config.horizon, terrain.height_at, rock_rng, clear)
@@ -221,9 +243,8 @@ def draw_look(config: LookConfig, rng: np.random.Generator) -> Look:
     """Draw sun, air and surface from their ranges."""
     elevation = np.deg2rad(rng.uniform(*config.sun_elevation_deg))
     azimuth = np.deg2rad(rng.uniform(*config.sun_azimuth_deg))
-    sun = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
     return Look(
-        sun=sun,
+        sun=_sun_direction(elevation, azimuth),
         optical_depth=float(rng.uniform(*config.optical_depth)),
         albedo_contrast=float(rng.uniform(*config.albedo_contrast)),
         texture_strength=float(rng.uniform(*config.texture_strength)),
@@ -234,3 +255,8 @@ def draw_look(config: LookConfig, rng: np.random.Generator) -> Look:
         bedrock=float(rng.uniform(*config.bedrock)),
         rock_dust=float(rng.uniform(*config.rock_dust)),
     )
+
+
+def _sun_direction(elevation: float, azimuth: float) -> np.ndarray:
+    """Return the (3,) unit vector towards a sun at these angles [rad], world frame."""
+    return np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])

@@ -11,22 +11,23 @@ from marssim.scene.ranges import Range, check_ranges
 from marssim.scene.rocks import STAND
 from marssim.scene.scene import Scene
 
-LOW, GAP = 0.15, 0.6  # [m] a camera stands this far from rocks higher than that
-TRIES = 1000  # places looked at before a scene is called too rocky
+LOW = 0.15  # [m] height of rocks that a camera keeps away from
+GAP = 0.6  # [m] distance that it keeps
+TRIES = 1000  # places tried before a scene counts as too rocky
 
 
 @dataclass(frozen=True)
 class ViewConfig:
-    """Where the cameras stand. Each view draws from these ranges, LOW HIGH; give a value twice to fix it."""
+    """Where the cameras stand. Each view draws each value from its range, LOW HIGH; give a value twice to fix it."""
 
     height: Range = (1.15, 1.25)
-    """height of the left eye above the ground [m]"""
+    """Height of the left camera above the ground [m], LOW HIGH."""
     pitch_deg: Range = (5.0, 40.0)
-    """how far the cameras look down from the horizon [deg]"""
+    """How far the cameras look down from the horizon [deg], LOW HIGH: 0 looks at the horizon, 90 straight down."""
     roll_deg: Range = (-15.0, 15.0)
-    """tilt of the cameras about their optical axis [deg], positive is clockwise as seen from behind"""
+    """Tilt of the cameras about their optical axis [deg], LOW HIGH. Positive is clockwise as seen from behind."""
     yaw_deg: Range = (0.0, 360.0)
-    """direction they look in [deg], counter-clockwise from east"""
+    """Viewing direction of the cameras [deg], LOW HIGH, counter-clockwise from east: 90 looks north."""
 
     def __post_init__(self) -> None:
         limits = {"height": (0.2, 10.0), "pitch_deg": (-90.0, 90.0), "roll_deg": (-180.0, 180.0)}
@@ -34,11 +35,38 @@ class ViewConfig:
         check_ranges(self, limits)
 
 
-def draw_pose(scene: Scene, view: ViewConfig, rng: np.random.Generator) -> np.ndarray:
-    """(4, 4) left camera to world: somewhere in the middle of the scene, away from rocks.
+def pose_on_ground(
+    scene: Scene, x: float, y: float, yaw: float, pitch: float, roll: float = 0.0, height: float = 1.2
+) -> np.ndarray:
+    """Return the pose of a left camera that stands above a point of the ground.
 
-    Outline discs of rocks of more than 0.15 m height are 0.6 m and more from the point below the camera; see
-    beside_rocks. Raises ValueError if no such place is found.
+    Args:
+        scene: The scene.
+        x: East of the scene's middle [m].
+        y: North of the scene's middle [m].
+        yaw: Viewing direction [rad], counter-clockwise from east.
+        pitch: How far the camera looks down from the horizon [rad].
+        roll: Tilt about the optical axis [rad], clockwise as seen from behind the camera.
+        height: Height of the camera above the ground [m].
+
+    Returns:
+        (4, 4) camera to world.
+    """
+    ground = float(scene.terrain.height_at(np.array(x), np.array(y)))
+    return look_pose(np.array([x, y, ground + height]), yaw, pitch, roll)
+
+
+def draw_pose(scene: Scene, view: ViewConfig, rng: np.random.Generator) -> np.ndarray:
+    """Draw where a left camera stands: in the middle of the scene and away from rocks.
+
+    The point below the camera keeps 0.6 m of distance to the outline discs of rocks higher than 0.15 m; see
+    `beside_rocks`.
+
+    Returns:
+        (4, 4) camera to world.
+
+    Raises:
+        ValueError: No such place was found.
     """
     reach = STAND * scene.half
     for _ in range(TRIES):
@@ -50,17 +78,21 @@ def draw_pose(scene: Scene, view: ViewConfig, rng: np.random.Generator) -> np.nd
             f"scene {scene.config.preset}: in {TRIES} tries no place {GAP:g} m from every rock was found for the "
             f"camera; choose a smaller `rocks.k`"
         )
-    position = np.array([x, y, float(scene.terrain.height_at(x, y)) + rng.uniform(*view.height)])
-    yaw = np.deg2rad(rng.uniform(*view.yaw_deg))
+    height, yaw = rng.uniform(*view.height), np.deg2rad(rng.uniform(*view.yaw_deg))
     pitch, roll = np.deg2rad(rng.uniform(*view.pitch_deg)), np.deg2rad(rng.uniform(*view.roll_deg))
-    return look_pose(position, yaw, pitch, roll)
+    return pose_on_ground(scene, x, y, yaw, pitch, roll, height)
 
 
 def beside_rocks(scene: Scene, x: float, y: float) -> bool:
-    """No outline disc of a rock of more than LOW is nearer than GAP to this point. x, y: [m].
+    """Return whether the outline disc of every rock higher than LOW is at least GAP away from a point.
 
-    The disc is that of the rock's area seen from above, its diameter D. The rock itself reaches beyond it: 1.3 D / 2 at
-    the median, 1.9 D / 2 at most.
+    The disc has the rock's area seen from above, hence its diameter D. The rock itself reaches beyond the disc: 1.3 D/2
+    from its centre at the median, 1.9 D/2 at most.
+
+    Args:
+        scene: The scene.
+        x: East of the scene's middle [m].
+        y: North of the scene's middle [m].
     """
     tall = np.flatnonzero(scene.rocks.height > LOW)
     centre, radius = scene.rocks.centre[tall], scene.rocks.diameter[tall] / 2
