@@ -205,13 +205,13 @@ def test_bf16_is_near_fp32_and_trains(plane_samples, tmp_path) -> None:
 def test_a_run_says_what_it_wrote_and_how_to_go_on(plane_samples, tmp_path, capsys) -> None:
     config = config_for(tmp_path, max_steps=3, validate_every=1)
     scores = train(config, plane_samples, plane_samples)
-    said = capsys.readouterr()
-    etas = [float(eta) for eta in re.findall(r"ETA ([\d.]+) min", said.err)]
+    output = capsys.readouterr()
+    etas = [float(eta) for eta in re.findall(r"ETA ([\d.]+) min", output.err)]
     assert etas and etas[0] < 60  # two steps of a tiny network, not what a share of nothing would give
     weights = tmp_path / "weights.safetensors"
-    assert said.out.startswith(f"{weights}: averaged weights of step 3")
-    assert f"EPE {scores['epe']:.3f} px" in said.out
-    assert f"m3depth.evaluate --data planes --split test --weights {weights}" in said.out
+    assert output.out.startswith(f"{weights}: averaged weights of step 3")
+    assert f"EPE {scores['epe']:.3f} px" in output.out
+    assert f"m3depth.evaluate --data planes --split test --weights {weights}" in output.out
 
     before = (tmp_path / "checkpoint.pt").read_bytes()
     assert train(config, plane_samples, plane_samples) == {}
@@ -223,11 +223,11 @@ def test_a_run_says_what_it_wrote_and_how_to_go_on(plane_samples, tmp_path, caps
     assert "averaged weights of step 4" in capsys.readouterr().out
 
 
-def test_the_best_validation_is_told_if_it_was_not_the_last(tmp_path) -> None:
+def test_the_best_validation_is_reported_if_it_was_not_the_last(tmp_path) -> None:
     run = Run(config_for(tmp_path), torch.device("cpu"))
     records = [{"step": n, "epe": epe, "abs_rel": 0.01, "normal": 9.0} for n, epe in ((1, 0.5), (2, None), (3, 0.7))]
-    said = closing_words(run, records)
-    assert "EPE 0.700 px" in said and "best EPE 0.500 px at step 1" in said
+    output = closing_words(run, records)
+    assert "EPE 0.700 px" in output and "best EPE 0.500 px at step 1" in output
     assert "best EPE" not in closing_words(run, records[:1]) and "not validated" in closing_words(run, [])
 
 
@@ -244,8 +244,8 @@ def test_the_hint_scores_every_folder_as_it_was_read(tmp_path) -> None:
 
 def test_without_validation_pairs_the_run_says_so_and_goes_on(plane_samples, tmp_path, capsys) -> None:
     assert train(config_for(tmp_path, max_steps=1), plane_samples, []) == {}
-    said = capsys.readouterr()
-    assert "planes: split val holds no pairs, so nothing is validated" in said.err and "not validated" in said.out
+    output = capsys.readouterr()
+    assert "planes: split val holds no pairs, so nothing is validated" in output.err and "not validated" in output.out
 
 
 def no_number(output, target, config):
@@ -277,16 +277,16 @@ def test_a_resumed_run_says_which_settings_are_new(plane_samples, tmp_path, caps
     train(replace(config, max_steps=2), plane_samples, [])
     assert "goes on with other settings: --max-steps 2 (was 1)\n" in capsys.readouterr().err
     train(replace(config, max_steps=3, lr=1e-3, loss=LossConfig(rock=2.0)), plane_samples, [])
-    said = capsys.readouterr().err
-    assert "settings: --max-steps 3 (was 2), --lr 0.001 (was 0.005), --loss.rock 2.0 (was 4.0)\n" in said
+    output = capsys.readouterr().err
+    assert "settings: --max-steps 3 (was 2), --lr 0.001 (was 0.005), --loss.rock 2.0 (was 4.0)\n" in output
     run = Run(replace(config, weight_decay=0.5), torch.device("cpu"))
     assert run.resume() and "--weight-decay 0.5 (was 0.0001)" in run.changed
     assert [group["weight_decay"] for group in run.optimizer.param_groups] == [0.5]
     reader = DataConfig(resize=0.5)
     changed = replace(config, max_steps=4, lr=1e-3, loss=LossConfig(rock=2.0), accumulate=2, reader=reader)
     train(changed, plane_samples, [])
-    said = capsys.readouterr().err
-    assert "settings: --max-steps 4 (was 3), --accumulate 2 (was 1), --resize 0.5 (was 1.0)\n" in said
+    output = capsys.readouterr().err
+    assert "settings: --max-steps 4 (was 3), --accumulate 2 (was 1), --resize 0.5 (was 1.0)\n" in output
 
 
 def test_a_run_goes_on_from_its_own_beginning_alone(plane_samples, tmp_path, monkeypatch) -> None:
@@ -354,7 +354,7 @@ def test_crops_that_the_network_pads_train_too(plane_samples, tmp_path) -> None:
     assert [x.shape[-2:] for x in (*out.initial, *out.steps[-1])] == [(5, 9), (5, 9), (10, 18), (10, 18)]
 
 
-def test_a_network_of_ones_own_comes_from_a_file(plane_samples, tmp_path) -> None:
+def test_a_custom_network_comes_from_a_file(plane_samples, tmp_path) -> None:
     file = tmp_path / "net.json"
     file.write_text(json.dumps({**asdict(SMALL), "refine_steps": 0, "wavelet_levels": [0, 1]}))
     train(config_for(tmp_path / "run", network=file, max_steps=1, validate_every=0), plane_samples, [])
@@ -462,7 +462,7 @@ def test_a_dataset_takes_no_run(plane_samples, tmp_path) -> None:
         train(config_for(tmp_path / "run"), plane_samples, [])
 
 
-def test_a_folder_without_test_pairs_is_told_instead_of_a_command_that_fails(tmp_path, monkeypatch) -> None:
+def test_a_folder_without_test_pairs_is_reported_instead_of_a_command_that_fails(tmp_path, monkeypatch) -> None:
     pairs = {"one scene": 0, "ten": 2}
     monkeypatch.setattr("m3depth.training.loop.open_pairs", lambda path, split, config: [None] * pairs[path.name])
     config = replace(config_for(tmp_path), data=(Path("one scene"), Path("ten")))

@@ -29,8 +29,8 @@ def test_training_on_two_layouts_at_once_without_normals(kitti, plane_set, tmp_p
     run = tmp_path / "run"
     sizes = ["--max-steps", "2", "--batch", "2", "--crop", "32", "64", "--validate-samples", "4"]
     assert train.main(["--data", str(kitti), str(plane_set), "--out", str(run), "--device", "cpu", *sizes]) == 0
-    said = capsys.readouterr()
-    assert "8 samples" in said.err and "averaged weights of step 2" in said.out
+    output = capsys.readouterr()
+    assert "8 samples" in output.err and "averaged weights of step 2" in output.out
     records = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
     assert all(record["loss"] > 0 for record in records if record["kind"] == "train")
     run = tmp_path / "blind"

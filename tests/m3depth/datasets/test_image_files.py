@@ -42,7 +42,7 @@ def test_alpha_is_dropped_and_one_channel_stays_one(tmp_path):
     assert np.array_equal(left, image[..., 0])
 
 
-def test_what_is_no_pair_is_named(tmp_path):
+def test_images_that_are_not_a_pair_are_named(tmp_path):
     eight = write(tmp_path / "eight.png", np.zeros((20, 30), np.uint8))
     sixteen = write(tmp_path / "sixteen.png", np.zeros((20, 30), np.uint16))
     real = write(tmp_path / "real.tiff", np.zeros((20, 30), np.float32))
@@ -55,7 +55,7 @@ def test_what_is_no_pair_is_named(tmp_path):
 
 
 @pytest.mark.parametrize("ending", [".png", ".tiff"])
-def test_a_file_that_was_cut_off_is_told_by_us_alone(tmp_path, capfd, ending):
+def test_a_truncated_file_is_reported_without_messages_of_libraries(tmp_path, capfd, ending):
     path = write(tmp_path / f"cut{ending}", np.zeros((20, 30, 3), np.uint8))
     path.write_bytes(path.read_bytes()[:40])
     with pytest.raises(ValueError, match=rf"cut\{ending}: not a readable image"):
@@ -63,7 +63,7 @@ def test_a_file_that_was_cut_off_is_told_by_us_alone(tmp_path, capfd, ending):
     assert capfd.readouterr().err == ""
 
 
-def test_a_png_of_a_wrong_checksum_is_told_by_us_alone(tmp_path, capfd):
+def test_a_png_with_a_wrong_checksum_is_reported_without_messages_of_libraries(tmp_path, capfd):
     path = write(tmp_path / "bent.png", np.full((20, 30, 3), 7, np.uint8))
     data = bytearray(path.read_bytes())
     data[-20] ^= 1

@@ -194,7 +194,7 @@ def test_oaisys_with_its_own_config(tmp_path) -> None:
         ({"outputBaseName": "second"}, "cannot tell the right sensor; name it by --right"),
     ],
 )
-def test_oaisys_sensors_that_are_no_pair_are_named(tmp_path, change, message) -> None:
+def test_oaisys_sensors_that_are_not_a_pair_are_named(tmp_path, change, message) -> None:
     path = oaisys_tree(tmp_path)
     config = json.loads(path.read_text())
     config["SENSOR_SETUP"]["SENSORS"][1]["sensorParams"] |= change
@@ -287,7 +287,7 @@ def test_reduced_pairs_keep_their_depth(tmp_path) -> None:
     np.testing.assert_allclose(sample.disparity * sample.depth, 25, rtol=1e-5)
 
 
-def test_a_folder_that_is_nothing_says_what_may_be_given(tmp_path) -> None:
+def test_an_unknown_folder_says_which_flags_to_give(tmp_path) -> None:
     with pytest.raises(DatasetError, match=r"holds no dataset of marssim, KITTI.*--left"):
         open_pairs(tmp_path, "train")
     with pytest.raises(DatasetError, match="none: no such folder"):
@@ -306,14 +306,14 @@ def test_a_part_of_a_tree_names_the_whole(tmp_path) -> None:
         open_pairs(tmp_path / "other", "all")
 
 
-def test_disparities_of_8_bits_are_refused_unless_their_unit_is_told(tmp_path) -> None:
+def test_disparities_of_8_bits_are_refused_unless_their_unit_is_given(tmp_path) -> None:
     """KITTI's are of 16 bits, 256 for 1 px: a picture of 8 bits would be read as less than 1 px everywhere."""
     patterns(tmp_path, ".png", np.round(ramp() * 4).astype(np.uint8))
     put(tmp_path / "calib.txt", MIDDLEBURY_CALIB.format(right=19.5, doffs=0))
-    told = {"left": "a/*_left.jpg", "right": "a/*_right.jpg", "disparity": "a/*_map.png"}
+    flags = {"left": "a/*_left.jpg", "right": "a/*_right.jpg", "disparity": "a/*_map.png"}
     with pytest.raises(DatasetError, match=r"0_map\.png: has 8 bits; a PNG of disparity has 16 bits, 256 for 1 px"):
-        open_pairs(tmp_path, "all", DataConfig(**told))[0]
-    np.testing.assert_allclose(open_pairs(tmp_path, "all", DataConfig(**told, unit=4))[0].disparity, ramp(), atol=0.13)
+        open_pairs(tmp_path, "all", DataConfig(**flags))[0]
+    np.testing.assert_allclose(open_pairs(tmp_path, "all", DataConfig(**flags, unit=4))[0].disparity, ramp(), atol=0.13)
 
 
 @pytest.mark.parametrize(
@@ -401,7 +401,7 @@ def test_an_unsorted_list_is_split_by_its_pairs(tmp_path) -> None:
     assert [len(open_pairs(tmp_path / "mine.txt", part, config)) for part in SPLITS] == [14, 4, 2]
 
 
-def test_a_list_that_is_no_text_is_named(tmp_path) -> None:
+def test_a_list_that_is_not_text_is_named(tmp_path) -> None:
     (tmp_path / "mine.txt").write_bytes(b"\x89PNG\r\n")
     with pytest.raises(DatasetError, match=r"mine\.txt: is not a text file"):
         open_pairs(tmp_path / "mine.txt", "all", DataConfig(focal=50, baseline=0.27))

@@ -44,7 +44,7 @@ def test_a_new_correction_corrects_nothing_and_learns() -> None:
     assert fine.last.weight.grad is not None and fine.last.weight.grad.abs().max() > 0
 
 
-def test_weights_without_it_keep_meaning_what_they_meant() -> None:
+def test_weights_without_the_fine_part_load_without_it() -> None:
     """JSON that was written before the part existed is of a network without it."""
     config = M3DepthConfig()
     old = {"hidden": 32}

@@ -68,7 +68,7 @@ def test_normals_between_two_that_are_seen_edge_on_face_the_camera(model: M3Dept
 
 
 @pytest.mark.parametrize("reduced", [False, True])
-def test_what_is_no_number_is_unknown_not_sky(model: M3Depth, monkeypatch, reduced: bool) -> None:
+def test_nan_is_unknown_and_not_sky(model: M3Depth, monkeypatch, reduced: bool) -> None:
     plain = model.forward
 
     def overflowing(*inputs: torch.Tensor) -> StereoOutput:
@@ -92,7 +92,7 @@ def test_what_is_no_number_is_unknown_not_sky(model: M3Depth, monkeypatch, reduc
 
 
 @pytest.mark.parametrize("nearest", [0.0, -1.0, float("nan"), float("inf")])
-def test_nearest_that_is_no_distance_is_refused(model: M3Depth, nearest: float) -> None:
+def test_a_nearest_depth_that_is_not_positive_is_refused(model: M3Depth, nearest: float) -> None:
     image = np.zeros((32, 64), np.uint8)
     with pytest.raises(ValueError, match="nearest must be positive"):
         model.infer(image, image, rig_of(32, 64), nearest=nearest)
@@ -207,12 +207,12 @@ class Door:
 
 
 @pytest.mark.parametrize("number", [torch.nan, torch.inf])
-def test_weights_that_are_no_numbers_are_refused(model: M3Depth, tmp_path: Path, number: float) -> None:
+def test_weights_of_nan_or_infinity_are_refused(model: M3Depth, tmp_path: Path, number: float) -> None:
     path = tmp_path / "net.safetensors"
-    spoilt = model.state_dict()
-    name = next(reversed(spoilt))
-    spoilt[name] = torch.full_like(spoilt[name], number)
-    save_weights(path, asdict(model.config), spoilt)
+    damaged = model.state_dict()
+    name = next(reversed(damaged))
+    damaged[name] = torch.full_like(damaged[name], number)
+    save_weights(path, asdict(model.config), damaged)
     with pytest.raises(
         ValueError, match=rf"net\.safetensors: 1 tensor of NaN or infinity, the first is '{name}'[^\n]*$"
     ):
@@ -230,7 +230,7 @@ def test_the_config_is_that_inside_the_file(model: M3Depth, tmp_path: Path) -> N
 
 @pytest.mark.parametrize("kind", ["pickle", "torch", "zip of torch"])
 def test_a_malicious_file_is_refused_without_executing_anything(tmp_path: Path, kind: str) -> None:
-    """A pickle that opens a door when it is loaded, under the name of weights or beside them."""
+    """A pickle that runs code when it is loaded, named as weights or beside them."""
     opened, path = tmp_path / "opened", tmp_path / "net.safetensors"
     if kind == "pickle":
         path.write_bytes(pickle.dumps(Door(opened)))
@@ -243,7 +243,7 @@ def test_a_malicious_file_is_refused_without_executing_anything(tmp_path: Path, 
     assert opened.exists(), "the door does open where pickles are loaded"
 
 
-def test_a_header_that_lies_is_refused(model: M3Depth, tmp_path: Path) -> None:
+def test_a_header_with_wrong_lengths_is_refused(model: M3Depth, tmp_path: Path) -> None:
     """Lengths and offsets that point outside the file, and a header that claims to be huge."""
     path = tmp_path / "net.safetensors"
     model.save_pretrained(path)
@@ -271,7 +271,7 @@ def test_numbers_of_another_kind_are_refused(model: M3Depth, tmp_path: Path, kin
         M3Depth.from_pretrained(path)
 
 
-def test_json_that_is_nested_to_break_its_reader_is_refused(tmp_path: Path) -> None:
+def test_json_nested_too_deeply_is_refused(tmp_path: Path) -> None:
     from safetensors.torch import save_file
 
     path, deep = tmp_path / "net.safetensors", "[" * 200_000

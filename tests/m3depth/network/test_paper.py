@@ -87,7 +87,7 @@ def test_the_cost_volume_compares_256_channels_in_64_groups(seen) -> None:
     _, into, out = seen
     assert tuple(out["backbone.eighth.1"]) == (2, 256, 64, 64)  # left and right features
     assert tuple(into["aggregation.first.0"][1:]) == (64, D, 64, 64)  # Unfold & Compare
-    assert "match" not in out  # nothing stands between the features and their comparison
+    assert "match" not in out  # the features are compared as they are
 
 
 @pytest.mark.parametrize("name", TABLE_2)

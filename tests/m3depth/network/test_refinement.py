@@ -49,7 +49,7 @@ def test_upsampling_stays_within_the_neighbourhood() -> None:
     assert (cells >= lowest[:, :, None, None] - 1e-5).all()
 
 
-def test_a_disparity_that_is_no_number_stays_one() -> None:
+def test_a_nan_disparity_stays_nan() -> None:
     """It must not become a place outside the scores: training stops at a loss of NaN, infer says unknown."""
     left, right = torch.ones(2, 1, 4, 2, 8)
     disparity = torch.ones(1, 1, 2, 8)
@@ -105,7 +105,7 @@ def test_a_step_adds_what_its_heads_say(paper: bool) -> None:
 
 
 def test_every_grid_has_the_camera_of_its_own_pixels() -> None:
-    """The steps stand at a quarter; pixel 0 of it lies at 1.5 of the image."""
+    """The steps work at a quarter of the size; pixel 0 of that grid lies at 1.5 of the image."""
     torch.manual_seed(0)
     model = M3Depth(replace(SMALL, fine_width=8)).eval()
     seen = {}

@@ -154,7 +154,7 @@ def test_gaps_do_not_bend_the_planes(holes):
         assert angle_between(fitted[~known], view).max(initial=0) < 0.01
 
 
-def test_what_lies_on_one_line_fixes_no_plane():
+def test_pixels_on_one_line_determine_no_plane():
     disparity = np.full((96, 160), np.nan, np.float32)
     disparity[40] = 20.0
     disparity[60:62] = 20.0  # two rows do

@@ -1,4 +1,4 @@
-"""What a run tells stays as exact as it was measured, and a resumed run goes on after its checkpoint."""
+"""The log keeps the precision of its numbers, and a resumed run continues it after its checkpoint."""
 
 import json
 

@@ -41,13 +41,13 @@ def apart_folders(plane_set, tmp_path) -> None:
         "--init", str(tmp_path / "init.safetensors"), "--max-steps", "3", *SETTINGS,
     )  # fmt: skip
     assert done.returncode != 0
-    told = "error: --out two: the processes stand at steps 0 to 2; it must be a folder that all machines share"
-    assert done.stderr.count(told) >= 1, done.stderr[-3000:]  # torchrun may end the other before it speaks
+    message = "error: --out two: the processes stand at steps 0 to 2; it must be a folder that all machines share"
+    assert done.stderr.count(message) >= 1, done.stderr[-3000:]  # torchrun may end the other process before it prints
     assert not (tmp_path / "elsewhere" / "two").exists()
 
 
 def torchrun(*arguments: str) -> subprocess.CompletedProcess[str]:
-    """Two processes, and what they said."""
+    """Run two processes and return their output."""
     command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", *arguments]
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=ENDS, check=False)
