@@ -1,9 +1,9 @@
-"""Write M3Depth as ONNX, for runtimes other than PyTorch.
+"""Write M3Depth as an ONNX file, for runtimes other than PyTorch.
 
     python -m m3depth.export --out m3depth.onnx
     python -m m3depth.export --weights RUN/weights.safetensors --out mine.onnx
 
-Batch, height and width of the file are free; images of any size are padded inside it. Inputs, all float32:
+Batch, height and width are free: the network in the file pads images of any size. Inputs, all float32:
 
     left, right   (batch, 3, height, width), rectified, RGB, 0 to 1
     camera        (batch, 4), fx, fy, cx, cy [px]; pixel centres are integers
@@ -13,11 +13,12 @@ Outputs, float32, at the images' size:
     disparity     (batch, 1, height, width) [px]; depth = fx * baseline / disparity
     normal        (batch, 3, height, width), unit, camera frame (x right, y down, z forward), facing the camera
     confidence    (batch, 1, height, width), probability of an error within 1 px
-    sky           (batch, 1, height, width), probability of sky or beyond measure; depth means nothing where it is large
+    sky           (batch, 1, height, width), probability of sky, or of a depth that cannot be measured; depth means
+                  nothing where it is large
 
 Disparities of more than 192 px (for the usual 24 hypotheses) are out of reach: reduce such images first, as `infer`
-does. Needs the extra `export` (onnx, onnxruntime). The file is compared with PyTorch in onnxruntime, on the CPU, at two
-sizes and two batches, before it appears under its name.
+does. The command needs the extra `export` (onnx, onnxruntime). It compares the file with PyTorch in onnxruntime, on the
+CPU, at two sizes and two batches, before it writes it.
 """
 
 from __future__ import annotations
@@ -40,22 +41,23 @@ from marssim.base.files.atomic import write_atomically
 if TYPE_CHECKING:
     from m3depth.network.model import M3Depth
 
+# Names of the file's inputs and outputs, in order.
 INPUTS = ("left", "right", "camera")
 OUTPUTS = ("disparity", "normal", "confidence", "sky")
-OPSETS = (17, 20)  # 17: what the runtimes of the last years read; 20: the last that PyTorch's tracing exporter knows
-PARITY = 1e-2  # mean difference from PyTorch's, of disparity [px] or of another output, over which a file is refused
+OPSETS = (17, 20)  # 17: read by the runtimes of the last years; 20: the last that PyTorch's tracing exporter knows
+PARITY = 1e-2  # largest allowed mean difference from PyTorch, of disparity [px] or of another output
 
 
 @dataclass(frozen=True)
 class ExportOptions:
-    """Write M3Depth as ONNX."""
+    """Write M3Depth as an ONNX file."""
 
     out: Path
-    """File to write, .onnx."""
+    """ONNX file to write; its name must end in .onnx."""
     weights: Path | None = None
-    """A .safetensors file written by m3depth.train; default: the weights that come with the package."""
+    """Weights file (.safetensors) that m3depth.train wrote. Without it, the shipped weights are exported."""
     opset: int = OPSETS[0]
-    """ONNX operator set, 17 to 20."""
+    """Version of the ONNX operator set, 17 to 20."""
 
     def __post_init__(self) -> None:
         if self.out.suffix != ".onnx":
@@ -67,9 +69,14 @@ class ExportOptions:
 
 
 def to_onnx(model: M3Depth, opset: int = OPSETS[0]) -> bytes:
-    """The network as a serialised ONNX model; inputs and outputs as this module's docstring lists them.
+    """Return the network as a serialised ONNX model; this module's docstring lists inputs and outputs.
 
-    Raises ImportError that names the extra if onnx is not installed.
+    Args:
+        model: The network.
+        opset: Version of the ONNX operator set.
+
+    Raises:
+        ImportError: onnx is not installed; the message names the extra.
     """
     require("onnx")
     import io
@@ -78,7 +85,7 @@ def to_onnx(model: M3Depth, opset: int = OPSETS[0]) -> bytes:
     import torch
 
     class Plain(torch.nn.Module):
-        """Tensors in, tensors out; logits become probabilities."""
+        """The network with tensors as outputs; logits become probabilities."""
 
         def __init__(self) -> None:
             super().__init__()
@@ -89,7 +96,7 @@ def to_onnx(model: M3Depth, opset: int = OPSETS[0]) -> bytes:
             return out.disparity, out.normal, out.confidence.sigmoid(), out.sky.sigmoid()
 
     free = {name: {0: "batch", 2: "height", 3: "width"} for name in (*INPUTS[:2], *OUTPUTS)}
-    # A size that is no multiple of what the network works on: the padding becomes part of what is exported.
+    # A size that is no multiple of the network's, so that the padding becomes part of the exported graph.
     size = 2 * model.config.size_multiple - 6
     example = (*torch.rand(2, 2, 3, size, size + 4), torch.tensor([[100.0, 100, size / 2, size / 2]] * 2))
     # PyTorch 2.13's newer exporter (dynamo) needs onnxscript, whose optimiser (0.7.2) fails on chunks of a free batch;
@@ -99,14 +106,14 @@ def to_onnx(model: M3Depth, opset: int = OPSETS[0]) -> bytes:
     was_training = model.training
     buffer = io.BytesIO()
     with warnings.catch_warnings(), torch.no_grad():
-        warnings.simplefilter("ignore")  # of what is constant while tracing, and of the older exporter
+        warnings.simplefilter("ignore")  # about constants while tracing, and about the older exporter
         exporter(
             Plain().eval(), example, buffer, input_names=list(INPUTS), output_names=list(OUTPUTS),
             dynamic_axes={**free, "camera": {0: "batch"}}, opset_version=opset, **tracing,
         )  # fmt: skip
     model.train(was_training)
     exported = onnx.load_model_from_string(buffer.getvalue())
-    for value in exported.graph.output:  # tracing names what it does not know after the operator that it met
+    for value in exported.graph.output:  # tracing names unknown sizes after operators
         for place, side in ((1, 3 if value.name == "normal" else 1), (2, "height"), (3, "width")):
             dim = value.type.tensor_type.shape.dim[place]
             dim.Clear()
@@ -118,10 +125,19 @@ def to_onnx(model: M3Depth, opset: int = OPSETS[0]) -> bytes:
 
 
 def parity(model: M3Depth, exported: bytes, sizes: Sequence[tuple[int, int, int]]) -> dict[str, float]:
-    """Largest and mean difference of the exported network's outputs from PyTorch's, in onnxruntime on the CPU.
+    """Compare the exported network in onnxruntime, on the CPU, with PyTorch's.
 
-    sizes: batch, height, width of the textured pairs that both are given. Returns mean and largest difference of
-    disparity [px], and of the other outputs, whichever is worst. Raises ImportError that names the extra.
+    Args:
+        model: The network.
+        exported: The ONNX model, from to_onnx.
+        sizes: Batch, height and width of the textured pairs that both are given.
+
+    Returns:
+        Mean and largest difference of disparity [px] ("mean_px", "largest_px"), and of the worst other output
+        ("mean_other", "largest_other").
+
+    Raises:
+        ImportError: onnxruntime is not installed; the message names the extra.
     """
     require("onnxruntime")
     import onnxruntime
@@ -134,14 +150,14 @@ def parity(model: M3Depth, exported: bytes, sizes: Sequence[tuple[int, int, int]
     for batch, height, width in sizes:
         left, right = textured_pair(batch, height, width)
         camera = np.array([[width, width, (width - 1) / 2, (height - 1) / 2]] * batch, np.float32)
-        got = session.run(list(OUTPUTS), {"left": left, "right": right, "camera": camera})
+        actual = session.run(list(OUTPUTS), {"left": left, "right": right, "camera": camera})
         device = next(model.parameters()).device
         was_training = model.training
         with torch.inference_mode():
             out = model.eval()(*(torch.from_numpy(x).to(device) for x in (left, right, camera)))
         model.train(was_training)
         expected = (out.disparity, out.normal, out.confidence.sigmoid(), out.sky.sigmoid())
-        difference = [np.abs(a - b.float().cpu().numpy()) for a, b in zip(got, expected)]
+        difference = [np.abs(a - b.float().cpu().numpy()) for a, b in zip(actual, expected)]
         means.append(float(difference[0].mean()))
         largest.append(float(difference[0].max()))
         other_means.append(max(float(d.mean()) for d in difference[1:]))
@@ -153,7 +169,7 @@ def parity(model: M3Depth, exported: bytes, sizes: Sequence[tuple[int, int, int]
 
 
 def textured_pair(batch: int, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
-    """Blurred noise seen by two eyes, with a disparity that grows downwards. Two (B, 3, H, W) float32 in [0, 1]."""
+    """Return a pair of blurred noise whose disparity grows downwards, two (B, 3, H, W) float32 in [0, 1]."""
     import cv2
 
     rng = np.random.default_rng(height * width)
@@ -169,16 +185,25 @@ def textured_pair(batch: int, height: int, width: int) -> tuple[np.ndarray, np.n
 
 
 def require(package: str) -> None:
-    """Raise ImportError that says how to install a missing package."""
+    """Raise ImportError, which says how to install it, if a package is missing."""
     if find_spec(package) is None:
         raise ImportError(f"{package} is not installed; pip install 'mars-m3depth[export]'")
 
 
 def export(options: ExportOptions) -> dict[str, Any]:
-    """Export, compare with PyTorch, and only then write the file. Returns what `parity` found.
+    """Export, compare with PyTorch, and only then write the file.
 
-    Raises ValueError or FileNotFoundError that names the file, ImportError that names the extra, RuntimeError if the
-    exported network says something else than PyTorch's.
+    Args:
+        options: The command's flags.
+
+    Returns:
+        The differences that `parity` measured, and the size of the file ("bytes").
+
+    Raises:
+        ValueError: The weights cannot be used; the message names the file.
+        FileNotFoundError: There are no such weights.
+        ImportError: A package is missing; the message names the extra.
+        RuntimeError: The exported network's outputs differ from PyTorch's.
     """
     for package in ("onnx", "onnxruntime"):
         require(package)
@@ -186,28 +211,28 @@ def export(options: ExportOptions) -> dict[str, Any]:
 
     model = M3Depth.from_pretrained(options.weights)
     exported = to_onnx(model, options.opset)
-    found = parity(model, exported, ((1, 96, 160), (2, 131, 203)))
-    if not max(found["mean_px"], found["mean_other"]) < PARITY:
+    differences = parity(model, exported, ((1, 96, 160), (2, 131, 203)))
+    if not max(differences["mean_px"], differences["mean_other"]) < PARITY:
         raise RuntimeError(
-            f"onnxruntime disagrees with PyTorch by {found['mean_px']:.3g} px in the mean, by "
-            f"{found['mean_other']:.3g} in normals, confidence or sky"
+            f"onnxruntime disagrees with PyTorch by {differences['mean_px']:.3g} px in the mean, by "
+            f"{differences['mean_other']:.3g} in normals, confidence or sky"
         )
     options.out.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(options.out, exported)
-    return {**found, "bytes": len(exported)}
+    return {**differences, "bytes": len(exported)}
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """The command. Returns the exit code: 2 for a mistake in what was asked for."""
+    """Run the command, and return its exit code: 2 for a mistake of the user."""
     return run_command(_work, ExportOptions, "python -m m3depth.export", __doc__, args, "nothing was written")
 
 
 def _work(options: ExportOptions) -> None:
-    found = export(options)
+    result = export(options)
     print(
-        f"{options.out}: {found['bytes'] / 1e6:.1f} MB, opset {options.opset}; onnxruntime differs from PyTorch by "
-        f"{found['mean_px']:.2g} px in the mean, {found['largest_px']:.2g} px at most, "
-        f"by {found['largest_other']:.2g} at most in normals, confidence and sky"
+        f"{options.out}: {result['bytes'] / 1e6:.1f} MB, opset {options.opset}; onnxruntime differs from PyTorch by "
+        f"{result['mean_px']:.2g} px in the mean, {result['largest_px']:.2g} px at most, "
+        f"by {result['largest_other']:.2g} at most in normals, confidence and sky"
     )
 
 
