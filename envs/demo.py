@@ -27,7 +27,7 @@ from envs.drives.step_lines import StepLines
 from envs.mars_nav import MarsNavEnv
 from envs.world.course import CourseConfig
 from envs.world.referee import GOAL_RADIUS
-from envs.world.vehicle import chosen_dynamics
+from envs.world.vehicle import known_dynamics
 from m3depth.estimator import Estimator, load_estimator
 from m3depth.evaluate import Evaluation, evaluate
 from m3depth.evaluation.report import text_table
@@ -39,11 +39,16 @@ from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError
 from marssim.base.results.lock import LOCK, sole_writer
 from marssim.base.results.out_folder import check_out
+from marssim.engines.bullet import pybullet_is_installed
 from marssim.generate import GenerateConfig, generate
+from marssim.render.renderers.by_name import default_renderer
 from marssim.scene.place_file import PLACE_VALUES, load_place
 from marssim.scene.scene import PRESETS
 
 MARK = "MADE_BY_DEMO.txt"
+WITHOUT_PYBULLET = (
+    "note: PyBullet is not installed here, so the renderer scan makes the images, and the drive is kinematic"
+)
 SEED = 20_000  # seed of the data; none of the shipped weights' training data has it
 
 
@@ -88,8 +93,11 @@ def demo(config: DemoConfig) -> Path:
 def _demo(config: DemoConfig, network: Estimator, sgbm: Estimator, started: float) -> Path:
     data = _claim(config.out)
     asked = GenerateConfig(
-        out=data, pairs=config.pairs, seed=SEED, workers=config.workers, scenes=(load_place(config.scene),)
-    )
+        out=data, pairs=config.pairs, seed=SEED, workers=config.workers, scenes=(load_place(config.scene),),
+        renderer=default_renderer(),
+    )  # fmt: skip
+    if not pybullet_is_installed():
+        print(WITHOUT_PYBULLET, file=sys.stderr, flush=True)
     print(f"1. {counted(config.pairs, 'stereo pair')} of {config.scene}, rendered by {asked.renderer}")
     dataset = generate(asked)
     shutil.copy(data / "contact_sheet.png", config.out / "contact_sheet.png")
@@ -101,8 +109,7 @@ def _demo(config: DemoConfig, network: Estimator, sgbm: Estimator, started: floa
     print(table)
 
     print(f"3. a drive of {config.goal_distance:g} m with M3Depth as the rover's eyes")
-    dynamics = chosen_dynamics(None)
-    env = MarsNavEnv(network, dynamics, "embree", config.scene, config.goal_distance, mast=True)
+    env = MarsNavEnv(network, known_dynamics(None), "embree", config.scene, config.goal_distance, mast=True)
     try:
         title = f"navigator, m3depth: {Path(config.scene).stem}, {config.goal_distance:g} m"
         with Film(config.out / "drive.mp4", title) as film:
@@ -118,7 +125,8 @@ def _demo(config: DemoConfig, network: Estimator, sgbm: Estimator, started: floa
     still = film.stills[len(film.stills) // 2]
     write_atomically(config.out / "drive.png", cv2.imencode(".png", still[..., ::-1])[1].tobytes())
     summary = config.out / "summary.md"
-    write_atomically(summary, _summary(config, dataset, result, table, record, perf_counter() - started).encode())
+    seconds = perf_counter() - started
+    write_atomically(summary, _summary(config, asked.renderer, dataset, result, table, record, seconds).encode())
     return summary
 
 
@@ -138,16 +146,22 @@ def _claim(out: Path) -> Path:
 
 
 def _summary(
-    config: DemoConfig, dataset: StereoDataset, result: Evaluation, table: str, record: EpisodeRecord, seconds: float
+    config: DemoConfig,
+    renderer: str,
+    dataset: StereoDataset,
+    result: Evaluation,
+    table: str,
+    record: EpisodeRecord,
+    seconds: float,
 ) -> str:
     arrived = "reached its goal" if record.outcome == "goal" else f"did not reach its goal ({record.outcome})"
     return f"""# Demo: {config.scene}
 
-**Data.** {counted(len(dataset), "stereo pair")}, seed {SEED}, rendered with PyBullet; digest `{dataset.digest[:16]}`.
+**Data.** {counted(len(dataset), "stereo pair")}, seed {SEED}, rendered by {renderer}; digest `{dataset.digest[:16]}`.
 
 ![contact sheet](contact_sheet.png)
 
-**Depth.** The shipped weights and filled SGBM on the same pairs, none of which was trained on.
+**Depth.** The shipped weights and filled SGBM on the same pairs; no weights were trained on them.
 
 ```
 {table}
@@ -155,10 +169,11 @@ def _summary(
 
 ![comparison](comparison.png)
 
-**Drive.** The rover {arrived}: {record.path_length:.1f} m driven; the shortest way is {record.shortest:.1f} m, to the
-goal itself, of which the last {GOAL_RADIUS:g} m need not be driven.
-{record.steps} steps of {record.step_seconds:.2f} s, of which perception {record.perception_seconds:.2f} s; nearest
-obstacle {record.min_clearance:.2f} m from its footprint, tilt at most {record.max_tilt_deg:.0f} deg.
+**Drive.** The rover {arrived} and drove {record.path_length:.1f} m. The shortest way to the goal is
+{record.shortest:.1f} m; a drive ends {GOAL_RADIUS:g} m before the goal.
+It took {record.steps} steps of {record.step_seconds:.2f} s, of which perception took {record.perception_seconds:.2f} s.
+The nearest obstacle was {record.min_clearance:.2f} m from the footprint; the tilt was at most
+{record.max_tilt_deg:.0f} deg.
 Video: `drive.mp4`.
 
 ![drive](drive.png)

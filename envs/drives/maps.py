@@ -84,7 +84,7 @@ def _page(path: Path, cell: str, courses: Sequence[Sequence[EpisodeRecord]], gro
 def _legend(courses: Sequence[Sequence[EpisodeRecord]], groups: Sequence[tuple[str, str]]) -> list[Line2D]:
     records = [record for drives in courses for record in drives]
     outcomes = sorted({record.outcome for record in records})
-    out = [Line2D([], [], color=OUTCOME_COLOURS.get(o, "#333333"), label=o) for o in outcomes]
+    out = [Line2D([], [], color=OUTCOME_COLOURS.get(o, "#333333"), label=f"outcome: {o}") for o in outcomes]
     out += [
         Line2D([], [], color="k", ls=LINES[n % len(LINES)], label=", ".join(group)) for n, group in enumerate(groups)
     ]

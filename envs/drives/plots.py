@@ -42,19 +42,26 @@ def plot_success(path: Path, results: Sequence[dict[str, Any]], test_set: Mappin
             _bars(by_error, [r["abs_rel"] for r in known], points, colour, label, line=False)
             if known and test_set and group[1] in test_set:
                 by_error.axvline(test_set[group[1]], color=colour, ls=":", label=f"{group[1]}, test set")
-    by_k.set(xlabel="rock abundance k")
+    by_k.set(xlabel="rock abundance k", title="by rock abundance, slopes pooled")
     driven = sorted({r["cell"]["k"] for r in results}, key=lambda k: k or 0.0)
     by_k.set_xticks([k or 0.0 for k in driven], ["the preset's" if k is None else f"{k:g}" for k in driven])
     by_k.set_xlim((driven[0] or 0.0) - 0.01, (driven[-1] or 0.0) + 0.01)
     by_k.set(ylabel="success [%]", ylim=(-4, 104))
     by_k.grid(alpha=0.3)
     for by_error in others:
-        by_error.set(xlabel="Abs Rel of the depth on the way, up to 15 m")
+        by_error.set(
+            xlabel="Abs Rel of the depth on the way, up to 15 m", title="by depth error, a point for each cell"
+        )
         by_error.locator_params(axis="x", nbins=6)
         by_error.grid(alpha=0.3)
     named = [axes.get_legend_handles_labels() for axes in (*others, by_k)]  # by_k last: its handles, with a line, win
     handles = {label: handle for pair in named for handle, label in zip(*pair)}
-    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=2 if erring else 1, fontsize=8)
+    for axes in (by_k, *others):
+        axes.title.set_fontsize(9)
+    figure.legend(
+        handles.values(), handles.keys(), loc="outside lower center", ncols=2 if erring else 1, fontsize=8,
+        title="driver, perception; bars are 95 % intervals", title_fontsize=8,
+    )  # fmt: skip
     save(figure, path)
 
 

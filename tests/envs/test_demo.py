@@ -1,9 +1,11 @@
 import shutil
+import sys
 
 import pytest
 
 from envs.demo import DemoConfig, demo, main
 from marssim.base.results.lock import sole_writer
+from marssim.scene.scene import preset
 
 
 class Unused:
@@ -93,3 +95,35 @@ def test_a_wrong_number_is_told_before_anything_is_deleted(tmp_path, capsys):
     assert main(["--out", str(tmp_path), "--goal-distance", "2"]) == 2
     assert capsys.readouterr().err == "error: --goal-distance must lie in [3, 100] m, got 2.0\n"
     assert kept.is_file()
+
+
+def test_without_pybullet_it_renders_by_scan_and_says_so_once(tmp_path, capsys, monkeypatch):
+    configs = []
+
+    def stop(config):
+        configs.append(config)
+        raise Reached
+
+    monkeypatch.setattr("envs.demo.generate", stop)
+    monkeypatch.setitem(sys.modules, "pybullet", None)  # as if it were not installed
+    with pytest.raises(Reached):
+        demo(DemoConfig(out=tmp_path))
+    assert configs[0].renderer == "scan"
+    assert capsys.readouterr().err.count("PyBullet is not installed here") == 1
+
+
+def test_its_place_is_utopia_or_one_from_a_file(tmp_path, capsys, monkeypatch):
+    configs = []
+
+    def stop(config):
+        configs.append(config)
+        raise Reached
+
+    monkeypatch.setattr("envs.demo.generate", stop)
+    (tmp_path / "my_place.json").write_text('{"preset": "gale", "horizon": 40}')
+    for out, scene in (("a", {}), ("b", {"scene": str(tmp_path / "my_place.json")})):
+        with pytest.raises(Reached):
+            demo(DemoConfig(out=tmp_path / out, **scene))
+    assert [config.scenes[0] for config in configs] == [preset("utopia"), preset("gale", horizon=40.0)]
+    assert main(["--out", str(tmp_path / "c"), "--scene", "galle"]) == 2
+    assert "did you mean gale?" in capsys.readouterr().err and not (tmp_path / "c").exists()

@@ -303,3 +303,24 @@ def test_two_at_once_in_one_folder_and_a_folder_of_other_results_are_refused(tmp
     error = capsys.readouterr().err
     assert f"--out {other}" in error and len(error.strip().splitlines()) == 1
     assert (other / "results.md").read_text() == "of envs.rocks" and not (other / "episodes").exists()
+
+
+WITHOUT_PYBULLET = """
+import sys
+sys.modules["pybullet"] = None  # as if it were not installed
+from envs.evaluate import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_without_pybullet_it_drives_by_kinematic_dynamics_and_says_so(tmp_path):
+    flags = ["--driver", "straight", "--perception", "ground_truth", "--goal-distance", "4", "--k", "0.01"]
+    command = [sys.executable, "-c", WITHOUT_PYBULLET, *flags, "--no-videos", "--episodes", "1", "--out"]
+    driven = subprocess.run([*command, str(tmp_path / "a")], capture_output=True, text=True)
+    assert driven.returncode == 0, driven.stderr
+    assert driven.stderr.count("note: PyBullet is not installed here, so the dynamics are kinematic") == 1
+    assert json.loads((tmp_path / "a" / SETTINGS).read_text())["dynamics"] == "kinematic"
+    refused = subprocess.run([*command, str(tmp_path / "b"), "--dynamics", "physics"], capture_output=True, text=True)
+    assert refused.returncode == 2 and not (tmp_path / "b").exists()
+    expected = "error: --dynamics physics needs PyBullet, which is not installed; choose kinematic instead\n"
+    assert refused.stderr == expected
