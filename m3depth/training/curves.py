@@ -44,28 +44,17 @@ def save_curves(out: Path) -> Path | None:
     count = len(panels) + (len(steps) > 0)
     if not count:
         return None
-    columns = min(count, 2)
-    figure, axes = panels_in_grid(count, columns, -(-count // columns))
+    columns, rows = min(count, 2), -(-count // 2)
+    figure = Figure(figsize=(PANEL[0] * columns, PANEL[1] * rows), dpi=110, layout="constrained")
+    axes = list(figure.subplots(rows, columns, squeeze=False).flat)
+    for unused in axes[count:]:
+        unused.remove()
     if len(steps):
         draw_loss(axes.pop(0), steps, loss)
     for ax, (key, label) in zip(axes, panels):
         draw_validation(ax, series(averaged, key), series(current, key), label)
     save(figure, out / CURVES)
     return out / CURVES
-
-
-def panels_in_grid(count: int, columns: int, rows: int) -> tuple[Figure, list[Axes]]:
-    """Return a figure with `count` panels; margins are fixed, as matplotlib takes twice as long to compute them."""
-    wide, high = PANEL
-    figure = Figure(figsize=(wide * columns, high * rows), dpi=110)
-    axes = list(figure.subplots(rows, columns, squeeze=False).flat)
-    for number, ax in enumerate(axes):
-        row, column = divmod(number, columns)
-        left, bottom = (column * wide + 0.75) / (wide * columns), ((rows - 1 - row) * high + 0.5) / (high * rows)
-        ax.set_position((left, bottom, (wide - 0.85) / (wide * columns), (high - 0.6) / (high * rows)))
-    for unused in axes[count:]:
-        unused.remove()
-    return figure, axes[:count]
 
 
 def series(log: Iterable[dict[str, Any]], key: str) -> tuple[np.ndarray, np.ndarray]:
