@@ -36,9 +36,7 @@ from marssim.base.command.notes import counted
 from marssim.base.command.run import run_command
 from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.files.atomic import write_atomically
-from marssim.base.files.json_file import DatasetError
-from marssim.base.results.lock import LOCK, sole_writer
-from marssim.base.results.out_folder import check_out
+from marssim.base.results.claim import ResultFolder
 from marssim.engines.bullet import pybullet_is_installed
 from marssim.generate import GenerateConfig, generate
 from marssim.render.renderers.by_name import default_renderer
@@ -46,6 +44,7 @@ from marssim.scene.place_file import PLACE_VALUES, load_place
 from marssim.scene.scene import PRESETS
 
 MARK = "MADE_BY_DEMO.txt"
+ABOUT_MARK = "python -m envs.demo replaces the files beside this one when it starts, and deletes data/.\n"
 WITHOUT_PYBULLET = (
     "note: PyBullet is not installed here, so the renderer scan makes the images, and the drive is kinematic"
 )
@@ -83,15 +82,18 @@ def demo(config: DemoConfig) -> Path:
         FolderInUse: If another command writes there.
         FileNotFoundError: If the weights are missing.
     """
-    check_out(config.out)
+    folder = ResultFolder(config.out, "demo", MARK, mark_text=ABOUT_MARK)
+    folder.check()
     started = perf_counter()
     network, sgbm = load_estimator("m3depth"), load_estimator("sgbm")
-    with sole_writer(config.out):
+    with folder.claim():
         return _demo(config, network, sgbm, started)
 
 
 def _demo(config: DemoConfig, network: Estimator, sgbm: Estimator, started: float) -> Path:
-    data = _claim(config.out)
+    data = config.out / "data"
+    if data.exists():
+        shutil.rmtree(data)  # the mark stays, so that a demo that is killed here can start again
     asked = GenerateConfig(
         out=data, pairs=config.pairs, seed=SEED, workers=config.workers, scenes=(load_place(config.scene),),
         renderer=default_renderer(),
@@ -128,21 +130,6 @@ def _demo(config: DemoConfig, network: Estimator, sgbm: Estimator, started: floa
     seconds = perf_counter() - started
     write_atomically(summary, _summary(config, asked.renderer, dataset, result, table, record, seconds).encode())
     return summary
-
-
-def _claim(out: Path) -> Path:
-    """Make room for the dataset and return its folder. Raises DatasetError if somebody else's files are in `out`.
-
-    Nothing is replaced or deleted but beside the demo's mark, which stays: a demo that is killed meanwhile can start
-    again.
-    """
-    mark, data = out / MARK, out / "data"
-    if not mark.is_file() and any(file.name != LOCK for file in out.iterdir()):
-        raise DatasetError(f"--out {out}: holds what is not the demo's; choose another")
-    mark.write_text("python -m envs.demo makes the files beside this one anew when it starts, and deletes data/.\n")
-    if data.exists():
-        shutil.rmtree(data)
-    return data
 
 
 def _summary(

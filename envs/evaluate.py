@@ -29,7 +29,7 @@ from envs.drives.episodes import Cell, EpisodeRecord, Watch, run_episode
 from envs.drives.metrics import best_and_worst, paired_difference, summarise
 from envs.drives.records import DELETE_TO_REPEAT, read_record
 from envs.drives.report import write_report
-from envs.drives.resume import check_folder, noted_settings
+from envs.drives.resume import WEIGHTS, noted_digests
 from envs.drives.step_lines import StepLines
 from envs.drives.test_set_errors import errors_on_test_set
 from envs.mars_nav import ERROR_LIMITS, MarsNavEnv
@@ -43,8 +43,8 @@ from marssim.base.command.progress import progress
 from marssim.base.command.run import run_command
 from marssim.base.compute.workers import run_tasks
 from marssim.base.files.json_file import DatasetError, read_json, write_json
+from marssim.base.results.claim import ResultFolder
 from marssim.base.results.code_state import versions
-from marssim.base.results.lock import sole_writer
 from marssim.render.renderers.by_name import RendererName
 from marssim.scene.place_file import PLACE_VALUES, load_place
 from marssim.scene.scene import LOOK_LIMITS, PRESETS, SceneConfig
@@ -221,14 +221,14 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
     for name in config.driver:
         make_driver(name)
     test_errors = errors_on_test_set(config.scores, {name: perception_digest(name) for name in config.perception})
-    check_folder(config.out, SETTINGS)
-    with sole_writer(config.out):
-        return _evaluate(config, test_errors)
+    results = ResultFolder(config.out, "evaluation", SETTINGS, config.content(), notes=(WEIGHTS,))
+    with results.claim():
+        digests = noted_digests(results, (*config.perception, *config.driver))
+        return _evaluate(config, digests, test_errors)
 
 
-def _evaluate(config: EvaluateConfig, test_errors: dict[str, float]) -> dict[str, Any]:
+def _evaluate(config: EvaluateConfig, digests: dict[str, str], test_errors: dict[str, float]) -> dict[str, Any]:
     folder = config.out / "episodes"
-    digests = noted_settings(config.out / SETTINGS, config.content(), (*config.perception, *config.driver))
     folder.mkdir(exist_ok=True)
     tasks = [
         Task(driver, perception, cell, episode)

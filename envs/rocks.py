@@ -11,7 +11,7 @@ Writes results.json, results.md and rocks.png.
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,8 +22,8 @@ from envs.rock_map import RULES, MapRockCounts, count_rocks, frame_map, true_roc
 from envs.world.perception import load_perception
 from envs.world.user_code import errors_of
 from m3depth.datasets.config import Part
-from m3depth.estimator import checked_prediction
-from m3depth.evaluation.report import rocks_table, write_json
+from m3depth.estimator import Estimator, checked_prediction
+from m3depth.evaluation.report import rocks_table
 from m3depth.evaluation.rock_scene import rock_scene
 from m3depth.figures.rocks import rocks_figure
 from m3depth.stereo.degradation import Degradation
@@ -32,8 +32,9 @@ from marssim.base.command.progress import watched
 from marssim.base.command.run import run_command
 from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.files.atomic import write_atomically
+from marssim.base.files.json_file import write_json
+from marssim.base.results.claim import ResultFolder
 from marssim.base.results.code_state import versions
-from marssim.base.results.out_folder import check_out, check_own_results
 
 KEY = "standing_0.2_m_within_8_m"
 STEPS = (0.10, 0.12, 0.15, 0.20, 0.25)  # [m] heights from which cells are obstacles, counted beside --step
@@ -83,14 +84,23 @@ def rocks_seen(config: RocksConfig) -> dict[str, Any]:
         DatasetError: If the dataset cannot be read or holds no poses, or --out holds other results.
         ValueError: If a perception is unknown or returns no whole Prediction.
     """
-    check_out(config.out)
-    check_own_results(config.out, "by_step")
+    folder = ResultFolder(config.out, "count of rocks", results_key="by_step")
+    folder.check()
     pairs = _pairs(config)
     methods = {name: load_perception(name) for name in config.perception}
     worse = None if config.degrade is None else Degradation.parse(config.degrade)
+    with folder.claim():
+        return _count(config, pairs, methods, worse)
+
+
+def _count(
+    config: RocksConfig,
+    pairs: list[tuple[StereoDataset, int]],
+    methods: Mapping[str, Estimator | None],
+    worse: Degradation | None,
+) -> dict[str, Any]:
     steps = sorted({config.step, *STEPS})
     tallies = {name: {step: MapRockCounts() for step in steps} for name in methods}
-    config.out.mkdir(parents=True, exist_ok=True)
     for index, (dataset, number) in enumerate(watched(pairs, "pair", "rocks")):
         sample = dataset[number]
         scene = rock_scene(sample)
@@ -139,7 +149,7 @@ def _report(config: RocksConfig, by_step: dict[str, dict[float, dict[str, Any]]]
     }  # fmt: skip
     curve = {name: [_at(step, counts) for step, counts in steps.items()] for name, steps in by_step.items()}
     content = {**about, "methods": results, "by_step": curve}
-    write_json(config.out / "results.json", content)
+    write_json(config.out / "results.json", content, sort_keys=False)
     rocks_figure(results, config.out / "rocks.png")
     worse = f", degraded by `{config.degrade}`" if config.degrade else ""
     lines = [

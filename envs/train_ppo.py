@@ -14,7 +14,6 @@ read as your own file: do not continue a stranger's.
 from __future__ import annotations
 
 import io
-import json
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -41,15 +40,14 @@ from envs.world.place_note import place_note
 from marssim.base.command.notes import counted
 from marssim.base.command.run import run_command
 from marssim.base.files.atomic import write_atomically
-from marssim.base.files.json_file import DatasetError, read_json, write_json
+from marssim.base.files.json_file import DatasetError, json_text
+from marssim.base.results.claim import ResultFolder
 from marssim.base.results.code_state import versions
-from marssim.base.results.lock import sole_writer
-from marssim.base.results.out_folder import check_out
 from marssim.scene.place_file import PLACE_VALUES, load_place
 from marssim.scene.scene import PRESETS
 
 POLICY, SETTINGS_FILE, LOG = "policy.zip", "train_ppo.json", "log.jsonl"  # in OUT
-SECONDS = "seconds"  # in SETTINGS_FILE: how long was trained
+SECONDS, VERSIONS = "seconds", "versions"  # keys in SETTINGS_FILE: time of training [s], versions of packages
 RATE = 1e-3  # learning rate at the start
 BATCH = 64  # largest number of choices in a batch
 REWARD_SHARE = 0.1  # factor on rewards: PPO's defaults suit returns of about one
@@ -160,23 +158,26 @@ def train(config: PPOConfig, rollout: int = 128) -> Path:
     """
     if find_spec("stable_baselines3") is None:
         raise ImportError("envs.train_ppo needs stable-baselines3: pip install 'mars-m3depth[rl]'")
-    check_out(config.out)
-    path = config.out / POLICY
+    folder, path = _folder(config), config.out / POLICY
+    folder.check_place(config.out)
     if path.is_file() and not PolicyDriver(path).corridors:  # which says what is wrong with a file that is no policy
         raise ValueError(f"{path}: is a policy that envs.train_ppo cannot go on from; choose another --out")
-    with sole_writer(config.out):
-        _train(config, path, rollout)
+    with folder.claim(**{VERSIONS: versions()}) as previous:
+        if previous is None:
+            (config.out / LOG).unlink(missing_ok=True)  # of a policy that was deleted
+        used = 0.0 if previous is None else _seconds(folder.mark_path, previous)
+        _train(config, folder, path, rollout, used)
     return path
 
 
-def _train(config: PPOConfig, path: Path, rollout: int) -> None:
+def _train(config: PPOConfig, folder: ResultFolder, path: Path, rollout: int, used: float) -> None:
+    """used: for how long [s] earlier runs have trained."""
     from stable_baselines3 import PPO
     from stable_baselines3.common.callbacks import BaseCallback
     from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
     from envs.drivers.way_policy import WayPolicy
 
-    used = _note(config)
     budget = 60 * config.max_minutes
     if used >= budget:
         print(f"{config.out}: already at --max-minutes {config.max_minutes:g}; raise it to go on")
@@ -195,7 +196,7 @@ def _train(config: PPOConfig, path: Path, rollout: int) -> None:
 
     def save(model: Any) -> None:
         _save(model, path)
-        write_json(config.out / SETTINGS_FILE, {**read_json(config.out / SETTINGS_FILE), SECONDS: round(trained(), 1)})
+        folder.note(**{SECONDS: round(trained(), 1)})
 
     class Clock(BaseCallback):
         """Ends the training in time; before each update saves the policy of the last one and prints the progress."""
@@ -208,7 +209,7 @@ def _train(config: PPOConfig, path: Path, rollout: int) -> None:
             if ended := list(self.model.ep_info_buffer or []):
                 row = _summary(ended)
                 with (config.out / LOG).open("a") as log:
-                    log.write(json.dumps({"choices": self.num_timesteps, **row}) + "\n")
+                    log.write(json_text({"choices": self.num_timesteps, **row}) + "\n")
                 share = f"{100 * row['arrived']:.0f} % arrived, reward {row['reward']:.1f}"
                 left = f"{max(0.0, budget - trained()) / 60:.0f} min to go"
                 print(
@@ -256,36 +257,24 @@ def _save(model: Any, path: Path) -> None:
     write_atomically(path, policy.getvalue())
 
 
-def _note(config: PPOConfig) -> float:
-    """Note what is learnt on, and return for how long [s] a policy in the folder has learnt.
+def _folder(config: PPOConfig) -> ResultFolder:
+    """The run's folder; as long as no policy is in it, its settings may be replaced."""
 
-    Raises DatasetError that says what differs if it learnt on other courses.
-    """
-    file = config.out / SETTINGS_FILE
-    courses = config.courses()
-    if (config.out / POLICY).is_file():
-        if not file.is_file():
-            raise DatasetError(f"{file}: is not there to say what {POLICY} learnt on; choose another --out")
-        before = read_json(file)
-        told = [f"--{k.replace('_', '-')} {_typed(before.get(k))}" for k in courses if before.get(k) != courses[k]]
-        if told:
-            raise DatasetError(f"{file}: the policy there learnt with {', '.join(told)}; choose another --out")
-        seconds = before.get(SECONDS, 0)
-        if not is_number(seconds) or seconds < 0:
-            raise DatasetError(f"{file}: {SECONDS} must be {NUMBER}, got {seconds!r}; choose another --out")
-        return float(seconds)
-    config.out.mkdir(parents=True, exist_ok=True)
-    if file.is_file():
-        (config.out / LOG).unlink(missing_ok=True)  # of a policy that was deleted
-    elif (config.out / LOG).exists():
-        raise DatasetError(f"--out {config.out}: {LOG} there is another command's; choose another folder")
-    write_json(file, {**courses, "versions": versions()})
-    return 0.0
+    def has_results(out: Path) -> bool:
+        return (out / POLICY).is_file() or ((out / LOG).exists() and not (out / SETTINGS_FILE).is_file())
+
+    return ResultFolder(
+        config.out, "policy", SETTINGS_FILE, config.courses(), notes=(SECONDS, VERSIONS), shared=True,
+        has_results=has_results,
+    )  # fmt: skip
 
 
-def _typed(value: Any) -> str:
-    """Return a value as it is typed on the command line."""
-    return " ".join(map(str, value)) if isinstance(value, list) else str(value)
+def _seconds(file: Path, previous: dict[str, Any]) -> float:
+    """How long [s] the policy of an earlier run has learnt. Raises DatasetError if what it noted is no time."""
+    seconds = previous.get(SECONDS, 0)
+    if not is_number(seconds) or seconds < 0:
+        raise DatasetError(f"{file}: {SECONDS} must be {NUMBER}, got {seconds!r}; choose another --out")
+    return float(seconds)
 
 
 def _summary(ended: list[dict[str, Any]]) -> dict[str, Any]:

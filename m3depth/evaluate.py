@@ -33,7 +33,7 @@ from m3depth.estimator import CLASSICAL, EstimatorError, EstimatorName, load_est
 from m3depth.evaluation.example import Example
 from m3depth.evaluation.inputs import state_of_files, state_of_pairs
 from m3depth.evaluation.recorded_maps import FORM, RecordedError, RecordedPredictions
-from m3depth.evaluation.report import markdown_report, text_table, write_json
+from m3depth.evaluation.report import markdown_report, text_table
 from m3depth.evaluation.resume import Unfinished, UnfinishedError
 from m3depth.evaluation.scoring import RESERVED, Evaluation, Method, check_choice, chosen_pairs, evaluate
 from m3depth.figures.comparison import comparison_figure
@@ -48,10 +48,9 @@ from marssim.base.command.notes import counted
 from marssim.base.command.progress import watched
 from marssim.base.command.run import run_command
 from marssim.base.files.atomic import write_atomically
-from marssim.base.files.json_file import DatasetError
+from marssim.base.files.json_file import DatasetError, write_json
+from marssim.base.results.claim import ResultFolder
 from marssim.base.results.code_state import source_digest, versions
-from marssim.base.results.lock import sole_writer
-from marssim.base.results.out_folder import check_out, check_own_results
 
 EXAMPLES = 3  # pairs in the figures
 COMPARED = 3  # methods in comparison.png, which shows the errors too; all are in qualitative.png
@@ -134,7 +133,7 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
         "versions": versions(),
     }
     found = {"methods": done.results, "true_depth_normals": done.true_depth_normals}
-    write_json(options.out / "results.json", {**about, **found, "per_pair": done.pairs})
+    write_json(options.out / "results.json", {**about, **found, "per_pair": done.pairs}, sort_keys=False)
     write_atomically(options.out / "results.md", markdown_report(about, done.results, done.true_depth_normals).encode())
     draw(done, options.out)
     unfinished.remove()
@@ -204,8 +203,7 @@ def prepare(options: EvaluateOptions) -> tuple[StereoPairs, dict[str, Method]]:
         Degradation.parse(options.degrade)
     if "none" in options.baselines and len(options.baselines) > 1:
         raise ValueError("--baselines none stands alone")
-    check_out(options.out)
-    check_own_results(options.out, "per_pair")
+    result_folder(options).check()
     own = "m3depth" if options.weights is None else f"m3depth:{options.weights}"
     methods: dict[str, Method] = {"M3Depth": load_estimator(own, device=options.device)}
     names = CLASSICAL if "all" in options.baselines else options.baselines
@@ -222,6 +220,11 @@ def prepare(options: EvaluateOptions) -> tuple[StereoPairs, dict[str, Method]]:
             raise FileNotFoundError(f"--predictions {text}: {recorded.folder}: no such folder")
         _add(methods, "--predictions", text, name, recorded)
     return dataset, methods
+
+
+def result_folder(options: EvaluateOptions) -> ResultFolder:
+    """Return the folder for the results, which replace those of an earlier scoring."""
+    return ResultFolder(options.out, "scoring", results_key="per_pair")
 
 
 def _split_estimator(text: str) -> tuple[str, str]:
@@ -247,7 +250,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _work(options: EvaluateOptions) -> None:
     dataset, methods = prepare(options)
-    with sole_writer(options.out):
+    with result_folder(options).claim():
         try:
             run(options, dataset, methods)
         except (DatasetError, EstimatorError, RecordedError, UnfinishedError):

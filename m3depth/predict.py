@@ -48,7 +48,7 @@ from marssim.base.command.notes import counted
 from marssim.base.command.run import run_command
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.npy import encode_npy
-from marssim.base.results.out_folder import check_out
+from marssim.base.results.claim import ResultFolder
 
 AGREEMENT = 1.0  # [px] that both eyes may differ by
 MIN_ANGLE, MAX_ANGLE = 1.0, 150.0  # [deg] horizontal field of view of rectified images
@@ -165,7 +165,8 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
     left, right = read_pair(options.left, options.right)
     calibration = make_calibration(options, *left.shape[:2])
     rig = calibration.rig(left.shape[1], left.shape[0])
-    check_out(options.out)
+    folder = ResultFolder(options.out, "prediction")
+    folder.check()
     if options.method != "m3depth" and options.weights is not None:
         raise ValueError(f"--weights belongs to m3depth, not to --method {options.method}")
     if options.nearest is not None and not (np.isfinite(options.nearest) and options.nearest > 0):
@@ -194,11 +195,14 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
     if difference is not None:
         agree = difference <= AGREEMENT
         prediction = replace(prediction, confidence=np.where(agree, prediction.confidence, np.float32(0)))
-    count = write_prediction(options.out, left, prediction, rig, options.min_confidence, options.max_range)
-    agreed, file = "", options.out / "left_right.npy"
-    file.unlink(missing_ok=True)  # of an earlier run
+    with folder.claim():
+        count = write_prediction(options.out, left, prediction, rig, options.min_confidence, options.max_range)
+        file = options.out / "left_right.npy"
+        file.unlink(missing_ok=True)  # of an earlier run
+        if difference is not None:
+            write_atomically(file, encode_npy(difference))
+    agreed = ""
     if difference is not None:
-        write_atomically(file, encode_npy(difference))
         compared = np.isfinite(prediction.depth) & np.isfinite(difference)
         if compared.any():
             agreed = (

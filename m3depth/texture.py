@@ -33,14 +33,14 @@ import numpy as np
 import tyro
 
 from m3depth.datasets.image_files import decoded
-from m3depth.evaluation.report import write_json
 from m3depth.figures.texture import TextureExample, texture_figure
 from m3depth.stereo.pairs import spread
 from marssim.base.command.notes import counted
 from marssim.base.command.run import run_command
 from marssim.base.dataset.dataset import StereoDataset
+from marssim.base.files.json_file import write_json
 from marssim.base.images.texture import entropy, local_binary_patterns, uniform_labels
-from marssim.base.results.out_folder import check_out
+from marssim.base.results.claim import ResultFolder
 
 HIGH = 0.1  # of f_max
 F_MAX = 0.5  # [cycles/px]
@@ -129,7 +129,11 @@ def find_images(paths: Sequence[Path], limit: int) -> Iterator[tuple[str, np.nda
 
 def analyse(options: TextureOptions) -> dict[str, Any]:
     """Measure both groups, write texture.json and texture.png, and return the content of the first."""
-    check_out(options.out)
+    with ResultFolder(options.out, "comparison").claim():
+        return _analyse(options)
+
+
+def _analyse(options: TextureOptions) -> dict[str, Any]:
     groups: dict[str, Any] = {}
     examples = []
     for name, paths in zip(options.names, (options.images, options.beside), strict=True):
@@ -146,9 +150,8 @@ def analyse(options: TextureOptions) -> dict[str, Any]:
         if records:
             mean = {key: float(np.mean([record[key] for record in records])) for key in MEASURES}
             groups[name] = {"count": len(records), "mean": mean, "images": records}
-    options.out.mkdir(parents=True, exist_ok=True)
     content = {"paper": PAPER, "groups": groups}
-    write_json(options.out / "texture.json", content)
+    write_json(options.out / "texture.json", content, sort_keys=False)
     texture_figure(examples, groups, HIGH * F_MAX, options.out / "texture.png")
     return content
 

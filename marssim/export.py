@@ -27,8 +27,8 @@ from marssim.base.compute.threads import in_threads
 from marssim.base.dataset.dataset import SPLITS, Split, StereoDataset
 from marssim.base.dataset.marks import EXPORTED
 from marssim.base.files.atomic import write_atomically
-from marssim.base.files.json_file import DatasetError, read_json, write_json
-from marssim.base.results.lock import LOCK, sole_writer
+from marssim.base.files.json_file import DatasetError, write_json
+from marssim.base.results.claim import ResultFolder
 from marssim.base.results.out_folder import check_around
 from marssim.layouts.layout import Item, Layout, SameAs
 from marssim.layouts.registry import LAYOUTS
@@ -74,14 +74,14 @@ def export(config: ExportConfig) -> int:
     if not chosen:
         raise DatasetError(f"{config.data}: holds no pairs of --split {' '.join(config.split)}")
     _check_apart(config)
-    _held(config, chosen)
-    with sole_writer(config.out):
+    with _folder(config, chosen).claim():
         return _export(config, chosen)
 
 
 def _export(config: ExportConfig, chosen: list[dict[str, Any]]) -> int:
-    _claim(config, chosen)
     layout = LAYOUTS[config.format]
+    name = config.data.resolve().name
+    write_atomically(config.out / "README.md", f"# {name}, exported by marssim\n\n{layout.about}\n{_NAMES}".encode())
     items: dict[str, list[Item]] = {split: [] for split in SPLITS}
     for sample in chosen:
         there = items[sample["split"]]
@@ -106,43 +106,16 @@ def _check_apart(config: ExportConfig) -> None:
     where = "is" if out == data else "lies in" if data in out.parents else "contains" if out in data.parents else None
     if where is not None:
         raise DatasetError(f"--out {config.out}: {where} the dataset {config.data}; choose another folder")
-    check_around(config.out)
 
 
-def _settings(config: ExportConfig, chosen: list[dict[str, Any]]) -> dict[str, Any]:
+def _folder(config: ExportConfig, chosen: list[dict[str, Any]]) -> ResultFolder:
     digest = hashlib.sha256("".join(f"{s['name']} {s['split']} {s['sha256']}\n" for s in chosen).encode()).hexdigest()
     splits = [split for split in SPLITS if split in config.split]
-    return {"schema": SCHEMA, "version": 1, "format": config.format, "split": splits, "samples": digest}
-
-
-def _held(config: ExportConfig, chosen: list[dict[str, Any]]) -> bool:
-    """Does the output folder hold this export, or a part of it? Raises DatasetError if it holds something else."""
-    out, settings = config.out, _settings(config, chosen)
-    if out.exists() and not out.is_dir():
-        raise DatasetError(f"--out {out}: a file of that name is in the way; choose another")
-    mark = out / EXPORTED
-    if mark.is_file():
-        there = read_json(mark)
-        if there != settings:
-            same = all(there.get(key) == settings[key] for key in ("schema", "version", "format", "split"))
-            split = there.get("split")
-            parts = " ".join(split) if isinstance(split, list) and all(isinstance(n, str) for n in split) else split
-            what = "of other data" if same else f"of format {there.get('format')}, split {parts}"
-            raise DatasetError(f"{mark}: the folder holds an export {what}; choose another --out")
-        return True
-    if out.is_dir() and not all(file.name == LOCK or file.name.startswith(f".{EXPORTED}.") for file in out.iterdir()):
-        raise DatasetError(f"--out {out}: the folder is not empty and holds no export; choose another")
-    return False
-
-
-def _claim(config: ExportConfig, chosen: list[dict[str, Any]]) -> None:
-    """Make the output folder this export's own, or find that it is."""
-    if not _held(config, chosen):
-        write_json(config.out / EXPORTED, _settings(config, chosen))
-    for leftover in config.out.rglob(".*.part"):  # of a run that was killed while it wrote
-        leftover.unlink(missing_ok=True)
-    name, about = config.data.resolve().name, LAYOUTS[config.format].about
-    write_atomically(config.out / "README.md", f"# {name}, exported by marssim\n\n{about}\n{_NAMES}".encode())
+    settings = {"schema": SCHEMA, "version": 1, "format": config.format, "split": splits, "samples": digest}
+    return ResultFolder(
+        config.out, "export", EXPORTED, settings, digests=("samples",), flags=False, check_place=check_around,
+        partial=("**/.*.part",),
+    )  # fmt: skip
 
 
 _NAMES = """\

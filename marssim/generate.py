@@ -10,14 +10,10 @@ any number of workers writes the same bytes, and the same command goes on where 
 
 from __future__ import annotations
 
-import json
-import shutil
 import sys
-import textwrap
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import cv2
 
@@ -29,8 +25,8 @@ from marssim.base.dataset.dataset import StereoDataset, write_index
 from marssim.base.dataset.marks import SETTINGS
 from marssim.base.dataset.sample import is_complete
 from marssim.base.files.atomic import write_atomically
-from marssim.base.files.json_file import DatasetError, read_json, write_json
-from marssim.base.results.lock import LOCK, sole_writer
+from marssim.base.files.json_file import DatasetError, as_json, read_json
+from marssim.base.results.claim import ResultFolder
 from marssim.base.results.out_folder import check_around
 from marssim.engines.egl import draws_on_a_card, probe
 from marssim.generation.command_line import command_flags
@@ -55,27 +51,27 @@ def generate(config: GenerateConfig) -> StereoDataset:
     """
     config = _with_rasterizer(_absolute(config))
     _check(config)
-    with sole_writer(config.out):
-        return _generate(config)
+    folder = _folder(config)
+    with folder.claim(command=command_flags(config, elsewhere=False)):
+        folder.note(command=command_flags(config, elsewhere=False))
+        return _generate(config, folder)
 
 
-def _generate(config: GenerateConfig) -> StereoDataset:
-    content = _claim(config)
-    _clear_up(config.out)
+def _generate(config: GenerateConfig, folder: ResultFolder) -> StereoDataset:
     scenes = _scenes(config)
     names = [f"{scene:05d}/{view:02d}" for scene, views in enumerate(scenes) for view in views]
     _check_written(config.out, names)
     tasks = _shared_out(config, scenes)
     with progress(config.pairs, "pair", "generate") as bar:
         run_tasks(generate_scene, tasks, lambda _, count: bar.update(count), config.workers, config.scheduler)
-    _clear_up(config.out)
-    write_index(config.out, {**content, "pairs": config.pairs}, names)
+    folder.clear_partial()
+    write_index(config.out, {**folder.settings, "pairs": config.pairs}, names)
     dataset = StereoDataset(config.out)
     chosen = range(0, len(dataset), max(1, len(dataset) // SHEET_SAMPLES))[:SHEET_SAMPLES]
     sheet = contact_sheet([dataset[i] for i in chosen], [dataset.names[i] for i in chosen])
     write_atomically(config.out / "contact_sheet.png", cv2.imencode(".png", sheet[..., ::-1])[1].tobytes())
     write_atomically(config.out / "README.md", _readme(config, dataset).encode())
-    _note(config, content, finished=True)
+    folder.note(command=command_flags(config, elsewhere=True))  # the folder may be given to others
     return dataset
 
 
@@ -130,8 +126,8 @@ def _with_rasterizer(config: GenerateConfig) -> GenerateConfig:
     """
     if config.renderer != "pybullet":
         return config
-    asked = config.out / SETTINGS
-    begun = asked.is_file() and not _only_claimed(config.out)
+    folder = _folder(config)
+    asked, begun = folder.mark_path, folder.is_begun
     if config.rasterizer == AUTO:
         egl = read_json(asked).get("rasterizer") == EGL if begun else draws_on_a_card()
         config = replace(config, rasterizer=EGL if egl else TINY)
@@ -142,11 +138,8 @@ def _with_rasterizer(config: GenerateConfig) -> GenerateConfig:
 
 
 def _check(config: GenerateConfig) -> None:
-    """Raise for what must fail, before anything is written: see _held, and scenes in which no camera can stand."""
-    if config.out.exists() and not config.out.is_dir():
-        raise DatasetError(f"--out {config.out}: a file of that name is in the way; choose another")
-    check_around(config.out)
-    if _held(config):
+    """Raise what must fail before anything is written: another folder, or scenes in which no camera can stand."""
+    if _folder(config).check() is not None:
         asked = {f"{scene:05d}/{view:02d}" for scene, views in enumerate(_scenes(config)) for view in views}
         there = {f"{file.parts[-3]}/{file.parts[-2]}" for file in config.out.glob("scenes/*/[0-9]*/sample.json")}
         if more := len(there - asked):
@@ -166,85 +159,25 @@ def _check(config: GenerateConfig) -> None:
             draw_view(config, scene, index, 0)
 
 
-def _settings(config: GenerateConfig) -> dict[str, Any]:
-    """What is noted of the config in the folder, as it is read back: tuples become lists."""
-    return json.loads(json.dumps(config.content(), default=str))
+def _folder(config: GenerateConfig) -> ResultFolder:
+    """The dataset's folder; as long as no sample is in it, its settings may be replaced."""
+    return ResultFolder(
+        config.out,
+        "dataset",
+        mark=SETTINGS,
+        settings=as_json(config.content()),
+        notes=("command",),
+        flags=False,
+        check_place=check_around,
+        partial=(".*.part", "scenes/*/.*"),
+        has_results=_has_visible_files,
+    )
 
 
-def _held(config: GenerateConfig) -> bool:
-    """Does the folder hold this dataset, or a part of it? Raises DatasetError if it holds something else.
-
-    Settings of which nothing came, say because a package is missing, do not count.
-    """
-    asked, content = config.out / SETTINGS, _settings(config)
-    if asked.is_file():
-        there = read_json(asked)
-        there.pop("command", None)
-        if there == content:
-            return True
-        if _only_claimed(config.out):
-            return False
-        if {**there, "marssim": content["marssim"]} == content:
-            raise DatasetError(
-                f"{asked}: the folder holds a dataset of marssim {there.get('marssim', 'of an earlier version')}, "
-                f"which this version, {content['marssim']}, may not draw alike; choose another --out"
-            )
-        differing = sorted(_differences(there, content), key=lambda line: not line.startswith("scene:"))
-        other = "; ".join(differing[:3]) + (f"; and {len(differing) - 3} more" if len(differing) > 3 else "")
-        raise DatasetError(f"{asked}: the folder holds a dataset of other settings ({other}); choose another --out")
-    if config.out.is_dir() and not all(file.name == LOCK or _is_part(file) for file in config.out.iterdir()):
-        raise DatasetError(f"{config.out}: the folder is not empty and holds no dataset; choose another --out")
-    return False
-
-
-def _differences(there: Any, asked: Any, name: str = "") -> list[str]:
-    """Where two settings differ, as "name: value there, not value asked"."""
-    if isinstance(there, dict) and isinstance(asked, dict):
-        keys = [*there, *(key for key in asked if key not in there)]
-        parts = [_differences(there.get(key), asked.get(key), f"{name}.{key}" if name else str(key)) for key in keys]
-        return [difference for part in parts for difference in part]
-    if isinstance(there, list) and isinstance(asked, list) and len(there) == len(asked):
-        parts = [_differences(a, b, f"{name}[{i}]") for i, (a, b) in enumerate(zip(there, asked))]
-        return [difference for part in parts for difference in part]
-    if there == asked:
-        return []
-    values = (textwrap.shorten(json.dumps(value), 60) for value in (there, asked))
-    return [f"{name}: {next(values)}, not {next(values)}"]
-
-
-def _claim(config: GenerateConfig) -> dict[str, Any]:
-    """Make the folder this dataset's, or find that it is. Returns the settings that are noted in it."""
-    _held(config)
-    content = _settings(config)
-    _note(config, content, finished=False)
-    return content
-
-
-def _note(config: GenerateConfig, content: dict[str, Any], finished: bool) -> None:
-    """Keep the settings, and the command that completes them here; of a finished dataset, that others can give."""
-    note = {**content, "command": command_flags(config, elsewhere=finished)}
-    if not (config.out / SETTINGS).is_file() or read_json(config.out / SETTINGS) != note:
-        write_json(config.out / SETTINGS, note)
-
-
-def _is_part(file: Path) -> bool:
-    """Is it what a killed run has half written?"""
-    return file.name.startswith(f".{SETTINGS}.")
-
-
-def _only_claimed(out: Path) -> bool:
-    """Is there nothing yet but the settings, and what a killed run has half written?"""
+def _has_visible_files(out: Path) -> bool:
+    """Whether there is more than the settings and what a killed run has half written."""
     rest = (file.relative_to(out) for file in out.rglob("*") if file.is_file())
-    return all(str(file) in (SETTINGS, LOCK) or any(part.startswith(".") for part in file.parts) for file in rest)
-
-
-def _clear_up(out: Path) -> None:
-    """Remove what killed runs have half written."""
-    for rest in (*out.glob(".*.part"), *out.glob("scenes/*/.*")):
-        if rest.is_dir():
-            shutil.rmtree(rest)
-        else:
-            rest.unlink()
+    return any(str(file) != SETTINGS and not any(part.startswith(".") for part in file.parts) for file in rest)
 
 
 def _readme(config: GenerateConfig, dataset: StereoDataset) -> str:

@@ -11,8 +11,6 @@ something is wrong; 2: no dataset, or a bad value.
 
 from __future__ import annotations
 
-import errno
-import os
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -33,7 +31,9 @@ from marssim.base.dataset.sample import StereoSample, read_sample
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError, write_json
 from marssim.base.images.pointcloud import coloured_points, encode_glb, encode_ply, surface_mesh
+from marssim.base.results.claim import ResultFolder
 from marssim.base.results.lock import check_unused
+from marssim.base.results.out_folder import check_folder
 from marssim.inspection.cross_check import cross_check
 from marssim.inspection.cross_check import table as table_of_makers
 from marssim.inspection.figures import sample_figure, statistics_figure
@@ -170,22 +170,28 @@ def verify(config: VerifyConfig) -> bool:
                 print(path)
         else:
             check_unused(config.data)
-            good = _report(config, StereoDataset(config.data))
+            dataset = StereoDataset(config.data)
+            with _folder(config.results(dataset), "report").claim():
+                good = _report(config, dataset)
     if config.cross_check:
-        _make_writable(config.results())
-        checks, notes = cross_check(load_place(config.scene), config.seed, config.views, NATECAM.camera)
-        print(f"{counted(config.views, 'view')} of {config.scene}, seed {config.seed}, against Embree's rays")
-        print("\n".join([table_of_makers(checks), *notes]))
-        report = {name: check.report() for name, check in checks.items()}
-        content = {"scene": config.scene, "seed": config.seed, "makers": report, "notes": notes}
-        write_json(config.results() / "cross_check.json", content)
+        with _folder(config.results(), "cross-check").claim():
+            checks, notes = cross_check(load_place(config.scene), config.seed, config.views, NATECAM.camera)
+            print(f"{counted(config.views, 'view')} of {config.scene}, seed {config.seed}, against Embree's rays")
+            print("\n".join([table_of_makers(checks), *notes]))
+            report = {name: check.report() for name, check in checks.items()}
+            content = {"scene": config.scene, "seed": config.seed, "makers": report, "notes": notes}
+            write_json(config.results() / "cross_check.json", content)
         good &= all(check.good for check in checks.values())
     return good
 
 
+def _folder(path: Path, thing: str) -> ResultFolder:
+    """A folder for results, which may lie in the dataset that they are about."""
+    return ResultFolder(path, thing, check_place=check_folder)
+
+
 def _report(config: VerifyConfig, dataset: StereoDataset) -> bool:
     out = config.results(dataset)
-    _make_writable(out)
     found, statistics = verify_dataset(config, dataset)
     pairs = {name: sum(s["split"] == name for s in dataset.index["samples"]) for name in SPLITS}
     pairs = {"all": len(dataset), **pairs}
@@ -215,13 +221,6 @@ def _report(config: VerifyConfig, dataset: StereoDataset) -> bool:
     verdict = wrong if found else "every file is what the index says"
     print(f"{config.data}: {counted(len(dataset), 'pair')}, {verdict}; see {out}")
     return not found
-
-
-def _make_writable(folder: Path) -> None:
-    """What cannot be written to is told before the work. Raises OSError."""
-    folder.mkdir(parents=True, exist_ok=True)
-    if not os.access(folder, os.W_OK):
-        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(folder))
 
 
 def _read(root: Path, name: str) -> StereoSample | Finding:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -16,7 +15,6 @@ from m3depth.ablation.studies import BASE, Variant, distinct
 from m3depth.ablation.tables import markdown
 from m3depth.datasets.open import open_pairs
 from m3depth.evaluation.inputs import state_of_pairs
-from m3depth.evaluation.report import write_json
 from m3depth.evaluation.resume import Unfinished
 from m3depth.evaluation.scoring import evaluate
 from m3depth.network.device import chosen_device
@@ -25,14 +23,13 @@ from m3depth.stereo.pairs import scored_depths
 from m3depth.training.budget import spent_budget
 from m3depth.training.config import TrainConfig, check_config
 from m3depth.training.loop import train
-from m3depth.training.run import differing, plain, saved_progress
+from m3depth.training.run import saved_progress
 from m3depth.training.samples import JoinedPairs
 from marssim.base.command.notes import counted
 from marssim.base.files.atomic import write_atomically
-from marssim.base.files.json_file import read_json
+from marssim.base.files.json_file import as_json, read_json, write_json
+from marssim.base.results.claim import ResultFolder, differences
 from marssim.base.results.code_state import source_digest, versions
-from marssim.base.results.lock import sole_writer
-from marssim.base.results.out_folder import check_out, check_own_results
 
 SETTINGS = "ablation.json"
 SCORE = "score.json"
@@ -98,9 +95,7 @@ def ablate(options: AblateOptions) -> dict[str, Any]:
             raise ValueError(f"--data {folder}: split train holds no pairs")
     if len(test) < 2:
         raise ValueError(f"{test_folder}: split test holds {counted(len(test), 'pair')}; comparing needs two or more")
-    check_out(options.out)
-    with sole_writer(options.out):
-        _claim(options, [*training, test])
+    with _folder(options, [*training, test]).claim():
         scored = counted(len(test) if options.limit is None else min(options.limit, len(test)), "test pair")
         print(f"{counted(len(runs), 'run')} of {options.budget}, {scored} ({options.out})", file=sys.stderr)
         for number, run in enumerate(runs, start=1):
@@ -114,8 +109,8 @@ def ablate(options: AblateOptions) -> dict[str, Any]:
         return results
 
 
-def _claim(options: AblateOptions, datasets: Sequence[Any]) -> None:
-    """Note what makes runs comparable, or raise ValueError if the folder holds an ablation of another kind."""
+def _folder(options: AblateOptions, datasets: Sequence[Any]) -> ResultFolder:
+    """The ablation's folder, known by the settings that make its runs comparable."""
     settings = {
         "preset": options.preset,
         "steps": options.steps,
@@ -127,16 +122,9 @@ def _claim(options: AblateOptions, datasets: Sequence[Any]) -> None:
         "sha256": [state_of_pairs(pairs) for pairs in datasets],
         "limit": options.limit,
     }
-    path = options.out / SETTINGS
-    check_own_results(options.out, "studies")
-    if path.is_file():
-        before = read_json(path)
-        for name, value in settings.items():
-            if before.get(name) != value:
-                what = "other data" if name == "sha256" else differing(name, before.get(name), value)
-                raise ValueError(f"{path}: belongs to an ablation with {what}; choose another --out")
-    else:
-        write_atomically(path, (json.dumps(settings, indent=1) + "\n").encode())
+    return ResultFolder(
+        options.out, "ablation", SETTINGS, settings, digests=("sha256",), shared=True, results_key="studies"
+    )
 
 
 def _train(run: PlannedRun, options: AblateOptions, samples: Any) -> None:
@@ -145,10 +133,11 @@ def _train(run: PlannedRun, options: AblateOptions, samples: Any) -> None:
     if failed.is_file():
         print(f"{read_json(failed)['error']} (delete {failed} to try it again)", file=sys.stderr, flush=True)
         return
-    network, file = plain(run.variant.resolved(options.preset)[0]), run.folder / "network.json"
+    network, file = as_json(asdict(run.variant.resolved(options.preset)[0])), run.folder / "network.json"
     if file.is_file() and (before := read_json(file)) != network:
-        raise ValueError(f"{file}: the run is of another {differing('network', before, network)}; choose another --out")
-    write_atomically(file, (json.dumps(network, indent=2) + "\n").encode())
+        other = "; ".join(differences(before, network))
+        raise ValueError(f"{file}: the run is of another network ({other}); choose another --out")
+    write_json(file, network, sort_keys=False)
     if spent_budget(run.config, *saved_progress(run.folder)):
         return
     _note_code(run.folder)
@@ -182,7 +171,7 @@ def _score(run: PlannedRun, options: AblateOptions, test: Any) -> bool:
         "minutes": seconds / 60,
         "loss": asdict(run.config.loss),
     }
-    write_json(run.folder / SCORE, {**about, "result": done.results[METHOD], "per_pair": done.pairs})
+    write_json(run.folder / SCORE, {**about, "result": done.results[METHOD], "per_pair": done.pairs}, sort_keys=False)
     unfinished.remove()
     return True
 
@@ -211,6 +200,6 @@ def _tables(options: AblateOptions, runs: Sequence[PlannedRun], test: Any) -> di
         "versions": versions(),
     }
     results = {**about, "studies": found}
-    write_json(options.out / "results.json", results)
+    write_json(options.out / "results.json", results, sort_keys=False)
     write_atomically(options.out / "results.md", markdown(about, found).encode())
     return results

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from m3depth.evaluation.metrics import DEPTH_CAP, KINDS
 from m3depth.evaluation.rock_scores import OBSTACLE
-from marssim.base.files.atomic import write_atomically
 
 Results = Mapping[str, Mapping[str, Any]]
 
@@ -25,21 +22,6 @@ NORMAL_COLUMNS = {
 FIGURES = (
     "comparison", "qualitative", "zoom", "worst", "error_by_depth", "error_distribution", "sparsification", "rocks",
 )  # fmt: skip
-
-
-def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Replace a JSON file in one step; what is not finite becomes null, so that every reader can read it."""
-    write_atomically(path, (json.dumps(_finite(content), indent=1, allow_nan=False) + "\n").encode())
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, Mapping):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    return value
 
 
 def text_table(results: Results) -> str:

@@ -26,13 +26,13 @@ from m3depth.training.config import TrainConfig, check_config
 from m3depth.training.curves import CURVES, save_curves
 from m3depth.training.log import Log, records
 from m3depth.training.losses import total_loss
-from m3depth.training.process_group import agree, joined_group
+from m3depth.training.process_group import agree, entered_by_first, joined_group
 from m3depth.training.run import Run
 from m3depth.training.samples import PackedCache, batches, free_memory
 from m3depth.training.validation import save_panel, validate
 from marssim.base.command.notes import counted
 from marssim.base.command.signals import stop_on_signal
-from marssim.base.results.out_folder import check_out
+from marssim.base.results.claim import ResultFolder
 
 WARM_UP = 0.04  # share of the run in which the learning rate rises
 CURVES_SECONDS = 10.0  # least time between two drawings of the curves in a run [s]; one takes a quarter of a second
@@ -79,17 +79,29 @@ class Checks:
 def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> dict[str, float]:
     """Train until the budget is spent or a signal comes; both leave a checkpoint that the same call continues.
 
-    samples, held_out: sequences of stereo samples (fields as in marssim.base.dataset.dataset); without held_out,
-    nothing is validated. Returns the last validation of the averaged weights; empty after a signal, without held_out,
-    and where the run was done before. Raises ValueError for bad settings, FloatingPointError if the loss is not finite:
-    the last checkpoint then stays as it was. Signals are heeded where it is called from the main thread.
+    SIGTERM and SIGINT stop a training that is called from the main thread.
+
+    Args:
+        config: The run, its folder and its budget.
+        samples: Stereo samples to train on (fields as in marssim.base.dataset.dataset).
+        held_out: Samples to validate on; without any, nothing is validated.
+
+    Returns:
+        The last validation of the averaged weights; empty after a signal, without `held_out`, and where the run was
+        done before.
+
+    Raises:
+        ValueError: Bad settings.
+        FolderInUse: Another command writes to the folder of the run.
+        FloatingPointError: The loss is not finite; the last checkpoint stays as it was.
     """
     check_config(config)
-    check_out(config.out)
+    folder = ResultFolder(config.out, "training run")
+    folder.check()
     if not len(samples):
         raise ValueError(f"{named(config)}: split train holds no pairs")
     cv2.setNumThreads(1)
-    with joined_group(config.device) as (rank, world, device):
+    with joined_group(config.device) as (rank, world, device), entered_by_first(rank, world, folder.claim()):
         run = Run(config, device, world)
         resumed = run.resume()
         check_common_step(run)

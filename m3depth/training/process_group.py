@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 
 import torch
 import torch.distributed as dist
 
 from m3depth.network.device import chosen_device
+from marssim.base.command.run import describe
 
 
 @contextmanager
@@ -35,6 +36,35 @@ def joined_group(device_name: str) -> Iterator[tuple[int, int, torch.device]]:
         dist.barrier()
     finally:
         dist.destroy_process_group()
+
+
+@contextmanager
+def entered_by_first(rank: int, world: int, context: AbstractContextManager[object]) -> Iterator[None]:
+    """Enter a context in process 0 alone, and raise its refusal in every process, so that none waits for the others.
+
+    Args:
+        rank: This process, counted from 0.
+        world: Number of processes.
+        context: What process 0 enters and leaves, for as long as the block runs there.
+
+    Raises:
+        ValueError: In the other processes, with the message of a ValueError or OSError that `context` raised.
+    """
+    with ExitStack() as stack:
+        refusal: list[str | None] = [None]
+        error: ValueError | OSError | None = None
+        if rank == 0:
+            try:
+                stack.enter_context(context)
+            except (ValueError, OSError) as refused:
+                error, refusal = refused, [describe(refused)]
+        if world > 1:
+            dist.broadcast_object_list(refusal, src=0)
+        if error is not None:
+            raise error
+        if refusal[0] is not None:
+            raise ValueError(refusal[0])
+        yield
 
 
 def agree(values: list[float], device: torch.device, world: int) -> list[float]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import io
-import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,8 @@ from m3depth.network.model import M3Depth
 from m3depth.training.config import TrainConfig
 from m3depth.weights import SHIPPED, SHIPPED_WEIGHTS, weights_file
 from marssim.base.files.atomic import write_atomically
+from marssim.base.files.json_file import as_json
+from marssim.base.results.claim import as_typed, differences
 
 CHECKPOINT = "checkpoint.pt"
 WORLD = "number of processes"  # part of a run's identity
@@ -60,7 +61,7 @@ def read_checkpoint(path: Path, device: torch.device) -> dict[str, Any]:
         state = torch.load(path, map_location=device, weights_only=True)
         # Older ones do not say how many processes, and know fewer fields of the network.
         network = M3DepthConfig.from_dict(state["identity"]["network"])
-        state["identity"] = {WORLD: 1, **state["identity"], "network": plain(network)}
+        state["identity"] = {WORLD: 1, **state["identity"], "network": as_json(asdict(network))}
         if state["identity"].get("init") is not None:  # as it was typed
             state["identity"]["init"] = origin(Path(state["identity"]["init"]))
     except Exception as error:  # torch raises whatever its unpickler stumbles over
@@ -69,25 +70,6 @@ def read_checkpoint(path: Path, device: torch.device) -> dict[str, Any]:
             f"--out and begin from --init {path.parent / 'weights.safetensors'}"
         ) from None
     return state
-
-
-def said(value: Any) -> str:
-    """A setting as its flag takes it."""
-    return " ".join(map(str, value)) if isinstance(value, tuple) else "none" if value is None else str(value)
-
-
-def differing(name: str, before: Any, now: Any) -> str:
-    """ "seed 0, not 1"; of a network, its fields that differ."""
-    if isinstance(before, dict) and isinstance(now, dict):
-        fields = [key for key in {**before, **now} if before.get(key) != now.get(key)]
-        return "; ".join(f"{name} {differing(key, before.get(key), now.get(key))}" for key in fields)
-    was, is_now = (said(tuple(value) if isinstance(value, list) else value) for value in (before, now))
-    return f"{name} {was}, not {is_now}"
-
-
-def plain(network: M3DepthConfig) -> dict[str, Any]:
-    """As JSON gives it back."""
-    return json.loads(json.dumps(asdict(network)))
 
 
 class Run:
@@ -123,7 +105,7 @@ class Run:
         c = self.config
         # Which samples a step sees depends on the number of processes too.
         return {
-            "network": plain(self.model.config), "batch": c.batch, "crop": list(c.crop), "seed": c.seed,
+            "network": as_json(asdict(self.model.config)), "batch": c.batch, "crop": list(c.crop), "seed": c.seed,
             WORLD: self.world, "init": None if c.init is None else origin(c.init),
         }  # fmt: skip
 
@@ -134,7 +116,7 @@ class Run:
         for part, values in (("loss", asdict(c.loss)), ("augment", asdict(c.augment))):
             found |= {f"{part}.{name}": value for name, value in values.items()}
         found |= asdict(c.reader)
-        return {f"--{name.replace('_', '-')}": said(value) for name, value in found.items()}
+        return {f"--{name.replace('_', '-')}": as_typed(value) for name, value in found.items()}
 
     def save(self) -> None:
         """Write the averaged weights with their config, then the checkpoint, each atomically."""
@@ -159,12 +141,10 @@ class Run:
         if not self.checkpoint.is_file():
             return False
         state = read_checkpoint(self.checkpoint, self.device)
-        for name, value in self.identity().items():
-            if state["identity"].get(name, value) != value:  # older ones know fewer
-                raise ValueError(
-                    f"{self.checkpoint}: belongs to a run with {differing(name, state['identity'][name], value)}; "
-                    "choose another --out"
-                )
+        asked = self.identity()
+        # Checkpoints of earlier versions lack some of the settings.
+        if other := differences({**asked, **state["identity"]}, asked):
+            raise ValueError(f"{self.checkpoint}: belongs to a run with {'; '.join(other)}; choose another --out")
         self.model.load_state_dict(state["model"])
         self.averaged.load_state_dict(state["averaged"])
         self.optimizer.load_state_dict(state["optimizer"])

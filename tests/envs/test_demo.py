@@ -34,7 +34,10 @@ def test_what_is_not_the_demos_is_untouched(tmp_path, kept):
     precious = tmp_path / kept
     precious.parent.mkdir(parents=True, exist_ok=True)
     precious.write_text('{"seed": 20000}')
-    with pytest.raises(ValueError, match=f"^--out {tmp_path}: holds what is not the demo's; choose another$"):
+    with pytest.raises(
+        ValueError,
+        match=f"^--out {tmp_path}: the folder is not empty and holds no demo of this command; choose another$",
+    ):
         demo(DemoConfig(out=tmp_path))
     assert precious.read_text() == '{"seed": 20000}' and len(list(tmp_path.iterdir())) == 1
 

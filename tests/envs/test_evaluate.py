@@ -101,7 +101,7 @@ def test_a_folder_of_other_settings_is_refused(finished, capsys):
     before = (out / "results.json").read_text()
     code, message = run(capsys, "--out", out, "--episodes", 2, "--seed", 4, "--drift", 0.1, *FLAGS)
     assert code == 2 and str(out) in message and message.count("\n") == 1
-    assert "driven with no --drift, --seed 3; choose another --out" in message
+    assert "other settings (--seed 3, not 4; --drift none, not 0.1); choose another --out" in message
     assert (out / "results.json").read_text() == before
 
 

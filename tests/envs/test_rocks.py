@@ -93,7 +93,7 @@ def test_results_of_drives_are_not_replaced(folder, tmp_path, capsys):
     assert main(["--data", str(folder), "--out", str(tmp_path), "--split", "all", "--perception", "ground_truth"]) == 2
     error = capsys.readouterr().err
     assert (
-        error.startswith(f"error: --out {tmp_path}: results.json there is another command's")
+        error.startswith(f"error: --out {tmp_path}: its results.json is of another command or")
         and error[:-1].isprintable()
     )
     assert drives.read_text() == '{"differences": []}'

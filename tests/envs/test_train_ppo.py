@@ -36,12 +36,11 @@ def test_it_trains_goes_on_and_what_it_saves_drives(tmp_path, make_env, monkeypa
     rows = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
     assert [row["choices"] for row in rows] == sorted(row["choices"] for row in rows) and rows[-1]["choices"] == 32
     assert all(0 <= row["arrived"] <= 1 and row["episodes"] >= 1 for row in rows)
-    with pytest.raises(
-        DatasetError, match=r"train_ppo\.json: the policy there learnt with --k 0\.1 0\.2, --seed 0; choose"
-    ):
+    other = r"--k 0\.1 0\.2, not 0\.0 0\.1; --seed 0, not 1"
+    with pytest.raises(DatasetError, match=rf"train_ppo\.json: .* other settings \({other}\); choose"):
         train(PPOConfig(**config, k=(0.0, 0.1), seed=1, max_steps=48), rollout=16)
     (tmp_path / "train_ppo.json").unlink()
-    with pytest.raises(DatasetError, match="is not there to say what policy"):
+    with pytest.raises(DatasetError, match=r"no such file, so .* says how the policy was made"):
         train(PPOConfig(**config, max_steps=48), rollout=16)
     assert path.read_bytes() == whole
     env = make_env(mast=True, map_observation=True)
@@ -185,5 +184,5 @@ def test_the_log_of_another_command_is_left_alone(tmp_path, capsys):
     """m3depth.train calls its own the same."""
     (tmp_path / "log.jsonl").write_text("{}\n")
     assert main(["--out", str(tmp_path), "--max-steps", "1"]) == 2
-    assert "log.jsonl there is another command's; choose another folder" in capsys.readouterr().err
+    assert "train_ppo.json: no such file, so the files in this folder are another command's" in capsys.readouterr().err
     assert [file.name for file in tmp_path.iterdir()] == ["log.jsonl"]

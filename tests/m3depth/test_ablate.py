@@ -193,20 +193,20 @@ def test_a_run_of_another_network_or_state_of_the_code_is_told(plane_set, done, 
     monkeypatch.setitem(network_config.PRESETS, "lite", replace(TINY, hidden=16))
     capsys.readouterr()
     assert main(flags(plane_set, out, "--steps", "3", "--studies", "components")) == 2
-    assert "network.json: the run is of another network hidden 8, not 16; choose" in capsys.readouterr().err
+    assert "network.json: the run is of another network (hidden 8, not 16); choose" in capsys.readouterr().err
     assert json.loads((out / "runs" / "base-0" / "network.json").read_text())["hidden"] == 8
 
 
 def test_a_folder_holds_one_ablation(plane_set, done, tmp_path, capsys) -> None:
     before = (done / "results.json").read_bytes()
     for more, other in (
-        (["--steps", "2"], "steps 3, not 2"),
-        (["--steps", "3", "--limit", "2"], "limit none, not 2"),
-        (["--minutes", "1"], "steps 3, not none"),
+        (["--steps", "2"], "--steps 3, not 2"),
+        (["--steps", "3", "--limit", "2"], "--limit none, not 2"),
+        (["--minutes", "1"], "--minutes none, not 1.0; --steps 3, not none"),
     ):
         capsys.readouterr()
         assert main(flags(plane_set, done, *more)) == 2
-        assert f"belongs to an ablation with {other}; choose" in capsys.readouterr().err
+        assert f"other settings ({other}" in capsys.readouterr().err
     assert (done / "results.json").read_bytes() == before
     (tmp_path / "file").write_text("")
     assert main(flags(plane_set, tmp_path / "file", "--steps", "1")) == 2

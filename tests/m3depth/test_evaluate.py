@@ -414,7 +414,7 @@ def test_results_of_another_command_are_not_replaced(folder, tmp_path, capsys):
     """Drives', say; its own of an earlier run are."""
     results = tmp_path / "results.json"
     results.write_text('{"differences": []}')
-    with pytest.raises(DatasetError, match=r"results\.json there is another command's"):
+    with pytest.raises(DatasetError, match=r"results\.json is of another command"):
         prepare(EvaluateOptions(folder, tmp_path, baselines=("none",)))
     results.write_text('{"per_pair": []}')
     prepare(EvaluateOptions(folder, tmp_path, baselines=("none",)))

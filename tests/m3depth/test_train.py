@@ -6,6 +6,7 @@ import signal
 from dataclasses import asdict, replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import ClassVar
 
 import cv2
 import pytest
@@ -28,6 +29,8 @@ from m3depth.training.samples import PackedCache, make_batch
 from m3depth.training.validation import HEADER, validate
 from m3depth.weights import SHIPPED_WEIGHTS
 from marssim.base.command.flags import parse
+from marssim.base.results import lock
+from marssim.base.results.lock import FolderInUse
 
 
 @pytest.fixture(autouse=True)
@@ -447,6 +450,34 @@ def test_out_that_is_a_file_is_one_line_and_exit_2(plane_samples, tmp_path, caps
     assert main(["--data", "planes", "--out", str(tmp_path / "run"), "--max-steps", "1", "--crop", "32", "64"]) == 2
     last = capsys.readouterr().err.splitlines()[-1]
     assert last.startswith("error: ") and str(tmp_path / "run") in last
+
+
+@pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock")
+def test_a_second_run_in_the_folder_is_refused_and_the_first_is_whole(plane_samples, tmp_path, capsys) -> None:
+    config = config_for(tmp_path / "run", max_steps=2, validate_every=0)
+
+    class SecondRun:
+        """Samples of the first run, whose first reading starts a second run in the same folder."""
+
+        refusals: ClassVar[list[str]] = []
+
+        def __len__(self) -> int:
+            return len(plane_samples)
+
+        def __getitem__(self, index: int):
+            if not self.refusals:
+                self.refusals.append("")
+                with pytest.raises(FolderInUse) as refusal:
+                    train(replace(config, max_steps=4), plane_samples, [])
+                self.refusals[:] = [str(refusal.value)]
+            return plane_samples[index]
+
+    train(config, SecondRun(), [])
+    assert f"{config.out}: another command (process {os.getpid()} " in SecondRun.refusals[0]
+    state = torch.load(config.out / "checkpoint.pt", weights_only=True)
+    assert state["step"] == 2 and state["settings"]["--max-steps"] == "2"
+    train(replace(config, max_steps=3), plane_samples, [])
+    assert not (config.out / ".lock").exists()
 
 
 def test_a_crop_that_no_image_holds_leaves_nothing(plane_samples, tmp_path) -> None:

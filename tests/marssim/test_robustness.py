@@ -186,10 +186,10 @@ def test_memory_does_not_grow_with_the_number_of_scenes(tmp_path):
 import os, sys
 from pathlib import Path
 from marssim.generation.config import parse_generate
-from marssim.generate import _claim
 from marssim.generation.scene_views import generate_scene
 config = parse_generate("generate", None, sys.argv[1:])
-_claim(config)
+config.out.mkdir()
+(config.out / "generate.json").touch()
 for scene in range(14):
     generate_scene(config, scene, [0])
     print(int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6)

@@ -124,7 +124,7 @@ def test_results_that_cannot_be_written_name_the_flag(folder, tmp_path, capfd, m
 
 
 def test_a_folder_that_may_not_be_written_is_told_before_the_work(folder, tmp_path, capfd, monkeypatch):
-    monkeypatch.setattr(command.os, "access", lambda *_: False)  # root may write anywhere
+    monkeypatch.setattr("os.access", lambda *_: False)  # root may write anywhere
     monkeypatch.setattr(command, "verify_dataset", None)
     for asked in ((folder,), ("--cross-check",)):
         assert mistake(capfd, *asked, "--out", tmp_path) == f"error: --out {tmp_path}: permission denied"

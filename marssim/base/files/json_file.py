@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +18,46 @@ class DatasetError(ValueError):
     """A dataset that cannot be read; the message names the file."""
 
 
-def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Replace a JSON file in one step."""
-    write_atomically(path, (json.dumps(content, indent=1, sort_keys=True) + "\n").encode())
+def json_text(content: Any, *, indent: int | None = None, sort_keys: bool = False, default: Any = None) -> str:
+    """Return strict JSON, which knows no NaN and no infinity: a number that is not finite becomes null.
+
+    Args:
+        content: Nested mappings, lists and tuples of JSON's values.
+        indent, sort_keys, default: As json.dumps takes them.
+
+    Raises:
+        TypeError: Something in the content is none of JSON's types.
+    """
+    return json.dumps(_finite(content), indent=indent, sort_keys=sort_keys, default=default, allow_nan=False)
+
+
+def write_json(path: Path, content: Mapping[str, Any], *, sort_keys: bool = True) -> None:
+    """Replace a JSON file in one step. A number that is not finite becomes null.
+
+    Args:
+        path: The file. Its folder is made if need be.
+        content: Nested mappings, lists and tuples of JSON's values.
+        sort_keys: Sort the keys of objects; otherwise they keep their order.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    write_atomically(path, (json_text(content, indent=1, sort_keys=sort_keys) + "\n").encode())
+
+
+def as_json(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return content as read_json gives it back: tuples become lists, numbers that are not finite null, others text."""
+    return json.loads(json_text(content, default=str))
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return value
 
 
 def read_json(path: Path) -> dict[str, Any]:

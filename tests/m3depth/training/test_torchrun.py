@@ -2,10 +2,12 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from dataclasses import replace
 
+import pytest
 import torch
 from small_network import SMALL
 
@@ -13,6 +15,8 @@ from m3depth.network.model import M3Depth
 from m3depth.training.config import TrainConfig
 from m3depth.training.loop import train
 from marssim.base.dataset.dataset import StereoDataset
+from marssim.base.results import lock
+from marssim.base.results.lock import sole_writer
 
 TINY = replace(SMALL, refine_steps=1, fine_width=0)
 
@@ -79,3 +83,32 @@ def test_two_processes_are_one_batch_in_two_parts(plane_set, tmp_path) -> None:
     apart_folders(plane_set, tmp_path)
     records = [json.loads(line) for line in (tmp_path / "two" / "log.jsonl").read_text().splitlines()]
     assert [record["kind"] for record in records] == ["train", "val_raw", "val"]
+
+
+REFUSED = """
+import sys
+from pathlib import Path
+from m3depth.training.process_group import entered_by_first, joined_group
+from marssim.base.results.claim import ResultFolder
+
+with joined_group("cpu") as (rank, world, device):
+    try:
+        with entered_by_first(rank, world, ResultFolder(Path(sys.argv[1]), "training run").claim()):
+            print(f"process {rank} entered", flush=True)
+    except ValueError as error:
+        print(f"process {rank}: {error}", flush=True)
+"""
+
+
+@pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock")
+def test_every_process_learns_that_another_command_holds_the_folder(tmp_path) -> None:
+    """Only the first one asks for the folder; the others neither wait for it nor go on without."""
+    (tmp_path / "ask.py").write_text(REFUSED)
+    with sole_writer(tmp_path / "run"):
+        done = torchrun(str(tmp_path / "ask.py"), str(tmp_path / "run"))
+    assert done.returncode == 0, done.stderr[-3000:]
+    for rank in range(2):
+        message = rf"^process {rank}: {tmp_path / 'run'}: another command \(process {os.getpid()} .*let it end first$"
+        assert re.search(message, done.stdout, re.MULTILINE), done.stdout
+    done = torchrun(str(tmp_path / "ask.py"), str(tmp_path / "run"))
+    assert sorted(done.stdout.split("\n")) == ["", "process 0 entered", "process 1 entered"], done.stderr[-3000:]
