@@ -1,26 +1,26 @@
-"""Depth, normals and a point cloud of one rectified stereo pair.
+"""Predict depth, normals and a point cloud of one rectified stereo pair.
 
     python -m m3depth.predict left.png right.png --focal 595.9 --baseline 0.27 --out RESULT
     python -m m3depth.predict image_2/000000_10.png image_3/000000_10.png --calib calib.txt --out RESULT
     python -m m3depth.predict left.png right.png --calib left.yaml right.yaml --out RESULT      # ROS CameraInfo
 
-The images must be rectified: what the left eye sees at a pixel, the right eye sees in the same row, farther left. Eyes
-that are exchanged, rows that lie apart and images without contrast are told, and nothing is written where the result
-would mean nothing (exit code 2; --unchecked writes it all the same).
+The images must be rectified: what the left eye sees at a pixel, the right eye sees in the same row, farther left. The
+command reports exchanged eyes, rows that lie apart and images without contrast. Where the result would be meaningless,
+it writes nothing and exits with 2; --unchecked writes it nevertheless.
 A calibration file (KITTI, Middlebury, ETH3D, OpenCV's stereoRectify, ROS CameraInfo, a rig file of marssim or a
-dataset's sample.json) gives the focal lengths, the principal point and the baseline; flags given beside it replace what
-it says. Writes into RESULT:
+dataset's sample.json) gives the focal lengths, the principal point and the baseline; flags beside it replace its
+values. The command writes into RESULT:
 
-    depth.npy          float32 [m]; inf: sky or beyond measure, NaN: unknown
+    depth.npy          float32 [m]; inf: sky, or too far to be measured; NaN: unknown
     depth.png          uint16 [mm]; 0: none, or farther than 65.5 m
-    disparity.npy      float32 [px], f B / depth: with a calibration whose eyes have different principal points (doffs),
-                       that difference is in it;  disparity.png: uint16, times 256; 0: none, or 256 px and more
+    disparity.npy      float32 [px], f B / depth; it includes the difference of the eyes' principal points (doffs)
+    disparity.png      uint16, disparity times 256; 0: none, or 256 px and more
     normal.npy         float32, camera frame (x right, y down, z forward); 0 0 0: none (sky, or unknown)
-    normal.png         red right, green up, blue to the camera, black: none
+    normal.png         red right, green up, blue to the camera; black: none
     confidence.npy     float32, 0 to 1
-    left_right.npy     float32 [px], with --left-right: how far both eyes' disparities differ; NaN: out of sight
-    cloud.ply          coloured points [m], camera frame, without what hangs between two surfaces
-    figure.png         all of it at a glance
+    left_right.npy     float32 [px], with --left-right: difference of both eyes' disparities; NaN: seen by one eye alone
+    cloud.ply          coloured points [m], camera frame, without points that hang between two surfaces
+    figure.png         image, depth, normals and confidence
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ import tyro
 from m3depth.datasets.calibration import Calibration, align_right, read_calibration
 from m3depth.datasets.image_files import read_pair
 from m3depth.datasets.rigs import NATECAM_NAME, natecam
-from m3depth.estimator import Estimator, load_estimator
+from m3depth.estimator import M3DEPTH, Estimator, load_estimator
 from m3depth.prediction.closer_look import closer_look, takes_nearest
 from m3depth.prediction.files import without_sky_normals, write_prediction
 from m3depth.prediction.left_right import left_right_difference
@@ -50,57 +50,66 @@ from marssim.base.files.atomic import write_atomically
 from marssim.base.files.npy import encode_npy
 from marssim.base.results.claim import ResultFolder
 
-AGREEMENT = 1.0  # [px] that both eyes may differ by
+AGREEMENT = 1.0  # [px] largest difference of both eyes' disparities that counts as agreement
 MIN_ANGLE, MAX_ANGLE = 1.0, 150.0  # [deg] horizontal field of view of rectified images
-MIN_BASELINE = 0.001  # [m]
+MIN_BASELINE = 0.001  # [m] shortest distance of the cameras
 
 
 @dataclass(frozen=True)
 class PredictOptions:
-    """Depth, normals and a point cloud of one rectified stereo pair."""
+    """Predict depth, normals and a point cloud of one rectified stereo pair."""
 
     left: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LEFT")]
-    """Left image, grey or colour, 8 or 16 bit."""
+    """Left image file, grey or colour, of 8 or 16 bits."""
     right: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RIGHT")]
-    """Right image, of the same size."""
+    """Right image file, of the same size."""
     out: Path
-    """Folder for the results."""
+    """Folder to write the results to."""
     focal: float | None = None
-    """Focal length of the rectified images [px]; default: the calibration file's."""
+    """Focal length of the rectified images [px]. Without it, that of the calibration file."""
     baseline: float | None = None
-    """Distance of the two cameras [m]; default: the calibration file's."""
+    """Distance of the two cameras [m]. Without it, that of the calibration file."""
     calib: tuple[Path, ...] = ()
-    """Calibration file, or "natecam": what --focal, --baseline, --cx and --cy need not say; given beside it, they
-    replace what it says. Of ROS's CameraInfo the left and the right eye's file, or the right one's alone."""
+    """Calibration file of the pair, or "natecam" for Zhurong's cameras; --focal, --baseline, --cx and --cy replace its
+    values. For ROS's CameraInfo, give the files of the left and the right eye, or that of the right one alone."""
     cx: float | None = None
-    """Principal point, column of the left image [px] from 0; default: the calibration's, or the middle."""
+    """Column of the left image's principal point [px], counted from 0. Without it, the calibration's or the middle."""
     cy: float | None = None
-    """Principal point, row [px] from 0; default: the calibration's, or the middle."""
+    """Row of the principal point [px], counted from 0. Without it, the calibration's or the middle."""
     weights: Path | None = None
-    """A .safetensors file written by m3depth.train; default: the weights that come with the package."""
-    method: str = "m3depth"
-    """m3depth, m3depth:WEIGHTS, sgbm, ssd, sad, ncc, ssd-sgm, sad-sgm, ncc-sgm, or package.module:Class (a class with
-    infer(left, right, rig))."""
+    """Weights file (.safetensors) of m3depth.train to predict with; the same as --estimator m3depth:PATH. Without it,
+    the shipped weights."""
+    estimator: Annotated[str, tyro.conf.arg(aliases=["--method"])] = "m3depth"
+    """Stereo method: m3depth (shipped weights), m3depth:PATH (other weights), sgbm, ssd, sad, ncc, ssd-sgm, sad-sgm,
+    ncc-sgm, or package.module:Class, a class without arguments that has infer(left, right, rig)."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
-    """What M3Depth computes on; auto: a GPU if there is one."""
+    """Device that M3Depth runs on; auto takes a GPU if there is one."""
     nearest: float | None = None
-    """Nearest depth [m] that M3Depth, or a class whose infer takes it, has to see. What is nearer than 192 px of
-    disparity is seen in reduced images; default: 0.84 m at first, and then again, less reduced, if all is farther."""
+    """Nearest depth [m] that must be seen, for M3Depth or a class whose infer takes it. Images in which it is more than
+    192 px of disparity are reduced. Without it, 0.84 m at first, and a second run at a higher resolution if all is
+    farther."""
     unchecked: bool = False
-    """Write what comes out even where the pair shows that it means nothing; what is wrong is then a warning."""
+    """Write the result even where the pair shows that it is meaningless, and print a warning instead of an error."""
     left_right: bool = False
-    """Look from the right eye, too, which takes twice as long; where its disparity differs by more than 1 px, or where
-    it sees nothing, the confidence becomes 0."""
+    """Predict from the right eye too, which takes twice as long, and set the confidence to 0 where its disparity
+    differs by more than 1 px or is unknown."""
     min_confidence: float = 0.5
-    """Pixels of less confidence, 0 to 1, are left out of the point cloud."""
+    """Least confidence, from 0 to 1, of the pixels of the point cloud."""
     max_range: float = 30.0
-    """Points farther ahead [m] are left out of the point cloud."""
+    """Largest depth [m] of the points of the point cloud."""
 
 
 def make_calibration(options: PredictOptions, height: int, width: int) -> Calibration:
-    """What the options and the calibration file say of a pair of this size.
+    """Return the calibration that the flags and the calibration file give.
 
-    Raises FileNotFoundError or ValueError that names the flag or the file.
+    Args:
+        options: The command's flags.
+        height: Height of the images [px].
+        width: Width of the images [px].
+
+    Raises:
+        FileNotFoundError: The calibration file is missing.
+        ValueError: A flag or the file cannot be used; the message names it.
     """
     for flag, value in (("--focal", options.focal), ("--baseline", options.baseline)):
         if value is None and not options.calib:
@@ -116,31 +125,31 @@ def make_calibration(options: PredictOptions, height: int, width: int) -> Calibr
     if not options.calib:
         assert options.focal is not None and options.baseline is not None
         middle = ((width - 1) / 2, (height - 1) / 2)
-        found = Calibration(options.focal, options.focal, *middle, options.baseline)
+        from_file = Calibration(options.focal, options.focal, *middle, options.baseline)
     else:
         if len(options.calib) > 2:
             raise ValueError(f"--calib {options.calib[2]}: a pair has two calibration files at most, got a third")
         if options.calib == (NATECAM_NAME,):
-            found = natecam(width, height)
+            from_file = natecam(width, height)
         else:
-            found = read_calibration(*options.calib, image=options.left, baseline=options.baseline)
+            from_file = read_calibration(*options.calib, image=options.left, baseline=options.baseline)
     calibration = replace(
-        found,
-        fx=found.fx if options.focal is None else options.focal,
-        fy=found.fy if options.focal is None else options.focal,
-        cx=found.cx if options.cx is None else options.cx,
-        cy=found.cy if options.cy is None else options.cy,
-        baseline=found.baseline if options.baseline is None else options.baseline,
+        from_file,
+        fx=from_file.fx if options.focal is None else options.focal,
+        fy=from_file.fy if options.focal is None else options.focal,
+        cx=from_file.cx if options.cx is None else options.cx,
+        cy=from_file.cy if options.cy is None else options.cy,
+        baseline=from_file.baseline if options.baseline is None else options.baseline,
     )
     if calibration.size is not None and calibration.size != (width, height):
-        meant = f"{calibration.size[0]} x {calibration.size[1]}"
-        raise ValueError(f"{options.calib[0]}: is for images of {meant} px, {options.left} is {width} x {height}")
+        size = f"{calibration.size[0]} x {calibration.size[1]}"
+        raise ValueError(f"{options.calib[0]}: is for images of {size} px, {options.left} is {width} x {height}")
     _check_sense(calibration, width, options)
     return calibration
 
 
 def _check_sense(calibration: Calibration, width: int, options: PredictOptions) -> None:
-    """Raise ValueError for a focal length or a baseline that is most likely of another unit."""
+    """Raise ValueError for a focal length or a baseline that is most likely in another unit."""
     focal_from = "--focal" if not options.calib or options.focal else f"{options.calib[0]}: focal length"
     baseline_from = "--baseline" if not options.calib or options.baseline else f"{options.calib[0]}: baseline"
     angle = np.rad2deg(2 * np.arctan2(width / 2, calibration.fx))
@@ -157,18 +166,23 @@ def _check_sense(calibration: Calibration, width: int, options: PredictOptions) 
 
 
 def predict(options: PredictOptions, estimator: Estimator | None = None) -> Prediction:
-    """Read the pair, estimate, write the files, say in one line what came out.
+    """Read the pair, predict, write the files, and print a summary in one line; warnings go to stderr.
 
-    estimator: instead of the one that the options name. Raises FileNotFoundError or ValueError with one line for the
-    user, before anything is written. What is doubtful of the pair is told on stderr.
+    Args:
+        options: The command's flags.
+        estimator: A method to use instead of the one that the flags name.
+
+    Raises:
+        FileNotFoundError: A file is missing; nothing was written.
+        ValueError: A flag or the pair cannot be used; nothing was written.
     """
     left, right = read_pair(options.left, options.right)
     calibration = make_calibration(options, *left.shape[:2])
     rig = calibration.rig(left.shape[1], left.shape[0])
     folder = ResultFolder(options.out, "prediction")
     folder.check()
-    if options.method != "m3depth" and options.weights is not None:
-        raise ValueError(f"--weights belongs to m3depth, not to --method {options.method}")
+    if options.estimator != M3DEPTH and options.weights is not None:
+        raise ValueError(f"--weights belongs to m3depth, not to --estimator {options.estimator}")
     if options.nearest is not None and not (np.isfinite(options.nearest) and options.nearest > 0):
         raise ValueError(f"--nearest must be positive, got {options.nearest}")
     if not 0 <= options.min_confidence <= 1:
@@ -176,10 +190,10 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
     if not options.max_range > 0:
         raise ValueError(f"--max-range must be positive, got {options.max_range:g}")
     if estimator is None:
-        spec = options.method if options.weights is None else f"m3depth:{options.weights}"
-        estimator = load_estimator(spec, "--method", device=options.device)
+        name = options.estimator if options.weights is None else f"{M3DEPTH}:{options.weights}"
+        estimator = load_estimator(name, "--estimator", device=options.device)
     if options.nearest is not None and not takes_nearest(estimator):
-        raise ValueError(f"--nearest: --method {options.method} cannot be told how near it has to see")
+        raise ValueError(f"--nearest: infer of --estimator {options.estimator} takes no nearest depth")
     right = align_right(right, calibration.shift)
     doubts = check_pair(left, right, rig, (str(options.left), str(options.right)))
     for fatal, message in doubts:
@@ -187,11 +201,11 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
             raise ValueError(f"{message}; nothing was written (--unchecked does it all the same)")
         print(f"warning: {message}", file=sys.stderr)
 
-    def look(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
+    def infer(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
         return closer_look(estimator, left, right, rig, nearest=options.nearest)
 
-    prediction = without_sky_normals(look(left, right, rig))
-    difference = left_right_difference(look, left, right, rig, prediction) if options.left_right else None
+    prediction = without_sky_normals(infer(left, right, rig))
+    difference = left_right_difference(infer, left, right, rig, prediction) if options.left_right else None
     if difference is not None:
         agree = difference <= AGREEMENT
         prediction = replace(prediction, confidence=np.where(agree, prediction.confidence, np.float32(0)))
@@ -209,17 +223,17 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
                 f"; the eyes agree within {AGREEMENT:g} px on {100 * agree[compared].mean():.1f} % of what both see"
             )
     known = prediction.depth[np.isfinite(prediction.depth)]
-    seen = "no depth"
+    depths = "no depth"
     if len(known):
         low, middle, high = np.percentile(known, [5, 50, 95])
-        seen = f"depth {low:.2f} to {high:.2f} m (5 to 95 %), median {middle:.2f} m"
+        depths = f"depth {low:.2f} to {high:.2f} m (5 to 95 %), median {middle:.2f} m"
     share = 100 * len(known) / prediction.depth.size
-    print(f"{options.out}: {seen} on {share:.0f} % of the pixels; {counted(count, 'point')}{agreed}")
+    print(f"{options.out}: {depths} on {share:.0f} % of the pixels; {counted(count, 'point')}{agreed}")
     return prediction
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """The command. Returns the exit code: 2 for a mistake in what was asked for, and for pairs that are none."""
+    """Run the command, and return its exit code: 2 for a mistake of the user, and for images that are no pair."""
     return run_command(
         predict, PredictOptions, "python -m m3depth.predict", __doc__, args, "the results may be incomplete"
     )

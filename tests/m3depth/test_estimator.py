@@ -169,7 +169,7 @@ def test_predict_says_in_a_line_what_a_class_of_ones_own_lacks(tmp_path, monkeyp
     for number in (0, 1):
         cv2.imwrite(str(tmp_path / f"{number}.png"), wall[:, 5 * number :][:, :60])
     asked = [str(tmp_path / "0.png"), str(tmp_path / "1.png"), "--focal", "60", "--baseline", "0.2"]
-    assert predict_command([*asked, "--out", str(tmp_path / "out"), "--method", "bad_stereo:Bad"]) == 2
+    assert predict_command([*asked, "--out", str(tmp_path / "out"), "--estimator", "bad_stereo:Bad"]) == 2
     said = capsys.readouterr().err
     assert said.endswith("Bad.infer returned depth of shape (3, 3): it must be (40, 60) here\n")
     assert said.count("error:") == 1 and "Traceback" not in said and not (tmp_path / "out").exists()

@@ -94,11 +94,12 @@ def test_principal_point_moves_the_cloud(pair, tmp_path):
     assert np.allclose(far[1][:, 0] - far[0][:, 0], 10 * far[0][:, 2] / 80, atol=1e-5)
 
 
-@pytest.mark.parametrize("shape", [(31, 47), (33, 90, 3)])
-def test_command_at_any_size_grey_or_colour(tmp_path, shape):
+@pytest.mark.parametrize(("shape", "flag"), [((31, 47), "--estimator"), ((33, 90, 3), "--method")])
+def test_command_at_any_size_grey_or_colour(tmp_path, shape, flag):
+    """--method is the name that --estimator had in release 0.1.0."""
     rng = np.random.default_rng(2)
     pair = [write(tmp_path / f"{i}.png", rng.integers(0, 255, shape, dtype=np.uint8)) for i in (0, 1)]
-    args = [*map(str, pair), "--focal", "60", "--baseline", "0.3", "--out", str(tmp_path / "o"), "--method", "sgbm"]
+    args = [*map(str, pair), "--focal", "60", "--baseline", "0.3", "--out", str(tmp_path / "o"), flag, "sgbm"]
     assert main(args) == 0
     assert np.load(tmp_path / "o/depth.npy").shape == shape[:2]
     assert (tmp_path / "o/cloud.ply").read_bytes().startswith(b"ply")
@@ -115,7 +116,7 @@ def test_exchanged_eyes_are_refused_and_others_are_not(tmp_path, capsys):
     predict(options((left, right), tmp_path), Wall())
     assert not capsys.readouterr().err
     out = tmp_path / "exchanged"
-    args = [str(right), str(left), "--focal", "80", "--baseline", "0.2", "--out", str(out), "--method", "sgbm"]
+    args = [str(right), str(left), "--focal", "80", "--baseline", "0.2", "--out", str(out), "--estimator", "sgbm"]
     assert main(args) == 2
     error = capsys.readouterr().err
     assert "exchange left and right" in error and error.count("\n") == 1 and not out.exists()
@@ -129,7 +130,7 @@ def test_a_pair_that_is_not_rectified_is_told_or_refused(tmp_path, capsys):
     for rows, code, wording in ((0, 0, ""), (1, 0, "warning: the rows of"), (4, 2, "lie 4.0 px apart")):
         right = write(tmp_path / f"r{rows}.png", scene[20 + rows : 280 + rows, 32:432])
         out = tmp_path / f"out{rows}"
-        args = [str(left), str(right), "--focal", "300", "--baseline", "0.2", "--out", str(out), "--method", "sgbm"]
+        args = [str(left), str(right), "--focal", "300", "--baseline", "0.2", "--out", str(out), "--estimator", "sgbm"]
         assert main(args) == code
         said = capsys.readouterr().err
         assert wording in said and said.count("\n") == (rows > 0) and out.exists() == (code == 0)
@@ -216,13 +217,15 @@ def test_two_images_of_different_things_are_refused(tmp_path, capsys):
         ("calib", "calib.txt: is for images of 90 x 60 px"),
         ("unit", "calib.txt: baseline 0.00012 m is out of"),
         ("weights", "w.safetensors: no such weights file"),
+        ("weights by name", "v.safetensors: no such weights file"),
+        ("weights of another", "--weights belongs to m3depth, not to --estimator sgbm"),
         ("weights folder", "is a folder, not a weights file"),
         ("image folder", "is a folder, not a file"),
         ("dataset", "set: is a dataset; choose another folder"),
         ("no number", "--focal {None}|FLOAT: could not convert string to float: 'abc'"),
         ("nearest", "--nearest must be positive, got -1"),
-        ("not its own", "--nearest: --method sgbm cannot be told how near it has to see"),
-        ("method", "--method 'raft' is unknown; choose from m3depth, sgbm"),
+        ("not its own", "--nearest: infer of --estimator sgbm takes no nearest depth"),
+        ("method", "--estimator 'raft' is unknown; choose from m3depth, sgbm"),
         ("out", "is not a folder"),
     ],
 )
@@ -263,6 +266,10 @@ def test_mistakes_are_one_line(pair, tmp_path, capsys, case, message):
         (tmp_path / "calib.txt").write_text(f"cam0=[80 0 30; 0 80 20; 0 0 1]\nbaseline=0.12\n{size}")
     elif case == "weights":
         extra = ["--weights", str(tmp_path / "w.safetensors")]
+    elif case == "weights by name":
+        extra = ["--estimator", f"m3depth:{tmp_path / 'v.safetensors'}"]
+    elif case == "weights of another":
+        extra = ["--weights", str(tmp_path / "w.safetensors"), "--estimator", "sgbm"]
     elif case == "weights folder":
         extra = ["--weights", str(tmp_path)]
     elif case == "image folder":
@@ -276,9 +283,9 @@ def test_mistakes_are_one_line(pair, tmp_path, capsys, case, message):
     elif case == "nearest":
         extra = ["--nearest", "-1"]
     elif case == "not its own":
-        extra = ["--nearest", "2", "--method", "sgbm"]
+        extra = ["--nearest", "2", "--estimator", "sgbm"]
     elif case == "method":
-        extra = ["--method", "raft"]
+        extra = ["--estimator", "raft"]
     else:
         out.write_text("a file")
     assert main([left, right, *focal, *baseline, "--out", str(out), *extra]) == 2
@@ -291,7 +298,7 @@ def test_the_other_eye_is_asked_and_what_it_denies_is_not_trusted(plane_samples,
     sample = plane_samples[0]
     left, right = (write(tmp_path / f"{name}.png", getattr(sample, name)) for name in ("left", "right"))
     flags = [str(left), str(right), "--focal", str(sample.rig.camera.fx), "--baseline", str(sample.rig.baseline),
-             "--method", "sgbm", "--out", str(tmp_path / "out")]  # fmt: skip
+             "--estimator", "sgbm", "--out", str(tmp_path / "out")]  # fmt: skip
     assert main([*flags, "--left-right"]) == 0
     said = capsys.readouterr().out
     share = float(re.search(r"the eyes agree within 1 px on ([\d.]+) % of what both see", said)[1])
@@ -329,7 +336,7 @@ def test_a_disk_that_fills_up_is_told_and_leaves_no_half_of_a_file(pair, tmp_pat
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(os, "fsync", full)
-    assert main([*map(str, pair), "--focal", "80", "--baseline", "0.2", "--out", str(out), "--method", "sgbm"]) == 2
+    assert main([*map(str, pair), "--focal", "80", "--baseline", "0.2", "--out", str(out), "--estimator", "sgbm"]) == 2
     told = f"error: --out {out}: {out / 'disparity.npy'}: no space left on device\n"
     assert capsys.readouterr().err.endswith(told)
     assert [file.name for file in out.iterdir()] == ["depth.npy"]
