@@ -35,7 +35,7 @@ from marssim.base.results.claim import ResultFolder
 from marssim.base.results.lock import check_unused
 from marssim.base.results.out_folder import check_folder
 from marssim.inspection.cross_check import cross_check
-from marssim.inspection.cross_check import table as table_of_makers
+from marssim.inspection.cross_check import table as table_of_renderers
 from marssim.inspection.figures import sample_figure, statistics_figure
 from marssim.inspection.integrity import Finding, check_extra, check_index, check_samples, check_trajectories
 from marssim.inspection.statistics import SampleStatistics, table
@@ -177,7 +177,7 @@ def verify(config: VerifyConfig) -> bool:
         with _folder(config.results(), "cross-check").claim():
             checks, notes = cross_check(load_place(config.scene), config.seed, config.views, NATECAM.camera)
             print(f"{counted(config.views, 'view')} of {config.scene}, seed {config.seed}, against Embree's rays")
-            print("\n".join([table_of_makers(checks), *notes]))
+            print("\n".join([table_of_renderers(checks), *notes]))
             report = {name: check.report() for name, check in checks.items()}
             content = {"scene": config.scene, "seed": config.seed, "makers": report, "notes": notes}
             write_json(config.results() / "cross_check.json", content)

@@ -1,1 +1,1 @@
-"""What the command marssim.generate is made of."""
+"""The parts of the command marssim.generate: its configuration, its tasks, and the contact sheet."""

@@ -1,4 +1,4 @@
-"""A config as the command line that asks for it, so that a dataset can say how it is completed."""
+"""Writes a GenerateConfig as a command line, so that a dataset can name the command that completes it."""
 
 from __future__ import annotations
 
@@ -12,39 +12,43 @@ from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
 from marssim.generation.config import MIXED, GenerateConfig, RunConfig
 from marssim.scene.scene import PRESETS, preset
 
-ELSEWHERE = ("out", "workers", "scheduler")  # who renders and where to: not of the dataset
-FROM_FILE, FILLED_IN = "relief.heightmap", "relief.heightmap_sha256"  # its digest
+NOT_OF_THE_DATA = ("out", "workers", "scheduler")  # fields that do not change the dataset
+HEIGHTMAP, DIGEST = "relief.heightmap", "relief.heightmap_sha256"  # the digest is filled in from the file
 
 
 def command_flags(config: GenerateConfig, elsewhere: bool = False) -> str | None:
-    """Flags of marssim.generate that give this config, but for --out, --workers and --scheduler.
+    """Return the flags of marssim.generate that give a config, without --out, --workers and --scheduler.
 
-    elsewhere: for other machines, where a heightmap is known by its name and lies in another folder. None for a config
-    that no flags give: of scenes that are neither one place's nor all places', changed alike.
+    Args:
+        config: The config.
+        elsewhere: Write the heightmap's file name instead of its path, for use on other machines.
+
+    Returns:
+        None if no flags give the config, since its scenes are neither those of one preset nor of all presets with the
+        same changes.
     """
     knobs = _knobs(config)
     if knobs is None:
         return None
-    default = GenerateConfig(out=config.out)
-    run = {name: value for name, value in _leaves(config, RunConfig) if name.split(".")[0] not in ELSEWHERE}
-    before = dict(_leaves(default, RunConfig))
-    asked = {"pairs": config.pairs, "seed": config.seed, "scene": config.place}
-    asked |= {name: value for name, value in run.items() if value != before[name]} | knobs | _rig(config.rig)
-    if elsewhere and FROM_FILE in asked:
-        asked[FROM_FILE] = Path(str(asked[FROM_FILE])).name
-    return shlex.join(word for name, value in asked.items() for word in _words(name, value))
+    run = {name: value for name, value in _leaves(config, RunConfig) if name.split(".")[0] not in NOT_OF_THE_DATA}
+    defaults = dict(_leaves(GenerateConfig(out=config.out), RunConfig))
+    flags = {"pairs": config.pairs, "seed": config.seed, "scene": config.place}
+    flags |= {name: value for name, value in run.items() if value != defaults[name]} | knobs | _rig(config.rig)
+    if elsewhere and HEIGHTMAP in flags:
+        flags[HEIGHTMAP] = Path(str(flags[HEIGHTMAP])).name
+    return shlex.join(word for name, value in flags.items() for word in _words(name, value))
 
 
 def _knobs(config: GenerateConfig) -> dict[str, Any] | None:
-    """What of the scenes differs from their presets; None if that is not the same in all."""
+    """Return the values that differ from those of the presets, or None if they are not the same in all scenes."""
     names = PRESETS if config.place == MIXED else (config.place,)
     if names != tuple(scene.preset for scene in config.scenes) or not set(names) <= set(PRESETS):
         return None
-    now, before = ([dict(_leaves(scene)) for scene in scenes] for scenes in (config.scenes, map(preset, names)))
+    scenes, presets = ([dict(_leaves(scene)) for scene in group] for group in (config.scenes, map(preset, names)))
     changed: dict[str, Any] = {}
-    for name in now[0]:
-        values = [scene[name] for scene in now]
-        if name != FILLED_IN and values != [scene[name] for scene in before]:
+    for name in scenes[0]:
+        values = [scene[name] for scene in scenes]
+        if name != DIGEST and values != [scene[name] for scene in presets]:
             if values != values[:1] * len(values):
                 return None
             changed[name] = values[0]
@@ -52,19 +56,24 @@ def _knobs(config: GenerateConfig) -> dict[str, Any] | None:
 
 
 def _rig(rig: StereoRig) -> dict[str, Any]:
-    """What of the cameras differs from what RigOptions has without being asked."""
-    camera, usual = rig.camera, NATECAM.camera
+    """Return the values of the cameras that differ from the defaults of RigOptions."""
+    camera, default = rig.camera, NATECAM.camera
     middle = PinholeCamera.centred(camera.width, camera.height, camera.fx)
     knobs = {
-        "width": (camera.width, usual.width), "height": (camera.height, usual.height), "focal": (camera.fx, usual.fx),
-        "focal_y": (camera.fy, camera.fx), "cx": (camera.cx, middle.cx), "cy": (camera.cy, middle.cy),
+        "width": (camera.width, default.width), "height": (camera.height, default.height),
+        "focal": (camera.fx, default.fx), "focal_y": (camera.fy, camera.fx), "cx": (camera.cx, middle.cx), "cy": (camera.cy, middle.cy),
         "baseline": (rig.baseline, NATECAM.baseline),
     }  # fmt: skip
-    return {f"rig.{name}": value for name, (value, without) in knobs.items() if value != without}
+    return {f"rig.{name}": value for name, (value, implied) in knobs.items() if value != implied}
 
 
 def _leaves(config: Any, kind: type | None = None) -> Iterator[tuple[str, Any]]:
-    """Dotted names and values of a config's fields, those of its parts instead of the parts. kind: of that class."""
+    """Yield the dotted names and the values of a config's fields, with those of its parts instead of the parts.
+
+    Args:
+        config: The config.
+        kind: Takes the fields of this class alone, a parent of the config's.
+    """
     for field in fields(kind or config):
         value = getattr(config, field.name)
         if is_dataclass(value):

@@ -1,4 +1,4 @@
-"""One task of marssim.generate: the views of one scene, rendered and written."""
+"""One task of marssim.generate: render and write the views of one scene."""
 
 from __future__ import annotations
 
@@ -23,14 +23,29 @@ from marssim.scene.viewpoint import draw_pose
 
 
 def generate_scene(config: GenerateConfig, scene_index: int, views: list[int]) -> int:
-    """Render the views of one scene that are not on disk yet. Returns how many of `views` are there now.
+    """Render the views of one scene that are not on disk yet.
 
-    Every random draw follows from (seed, scene, view), so that a view does not depend on who renders it, nor on what
-    else is rendered. Raises ValueError if rocks leave a camera no place to stand, ImportError if the renderer is not
-    installed, DatasetError if the dataset is out of sight, OSError with the place if the disk refuses.
+    Every random draw follows from (seed, scene, view), so that a view depends neither on the worker nor on the other
+    views.
+
+    Args:
+        config: The dataset.
+        scene_index: Number of the scene, from 0.
+        views: Numbers of its views.
+
+    Returns:
+        The number of `views`, all of which are on disk now.
+
+    Raises:
+        ValueError: Rocks leave a camera no place to stand.
+        ImportError: The renderer's library is not installed.
+        DatasetError: The worker cannot see the folder of the dataset.
+        OSError: A file could not be written. The error names it.
     """
     if not (config.out / SETTINGS).is_file():
-        raise DatasetError(f"{config.out}: not seen by a worker; --out must be a folder that all workers share")
+        raise DatasetError(
+            f"{config.out}: a worker cannot see this folder; --out must be a folder that all workers share"
+        )
     missing = [v for v in views if not is_complete(sample_folder(config.out, scene_index, v))]
     if missing:
         _render(config, scene_index, missing)
@@ -40,17 +55,22 @@ def generate_scene(config: GenerateConfig, scene_index: int, views: list[int]) -
 
 
 def sample_folder(out: Path, scene: int, view: int) -> Path:
-    """Where a sample of the dataset `out` lies: scenes/<scene, 5 digits>/<view, 2 digits>."""
+    """Return the folder of a sample of the dataset `out`: scenes/<scene, 5 digits>/<view, 2 digits>."""
     return out / "scenes" / f"{scene:05d}" / f"{view:02d}"
 
 
 def draw_scene(config: GenerateConfig, scene_index: int) -> Scene:
-    """The scene of that index. Raises ValueError if it cannot be built."""
+    """Build the scene of that number. Raises ValueError if it cannot be built."""
     return build_scene(config.scene_config(scene_index), np.random.default_rng((config.seed, scene_index)))
 
 
 def draw_drive(config: GenerateConfig, scene: Scene, scene_index: int) -> tuple[Sensor, np.ndarray]:
-    """Of a scene's drive: the camera, one for all of it, and its poses (views_per_scene, 4, 4); see draw_trajectory."""
+    """Draw the drive over a scene.
+
+    Returns:
+        The sensor, one for the whole drive, and the poses (views_per_scene, 4, 4), left camera to world; see
+        draw_trajectory.
+    """
     rng = np.random.default_rng((config.seed, scene_index, 0))
     sensor = Sensor.draw(config.sensor, rng)
     return sensor, draw_trajectory(scene, config.view, config.drive, config.views_per_scene, rng)
@@ -59,9 +79,13 @@ def draw_drive(config: GenerateConfig, scene: Scene, scene_index: int) -> tuple[
 def draw_view(
     config: GenerateConfig, scene: Scene, scene_index: int, view: int
 ) -> tuple[np.ndarray, np.random.Generator]:
-    """Where the cameras of a view stand, which is no part of a drive, and what its further draws come from.
+    """Draw the pose of a view that is not part of a drive.
 
-    The pose is (4, 4), left camera to world. Raises ValueError if there is no place to stand.
+    Returns:
+        The pose (4, 4), left camera to world, and the generator of the view's further draws.
+
+    Raises:
+        ValueError: Rocks leave the camera no place to stand.
     """
     rng = _rng_of(config, scene_index, view)
     return draw_pose(scene, config.view, rng), rng
@@ -82,13 +106,13 @@ def _render(config: GenerateConfig, scene_index: int, views: list[int]) -> None:
                 pose, rng = draw_view(config, scene, scene_index, view)
             else:
                 pose, rng = poses[view], _rng_of(config, scene_index, view)
-            used = sensor or Sensor.draw(config.sensor, rng)
-            frame = render_stereo(renderer, shader, config.rig, pose, used, rng)
+            view_sensor = sensor or Sensor.draw(config.sensor, rng)
+            frame = render_stereo(renderer, shader, config.rig, pose, view_sensor, rng)
             folder = sample_folder(config.out, scene_index, view)
             try:
-                write_sample(folder, frame, _meta(config, scene, used, scene_index, view))
+                write_sample(folder, frame, _meta(config, scene, view_sensor, scene_index, view))
             except OSError as error:
-                error.filename = error.filename or str(folder)  # a write that fails does not say where
+                error.filename = error.filename or str(folder)  # a write that fails does not name its file
                 raise
     finally:
         renderer.close()
@@ -96,10 +120,10 @@ def _render(config: GenerateConfig, scene_index: int, views: list[int]) -> None:
 
 def _meta(config: GenerateConfig, scene: Scene, sensor: Sensor, scene_index: int, view: int) -> dict[str, Any]:
     scene_config = asdict(scene.config)
-    if scene.config.relief.heightmap is not None:  # by its name: the folder is another one elsewhere
+    if scene.config.relief.heightmap is not None:  # the name alone, since folders differ between machines
         scene_config["relief"]["heightmap"] = Path(scene.config.relief.heightmap).name
     more: dict[str, Any] = {"rasterizer": EGL} if config.rasterizer == EGL else {}
-    if scene.terrain.at is not None:  # where the scene's origin lies in the heightmap, and how high [m]
+    if scene.terrain.at is not None:  # place and height of the scene's origin in the heightmap [m]
         more["heightmap"] = {"at": list(scene.terrain.at), "datum": scene.terrain.datum}
     if config.trajectory:
         more["timestamp"] = view * config.drive.step / config.drive.speed
@@ -111,7 +135,7 @@ def _meta(config: GenerateConfig, scene: Scene, sensor: Sensor, scene_index: int
         "preset": scene.config.preset,
         "scene_config": scene_config,
         "rock_abundance": scene.abundance(),
-        **asdict(scene.look),  # all that was drawn of it
+        **asdict(scene.look),  # every value that the scene drew
         "sun": scene.look.sun.tolist(),
         "sun_elevation_deg": float(np.rad2deg(scene.look.sun_elevation)),
         "sensor": asdict(sensor),
@@ -120,7 +144,7 @@ def _meta(config: GenerateConfig, scene: Scene, sensor: Sensor, scene_index: int
 
 
 def _write_trajectory(out: Path, scene_index: int, views: list[int]) -> None:
-    """Beside the views, from what they say of themselves; not touched if it is there already."""
+    """Write the poses of a scene's views beside them, unless the file has them already."""
     metas = [read_json(sample_folder(out, scene_index, view) / "sample.json") for view in views]
     text = tum_lines([meta["timestamp"] for meta in metas], np.array([meta["pose"] for meta in metas]))
     file = out / "scenes" / f"{scene_index:05d}" / TRAJECTORY

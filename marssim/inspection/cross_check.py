@@ -1,4 +1,4 @@
-"""Do all G-buffer makers see the same? Random views of a scene against Embree's rays, and tilted planes."""
+"""Comparison of all renderers with Embree's rays, on random views of a scene and on tilted planes."""
 
 from __future__ import annotations
 
@@ -21,51 +21,63 @@ from marssim.render.renderers.renderer import Renderer
 from marssim.scene.scene import Scene, SceneConfig, build_scene
 from marssim.scene.viewpoint import ViewConfig, draw_pose
 
-REFERENCE = "embree"
+REFERENCE = "embree"  # the renderer that the others are compared with
 
 
 @dataclass(frozen=True)
-class MakerCheck:
-    """One maker. views: its agreement with Embree on random views, None of Embree itself; planes: (2,) shift in u and v
-    [px] on tilted planes."""
+class RendererCheck:
+    """How well one renderer agrees with Embree and with tilted planes."""
 
     views: Agreement | None
+    """Agreement with Embree on random views; None for Embree itself."""
     planes: np.ndarray
+    """(2,) shift in u and v on tilted planes [px]; NaN where they do not determine it."""
 
     @property
     def good(self) -> bool:
-        """See Agreement.good; no shift on planes reaches 0.05 px."""
+        """Whether the views agree (see Agreement.good) and no shift on planes reaches 0.05 px."""
         return (self.views is None or self.views.good) and small(self.planes)
 
     def report(self) -> dict[str, Any]:
-        """Plain numbers, for JSON."""
+        """Return plain numbers, for JSON."""
         views = {} if self.views is None else self.views.report()
         return {**views, "planes_px": [None if np.isnan(v) else float(v) for v in self.planes], "good": self.good}
 
 
 def cross_check(
     place: SceneConfig, seed: int, views: int, camera: PinholeCamera
-) -> tuple[dict[str, MakerCheck], list[str]]:
-    """Each maker by name, Embree last; and what is to be said of those that cannot be tried here, a line each."""
-    makers, notes = _makers()
+) -> tuple[dict[str, RendererCheck], list[str]]:
+    """Compare all renderers that work here.
+
+    Args:
+        place: The place that the scene is drawn from.
+        seed: Seed of the scene and of the views.
+        views: Number of views.
+        camera: The camera of all views.
+
+    Returns:
+        The checks by renderer, Embree last, and a line of text on each renderer that does not work here.
+    """
+    makers, notes = _renderers()
     rng = np.random.default_rng(seed)
     scene = build_scene(place, rng)
     poses = [draw_pose(scene, ViewConfig(), rng) for _ in range(views)]
     planes = {name: plane_shift(make, camera) for name, make in makers.items()}
-    with ExitStack() as open_makers:
-        opened = {name: open_makers.enter_context(closing(make(scene))) for name, make in makers.items()}
-        tracer = opened.pop(REFERENCE)
-        found = agreements(opened, tracer, camera, watched(poses, "view", "cross-check"))
-    return {name: MakerCheck(found.get(name), planes[name]) for name in makers}, notes
+    with ExitStack() as stack:
+        renderers = {name: stack.enter_context(closing(make(scene))) for name, make in makers.items()}
+        tracer = renderers.pop(REFERENCE)
+        agreement = agreements(renderers, tracer, camera, watched(poses, "view", "cross-check"))
+    return {name: RendererCheck(agreement.get(name), planes[name]) for name in makers}, notes
 
 
-def _makers() -> tuple[dict[str, Callable[[Scene], Renderer]], list[str]]:
+def _renderers() -> tuple[dict[str, Callable[[Scene], Renderer]], list[str]]:
+    """Return what makes each renderer that works here, by name, and a line of text on each other one."""
     makers: dict[str, Callable[[Scene], Renderer]] = {}
     notes = []
     try:
         import_pybullet()
     except ImportError as error:
-        notes.append(f"pybullet: left out, {error}")
+        notes.append(f"pybullet is left out: {error}")
     else:
         makers["pybullet"] = partial(make_renderer, "pybullet")
         egl = probe()
@@ -73,14 +85,14 @@ def _makers() -> tuple[dict[str, Callable[[Scene], Renderer]], list[str]]:
             makers["pybullet, EGL"] = partial(make_renderer, "pybullet", egl=True)
             notes.append(f"EGL draws with {egl.message}")
         else:
-            notes.append(f"pybullet, EGL: left out, it does not work here: {egl.message}")
+            notes.append(f"pybullet, EGL is left out, since EGL does not work here: {egl.message}")
     makers["scan"] = partial(make_renderer, "scan")
     makers[REFERENCE] = partial(make_renderer, REFERENCE)
     return makers, notes
 
 
-def table(checks: dict[str, MakerCheck]) -> str:
-    """A line for each maker."""
+def table(checks: dict[str, RendererCheck]) -> str:
+    """Return the checks as text, a line for each renderer."""
     head = "same surface   depth within 0.5 %   shift (u, v) [px] at silhouettes, on smooth ground, on tilted planes"
     rows = [f"{'':14}   {head}"]
     for name, check in checks.items():

@@ -1,4 +1,4 @@
-"""The image shift of a G-buffer maker on planes tilted in each axis, whose depth is known in closed form."""
+"""The image shift of a renderer on tilted planes, whose depth is known in closed form."""
 
 from __future__ import annotations
 
@@ -14,18 +14,31 @@ from marssim.render.renderers.renderer import Renderer
 from marssim.scene.rocks import RockConfig
 from marssim.scene.scene import Scene, SceneConfig, build_scene
 
-TILT_DEG = 15.0
-AZIMUTHS_DEG = (0.0, 90.0, 180.0, 270.0)  # in which they rise: away from the camera, to its sides, towards it
-PITCH_DEG = 35.0
-FARTHEST = 6.0  # [m]; beyond, a pixel's depth says less of where it is
+TILT_DEG = 15.0  # of each plane
+AZIMUTHS_DEG = (
+    0.0,
+    90.0,
+    180.0,
+    270.0,
+)  # in which the planes rise: away from the camera, to its sides, to it
+PITCH_DEG = 35.0  # that the camera looks down
+FARTHEST = 6.0  # farthest ground that counts [m], since depth hardly determines the shift beyond
 
 
 def plane_shift(
     make: Callable[[Scene], Renderer], camera: PinholeCamera, azimuths_deg: tuple[float, ...] = AZIMUTHS_DEG
 ) -> np.ndarray:
-    """(2,) best-fit shift in u and v [px] of 1 / Z over all planes, NaN in both if they do not tell one of them.
+    """Fit the shift of a renderer's image of 1 / Z over all planes.
 
-    1 / Z = n . r / (n . p - n . eye) of a plane through p with normal n is linear in u and v.
+    On a plane through p with normal n, 1 / Z = n . r / (n . p - n . eye) is linear in u and v.
+
+    Args:
+        make: Makes the renderer of a scene.
+        camera: The camera.
+        azimuths_deg: Directions in which the planes rise [deg], counter-clockwise from east.
+
+    Returns:
+        (2,) shift in u and v [px]; NaN in both if the planes do not determine one of them.
     """
     fit = ShiftFit()
     for azimuth in np.deg2rad(azimuths_deg):
@@ -34,11 +47,11 @@ def plane_shift(
         up = np.array([-tilt[0], -tilt[1], 1.0])
         inverse = (camera.rays() @ pose[:3, :3].T @ up) / -(pose[:3, 3] @ up)
         slope_u, slope_v = (pose[:3, :2].T @ up) / -(pose[:3, 3] @ up) / (camera.fx, camera.fy)
-        maker = make(plane(tilt))
+        renderer = make(plane(tilt))
         try:
-            depth, surface = raw_depth(maker, maker.render(camera, pose), camera, pose)
+            depth, surface = raw_depth(renderer, renderer.render(camera, pose), camera, pose)
         finally:
-            maker.close()
+            renderer.close()
         where = (surface == GROUND) & (inverse > 1 / FARTHEST)
         fit.add(1 / np.where(where, depth, 1), partial(_beside, inverse, slope_u, slope_v), where)
     return fit.shift
@@ -49,7 +62,7 @@ def _beside(inverse: np.ndarray, slope_u: float, slope_v: float, du: float, dv: 
 
 
 def plane(tilt: np.ndarray) -> Scene:
-    """A scene without rocks, z = tilt (2,) . (x, y)."""
+    """Return a scene without rocks whose ground is z = tilt (2,) . (x, y)."""
     config = SceneConfig(size=8.0, horizon=16.0, rocks=RockConfig(k=0.0))
     scene = build_scene(config, np.random.default_rng(0))
     for grid in (scene.terrain.fine, scene.terrain.coarse):

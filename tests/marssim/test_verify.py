@@ -12,7 +12,7 @@ from marssim.base.results import lock
 from marssim.base.results.lock import sole_writer
 from marssim.export import ExportConfig, export
 from marssim.inspection.agreement import Agreement
-from marssim.inspection.cross_check import MakerCheck
+from marssim.inspection.cross_check import RendererCheck
 from marssim.verify import spread
 
 
@@ -198,7 +198,7 @@ def test_a_sample_is_shown(folder, tmp_path, capfd):
 def test_what_the_cross_check_finds_is_told(tmp_path, capfd, monkeypatch):
     for surface, code in ((1.0, 0), (0.9, 1)):
         views = Agreement(10, surface, 0.995, np.array([0.01, -0.02]), np.array([0.0, 0.03]))
-        checks = {"scan": MakerCheck(views, np.array([0.002, 0.001])), "embree": MakerCheck(None, np.zeros(2))}
+        checks = {"scan": RendererCheck(views, np.array([0.002, 0.001])), "embree": RendererCheck(None, np.zeros(2))}
         monkeypatch.setattr(command, "cross_check", lambda *_, checks=checks: (checks, ["pybullet: left out"]))
         done, out, _ = run(capfd, "--cross-check", "--scene", "utopia", "--seed", 4, "--out", tmp_path)
         first, _, scan, embree, note = out.splitlines()

@@ -1,4 +1,4 @@
-"""The measure of agreement itself: it must find a shift that is there, of a maker that is off on purpose."""
+"""The measure of agreement itself: it must find a shift that is there, of a renderer that is off on purpose."""
 
 import json
 
@@ -23,9 +23,9 @@ def scene() -> Scene:
 
 @pytest.fixture(scope="module")
 def tracer(scene):
-    maker = EmbreeRenderer(scene)
-    yield maker
-    maker.close()
+    renderer = EmbreeRenderer(scene)
+    yield renderer
+    renderer.close()
 
 
 @pytest.fixture(scope="module")
@@ -37,8 +37,8 @@ def poses(scene) -> list[np.ndarray]:
     ]
 
 
-def agreement(maker, tracer, camera, poses) -> Agreement:
-    return agreements({"it": maker}, tracer, camera, poses)["it"]
+def agreement(renderer, tracer, camera, poses) -> Agreement:
+    return agreements({"it": renderer}, tracer, camera, poses)["it"]
 
 
 class OffCentre:
@@ -57,7 +57,7 @@ class OffCentre:
         )  # fmt: skip
 
 
-def test_a_maker_agrees_with_itself(tracer, poses):
+def test_a_renderer_agrees_with_itself(tracer, poses):
     found = agreement(tracer, tracer, CAMERA, poses)
     assert (found.views, found.surface, found.depth) == (3, 1.0, 1.0) and found.good
     assert np.abs([found.smooth, found.silhouette]).max() < 1e-5

@@ -7,23 +7,23 @@ from marssim.base.camera import NATECAM
 from marssim.engines.egl import Egl
 from marssim.inspection import cross_check as module
 from marssim.inspection.agreement import Agreement
-from marssim.inspection.cross_check import MakerCheck, cross_check, table
+from marssim.inspection.cross_check import RendererCheck, cross_check, table
 from marssim.scene.scene import preset
 
 CAMERA = NATECAM.resized(112, 112).camera
 
 
-def test_all_makers_agree_on_ten_random_views():
-    """Depth, ids, and the shift at silhouettes, on ground and on tilted planes, of every maker that there is here."""
+def test_all_renderers_agree_on_ten_random_views():
+    """Depth, ids, and the shift at silhouettes, on ground and on tilted planes, of every renderer that works here."""
     checks, notes = cross_check(preset("gale"), 0, 10, CAMERA)
-    told = table(checks)
+    text = table(checks)
     names = ["scan", "embree"] if sys.version_info >= (3, 12) else ["pybullet", "scan", "embree"]
     assert [name for name in checks if "EGL" not in name] == names
     assert "pybullet, EGL" in checks or any("left out" in note for note in notes)
     for name in names[:-1]:
         views = checks[name].views
-        assert views is not None and views.views == 10 and min(views.surface, views.depth) > 0.999, told
-    assert all(check.good for check in checks.values()), told
+        assert views is not None and views.views == 10 and min(views.surface, views.depth) > 0.999, text
+    assert all(check.good for check in checks.values()), text
 
 
 def test_without_pybullet_the_others_are_checked(monkeypatch):
@@ -31,22 +31,22 @@ def test_without_pybullet_the_others_are_checked(monkeypatch):
         raise ImportError("pybullet cannot be imported (no module): it needs Python 3.11")
 
     monkeypatch.setattr(module, "import_pybullet", none_here)
-    makers, notes = module._makers()
-    assert list(makers) == ["scan", "embree"]
-    assert notes == ["pybullet: left out, pybullet cannot be imported (no module): it needs Python 3.11"]
+    renderers, notes = module._renderers()
+    assert list(renderers) == ["scan", "embree"]
+    assert notes == ["pybullet is left out: pybullet cannot be imported (no module): it needs Python 3.11"]
 
 
-@pytest.mark.parametrize(("works", "named"), [(True, "EGL draws with Acme"), (False, "does not work here: Acme")])
+@pytest.mark.parametrize(("works", "named"), [(True, "EGL draws with Acme"), (False, "EGL does not work here: Acme")])
 def test_egl_is_checked_where_it_works(monkeypatch, works, named):
     pytest.importorskip("pybullet")
     monkeypatch.setattr(module, "probe", lambda: Egl(works, False, "Acme"))
-    makers, notes = module._makers()
-    assert ("pybullet, EGL" in makers) == works and len(notes) == 1 and named in notes[0]
+    renderers, notes = module._renderers()
+    assert ("pybullet, EGL" in renderers) == works and len(notes) == 1 and named in notes[0]
 
 
 def test_a_shift_on_planes_or_one_that_is_not_known_is_no_agreement():
     views = Agreement(1, 1.0, 1.0, np.zeros(2), np.zeros(2))
-    assert MakerCheck(views, np.zeros(2)).good
-    assert not MakerCheck(views, np.array([0.0, 0.06])).good
-    assert not MakerCheck(None, np.array([np.nan, 0.0])).good
-    assert MakerCheck(None, np.array([np.nan, 0.0])).report()["planes_px"] == [None, 0.0]
+    assert RendererCheck(views, np.zeros(2)).good
+    assert not RendererCheck(views, np.array([0.0, 0.06])).good
+    assert not RendererCheck(None, np.array([np.nan, 0.0])).good
+    assert RendererCheck(None, np.array([np.nan, 0.0])).report()["planes_px"] == [None, 0.0]
