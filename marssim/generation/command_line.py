@@ -60,10 +60,14 @@ def _rig(rig: StereoRig) -> dict[str, Any]:
     camera, default = rig.camera, NATECAM.camera
     middle = PinholeCamera.centred(camera.width, camera.height, camera.fx)
     knobs = {
-        "width": (camera.width, default.width), "height": (camera.height, default.height),
-        "focal": (camera.fx, default.fx), "focal_y": (camera.fy, camera.fx), "cx": (camera.cx, middle.cx), "cy": (camera.cy, middle.cy),
+        "width": (camera.width, default.width),
+        "height": (camera.height, default.height),
+        "focal": (camera.fx, default.fx),
+        "focal_y": (camera.fy, camera.fx),
+        "cx": (camera.cx, middle.cx),
+        "cy": (camera.cy, middle.cy),
         "baseline": (rig.baseline, NATECAM.baseline),
-    }  # fmt: skip
+    }
     return {f"rig.{name}": value for name, (value, implied) in knobs.items() if value != implied}
 
 
