@@ -64,7 +64,7 @@ def small_scene():
 
 @pytest.fixture
 def make_env(small_scene):
-    """MarsNavEnv, cheap unless told otherwise, closed after the test."""
+    """MarsNavEnv, cheap by default, closed after the test."""
     made = []
 
     def make(**changes):

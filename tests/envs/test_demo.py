@@ -48,7 +48,7 @@ def test_two_at_once_are_refused(tmp_path, capsys):
     assert "another command" in capsys.readouterr().err and not list(tmp_path.iterdir())
 
 
-def test_the_data_of_an_earlier_demo_is_made_anew(tmp_path):
+def test_the_data_of_an_earlier_demo_is_generated_again(tmp_path):
     for _ in range(2):
         with pytest.raises(Reached):
             demo(DemoConfig(out=tmp_path))
@@ -86,7 +86,7 @@ def test_a_dataset_is_not_drawn_over(tmp_path, capsys):
     assert sheet.read_bytes() == b"of these pairs" and len(list(tmp_path.iterdir())) == 3
 
 
-def test_a_wrong_number_is_told_before_anything_is_deleted(tmp_path, capsys):
+def test_a_wrong_number_is_reported_before_anything_is_deleted(tmp_path, capsys):
     with pytest.raises(Reached):
         demo(DemoConfig(out=tmp_path))
     kept = tmp_path / "data" / "generate.json"

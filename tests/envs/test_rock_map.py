@@ -19,9 +19,9 @@ def tally(depth, confidence=ALL, sample=SAMPLE, step=0.15) -> MapRockCounts:
     turn = np.array(sample.meta["pose"])[:3, :3]
     scene = rock_scene(sample)
     place = true_rocks(scene, frame_map(sample.depth, None, RIG, turn), sample.rock > 0, RIG.fb)
-    found = MapRockCounts()
-    count_rocks(found, frame_map(np.asarray(depth, np.float32), confidence, RIG, turn), scene, place, step)
-    return found
+    counts = MapRockCounts()
+    count_rocks(counts, frame_map(np.asarray(depth, np.float32), confidence, RIG, turn), scene, place, step)
+    return counts
 
 
 def shifted(pixels: float) -> np.ndarray:
@@ -30,39 +30,39 @@ def shifted(pixels: float) -> np.ndarray:
 
 
 def test_true_depth_finds_all_at_their_height():
-    found = tally(SAMPLE.depth)
-    assert [rock.found for rock in found.rocks] == [True, True]
-    assert max(abs(rock.error) for rock in found.rocks) < 0.05
-    assert found.false == [] and found.displaced == []
+    counts = tally(SAMPLE.depth)
+    assert [rock.found for rock in counts.rocks] == [True, True]
+    assert max(abs(rock.error) for rock in counts.rocks) < 0.05
+    assert counts.false == [] and counts.displaced == []
 
 
 @pytest.mark.parametrize("pixels", [0.6, 0.9])
 def test_a_rock_within_the_range_error_is_displaced(pixels):
-    found = tally(shifted(pixels))
-    assert found.false == [] and len(found.displaced) >= 1
-    height, away = found.displaced[0]
+    counts = tally(shifted(pixels))
+    assert counts.false == [] and len(counts.displaced) >= 1
+    height, away = counts.displaced[0]
     assert height > 0.3 and 7.0 < away < 8.6
 
 
 def test_a_rock_farther_off_than_the_range_error_is_false():
-    found = tally(shifted(3.0))
-    assert found.displaced == [] and len(found.false) >= 1
-    assert not found.rocks[1].found and found.rocks[0].found
+    counts = tally(shifted(3.0))
+    assert counts.displaced == [] and len(counts.false) >= 1
+    assert not counts.rocks[1].found and counts.rocks[0].found
 
 
 def test_what_is_twice_as_high_as_all_about_it_is_not_displaced():
     """A rock of 0.12 m does not excuse a block of 0.5 m half a metre before it."""
     low = rock_sample(RockWorld(domes=np.array([[*ahead(8.0, 0.0), 0.3, 0.12]])))
     block = rock_sample(RockWorld(domes=np.array([[*ahead(7.2, 0.0), 0.2, 0.5]])))
-    found = tally(np.minimum(low.depth, block.depth), sample=low)
-    assert len(found.false) == 1 and found.displaced == []
+    counts = tally(np.minimum(low.depth, block.depth), sample=low)
+    assert len(counts.false) == 1 and counts.displaced == []
 
 
 def test_a_pebble_beside_it_excuses_no_obstacle():
     low = rock_sample(RockWorld(domes=np.array([[*ahead(5.0, 0.3), 0.1, 0.06]])))
     block = rock_sample(RockWorld(domes=np.array([[*ahead(5.0, 0.0), 0.15, 0.4]])))
-    found = tally(np.minimum(low.depth, block.depth), sample=low)
-    assert len(found.false) == 1 and found.displaced == []
+    counts = tally(np.minimum(low.depth, block.depth), sample=low)
+    assert len(counts.false) == 1 and counts.displaced == []
 
 
 def test_missed_as_ground_or_left_unknown():
@@ -75,9 +75,9 @@ def test_missed_as_ground_or_left_unknown():
     assert (near["rocks"], near["found"], near["unknown"]) == (1, 0, 1)
 
 
-def test_rocks_that_one_eye_sees_are_told_apart():
+def test_rocks_that_one_eye_sees_are_counted_apart():
     hidden = replace(SAMPLE, occluded=SAMPLE.rock == 1)
-    found = tally(without_rocks(hidden), sample=hidden)
-    assert [rock.both_eyes for rock in found.rocks] == [False, True]
-    near = found.result()["standing_0.2_m_within_8_m"]
+    counts = tally(without_rocks(hidden), sample=hidden)
+    assert [rock.both_eyes for rock in counts.rocks] == [False, True]
+    near = counts.result()["standing_0.2_m_within_8_m"]
     assert (near["rocks"], near["both_eyes"], near["both_eyes_share"]) == (1, 0, None)

@@ -78,9 +78,9 @@ def test_several_folders_in_one_count_and_other_heights_of_an_obstacle(folder, t
     out = tmp_path / "out"
     args = ["--data", str(folder), str(folder), "--split", "all", "--out", str(out), "--perception", "ground_truth"]
     assert main(args) == 0
-    found = json.loads((out / "results.json").read_text())
-    assert found["images"] == 4 and found["methods"]["ground_truth"]["standing_0.2_m_within_8_m"]["rocks"] == 6
-    steps = found["by_step"]["ground_truth"]
+    content = json.loads((out / "results.json").read_text())
+    assert content["images"] == 4 and content["methods"]["ground_truth"]["standing_0.2_m_within_8_m"]["rocks"] == 6
+    steps = content["by_step"]["ground_truth"]
     assert [point["step_m"] for point in steps] == [0.1, 0.12, 0.15, 0.2, 0.25]
     counts = [point["found"] for point in steps]
     assert counts == sorted(counts, reverse=True) and counts[0] == 6

@@ -73,8 +73,8 @@ def test_it_goes_on_with_what_is_left_of_its_budgets_and_on_other_courses(tmp_pa
     train(PPOConfig(**config, max_steps=32), rollout=16)
     assert 900 < json.loads(file.read_text())["seconds"] < 1200 and 0 < rates[-1] <= 0.25e-3
     assert seeds[0] == 5 and seeds[-1] == 5 + 16
-    whole, told = path.read_bytes(), capsys.readouterr().out
-    assert "already" not in told
+    whole, printed = path.read_bytes(), capsys.readouterr().out
+    assert "already" not in printed
     train(PPOConfig(**config, max_steps=32), rollout=16)
     assert capsys.readouterr().out == f"{tmp_path}: already at --max-steps 32; raise it to go on\n"
     train(PPOConfig(**{**config, "max_minutes": 15}, max_steps=64), rollout=16)
@@ -96,9 +96,9 @@ def test_a_signal_to_all_of_its_processes_ends_it_in_order(tmp_path):
             break
         time.sleep(0.1)
     os.killpg(process.pid, signal.SIGTERM)
-    _, said = process.communicate(timeout=60)
-    assert said.strip().splitlines()[-1] == "error: interrupted; the same command goes on from here"
-    assert process.returncode == 130 and "Traceback" not in said
+    _, printed = process.communicate(timeout=60)
+    assert printed.strip().splitlines()[-1] == "error: interrupted; the same command goes on from here"
+    assert process.returncode == 130 and "Traceback" not in printed
     with pytest.raises(ProcessLookupError):
         for _ in range(100):  # until the last of them is gone
             os.killpg(process.pid, 0)

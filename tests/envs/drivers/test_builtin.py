@@ -109,12 +109,12 @@ def test_navigator_and_map_are_given_nothing_of_the_truth(make_env):
     blindfolded.reset(what_a_rover_knows(env), 0)
     map_view.start(env.believed_pose)
     for _ in range(3):
-        told = what_a_rover_knows(env)
-        np.testing.assert_array_equal(map_view.update(told.sight, told.believed_pose), observation["map"])
+        known = what_a_rover_knows(env)
+        np.testing.assert_array_equal(map_view.update(known.sight, known.believed_pose), observation["map"])
         action = driver.act(env, observation)
-        np.testing.assert_array_equal(blindfolded.act(told, {}), action)
+        np.testing.assert_array_equal(blindfolded.act(known, {}), action)
         observation, *_, info = env.step(action)
-    assert info["position_error"] > 0 and (env.sight.depth != env.sight.true_depth).any()  # it could have been told
+    assert info["position_error"] > 0 and (env.sight.depth != env.sight.true_depth).any()  # the truth would differ
 
 
 def test_the_navigator_forgets_with_its_reset(make_env):

@@ -49,16 +49,16 @@ def test_summary_of_four_drives():
         record(), record(path_length=10.0, min_clearance=0.7),
         record("collision", distance=6.0, path_length=5.0, steps=30, min_clearance=0.4), record("tilt", distance=10.0),
     ]  # fmt: skip
-    found = summarise(drives)
-    assert found["episodes"] == 4
-    assert found["success_rate"] == 0.5 and found["collision_rate"] == 0.25 and found["tilt_rate"] == 0.25
-    assert found["spl"] == pytest.approx((0.8 + 1.0) / 4)
-    assert found["soft_spl"] == pytest.approx((0.95 * 0.8 + 0.95 + 0.4 + 0) / 4)
-    assert found["path_inefficiency"] == pytest.approx((1.25 + 1.0) / 2)
-    assert found["outcomes"] == {"collision": 1, "goal": 2, "tilt": 1}
-    assert found["min_clearance"] == 0.4 and found["steps"] == 15 and found["redraws"] == 4
-    assert found["step_seconds"] == pytest.approx(0.1) and found["perception_seconds"] == pytest.approx(0.05)
-    low, high = found["success_interval"]
+    summary = summarise(drives)
+    assert summary["episodes"] == 4
+    assert summary["success_rate"] == 0.5 and summary["collision_rate"] == 0.25 and summary["tilt_rate"] == 0.25
+    assert summary["spl"] == pytest.approx((0.8 + 1.0) / 4)
+    assert summary["soft_spl"] == pytest.approx((0.95 * 0.8 + 0.95 + 0.4 + 0) / 4)
+    assert summary["path_inefficiency"] == pytest.approx((1.25 + 1.0) / 2)
+    assert summary["outcomes"] == {"collision": 1, "goal": 2, "tilt": 1}
+    assert summary["min_clearance"] == 0.4 and summary["steps"] == 15 and summary["redraws"] == 4
+    assert summary["step_seconds"] == pytest.approx(0.1) and summary["perception_seconds"] == pytest.approx(0.05)
+    low, high = summary["success_interval"]
     assert low < 0.5 < high
 
 
@@ -77,9 +77,9 @@ def test_no_success_has_no_inefficiency():
 def test_the_paired_difference_is_of_the_same_episodes():
     first = [record("goal" if n < 8 else "collision", episode=n) for n in range(10)]
     second = [record("goal" if n < 5 else "time", episode=n) for n in reversed(range(10))]
-    found = paired_difference(first, second)
-    assert found["difference"] == pytest.approx(0.3) and found["episodes"] == 10
-    low, high = found["interval"]
+    summary = paired_difference(first, second)
+    assert summary["difference"] == pytest.approx(0.3) and summary["episodes"] == 10
+    low, high = summary["interval"]
     assert 0 <= low < 0.3 < high <= 0.7  # three of ten differ: the binomial interval is 7 to 65 %
     same = paired_difference(first, first)
     assert (same["difference"], same["interval"], same["spl_interval"]) == (0.0, [0.0, 0.0], [0.0, 0.0])
@@ -91,10 +91,10 @@ def test_detours_differ_in_spl_where_success_does_not():
     """Twice as long ways, all of them to the goal: SPL 0.8 and 0.4, or 0.4 and 0.8 on one course of ten."""
     first = [record(episode=n, path_length=25.0 if n == 0 else 12.5) for n in range(10)]
     second = [record(episode=n, path_length=12.5 if n == 0 else 25.0) for n in range(10)]
-    found = paired_difference(first, second)
-    assert found["difference"] == 0 and found["interval"] == [0.0, 0.0]
-    assert found["spl_difference"] == pytest.approx(0.4 * 0.8)
-    low, high = found["spl_interval"]
+    summary = paired_difference(first, second)
+    assert summary["difference"] == 0 and summary["interval"] == [0.0, 0.0]
+    assert summary["spl_difference"] == pytest.approx(0.4 * 0.8)
+    low, high = summary["spl_interval"]
     assert 0 < low < 0.32 < high <= 0.4 + 1e-9
 
 

@@ -42,10 +42,10 @@ def test_standing_it_is_the_distance_of_a_rectangle_to_discs(two_rocks, place):
 def test_on_the_way_it_is_the_least_of_what_lies_between(two_rocks, before, ahead, turn):
     after = before + np.array([ahead * np.cos(before[2]), ahead * np.sin(before[2]), turn])
     between = [two_rocks.between(p, p) for p in before + np.linspace(0, 1, 41)[:, None] * (after - before)]
-    found = two_rocks.between(before, after)
-    assert min(between) - 0.03 <= found <= min(between[0], between[-1]) + 1e-9
-    wrapped = after + np.array([0, 0, 2 * np.pi])  # a heading is told modulo a turn
-    assert two_rocks.between(before, wrapped) == pytest.approx(found, abs=1e-9)
+    least = two_rocks.between(before, after)
+    assert min(between) - 0.03 <= least <= min(between[0], between[-1]) + 1e-9
+    wrapped = after + np.array([0, 0, 2 * np.pi])  # a heading counts modulo a turn
+    assert two_rocks.between(before, wrapped) == pytest.approx(least, abs=1e-9)
 
 
 def test_a_corner_that_swings_past_a_rock_is_seen(two_rocks):

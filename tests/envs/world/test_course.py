@@ -30,9 +30,9 @@ def test_clearance_is_the_distance_to_the_nearest_disc(drawn):
     points = np.round((points + drawn.scene.half) / CELL) * CELL - drawn.scene.half  # where the grid has its values
     # rocks beyond the grid may be left out where they are farther than the rover's way to them, EDGE
     truth = np.array([min(true_clearance(drawn.scene, x, y), EDGE) for x, y in points])
-    found = np.array([min(drawn.ground.clearance(x, y), EDGE) for x, y in points])
+    measured = np.array([min(drawn.ground.clearance(x, y), EDGE) for x, y in points])
     assert (truth == 0).sum() > 2 and (truth < RADIUS).sum() > 20
-    np.testing.assert_allclose(found, truth, atol=0.15)
+    np.testing.assert_allclose(measured, truth, atol=0.15)
 
 
 def test_a_rock_beyond_the_edge_counts_where_it_reaches_in(make_scene):
@@ -78,11 +78,11 @@ def test_the_way_round_a_wall(make_scene):
     # the angle from start over the top to goal, less those of the two right triangles
     turn = 2 * (np.pi / 2 + np.arctan2(2.0, 4.0)) - 2 * np.arccos(radius / apart)
     expected = 2 * tangent + radius * turn
-    found = TrueGround(scene, ZHURONG, goal).distance_to_goal(*start)
-    assert 0.98 * expected <= found <= 1.04 * expected + 0.1
+    measured = TrueGround(scene, ZHURONG, goal).distance_to_goal(*start)
+    assert 0.98 * expected <= measured <= 1.04 * expected + 0.1
 
 
-def test_the_way_is_as_long_as_told_and_passable_all_along(make_scene, drawn):
+def test_the_way_is_as_long_as_distance_to_goal_and_passable_all_along(make_scene, drawn):
     walled = TrueGround(make_scene(rocks=wall(2.5)), ZHURONG, np.array([4.0, 0.0]))
     for ground, start, goal in ((walled, (-4.0, 0.0), (4.0, 0.0)), (drawn.ground, drawn.start[:2], drawn.goal)):
         way = ground.way_to_goal(*start)
@@ -154,7 +154,7 @@ def test_start_and_goal_are_clear_and_apart(drawn):
     assert 8.0 <= drawn.shortest == drawn.ground.distance_to_goal(*start)
 
 
-def test_courses_without_a_way_are_drawn_anew(small_scene, make_scene, monkeypatch):
+def test_courses_without_a_way_are_drawn_again(small_scene, make_scene, monkeypatch):
     scenes = iter([make_scene(rocks=ring()), make_scene(rocks=ring()), make_scene()])
     monkeypatch.setattr("envs.world.course.build_scene", lambda *_: next(scenes))
     course = draw_course(small_scene, CourseConfig(goal_distance=8.0), ZHURONG, np.random.default_rng(0))

@@ -31,5 +31,5 @@ def test_ctrl_c_is_nobodys_fault():
 
 def test_what_is_no_error_passes():
     with errors_of(Mine()):
-        found = np.sum([1, 2])
-    assert found == 3
+        total = np.sum([1, 2])
+    assert total == 3

@@ -28,7 +28,7 @@ def test_it_stands_where_it_was_put(put_down, dynamics):
 
 @pytest.mark.parametrize("dynamics", ["kinematic", "physics"])
 @pytest.mark.parametrize(("speed", "yaw_rate"), [(0.2, 0.0), (-0.2, 0.0), (0.2, 0.1), (0.0, 0.25), (0.0, -0.25)])
-def test_it_moves_as_it_is_told(put_down, dynamics, speed, yaw_rate):
+def test_it_moves_as_it_is_commanded(put_down, dynamics, speed, yaw_rate):
     vehicle = put_down(dynamics, 0.0, 0.0, 0.0)
     for _ in range(2):
         vehicle.drive_twist(speed, yaw_rate, 2.0)

@@ -31,8 +31,8 @@ def test_the_distance_is_from_the_footprints_edge(yaw):
     elevation, ground = scene([(3.5, y, 0.5) for y in np.arange(-6.0, 6.1, 1.0)])
     reach = abs(np.cos(yaw)) * ZHURONG.length / 2 + abs(np.sin(yaw)) * ZHURONG.width / 2
     poses = np.array([[x, 0.0, yaw] for x in (-1.0, 0.5)])
-    found = footprint_distance(ground.clearance, elevation, poses, ZHURONG)
-    np.testing.assert_allclose(found, 3.0 - poses[:, 0] - reach, atol=0.2)
+    distance = footprint_distance(ground.clearance, elevation, poses, ZHURONG)
+    np.testing.assert_allclose(distance, 3.0 - poses[:, 0] - reach, atol=0.2)
     assert footprint_distance(ground.clearance, elevation, np.array([3.0, 0.0, yaw]), ZHURONG) < 0
     assert footprint_distance(ground.clearance, elevation, np.array([7.9, 0.0, yaw]), ZHURONG) == -np.inf
 
