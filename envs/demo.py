@@ -71,7 +71,7 @@ class DemoConfig:
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
         CourseConfig(self.goal_distance)  # raises ValueError for a value out of range
-        load_place(self.scene)  # raises ValueError for a place that is none
+        load_place(self.scene)  # raises ValueError for an unknown place
 
 
 def demo(config: DemoConfig) -> Path:
@@ -171,7 +171,9 @@ The whole demo took {seconds:.0f} s.
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command and return the exit code."""
-    return run_command(_work, DemoConfig, "python -m envs.demo", __doc__, args, "the demo starts anew next time")
+    return run_command(
+        _work, DemoConfig, "python -m envs.demo", __doc__, args, "the next run starts from the beginning"
+    )
 
 
 def _work(config: DemoConfig) -> None:

@@ -89,23 +89,19 @@ class PPOConfig:
         if self.seed < 0:
             raise ValueError(f"--seed must not be negative, got {self.seed}")
         CourseConfig(self.goal_distance)  # raises ValueError for a value out of range
-        load_place(self.scene)  # raises ValueError for a place that is none
+        load_place(self.scene)  # raises ValueError for an unknown place
         if not 0 <= self.k[0] <= self.k[1] <= 0.4:
             raise ValueError(f"--k must be two values in [0, 0.4], the lower one first, got {self.k[0]} {self.k[1]}")
 
     def courses(self) -> dict[str, Any]:
-        """Return the settings of the courses on which the policy learns; with other values it would be another
-        training.
-        """
+        """Return the settings of the courses. With other values it would be another training."""
         return {
             **place_note(self.scene), "k": list(self.k), "goal_distance": float(self.goal_distance), "seed": self.seed
         }  # fmt: skip
 
 
 class TrainingCourses(gymnasium.Wrapper):
-    """Draws the rock abundance of each scene from a range of Golombek's k, and lets the rover cross the scene several
-    times.
-    """
+    """Draws each scene's rock abundance from a range of Golombek's k, and lets the rover cross it several times."""
 
     def __init__(self, env: MarsNavEnv, k: tuple[float, float], crossings: int = 4) -> None:
         super().__init__(env)
@@ -114,8 +110,9 @@ class TrainingCourses(gymnasium.Wrapper):
         self._crossed = 0
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Draw a new scene if a seed or options are given, or if this one has been crossed often enough; else drive
-        back.
+        """Draw a new scene, or drive back on the present one.
+
+        A scene is new if a seed or options are given, or if the last one has been crossed often enough.
         """
         env = self.unwrapped
         assert isinstance(env, MarsNavEnv)
@@ -160,8 +157,8 @@ def train(config: PPOConfig, rollout: int = 128) -> Path:
         raise ImportError("envs.train_ppo needs stable-baselines3: pip install 'mars-m3depth[rl]'")
     folder, path = _folder(config), config.out / POLICY
     folder.check_place(config.out)
-    if path.is_file() and not PolicyDriver(path).corridors:  # which says what is wrong with a file that is no policy
-        raise ValueError(f"{path}: is a policy that envs.train_ppo cannot go on from; choose another --out")
+    if path.is_file() and not PolicyDriver(path).corridors:  # PolicyDriver raises ValueError for a file of another kind
+        raise ValueError(f"{path}: envs.train_ppo cannot continue this policy; choose another --out")
     with folder.claim(**{VERSIONS: versions()}) as previous:
         if previous is None:
             (config.out / LOG).unlink(missing_ok=True)  # of a policy that was deleted
@@ -171,7 +168,7 @@ def train(config: PPOConfig, rollout: int = 128) -> Path:
 
 
 def _train(config: PPOConfig, folder: ResultFolder, path: Path, rollout: int, used: float) -> None:
-    """used: for how long [s] earlier runs have trained."""
+    """Train; used: time of training of earlier runs [s]."""
     from stable_baselines3 import PPO
     from stable_baselines3.common.callbacks import BaseCallback
     from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
@@ -258,7 +255,7 @@ def _save(model: Any, path: Path) -> None:
 
 
 def _folder(config: PPOConfig) -> ResultFolder:
-    """The run's folder; as long as no policy is in it, its settings may be replaced."""
+    """Return the run's folder. Its settings may be replaced as long as it holds no policy."""
 
     def has_results(out: Path) -> bool:
         return (out / POLICY).is_file() or ((out / LOG).exists() and not (out / SETTINGS_FILE).is_file())
@@ -270,7 +267,11 @@ def _folder(config: PPOConfig) -> ResultFolder:
 
 
 def _seconds(file: Path, previous: dict[str, Any]) -> float:
-    """How long [s] the policy of an earlier run has learnt. Raises DatasetError if what it noted is no time."""
+    """Return the time of training of an earlier run [s].
+
+    Raises:
+        DatasetError: If the noted value is no time.
+    """
     seconds = previous.get(SECONDS, 0)
     if not is_number(seconds) or seconds < 0:
         raise DatasetError(f"{file}: {SECONDS} must be {NUMBER}, got {seconds!r}; choose another --out")

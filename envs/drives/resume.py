@@ -44,5 +44,5 @@ def _digest(name: str) -> str | None:
 
 
 def _read_from(name: str) -> Path | None:
-    """The file of weights, of a policy, or of a class by its path; None for names without one."""
+    """Return the file of weights, of a policy, or of a class by its path; None for names without one."""
     return Path(name) if name.endswith(".zip") else EstimatorName(name).file

@@ -143,7 +143,7 @@ def test_a_policy_of_another_kind_is_not_gone_on_from(tmp_path, capsys):
         torch.save({"action_net.weight": torch.zeros(2, 64), "log_std": torch.zeros(2)}, file)
     whole = (tmp_path / "policy.zip").read_bytes()
     assert main(["--out", str(tmp_path), "--workers", "1"]) == 2
-    assert "cannot go on from" in capsys.readouterr().err and (tmp_path / "policy.zip").read_bytes() == whole
+    assert "cannot continue this policy" in capsys.readouterr().err and (tmp_path / "policy.zip").read_bytes() == whole
 
 
 def test_each_scene_has_its_own_rocks(make_env):
