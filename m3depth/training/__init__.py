@@ -6,6 +6,7 @@
     losses.py                                 the loss terms, with the weights of loss_config.py
     run.py                                    Run: network, averaged weights, optimizer; checkpoint.pt and its resuming
     validation.py, log.py, curves.py          scores on the val split; log.jsonl, the progress line and curves.png
+    messages.py                               what a run prints: its start, its progress and its last words
 
 config.py holds the flags, budget.py what is left of --max-steps and --max-minutes, process_group.py the processes of
 torchrun. To add a loss term: a weight in loss_config.py and a line in `total_loss` (losses.py).

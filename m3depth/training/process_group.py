@@ -16,10 +16,15 @@ from marssim.base.command.run import describe
 
 @contextmanager
 def joined_group(device_name: str) -> Iterator[tuple[int, int, torch.device]]:
-    """Rank, number of processes, device, for as long as the block runs.
+    """Join the processes of torchrun, for as long as the block runs.
 
-    device_name: as chosen_device takes it. A block that ends well waits for the other processes; where it raises, they
-    are not waited for.
+    A block that ends normally waits for the other processes; one that raises does not.
+
+    Args:
+        device_name: As chosen_device takes it.
+
+    Yields:
+        Rank of this process, number of processes, and its device.
     """
     device = chosen_device(device_name, int(os.environ.get("LOCAL_RANK", 0)))
     if "LOCAL_RANK" not in os.environ:
@@ -27,7 +32,7 @@ def joined_group(device_name: str) -> Iterator[tuple[int, int, torch.device]]:
         return
     if device.type == "cuda":
         torch.cuda.set_device(device)
-    # Of 1 x 1 kernels, whose strides mean nothing; twice from each process.
+    # Each process prints it twice, about 1 x 1 kernels, whose strides have no meaning.
     warnings.filterwarnings("ignore", message="Grad strides do not match bucket view strides")
     if not dist.is_initialized():
         dist.init_process_group("nccl" if device.type == "cuda" else "gloo")
@@ -68,7 +73,7 @@ def entered_by_first(rank: int, world: int, context: AbstractContextManager[obje
 
 
 def agree(values: list[float], device: torch.device, world: int) -> list[float]:
-    """The largest of each value over all processes."""
+    """Return the largest of each value over all processes."""
     if world == 1:
         return values
     tensor = torch.tensor(values, dtype=torch.float64, device=device)

@@ -18,19 +18,26 @@ from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import as_json
 from marssim.base.results.claim import as_typed, differences
 
-CHECKPOINT = "checkpoint.pt"
-WORLD = "number of processes"  # part of a run's identity
-FREE = (  # beside the weights of the loss and of the augmentation; the budgets, to which the learning rate is fitted
+CHECKPOINT = "checkpoint.pt"  # name of the checkpoint in a run's folder
+WORLD = "number of processes"  # its name in a run's identity
+FREE = (  # fields that may change when a run is resumed, beside those of loss, augmentation and reader
     "max_minutes", "max_steps", "lr", "weight_decay", "clip", "ema", "accumulate", "precision", "data",
 )  # fmt: skip
 
 
 def new_network(config: TrainConfig) -> M3Depth:
-    """The network that a run starts from; the one of its checkpoint, with any weights, if it goes on from weights that
-    may be gone by now. Raises FileNotFoundError or ValueError that names a file."""
-    begun = config.out / CHECKPOINT
-    if config.init and begun.is_file():
-        return M3Depth(M3DepthConfig.from_dict(read_checkpoint(begun, torch.device("cpu"))["identity"]["network"]))
+    """Return the network that a run starts from.
+
+    A run that goes on from --init gets a network of its checkpoint's sizes, with any weights: the file of --init may be
+    gone by now, and the checkpoint replaces the weights.
+
+    Raises:
+        FileNotFoundError: The file of --init or --network is missing.
+        ValueError: That file cannot be used; the message names it.
+    """
+    previous = config.out / CHECKPOINT
+    if config.init and previous.is_file():
+        return M3Depth(M3DepthConfig.from_dict(read_checkpoint(previous, torch.device("cpu"))["identity"]["network"]))
     if config.init:
         return M3Depth.from_pretrained(weights_file(config.init))
     return M3Depth(read_config(config.network)) if config.network else M3Depth.from_preset(config.preset)
@@ -47,7 +54,11 @@ def origin(init: Path) -> str:
 
 
 def saved_progress(out: Path) -> tuple[int, float]:
-    """Steps and seconds of the checkpoint in a run folder; zeros without one. Raises ValueError if it is damaged."""
+    """Return steps and seconds of the checkpoint in a run folder; zeros without one.
+
+    Raises:
+        ValueError: The checkpoint is damaged.
+    """
     path = out / CHECKPOINT
     if not path.is_file():
         return 0, 0.0
@@ -56,27 +67,41 @@ def saved_progress(out: Path) -> tuple[int, float]:
 
 
 def read_checkpoint(path: Path, device: torch.device) -> dict[str, Any]:
-    """What Run.save wrote; nothing in the file is executed. Raises ValueError that names it if it is damaged."""
+    """Read what Run.save wrote. Nothing in the file is executed.
+
+    Raises:
+        ValueError: The file is damaged; the message names it.
+    """
     try:
         state = torch.load(path, map_location=device, weights_only=True)
-        # Older ones do not say how many processes, and know fewer fields of the network.
+        # The first checkpoints lack the number of processes and some fields of the network.
         network = M3DepthConfig.from_dict(state["identity"]["network"])
         state["identity"] = {WORLD: 1, **state["identity"], "network": as_json(asdict(network))}
-        if state["identity"].get("init") is not None:  # as it was typed
+        if state["identity"].get("init") is not None:  # the first checkpoints have it as it was typed
             state["identity"]["init"] = origin(Path(state["identity"]["init"]))
-    except Exception as error:  # torch raises whatever its unpickler stumbles over
+    except Exception as error:  # torch's unpickler raises errors of many types
         raise ValueError(
-            f"{path}: not a readable checkpoint ({type(error).__name__}); delete it to begin anew, or choose another "
-            f"--out and begin from --init {path.parent / 'weights.safetensors'}"
+            f"{path}: not a readable checkpoint ({type(error).__name__}); delete it to start over, or choose another "
+            f"--out and start with --init {path.parent / 'weights.safetensors'}"
         ) from None
     return state
 
 
 class Run:
-    """State of a training run: network, averaged copy, optimizer, step, seconds spent.
+    """State of a training run.
 
-    changed: what a resumed run is told otherwise than the one that it continues, a flag with both values each.
-    world: number of processes that share the batches of a step.
+    Args:
+        config: Settings of the run.
+        device: Device that trains.
+        world: Number of processes that share the batches of a step.
+
+    Attributes:
+        model: The network that is trained.
+        averaged: The averaged copy of it, which is saved and validated.
+        optimizer: AdamW.
+        step: Steps taken.
+        seconds: Time spent [s].
+        changed: Settings in which a resumed run differs from the one that it continues: flags, each with both values.
     """
 
     def __init__(self, config: TrainConfig, device: torch.device, world: int = 1) -> None:
@@ -91,7 +116,7 @@ class Run:
 
     @property
     def checkpoint(self) -> Path:
-        """RUN/checkpoint.pt: everything that a resumed run needs; weights.safetensors beside it is for users."""
+        """RUN/checkpoint.pt has everything that a resumed run needs; weights.safetensors beside it is for users."""
         return self.config.out / CHECKPOINT
 
     def average(self) -> None:
@@ -101,22 +126,22 @@ class Run:
             torch._foreach_lerp_(list(self.averaged.parameters()), list(self.model.parameters()), 1 - decay)
 
     def identity(self) -> dict[str, Any]:
-        """The settings that a resumed run must share with the one that it continues."""
+        """Return the settings that a resumed run must share with the one that it continues."""
         c = self.config
-        # Which samples a step sees depends on the number of processes too.
+        # The number of processes belongs to it because the samples of a step depend on it.
         return {
             "network": as_json(asdict(self.model.config)), "batch": c.batch, "crop": list(c.crop), "seed": c.seed,
             WORLD: self.world, "init": None if c.init is None else origin(c.init),
         }  # fmt: skip
 
     def settings(self) -> dict[str, str]:
-        """The settings that shape a run and may change when it is resumed, as text, by flag."""
+        """Return the settings that may change when a run is resumed, as text, by flag."""
         c = self.config
-        found: dict[str, Any] = {name: getattr(c, name) for name in FREE}
-        for part, values in (("loss", asdict(c.loss)), ("augment", asdict(c.augment))):
-            found |= {f"{part}.{name}": value for name, value in values.items()}
-        found |= asdict(c.reader)
-        return {f"--{name.replace('_', '-')}": as_typed(value) for name, value in found.items()}
+        values: dict[str, Any] = {name: getattr(c, name) for name in FREE}
+        for part, config in (("loss", c.loss), ("augment", c.augment)):
+            values |= {f"{part}.{name}": value for name, value in asdict(config).items()}
+        values |= asdict(c.reader)
+        return {f"--{name.replace('_', '-')}": as_typed(value) for name, value in values.items()}
 
     def save(self) -> None:
         """Write the averaged weights with their config, then the checkpoint, each atomically."""
@@ -132,12 +157,16 @@ class Run:
         }
         buffer = io.BytesIO()
         torch.save(state, buffer)
-        # The checkpoint comes last: what it says is done, the weights have too, whatever ends the process in between.
+        # The checkpoint comes last, so that it is never ahead of the weights, even if the process ends in between.
         self.averaged.save_pretrained(self.config.out / "weights.safetensors")
         write_atomically(self.checkpoint, buffer.getvalue())
 
     def resume(self) -> bool:
-        """Continue from RUN/checkpoint.pt, if there is one. Raises ValueError if it is damaged or of another run."""
+        """Continue from RUN/checkpoint.pt, if there is one; tell whether there is.
+
+        Raises:
+            ValueError: The checkpoint is damaged or belongs to another run.
+        """
         if not self.checkpoint.is_file():
             return False
         state = read_checkpoint(self.checkpoint, self.device)
@@ -151,7 +180,7 @@ class Run:
         for group in self.optimizer.param_groups:  # the rate is set at each step
             group["weight_decay"] = self.config.weight_decay
         self.step, self.seconds = state["step"], state["seconds"]
-        before, now = state.get("settings", {}), self.settings()  # older ones do not say
+        before, now = state.get("settings", {}), self.settings()  # the first checkpoints lack them
         self.changed = [f"{flag} {now[flag]} (was {old})" for flag, old in before.items() if now.get(flag, old) != old]
         torch.set_rng_state(state["rng"].cpu())
         return True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -12,14 +13,62 @@ from torch import Tensor
 
 from m3depth.network.device import autocast, fast_dtype
 from m3depth.network.model import M3Depth, StereoOutput
+from m3depth.stereo.pairs import StereoPairs, spread
 from m3depth.training.batch import Batch, whole_batch
+from m3depth.training.curves import save_curves
+from m3depth.training.log import Log
 from m3depth.training.losses import Target, disparity_edges
 from m3depth.training.packing import TRAINED, PackedSample
+from m3depth.training.run import Run
+from m3depth.training.samples import PackedCache, free_memory
 from marssim.base.files.atomic import write_atomically
 from marssim.base.images.colours import disparity_colours, normal_colours
 
 HEADER = 18  # height of the line of names above a panel [px]
 COLUMNS = ("left", "true disparity", "disparity", "error, to 4 px", "true normals", "normals", "confidence")
+
+CURVES_SECONDS = 10.0  # least time between two drawings of a run's curves [s]; each takes half a second
+PANEL_ROWS = 4  # samples in an image panel
+
+
+class Validator:
+    """Validates the current and the averaged weights of a run on a few pairs, on rank 0.
+
+    Args:
+        run: The run.
+        log: Its log; None in processes other than rank 0, which validate nothing.
+        held_out: Pairs of the val split; there may be none.
+    """
+
+    def __init__(self, run: Run, log: Log | None, held_out: StereoPairs) -> None:
+        self.run, self.log = run, log
+        self.chosen = spread(len(held_out), run.config.validate_samples) if log else []
+        self.cache = PackedCache(held_out, free_memory() // 4 if run.config.cache else 0)
+        self.step, self.scores = -1, dict[str, float]()
+        self.drawn = time.monotonic()  # time of the last drawing of the curves
+
+    def validate(self) -> dict[str, float]:
+        """Log the scores of both weights with an image panel, and draw the curves now and then.
+
+        Returns:
+            The scores of the averaged weights; those of before if the run has taken no step since, and none if nothing
+            is validated.
+        """
+        run, log = self.run, self.log
+        if not self.chosen or log is None or self.step == run.step:
+            return self.scores
+        packed = [self.cache[i] for i in self.chosen]
+        current = validate(run.model, packed, run.device)
+        self.step, self.scores = run.step, validate(run.averaged, packed, run.device)
+        log.write("val_raw", run.step, current)
+        log.write("val", run.step, self.scores)
+        path = run.config.out / "panels" / f"{run.step:07d}.png"
+        log.image("panel", run.step, save_panel(path, run.averaged, packed[:PANEL_ROWS], run.device))
+        if time.monotonic() - self.drawn > CURVES_SECONDS:
+            save_curves(run.config.out)
+            self.drawn = time.monotonic()
+        log.say(f"validation, step {run.step}: " + "  ".join(f"{k} {v:.4g}" for k, v in self.scores.items()))
+        return self.scores
 
 
 def error_sums(output: StereoOutput, target: Target) -> dict[str, tuple[float, float]]:

@@ -20,9 +20,10 @@ from m3depth.network.model import M3Depth
 from m3depth.train import main
 from m3depth.training import run as run_module
 from m3depth.training.config import TrainConfig
-from m3depth.training.loop import backward, closing_words, learning_rate, train
+from m3depth.training.loop import backward, learning_rate, train
 from m3depth.training.loss_config import LossConfig
 from m3depth.training.losses import total_loss
+from m3depth.training.messages import closing_words
 from m3depth.training.packing import pack
 from m3depth.training.run import Run
 from m3depth.training.samples import PackedCache, make_batch
@@ -417,6 +418,20 @@ def test_a_run_draws_its_curves_and_names_the_picture(plane_samples, tmp_path, c
     assert cv2.imread(str(config.out / "curves.png")) is not None
 
 
+def test_curves_are_drawn_at_validations_and_at_the_end(plane_samples, tmp_path, monkeypatch) -> None:
+    """Not at a validation that follows the last drawing at once: a drawing takes half a second."""
+    drawn: list[str] = []
+    monkeypatch.setattr("m3depth.training.validation.save_curves", lambda out: drawn.append("validation"))
+    monkeypatch.setattr("m3depth.training.loop.save_curves", lambda out: drawn.append("end"))
+    config = config_for(tmp_path / "soon", max_steps=3, validate_every=1)
+    train(config, plane_samples, plane_samples)
+    assert drawn == ["end"]
+    drawn.clear()
+    monkeypatch.setattr("m3depth.training.validation.CURVES_SECONDS", -1.0)
+    train(replace(config, out=tmp_path / "later"), plane_samples, plane_samples)
+    assert drawn == ["validation"] * 3 + ["end"]
+
+
 def test_misuse_is_named(plane_samples, tmp_path) -> None:
     for changes, message in (
         ({"max_steps": None}, "--max-minutes"),
@@ -495,7 +510,7 @@ def test_a_dataset_takes_no_run(plane_samples, tmp_path) -> None:
 
 def test_a_folder_without_test_pairs_is_reported_instead_of_a_command_that_fails(tmp_path, monkeypatch) -> None:
     pairs = {"one scene": 0, "ten": 2}
-    monkeypatch.setattr("m3depth.training.loop.open_pairs", lambda path, split, config: [None] * pairs[path.name])
+    monkeypatch.setattr("m3depth.training.messages.open_pairs", lambda path, split, config: [None] * pairs[path.name])
     config = replace(config_for(tmp_path), data=(Path("one scene"), Path("ten")))
     hints = closing_words(Run(config, torch.device("cpu")), []).splitlines()[1:]
     assert hints[0] == "one scene: split test holds no pairs to score them on; more scenes would have some"

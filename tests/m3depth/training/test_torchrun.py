@@ -45,7 +45,7 @@ def apart_folders(plane_set, tmp_path) -> None:
         "--init", str(tmp_path / "init.safetensors"), "--max-steps", "3", *SETTINGS,
     )  # fmt: skip
     assert done.returncode != 0
-    message = "error: --out two: the processes stand at steps 0 to 2; it must be a folder that all machines share"
+    message = "error: --out two: the processes resumed at steps 0 to 2; it must be a folder that all machines share"
     assert done.stderr.count(message) >= 1, done.stderr[-3000:]  # torchrun may end the other process before it prints
     assert not (tmp_path / "elsewhere" / "two").exists()
 

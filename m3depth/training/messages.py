@@ -1,0 +1,85 @@
+"""The messages of a training run: what it starts with, how far it is, and what it has written."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from pathlib import Path
+from typing import Any
+
+from m3depth.datasets.open import open_pairs
+from m3depth.training.budget import share_done
+from m3depth.training.config import TrainConfig
+from m3depth.training.curves import CURVES
+from m3depth.training.run import Run
+from marssim.base.command.notes import counted
+
+
+def data_names(config: TrainConfig) -> str:
+    """Return the dataset folders as they were given."""
+    return " ".join(map(str, config.data))
+
+
+def announce(run: Run, resumed: bool, samples: int, held_out: int) -> None:
+    """Print to stderr how many samples train what on which device, and which settings of a resumed run are new."""
+    size = sum(p.numel() for p in run.model.parameters())
+    start = f"resumed at step {run.step}, {run.seconds / 60:.1f} min" if resumed else "new run"
+    lines = [f"{counted(samples, 'sample')}, {size / 1e6:.2f} M parameters, {run.device}, {start}"]
+    if run.changed:
+        lines.append(f"goes on with other settings: {', '.join(run.changed)}")
+    if run.config.validate_samples and not held_out:
+        lines.append(f"{data_names(run.config)}: split val holds no pairs, so nothing is validated")
+    print("\n".join(lines), file=sys.stderr, flush=True)
+
+
+def progress_text(run: Run, values: dict[str, float]) -> str:
+    """Return the progress line: step, share of the budget, remaining time, loss and speed.
+
+    Args:
+        run: The run after a step.
+        values: Loss and its terms at that step.
+    """
+    done = min(1.0, share_done(run.config, run.step, run.seconds))
+    remaining = run.seconds * (1 - done) / done
+    speed = run.config.batch * run.world * run.step / max(run.seconds, 1e-9)
+    return (
+        f"step {run.step}  {done:6.1%}  ETA {remaining / 60:.1f} min  loss {values['loss']:.3f}  "
+        f"d {values['disparity']:.3f}  n {values['normal']:.3f}  {speed:.2f} crops/s"
+    )
+
+
+def closing_words(run: Run, validations: list[dict[str, Any]]) -> str:
+    """Return the last words of a finished run: its files, how good the weights are, and how to score them.
+
+    Args:
+        run: The run.
+        validations: Records of the kind "val" in its log.
+    """
+    finite = [record for record in validations if record["epe"] is not None]
+    quality = "not validated"
+    if finite:
+        last, best = finite[-1], min(finite, key=lambda record: record["epe"])
+        normals = "" if last["normal"] is None else f", normals {last['normal']:.1f} deg"
+        quality = f"EPE {last['epe']:.3f} px, Abs Rel {last['abs_rel']:.4f}{normals} on val"
+        if best["epe"] < last["epe"]:
+            quality += f" (best EPE {best['epe']:.3f} px at step {best['step']})"
+    weights = run.config.out / "weights.safetensors"
+    lines = [f"{weights}: averaged weights of step {run.step}, {run.seconds / 60:.1f} min; {quality}"]
+    if (run.config.out / CURVES).is_file():
+        lines.append(f"{run.config.out / CURVES}: curves of the loss and the validations")
+    for number, folder in enumerate(run.config.data, start=1):
+        words = ["--data", folder, *run.config.reader.flags(), "--split", "test", "--weights", weights]
+        if not holds_test_pairs(run.config, folder):
+            lines.append(f"{folder}: split test holds no pairs to score them on; more scenes would have some")
+            continue
+        out = run.config.out / ("score" if number == 1 else f"score-{number}")
+        lines.append(f"score them: python -m m3depth.evaluate {shlex.join(map(str, [*words, '--out', out]))}")
+    return "\n".join(lines)
+
+
+def holds_test_pairs(config: TrainConfig, folder: Path) -> bool:
+    """Tell whether a folder has pairs in the split test; True where this cannot be found out."""
+    try:
+        return len(open_pairs(folder, "test", config.reader)) > 0
+    except (ValueError, OSError):
+        return True
