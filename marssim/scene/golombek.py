@@ -1,8 +1,8 @@
-"""How many rocks of which size: the exponential law of Golombek and Rapp (1997).
+"""The size-frequency law of rocks by Golombek and Rapp (1997).
 
-Rocks of diameter D and more cover F_k(D) = k exp(-q D) of the ground, with q = 1.79 + 0.152 / k. That is an area; the
-number that goes with it is N(>D) = (4 k q / pi) [exp(-q D) / D - q E1(q D)]. D is the diameter of the disc whose area
-is the outline of the rock seen from above, as far as it stands out of the ground: that is what is counted from orbit.
+Rocks of diameter D and more cover the share F_k(D) = k exp(-q D) of the ground, with q = 1.79 + 0.152 / k. The number
+of such rocks is N(>D) = (4 k q / pi) [exp(-q D) / D - q E1(q D)] per square metre. D is the diameter of the disc with
+the area of the rock's outline above ground, seen from above: that is what is counted from orbit.
 """
 
 from __future__ import annotations
@@ -10,22 +10,22 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import exp1
 
-MAX_DIAMETER = 2.5  # [m] larger rocks are not drawn
-REPORTED = (0.1, 0.15, 0.2, 0.3, 0.4, 0.5)  # [m] diameters at which a scene tells F_k(D)
+MAX_DIAMETER = 2.5  # [m] diameter of the largest rocks
+REPORTED = (0.1, 0.15, 0.2, 0.3, 0.4, 0.5)  # [m] diameters at which a scene reports F_k(D)
 
 
 def decay(k: float) -> float:
-    """q(k) [1/m] of the law."""
+    """Return q(k) of the law [1/m]."""
     return 1.79 + 0.152 / k
 
 
 def covered_area(diameter: np.ndarray, k: float) -> np.ndarray:
-    """F_k(D): share of the ground covered by rocks of diameter D [m] and more."""
+    """Return F_k(D), the share of the ground that rocks of diameter D [m] and more cover."""
     return k * np.exp(-decay(k) * np.asarray(diameter)) if k > 0 else np.zeros_like(diameter, dtype=float)
 
 
 def number_density(diameter: np.ndarray, k: float) -> np.ndarray:
-    """N(>D): rocks of diameter D [m] and more per square metre."""
+    """Return N(>D), the number of rocks of diameter D [m] and more per square metre."""
     d = np.asarray(diameter, dtype=float)
     if k == 0:
         return np.zeros_like(d)
@@ -34,10 +34,18 @@ def number_density(diameter: np.ndarray, k: float) -> np.ndarray:
 
 
 def sampling_spread(diameter: np.ndarray, k: float, area: float) -> np.ndarray:
-    """Standard deviation of the share of `area` [m2] that rocks of diameter D [m] to MAX_DIAMETER cover by chance.
+    """Return the standard deviation of the share of an area that rocks from D to MAX_DIAMETER cover by chance.
 
     Rocks fall independently (a Poisson process), so the variance is the integral of the squared outline over the size
     distribution: var = (pi k q / 4 A) int_D x^2 exp(-q x) dx.
+
+    Args:
+        diameter: (...) least diameters D [m].
+        k: Rock abundance.
+        area: Area A [m2].
+
+    Returns:
+        (...) standard deviations.
     """
     d = np.asarray(diameter, dtype=float)
     if k == 0:
@@ -51,7 +59,17 @@ def sampling_spread(diameter: np.ndarray, k: float, area: float) -> np.ndarray:
 
 
 def draw_diameters(k: float, smallest: float, area: float, rng: np.random.Generator) -> np.ndarray:
-    """Diameters [m], descending, of the rocks from `smallest` to MAX_DIAMETER on `area` [m2]: a Poisson draw."""
+    """Draw the rocks of an area by a Poisson process.
+
+    Args:
+        k: Rock abundance.
+        smallest: Least diameter [m].
+        area: Area [m2].
+        rng: Random generator.
+
+    Returns:
+        (N,) diameters [m] from `smallest` to MAX_DIAMETER, descending.
+    """
     if k == 0 or area <= 0:
         return np.zeros(0)
     grid = np.geomspace(smallest, MAX_DIAMETER, 400)

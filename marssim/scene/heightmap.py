@@ -1,6 +1,7 @@
-"""Heights from a file: NumPy arrays, 16-bit PNG and GeoTIFF, and what they lack below their resolution.
+"""Heightmaps from files (NumPy array, 16-bit PNG, GeoTIFF), and the roughness that they lack below their resolution.
 
-Row 0 is the northern edge and column 0 the western one, as in an image; a value stands for the middle of its cell.
+In a file, row 0 is the northern edge and column 0 the western one, as in an image. A value belongs to the middle of its
+cell.
 """
 
 from __future__ import annotations
@@ -21,29 +22,42 @@ from marssim.base.files.png import decode_png
 
 PIXEL_SCALE, GEO_KEYS, NO_DATA = 33550, 34735, 42113  # TIFF tags of GeoTIFF and GDAL
 MODEL_TYPE, GEOGRAPHIC, LINEAR_UNIT, METRE = 1024, 2, 3076, 9001  # GeoTIFF keys and values
-MARGIN = 6  # cells around the scene that the interpolation looks at
-ROUNDING = 1e-6  # cells that a division may be off by
-LEAST_CELLS = 8  # along the side of a scene
-FIELD = "`relief.heightmap`"  # of a SceneConfig, in front of each message; a command makes a flag of what stands in ` `
-HIGHEST = 1e7  # [m] also of maps whose heights count from the middle of Mars
-STEEPEST = 20.0  # rise over a cell, in cells
-PLACES = 200  # tried for a scene that draws its place
+MARGIN = 6  # cells around the scene that the interpolation needs
+ROUNDING = 1e-6  # cells by which a division may be off
+LEAST_CELLS = 8  # cells along the side of a scene
+FIELD = "`relief.heightmap`"  # field of SceneConfig that messages begin with; commands turn names in ` ` into flags
+HIGHEST = 1e7  # [m] largest height, also of maps whose heights count from the centre of Mars
+STEEPEST = 20.0  # steepest rise from cell to cell, in cell sizes
+PLACES = 200  # places tried for a scene that draws its place
 
 
 @dataclass(frozen=True)
 class HeightMap:
-    """heights: (ny, nx) float64 [m], row 0 south, nan where the file has no data; cell [m]; name for messages."""
+    """A heightmap as read from a file.
+
+    Attributes:
+        heights: (ny, nx) float64 [m], row 0 south; nan where the file has no data.
+        cell: Side of a cell [m].
+        name: Name of the file, for messages.
+    """
 
     heights: np.ndarray
     cell: float
     name: str
 
     def window(self, half: float, at: tuple[float, float] | None, rng: np.random.Generator) -> Window:
-        """The part under a scene.
+        """Return the part of the map under a scene.
 
-        half: half the side of the scene [m]; at: its middle, east and north of the map's [m], or None to draw one.
-        Raises ValueError where the map ends or has no data. A scene may reach to the border of the outermost cells,
-        half a cell beyond their middles, and is as high there as they are.
+        A scene may reach to the border of the outermost cells, half a cell beyond their middles, and has their height
+        there.
+
+        Args:
+            half: Half the side of the scene [m].
+            at: Middle of the scene, east and north of the map's middle [m]; None draws it.
+            rng: Random generator for a drawn place.
+
+        Raises:
+            ValueError: The scene reaches beyond the map, the map has gaps there, or its heights are implausible.
         """
         ny, nx = self.heights.shape
         reach = half / self.cell
@@ -63,7 +77,7 @@ class HeightMap:
                 f"{self.name}: a scene of {2 * half:g} m at {at[0]:g}, {at[1]:g} reaches beyond the map; "
                 f"`relief.heightmap_at` may be +-{room[0] * self.cell:g} m east and +-{room[1] * self.cell:g} m north"
             )
-        inner = np.maximum(np.array([nx - 1, ny - 1]) / 2 - reach, 0)  # a place that is drawn lies between the middles
+        inner = np.maximum(np.array([nx - 1, ny - 1]) / 2 - reach, 0)  # a drawn scene stays within the cells' middles
         for _ in range(1 if at is not None else PLACES):
             offset = rng.uniform(-inner, inner) if at is None else np.array(at, dtype=float) / self.cell
             middle = np.array([nx - 1, ny - 1]) / 2 + offset
@@ -84,7 +98,7 @@ class HeightMap:
         )
 
     def _check_heights(self, part: np.ndarray) -> None:
-        """Raise ValueError for heights or walls that no ground has: another unit, or gaps not marked as such."""
+        """Raise ValueError for implausible heights or steps: the unit is wrong, or gaps are not marked as such."""
         doubt = "are its values metres (`relief.heightmap_height`), and are all cells without data nan or nodata?"
         if (highest := float(np.abs(part).max())) > HIGHEST:
             raise ValueError(f"{self.name}: has heights of {highest:g} m; {doubt}")
@@ -95,9 +109,14 @@ class HeightMap:
 
 @dataclass(frozen=True)
 class Window:
-    """heights: (ny, nx) [m], row 0 south, all finite; cell [m]; x0, y0: scene coordinates of heights[0, 0].
+    """The part of a heightmap under a scene.
 
-    at: the scene's origin, east and north of the map's middle [m].
+    Attributes:
+        heights: (ny, nx) [m], row 0 south, all finite.
+        cell: Side of a cell [m].
+        x0: East coordinate of heights[0, 0] in the scene [m].
+        y0: North coordinate of heights[0, 0] in the scene [m].
+        at: Origin of the scene, east and north of the map's middle [m].
     """
 
     heights: np.ndarray
@@ -107,7 +126,15 @@ class Window:
     at: tuple[float, float]
 
     def sample(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """(len(y), len(x)) heights on a regular grid, by cubic splines; averaged first where the grid is coarser."""
+        """Return the heights on a regular grid, by cubic splines; a map finer than the grid is smoothed first.
+
+        Args:
+            x: (nx,) east coordinates in the scene [m], equally spaced.
+            y: (ny,) north coordinates [m], with the same spacing.
+
+        Returns:
+            (ny, nx) heights [m].
+        """
         ratio = (x[1] - x[0]) / self.cell
         heights = self.heights
         if ratio > 1:
@@ -116,18 +143,18 @@ class Window:
         return ndimage.map_coordinates(heights, at, order=3, mode="nearest")
 
     def missing(self, k: np.ndarray) -> np.ndarray:
-        """Share of the amplitude at wave numbers k [rad/m] that the splines do not show: 0 for long waves, 1 for short.
+        """Return the share of the amplitude that the splines lack at wave numbers k [rad/m], from 0 (long waves) to 1.
 
-        Cubic splines halve the amplitude at the grid's Nyquist wave number and fall as fast as k^8 around it.
+        Cubic splines halve the amplitude at the grid's Nyquist wave number, and it falls as k^8 around it.
         """
         shown = 1 / (1 + np.minimum(k * self.cell / np.pi, 1e6) ** 8)
         return np.sqrt(1 - shown**2)
 
     def rms_slope(self, hurst: float) -> float:
-        """RMS height difference over 1 m if the map's roughness goes on below its cells with that Hurst exponent.
+        """Return the RMS height difference over 1 m, if the roughness continues below the cells with a Hurst exponent.
 
-        From second differences over 2 cells, which know no regional slope: E[(h(x + r) - 2 h(x) + h(x - r))^2] =
-        (4 - 2^2H) E[(h(x + r) - h(x))^2].
+        It comes from second differences over 2 cells, which do not depend on a regional slope:
+        E[(h(x + r) - 2 h(x) + h(x - r))^2] = (4 - 2^2H) E[(h(x + r) - h(x))^2].
         """
         lag = 2
         h = self.heights
@@ -139,7 +166,7 @@ class Window:
 
 
 def file_digest(path: str) -> str:
-    """SHA-256 of a heightmap. Raises ValueError, which names the file, if it cannot be read."""
+    """Return the SHA-256 of a heightmap. Raises ValueError, which names the file, if it cannot be read."""
     try:
         state = os.stat(path)
         return _digest(path, state.st_size, state.st_mtime_ns)
@@ -155,9 +182,16 @@ def _digest(path: str, size: int, changed: int) -> str:
 
 @lru_cache(maxsize=1)
 def read_heightmap(path: str, digest: str, scale: float | None, height: float | None) -> HeightMap:
-    """Read a file. digest: its SHA-256; scale: side of a cell [m]; height: metres a unit; None: from the file.
+    """Read a heightmap.
 
-    Raises ValueError, one line that names the file, for all that can be wrong with it.
+    Args:
+        path: A .npy, .png, .tif or .tiff file.
+        digest: SHA-256 of the file; a key of the cache.
+        scale: Side of a cell [m]; None takes that of the file.
+        height: Metres of a unit of the values; None means 1.
+
+    Raises:
+        ValueError: The file cannot be read, or lacks what is needed. The message is one line that names the file.
     """
     name = f"{FIELD} {path}"
     suffix = Path(path).suffix.lower()
@@ -167,9 +201,9 @@ def read_heightmap(path: str, digest: str, scale: float | None, height: float | 
     elif suffix == ".png":
         values = _read_image(path, name)
         if values.dtype != np.uint16:
-            raise ValueError(f"{name}: {8 * values.itemsize} bits a pixel, 16 are needed")
+            raise ValueError(f"{name}: has {8 * values.itemsize} bits a pixel, 16 are needed")
         if height is None:
-            raise ValueError(f"{name}: a PNG does not say how high its values are; give `relief.heightmap_height` [m]")
+            raise ValueError(f"{name}: a PNG has no unit of height; give `relief.heightmap_height` [m]")
     elif suffix in (".tif", ".tiff"):
         values = _read_image(path, name)
         file_scale, nodata = _read_tags(path, name, scale is None)
@@ -177,12 +211,12 @@ def read_heightmap(path: str, digest: str, scale: float | None, height: float | 
     else:
         raise ValueError(f"{name}: ends in neither .npy, .png, .tif nor .tiff")
     if scale is None:
-        raise ValueError(f"{name}: does not say how large its cells are; give `relief.heightmap_scale` [m]")
+        raise ValueError(f"{name}: has no cell size; give `relief.heightmap_scale` [m]")
     if min(values.shape) < 2:
         raise ValueError(f"{name}: has {values.shape[1]} x {values.shape[0]} cells, too few")
     heights = values.astype(float) * (1.0 if height is None else height)
     if nodata is not None:
-        # the few digits of a text may mean a float32; an integer type cannot hold every nodata value
+        # The tag is text, whose few digits may mean a float32. An integer type cannot hold every nodata value.
         empty = values.dtype.type(nodata) if values.dtype.kind == "f" else np.float64(nodata)
         heights[values.astype(float) == empty] = np.nan
     heights[~np.isfinite(heights)] = np.nan
@@ -193,7 +227,7 @@ def _read_npy(path: str, name: str) -> np.ndarray:
     try:
         values = read_npy(path)
     except ValueError as error:
-        raise ValueError(f"{name}: is no readable .npy file ({error})") from None
+        raise ValueError(f"{name}: cannot be read as a .npy file ({error})") from None
     if values.ndim != 2 or values.dtype.kind not in "iuf":
         raise ValueError(f"{name}: must be a two-dimensional array of numbers, is {values.dtype} {values.shape}")
     return values
@@ -202,7 +236,7 @@ def _read_npy(path: str, name: str) -> np.ndarray:
 def _read_image(path: str, name: str) -> np.ndarray:
     values = decode_png(Path(path).read_bytes()) if path.lower().endswith(".png") else _read_tiff(path)
     if values is None:
-        raise ValueError(f"{name}: cannot be read as an image; it may be cut off or of another kind")
+        raise ValueError(f"{name}: cannot be read as an image; it may be truncated or of another format")
     if values.ndim != 2:
         raise ValueError(f"{name}: has {values.shape[2]} channels, a heightmap has one")
     return values
@@ -210,7 +244,7 @@ def _read_image(path: str, name: str) -> np.ndarray:
 
 def _read_tiff(path: str) -> np.ndarray | None:
     log = cv2.utils.logging
-    before = log.setLogLevel(log.LOG_LEVEL_SILENT)  # a broken file is told in our words
+    before = log.setLogLevel(log.LOG_LEVEL_SILENT)  # the caller reports a broken file in one line
     try:
         return cv2.imread(path, cv2.IMREAD_UNCHANGED)
     except cv2.error:
@@ -220,7 +254,7 @@ def _read_tiff(path: str) -> np.ndarray | None:
 
 
 def _read_tags(path: str, name: str, need_scale: bool) -> tuple[float | None, float | None]:
-    """Cell size [m] and value of cells without data of a GeoTIFF, None where the file does not say."""
+    """Return the cell size [m] and the nodata value of a GeoTIFF, None for what the file does not state."""
     try:
         with open(path, "rb") as file:
             header = file.read(8)
@@ -230,7 +264,7 @@ def _read_tags(path: str, name: str, need_scale: bool) -> tuple[float | None, fl
             file.seek(tags.next)
             tags.load(file)
             scale, keys, nodata = (tags.get(tag) for tag in (PIXEL_SCALE, GEO_KEYS, NO_DATA))
-    except Exception as error:  # whatever a broken directory makes the reader stumble over
+    except Exception as error:  # a broken directory may raise anything in the reader
         raise ValueError(f"{name}: its tags cannot be read ({error})") from None
     if need_scale and keys is not None:
         entries = {key: value for key, place, _, value in zip(*[iter(keys[4:])] * 4) if place == 0}
@@ -243,5 +277,5 @@ def _read_tags(path: str, name: str, need_scale: bool) -> tuple[float | None, fl
     try:
         empty = None if nodata is None else float(str(nodata).strip(" \0"))
     except ValueError:
-        raise ValueError(f"{name}: its nodata tag is {nodata!r}, no number") from None
+        raise ValueError(f"{name}: its nodata tag must be a number, is {nodata!r}") from None
     return (None if scale is None else float(scale[0])), empty

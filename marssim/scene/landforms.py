@@ -1,4 +1,4 @@
-"""What stands on the relief: impact craters, and ripples that the wind has made."""
+"""Landforms on the relief: impact craters and the wind's large ripples."""
 
 from __future__ import annotations
 
@@ -8,24 +8,34 @@ from scipy import fft
 
 from marssim.scene.relief import ReliefConfig
 
-APRON = 3.0  # radii out to which a crater's rim reaches
-FRESH = 0.2  # depth over diameter of a crater that nothing has worn yet
-SHORTER = 0.3  # wavelength of the small ripples that ride on the large ones, over theirs
-PATCH = 7.0  # [m] extent of patches of ripples
+APRON = 3.0  # crater radii out to which the rim reaches
+FRESH = 0.2  # depth over diameter of a fresh crater
+SHORTER = 0.3  # wavelength of small ripples over that of the large ones that they ride on
+PATCH = 7.0  # [m] size of the patches of ripples
 
 
 class Craters:
-    """Bowls with raised rims. Their number falls as D^-2; depths lie between worn and fresh, uniform in the logarithm.
+    """Bowls with raised rims. Their number falls as D^-2; their depths are uniform in the logarithm.
 
-    A fresh crater is a parabola of depth 0.2 D with a sharp rim of 0.04 D (Melosh 1989, simple craters); a worn one is
-    shallow, its floor flat, its rim round.
+    A fresh crater is a parabola of depth 0.2 D with a sharp rim of 0.04 D (Melosh 1989, simple craters). A worn one is
+    shallow, with a flat floor and a round rim.
+
+    Attributes:
+        centre: (N, 2) x, y [m].
+        diameter: (N,) [m].
+        freshness: (N,) from 0, worn, to 1, fresh.
+        depth: (N,) depth from rim to floor [m].
     """
 
     def __init__(self, config: ReliefConfig, far: float, largest: float, rng: np.random.Generator) -> None:
-        """far: half the side of the square that they lie in [m].
+        """Draw the craters.
 
-        largest: diameter [m], at most config.crater_max_diameter: of the density's craters, from 1 m to that one, only
-        those up to `largest` are there; none if that is under 1.
+        Args:
+            config: Density and depth; the density counts craters from 1 m to config.crater_max_diameter.
+            far: Half the side of the square that they lie in [m].
+            largest: Diameter of the largest craters that are kept [m], at most config.crater_max_diameter. Below 1 m,
+                there are none.
+            rng: Random generator.
         """
         share = (1 - largest**-2.0) / (1 - config.crater_max_diameter**-2.0) if largest > 1 else 0.0
         count = rng.poisson(share * config.crater_density * (2 * far) ** 2) if largest > 1 else 0
@@ -37,7 +47,13 @@ class Craters:
         self.depth = ratio * np.minimum(self.diameter, config.crater_fill_diameter)
 
     def add_to(self, heights: np.ndarray, x: np.ndarray, y: np.ndarray) -> None:
-        """Dig them into heights (ny, nx), in place. x: (nx,), y: (ny,) [m], ascending; less than 3 cells is left."""
+        """Add the craters to heights, in place. Craters of less than 3 cells are left out.
+
+        Args:
+            heights: (ny, nx) [m].
+            x: (nx,) ascending coordinates [m].
+            y: (ny,) ascending coordinates [m].
+        """
         cell = x[1] - x[0]
         for (cx, cy), d, depth, fresh in zip(self.centre, self.diameter, self.depth, self.freshness):
             reach = APRON * d / 2
@@ -49,7 +65,12 @@ class Craters:
 
 
 def crater_profile(r: np.ndarray, freshness: float) -> np.ndarray:
-    """Height at r radii from the middle, in units of the depth from rim to floor; 0 far away. freshness: 0 to 1."""
+    """Return the height of a crater's profile, in units of its depth from rim to floor; 0 far away.
+
+    Args:
+        r: (...) distances from the middle, in crater radii.
+        freshness: From 0, worn, to 1, fresh.
+    """
     rim = 0.08 + 0.12 * freshness
     inner = np.minimum(r, 1)
     bowl = freshness * inner**2 + (1 - freshness) * inner**2 * (3 - 2 * inner) * inner**0.5
@@ -58,10 +79,19 @@ def crater_profile(r: np.ndarray, freshness: float) -> np.ndarray:
 
 
 def ripples(config: ReliefConfig, n: int, cell: float, rng: np.random.Generator) -> np.ndarray:
-    """(n, n) heights [m] of aeolian ripples on a grid: sharp crests across the wind, in patches; 0 between them.
+    """Draw aeolian ripples: sharp crests across the wind, in patches.
 
-    The crests follow the phase of a narrow-band random wave, which has forks and ends where the wave vanishes, as real
-    ripples have. Small ripples ride on the large ones. What the grid cannot show (under 3 cells) is left out.
+    The crests follow the phase of a narrow-band random wave. It has forks and ends where the wave vanishes, as real
+    ripples have. Small ripples ride on the large ones. Ripples of less than 3 cells are left out.
+
+    Args:
+        config: Amplitude, wavelength and cover.
+        n: Number of grid nodes along a side.
+        cell: Grid spacing [m].
+        rng: Random generator.
+
+    Returns:
+        (n, n) heights [m]; 0 between the patches.
     """
     wind = rng.uniform(0, np.pi)
     seeds = rng.spawn(3)
@@ -77,12 +107,12 @@ def ripples(config: ReliefConfig, n: int, cell: float, rng: np.random.Generator)
 
 
 def _wave_train(n: int, cell: float, wavelength: float, wind: float, rng: np.random.Generator) -> np.ndarray:
-    """(n, n) crests of about 1 and troughs of about -1."""
+    """Return (n, n) ripples with crests of about 1 and troughs of about -1; cell, wavelength [m]; wind [rad]."""
     k = 2 * np.pi / wavelength
     kx, ky = 2 * np.pi * np.fft.fftfreq(n, cell)[None, :] / k, 2 * np.pi * np.fft.fftfreq(n, cell)[:, None] / k
     along, across = np.cos(wind) * kx + np.sin(wind) * ky, np.cos(wind) * ky - np.sin(wind) * kx
     band = np.exp(-0.5 * (((along - 1) / 0.13) ** 2 + (across / 0.2) ** 2))
-    # white in the Fourier domain as well as in space, so that it can be drawn there
+    # white noise is white in the Fourier domain too, so it is drawn there
     row, column = np.flatnonzero(band.max(axis=1) > 1e-4), np.flatnonzero(band.max(axis=0) > 1e-4)
     wave = np.zeros((n, n), dtype=np.complex64)
     drawn = rng.standard_normal((len(row), len(column), 2)) @ (1, 1j)
@@ -96,7 +126,7 @@ def _wave_train(n: int, cell: float, wavelength: float, wind: float, rng: np.ran
 
 
 def _patches(n: int, cell: float, cover: float, rng: np.random.Generator) -> np.ndarray:
-    """(n, n) in [0, 1]: 1 in patches that cover about that share, 0 between, with soft borders."""
+    """Return an (n, n) mask: 1 in patches that cover about the share `cover`, 0 between them, with soft borders."""
     if cover >= 1:
         return np.ones((n, n))
     nodes = max(8, int(np.ceil(n * cell / PATCH)) * 2)

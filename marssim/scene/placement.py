@@ -1,7 +1,7 @@
-"""Where rocks lie: at random, some of them beside a larger one, and none on top of another.
+"""The places of rocks: random, some beside a larger rock, and none on top of another.
 
-Rocks that overlapped would show less than their outline, and the ground would be less covered than was asked for. So
-they are put down from the largest to the smallest, and what would lie on a rock that is there already moves elsewhere.
+Overlapping rocks would show less than their outlines and cover less ground than asked for. So rocks are placed from the
+largest to the smallest, and one that would lie on an earlier rock moves elsewhere.
 """
 
 from __future__ import annotations
@@ -9,18 +9,26 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-GAP = 1.08  # centres are at least the mean diameter times this apart: outlines are no discs
-UPPER = 0.3  # of the rocks that are larger: the share, from the largest down, that others cluster around
-ROUNDS = 30  # moves after which a rock stays where it is, overlap or not
-CLUSTERED_ROUNDS = 6  # of these, moves that keep a clustered rock beside its larger neighbour
+GAP = 1.08  # least distance of two centres, in mean diameters; above 1 because outlines are no discs
+UPPER = 0.3  # share of the larger rocks, from the largest down, that others cluster around
+ROUNDS = 30  # moves after which a rock stays, even if it overlaps another
+CLUSTERED_ROUNDS = 6  # of these, the moves that keep a clustered rock beside its larger neighbour
 
 
 def place(
     diameter: np.ndarray, inner: np.ndarray, outer: np.ndarray, cluster: float, rng: np.random.Generator
 ) -> np.ndarray:
-    """(N, 2) positions; rock n lies in the square ring inner[n] <= max(|x|, |y|) <= outer[n].
+    """Draw the positions of rocks, each in a square ring inner <= max(|x|, |y|) <= outer.
 
-    diameter: (N,) [m], any order. A share `cluster` lies within a few diameters of one of the larger rocks of its ring.
+    Args:
+        diameter: (N,) diameters [m], in any order.
+        inner: (N,) inner half sides of the rings [m].
+        outer: (N,) outer half sides of the rings [m].
+        cluster: Share of the rocks that lie within a few diameters of a larger rock of their ring.
+        rng: Random generator.
+
+    Returns:
+        (N, 2) positions [m].
     """
     n = len(diameter)
     order = np.argsort(-diameter, kind="stable")
@@ -33,22 +41,22 @@ def place(
     clustered = (rng.uniform(0, 1, n) < cluster) & (parent < np.arange(n))
     placed: list[tuple[cKDTree, np.ndarray]] = []
     start = 0
-    while start < n:  # classes of like size, within a factor of two
+    while start < n:  # classes of similar size, within a factor of two
         end = start + int(np.searchsorted(-diameter[start:], -0.5 * diameter[start], side="right"))
-        waiting = np.arange(start, end)
-        xy[waiting] = _beside(xy, diameter, parent, clustered, inner, outer, waiting, 0, rng)
+        moving = np.arange(start, end)
+        xy[moving] = _beside(xy, diameter, parent, clustered, inner, outer, moving, 0, rng)
         settled = list(placed)
         for attempt in range(1, ROUNDS + 1):
-            bad = _clashes(xy[waiting], diameter[waiting], settled) if attempt < ROUNDS else np.zeros(0, dtype=int)
-            good = np.delete(waiting, bad)
+            bad = _clashes(xy[moving], diameter[moving], settled) if attempt < ROUNDS else np.zeros(0, dtype=int)
+            good = np.delete(moving, bad)
             if len(good):
                 settled.append((cKDTree(xy[good]), diameter[good]))
-            waiting = waiting[bad]
-            if len(waiting) == 0:
+            moving = moving[bad]
+            if len(moving) == 0:
                 break
-            xy[waiting] = _in_ring(inner[waiting], outer[waiting], rng)
+            xy[moving] = _in_ring(inner[moving], outer[moving], rng)
             if attempt < CLUSTERED_ROUNDS:
-                xy[waiting] = _beside(xy, diameter, parent, clustered, inner, outer, waiting, attempt, rng)
+                xy[moving] = _beside(xy, diameter, parent, clustered, inner, outer, moving, attempt, rng)
         placed.append((cKDTree(xy[start:end]), diameter[start:end]))
         start = end
     out = np.empty_like(xy)
@@ -57,7 +65,7 @@ def place(
 
 
 def _in_ring(inner: np.ndarray, outer: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """(N, 2) uniform in square rings: one of the four equal arms of the ring, and a place in it."""
+    """Draw (N, 2) points uniformly in square rings: one of the ring's four equal arms, then a point in it."""
     n = len(inner)
     along = rng.uniform(-1, 1, n) * (outer + inner) / 2 + (outer - inner) / 2
     across = inner + rng.uniform(0, 1, n) * (outer - inner)
@@ -69,21 +77,21 @@ def _in_ring(inner: np.ndarray, outer: np.ndarray, rng: np.random.Generator) -> 
 
 def _beside(
     xy: np.ndarray, diameter: np.ndarray, parent: np.ndarray, clustered: np.ndarray, inner: np.ndarray,
-    outer: np.ndarray, who: np.ndarray, attempt: int, rng: np.random.Generator,
+    outer: np.ndarray, members: np.ndarray, attempt: int, rng: np.random.Generator,
 ) -> np.ndarray:  # fmt: skip
-    """Positions of rocks `who`: near the parent if clustered and if that lies in their ring, else as they were."""
-    own = parent[who]
-    spread = (0.4 + diameter[own]) * (1 + 0.4 * attempt)
-    reach = 0.5 * GAP * (diameter[own] + diameter[who]) + np.abs(rng.normal(0, 1, len(who))) * spread
-    angle = rng.uniform(0, 2 * np.pi, len(who))
-    beside = xy[own] + reach[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    """Return positions of the rocks `members`: near the parent if clustered and still in the ring, else as before."""
+    parents = parent[members]
+    spread = (0.4 + diameter[parents]) * (1 + 0.4 * attempt)
+    reach = 0.5 * GAP * (diameter[parents] + diameter[members]) + np.abs(rng.normal(0, 1, len(members))) * spread
+    angle = rng.uniform(0, 2 * np.pi, len(members))
+    beside = xy[parents] + reach[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     far = np.abs(beside).max(axis=1)
-    near = clustered[who] & (far >= inner[who]) & (far <= outer[who])
-    return np.where(near[:, None], beside, xy[who])
+    near = clustered[members] & (far >= inner[members]) & (far <= outer[members])
+    return np.where(near[:, None], beside, xy[members])
 
 
 def _clashes(xy: np.ndarray, diameter: np.ndarray, settled: list[tuple[cKDTree, np.ndarray]]) -> np.ndarray:
-    """Indices of the candidates that overlap a settled rock, or an earlier candidate."""
+    """Return the indices of the candidates that overlap a settled rock or an earlier candidate."""
     tree = cKDTree(xy)
     bad = np.zeros(len(xy), dtype=bool)
     for other, size in settled:

@@ -1,16 +1,22 @@
-"""Ranges that values are drawn from."""
+"""Ranges that random values are drawn from."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-Range = tuple[float, float]  # LOW HIGH, equal for a fixed value
+Range = tuple[float, float]  # low and high end; equal for a fixed value
 
 
 def check_ranges(config: object, limits: Mapping[str, Range]) -> None:
-    """Check a dataclass all of whose fields are a Range. limits: least and most of each, by name.
+    """Check a dataclass whose fields are all of type Range.
 
-    Raises ValueError that begins with the field whose ends lie beyond them or come in the wrong order.
+    Args:
+        config: The dataclass.
+        limits: Least and largest value of each field, by its name.
+
+    Raises:
+        ValueError: The ends of a range lie beyond its limits or come in the wrong order. The message begins with the
+            field's name.
     """
     for name, (low, high) in vars(config).items():
         least, most = limits[name]

@@ -1,8 +1,8 @@
-"""What shapes the ground: the knobs, and self-affine noise.
+"""The shape of the ground: its config, and self-affine noise.
 
-Mars is rough alike at all scales: the RMS height difference over a lag r grows as r^H, with Hurst exponent H of 0.5 to
-0.8. The field is drawn in the Fourier domain with the isotropic spectrum S(k) = C k^-(2 + 2H), where C follows in
-closed form from the RMS slope at 1 m (structure function of a self-affine surface).
+Mars has similar roughness at all scales: the RMS height difference over a distance r grows as r^H, with a Hurst
+exponent H of 0.5 to 0.8. The height field is drawn in the Fourier domain with the isotropic spectrum
+S(k) = C k^-(2 + 2H). C follows in closed form from the RMS slope at 1 m (structure function of a self-affine surface).
 """
 
 from __future__ import annotations
@@ -17,49 +17,49 @@ from scipy.special import gamma
 from marssim.scene.heightmap import FIELD, file_digest
 from marssim.scene.ranges import Range
 
-SUBHARMONICS = 3  # times that the middle of the Fourier grid is split
+SUBHARMONICS = 3  # how often the middle cell of the Fourier grid is split
 
 
 @dataclass(frozen=True)
 class ReliefConfig:
-    """The shape of the ground."""
+    """The shape of the ground, drawn or from a heightmap."""
 
     hurst: float = 0.7
-    """Hurst exponent of the relief, between 0 and 1: small is rough, large is rolling; 0.5 to 0.8 on Mars"""
+    """Hurst exponent of the relief, between 0 and 1: a small one is rough, a large one rolling. Mars has 0.5 to 0.8."""
     rms_slope_deg: float = 5.0
-    """RMS slope of the relief over 1 m [deg], without craters and ripples; 4.8 to 5.4 at Pathfinder and Viking 1;
-    not used with a heightmap, whose own roughness goes on below its resolution"""
+    """RMS slope of the relief over 1 m [deg], without craters and ripples. Pathfinder and Viking 1 have 4.8 to 5.4. A
+    heightmap ignores it: its own roughness continues below its resolution."""
     regional_slope_deg: float = 0.0
-    """tilt of the whole scene [deg]"""
+    """Tilt of the whole scene [deg]; 0 is level."""
     regional_azimuth_deg: float = 0.0
-    """direction in which the tilt rises most [deg], counter-clockwise from east"""
+    """Direction in which the tilted scene rises most [deg], counter-clockwise from east."""
     crater_density: float = 0.004
-    """craters from 1 m to the largest diameter on a square metre; the number above a diameter falls as its square"""
+    """Number of craters on a square metre, from 1 m up to the largest diameter. The number above a diameter falls with
+    the square of the diameter."""
     crater_max_diameter: float = 25.0
-    """largest crater [m]; with a heightmap, only craters too small for it are drawn"""
+    """Diameter of the largest craters [m]. On a heightmap, only craters too small for its resolution are drawn."""
     crater_depth: Range = (0.03, 0.2)
-    """depth from rim to floor over diameter, LOW HIGH: each crater lies between worn (.03) and fresh (.2)"""
+    """Depth of craters from rim to floor over their diameter, LOW HIGH: 0.03 is worn, 0.2 is fresh."""
     crater_fill_diameter: float = 4.0
-    """craters wider than this [m] are partly filled with sand: as deep as one of this width"""
+    """Diameter [m] from which sand fills craters: wider ones are no deeper than a crater of this width."""
     ripple_amplitude: float = 0.012
-    """height of aeolian ripples [m], half of crest to trough"""
+    """Amplitude of the wind's large ripples [m]: half the height from trough to crest."""
     ripple_wavelength: float = 0.9
-    """distance between ripple crests [m]"""
+    """Distance between the crests of ripples [m]."""
     ripple_cover: float = 0.35
-    """share of the ground that carries ripples, 0 to 1"""
+    """Share of the ground that carries ripples, 0 to 1."""
     heightmap: str | None = None
-    """file with measured heights instead of drawn relief: .npy [m], 16-bit .png, or .tif (GeoTIFF); north is up. A
-    scene's heights count from the ground in its middle; heightmap.datum in sample.json, added to them, gives the
-    file's"""
+    """File with measured heights that replace the drawn relief: .npy [m], 16-bit .png, or .tif (GeoTIFF), with north
+    up. Heights of a scene count from the ground in its middle; add heightmap.datum of sample.json to get the file's."""
     heightmap_scale: float | None = None
-    """side of a heightmap cell [m]; not needed for a GeoTIFF in metres"""
+    """Side of a heightmap's cell [m]. A GeoTIFF in metres needs none."""
     heightmap_height: float | None = None
-    """metres of height for each unit of the heightmap's values; needed for .png, 1 for the others"""
+    """Height of one unit of the heightmap's values [m]. A .png needs it; the other formats default to 1."""
     heightmap_at: Range | None = (0.0, 0.0)
-    """where the scene lies: metres east and north of the heightmap's middle; None: each scene draws its own place"""
+    """Place of the scene in the heightmap: metres east and north of its middle. With None, each scene draws a place."""
     heightmap_sha256: str | None = None
-    """digest of the heightmap; filled in from the file, so that the data tell what they were made of. Given, another
-    file is refused"""
+    """SHA-256 of the heightmap. It is filled in from the file, so that a dataset records its source. If it is given,
+    a file with another digest is refused."""
 
     def __post_init__(self) -> None:
         if not 0 < self.hurst < 1:
@@ -93,7 +93,7 @@ class ReliefConfig:
         if self.heightmap is None:
             for name in ("heightmap_scale", "heightmap_height", "heightmap_at", "heightmap_sha256"):
                 if getattr(self, name) != getattr(ReliefConfig, name):
-                    raise ValueError(f"{name} says how a heightmap is taken, which needs {FIELD}")
+                    raise ValueError(f"{name} describes a heightmap, so it needs {FIELD}")
         else:
             digest = file_digest(self.heightmap)
             if self.heightmap_sha256 not in (None, digest):
@@ -102,15 +102,23 @@ class ReliefConfig:
 
 
 def self_affine(n: int, cell: float, hurst: float, rms_slope: float, rng: np.random.Generator) -> np.ndarray:
-    """White Gaussian noise shaped to a self-affine spectrum, still in the Fourier domain.
+    """Draw the spectrum of a self-affine height field: white Gaussian noise, shaped in the Fourier domain.
 
-    rms_slope: RMS height difference over 1 m, tan of the RMS slope. Returns (n, n // 2 + 1) complex spectrum whose
-    irfft2 is the periodic field [m] of side n * cell; waves longer than that are long_waves().
+    Args:
+        n: Number of grid nodes along a side.
+        cell: Grid spacing [m].
+        hurst: Hurst exponent.
+        rms_slope: RMS height difference over 1 m, the tangent of the RMS slope.
+        rng: Random generator.
+
+    Returns:
+        (n, n // 2 + 1) complex spectrum. Its irfft2 is the periodic field [m] of side n * cell. `long_waves` draws the
+        waves that are longer than that side.
     """
     k = wavenumber(n, cell)
     k[0, 0] = np.inf
     amplitude = _amplitude(hurst, rms_slope) * k ** (-1 - hurst)
-    for j in (-1, 0, 1):  # of the next cells the Fourier grid is too coarse
+    for j in (-1, 0, 1):  # next to k = 0 the spectrum varies too much over a cell of the Fourier grid
         for i in (0, 1):
             if (i, j) != (0, 0):
                 amplitude[j, i] *= _over_cell(i, j, hurst)
@@ -118,11 +126,21 @@ def self_affine(n: int, cell: float, hurst: float, rms_slope: float, rng: np.ran
 
 
 def long_waves(x: np.ndarray, period: float, hurst: float, rms_slope: float, rng: np.random.Generator) -> np.ndarray:
-    """(len(x), len(x)) heights [m] on the grid x, x of the waves longer than `period` [m] of the self-affine field.
+    """Draw the waves of a self-affine field that are longer than its period.
 
-    Without them a field of that side would be too level: at H = 0.7 they are a third of the variance of slopes over a
-    twentieth of it. The cell around k = 0 of the Fourier grid is split into 3 x 3, and its middle again (subharmonics;
-    Lane, Glindemann and Dainty 1992). What is longer than 27 periods is a plane over this ground.
+    Without them a field of that side would be too level: at H = 0.7 they make up a third of the variance of slopes over
+    a twentieth of the side. The cell around k = 0 of the Fourier grid is split into 3 x 3 cells, and its middle again
+    (subharmonics; Lane, Glindemann and Dainty 1992). Waves longer than 27 periods become a plane.
+
+    Args:
+        x: (N,) grid coordinates [m], the same along both axes.
+        period: Side of the periodic field [m].
+        hurst: Hurst exponent.
+        rms_slope: RMS height difference over 1 m.
+        rng: Random generator.
+
+    Returns:
+        (N, N) heights [m].
     """
     out = np.zeros((len(x), len(x)))
     amplitude = _amplitude(hurst, rms_slope)
@@ -146,9 +164,9 @@ def long_waves(x: np.ndarray, period: float, hurst: float, rms_slope: float, rng
 
 @lru_cache(maxsize=64)
 def _over_cell(i: int, j: int, hurst: float) -> float:
-    """What the amplitude at the middle of the cell (i, j) of a Fourier grid is short of: the slopes of its waves.
+    """Return the factor from the amplitude at the middle of a cell of the Fourier grid to that of all its slopes.
 
-    Square root of the mean of k^2 S(k) ~ k^-2H over the cell, over its value in the middle.
+    It is the square root of the mean of k^2 S(k) ~ k^-2H over the cell (i, j), over the value in the middle.
     """
     at = (np.arange(32) + 0.5) / 32 - 0.5
     mean = np.mean(np.hypot(i + at, j + at[:, None]) ** (-2 * hurst))
@@ -156,13 +174,13 @@ def _over_cell(i: int, j: int, hurst: float) -> float:
 
 
 def _amplitude(hurst: float, rms_slope: float) -> float:
-    """Square root of C, from the structure function E[(h(x + r) - h(x))^2] = 4 pi C I(H) r^2H."""
+    """Return the square root of C, from the structure function E[(h(x + r) - h(x))^2] = 4 pi C I(H) r^2H."""
     integral = 2.0 ** (-1 - 2 * hurst) * gamma(1 - hurst) / (hurst * gamma(1 + hurst))
     return rms_slope / float(np.sqrt(4 * np.pi * integral))
 
 
 def wavenumber(n: int, cell: float) -> np.ndarray:
-    """(n, n // 2 + 1) absolute wave numbers [rad / m] of an rfft2."""
+    """Return the (n, n // 2 + 1) absolute wave numbers [rad/m] of an rfft2 of n x n nodes; cell: their spacing [m]."""
     ky = 2 * np.pi * np.fft.fftfreq(n, cell)
     kx = 2 * np.pi * np.fft.rfftfreq(n, cell)
     return np.hypot(ky[:, None], kx[None, :])

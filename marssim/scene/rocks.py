@@ -1,12 +1,12 @@
-"""Rocks: how many, how large, where, and of what shape, as one mesh.
+"""The rocks of a scene as one mesh: their number, sizes, places and shapes.
 
-Sizes follow Golombek and Rapp's law (golombek.py), positions placement.py, shapes shapes.py. The law speaks of what is
-seen from above, so three things are corrected for:
+Sizes follow the law of Golombek and Rapp (golombek.py); placement.py finds the places and shapes.py the shapes. The law
+counts areas as seen from above. Three corrections keep them:
 
-- Burial. A rock that is partly below ground may show less than its widest section. Each is widened so that the outline
-  of the part above ground is that of the diameter that was drawn for it.
-- Slope. Rocks are sheared with the plane of the ground under them, so that a slope buries no more of them.
-- Overlap. Rocks are put down beside each other, the largest first; also those of a cluster.
+- Burial: a partly buried rock may show less than its widest section. Each rock is widened until the outline of its part
+  above ground has the area of the drawn diameter.
+- Slope: rocks are sheared with the plane of the ground under them, so that a slope does not bury more of them.
+- Overlap: rocks lie beside each other, also in a cluster. The largest is placed first.
 """
 
 from __future__ import annotations
@@ -22,40 +22,38 @@ from marssim.scene.shapes import FAMILIES, LEVELS, VARIANTS, icosphere, shape_li
 
 __all__ = ["FAMILIES", "RockConfig", "Rocks", "build_rocks", "icosphere"]
 
-STAND = 0.4  # of the half side of the fine square: along x and y, cameras stand that far from the middle at most
-MOST = 65_534  # rocks that the 16 bits of a dataset's surface.png can tell apart, beside sky and ground
-SURE = 6.0  # standard deviations by which the number that is expected stays below that
-NEAREST = 1.6  # [m] distance from which rocks among the cameras are taken to be seen
-LEVEL_ANGLES = (0.03, 0.1, 0.25, 0.8)  # [rad] seen diameter from which a rock gets the next level of detail
-SMALLEST = (
-    (0.75, 0.05),
-    (1.0, 0.08),
-    (2.5, 0.25),
-    (np.inf, 0.6),
-)  # least diameter [m] out to that many half sides of the square
-MIN_HEIGHT_RATIO, MAX_HEIGHT_RATIO = 0.15, 1.0
-FLATNESS = np.array([1.2, 0.5, 1.1])  # height over diameter of FAMILIES, beside each other: slabs are flat
-KEPT_OFF = 0.1  # [m] diameter of rocks from which on places that shall be clear are kept clear of them
+STAND = 0.4  # largest |x| and |y| of a camera, in half sides of the fine square
+MOST = 65_534  # most rocks that the 16 bits of a dataset's surface.png can number, besides sky and ground
+SURE = 6.0  # standard deviations by which the expected number of rocks stays below MOST
+NEAREST = 1.6  # [m] distance at which a camera is assumed to see the rocks around it
+LEVEL_ANGLES = (0.03, 0.1, 0.25, 0.8)  # [rad] angular diameters at which a rock gets the next level of detail
+# smallest rocks by distance from the middle: (half sides of the fine square, least diameter [m]) out to there
+SMALLEST = ((0.75, 0.05), (1.0, 0.08), (2.5, 0.25), (np.inf, 0.6))
+MIN_HEIGHT_RATIO, MAX_HEIGHT_RATIO = 0.15, 1.0  # height above ground over diameter
+FLATNESS = np.array([1.2, 0.5, 1.1])  # relative height over diameter of each of FAMILIES: slabs are flat
+KEPT_OFF = 0.1  # [m] diameter of the smallest rocks that clear discs keep out
 
 
 @dataclass(frozen=True)
 class RockConfig:
-    """How many rocks lie on the ground, and what they look like."""
+    """The rocks: how many lie on the ground, and what they look like."""
 
     k: float = 0.033
-    """share of the ground that rocks of any size cover, 0 to 0.4 (Golombek's k: Utopia .033, Viking 2 .15)"""
+    """Share of the ground that rocks of any size cover, 0 to 0.4 (k of Golombek's law): Utopia has 0.033, Viking 2
+    0.15."""
     min_diameter: float = 0.03
-    """smallest rocks drawn [m], near the middle where cameras stand; farther out only larger ones are drawn"""
+    """Diameter of the smallest rocks [m], near the middle where the cameras stand. Farther out, only larger ones are
+    drawn; smaller ones are pebbles of the surface."""
     cluster: float = 0.3
-    """share of the rocks that lie beside a larger one, 0 to 1"""
+    """Share of the rocks that lie beside a larger one, 0 to 1."""
     height_ratio: float = 0.5
-    """mean height above ground over diameter"""
+    """Mean height of the rocks above ground over their diameter, 0.1 to 1."""
     buried: tuple[float, float] = (0.1, 0.45)
-    """share of a rock's height that is below ground, LOW HIGH, each rock draws its own, 0 to 0.5"""
+    """Share of a rock's height that is below ground, LOW HIGH, 0 to 0.5. Each rock draws its own."""
     families: tuple[float, float, float] = (0.45, 0.25, 0.3)
-    """how many rocks are angular, slabby and rounded: three shares in any unit"""
+    """Relative numbers of angular, slabby and rounded rocks: three shares in any unit."""
     albedo: float = 0.72
-    """mean brightness of the rocks, 1 for that of the ground"""
+    """Mean brightness of the rocks over that of the ground, 0.2 to 1.5."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.k <= 0.4:
@@ -77,12 +75,17 @@ class RockConfig:
 
 @dataclass(frozen=True)
 class Rocks:
-    """All rocks of a scene as one mesh. N rocks, V vertices, F faces; world frame, metres.
+    """All rocks of a scene as one mesh: N rocks, V vertices, F faces, in the world frame [m].
 
-    centre: (N, 3) the point each rock is star-shaped about. diameter: (N,) of the disc whose area is the rock's outline
-    above ground, seen from above. height: (N,) exposed, above the plane of the ground under the rock. albedo: (N,)
-    relative to the ground. vertices: (V, 3) float64; faces: (F, 3) int32, outward; face_rock: (F,) int32 rock of each
-    face, ascending. vertex_normals: (V, 3) unit, for smooth shading only.
+    Attributes:
+        centre: (N, 3) the point that each rock is star-shaped about [m].
+        diameter: (N,) diameter of the disc with the area of the rock's outline above ground, seen from above [m].
+        height: (N,) exposed height above the plane of the ground under the rock [m].
+        albedo: (N,) brightness relative to the ground.
+        vertices: (V, 3) float64 [m].
+        faces: (F, 3) int32, counter-clockwise seen from outside.
+        face_rock: (F,) int32 rock of each face, ascending.
+        vertex_normals: (V, 3) unit normals, for smooth shading only.
     """
 
     centre: np.ndarray
@@ -101,42 +104,65 @@ class Rocks:
 def outline_points(
     rocks: Rocks, which: np.ndarray, height_at: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points whose convex hulls, seen from above, hold what the rocks `which` (M,) show above ground, and no more.
+    """Return points whose convex hulls, seen from above, are the outlines of some rocks above ground.
 
-    Of the mesh: corners above ground, and where edges go into it. height_at(x, y): ground [m]. Returns (P, 2) x, y [m],
-    in no order and many more than once, and (P,) the places in `which` of their rocks.
+    The points are the mesh's vertices above ground and the crossings of its edges with the ground.
+
+    Args:
+        rocks: All rocks.
+        which: (M,) indices of the rocks.
+        height_at: Function of x, y [m] that returns the height of the ground [m].
+
+    Returns:
+        (P, 2) x, y [m], unordered and with repetitions; and (P,) the position in `which` of each point's rock.
     """
-    place = np.full(len(rocks), -1)
-    place[which] = np.arange(len(which))
-    of = place[rocks.face_rock]
-    faces, of = rocks.faces[of >= 0], of[of >= 0]
+    position = np.full(len(rocks), -1)
+    position[which] = np.arange(len(which))
+    owner = position[rocks.face_rock]
+    faces, owner = rocks.faces[owner >= 0], owner[owner >= 0]
     corners = rocks.vertices[faces]
     above = corners[..., 2] - height_at(corners[..., 0], corners[..., 1])
-    points, owners = [np.zeros((0, 2))], [np.zeros(0, of.dtype)]
+    points, owners = [np.zeros((0, 2))], [np.zeros(0, owner.dtype)]
     for i, j in ((0, 1), (1, 2), (2, 0)):
-        seen = above[:, i] > 0
-        cut = seen != (above[:, j] > 0)  # where an edge goes into the ground
+        exposed = above[:, i] > 0
+        cut = exposed != (above[:, j] > 0)  # the edge crosses the ground
         share = (above[cut, i] / (above[cut, i] - above[cut, j]))[:, None]
-        points += [corners[seen, i, :2], (1 - share) * corners[cut, i, :2] + share * corners[cut, j, :2]]
-        owners += [of[seen], of[cut]]
+        points += [corners[exposed, i, :2], (1 - share) * corners[cut, i, :2] + share * corners[cut, j, :2]]
+        owners += [owner[exposed], owner[cut]]
     return np.concatenate(points), np.concatenate(owners)
 
 
 def reach_above_ground(
     rocks: Rocks, which: np.ndarray, height_at: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> np.ndarray:
-    """(M,) [m]: how far, sideways from its centre, each of the rocks `which` (M,) reaches above ground; 0 if nowhere.
+    """Return how far some rocks reach sideways from their centres above ground.
 
-    Of the mesh: a rock of diameter D is no disc, and reaches farther than D / 2. height_at(x, y): ground [m].
+    A rock of diameter D is no disc: its mesh reaches farther than D / 2.
+
+    Args:
+        rocks: All rocks.
+        which: (M,) indices of the rocks.
+        height_at: Function of x, y [m] that returns the height of the ground [m].
+
+    Returns:
+        (M,) horizontal reach [m]; 0 for a rock that is below ground.
     """
-    points, of = outline_points(rocks, which, height_at)
+    points, owner = outline_points(rocks, which, height_at)
     out = np.zeros(len(which))
-    np.maximum.at(out, of, np.hypot(*(points - rocks.centre[which][of, :2]).T))
+    np.maximum.at(out, owner, np.hypot(*(points - rocks.centre[which][owner, :2]).T))
     return out
 
 
 def detail_level(diameter: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """Icosphere level of each rock: by the angle D / distance under which it is seen at closest."""
+    """Return the icosphere level of each rock, from the largest angle D / distance under which a camera may see it.
+
+    Args:
+        diameter: (N,) diameters [m].
+        distance: (N,) least distances to a camera [m].
+
+    Returns:
+        (N,) int levels.
+    """
     return np.digitize(np.asarray(diameter) / np.maximum(distance, NEAREST), LEVEL_ANGLES)
 
 
@@ -147,11 +173,20 @@ def build_rocks(
 ) -> Rocks:  # fmt: skip
     """Draw the rocks of a scene.
 
-    half: half the side of the finely gridded square; horizon: half the side of all [m]. height_at(x, y): ground [m].
-    clear: discs (x, y, radius) [m] that outline discs of rocks of KEPT_OFF and more keep off; rocks are not round, so
-    that corners may reach into them. The law holds from min_diameter on where cameras stand and a little around, from
-    0.08 m at the latest in the square, and farther out only from the size on that a camera inside would see as a few
-    pixels. Raises ValueError for more rocks than a dataset can tell apart.
+    Where cameras stand and a little around, the size law holds from min_diameter on; in the rest of the fine square
+    from 0.08 m at the latest. Farther out it holds from the size that a camera in the square sees as a few pixels.
+
+    Args:
+        config: Number and shape of the rocks.
+        half: Half the side of the finely gridded square [m].
+        horizon: Half the side of the whole scene [m].
+        height_at: Function of x, y [m] that returns the height of the ground [m].
+        rng: Random generator.
+        clear: Discs (x, y, radius) [m] that rocks of diameter KEPT_OFF and more stay out of. A rock counts as the disc
+            of its diameter, so a corner of it may reach into a clear disc.
+
+    Raises:
+        ValueError: There are more rocks than a dataset can number.
     """
     diameter, xy = _scatter(config, half, horizon, rng)
     free = np.ones(len(diameter), dtype=bool)
@@ -160,13 +195,13 @@ def build_rocks(
     diameter, xy = diameter[free], xy[free]
     away = np.abs(xy).max(axis=1, initial=0) - STAND * half
     level = detail_level(diameter, away + NEAREST)
-    order = np.argsort(-level, kind="stable")  # rocks of one level are built at once, and faces shall ascend by rock
+    order = np.argsort(-level, kind="stable")  # rocks of one level are built together, and face_rock must ascend
     diameter, xy, level = diameter[order], xy[order], level[order]
     n = len(diameter)
 
     shares = np.array(config.families) / sum(config.families)
     family = rng.choice(len(FAMILIES), n, p=shares)
-    # the mean over the mixture of families is height_ratio
+    # scaled so that the mean over the mixture of families is height_ratio
     ratio = config.height_ratio * FLATNESS[family] / (shares @ FLATNESS) * rng.lognormal(-0.03, 0.25, n)
     height = diameter * np.clip(ratio, MIN_HEIGHT_RATIO, MAX_HEIGHT_RATIO)
     buried = rng.uniform(*config.buried, n)
@@ -213,10 +248,14 @@ def build_rocks(
 def _stretches(
     size: np.ndarray, extent: np.ndarray, yaw: np.ndarray, stretch: np.ndarray, slope: np.ndarray
 ) -> np.ndarray:
-    """(N, 3, 3) linear maps from the library's shapes to rocks.
+    """Return the (N, 3, 3) linear maps from the library's shapes to rocks.
 
-    size (N,) [m] of a shape's unit along x and y, extent (N,) [m] of its height, which is 1; yaw (N,) [rad]; stretch
-    (N,): short over long axis is its square; slope (N, 2) of the ground, with which the rock is sheared.
+    Args:
+        size: (N,) length of a shape's unit along x and y [m].
+        extent: (N,) height of the rock [m]; that of a shape is 1.
+        yaw: (N,) turn about the vertical [rad].
+        stretch: (N,) square root of the ratio of the short to the long axis.
+        slope: (N, 2) slope of the ground, with which the rock is sheared.
     """
     c, s = size * np.cos(yaw), size * np.sin(yaw)
     long, short = 1 / stretch, stretch
@@ -231,7 +270,7 @@ def _stretches(
 def _scatter(
     config: RockConfig, half: float, horizon: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Diameters (N,) and positions (N, 2) of all rocks: square rings, each with its own least diameter."""
+    """Draw the diameters (N,) and positions (N, 2) of all rocks [m], in square rings with a least diameter each."""
     rings, inner, expected = [], 0.0, 0.0
     near = min(STAND * half + 4.0, half)  # pebbles farther from a camera are smaller than a few pixels
     for reach, smallest in ((near, 0.0), *((ring * half, least) for ring, least in SMALLEST)):
@@ -240,10 +279,10 @@ def _scatter(
             rings.append((inner, outer, max(smallest, config.min_diameter)))
             expected += float(number_density(np.array(rings[-1][2]), config.k)) * 4 * (outer**2 - inner**2)
             inner = outer
-    if (number := expected + SURE * np.sqrt(expected)) > MOST:  # told of the first scene rather than of a later one
+    if (number := expected + SURE * np.sqrt(expected)) > MOST:  # so the first scene fails, and not just a later one
         raise ValueError(
-            f"a scene can hold {MOST} rocks, {number:.0f} may be drawn here; choose a smaller `rocks.k` or `size`, or "
-            f"a larger `rocks.min_diameter`"
+            f"a scene can hold {MOST} rocks, but {number:.0f} may be drawn; choose a smaller `rocks.k` or `size`, or a "
+            f"larger `rocks.min_diameter`"
         )
     diameters = [draw_diameters(config.k, least, 4 * (outer**2 - inner**2), rng) for inner, outer, least in rings]
     inners, outers = (np.repeat([ring[i] for ring in rings], [len(d) for d in diameters]) for i in (0, 1))
@@ -254,7 +293,16 @@ def _scatter(
 def ground_plane(
     xy: np.ndarray, diameter: np.ndarray, height_at: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Height (N,) and slope (N, 2) of the plane through the ground at four points under each rock."""
+    """Return the plane of the ground under each rock, from four points.
+
+    Args:
+        xy: (N, 2) positions [m].
+        diameter: (N,) diameters [m].
+        height_at: Function of x, y [m] that returns the height of the ground [m].
+
+    Returns:
+        (N,) heights of the plane at the positions [m], and (N, 2) its slopes dz/dx, dz/dy.
+    """
     step = 0.35 * diameter
     east, west = height_at(xy[:, 0] + step, xy[:, 1]), height_at(xy[:, 0] - step, xy[:, 1])
     north, south = height_at(xy[:, 0], xy[:, 1] + step), height_at(xy[:, 0], xy[:, 1] - step)

@@ -1,4 +1,4 @@
-"""A Mars scene as pure data from a seed: ground, rocks, and how sun, air and dust look."""
+"""A Mars scene as pure data, drawn from a seed: ground, rocks, and the look of sun, air and dust."""
 
 from __future__ import annotations
 
@@ -15,42 +15,44 @@ from marssim.scene.terrain import ReliefConfig, Terrain, build_terrain
 Place = Literal["utopia", "gusev", "gale", "jezero", "hard"]
 PRESETS: tuple[Place, ...] = get_args(Place)
 
-# an optical depth of 10.8, in the storm of 2018, is the most that a rover reported; contrast and texture are made for 1
+# Rovers reported an optical depth of at most 10.8, in the storm of 2018. Contrast and texture are modelled for 1.
 LOOK_LIMITS = {
     "sun_elevation_deg": (0.0, 90.0), "sun_azimuth_deg": (-360.0, 720.0), "optical_depth": (0.0, 12.0),
     "albedo_contrast": (0.0, 3.0), "texture_strength": (0.0, 3.0), "pebbles": (0.0, 1.0), "wind_ripples": (0.0, 1.0),
     "bedding": (0.0, 1.0), "bedrock": (0.0, 1.0), "rock_dust": (0.0, 1.0),
 }  # fmt: skip
-# at 500 m the farthest corner is less than 1000 m away, where the code of depth in datasets ends
-SCENE_LIMITS = {"size": (1.0, 1000.0), "cell": (0.01, 1.0), "horizon": (1.0, 500.0)}  # [m]
-MOST_CELLS = 5000  # along the side of the fine square: two triangles a cell, 50 million, fill several GB
+# [m] At a horizon of 500 m the farthest corner is less than 1000 m away, the largest depth that a dataset can store.
+SCENE_LIMITS = {"size": (1.0, 1000.0), "cell": (0.01, 1.0), "horizon": (1.0, 500.0)}
+MOST_CELLS = 5000  # along the side of the fine square: its 50 million triangles fill several GB
 
 
 @dataclass(frozen=True)
 class LookConfig:
-    """Ranges from which each scene draws its light and surface; (low, high), equal for a fixed value."""
+    """Ranges from which each scene draws its light and surface, LOW HIGH; give a value twice to fix it."""
 
     sun_elevation_deg: Range = (15.0, 70.0)
-    """height of the sun above the horizon [deg]"""
+    """Height of the sun above the horizon [deg], LOW HIGH, above 0 and up to 90."""
     sun_azimuth_deg: Range = (0.0, 360.0)
-    """direction of the sun [deg], counter-clockwise from east"""
+    """Direction of the sun [deg], LOW HIGH, counter-clockwise from east: 90 is north."""
     optical_depth: Range = (0.3, 1.0)
-    """optical depth of the dust in the air: .3 is clear, 1 is hazy"""
+    """Optical depth of the dust in the air, LOW HIGH: 0.3 is a clear sky, 1 a hazy one, and 10 a dust storm."""
     albedo_contrast: Range = (0.3, 1.3)
-    """contrast of the ground's brightness pattern, 0 for none"""
+    """Contrast of the ground's pattern of bright and dark patches, LOW HIGH: 0 has none, 1 is typical, 3 the most."""
     texture_strength: Range = (0.35, 1.2)
-    """height of relief that is too fine for the grid, 0 for none"""
+    """Height of the relief that is finer than the grid, LOW HIGH: 0 has none, 1 is typical, 3 the most."""
     pebbles: Range = (0.2, 1.0)
-    """strength of pebbles and grain too small for the mesh, 0 for none to 1"""
+    """Strength of the pebbles and grains that are too small for the mesh, LOW HIGH: 0 has none, 1 the most."""
     wind_ripples: Range = (0.2, 0.7)
-    """share of the ground that is sand with hand-wide ripples, 0 to 1; pebbles lie on the rest, but for bedrock"""
+    """Share of the ground that is sand with hand-wide ripples, LOW HIGH, 0 to 1. Pebbles lie on the rest, except on
+    bedrock."""
     bedding: Range = (0.0, 0.4)
-    """how much the faces of rocks show of level beds, 0 for none to 1"""
+    """How clearly the faces of rocks show level beds, LOW HIGH: 0 shows none, 1 the most."""
     bedrock: Range = (0.0, 0.2)
-    """how much of the ground is swept bare of sand down to plates of bedrock, 0 to 1: a third to four fifths of that
-    share of the ground shows some"""
+    """How much of the ground the wind has swept bare down to plates of bedrock, LOW HIGH, 0 to 1. Bedrock shows on a
+    third to four fifths of that share of the ground."""
     rock_dust: Range = (0.1, 0.6)
-    """how much dust clings to the sides of the dustiest rocks, 0 to 1; it lies on the tops of all"""
+    """How much dust clings to the sides of the dustiest rocks, LOW HIGH: 0 has none, 1 the most. Dust lies on the tops
+    of all rocks."""
 
     def __post_init__(self) -> None:
         check_ranges(self, LOOK_LIMITS)
@@ -60,25 +62,28 @@ class LookConfig:
 
 @dataclass(frozen=True)
 class SceneConfig:
-    """Everything that, with a seed, makes a Scene."""
+    """A place. With a seed it determines a Scene; see `preset` for the named places."""
 
     preset: str = "utopia"
-    """where the defaults come from; a name only"""
+    """Name of the place that the defaults come from. It only labels the scene."""
     relief: ReliefConfig = field(default_factory=ReliefConfig)
+    """The shape of the ground."""
     rocks: RockConfig = field(default_factory=RockConfig)
+    """The rocks on the ground."""
     look: LookConfig = field(default_factory=LookConfig)
+    """The light and the surface."""
     size: float = 32.0
-    """side of the finely gridded square around the middle, where cameras stand [m]; made an even number of metres, the
-    next one up, so that it ends on lines of the coarse grid: 7 makes 8"""
+    """Side of the finely gridded square in the middle of the scene, where the cameras stand [m]. It is rounded up to an
+    even number of metres, so that it ends on lines of the coarse grid: 7 becomes 8."""
     cell: float = 0.08
-    """grid of that square [m]; fitted so that whole cells fill it: 0.3 in 8 m makes 0.296"""
+    """Grid spacing of that square [m]. It is adjusted so that whole cells fill the square: 0.3 in 8 m becomes 0.296."""
     horizon: float = 96.0
-    """half the side of all that is there [m]; made whole metres, the next one up"""
+    """Half the side of the whole scene [m]; beyond it there is only sky. It is rounded up to whole metres."""
 
     def __post_init__(self) -> None:
         for name, (least, most) in SCENE_LIMITS.items():
             if not least <= getattr(self, name) <= most:
-                raise ValueError(f"{name} must lie within {least:g} and {most:g} m, got {getattr(self, name)}")
+                raise ValueError(f"{name} must lie in [{least:g}, {most:g}] m, got {getattr(self, name)}")
         if not self.cell < self.size < 2 * self.horizon:
             raise ValueError(
                 f"size must be more than `cell`, {self.cell:g} m, and less than twice `horizon`, {self.horizon:g} m; "
@@ -90,7 +95,20 @@ class SceneConfig:
 
 @dataclass(frozen=True)
 class Look:
-    """The light and surface that a scene drew. sun: (3,) unit vector towards the sun, world frame."""
+    """The light and surface that a scene drew from its LookConfig, which explains the values.
+
+    Attributes:
+        sun: (3,) unit vector towards the sun, world frame.
+        optical_depth: Optical depth of the dust in the air.
+        albedo_contrast: Contrast of the ground's pattern of bright and dark patches.
+        texture_strength: Height of the relief that is finer than the grid.
+        texture_seed: Seed of the surface's patterns.
+        pebbles: Strength of pebbles and grains, 0 to 1.
+        wind_ripples: Share of the ground that is rippled sand, 0 to 1.
+        bedding: How clearly rocks show level beds, 0 to 1.
+        bedrock: How much of the ground is swept bare down to bedrock, 0 to 1.
+        rock_dust: How much dust clings to the dustiest rocks, 0 to 1.
+    """
 
     sun: np.ndarray
     optical_depth: float
@@ -105,13 +123,22 @@ class Look:
 
     @property
     def sun_elevation(self) -> float:
-        """[rad]"""
+        """Height of the sun above the horizon [rad]."""
         return float(np.arcsin(self.sun[2]))
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A world to be rendered and driven on; nothing in it depends on a renderer."""
+    """A place to render and to drive on. It is plain data that depends on no renderer.
+
+    World frame: x east, y north, z up, in metres, with the origin on the ground in the middle of the scene.
+
+    Attributes:
+        config: The place that the scene was drawn from.
+        terrain: The ground.
+        rocks: The rocks.
+        look: The light and the surface.
+    """
 
     config: SceneConfig
     terrain: Terrain
@@ -140,10 +167,14 @@ class Scene:
         return replace(self, look=replace(self.look, sun=sun, optical_depth=float(depth)))
 
     def abundance(self) -> dict[str, list[float]]:
-        """Share of the ground that rocks of `diameter` [m] and more cover: what was `asked`, what was `achieved`.
+        """Return the share of the ground that rocks of a diameter and more cover, asked for and achieved.
 
-        Achieved is the sum of the outlines above ground over the finely gridded square, of rocks whose middle lies in
-        it. A single scene scatters about the law; marssim.abundance measures it with rays over several.
+        The achieved share is the area of all outlines above ground, of rocks whose centre lies in the finely gridded
+        square, over the area of that square. A single scene scatters about the law. `marssim.abundance` measures it
+        with rays over several scenes.
+
+        Returns:
+            Lists of equal length: "diameter" [m], "asked" and "achieved" (shares, 0 to 1).
         """
         inside = (np.abs(self.rocks.centre[:, :2]) <= self.half).all(axis=1)
         sizes = self.rocks.diameter[inside]
@@ -152,9 +183,9 @@ class Scene:
         return {"diameter": list(REPORTED), "asked": asked, "achieved": covered}
 
 
-# relief of gusev, gale and jezero: RMS slope over 1 m and Hurst exponent as at Pathfinder and Viking 1, which have 4.8
-# to 5.4 deg over 1 m, 2.5 to 3.0 over 10 m and 1.2 to 1.7 over 100 m; utopia is smoother, with 98 % of its slopes under
-# 8 deg; hard is rougher than any
+# The relief of gusev, gale and jezero has the RMS slope over 1 m and the Hurst exponent of Pathfinder and Viking 1,
+# which have slopes of 4.8 to 5.4 deg over 1 m, 2.5 to 3.0 over 10 m and 1.2 to 1.7 over 100 m. Utopia is smoother: 98 %
+# of its slopes are under 8 deg. Hard is rougher than any of them.
 _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig]] = {
     # a dusty plain: few rocks, worn and half buried, broad ripples, old craters
     "utopia": (
@@ -211,7 +242,15 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig]] = {
 
 
 def preset(name: str, **changes: object) -> SceneConfig:
-    """The SceneConfig of a named place; keyword arguments replace fields. Raises ValueError for an unknown name."""
+    """Return the SceneConfig of a named place.
+
+    Args:
+        name: One of PRESETS.
+        **changes: Fields of SceneConfig to replace.
+
+    Raises:
+        ValueError: There is no place of that name, or a changed field is out of range.
+    """
     if name not in _PRESETS:
         raise ValueError(f"scene preset {name!r} is unknown; choose from {', '.join(PRESETS)}")
     rocks, relief, look = _PRESETS[name]
@@ -240,7 +279,7 @@ def build_scene(
 
 
 def draw_look(config: LookConfig, rng: np.random.Generator) -> Look:
-    """Draw sun, air and surface from their ranges."""
+    """Draw a scene's sun, air and surface from their ranges, uniformly."""
     elevation = np.deg2rad(rng.uniform(*config.sun_elevation_deg))
     azimuth = np.deg2rad(rng.uniform(*config.sun_azimuth_deg))
     return Look(

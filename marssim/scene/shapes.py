@@ -1,12 +1,12 @@
 """The shapes of rocks: angular blocks, layered slabs and rounded cobbles.
 
-A rock is a polytope of fracture planes whose edges are worn more or less: the radius along a direction u is that of
-the p-norm of the planes' gauges, r(u) = (sum max(u.n_i / d_i, 0)^p)^(-1/p); p = inf would be the polytope itself.
-Lumps and roughness are added along the radius. So every rock is star-shaped about its centre, and the face behind a
-surface point is found from its direction alone. The directions are those of an icosphere, slid onto the polytope's
-edges and corners where these are near, so that edges run straight even where a rock has few triangles.
+A rock is a polytope of fracture planes with more or less worn edges. Its radius along a direction u is that of the
+p-norm of the planes' gauges, r(u) = (sum max(u.n_i / d_i, 0)^p)^(-1/p); p = inf gives the polytope itself. Lumps and
+roughness are added along the radius. So every rock is star-shaped about its centre, and the direction of a surface
+point determines the face behind it. The directions are those of an icosphere. They slide onto edges and corners of the
+polytope that are near, so that edges run straight even on a rock of few triangles.
 
-Shapes come from a library that is the same for all scenes; scenes stretch, turn, bury and scale them.
+All scenes take their shapes from one library; they stretch, turn, bury and scale them.
 """
 
 from __future__ import annotations
@@ -19,21 +19,25 @@ import trimesh
 
 FAMILIES = ("angular", "slabby", "rounded")
 VARIANTS = 24  # shapes per family
-LEVELS = 5  # of detail: 20, 80, 320, 1280, 5120 faces
-FEWER = (24, 24, 24, 10, 4)  # of these are drawn at each level: fine ones cost time, and few rocks are that large
-BURIAL = np.linspace(0, 0.6, 13)  # shares of the height at which outlines are tabulated
+LEVELS = 5  # levels of detail: 20, 80, 320, 1280, 5120 faces
+FEWER = (24, 24, 24, 10, 4)  # shapes per family at each level: fine ones take time, and few rocks are that large
+BURIAL = np.linspace(0, 0.6, 13)  # shares of the height below ground at which outlines are tabulated
 RASTER = 36  # cells along a side of the square on which outlines are measured
-SEED = 1997
-BEDS = 32  # of a rock, that weather back differently
+SEED = 1997  # of the library
+BEDS = 32  # beds of a rock, which weather back by different amounts
 
 
 @dataclass(frozen=True)
 class ShapeLibrary:
-    """All shapes at one level of detail: M = families x FEWER[level] shapes of V vertices, F faces.
+    """All shapes at one level of detail: M = families x FEWER[level] shapes of V vertices and F faces.
 
-    vertices: (M, V, 3), z from 0 to 1. normals: (M, V, 3) unit, at the vertices. middle: (M,) z of the centre, which
-    lies at x = y = 0. faces: (F, 3) int32 of every shape, outward. outline: (M, len(BURIAL)) area seen from above of
-    what stands out if the share BURIAL of the height is below ground.
+    Attributes:
+        vertices: (M, V, 3), with z from 0 to 1.
+        normals: (M, V, 3) unit normals at the vertices.
+        middle: (M,) z of the centre, which lies at x = y = 0.
+        faces: (F, 3) int32 faces of every shape, counter-clockwise seen from outside.
+        outline: (M, len(BURIAL)) area, seen from above, of the part above ground when the share BURIAL of the height is
+            below ground.
     """
 
     vertices: np.ndarray
@@ -43,12 +47,20 @@ class ShapeLibrary:
     outline: np.ndarray
 
     def index(self, family: np.ndarray, variant: np.ndarray) -> np.ndarray:
-        """(N,) the shape of each rock of a family (N,) and variant (N,), both int."""
+        """Return the (N,) shape of each rock of a family (N,) and variant (N,), both int."""
         each = len(self.vertices) // len(FAMILIES)
         return family * each + variant % each
 
     def exposed_outline(self, shape: np.ndarray, buried: np.ndarray) -> np.ndarray:
-        """(N,) area of shapes (N,) int of which the shares `buried` (N,) of the height lie below level ground."""
+        """Return the area, seen from above, that shapes show above level ground.
+
+        Args:
+            shape: (N,) int shapes.
+            buried: (N,) shares of their heights that lie below ground.
+
+        Returns:
+            (N,) areas, interpolated in the table.
+        """
         at = np.clip(np.asarray(buried) / (BURIAL[1] - BURIAL[0]), 0, len(BURIAL) - 1)
         low = np.minimum(at.astype(int), len(BURIAL) - 2)
         part = at - low
@@ -57,14 +69,14 @@ class ShapeLibrary:
 
 @lru_cache(maxsize=8)
 def icosphere(level: int) -> tuple[np.ndarray, np.ndarray]:
-    """Unit directions (V, 3) and faces (F, 3) of an icosahedron subdivided `level` times (20 * 4^level faces)."""
+    """Return an icosahedron subdivided `level` times: unit directions (V, 3) and 20 * 4^level faces (F, 3)."""
     sphere = trimesh.creation.icosphere(subdivisions=level)
     return np.asarray(sphere.vertices, dtype=float), np.asarray(sphere.faces, dtype=np.int32)
 
 
 @lru_cache(maxsize=LEVELS)
 def shape_library(level: int) -> ShapeLibrary:
-    """The shapes of every family, FAMILIES[0] first, at a level of detail."""
+    """Return the shapes of every family, FAMILIES[0] first, at a level of detail."""
     drawn = [
         draw_shape(name, level, np.random.default_rng((SEED, n, variant)))
         for n, name in enumerate(FAMILIES)
@@ -82,9 +94,15 @@ def shape_library(level: int) -> ShapeLibrary:
 
 
 def draw_shape(family: str, level: int, rng: np.random.Generator) -> tuple[np.ndarray, float]:
-    """One rock on the icosphere of that level, z from 0 to 1. The same rng gives the same rock at every level.
+    """Draw one rock. The same state of rng gives the same rock at every level.
 
-    Returns (V, 3) vertices and the height z of the centre, which lies at x = y = 0.
+    Args:
+        family: One of FAMILIES.
+        level: Level of the icosphere.
+        rng: Random generator.
+
+    Returns:
+        (V, 3) vertices with z from 0 to 1, and the height z of the centre, which lies at x = y = 0.
     """
     directions, faces = icosphere(level)
     normal, offset, wear = _fracture_planes(family, rng)
@@ -103,7 +121,7 @@ def draw_shape(family: str, level: int, rng: np.random.Generator) -> tuple[np.nd
 
 
 def _fracture_planes(family: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, float]:
-    """Unit normals (P, 3) and offsets (P,) of a family's planes, and the exponent p of its worn edges."""
+    """Draw a rock's fracture planes: unit normals (P, 3), offsets (P,), and the exponent p of its worn edges."""
     if family == "slabby":
         count = int(rng.integers(5, 8))
         azimuth = (np.arange(count) + rng.uniform(-0.33, 0.33, count)) * 2 * np.pi / count
@@ -130,9 +148,9 @@ def _fracture_planes(family: str, rng: np.random.Generator) -> tuple[np.ndarray,
 
 
 def _roughness(family: str, points: np.ndarray, level: int, rng: np.random.Generator) -> np.ndarray:
-    """(V,) relative change of the radius: lumps, ridges and dents of broken stone, scars of chips, ledges of beds.
+    """Return the (V,) relative change of the radius: lumps, ridges and dents, scars of chips, ledges of beds.
 
-    Only what the level's triangles can show is added; everything is drawn at every level, so that shapes agree.
+    Only what the level's triangles can show is added. Everything is drawn at every level, so that the levels agree.
     """
     spacing = 1.1 / 2**level
     out = np.zeros(len(points))
@@ -149,7 +167,7 @@ def _roughness(family: str, points: np.ndarray, level: int, rng: np.random.Gener
     out -= _scars(family, points, 2 * spacing, rng)
     layers, start, bedded, backs = rng.uniform(4, 8), rng.uniform(0, 1), rng.random(), rng.uniform(-1, 1, BEDS)
     tilt = np.append(rng.normal(0, 0.15 if family == "slabby" else 0.5, 2), 1.0)
-    if (family == "slabby" or (family == "angular" and bedded < 0.4)) and level >= 2:  # beds weather back by turns
+    if (family == "slabby" or (family == "angular" and bedded < 0.4)) and level >= 2:  # beds weather back alternately
         across = points @ (tilt / np.linalg.norm(tilt))
         height = across * layers + start + 0.25 * patch
         ledge = np.floor(height)
@@ -161,18 +179,18 @@ def _roughness(family: str, points: np.ndarray, level: int, rng: np.random.Gener
 
 
 def _waves(points: np.ndarray, wavelength: float, rng: np.random.Generator) -> np.ndarray:
-    """(V,) smooth noise of about unit variance at points (V, 3)."""
+    """Return (V,) smooth noise of about unit variance at points (V, 3)."""
     wave = rng.normal(size=(7, 3))
     wave *= 2 * np.pi / wavelength / np.linalg.norm(wave, axis=1, keepdims=True) * rng.uniform(0.7, 1.4, (7, 1))
     return np.asarray(np.sin(points @ wave.T + rng.uniform(0, 2 * np.pi, 7)).sum(axis=1) / np.sqrt(3.5))
 
 
 def _scars(family: str, points: np.ndarray, least: float, rng: np.random.Generator) -> np.ndarray:
-    """(V,) how much of the radius chips took that broke off, most where the rock reaches out; none under `least`."""
+    """Return the (V,) share of the radius that broken-off chips took. Scars narrower than `least` are left out."""
     count = {"angular": 14, "slabby": 10, "rounded": 4}[family]
     reach = np.linalg.norm(points, axis=1)
     out = np.zeros(len(points))
-    # drawn among directions, and moved to where the rock reaches out farthest near by: an edge or a corner
+    # each scar moves from a random direction to the farthest point near it: an edge or a corner
     where = rng.normal(size=(count, 3))
     where /= np.linalg.norm(where, axis=1, keepdims=True)
     size, depth = rng.uniform(0.15, 0.5, count), rng.uniform(0.25, 0.5, count)
@@ -182,16 +200,24 @@ def _scars(family: str, points: np.ndarray, least: float, rng: np.random.Generat
         towards = points @ direction
         tip = points[np.argmax(towards - 0.6 * np.linalg.norm(points - towards[:, None] * direction, axis=1))]
         away = np.linalg.norm(points - tip, axis=1) / width
-        # the scar is a bowl about the tip that is broken off
+        # the scar is a bowl around the tip that broke off
         out = np.maximum(out, deep * width * np.clip(1 - away**2, 0, 1) / np.maximum(reach, 1e-9))
     return out
 
 
 def snap(directions: np.ndarray, faces: np.ndarray, normal: np.ndarray, offset: np.ndarray) -> np.ndarray:
-    """Slide directions onto the edges and corners of the polytope {x: n_i . x <= d_i} that run close by.
+    """Slide directions onto the edges and corners of the polytope {x: n_i . x <= d_i} that are near.
 
-    directions: (V, 3) unit; faces: (F, 3) outward; normal: (P, 3) unit; offset: (P,) > 0. Returns (V, 3) unit
-    directions; no face turns over or shrinks to a sliver: where one would, its vertices stay.
+    No face flips or shrinks to a sliver: where one would, its vertices stay.
+
+    Args:
+        directions: (V, 3) unit vectors.
+        faces: (F, 3) faces between them, counter-clockwise seen from outside.
+        normal: (P, 3) unit normals n_i.
+        offset: (P,) offsets d_i > 0.
+
+    Returns:
+        (V, 3) unit vectors.
     """
     corner = directions[faces]
     reach = 0.5 * np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).mean()
@@ -207,15 +233,15 @@ def snap(directions: np.ndarray, faces: np.ndarray, normal: np.ndarray, offset: 
         sound = np.abs(np.linalg.det(gram)) > 0.05
         gram[~sound] = np.eye(count)
         away = rest - np.einsum("nij,nj->ni", planes, point)
-        there = point + np.einsum("nij,ni->nj", planes, np.linalg.solve(gram, away[..., None])[..., 0])
-        gap = np.linalg.norm(there - point, axis=1)
-        on_it = ((there @ normal.T) / offset).max(axis=1) < 1 + 1e-6
-        good = np.flatnonzero(sound & on_it & (gap < (reach if count == 2 else 1.5 * reach) * length))
+        meeting = point + np.einsum("nij,ni->nj", planes, np.linalg.solve(gram, away[..., None])[..., 0])
+        gap = np.linalg.norm(meeting - point, axis=1)
+        on_polytope = ((meeting @ normal.T) / offset).max(axis=1) < 1 + 1e-6
+        good = np.flatnonzero(sound & on_polytope & (gap < (reach if count == 2 else 1.5 * reach) * length))
         if count == 3:  # only the nearest vertex may take a corner
             key = np.sort(near[good], axis=1) @ (1, len(normal), len(normal) ** 2)
             order = np.lexsort((gap[good], key))
             good = good[order[np.unique(key[order], return_index=True)[1]]]
-        target[good], moved[good] = there[good], gap[good]
+        target[good], moved[good] = meeting[good], gap[good]
     out = target / np.linalg.norm(target, axis=1, keepdims=True)
     least = 0.2 * np.linalg.det(corner)
     for _ in range(20):
@@ -229,9 +255,16 @@ def snap(directions: np.ndarray, faces: np.ndarray, normal: np.ndarray, offset: 
 
 
 def outlines(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(M, len(BURIAL)) area, seen from above, of the part of each mesh above z = BURIAL.
+    """Return the area, seen from above, of the part of each mesh above z = BURIAL.
 
-    vertices: (M, V, 3), z from 0 to 1. Counted on a raster of the highest surface over each cell's middle.
+    It is counted on a raster of the highest surface over each cell's middle.
+
+    Args:
+        vertices: (M, V, 3), with z from 0 to 1.
+        faces: (F, 3) faces of every mesh.
+
+    Returns:
+        (M, len(BURIAL)) areas.
     """
     shapes = len(vertices)
     low = vertices[..., :2].min(axis=1) - 1e-9
@@ -262,7 +295,7 @@ def outlines(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def _vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(M, V, 3) unit normals of M meshes (M, V, 3) of one topology, weighted by area."""
+    """Return the (M, V, 3) unit vertex normals of M meshes with the same faces, weighted by area."""
     a, b, c = (vertices[:, faces[:, i]] for i in range(3))
     face = np.cross(b - a, c - a)
     out = np.zeros_like(vertices)

@@ -17,15 +17,20 @@ __all__ = ["HeightGrid", "ReliefConfig", "Terrain", "build_terrain"]
 COARSE_CELL = 1.0  # [m] grid of the coarse part
 CROSSOVER = 5.0  # [m] wavelength at which the fine grid's spectrum takes over from the coarse grid's
 BLEND = 2.0  # [m] width of the strip in which the fine relief fades into the coarse one
-UNSEEN = 3.0  # cells of a heightmap up to which it cannot show a crater
+UNSEEN = 3.0  # cells of a heightmap that a crater must span before the map shows it
 
 
 @dataclass(frozen=True)
 class HeightGrid:
-    """Heights on a regular grid, linear on two triangles a cell.
+    """Heights on a regular grid, linear on two triangles per cell.
 
-    heights: (ny, nx) float64 [m]; row j is y = y0 + j cell, column i is x = x0 + i cell. Each cell is split along the
-    diagonal from its (x, y) to its (x + cell, y + cell) corner.
+    Each cell is split along the diagonal from its (x, y) corner to its (x + cell, y + cell) corner.
+
+    Attributes:
+        heights: (ny, nx) float64 [m]; row j lies at y = y0 + j cell, column i at x = x0 + i cell.
+        x0: East coordinate of column 0 [m].
+        y0: North coordinate of row 0 [m].
+        cell: Grid spacing [m].
     """
 
     heights: np.ndarray
@@ -35,12 +40,15 @@ class HeightGrid:
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
-        """x0, y0, x1, y1 [m]."""
+        """Least and largest coordinates of the grid: x0, y0, x1, y1 [m]."""
         ny, nx = self.heights.shape
         return self.x0, self.y0, self.x0 + (nx - 1) * self.cell, self.y0 + (ny - 1) * self.cell
 
     def locate(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Cell indices i, j and the position s, t in [0, 1] within the cell; clamped to the grid."""
+        """Return the cells of points x, y (...) [m]: indices i, j and the position s, t in [0, 1] within the cell.
+
+        Points outside are moved to the nearest edge of the grid.
+        """
         ny, nx = self.heights.shape
         fx = np.clip((np.asarray(x, dtype=float) - self.x0) / self.cell, 0, nx - 1)
         fy = np.clip((np.asarray(y, dtype=float) - self.y0) / self.cell, 0, ny - 1)
@@ -49,7 +57,7 @@ class HeightGrid:
         return i, j, fx - i, fy - j
 
     def gradient_at(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Height and its slopes dh/dx, dh/dy on the triangle below each point. x, y: (...) [m]."""
+        """Return the height [m] and the slopes dh/dx, dh/dy of the triangle below each point. x, y: (...) [m]."""
         i, j, s, t = self.locate(x, y)
         h = self.heights
         h00, h10, h01, h11 = h[j, i], h[j, i + 1], h[j + 1, i], h[j + 1, i + 1]
@@ -59,18 +67,25 @@ class HeightGrid:
         return h00 + gx * s + gy * t, gx / self.cell, gy / self.cell
 
     def contains(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Whether points lie on the grid, edges included. x, y: [m], broadcast. Returns bool."""
+        """Return whether points lie on the grid, edges included. x, y: [m], broadcast against each other."""
         x0, y0, x1, y1 = self.bounds
         return (np.asarray(x) >= x0) & (np.asarray(x) <= x1) & (np.asarray(y) >= y0) & (np.asarray(y) <= y1)
 
     def vertex_normals(self) -> np.ndarray:
-        """(ny * nx, 3) unit normals at the vertices of mesh(), by central differences, upward."""
+        """Return the (ny * nx, 3) upward unit normals at the vertices of `mesh`, by central differences."""
         gy, gx = np.gradient(self.heights, self.cell)
         normals = np.stack([-gx, -gy, np.ones_like(gx)], axis=-1).reshape(-1, 3)
         return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
     def mesh(self, keep: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices (V, 3) float64 and faces (F, 3) int32, normals upward; keep: (ny - 1, nx - 1) bool cells."""
+        """Return the grid as triangles whose normals point upward.
+
+        Args:
+            keep: (ny - 1, nx - 1) bool, the cells to triangulate; None takes all.
+
+        Returns:
+            Vertices (V, 3) float64 [m] and faces (F, 3) int32.
+        """
         ny, nx = self.heights.shape
         x = self.x0 + np.arange(nx) * self.cell
         y = self.y0 + np.arange(ny) * self.cell
@@ -84,10 +99,15 @@ class HeightGrid:
 
 @dataclass(frozen=True)
 class Terrain:
-    """The ground: a fine grid around the origin, and a coarse one out to the horizon with a hole where the fine is.
+    """The ground: a fine grid around the origin, and a coarse one out to the horizon with a hole for the fine one.
 
-    The ground at the origin has height 0. datum: what it has in the relief as it was drawn, or in the heightmap [m]:
-    z + datum is a height there. at: where the origin lies in the heightmap, east and north of its middle [m].
+    The ground at the origin has height 0.
+
+    Attributes:
+        fine: The fine grid.
+        coarse: The coarse grid, also under the fine one; `coarse_cells` are the cells around it.
+        datum: Height to add to a scene's height for that of the drawn relief or of the heightmap [m].
+        at: Position of the origin in the heightmap, east and north of its middle [m]; None without a heightmap.
     """
 
     fine: HeightGrid
@@ -96,19 +116,19 @@ class Terrain:
     at: tuple[float, float] | None = None
 
     def gradient_at(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Height [m] and slopes dh/dx, dh/dy of the ground triangle below each point."""
+        """Return the height [m] and the slopes dh/dx, dh/dy of the ground triangle below each point x, y (...) [m]."""
         inside = self.fine.contains(x, y)
         return tuple(  # type: ignore[return-value]
             np.where(inside, a, b) for a, b in zip(self.fine.gradient_at(x, y), self.coarse.gradient_at(x, y))
         )
 
     def height_at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Height of the ground [m]; x, y: (...) [m]. Outside the scene: that of the nearest edge."""
+        """Return the height of the ground [m] at x, y (...) [m]. Outside the scene, it is that of the nearest edge."""
         return self.gradient_at(x, y)[0]
 
     @property
     def coarse_cells(self) -> np.ndarray:
-        """(ny - 1, nx - 1) bool: the cells of the coarse grid that lie around the fine one."""
+        """The cells of the coarse grid that lie around the fine one: (ny - 1, nx - 1) bool."""
         ny, nx = self.coarse.heights.shape
         x = self.coarse.x0 + (np.arange(nx - 1) + 0.5) * self.coarse.cell
         y = self.coarse.y0 + (np.arange(ny - 1) + 0.5) * self.coarse.cell
@@ -116,11 +136,17 @@ class Terrain:
 
 
 def build_terrain(config: ReliefConfig, size: float, cell: float, horizon: float, rng: np.random.Generator) -> Terrain:
-    """Draw a terrain around the origin.
+    """Draw a terrain around the origin. The same state of rng gives the same terrain.
 
-    size: side of the finely gridded square [m]; cell: its grid [m]; horizon: half the side of the coarse square [m].
-    The same rng state gives the same terrain. Raises ValueError for sizes that make no grid, and for a heightmap that
-    cannot be read or does not cover the scene.
+    Args:
+        config: Shape of the ground.
+        size: Side of the finely gridded square [m].
+        cell: Grid spacing of that square [m].
+        horizon: Half the side of the coarse square [m].
+        rng: Random generator.
+
+    Raises:
+        ValueError: The sizes make no grid, or the heightmap cannot be read or does not cover the scene.
     """
     if not 0 < cell < size < 2 * horizon:
         raise ValueError(f"need 0 < cell < size < 2 horizon, got cell={cell}, size={size}, horizon={horizon}")
@@ -141,7 +167,7 @@ def build_terrain(config: ReliefConfig, size: float, cell: float, horizon: float
     for heights, axis in ((fine, x), (coarse, far_x)):
         heights += slope * (np.cos(azimuth) * axis + np.sin(azimuth) * axis[:, None])
 
-    # on the border the fine heights must lie on the coarse triangles' edges, or light shines through the seam
+    # at the border the fine heights must lie on the edges of the coarse triangles, or light shines through the seam
     coarse_grid = HeightGrid(coarse, -far, -far, COARSE_CELL)
     blended = fine.copy()
     strip = int(np.ceil(min(BLEND, half) / (x[1] - x[0]))) + 1
@@ -161,7 +187,7 @@ def build_terrain(config: ReliefConfig, size: float, cell: float, horizon: float
 
 
 def _window(config: ReliefConfig, far: float, rng: np.random.Generator) -> Window | None:
-    """The part of the heightmap under the scene, None without one."""
+    """Return the part of the heightmap under the scene; None without a heightmap."""
     if config.heightmap is None:
         return None
     assert config.heightmap_sha256 is not None
@@ -172,7 +198,7 @@ def _window(config: ReliefConfig, far: float, rng: np.random.Generator) -> Windo
 def _relief(
     config: ReliefConfig, x: np.ndarray, far_x: np.ndarray, window: Window | None, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Heights on the fine grid x, x and on the coarse one: self-affine, and what the heightmap has."""
+    """Draw the heights on the fine and the coarse grid [m]: self-affine noise plus the heightmap."""
     slope = float(np.tan(np.deg2rad(config.rms_slope_deg))) if window is None else window.rms_slope(config.hurst)
 
     def draw(axis: np.ndarray, coarse: bool) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""A drive over a scene: where a rover's left camera passes, step by step."""
+"""A drive over a scene: the poses of a rover's left camera, step by step."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from marssim.scene.rocks import STAND, reach_above_ground
 from marssim.scene.scene import Scene
 from marssim.scene.viewpoint import TRIES, ViewConfig
 
-TRAJECTORY = "trajectory.txt"  # of a scene whose views are a drive, beside them: tum_lines
-MAX_CURVATURE = 0.5  # [1/m]
-MAX_CHANGE = 0.8  # [1/m2] of the curvature along the way, which keeps the heading smooth
-CHOICES = np.linspace(-MAX_CURVATURE, MAX_CURVATURE, 11)
-AHEAD = 5.0  # [m] looked ahead: enough to turn away from whatever is in the way
-LONGEST_STRIDE = 0.2  # [m] between two choices of the curvature
+TRAJECTORY = "trajectory.txt"  # file beside the views of a scene that are a drive; see tum_lines
+MAX_CURVATURE = 0.5  # [1/m] of the path
+MAX_CHANGE = 0.8  # [1/m2] change of the curvature along the path, which keeps the heading smooth
+CHOICES = np.linspace(-MAX_CURVATURE, MAX_CURVATURE, 11)  # [1/m] curvatures to choose from
+AHEAD = 5.0  # [m] distance to look ahead, enough to turn away from any obstacle
+LONGEST_STRIDE = 0.2  # [m] largest distance between two choices of the curvature
 
 
 @dataclass(frozen=True)
@@ -27,9 +27,9 @@ class TrajectoryConfig:
     """How a drive is sampled."""
 
     step: float = 0.4
-    """way between two pairs of a --trajectory [m]"""
+    """Distance between two stereo pairs of a drive [m]. It needs --trajectory."""
     speed: float = 0.056
-    """of the rover [m/s]; makes the time stamps of a --trajectory"""
+    """Speed of the rover [m/s], which determines the time stamps of a drive. It needs --trajectory."""
 
     def __post_init__(self) -> None:
         if not 0.001 <= self.step <= 5:
@@ -41,30 +41,53 @@ class TrajectoryConfig:
 def draw_trajectory(
     scene: Scene, view: ViewConfig, config: TrajectoryConfig, count: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """(count, 4, 4) left camera to world, along a smooth way past the rocks, in the middle of the scene.
+    """Draw the camera's poses along a smooth path past the rocks, in the middle of the scene.
 
-    The rover's middle is `step` further along it each time, on the map, and half its width at least from all that
-    stands above ground of rocks that are obstacles to it; its camera sways a little about that way. The rover stands on
-    the plane that fits the ground under its wheels; the height and pitch of its camera, drawn once, are held against
-    that plane, so that pitch and roll in the world are those of the ground too (view.roll_deg is not drawn from).
-    Raises ValueError if no such way is found.
+    From pose to pose, the rover's middle moves `config.step` along the path, measured on the map. It keeps half the
+    rover's width from all that obstacle rocks show above ground. The rover stands on the plane that fits the ground
+    under its wheels. The camera's height and pitch are drawn once and hold relative to that plane, so the ground's
+    slope adds to pitch and roll in the world. view.roll_deg is not used.
+
+    Args:
+        scene: The scene.
+        view: Ranges of the camera's height, pitch and of the first heading.
+        config: Distance between two poses.
+        count: Number of poses.
+        rng: Random generator.
+
+    Returns:
+        (count, 4, 4) left camera to world.
+
+    Raises:
+        ValueError: No such path was found.
     """
     height, pitch = rng.uniform(*view.height), np.deg2rad(rng.uniform(*view.pitch_deg))
     strides = int(np.ceil(config.step / LONGEST_STRIDE))
     obstacles = _obstacles(scene)
     for _ in range(TRIES):
-        way = _draw_way(scene, obstacles, view, (count - 1) * strides, config.step / strides, rng)
-        if way is not None:
-            stand = [stand_on(scene, *state) for state in way[::strides]]
-            return np.stack([body @ look_pose(np.array([0, 0, height]), 0.0, pitch) for body in stand])
+        path = _draw_path(scene, obstacles, view, (count - 1) * strides, config.step / strides, rng)
+        if path is not None:
+            bodies = [stand_on(scene, *state) for state in path[::strides]]
+            return np.stack([body @ look_pose(np.array([0, 0, height]), 0.0, pitch) for body in bodies])
     raise ValueError(
-        f"scene {scene.config.preset}: in {TRIES} tries no way of {(count - 1) * config.step:g} m past the rocks was "
+        f"scene {scene.config.preset}: in {TRIES} tries no path of {(count - 1) * config.step:g} m past the rocks was "
         f"found; choose a smaller `rocks.k`, `views_per_scene` or `drive.step`"
     )
 
 
 def stand_on(scene: Scene, x: float, y: float, yaw: float, rover: RoverSpec = ZHURONG) -> np.ndarray:
-    """(4, 4) pose (x forward, y left, z up) on the plane that fits the ground under the wheels best."""
+    """Return the pose of a rover on the plane that best fits the ground under its wheels.
+
+    Args:
+        scene: The scene.
+        x: East coordinate of the rover's middle [m].
+        y: North coordinate [m].
+        yaw: Heading [rad], counter-clockwise from east.
+        rover: Positions of the wheels.
+
+    Returns:
+        (4, 4) body (x forward, y left, z up) to world.
+    """
     wheels = np.array([(wx, wy) for wx in rover.wheel_x for wy in (-rover.track / 2, rover.track / 2)])
     c, s = np.cos(yaw), np.sin(yaw)
     at = wheels @ np.array([[c, s], [-s, c]]) + [x, y]
@@ -81,7 +104,12 @@ def stand_on(scene: Scene, x: float, y: float, yaw: float, rover: RoverSpec = ZH
 
 
 def tum_lines(times: Sequence[float], poses: np.ndarray) -> str:
-    """Poses (N, 4, 4) in the format of the TUM RGB-D benchmark: timestamp tx ty tz qx qy qz qw, one a line."""
+    """Return poses in the format of the TUM RGB-D benchmark: timestamp tx ty tz qx qy qz qw, one pose a line.
+
+    Args:
+        times: N time stamps [s].
+        poses: (N, 4, 4) camera to world.
+    """
     lines = ["# left camera (x right, y down, z forward) to world (z up); timestamp [s] tx ty tz [m] qx qy qz qw"]
     for time, pose in zip(times, np.asarray(poses, dtype=float)):
         numbers = (*pose[:3, 3], *Rotation.from_matrix(pose[:3, :3]).as_quat(canonical=True))
@@ -89,13 +117,13 @@ def tum_lines(times: Sequence[float], poses: np.ndarray) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _draw_way(
+def _draw_path(
     scene: Scene, obstacles: np.ndarray, view: ViewConfig, strides: int, stride: float, rng: np.random.Generator
 ) -> list | None:
-    """strides + 1 states (x, y, yaw), `stride` [m] apart; None where it led into a dead end.
+    """Draw strides + 1 states (x, y, yaw), `stride` [m] apart; return None where the path ends at an obstacle.
 
-    Each stride takes the curvature that stays free for longest, and among those alike the one nearest to a curvature
-    that wanders: random, smooth over a few metres.
+    Each stride takes the curvature that stays free for longest. Among equals, it takes the one nearest to a random
+    curvature that varies smoothly over a few metres.
     """
     reach = STAND * scene.half
     x, y = rng.uniform(-reach, reach, 2)
@@ -103,34 +131,34 @@ def _draw_way(
     waves = rng.uniform(0.2, 1.0, 3), rng.uniform(0, 2 * np.pi, 3)  # [rad/m], [rad]
     if not _free(obstacles, x, y):
         return None
-    turn, way = 0.0, [(x, y, yaw)]
+    turn, path = 0.0, [(x, y, yaw)]
     ahead = max(1, int(np.ceil(AHEAD / stride)))
     for n in range(strides):
-        wish = MAX_CURVATURE * np.sin(waves[0] * n * stride + waves[1]).mean()
+        preferred = MAX_CURVATURE * np.sin(waves[0] * n * stride + waves[1]).mean()
         px, py = np.full(len(CHOICES), x), np.full(len(CHOICES), y)
         heading, curvature = np.full(len(CHOICES), yaw), np.full(len(CHOICES), turn)
-        places = []
+        points = []
         for _ in range(ahead):
             change = MAX_CHANGE * stride
             curvature = curvature + np.clip(CHOICES - curvature, -change, change)
             heading = heading + curvature * stride
             px, py = px + stride * np.cos(heading), py + stride * np.sin(heading)
-            places.append((px, py))
-            if len(places) == 1:
+            points.append((px, py))
+            if len(points) == 1:
                 first = heading, curvature
-        xs, ys = (np.array(axis) for axis in zip(*places))
+        xs, ys = (np.array(axis) for axis in zip(*points))
         free = _free(obstacles, xs, ys) & (np.maximum(np.abs(xs), np.abs(ys)) <= reach)
         length = np.where(free.all(axis=0), ahead, free.argmin(axis=0))
         if length.max() == 0:
             return None
-        best = int(np.argmin(np.where(length == length.max(), np.abs(CHOICES - wish), np.inf)))
+        best = int(np.argmin(np.where(length == length.max(), np.abs(CHOICES - preferred), np.inf)))
         x, y, yaw, turn = float(xs[0, best]), float(ys[0, best]), float(first[0][best]), float(first[1][best])
-        way.append((x, y, yaw))
-    return way
+        path.append((x, y, yaw))
+    return path
 
 
 def _obstacles(scene: Scene) -> np.ndarray:
-    """(M, 3) x, y and radius [m] about the rocks that are obstacles to the rover; lower ones it drives over."""
+    """Return (M, 3) x, y and radius [m] of discs around the rocks that the rover cannot drive over."""
     tall = np.flatnonzero(scene.rocks.height > ZHURONG.obstacle_height)
     return np.column_stack(
         [scene.rocks.centre[tall, :2], reach_above_ground(scene.rocks, tall, scene.terrain.height_at)]
@@ -138,7 +166,7 @@ def _obstacles(scene: Scene) -> np.ndarray:
 
 
 def _free(obstacles: np.ndarray, x: np.ndarray | float, y: np.ndarray | float) -> np.ndarray:
-    """(...) bool: half the rover's width of room between these points and all obstacles (M, 3)."""
+    """Return (...) bool: points at least half the rover's width away from all obstacles (M, 3)."""
     cx, cy, radius = obstacles.T
     away = np.hypot(cx - np.asarray(x)[..., None], cy - np.asarray(y)[..., None]) - radius
     return (away >= ZHURONG.width / 2).all(axis=-1)

@@ -377,10 +377,10 @@ def test_the_folder_says_what_completes_it(made, folder, monkeypatch, capfd):
         (("--rig.width", 10**5, "--rig.height", 10**5), "--rig.width times --rig.height"),
         (
             ("--relief.heightmap-at", 5, 5),
-            "--relief.heightmap-at says how a heightmap is taken, which needs --relief.heightmap",
+            "--relief.heightmap-at describes a heightmap, so it needs --relief.heightmap",
         ),
-        (("--relief.heightmap-scale", 1), "--relief.heightmap-scale says how a heightmap is taken"),
-        (("--relief.heightmap-height", 1), "--relief.heightmap-height says how a heightmap is taken"),
+        (("--relief.heightmap-scale", 1), "--relief.heightmap-scale describes a heightmap"),
+        (("--relief.heightmap-height", 1), "--relief.heightmap-height describes a heightmap"),
         (("--drive.step", 0), "--drive.step must"),
         (("--rig-file", "/no/rig.json"), "/no/rig.json: no such file"),
         (("--scene", "olympus"), "--scene"),

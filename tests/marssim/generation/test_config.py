@@ -62,7 +62,7 @@ def test_a_place_from_a_file_and_flags_that_change_it(tmp_path, capsys):
     assert config.scenes == (gale,) and type(config.scenes[0]) is SceneConfig and config.place == "gale"
     assert command_flags(config) == "--pairs 100 --seed 0 --scene gale --rocks.k 0.12 --size 20.0"
     assert asked("--scene", file, "--rocks.k", 0.2).scenes == (replace(gale, rocks=replace(gale.rocks, k=0.2)),)
-    assert "Viking 2 .15) (default: 0.12)" in shown(capsys, "--scene", str(file))
+    assert "Viking 2 0.15. (default: 0.12)" in shown(capsys, "--scene", str(file))
 
 
 @pytest.mark.parametrize("name", ["galle", "no.json", ""])
@@ -84,7 +84,7 @@ def test_knobs_hold_for_every_place_of_mixed():
 def test_help_shows_the_values_of_the_place(capsys):
     for name in ("gale", "hard"):
         text = shown(capsys, "--scene", name)
-        assert f"(Golombek's k: Utopia .033, Viking 2 .15) (default: {preset(name).rocks.k})" in text
+        assert f"Utopia has 0.033, Viking 2 0.15. (default: {preset(name).rocks.k})" in text
 
 
 def test_every_field_of_the_scene_is_a_flag_and_says_what_it_is(capsys):

@@ -130,7 +130,7 @@ def test_sizes_that_make_no_scene_are_refused():
         small(0, size=40.0)
     for name in ("size", "cell", "horizon"):
         for value in (0.0, -1.0, float("inf"), float("nan")):
-            with pytest.raises(ValueError, match=f"^{name} must lie within"):
+            with pytest.raises(ValueError, match=f"^{name} must lie in"):
                 replace(SMALL, **{name: value})
     with pytest.raises(ValueError, match=r"^size must be at most"):
         replace(SMALL, size=100.0, cell=0.01, horizon=100.0)

@@ -113,13 +113,13 @@ def test_where_rocks_leave_no_way_it_is_told():
     rocky = build_scene(config, np.random.default_rng(0))
     low, tall = (replace(rocky, rocks=replace(rocky.rocks, height=np.full(len(rocky.rocks), h))) for h in (0.1, 1.0))
     assert len(drive(low, 0, count=9)) == 9
-    with pytest.raises(ValueError, match=r"no way of 3\.2 m past the rocks .* `rocks\.k`"):
+    with pytest.raises(ValueError, match=r"no path of 3\.2 m past the rocks .* `rocks\.k`"):
         drive(tall, 0, count=9)
 
 
 def test_where_the_scene_is_too_small_for_the_way_it_is_told():
     small = build_scene(SceneConfig(size=8.0, horizon=12.0, rocks=RockConfig(k=0.0)), np.random.default_rng(0))
-    with pytest.raises(ValueError, match=r"no way of 195 m .* `drive.step`"):
+    with pytest.raises(ValueError, match=r"no path of 195 m .* `drive.step`"):
         draw_trajectory(small, VIEW, TrajectoryConfig(step=5.0), 40, np.random.default_rng(0))
 
 
