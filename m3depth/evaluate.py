@@ -1,23 +1,25 @@
 """Score M3Depth, classical stereo and anybody's saved predictions on the same pairs.
 
     python -m m3depth.evaluate --data DIR --split test --out RESULTS
+    python -m m3depth.evaluate --data DIR --out RESULTS --weights RUN_A/weights.safetensors RUN_B/weights.safetensors
     python -m m3depth.evaluate --data DIR --out RESULTS --baselines all --degrade contrast=.33,blur=1,noise=2.5
     python -m m3depth.evaluate --data KITTI --split all --out RESULTS
     python -m m3depth.evaluate --data DIR --out RESULTS --estimator Mine=my_stereo:Net --predictions RAFT=out,scale=-1
 
-Writes results.json (every figure), results.md (the tables) and figures: comparison.png and qualitative.png (images,
-truth, methods), zoom.png (parts that are hard), error_by_depth.png, error_distribution.png, worst.png (the pairs that
-the first method got most wrong), sparsification.png (error left as the least confident pixels are dropped), rocks.png
-(found, missed and falsely seen).
-Every pixel with true depth from 0.5 to 15 m (in other layouts: every known one, or --depth-range) is scored, whatever
-a method says of it; the rules in full are in m3depth/metrics.py, m3depth/rocks.py and m3depth/sparsification.py. Files
-of predictions: m3depth/recorded.py.
-The same command goes on where it was stopped or killed: what is scored is kept in RESULTS/unfinished.npz till the end.
+The command writes results.json (every figure), results.md (the tables) and these figures: comparison.png and
+qualitative.png (images, truth, methods), zoom.png (the hardest parts), error_by_depth.png, error_distribution.png,
+worst.png (the pairs with the largest error of the first method), sparsification.png (the error that is left as the
+least confident pixels are dropped), rocks.png (found, missed, and predicted where none are).
+
+Scored is every pixel with true depth from 0.5 to 15 m (in other layouts: every known one, or --depth-range), whatever a
+method predicts there. The rules are in m3depth/evaluation/metrics.py, rock_scores.py and sparsification.py, the form of
+saved predictions in m3depth/evaluation/recorded_maps.py.
+
+The same command continues after it was stopped or killed: until the end, RESULTS/unfinished.npz holds what is scored.
 """
 
 from __future__ import annotations
 
-import hashlib
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -29,7 +31,14 @@ import tyro
 
 from m3depth.datasets.config import DataConfig, Part, flag
 from m3depth.datasets.open import open_pairs
-from m3depth.estimator import CLASSICAL, EstimatorError, EstimatorName, load_estimator
+from m3depth.estimator import (
+    CLASSICAL,
+    M3DEPTH,
+    EstimatorError,
+    EstimatorName,
+    distinct_labels,
+    load_estimator,
+)
 from m3depth.evaluation.example import Example
 from m3depth.evaluation.inputs import state_of_files, state_of_pairs
 from m3depth.evaluation.recorded_maps import FORM, RecordedError, RecordedPredictions
@@ -43,7 +52,6 @@ from m3depth.figures.rocks import rocks_figure
 from m3depth.figures.worst import worst_figure
 from m3depth.stereo.degradation import Degradation
 from m3depth.stereo.pairs import MAX_DISPARITY, StereoPairs, scored_depths
-from m3depth.weights import SHIPPED_WEIGHTS
 from marssim.base.command.notes import counted
 from marssim.base.command.progress import watched
 from marssim.base.command.run import run_command
@@ -53,42 +61,43 @@ from marssim.base.results.claim import ResultFolder
 from marssim.base.results.code_state import source_digest, versions
 
 EXAMPLES = 3  # pairs in the figures
-COMPARED = 3  # methods in comparison.png, which shows the errors too; all are in qualitative.png
+COMPARED = 3  # methods in comparison.png, which shows the errors too; qualitative.png shows all
 
 Baseline = Literal["sgbm", "ssd", "sad", "ncc", "ssd-sgm", "sad-sgm", "ncc-sgm", "all", "none"]
 
 
 @dataclass(frozen=True)
 class EvaluateOptions:
-    """Score M3Depth and other methods on a dataset of marssim.generate, or of others."""
+    """Score M3Depth and other methods on a dataset of marssim.generate, or of other layouts."""
 
     data: Path
     """Dataset folder, of marssim.generate or of any layout that --format lists."""
     out: Path
-    """Folder for results.json, results.md and the figures; those of an earlier scoring are replaced."""
+    """Folder to write results.json, results.md and the figures to; those of an earlier scoring are replaced."""
     split: Part = "test"
-    """Which part of the dataset; test is what no training on it has seen, all is for data that none was done on."""
-    weights: Path | None = None
-    """A .safetensors file written by m3depth.train; default: the weights that come with the package."""
+    """Part of the dataset to score: test is what no training has seen; all suits a dataset that is not trained on."""
+    weights: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="PATH ...")] = ()
+    """Weights files (.safetensors) of m3depth.train to score, each in a column named after its file or run folder.
+    Without any, the shipped weights are scored, as M3Depth."""
     baselines: tuple[Baseline, ...] = ("sgbm",)
-    """Classical methods that are scored on the same pairs. sgbm: OpenCV's semi-global matching; ssd, sad, ncc: windows
-    compared by squared or absolute differences or by correlation, best one taken; with -sgm: the same costs, summed
-    along eight paths. all: the seven of them. none: no classical method."""
-    estimator: Annotated[tuple[str, ...], tyro.conf.arg(metavar="[NAME=]MODULE:CLASS ...")] = ()
-    """Further methods: a class without arguments that has infer(left, right, rig), and a name for the table (default:
-    the class's)."""
+    """Classical methods to score on the same pairs. sgbm is OpenCV's semi-global matching. ssd, sad and ncc compare
+    windows by squared or absolute differences or by correlation, and take the best match; with -sgm, the costs are
+    summed along eight paths. all scores the seven of them, none no classical method."""
+    estimator: Annotated[tuple[str, ...], tyro.conf.arg(metavar="[NAME=]ESTIMATOR ...")] = ()
+    """Further methods to score: package.module:Class, a class without arguments that has infer(left, right, rig);
+    m3depth, m3depth:PATH, sgbm or another classical method. NAME= before it names its column."""
     predictions: Annotated[tuple[str, ...], tyro.conf.arg(metavar=f"{FORM} ...")] = ()
-    """Maps that other programs wrote: disparity [px], or depth [m] with ",depth"; ",scale=S" if 1 px or 1 m is
-    stored as S (-1 for RAFT-Stereo and Pandora, 256 for KITTI's PNG is the default); ",fill" to fill unknown pixels
-    from the background. How the files are named: m3depth/recorded.py; recipes: docs/other_methods.md."""
+    """Folders of maps that other programs wrote: disparity [px], or depth [m] with ",depth". ",scale=S" means that 1 px
+    or 1 m is stored as S: -1 for RAFT-Stereo and Pandora, by default 256 for a PNG as KITTI's. ",fill" fills unknown
+    pixels from the background. The file names are those of m3depth/evaluation/recorded_maps.py."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
-    """What M3Depth computes on; auto: a GPU if there is one."""
+    """Device that M3Depth runs on; auto takes a GPU if there is one."""
     limit: int | None = None
-    """Score only so many pairs, spread evenly over the split."""
+    """Number of pairs to score, spread evenly over the split. Without it, all are scored."""
     degrade: str | None = None
-    """Make the images worse first: any of contrast (a factor), blur (sigma [px]) and noise (sigma [grey levels]), and
-    of the right one alone vertical (too low by [px]) and gain (its brightness by the left's), as in
-    contrast=.33,blur=1,noise=2.5."""
+    """Degradation of the images before they are scored, as contrast=.33,blur=1,noise=2.5: contrast (a factor), blur
+    (sigma [px]) and noise (sigma [grey levels]) of both images; vertical (offset downwards [px]) and gain (brightness
+    relative to the left) of the right one alone."""
     seed: int = 0
     """Seed of the noise that --degrade adds."""
     reader: Annotated[DataConfig, tyro.conf.arg(name="")] = field(default_factory=DataConfig)
@@ -98,15 +107,90 @@ class EvaluateOptions:
         check_choice(self.limit, self.seed)
 
 
+def named_estimators(options: EvaluateOptions) -> dict[str, tuple[str, EstimatorName]]:
+    """Return the estimators that the flags name, each with its flag, by the name of its column.
+
+    An estimator that is named twice in the same way has one column.
+
+    Raises:
+        ValueError: A name is unknown or taken.
+    """
+    if "none" in options.baselines and len(options.baselines) > 1:
+        raise ValueError("--baselines none stands alone")
+    classical = CLASSICAL if "all" in options.baselines else options.baselines
+    texts = [
+        *(("--weights", f"{M3DEPTH}:{path}") for path in options.weights),
+        *([] if options.weights else [("--weights", M3DEPTH)]),
+        *(("--baselines", name) for name in classical if name != "none"),
+    ]
+    flags = {EstimatorName(text): flag_name for flag_name, text in reversed(texts)}
+    names = list(dict.fromkeys(EstimatorName(text) for _, text in texts))
+    for text in options.estimator:
+        name = EstimatorName.parse(text, "--estimator", labelled=True)
+        if name not in flags:
+            flags[name] = "--estimator"
+            names.append(name)
+    columns: dict[str, tuple[str, EstimatorName]] = {}
+    for label, name in zip(distinct_labels(names), names, strict=True):
+        if label in columns or label in RESERVED:
+            hint = "" if name.given_label else f"; write --estimator NAME={name.name}"
+            raise ValueError(f"{flags[name]} {name.name}: the name {label!r} is taken, choose another{hint}")
+        columns[label] = flags[name], name
+    return columns
+
+
+def prepare(options: EvaluateOptions) -> tuple[StereoPairs, dict[str, Method]]:
+    """Open the dataset, and load the methods, by the name of their column.
+
+    Raises:
+        ValueError: A flag, the dataset or a method cannot be used; one line that says which.
+        OSError: A file is missing or cannot be read.
+    """
+    dataset = open_pairs(options.data, options.split, options.reader)
+    if not len(dataset):
+        raise ValueError(f"{options.data}: split {options.split} holds no pairs; choose another --split")
+    if options.degrade is not None:
+        Degradation.parse(options.degrade)
+    estimators = named_estimators(options)
+    result_folder(options).check()
+    methods: dict[str, Method] = {
+        label: load_estimator(name.name, flag_name, device=options.device)
+        for label, (flag_name, name) in estimators.items()
+    }
+    for text in options.predictions:
+        try:
+            label, recorded = RecordedPredictions.parse(text)
+        except ValueError as error:
+            raise ValueError(f"--predictions {error}") from None
+        if not recorded.folder.is_dir():
+            raise FileNotFoundError(f"--predictions {text}: {recorded.folder}: no such folder")
+        if label in RESERVED or label in methods:
+            raise ValueError(f"--predictions {text}: the name {label!r} is taken, choose another")
+        methods[label] = recorded
+    return dataset, methods
+
+
+def result_folder(options: EvaluateOptions) -> ResultFolder:
+    """Return the folder for the results, which replace those of an earlier scoring."""
+    return ResultFolder(options.out, "scoring", results_key="per_pair")
+
+
 def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Method]) -> Evaluation:
-    """Evaluate, print the table, and write the files into options.out."""
+    """Score the methods, print the table, and write the files.
+
+    Args:
+        options: The command's flags.
+        dataset: The pairs, from `prepare`.
+        methods: The methods by the name of their column, from `prepare`.
+    """
     degradation = None if options.degrade is None else Degradation.parse(options.degrade)
-    weights = options.weights or SHIPPED_WEIGHTS
-    digest = hashlib.sha256(weights.read_bytes()).hexdigest() if weights.is_file() else None
+    estimators = {
+        label: {"name": name.name, "sha256": name.digest()} for label, (_, name) in named_estimators(options).items()
+    }
     from m3depth.network.device import chosen_device
 
     device = chosen_device(options.device).type
-    unfinished = Unfinished(options.out, asked_for(options, dataset, digest, device))
+    unfinished = Unfinished(options.out, dependencies(options, dataset, estimators, device))
     done = evaluate(
         dataset,
         methods,
@@ -123,8 +207,9 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
         "data_sha256": getattr(dataset, "digest", None),
         "split": options.split,
         "pairs": len(done.pairs),
-        "weights": "shipped" if options.weights is None else str(options.weights),
-        "weights_sha256": digest,
+        "weights": ", ".join(map(str, options.weights)) or "shipped",
+        "weights_sha256": next(iter(estimators.values()))["sha256"],  # of the first network
+        "estimators": estimators,
         "device": device,
         "degrade": options.degrade,
         "seed": options.seed,
@@ -132,8 +217,8 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
         "max_disparity_px": MAX_DISPARITY,
         "versions": versions(),
     }
-    found = {"methods": done.results, "true_depth_normals": done.true_depth_normals}
-    write_json(options.out / "results.json", {**about, **found, "per_pair": done.pairs}, sort_keys=False)
+    figures = {"methods": done.results, "true_depth_normals": done.true_depth_normals}
+    write_json(options.out / "results.json", {**about, **figures, "per_pair": done.pairs}, sort_keys=False)
     write_atomically(options.out / "results.md", markdown_report(about, done.results, done.true_depth_normals).encode())
     draw(done, options.out)
     unfinished.remove()
@@ -142,21 +227,28 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
     return done
 
 
-def asked_for(options: EvaluateOptions, dataset: StereoPairs, weights: str | None, device: str) -> dict[str, Any]:
-    """What the figures depend on, by flag; only an evaluation of the same goes on where another was stopped.
+def dependencies(
+    options: EvaluateOptions, dataset: StereoPairs, estimators: Mapping[str, Any], device: str
+) -> dict[str, Any]:
+    """Return what the figures depend on, by flag; an evaluation continues only one with the same dependencies.
 
-    weights: their SHA-256. device: what M3Depth computes on.
+    Args:
+        options: The command's flags.
+        dataset: The pairs.
+        estimators: Name and SHA-256 of every estimator, by the name of its column.
+        device: The kind of device that M3Depth runs on.
     """
     pairs = chosen_pairs(dataset, options.limit)
     recorded = {text: RecordedPredictions.parse(text)[1] for text in options.predictions}
     calib = options.reader.calib
+    by_flag: dict[str, list[Any]] = {"--weights": [], "--estimator": []}
+    for label, (flag_name, _) in named_estimators(options).items():
+        by_flag.setdefault(flag_name, []).append([label, estimators[label]])
     return {
         "--data": [str(options.data.resolve()), state_of_pairs(dataset)],
         "--split": options.split,
-        "--weights": weights,
         "--device": device,
-        "--baselines": list(options.baselines),
-        "--estimator": [[text, EstimatorName(_split_estimator(text)[1]).digest()] for text in options.estimator],
+        **by_flag,
         "--predictions": [
             [text, state_of_files(maps.find(*pair) for pair in pairs)] for text, maps in recorded.items()
         ],
@@ -169,15 +261,15 @@ def asked_for(options: EvaluateOptions, dataset: StereoPairs, weights: str | Non
     }
 
 
-def _watched(number: int, left: Sequence[int]) -> Iterator[int]:
-    """The pairs that are left of so many, and how far one is among them."""
-    if len(left) < number:
-        print(f"evaluate: {number - len(left)} of {counted(number, 'pair')} are scored already", file=sys.stderr)
-    return watched(left, "pair", "evaluate")
+def _watched(number: int, remaining: Sequence[int]) -> Iterator[int]:
+    """Yield the remaining indices of `number` pairs, and print the progress."""
+    if len(remaining) < number:
+        print(f"evaluate: {number - len(remaining)} of {counted(number, 'pair')} are scored already", file=sys.stderr)
+    return watched(remaining, "pair", "evaluate")
 
 
 def draw(done: Evaluation, out: Path) -> None:
-    """Write every figure."""
+    """Write every figure into the folder `out`."""
     comparison_figure(done.examples, out / "comparison.png", most=COMPARED)
     qualitative_figure(done.examples, out / "qualitative.png")
     zoom_figure(done.examples, out / "zoom.png")
@@ -189,62 +281,13 @@ def draw(done: Evaluation, out: Path) -> None:
 
 
 def _common_fb(examples: Sequence[Example]) -> float | None:
-    """Focal length times baseline [px m] if all examples share it."""
+    """Return focal length times baseline [px m] if all examples share it."""
     values = {round(e.truth.rig.fb, 3) for e in examples}
     return values.pop() if len(values) == 1 else None
 
 
-def prepare(options: EvaluateOptions) -> tuple[StereoPairs, dict[str, Method]]:
-    """Open what the options name. Raises ValueError or OSError with one line for the user."""
-    dataset = open_pairs(options.data, options.split, options.reader)
-    if not len(dataset):
-        raise ValueError(f"{options.data}: split {options.split} holds no pairs; choose another --split")
-    if options.degrade is not None:
-        Degradation.parse(options.degrade)
-    if "none" in options.baselines and len(options.baselines) > 1:
-        raise ValueError("--baselines none stands alone")
-    result_folder(options).check()
-    own = "m3depth" if options.weights is None else f"m3depth:{options.weights}"
-    methods: dict[str, Method] = {"M3Depth": load_estimator(own, device=options.device)}
-    names = CLASSICAL if "all" in options.baselines else options.baselines
-    methods |= {name.upper(): load_estimator(name) for name in names if name != "none"}
-    for text in options.estimator:
-        name, spec = _split_estimator(text)
-        _add(methods, "--estimator", text, name, load_estimator(spec, "--estimator", device=options.device))
-    for text in options.predictions:
-        try:
-            name, recorded = RecordedPredictions.parse(text)
-        except ValueError as error:
-            raise ValueError(f"--predictions {error}") from None
-        if not recorded.folder.is_dir():
-            raise FileNotFoundError(f"--predictions {text}: {recorded.folder}: no such folder")
-        _add(methods, "--predictions", text, name, recorded)
-    return dataset, methods
-
-
-def result_folder(options: EvaluateOptions) -> ResultFolder:
-    """Return the folder for the results, which replace those of an earlier scoring."""
-    return ResultFolder(options.out, "scoring", results_key="per_pair")
-
-
-def _split_estimator(text: str) -> tuple[str, str]:
-    """Name and module:class, the name being the class's unless another is given."""
-    name, equals, spec = text.partition("=")
-    if not equals:
-        name, spec = text.rpartition(":")[2], text
-    if not (name and ":" in spec):
-        raise ValueError(f"--estimator {text}: expected MODULE:CLASS or NAME=MODULE:CLASS")
-    return name, spec
-
-
-def _add(methods: dict[str, Method], option: str, text: str, name: str, method: Method) -> None:
-    if name in RESERVED or name in methods:
-        raise ValueError(f"{option} {text}: the name {name!r} is taken, choose another")
-    methods[name] = method
-
-
 def main(args: Sequence[str] | None = None) -> int:
-    """The command. Returns the exit code: 2 for a mistake in what was asked for."""
+    """Run the command, and return its exit code: 2 for a mistake of the user."""
     return run_command(_work, EvaluateOptions, "python -m m3depth.evaluate", __doc__, args)
 
 
@@ -255,7 +298,7 @@ def _work(options: EvaluateOptions) -> None:
             run(options, dataset, methods)
         except (DatasetError, EstimatorError, RecordedError, UnfinishedError):
             raise
-        except ValueError as error:  # a bug, in here or in a method: show where
+        except ValueError as error:  # a bug, here or in a method: its traceback shows where
             raise RuntimeError(f"scoring failed: {error}") from error
 
 

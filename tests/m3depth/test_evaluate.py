@@ -150,8 +150,13 @@ def test_command_writes_tables_and_figures(folder, tmp_path, capsys):
     assert main([*args, "--degrade", "blur=0.5"]) == 0
     assert "Abs Rel" in capsys.readouterr().out
     results = json.loads((out / "results.json").read_text())
-    assert list(results["methods"]) == ["M3Depth", "SGBM"]
-    assert results["weights_sha256"] == hashlib.sha256(weights.read_bytes()).hexdigest()
+    assert list(results["methods"]) == ["w", "SGBM"]
+    digest = hashlib.sha256(weights.read_bytes()).hexdigest()
+    assert results["weights_sha256"] == digest and results["weights"] == str(weights)
+    assert results["estimators"] == {
+        "w": {"name": f"m3depth:{weights}", "sha256": digest},
+        "SGBM": {"name": "sgbm", "sha256": None},
+    }
     assert results["pairs"] == 2 and results["degrade"] == "blur=0.5"
     assert results["methods"]["SGBM"]["depth"]["visible"]["pooled"]["epe"] < 1
     report = (out / "results.md").read_text()
@@ -171,7 +176,8 @@ def test_command_writes_tables_and_figures(folder, tmp_path, capsys):
         ({"--seed": "-1", "--degrade": "noise=2"}, "--seed must not be negative, got -1"),
         ({"--degrade": "fog=1"}, "error: --degrade: unknown field 'fog'"),
         ({"--degrade": "blur=x"}, "blur must be a number, got 'x'"),
-        ({"--estimator": "raft"}, "expected MODULE:CLASS or NAME=MODULE:CLASS"),
+        ({"--estimator": "raft"}, "--estimator 'raft' is unknown; choose from m3depth, sgbm, m3depth:WEIGHTS"),
+        ({"--estimator": "m3depth:none.safetensors"}, "none.safetensors: no such weights file"),
         ({"--estimator": "m3depth.stereo.classical:Nothing"}, "has no class 'Nothing'"),
         ({"--predictions": "raft"}, "--predictions raft: expected NAME=DIR[,depth][,scale=S][,fill]"),
         ({"--predictions": "A=nowhere"}, "nowhere: no such folder"),
@@ -358,10 +364,62 @@ def test_bad_names_and_seeds_are_refused_by_the_function_too(folder):
         evaluate(StereoDataset(folder, "test"), {"m": Scaled()}, seed=-1)
 
 
+def test_several_weights_are_scored_in_one_table_under_names_of_their_own(folder, tmp_path, monkeypatch):
+    """Also by --estimator; what is named twice has one column."""
+    loaded = []
+
+    def load(name, role, device="auto"):
+        loaded.append(name)
+        return Scaled(1 + 0.1 * len(loaded))
+
+    monkeypatch.setattr("m3depth.evaluate.load_estimator", load)
+    monkeypatch.setattr("m3depth.evaluate.draw", lambda *_: None)
+    files = [tmp_path / name / "weights.safetensors" for name in ("first/run", "second/run", "third")]
+    for file in files:
+        file.parent.mkdir(parents=True)
+        file.write_bytes(str(file).encode())
+    named = [f"Mine=m3depth:{files[2]}", f"m3depth:{files[2]}", "m3depth", "sgbm", "ncc"]
+    args = ["--data", str(folder), "--out", str(tmp_path / "out"), "--limit", "1"]
+    assert main([*args, "--weights", str(files[0]), str(files[1]), "--estimator", *named]) == 0
+    results = json.loads((tmp_path / "out/results.json").read_text())
+    columns = ["first/run", "second/run", "SGBM", "Mine", "third", "M3Depth", "NCC"]
+    assert list(results["methods"]) == list(results["estimators"]) == columns
+    assert loaded == [results["estimators"][column]["name"] for column in columns]
+    assert results["weights_sha256"] == hashlib.sha256(files[0].read_bytes()).hexdigest()
+    errors = [results["methods"][column]["depth"]["all"]["pooled"]["abs_rel"] for column in columns]
+    assert errors == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7], abs=1e-3)
+    assert "| first/run |" in (tmp_path / "out/results.md").read_text()
+
+
+def test_the_drives_read_the_scores_of_each_weights(folder, tmp_path, monkeypatch):
+    """results.json as envs.evaluate --scores reads it."""
+    test_set_errors = pytest.importorskip("envs.drives.test_set_errors")
+    monkeypatch.setattr(
+        "m3depth.evaluate.load_estimator", lambda name, *_, **__: Scaled(1.1 if name == "sgbm" else 1.2)
+    )
+    monkeypatch.setattr("m3depth.evaluate.draw", lambda *_: None)
+    weights = tmp_path / "w.safetensors"
+    weights.write_bytes(b"weights")
+    args = ["--data", str(folder), "--out", str(tmp_path / "out"), "--limit", "1", "--weights", str(weights)]
+    assert main(args) == 0
+    asked = {"m3depth:w": hashlib.sha256(b"weights").hexdigest(), "sgbm": None}
+    errors = test_set_errors.errors_on_test_set([tmp_path / "out/results.json"], asked)
+    assert errors == {"m3depth:w": pytest.approx(0.2, abs=1e-3), "sgbm": pytest.approx(0.1, abs=1e-3)}
+
+
+def test_progress_is_printed_where_there_is_no_terminal(folder, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
+    monkeypatch.setattr("m3depth.evaluate.draw", lambda *_: None)
+    monkeypatch.setattr("marssim.base.command.progress.LINE_SECONDS", 0.0)
+    assert main(["--data", str(folder), "--out", str(tmp_path / "out"), "--baselines", "none"]) == 0
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("evaluate: ")]
+    assert [line.partition(" pairs")[0] for line in lines] == [f"evaluate: {done}/4" for done in (1, 2, 3, 4)]
+
+
 def test_results_tell_which_shipped_weights_were_scored(folder, tmp_path, monkeypatch):
     shipped = tmp_path / "lite.safetensors"
     shipped.write_bytes(b"some weights")
-    monkeypatch.setattr("m3depth.evaluate.SHIPPED_WEIGHTS", shipped)
+    monkeypatch.setattr("m3depth.estimator.SHIPPED_WEIGHTS", shipped)
     monkeypatch.setattr("m3depth.evaluate.draw", lambda *_: None)
     monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
     out = tmp_path / "out"
