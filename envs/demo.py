@@ -38,7 +38,7 @@ from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.files.atomic import write_atomically
 from marssim.base.results.claim import ResultFolder
 from marssim.engines.bullet import pybullet_is_installed
-from marssim.generate import GenerateConfig, generate
+from marssim.generate import GenerateConfig, generate_dataset
 from marssim.render.renderers.by_name import default_renderer
 from marssim.scene.place_file import PLACE_VALUES, load_place
 from marssim.scene.scene import PRESETS
@@ -101,7 +101,7 @@ def _demo(config: DemoConfig, network: Estimator, sgbm: Estimator, started: floa
     if not pybullet_is_installed():
         print(WITHOUT_PYBULLET, file=sys.stderr, flush=True)
     print(f"1. {counted(config.pairs, 'stereo pair')} of {config.scene}, rendered by {asked.renderer}")
-    dataset = generate(asked)
+    dataset = generate_dataset(asked)
     shutil.copy(data / "contact_sheet.png", config.out / "contact_sheet.png")
 
     print("2. depth and normals by M3Depth and by SGBM")

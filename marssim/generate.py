@@ -37,12 +37,12 @@ from marssim.inspection.integrity import check_written
 from marssim.scene.scene import PRESETS, preset
 from marssim.scene.trajectory import TRAJECTORY
 
-__all__ = ["GenerateConfig", "generate", "generate_scene"]
+__all__ = ["GenerateConfig", "generate_dataset", "generate_scene"]
 
 SHEET_SAMPLES = 12
 
 
-def generate(config: GenerateConfig) -> StereoDataset:
+def generate_dataset(config: GenerateConfig) -> StereoDataset:
     """Write the dataset and return it.
 
     Raises DatasetError if the folder holds another configuration's data, FolderInUse if another command writes to it,
@@ -218,7 +218,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _work(config: GenerateConfig) -> None:
     with writing_to(config.out):
-        dataset = generate(config)
+        dataset = generate_dataset(config)
     print(
         f"{counted(len(dataset), 'pair')} in {config.out}, digest {dataset.digest[:16]}, "
         f"see {config.out / 'contact_sheet.png'}"

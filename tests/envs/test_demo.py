@@ -25,7 +25,7 @@ def _no_network(monkeypatch):
         raise Reached
 
     monkeypatch.setattr("envs.demo.load_estimator", lambda name: Unused())
-    monkeypatch.setattr("envs.demo.generate", stop)
+    monkeypatch.setattr("envs.demo.generate_dataset", stop)
 
 
 @pytest.mark.parametrize("kept", ["data/generate.json", "summary.md", "demo_data/thesis.txt", "comparison.png"])
@@ -107,7 +107,7 @@ def test_without_pybullet_it_renders_by_scan_and_says_so_once(tmp_path, capsys, 
         configs.append(config)
         raise Reached
 
-    monkeypatch.setattr("envs.demo.generate", stop)
+    monkeypatch.setattr("envs.demo.generate_dataset", stop)
     monkeypatch.setitem(sys.modules, "pybullet", None)  # as if it were not installed
     with pytest.raises(Reached):
         demo(DemoConfig(out=tmp_path))
@@ -122,7 +122,7 @@ def test_its_place_is_utopia_or_one_from_a_file(tmp_path, capsys, monkeypatch):
         configs.append(config)
         raise Reached
 
-    monkeypatch.setattr("envs.demo.generate", stop)
+    monkeypatch.setattr("envs.demo.generate_dataset", stop)
     (tmp_path / "my_place.json").write_text('{"preset": "gale", "horizon": 40}')
     for out, scene in (("a", {}), ("b", {"scene": str(tmp_path / "my_place.json")})):
         with pytest.raises(Reached):

@@ -18,7 +18,7 @@ from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.files.json_file import DatasetError
 from marssim.base.results import lock
 from marssim.engines.egl import Egl, probe
-from marssim.generate import GenerateConfig, generate, generate_scene
+from marssim.generate import GenerateConfig, generate_dataset, generate_scene
 from marssim.generation import scene_views
 from marssim.render.sensor import SensorConfig
 from marssim.scene.relief import ReliefConfig
@@ -44,7 +44,7 @@ def config(out: Path, **changes) -> GenerateConfig:
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory) -> Path:
-    return generate(config(tmp_path_factory.mktemp("made") / "set")).path
+    return generate_dataset(config(tmp_path_factory.mktemp("made") / "set")).path
 
 
 @pytest.fixture
@@ -99,7 +99,7 @@ def test_views_differ_and_scenes_differ(made):
 
 
 def test_the_bytes_do_not_depend_on_the_number_of_workers(made, tmp_path):
-    generate(config(tmp_path / "set", workers=2))
+    generate_dataset(config(tmp_path / "set", workers=2))
     assert contents(tmp_path / "set") == contents(made)
 
 
@@ -115,20 +115,20 @@ def test_a_stopped_run_goes_on_to_the_same_bytes(made, folder):
         (folder / name).unlink()
     untouched = folder / "scenes" / "00000" / "00" / "left.png"
     before = untouched.stat().st_mtime_ns
-    generate(config(folder))
+    generate_dataset(config(folder))
     assert contents(folder) == contents(made)
     assert untouched.stat().st_mtime_ns == before  # what is there is not made again
 
 
 def test_more_pairs_later_keep_the_earlier_ones(made, folder):
-    bigger = generate(config(folder, pairs=5))
+    bigger = generate_dataset(config(folder, pairs=5))
     assert len(bigger) == 5
     assert {name: h for name, h in hashes(folder).items() if name in hashes(made)} == hashes(made)
 
 
 def test_an_odd_number_of_pairs_leaves_the_last_scene_short(made, tmp_path):
     folder = tmp_path / "set"
-    dataset = generate(config(folder, pairs=3))
+    dataset = generate_dataset(config(folder, pairs=3))
     assert dataset.names == ["00000/00", "00000/01", "00001/00"]
     assert hashes(folder).items() <= hashes(made).items()
     assert "3 stereo pairs" in (folder / "README.md").read_text()
@@ -171,14 +171,14 @@ def test_other_settings_in_the_same_folder_are_refused(made, change):
     before = contents(made)
     name = next(iter(change))
     with pytest.raises(DatasetError, match=rf"generate\.json: .*other settings \(.*\b{name}\b.*, not .*\);.*--out"):
-        generate(config(made, **change))
+        generate_dataset(config(made, **change))
     assert contents(made) == before
 
 
 def test_fewer_pairs_than_are_there_are_refused(made):
     before = contents(made)
     with pytest.raises(DatasetError, match=r"^--pairs 3: .* holds 1 pair beyond these"):
-        generate(config(made, pairs=3))
+        generate_dataset(config(made, pairs=3))
     assert contents(made) == before
 
 
@@ -194,9 +194,9 @@ def test_a_spoilt_sample_is_told_and_made_anew_without_its_folder(folder, made, 
     if not finished:
         (folder / "dataset.json").unlink()
     with pytest.raises(DatasetError, match=rf"00/{file}: {said}.*; delete that sample's folder"):
-        generate(config(folder))
+        generate_dataset(config(folder))
     shutil.rmtree(image.parent)
-    generate(config(folder))
+    generate_dataset(config(folder))
     assert contents(folder) == contents(made)
 
 
@@ -225,7 +225,7 @@ def test_settings_beside_something_else_are_not_replaced(tmp_path):
     (tmp_path / "set" / "notes.txt").write_text("mine")
     before = contents(tmp_path / "set")
     with pytest.raises(DatasetError, match="other settings"):
-        generate(config(tmp_path / "set", seed=6))
+        generate_dataset(config(tmp_path / "set", seed=6))
     assert contents(tmp_path / "set") == before
 
 
@@ -237,7 +237,7 @@ def test_no_byte_tells_where_data_and_heightmap_lay(tmp_path):
         file.parent.mkdir()
         np.save(file, np.zeros((40, 40)))
         scene = preset("utopia", size=12.0, horizon=16.0, relief=ReliefConfig(heightmap=str(file), heightmap_scale=1.0))
-        generate(config(tmp_path / name / f"set of {name}", scenes=(scene,), pairs=1))
+        generate_dataset(config(tmp_path / name / f"set of {name}", scenes=(scene,), pairs=1))
         written.append(contents(tmp_path / name / f"set of {name}"))
     assert written[0] == written[1]
     assert not [name for name, data in written[0].items() if bytes(tmp_path) in data]
@@ -262,14 +262,14 @@ def test_a_heightmap_is_found_from_any_folder_and_may_be_moved(tmp_path, monkeyp
     monkeypatch.chdir(tmp_path / "here")
     with monkeypatch.context() as patch:
         patch.setattr(command, "run_tasks", elsewhere)
-        first = generate(asked("map.npy", 1))[0].meta["scene_config"]["relief"]
+        first = generate_dataset(asked("map.npy", 1))[0].meta["scene_config"]["relief"]
     assert first["heightmap"] == "map.npy"
     maps[0].unlink()
-    both = [s.meta["scene_config"]["relief"] for s in generate(asked(str(maps[1]), 2))]
+    both = [s.meta["scene_config"]["relief"] for s in generate_dataset(asked(str(maps[1]), 2))]
     assert both[0] == first and both[1] == {**first, "heightmap": "moved.npy"}
     np.save(maps[1], np.zeros((220, 220)))
     with pytest.raises(DatasetError, match="other settings"):
-        generate(asked(str(maps[1]), 3))
+        generate_dataset(asked(str(maps[1]), 3))
 
 
 def test_a_foreign_folder_is_left_alone(tmp_path, capfd):
@@ -424,7 +424,7 @@ def test_a_killed_worker_is_one_line_and_the_run_goes_on_later(made, tmp_path, c
     lines = [line for line in err.splitlines() if not line.startswith(("generate:", "\r"))]
     assert code == 2 and "worker process was killed" in lines[-1] and "Traceback" not in err
     assert len(list(out.glob("scenes/*/00"))) < 10
-    generate(config(out))
+    generate_dataset(config(out))
     assert hashes(out) == hashes(made)
     assert all(contents(out)[name] == data for name, data in contents(made).items() if name.startswith("scenes"))
 
@@ -444,14 +444,14 @@ def test_broken_pools_reach_the_caller_of_the_function(tmp_path, monkeypatch):
 
     monkeypatch.setattr(command, "run_tasks", broken)
     with pytest.raises(BrokenExecutor):
-        generate(config(tmp_path / "set", workers=2))
+        generate_dataset(config(tmp_path / "set", workers=2))
     assert json.loads((tmp_path / "set" / "generate.json").read_text())["seed"] == 5
 
 
 def test_mixed_has_every_place_once_in_five_scenes(tmp_path):
     small = tuple(replace(preset(name), size=12.0, horizon=16.0) for name in PRESETS)
     asked = config(tmp_path / "set", scenes=small, pairs=5, views_per_scene=1)
-    made = [s.meta["preset"] for s in generate(asked)]
+    made = [s.meta["preset"] for s in generate_dataset(asked)]
     assert sorted(made) == sorted(PRESETS)
     assert made == [asked.scene_config(scene).preset for scene in range(5)]
 
@@ -468,7 +468,7 @@ def test_the_bytes_do_not_depend_on_dask(made, tmp_path):
     distributed = pytest.importorskip("distributed")
     options = {"processes": False, "dashboard_address": ":0", "silence_logs": 50}
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, **options) as cluster:
-        generate(config(tmp_path / "set", scheduler=cluster.scheduler_address))
+        generate_dataset(config(tmp_path / "set", scheduler=cluster.scheduler_address))
     assert contents(tmp_path / "set") == contents(made)
 
 
@@ -503,13 +503,13 @@ def test_the_drive_that_is_tried_before_the_folder_is_claimed_is_the_one_that_is
         drawn.clear()
         command._check(asked)
         tried = {np.reshape(poses, (-1, 4, 4))[0].tobytes() for poses in drawn}
-        whole = generate(asked)
+        whole = generate_dataset(asked)
         assert {np.array(whole[i].meta["pose"]).tobytes() for i in (0, 2)} == tried and len(tried) == 2
 
 
 def test_a_drive_is_one_way_with_its_poses_beside_it(tmp_path):
     drive = TrajectoryConfig(step=0.25, speed=0.05)
-    whole = generate(config(tmp_path / "set", trajectory=True, drive=drive, views_per_scene=3))
+    whole = generate_dataset(config(tmp_path / "set", trajectory=True, drive=drive, views_per_scene=3))
     assert {s["name"]: s["split"] for s in whole.index["samples"]} == {
         "00000/00": "train", "00000/01": "train", "00000/02": "train", "00001/00": "test",
     }  # fmt: skip
@@ -524,7 +524,7 @@ def test_a_drive_is_one_way_with_its_poses_beside_it(tmp_path):
     before = contents(tmp_path / "set")
     shutil.rmtree(tmp_path / "set" / "scenes" / "00000" / "01")
     (tmp_path / "set" / "scenes" / "00000" / "trajectory.txt").unlink()
-    generate(config(tmp_path / "set", trajectory=True, drive=drive, views_per_scene=3))
+    generate_dataset(config(tmp_path / "set", trajectory=True, drive=drive, views_per_scene=3))
     assert contents(tmp_path / "set") == before
 
 
@@ -575,11 +575,11 @@ def test_a_dataset_goes_on_as_it_was_begun(tmp_path, bullet, first):
         assert again.rasterizer == first and command._folder(again).check() is not None
     other = replace(asked, rasterizer="tiny" if first == "egl" else "egl")
     with pytest.raises(DatasetError, match="other settings"):
-        generate(other)
+        generate_dataset(other)
     bullet(False, False)
     if first == "egl":
         with pytest.raises(ValueError, match=r"generate\.json: the dataset was begun with EGL, which does not work"):
-            generate(replace(asked, rasterizer="auto"))
+            generate_dataset(replace(asked, rasterizer="auto"))
     else:
         assert command._with_rasterizer(replace(asked, rasterizer="auto")).rasterizer == first
 
@@ -599,7 +599,7 @@ def test_a_dataset_that_egl_draws_says_so_and_is_completed(tmp_path):
     if not probe().works:
         pytest.skip(f"EGL does not work here: {probe().message}")
     asked = config(tmp_path / "set", pairs=2, views_per_scene=2, renderer="pybullet", rasterizer="egl")
-    dataset = generate(asked)
+    dataset = generate_dataset(asked)
     assert dataset[0].meta["rasterizer"] == "egl" and dataset.index["config"]["rasterizer"] == "egl"
     shutil.rmtree(tmp_path / "set" / "scenes" / "00000" / "01")
-    assert generate(replace(asked, rasterizer="auto")).digest == dataset.digest
+    assert generate_dataset(replace(asked, rasterizer="auto")).digest == dataset.digest

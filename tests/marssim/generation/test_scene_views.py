@@ -8,7 +8,7 @@ import pytest
 
 from marssim.base.camera import NATECAM
 from marssim.base.dataset.sample import StereoSample
-from marssim.generate import GenerateConfig, generate
+from marssim.generate import GenerateConfig, generate_dataset
 from marssim.render.sensor import SensorConfig
 from marssim.scene.scene import Look, SceneConfig, build_scene, preset
 
@@ -20,7 +20,7 @@ def pair(out: Path, scene: SceneConfig = SMALL, **changes) -> StereoSample:
     asked = GenerateConfig(
         out=out, pairs=1, views_per_scene=1, renderer="scan", seed=4, rig=NATECAM.resized(48, 48), scenes=(scene,)
     )
-    return generate(replace(asked, **changes))[0]
+    return generate_dataset(replace(asked, **changes))[0]
 
 
 @pytest.fixture(scope="module")

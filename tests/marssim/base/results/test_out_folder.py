@@ -2,7 +2,7 @@ import pytest
 
 from marssim.base.files.json_file import DatasetError
 from marssim.base.results.out_folder import check_around, check_out
-from marssim.generate import GenerateConfig, generate
+from marssim.generate import GenerateConfig, generate_dataset
 
 
 def test_a_dataset_and_what_lies_in_one_take_no_results(tmp_path):
@@ -26,7 +26,7 @@ def test_no_dataset_is_made_in_another(tmp_path):
     with pytest.raises(DatasetError, match=rf"^--out .*made/more: lies in the dataset {tmp_path / 'made'}; choose"):
         check_around(tmp_path / "made" / "more")
     with pytest.raises(DatasetError, match="lies in the dataset"):
-        generate(GenerateConfig(out=tmp_path / "made" / "more", pairs=1))
+        generate_dataset(GenerateConfig(out=tmp_path / "made" / "more", pairs=1))
     assert not (tmp_path / "made" / "more").exists()
 
 

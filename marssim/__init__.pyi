@@ -1,0 +1,60 @@
+from .base.camera import MAX_DEPTH, MIN_DEPTH, NATECAM, PinholeCamera, StereoRig, look_pose
+from .base.dataset.dataset import StereoDataset
+from .base.dataset.frame import StereoFrame
+from .base.dataset.sample import StereoSample, read_sample, write_sample
+from .base.files.json_file import DatasetError
+from .generate import generate_dataset
+from .generation.config import GenerateConfig
+from .render.renderers.by_name import RENDERERS, default_renderer, make_renderer
+from .render.renderers.renderer import Renderer
+from .render.sensor import Sensor, SensorConfig
+from .render.stereo import render_stereo
+from .render.surfaces.shading import Shader
+from .render.view import SceneRenderer, render_view
+from .scene.place_file import load_place, save_place
+from .scene.relief import ReliefConfig
+from .scene.rocks import RockConfig
+from .scene.scene import PRESETS, LookConfig, Scene, SceneConfig, build_scene, preset
+from .scene.viewpoint import ViewConfig, draw_pose, pose_on_ground
+
+__version__: str
+
+__all__ = [
+    "MAX_DEPTH",
+    "MIN_DEPTH",
+    "NATECAM",
+    "PRESETS",
+    "RENDERERS",
+    "DatasetError",
+    "GenerateConfig",
+    "LookConfig",
+    "PinholeCamera",
+    "ReliefConfig",
+    "Renderer",
+    "RockConfig",
+    "Scene",
+    "SceneConfig",
+    "SceneRenderer",
+    "Sensor",
+    "SensorConfig",
+    "Shader",
+    "StereoDataset",
+    "StereoFrame",
+    "StereoRig",
+    "StereoSample",
+    "ViewConfig",
+    "build_scene",
+    "default_renderer",
+    "draw_pose",
+    "generate_dataset",
+    "load_place",
+    "look_pose",
+    "make_renderer",
+    "pose_on_ground",
+    "preset",
+    "read_sample",
+    "render_stereo",
+    "render_view",
+    "save_place",
+    "write_sample",
+]
