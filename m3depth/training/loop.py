@@ -19,6 +19,7 @@ from m3depth.training.batch import Batch
 from m3depth.training.budget import share_done, spent_budget
 from m3depth.training.config import TrainConfig, check_config
 from m3depth.training.curves import save_curves
+from m3depth.training.divergence import loss_fault, weight_fault
 from m3depth.training.log import Log, records
 from m3depth.training.losses import total_loss
 from m3depth.training.messages import announce, closing_words, data_names, progress_text
@@ -156,7 +157,7 @@ def take_steps(run: Run, stream: Iterator[Batch], log: Log | None, validator: Va
     dtype = {"auto": fast_dtype(device), "fp32": None, "bf16": torch.bfloat16}[config.precision]
     run.model.recompute = config.recompute
     spent_before, began, saved = run.seconds, time.monotonic(), time.monotonic()
-    waited = 0.0
+    waited, batch = 0.0, None
     with stop_on_signal() as signals:
         while True:
             # All processes must decide alike: the clock is that of rank 0; a signal or a NaN counts from any of them.
@@ -164,6 +165,8 @@ def take_steps(run: Run, stream: Iterator[Batch], log: Log | None, validator: Va
             clock, stopped = agree([run.seconds if log else 0.0, float(bool(signals))], device, world)
             done = share_done(config, run.step, clock)
             if stopped or done >= 1:
+                if batch is not None:
+                    check_state(run, batch, dtype, world)
                 return bool(stopped)
             before = time.monotonic()
             batch = next(stream).to(device)
@@ -177,6 +180,7 @@ def take_steps(run: Run, stream: Iterator[Batch], log: Log | None, validator: Va
                 log.write("train", run.step, values | {"minutes": run.seconds / 60, "loader_share": share})
             log.progress(progress_text(run, values))
             if time.monotonic() - saved > 60 * config.checkpoint_minutes:
+                check_state(run, batch, dtype)
                 run.save()
                 saved = time.monotonic()
             if validation_is_due(run):
@@ -197,21 +201,48 @@ def one_step(run: Run, network: nn.Module, batch: Batch, rate: float, dtype: tor
         loss, grad (norm before clipping), lr and the terms of the loss.
 
     Raises:
-        FloatingPointError: In every process, if loss or gradient is not finite in one of them.
+        FloatingPointError: In every process, if loss or gradient is not sound in one of them.
     """
     for group in run.optimizer.param_groups:
         group["lr"] = rate
     run.optimizer.zero_grad(set_to_none=True)
     loss, terms = backward(network, batch, run.config, dtype)
     norm = nn.utils.clip_grad_norm_(run.model.parameters(), run.config.clip)
-    if agree([float(not is_finite(loss, norm))], run.device, run.world)[0]:
-        kept = f"{run.checkpoint} holds the last good state" if run.checkpoint.is_file() else "nothing is saved yet"
-        raise FloatingPointError(f"loss or gradient is not finite at step {run.step}; {kept}; try a lower --lr")
+    fault = loss_fault(loss, run.config.loss) or (None if torch.isfinite(norm) else "gradient is not finite")
+    stop_at(fault, run, run.world)
     run.optimizer.step()
     run.step += 1
     run.average()
     values = {"loss": float(loss), "grad": float(norm), "lr": rate}
     return values | {name: float(value) for name, value in terms.items()}
+
+
+def check_state(run: Run, batch: Batch, dtype: torch.dtype | None, world: int = 1) -> None:
+    """Check the weights after a step, which no loss has seen yet, before they are saved.
+
+    Args:
+        run: The run after a step.
+        batch: The samples of that step; the loss on them must be sound.
+        dtype: Type of the forward pass; None: float32.
+        world: Number of processes that check together.
+
+    Raises:
+        FloatingPointError: The training has diverged, in any of the processes.
+    """
+    fault = weight_fault(run.model)
+    if fault is None:
+        with torch.no_grad(), autocast(batch.left.device, dtype):
+            output = run.model(batch.left, batch.right, batch.target.camera)
+        fault = loss_fault(total_loss(output, batch.target, run.config.loss)[0], run.config.loss)
+    stop_at(fault, run, world)
+
+
+def stop_at(fault: str | None, run: Run, world: int) -> None:
+    """Raise FloatingPointError in every process if there is a fault in one of them."""
+    if agree([float(fault is not None)], run.device, world)[0]:
+        kept = f"{run.checkpoint} holds the last good state" if run.checkpoint.is_file() else "nothing is saved yet"
+        where = fault or "loss, gradient or weights of another process are not sound"
+        raise FloatingPointError(f"training has diverged: {where} at step {run.step}; {kept}; try a lower --lr")
 
 
 def backward(
@@ -252,8 +283,3 @@ def check_common_step(run: Run) -> None:
             f"--out {run.config.out}: the processes resumed at steps {-first} to {last}; it must be a folder that all "
             "machines share"
         )
-
-
-def is_finite(loss: Tensor, norm: Tensor) -> bool:
-    """Tell whether loss and gradient are finite, so that a step may be taken."""
-    return bool(torch.isfinite(loss) & torch.isfinite(norm))

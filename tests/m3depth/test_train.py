@@ -1,4 +1,5 @@
 import json
+import math
 import os
 import re
 import shlex
@@ -257,6 +258,9 @@ def no_number(output, target, config):
     return loss * float("nan"), terms
 
 
+FLAT = {"loss": 0.0, "disparity": 0.0, "normal": 0.0}  # what a step returns
+
+
 def test_nan_stops_the_run_and_keeps_the_last_checkpoint(plane_samples, tmp_path, monkeypatch) -> None:
     config = config_for(tmp_path, max_steps=2, validate_every=0)
     train(config, plane_samples, [])
@@ -329,8 +333,33 @@ def test_no_checkpoint_is_ahead_of_its_weights(plane_samples, tmp_path, monkeypa
 
 def test_a_learning_rate_beyond_all_reason_ends_in_one_line(plane_samples, tmp_path) -> None:
     """The weights of the second step make NaN inside the network, not first in the loss."""
-    with pytest.raises(FloatingPointError, match="not finite at step 1; nothing is saved yet"):
+    with pytest.raises(FloatingPointError, match="is not finite at step 1; nothing is saved yet"):
         train(config_for(tmp_path, lr=1e30, clip=1e30, validate_samples=0), plane_samples, [])
+
+
+@pytest.mark.parametrize(("lr", "fault"), [(math.inf, "are not finite"), (1e30, r"reach \d\.?\d*e\+\d\d")])
+def test_a_last_step_that_diverges_is_not_saved(plane_samples, tmp_path, capsys, monkeypatch, lr, fault) -> None:
+    """No loss has seen the weights after it."""
+    config = config_for(tmp_path, max_steps=1, validate_every=0)
+    train(config, plane_samples, plane_samples)
+    before = {file.name: file.read_bytes() for file in tmp_path.glob("*.*t*") if file.name != "log.jsonl"}
+    monkeypatch.setattr("m3depth.datasets.open.open_pairs", lambda path, split, config: plane_samples)
+    flags = ["--data", "planes", "--out", str(tmp_path), "--batch", "2", "--crop", "32", "64", "--device", "cpu"]
+    capsys.readouterr()
+    assert main([*flags, "--max-steps", "2", "--lr", str(lr)]) == 1
+    said = capsys.readouterr()
+    message = rf"error: training has diverged: weights {fault} at step 2; .*checkpoint\.pt holds the last good state"
+    assert re.match(message, said.err.splitlines()[-1]) and "done" not in said.err and not said.out
+    assert {file.name: file.read_bytes() for file in tmp_path.glob("*.*t*") if file.name != "log.jsonl"} == before
+    assert {"checkpoint.pt", "weights.safetensors"} <= before.keys()
+
+
+def test_weights_that_are_finite_and_useless_are_not_saved_either(plane_samples, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr("m3depth.training.divergence.LARGEST_LOSS", 1.0)  # [px]
+    monkeypatch.setattr("m3depth.training.loop.one_step", lambda run, *more: setattr(run, "step", run.step + 1) or FLAT)
+    with pytest.raises(FloatingPointError, match=r"loss is \d\S* at step 1; nothing is saved yet"):
+        train(config_for(tmp_path, max_steps=1, validate_every=0), plane_samples, [])
+    assert not (tmp_path / "checkpoint.pt").exists()
 
 
 def test_checkpoint_is_of_one_number_of_processes(tmp_path) -> None:

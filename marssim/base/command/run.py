@@ -1,8 +1,11 @@
 """What every command does with its command line and with mistakes: one line on stderr and an exit code.
 
-0: done. 2: a mistake of the user, or a disk, a package or a worker process that failed. 130: interrupted, by Ctrl-C or
-SIGTERM, as a cluster's queue sends it in the end. 141: nobody reads on what is printed, as behind `| head`; said by
-nothing else.
+0    Done.
+1    The work came to a bad end: a training diverged, or marssim.verify found something wrong.
+2    A mistake of the user, or a disk, a package or a worker process that failed.
+130  Interrupted by Ctrl-C or SIGTERM, which a cluster's queue sends when the time is up.
+141  The reader of stdout closed the pipe, as `| head` does. Nothing is printed then.
+
 Anything else is a bug and shows its traceback.
 """
 
@@ -23,7 +26,7 @@ from pathlib import Path
 from marssim.base.command.flags import Config, parse
 from marssim.base.command.notes import GOES_ON, KILLED, speaking
 
-MISTAKES = (ValueError, OSError, ImportError, FloatingPointError, MemoryError, BrokenExecutor)
+MISTAKES = (ValueError, OSError, ImportError, MemoryError, BrokenExecutor)
 _FIELD = re.compile(r"`([a-z][a-z0-9_]*(?:\.[a-z][a-z0-9_]*)*)`")
 
 
@@ -76,6 +79,8 @@ def exit_code(work: Callable[[], object], interrupted: str = GOES_ON) -> int:
         return 141 if _unread() else _fail(describe(error), 2)
     except MISTAKES as error:
         return _fail(describe(error), 2)
+    except FloatingPointError as error:
+        return _fail(describe(error), 1)
     except RuntimeError as error:
         if not _is_out_of_memory(error):
             raise

@@ -8,12 +8,19 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+STOPPING = (signal.SIGTERM, signal.SIGINT)
+
 
 @contextmanager
 def stop_on_signal() -> Iterator[list[int]]:
-    """The list that is handed out holds the signal's number once SIGTERM or SIGINT has come; a second one ends.
+    """Note the first SIGTERM or SIGINT instead of ending, so that a run can finish its step and save.
 
-    Outside the main thread, where Python lets nobody handle signals, the list stays empty.
+    A signal that is ignored when the block begins stays ignored, as SIGINT is in a command that a script started in
+    the background. A second signal has its former effect. Outside the main thread, where Python cannot handle
+    signals, nothing is noted.
+
+    Yields:
+        A list that holds the number of the signal once one has come.
     """
     received: list[int] = []
     if threading.current_thread() is not threading.main_thread():
@@ -28,7 +35,9 @@ def stop_on_signal() -> Iterator[list[int]]:
         handler = before[number]  # None: one that is not Python's, which cannot be set again from here
         signal.signal(number, signal.SIG_DFL if handler is None else handler)
 
-    before: dict[int, Any] = {n: signal.signal(n, remember) for n in (signal.SIGTERM, signal.SIGINT)}
+    before: dict[int, Any] = {n: signal.getsignal(n) for n in STOPPING if signal.getsignal(n) != signal.SIG_IGN}
+    for number in before:
+        signal.signal(number, remember)
     try:
         yield received
     finally:

@@ -235,6 +235,11 @@ def test_broken_pools_and_interrupts_say_how_to_go_on(capsys):
     assert (code, said) == (130, "error: interrupted; nothing was written\n")
 
 
+def test_work_that_came_to_a_bad_end_is_told_from_a_mistake(capsys):
+    code, said = run(capsys, failing(FloatingPointError("training has diverged")))
+    assert code == 1 and said == "error: training has diverged\n"
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_from_the_shell(number):
     """A real signal to a real process; one that was started in the background would ignore SIGINT by inheritance."""

@@ -1,6 +1,8 @@
 """Signals noticed while a run takes its steps."""
 
 import signal
+import subprocess
+import sys
 import threading
 
 import pytest
@@ -8,24 +10,62 @@ import pytest
 from marssim.base.command.signals import stop_on_signal
 
 
-def test_the_first_signal_is_noted_and_the_second_one_ends():
-    before = signal.getsignal(signal.SIGINT)
+@pytest.fixture(params=[signal.SIGINT, signal.SIGTERM])
+def number(request):
+    """A signal that raises KeyboardInterrupt, whatever started the tests, and has its former effect afterwards."""
+    before = signal.signal(request.param, signal.default_int_handler)
+    yield request.param
+    signal.signal(request.param, before)
+
+
+def test_the_first_signal_is_noted_and_the_second_one_ends(number):
     with stop_on_signal() as received:
-        signal.raise_signal(signal.SIGINT)  # to this thread, and at once
-        assert received == [signal.SIGINT]
+        signal.raise_signal(number)  # to this thread, and at once
+        assert received == [number]
         with pytest.raises(KeyboardInterrupt):
-            signal.raise_signal(signal.SIGINT)  # to this thread, and at once
-    assert signal.getsignal(signal.SIGINT) is before
+            signal.raise_signal(number)
+    assert signal.getsignal(number) is signal.default_int_handler
+
+
+def test_a_signal_that_is_ignored_at_the_start_stays_ignored(number):
+    signal.signal(number, signal.SIG_IGN)
+    with stop_on_signal() as received:
+        signal.raise_signal(number)
+        assert received == [] and signal.getsignal(number) == signal.SIG_IGN
+    assert signal.getsignal(number) == signal.SIG_IGN
+
+
+IGNORING = """
+import signal, sys
+from marssim.base.command.run import exit_code
+
+def work():
+    signal.raise_signal(signal.{name})
+    print("went on", flush=True)
+
+sys.exit(exit_code(work))
+"""
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_a_command_ignores_what_it_was_started_to_ignore(name):
+    """A script that starts a command in the background has it ignore SIGINT; `nohup` and its like ignore others."""
+    starter = (
+        f"import signal, os, sys; signal.signal(signal.{name}, signal.SIG_IGN); os.execv(sys.executable, sys.argv[1:])"
+    )
+    command = [sys.executable, "-c", IGNORING.format(name=name)]
+    done = subprocess.run([sys.executable, "-c", starter, *command], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "went on\n", "")
 
 
 def test_a_thread_runs_without():
-    seen = []
+    lists = []
 
     def work():
         with stop_on_signal() as received:
-            seen.append(received)
+            lists.append(received)
 
     thread = threading.Thread(target=work)
     thread.start()
     thread.join()
-    assert seen == [[]]
+    assert lists == [[]]
