@@ -21,7 +21,7 @@ import numpy as np
 from envs.rock_map import RULES, MapRockCounts, count_rocks, frame_map, true_rocks
 from envs.world.perception import load_perception
 from envs.world.user_code import errors_of
-from m3depth.datasets.config import Part
+from m3depth.datasets.config import Split
 from m3depth.estimator import Estimator, checked_prediction
 from m3depth.evaluation.report import rocks_table
 from m3depth.evaluation.rock_scene import rock_scene
@@ -48,7 +48,7 @@ class RocksConfig:
     """Dataset folders, as marssim.generate writes them; all go into one count."""
     out: Path
     """Folder for results.json, results.md and rocks.png; those of an earlier count are replaced."""
-    split: Part = "test"
+    split: Split = "test"
     """Part of each dataset. Take "all" for data on which no training was done."""
     perception: tuple[str, ...] = ("m3depth", "ground_truth")
     """Methods that turn the images into depth: m3depth (the shipped weights), sgbm, ground_truth (true depth),

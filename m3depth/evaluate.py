@@ -29,7 +29,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from m3depth.datasets.config import DataConfig, Part, flag
+from m3depth.datasets.config import DataConfig, Split, flag
 from m3depth.datasets.open import open_pairs
 from m3depth.estimator import (
     CLASSICAL,
@@ -74,7 +74,7 @@ class EvaluateOptions:
     """Dataset folder, of marssim.generate or of any layout that --format lists."""
     out: Path
     """Folder to write results.json, results.md and the figures to; those of an earlier scoring are replaced."""
-    split: Part = "test"
+    split: Split = "test"
     """Part of the dataset to score: test is what no training has seen; all suits a dataset that is not trained on."""
     weights: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="PATH ...")] = ()
     """Weights files (.safetensors) of m3depth.train to score, each in a column named after its file or run folder.

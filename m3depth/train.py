@@ -25,11 +25,11 @@ import os
 import sys
 from collections.abc import Sequence
 
-from m3depth.datasets.config import Part
+from m3depth.datasets.config import Split
 from m3depth.training.config import TrainConfig
 from marssim.base.command.run import run_command
 
-SPLITS: tuple[Part, Part] = ("train", "val")
+SPLITS: tuple[Split, Split] = ("train", "val")
 USAGE = (__doc__ or "").partition("\nThe files, ")[0]  # the description that --help prints
 
 

@@ -10,7 +10,7 @@ from typing import Any, Literal
 from marssim.base.camera import WIDEST
 
 Format = Literal["auto", "marssim", "kitti", "sceneflow", "middlebury", "eth3d", "oaisys", "list", "folder"]
-Part = Literal["train", "val", "test", "all"]
+Split = Literal["train", "val", "test", "all"]
 
 CAMERA_AND_SCORE = ("calib", "focal", "baseline", "normals", "resize", "depth_range")
 FLAGS: dict[Format, tuple[str, ...]] = {  # the fields that each layout takes; its files say the rest

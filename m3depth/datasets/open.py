@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from m3depth.datasets.benchmarks import eth3d, kitti, middlebury, sceneflow, sceneflow_rig
-from m3depth.datasets.config import DataConfig, Format, Part
+from m3depth.datasets.config import DataConfig, Format, Split
 from m3depth.datasets.folders import folder, listed
 from m3depth.datasets.oaisys import oaisys
 from m3depth.datasets.pair_files import PairFiles, Rigs, read_pair_files
@@ -57,7 +57,7 @@ class PairList:
         depth_range: Nearest and farthest depth that is scored [m].
     """
 
-    def __init__(self, path: Path, split: Part, pairs: Sequence[PairFiles], config: DataConfig) -> None:
+    def __init__(self, path: Path, split: Split, pairs: Sequence[PairFiles], config: DataConfig) -> None:
         self.path, self.split, self.pairs, self.config = path, split, list(pairs), config
         self.names = [pair.name for pair in self.pairs]
         self.scenes = [pair.group for pair in self.pairs]
@@ -118,7 +118,7 @@ def _layout_by_signs(path: Path, part: Path | None = None) -> Format | None:
     return None
 
 
-def open_pairs(path: Path, split: Part, config: DataConfig | None = None) -> StereoPairs:
+def open_pairs(path: Path, split: Split, config: DataConfig | None = None) -> StereoPairs:
     """Open the pairs of one split of a dataset; it may hold none.
 
     Args:
@@ -174,7 +174,7 @@ def splits_of(pairs: Sequence[PairFiles]) -> list[str]:
     return [split_of(order[pair.group]) for pair in pairs]
 
 
-def _lists(path: Path, split: Part, rigs: Rigs, config: DataConfig) -> list[PairFiles]:
+def _lists(path: Path, split: Split, rigs: Rigs, config: DataConfig) -> list[PairFiles]:
     """Return the pairs of a split from one list, or from the lists train.txt, val.txt and test.txt of a folder."""
     if path.is_file():
         pairs = list(listed(path, path.parent, rigs, config))

@@ -193,6 +193,8 @@ def normal_loss(normal: Tensor, target: Target, weight: Tensor) -> Tensor:
 def total_loss(output: StereoOutput, target: Target, config: LossConfig) -> tuple[Tensor, dict[str, Tensor]]:
     """Return the whole training loss, and its terms before weighting, detached, by name.
 
+    Another term is an entry of `terms` and a weight of the same name in LossConfig.
+
     Args:
         output: Of the network, for images whose size is a multiple of 8.
         target: Their ground truth.
