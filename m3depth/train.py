@@ -1,14 +1,16 @@
 """Train M3Depth.
 
     python -m m3depth.train --data DIR --out RUN --max-minutes 120
+    python -m m3depth.train --data DIR --out RUN --init shipped --lr 2e-4 --max-minutes 30  # fine-tuning
     python -m m3depth.train --data KITTI --out RUN --max-steps 20000 --crop 320 960
     python -m m3depth.train --data SimMars6K --left 'left/*.png' --right 'right/*.png' --depth 'depth/*.exr' \\
         --calib natecam --normals depth --out RUN --max-minutes 120
     torchrun --nproc-per-node 4 -m m3depth.train --data DIR --out RUN --max-steps 100000
 
-RUN/weights.safetensors holds the averaged weights, RUN/checkpoint.pt the state of the run. The same command again
-continues from the checkpoint. It may have a larger budget, another --lr or other settings, and prints which are new. A
-different network, batch, crop, seed, --init or number of processes belongs to another run and is refused.
+RUN/weights.safetensors holds the averaged weights, RUN/checkpoint.pt the state of the run, RUN/curves.png its loss and
+validations. The same command again continues from the checkpoint. It may have a larger budget, another --lr or other
+settings, and prints which are new. A different network, batch, crop, seed, --init or number of processes belongs to
+another run and is refused.
 
 The files, in the order of the data's way:
 
