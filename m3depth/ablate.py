@@ -3,13 +3,14 @@
     python -m m3depth.ablate --data data/train --out runs/ablation --minutes 10
     python -m m3depth.ablate --data data/train --test data/unseen --out runs/ablation --steps 2000 --studies components
 
-Studies: components (WEFE and IRM, on and off), loss (weights, no consistency loss, no normals), iterations (1 to 6),
-levels (of wavelets, 2 to 5). Each row of a table is a network trained from nothing by m3depth.train: the same data in
-the same order, the same seed, as many steps or minutes as any other, and scored by m3depth.evaluate's rules on the same
-pairs. Rows that are the same run in several tables are trained once: 17 runs make all four studies, for each seed.
+The studies are components (WEFE and IRM, on and off), loss (weights, no consistency loss, no normals), iterations (1 to
+6) and levels (of wavelets, 2 to 5). Each row of a table is a network that m3depth.train trains from random weights. All
+networks see the same data in the same order, with the same seed and the same number of steps or minutes, and are scored
+by m3depth.evaluate's rules on the same pairs. A run that several tables share is trained once: 17 runs make all four
+studies, for each seed.
 
-The same command goes on where it was stopped or killed. Writes results.md and results.json after each run, and a plot a
-study at the end; in runs/NAME-SEED is everything that training writes, and score.json. m3depth.train makes a single
+The same command continues after it was stopped or killed. It writes results.md and results.json after each run, and a
+figure a study at the end. runs/NAME-SEED holds the files of training and score.json. m3depth.train repeats a single
 run, with runs/NAME-SEED/network.json as --network and the --loss weights that score.json lists.
 """
 
@@ -23,7 +24,7 @@ from marssim.base.command.run import run_command
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """The command. Returns the exit code: 2 for a mistake in what was asked for."""
+    """Run the command, and return its exit code: 2 for a mistake of the user."""
     return run_command(_work, AblateOptions, "python -m m3depth.ablate", __doc__, args)
 
 

@@ -87,9 +87,9 @@ class EvaluateOptions:
     """Further methods to score: package.module:Class, a class without arguments that has infer(left, right, rig);
     m3depth, m3depth:PATH, sgbm or another classical method. NAME= before it names its column."""
     predictions: Annotated[tuple[str, ...], tyro.conf.arg(metavar=f"{FORM} ...")] = ()
-    """Folders of maps that other programs wrote: disparity [px], or depth [m] with ",depth". ",scale=S" means that 1 px
-    or 1 m is stored as S: -1 for RAFT-Stereo and Pandora, by default 256 for a PNG as KITTI's. ",fill" fills unknown
-    pixels from the background. The file names are those of m3depth/evaluation/recorded_maps.py."""
+    """Folders of maps that other programs wrote: disparity [px], or depth [m] with ",depth". With ",scale=S", 1 px or
+    1 m is stored as S (-1 for RAFT-Stereo and Pandora); without it, as 1, and in a PNG as 256 (KITTI) or 1000. ",fill"
+    fills unknown pixels from the background. m3depth/evaluation/recorded_maps.py lists the names of the files."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
     """Device that M3Depth runs on; auto takes a GPU if there is one."""
     limit: int | None = None

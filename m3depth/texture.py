@@ -1,23 +1,24 @@
-"""How little texture an image has: the analysis behind the paper's first inspiration (Sec. III-A).
+"""Measure how little texture an image has: the analysis behind the paper's first inspiration (Sec. III-A).
 
     python -m m3depth.texture real/NLB*.jpeg --beside data/gale --out out/texture
 
-The paper gives two figures, for one Martian image and one of Earth: the entropy of local binary patterns, about 3.1 and
-3.7 bits, and the share of the Fourier energy above 0.1 f_max, under 5 % and 32 %. It does not define them, so ours are
-these, all of the 8-bit grey image (Rec. 601) as it is, sky, frame and all:
+The paper gives two figures, for one image of Mars and one of Earth: the entropy of local binary patterns, about 3.1 and
+3.7 bits, and the share of the Fourier energy above 0.1 f_max, under 5 % and 32 %. It does not define them. Ours are
+those of the whole 8-bit grey image (Rec. 601), sky and frame included:
 
-    lbp_riu2    bits: entropy of the histogram of rotation-invariant uniform patterns of 8 neighbours on a circle of
-                radius 1 px, bilinear, a neighbour counts if it is at least as bright as the middle (Ojala et al. 2002):
+    lbp_riu2    [bits] entropy of the histogram of rotation-invariant uniform patterns of 8 neighbours on a circle of
+                radius 1 px, bilinear; a neighbour counts if it is at least as bright as the middle (Ojala et al. 2002):
                 10 labels, at most 3.32 bits
-    lbp_codes   bits: the same of the 256 plain codes, at most 8 bits
-    high        share of the energy |DFT|^2 at radial frequencies above 0.1 f_max, f_max = 0.5 cycles/px; of the image
-                less its mean
-    high_dc     the same with the mean left in, which makes it far smaller
-    high_hann   of the image less its mean, times a Hann window: without what the jump from one border to the opposite
-                one adds
+    lbp_codes   [bits] the same of the 256 plain codes, at most 8 bits
+    high        share of the energy |DFT|^2 at radial frequencies above 0.1 f_max, f_max = 0.5 cycles/px, of the image
+                without its mean
+    high_dc     the same with the mean, which makes it far smaller
+    high_hann   the same without the mean and times a Hann window, which removes the jump from one border to the
+                opposite one
 
-With 10 labels 3.7 bits cannot be, with 256 codes 3.1 bits means little more than one tone: the paper's definition is
-another one. Nothing here is a target; the figures compare images with each other. Writes texture.json and texture.png.
+The paper's definition must be another one: 10 labels cannot give 3.7 bits, and 256 codes of 3.1 bits would mean little
+more than one tone. The figures compare images with each other; none is a target. The command writes texture.json and
+texture.png.
 """
 
 from __future__ import annotations
@@ -42,27 +43,27 @@ from marssim.base.files.json_file import write_json
 from marssim.base.images.texture import entropy, local_binary_patterns, uniform_labels
 from marssim.base.results.claim import ResultFolder
 
-HIGH = 0.1  # of f_max
-F_MAX = 0.5  # [cycles/px]
-PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
-MEASURES = ("lbp_riu2", "lbp_codes", "high", "high_dc", "high_hann")
-PAPER = "3.1 bits, < 5 % (Mars); 3.7 bits, 32 % (Earth)"
+HIGH = 0.1  # border of the high frequencies, as a share of F_MAX
+F_MAX = 0.5  # [cycles/px] highest frequency along a row or column
+PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")  # endings of image files in a folder
+MEASURES = ("lbp_riu2", "lbp_codes", "high", "high_dc", "high_hann")  # names of the figures, as above
+PAPER = "3.1 bits, < 5 % (Mars); 3.7 bits, 32 % (Earth)"  # the paper's figures
 
 
 @dataclass(frozen=True)
 class TextureOptions:
-    """Entropy of local binary patterns, and the share of high frequencies, of images."""
+    """Measure the entropy of local binary patterns and the share of high frequencies of images."""
 
     images: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="IMAGES")]
-    """Image files, folders of images, or datasets of marssim.generate (their left images)."""
+    """Image files, folders of images, or datasets of marssim.generate, whose left images are measured."""
     out: Path
-    """Folder for texture.json and texture.png."""
+    """Folder to write texture.json and texture.png to."""
     beside: tuple[Path, ...] = ()
-    """Images, likewise, to compare them with."""
+    """Images to compare them with: files, folders or datasets likewise."""
     names: tuple[str, str] = ("images", "beside")
-    """What the two groups are called."""
+    """Names of the two groups in the table and the figure."""
     limit: int = 50
-    """At most so many images of a folder or dataset, spread evenly."""
+    """Largest number of images of each folder or dataset, spread evenly over it."""
 
     def __post_init__(self) -> None:
         if self.limit < 1:
@@ -72,7 +73,15 @@ class TextureOptions:
 
 
 def power_spectrum(grey: np.ndarray, hann: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """|DFT|^2 of the image less its mean, and the radial frequency [cycles/px] of each coefficient; both (H, W)."""
+    """Return |DFT|^2 of an image without its mean, and the radial frequency of each coefficient.
+
+    Args:
+        grey: (H, W) image.
+        hann: Whether the image is multiplied by a Hann window first.
+
+    Returns:
+        (H, W) power and (H, W) frequency [cycles/px], in the order of np.fft.
+    """
     image = grey.astype(np.float64)
     image -= image.mean()
     if hann:
@@ -82,13 +91,23 @@ def power_spectrum(grey: np.ndarray, hann: bool = False) -> tuple[np.ndarray, np
 
 
 def high_share(power: np.ndarray, frequency: np.ndarray, extra: float = 0.0) -> float:
-    """Energy above HIGH * F_MAX over all energy, `extra` added to the latter; 0 for an image of one tone."""
+    """Return the share of the energy above HIGH * F_MAX; 0 for an image of one tone.
+
+    Args:
+        power: (H, W) power spectrum.
+        frequency: (H, W) radial frequency [cycles/px].
+        extra: Energy that is added to the sum of all.
+    """
     total = float(power.sum()) + extra
     return float(power[frequency > HIGH * F_MAX].sum()) / total if total > 0 else 0.0
 
 
 def measure(grey: np.ndarray) -> dict[str, float]:
-    """The five figures of an image. grey: (H, W) uint8. Raises ValueError if it is smaller than 3 x 3."""
+    """Return the five figures of an image, (H, W) uint8, by name.
+
+    Raises:
+        ValueError: The image is smaller than 3 x 3 pixels.
+    """
     if min(grey.shape) < 3:
         raise ValueError(f"is {grey.shape[1]} x {grey.shape[0]}: at least 3 x 3 pixels are needed")
     codes = local_binary_patterns(grey)
@@ -104,8 +123,17 @@ def measure(grey: np.ndarray) -> dict[str, float]:
 
 
 def find_images(paths: Sequence[Path], limit: int) -> Iterator[tuple[str, np.ndarray]]:
-    """Name and (H, W) uint8 grey image of each, once. Raises FileNotFoundError or ValueError that names the file."""
-    seen: set[Path] = set()
+    """Yield name and (H, W) uint8 grey image of each image, once.
+
+    Args:
+        paths: Image files, folders of images, or datasets.
+        limit: Largest number of images of a folder or dataset.
+
+    Raises:
+        FileNotFoundError: There is no such file or folder.
+        ValueError: A file is no image, or a folder holds none; the message names it.
+    """
+    read: set[Path] = set()
     for path in paths:
         if (path / "dataset.json").is_file():
             dataset = StereoDataset(path)
@@ -118,9 +146,9 @@ def find_images(paths: Sequence[Path], limit: int) -> Iterator[tuple[str, np.nda
         if not files:
             raise ValueError(f"{path}: holds no images ({', '.join(PICTURES)}) and no dataset")
         for i in spread(len(files), limit):
-            if files[i].resolve() in seen:  # named, and in a folder that is named
+            if files[i].resolve() in read:  # given by itself, and with its folder
                 continue
-            seen.add(files[i].resolve())
+            read.add(files[i].resolve())
             grey = decoded(files[i].read_bytes(), cv2.IMREAD_GRAYSCALE)
             if grey is None:
                 raise ValueError(f"{files[i]}: not a readable image")
@@ -157,7 +185,7 @@ def _analyse(options: TextureOptions) -> dict[str, Any]:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """The command. Returns the exit code."""
+    """Run the command, and return its exit code: 2 for a mistake of the user."""
     return run_command(_work, TextureOptions, "python -m m3depth.texture", __doc__, args, "nothing was written")
 
 

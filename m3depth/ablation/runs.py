@@ -1,9 +1,9 @@
-"""The runs of an ablation: planned, trained one after the other, scored, told."""
+"""The runs of an ablation: planned, trained one after the other, scored and reported."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -26,20 +26,27 @@ from m3depth.training.loop import train
 from m3depth.training.run import saved_progress
 from m3depth.training.samples import JoinedPairs
 from marssim.base.command.notes import counted
+from marssim.base.command.progress import watched
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import as_json, read_json, write_json
 from marssim.base.results.claim import ResultFolder, differences
 from marssim.base.results.code_state import source_digest, versions
 
-SETTINGS = "ablation.json"
-SCORE = "score.json"
-FAILED = "failed.json"  # of a run whose loss was not finite
-CODE = "code.json"  # the states of the code that a run was trained and scored by
+SETTINGS = "ablation.json"  # the settings that make runs comparable, in the ablation's folder
+SCORE = "score.json"  # the figures of a run, in its folder
+FAILED = "failed.json"  # why a run failed: its loss was not finite
+CODE = "code.json"  # the states of the code by which a run was trained and scored
 
 
 @dataclass(frozen=True)
 class PlannedRun:
-    """One training run of an ablation."""
+    """One training run of an ablation.
+
+    Attributes:
+        variant: The network and the loss.
+        seed: Its seed.
+        config: The settings of its training.
+    """
 
     variant: Variant
     seed: int
@@ -47,14 +54,18 @@ class PlannedRun:
 
     @property
     def folder(self) -> Path:
-        """Where it is trained and its score lies."""
+        """The folder of its training and its score."""
         return self.config.out
 
 
 def plan(options: AblateOptions) -> list[PlannedRun]:
-    """All runs, each once: by seed, the unchanged preset first. Raises ValueError for settings that cannot work."""
-    wanted = {v.name: v for v in distinct(options.chosen().values(), options.preset).values()}
-    variants = sorted(wanted.values(), key=lambda variant: variant != BASE)
+    """Return all runs, each once: by seed, the unchanged preset first.
+
+    Raises:
+        ValueError: A setting cannot work; the message names it.
+    """
+    by_name = {v.name: v for v in distinct(options.chosen().values(), options.preset).values()}
+    variants = sorted(by_name.values(), key=lambda variant: variant != BASE)
     runs = []
     for seed in dict.fromkeys(options.seeds):
         for variant in variants:
@@ -70,7 +81,7 @@ def plan(options: AblateOptions) -> list[PlannedRun]:
                 crop=options.crop,
                 recompute=options.recompute,
                 seed=seed,
-                validate_every=0,  # would be paid from the budget of minutes
+                validate_every=0,  # validation would use up the budget of minutes
                 validate_samples=0,
                 device=options.device,
             )
@@ -80,11 +91,18 @@ def plan(options: AblateOptions) -> list[PlannedRun]:
 
 
 def ablate(options: AblateOptions) -> dict[str, Any]:
-    """Train and score what is still missing, and write the tables. Returns what results.json holds.
+    """Train and score the runs that are missing, and write the tables.
 
-    Raises ValueError or OSError in one line for the user; KeyboardInterrupt after a signal, once the run that it came
-    upon is saved. A run whose loss is not finite is told, left out of the tables, and does not stop the others; it is
-    not tried again as long as its failed.json is there.
+    A run whose loss is not finite is reported and left out of the tables, and the others go on. It is not repeated as
+    long as its failed.json exists.
+
+    Returns:
+        The content of results.json.
+
+    Raises:
+        ValueError: A setting or the data cannot be used; one line that says which.
+        OSError: A file cannot be read or written.
+        KeyboardInterrupt: After a signal, once the current run is saved.
     """
     runs = plan(options)
     test_folder = options.test or options.data[0]
@@ -110,7 +128,7 @@ def ablate(options: AblateOptions) -> dict[str, Any]:
 
 
 def _folder(options: AblateOptions, datasets: Sequence[Any]) -> ResultFolder:
-    """The ablation's folder, known by the settings that make its runs comparable."""
+    """Return the ablation's folder, known by the settings that make its runs comparable."""
     settings = {
         "preset": options.preset,
         "steps": options.steps,
@@ -128,7 +146,11 @@ def _folder(options: AblateOptions, datasets: Sequence[Any]) -> ResultFolder:
 
 
 def _train(run: PlannedRun, options: AblateOptions, samples: Any) -> None:
-    """Train to the end of the budget, or find it done or failed. Raises KeyboardInterrupt if a signal ended it."""
+    """Train to the end of the budget, unless that is done or has failed.
+
+    Raises:
+        KeyboardInterrupt: A signal ended the training.
+    """
     failed = run.folder / FAILED
     if failed.is_file():
         print(f"{read_json(failed)['error']} (delete {failed} to try it again)", file=sys.stderr, flush=True)
@@ -144,16 +166,16 @@ def _train(run: PlannedRun, options: AblateOptions, samples: Any) -> None:
     try:
         train(run.config, samples, [])
     except FloatingPointError as error:
-        said = f"{run.folder.name}: {error}; it stays out of the tables"
-        print(said, file=sys.stderr, flush=True)
-        write_json(failed, {"error": said})
+        message = f"{run.folder.name}: {error}; it stays out of the tables"
+        print(message, file=sys.stderr, flush=True)
+        write_json(failed, {"error": message})
         return
     if not spent_budget(run.config, *saved_progress(run.folder)):
         raise KeyboardInterrupt
 
 
 def _score(run: PlannedRun, options: AblateOptions, test: Any) -> bool:
-    """Score a finished run on the test pairs. Returns whether there was anything to do."""
+    """Score a finished run on the test pairs, and return whether anything was to be scored."""
     steps, seconds = saved_progress(run.folder)
     if (run.folder / SCORE).is_file() or not spent_budget(run.config, steps, seconds):
         return False
@@ -162,7 +184,8 @@ def _score(run: PlannedRun, options: AblateOptions, test: Any) -> bool:
     _note_code(run.folder)
     code = read_json(run.folder / CODE)["code"]
     unfinished = Unfinished(run.folder, {"--test": state_of_pairs(test), "--limit": options.limit, "code": code})
-    done = evaluate(test, {METHOD: model.to(device)}, limit=options.limit, unfinished=unfinished)
+    methods = {METHOD: model.to(device)}
+    done = evaluate(test, methods, limit=options.limit, progress=_watched, unfinished=unfinished)
     about = {
         "code": ", ".join(code),
         "device": device.type,
@@ -176,6 +199,11 @@ def _score(run: PlannedRun, options: AblateOptions, test: Any) -> bool:
     return True
 
 
+def _watched(indices: Sequence[int]) -> Iterator[int]:
+    """Yield the indices of the pairs, and print the progress."""
+    return watched(indices, "pair", "score")
+
+
 def _note_code(folder: Path) -> None:
     """Add the state of the code to those by which a run was trained and scored."""
     file, now = folder / CODE, source_digest(("marssim", "m3depth"))
@@ -185,21 +213,21 @@ def _note_code(folder: Path) -> None:
 
 
 def _tables(options: AblateOptions, runs: Sequence[PlannedRun], test: Any) -> dict[str, Any]:
-    """Write results.json and results.md of what is scored so far. Returns the first."""
+    """Write results.json and results.md of the runs scored so far, and return the content of the first."""
     scores: dict[str, dict[int, dict[str, Any]]] = {run.variant.name: {} for run in runs}
     for run in runs:
         if (run.folder / SCORE).is_file():
             scores[run.variant.name][run.seed] = read_json(run.folder / SCORE)
     chosen = options.chosen()
     by_variant = {name: scores[run.name] for name, run in distinct(chosen.values(), options.preset).items()}
-    found = {name: findings(study, by_variant) for name, study in chosen.items()}
+    studies = {name: findings(study, by_variant) for name, study in chosen.items()}
     about = {
         **read_json(options.out / SETTINGS),
         "seeds": list(dict.fromkeys(options.seeds)),
         "depth_range_m": scored_depths(test),
         "versions": versions(),
     }
-    results = {**about, "studies": found}
+    results = {**about, "studies": studies}
     write_json(options.out / "results.json", results, sort_keys=False)
-    write_atomically(options.out / "results.md", markdown(about, found).encode())
+    write_atomically(options.out / "results.md", markdown(about, studies).encode())
     return results

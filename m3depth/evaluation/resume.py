@@ -1,4 +1,4 @@
-"""What an evaluation has scored so far, in a file from which the same command goes on."""
+"""The saved state of an unfinished evaluation, from which the same command continues."""
 
 from __future__ import annotations
 
@@ -15,21 +15,23 @@ import numpy as np
 
 from marssim.base.files.atomic import write_atomically
 
-UNFINISHED = "unfinished.npz"
-SECONDS = 30.0  # between two saves: the most that is lost, beside the pair that is being scored
+UNFINISHED = "unfinished.npz"  # name of the file in the folder of results
+SECONDS = 30.0  # between two saves: a killed evaluation loses at most this and the pair that is being scored
 PLAIN = "plain"  # the entry that holds everything but the arrays, as JSON
-ARRAY = "\0array"  # key of what stands in it for an array
+ARRAY = "\0array"  # key of an object in that JSON that stands for an array
 
 
 class UnfinishedError(ValueError):
-    """The file is damaged, or another evaluation's; one line that names it."""
+    """The file is damaged or belongs to another evaluation; the one-line message names it."""
 
 
 class Unfinished:
-    """OUT/unfinished.npz: there while an evaluation is not done, so that one that was ended, by kill -9 too, goes on.
+    """The file OUT/unfinished.npz, which exists until an evaluation is done; one that was killed continues from it.
 
-    asked: what the figures depend on, by the name under which the user knows it; JSON's types. Another evaluation does
-    not go on with the same file.
+    Attributes:
+        path: The file.
+        asked: What the figures depend on, by the name of the flag, in JSON's types. Only an evaluation that depends on
+            the same continues from the file.
     """
 
     def __init__(self, out: Path, asked: Mapping[str, Any]) -> None:
@@ -38,9 +40,10 @@ class Unfinished:
         self._saved = time.monotonic()
 
     def load(self) -> dict[str, Any] | None:
-        """What was saved last, None if nothing is there. Nothing in the file is executed.
+        """Return the state that was saved last; None without a file. Nothing in the file is executed.
 
-        Raises UnfinishedError that names the file, if it is damaged or another evaluation's.
+        Raises:
+            UnfinishedError: The file is damaged or belongs to another evaluation.
         """
         if not self.path.exists():
             return None
@@ -59,11 +62,11 @@ class Unfinished:
         return state
 
     def damaged(self) -> UnfinishedError:
-        """To be raised if what was loaded is of no use."""
-        return UnfinishedError(f"{self.path}: not a readable state of an evaluation; delete it to begin anew")
+        """Return the error for a state that cannot be used."""
+        return UnfinishedError(f"{self.path}: not a readable state of an evaluation; delete it to start again")
 
     def save(self, state: Mapping[str, Any]) -> None:
-        """Replace the file. state: nested dicts with text as keys and lists of JSON's types and of arrays."""
+        """Replace the file in one step. state: nested dicts and lists of JSON's types and of arrays."""
         arrays: dict[str, np.ndarray] = {}
         content = {"asked": self.asked, "state": _without_arrays(state, arrays)}
         buffer = io.BytesIO()
@@ -72,17 +75,17 @@ class Unfinished:
         self._saved = time.monotonic()
 
     def save_now_and_then(self, state: Callable[[], Mapping[str, Any]]) -> None:
-        """The same, if the last time is SECONDS ago."""
+        """Save the state if the last save was SECONDS ago."""
         if time.monotonic() - self._saved >= SECONDS:
             self.save(state())
 
     def remove(self) -> None:
-        """The evaluation is done."""
+        """Remove the file, when the evaluation is done."""
         self.path.unlink(missing_ok=True)
 
 
 def _without_arrays(value: Any, arrays: dict[str, np.ndarray]) -> Any:
-    """The same with arrays, which are put into `arrays`, replaced by what names them there."""
+    """Return the value with each array replaced by its name, and put the arrays into `arrays`."""
     if isinstance(value, np.ndarray):
         name = str(len(arrays))
         arrays[name] = value
@@ -95,7 +98,7 @@ def _without_arrays(value: Any, arrays: dict[str, np.ndarray]) -> Any:
 
 
 def _with_arrays(value: Any, arrays: Mapping[str, np.ndarray]) -> Any:
-    """What _without_arrays was given, with lists for tuples."""
+    """Return the value that _without_arrays was given, with lists for tuples."""
     if isinstance(value, dict):
         if ARRAY in value:
             return arrays[value[ARRAY]]
