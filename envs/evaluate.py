@@ -10,7 +10,6 @@ where it was stopped.
 
 from __future__ import annotations
 
-import json
 import sys
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -42,7 +41,7 @@ from marssim.base.command.notes import counted
 from marssim.base.command.progress import progress
 from marssim.base.command.run import run_command
 from marssim.base.compute.workers import run_tasks
-from marssim.base.files.json_file import DatasetError, read_json, write_json
+from marssim.base.files.json_file import DatasetError, as_json, read_json, write_json
 from marssim.base.results.claim import ResultFolder
 from marssim.base.results.code_state import versions
 from marssim.render.renderers.by_name import RendererName
@@ -240,7 +239,7 @@ def _evaluate(config: EvaluateConfig, digests: dict[str, str], test_errors: dict
     _run(config, missing, lambda task, record: write_json(folder / task.file, asdict(record)))
     records = [_read_record(folder, task) for task in tasks]
     content = {
-        "config": json.loads(json.dumps(asdict(config), default=str)),
+        "config": as_json(asdict(config)),
         "driven_with": config.content(),
         "weights": digests,
         "code": dict(Counter(record.code for record in records)),

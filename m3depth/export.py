@@ -24,7 +24,6 @@ CPU, at two sizes and two batches, before it writes it.
 from __future__ import annotations
 
 import inspect
-import json
 import sys
 import warnings
 from collections.abc import Sequence
@@ -37,6 +36,7 @@ import numpy as np
 
 from marssim.base.command.run import run_command
 from marssim.base.files.atomic import write_atomically
+from marssim.base.files.json_file import json_text
 
 if TYPE_CHECKING:
     from m3depth.network.model import M3Depth
@@ -119,7 +119,7 @@ def to_onnx(model: M3Depth, opset: int = OPSETS[0]) -> bytes:
             dim.Clear()
             setattr(dim, "dim_value" if isinstance(side, int) else "dim_param", side)
     exported.doc_string = (__doc__ or "").strip()
-    exported.metadata_props.add(key="m3depth_config", value=json.dumps(asdict(model.config)))
+    exported.metadata_props.add(key="m3depth_config", value=json_text(asdict(model.config)))
     onnx.checker.check_model(exported)
     return exported.SerializeToString()
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from marssim.base.files.atomic import write_atomically
+from marssim.base.files.json_file import as_json
 
 UNFINISHED = "unfinished.npz"  # name of the file in the folder of results
 SECONDS = 30.0  # between two saves: a killed evaluation loses at most this and the pair that is being scored
@@ -36,7 +37,7 @@ class Unfinished:
 
     def __init__(self, out: Path, asked: Mapping[str, Any]) -> None:
         self.path = out / UNFINISHED
-        self.asked = json.loads(json.dumps(asked))
+        self.asked = as_json(asked)
         self._saved = time.monotonic()
 
     def load(self) -> dict[str, Any] | None:
@@ -70,6 +71,7 @@ class Unfinished:
         arrays: dict[str, np.ndarray] = {}
         content = {"asked": self.asked, "state": _without_arrays(state, arrays)}
         buffer = io.BytesIO()
+        # json.dumps keeps NaN, unlike json_text: the sums of a scoring may hold it.
         np.savez_compressed(buffer, **{PLAIN: np.array(json.dumps(content))}, **arrays)  # type: ignore[arg-type]
         write_atomically(self.path, buffer.getvalue())
         self._saved = time.monotonic()

@@ -18,6 +18,7 @@ from torch import Tensor
 from marssim.base.command.input_file import check_file
 from marssim.base.command.notes import counted
 from marssim.base.files.atomic import write_atomically
+from marssim.base.files.json_file import json_text
 
 # Types that weights may have.
 DTYPES = (torch.float32, torch.float16, torch.bfloat16)
@@ -37,9 +38,9 @@ def save_weights(path: Path, config: dict[str, Any], tensors: dict[str, Tensor])
     if path.suffix != ".safetensors":
         raise ValueError(f"{path}: weights are written as .safetensors")
     plain = {k: v.detach().cpu().contiguous() for k, v in tensors.items()}
-    text = json.dumps(config, indent=2) + "\n"
+    text = json_text(config, indent=2) + "\n"
     # The file holds its config too, so a JSON file of other weights beside it cannot mislead the loader.
-    write_atomically(path, save(plain, metadata={"m3depth_config": json.dumps(config)}))
+    write_atomically(path, save(plain, metadata={"m3depth_config": json_text(config)}))
     write_atomically(path.with_suffix(".json"), text.encode())
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import sys
 import time
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 
 from marssim.base.command.progress import LINE_SECONDS
 from marssim.base.files.atomic import write_atomically
+from marssim.base.files.json_file import json_text
 
 LOG = "log.jsonl"  # name of the log in a run's folder
 
@@ -52,10 +52,9 @@ class Log:
             values: Numbers by name; those that are not finite become null.
         """
         # Six significant digits: learning rates are about 1e-6. JSON has no NaN, which means "no such pixels".
-        plain = {k: float(f"{v:.6g}") if math.isfinite(v) else None for k, v in values.items()}
-        record = {"kind": kind, "step": step, **plain}
+        record = {"kind": kind, "step": step, **{k: float(f"{v:.6g}") for k, v in values.items()}}
         with self.path.open("a") as file:
-            file.write(json.dumps(record) + "\n")
+            file.write(json_text(record) + "\n")
         if self.board is not None:
             for name, value in values.items():
                 self.board.add_scalar(f"{kind}/{name}", value, step)

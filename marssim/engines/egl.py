@@ -22,6 +22,7 @@ from types import ModuleType
 
 import numpy as np
 
+from marssim.base.files.json_file import json_text
 from marssim.engines.bullet import import_pybullet
 
 ANSWER_WITHIN = 60.0  # [s] limit for the child process; it takes two seconds, but the machine may be busy
@@ -131,7 +132,7 @@ def report() -> None:
         pictures.append(_picture(pb, client))
         pb.disconnect(client)
     alike = 0.0 if failed else _alike(*pictures)
-    Path(sys.argv[1]).write_text(json.dumps({"alike": alike, "failed": failed}))
+    Path(sys.argv[1]).write_text(json_text({"alike": alike, "failed": failed}))
 
 
 def write_stl(path: Path, corners: np.ndarray) -> None:

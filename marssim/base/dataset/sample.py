@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,7 @@ import numpy as np
 from marssim.base.camera import MAX_DEPTH, MIN_DEPTH, StereoRig
 from marssim.base.dataset.encoding import decode_depth, decode_normal, encode_depth, encode_normal
 from marssim.base.dataset.frame import SKY, StereoFrame
-from marssim.base.files.json_file import DatasetError, read_json
+from marssim.base.files.json_file import DatasetError, json_text, read_json
 from marssim.base.files.png import decode_png
 
 IMAGES = ("left.png", "right.png", "depth.png", "normal.png", "surface.png", "occluded.png")
@@ -76,7 +75,7 @@ def write_sample(folder: Path, frame: StereoFrame, meta: dict[str, Any]) -> None
             digest[name] = hashlib.sha256(encoded).hexdigest()
             (partial / name).write_bytes(encoded)
         meta = {**meta, "rig": frame.rig.to_dict(), "pose": frame.pose.tolist(), "sha256": digest}
-        (partial / "sample.json").write_text(json.dumps(meta, indent=1, sort_keys=True))
+        (partial / "sample.json").write_text(json_text(meta, indent=1, sort_keys=True))
         shutil.rmtree(folder, ignore_errors=True)
         try:
             partial.rename(folder)
