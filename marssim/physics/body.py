@@ -1,4 +1,4 @@
-"""The rover's look and bulk: every link as a few boxes and cylinders, for drawing it from outside."""
+"""The rover's visible body: every link as a few boxes and cylinders, to draw the rover from outside."""
 
 from __future__ import annotations
 
@@ -11,14 +11,21 @@ import trimesh
 from marssim.base.rover_spec import RoverSpec
 from marssim.physics.linkage import AXLES, SIDES, Joints, Linkage
 
-BEAM = 0.05  # [m] thickness of rockers, bogies and the mast
+BEAM = 0.05  # [m] diameter of rockers, bogies and the mast
 GOLD, GREY, DARK, WHITE, PANEL = (196, 160, 84), (150, 150, 152), (48, 48, 50), (226, 224, 218), (32, 40, 74)
 Colour = tuple[int, int, int]
 
 
 @dataclass(frozen=True)
 class Part:
-    """A rigid piece. vertices: (V, 3) [m]; faces: (F, 3) outward; colour: RGB, 0 to 255; pose: (4, 4) to world."""
+    """A rigid part of the rover.
+
+    Attributes:
+        vertices: (V, 3) in the part's frame [m].
+        faces: (F, 3), counter-clockwise seen from outside.
+        colour: RGB, 0 to 255.
+        pose: (4, 4) part to world.
+    """
 
     vertices: np.ndarray
     faces: np.ndarray
@@ -27,7 +34,14 @@ class Part:
 
 
 def rover_parts(spec: RoverSpec, pose: np.ndarray, joints: Joints, pan: float = 0.0) -> list[Part]:
-    """All parts of a rover in the world. pose: (4, 4) body to world; pan [rad]: of the mast, positive to the left."""
+    """Return all parts of a rover in the world.
+
+    Args:
+        spec: The rover.
+        pose: (4, 4) body to world.
+        joints: Angles of its joints.
+        pan: Pan of the mast [rad], positive to the left.
+    """
     links = _linkage(spec).link_poses(pose, joints)
     c, s = np.cos(pan), np.sin(pan)
     links["head"] = pose @ np.array(
@@ -43,7 +57,7 @@ def _linkage(spec: RoverSpec) -> Linkage:
 
 @lru_cache(maxsize=8)
 def _pieces(spec: RoverSpec) -> list[tuple[str, np.ndarray, np.ndarray, Colour]]:
-    """link, vertices (V, 3) in its frame, faces, colour."""
+    """Return for each part its link, its vertices (V, 3) in the link's frame, its faces and its colour."""
     linkage = _linkage(spec)
     length, width, height = spec.chassis_size
     deck = spec.belly_clearance + height
@@ -54,7 +68,7 @@ def _pieces(spec: RoverSpec) -> list[tuple[str, np.ndarray, np.ndarray, Colour]]
         ("head", _box((-0.05, 0, 0), (0.12, 0.40, 0.12)), WHITE),
         *(("head", _cylinder((0.02, y, 0), "x", 0.03, 0.06), DARK) for y in (-0.135, 0.135)),
     ]
-    for sign in (1, -1):  # folded up against the flanks
+    for sign in (1, -1):  # the solar panels, folded up against the sides
         panel = _box((-0.05, sign * (width / 2 + 0.02), deck + 0.16), (length * 0.95, 0.02, 0.36))
         out.append(("chassis", panel, PANEL))
     for s, side in enumerate(SIDES):
@@ -87,7 +101,7 @@ def _cylinder(centre, axis: str, radius: float, length: float, sections: int = 2
 
 
 def _wheel(spec: RoverSpec) -> trimesh.Trimesh:
-    """A rim with grousers: what makes its turning visible."""
+    """Return a rim with grousers, which make its rotation visible."""
     pieces = [_cylinder((0, 0, 0), "y", spec.wheel_radius - 0.008, spec.wheel_width)]
     for angle in np.arange(18) * 2 * np.pi / 18:
         turn = trimesh.transformations.rotation_matrix(angle, (0, 1, 0))

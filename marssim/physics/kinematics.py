@@ -1,7 +1,8 @@
-"""The rover on the surface without dynamics: where it comes to rest, what it hits, how it moves along an arc.
+"""The rover on the surface without dynamics: how it rests, what it hits, and how it moves along an arc.
 
-Settling solves the six contact equations of the rocker-bogie (height, roll, pitch, differential and two bogie angles
-against six wheel heights) by a fixed-point iteration with the level rover's Jacobian, whose inverse is closed-form.
+Settling solves the six contact equations of the rocker-bogie: height, roll, pitch, differential and two bogie angles
+follow from six wheel heights. It is a fixed-point iteration with the level rover's Jacobian, whose inverse has a closed
+form.
 """
 
 from __future__ import annotations
@@ -18,19 +19,26 @@ from marssim.physics.state import Contacts, RoverState, rotation, state_of
 from marssim.physics.support import SupportMap
 from marssim.scene.scene import Scene
 
-ITERATIONS = 8
-TOLERANCE = 5e-4  # [m] of every wheel's gap
-SUBSTEP = 0.1  # [s] between two collision checks of a driven arc
+ITERATIONS = 8  # most iterations of settling
+TOLERANCE = 5e-4  # [m] largest gap between a wheel and its support that ends the iteration
+SUBSTEP = 0.1  # [s] between two collision checks along an arc
 SETTLE_EVERY = 5  # substeps between two checks of the belly
 
 
 @dataclass(frozen=True)
 class Settled:
-    """A rover at rest. pose: (4, 4) body to world; roll, pitch, yaw [rad] as in RoverState; joints: see Joints.
+    """A rover at rest.
 
-    wheel_heights: (6,) z of the wheel centres [m]. clearance: least height of the chassis' underside above ground or
-    rock [m]; below zero they interpenetrate. residual: largest gap between a wheel and its support [m], not zero only
-    where a joint is at its stop or a wheel on an edge.
+    Attributes:
+        pose: (4, 4) body to world.
+        roll: [rad], as in RoverState.
+        pitch: [rad], as in RoverState.
+        yaw: [rad], as in RoverState.
+        joints: Angles of the joints.
+        wheel_heights: (6,) z of the wheel centres [m].
+        clearance: Least height of the chassis' underside above ground or rock [m]; negative where they overlap.
+        residual: Largest gap between a wheel and its support [m]. It exceeds TOLERANCE only where a joint is at its
+            stop or a wheel on an edge.
     """
 
     pose: np.ndarray
@@ -50,19 +58,27 @@ class Settled:
 
 @dataclass(frozen=True)
 class _Footprint:
-    """Sample points of a rover's underside, in the body frame."""
+    """Sample points of a rover's underside, in the body frame [m].
+
+    Attributes:
+        linkage: The rover's joints.
+        wheel: (K, 2) points along and across a wheel.
+        crown: (K,) height of the wheel's centre above the ground when the wheel touches it at that point.
+        patches: (M, 2) points of the six wheels, seen from above.
+        belly: (B, 3) points of the chassis' underside.
+    """
 
     linkage: Linkage
-    wheel: np.ndarray  # (K, 2) along, across the wheel
-    crown: np.ndarray  # (K,) height of the wheel's centre above the ground where it touches at that point
-    patches: np.ndarray  # (M, 2) the six wheels seen from above
-    belly: np.ndarray  # (B, 3) of the chassis' underside
+    wheel: np.ndarray
+    crown: np.ndarray
+    patches: np.ndarray
+    belly: np.ndarray
 
 
 @lru_cache(maxsize=8)
 def _footprint(spec: RoverSpec) -> _Footprint:
     r, half = spec.wheel_radius, spec.wheel_width / 2
-    along = r * np.sin(np.linspace(-1, 1, 11) * np.deg2rad(80))  # denser towards the ends, where the wheel is steep
+    along = r * np.sin(np.linspace(-1, 1, 11) * np.deg2rad(80))  # denser at the ends, where the wheel is steep
     across = np.linspace(-half, half, 5)
     wheel = np.stack([g.ravel() for g in np.meshgrid(along, across)], axis=1)
     ends = np.stack([g.ravel() for g in np.meshgrid(np.linspace(-r, r, 7), across)], axis=1)
@@ -79,16 +95,25 @@ def _footprint(spec: RoverSpec) -> _Footprint:
 
 
 def support_of(surface: Scene | SupportMap, spec: RoverSpec = ZHURONG) -> SupportMap:
-    """The surface itself if it is a SupportMap; else the map of a Scene, built anew: keep it for further calls."""
+    """Return the surface itself if it is a SupportMap, else build the map of the scene; keep it for further calls."""
     return surface if isinstance(surface, SupportMap) else SupportMap.of(surface, spec.obstacle_height)
 
 
 def settle(surface: Scene | SupportMap, spec: RoverSpec, x: float, y: float, yaw: float) -> Settled:
-    """Put the rover down with its body origin at x, y [m] and heading yaw [rad].
+    """Put the rover down and let it come to rest.
 
-    Every wheel, a cylinder that follows the heading, rests on the highest point of ground and climbable rocks under
-    it. Obstacles do not lift wheels: collides() says where the rover must not be.
-    Raises ValueError if the place is outside the finely gridded square.
+    Every wheel is a cylinder along the heading that rests on the highest point of ground and climbable rocks under it.
+    Obstacles do not lift wheels; `collides` tells where the rover would hit one.
+
+    Args:
+        surface: The scene, or its map.
+        spec: The rover.
+        x: East coordinate of the body origin [m].
+        y: North coordinate [m].
+        yaw: Heading [rad], counter-clockwise from east.
+
+    Raises:
+        ValueError: The place is outside the finely gridded square.
     """
     support, shape = support_of(surface, spec), _footprint(spec)
     if not support.contains(x, y):
@@ -111,11 +136,11 @@ def settle(surface: Scene | SupportMap, spec: RoverSpec, x: float, y: float, yaw
         worst = float(np.abs(gap).max())
         if worst < TOLERANCE or count == ITERATIONS - 1:
             break
-        step = step if worst < 0.7 * best else 0.6 * step  # wheels at an edge swing between two supports
+        step = step if worst < 0.7 * best else 0.6 * step  # wheels at an edge oscillate between two supports
         best = min(best, worst)
         mean = gap.reshape(3, 2).mean(axis=0)
         lift = (gap[2:4] + gap[4:6]) / 2
-        nose = -(gap[0:2] - lift) / rocker_lever  # by which each rocker has to turn
+        nose = -(gap[0:2] - lift) / rocker_lever  # [rad] by which each rocker has to turn
         bow = -(gap[2:4] - gap[4:6]) / bogie_lever
         z += step * float(mean.mean())
         roll += step * float(mean[0] - mean[1]) / spec.track
@@ -130,7 +155,7 @@ def settle(surface: Scene | SupportMap, spec: RoverSpec, x: float, y: float, yaw
 
 
 def collides(surface: SupportMap, spec: RoverSpec, x: float, y: float, yaw: float) -> Contacts:
-    """What of the level rover at x, y [m], yaw [rad] is in an obstacle: a wheel's outline, or the chassis."""
+    """Return which parts of a level rover at x, y [m], yaw [rad] are in an obstacle: the chassis, a wheel's outline."""
     shape = _footprint(spec)
     c, s = np.cos(yaw), np.sin(yaw)
     turn = np.array([[c, s], [-s, c]])
@@ -147,9 +172,10 @@ def collides(surface: SupportMap, spec: RoverSpec, x: float, y: float, yaw: floa
 
 
 class KinematicRover:
-    """The rover without dynamics: it follows its commands exactly, settles, and stops at what it would hit.
+    """The rover without dynamics: it follows its commands exactly, settles, and stops before an obstacle.
 
-    The surface of Rover in rover.py, but for drive(): twists are all that moves it.
+    It has the methods of `marssim.physics.rover.Rover` except for `drive`: it takes speed and yaw rate instead of wheel
+    speeds.
     """
 
     def __init__(
@@ -161,7 +187,19 @@ class KinematicRover:
         yaw: float,
         support: SupportMap | None = None,
     ) -> None:
-        """Start at rest at x, y [m], yaw [rad]. support: the scene's map, if it has been built already."""
+        """Put the rover down at rest.
+
+        Args:
+            scene: The scene.
+            spec: The rover.
+            x: East coordinate of the body origin [m].
+            y: North coordinate [m].
+            yaw: Heading [rad], counter-clockwise from east.
+            support: The scene's map, if it has been built already.
+
+        Raises:
+            ValueError: The place is outside the finely gridded square.
+        """
         self.spec = spec
         self.support = support or support_of(scene, spec)
         self._settled = settle(self.support, spec, x, y, yaw)
@@ -172,12 +210,18 @@ class KinematicRover:
         self._contacts = Contacts(chassis=hit.chassis or self._settled.belly_contact, obstacle=hit.obstacle)
 
     def drive_twist(self, speed: float, yaw_rate: float, seconds: float) -> RoverState:
-        """Follow an arc; stop where a wheel or the chassis would hit something, or at the scene's edge.
+        """Follow an arc, and stop where a wheel or the chassis would hit something or at the scene's edge.
 
-        speed [m/s] forward and yaw_rate [rad/s], as they are: limits are the caller's. Returns the state at the end.
+        Args:
+            speed: Forward speed [m/s]; it is not clipped.
+            yaw_rate: Yaw rate [rad/s], positive to the left; it is not clipped.
+            seconds: Duration [s].
+
+        Returns:
+            The state at the end.
         """
         substeps = max(1, int(np.ceil(seconds / SUBSTEP - 1e-9)))
-        start, here = self._settled, self._settled
+        start, current = self._settled, self._settled
         self._contacts, travelled, settled, stopped = Contacts(), 0.0, 0.0, True
         for n in range(1, substeps + 1):
             t = seconds * n / substeps
@@ -190,39 +234,39 @@ class KinematicRover:
                 break
             travelled = t
             if n % SETTLE_EVERY == 0 or n == substeps:
-                here, settled = settle(self.support, self.spec, x, y, yaw), t
-                if here.belly_contact:
+                current, settled = settle(self.support, self.spec, x, y, yaw), t
+                if current.belly_contact:
                     self._contacts = Contacts(chassis=True)
                     break
         else:
             stopped = False
         if settled < travelled:
-            here = settle(self.support, self.spec, *_along_arc(start, speed, yaw_rate, travelled))
-        self._settled = here
+            current = settle(self.support, self.spec, *_along_arc(start, speed, yaw_rate, travelled))
+        self._settled = current
         self._twist = (0.0, 0.0) if stopped else (speed, yaw_rate)
         self._turn_wheels(speed, yaw_rate, travelled)
         return self.state()
 
     def state(self) -> RoverState:
-        """Where the rover is; the velocity is that of the last command, zero if it was stopped."""
+        """Return where the rover is. Its velocity is that of the last command, or zero if it was stopped."""
         speed, yaw_rate = self._twist
         return state_of(self._settled.pose, np.array([speed, 0.0, 0.0]), yaw_rate)
 
     def contacts(self) -> Contacts:
-        """What stopped the last motion, if anything did."""
+        """Return what stopped the last motion, if anything did."""
         return self._contacts
 
     def joints(self) -> Joints:
-        """Angles of all joints [rad]."""
+        """Return the angles of all joints [rad]."""
         settled = self._settled.joints
         return Joints(settled.rocker, settled.bogie, self._steering, self._spin)
 
     def mesh(self, pan: float = 0.0) -> list[Part]:
-        """Parts for drawing the rover from outside; pan [rad]: of the mast, positive to the left."""
+        """Return the parts to draw the rover from outside; pan: pan of the mast [rad], positive to the left."""
         return rover_parts(self.spec, self._settled.pose, self.joints(), pan)
 
     def close(self) -> None:
-        """Nothing to free; here so that either dynamics can be closed."""
+        """Do nothing; it exists so that both dynamics can be closed."""
 
     def _turn_wheels(self, speed: float, yaw_rate: float, seconds: float) -> None:
         hubs = self.spec.wheel_positions
@@ -233,7 +277,7 @@ class KinematicRover:
 
 
 def _along_arc(start: Settled, speed: float, yaw_rate: float, t: float) -> tuple[float, float, float]:
-    """x, y, yaw after t seconds of constant speed along the ground and yaw rate, from a settled pose."""
+    """Return x, y, yaw after t seconds of constant speed along the ground and yaw rate, from a settled pose."""
     x, y = start.pose[:2, 3]
     turn = yaw_rate * t
     chord = speed * t * np.cos(start.pitch) * np.sinc(turn / 2 / np.pi)

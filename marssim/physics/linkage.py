@@ -1,9 +1,9 @@
-"""Rocker-bogie geometry: where hubs and links are for given joint angles.
+"""Rocker-bogie geometry: the positions of hubs and links for given joint angles.
 
-On each side a rocker, pivoted on the chassis, carries the front wheel and, behind, a bogie with the middle and the rear
+On each side a rocker turns on the chassis. It carries the front wheel and, behind, a bogie with the middle and the rear
 wheel. A differential lets the two rockers turn against the chassis by equal and opposite angles only, so the chassis
 pitches by the mean of the two. The pivots lie where each wheel carries a sixth of the weight on level ground.
-Joint angles are about the body's +y axis: positive lowers what lies ahead of the pivot.
+Joint angles are about the body's +y axis: a positive angle lowers what lies ahead of the pivot.
 """
 
 from __future__ import annotations
@@ -17,18 +17,21 @@ from marssim.base.rover_spec import RoverSpec
 SIDES = ("left", "right")
 AXLES = ("front", "middle", "rear")
 WHEELS = tuple(f"{axle}_{side}" for axle in AXLES for side in SIDES)  # the order of RoverSpec.wheel_positions
-ROCKER_HEIGHT = 0.45  # [m] of the rocker pivots above level ground
-BOGIE_HEIGHT = 0.28  # [m] of the bogie pivots
-PIVOT_GAP = 0.06  # [m] from the chassis' flank to the plane of rocker and bogie
-MAX_SWING = 0.6  # [rad] to either side, where rockers and bogies stop
+ROCKER_HEIGHT = 0.45  # [m] height of the rocker pivots above level ground
+BOGIE_HEIGHT = 0.28  # [m] height of the bogie pivots
+PIVOT_GAP = 0.06  # [m] distance from the chassis' side to the plane of rocker and bogie
+MAX_SWING = 0.6  # [rad] angle to either side at which rockers and bogies stop
 
 
 @dataclass(frozen=True)
 class Joints:
-    """Angles [rad] of all joints; zeros on level ground.
+    """Angles of all joints [rad]; zero on level ground.
 
-    rocker: (2,) left, right, against the chassis; bogie: (2,) against the rockers; steering: (6,) positive to the left;
-    spin: (6,) how far each wheel has rolled forward.
+    Attributes:
+        rocker: (2,) left and right rocker against the chassis.
+        bogie: (2,) left and right bogie against the rockers.
+        steering: (6,) steering angles, positive to the left.
+        spin: (6,) rotation of each wheel, positive when it rolls forward.
     """
 
     rocker: np.ndarray = field(default_factory=lambda: np.zeros(2))
@@ -39,15 +42,21 @@ class Joints:
 
 @dataclass(frozen=True)
 class Linkage:
-    """The joints' places on a level rover, in the body frame [m]. Sides are left, right."""
+    """The positions of the joints on a level rover, in the body frame [m].
 
-    hubs: np.ndarray  # (6, 3)
-    rocker: np.ndarray  # (2, 3)
-    bogie: np.ndarray  # (2, 3)
+    Attributes:
+        hubs: (6, 3) wheel centres, in the order of WHEELS.
+        rocker: (2, 3) left and right rocker pivot.
+        bogie: (2, 3) left and right bogie pivot.
+    """
+
+    hubs: np.ndarray
+    rocker: np.ndarray
+    bogie: np.ndarray
 
     @classmethod
     def of(cls, spec: RoverSpec) -> Linkage:
-        """The joints of a rover: the bogie's halfway between its axles, the rocker's over the middle of all three."""
+        """Return the joints of a rover: bogies pivot halfway between their axles, rockers at the mean of all three."""
         front, middle, rear = spec.wheel_x
         y = spec.chassis_size[1] / 2 + PIVOT_GAP
         bogie_x, rocker_x = (middle + rear) / 2, (front + middle + rear) / 3
@@ -58,12 +67,12 @@ class Linkage:
         )
 
     def carrier(self, axle: str, side: int) -> tuple[str, np.ndarray]:
-        """Name and pivot (3,) of the link that carries one of AXLES on side 0 (left) or 1: the rocker or the bogie."""
+        """Return name and pivot (3,) of the link that carries one of AXLES on side 0 (left) or 1: rocker or bogie."""
         kind, pivots = ("rocker", self.rocker) if axle == "front" else ("bogie", self.bogie)
         return f"{kind}_{SIDES[side]}", pivots[side]
 
     def hub_positions(self, rocker: np.ndarray, bogie: np.ndarray) -> np.ndarray:
-        """(6, 3) wheel centres in the body frame. rocker, bogie: (2,) angles as in Joints [rad]."""
+        """Return the (6, 3) wheel centres in the body frame [m]; rocker, bogie: (2,) angles as in Joints [rad]."""
         out = self.hubs.copy()
         pivot = self.rocker[:, ::2]
         out[0:2, ::2] = pivot + _turn(self.hubs[0:2, ::2] - pivot, rocker)
@@ -73,10 +82,15 @@ class Linkage:
         return out
 
     def link_poses(self, pose: np.ndarray, joints: Joints) -> dict[str, np.ndarray]:
-        """Link to world, (4, 4), by link name.
+        """Return the pose of every link, (4, 4) link to world, by name.
 
-        pose: (4, 4) body to world. Names: chassis; rocker_, bogie_ + side; steer_, wheel_ + WHEELS. The chassis'
-        frame is the body frame; the others have their joint as origin and the body's axes when level.
+        The names are "chassis", "rocker_" and "bogie_" with a side, and "steer_" and "wheel_" with one of WHEELS. The
+        frame of the chassis is the body frame. Each other link has its joint as origin, and on a level rover it has the
+        axes of the body.
+
+        Args:
+            pose: (4, 4) body to world.
+            joints: Angles of the joints.
         """
         out = {"chassis": np.array(pose, dtype=float)}
         for s, side in enumerate(SIDES):
@@ -93,7 +107,7 @@ class Linkage:
 
 
 def _turn(xz: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """(2, 2) x, z of two sides, turned about +y by (2,) angles."""
+    """Return x, z of two sides (2, 2), turned about +y by angles (2,) [rad]."""
     c, s = np.cos(angle), np.sin(angle)
     return np.stack([c * xz[:, 0] + s * xz[:, 1], c * xz[:, 1] - s * xz[:, 0]], axis=1)
 

@@ -1,4 +1,4 @@
-"""A six-wheel rocker-bogie rover in a PhysicsWorld: motors, brakes, differential, and what it feels."""
+"""A six-wheel rocker-bogie rover in a PhysicsWorld: motors, brakes, differential and contacts."""
 
 from __future__ import annotations
 
@@ -15,22 +15,29 @@ from marssim.physics.state import Contacts, RoverState, state_of
 from marssim.physics.urdf import chassis_middle, rover_urdf
 from marssim.physics.world import PhysicsWorld
 
-WHEEL_FRICTION = 0.9  # times the ground's 1.0: grousers on firm ground; the friction angle is 42 deg
-STEER_TORQUE = 120.0  # [N m]
-STEER_RATE = 1.5  # [rad/s]
-STEER_WAIT = float(np.deg2rad(8.0))  # wheels stand still while any steering angle is further off than this
-PARK_AFTER = 0.5  # [s] braked and slower than PARK_SPEED for this long, the rover is held by static friction
-PARK_SPEED = 0.015  # [m/s] of mean speed: contacts creep more slowly, a slide passes it at once
-SETTLE_TIME = 0.3  # [s] in which the springs of the contacts come to rest after the rover was put down
+WHEEL_FRICTION = 0.9  # friction coefficient, times the ground's 1.0: grousers on firm ground; friction angle 42 deg
+STEER_TORQUE = 120.0  # [N m] largest torque of a steering motor
+STEER_RATE = 1.5  # [rad/s] largest steering rate
+STEER_WAIT = float(np.deg2rad(8.0))  # [rad] error of a steering angle above which the wheels stand still
+PARK_AFTER = 0.5  # [s] after which static friction holds a rover that is braked and slower than PARK_SPEED
+PARK_SPEED = 0.015  # [m/s] mean speed: contacts creep more slowly, and a slide is faster at once
+SETTLE_TIME = 0.3  # [s] in which the springs of the contacts come to rest after the rover is put down
 
 
 class Rover:
-    """The rover of world.spec. Wheel order is RoverSpec.wheel_positions: front left, front right, middle left, ..."""
+    """The rover of world.spec. Wheels are in the order of WHEELS: front left, front right, middle left, ..."""
 
     def __init__(self, world: PhysicsWorld, x: float, y: float, yaw: float) -> None:
-        """Put down at rest at x, y [m], yaw [rad].
+        """Put the rover down at rest.
 
-        Raises ValueError outside the fine square, before anything is added to the world.
+        Args:
+            world: The world that it is added to.
+            x: East coordinate of the body origin [m].
+            y: North coordinate [m].
+            yaw: Heading [rad], counter-clockwise from east.
+
+        Raises:
+            ValueError: The place is outside the fine square. Nothing has been added to the world then.
         """
         self.world, self.spec = world, world.spec
         self._p, self._client = world.bullet, world.client
@@ -39,22 +46,28 @@ class Rover:
         self._moving, self._parked = True, False
         self._still_since = 0.0
         self._still_at: np.ndarray | None = None
-        place = settle(world.support, self.spec, x, y, yaw)
+        settled = settle(world.support, self.spec, x, y, yaw)
         self._to_middle = np.array([0.0, 0.0, chassis_middle(self.spec)])
-        self._body = self._load(place.pose)
+        self._body = self._load(settled.pose)
         self._index = self._joint_indices()
         self._wheels = [self._index[f"wheel_{name}"] for name in WHEELS]
         self._steers = [self._index[f"steer_{name}"] for name in WHEELS]
-        self._free_joints(place.joints)
+        self._free_joints(settled.joints)
         self.drive(np.zeros(6), np.zeros(6))
         world.watch(self._watch, self._feel)
         world.step(SETTLE_TIME)
 
     def drive(self, wheel_speeds: np.ndarray, steering: np.ndarray) -> None:
-        """Set motor targets: wheel_speeds (6,) [rad/s], positive forward; steering (6,) [rad], positive to the left.
+        """Set the targets of the motors, clipped to the rover's limits.
 
-        Targets are clipped to the specification. Wheels wait until steering is nearly there; at zero speed they brake.
-        Raises ValueError for other shapes or numbers that are not finite.
+        The wheels wait until the steering angles are nearly reached; at zero speed they brake.
+
+        Args:
+            wheel_speeds: (6,) [rad/s], positive forward.
+            steering: (6,) [rad], positive to the left.
+
+        Raises:
+            ValueError: An array has another shape or a number that is not finite.
         """
         speeds, angles = np.asarray(wheel_speeds, dtype=float), np.asarray(steering, dtype=float)
         shapes = speeds.shape == angles.shape == (6,)
@@ -74,7 +87,7 @@ class Rover:
         self.world.look()
 
     def state(self) -> RoverState:
-        """Where the rover is and how it moves."""
+        """Return where the rover is and how it moves."""
         pose = self._pose()
         if self._parked:
             return state_of(pose, np.zeros(3), 0.0)
@@ -85,21 +98,21 @@ class Rover:
         return state_of(pose, velocity, float(spin @ turn[:, 2]))
 
     def contacts(self) -> Contacts:
-        """What has been touched since the last drive()."""
+        """Return what the rover has touched since the last `drive`."""
         return self._contacts
 
     def joints(self) -> Joints:
-        """Angles of all joints [rad]."""
+        """Return the angles of all joints [rad]."""
         rocker, bogie = ([self._angle(f"{kind}_{side}") for side in SIDES] for kind in ("rocker", "bogie"))
         steering, spin = ([self._angle(f"{kind}_{name}") for name in WHEELS] for kind in ("steer", "wheel"))
         return Joints(np.array(rocker), np.array(bogie), np.array(steering), np.array(spin))
 
     def mesh(self, pan: float = 0.0) -> list[Part]:
-        """Parts for drawing the rover from outside; pan [rad]: of the mast, positive to the left."""
+        """Return the parts to draw the rover from outside; pan: pan of the mast [rad], positive to the left."""
         return rover_parts(self.spec, self._pose(), self.joints(), pan)
 
     def remove(self) -> None:
-        """Take the rover out of its world, which stays open; the rover is of no use after that."""
+        """Take the rover out of its world, which stays open. Do not use the rover afterwards."""
         self._p.removeBody(self._body, physicsClientId=self._client)
         self.world.unwatch(self._watch, self._feel)
 
@@ -127,7 +140,7 @@ class Rover:
         return {info[1].decode(): info[0] for info in infos}
 
     def _free_joints(self, joints: Joints) -> None:
-        """Rockers and bogies swing freely from where the rover settles; the differential couples the rockers."""
+        """Let rockers and bogies swing freely from their settled angles, and couple the rockers by a differential."""
         p, client = self._p, self._client
         for kind, values in (("rocker", joints.rocker), ("bogie", joints.bogie)):
             for side, angle in zip(SIDES, values):
@@ -148,7 +161,7 @@ class Rover:
             )  # fmt: skip
 
     def _watch(self) -> bool:
-        """Release or hold the wheels; returns whether the rover is parked."""
+        """Release or hold the wheels; return whether the rover is parked."""
         if self._speeds.any():
             states = self._p.getJointStates(self._body, self._steers, physicsClientId=self._client)
             ready = max(abs(s[0] - target) for s, target in zip(states, self._steering)) < STEER_WAIT
@@ -162,14 +175,14 @@ class Rover:
         return self._parked
 
     def _park_if_still(self) -> None:
-        """Call a braked rover parked once it rests: Bullet's friction has no stiction, and would let it creep."""
+        """Park a braked rover once it rests: Bullet has no static friction and would let it creep."""
         elapsed = self.world.time - self._still_since
         if self._still_at is not None and elapsed < PARK_AFTER:
             return
-        here, before = self._pose()[:3, 3], self._still_at
-        self._still_since, self._still_at = self.world.time, here
-        if before is not None:
-            speed = np.linalg.norm(here - before) / elapsed
+        position, previous = self._pose()[:3, 3], self._still_at
+        self._still_since, self._still_at = self.world.time, position
+        if previous is not None:
+            speed = np.linalg.norm(position - previous) / elapsed
             self._parked = bool(speed < PARK_SPEED)
 
     def _wake(self) -> None:
@@ -185,7 +198,7 @@ class Rover:
             )  # fmt: skip
 
     def _brake(self) -> None:
-        """Hold every wheel at its angle: a motor told to keep zero speed would creep under load."""
+        """Hold every wheel at its angle: a motor with a target speed of zero would creep under load."""
         self._moving = False
         states = self._p.getJointStates(self._body, self._wheels, physicsClientId=self._client)
         for joint, state in zip(self._wheels, states):
@@ -195,8 +208,11 @@ class Rover:
             )  # fmt: skip
 
     def _feel(self) -> None:
-        """Note what is touched. This is done after every step, so that only the points of chassis and obstacles are
-        asked for: those of all six wheels take three times as long."""
+        """Record what is touched.
+
+        This runs after every step, so it asks only for the contact points of chassis and obstacles. Those of all six
+        wheels would take three times as long.
+        """
         if self._parked:
             return
         points, body, client = self._p.getContactPoints, self._body, self._client
@@ -221,10 +237,10 @@ class Rover:
 
 
 def _pressed(point: tuple) -> bool:
-    """Whether a contact point of PyBullet bears a force: else the two are near, but do not touch."""
+    """Return whether a contact point of PyBullet bears a force; without one, the bodies are near but do not touch."""
     return point[9] > 0
 
 
 def _quaternion(turn: np.ndarray) -> list[float]:
-    """x, y, z, w of a (3, 3) rotation."""
+    """Return the quaternion x, y, z, w of a (3, 3) rotation."""
     return Rotation.from_matrix(turn).as_quat().tolist()

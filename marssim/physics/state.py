@@ -1,4 +1,4 @@
-"""What a rover reports of itself, whichever dynamics moves it."""
+"""The state and the contacts that a rover reports, with either dynamics."""
 
 from __future__ import annotations
 
@@ -9,11 +9,19 @@ import numpy as np
 
 @dataclass(frozen=True)
 class RoverState:
-    """Where the rover is and how it moves. World x east, y north, z up; body x forward, y left, z up.
+    """Where the rover is and how it moves.
 
-    position: (3,) [m] of the body origin, on the ground under the middle. pose: (4, 4) body to world.
-    roll, pitch, yaw [rad]: pose = Rz(yaw) Ry(pitch) Rx(roll), so that pitch > 0 is nose down, roll > 0 right side down.
-    velocity: (3,) [m/s] of the body origin, in the body frame. yaw_rate [rad/s] about the body's z.
+    World frame: x east, y north, z up. Body frame: x forward, y left, z up. The rotation of the pose is
+    Rz(yaw) Ry(pitch) Rx(roll).
+
+    Attributes:
+        position: (3,) body origin [m], on the ground under the rover's middle.
+        pose: (4, 4) body to world.
+        roll: [rad], positive with the right side down.
+        pitch: [rad], positive with the nose down.
+        yaw: [rad], counter-clockwise from east.
+        velocity: (3,) velocity of the body origin in the body frame [m/s].
+        yaw_rate: Rotation about the body's z [rad/s].
     """
 
     position: np.ndarray
@@ -34,8 +42,9 @@ class RoverState:
 class Contacts:
     """What the rover touched during its last motion.
 
-    chassis: the chassis box touches ground or rock. obstacle: a wheel touches a rock that stands at least
-    RoverSpec.obstacle_height out of the ground.
+    Attributes:
+        chassis: The chassis touched ground or rock.
+        obstacle: A wheel touched a rock whose exposed height is at least RoverSpec.obstacle_height.
     """
 
     chassis: bool = False
@@ -43,12 +52,12 @@ class Contacts:
 
     @property
     def collision(self) -> bool:
-        """Whether either of them does."""
+        """Whether the chassis or an obstacle was touched."""
         return self.chassis or self.obstacle
 
 
 def rotation(roll: float, pitch: float, yaw: float) -> np.ndarray:
-    """(3, 3) Rz(yaw) Ry(pitch) Rx(roll)."""
+    """Return the (3, 3) rotation Rz(yaw) Ry(pitch) Rx(roll); angles [rad]."""
     cr, sr, cp, sp, cy, sy = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw)
     return np.array([
         [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
@@ -58,7 +67,7 @@ def rotation(roll: float, pitch: float, yaw: float) -> np.ndarray:
 
 
 def angles(matrix: np.ndarray) -> tuple[float, float, float]:
-    """roll, pitch, yaw [rad] of a (3, 3) rotation; the inverse of rotation() for |pitch| < 90 deg."""
+    """Return roll, pitch and yaw [rad] of a (3, 3) rotation. Inverse of `rotation` for |pitch| < 90 deg."""
     return (
         float(np.arctan2(matrix[2, 1], matrix[2, 2])),
         float(np.arcsin(np.clip(-matrix[2, 0], -1.0, 1.0))),
@@ -67,6 +76,6 @@ def angles(matrix: np.ndarray) -> tuple[float, float, float]:
 
 
 def state_of(pose: np.ndarray, velocity: np.ndarray, yaw_rate: float) -> RoverState:
-    """RoverState of a (4, 4) pose; velocity (3,) in the body frame."""
+    """Return the RoverState of a pose (4, 4), velocity (3,) in the body frame [m/s] and yaw rate [rad/s]."""
     roll, pitch, yaw = angles(pose[:3, :3])
     return RoverState(pose[:3, 3].copy(), pose.copy(), roll, pitch, yaw, np.asarray(velocity, dtype=float), yaw_rate)

@@ -1,4 +1,4 @@
-"""What carries the rover: height rasters of ground and rocks, and where obstacles stand."""
+"""The surface that carries the rover: height rasters of ground and rocks, and a mask of obstacles."""
 
 from __future__ import annotations
 
@@ -12,16 +12,21 @@ from marssim.scene.rocks import Rocks, icosphere
 from marssim.scene.scene import Scene
 
 SMALLEST_ROCK = 0.10  # [m] diameter of the smallest rock that matters to a wheel of 0.15 m radius
-RASTER_CELL = 0.05  # [m]
+RASTER_CELL = 0.05  # [m] grid spacing of the rasters
 
 
 @dataclass(frozen=True)
 class SupportMap:
-    """Rasters over the finely gridded square of a scene; row j is y = y0 + j cell, column i is x = x0 + i cell.
+    """Rasters over the finely gridded square of a scene; row j lies at y = y0 + j cell, column i at x = x0 + i cell.
 
-    drive: (n, n) [m] surface that wheels stand on: ground and rocks that are no obstacles. top: (n, n) [m] surface with
-    every rock. ground: (n, n) [m] surface without rocks. obstacle: (n, n) bool, under the outline of a rock that
-    stands out by obstacle_height or more.
+    Attributes:
+        drive: (n, n) height of the surface that wheels stand on [m]: ground and rocks that are no obstacles.
+        top: (n, n) height of the surface with every rock [m].
+        ground: (n, n) height of the surface without rocks [m].
+        obstacle: (n, n) bool, the cells under the outline of a rock whose exposed height is obstacle_height or more.
+        x0: East coordinate of column 0 [m].
+        y0: North coordinate of row 0 [m].
+        cell: Grid spacing [m].
     """
 
     drive: np.ndarray
@@ -34,7 +39,13 @@ class SupportMap:
 
     @classmethod
     def of(cls, scene: Scene, obstacle_height: float, cell: float = RASTER_CELL) -> SupportMap:
-        """Build the rasters. obstacle_height [m]: exposed height from which on a rock is an obstacle."""
+        """Build the rasters of a scene.
+
+        Args:
+            scene: The scene.
+            obstacle_height: Exposed height from which on a rock is an obstacle [m].
+            cell: Grid spacing [m].
+        """
         x0, y0, x1, y1 = scene.terrain.fine.bounds
         nx, ny = round((x1 - x0) / cell) + 1, round((y1 - y0) / cell) + 1
         x, y = x0 + np.arange(nx) * cell, y0 + np.arange(ny) * cell
@@ -47,7 +58,7 @@ class SupportMap:
         )
 
     def sample(self, raster: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Bilinear look-up of one of the rasters at x, y: (...) [m]; the nearest edge's outside."""
+        """Interpolate one of the rasters bilinearly at x, y (...) [m]; outside, return that of the nearest edge."""
         ny, nx = raster.shape
         fx = np.clip((x - self.x0) / self.cell, 0, nx - 1.000001)
         fy = np.clip((y - self.y0) / self.cell, 0, ny - 1.000001)
@@ -59,22 +70,26 @@ class SupportMap:
         return low * (1 - t) + high * t
 
     def nearest(self, raster: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Value of the nearest cell of a raster at x, y: (...) [m]; the nearest edge's outside."""
+        """Return a raster's value in the cell nearest to x, y (...) [m]; outside, that of the nearest edge."""
         ny, nx = raster.shape
         i = np.clip(np.rint((x - self.x0) / self.cell).astype(np.intp), 0, nx - 1)
         j = np.clip(np.rint((y - self.y0) / self.cell).astype(np.intp), 0, ny - 1)
         return raster[j, i]
 
     def contains(self, x: float, y: float) -> bool:
-        """Whether x, y [m] lies on the rasters, edges included."""
+        """Return whether x, y [m] lies on the rasters, edges included."""
         ny, nx = self.drive.shape
         return self.x0 <= x <= self.x0 + (nx - 1) * self.cell and self.y0 <= y <= self.y0 + (ny - 1) * self.cell
 
 
 def split_rocks(scene: Scene, obstacle_height: float) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the rocks in the scene's fine square that can be driven over, and of those that block.
+    """Return the indices of the rocks that the rover can drive over, and of those that block it.
 
-    Rocks of less than SMALLEST_ROCK are left out of both. obstacle_height: exposed [m].
+    Only rocks in the scene's fine square with a diameter of at least SMALLEST_ROCK count.
+
+    Args:
+        scene: The scene.
+        obstacle_height: Exposed height from which on a rock blocks [m].
     """
     rocks, (x0, y0, x1, y1) = scene.rocks, scene.terrain.fine.bounds
     x, y, reach = rocks.centre[:, 0], rocks.centre[:, 1], rocks.diameter
@@ -84,21 +99,21 @@ def split_rocks(scene: Scene, obstacle_height: float) -> tuple[np.ndarray, np.nd
 
 
 def coarse_faces(rocks: Rocks, members: np.ndarray) -> np.ndarray:
-    """(F, 3) faces of some rocks on fewer of their vertices, for collision.
+    """Return the faces (F, 3) of some rocks on fewer of their vertices, for collision.
 
-    An icosphere's first vertices are those of its coarser levels, so the coarser faces thin a rock out.
-    Rocks of other topology keep all theirs.
+    The first vertices of an icosphere are those of its coarser levels, so the faces of a coarser level simplify a rock.
+    A rock that is no icosphere keeps all its faces.
     """
     faces, rock = rocks.faces, rocks.face_rock
     out = []
-    keys = np.asarray(members, dtype=rock.dtype)  # another dtype would make searchsorted copy all of `rock`
+    keys = np.asarray(members, dtype=rock.dtype)  # with another dtype, searchsorted would copy all of `rock`
     starts, ends = np.searchsorted(rock, keys), np.searchsorted(rock, keys, side="right")
     for member, start, end in zip(members, starts, ends):
         level = 1 if rocks.diameter[member] < 0.2 else 2
-        own, template = faces[start:end], icosphere(level)[1]
-        if len(own) > len(template) and _is_icosphere(own):
-            own = template + own.min()
-        out.append(own)
+        part, template = faces[start:end], icosphere(level)[1]
+        if len(part) > len(template) and _is_icosphere(part):
+            part = template + part.min()
+        out.append(part)
     return np.concatenate(out) if out else np.zeros((0, 3), np.int32)
 
 
@@ -110,13 +125,13 @@ def _is_icosphere(faces: np.ndarray) -> bool:
 
 
 def _rock_tops(rocks: Rocks, members: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """(len(y), len(x)) highest rock surface over each node, -inf where there is none: vertical rays from above."""
+    """Return the highest rock surface over each node, (len(y), len(x)) [m], by vertical rays; -inf without a rock."""
     out = np.full((len(y), len(x)), -np.inf)
     if len(members) == 0:
         return out
     used, index = np.unique(coarse_faces(rocks, members), return_inverse=True)
     vertices = rocks.vertices[used]
-    near = np.zeros(out.shape, dtype=np.uint8)  # rays are shot only within the rocks' bounding circles
+    near = np.zeros(out.shape, dtype=np.uint8)  # rays are cast only within the rocks' bounding circles
     cell = x[1] - x[0]
     radius = 1.5 * rocks.diameter[members] / cell + 1
     at = np.rint((rocks.centre[members, :2] - (x[0], y[0])) / cell).astype(int)
@@ -126,6 +141,6 @@ def _rock_tops(rocks: Rocks, members: np.ndarray, x: np.ndarray, y: np.ndarray) 
     above = float(vertices[:, 2].max()) + 1.0
     origins = np.stack([x[column], y[row], np.full(len(row), above)], axis=1)
     face, below = TriangleRays(vertices, index.reshape(-1, 3)).meet(origins, np.broadcast_to([0, 0, -1], origins.shape))
-    found = face >= 0
-    out[row[found], column[found]] = above - below[found]
+    hit = face >= 0
+    out[row[hit], column[hit]] = above - below[hit]
     return out

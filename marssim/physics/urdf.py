@@ -1,4 +1,4 @@
-"""The rover as URDF text, from its specification."""
+"""The rover as URDF text, made from its specification."""
 
 from __future__ import annotations
 
@@ -11,17 +11,22 @@ ROCKER_MASS, BOGIE_MASS, STEER_MASS, WHEEL_MASS = 8.0, 5.0, 2.5, 6.0  # [kg] eac
 
 
 def rover_urdf(spec: RoverSpec) -> str:
-    """URDF of the rover: chassis, rockers, bogies, six steering and six wheel links.
+    """Return the URDF of the rover: chassis, rockers, bogies, six steering and six wheel links.
 
-    The root link's frame is the chassis box's middle. Only the chassis (a box) and the wheels (cylinders) collide.
-    Joint axes: rockers, bogies and wheels +y, so that positive spin rolls forward; steering +z.
+    The origin of the root link is the middle of the chassis box. Only the chassis (a box) and the wheels (cylinders)
+    collide. The axis of rockers, bogies and wheels is +y, so that positive spin rolls forward; that of steering is +z.
+
+    Raises:
+        ValueError: The rover's mass leaves nothing for the chassis.
     """
     linkage = Linkage.of(spec)
     length, width, height = spec.chassis_size
     middle = np.array([0, 0, chassis_middle(spec)])
     mass = spec.mass - 2 * (ROCKER_MASS + BOGIE_MASS) - 6 * (STEER_MASS + WHEEL_MASS)
     if mass <= 0:
-        raise ValueError(f"mass={spec.mass} kg leaves nothing for the chassis; rover links weigh {spec.mass - mass} kg")
+        raise ValueError(
+            f"mass must be above {spec.mass - mass} kg, the weight of the links without chassis, got {spec.mass}"
+        )
     box = f'<collision><geometry><box size="{length} {width} {height}"/></geometry></collision>'
     parts = [_link("chassis", mass, _box_inertia(mass, length, width, height), collision=box)]
     for s, side in enumerate(SIDES):
@@ -49,7 +54,7 @@ def rover_urdf(spec: RoverSpec) -> str:
 
 
 def chassis_middle(spec: RoverSpec) -> float:
-    """Height of the chassis box's middle above the body origin [m]."""
+    """Return the height of the chassis box's middle above the body origin [m]."""
     return spec.belly_clearance + spec.chassis_size[2] / 2
 
 

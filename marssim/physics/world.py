@@ -1,7 +1,8 @@
 """A Scene as PyBullet collision geometry.
 
-Ground: a heightfield. Rocks: two compounds of convex hulls, those that can be driven over apart from those that block,
-so that a contact says which kind it is. Friction is Coulomb's, the product of ground's and wheels' coefficients.
+The ground is a heightfield. The rocks are two compounds of convex hulls: those that the rover can drive over and those
+that block it, so that a contact tells which kind was touched. Friction is Coulomb's, with the product of the
+coefficients of ground and wheels.
 """
 
 from __future__ import annotations
@@ -18,27 +19,46 @@ from marssim.engines.bullet import import_pybullet
 from marssim.physics.support import SupportMap, coarse_faces, split_rocks
 from marssim.scene.scene import Scene
 
-GRAVITY = 3.72076  # [m/s2]
-GROUND_FRICTION = 1.0
-GROUND_CELL = 0.10  # [m] coarsest grid that ground is thinned to; what the eyes see of a course, the wheels feel
-MAX_NODES = 260  # [per side] above which the ground is thinned: 341 take 0.4 s to build, and time grows as the square
-SOLVER_ITERATIONS = 16  # Bullet's 50 change no drive here by more than a millimetre a metre, and cost a third more
+GRAVITY = 3.72076  # [m/s2] on Mars
+GROUND_FRICTION = 1.0  # friction coefficient
+GROUND_CELL = 0.10  # [m] coarsest grid spacing of the ground, so that the wheels feel what the cameras see
+MAX_NODES = 260  # nodes per side above which the ground is thinned: 341 take 0.4 s, growing with the square
+SOLVER_ITERATIONS = 16  # Bullet's 50 change no drive here by more than 1 mm a metre, and cost a third more
 WATCH_EVERY = 8  # steps between two calls of the watchers
 
 
 class PhysicsWorld:
-    """One PyBullet client with a scene's ground and rocks in it; use as a context manager, or close() it.
+    """A PyBullet client with a scene's ground and rocks. Use it as a context manager, or call `close`.
 
-    Rocks of less than 0.10 m diameter are left out; the others keep 42 or, from 0.2 m on, 162 vertices. Around the
-    fine square the world ends: there is no ground.
+    Rocks with a diameter below 0.10 m are left out. The others keep 42 vertices, or 162 from 0.2 m on. There is no
+    ground outside the fine square.
+
+    Attributes:
+        scene: The scene.
+        spec: The rover that the rocks are sorted for.
+        time_step: Length of a step [s].
+        time: Simulated time [s].
+        bullet: The pybullet module.
+        client: Id of the client; -1 once closed.
+        obstacles: PyBullet's bodies of the rocks that block: one or none.
     """
 
     def __init__(self, scene: Scene, spec: RoverSpec = ZHURONG, time_step: float = 1 / 240) -> None:
-        """Raises ImportError, in one line, where PyBullet is missing; ValueError for a time step that is no length."""
+        """Build the world.
+
+        Args:
+            scene: The scene.
+            spec: The rover, whose obstacle_height sorts the rocks.
+            time_step: Length of a step [s], above 0 and up to 0.02.
+
+        Raises:
+            ImportError: PyBullet is not installed. The message is one line.
+            ValueError: The time step is out of range.
+        """
         if not (np.isfinite(time_step) and 0 < time_step <= 0.02):
             raise ValueError(f"time_step must lie in (0, 0.02] s, got {time_step}")
         self.scene, self.spec, self.time_step = scene, spec, time_step
-        self.time = 0.0  # [s] simulated
+        self.time = 0.0
         self.bullet = import_pybullet()
         self.client = self.bullet.connect(self.bullet.DIRECT)
         self._steps_owed, self._resting = 0.0, False
@@ -51,9 +71,15 @@ class PhysicsWorld:
             raise
 
     def step(self, seconds: float) -> None:
-        """Advance by that time; what is less than a step is carried over to the next call.
+        """Advance the simulation. A remainder of less than a step is carried over to the next call.
 
-        While every watcher says that it rests, time passes but nothing is computed.
+        While every watcher reports that it rests, time passes but nothing is computed.
+
+        Args:
+            seconds: Time to advance [s].
+
+        Raises:
+            RuntimeError: The world is closed.
         """
         if self.client < 0:
             raise RuntimeError("this PhysicsWorld is closed")
@@ -73,25 +99,29 @@ class PhysicsWorld:
             self.look()
 
     def look(self) -> None:
-        """Ask the watchers now; to be called when one of them has been given something to do."""
-        answers = [watch() for watch in self._watchers]  # all are asked, whatever the first one says
+        """Ask the watchers now. Call it when one of them has been given something to do."""
+        answers = [watch() for watch in self._watchers]  # a list, so that every watcher is asked
         self._resting = bool(answers) and all(answers)
 
     def watch(self, callback: Callable[[], bool], feel: Callable[[], None]) -> None:
-        """Call both back from now on: `callback` every few steps, which returns whether what it watches is at rest for
-        good; `feel` after every single one, so that the shortest contact is noticed."""
+        """Call two functions back from now on.
+
+        Args:
+            callback: Called every few steps. It returns whether what it watches has come to rest.
+            feel: Called after every step, so that it notices the shortest contact.
+        """
         self._watchers.append(callback)
         self._feelers.append(feel)
         self._resting = False
 
     def unwatch(self, callback: Callable[[], bool], feel: Callable[[], None]) -> None:
-        """Call them back no more. Raises ValueError if they were not watching."""
+        """Stop calling two functions back. Raises ValueError if they were not watching."""
         self._watchers.remove(callback)
         self._feelers.remove(feel)
 
     @cached_property
     def support(self) -> SupportMap:
-        """The same scene as rasters, for putting a rover down."""
+        """The same scene as rasters, to put a rover down."""
         return SupportMap.of(self.scene, self.spec.obstacle_height)
 
     def close(self) -> None:
@@ -119,7 +149,7 @@ class PhysicsWorld:
         self._add_ground()
         climbable, blocking = split_rocks(self.scene, self.spec.obstacle_height)
         self._add_rocks(climbable)
-        self.obstacles = self._add_rocks(blocking)  # PyBullet's bodies of the rocks that block, one or none
+        self.obstacles = self._add_rocks(blocking)
 
     def _add_ground(self) -> int:
         fine = self.scene.terrain.fine
@@ -127,22 +157,22 @@ class PhysicsWorld:
         if max(heights.shape) > MAX_NODES:
             stride = max(1, int(GROUND_CELL / cell + 1e-6))
             while any((n - 1) % stride for n in heights.shape):
-                stride -= 1  # the last row and column must stay
+                stride -= 1  # so that the last row and column stay
             heights, cell = heights[::stride, ::stride], cell * stride
         ny, nx = heights.shape
         shape = self.bullet.createCollisionShape(
             self.bullet.GEOM_HEIGHTFIELD, meshScale=[cell, cell, 1.0], heightfieldData=heights.ravel().tolist(),
             numHeightfieldRows=nx, numHeightfieldColumns=ny, physicsClientId=self.client,
         )  # fmt: skip
-        # Bullet centres a heightfield on its box: in z on the middle between lowest and highest.
+        # Bullet centres a heightfield on its bounding box: in z, halfway between the lowest and the highest node
         x0, y0, x1, y1 = fine.bounds
         middle = [(x0 + x1) / 2, (y0 + y1) / 2, float(heights.min() + heights.max()) / 2]
         return self._static(shape, middle)
 
     def _add_rocks(self, members: np.ndarray) -> list[int]:
-        """One body, a compound of each rock's convex hull.
+        """Add one body, a compound of the convex hulls of some rocks; return its id, or nothing without rocks.
 
-        Rocks are all but convex. A concave mesh of the same faces is slower, and PyBullet never frees its vertices.
+        Rocks are nearly convex. A concave mesh of the same faces is slower, and PyBullet never frees its vertices.
         """
         if len(members) == 0:
             return []
@@ -161,7 +191,7 @@ class PhysicsWorld:
         return [self._static(shape, [0, 0, 0])]
 
     def _static(self, shape: int, position: list[float]) -> int:
-        # without a visual shape PyBullet would draw the collision shape, and read its file again for that
+        # without a visual shape PyBullet would draw the collision shape, and read its file once more
         speck = self.bullet.createVisualShape(self.bullet.GEOM_SPHERE, radius=1e-3, physicsClientId=self.client)
         body = self.bullet.createMultiBody(0, shape, speck, basePosition=position, physicsClientId=self.client)
         self.bullet.changeDynamics(

@@ -1,7 +1,7 @@
-"""Sub-pixel edges: which pixels lie on one, and their colour as the mean of four rays.
+"""Anti-aliasing: finds the pixels on edges and gives them the mean colour of four rays.
 
-Four rays a pixel, and only where something changes: a surface, a depth or the light. Most of these rays meet what a
-pixel beside shows anyway, and take its colour.
+Only pixels at a change of surface, depth or light get four rays. Most of these rays hit what a neighbouring pixel shows
+and take its colour.
 """
 
 from __future__ import annotations
@@ -13,39 +13,57 @@ from marssim.base.compute.compiled import compiled
 from marssim.base.dataset.frame import GROUND, SKY
 from marssim.render.geometry.gbuffer import GBuffer
 
-SAME_DEPTH = 0.02  # share of the depth up to which neighbours on one surface are taken for one place
-SUBPIXELS = ((-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375))  # rotated grid [px]
-STEP_SHARE, STEP_LEAST = 0.06, 1e-3  # change of 1 / Z within 3 x 3 pixels that is an edge: of itself, and [1 / m]
-BEND_SHARE = 0.1  # of 1 / Z, and STEP_LEAST: second difference along a row or column that is an edge on ground
+SAME_DEPTH = 0.02  # relative difference of depth up to which two samples of a surface count as one place
+SUBPIXELS = ((-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375))  # [px] rotated grid
+# least change of 1 / Z within 3 x 3 pixels that is an edge: STEP_SHARE of 1 / Z plus STEP_LEAST [1/m]
+STEP_SHARE, STEP_LEAST = 0.06, 1e-3
+BEND_SHARE = 0.1  # the same for the second difference of 1 / Z along a row or column, on ground
 
 
 def edge_pixels(view: GBuffer, lit: np.ndarray) -> np.ndarray:
-    """(E,) int32 indices of the pixels beside a change of surface, a depth edge or a shadow's border. lit: (H, W).
+    """Return the pixels beside a change of surface, a depth edge or the border of a shadow.
 
-    A depth edge is a jump of 1 / Z. On ground that is one of its second difference, which is 0 on a plane at any slant.
+    A depth edge is a jump of 1 / Z. On ground it is a jump of the second difference of 1 / Z, which is 0 on any plane.
+
+    Args:
+        view: G-buffer of the camera.
+        lit: (H, W) bool, the pixels in sunlight.
+
+    Returns:
+        (E,) int32 indices of pixels, counted row by row.
     """
     return _edge_pixels(view.depth, view.surface, lit)
 
 
 def subpixel_rays(camera: PinholeCamera, pixels: np.ndarray) -> np.ndarray:
-    """(4 E, 3) rays of z = 1 through the sub-pixels of pixels (E,), those of a pixel one after the other."""
+    """Return the (4 E, 3) rays, z = 1, through the four sub-pixels of each of the pixels (E,), pixel by pixel."""
     return _subpixel_rays(camera.rays().reshape(-1, 3), pixels, float(camera.fx), float(camera.fy))
 
 
 def colours_beside(
     pixels: np.ndarray, depth: np.ndarray, surface: np.ndarray, view: GBuffer, lit: np.ndarray, colour: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What the pixels about each ray tell of its colour: (4 E, 3) float32, and (4 E,) bool whether they do.
+    """Interpolate the colours of sub-pixel rays from the pixels around them, where possible.
 
-    pixels: (E,), as of edge_pixels; depth, surface: (4 E,) met by their sub-pixel rays; lit: (H, W); colour: (H * W, 3)
-    of the view. They do if some of the 3 x 3 show the same surface at the same depth and all of these agree on whether
-    the sun shines there.
+    It is possible if some of the 3 x 3 pixels show the same surface at the same depth, and all of those are in sunlight
+    or all in shadow.
+
+    Args:
+        pixels: (E,) indices of `edge_pixels`.
+        depth: (4 E,) depth that the sub-pixel rays hit [m].
+        surface: (4 E,) surface that they hit.
+        view: G-buffer of the camera.
+        lit: (H, W) bool, the pixels in sunlight.
+        colour: (H * W, 3) colours of the view.
+
+    Returns:
+        (4 E, 3) float32 colours, and (4 E,) bool: the colour is known.
     """
     return _colours_beside(pixels, depth, surface, view.depth, view.surface, lit, colour)
 
 
 def average(pixels: np.ndarray, samples: np.ndarray, colour: np.ndarray) -> None:
-    """Give the pixels (E,) of colour (H * W, 3) float32 the mean of their samples (4 E, 3) float32."""
+    """Give the pixels (E,) of colour (H * W, 3) float32 the mean of their four samples (4 E, 3) float32, in place."""
     _average(pixels, samples, colour)
 
 
@@ -60,16 +78,16 @@ def _edge_pixels(depth, surface, lit):
         up, down = max(row - 1, 0), min(row + 1, height - 1)
         for column in range(width):
             left, right = max(column - 1, 0), min(column + 1, width - 1)
-            own, light = surface[row, column], lit[row, column]
-            edge = surface[row, left] != own or surface[row, right] != own
-            edge = edge or surface[up, column] != own or surface[down, column] != own
+            centre, light = surface[row, column], lit[row, column]
+            edge = surface[row, left] != centre or surface[row, right] != centre
+            edge = edge or surface[up, column] != centre or surface[down, column] != centre
             edge = edge or lit[row, left] != light or lit[row, right] != light
             edge = edge or lit[up, column] != light or lit[down, column] != light
             if edge:
                 pass
-            elif own == GROUND:
-                # 1 / Z changes fast on ground seen at a slant, but linearly; at a crest before other ground it jumps.
-                # Its second differences, times the depths, for want of divisions; all four neighbours are ground
+            elif centre == GROUND:
+                # On slanted ground 1 / Z changes fast but linearly; at a crest before other ground it jumps. The second
+                # differences are multiplied by the depths to avoid divisions. All four neighbours are ground.
                 z = depth[row, column]
                 step = bend + least * z
                 if left < column < right:
@@ -79,12 +97,12 @@ def _edge_pixels(depth, surface, lit):
                     before, after = depth[up, column], depth[down, column]
                     edge = abs(z * (before + after) - 2 * before * after) > step * before * after
             else:
-                inverse = none if own == SKY else one / depth[row, column]
+                inverse = none if centre == SKY else one / depth[row, column]
                 low, high = inverse, inverse
                 for j in range(up, down + 1):
                     for i in range(left, right + 1):
-                        there = none if surface[j, i] == SKY else one / depth[j, i]
-                        low, high = min(low, there), max(high, there)
+                        other = none if surface[j, i] == SKY else one / depth[j, i]
+                        low, high = min(low, other), max(high, other)
                 edge = high - low > share * inverse + least
             if edge:
                 out[found] = row * width + column
@@ -114,15 +132,15 @@ def _colours_beside(pixels, depth, surface, pixel_depth, pixel_surface, lit, col
         left, right = max(column - 1, 0), min(column + 1, width - 1)
         for k in range(4 * p, 4 * p + 4):
             du, dv = SUBPIXELS[k - 4 * p]
-            own, z = surface[k], depth[k]
+            centre, z = surface[k], depth[k]
             near = SAME_DEPTH * z
             total, dark, bright = 0.0, False, False
             red, green, blue = 0.0, 0.0, 0.0
             for j in range(up, down + 1):
-                # bilinear where the ray lies amid such pixels, and all but the nearest ones where it does not
+                # bilinear weights where the ray lies among such pixels; else nearly nothing but the nearest ones counts
                 below = max(1 - abs(j - row - dv), 1e-6)
                 for i in range(left, right + 1):
-                    if pixel_surface[j, i] != own or (own != SKY and not abs(pixel_depth[j, i] - z) < near):
+                    if pixel_surface[j, i] != centre or (centre != SKY and not abs(pixel_depth[j, i] - z) < near):
                         continue
                     if lit[j, i]:
                         bright = True

@@ -1,4 +1,4 @@
-"""The camera's optics and detector: radiance in, 8-bit image out."""
+"""The camera's optics and detector, which turn radiance into 8-bit images."""
 
 from __future__ import annotations
 
@@ -12,33 +12,36 @@ from marssim.base.camera import PinholeCamera
 from marssim.base.compute.compiled import compiled
 from marssim.scene.ranges import Range, check_ranges
 
-LEAST = 0.05  # share of the image from which ground or sky is metered for itself
-GAMMA = 2.2  # a code is its share of full scale to the power 1 / GAMMA
+LEAST = 0.05  # least share of the image at which ground or sky is metered separately
+GAMMA = 2.2  # the 8-bit code of a signal is proportional to its share of full scale to the power 1 / GAMMA
 
 
 @dataclass(frozen=True)
 class SensorConfig:
-    """Optics and detector. Each pair draws from these ranges, LOW HIGH; give a value twice to fix it."""
+    """Optics and detector. Each pair draws each value from its range, LOW HIGH; give a value twice to fix it."""
 
     exposure: Range = (0.40, 0.60)
-    """8-bit code that the ground's median brightness is brought to, as a share of 255; a lower one where the ground's
-    brightest fiftieth would else be over nine tenths of full scale in a channel, or half of the sky saturated"""
+    """8-bit code of the ground's median brightness as a share of 255, LOW HIGH. The image is darker where otherwise the
+    ground's brightest 2 % would exceed 90 % of full scale, or half of the sky would saturate."""
     psf: Range = (0.35, 0.6)
-    """standard deviation of the point spread [px]; 0 is perfectly sharp, above 1 the tails are cut"""
+    """Standard deviation of the point spread function [px], LOW HIGH: 0 is perfectly sharp. Above 1 its tails are cut
+    off."""
     full_well: Range = (4000.0, 16000.0)
-    """electrons at full scale; the fewer, the more shot noise"""
+    """Number of electrons at full scale, LOW HIGH. Fewer electrons give more shot noise."""
     read_noise: Range = (4.0, 14.0)
-    """standard deviation of the read noise [electrons]"""
+    """Standard deviation of the read noise [electrons], LOW HIGH."""
     vignetting: Range = (0.0, 0.25)
-    """share of the light that is lost in the corners of the image, 0 to 1"""
+    """Share of the light that is lost in the corners of the image, LOW HIGH, 0 to 1."""
     gain_difference: Range = (-0.02, 0.02)
-    """how much brighter the right eye is than the left, as a share"""
+    """How much brighter the right camera is than the left one, as a share, LOW HIGH."""
     noise_difference: Range = (-0.1, 0.1)
-    """how much noisier the right eye is than the left, as a share"""
+    """How much noisier the right camera is than the left one, as a share, LOW HIGH."""
     vertical_offset: Range = (-0.15, 0.15)
-    """what rectification left: how far the right image stands too low [px]; the ground truth is the ideal rig's"""
+    """Residual error of rectification: how far the right image lies too low [px], LOW HIGH. The ground truth is that of
+    the ideal rig."""
     rotation_deg: Range = (-0.015, 0.015)
-    """what rectification left: turn of the right image about its middle [deg], positive is clockwise"""
+    """Residual error of rectification: rotation of the right image about its middle [deg], LOW HIGH. Positive is
+    clockwise."""
 
     def __post_init__(self) -> None:
         limits = {
@@ -51,7 +54,19 @@ class SensorConfig:
 
 @dataclass(frozen=True)
 class Sensor:
-    """One drawn pair of detectors: the left one's values, and how the right one and its rectification differ."""
+    """The detectors of one stereo pair: the values of the left one, and how the right one differs.
+
+    Attributes:
+        exposure: 8-bit code of the ground's median brightness, as a share of 255.
+        psf: Standard deviation of the point spread function [px].
+        full_well: Number of electrons at full scale.
+        read_noise: Standard deviation of the read noise [electrons].
+        vignetting: Share of the light that is lost in the corners.
+        gain_difference: How much brighter the right camera is, as a share.
+        noise_difference: How much noisier the right camera is, as a share.
+        vertical_offset: How far the right image lies too low [px].
+        rotation_deg: Rotation of the right image about its middle [deg], positive is clockwise.
+    """
 
     exposure: float
     psf: float
@@ -65,20 +80,27 @@ class Sensor:
 
     @classmethod
     def draw(cls, config: SensorConfig, rng: np.random.Generator) -> Sensor:
-        """A detector whose values lie anywhere in the ranges of config, all equally likely."""
+        """Draw each value uniformly from its range in config."""
         return cls(**{name: float(rng.uniform(low, high)) for name, (low, high) in vars(config).items()})
 
     @property
     def right(self) -> Sensor:
-        """The right eye's detector: (1 + noise_difference) times the noise at every brightness."""
+        """The right camera's detector: its noise is (1 + noise_difference) times the left one's at every brightness."""
         more = 1 + self.noise_difference
         return replace(self, full_well=self.full_well / more**2, read_noise=self.read_noise / more)
 
     def right_view(self, camera: PinholeCamera, pose: np.ndarray) -> np.ndarray:
-        """(4, 4) pose from which the right image is taken, given that of the ideal right eye.
+        """Return the pose from which the right image is taken.
 
-        A residual of rectification is a small turn of the camera where it stands: about its optical axis, and up by
+        A residual error of rectification is a small rotation of the camera in place: about its optical axis, and up by
         vertical_offset / fy, so that the image's middle moves down by vertical_offset.
+
+        Args:
+            camera: The right camera.
+            pose: (4, 4) ideal pose of the right camera, camera to world.
+
+        Returns:
+            (4, 4) camera to world.
         """
         roll, pitch = np.deg2rad(self.rotation_deg), np.arctan(self.vertical_offset / camera.fy)
         out = np.array(pose, dtype=float)
@@ -86,12 +108,17 @@ class Sensor:
         return out
 
     def gain(self, radiance: np.ndarray, ground: np.ndarray) -> float:
-        """Auto-exposure: the factor from radiance to full scale. radiance: (H, W, 3); ground: (H, W) bool, not sky."""
+        """Return the auto-exposure: the factor from radiance to full scale.
+
+        Args:
+            radiance: (H, W, 3) radiance of the left image.
+            ground: (H, W) bool, the pixels that are not sky.
+        """
         pixels, share = radiance.reshape(-1, 3), ground.mean()
         light, strongest = _metered(pixels, ground.ravel() if share > LEAST else np.ones(ground.size, bool))
         high = min(int(0.98 * len(light)), len(light) - 1)
         middle, bright = float(np.median(light)), float(np.partition(strongest, high)[high])
-        # that code value stands for this linear value; highlights of the ground and most of the sky are kept
+        # `exposure` is a code, so its linear value is a power; the ground's highlights and most of the sky are kept
         gain = min(self.exposure**GAMMA / max(middle, 1e-6), 0.9 / max(bright, 1e-6))
         if share < 1 - LEAST:
             _, sky = _metered(pixels, ~ground.ravel())
@@ -99,7 +126,16 @@ class Sensor:
         return gain
 
     def expose(self, radiance: np.ndarray, gain: float, rng: np.random.Generator) -> np.ndarray:
-        """(H, W, 3) uint8 image of a radiance image (H, W, 3), with blur, vignetting, noise and GAMMA."""
+        """Return the image of a radiance map, with blur, vignetting, noise and GAMMA.
+
+        Args:
+            radiance: (H, W, 3) linear RGB radiance.
+            gain: Factor from radiance to full scale.
+            rng: Random generator of the noise.
+
+        Returns:
+            (H, W, 3) uint8.
+        """
         signal: np.ndarray = np.ascontiguousarray(radiance, dtype=np.float32)
         if self.psf > 0:
             signal = cv2.GaussianBlur(signal, (5, 5), self.psf, borderType=cv2.BORDER_REPLICATE)
@@ -107,30 +143,31 @@ class Sensor:
         return _codes(signal, noise, float(gain), self.vignetting, self.full_well, self.read_noise, CODE_STARTS, GUESS)
 
 
-# signal, as a share of full scale, from which each code from 1 is given; no signal reaches the last one
+# least signal of each code from 1, as a share of full scale; no signal reaches the last entry
 CODE_STARTS = np.append(((np.arange(1, 256) - 0.5) / 255) ** GAMMA, np.inf).astype(np.float32)
-GUESSES = 32768  # so many that the code of a signal is its guess or, above the darkest few, at most the next one
+# entries of the table of guesses: so many that, above the darkest codes, a guess is right or one too low
+GUESSES = 32768
 GUESS = np.searchsorted(CODE_STARTS, np.arange(GUESSES + 1) / GUESSES, side="right").astype(np.uint8)
 
 
 @compiled
 def _metered(radiance, chosen):
-    """Mean and largest of the channels (M,) of the pixels (N, 3) that are chosen (N,)."""
+    """Return the mean and the largest channel (M,) of the chosen (N,) pixels of radiance (N, 3)."""
     count = chosen.sum()
     mean, largest = np.empty(count, dtype=np.float32), np.empty(count, dtype=np.float32)
-    found = 0
+    m = 0
     for k in range(len(radiance)):
         if chosen[k]:
             red, green, blue = radiance[k, 0], radiance[k, 1], radiance[k, 2]
-            mean[found] = (red + green + blue) / np.float32(3)
-            largest[found] = max(red, green, blue)
-            found += 1
+            mean[m] = (red + green + blue) / np.float32(3)
+            largest[m] = max(red, green, blue)
+            m += 1
     return mean, largest
 
 
 @compiled
 def _codes(signal, noise, gain, vignetting, full_well, read_noise, starts, guess):
-    """Vignetting, noise and gamma; the code of a signal is looked up, which gives what rounding its power would."""
+    """Apply vignetting, noise and gamma. The code is looked up, with the same result as rounding the power."""
     height, width, _ = signal.shape
     out = np.empty(signal.shape, dtype=np.uint8)
     shot = np.float32(1 / full_well)  # variance of the noise per signal, both as shares of full scale

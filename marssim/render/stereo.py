@@ -1,4 +1,4 @@
-"""A stereo pair of a scene with its ground truth."""
+"""Renders a stereo pair of a scene with its ground truth."""
 
 from __future__ import annotations
 
@@ -17,9 +17,17 @@ from marssim.render.surfaces.shading import Shader
 def render_stereo(
     renderer: Renderer, shader: Shader, rig: StereoRig, pose: np.ndarray, sensor: Sensor, rng: np.random.Generator
 ) -> StereoFrame:
-    """Render both eyes and the ground truth. pose: (4, 4) left camera to world; rng: detector noise.
+    """Render both images and the ground truth.
 
-    What the sensor says of imperfect rectification shows in the right image alone.
+    `marssim.render.view` offers this in fewer lines. The sensor's errors of rectification affect the right image only.
+
+    Args:
+        renderer: Renderer of the scene.
+        shader: Shader of the same scene.
+        rig: The two cameras.
+        pose: (4, 4) left camera to world.
+        sensor: The two detectors.
+        rng: Random generator of the detectors' noise.
     """
     right_pose = sensor.right_view(rig.camera, rig.right_pose(pose))
     left_view = renderer.render(rig.camera, pose)
@@ -41,16 +49,38 @@ def render_stereo(
 
 
 def occlusion(renderer: Renderer, view: GBuffer, rig: StereoRig, pose: np.ndarray) -> np.ndarray:
-    """(H, W) bool: the left pixel's point is hidden from the right eye or outside its image; never so in the sky."""
-    met, rays = view.pixels, rig.camera.rays().reshape(-1, 3)
-    hidden, known = _outside(met.depth, met.surface, rig.camera.width, rig.fb)
-    at, points, normals = _hit_points(rays, met.depth, met.normal, met.surface, pose, known)
+    """Return the left pixels whose points the right camera does not see.
+
+    Args:
+        renderer: Renderer of the scene.
+        view: G-buffer of the left camera.
+        rig: The two cameras.
+        pose: (4, 4) left camera to world.
+
+    Returns:
+        (H, W) bool: the point is hidden from the right camera, or beyond the left border of its image. False in the
+        sky.
+    """
+    hits, rays = view.pixels, rig.camera.rays().reshape(-1, 3)
+    hidden, decided = _outside(hits.depth, hits.surface, rig.camera.width, rig.fb)
+    at, points, normals = _hit_points(rays, hits.depth, hits.normal, hits.surface, pose, decided)
     hidden[at] = ~renderer.visible_from(points, normals, rig.right_pose(pose)[:3, 3])
     return hidden.reshape(view.depth.shape)
 
 
 def radiance(renderer: Renderer, shader: Shader, camera: PinholeCamera, pose: np.ndarray, view: GBuffer) -> np.ndarray:
-    """(H, W, 3) float32 radiance of a view, one sample a pixel and more where edges are (antialias.py)."""
+    """Return the radiance of a view: one sample a pixel, four on edges (antialias.py).
+
+    Args:
+        renderer: Renderer of the scene.
+        shader: Shader of the same scene.
+        camera: The camera.
+        pose: (4, 4) camera to world.
+        view: G-buffer of the camera.
+
+    Returns:
+        (H, W, 3) float32 linear RGB, relative to a white Lambert surface under the sun at zenith without air.
+    """
     shape = view.depth.shape
     colour = np.empty((view.depth.size, 3), dtype=np.float32)
     none = np.zeros(len(colour), dtype=bool)
@@ -58,36 +88,47 @@ def radiance(renderer: Renderer, shader: Shader, camera: PinholeCamera, pose: np
     pixels = edge_pixels(view, lit)
     if len(pixels):
         rays = subpixel_rays(camera, pixels)
-        met = renderer.trace(rays, pose)
-        samples, known = colours_beside(pixels, met.depth, met.surface, view, lit, colour)
-        _shade(renderer, shader, camera, pose, rays, met, known, samples)
+        hits = renderer.trace(rays, pose)
+        samples, known = colours_beside(pixels, hits.depth, hits.surface, view, lit, colour)
+        _shade(renderer, shader, camera, pose, rays, hits, known, samples)
         average(pixels, samples, colour)
     return colour.reshape(*shape, 3)
 
 
 def _shade(
-    renderer: Renderer, shader: Shader, camera: PinholeCamera, pose: np.ndarray, rays: np.ndarray, met: Hits,
+    renderer: Renderer, shader: Shader, camera: PinholeCamera, pose: np.ndarray, rays: np.ndarray, hits: Hits,
     known: np.ndarray, colour: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
-    """Write the radiance along rays (N, 3), given what they have met, to colour (N, 3), except where it is known (N,).
+    """Write the radiance along rays to colour, except where it is known.
 
-    Returns (N,) bool: in sunlight.
+    Args:
+        renderer: Renderer of the scene.
+        shader: Shader of the same scene.
+        camera: The camera.
+        pose: (4, 4) camera to world.
+        rays: (N, 3) directions, camera frame, z = 1.
+        hits: What these rays hit.
+        known: (N,) bool, the rays whose colour is left as it is.
+        colour: (N, 3) float32, changed in place.
+
+    Returns:
+        (N,) bool: the ray's point is in sunlight; False where the colour is known.
     """
     lit = np.zeros(len(rays), dtype=bool)
-    sky = np.flatnonzero((met.surface == SKY) & ~known)
+    sky = np.flatnonzero((hits.surface == SKY) & ~known)
     if len(sky):
         toward = rotate(rays[sky], pose[:3, :3])
         colour[sky] = shader.sky(toward / np.sqrt(np.einsum("ij,ij->i", toward, toward))[:, None])
-    at, points, normals = _hit_points(rays, met.depth, met.normal, met.surface, pose, known)
+    at, points, normals = _hit_points(rays, hits.depth, hits.normal, hits.surface, pose, known)
     if len(at):
         lit[at] = renderer.lit(points, normals)
-        shader.surface(points, met.shading_normal, met.surface, pose[:3, 3], lit, camera.fx, at, colour)
+        shader.surface(points, hits.shading_normal, hits.surface, pose[:3, 3], lit, camera.fx, at, colour)
     return lit
 
 
 @compiled
 def _hit_points(rays, depth, normal, surface, pose, known):
-    """Indices (M,) of what is not sky nor known, its points (M, 3), float64, and its normals (M, 3), float32, world."""
+    """Return the rays (M,) that hit a surface and are not known, with points (M, 3) and normals (M, 3), world frame."""
     n = len(rays)
     at, points, normals = np.empty(n, dtype=np.int32), np.empty((n, 3)), np.empty((n, 3), dtype=np.float32)
     found = 0
@@ -108,12 +149,12 @@ def _hit_points(rays, depth, normal, surface, pose, known):
 
 @compiled
 def _outside(depth, surface, width, fb):
-    """Where no rays are needed: (N,) hidden from the right eye, beyond the left border of its image; known, or sky."""
-    hidden, known = np.zeros(len(depth), dtype=np.bool_), np.zeros(len(depth), dtype=np.bool_)
+    """Return which pixels (N,) lie left of the right image, and which need no ray: these and the sky."""
+    hidden, decided = np.zeros(len(depth), dtype=np.bool_), np.zeros(len(depth), dtype=np.bool_)
     fb = np.float32(fb)
     for k in range(len(depth)):
         if surface[k] == SKY:
-            known[k] = True
+            decided[k] = True
         elif k % width - fb / depth[k] < -0.5:
-            hidden[k] = known[k] = True
-    return hidden, known
+            hidden[k] = decided[k] = True
+    return hidden, decided
