@@ -9,8 +9,9 @@ from dataclasses import replace
 import pytest
 
 import envs.evaluate
+from envs.drives.config import LOOK_FLAGS
 from envs.drives.episodes import Cell
-from envs.evaluate import LOOK_FLAGS, SETTINGS, EvaluateConfig, Task, evaluate, main
+from envs.evaluate import SETTINGS, EvaluateConfig, Task, evaluate, main
 from m3depth.estimator import load_estimator
 from marssim.base.files.json_file import DatasetError
 from marssim.base.results.lock import sole_writer

@@ -1,0 +1,187 @@
+"""The settings of an evaluation of drives, and the episodes that follow from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Any
+from zlib import crc32
+
+import tyro
+
+from envs.drivers.by_name import DRIVERS
+from envs.drives.episodes import Cell, EpisodeRecord
+from envs.mars_nav import ERROR_LIMITS
+from envs.world.course import CourseConfig
+from envs.world.place_note import place_note
+from envs.world.vehicle import DynamicsName, known_dynamics
+from marssim.render.renderers.by_name import RendererName
+from marssim.scene.place_file import PLACE_VALUES, load_place
+from marssim.scene.scene import LOOK_LIMITS, PRESETS, SceneConfig
+
+LOOK_FLAGS = (  # flags that replace fields of the scene's LookConfig
+    "sun_elevation_deg", "optical_depth", "albedo_contrast", "texture_strength", "pebbles", "wind_ripples",
+)  # fmt: skip
+GRID_K = (0.033, 0.07, 0.10, 0.15, 0.20)  # rock abundances of --grid
+GRID_SLOPE_DEG = (0.0, 5.0, 10.0, 15.0)  # [deg] slopes of --grid
+
+
+@dataclass(frozen=True)
+class EvaluateConfig:
+    """Drive frozen episodes and report success, SPL, collisions and time."""
+
+    out: Path
+    """Folder for results.json, results.md, plots, maps, videos and the episodes."""
+    driver: tuple[str, ...] = ("navigator",)
+    """Who drives: navigator (plans on a map of its depth), straight (heads for the goal, blind), random, a policy of
+    stable-baselines3 (FILE.zip), or package.module:Class. Several drivers are compared on the same courses."""
+    perception: tuple[str, ...] = ("m3depth",)
+    """Method that turns the images into depth: m3depth (the shipped weights), sgbm, ground_truth (true depth),
+    m3depth:WEIGHTS (a .safetensors file), ssd, sad, ncc, ssd-sgm, sad-sgm, ncc-sgm, or package.module:Class (a class
+    with infer(left, right, rig)). Several methods are compared on the same courses."""
+    episodes: int = 10
+    """Number of courses for each --k and --slope-deg."""
+    seed: int = 0
+    """Seed of the courses."""
+    workers: int = 1
+    """Number of processes. The courses do not depend on it."""
+    scheduler: str | None = None
+    """Address of a dask scheduler, tcp://host:8786, whose workers drive instead."""
+    scene: Annotated[str, tyro.conf.arg(metavar=PLACE_VALUES)] = PRESETS[0]
+    """Place of the courses: a preset, or the JSON file of a place (marssim.scene.place_file)."""
+    sun_elevation_deg: float | None = None
+    """Height of the sun above the horizon [deg]. Left out: drawn from the scene's range."""
+    optical_depth: float | None = None
+    """Optical depth of the dust in the air: 0.3 is a clear sky, 1 a hazy one, 5 a dust storm. Left out: drawn from the
+    scene's range."""
+    albedo_contrast: float | None = None
+    """Contrast of the ground's bright and dark patches, 0 to 3. Left out: drawn from the scene's range."""
+    texture_strength: float | None = None
+    """Strength of the relief below the mesh, 0 to 3. Stereo matches this texture, pebbles and wind ripples. Left out:
+    drawn from the scene's range."""
+    pebbles: float | None = None
+    """Strength of pebbles and grain too small for the mesh, 0 to 1. Left out: drawn from the scene's range."""
+    wind_ripples: float | None = None
+    """Share of the ground with ripples a hand wide, 0 to 1. Left out: drawn from the scene's range."""
+    k: tuple[float, ...] = ()
+    """Rock abundances to drive in, Golombek's k. Left out: that of the scene."""
+    slope_deg: tuple[float, ...] = ()
+    """Regional slopes to drive on [deg]. Left out: that of the scene."""
+    grid: bool = False
+    """Drive the frozen grid, k .033 .07 .10 .15 .20 by slopes 0 5 10 15 deg, instead of --k and --slope-deg."""
+    goal_distance: float = 20.0
+    """Distance from start to goal [m]."""
+    dynamics: DynamicsName | None = None
+    """How the rover moves: physics (rigid bodies in PyBullet) or kinematic (settling without dynamics, faster). Left
+    out: physics, or kinematic where PyBullet is not installed."""
+    renderer: RendererName = "embree"
+    """Renderer of the cameras' images."""
+    disparity_noise: float = 0.0
+    """Standard deviation of an error added to the disparity [px]."""
+    drift: float = 0.0
+    """Standard deviation of the odometry's position error after 1 m [m]."""
+    yaw_drift_deg: float = 0.0
+    """Standard deviation of the odometry's heading error after 1 m [deg]."""
+    scores: tuple[Path, ...] = ()
+    """Files results.json of m3depth.evaluate. The report sets the Abs Rel of m3depth and sgbm on the test set beside
+    that on the way."""
+    videos: bool = True
+    """Film the best drive (the arrival with the highest SPL) and the worst (the one that covered least of its way).
+    Both are driven once more for the film, and pictures of every step take longer than the drive."""
+    film_courses: tuple[int, ...] = ()
+    """Numbers of courses, as in maps/, of which all drives are filmed into OUT/videos too."""
+
+    def __post_init__(self) -> None:
+        if self.episodes < 1:
+            raise ValueError(f"--episodes must be at least 1, got {self.episodes}")
+        if self.workers < 1:
+            raise ValueError(f"--workers must be at least 1, got {self.workers}")
+        if self.seed < 0:
+            raise ValueError(f"--seed must not be negative, got {self.seed}")
+        if self.grid and (self.k or self.slope_deg):
+            raise ValueError("--grid is given instead of --k and --slope-deg")
+        for name in self.driver:
+            if name not in DRIVERS and ":" not in name and not name.endswith(".zip"):
+                known = ", ".join(DRIVERS)
+                raise ValueError(f"--driver {name!r} is unknown; choose from {known}, FILE.zip, package.module:Class")
+        for flag, values in vars(self).items():
+            if isinstance(values, tuple) and len(set(values)) < len(values):
+                raise ValueError(f"--{flag.replace('_', '-')} has a value twice: {', '.join(map(str, values))}")
+        for flag, most in ERROR_LIMITS.items():
+            if not 0 <= getattr(self, flag) <= most:
+                raise ValueError(f"--{flag.replace('_', '-')} must lie in [0, {most}], got {getattr(self, flag)}")
+        for name in LOOK_FLAGS:
+            low, high = LOOK_LIMITS[name]
+            value = getattr(self, name)
+            if value is not None and not low <= value <= high:
+                raise ValueError(f"--{name.replace('_', '-')} must lie in [{low:g}, {high:g}], got {value:g}")
+        for number in self.film_courses:
+            if not 0 <= number < self.episodes:
+                raise ValueError(f"--film-courses must lie in [0, {self.episodes - 1}], got {number}")
+        if not self.driver or not self.perception:
+            raise ValueError("--driver and --perception need at least one name")
+        self.scene_config()  # raises ValueError for a value out of range
+        for cell in self.cells:
+            CourseConfig(self.goal_distance, cell.k, cell.slope_deg)  # raises ValueError for a value out of range
+
+    @property
+    def cells(self) -> list[Cell]:
+        """Every k with every slope."""
+        ks, slopes = (GRID_K, GRID_SLOPE_DEG) if self.grid else (self.k, self.slope_deg)
+        return [Cell(k, slope) for k in (ks or (None,)) for slope in (slopes or (None,))]
+
+    @property
+    def tasks(self) -> list[Task]:
+        """Every episode, those of one course together."""
+        return [
+            Task(driver, perception, cell, episode)
+            for episode, cell, driver, perception in product(
+                range(self.episodes), self.cells, self.driver, self.perception
+            )
+        ]
+
+    def scene_config(self) -> SceneConfig:
+        """Return the place with the given values instead of its ranges. Raises ValueError for a value out of range."""
+        base = load_place(self.scene)
+        fixed = {name: (getattr(self, name),) * 2 for name in LOOK_FLAGS if getattr(self, name) is not None}
+        return replace(base, look=replace(base.look, **fixed))
+
+    def content(self) -> dict[str, Any]:
+        """Return the settings on which the outcome of an episode depends, beside its driver, perception, cell and
+        number.
+        """
+        errors = {name: getattr(self, name) for name in ERROR_LIMITS if getattr(self, name)}
+        look = {name: getattr(self, name) for name in LOOK_FLAGS if getattr(self, name) is not None}
+        return {
+            "seed": self.seed, **place_note(self.scene), "goal_distance": self.goal_distance,
+            "dynamics": known_dynamics(self.dynamics), "renderer": self.renderer, **errors, **look,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Task:
+    """One episode to drive."""
+
+    driver: str
+    perception: str
+    cell: Cell
+    episode: int
+
+    @property
+    def file(self) -> str:
+        """Name of the record's file: letters, digits, "_", "-" and "." only, and different for each task."""
+        names = f"{self.driver}-{self.perception}"
+        plain = _plain(f"{names}-{self.cell.name}")
+        if _plain(names) != names:
+            plain += f"-{crc32(names.encode()):08x}"  # names may differ only in letters that became "_"
+        return f"{plain}-{self.episode:04d}.json"
+
+    def is_of(self, record: EpisodeRecord) -> bool:
+        """Return whether a record is of this episode."""
+        names = (self.driver, self.perception, self.cell.name, self.episode)
+        return names == (record.driver, record.perception, record.cell, record.episode)
+
+
+def _plain(words: str) -> str:
+    return "".join(c if c.isalnum() or c in "._-" else "_" for c in words)
