@@ -1,12 +1,11 @@
 """Print the commands of envs: `python -m envs`."""
 
-from marssim.base.command.listing import command_list
+from marssim.base.command.listing import print_commands
 
 
 def main() -> int:
     """Print the list and return the exit code."""
-    print(command_list("envs"))
-    return 0
+    return print_commands("envs")
 
 
 if __name__ == "__main__":

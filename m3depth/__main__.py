@@ -1,12 +1,11 @@
 """Print the commands of m3depth: `python -m m3depth`."""
 
-from marssim.base.command.listing import command_list
+from marssim.base.command.listing import print_commands
 
 
 def main() -> int:
     """Print the list and return the exit code."""
-    print(command_list("m3depth"))
-    return 0
+    return print_commands("m3depth")
 
 
 if __name__ == "__main__":

@@ -85,7 +85,7 @@ class VerifyConfig:
         if self.data is None and self.sample is not None:
             raise ValueError(f"--sample {self.sample}: of which dataset folder?")
         if self.data is None and not self.cross_check:
-            raise ValueError("give a dataset folder, or --cross-check; --help tells more")
+            raise ValueError("give a dataset folder, or --cross-check; --help explains the flags")
         if self.cross_check:
             load_place(self.scene)  # reports what is wrong with it
         if self.data is not None and self.out is not None:

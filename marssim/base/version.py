@@ -15,3 +15,5 @@ def _installed() -> str:
 
 
 VERSION = _installed()
+VERSION_FLAG = "--version"  # flag of every command
+VERSION_LINE = f"{DISTRIBUTION} {VERSION}"  # what it prints

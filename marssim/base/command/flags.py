@@ -5,14 +5,18 @@ from __future__ import annotations
 import difflib
 import io
 import re
-from collections.abc import Sequence
+import sys
+from collections.abc import Iterator, Sequence
 from contextlib import redirect_stderr
 from dataclasses import is_dataclass
-from typing import Any, TypeVar, get_type_hints
+from types import UnionType
+from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
-_RULE = re.compile(r"[─-]{8,}")
-_OF_TYPES = re.compile(r"no type matching .*<class '\w+'>: ")  # of a flag that may be left out
-_COLOUR = re.compile(r"\x1b\[[0-9;]*m")
+from marssim.base.version import VERSION_FLAG, VERSION_LINE
+
+_RULE = re.compile(r"[─-]{8,}")  # lines between the parts of the parser's message
+_OF_TYPES = re.compile(r"no type matching .*<class '\w+'>: ")  # words of the parser about an optional flag
+_COLOUR = re.compile(r"\x1b\[[0-9;]*m")  # control sequence of a terminal
 
 Config = TypeVar("Config")
 
@@ -24,31 +28,98 @@ def parse(
     args: Sequence[str] | None = None,
     default: Config | None = None,
 ) -> Config:
-    """The dataclass `config` as the command line fills it. Raises ValueError of one line that names the flag.
+    """Return the dataclass `config` as the command line fills it.
 
-    default: instance whose values are shown and taken instead of those of the class. What a config says about one of
-    its own fields ("angle must be ...") becomes what the user can type ("--part.angle must be ...").
+    A flag that takes any number of values may be repeated: `--driver a --driver b` is `--driver a b`.
+
+    Args:
+        config: A dataclass; each field is a flag, and a field that is a dataclass gives its flags a prefix.
+        prog: The command, as it is typed.
+        description: Text above the flags in --help.
+        args: The command line; None: sys.argv without the program.
+        default: An instance whose values are the defaults, instead of those of the class.
+
+    Raises:
+        ValueError: The command line is wrong. The message is one line that names the flag: a config's "angle must be
+            ..." about its own field becomes "--part.angle must be ...".
+        SystemExit: --help or --version was asked for, and is printed.
     """
     import tyro
 
-    instead: dict[str, Any] = {} if default is None else {"default": default}
-
-    said = io.StringIO()
+    args = sys.argv[1:] if args is None else args
+    if VERSION_FLAG in args:
+        print(VERSION_LINE)
+        raise SystemExit(0)
+    defaults: dict[str, Any] = {} if default is None else {"default": default}
+    output = io.StringIO()
     try:
-        with redirect_stderr(said):
-            return tyro.cli(config, prog=prog, description=description, args=args, **instead)
+        with redirect_stderr(output):
+            return tyro.cli(
+                config, prog=prog, description=description, args=joined(args, set(_list_flags(config))), **defaults
+            )
     except ValueError as error:  # a config's own, which the parser let through
         raise ValueError(_with_flag(str(error), config.__name__, config)) from None
     except SystemExit as end:
         if not end.code:
             raise
-        raise ValueError(_parse_error(said.getvalue(), end.__context__, config)) from None
+        raise ValueError(_parse_error(output.getvalue(), end.__context__, config)) from None
+
+
+def joined(args: Sequence[str], flags: set[str]) -> list[str]:
+    """Return a command line in which each of some flags stands once, with the values of all its occurrences.
+
+    Args:
+        args: The command line.
+        flags: Flags that take any number of values, as "--part.some-name".
+    """
+    groups: list[list[str]] = [[]]  # of a flag and its values
+    first: dict[str, list[str]] = {}
+    end = args.index("--") if "--" in args else len(args)  # what follows is no flag
+    for word in args[:end]:
+        flag, equals, value = word.partition("=")
+        flag = flag.replace("_", "-")
+        if not re.match(r"--?[a-zA-Z]", word):
+            groups[-1].append(word)
+        elif flag in first:
+            groups.append(first[flag])
+            groups[-1] += [value] if equals else []
+        else:
+            groups.append([flag, value] if equals and flag in flags else [word])
+            if flag in flags:
+                first[flag] = groups[-1]
+    unique = {id(group): group for group in groups}
+    return [*(word for group in unique.values() for word in group), *args[end:]]
+
+
+def _list_flags(config: type, prefix: str = "--") -> Iterator[str]:
+    """The flags of a config that take any number of values."""
+    parts = _parts(config)
+    for name, hint in get_type_hints(config).items():
+        dashed = name.replace("_", "-")
+        if name in parts:
+            part, named = parts[name]
+            yield from _list_flags(part, f"{prefix}{dashed}." if named else prefix)
+        elif _is_list(hint):
+            yield prefix + dashed
+
+
+def _is_list(hint: Any) -> bool:
+    """Whether a type is a list, a tuple of any length, or one of them or None."""
+    origin, args = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        return _is_list(args[0])
+    if origin in (Union, UnionType):
+        return any(map(_is_list, args))
+    return origin is list or (origin is tuple and Ellipsis in args)
 
 
 def _parse_error(framed: str, cause: BaseException | None, config: type) -> str:
-    """tyro's message, which comes in a frame with help below, as one line.
+    """Return the parser's message as one line.
 
-    cause: what the parser was handling when it gave up; a ValueError there is a config's own, which names its flag.
+    Args:
+        framed: What tyro printed: the message in a frame, with help below.
+        cause: What the parser was handling when it gave up; a ValueError there is a config's own and names its flag.
+        config: The config.
     """
     parts: list[list[str]] = [[]]
     for line in _COLOUR.sub("", framed).splitlines()[1:]:
@@ -72,7 +143,7 @@ def _parse_error(framed: str, cause: BaseException | None, config: type) -> str:
         flags = [line.split()[0] for line in parts[0] if re.match(r"(--|[A-Z]+$)", line)]
         others = [line for part in parts[1:] if part[0].startswith("Unrecognized") for line in part[1:]]
         unknown = _unknown(" ".join(others).split(), flags) if others else ""
-        return f"{', '.join(flags) or message} missing{unknown and f'; {unknown}'}; --help tells more"
+        return f"{', '.join(flags) or message} missing{unknown and f'; {unknown}'}; --help explains the flags"
     if message.startswith("Unrecognized"):
         known = [line.split()[0].rstrip(",") for part in parts[1:] for line in part if line.startswith("--")]
         return _unknown(message.partition(": ")[2].split(", "), known)
@@ -80,19 +151,22 @@ def _parse_error(framed: str, cause: BaseException | None, config: type) -> str:
 
 
 def _unknown(words: Sequence[str], known: Sequence[str]) -> str:
-    """What the parser could not place: options, each with the nearest of the known ones, or values of none."""
-    told = []
+    """Name the words that the parser could not place: options with the nearest known one, or values of no option."""
+    options = []
     for option in (word.partition("=")[0] for word in words if re.match(r"--?[a-zA-Z]", word)):
         near = difflib.get_close_matches(option, known, 1)
-        told.append(option + (f" (did you mean {near[0]}?)" if near else ""))
-    return f"unknown option {', '.join(told)}" if told else f"{' '.join(words)} belongs to no option"
+        options.append(option + (f" (did you mean {near[0]}?)" if near else ""))
+    return f"unknown option {', '.join(options)}" if options else f"{' '.join(words)} belongs to no option"
 
 
 def _with_flag(message: str, where: str, config: type) -> str:
-    """A config's complaint that begins with the name of one of its fields, with the flag instead.
+    """Return a config's complaint that begins with the name of one of its fields, with the flag instead.
 
-    where: dotted path of the config in the root config, or the root's own name. A part whose flags bear no prefix
-    (tyro.conf.arg(name="")) is on the path, but not in the flag.
+    Args:
+        message: The complaint.
+        where: Dotted path of the config in the root config, or the root's name. A part whose flags have no prefix
+            (tyro.conf.arg(name="")) is on the path, but not in the flag.
+        config: The root config.
     """
     holders: list[Any] = [config]
     prefix = ""
@@ -109,7 +183,7 @@ def _with_flag(message: str, where: str, config: type) -> str:
 
 
 def _parts(config: type) -> dict[str, tuple[type, bool]]:
-    """The fields of a config that are configs themselves, and whether their flags bear their name."""
+    """Return the fields of a config that are configs themselves, and whether their flags have a prefix."""
     parts = {}
     for name, hint in get_type_hints(config, include_extras=True).items():
         part = getattr(hint, "__origin__", hint)

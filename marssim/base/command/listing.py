@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import ast
+import sys
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from marssim.base.version import VERSION
+from marssim.base.version import VERSION, VERSION_FLAG, VERSION_LINE
 
 COMMANDS = {
     "marssim": ("generate", "verify", "export", "abundance", "slopes"),
@@ -28,9 +30,20 @@ def command_list(package: str) -> str:
     names = [f"python -m {package}.{name}" for name in COMMANDS[package]]
     width = max(map(len, names))
     rows = [f"  {name:<{width}}  {summary(package, command)}" for name, command in zip(names, COMMANDS[package])]
-    return "\n".join(
-        [f"Commands of {package} {VERSION}:", "", *rows, "", f"{names[0]} --help explains a command's flags."]
-    )
+    about = f"{names[0]} --help explains a command's flags; --version prints the version."
+    return "\n".join([f"Commands of {package} {VERSION}:", "", *rows, "", about])
+
+
+def print_commands(package: str, args: Sequence[str] | None = None) -> int:
+    """Print the list of a package's commands, or with --version the version. Returns the exit code.
+
+    Args:
+        package: One of COMMANDS.
+        args: The command line; None: sys.argv without the program.
+    """
+    args = sys.argv[1:] if args is None else args
+    print(VERSION_LINE if VERSION_FLAG in args else command_list(package))
+    return 0
 
 
 def summary(package: str, command: str) -> str:

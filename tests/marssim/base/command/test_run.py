@@ -147,11 +147,11 @@ def test_defaults_of_an_instance_instead_of_the_class():
 
 
 def test_all_that_is_missing_is_named():
-    with pytest.raises(ValueError, match=r"^--out missing; --help tells more$"):
+    with pytest.raises(ValueError, match=r"^--out missing; --help explains the flags$"):
         parse(Settings, "settings", None, [])
     with pytest.raises(ValueError, match=r"^--out missing; unknown option --otu \(did you mean --out\?\); --help"):
         parse(Settings, "settings", None, ["--otu", "x"])
-    with pytest.raises(ValueError, match=r"^PATH, --size missing; --help tells more$"):
+    with pytest.raises(ValueError, match=r"^PATH, --size missing; --help explains the flags$"):
         parse(Named, "named", None, [])
 
 
