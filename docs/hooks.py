@@ -18,6 +18,8 @@ OUTSIDE = {
     "results/model-card.md": "m3depth/weights/MODEL_CARD.md",
     "examples/README.md": "examples/README.md",
 }
+# Source files that have a page of their own in the reference.
+REFERENCE = {"envs/mars_nav.py": "reference/marsnav-v0.md"}
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s]+)\)")
 
 
@@ -43,6 +45,7 @@ def on_page_markdown(text: str, page: Any, config: Any, files: Files) -> str:
     path = page.file.src_uri
     source = sources().get(path, ROOT / "docs" / path)
     by_source = {os.path.normpath(file): name for name, file in sources().items()}
+    by_source |= {os.path.normpath(ROOT / file): name for file, name in REFERENCE.items()}
 
     def redirected(match: re.Match[str]) -> str:
         picture, label, link = match.groups()

@@ -1,54 +1,218 @@
-"""Make the README's pictures anew: `make demo`, then `python docs/make_images.py`."""
+"""Make the pictures of README.md and docs/ from the commands that the guides show.
 
+    make demo
+    python docs/make_images.py out/images
+
+The commands write into the folder, and those whose results are there already are not run again. Pictures come out as
+JPEG in docs/images.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from marssim.base.camera import NATECAM
+from marssim.base.camera import NATECAM, StereoRig
 from marssim.base.images.colours import depth_colours, normal_colours
-from marssim.render.renderers.embree_renderer import EmbreeRenderer
-from marssim.render.sensor import Sensor, SensorConfig
-from marssim.render.stereo import render_stereo
-from marssim.render.surfaces.shading import Shader
+from marssim.render.view import SceneRenderer
 from marssim.scene.scene import PRESETS, build_scene, preset
-from marssim.scene.viewpoint import ViewConfig, draw_pose
+from marssim.scene.viewpoint import ViewConfig
 
 HERE = Path(__file__).parent / "images"
-DEMO = Path(__file__).parents[1] / "out" / "demo"
-TILE = 360
+ROOT = Path(__file__).parents[1]
+DEMO = ROOT / "out" / "demo"
+TILE = 360  # [px] side of a tile of presets.jpg
 VIEW = ViewConfig(pitch_deg=(12.0, 16.0), roll_deg=(0.0, 0.0))
 SUN = (28.0, 48.0)  # [deg] elevation
+LARGEST = 80_000  # [byte] of a guide's picture
+PLACE = {
+    "preset": "gale",
+    "rocks": {"k": 0.12},
+    "relief": {"regional_slope_deg": 8},
+    "look": {"sun_elevation_deg": [20, 25]},
+}  # that of guides/own-terrain.md
+
+# Command lines by the file that each leaves, in their order.
+COMMANDS = {
+    "small/dataset.json": "marssim.generate --out small --pairs 12 --views-per-scene 4 --seed 1 --renderer scan",
+    "verify/statistics.png": "marssim.verify small --out verify",
+    "score/comparison.png": "m3depth.evaluate --data small --split test --out score",
+    "predict/figure.png": "m3depth.predict small/scenes/00001/00/left.png small/scenes/00001/00/right.png "
+    "--calib small/scenes/00001/00/sample.json --out predict",
+    "own/qualitative.png": "m3depth.evaluate --data small --split test --out own --estimator own_estimator:Blocks",
+    "drive/results.json": "envs.evaluate --perception m3depth --dynamics kinematic --goal-distance 6 --episodes 1 "
+    "--no-videos --out drive",
+    "wary/results.json": "envs.evaluate --driver own_driver:Wary navigator --perception ground_truth "
+    "--dynamics kinematic --goal-distance 12 --episodes 2 --k .1 --no-videos --out wary",
+    "dust/dataset.json": "marssim.generate --out dust --pairs 60 --seed 41 --scene utopia --views-per-scene 2 "
+    "--look.albedo-contrast .1 .1 --look.texture-strength .1 .1 --look.pebbles 0 0 --look.wind-ripples 0 0 "
+    "--rocks.k .15 --renderer scan",
+    "fine/curves.png": "m3depth.train --data dust --out fine --init shipped --max-minutes 10 --batch 2 --lr 2e-4",
+    "ppo/log.jsonl": "envs.train_ppo --out ppo --max-minutes 8 --workers 1",
+}
 
 
 def presets() -> np.ndarray:
-    """(H, W, 3) uint8: left eye, depth and normals of each preset, a column each."""
+    """Return (H, W, 3) uint8: left eye, depth and normals of each preset, a column each."""
     columns = []
     for n, name in enumerate(PRESETS):
         rng = np.random.default_rng((11, n))
-        look = replace(preset(name).look, sun_elevation_deg=SUN)
-        scene = build_scene(preset(name, look=look), rng)
-        renderer = EmbreeRenderer(scene)
-        pose = draw_pose(scene, VIEW, rng)
-        frame = render_stereo(renderer, Shader(scene), NATECAM, pose, Sensor.draw(SensorConfig(), rng), rng)
-        renderer.close()
-        parts = [frame.left, depth_colours(frame.depth), normal_colours(frame.normal)]
-        columns.append(np.vstack([cv2.resize(part, (TILE, TILE), interpolation=cv2.INTER_AREA) for part in parts]))
+        scene = build_scene(preset(name, look=replace(preset(name).look, sun_elevation_deg=SUN)), rng)
+        with SceneRenderer(scene, "embree") as renderer:
+            frame = renderer.draw(rng, VIEW)
+        columns.append(column(frame, TILE))
     return np.hstack(columns)
 
 
-def save(name: str, image: np.ndarray) -> None:
-    cv2.imwrite(str(HERE / name), image, [cv2.IMWRITE_JPEG_QUALITY, 88])
+def column(frame, tile: int) -> np.ndarray:
+    """Return left eye, depth and normals of a frame, one above the other."""
+    parts = [frame.left, depth_colours(frame.depth), normal_colours(frame.normal)]
+    return np.vstack([cv2.resize(part, (tile, tile), interpolation=cv2.INTER_AREA) for part in parts])
+
+
+def place(folder: Path) -> np.ndarray:
+    """Return three views of the place of the guide, from its file."""
+    from marssim.scene.place_file import load_place
+
+    (folder / "my_place.json").write_text(json.dumps(PLACE))
+    scene = build_scene(load_place(folder / "my_place.json"), rng=4)
+    with SceneRenderer(scene) as renderer:
+        frames = [renderer.render(x=0, y=0, yaw_deg=yaw, pitch_deg=14) for yaw in (20, 140, 260)]
+    return np.hstack([column(frame, 300) for frame in frames])
+
+
+def heightmap(folder: Path) -> np.ndarray:
+    """Return a heightmap, lit from the west, and a view of a scene on it."""
+    y, x = np.mgrid[-150:151, -150:151].astype(float)
+    heights = 6 * np.exp(-((x - 12) ** 2 + y**2) / 60) + 4 * np.sin(x / 25) * np.cos(y / 30)  # a mound among waves
+    np.save(folder / "dem.npy", heights)
+    relief = replace(preset("gusev").relief, heightmap=str(folder / "dem.npy"), heightmap_scale=1.0)
+    scene = build_scene(preset("gusev", relief=relief), rng=2)
+    with SceneRenderer(scene) as renderer:
+        frame = renderer.render(x=-6, y=-3, yaw_deg=12, pitch_deg=4)
+    light = np.clip(0.55 - 0.9 * np.gradient(heights, axis=1), 0, 1)[::-1]  # north is up
+    shade = cv2.resize((255 * light).astype(np.uint8), (512, 512), interpolation=cv2.INTER_CUBIC)
+    return np.hstack([cv2.cvtColor(shade, cv2.COLOR_GRAY2RGB), frame.left])
+
+
+def cameras() -> np.ndarray:
+    """Return the same ground by NaTeCam and by the wide rig of the guide."""
+    scene = build_scene(preset("gale"), rng=7)
+    wide = StereoRig(type(NATECAM.camera).centred(640, 480, 400.0), 0.12)
+    images = []
+    for rig in (NATECAM, wide):
+        with SceneRenderer(scene, rig=rig) as renderer:
+            left = renderer.render(x=2, y=-1, yaw_deg=30).left
+        images.append(cv2.resize(left, (round(480 * left.shape[1] / left.shape[0]), 480), interpolation=cv2.INTER_AREA))
+    return np.hstack(images)
+
+
+def navigator() -> np.ndarray:
+    """Return what the rover sees and the navigator's map of it, in the middle of a drive."""
+    from envs import Cell, MarsNavEnv, NavigatorDriver, run_episode
+    from envs.drives.film import navigator_map
+
+    shown: dict[int, np.ndarray] = {}
+
+    def watch(env, driver, step: int) -> None:
+        if step % 4 == 0 and step:
+            world_map = navigator_map(env, driver)
+            depth = depth_colours(env.sight.depth)
+            size = world_map.shape[0]
+            shown[step] = np.hstack([cv2.resize(depth, (size, size), interpolation=cv2.INTER_NEAREST), world_map])
+
+    env = MarsNavEnv("ground_truth", "kinematic", goal_distance=14.0, mast=True)
+    run_episode(env, NavigatorDriver(), Cell(k=0.1), seed=3, episode=0, watch=watch)
+    env.close()
+    return shown[sorted(shown)[len(shown) // 2]]
+
+
+def ppo(folder: Path) -> np.ndarray:
+    """Return a plot of a PPO run's log: arrivals and reward over the choices."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    rows = [json.loads(line) for line in (folder / "ppo" / "log.jsonl").read_text().splitlines()]
+    figure, (left, right) = plt.subplots(1, 2, figsize=(8, 2.8), layout="constrained")
+    choices = [row["choices"] for row in rows]
+    left.plot(choices, [100 * row["arrived"] for row in rows])
+    left.set(xlabel="choices", ylabel="arrived [%]", ylim=(0, 100))
+    right.plot(choices, [row["reward"] for row in rows])
+    right.set(xlabel="choices", ylabel="reward")
+    figure.canvas.draw()
+    return np.asarray(figure.canvas.buffer_rgba())[..., :3]
+
+
+def picture(path: Path) -> np.ndarray:
+    """Return an image file as (H, W, 3) RGB. Ends the program if it is not there."""
+    image = cv2.imread(str(path))
+    if image is None:
+        raise SystemExit(f"{path}: no such picture; run `make demo` first")
+    return image[..., ::-1]
+
+
+def save(name: str, image: np.ndarray, width: int = 1100, largest: int = LARGEST) -> None:
+    """Write a picture of at most so many pixels across and so many bytes."""
+    while True:
+        across = min(image.shape[1], width)
+        size = (across, round(image.shape[0] * across / image.shape[1]))
+        shown = cv2.resize(image, size, interpolation=cv2.INTER_AREA)[..., ::-1]
+        for quality in (88, 80, 72, 64):
+            data = cv2.imencode(".jpg", shown, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+            if len(data) <= largest:
+                (HERE / name).write_bytes(data.tobytes())
+                print(f"{name}: {size[0]} x {size[1]}, {len(data) // 1000} kB")
+                return
+        width = round(0.85 * across)
+
+
+def run(folder: Path) -> None:
+    """Run the commands whose results are not there."""
+    for result, line in COMMANDS.items():
+        if not (folder / result).exists():
+            paths = os.pathsep.join([str(ROOT), str(ROOT / "examples")])  # own_estimator and own_driver are examples
+            environment = {**os.environ, "PYTHONPATH": paths}
+            subprocess.run([sys.executable, "-m", *shlex.split(line)], cwd=folder, env=environment, check=True)
+
+
+def main(folder: Path) -> None:
+    """Make all pictures."""
+    folder.mkdir(parents=True, exist_ok=True)
+    run(folder)
+    save("presets.jpg", presets(), 1500, 360_000)
+    for name in ("drive", "comparison"):
+        save(f"{name}.jpg", picture(DEMO / f"{name}.png"), 1500, 550_000)
+    guides(folder)
+
+
+def guides(folder: Path) -> None:
+    """Make the pictures of the guides."""
+    save("guide_generate.jpg", picture(folder / "small" / "contact_sheet.png"))
+    save("guide_verify.jpg", picture(folder / "verify" / "statistics.png"))
+    save("guide_score.jpg", picture(folder / "score" / "comparison.png"))
+    save("guide_predict.jpg", picture(folder / "predict" / "figure.png"))
+    save("guide_own_estimator.jpg", picture(folder / "own" / "qualitative.png"))
+    save("guide_drive.jpg", picture(next((folder / "drive" / "maps").glob("*.png"))))
+    save("guide_own_driver.jpg", picture(next((folder / "wary" / "maps").glob("*.png"))))
+    save("guide_train.jpg", picture(folder / "fine" / "curves.png"))
+    save("guide_ppo.jpg", ppo(folder))
+    save("guide_place.jpg", place(folder))
+    save("guide_heightmap.jpg", heightmap(folder))
+    save("guide_camera.jpg", cameras())
+    save("guide_navigator.jpg", navigator())
 
 
 if __name__ == "__main__":
-    HERE.mkdir(exist_ok=True)
-    save("presets.jpg", presets()[..., ::-1])
-    for source, name in (("drive.png", "drive.jpg"), ("comparison.png", "comparison.jpg")):
-        image = cv2.imread(str(DEMO / source))
-        if image is None:
-            raise SystemExit(f"{DEMO / source}: not there; run `make demo` first")
-        width = min(image.shape[1], 1500)
-        size = (width, round(image.shape[0] * width / image.shape[1]))
-        save(name, cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+    if len(sys.argv) != 2:
+        raise SystemExit(__doc__)
+    main(Path(sys.argv[1]))

@@ -47,15 +47,16 @@ def interruptible() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
-def other_methods() -> Callable[[str], str]:
-    """The program of docs/other_methods.md whose first line is a file's name."""
-    page = (Path(__file__).parents[1] / "docs" / "other_methods.md").read_text()
-    return lambda name: re.search(rf"```python\n(# {re.escape(name)}\n.*?)```", page, re.DOTALL)[1]
+def guide_program() -> Callable[[str], str]:
+    """The program of the guides on own estimators and drivers whose first line is a file's name."""
+    guides = Path(__file__).parents[1] / "docs" / "guides"
+    pages = "".join((guides / f"own-{name}.md").read_text() for name in ("estimator", "driver"))
+    return lambda name: re.search(rf"```python\n(# {re.escape(name)}\n.*?)```", pages, re.DOTALL)[1]
 
 
 @pytest.fixture
-def my_stereo(tmp_path, monkeypatch, other_methods) -> str:
-    """Class path of that page's estimator, which can be imported."""
-    (tmp_path / "my_stereo.py").write_text(other_methods("my_stereo.py"))
+def my_stereo(tmp_path, monkeypatch, guide_program) -> str:
+    """Class path of the guide's estimator, which can be imported."""
+    (tmp_path / "my_stereo.py").write_text(guide_program("my_stereo.py"))
     monkeypatch.syspath_prepend(str(tmp_path))
     return "my_stereo:Blocks"

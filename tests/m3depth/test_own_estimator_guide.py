@@ -1,4 +1,4 @@
-"""The examples of docs/other_methods.md do what the page says."""
+"""The programs of docs/guides/own-estimator.md do what the page says."""
 
 import json
 import os
@@ -17,8 +17,8 @@ from marssim.base.dataset.sample import write_sample
 from marssim.export import ExportConfig, export
 
 
-def test_the_estimator_has_20_lines(other_methods):
-    code = [line for line in other_methods("my_stereo.py").splitlines()[1:] if line.strip()]
+def test_the_estimator_has_20_lines(guide_program):
+    code = [line for line in guide_program("my_stereo.py").splitlines()[1:] if line.strip()]
     assert len(code) <= 20
 
 
@@ -64,10 +64,10 @@ cv2.imwrite(str(folder / "left_disparity.tif"), found)
 """
 
 
-def test_the_recipe_goes_there_and_back(tmp_path, plane_set, other_methods, monkeypatch):
+def test_the_recipe_goes_there_and_back(tmp_path, plane_set, guide_program, monkeypatch):
     """As on the page, but for the program in the middle, whose part another plays that knows the truth."""
     export(ExportConfig(plane_set, "eth3d", tmp_path / "eth3d", split=("test",)))
-    (tmp_path / "run_pandora.py").write_text(other_methods("run_pandora.py"))
+    (tmp_path / "run_pandora.py").write_text(guide_program("run_pandora.py"))
     tree = tmp_path / "eth3d" / "test"
     pandora = tmp_path / "bin" / "pandora"
     pandora.parent.mkdir()

@@ -1,4 +1,4 @@
-"""The estimator of docs/other_methods.md is a perception of the rover, and the driver drives it."""
+"""The estimator of docs/guides/own-estimator.md is the rover's perception; the driver of own-driver.md drives it."""
 
 import json
 
@@ -17,8 +17,8 @@ def test_the_rover_takes_it_by_class_path(make_env, my_stereo):
     assert observation in env.observation_space
 
 
-def test_the_driver_drives_by_its_class_path(other_methods, tmp_path, monkeypatch, capsys):
-    (tmp_path / "my_driver.py").write_text(other_methods("my_driver.py"))
+def test_the_driver_drives_by_its_class_path(guide_program, tmp_path, monkeypatch, capsys):
+    (tmp_path / "my_driver.py").write_text(guide_program("my_driver.py"))
     monkeypatch.syspath_prepend(str(tmp_path))
     flags = ["--perception", "ground_truth", "--dynamics", "kinematic", "--goal-distance", "5", "--k", "0.01"]
     flags += ["--episodes", "1", "--no-videos"]
