@@ -1,0 +1,62 @@
+"""Score a stereo method of your own beside M3Depth and SGBM, from Python.
+
+    python examples/own_estimator.py --data data/small
+
+The same class drives the rover and is scored by the commands:
+
+    cd examples
+    python -m m3depth.evaluate --data ../data/small --out out/own --estimator own_estimator:Blocks
+    python -m envs.evaluate --perception own_estimator:Blocks --dynamics kinematic --episodes 1 --out out/own_drive
+"""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import tyro
+
+from m3depth import Prediction, load_estimator
+from marssim import StereoDataset, StereoRig
+
+
+class Blocks:
+    """OpenCV's block matcher: fast, and blind where it sees no texture."""
+
+    def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
+        """Return the maps of the left image.
+
+        Args:
+            left: (H, W) or (H, W, 3) uint8, RGB, rectified.
+            right: The same of the right eye.
+            rig: The cameras of these images.
+        """
+        grey = [cv2.cvtColor(eye, cv2.COLOR_RGB2GRAY) if eye.ndim == 3 else eye for eye in (left, right)]
+        disparity = cv2.StereoBM.create(192, 15).compute(*grey).astype(np.float32) / 16  # [px]
+        disparity[disparity <= 0] = np.nan  # NaN: unknown
+        confidence = np.isfinite(disparity).astype(np.float32)
+        return Prediction(rig.fb / disparity, disparity, None, confidence)  # depth [m]; None: no normals
+
+
+def main(data: Path, pairs: int = 4) -> None:
+    """Print how far each method is off, over the pixels that both eyes see.
+
+    Args:
+        data: Dataset folder.
+        pairs: Number of pairs to score.
+    """
+    methods = {"Blocks": Blocks(), "SGBM": load_estimator("sgbm"), "M3Depth": load_estimator("m3depth")}
+    samples = StereoDataset(data)
+    chosen = [samples[n] for n in range(min(pairs, len(samples)))]
+    print(f"{'method':8} {'error [px]':>10} {'known':>6}")
+    for name, method in methods.items():
+        errors, known = [], []
+        for sample in chosen:
+            scored = sample.valid & ~sample.occluded
+            found = method.infer(sample.left, sample.right, sample.rig).disparity[scored]
+            known.append(np.isfinite(found).mean())
+            errors.append(np.nanmedian(np.abs(found - sample.disparity[scored])))
+        print(f"{name:8} {np.mean(errors):10.2f} {np.mean(known):6.0%}")
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

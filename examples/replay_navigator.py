@@ -1,0 +1,44 @@
+"""Feed recorded images to the navigator: depth from any estimator, poses from the recording.
+
+    python -m marssim.generate --out data/drive --trajectory --pairs 20 --views-per-scene 20 --renderer scan
+    python examples/replay_navigator.py --data data/drive --estimator m3depth
+
+`python -m nav.replay` does the same with the true depth.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import tyro
+
+from m3depth import Estimator, load_estimator
+from marssim import StereoDataset
+from nav.replay import Frame, replay
+
+
+def predicted(dataset: StereoDataset, estimator: Estimator) -> Iterator[Frame]:
+    """Yield each image of the drive with the depth that the estimator predicts for it."""
+    for sample in dataset:
+        depth = estimator.infer(sample.left, sample.right, sample.rig)
+        yield Frame(depth.depth, depth.confidence, sample.rig, np.array(sample.meta["pose"]))
+
+
+def main(data: Path, estimator: str = "sgbm", ahead: float = 20.0) -> None:
+    """Print the navigator's command for each image.
+
+    Args:
+        data: Dataset of one recorded drive.
+        estimator: Name of the method that predicts depth: m3depth, sgbm or package.module:Class.
+        ahead: Distance of the goal, straight ahead of the first image [m].
+    """
+    dataset = StereoDataset(data)
+    eye = np.array(dataset[0].meta["pose"])  # (4, 4) camera to world
+    forward = eye[:2, 2] / np.hypot(*eye[:2, 2])
+    goal = eye[:2, 3] + ahead * forward
+    for number, command in enumerate(replay(predicted(dataset, load_estimator(estimator)), goal)):
+        print(f"image {number}: {command.status}, {command.speed:.2f} m/s, {command.yaw_rate:.2f} rad/s")
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

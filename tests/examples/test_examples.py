@@ -1,0 +1,94 @@
+"""Each program in examples runs, small, in a process of its own."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from marssim.generate import main as generate
+
+ROOT = Path(__file__).parents[2]
+EXAMPLES = ROOT / "examples"
+RIG = ["--rig.width", "96", "--rig.height", "96", "--rig.focal", "112"]
+GROUND = ["--size", "12", "--renderer", "scan", "--seed", "1"]
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    out = tmp_path_factory.mktemp("examples") / "data"
+    assert generate(["--out", str(out), "--pairs", "2", "--views-per-scene", "1", *RIG, *GROUND]) == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    out = tmp_path_factory.mktemp("examples") / "drive"
+    views = ["--trajectory", "--pairs", "2", "--views-per-scene", "2"]
+    assert generate(["--out", str(out), *views, *RIG, *GROUND]) == 0
+    return out
+
+
+def run(program: str, *args: object) -> str:
+    """Run an example and return what it prints."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg"}
+    done = subprocess.run(
+        [sys.executable, str(EXAMPLES / program), *map(str, args)], capture_output=True, text=True, env=environment
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_every_program_is_in_the_list_and_has_a_test():
+    listed = (EXAMPLES / "README.md").read_text(encoding="utf-8")
+    tested = Path(__file__).read_text(encoding="utf-8")
+    programs = [file.name for file in EXAMPLES.iterdir() if file.suffix in (".py", ".ipynb")]
+    assert len(programs) >= 7
+    assert [name for name in programs if f"]({name})" not in listed or f'"{name}"' not in tested] == []
+
+
+def test_a_dataset_is_read_by_pytorch(data):
+    assert "1 pairs of train" in run("read_dataset_pytorch.py", "--data", data)
+
+
+def test_a_frame_is_rendered(tmp_path):
+    assert "depth from" in run("render_one_frame.py", "--out", tmp_path / "frame", "--scene", "utopia")
+    assert {file.name for file in (tmp_path / "frame").iterdir()} == {"left.png", "right.png", "depth.npy"}
+
+
+def test_an_estimator_of_ones_own_is_scored(data):
+    lines = run("own_estimator.py", "--data", data, "--pairs", 1).splitlines()
+    assert [line.split()[0] for line in lines] == ["method", "Blocks", "SGBM", "M3Depth"]
+
+
+def test_a_driver_of_ones_own_drives_beside_the_navigator():
+    lines = run("own_driver.py", "--goal-distance", 4, "--k", 0.01).splitlines()
+    assert [line.split()[0] for line in lines] == ["Wary", "NavigatorDriver"]
+
+
+def test_an_episode_is_driven():
+    assert run("one_episode.py", "--goal-distance", 4).splitlines()[-1].startswith("goal after")
+
+
+def test_recorded_images_are_replayed(drive):
+    assert len(run("replay_navigator.py", "--data", drive, "--ahead", 5).splitlines()) == 2
+
+
+def test_the_round_trip_by_pandora_scores_what_came_back(data, tmp_path):
+    assert "Pandora" in run("pandora_round_trip.py", "--data", data, "--out", tmp_path / "trip")
+    config = json.loads(next((tmp_path / "trip" / "maps").glob("*/config.json")).read_text())
+    assert config["input"]["left"]["disp"] == [-192, 0]
+
+
+def test_the_cells_of_the_notebook_run_one_after_the_other(tmp_path):
+    """As a program, with tiny settings in place of those of its first cell."""
+    notebook = json.loads((EXAMPLES / "chain.ipynb").read_text(encoding="utf-8"))
+    first, *cells = ["".join(cell["source"]) for cell in notebook["cells"] if cell["cell_type"] == "code"]
+    tiny = {"work": f"Path({str(tmp_path)!r})", "steps": "1", "perception": '"ground_truth"', "goal_distance": "4.0"}
+    settings = [f"{name} = {value}" for name, value in tiny.items()]
+    assert [line.split()[0] for line in first.splitlines() if " = " in line] == list(tiny)
+    program = tmp_path / "chain.py"
+    program.write_text("\n".join(["from pathlib import Path", *settings, *cells]))
+    assert "goal: " in run(str(program))
