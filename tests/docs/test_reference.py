@@ -1,0 +1,104 @@
+"""The reference holds every command, every flag and every public name, and the pages' command lines parse."""
+
+import re
+import shlex
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from marssim.base.command.listing import COMMANDS
+
+ROOT = Path(__file__).parents[2]
+MODULES = [f"{package}.{command}" for package, commands in COMMANDS.items() for command in commands]
+PAGES = [ROOT / "README.md", ROOT / "examples" / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+# What a command line of the pages stands for, where it must be more than a name.
+OWN = {"PLACE": "gale", "SEED": "7"}
+
+
+@pytest.fixture(scope="module")
+def pages(reference_pages):
+    return reference_pages.pages()
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_every_command_and_each_of_its_flags_is_in_the_reference(module, pages, reference_pages):
+    package = module.partition(".")[0]
+    page = pages[f"reference/commands-{package}.md"]
+    assert f"## python -m {module}\n" in page
+    section = page.partition(f"## python -m {module}\n")[2].partition("\n## ")[0]
+    actions = reference_pages.flags(import_module(module))._actions
+    flags = [option for action in actions for option in action.option_strings if option not in ("-h", "--help")]
+    assert flags and [flag for flag in flags if f"`{flag}`" not in section] == []
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_every_flag_has_a_meaning_in_the_reference(module, pages):
+    section = pages[f"reference/commands-{module.partition('.')[0]}.md"].partition(f"## python -m {module}\n")[2]
+    rows = [line for line in section.partition("\n## ")[0].splitlines() if line.startswith("| `--")]
+    assert rows and all(re.search(r"\| \S.*\|$", row) for row in rows)
+
+
+@pytest.mark.parametrize("package", list(COMMANDS))
+def test_every_public_name_is_in_the_reference_and_can_be_imported(package, pages):
+    module = import_module(package)
+    assert module.__all__
+    for name in module.__all__:
+        assert f"::: {package}.{name}\n" in pages[f"reference/api-{package}.md"]
+        assert hasattr(module, name)
+
+
+def test_the_environment_is_in_the_reference_with_every_argument(pages):
+    import inspect
+
+    from envs.mars_nav import MarsNavEnv
+
+    for name in list(inspect.signature(MarsNavEnv.__init__).parameters)[1:]:
+        assert f"| `{name}` |" in pages["reference/marsnav-v0.md"]
+    assert "Observation space" in pages["reference/marsnav-v0.md"]
+
+
+def commands(page: Path) -> list[str]:
+    """The command lines of a page that call one of our modules, each as one line."""
+    text = page.read_text(encoding="utf-8").replace("\\\n", " ")
+    lines = [line.strip() for line in text.splitlines() if re.match(r" {4,}\S", line)]
+    return [line for line in lines if re.match(r"(python|torchrun\b.*) -m (marssim|m3depth|nav|envs)\.", line)]
+
+
+LINES = [(page.relative_to(ROOT).as_posix(), line) for page in PAGES for line in commands(page)]
+
+
+def test_the_guides_hold_command_lines():
+    assert len(LINES) > 40
+
+
+@pytest.mark.parametrize(("page", "line"), LINES, ids=lambda value: value[:60])
+def test_every_command_line_of_the_pages_parses(page, line, reference_pages, capsys, tmp_path, monkeypatch):
+    (tmp_path / "my_place.json").write_text('{"preset": "gale"}')
+    np.save(tmp_path / "dem.npy", np.zeros((400, 400)))
+    monkeypatch.chdir(tmp_path)
+    module, args = reference_pages.command_line(re.sub("|".join(OWN), lambda word: OWN[word[0]], line))
+    try:
+        reference_pages.parse(module, args)
+    except SystemExit as end:
+        assert not end.code, f"{page}: {line}\n{capsys.readouterr().err}"
+
+
+def test_the_words_of_a_page_name_no_flag_that_is_none(reference_pages):
+    known = {"--help", "--version"}
+    for module in MODULES:
+        for action in reference_pages.flags(import_module(module))._actions:
+            known |= set(action.option_strings)
+    others = {"--split", "--nproc-per-node"}  # of torchrun
+    for page in PAGES:
+        prose = re.sub(r"^ {4,}.*$|^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+        for code in re.findall(r"`([^`\n]+)`", prose):
+            try:
+                words = shlex.split(code)
+            except ValueError:
+                continue
+            for word in words:
+                if word.startswith("--") and not word.endswith(("*", "...")):
+                    flag = word.partition("=")[0].rstrip(",.;")
+                    assert flag in known | others, f"{page.relative_to(ROOT)}: {code}"
