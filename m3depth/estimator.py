@@ -31,8 +31,8 @@ CONFIDENCE_LIMITS = (-1e-3, 1 + 1e-3)  # that rounding may reach
 class Estimator(Protocol):
     """A stereo method, as evaluation, prediction and the driving environment use it.
 
-    A class attribute `normals_are_fitted`, True, says that its normals are planes fitted to its disparity. Evaluation
-    then does not fit them a second time.
+    A method whose normals are planes fitted to its disparity sets the class attribute `normals_are_fitted = True`.
+    Evaluation then does not fit them again.
     """
 
     def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
@@ -76,7 +76,7 @@ class EstimatorName:
             labelled: Whether a label may precede the name.
 
         Raises:
-            ValueError: The name is of no known form.
+            ValueError: The name has none of these forms.
         """
         before, equals, after = text.partition("=")
         label, name = (before, after) if labelled and equals and ":" not in before else (None, text)
@@ -145,7 +145,7 @@ class EstimatorName:
 def distinct_labels(names: Sequence[EstimatorName]) -> list[str]:
     """Return the labels of several methods; weights files of one name get as much of their path as they need.
 
-    Labels that are given, and those of one method given twice, may still be alike.
+    Labels that the user gave, and those of a method that is named twice, may still be equal.
     """
     parts = [1] * len(names)
     while True:
@@ -169,7 +169,7 @@ def load_estimator(
         spec: A name as EstimatorName describes it, or an object that has infer, which comes back as it is.
         role: What the caller calls it, for the messages.
         others: Names that the caller alone understands, for the messages.
-        device: What M3Depth computes on: cpu, cuda, or auto for a GPU if there is one. Other methods use the CPU.
+        device: Device that M3Depth runs on: cpu, cuda, or auto for a GPU if there is one. Other methods use the CPU.
 
     Raises:
         ValueError: The name is unknown, the class is no estimator, or there is no GPU; in one line.

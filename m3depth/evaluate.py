@@ -11,7 +11,7 @@ qualitative.png (images, truth, methods), zoom.png (the hardest parts), error_by
 worst.png (the pairs with the largest error of the first method), sparsification.png (the error that is left as the
 least confident pixels are dropped), rocks.png (found, missed, and predicted where none are).
 
-Scored is every pixel with true depth from 0.5 to 15 m (in other layouts: every known one, or --depth-range), whatever a
+Every pixel with true depth from 0.5 to 15 m (in other layouts: every known one, or --depth-range) is scored, whatever a
 method predicts there. The rules are in m3depth/evaluation/metrics.py, rock_scores.py and sparsification.py, the form of
 saved predictions in m3depth/evaluation/recorded_maps.py.
 
@@ -75,7 +75,7 @@ class EvaluateOptions:
     out: Path
     """Folder to write results.json, results.md and the figures to; those of an earlier scoring are replaced."""
     split: Split = "test"
-    """Part of the dataset to score: test is what no training has seen; all suits a dataset that is not trained on."""
+    """Part of the dataset to score: test, which training leaves out, or all, for data that nothing was trained on."""
     weights: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="PATH ...")] = ()
     """Weights files (.safetensors) of m3depth.train to score, each in a column named after its file or run folder.
     Without any, the shipped weights are scored, as M3Depth."""

@@ -6,10 +6,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from m3depth.estimator import CLASSICAL, M3DEPTH, EstimatorName
 from marssim.base.files.json_file import DatasetError, read_json
 
-# Estimators by their columns in results that do not list them: those of release 0.1.0 score one network.
-COLUMNS = {"M3Depth": "m3depth", "SGBM": "sgbm"}
+# Estimators by their columns, for results of release 0.1.0, which do not list them and score one network.
+COLUMNS = {EstimatorName(name).label(): name for name in (M3DEPTH, *CLASSICAL)}
 
 
 def errors_on_test_set(files: Sequence[Path], perceptions: Mapping[str, str | None]) -> dict[str, float]:
@@ -49,7 +50,7 @@ def _scored(content: Mapping[str, Any]) -> dict[str, float]:
     if estimators is None:
         weights = content["weights_sha256"]
         estimators = {
-            column: {"name": name, "sha256": weights if name == "m3depth" else None} for column, name in COLUMNS.items()
+            column: {"name": name, "sha256": weights if name == M3DEPTH else None} for column, name in COLUMNS.items()
         }
     errors = {
         method: float(result["depth"]["all"]["per_image"]["abs_rel"]) for method, result in content["methods"].items()

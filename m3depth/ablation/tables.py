@@ -17,12 +17,12 @@ FEWEST_SCENES, FEWEST_STEPS = 20, 200  # of a test set and a budget; from smalle
 VERDICTS = ("agrees", "disagrees", "undecided")  # of a comparison, in the order of the table
 
 
-def markdown(about: Mapping[str, Any], found: Mapping[str, Mapping[str, Any]]) -> str:
+def markdown(about: Mapping[str, Any], studies: Mapping[str, Mapping[str, Any]]) -> str:
     """Return the whole report as Markdown.
 
     Args:
         about: The content of ablation.json, with seeds, depth_range_m and versions.
-        found: findings by study.
+        studies: findings by the name of the study.
     """
     budget = budget_text(about["steps"], about["minutes"])
     pairs = "" if about["limit"] is None else f" (at most {about['limit']} pairs)"
@@ -44,9 +44,9 @@ def markdown(about: Mapping[str, Any], found: Mapping[str, Mapping[str, Any]]) -
         "of the paper's."
         + (" With one seed, these intervals do not include chance in training." if len(about["seeds"]) == 1 else ""),
     ]
-    lines += size_warning(found.values()) + mixture_warning(found.values())
-    lines += ["", *table(["study", *VERDICTS, "rows turned"], [_summary(study) for study in found.values()])]
-    for name, study in found.items():
+    lines += size_warning(studies.values()) + mixture_warning(studies.values())
+    lines += ["", *table(["study", *VERDICTS, "rows turned"], [_summary(study) for study in studies.values()])]
+    for name, study in studies.items():
         lines += ["", f"## {study['title']}", "", f"The paper's table `{study['source']}`.", ""]
         normals = [column for column in study["columns"] if column.startswith("normal_")]
         for columns in ([c for c in study["columns"] if c not in normals], normals):
