@@ -47,7 +47,7 @@ def done(plane_set, tmp_path_factory) -> Path:
 
 @pytest.fixture
 def trained(monkeypatch) -> list[str]:
-    """Names of the runs that were trained, in their order."""
+    """Names of the trained runs, in order."""
     names: list[str] = []
 
     def noted(config, samples, held_out):
@@ -62,7 +62,7 @@ def rows_of(out: Path) -> list[dict]:
     return json.loads((out / "results.json").read_text())["studies"]["components"]["rows"]
 
 
-def test_a_study_is_trained_scored_and_told(done) -> None:
+def test_a_study_is_trained_scored_and_reported(done) -> None:
     results = json.loads((done / "results.json").read_text())
     assert (results["steps"], results["seeds"], results["crop"]) == (3, [0], [32, 64])
     for row, name in zip(rows_of(done), ("no-wefe-no-irm", "no-wefe", "no-irm", "base"), strict=True):
@@ -76,8 +76,8 @@ def test_a_study_is_trained_scored_and_told(done) -> None:
         config = M3Depth.from_pretrained(folder / "weights.safetensors").config
         assert config.refine_steps == (0 if "no-irm" in name else 2)
         assert config.wavelet_levels == ((0, 0) if "no-wefe" in name else (2, 2))
-    told = (done / "results.md").read_text()
-    assert "| (b) IRM | 0.115 |" in told and "IRM, without WEFE. Paper: Abs Rel falls by 5.0 %; here it " in told
+    report = (done / "results.md").read_text()
+    assert "| (b) IRM | 0.115 |" in report and "IRM, without WEFE. Paper: Abs Rel falls by 5.0 %; here it " in report
     assert cv2.imread(str(done / "components.png")).shape[1] > 1000
 
 
@@ -94,7 +94,7 @@ def test_runs_are_shared_between_studies(tmp_path) -> None:
     assert len({run.config.loss for run in runs}) == 6
 
 
-def test_what_is_done_is_kept_and_seeds_can_be_added(plane_set, done, tmp_path, trained) -> None:
+def test_finished_runs_are_kept_and_seeds_can_be_added(plane_set, done, tmp_path, trained) -> None:
     out = tmp_path / "again"
     shutil.copytree(done, out)
     asked = flags(plane_set, out, "--steps", "3", "--studies", "components")
@@ -110,8 +110,8 @@ def test_what_is_done_is_kept_and_seeds_can_be_added(plane_set, done, tmp_path, 
         assert new["here"]["normal_mean"] == pytest.approx((one + other) / 2)
 
 
-def test_a_killed_ablation_goes_on_to_the_same_figures(plane_set, done, tmp_path, trained, monkeypatch, capsys) -> None:
-    """SIGTERM in the second run; what the same command then says is what one that was not stopped says."""
+def test_a_killed_ablation_ends_in_the_same_figures(plane_set, done, tmp_path, trained, monkeypatch, capsys) -> None:
+    """SIGTERM comes in the second run; the same command then gives the report of one that was not stopped."""
     step, calls = training.backward, []
 
     def killed(*args):
@@ -144,12 +144,12 @@ def test_a_run_without_a_finite_loss_does_not_stop_the_others(plane_set, tmp_pat
     monkeypatch.setattr(training, "backward", broken)
     out = tmp_path / "ablation"
     assert main(flags(plane_set, out, "--steps", "1", "--studies", "components")) == 0
-    assert "no-wefe-0: loss or gradient is not finite at step 0" in capsys.readouterr().err
+    assert "no-wefe-0: training has diverged: loss is not finite at step 0" in capsys.readouterr().err
     assert [row["here"]["abs_rel"] is None for row in rows_of(out)] == [False, True, False, False]
 
     monkeypatch.setattr(training, "backward", step)
     failed = out / "runs/no-wefe-0/failed.json"
-    for times in range(2):  # again as it was, and once it is asked for
+    for times in range(2):  # first as it was, then after the file is deleted
         assert main(flags(plane_set, out, "--steps", "1", "--studies", "components")) == 0
         assert (f"delete {failed} to try it again" in capsys.readouterr().err) == (times == 0)
         assert [row["here"]["abs_rel"] is None for row in rows_of(out)] == [False, times == 0, False, False]
@@ -179,7 +179,7 @@ def test_misuse_is_one_line_and_exit_2(plane_set, tmp_path, capsys, more, messag
     assert not out.exists()
 
 
-def test_a_run_of_another_network_or_state_of_the_code_is_told(plane_set, done, tmp_path, capsys, monkeypatch) -> None:
+def test_another_network_or_state_of_the_code_is_reported(plane_set, done, tmp_path, capsys, monkeypatch) -> None:
     out = tmp_path / "again"
     shutil.copytree(done, out)
     (out / "runs" / "no-irm-0" / "score.json").unlink()

@@ -1,4 +1,4 @@
-"""Estimators by name, and what is said about names that mean nothing."""
+"""Estimators by name, and the errors for names that mean nothing."""
 
 import hashlib
 import subprocess
@@ -26,7 +26,7 @@ class NoEstimator:
     pass
 
 
-def test_by_name():
+def test_estimators_are_loaded_by_name():
     assert isinstance(load_estimator("sgbm"), SGBM)
     assert load_estimator("ncc") == BlockMatching("ncc")
     assert load_estimator("ssd-sgm") == BlockMatching("ssd", "sgm")
@@ -52,7 +52,7 @@ def test_an_object_comes_back_as_it_is():
         (SGBM, "has no method infer"),
     ],
 )
-def test_what_is_no_estimator_is_named(spec, message):
+def test_a_wrong_estimator_is_named(spec, message):
     with pytest.raises(ValueError, match=message) as caught:
         load_estimator(spec)
     assert "\n" not in str(caught.value)
@@ -60,7 +60,7 @@ def test_what_is_no_estimator_is_named(spec, message):
 
 @pytest.mark.parametrize("device", ["auto", "cpu", "cuda"])
 def test_the_network_goes_where_it_is_asked_to(monkeypatch, device):
-    """No GPU here: a device without memory stands for it."""
+    """A device without memory stands for a GPU."""
     asked = []
     monkeypatch.setattr("m3depth.network.device.chosen_device", lambda name: asked.append(name) or "meta")
     network = load_estimator("m3depth", device=device)
@@ -95,7 +95,7 @@ def test_weights_of_one_name_get_labels_that_differ():
 
 
 @pytest.mark.parametrize("text", ["=sgbm", "Mine=raft", "Mine", "Mine=:Class", "m3depth.stereo:"])
-def test_what_names_no_method_is_refused(text):
+def test_a_name_of_no_method_is_refused(text):
     with pytest.raises(ValueError, match=f"--estimator '{text}' is unknown; choose from m3depth, .*LABEL= before it"):
         EstimatorName.parse(text, "--estimator", labelled=True)
 
@@ -115,7 +115,7 @@ def test_a_digest_is_that_of_the_file_a_method_is_read_from(tmp_path, monkeypatc
         EstimatorName("m3depth:nowhere.safetensors").digest()
 
 
-def test_import_and_baselines_load_no_torch_and_no_other_floor():
+def test_import_and_baselines_load_no_torch_and_no_other_package():
     code = (
         "import sys, m3depth.estimator as e; [e.load_estimator(n) for n in ('sgbm', 'ncc-sgm')]; "
         "import m3depth.evaluate, m3depth.predict, m3depth.texture, m3depth.train, m3depth.ablate; "
@@ -144,7 +144,7 @@ MAP = np.ones((4, 6), np.float32)
         (Prediction(MAP, MAP, None, MAP.astype(object)), "returned an array of object as confidence"),
     ],
 )
-def test_what_is_no_prediction_is_named(found, message):
+def test_a_wrong_prediction_is_named(found, message):
     with pytest.raises(EstimatorError, match=message) as caught:
         checked_prediction(NoEstimator(), found, (4, 6))
     assert "\n" not in str(caught.value)
@@ -160,7 +160,7 @@ def test_a_prediction_with_or_without_normals_passes():
     assert checked_prediction(NoEstimator(), found, (4, 6)).disparity is found.disparity  # not copied
 
 
-def test_predict_says_in_a_line_what_a_class_of_ones_own_lacks(tmp_path, monkeypatch, capsys):
+def test_predict_reports_in_one_line_what_a_users_class_lacks(tmp_path, monkeypatch, capsys):
     code = "import numpy as np\nfrom m3depth.stereo.prediction import Prediction\nclass Bad:\n"
     code += "    def infer(self, left, right, rig):\n        return Prediction(np.ones((3, 3)), None, None, None)\n"
     (tmp_path / "bad_stereo.py").write_text(code)
@@ -170,6 +170,6 @@ def test_predict_says_in_a_line_what_a_class_of_ones_own_lacks(tmp_path, monkeyp
         cv2.imwrite(str(tmp_path / f"{number}.png"), wall[:, 5 * number :][:, :60])
     asked = [str(tmp_path / "0.png"), str(tmp_path / "1.png"), "--focal", "60", "--baseline", "0.2"]
     assert predict_command([*asked, "--out", str(tmp_path / "out"), "--estimator", "bad_stereo:Bad"]) == 2
-    said = capsys.readouterr().err
-    assert said.endswith("Bad.infer returned depth of shape (3, 3): it must be (40, 60) here\n")
-    assert said.count("error:") == 1 and "Traceback" not in said and not (tmp_path / "out").exists()
+    error = capsys.readouterr().err
+    assert error.endswith("Bad.infer returned depth of shape (3, 3): it must be (40, 60) here\n")
+    assert error.count("error:") == 1 and "Traceback" not in error and not (tmp_path / "out").exists()

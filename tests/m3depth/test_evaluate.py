@@ -67,11 +67,11 @@ class Scaled:
 
     def __init__(self, factor: float = 1.25) -> None:
         self.factor = factor
-        self.seen: list[np.ndarray] = []
+        self.images: list[np.ndarray] = []
 
     def infer(self, left, right, rig):
         frame = make_frame(0)
-        self.seen.append(left)
+        self.images.append(left)
         depth = frame.depth * np.float32(self.factor)
         return Prediction(depth, rig.depth_to_disparity(depth), None, np.ones((H, W), np.float32))
 
@@ -87,7 +87,7 @@ class Worse:
         return Scaled(1 + 0.01 * self.times).infer(left, right, rig)
 
 
-def test_known_errors_come_out(folder):
+def test_known_errors_are_measured(folder):
     done = evaluate(StereoDataset(folder, "test"), {"right": Scaled(1.0), "off": Scaled(1.1)}, examples=2)
     assert done.results["right"]["depth"]["all"]["pooled"]["abs_rel"] < 1e-4  # the disk's rounding
     assert done.results["off"]["depth"]["all"]["per_image"]["abs_rel"] == pytest.approx(0.1, abs=1e-4)
@@ -120,7 +120,7 @@ def test_degradation_is_what_methods_see_and_depends_on_seed_and_pair_alone(fold
     for limit, seed in ((None, 0), (2, 0), (None, 1)):
         method = Scaled()
         evaluate(StereoDataset(folder, "test"), {"m": method}, limit=limit, degradation=degradation, seed=seed)
-        runs.append(method.seen)
+        runs.append(method.images)
     assert np.array_equal(runs[0][-1], runs[1][-1])
     assert not np.array_equal(runs[0][-1], runs[2][-1])
     clean = StereoDataset(folder, "test")[3].left
@@ -246,32 +246,32 @@ def test_the_first_call_is_not_timed(folder, monkeypatch):
     monkeypatch.setattr("m3depth.evaluation.scoring.measured", watched)
     method = Scaled()
     done = evaluate(StereoDataset(folder, "test"), {"m": method})
-    assert (len(timed), len(method.seen)) == (4, 5)
-    assert np.array_equal(method.seen[0], method.seen[1])
+    assert (len(timed), len(method.images)) == (4, 5)
+    assert np.array_equal(method.images[0], method.images[1])
     assert set(done.results["m"]["memory_mib"]) == {"process", "gpu"}
 
 
 class Stops(Scaled):
-    """The truth with an error that the image tells; gets a signal, or fails, in its so-many-th call."""
+    """The truth with an error that depends on the image; gets a signal, or fails, in a given call."""
 
     def __init__(self, call: int, signal_number: int | None) -> None:
         super().__init__()
         self.call, self.signal = call, signal_number
 
     def infer(self, left, right, rig):
-        if len(self.seen) + 1 == self.call:
+        if len(self.images) + 1 == self.call:
             if self.signal is None:
                 raise OSError("the camera is gone")
             os.kill(os.getpid(), self.signal)
-        self.seen.append(left)
+        self.images.append(left)
         return Scaled(1 + 0.001 * (int(left.sum()) % 100)).infer(left, right, rig)
 
 
 @pytest.mark.parametrize(
     ("signal_number", "kept"), [(signal.SIGINT, 2), (signal.SIGTERM, 2), (None, 1)], ids=["ctrl-c", "term", "failure"]
 )
-def test_what_was_stopped_goes_on_and_comes_to_the_same(folder, tmp_path, capsys, monkeypatch, signal_number, kept):
-    """Of four pairs; without a signal nothing is saved but what was saved after the pair before, as by kill -9."""
+def test_a_stopped_evaluation_continues_to_the_same_result(folder, tmp_path, capsys, monkeypatch, signal_number, kept):
+    """Of four pairs. Without a signal, as by kill -9, only the state after the previous pair is saved."""
     monkeypatch.setattr("m3depth.evaluation.resume.SECONDS", 0.0)
     monkeypatch.setattr("m3depth.evaluate.draw", lambda done, out: drawn.append(done))
     drawn: list = []
@@ -279,7 +279,7 @@ def test_what_was_stopped_goes_on_and_comes_to_the_same(folder, tmp_path, capsys
     monkeypatch.setattr("m3depth.evaluate.load_estimator", lambda spec, *_, **__: method)
     asked = ["--data", str(folder), "--baselines", "none", "--degrade", "noise=2"]
     assert main([*asked, "--out", str(tmp_path / "whole")]) == 0
-    method = Stops(3, signal_number)  # in the second pair: the first one is seen twice
+    method = Stops(3, signal_number)  # in the second pair: methods receive the first one twice
     stopped = [*asked, "--out", str(tmp_path / "stopped")]
     assert main(stopped) == (2 if signal_number is None else 130)
     assert ("the camera is gone" if signal_number is None else "the same command goes on") in capsys.readouterr().err
@@ -302,8 +302,8 @@ def test_what_was_stopped_goes_on_and_comes_to_the_same(folder, tmp_path, capsys
 
 
 @pytest.mark.parametrize("change", ["--predictions", "--estimator", "--device", "weights of an estimator"])
-def test_a_stopped_evaluation_does_not_go_on_with_other_inputs(folder, tmp_path, capsys, monkeypatch, change):
-    """The command is the same; what its files hold, or the device, is another."""
+def test_a_stopped_evaluation_does_not_continue_with_other_inputs(folder, tmp_path, capsys, monkeypatch, change):
+    """The command is the same; the content of its files, or the device, has changed."""
     monkeypatch.setattr("m3depth.evaluation.resume.SECONDS", 0.0)
     monkeypatch.setattr("m3depth.evaluate.draw", lambda *_: None)
     monkeypatch.chdir(tmp_path)
@@ -320,7 +320,7 @@ def test_a_stopped_evaluation_does_not_go_on_with_other_inputs(folder, tmp_path,
     asked = ["--data", str(folder), "--out", "out", "--baselines", "none", "--predictions", "Read=maps", "--estimator"]
     asked += ["Mine=my_class_of_today:Mine", "Old=m3depth:w.safetensors"]
     assert main(asked) == 130
-    told = change
+    changed = change
     if change == "--predictions":
         os.utime(maps / f"{pairs.names[0].replace('/', '_')}.npy", (1, 1))
     elif change == "--estimator":
@@ -329,10 +329,10 @@ def test_a_stopped_evaluation_does_not_go_on_with_other_inputs(folder, tmp_path,
         monkeypatch.setattr("m3depth.network.device.chosen_device", lambda wanted: torch.device("meta"))
     else:
         weights.write_bytes(b"others")
-        told = "--estimator"
+        changed = "--estimator"
     capsys.readouterr()
     assert main(asked) == 2
-    assert f"of an unfinished evaluation with another {told}; choose" in capsys.readouterr().err
+    assert f"of an unfinished evaluation with another {changed}; choose" in capsys.readouterr().err
 
 
 def test_a_state_that_lacks_something_is_damaged(folder, tmp_path):
@@ -416,7 +416,7 @@ def test_progress_is_printed_where_there_is_no_terminal(folder, tmp_path, capsys
     assert [line.partition(" pairs")[0] for line in lines] == [f"evaluate: {done}/4" for done in (1, 2, 3, 4)]
 
 
-def test_results_tell_which_shipped_weights_were_scored(folder, tmp_path, monkeypatch):
+def test_results_record_which_shipped_weights_were_scored(folder, tmp_path, monkeypatch):
     shipped = tmp_path / "lite.safetensors"
     shipped.write_bytes(b"some weights")
     monkeypatch.setattr("m3depth.estimator.SHIPPED_WEIGHTS", shipped)
@@ -445,7 +445,7 @@ def test_broken_sample_is_named(tmp_path, capsys, monkeypatch):
     assert "depth.png" in error and error.strip().count("\n") == 0
 
 
-def test_all_splits_are_scored_where_that_is_asked_for(tmp_path) -> None:
+def test_split_all_scores_every_split(tmp_path) -> None:
     names = ["00000/00", "00001/00", "00002/00"]  # one scene of each split
     for name in names:
         write_sample(tmp_path / "scenes" / name, make_frame(0), {})
@@ -455,21 +455,21 @@ def test_all_splits_are_scored_where_that_is_asked_for(tmp_path) -> None:
         assert len(dataset) == count
 
 
-def test_a_class_that_returns_no_prediction_is_told_in_a_line(folder, tmp_path, monkeypatch, capsys) -> None:
+def test_a_class_that_returns_no_prediction_is_reported_in_one_line(folder, tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
     code = "class Tup:\n    def infer(self, left, right, rig):\n        return left[..., 0]\n"
     (tmp_path / "tup_stereo.py").write_text(code)
     monkeypatch.syspath_prepend(tmp_path)
     asked = ["--baselines", "none", "--limit", "1", "--estimator", "tup_stereo:Tup", "--out", str(tmp_path / "out")]
     assert main(["--data", str(folder), *asked]) == 2
-    said = capsys.readouterr().err.strip().splitlines()[-1]
-    assert said.startswith(
+    error = capsys.readouterr().err.strip().splitlines()[-1]
+    assert error.startswith(
         f"error: Tup, pair 0: Tup.infer returned an array of shape ({H}, {W}): it must be a Prediction"
     )
 
 
 def test_results_of_another_command_are_not_replaced(folder, tmp_path, capsys):
-    """Drives', say; its own of an earlier run are."""
+    """Results of drives stay; those of an earlier scoring are replaced."""
     results = tmp_path / "results.json"
     results.write_text('{"differences": []}')
     with pytest.raises(DatasetError, match=r"results\.json is of another command"):

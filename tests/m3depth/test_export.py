@@ -1,4 +1,4 @@
-"""The exported network says what PyTorch's says, in onnxruntime, at sizes that the export never saw."""
+"""The exported network has PyTorch's outputs in onnxruntime, at sizes that the export did not use."""
 
 from dataclasses import replace
 
@@ -84,7 +84,7 @@ def test_the_command_writes_a_file_that_other_programs_read(tmp_path, capsys) ->
 
 @pytest.mark.parametrize("part", ["aggregation.score", "normals.slice.2.weight"])
 def test_a_file_that_disagrees_is_not_written(tmp_path, monkeypatch, exported, part) -> None:
-    """In disparity, or in normals alone: the exported network is that of other weights."""
+    """The exported network has other weights; it differs in disparity, or in normals alone."""
     weights = network(replace(TINY, refine_steps=0))
     with torch.no_grad():
         dict(weights.named_parameters())[part].mul_(-3)

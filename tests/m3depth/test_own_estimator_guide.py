@@ -22,7 +22,7 @@ def test_the_estimator_has_20_lines(guide_program):
     assert len(code) <= 20
 
 
-def test_evaluate_takes_it_by_class_path(tmp_path, my_stereo, monkeypatch):
+def test_evaluate_takes_the_estimator_by_class_path(tmp_path, my_stereo, monkeypatch):
     monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
     rig = StereoRig(PinholeCamera.centred(320, 96, 200.0), 0.25)
     wall = np.random.default_rng(0).integers(0, 255, (96, 340, 1), dtype=np.uint8).repeat(3, axis=2)
@@ -64,8 +64,8 @@ cv2.imwrite(str(folder / "left_disparity.tif"), found)
 """
 
 
-def test_the_recipe_goes_there_and_back(tmp_path, plane_set, guide_program, monkeypatch):
-    """As on the page, but for the program in the middle, whose part another plays that knows the truth."""
+def test_the_recipe_makes_a_round_trip(tmp_path, plane_set, guide_program, monkeypatch):
+    """As on the page, except for the program in the middle, which a stub with the truth replaces."""
     export(ExportConfig(plane_set, "eth3d", tmp_path / "eth3d", split=("test",)))
     (tmp_path / "run_pandora.py").write_text(guide_program("run_pandora.py"))
     tree = tmp_path / "eth3d" / "test"

@@ -1,4 +1,4 @@
-"""One pair to files: what is written, at any size, and what is said about input that cannot be used."""
+"""The files of one pair, at any size, and the errors for input that cannot be used."""
 
 import errno
 import os
@@ -124,7 +124,7 @@ def test_exchanged_eyes_are_refused_and_others_are_not(tmp_path, capsys):
     assert capsys.readouterr().err.startswith("warning: ") and (out / "depth.npy").exists()
 
 
-def test_a_pair_that_is_not_rectified_is_told_or_refused(tmp_path, capsys):
+def test_a_pair_that_is_not_rectified_gives_a_warning_or_an_error(tmp_path, capsys):
     scene = cv2.GaussianBlur(np.random.default_rng(3).integers(0, 255, (300, 460), dtype=np.uint8), (0, 0), 1.5)
     left = write(tmp_path / "l.png", scene[20:-20, 20:420])
     for rows, code, wording in ((0, 0, ""), (1, 0, "warning: the rows of"), (4, 2, "lie 4.0 px apart")):
@@ -132,8 +132,8 @@ def test_a_pair_that_is_not_rectified_is_told_or_refused(tmp_path, capsys):
         out = tmp_path / f"out{rows}"
         args = [str(left), str(right), "--focal", "300", "--baseline", "0.2", "--out", str(out), "--estimator", "sgbm"]
         assert main(args) == code
-        said = capsys.readouterr().err
-        assert wording in said and said.count("\n") == (rows > 0) and out.exists() == (code == 0)
+        printed = capsys.readouterr().err
+        assert wording in printed and printed.count("\n") == (rows > 0) and out.exists() == (code == 0)
 
 
 def test_normals_of_the_sky_are_none(pair, tmp_path):
@@ -161,7 +161,7 @@ def test_calibration_file_gives_metres_and_principal_point(tmp_path):
     assert np.median(found.depth) == pytest.approx(100 * 1.1 / 11, rel=2e-3)
 
 
-def test_natecam_by_name_and_a_flag_that_replaces_what_it_says(tmp_path):
+def test_natecam_by_name_and_a_flag_that_replaces_its_value(tmp_path):
     """As in training: 595.9 px at 512, so 69.8 px at 60."""
     wall = np.random.default_rng(4).integers(0, 255, (60, 90), dtype=np.uint8)
     pair = [write(tmp_path / f"{n}.png", wall[:, n * 8 :][:, :60]) for n in (0, 1)]
@@ -293,15 +293,15 @@ def test_mistakes_are_one_line(pair, tmp_path, capsys, case, message):
     assert message in error and error.count("\n") == 1
 
 
-def test_the_other_eye_is_asked_and_what_it_denies_is_not_trusted(plane_samples, tmp_path, capsys):
-    """A plane: SGBM from either eye says the same where both see it."""
+def test_pixels_that_the_other_eye_contradicts_lose_their_confidence(plane_samples, tmp_path, capsys):
+    """On a plane, SGBM finds the same disparity from either eye where both see it."""
     sample = plane_samples[0]
     left, right = (write(tmp_path / f"{name}.png", getattr(sample, name)) for name in ("left", "right"))
     flags = [str(left), str(right), "--focal", str(sample.rig.camera.fx), "--baseline", str(sample.rig.baseline),
              "--estimator", "sgbm", "--out", str(tmp_path / "out")]  # fmt: skip
     assert main([*flags, "--left-right"]) == 0
-    said = capsys.readouterr().out
-    share = float(re.search(r"the eyes agree within 1 px on ([\d.]+) % of what both see", said)[1])
+    printed = capsys.readouterr().out
+    share = float(re.search(r"the eyes agree within 1 px on ([\d.]+) % of what both see", printed)[1])
     difference, confidence = (np.load(tmp_path / "out" / f"{name}.npy") for name in ("left_right", "confidence"))
     assert share > 95 and difference.shape == confidence.shape
     assert (confidence[~(difference <= 1)] == 0).all() and (confidence > 0).any() and np.isnan(difference[:, 0]).all()
@@ -319,15 +319,15 @@ def test_normals_of_an_earlier_run_do_not_stay_beside_a_prediction_without(pair,
     assert not [path.name for path in (tmp_path / "out").iterdir() if path.name.startswith("normal")]
 
 
-def test_a_gpu_that_is_not_there_is_one_line(pair, tmp_path, capsys, monkeypatch):
+def test_a_missing_gpu_is_one_line(pair, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("torch.cuda.is_available", lambda: False)
     words = [*map(str, pair), "--focal", "80", "--baseline", "0.2", "--out", str(tmp_path / "out"), "--device", "cuda"]
     assert main(words) == 2
-    said = capsys.readouterr().err.strip()
-    assert said.endswith("--device cuda: no GPU was found") and "\n" not in said
+    printed = capsys.readouterr().err.strip()
+    assert printed.endswith("--device cuda: no GPU was found") and "\n" not in printed
 
 
-def test_a_disk_that_fills_up_is_told_and_leaves_no_half_of_a_file(pair, tmp_path, capsys, monkeypatch):
+def test_a_full_disk_is_reported_and_leaves_no_half_written_file(pair, tmp_path, capsys, monkeypatch):
     out, files = tmp_path / "out", []
 
     def full(file):
@@ -337,6 +337,6 @@ def test_a_disk_that_fills_up_is_told_and_leaves_no_half_of_a_file(pair, tmp_pat
 
     monkeypatch.setattr(os, "fsync", full)
     assert main([*map(str, pair), "--focal", "80", "--baseline", "0.2", "--out", str(out), "--estimator", "sgbm"]) == 2
-    told = f"error: --out {out}: {out / 'disparity.npy'}: no space left on device\n"
-    assert capsys.readouterr().err.endswith(told)
+    message = f"error: --out {out}: {out / 'disparity.npy'}: no space left on device\n"
+    assert capsys.readouterr().err.endswith(message)
     assert [file.name for file in out.iterdir()] == ["depth.npy"]

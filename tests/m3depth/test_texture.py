@@ -1,4 +1,4 @@
-"""Texture measures against images whose answer is known, and the command that tells them."""
+"""Texture measures of images whose values are known, and the command that prints them."""
 
 import json
 
@@ -17,7 +17,7 @@ from marssim.base.dataset.sample import write_sample
 
 
 @pytest.mark.parametrize(("waves", "share"), [(4, 0.0), (40, 1.0)])
-def test_a_wave_lies_where_its_frequency_is(waves, share):
+def test_a_wave_has_its_energy_at_its_frequency(waves, share):
     """128 px: f_max is 64 waves, the border 6.4."""
     x = np.arange(128)
     image = np.round(128 + 60 * np.cos(2 * np.pi * waves * x / 128))[None].repeat(128, axis=0).astype(np.uint8)
@@ -26,7 +26,7 @@ def test_a_wave_lies_where_its_frequency_is(waves, share):
     assert found["high_dc"] == pytest.approx(share * 0.5 * 60**2 / (0.5 * 60**2 + 128**2), abs=0.01)
 
 
-def test_white_noise_has_its_energy_where_the_area_is():
+def test_white_noise_spreads_its_energy_evenly():
     image = np.random.default_rng(0).integers(0, 256, (256, 256), dtype=np.uint8)
     found = measure(image)
     assert found["high"] == pytest.approx(1 - np.pi * 0.05**2, abs=0.005)
@@ -78,7 +78,7 @@ def test_command_on_a_dataset(tmp_path):
     assert group["images"][0]["high"] == pytest.approx(measure(cv2.cvtColor(sample.left, cv2.COLOR_RGB2GRAY))["high"])
 
 
-def test_an_image_that_is_named_twice_counts_once(tmp_path):
+def test_an_image_that_is_given_twice_counts_once(tmp_path):
     for number in range(3):
         image = np.random.default_rng(number).integers(0, 255, (20, 30), dtype=np.uint8)
         cv2.imwrite(str(tmp_path / f"{number}.png"), image)

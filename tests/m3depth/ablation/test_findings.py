@@ -1,4 +1,4 @@
-"""What follows from figures that are known."""
+"""Findings from figures that are known."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def test_pairs_of_one_difficulty_cancel() -> None:
 
 
 def test_views_of_a_scene_are_drawn_together() -> None:
-    """Five views each of six scenes, alike in every figure: the interval is that of six, not of thirty."""
+    """Five equal views each of six scenes: the interval is that of six, not of thirty."""
     rng = np.random.default_rng(3)
     scenes = {name: np.repeat(rng.uniform(0.5, 2, 6), 5) for name in ("abs_rel", "sq_rel", "rmse", "delta1")}
     change = np.repeat(np.exp(0.2 * rng.normal(size=6)), 5)
@@ -67,7 +67,7 @@ def test_one_scene_gives_no_interval_and_no_verdict(tmp_path) -> None:
 
 
 def test_errors_of_nothing_in_most_scenes_give_no_interval_and_no_verdict() -> None:
-    """Samples of scenes in which nobody errs have no relative change."""
+    """Samples of scenes without errors have no relative change."""
     pairs = {name: np.array([0.0, 0, 0, 1]) for name in ("abs_rel", "sq_rel", "rmse", "delta1")}
     scores = {row.variant.name: {0: score(pairs, views=1)} for row in STUDIES["levels"].rows}
     scores["levels-3"] = {0: score({name: 2 * x for name, x in pairs.items()}, views=1)}
@@ -88,13 +88,13 @@ def test_runs_on_other_pairs_are_not_compared() -> None:
             findings(STUDIES["levels"], scores)
 
 
-def test_the_order_counts_what_is_turned() -> None:
+def test_pairs_of_rows_in_the_opposite_order_are_counted() -> None:
     order = findings(STUDIES["levels"], levels([1.0, 2.0, 3.0, 4.0]))["order"][0]
     assert order["paper"] == ["3", "4", "5", "2"] and order["here"] == ["2", "3", "4", "5"]
     assert (order["turned"], order["of"]) == (3, 6)  # 2 stands before 3, 4 and 5
 
 
-def test_what_is_not_measured_yet_is_told() -> None:
+def test_missing_figures_are_reported_as_not_measured_yet() -> None:
     found = findings(STUDIES["levels"], levels([1.0, 0.9, None, None]))
     assert [part["verdict"] for part in found["comparisons"]] == ["agrees", None, None]
     assert "here it is not measured yet" in found["comparisons"][1]["sentence"]

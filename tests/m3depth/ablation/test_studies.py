@@ -1,4 +1,4 @@
-"""The studies are those of the paper: what is trained, and what the paper found."""
+"""The studies are those of the paper: the trained networks, and the paper's figures."""
 
 import pytest
 
@@ -19,7 +19,7 @@ def test_a_run_that_is_the_same_in_several_tables_is_one(preset: str) -> None:
 
 
 @pytest.mark.parametrize("preset", list(PRESETS))
-def test_what_a_study_changes_and_nothing_else(preset: str) -> None:
+def test_a_study_changes_only_its_own_fields(preset: str) -> None:
     base = PRESETS[preset]
 
     def changed(study: str) -> list[dict]:
@@ -41,8 +41,8 @@ def test_what_a_study_changes_and_nothing_else(preset: str) -> None:
     ]  # fmt: skip
 
 
-def test_the_papers_changes_are_those_that_its_text_tells() -> None:
-    """From the text, not the tables: figures that were copied wrongly would not give them."""
+def test_the_papers_changes_are_those_of_its_text() -> None:
+    """They come from the text, not from the tables, so figures that were copied wrongly would not give them."""
     rows = STUDIES["components"].rows
     assert [rows[i].paper["rmse"] for i in (0, 1, 2)] == [0.562, 0.462, 0.418]
     assert rows[2].paper["normal_mean"] == 25.3 and rows[2].paper["normal_within_11.25"] == 0.361

@@ -13,7 +13,7 @@ from m3depth.evaluation.scoring import evaluate
 from m3depth.stereo.prediction import Prediction
 
 
-def test_runs_of_several_states_of_the_code_are_told() -> None:
+def test_runs_of_several_states_of_the_code_give_a_warning() -> None:
     scores = levels([1.0, 0.9, 0.8, 0.8])
     assert "may not compare" not in markdown(ABOUT, {"levels": findings(STUDIES["levels"], scores)})
     scores["levels-3"][1]["device"] = "cuda"
@@ -26,17 +26,17 @@ class Guess:
     """Depths that are too far by a share, a little more from pair to pair."""
 
     def __init__(self, samples, share: float) -> None:
-        self.samples, self.share, self.seen = samples, share, -1  # evaluate shows the first pair twice
+        self.samples, self.share, self.calls = samples, share, -1  # evaluate shows the first pair twice
 
     def infer(self, left, right, rig) -> Prediction:
-        sample = self.samples[max(self.seen, 0)]
-        self.seen += 1
-        depth = sample.depth * np.float32(1 + self.share * (2 + self.seen))
+        sample = self.samples[max(self.calls, 0)]
+        self.calls += 1
+        depth = sample.depth * np.float32(1 + self.share * (2 + self.calls))
         return Prediction(depth, rig.depth_to_disparity(depth), sample.normal, np.ones_like(depth))
 
 
 def test_a_pair_without_a_scored_pixel_is_left_out_of_every_run(plane_samples) -> None:
-    """As evaluate records it: the pair has its seconds and no figure."""
+    """The record of such a pair has its seconds and no figures."""
     empty = replace(plane_samples[1], valid=np.zeros_like(plane_samples[1].valid))
     samples = [plane_samples[0], empty, *plane_samples[2:]]
     scores = {}
@@ -67,7 +67,7 @@ def test_the_report_has_the_papers_figures_beside_ours() -> None:
 
 
 @pytest.mark.parametrize(
-    ("scenes", "steps", "said"),
+    ("scenes", "steps", "warning"),
     [
         (2, 2, "2 scenes in the test set (under 20, intervals mean nothing) and 2 steps (under 200, a network has"),
         (20, 199, "for any conclusion: 199 steps (under 200"),
@@ -75,12 +75,12 @@ def test_the_report_has_the_papers_figures_beside_ours() -> None:
         (20, 200, None),
     ],
 )
-def test_too_small_a_test_set_or_budget_is_warned_of_before_the_tables(scenes, steps, said) -> None:
+def test_too_small_a_test_set_or_budget_is_warned_of_before_the_tables(scenes, steps, warning) -> None:
     study = findings(STUDIES["levels"], levels([1.0, 0.9, 0.8, 0.8]))
     study["all_scenes"] = scenes
     for row in study["rows"]:
         for run in row["runs"]:
             run["steps"] = max(run["steps"], 200) if run is not study["rows"][1]["runs"][0] else steps
     text = markdown(ABOUT, {"levels": study})
-    assert ("Too small for any conclusion" in text) == (said is not None)
-    assert said is None or (said in text and text.index(said) < text.index("| study |"))
+    assert ("Too small for any conclusion" in text) == (warning is not None)
+    assert warning is None or (warning in text and text.index(warning) < text.index("| study |"))

@@ -10,7 +10,7 @@ import torch
 from m3depth.evaluation.cost import measured
 
 
-def test_what_the_call_returns_and_how_long_it_took():
+def test_a_call_is_timed_and_its_result_comes_back():
     def work(a, b=1):
         time.sleep(0.02)
         return a + b
@@ -21,11 +21,11 @@ def test_what_the_call_returns_and_how_long_it_took():
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux tells")
-def test_the_peak_is_that_of_the_call_not_of_what_was_before():
-    """200 MiB are held and let go, then 20 MiB: the second peak lies below the first."""
+def test_the_peak_is_that_of_the_call_alone():
+    """The first call holds 200 MiB, the second one 20 MiB: the second peak is lower."""
     peaks = [measured(lambda size=size: np.ones(size * 2**17).sum())[1].peak_mib for size in (200, 20)]
     if None in peaks:
-        pytest.skip("the kernel does not let the peak be counted anew")
+        pytest.skip("the kernel cannot restart the count of the peak")
     assert peaks[0] - peaks[1] > 100
 
 

@@ -95,8 +95,8 @@ def test_known_scale_error(factor):
             assert figures[f"delta{i}"] == (worst < 1.25**i)
 
 
-def test_what_is_farther_than_the_cap_is_as_far_for_both():
-    """Of other layouts, that score every known depth: a perfect prediction at 200 m has no error."""
+def test_true_depth_beyond_the_cap_is_capped_too():
+    """In layouts that score every known depth, a perfect prediction at 200 m has no error."""
     true = np.array([200.0, 90.0, 0.001])
     perfect_terms = dict(zip(DEPTH_TERMS, depth_terms(true, np.ones(3), true, np.ones(3)).T, strict=True))
     for name in ("abs_rel", "sq_rel", "rmse", "log10", "mae", "epe"):

@@ -45,7 +45,7 @@ def put(path, values):
     ],
 )
 @pytest.mark.parametrize("ending", ["npy", "pfm", "tiff", "tif", "png"])
-def test_every_name_and_ending(tmp_path, name, ending):
+def test_maps_are_found_by_every_name_and_ending(tmp_path, name, ending):
     stored = np.round(DISPARITY * 256).astype(np.uint16) if ending == "png" else DISPARITY
     put(tmp_path / f"{name}.{ending}", stored)
     found = RecordedPredictions(tmp_path).read(PAIR, NUMBER, RIG)
@@ -67,8 +67,8 @@ def test_depth_in_metres_and_millimetres(tmp_path):
     )
 
 
-def test_negative_disparities_by_their_scale(tmp_path):
-    """RAFT-Stereo's demo writes (H, W) npy of -d beside a picture of 8 bit of the same name."""
+def test_negative_disparities_have_a_negative_scale(tmp_path):
+    """RAFT-Stereo's demo writes (H, W) npy of -d beside an 8-bit picture of the same name."""
     put(tmp_path / "00003_05.npy", -DISPARITY)
     put(tmp_path / "00003_05.png", np.zeros((H, W, 3), np.uint8))
     assert RecordedPredictions(tmp_path, scale=-1).read(PAIR, NUMBER, RIG).disparity == pytest.approx(DISPARITY)
@@ -92,7 +92,7 @@ def test_unknown_is_unknown_and_zero_is_far(tmp_path):
     assert np.isnan(RecordedPredictions(tmp_path / "a").read(PAIR, NUMBER, RIG).depth).all()
 
 
-def test_normals_and_confidence_beside(tmp_path):
+def test_normals_and_confidence_are_read_beside_a_map(tmp_path):
     normal = np.broadcast_to(np.float32([0, 0, -1]), (H, W, 3))
     sure = np.full((H, W), 0.4, np.float32)
     for maps, names in (
@@ -114,7 +114,7 @@ def test_normals_and_confidence_beside(tmp_path):
         ("A=b,fill", ("A", "b", "disparity", None)),
     ],
 )
-def test_the_command_lines_form(text, expected):
+def test_the_form_of_the_flag_is_read(text, expected):
     name, found = RecordedPredictions.parse(text)
     assert (name, str(found.folder), found.kind, found.scale) == expected
     assert found.fill == text.endswith(",fill")
@@ -128,7 +128,7 @@ def test_another_form_is_refused(text):
         RecordedPredictions.parse(text)
 
 
-def test_unknown_is_filled_from_the_background_if_asked_for(tmp_path):
+def test_unknown_pixels_are_filled_from_the_background_on_request(tmp_path):
     values = DISPARITY.copy()
     values[3, 4:7] = np.nan
     put(tmp_path / "00003_05.npy", values)
@@ -152,7 +152,7 @@ def test_unknown_is_filled_from_the_background_if_asked_for(tmp_path):
         ("00003_05.tiff", b"", "holds no numbers that can be read"),
     ],
 )
-def test_what_cannot_be_used_is_named(tmp_path, capfd, name, content, message):
+def test_a_file_that_cannot_be_used_is_named(tmp_path, capfd, name, content, message):
     path = tmp_path / name
     if isinstance(content, bytes):
         path.write_bytes(content)
@@ -173,7 +173,7 @@ def test_missing_files_are_named_before_anything_is_scored(tmp_path, plane_sampl
         RecordedPredictions(tmp_path / "nowhere").check([])
 
 
-def test_pairs_whose_names_are_numbers_go_by_them(tmp_path):
+def test_pairs_whose_names_are_numbers_are_found_by_name(tmp_path):
     """KITTI's test split does not begin at 0: its third pair is 000021, not the third file."""
     for number in range(30):
         put(tmp_path / f"{number:06d}_10.npy", DISPARITY + number)
@@ -186,14 +186,14 @@ def test_pairs_whose_names_are_numbers_go_by_them(tmp_path):
         maps.check([*pairs, ("000031", 3)])
 
 
-def test_a_folder_goes_by_names_or_by_places_and_never_by_both(tmp_path):
+def test_a_folder_has_names_or_places_and_never_both(tmp_path):
     for name in ("00000_00", "00002_00", "000001"):
         put(tmp_path / f"{name}.npy", DISPARITY)
     with pytest.raises(FileNotFoundError, match=r"no disparity of pair 00001/00; looked for 00001/00, 00001_00, "):
         RecordedPredictions(tmp_path).check([(f"{scene:05d}/00", scene) for scene in range(3)])
 
 
-def test_a_pfm_means_what_it_holds_whatever_its_scale(tmp_path):
+def test_the_scale_of_a_pfm_is_ignored(tmp_path):
     data = encode_pfm(DISPARITY)
     assert data.startswith(b"Pf\n20 12\n-1\n")
     (tmp_path / "00003_05.pfm").write_bytes(data.replace(b"\n-1\n", b"\n-0.003922\n", 1))

@@ -1,4 +1,4 @@
-"""The file of an evaluation that is not done, and the states of what sums up in it."""
+"""The file of an unfinished evaluation, and the states of its sums."""
 
 import json
 
@@ -34,7 +34,7 @@ def alike(one, other):
 
 @settings(max_examples=60, deadline=None)
 @given(st.dictionaries(st.text(max_size=4), STATES, max_size=4))
-def test_what_is_saved_comes_back(tmp_path_factory, state):
+def test_a_saved_state_comes_back(tmp_path_factory, state):
     file = Unfinished(tmp_path_factory.mktemp("out"), ASKED)
     assert file.load() is None
     file.save({"kept": state})
@@ -43,7 +43,7 @@ def test_what_is_saved_comes_back(tmp_path_factory, state):
     assert file.load() is None
 
 
-def test_another_evaluation_does_not_go_on_with_it(tmp_path):
+def test_another_evaluation_does_not_continue_from_it(tmp_path):
     Unfinished(tmp_path, {**ASKED, "--unit": 32.0}).save({})
     with pytest.raises(UnfinishedError, match=r"with another --seed, another --unit; choose another --out, or delete"):
         Unfinished(tmp_path, {**ASKED, "--seed": 1}).load()
@@ -86,7 +86,7 @@ def test_saves_are_some_time_apart(tmp_path, monkeypatch):
     assert file.load() == {"at": 130.0}
 
 
-def test_rocks_come_back_as_what_they_were(tmp_path):
+def test_the_state_of_rocks_comes_back(tmp_path):
     sums, again = RockCounts(2, [RockOutcome(0.3, 4.0, True, 0.01, False)], [(0.25, 3.0)]), RockCounts()
     file = Unfinished(tmp_path, ASKED)
     file.save(sums.state_dict())
@@ -94,8 +94,8 @@ def test_rocks_come_back_as_what_they_were(tmp_path):
     assert again == sums and again.result() == sums.result() and again.rocks[0].both_eyes is False
 
 
-def test_scores_go_on_from_what_was_saved(plane_samples, tmp_path):
-    """To the last bit as if nothing had come between, sky and confidence included."""
+def test_scores_continue_from_a_saved_state(plane_samples, tmp_path):
+    """The result is the same to the last bit, sky and confidence included."""
 
     def add(scores, samples):
         for sample in samples:

@@ -11,7 +11,7 @@ from rock_world import RockWorld
 from m3depth.evaluation.rock_scene import rock_scene
 
 
-def test_heights_and_distances_are_those_of_the_world():
+def test_heights_and_distances_are_those_of_the_domes():
     sample = rock_sample(world())
     rocks = rock_scene(sample).rocks
     assert len(rocks) == len(DOMES)
@@ -24,7 +24,7 @@ def test_heights_and_distances_are_those_of_the_world():
 
 @given(st.floats(-0.15, 0.15), st.floats(-0.15, 0.15))
 @settings(max_examples=10)
-def test_heights_stand_on_the_slope_that_the_ground_has(along, across):
+def test_heights_are_measured_from_sloping_ground(along, across):
     """A box on a slope, given by hand: its top is level, so its height is that of its highest place above the plane."""
     x, y = ahead(4.0, 0.0)
     box = np.array([[x, y, 0.2, 0.2, 0.0]])

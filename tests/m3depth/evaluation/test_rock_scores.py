@@ -41,7 +41,7 @@ def test_melted_rocks_are_missed_and_the_others_are_not():
 
 
 def test_a_rock_at_the_wrong_depth_is_not_found():
-    """A third too far, its top is higher above the ground than it should be, and yet it is no rock at its place."""
+    """A third too far, its top is even higher above the ground, but no rock is at its place."""
     sample = rock_sample(world())
     tops = predicted_tops(rock_scene(sample), sample.depth * np.float32(1.35))
     assert (tops < 0.05).all()
@@ -84,7 +84,7 @@ def test_specks_and_outlines_are_no_obstacles():
     assert false_obstacles(rock_scene(sample), depth) == []
 
 
-def test_ground_that_is_all_too_near_is_told():
+def test_ground_that_is_predicted_too_near_is_a_false_obstacle():
     """A tenth too near lifts the ground by 0.12 m, a third by 0.4 m."""
     sample = rock_sample(RockWorld())
     scene = rock_scene(sample)

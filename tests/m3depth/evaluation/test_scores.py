@@ -1,4 +1,4 @@
-"""What is summed up about a method beside the metrics: fitted normals, the map of errors, rocks, confidence."""
+"""The figures of a method beside the metrics: fitted normals, the map of errors, rocks, confidence."""
 
 from dataclasses import replace
 
@@ -15,8 +15,8 @@ from m3depth.stereo.prediction import Prediction
 
 
 def truth(sample, **changes) -> Prediction:
-    told = Prediction(sample.depth, sample.disparity, sample.normal, np.ones(sample.depth.shape, np.float32))
-    return replace(told, **changes)
+    exact = Prediction(sample.depth, sample.disparity, sample.normal, np.ones(sample.depth.shape, np.float32))
+    return replace(exact, **changes)
 
 
 def scored(sample, prediction, fit=True) -> dict:
@@ -25,8 +25,8 @@ def scored(sample, prediction, fit=True) -> dict:
     return scores.result()
 
 
-def test_fitted_normals_are_those_of_the_disparity_whatever_the_method_says(plane_samples):
-    """On a plane the fit is exact but for the borders; wrong normals of the method do not touch it."""
+def test_fitted_normals_do_not_depend_on_the_methods_own(plane_samples):
+    """On a plane the fit is exact except at the borders; wrong normals of the method do not change it."""
     sample = plane_samples[0]
     found = scored(sample, truth(sample, normal=-sample.normal))
     assert found["normal"]["all"]["pooled"]["mean"] == pytest.approx(180)
@@ -49,7 +49,7 @@ def test_evaluate_fits_normals_once_for_the_truth_and_not_for_matchers_that_fit_
     assert done.true_depth_normals == done.results["fits"]["normal"]
 
 
-def test_the_error_map_counts_every_pixel_once_where_it_belongs():
+def test_the_error_map_counts_every_pixel_once():
     errors = ErrorMap()
     errors.add(np.array([0.6, 0.6, 14.99, 15.0, 15.5]), np.array([0.0, 0.011, 200.0, 1.0, 1.0]))
     counts = np.array(errors.result()["counts"])
@@ -71,8 +71,8 @@ def test_rocks_and_confidence_are_in_the_result():
     assert found["rocks"]["standing_0.2_m_within_8_m"]["found"] == 0
     curve = found["sparsification"]
     assert curve["bad1"][0] > 0 and curve["bad1"][-1] == pytest.approx(0, abs=1e-12)
-    told = scored(sample, truth(sample))
-    assert told["rocks"]["standing_0.2_m_within_8_m"]["found"] == 1 and told["sparsification"] == {}
+    result = scored(sample, truth(sample))
+    assert result["rocks"]["standing_0.2_m_within_8_m"]["found"] == 1 and result["sparsification"] == {}
 
 
 def test_wrong_confidence_is_named(plane_samples):

@@ -1,4 +1,4 @@
-"""Sparsification curves against sorting, and against what must hold of any."""
+"""Sparsification curves against sorting, and properties that hold for any."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from m3depth.evaluation.sparsification import DROPPED, ConfidenceHistograms
 
 
 def brute_force(order: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Mean of what is left when the first of `order` are dropped."""
+    """Mean of the errors that are left when the first of `order` are dropped."""
     ordered = values[order]
     return np.array([ordered[round(share * len(values)) :].mean() for share in DROPPED])
 
@@ -51,7 +51,7 @@ def test_nothing_lies_below_the_oracle(confidence, error):
     assert found["epe"][0] == pytest.approx(error.mean()) and found["bad1"][0] == pytest.approx((error > 1).mean())
 
 
-def test_a_confidence_that_knows_the_errors_reaches_the_oracle():
+def test_a_perfect_confidence_reaches_the_oracle():
     error = np.linspace(0, 3, 30_001)
     found = curves(1 / (1 + np.exp(5 * (error - 1.5))), error)
     assert found["ause_epe"] == pytest.approx(0, abs=5e-3) and found["ause_bad1"] == pytest.approx(0, abs=5e-3)
@@ -70,12 +70,12 @@ def test_equal_confidences_are_dropped_in_equal_shares():
     assert again["epe"] == pytest.approx(found["epe"])
 
 
-def test_what_tells_nothing_has_no_curve():
+def test_a_constant_confidence_has_no_curve():
     assert curves(np.ones(10), np.ones(10)) == {}
     assert ConfidenceHistograms().result() == {}
 
 
-def test_images_add_up_and_odd_confidences_are_taken():
+def test_images_add_up_and_invalid_confidences_are_accepted():
     rng = np.random.default_rng(1)
     confidence, error = rng.uniform(-0.2, 1.2, 400), rng.exponential(1, 400)
     confidence[:5] = np.nan

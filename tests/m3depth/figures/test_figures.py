@@ -1,4 +1,4 @@
-"""Figures hold what they should; how they look is for eyes."""
+"""Figures contain the right values; their look is judged by eye."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -29,8 +29,8 @@ from marssim.base.images.colours import NORMAL_TITLE
 
 
 def example(sample, **methods) -> Example:
-    told = Prediction(sample.depth, sample.disparity, sample.normal, np.ones(sample.depth.shape, np.float32))
-    return Example(0, sample.left, sample.right, sample, methods or {"truth": told})
+    exact = Prediction(sample.depth, sample.disparity, sample.normal, np.ones(sample.depth.shape, np.float32))
+    return Example(0, sample.left, sample.right, sample, methods or {"truth": exact})
 
 
 def patchy(plane_sample):
@@ -110,8 +110,8 @@ def test_without_anything_scored_there_are_no_parts_and_still_figures(plane_samp
 
 def test_whole_pairs_are_shown_with_every_method_on_one_scale(plane_samples, tmp_path, drawn):
     sample = plane_samples[0]
-    told = example(sample).predictions["truth"]
-    methods = {"exact": told, "far": replace(told, depth=told.depth * 2)}
+    exact = example(sample).predictions["truth"]
+    methods = {"exact": exact, "far": replace(exact, depth=exact.depth * 2)}
     qualitative_figure([example(sample, **methods)], tmp_path / "figure.png")
     row = drawn[0].axes[:4]
     assert [ax.get_title() for ax in row] == ["left image", "truth", "exact", "far"]
@@ -123,12 +123,12 @@ def test_whole_pairs_are_shown_with_every_method_on_one_scale(plane_samples, tmp
     assert len({(ax.images[0].norm.vmin, ax.images[0].norm.vmax) for ax in row[1:]}) == 1
 
 
-def test_errors_stand_beside_what_methods_say(plane_samples, tmp_path, drawn):
+def test_errors_are_drawn_beside_predictions(plane_samples, tmp_path, drawn):
     sample = plane_samples[0]
-    told = example(sample).predictions["truth"]
+    exact = example(sample).predictions["truth"]
     turned = np.roll(np.eye(3, dtype=np.float32), 1, 0)  # by 120 deg about the diagonal
-    off = replace(told, depth=told.depth * np.float32(1.02), normal=told.normal @ turned)
-    comparison_figure([example(sample, off=off, blind=replace(told, normal=None))], tmp_path / "figure.png")
+    off = replace(exact, depth=exact.depth * np.float32(1.02), normal=exact.normal @ turned)
+    comparison_figure([example(sample, off=off, blind=replace(exact, normal=None))], tmp_path / "figure.png")
     upper, lower = drawn[0].axes[:6], drawn[0].axes[6:12]
     titles = ["images", "truth", "off", "off: error", "blind", "blind: error"]
     assert [ax.get_title() for ax in upper] == titles
@@ -145,7 +145,7 @@ def test_errors_stand_beside_what_methods_say(plane_samples, tmp_path, drawn):
     np.testing.assert_array_equal(image_in(lower[0]), sample.right)
 
 
-def test_methods_that_find_no_room_are_counted(plane_samples, tmp_path, drawn):
+def test_methods_without_a_column_are_counted(plane_samples, tmp_path, drawn):
     pair = example(plane_samples[0], a=example(plane_samples[0]).predictions["truth"])
     pair = replace(pair, predictions={name: pair.predictions["a"] for name in "abc"})
     for most, words in ((2, ["and 1 method more"]), (3, [])):
@@ -194,7 +194,7 @@ def test_curves_are_the_figures_of_each_method(plane_samples, tmp_path, drawn):
             np.testing.assert_allclose(oracle, unit * np.array(result["sparsification"][f"oracle_{key}"]))
 
 
-def test_bars_are_what_became_of_the_rocks(tmp_path, drawn):
+def test_bars_are_the_outcomes_of_the_rocks(tmp_path, drawn):
     counted = RockCounts(images=4, false=[(0.25, 2.0), (0.6, 6.0)])
     for height, away, found, error in ((0.15, 2, True, 0.01), (0.15, 3, False, 0), (0.35, 6, True, -0.03)):
         counted.rocks.append(RockOutcome(height, away, found, error))
@@ -216,18 +216,18 @@ def test_bars_are_what_became_of_the_rocks(tmp_path, drawn):
     assert not drawn[2].axes and "no sample records the pose" in drawn[2].texts[0].get_text()
 
 
-def test_one_prediction_is_shown_as_it_is(plane_samples, tmp_path, drawn):
-    told = example(plane_samples[0]).predictions["truth"]
-    confidence = np.linspace(0, 1, told.depth.size, dtype=np.float32).reshape(told.depth.shape)
-    prediction_figure(plane_samples[0].left, replace(told, confidence=confidence), tmp_path / "figure.png")
+def test_a_prediction_is_drawn_unchanged(plane_samples, tmp_path, drawn):
+    exact = example(plane_samples[0]).predictions["truth"]
+    confidence = np.linspace(0, 1, exact.depth.size, dtype=np.float32).reshape(exact.depth.shape)
+    prediction_figure(plane_samples[0].left, replace(exact, confidence=confidence), tmp_path / "figure.png")
     image, depth, _normal, sure = drawn[0].axes[:4]
     np.testing.assert_array_equal(image_in(image), plane_samples[0].left)
-    np.testing.assert_array_equal(image_in(depth).mask, ~np.isfinite(told.depth))
+    np.testing.assert_array_equal(image_in(depth).mask, ~np.isfinite(exact.depth))
     np.testing.assert_array_equal(image_in(sure), confidence)
     assert (sure.images[0].norm.vmin, sure.images[0].norm.vmax) == (0, 1)
 
 
-def test_the_worst_are_drawn_with_their_error_and_what_they_lack(plane_samples, tmp_path, monkeypatch):
+def test_the_worst_pairs_are_drawn_with_their_errors(plane_samples, tmp_path, monkeypatch):
     sample = plane_samples[0]
     off = Prediction(sample.depth, sample.disparity + 2, None, np.full(sample.depth.shape, 0.25, np.float32))
     drawn = []
@@ -256,7 +256,7 @@ def test_a_prediction_of_nothing_can_be_drawn(tmp_path, normal):
     assert cv2.imread(str(tmp_path / "figure.png")) is not None
 
 
-def test_depth_scales_span_what_is_there():
+def test_depth_scales_span_the_depths():
     scale = depth_scale(np.array([np.nan, np.inf, 0.0, 2.0, 20.0]), whole=True)
     assert (scale.vmin, scale.vmax) == (2.0, 20.0)
     assert depth_scale(np.array([90.0, 100.0])).vmax == pytest.approx(37.5)
@@ -268,8 +268,8 @@ def test_normals_of_the_sky_are_not_compared(plane_samples, tmp_path, drawn):
     sample = plane_samples[0]
     depth = sample.depth.copy()
     depth[:10] = np.inf
-    told = Prediction(depth, sample.disparity, np.broadcast_to(np.float32([0, -1, 0]), sample.normal.shape), depth)
-    comparison_figure([example(sample, one=told)], tmp_path / "figure.png")
+    exact = Prediction(depth, sample.disparity, np.broadcast_to(np.float32([0, -1, 0]), sample.normal.shape), depth)
+    comparison_figure([example(sample, one=exact)], tmp_path / "figure.png")
     shown = drawn[0].axes[6].images[0].get_array()
     grey, ground = shown[0, 0], shown[-1, 0]
     assert grey[0] == grey[1] == grey[2] and (shown[:10] == grey).all() and not (ground == grey).all()

@@ -1,4 +1,4 @@
-"""When the images of a rig are looked at a second time, and for what."""
+"""When an estimator runs a second time on the images of a rig, and for which depth."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ LONG = StereoRig(PinholeCamera.centred(8, 8, 1200.0), 0.42)  # 600 px at 0.84 m
 
 
 class Far:
-    """Sees a wall; remembers what it was asked for."""
+    """Sees a wall, and records the depths that it was asked for."""
 
     def __init__(self, depth=10.0, confidence=1.0):
         self.depth, self.confidence, self.asked = depth, confidence, []
@@ -34,14 +34,14 @@ class Far:
         (NATECAM, 10.0, 1.0, [0.84]),
     ],
 )
-def test_only_where_images_were_reduced_and_all_is_farther(rig, depth, confidence, asked):
+def test_the_second_run_needs_reduced_images_and_a_farther_scene(rig, depth, confidence, asked):
     far = Far(depth, confidence)
     closer_look(far, IMAGE, IMAGE, rig)
     assert far.asked == asked
 
 
 @pytest.mark.parametrize(("reach", "asked"), [(128, 2), (384, 1), (200, 1)])
-def test_a_network_of_another_reach_says_so_itself(reach, asked):
+def test_a_network_may_have_another_reach(reach, asked):
     """NaTeCam has 191.5 px at 0.84 m: a network that sees 128 px reduced its images."""
     far = Far()
     far.reach = reach
@@ -49,13 +49,13 @@ def test_a_network_of_another_reach_says_so_itself(reach, asked):
     assert len(far.asked) == asked
 
 
-def test_what_is_asked_for_is_done_once():
+def test_a_given_depth_is_run_for_once():
     far = Far()
     closer_look(far, IMAGE, IMAGE, LONG, nearest=3.0)
     assert far.asked == [3.0]
 
 
-def test_others_look_once():
+def test_estimators_without_nearest_run_once():
     class Plain:
         def infer(self, left, right, rig):
             return Far(7.0).infer(left, right, rig)
@@ -63,7 +63,7 @@ def test_others_look_once():
     assert (closer_look(Plain(), IMAGE, IMAGE, LONG, nearest=2.0).depth == 7).all()
 
 
-def test_what_is_no_prediction_is_told_before_it_is_used():
+def test_a_wrong_result_is_reported_before_it_is_used():
     class Bare:
         def infer(self, left, right, rig, nearest=None):
             return np.ones(left.shape)

@@ -1,4 +1,4 @@
-"""The eyes asked whether they agree: on scenes whose answer is known."""
+"""Left-right consistency on scenes whose disparities are known."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ NEAR, FAR, POST = 8, 3, slice(40, 56)  # [px]; columns of the post in the left i
 
 
 def step(error=0.0):
-    """An estimator that knows a post before a wall, from either eye; `error` [px] is added to the left eye's."""
+    """An estimator that knows a post in front of a wall, from either eye; `error` [px] is added to the left eye's."""
     left = np.full((H, W), FAR, np.float32)
     left[:, POST] = NEAR
     from_right = np.full((H, W), FAR, np.float32)
@@ -35,14 +35,14 @@ def test_what_both_eyes_see_agrees_and_what_the_post_hides_does_not():
     difference = left_right_difference(look, left, right, RIG, look(left, right, RIG))
     hidden = slice(POST.start - NEAR + FAR, POST.start)  # the wall left of the post
     assert (difference[:, hidden] == NEAR - FAR).all()
-    seen = np.delete(difference, np.r_[:FAR, hidden], axis=1)
-    assert (seen == 0).all() and np.isnan(difference[:, :FAR]).all()
+    visible = np.delete(difference, np.r_[:FAR, hidden], axis=1)
+    assert (visible == 0).all() and np.isnan(difference[:, :FAR]).all()
     first, second, rig = asked[1]
     assert np.array_equal(first, right[:, ::-1]) and np.array_equal(second, left[:, ::-1])
     assert rig.camera.cx == W - 1 - RIG.camera.cx and rig.baseline == RIG.baseline
 
 
-def test_an_error_of_one_eye_comes_out():
+def test_an_error_of_one_eye_is_measured():
     look, _ = step(error=0.75)
     image = np.zeros((H, W), np.uint8)
     difference = left_right_difference(look, image, image, RIG, look(image, image, RIG))
@@ -53,8 +53,10 @@ def test_the_unknown_stays_unknown_and_sky_agrees_with_sky():
     nothing, sky = np.full((H, W), np.nan, np.float32), np.zeros((H, W), np.float32)
     image = np.zeros((H, W), np.uint8)
     for disparity, expected in ((nothing, np.nan), (sky, 0.0)):
-        told = Prediction(disparity, disparity, None, sky)
-        np.testing.assert_array_equal(left_right_difference(lambda *_, t=told: t, image, image, RIG, told), expected)
+        prediction = Prediction(disparity, disparity, None, sky)
+        np.testing.assert_array_equal(
+            left_right_difference(lambda *_, t=prediction: t, image, image, RIG, prediction), expected
+        )
 
 
 def test_a_matcher_agrees_with_itself_on_a_plane(plane_samples):
@@ -62,5 +64,5 @@ def test_a_matcher_agrees_with_itself_on_a_plane(plane_samples):
     difference = left_right_difference(
         sgbm.infer, sample.left, sample.right, sample.rig, sgbm.infer(sample.left, sample.right, sample.rig)
     )
-    seen = np.isfinite(difference) & ~sample.occluded & sample.valid
-    assert (difference[seen] < 1).mean() > 0.97
+    visible = np.isfinite(difference) & ~sample.occluded & sample.valid
+    assert (difference[visible] < 1).mean() > 0.97

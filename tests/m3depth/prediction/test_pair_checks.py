@@ -1,4 +1,4 @@
-"""What speaks against a pair of images, on pairs that were spoilt by a known amount."""
+"""Checks of a pair, on pairs that were corrupted by a known amount."""
 
 import cv2
 import numpy as np
@@ -60,7 +60,7 @@ def test_exchanged_eyes():
 
 
 @pytest.mark.parametrize(("rows", "fatal"), [(1.2, False), (4.0, True)])
-def test_rows_are_told_from_one_limit_and_refused_from_another(rows, fatal):
+def test_rows_give_a_warning_from_one_limit_and_an_error_from_another(rows, fatal):
     [(serious, message)] = check_pair(*pair(((1, 0, -12), (0, 1, rows))), RIG)
     assert serious == fatal and "not rectified" in message
 
@@ -73,7 +73,7 @@ def test_limits_grow_with_images_that_will_be_reduced():
     assert not fatal and "5.0 px apart" in message
 
 
-def test_where_nothing_can_be_told():
+def test_images_without_features_have_no_row_offset():
     flat = np.full((H, W), 90, np.uint8)
     left, _ = pair()
     assert row_offset(flat, flat) is None and row_offset(left, flat) is None
