@@ -1,17 +1,18 @@
-"""Measure how much of the ground rocks cover, and set it beside Golombek's law.
+"""Measure how much of the ground rocks cover in scenes, and compare it with Golombek's law.
 
     python -m marssim.abundance --scene gale --scenes 8 --seed 1
     python -m marssim.abundance --rocks.k 0.1 --rocks.cluster 1
 
-Rays are shot straight down on finished scenes, on a grid of --cell, and say which rock each spot of ground shows. The
-area of a rock's visible spots is that of a disc of diameter D; the areas of all rocks of D and more, over the ground
-looked at, are F_k(D). Nothing is read from the list that the scene was drawn from: burial, overlap and relief act on
-what is measured as they do on a picture from orbit. Scenes correct for burial: each rock is widened until what stands
-out of the ground has the outline of the diameter that was drawn for it. A rock counts, with its whole area, where the
-middle of its visible part lies a margin inside the finely gridded square, so that none is cut by the border.
+The command traces rays straight down onto scenes, on a grid of --cell, and counts which rock each of them hits. A rock
+has the diameter D of a disc with its visible area. F_k(D) is the area of all rocks of D and more over the area of the
+ground. It does not use the list of rocks of a scene, so that burial, overlap and relief act as in a picture from orbit.
+Scenes make up for burial: each rock is widened until the part above ground has the outline of the diameter that was
+drawn for it. A rock counts with its whole area if the middle of its visible part lies in the finely gridded square, a
+margin inside its border, so that the border cuts none.
 
-Rocks fall by chance: "spread" is the standard deviation that this gives to the share of the ground, and "allowed" is
-10 % or three times that, whichever is larger. Where less than a few rocks are expected, one more lies outside.
+The number of rocks is random. "spread" is the standard deviation of the share of the ground that follows, and "allowed"
+is 10 % of the share or three times the spread, whichever is larger. Where only few rocks are expected, a single rock
+can exceed it.
 """
 
 from __future__ import annotations
@@ -34,24 +35,25 @@ from marssim.scene.place_file import PLACE_VALUES, load_place
 from marssim.scene.rocks import RockConfig
 from marssim.scene.scene import PRESETS, Scene, build_scene
 
-BAND = 2.0  # [m] of ground that is looked at in one go
-LEAST_TOLERANCE = 0.10  # of the asked share
-SPREADS = 3.0
+BAND = 2.0  # width of the strip of ground that is traced at a time [m]
+LEAST_TOLERANCE = 0.10  # relative, of the share that was asked for
+SPREADS = 3.0  # allowed deviation, in standard deviations
 
 
 @dataclass(frozen=True, kw_only=True)
 class AbundanceConfig:
-    """Measure the rock abundance of drawn scenes from straight above."""
+    """Measure the rock abundance of scenes from straight above."""
 
     scene: Annotated[str, tyro.conf.arg(metavar=PLACE_VALUES)] = PRESETS[0]
-    """preset that the scenes are drawn from; `--scene NAME --help` shows its rocks as the defaults of --rocks"""
+    """Place that the scenes are drawn from: a preset, or a JSON file of your own place. `--scene NAME --help` shows its
+    values as the defaults of --rocks."""
     rocks: RockConfig
     scenes: int = 8
-    """number of scenes to draw and measure together"""
+    """Number of scenes that are measured together."""
     seed: int = 1
-    """seed of the scenes, 0 or more"""
+    """Seed of the scenes, 0 or more."""
     cell: float = 0.01
-    """distance between rays [m]"""
+    """Distance between the rays [m], 0.002 to 0.05."""
 
     def __post_init__(self) -> None:
         if self.scenes < 1:
@@ -64,9 +66,16 @@ class AbundanceConfig:
 
 @dataclass(frozen=True)
 class Abundance:
-    """F_k at diameters (D,) [m]: asked, achieved by so many rocks, and the standard deviation that chance gives it.
+    """Share of the ground under rocks of each diameter and more, as asked for and as measured.
 
-    expected: number of rocks that the law has there. area: ground looked at [m2].
+    Attributes:
+        diameter: (D,) diameters [m].
+        rocks: (D,) number of rocks of each diameter and more.
+        expected: (D,) number of rocks by the law.
+        asked: (D,) share of the ground by the law.
+        achieved: (D,) measured share of the ground.
+        spread: (D,) standard deviation of the share by chance.
+        area: Ground that was measured [m2].
     """
 
     diameter: np.ndarray
@@ -79,16 +88,16 @@ class Abundance:
 
     @property
     def tolerance(self) -> np.ndarray:
-        """How far achieved may lie from asked: 10 % or three times the spread, whichever is larger."""
+        """(D,) largest difference of achieved and asked that is allowed: 10 % or three times the spread."""
         return np.maximum(LEAST_TOLERANCE * self.asked, SPREADS * self.spread)
 
     @property
     def within(self) -> np.ndarray:
-        """(D,) bool: achieved is within tolerance."""
+        """(D,) bool, whether the difference is allowed."""
         return np.abs(self.achieved - self.asked) <= self.tolerance
 
     def table(self) -> str:
-        """One line a diameter, shares in percent of the ground."""
+        """Return the shares as text in percent of the ground, a line for each diameter."""
         lines = ["D [m]  asked %  achieved %  ratio   rocks  expected  spread %  allowed +- %"]
         for d, asked, achieved, rocks, expected, spread, tolerance, good in zip(
             self.diameter,
@@ -109,10 +118,14 @@ class Abundance:
 
 
 def visible_areas(scene: Scene, cell: float = 0.01) -> tuple[np.ndarray, np.ndarray]:
-    """What of each rock is seen from straight above.
+    """Measure the visible part of each rock from straight above, in the finely gridded square.
 
-    cell: [m] between rays; looked at is the finely gridded square. Returns the area (N,) [m2] of each rock, and the
-    middle (N, 2) [m] of what is seen of it, nan where nothing is.
+    Args:
+        scene: The scene.
+        cell: Distance between the rays [m].
+
+    Returns:
+        The visible area (N,) of each rock [m2], and the middle (N, 2) of its visible part [m], NaN if it has none.
     """
     rocks, half = scene.rocks, scene.half
     vertices, faces = scene.terrain.fine.mesh()
@@ -143,16 +156,22 @@ def visible_areas(scene: Scene, cell: float = 0.01) -> tuple[np.ndarray, np.ndar
 
 
 def measure(scenes: Iterable[Scene], k: float, cell: float = 0.01) -> Abundance:
-    """F_k(D) of some scenes taken together, for D = 0.1 m to 0.5 m. k: what was asked of them."""
+    """Measure F_k(D) over scenes, for D = 0.1 m to 0.5 m.
+
+    Args:
+        scenes: The scenes.
+        k: Rock abundance that they were asked for.
+        cell: Distance between the rays [m].
+    """
     diameter = np.array(REPORTED)
     covered, rocks, area = np.zeros(len(diameter)), np.zeros(len(diameter), dtype=int), 0.0
     for scene in scenes:
         outline, middle = visible_areas(scene, cell)
         inside = scene.half - MAX_DIAMETER / 2
-        counts = (np.abs(middle) <= inside).all(axis=1)  # nan, which is not seen, does not count
-        seen = np.sqrt(4 / np.pi * outline)
+        counts = (np.abs(middle) <= inside).all(axis=1)  # false for NaN, the middle of hidden rocks
+        size = np.sqrt(4 / np.pi * outline)
         for row, d in enumerate(diameter):
-            large = counts & (seen >= d)
+            large = counts & (size >= d)
             covered[row] += outline[large].sum()
             rocks[row] += large.sum()
         area += (2 * inside) ** 2
@@ -163,14 +182,14 @@ def measure(scenes: Iterable[Scene], k: float, cell: float = 0.01) -> Abundance:
 
 
 def abundance(config: AbundanceConfig) -> Abundance:
-    """Draw the scenes and measure them."""
+    """Build the scenes of a config and measure them."""
     scene = replace(load_place(config.scene), rocks=config.rocks)
     drawn = (build_scene(scene, np.random.default_rng((config.seed, n))) for n in range(config.scenes))
     return measure(drawn, config.rocks.k, config.cell)
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """The command. Returns the exit code."""
+    """Run the command and return its exit code."""
     return exit_code(lambda: _work(_parse(sys.argv[1:] if args is None else args)), "nothing was written")
 
 
@@ -183,7 +202,7 @@ def _parse(args: Sequence[str]) -> AbundanceConfig:
 def _work(config: AbundanceConfig) -> None:
     result = abundance(config)
     scenes = f"{counted(config.scenes, 'scene')} of {config.scene}"
-    print(f"{scenes}, k {config.rocks.k:g}, {result.area:.0f} m2 seen from above")
+    print(f"{scenes}, k {config.rocks.k:g}, {result.area:.0f} m2 of ground")
     print(result.table())
 
 

@@ -1,4 +1,4 @@
-"""Cameras and stereo rigs by their documented names; `marssim.base.camera` holds the code."""
+"""Cameras and stereo rigs, by their documented names. The code is in `marssim.base.camera`."""
 
 from marssim.base.camera import (
     MAX_DEPTH,

@@ -1,4 +1,4 @@
-"""Stereo datasets by their documented names; `marssim.base.dataset` holds the code."""
+"""Stereo datasets, by their documented names. The code is in `marssim.base.dataset`."""
 
 from marssim.base.dataset.dataset import StereoDataset, split_of, write_index
 from marssim.base.dataset.sample import StereoSample, read_sample, write_sample

@@ -1,10 +1,10 @@
-"""Write a dataset in a layout that existing stereo trainers read as it is.
+"""Write a dataset in the layout of a stereo benchmark, which existing trainers read without changes.
 
     python -m marssim.export data/gale --format sceneflow --out data/gale-sceneflow
 
-Formats: KITTI 2015, SceneFlow (FlyingThings3D), Middlebury 2014 and MiddEval3, ETH3D two-view, and OpenStereo's
-lists. A README.md beside the files says what is where, and how missing disparities are marked. The same command goes
-on where an earlier one was stopped.
+The layouts are those of KITTI 2015, SceneFlow (FlyingThings3D), Middlebury 2014 and MiddEval3, ETH3D two-view, and
+OpenStereo's lists. A README.md beside the files explains them, and how unknown disparities are marked. The same command
+completes an export after an interrupted run.
 """
 
 from __future__ import annotations
@@ -38,18 +38,19 @@ SCHEMA = "marssim-export"
 
 @dataclass(frozen=True)
 class ExportConfig:
-    """Write a dataset in the layout of a well-known stereo benchmark."""
+    """Write a dataset in the layout of a stereo benchmark."""
 
     data: tyro.conf.Positional[Path]
-    """dataset folder, as marssim.generate writes it"""
+    """Folder of the dataset, as marssim.generate writes it."""
     format: Literal["kitti", "sceneflow", "middlebury", "eth3d", "openstereo"]
-    """layout to write"""
+    """Layout of the files."""
     out: Path
-    """folder to write, outside of the dataset; one that holds part of the same export is completed"""
+    """Folder of the export, outside of the dataset. If it holds a part of the same export, the command adds what is
+    missing."""
     split: tuple[Split, ...] = ("train", "val", "test")
-    """parts of the dataset to write; they never share a scene"""
+    """Splits of the dataset to write. They never share a scene."""
     workers: int = 2
-    """threads to write in; the files do not depend on it"""
+    """Number of threads that write. It does not change the files."""
 
     def __post_init__(self) -> None:
         if self.workers < 1:
@@ -63,16 +64,21 @@ class ExportConfig:
 
 
 def export(config: ExportConfig) -> int:
-    """Write what is missing of the export. Returns the number of samples that are there now.
+    """Write an export, or complete it. If the call fails, the same call continues from there.
 
-    Raises DatasetError if the dataset or one of its files cannot be read, if none of the splits holds a sample, or if
-    the output folder holds something else or lies in the dataset or around it, FolderInUse if another command writes to
-    it, and OSError if it cannot be written; the same call goes on from there.
+    Returns:
+        The number of samples in the export.
+
+    Raises:
+        DatasetError: The dataset or one of its files cannot be read, the splits are empty, or the output folder holds
+            something else, lies in the dataset or contains it.
+        FolderInUse: Another command writes to the output folder.
+        OSError: The output folder cannot be written.
     """
     dataset = StereoDataset(config.data)
     chosen = [sample for sample in dataset.index["samples"] if sample["split"] in config.split]
     if not chosen:
-        raise DatasetError(f"{config.data}: holds no pairs of --split {' '.join(config.split)}")
+        raise DatasetError(f"{config.data}: has no pairs of --split {' '.join(config.split)}")
     _check_apart(config)
     with _folder(config, chosen).claim():
         return _export(config, chosen)
@@ -84,14 +90,14 @@ def _export(config: ExportConfig, chosen: list[dict[str, Any]]) -> int:
     write_atomically(config.out / "README.md", f"# {name}, exported by marssim\n\n{layout.about}\n{_NAMES}".encode())
     items: dict[str, list[Item]] = {split: [] for split in SPLITS}
     for sample in chosen:
-        there = items[sample["split"]]
-        there.append(Item(config.data / "scenes" / sample["name"], sample["name"], sample["split"], len(there)))
-    jobs = [item for there in items.values() for item in there]
+        part = items[sample["split"]]
+        part.append(Item(config.data / "scenes" / sample["name"], sample["name"], sample["split"], len(part)))
+    jobs = [item for part in items.values() for item in part]
     with progress(len(jobs), "pair", "export") as bar:
         for _ in in_threads(partial(_write, config.out, layout), jobs, config.workers):
             bar.update()
     for split in config.split:
-        for path, text in layout.lists(split, items[split]).items():  # empty ones too: trainers open them all
+        for path, text in layout.lists(split, items[split]).items():  # empty ones too, since trainers open all of them
             write_atomically(config.out / path, text.encode())
     write_json(config.out / "samples.json", {split: [item.name for item in items[split]] for split in config.split})
     return len(chosen)
@@ -100,7 +106,7 @@ def _export(config: ExportConfig, chosen: list[dict[str, Any]]) -> int:
 def _check_apart(config: ExportConfig) -> None:
     """Raise DatasetError unless the output folder lies beside the dataset.
 
-    In it, verify would find foreign files; around it, what killed commands have left would be cleared up in it too.
+    In the dataset, its files would be reported by verify; around it, clearing half-written files would reach into it.
     """
     data, out = config.data.resolve(), config.out.resolve()
     where = "is" if out == data else "lies in" if data in out.parents else "contains" if out in data.parents else None
@@ -119,14 +125,14 @@ def _folder(config: ExportConfig, chosen: list[dict[str, Any]]) -> ResultFolder:
 
 
 _NAMES = """\
-Disparity is x_left - x_right in pixels, pixel centres are integers. `samples.json` lists the dataset's own names
-(scene/view) of each split, in the order of the export.
+Disparity is x_left - x_right in pixels, pixel centres are integers. `samples.json` lists the names of the samples in
+the dataset (scene/view), by split and in the order of the export.
 """
 
 
 def _write(out: Path, layout: Layout, item: Item) -> None:
-    """Make the files of one sample that are not there yet."""
-    item = replace(item)  # what it reads goes when it is written
+    """Write the missing files of one sample."""
+    item = replace(item)  # a copy, so that the sample it reads is freed afterwards
     for path, content in layout.sample(item).items():
         target = out / path
         if target.is_file() and target.stat().st_size > 0:
@@ -137,7 +143,7 @@ def _write(out: Path, layout: Layout, item: Item) -> None:
             else:
                 write_atomically(target, content())
         except OSError as error:
-            error.filename = error.filename or str(target)  # a full disk does not say where
+            error.filename = error.filename or str(target)  # the error of a full disk does not name the file
             raise
 
 
@@ -151,7 +157,7 @@ def _link(source: Path, target: Path) -> None:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """The command. Returns the exit code."""
+    """Run the command and return its exit code."""
     return run_command(_work, ExportConfig, "python -m marssim.export", __doc__, args)
 
 

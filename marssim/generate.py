@@ -1,11 +1,14 @@
-"""Generate stereo pairs with ground truth.
+"""Generate stereo pairs of Mars with exact depth, normals and masks.
 
     python -m marssim.generate --out data/utopia --pairs 100 --seed 1 --workers 2
     python -m marssim.generate --out data/rocky --scene gale --rocks.k 0.1 --look.sun-elevation-deg 10 20
+    python -m marssim.generate --out data/mine --scene my_place.json --renderer scan
     python -m marssim.generate --out data/drives --trajectory --drive.step 0.3 --views-per-scene 50
 
-Each scene gives as many pairs as --views-per-scene says. A sample depends on the seed, its scene and its view alone:
-any number of workers writes the same bytes, and the same command goes on where an earlier run was stopped.
+A sample depends only on the settings, the seed, its scene and its view. Any number of workers therefore writes the same
+files, and the same command completes a dataset after an interrupted run. my_place.json names the values in which your
+place differs from a preset, like {"preset": "gale", "rocks": {"k": 0.12}}; marssim.save_place writes a whole file. The
+renderer is PyBullet by default; scan is faster and needs no library.
 """
 
 from __future__ import annotations
@@ -39,15 +42,21 @@ from marssim.scene.trajectory import TRAJECTORY
 
 __all__ = ["GenerateConfig", "generate_dataset", "generate_scene"]
 
-SHEET_SAMPLES = 12
+SHEET_SAMPLES = 12  # samples on the contact sheet
 
 
 def generate_dataset(config: GenerateConfig) -> StereoDataset:
-    """Write the dataset and return it.
+    """Write a dataset, or complete it, and return it.
 
-    Raises DatasetError if the folder holds another configuration's data, FolderInUse if another command writes to it,
-    ValueError for scenes that cannot be built, OSError if it cannot be written, and BrokenExecutor if a worker process
-    was killed; what is complete stays, and the same call goes on from there.
+    Samples that are complete stay if the call fails, and the same call continues from there.
+
+    Raises:
+        DatasetError: The folder holds the data of another config.
+        FolderInUse: Another command writes to the folder.
+        ValueError: A scene cannot be built, or leaves a camera no place to stand.
+        ImportError: The renderer's library is not installed.
+        OSError: The folder cannot be written.
+        BrokenExecutor: A worker process was killed.
     """
     config = _with_rasterizer(_absolute(config))
     _check(config)
@@ -76,27 +85,28 @@ def _generate(config: GenerateConfig, folder: ResultFolder) -> StereoDataset:
 
 
 def _check_written(out: Path, names: list[str]) -> None:
-    """Raise DatasetError if a sample of an earlier run is not as it was written: it would be taken for whole."""
-    spoilt = check_written(out, [name for name in names if is_complete(out / "scenes" / name)])
-    if spoilt:
-        more = f" ({len(spoilt)} files in all)" if len(spoilt) > 1 else ""
+    """Raise DatasetError if a file of an earlier run has changed since, which would stay in the dataset."""
+    findings = check_written(out, [name for name in names if is_complete(out / "scenes" / name)])
+    if findings:
+        more = f" ({len(findings)} files in all)" if len(findings) > 1 else ""
         raise DatasetError(
-            f"{out / spoilt[0].path}: {spoilt[0].problem}{more}; delete that sample's folder, and the same command "
-            "makes it anew"
+            f"{out / findings[0].path}: {findings[0].problem}{more}; delete the folder of this sample, and the same "
+            "command renders it again"
         )
 
 
 def _scenes(config: GenerateConfig) -> list[range]:
-    """The views of each scene."""
+    """Return the numbers of the views of each scene."""
     per_scene = config.views_per_scene
     return [range(min(per_scene, config.pairs - first)) for first in range(0, config.pairs, per_scene)]
 
 
 def _shared_out(config: GenerateConfig, scenes: list[range]) -> list[tuple[GenerateConfig, int, list[int]]]:
-    """Arguments of generate_scene. Scenes that are left over when all workers have had as many are shared out by views.
+    """Return the arguments of all calls of generate_scene.
 
-    Else, of two workers that have five scenes, one would stand idle while the other renders the fifth. A drive is one
-    piece of work, and how many workers a cluster has is not known.
+    A scene is one call. The last scenes, of which there are fewer than workers, are split by views, so that no worker
+    is idle: of five scenes for two workers, the fifth is split. A drive is not split, nor are the scenes for a cluster,
+    whose number of workers is not known.
     """
     shares = config.workers if config.scheduler is None and not config.trajectory else 1
     left_over = len(scenes) % shares
@@ -108,7 +118,7 @@ def _shared_out(config: GenerateConfig, scenes: list[range]) -> list[tuple[Gener
 
 
 def _absolute(config: GenerateConfig) -> GenerateConfig:
-    """With absolute paths: workers elsewhere may stand in another folder."""
+    """Return the config with absolute paths, since workers may run in another folder."""
     scenes = [
         replace(scene, relief=replace(scene.relief, heightmap=str(Path(scene.relief.heightmap).absolute())))
         if scene.relief.heightmap is not None
@@ -119,38 +129,38 @@ def _absolute(config: GenerateConfig) -> GenerateConfig:
 
 
 def _with_rasterizer(config: GenerateConfig) -> GenerateConfig:
-    """With what draws PyBullet's pictures decided: as the folder's dataset was begun, else by a trial.
+    """Return the config with `rasterizer` decided: by the dataset in the folder, or else by a trial.
 
-    The two differ in a few pixels on silhouettes, so that it belongs to the settings. Raises ValueError if it is EGL,
-    which does not work here.
+    The two rasterizers differ in a few pixels on silhouettes, so that the choice is one of the dataset's settings.
+    Raises ValueError if it is EGL and EGL does not work here.
     """
     if config.renderer != "pybullet":
         return config
     folder = _folder(config)
-    asked, begun = folder.mark_path, folder.is_begun
+    settings, begun = folder.mark_path, folder.is_begun
     if config.rasterizer == AUTO:
-        egl = read_json(asked).get("rasterizer") == EGL if begun else draws_on_a_card()
+        egl = read_json(settings).get("rasterizer") == EGL if begun else draws_on_a_card()
         config = replace(config, rasterizer=EGL if egl else TINY)
-    if config.rasterizer == EGL and not (found := probe()).works:
-        what = f"{asked}: the dataset was begun with EGL, which" if begun else "--rasterizer egl: it"
-        raise ValueError(f"{what} does not work here: {found.message}")
+    if config.rasterizer == EGL and not (trial := probe()).works:
+        what = f"{settings}: the dataset was begun with EGL, which" if begun else "--rasterizer egl: it"
+        raise ValueError(f"{what} does not work here: {trial.message}")
     return config
 
 
 def _check(config: GenerateConfig) -> None:
-    """Raise what must fail before anything is written: another folder, or scenes in which no camera can stand."""
+    """Raise before anything is written if the folder holds other data, or if no camera can stand in a scene."""
     if _folder(config).check() is not None:
-        asked = {f"{scene:05d}/{view:02d}" for scene, views in enumerate(_scenes(config)) for view in views}
-        there = {f"{file.parts[-3]}/{file.parts[-2]}" for file in config.out.glob("scenes/*/[0-9]*/sample.json")}
-        if more := len(there - asked):
+        names = {f"{scene:05d}/{view:02d}" for scene, views in enumerate(_scenes(config)) for view in views}
+        present = {f"{file.parts[-3]}/{file.parts[-2]}" for file in config.out.glob("scenes/*/[0-9]*/sample.json")}
+        if more := len(present - names):
             raise DatasetError(
-                f"--pairs {config.pairs}: {config.out} holds {counted(more, 'pair')} beyond these; "
-                f"ask for as many as before or more, or choose another --out"
+                f"--pairs {config.pairs}: {config.out} holds {counted(more, 'pair')} more than that; "
+                f"ask for at least as many as before, or choose another --out"
             )
         return
     for scene_config in config.scenes:
         if scene_config in map(preset, PRESETS) and not config.trajectory:
-            continue  # known to be sound
+            continue  # tests build the presets
         index = next(i for i in range(len(config.scenes)) if config.scene_config(i) == scene_config)
         scene = draw_scene(config, index)
         if config.trajectory:
@@ -160,7 +170,7 @@ def _check(config: GenerateConfig) -> None:
 
 
 def _folder(config: GenerateConfig) -> ResultFolder:
-    """The dataset's folder; as long as no sample is in it, its settings may be replaced."""
+    """Return the folder of the dataset. Its settings may change for as long as it holds no sample."""
     return ResultFolder(
         config.out,
         "dataset",
@@ -175,44 +185,54 @@ def _folder(config: GenerateConfig) -> ResultFolder:
 
 
 def _has_visible_files(out: Path) -> bool:
-    """Whether there is more than the settings and what a killed run has half written."""
+    """Return whether the folder holds more than the settings and half-written files of a killed run."""
     rest = (file.relative_to(out) for file in out.rglob("*") if file.is_file())
     return any(str(file) != SETTINGS and not any(part.startswith(".") for part in file.parts) for file in rest)
 
 
 def _readme(config: GenerateConfig, dataset: StereoDataset) -> str:
     counts = {name: sum(s["split"] == name for s in dataset.index["samples"]) for name in ("train", "val", "test")}
-    drive = f" The views of a scene are a drive; its poses are also in `scenes/<scene>/{TRAJECTORY}` (TUM format)."
+    drive = f"\nThe views of a scene follow a drive. Its poses are also in `scenes/<scene>/{TRAJECTORY}` (TUM format)."
     drive = drive if config.trajectory else ""
-    datum = """ Heights are metres above
-the ground in the middle of each scene; `heightmap` in `sample.json` has where that lies in the heightmap (`at`: metres
-east and north of its middle) and how high (`datum`: metres to add to a height for that of the file)."""
+    datum = """\nHeights are metres above
+the ground in the middle of each scene. In `sample.json`, `heightmap` has the place of this middle in the heightmap
+(`at`: metres east and north of the heightmap's middle) and its height there (`datum` in metres: the height of a point
+in the file is its height in the scene plus `datum`)."""
     datum = datum if any(scene.relief.heightmap for scene in config.scenes) else ""
     flags = command_flags(config, elsewhere=True)
-    made = f"\nMade by\n\n    python -m marssim.generate --out DIR {flags}\n" if flags is not None else ""
+    command = f"\nMade by\n\n    python -m marssim.generate --out DIR {flags}\n" if flags is not None else ""
     return f"""# Mars stereo dataset
 
 {counted(len(dataset), "stereo pair")} (train {counts["train"]}, val {counts["val"]}, test {counts["test"]}; split by
 scene), scene `{config.place}`, seed {config.seed}, rendered with {config.renderer}.
-{made}
+{command}
 ![contact sheet](contact_sheet.png)
 
-Files of a sample, in `scenes/<scene>/<view>/`: `left.png`, `right.png` (8-bit RGB), `depth.png`
-(16-bit: Z = 0.1 m * 10000^(code / 65534); 65535 is the sky), `normal.png` (16-bit RGB, n = 2 code / 65535 - 1, camera
-frame x right, y down, z forward), `surface.png` (0 sky, 1 ground, from 2 rocks), `occluded.png` (255: hidden from the
-right eye), `sample.json` (rig, pose, scene parameters, what was drawn from their ranges: sun, air, surface, sensor;
-SHA-256 of each image).{drive}{datum} `dataset.json` lists all samples with the SHA-256 of their
-`sample.json`; `python -m marssim.verify DIR` checks them. Read it with
+Read it in Python with
 
     from marssim.dataset import StereoDataset
     sample = StereoDataset("DIR", split="train")[0]
+    sample.left, sample.right, sample.depth, sample.disparity, sample.normal
+
+Each sample has a folder `scenes/<scene>/<view>/` with these files. Maps are those of the left eye.
+
+| File | Content |
+|---|---|
+| `left.png`, `right.png` | 8-bit RGB images |
+| `depth.png` | 16-bit depth along the optical axis: Z = 0.1 m * 10000^(code / 65534); 65535 is the sky |
+| `normal.png` | 16-bit RGB, unit normal n = 2 code / 65535 - 1; camera frame: x right, y down, z forward |
+| `surface.png` | 16-bit: 0 is the sky, 1 the ground, from 2 on the rocks |
+| `occluded.png` | 8-bit: 255 where the point is hidden from the right eye or outside its image |
+| `sample.json` | cameras, pose, parameters and draws of the scene, its sensors, SHA-256 of each image |
+{drive}{datum}
+`dataset.json` lists all samples with the SHA-256 of their `sample.json`; `python -m marssim.verify DIR` checks them.
 
 Digest of all samples: `{dataset.digest}`
 """
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """The command. Returns the exit code."""
+    """Run the command and return its exit code."""
     return exit_code(lambda: _work(parse_generate("python -m marssim.generate", __doc__, args)))
 
 

@@ -1,16 +1,17 @@
-"""Measure how steep and how rough the ground is, and set it beside what was asked for.
+"""Measure how steep and how rough the ground of scenes is, and compare it with what was asked for.
 
     python -m marssim.slopes --scene gale --scenes 16 --seed 1
     python -m marssim.slopes --scene gale --hurst 0.6 --rms-slope-deg 8 --bare
 
-The terrains are those of marssim.generate with that seed. The RMS slope over a lag r is that of profiles:
-sqrt(E[(h(x + r) - h(x))^2]) / r along x and y, pooled over the scenes, as an angle. Up to 5 m it is read from the
-finely gridded square, without the strip that fades into its surroundings, beyond that from the coarse grid. Asked is
-tan(slope) = tan(RMS slope over 1 m) r^(H - 1) of self-affine relief; craters and ripples come on top unless --bare
-leaves them out. The Hurst exponent is 1 plus the slope of log tan(slope) over log r, least squares, 0.5 m to 4 m.
+The terrains are those of marssim.generate with the same seed. The RMS slope over a lag r is that of profiles,
+sqrt(E[(h(x + r) - h(x))^2]) / r along x and y, over all scenes, as an angle. Up to 5 m it comes from the finely gridded
+square, without the border that blends into its surroundings, and beyond from the coarse grid. The slope asked for is
+that of self-affine relief, tan(slope) = tan(RMS slope over 1 m) r^(H - 1). Craters and ripples add to it, unless --bare
+leaves them out. The Hurst exponent is 1 plus the slope of log tan(slope) over log r, by least squares from 0.5 m to
+4 m.
 
-A scene is a small piece of the relief, and over the longest lags scenes differ much: "error" is the standard error
-that their scatter gives the figure beside it, 0 for one scene.
+A scene is a small piece of relief, so that scenes differ much over the longest lags. "error" is the standard error of
+the measured slope that follows from their scatter, 0 for a single scene.
 """
 
 from __future__ import annotations
@@ -29,37 +30,37 @@ from marssim.scene.place_file import PLACE_VALUES, load_place
 from marssim.scene.scene import PRESETS, SceneConfig
 from marssim.scene.terrain import BLEND, HeightGrid, Terrain, build_terrain
 
-LAGS = (0.5, 1.0, 2.0, 4.0, 10.0, 30.0, 100.0)  # [m]
-FITTED = 4  # of them, from the first on, give the Hurst exponent
-FINE_UP_TO = 5.0  # [m] the coarse grid lacks what is shorter, a fortieth of the slope over 10 m
-GENTLE = 8.0  # [deg] 98 % of the slopes at Zhurong's site are less
+LAGS = (0.5, 1.0, 2.0, 4.0, 10.0, 30.0, 100.0)  # distances over which slopes are measured [m]
+FITTED = 4  # number of lags, from the first on, that give the Hurst exponent
+FINE_UP_TO = 5.0  # longest lag on the fine grid [m]; the coarse one lacks a fortieth of the slope over 10 m
+GENTLE = 8.0  # slope that 98 % of the planes at Zhurong's site do not reach [deg]
 
 
 @dataclass(frozen=True)
 class SlopesConfig:
-    """Measure the slopes of drawn terrains."""
+    """Measure the slopes of terrains."""
 
     scene: Annotated[str, tyro.conf.arg(metavar=PLACE_VALUES)] = PRESETS[0]
-    """preset that the terrains are drawn from"""
+    """Place that the terrains are drawn from: a preset, or a JSON file of your own place."""
     hurst: float | None = None
-    """Hurst exponent instead of the preset's"""
+    """Hurst exponent of the relief, instead of that of the place."""
     rms_slope_deg: float | None = None
-    """RMS slope over 1 m [deg] instead of the preset's"""
+    """RMS slope over 1 m [deg], instead of that of the place."""
     bare: bool = False
-    """without craters and ripples, which what is asked for does not count"""
+    """Leave out craters and ripples, which the slope asked for does not include."""
     scenes: int = 16
-    """number of terrains to draw and measure together"""
+    """Number of terrains that are measured together."""
     seed: int = 1
-    """seed of the terrains, 0 or more"""
+    """Seed of the terrains, 0 or more."""
 
     def __post_init__(self) -> None:
         for name, least in (("scenes", 1), ("seed", 0)):
             if getattr(self, name) < least:
                 raise ValueError(f"{name} must be at least {least}, got {getattr(self, name)}")
-        self.scene_config()  # says what is out of range
+        self.scene_config()  # raises for values out of range
 
     def scene_config(self) -> SceneConfig:
-        """What the terrains are drawn from. Raises ValueError that names the field."""
+        """Return the place that the terrains are drawn from. Raises ValueError that names the field."""
         config = load_place(self.scene)
         changes: dict[str, Any] = {"crater_density": 0.0, "ripple_amplitude": 0.0} if self.bare else {}
         for name in ("hurst", "rms_slope_deg"):
@@ -70,9 +71,14 @@ class SlopesConfig:
 
 @dataclass(frozen=True)
 class Slopes:
-    """RMS slopes (L,) [deg] over LAGS: asked, measured, and the standard error by the scatter of the terrains.
+    """Slopes of terrains.
 
-    hurst: exponent measured, nan of level ground; gentle: share of the planes of 1 m x 1 m less than GENTLE steep.
+    Attributes:
+        asked: (L,) RMS slope over each of LAGS that was asked for [deg].
+        measured: (L,) RMS slope that was measured [deg].
+        error: (L,) standard error of the measured slope, by the scatter of the terrains [deg].
+        hurst: Hurst exponent that was measured; NaN on level ground.
+        gentle: Share of the planes of 1 m x 1 m that are less than GENTLE steep.
     """
 
     asked: np.ndarray
@@ -83,27 +89,37 @@ class Slopes:
 
 
 def rms_difference(grid: HeightGrid, lag: float, margin: float = 0.0) -> float:
-    """Root of the mean squared height difference [m] between points `lag` [m] apart along x and along y.
+    """Return the root mean square difference in height of points at a distance, along x and along y.
 
-    margin: [m] along the border that is left out. A lag between two multiples of the cell is interpolated in the
-    logarithms. Raises ValueError where the grid is too small.
+    A lag between two multiples of the cell is interpolated in the logarithms.
+
+    Args:
+        grid: The heights.
+        lag: Distance of the points [m].
+        margin: Width of the border that is left out [m].
+
+    Returns:
+        The difference [m].
+
+    Raises:
+        ValueError: The grid is too small for the lag.
     """
     rim = int(np.ceil(margin / grid.cell))
     h = grid.heights[rim : grid.heights.shape[0] - rim, rim : grid.heights.shape[1] - rim]
     steps = np.unique([int(np.floor(lag / grid.cell + 1e-6)), int(np.ceil(lag / grid.cell - 1e-6))])
     if steps[0] < 1 or steps[-1] >= min(h.shape):
         raise ValueError(f"a lag of {lag:g} m does not fit a grid of {grid.cell:g} m, {h.shape[1]} x {h.shape[0]} wide")
-    found = []
+    differences = []
     for n in steps:
         east, north = h[:, n:] - h[:, :-n], h[n:] - h[:-n]
-        found.append(np.sqrt((np.mean(east**2) + np.mean(north**2)) / 2))
-    if len(found) == 1 or not min(found) > 0:
-        return float(found[0])
-    return float(np.exp(np.interp(np.log(lag), np.log(steps * grid.cell), np.log(found))))
+        differences.append(np.sqrt((np.mean(east**2) + np.mean(north**2)) / 2))
+    if len(differences) == 1 or not min(differences) > 0:
+        return float(differences[0])
+    return float(np.exp(np.interp(np.log(lag), np.log(steps * grid.cell), np.log(differences))))
 
 
 def gentle_share(grid: HeightGrid, margin: float = 0.0) -> float:
-    """Share of the planes of 1 m x 1 m that are less than GENTLE steep. margin: [m] of the border that is left out."""
+    """Return the share of planes of 1 m x 1 m that are less than GENTLE steep, without a border of `margin` [m]."""
     rim, n = int(np.ceil(margin / grid.cell)), round(1 / grid.cell)
     h = grid.heights[rim : grid.heights.shape[0] - rim, rim : grid.heights.shape[1] - rim]
     east, north = h[:, n:] - h[:, :-n], h[n:] - h[:-n]
@@ -112,7 +128,13 @@ def gentle_share(grid: HeightGrid, margin: float = 0.0) -> float:
 
 
 def measure(terrains: Iterable[Terrain], hurst: float, rms_slope_deg: float) -> Slopes:
-    """Slopes of some terrains taken together. hurst, rms_slope_deg: what was asked of them."""
+    """Measure the slopes over terrains.
+
+    Args:
+        terrains: The terrains.
+        hurst: Hurst exponent that they were asked for.
+        rms_slope_deg: RMS slope over 1 m that they were asked for [deg].
+    """
     differences, gentle = [], []
     for terrain in terrains:
         fine = [rms_difference(terrain.fine, lag, BLEND) for lag in LAGS if lag <= FINE_UP_TO]
@@ -121,7 +143,7 @@ def measure(terrains: Iterable[Terrain], hurst: float, rms_slope_deg: float) -> 
         gentle.append(gentle_share(terrain.fine, BLEND))
     lags, squares = np.array(LAGS), np.square(differences)
     tangent = np.sqrt(squares.mean(axis=0)) / lags
-    # of a root of a mean: half the mean's relative error; a single terrain tells none
+    # the relative error of a root is half that of the mean under it; a single terrain has no scatter
     scatter = squares.std(axis=0, ddof=1) if len(squares) > 1 else np.zeros(len(lags))
     relative = scatter / np.sqrt(len(squares)) / np.maximum(2 * squares.mean(axis=0), 1e-30)
     due = np.tan(np.deg2rad(rms_slope_deg)) * lags ** (hurst - 1)
@@ -137,7 +159,7 @@ def measure(terrains: Iterable[Terrain], hurst: float, rms_slope_deg: float) -> 
 
 
 def slopes(config: SlopesConfig) -> Slopes:
-    """Draw the terrains, those of build_scene from the same seeds, and measure them."""
+    """Build the terrains of a config, those that build_scene makes from the same seeds, and measure them."""
     scene = config.scene_config()
     terrains = (
         build_terrain(
@@ -149,7 +171,7 @@ def slopes(config: SlopesConfig) -> Slopes:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """The command. Returns the exit code."""
+    """Run the command and return its exit code."""
     return run_command(_work, SlopesConfig, "python -m marssim.slopes", __doc__, args, "nothing was written")
 
 

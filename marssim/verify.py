@@ -1,12 +1,12 @@
-"""Check a dataset against its index, and see what is in it.
+"""Check the files of a dataset and show what is in it, or compare the renderers.
 
-    python -m marssim.verify data/gale                          hashes and statistics: verify.json, statistics.png
-    python -m marssim.verify data/gale --sample 00003/05        one sample: figure, point cloud, mesh
-    python -m marssim.verify --cross-check --scene jezero       do all renderers see the same?
+    python -m marssim.verify data/gale                        hashes and statistics: verify.json, statistics.png
+    python -m marssim.verify data/gale --sample 00003/05      one sample: figure, point cloud, mesh
+    python -m marssim.verify --cross-check --scene jezero     how well all renderers agree: cross_check.json
 
-Every file of every sample is hashed; images are decoded for the statistics of --statistics-of samples only. Whatever is
-wrong is named, one line a file. Results go to out/verify, into a folder for each dataset. Exit code 0: all is well; 1:
-something is wrong; 2: no dataset, or a bad value.
+The command hashes every file of every sample and names each file that is wrong in a line. It decodes the images of
+--statistics-of samples alone. Results go to out/verify, into a folder for each dataset. The exit code is 0 if all is
+well, 1 if something is wrong, and 2 if there is no dataset or a flag has a bad value.
 """
 
 from __future__ import annotations
@@ -43,36 +43,38 @@ from marssim.inspection.statistics import __doc__ as definitions
 from marssim.scene.place_file import PLACE_VALUES, load_place
 from marssim.scene.scene import PRESETS
 
-RESULTS = Path("out/verify")
-SHOWN = 50  # findings that are printed; the JSON holds all
+RESULTS = Path("out/verify")  # default folder of the results
+SHOWN = 50  # findings that are printed; verify.json has all of them
 
 
 @dataclass(frozen=True)
 class VerifyConfig:
-    """Check a dataset, show what is in it, or hold the renderers against each other."""
+    """Check a dataset, show what is in it, or compare the renderers."""
 
     data: tyro.conf.Positional[Path | None] = None
-    """dataset folder, as marssim.generate writes it"""
+    """Folder of the dataset, as marssim.generate writes it."""
     out: Path | None = None
-    """folder for the results; it may lie in the dataset, but not among its scenes; default: out/verify/NAME-DIGEST,
-    after the dataset's folder and the first digits of its digest, and out/verify for --cross-check"""
+    """Folder for the results. It may lie in the dataset, but not among its scenes. The default is
+    out/verify/NAME-DIGEST, with the name of the dataset's folder and the first digits of its digest, and out/verify for
+    --cross-check."""
     statistics_of: int = 200
-    """about so many samples are taken statistics of, spread over all splits, one at least of each; 0 for none"""
+    """Approximate number of samples in the statistics, spread evenly over the splits, at least one of each; 0 makes no
+    statistics."""
     workers: int = 2
-    """threads that hash and decode"""
+    """Number of threads that hash and decode."""
     sample: str | None = None
-    """show this sample, SCENE/VIEW as in 00003/05, instead of checking the dataset"""
+    """Name of a sample, SCENE/VIEW like 00003/05, that is drawn instead of checking the dataset."""
     farthest: float = 30.0
-    """what is farther [m] is left out of the sample's point cloud and mesh"""
+    """Farthest depth [m] in the point cloud and the mesh of --sample."""
     cross_check: bool = False
-    """render random views of a scene, and tilted planes, with each renderer, and say how well they agree with Embree's
-    rays: shares of the view that agrees least, shifts of all together"""
+    """Render random views of a scene, and tilted planes, with each renderer, and compare them with Embree's rays: the
+    shares are those of the view that agrees least, the shifts are over all views."""
     views: int = 10
-    """number of views of --cross-check"""
+    """Number of views of --cross-check."""
     scene: Annotated[str, tyro.conf.arg(metavar=PLACE_VALUES)] = PRESETS[0]
-    """preset of the scene of --cross-check"""
+    """Place of --cross-check: a preset, or a JSON file of your own place."""
     seed: int = 0
-    """seed of the scene and the views of --cross-check"""
+    """Seed of the scene and the views of --cross-check, 0 or more."""
 
     def __post_init__(self) -> None:
         least = {"statistics_of": 0, "workers": 1, "views": 1, "seed": 0}
@@ -83,69 +85,95 @@ class VerifyConfig:
         if not self.farthest > 0:
             raise ValueError(f"--farthest must be positive, got {self.farthest}")
         if self.data is None and self.sample is not None:
-            raise ValueError(f"--sample {self.sample}: of which dataset folder?")
+            raise ValueError(f"--sample {self.sample}: give the folder of the dataset too")
         if self.data is None and not self.cross_check:
-            raise ValueError("give a dataset folder, or --cross-check; --help explains the flags")
+            raise ValueError("give the folder of a dataset, or --cross-check; --help explains both")
         if self.cross_check:
-            load_place(self.scene)  # reports what is wrong with it
+            load_place(self.scene)  # raises for a place that cannot be read
         if self.data is not None and self.out is not None:
             data, out = self.data.resolve(), self.out.resolve()
-            if out == data or out.is_relative_to(data / "scenes"):  # the results would be taken for foreign files
-                raise ValueError(f"--out {self.out}: the dataset's own folder; choose another, in it or elsewhere")
+            # else the next run would report the results as files that the index does not list
+            if out == data or out.is_relative_to(data / "scenes"):
+                raise ValueError(
+                    f"--out {self.out}: the dataset's own folder or one of its scenes; choose another folder"
+                )
 
     def results(self, dataset: StereoDataset | None = None) -> Path:
-        """The folder for the results: of a dataset, or of --cross-check."""
+        """Return the folder for the results of a dataset, or of --cross-check if there is none."""
         if self.out is not None:
             return self.out
         return RESULTS if dataset is None else RESULTS / f"{dataset.path.resolve().name}-{dataset.digest[:8]}"
 
 
 def verify_dataset(config: VerifyConfig, dataset: StereoDataset) -> tuple[list[Finding], dict[str, SampleStatistics]]:
-    """Hash every file, then take statistics over some of the samples that are whole.
+    """Hash every file, then take statistics over some of the samples whose files are as recorded.
 
-    Returns what is wrong, and the statistics of "all" and of each split.
+    Args:
+        config: The number of samples in the statistics, the number of threads, and the folder of the results.
+        dataset: The dataset.
+
+    Returns:
+        All findings, and the statistics of "all" and of each split.
+
+    Raises:
+        DatasetError: The dataset is of an older version that cannot be checked.
     """
-    found, whole = check_index(dataset), []
+    findings, intact = check_index(dataset), []
     with progress(len(dataset), "pair", "check") as bar:
         for name, problems in check_samples(dataset, config.workers):
-            found += problems
+            findings += problems
             if not problems:
-                whole.append(name)
+                intact.append(name)
             bar.update()
-    found += check_trajectories(dataset) + check_extra(dataset, config.results(dataset))
+    findings += check_trajectories(dataset) + check_extra(dataset, config.results(dataset))
     statistics = {name: SampleStatistics() for name in ("all", *SPLITS)}
     split = {sample["name"]: sample["split"] for sample in dataset.index["samples"]}
-    chosen = spread({name: split[name] for name in whole}, config.statistics_of)
+    chosen = spread({name: split[name] for name in intact}, config.statistics_of)
     read = partial(_read, dataset.path)
     with progress(len(chosen), "pair", "statistics") as bar:
         for name, sample in zip(chosen, in_threads(read, chosen, config.workers)):
             if isinstance(sample, Finding):
-                found.append(sample)
+                findings.append(sample)
             else:
                 for part in (statistics["all"], statistics[split[name]]):
                     part.add(sample)
             bar.update()
-    return found, statistics
+    return findings, statistics
 
 
 def spread(split: dict[str, str], number: int) -> list[str]:
-    """About `number` names, evenly spread over each split: as large a share of each, one at least. split: by name."""
+    """Choose about `number` names: the same share of each split, at least one, evenly spread.
+
+    Args:
+        split: Split of each sample, by name.
+        number: Approximate number of names to choose.
+    """
     chosen = []
     for part in SPLITS:
-        names = [name for name, its in split.items() if its == part]
+        names = [name for name, its_split in split.items() if its_split == part]
         count = min(len(names), int(np.ceil(number * len(names) / max(1, len(split)))))
         chosen += [names[i] for i in np.linspace(0, len(names) - 1, count).round().astype(int)]
     return sorted(chosen)
 
 
 def show_sample(config: VerifyConfig, dataset: StereoDataset, name: str) -> list[Path]:
-    """Write the figure, the point cloud and the mesh of a sample; returns the files.
+    """Write the figure, the point cloud and the mesh of a sample.
 
-    Raises DatasetError if there is no such sample or one of its files is broken, OSError.
+    Args:
+        config: The folder of the results and the farthest depth.
+        dataset: The dataset.
+        name: Name of the sample, "scene/view".
+
+    Returns:
+        The files that were written.
+
+    Raises:
+        DatasetError: There is no such sample, or one of its files is broken.
+        OSError: A file cannot be written.
     """
     if name not in dataset.names:
-        like = f"they are named like {dataset.names[0]}" if dataset.names else "it has none"
-        raise DatasetError(f"--sample {name}: no such sample among the {len(dataset)} of {dataset.path}; {like}")
+        like = f"names look like {dataset.names[0]}" if dataset.names else "it has none at all"
+        raise DatasetError(f"--sample {name}: {dataset.path} has no such sample; {like}")
     sample = read_sample(dataset.path / "scenes" / name)
     flat, out = name.replace("/", "_"), config.results(dataset)
     files = {out / f"sample_{flat}.png": sample_figure(sample, name)}
@@ -162,7 +190,11 @@ def show_sample(config: VerifyConfig, dataset: StereoDataset, name: str) -> list
 
 
 def verify(config: VerifyConfig) -> bool:
-    """Do what is asked, print it and write it. Returns whether all is well."""
+    """Check the dataset, draw the sample or compare the renderers; print and write the results.
+
+    Returns:
+        Whether all is well.
+    """
     good = True
     if config.data is not None:
         if config.sample is not None:
@@ -186,19 +218,19 @@ def verify(config: VerifyConfig) -> bool:
 
 
 def _folder(path: Path, thing: str) -> ResultFolder:
-    """A folder for results, which may lie in the dataset that they are about."""
+    """Return a folder for results, which may lie in the dataset that they describe."""
     return ResultFolder(path, thing, check_place=check_folder)
 
 
 def _report(config: VerifyConfig, dataset: StereoDataset) -> bool:
     out = config.results(dataset)
-    found, statistics = verify_dataset(config, dataset)
+    findings, statistics = verify_dataset(config, dataset)
     pairs = {name: sum(s["split"] == name for s in dataset.index["samples"]) for name in SPLITS}
     pairs = {"all": len(dataset), **pairs}
-    for finding in found[:SHOWN]:
+    for finding in findings[:SHOWN]:
         print(finding)
-    if len(found) > SHOWN:
-        print(f"and {len(found) - SHOWN} more, see {out / 'verify.json'}")
+    if len(findings) > SHOWN:
+        print(f"and {len(findings) - SHOWN} more, see {out / 'verify.json'}")
     if statistics["all"].samples:
         print(table(statistics, pairs))
         print(statistics["all"].cover.table())
@@ -209,31 +241,31 @@ def _report(config: VerifyConfig, dataset: StereoDataset) -> bool:
         "version": 1,
         "dataset": str(config.data),
         "digest": dataset.digest,
-        "good": not found,
-        "findings": [asdict(finding) for finding in found],
+        "good": not findings,
+        "findings": [asdict(finding) for finding in findings],
         "pairs": pairs,
         "statistics": {name: part.report() for name, part in statistics.items() if part.samples},
         "definitions": definitions,
     }
     write_json(out / "verify.json", report)
-    files = {finding.path for finding in found}
-    wrong = f"{counted(len(files), 'file')} wrong (the command that made the dataset replaces folders that are deleted)"
-    verdict = wrong if found else "every file is what the index says"
+    files = {finding.path for finding in findings}
+    wrong = f"{counted(len(files), 'file')} wrong; delete their folders and repeat the command that made the dataset"
+    verdict = wrong if findings else "all files are as the index records them"
     print(f"{config.data}: {counted(len(dataset), 'pair')}, {verdict}; see {out}")
-    return not found
+    return not findings
 
 
 def _read(root: Path, name: str) -> StereoSample | Finding:
     try:
         return read_sample(root / "scenes" / name)
     except DatasetError as error:
-        said = str(error).removeprefix(f"{root / 'scenes' / name}/")
-        file, _, problem = said.partition(": ")
+        message = str(error).removeprefix(f"{root / 'scenes' / name}/")
+        file, _, problem = message.partition(": ")
         return Finding(f"scenes/{name}/{file}", problem)
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """The command. Returns the exit code."""
+    """Run the command and return its exit code."""
     good = [True]
 
     def work(config: VerifyConfig) -> None:

@@ -31,7 +31,7 @@ def command_flags(config: GenerateConfig, elsewhere: bool = False) -> str | None
     if knobs is None:
         return None
     run = {name: value for name, value in _leaves(config, RunConfig) if name.split(".")[0] not in NOT_OF_THE_DATA}
-    defaults = dict(_leaves(GenerateConfig(out=config.out), RunConfig))
+    defaults = dict(_leaves(GenerateConfig(out=config.out, renderer="pybullet"), RunConfig))
     flags = {"pairs": config.pairs, "seed": config.seed, "scene": config.place}
     flags |= {name: value for name, value in run.items() if value != defaults[name]} | knobs | _rig(config.rig)
     if elsewhere and HEIGHTMAP in flags:

@@ -1,4 +1,4 @@
-"""What marssim.generate can be asked for: as a config, and as a command line."""
+"""The configuration of marssim.generate, and the command line that gives it."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from marssim.base.command.flags import parse
 from marssim.base.dataset.dataset import SPLIT_OF_TEN
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.version import VERSION
-from marssim.render.renderers.by_name import RendererName
+from marssim.render.renderers.by_name import FALLBACK_NOTE, RendererName, default_renderer
 from marssim.render.sensor import SensorConfig
 from marssim.scene.place_file import PLACE_VALUES, load_place
 from marssim.scene.scene import PRESETS, SceneConfig, preset
 from marssim.scene.trajectory import TrajectoryConfig
 from marssim.scene.viewpoint import ViewConfig
 
-MIXED = "mixed"
+MIXED = "mixed"  # name of the place that takes all presets in turn
 AUTO: Final = "auto"
 TINY: Final = "tiny"
 EGL: Final = "egl"
-MOST_PAIRS = 10_000_000  # whose names alone fill a GB
-MOST_PIXELS = 2**30  # that OpenCV reads from a file
-MIXTURE = 0x6D69786564  # parts the draw of the places from all others of a seed
+MOST_PAIRS = 10_000_000  # pairs in a dataset; their names alone fill a GB
+MOST_PIXELS = 2**30  # pixels of an image that OpenCV still reads from a file
+MIXTURE = 0x6D69786564  # separates the draw of the places from all other draws of a seed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,27 +39,29 @@ class RunConfig:
     """Generate stereo pairs of Mars with exact depth, normals and masks."""
 
     out: Path
-    """folder to write; a folder that holds part of the same dataset is completed"""
+    """Folder of the dataset. If it holds a part of the same dataset, the command adds what is missing."""
     pairs: int = 100
-    """number of stereo pairs; a larger number later adds to those that are there"""
+    """Number of stereo pairs. The command can be repeated with a larger number to add pairs."""
     seed: int = 0
-    """seed of every random draw, 0 or more"""
+    """Seed of all random draws, 0 or more."""
     workers: int = 1
-    """processes to render in, one thread each; the files do not depend on it"""
+    """Number of processes that render, each with one thread. It does not change the files."""
     scheduler: str | None = None
-    """address of a dask scheduler, tcp://host:8786, whose workers render instead; all must see --out"""
-    renderer: RendererName = "pybullet"
-    """what makes the G-buffer: PyBullet's rasteriser, Embree's rays, or scan conversion of the triangles in double
-    precision (the fastest; needs neither library)"""
+    """Address of a dask scheduler, like tcp://host:8786, whose workers render instead of processes of this machine. All
+    of them must see the folder --out."""
+    renderer: RendererName = field(default_factory=default_renderer)
+    """Renderer of the images and of the ground truth: PyBullet's rasteriser (the default where PyBullet is installed),
+    Embree's rays, or scan conversion of the triangles, which is the fastest and needs neither library (the default
+    elsewhere). They differ in a few pixels on silhouettes."""
     rasterizer: Literal["auto", "tiny", "egl"] = "auto"
-    """what draws PyBullet's pictures: its TinyRenderer (the same everywhere), or EGL (a few pixels on silhouettes
-    depend on driver and card); auto goes on with what a dataset was begun with, and begins one with EGL where a trial
-    in another process shows that it works on a graphics card"""
+    """What draws PyBullet's pictures: tiny is its own rasteriser, which draws the same on every machine, and egl is the
+    graphics card, on which a few pixels on silhouettes depend. With auto, a new dataset is drawn with egl if a trial in
+    another process works on a graphics card, and an unfinished one with what it was begun with."""
     views_per_scene: int = 8
-    """pairs rendered of one scene; train, val and test share no scene"""
+    """Number of pairs of each scene. The splits train, val and test share no scene."""
     trajectory: bool = False
-    """the views of a scene are a drive over it, in order, instead of places all over it; poses also as
-    trajectory.txt"""
+    """Take the views of a scene along a drive over it, in order, instead of at random places. The poses are also
+    written to trajectory.txt."""
     drive: TrajectoryConfig = field(default_factory=TrajectoryConfig)
     view: ViewConfig = field(default_factory=ViewConfig)
     sensor: SensorConfig = field(default_factory=SensorConfig)
@@ -71,21 +73,20 @@ class RunConfig:
         if self.pairs > MOST_PAIRS:
             raise ValueError(f"pairs must be at most {MOST_PAIRS}, got {self.pairs}")
         if self.rasterizer != AUTO and self.renderer != "pybullet":
-            raise ValueError(f"rasterizer {self.rasterizer} draws for --renderer pybullet, not for {self.renderer}")
+            raise ValueError(f"rasterizer {self.rasterizer} needs --renderer pybullet, not {self.renderer}")
         if not self.trajectory and self.drive != TrajectoryConfig():
             given = [name for name, value in vars(self.drive).items() if value != getattr(TrajectoryConfig(), name)]
-            raise ValueError(f"--drive.{given[0].replace('_', '-')} says how a drive goes, which needs --trajectory")
+            raise ValueError(f"--drive.{given[0].replace('_', '-')} describes a drive, which needs --trajectory")
 
 
 @dataclass(frozen=True, kw_only=True)
 class GenerateConfig(RunConfig):
-    """What a dataset is made of.
-
-    scenes: the scenes of the dataset are drawn from these by turns. rig: the cameras. The rest is RunConfig's.
-    """
+    """What a dataset is made of; the fields of RunConfig are flags of marssim.generate."""
 
     scenes: tuple[SceneConfig, ...] = (preset(PRESETS[0]),)
+    """Places from which the scenes are drawn in turn."""
     rig: StereoRig = NATECAM
+    """The two cameras."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -102,20 +103,21 @@ class GenerateConfig(RunConfig):
 
     @property
     def place(self) -> str:
-        """The preset that the scenes are after, or "mixed"."""
+        """The preset that all scenes start from, or "mixed"."""
         names = {scene.preset for scene in self.scenes}
         return names.pop() if len(names) == 1 else MIXED
 
     def content(self) -> dict[str, Any]:
-        """What decides the content of each sample: all but the folder, the number of pairs and who renders them.
+        """Return all settings on which the content of a sample depends, as plain values for JSON.
 
-        A heightmap counts by its SHA-256, wherever it lies; the version of marssim counts too.
+        The folder, the number of pairs and the workers are not among them. A heightmap counts by its SHA-256 and not by
+        its path, and the version of marssim counts too.
         """
         left_out = ("out", "pairs", "workers", "scheduler", "rig", "scenes")
         content = {name: value for name, value in asdict(self).items() if name not in left_out}
         if not self.trajectory:
             del content["drive"]
-        if self.rasterizer != EGL:  # TinyRenderer draws alike everywhere
+        if self.rasterizer != EGL:  # TinyRenderer draws the same on every machine
             del content["rasterizer"]
         scenes = [asdict(scene) for scene in self.scenes]  # in the order that they are drawn from
         for scene in scenes:
@@ -123,11 +125,11 @@ class GenerateConfig(RunConfig):
         return {"marssim": VERSION, **content, "scene": self.place, "scenes": scenes, "rig": self.rig.to_dict()}
 
     def scene_config(self, scene: int) -> SceneConfig:
-        """The config that a scene of the dataset is drawn from; it follows from the seed and the scene alone.
+        """Return the place that a scene of the dataset is drawn from. It depends on the seed and the scene alone.
 
-        Of n configs, each block of n scenes has every one once, in an order that the seed decides. From block to block
-        each takes the place of the next, so that within n lcm(n, 10) scenes (50 of five) every one of the ten places
-        that decide the split (dataset.split_of) has each config equally often: so have train, val and test.
+        Of n places, each block of n scenes has each once, in an order that follows from the seed. From block to block
+        the order is rotated, so that within n lcm(n, 10) scenes (50 for five places) each of the ten positions that
+        determine the split (dataset.split_of) has each place equally often, and so do train, val and test.
         """
         n = len(self.scenes)
         cycle, within = divmod(scene, n * math.lcm(n, len(SPLIT_OF_TEN)))
@@ -138,28 +140,29 @@ class GenerateConfig(RunConfig):
 
 @dataclass(frozen=True)
 class RigOptions:
-    """Two equal cameras, side by side; NaTeCam's values by default."""
+    """The cameras: two equal ones side by side, with the values of NaTeCam by default."""
 
     width: int = NATECAM.camera.width
-    """width of each image [px]"""
+    """Width of each image [px]."""
     height: int = NATECAM.camera.height
-    """height of each image [px]"""
+    """Height of each image [px]."""
     focal: float = NATECAM.camera.fx
-    """focal length [px]"""
+    """Focal length [px]."""
     focal_y: float | None = None
-    """vertical focal length [px] of pixels that are not square; default: as --rig.focal"""
+    """Vertical focal length [px], for pixels that are not square. By default it equals --rig.focal."""
     baseline: float = NATECAM.baseline
-    """distance of the two eyes [m]"""
+    """Distance between the two cameras [m]."""
     cx: float | None = None
-    """principal point, column [px], 0 is the middle of the first pixel; default: the image's middle"""
+    """Column of the principal point [px], where 0 is the middle of the first pixel. By default it is the middle of the
+    image."""
     cy: float | None = None
-    """principal point, row [px]; default: the image's middle"""
+    """Row of the principal point [px]. By default it is the middle of the image."""
 
     def __post_init__(self) -> None:
-        self.rig()  # says what is out of range
+        self.rig()  # raises for values out of range
 
     def rig(self) -> StereoRig:
-        """As a StereoRig. Raises ValueError that names the field."""
+        """Return the cameras as a StereoRig. Raises ValueError that names the field."""
         for name in ("width", "height", "focal", "focal_y", "baseline"):
             value = getattr(self, name)
             if value is not None and not 0 < value < float("inf"):
@@ -172,7 +175,7 @@ class RigOptions:
 
 @dataclass(frozen=True)
 class SceneOptions(SceneConfig):
-    """The scene's knobs as flags; which preset they start from is said by --scene."""
+    """The values of a place as flags; --scene names the place that they start from."""
 
     preset: tyro.conf.Suppress[str] = PRESETS[0]
 
@@ -189,29 +192,45 @@ class GenerateOptions(RunConfig):
     knobs: Annotated[SceneOptions, tyro.conf.arg(name="")] = field(default_factory=SceneOptions)
     rig: RigOptions = field(default_factory=RigOptions)
     rig_file: Path | None = None
-    """JSON file of the cameras instead of --rig: width, height, fx, fy, cx, cy [px], baseline [m]"""
+    """JSON file of the cameras, instead of the flags --rig: width, height, fx, fy, cx, cy [px] and baseline [m]."""
 
 
 def parse_generate(prog: str, description: str | None, args: Sequence[str] | None = None) -> GenerateConfig:
-    """The config that a command line asks for. Raises ValueError of one line that names the flag, OSError."""
+    """Return the config that a command line gives.
+
+    Args:
+        prog: Name of the command, for the help.
+        description: Text of the help.
+        args: Words of the command line, instead of sys.argv.
+
+    Raises:
+        ValueError: A flag is unknown or has a bad value. One line that names the flag.
+        OSError: The file of the rig cannot be read.
+    """
     args = sys.argv[1:] if args is None else args
     asked = named_scene(args)
     places = tuple(map(preset, PRESETS)) if asked == MIXED else (load_place(asked),)
     defaults = [GenerateOptions(out=tyro.MISSING, scene=asked, knobs=_options(place)) for place in places]
     options = [parse(GenerateOptions, prog, description, args, default) for default in defaults]
     first = options[0]
+    if not any(word.partition("=")[0] == "--renderer" for word in args) and first.renderer != "pybullet":
+        print(f"note: {FALLBACK_NOTE}", file=sys.stderr, flush=True)
     scenes = tuple(SceneConfig(**{f.name: getattr(o.knobs, f.name) for f in fields(SceneConfig)}) for o in options)
     rig = first.rig.rig()
     if first.rig_file is not None:
         if rig != NATECAM:
-            raise ValueError(f"--rig-file {first.rig_file}: not together with --rig.*")
+            raise ValueError(f"--rig-file {first.rig_file}: cannot be combined with the flags --rig.*")
         rig = read_rig(first.rig_file)
     run = {f.name: getattr(first, f.name) for f in fields(RunConfig)}
     return GenerateConfig(**run, scenes=scenes, rig=rig)
 
 
 def read_rig(path: Path) -> StereoRig:
-    """Read StereoRig.to_dict's form. Raises DatasetError, one line, that names the file, and the field."""
+    """Read a rig from a JSON file with the fields of StereoRig.to_dict.
+
+    Raises:
+        DatasetError: The file cannot be read, or a field is missing, unknown or bad. One line that names them.
+    """
     try:
         content = read_json(path)
         if unknown := sorted(set(content) - set(NATECAM.to_dict())):

@@ -177,7 +177,7 @@ def test_other_settings_in_the_same_folder_are_refused(made, change):
 
 def test_fewer_pairs_than_are_there_are_refused(made):
     before = contents(made)
-    with pytest.raises(DatasetError, match=r"^--pairs 3: .* holds 1 pair beyond these"):
+    with pytest.raises(DatasetError, match=r"^--pairs 3: .* holds 1 pair more than that"):
         generate_dataset(config(made, pairs=3))
     assert contents(made) == before
 
@@ -188,7 +188,9 @@ def test_fewer_pairs_than_are_there_are_refused(made):
     [("left.png", 100, b"", "truncated"), ("surface.png", None, b"x", "its content is not what sample.json records"),
      ("sample.json", 100, b"", "is not JSON")],
 )  # fmt: skip
-def test_a_spoilt_sample_is_told_and_made_anew_without_its_folder(folder, made, finished, file, cut, end, said):
+def test_a_corrupted_sample_is_named_and_rendered_again_without_its_folder(
+    folder, made, finished, file, cut, end, said
+):
     image = folder / "scenes/00000/00" / file
     image.write_bytes(image.read_bytes()[:cut] + end)
     if not finished:
@@ -433,7 +435,7 @@ def test_an_interrupt_says_how_to_go_on(tmp_path, monkeypatch, capfd):
     def interrupted(_: GenerateConfig) -> StereoDataset:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(command, "generate", interrupted)
+    monkeypatch.setattr(command, "generate_dataset", interrupted)
     code, err = run(capfd, "--out", tmp_path / "set")
     assert code == 130 and "goes on" in err and len(err.splitlines()) == 1
 
@@ -590,7 +592,7 @@ def test_egl_that_is_asked_for_and_does_not_work_is_one_line(tmp_path, bullet, c
     code, said = run(capfd, "--out", tmp_path / "set", *flags)
     assert code == 2 and said == "error: --rasterizer egl: it does not work here: the trial ended with -11"
     code, said = run(capfd, "--out", tmp_path / "set", *FLAGS, "--rasterizer", "egl")
-    assert code == 2 and said.startswith("error: --rasterizer egl draws for --renderer pybullet, not for embree")
+    assert code == 2 and said.startswith("error: --rasterizer egl needs --renderer pybullet, not embree")
     assert not (tmp_path / "set").exists()
 
 

@@ -36,7 +36,7 @@ def mistake(capfd, *args: object) -> str:
 
 def test_a_good_dataset(folder, tmp_path, capfd):
     code, out, _ = run(capfd, folder, "--out", tmp_path / "out")
-    assert code == 0 and "every file is what the index says" in out and "within 15 m" in out
+    assert code == 0 and "all files are as the index records them" in out and "within 15 m" in out
     report = json.loads((tmp_path / "out" / "verify.json").read_text())
     assert (
         report["good"] and report["findings"] == [] and report["pairs"] == {"all": 8, "train": 4, "val": 2, "test": 2}

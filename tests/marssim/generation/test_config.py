@@ -112,7 +112,7 @@ def test_cameras_by_a_file(tmp_path):
     file = tmp_path / "rig.json"
     file.write_text(json.dumps(rig.to_dict()))
     assert asked("--rig-file", file).rig == rig
-    with pytest.raises(ValueError, match=r"--rig-file .*not together with --rig"):
+    with pytest.raises(ValueError, match=r"--rig-file .*cannot be combined with the flags --rig"):
         asked("--rig-file", file, "--rig.width", 100)
     for content, told in (
         ("{", "is not JSON: "),
@@ -140,7 +140,7 @@ def test_more_pairs_than_memory_has_names_for_are_refused():
 
 @pytest.mark.parametrize(("flag", "value"), [("--drive.step", 1), ("--drive.speed", 0.1)])
 def test_how_a_drive_goes_is_refused_where_there_is_none(flag, value):
-    with pytest.raises(ValueError, match=rf"^{flag} says how a drive goes, which needs --trajectory$"):
+    with pytest.raises(ValueError, match=rf"^{flag} describes a drive, which needs --trajectory$"):
         asked(flag, value)
     assert asked(flag, value, "--trajectory").trajectory
 
