@@ -195,7 +195,7 @@ def test_a_corrupted_sample_is_named_and_rendered_again_without_its_folder(
     image.write_bytes(image.read_bytes()[:cut] + end)
     if not finished:
         (folder / "dataset.json").unlink()
-    with pytest.raises(DatasetError, match=rf"00/{file}: {said}.*; delete that sample's folder"):
+    with pytest.raises(DatasetError, match=rf"00/{file}: {said}.*; delete the folder of this sample"):
         generate_dataset(config(folder))
     shutil.rmtree(image.parent)
     generate_dataset(config(folder))

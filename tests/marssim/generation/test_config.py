@@ -1,19 +1,27 @@
+import ast
+import inspect
 import json
 import math
+import textwrap
 from dataclasses import fields, replace
 from pathlib import Path
 
 import pytest
 
+from marssim.abundance import AbundanceConfig
 from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
 from marssim.base.command.flags import parse
 from marssim.base.dataset.dataset import split_of
+from marssim.export import ExportConfig
 from marssim.generate import main
 from marssim.generation.command_line import command_flags
-from marssim.generation.config import GenerateConfig, GenerateOptions, RigOptions, parse_generate
+from marssim.generation.config import GenerateConfig, GenerateOptions, RigOptions, RunConfig, parse_generate
+from marssim.render.renderers.by_name import FALLBACK_NOTE
 from marssim.scene.relief import ReliefConfig
 from marssim.scene.rocks import RockConfig
 from marssim.scene.scene import PRESETS, LookConfig, SceneConfig, preset
+from marssim.slopes import SlopesConfig
+from marssim.verify import VerifyConfig
 
 
 def asked(*args: object) -> GenerateConfig:
@@ -71,6 +79,30 @@ def test_a_scene_that_is_neither_a_preset_nor_a_file_is_refused_with_the_flag(na
     line = capsys.readouterr().err
     assert line.startswith("error: ") and "--scene" in line and line.count("\n") == 1
     assert ("did you mean gale?" in line) == (name == "galle")
+
+
+def test_without_pybullet_scan_renders_and_a_note_says_so(monkeypatch, capsys):
+    """The command of the dataset names scan, so that it gives the same data where PyBullet is installed."""
+    monkeypatch.setattr("marssim.render.renderers.by_name.pybullet_is_installed", lambda: False)
+    config = asked()
+    assert config.renderer == "scan" and capsys.readouterr().err == f"note: {FALLBACK_NOTE}\n"
+    assert command_flags(config) == "--pairs 100 --seed 0 --scene utopia --renderer scan"
+    for renderer in ("embree", "scan"):
+        assert asked("--renderer", renderer).renderer == renderer and not capsys.readouterr().err
+    assert asked("--renderer=scan").renderer == "scan" and not capsys.readouterr().err
+    monkeypatch.setattr("marssim.render.renderers.by_name.pybullet_is_installed", lambda: True)
+    assert asked().renderer == "pybullet" and not capsys.readouterr().err
+
+
+def test_every_flag_of_marssims_commands_is_explained_by_sentences():
+    """Where the help of a flag stands below its field, it begins with a capital and ends with a full stop."""
+    for config in (RunConfig, RigOptions, GenerateOptions, VerifyConfig, ExportConfig, AbundanceConfig, SlopesConfig):
+        tree = ast.parse(textwrap.dedent(inspect.getsource(config))).body[0]
+        body = tree.body[1:] if isinstance(tree, ast.ClassDef) else []
+        for field, text in zip(body, body[1:]):
+            if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr):
+                words = text.value.value
+                assert words[0].isupper() and words.endswith("."), f"{config.__name__}.{field.target.id}: {words}"
 
 
 def test_knobs_hold_for_every_place_of_mixed():
