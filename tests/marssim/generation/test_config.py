@@ -1,5 +1,6 @@
 import ast
 import inspect
+import itertools
 import json
 import math
 import textwrap
@@ -99,7 +100,7 @@ def test_every_flag_of_marssims_commands_is_explained_by_sentences():
     for config in (RunConfig, RigOptions, GenerateOptions, VerifyConfig, ExportConfig, AbundanceConfig, SlopesConfig):
         tree = ast.parse(textwrap.dedent(inspect.getsource(config))).body[0]
         body = tree.body[1:] if isinstance(tree, ast.ClassDef) else []
-        for field, text in zip(body, body[1:]):
+        for field, text in itertools.pairwise(body):
             if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr):
                 words = text.value.value
                 assert words[0].isupper() and words.endswith("."), f"{config.__name__}.{field.target.id}: {words}"
