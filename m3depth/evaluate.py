@@ -39,17 +39,12 @@ from m3depth.estimator import (
     distinct_labels,
     load_estimator,
 )
-from m3depth.evaluation.example import Example
 from m3depth.evaluation.inputs import state_of_files, state_of_pairs
 from m3depth.evaluation.recorded_maps import FORM, RecordedError, RecordedPredictions
 from m3depth.evaluation.report import markdown_report, text_table
 from m3depth.evaluation.resume import Unfinished, UnfinishedError
 from m3depth.evaluation.scoring import RESERVED, Evaluation, Method, check_choice, chosen_pairs, evaluate
-from m3depth.figures.comparison import comparison_figure
-from m3depth.figures.errors import distribution_figure, interval_figure, sparsification_figure
-from m3depth.figures.qualitative import qualitative_figure, zoom_figure
-from m3depth.figures.rocks import rocks_figure
-from m3depth.figures.worst import worst_figure
+from m3depth.figures.evaluation import draw_evaluation
 from m3depth.stereo.degradation import Degradation
 from m3depth.stereo.pairs import MAX_DISPARITY, StereoPairs, scored_depths
 from marssim.base.command.notes import counted
@@ -61,7 +56,6 @@ from marssim.base.results.claim import ResultFolder
 from marssim.base.results.code_state import source_digest, versions
 
 EXAMPLES = 3  # pairs in the figures
-COMPARED = 3  # methods in comparison.png, which shows the errors too; qualitative.png shows all
 
 Baseline = Literal["sgbm", "ssd", "sad", "ncc", "ssd-sgm", "sad-sgm", "ncc-sgm", "all", "none"]
 
@@ -220,7 +214,7 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
     figures = {"methods": done.results, "true_depth_normals": done.true_depth_normals}
     write_json(options.out / "results.json", {**about, **figures, "per_pair": done.pairs}, sort_keys=False)
     write_atomically(options.out / "results.md", markdown_report(about, done.results, done.true_depth_normals).encode())
-    draw(done, options.out)
+    draw_evaluation(done, options.out)
     unfinished.remove()
     print(text_table(done.results))
     print(f"{counted(len(done.pairs), 'pair')}; figures by kind and depth, and pictures, are in {options.out}")
@@ -266,24 +260,6 @@ def _watched(number: int, remaining: Sequence[int]) -> Iterator[int]:
     if len(remaining) < number:
         print(f"evaluate: {number - len(remaining)} of {counted(number, 'pair')} are scored already", file=sys.stderr)
     return watched(remaining, "pair", "evaluate")
-
-
-def draw(done: Evaluation, out: Path) -> None:
-    """Write every figure into the folder `out`."""
-    comparison_figure(done.examples, out / "comparison.png", most=COMPARED)
-    qualitative_figure(done.examples, out / "qualitative.png")
-    zoom_figure(done.examples, out / "zoom.png")
-    worst_figure(done.worst, out / "worst.png")
-    interval_figure(done.results, out / "error_by_depth.png", _common_fb(done.examples))
-    distribution_figure(done.results, out / "error_distribution.png")
-    sparsification_figure(done.results, out / "sparsification.png")
-    rocks_figure({name: result["rocks"] for name, result in done.results.items()}, out / "rocks.png")
-
-
-def _common_fb(examples: Sequence[Example]) -> float | None:
-    """Return focal length times baseline [px m] if all examples share it."""
-    values = {round(e.truth.rig.fb, 3) for e in examples}
-    return values.pop() if len(values) == 1 else None
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -47,10 +47,10 @@ def comparison_figure(examples: Sequence[Example], path: Path, most: int | None 
     rows = 2 * len(examples)
     # A figure of one method is too narrow for labels of one line.
     gap, extra = ("  ", 0.0) if len(names) > 1 else ("\n", 0.15)
-    width, height = PANEL * columns + 0.4, PANEL * rows * _aspect(examples) + 1.4 + extra  # [in]
+    width, height = PANEL * columns + 0.5, PANEL * rows * _aspect(examples) + 1.4 + extra  # [in]
     figure = Figure(figsize=(width, height), dpi=110)
     grid = {
-        "left": 0.38 / width,
+        "left": 0.48 / width,
         "right": 1 - 0.05 / width,
         "top": 1 - 0.32 / height,
         "bottom": (1.05 + extra) / height,

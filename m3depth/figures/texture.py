@@ -54,21 +54,16 @@ def texture_figure(
         bits = f"{mean['lbp_riu2']:.2f} of 10 labels, {mean['lbp_codes']:.2f} bits of codes"
         row[1].set_title(f"local binary patterns; mean entropy\n{bits}", fontsize=9)
         height, width = example.grey.shape
-        show(
-            row[2],
-            np.fft.fftshift(np.log10(example.power / max(example.power.max(), 1e-30) + 1e-9)),
-            cmap="magma",
-            vmin=-8,
-            vmax=0,
-        )
+        power = np.log10(example.power / max(example.power.max(), 1e-30) + 1e-9)
+        spectrum = show(row[2], np.fft.fftshift(power), cmap="magma", vmin=-8, vmax=0)
+        bar = figure.colorbar(spectrum, ax=row[2], fraction=0.046, pad=0.02, extend="min")
+        bar.set_label("log10 of the power, largest: 0", fontsize=9)
         row[2].add_patch(
             Ellipse(
                 (width // 2, height // 2), 2 * border * width, 2 * border * height, fill=False, color="white", lw=1.2
             )
         )
-        row[2].set_title(
-            f"spectrum (log); circle: {2 * border:g} f_max\nmean energy outside {mean['high']:.1%}", fontsize=9
-        )
+        row[2].set_title(f"spectrum; circle: {2 * border:g} f_max\nmean energy outside {mean['high']:.1%}", fontsize=9)
         ratio = np.geomspace(2e-3, np.sqrt(2), 300)
         row[3].plot(ratio, 100 * energy_below(example, 10 * border * ratio), color=colour)
         row[3].axvline(0.1, color="0.5", lw=1, ls="--")
