@@ -45,7 +45,8 @@ def commands_page(package: str) -> str:
     parts = [f"# Commands of {package}"]
     for name in COMMANDS[package]:
         module = import_module(f"{package}.{name}")
-        parts += [f"## python -m {package}.{name}", _described(inspect.getdoc(module) or ""), *_tables(module)]
+        parser = flags(module)
+        parts += [f"## python -m {package}.{name}", _described(parser.description or ""), *_tables(parser)]
     return "\n\n".join(parts) + "\n"
 
 
@@ -108,7 +109,8 @@ def flags(module: ModuleType) -> argparse.ArgumentParser:
     config, keywords = asked
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of get_parser; constraints.txt holds a tyro that has it
-        return tyro.extras.get_parser(config, default=keywords.get("default"), prog=keywords.get("prog"))
+        known = {name: keywords[name] for name in ("default", "prog", "description") if name in keywords}
+        return tyro.extras.get_parser(config, **known)
 
 
 def _run(module: ModuleType, cli: Callable[..., Any], args: Sequence[str]) -> int | None:
@@ -140,10 +142,10 @@ def _described(text: str) -> str:
     return "\n".join(out)
 
 
-def _tables(module: ModuleType) -> list[str]:
+def _tables(parser: argparse.ArgumentParser) -> list[str]:
     """One table of flags a group."""
     parts = []
-    for group in flags(module)._action_groups:
+    for group in parser._action_groups:
         actions = [action for action in group._group_actions if action.help and "help" not in action.dest]
         if not actions:
             continue
@@ -156,13 +158,15 @@ def _tables(module: ModuleType) -> list[str]:
 
 def _flag(action: argparse.Action) -> str:
     values = action.metavar if isinstance(action.metavar, str) else " ".join(action.metavar or ())
+    values = values.removeprefix("{None}|")
     names = action.option_strings or [values or action.dest]
     shown = [f"`{name}`" for name in names]
     return ", ".join(shown) + (f" `{_cell(values)}`" if values and action.option_strings else "")
 
 
 def _cell(text: str) -> str:
-    return " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;")
+    text = " ".join(text.split()).replace("%%", "%").removesuffix(" (default: None)")
+    return text.replace("|", "\\|").replace("<", "&lt;")
 
 
 if __name__ == "__main__":
