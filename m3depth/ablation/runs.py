@@ -20,8 +20,8 @@ from m3depth.evaluation.scoring import evaluate
 from m3depth.network.device import chosen_device
 from m3depth.network.model import M3Depth
 from m3depth.stereo.pairs import scored_depths
-from m3depth.training.budget import spent_budget
 from m3depth.training.config import TrainConfig, check_config
+from m3depth.training.ending import spent_budget
 from m3depth.training.loop import train
 from m3depth.training.run import saved_progress
 from m3depth.training.samples import JoinedPairs

@@ -16,10 +16,9 @@ from m3depth.network.device import autocast, fast_dtype
 from m3depth.stereo.pairs import StereoPairs
 from m3depth.training.augmentation import check_crop
 from m3depth.training.batch import Batch
-from m3depth.training.budget import share_done, spent_budget
 from m3depth.training.config import TrainConfig, check_config
 from m3depth.training.curves import save_curves
-from m3depth.training.divergence import loss_fault, weight_fault
+from m3depth.training.ending import loss_fault, share_done, spent_budget, weight_fault
 from m3depth.training.log import Log, records
 from m3depth.training.losses import total_loss
 from m3depth.training.messages import announce, closing_words, data_names, progress_text

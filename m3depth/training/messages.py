@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from m3depth.datasets.open import open_pairs
-from m3depth.training.budget import share_done
 from m3depth.training.config import TrainConfig
 from m3depth.training.curves import CURVES
+from m3depth.training.ending import share_done
 from m3depth.training.run import Run
 from marssim.base.command.notes import counted
 

@@ -355,7 +355,7 @@ def test_a_last_step_that_diverges_is_not_saved(plane_samples, tmp_path, capsys,
 
 
 def test_weights_that_are_finite_and_useless_are_not_saved_either(plane_samples, tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("m3depth.training.divergence.LARGEST_LOSS", 1.0)  # [px]
+    monkeypatch.setattr("m3depth.training.ending.LARGEST_LOSS", 1.0)  # [px]
     monkeypatch.setattr("m3depth.training.loop.one_step", lambda run, *more: setattr(run, "step", run.step + 1) or FLAT)
     with pytest.raises(FloatingPointError, match=r"loss is \d\S* at step 1; nothing is saved yet"):
         train(config_for(tmp_path, max_steps=1, validate_every=0), plane_samples, [])

@@ -1,14 +1,35 @@
-"""What tells a training that has diverged: such a state is neither stepped on from nor saved."""
+"""When a training run ends: its budget is spent, or it has diverged and is neither continued nor saved."""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor, nn
 
+from m3depth.training.config import TrainConfig
 from m3depth.training.loss_config import LossConfig
 
 LARGEST_LOSS = 1e6  # [px] by a loss weight of one; an untrained network makes less than 1e4
 LARGEST_WEIGHT = 1e6  # magnitude; trained networks stay below 1e2
+
+
+def shares_done(config: TrainConfig, step: int, seconds: float) -> dict[str, float]:
+    """Return the spent share of each budget, by its flag and value; 1 or more is spent."""
+    shares = {}
+    if config.max_steps:
+        shares[f"--max-steps {config.max_steps}"] = step / config.max_steps
+    if config.max_minutes:
+        shares[f"--max-minutes {config.max_minutes:g}"] = seconds / 60 / config.max_minutes
+    return shares
+
+
+def share_done(config: TrainConfig, step: int, seconds: float) -> float:
+    """Return the share of the run that is done, by the budget that ends first; 1 or more is the end."""
+    return max(shares_done(config, step, seconds).values())
+
+
+def spent_budget(config: TrainConfig, step: int, seconds: float) -> str | None:
+    """Return the budget that is spent, as its flag and value; None if none is."""
+    return next((name for name, share in shares_done(config, step, seconds).items() if share >= 1), None)
 
 
 def loss_fault(loss: Tensor, config: LossConfig) -> str | None:
