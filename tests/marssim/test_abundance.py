@@ -94,7 +94,7 @@ def test_a_mistake_is_one_line(flag, capsys):
 def test_a_scene_reports_what_it_achieved():
     """From its outlines; the rays agree."""
     scenes = [draw(0.15, seed) for seed in range(2)]
-    told = np.mean([scene.abundance()["achieved"] for scene in scenes], axis=0)
+    listed = np.mean([scene.abundance()["achieved"] for scene in scenes], axis=0)
     seen = measure(scenes, 0.15, cell=CELL)
     assert scenes[0].abundance()["asked"] == pytest.approx(seen.asked.tolist())
-    assert told == pytest.approx(seen.achieved, rel=0.15)  # the rays leave out a margin
+    assert listed == pytest.approx(seen.achieved, rel=0.15)  # the rays leave out a margin

@@ -342,7 +342,7 @@ def test_a_full_disk_is_one_line_and_the_export_goes_on_later(closed_form_set, e
     assert contents(tmp_path / "out") == contents(exports["openstereo"])
 
 
-def test_what_is_there_is_not_written_again(exports, closed_form_set, tmp_path):
+def test_existing_files_are_not_written_again(exports, closed_form_set, tmp_path):
     out = shutil.copytree(exports["kitti"], tmp_path / "out")
     image = out / "train/training/image_2/000000_10.png"
     before = image.stat().st_mtime_ns
@@ -404,7 +404,7 @@ def test_another_export_in_the_folder(exports, closed_form_set, tmp_path, capfd)
     assert contents(out) == before
 
 
-def test_a_foreign_folder_is_left_alone(closed_form_set, tmp_path, capfd):
+def test_a_folder_of_other_files_is_left_alone(closed_form_set, tmp_path, capfd):
     (tmp_path / "thesis.tex").write_text("years of work")
     for out in (tmp_path, tmp_path / "thesis.tex", closed_form_set):
         before = contents(tmp_path), contents(closed_form_set)
@@ -413,7 +413,7 @@ def test_a_foreign_folder_is_left_alone(closed_form_set, tmp_path, capfd):
         assert (contents(tmp_path), contents(closed_form_set)) == before
 
 
-def test_a_file_on_the_way_is_told_with_the_flag(closed_form_set, tmp_path, capfd):
+def test_a_file_in_place_of_a_folder_is_reported_with_the_flag(closed_form_set, tmp_path, capfd):
     (tmp_path / "thesis.tex").write_text("years of work")
     out = tmp_path / "thesis.tex" / "kitti"
     assert run(capfd, closed_form_set, "--format", "kitti", "--out", out) == (2, f"error: --out {out}: not a directory")
@@ -443,7 +443,7 @@ def test_an_export_around_the_dataset_is_refused(exports, closed_form_set, tmp_p
 
 
 @pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock")
-def test_a_second_command_in_the_folder_is_told(exports, closed_form_set, tmp_path, capfd):
+def test_a_second_command_in_the_folder_is_refused(exports, closed_form_set, tmp_path, capfd):
     out = shutil.copytree(exports["kitti"], tmp_path / "out")
     with lock.sole_writer(out):
         code, err = run(capfd, closed_form_set, "--format", "kitti", "--out", out)
@@ -502,7 +502,7 @@ def test_an_image_of_other_content_is_not_exported(closed_form_set, tmp_path, ca
     assert code == 2 and str(file) in err and "records" in err and len(err.splitlines()) == 1
 
 
-def test_a_rig_of_its_own_for_each_sample(closed_form_set, tmp_path):
+def test_each_sample_may_have_its_own_rig(closed_form_set, tmp_path):
     """Calibration is written per sample, whatever the others have."""
     other = shutil.copytree(closed_form_set, tmp_path / "set")
     file = other / "scenes" / "00000" / "01" / "sample.json"

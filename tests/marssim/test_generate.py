@@ -208,8 +208,8 @@ def test_the_command_refuses_other_settings_in_one_line(made, capfd):
     assert err.startswith("error: ") and "generate.json" in err and len(err.splitlines()) == 1
 
 
-def test_settings_of_which_nothing_came_are_replaced(made, tmp_path, capfd, monkeypatch):
-    """Without PyBullet, say, its user is told of the other renderer, and takes it with the same folder."""
+def test_settings_without_samples_are_replaced(made, tmp_path, capfd, monkeypatch):
+    """A user without PyBullet, say, reads of the other renderer, and takes it with the same folder."""
     out = tmp_path / "set"
     with monkeypatch.context() as patch:
         patch.setitem(sys.modules, "pybullet", None)
@@ -231,7 +231,7 @@ def test_settings_beside_something_else_are_not_replaced(tmp_path):
     assert contents(tmp_path / "set") == before
 
 
-def test_no_byte_tells_where_data_and_heightmap_lay(tmp_path):
+def test_no_file_depends_on_the_folders_of_data_and_heightmap(tmp_path):
     """Here two folders, else two machines."""
     written = []
     for name in ("one", "two"):
@@ -274,7 +274,7 @@ def test_a_heightmap_is_found_from_any_folder_and_may_be_moved(tmp_path, monkeyp
         generate_dataset(asked(str(maps[1]), 3))
 
 
-def test_a_foreign_folder_is_left_alone(tmp_path, capfd):
+def test_a_folder_of_other_files_is_left_alone(tmp_path, capfd):
     (tmp_path / "thesis.tex").write_text("years of work")
     code, err = run(capfd, "--out", tmp_path)
     assert code == 2 and str(tmp_path) in err and "--out" in err and len(err.splitlines()) == 1
@@ -304,7 +304,7 @@ def test_a_broken_record_of_the_settings_is_named(folder, capfd):
         (("--trajectory", "--size", 3, "--views-per-scene", 20), "--drive.step"),
     ],
 )
-def test_scenes_that_cannot_be_are_told_before_anything_is_written(flags, said, tmp_path, capfd):
+def test_impossible_scenes_are_refused_before_anything_is_written(flags, said, tmp_path, capfd):
     """Too many rocks for a dataset to tell apart, no place for a camera, a drive longer than its ground."""
     code, err = run(capfd, "--out", tmp_path / "set", *FLAGS, *flags)
     assert code == 2 and said in err and len(err.splitlines()) == 1
@@ -312,7 +312,7 @@ def test_scenes_that_cannot_be_are_told_before_anything_is_written(flags, said, 
 
 
 @pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock")
-def test_a_second_command_in_the_folder_is_told_and_harms_nothing(made, folder, tmp_path, capfd):
+def test_a_second_command_in_the_folder_is_refused_and_harms_nothing(made, folder, tmp_path, capfd):
     """Also where the first has not yet written anything, and where it is at work on other settings."""
     before = contents(folder)
     (tmp_path / "new").mkdir()
@@ -346,7 +346,7 @@ def test_a_sample_that_was_killed_before_it_got_its_name_is_drawn_again(made, fo
     assert contents(folder) == contents(made)
 
 
-def test_the_folder_says_what_completes_it(made, folder, monkeypatch, capfd):
+def test_the_folder_records_the_command_that_completes_it(made, folder, monkeypatch, capfd):
     """What is read of an unfinished dataset is the command line, and that command line works."""
     (folder / "dataset.json").unlink()
     shutil.rmtree(folder / "scenes" / "00001" / "00")
@@ -474,7 +474,7 @@ def test_the_bytes_do_not_depend_on_dask(made, tmp_path):
     assert contents(tmp_path / "set") == contents(made)
 
 
-def test_a_worker_that_does_not_see_the_folder_is_told(tmp_path):
+def test_a_worker_that_cannot_see_the_folder_is_reported(tmp_path):
     with pytest.raises(DatasetError, match="folder that all workers share"):
         generate_scene(config(tmp_path / "elsewhere"), 0, [0])
     assert not (tmp_path / "elsewhere").exists()
@@ -538,7 +538,7 @@ def test_workers_get_equal_shares(tmp_path, pairs, workers, shares):
     assert sorted((scene, view) for _, scene, views in tasks for view in views) == [divmod(n, 8) for n in range(pairs)]
 
 
-def test_a_drive_is_in_one_hand(tmp_path):
+def test_a_drive_is_rendered_by_one_worker(tmp_path):
     asked = config(tmp_path / "set", pairs=8, views_per_scene=8, workers=2, trajectory=True)
     assert [views for _, _, views in command._shared_out(asked, command._scenes(asked))] == [list(range(8))]
 
@@ -564,7 +564,7 @@ def test_a_dataset_is_begun_with_egl_where_it_draws_on_a_card(tmp_path, bullet, 
 
 
 @pytest.mark.parametrize("first", ["tiny", "egl"])
-def test_a_dataset_goes_on_as_it_was_begun(tmp_path, bullet, first):
+def test_a_dataset_is_continued_as_it_was_begun(tmp_path, bullet, first):
     """Elsewhere too, or it is refused: the two draw a few pixels otherwise."""
     asked = config(tmp_path / "set", renderer="pybullet", rasterizer=first)
     claimed(asked)

@@ -87,7 +87,7 @@ if __name__ == "__main__":
 """
 
 
-def test_killed_at_any_moment_it_goes_on_to_the_same_bytes(undisturbed, tmp_path):
+def test_a_run_killed_at_any_moment_continues_to_the_same_bytes(undisturbed, tmp_path):
     """The command kills itself, so that the moment is the same in each run of the test."""
     out, program = tmp_path / "set", tmp_path / "killed.py"
     program.write_text(KILLED)

@@ -42,7 +42,7 @@ def test_a_lag_that_does_not_fit_is_refused(lag):
 
 
 @pytest.mark.parametrize(("degrees", "share"), [(7.9, 1.0), (8.1, 0.0)])
-def test_planes_are_told_apart_at_eight_degrees(degrees, share):
+def test_gentle_planes_are_those_under_eight_degrees(degrees, share):
     tilt = np.tan(np.deg2rad(degrees)) / np.sqrt(2)
     assert gentle_share(grid(lambda x, y: tilt * (x + y))) == share
 
@@ -67,8 +67,8 @@ def test_the_error_is_the_scatter_of_repeated_measurements():
     found = [measure(terrains[i : i + 4], 0.6, 7.0) for i in range(0, 120, 4)]
     fine = [i for i, lag in enumerate(LAGS) if lag <= 2]
     scatter = np.std([f.measured for f in found], axis=0, ddof=1)[fine]
-    told = np.sqrt(np.mean(np.square([f.error for f in found]), axis=0))[fine]
-    assert told == pytest.approx(scatter, rel=0.35)
+    error = np.sqrt(np.mean(np.square([f.error for f in found]), axis=0))[fine]
+    assert error == pytest.approx(scatter, rel=0.35)
 
 
 def test_the_terrains_are_those_of_the_scenes():

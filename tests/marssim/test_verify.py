@@ -68,14 +68,14 @@ def test_each_dataset_has_a_folder_for_its_results(folder, tmp_path, capfd, monk
     assert json.loads(Path("out/verify", mine, "verify.json").read_text())["pairs"]["all"] == 8
 
 
-def test_an_unfinished_dataset_says_what_completes_it(folder, tmp_path, capfd):
+def test_an_unfinished_dataset_is_refused_with_the_command_that_completes_it(folder, tmp_path, capfd):
     (folder / "dataset.json").unlink()
     (folder / "generate.json").write_text('{"command": "--pairs 8 --scene gale"}')
     line = mistake(capfd, folder, "--out", tmp_path / "out")
     assert line.endswith(f"; python -m marssim.generate --out {folder} --pairs 8 --scene gale completes it")
 
 
-def test_an_export_is_told_from_a_dataset(folder, tmp_path, capfd):
+def test_an_export_is_not_taken_for_a_dataset(folder, tmp_path, capfd):
     export(ExportConfig(folder, "eth3d", tmp_path / "eth3d"))
     line = mistake(capfd, tmp_path / "eth3d", "--out", tmp_path / "out")
     assert line.endswith(f"{tmp_path / 'eth3d'}: is an export of format eth3d, not a dataset of marssim.generate")
@@ -83,7 +83,7 @@ def test_an_export_is_told_from_a_dataset(folder, tmp_path, capfd):
 
 
 @pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock")
-def test_a_dataset_that_is_being_written_is_not_judged(folder, tmp_path, capfd):
+def test_a_dataset_that_is_being_written_is_not_checked(folder, tmp_path, capfd):
     """Samples may still be shown; what a killed command has left of its lock is nothing wrong."""
     with sole_writer(folder):
         said = mistake(capfd, folder, "--out", tmp_path / "out")
@@ -123,7 +123,7 @@ def test_results_that_cannot_be_written_name_the_flag(folder, tmp_path, capfd, m
     assert mistake(capfd, folder).startswith("error: --out out/verify: ")
 
 
-def test_a_folder_that_may_not_be_written_is_told_before_the_work(folder, tmp_path, capfd, monkeypatch):
+def test_a_folder_without_permission_is_reported_before_the_work(folder, tmp_path, capfd, monkeypatch):
     monkeypatch.setattr("os.access", lambda *_: False)  # root may write anywhere
     monkeypatch.setattr(command, "verify_dataset", None)
     for asked in ((folder,), ("--cross-check",)):
@@ -195,7 +195,7 @@ def test_a_sample_is_shown(folder, tmp_path, capfd):
     assert len(mesh.faces) > len(cloud.vertices) and -mesh.vertices[:, 2].min() <= 12.001
 
 
-def test_what_the_cross_check_finds_is_told(tmp_path, capfd, monkeypatch):
+def test_the_cross_check_prints_and_writes_what_it_finds(tmp_path, capfd, monkeypatch):
     for surface, code in ((1.0, 0), (0.9, 1)):
         views = Agreement(10, surface, 0.995, np.array([0.01, -0.02]), np.array([0.0, 0.03]))
         checks = {"scan": RendererCheck(views, np.array([0.002, 0.001])), "embree": RendererCheck(None, np.zeros(2))}
@@ -213,7 +213,7 @@ def test_what_the_cross_check_finds_is_told(tmp_path, capfd, monkeypatch):
         assert noted["makers"]["embree"] == {"planes_px": [0.0, 0.0], "good": True} and noted["scene"] == "utopia"
 
 
-def test_what_is_no_dataset(folder, tmp_path, capfd):
+def test_a_folder_that_is_no_dataset_is_refused(folder, tmp_path, capfd):
     assert str(tmp_path / "nowhere") in mistake(capfd, tmp_path / "nowhere")
     assert "dataset.json" in mistake(capfd, tmp_path)
     (folder / "dataset.json").write_text('{"schema": "other"}')
@@ -248,7 +248,7 @@ def test_a_broken_sample_cannot_be_shown(folder, tmp_path, capfd, spoil):
     assert "normal.png" in mistake(capfd, folder, "--sample", "00000/00", "--out", tmp_path / "out")
 
 
-def test_a_folder_that_cannot_be_written_is_told_before_the_work(folder, tmp_path, capfd, monkeypatch):
+def test_a_folder_that_cannot_be_written_is_reported_before_the_work(folder, tmp_path, capfd, monkeypatch):
     for work in ("verify_dataset", "cross_check"):
         monkeypatch.setattr(command, work, lambda *_: pytest.fail("it was at work"))
     (tmp_path / "file").write_text("in the way")

@@ -38,11 +38,11 @@ def asked(*flags: object) -> GenerateConfig:
         ("--rasterizer", "egl"),
     ],
 )
-def test_the_flags_of_a_config_give_it_again(flags):
+def test_the_flags_of_a_config_give_the_same_config(flags):
     assert again(asked(*flags)) == asked(*flags)
 
 
-def test_a_heightmap_is_among_them(tmp_path):
+def test_a_heightmap_is_among_the_flags(tmp_path):
     np.save(tmp_path / "a map.npy", np.zeros((300, 300)))
     config = asked("--relief.heightmap", tmp_path / "a map.npy", "--relief.heightmap-scale", 1, "--scene", "hard")
     drawn = replace(config.scenes[0], relief=replace(config.scenes[0].relief, heightmap_at=None))
@@ -64,12 +64,12 @@ def test_numbers_come_back_to_the_last_bit(seed, fx, fy, cx, baseline, k, dust):
     assert again(config) == config
 
 
-def test_who_renders_and_where_to_is_left_out():
+def test_folder_and_workers_are_left_out():
     flags = command_flags(asked("--workers", 3, "--scheduler", "tcp://a:1", "--pairs", 5))
     assert flags == "--pairs 5 --seed 0 --scene utopia"
 
 
-def test_scenes_that_no_flags_give():
+def test_scenes_that_flags_cannot_give_have_no_command():
     gale, hard = preset("gale"), preset("hard")
     rough = replace(gale, relief=replace(gale.relief, rms_slope_deg=9.0))
     every = tuple(map(preset, PRESETS))
@@ -80,7 +80,7 @@ def test_scenes_that_no_flags_give():
     assert command_flags(replace(mixed, scenes=tuple(replace(scene, size=9.0) for scene in every))) is not None
 
 
-def test_every_setting_that_decides_the_content_is_in_them():
+def test_every_setting_on_which_the_content_depends_is_recorded():
     """A field that is added to the run's config is noted without anything to be done."""
     config = asked()
     for field in fields(config):

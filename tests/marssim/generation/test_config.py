@@ -120,7 +120,7 @@ def test_help_shows_the_values_of_the_place(capsys):
         assert f"Utopia has 0.033, Viking 2 0.15. (default: {preset(name).rocks.k})" in text
 
 
-def test_every_field_of_the_scene_is_a_flag_and_says_what_it_is(capsys):
+def test_every_field_of_the_scene_is_a_flag_with_help(capsys):
     """Also one that is added later: nothing lists them but the configs themselves."""
     text = shown(capsys)
     for part, config in (("rocks", RockConfig), ("relief", ReliefConfig), ("look", LookConfig)):
@@ -147,7 +147,7 @@ def test_cameras_by_a_file(tmp_path):
     assert asked("--rig-file", file).rig == rig
     with pytest.raises(ValueError, match=r"--rig-file .*cannot be combined with the flags --rig"):
         asked("--rig-file", file, "--rig.width", 100)
-    for content, told in (
+    for content, message in (
         ("{", "is not JSON: "),
         ("{}", "field 'width' is missing"),
         ('{"width": "wide"}', "field 'width' must be a whole number"),
@@ -161,24 +161,24 @@ def test_cameras_by_a_file(tmp_path):
         file.write_text(content, encoding="latin-1")
         with pytest.raises(ValueError, match=rf"^--rig-file {file}: ") as error:
             asked("--rig-file", file)
-        assert told in str(error.value) and "\n" not in str(error.value)
+        assert message in str(error.value) and "\n" not in str(error.value)
     with pytest.raises(ValueError, match=rf"^--rig-file {tmp_path}: is a directory$"):
         asked("--rig-file", tmp_path)
 
 
-def test_more_pairs_than_memory_has_names_for_are_refused():
+def test_more_pairs_than_fit_into_memory_are_refused():
     with pytest.raises(ValueError, match=r"^--pairs must be at most 10000000, got 100000000000000000000$"):
         asked("--pairs", 10**20)
 
 
 @pytest.mark.parametrize(("flag", "value"), [("--drive.step", 1), ("--drive.speed", 0.1)])
-def test_how_a_drive_goes_is_refused_where_there_is_none(flag, value):
+def test_flags_of_a_drive_need_a_drive(flag, value):
     with pytest.raises(ValueError, match=rf"^{flag} describes a drive, which needs --trajectory$"):
         asked(flag, value)
     assert asked(flag, value, "--trajectory").trajectory
 
 
-def test_what_decides_the_content_is_noted_and_the_rest_is_not():
+def test_only_settings_on_which_the_content_depends_are_recorded():
     first = asked("--scene", "gale")
     same = asked("--scene", "gale", "--pairs", 7, "--workers", 3, "--scheduler", "tcp://a:1")
     assert first.content() == same.content()
@@ -190,7 +190,7 @@ def test_what_decides_the_content_is_noted_and_the_rest_is_not():
     assert drives[0] != drives[1]
 
 
-def test_every_scene_is_noted_in_the_order_of_the_draw(tmp_path):
+def test_every_place_is_recorded_in_the_order_of_the_draw(tmp_path):
     """Also two of one preset."""
     rough = preset("gale", relief=replace(preset("gale").relief, rms_slope_deg=9.0))
     orders = [(preset("gale"), rough), (rough, preset("gale")), (rough,), (rough, rough)]
@@ -208,7 +208,7 @@ def places(count: int, seed: int, scenes: int) -> list[int]:
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 7, 10])
 @pytest.mark.parametrize("seed", [0, 1, 2**40])
-def test_places_come_by_turns_and_each_split_has_all_of_them(count, seed):
+def test_places_come_in_turn_and_each_split_has_each_equally_often(count, seed):
     """Every block has each once; over count * lcm(count, 10) scenes each split has each equally often."""
     cycle = count * math.lcm(count, 10)
     drawn = places(count, seed, 2 * cycle)
@@ -233,6 +233,6 @@ def test_a_config_needs_a_scene(tmp_path):
         GenerateConfig(out=tmp_path, scenes=())
 
 
-def test_options_have_no_place_of_their_own_choice():
+def test_options_default_to_the_first_place():
     """Parsed without a preset's values, they are those of the first place."""
     assert parse(GenerateOptions, "generate", None, ["--out", "x"]).scene == PRESETS[0]

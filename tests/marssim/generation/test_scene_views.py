@@ -48,15 +48,15 @@ def test_ranges_narrowed_to_what_was_recorded_give_the_same_images(sample, tmp_p
 
 
 def test_a_heightmap_is_recorded_with_its_place_and_datum(sample, tmp_path):
-    """So that the cameras' places can be told in the map: they stand as high above its ground as they were asked to."""
+    """So that the cameras can be placed in the map: they stand as high above its ground as they were asked to."""
     assert "heightmap" not in sample.meta
     east = np.arange(160) - 79.5
     np.save(tmp_path / "map.npy", np.tile(-2500 + 0.05 * east, (160, 1)))
     relief = replace(SMALL.relief, heightmap=str(tmp_path / "map.npy"), heightmap_scale=1.0, heightmap_at=None)
     bare = replace(relief, ripple_amplitude=0.0, crater_density=0.0)
     seen = pair(tmp_path / "set", replace(SMALL, relief=bare))
-    told, eye = seen.meta["heightmap"], np.array(seen.meta["pose"])[:3, 3]
-    assert np.abs(told["at"]).min() > 1
-    ground = -2500 + 0.05 * (told["at"][0] + eye[0])
-    assert 1.14 < eye[2] + told["datum"] - ground < 1.26
+    recorded, eye = seen.meta["heightmap"], np.array(seen.meta["pose"])[:3, 3]
+    assert np.abs(recorded["at"]).min() > 1
+    ground = -2500 + 0.05 * (recorded["at"][0] + eye[0])
+    assert 1.14 < eye[2] + recorded["datum"] - ground < 1.26
     assert "`datum`" in (tmp_path / "set" / "README.md").read_text()

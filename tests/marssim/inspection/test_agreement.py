@@ -82,7 +82,7 @@ def test_wrong_depth_is_found(tracer, poses):
     assert agreement(OffCentre(tracer, factor=1.006), tracer, CAMERA, poses).depth == 0
 
 
-def test_what_tells_nothing_is_no_agreement():
+def test_an_undetermined_shift_is_no_agreement():
     fit = ShiftFit()
     fit.add(np.ones((4, 4)), lambda du, dv: np.ones((4, 4)), np.ones((4, 4), bool))
     assert np.isnan(fit.shift).all()
@@ -101,7 +101,7 @@ def test_the_view_that_agrees_least_counts(tracer, poses):
     assert found.depth == 0.0 and found.surface == 1.0 and not found.good
 
 
-def test_what_is_drawn_is_looked_at_before_it_is_made_exact(tracer, poses):
+def test_a_drawn_picture_is_compared_before_it_is_corrected(tracer, poses):
     """On smooth ground, where an exact G-buffer hides that the picture was off."""
 
     class DrawnBeside(OffCentre):
@@ -124,7 +124,7 @@ def test_shifts_are_found_on_tilted_planes():
             return OffCentre(self, 0.06, -0.03).render(camera, pose)
 
     assert plane_shift(Off, CAMERA) == pytest.approx([0.06, -0.03], abs=1e-3)
-    assert np.isnan(plane_shift(EmbreeRenderer, CAMERA, azimuths_deg=(0.0,))).all()  # level across: u is not told
+    assert np.isnan(plane_shift(EmbreeRenderer, CAMERA, azimuths_deg=(0.0,))).all()  # level across u
 
 
 def test_a_plane_is_the_one_that_is_asked_for():

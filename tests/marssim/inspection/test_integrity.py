@@ -53,7 +53,7 @@ def record(folder: Path, occluded: bytes) -> None:
 
 
 @pytest.mark.parametrize("name", IMAGES)
-def test_every_image_is_watched(folder, name):
+def test_every_image_is_checked(folder, name):
     file = folder / SAMPLE / name
     data = file.read_bytes()
     for broken, said in (
@@ -70,7 +70,7 @@ def test_every_image_is_watched(folder, name):
     assert len(findings(folder)) == 2 and "cannot be read" in findings(folder)[0]
 
 
-def test_a_wrong_file_with_a_right_hash_is_told_by_its_header(folder):
+def test_a_wrong_image_with_a_right_hash_is_found_by_its_header(folder):
     """Someone wrote the sample again, with its hashes, yet with an image of another size or kind."""
     for image in (np.zeros((5, 7), np.uint8), np.zeros((48, 64, 3), np.uint8), np.zeros((48, 64), np.uint16)):
         record(folder, cv2.imencode(".png", image)[1].tobytes())
@@ -80,7 +80,7 @@ def test_a_wrong_file_with_a_right_hash_is_told_by_its_header(folder):
         )
 
 
-def test_what_is_no_png_is_told_although_its_hash_is_right(folder):
+def test_a_file_that_is_no_png_is_found_although_its_hash_is_right(folder):
     image = (folder / SAMPLE / "occluded.png").read_bytes()
     for data in (b"", image[:20], image[:-1], bytes(16) + image[16:], image[:8]):
         record(folder, data)
@@ -117,7 +117,7 @@ def test_a_broken_sample_json(folder, edit, said):
     assert all(finding.startswith(SAMPLE) for finding in found)
 
 
-def test_no_json_no_sample(folder):
+def test_a_sample_with_a_broken_json_or_none_is_found(folder):
     (folder / SAMPLE / "sample.json").write_text("{")
     (folder / SAMPLE / "left.png").unlink()
     first, second = findings(folder)
@@ -135,7 +135,7 @@ def test_a_report_may_lie_deeper_in_the_dataset(folder):
     assert findings(folder, own) == ["reports/notes.txt: a file that the index does not list"]
 
 
-def test_what_does_not_belong_is_named(folder):
+def test_files_that_do_not_belong_are_named(folder):
     (folder / SAMPLE / "left.png~").write_text("a backup")
     (folder / "scenes" / "00001" / ".02.partial").mkdir()
     shutil.copytree(folder / SAMPLE, folder / "scenes" / "00007" / "00")
@@ -154,7 +154,7 @@ def test_what_does_not_belong_is_named(folder):
     }
 
 
-def test_the_index_is_watched(folder):
+def test_the_index_is_checked(folder):
     change(folder / "dataset.json", lambda c: c["samples"][2].update(split="train"))
     change(folder / "dataset.json", lambda c: c["samples"].append(c["samples"][0]))
     found = findings(folder)

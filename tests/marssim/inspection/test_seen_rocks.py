@@ -77,5 +77,5 @@ def test_rocks_are_about_as_wide_as_their_outlines_from_above():
     assert f"spread {total[0]:.2%}" in cover.table()
 
 
-def test_nothing_seen():
+def test_without_samples_there_is_no_report():
     assert RockCover().report() == {} and RockCover().table() == ""

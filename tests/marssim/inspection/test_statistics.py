@@ -93,7 +93,7 @@ def test_statistics_add_up(closed_form_set):
 
 
 @pytest.mark.parametrize("odd", [None, "0.07", [0.07], {}, float("nan"), -1, 10**400])
-def test_what_others_noted_in_other_ways_does_not_count(odd):
+def test_values_that_are_no_numbers_do_not_count(odd):
     sample = made(np.full((32, 32), 4.0, np.float32))
     meta = {**sample.meta, "sun_elevation_deg": odd if odd != -1 else -91, "scene_config": {"rocks": {"k": odd}}}
     found = statistics_of([replace(sample, meta=meta)]).report()
@@ -126,7 +126,7 @@ def test_contrast_of_ground_is_that_of_near_ground_without_rocks():
     assert ground["shade"][0] < ground["shade"][1] < 1 < ground["shade"][2]
 
 
-def test_single_bright_things_and_how_sharp_edges_are_show_in_the_table():
+def test_the_table_shows_peakedness_and_the_width_of_edges():
     """Dots on plain ground are peaked, noise is not; a step blurred by 1 px rises over 2.56 px."""
     dots = np.zeros((128, 192))
     dots[tuple(np.random.default_rng(1).integers(8, 120, (2, 60)))] = 1
