@@ -1,4 +1,4 @@
-"""Where exactly rays meet the triangles that they are known to meet, and with which normals."""
+"""The exact intersections of rays with triangles that they are known to hit, and the normals there."""
 
 from __future__ import annotations
 
@@ -13,11 +13,18 @@ from marssim.render.geometry.gbuffer import GBuffer, Hits
 from marssim.render.geometry.mesh import Mesh
 from marssim.render.geometry.vectors import column, cross, dot, minus, mixed, row, times
 
-MISS = 1e-3  # barycentric coordinate by which a ray may pass a triangle before the nearest point on it is taken
+MISS = 1e-3  # barycentric coordinate by which a ray may miss a triangle before the nearest point on it is taken
 
 
 def gbuffer_of_faces(mesh: Mesh, camera: PinholeCamera, pose: np.ndarray, face: np.ndarray) -> GBuffer:
-    """The G-buffer of a view whose pixels' rays meet the faces (H * W,), negative for the sky. pose: (4, 4)."""
+    """Return the G-buffer of a view, given the face that each pixel's ray hits.
+
+    Args:
+        mesh: The triangles.
+        camera: The camera.
+        pose: (4, 4) camera to world.
+        face: (H * W,) face of each pixel, negative for the sky.
+    """
     shape = (camera.height, camera.width)
     rays = camera.rays().reshape(-1, 3)
     depth, normal, shading, surface = intersect_faces(mesh, pose, rays, face)
@@ -25,10 +32,13 @@ def gbuffer_of_faces(mesh: Mesh, camera: PinholeCamera, pose: np.ndarray, face: 
 
 
 def intersect_faces(mesh: Mesh, pose: np.ndarray, rays: np.ndarray, face: np.ndarray) -> Hits:
-    """Where exactly rays meet faces that they are known to meet.
+    """Intersect rays with faces that they are known to hit. Computed in float64, stored in float32.
 
-    pose: (4, 4) camera to world; rays: (N, 3) camera frame, z = 1; face: (N,) the face of the mesh that each ray meets,
-    negative for the sky. All in float64 until the result is stored.
+    Args:
+        mesh: The triangles.
+        pose: (4, 4) camera to world.
+        rays: (N, 3) directions, camera frame, z = 1.
+        face: (N,) face that each ray hits, negative for the sky.
     """
     pose, rays = (np.ascontiguousarray(each, dtype=np.float64) for each in (pose, rays))
     return Hits(*_hits(mesh.vertices, mesh.faces, mesh.surface, mesh.vertex_normals, pose, rays, face))
@@ -42,14 +52,14 @@ def _hits(vertices, faces, surface, vertex_normals, pose, rays, face):
     ids = np.full(n, SKY, dtype=np.int32)
     right, down, ahead, eye = column(pose, 0), column(pose, 1), column(pose, 2), column(pose, 3)
     last, i, j, m = -1, 0, 0, 0
-    # of the face that was met last: corners from the eye, edge functions opposite to them, normal times twice its area
+    # of the last face: corners relative to the eye, edge functions opposite to them, normal times twice its area
     a = b = c = edge_a = edge_b = edge_c = wide = (0.0, 0.0, 0.0)
     size = height = 0.0
     for k in range(n):
         f = face[k]
         if f < 0:
             continue
-        if f != last:  # neighbours often meet the same face
+        if f != last:  # neighbouring rays often hit the same face
             last = f
             i, j, m = faces[f, 0], faces[f, 1], faces[f, 2]
             a, b, c = minus(row(vertices, i), eye), minus(row(vertices, j), eye), minus(row(vertices, m), eye)
@@ -58,7 +68,7 @@ def _hits(vertices, faces, surface, vertex_normals, pose, rays, face):
             size, height = math.sqrt(dot(wide, wide)), dot(wide, a)
         ray = mixed(right, down, ahead, (rays[k, 0], rays[k, 1], 1.0))
         slant = dot(wide, ray)
-        z, weights = _met(ray, ahead, (a, b, c), (edge_a, edge_b, edge_c), height, slant)
+        z, weights = _intersection(ray, ahead, (a, b, c), (edge_a, edge_b, edge_c), height, slant)
         unit = 1 / size if size != 0 else 1.0
         if slant > 0:
             unit = -unit
@@ -71,18 +81,19 @@ def _hits(vertices, faces, surface, vertex_normals, pose, rays, face):
 
 
 @inlined
-def _met(ray, ahead, corners, edges, height, slant):
-    """Depth of where a ray meets a triangle that it is known to meet, and the barycentric coordinates, 0 to 1.
+def _intersection(ray, ahead, corners, edges, height, slant):
+    """Return the depth at which a ray hits a triangle, and the barycentric coordinates there, 0 to 1.
 
-    ray: of depth 1; ahead: unit, along which depth is measured; corners: from the eye; edges: edge functions, how far
-    the ray passes inside of each edge; height, slant: of the first corner and of the ray along the triangle's normal.
+    ray: direction of depth 1; ahead: unit vector along which depth is measured; corners: relative to the eye; edges:
+    edge functions, how far inside each edge the ray passes; height, slant: components of the first corner and of the
+    ray along the triangle's normal.
     """
     a, b, c = corners
     share = 1 / slant
     z = height * share
     wa, wb, wc = dot(ray, edges[0]) * share, dot(ray, edges[1]) * share, dot(ray, edges[2]) * share
     if not (z > 0 and wa > -MISS and wb > -MISS and wc > -MISS):
-        # seen edge on, or passed by a hair (Embree works in float32): take the nearest point of the triangle
+        # the triangle is seen edge-on, or narrowly missed (Embree works in float32): take its nearest point
         wa, wb, wc = _within(wa), _within(wb), _within(wc)
         total = wa + wb + wc
         wa, wb, wc = wa / total, wb / total, wc / total
@@ -92,8 +103,8 @@ def _met(ray, ahead, corners, edges, height, slant):
 
 @inlined
 def _shading(smooth, facet):
-    """Unit normal for shading. smooth: interpolated between the vertices; facet: unit, the triangle's own."""
-    # where the interpolated normal is shorter than 1, as on rocks, the facet's own makes up: edges stay visible
+    """Return the unit normal for shading. smooth: interpolated normal; facet: unit normal of the triangle."""
+    # where the interpolated normal is shorter than 1, as on rocks, the facet's normal fills up: edges stay visible
     lack = 1 - min(math.sqrt(dot(smooth, smooth)), 1.0)
     leaning = (smooth[0] + lack * facet[0], smooth[1] + lack * facet[1], smooth[2] + lack * facet[2])
     return times(leaning, 1 / math.sqrt(dot(leaning, leaning)))
@@ -101,5 +112,5 @@ def _shading(smooth, facet):
 
 @compiled
 def _within(weight: float) -> float:
-    """A barycentric coordinate brought into the triangle; also where it is not finite."""
+    """Return a barycentric coordinate clipped into the triangle; one that is not a number becomes the least."""
     return min(max(weight, 1e-9), 1.0) if weight == weight else 1e-9

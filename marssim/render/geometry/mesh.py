@@ -1,4 +1,4 @@
-"""All triangles of a Scene in one list, in compact pieces, so that a look-up pays only for the pieces in its way."""
+"""All triangles of a scene in one mesh, in compact pieces, so that a query costs only the pieces in its way."""
 
 from __future__ import annotations
 
@@ -12,15 +12,18 @@ from marssim.render.geometry.gbuffer import ROCK_SMOOTHNESS
 from marssim.scene.scene import Scene
 from marssim.scene.terrain import HeightGrid
 
-PIECE_CELLS = 12  # grid cells along a piece of ground
+PIECE_CELLS = 12  # grid cells along a side of a piece of ground
 
 
 @dataclass(frozen=True)
 class Mesh:
-    """Triangles that can be seen.
+    """Visible triangles.
 
-    vertices: (V, 3) float64, world [m]; faces: (F, 3) int32; surface: (F,) int32 id of each face; vertex_normals:
-    (V, 3) float32, shorter than 1 where facets shall stay visible, 0 for flat shading.
+    Attributes:
+        vertices: (V, 3) float64, world frame [m].
+        faces: (F, 3) int32.
+        surface: (F,) int32 surface id of each face.
+        vertex_normals: (V, 3) float32 for shading; shorter than 1 where facets stay visible, 0 for flat shading.
     """
 
     vertices: np.ndarray
@@ -31,9 +34,12 @@ class Mesh:
 
 @dataclass(frozen=True)
 class SceneMesh(Mesh):
-    """Triangles of ground and rocks; surface: GROUND or rock n + 1.
+    """Triangles of ground and rocks, in P pieces. The surface of a face is GROUND or rock n + 1.
 
-    Piece p holds faces[start[p] : start[p + 1]] within the box low[p], high[p] (3,).
+    Attributes:
+        start: (P + 1,) first face of each piece: piece p holds faces[start[p] : start[p + 1]].
+        low: (P, 3) lower corner of each piece's box [m].
+        high: (P, 3) upper corner [m].
     """
 
     start: np.ndarray
@@ -42,7 +48,7 @@ class SceneMesh(Mesh):
 
 
 def scene_mesh(scene: Scene) -> SceneMesh:
-    """The mesh of a scene: the fine grid, the coarse grid around it, and a piece for each rock."""
+    """Return the mesh of a scene: the fine grid, the coarse grid around it, and one piece for each rock."""
     terrain, rocks = scene.terrain, scene.rocks
     every = np.ones(np.array(terrain.fine.heights.shape) - 1, dtype=bool)
     vertices, faces, normals, counts, boxes = [], [], [], [], []
@@ -62,7 +68,7 @@ def scene_mesh(scene: Scene) -> SceneMesh:
         normals.append((ROCK_SMOOTHNESS * rocks.vertex_normals).astype(np.float32))
         start = np.searchsorted(rocks.face_rock, np.arange(len(rocks) + 1))
         counts.append(np.diff(start))
-        # the first corners of a rock's faces do not hold every vertex, so all three are looked at
+        # the first corners of a rock's faces do not include every vertex, so all three corners count
         corner = [rocks.vertices[rocks.faces[:, k]] for k in range(3)]
         low, high = np.minimum(np.minimum(*corner[:2]), corner[2]), np.maximum(np.maximum(*corner[:2]), corner[2])
         boxes.append((np.minimum.reduceat(low, start[:-1]), np.maximum.reduceat(high, start[:-1])))
@@ -77,9 +83,16 @@ def scene_mesh(scene: Scene) -> SceneMesh:
 
 
 def faces_away_from(mesh: SceneMesh, sun: np.ndarray) -> SceneMesh:
-    """The faces that are turned away from the sun, unit vector (3,), in pieces as in the mesh: all that cast shadows.
+    """Return the faces that are turned away from the sun, which are all that cast shadows.
 
-    Ground and rocks are closed: a ray to the sun from outside of them enters by such a face, and leaves by another.
+    Ground and rocks are closed: a ray to the sun that passes through one enters by such a face and leaves by another.
+
+    Args:
+        mesh: The scene's mesh.
+        sun: (3,) unit vector towards the sun.
+
+    Returns:
+        A mesh of these faces, in the same pieces without empty ones.
     """
     face, count = _faces_away_from(mesh.vertices, mesh.faces, mesh.start, np.asarray(sun, dtype=float))
     some = np.flatnonzero(count)
@@ -91,10 +104,10 @@ def faces_away_from(mesh: SceneMesh, sun: np.ndarray) -> SceneMesh:
 
 @compiled
 def _faces_away_from(vertices, faces, start, sun):
-    """Faces turned away from the sun, and how many of them are in each piece."""
+    """Return the faces turned away from the sun, and how many of them are in each piece."""
     out = np.empty(len(faces), dtype=np.int64)
     count = np.zeros(len(start) - 1, dtype=np.int64)
-    found = 0
+    total = 0
     for piece in range(len(count)):
         for face in range(start[piece], start[piece + 1]):
             i, j, m = faces[face, 0], faces[face, 1], faces[face, 2]
@@ -109,16 +122,19 @@ def _faces_away_from(vertices, faces, start, sun):
                 vertices[m, 2] - vertices[i, 2],
             )
             if (uy * tz - uz * ty) * sun[0] + (uz * tx - ux * tz) * sun[1] + (ux * ty - uy * tx) * sun[2] < 0:
-                out[found] = face
+                out[total] = face
                 count[piece] += 1
-                found += 1
-    return out[:found], count
+                total += 1
+    return out[:total], count
 
 
 def _grid_pieces(
     grid: HeightGrid, keep: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
-    """Vertices and faces of the cells to keep, (ny - 1, nx - 1) bool, block by block; faces a block; boxes."""
+    """Return vertices, faces block by block, the number of faces of each block, and the blocks' boxes (low, high).
+
+    keep: (ny - 1, nx - 1) bool, the cells to include.
+    """
     vertices, faces = grid.mesh(keep)
     row, column = np.nonzero(keep)
     blocks = -(-keep.shape[1] // PIECE_CELLS)
@@ -133,5 +149,5 @@ def _grid_pieces(
     x, y = grid.x0 + column[order] * grid.cell, grid.y0 + row[order] * grid.cell
     low = np.stack([np.minimum.reduceat(v, begin) for v in (x, y, lowest)], axis=1)
     high = np.stack([np.maximum.reduceat(v, begin) for v in (x + grid.cell, y + grid.cell, highest)], axis=1)
-    slack = 1e-9 * np.abs(grid.x0)  # grid lines are computed in more than one way
+    slack = 1e-9 * np.abs(grid.x0)  # because grid lines are computed in more than one way
     return vertices, faces, 2 * np.diff(begin, append=len(block)), (low - slack, high + slack)

@@ -1,8 +1,8 @@
-"""Which triangle each pixel's ray meets: scan conversion in double precision.
+"""Scan conversion in double precision: which triangle each pixel's ray hits.
 
-For the rays through the centres of a camera's pixels no search is needed: each triangle is held against the pixels
-that it covers. The test is that of the ray against the triangle (triangles.py), so the answers are those of ray
-casting, without an acceleration structure that would have to be built per scene.
+The rays through a camera's pixel centres need no search: each triangle is tested against the pixels that it covers. The
+test is that of a ray against a triangle (triangles.py), so the results are those of ray casting, but no acceleration
+structure has to be built.
 """
 
 from __future__ import annotations
@@ -17,13 +17,19 @@ from marssim.render.geometry.mesh import SceneMesh
 from marssim.render.geometry.projection import Projection
 from marssim.render.geometry.triangles import box_extent, corners, edges, extent, meet
 
-SLACK = 1e-6  # [px] about what a triangle covers, against rounding
+SLACK = 1e-6  # [px] margin around what a triangle covers, against rounding
 
 
 def first_faces(mesh: SceneMesh, camera: PinholeCamera, pose: np.ndarray) -> np.ndarray:
-    """(H * W,) int32 index of the face that the ray of each pixel meets first, -1 for the sky.
+    """Return the face that each pixel's ray hits first.
 
-    pose: (4, 4) camera to world.
+    Args:
+        mesh: The scene's mesh.
+        camera: The camera.
+        pose: (4, 4) camera to world.
+
+    Returns:
+        (H * W,) int32 index of the face, -1 for the sky.
     """
     return _nearest(mesh, None, camera, pose, None, None)
 
@@ -31,9 +37,18 @@ def first_faces(mesh: SceneMesh, camera: PinholeCamera, pose: np.ndarray) -> np.
 def matching_faces(
     mesh: SceneMesh, group: np.ndarray, camera: PinholeCamera, pose: np.ndarray, depth: np.ndarray, wanted: np.ndarray
 ) -> np.ndarray:
-    """(H * W,) int32 index of the face of the group wanted (H, W) that each pixel's ray meets nearest to depth (H, W).
+    """Return the face of a wanted group that each pixel's ray hits nearest to a given depth.
 
-    -1 where it meets none of that group. group: (F,) int32 of each face; pose: (4, 4) camera to world.
+    Args:
+        mesh: The scene's mesh.
+        group: (F,) int32 group of each face.
+        camera: The camera.
+        pose: (4, 4) camera to world.
+        depth: (H, W) depth [m].
+        wanted: (H, W) int32 group.
+
+    Returns:
+        (H * W,) int32 index of the face, -1 where the ray hits no face of that group.
     """
     depth = np.ascontiguousarray(depth, dtype=float).ravel()
     return _nearest(mesh, group, camera, pose, depth, wanted.ravel())
@@ -43,7 +58,7 @@ def _nearest(
     mesh: SceneMesh, group: np.ndarray | None, camera: PinholeCamera, pose: np.ndarray,
     guess: np.ndarray | None, wanted: np.ndarray | None,
 ) -> np.ndarray:  # fmt: skip
-    """As matching_faces of guess (H * W,) and wanted (H * W,); as first_faces where these and the group are None."""
+    """Do as `matching_faces` with guess and wanted (H * W,); as `first_faces` where these and the group are None."""
     view = Projection.of_eye(pose)
     return _scan(
         mesh.vertices, mesh.faces, group, mesh.start, mesh.low, mesh.high, view.numbers, view.nearest, _grid(camera),
@@ -57,10 +72,10 @@ def _grid(camera: PinholeCamera) -> tuple[int, int, float, float, float, float]:
 
 @inlined
 def _pixels(left, right, top, bottom, grid):
-    """First and last column, first and last row of the pixels in a part of the image plane: none if first > last."""
+    """Return the first and last column and row of the pixels in a part of the image plane; none if first > last."""
     width, height, fx, fy, cx, cy = grid
     left, right, top, bottom = left * fx + cx, right * fx + cx, top * fy + cy, bottom * fy + cy
-    # held within the image as floats: what is far outside does not fit an integer
+    # clipped to the image as floats: a value far outside does not fit an integer
     return (
         np.int32(math.ceil(min(max(left - SLACK, 0.0), float(width)))),
         np.int32(math.floor(max(min(right + SLACK, width - 1.0), -1.0))),
@@ -71,7 +86,7 @@ def _pixels(left, right, top, bottom, grid):
 
 @compiled
 def _scan(vertices, faces, group, start, low, high, view, nearest, grid, guess, wanted):
-    """What is nearest to the guess; to the eye where guess, group and wanted are None, which is compiled apart."""
+    """Return the faces nearest to the guess; nearest to the eye if guess, group and wanted are None."""
     width, height, fx, fy, cx, cy = grid
     out = np.full(width * height, -1, dtype=np.int32)
     off = np.full(width * height, np.inf)

@@ -1,10 +1,10 @@
-"""Which triangle each of many rays meets, when all rays meet in one point or are parallel.
+"""Which triangle each of many rays hits, if all rays pass through one point or are parallel.
 
-Rays from an eye, rays to the sun and rays to another eye are each one projection, and in the image plane of that
-projection a ray is a point. The points need no raster: they are sorted into bins, and each triangle looks only into the
-bins that it covers (an irregular z-buffer: Johnson et al. 2005, Aila and Laine 2004). The test of a point against a
-triangle is that of a ray against it, in float64 and without gaps between neighbours, so the answers are those of ray
-casting; nothing has to be built per scene.
+Rays from an eye, rays to the sun and rays to another eye are each one projection, in whose image plane a ray is a
+point. The points need no raster: they are sorted into bins, and each triangle is tested against the bins that it covers
+(an irregular z-buffer: Johnson et al. 2005, Aila and Laine 2004). The test of a point is that of its ray against the
+triangle, in float64 and without gaps between neighbours. So the results are those of ray casting, but no acceleration
+structure has to be built.
 """
 
 from __future__ import annotations
@@ -17,27 +17,39 @@ from marssim.render.geometry.mesh import SceneMesh
 from marssim.render.geometry.projection import Projection
 from marssim.render.geometry.triangles import box_extent, corners, edges, extent, facing, meet
 
-PER_BIN = 3.0  # points a bin, on average
-SLACK = 1e-6  # bins about what a triangle covers, against rounding
-BLOCK = 8  # bins along a block: pieces of the mesh are held against blocks
+PER_BIN = 3.0  # mean number of points in a bin
+SLACK = 1e-6  # margin around what a triangle covers, in bins, against rounding
+BLOCK = 8  # bins along a side of a block: pieces of the mesh are tested against blocks
 
 
 def unobstructed(mesh: SceneMesh, view: Projection, x: np.ndarray, y: np.ndarray, s: np.ndarray) -> np.ndarray:
-    """(N,) bool: does no triangle stand before the points? x, y: (N,) in the image plane, s: (N,).
+    """Return which points no triangle hides from the eye or the sun.
 
-    Of the ground only what is turned away from the eye or sun: no point lies below it, so that a ray which leaves it
-    has entered it.
+    Only faces of the ground that are turned away from it are tested: no point lies below the ground, so a ray that
+    leaves the ground has entered it before.
+
+    Args:
+        mesh: The scene's mesh.
+        view: Projection of the eye or the sun.
+        x: (N,) image coordinates.
+        y: (N,) image coordinates.
+        s: (N,) S of the points, see projection.py.
+
+    Returns:
+        (N,) bool.
     """
-    return _met(mesh, view, x, y, s, view.away) < 0
+    return _hit_faces(mesh, view, x, y, s, view.away) < 0
 
 
 def nearest_faces(mesh: SceneMesh, view: Projection, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """(N,) int32 index of the face that each ray meets first, -1 where there is none. x, y: (N,) image points."""
-    return _met(mesh, view, x, y, np.full(len(x), np.inf), 0.0)
+    """Return the face that each ray hits first, (N,) int32, -1 where it hits none. x, y: (N,) image points."""
+    return _hit_faces(mesh, view, x, y, np.full(len(x), np.inf), 0.0)
 
 
-def _met(mesh: SceneMesh, view: Projection, x: np.ndarray, y: np.ndarray, limit: np.ndarray, away: float) -> np.ndarray:
-    """(N,) int32 index of the face that each ray meets at an S below limit (N,), -1: none. away: see _scan."""
+def _hit_faces(
+    mesh: SceneMesh, view: Projection, x: np.ndarray, y: np.ndarray, limit: np.ndarray, away: float
+) -> np.ndarray:
+    """Return the face that each ray hits at an S below limit (N,), (N,) int32, -1 for none. away: see _scan."""
     bins = _Bins(x, y)
     return _scan(
         mesh.vertices, mesh.faces, mesh.surface, mesh.start, mesh.low, mesh.high, view.numbers, view.nearest, away,
@@ -48,9 +60,15 @@ def _met(mesh: SceneMesh, view: Projection, x: np.ndarray, y: np.ndarray, limit:
 class _Bins:
     """Points sorted into square bins of a warped image plane.
 
-    Points crowd where the camera is near; x -> x / (spread + |x|) about their middle evens them out, and as it is
-    monotone, boxes stay boxes. order: (N,) the points bin by bin; start: (bins + 1,) first of each bin; x, y in order.
-    grid: middle x, y, spread, low and bins per unit in each warped axis, number of bins in each.
+    Points are dense where the camera is near. The warp x -> x / (spread + |x|) about their middle evens them out; it is
+    monotone, so boxes stay boxes.
+
+    Attributes:
+        grid: Middle x and y, spread, least warped x and y, bins per unit in x and y, number of bins along each axis.
+        order: (N,) the points bin by bin.
+        start: (bins + 1,) first point of each bin.
+        x: (N,) image coordinates in that order.
+        y: (N,) image coordinates in that order.
     """
 
     def __init__(self, x: np.ndarray, y: np.ndarray) -> None:
@@ -78,7 +96,7 @@ def _warp(offset, spread):
 
 @inlined
 def _bin(value, middle, spread, low, scale, number):
-    """The bin along one axis; values beyond the first and the last one are counted to these."""
+    """Return the bin along one axis; values beyond the first or the last bin count as in that bin."""
     place = (_warp(value - middle, spread) - low) * scale
     return np.int32(min(max(place, 0.0), number - 1.0))
 
@@ -87,26 +105,26 @@ def _bin(value, middle, spread, low, scale, number):
 def _sort(x, y, grid):
     mx, my, spread, lx, ly, sx, sy, number = grid
     n = len(x)
-    of = np.empty(n, dtype=np.int32)
+    bins = np.empty(n, dtype=np.int32)
     start = np.zeros(number * number + 1, dtype=np.int32)
     for k in range(n):
-        of[k] = _bin(y[k], my, spread, ly, sy, number) * number + _bin(x[k], mx, spread, lx, sx, number)
-        start[of[k] + 1] += 1
+        bins[k] = _bin(y[k], my, spread, ly, sy, number) * number + _bin(x[k], mx, spread, lx, sx, number)
+        start[bins[k] + 1] += 1
     for b in range(number * number):
         start[b + 1] += start[b]
-    place = start[:-1].copy()
+    following = start[:-1].copy()
     order = np.empty(n, dtype=np.int32)
     sorted_x, sorted_y = np.empty(n), np.empty(n)
     for k in range(n):
-        to = place[of[k]]
-        place[of[k]] += 1
+        to = following[bins[k]]
+        following[bins[k]] += 1
         order[to], sorted_x[to], sorted_y[to] = k, x[k], y[k]
     return order, start, sorted_x, sorted_y
 
 
 @compiled
 def _block_reach(start, limit, number):
-    """(blocks, blocks) largest limit of the points in each block of bins, -inf where there is none."""
+    """Return the largest limit of the points in each block of bins, (blocks, blocks), -inf without a point."""
     blocks = (number + BLOCK - 1) // BLOCK
     out = np.full((blocks, blocks), -np.inf)
     for row in range(number):
@@ -119,7 +137,7 @@ def _block_reach(start, limit, number):
 
 @inlined
 def _bins(left, right, top, bottom, grid):
-    """First and last column, first and last row of the bins in a part of the image plane: none if first > last."""
+    """Return the first and last column and row of the bins in a part of the image plane; none if first > last."""
     mx, my, spread, lx, ly, sx, sy, number = grid
     if left == np.inf:
         return np.int32(0), np.int32(-1), np.int32(0), np.int32(-1)
@@ -135,7 +153,7 @@ def _bins(left, right, top, bottom, grid):
 
 @compiled
 def _in_the_way(low, high, view, grid, reach):
-    """May a box stand before any point? reach: of _block_reach."""
+    """Return whether a box may hide a point. reach: of _block_reach."""
     left, right, top, bottom, first = box_extent(low, high, view)
     i0, i1, j0, j1 = _bins(left, right, top, bottom, grid)
     if i0 > i1:
@@ -155,7 +173,7 @@ def _scan(vertices, faces, surface, start, low, high, view, nearest, away, grid,
     """
     number = grid[7]
     limit = limit[order]
-    found = np.full(len(x), -1, dtype=np.int32)
+    nearest_face = np.full(len(x), -1, dtype=np.int32)
     reach = _block_reach(bins, limit, number)
     for piece in range(len(start) - 1):
         if not _in_the_way(low[piece], high[piece], view, grid, reach):
@@ -172,11 +190,11 @@ def _scan(vertices, faces, surface, start, low, high, view, nearest, away, grid,
             for j in range(j0, j1 + 1):
                 for k in range(bins[j * number + i0], bins[j * number + i1 + 1]):
                     if limit[k] > first:
-                        met = meet(triangle, x[k], y[k])
-                        if nearest < met < limit[k]:
-                            limit[k] = met if away == 0 else -np.inf
-                            found[k] = face
+                        s = meet(triangle, x[k], y[k])
+                        if nearest < s < limit[k]:
+                            limit[k] = s if away == 0 else -np.inf
+                            nearest_face[k] = face
     out = np.empty(len(x), dtype=np.int32)
     for k in range(len(x)):
-        out[order[k]] = found[k]
+        out[order[k]] = nearest_face[k]
     return out

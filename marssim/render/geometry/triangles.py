@@ -1,8 +1,8 @@
-"""One triangle in the image plane of an eye or of the sun, and where rays meet it.
+"""One triangle in the image plane of an eye or of the sun, and its intersection with rays.
 
-A corner is projected to (X, Y, W, S), see projection.py. The test of a point of the image plane against the edges is
-that of its ray against the triangle, in float64, and neighbours share their edges, so that nothing falls between them.
-Everything is in tuples: the compiler keeps them in registers, which arrays are not.
+A corner is projected to (X, Y, W, S), see projection.py. The test of an image point against the edges is that of its
+ray against the triangle, in float64. Neighbours share their edges, so no ray falls between them. All values are tuples,
+because the compiler keeps tuples in registers but not arrays.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from marssim.render.geometry.projection import NEAREST
 
 @inlined
 def project(x, y, z, view):
-    """X, Y, W, S of a world point. view: 16 numbers, see Projection.numbers."""
+    """Return X, Y, W, S of a world point. view: 16 numbers, see Projection.numbers."""
     return (
         view[0] * x + view[1] * y + view[2] * z + view[12],
         view[3] * x + view[4] * y + view[5] * z + view[13],
@@ -26,7 +26,7 @@ def project(x, y, z, view):
 
 @inlined
 def corners(vertices, faces, face, view):
-    """X, Y, W, S of each corner of a face."""
+    """Return X, Y, W, S of each corner of a face."""
     i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
     return (
         project(vertices[i, 0], vertices[i, 1], vertices[i, 2], view),
@@ -37,7 +37,7 @@ def corners(vertices, faces, face, view):
 
 @inlined
 def _across(a, b):
-    """Where the side a b passes the plane W = NEAREST: image x, y and how far either may be off."""
+    """Return the image point x, y where the side a b crosses the plane W = NEAREST, and the error of either."""
     t = (NEAREST - a[2]) / (b[2] - a[2])
     u, v = (a[0] + t * (b[0] - a[0])) / NEAREST, (a[1] + t * (b[1] - a[1])) / NEAREST
     return u, v, 1e-6 * (abs(u) + abs(v))
@@ -45,9 +45,9 @@ def _across(a, b):
 
 @inlined
 def extent(a, b, c):
-    """left, right, top, bottom: the part of the image plane that a triangle of corners X, Y, W, S may cover.
+    """Return left, right, top, bottom of the part of the image plane that a triangle may cover.
 
-    left is inf if all of it lies behind the eye.
+    a, b, c: corners X, Y, W, S. left is inf if the whole triangle lies behind the eye.
     """
     left, right, top, bottom = np.inf, -np.inf, np.inf, -np.inf
     if a[2] >= NEAREST and b[2] >= NEAREST and c[2] >= NEAREST:
@@ -69,9 +69,9 @@ def extent(a, b, c):
 
 @inlined
 def box_extent(low, high, view):
-    """As `extent`, of an axis-aligned box low, high (3,); and the smallest S of its corners.
+    """Return the `extent` of an axis-aligned box low, high (3,), and the least S of its corners.
 
-    The whole plane if a part of the box lies behind the eye; left is inf if all of it does.
+    It is the whole plane if a part of the box lies behind the eye; left is inf if all of it does.
     """
     left, right, top, bottom, first = np.inf, -np.inf, np.inf, -np.inf, np.inf
     behind, front = False, False
@@ -92,28 +92,28 @@ def box_extent(low, high, view):
 
 @inlined
 def facing(a, b, c):
-    """Determinant of the corners' X, Y, W: positive and negative tell the sides of a triangle."""
+    """Return the determinant of the corners' X, Y, W; its sign tells which side of the triangle is visible."""
     return (b[1] * c[2] - b[2] * c[1]) * a[0] + (b[2] * c[0] - b[0] * c[2]) * a[1] + (b[0] * c[1] - b[1] * c[0]) * a[2]
 
 
 @inlined
 def _edge(a, b):
-    """The edge function of side a b: its three factors, of (x, y, 1)."""
+    """Return the edge function of side a b: its three factors of (x, y, 1)."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @inlined
 def edges(a, b, c):
-    """Of a triangle's corners X, Y, W, S what `meet` takes, and the smallest S.
+    """Return the triangle as `meet` takes it, and the least S of its corners. a, b, c: corners X, Y, W, S.
 
-    The edge functions of the sides opposite to the corners, and the S of the corners.
+    The triangle consists of the edge functions opposite to the corners and the S of the corners.
     """
     return (_edge(b, c), _edge(c, a), _edge(a, b), a[3], b[3], c[3]), min(a[3], min(b[3], c[3]))
 
 
 @inlined
 def meet(triangle, x, y):
-    """S where the ray (x, y) meets a triangle of `edges`, inf where it passes by. Edges belong to both neighbours."""
+    """Return S where the ray (x, y) hits a triangle of `edges`, inf where it misses. Both neighbours own an edge."""
     ea, eb, ec, sa, sb, sc = triangle
     wa = ea[0] * x + ea[1] * y + ea[2]
     wb = eb[0] * x + eb[1] * y + eb[2]

@@ -1,4 +1,4 @@
-"""What stands between a point and the sun or an eye, and what rays from an eye meet, for all triangles of a Scene."""
+"""Visibility by rays through all triangles of a scene: shadows, lines of sight, and what rays from an eye hit."""
 
 from __future__ import annotations
 
@@ -13,11 +13,16 @@ from marssim.render.geometry.mesh import SceneMesh, faces_away_from
 from marssim.render.geometry.projection import Projection
 from marssim.render.geometry.scan import nearest_faces, unobstructed
 
-SELF_GAP = 2e-4  # [m] rays from a surface start this far off it, against meeting the face they leave
+SELF_GAP = 2e-4  # [m] distance from a surface at which its rays start, so that they do not hit their own face
 
 
 class Visibility:
-    """Exact answers by rays, from the triangles alone; see scan.py."""
+    """Exact visibility by rays, from the triangles alone (scan.py).
+
+    Args:
+        mesh: The scene's mesh.
+        sun: (3,) unit vector towards the sun.
+    """
 
     def __init__(self, mesh: SceneMesh, sun: np.ndarray) -> None:
         self.mesh = mesh
@@ -25,7 +30,7 @@ class Visibility:
         self._casting = faces_away_from(mesh, sun)
 
     def trace(self, rays: np.ndarray, pose: np.ndarray) -> Hits:
-        """What rays (N, 3) of z = 1 meet; see Renderer."""
+        """Return what rays (N, 3) of z = 1 hit; see `Renderer.trace`."""
         mesh = self.mesh
         if len(rays) == 0:
             face = np.zeros(0, dtype=np.int32)
@@ -35,14 +40,13 @@ class Visibility:
         return intersect_faces(mesh, pose, rays, face)
 
     def lit(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """(N,) bool: the sun's centre reaches these surface points; see Renderer. None may lie within a rock."""
+        """Return which surface points the sun's centre reaches; see `Renderer.lit`. No point may lie inside a rock."""
         return self._open(points, normals, self.sun, False, Projection.of_sun(self.sun), self._casting)
 
     def visible_from(self, points: np.ndarray, normals: np.ndarray, eye: np.ndarray) -> np.ndarray:
-        """(N,) bool: nothing stands between these surface points and the eye (3,); see Renderer.
+        """Return which surface points have a free line to the eye (3,); see `Renderer.visible_from`.
 
-        An eye looks one way: points all round it are looked at in as many views as it takes, each of less than a half
-        space.
+        A projection covers less than a half space, so points all around the eye are divided among six projections.
         """
         eye = np.asarray(eye, dtype=float)
         out = np.zeros(len(points), dtype=bool)
@@ -65,8 +69,10 @@ class Visibility:
     def _open(
         self, points: np.ndarray, normals: np.ndarray, light: np.ndarray, near: bool, view: Projection, mesh: SceneMesh
     ) -> np.ndarray:
-        """(N,) bool: the face looks to the light (3,), a place if near or else a direction, and nothing stands in the
-        way. view: the same light's."""
+        """Return (N,) bool: the face is turned to the light and nothing is in the way.
+
+        light: (3,) position if near, else direction; view: projection of that light.
+        """
         at, x, y, s = _leaving(
             np.ascontiguousarray(points, dtype=float), np.ascontiguousarray(normals, dtype=np.float32), light, near,
             view.axes, view.shift,
@@ -78,26 +84,26 @@ class Visibility:
 
 
 class RayQueries:
-    """What a maker answers by rays, until it is closed; see Renderer."""
+    """The methods of a `Renderer` that are answered by rays, until it is closed."""
 
     def __init__(self, mesh: SceneMesh, sun: np.ndarray) -> None:
         self._visibility = Visibility(mesh, sun)
         self._open = True
 
     def trace(self, rays: np.ndarray, pose: np.ndarray) -> Hits:
-        """What rays (N, 3) of z = 1 meet; see Renderer."""
+        """Return what rays (N, 3) of z = 1 hit; see `Renderer.trace`."""
         return self._open_visibility().trace(rays, pose)
 
     def lit(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """(N,) bool: the sun's centre reaches these surface points; see Renderer."""
+        """Return which surface points the sun's centre reaches; see `Renderer.lit`."""
         return self._open_visibility().lit(points, normals)
 
     def visible_from(self, points: np.ndarray, normals: np.ndarray, eye: np.ndarray) -> np.ndarray:
-        """(N,) bool: nothing stands between these surface points and the eye; see Renderer."""
+        """Return which surface points have a free line to the eye; see `Renderer.visible_from`."""
         return self._open_visibility().visible_from(points, normals, eye)
 
     def close(self) -> None:
-        """It is not to be used after; may be called twice."""
+        """Refuse all further queries; a second call does nothing."""
         self._open = False
 
     def _open_visibility(self) -> Visibility:
@@ -107,7 +113,7 @@ class RayQueries:
 
 
 def _looking(eye: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """(4, 4) pose of a camera at the eye (3,) that looks along the axis (3,)."""
+    """Return the pose (4, 4) of a camera at the eye (3,) that looks along the axis (3,)."""
     forward = axis / np.linalg.norm(axis)
     helper = np.array([0.0, 0.0, 1.0]) if abs(forward[2]) < 0.9 else np.array([0.0, 1.0, 0.0])
     right = np.cross(forward, helper)
@@ -120,7 +126,7 @@ def _looking(eye: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 @compiled
 def _ahead(points, eye, axis):
-    """Do all points lie well before an eye that looks along the axis?"""
+    """Return whether all points lie well in front of an eye that looks along the axis."""
     least = 0.3 * math.sqrt(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2])
     for k in range(len(points)):
         x, y, z = points[k, 0] - eye[0], points[k, 1] - eye[1], points[k, 2] - eye[2]
@@ -131,7 +137,7 @@ def _ahead(points, eye, axis):
 
 @compiled
 def _leaving(points, normals, light, near, axes, shift):
-    """Indices of the points whose face looks to the light, and where their rays start: image x, image y and S."""
+    """Return the points whose faces are turned to the light, and the image x, image y and S where their rays start."""
     n = len(points)
     at, x, y, s = np.empty(n, dtype=np.int32), np.empty(n), np.empty(n), np.empty(n)
     found = 0

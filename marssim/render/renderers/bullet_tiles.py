@@ -1,8 +1,8 @@
-"""A Scene as visual bodies in PyBullet, in tiles, so that a view pays only for what lies in its frustum.
+"""A scene as visual bodies in PyBullet, in tiles, so that a view costs only what lies in its frustum.
 
-PyBullet has no way to name the triangle or the rock behind a pixel, and thousands of bodies are slow to build (their
-cost grows with the square of their number). So a tile of rocks is one body, and each rock in it is painted flat in a
-colour of a small palette: rendered under ambient light alone, the colour image is an exact id image.
+PyBullet does not report the triangle or the rock behind a pixel, and thousands of bodies are slow to build: the time
+grows with the square of their number. So a tile of rocks is one body, and each rock in it has a flat colour of a small
+palette. Rendered under ambient light alone, the colour image is an exact image of ids.
 """
 
 from __future__ import annotations
@@ -22,24 +22,32 @@ from marssim.scene.rocks import Rocks
 from marssim.scene.scene import Scene
 from marssim.scene.terrain import HeightGrid
 
-TILE_CELLS = 56  # grid cells along a tile of ground
-ROCK_TILE = (4.0, 16.0)  # [m] side of a tile of rocks on the fine grid, and outside it
-PALETTE = (16, 8)  # colours of a tile's rocks: steps of red, of green; 128 rocks stay below PyBullet's vertex limit
-STEP = 16  # of 255, between neighbouring colours
+TILE_CELLS = 56  # grid cells along a side of a tile of ground
+ROCK_TILE = (4.0, 16.0)  # [m] side of a tile of rocks, on the fine grid and outside it
+PALETTE = (16, 8)  # steps of red and of green; 128 rocks per tile stay below PyBullet's limit of vertices
+STEP = 16  # of 255, difference of neighbouring colours
 PLAIN = [1.0, 1.0, 1.0, 1.0]
 GROUND_COLOUR = [0.0, 0.0, 0.0, 1.0]
-HIDDEN = [0.0, 0.0, 0.0, 0.0]  # TinyRenderer skips what is fully transparent before it looks at the triangles
-PLACES = [  # texture coordinates of each colour of the palette; v runs upward
+HIDDEN = [0.0, 0.0, 0.0, 0.0]  # TinyRenderer skips a fully transparent body before it looks at its triangles
+PALETTE_UV = [  # texture coordinates of each colour of the palette; v runs upward
     ((red + 0.5) / PALETTE[0], 1 - (green + 0.5) / PALETTE[1])
     for green in range(PALETTE[1])
     for red in range(PALETTE[0])
 ]
-_rows: list[list[float]] = []
+_rows: list[list[float]] = []  # rows that createVisualShape has leaked, used again; see _borrow_rows
 
 
 @dataclass(frozen=True)
 class Tile:
-    """One body: a block of grid cells, or rocks. low, high: (3,) box [m]."""
+    """One body: a block of grid cells, or some rocks.
+
+    Attributes:
+        low: (3,) lower corner of its box [m].
+        high: (3,) upper corner [m].
+        grid: The ground under the tile; None for rocks.
+        keep: (ny - 1, nx - 1) bool cells of the grid that it holds; None for rocks.
+        rocks: (N,) indices of its rocks; None for ground.
+    """
 
     low: np.ndarray
     high: np.ndarray
@@ -49,7 +57,7 @@ class Tile:
 
 
 class BulletTiles:
-    """The tiles of a Scene in a DIRECT PyBullet client of their own. A tile is built when it first comes into view."""
+    """The tiles of a scene in a separate DIRECT client of PyBullet. A tile is built when it first comes into view."""
 
     def __init__(self, scene: Scene) -> None:
         self._rocks = scene.rocks
@@ -71,14 +79,24 @@ class BulletTiles:
         self._prepare()
 
     def group_of(self, surface: np.ndarray) -> np.ndarray:
-        """What `draw` tells surfaces (N,) apart by: (N,) int32 ids."""
+        """Return the groups (N,) int32 of surfaces (N,): `draw` cannot distinguish surfaces of one group."""
         return surface
 
     def draw(self, camera: PinholeCamera, pose: np.ndarray, near: float, far: float) -> tuple[np.ndarray, np.ndarray]:
-        """What each pixel shows between two depths [m]. pose: (4, 4) camera to world.
+        """Draw what each pixel shows between two depths.
 
-        Returns (H, W) float64 depth [m] to the depth buffer's precision, arbitrary in the sky, and (H, W) int32 ids of
-        group_of, SKY where nothing is. Raises RuntimeError after close().
+        Args:
+            camera: The camera.
+            pose: (4, 4) camera to world.
+            near: Least depth [m].
+            far: Largest depth [m].
+
+        Returns:
+            (H, W) float64 depth [m] to the precision of the depth buffer, arbitrary in the sky; and (H, W) int32 groups
+            of `group_of`, SKY where nothing is.
+
+        Raises:
+            RuntimeError: The renderer is closed.
         """
         if self._client is None:
             raise RuntimeError("this PyBulletRenderer is closed")
@@ -87,15 +105,14 @@ class BulletTiles:
         return far * near / (far - (far - near) * np.minimum(buffer, 1.0)), group
 
     def _prepare(self) -> None:
-        """Make the client ready."""
+        """Prepare the client."""
         self._texture = self._load_palette()
 
     def _picture(
         self, camera: PinholeCamera, view: np.ndarray, near: float, far: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """OpenGL's depth, (H, W) in [0, 1], and ids (H, W). view: (4, 4) as OpenGL has it, for column vectors."""
-        # TinyRenderer samples the left edge of a pixel in u and the lower one in v (found by comparison with rays,
-        # which the tests repeat)
+        """Return OpenGL's depth (H, W), 0 to 1, and groups (H, W). view: (4, 4) OpenGL matrix for column vectors."""
+        # TinyRenderer samples the left edge of a pixel in u and the lower edge in v, as tests against rays confirm
         projection = opengl_projection(camera, near, far, 0.0, 1.0)
         self._show(self._inside(projection @ view))
         width, height = camera.width, camera.height
@@ -109,7 +126,7 @@ class BulletTiles:
         return np.asarray(depth, dtype=float).reshape(height, width), self._surface(body, colour)
 
     def close(self) -> None:
-        """Disconnect from PyBullet, which frees the bodies; may be called twice."""
+        """Disconnect from PyBullet, which frees the bodies; a second call does nothing."""
         if self._client is not None:
             self._pb.disconnect(self._client)
             self._client = None
@@ -131,7 +148,7 @@ class BulletTiles:
         return surface
 
     def _inside(self, clip: np.ndarray) -> np.ndarray:
-        """(tiles,) bool: may a part of the tile's box lie in the frustum?"""
+        """Return (tiles,) bool: a part of the tile's box may lie in the frustum."""
         corner = self._corners @ clip.T
         w = corner[..., 3:]
         beyond: np.ndarray = np.concatenate([corner[..., :3] > w, corner[..., :3] < -w], axis=-1)
@@ -154,16 +171,16 @@ class BulletTiles:
             vertices, faces = tile.grid.mesh(tile.keep)
         else:
             vertices, faces, palette = self._rock_mesh(tile.rocks)
-            mesh["uvs"] = [PLACES[n] for n in palette.tolist()]
-        mesh |= {"vertices": _lent_rows(vertices), "indices": faces.ravel().tolist()}
+            mesh["uvs"] = [PALETTE_UV[n] for n in palette.tolist()]
+        mesh |= {"vertices": _borrow_rows(vertices), "indices": faces.ravel().tolist()}
         shape = self._pb.createVisualShape(
             self._pb.GEOM_MESH,
             rgbaColor=GROUND_COLOUR if tile.rocks is None else PLAIN,
             physicsClientId=self._client,
             **mesh,
         )
-        for held in mesh.values():
-            held.clear()  # PyBullet never lets go of these lists (see _lent_rows)
+        for leaked in mesh.values():
+            leaked.clear()  # PyBullet never frees these lists (see _borrow_rows)
         if shape < 0:
             raise RuntimeError(f"PyBullet refused a mesh of {len(vertices)} vertices and {len(faces)} faces")
         body = self._pb.createMultiBody(0, -1, shape, physicsClientId=self._client)
@@ -175,7 +192,7 @@ class BulletTiles:
         self._shown[index] = True
 
     def _rock_mesh(self, rocks: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Vertices (V, 3), faces, and the palette index (V,) of a few rocks."""
+        """Return the vertices (V, 3), the faces (F, 3) and the palette index of each vertex (V,) of some rocks."""
         faces = [self._rocks.faces[self._face_start[n] : self._face_start[n + 1]] for n in rocks]
         used, renumbered = np.unique(np.concatenate(faces), return_inverse=True)
         renumbered = renumbered.reshape(-1, 3)
@@ -196,10 +213,17 @@ class BulletTiles:
 
 
 def opengl_projection(camera: PinholeCamera, near: float, far: float, left: float, top: float) -> np.ndarray:
-    """(4, 4) OpenGL projection for column vectors: row 0 is on top.
+    """Return the OpenGL projection of a camera, for column vectors and images whose row 0 is on top.
 
-    left, top: where in a pixel the renderer samples, from its left and its upper edge [px]; there its integer
-    coordinates lie. 0.5, 0.5 is OpenGL's own convention.
+    Args:
+        camera: The camera.
+        near: Least depth [m].
+        far: Largest depth [m].
+        left: Where in a pixel the renderer samples, from its left edge [px]. OpenGL's convention is 0.5.
+        top: The same from its upper edge [px].
+
+    Returns:
+        (4, 4).
     """
     out = np.zeros((4, 4))
     out[0, 0], out[1, 1] = 2 * camera.fx / camera.width, 2 * camera.fy / camera.height
@@ -210,23 +234,23 @@ def opengl_projection(camera: PinholeCamera, near: float, far: float, left: floa
     return out
 
 
-def _lent_rows(vertices: np.ndarray) -> list[list[float]]:
-    """(V, 3) vertices as a list of rows, which stay ours and are filled anew on the next call.
+def _borrow_rows(vertices: np.ndarray) -> list[list[float]]:
+    """Return vertices (V, 3) as a list of rows that every call uses again.
 
-    createVisualShape leaks a reference to the list and to each row in it (600 bytes a vertex, half a gigabyte for a
-    rocky scene); rows that are used again cost that memory once.
+    createVisualShape leaks a reference to the list and to each row in it: 600 bytes a vertex, half a gigabyte for a
+    rocky scene. Rows that are used again cost that memory once.
     """
     values = vertices.tolist()
     while len(_rows) < len(values):
         _rows.append([0.0, 0.0, 0.0])
-    lent = _rows[: len(values)]
-    for row, value in zip(lent, values):
+    borrowed = _rows[: len(values)]
+    for row, value in zip(borrowed, values):
         row[:] = value
-    return lent
+    return borrowed
 
 
 def _grid_tiles(grid: HeightGrid, keep: np.ndarray) -> list[Tile]:
-    """Blocks of the cells to keep: (ny - 1, nx - 1) bool."""
+    """Return blocks of the grid's cells; keep: (ny - 1, nx - 1) bool, the cells to show."""
     ny, nx = grid.heights.shape
     out = []
     for j, i in product(range(0, ny - 1, TILE_CELLS), range(0, nx - 1, TILE_CELLS)):
@@ -241,7 +265,7 @@ def _grid_tiles(grid: HeightGrid, keep: np.ndarray) -> list[Tile]:
 
 
 def _rock_tiles(rocks: Rocks, half: float) -> list[Tile]:
-    """Rocks that lie together, at most as many as the palette has colours."""
+    """Return tiles of rocks that lie together, each with at most as many rocks as the palette has colours."""
     if len(rocks) == 0:
         return []
     corner = rocks.vertices[rocks.faces].reshape(len(rocks.faces), 3, 3)

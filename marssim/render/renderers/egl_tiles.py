@@ -1,8 +1,9 @@
-"""A Scene in PyBullet's EGL renderer, which draws on a graphics card, or in Mesa's software where it is told to.
+"""A scene in PyBullet's EGL renderer, which draws on a graphics card, or with Mesa's software driver.
 
-It takes meshes from files alone, and keeps neither texture coordinates nor what is hidden from it. So a tile is an STL
-file that is read and deleted, its body is all that the picture tells of it, and which rock of the tile a pixel shows is
-found by its depth (raster.py). Its memory holds a good million triangles; of larger scenes, those in view are drawn.
+It reads meshes from files only, and knows neither texture coordinates nor hidden bodies. So a tile is an STL file that
+is read and deleted. The picture shows only the tile of each pixel; the depth determines which of its rocks it is
+(raster.py). The renderer's memory holds just over a million triangles; of larger scenes, only the tiles in view are
+loaded.
 """
 
 from __future__ import annotations
@@ -18,23 +19,23 @@ from marssim.engines.bullet import quiet
 from marssim.engines.egl import load_plugin, load_triton_first, probe, write_stl
 from marssim.render.renderers.bullet_tiles import BulletTiles, Tile, opengl_projection
 
-WINDOW = (1024, 768)  # [px] width and height that the plugin draws at most; it would scale larger pictures
-MOST_FACES = 1_200_000  # its buffer is 128 MiB, a triangle of an STL file takes 108 bytes
-_in_use = [0]  # clients in this process: a second one would draw into the first one's window
+WINDOW = (1024, 768)  # [px] largest width and height that the plugin draws; it would scale larger pictures
+MOST_FACES = 1_200_000  # triangles in its buffer of 128 MiB; one takes 108 bytes
+_in_use = [0]  # number of clients in this process: a second one would draw into the first one's window
 
 
 class EglTiles(BulletTiles):
-    """The tiles of a Scene, drawn by EGL. `draw` tells apart the ground and the tiles of rocks."""
+    """The tiles of a scene, drawn by EGL. `draw` distinguishes the ground and the tiles of rocks."""
 
     def close(self) -> None:
-        """Disconnect from PyBullet, which frees the bodies and the window; may be called twice."""
+        """Disconnect from PyBullet, which frees the bodies and the window; a second call does nothing."""
         if self._client is not None:
             with quiet():
                 super().close()
             _in_use[0] -= 1
 
     def group_of(self, surface: np.ndarray) -> np.ndarray:
-        """GROUND, or the number of a rock's tile from 1, of surfaces (N,)."""
+        """Return the group of each surface (N,): GROUND, or the number of the rock's tile from 1."""
         tile_of = np.zeros(len(self._rocks) + 1, dtype=np.int32)
         for index, tile in enumerate(self._tiles):
             if tile.rocks is not None:
@@ -45,11 +46,11 @@ class EglTiles(BulletTiles):
         assert self._client is not None
         if _in_use[0]:
             self._pb.disconnect(self._client)
-            raise RuntimeError("close the PyBulletRenderer that draws with EGL before another one is made")
-        found = probe()
-        if not found.works:
+            raise RuntimeError("close the PyBulletRenderer that draws with EGL before you build another one")
+        egl = probe()
+        if not egl.works:
             self._pb.disconnect(self._client)
-            raise OSError(f"PyBullet cannot draw with EGL here: {found.message}")
+            raise OSError(f"PyBullet cannot draw with EGL here: {egl.message}")
         load_triton_first()
         with quiet():
             loaded = load_plugin(self._pb, self._client)
@@ -80,22 +81,22 @@ class EglTiles(BulletTiles):
                 renderer=self._pb.ER_BULLET_HARDWARE_OPENGL, physicsClientId=self._client,
             )  # fmt: skip
         shape = (camera.height, camera.width)
-        shown = np.full(len(self._tile_of_body) + 1, SKY, dtype=np.int32)  # the last one is of -1, the sky
+        shown = np.full(len(self._tile_of_body) + 1, SKY, dtype=np.int32)  # index -1, the last one, is the sky
         for index, tile in enumerate(self._tile_of_body):
             shown[index] = GROUND if self._tiles[tile].rocks is None else GROUND + 1 + tile
         return np.asarray(depth, dtype=float).reshape(shape), shown[np.asarray(body).reshape(shape)]
 
     def _show(self, wanted: np.ndarray) -> None:
-        """Hold all tiles if there is room, else those that are wanted: in their order, whatever was drawn before.
+        """Load all tiles if there is room, else those that are wanted, always in the same order.
 
-        Which of two surfaces that cross in a pixel is drawn there depends on the order.
+        The order decides which of two surfaces is drawn in a pixel where they cross.
         """
         if self._faces.sum() <= MOST_FACES:
             wanted = np.ones(len(self._tiles), dtype=bool)
         elif self._faces[wanted].sum() > MOST_FACES:
             raise ValueError(
-                f"a view of {self._faces[wanted].sum()} triangles is more than the {MOST_FACES} that PyBullet's EGL "
-                "renderer holds; its TinyRenderer draws it"
+                f"the view has {self._faces[wanted].sum()} triangles, more than the {MOST_FACES} that PyBullet's EGL "
+                "renderer holds; draw it with TinyRenderer"
             )
         if np.array_equal(wanted, self._shown):
             return
@@ -117,7 +118,7 @@ class EglTiles(BulletTiles):
         self._tile_of_body.append(index)
 
     def _corners_of(self, index: int) -> np.ndarray:
-        """(F, 3, 3) of a tile's triangles."""
+        """Return the corners (F, 3, 3) of a tile's triangles."""
         tile = self._tiles[index]
         if tile.rocks is None:
             assert tile.grid is not None
@@ -127,7 +128,7 @@ class EglTiles(BulletTiles):
         return vertices[faces]
 
     def _size(self, tile: Tile) -> int:
-        """Number of a tile's triangles."""
+        """Return the number of a tile's triangles."""
         if tile.rocks is None:
             assert tile.keep is not None
             return 2 * int(tile.keep.sum())

@@ -1,4 +1,4 @@
-"""Bilinear interpolation on a tile or map: what the four texels about a place count."""
+"""Bilinear interpolation on a tile or map: the weights of the four texels around a point."""
 
 from __future__ import annotations
 
@@ -9,6 +9,6 @@ from marssim.base.compute.compiled import inlined
 
 @inlined
 def bilinear_weights(s, t):
-    """Of the texels at (0, 0), (1, 0), (0, 1) and (1, 1), for a place s, t in [0, 1] between them. float32."""
+    """Return the float32 weights of the texels at (0, 0), (1, 0), (0, 1), (1, 1) for a point s, t in [0, 1]."""
     both = s * t
     return np.float32(1) - s - (t - both), s - both, t - both, both

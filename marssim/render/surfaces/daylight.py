@@ -1,4 +1,4 @@
-"""What comes from above: sunlight through dust, and the sky that the dust makes."""
+"""The light of a scene: sunlight through dust, and the skylight that the dust scatters."""
 
 from __future__ import annotations
 
@@ -10,22 +10,26 @@ import numpy as np
 from marssim.base.compute.compiled import compiled, inlined
 from marssim.scene.scene import Look
 
-EXTINCTION = (0.42, 0.46, 0.52)  # of red, green and blue sunlight, by dust of unit optical depth
-SKY_STRENGTH, SKY_EXTINCTION = 0.42, 0.75  # skylight under thick dust and a zenith sun, and how soon dust makes it
-SKY_FALL = 0.75  # power of the sun's height by which skylight falls
-LOWEST, LOWEST_SKY = 0.06, 0.12  # sines of the sun's elevation, below which sun and sky are as there: air is no slab
+EXTINCTION = (0.42, 0.46, 0.52)  # extinction of red, green and blue sunlight by dust of unit optical depth
+SKY_STRENGTH = 0.42  # skylight under thick dust and a zenith sun
+SKY_EXTINCTION = 0.75  # how fast skylight approaches that with optical depth
+SKY_FALL = 0.75  # power of the sun's height with which skylight falls
+LOWEST, LOWEST_SKY = 0.06, 0.12  # sines of the sun's elevation below which sunlight and skylight stay constant
 HORIZON_HEIGHT = 0.25  # sine of the elevation over which the horizon's colour fades
-HALO_WIDTH = 0.22  # [rad] about the sun
+HALO_WIDTH = 0.22  # [rad] width of the bright halo around the sun
 ZENITH_COLOUR = (0.31, 0.235, 0.16)
 HORIZON_COLOUR = (0.50, 0.41, 0.29)
 HALO_COLOUR = (0.42, 0.40, 0.38)
 
 
 class Daylight(NamedTuple):
-    """What lights a scene, as kernels take it.
+    """The light of a scene, as kernels take it. Light is relative to the sunlight without air.
 
-    sun: (3,) unit, world, towards the sun; sunlight: (3,) float32 RGB, what reaches a surface that faces the sun;
-    skylight: on level ground; both over the sunlight without air; optical_depth: of the dust.
+    Attributes:
+        sun: (3,) unit vector towards the sun, world frame.
+        sunlight: (3,) float32 RGB light on a surface that faces the sun.
+        skylight: Light of the sky on level ground.
+        optical_depth: Optical depth of the dust.
     """
 
     sun: np.ndarray
@@ -35,7 +39,7 @@ class Daylight(NamedTuple):
 
 
 def daylight(look: Look) -> Daylight:
-    """The light of a Look. Dust scatters forward: only half of what it removes from sunlight is lost."""
+    """Return the light of a Look. Dust scatters forward, so only half of what it removes from sunlight is lost."""
     height = float(look.sun[2])
     path = look.optical_depth / max(height, LOWEST)
     red, green, blue = np.exp(-path * np.array(EXTINCTION))
@@ -45,7 +49,7 @@ def daylight(look: Look) -> Daylight:
 
 @compiled
 def skies(directions, light):
-    """(N, 3) float32 radiance of the sky along unit directions (N, 3), world frame. light: Daylight."""
+    """Return the radiance of the sky (N, 3) float32 along unit directions (N, 3), world frame. light: Daylight."""
     out = np.empty((len(directions), 3), dtype=np.float32)
     sun, _, skylight, optical_depth = light
     for k in range(len(directions)):
@@ -55,13 +59,16 @@ def skies(directions, light):
 
 @inlined
 def sky_colour(x, y, z, sun, skylight, optical_depth):
-    """Radiance along a unit vector x, y, z: paler towards the horizon, and brighter around the sun. See Daylight."""
+    """Return the radiance of the sky along a unit vector x, y, z. The other arguments are those of Daylight.
+
+    The sky is paler towards the horizon and brighter around the sun.
+    """
     towards_sun = min(max(x * sun[0] + y * sun[1] + z * sun[2], -1.0), 1.0)
     horizon = math.exp(np.float32(-min(z, 1.0) / HORIZON_HEIGHT)) if z > 0 else 1.0
     ahead = (1 + towards_sun) / 2
     forward = math.exp(np.float32(-1 / HALO_WIDTH) * math.acos(np.float32(towards_sun)))
     halo = (0.9 * forward + 0.35 * ahead * ahead * ahead * ahead) * optical_depth
-    # a low sun lights the dust through more of it
+    # the light of a low sun has passed through more dust before it reaches the dust in view
     strength = (0.5 + 1.1 * skylight) * min(0.3 + 1.75 * sun[2], 1.0)
     veil = 0.85 + 0.5 * optical_depth
     return (

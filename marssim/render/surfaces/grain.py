@@ -1,7 +1,7 @@
-"""World-space noise filtered by pixel footprint: the grain of ground and rock, equal for both eyes.
+"""Noise in world coordinates, filtered by pixel footprint: the grain of ground and rock, equal for both cameras.
 
-One band-limited tile of noise is sampled at several scales. Each octave fades out as its wavelength falls under the
-width of a pixel on the ground, so that nothing shimmers and the two views of one point agree.
+One band-limited tile of noise is sampled at several scales. Each octave fades out as its wavelength approaches the
+width of a pixel on the ground. So nothing shimmers, and the two views of a point agree.
 """
 
 from __future__ import annotations
@@ -17,14 +17,17 @@ from marssim.render.surfaces.bilinear import bilinear_weights
 
 TILE = 512  # texels on a side of the periodic tile
 TEXELS = 8.0  # texels per wavelength in the tile
-STEP = 1 / 4096  # of the coded noise; one is a standard deviation
+STEP = 1 / 4096  # step of the coded noise, in standard deviations
 
 
 class Octaves(NamedTuple):
     """Noise of M wavelengths on a surface, as kernels take it.
 
-    tile: of coded_tile; places: (M, 7) of placing; amplitude, slope: (M,) float32 standard deviation of each octave,
-    and of its slope.
+    Attributes:
+        tile: The noise, of `coded_tile`.
+        places: (M, 7) placing of each octave, of `placing`.
+        amplitude: (M,) float32 standard deviation of each octave.
+        slope: (M,) float32 standard deviation of each octave's slope.
     """
 
     tile: np.ndarray
@@ -34,9 +37,15 @@ class Octaves(NamedTuple):
 
 
 def noise_tile(seed: int, slopes: bool = True) -> np.ndarray:
-    """(TILE + 1, TILE + 1, 3) float32: band-limited noise of unit variance and its two slopes, of unit variance.
+    """Draw a periodic tile of band-limited noise.
 
-    Periodic; the first row and column stand again at the end, for interpolation. Without slopes, (..., 1) of the same.
+    Args:
+        seed: Seed of the noise.
+        slopes: Include the slopes of the noise.
+
+    Returns:
+        (TILE + 1, TILE + 1, 3) float32: the noise and its two slopes, of unit variance each; (..., 1) without slopes.
+        The first row and column are repeated at the end, for interpolation.
     """
     rng = np.random.default_rng(seed)
     across, down = scipy.fft.rfftfreq(TILE)[None, :].astype(np.float32), scipy.fft.fftfreq(TILE)[:, None]
@@ -46,7 +55,7 @@ def noise_tile(seed: int, slopes: bool = True) -> np.ndarray:
     noise = rng.standard_normal((TILE, TILE)).astype(np.float32)
     spectrum = scipy.fft.rfft2(noise) * (np.exp(-0.5 * (octaves / np.float32(0.42)) ** 2) / (k + np.float32(1e-9)))
     spectrum[0, 0] = 0
-    # the slopes are scaled to unit variance, so that of their factor, 2 pi i k, the number does not matter
+    # the slopes are scaled to unit variance later, so the constant in their factor 2 pi i k does not matter
     parts = (spectrum, 1j * spectrum * across, 1j * spectrum * down) if slopes else (spectrum,)
     out = np.empty((TILE + 1, TILE + 1, len(parts)), dtype=np.float32)
     for channel, part in enumerate(parts):
@@ -58,14 +67,18 @@ def noise_tile(seed: int, slopes: bool = True) -> np.ndarray:
 
 @lru_cache(maxsize=16)
 def coded_tile(seed: int, slopes: bool = True) -> np.ndarray:
-    """noise_tile in int16 steps of STEP, so that it fits the cache; (TILE + 1, TILE + 1, 1) without its slopes."""
+    """Return `noise_tile` as int16 in steps of STEP, so that it fits the CPU's cache."""
     return np.clip(np.rint(noise_tile(seed, slopes) / np.float32(STEP)), -32768, 32767).astype(np.int16)
 
 
 @lru_cache(maxsize=32)
 def placing(wavelengths: tuple[float, ...], seed: int) -> np.ndarray:
-    """(M, 7) float32 of each octave: wavelength [m], cosine and sine of its turn, offset u, v [texels], drawn from the
-    seed, and cosine and sine times the texels per metre."""
+    """Draw how the octaves of M wavelengths [m] lie on a surface.
+
+    Returns:
+        (M, 7) float32: wavelength [m], cosine and sine of the octave's rotation, offset u and v [texels], and cosine and
+        sine times the texels per metre.
+    """
     rows = []
     for octave, wavelength in enumerate(wavelengths):
         rng = np.random.default_rng((seed, octave))
@@ -75,14 +88,14 @@ def placing(wavelengths: tuple[float, ...], seed: int) -> np.ndarray:
     return np.array(rows, dtype=np.float32)
 
 
-# inlined, as all that is called for each pixel: a call counts references to its arrays, which costs more than its sums
+# inlined like everything that runs for each pixel: a call counts references to its arrays, which takes longer than it
 @inlined
 def octave_weight(wavelength, footprint):
-    """How much of an octave a pixel shows: 1 where it is well resolved, 0 at two pixels a wavelength and below.
+    """Return how much of an octave a pixel shows: 1 where it is well resolved, 0 below two pixels a wavelength.
 
-    footprint: width of a pixel on the surface [m]. Like all that follows, float32 if its arguments are.
+    wavelength [m]; footprint: width of a pixel on the surface [m]. As in all functions below, float32 stays float32.
     """
-    # linear in the ratio instead of its logarithm: as smooth, and far cheaper
+    # linear in the ratio instead of its logarithm: equally smooth, and far cheaper
     ramp = (wavelength / max(footprint, np.float32(1e-9)) - np.float32(2)) * np.float32(1 / 3.5)
     ramp = min(max(ramp, np.float32(0)), np.float32(1))
     return ramp * ramp * (np.float32(3) - np.float32(2) * ramp)
@@ -90,11 +103,11 @@ def octave_weight(wavelength, footprint):
 
 @inlined
 def _texel(places, octave, u, v):
-    """Where a surface point lies in the tile: index of the texel before it, and the rest, along x and y."""
-    # single precision, as the tile. On ground, at 100 m and the finest octave, it is off by 0.004 texels at most. On
-    # rock n the caller moves u and v by 0.37 n, so that the finest octave is off by 0.01 texels at the median of rock
-    # 1,000 and by 0.14, up to a whole one, on rock 12,000: a sixtieth to an eighth of its wavelength. High numbers are
-    # rocks of few pixels
+    """Return where a surface point lies in the tile: the texel before it, and the remainder, along x and y."""
+    # In single precision, as the tile. On ground at 100 m, the finest octave is off by at most 0.004 texels. On rock n
+    # the caller moves u and v by 0.37 n m: the finest octave is off by a median of 0.01 texels on rock 1,000, and by
+    # 0.14 and up to one texel on rock 12,000, a sixtieth to an eighth of its wavelength. Rocks of high number show few
+    # pixels.
     x = places[octave, 5] * u - places[octave, 6] * v + places[octave, 3]
     y = places[octave, 6] * u + places[octave, 5] * v + places[octave, 4]
     left, top = np.floor(x), np.floor(y)
@@ -104,7 +117,7 @@ def _texel(places, octave, u, v):
 
 @inlined
 def octave_value(tile, places, octave, u, v):
-    """Noise of one octave, of unit variance, at surface coordinates u, v [m]. tile, places: of Octaves."""
+    """Return the noise of one octave, of unit variance, at surface coordinates u, v [m]. tile, places: of Octaves."""
     i, j, s, t = _texel(places, octave, u, v)
     right, below = i + np.uint32(1), j + np.uint32(1)
     a, b, c, d = bilinear_weights(s, t)
@@ -114,7 +127,7 @@ def octave_value(tile, places, octave, u, v):
 
 @inlined
 def octave_slopes(tile, places, octave, u, v):
-    """Noise of one octave and its slopes along u and v, each of unit variance. tile, places: of Octaves."""
+    """Return the noise of one octave and its slopes along u and v, of unit variance each. tile, places: of Octaves."""
     i, j, s, t = _texel(places, octave, u, v)
     right, below = i + np.uint32(1), j + np.uint32(1)
     a, b, c, d = bilinear_weights(s, t)
@@ -127,8 +140,11 @@ def octave_slopes(tile, places, octave, u, v):
 
 @inlined
 def fractal_slopes(noise, u, v, footprint):
-    """Sum of the Octaves `noise` at surface coordinates u, v [m], and its slopes along u and v. footprint [m]."""
-    tile, places, amplitude, slope = noise  # taken apart once: each look into a tuple counts references, too
+    """Return the sum of the octaves `noise` at surface coordinates u, v [m], and its slopes along u and v.
+
+    footprint: width of a pixel on the surface [m].
+    """
+    tile, places, amplitude, slope = noise  # unpacked once: each access to a tuple counts references, too
     total, du, dv = np.float32(0), np.float32(0), np.float32(0)
     for octave in range(len(places)):
         weight = octave_weight(places[octave, 0], footprint)

@@ -1,5 +1,4 @@
-"""A periodic tile kept at all resolutions, each half of the one before, so that a pixel shows the mean of what it
-covers."""
+"""A periodic tile at all resolutions, each half of the one before, so that a pixel shows the mean of what it covers."""
 
 from __future__ import annotations
 
@@ -10,14 +9,18 @@ import numpy as np
 from marssim.base.compute.compiled import compiled, inlined
 from marssim.render.surfaces.bilinear import bilinear_weights
 
-CODES = 127  # of the largest value of a channel
-CHANNELS = 5  # slopes along x and y, and three more
+CODES = 127  # code of the largest value of a channel
+CHANNELS = 5  # slopes along x and y, and three others
 
 
 class PlacedTile(NamedTuple):
     """A tile laid on a surface, as kernels take it.
 
-    codes: (M, CHANNELS) int8 of pyramid; cosine, sine: float32, of its turn; offset: float32 [texels], along both axes.
+    Attributes:
+        codes: (M, CHANNELS) int8, of `pyramid`.
+        cosine: float32 cosine of the tile's rotation.
+        sine: float32 sine of the tile's rotation.
+        offset: float32 offset along both axes [texels].
     """
 
     codes: np.ndarray
@@ -28,8 +31,10 @@ class PlacedTile(NamedTuple):
 
 @compiled
 def pyramid(finest):
-    """(M, CHANNELS) int8 of the finest level (N, N, CHANNELS), in codes, and all that are half as fine as the one
-    before, one after another. N: a power of two."""
+    """Return all levels of a tile, each half as fine as the one before, one after another: (M, CHANNELS) int8.
+
+    finest: (N, N, CHANNELS) finest level in codes; N is a power of two.
+    """
     side = len(finest)
     total, size = 0, side
     while size >= 1:
@@ -60,9 +65,10 @@ def pyramid(finest):
 
 @inlined
 def pyramid_at(placed, side, texel, u, v, footprint):
-    """The channels, in codes, at surface coordinates u, v [m]; the first two, slopes, are turned to u and v.
+    """Return the channels in codes at surface coordinates u, v [m]; the first two, slopes, are turned to u and v.
 
-    placed: PlacedTile of `side` texels of `texel` [m] at its finest; footprint: width of a pixel on the surface [m].
+    placed: PlacedTile; side: texels along a side of its finest level; texel: their size [m]; footprint: width of a
+    pixel on the surface [m].
     """
     scale = np.float32(1 / texel)
     tile, cosine, sine = placed.codes, placed.cosine, placed.sine
@@ -76,7 +82,7 @@ def pyramid_at(placed, side, texel, u, v, footprint):
         spread *= half
         x = x * half - np.float32(0.25)
         y = y * half - np.float32(0.25)
-    # the level whose texels are as wide as the pixel or a little wider, and some of the finer one before it
+    # blend the level whose texels are at least as wide as the pixel with the finer level before it
     along, across, third, fourth, fifth = _bilinear(tile, start, size, x, y)
     if start > 0:
         fine = max(np.float32(2) * (one - spread), np.float32(0))  # a pixel wider than the tile sees its mean

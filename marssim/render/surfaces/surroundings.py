@@ -1,5 +1,5 @@
-"""What rocks do to the ground about them, as maps on the fine square: they hide part of the sky, sand gathers in
-their lee, and what broke off them lies at their feet."""
+"""Maps of how rocks change the ground around them: they hide part of the sky, sand gathers in their lee, and fragments
+lie at their feet."""
 
 from __future__ import annotations
 
@@ -10,22 +10,29 @@ from marssim.base.compute.compiled import inlined
 from marssim.render.surfaces.bilinear import bilinear_weights
 from marssim.scene.rocks import Rocks
 
-CELL = 0.05  # [m]
-SMALLEST = 0.12  # [m] diameter of rocks that matter
-REACHES = (0.08, 0.24)  # [m] distances over which sky is lost to a rock of that height
-TAIL = 2.5  # diameters that the sand behind a rock reaches
-APRON = 1.7  # radius of the ground that fragments lie on, in radii of the rock
-FRAGMENTS = 0.6  # how thick they lie there
-SAND_BORDER, APRON_BORDER = 0.06, 0.1  # [m] standard deviations of the blur of their borders
+CELL = 0.05  # [m] grid spacing of the maps
+SMALLEST = 0.12  # [m] diameter of the smallest rocks that count
+REACHES = (0.08, 0.24)  # [m] distances over which a rock of that height hides sky
+TAIL = 2.5  # length of the sand behind a rock, in its diameters
+APRON = 1.7  # radius of the area with fragments, in radii of the rock
+FRAGMENTS = 0.6  # density of fragments there, 0 to 1
+SAND_BORDER, APRON_BORDER = 0.06, 0.1  # [m] standard deviations of the blur at the borders of both
 SHIFT = 4  # binary digits of sub-pixel positions in OpenCV's drawing
-CODE = 255
+CODE = 255  # code of a share of 1
 
 
 def surroundings(rocks: Rocks, half: float, wind: tuple[float, float]) -> np.ndarray:
-    """(N, N, 3) uint8 on a grid of CELL over the square of half side `half` [m], rows northward, columns eastward.
+    """Return the maps of a scene's fine square.
 
-    Shares in 1 / CODE: of the sky that rocks hide from level ground, half of it at the foot of a wall; how much
-    sand the wind, towards (2,) unit, has left behind them; and how thick fragments lie about them.
+    Args:
+        rocks: The rocks.
+        half: Half the side of the square [m].
+        wind: (2,) unit vector of the direction that the wind blows to.
+
+    Returns:
+        (N, N, 3) uint8 on a grid of spacing CELL, rows northward, columns eastward, in units of 1 / CODE: the share of
+        the sky that rocks hide from level ground (half at the foot of a wall), the cover of sand behind them, and the
+        density of fragments around them.
     """
     side = int(np.ceil(2 * half / CELL)) + 1
     height, drift, rubble = np.zeros((3, side, side), dtype=np.float32)
@@ -35,7 +42,7 @@ def surroundings(rocks: Rocks, half: float, wind: tuple[float, float]) -> np.nda
     radius = rocks.diameter[chosen] / 2 / CELL
     one = 1 << SHIFT
     along, across = np.array(wind), np.array([-wind[1], wind[0]])
-    # a tail: as wide as the rock where it begins, pointed where it ends
+    # a tail of sand is as wide as the rock where it begins, and pointed where it ends
     corners = np.array([[0.0, 0.8], [0.8, 0.7], [1.0 + TAIL, 0.15], [1.0 + TAIL, -0.15], [0.8, -0.7], [0.0, -0.8]])
     tails = at[:, None] + radius[:, None, None] * (corners[:, :1] * along + corners[:, 1:] * across)
     for (x, y), r, tall, tail in zip(np.rint(at * one), np.rint(radius * one), rocks.height[chosen], tails):
@@ -52,8 +59,7 @@ def surroundings(rocks: Rocks, half: float, wind: tuple[float, float]) -> np.nda
 
 @inlined
 def surroundings_at(near, half, x, y):
-    """Share of the sky that is hidden, of sand and of fragments at x, y [m]; 0 outside the map. near: of
-    surroundings."""
+    """Return the shares of hidden sky, sand and fragments at x, y [m]; 0 outside the map. near: of `surroundings`."""
     i, j = (x + half) * np.float32(1 / CELL), (y + half) * np.float32(1 / CELL)
     top = np.float32(len(near) - 1)
     if not (i >= 0 and j >= 0 and i < top and j < top):
