@@ -1,7 +1,7 @@
-"""What the light falls on: how bright regolith and rock are at a place, and which way their fine relief leans.
+"""The albedo of regolith and rock at a point, and the slopes of their fine relief.
 
-Kernels, inlined into that of shading.py; what they are told of a scene is in materials.py. Surface coordinates are in
-metres, footprint is the width of a pixel on the surface [m]. Float32 stays float32: its constants are wrapped.
+These kernels are inlined into that of shading.py; materials.py prepares their inputs. Surface coordinates are in
+metres; footprint is the width of a pixel on the surface [m]. Constants are wrapped so that float32 stays float32.
 """
 
 from __future__ import annotations
@@ -19,26 +19,26 @@ from marssim.render.surfaces.regolith import WIDEST, grit_at
 GROUND_COLOUR = (0.40, 0.262, 0.158)
 ROCK_COLOUR = (0.265, 0.205, 0.158)
 BED_COLOUR = (0.45, 0.335, 0.235)
-STAIN_HUE = (0.0, 0.10, 0.22)  # how much more a stain changes green and blue than red: bright ones are paler
-WHITEST = 0.9  # the most light that any surface gives back
-PATCHES = 2  # the coarsest stains also tell sand from gravel and from bedrock
-SAND_PEBBLES, SAND_RELIEF = 0.9, 0.7  # shares of the pebbles, and of the fine relief's slopes, that sand buries
-BED_PEBBLES, BED_RELIEF = 0.8, 0.75  # shares of them that bare bedrock lacks
-BED_PALE = 0.8  # of BED_COLOUR, the share that bare bedrock shows: dust lies on it
-LOOSE_GRAIN = 0.15  # slope of the ground's grain, where no pebbles lie, over that among them
-GRAIN_TONE = 0.08  # logarithm of brightness of a standard deviation of grain
-DUST_TONE = 0.15  # logarithm of brightness of the dust on ripples' crests and behind rocks
-FAR_STONES = 8.0  # how much larger than pebbles the stones are that stand for the rocks which the mesh leaves out
-FAR_FROM, FAR_TO = 1.0, 1.25  # half sides of the fine square: within it the mesh leaves none of that size out
+STAIN_HUE = (0.0, 0.10, 0.22)  # how much more a stain changes each colour than red: bright stains are paler
+WHITEST = 0.9  # largest albedo of any surface
+PATCHES = 2  # number of the coarsest stains, which also separate sand, gravel and bedrock
+SAND_PEBBLES, SAND_RELIEF = 0.9, 0.7  # shares of the pebbles and of the fine relief's slopes that sand buries
+BED_PEBBLES, BED_RELIEF = 0.8, 0.75  # shares of both that bare bedrock lacks
+BED_PALE = 0.8  # share of BED_COLOUR that bare bedrock shows: dust lies on it
+LOOSE_GRAIN = 0.15  # slope of the ground's grain without pebbles, over that among pebbles
+GRAIN_TONE = 0.08  # logarithm of brightness per standard deviation of grain
+DUST_TONE = 0.15  # logarithm of brightness of the dust on the crests of ripples and behind rocks
+FAR_STONES = 8.0  # size, over that of pebbles, of the painted stones that replace rocks which the mesh leaves out
+FAR_FROM, FAR_TO = 1.0, 1.25  # half sides of the fine square between which these stones fade in
 
 
 @inlined
 def regolith_at(x, y, footprint, mix, relief, stains, ripples, pebbles, bedrock, drift, rubble):
-    """Albedo (red, green, blue) of the ground, slopes of its fine relief along x and y, and share of the sun that
-    reaches it.
+    """Return the albedo (red, green, blue) of the ground, the slopes of its fine relief along x and y, and the share
+    of sunlight that reaches it.
 
-    mix, relief, stains, ripples, pebbles, bedrock: of materials.Ground; drift, rubble: how much sand has gathered
-    there, and how many fragments lie there, 0 to 1 (surroundings_at).
+    mix, relief, stains, ripples, pebbles, bedrock: of materials.Ground; drift, rubble: cover of gathered sand and of
+    fragments, 0 to 1 (surroundings_at).
     """
     one = np.float32(1)
     contrast, strength = mix.contrast, mix.strength
@@ -50,9 +50,9 @@ def regolith_at(x, y, footprint, mix, relief, stains, ripples, pebbles, bedrock,
     if bed > 0:
         steep = bed * min(strength, one)
         du, dv = du + steep * bu, dv + steep * bv
-    tone, shade, grain, seen, gu, gv = _pebbles_at(x, y, footprint, pebbles, mix)
-    if seen > 0:
-        steep = (np.float32(LOOSE_GRAIN) * mix.gravel + gravel) * strength * seen
+    tone, shade, grain, visible, gu, gv = _pebbles_at(x, y, footprint, pebbles, mix)
+    if visible > 0:
+        steep = (np.float32(LOOSE_GRAIN) * mix.gravel + gravel) * strength * visible
         du, dv = du + steep * gu, dv + steep * gv
     stone, dark = _far_stones_at(x, y, footprint, pebbles, mix)
     dust, along, across = _ripples_at(x, y, footprint, ripples, sand * (one - drift), height, grain)
@@ -66,10 +66,10 @@ def regolith_at(x, y, footprint, mix, relief, stains, ripples, pebbles, bedrock,
 
 @inlined
 def _cover(mix, patch, bed, drift, rubble):
-    """Shares of sand and of gravel, and how much of the fine relief's slopes they leave. See regolith_at.
+    """Return the shares of sand and of gravel, and the share of the fine relief's slopes that they leave.
 
-    Wind keeps some patches clean of all but sand, which it ripples, and leaves pebbles on others; bedrock (bed: how
-    much of it) lies bare in the midst of those. patch: of _stains_at.
+    The wind keeps some patches covered with rippled sand, and leaves pebbles on others, where bedrock may lie bare.
+    patch: of _stains_at; bed: share of bare bedrock. See regolith_at.
     """
     one = np.float32(1)
     sand = _step(patch * np.float32(0.55) + np.float32(2) * mix.sand - one) * (one - bed)
@@ -82,7 +82,7 @@ def _cover(mix, patch, bed, drift, rubble):
 
 @inlined
 def _far_stones_at(x, y, footprint, pebbles, mix):
-    """Tone and shade of the stones that stand, far away, for the rocks which the mesh leaves out."""
+    """Return tone and shade of the painted stones that replace, far away, rocks which the mesh leaves out."""
     tone, shade = np.float32(0), np.float32(0)
     beyond = max(abs(x), abs(y)) / mix.half - np.float32(FAR_FROM)
     far = mix.far_stones * min(max(beyond * np.float32(1 / (FAR_TO - FAR_FROM)), np.float32(0)), np.float32(1))
@@ -96,9 +96,9 @@ def _far_stones_at(x, y, footprint, pebbles, mix):
 
 @inlined
 def _ripples_at(x, y, footprint, ripples, sand, height, grain):
-    """How much bright dust lies on the wind's ripples, -1 to 1, and their slopes.
+    """Return the cover of bright dust on the wind's ripples, -1 to 1, and the ripples' slopes.
 
-    sand: share of the ground that it ripples; height: of the fine relief; grain: of _pebbles_at.
+    sand: share of the ground that is rippled; height: of the fine relief; grain: of _pebbles_at.
     """
     one = np.float32(1)
     tile, places, _, slope = ripples
@@ -108,7 +108,7 @@ def _ripples_at(x, y, footprint, ripples, sand, height, grain):
         crest, along, across = octave_slopes(tile, places, 0, x, y)
         steep = slope[0] * weight
         du, dv = steep * along, steep * across
-        # it stays on one side of the crests, with ragged borders
+        # dust stays on one side of the crests, with ragged borders
         lying = np.float32(1.3) * crest + np.float32(2) * height + np.float32(1.4) * grain
         dust = weight * min(max(lying, -one), one)
     return dust, du, dv
@@ -116,11 +116,12 @@ def _ripples_at(x, y, footprint, ripples, sand, height, grain):
 
 @inlined
 def _ground_colour(spots, tone, height, bed, contrast):
-    """Albedo (red, green, blue). spots, tone: logarithms of brightness, of the stains and of all else but the height.
+    """Return the ground's albedo (red, green, blue).
 
-    height: of the fine relief; bed: share of bedrock; contrast: of Mix.
+    spots, tone: logarithms of brightness of the stains, and of all else but the height; height: of the fine relief;
+    bed: share of bedrock; contrast: of Mix.
     """
-    # coarse grains gather in the troughs and are darker; fine dust lies on the crests
+    # coarse dark grains gather in the troughs; fine bright dust lies on the crests
     hue = min(max(spots + np.float32(0.5) * tone, np.float32(-0.5)), np.float32(0.5))
     brightness = math.exp(np.float32(min(max(spots + tone + 0.25 * contrast * height, -1.5), 1.2)))
     pale = bed * np.float32(BED_PALE) * min(contrast, np.float32(1))
@@ -132,7 +133,7 @@ def _ground_colour(spots, tone, height, bed, contrast):
 
 @inlined
 def _stains_at(x, y, footprint, stains):
-    """Logarithm of the stains' brightness, and the sum of the PATCHES coarsest of them, of about unit variance each."""
+    """Return the logarithm of the stains' brightness, and the sum of the PATCHES coarsest, of unit variance each."""
     tile, places, amplitude, _ = stains
     spots, patch = np.float32(0), np.float32(0)
     for octave in range(len(places)):
@@ -147,7 +148,7 @@ def _stains_at(x, y, footprint, stains):
 
 @inlined
 def _bedrock_at(x, y, footprint, bedrock, bareness, patch, height, drift):
-    """How much of a plate of bedrock lies bare, 0 to 1; its tone, share of light that its cracks take, and slopes.
+    """Return how bare a plate of bedrock lies, 0 to 1, its tone, the share of light that cracks take, and slopes.
 
     bareness: Look.bedrock; patch: of _stains_at; height: of the fine relief; drift: see regolith_at.
     """
@@ -163,39 +164,41 @@ def _bedrock_at(x, y, footprint, bedrock, bareness, patch, height, drift):
 
 @inlined
 def _pebbles_at(x, y, footprint, pebbles, mix):
-    """Tone and shade of pebbles, grain, how much of them is seen, 0 to 1, and their slopes; from afar their means."""
+    """Return tone and shade of pebbles, grain, how visible they are, 0 to 1, and their slopes; from afar the means."""
     tone, shade, grain = mix.pebble_tone, mix.pebble_shade, np.float32(0)
-    seen, gu, gv = np.float32(1) - footprint * np.float32(1 / WIDEST), np.float32(0), np.float32(0)
-    if seen > 0:
-        seen = min(np.float32(2) * seen, np.float32(1))
+    visible, gu, gv = np.float32(1) - footprint * np.float32(1 / WIDEST), np.float32(0), np.float32(0)
+    if visible > 0:
+        visible = min(np.float32(2) * visible, np.float32(1))
         gu, gv, near_tone, near_shade, near_grain = grit_at(pebbles, x, y, footprint)
-        tone += seen * (near_tone - tone)
-        shade += seen * (near_shade - shade)
-        grain = near_grain * seen
-    return tone, shade, grain, seen, gu, gv
+        tone += visible * (near_tone - tone)
+        shade += visible * (near_shade - shade)
+        grain = near_grain * visible
+    return tone, shade, grain, visible, gu, gv
 
 
 @inlined
 def _swept(patch, bareness):
-    """How bare of sand the ground lies: above 1 all plates show, below 0 none. patch: of about 1.4 times unit standard
-    deviation; bareness: Look.bedrock."""
+    """Return how bare of sand the ground lies: above 1 all plates show, below 0 none.
+
+    patch: of _stains_at, with a standard deviation of about 1.4; bareness: Look.bedrock.
+    """
     return np.float32(-0.45) * patch + np.float32(1.8) * bareness - np.float32(0.45)
 
 
 @inlined
 def _step(value):
-    """From 0 at -1/2 to 1 at 1/2, smoothly."""
+    """Return a smooth step from 0 at -1/2 to 1 at 1/2."""
     share = min(max(value + np.float32(0.5), np.float32(0)), np.float32(1))
     return share * share * (np.float32(3) - np.float32(2) * share)
 
 
 @inlined
 def rock_at(u, v, up, above, beds, footprint, contrast, noise, rock):
-    """Albedo of a rock with dust on it, most on its top, and sand against its foot, slopes of its fine relief along u
-    and v, and how much of it is sand.
+    """Return the albedo (red, green, blue) of a rock, the slopes of its fine relief along u and v, and its sand cover.
 
-    up: z of its normal; above: height above the sand that lies against it, over that of the sand; beds: how much finer
-    its relief is along v than along u; contrast: Look.albedo_contrast; noise: of materials.RockSurface; rock: of ROCK.
+    Dust lies on the rock, most of it on top, and sand against its foot. up: z of its normal; above: height above that
+    sand, over the sand's height; beds: how much finer its relief is along v than along u; contrast:
+    Look.albedo_contrast; noise: of materials.RockSurface; rock: of ROCK.
     """
     value, du, dv = fractal_slopes(noise, u, v * (1 + beds), footprint * (1 + beds / 2))
     sand = _step(np.float32(-1.5) * above - 3 * value)

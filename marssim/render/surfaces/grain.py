@@ -76,8 +76,8 @@ def placing(wavelengths: tuple[float, ...], seed: int) -> np.ndarray:
     """Draw how the octaves of M wavelengths [m] lie on a surface.
 
     Returns:
-        (M, 7) float32: wavelength [m], cosine and sine of the octave's rotation, offset u and v [texels], and cosine and
-        sine times the texels per metre.
+        (M, 7) float32: wavelength [m], cosine and sine of the rotation, offset u and v [texels], and cosine and sine
+        times the texels per metre.
     """
     rows = []
     for octave, wavelength in enumerate(wavelengths):

@@ -1,6 +1,6 @@
-"""What a Scene's ground and rocks are made of, as the kernels of albedo.py and shading.py take it.
+"""The materials of a scene's ground and rocks, as the kernels of albedo.py and shading.py take them.
 
-Everything is drawn from the scene's texture seed. Tiles are few and made once; places differ by the whole seed.
+All is drawn from the scene's texture seed. A few tiles are made once and shared; the seed decides how they lie.
 """
 
 from __future__ import annotations
@@ -18,35 +18,42 @@ from marssim.render.surfaces.surroundings import surroundings
 from marssim.scene.rocks import ground_plane
 from marssim.scene.scene import Scene
 
-RELIEF_WAVELENGTHS = 0.035 * 2.0 ** np.arange(4)  # [m] between the pebbles' tile and the ground's grid
-RELIEF_SLOPE = 0.085  # RMS slope of an octave of 5 cm at a texture strength of 1; the longer, the less
-STAIN_WAVELENGTHS = np.array([0.4, 1.7, 7.0])  # [m]
-STAIN = np.array([0.07, 0.07, 0.08])  # amplitude of each wavelength, at an albedo contrast of 1
-RIPPLE_WAVELENGTHS = (0.06, 0.15)  # [m] of the wind's small ripples, from the least to the most
+RELIEF_WAVELENGTHS = 0.035 * 2.0 ** np.arange(4)  # [m] octaves between the tile of pebbles and the ground's grid
+RELIEF_SLOPE = 0.085  # RMS slope of an octave of 5 cm at a texture strength of 1; longer octaves have less
+STAIN_WAVELENGTHS = np.array([0.4, 1.7, 7.0])  # [m] sizes of bright and dark patches
+STAIN = np.array([0.07, 0.07, 0.08])  # amplitude of each, as logarithm of brightness, at an albedo contrast of 1
+RIPPLE_WAVELENGTHS = (0.06, 0.15)  # [m] shortest and longest of the wind's small ripples
 RIPPLE_SLOPE = 0.22  # RMS slope of ripples at a texture strength of 1
-PEBBLE_OFFSET = 1000.0  # [texels] of the tile of pebbles at most: near a whole turn of it
+PEBBLE_OFFSET = 1000.0  # [texels] largest offset of the tile of pebbles, nearly its side
 DARKER_PEBBLES = 0.9  # mean brightness of pebbles over that of the rocks
-ROCK_WAVELENGTHS = np.array([0.009, 0.02, 0.05, 0.14])  # [m]
-ROCK_STAIN = np.array([0.15, 0.12, 0.10, 0.12])  # amplitude of each wavelength
+ROCK_WAVELENGTHS = np.array([0.009, 0.02, 0.05, 0.14])  # [m] octaves of a rock's surface
+ROCK_STAIN = np.array([0.15, 0.12, 0.10, 0.12])  # amplitude of each, as logarithm of brightness
 ROCK_SLOPE = 0.10  # RMS slope of an octave of 10 cm at a texture strength of 1
-FAR_DENSE = 0.2  # rock abundance at which the stones that the mesh leaves out show as much as their tile has
-FILLET = (0.03, 0.2)  # of a rock's height, up to which sand lies against it
-HIGHEST_FILLET = 0.06  # [m]
-NO_PLATES = np.zeros((1, CHANNELS), dtype=np.int8)
+FAR_DENSE = 0.2  # rock abundance at which the painted stones are as dense as in their tile
+FILLET = (0.03, 0.2)  # least and largest height of the sand against a rock, over the rock's height
+HIGHEST_FILLET = 0.06  # [m] largest height of that sand
+NO_PLATES = np.zeros((1, CHANNELS), dtype=np.int8)  # tile of a scene without bedrock
 
 
-# of a rock: the plane z = base + east x + north y of the ground under it [m], how high sand lies against it [m], how
-# much its faces show of beds, 0 to 1, albedo over that of the ground, how much redder than the mean it is, -1 to 1, and
-# the share of its sides that is under dust
+# A rock's surface. base, east, north: plane z = base + east x + north y of the ground under it [m]; fillet: height of
+# the sand against it [m]; beds: how clearly its faces show beds, 0 to 1; albedo: over that of the ground; red: how much
+# redder than the mean it is, -1 to 1; film: share of its sides that is under dust.
 ROCK = np.dtype([(name, np.float64) for name in ("base", "east", "north", "fillet", "beds", "albedo", "red", "film")])
 
 
 class Mix(NamedTuple):
-    """Numbers of the ground, float32 but for contrast.
+    """Numbers of the ground, float32 except for contrast.
 
-    contrast, strength, gravel, sand, swept: albedo_contrast, texture_strength, pebbles, wind_ripples and bedrock of
-    Look. pebble_tone, pebble_shade: means over the tile of pebbles. far_stones: how much shows, 0 to 1, of the stones
-    that the mesh leaves out; half: half the side of the square in which it leaves none out [m].
+    Attributes:
+        contrast: Look.albedo_contrast.
+        strength: Look.texture_strength.
+        gravel: Look.pebbles.
+        sand: Look.wind_ripples.
+        swept: Look.bedrock.
+        pebble_tone: Mean tone of the tile of pebbles.
+        pebble_shade: Mean shade of that tile.
+        far_stones: Strength, 0 to 1, of the painted stones that replace rocks which the mesh leaves out.
+        half: Half the side of the square in which the mesh leaves no such rock out [m].
     """
 
     contrast: float
@@ -63,8 +70,14 @@ class Mix(NamedTuple):
 class Ground(NamedTuple):
     """The ground between the rocks.
 
-    relief: what is finer than the mesh and coarser than pebbles. stains: patches of brightness, without slopes.
-    ripples: of the wind, where sand lies; one octave. pebbles: see grit. bedrock: see plates. near: see surroundings.
+    Attributes:
+        mix: Its numbers.
+        relief: Relief that is finer than the mesh and coarser than pebbles.
+        stains: Bright and dark patches, without slopes.
+        ripples: The wind's small ripples on sand, one octave.
+        pebbles: Tile of `grit`.
+        bedrock: Tile of `plates`.
+        near: Maps of `surroundings`.
     """
 
     mix: Mix
@@ -77,8 +90,13 @@ class Ground(NamedTuple):
 
 
 class RockSurface(NamedTuple):
-    """The rocks' surfaces. contrast: albedo_contrast of Look; noise: relief and stains in one; of_surface: (N + 1,) of
-    ROCK by surface id, zeros of GROUND."""
+    """The surfaces of the rocks.
+
+    Attributes:
+        contrast: Look.albedo_contrast.
+        noise: Relief and stains in one.
+        of_surface: (N + 1,) of type ROCK, by surface id; zeros for GROUND.
+    """
 
     contrast: float
     noise: Octaves
@@ -86,7 +104,7 @@ class RockSurface(NamedTuple):
 
 
 def materials(scene: Scene) -> tuple[Ground, RockSurface]:
-    """Ground and rocks of a scene."""
+    """Return the materials of a scene's ground and rocks."""
     rng = np.random.default_rng((scene.look.texture_seed, 3))
     return _ground(scene, rng), _rocks(scene, rng)
 
@@ -121,7 +139,7 @@ def _ground(scene: Scene, rng: np.random.Generator) -> Ground:
         ripples=Octaves(ripple_tile(seed % VARIANTS), ripples, np.ones_like(steep), steep),
         pebbles=_placed(codes, turn, offset),
         bedrock=_bedrock(scene),
-        near=surroundings(scene.rocks, scene.half, (cosine, -sine)),  # the wind blows across the ripples' crests
+        near=surroundings(scene.rocks, scene.half, (cosine, -sine)),  # the wind blows across the crests of ripples
     )  # fmt: skip
 
 
@@ -138,20 +156,20 @@ def _rocks(scene: Scene, rng: np.random.Generator) -> RockSurface:
     z, slope = ground_plane(rocks.centre[:, :2], rocks.diameter, scene.terrain.height_at)
     b, c = slope.T
     out = np.zeros(len(rocks) + 1, dtype=ROCK)
-    own = out[1:]
-    own["base"], own["east"], own["north"] = z - b * x - c * y, b, c
-    own["fillet"] = np.minimum(rocks.height * rng.uniform(*FILLET, len(rocks)), HIGHEST_FILLET)
-    own["beds"] = look.bedding * rng.uniform(0.4, 1, len(rocks))
-    own["albedo"] = rocks.albedo
-    own["red"] = np.clip(rng.normal(0, 0.6, len(rocks)), -1, 1) * min(look.albedo_contrast, 1.0)
-    own["film"] = look.rock_dust * rng.uniform(0, 1, len(rocks))
+    each = out[1:]
+    each["base"], each["east"], each["north"] = z - b * x - c * y, b, c
+    each["fillet"] = np.minimum(rocks.height * rng.uniform(*FILLET, len(rocks)), HIGHEST_FILLET)
+    each["beds"] = look.bedding * rng.uniform(0.4, 1, len(rocks))
+    each["albedo"] = rocks.albedo
+    each["red"] = np.clip(rng.normal(0, 0.6, len(rocks)), -1, 1) * min(look.albedo_contrast, 1.0)
+    each["film"] = look.rock_dust * rng.uniform(0, 1, len(rocks))
     places = placing(tuple(ROCK_WAVELENGTHS), seed + 2)
     slope = _single(ROCK_SLOPE * look.texture_strength * (ROCK_WAVELENGTHS / 0.1) ** -0.25)
     return RockSurface(look.albedo_contrast, Octaves(_noise(seed, 2), places, _single(ROCK_STAIN), slope), out)
 
 
 def _noise(seed: int, layer: int, slopes: bool = True) -> np.ndarray:
-    """The tile of noise of a layer: layers differ, and a scene chooses among VARIANTS of each."""
+    """Return the tile of noise of a layer; a scene's seed chooses among VARIANTS of each layer."""
     return coded_tile(VARIANTS * layer + seed % VARIANTS, slopes)
 
 

@@ -1,8 +1,8 @@
-"""Bedrock that lies bare: level plates, cracked and worn, with sand in the joints between them.
+"""Bare bedrock: level plates, cracked and worn, with sand in the joints between them.
 
-A periodic tile that is laid on the ground by world position, as pebbles are. The plates are cells of Voronoi's
-division of the plane about scattered points, with smaller ones within. They have no relief in the mesh: of a plate
-that stands a finger above the sand only its border's slope and its shade are seen.
+The plates are a periodic tile that lies on the ground by world position, as pebbles do. They are Voronoi cells of
+scattered points, with smaller cells inside. The mesh does not have their relief: a plate stands only 2 cm above the
+sand, so just the slope and the shade of its border show.
 """
 
 from __future__ import annotations
@@ -17,39 +17,43 @@ from marssim.base.compute.compiled import compiled, inlined
 from marssim.render.surfaces.pyramid import CHANNELS, CODES, pyramid, pyramid_at
 
 SIDE = 512  # texels along a side of the tile
-TEXEL = 0.012  # [m]
-PLATES = (9, 27)  # plates along the side, and pieces that they are broken into
-BEND = 0.03  # [m] how far borders wander from straight lines
-SHORTEST_BEND = 1.4  # [1/m] standard deviation of the wave numbers of that wandering
-ROUGH = (0.03, 0.09)  # [m] wavelengths of the roughness of plates, of which the following are standard deviations
-ROUGH_HEIGHT, ROUGH_JOINT, ROUGH_TONE = 0.0016, 0.006, 0.06  # [m], [m] and logarithm of brightness
+TEXEL = 0.012  # [m] size of a texel
+PLATES = (9, 27)  # numbers of plates and of pieces along the side
+BEND = 0.03  # [m] how far borders deviate from straight lines
+SHORTEST_BEND = 1.4  # [1/m] standard deviation of the wave numbers of that deviation
+ROUGH = (0.03, 0.09)  # [m] wavelengths of the roughness of plates; its standard deviations follow
+ROUGH_HEIGHT, ROUGH_JOINT, ROUGH_TONE = 0.0016, 0.006, 0.06  # height [m], border [m] and logarithm of brightness
 ROUNDING = 0.018  # [m] width of the worn border of a plate
-STANDING = 0.022  # [m] height of a plate over the sand in its joints
+STANDING = 0.022  # [m] height of a plate above the sand in its joints
 TILT = 0.03  # standard deviation of a plate's slope
-PIECE_TILT = 0.4  # that of a piece, more, over that of a plate
-PIECE_BEND = 0.4  # how far the borders of pieces wander, over those of plates: they run into these at any angle
+PIECE_TILT = 0.4  # additional slope of a piece, over that of a plate
+PIECE_BEND = 0.4  # deviation of the borders of pieces over that of plates: they meet these at any angle
 BROKEN = 0.7  # share of the plates that are broken into pieces
-JOINT = (0.012, 0.03)  # [m] half the width of a joint, least and how much more at most
-JOINT_CRACK, JOINT_SIDE = 0.008, 0.01  # [m] width of the dark line along a plate's border, and how far out it begins
-SPLIT = (0.006, 0.006)  # [m] width of a crack between pieces, least and how much more at most
-SPLIT_DARK, SPLIT_DEEP = 0.8, 0.35  # how dark it is, over a joint, and how deep, over the plate
+JOINT = (0.012, 0.03)  # [m] half the width of a joint: the least, and the largest addition to it
+JOINT_CRACK = 0.008  # [m] width of the dark line along a plate's border
+JOINT_SIDE = 0.01  # [m] how far outside the border that line begins
+SPLIT = (0.006, 0.006)  # [m] width of a crack between pieces: the least, and the largest addition to it
+SPLIT_DARK, SPLIT_DEEP = 0.8, 0.35  # its darkness over that of a joint, and its depth over the plate's height
 TONE, PLATE_TONE, PIECE_TONE = 0.10, 0.15, 0.08  # logarithm of brightness: mean, and standard deviations
 DARK = 0.9  # share of the light that a crack takes
-PLATE_COVER, PIECE_COVER = 0.9, 0.15  # of sand: what plates, and pieces of one, differ by
-BORDER_COVER, BORDER = 1.2, 0.006  # how much more lies beyond a plate's border, and within what width [m] it thins out
-STEEPEST = 1.5  # slope at which the coded slopes end
-TONES = 1.0  # logarithm of brightness at which the coded tones end
-DEEPEST = 2.0  # coded cover of sand in a joint: above 1, it is never swept clean
+PLATE_COVER, PIECE_COVER = 0.9, 0.15  # ranges of the sand cover of plates and of their pieces
+BORDER_COVER = 1.2  # additional sand cover beyond a plate's border
+BORDER = 0.006  # [m] width within which that sand thins out
+STEEPEST = 1.5  # slope of the largest code
+TONES = 1.0  # logarithm of brightness of the largest code
+DEEPEST = 2.0  # sand cover of the largest code; what is covered by more than 1 is never swept clean
 DRAWN = np.dtype([(name, np.float64) for name in ("east", "north", "tone", "chance")])  # slopes, N(0, 1), U(0, 1)
-VARIANTS = 2  # tiles that scenes choose from, each turned and shifted by its own seed
+VARIANTS = 2  # number of tiles that scenes choose from; each scene turns and shifts its tile
 
 
 @lru_cache(maxsize=VARIANTS)
 def plates(seed: int) -> np.ndarray:
-    """(M, 5) int8 of pyramid: slopes along and across, tone, share of light that cracks take, and cover.
+    """Return a tile of plates at all resolutions.
 
-    Slopes in STEEPEST / CODES, tone (logarithm of brightness) in TONES / CODES, crack in 1 / CODES, cover in DEEPEST /
-    CODES: how much of the ground must be bare before the wind has swept the sand off this place too, 0 to 1 on plates.
+    Returns:
+        (M, 5) int8 of `pyramid`: slopes along and across in STEEPEST / CODES, tone (logarithm of brightness) in
+        TONES / CODES, crack (share of the light that cracks take) in 1 / CODES, and cover in DEEPEST / CODES. The cover
+        is how bare the ground must be before the wind has swept the sand off this point too, 0 to 1 on plates.
     """
     rng = np.random.default_rng((seed, 9))
     k = np.hypot(scipy.fft.fftfreq(SIDE, TEXEL)[:, None], scipy.fft.rfftfreq(SIDE, TEXEL)[None, :])
@@ -68,7 +72,7 @@ def plates(seed: int) -> np.ndarray:
 
 
 def _drawn(count: int, rng: np.random.Generator) -> np.ndarray:
-    """(count,) of DRAWN."""
+    """Draw the properties of plates or pieces, (count,) of DRAWN."""
     out = np.empty(count, dtype=DRAWN)
     out["east"], out["north"] = rng.normal(0, TILT, (2, count))
     out["tone"], out["chance"] = rng.standard_normal(count), rng.random(count)
@@ -76,31 +80,31 @@ def _drawn(count: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def _field(rng: np.random.Generator, band: np.ndarray) -> np.ndarray:
-    """(SIDE, SIDE) float32 periodic noise of unit variance with the given spectrum."""
+    """Draw (SIDE, SIDE) float32 periodic noise of unit variance with the given spectrum."""
     white = scipy.fft.rfft2(rng.standard_normal((SIDE, SIDE)))
     out = scipy.fft.irfft2(white * band, s=(SIDE, SIDE))
     return (out / out.std()).astype(np.float32)
 
 
 def _jittered(n: int, rng: np.random.Generator) -> np.ndarray:
-    """(n, n, 2) points x, y [texels], one in each cell of a grid over the tile."""
+    """Draw (n, n, 2) points x, y [texels], one in each cell of a grid over the tile."""
     j, i = np.indices((n, n))
     return (np.stack([i, j], -1) + rng.uniform(0.08, 0.92, (n, n, 2))) * (SIDE / n)
 
 
 @compiled
 def _nearest(points, x, y):
-    """The cell of the point nearest to x, y [texels], the vector from it, and the distance to the cell's border."""
+    """Return the point nearest to x, y [texels], the vector from it, and the distance to its Voronoi cell's border."""
     n = len(points)
     cell = SIDE / n
     ci, cj = math.floor(x / cell), math.floor(y / cell)
-    best, found, bx, by = 1e18, 0, 0.0, 0.0
+    best, nearest, bx, by = 1e18, 0, 0.0, 0.0
     for j in range(cj - 2, cj + 3):
         for i in range(ci - 2, ci + 3):
             dx = x - (points[j % n, i % n, 0] + SIDE * math.floor(i / n))
             dy = y - (points[j % n, i % n, 1] + SIDE * math.floor(j / n))
             if dx * dx + dy * dy < best:
-                best, found, bx, by = dx * dx + dy * dy, (j % n) * n + i % n, dx, dy
+                best, nearest, bx, by = dx * dx + dy * dy, (j % n) * n + i % n, dx, dy
     border = 1e18
     for j in range(cj - 2, cj + 3):
         for i in range(ci - 2, ci + 3):
@@ -109,14 +113,14 @@ def _nearest(points, x, y):
             apart = math.hypot(dx - bx, dy - by)
             if apart > 1e-6:
                 border = min(border, (dx * dx + dy * dy - best) / (2 * apart))
-    return found, bx, by, border
+    return nearest, bx, by, border
 
 
 @compiled
 def _plates(large, small, plate_drawn, piece_drawn, bend_x, bend_y, rough, height, out):
-    """Heights [m] of plates, and channels 2 to 4 of out (SIDE, SIDE, CHANNELS) in codes; see plates.
+    """Fill in the heights of plates [m], and channels 2 to 4 of out (SIDE, SIDE, CHANNELS) in codes; see plates.
 
-    large, small: points of plates and of pieces, see _jittered; plate_drawn, piece_drawn: of DRAWN.
+    large, small: points of plates and of pieces, of _jittered; plate_drawn, piece_drawn: of DRAWN.
     """
     for j in range(SIDE):
         for i in range(SIDE):
@@ -124,7 +128,7 @@ def _plates(large, small, plate_drawn, piece_drawn, bend_x, bend_y, rough, heigh
             m, qx, qy, split = _nearest(small, i + PIECE_BEND * bend_y[j, i], j + PIECE_BEND * bend_x[j, i])
             border, split = border * TEXEL, split * TEXEL
             plate, piece = plate_drawn[n], piece_drawn[m]
-            broken = plate.chance < BROKEN  # into pieces, or whole
+            broken = plate.chance < BROKEN  # into pieces
             edge = border - (JOINT[0] + JOINT[1] * piece.chance + ROUGH_JOINT * rough[j, i])
             inside = 1 - math.exp(-max(edge, 0.0) / ROUNDING)
             crack = math.exp(-max(edge, 0.0) / JOINT_CRACK) if edge > -JOINT_SIDE else 0.0
@@ -138,7 +142,7 @@ def _plates(large, small, plate_drawn, piece_drawn, bend_x, bend_y, rough, heigh
                 lean += PIECE_TILT * (piece.east * qx + piece.north * qy)
                 tone += PIECE_TONE * piece.tone
                 cover += PIECE_COVER * piece.chance
-            # sand thins out over a plate's border
+            # sand thins out across a plate's border
             cover += BORDER_COVER * min(max(-edge / BORDER + 0.5, 0.0), 1.0)
             height[j, i] = inside * (STANDING + lean * TEXEL + ROUGH_HEIGHT * rough[j, i])
             out[j, i, 2] = min(max(tone / TONES, -1.0), 1.0) * CODES
@@ -148,9 +152,9 @@ def _plates(large, small, plate_drawn, piece_drawn, bend_x, bend_y, rough, heigh
 
 @inlined
 def pavement_at(placed, u, v, footprint):
-    """Slopes along u and v, tone, crack and cover of the bedrock at surface coordinates u, v [m].
+    """Return slopes along u and v, tone, crack and cover of the bedrock at surface coordinates u, v [m].
 
-    placed: PlacedTile of plates; footprint: width of a pixel on the ground [m].
+    placed: PlacedTile of `plates`; footprint: width of a pixel on the ground [m].
     """
     along, across, tone, crack, cover = pyramid_at(placed, SIDE, TEXEL, u, v, footprint)
     steep = np.float32(STEEPEST / CODES)

@@ -1,7 +1,7 @@
-"""The ground between the rocks: pebbles and grain too small for the mesh, and the small ripples of the wind.
+"""The ground between the rocks: pebbles and grain too small for the mesh, and the wind's small ripples.
 
-Both are periodic tiles that are laid on the ground by world position. Pebbles are modelled once, as a height field;
-their shadows are cast for the sun of the scene.
+Both are periodic tiles that lie on the ground by world position. Pebbles are modelled once as a height field; their
+shadows are cast for the sun of the scene.
 """
 
 from __future__ import annotations
@@ -17,35 +17,36 @@ from marssim.render.surfaces.grain import STEP, TEXELS, TILE
 from marssim.render.surfaces.pyramid import CODES, pyramid, pyramid_at
 
 SIDE = 1024  # texels along a side of the tile of pebbles
-TEXEL = 0.0028  # [m]
-SIZES = (0.006, 0.034)  # [m] diameters of pebbles; larger ones are rocks of the mesh
-COVER = 0.12  # share of the tile under pebbles
-STEEPEST = 1.5  # slope at which the coded slopes end
-TONES = 1.5  # logarithm of brightness at which the coded tones end
-GRAIN = 3.5  # standard deviations of the grain at which its codes end
-GRAIN_BAND = (0.006, 0.2)  # [m] wavelengths of the grain, from the least to the most
+TEXEL = 0.0028  # [m] size of a texel
+SIZES = (0.006, 0.034)  # [m] least and largest diameter of pebbles; larger ones are rocks of the mesh
+COVER = 0.12  # share of the tile that pebbles cover
+STEEPEST = 1.5  # slope of the largest code
+TONES = 1.5  # logarithm of brightness of the largest code
+GRAIN = 3.5  # standard deviations of the grain of the largest code
+GRAIN_BAND = (0.006, 0.2)  # [m] shortest and longest wavelength of the grain
 PEBBLE_TONES = 0.3  # standard deviation of the logarithm of pebbles' brightness
-LOWEST_SUN = 0.05  # tangent of its elevation: a lower one casts no longer shadows
+LOWEST_SUN = 0.05  # tangent of the sun's elevation below which shadows of pebbles grow no longer
 ROUGH = 0.3  # [texels] standard deviation of the grain's height
-LONGEST = 40  # [texels] shadow of a pebble
-WIDEST = 0.03  # [m] width of a pixel from which only the tile's mean is seen
-# x, y, diameter [texels]; turn [rad]; short over long axis, sharpness of the shoulders, height over diameter, slopes of
-# the top; tone, of unit spread
+LONGEST = 40  # [texels] longest shadow of a pebble
+WIDEST = 0.03  # [m] width of a pixel from which on it shows the tile's mean only
+# A pebble. x, y, diameter: [texels]; turn: [rad]; narrow: short over long axis; blunt: sharpness of its shoulders;
+# ratio: height over diameter; tilt_x, tilt_y: slopes of its top; tone: of unit variance.
 PEBBLE_FIELDS = ("x", "y", "diameter", "turn", "narrow", "blunt", "ratio", "tilt_x", "tilt_y", "tone")
 PEBBLE = np.dtype([(name, np.float64) for name in PEBBLE_FIELDS])
-VARIANTS = 4  # tiles that scenes choose from, each turned and shifted by its own seed
+VARIANTS = 4  # number of tiles that scenes choose from; each scene turns and shifts its tile
 
 
 @lru_cache(maxsize=VARIANTS)
 def gravel(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(SIDE, SIDE) float32 heights of pebbles [texels], their tones, of unit spread, 0 beside them, and fine grain.
+    """Draw a periodic tile of pebbles. The number of pebbles larger than D falls as D^-3.
 
-    Periodic. The number of pebbles larger than D falls as D^-3. Grain: noise of unit variance
-    with equal power in each octave of wavelengths from 6 to 200 mm.
+    Returns:
+        Three maps, (SIDE, SIDE) float32 each: heights of pebbles [texels]; tones of unit variance, 0 between pebbles;
+        and grain, noise of unit variance with equal power in each octave of wavelengths from 6 to 200 mm.
     """
     rng = np.random.default_rng((seed, 7))
     low, high = SIZES
-    # mean of D^2 over sizes of which as many as D^-3 are larger than D
+    # mean of D^2 if the number of pebbles larger than D falls as D^-3
     square = 3 * low**2 * (1 - low / high) / (1 - (low / high) ** 3)
     count = int(COVER * (SIDE * TEXEL) ** 2 / (math.pi / 4 * square))
     diameter = rng.uniform(high**-3, low**-3, count) ** (-1 / 3)
@@ -68,7 +69,7 @@ def gravel(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @compiled
 def _pebbles(pebbles, side):
-    """Heights [texels] and tones of pebbles (N,) of PEBBLE, as lumps with flat tops and tilted; the highest counts."""
+    """Return heights [texels] and tones of pebbles (N,) of PEBBLE: lumps with flat, tilted tops; the highest counts."""
     heights = np.zeros((side, side), dtype=np.float32)
     tones = np.zeros((side, side), dtype=np.float32)
     for n in range(len(pebbles)):
@@ -92,9 +93,9 @@ def _pebbles(pebbles, side):
 
 @compiled
 def _layers(heights, tones, grain, along, across, rise, pebble_tone, out):
-    """Fill out (SIDE, SIDE, 5) of the finest level, in codes; heights [texels]; see grit.
+    """Fill in the finest level, out (SIDE, SIDE, 5), in codes; heights [texels]; see grit.
 
-    along, across: (unit) direction towards the sun in texels; rise: tangent of its elevation.
+    along, across: unit vector towards the sun in the tile; rise: tangent of the sun's elevation.
     """
     side = len(heights)
     top = heights.max()
@@ -121,11 +122,18 @@ def _layers(heights, tones, grain, along, across, rise, pebble_tone, out):
 
 
 def grit(seed: int, turn: float, sun: np.ndarray, pebble_tone: float) -> np.ndarray:
-    """(M, 5) int8, all resolutions of the tile one after another: slopes along and across, tone, shade, grain.
+    """Return the tile of pebbles and grain at all resolutions.
 
-    Slopes in STEEPEST / CODES, tone (logarithm of brightness) in TONES / CODES, shade (share of the sun that pebbles
-    hide) in 1 / CODES, grain in GRAIN / CODES standard deviations. turn: angle from the world's axes to the tile's
-    [rad]; sun: (3,) unit, world; pebble_tone: mean tone of the pebbles.
+    Args:
+        seed: Seed that chooses one of VARIANTS tiles.
+        turn: Angle from the world's axes to the tile's [rad].
+        sun: (3,) unit vector towards the sun, world frame.
+        pebble_tone: Mean tone of the pebbles, as logarithm of brightness.
+
+    Returns:
+        (M, 5) int8 of `pyramid`: slopes along and across in STEEPEST / CODES, tone (logarithm of brightness) in
+        TONES / CODES, shade (share of the sun that pebbles hide) in 1 / CODES, and grain in GRAIN / CODES standard
+        deviations.
     """
     heights, tones, grain = gravel(seed % VARIANTS)
     cosine, sine = math.cos(turn), math.sin(turn)
@@ -142,10 +150,13 @@ def grit(seed: int, turn: float, sun: np.ndarray, pebble_tone: float) -> np.ndar
 
 @lru_cache(maxsize=VARIANTS)
 def ripple_tile(seed: int) -> np.ndarray:
-    """(TILE + 1, TILE + 1, 3) int16 of wind ripples and their slopes, coded as texture.coded_tile, crests along y.
+    """Draw a tile of wind ripples with crests along y, and their slopes.
 
     The crests follow the phase of a narrow-band wave, which has forks and ends, as real ripples have (cf.
-    scene.landforms); the lee side, towards +x, is the steeper one.
+    scene.landforms). The lee side, towards +x, is the steeper one.
+
+    Returns:
+        (TILE + 1, TILE + 1, 3) int16, coded as `grain.coded_tile`.
     """
     rng = np.random.default_rng((seed, 8))
     across, down = scipy.fft.fftfreq(TILE)[None, :] * TEXELS, scipy.fft.fftfreq(TILE)[:, None] * TEXELS
@@ -166,9 +177,9 @@ def ripple_tile(seed: int) -> np.ndarray:
 
 @inlined
 def grit_at(placed, u, v, footprint):
-    """Slopes along u and v, tone, shade and grain of the pebbles at surface coordinates u, v [m].
+    """Return slopes along u and v, tone, shade and grain of the pebbles at surface coordinates u, v [m].
 
-    placed: PlacedTile of grit; footprint: width of a pixel on the ground [m].
+    placed: PlacedTile of `grit`; footprint: width of a pixel on the ground [m].
     """
     along, across, tone, shade, grain = pyramid_at(placed, SIDE, TEXEL, u, v, footprint)
     steep = np.float32(STEEPEST / CODES)

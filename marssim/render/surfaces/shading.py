@@ -1,8 +1,8 @@
-"""From geometry to radiance: regolith and rock under sun, sky and dust.
+"""Shading: the radiance of regolith and rock under sun, sky and dust.
 
-Deferred: the light of a pixel is a function of what it sees (position, normal, surface), so both eyes see one world and
-the ground truth stays exact. Radiance is linear RGB, relative to a white Lambert surface under the sun at zenith
-without air.
+It is deferred: the light of a pixel is a function of what the pixel shows (position, normal, surface). So both cameras
+see the same world, and the ground truth stays exact. Radiance is linear RGB, relative to a white Lambert surface under
+the sun at zenith without air.
 """
 
 from __future__ import annotations
@@ -19,20 +19,27 @@ from marssim.render.surfaces.materials import materials
 from marssim.render.surfaces.surroundings import surroundings_at
 from marssim.scene.scene import Scene
 
-SKY_COLOUR = (1.0, 0.86, 0.70)  # of the light that the sky throws on the ground
-DUST_SCALE_HEIGHT = 10_800.0  # [m]
+SKY_COLOUR = (1.0, 0.86, 0.70)  # colour of the light that the sky casts on the ground
+DUST_SCALE_HEIGHT = 10_800.0  # [m] scale height of the dust
 THIN = 8e-4  # optical depth of dust too thin to show: it changes the image by an eighth of a grey level
-AHEAD = 0.9  # of skylight on a wall that faces a sun at the horizon, how much more than its mean over all walls
-LEAST_SKY = 0.2  # of the mean, on a wall that faces away
-LEAST_SLANT = 0.08  # cosine of the view's angle: what is seen edge on is filtered as if at that one
-LEAST_OUT = 0.05  # cosine of the view's angle to the fine relief, which may turn away though its surface does not
-DUSK = 12.0  # the sun fades over the last twelfth of its cosine on the surface itself: relief does not outlast it
-BOUNCE = 0.18  # light that level ground under a zenith sun throws at a wall, of the sun's
+AHEAD = 0.9  # excess of skylight over its mean on a wall that faces a sun at the horizon
+LEAST_SKY = 0.2  # least skylight over its mean, on a wall that faces away from the sun
+LEAST_SLANT = 0.08  # least cosine of the viewing angle at which textures are filtered
+LEAST_OUT = 0.05  # least cosine of the viewing angle to the fine relief, which may be turned away from the camera
+DUSK = (
+    12.0  # sunlight fades over the last twelfth of its cosine on the surface, so that relief catches no light after it
+)
+BOUNCE = 0.18  # light that level ground under a zenith sun reflects to a wall, over the sunlight
 GROUND_GREY = 0.27  # mean of GROUND_COLOUR
 
 
 class Shader:
-    """Radiance of surface points and sky of one Scene. light: its Daylight."""
+    """Computes the radiance of surface points and sky of one scene.
+
+    Attributes:
+        scene: The scene.
+        light: Its Daylight.
+    """
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
@@ -50,11 +57,20 @@ class Shader:
         at: np.ndarray | None = None,
         out: np.ndarray | None = None,
     ) -> np.ndarray:
-        """(N, 3) float32 radiance towards the eye.
+        """Return the radiance of surface points towards the eye.
 
-        points: (N, 3) world [m]; normals: (N, 3) shading normals, world; surface: (N,) ids (GROUND, rock n + 1);
-        eye: (3,) world; lit: (N,) in [0, 1], share of the sun that is seen; focal [px] gives the pixel footprint.
-        at: (M,) int32, of which of them the points are, which are then (M, 3); out: (N, 3) float32, written there only.
+        Args:
+            points: (N, 3) points, world frame [m]; (M, 3) if `at` is given.
+            normals: (N, 3) shading normals, world frame.
+            surface: (N,) surface ids: GROUND or rock n + 1.
+            eye: (3,) position of the camera, world frame [m].
+            lit: (N,) share of the sun that is visible, 0 to 1.
+            focal: Focal length [px], which gives the footprint of a pixel.
+            at: (M,) int32, the rows of the other arrays that the points belong to; None for all.
+            out: (N, 3) float32, in which only these rows are written; None makes a new array.
+
+        Returns:
+            (N, 3) float32 radiance, `out` if it is given.
         """
         if at is None:
             at = np.arange(len(points), dtype=np.int32)
@@ -68,16 +84,17 @@ class Shader:
         return out
 
     def sky(self, directions: np.ndarray) -> np.ndarray:
-        """(N, 3) float32 radiance of the sky along unit directions (N, 3), world frame.
+        """Return the radiance of the sky, (N, 3) float32, along unit directions (N, 3), world frame.
 
-        Butterscotch, paler and brighter towards the horizon and around the sun, where dust scatters forward.
+        The sky is butterscotch. It is paler and brighter towards the horizon, and around the sun, where dust scatters
+        forward.
         """
         return skies(np.ascontiguousarray(directions, dtype=np.float64), self.light)
 
 
 @compiled
 def _surface(points, at, normals, surface, eye, lit, focal, ground, rocks, light, out):
-    """Fill out, see Shader.surface. ground, rocks: of materials; light: Daylight."""
+    """Fill in `out`, see Shader.surface. ground, rocks: of materials; light: Daylight."""
     mix, relief, stains, ripples, pebbles, bedrock, near_rocks = ground
     contrast, noise, of_surface = rocks
     sun, sunlight, skylight, optical_depth = light
@@ -115,7 +132,7 @@ def _surface(points, at, normals, surface, eye, lit, focal, ground, rocks, light
         direct *= lit[m] * open_sun
         open_sky = (0.5 + 0.5 * nz) * (1 - hidden)
         bounce = BOUNCE * (1 - open_sky) * sz / GROUND_GREY
-        # dust scatters forward, so that the sky is brighter on the sun's side: relief shows in shadow, too
+        # dust scatters forward, so the sky is brighter on the sun's side, and relief shows in shadow too
         sky = skylight * open_sky * max(1 + ahead * (nx * sx + ny * sy), LEAST_SKY)
         red *= sun_red * (direct + bounce * GROUND_COLOUR[0]) + sky * SKY_COLOUR[0]
         green *= sun_green * (direct + bounce * GROUND_COLOUR[1]) + sky * SKY_COLOUR[1]
@@ -132,7 +149,7 @@ def _surface(points, at, normals, surface, eye, lit, focal, ground, rocks, light
 
 @inlined
 def _rock(point, normal, footprint, contrast, noise, surface, rock):
-    """Albedo (red, green, blue) of a rock at a point (x, y, z), and the normal of its fine relief, not of unit length.
+    """Return the albedo (red, green, blue) of a rock at a point (x, y, z), and the unnormalised normal of its relief.
 
     normal: (x, y, z) of its surface; contrast, noise: of RockSurface; surface: its id; rock: of ROCK.
     """
@@ -143,7 +160,7 @@ def _rock(point, normal, footprint, contrast, noise, surface, rock):
         across = 0
     elif abs(my) >= abs(mz):
         across = 1
-    shift = 0.37 * surface  # [m] so that neighbours are not alike
+    shift = 0.37 * surface  # [m] so that neighbouring rocks differ
     above = (z - rock.base - rock.east * x - rock.north * y) / max(rock.fillet, 1e-3) - 1
     red, green, blue, du, dv, sand = rock_at(
         np.float32((y if across == 0 else x) + shift), np.float32((y if across == 2 else z) + shift), mz,
@@ -162,7 +179,10 @@ def _rock(point, normal, footprint, contrast, noise, surface, rock):
 
 @inlined
 def _reflected(cos_in, cos_out, cos_phase):
-    """Sunlight that comes back, over that of a white Lambert surface under a sun at zenith: a mixture of Lambert and
-    Lommel-Seeliger with a backscatter lobe. Cosines of the angles of incidence and of view, and between the two."""
+    """Return the reflected sunlight over that of a white Lambert surface under a sun at zenith.
+
+    It is a mixture of Lambert and Lommel-Seeliger with a backscatter lobe. cos_in, cos_out: cosines of the angles of
+    incidence and of view; cos_phase: of the angle between sun and view.
+    """
     back = (1 + cos_phase) / 2
     return (0.55 * cos_in + 0.9 * cos_in / (cos_in + cos_out + 1e-3)) * (0.86 + 0.32 * back * back * back)
