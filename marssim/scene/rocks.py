@@ -43,7 +43,7 @@ class RockConfig:
     0.15."""
     min_diameter: float = 0.03
     """Diameter of the smallest rocks [m], near the middle where the cameras stand. Farther out, only larger ones are
-    drawn; smaller ones are pebbles of the surface."""
+    drawn."""
     cluster: float = 0.3
     """Share of the rocks that lie beside a larger one, 0 to 1."""
     height_ratio: float = 0.5
