@@ -92,3 +92,11 @@ def test_the_cells_of_the_notebook_run_one_after_the_other(tmp_path):
     program = tmp_path / "chain.py"
     program.write_text("\n".join(["from pathlib import Path", *settings, *cells]))
     assert "goal: " in run(str(program))
+
+
+def test_the_notebook_holds_its_outputs_and_is_small():
+    text = (EXAMPLES / "chain.ipynb").read_text(encoding="utf-8")
+    cells = [cell for cell in json.loads(text)["cells"] if cell["cell_type"] == "code"]
+    assert len(text) < 300_000
+    assert sum(any("image/jpeg" in output.get("data", {}) for output in cell["outputs"]) for cell in cells) >= 4
+    assert not any(output["output_type"] == "error" for cell in cells for output in cell["outputs"])
