@@ -71,7 +71,7 @@ def average(pixels: np.ndarray, samples: np.ndarray, colour: np.ndarray) -> None
 def _edge_pixels(depth, surface, lit):
     height, width = depth.shape
     out = np.empty(height * width, dtype=np.int32)
-    found = 0
+    count = 0
     bend = np.float32(BEND_SHARE)
     share, least, one, none = np.float32(STEP_SHARE), np.float32(STEP_LEAST), np.float32(1), np.float32(0)
     for row in range(height):
@@ -105,9 +105,9 @@ def _edge_pixels(depth, surface, lit):
                         low, high = min(low, other), max(high, other)
                 edge = high - low > share * inverse + least
             if edge:
-                out[found] = row * width + column
-                found += 1
-    return out[:found]
+                out[count] = row * width + column
+                count += 1
+    return out[:count]
 
 
 @compiled

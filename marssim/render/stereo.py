@@ -131,20 +131,20 @@ def _hit_points(rays, depth, normal, surface, pose, known):
     """Return the rays (M,) that hit a surface and are not known, with points (M, 3) and normals (M, 3), world frame."""
     n = len(rays)
     at, points, normals = np.empty(n, dtype=np.int32), np.empty((n, 3)), np.empty((n, 3), dtype=np.float32)
-    found = 0
+    count = 0
     for k in range(n):
         if surface[k] == SKY or known[k]:
             continue
-        at[found] = k
+        at[count] = k
         z = depth[k]
         for axis in range(3):
             ray = pose[axis, 0] * rays[k, 0] + pose[axis, 1] * rays[k, 1] + pose[axis, 2] * rays[k, 2]
-            points[found, axis] = pose[axis, 3] + z * ray
-            normals[found, axis] = (
+            points[count, axis] = pose[axis, 3] + z * ray
+            normals[count, axis] = (
                 pose[axis, 0] * normal[k, 0] + pose[axis, 1] * normal[k, 1] + pose[axis, 2] * normal[k, 2]
             )
-        found += 1
-    return at[:found], points[:found], normals[:found]
+        count += 1
+    return at[:count], points[:count], normals[:count]
 
 
 @compiled

@@ -140,7 +140,7 @@ def _leaving(points, normals, light, near, axes, shift):
     """Return the points whose faces are turned to the light, and the image x, image y and S where their rays start."""
     n = len(points)
     at, x, y, s = np.empty(n, dtype=np.int32), np.empty(n), np.empty(n), np.empty(n)
-    found = 0
+    count = 0
     for k in range(n):
         px, py, pz = points[k, 0], points[k, 1], points[k, 2]
         nx, ny, nz = normals[k, 0], normals[k, 1], normals[k, 2]
@@ -150,9 +150,9 @@ def _leaving(points, normals, light, near, axes, shift):
         if nx * tx + ny * ty + nz * tz > 0:
             px, py, pz = px + SELF_GAP * nx, py + SELF_GAP * ny, pz + SELF_GAP * nz
             w = axes[2, 0] * px + axes[2, 1] * py + axes[2, 2] * pz + shift[2]
-            at[found] = k
-            x[found] = (axes[0, 0] * px + axes[0, 1] * py + axes[0, 2] * pz + shift[0]) / w
-            y[found] = (axes[1, 0] * px + axes[1, 1] * py + axes[1, 2] * pz + shift[1]) / w
-            s[found] = axes[3, 0] * px + axes[3, 1] * py + axes[3, 2] * pz + shift[3]
-            found += 1
-    return at[:found], x[:found], y[:found], s[:found]
+            at[count] = k
+            x[count] = (axes[0, 0] * px + axes[0, 1] * py + axes[0, 2] * pz + shift[0]) / w
+            y[count] = (axes[1, 0] * px + axes[1, 1] * py + axes[1, 2] * pz + shift[1]) / w
+            s[count] = axes[3, 0] * px + axes[3, 1] * py + axes[3, 2] * pz + shift[3]
+            count += 1
+    return at[:count], x[:count], y[:count], s[:count]

@@ -71,7 +71,7 @@ def test_of_more_triangles_than_it_holds_those_in_view_are_drawn(poses, rasteriz
         assert (rasterizer.render(CAMERA, pose).surface == surface).mean() > 0.999
         assert 0 < len(tiles._tile_of_body) < len(tiles._tiles)
     monkeypatch.setattr(egl_tiles, "MOST_FACES", 1000)
-    with pytest.raises(ValueError, match=r"^a view of \d+ triangles is more than the 1000 that"):
+    with pytest.raises(ValueError, match=r"^the view has \d+ triangles, more than the 1000 that"):
         rasterizer.render(CAMERA, poses[0])
 
 
