@@ -244,7 +244,7 @@ def test_the_hint_scores_every_folder_as_it_was_read(tmp_path) -> None:
     asked = [parse(EvaluateOptions, "evaluate", None, shlex.split(line)[5:]) for line in hints]
     assert [options.data for options in asked] == list(config.data) and len({options.out for options in asked}) == 2
     assert all(options.reader == reader and options.split == "test" for options in asked)
-    assert all(options.weights == tmp_path / "weights.safetensors" for options in asked)
+    assert all(options.weights == (tmp_path / "weights.safetensors",) for options in asked)
 
 
 def test_without_validation_pairs_the_run_says_so_and_goes_on(plane_samples, tmp_path, capsys) -> None:

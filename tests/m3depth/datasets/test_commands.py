@@ -56,7 +56,7 @@ def test_scoring_a_folder_by_patterns(kitti, tmp_path) -> None:
     assert found["depth_range_m"] == [0.5, 9.0]
     assert "Scored: every pixel of true depth 0.5 to 9 m and at most" in (tmp_path / "out" / "results.md").read_text()
     assert found["pairs"] == 2 and found["per_pair"][0]["pair"].endswith("000000_10")
-    scored = found["methods"]["M3Depth"]
+    scored = found["methods"]["net"]
     assert scored["depth"]["all"]["pooled"]["epe"] > 0
     assert not scored["normal"]["all"]["pooled"], "there is nothing to compare normals with"
 
