@@ -55,8 +55,9 @@ COMMANDS = {
     "dust/dataset.json": "marssim.generate --out dust --pairs 60 --seed 41 --scene utopia --views-per-scene 2 "
     "--look.albedo-contrast .1 .1 --look.texture-strength .1 .1 --look.pebbles 0 0 --look.wind-ripples 0 0 "
     "--rocks.k .15 --renderer scan",
-    "fine/curves.png": "m3depth.train --data dust --out fine --init shipped --max-minutes 10 --batch 2 --lr 2e-4",
-    "ppo/log.jsonl": "envs.train_ppo --out ppo --max-minutes 8 --workers 1",
+    "fine/curves.png": "m3depth.train --data dust --out fine --init shipped --max-minutes 10 --batch 2 --lr 2e-4 "
+    "--validate-every 20 --validate-samples 8",
+    "ppo/log.jsonl": "envs.train_ppo --out ppo --max-minutes 26 --workers 1",
 }
 
 
@@ -190,14 +191,13 @@ def main(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     run(folder)
     save("presets.jpg", presets(), 1500, 360_000)
-    for name in ("drive", "comparison"):
-        save(f"{name}.jpg", picture(DEMO / f"{name}.png"), 1500, 550_000)
+    save("drive.jpg", picture(DEMO / "drive.png"), 1500, 550_000)
     guides(folder)
 
 
 def guides(folder: Path) -> None:
     """Make the pictures of the guides."""
-    save("guide_generate.jpg", picture(folder / "small" / "contact_sheet.png"))
+    save("guide_generate.jpg", picture(folder / "small" / "contact_sheet.png"), largest=98_000)
     save("guide_verify.jpg", picture(folder / "verify" / "statistics.png"))
     save("guide_score.jpg", picture(folder / "score" / "comparison.png"))
     save("guide_predict.jpg", picture(folder / "predict" / "figure.png"))
