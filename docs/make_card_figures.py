@@ -12,7 +12,7 @@ from m3depth.estimator import load_estimator
 from m3depth.evaluation.scoring import evaluate
 from m3depth.figures.errors import sparsification_figure
 from m3depth.training.samples import Joined
-from marssim.scene.scene import PRESETS
+from marssim.scene.presets import PRESETS
 
 HERE = Path(__file__).parent / "images"
 ROCKS = Path(__file__).parents[1] / "out" / "rocks" / "rocks.png"

@@ -23,7 +23,8 @@ import numpy as np
 from marssim.base.camera import NATECAM, StereoRig
 from marssim.base.images.colours import depth_colours, normal_colours
 from marssim.render.view import SceneRenderer
-from marssim.scene.scene import PRESETS, build_scene, preset
+from marssim.scene.presets import PRESETS, preset
+from marssim.scene.scene import build_scene
 from marssim.scene.viewpoint import ViewConfig
 
 HERE = Path(__file__).parent / "images"

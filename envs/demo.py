@@ -41,7 +41,7 @@ from marssim.engines.bullet import pybullet_is_installed
 from marssim.generate import GenerateConfig, generate_dataset
 from marssim.render.renderers.by_name import default_renderer
 from marssim.scene.place_file import PLACE_VALUES, load_place
-from marssim.scene.scene import PRESETS
+from marssim.scene.presets import PRESETS
 
 MARK = "MADE_BY_DEMO.txt"
 ABOUT_MARK = "python -m envs.demo replaces the files beside this one when it starts, and deletes data/.\n"

@@ -44,7 +44,7 @@ from marssim.base.files.json_file import DatasetError, json_text
 from marssim.base.results.claim import ResultFolder
 from marssim.base.results.code_state import versions
 from marssim.scene.place_file import PLACE_VALUES, load_place
-from marssim.scene.scene import PRESETS
+from marssim.scene.presets import PRESETS
 
 POLICY, SETTINGS_FILE, LOG = "policy.zip", "train_ppo.json", "log.jsonl"  # in OUT
 SECONDS, VERSIONS = "seconds", "versions"  # keys in SETTINGS_FILE: time of training [s], versions of packages

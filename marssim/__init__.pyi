@@ -11,10 +11,12 @@ from .render.sensor import Sensor, SensorConfig
 from .render.stereo import render_stereo
 from .render.surfaces.shading import Shader
 from .render.view import SceneRenderer, render_view
+from .scene.look import LookConfig
 from .scene.place_file import load_place, save_place
+from .scene.presets import PRESETS, preset
 from .scene.relief import ReliefConfig
-from .scene.rocks import RockConfig
-from .scene.scene import PRESETS, LookConfig, Scene, SceneConfig, build_scene, preset
+from .scene.rocks.population import RockConfig
+from .scene.scene import Scene, SceneConfig, build_scene
 from .scene.viewpoint import ViewConfig, draw_pose, pose_on_ground
 
 __version__: str

@@ -30,10 +30,11 @@ from marssim.base.command.notes import counted
 from marssim.base.command.run import exit_code
 from marssim.engines.embree import TriangleRays
 from marssim.generation.config import named_scene
-from marssim.scene.golombek import MAX_DIAMETER, REPORTED, covered_area, number_density, sampling_spread
 from marssim.scene.place_file import PLACE_VALUES, load_place
-from marssim.scene.rocks import RockConfig
-from marssim.scene.scene import PRESETS, Scene, build_scene
+from marssim.scene.presets import PRESETS
+from marssim.scene.rocks.golombek import MAX_DIAMETER, REPORTED, covered_area, number_density, sampling_spread
+from marssim.scene.rocks.population import RockConfig
+from marssim.scene.scene import Scene, build_scene
 
 BAND = 2.0  # width of the strip of ground that is traced at a time [m]
 LEAST_TOLERANCE = 0.10  # relative, of the share that was asked for

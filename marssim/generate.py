@@ -37,7 +37,7 @@ from marssim.generation.config import AUTO, EGL, TINY, GenerateConfig, parse_gen
 from marssim.generation.contact_sheet import contact_sheet
 from marssim.generation.scene_views import draw_drive, draw_scene, draw_view, generate_scene
 from marssim.inspection.integrity import check_written
-from marssim.scene.scene import PRESETS, preset
+from marssim.scene.presets import PRESETS, preset
 from marssim.scene.trajectory import TRAJECTORY
 
 __all__ = ["GenerateConfig", "generate_dataset", "generate_scene"]

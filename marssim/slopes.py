@@ -27,7 +27,8 @@ import tyro
 from marssim.base.command.notes import counted
 from marssim.base.command.run import run_command
 from marssim.scene.place_file import PLACE_VALUES, load_place
-from marssim.scene.scene import PRESETS, SceneConfig
+from marssim.scene.presets import PRESETS
+from marssim.scene.scene import SceneConfig
 from marssim.scene.terrain import BLEND, HeightGrid, Terrain, build_terrain
 
 LAGS = (0.5, 1.0, 2.0, 4.0, 10.0, 30.0, 100.0)  # distances over which slopes are measured [m]

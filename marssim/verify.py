@@ -41,7 +41,7 @@ from marssim.inspection.integrity import Finding, check_extra, check_index, chec
 from marssim.inspection.statistics import SampleStatistics, table
 from marssim.inspection.statistics import __doc__ as definitions
 from marssim.scene.place_file import PLACE_VALUES, load_place
-from marssim.scene.scene import PRESETS
+from marssim.scene.presets import PRESETS
 
 RESULTS = Path("out/verify")  # default folder of the results
 SHOWN = 50  # findings that are printed; verify.json has all of them

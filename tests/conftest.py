@@ -16,9 +16,9 @@ settings.load_profile("suite")
 QUICK = (
     "chain/", "layout/",
     "marssim/base/test_camera.py", "marssim/base/dataset/", "marssim/base/files/", "marssim/base/results/",
-    "marssim/base/command/test_listing.py", "marssim/scene/test_golombek.py", "marssim/scene/test_rocks.py",
-    "marssim/scene/test_placement.py", "marssim/render/geometry/test_vectors.py", "marssim/render/test_sensor.py",
-    "marssim/physics/test_linkage.py", "marssim/layouts/",
+    "marssim/base/command/test_listing.py", "marssim/scene/rocks/test_golombek.py", "marssim/scene/rocks/test_mesh.py",
+    "marssim/scene/rocks/test_placement.py", "marssim/render/geometry/test_vectors.py", "marssim/render/test_sensor.py",
+    "marssim/physics/test_linkage.py",
     "m3depth/network/test_wavelet.py", "m3depth/network/test_geometry.py", "m3depth/network/test_cost_volume.py",
     "m3depth/training/test_losses.py", "m3depth/evaluation/test_metrics.py", "m3depth/stereo/test_plane_normals.py",
     "m3depth/test_estimator.py",

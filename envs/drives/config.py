@@ -17,8 +17,10 @@ from envs.world.course import CourseConfig
 from envs.world.place_note import place_note
 from envs.world.vehicle import DynamicsName, known_dynamics
 from marssim.render.renderers.by_name import RendererName
+from marssim.scene.look import LOOK_LIMITS
 from marssim.scene.place_file import PLACE_VALUES, load_place
-from marssim.scene.scene import LOOK_LIMITS, PRESETS, SceneConfig
+from marssim.scene.presets import PRESETS
+from marssim.scene.scene import SceneConfig
 
 LOOK_FLAGS = (  # flags that replace fields of the scene's LookConfig
     "sun_elevation_deg", "optical_depth", "albedo_contrast", "texture_strength", "pebbles", "wind_ripples",

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from marssim.base.rover_spec import RoverSpec
-from marssim.scene.rocks import outline_points
+from marssim.scene.rocks.outlines import outline_points
 from marssim.scene.scene import Scene
 
 SPACING = 0.03  # [m] between points of an outline; it makes distances at 0.1 m too large by a millimetre at most

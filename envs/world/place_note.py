@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from marssim.scene.place_file import load_place
-from marssim.scene.scene import PRESETS
+from marssim.scene.presets import PRESETS
 
 
 def place_note(scene: str) -> dict[str, str]:

@@ -10,7 +10,7 @@ from typing import Any
 
 from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
 from marssim.generation.config import MIXED, GenerateConfig, RunConfig
-from marssim.scene.scene import PRESETS, preset
+from marssim.scene.presets import PRESETS, preset
 
 NOT_OF_THE_DATA = ("out", "workers", "scheduler")  # fields that do not change the dataset
 HEIGHTMAP, DIGEST = "relief.heightmap", "relief.heightmap_sha256"  # the digest is filled in from the file

@@ -21,7 +21,8 @@ from marssim.base.version import VERSION
 from marssim.render.renderers.by_name import FALLBACK_NOTE, RendererName, default_renderer
 from marssim.render.sensor import SensorConfig
 from marssim.scene.place_file import PLACE_VALUES, load_place
-from marssim.scene.scene import PRESETS, SceneConfig, preset
+from marssim.scene.presets import PRESETS, preset
+from marssim.scene.scene import SceneConfig
 from marssim.scene.trajectory import TrajectoryConfig
 from marssim.scene.viewpoint import ViewConfig
 

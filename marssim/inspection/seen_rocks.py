@@ -18,7 +18,7 @@ import numpy as np
 
 from marssim.base.camera import rotate
 from marssim.base.dataset.sample import StereoSample
-from marssim.scene.golombek import covered_area, sampling_spread
+from marssim.scene.rocks.golombek import covered_area, sampling_spread
 
 REACH = 6.0  # [m] farthest ground that counts: a rock of 0.1 m is 10 px wide there
 DIAMETERS = (0.1, 0.2, 0.3, 0.5)  # [m] least diameters of the rocks that are reported

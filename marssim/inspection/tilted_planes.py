@@ -11,7 +11,7 @@ from marssim.base.camera import PinholeCamera, look_pose
 from marssim.base.dataset.frame import GROUND
 from marssim.inspection.agreement import ShiftFit, raw_depth
 from marssim.render.renderers.renderer import Renderer
-from marssim.scene.rocks import RockConfig
+from marssim.scene.rocks.population import RockConfig
 from marssim.scene.scene import Scene, SceneConfig, build_scene
 
 TILT_DEG = 15.0  # of each plane

@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 
 from marssim.engines.embree import TriangleRays
-from marssim.scene.rocks import Rocks, icosphere
+from marssim.scene.rocks.mesh import Rocks
+from marssim.scene.rocks.shapes import icosphere
 from marssim.scene.scene import Scene
 
 SMALLEST_ROCK = 0.10  # [m] diameter of the smallest rock that matters to a wheel of 0.15 m radius

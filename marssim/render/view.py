@@ -1,7 +1,8 @@
 """Stereo frames of a scene in a few lines of Python, from any place and under any sun.
 
     from marssim.render.view import SceneRenderer, render_view
-    from marssim.scene.scene import build_scene, preset
+    from marssim.scene.presets import preset
+    from marssim.scene.scene import build_scene
 
     scene = build_scene(preset("gale"), rng=7)
     frame = render_view(scene, x=2.0, y=-1.0, yaw_deg=30)

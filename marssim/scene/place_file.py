@@ -20,7 +20,8 @@ from types import NoneType, UnionType
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 from marssim.base.files.json_file import read_json, write_json
-from marssim.scene.scene import PRESETS, SceneConfig, preset
+from marssim.scene.presets import PRESETS, preset
+from marssim.scene.scene import SceneConfig
 
 FIELD = "`scene`"  # in front of each message: a command makes the flag of what stands in ` `
 PLACE_VALUES = "{" + ",".join(PRESETS) + "}|FILE.json"  # how a flag that takes a place shows its values in the help

@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from marssim.base.camera import look_pose
 from marssim.base.rover_spec import ZHURONG, RoverSpec
-from marssim.scene.rocks import STAND, reach_above_ground
+from marssim.scene.rocks.outlines import reach_above_ground
+from marssim.scene.rocks.population import STAND
 from marssim.scene.scene import Scene
 from marssim.scene.viewpoint import TRIES, ViewConfig
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from marssim.base.camera import look_pose
 from marssim.scene.ranges import Range, check_ranges
-from marssim.scene.rocks import STAND
+from marssim.scene.rocks.population import STAND
 from marssim.scene.scene import Scene
 
 LOW = 0.15  # [m] height of rocks that a camera keeps away from

@@ -12,7 +12,8 @@ from marssim.render import stereo
 from marssim.render.renderers.by_name import make_renderer
 from marssim.render.sensor import Sensor, SensorConfig
 from marssim.render.surfaces.shading import Shader
-from marssim.scene.scene import build_scene, preset
+from marssim.scene.presets import preset
+from marssim.scene.scene import build_scene
 from marssim.scene.viewpoint import ViewConfig, draw_pose
 
 pytestmark = pytest.mark.benchmark

@@ -10,7 +10,8 @@ from settling_errors import settling_errors
 from marssim.base.rover_spec import ZHURONG
 from marssim.physics.rover import Rover
 from marssim.physics.world import PhysicsWorld
-from marssim.scene.scene import build_scene, preset
+from marssim.scene.presets import preset
+from marssim.scene.scene import build_scene
 
 pytestmark = pytest.mark.benchmark
 

@@ -8,8 +8,11 @@ import envs.mars_nav
 from envs.mars_nav import MarsNavEnv
 from envs.world.course import Course, TrueGround
 from marssim.base.rover_spec import ZHURONG
-from marssim.scene.rocks import Rocks, icosphere
-from marssim.scene.scene import Look, Scene, SceneConfig, preset
+from marssim.scene.look import Look
+from marssim.scene.presets import preset
+from marssim.scene.rocks.mesh import Rocks
+from marssim.scene.rocks.shapes import icosphere
+from marssim.scene.scene import Scene, SceneConfig
 from marssim.scene.terrain import HeightGrid, Terrain
 
 cv2.setNumThreads(1)

@@ -5,7 +5,7 @@ import pytest
 
 from envs.demo import DemoConfig, demo, main
 from marssim.base.results.lock import sole_writer
-from marssim.scene.scene import preset
+from marssim.scene.presets import preset
 
 
 class Unused:

@@ -15,7 +15,8 @@ from envs.evaluate import SETTINGS, EvaluateConfig, Task, evaluate, main
 from m3depth.estimator import load_estimator
 from marssim.base.files.json_file import DatasetError
 from marssim.base.results.lock import sole_writer
-from marssim.scene.scene import LookConfig, preset
+from marssim.scene.look import LookConfig
+from marssim.scene.presets import preset
 
 QUICK = {
     "driver": ("straight",), "perception": ("ground_truth",), "dynamics": "kinematic", "goal_distance": 4.0,

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from marssim.abundance import main, measure, visible_areas
-from marssim.scene.golombek import covered_area
-from marssim.scene.rocks import RockConfig
-from marssim.scene.scene import PRESETS, SceneConfig, build_scene, preset
+from marssim.scene.presets import PRESETS, preset
+from marssim.scene.rocks.golombek import covered_area
+from marssim.scene.rocks.population import RockConfig
+from marssim.scene.scene import SceneConfig, build_scene
 
 CELL = 0.025  # [m]
 

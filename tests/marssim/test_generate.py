@@ -21,8 +21,9 @@ from marssim.engines.egl import Egl, probe
 from marssim.generate import GenerateConfig, generate_dataset, generate_scene
 from marssim.generation import scene_views
 from marssim.render.sensor import SensorConfig
+from marssim.scene.presets import PRESETS, preset
 from marssim.scene.relief import ReliefConfig
-from marssim.scene.scene import PRESETS, SceneConfig, preset
+from marssim.scene.scene import SceneConfig
 from marssim.scene.trajectory import TrajectoryConfig
 from marssim.scene.viewpoint import ViewConfig
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from marssim.scene.relief import ReliefConfig
-from marssim.scene.rocks import RockConfig
+from marssim.scene.rocks.population import RockConfig
 from marssim.scene.scene import build_scene
 from marssim.scene.terrain import HeightGrid, build_terrain
 from marssim.slopes import FITTED, LAGS, SlopesConfig, gentle_share, main, measure, rms_difference, slopes

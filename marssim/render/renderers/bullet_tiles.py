@@ -18,7 +18,7 @@ import numpy as np
 from marssim.base.camera import PinholeCamera
 from marssim.base.dataset.frame import GROUND, SKY
 from marssim.engines.bullet import import_pybullet
-from marssim.scene.rocks import Rocks
+from marssim.scene.rocks.mesh import Rocks
 from marssim.scene.scene import Scene
 from marssim.scene.terrain import HeightGrid
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from marssim.base.compute.compiled import compiled, inlined
-from marssim.scene.scene import Look
+from marssim.scene.look import Look
 
 EXTINCTION = (0.42, 0.46, 0.52)  # extinction of red, green and blue sunlight by dust of unit optical depth
 SKY_STRENGTH = 0.42  # skylight under thick dust and a zenith sun

@@ -15,7 +15,7 @@ from marssim.render.surfaces.pavement import VARIANTS as PLATE_VARIANTS
 from marssim.render.surfaces.pyramid import CHANNELS, CODES, PlacedTile
 from marssim.render.surfaces.regolith import TONES, VARIANTS, grit, ripple_tile
 from marssim.render.surfaces.surroundings import surroundings
-from marssim.scene.rocks import ground_plane
+from marssim.scene.rocks.mesh import ground_plane
 from marssim.scene.scene import Scene
 
 RELIEF_WAVELENGTHS = 0.035 * 2.0 ** np.arange(4)  # [m] octaves between the tile of pebbles and the ground's grid

@@ -8,7 +8,7 @@ import numpy as np
 
 from marssim.base.compute.compiled import inlined
 from marssim.render.surfaces.bilinear import bilinear_weights
-from marssim.scene.rocks import Rocks
+from marssim.scene.rocks.mesh import Rocks
 
 CELL = 0.05  # [m] grid spacing of the maps
 SMALLEST = 0.12  # [m] diameter of the smallest rocks that count

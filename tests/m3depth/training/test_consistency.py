@@ -11,7 +11,7 @@ from m3depth.network.geometry import pixel_rays, unit
 from m3depth.training.losses import consistency_loss, consistency_residual, disparity_edges
 from marssim.base.camera import NATECAM, look_pose
 from marssim.render.renderers.embree_renderer import EmbreeRenderer
-from marssim.scene.rocks import RockConfig
+from marssim.scene.rocks.population import RockConfig
 from marssim.scene.scene import SceneConfig, build_scene
 
 CENTRE, RADIUS = torch.tensor([0.15, -0.1, 3.0], dtype=torch.float64), 0.8

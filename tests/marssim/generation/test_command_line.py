@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.generation.command_line import command_flags
 from marssim.generation.config import GenerateConfig, parse_generate
-from marssim.scene.scene import PRESETS, preset
+from marssim.scene.presets import PRESETS, preset
 
 
 def again(config: GenerateConfig) -> GenerateConfig:

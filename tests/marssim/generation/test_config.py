@@ -18,9 +18,11 @@ from marssim.generate import main
 from marssim.generation.command_line import command_flags
 from marssim.generation.config import GenerateConfig, GenerateOptions, RigOptions, RunConfig, parse_generate
 from marssim.render.renderers.by_name import FALLBACK_NOTE
+from marssim.scene.look import LookConfig
+from marssim.scene.presets import PRESETS, preset
 from marssim.scene.relief import ReliefConfig
-from marssim.scene.rocks import RockConfig
-from marssim.scene.scene import PRESETS, LookConfig, SceneConfig, preset
+from marssim.scene.rocks.population import RockConfig
+from marssim.scene.scene import SceneConfig
 from marssim.slopes import SlopesConfig
 from marssim.verify import VerifyConfig
 

@@ -10,7 +10,9 @@ from marssim.base.camera import NATECAM
 from marssim.base.dataset.sample import StereoSample
 from marssim.generate import GenerateConfig, generate_dataset
 from marssim.render.sensor import SensorConfig
-from marssim.scene.scene import Look, SceneConfig, build_scene, preset
+from marssim.scene.look import Look
+from marssim.scene.presets import preset
+from marssim.scene.scene import SceneConfig, build_scene
 
 SMALL = preset("gale", size=12.0, horizon=16.0)
 

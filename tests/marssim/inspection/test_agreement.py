@@ -10,7 +10,7 @@ from marssim.inspection.agreement import Agreement, ShiftFit, agreements
 from marssim.inspection.tilted_planes import plane, plane_shift
 from marssim.render.geometry.gbuffer import GBuffer
 from marssim.render.renderers.embree_renderer import EmbreeRenderer
-from marssim.scene.rocks import RockConfig
+from marssim.scene.rocks.population import RockConfig
 from marssim.scene.scene import Scene, SceneConfig, build_scene
 
 CAMERA = PinholeCamera(144, 128, 160.0, 175.0, 60.3, 71.7)

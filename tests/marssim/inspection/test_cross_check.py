@@ -8,7 +8,7 @@ from marssim.engines.egl import Egl
 from marssim.inspection import cross_check as module
 from marssim.inspection.agreement import Agreement
 from marssim.inspection.cross_check import RendererCheck, cross_check, table
-from marssim.scene.scene import preset
+from marssim.scene.presets import preset
 
 CAMERA = NATECAM.resized(112, 112).camera
 

@@ -7,8 +7,8 @@ from marssim.base.camera import PinholeCamera, StereoRig, look_pose
 from marssim.base.dataset.sample import StereoSample, read_sample
 from marssim.inspection.seen_rocks import DIAMETERS, REACH, RockCover, seen_rocks
 from marssim.render.renderers.embree_renderer import EmbreeRenderer
-from marssim.scene.golombek import sampling_spread
-from marssim.scene.rocks import RockConfig
+from marssim.scene.rocks.golombek import sampling_spread
+from marssim.scene.rocks.population import RockConfig
 from marssim.scene.scene import SceneConfig, build_scene
 
 RIG = StereoRig(PinholeCamera.centred(256, 256, 298.0), 0.27)

@@ -1,8 +1,10 @@
 import numpy as np
 import pytest
 
-from marssim.scene.rocks import Rocks, icosphere
-from marssim.scene.scene import Look, Scene, SceneConfig
+from marssim.scene.look import Look
+from marssim.scene.rocks.mesh import Rocks
+from marssim.scene.rocks.shapes import icosphere
+from marssim.scene.scene import Scene, SceneConfig
 from marssim.scene.terrain import HeightGrid, Terrain
 
 LOOK = Look(np.array([0.0, 0.0, 1.0]), 0.5, 1.0, 1.0, 0, 0.5, 0.5, 0.0, 0.0, 0.3)

@@ -7,7 +7,8 @@ from marssim.base.rover_spec import ZHURONG
 from marssim.physics.kinematics import KinematicRover, collides, settle
 from marssim.physics.state import Contacts
 from marssim.physics.support import SupportMap
-from marssim.scene.scene import build_scene, preset
+from marssim.scene.presets import preset
+from marssim.scene.scene import build_scene
 
 
 @settings(max_examples=25, deadline=None)

@@ -15,7 +15,8 @@ from marssim.base.rover_spec import ZHURONG  # noqa: E402
 from marssim.physics.linkage import WHEELS, Linkage  # noqa: E402
 from marssim.physics.rover import WHEEL_FRICTION, Rover  # noqa: E402
 from marssim.physics.world import GROUND_FRICTION, PhysicsWorld  # noqa: E402
-from marssim.scene.scene import build_scene, preset  # noqa: E402
+from marssim.scene.presets import preset  # noqa: E402
+from marssim.scene.scene import build_scene  # noqa: E402
 
 STRAIGHT = np.zeros(6)
 HUBS = ZHURONG.wheel_positions
@@ -176,7 +177,8 @@ import hashlib
 import numpy as np
 from marssim.physics.rover import Rover
 from marssim.physics.world import PhysicsWorld
-from marssim.scene.scene import build_scene, preset
+from marssim.scene.presets import preset
+from marssim.scene.scene import build_scene
 scene = build_scene(preset("gale", size=8.0, cell=0.2, horizon=8.0), np.random.default_rng(5))
 with PhysicsWorld(scene) as world:
     rover = Rover(world, 0.0, 0.0, 0.2)

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from marssim.physics.support import SupportMap, coarse_faces, split_rocks
-from marssim.scene.rocks import icosphere
-from marssim.scene.scene import build_scene, preset
+from marssim.scene.presets import preset
+from marssim.scene.rocks.shapes import icosphere
+from marssim.scene.scene import build_scene
 
 BALLS = [(1.0, 0.0, 0.0, 0.25), (-1.0, 0.5, 0.3, 0.4), (2.0, 2.0, 0.0, 0.04)]  # climbable, obstacle, too small
 

@@ -14,7 +14,7 @@ from marssim.render.renderers.embree_renderer import EmbreeRenderer
 from marssim.render.sensor import Sensor
 from marssim.render.stereo import radiance, render_stereo
 from marssim.render.surfaces.shading import Shader
-from marssim.scene.rocks import RockConfig
+from marssim.scene.rocks.population import RockConfig
 from marssim.scene.scene import Scene, SceneConfig, build_scene
 
 RIG = NATECAM.resized(160, 160)

@@ -9,8 +9,9 @@ from marssim.generation import scene_views
 from marssim.generation.config import GenerateConfig
 from marssim.render.sensor import Sensor
 from marssim.render.view import SceneRenderer, render_view
-from marssim.scene.rocks import RockConfig
-from marssim.scene.scene import build_scene, preset
+from marssim.scene.presets import preset
+from marssim.scene.rocks.population import RockConfig
+from marssim.scene.scene import build_scene
 
 RIG = NATECAM.resized(96, 96)
 SMALL = {"size": 12.0, "horizon": 16.0}

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from marssim.scene.place_file import load_place, save_place
-from marssim.scene.scene import PRESETS, build_scene, preset
+from marssim.scene.presets import PRESETS, preset
+from marssim.scene.scene import build_scene
 
 
 @pytest.fixture

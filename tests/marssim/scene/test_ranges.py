@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from marssim.render.sensor import SensorConfig
+from marssim.scene.look import LookConfig
 from marssim.scene.ranges import Range, check_ranges
-from marssim.scene.scene import LookConfig
 from marssim.scene.viewpoint import ViewConfig
 
 LIMITS = {"first": (0.0, 1.0), "second": (-5.0, 5.0)}

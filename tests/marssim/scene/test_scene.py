@@ -3,12 +3,10 @@ from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from marssim.base.dataset.encoding import FARTHEST
-from marssim.scene.rocks import STAND, RockConfig
-from marssim.scene.scene import PRESETS, SCENE_LIMITS, LookConfig, SceneConfig, build_scene, draw_look, preset
+from marssim.scene.rocks.population import STAND, RockConfig
+from marssim.scene.scene import SCENE_LIMITS, SceneConfig, build_scene
 
 SMALL = SceneConfig(size=8.0, horizon=16.0, rocks=RockConfig(k=0.1))
 
@@ -66,63 +64,6 @@ def test_discs_stay_clear_of_rocks(radius):
         gap = np.hypot(scene.rocks.centre[:, 0] - x, scene.rocks.centre[:, 1] - y) - scene.rocks.diameter / 2
         assert (gap[large] > r).all()
     assert large.sum() > 10
-
-
-def test_presets_are_those_promised():
-    assert {name: preset(name).rocks.k for name in PRESETS} == {
-        "utopia": 0.033,
-        "gusev": 0.05,
-        "gale": 0.07,
-        "jezero": 0.15,
-        "hard": 0.20,
-    }
-    for name in PRESETS:
-        assert preset(name).preset == name
-    assert preset("gale", size=8.0).size == 8.0 and preset("gale", size=8.0).rocks == preset("gale").rocks
-    with pytest.raises(ValueError, match=r"'olympus'.*utopia, gusev"):
-        preset("olympus")
-
-
-@given(
-    elevation=st.tuples(st.floats(0.1, 90), st.floats(0.1, 90)).map(sorted),
-    azimuth=st.tuples(st.floats(-360, 720), st.floats(-360, 720)).map(sorted),
-    seed=st.integers(0, 100),
-)
-def test_the_sun_stands_where_it_was_asked_to(elevation, azimuth, seed):
-    config = LookConfig(sun_elevation_deg=tuple(elevation), sun_azimuth_deg=tuple(azimuth))
-    look = draw_look(config, np.random.default_rng(seed))
-    assert np.linalg.norm(look.sun) == pytest.approx(1)
-    assert elevation[0] - 1e-5 <= np.rad2deg(look.sun_elevation) <= elevation[1] + 1e-5
-    if elevation[1] < 89:
-        turn = (np.rad2deg(np.arctan2(look.sun[1], look.sun[0])) - azimuth[0]) % 360
-        assert turn <= azimuth[1] - azimuth[0] + 1e-5 or turn >= 360 - 1e-5
-    assert 0.3 <= look.optical_depth <= 1.0 and 0.3 <= look.albedo_contrast <= 1.3
-
-
-def test_a_range_of_one_value_is_that_value():
-    config = LookConfig(optical_depth=(0.5, 0.5), texture_strength=(1.0, 1.0))
-    look = draw_look(config, np.random.default_rng(0))
-    assert look.optical_depth == 0.5 and look.texture_strength == 1.0
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("sun_elevation_deg", (0.0, 30.0)),
-        ("sun_elevation_deg", (50.0, 95.0)),
-        ("sun_elevation_deg", (60.0, 30.0)),
-        ("optical_depth", (1.0, 0.5)),
-        ("albedo_contrast", (float("nan"), 1.0)),
-        ("albedo_contrast", (-0.5, 1.0)),
-        ("optical_depth", (-1.0, 1.0)),
-        ("optical_depth", (0.0, float("inf"))),
-        ("sun_azimuth_deg", (0.0, float("inf"))),
-        ("texture_strength", (0.0, float("inf"))),
-    ],
-)
-def test_impossible_ranges_are_refused(name, value):
-    with pytest.raises(ValueError, match=name):
-        LookConfig(**{name: value})
 
 
 def test_sizes_that_make_no_scene_are_refused():

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from marssim.scene.scene import PRESETS, preset
+from marssim.scene.presets import PRESETS, preset
 from marssim.scene.terrain import HeightGrid, ReliefConfig, build_terrain
 
 SMOOTH = {"crater_density": 0.0, "ripple_amplitude": 0.0}

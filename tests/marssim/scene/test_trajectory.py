@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from marssim.base.rover_spec import ZHURONG
 from marssim.scene.relief import ReliefConfig
-from marssim.scene.rocks import STAND, RockConfig
+from marssim.scene.rocks.population import STAND, RockConfig
 from marssim.scene.scene import Scene, SceneConfig, build_scene
 from marssim.scene.trajectory import TrajectoryConfig, draw_trajectory, stand_on, tum_lines
 from marssim.scene.viewpoint import ViewConfig

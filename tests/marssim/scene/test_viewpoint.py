@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from marssim.scene.rocks import RockConfig
+from marssim.scene.rocks.population import RockConfig
 from marssim.scene.scene import SceneConfig, build_scene
 from marssim.scene.viewpoint import ViewConfig, draw_pose
 

@@ -18,7 +18,7 @@ from marssim.render.renderers.embree_renderer import EmbreeRenderer
 from marssim.render.sensor import Sensor, SensorConfig
 from marssim.render.stereo import render_stereo
 from marssim.render.surfaces.shading import Shader
-from marssim.scene.rocks import RockConfig
+from marssim.scene.rocks.population import RockConfig
 from marssim.scene.scene import SceneConfig, build_scene
 
 NAMES = [f"{scene:05d}/{view:02d}" for scene in range(3) for view in range(2)]  # train, test, val

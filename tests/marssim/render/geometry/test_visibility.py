@@ -7,7 +7,7 @@ from marssim.base.camera import PinholeCamera, look_pose
 from marssim.render.geometry.mesh import scene_mesh
 from marssim.render.geometry.visibility import Visibility
 from marssim.render.renderers.embree_renderer import EmbreeRenderer
-from marssim.scene.rocks import RockConfig
+from marssim.scene.rocks.population import RockConfig
 from marssim.scene.scene import Scene, SceneConfig, build_scene
 
 CAMERA = PinholeCamera(120, 90, 130.0, 140.0, 57.2, 47.1)

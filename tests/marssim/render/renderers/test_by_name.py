@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from marssim.render.renderers.by_name import default_renderer, make_renderer
-from marssim.scene.rocks import RockConfig
+from marssim.scene.rocks.population import RockConfig
 from marssim.scene.scene import SceneConfig, build_scene
 
 

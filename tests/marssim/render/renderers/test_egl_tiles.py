@@ -15,7 +15,7 @@ from marssim.render.renderers import egl_tiles
 from marssim.render.renderers.by_name import make_renderer
 from marssim.render.renderers.pybullet_renderer import PyBulletRenderer
 from marssim.render.renderers.scan_renderer import ScanRenderer
-from marssim.scene.rocks import RockConfig
+from marssim.scene.rocks.population import RockConfig
 from marssim.scene.scene import Scene, SceneConfig, build_scene
 
 CAMERA = PinholeCamera(200, 150, 180.0, 210.0, 80.3, 91.7)  # principal point off the middle, fx != fy

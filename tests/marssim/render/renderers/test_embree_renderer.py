@@ -14,7 +14,8 @@ from marssim.render.geometry.visibility import SELF_GAP
 from marssim.render.renderers.by_name import make_renderer
 from marssim.render.renderers.embree_renderer import MeshTracer
 from marssim.render.renderers.renderer import Renderer
-from marssim.scene.rocks import RockConfig, icosphere
+from marssim.scene.rocks.population import RockConfig
+from marssim.scene.rocks.shapes import icosphere
 from marssim.scene.scene import Scene, SceneConfig, build_scene
 from marssim.scene.terrain import HeightGrid, Terrain
 

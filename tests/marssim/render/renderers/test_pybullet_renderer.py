@@ -14,7 +14,7 @@ from marssim.inspection.agreement import BesideCentres, ShiftFit
 from marssim.inspection.tilted_planes import plane_shift
 from marssim.render.renderers.embree_renderer import EmbreeRenderer
 from marssim.render.renderers.pybullet_renderer import PyBulletRenderer
-from marssim.scene.rocks import RockConfig
+from marssim.scene.rocks.population import RockConfig
 from marssim.scene.scene import Scene, SceneConfig, build_scene
 
 LEVEL = PinholeCamera.centred(192, 192, 223.5)

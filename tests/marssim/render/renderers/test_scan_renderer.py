@@ -15,7 +15,7 @@ from marssim.render.geometry.raster import first_faces, matching_faces
 from marssim.render.geometry.scan import nearest_faces
 from marssim.render.renderers.embree_renderer import EmbreeRenderer
 from marssim.render.renderers.scan_renderer import ScanRenderer
-from marssim.scene.rocks import RockConfig
+from marssim.scene.rocks.population import RockConfig
 from marssim.scene.scene import Scene, SceneConfig, build_scene
 
 CAMERA = PinholeCamera(140, 100, 150.0, 135.0, 61.2, 53.7)  # principal point off the middle, fx != fy

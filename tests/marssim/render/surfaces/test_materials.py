@@ -7,7 +7,7 @@ from marssim.base.dataset.frame import GROUND
 from marssim.inspection.tilted_planes import plane
 from marssim.render.surfaces.materials import FILLET, HIGHEST_FILLET, materials
 from marssim.render.surfaces.regolith import VARIANTS
-from marssim.scene.rocks import RockConfig
+from marssim.scene.rocks.population import RockConfig
 from marssim.scene.scene import SceneConfig, build_scene
 
 SCENE = build_scene(SceneConfig(size=8.0, horizon=16.0, rocks=RockConfig(k=0.1)), np.random.default_rng(3))

@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 
 from marssim.base.dataset.frame import GROUND
 from marssim.render.surfaces.shading import DUST_SCALE_HEIGHT, Shader
-from marssim.scene.rocks import RockConfig
-from marssim.scene.scene import LOOK_LIMITS, LookConfig, Scene, SceneConfig, build_scene, draw_look
+from marssim.scene.look import LOOK_LIMITS, LookConfig, draw_look
+from marssim.scene.rocks.population import RockConfig
+from marssim.scene.scene import Scene, SceneConfig, build_scene
 
 FOCAL = 600.0
 SMALL = SceneConfig(size=8.0, horizon=16.0, rocks=RockConfig(k=0.1))

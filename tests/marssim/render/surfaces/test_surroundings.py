@@ -5,7 +5,8 @@ import pytest
 
 from marssim.base.compute.compiled import compiled
 from marssim.render.surfaces.surroundings import CELL, CODE, surroundings, surroundings_at
-from marssim.scene.rocks import RockConfig, build_rocks
+from marssim.scene.rocks.mesh import build_rocks
+from marssim.scene.rocks.population import RockConfig
 
 HALF = 4.0
 

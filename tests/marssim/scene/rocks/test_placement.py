@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
-from marssim.scene.golombek import draw_diameters
-from marssim.scene.placement import place
+from marssim.scene.rocks.golombek import draw_diameters
+from marssim.scene.rocks.placement import place
 
 
 def overlaps(xy, diameter):

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from marssim.scene.golombek import MAX_DIAMETER, covered_area, draw_diameters, number_density, sampling_spread
+from marssim.scene.rocks.golombek import MAX_DIAMETER, covered_area, draw_diameters, number_density, sampling_spread
 
 
 @given(st.floats(0.02, 0.3), st.floats(0.06, 1.0))

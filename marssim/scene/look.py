@@ -1,0 +1,120 @@
+"""The look of a scene: its sun, the dust in its air, and the surface of ground and rocks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from marssim.scene.ranges import Range, check_ranges
+
+# Rovers reported an optical depth of at most 10.8, in the storm of 2018. Contrast and texture are modelled for 1.
+LOOK_LIMITS = {
+    "sun_elevation_deg": (0.0, 90.0), "sun_azimuth_deg": (-360.0, 720.0), "optical_depth": (0.0, 12.0),
+    "albedo_contrast": (0.0, 3.0), "texture_strength": (0.0, 3.0), "pebbles": (0.0, 1.0), "wind_ripples": (0.0, 1.0),
+    "bedding": (0.0, 1.0), "bedrock": (0.0, 1.0), "rock_dust": (0.0, 1.0),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class LookConfig:
+    """Ranges from which each scene draws its light and surface, LOW HIGH; give a value twice to fix it."""
+
+    sun_elevation_deg: Range = (15.0, 70.0)
+    """Height of the sun above the horizon [deg], LOW HIGH, above 0 and up to 90."""
+    sun_azimuth_deg: Range = (0.0, 360.0)
+    """Direction of the sun [deg], LOW HIGH, counter-clockwise from east: 90 is north."""
+    optical_depth: Range = (0.3, 1.0)
+    """Optical depth of the dust in the air, LOW HIGH: 0.3 is a clear sky, 1 a hazy one, and 10 a dust storm."""
+    albedo_contrast: Range = (0.3, 1.3)
+    """Contrast of the ground's pattern of bright and dark patches, LOW HIGH: 0 has none, 1 is typical, 3 the most."""
+    texture_strength: Range = (0.35, 1.2)
+    """Height of the relief that is finer than the grid, LOW HIGH: 0 has none, 1 is typical, 3 the most."""
+    pebbles: Range = (0.2, 1.0)
+    """Strength of the pebbles and grains that are too small for the mesh, LOW HIGH: 0 has none, 1 the most."""
+    wind_ripples: Range = (0.2, 0.7)
+    """Share of the ground that is sand with hand-wide ripples, LOW HIGH, 0 to 1. Pebbles lie on the rest, except on
+    bedrock."""
+    bedding: Range = (0.0, 0.4)
+    """How clearly the faces of rocks show level beds, LOW HIGH: 0 shows none, 1 the most."""
+    bedrock: Range = (0.0, 0.2)
+    """How much of the ground the wind has swept bare down to plates of bedrock, LOW HIGH, 0 to 1. Bedrock shows on a
+    third to four fifths of that share of the ground."""
+    rock_dust: Range = (0.1, 0.6)
+    """How much dust clings to the sides of the dustiest rocks, LOW HIGH: 0 has none, 1 the most. Dust lies on the tops
+    of all rocks."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self, LOOK_LIMITS)
+        if not self.sun_elevation_deg[0] > 0:
+            raise ValueError(f"sun_elevation_deg must be above 0, got {self.sun_elevation_deg[0]}")
+
+
+@dataclass(frozen=True)
+class Look:
+    """The light and surface that a scene drew from its LookConfig, which explains the values.
+
+    Attributes:
+        sun: (3,) unit vector towards the sun, world frame.
+        optical_depth: Optical depth of the dust in the air.
+        albedo_contrast: Contrast of the ground's pattern of bright and dark patches.
+        texture_strength: Height of the relief that is finer than the grid.
+        texture_seed: Seed of the surface's patterns.
+        pebbles: Strength of pebbles and grains, 0 to 1.
+        wind_ripples: Share of the ground that is rippled sand, 0 to 1.
+        bedding: How clearly rocks show level beds, 0 to 1.
+        bedrock: How much of the ground is swept bare down to bedrock, 0 to 1.
+        rock_dust: How much dust clings to the dustiest rocks, 0 to 1.
+    """
+
+    sun: np.ndarray
+    optical_depth: float
+    albedo_contrast: float
+    texture_strength: float
+    texture_seed: int
+    pebbles: float
+    wind_ripples: float
+    bedding: float
+    bedrock: float
+    rock_dust: float
+
+    @property
+    def sun_elevation(self) -> float:
+        """Height of the sun above the horizon [rad]."""
+        return float(np.arcsin(self.sun[2]))
+
+
+def draw_look(config: LookConfig, rng: np.random.Generator) -> Look:
+    """Draw a scene's sun, air and surface, each uniformly from its range.
+
+    Args:
+        config: The ranges.
+        rng: Random generator.
+    """
+    elevation = np.deg2rad(rng.uniform(*config.sun_elevation_deg))
+    azimuth = np.deg2rad(rng.uniform(*config.sun_azimuth_deg))
+    return Look(
+        sun=sun_direction(elevation, azimuth),
+        optical_depth=float(rng.uniform(*config.optical_depth)),
+        albedo_contrast=float(rng.uniform(*config.albedo_contrast)),
+        texture_strength=float(rng.uniform(*config.texture_strength)),
+        texture_seed=int(rng.integers(2**31)),
+        pebbles=float(rng.uniform(*config.pebbles)),
+        wind_ripples=float(rng.uniform(*config.wind_ripples)),
+        bedding=float(rng.uniform(*config.bedding)),
+        bedrock=float(rng.uniform(*config.bedrock)),
+        rock_dust=float(rng.uniform(*config.rock_dust)),
+    )
+
+
+def sun_direction(elevation: float, azimuth: float) -> np.ndarray:
+    """Return the direction of the sun.
+
+    Args:
+        elevation: Height of the sun above the horizon [rad].
+        azimuth: Direction of the sun [rad], counter-clockwise from east.
+
+    Returns:
+        (3,) unit vector towards the sun, world frame.
+    """
+    return np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])

@@ -1,0 +1,87 @@
+"""The named places on Mars: the rocks, the relief and the look of each."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal, get_args
+
+from marssim.scene.look import LookConfig
+from marssim.scene.relief import ReliefConfig
+from marssim.scene.rocks.mesh import RockConfig
+from marssim.scene.scene import SceneConfig
+
+Place = Literal["utopia", "gusev", "gale", "jezero", "hard"]
+PRESETS: tuple[Place, ...] = get_args(Place)
+
+# The relief of gusev, gale and jezero has the RMS slope over 1 m and the Hurst exponent of Pathfinder and Viking 1,
+# which have slopes of 4.8 to 5.4 deg over 1 m, 2.5 to 3.0 over 10 m and 1.2 to 1.7 over 100 m. Utopia is smoother: 98 %
+# of its slopes are under 8 deg. Hard is rougher than any of them.
+_PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig]] = {
+    # a dusty plain: few rocks, worn and half buried, broad ripples, old craters
+    "utopia": (
+        RockConfig(k=0.033, families=(0.3, 0.2, 0.5), buried=(0.2, 0.5)),
+        ReliefConfig(
+            hurst=0.72, rms_slope_deg=2.8, crater_density=0.005, crater_depth=(0.03, 0.12), ripple_amplitude=0.02,
+            ripple_wavelength=1.1, ripple_cover=0.45,
+        ),
+        LookConfig(
+            pebbles=(0.2, 0.9), wind_ripples=(0.2, 0.7), bedding=(0.0, 0.2), bedrock=(0.0, 0.0), rock_dust=(0.2, 0.8),
+        ),
+    ),
+    # a lava plain: dark angular blocks around small craters
+    "gusev": (
+        RockConfig(k=0.05, families=(0.75, 0.1, 0.15), albedo=0.6, cluster=0.4),
+        ReliefConfig(
+            hurst=0.74, rms_slope_deg=4.8, crater_density=0.01, ripple_amplitude=0.006, ripple_wavelength=0.5,
+            ripple_cover=0.3,
+        ),
+        LookConfig(
+            pebbles=(0.4, 1.0), wind_ripples=(0.1, 0.5), bedding=(0.0, 0.2), bedrock=(0.0, 0.15), rock_dust=(0.1, 0.6),
+        ),
+    ),
+    # a lake bed: pale slabs between sharp ripples
+    "gale": (
+        RockConfig(k=0.07, families=(0.25, 0.65, 0.1), height_ratio=0.44, albedo=1.25),
+        ReliefConfig(
+            hurst=0.73, rms_slope_deg=5.1, crater_density=0.002, ripple_amplitude=0.025, ripple_wavelength=0.8,
+            ripple_cover=0.55,
+        ),
+        LookConfig(
+            pebbles=(0.2, 0.9), wind_ripples=(0.2, 0.7), bedding=(0.6, 1.0), bedrock=(0.15, 0.6), rock_dust=(0.0, 0.5),
+        ),
+    ),
+    # a delta's foot: cobbles and boulders of every kind, sand in between
+    "jezero": (
+        RockConfig(k=0.15, families=(0.35, 0.2, 0.45), albedo=0.75),
+        ReliefConfig(hurst=0.73, rms_slope_deg=5.2, ripple_amplitude=0.03, ripple_wavelength=1.4, ripple_cover=0.2),
+        LookConfig(
+            pebbles=(0.5, 1.0), wind_ripples=(0.1, 0.6), bedding=(0.1, 0.8), bedrock=(0.0, 0.4), rock_dust=(0.1, 0.6),
+        ),
+    ),
+    "hard": (
+        RockConfig(k=0.20, cluster=0.5, families=(0.6, 0.2, 0.2), albedo=0.65),
+        ReliefConfig(
+            hurst=0.6, rms_slope_deg=7.0, crater_density=0.008, ripple_amplitude=0.02, ripple_wavelength=0.7,
+            ripple_cover=0.15,
+        ),
+        LookConfig(
+            pebbles=(0.3, 1.0), wind_ripples=(0.0, 0.6), bedding=(0.0, 0.6), bedrock=(0.0, 0.3), rock_dust=(0.0, 0.6),
+        ),
+    ),
+}  # fmt: skip
+
+
+def preset(name: str, **changes: object) -> SceneConfig:
+    """Return the SceneConfig of a named place.
+
+    Args:
+        name: One of PRESETS.
+        **changes: Fields of SceneConfig to replace.
+
+    Raises:
+        ValueError: There is no place of that name, or a changed field is out of range.
+    """
+    if name not in _PRESETS:
+        raise ValueError(f"scene preset {name!r} is unknown; choose from {', '.join(PRESETS)}")
+    rocks, relief, look = _PRESETS[name]
+    return replace(SceneConfig(preset=name, rocks=rocks, relief=relief, look=look), **changes)  # type: ignore[arg-type]

@@ -1,0 +1,176 @@
+"""The rocks of a scene before they are meshed: how many there are, how large, where, and of what shape."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from marssim.scene.rocks.golombek import MAX_DIAMETER, draw_diameters, number_density
+from marssim.scene.rocks.placement import place
+from marssim.scene.rocks.shape_library import VARIANTS
+from marssim.scene.rocks.shapes import FAMILIES
+
+STAND = 0.4  # largest |x| and |y| of a camera, in half sides of the fine square
+MOST = 65_534  # most rocks that the 16 bits of a dataset's surface.png can number, besides sky and ground
+SURE = 6.0  # standard deviations by which the expected number of rocks stays below MOST
+NEAREST = 1.6  # [m] distance at which a camera is assumed to see the rocks around it
+LEVEL_ANGLES = (0.03, 0.1, 0.25, 0.8)  # [rad] angular diameters at which a rock gets the next level of detail
+# smallest rocks by distance from the middle: (half sides of the fine square, least diameter [m]) out to there
+SMALLEST = ((0.75, 0.05), (1.0, 0.08), (2.5, 0.25), (np.inf, 0.6))
+MIN_HEIGHT_RATIO, MAX_HEIGHT_RATIO = 0.15, 1.0  # height above ground over diameter
+FLATNESS = np.array([1.2, 0.5, 1.1])  # relative height over diameter of each of FAMILIES: slabs are flat
+KEPT_OFF = 0.1  # [m] diameter of the smallest rocks that clear discs keep out
+
+
+@dataclass(frozen=True)
+class RockConfig:
+    """The rocks: how many lie on the ground, and what they look like."""
+
+    k: float = 0.033
+    """Share of the ground that rocks of any size cover, 0 to 0.4 (k of Golombek's law): Utopia has 0.033, Viking 2
+    0.15."""
+    min_diameter: float = 0.03
+    """Diameter of the smallest rocks [m], near the middle where the cameras stand. Farther out, only larger ones are
+    drawn."""
+    cluster: float = 0.3
+    """Share of the rocks that lie beside a larger one, 0 to 1."""
+    height_ratio: float = 0.5
+    """Mean height of the rocks above ground over their diameter, 0.1 to 1."""
+    buried: tuple[float, float] = (0.1, 0.45)
+    """Share of a rock's height that is below ground, LOW HIGH, 0 to 0.5. Each rock draws its own."""
+    families: tuple[float, float, float] = (0.45, 0.25, 0.3)
+    """Relative numbers of angular, slabby and rounded rocks: three shares in any unit."""
+    albedo: float = 0.72
+    """Mean brightness of the rocks over that of the ground, 0.2 to 1.5."""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.k <= 0.4:
+            raise ValueError(f"k must lie in [0, 0.4], got {self.k}")
+        if not 0.01 <= self.min_diameter < MAX_DIAMETER:
+            raise ValueError(f"min_diameter must lie in [0.01, {MAX_DIAMETER}), got {self.min_diameter}")
+        if not 0 <= self.cluster <= 1:
+            raise ValueError(f"cluster must lie in [0, 1], got {self.cluster}")
+        if not 0.1 <= self.height_ratio <= 1:
+            raise ValueError(f"height_ratio must lie in [0.1, 1], got {self.height_ratio}")
+        if not 0 <= self.buried[0] <= self.buried[1] <= 0.5:
+            raise ValueError(f"buried must be a range within [0, 0.5], got {self.buried}")
+        shares = self.families
+        if len(shares) != len(FAMILIES) or not min(shares) >= 0 or not 0 < sum(shares) < np.inf:
+            raise ValueError(f"families needs {len(FAMILIES)} shares that are not all zero, got {self.families}")
+        if not 0.2 <= self.albedo <= 1.5:
+            raise ValueError(f"albedo must lie in [0.2, 1.5], got {self.albedo}")
+
+
+@dataclass(frozen=True)
+class RockPopulation:
+    """What N rocks are by themselves, whatever the ground under them.
+
+    Attributes:
+        xy: (N, 2) positions [m].
+        diameter: (N,) diameters [m].
+        height: (N,) heights above ground [m].
+        buried: (N,) shares of the whole heights that lie below ground.
+        level: (N,) levels of detail, descending.
+        family: (N,) indices of FAMILIES.
+        variant: (N,) shapes within the families.
+        yaw: (N,) turns about the vertical [rad].
+        stretch: (N,) square roots of the ratios of the short to the long axis.
+        albedo: (N,) brightness relative to the ground.
+    """
+
+    xy: np.ndarray
+    diameter: np.ndarray
+    height: np.ndarray
+    buried: np.ndarray
+    level: np.ndarray
+    family: np.ndarray
+    variant: np.ndarray
+    yaw: np.ndarray
+    stretch: np.ndarray
+    albedo: np.ndarray
+
+
+def draw_population(
+    config: RockConfig, half: float, horizon: float, rng: np.random.Generator,
+    clear: tuple[tuple[float, float, float], ...],
+) -> RockPopulation:  # fmt: skip
+    """Draw the rocks of a scene.
+
+    Where cameras stand and a little around, the size law holds from min_diameter on; in the rest of the fine square
+    from 0.08 m at the latest. Farther out it holds from the size that a camera in the square sees as a few pixels.
+
+    Args:
+        config: Number and shape of the rocks.
+        half: Half the side of the finely gridded square [m].
+        horizon: Half the side of the whole scene [m].
+        rng: Random generator.
+        clear: Discs (x, y, radius) [m] that rocks of diameter KEPT_OFF and more stay out of. A rock counts as the disc
+            of its diameter, so a corner of it may reach into a clear disc.
+
+    Raises:
+        ValueError: There are more rocks than a dataset can number.
+    """
+    diameter, xy = _scatter(config, half, horizon, rng)
+    free = np.ones(len(diameter), dtype=bool)
+    for x, y, radius in clear:
+        free &= (np.hypot(xy[:, 0] - x, xy[:, 1] - y) > radius + diameter / 2) | (diameter < KEPT_OFF)
+    diameter, xy = diameter[free], xy[free]
+    away = np.abs(xy).max(axis=1, initial=0) - STAND * half
+    level = detail_level(diameter, away + NEAREST)
+    order = np.argsort(-level, kind="stable")  # rocks of one level are built together, and face_rock must ascend
+    diameter, xy, level = diameter[order], xy[order], level[order]
+    n = len(diameter)
+
+    shares = np.array(config.families) / sum(config.families)
+    family = rng.choice(len(FAMILIES), n, p=shares)
+    # scaled so that the mean over the mixture of families is height_ratio
+    ratio = config.height_ratio * FLATNESS[family] / (shares @ FLATNESS) * rng.lognormal(-0.03, 0.25, n)
+    return RockPopulation(
+        xy=xy,
+        diameter=diameter,
+        height=diameter * np.clip(ratio, MIN_HEIGHT_RATIO, MAX_HEIGHT_RATIO),
+        level=level,
+        family=family,
+        buried=rng.uniform(*config.buried, n),  # the order of the draws determines the scene of a seed
+        variant=rng.integers(0, VARIANTS, n),
+        yaw=rng.uniform(0, 2 * np.pi, n),
+        stretch=np.sqrt(rng.uniform(0.65, 1.0, n)),
+        albedo=config.albedo * np.clip(rng.normal(1, 0.3, n), 0.45, 1.8),
+    )
+
+
+def detail_level(diameter: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    """Return the icosphere level of each rock, from the largest angle D / distance under which a camera may see it.
+
+    Args:
+        diameter: (N,) diameters [m].
+        distance: (N,) least distances to a camera [m].
+
+    Returns:
+        (N,) int levels.
+    """
+    return np.digitize(np.asarray(diameter) / np.maximum(distance, NEAREST), LEVEL_ANGLES)
+
+
+def _scatter(
+    config: RockConfig, half: float, horizon: float, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Draw the diameters (N,) and positions (N, 2) of all rocks [m], in square rings with a least diameter each."""
+    rings, inner, expected = [], 0.0, 0.0
+    near = min(STAND * half + 4.0, half)  # pebbles farther from a camera are smaller than a few pixels
+    for reach, smallest in ((near, 0.0), *((ring * half, least) for ring, least in SMALLEST)):
+        outer = min(reach, horizon)
+        if outer > inner:
+            rings.append((inner, outer, max(smallest, config.min_diameter)))
+            expected += float(number_density(np.array(rings[-1][2]), config.k)) * 4 * (outer**2 - inner**2)
+            inner = outer
+    if (number := expected + SURE * np.sqrt(expected)) > MOST:  # so the first scene fails, and not just a later one
+        raise ValueError(
+            f"a scene can hold {MOST} rocks, but {number:.0f} may be drawn; choose a smaller `rocks.k` or `size`, or a "
+            f"larger `rocks.min_diameter`"
+        )
+    diameters = [draw_diameters(config.k, least, 4 * (outer**2 - inner**2), rng) for inner, outer, least in rings]
+    inners, outers = (np.repeat([ring[i] for ring in rings], [len(d) for d in diameters]) for i in (0, 1))
+    diameter = np.concatenate(diameters)
+    return diameter, place(diameter, inners, outers, config.cluster, rng)

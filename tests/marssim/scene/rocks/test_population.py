@@ -1,0 +1,32 @@
+import numpy as np
+import pytest
+
+from marssim.scene.rocks.population import MOST, RockConfig, draw_population
+
+
+def test_more_rocks_than_a_dataset_can_number_are_refused():
+    """Rock n is n + 2 in the 16 bits of surface.png."""
+    assert np.uint16(MOST - 1 + 2) == MOST + 1 and np.iinfo(np.uint16).max < MOST + 2
+    for seed in range(3):  # every scene is refused, not only those that happen to draw too many
+        with pytest.raises(ValueError, match=rf"can hold {MOST} rocks, but \d+ may .*`rocks\.k` or `size`"):
+            draw_population(RockConfig(k=0.2), 48.0, 96.0, np.random.default_rng(seed), ())
+        with pytest.raises(ValueError, match="may be drawn"):
+            # 3 standard deviations below the limit
+            draw_population(RockConfig(k=0.117), 48.0, 96.0, np.random.default_rng(seed), ())
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"k": 0.9},
+        {"min_diameter": 0.0},
+        {"cluster": 1.5},
+        {"height_ratio": 0.0},
+        {"buried": (0.4, 0.9)},
+        {"families": (0, 0, 0)},
+        {"families": (1, float("nan"), 0)},
+    ],
+)
+def test_impossible_rocks_are_refused(bad):
+    with pytest.raises(ValueError, match=next(iter(bad))):
+        RockConfig(**bad)
