@@ -16,7 +16,7 @@ from m3depth.evaluation.recorded_maps import RecordedPredictions
 from m3depth.evaluation.resume import Unfinished
 from m3depth.evaluation.scores import NormalScores, ScoredPair, Scores
 from m3depth.stereo.degradation import Degradation
-from m3depth.stereo.pairs import MAX_DISPARITY, StereoPairs, spread
+from m3depth.stereo.pairs import MAX_DISPARITY, StereoPairs, pair_name, spread
 from m3depth.stereo.plane_normals import fitted_normals
 from m3depth.stereo.prediction import Prediction
 from marssim.base.command.signals import stop_on_signal
@@ -83,7 +83,7 @@ class Scoring:
         example, costs = self.predicted(index)
         pair = ScoredPair(example.truth, self.max_disparity)
         record: dict[str, Any] = {
-            "index": index, "pair": _name(self.dataset, index), "scene": _scene(self.dataset, index),
+            "index": index, "pair": pair_name(self.dataset, index), "scene": _scene(self.dataset, index),
         }  # fmt: skip
         for name, prediction in example.predictions.items():
             try:
@@ -107,7 +107,7 @@ class Scoring:
         costs: dict[str, Cost] = {}
         for name, method in self.methods.items():
             if isinstance(method, RecordedPredictions):
-                predictions[name] = method.read(_name(self.dataset, index), index, sample.rig)
+                predictions[name] = method.read(pair_name(self.dataset, index), index, sample.rig)
                 continue
             if name not in self._warm:
                 method.infer(left, right, sample.rig)
@@ -117,7 +117,7 @@ class Scoring:
                 predictions[name] = checked_prediction(method, result, left.shape[:2])
             except EstimatorError as error:
                 raise EstimatorError(f"{name}, pair {index}: {error}") from None
-        return Example(index, left, right, sample, predictions, _name(self.dataset, index)), costs
+        return Example(index, left, right, sample, predictions, pair_name(self.dataset, index)), costs
 
     def result(self) -> Evaluation:
         """Return the figures so far, without examples."""
@@ -259,19 +259,13 @@ def _checked(dataset: StereoPairs, estimators: Mapping[str, Method], limit: int 
 def chosen_pairs(dataset: StereoPairs, limit: int | None) -> list[tuple[str, int]]:
     """Return names and indices of the pairs to score: `limit` of them, spread evenly over the dataset, or all."""
     chosen = spread(len(dataset), len(dataset) if limit is None else limit)
-    return [(_name(dataset, index), index) for index in chosen]
-
-
-def _name(dataset: StereoPairs, index: int) -> str:
-    """Return the dataset's own name of a pair; where it has none, its index."""
-    names = getattr(dataset, "names", None)
-    return f"{index:06d}" if names is None else names[index]
+    return [(pair_name(dataset, index), index) for index in chosen]
 
 
 def _scene(dataset: StereoPairs, index: int) -> str:
     """Return the name of a pair's scene; in a dataset without scenes, each pair is a scene."""
     scenes = getattr(dataset, "scenes", None)
-    return _name(dataset, index) if scenes is None else scenes[index]
+    return pair_name(dataset, index) if scenes is None else scenes[index]
 
 
 def _medians(records: list[dict[str, float]]) -> dict[str, float]:

@@ -86,12 +86,20 @@ def note(ax: Axes, text: str, corner: str = "upper right") -> None:
             bbox={"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 2})  # fmt: skip
 
 
-def save(figure: Figure, path: Path) -> None:
-    """Draw a figure with Agg, and write it as PNG in one step. Raises OSError, which names the file."""
+def save(figure: Figure, path: Path) -> np.ndarray:
+    """Draw a figure with Agg, and write it as PNG in one step.
+
+    Returns:
+        (H, W, 3) uint8 RGB, the picture.
+
+    Raises:
+        OSError: The file cannot be written; the message names it.
+    """
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
-    pixels = np.asarray(canvas.buffer_rgba())[..., :3]
+    pixels = np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])
     ok, data = cv2.imencode(".png", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_PNG_COMPRESSION, 6])
     if not ok:
         raise OSError(f"{path}: the figure could not be encoded")
     write_atomically(path, data.tobytes())
+    return pixels

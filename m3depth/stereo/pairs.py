@@ -21,6 +21,12 @@ class StereoPairs(Protocol):
     def __getitem__(self, index: int, /) -> Any: ...
 
 
+def pair_name(pairs: StereoPairs, index: int) -> str:
+    """Return the dataset's own name of a pair; where it has none, its index."""
+    names = getattr(pairs, "names", None)
+    return f"{index:06d}" if names is None else names[index]
+
+
 def scored_depths(pairs: StereoPairs) -> tuple[float, float]:
     """Return the nearest and farthest depth [m] in the `valid` masks of pairs; by default the paper's 0.5 to 15 m."""
     return getattr(pairs, "depth_range", (MIN_DEPTH, MAX_DEPTH))

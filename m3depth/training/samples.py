@@ -16,18 +16,28 @@ from typing import Any
 
 import numpy as np
 
-from m3depth.stereo.pairs import StereoPairs
+from m3depth.stereo.pairs import StereoPairs, pair_name
 from m3depth.training.augmentation import AugmentConfig, augment, random_crop
 from m3depth.training.batch import Batch, to_batch
 from m3depth.training.packing import PackedSample, pack
 
 
 class JoinedPairs:
-    """Several sequences of samples as one, in their order. Indices below 0 count from the end."""
+    """Several sequences of samples as one, in their order. Indices below 0 count from the end.
+
+    Attributes:
+        parts: The sequences.
+        ends: For each sequence, the number of samples up to its end.
+        names: The name of each sample in its own sequence; with several sequences, after that of their folder.
+    """
 
     def __init__(self, parts: Sequence[StereoPairs]) -> None:
         self.parts = parts
         self.ends = list(accumulate(map(len, parts)))
+        prefixes = [f"{part.path.name}/" if len(parts) > 1 and hasattr(part, "path") else "" for part in parts]
+        self.names = [
+            prefix + pair_name(part, index) for prefix, part in zip(prefixes, parts) for index in range(len(part))
+        ]
 
     def __len__(self) -> int:
         return self.ends[-1] if self.ends else 0

@@ -1,4 +1,4 @@
-"""Small stereo samples whose ground truth is known in closed form."""
+"""Small stereo samples whose ground truth is known in closed form, and the figures that a test draws."""
 
 from __future__ import annotations
 
@@ -7,7 +7,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
+from m3depth.figures import drawing
 from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.dataset.dataset import write_index
 from marssim.base.dataset.frame import StereoFrame
@@ -77,3 +80,16 @@ def plane_set(tmp_path_factory) -> Path:
         write_sample(path / "scenes" / name, plane_frame(number), meta)
     write_index(path, {"seed": 3}, NAMES)
     return path
+
+
+@pytest.fixture
+def drawn_figures(monkeypatch) -> list[Figure]:
+    """Every figure of the test, as it is when m3depth.figures.drawing.save writes it."""
+    figures: list[Figure] = []
+
+    def canvas(figure: Figure) -> FigureCanvasAgg:
+        figures.append(figure)
+        return FigureCanvasAgg(figure)
+
+    monkeypatch.setattr(drawing, "FigureCanvasAgg", canvas)
+    return figures

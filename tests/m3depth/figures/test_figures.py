@@ -8,20 +8,18 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from matplotlib.colors import Normalize
 
 from m3depth.evaluation.example import Example
 from m3depth.evaluation.metrics import angle_between, pixel_kinds
 from m3depth.evaluation.rock_scores import RockCounts, RockOutcome
 from m3depth.evaluation.scoring import evaluate
-from m3depth.figures import drawing
 from m3depth.figures.comparison import comparison_figure
 from m3depth.figures.drawing import depth_scale
 from m3depth.figures.errors import distribution_figure, interval_figure, sparsification_figure
+from m3depth.figures.pairs import pairs_figure, scale_text
 from m3depth.figures.qualitative import hard_parts, qualitative_figure, zoom_figure
 from m3depth.figures.rocks import rocks_figure
-from m3depth.figures.worst import worst_figure
 from m3depth.prediction.figure import prediction_figure
 from m3depth.stereo.classical import SGBM
 from m3depth.stereo.prediction import Prediction
@@ -78,42 +76,29 @@ def test_hard_parts_lie_apart_in_what_is_scored(plane_samples, seed):
     assert used.max(initial=0) <= 1
 
 
-@pytest.fixture
-def drawn(monkeypatch) -> list[Figure]:
-    """Every figure, as it is when it is written."""
-    figures: list[Figure] = []
-
-    def canvas(figure: Figure) -> FigureCanvasAgg:
-        figures.append(figure)
-        return FigureCanvasAgg(figure)
-
-    monkeypatch.setattr(drawing, "FigureCanvasAgg", canvas)
-    return figures
-
-
 def image_in(ax) -> np.ma.MaskedArray:
     (shown,) = ax.images
     return np.ma.masked_invalid(shown.get_array())
 
 
-def test_without_anything_scored_there_are_no_parts_and_still_figures(plane_samples, tmp_path, drawn):
+def test_without_anything_scored_there_are_no_parts_and_still_figures(plane_samples, tmp_path, drawn_figures):
     sample = replace(plane_samples[0], valid=np.zeros_like(plane_samples[0].valid))
     assert hard_parts(example(sample)) == {}
-    for draw in (zoom_figure, qualitative_figure, comparison_figure, worst_figure):
+    for draw in (zoom_figure, qualitative_figure, comparison_figure, pairs_figure):
         draw([example(sample)], tmp_path / "figure.png")
         assert cv2.imread(str(tmp_path / "figure.png")) is not None
-    zoom, qualitative, comparison, worst = drawn
+    zoom, qualitative, comparison, worst = drawn_figures
     assert len(zoom.axes) == 1 and not zoom.axes[0].patches
     np.testing.assert_array_equal(image_in(qualitative.axes[0]), sample.left)
     assert image_in(comparison.axes[3]).mask.all() and image_in(worst.axes[3]).mask.all()
 
 
-def test_whole_pairs_are_shown_with_every_method_on_one_scale(plane_samples, tmp_path, drawn):
+def test_whole_pairs_are_shown_with_every_method_on_one_scale(plane_samples, tmp_path, drawn_figures):
     sample = plane_samples[0]
     exact = example(sample).predictions["truth"]
     methods = {"exact": exact, "far": replace(exact, depth=exact.depth * 2)}
     qualitative_figure([example(sample, **methods)], tmp_path / "figure.png")
-    row = drawn[0].axes[:4]
+    row = drawn_figures[0].axes[:4]
     assert [ax.get_title() for ax in row] == ["left image", "truth", "exact", "far"]
     known = np.isfinite(sample.depth)
     for ax, depth in zip(row[1:], (sample.depth, sample.depth, sample.depth * 2), strict=True):
@@ -123,13 +108,13 @@ def test_whole_pairs_are_shown_with_every_method_on_one_scale(plane_samples, tmp
     assert len({(ax.images[0].norm.vmin, ax.images[0].norm.vmax) for ax in row[1:]}) == 1
 
 
-def test_errors_are_drawn_beside_predictions(plane_samples, tmp_path, drawn):
+def test_errors_are_drawn_beside_predictions(plane_samples, tmp_path, drawn_figures):
     sample = plane_samples[0]
     exact = example(sample).predictions["truth"]
     turned = np.roll(np.eye(3, dtype=np.float32), 1, 0)  # by 120 deg about the diagonal
     off = replace(exact, depth=exact.depth * np.float32(1.02), normal=exact.normal @ turned)
     comparison_figure([example(sample, off=off, blind=replace(exact, normal=None))], tmp_path / "figure.png")
-    upper, lower = drawn[0].axes[:6], drawn[0].axes[6:12]
+    upper, lower = drawn_figures[0].axes[:6], drawn_figures[0].axes[6:12]
     titles = ["images", "truth", "off", "off: error", "blind", "blind: error"]
     assert [ax.get_title() for ax in upper] == titles
     scored = pixel_kinds(sample)["all"]
@@ -145,21 +130,21 @@ def test_errors_are_drawn_beside_predictions(plane_samples, tmp_path, drawn):
     np.testing.assert_array_equal(image_in(lower[0]), sample.right)
 
 
-def test_methods_without_a_column_are_counted(plane_samples, tmp_path, drawn):
+def test_methods_without_a_column_are_counted(plane_samples, tmp_path, drawn_figures):
     pair = example(plane_samples[0], a=example(plane_samples[0]).predictions["truth"])
     pair = replace(pair, predictions={name: pair.predictions["a"] for name in "abc"})
     for most, words in ((2, ["and 1 method more"]), (3, [])):
         comparison_figure([pair], tmp_path / "figure.png", most=most)
-        titles = [ax.get_title() for ax in drawn[-1].axes]
+        titles = [ax.get_title() for ax in drawn_figures[-1].axes]
         assert [name for name in "abc" if name in titles] == list("abc")[:most]
-        assert [text.get_text() for text in drawn[-1].texts] == [*words, NORMAL_TITLE]
+        assert [text.get_text() for text in drawn_figures[-1].texts] == [*words, NORMAL_TITLE]
 
 
-def test_enlarged_parts_are_those_that_are_marked(plane_samples, tmp_path, drawn):
+def test_enlarged_parts_are_those_that_are_marked(plane_samples, tmp_path, drawn_figures):
     sample = patchy(plane_samples[0])
     parts = hard_parts(example(sample))
     zoom_figure([example(sample)], tmp_path / "figure.png")
-    whole, *rest = drawn[0].axes
+    whole, *rest = drawn_figures[0].axes
     marked = [(p.get_y(), p.get_x(), p.get_width()) for p in whole.patches]
     assert marked == list(parts.values()) and len(rest) == 3 * len(parts)
     for line, (kind, (row, column, side)) in enumerate(parts.items()):
@@ -171,11 +156,11 @@ def test_enlarged_parts_are_those_that_are_marked(plane_samples, tmp_path, drawn
             np.testing.assert_array_equal(image_in(ax), sample.depth[cut])
 
 
-def test_curves_are_the_figures_of_each_method(plane_samples, tmp_path, drawn):
+def test_curves_are_the_figures_of_each_method(plane_samples, tmp_path, drawn_figures):
     done = evaluate(plane_samples, {"SGBM": SGBM(), "again": SGBM(block=5), "third": SGBM(block=7)})
     for draw in (interval_figure, distribution_figure, sparsification_figure):
         draw(done.results, tmp_path / "figure.png")
-    intervals, distribution, sparsification = drawn
+    intervals, distribution, sparsification = drawn_figures
     for ax, key, power, unit in zip(intervals.axes[:3], ("mae", "rmse", "bad1"), (1, 2, 1), (1, 1, 100), strict=True):
         assert [line.get_label() for line in ax.lines] == list(done.results)
         for line, result in zip(ax.lines, done.results.values(), strict=True):
@@ -194,12 +179,12 @@ def test_curves_are_the_figures_of_each_method(plane_samples, tmp_path, drawn):
             np.testing.assert_allclose(oracle, unit * np.array(result["sparsification"][f"oracle_{key}"]))
 
 
-def test_bars_are_the_outcomes_of_the_rocks(tmp_path, drawn):
+def test_bars_are_the_outcomes_of_the_rocks(tmp_path, drawn_figures):
     counted = RockCounts(images=4, false=[(0.25, 2.0), (0.6, 6.0)])
     for height, away, found, error in ((0.15, 2, True, 0.01), (0.15, 3, False, 0), (0.35, 6, True, -0.03)):
         counted.rocks.append(RockOutcome(height, away, found, error))
     rocks_figure({"net": counted.result(), "none": {}}, tmp_path / "figure.png")
-    heights = [[bar.get_height() for bar in ax.patches] for ax in drawn[0].axes]
+    heights = [[bar.get_height() for bar in ax.patches] for ax in drawn_figures[0].axes]
     nan = np.nan
     expected = [
         [50, nan, nan, nan], [nan, nan, 100, nan], [nan] * 4,  # found [%], by range
@@ -210,42 +195,45 @@ def test_bars_are_the_outcomes_of_the_rocks(tmp_path, drawn):
         np.testing.assert_allclose(found, wanted)
     counted.false.append((0.15, 9.0))  # lower than what counts as an obstacle here: nav's map has a lower step
     rocks_figure({"net": counted.result()}, tmp_path / "figure.png")
-    assert [bar.get_height() for bar in drawn[1].axes[8].patches] == [25, 0, 0, 0]
-    assert [len(ax.patches) for ax in drawn[1].axes[6:]] == [4, 4, 4]
+    assert [bar.get_height() for bar in drawn_figures[1].axes[8].patches] == [25, 0, 0, 0]
+    assert [len(ax.patches) for ax in drawn_figures[1].axes[6:]] == [4, 4, 4]
     rocks_figure({"net": {}}, tmp_path / "figure.png")
-    assert not drawn[2].axes and "no sample records the pose" in drawn[2].texts[0].get_text()
+    assert not drawn_figures[2].axes and "no sample records the pose" in drawn_figures[2].texts[0].get_text()
 
 
-def test_a_prediction_is_drawn_unchanged(plane_samples, tmp_path, drawn):
+def test_a_prediction_is_drawn_unchanged(plane_samples, tmp_path, drawn_figures):
     exact = example(plane_samples[0]).predictions["truth"]
     confidence = np.linspace(0, 1, exact.depth.size, dtype=np.float32).reshape(exact.depth.shape)
     prediction_figure(plane_samples[0].left, replace(exact, confidence=confidence), tmp_path / "figure.png")
-    image, depth, _normal, sure = drawn[0].axes[:4]
+    image, depth, _normal, sure = drawn_figures[0].axes[:4]
     np.testing.assert_array_equal(image_in(image), plane_samples[0].left)
     np.testing.assert_array_equal(image_in(depth).mask, ~np.isfinite(exact.depth))
     np.testing.assert_array_equal(image_in(sure), confidence)
     assert (sure.images[0].norm.vmin, sure.images[0].norm.vmax) == (0, 1)
 
 
-def test_the_worst_pairs_are_drawn_with_their_errors(plane_samples, tmp_path, monkeypatch):
+def test_pairs_are_drawn_with_their_errors_and_scales(plane_samples, tmp_path, drawn_figures):
     sample = plane_samples[0]
     off = Prediction(sample.depth, sample.disparity + 2, None, np.full(sample.depth.shape, 0.25, np.float32))
-    drawn = []
-    monkeypatch.setattr("m3depth.figures.worst.save", lambda figure, path: drawn.append(figure))
-    worst_figure([example(sample, off=off), example(sample)], tmp_path / "worst.png")
-    first, second = (drawn[0].axes[row * 7 : row * 7 + 7] for row in range(2))
+    pairs_figure([example(sample, off=off), example(sample)], tmp_path / "worst.png")
+    first, second = (drawn_figures[0].axes[row * 7 : row * 7 + 7] for row in range(2))
     scored = pixel_kinds(sample)["all"]
     error, confidence = (ax.images[0].get_array() for ax in first[3:5])
     np.testing.assert_allclose(np.asarray(error)[scored], 2, atol=1e-5)
     assert not np.isfinite(np.ma.filled(error, np.nan))[~scored].any() and (confidence == 0.25).all()
     assert [text.get_text() for text in first[3].texts] == ["2.00 px"]
     low, high = np.percentile(sample.disparity[scored], [1, 99])
-    assert [text.get_text() for text in first[1].texts] == [f"{low:.3g} to {high:.3g} px"]
+    far, near = sample.rig.fb / low, sample.rig.fb / high
+    assert [text.get_text() for text in first[1].texts] == [f"{low:.3g} to {high:.3g} px\n{far:.3g} to {near:.3g} m"]
     known = sample.disparity > 0
     truth = np.ma.filled(first[1].images[0].get_array(), np.nan)
     np.testing.assert_array_equal(truth[known], sample.disparity[known])  # farther than what is scored, too
     assert np.isnan(truth[~known]).all()
     assert not first[6].images and second[6].images
+
+
+def test_a_scale_from_zero_disparity_begins_infinitely_far():
+    assert scale_text(Normalize(0, 27), 54.0) == "0 to 27 px\ninf to 2 m"
 
 
 @pytest.mark.parametrize("normal", [True, False])
@@ -264,19 +252,19 @@ def test_depth_scales_span_the_depths():
     assert depth_scale(np.zeros(0)).vmin == 1.0
 
 
-def test_normals_of_the_sky_are_not_compared(plane_samples, tmp_path, drawn):
+def test_normals_of_the_sky_are_not_compared(plane_samples, tmp_path, drawn_figures):
     sample = plane_samples[0]
     depth = sample.depth.copy()
     depth[:10] = np.inf
     exact = Prediction(depth, sample.disparity, np.broadcast_to(np.float32([0, -1, 0]), sample.normal.shape), depth)
     comparison_figure([example(sample, one=exact)], tmp_path / "figure.png")
-    shown = drawn[0].axes[6].images[0].get_array()
+    shown = drawn_figures[0].axes[6].images[0].get_array()
     grey, ground = shown[0, 0], shown[-1, 0]
     assert grey[0] == grey[1] == grey[2] and (shown[:10] == grey).all() and not (ground == grey).all()
 
 
-def test_labels_of_the_bars_do_not_meet_in_a_figure_of_one_method(plane_samples, tmp_path, drawn):
+def test_labels_of_the_bars_do_not_meet_in_a_figure_of_one_method(plane_samples, tmp_path, drawn_figures):
     comparison_figure([example(plane_samples[0])], tmp_path / "figure.png")
-    boxes = [ax.xaxis.label.get_window_extent() for ax in drawn[0].axes if ax.get_xlabel()]
+    boxes = [ax.xaxis.label.get_window_extent() for ax in drawn_figures[0].axes if ax.get_xlabel()]
     assert len(boxes) == 3 and all(a.x1 + 5 < b.x0 for a, b in pairwise(boxes))
     assert all(box.y0 >= 0 for box in boxes)

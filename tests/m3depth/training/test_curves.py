@@ -7,10 +7,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import pytest
-from matplotlib.figure import Figure
 
-from m3depth.training import curves
 from m3depth.training.curves import LEAST_SMOOTHED, save_curves, series
 
 
@@ -24,18 +21,10 @@ def write_log(out: Path, steps: int, normal: bool = True) -> None:
     (out / "log.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
 
 
-@pytest.fixture
-def drawn(monkeypatch) -> list[Figure]:
-    """Figures that would have been written."""
-    figures: list[Figure] = []
-    monkeypatch.setattr(curves, "save", lambda figure, path: figures.append(figure))
-    return figures
-
-
-def test_curves_show_loss_and_validation_with_units_and_legends(tmp_path, drawn):
+def test_curves_show_loss_and_validation_with_units_and_legends(tmp_path, drawn_figures):
     write_log(tmp_path, 5)
     assert save_curves(tmp_path) == tmp_path / "curves.png"
-    axes = drawn[0].axes
+    axes = drawn_figures[0].axes
     assert [ax.get_ylabel() for ax in axes] == [
         "training loss (weighted sum)",
         "EPE [px], val split",
@@ -51,10 +40,10 @@ def test_curves_show_loss_and_validation_with_units_and_legends(tmp_path, drawn)
     np.testing.assert_array_equal(averaged.get_xydata(), [[25, 2.0], [50, 1.0]])
 
 
-def test_a_long_run_gets_the_running_mean_of_its_loss(tmp_path, drawn):
+def test_a_long_run_gets_the_running_mean_of_its_loss(tmp_path, drawn_figures):
     write_log(tmp_path, LEAST_SMOOTHED)
     save_curves(tmp_path)
-    single, mean = drawn[0].axes[0].get_lines()
+    single, mean = drawn_figures[0].axes[0].get_lines()
     x, y = mean.get_xydata().T
     loss = single.get_ydata()
     np.testing.assert_allclose(y[0], loss[:25].mean())
@@ -62,16 +51,16 @@ def test_a_long_run_gets_the_running_mean_of_its_loss(tmp_path, drawn):
     assert x[0] == 130, "in the middle of the steps 10 to 250 that it is the mean of"
 
 
-def test_normals_that_a_dataset_does_not_have_get_no_panel(tmp_path, drawn):
+def test_normals_that_a_dataset_does_not_have_get_no_panel(tmp_path, drawn_figures):
     write_log(tmp_path, 5, normal=False)
     save_curves(tmp_path)
-    assert len(drawn[0].axes) == 3
+    assert len(drawn_figures[0].axes) == 3
 
 
-def test_a_run_without_validation_shows_its_loss(tmp_path, drawn):
+def test_a_run_without_validation_shows_its_loss(tmp_path, drawn_figures):
     (tmp_path / "log.jsonl").write_text('{"kind": "train", "step": 1, "loss": 3.0}\n')
     save_curves(tmp_path)
-    assert len(drawn[0].axes) == 1
+    assert len(drawn_figures[0].axes) == 1
 
 
 def test_nothing_is_drawn_of_an_empty_log(tmp_path):

@@ -1,14 +1,25 @@
-"""The errors of a quick validation, against sums by hand."""
+"""The errors of a validation, against sums by hand, and its picture."""
+
+import re
+from contextlib import closing
 
 import cv2
 import numpy as np
 import pytest
 import torch
+from small_network import SMALL
 
-from m3depth.network.model import M3Depth, M3DepthConfig, StereoOutput
+from m3depth.datasets.open import open_pairs
+from m3depth.figures.pairs import COLUMNS
+from m3depth.network import model as model_module
+from m3depth.network.model import StereoOutput
+from m3depth.stereo.pairs import spread
+from m3depth.training.config import TrainConfig
+from m3depth.training.log import Log
 from m3depth.training.losses import Target
-from m3depth.training.packing import pack
-from m3depth.training.validation import COLUMNS, HEADER, error_sums, save_panel
+from m3depth.training.run import Run
+from m3depth.training.samples import JoinedPairs
+from m3depth.training.validation import PANEL_PAIRS, Validator, error_sums
 
 SHAPE = (1, 1, 8, 12)
 
@@ -39,22 +50,30 @@ def test_edges_of_sparse_truth_are_those_between_labelled_pixels() -> None:
     assert sums["abs_rel"][0] == pytest.approx(SHAPE[2] * 6 * (1 - 20 / 20.5 + 1 - 40 / 40.5), rel=1e-4)
 
 
-def test_panels_are_headed_column_by_column(plane_samples, tmp_path) -> None:
-    config = M3DepthConfig(
-        channels=(8, 8, 16), wavelet_levels=(1, 1), match_channels=16, hypotheses=8, groups=8, volume_width=8,
-        normal_widths=(8, 8, 8), refine_steps=1, hidden=8, motion=8, lookup_channels=8,
-    )  # fmt: skip
-    path = tmp_path / "panel.png"
-    sample = plane_samples[0]
-    model = M3Depth(config).eval()
-    assert model.refinement is not None
-    torch.nn.init.constant_(model.refinement.decisions[2].bias, 50.0)  # all is sky
-    panel = save_panel(path, model, [pack(sample)] * 2, torch.device("cpu"))
-    width = sample.left.shape[1] // 2
-    assert panel.shape == (HEADER + sample.left.shape[0], len(COLUMNS) * width, 3)
-    np.testing.assert_array_equal(panel, cv2.imread(str(path))[..., ::-1])
-    np.testing.assert_array_equal(panel[HEADER:][: sample.left.shape[0] // 2, :width], sample.left[::2, ::2])
-    assert (panel[HEADER:, 5 * width :] == 0).all(), "neither normals nor confidence in the sky"
-    for column in range(len(COLUMNS)):
-        name = panel[:HEADER, column * width :][:, :width]
-        assert name.min() < 150 and (name[:, -1] == 255).all()  # something is written, and it ends before the next one
+def test_the_panel_names_its_pairs_and_has_their_scales(plane_set, tmp_path, monkeypatch, drawn_figures) -> None:
+    monkeypatch.setitem(model_module.PRESETS, "lite", SMALL)
+    pairs = open_pairs(plane_set, "all")
+    config = TrainConfig(data=(plane_set,), out=tmp_path, validate_samples=8, device="cpu")
+    run = Run(config, torch.device("cpu"))
+    assert run.averaged.refinement is not None
+    torch.nn.init.constant_(run.averaged.refinement.decisions[2].bias, 50.0)  # all is sky
+    with closing(Log(tmp_path, 0)) as log:
+        Validator(run, log, pairs).validate()
+    (path,) = (tmp_path / "panels").iterdir()
+    assert cv2.imread(str(path)) is not None
+    (panel,) = drawn_figures
+    rows = [panel.axes[start : start + len(COLUMNS)] for start in range(0, PANEL_PAIRS * len(COLUMNS), len(COLUMNS))]
+    chosen = spread(len(pairs), 8)[:PANEL_PAIRS]
+    assert [row[0].get_ylabel() for row in rows] == [pairs.names[index] for index in chosen]
+    for row, index in zip(rows, chosen):
+        np.testing.assert_array_equal(row[0].images[0].get_array(), pairs[index].left)
+        (scale,) = row[1].texts
+        assert re.fullmatch(r"[\d.]+ to [\d.]+ px\n[\d.]+ to [\d.]+ m", scale.get_text())
+        assert np.isnan(np.ma.filled(row[2].images[0].get_array(), np.nan)).all(), "no disparity in the sky"
+
+
+def test_pairs_of_several_datasets_keep_their_names(plane_set) -> None:
+    pairs = open_pairs(plane_set, "all")
+    assert JoinedPairs([pairs]).names == pairs.names
+    joined = JoinedPairs([pairs, [pairs[0]]])
+    assert joined.names == [*(f"{plane_set.name}/{name}" for name in pairs.names), "000000"]

@@ -1,4 +1,4 @@
-"""The figure of the pairs with the largest error of a method, beside its own confidence."""
+"""The figure of one method's disparity and normals on a few pairs, with their errors and its confidence."""
 
 from __future__ import annotations
 
@@ -17,17 +17,25 @@ from marssim.base.images.colours import DISPARITY_MAP, NORMAL_TITLE
 PANEL = 1.7  # [in] width of one image
 MOST = 4.0  # [px] error where the colour ends
 WORDS = (
-    "disparity: bright is near; the range of a pair is written on its truth\n"
+    "disparity: bright is near; each pair has a scale of its own, which is written on its truth\n"
     f"grey: sky or unknown; in the error: not scored\n{NORMAL_TITLE}"
 )
 COLUMNS = ("left", "true disparity", "predicted disparity", "error", "confidence", "true normals", "predicted normals")
 
 
-def worst_figure(examples: Sequence[Example], path: Path) -> None:
+def pairs_figure(examples: Sequence[Example], path: Path) -> np.ndarray:
     """Write a PNG with a row a pair, as the first method sees it.
 
-    The disparities of a pair share a scale, that of its scored pixels, which is written on the true ones. Grey is sky
-    or unknown; in the errors it is what is not scored. A method without normals has no picture of them.
+    The true and the predicted disparity of a pair share a scale, that of its scored pixels. Its ends are written on the
+    true one, in pixels and in metres of depth. Grey is sky or unknown; in the errors it is what is not scored. A method
+    without normals has no picture of them.
+
+    Args:
+        examples: The pairs.
+        path: The file to write.
+
+    Returns:
+        (H, W, 3) uint8 RGB, the picture.
     """
     rows = len(examples)
     aspect = examples[0].left.shape[0] / examples[0].left.shape[1]
@@ -45,7 +53,7 @@ def worst_figure(examples: Sequence[Example], path: Path) -> None:
         row[0].set_ylabel(example.title, fontsize=10)
         for ax, disparity in ((row[1], truth.disparity), (row[2], prediction.disparity)):
             show(ax, np.where(disparity > 0, disparity, np.nan), cmap=colour_map(DISPARITY_MAP), norm=norm)
-        note(row[1], f"{norm.vmin:.3g} to {norm.vmax:.3g} px")
+        note(row[1], scale_text(norm, truth.rig.fb))
         error_image = show(row[3], error, cmap=colour_map("inferno"), norm=errors)
         note(row[3], f"{np.nanmean(error):.2f} px" if np.isfinite(error).any() else "nothing known")
         share_image = show(row[4], prediction.confidence, cmap=colour_map("cividis"), norm=shares)
@@ -59,7 +67,14 @@ def worst_figure(examples: Sequence[Example], path: Path) -> None:
     figure.text(0.36 / width, 0.46 / height, WORDS, fontsize=8, va="top")
     for column, image, label in ((3, error_image, "error [px]"), (4, share_image, "confidence")):
         box = axes[-1, column].get_position()
-        at = (box.x0 + 0.05 * box.width, 0.5 / height, 0.9 * box.width, 0.1 / height)
+        at = (box.x0 + 0.1 * box.width, 0.5 / height, 0.8 * box.width, 0.1 / height)
         bar = figure.colorbar(image, cax=figure.add_axes(at), orientation="horizontal")
         label_bar(bar, image.norm, label)
-    save(figure, path)
+    return save(figure, path)
+
+
+def scale_text(norm: Normalize, fb: float) -> str:
+    """Return the ends of a scale of disparity, in pixels and in metres of depth; fb: focal length x baseline [px m]."""
+    low, high = float(norm.vmin or 0), float(norm.vmax or 0)
+    farthest = f"{fb / low:.3g}" if low > 0 else "inf"
+    return f"{low:.3g} to {high:.3g} px\n{farthest} to {fb / high:.3g} m"
