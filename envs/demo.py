@@ -16,7 +16,6 @@ from pathlib import Path
 from time import perf_counter
 from typing import Annotated
 
-import cv2
 import tyro
 
 from envs.drivers.builtin import NavigatorDriver
@@ -32,10 +31,12 @@ from m3depth.estimator import Estimator, load_estimator
 from m3depth.evaluate import Evaluation, evaluate
 from m3depth.evaluation.report import text_table
 from m3depth.figures.comparison import comparison_figure
-from marssim.base.command.notes import counted
+from marssim.base.command.notes import print_note
 from marssim.base.command.run import run_command
+from marssim.base.command.wording import counted
 from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.files.atomic import write_atomically
+from marssim.base.files.png import encode_png
 from marssim.base.results.claim import ResultFolder
 from marssim.engines.bullet import pybullet_is_installed
 from marssim.generate import GenerateConfig, generate_dataset
@@ -45,9 +46,7 @@ from marssim.scene.presets import PRESETS
 
 MARK = "MADE_BY_DEMO.txt"
 ABOUT_MARK = "python -m envs.demo replaces the files beside this one when it starts, and deletes data/.\n"
-WITHOUT_PYBULLET = (
-    "note: PyBullet is not installed here, so the renderer scan makes the images, and the drive is kinematic"
-)
+WITHOUT_PYBULLET = "PyBullet is not installed here, so the renderer scan makes the images, and the drive is kinematic"
 SEED = 20_000  # seed of the data; none of the shipped weights' training data has it
 
 
@@ -99,7 +98,7 @@ def _demo(config: DemoConfig, network: Estimator, sgbm: Estimator, started: floa
         renderer=default_renderer(),
     )  # fmt: skip
     if not pybullet_is_installed():
-        print(WITHOUT_PYBULLET, file=sys.stderr, flush=True)
+        print_note(WITHOUT_PYBULLET)
     print(f"1. {counted(config.pairs, 'stereo pair')} of {config.scene}, rendered by {asked.renderer}")
     dataset = generate_dataset(asked)
     shutil.copy(data / "contact_sheet.png", config.out / "contact_sheet.png")
@@ -125,7 +124,7 @@ def _demo(config: DemoConfig, network: Estimator, sgbm: Estimator, started: floa
     finally:
         env.close()
     still = film.stills[len(film.stills) // 2]
-    write_atomically(config.out / "drive.png", cv2.imencode(".png", still[..., ::-1])[1].tobytes())
+    write_atomically(config.out / "drive.png", encode_png(still[..., ::-1]))
     summary = config.out / "summary.md"
     seconds = perf_counter() - started
     write_atomically(summary, _summary(config, asked.renderer, dataset, result, table, record, seconds).encode())

@@ -33,9 +33,9 @@ from envs.mars_nav import MarsNavEnv
 from envs.world.perception import load_perception, perception_digest
 from envs.world.vehicle import chosen_dynamics, known_dynamics
 from m3depth.estimator import Estimator
-from marssim.base.command.notes import counted
 from marssim.base.command.progress import progress
 from marssim.base.command.run import run_command
+from marssim.base.command.wording import counted
 from marssim.base.compute.workers import run_tasks
 from marssim.base.files.json_file import DatasetError, as_json, read_json, write_json
 from marssim.base.results.claim import ResultFolder

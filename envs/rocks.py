@@ -27,9 +27,9 @@ from m3depth.evaluation.report import rocks_table
 from m3depth.evaluation.rock_scene import rock_scene
 from m3depth.figures.rocks import rocks_figure
 from m3depth.stereo.degradation import Degradation
-from marssim.base.command.notes import counted
 from marssim.base.command.progress import watched
 from marssim.base.command.run import run_command
+from marssim.base.command.wording import counted
 from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import write_json

@@ -37,8 +37,8 @@ from envs.drives.records import NUMBER, is_number
 from envs.mars_nav import MarsNavEnv
 from envs.world.course import CourseConfig
 from envs.world.place_note import place_note
-from marssim.base.command.notes import counted
 from marssim.base.command.run import run_command
+from marssim.base.command.wording import counted
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError, json_text
 from marssim.base.results.claim import ResultFolder

@@ -47,9 +47,9 @@ from m3depth.evaluation.scoring import RESERVED, Evaluation, Method, check_choic
 from m3depth.figures.evaluation import draw_evaluation
 from m3depth.stereo.degradation import Degradation
 from m3depth.stereo.pairs import MAX_DISPARITY, StereoPairs, scored_depths
-from marssim.base.command.notes import counted
 from marssim.base.command.progress import watched
 from marssim.base.command.run import run_command
+from marssim.base.command.wording import counted
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError, write_json
 from marssim.base.results.claim import ResultFolder

@@ -43,9 +43,9 @@ from m3depth.prediction.files import without_sky_normals, write_prediction
 from m3depth.prediction.left_right import left_right_difference
 from m3depth.prediction.pair_checks import check_pair
 from m3depth.stereo.prediction import Prediction
-from marssim.base.camera import WIDEST, StereoRig
-from marssim.base.command.notes import counted
+from marssim.base.camera import WIDEST_BASELINE, StereoRig
 from marssim.base.command.run import run_command
+from marssim.base.command.wording import counted
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.npy import encode_npy
 from marssim.base.results.claim import ResultFolder
@@ -158,9 +158,9 @@ def _check_sense(calibration: Calibration, width: int, options: PredictOptions) 
             f"{focal_from} {calibration.fx:g} px makes images of {width} px {angle:.3g} deg wide; "
             "it is counted in pixels of these images"
         )
-    if not MIN_BASELINE <= calibration.baseline <= WIDEST:
+    if not MIN_BASELINE <= calibration.baseline <= WIDEST_BASELINE:
         raise ValueError(
-            f"{baseline_from} {calibration.baseline:g} m is out of [{MIN_BASELINE:g}, {WIDEST:g}] m; "
+            f"{baseline_from} {calibration.baseline:g} m is out of [{MIN_BASELINE:g}, {WIDEST_BASELINE:g}] m; "
             "give --baseline in metres"
         )
 

@@ -36,8 +36,8 @@ import tyro
 from m3depth.datasets.image_files import decoded
 from m3depth.figures.texture import TextureExample, texture_figure
 from m3depth.stereo.pairs import spread
-from marssim.base.command.notes import counted
 from marssim.base.command.run import run_command
+from marssim.base.command.wording import counted
 from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.files.json_file import write_json
 from marssim.base.images.texture import entropy, local_binary_patterns, uniform_labels

@@ -26,8 +26,8 @@ import numpy as np
 import tyro
 
 from marssim.base.command.flags import parse
-from marssim.base.command.notes import counted
 from marssim.base.command.run import exit_code
+from marssim.base.command.wording import counted
 from marssim.engines.embree import TriangleRays
 from marssim.generation.config import named_scene
 from marssim.scene.place_file import PLACE_VALUES, load_place

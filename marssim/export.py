@@ -20,13 +20,13 @@ from typing import Any, Literal
 
 import tyro
 
-from marssim.base.command.notes import counted
 from marssim.base.command.progress import progress
 from marssim.base.command.run import run_command
+from marssim.base.command.wording import counted
 from marssim.base.compute.threads import in_threads
 from marssim.base.dataset.dataset import SPLITS, Split, StereoDataset
 from marssim.base.dataset.marks import EXPORTED
-from marssim.base.files.atomic import write_atomically
+from marssim.base.files.atomic import naming, write_atomically
 from marssim.base.files.json_file import DatasetError, write_json
 from marssim.base.results.claim import ResultFolder
 from marssim.base.results.out_folder import check_around
@@ -137,14 +137,11 @@ def _write(out: Path, layout: Layout, item: Item) -> None:
         target = out / path
         if target.is_file() and target.stat().st_size > 0:
             continue
-        try:
+        with naming(target):
             if isinstance(content, SameAs):
                 _link(out / content.path, target)
             else:
                 write_atomically(target, content())
-        except OSError as error:
-            error.filename = error.filename or str(target)  # the error of a full disk does not name the file
-            raise
 
 
 def _link(source: Path, target: Path) -> None:

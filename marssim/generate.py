@@ -18,17 +18,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
-
-from marssim.base.command.notes import counted
 from marssim.base.command.progress import progress
 from marssim.base.command.run import exit_code, writing_to
+from marssim.base.command.wording import counted
 from marssim.base.compute.workers import run_tasks
 from marssim.base.dataset.dataset import StereoDataset, write_index
 from marssim.base.dataset.marks import SETTINGS
 from marssim.base.dataset.sample import is_complete
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError, as_json, read_json
+from marssim.base.files.png import encode_png
 from marssim.base.results.claim import ResultFolder
 from marssim.base.results.out_folder import check_around
 from marssim.engines.egl import draws_on_a_card, probe
@@ -78,7 +77,7 @@ def _generate(config: GenerateConfig, folder: ResultFolder) -> StereoDataset:
     dataset = StereoDataset(config.out)
     chosen = range(0, len(dataset), max(1, len(dataset) // SHEET_SAMPLES))[:SHEET_SAMPLES]
     sheet = contact_sheet([dataset[i] for i in chosen], [dataset.names[i] for i in chosen])
-    write_atomically(config.out / "contact_sheet.png", cv2.imencode(".png", sheet[..., ::-1])[1].tobytes())
+    write_atomically(config.out / "contact_sheet.png", encode_png(sheet[..., ::-1]))
     write_atomically(config.out / "README.md", _readme(config, dataset).encode())
     folder.note(command=command_flags(config, elsewhere=True))  # the folder may be given to others
     return dataset

@@ -24,8 +24,8 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
-from marssim.base.command.notes import counted
 from marssim.base.command.run import run_command
+from marssim.base.command.wording import counted
 from marssim.scene.place_file import PLACE_VALUES, load_place
 from marssim.scene.presets import PRESETS
 from marssim.scene.scene import SceneConfig

@@ -22,9 +22,9 @@ import numpy as np
 import tyro
 
 from marssim.base.camera import NATECAM
-from marssim.base.command.notes import counted
 from marssim.base.command.progress import progress
 from marssim.base.command.run import run_command, writing_to
+from marssim.base.command.wording import counted
 from marssim.base.compute.threads import in_threads
 from marssim.base.dataset.dataset import SPLITS, StereoDataset
 from marssim.base.dataset.sample import StereoSample, read_sample

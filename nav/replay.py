@@ -20,8 +20,8 @@ import tyro
 from numpy.typing import ArrayLike
 
 from marssim.base.camera import StereoRig
-from marssim.base.command.notes import counted
 from marssim.base.command.run import run_command
+from marssim.base.command.wording import counted
 from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.files.json_file import DatasetError
 from marssim.base.rover_spec import ZHURONG, RoverSpec

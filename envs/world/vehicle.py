@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 from typing import Literal, Protocol, get_args
 
+from marssim.base.command.notes import print_note
 from marssim.base.rover_spec import RoverSpec
 from marssim.engines.bullet import pybullet_is_installed
 from marssim.physics.body import Part
@@ -45,7 +45,7 @@ def chosen_dynamics(name: str | None) -> DynamicsName:
     """Return known_dynamics for a command, and print a note if None means kinematic, as PyBullet is not installed."""
     dynamics = known_dynamics(name)
     if name is None and dynamics != "physics":
-        print(f"note: {FALLBACK_NOTE}", file=sys.stderr, flush=True)
+        print_note(FALLBACK_NOTE)
     return dynamics
 
 

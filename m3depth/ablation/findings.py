@@ -10,7 +10,7 @@ import numpy as np
 
 from m3depth.ablation.studies import Comparison, Study
 from m3depth.evaluation import bootstrap
-from marssim.base.command.notes import counted
+from marssim.base.command.wording import counted
 
 METHOD = "M3Depth"  # name of a run's network in its score
 # Names of the measures in sentences.

@@ -25,8 +25,8 @@ from m3depth.training.ending import spent_budget
 from m3depth.training.loop import train
 from m3depth.training.run import saved_progress
 from m3depth.training.samples import JoinedPairs
-from marssim.base.command.notes import counted
 from marssim.base.command.progress import watched
+from marssim.base.command.wording import counted
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import as_json, read_json, write_json
 from marssim.base.results.claim import ResultFolder, differences

@@ -9,7 +9,7 @@ import numpy as np
 
 from m3depth.ablation.config import budget_text
 from m3depth.evaluation.report import DEPTH_COLUMNS, NORMAL_COLUMNS, depth_range_text, number, table
-from marssim.base.command.notes import counted
+from marssim.base.command.wording import counted
 
 # Headings of the columns, by figure.
 NAMES = {**DEPTH_COLUMNS, **{f"normal_{name}": f"normals, {text}" for name, text in NORMAL_COLUMNS.items()}}

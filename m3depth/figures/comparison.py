@@ -23,7 +23,7 @@ from m3depth.figures.drawing import (
     save,
     show,
 )
-from marssim.base.command.notes import counted
+from marssim.base.command.wording import counted
 from marssim.base.images.colours import DEPTH_MAP, NORMAL_TITLE
 
 PANEL = 2.1  # [in] width of one image

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from marssim.base.command.notes import counted
+from marssim.base.command.wording import counted
 
 
 def chosen_device(wanted: str, number: int = 0) -> torch.device:

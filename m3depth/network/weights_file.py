@@ -16,7 +16,7 @@ from safetensors.torch import save
 from torch import Tensor
 
 from marssim.base.command.input_file import check_file
-from marssim.base.command.notes import counted
+from marssim.base.command.wording import counted
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import json_text
 

@@ -26,8 +26,8 @@ from m3depth.training.process_group import agree, entered_by_first, joined_group
 from m3depth.training.run import Run
 from m3depth.training.samples import PackedCache, batches, free_memory
 from m3depth.training.validation import Validator
-from marssim.base.command.notes import GOES_ON
 from marssim.base.command.signals import stop_on_signal
+from marssim.base.command.wording import GOES_ON
 from marssim.base.results.claim import ResultFolder
 
 WARM_UP = 0.04  # share of the run in which the learning rate rises

@@ -12,7 +12,7 @@ from m3depth.training.config import TrainConfig
 from m3depth.training.curves import CURVES
 from m3depth.training.ending import share_done
 from m3depth.training.run import Run
-from marssim.base.command.notes import counted
+from marssim.base.command.wording import counted
 
 
 def data_names(config: TrainConfig) -> str:

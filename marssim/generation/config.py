@@ -15,6 +15,7 @@ import tyro
 
 from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
 from marssim.base.command.flags import parse
+from marssim.base.command.notes import print_note
 from marssim.base.dataset.dataset import SPLIT_OF_TEN
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.version import VERSION
@@ -215,7 +216,7 @@ def parse_generate(prog: str, description: str | None, args: Sequence[str] | Non
     options = [parse(GenerateOptions, prog, description, args, default) for default in defaults]
     first = options[0]
     if not any(word.partition("=")[0] == "--renderer" for word in args) and first.renderer != "pybullet":
-        print(f"note: {FALLBACK_NOTE}", file=sys.stderr, flush=True)
+        print_note(FALLBACK_NOTE)
     scenes = tuple(SceneConfig(**{f.name: getattr(o.knobs, f.name) for f in fields(SceneConfig)}) for o in options)
     rig = first.rig.rig()
     if first.rig_file is not None:

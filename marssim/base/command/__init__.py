@@ -1,1 +1,1 @@
-"""What every command does with its command line, its messages and its end."""
+"""What all commands share: parsing, messages, progress, signals and exit codes."""

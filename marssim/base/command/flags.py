@@ -1,4 +1,4 @@
-"""The command line as a dataclass, and one-line messages for what is wrong with it."""
+"""Parse a command line into a dataclass, and say in one line what is wrong with it."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_typ
 
 from marssim.base.version import VERSION_FLAG, VERSION_LINE
 
-_RULE = re.compile(r"[─-]{8,}")  # lines between the parts of the parser's message
-_OF_TYPES = re.compile(r"no type matching .*<class '\w+'>: ")  # words of the parser about an optional flag
+_RULE = re.compile(r"[─-]{8,}")  # line between two parts of the parser's message
+_TYPE_PREFIX = re.compile(r"no type matching .*<class '\w+'>: ")  # begins the message on an optional flag
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")  # control sequence of a terminal
 
 Config = TypeVar("Config")
@@ -57,7 +57,7 @@ def parse(
             return tyro.cli(
                 config, prog=prog, description=description, args=joined(args, set(_list_flags(config))), **defaults
             )
-    except ValueError as error:  # a config's own, which the parser let through
+    except ValueError as error:  # raised by a config; the parser does not catch it
         raise ValueError(_with_flag(str(error), config.__name__, config)) from None
     except SystemExit as end:
         if not end.code:
@@ -72,9 +72,9 @@ def joined(args: Sequence[str], flags: set[str]) -> list[str]:
         args: The command line.
         flags: Flags that take any number of values, as "--part.some-name".
     """
-    groups: list[list[str]] = [[]]  # of a flag and its values
+    groups: list[list[str]] = [[]]  # each a flag and its values
     first: dict[str, list[str]] = {}
-    end = args.index("--") if "--" in args else len(args)  # what follows is no flag
+    end = args.index("--") if "--" in args else len(args)  # words after it are no flags
     for word in args[:end]:
         flag, equals, value = word.partition("=")
         flag = flag.replace("_", "-")
@@ -92,7 +92,7 @@ def joined(args: Sequence[str], flags: set[str]) -> list[str]:
 
 
 def _list_flags(config: type, prefix: str = "--") -> Iterator[str]:
-    """The flags of a config that take any number of values."""
+    """Yield the flags of a config that take any number of values."""
     parts = _parts(config)
     for name, hint in get_type_hints(config).items():
         dashed = name.replace("_", "-")
@@ -104,7 +104,7 @@ def _list_flags(config: type, prefix: str = "--") -> Iterator[str]:
 
 
 def _is_list(hint: Any) -> bool:
-    """Whether a type is a list, a tuple of any length, or one of them or None."""
+    """Return whether a type is a list, a tuple of any length, or one of them or None."""
     origin, args = get_origin(hint), get_args(hint)
     if origin is Annotated:
         return _is_list(args[0])
@@ -118,7 +118,7 @@ def _parse_error(framed: str, cause: BaseException | None, config: type) -> str:
 
     Args:
         framed: What tyro printed: the message in a frame, with help below.
-        cause: What the parser was handling when it gave up; a ValueError there is a config's own and names its flag.
+        cause: The exception that the parser was handling; a ValueError among its contexts was raised by a config.
         config: The config.
     """
     parts: list[list[str]] = [[]]
@@ -133,7 +133,7 @@ def _parse_error(framed: str, cause: BaseException | None, config: type) -> str:
     if wrong := re.match(r"Error parsing (\S+): (.*)", message):
         where, why = wrong.groups()
         if where.startswith("--"):
-            why = _OF_TYPES.sub("", why)
+            why = _TYPE_PREFIX.sub("", why)
             usage = parts[1][1] if len(parts) > 1 and len(parts[1]) > 1 else where  # the flag with its kind of value
             return f"{usage}: {why}"
         while cause is not None and not isinstance(cause, ValueError):
@@ -151,7 +151,7 @@ def _parse_error(framed: str, cause: BaseException | None, config: type) -> str:
 
 
 def _unknown(words: Sequence[str], known: Sequence[str]) -> str:
-    """Name the words that the parser could not place: options with the nearest known one, or values of no option."""
+    """Return a message on words that belong to no option; each unknown option has the most similar known one."""
     options = []
     for option in (word.partition("=")[0] for word in words if re.match(r"--?[a-zA-Z]", word)):
         near = difflib.get_close_matches(option, known, 1)
@@ -160,10 +160,10 @@ def _unknown(words: Sequence[str], known: Sequence[str]) -> str:
 
 
 def _with_flag(message: str, where: str, config: type) -> str:
-    """Return a config's complaint that begins with the name of one of its fields, with the flag instead.
+    """Replace the name of a field, with which a config's error message begins, by its flag.
 
     Args:
-        message: The complaint.
+        message: The error message.
         where: Dotted path of the config in the root config, or the root's name. A part whose flags have no prefix
             (tyro.conf.arg(name="")) is on the path, but not in the flag.
         config: The root config.

@@ -1,4 +1,4 @@
-"""Files that a command is given to read."""
+"""A check of the files that a command reads."""
 
 from __future__ import annotations
 
@@ -6,9 +6,15 @@ from pathlib import Path
 
 
 def check_file(path: Path, what: str = "file") -> None:
-    """Raise FileNotFoundError or IsADirectoryError, in one line that names it, unless `path` is a file.
+    """Check that a path is a file.
 
-    what: the kind of file that is expected, for the message.
+    Args:
+        path: The path.
+        what: Kind of file that is expected, for the message.
+
+    Raises:
+        FileNotFoundError: There is nothing at the path. One line that names it, as for the other error.
+        IsADirectoryError: The path is a folder.
     """
     if path.is_dir():
         raise IsADirectoryError(f"{path}: is a folder, not a {what}")

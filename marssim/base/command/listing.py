@@ -35,11 +35,14 @@ def command_list(package: str) -> str:
 
 
 def print_commands(package: str, args: Sequence[str] | None = None) -> int:
-    """Print the list of a package's commands, or with --version the version. Returns the exit code.
+    """Print the list of a package's commands, or with --version the version.
 
     Args:
         package: One of COMMANDS.
         args: The command line; None: sys.argv without the program.
+
+    Returns:
+        The exit code, 0.
     """
     args = sys.argv[1:] if args is None else args
     print(VERSION_LINE if VERSION_FLAG in args else command_list(package))
@@ -47,7 +50,12 @@ def print_commands(package: str, args: Sequence[str] | None = None) -> int:
 
 
 def summary(package: str, command: str) -> str:
-    """Return the first line of a command's docstring, read from its source."""
+    """Return the first line of a command's docstring. It is read from the source, without importing it.
+
+    Args:
+        package: One of COMMANDS.
+        command: One of COMMANDS[package].
+    """
     spec = find_spec(package)
     assert spec is not None and spec.origin is not None
     text = (Path(spec.origin).parent / f"{command}.py").read_text(encoding="utf-8")

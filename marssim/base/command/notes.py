@@ -1,7 +1,8 @@
-"""One line on stderr for who waits at a command where nothing is to be seen: that something takes long, once.
+"""Notes on stderr: lines that begin with "note: " and tell the user of a command what it does without being asked.
 
-Commands alone speak; a program that calls the package is not spoken into. Of the worker processes that a command starts
-the first that has something to say speaks in its stead, if it has said nothing by then.
+`say` is for a step that takes long without showing anything, such as the first compilation. It prints in commands only,
+never in a program that imports the package, and at most one line in a command. A command shares this permit with its
+worker processes: the first of them that has something to say prints it.
 """
 
 from __future__ import annotations
@@ -13,43 +14,51 @@ from multiprocessing.context import BaseContext
 from threading import Semaphore
 from typing import Any
 
-GOES_ON = "the same command goes on from here"
-KILLED = f"a worker process was killed, perhaps for lack of memory; {GOES_ON}, with fewer --workers it needs less"
-
-_turn: Any = None  # a semaphore of threads or of processes: whoever acquires it may say the line
+_permit: Any = None  # a semaphore of threads or of processes; the process that acquires it may print the line
 
 
 @contextmanager
-def speaking() -> Iterator[None]:
-    """A command, while it runs: one line may be said."""
-    take_turn(Semaphore(1))
+def one_note() -> Iterator[None]:
+    """Permit one line of `say` while a command runs."""
+    use_permit(Semaphore(1))
     try:
         yield
     finally:
-        take_turn(None)
+        use_permit(None)
 
 
-def take_turn(turn: Any) -> None:
-    """From now on this process may speak when it is given this turn, one for all that have it."""
-    global _turn
-    _turn = turn
+def use_permit(permit: Any) -> None:
+    """Replace the permit of this process.
+
+    Args:
+        permit: A semaphore that this process may share with others; None permits nothing.
+    """
+    global _permit
+    _permit = permit
 
 
-def shared_turn(context: BaseContext) -> Any:
-    """The turn for processes that are started in a context, None if the line was said. This one speaks no more."""
-    return context.Semaphore(1) if _free() else None
+def permit_for_workers(context: BaseContext) -> Any:
+    """Hand the permit of this process over to its worker processes.
+
+    Args:
+        context: How the processes are started.
+
+    Returns:
+        A semaphore for all of them together; None if this process has no permit or has used it.
+    """
+    return context.Semaphore(1) if _acquired() else None
 
 
 def say(line: str) -> None:
-    """Print the line, if this process may speak and neither it nor those that share its turn have said one."""
-    if _free():
-        print(f"note: {line}", file=sys.stderr, flush=True)
+    """Print a note if this process has a permit that nobody has used yet."""
+    if _acquired():
+        print_note(line)
 
 
-def _free() -> bool:
-    return _turn is not None and bool(_turn.acquire(False))
+def print_note(line: str) -> None:
+    """Print a note, whether or not there is a permit."""
+    print(f"note: {line}", file=sys.stderr, flush=True)
 
 
-def counted(number: int, noun: str) -> str:
-    """ "1 pair", "2 pairs"."""
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+def _acquired() -> bool:
+    return _permit is not None and bool(_permit.acquire(False))

@@ -1,12 +1,12 @@
-"""What every command does with its command line and with mistakes: one line on stderr and an exit code.
+"""Run a command: parse its command line, do its work, and turn errors into one line on stderr and an exit code.
 
-0    Done.
-1    The work came to a bad end: a training diverged, or marssim.verify found something wrong.
-2    A mistake of the user, or a disk, a package or a worker process that failed.
-130  Interrupted by Ctrl-C or SIGTERM, which a cluster's queue sends when the time is up.
+0    The command has done its work.
+1    The work ended badly: a training diverged, or marssim.verify found something wrong.
+2    The user made a mistake, or a disk, a package or a worker process failed.
+130  Ctrl-C or SIGTERM interrupted the command. A cluster's queue sends SIGTERM when the time is up.
 141  The reader of stdout closed the pipe, as `| head` does. Nothing is printed then.
 
-Anything else is a bug and shows its traceback.
+Any other exception is a bug and shows its traceback.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from marssim.base.command.flags import Config, parse
-from marssim.base.command.notes import GOES_ON, KILLED, speaking
+from marssim.base.command.notes import one_note
+from marssim.base.command.wording import GOES_ON, KILLED
 
 MISTAKES = (ValueError, OSError, ImportError, MemoryError, BrokenExecutor)
 _FIELD = re.compile(r"`([a-z][a-z0-9_]*(?:\.[a-z][a-z0-9_]*)*)`")
@@ -38,45 +39,71 @@ def run_command(
     args: Sequence[str] | None = None,
     interrupted: str = GOES_ON,
 ) -> int:
-    """Parse the command line into `config`, a dataclass, and call `work` on it. Returns the exit code.
+    """Parse a command line, do the work, and return the exit code.
 
-    args: instead of sys.argv. interrupted: what Ctrl-C leaves, and how to go on. A mistake is one line,
-    `error: ...`, on stderr; --help raises SystemExit(0). What a command writes goes to its field `out`, if it has one.
+    An error is printed to stderr as one line, `error: ...`.
+
+    Args:
+        work: Does the work. It takes the config.
+        config: A dataclass with the flags of the command. If it has a field `out`, errors of writing there name --out.
+        prog: The command, as it is typed.
+        description: Text above the flags in --help.
+        args: The command line; None: sys.argv without the program.
+        interrupted: What Ctrl-C leaves, and how to go on; it follows "interrupted; " in the message.
+
+    Returns:
+        The exit code; see the module.
+
+    Raises:
+        SystemExit: --help or --version was asked for, and is printed.
     """
 
-    def parsed_and_done() -> None:
-        asked = parse(config, prog, description, args)
-        with writing_to(getattr(asked, "out", None)):
-            work(asked)
+    def parse_and_work() -> None:
+        parsed = parse(config, prog, description, args)
+        with writing_to(getattr(parsed, "out", None)):
+            work(parsed)
 
-    return exit_code(parsed_and_done, interrupted)
+    return exit_code(parse_and_work, interrupted)
 
 
 @contextmanager
 def writing_to(out: Path | None) -> Iterator[None]:
-    """What the system does not let be written to `out`, or on the way there, is told with the flag --out before it."""
+    """Name the flag --out in an OSError about a file in the folder `out`, or about a folder that must hold it.
+
+    Args:
+        out: Folder of the results; None changes no error.
+
+    Raises:
+        OSError: The block failed to write. The message begins with "--out" if that is where it failed.
+    """
     try:
         yield
     except OSError as error:
         if out is None or error.filename is None or error.strerror is None:
             raise
-        there, file = (Path(os.path.abspath(str(path))) for path in (out, error.filename))
-        if file == there:
+        folder, file = (Path(os.path.abspath(str(path))) for path in (out, error.filename))
+        if file == folder:
             raise OSError(f"--out {out}: {_reason(error)}") from error
-        to_be_made = file in there.parents and not os.path.exists(file)
-        if to_be_made or (there in file.parents and error.errno != errno.ENOENT):  # that was read, not written
+        missing_parent = file in folder.parents and not os.path.exists(file)
+        # a file in the folder that does not exist was read, not written
+        if missing_parent or (folder in file.parents and error.errno != errno.ENOENT):
             raise OSError(f"--out {out}: {describe(error)}") from error
         raise
 
 
 def exit_code(work: Callable[[], object], interrupted: str = GOES_ON) -> int:
-    """Call `work`, tell its mistakes as run_command does, and return the exit code."""
+    """Do the work, print an error as run_command does, and return the exit code.
+
+    Args:
+        work: Does the work.
+        interrupted: What Ctrl-C leaves, and how to go on.
+    """
     try:
-        with speaking(), _terminated_as_interrupted():
+        with one_note(), _terminated_as_interrupted():
             work()
         sys.stdout.flush()
     except BrokenPipeError as error:
-        return 141 if _unread() else _fail(describe(error), 2)
+        return 141 if _stdout_is_closed() else _fail(describe(error), 2)
     except MISTAKES as error:
         return _fail(describe(error), 2)
     except FloatingPointError as error:
@@ -92,7 +119,7 @@ def exit_code(work: Callable[[], object], interrupted: str = GOES_ON) -> int:
 
 @contextmanager
 def _terminated_as_interrupted() -> Iterator[None]:
-    """Meanwhile SIGTERM raises KeyboardInterrupt; not outside the main thread, nor where somebody else handles it."""
+    """Let SIGTERM raise KeyboardInterrupt in the block, except outside the main thread or if it has a handler."""
     if (
         threading.current_thread() is not threading.main_thread()
         or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL
@@ -101,7 +128,7 @@ def _terminated_as_interrupted() -> Iterator[None]:
         return
 
     def end(number: int, frame: object) -> None:
-        signal.signal(number, signal.SIG_DFL)  # a second one ends at once
+        signal.signal(number, signal.SIG_DFL)  # a second signal ends the process at once
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGTERM, end)
@@ -112,17 +139,20 @@ def _terminated_as_interrupted() -> Iterator[None]:
 
 
 def _is_out_of_memory(error: RuntimeError) -> bool:
-    """Is it PyTorch's, of a GPU or of the processor? That knows no MemoryError, and is not imported here."""
+    """Return whether PyTorch raised the error for lack of memory of a GPU or of the processor.
+
+    PyTorch raises no MemoryError. Its classes are known by name, since it is not imported here.
+    """
     return type(error).__name__ == "OutOfMemoryError" or "can't allocate memory" in str(error)
 
 
-def _unread() -> bool:
-    """Has whoever read what is printed gone? What is left to print then goes nowhere. Unix only."""
+def _stdout_is_closed() -> bool:
+    """Return whether the reader of stdout has closed the pipe, and if so discard what is left to print. Unix only."""
     if not hasattr(select, "poll"):
         return False
     try:
         out = sys.stdout.fileno()
-    except OSError:  # nothing of the system's: text that is kept
+    except OSError:  # stdout is an object in memory
         return False
     pipe = select.poll()
     pipe.register(out, 0)
@@ -133,9 +163,9 @@ def _unread() -> bool:
 
 
 def describe(error: BaseException) -> str:
-    """One line for the user: an OSError's file and reason, else what the error says.
+    """Return an error as one line for the user: an OSError's file and reason, else the error's message.
 
-    What stands in ` ` in a message is a field of a config, `relief.heightmap_at`, and becomes its flag.
+    A name in ` ` in the message is a field of a config, as `relief.heightmap_at`, and becomes its flag.
     """
     if isinstance(error, BrokenExecutor) and not str(error):
         return KILLED
@@ -145,12 +175,12 @@ def describe(error: BaseException) -> str:
         files = [str(file) for file in (error.filename, error.filename2) if file is not None]
         return ": ".join([" -> ".join(files), _reason(error)] if files else [_reason(error)])
     line = " ".join(line.strip() for line in str(error).splitlines() if line.strip()) or type(error).__name__
-    return _FIELD.sub(lambda found: f"--{found[1].replace('_', '-')}", line)
+    return _FIELD.sub(lambda field: f"--{field[1].replace('_', '-')}", line)
 
 
 def _reason(error: OSError) -> str:
-    said = error.strerror or str(error)
-    return said[:1].lower() + said[1:]
+    reason = error.strerror or str(error)
+    return reason[:1].lower() + reason[1:]
 
 
 def _fail(line: str, code: int) -> int:

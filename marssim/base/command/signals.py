@@ -13,11 +13,11 @@ STOPPING = (signal.SIGTERM, signal.SIGINT)
 
 @contextmanager
 def stop_on_signal() -> Iterator[list[int]]:
-    """Note the first SIGTERM or SIGINT instead of ending, so that a run can finish its step and save.
+    """Record the first SIGTERM or SIGINT instead of ending, so that a run can finish its step and save.
 
     A signal that is ignored when the block begins stays ignored, as SIGINT is in a command that a script started in
     the background. A second signal has its former effect. Outside the main thread, where Python cannot handle
-    signals, nothing is noted.
+    signals, nothing is recorded.
 
     Yields:
         A list that holds the number of the signal once one has come.
@@ -27,17 +27,17 @@ def stop_on_signal() -> Iterator[list[int]]:
         yield received
         return
 
-    def remember(number: int, frame: Any) -> None:
+    def record(number: int, frame: Any) -> None:
         received.append(number)
         restore(number)
 
     def restore(number: int) -> None:
-        handler = before[number]  # None: one that is not Python's, which cannot be set again from here
+        handler = before[number]  # None for a handler that is not Python's, which cannot be restored from here
         signal.signal(number, signal.SIG_DFL if handler is None else handler)
 
     before: dict[int, Any] = {n: signal.getsignal(n) for n in STOPPING if signal.getsignal(n) != signal.SIG_IGN}
     for number in before:
-        signal.signal(number, remember)
+        signal.signal(number, record)
     try:
         yield received
     finally:

@@ -23,11 +23,12 @@ from typing import Any
 
 import cv2
 
-from marssim.base.command.notes import GOES_ON, KILLED, shared_turn, take_turn
+from marssim.base.command.notes import permit_for_workers, use_permit
+from marssim.base.command.wording import GOES_ON, KILLED
 
-TASKS_PER_WORKER = 64  # then a process is replaced: what libraries do not free cannot add up, nor what is cached
-MOST_GROWTH = 400e6  # [bytes] or sooner, if it holds so much more memory than after its first task
-ANSWER_WITHIN = 10.0  # [s] for a scheduler
+TASKS_PER_WORKER = 64  # tasks after which a process is replaced, so that leaks and caches do not add up
+MOST_GROWTH = 400e6  # [bytes] a process is replaced earlier if its memory grows by more than this after its first task
+ANSWER_WITHIN = 10.0  # [s] time in which a scheduler must answer
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "LP_NUM_THREADS")  # the last one: Mesa's
 
 _SPAWN = multiprocessing.get_context("spawn")
@@ -42,12 +43,19 @@ def run_tasks(
     workers: int = 1,
     scheduler: str | None = None,
 ) -> None:
-    """Call function(*task) for each task, and done(task, result) here as each is finished, in whatever order.
+    """Call function(*task) for each task, in any order. The first exception ends the run and is raised here.
 
-    workers: 1 works in this process; more start that many spawned processes of one thread each. scheduler: address of
-    a dask scheduler (tcp://host:8786) whose workers do it instead; function and tasks must be importable there.
-    The first exception of a task, or of done, ends the run and is raised here. Raises BrokenExecutor if a worker was
-    killed, ImportError or OSError if dask is not installed or the scheduler does not answer.
+    Args:
+        function: Does one task. Worker processes and clusters must be able to import it.
+        tasks: The arguments of each call.
+        done: Called as done(task, result) in this process, as each task is finished.
+        workers: Number of spawned processes, of one thread each; 1 works in this process.
+        scheduler: Address of a dask scheduler, tcp://host:8786, whose workers do the tasks instead.
+
+    Raises:
+        BrokenExecutor: A worker was killed.
+        ImportError: A scheduler is given, and dask is not installed.
+        OSError: The scheduler does not answer.
     """
     if scheduler is not None:
         _on_cluster(function, tasks, done, scheduler)
@@ -59,42 +67,49 @@ def run_tasks(
 
 
 class _Worker:
-    """One process that takes one task at a time.
+    """One process that does one task at a time.
 
-    Not a pool of many with max_tasks_per_child: up to Python 3.14 such a pool can come to stand still once its
-    processes are replaced (python/cpython#115634).
+    A single pool with max_tasks_per_child would be simpler, but up to Python 3.14 it can hang once its processes are
+    replaced (python/cpython#115634).
+
+    Args:
+        permit: Permit of all workers together to print a note; see marssim.base.command.notes.
     """
 
-    def __init__(self, turn: Any) -> None:
-        self.turn = turn  # to speak (marssim.base.command.notes), of all workers together
+    def __init__(self, permit: Any) -> None:
+        self.permit = permit
         self.pool: ProcessPoolExecutor | None = None
         self.processes: set[Any] = set()
-        self.held: list[int] = []  # memory after each task
+        self.memory: list[int] = []  # [bytes] after each task of the process
 
     def submit(self, function: Callable[..., Any], task: Task) -> Future[Any]:
-        """The future gives what `taken` takes."""
-        if self.pool is None or len(self.held) == TASKS_PER_WORKER or self._grown():
+        """Start a task, in a new process if the present one is due. `result` takes the future."""
+        if self.pool is None or len(self.memory) == TASKS_PER_WORKER or self._has_grown():
             self.end()
-            self.pool, self.held = ProcessPoolExecutor(1, _SPAWN, _start, (self.turn,)), []
+            self.pool, self.memory = ProcessPoolExecutor(1, _SPAWN, _start, (self.permit,)), []
             before = set(multiprocessing.active_children())
-            with _as_worker():
-                future = self.pool.submit(_weighed, function, task)
+            with _environment_of_workers():
+                future = self.pool.submit(_call_and_weigh, function, task)
             self.processes = set(multiprocessing.active_children()) - before
             return future
-        return self.pool.submit(_weighed, function, task)
+        return self.pool.submit(_call_and_weigh, function, task)
 
-    def taken(self, future: Future[Any]) -> Any:
-        """The result of a task that is done. Raises what the task raised."""
-        result, held = future.result()
-        self.held.append(held)
+    def result(self, future: Future[Any]) -> Any:
+        """Return the result of a finished task. Raises what the task raised."""
+        result, memory = future.result()
+        self.memory.append(memory)
         return result
 
-    def _grown(self) -> bool:
-        return bool(self.held) and self.held[-1] > self.held[0] + MOST_GROWTH
+    def _has_grown(self) -> bool:
+        return bool(self.memory) and self.memory[-1] > self.memory[0] + MOST_GROWTH
 
-    def end(self, now: bool = False) -> None:
-        """now: without waiting for the task at work; what it has half written is made anew in the next run."""
-        if now:
+    def end(self, terminate: bool = False) -> None:
+        """End the process.
+
+        Args:
+            terminate: Do not wait for its task. The next run makes again what the task has half written.
+        """
+        if terminate:
             for process in self.processes:
                 process.terminate()
         if self.pool is not None:
@@ -104,8 +119,8 @@ class _Worker:
 def _in_processes(
     function: Callable[..., Any], tasks: Sequence[Task], done: Callable[[Task, Any], object], count: int
 ) -> None:
-    turn = shared_turn(_SPAWN)
-    workers = [_Worker(turn) for _ in range(count)]
+    permit = permit_for_workers(_SPAWN)
+    workers = [_Worker(permit) for _ in range(count)]
     waiting, idle = list(reversed(tasks)), list(workers)
     running: dict[Future[Any], tuple[_Worker, Task]] = {}
     try:
@@ -116,10 +131,10 @@ def _in_processes(
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 worker, task = running.pop(future)
                 idle.append(worker)
-                done(task, worker.taken(future))
+                done(task, worker.result(future))
     except BaseException as error:
         for worker in workers:
-            worker.end(now=True)
+            worker.end(terminate=True)
         if isinstance(error, BrokenExecutor):
             raise BrokenExecutor(KILLED) from None
         raise
@@ -128,11 +143,11 @@ def _in_processes(
 
 
 @contextmanager
-def _as_worker() -> Iterator[None]:
-    """What is started inside uses one thread in each library and leaves Ctrl-C to this process.
+def _environment_of_workers() -> Iterator[None]:
+    """Let processes that start in the block use one thread in each library, and ignore Ctrl-C.
 
-    Both are inherited: the libraries read the environment when they are imported, and a signal stays blocked. One that
-    comes meanwhile is not lost here.
+    They inherit both: libraries read the environment when they are imported, and a blocked signal stays blocked. This
+    process handles a Ctrl-C of that time after the block.
     """
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))
@@ -149,20 +164,21 @@ def _as_worker() -> Iterator[None]:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
-def _start(turn: Any) -> None:
-    """Begin a worker: one thread for OpenCV too, and an end when the parent is gone, even by kill -9.
+def _start(permit: Any) -> None:
+    """Prepare a worker process: one thread for OpenCV, and an end when the parent ends, even by kill -9.
 
-    turn: to say what there is to say (marssim.base.command.notes), in the parent's stead; None if there is none.
+    Args:
+        permit: Permit of all workers together to print a note; None for none.
     """
     cv2.setNumThreads(1)
-    take_turn(turn)
+    use_permit(permit)
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 
 
-def _weighed(function: Callable[..., Any], task: Task) -> tuple[Any, int]:
-    """The task's result, and how many bytes of memory this process holds after it; 0 where that cannot be read."""
+def _call_and_weigh(function: Callable[..., Any], task: Task) -> tuple[Any, int]:
+    """Return the task's result and the memory of this process after it [bytes]; 0 where it cannot be read."""
     result = function(*task)
     try:
         pages = int(Path("/proc/self/statm").read_text().split()[1])
@@ -181,17 +197,22 @@ def _one_thread(function: Callable[..., Any], task: Task) -> Any:
     return function(*task)
 
 
-async def _knock(address: str) -> None:
-    """Connect and go. Raises what is wrong with an address, OSError or TimeoutError if no scheduler answers there.
+async def _check_address(address: str) -> None:
+    """Connect to a scheduler and disconnect.
 
-    A Client of a wrong address does not end: it is closed when it is forgotten, which takes 20 s and a traceback.
+    A Client of a wrong address is not closed before it is collected as garbage, which takes 20 s and prints a
+    traceback. So the address is checked first.
+
+    Raises:
+        OSError: No scheduler answers.
+        Exception: The address is malformed. Each kind of address has its own exceptions.
     """
     from distributed import Security
     from distributed.comm import connect
 
-    how = Security().get_connection_args("client")
-    comm = await asyncio.wait_for(connect(address, timeout=ANSWER_WITHIN, **how), ANSWER_WITHIN)
-    await comm.close()
+    security = Security().get_connection_args("client")
+    connection = await asyncio.wait_for(connect(address, timeout=ANSWER_WITHIN, **security), ANSWER_WITHIN)
+    await connection.close()
 
 
 def _on_cluster(
@@ -202,12 +223,12 @@ def _on_cluster(
     except ImportError:
         raise ImportError("--scheduler needs dask: pip install 'mars-m3depth[cluster]'") from None
     try:
-        with ThreadPoolExecutor(1) as elsewhere:  # a notebook has a loop in this thread already
-            elsewhere.submit(asyncio.run, _knock(address)).result()
+        with ThreadPoolExecutor(1) as thread:  # another one, since a notebook runs an event loop in this one
+            thread.submit(asyncio.run, _check_address(address)).result()
         client = Client(address, timeout=ANSWER_WITHIN, set_as_default=False)
     except OSError:
-        raise OSError(f"--scheduler {address}: no answer of a scheduler within {ANSWER_WITHIN:g} s") from None
-    except Exception as error:  # each kind of address (tcp, tls, ws, ...) has its own of what is wrong with it
+        raise OSError(f"--scheduler {address}: no scheduler answers within {ANSWER_WITHIN:g} s") from None
+    except Exception as error:  # each kind of address (tcp, tls, ws, ...) has its own exceptions
         raise OSError(f"--scheduler {address}: {error}; expected one like tcp://host:8786") from None
     with client, client.get_executor(pure=False) as executor:
         running = {executor.submit(_one_thread, function, task): task for task in tasks}
@@ -217,7 +238,7 @@ def _on_cluster(
                     done(running.pop(future), future.result())
         except (KilledWorker, CancelledError):
             raise BrokenExecutor(
-                f"--scheduler {address}: it, or several of its workers in turn, was lost; {GOES_ON}"
+                f"--scheduler {address}: the connection to it, or to several workers in turn, was lost; {GOES_ON}"
             ) from None
         finally:
             for future in running:

@@ -1,6 +1,6 @@
-"""Stereo datasets on disk: plain PNG and JSON files, written atomically, hashed, and read back as arrays.
+"""Read a stereo dataset from disk, and write its index. A dataset is a folder of PNG and JSON files:
 
-DIR/generate.json            what was asked for
+DIR/generate.json            the settings of marssim.generate
 DIR/dataset.json             the index: every sample, its split and the SHA-256 of its sample.json; written last
 DIR/scenes/00003/05/         one sample (scene 3, view 5)
     left.png right.png       8-bit RGB
@@ -11,7 +11,7 @@ DIR/scenes/00003/05/         one sample (scene 3, view 5)
     sample.json              rig, pose, scene parameters, what was drawn from their ranges (sun, air, surface, sensor),
                              and the SHA-256 of each image
 
-So the index holds, by way of each sample.json, every byte of every sample. In version 1 it held the images only.
+So the hashes in the index cover every byte of every sample. In version 1 they covered the images only.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, overload
 
+from marssim.base.command.wording import counted
 from marssim.base.dataset.marks import EXPORTED, SETTINGS
 from marssim.base.dataset.sample import StereoSample, is_complete, read_sample, sample_digest
 from marssim.base.files.json_file import DatasetError, read_json, write_json
@@ -39,11 +40,22 @@ Split = Literal["train", "val", "test"]
 
 
 class StereoDataset:
-    """A dataset folder as a sequence of StereoSample.
+    """A dataset, or one split of it, as a sequence of StereoSample. Each access by index reads the files of the sample.
 
-    split: "train", "val", "test" or None for all; it may hold no pairs, as val and test do where there are few scenes.
-    Raises DatasetError if the folder holds no readable dataset and ValueError for an unknown split. Indexing reads the
-    files of that sample anew.
+    Args:
+        path: Folder of the dataset.
+        split: "train", "val" or "test"; None for all. A dataset of few scenes has no pairs in val and test.
+
+    Attributes:
+        path: Folder of the dataset.
+        split: The split.
+        index: Content of dataset.json.
+        names: Name of each sample, "scene/view".
+        scenes: Name of each sample's scene.
+
+    Raises:
+        DatasetError: The folder holds no dataset that can be read.
+        ValueError: The split is unknown.
     """
 
     def __init__(self, path: str | os.PathLike[str], split: Split | None = None) -> None:
@@ -56,7 +68,7 @@ class StereoDataset:
             raise DatasetError(f"{self.path}: {what}")
         file = self.path / "dataset.json"
         if not file.is_file():
-            _check_no_other(self.path)
+            _check_not_unfinished(self.path)
         self.index = read_json(file)
         if self.index.get("schema") != SCHEMA:
             raise DatasetError(f"{file}: schema is {self.index.get('schema')!r}, not {SCHEMA!r}")
@@ -88,18 +100,34 @@ class StereoDataset:
 
     @cached_property
     def digest(self) -> str:
-        """One hash over the hashes of all samples of all splits."""
+        """SHA-256 over the names and hashes of all samples of all splits, in hexadecimal."""
         lines = "".join(f"{s['name']} {s['sha256']}\n" for s in self.index["samples"])
         return hashlib.sha256(lines.encode()).hexdigest()
 
 
 def split_of(scene: int) -> str:
-    """The split of a scene: 7:2:1 in every ten scenes, by its index alone; three scenes already give every split."""
+    """Return the split of a scene, which its number alone determines.
+
+    Of every ten scenes, seven are in train, two in val and one in test. The first three scenes are of all three splits.
+
+    Args:
+        scene: Number of the scene, from 0.
+    """
     return SPLIT_OF_TEN[scene % len(SPLIT_OF_TEN)]
 
 
 def write_index(path: Path, config: dict[str, Any], names: list[str]) -> None:
-    """Write dataset.json over the samples `names` ("scene/view"), which must be there."""
+    """Write dataset.json, the index of a dataset.
+
+    Args:
+        path: Folder of the dataset.
+        config: The settings of marssim.generate, and "pairs".
+        names: "scene/view" of the samples, all of which must be on disk.
+
+    Raises:
+        DatasetError: A sample.json cannot be read.
+        OSError: The index cannot be written.
+    """
     samples = [
         {"name": name, "split": split_of(int(name.split("/")[0])), "sha256": sample_digest(path / "scenes" / name)}
         for name in names
@@ -108,8 +136,8 @@ def write_index(path: Path, config: dict[str, Any], names: list[str]) -> None:
     write_json(path / "dataset.json", index)
 
 
-def _check_no_other(path: Path) -> None:
-    """Raise DatasetError that says what a folder without an index is, if that can be known."""
+def _check_not_unfinished(path: Path) -> None:
+    """Raise DatasetError if a folder without an index is an unfinished dataset or an export."""
     if (path / SETTINGS).is_file():
         raise DatasetError(_unfinished(path))
     if (path / EXPORTED).is_file():
@@ -118,18 +146,18 @@ def _check_no_other(path: Path) -> None:
 
 
 def _unfinished(path: Path) -> str:
-    """What a folder says that has settings and no index yet."""
+    """Return the message on a dataset that has settings and no index yet."""
     done = sum(is_complete(file.parent) for file in path.glob("scenes/*/[0-9]*/sample.json"))
     command = read_json(path / SETTINGS).get("command")
     if not isinstance(command, str):
-        how = "the call that began it completes it"
+        completion = "the call that began it completes it"
     else:
-        how = f"python -m marssim.generate --out {shlex.quote(str(path))} {command} completes it"
-    return f"{path}: not finished, {done} pairs are there; {how}"
+        completion = f"python -m marssim.generate --out {shlex.quote(str(path))} {command} completes it"
+    return f"{path}: not finished, it has {counted(done, 'pair')}; {completion}"
 
 
 def _lists_samples(index: dict[str, Any]) -> bool:
-    """Is every sample of the index named like a folder within the dataset, with a split and a hash?"""
+    """Return whether each sample of the index has the name of a folder in the dataset, a split and a hash."""
     samples = index.get("samples")
     return isinstance(samples, list) and all(
         isinstance(s, dict)

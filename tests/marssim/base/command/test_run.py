@@ -12,8 +12,8 @@ import pytest
 import tyro
 
 from marssim.base.command.flags import parse
-from marssim.base.command.notes import counted
 from marssim.base.command.run import describe, exit_code, run_command
+from marssim.base.command.wording import counted
 
 
 class OutOfMemoryError(RuntimeError):

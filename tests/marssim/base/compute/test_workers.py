@@ -214,7 +214,7 @@ def test_what_listens_and_is_no_scheduler_is_one_line(monkeypatch):
         silent.bind(("127.0.0.1", 0))
         silent.listen()
         address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
-        with pytest.raises(OSError, match=rf"^--scheduler {address}: no answer of a scheduler within 0.5 s$"):
+        with pytest.raises(OSError, match=rf"^--scheduler {address}: no scheduler answers within 0.5 s$"):
             run_tasks(slow_square, [(1,)], print, scheduler=address)
 
 
