@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Literal
 
-from marssim.base.camera import WIDEST
+from marssim.base.camera import WIDEST_BASELINE
 
 Format = Literal["auto", "marssim", "kitti", "sceneflow", "middlebury", "eth3d", "oaisys", "list", "folder"]
 Split = Literal["train", "val", "test", "all"]
@@ -79,8 +79,10 @@ class DataConfig:
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value != 0 and (value > 0 or name == "unit")):
                 raise ValueError(f"{name} must be {'other than 0' if name == 'unit' else 'positive'}, got {value}")
-        if self.baseline is not None and self.baseline > WIDEST:
-            raise ValueError(f"baseline must be at most {WIDEST:g} m, got {self.baseline:g}; is it in millimetres?")
+        if self.baseline is not None and self.baseline > WIDEST_BASELINE:
+            raise ValueError(
+                f"baseline must be at most {WIDEST_BASELINE:g} m, got {self.baseline:g}; is it in millimetres?"
+            )
         if not 0 < self.resize <= 1:
             raise ValueError(f"resize must be over 0 and at most 1, got {self.resize}")
         low, high = self.depth_range

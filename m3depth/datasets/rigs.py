@@ -10,7 +10,7 @@ from m3depth.datasets.calibration import Calibration, read_calibration
 from m3depth.datasets.config import DataConfig
 from m3depth.datasets.oaisys import oaisys_rig
 from m3depth.datasets.pair_files import Rig, Rigs
-from marssim.base.camera import NATECAM, WIDEST
+from marssim.base.camera import NATECAM, WIDEST_BASELINE
 from marssim.base.files.json_file import DatasetError
 
 NATECAM_NAME = Path("natecam")
@@ -32,8 +32,10 @@ def file_rig(calib: Path, left: Path) -> Rig:
             raise DatasetError(f"{calib}: is for {size[0]} x {size[1]} px, {left} is {width} x {height}")
         if not np.isfinite(baseline) or baseline <= 0:
             raise DatasetError(f"{calib}: the baseline is {baseline:g} m; are left and right exchanged?")
-        if baseline > WIDEST:
-            raise DatasetError(f"{calib}: the baseline is {baseline:g} m, over {WIDEST:g}; is it in millimetres?")
+        if baseline > WIDEST_BASELINE:
+            raise DatasetError(
+                f"{calib}: the baseline is {baseline:g} m, over {WIDEST_BASELINE:g}; is it in millimetres?"
+            )
         return calibration
 
     return rig

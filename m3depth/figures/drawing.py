@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from marssim.base.files.atomic import write_atomically
+from marssim.base.files.png import encode_png
 from marssim.base.images.colours import normal_colours
 
 DEPTH_TICKS = (0.2, 0.5, 1, 2, 3, 5, 10, 15, 30, 50, 100, 200, 500)  # [m] depths that a colour bar may name
@@ -98,8 +99,5 @@ def save(figure: Figure, path: Path) -> np.ndarray:
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     pixels = np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])
-    ok, data = cv2.imencode(".png", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_PNG_COMPRESSION, 6])
-    if not ok:
-        raise OSError(f"{path}: the figure could not be encoded")
-    write_atomically(path, data.tobytes())
+    write_atomically(path, encode_png(pixels[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 6]))
     return pixels

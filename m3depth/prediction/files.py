@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from m3depth.prediction.figure import prediction_figure
@@ -14,6 +13,7 @@ from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import StereoRig
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.npy import encode_npy
+from marssim.base.files.png import encode_png
 from marssim.base.images.colours import normal_colours
 from marssim.base.images.depth_edges import depth_edges
 from marssim.base.images.pointcloud import coloured_points, encode_ply
@@ -96,7 +96,4 @@ def _uint16(values: np.ndarray) -> np.ndarray:
 
 
 def _write_png(path: Path, image: np.ndarray) -> None:
-    ok, data = cv2.imencode(".png", image)
-    if not ok:
-        raise OSError(f"{path}: could not be encoded")
-    write_atomically(path, data.tobytes())
+    write_atomically(path, encode_png(image))

@@ -15,8 +15,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-HUGE = sys.float_info.max
-WIDEST = 10.0  # [m] baseline; files that state it in millimetres are far above it
+LARGEST_FLOAT = sys.float_info.max
+WIDEST_BASELINE = 10.0  # [m] a larger one is taken for millimetres
 MIN_DEPTH = 0.5  # [m] nearest depth that is scored (paper, Sec. V-B)
 MAX_DEPTH = 15.0  # [m] farthest depth that is scored
 
@@ -25,7 +25,16 @@ MAX_DEPTH = 15.0  # [m] farthest depth that is scored
 class PinholeCamera:
     """A camera without distortion.
 
-    width, height: image size [px]; fx, fy: focal lengths [px]; cx, cy: principal point [px].
+    Attributes:
+        width: Width of the image [px].
+        height: Height of the image [px].
+        fx: Focal length along the rows [px].
+        fy: Focal length along the columns [px].
+        cx: Column of the principal point [px].
+        cy: Row of the principal point [px].
+
+    Raises:
+        ValueError: A value is out of range. One line that begins with its name.
     """
 
     width: int
@@ -48,7 +57,13 @@ class PinholeCamera:
 
     @classmethod
     def centred(cls, width: int, height: int, focal: float) -> PinholeCamera:
-        """Square pixels, principal point in the middle of the image. focal [px]."""
+        """Return a camera with square pixels and its principal point in the middle of the image.
+
+        Args:
+            width: Width of the image [px].
+            height: Height of the image [px].
+            focal: Focal length [px].
+        """
         return cls(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
 
     @property
@@ -64,13 +79,21 @@ class PinholeCamera:
         return float(half_x.sum()), float(half_y.sum())
 
     def rays(self) -> np.ndarray:
-        """(H, W, 3) float64 direction of each pixel centre, scaled to z = 1; shared, so not to be written to."""
+        """Return the direction of each pixel centre.
+
+        Returns:
+            (H, W, 3) float64, camera frame, scaled to z = 1. The array is read-only, since calls share it.
+        """
         return _rays(self)
 
     def project(self, points: np.ndarray) -> np.ndarray:
-        """Pixel coordinates (u, v) of points in the camera frame.
+        """Project points to the image.
 
-        points: (..., 3) [m]. Returns (..., 2) [px]; NaN for points at or behind the camera's plane.
+        Args:
+            points: (..., 3) [m], camera frame.
+
+        Returns:
+            (..., 2) column u and row v [px]; NaN for points in the plane of the camera or behind it.
         """
         points = np.asarray(points, dtype=float)
         z = np.where(points[..., 2] > 0, points[..., 2], np.nan)
@@ -79,21 +102,40 @@ class PinholeCamera:
         return np.stack([u, v], axis=-1)
 
     def unproject(self, depth: np.ndarray) -> np.ndarray:
-        """Points in the camera frame of a depth map.
+        """Return the points that a depth map shows.
 
-        depth: (H, W) [m]. Returns (H, W, 3) [m], not finite where depth is not.
+        Args:
+            depth: (H, W) [m] along the optical axis.
+
+        Returns:
+            (H, W, 3) [m], camera frame; not finite where depth is not.
+
+        Raises:
+            ValueError: The map has another size than the image.
         """
         depth = np.asarray(depth)
         if depth.shape != (self.height, self.width):
-            raise ValueError(f"depth is {depth.shape}, the camera has {(self.height, self.width)} pixels")
+            raise ValueError(f"depth must have the shape {(self.height, self.width)} of the image, got {depth.shape}")
         return self.rays() * depth[..., None]
 
     def cropped(self, x: int, y: int, width: int, height: int) -> PinholeCamera:
-        """The camera of the image part whose upper left pixel is (x, y)."""
+        """Return the camera of a part of the image.
+
+        Args:
+            x: First column of the part [px].
+            y: First row of the part [px].
+            width: Width of the part [px].
+            height: Height of the part [px].
+        """
         return PinholeCamera(width, height, self.fx, self.fy, self.cx - x, self.cy - y)
 
     def resized(self, width: int, height: int) -> PinholeCamera:
-        """The camera of the image resampled to width x height (outer pixel edges stay where they are)."""
+        """Return the camera of the resampled image, whose outer pixel edges stay where they are.
+
+        Args:
+            width: New width [px].
+            height: New height [px].
+        """
         sx, sy = width / self.width, height / self.height
         return PinholeCamera(
             width, height, self.fx * sx, self.fy * sy, (self.cx + 0.5) * sx - 0.5, (self.cy + 0.5) * sy - 0.5
@@ -111,7 +153,15 @@ def _rays(camera: PinholeCamera) -> np.ndarray:
 
 @dataclass(frozen=True)
 class StereoRig:
-    """Two equal cameras, rectified: the right eye stands at x = +baseline [m] in the left eye's frame."""
+    """Two equal, rectified cameras. The right one stands at x = +baseline in the frame of the left one.
+
+    Attributes:
+        camera: Either camera.
+        baseline: Distance between the cameras [m].
+
+    Raises:
+        ValueError: The baseline is out of range.
+    """
 
     camera: PinholeCamera
     baseline: float
@@ -119,8 +169,10 @@ class StereoRig:
     def __post_init__(self) -> None:
         if not (np.isfinite(self.baseline) and self.baseline > 0):
             raise ValueError(f"baseline must be positive and finite [m], got {self.baseline}")
-        if self.baseline > WIDEST:
-            raise ValueError(f"baseline must be at most {WIDEST:g} m, got {self.baseline:g}; is it in millimetres?")
+        if self.baseline > WIDEST_BASELINE:
+            raise ValueError(
+                f"baseline must be at most {WIDEST_BASELINE:g} m, got {self.baseline:g}; is it in millimetres?"
+            )
 
     @property
     def fb(self) -> float:
@@ -128,41 +180,68 @@ class StereoRig:
         return self.camera.fx * self.baseline
 
     def disparity_to_depth(self, disparity: np.ndarray) -> np.ndarray:
-        """Depth of rectified pixels, Z = f B / d.
+        """Convert disparity of rectified pixels to depth, Z = f B / d.
 
-        disparity: (...) [px], x_left - x_right; <= 0 or NaN means no match.
-        Returns (...) [m], z along the optical axis; inf where there is no match. Floats keep their precision, integers
-        give float64.
+        Args:
+            disparity: (...) [px], x_left - x_right; values <= 0 and NaN mean no match.
+
+        Returns:
+            (...) depth [m] along the optical axis; inf where there is no match. Floats keep their precision, integers
+            give float64.
         """
         disparity = _floating(disparity)
         match = disparity > 0
         return np.where(match, self.fb / np.where(match, disparity, 1), np.inf).astype(disparity.dtype, copy=False)
 
     def depth_to_disparity(self, depth: np.ndarray) -> np.ndarray:
-        """Disparity d = f B / Z. depth: (...) [m]. Returns (...) [px]; 0 where depth is infinite, NaN or <= 0.
+        """Convert depth to disparity of rectified pixels, d = f B / Z.
 
-        Floats keep their precision, integers give float64.
+        Args:
+            depth: (...) [m] along the optical axis.
+
+        Returns:
+            (...) disparity [px], x_left - x_right; 0 where depth is infinite, NaN or <= 0. Floats keep their precision,
+            integers give float64.
         """
         depth = _floating(depth)
-        known = np.isfinite(depth) & (depth > 0)
-        return np.where(known, self.fb / np.where(known, depth, 1), 0).astype(depth.dtype, copy=False)
+        valid = np.isfinite(depth) & (depth > 0)
+        return np.where(valid, self.fb / np.where(valid, depth, 1), 0).astype(depth.dtype, copy=False)
 
     def right_pose(self, left_pose: np.ndarray) -> np.ndarray:
-        """(4, 4) camera-to-world pose of the right eye, from that of the left eye."""
+        """Return the pose of the right camera.
+
+        Args:
+            left_pose: (4, 4) left camera to world.
+
+        Returns:
+            (4, 4) right camera to world.
+        """
         out = np.array(left_pose, dtype=float)
         out[:3, 3] += out[:3, 0] * self.baseline
         return out
 
     def cropped(self, x: int, y: int, width: int, height: int) -> StereoRig:
-        """The rig of both images' parts whose upper left pixel is (x, y)."""
+        """Return the rig of the same part of both images.
+
+        Args:
+            x: First column of the part [px].
+            y: First row of the part [px].
+            width: Width of the part [px].
+            height: Height of the part [px].
+        """
         return replace(self, camera=self.camera.cropped(x, y, width, height))
 
     def resized(self, width: int, height: int) -> StereoRig:
-        """The rig of both images resampled to width x height; disparities scale with the width."""
+        """Return the rig of both images resampled. Disparities scale with the width.
+
+        Args:
+            width: New width [px].
+            height: New height [px].
+        """
         return replace(self, camera=self.camera.resized(width, height))
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, for JSON; read back by from_dict."""
+        """Return the rig as plain numbers by name, for JSON; from_dict reads them."""
         c = self.camera
         return {
             "width": c.width, "height": c.height, "fx": c.fx, "fy": c.fy, "cx": c.cx, "cy": c.cy,
@@ -171,7 +250,14 @@ class StereoRig:
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> StereoRig:
-        """Read to_dict's form. Raises ValueError that names a missing or malformed field."""
+        """Return the rig that to_dict wrote.
+
+        Args:
+            data: width, height, fx, fy, cx, cy [px] and baseline [m].
+
+        Raises:
+            ValueError: A field is missing or malformed. One line that names it.
+        """
         if not isinstance(data, dict):
             raise ValueError(f"stereo rig: must have named fields, is a {type(data).__name__}")
 
@@ -180,7 +266,7 @@ class StereoRig:
                 raise ValueError(f"stereo rig: field {name!r} is missing")
             value = data[name]
             number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-            if not (number and -HUGE <= value <= HUGE) or (whole and value % 1):
+            if not (number and abs(value) <= LARGEST_FLOAT) or (whole and value % 1):
                 raise ValueError(f"stereo rig: field {name!r} must be a {'whole' if whole else 'finite'} number")
             return float(value)
 
@@ -193,9 +279,14 @@ class StereoRig:
 
 
 def rotate(vectors: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """vectors @ matrix.T for many short vectors; BLAS takes many times as long for such thin arrays.
+    """Return vectors @ matrix.T for many short vectors, many times as fast as BLAS does for such thin arrays.
 
-    vectors: (..., 3); matrix: (3, 3) or (2, 3). Returns (..., 3) or (..., 2) of the vectors' dtype.
+    Args:
+        vectors: (..., 3).
+        matrix: (3, 3) or (2, 3).
+
+    Returns:
+        (..., 3) or (..., 2) of the vectors' dtype.
     """
     if vectors.size == 0:
         return np.zeros((*vectors.shape[:-1], len(matrix)), dtype=vectors.dtype)
@@ -204,11 +295,16 @@ def rotate(vectors: np.ndarray, matrix: np.ndarray) -> np.ndarray:
 
 
 def look_pose(position: np.ndarray, yaw: float, pitch: float, roll: float = 0.0) -> np.ndarray:
-    """Camera-to-world pose of a camera that looks along a compass-free heading.
+    """Return the pose of a camera from its position and three angles.
 
-    position: (3,) [m]. yaw [rad]: from world x, counter-clockwise seen from above. pitch [rad]: positive looks down.
-    roll [rad]: about the optical axis, positive turns the camera clockwise as seen from behind it.
-    Returns (4, 4).
+    Args:
+        position: (3,) [m], world frame.
+        yaw: Viewing direction [rad] from world x, counter-clockwise seen from above.
+        pitch: How far the camera looks down from the horizon [rad].
+        roll: Turn about the optical axis [rad], clockwise as seen from behind the camera.
+
+    Returns:
+        (4, 4) camera to world.
     """
     cy, sy, cp, sp = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch)
     forward = np.array([cy * cp, sy * cp, -sp])
@@ -228,6 +324,6 @@ NATECAM = StereoRig(PinholeCamera.centred(512, 512, 595.90), baseline=0.270)
 
 
 def _floating(values: np.ndarray) -> np.ndarray:
-    """As an array of floats: of their own precision, float64 where they are integers."""
+    """Return values as an array of floats: floats keep their precision, integers become float64."""
     values = np.asarray(values)
     return values if np.issubdtype(values.dtype, np.floating) else values.astype(float)

@@ -7,13 +7,14 @@ from importlib.metadata import PackageNotFoundError, version
 DISTRIBUTION = "mars-m3depth"
 
 
-def _installed() -> str:
+def _installed_version() -> str:
+    """Return the version of the installed distribution, "unknown" if it is not installed."""
     try:
         return version(DISTRIBUTION)
-    except PackageNotFoundError:  # run from a source tree that is not installed
+    except PackageNotFoundError:  # the packages run from a source tree
         return "unknown"
 
 
-VERSION = _installed()
-VERSION_FLAG = "--version"  # flag of every command
-VERSION_LINE = f"{DISTRIBUTION} {VERSION}"  # what it prints
+VERSION = _installed_version()
+VERSION_FLAG = "--version"  # a flag of every command
+VERSION_LINE = f"{DISTRIBUTION} {VERSION}"  # what the flag prints

@@ -109,11 +109,7 @@ def _render(config: GenerateConfig, scene_index: int, views: list[int]) -> None:
             view_sensor = sensor or Sensor.draw(config.sensor, rng)
             frame = render_stereo(renderer, shader, config.rig, pose, view_sensor, rng)
             folder = sample_folder(config.out, scene_index, view)
-            try:
-                write_sample(folder, frame, _meta(config, scene, view_sensor, scene_index, view))
-            except OSError as error:
-                error.filename = error.filename or str(folder)  # a write that fails does not name its file
-                raise
+            write_sample(folder, frame, _meta(config, scene, view_sensor, scene_index, view))
     finally:
         renderer.close()
 

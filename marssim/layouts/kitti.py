@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from marssim.base.dataset.sample import StereoSample
+from marssim.base.files.png import encode_png
 from marssim.layouts.layout import (
     Content,
     Item,
     Layout,
     no_lists,
-    png_bytes,
 )
 
 KITTI_SCALE = 256  # uint16 steps for each pixel of disparity
@@ -63,7 +63,7 @@ def _files(item: Item) -> dict[str, Content]:
 
     def disparity(visible_only: bool) -> bytes:
         known = item.known & ~item.sample.occluded if visible_only else item.known
-        return png_bytes(kitti_code(item.sample.disparity, known))
+        return encode_png(kitti_code(item.sample.disparity, known))
 
     return {
         f"{root}/image_2/{name}_10.png": lambda: item.image("left.png"),

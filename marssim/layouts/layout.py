@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from marssim.base.dataset.sample import StereoSample, read_sample
 from marssim.base.files.json_file import DatasetError
 from marssim.base.files.pfm import encode_pfm
+from marssim.base.files.png import encode_png
 
 
 @dataclass(frozen=True)
@@ -93,11 +93,6 @@ class Layout:
     """What a reader of the export has to know, in Markdown."""
 
 
-def png_bytes(image: np.ndarray) -> bytes:
-    """Encode an image as PNG."""
-    return cv2.imencode(".png", image)[1].tobytes()
-
-
 def no_lists(split: str, items: Sequence[Item]) -> dict[str, str]:
     """Return no files: the layout has no lists."""
     return {}
@@ -115,9 +110,9 @@ def gapped_pfm(item: Item) -> bytes:
 
 def occlusion_png(item: Item) -> bytes:
     """Encode the occlusion mask as PNG: 255 where the right eye does not see the point."""
-    return png_bytes(item.sample.occluded.astype(np.uint8) * 255)
+    return encode_png(item.sample.occluded.astype(np.uint8) * 255)
 
 
 def visibility_png(item: Item) -> bytes:
     """Encode the visibility as PNG: 255 seen by both eyes, 128 hidden from the right eye, 0 unknown (sky)."""
-    return png_bytes(np.where(item.known, np.where(item.sample.occluded, 128, 255), 0).astype(np.uint8))
+    return encode_png(np.where(item.known, np.where(item.sample.occluded, 128, 255), 0).astype(np.uint8))

@@ -184,5 +184,5 @@ def test_the_log_of_another_command_is_left_alone(tmp_path, capsys):
     """m3depth.train calls its own the same."""
     (tmp_path / "log.jsonl").write_text("{}\n")
     assert main(["--out", str(tmp_path), "--max-steps", "1"]) == 2
-    assert "train_ppo.json: no such file, so the files in this folder are another command's" in capsys.readouterr().err
+    assert "train_ppo.json: no such file, so another command wrote the files in this folder" in capsys.readouterr().err
     assert [file.name for file in tmp_path.iterdir()] == ["log.jsonl"]

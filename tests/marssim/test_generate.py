@@ -351,7 +351,7 @@ def test_the_folder_records_the_command_that_completes_it(made, folder, monkeypa
     """What is read of an unfinished dataset is the command line, and that command line works."""
     (folder / "dataset.json").unlink()
     shutil.rmtree(folder / "scenes" / "00001" / "00")
-    with pytest.raises(DatasetError, match=r"not finished, 3 pairs are there; .* completes it$") as error:
+    with pytest.raises(DatasetError, match=r"not finished, it has 3 pairs; .* completes it$") as error:
         StereoDataset(folder)
     words = shlex.split(str(error.value).split("; ")[1].removesuffix(" completes it"))
     assert words[:3] == ["python", "-m", "marssim.generate"]

@@ -1,1 +1,1 @@
-"""Stereo datasets on disk: writing, reading and encoding of samples."""
+"""Stereo datasets on disk: their index, their samples, and the encoding of depth and normals."""

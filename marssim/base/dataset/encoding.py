@@ -1,4 +1,4 @@
-"""Depth and normals as 16-bit images."""
+"""Encode depth and normals as 16-bit images, and decode them."""
 
 from __future__ import annotations
 
@@ -6,14 +6,20 @@ import numpy as np
 
 from marssim.base.compute.compiled import compiled
 
-NEAREST, FARTHEST = 0.1, 1000.0  # [m] range of the depth code
-SKY_CODE = 65535
+NEAREST, FARTHEST = 0.1, 1000.0  # [m] range of depth that the code covers
+SKY_CODE = 65535  # code of depth in the sky
 
 
 def encode_depth(depth: np.ndarray) -> np.ndarray:
-    """uint16 code of depth [m], equal steps of its logarithm: 7e-5 relative error at most.
+    """Encode depth in equal steps of its logarithm, with a relative error of 7e-5 at most.
 
-    code = round(65534 ln(Z / 0.1 m) / ln(1000 m / 0.1 m)), clipped; 65535 where depth is not finite (sky).
+    code = round(65534 ln(Z / 0.1 m) / ln(1000 m / 0.1 m)), clipped.
+
+    Args:
+        depth: (...) [m].
+
+    Returns:
+        (...) uint16; 65535 where depth is not finite, as in the sky.
     """
     return _depth_code(np.ascontiguousarray(depth).ravel()).reshape(depth.shape)
 
@@ -30,14 +36,28 @@ def _depth_code(depth):
 
 
 def decode_depth(code: np.ndarray) -> np.ndarray:
-    """float32 depth [m] of encode_depth's code; inf in the sky."""
+    """Decode the depth that encode_depth encoded.
+
+    Args:
+        code: (...) uint16.
+
+    Returns:
+        (...) float32 [m]; inf in the sky.
+    """
     table = NEAREST * (FARTHEST / NEAREST) ** (np.arange(SKY_CODE + 1) / (SKY_CODE - 1))
     table[SKY_CODE] = np.inf
     return table.astype(np.float32)[code]
 
 
 def encode_normal(normal: np.ndarray) -> np.ndarray:
-    """uint16 RGB of unit normals (H, W, 3); black where the normal is zero (sky)."""
+    """Encode unit normals as colours, (n + 1) / 2 scaled to 65535.
+
+    Args:
+        normal: (H, W, 3) unit vectors; 0 in the sky.
+
+    Returns:
+        (H, W, 3) uint16 RGB; black in the sky.
+    """
     return _normal_code(np.ascontiguousarray(normal).reshape(-1, 3)).reshape(normal.shape)
 
 
@@ -52,7 +72,14 @@ def _normal_code(normal):
 
 
 def decode_normal(code: np.ndarray) -> np.ndarray:
-    """(H, W, 3) float32 unit normals of encode_normal's code; 0 in the sky."""
+    """Decode the normals that encode_normal encoded.
+
+    Args:
+        code: (H, W, 3) uint16 RGB.
+
+    Returns:
+        (H, W, 3) float32 unit normals; 0 in the sky.
+    """
     normal = code.astype(np.float32) * np.float32(2 / 65535) - 1
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
     return np.where((code == 0).all(axis=-1, keepdims=True), np.float32(0), normal)

@@ -1,4 +1,4 @@
-"""A rendered stereo pair with its ground truth, before it is written."""
+"""A rendered stereo pair with its ground truth, as it is before it is written to a dataset."""
 
 from __future__ import annotations
 
@@ -8,17 +8,26 @@ import numpy as np
 
 from marssim.base.camera import StereoRig
 
-SKY = -1
-GROUND = 0  # rock n of Scene.rocks has id n + 1
+SKY = -1  # id of the sky in maps of surfaces
+GROUND = 0  # id of the ground; rock n of Scene.rocks has the id n + 1
 
 
 @dataclass(frozen=True)
 class StereoFrame:
-    """What the rig sees. Maps are of the left eye; frame: left camera, x right, y down, z forward.
+    """A rendered stereo pair with its ground truth. Maps are of the left eye.
 
-    left, right: (H, W, 3) uint8 RGB. depth: (H, W) float32 [m], inf in the sky. disparity: (H, W) float32 [px], 0 in
-    the sky. normal: (H, W, 3) float32. surface: (H, W) int32 ids of GBuffer. occluded: (H, W) bool, left pixels whose
-    point the right eye does not see. rig; pose: (4, 4) left camera to world.
+    Vectors are in the frame of the left camera: x right, y down, z forward.
+
+    Attributes:
+        left: (H, W, 3) uint8 RGB image of the left eye.
+        right: (H, W, 3) uint8 RGB image of the right eye.
+        depth: (H, W) float32 [m] along the optical axis; inf in the sky.
+        disparity: (H, W) float32 [px], x_left - x_right; 0 in the sky.
+        normal: (H, W, 3) float32 unit normals that face the camera; 0 in the sky.
+        surface: (H, W) int32 id of the surface: SKY, GROUND, or n + 1 for rock n.
+        occluded: (H, W) bool, true where the right eye does not see the point.
+        rig: The cameras.
+        pose: (4, 4) left camera to world.
     """
 
     left: np.ndarray

@@ -1,6 +1,6 @@
-"""The files by which the folders of datasets and of their exports are known."""
+"""Names of the files that mark a folder as a dataset or as an export of one."""
 
 from __future__ import annotations
 
-SETTINGS = "generate.json"
-EXPORTED = "export.json"  # of a folder that marssim.export has written
+SETTINGS = "generate.json"  # marks a dataset of marssim.generate
+EXPORTED = "export.json"  # marks an export of marssim.export

@@ -1,4 +1,4 @@
-"""One sample of a dataset: written in one step, hashed, and read back as arrays."""
+"""Read and write one sample of a dataset: its folder appears in one step, and its files are hashed."""
 
 from __future__ import annotations
 
@@ -15,12 +15,13 @@ import numpy as np
 from marssim.base.camera import MAX_DEPTH, MIN_DEPTH, StereoRig
 from marssim.base.dataset.encoding import decode_depth, decode_normal, encode_depth, encode_normal
 from marssim.base.dataset.frame import SKY, StereoFrame
+from marssim.base.files.atomic import naming
 from marssim.base.files.json_file import DatasetError, json_text, read_json
-from marssim.base.files.png import decode_png
+from marssim.base.files.png import decode_png, encode_png
 
 IMAGES = ("left.png", "right.png", "depth.png", "normal.png", "surface.png", "occluded.png")
-# the fastest that PNG has to offer for each, at about equal size: noise does not repeat, so searching it for repeats is
-# lost time; maps do, and normals are those of facets: unfiltered they repeat as they are
+# The fastest compression of each image at about the smallest size. Noisy images have no repeats to search for. Maps
+# have, and so have normals, which are constant on facets, as long as no filter changes them.
 _PLAIN = [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE]
 _NOISY = [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
 _RUNS = [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
@@ -32,12 +33,21 @@ PNG = {
 
 @dataclass(frozen=True)
 class StereoSample:
-    """One stereo pair with its ground truth; maps are of the left eye, frame: left camera, x right, y down, z forward.
+    """A stereo pair of a dataset with its ground truth. Maps are of the left eye.
 
-    left, right: (H, W, 3) uint8 RGB. depth: (H, W) float32 [m], z along the optical axis, inf in the sky.
-    disparity: (H, W) float32 [px], 0 in the sky. normal: (H, W, 3) float32, unit, facing the camera, 0 in the sky.
-    valid: (H, W) bool, depth within 0.5 m to 15 m. occluded: (H, W) bool, not seen by the right eye.
-    rock: (H, W) int32, 0 or the rock's number, from 1. rig: StereoRig. meta: the sample's JSON.
+    Vectors are in the frame of the left camera: x right, y down, z forward.
+
+    Attributes:
+        left: (H, W, 3) uint8 RGB image of the left eye.
+        right: (H, W, 3) uint8 RGB image of the right eye.
+        depth: (H, W) float32 [m] along the optical axis; inf in the sky.
+        disparity: (H, W) float32 [px], x_left - x_right; 0 in the sky.
+        normal: (H, W, 3) float32 unit normals that face the camera; 0 in the sky.
+        valid: (H, W) bool, true where the depth is 0.5 m to 15 m.
+        occluded: (H, W) bool, true where the right eye does not see the point.
+        rock: (H, W) int32, the number of the rock from 1; 0 elsewhere.
+        rig: The cameras.
+        meta: The content of sample.json.
     """
 
     left: np.ndarray
@@ -53,10 +63,18 @@ class StereoSample:
 
 
 def write_sample(folder: Path, frame: StereoFrame, meta: dict[str, Any]) -> None:
-    """Write one sample so that the folder appears complete or not at all. Raises OSError if the disk refuses.
+    """Write a sample so that its folder appears complete or not at all.
 
-    Nothing half written stays, but for a process that is killed. Two that write the same sample, as a run on a cluster
-    and the next one may for a moment, do not touch each other's files; whoever is done last finds it done.
+    Only a killed process leaves files behind, in a folder ".*.partial". Two processes may write the same sample at the
+    same time, as a lost worker of a cluster and its successor may: each writes to a folder of its own first.
+
+    Args:
+        folder: Folder of the sample, which is replaced.
+        frame: The rendered pair.
+        meta: Content of sample.json; rig, pose and the hashes of the images are added.
+
+    Raises:
+        OSError: A file cannot be written. The error names it.
     """
     images = {
         "left.png": frame.left[..., ::-1],
@@ -68,14 +86,15 @@ def write_sample(folder: Path, frame: StereoFrame, meta: dict[str, Any]) -> None
     }
     partial = folder.with_name(f".{folder.name}.{uuid4().hex}.partial")
     try:
-        partial.mkdir(parents=True)
-        digest = {}
-        for name, image in images.items():
-            encoded = cv2.imencode(".png", np.ascontiguousarray(image), PNG[name])[1].tobytes()
-            digest[name] = hashlib.sha256(encoded).hexdigest()
-            (partial / name).write_bytes(encoded)
-        meta = {**meta, "rig": frame.rig.to_dict(), "pose": frame.pose.tolist(), "sha256": digest}
-        (partial / "sample.json").write_text(json_text(meta, indent=1, sort_keys=True))
+        with naming(folder):
+            partial.mkdir(parents=True)
+            digest = {}
+            for name, image in images.items():
+                encoded = encode_png(image, PNG[name])
+                digest[name] = hashlib.sha256(encoded).hexdigest()
+                (partial / name).write_bytes(encoded)
+            meta = {**meta, "rig": frame.rig.to_dict(), "pose": frame.pose.tolist(), "sha256": digest}
+            (partial / "sample.json").write_text(json_text(meta, indent=1, sort_keys=True))
         shutil.rmtree(folder, ignore_errors=True)
         try:
             partial.rename(folder)
@@ -87,13 +106,20 @@ def write_sample(folder: Path, frame: StereoFrame, meta: dict[str, Any]) -> None
 
 
 def is_complete(folder: Path) -> bool:
-    """Are all files of a sample there, none of them empty? What they hold is not looked at."""
+    """Return whether all files of a sample exist and none is empty. Their content is not checked."""
     files = (folder / name for name in ("sample.json", *IMAGES))
     return all(file.is_file() and file.stat().st_size > 0 for file in files)
 
 
 def read_sample(folder: Path) -> StereoSample:
-    """Read one sample. Raises DatasetError that names the file which is missing or broken."""
+    """Read a sample.
+
+    Args:
+        folder: Folder of the sample, DIR/scenes/SCENE/VIEW.
+
+    Raises:
+        DatasetError: A file is missing or broken. One line that names it.
+    """
     meta = read_json(folder / "sample.json")
     try:
         rig = StereoRig.from_dict(meta["rig"])
@@ -120,7 +146,11 @@ def read_sample(folder: Path) -> StereoSample:
 
 
 def sample_digest(folder: Path) -> str:
-    """SHA-256 of a sample's sample.json, which holds those of its images. Raises DatasetError if it does not."""
+    """Return the SHA-256 of a sample's sample.json, which holds the hashes of its images.
+
+    Raises:
+        DatasetError: sample.json cannot be read, or lacks the hash of an image.
+    """
     file = folder / "sample.json"
     digest = read_json(file).get("sha256")
     if not isinstance(digest, dict) or set(digest) != set(IMAGES):

@@ -1,1 +1,1 @@
-"""Readers and writers of single files."""
+"""Readers and writers of single files: JSON, PNG, PFM, .npy."""

@@ -1,4 +1,4 @@
-"""JSON files: written in one step, and read with errors that name the file."""
+"""Read and write JSON files: writing replaces a file in one step, and errors of reading name the file."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from typing import Any
 
 from marssim.base.files.atomic import write_atomically
 
-MOST_LEVELS = 64  # of nesting in a JSON file; our own have less than ten
-TOO_DEEP = f"more than {MOST_LEVELS} lists and objects within each other"
+MOST_LEVELS = 64  # levels of nesting in a file that is read; files of this project have less than ten
+TOO_DEEP = f"nests lists and objects more than {MOST_LEVELS} levels deep"
 
 
 class DatasetError(ValueError):
-    """A dataset that cannot be read; the message names the file."""
+    """A file or a folder of data cannot be read or used; the message names it."""
 
 
 def json_text(content: Any, *, indent: int | None = None, sort_keys: bool = False, default: Any = None) -> str:
@@ -23,10 +23,12 @@ def json_text(content: Any, *, indent: int | None = None, sort_keys: bool = Fals
 
     Args:
         content: Nested mappings, lists and tuples of JSON's values.
-        indent, sort_keys, default: As json.dumps takes them.
+        indent: As json.dumps takes it.
+        sort_keys: As json.dumps takes it.
+        default: As json.dumps takes it.
 
     Raises:
-        TypeError: Something in the content is none of JSON's types.
+        TypeError: A value is of none of JSON's types, and `default` does not convert it.
     """
     return json.dumps(_finite(content), indent=indent, sort_keys=sort_keys, default=default, allow_nan=False)
 
@@ -46,7 +48,10 @@ def write_json(path: Path, content: Mapping[str, Any], *, sort_keys: bool = True
 
 
 def as_json(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return content as read_json gives it back: tuples become lists, numbers that are not finite null, others text."""
+    """Return content as read_json reads it back.
+
+    Tuples become lists, numbers that are not finite become None, and values of other types than JSON's become text.
+    """
     return json.loads(json_text(content, default=str))
 
 
@@ -61,28 +66,32 @@ def _finite(value: Any) -> Any:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """Read a JSON object. Raises DatasetError that names the file."""
+    """Read a JSON object from a file.
+
+    Raises:
+        DatasetError: The file cannot be read, or holds no JSON object. One line that names the file.
+    """
     try:
         content = json.loads(path.read_text())
     except FileNotFoundError:
         raise DatasetError(f"{path}: no such file") from None
     except OSError as error:
         raise DatasetError(f"{path}: {(error.strerror or str(error)).lower()}") from None
-    except ValueError as error:  # bytes that are no text, or no JSON
+    except ValueError as error:  # not UTF-8, or not JSON
         raise DatasetError(f"{path}: is not JSON: {error}") from None
     except RecursionError:
         raise DatasetError(f"{path}: {TOO_DEEP}") from None
     if not isinstance(content, dict):
         raise DatasetError(f"{path}: not a JSON object")
-    if _deeper(content, MOST_LEVELS):
+    if _is_deeper(content, MOST_LEVELS):
         raise DatasetError(f"{path}: {TOO_DEEP}")
     return content
 
 
-def _deeper(content: dict[str, Any], levels: int) -> bool:
-    """Are dicts and lists nested in more levels? What compares and writes them again recurs, and would break."""
+def _is_deeper(content: dict[str, Any], levels: int) -> bool:
+    """Return whether dicts and lists are nested in more levels, with which recursive functions would fail."""
     level: list[Any] = [content]
     for _ in range(levels):
-        inner = (part for whole in level for part in (whole.values() if isinstance(whole, dict) else whole))
-        level = [part for part in inner if isinstance(part, dict | list)]
+        values = (value for outer in level for value in (outer.values() if isinstance(outer, dict) else outer))
+        level = [value for value in values if isinstance(value, dict | list)]
     return bool(level)

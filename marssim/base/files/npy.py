@@ -1,4 +1,4 @@
-"""Arrays in NumPy's own files, from whoever wrote them: nothing is executed, and every fault is one error."""
+"""Read and write .npy files. Reading a file from elsewhere executes nothing, and every fault is a ValueError."""
 
 from __future__ import annotations
 
@@ -10,21 +10,23 @@ from numpy.lib.format import MAGIC_PREFIX
 
 
 def read_npy(path: str | os.PathLike[str]) -> np.ndarray:
-    """The array of a .npy file, mapped into memory, to be read only.
+    """Return the array of a .npy file, mapped into memory and read-only.
 
-    Raises ValueError of one line that says what is wrong, but not with which file, and OSError if it cannot be opened.
+    Raises:
+        ValueError: The file is broken. One line that says what is wrong, without the file's name.
+        OSError: The file cannot be opened.
     """
     with open(path, "rb") as file:
-        if file.read(len(MAGIC_PREFIX)) != MAGIC_PREFIX:  # an archive, a pickle or a text by that name
+        if file.read(len(MAGIC_PREFIX)) != MAGIC_PREFIX:  # an archive, a pickle or a text
             raise ValueError("it does not begin like one")
     try:
-        return np.load(path, mmap_mode="r", allow_pickle=False)  # a header that lies about the size is found so
-    except Exception as error:  # whatever a broken header makes the reader stumble over
+        return np.load(path, mmap_mode="r", allow_pickle=False)  # mapping also checks the size in the header
+    except Exception as error:  # a broken header may raise anything in NumPy's reader
         raise ValueError((str(error).splitlines() or [type(error).__name__])[0]) from None
 
 
 def encode_npy(array: np.ndarray) -> bytes:
-    """The .npy file of an array."""
+    """Return an array as the content of a .npy file."""
     buffer = io.BytesIO()
     np.save(buffer, array, allow_pickle=False)
     return buffer.getvalue()

@@ -1,4 +1,4 @@
-"""Portable float maps, the files in which stereo benchmarks keep disparity."""
+"""Read and write PFM (portable float map) files, in which stereo benchmarks keep disparity."""
 
 from __future__ import annotations
 
@@ -10,23 +10,33 @@ _HEADER = re.compile(rb"(P[fF])\s+(\d+)\s+(\d+)\s+([-+.\deE]+)(?:\r\n|\s)")
 
 
 def encode_pfm(image: np.ndarray) -> bytes:
-    """A grey PFM: header `Pf`, width and height, -1 (little-endian, scale 1); float32 rows from the bottom up.
+    """Encode a map as a grey PFM: header `Pf`, width and height, -1 (little-endian, scale 1); rows from the bottom up.
 
-    image: (H, W). Raises ValueError for another shape and for NaN, which readers take for a broken file.
+    Args:
+        image: (H, W), stored as float32.
+
+    Raises:
+        ValueError: The map has another shape, or holds NaN, which readers take for a broken file.
     """
     if image.ndim != 2:
-        raise ValueError(f"a grey PFM holds an image (H, W), this is {image.shape}")
+        raise ValueError(f"a grey PFM holds a map (H, W), got the shape {image.shape}")
     if np.isnan(image).any():
-        raise ValueError("a PFM of disparities must not hold NaN")
+        raise ValueError("a PFM of disparities must not hold NaN, since readers take it for a broken file")
     height, width = image.shape
     return f"Pf\n{width} {height}\n-1\n".encode() + np.flipud(image).astype("<f4").tobytes()
 
 
 def decode_pfm(data: bytes) -> np.ndarray | None:
-    """A PFM as (H, W) or RGB (H, W, 3) float32, rows from the top down; None if it is none, or broken.
+    """Decode a PFM.
 
-    Of the header's scale the sign tells the byte order; how large it is, is ignored, as Middlebury's rules for its
-    disparities ask. OpenCV divides by it.
+    The sign of the header's scale gives the byte order. Its magnitude is ignored, as Middlebury's rules for disparities
+    ask; OpenCV divides by it.
+
+    Args:
+        data: Content of the file.
+
+    Returns:
+        (H, W) or RGB (H, W, 3) float32, rows from the top down; None if the data is no PFM or is broken.
     """
     header = _HEADER.match(data)
     if header is None:

@@ -1,8 +1,9 @@
-"""PNG images, from whoever wrote them: a broken one gives no image, and nothing else."""
+"""Read and write PNG images. Reading a broken file gives None, and prints nothing."""
 
 from __future__ import annotations
 
 import zlib
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -10,21 +11,40 @@ import numpy as np
 MAGIC = b"\x89PNG\r\n\x1a\n"
 
 
-def decode_png(data: bytes) -> np.ndarray | None:
-    """A PNG file as OpenCV reads it, (H, W) or BGR (H, W, 3), uint8 or uint16; None if it is not whole.
+def encode_png(image: np.ndarray, options: Sequence[int] = ()) -> bytes:
+    """Encode an image as PNG.
 
-    libpng tells on stderr what is wrong with a file, and OpenCV cannot keep it from that: so checksums are held first.
+    Args:
+        image: (H, W) or BGR (H, W, 3), uint8 or uint16.
+        options: Pairs of cv2.IMWRITE_PNG_* and their values, one after the other.
+
+    Returns:
+        The content of the file.
+    """
+    return cv2.imencode(".png", np.ascontiguousarray(image), options)[1].tobytes()
+
+
+def decode_png(data: bytes) -> np.ndarray | None:
+    """Decode a PNG.
+
+    libpng prints to stderr what is wrong with a file, and OpenCV cannot stop it. So the checksums are compared first.
+
+    Args:
+        data: Content of the file.
+
+    Returns:
+        (H, W) or BGR (H, W, 3), uint8 or uint16; None if the file is broken.
     """
     if not is_whole(data):
         return None
     try:
         return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error:  # of a size that OpenCV refuses
+    except cv2.error:  # OpenCV refuses the size
         return None
 
 
 def is_whole(data: bytes) -> bool:
-    """Do the checksums of all chunks of a PNG file hold, up to the last one?"""
+    """Return whether the checksums of all chunks of a PNG file are right, up to its last chunk."""
     if not data.startswith(MAGIC):
         return False
     view, at = memoryview(data), len(MAGIC)

@@ -1,4 +1,4 @@
-"""Depth, disparity and normals as colours: the same in every figure, sheet and film.
+"""Show depth, disparity and normals as colours, which are the same in every figure, contact sheet and film.
 
 Near is bright yellow, far is dark violet, and each ratio of depths takes the same share of the colours (a logarithmic
 scale). Disparity, which is large where things are near, has the same colours the other way round.
@@ -11,11 +11,11 @@ import numpy as np
 
 from marssim.base.camera import MAX_DEPTH
 
-DEPTH_MAP = "viridis_r"  # matplotlib's name of the colours of depth
-DISPARITY_MAP = "viridis"  # and of disparity
-NEAR = 1.0  # [m] depth of the bright end where a scale is fixed
-TICKS = (1, 2, 3, 5, 10, 15)  # [m] named beside a fixed scale
-BEYOND = 90  # grey level of the sky, and of what is farther than the dark end
+DEPTH_MAP = "viridis_r"  # matplotlib's name for the colours of depth
+DISPARITY_MAP = "viridis"  # matplotlib's name for the colours of disparity
+NEAR = 1.0  # [m] depth at the bright end of a fixed scale
+TICKS = (1, 2, 3, 5, 10, 15)  # [m] depths that are labelled on a fixed scale
+BEYOND = 90  # grey level of the sky, and of depth beyond the dark end
 DEPTH_TITLE = f"depth: {NEAR:g} m yellow to {MAX_DEPTH:g} m violet, grey beyond"
 NORMAL_TITLE = "normals: red right, green up, blue to the camera"
 
@@ -40,7 +40,15 @@ def depth_colours(depth: np.ndarray, near: float = NEAR, far: float = MAX_DEPTH)
 
 
 def disparity_colours(disparity: np.ndarray, largest: float) -> np.ndarray:
-    """Return disparity (H, W) [px] as (H, W, 3) uint8 RGB, on a linear scale from 0 to `largest`."""
+    """Return disparity as colours, on a linear scale.
+
+    Args:
+        disparity: (H, W) [px].
+        largest: Disparity of the bright end [px]; the dark end is 0.
+
+    Returns:
+        (H, W, 3) uint8 RGB.
+    """
     return _viridis(np.clip(np.nan_to_num(disparity / largest), 0, 1))
 
 
@@ -60,10 +68,16 @@ def normal_colours(normal: np.ndarray) -> np.ndarray:
 
 
 def depth_bar(width: int, height: int = 12, near: float = NEAR, far: float = MAX_DEPTH) -> tuple[np.ndarray, list[int]]:
-    """Draw the scale of `depth_colours`, near on the left.
+    """Draw the scale of `depth_colours`, with the near end on the left.
+
+    Args:
+        width: Width of the bar [px].
+        height: Height of the bar [px].
+        near: Depth of the left end [m].
+        far: Depth of the right end [m].
 
     Returns:
-        (height, width, 3) uint8 RGB, and the columns of TICKS in it.
+        (height, width, 3) uint8 RGB, and the column of each of TICKS.
     """
     depth = np.geomspace(near, far, width)
     columns = [round((width - 1) * float(np.log(tick / near) / np.log(far / near))) for tick in TICKS]
@@ -71,5 +85,5 @@ def depth_bar(width: int, height: int = 12, near: float = NEAR, far: float = MAX
 
 
 def _viridis(share: np.ndarray) -> np.ndarray:
-    """(H, W, 3) uint8 RGB of shares (H, W) from 0, dark violet, to 1, bright yellow."""
+    """Return colours (H, W, 3) uint8 RGB of shares (H, W) from 0, dark violet, to 1, bright yellow."""
     return cv2.applyColorMap((share * 255).astype(np.uint8), cv2.COLORMAP_VIRIDIS)[..., ::-1].copy()

@@ -1,4 +1,4 @@
-"""A depth map as coloured points (PLY) and as a mesh (GLB) that is cut where two surfaces only meet in the image."""
+"""Turn a depth map into coloured points (PLY), or into a mesh (GLB) that is cut at depth edges."""
 
 from __future__ import annotations
 
@@ -6,49 +6,64 @@ import numpy as np
 
 from marssim.base.camera import PinholeCamera
 
-CUT = 3.0  # pixel widths by which neighbours may lie off each other's tangent plane
+CUT = 3.0  # largest distance of a neighbour from the tangent plane, in pixel widths, that is no edge
 GLTF_AXES = np.array([1.0, -1.0, -1.0])  # glTF: x right, y up, z towards the viewer
 
 
 def coloured_points(
     image: np.ndarray, depth: np.ndarray, camera: PinholeCamera, farthest: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points (N, 3) [m] in the camera's frame and their colours (N, 3) uint8.
+    """Return the points that a depth map shows, with the colours of their pixels.
 
-    image: (H, W, 3) uint8; depth: (H, W) [m]. Left out is what is farther than `farthest` [m] or unknown.
+    Args:
+        image: (H, W, 3) uint8.
+        depth: (H, W) [m]; pixels that are not finite or not positive are left out.
+        camera: The camera.
+        farthest: Depth beyond which pixels are left out [m].
+
+    Returns:
+        (N, 3) float32 points [m] in the camera frame, and (N, 3) uint8 colours.
     """
-    keep = _known(depth, farthest)
+    keep = _within(depth, farthest)
     return (camera.rays()[keep] * depth[keep, None]).astype(np.float32), image[keep]
 
 
 def surface_mesh(
     depth: np.ndarray, normal: np.ndarray, camera: PinholeCamera, farthest: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Two triangles between each four neighbouring pixels, none across a depth edge.
+    """Return a mesh with two triangles between each four neighbouring pixels, and none across a depth edge.
 
     A triangle is kept if no corner lies more than CUT pixel widths, at the farther corner's depth, off the tangent
-    plane of another. Ground at a slant, where depth changes fast without an edge, stays whole; silhouettes are cut.
+    plane of another corner. Slanted ground, where depth changes fast without an edge, stays whole; silhouettes are cut.
 
-    depth: (H, W) [m]; normal: (H, W, 3), camera frame. Returns vertices (V, 3) [m] in the camera's frame, faces (F, 3)
-    whose normals face the camera, and the pixel (V,) of each vertex, counted along rows.
+    Args:
+        depth: (H, W) [m]; pixels that are not finite or not positive are left out.
+        normal: (H, W, 3) unit vectors, camera frame.
+        camera: The camera.
+        farthest: Depth beyond which pixels are left out [m].
+
+    Returns:
+        (V, 3) vertices [m] in the camera frame; (F, 3) faces, whose normals face the camera; and (V,) the pixel of each
+        vertex, row * width + column.
     """
     height, width = depth.shape
-    known = _known(depth, farthest)
-    points = camera.rays() * np.where(known, depth, 0)[..., None]
-    allowed = CUT * np.where(known, depth, 0) / min(camera.fx, camera.fy)
+    valid = _within(depth, farthest)
+    points = camera.rays() * np.where(valid, depth, 0)[..., None]
+    allowed = CUT * np.where(valid, depth, 0) / min(camera.fx, camera.fy)
 
-    def joined(first: tuple[slice, slice], second: tuple[slice, slice]) -> np.ndarray:
+    def connected(first: tuple[slice, slice], second: tuple[slice, slice]) -> np.ndarray:
+        """Return whether the two pixels of each pair lie on one surface."""
         step = points[second] - points[first]
         off = np.maximum(
             np.abs(np.einsum("ijk,ijk->ij", step, normal[first])),
             np.abs(np.einsum("ijk,ijk->ij", step, normal[second])),
         )
-        return known[first] & known[second] & (off <= np.maximum(allowed[first], allowed[second]))
+        return valid[first] & valid[second] & (off <= np.maximum(allowed[first], allowed[second]))
 
-    here, there, every = slice(None, -1), slice(1, None), slice(None)
-    across = joined((every, here), (every, there))  # (H, W - 1)
-    down = joined((here, every), (there, every))  # (H - 1, W)
-    slanted = joined((there, here), (here, there))  # from lower left to upper right
+    head, tail, every = slice(None, -1), slice(1, None), slice(None)
+    across = connected((every, head), (every, tail))  # (H, W - 1)
+    down = connected((head, every), (tail, every))  # (H - 1, W)
+    slanted = connected((tail, head), (head, tail))  # (H - 1, W - 1), from lower left to upper right
     index = np.arange(height * width).reshape(height, width)
     upper_left, upper_right, lower_left, lower_right = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
     first = down[:, :-1] & across[:-1] & slanted
@@ -64,20 +79,37 @@ def surface_mesh(
 
 
 def encode_ply(points: np.ndarray, colours: np.ndarray) -> bytes:
-    """A binary PLY of points (N, 3) with colours (N, 3) uint8; without points, a header that says so."""
+    """Encode coloured points as a binary PLY.
+
+    Args:
+        points: (N, 3) [m]; without points, the file is a header alone.
+        colours: (N, 3) uint8.
+
+    Returns:
+        The content of the file.
+    """
     if not len(points):
         kinds = [f"property float {axis}" for axis in "xyz"] + [f"property uchar {c}" for c in ("red", "green", "blue")]
         lines = ["ply", "format binary_little_endian 1.0", "element vertex 0", *kinds, "end_header", ""]
         return "\n".join(lines).encode()
-    import trimesh  # here, for it loads Embree
+    import trimesh  # not at the top, since it loads Embree
 
     return trimesh.PointCloud(points, colors=colours).export(file_type="ply")
 
 
 def encode_glb(vertices: np.ndarray, faces: np.ndarray, colours: np.ndarray) -> bytes:
-    """A binary glTF of a mesh with vertex colours (V, 3) uint8, turned from the camera's axes to glTF's.
+    """Encode a mesh as a binary glTF (GLB).
 
-    Raises ValueError if there are no faces.
+    Args:
+        vertices: (V, 3) [m], camera frame; the file has glTF's axes.
+        faces: (F, 3), at least one.
+        colours: (V, 3) uint8 colours of the vertices.
+
+    Returns:
+        The content of the file.
+
+    Raises:
+        ValueError: There are no faces.
     """
     if not len(faces):
         raise ValueError("a mesh needs at least one triangle")
@@ -89,5 +121,6 @@ def encode_glb(vertices: np.ndarray, faces: np.ndarray, colours: np.ndarray) -> 
     return data
 
 
-def _known(depth: np.ndarray, farthest: float) -> np.ndarray:
+def _within(depth: np.ndarray, farthest: float) -> np.ndarray:
+    """Return (H, W) bool, whether depth [m] is valid and at most `farthest`."""
     return np.isfinite(depth) & (depth > 0) & (depth <= farthest)

@@ -1,24 +1,37 @@
-"""How much texture an image has about each pixel: its gradient, and local binary patterns (Ojala et al. 2002)."""
+"""Measure the texture of an image: its gradient, and the entropy of local binary patterns (Ojala et al. 2002)."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
 
-NEIGHBOURS = 8
+NEIGHBOURS = 8  # neighbours of a pixel in a pattern
 
 
 def gradient(grey: np.ndarray) -> np.ndarray:
-    """(H, W) length of the image gradient [grey levels / px], by Sobel's 3 x 3 operator over 8."""
+    """Return the length of the image gradient, by Sobel's 3 x 3 operator over 8.
+
+    Args:
+        grey: (H, W) image.
+
+    Returns:
+        (H, W) [grey levels / px].
+    """
     across, down = (cv2.Sobel(grey, cv2.CV_32F, *order, ksize=3, scale=1 / 8) for order in ((1, 0), (0, 1)))
     return np.hypot(across, down)
 
 
 def local_binary_patterns(grey: np.ndarray) -> np.ndarray:
-    """(H - 2, W - 2) uint8 codes: bit p is set where the neighbour at angle p / 8 is at least as bright.
+    """Return the local binary pattern of each pixel: bit p is set if neighbour p is at least as bright as the pixel.
 
-    grey: (H, W) uint8, at least 3 x 3. Neighbours lie on a circle of radius 1 px, counter-clockwise from the right;
-    diagonal ones are bilinear.
+    Neighbour p lies on a circle of radius 1 px, at p / 8 of a turn counter-clockwise from the right. Diagonal
+    neighbours are interpolated bilinearly.
+
+    Args:
+        grey: (H, W) uint8, at least 3 x 3.
+
+    Returns:
+        (H - 2, W - 2) uint8 codes of the pixels inside the border.
     """
     image = grey.astype(np.float64)
     height, width = image.shape
@@ -39,23 +52,31 @@ def local_binary_patterns(grey: np.ndarray) -> np.ndarray:
 
 
 def uniform_labels() -> np.ndarray:
-    """(256,) label of each code: the number of set bits where at most two neighbours differ around it, else 9."""
+    """Return the (256,) label of each code: the number of its set bits if it is uniform, else 9.
+
+    A code is uniform if at most two of its bits differ from the next one around the circle.
+    """
     bits = (np.arange(256)[:, None] >> np.arange(NEIGHBOURS)) & 1
     changes = (bits != np.roll(bits, 1, axis=1)).sum(axis=1)
     return np.where(changes <= 2, bits.sum(axis=1), NEIGHBOURS + 1)
 
 
 def entropy(labels: np.ndarray) -> float:
-    """Bits of the histogram of integer labels."""
+    """Return the Shannon entropy of the histogram of integer labels [bits]."""
     share = np.bincount(labels.ravel()) / labels.size
     share = share[share > 0]
     return float(-(share * np.log2(share)).sum())
 
 
 def lbp_entropy(grey: np.ndarray, where: np.ndarray) -> float:
-    """Entropy [bits] of uniform rotation-invariant local binary patterns, 8 points, radius 1 px (LBP 8,1 riu2).
+    """Return the entropy of uniform, rotation-invariant local binary patterns of 8 points and radius 1 px (LBP riu2).
 
-    grey: (H, W) uint8; where: (H, W) bool, pixels to count; those of the border have no pattern. 0 where none is left.
+    Args:
+        grey: (H, W) uint8.
+        where: (H, W) bool, the pixels that count. Pixels of the border have no pattern.
+
+    Returns:
+        The entropy [bits]; 0 if no pixel counts.
     """
     inner = where[1:-1, 1:-1]
     return entropy(uniform_labels()[local_binary_patterns(grey)[inner]]) if inner.any() else 0.0

@@ -1,12 +1,12 @@
-"""The protocol by which a command claims, locks, refuses, notes and resumes its result folder.
+"""Claim a folder for the results of a command: check it, lock it, record the settings, and resume an earlier run.
 
     folder = ResultFolder(out, "dataset", mark="generate.json", settings={"seed": 1})
-    with folder.claim(command="--seed 1") as previous:  # what an earlier run noted, or None
+    with folder.claim(command="--seed 1") as previous:  # the mark of an earlier run, or None
         ...  # write results; no other command writes here now
 
-A command is known by its mark, a file that it writes first: as a rule JSON with the settings on which its results
-depend. The same command continues an earlier run that has the same settings, and refuses any other folder in one line
-before it writes anything.
+A command marks its folder with a file that it writes first, usually JSON with the settings on which the results
+depend. It continues an earlier run with the same settings. It refuses any other folder, in one line, before it writes
+anything.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from marssim.base.files.json_file import DatasetError, as_json, read_json, write
 from marssim.base.results.lock import LOCK, sole_writer
 from marssim.base.results.out_folder import check_out
 
-NAMED = 3  # differences that a refusal lists
-LONGEST = 60  # letters of a value in a refusal
-PARTIAL = ".*.[0-9]*.part"  # files that a killed run has half written, see write_atomically
+MOST_DIFFERENCES = 3  # differences of settings that a message lists
+LONGEST = 60  # characters of a value in a message
+PARTIAL = ".*.[0-9]*.part"  # half-written files of a killed run, see write_atomically
 
 
 def _always(folder: Path) -> bool:
@@ -44,31 +44,31 @@ class ResultFolder:
     thing: str
     """What the command makes, for messages: "dataset"."""
     mark: str | None = None
-    """Name of the file by which the command knows its folders; None: it takes any folder that is no dataset."""
+    """Name of the file that marks a folder of the command; None takes any folder that is no dataset."""
     settings: Mapping[str, Any] = field(default_factory=dict)
-    """What the results depend on, as JSON can hold it; it is written to the mark."""
+    """Settings on which the results depend, as values for JSON. They are written to the mark."""
     mark_text: str | None = None
-    """A text that is written to the mark instead, for a command that replaces the results of any settings."""
+    """Text of the mark instead of settings, for a command that replaces the results of an earlier run."""
     notes: tuple[str, ...] = ()
     """Keys of the mark that may differ from run to run."""
     digests: tuple[str, ...] = ()
-    """Keys of settings whose values are digests of the data; a refusal says "other data"."""
+    """Keys of settings whose values are digests of data; a message names none of them, but says "other data"."""
     flags: bool = True
-    """Whether settings bear the names of flags, goal_distance for --goal-distance."""
+    """Whether settings have the names of flags, as goal_distance for --goal-distance."""
     shared: bool = False
     """Whether a folder without the mark may hold other files."""
     check_place: Callable[[Path], None] = check_out
-    """Raises DatasetError for a place that takes no such results; the default refuses a dataset and what is in one."""
+    """Raises DatasetError for a folder that must not take such results; by default, a dataset or a folder in one."""
     results_key: str | None = None
-    """A key that results.json has if it is this command's; another results.json is refused."""
+    """A key that the command writes to results.json. A results.json without it is refused."""
     partial: tuple[str, ...] = (PARTIAL,)
-    """Patterns of what a killed run has half written; it is removed."""
+    """Glob patterns of files and folders that a killed run has half written. They are deleted."""
     has_results: Callable[[Path], bool] = _always
-    """Whether a folder holds results. A mark without results binds nobody: other settings replace it."""
+    """Returns whether a folder holds results. A mark without results does not bind: other settings replace it."""
 
     @property
     def mark_path(self) -> Path:
-        """The file with the settings."""
+        """Path of the mark."""
         assert self.mark is not None
         return self.path / self.mark
 
@@ -81,11 +81,11 @@ class ResultFolder:
         """Check that the command may write to the folder, and write nothing.
 
         Returns:
-            What the run that this one continues noted in the mark; None if there is no such run.
+            Content of the mark of the run that this one continues; None if there is no such run.
 
         Raises:
-            DatasetError: The folder is a file, a dataset or inside one, holds other files, results of another command
-                or results of other settings. One line that says which.
+            DatasetError: The folder is a file, a dataset or inside one, or holds other files, results of another
+                command or results of other settings. One line that says which.
         """
         self.check_place(self.path)
         self._check_results_key()
@@ -109,16 +109,17 @@ class ResultFolder:
 
     @contextmanager
     def claim(self, **notes: Any) -> Iterator[dict[str, Any] | None]:
-        """Hold the folder for as long as the block runs, as its only writer.
+        """Be the only writer of the folder for as long as the block runs.
 
-        The folder is made and the mark written if need be, and what a killed run has half written is removed. If the
-        block fails before it writes to a folder that was made here, the folder is removed.
+        The folder is made and the mark written if need be, and files that a killed run has half written are deleted. A
+        folder that was made here is deleted again if the block fails before it writes anything.
 
         Args:
-            notes: More values for the mark, under keys of `notes`; an earlier run's stay until note() replaces them.
+            notes: More values for the mark, under keys of `notes`. Those of an earlier run stay until note() replaces
+                them.
 
         Yields:
-            What the run that this one continues noted in the mark; None if there is no such run.
+            Content of the mark of the run that this one continues; None if there is no such run.
 
         Raises:
             DatasetError: See check().
@@ -137,22 +138,22 @@ class ResultFolder:
                 yield previous
         except BaseException:
             if not existed:
-                with suppress(OSError):  # it is not empty
+                with suppress(OSError):  # the folder is not empty
                     self.path.rmdir()
             raise
 
     def note(self, **notes: Any) -> None:
-        """Replace values in the mark, under keys of `notes`."""
+        """Replace values in the mark, under keys of the field `notes`."""
         self._write_mark({**read_json(self.mark_path), **notes})
 
     def clear_partial(self) -> None:
-        """Remove what killed runs have half written."""
+        """Delete files and folders that killed runs have half written."""
         for pattern in self.partial:
-            for rest in list(self.path.glob(pattern)):
-                if rest.is_dir():
-                    shutil.rmtree(rest)
+            for path in list(self.path.glob(pattern)):
+                if path.is_dir():
+                    shutil.rmtree(path)
                 else:
-                    rest.unlink(missing_ok=True)
+                    path.unlink(missing_ok=True)
 
     def _write_mark(self, content: dict[str, Any]) -> None:
         if self.mark_text is not None:
@@ -168,12 +169,12 @@ class ResultFolder:
             )
 
     def _check_unmarked(self) -> None:
-        """Raise DatasetError if a folder without the mark holds anything that is not the command's."""
+        """Raise DatasetError if a folder without the mark holds files that may not be the command's."""
         if self.shared:
             if self.has_results is not _always and self.has_results(self.path):
                 raise DatasetError(
-                    f"{self.mark_path}: no such file, so the files in this folder are another command's, or nothing "
-                    f"says how the {self.thing} was made; choose another --out"
+                    f"{self.mark_path}: no such file, so another command wrote the files in this folder, or nothing "
+                    f"records how the {self.thing} was made; choose another --out"
                 )
             return
         if any(file.name != LOCK and not file.name.startswith(f".{self.mark}.") for file in self.path.iterdir()):
@@ -182,42 +183,45 @@ class ResultFolder:
             )
 
     def _differences(self, previous: Mapping[str, Any]) -> str:
-        """What the settings noted in the mark differ in, the first few; empty if they do not."""
+        """Return a text on the first differences between the settings and those of the mark; empty if there is none."""
         asked = as_json(self.settings)
         digests = [key for key in self.digests if previous.get(key) != asked.get(key)]
         previous, asked = ({k: v for k, v in part.items() if k not in self.digests} for part in (previous, asked))
         lines = differences(as_json(previous), asked, flags=self.flags)
         lines += ["other data"] if digests else []
-        more = [f"and {len(lines) - NAMED} more"] if len(lines) > NAMED + 1 else []
-        return "; ".join([*lines[: NAMED if more else None], *more])
+        more = [f"and {len(lines) - MOST_DIFFERENCES} more"] if len(lines) > MOST_DIFFERENCES + 1 else []
+        return "; ".join([*lines[: MOST_DIFFERENCES if more else None], *more])
 
 
 def differences(previous: Any, asked: Any, flags: bool = False) -> list[str]:
-    """Return where two settings differ, as "seed 0, not 1", those of the outer levels first.
+    """Return the differences of two settings, as "seed 0, not 1", those of the outer levels first.
 
     Args:
-        previous, asked: Nested dicts and lists of JSON's values. A key that is missing counts as null.
+        previous: Nested dicts and lists of JSON's values. A missing key counts as null.
+        asked: The same of the present run.
         flags: Write the keys as flags, goal_distance as --goal-distance.
     """
-    found = sorted(_differences(previous, asked), key=lambda difference: difference[0].count("."))
-    names = (re.sub(r"^[a-z]\w*", lambda key: "--" + key[0].replace("_", "-"), n) if flags else n for n, _, _ in found)
-    return [f"{name} {_shortened(was)}, not {_shortened(now)}" for name, (_, was, now) in zip(names, found)]
+    lines = []
+    for name, before, now in sorted(_differences(previous, asked), key=lambda difference: difference[0].count(".")):
+        label = re.sub(r"^[a-z]\w*", lambda key: "--" + key[0].replace("_", "-"), name) if flags else name
+        lines.append(f"{label} {_shortened(before)}, not {_shortened(now)}")
+    return lines
 
 
 def _differences(previous: Any, asked: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Name, previous value and value asked for."""
+    """Yield the name, the previous value and the present value of each difference."""
     if isinstance(previous, Mapping) and isinstance(asked, Mapping):
         for key in dict.fromkeys((*previous, *asked)):
             yield from _differences(previous.get(key), asked.get(key), f"{name}.{key}" if name else str(key))
     elif isinstance(previous, list) and isinstance(asked, list) and _is_nested(previous, asked):
-        for i, (one, other) in enumerate(zip(previous, asked)):
-            yield from _differences(one, other, f"{name}[{i}]")
+        for i, (before, now) in enumerate(zip(previous, asked)):
+            yield from _differences(before, now, f"{name}[{i}]")
     elif previous != asked:
         yield name, previous, asked
 
 
 def _is_nested(previous: list[Any], asked: list[Any]) -> bool:
-    """Whether two lists of one length hold dicts or lists, whose parts can be compared."""
+    """Return whether two lists have the same length and hold dicts or lists, whose parts can be compared."""
     return len(previous) == len(asked) and any(isinstance(value, dict | list) for value in (*previous, *asked))
 
 
@@ -230,11 +234,11 @@ def as_typed(value: Any) -> str:
 
 def _shortened(value: Any) -> str:
     text = as_typed(value)
-    return text if len(text) <= LONGEST else f"{text[: LONGEST // 2]}...{text[-LONGEST // 2 :]}"  # of paths, the file
+    return text if len(text) <= LONGEST else f"{text[: LONGEST // 2]}...{text[-LONGEST // 2 :]}"
 
 
 def _make_writable(folder: Path) -> None:
-    """Make a folder. Raises OSError that names it, before any work is done, if nothing can be written to it."""
+    """Make a folder. Raises OSError, which names it, if it cannot be made or nothing can be written to it."""
     folder.mkdir(parents=True, exist_ok=True)
     if not os.access(folder, os.W_OK):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(folder))

@@ -1,4 +1,4 @@
-"""Which state of the source code computes: so that results of two states are not mixed in one folder."""
+"""Identify the source code and the versions that compute results, so that one folder does not mix those of two."""
 
 from __future__ import annotations
 
@@ -12,12 +12,16 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-REPORTED = ("mars-m3depth", "torch", "numpy", "opencv-python-headless")  # packages whose versions versions() gives
+REPORTED = ("mars-m3depth", "torch", "numpy", "opencv-python-headless")  # packages in versions()
 
 
 @cache
 def source_digest(packages: tuple[str, ...]) -> str:
-    """Twelve hexadecimal digits that tell one state of these packages' Python sources from another."""
+    """Return twelve hexadecimal digits of the SHA-256 over the names and contents of packages' Python sources.
+
+    Args:
+        packages: Names of installed packages.
+    """
     digest = hashlib.sha256()
     for package in packages:
         file = source_file(package)
@@ -29,20 +33,24 @@ def source_digest(packages: tuple[str, ...]) -> str:
 
 
 def source_file(module: str) -> Path | None:
-    """The file that a module is read from, which is not imported; None if there is none, as for what is built in."""
+    """Return the file of a module without importing it; None if it has none, as a built-in module."""
     spec = find_spec(module)
     return Path(spec.origin) if spec is not None and spec.has_location and spec.origin else None
 
 
 def versions() -> dict[str, Any]:
-    """Of what the figures depend on; the processor too, because seconds do."""
-    found: dict[str, Any] = {"python": platform.python_version(), "machine": platform.machine(), "cpus": os.cpu_count()}
+    """Return what figures depend on: the versions of Python and of packages, and the machine, for the run times."""
+    record: dict[str, Any] = {
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+        "cpus": os.cpu_count(),
+    }
     for package in REPORTED:
         try:
-            found[package] = version(package)
+            record[package] = version(package)
         except PackageNotFoundError:
-            found[package] = None
+            record[package] = None
     torch = sys.modules.get("torch")
     if torch is not None:
-        found["torch_threads"] = torch.get_num_threads()
-    return found
+        record["torch_threads"] = torch.get_num_threads()
+    return record

@@ -1,4 +1,4 @@
-"""One command at a time writes to a folder."""
+"""Lock a folder, so that one command at a time writes to it."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ try:
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
-LOCK = ".lock"
-TAKEN = (errno.EAGAIN, errno.EACCES)
+LOCK = ".lock"  # name of the lock's file in a folder
+TAKEN = (errno.EAGAIN, errno.EACCES)  # errors of flock if another process holds the lock
 
 
 class FolderInUse(ValueError):
@@ -24,30 +24,43 @@ class FolderInUse(ValueError):
 
 @contextmanager
 def sole_writer(folder: Path) -> Iterator[None]:
-    """Hold a folder, which is made if need be, for as long as the block runs. Raises FolderInUse, OSError.
+    """Lock a folder for as long as the block runs.
 
-    The lock is the operating system's (flock) on the file .lock: it ends with the process, also by kill -9, so that
-    none is ever left over; the file goes when the block ends, and one that a killed command leaves locks nothing.
-    Over NFS, Linux hands it on to the server, so that it holds between machines too. Where the system or the file
-    system knows no such lock (Windows, some network disks), nothing is held.
+    The lock is the operating system's (flock) on the file .lock. It ends with the process, even by kill -9. The file is
+    deleted when the block ends; one that a killed command leaves locks nothing. Over NFS, Linux passes the lock on to
+    the server, so that it holds between machines too. Where the system or the file system has no such lock (Windows,
+    some network disks), nothing is locked.
+
+    Args:
+        folder: The folder. It is made if need be.
+
+    Raises:
+        FolderInUse: Another command writes to the folder.
+        OSError: The folder or the lock's file cannot be made.
     """
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / LOCK
     file = _take(path, folder)
     try:
-        with suppress(OSError):  # who it is is a courtesy: a full disk does not end the command here
+        with suppress(OSError):  # the name is only for messages, so a full disk is no reason to end here
             os.truncate(file, 0)
             os.write(file, f"process {os.getpid()} on {socket.gethostname()}".encode())
         yield
     finally:
-        path.unlink(missing_ok=True)  # while it is held: whoever has opened it sees that it is gone, and looks again
+        path.unlink(missing_ok=True)  # before the lock is released: a waiting command sees this and opens a new file
         os.close(file)
 
 
 def check_unused(folder: Path) -> None:
-    """Raise FolderInUse if a command writes to the folder now; nothing is held, and nothing is written.
+    """Check that no command writes to a folder now. Nothing is locked, and nothing is written.
 
-    A lock file that a killed command has left says nothing, nor does one that cannot be read.
+    A lock's file that a killed command has left, or that cannot be read, does not count.
+
+    Args:
+        folder: The folder.
+
+    Raises:
+        FolderInUse: A command writes to the folder.
     """
     with suppress(OSError):
         file = os.open(folder / LOCK, os.O_RDONLY)
@@ -62,19 +75,19 @@ def check_unused(folder: Path) -> None:
 
 
 def _in_use(folder: Path, file: int) -> str:
-    who = os.read(file, 200).decode(errors="replace")
-    return f"{folder}: another command{f' ({who})' if who else ''} is writing here; let it end first"
+    owner = os.read(file, 200).decode(errors="replace")
+    return f"{folder}: another command{f' ({owner})' if owner else ''} is writing here; let it end first"
 
 
 def _take(path: Path, folder: Path) -> int:
-    """File descriptor of the lock file, locked."""
+    """Return the file descriptor of the lock's file, locked. Raises FolderInUse or OSError."""
     while True:
         file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
         try:
             if fcntl is None:
                 return file
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            with suppress(FileNotFoundError):  # removed by a command that ended since it was opened here
+            with suppress(FileNotFoundError):  # a command that has ended since then has deleted it
                 if os.path.samestat(os.fstat(file), path.stat()):
                     return file
         except OSError as error:
@@ -85,4 +98,4 @@ def _take(path: Path, folder: Path) -> int:
             if taken is not None:
                 raise FolderInUse(taken) from None
             raise
-        os.close(file)  # that of a command which ended just now
+        os.close(file)  # the file is no longer at the path: a command has just ended

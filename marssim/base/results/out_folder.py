@@ -1,4 +1,4 @@
-"""Which places take the results of a command."""
+"""Check that a folder may take the results of a command."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from marssim.base.files.json_file import DatasetError
 
 
 def check_out(out: Path) -> None:
-    """Check that a folder may take results, which neither replace files of a dataset nor look like its own.
+    """Check that a folder may take results, and is neither a dataset nor in one.
 
     Args:
-        out: The flag --out of a command. It need not exist. A folder around a dataset will do.
+        out: Value of a command's flag --out. It need not exist. It may contain a dataset.
 
     Raises:
         DatasetError: `out` is a file, a dataset of marssim.generate or marssim.export, or lies in one.
@@ -24,7 +24,14 @@ def check_out(out: Path) -> None:
 
 
 def check_around(out: Path) -> None:
-    """Check that a folder may take a new dataset. Raises DatasetError if it is a file or lies in a dataset."""
+    """Check that a folder may take a new dataset.
+
+    Args:
+        out: Value of a command's flag --out. It need not exist.
+
+    Raises:
+        DatasetError: `out` is a file, or lies in a dataset.
+    """
     check_folder(out)
     for folder in out.resolve().parents:
         if _is_dataset(folder):
@@ -32,9 +39,16 @@ def check_around(out: Path) -> None:
 
 
 def check_folder(out: Path) -> None:
-    """Raise DatasetError if there is a file where the folder for results should be."""
+    """Check that the folder for results is no file.
+
+    Args:
+        out: Value of a command's flag --out. It need not exist.
+
+    Raises:
+        DatasetError: `out` is a file.
+    """
     if out.exists() and not out.is_dir():
-        raise DatasetError(f"--out {out}: is not a folder")
+        raise DatasetError(f"--out {out}: is not a folder; choose another")
 
 
 def _is_dataset(folder: Path) -> bool:

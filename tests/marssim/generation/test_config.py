@@ -156,7 +156,7 @@ def test_cameras_by_a_file(tmp_path):
         (json.dumps({**rig.to_dict(), "fx": -1}), "fx must be positive"),
         ("[]", "not a JSON object"),
         ("5", "not a JSON object"),
-        *(('{"a":' * deep + "1" + "}" * deep, "within each other") for deep in (70, 900, 100_000)),
+        *(('{"a":' * deep + "1" + "}" * deep, "levels deep") for deep in (70, 900, 100_000)),
         (json.dumps({**rig.to_dict(), "k1": 0.1}), "unknown field k1; a rig has width, height, fx"),
         ("\xff", "is not JSON: "),
     ):

@@ -224,10 +224,10 @@ def test_an_unfinished_dataset_says_what_completes_it(dataset):
     shutil.rmtree(dataset / "scenes" / NAMES[2])
     write_json(dataset / "generate.json", {"seed": 3, "command": "--pairs 6 --seed 3 --scene gale"})
     command = f"python -m marssim.generate --out {dataset} --pairs 6 --seed 3 --scene gale completes it"
-    with pytest.raises(DatasetError, match=rf"^{dataset}: not finished, 5 pairs are there; {command}$"):
+    with pytest.raises(DatasetError, match=rf"^{dataset}: not finished, it has 5 pairs; {command}$"):
         StereoDataset(dataset)
     write_json(dataset / "generate.json", {"seed": 3, "command": None})
-    with pytest.raises(DatasetError, match="5 pairs are there; the call that began it completes it"):
+    with pytest.raises(DatasetError, match="it has 5 pairs; the call that began it completes it"):
         StereoDataset(dataset)
 
 

@@ -91,7 +91,7 @@ def test_a_folder_of_something_else_is_refused_unless_it_may_be_shared(tmp_path)
     assert [file.name for file in tmp_path.iterdir()] == ["thesis.tex"]
     claimed(tmp_path, shared=True)
     (tmp_path / "drive.json").unlink()
-    with pytest.raises(DatasetError, match=r"drive\.json: no such file, so the files in this folder are another"):
+    with pytest.raises(DatasetError, match=r"drive\.json: no such file, so another command wrote the files"):
         claimed(tmp_path, shared=True, has_results=lambda out: True)
 
 

@@ -32,7 +32,7 @@ def test_no_dataset_is_made_in_another(tmp_path):
 
 def test_a_file_takes_none_either(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(DatasetError, match=r"^--out .*file: is not a folder$"):
+    with pytest.raises(DatasetError, match=r"^--out .*file: is not a folder; choose another$"):
         check_out(tmp_path / "file")
 
 
