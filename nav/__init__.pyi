@@ -5,7 +5,8 @@ from .ground.elevation import ElevationConfig, ElevationMap
 from .ground.traversability import Traversability, TraversabilityConfig, assess
 from .navigator import Navigator
 from .path.distance_field import DistanceField
-from .path.planner import Motion, Planner, PlannerConfig
+from .path.planner import Motion, Planner
+from .path.planner_config import PlannerConfig
 
 __version__: str
 

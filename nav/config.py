@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from nav.ground.elevation import ElevationConfig
 from nav.ground.traversability import TraversabilityConfig
-from nav.path.planner import PlannerConfig
+from nav.path.planner_config import PlannerConfig
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Choice of the next motion: arcs near the rover that descend the distance field to the goal.
 
-The arcs are checked with the rover's oriented footprint and may enter only ground that has been seen. As in ENav on
-Perseverance, the far path (distance_field.py) is cheap and optimistic, the near one exact and cautious.
+The arcs are checked with the rover's oriented footprint (free_length.py) and may enter only ground that has been seen.
+As in ENav on Perseverance, the far path (distance_field.py) is cheap and optimistic, the near one exact and cautious.
 """
 
 from __future__ import annotations
@@ -15,60 +15,12 @@ from nav.ground.elevation import ElevationMap
 from nav.ground.traversability import Traversability
 from nav.path.distance_field import DistanceField
 from nav.path.footprint import arc_poses, footprint_distance
+from nav.path.free_length import free_length, room_needed
+from nav.path.planner_config import PlannerConfig
 from nav.path.stance import StanceModel
 
-REPLANNED = 0.01  # [m] by which a rover within a margin may come nearer from one plan to the next
-REPLANNED_TILT = 0.02  # [rad] by which a rover beyond the tilt limit may tilt more from one plan to the next
-HALF_CELL = 0.05  # [m] half a cell of the map, by which an obstacle's edge may be wrong
 HEADING_FREE = 1.0  # [m] from the goal, within which the heading does not matter
 PROBE = 0.5  # [m] to either side, where the slope of the field is taken
-
-
-@dataclass(frozen=True)
-class PlannerConfig:
-    """Candidate motions and the costs that compare them, in metres of easy ground."""
-
-    arcs: int = 31
-    """Number of curvatures that are tried."""
-    arc_length: float = 4.0
-    """Length of an arc [m]."""
-    max_turn_deg: float = 100.0
-    """Turn at which an arc ends [deg]."""
-    turns: int = 24
-    """Number of headings that are tried by turning in place and then driving straight."""
-    spacing: float = 0.2
-    """Distance between the poses that are checked on a motion [m]."""
-    commit: float = 0.8
-    """Least free length of a motion [m]: one drive step and room to stop."""
-    lookahead: float = 2.5
-    """Distance at which motions are compared [m], or at their end if that comes first."""
-    margin: float = 0.08
-    """Least distance from the covered footprint (footprint_discs) to an obstacle [m]."""
-    dark_margin: float = 0.0
-    """Least distance from the covered footprint to unseen ground [m]."""
-    tilt_limit_deg: float = 25.0
-    """Largest tilt of the chassis on its wheels [deg]: RoverSpec.max_tilt less a margin."""
-    belly_margin: float = 0.05
-    """Least distance from the chassis to the ground below it [m]."""
-    turn_cost: float = 0.5
-    """Cost of a radian turned in place [m]."""
-    turn_start_cost: float = 0.5
-    """Cost of stopping in order to turn [m]; not charged again while a turn continues."""
-    turn_back_cost: float = 1.0
-    """Cost of turning back at once [m]; it doubles each further time until the rover drives."""
-    turn_dark_cost: float = 4.0
-    """Cost of turning in place over unseen ground [m], so that the rover does it only where nothing else leads on."""
-    bend_cost: float = 0.15
-    """Cost of a radian turned while driving [m]."""
-    change_cost: float = 0.3
-    """Cost of changing the previous curvature by 1/m [m]."""
-    heading_cost: float = 0.6
-    """Cost of a radian between the heading at the motion's end and the way onwards [m]."""
-    coarse: int = 2
-    """Map cells along one cell of the distance field."""
-    inflated_cost: float = 30.0
-    """Extra cost of a metre too near to an obstacle [m]: high enough to lead out of such a place, and never through
-    one."""
 
 
 @dataclass(frozen=True)
@@ -85,61 +37,6 @@ class Motion:
     """Cost to reach the goal over this motion [m]."""
     poses: np.ndarray
     """(k, 3) x, y [m], yaw [rad] in the world."""
-
-
-def room_needed(room: np.ndarray, margin: float) -> np.ndarray:
-    """Return how near to an obstacle a motion may come.
-
-    That is the margin. A rover that already stands within the margin may come nearer by REPLANNED, or it would be
-    stuck; this adds up over the plans, but ends where footprint and obstacle overlap by HALF_CELL.
-
-    Args:
-        room: (...) distance from the rover to the obstacle now [m].
-        margin: The margin [m].
-
-    Returns:
-        (...) least distance [m].
-    """
-    return np.minimum(margin, np.maximum(room - REPLANNED, np.minimum(room, -HALF_CELL)))
-
-
-def free_length(
-    poses: np.ndarray,
-    spacing: float,
-    elevation: ElevationMap,
-    ground: Traversability,
-    spec: RoverSpec,
-    config: PlannerConfig,
-    stance: StanceModel | None = None,
-    margin: float | None = None,
-) -> np.ndarray:
-    """Return how far motions are free: no obstacles, no unseen ground, level enough, and room under the belly.
-
-    A rover that already stands within a margin may move as long as it comes no nearer.
-
-    Args:
-        poses: (a, k, 3) poses x, y [m], yaw [rad] of a motions, the first where the rover stands.
-        spacing: Distance between two poses [m].
-        elevation: The map.
-        ground: The judged ground.
-        spec: The rover.
-        config: The limits.
-        stance: The surface under wheels and belly; None checks neither tilt nor belly.
-        margin: Distance to obstacles [m], instead of that of config.
-
-    Returns:
-        (a,) free lengths [m].
-    """
-    room = footprint_distance(ground.clearance, elevation, poses, spec)
-    light = footprint_distance(ground.dark_distance, elevation, poses, spec)
-    ok = room >= room_needed(room[:, :1], config.margin if margin is None else margin)
-    ok &= light >= np.minimum(config.dark_margin, light[:, :1] - REPLANNED)
-    if stance is not None:
-        place = stance.at(poses)
-        ok &= place.tilt <= np.maximum(np.deg2rad(config.tilt_limit_deg), place.tilt[:, :1] + REPLANNED_TILT)
-        ok &= place.clearance >= np.minimum(config.belly_margin, place.clearance[:, :1] - REPLANNED)
-    ok[:, 0] = True
-    return (np.cumprod(ok, axis=1).sum(axis=1) - 1) * spacing
 
 
 class Planner:

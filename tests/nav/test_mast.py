@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from flat_map import scene
+from drawn_maps import flat_map_with_rocks
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -37,11 +37,11 @@ def test_a_mast_that_does_not_move_is_noticed_and_a_slow_one_is_not():
     stuck.follow(0.0, None)
     stuck.follow(0.0, 1.2)
     assert not stuck.works and stuck.towards(1.2) is None
-    assert not stuck.must_look(1.2, HERE, 0.0, DRIVE, scene(seen=lambda x, y: x > 50)[0])
+    assert not stuck.must_look(1.2, HERE, 0.0, DRIVE, flat_map_with_rocks(seen=lambda x, y: x > 50)[0])
 
 
 def test_it_looks_once_before_a_turn_into_the_unseen():
-    elevation, _ = scene(seen=lambda x, y: (np.abs(y) < 0.8) & (x > 0))
+    elevation, _ = flat_map_with_rocks(seen=lambda x, y: (np.abs(y) < 0.8) & (x > 0))
     own = mast()
     assert own.must_look(1.2, HERE, 0.0, DRIVE, elevation)
     there = Command(0.0, 0.0, 1.2, "look")
@@ -52,16 +52,16 @@ def test_it_looks_once_before_a_turn_into_the_unseen():
 
 
 def test_what_was_seen_and_small_turns_need_no_look():
-    everything, _ = scene()
+    everything, _ = flat_map_with_rocks()
     assert not mast().must_look(1.2, HERE, 0.0, DRIVE, everything)
-    nothing, _ = scene(seen=lambda x, y: x > 50)
+    nothing, _ = flat_map_with_rocks(seen=lambda x, y: x > 50)
     assert not mast().must_look(0.9 * np.deg2rad(CONFIG.look_before_turn_deg), HERE, 0.0, DRIVE, nothing)
     assert mast().must_look(1.1 * np.deg2rad(CONFIG.look_before_turn_deg), HERE, 0.0, DRIVE, nothing)
     # to the left everything was seen, to the right nothing
-    left, _ = scene(seen=lambda x, y: y > -0.7)
+    left, _ = flat_map_with_rocks(seen=lambda x, y: y > -0.7)
     assert not mast().must_look(1.5, HERE, 0.0, DRIVE, left) and mast().must_look(-1.5, HERE, 0.0, DRIVE, left)
 
 
 def test_beyond_the_map_nothing_was_seen():
-    everything, _ = scene()
+    everything, _ = flat_map_with_rocks()
     assert mast().must_look(0.7, np.array([7.5, 0.0, 0.0]), 0.0, DRIVE, everything)

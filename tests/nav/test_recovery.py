@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from flat_map import scene
+from drawn_maps import flat_map_with_rocks
 
 from marssim.base.rover_spec import ZHURONG
 from nav.command import Command
@@ -19,7 +19,7 @@ def site():
     """Makes a recovery that came to the origin along the x axis, and what it is asked with on a map with rocks."""
 
     def make(*rocks, came_from=-4.0):
-        elevation, ground = scene(rocks)
+        elevation, ground = flat_map_with_rocks(rocks)
         planner = Planner(ZHURONG, CONFIG.planner, elevation)
         planner.update(elevation, ground, np.array([7.0, 0.0]))
         recovery = Recovery(ZHURONG, CONFIG)

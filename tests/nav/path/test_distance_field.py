@@ -1,19 +1,19 @@
 import numpy as np
 import pytest
-from flat_map import scene
+from drawn_maps import flat_map_with_rocks
 
 from nav.path.distance_field import DistanceField
 
 
 def test_field_is_the_distance_on_open_ground_and_longer_behind_a_wall():
-    elevation, ground = scene()
+    elevation, ground = flat_map_with_rocks()
     field = DistanceField(elevation, 2, 30.0)
     field.update(elevation, ground, np.array([5.0, 0.0]))
     points = np.array([[0.0, 0.0], [5.0, 4.0], [-5.0, -3.0]])
     straight = np.hypot(points[:, 0] - 5, points[:, 1])
     # Eight directions are at most 8.3 % longer than the straight line.
     assert (field.at(points) >= straight - 0.3).all() and (field.at(points) <= 1.09 * straight + 0.3).all()
-    wall, blocked = scene([(2.5, y, 0.3) for y in np.arange(-4, 4.1, 0.5)])
+    wall, blocked = flat_map_with_rocks([(2.5, y, 0.3) for y in np.arange(-4, 4.1, 0.5)])
     field.update(wall, blocked, np.array([5.0, 0.0]))
     assert field.at(points)[0] > straight[0] + 4
     path = field.path(points[0], 40.0)
@@ -23,7 +23,7 @@ def test_field_is_the_distance_on_open_ground_and_longer_behind_a_wall():
 
 
 def test_goals_outside_the_map_pull_to_the_border():
-    elevation, ground = scene()
+    elevation, ground = flat_map_with_rocks()
     field = DistanceField(elevation, 2, 30.0)
     field.update(elevation, ground, np.array([50.0, 0.0]))
     assert field.at(np.array([0.0, 0.0])) == pytest.approx(50.0, abs=0.5)

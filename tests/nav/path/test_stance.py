@@ -1,30 +1,17 @@
 import numpy as np
 import pytest
-from flat_map import SMALL, scene
+from drawn_maps import flat_map_with_rocks, map_of_height
 from hypothesis import given
 from hypothesis import strategies as st
 
 from marssim.base.rover_spec import ZHURONG
-from nav.ground.elevation import ElevationMap
-from nav.ground.traversability import TraversabilityConfig, assess
-from nav.path.footprint import arc_poses
-from nav.path.planner import PlannerConfig, free_length
 from nav.path.stance import StanceModel
-
-
-def mapped(height):
-    """A map in which everything was seen, of a height (x, y) [m]."""
-    elevation = ElevationMap(SMALL)
-    x, y = np.meshgrid(*elevation.centres())
-    elevation.top = elevation.low = height(x, y).astype(np.float32)
-    elevation.weight = np.ones_like(elevation.top)
-    return elevation
 
 
 @given(st.floats(0, 20), st.floats(-3.1, 3.1), st.floats(-3.1, 3.1))
 def test_on_a_plane_the_tilt_is_the_planes(slope_deg, towards, yaw):
     rise = np.tan(np.deg2rad(slope_deg))
-    elevation = mapped(lambda x, y: rise * (np.cos(towards) * x + np.sin(towards) * y))
+    elevation = map_of_height(lambda x, y: rise * (np.cos(towards) * x + np.sin(towards) * y))
     place = StanceModel(elevation, ZHURONG).at(np.array([0.3, -0.2, yaw]))
     assert np.rad2deg(place.tilt) == pytest.approx(slope_deg, abs=3)  # cells of 0.1 m round the wheels' heights
     # the highest cell within 0.15 m, under wheels and belly alike
@@ -32,34 +19,19 @@ def test_on_a_plane_the_tilt_is_the_planes(slope_deg, towards, yaw):
 
 
 def test_a_wheel_on_a_stone_tilts_and_a_stone_under_the_belly_takes_room():
-    stone = mapped(lambda x, y: 0.25 * (np.hypot(x - 0.65, y - 0.6) < 0.15))
+    stone = map_of_height(lambda x, y: 0.25 * (np.hypot(x - 0.65, y - 0.6) < 0.15))
     place = StanceModel(stone, ZHURONG).at(np.zeros(3))
     # on one of three left wheels, and the front of one of two sides
     expected = np.hypot(0.25 / 3 / ZHURONG.track, 0.25 / (0.65 + 0.325) / 2)
     assert place.tilt == pytest.approx(np.arctan(expected), abs=0.01)
-    between = mapped(lambda x, y: 0.25 * (np.hypot(x - 0.3, y) < 0.15))
+    between = map_of_height(lambda x, y: 0.25 * (np.hypot(x - 0.3, y) < 0.15))
     place = StanceModel(between, ZHURONG).at(np.zeros(3))
     assert place.tilt == pytest.approx(0, abs=1e-6)
     assert place.clearance == pytest.approx(ZHURONG.belly_clearance - 0.25, abs=1e-6)
 
 
 def test_nothing_is_said_of_wheels_on_unseen_ground():
-    elevation, _ = scene(seen=lambda x, y: x < 0.4)
+    elevation, _ = flat_map_with_rocks(seen=lambda x, y: x < 0.4)
     place = StanceModel(elevation, ZHURONG).at(np.array([[0.0, 0.0, 0.0], [-3.0, 0.0, 0.0], [50.0, 0.0, 0.0]]))
     np.testing.assert_array_equal(place.tilt, 0)
     assert np.isinf(place.clearance[[0, 2]]).all() and np.isfinite(place.clearance[1])
-
-
-def test_arcs_end_where_the_rover_would_tilt_or_ground():
-    config, rules = PlannerConfig(), TraversabilityConfig(slope_blocked_deg=60, step_blocked=9, roughness_blocked=9)
-    poses = arc_poses(np.zeros(3), np.zeros(1), np.arange(0, 4.01, 0.2))
-    for height, end in (
-        (lambda x, y: np.tan(np.deg2rad(33)) * np.maximum(0, x - 2), (1.0, 3.4)),  # a bank of 33 deg
-        (lambda x, y: 0.3 * (np.abs(y) < 0.2) * (x > 2.5), (1.2, 2.2)),  # a ridge between the wheels
-        (lambda x, y: 0 * x, (4.0, 4.0)),
-    ):
-        elevation = mapped(height)
-        ground = assess(elevation, ZHURONG, rules)
-        free = free_length(poses, 0.2, elevation, ground, ZHURONG, config, StanceModel(elevation, ZHURONG))[0]
-        assert end[0] <= free <= end[1] + 1e-6
-        assert free_length(poses, 0.2, elevation, ground, ZHURONG, config)[0] >= free
