@@ -34,15 +34,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 
+from marssim.base.angle import wrapped
 from marssim.base.camera import StereoRig
 from marssim.base.rover_spec import ZHURONG, RoverSpec
 from nav.command import Command
 from nav.config import NavigatorConfig
 from nav.controller import steerable
 from nav.ground.elevation import ElevationMap
+from nav.ground.masks import Area, disc_mask, outside_mask, rectangle_mask
 from nav.ground.traversability import Traversability, assess
 from nav.mast import Mast
 from nav.path.footprint import arc_poses
@@ -50,7 +51,6 @@ from nav.path.planner import Motion, Planner
 from nav.recovery import Recovery
 from nav.risk import RiskTaking
 
-Area = tuple[float, float, float, float]
 PROGRESS = 1.0  # [m] nearer to the goal, after which recoveries are counted from zero again
 IDLE_SHARE = 0.25  # share of a commanded drive below which the rover did not move
 CARRIED_INSET = 0.15  # [m] by which the ground under the rover is smaller than the footprint: touched rocks stay rocks
@@ -59,11 +59,6 @@ DEAD_END_RADIUS, DEAD_END_COST = 1.0, 3.0  # [m] around a dead end, and the extr
 WAY_AHEAD = 3.0  # [m] of the far path along which the mast looks
 PATH_END = 1.0  # [m] from either end of the far path, within which an obstacle does not close it
 BEND = 0.2  # [rad] turned in a step from which a short motion leads round something
-
-
-def _wrap(angle: float) -> float:
-    """Return the same angle in [-pi, pi) [rad]."""
-    return float((angle + np.pi) % (2 * np.pi) - np.pi)
 
 
 class Navigator:
@@ -157,9 +152,8 @@ class Navigator:
         self._last_pose, self._last_command = planar, command
         return command
 
-    # ---------------------------------------------------------------- what happened since the last step
-
     def _begin(self, pose: np.ndarray, planar: np.ndarray, goal: np.ndarray, pan: float) -> None:
+        """Take in the rover's new pose and the goal: move the map, and count what the last command achieved."""
         if not self._started:
             self.map.clear(planar[:2])
             self.map.assume_flat(pose, self.config.clear_radius)
@@ -189,9 +183,8 @@ class Navigator:
         camera_pose = pose @ self.spec.mount.left_eye(rig.baseline, pan)
         return self.map.integrate(depth, confidence, rig, camera_pose) >= self.config.least_points
 
-    # ---------------------------------------------------------------- what to do now
-
     def _decide(self, here: np.ndarray, goal: np.ndarray, pan: float, ground_visible: bool) -> Command:
+        """Return the next command from the map, the goal, and what happened in the last steps."""
         distance = float(np.hypot(*(goal - here[:2])))
         if distance <= self.config.goal_radius:
             return Command(0.0, 0.0, None, "arrived")
@@ -208,7 +201,7 @@ class Navigator:
         self.planner.margin = self.config.planner.margin * self.risk.margin_share
         self.planner.update(self.map, ground, goal)
 
-        self.risk.update(self._no_way(here, goal, ground), self._inflated(here, ground))
+        self.risk.update(self._is_closed(here, goal, ground), self._is_hemmed_in(here, ground))
         if self.risk.given_up:
             return Command(0.0, 0.0, None, "no_path")
         if self.recovery.backing:
@@ -224,57 +217,35 @@ class Navigator:
         self.recovery.found_a_way()
         return self._follow(self.motion, here, distance, pan)
 
-    def _inflated(self, here: np.ndarray, ground: Traversability) -> bool:
+    def _is_hemmed_in(self, here: np.ndarray, ground: Traversability) -> bool:
+        """Return whether the rover stands nearer to an obstacle than its footprint allows at any heading."""
         x, y = np.clip(self.map.cell_of(here[:2]), 0, self.map.n - 1)
         return bool(ground.inflated[y, x])
 
     def _assess(self, here: np.ndarray) -> Traversability:
         """Return the traversability, with bumps and dead ends, and without obstacles under the rover itself."""
-        ground = assess(self.map, self.spec, self.risk.rules, self._closed(), self._carried(here))
+        half_length, half_width = self.spec.length / 2 - CARRIED_INSET, self.spec.width / 2 - CARRIED_INSET
+        carried = rectangle_mask(self.map, here, half_length, half_width)
+        ground = assess(self.map, self.spec, self.risk.rules, self._closed(), carried)
         if not self.recovery.dead_ends:
             return ground
-        return replace(ground, cost=ground.cost + DEAD_END_COST * self._discs(self.recovery.dead_ends, DEAD_END_RADIUS))
+        dead_ends = disc_mask(self.map, self.recovery.dead_ends, DEAD_END_RADIUS)
+        return replace(ground, cost=ground.cost + DEAD_END_COST * dead_ends.astype(np.float32))
 
     def _closed(self) -> np.ndarray | None:
         """Return the closed cells that the map does not show, (n, n) bool: bumps, and ground beyond the area; None if
         neither.
         """
         bumps = self.recovery.bumps
-        closed = self._discs(bumps, BUMP_RADIUS) > 0 if bumps else None
+        closed = disc_mask(self.map, bumps, BUMP_RADIUS) if bumps else None
         if self.area is None:
             return closed
-        outside = self._outside(self.area)
+        # Nothing stands there, but closing the cells from half a width beyond the area keeps the rover's middle in it.
+        outside = outside_mask(self.map, self.area, self.spec.width / 2)
         return outside if closed is None else closed | outside
 
-    def _carried(self, here: np.ndarray) -> np.ndarray:
-        """Return the cells that the rover stands on, (n, n) bool."""
-        half = np.array([self.spec.length, self.spec.width]) / 2 - CARRIED_INSET
-        corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * half
-        c, s = np.cos(here[2]), np.sin(here[2])
-        corners = self.map.cell_of(here[:2] + corners @ np.array([[c, s], [-s, c]]))
-        carried = np.zeros((self.map.n, self.map.n), np.uint8)
-        cv2.fillConvexPoly(carried, corners.astype(np.int32), 1)
-        return carried > 0
-
-    def _discs(self, centres: list[np.ndarray], radius: float) -> np.ndarray:
-        """Return a mask (n, n) float32 that is 1 within the radius [m] of any of the world positions."""
-        out = np.zeros((self.map.n, self.map.n), np.float32)
-        for cell in self.map.cell_of(np.array(centres)):
-            cv2.circle(out, (int(cell[0]), int(cell[1])), round(radius / self.map.config.cell), 1.0, -1)
-        return out
-
-    def _outside(self, area: Area) -> np.ndarray:
-        """Return the cells beyond the side of a rover whose middle drives along the area's edge, (n, n) bool.
-
-        No obstacle lies there, but closing these cells keeps the footprint, and so the middle, within the area.
-        """
-        x, y = self.map.centres()
-        reach = self.spec.width / 2
-        out_x = (x < area[0] - reach) | (x > area[2] + reach)
-        out_y = (y < area[1] - reach) | (y > area[3] + reach)
-        return np.asarray(out_x[None, :] | out_y[:, None])
-
     def _follow(self, motion: Motion, here: np.ndarray, distance: float, pan: float) -> Command:
+        """Return the command that begins a motion: a look into a turn, the turn, or a drive of one step."""
         c = self.config
         if motion.turn:
             if self.mast.must_look(motion.turn, here, pan, self._last_command, self.map):
@@ -288,25 +259,25 @@ class Navigator:
         speed, yaw_rate = steerable(speed, motion.curvature * speed, self.spec)
         turn = yaw_rate * c.step_time
         short = motion.length < 2 * c.planner.commit and abs(turn) < BEND
-        then = arc_poses(here, np.array(motion.curvature), np.array([speed * c.step_time]))[0]
-        return Command(speed, yaw_rate, self.mast.towards(0.0 if short else self._bearing_onward(then)), "drive")
+        next_pose = arc_poses(here, np.array(motion.curvature), np.array([speed * c.step_time]))[0]
+        return Command(speed, yaw_rate, self.mast.towards(0.0 if short else self._bearing_onward(next_pose)), "drive")
 
-    def _bearing_onward(self, then: np.ndarray) -> float:
+    def _bearing_onward(self, next_pose: np.ndarray) -> float:
         """Return the bearing of the path from where the rover will be, so that the next image shows it.
 
         Args:
-            then: (3,) x, y [m], yaw [rad] after the step.
+            next_pose: (3,) x, y [m], yaw [rad] after the step.
 
         Returns:
             Bearing from the heading [rad], positive to the left; 0 where the path ends.
         """
-        path = self.planner.field.path(then, WAY_AHEAD)
+        path = self.planner.field.path(next_pose, WAY_AHEAD)
         if len(path) <= 3:
             return 0.0
-        way = path[-1] - then[:2]
-        return _wrap(float(np.arctan2(way[1], way[0])) - then[2])
+        way = path[-1] - next_pose[:2]
+        return float(wrapped(float(np.arctan2(way[1], way[0])) - next_pose[2]))
 
-    def _no_way(self, here: np.ndarray, goal: np.ndarray, ground: Traversability) -> bool:
+    def _is_closed(self, here: np.ndarray, goal: np.ndarray, ground: Traversability) -> bool:
         """Return whether even the best path to the goal leads through known obstacles, away from both of its ends."""
         path = self.planner.field.path(here, 2 * self.config.elevation.size)
         from_ends = np.minimum(np.hypot(*(path - here[:2]).T), np.hypot(*(path - goal).T))

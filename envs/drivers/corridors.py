@@ -19,6 +19,7 @@ from envs.drivers.steering import head_for
 from envs.mars_nav import MarsNavEnv
 from envs.observation.map_view import CELL, PIXELS
 from envs.observation.spaces import share_of_distance
+from marssim.base.angle import wrapped
 from marssim.base.images.distance_transform import euclidean_distance
 from marssim.base.rover_spec import RoverSpec
 
@@ -152,4 +153,4 @@ def steer(goal: np.ndarray, way: int, spec: RoverSpec) -> np.ndarray:
     """
     _, sine, cosine = goal
     bearing = float(np.arctan2(sine, cosine) + _OFFSETS[way])
-    return head_for((bearing + np.pi) % (2 * np.pi) - np.pi, TURN_IN_PLACE, spec)
+    return head_for(wrapped(bearing), TURN_IN_PLACE, spec)

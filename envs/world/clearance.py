@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from marssim.base.angle import wrapped
 from marssim.base.rover_spec import RoverSpec
 from marssim.scene.rocks.outlines import outline_points
 from marssim.scene.scene import Scene
@@ -43,7 +44,7 @@ class RockClearance:
         Returns:
             Distance [m]; 0 where they overlap, FAR where nothing comes as near.
         """
-        turn = (after[2] - before[2] + np.pi) % (2 * np.pi) - np.pi
+        turn = wrapped(after[2] - before[2])
         change = np.array([*(after[:2] - before[:2]), turn])
         corner = float(np.hypot(*self._half))
         moved = float(np.hypot(*change[:2]))

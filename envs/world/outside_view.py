@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from marssim.base.angle import wrapped
 from marssim.base.camera import PinholeCamera, look_pose, rotate
 from marssim.base.dataset.frame import GROUND, SKY
 from marssim.physics.body import Part
@@ -61,7 +62,7 @@ class OutsideView:
         """Return the camera's pose behind the rover; it follows turns slowly, so that a film is calm."""
         if self._heading is None:
             self._heading = state.yaw
-        turn = (state.yaw - self._heading + np.pi) % (2 * np.pi) - np.pi
+        turn = wrapped(state.yaw - self._heading)
         self._heading += 0.3 * turn
         c, s = np.cos(self._heading), np.sin(self._heading)
         offset = np.array([-BEHIND * c + ASIDE * s, -BEHIND * s - ASIDE * c])

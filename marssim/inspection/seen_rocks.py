@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from marssim.base.angle import wrapped
 from marssim.base.camera import rotate
 from marssim.base.dataset.sample import StereoSample
 from marssim.scene.rocks.golombek import covered_area, sampling_spread
@@ -104,8 +105,7 @@ def seen_rocks(sample: StereoSample, reach: float = REACH) -> tuple[np.ndarray, 
     if not rock.any():
         return np.zeros(0, dtype=int), np.zeros(0), area
     forward = np.arctan2(pose[1, 2], pose[0, 2])
-    heading = np.arctan2(offset[rock][:, 1], offset[rock][:, 0]) - forward
-    heading = (heading + np.pi) % (2 * np.pi) - np.pi
+    heading = wrapped(np.arctan2(offset[rock][:, 1], offset[rock][:, 0]) - forward)
     order = np.argsort(sample.rock[rock], kind="stable")
     number, start, count = np.unique(sample.rock[rock][order], return_index=True, return_counts=True)
     away = np.add.reduceat(distance[rock][order], start) / count

@@ -87,3 +87,16 @@ def arc_poses(start: np.ndarray, curvature: np.ndarray, distance: np.ndarray) ->
     return np.stack(
         [start[..., 0] + chord * np.cos(middle), start[..., 1] + chord * np.sin(middle), start[..., 2] + angle], axis=-1
     )
+
+
+def turn_poses(start: np.ndarray, turns: np.ndarray) -> np.ndarray:
+    """Return the poses after turns in place.
+
+    Args:
+        start: (3,) x, y [m], yaw [rad].
+        turns: (...) heading changes [rad], positive to the left.
+
+    Returns:
+        (..., 3) x, y [m], yaw [rad].
+    """
+    return np.stack([np.full(turns.shape, start[0]), np.full(turns.shape, start[1]), start[2] + turns], axis=-1)

@@ -10,11 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from marssim.base.angle import wrapped
 from marssim.base.rover_spec import RoverSpec
 from nav.ground.elevation import ElevationMap
 from nav.ground.traversability import Traversability
 from nav.path.distance_field import DistanceField
-from nav.path.footprint import arc_poses, footprint_distance
+from nav.path.footprint import arc_poses, footprint_distance, turn_poses
 from nav.path.free_length import free_length, room_needed
 from nav.path.planner_config import PlannerConfig
 from nav.path.stance import StanceModel
@@ -109,7 +110,7 @@ class Planner:
         slope_y = self.field.at(xy + north) - self.field.at(xy - north)
         with np.errstate(invalid="ignore"):
             wanted = np.arctan2(-slope_y, -slope_x)
-            error = np.abs((wanted - poses[..., 2] + np.pi) % (2 * np.pi) - np.pi)
+            error = np.abs(wrapped(wanted - poses[..., 2]))
         near_goal = np.hypot(*np.moveaxis(xy - goal[:2], -1, 0)) < HEADING_FREE
         return value + np.where(near_goal | ~np.isfinite(error), 0.0, self.config.heading_cost * error)
 
@@ -162,8 +163,7 @@ class Planner:
         turn = self.free_turns(elevation, ground, pose)
         if turn.size == 0:
             return None
-        start = np.stack([np.full(turn.size, pose[0]), np.full(turn.size, pose[1]), pose[2] + turn], axis=1)
-        poses = arc_poses(start, np.zeros(turn.size), self._distance)
+        poses = arc_poses(turn_poses(pose, turn), np.zeros(turn.size), self._distance)
         free = self.free_length(poses, elevation, ground)
         cost, _ = self._rate(poses, free, elevation, ground, goal)
         same_way = np.sign(turn) * np.sign(self.previous_turn)
@@ -188,8 +188,7 @@ class Planner:
         """
         step = 2 * np.pi / self.config.turns
         swept = turns[:, None] * np.linspace(0, 1, max(2, round(float(np.abs(turns).max()) / step) + 1))
-        poses = np.stack([np.full(swept.shape, pose[0]), np.full(swept.shape, pose[1]), pose[2] + swept], axis=-1)
-        light = footprint_distance(ground.dark_distance, elevation, poses, self.spec)
+        light = footprint_distance(ground.dark_distance, elevation, turn_poses(pose, swept), self.spec)
         # The discs cover some centimetres more than the footprint.
         return np.asarray(light.min(axis=1) < np.minimum(light[:, 0], 0.0) - 0.1)
 
@@ -203,9 +202,8 @@ class Planner:
         out = []
         for side in (1, -1):
             angle = side * step * np.arange(c.turns // 2 + 1)
-            poses = np.stack([np.full(angle.size, pose[0]), np.full(angle.size, pose[1]), pose[2] + angle], axis=1)
             # Between two checked headings a corner moves by 0.14 m at most, which margin and discs cover.
-            room = footprint_distance(ground.clearance, elevation, poses, self.spec)
+            room = footprint_distance(ground.clearance, elevation, turn_poses(pose, angle), self.spec)
             ok = room >= room_needed(room[0], self.margin)
             ok[0] = True
             out.append(angle[: np.cumprod(ok).sum()][1:])
