@@ -6,7 +6,8 @@ from .drivers.image_observation import ImageObservation
 from .drives.episodes import Cell, EpisodeRecord, run_episode
 from .drives.film import Film
 from .drives.metrics import soft_spl, spl, wilson_interval
-from .mars_nav import ActionError, MarsNavEnv
+from .mars_nav import MarsNavEnv
+from .world.action import ActionError
 from .world.course import Course, CourseConfig
 from .world.perception import Sight
 from .world.user_code import UserCodeError

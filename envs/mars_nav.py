@@ -13,12 +13,15 @@ from gymnasium import spaces
 
 from envs.observation.map_view import MapView
 from envs.observation.spaces import observation_space, observe
+from envs.world.action import checked_action
 from envs.world.clearance import RockClearance
 from envs.world.course import Course, CourseConfig, draw_course, reversed_course
 from envs.world.odometry import Odometry
 from envs.world.perception import Perception, Sight
 from envs.world.referee import STEPS_PER_METRE, Referee
+from envs.world.reward import step_reward
 from envs.world.vehicle import FALLBACK_NOTE, DynamicsName, Vehicle, known_dynamics, make_vehicle
+from envs.world.way_driven import WayDriven
 from marssim.base.camera import NATECAM
 from marssim.base.rover_spec import ZHURONG
 from marssim.render.renderers.by_name import RendererName
@@ -31,10 +34,6 @@ if TYPE_CHECKING:
 
 STEP_SECONDS = 2.0  # [s] that the rover drives in one step
 ERROR_LIMITS = {"disparity_noise": 10, "drift": 1, "yaw_drift_deg": 45}  # largest values of these arguments
-
-
-class ActionError(ValueError):
-    """The environment got an action that it cannot carry out; the message says what was expected."""
 
 
 class MarsNavEnv(gymnasium.Env):
@@ -170,11 +169,7 @@ class MarsNavEnv(gymnasium.Env):
         yaw_drift_deg: float = 0.0,
         render_mode: str | None = None,
     ) -> None:
-        errors = {"disparity_noise": disparity_noise, "drift": drift, "yaw_drift_deg": yaw_drift_deg}
-        for name, value in errors.items():
-            most = ERROR_LIMITS[name]
-            if isinstance(value, bool) or not isinstance(value, Real) or not 0 <= float(value) <= most:
-                raise ValueError(f"{name} must lie in [0, {most}], got {value!r}")
+        _check_errors({"disparity_noise": disparity_noise, "drift": drift, "yaw_drift_deg": yaw_drift_deg})
         for name, flag in {"mast": mast, "map_observation": map_observation}.items():
             if not isinstance(flag, bool):
                 raise ValueError(f"{name} must be True or False, got {flag!r}")
@@ -250,6 +245,7 @@ class MarsNavEnv(gymnasium.Env):
         return self._begin(self.referee.time_limit / STEPS_PER_METRE)
 
     def _put_down(self, course: Course) -> None:
+        """Put a vehicle on the start of a course."""
         x, y, yaw = (float(v) for v in course.start)
         self.vehicle = make_vehicle(self.dynamics, course.scene, self.rover_spec, x, y, yaw)
 
@@ -263,12 +259,9 @@ class MarsNavEnv(gymnasium.Env):
         self.referee = Referee(self.course, self.rover_spec, goal_distance)
         self._steps = 0
         self.outcome = "driving"
-        self._path_length = 0.0
         self._pan = 0.0
         self._last_action = np.zeros(2, dtype=np.float32)
-        self._place = self._stand()
-        self._to_go = self.course.ground.distance_to_goal(*self._place[:2])
-        self._min_clearance = self._rock_clearance.between(self._place, self._place)
+        self._way = WayDriven(self.course, self._rock_clearance, self._place())
         self._look()
         return self._observation(), self._info()
 
@@ -287,7 +280,8 @@ class MarsNavEnv(gymnasium.Env):
         """
         if self.course is None or self.vehicle is None:
             raise gymnasium.error.ResetNeeded("call reset before step")
-        action = self._checked(action)
+        assert self.action_space.shape is not None
+        action = checked_action(action, self.action_space.shape)
         speed, yaw_rate = float(action[0]) * self.rover_spec.max_speed, float(action[1]) * self.rover_spec.max_yaw_rate
         if self.mast:
             mount = self.rover_spec.mount
@@ -298,20 +292,9 @@ class MarsNavEnv(gymnasium.Env):
         self._steps += 1
         self._last_action = action[:2].copy()
 
-        place = self._stand()
-        self._path_length += float(np.hypot(*(place - self._place)[:2]))
-        self._min_clearance = min(self._min_clearance, self._rock_clearance.between(self._place, place))
-        self._place = place
-        to_go = self.course.ground.distance_to_goal(*place[:2])
-        progress = self._to_go - to_go if np.isfinite(to_go) else 0.0
-        if np.isfinite(to_go):
-            self._to_go = to_go
+        progress = self._way.advance(self._place())
         self.outcome = self.referee.judge(self.vehicle, speed, self._steps)
-        reward = float(progress - 0.01)
-        if self.outcome == "goal":
-            reward += 10.0
-        elif self.outcome in ("collision", "tilt"):
-            reward -= 10.0
+        reward = step_reward(progress, self.outcome)
         terminated = self.outcome not in ("driving", "time")
         self._look()
         return self._observation(), reward, terminated, self.outcome == "time", self._info()
@@ -347,26 +330,14 @@ class MarsNavEnv(gymnasium.Env):
             self._view.close()
         self.vehicle = self.course = self.sight = self._view = None
 
-    def _checked(self, action: object) -> np.ndarray:
-        """Return the action as numbers, clipped to its box."""
-        shape = self.action_space.shape
-        try:
-            numbers = np.asarray(action, dtype=np.float32)
-        except (TypeError, ValueError):
-            raise ActionError(f"action must be numbers of shape {shape}, got {action!r}") from None
-        if action is None or numbers.shape != shape:
-            raise ActionError(f"action must be of shape {shape}, got {action!r}")
-        if not np.isfinite(numbers).all():
-            raise ActionError(f"action must be finite, got {action!r}")
-        return np.clip(numbers, -1, 1)
-
-    def _stand(self) -> np.ndarray:
+    def _place(self) -> np.ndarray:
         """Return x, y [m] and yaw [rad] of the rover, (3,)."""
         assert self.vehicle is not None
         state = self.vehicle.state()
         return np.array([*state.position[:2], state.yaw], dtype=float)
 
     def _look(self) -> None:
+        """Take the image pair of the present pose and pan, and turn it into depth."""
         assert self.vehicle is not None
         pose = self.vehicle.state().pose @ self.rover_spec.mount.left_eye(NATECAM.baseline, self._pan)
         self.sight = self.perception.look(pose, self._pan)
@@ -384,12 +355,20 @@ class MarsNavEnv(gymnasium.Env):
         assert self.course is not None and self.sight is not None
         return {
             "outcome": self.outcome,
-            "distance": float(np.hypot(*(self.course.goal - self._place[:2]))),
+            "distance": float(np.hypot(*(self.course.goal - self._way.place[:2]))),
             "shortest": self.course.shortest,
-            "path_length": self._path_length,
-            "min_clearance": self._min_clearance,
+            "path_length": self._way.length,
+            "min_clearance": self._way.min_clearance,
             "pan": self._pan,
-            "position_error": float(np.hypot(*(self.believed_pose[:2, 3] - self._place[:2]))),
+            "position_error": float(np.hypot(*(self.believed_pose[:2, 3] - self._way.place[:2]))),
             "perception_seconds": self.sight.seconds,
             "redraws": self.course.redraws,
         }
+
+
+def _check_errors(errors: dict[str, float]) -> None:
+    """Raise ValueError that names the standard deviation of an error that is out of ERROR_LIMITS."""
+    for name, value in errors.items():
+        most = ERROR_LIMITS[name]
+        if isinstance(value, bool) or not isinstance(value, Real) or not 0 <= float(value) <= most:
+            raise ValueError(f"{name} must lie in [0, {most}], got {value!r}")

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from envs.drivers.driver import Driver, Stop
-from envs.mars_nav import ActionError, MarsNavEnv
+from envs.mars_nav import MarsNavEnv
+from envs.world.action import ActionError
 from envs.world.perception import Sight
 from envs.world.user_code import UserCodeError, code_digest, errors_of
 from m3depth.evaluation.metrics import capped_depth, known_depth

@@ -10,5 +10,5 @@ Angle = TypeVar("Angle", float, np.ndarray)
 
 
 def wrapped(angle: Angle) -> Angle:
-    """Return the same angles in [-pi, pi) [rad]."""
+    """Return the same angles in [-pi, pi] [rad]."""
     return (angle + np.pi) % (2 * np.pi) - np.pi

@@ -6,7 +6,7 @@ import pytest
 from envs.drivers.builtin import NavigatorDriver, StraightDriver
 from envs.drivers.driver import Stop
 from envs.drives.episodes import Cell, course_options, run_episode
-from envs.mars_nav import ActionError
+from envs.world.action import ActionError
 from envs.world.user_code import UserCodeError
 from m3depth.evaluation.scores import ScoredPair, Scores
 from m3depth.stereo.prediction import Prediction

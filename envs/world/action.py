@@ -1,0 +1,33 @@
+"""The check of an action of MarsNav-v0."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+class ActionError(ValueError):
+    """The environment got an action that it cannot carry out; the message says what was expected."""
+
+
+def checked_action(action: object, shape: tuple[int, ...]) -> np.ndarray:
+    """Return an action as numbers, clipped to [-1, 1].
+
+    Args:
+        action: What a driver or a policy returned.
+        shape: The shape that it must have.
+
+    Returns:
+        float32 of that shape.
+
+    Raises:
+        ActionError: It is no such array, or not finite.
+    """
+    try:
+        numbers = np.asarray(action, dtype=np.float32)
+    except (TypeError, ValueError):
+        raise ActionError(f"action must be numbers of shape {shape}, got {action!r}") from None
+    if action is None or numbers.shape != shape:
+        raise ActionError(f"action must be of shape {shape}, got {action!r}")
+    if not np.isfinite(numbers).all():
+        raise ActionError(f"action must be finite, got {action!r}")
+    return np.clip(numbers, -1, 1)
