@@ -27,12 +27,12 @@ from time import monotonic
 from typing import Annotated, Any
 
 import gymnasium
-import numpy as np
 import tyro
 from gymnasium.wrappers import TransformReward
 
 from envs.drivers.corridors import Corridors
 from envs.drivers.policy_files import PolicyDriver, mark_corridors
+from envs.drivers.training_courses import TrainingCourses
 from envs.drives.records import NUMBER, is_number
 from envs.mars_nav import MarsNavEnv
 from envs.world.course import CourseConfig
@@ -100,31 +100,6 @@ class PPOConfig:
         }  # fmt: skip
 
 
-class TrainingCourses(gymnasium.Wrapper):
-    """Draws each scene's rock abundance from a range of Golombek's k, and lets the rover cross it several times."""
-
-    def __init__(self, env: MarsNavEnv, k: tuple[float, float], crossings: int = 4) -> None:
-        super().__init__(env)
-        self.k, self.crossings = k, crossings
-        self._rng = np.random.default_rng()
-        self._crossed = 0
-
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Draw a new scene, or drive back on the present one.
-
-        A scene is new if a seed or options are given, or if the last one has been crossed often enough.
-        """
-        env = self.unwrapped
-        assert isinstance(env, MarsNavEnv)
-        if seed is not None:
-            self._rng = np.random.default_rng(seed)
-        if seed is None and options is None and 0 < self._crossed < self.crossings:
-            self._crossed += 1
-            return env.drive_back()
-        self._crossed = 1
-        return self.env.reset(seed=seed, options={"k": float(self._rng.uniform(*self.k)), **(options or {})})
-
-
 def training_env(config: PPOConfig) -> gymnasium.Env:
     """Return the environment of training: Corridors on TrainingCourses, with rewards of the size that suits PPO's
     defaults.
@@ -168,12 +143,17 @@ def train(config: PPOConfig, rollout: int = 128) -> Path:
 
 
 def _train(config: PPOConfig, folder: ResultFolder, path: Path, rollout: int, used: float) -> None:
-    """Train; used: time of training of earlier runs [s]."""
-    from stable_baselines3 import PPO
+    """Train the policy until the time or the steps are used up.
+
+    Args:
+        config: The settings.
+        folder: The run's folder, claimed; the time of training is noted in it.
+        path: File of the policy.
+        rollout: Choices in each environment between two updates.
+        used: Time of training of earlier runs [s].
+    """
     from stable_baselines3.common.callbacks import BaseCallback
     from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
-
-    from envs.drivers.way_policy import WayPolicy
 
     budget = 60 * config.max_minutes
     if used >= budget:
@@ -215,20 +195,35 @@ def _train(config: PPOConfig, folder: ResultFolder, path: Path, rollout: int, us
                 )
 
     with _closed(vector):
-        if path.is_file():
-            model = PPO.load(path, vector, device="cpu", custom_objects={"learning_rate": rate, "lr_schedule": rate})
-            vector.seed(config.seed + model.num_timesteps)  # other courses than it began with
-        else:
-            batch = min(BATCH, rollout * config.workers)
-            model = PPO(
-                WayPolicy, vector, rate, n_steps=rollout, batch_size=batch, device="cpu", seed=config.seed, **SETTINGS
-            )
+        model = _model(config, path, vector, rollout, rate)
         if model.num_timesteps >= config.max_steps:
             print(f"{config.out}: already at --max-steps {config.max_steps}; raise it to go on")
             return
         # the steps end it here, not in the callback: PPO never learns from a rollout that the callback ends
         model.learn(config.max_steps - model.num_timesteps, callback=Clock(), reset_num_timesteps=False)
         save(model)
+
+
+def _model(config: PPOConfig, path: Path, vector: Any, rollout: int, rate: Callable[[float], float]) -> Any:
+    """Return the PPO model of a policy's file, or a new one where there is none.
+
+    Args:
+        config: The settings.
+        path: File of the policy.
+        vector: The environments.
+        rollout: Choices in each environment between two updates.
+        rate: Returns the learning rate.
+    """
+    from stable_baselines3 import PPO
+
+    from envs.drivers.way_policy import WayPolicy
+
+    if path.is_file():
+        model = PPO.load(path, vector, device="cpu", custom_objects={"learning_rate": rate, "lr_schedule": rate})
+        vector.seed(config.seed + model.num_timesteps)  # other courses than it began with
+        return model
+    batch = min(BATCH, rollout * config.workers)
+    return PPO(WayPolicy, vector, rate, n_steps=rollout, batch_size=batch, device="cpu", seed=config.seed, **SETTINGS)
 
 
 @contextmanager

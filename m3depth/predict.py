@@ -181,25 +181,14 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
     rig = calibration.rig(left.shape[1], left.shape[0])
     folder = ResultFolder(options.out, "prediction")
     folder.check()
-    if options.estimator != M3DEPTH and options.weights is not None:
-        raise ValueError(f"--weights belongs to m3depth, not to --estimator {options.estimator}")
-    if options.nearest is not None and not (np.isfinite(options.nearest) and options.nearest > 0):
-        raise ValueError(f"--nearest must be positive, got {options.nearest}")
-    if not 0 <= options.min_confidence <= 1:
-        raise ValueError(f"--min-confidence must be 0 to 1, got {options.min_confidence:g}")
-    if not options.max_range > 0:
-        raise ValueError(f"--max-range must be positive, got {options.max_range:g}")
+    _check_method_and_cloud(options)
     if estimator is None:
         name = options.estimator if options.weights is None else f"{M3DEPTH}:{options.weights}"
         estimator = load_estimator(name, "--estimator", device=options.device)
     if options.nearest is not None and not takes_nearest(estimator):
         raise ValueError(f"--nearest: infer of --estimator {options.estimator} takes no nearest depth")
     right = align_right(right, calibration.shift)
-    doubts = check_pair(left, right, rig, (str(options.left), str(options.right)))
-    for fatal, message in doubts:
-        if fatal and not options.unchecked:
-            raise ValueError(f"{message}; nothing was written (--unchecked does it all the same)")
-        print(f"warning: {message}", file=sys.stderr)
+    _check_pair(left, right, rig, options)
 
     def infer(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
         return closer_look(estimator, left, right, rig, nearest=options.nearest)
@@ -215,21 +204,48 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
         file.unlink(missing_ok=True)  # of an earlier run
         if difference is not None:
             write_atomically(file, encode_npy(difference))
-    agreed = ""
-    if difference is not None:
-        compared = np.isfinite(prediction.depth) & np.isfinite(difference)
-        if compared.any():
-            agreed = (
-                f"; the eyes agree within {AGREEMENT:g} px on {100 * agree[compared].mean():.1f} % of what both see"
-            )
-    known = prediction.depth[np.isfinite(prediction.depth)]
-    depths = "no depth"
-    if len(known):
-        low, middle, high = np.percentile(known, [5, 50, 95])
-        depths = f"depth {low:.2f} to {high:.2f} m (5 to 95 %), median {middle:.2f} m"
-    share = 100 * len(known) / prediction.depth.size
-    print(f"{options.out}: {depths} on {share:.0f} % of the pixels; {counted(count, 'point')}{agreed}")
+    print(f"{options.out}: {_summary(prediction, count, difference)}")
     return prediction
+
+
+def _check_method_and_cloud(options: PredictOptions) -> None:
+    """Raise ValueError that names a flag of the method or of the point cloud that cannot be used."""
+    if options.estimator != M3DEPTH and options.weights is not None:
+        raise ValueError(f"--weights is of m3depth, not of --estimator {options.estimator}: give one of the two")
+    if options.nearest is not None and not (np.isfinite(options.nearest) and options.nearest > 0):
+        raise ValueError(f"--nearest must be positive, got {options.nearest}")
+    if not 0 <= options.min_confidence <= 1:
+        raise ValueError(f"--min-confidence must be 0 to 1, got {options.min_confidence:g}")
+    if not options.max_range > 0:
+        raise ValueError(f"--max-range must be positive, got {options.max_range:g}")
+
+
+def _check_pair(left: np.ndarray, right: np.ndarray, rig: StereoRig, options: PredictOptions) -> None:
+    """Print what speaks against a pair. Raise ValueError where the result would be meaningless, unless --unchecked."""
+    for fatal, message in check_pair(left, right, rig, (str(options.left), str(options.right))):
+        if fatal and not options.unchecked:
+            raise ValueError(f"{message}; nothing was written (--unchecked writes the result nevertheless)")
+        print(f"warning: {message}", file=sys.stderr)
+
+
+def _summary(prediction: Prediction, points: int, difference: np.ndarray | None) -> str:
+    """Return the depths of a prediction in a line.
+
+    Args:
+        prediction: The maps.
+        points: Number of points of the cloud.
+        difference: (H, W) left_right_difference [px], or None.
+    """
+    known = np.isfinite(prediction.depth)
+    depths = "no depth"
+    if known.any():
+        low, middle, high = np.percentile(prediction.depth[known], [5, 50, 95])
+        depths = f"depth {low:.2f} to {high:.2f} m (5 to 95 %), median {middle:.2f} m"
+    line = f"{depths} on {100 * known.mean():.0f} % of the pixels; {counted(points, 'point')}"
+    if difference is None or not (compared := known & np.isfinite(difference)).any():
+        return line
+    share = 100 * (difference[compared] <= AGREEMENT).mean()
+    return f"{line}; the eyes agree within {AGREEMENT:g} px on {share:.1f} % of what both see"
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
@@ -27,6 +28,7 @@ from marssim.base.command.wording import counted
 from marssim.base.images.colours import DEPTH_MAP, NORMAL_TITLE
 
 PANEL = 2.1  # [in] width of one image
+ERROR_MAP, ANGLE_MAP = "magma", "inferno"  # matplotlib's names of the colours of depth errors and of angles
 ERROR_LIMIT = 10.0  # [%] relative depth error where the colour ends
 ANGLE_LIMIT = 45.0  # [deg] angle between normals where the colour ends
 
@@ -58,56 +60,77 @@ def comparison_figure(examples: Sequence[Example], path: Path, most: int | None 
     axes = figure.subplots(rows, columns, squeeze=False, gridspec_kw={**grid, "wspace": 0.03, "hspace": 0.03})
     depths = np.concatenate([e.truth.depth[pixel_kinds(e.truth)["all"]] for e in examples])
     depth_norm = depth_scale(depths)
-    depth_map, error_map, angle_map = colour_map(DEPTH_MAP), colour_map("magma"), colour_map("inferno")
-    error_norm, angle_norm = Normalize(0, ERROR_LIMIT), Normalize(0, ANGLE_LIMIT)
     for pair, example in enumerate(examples):
         upper, lower = axes[2 * pair], axes[2 * pair + 1]
-        truth, scored = example.truth, pixel_kinds(example.truth)["all"]
+        truth = example.truth
         show(upper[0], example.left)
         show(lower[0], example.right)
-        show(upper[1], known_depths(truth.depth), cmap=depth_map, norm=depth_norm)
+        show(upper[1], known_depths(truth.depth), cmap=colour_map(DEPTH_MAP), norm=depth_norm)
         show(lower[1], normal_image(truth.normal))
         upper[0].set_ylabel(f"{example.title}\nleft", fontsize=10)
         lower[0].set_ylabel("right", fontsize=10)
         for i, name in enumerate(names):
-            prediction = example.predictions[name]
-            depth_axes, error_axes = upper[2 + 2 * i : 4 + 2 * i]
-            normal_axes, angle_axes = lower[2 + 2 * i : 4 + 2 * i]
-            show(depth_axes, known_depths(prediction.depth), cmap=depth_map, norm=depth_norm)
-            relative = np.zeros(scored.shape)
-            relative[scored] = (
-                100 * np.abs(capped_depth(prediction.depth) / np.where(scored, truth.depth, 1) - 1)[scored]
-            )
-            show(error_axes, np.ma.masked_array(relative, ~scored), cmap=error_map, norm=error_norm)
-            note(error_axes, f"mean {relative[scored].mean():.1f} %" if scored.any() else "")
-            if prediction.normal is None:
-                show(normal_axes, np.full((*scored.shape, 3), float(UNSCORED)))
-                show(angle_axes, np.full((*scored.shape, 3), float(UNSCORED)))
-                continue
-            oriented = scored & (np.linalg.norm(truth.normal, axis=-1) > 0.5)
-            angle = np.zeros(scored.shape)
-            angle[oriented] = angle_between(prediction.normal[oriented], truth.normal[oriented])
-            known = known_depth(prediction.depth)[..., None]  # normals mean nothing in the sky
-            show(normal_axes, normal_image(np.where(known, prediction.normal, np.float32(0))))
-            show(angle_axes, np.ma.masked_array(angle, ~oriented), cmap=angle_map, norm=angle_norm)
-            note(angle_axes, f"mean {angle[oriented].mean():.1f}°" if oriented.any() else "")
+            columns_of_method = slice(2 + 2 * i, 4 + 2 * i)
+            _draw_depth(upper[columns_of_method], example, name, depth_norm)
+            _draw_normals(lower[columns_of_method], example, name)
     titles = ["images", "truth", *(t for name in names for t in (name, f"{name}: error"))]
     for ax, title in zip(axes[0], titles, strict=True):
         ax.set_title(title, fontsize=12, fontweight="bold")
     if others:
         figure.text(0.05 / width, 0.05 / height, f"and {counted(others, 'method')} more", fontsize=9, color="0.3")
     figure.text(1 - 0.05 / width, 0.05 / height, NORMAL_TITLE, fontsize=9, color="0.3", ha="right")
+    _draw_bars(figure, depth_norm, gap, extra)
+    save(figure, path)
+
+
+def _draw_depth(axes: Sequence[Axes], example: Example, name: str, depth_norm: Normalize) -> None:
+    """Draw a method's depth, and its error in percent of the true depth, beside each other."""
+    truth, depth = example.truth, example.predictions[name].depth
+    scored = pixel_kinds(truth)["all"]
+    show(axes[0], known_depths(depth), cmap=colour_map(DEPTH_MAP), norm=depth_norm)
+    relative = np.zeros(scored.shape)
+    relative[scored] = 100 * np.abs(capped_depth(depth) / np.where(scored, truth.depth, 1) - 1)[scored]
+    show(axes[1], np.ma.masked_array(relative, ~scored), cmap=colour_map(ERROR_MAP), norm=Normalize(0, ERROR_LIMIT))
+    note(axes[1], f"mean {relative[scored].mean():.1f} %" if scored.any() else "")
+
+
+def _draw_normals(axes: Sequence[Axes], example: Example, name: str) -> None:
+    """Draw a method's normals, and their angles to the true ones, beside each other; grey for a method without any."""
+    truth, prediction = example.truth, example.predictions[name]
+    scored = pixel_kinds(truth)["all"]
+    if prediction.normal is None:
+        for ax in axes:
+            show(ax, np.full((*scored.shape, 3), float(UNSCORED)))
+        return
+    oriented = scored & (np.linalg.norm(truth.normal, axis=-1) > 0.5)
+    angle = np.zeros(scored.shape)
+    angle[oriented] = angle_between(prediction.normal[oriented], truth.normal[oriented])
+    known = known_depth(prediction.depth)[..., None]  # normals mean nothing in the sky
+    show(axes[0], normal_image(np.where(known, prediction.normal, np.float32(0))))
+    show(axes[1], np.ma.masked_array(angle, ~oriented), cmap=colour_map(ANGLE_MAP), norm=Normalize(0, ANGLE_LIMIT))
+    note(axes[1], f"mean {angle[oriented].mean():.1f}°" if oriented.any() else "")
+
+
+def _draw_bars(figure: Figure, depth_norm: Normalize, gap: str, extra: float) -> None:
+    """Draw the three colour bars side by side below the images.
+
+    Args:
+        figure: The figure.
+        depth_norm: The scale of depth.
+        gap: What separates the two parts of a label: spaces, or a line break in a narrow figure.
+        extra: Height that line breaks need [in].
+    """
+    height = figure.get_figheight()
     bars = (
-        (depth_norm, depth_map, f"depth [m]{gap}(grey: sky or unknown)", "both"),
-        (error_norm, error_map, f"depth error [% of the true depth]{gap}(grey: not scored)", "max"),
-        (angle_norm, angle_map, "angle between normals [deg]", "max"),
+        (depth_norm, DEPTH_MAP, f"depth [m]{gap}(grey: sky or unknown)", "both"),
+        (Normalize(0, ERROR_LIMIT), ERROR_MAP, f"depth error [% of the true depth]{gap}(grey: not scored)", "max"),
+        (Normalize(0, ANGLE_LIMIT), ANGLE_MAP, "angle between normals [deg]", "max"),
     )
     for i, (norm, colours, label, extend) in enumerate(bars):
         place = figure.add_axes(((i + 0.12) / 3, (0.72 + extra) / height, 0.76 / 3, 0.16 / height))
-        mappable = matplotlib.cm.ScalarMappable(norm, colours)
+        mappable = matplotlib.cm.ScalarMappable(norm, colour_map(colours))
         bar = figure.colorbar(mappable, cax=place, orientation="horizontal", extend=extend)
         label_bar(bar, norm, label)
-    save(figure, path)
 
 
 def _aspect(examples: Sequence[Example]) -> float:

@@ -6,14 +6,13 @@ import sys
 import time
 import zipfile
 
-import numpy as np
 import pytest
 import torch
 
 pytest.importorskip("stable_baselines3")
 
 from envs.drivers.by_name import make_driver
-from envs.train_ppo import PPOConfig, TrainingCourses, main, train
+from envs.train_ppo import PPOConfig, main, train
 from marssim.base.files.json_file import DatasetError
 from marssim.base.results.lock import sole_writer
 
@@ -144,34 +143,6 @@ def test_a_policy_of_another_kind_is_not_gone_on_from(tmp_path, capsys):
     whole = (tmp_path / "policy.zip").read_bytes()
     assert main(["--out", str(tmp_path), "--workers", "1"]) == 2
     assert "cannot continue this policy" in capsys.readouterr().err and (tmp_path / "policy.zip").read_bytes() == whole
-
-
-def test_each_scene_has_its_own_rocks(make_env):
-    env = TrainingCourses(make_env(), (0.05, 0.2), crossings=1)
-    asked = []
-    env.env.reset = lambda seed=None, options=None: asked.append(options["k"])
-    env.reset(seed=1)
-    env.reset()
-    env.reset(seed=1)
-    env.reset(options={"k": 0.3})
-    assert 0.05 <= asked[0] <= 0.2 and asked[0] == asked[2] != asked[1] and asked[3] == 0.3
-
-
-def test_a_scene_is_crossed_to_and_fro_and_then_another(make_env):
-    inner = make_env()
-    env = TrainingCourses(inner, (0.05, 0.1), crossings=3)
-    env.reset(seed=1)
-    courses = [inner.course]
-    for _ in range(3):
-        env.reset()
-        courses.append(inner.course)
-    first, second, third, fourth = courses
-    assert first.scene is second.scene is third.scene is not fourth.scene
-    np.testing.assert_array_equal(second.goal, first.start[:2])
-    np.testing.assert_array_equal(third.goal, first.goal)
-    assert first.start[2] != third.start[2]
-    env.reset(seed=1)  # a seed asks for its own scene at once
-    np.testing.assert_array_equal(inner.course.start, first.start)
 
 
 @pytest.mark.parametrize("k", [["0.2", "0.1"], ["-0.1", "0.1"], ["0.1", "0.5"]])

@@ -218,7 +218,7 @@ def test_two_images_of_different_things_are_refused(tmp_path, capsys):
         ("unit", "calib.txt: baseline 0.00012 m is out of"),
         ("weights", "w.safetensors: no such weights file"),
         ("weights by name", "v.safetensors: no such weights file"),
-        ("weights of another", "--weights belongs to m3depth, not to --estimator sgbm"),
+        ("weights of another", "--weights is of m3depth, not of --estimator sgbm"),
         ("weights folder", "is a folder, not a weights file"),
         ("image folder", "is a folder, not a file"),
         ("dataset", "set: is a dataset; choose another folder"),
