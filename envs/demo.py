@@ -31,6 +31,7 @@ from m3depth.estimator import Estimator, load_estimator
 from m3depth.evaluate import Evaluation, evaluate
 from m3depth.evaluation.report import text_table
 from m3depth.figures.comparison import comparison_figure
+from marssim.base.command.limits import check_least
 from marssim.base.command.notes import print_note
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
@@ -66,9 +67,7 @@ class DemoConfig:
     """Number of processes that generate."""
 
     def __post_init__(self) -> None:
-        for name in ("pairs", "workers"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+        check_least(self, pairs=1, workers=1)
         CourseConfig(self.goal_distance)  # raises ValueError for a value out of range
         load_place(self.scene)  # raises ValueError for an unknown place
 

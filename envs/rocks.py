@@ -27,6 +27,7 @@ from m3depth.evaluation.report import rocks_table
 from m3depth.evaluation.rock_scene import rock_scene
 from m3depth.figures.rocks import rocks_figure
 from m3depth.stereo.degradation import Degradation
+from marssim.base.command.limits import check_least
 from marssim.base.command.progress import watched
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
@@ -67,10 +68,7 @@ class RocksConfig:
     def __post_init__(self) -> None:
         if not self.step > 0:
             raise ValueError(f"step must be positive, got {self.step}")
-        if self.limit is not None and self.limit < 1:
-            raise ValueError(f"limit must be at least 1, got {self.limit}")
-        if self.seed < 0:
-            raise ValueError(f"seed must not be negative, got {self.seed}")
+        check_least(self, limit=1, seed=0)
         if not self.perception or len(set(self.perception)) < len(self.perception):
             raise ValueError("perception must name one or more, each once")
         if not self.data:

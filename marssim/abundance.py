@@ -26,6 +26,7 @@ import numpy as np
 import tyro
 
 from marssim.base.command.flags import parse
+from marssim.base.command.limits import check_least
 from marssim.base.command.run import exit_code
 from marssim.base.command.wording import counted
 from marssim.engines.embree import TriangleRays
@@ -57,12 +58,9 @@ class AbundanceConfig:
     """Distance between the rays [m], 0.002 to 0.05."""
 
     def __post_init__(self) -> None:
-        if self.scenes < 1:
-            raise ValueError(f"--scenes must be at least 1, got {self.scenes}")
-        if self.seed < 0:
-            raise ValueError(f"--seed must not be negative, got {self.seed}")
+        check_least(self, scenes=1, seed=0)
         if not 0.002 <= self.cell <= 0.05:
-            raise ValueError(f"--cell must lie in [0.002, 0.05] m, got {self.cell}")
+            raise ValueError(f"cell must lie in [0.002, 0.05] m, got {self.cell}")
 
 
 @dataclass(frozen=True)

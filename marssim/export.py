@@ -20,6 +20,7 @@ from typing import Any, Literal
 
 import tyro
 
+from marssim.base.command.limits import check_least
 from marssim.base.command.progress import progress
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
@@ -53,10 +54,9 @@ class ExportConfig:
     """Number of threads that write. It does not change the files."""
 
     def __post_init__(self) -> None:
-        if self.workers < 1:
-            raise ValueError(f"--workers must be at least 1, got {self.workers}")
+        check_least(self, workers=1)
         if not self.split or len(set(self.split)) < len(self.split):
-            raise ValueError(f"--split must name one or more of {', '.join(SPLITS)}, each once")
+            raise ValueError(f"split must name one or more of {', '.join(SPLITS)}, each once")
         if self.format == "sceneflow" and "left" in str(self.out.absolute()):
             raise ValueError(
                 f'--out {self.out}: SceneFlow readers replace "left" by "right" anywhere in a path; choose another'
@@ -109,9 +109,10 @@ def _check_apart(config: ExportConfig) -> None:
     In the dataset, its files would be reported by verify; around it, clearing half-written files would reach into it.
     """
     data, out = config.data.resolve(), config.out.resolve()
-    where = "is" if out == data else "lies in" if data in out.parents else "contains" if out in data.parents else None
-    if where is not None:
-        raise DatasetError(f"--out {config.out}: {where} the dataset {config.data}; choose another folder")
+    relations = {"is": out == data, "lies in": data in out.parents, "contains": out in data.parents}
+    for relation, holds in relations.items():
+        if holds:
+            raise DatasetError(f"--out {config.out}: {relation} the dataset {config.data}; choose another folder")
 
 
 def _folder(config: ExportConfig, chosen: list[dict[str, Any]]) -> ResultFolder:

@@ -24,6 +24,7 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
+from marssim.base.command.limits import check_least
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
 from marssim.scene.place_file import PLACE_VALUES, load_place
@@ -55,9 +56,7 @@ class SlopesConfig:
     """Seed of the terrains, 0 or more."""
 
     def __post_init__(self) -> None:
-        for name, least in (("scenes", 1), ("seed", 0)):
-            if getattr(self, name) < least:
-                raise ValueError(f"{name} must be at least {least}, got {getattr(self, name)}")
+        check_least(self, scenes=1, seed=0)
         self.scene_config()  # raises for values out of range
 
     def scene_config(self) -> SceneConfig:
@@ -120,7 +119,12 @@ def rms_difference(grid: HeightGrid, lag: float, margin: float = 0.0) -> float:
 
 
 def gentle_share(grid: HeightGrid, margin: float = 0.0) -> float:
-    """Return the share of planes of 1 m x 1 m that are less than GENTLE steep, without a border of `margin` [m]."""
+    """Return the share of planes of 1 m x 1 m that are less than GENTLE steep.
+
+    Args:
+        grid: The heights.
+        margin: Width of the border that is left out [m].
+    """
     rim, n = int(np.ceil(margin / grid.cell)), round(1 / grid.cell)
     h = grid.heights[rim : grid.heights.shape[0] - rim, rim : grid.heights.shape[1] - rim]
     east, north = h[:, n:] - h[:, :-n], h[n:] - h[:-n]

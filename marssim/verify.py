@@ -22,6 +22,7 @@ import numpy as np
 import tyro
 
 from marssim.base.camera import NATECAM
+from marssim.base.command.limits import check_least
 from marssim.base.command.progress import progress
 from marssim.base.command.run import run_command, writing_to
 from marssim.base.command.wording import counted
@@ -77,13 +78,9 @@ class VerifyConfig:
     """Seed of the scene and the views of --cross-check, 0 or more."""
 
     def __post_init__(self) -> None:
-        least = {"statistics_of": 0, "workers": 1, "views": 1, "seed": 0}
-        for name, value in least.items():
-            if getattr(self, name) < value:
-                flag = "--" + name.replace("_", "-")
-                raise ValueError(f"{flag} must be at least {value}, got {getattr(self, name)}")
+        check_least(self, statistics_of=0, workers=1, views=1, seed=0)
         if not self.farthest > 0:
-            raise ValueError(f"--farthest must be positive, got {self.farthest}")
+            raise ValueError(f"farthest must be positive, got {self.farthest}")
         if self.data is None and self.sample is not None:
             raise ValueError(f"--sample {self.sample}: give the folder of the dataset too")
         if self.data is None and not self.cross_check:
@@ -195,7 +192,7 @@ def verify(config: VerifyConfig) -> bool:
     Returns:
         Whether all is well.
     """
-    good = True
+    all_well = True
     if config.data is not None:
         if config.sample is not None:
             for path in show_sample(config, StereoDataset(config.data), config.sample):
@@ -204,7 +201,7 @@ def verify(config: VerifyConfig) -> bool:
             check_unused(config.data)
             dataset = StereoDataset(config.data)
             with _folder(config.results(dataset), "report").claim():
-                good = _report(config, dataset)
+                all_well = _report(config, dataset)
     if config.cross_check:
         with _folder(config.results(), "cross-check").claim():
             checks, notes = cross_check(load_place(config.scene), config.seed, config.views, NATECAM.camera)
@@ -213,8 +210,8 @@ def verify(config: VerifyConfig) -> bool:
             report = {name: check.report() for name, check in checks.items()}
             content = {"scene": config.scene, "seed": config.seed, "makers": report, "notes": notes}
             write_json(config.results() / "cross_check.json", content)
-        good &= all(check.good for check in checks.values())
-    return good
+        all_well &= all(check.good for check in checks.values())
+    return all_well
 
 
 def _folder(path: Path, thing: str) -> ResultFolder:
@@ -223,6 +220,7 @@ def _folder(path: Path, thing: str) -> ResultFolder:
 
 
 def _report(config: VerifyConfig, dataset: StereoDataset) -> bool:
+    """Check a dataset, print and write the results, and return whether all is well."""
     out = config.results(dataset)
     findings, statistics = verify_dataset(config, dataset)
     pairs = {name: sum(s["split"] == name for s in dataset.index["samples"]) for name in SPLITS}
@@ -256,6 +254,7 @@ def _report(config: VerifyConfig, dataset: StereoDataset) -> bool:
 
 
 def _read(root: Path, name: str) -> StereoSample | Finding:
+    """Return a sample, or the finding on its broken file."""
     try:
         return read_sample(root / "scenes" / name)
     except DatasetError as error:
@@ -266,13 +265,14 @@ def _read(root: Path, name: str) -> StereoSample | Finding:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code."""
-    good = [True]
+    all_well = True
 
     def work(config: VerifyConfig) -> None:
+        nonlocal all_well
         with writing_to(config.out or RESULTS):
-            good[0] = verify(config)
+            all_well = verify(config)
 
-    return run_command(work, VerifyConfig, "python -m marssim.verify", __doc__, args) or (0 if good[0] else 1)
+    return run_command(work, VerifyConfig, "python -m marssim.verify", __doc__, args) or (0 if all_well else 1)
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ from envs.mars_nav import ERROR_LIMITS
 from envs.world.course import CourseConfig
 from envs.world.place_note import place_note
 from envs.world.vehicle import DynamicsName, known_dynamics
+from marssim.base.command.limits import check_least
 from marssim.render.renderers.by_name import RendererName
 from marssim.scene.look import LOOK_LIMITS
 from marssim.scene.place_file import PLACE_VALUES, load_place
@@ -95,12 +96,7 @@ class EvaluateConfig:
     """Numbers of courses, as in maps/, of which all drives are filmed into OUT/videos too."""
 
     def __post_init__(self) -> None:
-        if self.episodes < 1:
-            raise ValueError(f"--episodes must be at least 1, got {self.episodes}")
-        if self.workers < 1:
-            raise ValueError(f"--workers must be at least 1, got {self.workers}")
-        if self.seed < 0:
-            raise ValueError(f"--seed must not be negative, got {self.seed}")
+        check_least(self, episodes=1, workers=1, seed=0)
         if self.grid and (self.k or self.slope_deg):
             raise ValueError("--grid is given instead of --k and --slope-deg")
         for name in self.driver:

@@ -15,6 +15,7 @@ import tyro
 
 from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
 from marssim.base.command.flags import parse
+from marssim.base.command.limits import check_least
 from marssim.base.command.notes import print_note
 from marssim.base.dataset.dataset import SPLIT_OF_TEN
 from marssim.base.files.json_file import DatasetError, read_json
@@ -69,16 +70,14 @@ class RunConfig:
     sensor: SensorConfig = field(default_factory=SensorConfig)
 
     def __post_init__(self) -> None:
-        for name, least in (("pairs", 1), ("workers", 1), ("views_per_scene", 1), ("seed", 0)):
-            if getattr(self, name) < least:
-                raise ValueError(f"{name} must be at least {least}, got {getattr(self, name)}")
+        check_least(self, pairs=1, workers=1, views_per_scene=1, seed=0)
         if self.pairs > MOST_PAIRS:
             raise ValueError(f"pairs must be at most {MOST_PAIRS}, got {self.pairs}")
         if self.rasterizer != AUTO and self.renderer != "pybullet":
             raise ValueError(f"rasterizer {self.rasterizer} needs --renderer pybullet, not {self.renderer}")
         if not self.trajectory and self.drive != TrajectoryConfig():
-            given = [name for name, value in vars(self.drive).items() if value != getattr(TrajectoryConfig(), name)]
-            raise ValueError(f"--drive.{given[0].replace('_', '-')} describes a drive, which needs --trajectory")
+            changed = [name for name, value in vars(self.drive).items() if value != getattr(TrajectoryConfig(), name)]
+            raise ValueError(f"--drive.{changed[0].replace('_', '-')} describes a drive, which needs --trajectory")
 
 
 @dataclass(frozen=True, kw_only=True)
