@@ -1,4 +1,4 @@
-"""A sheet of samples, to look over a dataset at one glance."""
+"""Draw a contact sheet: some samples of a dataset side by side."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PAPER, INK = 24, (230, 230, 230)  # grey level of the sheet, and colour of its t
 GAP = 3  # [px] between images
 SIDE = 24  # [px] width of the column with the rows' names
 LINE = 18  # [px] height of a line of text
-SMALL = 0.35  # size of what is less important, in OpenCV's unit
+SMALL = 0.35  # size of the smaller text, in OpenCV's unit
 
 
 def contact_sheet(
@@ -27,7 +27,7 @@ def contact_sheet(
     Args:
         samples: The samples, at least one; their images may differ in size.
         names: "scene/view" of each.
-        columns: How many stand side by side; further ones go below.
+        columns: Number of samples side by side; further ones go below.
         tile: Width of each image on the sheet [px].
 
     Returns:
@@ -50,16 +50,16 @@ def contact_sheet(
 
 
 def _strip(sample: StereoSample, name: str, width: int, height: int) -> np.ndarray:
-    """One sample: two lines of text, and its images one below the other."""
+    """Draw one sample: two lines of text, and its images one below the other."""
     strip = _blank(2 * LINE + len(ROWS) * (height + GAP), width + GAP)
     meta = sample.meta
     _write(strip, name, (2, 13))
     _write(strip, f"{meta.get('preset', '')} sun {_degrees(meta.get('sun_elevation_deg'))}", (2, 13 + LINE), SMALL)
     images = [sample.left, sample.right, depth_colours(sample.depth), normal_colours(sample.normal)]
-    own = max(1, round(width * sample.depth.shape[0] / sample.depth.shape[1]))
+    own_height = max(1, round(width * sample.depth.shape[0] / sample.depth.shape[1]))
     for row, image in enumerate(images):
         top = 2 * LINE + row * (height + GAP)
-        strip[top : top + own, :width] = cv2.resize(image, (width, own), interpolation=cv2.INTER_AREA)
+        strip[top : top + own_height, :width] = cv2.resize(image, (width, own_height), interpolation=cv2.INTER_AREA)
     return strip
 
 
@@ -68,7 +68,7 @@ def _degrees(value: object) -> str:
 
 
 def _row_names(height: int) -> np.ndarray:
-    """What the rows show, written upwards beside them."""
+    """Draw what the rows show, written upwards beside them."""
     names = [np.zeros((0, SIDE, 3), np.uint8)]
     for name in ROWS:
         line = _blank(SIDE, height + GAP)
@@ -79,7 +79,7 @@ def _row_names(height: int) -> np.ndarray:
 
 
 def _legend(width: int) -> np.ndarray:
-    """The scale of depth, and in words what grey and the colours of normals mean."""
+    """Draw the scale of depth, and a text on grey and on the colours of normals."""
     lines = _wrapped(f"depth [m], grey beyond {MAX_DEPTH:g} m; {NORMAL_TITLE}", width - SIDE - GAP)
     bar, ticks = depth_bar(min(420, width - SIDE - 16))
     legend = _blank(3 * LINE + len(lines) * LINE, width)
@@ -93,7 +93,7 @@ def _legend(width: int) -> np.ndarray:
 
 
 def _wrapped(text: str, width: int) -> list[str]:
-    """The words in lines of at most that width [px]."""
+    """Return a text as lines of at most that width [px]."""
     lines: list[str] = []
     for word in text.split():
         longer = f"{lines[-1]} {word}" if lines else word

@@ -55,17 +55,36 @@ def generate_scene(config: GenerateConfig, scene_index: int, views: list[int]) -
 
 
 def sample_folder(out: Path, scene: int, view: int) -> Path:
-    """Return the folder of a sample of the dataset `out`: scenes/<scene, 5 digits>/<view, 2 digits>."""
+    """Return the folder of a sample: scenes/<scene, 5 digits>/<view, 2 digits>.
+
+    Args:
+        out: Folder of the dataset.
+        scene: Number of the scene, from 0.
+        view: Number of the view in the scene, from 0.
+    """
     return out / "scenes" / f"{scene:05d}" / f"{view:02d}"
 
 
 def draw_scene(config: GenerateConfig, scene_index: int) -> Scene:
-    """Build the scene of that number. Raises ValueError if it cannot be built."""
+    """Build a scene of the dataset.
+
+    Args:
+        config: The dataset.
+        scene_index: Number of the scene, from 0.
+
+    Raises:
+        ValueError: The scene cannot be built.
+    """
     return build_scene(config.scene_config(scene_index), np.random.default_rng((config.seed, scene_index)))
 
 
 def draw_drive(config: GenerateConfig, scene: Scene, scene_index: int) -> tuple[Sensor, np.ndarray]:
     """Draw the drive over a scene.
+
+    Args:
+        config: The dataset.
+        scene: The scene.
+        scene_index: Its number.
 
     Returns:
         The sensor, one for the whole drive, and the poses (views_per_scene, 4, 4), left camera to world; see
@@ -80,6 +99,12 @@ def draw_view(
     config: GenerateConfig, scene: Scene, scene_index: int, view: int
 ) -> tuple[np.ndarray, np.random.Generator]:
     """Draw the pose of a view that is not part of a drive.
+
+    Args:
+        config: The dataset.
+        scene: The scene.
+        scene_index: Its number.
+        view: Number of the view in the scene, from 0.
 
     Returns:
         The pose (4, 4), left camera to world, and the generator of the view's further draws.

@@ -1,4 +1,4 @@
-"""How well two renderers agree in depth, surface ids and image position, the last to a hundredth of a pixel.
+"""Measure how well two renderers agree in depth, surface ids and image position, the last to a hundredth of a pixel.
 
 A renderer that is half a pixel off still agrees within 0.5 % of depth on nearly every pixel, so the image shift is
 measured separately: it is the (u, v) that explains the difference of two images best, in least squares, by the slopes
@@ -30,7 +30,7 @@ LEAST_SURFACE = 0.99  # least share of pixels of the same surface id
 LEAST_DEPTH = 0.99  # least share of pixels whose depths agree
 MOST_SHIFT = 0.05  # shift from which two renderers disagree [px]
 
-Shifted = Callable[[float, float], np.ndarray]  # an image seen (du, dv) beside the pixel centres [px]
+ShiftedImage = Callable[[float, float], np.ndarray]  # returns an image as seen (du, dv) beside pixel centres [px]
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class ShiftFit:
     def __init__(self) -> None:
         self.matrix, self.right = np.zeros((2, 2)), np.zeros(2)
 
-    def add(self, image: np.ndarray, reference: Shifted, where: np.ndarray) -> None:
+    def add(self, image: np.ndarray, reference: ShiftedImage, where: np.ndarray) -> None:
         """Add an image to the fit.
 
         Args:
@@ -110,15 +110,15 @@ class BesideCentres:
         return self._traced[du, dv]
 
     def inverse_depth(self, du: float, dv: float) -> np.ndarray:
-        """Return 1 / Z (H, W), which is 0 in the sky."""
+        """Return 1 / Z (H, W) [1/m], which is 0 in the sky. du, dv: offset from the pixel centres [px]."""
         return 1 / self._at(du, dv)[0].astype(float)
 
     def rock(self, du: float, dv: float) -> np.ndarray:
-        """Return an image (H, W) that is 1 on rocks and 0 elsewhere."""
+        """Return an image (H, W) that is 1 on rocks and 0 elsewhere. du, dv: offset from the pixel centres [px]."""
         return (self._at(du, dv)[1] > GROUND).astype(float)
 
     def sky(self, du: float, dv: float) -> np.ndarray:
-        """Return an image (H, W) that is 1 in the sky and 0 elsewhere."""
+        """Return an image (H, W) that is 1 in the sky and 0 elsewhere. du, dv: offset from the pixel centres [px]."""
         return (self._at(du, dv)[1] == SKY).astype(float)
 
     def smooth(self) -> np.ndarray:
@@ -135,11 +135,15 @@ class BesideCentres:
 
 
 @runtime_checkable
-class Draws(Protocol):
+class DrawingRenderer(Protocol):
     """A renderer that draws a picture and then corrects its depth."""
 
     def drawn(self, camera: PinholeCamera, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return depth and surface of a view as drawn.
+
+        Args:
+            camera: The camera.
+            pose: (4, 4) camera to world.
 
         Returns:
             Depth (H, W) [m], arbitrary in the sky, and surface (H, W): SKY, GROUND, or another number on rocks.
@@ -158,6 +162,15 @@ class _AgreementSums:
     def add(
         self, renderer: Renderer, expected: GBuffer, beside: BesideCentres, camera: PinholeCamera, pose: np.ndarray
     ) -> None:
+        """Add a view.
+
+        Args:
+            renderer: The renderer.
+            expected: The view as the reference renders it.
+            beside: The view as the reference sees it beside the pixel centres.
+            camera: The camera of the view.
+            pose: (4, 4) camera to world.
+        """
         view = renderer.render(camera, pose)
         both = view.hit & expected.hit
         self.surface.append(float((view.surface == expected.surface).mean()))
@@ -171,6 +184,7 @@ class _AgreementSums:
         self.silhouette.add((view.surface == SKY).astype(float), beside.sky, everywhere)
 
     def agreement(self) -> Agreement:
+        """Return the agreement over all views."""
         least_surface, least_depth = min(self.surface, default=0.0), min(self.depth, default=0.0)
         return Agreement(len(self.depth), least_surface, least_depth, self.smooth.shift, self.silhouette.shift)
 
@@ -189,7 +203,9 @@ def raw_depth(
     Returns:
         Depth (H, W) float64 [m] and surface (H, W), as drawn if the renderer is one that draws.
     """
-    return renderer.drawn(camera, pose) if isinstance(renderer, Draws) else (view.depth.astype(float), view.surface)
+    if isinstance(renderer, DrawingRenderer):
+        return renderer.drawn(camera, pose)
+    return view.depth.astype(float), view.surface
 
 
 def agreements(

@@ -1,4 +1,4 @@
-"""Comparison of all renderers with Embree's rays, on random views of a scene and on tilted planes."""
+"""Compare all renderers with Embree's rays, on random views of a scene and on tilted planes."""
 
 from __future__ import annotations
 
@@ -58,37 +58,37 @@ def cross_check(
     Returns:
         The checks by renderer, Embree last, and a line of text on each renderer that does not work here.
     """
-    makers, notes = _renderers()
+    working, notes = _working_renderers()
     rng = np.random.default_rng(seed)
     scene = build_scene(place, rng)
     poses = [draw_pose(scene, ViewConfig(), rng) for _ in range(views)]
-    planes = {name: plane_shift(make, camera) for name, make in makers.items()}
+    planes = {name: plane_shift(make, camera) for name, make in working.items()}
     with ExitStack() as stack:
-        renderers = {name: stack.enter_context(closing(make(scene))) for name, make in makers.items()}
+        renderers = {name: stack.enter_context(closing(make(scene))) for name, make in working.items()}
         tracer = renderers.pop(REFERENCE)
         agreement = agreements(renderers, tracer, camera, watched(poses, "view", "cross-check"))
-    return {name: RendererCheck(agreement.get(name), planes[name]) for name in makers}, notes
+    return {name: RendererCheck(agreement.get(name), planes[name]) for name in working}, notes
 
 
-def _renderers() -> tuple[dict[str, Callable[[Scene], Renderer]], list[str]]:
-    """Return what makes each renderer that works here, by name, and a line of text on each other one."""
-    makers: dict[str, Callable[[Scene], Renderer]] = {}
+def _working_renderers() -> tuple[dict[str, Callable[[Scene], Renderer]], list[str]]:
+    """Return a function for each renderer that works here, which makes it of a scene, and a line on each other one."""
+    working: dict[str, Callable[[Scene], Renderer]] = {}
     notes = []
     try:
         import_pybullet()
     except ImportError as error:
         notes.append(f"pybullet is left out: {error}")
     else:
-        makers["pybullet"] = partial(make_renderer, "pybullet")
+        working["pybullet"] = partial(make_renderer, "pybullet")
         egl = probe()
         if egl.works:
-            makers["pybullet, EGL"] = partial(make_renderer, "pybullet", egl=True)
+            working["pybullet, EGL"] = partial(make_renderer, "pybullet", egl=True)
             notes.append(f"EGL draws with {egl.message}")
         else:
             notes.append(f"pybullet, EGL is left out, since EGL does not work here: {egl.message}")
-    makers["scan"] = partial(make_renderer, "scan")
-    makers[REFERENCE] = partial(make_renderer, REFERENCE)
-    return makers, notes
+    working["scan"] = partial(make_renderer, "scan")
+    working[REFERENCE] = partial(make_renderer, REFERENCE)
+    return working, notes
 
 
 def table(checks: dict[str, RendererCheck]) -> str:

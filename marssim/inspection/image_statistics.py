@@ -1,4 +1,4 @@
-"""Numbers that describe how the ground looks in an image, to compare real and rendered frames.
+"""Measure the texture of the ground and the sharpness of edges in an image, to compare real and rendered frames.
 
 Definitions. All are of luminance that is linear in light: the grey image's codes as shares of 255, to the power GAMMA,
 which undoes the encoding of marssim.render.sensor. Other cameras need their own power.
@@ -39,8 +39,8 @@ LEAST_STEP = 0.35  # height of an edge in log-luminance
 
 
 @dataclass(frozen=True)
-class GroundLook:
-    """The numbers that `ground_look` measures.
+class GroundTexture:
+    """Texture of the ground in an image; the module defines the values.
 
     Attributes:
         contrast: (5,) contrast of each band, the longest wavelength first.
@@ -60,13 +60,21 @@ class GroundLook:
 
 
 def linear(grey: np.ndarray, gamma: float = GAMMA) -> np.ndarray:
-    """Return the luminance (H, W) float32 in (0, 1] of an 8-bit grey image (H, W)."""
+    """Return luminance that is linear in light.
+
+    Args:
+        grey: (H, W) uint8 image.
+        gamma: Power that undoes the encoding of the camera.
+
+    Returns:
+        (H, W) float32 in (0, 1].
+    """
     share = np.maximum(grey.astype(np.float32) / 255, DARKEST)
     return np.asarray(share**gamma, dtype=np.float32)
 
 
-def ground_look(luminance: np.ndarray, mask: np.ndarray) -> GroundLook:
-    """Measure how the ground looks in an image.
+def ground_texture(luminance: np.ndarray, mask: np.ndarray) -> GroundTexture:
+    """Measure the texture of the ground in an image.
 
     Args:
         luminance: (H, W) above 0, linear in light.
@@ -86,7 +94,7 @@ def ground_look(luminance: np.ndarray, mask: np.ndarray) -> GroundLook:
     middle = np.sqrt(BAND_EDGES[:-1] * BAND_EDGES[1:])
     density = np.array([power[where].mean() for where in inside])
     slope = float(np.polyfit(np.log(middle[1:]), np.log(np.maximum(density[1:], 1e-30)), 1)[0])
-    return GroundLook(
+    return GroundTexture(
         contrast=np.sqrt(total), direction=direction, slope=slope,
         peakedness=np.array([peakedness(logs, mask, blur) for blur in BLURS]),
         shade=np.percentile(luminance[mask], PERCENTILES) / np.median(luminance[mask]), windows=windows,
@@ -152,7 +160,7 @@ def edge_widths(luminance: np.ndarray, most: int = 400) -> np.ndarray:
 
     Args:
         luminance: (H, W), linear in light.
-        most: Number of pixels that are looked at.
+        most: Largest number of pixels at which an edge is followed, the steepest first.
 
     Returns:
         (N,) distance from 10 to 90 % of each step [px].
@@ -168,9 +176,9 @@ def edge_widths(luminance: np.ndarray, most: int = 400) -> np.ndarray:
     row, column = row[order], column[order]
     if len(row) == 0:  # the image is too small to follow an edge
         return np.zeros(0)
-    way = np.stack([across[row, column], down[row, column]], axis=1) / np.maximum(steep[row, column], 1e-9)[:, None]
+    uphill = np.stack([across[row, column], down[row, column]], axis=1) / np.maximum(steep[row, column], 1e-9)[:, None]
     step = np.arange(-REACH, REACH + 0.01, 0.25, dtype=np.float32)
-    u, v = column[:, None] + way[:, :1] * step, row[:, None] + way[:, 1:] * step
+    u, v = column[:, None] + uphill[:, :1] * step, row[:, None] + uphill[:, 1:] * step
     profiles = cv2.remap(luminance, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR)
     widths = [rise(profile, 0.25) for profile in profiles]
     return np.array([width for width in widths if width is not None])
@@ -194,6 +202,7 @@ def rise(profile: np.ndarray, step: float) -> float | None:
     low_end = int(np.flatnonzero(share[:high_end] < 0.1)[-1]) + 1
 
     def crossing(level: float, after: int) -> float:
+        """Return where the profile crosses a level, just before the value `after`, in steps."""
         return after - 1 + float((level - share[after - 1]) / (share[after] - share[after - 1]))
 
     return (crossing(0.9, high_end) - crossing(0.1, low_end)) * step

@@ -174,6 +174,7 @@ def check_written(root: Path, names: Sequence[str], threads: int = 2) -> list[Fi
 
 
 def _check_sample(root: Path, recorded: dict[str, str], name: str) -> list[Finding]:
+    """Return the findings on the files of a sample; recorded: the SHA-256 of each sample.json by name, if known."""
     folder = root / "scenes" / name
 
     def finding(file: str, problem: str) -> Finding:
@@ -226,7 +227,7 @@ def _numbers(value: Any, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _check_image(path: Path, recorded: str, rig: StereoRig) -> str | None:
-    """Return what is wrong with an image file, or None."""
+    """Return what is wrong with an image file; None if nothing is."""
     try:
         data = path.read_bytes()
     except FileNotFoundError:

@@ -10,7 +10,7 @@ valid           Pixels of a depth from 0.5 m to 15 m, on which methods are train
 occluded        Share of the pixels that are not sky: those hidden from the right eye or outside its image.
 rock            Share of the pixels up to 15 m. Rocks are seen from the side, so that it is more than the share of the
                 ground that they cover.
-cover           Share of the ground under rocks of a diameter and more; see marssim/inspection/seen_rocks.py.
+cover           Share of the ground under rocks of a diameter and more; see marssim/inspection/visible_rocks.py.
 gradient        Mean length of the grey image's Sobel gradient [grey levels / px] where it does not show the sky.
 LBP entropy     Shannon entropy [bits] of uniform, rotation-invariant local binary patterns of 8 points on a circle of
                 1 px (10 classes, so at most 3.32; Ojala et al. 2002) outside the sky; mean over the samples.
@@ -32,8 +32,8 @@ import numpy as np
 from marssim.base.camera import MAX_DEPTH, MIN_DEPTH
 from marssim.base.dataset.sample import StereoSample
 from marssim.base.images.texture import gradient, lbp_entropy
-from marssim.inspection.image_statistics import BAND_EDGES, GroundLook, edge_widths, ground_look, linear
-from marssim.inspection.seen_rocks import RockCover
+from marssim.inspection.image_statistics import BAND_EDGES, GroundTexture, edge_widths, ground_texture, linear
+from marssim.inspection.visible_rocks import RockCover
 
 DEPTH_STEP, DEPTH_END = 0.25, 100.0  # bin and end of the depth histogram [m]; the last bin has all that is farther
 NETWORK_DISPARITY = 192.0  # largest disparity that common networks search [px]
@@ -79,7 +79,7 @@ class SampleStatistics:
     disparity_range: tuple[float, float] = (np.inf, 0.0)
     gradients: list[float] = field(default_factory=list)
     lbp: list[float] = field(default_factory=list)
-    ground: list[GroundLook] = field(default_factory=list)
+    ground: list[GroundTexture] = field(default_factory=list)
     edge_width: list[float] = field(default_factory=list)
     sun_elevation_deg: list[float] = field(default_factory=list)
     asked_k: list[float] = field(default_factory=list)
@@ -118,7 +118,7 @@ class SampleStatistics:
             self.lbp.append(lbp_entropy(grey, ~sky))
             luminance = linear(grey)
             with suppress(ValueError):  # no window shows only ground
-                self.ground.append(ground_look(luminance, (sample.rock == 0) & (sample.depth <= NEAR_GROUND)))
+                self.ground.append(ground_texture(luminance, (sample.rock == 0) & (sample.depth <= NEAR_GROUND)))
             if len(widths := edge_widths(luminance)):
                 self.edge_width.append(float(np.median(widths)))
         meta = sample.meta
@@ -188,9 +188,17 @@ def _asked_k(meta: dict[str, Any]) -> float | None:
 
 
 def noted_number(value: Any, least: float, most: float) -> float | None:
-    """Return a value as a number, or None if it is no number within these bounds.
+    """Return a value of a sample's JSON as a number.
 
     Other programs may write datasets without this value, or with something else in its place.
+
+    Args:
+        value: The value; None if there is none.
+        least: Least plausible number.
+        most: Largest plausible number.
+
+    Returns:
+        None if the value is no number within these bounds.
     """
     return float(value) if isinstance(value, int | float) and least <= value <= most else None
 
@@ -224,6 +232,7 @@ def table(statistics: dict[str, SampleStatistics], pairs: dict[str, int]) -> str
     reports = {name: part.report() for name, part in statistics.items()}
 
     def add(label: str, text: Any) -> None:
+        """Add a row with the text of each report, "-" where it has no samples."""
         rows.append((label, [text(report) if report["samples"] else "-" for report in reports.values()]))
 
     add("pairs in these statistics", lambda r: f"{r['samples']}")

@@ -1,4 +1,4 @@
-"""The image shift of a renderer on tilted planes, whose depth is known in closed form."""
+"""Measure the image shift of a renderer on tilted planes, whose depth has a closed form."""
 
 from __future__ import annotations
 
@@ -14,26 +14,21 @@ from marssim.render.renderers.renderer import Renderer
 from marssim.scene.rocks.population import RockConfig
 from marssim.scene.scene import Scene, SceneConfig, build_scene
 
-TILT_DEG = 15.0  # of each plane
-AZIMUTHS_DEG = (
-    0.0,
-    90.0,
-    180.0,
-    270.0,
-)  # in which the planes rise: away from the camera, to its sides, to it
-PITCH_DEG = 35.0  # that the camera looks down
+TILT_DEG = 15.0  # tilt of each plane
+AZIMUTHS_DEG = (0.0, 90.0, 180.0, 270.0)  # in which the planes rise: away from the camera, to its sides, towards it
+PITCH_DEG = 35.0  # pitch of the camera
 FARTHEST = 6.0  # farthest ground that counts [m], since depth hardly determines the shift beyond
 
 
 def plane_shift(
-    make: Callable[[Scene], Renderer], camera: PinholeCamera, azimuths_deg: tuple[float, ...] = AZIMUTHS_DEG
+    make_renderer: Callable[[Scene], Renderer], camera: PinholeCamera, azimuths_deg: tuple[float, ...] = AZIMUTHS_DEG
 ) -> np.ndarray:
     """Fit the shift of a renderer's image of 1 / Z over all planes.
 
     On a plane through p with normal n, 1 / Z = n . r / (n . p - n . eye) is linear in u and v.
 
     Args:
-        make: Makes the renderer of a scene.
+        make_renderer: Makes the renderer of a scene.
         camera: The camera.
         azimuths_deg: Directions in which the planes rise [deg], counter-clockwise from east.
 
@@ -47,7 +42,7 @@ def plane_shift(
         up = np.array([-tilt[0], -tilt[1], 1.0])
         inverse = (camera.rays() @ pose[:3, :3].T @ up) / -(pose[:3, 3] @ up)
         slope_u, slope_v = (pose[:3, :2].T @ up) / -(pose[:3, 3] @ up) / (camera.fx, camera.fy)
-        renderer = make(plane(tilt))
+        renderer = make_renderer(plane(tilt))
         try:
             depth, surface = raw_depth(renderer, renderer.render(camera, pose), camera, pose)
         finally:
@@ -58,6 +53,7 @@ def plane_shift(
 
 
 def _beside(inverse: np.ndarray, slope_u: float, slope_v: float, du: float, dv: float) -> np.ndarray:
+    """Return 1 / Z (H, W) of a plane (du, dv) [px] beside the pixel centres."""
     return inverse + du * slope_u + dv * slope_v
 
 

@@ -52,7 +52,7 @@ def rover_parts(spec: RoverSpec, pose: np.ndarray, joints: Joints, pan: float = 
 
 @lru_cache(maxsize=8)
 def _linkage(spec: RoverSpec) -> Linkage:
-    return Linkage.of(spec)
+    return Linkage.from_spec(spec)
 
 
 @lru_cache(maxsize=8)

@@ -86,7 +86,7 @@ def _footprint(spec: RoverSpec) -> _Footprint:
     nx, ny = int(np.ceil(length / 0.05)) + 1, int(np.ceil(width / 0.05)) + 1
     bx, by = np.meshgrid(np.linspace(-length / 2, length / 2, nx), np.linspace(-width / 2, width / 2, ny))
     return _Footprint(
-        linkage=Linkage.of(spec),
+        linkage=Linkage.from_spec(spec),
         wheel=wheel,
         crown=np.sqrt(r**2 - wheel[:, 0] ** 2),
         patches=(spec.wheel_positions[:, None, :2] + ends).reshape(-1, 2),
@@ -96,7 +96,7 @@ def _footprint(spec: RoverSpec) -> _Footprint:
 
 def support_of(surface: Scene | SupportMap, spec: RoverSpec = ZHURONG) -> SupportMap:
     """Return the surface itself if it is a SupportMap, else build the map of the scene; keep it for further calls."""
-    return surface if isinstance(surface, SupportMap) else SupportMap.of(surface, spec.obstacle_height)
+    return surface if isinstance(surface, SupportMap) else SupportMap.from_scene(surface, spec.obstacle_height)
 
 
 def settle(surface: Scene | SupportMap, spec: RoverSpec, x: float, y: float, yaw: float) -> Settled:

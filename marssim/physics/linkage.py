@@ -55,7 +55,7 @@ class Linkage:
     bogie: np.ndarray
 
     @classmethod
-    def of(cls, spec: RoverSpec) -> Linkage:
+    def from_spec(cls, spec: RoverSpec) -> Linkage:
         """Return the joints of a rover: bogies pivot halfway between their axles, rockers at the mean of all three."""
         front, middle, rear = spec.wheel_x
         y = spec.chassis_size[1] / 2 + PIVOT_GAP

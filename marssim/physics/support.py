@@ -39,7 +39,7 @@ class SupportMap:
     cell: float
 
     @classmethod
-    def of(cls, scene: Scene, obstacle_height: float, cell: float = RASTER_CELL) -> SupportMap:
+    def from_scene(cls, scene: Scene, obstacle_height: float, cell: float = RASTER_CELL) -> SupportMap:
         """Build the rasters of a scene.
 
         Args:

@@ -19,7 +19,7 @@ def rover_urdf(spec: RoverSpec) -> str:
     Raises:
         ValueError: The rover's mass leaves nothing for the chassis.
     """
-    linkage = Linkage.of(spec)
+    linkage = Linkage.from_spec(spec)
     length, width, height = spec.chassis_size
     middle = np.array([0, 0, chassis_middle(spec)])
     mass = spec.mass - 2 * (ROCKER_MASS + BOGIE_MASS) - 6 * (STEER_MASS + WHEEL_MASS)

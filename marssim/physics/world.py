@@ -122,7 +122,7 @@ class PhysicsWorld:
     @cached_property
     def support(self) -> SupportMap:
         """The same scene as rasters, to put a rover down."""
-        return SupportMap.of(self.scene, self.spec.obstacle_height)
+        return SupportMap.from_scene(self.scene, self.spec.obstacle_height)
 
     def close(self) -> None:
         """Free the client; a second call does nothing."""

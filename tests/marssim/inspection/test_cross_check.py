@@ -31,7 +31,7 @@ def test_without_pybullet_the_others_are_checked(monkeypatch):
         raise ImportError("pybullet cannot be imported (no module): it needs Python 3.11")
 
     monkeypatch.setattr(module, "import_pybullet", none_here)
-    renderers, notes = module._renderers()
+    renderers, notes = module._working_renderers()
     assert list(renderers) == ["scan", "embree"]
     assert notes == ["pybullet is left out: pybullet cannot be imported (no module): it needs Python 3.11"]
 
@@ -40,7 +40,7 @@ def test_without_pybullet_the_others_are_checked(monkeypatch):
 def test_egl_is_checked_where_it_works(monkeypatch, works, named):
     pytest.importorskip("pybullet")
     monkeypatch.setattr(module, "probe", lambda: Egl(works, False, "Acme"))
-    renderers, notes = module._renderers()
+    renderers, notes = module._working_renderers()
     assert ("pybullet, EGL" in renderers) == works and len(notes) == 1 and named in notes[0]
 
 

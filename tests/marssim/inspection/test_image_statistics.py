@@ -6,7 +6,7 @@ from marssim.inspection.image_statistics import (
     BAND_EDGES,
     WINDOW,
     edge_widths,
-    ground_look,
+    ground_texture,
     linear,
     peakedness,
     rise,
@@ -29,7 +29,7 @@ def test_codes_become_light():
 def test_a_wave_shows_in_its_band(wavelength, band, angle):
     """Of amplitude a in log-luminance: contrast a / sqrt(2), all of it in that octave but for the window's width."""
     wave = 0.1 * np.sin(2 * np.pi / wavelength * (np.cos(angle) * U + np.sin(angle) * V) + 0.3)
-    look = ground_look(np.exp(wave), ALL)
+    look = ground_texture(np.exp(wave), ALL)
     if band > 0:
         assert look.contrast[band] == pytest.approx(0.1 / np.sqrt(2), rel=0.03)
         assert look.direction[band] == pytest.approx(6, rel=0.45)  # all in one sector of six, or in two beside
@@ -47,14 +47,14 @@ def test_the_slope_of_noise_is_found(exponent):
     k = np.hypot(np.fft.fftfreq(256)[:, None], np.fft.fftfreq(256)[None, :])
     k[0, 0] = np.inf
     field = np.fft.ifft2(np.fft.fft2(NOISE) * k**-exponent).real
-    look = ground_look(np.exp(0.1 * field / field.std()), ALL)
+    look = ground_texture(np.exp(0.1 * field / field.std()), ALL)
     assert look.slope == pytest.approx(-2 * exponent, abs=0.12)
     assert (look.direction[1:] < 1.3).all()
 
 
 def test_exposure_and_a_gradient_do_not_count():
     tilted = 0.1 * NOISE + 0.01 * U - 0.02 * V
-    plain, other = ground_look(np.exp(0.1 * NOISE), ALL), ground_look(7 * np.exp(tilted), ALL)
+    plain, other = ground_texture(np.exp(0.1 * NOISE), ALL), ground_texture(7 * np.exp(tilted), ALL)
     assert np.allclose(plain.contrast, other.contrast, rtol=1e-3)
     assert plain.slope == pytest.approx(other.slope, abs=1e-3)
 
@@ -71,12 +71,12 @@ def test_only_the_mask_counts():
     mask = ALL.copy()
     mask[:, 128:] = False
     spoiled = np.where(mask, 0.1 * NOISE, 3 * NOISE[::-1])
-    look, whole = ground_look(np.exp(spoiled), mask), ground_look(np.exp(0.1 * NOISE), ALL)
+    look, whole = ground_texture(np.exp(spoiled), mask), ground_texture(np.exp(0.1 * NOISE), ALL)
     assert np.allclose(look.contrast, whole.contrast, rtol=0.1)
     assert look.windows == 7 * 3
     assert look.shade == pytest.approx(np.exp(0.1 * np.array([-2.326, -1.645, 2.326])), rel=0.03)
     with pytest.raises(ValueError, match="64 x 64 px"):
-        ground_look(np.exp(0.1 * NOISE), ALL & (U < 60))
+        ground_texture(np.exp(0.1 * NOISE), ALL & (U < 60))
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.5, 2.0])
@@ -101,7 +101,7 @@ def test_a_ramp_rises_over_eight_tenths_of_its_length():
 
 
 def test_plain_ground_has_no_contrast():
-    look = ground_look(np.full((128, 128), 0.3, np.float32), ALL[:128, :128])
+    look = ground_texture(np.full((128, 128), 0.3, np.float32), ALL[:128, :128])
     assert np.allclose(look.contrast, 0, atol=1e-5) and not look.peakedness.any() and np.isfinite(look.slope)
 
 

@@ -47,7 +47,7 @@ def test_outside_is_refused(make_scene):
 
 def test_collision_is_of_the_oriented_wheels_and_chassis(make_scene):
     scene = make_scene(balls=[(1.0, 0.0, 0.3, 0.3)])
-    support = SupportMap.of(scene, ZHURONG.obstacle_height)
+    support = SupportMap.from_scene(scene, ZHURONG.obstacle_height)
     assert collides(support, ZHURONG, 0.0, 0.0, 0.0) == Contacts()  # between the front wheels, ahead of the chassis
     assert collides(support, ZHURONG, 0.3, 0.0, 0.0) == Contacts(chassis=True)
     assert collides(support, ZHURONG, 0.0, -0.6, 0.0) == Contacts(obstacle=True)  # the left front wheel
@@ -100,7 +100,7 @@ def test_arcs_are_exact_on_level_ground(speed, yaw_rate, seconds):
 
 def test_on_rough_ground_every_wheel_stands_on_something():
     scene = build_scene(preset("gale", size=12.0, cell=0.1, horizon=12.0), np.random.default_rng(2))
-    support = SupportMap.of(scene, ZHURONG.obstacle_height)
+    support = SupportMap.from_scene(scene, ZHURONG.obstacle_height)
     rng = np.random.default_rng(3)
     places = [settle(support, ZHURONG, *rng.uniform(-4, 4, 2), rng.uniform(-3, 3)) for _ in range(60)]
     assert np.median([place.residual for place in places]) < 1e-3

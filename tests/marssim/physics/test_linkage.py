@@ -7,7 +7,7 @@ from marssim.physics.linkage import WHEELS, Joints, Linkage
 from marssim.physics.state import angles, rotation
 
 ANGLE = st.floats(-0.5, 0.5)
-LINKAGE = Linkage.of(ZHURONG)
+LINKAGE = Linkage.from_spec(ZHURONG)
 
 
 @given(st.tuples(ANGLE, ANGLE), st.tuples(ANGLE, ANGLE), st.tuples(ANGLE, ANGLE, ANGLE))

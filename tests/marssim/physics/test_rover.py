@@ -37,7 +37,7 @@ def test_weighs_what_the_specification_says_and_draws_where_it_is(make_scene):
         links = range(-1, p.getNumJoints(rover._body, physicsClientId=world.client))
         masses = [p.getDynamicsInfo(rover._body, link, physicsClientId=world.client)[0] for link in links]
         assert sum(masses) == pytest.approx(ZHURONG.mass)
-        poses = Linkage.of(ZHURONG).link_poses(rover.state().pose, rover.joints())
+        poses = Linkage.from_spec(ZHURONG).link_poses(rover.state().pose, rover.joints())
         for name, link in zip(WHEELS, rover._wheels):
             state = p.getLinkState(rover._body, link, computeForwardKinematics=1, physicsClientId=world.client)
             np.testing.assert_allclose(poses[f"wheel_{name}"][:3, 3], state[4], atol=2e-3)

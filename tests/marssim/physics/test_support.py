@@ -11,7 +11,7 @@ BALLS = [(1.0, 0.0, 0.0, 0.25), (-1.0, 0.5, 0.3, 0.4), (2.0, 2.0, 0.0, 0.04)]  #
 
 def test_rasters_of_spheres(make_scene):
     scene = make_scene(balls=BALLS, half=3.0)
-    support = SupportMap.of(scene, 0.30)
+    support = SupportMap.from_scene(scene, 0.30)
     x, y = np.meshgrid(np.arange(-10, 11) * 0.05, np.zeros(1))
     expected = np.sqrt(np.maximum(0.25**2 - x**2, 0))
     np.testing.assert_allclose(support.nearest(support.drive, x + 1.0, y), expected, atol=0.02)

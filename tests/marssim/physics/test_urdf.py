@@ -12,7 +12,7 @@ JOINTS = {joint.find("child").get("link"): joint for joint in ElementTree.fromst
 
 def test_every_link_hangs_where_the_linkage_has_it():
     """Without turned joints a link's place is the sum of the origins up to the chassis, whose frame is its middle."""
-    poses = Linkage.of(ZHURONG).link_poses(np.eye(4), Joints())
+    poses = Linkage.from_spec(ZHURONG).link_poses(np.eye(4), Joints())
     assert set(JOINTS) == set(poses) - {"chassis"}
     for link, pose in poses.items():
         place, name = np.array([0, 0, chassis_middle(ZHURONG)]), link

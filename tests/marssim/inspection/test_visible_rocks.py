@@ -5,7 +5,7 @@ import pytest
 
 from marssim.base.camera import PinholeCamera, StereoRig, look_pose
 from marssim.base.dataset.sample import StereoSample, read_sample
-from marssim.inspection.seen_rocks import DIAMETERS, REACH, RockCover, seen_rocks
+from marssim.inspection.visible_rocks import DIAMETERS, REACH, RockCover, visible_rocks
 from marssim.render.renderers.embree_renderer import EmbreeRenderer
 from marssim.scene.rocks.golombek import sampling_spread
 from marssim.scene.rocks.population import RockConfig
@@ -24,9 +24,9 @@ def rendered(depth: np.ndarray, normal: np.ndarray, rock: np.ndarray, pose: np.n
 
 def test_a_board_has_its_width(closed_form_set):
     sample = read_sample(closed_form_set / "scenes" / "00000" / "00")
-    number, diameter, _ = seen_rocks(sample, 6.0)
+    number, diameter, _ = visible_rocks(sample, 6.0)
     assert number.tolist() == [1] and diameter == pytest.approx([0.9], abs=0.03)
-    assert len(seen_rocks(sample, 2.0)[0]) == 0  # it stands 3 m away
+    assert len(visible_rocks(sample, 2.0)[0]) == 0  # it stands 3 m away
 
 
 def test_level_ground_has_its_area():
@@ -35,7 +35,7 @@ def test_level_ground_has_its_area():
     slope = camera.rays() @ -pose[2, :3]
     depth = np.where(slope > 1e-3, 1.2 / np.where(slope > 0, slope, 1), np.inf).astype(np.float32)
     normal = np.broadcast_to((pose[:3, :3].T @ [0, 0, 1.0]).astype(np.float32), (*depth.shape, 3))
-    _, _, area = seen_rocks(rendered(depth, normal, np.zeros(depth.shape, np.int32), pose), 5.0)
+    _, _, area = visible_rocks(rendered(depth, normal, np.zeros(depth.shape, np.int32), pose), 5.0)
     # the same patch counted on the map, on a grid of 2 cm
     x, y = np.meshgrid(np.arange(-6, 6, 0.02), np.arange(-6, 6, 0.02))
     spot = np.stack([x, y, np.full_like(x, -1.2)], axis=-1) @ pose[:3, :3]
@@ -54,7 +54,7 @@ def test_rocks_are_about_as_wide_as_their_outlines_from_above():
         pose = look_pose(np.array([*at, float(scene.terrain.height_at(*at)) + 1.6]), 0.8 * n, np.deg2rad(25))
         view = maker.render(RIG.camera, pose)
         sample = rendered(view.depth, view.normal, np.maximum(view.surface, 0), pose)
-        number, diameter, _ = seen_rocks(sample)
+        number, diameter, _ = visible_rocks(sample)
         seen.append(diameter)
         drawn.append(scene.rocks.diameter[number - 1])
         cover.add(sample, 0.1)

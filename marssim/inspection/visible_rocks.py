@@ -1,4 +1,4 @@
-"""How much of the ground is covered by rocks, measured on the ground truth of stereo pairs.
+"""Measure how much of the ground the visible rocks cover, on the ground truth of stereo pairs.
 
 A rock's diameter is its width across the line of sight, and its area is that of a disc of this diameter. The ground is
 the area that an image covers on a map up to a distance: of the plane through the visible ground, also where rocks hide
@@ -42,8 +42,13 @@ class RockCover:
     variance: np.ndarray = field(default_factory=lambda: np.zeros(len(DIAMETERS)))
 
     def add(self, sample: StereoSample, k: float) -> None:
-        """Add a sample, whose scene was asked for rock abundance k."""
-        _, diameter, ground = seen_rocks(sample)
+        """Add a sample.
+
+        Args:
+            sample: The sample.
+            k: Rock abundance that its scene was asked for.
+        """
+        _, diameter, ground = visible_rocks(sample)
         area = np.pi / 4 * diameter**2
         self.ground += ground
         self.covered += [area[diameter >= d].sum() for d in DIAMETERS]
@@ -76,12 +81,12 @@ class RockCover:
             f"share of the ground under rocks of diameter D and more, on {self.ground:.0f} m2 up to {REACH:g} m away; "
             f"spread: standard deviation by chance, which is larger where views show the same ground"
         ]
-        for d, seen, asked, spread in zip(DIAMETERS, report["seen"], report["asked"], report["spread"]):
-            lines.append(f"  D {d:.1f} m: seen {seen:.2%}, asked {asked:.2%}, spread {spread:.2%}")
+        for d, measured, asked, spread in zip(DIAMETERS, report["seen"], report["asked"], report["spread"]):
+            lines.append(f"  D {d:.1f} m: seen {measured:.2%}, asked {asked:.2%}, spread {spread:.2%}")
         return "\n".join(lines)
 
 
-def seen_rocks(sample: StereoSample, reach: float = REACH) -> tuple[np.ndarray, np.ndarray, float]:
+def visible_rocks(sample: StereoSample, reach: float = REACH) -> tuple[np.ndarray, np.ndarray, float]:
     """Measure the rocks and the ground that a sample shows.
 
     Args:
