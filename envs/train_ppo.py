@@ -133,7 +133,7 @@ def train(config: PPOConfig, rollout: int = 128) -> Path:
     folder, path = _folder(config), config.out / POLICY
     folder.check_place(config.out)
     if path.is_file() and not PolicyDriver(path).corridors:  # PolicyDriver raises ValueError for a file of another kind
-        raise ValueError(f"{path}: envs.train_ppo cannot continue this policy; choose another --out")
+        raise ValueError(f"{path}: is not a policy of envs.train_ppo; choose another --out")
     with folder.claim(**{VERSIONS: versions()}) as previous:
         if previous is None:
             (config.out / LOG).unlink(missing_ok=True)  # of a policy that was deleted

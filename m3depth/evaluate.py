@@ -42,7 +42,7 @@ from m3depth.estimator import (
 from m3depth.evaluation.inputs import state_of_files, state_of_pairs
 from m3depth.evaluation.recorded_maps import FORM, RecordedError, RecordedPredictions
 from m3depth.evaluation.report import markdown_report, text_table
-from m3depth.evaluation.resume import Unfinished, UnfinishedError
+from m3depth.evaluation.resume import SavedState, SavedStateError
 from m3depth.evaluation.scoring import RESERVED, Evaluation, Method, check_choice, chosen_pairs, evaluate
 from m3depth.figures.evaluation import draw_evaluation
 from m3depth.stereo.degradation import Degradation
@@ -110,7 +110,7 @@ def named_estimators(options: EvaluateOptions) -> dict[str, tuple[str, Estimator
         ValueError: A name is unknown or taken.
     """
     if "none" in options.baselines and len(options.baselines) > 1:
-        raise ValueError("--baselines none stands alone")
+        raise ValueError("--baselines none excludes other names: give none, or the names")
     classical = CLASSICAL if "all" in options.baselines else options.baselines
     texts = [
         *(("--weights", f"{M3DEPTH}:{path}") for path in options.weights),
@@ -184,7 +184,7 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
     from m3depth.network.device import chosen_device
 
     device = chosen_device(options.device).type
-    unfinished = Unfinished(options.out, dependencies(options, dataset, estimators, device))
+    saved_state = SavedState(options.out, dependencies(options, dataset, estimators, device))
     done = evaluate(
         dataset,
         methods,
@@ -194,7 +194,7 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
         examples=EXAMPLES,
         worst=EXAMPLES,
         progress=partial(_watched, len(dataset) if options.limit is None else min(options.limit, len(dataset))),
-        unfinished=unfinished,
+        saved_state=saved_state,
     )
     about = {
         "data": str(options.data),
@@ -215,7 +215,7 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
     write_json(options.out / "results.json", {**about, **figures, "per_pair": done.pairs}, sort_keys=False)
     write_atomically(options.out / "results.md", markdown_report(about, done.results, done.true_depth_normals).encode())
     draw_evaluation(done, options.out)
-    unfinished.remove()
+    saved_state.remove()
     print(text_table(done.results))
     print(f"{counted(len(done.pairs), 'pair')}; figures by kind and depth, and pictures, are in {options.out}")
     return done
@@ -272,7 +272,7 @@ def _work(options: EvaluateOptions) -> None:
     with result_folder(options).claim():
         try:
             run(options, dataset, methods)
-        except (DatasetError, EstimatorError, RecordedError, UnfinishedError):
+        except (DatasetError, EstimatorError, RecordedError, SavedStateError):
             raise
         except ValueError as error:  # a bug, here or in a method: its traceback shows where
             raise RuntimeError(f"scoring failed: {error}") from error

@@ -215,7 +215,7 @@ def export(options: ExportOptions) -> dict[str, Any]:
     if not max(differences["mean_px"], differences["mean_other"]) < PARITY:
         raise RuntimeError(
             f"onnxruntime disagrees with PyTorch by {differences['mean_px']:.3g} px in the mean, by "
-            f"{differences['mean_other']:.3g} in normals, confidence or sky"
+            f"{differences['mean_other']:.3g} in normals, confidence or sky; try another --opset"
         )
     options.out.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(options.out, exported)

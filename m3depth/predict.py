@@ -113,7 +113,7 @@ def make_calibration(options: PredictOptions, height: int, width: int) -> Calibr
     """
     for flag, value in (("--focal", options.focal), ("--baseline", options.baseline)):
         if value is None and not options.calib:
-            raise ValueError(f"{flag} is missing; or give a calibration file with --calib")
+            raise ValueError(f"{flag} is missing: give it, or a calibration file with --calib")
         if value is not None and not (np.isfinite(value) and value > 0):
             raise ValueError(f"{flag} must be positive, got {value}")
     for flag, value in (("--cx", options.cx), ("--cy", options.cy)):
@@ -186,7 +186,7 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
         name = options.estimator if options.weights is None else f"{M3DEPTH}:{options.weights}"
         estimator = load_estimator(name, "--estimator", device=options.device)
     if options.nearest is not None and not takes_nearest(estimator):
-        raise ValueError(f"--nearest: infer of --estimator {options.estimator} takes no nearest depth")
+        raise ValueError(f"--nearest: --estimator {options.estimator} takes no nearest depth; leave it out")
     right = align_right(right, calibration.shift)
     _check_pair(left, right, rig, options)
 

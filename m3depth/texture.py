@@ -69,7 +69,7 @@ class TextureOptions:
         if self.limit < 1:
             raise ValueError(f"limit must be at least 1, got {self.limit}")
         if not self.images:
-            raise ValueError("IMAGES missing; --help explains the flags")
+            raise ValueError("IMAGES: name at least one image file, folder or dataset")
 
 
 def power_spectrum(grey: np.ndarray, hann: bool = False) -> tuple[np.ndarray, np.ndarray]:

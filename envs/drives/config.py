@@ -98,14 +98,15 @@ class EvaluateConfig:
     def __post_init__(self) -> None:
         check_least(self, episodes=1, workers=1, seed=0)
         if self.grid and (self.k or self.slope_deg):
-            raise ValueError("--grid is given instead of --k and --slope-deg")
+            raise ValueError("--grid replaces --k and --slope-deg: give one or the others")
         for name in self.driver:
             if name not in DRIVERS and ":" not in name and not name.endswith(".zip"):
                 known = ", ".join(DRIVERS)
                 raise ValueError(f"--driver {name!r} is unknown; choose from {known}, FILE.zip, package.module:Class")
         for flag, values in vars(self).items():
             if isinstance(values, tuple) and len(set(values)) < len(values):
-                raise ValueError(f"--{flag.replace('_', '-')} has a value twice: {', '.join(map(str, values))}")
+                given = ", ".join(map(str, values))
+                raise ValueError(f"--{flag.replace('_', '-')} has a value twice: {given}; give each once")
         for flag, most in ERROR_LIMITS.items():
             if not 0 <= getattr(self, flag) <= most:
                 raise ValueError(f"--{flag.replace('_', '-')} must lie in [0, {most}], got {getattr(self, flag)}")

@@ -49,7 +49,7 @@ class Film:
         size = (3 * PANEL, 2 * PANEL)
         self._writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), FPS, size)
         if not self._writer.isOpened():
-            raise OSError(f"{path}: cannot write a video there")
+            raise OSError(f"{path}: OpenCV cannot write a video here; is the folder writable?")
         self.title = title
         self.stills: list[np.ndarray] = []
         self._view: OutsideView | None = None

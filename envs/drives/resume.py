@@ -33,7 +33,9 @@ def noted_digests(folder: ResultFolder, names: Sequence[str]) -> dict[str, str]:
         if digests[name] != previous[name]:
             file = _read_from(name)
             what = "code" if file is not None and file.suffix == ".py" else "weights"
-            raise DatasetError(f"{folder.mark_path}: {name} drove with other {what}; choose another --out")
+            raise DatasetError(
+                f"{folder.mark_path}: {name} has other {what} than when it drove these episodes; choose another --out"
+            )
     folder.note(**{WEIGHTS: {**previous, **digests}})
     return digests
 

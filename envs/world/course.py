@@ -235,7 +235,7 @@ def draw_course(base: SceneConfig, config: CourseConfig, spec: RoverSpec, rng: n
         shortest = ground.distance_to_goal(*start)
         if np.isfinite(shortest):
             return Course(scene, ground, np.array([*start, yaw]), goal, shortest, redraw)
-    raise ValueError(f"no goal can be reached in {REDRAWS} draws: k={rocks.k} leaves the rover no way")
+    raise ValueError(f"no goal can be reached in {REDRAWS} draws: k={rocks.k} leaves no way; choose a smaller k")
 
 
 def reversed_course(course: Course, spec: RoverSpec, rng: np.random.Generator) -> Course:

@@ -104,7 +104,9 @@ def _check_same_pairs(runs: Mapping[str, RunScores]) -> None:
     first = next(iter(by_run), "")
     for name, pairs in by_run.items():
         if pairs != by_run[first]:
-            raise ValueError(f"run {name} was scored on other pairs than {first}: delete its score.json")
+            raise ValueError(
+                f"run {name} was scored on other pairs than {first}: delete runs/{name}/score.json to score it again"
+            )
 
 
 def _records(runs: Mapping[str, RunScores]) -> list[Sequence[Mapping[str, Any]]]:

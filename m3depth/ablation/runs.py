@@ -15,7 +15,7 @@ from m3depth.ablation.studies import BASE, Variant, distinct
 from m3depth.ablation.tables import markdown
 from m3depth.datasets.open import open_pairs
 from m3depth.evaluation.inputs import state_of_pairs
-from m3depth.evaluation.resume import Unfinished
+from m3depth.evaluation.resume import SavedState
 from m3depth.evaluation.scoring import evaluate
 from m3depth.network.device import chosen_device
 from m3depth.network.model import M3Depth
@@ -110,7 +110,7 @@ def ablate(options: AblateOptions) -> dict[str, Any]:
     test = open_pairs(test_folder, "test")
     for folder, pairs in zip(options.data, training, strict=True):
         if not len(pairs):
-            raise ValueError(f"--data {folder}: split train holds no pairs")
+            raise ValueError(f"--data {folder}: split train holds no pairs; name another folder")
     if len(test) < 2:
         raise ValueError(f"{test_folder}: split test holds {counted(len(test), 'pair')}; comparing needs two or more")
     with _folder(options, [*training, test]).claim():
@@ -183,9 +183,9 @@ def _score(run: PlannedRun, options: AblateOptions, test: Any) -> bool:
     device = chosen_device(options.device)
     _note_code(run.folder)
     code = read_json(run.folder / CODE)["code"]
-    unfinished = Unfinished(run.folder, {"--test": state_of_pairs(test), "--limit": options.limit, "code": code})
+    saved_state = SavedState(run.folder, {"--test": state_of_pairs(test), "--limit": options.limit, "code": code})
     methods = {METHOD: model.to(device)}
-    done = evaluate(test, methods, limit=options.limit, progress=_watched, unfinished=unfinished)
+    done = evaluate(test, methods, limit=options.limit, progress=_watched, saved_state=saved_state)
     about = {
         "code": ", ".join(code),
         "device": device.type,
@@ -195,7 +195,7 @@ def _score(run: PlannedRun, options: AblateOptions, test: Any) -> bool:
         "loss": asdict(run.config.loss),
     }
     write_json(run.folder / SCORE, {**about, "result": done.results[METHOD], "per_pair": done.pairs}, sort_keys=False)
-    unfinished.remove()
+    saved_state.remove()
     return True
 
 

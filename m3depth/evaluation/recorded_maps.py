@@ -205,7 +205,7 @@ def read_recorded_map(path: Path, shape: tuple[int, ...]) -> np.ndarray:
     except ValueError:
         values = None
     if values is None or values.dtype.kind not in "fiu":
-        raise RecordedError(f"{path}: holds no numbers that can be read")
+        raise RecordedError(f"{path}: holds no map that can be read; expected npy, pfm, tiff or 16-bit png")
     if path.suffix == ".png" and values.dtype != np.uint16:
         raise RecordedError(f"{path}: is an 8-bit picture; a PNG of measurements has 16 bits")
     if values.shape != shape and values.squeeze().shape != shape:

@@ -19,57 +19,68 @@ from marssim.base.files.json_file import as_json
 UNFINISHED = "unfinished.npz"  # name of the file in the folder of results
 SECONDS = 30.0  # between two saves: a killed evaluation loses at most this and the pair that is being scored
 PLAIN = "plain"  # the entry that holds everything but the arrays, as JSON
+DEPENDENCIES = "asked"  # key of the dependencies in that JSON
 ARRAY = "\0array"  # key of an object in that JSON that stands for an array
 
 
-class UnfinishedError(ValueError):
-    """The file is damaged or belongs to another evaluation; the one-line message names it."""
+class SavedStateError(ValueError):
+    """A saved state is damaged or belongs to another evaluation; the one-line message names its file."""
 
 
-class Unfinished:
+class SavedState:
     """The file OUT/unfinished.npz, which exists until an evaluation is done; one that was killed continues from it.
 
     Attributes:
         path: The file.
-        asked: What the figures depend on, by the name of the flag, in JSON's types. Only an evaluation that depends on
-            the same continues from the file.
+        dependencies: What the figures depend on, by the name of the flag, in JSON's types. Only an evaluation with the
+            same dependencies continues from the file.
     """
 
-    def __init__(self, out: Path, asked: Mapping[str, Any]) -> None:
+    def __init__(self, out: Path, dependencies: Mapping[str, Any]) -> None:
         self.path = out / UNFINISHED
-        self.asked = as_json(asked)
+        self.dependencies = as_json(dependencies)
         self._saved = time.monotonic()
 
     def load(self) -> dict[str, Any] | None:
         """Return the state that was saved last; None without a file. Nothing in the file is executed.
 
         Raises:
-            UnfinishedError: The file is damaged or belongs to another evaluation.
+            SavedStateError: The file is damaged or belongs to another evaluation.
         """
         if not self.path.exists():
             return None
         try:
             with np.load(self.path, allow_pickle=False) as file:
                 content = json.loads(file[PLAIN].item())
-                asked, state = content["asked"], _with_arrays(content["state"], file)
+                saved, state = content[DEPENDENCIES], _with_arrays(content["state"], file)
         except (EOFError, ValueError, KeyError, TypeError, AttributeError, zipfile.BadZipFile, zlib.error):
             raise self.damaged() from None
-        other = [name for name in sorted(asked.keys() | self.asked.keys()) if asked.get(name) != self.asked.get(name)]
+        names = sorted(saved.keys() | self.dependencies.keys())
+        other = [name for name in names if saved.get(name) != self.dependencies.get(name)]
         if other:
-            raise UnfinishedError(
-                f"{self.path}: of an unfinished evaluation with another {', another '.join(other)}; choose another "
-                "--out, or delete it"
+            raise SavedStateError(
+                f"{self.path}: belongs to an unfinished evaluation with another {', another '.join(other)}; choose "
+                "another --out, or delete this file to score from the beginning"
             )
         return state
 
-    def damaged(self) -> UnfinishedError:
+    def damaged(self) -> SavedStateError:
         """Return the error for a state that cannot be used."""
-        return UnfinishedError(f"{self.path}: not a readable state of an evaluation; delete it to start again")
+        return SavedStateError(
+            f"{self.path}: is not a readable state of an evaluation; delete it to score from the beginning"
+        )
 
     def save(self, state: Mapping[str, Any]) -> None:
-        """Replace the file in one step. state: nested dicts and lists of JSON's types and of arrays."""
+        """Replace the file in one step.
+
+        Args:
+            state: Nested dicts and lists of JSON's types and of arrays.
+
+        Raises:
+            OSError: The file cannot be written; the message names it.
+        """
         arrays: dict[str, np.ndarray] = {}
-        content = {"asked": self.asked, "state": _without_arrays(state, arrays)}
+        content = {DEPENDENCIES: self.dependencies, "state": _without_arrays(state, arrays)}
         buffer = io.BytesIO()
         # json.dumps keeps NaN, unlike json_text: the sums of a scoring may hold it.
         np.savez_compressed(buffer, **{PLAIN: np.array(json.dumps(content))}, **arrays)  # type: ignore[arg-type]
@@ -77,7 +88,11 @@ class Unfinished:
         self._saved = time.monotonic()
 
     def save_now_and_then(self, state: Callable[[], Mapping[str, Any]]) -> None:
-        """Save the state if the last save was SECONDS ago."""
+        """Save the state if the last save was SECONDS ago.
+
+        Args:
+            state: Returns what `save` takes.
+        """
         if time.monotonic() - self._saved >= SECONDS:
             self.save(state())
 

@@ -13,7 +13,7 @@ from m3depth.estimator import Estimator, EstimatorError, checked_prediction
 from m3depth.evaluation.cost import Cost, measured
 from m3depth.evaluation.example import Example
 from m3depth.evaluation.recorded_maps import RecordedPredictions
-from m3depth.evaluation.resume import Unfinished
+from m3depth.evaluation.resume import SavedState
 from m3depth.evaluation.scores import NormalScores, ScoredPair, Scores
 from m3depth.stereo.degradation import Degradation
 from m3depth.stereo.pairs import MAX_DISPARITY, StereoPairs, pair_name, spread
@@ -132,7 +132,7 @@ class Scoring:
         return Evaluation(results, self.pairs, self._true_depth_normals.result())
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the state, for Unfinished.save."""
+        """Return the state, for SavedState.save."""
         return {
             "pairs": self.pairs,
             "scores": {name: score.state_dict() for name, score in self._scores.items()},
@@ -164,7 +164,7 @@ def evaluate(
     examples: int = 0,
     worst: int = 0,
     progress: Callable[[Sequence[int]], Iterable[int]] | None = None,
-    unfinished: Unfinished | None = None,
+    saved_state: SavedState | None = None,
 ) -> Evaluation:
     """Score every method on the same pairs.
 
@@ -181,27 +181,27 @@ def evaluate(
         examples: Number of pairs to keep for the figures, evenly spread.
         worst: Number of pairs to keep of those in which the first method's error is largest.
         progress: Wraps the indices of the pairs, as marssim.base.command.progress.watched does.
-        unfinished: Where the state is saved, every 30 s and at the end, and loaded from; the caller removes it.
+        saved_state: Where the state is saved, every 30 s and at the end, and loaded from; the caller removes it.
 
     Raises:
         ValueError: There is nothing to score, or a name or number cannot be used.
         EstimatorError: A method returned no Prediction of the images' size.
         FileNotFoundError: A recorded prediction is missing.
-        UnfinishedError: The saved state cannot be used.
-        KeyboardInterrupt: With `unfinished`, after SIGINT or SIGTERM, once the current pair is scored and saved.
+        SavedStateError: The saved state cannot be used.
+        KeyboardInterrupt: With `saved_state`, after SIGINT or SIGTERM, once the current pair is scored and saved.
     """
     chosen = _checked(dataset, estimators, limit, seed)
     scoring = Scoring(dataset, estimators, degradation, seed, max_disparity)
-    if unfinished is not None and (state := unfinished.load()) is not None:
+    if saved_state is not None and (state := saved_state.load()) is not None:
         try:
             scoring.load_state_dict(state)
         except (KeyError, TypeError, AttributeError, ValueError):
-            raise unfinished.damaged() from None
+            raise saved_state.damaged() from None
     first = next(iter(estimators))
     shown = [chosen[i] for i in spread(len(chosen), examples)] if examples else []
     ranked = _worst(scoring.pairs, first, worst)
     kept: dict[int, Example] = {}
-    stopping: AbstractContextManager[list[int]] = nullcontext([]) if unfinished is None else stop_on_signal()
+    stopping: AbstractContextManager[list[int]] = nullcontext([]) if saved_state is None else stop_on_signal()
     with stopping as signals:
         rest = chosen[len(scoring.pairs) :]
         for index in progress(rest) if progress else rest:
@@ -209,12 +209,12 @@ def evaluate(
             ranked = _worst([*ranked, scoring.pairs[-1]], first, worst)
             wanted = {*shown, *(record["index"] for record in ranked)}
             kept = {i: one for i, one in {**kept, index: example}.items() if i in wanted}
-            if unfinished is not None:
-                unfinished.save_now_and_then(scoring.state_dict)
+            if saved_state is not None:
+                saved_state.save_now_and_then(scoring.state_dict)
             if signals:
                 break
-        if unfinished is not None:
-            unfinished.save(scoring.state_dict())
+        if saved_state is not None:
+            saved_state.save(scoring.state_dict())
         if signals:
             raise KeyboardInterrupt
     out = scoring.result()

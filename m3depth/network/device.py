@@ -19,7 +19,7 @@ def chosen_device(wanted: str, number: int = 0) -> torch.device:
     """
     has_gpu = torch.cuda.is_available()
     if wanted == "cuda" and not has_gpu:
-        raise ValueError("--device cuda: no GPU was found")
+        raise ValueError("--device cuda: no GPU was found; choose cpu or auto")
     if has_gpu and wanted != "cpu" and number >= torch.cuda.device_count():
         gpus = counted(torch.cuda.device_count(), "GPU")
         raise ValueError(

@@ -120,7 +120,10 @@ class M3Depth(nn.Module):
         misfits = sorted(expected.keys() ^ tensors.keys())
         misfits = misfits or sorted(k for k in expected if expected[k].shape != tensors[k].shape)
         if misfits:
-            raise ValueError(f"{source}: {len(misfits)} tensors do not fit the network, the first is {misfits[0]!r}")
+            raise ValueError(
+                f"{source}: {len(misfits)} tensors do not fit the network that the file describes, the first is "
+                f"{misfits[0]!r}; use the file as m3depth.train wrote it"
+            )
         model = cls(network)
         model.load_state_dict(tensors)
         return model.eval()

@@ -69,7 +69,7 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
     folder = ResultFolder(config.out, "training run")
     folder.check()
     if not len(samples):
-        raise ValueError(f"{data_names(config)}: split train holds no pairs")
+        raise ValueError(f"{data_names(config)}: split train holds no pairs; name another folder with --data")
     cv2.setNumThreads(1)
     with joined_group(config.device) as (rank, world, device), entered_by_first(rank, world, folder.claim()):
         run = Run(config, device, world)

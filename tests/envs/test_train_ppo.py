@@ -39,7 +39,7 @@ def test_it_trains_goes_on_and_what_it_saves_drives(tmp_path, make_env, monkeypa
     with pytest.raises(DatasetError, match=rf"train_ppo\.json: .* other settings \({other}\); choose"):
         train(PPOConfig(**config, k=(0.0, 0.1), seed=1, max_steps=48), rollout=16)
     (tmp_path / "train_ppo.json").unlink()
-    with pytest.raises(DatasetError, match=r"no such file, so .* says how the policy was made"):
+    with pytest.raises(DatasetError, match=r"no such file, so .* records how the policy was made"):
         train(PPOConfig(**config, max_steps=48), rollout=16)
     assert path.read_bytes() == whole
     env = make_env(mast=True, map_observation=True)
@@ -142,7 +142,8 @@ def test_a_policy_of_another_kind_is_not_gone_on_from(tmp_path, capsys):
         torch.save({"action_net.weight": torch.zeros(2, 64), "log_std": torch.zeros(2)}, file)
     whole = (tmp_path / "policy.zip").read_bytes()
     assert main(["--out", str(tmp_path), "--workers", "1"]) == 2
-    assert "cannot continue this policy" in capsys.readouterr().err and (tmp_path / "policy.zip").read_bytes() == whole
+    assert "is not a policy of envs.train_ppo" in capsys.readouterr().err
+    assert (tmp_path / "policy.zip").read_bytes() == whole
 
 
 @pytest.mark.parametrize("k", [["0.2", "0.1"], ["-0.1", "0.1"], ["0.1", "0.5"]])

@@ -15,7 +15,7 @@ import torch
 from m3depth.evaluate import EvaluateOptions, evaluate, main, prepare
 from m3depth.evaluation.cost import measured
 from m3depth.evaluation.report import FIGURES
-from m3depth.evaluation.resume import Unfinished, UnfinishedError
+from m3depth.evaluation.resume import SavedState, SavedStateError
 from m3depth.stereo.classical import SGBM
 from m3depth.stereo.degradation import Degradation
 from m3depth.stereo.prediction import Prediction
@@ -286,7 +286,7 @@ def test_a_stopped_evaluation_continues_to_the_same_result(folder, tmp_path, cap
     assert not (tmp_path / "stopped/results.json").exists() and (tmp_path / "stopped/unfinished.npz").exists()
 
     assert main([*stopped, "--seed", "1"]) == 2
-    assert "unfinished.npz: of an unfinished evaluation with another --seed; choose" in capsys.readouterr().err
+    assert "unfinished.npz: belongs to an unfinished evaluation with another --seed; choose" in capsys.readouterr().err
     method = Stops(0, None)
     assert main(stopped) == 0
     assert f"{kept} of 4 pairs are scored already" in capsys.readouterr().err
@@ -332,20 +332,20 @@ def test_a_stopped_evaluation_does_not_continue_with_other_inputs(folder, tmp_pa
         changed = "--estimator"
     capsys.readouterr()
     assert main(asked) == 2
-    assert f"of an unfinished evaluation with another {changed}; choose" in capsys.readouterr().err
+    assert f"belongs to an unfinished evaluation with another {changed}; choose" in capsys.readouterr().err
 
 
 def test_a_state_that_lacks_something_is_damaged(folder, tmp_path):
-    unfinished = Unfinished(tmp_path, {})
-    unfinished.save({"pairs": [], "scores": {}})
-    with pytest.raises(UnfinishedError, match="not a readable state"):
-        evaluate(StereoDataset(folder, "test"), {"m": Scaled()}, unfinished=unfinished)
+    saved_state = SavedState(tmp_path, {})
+    saved_state.save({"pairs": [], "scores": {}})
+    with pytest.raises(SavedStateError, match="not a readable state"):
+        evaluate(StereoDataset(folder, "test"), {"m": Scaled()}, saved_state=saved_state)
 
 
 def test_none_and_a_classical_method_exclude_each_other(folder, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
     assert main(["--data", str(folder), "--out", str(tmp_path / "out"), "--baselines", "none", "sgbm"]) == 2
-    assert capsys.readouterr().err == "error: --baselines none stands alone\n"
+    assert capsys.readouterr().err == "error: --baselines none excludes other names: give none, or the names\n"
 
 
 def _without_costs(file: Path) -> dict:

@@ -213,7 +213,7 @@ def test_two_images_of_different_things_are_refused(tmp_path, capsys):
         ("baseline", "--baseline 200 m is out of [0.001, 10] m; give --baseline in metres"),
         ("centre", "--cx must be finite"),
         ("centre far off", "--cy 999 px lies far outside of images of 61 x 45 px"),
-        ("no focal", "--focal is missing; or give a calibration file with --calib"),
+        ("no focal", "--focal is missing: give it, or a calibration file with --calib"),
         ("calib", "calib.txt: is for images of 90 x 60 px"),
         ("unit", "calib.txt: baseline 0.00012 m is out of"),
         ("weights", "w.safetensors: no such weights file"),
@@ -224,7 +224,7 @@ def test_two_images_of_different_things_are_refused(tmp_path, capsys):
         ("dataset", "set: is a dataset; choose another folder"),
         ("no number", "--focal {None}|FLOAT: could not convert string to float: 'abc'"),
         ("nearest", "--nearest must be positive, got -1"),
-        ("not its own", "--nearest: infer of --estimator sgbm takes no nearest depth"),
+        ("not its own", "--nearest: --estimator sgbm takes no nearest depth"),
         ("method", "--estimator 'raft' is unknown; choose from m3depth, sgbm"),
         ("out", "is not a folder"),
     ],
@@ -324,7 +324,7 @@ def test_a_missing_gpu_is_one_line(pair, tmp_path, capsys, monkeypatch):
     words = [*map(str, pair), "--focal", "80", "--baseline", "0.2", "--out", str(tmp_path / "out"), "--device", "cuda"]
     assert main(words) == 2
     printed = capsys.readouterr().err.strip()
-    assert printed.endswith("--device cuda: no GPU was found") and "\n" not in printed
+    assert printed.endswith("--device cuda: no GPU was found; choose cpu or auto") and "\n" not in printed
 
 
 def test_a_full_disk_is_reported_and_leaves_no_half_written_file(pair, tmp_path, capsys, monkeypatch):

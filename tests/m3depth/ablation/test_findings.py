@@ -84,7 +84,9 @@ def test_runs_on_other_pairs_are_not_compared() -> None:
             records[3]["pair"] = "another"
         else:
             del records[-1]
-        with pytest.raises(ValueError, match=r"levels-3-0 was scored on other pairs than .*delete its score\.json"):
+        with pytest.raises(
+            ValueError, match=r"levels-3-0 was scored on other pairs than .*delete runs/levels-3-0/score\.json"
+        ):
             findings(STUDIES["levels"], scores)
 
 

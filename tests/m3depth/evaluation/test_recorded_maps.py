@@ -142,14 +142,14 @@ def test_unknown_pixels_are_filled_from_the_background_on_request(tmp_path):
     [
         ("00003_05.png", np.zeros((H, W), np.uint8), "is an 8-bit picture"),
         ("00003_05.npy", DISPARITY[:5], r"is of shape \(5, 20\), the pair's images are of shape \(12, 20\)"),
-        ("00003_05.npy", np.array([{"a": 1}], object), "holds no numbers that can be read"),
-        ("00003_05.npy", b"\x93NUMPY", "holds no numbers that can be read"),
-        ("00003_05.npy", b"PK\x03\x04 an archive", "holds no numbers that can be read"),
-        ("00003_05.npy", b"\x93NUMPY\x01\x00\x10\x00{'shape': (2,3   ", "holds no numbers that can be read"),
-        ("00003_05.pfm", b"Pf\n20 12\n-1\nshort", "holds no numbers that can be read"),
-        ("00003_05.png", CUT_PNG, "holds no numbers that can be read"),
-        ("00003_05.tiff", CUT_TIFF, "holds no numbers that can be read"),
-        ("00003_05.tiff", b"", "holds no numbers that can be read"),
+        ("00003_05.npy", np.array([{"a": 1}], object), "holds no map that can be read"),
+        ("00003_05.npy", b"\x93NUMPY", "holds no map that can be read"),
+        ("00003_05.npy", b"PK\x03\x04 an archive", "holds no map that can be read"),
+        ("00003_05.npy", b"\x93NUMPY\x01\x00\x10\x00{'shape': (2,3   ", "holds no map that can be read"),
+        ("00003_05.pfm", b"Pf\n20 12\n-1\nshort", "holds no map that can be read"),
+        ("00003_05.png", CUT_PNG, "holds no map that can be read"),
+        ("00003_05.tiff", CUT_TIFF, "holds no map that can be read"),
+        ("00003_05.tiff", b"", "holds no map that can be read"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_named(tmp_path, capfd, name, content, message):

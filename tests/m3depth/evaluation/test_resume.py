@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from m3depth.evaluation.resume import UNFINISHED, Unfinished, UnfinishedError
+from m3depth.evaluation.resume import UNFINISHED, SavedState, SavedStateError
 from m3depth.evaluation.rock_scores import RockCounts, RockOutcome
 from m3depth.evaluation.scores import ScoredPair, Scores
 from m3depth.stereo.classical import SGBM
@@ -35,25 +35,25 @@ def alike(one, other):
 @settings(max_examples=60, deadline=None)
 @given(st.dictionaries(st.text(max_size=4), STATES, max_size=4))
 def test_a_saved_state_comes_back(tmp_path_factory, state):
-    file = Unfinished(tmp_path_factory.mktemp("out"), ASKED)
+    file = SavedState(tmp_path_factory.mktemp("out"), ASKED)
     assert file.load() is None
     file.save({"kept": state})
-    assert alike({"kept": state}, Unfinished(file.path.parent, ASKED).load())
+    assert alike({"kept": state}, SavedState(file.path.parent, ASKED).load())
     file.remove()
     assert file.load() is None
 
 
 def test_another_evaluation_does_not_continue_from_it(tmp_path):
-    Unfinished(tmp_path, {**ASKED, "--unit": 32.0}).save({})
-    with pytest.raises(UnfinishedError, match=r"with another --seed, another --unit; choose another --out, or delete"):
-        Unfinished(tmp_path, {**ASKED, "--seed": 1}).load()
+    SavedState(tmp_path, {**ASKED, "--unit": 32.0}).save({})
+    with pytest.raises(SavedStateError, match=r"with another --seed, another --unit; choose another --out, or delete"):
+        SavedState(tmp_path, {**ASKED, "--seed": 1}).load()
     assert (tmp_path / UNFINISHED).is_file()
 
 
 @pytest.mark.parametrize("change", ["cut", "other bytes", "another npz", "pickled", "an array", "a list"])
 def test_a_damaged_file_is_named_and_nothing_in_it_is_executed(tmp_path, change):
     path = tmp_path / UNFINISHED
-    file = Unfinished(tmp_path, ASKED)
+    file = SavedState(tmp_path, ASKED)
     file.save({"a": np.arange(1000)})
     if change == "cut":
         path.write_bytes(path.read_bytes()[:-200])
@@ -68,14 +68,14 @@ def test_a_damaged_file_is_named_and_nothing_in_it_is_executed(tmp_path, change)
         np.savez(path, plain=np.array("[1]"))
     else:
         np.savez(path, plain=np.array([{"state": 1}], dtype=object), allow_pickle=True)
-    with pytest.raises(UnfinishedError, match=r"unfinished\.npz: not a readable state of an evaluation; delete it"):
+    with pytest.raises(SavedStateError, match=r"unfinished\.npz: is not a readable state of an evaluation; delete it"):
         file.load()
 
 
 def test_saves_are_some_time_apart(tmp_path, monkeypatch):
     now = 100.0
     monkeypatch.setattr("m3depth.evaluation.resume.time.monotonic", lambda: now)
-    file = Unfinished(tmp_path, ASKED)
+    file = SavedState(tmp_path, ASKED)
     now += 29
     file.save_now_and_then(lambda: {"at": now})
     assert file.load() is None
@@ -88,7 +88,7 @@ def test_saves_are_some_time_apart(tmp_path, monkeypatch):
 
 def test_the_state_of_rocks_comes_back(tmp_path):
     sums, again = RockCounts(2, [RockOutcome(0.3, 4.0, True, 0.01, False)], [(0.25, 3.0)]), RockCounts()
-    file = Unfinished(tmp_path, ASKED)
+    file = SavedState(tmp_path, ASKED)
     file.save(sums.state_dict())
     again.load_state_dict(file.load())
     assert again == sums and again.result() == sums.result() and again.rocks[0].both_eyes is False
@@ -104,7 +104,7 @@ def test_scores_continue_from_a_saved_state(plane_samples, tmp_path):
     whole, before, after = Scores(fit=True), Scores(fit=True), Scores(fit=True)
     add(whole, plane_samples)
     add(before, plane_samples[:1])
-    file = Unfinished(tmp_path, ASKED)
+    file = SavedState(tmp_path, ASKED)
     file.save(before.state_dict())
     after.load_state_dict(file.load())
     add(after, plane_samples[1:])
