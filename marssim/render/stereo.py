@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from marssim.base.camera import PinholeCamera, StereoRig, rotate
-from marssim.base.compute.compiled import compiled
+from marssim.base.compute.compiled import compiled, read_only
 from marssim.base.dataset.frame import SKY, StereoFrame
 from marssim.render.antialias import average, colours_beside, edge_pixels, subpixel_rays
 from marssim.render.geometry.gbuffer import GBuffer, Hits
@@ -63,7 +63,7 @@ def occlusion(renderer: Renderer, view: GBuffer, rig: StereoRig, pose: np.ndarra
     """
     hits, rays = view.pixels, rig.camera.rays().reshape(-1, 3)
     hidden, decided = _outside(hits.depth, hits.surface, rig.camera.width, rig.fb)
-    at, points, normals = _hit_points(rays, hits.depth, hits.normal, hits.surface, pose, decided)
+    at, points, normals = _hit_points(read_only(rays), hits.depth, hits.normal, hits.surface, read_only(pose), decided)
     hidden[at] = ~renderer.visible_from(points, normals, rig.right_pose(pose)[:3, 3])
     return hidden.reshape(view.depth.shape)
 
@@ -119,7 +119,7 @@ def _shade(
     if len(sky):
         toward = rotate(rays[sky], pose[:3, :3])
         colour[sky] = shader.sky(toward / np.sqrt(np.einsum("ij,ij->i", toward, toward))[:, None])
-    at, points, normals = _hit_points(rays, hits.depth, hits.normal, hits.surface, pose, known)
+    at, points, normals = _hit_points(read_only(rays), hits.depth, hits.normal, hits.surface, read_only(pose), known)
     if len(at):
         lit[at] = renderer.lit(points, normals)
         shader.surface(points, hits.shading_normal, hits.surface, pose[:3, 3], lit, camera.fx, at, colour)

@@ -14,22 +14,24 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numba import njit
 from numba.core.caching import FunctionCache, IndexDataCacheFile, NullCache
+from numba.core.registry import CPUDispatcher
 
 from marssim.base.command.notes import say
 
-COMPILING = "compiling the simulator's loops, which may take a minute"
-KEPT = f"{COMPILING}; they are kept for the next run"
-NOT_KEPT = f"{COMPILING} in each process; with NUMBA_CACHE_DIR, a folder that can be written, they are kept"
+COMPILING = "compiling the simulator's loops takes some 20 seconds"
+KEPT = f"{COMPILING}, this once: they are kept for later runs"
+NOT_KEPT = f"{COMPILING} in each process; set NUMBA_CACHE_DIR to a folder that can be written to keep them"
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """Decorator of a kernel: compiled at its first call, strict IEEE arithmetic, division by zero as in numpy.
 
     The machine code is kept where numba finds a folder to write (NUMBA_CACHE_DIR, the package's own, the user's), for
-    as long as no source file of the package changes; where there is none, each process compiles anew. A command says
-    that it has to (marssim.base.command.notes).
+    as long as no source file of the package changes; where there is none, each process compiles again. A command
+    says that it compiles (marssim.base.command.notes).
     """
     kernel: Any = njit(error_model="numpy")(function)
     try:
@@ -40,11 +42,43 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorator of a part of kernels, compiled into each that calls it."""
-    return njit(error_model="numpy", inline="always")(function)
+    """Decorator of a part of kernels. LLVM inlines it into each kernel that calls it; Python code cannot call it.
+
+    numba's own `inline="always"` copies the part into each caller before types are inferred, which takes twice as long
+    to compile. The wrappers through which Python would call the part take time too. The plain function is `py_func`.
+    """
+    if not isinstance(njit(function), CPUDispatcher):  # NUMBA_DISABLE_JIT: kernels run as plain Python
+        return function
+    options = {"nopython": True, "boundscheck": None, "error_model": "numpy", "forceinline": True}
+    return _Part(function, targetoptions={**options, "no_cpython_wrapper": True, "no_cfunc_wrapper": True})
+
+
+class _Part(CPUDispatcher):
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        raise TypeError(
+            f"{self.py_func.__name__} is a part of compiled kernels and cannot be called from Python; "
+            f"use {self.py_func.__name__}.py_func, or write a kernel that calls it"
+        )
+
+
+def read_only(array: np.ndarray, dtype: Any = np.float64) -> np.ndarray:
+    """Return a contiguous read-only view, or copy, of an array: a kernel compiles once for each type of its arrays.
+
+    Args:
+        array: Any array.
+        dtype: Type of the result's elements.
+
+    Returns:
+        The same values, C-contiguous and not writable.
+    """
+    view = np.ascontiguousarray(array, dtype=dtype).view()
+    view.setflags(write=False)
+    return view
 
 
 class _PackageCache(FunctionCache):
+    loaded = False  # this process took a kernel from disk: those that are missing are few
+
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
         package = sys.modules[function.__module__.split(".")[0]]
@@ -52,10 +86,12 @@ class _PackageCache(FunctionCache):
         self._cache_file = IndexDataCacheFile(self.cache_path, self._impl.filename_base, stamp)
 
     def load_overload(self, signature: Any, target: Any) -> Any:
-        kept = super().load_overload(signature, target)
-        if kept is None:  # it is compiled next
+        kernel = super().load_overload(signature, target)
+        if kernel is not None:
+            _PackageCache.loaded = True
+        elif not _PackageCache.loaded:  # the kernel is compiled next
             say(KEPT)
-        return kept
+        return kernel
 
     def save_overload(self, signature: Any, data: Any) -> None:
         try:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from marssim.base.camera import PinholeCamera
-from marssim.base.compute.compiled import compiled, inlined
+from marssim.base.compute.compiled import compiled, inlined, read_only
 from marssim.base.dataset.frame import SKY
 from marssim.render.geometry.gbuffer import GBuffer, Hits
 from marssim.render.geometry.mesh import Mesh
@@ -40,8 +40,8 @@ def intersect_faces(mesh: Mesh, pose: np.ndarray, rays: np.ndarray, face: np.nda
         rays: (N, 3) directions, camera frame, z = 1.
         face: (N,) face that each ray hits, negative for the sky.
     """
-    pose, rays = (np.ascontiguousarray(each, dtype=np.float64) for each in (pose, rays))
-    return Hits(*_hits(mesh.vertices, mesh.faces, mesh.surface, mesh.vertex_normals, pose, rays, face))
+    hits = _hits(mesh.vertices, mesh.faces, mesh.surface, mesh.vertex_normals, read_only(pose), read_only(rays), face)
+    return Hits(*hits)
 
 
 @compiled

@@ -77,7 +77,7 @@ class _Bins:
         spread = float(np.median(np.maximum(np.abs(x[some] - middle[0]), np.abs(y[some] - middle[1])))) + 1e-9
         number = max(1, int(np.sqrt(len(x) / PER_BIN)))
         low_x, high_x, low_y, high_y = (
-            _warp(value - centre, spread)
+            _warped(value - centre, spread)
             for value, centre in (
                 (x.min(), middle[0]), (x.max(), middle[0]), (y.min(), middle[1]), (y.max(), middle[1]),
             )
@@ -89,9 +89,11 @@ class _Bins:
         self.order, self.start, self.x, self.y = _sort(x, y, self.grid)
 
 
-@inlined
-def _warp(offset, spread):
+def _warped(offset, spread):
     return offset / (spread + abs(offset))
+
+
+_warp = inlined(_warped)
 
 
 @inlined

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from marssim.base.compute.compiled import compiled
+from marssim.base.compute.compiled import compiled, read_only
 from marssim.render.geometry.gbuffer import Hits
 from marssim.render.geometry.hits import intersect_faces
 from marssim.render.geometry.mesh import SceneMesh, faces_away_from
@@ -53,7 +53,7 @@ class Visibility:
         if len(points) == 0:
             return out
         axis = np.median(points[:: max(1, len(points) // 512)] - eye, axis=0)
-        if _ahead(np.ascontiguousarray(points, dtype=float), eye, axis):
+        if _ahead(read_only(points), read_only(eye), read_only(axis)):
             return self._open(points, normals, eye, True, Projection.of_eye(_looking(eye, axis)), self.mesh)
         offset = points - eye
         side = np.abs(offset).argmax(axis=1)
@@ -74,8 +74,7 @@ class Visibility:
         light: (3,) position if near, else direction; view: projection of that light.
         """
         at, x, y, s = _leaving(
-            np.ascontiguousarray(points, dtype=float), np.ascontiguousarray(normals, dtype=np.float32), light, near,
-            view.axes, view.shift,
+            read_only(points), read_only(normals, np.float32), read_only(light), near, view.axes, view.shift,
         )  # fmt: skip
         out = np.zeros(len(points), dtype=bool)
         if len(at):

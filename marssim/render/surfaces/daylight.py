@@ -53,7 +53,10 @@ def skies(directions, light):
     out = np.empty((len(directions), 3), dtype=np.float32)
     sun, _, skylight, optical_depth = light
     for k in range(len(directions)):
-        out[k] = sky_colour(directions[k, 0], directions[k, 1], directions[k, 2], sun, skylight, optical_depth)
+        red, green, blue = sky_colour(
+            directions[k, 0], directions[k, 1], directions[k, 2], sun, skylight, optical_depth
+        )
+        out[k, 0], out[k, 1], out[k, 2] = red, green, blue
     return out
 
 

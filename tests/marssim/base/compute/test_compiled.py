@@ -5,9 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numba import typeof
 
 from marssim.base.command.run import exit_code
-from marssim.base.compute.compiled import KEPT, NOT_KEPT, compiled, source_digest
+from marssim.base.compute.compiled import KEPT, NOT_KEPT, compiled, inlined, read_only, source_digest
 
 KERNELS = """
 from some.steps import STEP
@@ -35,8 +36,12 @@ def up(x):
 def down(x):
     return x - 1
 
+@compiled
+def same(x):
+    return x
+
 def work(x):
-    return up(x) + down(x)
+    return up(x) + down(x) + (same(0) if sys.argv[2:] else 0)
 
 if __name__ == "__main__":
     from some.work import work  # as the workers know it
@@ -95,18 +100,18 @@ def test_without_a_folder_to_write_a_kernel_is_compiled_anew(homeless):
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_command_tells_once_that_it_compiles(workers, tmp_path):
-    """By whichever process, for whichever kernel; and not when they are kept."""
+    """By whichever process, for whichever kernel; not when they are kept, nor when a later run needs one more."""
     package(tmp_path, 10)
     (tmp_path / "some" / "work.py").write_text(COMMAND)
     told = []
-    for _ in range(2):
+    for more in ([], [], ["one more"]):
         done = subprocess.run(
-            [sys.executable, "-m", "some.work", str(workers)], cwd=tmp_path, capture_output=True, text=True,
+            [sys.executable, "-m", "some.work", str(workers), *more], cwd=tmp_path, capture_output=True, text=True,
             env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONDONTWRITEBYTECODE": "1"},
         )  # fmt: skip
         assert done.returncode == 0 and sorted(done.stdout.split()) == ["0", "2", "4", "6"], done.stderr
         told.append(done.stderr)
-    assert told == [f"note: {KEPT}\n", ""]
+    assert told == [f"note: {KEPT}\n", "", ""]
 
 
 def test_a_command_tells_that_nothing_can_be_kept(homeless, capsys):
@@ -115,6 +120,35 @@ def test_a_command_tells_that_nothing_can_be_kept(homeless, capsys):
     assert capsys.readouterr().err == f"note: {NOT_KEPT}\n"
     assert compiled(lambda x: 4 * x)(1) == 4  # a program's own call
     assert capsys.readouterr().err == ""
+
+
+@inlined
+def half(x):
+    return x / 2
+
+
+def test_parts_of_kernels_call_each_other():
+    @inlined
+    def quarter(x):
+        return half(half(x))
+
+    assert compiled(lambda x: quarter(x) + half(x))(3.0) == 2.25
+
+
+def test_a_part_of_kernels_is_not_called_from_python():
+    with pytest.raises(TypeError, match="half is a part of compiled kernels"):
+        half(3.0)
+    assert half.py_func(3.0) == 1.5
+
+
+@pytest.mark.parametrize("writable", [True, False])
+@pytest.mark.parametrize("values", [np.eye(4), np.eye(4)[::2, 1:], np.eye(4, dtype=np.float32), np.eye(4).T])
+def test_arrays_of_any_kind_have_one_type_in_kernels(values, writable):
+    before = values.copy()
+    values = values.copy() if writable else values
+    values.setflags(write=writable)
+    assert str(typeof(read_only(values))) == str(typeof(read_only(np.eye(2))))
+    assert np.array_equal(read_only(values), before) and values.flags.writeable == writable
 
 
 def test_the_digest_sees_names_and_contents(tmp_path):

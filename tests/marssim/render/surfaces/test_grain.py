@@ -2,20 +2,19 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numba import njit
 
-from marssim.render.surfaces.grain import (
-    TEXELS,
-    TILE,
-    Octaves,
-    coded_tile,
-    fractal_slopes,
-    noise_tile,
-    octave_slopes,
-    octave_value,
-    octave_weight,
-    placing,
-)
+from marssim.render.surfaces import grain
+from marssim.render.surfaces.grain import TEXELS, TILE, Octaves, coded_tile, noise_tile, placing
 
+
+def kernel(part):
+    """Compile a kernel that does nothing but call a part of kernels."""
+    return njit(lambda *arguments: part(*arguments))
+
+
+fractal_slopes, octave_slopes = kernel(grain.fractal_slopes), kernel(grain.octave_slopes)
+octave_value, octave_weight = kernel(grain.octave_value), kernel(grain.octave_weight)
 WAVELENGTHS = np.array([0.02, 0.1, 0.7])
 ONES = np.ones(3)
 
