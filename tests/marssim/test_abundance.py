@@ -38,15 +38,15 @@ def test_deep_burial_and_clusters_are_corrected_for():
     assert result.within.all(), f"\n{result.table()}"
 
 
-def test_what_is_seen_of_a_rock_is_the_disc_of_its_diameter():
+def test_the_visible_area_of_a_rock_is_the_disc_of_its_diameter():
     scene = draw(0.05)
     outline, middle = visible_areas(scene, 0.012)
     rocks = scene.rocks
-    own = (np.abs(rocks.centre[:, :2]).max(axis=1) < scene.half - 1.3) & (rocks.diameter > 0.15)
-    assert own.sum() > 50
-    seen = np.sqrt(4 / np.pi * outline[own])
-    assert np.median(seen / rocks.diameter[own]) == pytest.approx(1, abs=0.03)
-    assert np.abs(middle[own] - rocks.centre[own, :2]).max() < 0.3
+    inside = (np.abs(rocks.centre[:, :2]).max(axis=1) < scene.half - 1.3) & (rocks.diameter > 0.15)
+    assert inside.sum() > 50
+    measured = np.sqrt(4 / np.pi * outline[inside])
+    assert np.median(measured / rocks.diameter[inside]) == pytest.approx(1, abs=0.03)
+    assert np.abs(middle[inside] - rocks.centre[inside, :2]).max() < 0.3
 
 
 def test_a_wrong_abundance_is_noticed():
@@ -68,7 +68,7 @@ def test_the_command_prints_a_table(capsys):
 
 
 def test_the_command_measures_the_rocks_that_it_is_given(capsys):
-    """Those of the place that --scene names, but for what is said of them."""
+    """The rocks are those of the place that --scene names, but for the values that flags give."""
     flags = ["--scene", "utopia", "--scenes", "1", "--cell", "0.05"]
     tables = []
     for more in ([], ["--rocks.k", "0.033"], ["--rocks.buried", "0", "0.5"], ["--rocks.k", "0"]):
@@ -96,6 +96,6 @@ def test_a_scene_reports_what_it_achieved():
     """From its outlines; the rays agree."""
     scenes = [draw(0.15, seed) for seed in range(2)]
     listed = np.mean([scene.abundance()["achieved"] for scene in scenes], axis=0)
-    seen = measure(scenes, 0.15, cell=CELL)
-    assert scenes[0].abundance()["asked"] == pytest.approx(seen.asked.tolist())
-    assert listed == pytest.approx(seen.achieved, rel=0.15)  # the rays leave out a margin
+    measured = measure(scenes, 0.15, cell=CELL)
+    assert scenes[0].abundance()["asked"] == pytest.approx(measured.asked.tolist())
+    assert listed == pytest.approx(measured.achieved, rel=0.15)  # the rays leave out a margin

@@ -365,7 +365,7 @@ def test_without_hard_links_files_are_copied(exports, closed_form_set, tmp_path,
     assert contents(tmp_path / "out") == contents(exports["middlebury"])
 
 
-def test_one_split_only(closed_form_set, tmp_path, capfd):
+def test_an_export_of_one_split(closed_form_set, tmp_path, capfd):
     code, _ = run(capfd, closed_form_set, "--format", "openstereo", "--out", tmp_path / "o", "--split", "val")
     assert code == 0
     assert not (tmp_path / "o" / "train.txt").exists() and len(list((tmp_path / "o" / "left").iterdir())) == 2
@@ -389,12 +389,12 @@ def test_a_split_without_pairs_has_an_empty_list(closed_form_set, tmp_path, name
 def test_another_export_in_the_folder(exports, closed_form_set, tmp_path, capfd):
     out = shutil.copytree(exports["kitti"], tmp_path / "out")
     before = contents(out)
-    for args, said in (
+    for args, message in (
         (("--format", "eth3d"), "format kitti"),
         (("--format", "kitti", "--split", "val"), "split train val test"),
     ):
         code, err = run(capfd, closed_form_set, "--out", out, *args)
-        assert code == 2 and "export.json" in err and said in err and len(err.splitlines()) == 1
+        assert code == 2 and "export.json" in err and message in err and len(err.splitlines()) == 1
     other = shutil.copytree(closed_form_set, tmp_path / "set")
     index = json.loads((other / "dataset.json").read_text())
     index["samples"][0]["sha256"] = "0" * 64
@@ -481,14 +481,14 @@ def test_no_dataset_and_an_empty_split(closed_form_set, tmp_path, capfd):
 
 
 @pytest.mark.parametrize(
-    ("name", "said"), [("left.png", "readable"), ("depth.png", "readable"), ("sample.json", "is not JSON")]
+    ("name", "message"), [("left.png", "readable"), ("depth.png", "readable"), ("sample.json", "is not JSON")]
 )
-def test_a_broken_sample_is_named_and_nothing_of_it_is_written(closed_form_set, tmp_path, name, said, capfd):
+def test_a_broken_sample_is_named_and_nothing_of_it_is_written(closed_form_set, tmp_path, name, message, capfd):
     other = shutil.copytree(closed_form_set, tmp_path / "set")
     file = other / "scenes" / "00000" / "00" / name
     file.write_bytes(b"{" + file.read_bytes()[:40])
     code, err = run(capfd, other, "--format", "eth3d", "--out", tmp_path / "o", "--split", "train")
-    assert code == 2 and str(file) in err and said in err and len(err.splitlines()) == 1
+    assert code == 2 and str(file) in err and message in err and len(err.splitlines()) == 1
     assert not list((tmp_path / "o").rglob("00000_00/im0.png"))
     shutil.copytree(closed_form_set, other, dirs_exist_ok=True)
     assert run(capfd, other, "--format", "eth3d", "--out", tmp_path / "o", "--split", "train")[0] == 0

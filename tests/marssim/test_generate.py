@@ -74,7 +74,7 @@ def run(capfd, *args: object) -> tuple[int, str]:
     return command.main([str(a) for a in args]), capfd.readouterr().err.strip()
 
 
-def test_what_is_written(made):
+def test_a_dataset_has_its_samples_settings_sheet_and_readme(made):
     dataset = StereoDataset(made)
     assert dataset.names == ["00000/00", "00000/01", "00001/00", "00001/01"]
     assert {s.meta["scene"] for s in dataset} == {0, 1} and {s.meta["seed"] for s in dataset} == {5}
@@ -185,18 +185,18 @@ def test_fewer_pairs_than_are_there_are_refused(made):
 
 @pytest.mark.parametrize("finished", [True, False])
 @pytest.mark.parametrize(
-    ("file", "cut", "end", "said"),
+    ("file", "cut", "end", "problem"),
     [("left.png", 100, b"", "truncated"), ("surface.png", None, b"x", "its content is not what sample.json records"),
      ("sample.json", 100, b"", "is not JSON")],
 )  # fmt: skip
 def test_a_corrupted_sample_is_named_and_rendered_again_without_its_folder(
-    folder, made, finished, file, cut, end, said
+    folder, made, finished, file, cut, end, problem
 ):
     image = folder / "scenes/00000/00" / file
     image.write_bytes(image.read_bytes()[:cut] + end)
     if not finished:
         (folder / "dataset.json").unlink()
-    with pytest.raises(DatasetError, match=rf"00/{file}: {said}.*; delete the folder of this sample"):
+    with pytest.raises(DatasetError, match=rf"00/{file}: {problem}.*; delete the folder of this sample"):
         generate_dataset(config(folder))
     shutil.rmtree(image.parent)
     generate_dataset(config(folder))
@@ -223,7 +223,7 @@ def test_settings_without_samples_are_replaced(made, tmp_path, capfd, monkeypatc
     assert contents(out) == contents(made)
 
 
-def test_settings_beside_something_else_are_not_replaced(tmp_path):
+def test_settings_beside_other_files_are_not_replaced(tmp_path):
     claimed(config(tmp_path / "set"))
     (tmp_path / "set" / "notes.txt").write_text("mine")
     before = contents(tmp_path / "set")
@@ -282,7 +282,7 @@ def test_a_folder_of_other_files_is_left_alone(tmp_path, capfd):
     assert contents(tmp_path) == {"thesis.tex": b"years of work"}
 
 
-def test_a_file_in_the_way(tmp_path, capfd):
+def test_a_file_in_place_of_the_folder_is_one_line(tmp_path, capfd):
     file = tmp_path / "notes"
     file.write_text("mine")
     for out in (file, file / "below"):
@@ -298,17 +298,17 @@ def test_a_broken_record_of_the_settings_is_named(folder, capfd):
 
 
 @pytest.mark.parametrize(
-    ("flags", "said"),
+    ("flags", "message"),
     [
         (("--rocks.k", 0.3, "--size", 60), "--rocks.k or --size"),
         (("--rocks.k", 0.4, "--rocks.min-diameter", 0.25, "--rocks.cluster", 0, "--size", 2), "--rocks.k"),
         (("--trajectory", "--size", 3, "--views-per-scene", 20), "--drive.step"),
     ],
 )
-def test_impossible_scenes_are_refused_before_anything_is_written(flags, said, tmp_path, capfd):
+def test_impossible_scenes_are_refused_before_anything_is_written(flags, message, tmp_path, capfd):
     """Too many rocks for a dataset to tell apart, no place for a camera, a drive longer than its ground."""
     code, err = run(capfd, "--out", tmp_path / "set", *FLAGS, *flags)
-    assert code == 2 and said in err and len(err.splitlines()) == 1
+    assert code == 2 and message in err and len(err.splitlines()) == 1
     assert not (tmp_path / "set").exists()
 
 
@@ -462,8 +462,8 @@ def test_mixed_has_every_place_once_in_five_scenes(tmp_path):
 def test_the_command_writes_what_the_function_writes(made, tmp_path, capfd):
     assert command.main([str(a) for a in ("--out", tmp_path / "set", *FLAGS)]) == 0
     assert hashes(tmp_path / "set") == hashes(made)
-    said = capfd.readouterr().out
-    assert "4 pairs in" in said and StereoDataset(made).digest[:16] in said
+    out = capfd.readouterr().out
+    assert "4 pairs in" in out and StereoDataset(made).digest[:16] in out
 
 
 def test_the_bytes_do_not_depend_on_dask(made, tmp_path):
@@ -481,7 +481,7 @@ def test_a_worker_that_cannot_see_the_folder_is_reported(tmp_path):
     assert not (tmp_path / "elsewhere").exists()
 
 
-def test_one_pair_is_one_pair(tmp_path, capfd):
+def test_one_pair_is_counted_in_the_singular(tmp_path, capfd):
     assert command.main([str(a) for a in ("--out", tmp_path / "set", *FLAGS, "--pairs", 1)]) == 0
     assert capfd.readouterr().out.startswith("1 pair in ")
     assert "1 stereo pair (" in (tmp_path / "set" / "README.md").read_text()
@@ -550,8 +550,8 @@ def bullet(monkeypatch):
     pytest.importorskip("pybullet")
 
     def pretend(works: bool, hardware: bool) -> None:
-        found = Egl(works, hardware, "the trial ended with -11")
-        monkeypatch.setattr(command, "probe", lambda: found)
+        state = Egl(works, hardware, "the test ended with -11")
+        monkeypatch.setattr(command, "probe", lambda: state)
         monkeypatch.setattr(command, "draws_on_a_card", lambda: hardware)
 
     return pretend
@@ -590,10 +590,10 @@ def test_a_dataset_is_continued_as_it_was_begun(tmp_path, bullet, first):
 def test_egl_that_is_asked_for_and_does_not_work_is_one_line(tmp_path, bullet, capfd):
     bullet(False, False)
     flags = [*FLAGS, "--renderer", "pybullet", "--rasterizer", "egl"]
-    code, said = run(capfd, "--out", tmp_path / "set", *flags)
-    assert code == 2 and said == "error: --rasterizer egl: it does not work here: the trial ended with -11"
-    code, said = run(capfd, "--out", tmp_path / "set", *FLAGS, "--rasterizer", "egl")
-    assert code == 2 and said.startswith("error: --rasterizer egl needs --renderer pybullet, not embree")
+    code, err = run(capfd, "--out", tmp_path / "set", *flags)
+    assert code == 2 and err == "error: --rasterizer egl: it does not work here: the test ended with -11"
+    code, err = run(capfd, "--out", tmp_path / "set", *FLAGS, "--rasterizer", "egl")
+    assert code == 2 and err.startswith("error: --rasterizer egl needs --renderer pybullet, not embree")
     assert not (tmp_path / "set").exists()
 
 

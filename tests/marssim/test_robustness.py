@@ -32,9 +32,9 @@ def samples(out: Path) -> list[Path]:
     return sorted(out.glob("scenes/*/[0-9]*/sample.json"))
 
 
-def told_in_a_line(code: int, said: str, error: str) -> str:
+def error_line(code: int, output: str, error: str) -> str:
     """The one line of a command that refused."""
-    assert code == 2 and said == "", error
+    assert code == 2 and output == "", error
     assert error.startswith("error: ") and error.count("\n") == 1, error
     assert "[Errno" not in error
     return error.strip()
@@ -43,8 +43,8 @@ def told_in_a_line(code: int, said: str, error: str) -> str:
 def refused(capfd, out: Path, *more: str) -> str:
     """The one line of the command, called in this process."""
     code = finish(out, *more)
-    said = capfd.readouterr()
-    return told_in_a_line(code, said.out, said.err)
+    output = capfd.readouterr()
+    return error_line(code, output.out, output.err)
 
 
 @pytest.fixture(scope="module")
@@ -103,10 +103,10 @@ def test_a_run_killed_at_any_moment_continues_to_the_same_bytes(undisturbed, tmp
             [sys.executable, str(program), moment, "--out", str(out), *FLAGS, *workers], capture_output=True
         )
         assert ended.returncode == -signal.SIGKILL, ended.stderr.decode()
-        there = {str(s.parent.relative_to(out)): (s.parent / "left.png").read_bytes() for s in samples(out)}
-        assert len(there) >= least and list(out.glob(left))
-        assert kept.items() <= there.items() and not (out / "dataset.json").exists()
-        kept = there
+        complete = {str(s.parent.relative_to(out)): (s.parent / "left.png").read_bytes() for s in samples(out)}
+        assert len(complete) >= least and list(out.glob(left))
+        assert kept.items() <= complete.items() and not (out / "dataset.json").exists()
+        kept = complete
     assert finish(out) == 0
     assert contents(out) == contents(undisturbed)
 
@@ -123,7 +123,7 @@ def test_a_disk_that_fills_up_names_the_place_and_harms_nothing(undisturbed, tmp
 
     asked = [sys.executable, "-m", "marssim.generate", "--out", str(out), *FLAGS, "--workers", "2"]
     done = subprocess.run(asked, capture_output=True, text=True, preexec_fn=starve)
-    line = told_in_a_line(done.returncode, done.stdout, done.stderr)
+    line = error_line(done.returncode, done.stdout, done.stderr)
     assert line.startswith(f"error: --out {out}: {out}/scenes/") and "file too large" in line
     assert samples(out) == [] and not (out / "dataset.json").exists()
     assert finish(out) == 0

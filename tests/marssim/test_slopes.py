@@ -29,7 +29,7 @@ def test_a_wave_differs_as_its_phase_says():
     assert rms_difference(wave, 1.0) == pytest.approx(np.sqrt((1 - np.cos(k * 1.0)) / 2), rel=1e-3)
 
 
-def test_the_border_is_left_out():
+def test_a_margin_leaves_out_the_border():
     step = grid(lambda x, y: np.where(x < 1, 5.0, 0.0))
     assert rms_difference(step, 1.0) > 0.1 and rms_difference(step, 1.0, margin=1.0) == 0
     assert gentle_share(step) < 1 and gentle_share(step, margin=1.0) == 1
@@ -47,27 +47,27 @@ def test_gentle_planes_are_those_under_eight_degrees(degrees, share):
     assert gentle_share(grid(lambda x, y: tilt * (x + y))) == share
 
 
-def test_what_was_asked_for_is_found():
+def test_relief_has_the_slopes_that_were_asked_for():
     relief = ReliefConfig(hurst=0.6, rms_slope_deg=7.0, crater_density=0.0, ripple_amplitude=0.0)
     terrains = [build_terrain(relief, 24.0, 0.125, 96.0, np.random.default_rng((5, n))) for n in range(12)]
-    found = measure(terrains, relief.hurst, relief.rms_slope_deg)
-    assert found.asked[LAGS.index(1.0)] == pytest.approx(7.0)
-    assert found.measured[:FITTED] == pytest.approx(found.asked[:FITTED], rel=0.08)
-    assert found.hurst == pytest.approx(0.6, abs=0.05)
-    assert (np.abs(found.measured - found.asked) < 0.08 * found.asked + 4 * found.error).all()
-    assert (found.error > 0).all() and found.error[-1] / found.measured[-1] > found.error[1] / found.measured[1]
+    result = measure(terrains, relief.hurst, relief.rms_slope_deg)
+    assert result.asked[LAGS.index(1.0)] == pytest.approx(7.0)
+    assert result.measured[:FITTED] == pytest.approx(result.asked[:FITTED], rel=0.08)
+    assert result.hurst == pytest.approx(0.6, abs=0.05)
+    assert (np.abs(result.measured - result.asked) < 0.08 * result.asked + 4 * result.error).all()
+    assert (result.error > 0).all() and result.error[-1] / result.measured[-1] > result.error[1] / result.measured[1]
     other = measure(terrains, 0.8, 3.0)
-    assert np.array_equal(other.measured, found.measured) and not np.allclose(other.asked, found.asked, rtol=0.2)
+    assert np.array_equal(other.measured, result.measured) and not np.allclose(other.asked, result.asked, rtol=0.2)
 
 
 def test_the_error_is_the_scatter_of_repeated_measurements():
     """Of thirty times four terrains: what each says of itself, and how far they lie apart."""
     relief = ReliefConfig(hurst=0.6, rms_slope_deg=7.0, crater_density=0.0, ripple_amplitude=0.0)
     terrains = [build_terrain(relief, 12.0, 0.25, 96.0, np.random.default_rng((6, n))) for n in range(120)]
-    found = [measure(terrains[i : i + 4], 0.6, 7.0) for i in range(0, 120, 4)]
+    results = [measure(terrains[i : i + 4], 0.6, 7.0) for i in range(0, 120, 4)]
     fine = [i for i, lag in enumerate(LAGS) if lag <= 2]
-    scatter = np.std([f.measured for f in found], axis=0, ddof=1)[fine]
-    error = np.sqrt(np.mean(np.square([f.error for f in found]), axis=0))[fine]
+    scatter = np.std([f.measured for f in results], axis=0, ddof=1)[fine]
+    error = np.sqrt(np.mean(np.square([f.error for f in results]), axis=0))[fine]
     assert error == pytest.approx(scatter, rel=0.35)
 
 

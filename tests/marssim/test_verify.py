@@ -24,8 +24,8 @@ def folder(closed_form_set, tmp_path) -> Path:
 def run(capfd, *args: object) -> tuple[int, str, str]:
     """Exit code, standard output and standard error of the command."""
     code = command.main([str(a) for a in args])
-    said = capfd.readouterr()
-    return code, said.out, said.err
+    captured = capfd.readouterr()
+    return code, captured.out, captured.err
 
 
 def mistake(capfd, *args: object) -> str:
@@ -86,8 +86,8 @@ def test_an_export_is_not_taken_for_a_dataset(folder, tmp_path, capfd):
 def test_a_dataset_that_is_being_written_is_not_checked(folder, tmp_path, capfd):
     """Samples may still be shown; what a killed command has left of its lock is nothing wrong."""
     with sole_writer(folder):
-        said = mistake(capfd, folder, "--out", tmp_path / "out")
-        assert said.startswith(f"error: {folder}: another command (process ") and said.endswith("let it end first")
+        line = mistake(capfd, folder, "--out", tmp_path / "out")
+        assert line.startswith(f"error: {folder}: another command (process ") and line.endswith("let it end first")
         assert not (tmp_path / "out").exists()
         assert run(capfd, folder, "--sample", "00000/00", "--out", tmp_path / "out")[0] == 0
     (folder / ".lock").write_text("process 1 on a machine that was switched off")
@@ -241,10 +241,10 @@ def test_bad_values_name_their_flag(folder, tmp_path, args, named, capfd):
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("spoil", [lambda f: b"", lambda f: f[:-99], lambda f: f[:-99] + b"?" + f[-98:]])
-def test_a_broken_sample_cannot_be_shown(folder, tmp_path, capfd, spoil):
+@pytest.mark.parametrize("corrupt", [lambda f: b"", lambda f: f[:-99], lambda f: f[:-99] + b"?" + f[-98:]])
+def test_a_broken_sample_cannot_be_shown(folder, tmp_path, capfd, corrupt):
     file = folder / "scenes/00000/00/normal.png"
-    file.write_bytes(spoil(file.read_bytes()))
+    file.write_bytes(corrupt(file.read_bytes()))
     assert "normal.png" in mistake(capfd, folder, "--sample", "00000/00", "--out", tmp_path / "out")
 
 

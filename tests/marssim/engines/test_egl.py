@@ -80,13 +80,13 @@ def test_software_works_but_is_no_card(pretend):
         ("pass", "body = np.roll(body, 9, axis=1)", "% of the test picture"),
     ],
 )
-def test_what_fails_crashes_or_draws_something_else_does_not_work(pretend, start, drawn, message):
+def test_a_driver_that_fails_crashes_or_draws_something_else_does_not_work(pretend, start, drawn, message):
     pretend(start, drawn)
-    found = probe()
-    assert not found.works and not found.hardware and message in found.message and len(found.message.splitlines()) == 1
+    state = probe()
+    assert not state.works and not state.hardware and message in state.message and len(state.message.splitlines()) == 1
 
 
-def test_what_hangs_is_ended(pretend, monkeypatch, tmp_path):
+def test_a_driver_that_hangs_is_ended(pretend, monkeypatch, tmp_path):
     pretend(f"open({str(tmp_path / 'pid')!r}, 'w').write(str(os.getpid())); time.sleep(600)")
     monkeypatch.setattr(egl, "ANSWER_WITHIN", 5.0)
     assert probe() == Egl(False, False, "no answer within 5 s")
@@ -96,13 +96,13 @@ def test_what_hangs_is_ended(pretend, monkeypatch, tmp_path):
             os.kill(int(pid.read_text()), 0)
 
 
-def test_it_is_tried_once(pretend, monkeypatch):
+def test_egl_is_tried_once(pretend, monkeypatch):
     tried = []
     monkeypatch.setattr(egl, "_try", lambda answer: tried.append(answer) or Egl(True, True, "Acme"))
     assert probe() == probe() and len(tried) == 1
 
 
-def test_no_process_and_no_folder_is_an_answer_too(pretend, monkeypatch):
+def test_without_a_process_or_a_folder_egl_does_not_work(pretend, monkeypatch):
     def refused(*_, **__):
         raise OSError("no more processes")
 
@@ -116,11 +116,11 @@ def test_no_process_and_no_folder_is_an_answer_too(pretend, monkeypatch):
 
 def test_without_pybullet_it_does_not_work(pretend, tmp_path):
     (tmp_path / "pybullet.py").write_text("raise ImportError('there is none')")
-    found = probe()
-    assert not found.works and "pybullet cannot be imported" in found.message
+    state = probe()
+    assert not state.works and "pybullet cannot be imported" in state.message
 
 
-def test_where_there_is_no_card_nothing_is_tried(pretend, monkeypatch, tmp_path):
+def test_without_a_graphics_card_egl_is_not_tried(pretend, monkeypatch, tmp_path):
     monkeypatch.setattr(egl, "DEVICES", tmp_path / "dev")
     monkeypatch.setattr(egl, "_try", lambda _: pytest.fail("it was tried"))
     assert not draws_on_a_card()

@@ -82,7 +82,7 @@ def test_a_mesh_without_triangles_is_never_met():
     assert (face == -1).all()
 
 
-def test_it_keeps_what_embree_reads():
+def test_the_arrays_that_embree_reads_are_kept():
     """The arrays that it was given may go; what stands in their place then must not be met."""
     vertices, faces = SQUARE.copy(), HALVES.astype(np.int32)
     triangles = TriangleRays(vertices, faces)
@@ -107,7 +107,7 @@ def test_rays_of_wrong_shapes_are_refused(origins, directions):
         TriangleRays(SQUARE, HALVES).meet(np.zeros(origins), np.ones(directions))
 
 
-def test_closing():
+def test_closed_triangles_refuse_rays():
     triangles = TriangleRays(SQUARE, HALVES)
     triangles.close()
     triangles.close()

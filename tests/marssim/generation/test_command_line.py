@@ -85,5 +85,5 @@ def test_every_setting_on_which_the_content_depends_is_recorded():
     config = asked()
     for field in fields(config):
         if field.name not in ("out", "workers", "scheduler", "scenes", "rig"):
-            found = {**config.content(), "pairs": 1, "drive": 1, "rasterizer": 1}  # the last two: where they count
-            assert field.name in json.dumps(found), field.name
+            content = {**config.content(), "pairs": 1, "drive": 1, "rasterizer": 1}  # the last two: where they count
+            assert field.name in json.dumps(content), field.name

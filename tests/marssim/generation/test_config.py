@@ -218,8 +218,8 @@ def test_places_come_in_turn_and_each_split_has_each_equally_often(count, seed):
         assert sorted(drawn[start : start + count]) == list(range(count))
     for part in (drawn[:cycle], drawn[cycle:]):
         for split, share in (("train", 0.7), ("val", 0.2), ("test", 0.1)):
-            own = [place for scene, place in enumerate(part) if split_of(scene) == split]
-            assert [own.count(place) for place in range(count)] == [round(share * cycle / count)] * count
+            members = [place for scene, place in enumerate(part) if split_of(scene) == split]
+            assert [members.count(place) for place in range(count)] == [round(share * cycle / count)] * count
 
 
 def test_the_order_of_the_places_follows_from_the_seed():

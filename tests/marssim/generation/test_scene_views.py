@@ -56,8 +56,8 @@ def test_a_heightmap_is_recorded_with_its_place_and_datum(sample, tmp_path):
     np.save(tmp_path / "map.npy", np.tile(-2500 + 0.05 * east, (160, 1)))
     relief = replace(SMALL.relief, heightmap=str(tmp_path / "map.npy"), heightmap_scale=1.0, heightmap_at=None)
     bare = replace(relief, ripple_amplitude=0.0, crater_density=0.0)
-    seen = pair(tmp_path / "set", replace(SMALL, relief=bare))
-    recorded, eye = seen.meta["heightmap"], np.array(seen.meta["pose"])[:3, 3]
+    rendered = pair(tmp_path / "set", replace(SMALL, relief=bare))
+    recorded, eye = rendered.meta["heightmap"], np.array(rendered.meta["pose"])[:3, 3]
     assert np.abs(recorded["at"]).min() > 1
     ground = -2500 + 0.05 * (recorded["at"][0] + eye[0])
     assert 1.14 < eye[2] + recorded["datum"] - ground < 1.26

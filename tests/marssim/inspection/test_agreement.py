@@ -58,23 +58,23 @@ class OffCentre:
 
 
 def test_a_renderer_agrees_with_itself(tracer, poses):
-    found = agreement(tracer, tracer, CAMERA, poses)
-    assert (found.views, found.surface, found.depth) == (3, 1.0, 1.0) and found.good
-    assert np.abs([found.smooth, found.silhouette]).max() < 1e-5
+    result = agreement(tracer, tracer, CAMERA, poses)
+    assert (result.views, result.surface, result.depth) == (3, 1.0, 1.0) and result.good
+    assert np.abs([result.smooth, result.silhouette]).max() < 1e-5
 
 
 @pytest.mark.parametrize(("du", "dv"), [(0.1, 0.0), (0.0, 0.1), (-0.3, 0.2), (0.06, -0.06)])
 def test_a_shift_is_found_by_planes_and_by_silhouettes(tracer, poses, du, dv):
-    found = agreement(OffCentre(tracer, du, dv), tracer, CAMERA, poses)
-    assert found.smooth == pytest.approx([du, dv], abs=0.02)
+    result = agreement(OffCentre(tracer, du, dv), tracer, CAMERA, poses)
+    assert result.smooth == pytest.approx([du, dv], abs=0.02)
     # rocks of a few pixels bend the indicator, the more the larger the shift; up to 0.1 px it is exact enough
-    assert found.silhouette == pytest.approx([du, dv], abs=0.02 + 0.25 * np.hypot(du, dv))
-    assert not found.good
+    assert result.silhouette == pytest.approx([du, dv], abs=0.02 + 0.25 * np.hypot(du, dv))
+    assert not result.good
 
 
 def test_half_a_pixel_hides_in_the_depths_but_not_in_the_shift(tracer, poses):
-    found = agreement(OffCentre(tracer, 0.5), tracer, CAMERA, poses)
-    assert found.surface > 0.96 and found.smooth[0] == pytest.approx(0.5, abs=0.05) and not found.good
+    result = agreement(OffCentre(tracer, 0.5), tracer, CAMERA, poses)
+    assert result.surface > 0.96 and result.smooth[0] == pytest.approx(0.5, abs=0.05) and not result.good
 
 
 def test_wrong_depth_is_found(tracer, poses):
@@ -86,9 +86,9 @@ def test_an_undetermined_shift_is_no_agreement():
     fit = ShiftFit()
     fit.add(np.ones((4, 4)), lambda du, dv: np.ones((4, 4)), np.ones((4, 4), bool))
     assert np.isnan(fit.shift).all()
-    found = Agreement(1, 1.0, 1.0, fit.shift, np.zeros(2))
-    assert not found.good
-    assert json.loads(json.dumps(found.report(), allow_nan=False))["smooth_px"] == [None, None]
+    result = Agreement(1, 1.0, 1.0, fit.shift, np.zeros(2))
+    assert not result.good
+    assert json.loads(json.dumps(result.report(), allow_nan=False))["smooth_px"] == [None, None]
 
 
 def test_the_view_that_agrees_least_counts(tracer, poses):
@@ -97,8 +97,8 @@ def test_the_view_that_agrees_least_counts(tracer, poses):
             self.factor = 1.01 if pose is poses[1] else 1.0
             return super().render(camera, pose)
 
-    found = agreement(OnceWrong(tracer), tracer, CAMERA, poses)
-    assert found.depth == 0.0 and found.surface == 1.0 and not found.good
+    result = agreement(OnceWrong(tracer), tracer, CAMERA, poses)
+    assert result.depth == 0.0 and result.surface == 1.0 and not result.good
 
 
 def test_a_drawn_picture_is_compared_before_it_is_corrected(tracer, poses):
@@ -112,8 +112,8 @@ def test_a_drawn_picture_is_compared_before_it_is_corrected(tracer, poses):
             view = super().render(camera, pose)
             return view.depth.astype(float), view.surface
 
-    found = agreement(DrawnBeside(tracer, 0.1, -0.2), tracer, CAMERA, poses)
-    assert found.smooth == pytest.approx([0.1, -0.2], abs=0.02) and found.depth == 1.0
+    result = agreement(DrawnBeside(tracer, 0.1, -0.2), tracer, CAMERA, poses)
+    assert result.smooth == pytest.approx([0.1, -0.2], abs=0.02) and result.depth == 1.0
 
 
 def test_shifts_are_found_on_tilted_planes():

@@ -27,21 +27,21 @@ def test_all_renderers_agree_on_ten_random_views():
 
 
 def test_without_pybullet_the_others_are_checked(monkeypatch):
-    def none_here():
+    def raise_import_error():
         raise ImportError("pybullet cannot be imported (no module): it needs Python 3.11")
 
-    monkeypatch.setattr(module, "import_pybullet", none_here)
+    monkeypatch.setattr(module, "import_pybullet", raise_import_error)
     renderers, notes = module._working_renderers()
     assert list(renderers) == ["scan", "embree"]
     assert notes == ["pybullet is left out: pybullet cannot be imported (no module): it needs Python 3.11"]
 
 
-@pytest.mark.parametrize(("works", "named"), [(True, "EGL draws with Acme"), (False, "EGL does not work here: Acme")])
-def test_egl_is_checked_where_it_works(monkeypatch, works, named):
+@pytest.mark.parametrize(("works", "note"), [(True, "EGL draws with Acme"), (False, "EGL does not work here: Acme")])
+def test_egl_is_checked_where_it_works(monkeypatch, works, note):
     pytest.importorskip("pybullet")
     monkeypatch.setattr(module, "probe", lambda: Egl(works, False, "Acme"))
     renderers, notes = module._working_renderers()
-    assert ("pybullet, EGL" in renderers) == works and len(notes) == 1 and named in notes[0]
+    assert ("pybullet, EGL" in renderers) == works and len(notes) == 1 and note in notes[0]
 
 
 def test_a_shift_on_planes_or_one_that_is_not_known_is_no_agreement():

@@ -55,11 +55,11 @@ def test_a_sample_of_sky_alone_is_drawn(closed_form_set):
 
 
 def test_statistics_are_drawn(closed_form_set):
-    found = {name: SampleStatistics() for name in ("all", "train", "val", "test")}
+    statistics = {name: SampleStatistics() for name in ("all", "train", "val", "test")}
     for name, split in (("all", None), ("train", "train"), ("val", "val")):
         for sample in StereoDataset(closed_form_set, split):
-            found[name].add(sample)
-    image = decoded(statistics_figure(found, "set"))
+            statistics[name].add(sample)
+    image = decoded(statistics_figure(statistics, "set"))
     assert image.shape[:2] == (800, 1400) and image.std() > 20
 
 

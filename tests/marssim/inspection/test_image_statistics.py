@@ -70,11 +70,11 @@ def test_noise_is_not_peaked_and_few_spots_are():
 def test_only_the_mask_counts():
     mask = ALL.copy()
     mask[:, 128:] = False
-    spoiled = np.where(mask, 0.1 * NOISE, 3 * NOISE[::-1])
-    look, whole = ground_texture(np.exp(spoiled), mask), ground_texture(np.exp(0.1 * NOISE), ALL)
-    assert np.allclose(look.contrast, whole.contrast, rtol=0.1)
-    assert look.windows == 7 * 3
-    assert look.shade == pytest.approx(np.exp(0.1 * np.array([-2.326, -1.645, 2.326])), rel=0.03)
+    noisy = np.where(mask, 0.1 * NOISE, 3 * NOISE[::-1])
+    texture, whole = ground_texture(np.exp(noisy), mask), ground_texture(np.exp(0.1 * NOISE), ALL)
+    assert np.allclose(texture.contrast, whole.contrast, rtol=0.1)
+    assert texture.windows == 7 * 3
+    assert texture.shade == pytest.approx(np.exp(0.1 * np.array([-2.326, -1.645, 2.326])), rel=0.03)
     with pytest.raises(ValueError, match="64 x 64 px"):
         ground_texture(np.exp(0.1 * NOISE), ALL & (U < 60))
 

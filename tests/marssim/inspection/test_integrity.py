@@ -24,12 +24,12 @@ def folder(closed_form_set, tmp_path) -> Path:
     return shutil.copytree(closed_form_set, tmp_path / "set")
 
 
-def findings(folder: Path, own: Path | None = None) -> list[str]:
+def findings(folder: Path, results: Path | None = None) -> list[str]:
     dataset = StereoDataset(folder)
-    found = check_index(dataset)
+    reported = check_index(dataset)
     for _, problems in check_samples(dataset):
-        found += problems
-    return [str(finding) for finding in found + check_trajectories(dataset) + check_extra(dataset, own)]
+        reported += problems
+    return [str(finding) for finding in reported + check_trajectories(dataset) + check_extra(dataset, results)]
 
 
 def change(path: Path, edit: Callable[[dict], object]) -> None:
@@ -56,14 +56,14 @@ def record(folder: Path, occluded: bytes) -> None:
 def test_every_image_is_checked(folder, name):
     file = folder / SAMPLE / name
     data = file.read_bytes()
-    for broken, said in (
+    for broken, problem in (
         (data[:-20], "truncated"),
         (data + b"x", "its content is not what sample.json records"),
         (b"", "empty"),
         (data[:60] + bytes([data[60] ^ 1]) + data[61:], "its content is not what sample.json records"),
     ):
         file.write_bytes(broken)
-        assert findings(folder) == [f"{SAMPLE}/{name}: {said}"]
+        assert findings(folder) == [f"{SAMPLE}/{name}: {problem}"]
     file.unlink()
     assert findings(folder) == [f"{SAMPLE}/{name}: missing"]
     file.mkdir()
@@ -74,8 +74,8 @@ def test_a_wrong_image_with_a_right_hash_is_found_by_its_header(folder):
     """Someone wrote the sample again, with its hashes, yet with an image of another size or kind."""
     for image in (np.zeros((5, 7), np.uint8), np.zeros((48, 64, 3), np.uint8), np.zeros((48, 64), np.uint16)):
         record(folder, cv2.imencode(".png", image)[1].tobytes())
-        found = findings(folder)
-        assert len(found) == 1 and found[0].startswith(
+        reported = findings(folder)
+        assert len(reported) == 1 and reported[0].startswith(
             f"{SAMPLE}/occluded.png: {image.shape[1]} x {image.shape[0]} px "
         )
 
@@ -90,7 +90,7 @@ def test_a_file_that_is_no_png_is_found_although_its_hash_is_right(folder):
 
 
 @pytest.mark.parametrize(
-    ("edit", "said"),
+    ("edit", "problem"),
     [
         (lambda c: c.pop("rig"), "rig"),
         (lambda c: c["rig"].pop("fx"), "fx"),
@@ -110,11 +110,11 @@ def test_a_file_that_is_no_png_is_found_although_its_hash_is_right(folder):
         (lambda c: c.update(note="mine"), "its content is not what dataset.json records"),
     ],
 )
-def test_a_broken_sample_json(folder, edit, said):
+def test_a_broken_sample_json(folder, edit, problem):
     change(folder / SAMPLE / "sample.json", edit)
-    found = findings(folder)
-    assert found and found[0].startswith(f"{SAMPLE}/sample.json: ") and said in found[0]
-    assert all(finding.startswith(SAMPLE) for finding in found)
+    reported = findings(folder)
+    assert reported and reported[0].startswith(f"{SAMPLE}/sample.json: ") and problem in reported[0]
+    assert all(finding.startswith(SAMPLE) for finding in reported)
 
 
 def test_a_sample_with_a_broken_json_or_none_is_found(folder):
@@ -127,12 +127,12 @@ def test_a_sample_with_a_broken_json_or_none_is_found(folder):
 
 
 def test_a_report_may_lie_deeper_in_the_dataset(folder):
-    own = folder / "reports" / "today"
-    own.mkdir(parents=True)
-    (own / "statistics.png").write_text("")
-    assert findings(folder, own) == []
+    results = folder / "reports" / "today"
+    results.mkdir(parents=True)
+    (results / "statistics.png").write_text("")
+    assert findings(folder, results) == []
     (folder / "reports" / "notes.txt").write_text("mine")
-    assert findings(folder, own) == ["reports/notes.txt: a file that the index does not list"]
+    assert findings(folder, results) == ["reports/notes.txt: a file that the index does not list"]
 
 
 def test_files_that_do_not_belong_are_named(folder):
@@ -144,8 +144,8 @@ def test_files_that_do_not_belong_are_named(folder):
     (folder / "report").mkdir()
     (folder / ".lock").write_text("")
     (folder / ".README.md.12.part").write_text("half")
-    found = set(findings(folder, folder / "report"))
-    assert found == {
+    reported = set(findings(folder, folder / "report"))
+    assert reported == {
         f"{SAMPLE}/left.png~: a file that the index does not list",
         f"scenes/00001/.02.partial: {UNFINISHED}",
         f".README.md.12.part: {UNFINISHED}",
@@ -157,9 +157,9 @@ def test_files_that_do_not_belong_are_named(folder):
 def test_the_index_is_checked(folder):
     change(folder / "dataset.json", lambda c: c["samples"][2].update(split="train"))
     change(folder / "dataset.json", lambda c: c["samples"].append(c["samples"][0]))
-    found = findings(folder)
-    assert "dataset.json: 00001/00 is in train, its scene belongs to test" in found
-    assert "dataset.json: lists 00000/00 twice" in found and len(found) == 2
+    reported = findings(folder)
+    assert "dataset.json: 00001/00 is in train, its scene belongs to test" in reported
+    assert "dataset.json: lists 00000/00 twice" in reported and len(reported) == 2
 
 
 def test_a_whole_sample_put_in_place_of_another_is_found(folder):

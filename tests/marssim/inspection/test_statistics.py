@@ -56,10 +56,10 @@ def test_shares_are_counted_as_defined():
 
 def test_the_distribution_is_that_of_the_depths():
     depth = np.linspace(0.01, 49.99, 600).reshape(20, 30).astype(np.float32)
-    found = statistics_of([made(depth)])
+    statistics = statistics_of([made(depth)])
     at = np.array([0.0, 5.0, 15.0, 40.0])
-    assert found.share_within(at) == pytest.approx([(depth < d).mean() for d in at], abs=2 / 600)
-    assert found.report()["depth_percentiles_m"]["50"] == pytest.approx(np.median(depth), abs=DEPTH_STEP)
+    assert statistics.share_within(at) == pytest.approx([(depth < d).mean() for d in at], abs=2 / 600)
+    assert statistics.report()["depth_percentiles_m"]["50"] == pytest.approx(np.median(depth), abs=DEPTH_STEP)
 
 
 @given(st.floats(0.5, 14), st.floats(0.5, 14))
@@ -96,8 +96,8 @@ def test_statistics_add_up(closed_form_set):
 def test_values_that_are_no_numbers_do_not_count(odd):
     sample = made(np.full((32, 32), 4.0, np.float32))
     meta = {**sample.meta, "sun_elevation_deg": odd if odd != -1 else -91, "scene_config": {"rocks": {"k": odd}}}
-    found = statistics_of([replace(sample, meta=meta)]).report()
-    assert found["asked_k"] == {} and found["sun_elevation_deg"] == {} and found["cover"] == {}
+    statistics = statistics_of([replace(sample, meta=meta)]).report()
+    assert statistics["asked_k"] == {} and statistics["sun_elevation_deg"] == {} and statistics["cover"] == {}
 
 
 def test_colours_do_not_matter_for_shapes():
@@ -115,13 +115,13 @@ def test_contrast_of_ground_is_that_of_near_ground_without_rocks():
     strength = np.where(rock | (depth > 8), 0.25, 0.05)
     grey = np.clip(120 * np.exp(strength * noise / GAMMA), 0, 255).round().astype(np.uint8)
     sample = replace(made(depth, rock), left=np.repeat(grey[..., None], 3, axis=2))
-    found = statistics_of([sample, made(depth[:60])])  # the second one is too small for a window
-    ground = found.report()["ground"]
+    statistics = statistics_of([sample, made(depth[:60])])  # the second one is too small for a window
+    ground = statistics.report()["ground"]
     assert ground["samples"] == 1 and ground["wavelength_px"] == [45.3, 22.6, 11.3, 5.7, 2.8]
     contrast = np.array(ground["contrast"])
     assert np.sqrt((contrast**2).sum()) == pytest.approx(0.05 * np.sqrt(np.pi / 4), rel=0.15)  # within the ring of 1/2
     assert np.allclose(contrast[1:] / contrast[:-1], 2, rtol=0.35)  # white noise: twice as much in each octave
-    assert abs(ground["slope"]["mean"]) < 0.3 and "contrast of ground" in table({"all": found}, {"all": 2})
+    assert abs(ground["slope"]["mean"]) < 0.3 and "contrast of ground" in table({"all": statistics}, {"all": 2})
     assert len(ground["direction"]) == 4 and np.all(np.array(ground["direction"]) < 1.5)  # alike in all directions
     assert ground["shade"][0] < ground["shade"][1] < 1 < ground["shade"][2]
 
@@ -133,13 +133,13 @@ def test_the_table_shows_peakedness_and_the_width_of_edges():
     step = np.where(np.arange(192) < 96, 60.0, 120.0) * np.ones((128, 1))
     grounds = {"dots": 100 + 80 * cv2.GaussianBlur(dots, (0, 0), 1), "step": cv2.GaussianBlur(step, (0, 0), 1)}
     grounds["noise"] = 100 + 3 * np.random.default_rng(0).standard_normal(dots.shape)
-    found = {}
+    statistics = {}
     for name, grey in grounds.items():
         image = np.repeat(np.clip(grey, 0, 255).round().astype(np.uint8)[..., None], 3, axis=2)
-        found[name] = statistics_of([replace(made(np.full(dots.shape, 4.0, np.float32)), left=image)])
-    report = {name: of.report() for name, of in found.items()}
+        statistics[name] = statistics_of([replace(made(np.full(dots.shape, 4.0, np.float32)), left=image)])
+    report = {name: part.report() for name, part in statistics.items()}
     assert report["dots"]["ground"]["peakedness"][0] > 5 and abs(report["noise"]["ground"]["peakedness"][0]) < 1
     assert report["step"]["edge_width_px"]["mean"] == pytest.approx(2.56, rel=0.15)
-    lines = table(found, dict.fromkeys(found, 1)).splitlines()
+    lines = table(statistics, dict.fromkeys(statistics, 1)).splitlines()
     assert any(line.startswith("peakedness of ground") for line in lines)
     assert any(line.startswith("width of edges") for line in lines)

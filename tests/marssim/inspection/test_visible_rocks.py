@@ -47,29 +47,29 @@ def test_level_ground_has_its_area():
 def test_rocks_are_about_as_wide_as_their_outlines_from_above():
     """Every rock's own diameter, which is that of its outline on the map, against its width from the side."""
     scene = build_scene(SceneConfig(size=16.0, horizon=24.0, rocks=RockConfig(k=0.1)), np.random.default_rng(1))
-    maker = EmbreeRenderer(scene)
-    seen, drawn, cover, there = [], [], RockCover(), 0.0
+    renderer = EmbreeRenderer(scene)
+    measured, drawn, cover, expected = [], [], RockCover(), 0.0
     for n in range(6):
         at = np.array([2.5 * np.cos(n), 2.5 * np.sin(n)])
         pose = look_pose(np.array([*at, float(scene.terrain.height_at(*at)) + 1.6]), 0.8 * n, np.deg2rad(25))
-        view = maker.render(RIG.camera, pose)
+        view = renderer.render(RIG.camera, pose)
         sample = rendered(view.depth, view.normal, np.maximum(view.surface, 0), pose)
         number, diameter, _ = visible_rocks(sample)
-        seen.append(diameter)
+        measured.append(diameter)
         drawn.append(scene.rocks.diameter[number - 1])
         cover.add(sample, 0.1)
         offset = scene.rocks.centre - pose[:3, 3]
         u, v = RIG.camera.project(offset @ pose[:3, :3]).T
         in_view = (np.abs(u - 127.5) < 128) & (np.abs(v - 127.5) < 128) & (np.hypot(*offset[:, :2].T) <= REACH)
-        there += np.pi / 4 * (scene.rocks.diameter[in_view & (scene.rocks.diameter >= 0.1)] ** 2).sum()
-    maker.close()
-    width, outline = np.concatenate(seen), np.concatenate(drawn)
+        expected += np.pi / 4 * (scene.rocks.diameter[in_view & (scene.rocks.diameter >= 0.1)] ** 2).sum()
+    renderer.close()
+    width, outline = np.concatenate(measured), np.concatenate(drawn)
     large = outline > 0.1
     assert large.sum() > 50
     assert np.median(width[large] / outline[large]) == pytest.approx(1, abs=0.12)
     assert (width[large] ** 2).sum() / (outline[large] ** 2).sum() == pytest.approx(1, abs=0.25)
     report = cover.report()
-    assert report["seen"][0] * report["ground_m2"] == pytest.approx(there, rel=0.2)  # also what is hidden or cut
+    assert report["seen"][0] * report["ground_m2"] == pytest.approx(expected, rel=0.2)  # also what is hidden or cut
     assert (np.diff(report["seen"]) <= 0).all() and report["asked"][0] == pytest.approx(0.1 * np.exp(-0.331), abs=1e-3)
     assert f"D {DIAMETERS[0]} m" in cover.table()
     total = sampling_spread(np.array(DIAMETERS), 0.1, report["ground_m2"])

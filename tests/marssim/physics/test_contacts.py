@@ -43,7 +43,7 @@ def test_a_rock_is_met_by_what_runs_into_it(make_scene, dynamics, y, expected):
 
 @pytest.mark.parametrize("dynamics", ["kinematic", "physics"])
 @pytest.mark.parametrize(("height", "expected"), [(0.2, Contacts()), (0.45, Contacts(chassis=True))])
-def test_a_hump_between_the_wheels_is_met_by_the_chassis_where_it_is_higher_than_that(
+def test_the_chassis_meets_a_hump_between_the_wheels_that_is_higher_than_its_clearance(
     make_scene, dynamics, height, expected
 ):
     """Ground, not rock: 0.32 m are free under the chassis. It is half as wide as the way between the wheels."""

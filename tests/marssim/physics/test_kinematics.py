@@ -40,7 +40,7 @@ def test_one_wheel_on_a_block(make_scene):
     assert settled.roll == pytest.approx(0.05 / 1.2, abs=0.01)  # a side's height is the mean of its wheels
 
 
-def test_outside_is_refused(make_scene):
+def test_a_place_outside_the_scene_is_refused(make_scene):
     with pytest.raises(ValueError, match="outside"):
         settle(make_scene(), ZHURONG, 5.0, 0.0, 0.0)
 

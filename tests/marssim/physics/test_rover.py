@@ -31,7 +31,7 @@ def slope(degrees, azimuth=0.0):
     return lambda x, y: rise * (np.cos(azimuth) * x + np.sin(azimuth) * y)
 
 
-def test_weighs_what_the_specification_says_and_draws_where_it_is(make_scene):
+def test_the_rover_has_its_mass_and_its_parts_lie_at_its_links(make_scene):
     with PhysicsWorld(make_scene(slope(8.0, 0.7))) as world:
         rover = Rover(world, 0.5, -0.3, 1.0)
         links = range(-1, p.getNumJoints(rover._body, physicsClientId=world.client))

@@ -62,7 +62,7 @@ def test_time_is_carried_over_between_steps(make_scene):
         assert world.time == pytest.approx(0.24, abs=1 / 240)
 
 
-def test_close_twice_and_use_after(make_scene):
+def test_a_world_can_be_closed_twice_and_refuses_steps_then(make_scene):
     world = PhysicsWorld(make_scene(half=2.0))
     world.close()
     world.close()

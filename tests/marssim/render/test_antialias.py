@@ -26,11 +26,11 @@ def random_view(seed: int) -> tuple[GBuffer, np.ndarray, np.ndarray]:
     return GBuffer(depth, empty, empty, surface), rng.random(shape) < rng.choice([0.0, 0.9, 1.0]), colour
 
 
-def borders(seen: np.ndarray) -> np.ndarray:
+def borders(shown: np.ndarray) -> np.ndarray:
     """(H, W) bool: pixels beside one with another id, above, below, left or right."""
-    around = np.pad(seen, 1, mode="edge")
+    around = np.pad(shown, 1, mode="edge")
     beside = around[1:-1, 2:], around[1:-1, :-2], around[2:, 1:-1], around[:-2, 1:-1]
-    return np.any([seen != other for other in beside], axis=0)
+    return np.any([shown != other for other in beside], axis=0)
 
 
 @given(st.integers(0, 10**6))
@@ -79,7 +79,7 @@ def test_rays_of_a_pixel_are_spread_about_its_centre():
     assert np.allclose(rays.mean(axis=1), CAMERA.rays().reshape(-1, 3)[pixels], atol=1e-12)
 
 
-def told(view, lit, colour, pixel, ray, z, own):
+def expected_colour(view, lit, colour, pixel, ray, z, own):
     """The plain definition of colours_beside for one ray; None where the neighbours do not tell."""
     row, column = divmod(int(pixel), CAMERA.width)
     du, dv = SUBPIXELS[ray]
@@ -104,7 +104,7 @@ def test_a_ray_takes_the_colour_of_pixels_that_show_the_same_place(seed):
     depth = np.where(surface == SKY, np.inf, rng.choice([2.0, 3.0, 5.0], len(surface))).astype(np.float32)
     samples, known = colours_beside(pixels, depth, surface, view, lit, colour)
     for k in range(len(surface)):
-        expected = told(view, lit, colour, pixels[k // 4], k % 4, depth[k], surface[k])
+        expected = expected_colour(view, lit, colour, pixels[k // 4], k % 4, depth[k], surface[k])
         assert known[k] == (expected is not None)
         if known[k]:
             assert samples[k] == pytest.approx(expected, rel=1e-5)

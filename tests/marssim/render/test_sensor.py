@@ -89,7 +89,7 @@ def test_vignetting_darkens_the_corners_by_its_share(loss):
     assert np.allclose(image[0, 50] / image[50, 50], 1 - loss / 2, atol=0.01)
 
 
-def test_point_spread():
+def test_the_point_spread_has_its_standard_deviation():
     radiance = flat(0.1, 40)
     radiance[:, 20:] = 0.6
     sharp = CLEAN.expose(radiance, 1.0, np.random.default_rng(0))
@@ -104,7 +104,7 @@ def test_point_spread():
     assert (spread * (centre - 19.5) ** 2).sum() / spread.sum() == pytest.approx(0.6**2, rel=0.1)
 
 
-def test_black_and_white():
+def test_darkness_is_nearly_black_and_overexposure_nearly_white():
     sensor = replace(CLEAN, full_well=4000, read_noise=4)
     assert sensor.expose(flat(0.0), 1.0, np.random.default_rng(0)).max() < 30
     bright = sensor.expose(flat(50.0), 1.0, np.random.default_rng(0))
@@ -170,6 +170,6 @@ def test_draws_lie_in_their_ranges_and_follow_the_seed():
         ("full_well", (4000.0, float("inf"))),
     ],
 )
-def test_what_no_detector_is_gets_refused(name, value):
+def test_impossible_detectors_are_refused(name, value):
     with pytest.raises(ValueError, match=name):
         SensorConfig(**{name: value})

@@ -89,7 +89,7 @@ def test_the_right_image_moved_by_the_disparity_is_the_left_one(frame):
     assert off < 0.8 * min(wrong[1:3]) and off < 0.6 * min(wrong[0], wrong[3])
 
 
-def test_with_noise_they_differ_by_no_more_than_noise(scene, renderer, pose, frame):
+def test_warped_images_with_noise_differ_by_no_more_than_noise(scene, renderer, pose, frame):
     noisy = pair(scene, renderer, pose, NOISY)
     where = comparable(frame) & (frame.left.min(axis=-1) > 30)
 

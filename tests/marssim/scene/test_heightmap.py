@@ -115,8 +115,8 @@ def test_place_and_datum_lead_back_to_the_files_heights(tmp_path, at):
     terrain = build(tmp_path / "map.npy", heightmap_scale=0.5, heightmap_at=at)
     assert at in (None, terrain.at) and terrain.height_at(0.0, 0.0) == pytest.approx(0, abs=1e-9)
     x, y = np.random.default_rng(0).uniform(-4, 4, (2, 200))
-    there = surface(x + terrain.at[0], y + terrain.at[1]) - 2500
-    assert terrain.height_at(x, y) + terrain.datum == pytest.approx(there, abs=0.03)
+    expected_heights = surface(x + terrain.at[0], y + terrain.at[1]) - 2500
+    assert terrain.height_at(x, y) + terrain.datum == pytest.approx(expected_heights, abs=0.03)
 
 
 def test_a_scene_may_draw_its_own_place_and_keeps_off_gaps(tmp_path):
@@ -146,8 +146,8 @@ def test_only_what_equals_the_nodata_value_is_a_gap(tmp_path, kind, nodata, empt
     values = np.full((12, 12), 55537, kind)
     if empty is not None:
         values[3, 4] = empty
-    found = read(geotiff(tmp_path / "map.tif", values, nodata=nodata)).heights[::-1]
-    assert np.isnan(found[3, 4]) == (empty is not None) and np.isnan(found).sum() == (empty is not None)
+    read_back = read(geotiff(tmp_path / "map.tif", values, nodata=nodata)).heights[::-1]
+    assert np.isnan(read_back[3, 4]) == (empty is not None) and np.isnan(read_back).sum() == (empty is not None)
 
 
 @pytest.mark.parametrize("cell", [1.0, 0.1, 0.3])
@@ -176,7 +176,7 @@ def test_only_craters_too_small_for_the_map_are_added(tmp_path):
     assert np.ptp(build(tmp_path / "fine.npy", **fine).fine.heights) == 0
 
 
-def test_the_config_tells_which_file_it_was(tmp_path):
+def test_the_config_records_the_digest_of_the_file(tmp_path):
     np.save(path := tmp_path / "map.npy", np.zeros((60, 60)))
     config = ReliefConfig(heightmap=str(path), heightmap_scale=1.0)
     assert config.heightmap_sha256 == file_digest(str(path)) and len(config.heightmap_sha256) == 64
@@ -302,7 +302,7 @@ def broken(tmp_path, case):
         ("not square", "not square"), ("no tags", "`relief.heightmap_scale`"), ("odd nodata", "nodata"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_with_a_file_is_said_in_a_line(tmp_path, case, says, capfd):
+def test_a_broken_file_is_one_line(tmp_path, case, says, capfd):
     path, config = broken(tmp_path, case)
     capfd.readouterr()
     with pytest.raises(ValueError, match=r"^`relief\.heightmap` /") as error:

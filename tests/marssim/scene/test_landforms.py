@@ -22,7 +22,7 @@ def dig(ratio, diameter=3.0, fill=4.0):
 
 
 @pytest.mark.parametrize("ratio", [0.2, 0.1, 0.03])
-def test_a_crater_is_as_deep_from_rim_to_floor_as_told(ratio):
+def test_a_crater_has_its_depth_from_rim_to_floor(ratio):
     x, heights = dig(ratio)
     assert np.ptp(heights) == pytest.approx(ratio * 3.0, rel=0.02)
     rim = np.unravel_index(heights.argmax(), heights.shape)
@@ -43,7 +43,7 @@ def test_a_profile_has_no_steps(freshness):
     assert np.ptp(profile) == pytest.approx(1, abs=1e-6)
 
 
-def test_craters_are_as_many_as_told_and_fall_with_the_square_of_their_size():
+def test_the_number_of_craters_falls_with_the_square_of_their_size():
     config = ReliefConfig(crater_density=0.05, crater_max_diameter=20.0)
     many = [Craters(config, 50.0, 20.0, np.random.default_rng(seed)).diameter for seed in range(20)]
     count = np.array([sum((d > size).sum() for d in many) for size in (1.0, 2.0, 4.0)]) / 20

@@ -62,13 +62,13 @@ def test_a_drive_is_smooth_and_passes_the_rocks(scene, seed, step):
 
 
 @pytest.mark.parametrize("seed", [2, 4])
-def test_amid_rocks_it_keeps_half_the_rover_off_their_corners(seed):
+def test_a_drive_keeps_half_the_rovers_width_off_the_corners_of_rocks(seed):
     """Ways on which outline discs of the rocks' diameter let corners come as near as 0.66 and 0.52 m."""
     rocky = build_scene(SceneConfig(rocks=RockConfig(k=0.2, min_diameter=0.4)), np.random.default_rng(3))
     assert ZHURONG.width / 2 <= room(rocky, drive(rocky, seed)) < 1.0
 
 
-def test_it_follows_the_seed_and_its_beginning_does_not_depend_on_its_length(tilted):
+def test_a_drive_follows_the_seed_and_its_start_does_not_depend_on_its_length(tilted):
     assert np.array_equal(drive(tilted, 4), drive(tilted, 4))
     assert not np.array_equal(drive(tilted, 4), drive(tilted, 5))
     assert np.array_equal(drive(tilted, 4, count=6), drive(tilted, 4)[:6])
@@ -108,7 +108,7 @@ def test_tum_format_is_read_back_by_another_hand():
         assert np.allclose(rotation, pose[:3, :3], atol=1e-7)
 
 
-def test_where_rocks_leave_no_way_it_is_told():
+def test_rocks_that_leave_no_path_are_an_error():
     config = SceneConfig(size=16.0, horizon=20.0, rocks=RockConfig(k=0.2, min_diameter=0.1))
     rocky = build_scene(config, np.random.default_rng(0))
     low, tall = (replace(rocky, rocks=replace(rocky.rocks, height=np.full(len(rocky.rocks), h))) for h in (0.1, 1.0))
@@ -117,7 +117,7 @@ def test_where_rocks_leave_no_way_it_is_told():
         drive(tall, 0, count=9)
 
 
-def test_where_the_scene_is_too_small_for_the_way_it_is_told():
+def test_a_scene_too_small_for_the_drive_is_an_error():
     small = build_scene(SceneConfig(size=8.0, horizon=12.0, rocks=RockConfig(k=0.0)), np.random.default_rng(0))
     with pytest.raises(ValueError, match=r"no path of 195 m .* `drive.step`"):
         draw_trajectory(small, VIEW, TrajectoryConfig(step=5.0), 40, np.random.default_rng(0))

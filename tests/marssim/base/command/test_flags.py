@@ -65,7 +65,7 @@ def test_every_kind_of_list_flag_is_joined():
     )  # fmt: skip
 
 
-def test_of_any_other_flag_the_last_one_counts():
+def test_the_last_value_of_any_other_flag_counts():
     assert parsed("--pair", "1", "2", "--count", "3", "--count", "4", "--pair", "-3", "-2") == Settings(
         pair=(-3.0, -2.0), count=4
     )

@@ -14,7 +14,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     return now
 
 
-def test_a_log_gets_a_line_now_and_then_and_the_last(clock: list[float], capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_log_gets_a_line_every_20_s_and_the_last(clock: list[float], capsys: pytest.CaptureFixture[str]) -> None:
     with progress(50, "pair", "generate") as bar:
         for _ in range(50):
             clock[0] += 1
@@ -26,7 +26,7 @@ def test_a_log_gets_a_line_now_and_then_and_the_last(clock: list[float], capsys:
     ]
 
 
-def test_what_is_soon_done_says_nothing_in_a_log(clock: list[float], capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_short_task_prints_no_line_to_a_log(clock: list[float], capsys: pytest.CaptureFixture[str]) -> None:
     items = []
     for item in watched("abc", "view", "look"):
         clock[0] += 5
@@ -35,7 +35,7 @@ def test_what_is_soon_done_says_nothing_in_a_log(clock: list[float], capsys: pyt
     assert capsys.readouterr().err == ""
 
 
-def test_what_is_cut_short_says_how_far_it_came(clock: list[float], capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_interrupted_task_prints_how_far_it_came(clock: list[float], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(ValueError), progress(100, "pair", "export") as bar:
         clock[0] += 30
         bar.update(7)

@@ -99,9 +99,9 @@ def run(capsys, work, *args: str, **more: str) -> tuple[int, str]:
 
 
 def test_a_good_command_line_reaches_the_work(capsys):
-    seen = []
-    assert run(capsys, seen.append, "--count", "3", "--part.angle", "2", "4") == (0, "")
-    assert seen == [Settings(Path("x"), 3, part=Part((2.0, 4.0)))]
+    configs = []
+    assert run(capsys, configs.append, "--count", "3", "--part.angle", "2", "4") == (0, "")
+    assert configs == [Settings(Path("x"), 3, part=Part((2.0, 4.0)))]
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "ascii"])  # the parser draws another frame where it cannot draw lines
@@ -158,8 +158,8 @@ def test_all_that_is_missing_is_named():
 def test_help_goes_to_stdout(capsys):
     with pytest.raises(SystemExit) as end:
         run_command(print, Settings, "settings", "About settings.", ["--help"])
-    said = capsys.readouterr()
-    assert end.value.code == 0 and "a range" in said.out and "About settings." in said.out and said.err == ""
+    output = capsys.readouterr()
+    assert end.value.code == 0 and "a range" in output.out and "About settings." in output.out and output.err == ""
 
 
 @pytest.mark.parametrize(
@@ -184,7 +184,7 @@ def test_help_goes_to_stdout(capsys):
         (RuntimeError("a bug"), RuntimeError),
     ],
 )
-def test_mistakes_are_told_and_bugs_are_shown(error, line, capsys):
+def test_mistakes_are_one_line_and_bugs_show_their_traceback(error, line, capsys):
     if isinstance(line, type):
         with pytest.raises(line):
             run(capsys, failing(error))
@@ -200,7 +200,7 @@ def refusing(number: int, path: Path):
 
 
 @pytest.mark.parametrize(
-    ("number", "at", "told"),
+    ("number", "at", "message"),
     [
         (errno.EACCES, "made/x", "--out made/x: permission denied"),
         (errno.EROFS, "made/x/a.png", "--out made/x: {}/made/x/a.png: read-only file system"),
@@ -210,11 +210,11 @@ def refusing(number: int, path: Path):
         (errno.ENOENT, "made/x/a.png", "{}/made/x/a.png: no such file or directory"),
     ],
 )
-def test_what_cannot_be_written_names_the_flag(number, at, told, tmp_path, monkeypatch, capsys):
+def test_an_error_of_writing_names_the_flag(number, at, message, tmp_path, monkeypatch, capsys):
     """Whether the flag was given as a relative path or not."""
     monkeypatch.chdir(tmp_path)
     work = refusing(number, tmp_path / at)
-    line = f"error: {told.format(tmp_path)}\n"
+    line = f"error: {message.format(tmp_path)}\n"
     assert run(capsys, work, "--out", "made/x") == (2, line)
     whole = line.replace("--out made/x", f"--out {tmp_path}/made/x")
     assert run(capsys, work, "--out", str(tmp_path / "made/x")) == (2, whole)
@@ -227,17 +227,17 @@ def test_a_command_without_an_output_folder_names_the_file(capsys):
 
 def test_broken_pools_and_interrupts_say_how_to_go_on(capsys):
     assert "the same command goes on" in describe(BrokenExecutor())
-    told = ValueError("`relief.heightmap` /a/b.png: too small; choose a smaller `horizon` and `pip install x`")
-    assert describe(told) == "--relief.heightmap /a/b.png: too small; choose a smaller --horizon and `pip install x`"
+    error = ValueError("`relief.heightmap` /a/b.png: too small; choose a smaller `horizon` and `pip install x`")
+    assert describe(error) == "--relief.heightmap /a/b.png: too small; choose a smaller --horizon and `pip install x`"
     assert describe(ValueError("give `relief.heightmap_at`")) == "give --relief.heightmap-at"
     assert describe(BrokenExecutor("--scheduler tcp://a:1: it was lost")) == "--scheduler tcp://a:1: it was lost"
-    code, said = run(capsys, failing(KeyboardInterrupt()), interrupted="nothing was written")
-    assert (code, said) == (130, "error: interrupted; nothing was written\n")
+    code, output = run(capsys, failing(KeyboardInterrupt()), interrupted="nothing was written")
+    assert (code, output) == (130, "error: interrupted; nothing was written\n")
 
 
-def test_work_that_came_to_a_bad_end_is_told_from_a_mistake(capsys):
-    code, said = run(capsys, failing(FloatingPointError("training has diverged")))
-    assert code == 1 and said == "error: training has diverged\n"
+def test_work_that_ended_badly_has_another_exit_code_than_a_mistake(capsys):
+    code, output = run(capsys, failing(FloatingPointError("training has diverged")))
+    assert code == 1 and output == "error: training has diverged\n"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -253,8 +253,8 @@ def test_a_signal_from_the_shell(number):
     process = subprocess.Popen([sys.executable, "-c", program], stdin=-1, stdout=-1, stderr=-1, text=True)
     assert process.stdout is not None and process.stdout.readline() == "at work\n"
     os.kill(process.pid, number)
-    _, said = process.communicate()
-    assert (process.returncode, said) == (130, "error: interrupted; the same command goes on from here\n")
+    _, output = process.communicate()
+    assert (process.returncode, output) == (130, "error: interrupted; the same command goes on from here\n")
 
 
 def test_sigterm_is_left_as_it_was():
@@ -265,7 +265,7 @@ def test_sigterm_is_left_as_it_was():
     assert exit_code(lambda: None) == 0 and signal.getsignal(signal.SIGTERM) is before
 
 
-def test_who_reads_one_line_is_not_told_of_a_broken_pipe():
+def test_a_reader_that_closes_the_pipe_causes_no_message():
     code = "\n".join([
         "import sys", "from marssim.base.command.run import exit_code",
         "sys.exit(exit_code(lambda: [print('line', i) for i in range(100_000)]))",
@@ -276,7 +276,7 @@ def test_who_reads_one_line_is_not_told_of_a_broken_pipe():
     assert writer.stderr.read() == "" and writer.wait() == 141
 
 
-def test_a_pipe_to_a_worker_that_breaks_is_told(capsys):
+def test_a_broken_pipe_to_a_worker_is_one_line(capsys):
     def work():
         raise BrokenPipeError(errno.EPIPE, "Broken pipe")
 

@@ -58,7 +58,7 @@ def test_a_command_ignores_what_it_was_started_to_ignore(name):
     assert (done.returncode, done.stdout, done.stderr) == (0, "went on\n", "")
 
 
-def test_a_thread_runs_without():
+def test_a_thread_runs_without_noting_signals():
     lists = []
 
     def work():

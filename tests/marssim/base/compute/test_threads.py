@@ -18,7 +18,7 @@ def test_results_come_in_order_from_several_threads():
     assert list(in_threads(work, range(50), 2)) == [job * job for job in range(50)]
 
 
-def test_an_error_starts_no_more():
+def test_after_an_error_no_more_jobs_start():
     started = []
 
     def work(job: int) -> int:

@@ -34,7 +34,7 @@ def fail_first(number: int, folder: Path) -> None:
     wait_for(lambda: (folder / "go").exists())
 
 
-def own_pid(_: int) -> int:
+def process_id(_: int) -> int:
     return os.getpid()
 
 
@@ -47,19 +47,19 @@ def touch_and_wait(folder: Path, name: str) -> None:
     time.sleep(120)
 
 
-LOCAL: dict = {}  # by address: a scheduler in this process, and the event that its client was told
+LOCAL: dict = {}  # by address: a scheduler in this process, and the event that its client was notified
 
 
 def lose_the_worker(_: int) -> None:
     """What a dask scheduler does when the connection to a worker breaks; here it lives in this process."""
     distributed = pytest.importorskip("distributed")
     worker = distributed.get_worker()
-    scheduler, told = LOCAL[worker.scheduler.address]
+    scheduler, notified = LOCAL[worker.scheduler.address]
     scheduler.loop.add_callback(scheduler.remove_worker, worker.address, stimulus_id="lost")
-    told.wait(60)
+    notified.wait(60)
 
 
-def gone(pid: int) -> bool:
+def has_ended(pid: int) -> bool:
     """Has a process ended? One that nobody has waited for yet has, too."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
@@ -104,10 +104,10 @@ def test_every_task_is_done_once(where, request):
 @pytest.mark.parametrize("where", ["here", "processes", "dask"])
 def test_a_tasks_error_reaches_the_caller(where, request):
     options = options_of(where, request)
-    seen = []
+    results = []
     with pytest.raises(ValueError, match="3 is bad"):
-        run_tasks(fail_at, [(n, 3) for n in range(40)], lambda task, result: seen.append(result), **options)
-    assert 3 not in seen and (where != "here" or seen == [0, 1, 2])
+        run_tasks(fail_at, [(n, 3) for n in range(40)], lambda task, result: results.append(result), **options)
+    assert 3 not in results and (where != "here" or results == [0, 1, 2])
 
 
 @pytest.mark.parametrize("where", ["here", "processes", "dask"])
@@ -130,21 +130,21 @@ def test_nothing_to_do_starts_nothing(monkeypatch):
 def test_processes_are_replaced_and_the_run_does_not_come_to_stand_still(monkeypatch):
     monkeypatch.setattr(workers, "TASKS_PER_WORKER", 2)
     pids: list[int] = []
-    run_tasks(own_pid, [(n,) for n in range(9)], lambda _, pid: pids.append(pid), workers=2)
+    run_tasks(process_id, [(n,) for n in range(9)], lambda _, pid: pids.append(pid), workers=2)
     assert len(pids) == 9 and os.getpid() not in pids
-    assert max(pids.count(pid) for pid in pids) <= 2 and all(gone(pid) for pid in pids)
+    assert max(pids.count(pid) for pid in pids) <= 2 and all(has_ended(pid) for pid in pids)
 
 
 def test_a_worker_has_one_thread_and_the_environment_is_left_as_it_was(monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "2")
     monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
-    seen = []
-    run_tasks(threads, [(0,), (1,)], lambda _, result: seen.append(result), workers=2)
-    assert seen == [(1, ["1"] * len(workers.THREADS))] * 2
+    results = []
+    run_tasks(threads, [(0,), (1,)], lambda _, result: results.append(result), workers=2)
+    assert results == [(1, ["1"] * len(workers.THREADS))] * 2
     assert os.environ["OMP_NUM_THREADS"] == "2" and "MKL_NUM_THREADS" not in os.environ
 
 
-def test_a_killed_worker_is_told_and_the_others_end_at_once(tmp_path):
+def test_a_killed_worker_is_an_error_and_the_others_end_at_once(tmp_path):
     def kill_one() -> None:
         wait_for(lambda: all((tmp_path / name).is_file() and (tmp_path / name).read_text() for name in "ab"))
         os.kill(int((tmp_path / "a").read_text()), signal.SIGKILL)
@@ -154,7 +154,7 @@ def test_a_killed_worker_is_told_and_the_others_end_at_once(tmp_path):
     with pytest.raises(BrokenExecutor, match=r"worker process was killed.*goes on.*--workers"):
         run_tasks(touch_and_wait, [(tmp_path, "a"), (tmp_path, "b")], print, workers=2)
     killer.join()
-    assert gone(int((tmp_path / "b").read_text()))
+    assert has_ended(int((tmp_path / "b").read_text()))
 
 
 PROGRAM = """
@@ -180,11 +180,11 @@ def test_no_worker_outlives_its_parent(tmp_path, number):
         os.killpg(process.pid, number)
     else:
         process.kill()
-    said = process.communicate(timeout=60)[1]
+    stderr = process.communicate(timeout=60)[1]
     pids = [int((tmp_path / name).read_text()) for name in "ab"]
-    wait_for(lambda: all(gone(pid) for pid in pids))
+    wait_for(lambda: all(has_ended(pid) for pid in pids))
     if number == signal.SIGINT:
-        assert said.count("KeyboardInterrupt") == 1 and "Process" not in said.replace("ProcessPool", "")
+        assert stderr.count("KeyboardInterrupt") == 1 and "Process" not in stderr.replace("ProcessPool", "")
 
 
 def test_a_scheduler_that_does_not_answer_is_one_line(monkeypatch):
@@ -193,9 +193,9 @@ def test_a_scheduler_that_does_not_answer_is_one_line(monkeypatch):
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
-        with pytest.raises(OSError, match=rf"^--scheduler {address}: ") as told:
+        with pytest.raises(OSError, match=rf"^--scheduler {address}: ") as error:
             run_tasks(slow_square, [(1,)], print, scheduler=address)
-    assert len(str(told.value).splitlines()) == 1
+    assert len(str(error.value).splitlines()) == 1
 
 
 @pytest.mark.parametrize("address", ["nonsense", "carrier-pigeon://roof", "tls://127.0.0.1:8786", ""])
@@ -207,7 +207,7 @@ def test_an_address_that_is_none_is_one_line_and_no_client_is_made(address, monk
         run_tasks(slow_square, [(1,)], print, scheduler=address)
 
 
-def test_what_listens_and_is_no_scheduler_is_one_line(monkeypatch):
+def test_a_server_that_is_no_scheduler_is_one_line(monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr(workers, "ANSWER_WITHIN", 0.5)
     with socket.socket() as silent:
@@ -224,7 +224,7 @@ def test_without_dask_the_extra_is_named(monkeypatch):
         run_tasks(slow_square, [(1,)], print, scheduler="tcp://127.0.0.1:1")
 
 
-def test_a_cluster_whose_workers_die_is_told(monkeypatch):
+def test_a_cluster_whose_workers_die_is_an_error(monkeypatch):
     distributed = pytest.importorskip("distributed")
     import dask
 
@@ -234,9 +234,9 @@ def test_a_cluster_whose_workers_die_is_told(monkeypatch):
         dask.config.set({"distributed.scheduler.allowed-failures": 0}),
         distributed.LocalCluster(n_workers=1, threads_per_worker=1, **options) as local,
     ):
-        told = threading.Event()
-        LOCAL[local.scheduler_address] = local.scheduler, told
+        notified = threading.Event()
+        LOCAL[local.scheduler_address] = local.scheduler, notified
         with pytest.raises(BrokenExecutor, match=rf"^--scheduler {local.scheduler_address}: .*lost.*goes on"):
             run_tasks(lose_the_worker, [(0,)], print, scheduler=local.scheduler_address)
-        told.set()
+        notified.set()
         del LOCAL[local.scheduler_address]

@@ -231,7 +231,7 @@ def test_an_unfinished_dataset_says_what_completes_it(dataset):
         StereoDataset(dataset)
 
 
-def test_no_dataset_there(tmp_path):
+def test_a_path_without_a_dataset_is_named(tmp_path):
     (tmp_path / "README.md").touch()
     with pytest.raises(DatasetError, match=r"README\.md: is a file; give the dataset's folder"):
         StereoDataset(tmp_path / "README.md")

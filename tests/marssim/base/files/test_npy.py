@@ -14,13 +14,13 @@ def whole(values: np.ndarray, save=np.save) -> bytes:
     return file.getvalue()
 
 
-def test_what_numpy_wrote_is_read(tmp_path):
+def test_a_file_that_numpy_wrote_is_read(tmp_path):
     (tmp_path / "a.npy").write_bytes(whole(VALUES.T))
     assert np.array_equal(read_npy(tmp_path / "a.npy"), VALUES.T)
     assert np.array_equal(read_npy(str(tmp_path / "a.npy")), VALUES.T)
 
 
-def lying() -> bytes:
+def wrong_header() -> bytes:
     file = io.BytesIO()
     header = {"descr": "<f8", "fortran_order": False, "shape": (10**6, 10**6)}
     np.lib.format.write_array_header_1_0(file, header)
@@ -35,7 +35,7 @@ FAULTS = {
     "archive": whole(VALUES, np.savez),
     "only begun": b"\x93NUMPY",
     "cut off": whole(VALUES)[:-1],
-    "a header that lies": lying(),
+    "a header that lies": wrong_header(),
     "a header without end": whole(VALUES).replace(b"}", b" "),
     "a header of no type": whole(VALUES).replace(b"<f4", b"<04"),
     "a negative side": whole(VALUES).replace(b"(3, 4)", b"(3,-4)"),
@@ -45,9 +45,9 @@ FAULTS = {
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_broken_file_is_one_error_of_one_line(tmp_path, fault):
     (tmp_path / "a.npy").write_bytes(FAULTS[fault])
-    with pytest.raises(ValueError, match=r"\S") as told:
+    with pytest.raises(ValueError, match=r"\S") as error:
         read_npy(tmp_path / "a.npy")
-    assert len(str(told.value).splitlines()) == 1
+    assert len(str(error.value).splitlines()) == 1
 
 
 def test_a_file_that_cannot_be_opened(tmp_path):

@@ -13,21 +13,21 @@ def test_header_and_rows_are_as_readers_want_them():
     assert struct.unpack("<6f", data[len(b"Pf\n3 2\n-1\n") :]) == (4.0, 5.0, 6.0, 1.5, np.inf, 3.0)
 
 
-def test_what_it_cannot_hold():
+def test_nan_and_colours_are_refused():
     with pytest.raises(ValueError, match="NaN"):
         encode_pfm(np.array([[np.nan]]))
     with pytest.raises(ValueError, match=r"\(2, 2, 3\)"):
         encode_pfm(np.zeros((2, 2, 3)))
 
 
-def test_what_is_written_is_read():
+def test_a_written_map_is_read_back():
     image = np.random.default_rng(0).normal(size=(5, 7)).astype(np.float32)
     image[2, 3] = np.inf
     assert np.array_equal(decode_pfm(encode_pfm(image)), image)
 
 
 @pytest.mark.parametrize("scale", ["-0.003922", "-1.0", "-3e-2", "1", "0.5"])
-def test_of_the_scale_the_sign_alone_means_something(scale):
+def test_only_the_sign_of_the_scale_counts(scale):
     """As Middlebury's rules say: 1/255 in the header does not make 10 px 2550."""
     values = np.array([[[1, 2, 3], [4, 5, 6]], [[7, 8, 9], [10, 11, 12]]], np.float32)
     order = "<f4" if scale.startswith("-") else ">f4"
@@ -43,5 +43,5 @@ def test_of_the_scale_the_sign_alone_means_something(scale):
         b"Pf\n2 2\n-1e-e\n" + bytes(16), b"Pf\n2 2", b"Pf\n-2 -2\n-1\n" + bytes(16),
     ],
 )  # fmt: skip
-def test_what_is_broken_is_none(data):
+def test_a_broken_file_gives_none(data):
     assert decode_pfm(data) is None

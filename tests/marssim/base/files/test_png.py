@@ -20,9 +20,9 @@ def test_whole_files_are_read_as_they_were_written(kind, shape):
 
 @given(place=st.integers(0, len(FILE) - 1), bits=st.integers(1, 255))
 def test_a_changed_byte_is_noticed(place, bits):
-    spoilt = bytearray(FILE)
-    spoilt[place] ^= bits
-    assert not is_whole(bytes(spoilt))
+    corrupted = bytearray(FILE)
+    corrupted[place] ^= bits
+    assert not is_whole(bytes(corrupted))
 
 
 @given(length=st.integers(0, len(FILE) - 1))
@@ -31,8 +31,8 @@ def test_a_file_that_is_cut_off_is_noticed(length):
 
 
 @pytest.mark.parametrize(
-    "spoil", [lambda f: f[:-30], lambda f: f[:60] + b"\0" + f[61:], lambda f: b"", lambda f: b"GIF"]
+    "corrupt", [lambda f: f[:-30], lambda f: f[:60] + b"\0" + f[61:], lambda f: b"", lambda f: b"GIF"]
 )
-def test_nothing_is_said_of_a_broken_file(spoil, capfd):
-    assert decode_png(spoil(FILE)) is None
+def test_a_broken_file_prints_nothing(corrupt, capfd):
+    assert decode_png(corrupt(FILE)) is None
     assert capfd.readouterr() == ("", "")

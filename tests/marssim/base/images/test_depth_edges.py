@@ -12,10 +12,10 @@ def test_edges_are_those_of_a_plain_search(seed, share):
     rng = np.random.default_rng(seed)
     disparity = rng.choice([0.0, 5.0, 5.5, 7.0, 60.0, 61.1, 80.0, np.nan, np.inf], (9, 11)).astype(np.float32)
     known = np.where(np.isfinite(disparity), disparity, 0)
-    found = depth_edges(disparity, 1.0, share)
+    edges = depth_edges(disparity, 1.0, share)
     for row, column in np.ndindex(*disparity.shape):
         near = known[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2]
-        assert found[row, column] == (near.max() - near.min() > max(1.0, share * near.max()))
+        assert edges[row, column] == (near.max() - near.min() > max(1.0, share * near.max()))
 
 
 def test_level_ground_has_no_edges():

@@ -17,7 +17,7 @@ def threads(request):
 
 
 @pytest.mark.parametrize("share", [0.0005, 0.01, 0.3])
-def test_to_the_last_bit_with_any_number_of_threads(threads, share):
+def test_distances_have_the_same_bits_with_any_number_of_threads(threads, share):
     free = np.random.default_rng(7).random((240, 260)) > share
     free[20, 30] = False
     np.testing.assert_array_equal(euclidean_distance(free), distance_transform_edt(free).astype(np.float32))
@@ -32,7 +32,7 @@ def test_one_cell_that_is_not_free(height, width, data):
     np.testing.assert_array_equal(euclidean_distance(free), np.hypot(y - row, x - column).astype(np.float32))
 
 
-def test_far_from_everything(threads):
+def test_distances_beyond_500_cells_are_within_a_millionth(threads):
     free = np.ones((3, 1500), bool)
     free[1, 0] = False
     distance, expected = euclidean_distance(free), distance_transform_edt(free).astype(np.float32)
@@ -40,6 +40,6 @@ def test_far_from_everything(threads):
     np.testing.assert_allclose(distance, expected, rtol=1e-6)
 
 
-def test_nothing_to_measure_a_distance_to():
+def test_a_grid_of_free_cells_alone_is_refused():
     with pytest.raises(ValueError, match="every cell is free"):
         euclidean_distance(np.ones((4, 4), bool))

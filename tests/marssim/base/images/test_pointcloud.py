@@ -80,7 +80,7 @@ def test_the_files_are_what_others_read(sample):
     assert np.array_equal(np.asarray(mesh.visual.vertex_colors)[:, :3], mesh_colours)
 
 
-def test_nothing_makes_an_empty_cloud_and_no_mesh(sample):
+def test_without_points_the_cloud_is_empty_and_there_is_no_mesh(sample):
     none = np.zeros((0, 3))
     empty = encode_ply(none, none)
     assert empty.endswith(b"end_header\n") and trimesh.load(io.BytesIO(empty), file_type="ply").is_empty

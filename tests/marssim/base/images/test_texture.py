@@ -61,9 +61,9 @@ def pattern_by_hand(image: np.ndarray, y: int, x: int) -> int:
 
 @given(hnp.arrays(np.uint8, (5, 6)))
 def test_patterns_against_a_pixel_at_a_time(image):
-    found = local_binary_patterns(image)
+    codes = local_binary_patterns(image)
     by_hand = [[pattern_by_hand(image.astype(float), y, x) for x in range(1, 5)] for y in range(1, 4)]
-    assert found.tolist() == by_hand
+    assert codes.tolist() == by_hand
 
 
 def test_58_codes_are_uniform():

@@ -56,7 +56,7 @@ def test_a_digest_that_differs_is_called_other_data(tmp_path):
         claimed(tmp_path, settings={"sha256": "2" * 64, "seed": 2}, digests=("sha256",))
 
 
-def test_settings_that_are_not_finite_are_noted_and_found_again(tmp_path):
+def test_settings_that_are_not_finite_are_continued(tmp_path):
     """JSON has no infinity, so it is written as null."""
     settings = {"farthest": math.inf}
     claimed(tmp_path, settings=settings)
@@ -66,7 +66,7 @@ def test_settings_that_are_not_finite_are_noted_and_found_again(tmp_path):
     assert claimed(tmp_path, settings=settings) is not None
 
 
-def test_settings_of_which_nothing_came_are_replaced(tmp_path):
+def test_settings_without_results_are_replaced(tmp_path):
     def has_results(out):
         return (out / "done").exists()
 
@@ -110,7 +110,7 @@ def test_a_text_marks_a_folder_whose_results_are_replaced(tmp_path):
     assert claimed(tmp_path, mark="MINE.txt", mark_text="made by a test\n") == {}
 
 
-def test_what_a_killed_run_has_half_written_is_removed(tmp_path):
+def test_half_written_files_of_a_killed_run_are_deleted(tmp_path):
     claimed(tmp_path)
     (tmp_path / ".results.json.123.part").touch()
     (tmp_path / "scenes" / ".00.partial").mkdir(parents=True)
@@ -124,7 +124,7 @@ def test_what_a_killed_run_has_half_written_is_removed(tmp_path):
 
 
 @pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock")
-def test_two_at_once_are_refused(tmp_path):
+def test_a_second_command_in_the_folder_is_refused(tmp_path):
     with folder_of(tmp_path).claim(), pytest.raises(FolderInUse, match=rf"\(process {os.getpid()} .*let it end first$"):
         claimed(tmp_path)
     with sole_writer(tmp_path / "new"), pytest.raises(FolderInUse):
@@ -146,7 +146,7 @@ def test_the_check_is_repeated_once_the_folder_is_held(tmp_path, monkeypatch):
         claimed(tmp_path)
 
 
-def test_a_folder_that_was_made_goes_if_nothing_came(tmp_path):
+def test_a_new_folder_is_deleted_if_nothing_was_written(tmp_path):
     def failing(out, writes):
         with pytest.raises(KeyError), folder_of(out, mark=None).claim():
             if writes:

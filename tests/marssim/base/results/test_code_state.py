@@ -1,4 +1,4 @@
-"""One state of the code told from another."""
+"""The digest of the source code, and the files of modules."""
 
 import json
 

@@ -22,7 +22,7 @@ needs_flock = pytest.mark.skipif(lock.fcntl is None, reason="this system has no 
 
 
 def holder(folder: Path) -> subprocess.Popen[str]:
-    """Another process that holds the folder until it is told to go on, or killed."""
+    """Another process that holds the folder until the test lets it go on or kills it."""
     process = subprocess.Popen([sys.executable, "-c", HOLD, str(folder)], stdin=-1, stdout=-1, text=True)
     assert process.stdout is not None and process.stdout.readline() == "held\n"
     return process
@@ -36,7 +36,7 @@ def test_the_folder_is_made_and_nothing_stays(tmp_path):
 
 
 @needs_flock
-def test_a_second_writer_is_told_who_is_there(tmp_path):
+def test_the_error_of_a_second_writer_names_the_first(tmp_path):
     with (
         sole_writer(tmp_path),
         pytest.raises(FolderInUse, match=rf"^{tmp_path}: another command \(process {os.getpid()} on .*\) is writing"),
@@ -63,7 +63,7 @@ def test_the_lock_ends_with_its_process(tmp_path, ending):
 
 
 @needs_flock
-def test_whether_a_folder_is_in_use_can_be_asked(tmp_path):
+def test_check_unused_refuses_a_folder_only_while_a_command_writes_to_it(tmp_path):
     check_unused(tmp_path / "nowhere")
     check_unused(tmp_path)
     (tmp_path / ".lock").write_text("process 1 on a machine that was switched off")
@@ -81,7 +81,7 @@ def test_whether_a_folder_is_in_use_can_be_asked(tmp_path):
 
 
 @needs_flock
-def test_an_error_lets_go(tmp_path):
+def test_an_error_releases_the_lock(tmp_path):
     with pytest.raises(KeyError), sole_writer(tmp_path):
         raise KeyError
     with sole_writer(tmp_path):
@@ -89,7 +89,7 @@ def test_an_error_lets_go(tmp_path):
 
 
 @needs_flock
-def test_never_two_at_once(tmp_path):
+def test_two_writers_never_hold_the_lock_at_once(tmp_path):
     """Many who come and go: the file that one has removed is not taken for the lock by another who had opened it."""
     inside: list[int] = []
 

@@ -30,13 +30,13 @@ def test_no_dataset_is_made_in_another(tmp_path):
     assert not (tmp_path / "made" / "more").exists()
 
 
-def test_a_file_takes_none_either(tmp_path):
+def test_a_file_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(DatasetError, match=r"^--out .*file: is not a folder; choose another$"):
         check_out(tmp_path / "file")
 
 
-def test_any_other_folder_does(tmp_path):
+def test_any_other_folder_is_accepted(tmp_path):
     """One around a dataset, one that is not there yet, and one with a generate.json of somebody else's."""
     (tmp_path / "data" / "scenes").mkdir(parents=True)
     (tmp_path / "data" / "generate.json").write_text("{}")

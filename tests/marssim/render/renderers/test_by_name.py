@@ -53,13 +53,13 @@ def test_scanning_needs_neither_embree_nor_pybullet():
         "pose = np.diag([1.0, -1, -1, 1]); pose[2, 3] = 5.0;"
         "print(make_renderer('scan', scene).render(NATECAM.resized(32, 32).camera, pose).hit.mean())"
     )
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert float(found.stdout) == 1.0
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert float(process.stdout) == 1.0
 
 
 def test_the_renderers_need_no_command_line():
     code = (
         "import sys, marssim.render.renderers.by_name; print({'tyro', 'tqdm', 'marssim.generate'} & set(sys.modules))"
     )
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout.strip() == "set()"
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert process.stdout.strip() == "set()"

@@ -45,10 +45,10 @@ def rasterizer(scene):
     renderer.close()
 
 
-def test_it_sees_what_scanning_sees(scene, poses, rasterizer):
-    found = agreements({"egl": rasterizer}, ScanRenderer(scene), CAMERA, poses)["egl"]
-    assert found.surface > 0.998 and found.depth > 0.999, str(found)
-    assert found.good, str(found)  # also of its depth as it was drawn
+def test_egl_agrees_with_scanning(scene, poses, rasterizer):
+    agreement = agreements({"egl": rasterizer}, ScanRenderer(scene), CAMERA, poses)["egl"]
+    assert agreement.surface > 0.998 and agreement.depth > 0.999, str(agreement)
+    assert agreement.good, str(agreement)  # also of its depth as it was drawn
     assert (rasterizer.render(CAMERA, poses[0]).surface > 0).mean() > 0.02, (
         "the view shows no rocks: it tests too little"
     )
@@ -103,13 +103,13 @@ def test_one_may_be_open_in_a_process(scene, poses, rasterizer):
     other.close()
 
 
-def test_where_it_does_not_work_that_is_one_line(scene, monkeypatch):
-    monkeypatch.setattr(egl_tiles, "probe", lambda: Egl(False, False, "the trial ended with -11: nothing was said"))
-    with pytest.raises(OSError, match=r"^PyBullet cannot draw with EGL here: the trial ended with -11"):
+def test_where_egl_does_not_work_there_is_one_line(scene, monkeypatch):
+    monkeypatch.setattr(egl_tiles, "probe", lambda: Egl(False, False, "the test ended with exit code -11"))
+    with pytest.raises(OSError, match=r"^PyBullet cannot draw with EGL here: the test ended with exit code -11"):
         PyBulletRenderer(scene, egl=True)
 
 
-def test_it_prints_nothing(rasterizer):
+def test_egl_prints_nothing(rasterizer):
     """Its C code does, when it starts, when it draws and when it ends."""
     code = (
         "import numpy as np; from marssim.render.renderers.pybullet_renderer import PyBulletRenderer;"

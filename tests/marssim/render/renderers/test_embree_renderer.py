@@ -95,12 +95,12 @@ def test_a_tilted_plane_has_its_closed_form(bare, name, slope, yaw, pitch, roll)
     with np.errstate(divide="ignore", invalid="ignore"):
         depth = -(eye @ up) / (rays @ up)
         place = np.abs(eye + depth[..., None] * rays)[..., :2].max(axis=-1)
-    there = (depth > 0) & (place < 11.9)
+    within_reach = (depth > 0) & (place < 11.9)
     nothing = ~(depth > 0) | (place > 12.1)
-    assert (view.surface[there] == GROUND).all()
-    assert np.allclose(view.depth[there], depth[there], rtol=1e-4)
-    assert np.allclose(view.normal[there], pose[:3, :3].T @ up, atol=1e-5)
-    assert np.allclose(view.shading_normal[there], up, atol=1e-5)
+    assert (view.surface[within_reach] == GROUND).all()
+    assert np.allclose(view.depth[within_reach], depth[within_reach], rtol=1e-4)
+    assert np.allclose(view.normal[within_reach], pose[:3, :3].T @ up, atol=1e-5)
+    assert np.allclose(view.shading_normal[within_reach], up, atol=1e-5)
     assert (view.surface[nothing] == SKY).all() and np.isinf(view.depth[nothing]).all()
 
 
@@ -147,7 +147,7 @@ def test_normals_are_unit_and_face_the_camera(raycaster, pose):
     assert np.isinf(view.depth[~hit]).all() and not view.normal[~hit].any() and not view.shading_normal[~hit].any()
 
 
-def test_the_sky_alone(raycaster, pose):
+def test_a_view_of_the_sky_alone(raycaster, pose):
     view = raycaster.render(CAMERA, look_pose(pose[:3, 3], 0.0, np.deg2rad(-70)))
     assert (view.surface == SKY).all() and np.isinf(view.depth).all()
 
@@ -161,8 +161,8 @@ def test_surface_ids_name_what_stands_there(scene, raycaster, pose):
     assert len(np.unique(view.surface[rock])) > 10
     for surface in np.unique(view.surface[rock]):
         corner = scene.rocks.vertices[scene.rocks.faces[scene.rocks.face_rock == surface - 1]].reshape(-1, 3)
-        seen = points[view.surface == surface]
-        assert (seen >= corner.min(axis=0) - 1e-4).all() and (seen <= corner.max(axis=0) + 1e-4).all()
+        visible = points[view.surface == surface]
+        assert (visible >= corner.min(axis=0) - 1e-4).all() and (visible <= corner.max(axis=0) + 1e-4).all()
 
 
 def test_rays_are_those_of_brute_force(raycaster, pose, corners):
@@ -195,12 +195,12 @@ def test_what_another_eye_sees_is_that_of_brute_force(raycaster, pose, corners):
     points, normals = view.world(CAMERA, pose)[view.hit], view.normal[view.hit] @ pose[:3, :3].T
     eye = pose[:3, 3] + 1.5 * pose[:3, 0] - 0.7 * np.array([0, 0, 1])
     facing = np.einsum("ij,ij->i", normals, eye - points) > 0
-    seen = raycaster.visible_from(points, normals, eye)
-    assert not seen[~facing].any()
-    points, normals, seen = points[facing], normals[facing], seen[facing]
-    for n in balanced(seen, np.random.default_rng(1)):
+    visible = raycaster.visible_from(points, normals, eye)
+    assert not visible[~facing].any()
+    points, normals, visible = points[facing], normals[facing], visible[facing]
+    for n in balanced(visible, np.random.default_rng(1)):
         start = points[n] + SELF_GAP * normals[n]
-        assert seen[n] == (nearest_hit(start, eye - points[n], corners) > 1)
+        assert visible[n] == (nearest_hit(start, eye - points[n], corners) > 1)
 
 
 def test_what_stands_behind_the_eye_hides_nothing():
@@ -219,14 +219,14 @@ def test_rays_between_pixels_are_those_of_a_shifted_camera(raycaster, pose):
     assert np.isclose(depth.reshape(view.depth.shape), view.depth, rtol=1e-5).mean() > 0.998
 
 
-def test_it_can_stand_in_for_any_maker(raycaster):
+def test_an_embree_renderer_answers_queries_without_points(raycaster):
     renderer: Renderer = raycaster
     none = np.zeros((0, 3))
     assert renderer.lit(none, none).shape == renderer.visible_from(none, none, np.zeros(3)).shape == (0,)
 
 
 @pytest.mark.parametrize("name", ["embree", "scan"])
-def test_close_twice_and_use_after(bare, name):
+def test_a_renderer_can_be_closed_twice_and_refuses_views_then(bare, name):
     renderer = make_renderer(name, bare)
     renderer.close()
     renderer.close()

@@ -98,7 +98,7 @@ def test_normals_are_unit_and_face_the_camera(scene, rasterizer):
     assert (view.surface[~hit] == SKY).all() and (~hit).any()
 
 
-def test_the_sky_alone(scene, rasterizer):
+def test_a_view_of_the_sky_alone(scene, rasterizer):
     view = rasterizer.render(LEVEL, pose_over(scene, 0.0, 0.0, 0.0, pitch_deg=-60.0))
     assert not view.hit.any()
 
@@ -106,23 +106,23 @@ def test_the_sky_alone(scene, rasterizer):
 def test_a_view_does_not_depend_on_those_before_it(scene):
     """A generation that was stopped goes on without the views that are there, and must write the same bytes."""
     poses = [pose_over(scene, *place) for place in ((0.0, 0.0, 0.3), (0.12, 0.05, 0.32), (0.3, 0.3, 0.4), (0, -1, 0.2))]
-    through, seen = PyBulletRenderer(scene), []
+    through, visible = PyBulletRenderer(scene), []
     for pose in poses:
-        seen.append(all_that_is_seen(through, pose))
+        visible.append(visible_surfaces(through, pose))
     through.close()
-    for pose, expected in zip(poses[1:], seen[1:]):
+    for pose, expected in zip(poses[1:], visible[1:]):
         alone = PyBulletRenderer(scene)
-        for ours, theirs in zip(all_that_is_seen(alone, pose), expected):
+        for ours, theirs in zip(visible_surfaces(alone, pose), expected):
             assert np.array_equal(ours, theirs)
         alone.close()
 
 
-def all_that_is_seen(renderer: PyBulletRenderer, pose: np.ndarray) -> list[np.ndarray]:
+def visible_surfaces(renderer: PyBulletRenderer, pose: np.ndarray) -> list[np.ndarray]:
     view = renderer.render(LEVEL, pose)
     points, normals = view.world(LEVEL, pose)[view.hit], view.normal[view.hit] @ pose[:3, :3].T
     eye = pose[:3, 3] + 0.27 * pose[:3, 0]
-    lit, seen = renderer.lit(points, normals), renderer.visible_from(points, normals, eye)
-    return [view.depth, view.normal, view.shading_normal, view.surface, lit, seen]
+    lit, visible = renderer.lit(points, normals), renderer.visible_from(points, normals, eye)
+    return [view.depth, view.normal, view.shading_normal, view.surface, lit, visible]
 
 
 def test_no_points_are_no_error(rasterizer):
@@ -147,7 +147,7 @@ def test_a_plane_without_rocks_has_its_closed_form():
     renderer.close()
 
 
-def test_close_twice_and_use_after():
+def test_a_renderer_can_be_closed_twice_and_refuses_views_then():
     renderer = PyBulletRenderer(build_scene(SceneConfig(size=4.0, horizon=6.0), np.random.default_rng(0)))
     renderer.close()
     renderer.close()

@@ -50,7 +50,7 @@ def pose_at(scene, x, y, above, yaw, pitch, roll) -> np.ndarray:
     pitch=st.floats(-0.3, 1.55),
     roll=st.floats(-0.6, 0.6),
 )
-def test_it_sees_what_embree_sees(scene, scanner, caster, place, above, yaw, pitch, roll):
+def test_scanning_agrees_with_embree(scene, scanner, caster, place, above, yaw, pitch, roll):
     pose = pose_at(scene, *place, above, yaw, pitch, roll)
     scanned, shot = scanner.render(CAMERA, pose), caster.render(CAMERA, pose)
     # Embree works in float32: at silhouettes a ray may pass on the other side
@@ -64,7 +64,7 @@ def test_it_sees_what_embree_sees(scene, scanner, caster, place, above, yaw, pit
     assert (turn > 0.99999).mean() > 0.998
 
 
-def test_it_sees_what_rays_between_the_pixels_see(scene, scanner):
+def test_scanning_agrees_with_rays_between_the_pixels(scene, scanner):
     """The same rays as points of no raster, looked up by bins."""
     mesh = scene_mesh(scene)
     rays = CAMERA.rays().reshape(-1, 3)

@@ -75,7 +75,7 @@ def test_octaves_fade_out_by_two_pixels(wavelength, ratio, less):
         assert weight == pytest.approx(1, abs=1e-6)
 
 
-def test_what_a_pixel_cannot_show_is_gone():
+def test_octaves_finer_than_two_pixels_are_left_out():
     uv = places(600)
     footprint = np.repeat([0.36, 0.051], 300)  # the coarsest octave is under two pixels; it alone is not
     total = sums(uv, footprint, seed=3)
@@ -84,7 +84,7 @@ def test_what_a_pixel_cannot_show_is_gone():
 
 
 @pytest.mark.parametrize("seed", [0, 2**31 + 1])
-def test_unit_variance(seed):
+def test_noise_has_unit_variance(seed):
     tile = noise_tile(seed)[:-1, :-1]
     assert np.allclose(tile.std(axis=(0, 1)), 1, atol=1e-3) and np.allclose(tile.mean(axis=(0, 1)), 0, atol=1e-3)
     sampled = noise(places(20_000), WAVELENGTHS, seed, 1)

@@ -28,7 +28,7 @@ def test_the_more_is_swept_the_more_plates_show_and_joints_never(seed):
     assert (cover > 1.2).mean() > 0.03
 
 
-def test_it_has_no_seam():
+def test_a_pavement_has_no_seam():
     tile = finest(0)
     for axis in (0, 1):
         step = np.abs(np.diff(tile, axis=axis)).mean(axis=(0, 1))

@@ -15,7 +15,7 @@ def look_up(tile, side, uv, footprint, cosine, sine, offset):
 
 
 @pytest.mark.parametrize("side", [8, 32])
-def test_it_keeps_codes_at_every_level_and_the_mean_at_the_last(side):
+def test_a_pyramid_keeps_codes_at_every_level_and_the_mean_at_the_last(side):
     finest = np.random.default_rng(0).uniform(-CODES, CODES, (side, side, CHANNELS)).astype(np.float32)
     tile = pyramid(finest)
     assert len(tile) == (4 * side * side - 1) // 3 and tile.dtype == np.int8

@@ -21,7 +21,7 @@ def test_counts_are_those_of_the_published_table():
         assert got == pytest.approx([at_tenth, at_third, at_metre], rel=0.05, abs=0.005)
 
 
-def test_drawn_diameters_cover_what_the_law_says_and_scatter_as_told():
+def test_drawn_diameters_cover_and_scatter_as_the_law_says():
     drawn = [draw_diameters(0.07, 0.1, 400.0, np.random.default_rng(seed)) for seed in range(300)]
     areas = np.array([np.sum(np.pi / 4 * d**2) / 400 for d in drawn])
     assert all((np.diff(d) <= 0).all() for d in drawn)

@@ -58,8 +58,8 @@ def test_rocks_cluster_in_the_middle_too_though_most_large_ones_lie_outside():
 
     def near(cluster):
         xy = place(d, inner, outer, cluster, np.random.default_rng(1))[inner == 0]
-        own = d[inner == 0]
-        large = own > np.quantile(own, 0.7)
+        members = d[inner == 0]
+        large = members > np.quantile(members, 0.7)
         return np.median(cKDTree(xy[large]).query(xy[~large])[0])
 
     assert near(0.9) < 0.8 * near(0.0)

@@ -29,8 +29,8 @@ def test_outlines_are_those_that_rays_from_above_see():
         hit = embree.run(origins, np.tile(np.array([0, 0, -1], np.float32), (len(origins), 1)), output=True)
         top = np.where(hit["primID"] >= 0, 2 - hit["tfar"], -np.inf)
         for buried in (0.0, 0.22, 0.45):
-            seen = float(library.exposed_outline(np.array([shape]), np.array([buried]))[0])
-            assert seen == pytest.approx(np.sum(top > buried) * 0.013**2, rel=0.03)
+            area = float(library.exposed_outline(np.array([shape]), np.array([buried]))[0])
+            assert area == pytest.approx(np.sum(top > buried) * 0.013**2, rel=0.03)
 
 
 def test_outline_of_a_half_buried_sphere_is_its_disc():
