@@ -25,7 +25,7 @@ class LookConfig:
     sun_azimuth_deg: Range = (0.0, 360.0)
     """Direction of the sun [deg], LOW HIGH, counter-clockwise from east: 90 is north."""
     optical_depth: Range = (0.3, 1.0)
-    """Optical depth of the dust in the air, LOW HIGH: 0.3 is a clear sky, 1 a hazy one, and 10 a dust storm."""
+    """Optical depth of the dust in the air, LOW HIGH: 0.3 is a clear sky, 1 a hazy one, and 5 or more a dust storm."""
     albedo_contrast: Range = (0.3, 1.3)
     """Contrast of the ground's pattern of bright and dark patches, LOW HIGH: 0 has none, 1 is typical, 3 the most."""
     texture_strength: Range = (0.35, 1.2)
