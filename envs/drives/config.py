@@ -56,8 +56,8 @@ class EvaluateConfig:
     sun_elevation_deg: float | None = None
     """Height of the sun above the horizon [deg]. Left out: drawn from the scene's range."""
     optical_depth: float | None = None
-    """Optical depth of the dust in the air: 0.3 is a clear sky, 1 a hazy one, 5 or more a dust storm. Left out: drawn from
-    the scene's range."""
+    """Optical depth of the dust in the air: 0.3 is a clear sky, 1 a hazy one, 5 or more a dust storm. Left out: drawn
+    from the scene's range."""
     albedo_contrast: float | None = None
     """Contrast of the ground's bright and dark patches, 0 to 3. Left out: drawn from the scene's range."""
     texture_strength: float | None = None
