@@ -8,7 +8,8 @@ import re
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import redirect_stderr
-from dataclasses import is_dataclass
+from dataclasses import fields, is_dataclass
+from inspect import cleandoc
 from types import UnionType
 from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -16,6 +17,7 @@ from marssim.base.version import VERSION_FLAG, VERSION_LINE
 
 _RULE = re.compile(r"[─-]{8,}")  # line between two parts of the parser's message
 _TYPE_PREFIX = re.compile(r"no type matching .*<class '\w+'>: ")  # begins the message on an optional flag
+_annotated: set[type] = set()  # the configs whose fields bear their help
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")  # control sequence of a terminal
 
 Config = TypeVar("Config")
@@ -52,6 +54,7 @@ def parse(
         raise SystemExit(0)
     defaults: dict[str, Any] = {} if default is None else {"default": default}
     output = io.StringIO()
+    _annotate_help(config)
     try:
         with redirect_stderr(output):
             return tyro.cli(
@@ -63,6 +66,30 @@ def parse(
         if not end.code:
             raise
         raise ValueError(_parse_error(output.getvalue(), end.__context__, config)) from None
+
+
+def _annotate_help(config: type) -> None:
+    """Annotate the fields of a config, and of its parts, with their docstrings as paragraphs of one line each.
+
+    tyro would take the docstrings by itself, but then breaks the lines of --help where the source does.
+    """
+    import docstring_parser
+    from typing_extensions import Doc
+
+    if config in _annotated:
+        return
+    _annotated.add(config)
+    for part, _ in _parts(config).values():
+        _annotate_help(part)
+    for owner in config.__mro__:
+        if not is_dataclass(owner) or "__annotations__" not in vars(owner):
+            continue
+        hints = get_type_hints(owner, include_extras=True)
+        helps = {entry.arg_name: entry.description for entry in docstring_parser.parse_from_object(owner).params}
+        for name in {field.name for field in fields(owner)} & set(owner.__annotations__):
+            if text := cleandoc(helps.get(name) or ""):
+                paragraphs = (" ".join(paragraph.split()) for paragraph in text.split("\n\n"))
+                owner.__annotations__[name] = Annotated[hints[name], Doc("\n\n".join(paragraphs))]
 
 
 def joined(args: Sequence[str], flags: set[str]) -> list[str]:

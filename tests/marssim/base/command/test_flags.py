@@ -1,5 +1,6 @@
 """The command line as a dataclass: repeated flags and the version."""
 
+import re
 import subprocess
 import sys
 from dataclasses import dataclass, field
@@ -80,6 +81,37 @@ def test_words_that_are_no_flags_stay_where_they_are():
 def test_an_unknown_flag_that_is_repeated_is_named():
     with pytest.raises(ValueError, match=r"unknown option --driver \(did you mean --driver-name\?\)"):
         parsed("--driver", "a", "--driver", "b")
+
+
+@dataclass(frozen=True)
+class Long:
+    turns: int = 1
+    """How often
+    it turns, in
+    all."""
+    flat: Annotated[int, tyro.conf.arg(name="even")] = 2
+    """A first
+    paragraph.
+
+    A second."""
+
+
+@dataclass(frozen=True)
+class Longer(Long):
+    last: int = 3
+    part: Long = Long()
+
+
+def test_help_does_not_break_lines_where_the_source_does(capsys):
+    with pytest.raises(SystemExit):
+        parse(Longer, "some command", "It does.", ["--help"])
+    shown = " ".join(capsys.readouterr().out.translate(str.maketrans("│", " ")).splitlines())
+    shown = re.sub("  +", "  ", shown)
+    for flag in ("--turns INT", "--part.turns INT"):
+        assert f" {flag}  How often it turns, in all. (default: 1) " in shown
+    for flag in ("--even INT", "--part.even INT"):
+        assert f" {flag}  A first paragraph.  A second. (default: 2) " in shown
+    assert " --last INT  (default: 3) " in shown
 
 
 @pytest.mark.parametrize("module", [*COMMANDS, "marssim.generate", "marssim.abundance", "m3depth.train", "nav.replay"])
