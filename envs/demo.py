@@ -92,14 +92,14 @@ def _demo(config: DemoConfig, network: Estimator, sgbm: Estimator, started: floa
     data = config.out / "data"
     if data.exists():
         shutil.rmtree(data)  # the mark stays, so that a demo that is killed here can start again
-    asked = GenerateConfig(
+    generate_config = GenerateConfig(
         out=data, pairs=config.pairs, seed=SEED, workers=config.workers, scenes=(load_place(config.scene),),
         renderer=default_renderer(),
     )  # fmt: skip
     if not pybullet_is_installed():
         print_note(WITHOUT_PYBULLET)
-    print(f"1. {counted(config.pairs, 'stereo pair')} of {config.scene}, rendered by {asked.renderer}")
-    dataset = generate_dataset(asked)
+    print(f"1. {counted(config.pairs, 'stereo pair')} of {config.scene}, rendered by {generate_config.renderer}")
+    dataset = generate_dataset(generate_config)
     shutil.copy(data / "contact_sheet.png", config.out / "contact_sheet.png")
 
     print("2. depth and normals by M3Depth and by SGBM")
@@ -126,7 +126,8 @@ def _demo(config: DemoConfig, network: Estimator, sgbm: Estimator, started: floa
     write_atomically(config.out / "drive.png", encode_png(still[..., ::-1]))
     summary = config.out / "summary.md"
     seconds = perf_counter() - started
-    write_atomically(summary, _summary(config, asked.renderer, dataset, result, table, record, seconds).encode())
+    page = _summary(config, generate_config.renderer, dataset, result, table, record, seconds)
+    write_atomically(summary, page.encode())
     return summary
 
 

@@ -138,11 +138,11 @@ def _film(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence[Episo
         write_json(noted, filmed)
 
 
-def _run(config: EvaluateConfig, tasks: list[Task], done: Callable[[Task, EpisodeRecord], None]) -> None:
+def _run(config: EvaluateConfig, tasks: list[Task], save: Callable[[Task, EpisodeRecord], None]) -> None:
     with progress(len(tasks), "episode", "drive") as bar:
 
         def finished(task: tuple[EvaluateConfig, Task], record: EpisodeRecord) -> None:
-            done(task[1], record)
+            save(task[1], record)
             bar.update()
 
         run_tasks(drive, [(config, task) for task in tasks], finished, config.workers, config.scheduler)

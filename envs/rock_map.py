@@ -29,10 +29,10 @@ from nav.ground.elevation import ElevationConfig
 
 BESIDE = 0.3  # [m] around a rock, within which what stands out belongs to the rock
 RANGE_ERROR = 1.0  # [px] error of the disparity within which a rock counts as displaced
-CUT = 0.5  # [m] before the end of the map's range, where only parts of rocks may be on it
+RIM = 0.5  # [m] before the end of the map's range, where only parts of rocks may be on it
 RULES = f"""\
 Rocks, their heights and distances are those of m3depth.evaluation.rock_scores, to
-{ElevationConfig.max_range - CUT:g} m of depth; the map ends at {ElevationConfig.max_range:g} m. A rock is found if a
+{ElevationConfig.max_range - RIM:g} m of depth; the map ends at {ElevationConfig.max_range:g} m. A rock is found if a
 cell on it, or beside it, stands out by that much; its height is that of the highest such cell. A rock is left unknown
 if it is not found and the map knows less than half of its cells. A connected patch of such cells belongs to no rock if
 nothing within 0.3 m truly stands at least half as high. The patch is displaced if such a thing stands within 0.3 m and
@@ -142,26 +142,26 @@ def count_rocks(counts: MapRockCounts, shown: FrameMap, scene: RockScene, truth:
     config = shown.elevation.config
     with np.errstate(invalid="ignore"):
         stands = shown.step >= least
-    for rock, on in zip(scene.rocks, truth.cells, strict=True):
-        if np.median(scene.true_depth.ravel()[rock.pixels]) >= config.max_range - CUT:
+    for rock, rock_cells in zip(scene.rocks, truth.cells, strict=True):
+        if np.median(scene.true_depth.ravel()[rock.pixels]) >= config.max_range - RIM:
             continue
-        cells = _wider(on, 1)
+        cells = _wider(rock_cells, 1)
         found = bool((stands & cells).any())
         height = float(np.nanmax(shown.step[cells])) if found else np.nan
-        counts.rocks.append(RockOutcome(rock.height, rock.away, found, height - rock.height, rock.both_eyes))
-        if not found and shown.elevation.known[on].mean() < 0.5:
-            counts.unknown.append((rock.height, rock.away))
-    beside = np.ones((2 * round(BESIDE / config.cell) + 1,) * 2, np.uint8)
+        counts.rocks.append(RockOutcome(rock.height, rock.distance, found, height - rock.height, rock.both_eyes))
+        if not found and shown.elevation.known[rock_cells].mean() < 0.5:
+            counts.unknown.append((rock.height, rock.distance))
+    surroundings = np.ones((2 * round(BESIDE / config.cell) + 1,) * 2, np.uint8)
     with np.errstate(invalid="ignore"):
-        false = stands & ~(cv2.dilate(truth.height, beside) >= shown.step / 2)
+        false = stands & ~(cv2.dilate(truth.height, surroundings) >= shown.step / 2)
     count, label = cv2.connectedComponents(false.astype(np.uint8), connectivity=8)
     x, y = shown.elevation.centres()
-    away = np.hypot(x[None, :], y[:, None])
+    distance = np.hypot(x[None, :], y[:, None])
     for number in range(1, count):
         patch = label == number
         height = float(shown.step[patch].max())
         places = counts.displaced if _is_displaced(shown.elevation, patch, height, truth) else counts.false
-        places.append((height, float(np.median(away[patch]))))
+        places.append((height, float(np.median(distance[patch]))))
 
 
 def _is_displaced(elevation: ElevationMap, patch: np.ndarray, height: float, truth: TrueRocks) -> bool:
@@ -169,9 +169,9 @@ def _is_displaced(elevation: ElevationMap, patch: np.ndarray, height: float, tru
     iy, ix = np.nonzero(patch)
     x, y = elevation.centres()
     xy = np.column_stack([x[ix], y[iy]])
-    away = np.hypot(*xy.T)
+    distance = np.hypot(*xy.T)
     # dZ = Z^2 / (f B) dd; distance along the ground for Z, which it exceeds a little towards the image's sides.
-    error = RANGE_ERROR * away / truth.fb
+    error = RANGE_ERROR * distance / truth.fb
     along = 1 + np.arange(-1, 1.01, 0.02)[:, None] * error
     near = _cells_of(elevation, (along[..., None] * xy).reshape(-1, 2))
     return bool(truth.height[_wider(near, round(BESIDE / elevation.config.cell))].max() >= height / 2)

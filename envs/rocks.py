@@ -37,7 +37,7 @@ from marssim.base.files.json_file import write_json
 from marssim.base.results.claim import ResultFolder
 from marssim.base.results.code_state import versions
 
-KEY = "standing_0.2_m_within_8_m"
+HIGH_AND_NEAR = "standing_0.2_m_within_8_m"
 STEPS = (0.10, 0.12, 0.15, 0.20, 0.25)  # [m] heights from which cells are obstacles, counted beside --step
 
 
@@ -86,28 +86,28 @@ def rocks_seen(config: RocksConfig) -> dict[str, Any]:
     folder.check()
     pairs = _pairs(config)
     methods = {name: load_perception(name) for name in config.perception}
-    worse = None if config.degrade is None else Degradation.parse(config.degrade)
+    degradation = None if config.degrade is None else Degradation.parse(config.degrade)
     with folder.claim():
-        return _count(config, pairs, methods, worse)
+        return _count(config, pairs, methods, degradation)
 
 
 def _count(
     config: RocksConfig,
     pairs: list[tuple[StereoDataset, int]],
     methods: Mapping[str, Estimator | None],
-    worse: Degradation | None,
+    degradation: Degradation | None,
 ) -> dict[str, Any]:
     steps = sorted({config.step, *STEPS})
-    tallies = {name: {step: MapRockCounts() for step in steps} for name in methods}
+    counts_by_method = {name: {step: MapRockCounts() for step in steps} for name in methods}
     for index, (dataset, number) in enumerate(watched(pairs, "pair", "rocks")):
         sample = dataset[number]
         scene = rock_scene(sample)
         if scene is None:
             continue
         left, right = sample.left, sample.right
-        if worse is not None:
+        if degradation is not None:
             rng = np.random.default_rng((config.seed, index))
-            left, right = worse.apply(left, right, rng)
+            left, right = degradation.apply(left, right, rng)
         turn = np.asarray(sample.meta["pose"], float)[:3, :3]
         true = frame_map(sample.depth, None, sample.rig, turn)
         truth = true_rocks(scene, true, sample.rock > 0, sample.rig.fb)
@@ -119,9 +119,12 @@ def _count(
                     prediction = method.infer(left, right, sample.rig)
                 prediction = checked_prediction(method, prediction, left.shape[:2])
                 shown = frame_map(prediction.depth, prediction.confidence, sample.rig, turn)
-            for step, tally in tallies[name].items():
-                count_rocks(tally, shown, scene, truth, step)
-    return _report(config, {name: {step: t.result() for step, t in by.items()} for name, by in tallies.items()})
+            for step, counts in counts_by_method[name].items():
+                count_rocks(counts, shown, scene, truth, step)
+    results = {
+        name: {step: counts.result() for step, counts in by_step.items()} for name, by_step in counts_by_method.items()
+    }
+    return _report(config, results)
 
 
 def _pairs(config: RocksConfig) -> list[tuple[StereoDataset, int]]:
@@ -145,15 +148,15 @@ def _report(config: RocksConfig, by_step: dict[str, dict[float, dict[str, Any]]]
         "data": [str(path) for path in config.data], "split": config.split, "images": images, "step_m": config.step,
         "degrade": config.degrade, "seed": config.seed, "versions": versions(),
     }  # fmt: skip
-    curve = {name: [_at(step, counts) for step, counts in steps.items()] for name, steps in by_step.items()}
+    curve = {name: [_curve_point(step, counts) for step, counts in steps.items()] for name, steps in by_step.items()}
     content = {**about, "methods": results, "by_step": curve}
     write_json(config.out / "results.json", content, sort_keys=False)
     rocks_figure(results, config.out / "rocks.png")
-    worse = f", degraded by `{config.degrade}`" if config.degrade else ""
+    degraded = f", degraded by `{config.degrade}`" if config.degrade else ""
     lines = [
         "# Rocks in the navigator's map",
         "",
-        f"{counted(images, 'frame')} of `{named}`, split {config.split}{worse}; each alone in an empty map. "
+        f"{counted(images, 'frame')} of `{named}`, split {config.split}{degraded}; each alone in an empty map. "
         f"Obstacles are cells that stand out of the ground by {config.step:g} m and more.",
         "",
         RULES,
@@ -171,8 +174,8 @@ def _report(config: RocksConfig, by_step: dict[str, dict[float, dict[str, Any]]]
     return content
 
 
-def _at(step: float, result: dict[str, Any]) -> dict[str, Any]:
-    return {"step_m": step, "all_false": result["false"], "all_displaced": result["displaced"], **result[KEY]}
+def _curve_point(step: float, result: dict[str, Any]) -> dict[str, Any]:
+    return {"step_m": step, "all_false": result["false"], "all_displaced": result["displaced"], **result[HIGH_AND_NEAR]}
 
 
 def _curve_table(curve: dict[str, list[dict[str, Any]]]) -> list[str]:
@@ -196,13 +199,14 @@ def main(args: Sequence[str] | None = None) -> int:
 def _work(config: RocksConfig) -> None:
     content = rocks_seen(config)
     for name, counts in content["methods"].items():
-        key = counts[KEY]
-        share, both = ("-" if key[k] is None else f"{100 * key[k]:.1f} %" for k in ("found_share", "both_eyes_share"))
-        error = "-" if key["height_error_m"] is None else f"{100 * key['height_error_m']:.1f} cm"
+        figures = counts[HIGH_AND_NEAR]
+        shares = (figures["found_share"], figures["both_eyes_share"])
+        share, both = ("-" if value is None else f"{100 * value:.1f} %" for value in shares)
+        error = "-" if figures["height_error_m"] is None else f"{100 * figures['height_error_m']:.1f} cm"
         print(
-            f"{name}: of {counted(key['rocks'], 'rock')} of 0.2 m and more within 8 m {share} found ({both} of those "
-            f"that both eyes see; of those missed {key['unknown']} left unknown), height error {error} (median); "
-            f"{counted(counts['false'], 'false obstacle')} and {counts['displaced']} displaced in "
+            f"{name}: of {counted(figures['rocks'], 'rock')} of 0.2 m and more within 8 m {share} found ({both} of "
+            f"those that both eyes see; of those missed {figures['unknown']} left unknown), height error {error} "
+            f"(median); {counted(counts['false'], 'false obstacle')} and {counts['displaced']} displaced in "
             f"{counted(counts['images'], 'frame')}"
         )
     print(f"by height and range: {config.out / 'results.md'}")

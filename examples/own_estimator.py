@@ -52,9 +52,9 @@ def main(data: Path, pairs: int = 4) -> None:
         errors, known = [], []
         for sample in chosen:
             scored = sample.valid & ~sample.occluded
-            found = method.infer(sample.left, sample.right, sample.rig).disparity[scored]
-            known.append(np.isfinite(found).mean())
-            errors.append(np.nanmedian(np.abs(found - sample.disparity[scored])))
+            disparity = method.infer(sample.left, sample.right, sample.rig).disparity[scored]
+            known.append(np.isfinite(disparity).mean())
+            errors.append(np.nanmedian(np.abs(disparity - sample.disparity[scored])))
         print(f"{name:8} {np.mean(errors):10.2f} {np.mean(known):6.0%}")
 
 

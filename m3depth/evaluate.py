@@ -185,7 +185,7 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
 
     device = chosen_device(options.device).type
     saved_state = SavedState(options.out, dependencies(options, dataset, estimators, device))
-    done = evaluate(
+    evaluation = evaluate(
         dataset,
         methods,
         limit=options.limit,
@@ -200,7 +200,7 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
         "data": str(options.data),
         "data_sha256": getattr(dataset, "digest", None),
         "split": options.split,
-        "pairs": len(done.pairs),
+        "pairs": len(evaluation.pairs),
         "weights": ", ".join(map(str, options.weights)) or "shipped",
         "weights_sha256": next(iter(estimators.values()))["sha256"],  # of the first network
         "estimators": estimators,
@@ -211,14 +211,16 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
         "max_disparity_px": MAX_DISPARITY,
         "versions": versions(),
     }
-    figures = {"methods": done.results, "true_depth_normals": done.true_depth_normals}
-    write_json(options.out / "results.json", {**about, **figures, "per_pair": done.pairs}, sort_keys=False)
-    write_atomically(options.out / "results.md", markdown_report(about, done.results, done.true_depth_normals).encode())
-    draw_evaluation(done, options.out)
+    figures = {"methods": evaluation.results, "true_depth_normals": evaluation.true_depth_normals}
+    write_json(options.out / "results.json", {**about, **figures, "per_pair": evaluation.pairs}, sort_keys=False)
+    write_atomically(
+        options.out / "results.md", markdown_report(about, evaluation.results, evaluation.true_depth_normals).encode()
+    )
+    draw_evaluation(evaluation, options.out)
     saved_state.remove()
-    print(text_table(done.results))
-    print(f"{counted(len(done.pairs), 'pair')}; figures by kind and depth, and pictures, are in {options.out}")
-    return done
+    print(text_table(evaluation.results))
+    print(f"{counted(len(evaluation.pairs), 'pair')}; figures by kind and depth, and pictures, are in {options.out}")
+    return evaluation
 
 
 def dependencies(
@@ -249,7 +251,7 @@ def dependencies(
         "--limit": options.limit,
         "--degrade": options.degrade,
         "--seed": options.seed,
-        **{flag(name): str(value) for name, value in options.reader.given().items()},
+        **{flag(name): str(value) for name, value in options.reader.changed_fields().items()},
         **({} if calib is None else {"--calib": [str(calib), state_of_files([calib])]}),
         "state of the code": source_digest(("marssim", "m3depth")),
     }

@@ -84,7 +84,7 @@ def to_onnx(model: M3Depth, opset: int = OPSETS[0]) -> bytes:
     import onnx
     import torch
 
-    class Plain(torch.nn.Module):
+    class TensorOutputs(torch.nn.Module):
         """The network with tensors as outputs; logits become probabilities."""
 
         def __init__(self) -> None:
@@ -108,7 +108,7 @@ def to_onnx(model: M3Depth, opset: int = OPSETS[0]) -> bytes:
     with warnings.catch_warnings(), torch.no_grad():
         warnings.simplefilter("ignore")  # about constants while tracing, and about the older exporter
         exporter(
-            Plain().eval(), example, buffer, input_names=list(INPUTS), output_names=list(OUTPUTS),
+            TensorOutputs().eval(), example, buffer, input_names=list(INPUTS), output_names=list(OUTPUTS),
             dynamic_axes={**free, "camera": {0: "batch"}}, opset_version=opset, **tracing,
         )  # fmt: skip
     model.train(was_training)

@@ -33,7 +33,7 @@ import cv2
 import numpy as np
 import tyro
 
-from m3depth.datasets.image_files import decoded
+from m3depth.datasets.image_files import decode_image
 from m3depth.figures.texture import TextureExample, texture_figure
 from m3depth.stereo.pairs import spread
 from marssim.base.command.run import run_command
@@ -149,7 +149,7 @@ def find_images(paths: Sequence[Path], limit: int) -> Iterator[tuple[str, np.nda
             if files[i].resolve() in read:  # given by itself, and with its folder
                 continue
             read.add(files[i].resolve())
-            grey = decoded(files[i].read_bytes(), cv2.IMREAD_GRAYSCALE)
+            grey = decode_image(files[i].read_bytes(), cv2.IMREAD_GRAYSCALE)
             if grey is None:
                 raise ValueError(f"{files[i]}: not a readable image")
             yield str(files[i]), grey

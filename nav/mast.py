@@ -17,31 +17,31 @@ class Mast:
     """Chooses the pan of the mast [rad], positive to the left.
 
     Attributes:
-        works: False once the mast did not obey.
+        obeys: False once the mast did not move as commanded.
     """
 
     def __init__(self, spec: RoverSpec, config: NavigatorConfig) -> None:
         self.spec, self.config = spec, config
-        self.works = True
+        self.obeys = True
         self._looked = False  # whether it has looked into the present turn
         self._last_pan = 0.0
 
-    def follow(self, pan: float, asked: float | None) -> None:
+    def follow(self, pan: float, commanded: float | None) -> None:
         """Note the pan that the mast has reached.
 
         Args:
             pan: The pan now [rad].
-            asked: The pan that the step before asked for [rad]; None for straight ahead.
+            commanded: The pan that the step before commanded [rad]; None for straight ahead.
         """
-        if asked is not None:
-            missing = abs(asked - pan)
-            if missing > PAN_TOLERANCE and missing > abs(asked - self._last_pan) - PAN_TOLERANCE:
-                self.works = False  # it is neither at the pan nor moving towards it
+        if commanded is not None:
+            missing = abs(commanded - pan)
+            if missing > PAN_TOLERANCE and missing > abs(commanded - self._last_pan) - PAN_TOLERANCE:
+                self.obeys = False  # it is neither at the pan nor moving towards it
         self._last_pan = pan
 
     def towards(self, bearing: float) -> float | None:
         """Return the pan for a bearing [rad]; None near straight ahead, or if the mast does not obey."""
-        if not self.works or abs(bearing) < AHEAD_BEARING:
+        if not self.obeys or abs(bearing) < AHEAD_BEARING:
             return None
         reach = min(np.deg2rad(self.config.pan_reach_deg), self.spec.mount.pan_limit)
         return float(np.clip(bearing, -reach, reach))
@@ -50,14 +50,14 @@ class Mast:
         """Note that the rover drives again, so that the mast looks into the next turn too."""
         self._looked = False
 
-    def must_look(self, turn: float, here: np.ndarray, pan: float, last: Command, elevation: ElevationMap) -> bool:
+    def must_look(self, turn: float, place: np.ndarray, pan: float, last: Command, elevation: ElevationMap) -> bool:
         """Return whether the mast shall look into a turn in place before the rover begins it.
 
         It looks once for each turn, and goes on looking while the mast is still moving there.
 
         Args:
             turn: The turn [rad], positive to the left.
-            here: (3,) x, y [m], yaw [rad] of the rover.
+            place: (3,) x, y [m], yaw [rad] of the rover.
             pan: Pan of the mast at the last image [rad].
             last: The command before it.
             elevation: The map.
@@ -69,16 +69,16 @@ class Mast:
         if self._looked and not (on_the_way and abs(target - pan) > PAN_TOLERANCE):
             return False
         self._looked = True
-        return self._measured_share(here, turn, elevation) < self.config.seen_share
+        return self._measured_share(place, turn, elevation) < self.config.seen_share
 
-    def _measured_share(self, here: np.ndarray, turn: float, elevation: ElevationMap) -> float:
+    def _measured_share(self, place: np.ndarray, turn: float, elevation: ElevationMap) -> float:
         """Return the share of the ground ahead after a turn that has been measured."""
-        heading, spec = here[2] + turn, self.spec
+        heading, spec = place[2] + turn, self.spec
         ahead = np.arange(spec.length / 2, spec.length / 2 + self.config.planner.lookahead, 0.2)
         across = np.linspace(-0.5, 0.5, 7) * spec.width
         c, s = np.cos(heading), np.sin(heading)
         u, v = np.meshgrid(ahead, across)
-        cell = elevation.cell_of(np.stack([here[0] + c * u - s * v, here[1] + s * u + c * v], axis=-1))
+        cell = elevation.cell_of(np.stack([place[0] + c * u - s * v, place[1] + s * u + c * v], axis=-1))
         inside = ((cell >= 0) & (cell < elevation.n)).all(axis=-1)
         cell = np.clip(cell, 0, elevation.n - 1)
         return float((elevation.measured[cell[..., 1], cell[..., 0]] & inside).mean())

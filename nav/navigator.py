@@ -183,9 +183,9 @@ class Navigator:
         camera_pose = pose @ self.spec.mount.left_eye(rig.baseline, pan)
         return self.map.integrate(depth, confidence, rig, camera_pose) >= self.config.least_points
 
-    def _decide(self, here: np.ndarray, goal: np.ndarray, pan: float, ground_visible: bool) -> Command:
+    def _decide(self, place: np.ndarray, goal: np.ndarray, pan: float, ground_visible: bool) -> Command:
         """Return the next command from the map, the goal, and what happened in the last steps."""
-        distance = float(np.hypot(*(goal - here[:2])))
+        distance = float(np.hypot(*(goal - place[:2])))
         if distance <= self.config.goal_radius:
             return Command(0.0, 0.0, None, "arrived")
         if not ground_visible:
@@ -195,37 +195,37 @@ class Navigator:
 
         if self._idle_drives >= self.config.slip_steps:
             self._idle_drives = 0
-            self.recovery.bump(here)
+            self.recovery.bump(place)
             self.planner.reset()
-        ground = self.ground = self._assess(here)
+        ground = self.ground = self._assess(place)
         self.planner.margin = self.config.planner.margin * self.risk.margin_share
         self.planner.update(self.map, ground, goal)
 
-        self.risk.update(self._is_closed(here, goal, ground), self._is_hemmed_in(here, ground))
+        self.risk.update(self._is_closed(place, goal, ground), self._is_hemmed_in(place, ground))
         if self.risk.given_up:
             return Command(0.0, 0.0, None, "no_path")
         if self.recovery.backing:
-            command = self.recovery.back_up(here, self._last_pose, self._last_command, ground, self.map, self.planner)
+            command = self.recovery.back_up(place, self._last_pose, self._last_command, ground, self.map, self.planner)
             if command is not None:
                 return command
-        self.motion = self.planner.plan(self.map, ground, here, goal)
+        self.motion = self.planner.plan(self.map, ground, place, goal)
         if self.motion is None:
             if self.recovery.attempts >= self.config.risk_after_recoveries and not self.recovery.looking:
                 self.risk.raise_level()
-            way = self.recovery.search(here, ground, self.map, self.planner, pan, self.mast.works)
+            way = self.recovery.search(place, ground, self.map, self.planner, pan, self.mast.obeys)
             return way or Command(0.0, 0.0, None, "no_path" if self.risk.closed else "stuck")
         self.recovery.found_a_way()
-        return self._follow(self.motion, here, distance, pan)
+        return self._follow(self.motion, place, distance, pan)
 
-    def _is_hemmed_in(self, here: np.ndarray, ground: Traversability) -> bool:
+    def _is_hemmed_in(self, place: np.ndarray, ground: Traversability) -> bool:
         """Return whether the rover stands nearer to an obstacle than its footprint allows at any heading."""
-        x, y = np.clip(self.map.cell_of(here[:2]), 0, self.map.n - 1)
+        x, y = np.clip(self.map.cell_of(place[:2]), 0, self.map.n - 1)
         return bool(ground.inflated[y, x])
 
-    def _assess(self, here: np.ndarray) -> Traversability:
+    def _assess(self, place: np.ndarray) -> Traversability:
         """Return the traversability, with bumps and dead ends, and without obstacles under the rover itself."""
         half_length, half_width = self.spec.length / 2 - CARRIED_INSET, self.spec.width / 2 - CARRIED_INSET
-        carried = rectangle_mask(self.map, here, half_length, half_width)
+        carried = rectangle_mask(self.map, place, half_length, half_width)
         ground = assess(self.map, self.spec, self.risk.rules, self._closed(), carried)
         if not self.recovery.dead_ends:
             return ground
@@ -244,11 +244,11 @@ class Navigator:
         outside = outside_mask(self.map, self.area, self.spec.width / 2)
         return outside if closed is None else closed | outside
 
-    def _follow(self, motion: Motion, here: np.ndarray, distance: float, pan: float) -> Command:
+    def _follow(self, motion: Motion, place: np.ndarray, distance: float, pan: float) -> Command:
         """Return the command that begins a motion: a look into a turn, the turn, or a drive of one step."""
         c = self.config
         if motion.turn:
-            if self.mast.must_look(motion.turn, here, pan, self._last_command, self.map):
+            if self.mast.must_look(motion.turn, place, pan, self._last_command, self.map):
                 return Command(0.0, 0.0, self.mast.towards(motion.turn), "look")
             rate = float(np.clip(motion.turn / c.step_time, -self.spec.max_yaw_rate, self.spec.max_yaw_rate))
             left = motion.turn - rate * c.step_time
@@ -259,7 +259,7 @@ class Navigator:
         speed, yaw_rate = steerable(speed, motion.curvature * speed, self.spec)
         turn = yaw_rate * c.step_time
         short = motion.length < 2 * c.planner.commit and abs(turn) < BEND
-        next_pose = arc_poses(here, np.array(motion.curvature), np.array([speed * c.step_time]))[0]
+        next_pose = arc_poses(place, np.array(motion.curvature), np.array([speed * c.step_time]))[0]
         return Command(speed, yaw_rate, self.mast.towards(0.0 if short else self._bearing_onward(next_pose)), "drive")
 
     def _bearing_onward(self, next_pose: np.ndarray) -> float:
@@ -277,9 +277,9 @@ class Navigator:
         way = path[-1] - next_pose[:2]
         return float(wrapped(float(np.arctan2(way[1], way[0])) - next_pose[2]))
 
-    def _is_closed(self, here: np.ndarray, goal: np.ndarray, ground: Traversability) -> bool:
+    def _is_closed(self, place: np.ndarray, goal: np.ndarray, ground: Traversability) -> bool:
         """Return whether even the best path to the goal leads through known obstacles, away from both of its ends."""
-        path = self.planner.field.path(here, 2 * self.config.elevation.size)
-        from_ends = np.minimum(np.hypot(*(path - here[:2]).T), np.hypot(*(path - goal).T))
+        path = self.planner.field.path(place, 2 * self.config.elevation.size)
+        from_ends = np.minimum(np.hypot(*(path - place[:2]).T), np.hypot(*(path - goal).T))
         cell = np.clip(self.map.cell_of(path), 0, self.map.n - 1)
         return bool((ground.inflated[cell[:, 1], cell[:, 0]] & (from_ends > PATH_END)).any())

@@ -41,7 +41,7 @@ class Recovery:
         self.dead_ends: list[np.ndarray] = []
         self.attempts = 0
         self._track: list[np.ndarray] = []
-        self._looks: list[float] | None = None
+        self._pans_to_look: list[float] | None = None
         self._back_left = 0.0
 
     @property
@@ -52,71 +52,71 @@ class Recovery:
     @property
     def looking(self) -> bool:
         """Whether the mast is looking to the sides at a dead end."""
-        return self._looks is not None
+        return self._pans_to_look is not None
 
-    def follow(self, here: np.ndarray) -> None:
+    def follow(self, place: np.ndarray) -> None:
         """Note where the rover is: (3,) x, y [m], yaw [rad]."""
-        if not self._track or np.hypot(*(here - self._track[-1])[:2]) > TRACK_STEP:
-            self._track.append(here)
+        if not self._track or np.hypot(*(place - self._track[-1])[:2]) > TRACK_STEP:
+            self._track.append(place)
 
     def found_a_way(self) -> None:
         """Note that a way leads on, so that the mast looks to both sides at the next dead end."""
-        self._looks = None
+        self._pans_to_look = None
 
-    def bump(self, here: np.ndarray) -> None:
+    def bump(self, place: np.ndarray) -> None:
         """Note that the rover drives and does not move: something that it did not see stands in front of it."""
         ahead = self.spec.length / 2 + BUMP_AHEAD
-        self.bumps.append(here[:2] + ahead * np.array([np.cos(here[2]), np.sin(here[2])]))
-        self.start(here)
+        self.bumps.append(place[:2] + ahead * np.array([np.cos(place[2]), np.sin(place[2])]))
+        self.start(place)
 
-    def start(self, here: np.ndarray) -> None:
+    def start(self, place: np.ndarray) -> None:
         """Begin to back out of a dead end."""
         self.attempts += 1
-        self.dead_ends.append(here[:2] + DEAD_END_AHEAD * np.array([np.cos(here[2]), np.sin(here[2])]))
+        self.dead_ends.append(place[:2] + DEAD_END_AHEAD * np.array([np.cos(place[2]), np.sin(place[2])]))
         self._back_left = self.config.back_up
 
     def search(
         self,
-        here: np.ndarray,
+        place: np.ndarray,
         ground: Traversability,
         elevation: ElevationMap,
         planner: Planner,
         pan: float,
-        mast: bool,
+        mast_obeys: bool,
     ) -> Command | None:
         """Look to both sides, then back out, then turn.
 
         Args:
-            here: (3,) x, y [m], yaw [rad] of the rover.
+            place: (3,) x, y [m], yaw [rad] of the rover.
             ground: The judged ground.
             elevation: The map.
             planner: The planner.
             pan: Pan of the mast at the last image [rad].
-            mast: Whether the mast obeys.
+            mast_obeys: Whether the mast obeys.
 
         Returns:
             The command; None after max_recoveries attempts that did not help.
         """
-        if self._looks is None:
+        if self._pans_to_look is None:
             side = np.deg2rad(self.config.look_pan_deg)
-            self._looks = [a for a in (side, -side, 0.0) if abs(a - pan) > PAN_TOLERANCE]
-        if not mast:
-            self._looks = []
-        if self._looks:
-            target = self._looks[0]
+            self._pans_to_look = [a for a in (side, -side, 0.0) if abs(a - pan) > PAN_TOLERANCE]
+        if not mast_obeys:
+            self._pans_to_look = []
+        if self._pans_to_look:
+            target = self._pans_to_look[0]
             if abs(target - pan) <= PAN_TOLERANCE:  # the mast needed more than one step to get there
-                self._looks.pop(0)
-                return self.search(here, ground, elevation, planner, pan, mast)
+                self._pans_to_look.pop(0)
+                return self.search(place, ground, elevation, planner, pan, mast_obeys)
             return Command(0.0, 0.0, target or None, "look")
         if self.attempts >= self.config.max_recoveries:
             return None
-        self._looks = None
-        self.start(here)
+        self._pans_to_look = None
+        self.start(place)
         planner.reset()
-        command = self.back_up(here, here, Command(0.0, 0.0, None, "look"), ground, elevation, planner)
+        command = self.back_up(place, place, Command(0.0, 0.0, None, "look"), ground, elevation, planner)
         if command is not None:
             return command
-        turns = planner.free_turns(elevation, ground, here)
+        turns = planner.free_turns(elevation, ground, place)
         if turns.size:
             # Towards the side with more room to turn; the new view may open a way.
             target = turns[np.abs(turns).argmax()]
@@ -126,7 +126,7 @@ class Recovery:
 
     def back_up(
         self,
-        here: np.ndarray,
+        place: np.ndarray,
         before: np.ndarray,
         last: Command,
         ground: Traversability,
@@ -136,7 +136,7 @@ class Recovery:
         """Reverse along the driven track.
 
         Args:
-            here: (3,) x, y [m], yaw [rad] of the rover now.
+            place: (3,) x, y [m], yaw [rad] of the rover now.
             before: (3,) the same at the last step.
             last: The command between the two.
             ground: The judged ground.
@@ -146,19 +146,19 @@ class Recovery:
         Returns:
             The command; None where the track ends or is closed, which ends the backing.
         """
-        moved = float(np.hypot(*(here - before)[:2]))
+        moved = float(np.hypot(*(place - before)[:2]))
         if last.status == "recover" and last.speed < 0:
             self._back_left -= moved
             if moved < STALLED:
                 self._back_left = 0.0
-        while len(self._track) > 1 and np.hypot(*(here - self._track[-1])[:2]) < TRACK_REACHED:
+        while len(self._track) > 1 and np.hypot(*(place - self._track[-1])[:2]) < TRACK_REACHED:
             self._track.pop()
         if self._back_left <= 0 or not self._track:
             self._back_left = 0.0
             return None
-        away = self._track[-1][:2] - here[:2]
-        x = float(np.cos(here[2]) * away[0] + np.sin(here[2]) * away[1])
-        y = float(-np.sin(here[2]) * away[0] + np.cos(here[2]) * away[1])
+        offset = self._track[-1][:2] - place[:2]
+        x = float(np.cos(place[2]) * offset[0] + np.sin(place[2]) * offset[1])
+        y = float(-np.sin(place[2]) * offset[0] + np.cos(place[2]) * offset[1])
         # A circle through the track point, tangent to the heading (pure pursuit, backwards).
         curvature = 2 * y / max(x * x + y * y, 1e-6)
         if x > -TRACK_BEHIND:
@@ -166,7 +166,7 @@ class Recovery:
             return None
         speed, yaw_rate = steerable(-self.config.back_speed, -curvature * self.config.back_speed, self.spec)
         spacing = self.config.planner.spacing
-        poses = arc_poses(here, np.array(yaw_rate / speed), -np.arange(CHECKED_POSES) * spacing)[None]
+        poses = arc_poses(place, np.array(yaw_rate / speed), -np.arange(CHECKED_POSES) * spacing)[None]
         if planner.free_length(poses, elevation, ground)[0] < 2 * spacing:
             self._back_left = 0.0
             return None

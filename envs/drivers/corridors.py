@@ -76,12 +76,12 @@ class Corridors(gymnasium.Wrapper):
         total = 0.0
         for _ in range(HOLD_STEPS):
             drive = steer(self._goal, int(action), env.rover_spec)
-            observation, reward, ended, cut, info = self.env.step(drive[: env.action_space.shape[0]])
+            observation, reward, ended, truncated, info = self.env.step(drive[: env.action_space.shape[0]])
             self._goal = observation["goal"]
             total += float(reward)
-            if ended or cut:
+            if ended or truncated:
                 break
-        return self._to_vector(observation, int(action)), total, ended, cut, info
+        return self._to_vector(observation, int(action)), total, ended, truncated, info
 
     def _to_vector(self, observation: dict[str, Any], last: int) -> np.ndarray:
         env = self.unwrapped
@@ -109,8 +109,8 @@ def as_corridors(observation: dict[str, Any], spec: RoverSpec, last: int = AHEAD
     distance, sine, cosine = observation["goal"]
     free, room = look_along(observation["map"][1], float(np.arctan2(sine, cosine)) + _OFFSETS, spec.width / 2 + MARGIN)
     goal = [share_of_distance(distance), sine, cosine]
-    took = [_OFFSETS[last] / HALF_FAN]
-    return np.concatenate([free / REACH, room / ROOM, goal, observation["state"], took]).astype(np.float32)
+    last_way = [_OFFSETS[last] / HALF_FAN]
+    return np.concatenate([free / REACH, room / ROOM, goal, observation["state"], last_way]).astype(np.float32)
 
 
 def look_along(cost: np.ndarray, bearings: np.ndarray, half_width: float) -> tuple[np.ndarray, np.ndarray]:

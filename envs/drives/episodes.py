@@ -161,7 +161,7 @@ def run_episode(
         distance=info["distance"], start_distance=log.start_distance, shortest=info["shortest"],
         path_length=info["path_length"], min_clearance=info["min_clearance"], reward=log.reward,
         max_tilt_deg=float(np.rad2deg(max((state.tilt for state in log.states[1:]), default=0.0))),
-        step_seconds=log.seconds / max(steps, 1), perception_seconds=log.seeing / max(steps, 1),
+        step_seconds=log.seconds / max(steps, 1), perception_seconds=log.perception_seconds / max(steps, 1),
         redraws=info["redraws"], goal=[float(v) for v in env.course.goal], abs_rel=_mean(log.errors), blind=log.blind,
         near_miss=info["outcome"] != "collision" and info["min_clearance"] < NEAR_MISS,
         code=code, obstacles=_obstacles(env),
@@ -182,10 +182,10 @@ class _Log:
     start_distance: float = 0.0
     reward: float = 0.0
     seconds: float = 0.0
-    seeing: float = 0.0
+    perception_seconds: float = 0.0
     blind: int = 0
 
-    def looked(self, env: MarsNavEnv, info: dict[str, Any]) -> None:
+    def note_look(self, env: MarsNavEnv, info: dict[str, Any]) -> None:
         """Note that the rover stands and has looked."""
         assert env.vehicle is not None and env.sight is not None
         self.info = info
@@ -199,7 +199,7 @@ def _drive(env: MarsNavEnv, driver: Driver, options: dict[str, Any], log: _Log, 
     with errors_of(driver):
         driver.reset(env, options["scene_seed"])
     log.start_distance = info["distance"]
-    log.looked(env, info)
+    log.note_look(env, info)
     if watch:
         watch(env, driver, 0)
     done = False
@@ -212,9 +212,9 @@ def _drive(env: MarsNavEnv, driver: Driver, options: dict[str, Any], log: _Log, 
             return
         observation, reward, terminated, truncated, info = env.step(action)
         log.seconds += perf_counter() - begin
-        log.seeing += info["perception_seconds"]
+        log.perception_seconds += info["perception_seconds"]
         log.reward += float(reward)
-        log.looked(env, info)
+        log.note_look(env, info)
         done = terminated or truncated
         if watch:
             watch(env, driver, len(log.states) - 1)

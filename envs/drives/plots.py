@@ -73,9 +73,9 @@ def pool_by_k(rows: Sequence[dict[str, Any]]) -> dict[float | None, tuple[float,
     """
     out: dict[float | None, tuple[float, int]] = {}
     for k in sorted({r["cell"]["k"] for r in rows}, key=lambda k: k or 0.0):
-        own = [r for r in rows if r["cell"]["k"] == k]
-        arrived = sum(round(r["success_rate"] * r["episodes"]) for r in own)
-        out[k] = (arrived / sum(r["episodes"] for r in own), max(r["episodes"] for r in own))
+        rows_of_k = [r for r in rows if r["cell"]["k"] == k]
+        arrived = sum(round(r["success_rate"] * r["episodes"]) for r in rows_of_k)
+        out[k] = (arrived / sum(r["episodes"] for r in rows_of_k), max(r["episodes"] for r in rows_of_k))
     return out
 
 

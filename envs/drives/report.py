@@ -112,8 +112,8 @@ def looks_without_depth(records: Sequence[EpisodeRecord]) -> str:
     """Return lines that warn of perceptions that measured nothing of the ground within range in some of their looks."""
     lines = []
     for perception in sorted({r.perception for r in records}):
-        counted = [r for r in records if r.perception == perception and r.blind is not None]
-        blind, looks = sum(r.blind or 0 for r in counted), sum(r.steps + 1 for r in counted)
+        noted = [r for r in records if r.perception == perception and r.blind is not None]
+        blind, looks = sum(r.blind or 0 for r in noted), sum(r.steps + 1 for r in noted)
         if blind:
             share = f"{100 * blind / looks:.0f} %" if blind >= 0.01 * looks else "under 1 %"
             lines.append(f"\n{perception} gave no depth at all in {blind} of its {looks} looks ({share}).\n")

@@ -32,14 +32,14 @@ def errors_on_test_set(files: Sequence[Path], perceptions: Mapping[str, str | No
             columns = _scored(content)
         except (KeyError, TypeError, AttributeError, ValueError):
             raise DatasetError(f"{file}: is no results.json of m3depth.evaluate") from None
-        own = {
+        errors = {
             perception: columns[key]
             for perception, digest in perceptions.items()
             if (key := digest or perception) in columns
         }
-        if not own:
+        if not errors:
             raise DatasetError(f"{file}: scores none of {', '.join(perceptions)} (with the same weights)")
-        for perception, error in own.items():
+        for perception, error in errors.items():
             scores.setdefault(perception, []).append((error, pairs))
     return {name: sum(e * n for e, n in parts) / sum(n for _, n in parts) for name, parts in scores.items()}
 

@@ -31,17 +31,17 @@ class Odometry:
         Returns:
             (4, 4) believed pose, body to world.
         """
-        here = pose[:2, 3]
+        position = pose[:2, 3]
         if self._true is None:
-            self._xy = here.copy()
+            self._xy = position.copy()
         else:
-            move = here - self._true
+            move = position - self._true
             way = float(np.hypot(*move))
             if way > 0:
                 self._yaw_error += self.yaw_drift * np.sqrt(way) * float(self._rng.normal())
                 slip = self.drift * np.sqrt(way) * self._rng.normal(size=2)
                 self._xy = self._xy + _turn(self._yaw_error) @ move + slip
-        self._true = here.copy()
+        self._true = position.copy()
         believed = pose.copy()
         believed[:2, :3] = _turn(self._yaw_error) @ pose[:2, :3]
         believed[:2, 3] = self._xy

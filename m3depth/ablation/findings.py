@@ -167,24 +167,24 @@ def _compare(study: Study, comparison: Comparison, column: Column, name: str) ->
     paper = _ratio(after.paper.get(name), before.paper.get(name))
     change = _change(column, before.variant.name, after.variant.name)
     verdict = _verdict(paper, **change)
-    claim = f"{MEASURED[name]} {_moves(paper)}" if paper is not None else comparison.statement or "no figure"
+    claim = f"{MEASURED[name]} {_change_text(paper)}" if paper is not None else comparison.statement or "no figure"
     if change["here"] is None:
         here = "here it is not measured yet"
     else:
-        here = f"here {'it' if paper is not None else MEASURED[name]} {_moves(change['here'])} "
-        here += "(" + _bounds(change["interval"])
+        here = f"here {'it' if paper is not None else MEASURED[name]} {_change_text(change['here'])} "
+        here += "(" + _interval_text(change["interval"])
         if len(change["by_seed"]) > 1:
-            same = sum((of_seed > 0) == (change["here"] > 0) for of_seed in change["by_seed"])
+            same = sum((seed_change > 0) == (change["here"] > 0) for seed_change in change["by_seed"])
             here += f"; the same sign with {same} of {len(change['by_seed'])} seeds"
         here += ")"
     ending = f": **{verdict}**" if verdict else ""
     return {
-        "what": comparison.what,
+        "what": comparison.change,
         "measure": name,
         "paper": paper,
         **change,
         "verdict": verdict,
-        "sentence": f"{comparison.what}. Paper: {claim}; {here}{ending}.",
+        "sentence": f"{comparison.change}. Paper: {claim}; {here}{ending}.",
     }
 
 
@@ -199,13 +199,13 @@ def _verdict(
     return "agrees" if (paper < 0) == (here < 0) else "disagrees"
 
 
-def _bounds(interval: Sequence[float] | None) -> str:
+def _interval_text(interval: Sequence[float] | None) -> str:
     if interval is None:
         return "no interval"
     return f"95 % interval {100 * interval[0]:+.1f} to {100 * interval[1]:+.1f} %"
 
 
-def _moves(change: float) -> str:
+def _change_text(change: float) -> str:
     return f"{'falls' if change < 0 else 'rises'} by {abs(100 * change):.1f} %"
 
 

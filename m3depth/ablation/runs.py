@@ -185,7 +185,7 @@ def _score(run: PlannedRun, options: AblateOptions, test: Any) -> bool:
     code = read_json(run.folder / CODE)["code"]
     saved_state = SavedState(run.folder, {"--test": state_of_pairs(test), "--limit": options.limit, "code": code})
     methods = {METHOD: model.to(device)}
-    done = evaluate(test, methods, limit=options.limit, progress=_watched, saved_state=saved_state)
+    evaluation = evaluate(test, methods, limit=options.limit, progress=_watched, saved_state=saved_state)
     about = {
         "code": ", ".join(code),
         "device": device.type,
@@ -194,7 +194,11 @@ def _score(run: PlannedRun, options: AblateOptions, test: Any) -> bool:
         "minutes": seconds / 60,
         "loss": asdict(run.config.loss),
     }
-    write_json(run.folder / SCORE, {**about, "result": done.results[METHOD], "per_pair": done.pairs}, sort_keys=False)
+    write_json(
+        run.folder / SCORE,
+        {**about, "result": evaluation.results[METHOD], "per_pair": evaluation.pairs},
+        sort_keys=False,
+    )
     saved_state.remove()
     return True
 

@@ -59,13 +59,13 @@ class Comparison:
     """A change from one row to another, as in "WEFE, without IRM".
 
     Attributes:
-        what: The change in words.
+        change: The change in words.
         before: Number of the row without it.
         after: Number of the row with it.
         statement: What the paper says about it where it gives no figure.
     """
 
-    what: str
+    change: str
     before: int
     after: int
     statement: str = ""
@@ -149,15 +149,15 @@ def _loss() -> Study:
 
 
 def _ladder(
-    title: str, source: str, what: str, change: Callable[[int], Mapping[str, Any]],
+    title: str, source: str, quantity: str, change: Callable[[int], Mapping[str, Any]],
     figures: Mapping[int, Sequence[float]], reference: int, statements: Mapping[int, str] | None = None,
 ) -> Study:  # fmt: skip
     """Return a study of how many of something are best: a row for each number, compared with the previous one."""
     columns = ("abs_rel", "sq_rel", "rmse", "delta1")
-    rows = tuple(_row(str(n), Variant(f"{what}-{n}", change(n)), columns, paper) for n, paper in figures.items())
+    rows = tuple(_row(str(n), Variant(f"{quantity}-{n}", change(n)), columns, paper) for n, paper in figures.items())
     steps = enumerate(pairwise(figures))
     comparisons = tuple(
-        Comparison(f"{more} {what} instead of {less}", i, i + 1, (statements or {}).get(more, ""))
+        Comparison(f"{more} {quantity} instead of {less}", i, i + 1, (statements or {}).get(more, ""))
         for i, (less, more) in steps
     )
     return Study(title, source, columns, rows, [*figures].index(reference), comparisons)

@@ -95,20 +95,20 @@ class DataConfig:
         if self.disparity is not None and self.depth is not None:
             raise ValueError("disparity and --depth exclude each other: give one")
 
-    def given(self) -> dict[str, Any]:
+    def changed_fields(self) -> dict[str, Any]:
         """Return the fields that differ from their defaults, the layout's name included."""
         return {f.name: value for f in fields(self) if (value := getattr(self, f.name)) != f.default}
 
     def flags(self) -> list[str]:
         """Return the words of a command line that give the same config."""
         words: list[str] = []
-        for name, value in self.given().items():
+        for name, value in self.changed_fields().items():
             words += [flag(name), *map(str, value if isinstance(value, tuple) else (value,))]
         return words
 
     def check_layout(self, layout: Format) -> None:
         """Raise ValueError that names a given flag which this layout does not take."""
-        for name in self.given():
+        for name in self.changed_fields():
             if name != "format" and name not in FLAGS[layout]:
                 takes = ", ".join(map(flag, FLAGS[layout])) or "none, because its files say everything"
                 raise ValueError(f"{flag(name)} does not belong to layout {layout}, whose flags are {takes}")

@@ -42,12 +42,12 @@ def read_pair(left: Path, right: Path) -> tuple[np.ndarray, np.ndarray]:
     return np.ascontiguousarray(a), np.ascontiguousarray(b)
 
 
-def decoded(data: bytes, how: int = cv2.IMREAD_UNCHANGED) -> np.ndarray | None:
+def decode_image(data: bytes, flag: int = cv2.IMREAD_UNCHANGED) -> np.ndarray | None:
     """Decode an image file with OpenCV, without its messages on stderr.
 
     Args:
         data: Bytes of the file.
-        how: Flag of cv2.imdecode, such as cv2.IMREAD_GRAYSCALE.
+        flag: Flag of cv2.imdecode, such as cv2.IMREAD_GRAYSCALE.
 
     Returns:
         (H, W) or BGR (H, W, 3), of any type; None if the file cannot be decoded.
@@ -60,7 +60,7 @@ def decoded(data: bytes, how: int = cv2.IMREAD_UNCHANGED) -> np.ndarray | None:
     log = cv2.utils.logging
     level = log.setLogLevel(log.LOG_LEVEL_SILENT)  # the caller reports a broken file
     try:
-        return cv2.imdecode(np.frombuffer(data, np.uint8), how)
+        return cv2.imdecode(np.frombuffer(data, np.uint8), flag)
     except cv2.error:  # an empty file
         return None
     finally:
@@ -70,7 +70,7 @@ def decoded(data: bytes, how: int = cv2.IMREAD_UNCHANGED) -> np.ndarray | None:
 def _read(path: Path) -> np.ndarray:
     """Read an image as (H, W) or RGB (H, W, 3), uint8 or uint16."""
     check_file(path)
-    image = decoded(path.read_bytes())
+    image = decode_image(path.read_bytes())
     if image is None:
         raise ValueError(f"{path}: not a readable image")
     if image.dtype not in (np.uint8, np.uint16):

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from m3depth.datasets.image_files import decoded
+from m3depth.datasets.image_files import decode_image
 from marssim.base.files.json_file import DatasetError
 from marssim.base.files.npy import read_npy
 
@@ -72,7 +72,7 @@ def _numbers(path: Path) -> np.ndarray:
         elif path.suffix.lower() == ".exr":
             values = _exr(path)
         else:
-            values = decoded(path.read_bytes())
+            values = decode_image(path.read_bytes())
     except ValueError:
         values = None
     if values is None or values.dtype.kind not in "fiu" or values.ndim not in (2, 3):

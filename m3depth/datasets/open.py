@@ -16,7 +16,7 @@ from pathlib import Path
 
 from m3depth.datasets.benchmarks import eth3d, kitti, middlebury, sceneflow, sceneflow_rig
 from m3depth.datasets.config import DataConfig, Format, Split
-from m3depth.datasets.folders import folder, listed
+from m3depth.datasets.folders import folder_pairs, list_pairs
 from m3depth.datasets.oaisys import oaisys
 from m3depth.datasets.pair_files import PairFiles, Rigs, read_pair_files
 from m3depth.datasets.rigs import file_rig, given_rig
@@ -39,7 +39,7 @@ READERS: dict[Format, Callable[[Path, DataConfig, Rigs], Iterator[PairFiles]]] =
     "middlebury": lambda root, config, rigs: middlebury(root, rigs),
     "eth3d": lambda root, config, rigs: eth3d(root, rigs),
     "oaisys": oaisys,
-    "folder": folder,
+    "folder": folder_pairs,
 }
 SPLIT_FOLDERS = ("kitti", "middlebury", "eth3d")  # layouts whose roots may lie in folders train, val and test
 
@@ -177,9 +177,11 @@ def splits_of(pairs: Sequence[PairFiles]) -> list[str]:
 def _lists(path: Path, split: Split, rigs: Rigs, config: DataConfig) -> list[PairFiles]:
     """Return the pairs of a split from one list, or from the lists train.txt, val.txt and test.txt of a folder."""
     if path.is_file():
-        pairs = list(listed(path, path.parent, rigs, config))
+        pairs = list(list_pairs(path, path.parent, rigs, config))
         return [pair for pair, part in zip(pairs, splits_of(pairs)) if split in (part, "all")]
     present = [name for name in SPLITS if (path / f"{name}.txt").is_file()]
     if not present:
         raise DatasetError(f"{path}: holds no list named train.txt, val.txt or test.txt")
-    return [p for name in present if split in (name, "all") for p in listed(path / f"{name}.txt", path, rigs, config)]
+    return [
+        p for name in present if split in (name, "all") for p in list_pairs(path / f"{name}.txt", path, rigs, config)
+    ]

@@ -28,7 +28,7 @@ from typing import Literal
 
 import numpy as np
 
-from m3depth.datasets.image_files import decoded
+from m3depth.datasets.image_files import decode_image
 from m3depth.datasets.maps import PNG_UNIT
 from m3depth.stereo.classical import fill_background
 from m3depth.stereo.prediction import Prediction
@@ -201,7 +201,7 @@ def read_recorded_map(path: Path, shape: tuple[int, ...]) -> np.ndarray:
         if path.suffix == ".npy":
             values = read_npy(path)
         else:
-            values = decoded(path.read_bytes())
+            values = decode_image(path.read_bytes())
     except ValueError:
         values = None
     if values is None or values.dtype.kind not in "fiu":

@@ -48,7 +48,7 @@ class SeenRock:
         plane: (3,) the ground around it has the height plane @ (x, y, 1) [m].
         height: Height of its highest point above the ground [m].
         top: The 95th percentile of its pixels' heights [m].
-        away: Distance along the ground [m].
+        distance: Distance along the ground [m].
         both_eyes: Whether the right eye sees 30 pixels of it or more.
     """
 
@@ -56,7 +56,7 @@ class SeenRock:
     plane: np.ndarray
     height: float
     top: float
-    away: float
+    distance: float
     both_eyes: bool
 
 
@@ -69,7 +69,7 @@ class RockScene:
         true_depth: (H, W) depth [m].
         focal: Focal length of the rows [px].
         ground: (n, n) height of each cell of the ground [m], [iy, ix].
-        beside: (H, W) bool, pixels on a rock or within ROCK_RIM of one.
+        near_rock: (H, W) bool, pixels on a rock or within ROCK_RIM of one.
         rocks: The rocks that are measured.
     """
 
@@ -77,7 +77,7 @@ class RockScene:
     true_depth: np.ndarray
     focal: float
     ground: np.ndarray
-    beside: np.ndarray
+    near_rock: np.ndarray
     rocks: list[SeenRock]
 
     def heights(self, points: np.ndarray) -> np.ndarray:
@@ -103,9 +103,9 @@ def rock_scene(sample: RockTruth) -> RockScene | None:
     if np.isnan(known).all():
         return None
     reach = np.ones((2 * ROCK_RIM + 1,) * 2, np.uint8)
-    beside = cv2.dilate(on_rock.astype(np.uint8), reach) > 0
+    near_rock = cv2.dilate(on_rock.astype(np.uint8), reach) > 0
     rocks = _measure(sample, rays, known, on_rock & visible & (sample.depth <= 1.5 * MAX_DEPTH))
-    return RockScene(rays, sample.depth, camera.fy, _nearest(known), beside, rocks)
+    return RockScene(rays, sample.depth, camera.fy, _nearest(known), near_rock, rocks)
 
 
 def _cells(points: np.ndarray) -> np.ndarray:
@@ -135,16 +135,16 @@ def _nearest(heights: np.ndarray) -> np.ndarray:
     return value[labels]
 
 
-def _measure(sample: RockTruth, rays: np.ndarray, ground: np.ndarray, at: np.ndarray) -> list[SeenRock]:
-    """Return the rocks of the pixels `at`, (H, W) bool; ground: (n, n) known heights [m], NaN elsewhere."""
+def _measure(sample: RockTruth, rays: np.ndarray, ground: np.ndarray, on_rock: np.ndarray) -> list[SeenRock]:
+    """Return the rocks of the pixels `on_rock`, (H, W) bool; ground: (n, n) known heights [m], NaN elsewhere."""
     rocks = []
-    for pixels in pixels_by_label(np.where(at, sample.rock, 0)):
+    for pixels in pixels_by_label(np.where(on_rock, sample.rock, 0)):
         if len(pixels) < LEAST_PIXELS:
             continue
         points = rays.reshape(-1, 3)[pixels] * sample.depth.ravel()[pixels][:, None]
         middle = points[:, :2].mean(axis=0)
-        away = float(np.hypot(*middle))
-        if away > MAX_DEPTH:
+        distance = float(np.hypot(*middle))
+        if distance > MAX_DEPTH:
             continue
         radius = float(np.hypot(*(points[:, :2] - middle).T).max())
         plane = _plane_around(ground, middle, radius + RING)
@@ -154,7 +154,7 @@ def _measure(sample: RockTruth, rays: np.ndarray, ground: np.ndarray, at: np.nda
         top = float(np.percentile(height, TOP))
         if height.max() >= LEAST_HEIGHT and top > 0:
             both = int((~sample.occluded.ravel()[pixels]).sum()) >= LEAST_PIXELS
-            rocks.append(SeenRock(pixels, plane, float(height.max()), top, away, both))
+            rocks.append(SeenRock(pixels, plane, float(height.max()), top, distance, both))
     return rocks
 
 

@@ -29,7 +29,7 @@ from marssim.base.camera import MAX_DEPTH
 HEIGHT_EDGES = (LEAST_HEIGHT, 0.2, 0.3, 0.5, np.inf)  # [m] of the intervals of height that have figures
 RANGE_EDGES = (0.0, 4.0, 8.0, MAX_DEPTH)  # [m] of the intervals of distance along the ground
 OBSTACLE = 0.2  # [m] height from which something counts as an obstacle
-AWAY = 0.25  # relative depth error from which a pixel shows something else than the rock
+OTHER_SURFACE = 0.25  # relative depth error from which a pixel shows something else than the rock
 FALSE_EDGE = 0.1  # [m] edge of the square that a false obstacle has to fill
 
 
@@ -40,7 +40,7 @@ def predicted_tops(scene: RockScene, depth: np.ndarray) -> np.ndarray:
     for i, rock in enumerate(scene.rocks):
         z = flat[rock.pixels].astype(float)
         with np.errstate(invalid="ignore"):
-            at_the_rock = np.abs(z - true[rock.pixels]) <= AWAY * true[rock.pixels]
+            at_the_rock = np.abs(z - true[rock.pixels]) <= OTHER_SURFACE * true[rock.pixels]
         points = rays[rock.pixels] * np.where(at_the_rock, z, 0)[:, None]
         height = points[:, 2] - (points[:, :2] @ rock.plane[:2] + rock.plane[2])
         tops[i] = np.percentile(np.where(at_the_rock, height, 0.0), TOP)
@@ -55,7 +55,7 @@ def false_obstacles(scene: RockScene, depth: np.ndarray) -> list[tuple[float, fl
         depth: (H, W) predicted depth [m].
     """
     with np.errstate(invalid="ignore"):
-        within = np.isfinite(depth) & (depth > 0) & ~scene.beside
+        within = np.isfinite(depth) & (depth > 0) & ~scene.near_rock
     within &= depth * np.hypot(scene.rays[..., 0], scene.rays[..., 1]) <= RANGE_EDGES[-1]
     points = scene.rays[within] * depth[within][:, None]
     above = np.zeros(depth.shape, np.float32)
@@ -78,14 +78,14 @@ class RockOutcome(NamedTuple):
 
     Attributes:
         height: Its height [m].
-        away: Its distance along the ground [m].
+        distance: Its distance along the ground [m].
         found: Whether it was found.
         error: Error of the height of its top [m].
         both_eyes: Whether the right eye sees enough of it.
     """
 
     height: float
-    away: float
+    distance: float
     found: bool
     error: float
     both_eyes: bool = True
@@ -111,7 +111,7 @@ class RockCounts:
         tops = predicted_tops(scene, prediction.depth)
         for rock, top in zip(scene.rocks, tops, strict=True):
             found = bool(top >= rock.top / 2)
-            self.rocks.append(RockOutcome(rock.height, rock.away, found, float(top - rock.top), rock.both_eyes))
+            self.rocks.append(RockOutcome(rock.height, rock.distance, found, float(top - rock.top), rock.both_eyes))
         self.false += false_obstacles(scene, prediction.depth)
 
     def state_dict(self) -> dict[str, Any]:
@@ -122,7 +122,7 @@ class RockCounts:
         """Continue from a state, as RunningSums.load_state_dict does."""
         self.images = state["images"]
         self.rocks = [RockOutcome(*rock) for rock in state["rocks"]]
-        self.false = [(height, away) for height, away in state["false"]]
+        self.false = [(height, distance) for height, distance in state["false"]]
 
     def result(self) -> dict[str, Any]:
         """Return the figures.
@@ -159,7 +159,7 @@ class RockCounts:
             "height_bias_m", the median of the error's magnitude and of the error over the rocks found; "false",
             "false_per_image". Shares and errors are None without any rocks.
         """
-        rocks = [r for r in self.rocks if low <= r.height < high and near <= r.away < far]
+        rocks = [r for r in self.rocks if low <= r.height < high and near <= r.distance < far]
         errors = np.array([r.error for r in rocks if r.found])
         both = [r.found for r in rocks if r.both_eyes]
         false = count_between(self.false, low, high, near, far)
@@ -183,4 +183,4 @@ class RockCounts:
 
 def count_between(obstacles: Iterable[tuple[float, float]], low: float, high: float, near: float, far: float) -> int:
     """Return how many of (height, distance) [m] lie in low <= height < high and near <= distance < far."""
-    return sum(low <= height < high and near <= away < far for height, away in obstacles)
+    return sum(low <= height < high and near <= distance < far for height, distance in obstacles)

@@ -118,17 +118,22 @@ class Scores:
     def add(self, prediction: Prediction, pair: ScoredPair) -> dict[str, float]:
         """Score one pair.
 
+        Args:
+            prediction: Maps of the sample's size (m3depth.estimator.checked_prediction checks it).
+            pair: The sample.
+
         Returns:
             The pair's figures over all scored pixels: the depth terms, and "normal_<term>".
-
-        Raises:
-            ValueError: The prediction's maps are not of the sample's size.
         """
-        sample, at = pair.sample, pair.considered
-        _check_shapes(prediction, sample.depth.shape)
-        terms = depth_terms(prediction.depth[at], prediction.disparity[at], sample.depth[at], sample.disparity[at])
-        figures = _add_kinds(self.depth, terms, pair.kinds, at)
-        scored = pair.kinds["all"][at]
+        sample, considered = pair.sample, pair.considered
+        terms = depth_terms(
+            prediction.depth[considered],
+            prediction.disparity[considered],
+            sample.depth[considered],
+            sample.disparity[considered],
+        )
+        figures = _add_kinds(self.depth, terms, pair.kinds, considered)
+        scored = pair.kinds["all"][considered]
         terms, true = terms[scored], sample.depth[pair.kinds["all"]]
         interval = np.searchsorted(INTERVAL_EDGES, true, side="left")
         ends = len(INTERVAL_EDGES) + 1
@@ -188,23 +193,13 @@ class Scores:
         }
 
 
-def _check_shapes(prediction: Prediction, shape: tuple[int, ...]) -> None:
-    expected = {"depth": shape, "disparity": shape, "confidence": shape}
-    if prediction.normal is not None:
-        expected["normal"] = (*shape, 3)
-    for name, expected_shape in expected.items():
-        actual = getattr(prediction, name).shape
-        if actual != expected_shape:
-            raise ValueError(f"predicted {name} is of shape {actual}, the sample of shape {expected_shape}")
-
-
 def _add_kinds(
-    sums_by_kind: Mapping[str, RunningSums], terms: np.ndarray, kinds: Mapping[str, np.ndarray], at: np.ndarray
+    sums_by_kind: Mapping[str, RunningSums], terms: np.ndarray, kinds: Mapping[str, np.ndarray], considered: np.ndarray
 ) -> dict[str, float]:
-    """Add the terms at the pixels of mask `at` to the sums of each kind; return the figures of "all"."""
-    of_kind = np.stack([kinds[kind][at] for kind in KINDS])
-    totals = of_kind.astype(np.float64) @ terms
+    """Add the terms at the pixels of the mask `considered` to the sums of each kind; return the figures of "all"."""
+    members = np.stack([kinds[kind][considered] for kind in KINDS])
+    totals = members.astype(np.float64) @ terms
     return {
         kind: sums_by_kind[kind].add_sums(total, int(mask.sum()), terms[mask, 0])
-        for kind, mask, total in zip(KINDS, of_kind, totals, strict=True)
+        for kind, mask, total in zip(KINDS, members, totals, strict=True)
     }["all"]

@@ -125,7 +125,7 @@ class Scoring:
             name: {
                 **score.result(),
                 "median_image": _medians([record[name] for record in self.pairs]),
-                **_spent(self._costs[name]),
+                **_cost_figures(self._costs[name]),
             }
             for name, score in self._scores.items()
         }
@@ -273,7 +273,7 @@ def _medians(records: list[dict[str, float]]) -> dict[str, float]:
     return {name: float(np.median([r[name] for r in records if name in r])) for name in names}
 
 
-def _spent(costs: list[Cost]) -> dict[str, Any]:
+def _cost_figures(costs: list[Cost]) -> dict[str, Any]:
     if not costs:
         return {"seconds": None, "memory_mib": None}
     seconds = [cost.seconds for cost in costs]

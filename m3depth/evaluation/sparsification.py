@@ -41,9 +41,9 @@ class ConfidenceHistograms:
             confidence: (N,) in [0, 1]; NaN counts as 0.
             error: (N,) [px], finite.
         """
-        sure = np.clip(np.nan_to_num(confidence.astype(np.float64), nan=0.0), 0, 1)
+        clipped = np.clip(np.nan_to_num(confidence.astype(np.float64), nan=0.0), 0, 1)
         with np.errstate(divide="ignore"):
-            logit = np.clip(np.log(sure) - np.log1p(-sure), -LOGIT, LOGIT)
+            logit = np.clip(np.log(clipped) - np.log1p(-clipped), -LOGIT, LOGIT)
         index = np.minimum(((logit + LOGIT) * (BINS / (2 * LOGIT))).astype(np.int64), BINS - 1)
         self.pixels += np.bincount(index, minlength=BINS)
         self.error += np.bincount(index, error, BINS)
@@ -78,10 +78,10 @@ class ConfidenceHistograms:
         if count == 0 or np.count_nonzero(self.pixels) < 2:
             return {}
         bad = self.bad.sum()
-        epe = _left(self.pixels, self.error)
-        bad1 = _left(self.pixels, self.bad)
+        epe = _mean_of_rest(self.pixels, self.error)
+        bad1 = _mean_of_rest(self.pixels, self.bad)
         sizes, errors = self.by_error[:, ::-1]
-        oracle_epe = _left(sizes, errors)
+        oracle_epe = _mean_of_rest(sizes, errors)
         oracle_bad1 = np.maximum(bad - DROPPED * count, 0) / ((1 - DROPPED) * count)
         tenth = int(np.argmin(np.abs(DROPPED - 0.1)))
 
@@ -100,10 +100,11 @@ class ConfidenceHistograms:
         }
 
 
-def _left(pixels: np.ndarray, value: np.ndarray) -> np.ndarray:
+def _mean_of_rest(pixels: np.ndarray, value: np.ndarray) -> np.ndarray:
     """Return the mean of `value` over what is left after each share of DROPPED; the first bins are dropped first."""
-    gone = np.concatenate([[0], np.cumsum(pixels)])
-    lost = np.concatenate([[0], np.cumsum(value)])
-    wanted = DROPPED * gone[-1]
-    keep = np.concatenate([[True], np.diff(gone) > 0])
-    return (lost[-1] - np.interp(wanted, gone[keep], lost[keep])) / (gone[-1] - wanted)
+    pixels_so_far = np.concatenate([[0], np.cumsum(pixels)])
+    value_so_far = np.concatenate([[0], np.cumsum(value)])
+    dropped = DROPPED * pixels_so_far[-1]
+    keep = np.concatenate([[True], np.diff(pixels_so_far) > 0])
+    dropped_value = np.interp(dropped, pixels_so_far[keep], value_so_far[keep])
+    return (value_so_far[-1] - dropped_value) / (pixels_so_far[-1] - dropped)

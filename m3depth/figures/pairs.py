@@ -15,8 +15,8 @@ from m3depth.figures.drawing import colour_map, label_bar, normal_image, note, s
 from marssim.base.images.colours import DISPARITY_MAP, NORMAL_TITLE
 
 PANEL = 1.7  # [in] width of one image
-MOST = 4.0  # [px] error where the colour ends
-WORDS = (
+LARGEST_ERROR = 4.0  # [px] error where the colour ends
+LEGEND = (
     "disparity: bright is near; each pair has a scale of its own, which is written on its truth\n"
     f"grey: sky or unknown; in the error: not scored\n{NORMAL_TITLE}"
 )
@@ -43,7 +43,7 @@ def pairs_figure(examples: Sequence[Example], path: Path) -> np.ndarray:
     figure = Figure(figsize=(width, height), dpi=120)
     edges = {"left": 0.36 / width, "right": 1 - 0.04 / width, "top": 1 - 0.3 / height, "bottom": 0.7 / height}
     axes = figure.subplots(rows, len(COLUMNS), squeeze=False, gridspec_kw={**edges, "wspace": 0.03, "hspace": 0.03})
-    errors, shares = Normalize(0, MOST), Normalize(0, 1)
+    errors, shares = Normalize(0, LARGEST_ERROR), Normalize(0, 1)
     for row, example in zip(axes, examples, strict=True):
         truth, prediction = example.truth, next(iter(example.predictions.values()))
         scored = pixel_kinds(truth)["all"]
@@ -64,7 +64,7 @@ def pairs_figure(examples: Sequence[Example], path: Path) -> np.ndarray:
             show(row[6], normal_image(np.where(known_depth(prediction.depth)[..., None], prediction.normal, 0)))
     for ax, name in zip(axes[0], COLUMNS, strict=True):
         ax.set_title(name, fontsize=10)
-    figure.text(0.36 / width, 0.46 / height, WORDS, fontsize=8, va="top")
+    figure.text(0.36 / width, 0.46 / height, LEGEND, fontsize=8, va="top")
     for column, image, label in ((3, error_image, "error [px]"), (4, share_image, "confidence")):
         box = axes[-1, column].get_position()
         at = (box.x0 + 0.1 * box.width, 0.5 / height, 0.8 * box.width, 0.1 / height)

@@ -36,12 +36,12 @@ def left_right_difference(
     width = left.shape[1]
     mirrored = replace(rig, camera=replace(rig.camera, cx=width - 1 - rig.camera.cx))
     first, second = (np.ascontiguousarray(image[:, ::-1]) for image in (right, left))
-    of_right_eye = infer(first, second, mirrored).disparity[:, ::-1]
-    at = np.arange(width) - prediction.disparity  # columns of the right image
-    inside = (at >= 0) & (at <= width - 1)  # False where it is NaN
-    at = np.where(inside, at, 0)
-    before = at.astype(int)
-    low, high = (np.take_along_axis(of_right_eye, i, axis=1) for i in (before, np.minimum(before + 1, width - 1)))
-    part = at - before
+    right_disparity = infer(first, second, mirrored).disparity[:, ::-1]
+    column = np.arange(width) - prediction.disparity  # columns of the right image
+    inside = (column >= 0) & (column <= width - 1)  # False where it is NaN
+    column = np.where(inside, column, 0)
+    before = column.astype(int)
+    low, high = (np.take_along_axis(right_disparity, i, axis=1) for i in (before, np.minimum(before + 1, width - 1)))
+    part = column - before
     other = np.where(part > 0, (1 - part) * low + part * high, low)
     return np.where(inside, np.abs(prediction.disparity - other), np.nan).astype(np.float32)

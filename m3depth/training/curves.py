@@ -72,7 +72,7 @@ def draw_loss(ax: Axes, steps: np.ndarray, loss: np.ndarray) -> None:
     if enough:
         mean = np.convolve(loss, np.full(SMOOTHED, 1 / SMOOTHED), "valid")
         ax.plot(steps[SMOOTHED // 2 :][: len(mean)], mean, color=LOSS, lw=2, label=f"mean of {SMOOTHED} batches")
-    finish(ax, loss, "training loss (weighted sum)")
+    label_axes(ax, loss, "training loss (weighted sum)")
 
 
 def draw_validation(
@@ -81,10 +81,10 @@ def draw_validation(
     """Draw an error on the val split, of the averaged weights (the saved ones) and of the current ones."""
     ax.plot(*current, color=CURRENT, lw=1, marker=".", label="current weights")
     ax.plot(*averaged, color=AVERAGED, lw=2, marker="o", ms=4, label="averaged weights (saved)")
-    finish(ax, np.concatenate([current[1], averaged[1]]), f"{label}, val split")
+    label_axes(ax, np.concatenate([current[1], averaged[1]]), f"{label}, val split")
 
 
-def finish(ax: Axes, values: np.ndarray, label: str) -> None:
+def label_axes(ax: Axes, values: np.ndarray, label: str) -> None:
     """Name the axes. The vertical one is logarithmic where the largest value is over LOG_RANGE times the least."""
     if 0 < LOG_RANGE * values.min() < values.max():
         ax.set_yscale("log")

@@ -76,7 +76,7 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
         resumed = run.resume()
         check_common_step(run)
         if budget := spent_budget(config, run.step, run.seconds):
-            return done_before(run, budget, held_out) if rank == 0 else {}
+            return report_spent_budget(run, budget, held_out) if rank == 0 else {}
         local = int(os.environ.get("LOCAL_WORLD_SIZE", 1))
         cache = PackedCache(samples, free_memory() // 2 // local if config.cache else 0)
         check_crop(cache[0], config.crop)  # before anything is written
@@ -99,7 +99,7 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
             return finish(run, log, validator, stopped) if log else {}
 
 
-def done_before(run: Run, budget: str, held_out: StereoPairs) -> dict[str, float]:
+def report_spent_budget(run: Run, budget: str, held_out: StereoPairs) -> dict[str, float]:
     """Report that a run's budget is spent. Validate it first if it was killed between its last step and its end."""
     if len(held_out) and run.config.validate_samples and not is_validated(run):
         with closing(Log(run.config.out, run.step)) as log:
@@ -208,7 +208,7 @@ def one_step(run: Run, network: nn.Module, batch: Batch, rate: float, dtype: tor
     loss, terms = backward(network, batch, run.config, dtype)
     norm = nn.utils.clip_grad_norm_(run.model.parameters(), run.config.clip)
     fault = loss_fault(loss, run.config.loss) or (None if torch.isfinite(norm) else "gradient is not finite")
-    stop_at(fault, run, run.world)
+    raise_if_diverged(fault, run, run.world)
     run.optimizer.step()
     run.step += 1
     run.average()
@@ -233,15 +233,15 @@ def check_state(run: Run, batch: Batch, dtype: torch.dtype | None, world: int = 
         with torch.no_grad(), autocast(batch.left.device, dtype):
             output = run.model(batch.left, batch.right, batch.target.camera)
         fault = loss_fault(total_loss(output, batch.target, run.config.loss)[0], run.config.loss)
-    stop_at(fault, run, world)
+    raise_if_diverged(fault, run, world)
 
 
-def stop_at(fault: str | None, run: Run, world: int) -> None:
+def raise_if_diverged(fault: str | None, run: Run, world: int) -> None:
     """Raise FloatingPointError in every process if there is a fault in one of them."""
     if agree([float(fault is not None)], run.device, world)[0]:
         kept = f"{run.checkpoint} holds the last good state" if run.checkpoint.is_file() else "nothing is saved yet"
-        where = fault or "loss, gradient or weights of another process are not sound"
-        raise FloatingPointError(f"training has diverged: {where} at step {run.step}; {kept}; try a lower --lr")
+        reason = fault or "loss, gradient or weights of another process are not sound"
+        raise FloatingPointError(f"training has diverged: {reason} at step {run.step}; {kept}; try a lower --lr")
 
 
 def backward(

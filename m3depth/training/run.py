@@ -20,7 +20,7 @@ from marssim.base.results.claim import as_typed, differences
 
 CHECKPOINT = "checkpoint.pt"  # name of the checkpoint in a run's folder
 WORLD = "number of processes"  # its name in a run's identity
-FREE = (  # fields that may change when a run is resumed, beside those of loss, augmentation and reader
+CHANGEABLE = (  # fields that may change when a run is resumed, beside those of loss, augmentation and reader
     "max_minutes", "max_steps", "lr", "weight_decay", "clip", "ema", "accumulate", "precision", "data",
 )  # fmt: skip
 
@@ -137,7 +137,7 @@ class Run:
     def settings(self) -> dict[str, str]:
         """Return the settings that may change when a run is resumed, as text, by flag."""
         c = self.config
-        values: dict[str, Any] = {name: getattr(c, name) for name in FREE}
+        values: dict[str, Any] = {name: getattr(c, name) for name in CHANGEABLE}
         for part, config in (("loss", c.loss), ("augment", c.augment)):
             values |= {f"{part}.{name}": value for name, value in asdict(config).items()}
         values |= asdict(c.reader)
@@ -170,9 +170,9 @@ class Run:
         if not self.checkpoint.is_file():
             return False
         state = read_checkpoint(self.checkpoint, self.device)
-        asked = self.identity()
+        identity = self.identity()
         # Checkpoints of earlier versions lack some of the settings.
-        if other := differences({**asked, **state["identity"]}, asked):
+        if other := differences({**identity, **state["identity"]}, identity):
             raise ValueError(f"{self.checkpoint}: belongs to a run with {'; '.join(other)}; choose another --out")
         self.model.load_state_dict(state["model"])
         self.averaged.load_state_dict(state["averaged"])

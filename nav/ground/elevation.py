@@ -194,9 +194,9 @@ class ElevationMap:
             raise ValueError(f"depth is {depth.shape}, the rig's camera has {(camera.height, camera.width)} pixels")
         if confidence is not None and np.shape(confidence) != depth.shape:
             raise ValueError(f"confidence is {np.shape(confidence)}, depth is {depth.shape}")
-        points, z, trust, sure = self._points(depth, confidence, rig, np.asarray(camera_pose, float))
+        points, z, trust, may_show_ground = self._points(depth, confidence, rig, np.asarray(camera_pose, float))
         if z.size:
-            self._fuse(points, z, trust, sure, rig.fb)
+            self._fuse(points, z, trust, may_show_ground, rig.fb)
         return int(z.size)
 
     def _points(
@@ -221,16 +221,19 @@ class ElevationMap:
         local = np.stack([slope_u[columns] * z, slope_v[rows] * z, z], axis=1)
         points = local @ pose[:3, :3].T.astype(np.float32)
         trust = np.ones_like(z) if confidence is None else np.asarray(confidence, np.float32)[rows, columns]
-        sure = (trust >= c.sure_alone) | (columns >= rig.fb / z)  # the right eye sees the point too, at a column >= 0
-        return points.astype(np.float64) + pose[:3, 3], z, trust, sure
+        seen_by_both = columns >= rig.fb / z  # the right eye sees the point at a column >= 0
+        may_show_ground = (trust >= c.sure_alone) | seen_by_both
+        return points.astype(np.float64) + pose[:3, 3], z, trust, may_show_ground
 
-    def _fuse(self, points: np.ndarray, z: np.ndarray, trust: np.ndarray, sure: np.ndarray, fb: float) -> None:
+    def _fuse(
+        self, points: np.ndarray, z: np.ndarray, trust: np.ndarray, may_show_ground: np.ndarray, fb: float
+    ) -> None:
         n = self.n
         ij = self.cell_of(points[:, :2])
         inside = ((ij >= 0) & (ij < n)).all(axis=1)
         if not inside.any():
             return
-        ij, height, z, trust, sure = ij[inside], points[inside, 2], z[inside], trust[inside], sure[inside]
+        ij, height, z, trust = ij[inside], points[inside, 2], z[inside], trust[inside]
         flat = ij[:, 1] * n + ij[:, 0]
 
         # One integer sort orders the points by cell, and by height [mm] inside each cell, which gives percentiles.
@@ -245,7 +248,7 @@ class ElevationMap:
         # Of four or more points the highest is not used: a single stray match would make a rock.
         top = ordered[first + number - 1 - (number >= 4)]
         low = ordered[first + number // 10]
-        shows_ground = np.bincount(flat, sure, minlength=n * n)[touched] > 0
+        shows_ground = np.bincount(flat, may_show_ground[inside], minlength=n * n)[touched] > 0
         keep = self._credible(touched, top, low, number, shows_ground)
 
         sigma = z.astype(float) ** 2 / fb * self.config.disparity_sigma

@@ -222,7 +222,7 @@ def assess(
     dark = (hiding > 0) & ~filled
     clearance = distance_to(blocked, cell)
 
-    cost = _own_cost(step, slope, roughness, spec, cell, config)
+    cost = _ground_cost(step, slope, roughness, spec, cell, config)
     cost = cost + config.unknown_cost * (~filled)
     half = spec.width / 2 + config.margin
     cost = cost + config.near_cost * (1 - _ramp(clearance, half, max(config.comfort, half + cell)))
@@ -268,16 +268,16 @@ def _blocked(
     return np.asarray(blocked | (hidden & ~measured))
 
 
-def _own_cost(
+def _ground_cost(
     step: np.ndarray, slope: np.ndarray, roughness: np.ndarray, spec: RoverSpec, cell: float, c: TraversabilityConfig
 ) -> np.ndarray:
     """Return the extra cost per metre of the ground itself (n, n), from step [m], slope [rad] and roughness [m]."""
-    own: np.ndarray = c.step_cost * _ramp(step, c.step_free, c.step_blocked)
-    own = own + c.slope_cost * _ramp(slope, np.deg2rad(c.slope_free_deg), np.deg2rad(c.slope_blocked_deg))
-    own = own + c.roughness_cost * _ramp(roughness, ROUGHNESS_FREE, c.roughness_blocked)
+    cost: np.ndarray = c.step_cost * _ramp(step, c.step_free, c.step_blocked)
+    cost = cost + c.slope_cost * _ramp(slope, np.deg2rad(c.slope_free_deg), np.deg2rad(c.slope_blocked_deg))
+    cost = cost + c.roughness_cost * _ramp(roughness, ROUGHNESS_FREE, c.roughness_blocked)
     # The ground under any wheel counts: a wheel feels its surroundings, the centre the mean over the footprint.
     reach = _odd(spec.width, cell)
-    return np.asarray(cv2.blur(cv2.dilate(own, _square(_odd(2 * spec.wheel_radius, cell))), (reach, reach)))
+    return np.asarray(cv2.blur(cv2.dilate(cost, _square(_odd(2 * spec.wheel_radius, cell))), (reach, reach)))
 
 
 def _ramp(value: np.ndarray, free: float, full: float) -> np.ndarray:

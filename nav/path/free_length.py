@@ -60,9 +60,9 @@ def free_length(
         (a,) free lengths [m].
     """
     room = footprint_distance(ground.clearance, elevation, poses, spec)
-    light = footprint_distance(ground.dark_distance, elevation, poses, spec)
+    dark_room = footprint_distance(ground.dark_distance, elevation, poses, spec)
     ok = room >= room_needed(room[:, :1], config.margin if margin is None else margin)
-    ok &= light >= np.minimum(config.dark_margin, light[:, :1] - REPLANNED)
+    ok &= dark_room >= np.minimum(config.dark_margin, dark_room[:, :1] - REPLANNED)
     if stance is not None:
         place = stance.at(poses)
         ok &= place.tilt <= np.maximum(np.deg2rad(config.tilt_limit_deg), place.tilt[:, :1] + REPLANNED_TILT)

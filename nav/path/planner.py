@@ -188,9 +188,9 @@ class Planner:
         """
         step = 2 * np.pi / self.config.turns
         swept = turns[:, None] * np.linspace(0, 1, max(2, round(float(np.abs(turns).max()) / step) + 1))
-        light = footprint_distance(ground.dark_distance, elevation, turn_poses(pose, swept), self.spec)
+        dark_room = footprint_distance(ground.dark_distance, elevation, turn_poses(pose, swept), self.spec)
         # The discs cover some centimetres more than the footprint.
-        return np.asarray(light.min(axis=1) < np.minimum(light[:, 0], 0.0) - 0.1)
+        return np.asarray(dark_room.min(axis=1) < np.minimum(dark_room[:, 0], 0.0) - 0.1)
 
     def free_turns(self, elevation: ElevationMap, ground: Traversability, pose: np.ndarray) -> np.ndarray:
         """Return the heading changes in place [rad] during which the footprint touches nothing, without 0.

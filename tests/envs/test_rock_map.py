@@ -70,7 +70,7 @@ def test_missed_as_ground_or_left_unknown():
     assert [rock.found for rock in melted.rocks] == [False, False] and melted.unknown == []
     unsure = tally(SAMPLE.depth, np.where(SAMPLE.rock == 1, 0.2, 1.0).astype(np.float32))
     first = unsure.rocks[0]
-    assert not first.found and (first.height, first.away) in unsure.unknown
+    assert not first.found and (first.height, first.distance) in unsure.unknown
     near = unsure.result()["standing_0.2_m_within_8_m"]
     assert (near["rocks"], near["found"], near["unknown"]) == (1, 0, 1)
 

@@ -32,11 +32,11 @@ def test_a_mast_that_does_not_move_is_noticed_and_a_slow_one_is_not():
     for _ in range(6):
         pan = min(pan + 0.3, 1.2)
         slow.follow(pan, 1.2)
-        assert slow.works
+        assert slow.obeys
     stuck = mast()
     stuck.follow(0.0, None)
     stuck.follow(0.0, 1.2)
-    assert not stuck.works and stuck.towards(1.2) is None
+    assert not stuck.obeys and stuck.towards(1.2) is None
     assert not stuck.must_look(1.2, HERE, 0.0, DRIVE, flat_map_with_rocks(seen=lambda x, y: x > 50)[0])
 
 

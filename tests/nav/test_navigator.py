@@ -159,7 +159,7 @@ def test_a_turn_into_the_unseen_waits_for_a_look():
         wish = command.pan or 0.0
         pan += float(np.clip(wish - pan, -0.6, 0.6))  # a mast that takes three steps for 75 deg
     assert seen[0] == "look" and seen[-1] in ("turn", "drive") and abs(pan) > np.deg2rad(30)
-    assert navigator.mast.works  # slow is not broken
+    assert navigator.mast.obeys  # slow is not broken
 
 
 def ways_round_a_wall(area):

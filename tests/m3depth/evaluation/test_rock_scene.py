@@ -19,7 +19,7 @@ def test_heights_and_distances_are_those_of_the_domes():
         assert rock.height == pytest.approx(height, abs=0.015)
         assert 0.8 * rock.height < rock.top <= rock.height
         middle = np.hypot(distance, aside)
-        assert middle - radius - 0.05 < rock.away < middle + 0.05  # only its front is seen
+        assert middle - radius - 0.05 < rock.distance < middle + 0.05  # only its front is seen
 
 
 @given(st.floats(-0.15, 0.15), st.floats(-0.15, 0.15))

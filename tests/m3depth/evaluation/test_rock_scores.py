@@ -59,9 +59,9 @@ def test_a_block_on_bare_ground_is_a_false_obstacle_of_its_height():
     sample = rock_sample(world())
     x, y = ahead(6.0, -1.6)
     more = RockWorld(domes=np.vstack([world().domes, [x, y, 0.3, 0.45]]))
-    [(height, away)] = false_obstacles(rock_scene(sample), rock_sample(more).depth)
+    [(height, distance)] = false_obstacles(rock_scene(sample), rock_sample(more).depth)
     assert height == pytest.approx(0.43, abs=0.05)
-    assert away == pytest.approx(np.hypot(6.0, 1.6) - 0.2, abs=0.2)
+    assert distance == pytest.approx(np.hypot(6.0, 1.6) - 0.2, abs=0.2)
     low = RockWorld(domes=np.vstack([world().domes, [x, y, 0.3, 0.15]]))
     assert false_obstacles(rock_scene(sample), rock_sample(low).depth) == []
 
@@ -70,8 +70,8 @@ def test_near_sky_is_a_false_obstacle_and_far_sky_is_not():
     sample = rock_sample(world())
     scene, sky = rock_scene(sample), np.isinf(sample.depth)
     assert sky.any()
-    [(height, away)] = false_obstacles(scene, np.where(sky, np.float32(6), sample.depth))
-    assert height > 1.2 and away == pytest.approx(6, abs=0.6)
+    [(height, distance)] = false_obstacles(scene, np.where(sky, np.float32(6), sample.depth))
+    assert height > 1.2 and distance == pytest.approx(6, abs=0.6)
     assert false_obstacles(scene, np.where(sky, np.float32(40), sample.depth)) == []
 
 
