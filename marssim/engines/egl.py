@@ -30,7 +30,7 @@ PLUGIN = "_eglRendererPlugin"
 SOFTWARE = re.compile(r"llvmpipe|softpipe|swrast|software", re.IGNORECASE)
 DEVICES, CARDS = Path("/dev"), ("dri/renderD*", "nvidia[0-9]*", "dxg")  # on Linux; PyBullet has no EGL elsewhere
 SIZE = 96  # [px] side of the test picture
-ALIKE = 0.97  # least share of its pixels that must equal TinyRenderer's, which samples half a pixel away
+ALIKE = 0.97  # least share of its pixels that must equal those of TinyRenderer, which samples half a pixel away
 
 
 @dataclass(frozen=True)
@@ -81,8 +81,8 @@ def _try(answer: Path) -> Egl:
         last = done.stderr.strip().splitlines()[-1:] or ["it printed nothing"]
         return Egl(False, False, f"the test ended with exit code {done.returncode}: {last[0]}")
     try:
-        answered = json.loads(answer.read_text())
-        alike, failed = float(answered["alike"]), str(answered["failed"])
+        content = json.loads(answer.read_text())
+        alike, failed = float(content["alike"]), str(content["failed"])
     except (OSError, ValueError, KeyError, TypeError):
         return Egl(False, False, "the test ended without a report")
     if failed or not alike >= ALIKE:

@@ -54,7 +54,7 @@ class Rover:
         self._steers = [self._index[f"steer_{name}"] for name in WHEELS]
         self._free_joints(settled.joints)
         self.drive(np.zeros(6), np.zeros(6))
-        world.watch(self._watch, self._feel)
+        world.watch(self._update, self._record_contacts)
         world.step(SETTLE_TIME)
 
     def drive(self, wheel_speeds: np.ndarray, steering: np.ndarray) -> None:
@@ -84,7 +84,7 @@ class Rover:
         self._contacts = Contacts()
         self._wake()
         self._brake()
-        self.world.look()
+        self.world.check_rest()
 
     def state(self) -> RoverState:
         """Return where the rover is and how it moves."""
@@ -114,7 +114,7 @@ class Rover:
     def remove(self) -> None:
         """Take the rover out of its world, which stays open. Do not use the rover afterwards."""
         self._p.removeBody(self._body, physicsClientId=self._client)
-        self.world.unwatch(self._watch, self._feel)
+        self.world.unwatch(self._update, self._record_contacts)
 
     def close(self) -> None:
         """Close the world that the rover is in."""
@@ -160,7 +160,7 @@ class Rover:
                 physicsClientId=client,
             )  # fmt: skip
 
-    def _watch(self) -> bool:
+    def _update(self) -> bool:
         """Release or hold the wheels; return whether the rover is parked."""
         if self._speeds.any():
             states = self._p.getJointStates(self._body, self._steers, physicsClientId=self._client)
@@ -171,7 +171,7 @@ class Rover:
                 self._brake()
         elif not self._parked:
             self._park_if_still()
-        self._feel()
+        self._record_contacts()
         return self._parked
 
     def _park_if_still(self) -> None:
@@ -207,7 +207,7 @@ class Rover:
                 positionGain=0.2, velocityGain=1.0, physicsClientId=self._client,
             )  # fmt: skip
 
-    def _feel(self) -> None:
+    def _record_contacts(self) -> None:
         """Record what is touched.
 
         This runs after every step, so it asks only for the contact points of chassis and obstacles. Those of all six

@@ -24,7 +24,7 @@ GROUND_FRICTION = 1.0  # friction coefficient
 GROUND_CELL = 0.10  # [m] coarsest grid spacing of the ground, so that the wheels feel what the cameras see
 MAX_NODES = 260  # nodes per side above which the ground is thinned: 341 take 0.4 s, growing with the square
 SOLVER_ITERATIONS = 16  # Bullet's 50 change no drive here by more than 1 mm a metre, and cost a third more
-WATCH_EVERY = 8  # steps between two calls of the watchers
+WATCH_EVERY = 8  # steps between two checks of whether all that is watched rests
 
 
 class PhysicsWorld:
@@ -62,8 +62,8 @@ class PhysicsWorld:
         self.bullet = import_pybullet()
         self.client = self.bullet.connect(self.bullet.DIRECT)
         self._steps_owed, self._resting = 0.0, False
-        self._watchers: list[Callable[[], bool]] = []
-        self._feelers: list[Callable[[], None]] = []
+        self._rest_checks: list[Callable[[], bool]] = []
+        self._step_callbacks: list[Callable[[], None]] = []
         try:
             self._build()
         except BaseException:
@@ -73,7 +73,7 @@ class PhysicsWorld:
     def step(self, seconds: float) -> None:
         """Advance the simulation. A remainder of less than a step is carried over to the next call.
 
-        While every watcher reports that it rests, time passes but nothing is computed.
+        While all that is watched rests, time passes but nothing is computed.
 
         Args:
             seconds: Time to advance [s].
@@ -92,32 +92,40 @@ class PhysicsWorld:
             if not self._resting:
                 for _ in range(batch):
                     advance(physicsClientId=client)
-                    for feel in self._feelers:
-                        feel()
+                    for after_step in self._step_callbacks:
+                        after_step()
             self.time += batch * self.time_step
             count -= batch
-            self.look()
+            self.check_rest()
 
-    def look(self) -> None:
-        """Ask the watchers now. Call it when one of them has been given something to do."""
-        answers = [watch() for watch in self._watchers]  # a list, so that every watcher is asked
+    def check_rest(self) -> None:
+        """Ask now whether all that is watched rests. Call it after a body has been given something to do."""
+        answers = [is_at_rest() for is_at_rest in self._rest_checks]  # a list, so that every function is called
         self._resting = bool(answers) and all(answers)
 
-    def watch(self, callback: Callable[[], bool], feel: Callable[[], None]) -> None:
-        """Call two functions back from now on.
+    def watch(self, is_at_rest: Callable[[], bool], after_step: Callable[[], None]) -> None:
+        """Watch a body: call two functions back from now on.
 
         Args:
-            callback: Called every few steps. It returns whether what it watches has come to rest.
-            feel: Called after every step, so that it notices the shortest contact.
+            is_at_rest: Called every WATCH_EVERY steps. It returns whether the body has come to rest.
+            after_step: Called after every step, so that it notices the shortest contact.
         """
-        self._watchers.append(callback)
-        self._feelers.append(feel)
+        self._rest_checks.append(is_at_rest)
+        self._step_callbacks.append(after_step)
         self._resting = False
 
-    def unwatch(self, callback: Callable[[], bool], feel: Callable[[], None]) -> None:
-        """Stop calling two functions back. Raises ValueError if they were not watching."""
-        self._watchers.remove(callback)
-        self._feelers.remove(feel)
+    def unwatch(self, is_at_rest: Callable[[], bool], after_step: Callable[[], None]) -> None:
+        """Stop calling two functions of `watch` back.
+
+        Args:
+            is_at_rest: The first function.
+            after_step: The second function.
+
+        Raises:
+            ValueError: The functions are not called back.
+        """
+        self._rest_checks.remove(is_at_rest)
+        self._step_callbacks.remove(after_step)
 
     @cached_property
     def support(self) -> SupportMap:
@@ -130,8 +138,8 @@ class PhysicsWorld:
             self.bullet.resetSimulation(physicsClientId=self.client)
             self.bullet.disconnect(physicsClientId=self.client)
             self.client = -1
-        self._watchers.clear()
-        self._feelers.clear()
+        self._rest_checks.clear()
+        self._step_callbacks.clear()
 
     def __enter__(self) -> PhysicsWorld:
         return self

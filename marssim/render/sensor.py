@@ -12,7 +12,7 @@ from marssim.base.camera import PinholeCamera
 from marssim.base.compute.compiled import compiled
 from marssim.scene.ranges import Range, check_ranges
 
-LEAST = 0.05  # least share of the image at which ground or sky is metered separately
+LEAST_METERED_SHARE = 0.05  # least share of the image at which ground or sky is metered separately
 GAMMA = 2.2  # the 8-bit code of a signal is proportional to its share of full scale to the power 1 / GAMMA
 
 
@@ -80,7 +80,12 @@ class Sensor:
 
     @classmethod
     def draw(cls, config: SensorConfig, rng: np.random.Generator) -> Sensor:
-        """Draw each value uniformly from its range in config."""
+        """Draw each value uniformly from its range.
+
+        Args:
+            config: The ranges.
+            rng: Random generator.
+        """
         return cls(**{name: float(rng.uniform(low, high)) for name, (low, high) in vars(config).items()})
 
     @property
@@ -115,12 +120,13 @@ class Sensor:
             ground: (H, W) bool, the pixels that are not sky.
         """
         pixels, share = radiance.reshape(-1, 3), ground.mean()
-        light, strongest = _metered(pixels, ground.ravel() if share > LEAST else np.ones(ground.size, bool))
+        metered = ground.ravel() if share > LEAST_METERED_SHARE else np.ones(ground.size, bool)
+        light, strongest = _metered(pixels, metered)
         high = min(int(0.98 * len(light)), len(light) - 1)
         middle, bright = float(np.median(light)), float(np.partition(strongest, high)[high])
         # `exposure` is a code, so its linear value is a power; the ground's highlights and most of the sky are kept
         gain = min(self.exposure**GAMMA / max(middle, 1e-6), 0.9 / max(bright, 1e-6))
-        if share < 1 - LEAST:
+        if share < 1 - LEAST_METERED_SHARE:
             _, sky = _metered(pixels, ~ground.ravel())
             gain = min(gain, 1 / max(float(np.median(sky)), 1e-6))
         return gain

@@ -1,4 +1,4 @@
-"""Places in files: a SceneConfig as a JSON object.
+"""Read and write places as JSON files. A place is a SceneConfig.
 
 A file names only what differs from the preset that it starts from:
 
@@ -23,8 +23,8 @@ from marssim.base.files.json_file import read_json, write_json
 from marssim.scene.presets import PRESETS, preset
 from marssim.scene.scene import SceneConfig
 
-FIELD = "`scene`"  # in front of each message: a command makes the flag of what stands in ` `
-PLACE_VALUES = "{" + ",".join(PRESETS) + "}|FILE.json"  # how a flag that takes a place shows its values in the help
+FIELD = "`scene`"  # begins each message; a command replaces a name in ` ` by its flag
+PLACE_VALUES = "{" + ",".join(PRESETS) + "}|FILE.json"  # values of a flag that takes a place, for the help
 
 Part = TypeVar("Part")
 
@@ -36,9 +36,9 @@ def load_place(name: str | Path) -> SceneConfig:
         name: One of PRESETS, or the path of a file as `save_place` writes it; a path that no preset is called.
 
     Raises:
-        ValueError: There is neither; or the file is no JSON object, or has an unknown field or a value out of range.
-            One line that names the file and the field, as rocks.k. It begins with `scene`, of which a command makes
-            the flag.
+        ValueError: There is neither such a preset nor such a file; or the file is no JSON object, or has an unknown
+            field or a value out of range. One line that begins with `scene`, of which a command makes the flag, and
+            names the file and the field, as rocks.k.
     """
     if str(name) in PRESETS:
         return preset(str(name))
@@ -61,8 +61,8 @@ def save_place(place: SceneConfig, path: Path) -> None:
     """Write a place with all its fields to a JSON file that `load_place` reads.
 
     Args:
-        place: What to write, as `preset("gale")`.
-        path: The file, replaced if it is there. The path of a heightmap is written as an absolute one.
+        place: The place, as `preset("gale")`.
+        path: The file, which is replaced if it exists. The path of a heightmap is written as an absolute one.
     """
     content = asdict(place)
     if place.relief.heightmap is not None:
@@ -71,7 +71,7 @@ def save_place(place: SceneConfig, path: Path) -> None:
 
 
 def _start(content: dict[str, Any]) -> SceneConfig:
-    """The preset that a file starts from."""
+    """Return the preset that a file starts from."""
     name = content.get("preset", PRESETS[0])
     if name not in PRESETS:
         raise ValueError(f"preset {name!r} is unknown; {_nearest(str(name), PRESETS)}")
@@ -79,7 +79,7 @@ def _start(content: dict[str, Any]) -> SceneConfig:
 
 
 def _with_heightmap(content: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """The content of a file in that folder, with the heightmap's path as seen from the working directory."""
+    """Return the content of a file in a folder, with the heightmap's path relative to the working directory."""
     relief = content.get("relief")
     if not isinstance(relief, dict) or not isinstance(relief.get("heightmap"), str):
         return content
@@ -87,9 +87,15 @@ def _with_heightmap(content: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _merged(config: Part, content: Any, where: str = "") -> Part:
-    """A config with those fields replaced that `content` has.
+    """Return a config with the fields replaced that a JSON object has.
 
-    where: the config's dotted name, with a dot at its end. Raises ValueError that begins with a field's dotted name.
+    Args:
+        config: The config.
+        content: The JSON object.
+        where: Dotted name of the config, with a dot at its end.
+
+    Raises:
+        ValueError: A field is unknown or has a bad value. The message names it by its dotted name.
     """
     if not isinstance(content, dict):
         raise ValueError(f"{where.rstrip('.')} must be a JSON object, got {content!r}")
@@ -110,7 +116,7 @@ def _merged(config: Part, content: Any, where: str = "") -> Part:
 
 
 def _value(value: Any, hint: Any, where: str) -> Any:
-    """A JSON value as a field's type has it: float, str, None, or a tuple of floats."""
+    """Return a JSON value as a field's type has it: float, str, None, or a tuple of floats."""
     numbers = isinstance(value, list) and all(map(_is_number, value))
     for option in get_args(hint) if isinstance(hint, UnionType) else (hint,):
         if option is float and _is_number(value):
@@ -127,7 +133,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _kind(hint: Any) -> str:
-    """What a field takes, in words."""
+    """Return what a field takes, in words."""
     if isinstance(hint, UnionType):
         return " or ".join(map(_kind, get_args(hint)))
     if get_origin(hint) is tuple:
@@ -136,5 +142,6 @@ def _kind(hint: Any) -> str:
 
 
 def _nearest(name: str, names: Sequence[str], where: str = "") -> str:
+    """Return a hint: the most similar known name, or else all known names."""
     near = difflib.get_close_matches(name, names, 1)
     return f"did you mean {where}{near[0]}?" if near else f"choose from {', '.join(where + name for name in names)}"

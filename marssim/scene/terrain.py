@@ -17,7 +17,7 @@ __all__ = ["HeightGrid", "ReliefConfig", "Terrain", "build_terrain"]
 COARSE_CELL = 1.0  # [m] grid of the coarse part
 CROSSOVER = 5.0  # [m] wavelength at which the fine grid's spectrum takes over from the coarse grid's
 BLEND = 2.0  # [m] width of the strip in which the fine relief fades into the coarse one
-UNSEEN = 3.0  # cells of a heightmap that a crater must span before the map shows it
+CELLS_PER_CRATER = 3.0  # cells of a heightmap that a crater must span before the map shows it
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,9 @@ def build_terrain(config: ReliefConfig, size: float, cell: float, horizon: float
 
     window = _window(config, far, place_rng)
     fine, coarse = _relief(config, x, far_x, window, relief_rng)
-    largest = config.crater_max_diameter if window is None else min(config.crater_max_diameter, UNSEEN * window.cell)
+    largest = config.crater_max_diameter
+    if window is not None:  # the map shows the larger ones
+        largest = min(largest, CELLS_PER_CRATER * window.cell)
     craters = Craters(config, far, largest, crater_rng)
     craters.add_to(fine, x, x)
     craters.add_to(coarse, far_x, far_x)

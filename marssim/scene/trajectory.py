@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from marssim.base.camera import look_pose
 from marssim.base.rover_spec import ZHURONG, RoverSpec
 from marssim.scene.rocks.outlines import reach_above_ground
-from marssim.scene.rocks.population import STAND
+from marssim.scene.rocks.population import CAMERA_EXTENT
 from marssim.scene.scene import Scene
 from marssim.scene.viewpoint import TRIES, ViewConfig
 
@@ -126,7 +126,7 @@ def _draw_path(
     Each stride takes the curvature that stays free for longest. Among equals, it takes the one nearest to a random
     curvature that varies smoothly over a few metres.
     """
-    reach = STAND * scene.half
+    reach = CAMERA_EXTENT * scene.half
     x, y = rng.uniform(-reach, reach, 2)
     yaw = np.deg2rad(rng.uniform(*view.yaw_deg))
     waves = rng.uniform(0.2, 1.0, 3), rng.uniform(0, 2 * np.pi, 3)  # [rad/m], [rad]

@@ -8,11 +8,11 @@ import numpy as np
 
 from marssim.base.camera import look_pose
 from marssim.scene.ranges import Range, check_ranges
-from marssim.scene.rocks.population import STAND
+from marssim.scene.rocks.population import CAMERA_EXTENT
 from marssim.scene.scene import Scene
 
-LOW = 0.15  # [m] height of rocks that a camera keeps away from
-GAP = 0.6  # [m] distance that it keeps
+ROCK_HEIGHT = 0.15  # [m] a camera keeps away from higher rocks
+ROCK_GAP = 0.6  # [m] least distance of a camera from them
 TRIES = 1000  # places tried before a scene counts as too rocky
 
 
@@ -57,10 +57,15 @@ def pose_on_ground(
 
 
 def draw_pose(scene: Scene, view: ViewConfig, rng: np.random.Generator) -> np.ndarray:
-    """Draw where a left camera stands: in the middle of the scene and away from rocks.
+    """Draw the pose of a left camera that stands in the middle of the scene and away from rocks.
 
     The point below the camera keeps 0.6 m of distance to the outline discs of rocks higher than 0.15 m; see
-    `beside_rocks`.
+    `is_clear_of_rocks`.
+
+    Args:
+        scene: The scene.
+        view: Ranges of the camera's height and angles.
+        rng: Random generator.
 
     Returns:
         (4, 4) camera to world.
@@ -68,14 +73,14 @@ def draw_pose(scene: Scene, view: ViewConfig, rng: np.random.Generator) -> np.nd
     Raises:
         ValueError: No such place was found.
     """
-    reach = STAND * scene.half
+    reach = CAMERA_EXTENT * scene.half
     for _ in range(TRIES):
         x, y = rng.uniform(-reach, reach, 2)
-        if beside_rocks(scene, x, y):
+        if is_clear_of_rocks(scene, x, y):
             break
     else:
         raise ValueError(
-            f"scene {scene.config.preset}: in {TRIES} tries no place {GAP:g} m from every rock was found for the "
+            f"scene {scene.config.preset}: in {TRIES} tries no place {ROCK_GAP:g} m from every rock was found for the "
             f"camera; choose a smaller `rocks.k`"
         )
     height, yaw = rng.uniform(*view.height), np.deg2rad(rng.uniform(*view.yaw_deg))
@@ -83,8 +88,8 @@ def draw_pose(scene: Scene, view: ViewConfig, rng: np.random.Generator) -> np.nd
     return pose_on_ground(scene, x, y, yaw, pitch, roll, height)
 
 
-def beside_rocks(scene: Scene, x: float, y: float) -> bool:
-    """Return whether the outline disc of every rock higher than LOW is at least GAP away from a point.
+def is_clear_of_rocks(scene: Scene, x: float, y: float) -> bool:
+    """Return whether the outline disc of every rock higher than ROCK_HEIGHT is at least ROCK_GAP away from a point.
 
     The disc has the rock's area seen from above, hence its diameter D. The rock itself reaches beyond the disc: 1.3 D/2
     from its centre at the median, 1.9 D/2 at most.
@@ -94,6 +99,6 @@ def beside_rocks(scene: Scene, x: float, y: float) -> bool:
         x: East of the scene's middle [m].
         y: North of the scene's middle [m].
     """
-    tall = np.flatnonzero(scene.rocks.height > LOW)
+    tall = np.flatnonzero(scene.rocks.height > ROCK_HEIGHT)
     centre, radius = scene.rocks.centre[tall], scene.rocks.diameter[tall] / 2
-    return bool((np.hypot(centre[:, 0] - x, centre[:, 1] - y) - radius >= GAP).all())
+    return bool((np.hypot(centre[:, 0] - x, centre[:, 1] - y) - radius >= ROCK_GAP).all())

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 GAP = 1.08  # least distance of two centres, in mean diameters; above 1 because outlines are no discs
-UPPER = 0.3  # share of the larger rocks, from the largest down, that others cluster around
+LARGER_SHARE = 0.3  # share of the larger rocks, from the largest down, that others cluster around
 ROUNDS = 30  # moves after which a rock stays, even if it overlaps another
 CLUSTERED_ROUNDS = 6  # of these, the moves that keep a clustered rock beside its larger neighbour
 
@@ -34,7 +34,7 @@ def place(
     order = np.argsort(-diameter, kind="stable")
     diameter, inner, outer = diameter[order], inner[order], outer[order]
     xy = _in_ring(inner, outer, rng)
-    parent, pick = np.arange(n), rng.uniform(0, UPPER, n)
+    parent, pick = np.arange(n), rng.uniform(0, LARGER_SHARE, n)
     for ring in np.unique(outer):
         members = np.flatnonzero(outer == ring)
         parent[members] = members[(pick[members] * np.arange(len(members))).astype(int)]

@@ -11,16 +11,16 @@ from marssim.scene.rocks.placement import place
 from marssim.scene.rocks.shape_library import VARIANTS
 from marssim.scene.rocks.shapes import FAMILIES
 
-STAND = 0.4  # largest |x| and |y| of a camera, in half sides of the fine square
-MOST = 65_534  # most rocks that the 16 bits of a dataset's surface.png can number, besides sky and ground
-SURE = 6.0  # standard deviations by which the expected number of rocks stays below MOST
-NEAREST = 1.6  # [m] distance at which a camera is assumed to see the rocks around it
+CAMERA_EXTENT = 0.4  # largest |x| and |y| of a camera, in half sides of the fine square
+MAX_ROCKS = 65_534  # most rocks that the 16 bits of a dataset's surface.png can number, besides sky and ground
+SAFETY_SPREADS = 6.0  # standard deviations by which the expected number of rocks stays below MAX_ROCKS
+LEAST_DISTANCE = 1.6  # [m] distance at which a camera is assumed to see the rocks around it
 LEVEL_ANGLES = (0.03, 0.1, 0.25, 0.8)  # [rad] angular diameters at which a rock gets the next level of detail
-# smallest rocks by distance from the middle: (half sides of the fine square, least diameter [m]) out to there
-SMALLEST = ((0.75, 0.05), (1.0, 0.08), (2.5, 0.25), (np.inf, 0.6))
+# least diameters by distance from the middle: (distance in half sides of the fine square, least diameter [m] up to it)
+LEAST_DIAMETERS = ((0.75, 0.05), (1.0, 0.08), (2.5, 0.25), (np.inf, 0.6))
 MIN_HEIGHT_RATIO, MAX_HEIGHT_RATIO = 0.15, 1.0  # height above ground over diameter
 FLATNESS = np.array([1.2, 0.5, 1.1])  # relative height over diameter of each of FAMILIES: slabs are flat
-KEPT_OFF = 0.1  # [m] diameter of the smallest rocks that clear discs keep out
+CLEARED_DIAMETER = 0.1  # [m] diameter of the smallest rocks that clear discs keep out
 
 
 @dataclass(frozen=True)
@@ -105,8 +105,8 @@ def draw_population(
         half: Half the side of the finely gridded square [m].
         horizon: Half the side of the whole scene [m].
         rng: Random generator.
-        clear: Discs (x, y, radius) [m] that rocks of diameter KEPT_OFF and more stay out of. A rock counts as the disc
-            of its diameter, so a corner of it may reach into a clear disc.
+        clear: Discs (x, y, radius) [m] that rocks of diameter CLEARED_DIAMETER and more stay out of. A rock counts as
+            the disc of its diameter, so a corner of it may reach into a clear disc.
 
     Raises:
         ValueError: There are more rocks than a dataset can number.
@@ -114,10 +114,10 @@ def draw_population(
     diameter, xy = _scatter(config, half, horizon, rng)
     free = np.ones(len(diameter), dtype=bool)
     for x, y, radius in clear:
-        free &= (np.hypot(xy[:, 0] - x, xy[:, 1] - y) > radius + diameter / 2) | (diameter < KEPT_OFF)
+        free &= (np.hypot(xy[:, 0] - x, xy[:, 1] - y) > radius + diameter / 2) | (diameter < CLEARED_DIAMETER)
     diameter, xy = diameter[free], xy[free]
-    away = np.abs(xy).max(axis=1, initial=0) - STAND * half
-    level = detail_level(diameter, away + NEAREST)
+    away = np.abs(xy).max(axis=1, initial=0) - CAMERA_EXTENT * half
+    level = detail_level(diameter, away + LEAST_DISTANCE)
     order = np.argsort(-level, kind="stable")  # rocks of one level are built together, and face_rock must ascend
     diameter, xy, level = diameter[order], xy[order], level[order]
     n = len(diameter)
@@ -150,7 +150,7 @@ def detail_level(diameter: np.ndarray, distance: np.ndarray) -> np.ndarray:
     Returns:
         (N,) int levels.
     """
-    return np.digitize(np.asarray(diameter) / np.maximum(distance, NEAREST), LEVEL_ANGLES)
+    return np.digitize(np.asarray(diameter) / np.maximum(distance, LEAST_DISTANCE), LEVEL_ANGLES)
 
 
 def _scatter(
@@ -158,17 +158,18 @@ def _scatter(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Draw the diameters (N,) and positions (N, 2) of all rocks [m], in square rings with a least diameter each."""
     rings, inner, expected = [], 0.0, 0.0
-    near = min(STAND * half + 4.0, half)  # pebbles farther from a camera are smaller than a few pixels
-    for reach, smallest in ((near, 0.0), *((ring * half, least) for ring, least in SMALLEST)):
+    near = min(CAMERA_EXTENT * half + 4.0, half)  # pebbles farther from a camera are smaller than a few pixels
+    for reach, smallest in ((near, 0.0), *((ring * half, least) for ring, least in LEAST_DIAMETERS)):
         outer = min(reach, horizon)
         if outer > inner:
             rings.append((inner, outer, max(smallest, config.min_diameter)))
             expected += float(number_density(np.array(rings[-1][2]), config.k)) * 4 * (outer**2 - inner**2)
             inner = outer
-    if (number := expected + SURE * np.sqrt(expected)) > MOST:  # so the first scene fails, and not just a later one
+    number = expected + SAFETY_SPREADS * np.sqrt(expected)
+    if number > MAX_ROCKS:  # the largest number that may be drawn, so that the first scene fails and not a later one
         raise ValueError(
-            f"a scene can hold {MOST} rocks, but {number:.0f} may be drawn; choose a smaller `rocks.k` or `size`, or a "
-            f"larger `rocks.min_diameter`"
+            f"a scene can hold {MAX_ROCKS} rocks, but {number:.0f} may be drawn; choose a smaller `rocks.k` or `size`, "
+            f"or a larger `rocks.min_diameter`"
         )
     diameters = [draw_diameters(config.k, least, 4 * (outer**2 - inner**2), rng) for inner, outer, least in rings]
     inners, outers = (np.repeat([ring[i] for ring in rings], [len(d) for d in diameters]) for i in (0, 1))

@@ -10,7 +10,7 @@ import numpy as np
 from marssim.scene.rocks.shapes import FAMILIES, LEVELS, draw_shape, icosphere
 
 VARIANTS = 24  # shapes per family
-FEWER = (24, 24, 24, 10, 4)  # shapes per family at each level: fine ones take time, and few rocks are that large
+SHAPES_AT_LEVEL = (24, 24, 24, 10, 4)  # shapes per family at each level: fine ones take time, and few rocks need them
 BURIAL = np.linspace(0, 0.6, 13)  # shares of the height below ground at which outlines are tabulated
 RASTER = 36  # cells along a side of the square on which outlines are measured
 SEED = 1997  # of the library
@@ -18,7 +18,7 @@ SEED = 1997  # of the library
 
 @dataclass(frozen=True)
 class ShapeLibrary:
-    """All shapes at one level of detail: M = families x FEWER[level] shapes of V vertices and F faces.
+    """All shapes at one level of detail: M = families x SHAPES_AT_LEVEL[level] shapes of V vertices and F faces.
 
     Attributes:
         vertices: (M, V, 3), with z from 0 to 1.
@@ -62,7 +62,7 @@ def shape_library(level: int) -> ShapeLibrary:
     drawn = [
         draw_shape(name, level, np.random.default_rng((SEED, n, variant)))
         for n, name in enumerate(FAMILIES)
-        for variant in range(FEWER[level])
+        for variant in range(SHAPES_AT_LEVEL[level])
     ]
     vertices = np.stack([shape for shape, _ in drawn])
     faces = icosphere(level)[1]

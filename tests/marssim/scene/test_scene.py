@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from marssim.base.dataset.encoding import FARTHEST
-from marssim.scene.rocks.population import STAND, RockConfig
+from marssim.scene.rocks.population import CAMERA_EXTENT, RockConfig
 from marssim.scene.scene import SCENE_LIMITS, SceneConfig, build_scene
 
 SMALL = SceneConfig(size=8.0, horizon=16.0, rocks=RockConfig(k=0.1))
@@ -79,5 +79,5 @@ def test_sizes_that_make_no_scene_are_refused():
 
 def test_the_farthest_corner_fits_the_code_of_depth():
     most = SCENE_LIMITS["horizon"][1]
-    camera = STAND * most  # a fine square as large as all
+    camera = CAMERA_EXTENT * most  # a fine square as large as all
     assert np.hypot(most + camera, most + camera) < FARTHEST

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from marssim.base.rover_spec import ZHURONG
 from marssim.scene.relief import ReliefConfig
-from marssim.scene.rocks.population import STAND, RockConfig
+from marssim.scene.rocks.population import CAMERA_EXTENT, RockConfig
 from marssim.scene.scene import Scene, SceneConfig, build_scene
 from marssim.scene.trajectory import TrajectoryConfig, draw_trajectory, stand_on, tum_lines
 from marssim.scene.viewpoint import ViewConfig
@@ -57,7 +57,7 @@ def test_a_drive_is_smooth_and_passes_the_rocks(scene, seed, step):
     assert abs(np.median(ways) - step) < 0.1 * step + 0.02
     heading = np.unwrap(np.arctan2(poses[:, 1, 2], poses[:, 0, 2]))
     assert np.abs(np.diff(heading)).max() < 0.5 * step + 0.1  # no turn tighter than 2 m
-    assert np.abs(poses[:, :2, 3]).max() < STAND * scene.half + 0.5
+    assert np.abs(poses[:, :2, 3]).max() < CAMERA_EXTENT * scene.half + 0.5
     assert room(scene, poses) >= ZHURONG.width / 2
 
 
