@@ -158,7 +158,13 @@ def _read_record(folder: Path, task: Task) -> EpisodeRecord:
 
 
 def drive(config: EvaluateConfig, task: Task, watch: Watch | None = None) -> EpisodeRecord:
-    """Drive one episode. watch: as run_episode takes it."""
+    """Drive one episode and return its record.
+
+    Args:
+        config: The settings.
+        task: The episode.
+        watch: Is called after the reset and after every step, as run_episode describes.
+    """
     driver = make_driver(task.driver)
     name = f"course {task.episode}, {task.cell.name}, {task.driver}, {task.perception}"
     lines = StepLines(name, lambda: _drives_done(config))

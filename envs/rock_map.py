@@ -122,7 +122,14 @@ class MapRockCounts(RockCounts):
         return {**counts, "displaced": len(self.displaced)} if counts else {}
 
     def figures(self, low: float, high: float, near: float, far: float) -> dict[str, Any]:
-        """Return the figures of RockCounts, with the numbers of unknown and displaced."""
+        """Return the figures of RockCounts, with the numbers of unknown and displaced.
+
+        Args:
+            low: Least height [m].
+            high: Height at which the interval ends [m].
+            near: Least distance [m].
+            far: Distance at which the interval ends [m].
+        """
         lists = {"unknown": self.unknown, "displaced": self.displaced}
         counts = {name: count_between(places, low, high, near, far) for name, places in lists.items()}
         return {**super().figures(low, high, near, far), **counts}

@@ -169,7 +169,13 @@ def parity(model: M3Depth, exported: bytes, sizes: Sequence[tuple[int, int, int]
 
 
 def textured_pair(batch: int, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return a pair of blurred noise whose disparity grows downwards, two (B, 3, H, W) float32 in [0, 1]."""
+    """Return a pair of blurred noise whose disparity grows downwards, two (B, 3, H, W) float32 in [0, 1].
+
+    Args:
+        batch: Number of pairs, B.
+        height: Height of the images [px].
+        width: Width of the images [px].
+    """
     import cv2
 
     rng = np.random.default_rng(height * width)

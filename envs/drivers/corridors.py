@@ -67,21 +67,30 @@ class Corridors(gymnasium.Wrapper):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin an episode; the arguments are those of MarsNavEnv.reset."""
         observation, info = self.env.reset(seed=seed, options=options)
         return self._to_vector(observation, AHEAD), info
 
     def step(self, action: int) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Take a way for HOLD_STEPS steps, or until the episode ends.
+
+        Args:
+            action: Number of the way.
+
+        Returns:
+            Observation, sum of the rewards, whether the episode is terminated, whether it is truncated, and the info.
+        """
         env = self.unwrapped
         assert isinstance(env, MarsNavEnv) and env.action_space.shape is not None
         total = 0.0
         for _ in range(HOLD_STEPS):
             drive = steer(self._goal, int(action), env.rover_spec)
-            observation, reward, ended, truncated, info = self.env.step(drive[: env.action_space.shape[0]])
+            observation, reward, terminated, truncated, info = self.env.step(drive[: env.action_space.shape[0]])
             self._goal = observation["goal"]
             total += float(reward)
-            if ended or truncated:
+            if terminated or truncated:
                 break
-        return self._to_vector(observation, int(action)), total, ended, truncated, info
+        return self._to_vector(observation, int(action)), total, terminated, truncated, info
 
     def _to_vector(self, observation: dict[str, Any], last: int) -> np.ndarray:
         env = self.unwrapped

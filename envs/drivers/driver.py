@@ -26,10 +26,19 @@ class Driver(Protocol):
     """
 
     def reset(self, env: MarsNavEnv, seed: int) -> None:
-        """Begin a new episode; seed is that of its course."""
+        """Begin a new episode.
+
+        Args:
+            env: The environment, on its new course.
+            seed: Seed of the course.
+        """
 
     def act(self, env: MarsNavEnv, observation: dict[str, Any]) -> np.ndarray | Stop:
         """Return the next action, or a Stop that ends the drive.
+
+        Args:
+            env: The environment.
+            observation: Its last observation.
 
         Returns:
             (3,) in [-1, 1]: speed, yaw rate, pan of the mast.

@@ -30,6 +30,7 @@ class ImageObservation(gymnasium.ObservationWrapper):
         self.observation_space = image_space(env.observation_space)
 
     def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
+        """Return one observation of MarsNav-v0 as the class documents it."""
         return as_images(observation)
 
 

@@ -43,9 +43,11 @@ class WayScores(nn.Module):
         )
 
     def forward(self, vector: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return what the actor and the critic get: scores (n, 13) and features (n, 64) of vectors (n, 36)."""
         return self.forward_actor(vector), self.forward_critic(vector)
 
     def forward_actor(self, vector: torch.Tensor) -> torch.Tensor:
+        """Return a score of each way, (n, 13), for vectors (n, 36)."""
         free, room, (share, sine, cosine), last = (
             vector[:, :WAYS], vector[:, WAYS : 2 * WAYS], vector[:, 2 * WAYS : 2 * WAYS + 3].T, vector[:, -1:],
         )  # fmt: skip
@@ -57,6 +59,7 @@ class WayScores(nn.Module):
         return self.score(ways)[:, 0]
 
     def forward_critic(self, vector: torch.Tensor) -> torch.Tensor:
+        """Return the features of the critic, (n, 64), for vectors (n, 36)."""
         return self.value(vector)
 
 

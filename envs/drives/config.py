@@ -163,9 +163,13 @@ class Task:
     """One episode to drive."""
 
     driver: str
+    """Name of the driver."""
     perception: str
+    """Name of the perception."""
     cell: Cell
+    """Rock abundance and slope."""
     episode: int
+    """Number of the course."""
 
     @property
     def file(self) -> str:

@@ -113,6 +113,11 @@ def course_options(cell: Cell, seed: int, episode: int) -> dict[str, Any]:
     """Return the options of MarsNavEnv.reset that make the course of an episode.
 
     Its scene_seed depends on (seed, episode) alone.
+
+    Args:
+        cell: Rock abundance and slope.
+        seed: Seed of the series of courses.
+        episode: Number of the course.
     """
     scene_seed = int(np.random.SeedSequence((seed, episode)).generate_state(1)[0])
     return {"scene_seed": scene_seed, **{name: value for name, value in vars(cell).items() if value is not None}}

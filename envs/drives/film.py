@@ -65,7 +65,13 @@ class Film:
         self._writer.release()
 
     def watch(self, env: MarsNavEnv, driver: Driver, step: int) -> None:
-        """Film one step of an episode."""
+        """Film one step of an episode.
+
+        Args:
+            env: The environment.
+            driver: The driver.
+            step: Number of the step.
+        """
         assert env.course is not None and env.vehicle is not None and env.sight is not None
         if self._view is None or self._view.scene is not env.course.scene:
             renderer = env.perception.renderer
@@ -98,6 +104,10 @@ def navigator_map(env: MarsNavEnv, driver: Driver) -> np.ndarray:
     """Return a map around the rover, north up: the navigator's ground, its far path and the goal.
 
     Everything is drawn at the believed pose, as the map is made from the odometry's poses.
+
+    Args:
+        env: The environment.
+        driver: The driver; the map stays grey if it is no NavigatorDriver.
 
     Returns:
         (PANEL, PANEL, 3) uint8.

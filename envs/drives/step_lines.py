@@ -32,7 +32,13 @@ class StepLines:
         self._start = self._last = monotonic()
 
     def watch(self, env: MarsNavEnv, driver: Driver, step: int) -> None:
-        """Print a line if it is time for one."""
+        """Print a line if it is time for one.
+
+        Args:
+            env: The environment.
+            driver: The driver.
+            step: Number of the step.
+        """
         now = monotonic()
         if now - self._last < LINE_SECONDS or sys.stderr.isatty():
             return

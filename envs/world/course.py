@@ -101,6 +101,10 @@ class TrueGround:
 
         It is taken on a grid of 0.1 m, and a disc is not the rock's outline: where the rover's side passes, it is 0.04
         m too large on average, with a standard deviation of 0.08 m (k = .15).
+
+        Args:
+            x: World position [m].
+            y: World position [m].
         """
         j, i = self._index(y, CELL, len(self._clearance)), self._index(x, CELL, len(self._clearance))
         return float(self._clearance[j, i])
@@ -109,11 +113,19 @@ class TrueGround:
         """Return the length of the shortest passable way from a point to the goal [m]; inf if there is none.
 
         A point that is not passable itself (the rover touches a rock) counts from the nearest passable cell.
+
+        Args:
+            x: World position [m].
+            y: World position [m].
         """
         return self._entry(x, y)[0]
 
     def way_to_goal(self, x: float, y: float) -> np.ndarray:
         """Return the corners of the shortest way from a point to the goal, whose length distance_to_goal returns.
+
+        Args:
+            x: World position [m].
+            y: World position [m].
 
         Returns:
             (N, 2) [m]; (0, 2) if there is no way.

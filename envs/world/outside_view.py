@@ -39,7 +39,12 @@ class OutsideView:
         self._heading: float | None = None
 
     def picture(self, state: RoverState, parts: list[Part]) -> np.ndarray:
-        """Return a picture of the rover's parts on the scene, from behind, above and aside: (400, 800, 3) uint8 RGB."""
+        """Return a picture of the rover's parts on the scene, from behind, above and aside: (400, 800, 3) uint8 RGB.
+
+        Args:
+            state: Where the rover is.
+            parts: Its parts, from Vehicle.mesh.
+        """
         pose = self._chase(state)
         camera = PinholeCamera.centred(WIDTH, HEIGHT, 0.75 * WIDTH)
         rover = MeshTracer([_part(part, n) for n, part in enumerate(parts)])

@@ -118,7 +118,11 @@ class Perception:
         self._noise = np.random.default_rng(rng.integers(2**63)) if self.disparity_noise else rng
 
     def look(self, pose: np.ndarray, pan: float) -> Sight:
-        """Look from a left-camera pose (4, 4) to world.
+        """Take the images from a pose, and turn them into depth.
+
+        Args:
+            pose: (4, 4) pose of the left camera, camera to world.
+            pan: Pan of the mast [rad], positive to the left.
 
         Raises:
             EstimatorError: If the estimator returns anything but a whole Prediction (m3depth.estimator).

@@ -10,7 +10,12 @@ from m3depth.ablation.studies import STUDIES, Study
 
 
 def budget_text(steps: int | None, minutes: float | None) -> str:
-    """Return the budget of each run in words; one of the two is None."""
+    """Return the budget of each run in words; one of the two is None.
+
+    Args:
+        steps: Budget in optimizer steps, or None.
+        minutes: Budget in minutes, or None.
+    """
     return f"{steps} steps" if steps is not None else f"{minutes:g} minutes"
 
 

@@ -201,6 +201,10 @@ def distinct(studies: Iterable[Study], preset: str) -> dict[str, Variant]:
     """Return the run that gives the figures of each variant, by the variant's name.
 
     That is its own run, or an earlier one of the same network and loss. The unchanged preset comes first.
+
+    Args:
+        studies: The studies, whose rows name the variants.
+        preset: "lite" or "paper".
     """
     first = {BASE.resolved(preset): BASE}
     rows = (row for study in studies for row in study.rows)

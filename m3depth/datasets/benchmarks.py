@@ -33,7 +33,12 @@ OCCLUDED = 128  # in mask0nocc.png: only the left camera sees it; 255 is both, 0
 
 
 def kitti(root: Path, rigs: Rigs) -> Iterator[PairFiles]:
-    """Yield the pairs of a KITTI root, in the order of their numbers."""
+    """Yield the pairs of a KITTI root, in the order of their numbers.
+
+    Args:
+        root: Root folder of the dataset.
+        rigs: Returns the reader of a pair's calibration, from its calibration file and left image.
+    """
     training = root / "training"
     for left, right, truth, both, calib in KITTI_FOLDERS:
         images = sorted((training / left).glob("*_10.png"))
@@ -53,6 +58,10 @@ def sceneflow(root: Path, rigs: Rigs) -> Iterator[PairFiles]:
     """Yield the pairs of FlyingThings3D, Driving or Monkaa.
 
     `name` begins with TRAIN, TEST or VAL where the tree does.
+
+    Args:
+        root: Root folder of the dataset.
+        rigs: Returns the reader of a pair's calibration, from its calibration file and left image.
     """
     if (root / "FlyingThings3D").is_dir():
         root = root / "FlyingThings3D"
@@ -71,7 +80,12 @@ def sceneflow(root: Path, rigs: Rigs) -> Iterator[PairFiles]:
 
 
 def sceneflow_rig(calib: Path, left: Path) -> Rig:
-    """Return SceneFlow's own camera, unless a calibration file says otherwise."""
+    """Return SceneFlow's own camera, unless a calibration file says otherwise.
+
+    Args:
+        calib: The calibration file of the pair, which may be missing.
+        left: The left image; its path names the focal length.
+    """
     if calib.is_file():
         return file_rig(calib, left)
 
@@ -83,7 +97,12 @@ def sceneflow_rig(calib: Path, left: Path) -> Rig:
 
 
 def middlebury(root: Path, rigs: Rigs) -> Iterator[PairFiles]:
-    """Yield the pairs of the first of Middlebury's folders that exists, without scenes that lack truth (test sets)."""
+    """Yield the pairs of the first of Middlebury's folders that exists, without scenes that lack truth (test sets).
+
+    Args:
+        root: Root folder of the dataset.
+        rigs: Returns the reader of a pair's calibration, from its calibration file and left image.
+    """
     for folder in MIDDLEBURY_FOLDERS:
         images = sorted((root / folder).glob("*/im0.png"))
         for path in images:
@@ -93,7 +112,12 @@ def middlebury(root: Path, rigs: Rigs) -> Iterator[PairFiles]:
 
 
 def eth3d(root: Path, rigs: Rigs) -> Iterator[PairFiles]:
-    """Yield the pairs of the two-view training set."""
+    """Yield the pairs of the two-view training set.
+
+    Args:
+        root: Root folder of the dataset.
+        rigs: Returns the reader of a pair's calibration, from its calibration file and left image.
+    """
     for path in sorted((root / "two_view_training").glob("*/im0.png")):
         yield from _scene(path.parent, root / "two_view_training_gt" / path.parent.name, rigs)
 

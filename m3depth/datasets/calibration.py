@@ -46,7 +46,12 @@ class Calibration:
     size: tuple[int, int] | None = None
 
     def rig(self, width: int, height: int) -> StereoRig:
-        """Return the rig for images of this size, once the right one is moved by `shift` (see align_right)."""
+        """Return the rig for images of this size, once the right one is moved by `shift` (see align_right).
+
+        Args:
+            width: Width of the images [px].
+            height: Height of the images [px].
+        """
         return StereoRig(PinholeCamera(width, height, self.fx, self.fy, self.cx, self.cy), self.baseline)
 
 

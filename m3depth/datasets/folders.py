@@ -15,6 +15,11 @@ from marssim.base.files.json_file import DatasetError
 def folder_pairs(root: Path, config: DataConfig, rigs: Rigs) -> Iterator[PairFiles]:
     """Yield pairs found by patterns: two images and a map belong together where their * stand for the same text.
 
+    Args:
+        root: Root folder of the dataset.
+        config: The patterns, and the unit of the maps.
+        rigs: Returns the reader of a pair's calibration, from its calibration file and left image.
+
     Raises:
         DatasetError: A pattern matches nothing, or a left image lacks a partner; the message names it.
     """
@@ -37,6 +42,10 @@ def folder_pairs(root: Path, config: DataConfig, rigs: Rigs) -> Iterator[PairFil
 
 def matches(root: Path, pattern: str) -> dict[tuple[str, ...], Path]:
     """Return the files that match a pattern, in order, by the texts that its wildcards stand for.
+
+    Args:
+        root: Folder that the pattern starts from.
+        pattern: The pattern, with *, ? or **/.
 
     Raises:
         DatasetError: There are none.
@@ -61,6 +70,12 @@ def list_pairs(file: Path, root: Path, rigs: Rigs, config: DataConfig) -> Iterat
     """Yield the pairs of an OpenStereo list: lines of "left right disparity" with paths from `root`.
 
     root/calib/NAME.txt and root/occluded/NAME.png, which OpenStereo does not know, are used where they exist.
+
+    Args:
+        file: The list.
+        root: Folder that its paths start from.
+        rigs: Returns the reader of a pair's calibration, from its calibration file and left image.
+        config: The unit of the maps.
 
     Raises:
         DatasetError: The list is missing or a line is malformed; the message names list and line.

@@ -20,6 +20,10 @@ def read_pair(left: Path, right: Path) -> tuple[np.ndarray, np.ndarray]:
 
     16-bit pairs are scaled by one factor for both images.
 
+    Args:
+        left: File of the left image.
+        right: File of the right image.
+
     Raises:
         FileNotFoundError: A file is missing; the message names it.
         ValueError: A file is unreadable, or has another size or bit depth than its partner; the message names it.

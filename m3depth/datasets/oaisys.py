@@ -21,6 +21,11 @@ def oaisys(root: Path, config: DataConfig, rigs: Rigs) -> Iterator[PairFiles]:
 
     The sensors are those whose names end in left and right, or those that --left and --right name.
 
+    Args:
+        root: Root folder of the dataset.
+        config: Names of the sensors, if they are given.
+        rigs: Returns the reader of a pair's calibration, from its calibration file and left image.
+
     Raises:
         DatasetError: The sensors cannot be identified, or a file of the right sensor or a depth map is missing.
     """
@@ -53,6 +58,10 @@ def _sensor(batch: Path, end: str, name: str | None) -> str:
 def oaisys_rig(path: Path, config: DataConfig) -> Calibration | None:
     """Read the calibration from the config file of OAISYS: KMatrix of the left sensor, and the distance to the right
     one.
+
+    Args:
+        path: The config file.
+        config: Names of the sensors, if they are given.
 
     Returns:
         The calibration; None if the file is not a config of OAISYS.

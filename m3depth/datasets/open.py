@@ -78,6 +78,10 @@ class PairList:
 def detect(path: Path, config: DataConfig) -> Format:
     """Return the layout of a folder.
 
+    Args:
+        path: The folder, or a list.
+        config: How it is read; a format in it decides.
+
     Raises:
         DatasetError: No layout is recognised; the message says which flags to give.
     """

@@ -66,6 +66,10 @@ def read_pair_files(files: PairFiles, config: DataConfig) -> StereoSample:
     format marks it. The right image is moved where the cameras have different principal points (Middlebury's doffs);
     the disparity then contains that difference.
 
+    Args:
+        files: The files of the pair.
+        config: Normals, resizing and scored depths.
+
     Raises:
         DatasetError: A file is missing, broken, or of another size than its partners; the message, one line, names it.
     """

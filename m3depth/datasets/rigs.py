@@ -20,6 +20,10 @@ def file_rig(calib: Path, left: Path) -> Rig:
     """Return a reader of a calibration file that checks it against the size of the images.
 
     The reader raises DatasetError that names the file.
+
+    Args:
+        calib: The calibration file.
+        left: The left image of the pair.
     """
 
     def rig(width: int, height: int) -> Calibration:
@@ -78,7 +82,12 @@ def given_rig(config: DataConfig) -> Rigs | None:
 
 
 def natecam(width: int, height: int) -> Calibration:
-    """Return Zhurong's camera, as the paper gives it, for images of any size of its square field of view."""
+    """Return Zhurong's camera, as the paper gives it, for images of any size of its square field of view.
+
+    Args:
+        width: Width of the images [px].
+        height: Height of the images [px], the same.
+    """
     if width != height:
         raise DatasetError(f"--calib natecam: the images must be square, these are {width} x {height}")
     c = NATECAM.camera.resized(width, height)

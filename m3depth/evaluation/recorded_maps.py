@@ -193,6 +193,10 @@ def _names(pair: str, number: int) -> tuple[list[str], list[str]]:
 def read_recorded_map(path: Path, shape: tuple[int, ...]) -> np.ndarray:
     """Return the numbers of a file as an array of a shape; axes of length 1 are dropped.
 
+    Args:
+        path: The file.
+        shape: Shape of the array.
+
     Raises:
         RecordedError: The file holds no such numbers; the message names it.
     """

@@ -213,6 +213,11 @@ def number(value: float) -> str:
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return the lines of a Markdown table; all columns but the first are aligned right."""
+    """Return the lines of a Markdown table; all columns but the first are aligned right.
+
+    Args:
+        header: Names of the columns.
+        rows: The cells of each row.
+    """
     rule = ["---", *("---:" for _ in header[1:])]
     return ["| " + " | ".join(row) + " |" for row in (header, rule, *rows)]

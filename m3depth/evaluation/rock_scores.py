@@ -34,7 +34,12 @@ FALSE_EDGE = 0.1  # [m] edge of the square that a false obstacle has to fill
 
 
 def predicted_tops(scene: RockScene, depth: np.ndarray) -> np.ndarray:
-    """Return how high the top of each rock stands by a predicted depth (H, W) [m]; (number of rocks,) [m]."""
+    """Return how high the top of each rock stands by a predicted depth (H, W) [m]; (number of rocks,) [m].
+
+    Args:
+        scene: The true rocks.
+        depth: (H, W) predicted depth [m].
+    """
     rays, flat, true = scene.rays.reshape(-1, 3), depth.ravel(), scene.true_depth.ravel()
     tops = np.zeros(len(scene.rocks))
     for i, rock in enumerate(scene.rocks):
@@ -106,7 +111,12 @@ class RockCounts:
     false: list[tuple[float, float]] = field(default_factory=list)
 
     def add(self, prediction: Prediction, scene: RockScene) -> None:
-        """Add the outcomes of one prediction."""
+        """Add the outcomes of one prediction.
+
+        Args:
+            prediction: The predicted maps.
+            scene: The true rocks and ground of the same image.
+        """
         self.images += 1
         tops = predicted_tops(scene, prediction.depth)
         for rock, top in zip(scene.rocks, tops, strict=True):
@@ -182,5 +192,13 @@ class RockCounts:
 
 
 def count_between(obstacles: Iterable[tuple[float, float]], low: float, high: float, near: float, far: float) -> int:
-    """Return how many of (height, distance) [m] lie in low <= height < high and near <= distance < far."""
+    """Return how many of (height, distance) [m] lie in low <= height < high and near <= distance < far.
+
+    Args:
+        obstacles: (height, distance) [m] of each obstacle.
+        low: Least height [m].
+        high: Height at which the interval ends [m].
+        near: Least distance [m].
+        far: Distance at which the interval ends [m].
+    """
     return sum(low <= height < high and near <= distance < far for height, distance in obstacles)

@@ -232,7 +232,12 @@ def _worst(records: Sequence[dict[str, Any]], method: str, number: int) -> list[
 
 
 def check_choice(limit: int | None, seed: int) -> None:
-    """Raise ValueError, which names the setting, unless the number of pairs and the seed can be used."""
+    """Raise ValueError, which names the setting, unless the number of pairs and the seed can be used.
+
+    Args:
+        limit: Number of pairs; None for all.
+        seed: Seed of the degradation's noise.
+    """
     if limit is not None and limit < 1:
         raise ValueError(f"limit must be at least 1, got {limit}")
     if seed < 0:

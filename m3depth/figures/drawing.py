@@ -60,7 +60,13 @@ def depth_scale(depths: np.ndarray, whole: bool = False, farthest: float = 30.0)
 
 
 def label_bar(bar: Any, norm: Normalize, label: str) -> None:
-    """Label a colour bar; a logarithmic one gets round depths as ticks, or its ends where it is too short for them."""
+    """Label a colour bar; a logarithmic one gets round depths as ticks, or its ends where it is too short for them.
+
+    Args:
+        bar: The colour bar.
+        norm: Its scale.
+        label: Its label.
+    """
     bar.set_label(label, fontsize=10)
     if isinstance(norm, LogNorm):
         low, high = norm.vmin or 0, norm.vmax or 1
@@ -72,7 +78,13 @@ def label_bar(bar: Any, norm: Normalize, label: str) -> None:
 
 
 def show(ax: Axes, image: np.ndarray, **options: Any) -> Any:
-    """Draw an image without ticks and frame, and return imshow's result; it takes imshow's options."""
+    """Draw an image without ticks and frame, and return imshow's result.
+
+    Args:
+        ax: The axes.
+        image: (H, W) or (H, W, 3) image.
+        **options: Options of imshow.
+    """
     ax.set_xticks([])
     ax.set_yticks([])
     for spine in ax.spines.values():
@@ -81,7 +93,13 @@ def show(ax: Axes, image: np.ndarray, **options: Any) -> Any:
 
 
 def note(ax: Axes, text: str, corner: str = "upper right") -> None:
-    """Write words on an image, into the corner "upper right" or "lower left"."""
+    """Write words into a corner of an image.
+
+    Args:
+        ax: The axes of the image.
+        text: The words.
+        corner: "upper right" or "lower left".
+    """
     x, y, ha, va = (0.97, 0.96, "right", "top") if corner == "upper right" else (0.03, 0.04, "left", "bottom")
     ax.text(x, y, text, transform=ax.transAxes, ha=ha, va=va, fontsize=9,
             bbox={"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 2})  # fmt: skip
@@ -89,6 +107,10 @@ def note(ax: Axes, text: str, corner: str = "upper right") -> None:
 
 def save(figure: Figure, path: Path) -> np.ndarray:
     """Draw a figure with Agg, and write it as PNG in one step.
+
+    Args:
+        figure: The figure.
+        path: The file to write.
 
     Returns:
         (H, W, 3) uint8 RGB, the picture.

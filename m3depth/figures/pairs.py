@@ -74,7 +74,12 @@ def pairs_figure(examples: Sequence[Example], path: Path) -> np.ndarray:
 
 
 def scale_text(norm: Normalize, fb: float) -> str:
-    """Return the ends of a scale of disparity, in pixels and in metres of depth; fb: focal length x baseline [px m]."""
+    """Return the ends of a scale of disparity, in pixels and in metres of depth.
+
+    Args:
+        norm: The scale of disparity [px].
+        fb: Focal length x baseline [px m].
+    """
     low, high = float(norm.vmin or 0), float(norm.vmax or 0)
     farthest = f"{fb / low:.3g}" if low > 0 else "inf"
     return f"{low:.3g} to {high:.3g} px\n{farthest} to {fb / high:.3g} m"

@@ -25,7 +25,12 @@ ZOOM_SCALE = "depth: bright is near; each part has a scale of its own, written o
 
 
 def qualitative_figure(examples: Sequence[Example], path: Path) -> None:
-    """Write a PNG with a row a pair: left image, true depth and the depth of each method, all on one scale."""
+    """Write a PNG with a row a pair: left image, true depth and the depth of each method, all on one scale.
+
+    Args:
+        examples: The pairs.
+        path: The file to write.
+    """
     names = list(examples[0].predictions)
     columns, rows = 2 + len(names), len(examples)
     aspect = examples[0].left.shape[0] / examples[0].left.shape[1]
@@ -85,6 +90,10 @@ def zoom_figure(examples: Sequence[Example], path: Path) -> None:
     """Write a PNG with each pair's hard_parts: marked in the left image, and enlarged as every method sees them.
 
     Each part has its own depth scale, from its nearest to its farthest true depth, which is written on it.
+
+    Args:
+        examples: The pairs.
+        path: The file to write.
     """
     names = list(examples[0].predictions)
     blocks = [(example, hard_parts(example)) for example in examples]

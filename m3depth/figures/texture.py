@@ -77,7 +77,12 @@ def texture_figure(
 
 
 def energy_below(example: TextureExample, frequencies: np.ndarray) -> np.ndarray:
-    """Return the share of the energy up to each frequency [cycles/px]."""
+    """Return the share of the energy up to each frequency [cycles/px].
+
+    Args:
+        example: The image, with its spectrum.
+        frequencies: (N,) frequencies [cycles/px].
+    """
     order = np.argsort(example.frequency, axis=None)
     total = np.concatenate([[0], np.cumsum(example.power.ravel()[order])])
     upto = np.searchsorted(example.frequency.ravel()[order], frequencies, side="right")

@@ -33,7 +33,15 @@ def group_norm(channels: int) -> nn.GroupNorm:
 
 
 def conv_block(inputs: int, outputs: int, kernel: int = 3, stride: int = 1, dilation: int = 1) -> nn.Sequential:
-    """Return convolution, group normalisation and ReLU. The output has the input's size over the stride."""
+    """Return convolution, group normalisation and ReLU. The output has the input's size over the stride.
+
+    Args:
+        inputs: Channels of the input.
+        outputs: Channels of the output.
+        kernel: Side of the kernel, odd.
+        stride: Stride of the convolution.
+        dilation: Dilation of the kernel.
+    """
     padding = dilation * (kernel // 2)
     return nn.Sequential(
         nn.Conv2d(inputs, outputs, kernel, stride, padding, dilation, bias=False),
@@ -60,6 +68,7 @@ class WaveletBlock(nn.Module):
         self.second = conv_block(channels, channels) if skips else None
 
     def forward(self, x: Tensor) -> Tensor:
+        """(B, C, H, W) -> (B, C, H, W)."""
         if self.second is None:
             return self.first(x)
         return x + self.second(x + self.first(x))

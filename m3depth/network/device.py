@@ -42,5 +42,10 @@ def fast_dtype(device: torch.device) -> torch.dtype | None:
 
 
 def autocast(device: torch.device, dtype: torch.dtype | None) -> torch.autocast:
-    """Return the context in which a network computes in dtype; None is float32."""
+    """Return the context in which a network computes in dtype; None is float32.
+
+    Args:
+        device: The device of the network.
+        dtype: The type to compute in; None is float32.
+    """
     return torch.autocast(device.type, dtype or torch.bfloat16, enabled=dtype is not None)

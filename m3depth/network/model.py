@@ -245,12 +245,24 @@ class M3Depth(nn.Module):
 
 
 def unpadded(maps: tuple[Tensor, Tensor], height: int, width: int, cell: int) -> tuple[Tensor, Tensor]:
-    """Cut disparity and normal on a grid of `cell` px to the cells of an image of height x width."""
+    """Cut disparity and normal on a grid of `cell` px to the cells of an image of height x width.
+
+    Args:
+        maps: Disparity (B, 1, h, w) and normal (B, 3, h, w) of the padded image.
+        height: Height of the image [px].
+        width: Width of the image [px].
+        cell: Side of a cell of the maps [px].
+    """
     first, second = (x[..., : -(-height // cell), : -(-width // cell)] for x in maps)
     return first, second
 
 
 def camera_row(rig: StereoRig, device: torch.device) -> Tensor:
-    """Return fx, fy, cx, cy [px] of a rig as forward takes them: (1, 4) float32."""
+    """Return fx, fy, cx, cy [px] of a rig as forward takes them: (1, 4) float32.
+
+    Args:
+        rig: The cameras.
+        device: Device of the row.
+    """
     c = rig.camera
     return torch.tensor([[c.fx, c.fy, c.cx, c.cy]], dtype=torch.float32, device=device)

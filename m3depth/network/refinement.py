@@ -94,7 +94,13 @@ class ConvGRU(nn.Module):
 
 
 def head(inputs: int, width: int, outputs: int) -> nn.Sequential:
-    """Return two 3 x 3 convolutions that start as a small correction."""
+    """Return two 3 x 3 convolutions that start as a small correction.
+
+    Args:
+        inputs: Channels of the input.
+        width: Channels between the two convolutions.
+        outputs: Channels of the correction.
+    """
     last = nn.Conv2d(width, outputs, 3, padding=1)
     nn.init.normal_(last.weight, std=1e-3)
     nn.init.constant_(last.get_parameter("bias"), 0.0)

@@ -79,7 +79,13 @@ class SGBM:
         return prediction_from_matches(self.match(left, right, rig), rig)
 
     def match(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> np.ndarray:
-        """Match without filling: (H, W) float32 disparity [px], NaN where nothing matches. Arguments as in infer."""
+        """Match without filling: (H, W) float32 disparity [px], NaN where nothing matches.
+
+        Args:
+            left: (H, W) or (H, W, 3) uint8, RGB, rectified.
+            right: The right image, likewise.
+            rig: The cameras of these images.
+        """
         left, right = grey_pair(left, right, rig)
         reach = self.disparities or search_range(rig)
         # Without padding OpenCV leaves the first `reach` columns empty. A match inside the padding is discarded below.
@@ -138,11 +144,23 @@ class BlockMatching:
         _check_search(self.disparities, WTA_BLOCK if self.block is None else self.block)
 
     def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
-        """Estimate as SGBM.infer does."""
+        """Estimate as SGBM.infer does.
+
+        Args:
+            left: (H, W) or (H, W, 3) uint8, RGB, rectified.
+            right: The right image, likewise.
+            rig: The cameras of these images.
+        """
         return prediction_from_matches(self.match(left, right, rig), rig)
 
     def match(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> np.ndarray:
-        """Match without filling, as SGBM.match does."""
+        """Match without filling, as SGBM.match does.
+
+        Args:
+            left: (H, W) or (H, W, 3) uint8, RGB, rectified.
+            right: The right image, likewise.
+            rig: The cameras of these images.
+        """
         grey = grey_pair(left, right, rig)
         reach = min(self.disparities or search_range(rig), rig.camera.width)
         sgm = self.aggregation == "sgm"
@@ -182,7 +200,13 @@ def search_range(rig: StereoRig) -> int:
 
 
 def grey_pair(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> tuple[np.ndarray, np.ndarray]:
-    """Return both images as (H, W) uint8. Raises ValueError as checked_pair does."""
+    """Return both images as (H, W) uint8. Raises ValueError as checked_pair does.
+
+    Args:
+        left: (H, W) or (H, W, 3) uint8, RGB, rectified.
+        right: The right image, likewise.
+        rig: The cameras of these images.
+    """
     a, b = map(in_grey, checked_pair(left, right, rig))
     return a, b
 

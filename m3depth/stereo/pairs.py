@@ -22,7 +22,12 @@ class StereoPairs(Protocol):
 
 
 def pair_name(pairs: StereoPairs, index: int) -> str:
-    """Return the dataset's own name of a pair; where it has none, its index."""
+    """Return the dataset's own name of a pair; where it has none, its index.
+
+    Args:
+        pairs: The dataset.
+        index: Index of the pair.
+    """
     names = getattr(pairs, "names", None)
     return f"{index:06d}" if names is None else names[index]
 
@@ -49,6 +54,11 @@ def in_grey(image: np.ndarray) -> np.ndarray:
 
 def checked_pair(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> tuple[np.ndarray, np.ndarray]:
     """Return both images as (H, W) or (H, W, 3) uint8; a single channel is squeezed.
+
+    Args:
+        left: (H, W) or (H, W, 3) uint8, RGB, rectified.
+        right: The right image, likewise.
+        rig: The cameras of these images.
 
     Raises:
         ValueError: An image has a wrong type or shape, or not the rig's size; the message names it.

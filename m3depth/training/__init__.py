@@ -8,6 +8,6 @@
     validation.py, log.py, curves.py          scores on the val split; log.jsonl, the progress line and curves.png
     messages.py                               what a run prints: its start, its progress and its last words
 
-config.py holds the flags, ending.py when a run ends, process_group.py the processes of
+config.py holds the flags, schedule.py the learning rate, ending.py when a run ends, process_group.py the processes of
 torchrun. To add a loss term: a weight in loss_config.py and a line in `total_loss` (losses.py).
 """

@@ -58,7 +58,15 @@ class AugmentConfig:
 
 
 def crop(sample: PackedSample, y: int, x: int, height: int, width: int) -> PackedSample:
-    """Cut out the part whose upper left pixel is (x, y); the principal point moves with it."""
+    """Cut out the part whose upper left pixel is (x, y); the principal point moves with it.
+
+    Args:
+        sample: The pair.
+        y: Upper row of the part [px].
+        x: Left column of the part [px].
+        height: Height of the part [px].
+        width: Width of the part [px].
+    """
     window = np.s_[y : y + height, x : x + width]
     fx, fy, cx, cy = sample.camera
     left, right, disparity, normal, flags = (a[window] for a in sample[:5])
@@ -66,7 +74,12 @@ def crop(sample: PackedSample, y: int, x: int, height: int, width: int) -> Packe
 
 
 def check_crop(sample: PackedSample, size: tuple[int, int]) -> None:
-    """Raise ValueError if the images are smaller than crops of size (height, width)."""
+    """Raise ValueError if the images are smaller than the crops.
+
+    Args:
+        sample: The pair.
+        size: Height and width of the crops [px].
+    """
     height, width = sample.left.shape[:2]
     if size[0] > height or size[1] > width:
         raise ValueError(f"--crop {size[0]} {size[1]} is larger than the images, {height} x {width}")
@@ -75,7 +88,13 @@ def check_crop(sample: PackedSample, size: tuple[int, int]) -> None:
 def random_crop(
     sample: PackedSample, size: tuple[int, int], config: AugmentConfig, rng: np.random.Generator
 ) -> PackedSample:
-    """Draw a crop of size (height, width), cut out at that size or resized from a slightly different one.
+    """Draw a crop, cut out at that size or resized from a slightly different one.
+
+    Args:
+        sample: The pair.
+        size: Height and width of the crop [px].
+        config: Chances and sizes of the changes.
+        rng: Draws the crop.
 
     Raises:
         ValueError: The images are smaller than the crop.

@@ -58,14 +58,25 @@ def save_curves(out: Path) -> Path | None:
 
 
 def series(log: Iterable[dict[str, Any]], key: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return steps and values of a key in records; null values, which are not finite, are left out."""
+    """Return steps and values of a key in records; null values, which are not finite, are left out.
+
+    Args:
+        log: Records of one kind.
+        key: Name of the value.
+    """
     points = [(record["step"], record[key]) for record in log if record.get(key) is not None]
     steps, values = np.array(points, float).reshape(-1, 2).T
     return steps, values
 
 
 def draw_loss(ax: Axes, steps: np.ndarray, loss: np.ndarray) -> None:
-    """Draw the loss of single batches and, once there are enough, its running mean."""
+    """Draw the loss of single batches and, once there are enough, its running mean.
+
+    Args:
+        ax: The axes.
+        steps: (N,) steps.
+        loss: (N,) losses.
+    """
     enough = len(loss) >= LEAST_SMOOTHED
     line = {"lw": 1, "alpha": 0.35} if enough else {"lw": 1, "marker": "o", "ms": 4}
     ax.plot(steps, loss, color=LOSS, label="one batch", **line)
@@ -78,14 +89,27 @@ def draw_loss(ax: Axes, steps: np.ndarray, loss: np.ndarray) -> None:
 def draw_validation(
     ax: Axes, averaged: tuple[np.ndarray, np.ndarray], current: tuple[np.ndarray, np.ndarray], label: str
 ) -> None:
-    """Draw an error on the val split, of the averaged weights (the saved ones) and of the current ones."""
+    """Draw an error on the val split, of the averaged weights (the saved ones) and of the current ones.
+
+    Args:
+        ax: The axes.
+        averaged: Steps and errors of the averaged weights.
+        current: Steps and errors of the current weights.
+        label: The error with its unit.
+    """
     ax.plot(*current, color=CURRENT, lw=1, marker=".", label="current weights")
     ax.plot(*averaged, color=AVERAGED, lw=2, marker="o", ms=4, label="averaged weights (saved)")
     label_axes(ax, np.concatenate([current[1], averaged[1]]), f"{label}, val split")
 
 
 def label_axes(ax: Axes, values: np.ndarray, label: str) -> None:
-    """Name the axes. The vertical one is logarithmic where the largest value is over LOG_RANGE times the least."""
+    """Name the axes. The vertical one is logarithmic where the largest value is over LOG_RANGE times the least.
+
+    Args:
+        ax: The axes.
+        values: All values that are drawn.
+        label: The values with their unit.
+    """
     if 0 < LOG_RANGE * values.min() < values.max():
         ax.set_yscale("log")
         ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

@@ -13,7 +13,13 @@ LARGEST_WEIGHT = 1e6  # magnitude; trained networks stay below 1e2
 
 
 def shares_done(config: TrainConfig, step: int, seconds: float) -> dict[str, float]:
-    """Return the spent share of each budget, by its flag and value; 1 or more is spent."""
+    """Return the spent share of each budget, by its flag and value; 1 or more is spent.
+
+    Args:
+        config: The flags of the run, with its budgets.
+        step: Steps taken.
+        seconds: Time spent [s].
+    """
     shares = {}
     if config.max_steps:
         shares[f"--max-steps {config.max_steps}"] = step / config.max_steps
@@ -23,17 +29,34 @@ def shares_done(config: TrainConfig, step: int, seconds: float) -> dict[str, flo
 
 
 def share_done(config: TrainConfig, step: int, seconds: float) -> float:
-    """Return the share of the run that is done, by the budget that ends first; 1 or more is the end."""
+    """Return the share of the run that is done, by the budget that ends first; 1 or more is the end.
+
+    Args:
+        config: The flags of the run, with its budgets.
+        step: Steps taken.
+        seconds: Time spent [s].
+    """
     return max(shares_done(config, step, seconds).values())
 
 
 def spent_budget(config: TrainConfig, step: int, seconds: float) -> str | None:
-    """Return the budget that is spent, as its flag and value; None if none is."""
+    """Return the budget that is spent, as its flag and value; None if none is.
+
+    Args:
+        config: The flags of the run, with its budgets.
+        step: Steps taken.
+        seconds: Time spent [s].
+    """
     return next((name for name, share in shares_done(config, step, seconds).items() if share >= 1), None)
 
 
 def loss_fault(loss: Tensor, config: LossConfig) -> str | None:
-    """Return what is wrong with the loss of a step, as "loss is 3e+28"; None if it is sound."""
+    """Return what is wrong with the loss of a step, as "loss is 3e+28"; None if it is sound.
+
+    Args:
+        loss: The loss of a step, a scalar.
+        config: Weights of the loss terms, which set its size.
+    """
     if not bool(torch.isfinite(loss)):
         return "loss is not finite"
     scale = max(1.0, config.disparity, config.normal, config.consistency)

@@ -18,7 +18,12 @@ LOG = "log.jsonl"  # name of the log in a run's folder
 
 
 def records(out: Path, kind: str) -> list[dict[str, Any]]:
-    """Read the records of a kind in a run's log, those from before it was resumed included."""
+    """Read the records of a kind in a run's log, those from before it was resumed included.
+
+    Args:
+        out: Folder of the run.
+        kind: "train", "val" or "val_raw", as Log.write takes it.
+    """
     path = out / LOG
     lines = path.read_text().splitlines(keepends=True) if path.exists() else []
     complete = (json.loads(line) for line in lines if line.endswith("}\n"))  # the last one may be half written
@@ -60,7 +65,13 @@ class Log:
                 self.board.add_scalar(f"{kind}/{name}", value, step)
 
     def image(self, name: str, step: int, pixels: np.ndarray) -> None:
-        """Show an image, (H, W, 3) uint8 RGB, in TensorBoard."""
+        """Show an image in TensorBoard.
+
+        Args:
+            name: Name of the image.
+            step: Step of the run.
+            pixels: (H, W, 3) uint8 RGB.
+        """
         if self.board is not None:
             self.board.add_image(name, pixels, step, dataformats="HWC")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import time
 from collections.abc import Iterator
@@ -25,25 +24,11 @@ from m3depth.training.messages import announce, closing_words, data_names, progr
 from m3depth.training.process_group import agree, entered_by_first, joined_group
 from m3depth.training.run import Run
 from m3depth.training.samples import PackedCache, batches, free_memory
+from m3depth.training.schedule import learning_rate
 from m3depth.training.validation import Validator
 from marssim.base.command.signals import stop_on_signal
 from marssim.base.command.wording import GOES_ON
 from marssim.base.results.claim import ResultFolder
-
-WARM_UP = 0.04  # share of the run in which the learning rate rises
-
-
-def learning_rate(peak: float, progress: float) -> float:
-    """Return the learning rate of one cycle: a linear rise, then a cosine down to a hundredth.
-
-    Args:
-        peak: Highest rate.
-        progress: Share of the run that is done.
-    """
-    if progress < WARM_UP:
-        return peak * (0.05 + 0.95 * progress / WARM_UP)
-    fall = min(1.0, (progress - WARM_UP) / (1 - WARM_UP))
-    return peak * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * fall)))
 
 
 def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> dict[str, float]:
@@ -100,7 +85,13 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
 
 
 def report_spent_budget(run: Run, budget: str, held_out: StereoPairs) -> dict[str, float]:
-    """Report that a run's budget is spent. Validate it first if it was killed between its last step and its end."""
+    """Report that a run's budget is spent. Validate it first if it was killed between its last step and its end.
+
+    Args:
+        run: The run.
+        budget: The flag and value of the spent budget.
+        held_out: Pairs to validate on; there may be none.
+    """
     if len(held_out) and run.config.validate_samples and not is_validated(run):
         with closing(Log(run.config.out, run.step)) as log:
             return finish(run, log, Validator(run, log, held_out), stopped=False)
@@ -122,6 +113,12 @@ def is_validated(run: Run) -> bool:
 
 def finish(run: Run, log: Log, validator: Validator, stopped: bool) -> dict[str, float]:
     """Save a run that is done, or that a signal stopped, draw its curves and report it.
+
+    Args:
+        run: The run.
+        log: Its log.
+        validator: Validates it.
+        stopped: Whether a signal stopped it.
 
     Returns:
         The scores of a run that is done.
@@ -237,7 +234,13 @@ def check_state(run: Run, batch: Batch, dtype: torch.dtype | None, world: int = 
 
 
 def raise_if_diverged(fault: str | None, run: Run, world: int) -> None:
-    """Raise FloatingPointError in every process if there is a fault in one of them."""
+    """Raise FloatingPointError in every process if there is a fault in one of them.
+
+    Args:
+        fault: What is wrong in this process; None if nothing is.
+        run: The run.
+        world: Number of processes.
+    """
     if agree([float(fault is not None)], run.device, world)[0]:
         kept = f"{run.checkpoint} holds the last good state" if run.checkpoint.is_file() else "nothing is saved yet"
         reason = fault or "loss, gradient or weights of another process are not sound"

@@ -21,7 +21,14 @@ def data_names(config: TrainConfig) -> str:
 
 
 def announce(run: Run, resumed: bool, samples: int, held_out: int) -> None:
-    """Print to stderr how many samples train what on which device, and which settings of a resumed run are new."""
+    """Print to stderr how many samples train what on which device, and which settings of a resumed run are new.
+
+    Args:
+        run: The run.
+        resumed: Whether it continues from a checkpoint.
+        samples: Number of training samples.
+        held_out: Number of pairs of the val split.
+    """
     size = sum(p.numel() for p in run.model.parameters())
     start = f"resumed at step {run.step}, {run.seconds / 60:.1f} min" if resumed else "new run"
     lines = [f"{counted(samples, 'sample')}, {size / 1e6:.2f} M parameters, {run.device}, {start}"]
@@ -78,7 +85,12 @@ def closing_words(run: Run, validations: list[dict[str, Any]]) -> str:
 
 
 def holds_test_pairs(config: TrainConfig, folder: Path) -> bool:
-    """Tell whether a folder has pairs in the split test; True where this cannot be found out."""
+    """Tell whether a folder has pairs in the split test; True where this cannot be found out.
+
+    Args:
+        config: The settings of the run, with those of the reader.
+        folder: A dataset folder.
+    """
     try:
         return len(open_pairs(folder, "test", config.reader)) > 0
     except (ValueError, OSError):

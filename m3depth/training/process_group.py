@@ -73,7 +73,13 @@ def entered_by_first(rank: int, world: int, context: AbstractContextManager[obje
 
 
 def agree(values: list[float], device: torch.device, world: int) -> list[float]:
-    """Return the largest of each value over all processes."""
+    """Return the largest of each value over all processes.
+
+    Args:
+        values: The values of this process.
+        device: Device of this process.
+        world: Number of processes.
+    """
     if world == 1:
         return values
     tensor = torch.tensor(values, dtype=torch.float64, device=device)

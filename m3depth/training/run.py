@@ -69,6 +69,10 @@ def saved_progress(out: Path) -> tuple[int, float]:
 def read_checkpoint(path: Path, device: torch.device) -> dict[str, Any]:
     """Read what Run.save wrote. Nothing in the file is executed.
 
+    Args:
+        path: The file.
+        device: Device for its tensors.
+
     Raises:
         ValueError: The file is damaged; the message names it.
     """

@@ -84,7 +84,13 @@ def free_memory() -> int:
 
 
 def sample_index(count: int, position: int, seed: int) -> int:
-    """Return the sample at a position of the endless, shuffled sequence of epochs."""
+    """Return the sample at a position of the endless, shuffled sequence of epochs.
+
+    Args:
+        count: Number of samples in an epoch.
+        position: Position in the sequence, from 0.
+        seed: Seed of the run.
+    """
     epoch, place = divmod(position, count)
     return int(np.random.default_rng((seed, 1, epoch)).permutation(count)[place])
 

@@ -78,6 +78,10 @@ def error_sums(output: StereoOutput, target: Target) -> dict[str, tuple[float, f
 
     Over labelled pixels: epe [px], abs_rel (of depth: |d / d_predicted - 1|), bad1 (share over 1 px), rock_epe and
     edge_epe [px], normal [deg], false_sky (share taken for sky). Over sky pixels: sky_missed (share not taken for sky).
+
+    Args:
+        output: What the network returned for the batch.
+        target: The ground truth of the batch.
     """
     label, truth = target.label, target.disparity
     error = (output.disparity - truth).abs()
@@ -99,14 +103,25 @@ def error_sums(output: StereoOutput, target: Target) -> dict[str, tuple[float, f
 
 @torch.inference_mode()
 def predict_batch(model: M3Depth, batch: Batch) -> StereoOutput:
-    """Run the network on a batch in the device's fast precision, without gradients."""
+    """Run the network on a batch in the device's fast precision, without gradients.
+
+    Args:
+        model: The network.
+        batch: The images and cameras.
+    """
     device = batch.left.device
     with autocast(device, fast_dtype(device)):
         return model(batch.left, batch.right, batch.target.camera)
 
 
 def validate(model: M3Depth, samples: Iterable[PackedSample], device: torch.device) -> dict[str, float]:
-    """Return the mean errors (see error_sums) over all pixels of whole images; NaN where there are no such pixels."""
+    """Return the mean errors (see error_sums) over all pixels of whole images; NaN where there are no such pixels.
+
+    Args:
+        model: The network.
+        samples: The pairs, at full size.
+        device: Device of the network.
+    """
     training = model.training
     model.eval()
     total: dict[str, list[float]] = {}

@@ -52,7 +52,13 @@ class DistanceField:
         self._graph = layout
 
     def update(self, elevation: ElevationMap, ground: Traversability, goal: np.ndarray) -> None:
-        """Compute the field to a goal (2,) in the world [m]."""
+        """Compute the field to a goal.
+
+        Args:
+            elevation: The map.
+            ground: The judged ground.
+            goal: (2,) goal in the world [m]; it may lie outside the map.
+        """
         m, k = self.m, self.coarse
         self.origin = elevation.origin
         price = 1.0 + ground.cost + np.where(ground.inflated, np.float32(self.inflated_cost), np.float32(0))

@@ -65,12 +65,24 @@ class Planner:
         self._turned_back = 0
 
     def update(self, elevation: ElevationMap, ground: Traversability, goal: np.ndarray) -> None:
-        """Take in a new map: the field to the goal (2,) [m], and the surface on which arcs are checked."""
+        """Take in a new map: compute the field to the goal, and the surface on which arcs are checked.
+
+        Args:
+            elevation: The map.
+            ground: The judged ground.
+            goal: (2,) goal in the world [m].
+        """
         self.field.update(elevation, ground, goal)
         self._stance = StanceModel(elevation, self.spec)
 
     def free_length(self, poses: np.ndarray, elevation: ElevationMap, ground: Traversability) -> np.ndarray:
-        """Return how far motions (a, k, 3), with poses `spacing` apart, can be driven: (a,) [m]."""
+        """Return how far motions can be driven: (a,) [m].
+
+        Args:
+            poses: (a, k, 3) poses x, y [m], yaw [rad] of a motions, config.spacing apart.
+            elevation: The map.
+            ground: The judged ground.
+        """
         return free_length(
             poses, self.config.spacing, elevation, ground, self.spec, self.config, self._stance, self.margin
         )
@@ -196,6 +208,11 @@ class Planner:
         """Return the heading changes in place [rad] during which the footprint touches nothing, without 0.
 
         Unseen obstacles are assumed not to exist: the rover has driven past the ground beside it.
+
+        Args:
+            elevation: The map.
+            ground: The judged ground.
+            pose: (3,) x, y [m], yaw [rad].
         """
         c = self.config
         step = 2 * np.pi / c.turns
