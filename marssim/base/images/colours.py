@@ -1,4 +1,4 @@
-"""Show depth, disparity and normals as colours, which are the same in every figure, contact sheet and film.
+"""Show depth and normals as colours, which are the same in every figure, contact sheet and film.
 
 Near is bright yellow, far is dark violet, and each ratio of depths takes the same share of the colours (a logarithmic
 scale). Disparity, which is large where things are near, has the same colours the other way round.
@@ -33,23 +33,10 @@ def depth_colours(depth: np.ndarray, near: float = NEAR, far: float = MAX_DEPTH)
     """
     z = np.where(np.isfinite(depth) & (depth > 0), depth, far)
     share = np.clip(np.log(far / z) / np.log(far / near), 0, 1)
-    colours = _viridis(share)
+    colours = cv2.applyColorMap((share * 255).astype(np.uint8), cv2.COLORMAP_VIRIDIS)[..., ::-1].copy()
     colours[depth > far] = BEYOND
     colours[np.isnan(depth)] = 0
     return colours
-
-
-def disparity_colours(disparity: np.ndarray, largest: float) -> np.ndarray:
-    """Return disparity as colours, on a linear scale.
-
-    Args:
-        disparity: (H, W) [px].
-        largest: Disparity of the bright end [px]; the dark end is 0.
-
-    Returns:
-        (H, W, 3) uint8 RGB.
-    """
-    return _viridis(np.clip(np.nan_to_num(disparity / largest), 0, 1))
 
 
 def normal_colours(normal: np.ndarray) -> np.ndarray:
@@ -82,8 +69,3 @@ def depth_bar(width: int, height: int = 12, near: float = NEAR, far: float = MAX
     depth = np.geomspace(near, far, width)
     columns = [round((width - 1) * float(np.log(tick / near) / np.log(far / near))) for tick in TICKS]
     return np.repeat(depth_colours(depth[None], near, far), height, axis=0), columns
-
-
-def _viridis(share: np.ndarray) -> np.ndarray:
-    """Return colours (H, W, 3) uint8 RGB of shares (H, W) from 0, dark violet, to 1, bright yellow."""
-    return cv2.applyColorMap((share * 255).astype(np.uint8), cv2.COLORMAP_VIRIDIS)[..., ::-1].copy()
