@@ -1,4 +1,4 @@
-"""A small dataset whose every pixel is known in closed form: a level ground, a board that stands on it, and sky."""
+"""A small dataset whose pixels have a closed form: level ground, a board that stands on it, and the sky."""
 
 from pathlib import Path
 
@@ -21,7 +21,7 @@ NAMES = [f"{scene:05d}/{view:02d}" for scene in range(4) for view in range(2)]  
 
 
 def look(yaw: float, across: float) -> tuple[np.ndarray, ...]:
-    """Depth, normal, surface and image (H, W, 3) of an eye that stands `across` [m] to the right of the left one."""
+    """Return depth, normal, surface and image (H, W, 3) of a camera `across` [m] to the right of the left one."""
     rays = RIG.camera.rays()
     rotation = look_pose(np.zeros(3), yaw, PITCH)[:3, :3]
     down = -rotation[2]  # of the world, in the camera's frame
@@ -42,7 +42,7 @@ def look(yaw: float, across: float) -> tuple[np.ndarray, ...]:
 
 
 def closed_form_frame(yaw: float = 0.3) -> StereoFrame:
-    """A stereo pair of that world."""
+    """Return a stereo pair of the board on the ground."""
     depth, normal, surface, left = look(yaw, 0.0)
     right = look(yaw, RIG.baseline)[3]
     u = np.arange(RIG.camera.width)[None]
@@ -60,7 +60,7 @@ def closed_form_frame(yaw: float = 0.3) -> StereoFrame:
 
 @pytest.fixture(scope="session")
 def closed_form_set(tmp_path_factory) -> Path:
-    """A dataset folder of eight pairs; tests copy it before they break it."""
+    """A folder with a dataset of eight pairs. Tests copy it before they break it."""
     path = tmp_path_factory.mktemp("closed-form") / "set"
     for name in NAMES:
         scene, view = map(int, name.split("/"))

@@ -33,7 +33,7 @@ def test_every_preset_has_its_abundance(name):
 
 
 def test_deep_burial_and_clusters_are_corrected_for():
-    """Half of each rock below ground, all of them in clusters: the ground is covered no less."""
+    """Half of each rock is below ground and all lie in clusters, and the rocks cover as much ground."""
     result = measure([draw(0.15, n, buried=(0.5, 0.5), cluster=1.0) for n in range(2)], 0.15, cell=CELL)
     assert result.within.all(), f"\n{result.table()}"
 
@@ -50,7 +50,7 @@ def test_the_visible_area_of_a_rock_is_the_disc_of_its_diameter():
 
 
 def test_a_wrong_abundance_is_noticed():
-    """The bounds are no formality: rocks where more or fewer were asked for fall outside."""
+    """Scenes with more or fewer rocks than asked for are outside the bounds."""
     scenes = [draw(0.15, seed) for seed in range(2)]
     assert not measure(scenes, 0.21, cell=CELL).within.all()
     assert not measure(scenes, 0.10, cell=CELL).within.all()
@@ -93,7 +93,7 @@ def test_a_mistake_is_one_line(flag, capsys):
 
 
 def test_a_scene_reports_what_it_achieved():
-    """From its outlines; the rays agree."""
+    """The scene computes it from outlines, and the rays agree."""
     scenes = [draw(0.15, seed) for seed in range(2)]
     listed = np.mean([scene.abundance()["achieved"] for scene in scenes], axis=0)
     measured = measure(scenes, 0.15, cell=CELL)

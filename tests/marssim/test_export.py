@@ -30,7 +30,7 @@ THINGS = "FlyingThings3D"
 
 
 def run(capfd, *args: object) -> tuple[int, str]:
-    """Exit code and standard error of the command."""
+    """Return the exit code and the standard error of the command."""
     return command.main([str(a) for a in args]), capfd.readouterr().err.strip()
 
 

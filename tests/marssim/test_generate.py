@@ -50,12 +50,12 @@ def made(tmp_path_factory) -> Path:
 
 @pytest.fixture
 def folder(made, tmp_path) -> Path:
-    """A copy that a test may break."""
+    """A copy of the dataset that a test may break."""
     return shutil.copytree(made, tmp_path / "set")
 
 
 def claimed(config: GenerateConfig) -> GenerateConfig:
-    """With the folder made ready, as generate does before it hands out the scenes."""
+    """Prepare the folder as generate does before it starts the workers."""
     with command._folder(config).claim(command=""):
         pass
     return config
@@ -70,7 +70,7 @@ def contents(path: Path) -> dict[str, bytes]:
 
 
 def run(capfd, *args: object) -> tuple[int, str]:
-    """Exit code and standard error of the command."""
+    """Return the exit code and the standard error of the command."""
     return command.main([str(a) for a in args]), capfd.readouterr().err.strip()
 
 
@@ -105,7 +105,7 @@ def test_the_bytes_do_not_depend_on_the_number_of_workers(made, tmp_path):
 
 
 def test_a_stopped_run_goes_on_to_the_same_bytes(made, folder):
-    """Whatever is missing or half written: a sample, one of its files, the index."""
+    """A sample, one of its files, or the index may be missing or half written."""
     shutil.rmtree(folder / "scenes" / "00000" / "01")
     (folder / "scenes" / "00001" / "00" / "depth.png").unlink()
     (folder / "scenes" / "00001" / "01" / "left.png").write_bytes(b"")
@@ -142,7 +142,7 @@ def test_a_view_does_not_depend_on_those_before_it(made, tmp_path):
 
 
 def test_a_rasterised_view_does_not_depend_on_those_before_it(tmp_path):
-    """Views 2 and 7 look at nearly the same ground, so that a shadow map of the one would serve the other."""
+    """Views 2 and 7 show nearly the same ground, so that state of one view could affect the other."""
     pytest.importorskip("pybullet")
     rig = NATECAM.resized(96, 96)
     after, alone = (
@@ -210,7 +210,7 @@ def test_the_command_refuses_other_settings_in_one_line(made, capfd):
 
 
 def test_settings_without_samples_are_replaced(made, tmp_path, capfd, monkeypatch):
-    """A user without PyBullet, say, reads of the other renderer, and takes it with the same folder."""
+    """A user may learn of the other renderer from the message, and choose it with the same folder."""
     out = tmp_path / "set"
     with monkeypatch.context() as patch:
         patch.setitem(sys.modules, "pybullet", None)
@@ -233,7 +233,7 @@ def test_settings_beside_other_files_are_not_replaced(tmp_path):
 
 
 def test_no_file_depends_on_the_folders_of_data_and_heightmap(tmp_path):
-    """Here two folders, else two machines."""
+    """Two folders stand for two machines."""
     written = []
     for name in ("one", "two"):
         file = tmp_path / name / "map.npy"
@@ -248,7 +248,7 @@ def test_no_file_depends_on_the_folders_of_data_and_heightmap(tmp_path):
 
 
 def test_a_heightmap_is_found_from_any_folder_and_may_be_moved(tmp_path, monkeypatch):
-    """Workers elsewhere stand in other folders; what is recorded is the map, not where it lay."""
+    """Workers may run in other folders; the dataset records the map, not its path."""
     maps = [tmp_path / "here" / "map.npy", tmp_path / "there" / "moved.npy"]
     for file in maps:
         file.parent.mkdir()
@@ -306,7 +306,7 @@ def test_a_broken_record_of_the_settings_is_named(folder, capfd):
     ],
 )
 def test_impossible_scenes_are_refused_before_anything_is_written(flags, message, tmp_path, capfd):
-    """Too many rocks for a dataset to tell apart, no place for a camera, a drive longer than its ground."""
+    """More rocks than a dataset can number, no place for a camera, a drive longer than the scene."""
     code, err = run(capfd, "--out", tmp_path / "set", *FLAGS, *flags)
     assert code == 2 and message in err and len(err.splitlines()) == 1
     assert not (tmp_path / "set").exists()
@@ -314,7 +314,7 @@ def test_impossible_scenes_are_refused_before_anything_is_written(flags, message
 
 @pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock")
 def test_a_second_command_in_the_folder_is_refused_and_harms_nothing(made, folder, tmp_path, capfd):
-    """Also where the first has not yet written anything, and where it is at work on other settings."""
+    """Also if the first has not yet written anything, or has other settings."""
     before = contents(folder)
     (tmp_path / "new").mkdir()
     for out, flags in ((folder, FLAGS), (tmp_path / "new", FLAGS), (folder, (*FLAGS, "--pairs", 5))):
@@ -329,7 +329,7 @@ def test_a_second_command_in_the_folder_is_refused_and_harms_nothing(made, folde
 
 @pytest.mark.parametrize("written", ["0.0.9", None])
 def test_data_of_another_version_are_not_added_to(folder, written, capfd):
-    """It may draw the same settings in another way."""
+    """Another version may draw other scenes from the same settings."""
     settings = json.loads((folder / "generate.json").read_text())
     settings.pop("marssim")
     (folder / "generate.json").write_text(json.dumps({**settings, **({"marssim": written} if written else {})}))
@@ -340,7 +340,7 @@ def test_data_of_another_version_are_not_added_to(folder, written, capfd):
 
 
 def test_a_sample_that_was_killed_before_it_got_its_name_is_drawn_again(made, folder, capfd):
-    """All of it is written, and it is none of the dataset's yet."""
+    """Its files are written, but its folder does not have its final name yet."""
     (folder / "scenes" / "00001" / "01").rename(folder / "scenes" / "00001" / ".01.0123.partial")
     (folder / "dataset.json").unlink()
     assert run(capfd, "--out", folder, *FLAGS)[0] == 0
@@ -348,7 +348,7 @@ def test_a_sample_that_was_killed_before_it_got_its_name_is_drawn_again(made, fo
 
 
 def test_the_folder_records_the_command_that_completes_it(made, folder, monkeypatch, capfd):
-    """What is read of an unfinished dataset is the command line, and that command line works."""
+    """The message on an unfinished dataset has a command line, and that command line works."""
     (folder / "dataset.json").unlink()
     shutil.rmtree(folder / "scenes" / "00001" / "00")
     with pytest.raises(DatasetError, match=r"not finished, it has 3 pairs; .* completes it$") as error:
@@ -410,7 +410,7 @@ def test_without_a_folder_the_command_says_what_is_missing(capfd):
 
 
 def test_a_killed_worker_is_one_line_and_the_run_goes_on_later(made, tmp_path, capfd, monkeypatch):
-    """One of the run's own processes is killed when the first scene is done, with nearly all of them still to do."""
+    """One of the workers is killed when the first scene is done, with nearly all scenes left."""
     out, others, killed = tmp_path / "set", set(multiprocessing.active_children()), []
 
     def kill_one(*_: object) -> None:
@@ -467,7 +467,7 @@ def test_the_command_writes_what_the_function_writes(made, tmp_path, capfd):
 
 
 def test_the_bytes_do_not_depend_on_dask(made, tmp_path):
-    """Two threads of a cluster in this process: scenes are rendered side by side."""
+    """Two threads of a cluster in this process render scenes side by side."""
     distributed = pytest.importorskip("distributed")
     options = {"processes": False, "dashboard_address": ":0", "silence_logs": 50}
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, **options) as cluster:
@@ -488,7 +488,7 @@ def test_one_pair_is_counted_in_the_singular(tmp_path, capfd):
 
 
 def test_the_drive_that_is_tried_before_the_folder_is_claimed_is_the_one_that_is_rendered(tmp_path, monkeypatch):
-    """Of every place of a mixture the first scene that has it; so also where the cameras of single views stand."""
+    """For every place of a mixture, the first scene that is drawn from it; and the cameras of its single views."""
     drawn: list[np.ndarray] = []
 
     def kept(function):
@@ -546,7 +546,7 @@ def test_a_drive_is_rendered_by_one_worker(tmp_path):
 
 @pytest.fixture
 def bullet(monkeypatch):
-    """bullet(works, hardware): what the trial of PyBullet's EGL renderer finds."""
+    """Return a function that sets the result of the test of EGL: bullet(works, hardware)."""
     pytest.importorskip("pybullet")
 
     def pretend(works: bool, hardware: bool) -> None:
@@ -566,7 +566,7 @@ def test_a_dataset_is_begun_with_egl_where_it_draws_on_a_card(tmp_path, bullet, 
 
 @pytest.mark.parametrize("first", ["tiny", "egl"])
 def test_a_dataset_is_continued_as_it_was_begun(tmp_path, bullet, first):
-    """Elsewhere too, or it is refused: the two draw a few pixels otherwise."""
+    """On another machine too, or the command refuses: the two rasterizers differ in a few pixels."""
     asked = config(tmp_path / "set", renderer="pybullet", rasterizer=first)
     claimed(asked)
     sample = tmp_path / "set" / "scenes" / "00000" / "00" / "left.png"

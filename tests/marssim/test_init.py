@@ -1,4 +1,4 @@
-"""The names of `import marssim`, and the ten lines that a notebook needs."""
+"""The public names of marssim, and ten lines that render a frame."""
 
 import ast
 import importlib

@@ -1,4 +1,4 @@
-"""The real command, killed and starved: nothing is harmed, and the same command goes on to the same bytes."""
+"""The command is killed or runs out of disk or memory; the same command then completes the same bytes."""
 
 import os
 import resource
@@ -20,7 +20,7 @@ FLAGS += ["--size", "16", "--horizon", "24"]
 
 
 def finish(out: Path, *more: str) -> int:
-    """The exit code of the command, called in this process."""
+    """Return the exit code of the command, called in this process."""
     return main(["--out", str(out), *FLAGS, *more])
 
 
@@ -33,7 +33,7 @@ def samples(out: Path) -> list[Path]:
 
 
 def error_line(code: int, output: str, error: str) -> str:
-    """The one line of a command that refused."""
+    """Return the error message of a command, which must be one line."""
     assert code == 2 and output == "", error
     assert error.startswith("error: ") and error.count("\n") == 1, error
     assert "[Errno" not in error
@@ -41,7 +41,7 @@ def error_line(code: int, output: str, error: str) -> str:
 
 
 def refused(capfd, out: Path, *more: str) -> str:
-    """The one line of the command, called in this process."""
+    """Return the error message of the command, called in this process."""
     code = finish(out, *more)
     output = capfd.readouterr()
     return error_line(code, output.out, output.err)
@@ -112,7 +112,7 @@ def test_a_run_killed_at_any_moment_continues_to_the_same_bytes(undisturbed, tmp
 
 
 def test_a_disk_that_fills_up_names_the_place_and_harms_nothing(undisturbed, tmp_path):
-    """Here no file may grow beyond what some, but not all, files of the first samples need."""
+    """The limit on the size of a file lets some, but not all, files of the first samples be written."""
     out = tmp_path / "set"
     sizes = [(undisturbed / "scenes/00000/00" / name).stat().st_size for name in ("left.png", "depth.png")]
     limit = max((undisturbed / "generate.json").stat().st_size, min(sizes)) + 100

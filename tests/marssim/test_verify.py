@@ -22,7 +22,7 @@ def folder(closed_form_set, tmp_path) -> Path:
 
 
 def run(capfd, *args: object) -> tuple[int, str, str]:
-    """Exit code, standard output and standard error of the command."""
+    """Return the exit code, the standard output and the standard error of the command."""
     code = command.main([str(a) for a in args])
     captured = capfd.readouterr()
     return code, captured.out, captured.err
@@ -51,7 +51,7 @@ def test_a_good_dataset(folder, tmp_path, capfd):
 
 
 def test_each_dataset_has_a_folder_for_its_results(folder, tmp_path, capfd, monkeypatch):
-    """Also two of one name: what is known of the one is not overwritten by the other."""
+    """Results of two datasets with the same folder name do not overwrite each other."""
     monkeypatch.chdir(tmp_path)
     other = shutil.copytree(folder, tmp_path / "elsewhere" / "set")
     write_index(other, {"seed": 3}, StereoDataset(other).names[:4])
@@ -84,7 +84,7 @@ def test_an_export_is_not_taken_for_a_dataset(folder, tmp_path, capfd):
 
 @pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock")
 def test_a_dataset_that_is_being_written_is_not_checked(folder, tmp_path, capfd):
-    """Samples may still be shown; what a killed command has left of its lock is nothing wrong."""
+    """Samples may still be shown, and the lock's file of a killed command does not matter."""
     with sole_writer(folder):
         line = mistake(capfd, folder, "--out", tmp_path / "out")
         assert line.startswith(f"error: {folder}: another command (process ") and line.endswith("let it end first")
@@ -114,7 +114,7 @@ def test_results_among_the_datasets_own_files_are_refused(folder, place, capfd):
 
 
 def test_results_that_cannot_be_written_name_the_flag(folder, tmp_path, capfd, monkeypatch):
-    """Also where they go if it is not given."""
+    """The message names the default folder if the flag is not given."""
     (tmp_path / "out").write_text("a file in the way")
     for more in ((), ("--sample", "00000/00")):
         below = tmp_path / "out" / "below"

@@ -1,4 +1,4 @@
-"""The trial of EGL: a real process that imports a PyBullet made for the test, which works, lies, hangs or crashes."""
+"""The test of EGL in a real process, with a stand-in for PyBullet that works, draws wrongly, hangs or crashes."""
 
 import os
 import subprocess
@@ -42,7 +42,7 @@ createVisualShape = createMultiBody = computeViewMatrix = computeProjectionMatri
 
 @pytest.fixture
 def pretend(tmp_path, monkeypatch):
-    """pretend(start, drawn, driver): PyBullet is now one that does this."""
+    """Return a function that replaces PyBullet by a stand-in: pretend(start, drawn, driver)."""
 
     def make(start: str = "pass", drawn: str = "pass", driver: str = "Acme 3000") -> None:
         (tmp_path / "pybullet.py").write_text(PYBULLET.format(start=start, drawn=drawn, driver=driver))
@@ -139,7 +139,7 @@ def test_the_trial_prints_nothing_here():
 
 
 def test_triton_is_loaded_before_the_driver_where_it_is_installed(tmp_path):
-    """Else a network of PyTorch's CUDA build crashes in a process in which Mesa has drawn."""
+    """Otherwise a network of PyTorch's CUDA build crashes in a process in which Mesa has drawn."""
     (tmp_path / "triton.py").write_text("")
     code = "import sys\nfrom marssim.engines import egl\negl.load_triton_first()\nprint('triton' in sys.modules)"
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}

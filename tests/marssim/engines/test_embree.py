@@ -54,7 +54,7 @@ def test_rays_are_those_of_brute_force(seed, rays, faces, one_origin):
 
 
 def test_no_ray_slips_through_between_neighbours():
-    """Upon the edges of a grid of triangles, at places that float32 does not hold."""
+    """Rays at the edges of a grid of triangles, at positions that float32 does not represent."""
     n = 60
     x, y = np.meshgrid(np.linspace(-7, 7, n), np.linspace(-7, 7, n))
     vertices = np.stack([x, y, 0.1 * np.sin(3 * x) * np.cos(2 * y)], axis=-1).reshape(-1, 3)
@@ -83,7 +83,7 @@ def test_a_mesh_without_triangles_is_never_met():
 
 
 def test_the_arrays_that_embree_reads_are_kept():
-    """The arrays that it was given may go; what stands in their place then must not be met."""
+    """The caller may free or change its arrays; rays must not hit what is stored there then."""
     vertices, faces = SQUARE.copy(), HALVES.astype(np.int32)
     triangles = TriangleRays(vertices, faces)
     vertices += 100
@@ -116,7 +116,7 @@ def test_closed_triangles_refuse_rays():
 
 
 def test_the_library_is_found_through_the_module_that_is_linked_to_it(monkeypatch):
-    """As where embreex was built against the system's Embree and brings none."""
+    """An embreex that was built against the system's Embree contains no library."""
     monkeypatch.setattr(metadata, "files", lambda _: None)
     library, device = embree._embree.__wrapped__()
     assert device and library.rtcGetDeviceError(device) == 0

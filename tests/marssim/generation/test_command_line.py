@@ -14,7 +14,7 @@ from marssim.scene.presets import PRESETS, preset
 
 
 def again(config: GenerateConfig) -> GenerateConfig:
-    """The config that its own flags give."""
+    """Return the config that the flags of a config give."""
     flags = command_flags(config)
     assert flags is not None
     return parse_generate("generate", None, ["--out", str(config.out), *shlex.split(flags)])
@@ -81,7 +81,7 @@ def test_scenes_that_flags_cannot_give_have_no_command():
 
 
 def test_every_setting_on_which_the_content_depends_is_recorded():
-    """A field that is added to the run's config is noted without anything to be done."""
+    """A field that is added to RunConfig is recorded without any other change."""
     config = asked()
     for field in fields(config):
         if field.name not in ("out", "workers", "scheduler", "scenes", "rig"):

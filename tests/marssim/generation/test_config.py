@@ -123,7 +123,7 @@ def test_help_shows_the_values_of_the_place(capsys):
 
 
 def test_every_field_of_the_scene_is_a_flag_with_help(capsys):
-    """Also one that is added later: nothing lists them but the configs themselves."""
+    """The fields come from the configs, so that one that is added later is tested too."""
     text = shown(capsys)
     for part, config in (("rocks", RockConfig), ("relief", ReliefConfig), ("look", LookConfig)):
         for field in fields(config):
@@ -193,7 +193,7 @@ def test_only_settings_on_which_the_content_depends_are_recorded():
 
 
 def test_every_place_is_recorded_in_the_order_of_the_draw(tmp_path):
-    """Also two of one preset."""
+    """Two places may start from the same preset."""
     rough = preset("gale", relief=replace(preset("gale").relief, rms_slope_deg=9.0))
     orders = [(preset("gale"), rough), (rough, preset("gale")), (rough,), (rough, rough)]
     noted = [GenerateConfig(out=tmp_path, scenes=scenes).content()["scenes"] for scenes in orders]
@@ -202,7 +202,7 @@ def test_every_place_is_recorded_in_the_order_of_the_draw(tmp_path):
 
 
 def places(count: int, seed: int, scenes: int) -> list[int]:
-    """Which of so many configs each scene of a dataset is drawn from."""
+    """Return which of `count` places each scene of a dataset is drawn from."""
     configs = [preset("gale", size=10.0 + n) for n in range(count)]
     config = GenerateConfig(out=Path("x"), scenes=tuple(configs), seed=seed)
     return [configs.index(config.scene_config(scene)) for scene in range(scenes)]
@@ -211,7 +211,7 @@ def places(count: int, seed: int, scenes: int) -> list[int]:
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 7, 10])
 @pytest.mark.parametrize("seed", [0, 1, 2**40])
 def test_places_come_in_turn_and_each_split_has_each_equally_often(count, seed):
-    """Every block has each once; over count * lcm(count, 10) scenes each split has each equally often."""
+    """Every block has each place once; over count * lcm(count, 10) scenes each split has each equally often."""
     cycle = count * math.lcm(count, 10)
     drawn = places(count, seed, 2 * cycle)
     for start in range(0, len(drawn), count):
@@ -236,5 +236,5 @@ def test_a_config_needs_a_scene(tmp_path):
 
 
 def test_options_default_to_the_first_place():
-    """Parsed without a preset's values, they are those of the first place."""
+    """Without the values of a preset, the flags have those of the first place."""
     assert parse(GenerateOptions, "generate", None, ["--out", "x"]).scene == PRESETS[0]

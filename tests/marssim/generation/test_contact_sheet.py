@@ -23,14 +23,14 @@ def sample(value: int) -> StereoSample:
 
 
 def runs_of(sheet: np.ndarray, colour: int) -> list[int]:
-    """First columns of the squares of one grey level, in any row."""
+    """Return the first columns of the squares of one grey level, in any row."""
     here = (sheet == colour).all(axis=-1).sum(axis=0) >= SIDE
     return np.flatnonzero(np.diff(here.astype(int), prepend=0) == 1).tolist()
 
 
 @pytest.mark.parametrize(("count", "bands"), [(1, 1), (3, 1), (4, 2), (6, 2)])
 def test_every_sample_has_its_place(count, bands):
-    """In a column of its own, with both eyes, and in the order of the names; each third begins a new band."""
+    """Each sample has a column with both eyes, in the order of the names; every third one begins a new band."""
     samples, names = [sample(40 + 30 * n) for n in range(count)], [f"{n:05d}/00" for n in range(count)]
     sheet = contact_sheet(samples, names, columns=3, tile=SIDE)
     one = contact_sheet(samples[:1], names[:1], columns=3, tile=SIDE)
@@ -62,7 +62,7 @@ def test_the_scale_of_depth_is_below():
 
 
 def test_a_sample_without_a_sun_that_is_a_number_is_drawn():
-    """Of a dataset that somebody else wrote."""
+    """Another program may have written the dataset."""
     for sun in (None, "30", 12.5):
         assert contact_sheet([replace(sample(90), meta={"sun_elevation_deg": sun})], ["a"], tile=SIDE).std() > 1
 

@@ -1,4 +1,4 @@
-"""What a sample says of the scene that it shows."""
+"""What a sample's JSON records of its scene."""
 
 from dataclasses import fields, replace
 from pathlib import Path
@@ -18,7 +18,7 @@ SMALL = preset("gale", size=12.0, horizon=16.0)
 
 
 def pair(out: Path, scene: SceneConfig = SMALL, **changes) -> StereoSample:
-    """The only pair of a dataset."""
+    """Return the only pair of a dataset."""
     asked = GenerateConfig(
         out=out, pairs=1, views_per_scene=1, renderer="scan", seed=4, rig=NATECAM.resized(48, 48), scenes=(scene,)
     )
@@ -38,7 +38,7 @@ def test_every_value_of_the_look_is_recorded(sample):
 
 
 def test_ranges_narrowed_to_what_was_recorded_give_the_same_images(sample, tmp_path):
-    """So nothing that a range of the look or the sensor decided is missing, the sun's two angles being the vector's."""
+    """Every range of the look and of the sensor has its drawn value; the sun's two angles are in its vector."""
     drawn = {name: (sample.meta[name],) * 2 for name in vars(SMALL.look) if name in sample.meta}
     assert set(vars(SMALL.look)) - set(drawn) == {"sun_azimuth_deg"}
     del drawn["sun_elevation_deg"]  # a rounding error away
@@ -50,7 +50,7 @@ def test_ranges_narrowed_to_what_was_recorded_give_the_same_images(sample, tmp_p
 
 
 def test_a_heightmap_is_recorded_with_its_place_and_datum(sample, tmp_path):
-    """So that the cameras can be placed in the map: they stand as high above its ground as they were asked to."""
+    """With place and datum, the cameras can be placed in the map: they have their height above its ground."""
     assert "heightmap" not in sample.meta
     east = np.arange(160) - 79.5
     np.save(tmp_path / "map.npy", np.tile(-2500 + 0.05 * east, (160, 1)))

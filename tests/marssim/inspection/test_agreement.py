@@ -1,4 +1,4 @@
-"""The measure of agreement itself: it must find a shift that is there, of a renderer that is off on purpose."""
+"""The measure of agreement finds the shift of a renderer that is wrong on purpose."""
 
 import json
 
@@ -42,7 +42,7 @@ def agreement(renderer, tracer, camera, poses) -> Agreement:
 
 
 class OffCentre:
-    """Sees (du, dv) [px] beside the pixel centres, and depth by a factor."""
+    """A renderer that samples (du, dv) [px] beside the pixel centres, and scales depth by a factor."""
 
     def __init__(self, tracer: EmbreeRenderer, du: float = 0.0, dv: float = 0.0, factor: float = 1.0) -> None:
         self.tracer, self.du, self.dv, self.factor = tracer, du, dv, factor
@@ -102,7 +102,7 @@ def test_the_view_that_agrees_least_counts(tracer, poses):
 
 
 def test_a_drawn_picture_is_compared_before_it_is_corrected(tracer, poses):
-    """On smooth ground, where an exact G-buffer hides that the picture was off."""
+    """On smooth ground an exact G-buffer would hide that the drawn picture is shifted."""
 
     class DrawnBeside(OffCentre):
         def render(self, camera, pose):

@@ -23,7 +23,7 @@ def test_warping_by_whole_and_by_half_pixels():
 
 
 def test_the_residual_is_small_where_disparity_is_true(closed_form_set):
-    """The same closed-form texture in both eyes: what is left is rounding and interpolation, but for edges."""
+    """Both eyes see the same closed-form texture, so that only rounding, interpolation and edges are left."""
     sample = read_sample(closed_form_set / "scenes" / "00000" / "00")
     residual = warp_residual(sample)
     hidden = sample.occluded | np.isinf(sample.depth)
@@ -40,7 +40,7 @@ def test_a_sample_is_drawn(closed_form_set):
 
 
 def test_a_sample_without_a_sun_that_is_a_number_is_drawn(closed_form_set):
-    """Of a dataset that somebody else wrote."""
+    """Another program may have written the dataset."""
     sample = read_sample(closed_form_set / "scenes" / "00000" / "00")
     for sun in (None, "30", 12.5):
         sample.meta["sun_elevation_deg"] = sun

@@ -27,7 +27,7 @@ def test_codes_become_light():
 @pytest.mark.parametrize(("wavelength", "band"), [(32 * 2**0.5, 0), (11.0, 2), (5.5, 3), (2.8, 4)])
 @pytest.mark.parametrize("angle", [0.0, 0.9])
 def test_a_wave_shows_in_its_band(wavelength, band, angle):
-    """Of amplitude a in log-luminance: contrast a / sqrt(2), all of it in that octave but for the window's width."""
+    """A wave of amplitude a in log-luminance has the contrast a / sqrt(2), nearly all of it in its octave."""
     wave = 0.1 * np.sin(2 * np.pi / wavelength * (np.cos(angle) * U + np.sin(angle) * V) + 0.3)
     look = ground_texture(np.exp(wave), ALL)
     if band > 0:

@@ -1,4 +1,4 @@
-"""Each way in which a dataset can be broken is found, and named by its file."""
+"""Every way to break a dataset gives a finding that names the file."""
 
 import hashlib
 import json
@@ -44,7 +44,7 @@ def test_a_good_dataset_has_no_findings(folder):
 
 
 def record(folder: Path, occluded: bytes) -> None:
-    """Give the sample that occlusion mask, with hashes as they should be."""
+    """Replace the occlusion mask of the sample, and correct the hashes."""
     (folder / SAMPLE / "occluded.png").write_bytes(occluded)
     digest = hashlib.sha256(occluded).hexdigest()
     change(folder / SAMPLE / "sample.json", lambda c: c["sha256"].update({"occluded.png": digest}))

@@ -25,7 +25,7 @@ def statistics_of(samples: Iterable[StereoSample]) -> SampleStatistics:
 
 
 def made(depth: np.ndarray, rock: np.ndarray | None = None, occluded: np.ndarray | None = None) -> StereoSample:
-    """A sample of given depth."""
+    """Return a sample of a given depth map."""
     rig = NATECAM.resized(depth.shape[1], depth.shape[0])
     nothing = np.zeros(depth.shape, bool)
     normal = np.zeros((*depth.shape, 3), np.float32)

@@ -1,4 +1,4 @@
-"""Rocks of known width on ground of known area; then rendered scenes against what was asked of them."""
+"""Rocks of known width on ground of known area; then rendered scenes, compared with the abundance asked for."""
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ def test_level_ground_has_its_area():
 
 
 def test_rocks_are_about_as_wide_as_their_outlines_from_above():
-    """Every rock's own diameter, which is that of its outline on the map, against its width from the side."""
+    """Each rock's width from the side is compared with its diameter, which is that of its outline from above."""
     scene = build_scene(SceneConfig(size=16.0, horizon=24.0, rocks=RockConfig(k=0.1)), np.random.default_rng(1))
     renderer = EmbreeRenderer(scene)
     measured, drawn, cover, expected = [], [], RockCover(), 0.0

@@ -11,7 +11,7 @@ LOOK = Look(np.array([0.0, 0.0, 1.0]), 0.5, 1.0, 1.0, 0, 0.5, 0.5, 0.0, 0.0, 0.3
 
 
 def build(height=lambda x, y: 0 * x, half=4.0, cell=0.1, balls=()):
-    """A scene of a given relief; balls: (x, y, z, radius) of spherical rocks, z of their middle."""
+    """Return a function that makes a scene of a given relief, with spherical rocks (x, y, z of the middle, radius)."""
     grid = np.linspace(-half, half, round(2 * half / cell) + 1)
     fine = HeightGrid(height(*np.meshgrid(grid, grid)), -half, -half, float(grid[1] - grid[0]))
     unit, template = icosphere(3)

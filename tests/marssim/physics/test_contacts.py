@@ -1,4 +1,4 @@
-"""What touched what: the same words from either dynamics."""
+"""Both dynamics report the same contacts."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ ROLL = np.full(6, 0.2 / ZHURONG.wheel_radius)
 
 
 def forward(dynamics, scene, seconds, y=0.0):
-    """Contacts, x [m] and speed [m/s] after a drive straight ahead from the origin at 0.2 m/s."""
+    """Return contacts, x [m] and speed [m/s] after a drive straight ahead from the origin at 0.2 m/s."""
     if dynamics == "kinematic":
         rover = KinematicRover(scene, ZHURONG, 0.0, y, 0.0)
         state = rover.drive_twist(0.2, 0.0, seconds)
@@ -46,7 +46,7 @@ def test_a_rock_is_met_by_what_runs_into_it(make_scene, dynamics, y, expected):
 def test_the_chassis_meets_a_hump_between_the_wheels_that_is_higher_than_its_clearance(
     make_scene, dynamics, height, expected
 ):
-    """Ground, not rock: 0.32 m are free under the chassis. It is half as wide as the way between the wheels."""
+    """The hump is ground, not rock, and half as wide as the gap between the wheels. The chassis clears 0.32 m."""
     assert 0.2 < ZHURONG.belly_clearance < 0.45
 
     def hump(x, y):
@@ -75,7 +75,7 @@ def test_put_down_over_a_hump_the_chassis_rests_on_it_or_does_not(make_scene, he
 
 @pytest.mark.parametrize("late", range(8))
 def test_the_shortest_contact_is_noticed(make_scene, late):
-    """A ball that bounces off the chassis touches it for three steps or fewer, whichever of eight it comes at."""
+    """A ball that bounces off the chassis touches it for three steps or fewer, at any of eight times."""
     p = pytest.importorskip("pybullet")
     with PhysicsWorld(make_scene(half=2.0)) as world:
         rover = Rover(world, 0.0, 0.0, 0.0)

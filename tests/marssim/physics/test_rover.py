@@ -101,7 +101,7 @@ def test_slides_where_friction_ends(make_scene, beyond, slides):
 
 @pytest.mark.parametrize(("height", "crosses"), [(0.2, True), (0.6, False)])
 def test_climbs_a_step_of_20_cm_but_not_of_60(make_scene, height, crosses):
-    """A vertical face, friction 0.9, square to the way; all six wheels have to come up."""
+    """The step is a vertical face across the path, with friction 0.9; all six wheels have to climb it."""
     with PhysicsWorld(make_scene(cell=0.2, half=3.2)) as world:
         p, client = world.bullet, world.client
         block = p.createCollisionShape(p.GEOM_BOX, halfExtents=[1.2, 1.5, height / 2], physicsClientId=client)
@@ -123,7 +123,7 @@ def test_climbs_a_step_of_20_cm_but_not_of_60(make_scene, height, crosses):
 
 @pytest.mark.parametrize("kind", ["ackermann", "crab"])
 def test_drives_curves_and_sideways(make_scene, kind):
-    """An arc of 0.8 m radius to the left, or a way at 30 deg to the heading: as rolling without slip says."""
+    """An arc of 0.8 m radius to the left and a path at 30 deg to the heading are those of rolling without slip."""
     speed, rate, lateral = (0.16, 0.2, 0.0) if kind == "ackermann" else (0.2 * np.cos(0.5), 0.0, 0.2 * np.sin(0.5))
     vx, vy = speed - rate * HUBS[:, 1], lateral + rate * HUBS[:, 0]
     with PhysicsWorld(make_scene(half=3.2, cell=0.2)) as world:

@@ -42,7 +42,7 @@ def test_wide_ground_is_thinned_to_a_tenth_of_a_metre_and_no_further(make_scene,
 
 
 def test_a_ball_falls_as_on_mars(make_scene):
-    """At 3.72076 m/s2: the way of the second half second less that of the first is g (0.5 s)^2, also in steps."""
+    """The distance fallen in the second half second less that in the first is g (0.5 s)^2, with g = 3.72076 m/s2."""
     with PhysicsWorld(make_scene(half=2.0)) as world:
         p, client = world.bullet, world.client
         ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.1, physicsClientId=client)

@@ -1,4 +1,4 @@
-"""Sub-pixel edges against their plain definitions, pixel by pixel."""
+"""Anti-aliasing compared with its plain definition, pixel by pixel."""
 
 import cv2
 import numpy as np
@@ -15,7 +15,7 @@ CAMERA = PinholeCamera(9, 7, 20.0, 25.0, 3.6, 2.9)
 
 
 def random_view(seed: int) -> tuple[GBuffer, np.ndarray, np.ndarray]:
-    """Patches of sky, ground and rocks with jumps of depth within them, sunlight, and colours (H * W, 3)."""
+    """Return patches of sky, ground and rocks with jumps of depth, the sunlight, and colours (H * W, 3)."""
     rng = np.random.default_rng(seed)
     shape = (CAMERA.height, CAMERA.width)
     surface = np.where(rng.random(shape) < 0.3, rng.integers(-1, 3, shape), rng.integers(-1, 3)).astype(np.int32)
@@ -80,7 +80,7 @@ def test_rays_of_a_pixel_are_spread_about_its_centre():
 
 
 def expected_colour(view, lit, colour, pixel, ray, z, own):
-    """The plain definition of colours_beside for one ray; None where the neighbours do not tell."""
+    """Return the colour of one ray by the plain definition of colours_beside; None if it is not known."""
     row, column = divmod(int(pixel), CAMERA.width)
     du, dv = SUBPIXELS[ray]
     weights, colours, lights = [], [], set()

@@ -1,4 +1,4 @@
-"""The two images of a pair against the ground truth that goes with them."""
+"""The two images of a pair, compared with the ground truth."""
 
 from dataclasses import replace
 
@@ -169,7 +169,7 @@ def one_sample(renderer, shader, camera, pose, view, shown_by=None) -> np.ndarra
 
 @pytest.mark.parametrize("name", ["embree", "pybullet"])
 def test_edges_are_smoothed(scene, pose, name):
-    """Against the same view at four times the resolution, averaged over blocks."""
+    """The reference is the same view at four times the resolution, averaged over blocks."""
     if name == "pybullet":
         pytest.importorskip("pybullet")
     renderer = make_renderer(name, scene)

@@ -32,7 +32,7 @@ def assert_same(one: StereoFrame, other: StereoFrame) -> None:
 
 
 def written_by_generate(config: GenerateConfig, monkeypatch) -> StereoFrame:
-    """The frame that marssim.generate writes for the first view of the first scene."""
+    """Return the frame that marssim.generate writes for the first view of the first scene."""
     frames: list[StereoFrame] = []
     monkeypatch.setattr(scene_views, "write_sample", lambda folder, frame, meta: frames.append(frame))
     config.out.mkdir()

@@ -36,7 +36,7 @@ def geotiff(path, values, scale=(2.0, 2.0, 0.0), model=1, unit=9001, nodata=None
 
 
 def hills(n, cell):
-    """A smooth surface of known closed form: rises to the north, waves from west to east."""
+    """Return the coordinates [m] of a map's cells, and the height [m] of a smooth surface as a function of x, y [m]."""
     axis = (np.arange(n) - (n - 1) / 2) * cell
     return axis, lambda x, y: 0.05 * y + 0.4 * np.sin(2 * np.pi * x / 14.0)
 
@@ -152,7 +152,7 @@ def test_only_what_equals_the_nodata_value_is_a_gap(tmp_path, kind, nodata, empt
 
 @pytest.mark.parametrize("cell", [1.0, 0.1, 0.3])
 def test_a_map_just_as_large_as_the_scene_is_enough(tmp_path, cell):
-    """A value stands for its whole cell: the outermost ones serve the last half of a cell, as the message counts."""
+    """A value holds for its whole cell, so the outermost values cover the last half of a cell."""
     n = round(24 / cell)
     axis = (np.arange(n) - (n - 1) / 2) * cell
     slope = np.broadcast_to(0.1 * axis, (n, n))
@@ -195,7 +195,7 @@ HEADERS = {  # of .npy files, that numpy stumbles over in ways of its own
 
 
 def broken(tmp_path, case):
-    """A file with that fault, and the config that goes with it."""
+    """Return a file with a fault, and the fields of ReliefConfig to read it."""
     path, config = tmp_path / "map.npy", {"heightmap_scale": 1.0}
     level = np.zeros((60, 60), np.float32)
     if case == "missing":

@@ -10,7 +10,7 @@ from marssim.scene.relief import ReliefConfig
 
 
 def dig(ratio, diameter=3.0, fill=4.0):
-    """Heights around one crater of that depth over diameter, on a grid of 2 cm."""
+    """Return the heights around one crater of a given depth over diameter, on a grid of 2 cm."""
     config = ReliefConfig(crater_depth=(ratio, ratio), crater_fill_diameter=fill)
     craters = Craters(config, 20.0, 10.0, np.random.default_rng(0))
     craters.centre, craters.diameter = np.zeros((1, 2)), np.array([diameter])
@@ -55,7 +55,7 @@ def test_the_number_of_craters_falls_with_the_square_of_their_size():
 
 @pytest.mark.parametrize("largest", [1.5, 3.0])
 def test_a_heightmap_that_shows_the_large_ones_leaves_the_number_of_small_ones(largest):
-    """No more of them than there are of that size without a heightmap: 5/9 and 8/9 of all above 1 m."""
+    """There are as many craters of a size as without a heightmap: 5/9 and 8/9 of all above 1 m."""
     config = ReliefConfig(crater_density=0.05, crater_max_diameter=25.0)
     many = [Craters(config, 50.0, largest, np.random.default_rng(seed)).diameter for seed in range(20)]
     assert sum(map(len, many)) / 20 == pytest.approx(500 * (1 - largest**-2) / (1 - 25**-2), rel=0.05)

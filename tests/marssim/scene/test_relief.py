@@ -20,7 +20,7 @@ def test_height_differences_grow_as_the_hurst_exponent_says(hurst):
 
 
 def test_waves_of_a_side_alone_are_too_level():
-    """What long_waves is for: without it a tenth to a third of the height differences is lost."""
+    """Without long_waves, a tenth to a third of the height differences is lost."""
     n, hurst, slope, lag = 128, 0.8, 0.09, 32
     spread = 0.0
     for seed in range(60):

@@ -69,7 +69,7 @@ def test_craters_and_ripples_change_the_ground():
 
 
 def rms_slope(lags, name=None, scenes=16, far=False, **changes):
-    """RMS slopes [deg] over lags [m], measured on built terrains: differences of heights, nothing of their making."""
+    """Return RMS slopes [deg] over lags [m], measured by differences of the heights of built terrains."""
     config = ReliefConfig(**changes) if name is None else preset(name).relief
     total = np.zeros(len(lags))
     for seed in range(scenes):
@@ -117,7 +117,7 @@ def test_presets_are_as_steep_as_the_places_they_are_named_after():
 
 
 def test_slopes_in_utopia_are_under_8_degrees():
-    """98 % of them, as the landing site's, of planes of 1 m x 1 m."""
+    """98 % of the planes of 1 m x 1 m, as at the landing site."""
     slopes = []
     for seed in range(12):
         rng = np.random.default_rng((8, seed))
@@ -164,7 +164,7 @@ def test_impossible_relief_is_refused(bad):
 
 
 def test_sides_become_even_metres_and_the_cell_a_whole_part_of_them():
-    """As the knobs say: 7 m makes 8, of which 0.3 m is no whole part; 15.2 m makes 16."""
+    """A side of 7 m becomes 8 m, which cells of 0.3 m do not fill; 15.2 m becomes 16 m."""
     terrain = build_terrain(ReliefConfig(), size=7.0, cell=0.3, horizon=15.2, rng=np.random.default_rng(0))
     assert terrain.fine.bounds == pytest.approx((-4, -4, 4, 4)) and terrain.fine.cell == pytest.approx(8 / 27)
     assert terrain.coarse.bounds == (-16, -16, 16, 16)

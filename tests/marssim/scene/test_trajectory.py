@@ -24,7 +24,7 @@ def scene() -> Scene:
 
 @pytest.fixture(scope="module")
 def tilted() -> Scene:
-    """A plane that rises by 10 deg towards the north."""
+    """A scene whose ground is a plane that rises by 10 deg towards the north."""
     relief = ReliefConfig(
         rms_slope_deg=0.0, regional_slope_deg=10.0, regional_azimuth_deg=90.0, crater_density=0.0, ripple_amplitude=0.0
     )
@@ -36,7 +36,7 @@ def drive(scene: Scene, seed: int, step: float = 0.4, count: int = COUNT) -> np.
 
 
 def room(scene: Scene, poses: np.ndarray) -> float:
-    """From the rover's middle, below the camera, to the nearest corner above ground of a rock that is an obstacle."""
+    """Return the distance from the rover's middle to the nearest corner above ground of an obstacle rock."""
     up = -poses[:, :3, 1] * np.cos(np.deg2rad(20)) - poses[:, :3, 2] * np.sin(np.deg2rad(20))
     middle = poses[:, :3, 3] - 1.2 * up
     rocks = scene.rocks
@@ -63,7 +63,7 @@ def test_a_drive_is_smooth_and_passes_the_rocks(scene, seed, step):
 
 @pytest.mark.parametrize("seed", [2, 4])
 def test_a_drive_keeps_half_the_rovers_width_off_the_corners_of_rocks(seed):
-    """Ways on which outline discs of the rocks' diameter let corners come as near as 0.66 and 0.52 m."""
+    """If rocks were discs of their diameter, corners would come as near as 0.66 and 0.52 m on these drives."""
     rocky = build_scene(SceneConfig(rocks=RockConfig(k=0.2, min_diameter=0.4)), np.random.default_rng(3))
     assert ZHURONG.width / 2 <= room(rocky, drive(rocky, seed)) < 1.0
 

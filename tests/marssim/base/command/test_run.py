@@ -17,7 +17,7 @@ from marssim.base.command.wording import counted
 
 
 class OutOfMemoryError(RuntimeError):
-    """As PyTorch's is named."""
+    """An error with the name of PyTorch's."""
 
 
 @dataclass(frozen=True)
@@ -242,7 +242,7 @@ def test_work_that_ended_badly_has_another_exit_code_than_a_mistake(capsys):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_from_the_shell(number):
-    """A real signal to a real process; one that was started in the background would ignore SIGINT by inheritance."""
+    """A signal is sent to a process. One that was started in the background would inherit that SIGINT is ignored."""
     program = (
         "import signal, sys; from dataclasses import dataclass; from marssim.base.command.run import run_command\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"

@@ -1,4 +1,4 @@
-"""Signals noticed while a run takes its steps."""
+"""Signals that a run records between its steps."""
 
 import signal
 import subprocess

@@ -60,7 +60,7 @@ def lose_the_worker(_: int) -> None:
 
 
 def has_ended(pid: int) -> bool:
-    """Has a process ended? One that nobody has waited for yet has, too."""
+    """Return whether a process has ended. A zombie has ended too."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
     except FileNotFoundError:
@@ -171,7 +171,7 @@ if __name__ == "__main__":
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_no_worker_outlives_its_parent(tmp_path, number):
-    """Else it would go on writing while the same command is run again. Ctrl-C goes to all, and only one may answer."""
+    """A worker must not write while the same command runs again. Ctrl-C reaches all, but only one may print."""
     script = tmp_path / "script.py"
     script.write_text(PROGRAM.format(tests=str(Path(__file__).parent), folder=str(tmp_path)))
     process = subprocess.Popen([sys.executable, str(script)], stderr=subprocess.PIPE, start_new_session=True, text=True)

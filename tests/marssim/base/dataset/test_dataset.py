@@ -46,7 +46,7 @@ def written(frame, tmp_path_factory):
 
 @pytest.fixture
 def dataset(written, tmp_path):
-    """A copy that a test may break."""
+    """A copy of the dataset that a test may break."""
     return shutil.copytree(written, tmp_path / "set")
 
 
@@ -84,7 +84,7 @@ def test_writing_again_replaces_and_gives_the_same_hash(frame, tmp_path):
 
 
 def test_two_who_write_the_same_sample_do_not_disturb_each_other(frame, tmp_path, monkeypatch):
-    """The one renames its folder into place when the other has just done so."""
+    """One process renames its folder into place just after the other has done so."""
     folder, rename = tmp_path / "00", Path.rename
 
     def overtaken(path: Path, target: Path) -> Path:

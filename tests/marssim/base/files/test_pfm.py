@@ -28,7 +28,7 @@ def test_a_written_map_is_read_back():
 
 @pytest.mark.parametrize("scale", ["-0.003922", "-1.0", "-3e-2", "1", "0.5"])
 def test_only_the_sign_of_the_scale_counts(scale):
-    """As Middlebury's rules say: 1/255 in the header does not make 10 px 2550."""
+    """By Middlebury's rules, a scale of 1/255 in the header does not turn 10 px into 2550."""
     values = np.array([[[1, 2, 3], [4, 5, 6]], [[7, 8, 9], [10, 11, 12]]], np.float32)
     order = "<f4" if scale.startswith("-") else ">f4"
     colour = f"PF\r\n2 2\r\n{scale}\r\n".encode() + values[::-1].astype(order).tobytes()

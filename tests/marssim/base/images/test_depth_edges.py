@@ -19,7 +19,7 @@ def test_edges_are_those_of_a_plain_search(seed, share):
 
 
 def test_level_ground_has_no_edges():
-    """Seen from 1.2 m by NaTeCam: 0.22 px a row, near and far alike."""
+    """From 1.2 m above ground NaTeCam sees 0.22 px a row, near and far."""
     disparity = np.repeat(np.arange(0, 300)[:, None] * 0.27 / 1.2, 20, axis=1)
     assert not depth_edges(disparity)[1:-1].any()
 

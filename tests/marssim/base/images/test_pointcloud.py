@@ -1,4 +1,4 @@
-"""Points and mesh of a board before level ground, whose place is known."""
+"""Points and mesh of a board before level ground, whose geometry is known."""
 
 import io
 
@@ -19,7 +19,7 @@ def sample(closed_form_set) -> StereoSample:
 
 
 def off_surfaces(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distance [m] of points, camera frame, from the ground and from the board's plane."""
+    """Return the distances [m] of points, camera frame, from the ground and from the board's plane."""
     down = -look_pose(np.zeros(3), 0.0, PITCH)[2, :3]
     return np.abs(points @ down - HEIGHT), np.abs(points[:, 2] - BOARD_Z)
 
@@ -46,7 +46,7 @@ def test_the_mesh_has_no_flying_triangles(sample):
 
 
 def test_surfaces_stay_whole(sample):
-    """Cut is a strip along the board; far ground, where depth jumps from row to row, is not."""
+    """A strip along the board is cut; far ground, where depth jumps from row to row, is not."""
     _, faces, pixel = surface_mesh(sample.depth, sample.normal, sample.rig.camera, 15.0)
     known = sample.depth <= 15
     quads = known[:-1, :-1] & known[1:, :-1] & known[:-1, 1:] & known[1:, 1:]

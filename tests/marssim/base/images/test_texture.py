@@ -45,7 +45,7 @@ def test_lbp_counts_only_where_it_is_asked():
 
 
 def pattern_by_hand(image: np.ndarray, y: int, x: int) -> int:
-    """The code of one pixel, bilinear by the textbook."""
+    """Return the code of one pixel, with bilinear neighbours."""
     code = 0
     for p in range(8):
         v, u = y - np.sin(np.pi * p / 4), x + np.cos(np.pi * p / 4)

@@ -90,7 +90,7 @@ def test_an_error_releases_the_lock(tmp_path):
 
 @needs_flock
 def test_two_writers_never_hold_the_lock_at_once(tmp_path):
-    """Many who come and go: the file that one has removed is not taken for the lock by another who had opened it."""
+    """Many writers come and go. A file that one has deleted is no lock for another that has opened it."""
     inside: list[int] = []
 
     def visit(number: int) -> tuple[int, int]:

@@ -37,7 +37,7 @@ def test_a_file_is_refused(tmp_path):
 
 
 def test_any_other_folder_is_accepted(tmp_path):
-    """One around a dataset, one that is not there yet, and one with a generate.json of somebody else's."""
+    """A folder around a dataset, one that does not exist, and one with another program's generate.json."""
     (tmp_path / "data" / "scenes").mkdir(parents=True)
     (tmp_path / "data" / "generate.json").write_text("{}")
     (tmp_path / "other").mkdir()

@@ -1,4 +1,4 @@
-"""Against numpy."""
+"""Vector functions compared with numpy's."""
 
 import numpy as np
 from numba import njit

@@ -1,4 +1,4 @@
-"""Shadows, occlusion and sub-pixel rays against Embree's, which know nothing of bins."""
+"""Shadows, occlusion and sub-pixel rays compared with those of Embree, which uses no bins."""
 
 import numpy as np
 import pytest

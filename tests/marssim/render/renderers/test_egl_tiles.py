@@ -1,4 +1,4 @@
-"""PyBullet's EGL renderer against scan conversion, where EGL works: on a card, or in Mesa's software."""
+"""PyBullet's EGL renderer compared with scan conversion, on machines where EGL works."""
 
 import subprocess
 import sys
@@ -110,7 +110,7 @@ def test_where_egl_does_not_work_there_is_one_line(scene, monkeypatch):
 
 
 def test_egl_prints_nothing(rasterizer):
-    """Its C code does, when it starts, when it draws and when it ends."""
+    """The plugin's C code prints when it starts, when it draws and when it ends."""
     code = (
         "import numpy as np; from marssim.render.renderers.pybullet_renderer import PyBulletRenderer;"
         "from marssim.base.camera import NATECAM;"

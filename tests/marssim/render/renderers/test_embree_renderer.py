@@ -1,4 +1,4 @@
-"""Embree's rays and scan conversion against closed forms (plane, sphere) and a brute-force ray-triangle test."""
+"""Embree's rays and scan conversion, compared with closed forms (plane, sphere) and brute-force ray casting."""
 
 from dataclasses import replace
 
@@ -174,7 +174,7 @@ def test_rays_are_those_of_brute_force(raycaster, pose, corners):
 
 
 def balanced(answer: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Indices of 25 yes and 25 no."""
+    """Return the indices of 25 true and 25 false values."""
     return np.concatenate([rng.choice(np.flatnonzero(answer == value), 25, replace=False) for value in (True, False)])
 
 

@@ -1,4 +1,4 @@
-"""The rasteriser against ray casting of the same scene, and against planes whose depth is known in closed form."""
+"""The rasteriser compared with ray casting of the same scene, and with planes whose depth has a closed form."""
 
 import os
 from pathlib import Path
@@ -84,7 +84,7 @@ def test_pixel_centres_lie_where_the_rays_go(scene, rasterizer, raycaster, camer
 
 @pytest.mark.parametrize("azimuths_deg", [(45, 135), (225, 315), (0, 90), (180, 270)])
 def test_planes_tilted_in_each_axis_are_not_shifted(azimuths_deg):
-    """As they are drawn, before their depth is made exact, against their closed form."""
+    """The drawn depth, before it is made exact, is compared with the closed form."""
     assert np.abs(plane_shift(PyBulletRenderer, SKEWED, azimuths_deg)).max() < 0.05
 
 
@@ -104,7 +104,7 @@ def test_a_view_of_the_sky_alone(scene, rasterizer):
 
 
 def test_a_view_does_not_depend_on_those_before_it(scene):
-    """A generation that was stopped goes on without the views that are there, and must write the same bytes."""
+    """A run that continues skips the complete views, and must write the same bytes."""
     poses = [pose_over(scene, *place) for place in ((0.0, 0.0, 0.3), (0.12, 0.05, 0.32), (0.3, 0.3, 0.4), (0, -1, 0.2))]
     through, visible = PyBulletRenderer(scene), []
     for pose in poses:
@@ -162,7 +162,7 @@ def resident() -> int:
 
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="reads Linux's /proc")
 def test_scenes_one_after_another_take_no_more_memory(scene):
-    """What is held, not its peak, which may be that of an earlier test."""
+    """The test measures the memory that is held, not the peak, which may be that of an earlier test."""
     held = []
     for _ in range(6):
         renderer = PyBulletRenderer(scene)

@@ -1,4 +1,4 @@
-"""Scan conversion against Embree's rays, which know nothing of pixels, near the ground and far from it."""
+"""Scan conversion compared with Embree's rays, near the ground and far from it."""
 
 from dataclasses import replace
 
@@ -65,7 +65,7 @@ def test_scanning_agrees_with_embree(scene, scanner, caster, place, above, yaw, 
 
 
 def test_scanning_agrees_with_rays_between_the_pixels(scene, scanner):
-    """The same rays as points of no raster, looked up by bins."""
+    """The same rays are cast as scattered points, which are sorted into bins."""
     mesh = scene_mesh(scene)
     rays = CAMERA.rays().reshape(-1, 3)
     x, y = np.ascontiguousarray(rays[:, 0]), np.ascontiguousarray(rays[:, 1])
@@ -84,7 +84,7 @@ def test_a_part_of_the_image_is_that_part_of_the_whole(scene, scanner):
 
 
 def test_matching_finds_the_face_of_the_surface_that_is_asked_for(scene):
-    """Also where another surface stands before it."""
+    """Also if another surface hides it."""
     mesh = scene_mesh(scene)
     pose = pose_at(scene, 0.0, 0.0, 1.2, 1.0, 0.4, 0.0)
     first = first_faces(mesh, CAMERA, pose)

@@ -27,7 +27,7 @@ def shader(scene: Scene = SCENE, **look) -> Shader:
 
 
 def around(count: int = 500, near: float = 1.0, far: float = 6.0) -> np.ndarray:
-    """Points on level ground about the eye."""
+    """Return points on level ground around the eye."""
     rng = np.random.default_rng(0)
     reach, angle = rng.uniform(near, far, count), rng.uniform(0, 2 * np.pi, count)
     return np.stack([reach * np.cos(angle), reach * np.sin(angle), np.zeros(count)], axis=1)

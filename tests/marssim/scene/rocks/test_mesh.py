@@ -57,7 +57,7 @@ def test_heights_do_not_depend_on_the_mix_of_families():
 
 
 def test_rocks_lean_with_a_slope_and_show_the_same_there():
-    """Seen from above, a plane that tilts by 20 degrees hides no more of them; heights count from the plane."""
+    """Seen from above, a plane tilted by 20 degrees buries no more of the rocks; heights count from the plane."""
     tilt = np.tan(np.deg2rad(20))
     args = (RockConfig(k=0.1), 8.0, 8.0)
     level = build_rocks(*args, level_ground, np.random.default_rng(0))

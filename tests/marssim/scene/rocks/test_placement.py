@@ -9,7 +9,7 @@ from marssim.scene.rocks.placement import place
 
 
 def overlaps(xy, diameter):
-    """Pairs of discs that overlap."""
+    """Return the pairs of discs that overlap."""
     pairs = cKDTree(xy).query_pairs(float(diameter.max()), output_type="ndarray")
     gap = np.linalg.norm(xy[pairs[:, 0]] - xy[pairs[:, 1]], axis=1)
     return int(np.sum(gap < 0.5 * (diameter[pairs[:, 0]] + diameter[pairs[:, 1]])))

@@ -18,7 +18,7 @@ def test_library_normals_point_outward(level):
 
 
 def test_outlines_are_those_that_rays_from_above_see():
-    """An oracle of another kind: Embree's rays instead of the raster's barycentric coordinates."""
+    """Embree's rays are the reference, instead of the raster's barycentric coordinates."""
     library = shape_library(2)
     for shape in range(0, len(library.vertices), 17):
         vertices = library.vertices[shape].astype(np.float32)
