@@ -28,10 +28,10 @@ def _no_network(monkeypatch):
     monkeypatch.setattr("envs.demo.generate_dataset", stop)
 
 
-@pytest.mark.parametrize("kept", ["data/generate.json", "summary.md", "demo_data/thesis.txt", "comparison.png"])
-def test_what_is_not_the_demos_is_untouched(tmp_path, kept):
+@pytest.mark.parametrize("file_name", ["data/generate.json", "summary.md", "demo_data/thesis.txt", "comparison.png"])
+def test_files_of_others_in_the_folder_are_left_alone(tmp_path, file_name):
     """Whatever it holds: the demo's seed may be anyone's."""
-    precious = tmp_path / kept
+    precious = tmp_path / file_name
     precious.parent.mkdir(parents=True, exist_ok=True)
     precious.write_text('{"seed": 20000}')
     with pytest.raises(
@@ -89,7 +89,7 @@ def test_a_dataset_is_not_drawn_over(tmp_path, capsys):
 def test_a_wrong_number_is_reported_before_anything_is_deleted(tmp_path, capsys):
     with pytest.raises(Reached):
         demo(DemoConfig(out=tmp_path))
-    kept = tmp_path / "data" / "generate.json"
+    file_name = tmp_path / "data" / "generate.json"
     with pytest.raises(ValueError, match="pairs must"):
         demo(DemoConfig(out=tmp_path, pairs=0))
     for flag in ("--pairs", "--workers"):
@@ -97,7 +97,7 @@ def test_a_wrong_number_is_reported_before_anything_is_deleted(tmp_path, capsys)
         assert capsys.readouterr().err == f"error: {flag} must be at least 1, got 0\n"
     assert main(["--out", str(tmp_path), "--goal-distance", "2"]) == 2
     assert capsys.readouterr().err == "error: --goal-distance must lie in [3, 100] m, got 2.0\n"
-    assert kept.is_file()
+    assert file_name.is_file()
 
 
 def test_without_pybullet_it_renders_by_scan_and_says_so_once(tmp_path, capsys, monkeypatch):
@@ -115,7 +115,7 @@ def test_without_pybullet_it_renders_by_scan_and_says_so_once(tmp_path, capsys, 
     assert capsys.readouterr().err.count("PyBullet is not installed here") == 1
 
 
-def test_its_place_is_utopia_or_one_from_a_file(tmp_path, capsys, monkeypatch):
+def test_the_demo_drives_in_utopia_or_in_a_place_from_a_file(tmp_path, capsys, monkeypatch):
     configs = []
 
     def stop(config):

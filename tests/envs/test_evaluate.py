@@ -29,8 +29,8 @@ FLAGS += ["--k", "0.01", "--no-videos"]
 def timeless(value):
     """Without what differs from run to run."""
     if isinstance(value, dict):
-        own = ("step_seconds", "perception_seconds", "config", "versions")
-        return {k: timeless(v) for k, v in value.items() if k not in own}
+        varying = ("step_seconds", "perception_seconds", "config", "versions")
+        return {k: timeless(v) for k, v in value.items() if k not in varying}
     return [timeless(v) for v in value] if isinstance(value, list) else value
 
 
@@ -40,7 +40,7 @@ def finished(tmp_path_factory):
     return out, evaluate(EvaluateConfig(out, episodes=2, seed=3, **QUICK))
 
 
-def test_results_say_what_was_asked_for(finished):
+def test_results_hold_the_settings_and_the_drives(finished):
     out, content = finished
     results = json.loads((out / "results.json").read_text())
     assert results == content
@@ -56,20 +56,20 @@ def test_results_say_what_was_asked_for(finished):
     assert len(list((out / "episodes").glob("*.json"))) == 2
 
 
-def test_it_goes_on_where_it_was_stopped(finished, monkeypatch):
+def test_an_evaluation_continues_where_it_was_stopped(finished, monkeypatch):
     out, content = finished
-    lost, kept = sorted((out / "episodes").glob("*.json"))
+    lost, unchanged = sorted((out / "episodes").glob("*.json"))
     lost.unlink()
-    before = kept.stat().st_mtime_ns
+    before = unchanged.stat().st_mtime_ns
     driven = []
     drive = envs.evaluate.drive
     monkeypatch.setattr("envs.evaluate.drive", lambda config, task: driven.append(task) or drive(config, task))
     again = evaluate(EvaluateConfig(out, episodes=2, seed=3, **QUICK))
     assert timeless(again) == timeless(content)
-    assert [task.file for task in driven] == [lost.name] and kept.stat().st_mtime_ns == before
+    assert [task.file for task in driven] == [lost.name] and unchanged.stat().st_mtime_ns == before
 
 
-def test_an_episode_that_is_none_is_named(tmp_path, monkeypatch):
+def test_a_damaged_record_is_named(tmp_path, monkeypatch):
     config = EvaluateConfig(tmp_path, episodes=1, **QUICK)
     monkeypatch.setattr("envs.evaluate.drive", lambda *_: pytest.fail("it is there already"))
     (tmp_path / "episodes").mkdir()
@@ -81,7 +81,7 @@ def test_an_episode_that_is_none_is_named(tmp_path, monkeypatch):
             evaluate(config)
 
 
-def test_an_episode_of_another_drive_is_named(finished, tmp_path):
+def test_a_record_of_another_drive_is_named(finished, tmp_path):
     out = shutil.copytree(finished[0], tmp_path / "copy")
     first, second = sorted((out / "episodes").glob("*.json"))
     shutil.copy(first, second)
@@ -136,7 +136,7 @@ def test_a_word_for_a_number_names_its_flag(capsys, tmp_path):
     assert code == 2 and "--episodes" in message
 
 
-def test_help_knows_every_flag(capsys):
+def test_help_lists_every_flag(capsys):
     with pytest.raises(SystemExit, match="0"):
         main(["--help"])
     shown = capsys.readouterr().out
@@ -186,7 +186,7 @@ def test_a_folder_of_the_earlier_default_place_is_refused_in_one_line(finished, 
     assert "--scene gale" in message and "choose another --out" in message
 
 
-def test_no_flag_of_the_look_is_without_effect():
+def test_every_flag_of_the_look_changes_the_scene():
     assert set(LOOK_FLAGS) == vars(LookConfig()).keys() & vars(EvaluateConfig(None)).keys()
 
 
@@ -272,7 +272,7 @@ def test_the_command_by_its_name_drives_in_workers_and_says_one_row(finished, tm
     assert timeless(json.loads((tmp_path / "results.json").read_text())) == timeless(finished[1])
 
 
-def test_what_ones_own_driver_raises_in_a_worker_shows_where(tmp_path):
+def test_an_exception_of_a_users_driver_in_a_worker_shows_its_traceback(tmp_path):
     (tmp_path / "broken.py").write_text(
         "class Driver:\n    def reset(self, env, seed): ...\n    def act(self, env, observation):\n"
         "        return self.steer_by_feel()\n    def steer_by_feel(self):\n        raise ValueError('no feeling')\n"
@@ -287,7 +287,7 @@ def test_what_ones_own_driver_raises_in_a_worker_shows_where(tmp_path):
     assert re.match(message + "broken:Driver raised ValueError: no feeling$", last)
 
 
-def test_a_file_in_the_way_is_one_line(tmp_path, capsys):
+def test_an_out_that_is_a_file_exits_with_one_line(tmp_path, capsys):
     (tmp_path / "notes").write_text("mine")
     code, message = run(capsys, "--out", tmp_path / "notes" / "out", *FLAGS)
     assert code == 2 and message.startswith(f"error: --out {tmp_path / 'notes' / 'out'}: ") and "[Errno" not in message

@@ -38,7 +38,7 @@ NOISY = {"map_observation": True, "disparity_noise": 0.3, "drift": 0.02, "yaw_dr
 
 
 @pytest.mark.parametrize("settings", [{}, {"dynamics": "physics"}, {"mast": True, "render_mode": "rgb_array"}, NOISY])
-def test_gymnasium_checks_it(make_env, rockless, settings):
+def test_the_checker_of_gymnasium_accepts_the_environment(make_env, rockless, settings):
     check_env(make_env(goal_distance=3.0, scene=rockless, **settings), skip_render_check="render_mode" not in settings)
 
 
@@ -46,13 +46,13 @@ def test_gymnasium_checks_it(make_env, rockless, settings):
     ("settings", "wrap"),
     [({}, False), ({"dynamics": "physics"}, False), ({"mast": True, **NOISY}, False), ({"mast": True, **NOISY}, True)],
 )
-def test_stable_baselines_checks_it(make_env, rockless, settings, wrap):
+def test_the_checker_of_stable_baselines_accepts_the_environment(make_env, rockless, settings, wrap):
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
     env = make_env(goal_distance=3.0, scene=rockless, **settings)
     checker.check_env(ImageObservation(env) if wrap else env, warn=False)
 
 
-def test_made_by_gymnasium(small_scene):
+def test_gymnasium_makes_the_environment_by_its_name(small_scene):
     env = gymnasium.make("envs:MarsNav-v0", perception="ground_truth", dynamics="physics", scene=small_scene)
     assert isinstance(env.unwrapped, MarsNavEnv) and env.unwrapped.dynamics == "physics"
     observation, info = env.reset(seed=1, options={"goal_distance": 5})
@@ -73,7 +73,7 @@ def test_importing_needs_neither_embree_nor_pybullet():
 
 
 @pytest.mark.parametrize("mode", ["sync", "async"])
-def test_vectors(rockless, mode):
+def test_the_environment_runs_in_vectors_of_gymnasium(rockless, mode):
     settings = {"perception": "ground_truth", "dynamics": "kinematic", "scene": rockless, "goal_distance": 3.0}
     vector = gymnasium.make_vec("envs:MarsNav-v0", num_envs=2, vectorization_mode=mode, **settings)
     try:
@@ -86,7 +86,7 @@ def test_vectors(rockless, mode):
         vector.close()
 
 
-def test_wrappers(make_env, rockless, tmp_path):
+def test_wrappers_of_gymnasium_work_on_the_environment(make_env, rockless, tmp_path):
     env = TimeLimit(FlattenObservation(make_env(scene=rockless, goal_distance=3.0)), 2)
     flat, _ = env.reset(seed=0)
     assert flat.shape == (64 * 64 + 3 + 6,) and flat in env.observation_space
@@ -386,7 +386,7 @@ def test_bad_actions_are_refused(make_env):
     assert np.hypot(*(env.vehicle.state().position - position)[:2]) == pytest.approx(0.4, abs=0.02)
 
 
-def test_closed_is_closed(make_env):
+def test_a_closed_environment_can_be_closed_again_and_needs_a_reset(make_env):
     env = make_env(render_mode="rgb_array")
     env.reset(seed=0)
     env.close()

@@ -29,7 +29,7 @@ def shifted(pixels: float) -> np.ndarray:
     return np.where(SAMPLE.rock == 2, RIG.fb / (RIG.fb / SAMPLE.depth + pixels), SAMPLE.depth)
 
 
-def test_true_depth_finds_all_at_their_height():
+def test_the_map_of_true_depth_shows_every_rock_at_its_height():
     counts = tally(SAMPLE.depth)
     assert [rock.found for rock in counts.rocks] == [True, True]
     assert max(abs(rock.error) for rock in counts.rocks) < 0.05
@@ -58,14 +58,14 @@ def test_what_is_twice_as_high_as_all_about_it_is_not_displaced():
     assert len(counts.false) == 1 and counts.displaced == []
 
 
-def test_a_pebble_beside_it_excuses_no_obstacle():
+def test_a_pebble_explains_no_false_obstacle():
     low = rock_sample(RockWorld(domes=np.array([[*ahead(5.0, 0.3), 0.1, 0.06]])))
     block = rock_sample(RockWorld(domes=np.array([[*ahead(5.0, 0.0), 0.15, 0.4]])))
     counts = tally(np.minimum(low.depth, block.depth), sample=low)
     assert len(counts.false) == 1 and counts.displaced == []
 
 
-def test_missed_as_ground_or_left_unknown():
+def test_a_missed_rock_is_ground_or_left_unknown():
     melted = tally(without_rocks(SAMPLE))
     assert [rock.found for rock in melted.rocks] == [False, False] and melted.unknown == []
     unsure = tally(SAMPLE.depth, np.where(SAMPLE.rock == 1, 0.2, 1.0).astype(np.float32))

@@ -118,7 +118,7 @@ def test_a_higher_step_finds_fewer(folder, tmp_path):
         ({"--degrade": "fog=1"}, "error: --degrade: unknown field 'fog'"),
     ],
 )
-def test_mistakes_are_one_line(folder, tmp_path, capsys, change, message):
+def test_mistakes_exit_with_2_and_one_line(folder, tmp_path, capsys, change, message):
     options = {"--data": str(folder), "--out": str(tmp_path / "out"), "--perception": "ground_truth", **change}
     assert main([word for pair in options.items() for word in pair]) == 2
     error = capsys.readouterr().err

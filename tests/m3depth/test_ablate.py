@@ -97,11 +97,11 @@ def test_runs_are_shared_between_studies(tmp_path) -> None:
 def test_finished_runs_are_kept_and_seeds_can_be_added(plane_set, done, tmp_path, trained) -> None:
     out = tmp_path / "again"
     shutil.copytree(done, out)
-    asked = flags(plane_set, out, "--steps", "3", "--studies", "components")
-    assert main(asked) == 0 and trained == []
+    arguments = flags(plane_set, out, "--steps", "3", "--studies", "components")
+    assert main(arguments) == 0 and trained == []
     before, weights = rows_of(out), (out / "runs" / "base-0" / "weights.safetensors").read_bytes()
     assert before == rows_of(done)
-    assert main([*asked, "--seeds", "0", "1"]) == 0
+    assert main([*arguments, "--seeds", "0", "1"]) == 0
     assert trained == ["base-1", "no-wefe-no-irm-1", "no-wefe-1", "no-irm-1"]
     assert (out / "runs" / "base-0" / "weights.safetensors").read_bytes() == weights
     for old, new in zip(before, rows_of(out), strict=True):
@@ -121,15 +121,15 @@ def test_a_killed_ablation_ends_in_the_same_figures(plane_set, done, tmp_path, t
         return step(*args)
 
     out = tmp_path / "stopped"
-    asked = flags(plane_set, out, "--steps", "3", "--studies", "components")
+    arguments = flags(plane_set, out, "--steps", "3", "--studies", "components")
     with monkeypatch.context() as patch:
         patch.setattr(training, "backward", killed)
-        assert main(asked) == 130
+        assert main(arguments) == 130
     assert "the same command goes on from here" in capsys.readouterr().err
     assert trained == ["base-0", "no-wefe-no-irm-0"] and not (out / "runs" / trained[-1] / "score.json").exists()
     assert [row["here"]["abs_rel"] is None for row in rows_of(out)] == [True, True, True, False]  # base is done
     trained.clear()
-    assert main(asked) == 0
+    assert main(arguments) == 0
     assert trained == ["no-wefe-no-irm-0", "no-wefe-0", "no-irm-0"]
     assert [row["here"] for row in rows_of(out)] == [row["here"] for row in rows_of(done)]
 
@@ -171,7 +171,7 @@ def test_a_run_without_a_finite_loss_does_not_stop_the_others(plane_set, tmp_pat
         (["--steps", "1", "--test", "nowhere"], "nowhere: no such folder"),
     ],
 )
-def test_misuse_is_one_line_and_exit_2(plane_set, tmp_path, capsys, more, message) -> None:
+def test_a_wrong_flag_exits_with_2_and_one_line(plane_set, tmp_path, capsys, more, message) -> None:
     out = tmp_path / "ablation"
     assert main(flags(plane_set, out, *more)) == 2
     error = capsys.readouterr().err

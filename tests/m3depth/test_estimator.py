@@ -61,10 +61,10 @@ def test_a_wrong_estimator_is_named(spec, message):
 @pytest.mark.parametrize("device", ["auto", "cpu", "cuda"])
 def test_the_network_goes_where_it_is_asked_to(monkeypatch, device):
     """A device without memory stands for a GPU."""
-    asked = []
-    monkeypatch.setattr("m3depth.network.device.chosen_device", lambda name: asked.append(name) or "meta")
+    arguments = []
+    monkeypatch.setattr("m3depth.network.device.chosen_device", lambda name: arguments.append(name) or "meta")
     network = load_estimator("m3depth", device=device)
-    assert asked == [device] and {p.device.type for p in network.parameters()} == {"meta"}
+    assert arguments == [device] and {p.device.type for p in network.parameters()} == {"meta"}
 
 
 def test_missing_weights_are_named():
@@ -129,7 +129,7 @@ MAP = np.ones((4, 6), np.float32)
 
 
 @pytest.mark.parametrize(
-    ("found", "message"),
+    ("checked", "message"),
     [
         (MAP, r"NoEstimator.infer returned an array of shape \(4, 6\): it must be a Prediction"),
         ((MAP, MAP), "returned a tuple: it must be a Prediction"),
@@ -144,20 +144,20 @@ MAP = np.ones((4, 6), np.float32)
         (Prediction(MAP, MAP, None, MAP.astype(object)), "returned an array of object as confidence"),
     ],
 )
-def test_a_wrong_prediction_is_named(found, message):
+def test_a_wrong_prediction_is_named(checked, message):
     with pytest.raises(EstimatorError, match=message) as caught:
-        checked_prediction(NoEstimator(), found, (4, 6))
+        checked_prediction(NoEstimator(), checked, (4, 6))
     assert "\n" not in str(caught.value)
 
 
 def test_a_prediction_with_or_without_normals_passes():
     for normal in (None, np.zeros((4, 6, 3))):
-        found = checked_prediction(NoEstimator(), Prediction(MAP.astype(float), MAP, normal, MAP > 0), (4, 6))
+        checked = checked_prediction(NoEstimator(), Prediction(MAP.astype(float), MAP, normal, MAP > 0), (4, 6))
         for name in ("depth", "disparity", "confidence"):
-            values = getattr(found, name)
+            values = getattr(checked, name)
             assert values.dtype == np.float32 and (values == MAP).all()
-        assert found.normal is None if normal is None else found.normal.dtype == np.float32
-    assert checked_prediction(NoEstimator(), found, (4, 6)).disparity is found.disparity  # not copied
+        assert checked.normal is None if normal is None else checked.normal.dtype == np.float32
+    assert checked_prediction(NoEstimator(), checked, (4, 6)).disparity is checked.disparity  # not copied
 
 
 def test_predict_reports_in_one_line_what_a_users_class_lacks(tmp_path, monkeypatch, capsys):
@@ -168,8 +168,8 @@ def test_predict_reports_in_one_line_what_a_users_class_lacks(tmp_path, monkeypa
     wall = np.random.default_rng(0).integers(0, 255, (40, 70), dtype=np.uint8)
     for number in (0, 1):
         cv2.imwrite(str(tmp_path / f"{number}.png"), wall[:, 5 * number :][:, :60])
-    asked = [str(tmp_path / "0.png"), str(tmp_path / "1.png"), "--focal", "60", "--baseline", "0.2"]
-    assert predict_command([*asked, "--out", str(tmp_path / "out"), "--estimator", "bad_stereo:Bad"]) == 2
+    arguments = [str(tmp_path / "0.png"), str(tmp_path / "1.png"), "--focal", "60", "--baseline", "0.2"]
+    assert predict_command([*arguments, "--out", str(tmp_path / "out"), "--estimator", "bad_stereo:Bad"]) == 2
     error = capsys.readouterr().err
     assert error.endswith("Bad.infer returned depth of shape (3, 3): it must be (40, 60) here\n")
     assert error.count("error:") == 1 and "Traceback" not in error and not (tmp_path / "out").exists()

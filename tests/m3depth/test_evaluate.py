@@ -189,7 +189,7 @@ def test_command_writes_tables_and_figures(folder, tmp_path, capsys):
         ({"--estimator": "index=m3depth.stereo.classical:SGBM"}, "the name 'index' is taken"),
     ],
 )
-def test_mistakes_are_one_line(folder, tmp_path, capsys, monkeypatch, change, message):
+def test_mistakes_exit_with_2_and_one_line(folder, tmp_path, capsys, monkeypatch, change, message):
     monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
     options = {"--data": str(folder), "--out": str(tmp_path / "out"), **change}
     assert main([word for pair in options.items() for word in pair]) == 2
@@ -277,10 +277,10 @@ def test_a_stopped_evaluation_continues_to_the_same_result(folder, tmp_path, cap
     drawn: list = []
     method = Stops(0, None)
     monkeypatch.setattr("m3depth.evaluate.load_estimator", lambda spec, *_, **__: method)
-    asked = ["--data", str(folder), "--baselines", "none", "--degrade", "noise=2"]
-    assert main([*asked, "--out", str(tmp_path / "whole")]) == 0
+    arguments = ["--data", str(folder), "--baselines", "none", "--degrade", "noise=2"]
+    assert main([*arguments, "--out", str(tmp_path / "whole")]) == 0
     method = Stops(3, signal_number)  # in the second pair: methods receive the first one twice
-    stopped = [*asked, "--out", str(tmp_path / "stopped")]
+    stopped = [*arguments, "--out", str(tmp_path / "stopped")]
     assert main(stopped) == (2 if signal_number is None else 130)
     assert ("the camera is gone" if signal_number is None else "the same command goes on") in capsys.readouterr().err
     assert not (tmp_path / "stopped/results.json").exists() and (tmp_path / "stopped/unfinished.npz").exists()
@@ -317,9 +317,9 @@ def test_a_stopped_evaluation_does_not_continue_with_other_inputs(folder, tmp_pa
         np.save(maps / f"{name.replace('/', '_')}.npy", sample.disparity)
     method = Stops(3, signal.SIGINT)
     monkeypatch.setattr("m3depth.evaluate.load_estimator", lambda spec, *_, **__: method)
-    asked = ["--data", str(folder), "--out", "out", "--baselines", "none", "--predictions", "Read=maps", "--estimator"]
-    asked += ["Mine=my_class_of_today:Mine", "Old=m3depth:w.safetensors"]
-    assert main(asked) == 130
+    arguments = ["--data", str(folder), "--out", "out", "--baselines", "none", "--predictions", "Read=maps"]
+    arguments += ["--estimator", "Mine=my_class_of_today:Mine", "Old=m3depth:w.safetensors"]
+    assert main(arguments) == 130
     changed = change
     if change == "--predictions":
         os.utime(maps / f"{pairs.names[0].replace('/', '_')}.npy", (1, 1))
@@ -331,7 +331,7 @@ def test_a_stopped_evaluation_does_not_continue_with_other_inputs(folder, tmp_pa
         weights.write_bytes(b"others")
         changed = "--estimator"
     capsys.readouterr()
-    assert main(asked) == 2
+    assert main(arguments) == 2
     assert f"belongs to an unfinished evaluation with another {changed}; choose" in capsys.readouterr().err
 
 
@@ -402,8 +402,8 @@ def test_the_drives_read_the_scores_of_each_weights(folder, tmp_path, monkeypatc
     weights.write_bytes(b"weights")
     args = ["--data", str(folder), "--out", str(tmp_path / "out"), "--limit", "1", "--weights", str(weights)]
     assert main(args) == 0
-    asked = {"m3depth:w": hashlib.sha256(b"weights").hexdigest(), "sgbm": None}
-    errors = test_set_errors.errors_on_test_set([tmp_path / "out/results.json"], asked)
+    arguments = {"m3depth:w": hashlib.sha256(b"weights").hexdigest(), "sgbm": None}
+    errors = test_set_errors.errors_on_test_set([tmp_path / "out/results.json"], arguments)
     assert errors == {"m3depth:w": pytest.approx(0.2, abs=1e-3), "sgbm": pytest.approx(0.1, abs=1e-3)}
 
 
@@ -460,8 +460,8 @@ def test_a_class_that_returns_no_prediction_is_reported_in_one_line(folder, tmp_
     code = "class Tup:\n    def infer(self, left, right, rig):\n        return left[..., 0]\n"
     (tmp_path / "tup_stereo.py").write_text(code)
     monkeypatch.syspath_prepend(tmp_path)
-    asked = ["--baselines", "none", "--limit", "1", "--estimator", "tup_stereo:Tup", "--out", str(tmp_path / "out")]
-    assert main(["--data", str(folder), *asked]) == 2
+    arguments = ["--baselines", "none", "--limit", "1", "--estimator", "tup_stereo:Tup", "--out", str(tmp_path / "out")]
+    assert main(["--data", str(folder), *arguments]) == 2
     error = capsys.readouterr().err.strip().splitlines()[-1]
     assert error.startswith(
         f"error: Tup, pair 0: Tup.infer returned an array of shape ({H}, {W}): it must be a Prediction"

@@ -32,19 +32,19 @@ def exported() -> bytes:
 
 
 def test_parity_at_free_sizes_and_batches(exported) -> None:
-    found = parity(network(TINY), exported, SIZES)
-    assert found["mean_px"] < 1e-4 and found["largest_px"] < 1e-2 and found["largest_other"] < 1e-3
+    differences = parity(network(TINY), exported, SIZES)
+    assert differences["mean_px"] < 1e-4 and differences["largest_px"] < 1e-2 and differences["largest_other"] < 1e-3
 
 
 @pytest.mark.parametrize(
     "config", [THIN_PAPER, replace(TINY, refine_steps=0, wavelet_levels=(0, 0))], ids=["paper", "plain"]
 )
 def test_other_configurations_export_too(config: M3DepthConfig) -> None:
-    found = parity(network(config), to_onnx(network(config)), SIZES[::2])
-    assert found["mean_px"] < 1e-4 and found["largest_px"] < 1e-2 and found["largest_other"] < 1e-3
+    differences = parity(network(config), to_onnx(network(config)), SIZES[::2])
+    assert differences["mean_px"] < 1e-4 and differences["largest_px"] < 1e-2 and differences["largest_other"] < 1e-3
 
 
-def test_parity_notices_another_network(exported) -> None:
+def test_parity_measures_the_difference_of_another_network(exported) -> None:
     model = network(TINY)
     with torch.no_grad():
         model.aggregation.score.mul_(1.5)
@@ -104,7 +104,7 @@ def test_a_file_that_disagrees_is_not_written(tmp_path, monkeypatch, exported, p
         (["--out", "net.onnx", "--weights", "none.safetensors"], "none.safetensors: no such weights file"),
     ],
 )
-def test_mistakes_are_one_line(arguments, message, tmp_path, monkeypatch, capsys) -> None:
+def test_mistakes_exit_with_2_and_one_line(arguments, message, tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(arguments) == 2
     assert capsys.readouterr().err == f"error: {message}\n"

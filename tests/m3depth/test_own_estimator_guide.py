@@ -35,14 +35,14 @@ def test_evaluate_takes_the_estimator_by_class_path(tmp_path, my_stereo, monkeyp
     write_sample(tmp_path / "set/scenes/00001/00", frame, {})
     write_index(tmp_path / "set", {}, ["00001/00"])
     out = tmp_path / "out"
-    asked = ["--estimator", my_stereo, "--baselines", "none"]
-    assert main(["--data", str(tmp_path / "set"), "--out", str(out), *asked]) == 0
-    found = json.loads((out / "results.json").read_text())["methods"]["Blocks"]
-    density = found["depth"]["all"]["pooled"]["density"]
+    arguments = ["--estimator", my_stereo, "--baselines", "none"]
+    assert main(["--data", str(tmp_path / "set"), "--out", str(out), *arguments]) == 0
+    results = json.loads((out / "results.json").read_text())["methods"]["Blocks"]
+    density = results["depth"]["all"]["pooled"]["density"]
     assert 0.2 < density < 0.6  # StereoBM leaves the left 192 columns empty
-    assert found["depth"]["all"]["pooled"]["bad1"] == pytest.approx(1 - density, abs=0.02)
-    assert found["sparsification"]["bad1"][-1] < 0.02
-    assert found["fitted_normal"]["all"]["pixels"] and not found["normal"]["all"]["pixels"]
+    assert results["depth"]["all"]["pooled"]["bad1"] == pytest.approx(1 - density, abs=0.02)
+    assert results["sparsification"]["bad1"][-1] < 0.02
+    assert results["fitted_normal"]["all"]["pixels"] and not results["normal"]["all"]["pixels"]
 
 
 STAND_IN = """#!{python}
@@ -77,14 +77,14 @@ def test_the_recipe_makes_a_round_trip(tmp_path, plane_set, guide_program, monke
     command = [sys.executable, "run_pandora.py", str(tree / "two_view_training"), "out"]
     subprocess.run(command, cwd=tmp_path, env=environment, check=True)
     monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
-    asked = ["--predictions", f"Pandora={tmp_path / 'out'},scale=-1,fill", "--baselines", "none"]
-    assert main(["--data", str(plane_set), "--out", str(tmp_path / "score"), *asked]) == 0
-    found = json.loads((tmp_path / "score" / "results.json").read_text())
-    assert found["pairs"] == 2
-    scored = found["methods"]["Pandora"]["depth"]["all"]["pooled"]
+    arguments = ["--predictions", f"Pandora={tmp_path / 'out'},scale=-1,fill", "--baselines", "none"]
+    assert main(["--data", str(plane_set), "--out", str(tmp_path / "score"), *arguments]) == 0
+    results = json.loads((tmp_path / "score" / "results.json").read_text())
+    assert results["pairs"] == 2
+    scored = results["methods"]["Pandora"]["depth"]["all"]["pooled"]
     assert scored["density"] == 1 and scored["bad1"] < 0.2 and scored["epe"] < 0.5  # the first 8 columns are filled
     whole = 64 * 48 * 2
-    assert found["methods"]["Pandora"]["depth"]["all"]["pixels"] > 0.3 * whole
+    assert results["methods"]["Pandora"]["depth"]["all"]["pixels"] > 0.3 * whole
 
 
 def _without_network(spec, *role, device="auto"):

@@ -137,10 +137,10 @@ def test_a_pair_that_is_not_rectified_gives_a_warning_or_an_error(tmp_path, caps
 
 
 def test_normals_of_the_sky_are_none(pair, tmp_path):
-    found = predict(options(pair, tmp_path), Wall())
+    predicted = predict(options(pair, tmp_path), Wall())
     normal = np.load(tmp_path / "out/normal.npy")
-    assert np.array_equal(normal, found.normal)
-    none = ~np.isfinite(found.depth)
+    assert np.array_equal(normal, predicted.normal)
+    none = ~np.isfinite(predicted.depth)
     assert none.sum() == 3 * 61 + 1 and (normal[none] == 0).all() and (normal[~none] == [0, 0, -1]).all()
     assert (cv2.imread(str(tmp_path / "out/normal.png"))[none] == 0).all()
 
@@ -152,13 +152,13 @@ def test_calibration_file_gives_metres_and_principal_point(tmp_path):
     text = "cam0=[100 0 30; 0 110 20; 0 0 1]\ndoffs=3\nbaseline=550\nwidth=90\nheight=60\n"
     (tmp_path / "calib.txt").write_text(text)
     flags = {"focal": None, "baseline": None, "calib": (tmp_path / "calib.txt",)}
-    found = predict(options(pair, tmp_path, **flags), SGBM())
-    assert np.median(found.depth) == pytest.approx(100 * 0.55 / 11, rel=2e-3)
+    predicted = predict(options(pair, tmp_path, **flags), SGBM())
+    assert np.median(predicted.depth) == pytest.approx(100 * 0.55 / 11, rel=2e-3)
     cloud = trimesh.load(tmp_path / "out/cloud.ply").vertices
     assert cloud[:, 1].min() == pytest.approx(-20 / 110 * 5, abs=0.12)
     assert cloud[:, 0].max() == pytest.approx((89 - 30) / 100 * 5, abs=0.12)
-    found = predict(options(pair, tmp_path, **{**flags, "baseline": 1.1}), SGBM())
-    assert np.median(found.depth) == pytest.approx(100 * 1.1 / 11, rel=2e-3)
+    predicted = predict(options(pair, tmp_path, **{**flags, "baseline": 1.1}), SGBM())
+    assert np.median(predicted.depth) == pytest.approx(100 * 1.1 / 11, rel=2e-3)
 
 
 def test_natecam_by_name_and_a_flag_that_replaces_its_value(tmp_path):
@@ -166,10 +166,10 @@ def test_natecam_by_name_and_a_flag_that_replaces_its_value(tmp_path):
     wall = np.random.default_rng(4).integers(0, 255, (60, 90), dtype=np.uint8)
     pair = [write(tmp_path / f"{n}.png", wall[:, n * 8 :][:, :60]) for n in (0, 1)]
     flags = {"focal": None, "baseline": None, "calib": (Path("natecam"),)}
-    found = predict(options(pair, tmp_path, **flags), SGBM())
-    assert np.median(found.depth) == pytest.approx(595.9 * 60 / 512 * 0.27 / 8, rel=2e-3)
-    found = predict(options(pair, tmp_path, **{**flags, "baseline": 0.54}), SGBM())
-    assert np.median(found.depth) == pytest.approx(595.9 * 60 / 512 * 0.54 / 8, rel=2e-3)
+    predicted = predict(options(pair, tmp_path, **flags), SGBM())
+    assert np.median(predicted.depth) == pytest.approx(595.9 * 60 / 512 * 0.27 / 8, rel=2e-3)
+    predicted = predict(options(pair, tmp_path, **{**flags, "baseline": 0.54}), SGBM())
+    assert np.median(predicted.depth) == pytest.approx(595.9 * 60 / 512 * 0.54 / 8, rel=2e-3)
     with pytest.raises(ValueError, match="natecam: the images must be square, these are 90 x 60"):
         predict(options(textured_pair(tmp_path, 8), tmp_path, **flags), SGBM())
 
@@ -189,10 +189,10 @@ def test_two_images_of_different_things_are_refused(tmp_path, capsys):
     rng = np.random.default_rng(6)
     smooth = (cv2.GaussianBlur(rng.standard_normal((300, 400)).astype(np.float32), (0, 0), 2) for _ in range(2))
     images = [cv2.normalize(image, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8) for image in smooth]
-    asked = options([write(tmp_path / f"{i}.png", image) for i, image in enumerate(images)], tmp_path, focal=300.0)
+    arguments = options([write(tmp_path / f"{i}.png", image) for i, image in enumerate(images)], tmp_path, focal=300.0)
     with pytest.raises(ValueError, match=r"match: is it a pair\?; nothing was written"):
-        predict(asked, Wall())
-    predict(replace(asked, unchecked=True), Wall())
+        predict(arguments, Wall())
+    predict(replace(arguments, unchecked=True), Wall())
     assert "match: is it a pair?" in capsys.readouterr().err
 
 
@@ -229,7 +229,7 @@ def test_two_images_of_different_things_are_refused(tmp_path, capsys):
         ("out", "is not a folder"),
     ],
 )
-def test_mistakes_are_one_line(pair, tmp_path, capsys, case, message):
+def test_mistakes_exit_with_2_and_one_line(pair, tmp_path, capsys, case, message):
     left, right = map(str, pair)
     extra: list[str] = []
     focal, baseline, out = ["--focal", "80"], ["--baseline", "0.2"], tmp_path / "out"

@@ -21,15 +21,16 @@ def test_a_wave_has_its_energy_at_its_frequency(waves, share):
     """128 px: f_max is 64 waves, the border 6.4."""
     x = np.arange(128)
     image = np.round(128 + 60 * np.cos(2 * np.pi * waves * x / 128))[None].repeat(128, axis=0).astype(np.uint8)
-    found = measure(image)
-    assert found["high"] == pytest.approx(share, abs=0.01) and found["high_hann"] == pytest.approx(share, abs=0.01)
-    assert found["high_dc"] == pytest.approx(share * 0.5 * 60**2 / (0.5 * 60**2 + 128**2), abs=0.01)
+    measures = measure(image)
+    assert measures["high"] == pytest.approx(share, abs=0.01)
+    assert measures["high_hann"] == pytest.approx(share, abs=0.01)
+    assert measures["high_dc"] == pytest.approx(share * 0.5 * 60**2 / (0.5 * 60**2 + 128**2), abs=0.01)
 
 
 def test_white_noise_spreads_its_energy_evenly():
     image = np.random.default_rng(0).integers(0, 256, (256, 256), dtype=np.uint8)
-    found = measure(image)
-    assert found["high"] == pytest.approx(1 - np.pi * 0.05**2, abs=0.005)
+    measures = measure(image)
+    assert measures["high"] == pytest.approx(1 - np.pi * 0.05**2, abs=0.005)
 
 
 def test_the_energy_is_that_of_the_pixels():
@@ -41,11 +42,11 @@ def test_the_energy_is_that_of_the_pixels():
 
 
 def test_one_tone_has_no_texture():
-    found = measure(np.full((20, 30), 77, np.uint8))
-    assert found["lbp_riu2"] == found["lbp_codes"] == found["high"] == found["high_hann"] == 0
+    measures = measure(np.full((20, 30), 77, np.uint8))
+    assert measures["lbp_riu2"] == measures["lbp_codes"] == measures["high"] == measures["high_hann"] == 0
 
 
-def test_command(tmp_path, capsys):
+def test_the_command_writes_the_measures_of_both_groups(tmp_path, capsys):
     rng = np.random.default_rng(2)
     folder = tmp_path / "smooth"
     folder.mkdir()
@@ -65,7 +66,7 @@ def test_command(tmp_path, capsys):
     assert "LBP" in capsys.readouterr().out
 
 
-def test_command_on_a_dataset(tmp_path):
+def test_the_command_measures_the_left_images_of_a_dataset(tmp_path):
     sample = rock_sample(RockWorld(), NATECAM.resized(64, 64))
     frame = StereoFrame(
         sample.left, sample.right, sample.depth, sample.disparity, sample.normal,
@@ -91,7 +92,7 @@ def test_an_image_that_is_given_twice_counts_once(tmp_path):
     [("none", "none: no such file or folder"), ("empty", "holds no images"), ("text", "not a readable image"),
      ("tiny", "at least 3 x 3 pixels are needed"), ("limit", "--limit must be at least 1")],
 )  # fmt: skip
-def test_mistakes_are_one_line(tmp_path, capsys, what, message):
+def test_mistakes_exit_with_2_and_one_line(tmp_path, capsys, what, message):
     path, extra = tmp_path / what, []
     if what == "empty":
         path.mkdir()

@@ -185,8 +185,8 @@ def test_accumulated_gradients_are_the_mean_of_the_parts(plane_samples, tmp_path
     for part in batch.split(2):
         loss = total_loss(run.model(part.left, part.right, part.target.camera), part.target, config.loss)[0]
         (loss / 2).backward()
-    found, _ = gradients(plane_samples, replace(config, accumulate=2))
-    for parameter, gradient in zip(run.model.parameters(), found):
+    listed, _ = gradients(plane_samples, replace(config, accumulate=2))
+    for parameter, gradient in zip(run.model.parameters(), listed):
         torch.testing.assert_close(gradient, parameter.grad)
 
 
@@ -243,10 +243,10 @@ def test_the_hint_scores_every_folder_as_it_was_read(tmp_path) -> None:
     config = replace(config_for(tmp_path), data=(Path("SimMars6K"), Path("more data")), reader=reader)
     hints = closing_words(Run(config, torch.device("cpu")), []).splitlines()[1:]
     assert [line.startswith("score them: python -m m3depth.evaluate ") for line in hints] == [True, True]
-    asked = [parse(EvaluateOptions, "evaluate", None, shlex.split(line)[5:]) for line in hints]
-    assert [options.data for options in asked] == list(config.data) and len({options.out for options in asked}) == 2
-    assert all(options.reader == reader and options.split == "test" for options in asked)
-    assert all(options.weights == (tmp_path / "weights.safetensors",) for options in asked)
+    parsed = [parse(EvaluateOptions, "evaluate", None, shlex.split(line)[5:]) for line in hints]
+    assert [options.data for options in parsed] == list(config.data) and len({options.out for options in parsed}) == 2
+    assert all(options.reader == reader and options.split == "test" for options in parsed)
+    assert all(options.weights == (tmp_path / "weights.safetensors",) for options in parsed)
 
 
 def test_without_validation_pairs_the_run_says_so_and_goes_on(plane_samples, tmp_path, capsys) -> None:
@@ -349,9 +349,9 @@ def test_a_last_step_that_diverges_is_not_saved(plane_samples, tmp_path, capsys,
     flags = ["--data", "planes", "--out", str(tmp_path), "--batch", "2", "--crop", "32", "64", "--device", "cpu"]
     capsys.readouterr()
     assert main([*flags, "--max-steps", "2", "--lr", str(lr)]) == 1
-    said = capsys.readouterr()
+    printed = capsys.readouterr()
     message = rf"error: training has diverged: weights {fault} at step 2; .*checkpoint\.pt holds the last good state"
-    assert re.match(message, said.err.splitlines()[-1]) and "done" not in said.err and not said.out
+    assert re.match(message, printed.err.splitlines()[-1]) and "done" not in printed.err and not printed.out
     assert {file.name: file.read_bytes() for file in tmp_path.glob("*.*t*") if file.name != "log.jsonl"} == before
     assert {"checkpoint.pt", "weights.safetensors"} <= before.keys()
 
@@ -463,7 +463,7 @@ def test_curves_are_drawn_at_validations_and_at_the_end(plane_samples, tmp_path,
     assert drawn == ["validation"] * 3 + ["end"]
 
 
-def test_misuse_is_named(plane_samples, tmp_path) -> None:
+def test_settings_that_cannot_work_are_named(plane_samples, tmp_path) -> None:
     for changes, message in (
         ({"max_steps": None}, "--max-minutes"),
         ({"crop": (36, 64)}, "--crop 36 64"),

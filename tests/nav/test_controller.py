@@ -60,7 +60,7 @@ def test_straight_turn_and_crab():
     np.testing.assert_allclose(hub_velocities(crab(0.1, np.deg2rad(150))), 0.1 * np.array([[-np.sqrt(3) / 2, 0.5]] * 6))
 
 
-def test_rest_is_rest():
+def test_without_motion_wheels_stand_straight_and_at_rest():
     command = wheel_command(0.0, 0.0)
     assert not command.angles.any() and not command.speeds.any()
 

@@ -19,7 +19,7 @@ def mast():
 
 
 @given(st.floats(-np.pi, np.pi))
-def test_it_looks_along_a_bearing_as_far_as_it_can(bearing):
+def test_the_mast_looks_along_a_bearing_as_far_as_it_can_turn(bearing):
     pan = mast().towards(bearing)
     if abs(bearing) < np.deg2rad(14):
         assert pan is None
@@ -40,18 +40,18 @@ def test_a_mast_that_does_not_move_is_noticed_and_a_slow_one_is_not():
     assert not stuck.must_look(1.2, HERE, 0.0, DRIVE, flat_map_with_rocks(seen=lambda x, y: x > 50)[0])
 
 
-def test_it_looks_once_before_a_turn_into_the_unseen():
+def test_the_mast_looks_once_before_a_turn_into_unseen_ground():
     elevation, _ = flat_map_with_rocks(seen=lambda x, y: (np.abs(y) < 0.8) & (x > 0))
-    own = mast()
-    assert own.must_look(1.2, HERE, 0.0, DRIVE, elevation)
-    there = Command(0.0, 0.0, 1.2, "look")
-    assert own.must_look(1.2, HERE, 0.6, there, elevation)  # on its way
-    assert not own.must_look(1.2, HERE, 1.2, there, elevation)  # it was there: it need not have seen everything
-    own.turn_is_over()
-    assert own.must_look(1.2, HERE, 0.0, DRIVE, elevation)
+    new_mast = mast()
+    assert new_mast.must_look(1.2, HERE, 0.0, DRIVE, elevation)
+    look_left = Command(0.0, 0.0, 1.2, "look")
+    assert new_mast.must_look(1.2, HERE, 0.6, look_left, elevation)  # on its way
+    assert not new_mast.must_look(1.2, HERE, 1.2, look_left, elevation)  # it has looked there, whatever it saw
+    new_mast.turn_is_over()
+    assert new_mast.must_look(1.2, HERE, 0.0, DRIVE, elevation)
 
 
-def test_what_was_seen_and_small_turns_need_no_look():
+def test_turns_that_are_small_or_into_seen_ground_need_no_look():
     everything, _ = flat_map_with_rocks()
     assert not mast().must_look(1.2, HERE, 0.0, DRIVE, everything)
     nothing, _ = flat_map_with_rocks(seen=lambda x, y: x > 50)

@@ -73,7 +73,7 @@ def test_a_goal_behind_without_a_mast_that_pans():
     assert np.abs(track[:, 0]).max() < 7
 
 
-def test_looks_where_it_is_going_to_turn():
+def test_the_mast_looks_into_a_turn_before_it():
     _, _, commands = drive(RockWorld(), goal=np.array([0.0, 8.0]), steps=4)
     pans = [c.pan for c in commands if c.pan is not None]
     assert pans and max(pans) > np.deg2rad(15) and min(pans) > -np.deg2rad(15)
@@ -86,14 +86,14 @@ def test_backs_out_of_a_dead_end():
     assert status == "arrived"
 
 
-def test_walled_in_it_gives_up_and_says_why():
+def test_a_rover_walled_in_ends_with_no_path():
     ring = [[3.2 * np.cos(a), 3.2 * np.sin(a), 0.5, 0.6] for a in np.linspace(0, 2 * np.pi, 32)]
     status, _, commands = drive(RockWorld(np.array(ring)), steps=150)
     assert status == "no_path"
     assert commands[-1].speed == 0 and commands[-1].yaw_rate == 0
 
 
-def test_an_invisible_wall_is_felt_and_driven_round():
+def test_an_unseen_wall_is_noticed_by_standing_still_and_driven_round():
     status, track, commands = drive(RockWorld(), goal=np.array([8.0, 0.0]), blocked_at=3.0, steps=100)
     assert any(c.status == "recover" and c.speed < 0 for c in commands)
     assert status == "arrived"
@@ -101,7 +101,7 @@ def test_an_invisible_wall_is_felt_and_driven_round():
 
 
 @pytest.mark.parametrize("depth", [None, np.full((192, 192), np.nan), np.full((192, 192), np.inf)])
-def test_blind_rovers_stand(depth):
+def test_a_rover_without_depth_stands_still(depth):
     command = Navigator().step(depth, None, SMALL_RIG, body_pose(0, 0, 0), GOAL)
     assert (command.speed, command.yaw_rate, command.status) == (0.0, 0.0, "blind")
 
@@ -113,7 +113,7 @@ def test_arrived_within_the_radius_and_not_before():
     assert navigator.step(None, None, SMALL_RIG, body_pose(19.4, 0, 0), np.append(GOAL, 3.0)).status != "arrived"
 
 
-def test_reset_starts_afresh():
+def test_reset_forgets_map_and_track():
     world, navigator = RockWorld(domes=np.array([[5.0, 0.3, 0.5, 0.5]])), Navigator()
     pose = body_pose(0, 0, 0)
     depth = world.depth(SMALL_RIG, pose @ ZHURONG.mount.left_eye(SMALL_RIG.baseline))
@@ -123,7 +123,7 @@ def test_reset_starts_afresh():
     assert navigator.step(depth, None, SMALL_RIG, pose, GOAL) == first
 
 
-def test_wrong_input_is_named():
+def test_wrong_input_is_refused_by_name():
     with pytest.raises(ValueError, match="pose"):
         Navigator().step(None, None, SMALL_RIG, np.full((4, 4), np.nan), GOAL)
     for pan in (np.nan, np.inf):
@@ -133,7 +133,7 @@ def test_wrong_input_is_named():
         Navigator().step(None, None, SMALL_RIG, np.eye(4), np.array([np.inf, 0]))
 
 
-def test_config_is_honoured():
+def test_the_goal_radius_of_the_settings_ends_the_drive():
     navigator = Navigator(config=NavigatorConfig(goal_radius=3.0))
     assert navigator.step(None, None, SMALL_RIG, body_pose(17.5, 0, 0), GOAL).status == "arrived"
 
@@ -180,18 +180,18 @@ def ways_round_a_wall(area):
     return np.array(out)
 
 
-def test_the_area_is_kept_to():
+def test_the_rover_stays_in_its_area():
     """The side on which the rover goes round a wall is closed: it keeps to the other."""
     free = ways_round_a_wall(None)
     side = 1 if free.max() > -free.min() else -1
     assert (side * free).max() > 2.1
-    kept = ways_round_a_wall((-4.0, -8.0, 16.0, 2.0) if side > 0 else (-4.0, -2.0, 16.0, 8.0))
-    assert (side * kept).max() < 2.1
+    way_inside = ways_round_a_wall((-4.0, -8.0, 16.0, 2.0) if side > 0 else (-4.0, -2.0, 16.0, 8.0))
+    assert (side * way_inside).max() < 2.1
     with pytest.raises(ValueError, match="area"):
         Navigator(area=(0, 0, 0, 1))
 
 
-def test_a_handful_of_points_is_blindness():
+def test_too_few_points_count_as_no_depth():
     depth = np.full((192, 192), np.nan, np.float32)
     depth[150:154, 90:94] = 3.0
     assert Navigator().step(depth, None, SMALL_RIG, body_pose(0, 0, 0), GOAL).status == "blind"

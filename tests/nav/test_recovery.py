@@ -30,7 +30,7 @@ def site():
     return make
 
 
-def test_it_looks_to_both_sides_before_it_backs_out(site):
+def test_the_mast_looks_to_both_sides_before_the_rover_backs_out(site):
     recovery, about = site()
     wishes, pan = [], 0.0
     for _ in range(3):
@@ -41,7 +41,7 @@ def test_it_looks_to_both_sides_before_it_backs_out(site):
     assert command.status == "recover" and recovery.backing and recovery.attempts == 1
 
 
-def test_a_slow_mast_is_waited_for_and_one_that_does_not_turn_is_not_asked(site):
+def test_the_search_waits_for_a_slow_mast_and_uses_no_mast_that_does_not_turn(site):
     recovery, about = site()
     for pan in (0.0, 0.2, 0.4):  # 0.7 rad are wished for
         assert recovery.search(ORIGIN, *about, pan, True).pan == pytest.approx(SIDE)
@@ -50,7 +50,7 @@ def test_a_slow_mast_is_waited_for_and_one_that_does_not_turn_is_not_asked(site)
     assert recovery.search(ORIGIN, *about, 0.0, False).status == "recover"
 
 
-def test_it_backs_out_along_its_track_and_as_far_as_it_should(site):
+def test_the_rover_backs_out_along_its_track_by_the_set_distance(site):
     recovery, about = site()
     command, before, here, steps = recovery.search(ORIGIN, *about, 0.0, False), ORIGIN, ORIGIN, 0
     while command is not None:
@@ -62,13 +62,13 @@ def test_it_backs_out_along_its_track_and_as_far_as_it_should(site):
     assert not recovery.backing
 
 
-def test_it_does_not_back_into_a_rock_but_turns(site):
+def test_the_rover_turns_where_a_rock_stands_behind_it(site):
     recovery, about = site((-1.45, 0.0, 0.2))  # half a metre behind the rear wheels, clear of a turn
     command = recovery.search(ORIGIN, *about, 0.0, False)
     assert command.status == "recover" and command.speed == 0 and command.yaw_rate != 0 and not recovery.backing
 
 
-def test_hemmed_in_all_round_it_stands(site):
+def test_a_rover_hemmed_in_all_round_stands_still(site):
     corners = [(x, y, 0.08) for x in (0.55, -0.55) for y in (0.95, -0.95)]  # beside the flanks, where corners turn
     recovery, about = site((-1.2, 0.0, 0.2), *corners)
     assert recovery.search(ORIGIN, *about, 0.0, False) == Command(0.0, 0.0, None, "look")
@@ -80,7 +80,7 @@ def test_backing_that_does_not_move_ends(site):
     assert recovery.back_up(ORIGIN, ORIGIN, command, *about) is None and not recovery.backing
 
 
-def test_it_gives_up_after_so_many_recoveries(site):
+def test_the_search_ends_after_max_recoveries(site):
     recovery, about = site()
     for _ in range(CONFIG.max_recoveries):
         assert recovery.search(ORIGIN, *about, 0.0, False) is not None

@@ -42,7 +42,7 @@ def folder(tmp_path_factory):
     return out
 
 
-def test_it_goes_round_the_rock_that_the_frames_show():
+def test_a_replay_goes_round_the_rock_that_its_frames_show():
     commands = replay(frames(), (20.0, 0.0))
     assert len(commands) == 8 and commands[0].status == "drive"
     assert max(abs(c.yaw_rate) for c in commands) > 0.03
@@ -58,7 +58,7 @@ def test_a_dataset_is_replayed_as_its_frames_are(folder):
         assert a.yaw_rate == pytest.approx(b.yaw_rate, abs=0.02)
 
 
-def test_it_ends_when_the_goal_is_there():
+def test_a_replay_ends_at_the_goal():
     assert [c.status for c in replay(frames(), (0.7, 0.0))] == ["drive", "arrived"]
 
 
@@ -96,7 +96,7 @@ def test_views_near_each_other_that_are_no_drive_are_warned_of(folder, tmp_path,
     assert capsys.readouterr().err.startswith("warning: frames lie up to 0.3 m apart") == warned
 
 
-def test_mistakes_are_one_line(folder, tmp_path, capsys):
+def test_mistakes_exit_with_2_and_one_line(folder, tmp_path, capsys):
     for arguments, named in (([str(folder), "--scene", "7"], "scene 7"), ([str(tmp_path / "no")], "no")):
         assert main(arguments) == 2
         error = capsys.readouterr().err

@@ -39,7 +39,7 @@ def test_each_risk_level_allows_more_and_comes_nearer():
         assert risk.margin_share == level.margin_share and not risk.given_up
 
 
-def test_it_gives_up_after_the_last_of_them_and_not_before():
+def test_the_drive_is_given_up_after_the_last_risk_level_and_not_before():
     risk = RiskTaking(CONFIG)
     given_up = [after(CLOSED, risk=risk).given_up for _ in range(12)]
     assert given_up == [False] * 11 + [True]  # three steps for each level, and then closed_steps in a row
@@ -72,8 +72,8 @@ def test_dead_ends_raise_the_risk_too_and_a_new_goal_resets_it():
 
 @pytest.mark.parametrize("level", NavigatorConfig().risk_levels)
 def test_a_risk_level_never_forbids_what_was_allowed(level):
-    own = replace(PLAIN, step_blocked=0.29, slope_blocked_deg=29.0)
-    risk = RiskTaking(replace(CONFIG, traversability=own, risk_levels=(level,)))
+    wider_rules = replace(PLAIN, step_blocked=0.29, slope_blocked_deg=29.0)
+    risk = RiskTaking(replace(CONFIG, traversability=wider_rules, risk_levels=(level,)))
     risk.raise_level()
     assert (risk.rules.step_blocked, risk.rules.slope_blocked_deg) == (0.29, 29.0)
     assert level.step < 0.30 and 0 < level.margin_share < 1  # below RoverSpec.obstacle_height

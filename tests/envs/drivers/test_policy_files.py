@@ -40,9 +40,9 @@ def test_a_trained_policy_drives_as_it_does_in_its_own_library(make_env, tmp_pat
     observation, _ = env.reset(seed=4)
     driver.reset(env, 4)
     action = driver.act(env, observation)
-    own = {key: value for key, value in ImageObservation(env).observation(observation).items()
+    images = {key: value for key, value in ImageObservation(env).observation(observation).items()
            if key in trained_in.observation_space.spaces}  # fmt: skip
-    np.testing.assert_allclose(action[:2], model.predict(own, deterministic=True)[0], atol=1e-6)
+    np.testing.assert_allclose(action[:2], model.predict(images, deterministic=True)[0], atol=1e-6)
     assert action.shape == (3,) and action[2] == 0 and action in env.action_space
     assert not driver.corridors
 

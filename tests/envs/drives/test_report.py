@@ -286,7 +286,7 @@ def test_errors_on_the_way_stand_beside_the_test_sets():
 def test_every_end_has_a_colour():
     ends = {"goal", "collision", "tilt", "stuck", "time", "out_of_bounds"}
     assert set(OUTCOME_COLOURS) == ends | {stop.value for stop in Stop}
-    assert {"goal", *(end for of in FAILURES.values() for end in of)} == set(OUTCOME_COLOURS)
+    assert {"goal", *(end for outcomes in FAILURES.values() for end in outcomes)} == set(OUTCOME_COLOURS)
     assert len(set(OUTCOME_COLOURS.values())) == len(OUTCOME_COLOURS)
 
 

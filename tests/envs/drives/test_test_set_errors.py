@@ -20,8 +20,8 @@ def results(path, weights="abc", pairs=4, **errors):
 
 def test_each_perception_finds_its_own_error(tmp_path):
     file = results(tmp_path / "r.json", M3Depth=0.008, SGBM=0.015, SAD=0.02)
-    asked = {"m3depth": "abc", "m3depth:other.safetensors": "def", "sgbm": None, "ground_truth": None}
-    assert errors_on_test_set([file], asked) == {"m3depth": 0.008, "sgbm": 0.015}
+    digests = {"m3depth": "abc", "m3depth:other.safetensors": "def", "sgbm": None, "ground_truth": None}
+    assert errors_on_test_set([file], digests) == {"m3depth": 0.008, "sgbm": 0.015}
 
 
 def test_several_files_score_several_weights(tmp_path):
@@ -69,7 +69,7 @@ def test_one_file_scores_several_weights_and_classes(tmp_path):
         "Blocks": {"name": "my_stereo:Blocks", "sha256": "123"},
     }
     file.write_text(json.dumps({**json.loads(file.read_text()), "estimators": estimators}))
-    asked = {"m3depth": "abc", "m3depth:moved.safetensors": "def", "sgbm": None, "my_stereo:Blocks": "123"}
-    assert errors_on_test_set([file], asked) == dict(zip(asked, (0.1, 0.2, 0.3, 0.4), strict=True))
+    digests = {"m3depth": "abc", "m3depth:moved.safetensors": "def", "sgbm": None, "my_stereo:Blocks": "123"}
+    assert errors_on_test_set([file], digests) == dict(zip(digests, (0.1, 0.2, 0.3, 0.4), strict=True))
     changed = {"my_stereo:Blocks": "456", "m3depth": "abc"}
     assert errors_on_test_set([file], changed) == {"m3depth": 0.1}

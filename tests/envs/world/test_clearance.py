@@ -32,14 +32,14 @@ def two_rocks(make_scene):
 
 
 @given(places())
-def test_standing_it_is_the_distance_of_a_rectangle_to_discs(two_rocks, place):
+def test_the_clearance_of_a_standing_rover_is_that_of_a_rectangle_to_discs(two_rocks, place):
     true = min(FAR, beside_disc(place, 0, 0, 0.6), beside_disc(place, 3, 1, 0.4))
     assert true - 1e-6 <= two_rocks.between(place, place) <= true + ROUND
 
 
 @given(places(), st.floats(-0.4, 0.4), st.floats(-0.5, 0.5))
 @settings(max_examples=50)
-def test_on_the_way_it_is_the_least_of_what_lies_between(two_rocks, before, ahead, turn):
+def test_the_clearance_of_a_drive_is_the_least_on_its_way(two_rocks, before, ahead, turn):
     after = before + np.array([ahead * np.cos(before[2]), ahead * np.sin(before[2]), turn])
     between = [two_rocks.between(p, p) for p in before + np.linspace(0, 1, 41)[:, None] * (after - before)]
     least = two_rocks.between(before, after)
@@ -58,7 +58,7 @@ def test_a_corner_that_swings_past_a_rock_is_seen(two_rocks):
     assert min(two_rocks.between(before, before), two_rocks.between(after, after)) > 0.1
 
 
-def test_of_a_rock_in_the_ground_only_what_shows_counts(make_scene):
+def test_of_a_buried_rock_only_the_part_above_ground_counts(make_scene):
     """Ground at 0.3 m cuts an ellipsoid of 0.6 m height at half its height: its outline shrinks by the root of 3/4."""
     scene = make_scene(lambda x, y: 0.3 + 0 * x, rocks=[(0.0, 0.0, 2.0, 0.6)])
     place = np.array([3.0, 0.0, 0.0])
@@ -66,7 +66,7 @@ def test_of_a_rock_in_the_ground_only_what_shows_counts(make_scene):
     assert RockClearance(scene, ZHURONG).between(place, place) == pytest.approx(true, abs=0.04)
 
 
-def test_where_nothing_blocks_it_is_far(make_scene):
+def test_without_rocks_the_clearance_is_the_largest(make_scene):
     place = np.zeros(3)
     for rocks in ([], [(1.5, 0.0, 1.0, 0.29)], [(8.0, 0.0, 1.0, 0.9)]):
         assert RockClearance(make_scene(rocks=rocks), ZHURONG).between(place, place) == FAR

@@ -21,7 +21,7 @@ def ends(drift, yaw_drift, step, metres=20.0):
     return np.array(out)
 
 
-def test_it_is_exact_without_drift():
+def test_odometry_is_exact_without_drift():
     np.testing.assert_allclose(ends(0.0, 0.0, 0.4), 0, atol=1e-12)
 
 
@@ -52,7 +52,7 @@ def test_a_heading_that_drifts_bends_the_way():
     assert np.corrcoef(headings, across)[0, 1] > 0.8  # to the left where it believes to head left: sqrt(3) / 2
 
 
-def test_what_is_measured_well_is_left_alone():
+def test_attitude_and_height_are_believed_as_they_are():
     odometry, pose = Odometry(0.5, 0.5, np.random.default_rng(0)), np.eye(4)
     odometry.update(pose)
     pose = pose.copy()

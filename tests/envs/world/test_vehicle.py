@@ -20,7 +20,7 @@ def put_down(make_scene):
 
 
 @pytest.mark.parametrize("dynamics", ["kinematic", "physics"])
-def test_it_stands_where_it_was_put(put_down, dynamics):
+def test_a_vehicle_stands_where_it_was_put(put_down, dynamics):
     state = put_down(dynamics, 1.0, -2.0, 0.7).state()
     np.testing.assert_allclose(state.position, [1, -2, 0], atol=0.02)
     assert state.yaw == pytest.approx(0.7, abs=0.02) and state.tilt < 0.01
@@ -28,7 +28,7 @@ def test_it_stands_where_it_was_put(put_down, dynamics):
 
 @pytest.mark.parametrize("dynamics", ["kinematic", "physics"])
 @pytest.mark.parametrize(("speed", "yaw_rate"), [(0.2, 0.0), (-0.2, 0.0), (0.2, 0.1), (0.0, 0.25), (0.0, -0.25)])
-def test_it_moves_as_it_is_commanded(put_down, dynamics, speed, yaw_rate):
+def test_a_vehicle_moves_as_it_is_commanded(put_down, dynamics, speed, yaw_rate):
     vehicle = put_down(dynamics, 0.0, 0.0, 0.0)
     for _ in range(2):
         vehicle.drive_twist(speed, yaw_rate, 2.0)
@@ -55,7 +55,7 @@ def test_no_wheel_steers_beyond_its_stop_in_either_dynamics(put_down):
 
 
 @pytest.mark.parametrize("dynamics", ["kinematic", "physics"])
-def test_it_stops_at_a_rock(put_down, dynamics):
+def test_a_vehicle_stops_at_a_rock(put_down, dynamics):
     vehicle = put_down(dynamics, 0.0, 0.0, 0.0, rocks=[(1.6, 0.6, 0.8, 0.8)])
     for _ in range(8):
         vehicle.drive_twist(0.2, 0.0, 2.0)
@@ -76,7 +76,7 @@ def test_physics_goes_no_further_than_to_the_next_look_at_the_contacts(put_down)
 
 
 @pytest.mark.parametrize("dynamics", ["kinematic", "physics"])
-def test_its_parts_stand_where_it_stands(put_down, dynamics):
+def test_the_parts_of_a_vehicle_stand_where_it_stands(put_down, dynamics):
     vehicle = put_down(dynamics, 1.0, 2.0, 0.5)
     parts = vehicle.mesh(0.4)
     points = np.concatenate([p.vertices @ p.pose[:3, :3].T + p.pose[:3, 3] for p in parts])

@@ -10,10 +10,10 @@ from m3depth.ablation.studies import STUDIES
 
 
 def test_verdicts_follow_the_sign_and_the_interval() -> None:
-    found = findings(STUDIES["levels"], levels([1.0, 0.9, 0.8, 0.8004], noise=0.01))
-    verdicts = [part["verdict"] for part in found["comparisons"]]
+    report = findings(STUDIES["levels"], levels([1.0, 0.9, 0.8, 0.8004], noise=0.01))
+    verdicts = [part["verdict"] for part in report["comparisons"]]
     assert verdicts == ["agrees", "disagrees", "undecided"]  # paper: falls, rises, rises
-    first = found["comparisons"][0]
+    first = report["comparisons"][0]
     assert first["paper"] == pytest.approx(0.084 / 0.095 - 1)
     assert first["here"] == pytest.approx(-0.1, abs=0.01)
     assert first["interval"][0] < first["here"] < first["interval"][1] < -0.08
@@ -32,10 +32,10 @@ def test_seeds_that_differ_in_sign_decide_nothing() -> None:
 
 def test_pairs_of_one_difficulty_cancel() -> None:
     """Paired: a ratio that all pairs share is known exactly, however much the pairs differ."""
-    found = findings(STUDIES["levels"], levels([1.0, 1.5, 1.5, 3.0]))
-    for part, ratio in zip(found["comparisons"], (0.5, 0.0, 1.0), strict=True):
+    report = findings(STUDIES["levels"], levels([1.0, 1.5, 1.5, 3.0]))
+    for part, ratio in zip(report["comparisons"], (0.5, 0.0, 1.0), strict=True):
         np.testing.assert_allclose([part["here"], *part["interval"], *part["by_seed"]], ratio, atol=1e-12)
-    assert [row["against_reference"]["abs_rel"]["here"] for row in found["rows"]] == pytest.approx([-1 / 3, 0, 0, 1])
+    assert [row["against_reference"]["abs_rel"]["here"] for row in report["rows"]] == pytest.approx([-1 / 3, 0, 0, 1])
 
 
 def test_views_of_a_scene_are_drawn_together() -> None:
@@ -47,9 +47,9 @@ def test_views_of_a_scene_are_drawn_together() -> None:
     for views in (1, 5):
         scores = {row.variant.name: {0: score(scenes, views)} for row in STUDIES["levels"].rows}
         scores["levels-3"] = {0: score({name: x * change for name, x in scenes.items()}, views)}
-        found = findings(STUDIES["levels"], scores)
-        low, high = found["comparisons"][0]["interval"]
-        widths[views], count = high - low, found["all_scenes"]
+        report = findings(STUDIES["levels"], scores)
+        low, high = report["comparisons"][0]["interval"]
+        widths[views], count = high - low, report["all_scenes"]
         assert count == 30 // views
     assert widths[5] / widths[1] == pytest.approx(5**0.5, rel=0.3)
 
@@ -58,15 +58,15 @@ def test_one_scene_gives_no_interval_and_no_verdict(tmp_path) -> None:
     pairs = {name: np.linspace(1, 2, 10) for name in ("abs_rel", "sq_rel", "rmse", "delta1")}
     scores = {row.variant.name: {0: score(pairs, views=10)} for row in STUDIES["levels"].rows}
     scores["levels-3"] = {0: score({name: 0.9 * x for name, x in pairs.items()}, views=10)}
-    found = findings(STUDIES["levels"], scores)
-    part = found["comparisons"][0]
+    report = findings(STUDIES["levels"], scores)
+    part = report["comparisons"][0]
     assert (part["interval"], part["verdict"]) == (None, None)
     assert part["sentence"].endswith("here it falls by 10.0 % (no interval).")
-    study_figure(found, path := tmp_path / "levels.png")
+    study_figure(report, path := tmp_path / "levels.png")
     assert path.stat().st_size > 10_000
 
 
-def test_errors_of_nothing_in_most_scenes_give_no_interval_and_no_verdict() -> None:
+def test_errors_of_zero_in_most_scenes_give_no_interval_and_no_verdict() -> None:
     """Samples of scenes without errors have no relative change."""
     pairs = {name: np.array([0.0, 0, 0, 1]) for name in ("abs_rel", "sq_rel", "rmse", "delta1")}
     scores = {row.variant.name: {0: score(pairs, views=1)} for row in STUDIES["levels"].rows}
@@ -97,10 +97,10 @@ def test_pairs_of_rows_in_the_opposite_order_are_counted() -> None:
 
 
 def test_missing_figures_are_reported_as_not_measured_yet() -> None:
-    found = findings(STUDIES["levels"], levels([1.0, 0.9, None, None]))
-    assert [part["verdict"] for part in found["comparisons"]] == ["agrees", None, None]
-    assert "here it is not measured yet" in found["comparisons"][1]["sentence"]
-    assert found["rows"][2]["here"]["abs_rel"] is None and found["order"][0]["of"] == 1
+    report = findings(STUDIES["levels"], levels([1.0, 0.9, None, None]))
+    assert [part["verdict"] for part in report["comparisons"]] == ["agrees", None, None]
+    assert "here it is not measured yet" in report["comparisons"][1]["sentence"]
+    assert report["rows"][2]["here"]["abs_rel"] is None and report["order"][0]["of"] == 1
 
 
 def test_seeds_are_compared_with_themselves() -> None:
@@ -113,6 +113,6 @@ def test_seeds_are_compared_with_themselves() -> None:
 def test_normals_without_truth_leave_their_columns_empty() -> None:
     figures = {name: np.ones(4) for name in ("abs_rel", "sq_rel", "rmse", "log10", "delta1")}
     scores = {row.variant.name: {0: score(figures)} for row in STUDIES["components"].rows}
-    found = findings(STUDIES["components"], scores)
-    assert {part["verdict"] for part in found["comparisons"] if part["measure"] == "normal_mean"} == {None}
-    assert all(row["here"]["normal_mean"] is None for row in found["rows"])
+    report = findings(STUDIES["components"], scores)
+    assert {part["verdict"] for part in report["comparisons"] if part["measure"] == "normal_mean"} == {None}
+    assert all(row["here"]["normal_mean"] is None for row in report["rows"])

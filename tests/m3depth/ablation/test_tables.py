@@ -45,12 +45,12 @@ def test_a_pair_without_a_scored_pixel_is_left_out_of_every_run(plane_samples) -
         assert done.pairs[1]["M3Depth"].keys() == {"seconds"}
         about = {"parameters": 1, "code": "0123456789ab", "device": "cpu", "steps": 1, "minutes": 1.0}
         scores[row.variant.name] = {0: {**about, "result": done.results["M3Depth"], "per_pair": done.pairs}}
-    found = findings(STUDIES["levels"], scores)
-    assert found["comparisons"][0]["here"] == pytest.approx(-0.5, rel=1e-3)
+    report = findings(STUDIES["levels"], scores)
+    assert report["comparisons"][0]["here"] == pytest.approx(-0.5, rel=1e-3)
     pooled = [scores["levels-2"][0]["per_pair"][i]["M3Depth"]["abs_rel"] for i in (0, 2, 3)]
-    assert found["rows"][0]["here"]["abs_rel"] == pytest.approx(np.mean(pooled))
-    assert found["pairs"]["abs_rel"] == 3 and found["all_pairs"] == 4
-    text = markdown({**ABOUT, "depth_range_m": (0.0, np.inf)}, {"levels": found})
+    assert report["rows"][0]["here"]["abs_rel"] == pytest.approx(np.mean(pooled))
+    assert report["pairs"]["abs_rel"] == 3 and report["all_pairs"] == 4
+    text = markdown({**ABOUT, "depth_range_m": (0.0, np.inf)}, {"levels": report})
     assert "Over 3 of the 4 test pairs" in text and "every pixel of known true depth." in text
 
 

@@ -47,16 +47,16 @@ def test_kitti_colour_and_grey(tmp_path, text):
 
 
 def test_middlebury(tmp_path):
-    found = read_calibration(write(tmp_path / "calib.txt", MIDDLEBURY))
-    assert found == Calibration(3979.911, 3979.911, 1244.772, 1019.507, pytest.approx(0.193001), 124.343, (2964, 1988))
+    parsed = read_calibration(write(tmp_path / "calib.txt", MIDDLEBURY))
+    assert parsed == Calibration(3979.911, 3979.911, 1244.772, 1019.507, pytest.approx(0.193001), 124.343, (2964, 1988))
     without = "\n".join(line for line in MIDDLEBURY.splitlines() if line.startswith(("cam", "base")))
     assert read_calibration(write(tmp_path / "eth3d.txt", without)).size is None
 
 
-@pytest.mark.parametrize("kept", [("P1", "P2", "Q"), ("Q",)])
+@pytest.mark.parametrize("matrices", [("P1", "P2", "Q"), ("Q",)])
 @pytest.mark.parametrize("flags", [0, cv2.CALIB_ZERO_DISPARITY])
 @pytest.mark.parametrize("ending", ["yml", "xml", "json"])
-def test_opencv_after_stereo_rectify(tmp_path, kept, flags, ending):
+def test_opencv_after_stereo_rectify(tmp_path, matrices, flags, ending):
     """A point that OpenCV's own matrices put into both images comes back at its depth."""
     camera = [np.array([[f, 0, 310.0], [0, f, 245], [0, 0, 1]]) for f in (500.0, 510.0)]
     turn = cv2.Rodrigues(np.array([0.01, 0.03, -0.02]))[0]
@@ -67,21 +67,21 @@ def test_opencv_after_stereo_rectify(tmp_path, kept, flags, ending):
     path = tmp_path / f"stereo.{ending}"
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
     for name, matrix in (("P1", p1), ("P2", p2), ("Q", q)):
-        if name in kept:
+        if name in matrices:
             storage.write(name, matrix)
     storage.release()
-    found = read_calibration(path)
+    parsed = read_calibration(path)
     point = np.array([0.3, -0.2, 2.5, 1])
     left, right = ((p @ point)[:2] / (p @ point)[2] for p in (p1, p2))
-    disparity = left[0] - right[0] + found.shift
-    assert found.fx * found.baseline / disparity == pytest.approx(2.5, rel=1e-6)
-    assert (left[0] - found.cx) / found.fx * 2.5 == pytest.approx(0.3, rel=1e-6)
-    assert (left[1] - found.cy) / found.fy * 2.5 == pytest.approx(-0.2, rel=1e-6)
+    disparity = left[0] - right[0] + parsed.shift
+    assert parsed.fx * parsed.baseline / disparity == pytest.approx(2.5, rel=1e-6)
+    assert (left[0] - parsed.cx) / parsed.fx * 2.5 == pytest.approx(0.3, rel=1e-6)
+    assert (left[1] - parsed.cy) / parsed.fy * 2.5 == pytest.approx(-0.2, rel=1e-6)
 
 
 def test_a_dataset_says_what_its_rig_is(tmp_path):
-    found = read_calibration(write(tmp_path / "sample.json", json.dumps({"rig": NATECAM.to_dict(), "sun": 3})))
-    assert found.rig(512, 512) == NATECAM and found.size == (512, 512)
+    parsed = read_calibration(write(tmp_path / "sample.json", json.dumps({"rig": NATECAM.to_dict(), "sun": 3})))
+    assert parsed.rig(512, 512) == NATECAM and parsed.size == (512, 512)
 
 
 def test_the_right_eye_is_moved_by_the_difference_of_the_principal_points():
@@ -93,8 +93,8 @@ def test_the_right_eye_is_moved_by_the_difference_of_the_principal_points():
 
 
 def test_a_rig_file_of_the_simulator(tmp_path):
-    found = read_calibration(write(tmp_path / "rig.json", json.dumps(NATECAM.to_dict())))
-    assert found.rig(512, 512) == NATECAM and found.size == (512, 512)
+    parsed = read_calibration(write(tmp_path / "rig.json", json.dumps(NATECAM.to_dict())))
+    assert parsed.rig(512, 512) == NATECAM and parsed.size == (512, 512)
 
 
 def test_json_nested_without_end_is_refused(tmp_path):
@@ -193,7 +193,7 @@ def test_a_missing_file_is_named(tmp_path):
         read_calibration(tmp_path / "none.txt")
 
 
-def test_binary_is_no_calibration(tmp_path):
+def test_a_binary_file_is_refused_as_calibration(tmp_path):
     (tmp_path / "image.png").write_bytes(b"\x89PNG\r\n\xff\xfe")
     with pytest.raises(ValueError, match=r"image\.png: is not a text file [^\n]*, as calibrations are$"):
         read_calibration(tmp_path / "image.png")

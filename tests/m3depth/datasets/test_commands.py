@@ -52,11 +52,11 @@ def test_scoring_a_folder_by_patterns(kitti, tmp_path) -> None:
     arguments += ["--baselines", "none", "--split", "all", "--limit", "2", "--focal", "70", "--baseline", "0.27"]
     arguments += ["--left", files.format("image_2"), "--right", files.format("image_3")]
     assert evaluate.main([*arguments, "--disparity", files.format("disp_occ_0"), "--depth-range", "0.5", "9"]) == 0
-    found = json.loads((tmp_path / "out" / "results.json").read_text())
-    assert found["depth_range_m"] == [0.5, 9.0]
+    results = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert results["depth_range_m"] == [0.5, 9.0]
     assert "Scored: every pixel of true depth 0.5 to 9 m and at most" in (tmp_path / "out" / "results.md").read_text()
-    assert found["pairs"] == 2 and found["per_pair"][0]["pair"].endswith("000000_10")
-    scored = found["methods"]["net"]
+    assert results["pairs"] == 2 and results["per_pair"][0]["pair"].endswith("000000_10")
+    scored = results["methods"]["net"]
     assert scored["depth"]["all"]["pooled"]["epe"] > 0
     assert not scored["normal"]["all"]["pooled"], "there is nothing to compare normals with"
 

@@ -329,7 +329,7 @@ def test_disparities_of_8_bits_are_refused_unless_their_unit_is_given(tmp_path) 
         ("list", {"right": "*.png"}, "--right does not"),
     ],
 )
-def test_a_flag_that_the_layout_has_no_use_for_is_named(tmp_path, plane_set, layout, flags, named) -> None:
+def test_a_flag_that_the_layout_does_not_take_is_named(tmp_path, plane_set, layout, flags, named) -> None:
     root = plane_set if layout == "marssim" else tmp_path
     config = DataConfig(format="auto" if layout == "marssim" else layout, **flags)
     with pytest.raises(ValueError, match=f"{root.name}: {named}") as error:

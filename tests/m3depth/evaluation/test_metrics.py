@@ -80,7 +80,7 @@ def test_perfect_prediction_has_perfect_scores_everywhere():
 
 @given(st.floats(0.5, 3.0))
 @settings(max_examples=30, deadline=None)
-def test_known_scale_error(factor):
+def test_depths_scaled_by_a_factor_have_the_errors_of_that_factor(factor):
     sample = make_sample()
     figures = score(scaled(sample, factor), sample)["depth"]["all"]["pooled"]
     true = sample.depth[pixel_kinds(sample)["all"]].astype(float)

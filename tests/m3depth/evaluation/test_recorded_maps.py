@@ -48,19 +48,19 @@ def put(path, values):
 def test_maps_are_found_by_every_name_and_ending(tmp_path, name, ending):
     stored = np.round(DISPARITY * 256).astype(np.uint16) if ending == "png" else DISPARITY
     put(tmp_path / f"{name}.{ending}", stored)
-    found = RecordedPredictions(tmp_path).read(PAIR, NUMBER, RIG)
-    assert found.disparity == pytest.approx(DISPARITY, abs=1 / 256)
-    assert found.depth == pytest.approx(RIG.fb / found.disparity)
-    assert found.normal is None and (found.confidence == 1).all()
-    assert found.disparity.dtype == found.depth.dtype == np.float32
+    recorded = RecordedPredictions(tmp_path).read(PAIR, NUMBER, RIG)
+    assert recorded.disparity == pytest.approx(DISPARITY, abs=1 / 256)
+    assert recorded.depth == pytest.approx(RIG.fb / recorded.disparity)
+    assert recorded.normal is None and (recorded.confidence == 1).all()
+    assert recorded.disparity.dtype == recorded.depth.dtype == np.float32
 
 
 def test_depth_in_metres_and_millimetres(tmp_path):
     depth = RIG.disparity_to_depth(DISPARITY)
     put(tmp_path / "00003_05.png", np.round(depth * 1000).astype(np.uint16))
-    found = RecordedPredictions(tmp_path, "depth").read(PAIR, NUMBER, RIG)
-    assert found.depth == pytest.approx(depth, abs=6e-4)
-    assert found.disparity == pytest.approx(RIG.fb / found.depth)
+    recorded = RecordedPredictions(tmp_path, "depth").read(PAIR, NUMBER, RIG)
+    assert recorded.depth == pytest.approx(depth, abs=6e-4)
+    assert recorded.disparity == pytest.approx(RIG.fb / recorded.depth)
     put(tmp_path / "00003_05.npy", depth / 15)
     assert RecordedPredictions(tmp_path, "depth", 1 / 15).read(PAIR, NUMBER, RIG).depth == pytest.approx(
         depth, rel=1e-5
@@ -81,13 +81,13 @@ def test_axes_of_length_one_are_dropped(tmp_path, shape):
     assert RecordedPredictions(tmp_path).read(PAIR, NUMBER, RIG).disparity == pytest.approx(DISPARITY)
 
 
-def test_unknown_is_unknown_and_zero_is_far(tmp_path):
+def test_unknown_values_are_nan_and_zero_disparity_is_infinitely_far(tmp_path):
     values = DISPARITY.copy()
     values[0, :4] = [np.nan, np.inf, -3, 0]
     put(tmp_path / "00003_05.npy", values)
-    found = RecordedPredictions(tmp_path).read(PAIR, NUMBER, RIG)
-    assert np.isnan(found.disparity[0, :3]).all() and np.isnan(found.depth[0, :3]).all()
-    assert found.disparity[0, 3] == 0 and np.isinf(found.depth[0, 3])
+    recorded = RecordedPredictions(tmp_path).read(PAIR, NUMBER, RIG)
+    assert np.isnan(recorded.disparity[0, :3]).all() and np.isnan(recorded.depth[0, :3]).all()
+    assert recorded.disparity[0, 3] == 0 and np.isinf(recorded.depth[0, 3])
     put(tmp_path / "a" / "00003_05.png", np.zeros((H, W), np.uint16))
     assert np.isnan(RecordedPredictions(tmp_path / "a").read(PAIR, NUMBER, RIG).depth).all()
 
@@ -101,8 +101,8 @@ def test_normals_and_confidence_are_read_beside_a_map(tmp_path):
     ):
         for name, values in zip((maps, *names), (DISPARITY, normal, sure)):
             put(tmp_path / name, values)
-        found = RecordedPredictions(tmp_path / maps.split("/")[0]).read(PAIR, NUMBER, RIG)
-        assert np.array_equal(found.normal, normal) and np.array_equal(found.confidence, sure)
+        recorded = RecordedPredictions(tmp_path / maps.split("/")[0]).read(PAIR, NUMBER, RIG)
+        assert np.array_equal(recorded.normal, normal) and np.array_equal(recorded.confidence, sure)
 
 
 @pytest.mark.parametrize(
@@ -115,9 +115,9 @@ def test_normals_and_confidence_are_read_beside_a_map(tmp_path):
     ],
 )
 def test_the_form_of_the_flag_is_read(text, expected):
-    name, found = RecordedPredictions.parse(text)
-    assert (name, str(found.folder), found.kind, found.scale) == expected
-    assert found.fill == text.endswith(",fill")
+    name, recorded = RecordedPredictions.parse(text)
+    assert (name, str(recorded.folder), recorded.kind, recorded.scale) == expected
+    assert recorded.fill == text.endswith(",fill")
 
 
 @pytest.mark.parametrize(
@@ -132,9 +132,9 @@ def test_unknown_pixels_are_filled_from_the_background_on_request(tmp_path):
     values = DISPARITY.copy()
     values[3, 4:7] = np.nan
     put(tmp_path / "00003_05.npy", values)
-    found = RecordedPredictions(tmp_path, fill=True).read(PAIR, NUMBER, RIG)
-    assert (found.disparity[3, 4:7] == values[3, 3]).all() and (found.confidence == 0).sum() == 3
-    assert found.depth == pytest.approx(RIG.fb / found.disparity)
+    recorded = RecordedPredictions(tmp_path, fill=True).read(PAIR, NUMBER, RIG)
+    assert (recorded.disparity[3, 4:7] == values[3, 3]).all() and (recorded.confidence == 0).sum() == 3
+    assert recorded.depth == pytest.approx(RIG.fb / recorded.disparity)
 
 
 @pytest.mark.parametrize(
@@ -205,7 +205,7 @@ def test_the_truth_as_a_file_scores_perfectly(tmp_path, plane_samples):
     for i, sample in enumerate(plane_samples):
         put(tmp_path / f"{i:06d}_10.pfm", sample.disparity)
         put(tmp_path / f"{i:06d}_10_normal.npy", sample.normal)
-    found = evaluate(plane_samples, {"read": RecordedPredictions(tmp_path)}).results["read"]
-    assert found["depth"]["all"]["pooled"]["abs_rel"] == pytest.approx(0, abs=1e-6)
-    assert found["normal"]["all"]["pooled"]["mean"] == pytest.approx(0, abs=1e-3)
-    assert found["seconds"] is None and found["memory_mib"] is None and found["sparsification"] == {}
+    recorded = evaluate(plane_samples, {"read": RecordedPredictions(tmp_path)}).results["read"]
+    assert recorded["depth"]["all"]["pooled"]["abs_rel"] == pytest.approx(0, abs=1e-6)
+    assert recorded["normal"]["all"]["pooled"]["mean"] == pytest.approx(0, abs=1e-3)
+    assert recorded["seconds"] is None and recorded["memory_mib"] is None and recorded["sparsification"] == {}

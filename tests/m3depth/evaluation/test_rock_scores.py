@@ -23,11 +23,11 @@ def counted(sample, depth=None) -> RockCounts:
 
 
 def test_true_depth_finds_every_rock_at_its_height_and_nothing_else():
-    found = counted(rock_sample(world()))
-    assert len(found.rocks) == len(DOMES) and all(rock[2] for rock in found.rocks)
-    assert max(abs(rock[3]) for rock in found.rocks) < 1e-6
-    assert found.false == []
-    result = found.result()
+    counts = counted(rock_sample(world()))
+    assert len(counts.rocks) == len(DOMES) and all(rock[2] for rock in counts.rocks)
+    assert max(abs(rock[3]) for rock in counts.rocks) < 1e-6
+    assert counts.false == []
+    result = counts.result()
     assert sum(b["rocks"] for b in result["bins"]) == len(DOMES)
     near = result["standing_0.2_m_within_8_m"]
     assert (near["rocks"], near["found"], near["found_share"], near["false"]) == (2, 2, 1.0, 0)
@@ -35,9 +35,9 @@ def test_true_depth_finds_every_rock_at_its_height_and_nothing_else():
 
 def test_melted_rocks_are_missed_and_the_others_are_not():
     sample = rock_sample(world())
-    found = counted(sample, without_rocks(sample, keep=(2,)))
-    assert [rock[2] for rock in found.rocks] == [False, True, False, False]
-    assert found.false == []
+    counts = counted(sample, without_rocks(sample, keep=(2,)))
+    assert [rock[2] for rock in counts.rocks] == [False, True, False, False]
+    assert counts.false == []
 
 
 def test_a_rock_at_the_wrong_depth_is_not_found():
@@ -50,8 +50,8 @@ def test_a_rock_at_the_wrong_depth_is_not_found():
 @pytest.mark.parametrize("unknown", [np.nan, np.inf, 0.0, -2.0])
 def test_unknown_depth_shows_no_rock(unknown):
     sample = rock_sample(world())
-    found = counted(sample, np.full_like(sample.depth, unknown))
-    assert not any(rock[2] for rock in found.rocks) and found.false == []
+    counts = counted(sample, np.full_like(sample.depth, unknown))
+    assert not any(rock[2] for rock in counts.rocks) and counts.false == []
 
 
 def test_a_block_on_bare_ground_is_a_false_obstacle_of_its_height():

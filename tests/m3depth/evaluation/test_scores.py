@@ -28,12 +28,12 @@ def scored(sample, prediction, fit=True) -> dict:
 def test_fitted_normals_do_not_depend_on_the_methods_own(plane_samples):
     """On a plane the fit is exact except at the borders; wrong normals of the method do not change it."""
     sample = plane_samples[0]
-    found = scored(sample, truth(sample, normal=-sample.normal))
-    assert found["normal"]["all"]["pooled"]["mean"] == pytest.approx(180)
-    assert found["fitted_normal"]["all"]["pooled"]["median"] < 0.5
+    figures = scored(sample, truth(sample, normal=-sample.normal))
+    assert figures["normal"]["all"]["pooled"]["mean"] == pytest.approx(180)
+    assert figures["fitted_normal"]["all"]["pooled"]["median"] < 0.5
     alone = Scores()
     alone.add(truth(sample, normal=fitted_normals(sample.disparity, sample.rig.camera)), ScoredPair(sample))
-    assert found["fitted_normal"]["all"]["pooled"] == alone.result()["normal"]["all"]["pooled"]
+    assert figures["fitted_normal"]["all"]["pooled"] == alone.result()["normal"]["all"]["pooled"]
     assert scored(sample, truth(sample), fit=False)["fitted_normal"]["all"]["pixels"] == 0
 
 
@@ -66,16 +66,10 @@ def test_rocks_and_confidence_are_in_the_result():
     depth = without_rocks(sample).astype(np.float32)
     confidence = np.where(sample.rock > 0, np.float32(0.1), np.float32(0.9))
     missed = truth(sample, depth=depth, disparity=sample.rig.depth_to_disparity(depth), confidence=confidence)
-    found = scored(sample, missed)
-    assert found["rocks"]["standing_0.2_m_within_8_m"]["rocks"] == 1
-    assert found["rocks"]["standing_0.2_m_within_8_m"]["found"] == 0
-    curve = found["sparsification"]
+    figures = scored(sample, missed)
+    assert figures["rocks"]["standing_0.2_m_within_8_m"]["rocks"] == 1
+    assert figures["rocks"]["standing_0.2_m_within_8_m"]["found"] == 0
+    curve = figures["sparsification"]
     assert curve["bad1"][0] > 0 and curve["bad1"][-1] == pytest.approx(0, abs=1e-12)
     result = scored(sample, truth(sample))
     assert result["rocks"]["standing_0.2_m_within_8_m"]["found"] == 1 and result["sparsification"] == {}
-
-
-def test_wrong_confidence_is_named(plane_samples):
-    sample = plane_samples[0]
-    with pytest.raises(ValueError, match=r"predicted confidence is of shape \(3, 3\)"):
-        scored(sample, truth(sample, confidence=np.ones((3, 3), np.float32)))

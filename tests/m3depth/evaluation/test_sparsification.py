@@ -23,17 +23,17 @@ def curves(confidence: np.ndarray, error: np.ndarray) -> dict:
 
 @given(st.integers(0, 1000))
 @settings(max_examples=20)
-def test_against_sorting(seed):
+def test_the_curve_is_that_of_sorted_pixels(seed):
     rng = np.random.default_rng(seed)
     error = rng.exponential(0.7, 20_000)
     confidence = 1 / (1 + np.exp(-(2 - error + rng.normal(0, 1, error.shape))))
-    found = curves(confidence, error)
+    figures = curves(confidence, error)
     by_confidence, by_error = np.argsort(confidence), np.argsort(-error)
-    assert found["epe"] == pytest.approx(brute_force(by_confidence, error), rel=0.01)
-    assert found["bad1"] == pytest.approx(brute_force(by_confidence, error > 1.0), abs=3e-3)
-    assert found["oracle_epe"] == pytest.approx(brute_force(by_error, error), rel=0.01)
-    assert found["oracle_bad1"] == pytest.approx(brute_force(by_error, error > 1.0), abs=1e-3)
-    assert found["bad1_without_10"] == pytest.approx(found["bad1"][2] / found["bad1"][0])
+    assert figures["epe"] == pytest.approx(brute_force(by_confidence, error), rel=0.01)
+    assert figures["bad1"] == pytest.approx(brute_force(by_confidence, error > 1.0), abs=3e-3)
+    assert figures["oracle_epe"] == pytest.approx(brute_force(by_error, error), rel=0.01)
+    assert figures["oracle_bad1"] == pytest.approx(brute_force(by_error, error > 1.0), abs=1e-3)
+    assert figures["bad1_without_10"] == pytest.approx(figures["bad1"][2] / figures["bad1"][0])
 
 
 @given(
@@ -41,20 +41,20 @@ def test_against_sorting(seed):
     hnp.arrays(np.float64, 50, elements=st.floats(0, 200)),
 )
 def test_nothing_lies_below_the_oracle(confidence, error):
-    found = curves(confidence, error)
-    if not found:
+    figures = curves(confidence, error)
+    if not figures:
         assert len(np.unique(confidence)) < 50
         return
-    slack = 1e-6 + 0.02 * np.array(found["epe"])  # width of the oracle's bins
-    assert (np.array(found["epe"]) >= np.array(found["oracle_epe"]) - slack).all()
-    assert (np.array(found["bad1"]) >= np.array(found["oracle_bad1"]) - 1e-9).all()
-    assert found["epe"][0] == pytest.approx(error.mean()) and found["bad1"][0] == pytest.approx((error > 1).mean())
+    slack = 1e-6 + 0.02 * np.array(figures["epe"])  # width of the oracle's bins
+    assert (np.array(figures["epe"]) >= np.array(figures["oracle_epe"]) - slack).all()
+    assert (np.array(figures["bad1"]) >= np.array(figures["oracle_bad1"]) - 1e-9).all()
+    assert figures["epe"][0] == pytest.approx(error.mean()) and figures["bad1"][0] == pytest.approx((error > 1).mean())
 
 
 def test_a_perfect_confidence_reaches_the_oracle():
     error = np.linspace(0, 3, 30_001)
-    found = curves(1 / (1 + np.exp(5 * (error - 1.5))), error)
-    assert found["ause_epe"] == pytest.approx(0, abs=5e-3) and found["ause_bad1"] == pytest.approx(0, abs=5e-3)
+    figures = curves(1 / (1 + np.exp(5 * (error - 1.5))), error)
+    assert figures["ause_epe"] == pytest.approx(0, abs=5e-3) and figures["ause_bad1"] == pytest.approx(0, abs=5e-3)
     worst = curves(1 / (1 + np.exp(-5 * (error - 1.5))), error)
     assert worst["ause_epe"] > 0.5 and worst["bad1_without_10"] > 1
 
@@ -62,12 +62,12 @@ def test_a_perfect_confidence_reaches_the_oracle():
 def test_equal_confidences_are_dropped_in_equal_shares():
     """Filled pixels (confidence 0) are a quarter and all off by 2 px; half of the others by 1.5 px."""
     error = np.repeat([2.0, 1.5, 0.0], [1000, 1500, 1500])
-    found = curves(np.repeat([0.0, 1.0], [1000, 3000]), error)
-    assert found["bad1"][2] == pytest.approx((600 + 1500) / 3600)
-    assert found["bad1"][5:] == pytest.approx([0.5] * 15)
+    figures = curves(np.repeat([0.0, 1.0], [1000, 3000]), error)
+    assert figures["bad1"][2] == pytest.approx((600 + 1500) / 3600)
+    assert figures["bad1"][5:] == pytest.approx([0.5] * 15)
     shuffled = np.random.default_rng(0).permutation(4000)
     again = curves(np.repeat([0.0, 1.0], [1000, 3000])[shuffled], error[shuffled])
-    assert again["epe"] == pytest.approx(found["epe"])
+    assert again["epe"] == pytest.approx(figures["epe"])
 
 
 def test_a_constant_confidence_has_no_curve():

@@ -56,7 +56,7 @@ def inside(part, rows, columns) -> bool:
     )
 
 
-def test_hard_parts_are_where_it_is_hard(plane_samples):
+def test_hard_parts_lie_at_bare_dark_and_broken_ground(plane_samples):
     parts = hard_parts(example(patchy(plane_samples[0])))
     assert inside(parts["least texture"], (120, 180), (10, 70))
     assert inside(parts["darkest"], (10, 70), (10, 70))
@@ -181,8 +181,8 @@ def test_curves_are_the_figures_of_each_method(plane_samples, tmp_path, drawn_fi
 
 def test_bars_are_the_outcomes_of_the_rocks(tmp_path, drawn_figures):
     counted = RockCounts(images=4, false=[(0.25, 2.0), (0.6, 6.0)])
-    for height, away, found, error in ((0.15, 2, True, 0.01), (0.15, 3, False, 0), (0.35, 6, True, -0.03)):
-        counted.rocks.append(RockOutcome(height, away, found, error))
+    for height, away, outcome, error in ((0.15, 2, True, 0.01), (0.15, 3, False, 0), (0.35, 6, True, -0.03)):
+        counted.rocks.append(RockOutcome(height, away, outcome, error))
     rocks_figure({"net": counted.result(), "none": {}}, tmp_path / "figure.png")
     heights = [[bar.get_height() for bar in ax.patches] for ax in drawn_figures[0].axes]
     nan = np.nan
@@ -191,8 +191,8 @@ def test_bars_are_the_outcomes_of_the_rocks(tmp_path, drawn_figures):
         [1, nan, nan, nan], [nan, nan, 3, nan], [nan] * 4,  # error of the height [cm]
         [nan, 25, 0, 0], [nan, 0, 0, 25], [nan, 0, 0, 0],  # false in 100 images, of 0.2 m and more
     ]  # fmt: skip
-    for found, wanted in zip(heights, expected, strict=True):
-        np.testing.assert_allclose(found, wanted)
+    for outcome, wanted in zip(heights, expected, strict=True):
+        np.testing.assert_allclose(outcome, wanted)
     counted.false.append((0.15, 9.0))  # lower than what counts as an obstacle here: nav's map has a lower step
     rocks_figure({"net": counted.result()}, tmp_path / "figure.png")
     assert [bar.get_height() for bar in drawn_figures[1].axes[8].patches] == [25, 0, 0, 0]

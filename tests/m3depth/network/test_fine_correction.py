@@ -15,13 +15,13 @@ def test_warping_against_loops() -> None:
     torch.manual_seed(0)
     right = torch.randn(1, 3, 2, 8)
     disparity = torch.tensor([0.0, 0.25, 1.0, 2.5, 7.0, 20.0, -3.0, 3.75]).expand(1, 1, 2, 8)
-    found = warp_right(right, disparity)
+    warped = warp_right(right, disparity)
     for x in range(8):
         place = x - float(disparity[0, 0, 0, x])
         low = int(place // 1)
         share = place - low
         near, far = (right[0, :, :, i] if 0 <= i < 8 else torch.zeros(3, 2) for i in (low, low + 1))
-        torch.testing.assert_close(found[0, :, :, x], near * (1 - share) + far * share)
+        torch.testing.assert_close(warped[0, :, :, x], near * (1 - share) + far * share)
 
 
 def test_the_true_disparity_matches_best() -> None:

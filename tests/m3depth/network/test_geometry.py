@@ -50,9 +50,9 @@ def test_normals_of_planes_are_exact(nx: float, ny: float) -> None:
     normal = torch.tensor([nx, ny, -1.0], dtype=torch.float64)
     normal = normal / normal.norm()
     depth = plane_depth(normal)
-    found = normals_from_disparity(16.2 / depth, CAMERA)
+    computed = normals_from_disparity(16.2 / depth, CAMERA)
     expected = normal[:, None, None].expand(3, 10, 18)
-    torch.testing.assert_close(found[0, :, 1:-1, 1:-1], expected, atol=1e-9, rtol=0)
+    torch.testing.assert_close(computed[0, :, 1:-1, 1:-1], expected, atol=1e-9, rtol=0)
 
 
 def test_sobel_of_an_affine_map() -> None:
@@ -85,15 +85,15 @@ def test_normals_that_point_away_are_moved_to_the_silhouette_and_others_kept(see
     random = torch.Generator().manual_seed(seed)
     normal = unit(torch.randn(1, 3, 6, 9, generator=random, dtype=torch.float64))
     view = unit(pixel_rays(CAMERA, 6, 9))
-    found = face_camera(normal, pixel_rays(CAMERA, 6, 9))
-    torch.testing.assert_close(found.norm(dim=1), torch.ones(1, 6, 9, dtype=torch.float64))
-    along, before = ((n * view).sum(1) for n in (found, normal))
+    computed = face_camera(normal, pixel_rays(CAMERA, 6, 9))
+    torch.testing.assert_close(computed.norm(dim=1), torch.ones(1, 6, 9, dtype=torch.float64))
+    along, before = ((n * view).sum(1) for n in (computed, normal))
     assert (along < 0).all()
-    kept = before < -GRAZING
-    assert kept.any() and (~kept).any()
-    torch.testing.assert_close(found.movedim(1, -1)[kept], normal.movedim(1, -1)[kept])
+    visible = before < -GRAZING
+    assert visible.any() and (~visible).any()
+    torch.testing.assert_close(computed.movedim(1, -1)[visible], normal.movedim(1, -1)[visible])
     # the angle that it is moved by is the one that it leant away by, whatever lies across the line of sight
-    moved = torch.rad2deg((found * normal).sum(1).clamp(-1, 1).acos())[~kept]
-    away = torch.rad2deg(before.clamp(-1, 1).asin())[~kept]
+    moved = torch.rad2deg((computed * normal).sum(1).clamp(-1, 1).acos())[~visible]
+    away = torch.rad2deg(before.clamp(-1, 1).asin())[~visible]
     steep = away < 60
     torch.testing.assert_close(moved[steep], away[steep], atol=0.2, rtol=0)

@@ -119,7 +119,7 @@ def test_rigs_with_large_disparities_are_reduced(model: M3Depth) -> None:
     assert np.median(np.abs(means - 2 * half.disparity)[both] / half.disparity[both]) < 0.1
 
 
-def test_misuse_is_named(model: M3Depth) -> None:
+def test_wrong_images_and_presets_are_named(model: M3Depth) -> None:
     image = np.zeros((32, 64, 3), np.uint8)
     with pytest.raises(ValueError, match="right image is 64 x 16"):
         model.infer(image, image[:16], rig_of(32, 64))

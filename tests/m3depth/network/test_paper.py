@@ -104,8 +104,10 @@ def test_normals_are_made_as_in_the_second_table(seen, name: str) -> None:
 
 def test_normals_have_the_layers_of_the_second_table_and_no_others(seen) -> None:
     model, _, _ = seen
-    found = {n: m for n, m in model.named_modules() if isinstance(m, nn.Conv2d | nn.Conv3d) and n.startswith("normals")}
-    layers = {n: (m.kernel_size, m.stride, m.padding, m.dilation) for n, m in found.items()}
+    present = {
+        n: m for n, m in model.named_modules() if isinstance(m, nn.Conv2d | nn.Conv3d) and n.startswith("normals")
+    }
+    layers = {n: (m.kernel_size, m.stride, m.padding, m.dilation) for n, m in present.items()}
     assert layers == LAYERS_2
     kinds = [type(m) for m in model.get_submodule("normals").modules() if not list(m.children())]
     block = [nn.GroupNorm, nn.ReLU]  # for the table's BN + ReLU
@@ -130,24 +132,24 @@ def test_recomputing_activations_changes_no_gradient_and_keeps_less(training_los
     torch.manual_seed(0)
     thin = replace(PAPER, channels=(8, 8, 16), groups=8, hypotheses=8, volume_width=8, residual_width=8, hidden=16)
     model = M3Depth(replace(thin, normal_widths=(11, 11, 11), motion=8)).train()
-    kept: list[int] = []
+    reference: list[int] = []
 
     def note(tensor: torch.Tensor) -> torch.Tensor:
-        kept[-1] += tensor.numel()
+        reference[-1] += tensor.numel()
         return tensor
 
-    found = []
+    present = []
     for model.recompute in (False, True):
-        kept.append(0)
+        reference.append(0)
         model.zero_grad()
         with torch.autograd.graph.saved_tensors_hooks(note, lambda tensor: tensor):
             training_loss(model).backward()
-        found.append({name: p.grad.clone() for name, p in model.named_parameters() if p.grad is not None})
-    plain, recomputed = found
+        present.append({name: p.grad.clone() for name, p in model.named_parameters() if p.grad is not None})
+    plain, recomputed = present
     assert plain.keys() == recomputed.keys() == dict(model.named_parameters()).keys()
     for name, gradient in plain.items():
         torch.testing.assert_close(recomputed[name], gradient, msg=name)
-    assert kept[1] < kept[0] / 3
+    assert reference[1] < reference[0] / 3
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")

@@ -17,8 +17,8 @@ def test_lookup_against_loops() -> None:
     torch.manual_seed(0)
     left, right = torch.randn(2, 1, 4, 2, 8)
     disparity = torch.tensor([0.0, 0.25, 1.0, 2.5, 7.0, 20.0, 0.0, 3.75]).expand(1, 1, 2, 8)
-    found = CorrelationLookup(left, right, radius=2, levels=2)(disparity)
-    assert found.shape == (1, 10, 2, 8)
+    looked_up = CorrelationLookup(left, right, radius=2, levels=2)(disparity)
+    assert looked_up.shape == (1, 10, 2, 8)
     scores = torch.einsum("bchx,bchy->hxy", left, right) / 2
     halved = scores.unflatten(2, (4, 2)).mean(3)
 
@@ -33,7 +33,7 @@ def test_lookup_against_loops() -> None:
             place = x - float(disparity[0, 0, y, x])
             expected = [at(scores[y, x], place + k) for k in range(-2, 3)]
             expected += [at(halved[y, x], (place - 0.5) / 2 + k) for k in range(-2, 3)]
-            torch.testing.assert_close(found[0, :, y, x], torch.tensor(expected))
+            torch.testing.assert_close(looked_up[0, :, y, x], torch.tensor(expected))
 
 
 def test_upsampling_stays_within_the_neighbourhood() -> None:
@@ -54,9 +54,9 @@ def test_a_nan_disparity_stays_nan() -> None:
     left, right = torch.ones(2, 1, 4, 2, 8)
     disparity = torch.ones(1, 1, 2, 8)
     disparity[0, 0, 0, 3], disparity[0, 0, 1, 4] = torch.nan, torch.inf
-    found = CorrelationLookup(left, right, radius=2, levels=2)(disparity)
-    assert found[0, :, 0, 3].isnan().all() and found[0, :, 1, 4].isnan().all()
-    assert int(found.isfinite().all(1).sum()) == 14
+    looked_up = CorrelationLookup(left, right, radius=2, levels=2)(disparity)
+    assert looked_up[0, :, 0, 3].isnan().all() and looked_up[0, :, 1, 4].isnan().all()
+    assert int(looked_up.isfinite().all(1).sum()) == 14
     warped = warp_right(right, disparity)
     assert warped[0, :, 0, 3].isnan().all() and warped[0, :, 0, 2].isfinite().all()
 

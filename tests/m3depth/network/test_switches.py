@@ -73,7 +73,7 @@ def test_a_part_can_be_switched_and_the_rest_trains(training_loss, change, absen
         ({"lookup_levels": 1, "lookup_radius": 2}, "refinement.step.correlation.0", (2, 8, 8, 8)),
     ],
 )
-def test_what_is_put_in_is_used(change, module, shape) -> None:
+def test_a_switch_puts_its_part_into_the_network(change, module, shape) -> None:
     torch.manual_seed(0)
     model = M3Depth(replace(SMALL, **change))
     shapes = []

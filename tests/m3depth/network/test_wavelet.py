@@ -46,7 +46,7 @@ def test_beta_compounds_over_levels() -> None:
     torch.testing.assert_close(conv(x), torch.full_like(x, 9.0))
 
 
-def test_gradients() -> None:
+def test_gradients_of_the_wavelet_convolution_are_right() -> None:
     conv = WaveletConv(1, levels=2, kernel=3).double()
     x = torch.randn(1, 1, 4, 4, dtype=torch.float64, requires_grad=True)
     assert torch.autograd.gradcheck(conv, (x,))

@@ -16,16 +16,16 @@ class Far:
     """Sees a wall, and records the depths that it was asked for."""
 
     def __init__(self, depth=10.0, confidence=1.0):
-        self.depth, self.confidence, self.asked = depth, confidence, []
+        self.depth, self.confidence, self.nearest = depth, confidence, []
 
     def infer(self, left, right, rig, nearest=None):
-        self.asked.append(nearest)
+        self.nearest.append(nearest)
         depth = np.full(left.shape, self.depth, np.float32)
         return Prediction(depth, rig.depth_to_disparity(depth), None, np.full(left.shape, self.confidence))
 
 
 @pytest.mark.parametrize(
-    ("rig", "depth", "confidence", "asked"),
+    ("rig", "depth", "confidence", "depths"),
     [
         (LONG, 10.0, 1.0, [0.84, pytest.approx(9.0)]),
         (LONG, 1.0, 1.0, [0.84]),
@@ -34,25 +34,25 @@ class Far:
         (NATECAM, 10.0, 1.0, [0.84]),
     ],
 )
-def test_the_second_run_needs_reduced_images_and_a_farther_scene(rig, depth, confidence, asked):
+def test_the_second_run_needs_reduced_images_and_a_farther_scene(rig, depth, confidence, depths):
     far = Far(depth, confidence)
     closer_look(far, IMAGE, IMAGE, rig)
-    assert far.asked == asked
+    assert far.nearest == depths
 
 
-@pytest.mark.parametrize(("reach", "asked"), [(128, 2), (384, 1), (200, 1)])
-def test_a_network_may_have_another_reach(reach, asked):
+@pytest.mark.parametrize(("reach", "runs"), [(128, 2), (384, 1), (200, 1)])
+def test_a_network_may_have_another_reach(reach, runs):
     """NaTeCam has 191.5 px at 0.84 m: a network that sees 128 px reduced its images."""
     far = Far()
     far.reach = reach
     closer_look(far, IMAGE, IMAGE, NATECAM)
-    assert len(far.asked) == asked
+    assert len(far.nearest) == runs
 
 
 def test_a_given_depth_is_run_for_once():
     far = Far()
     closer_look(far, IMAGE, IMAGE, LONG, nearest=3.0)
-    assert far.asked == [3.0]
+    assert far.nearest == [3.0]
 
 
 def test_estimators_without_nearest_run_once():

@@ -19,25 +19,25 @@ def step(error=0.0):
     left[:, POST] = NEAR
     from_right = np.full((H, W), FAR, np.float32)
     from_right[:, POST.start - NEAR : POST.stop - NEAR] = NEAR
-    asked = []
+    calls = []
 
     def look(first, second, rig):
-        asked.append((first, second, rig))
-        disparity = left + np.float32(error) if len(asked) == 1 else from_right[:, ::-1]
+        calls.append((first, second, rig))
+        disparity = left + np.float32(error) if len(calls) == 1 else from_right[:, ::-1]
         return Prediction(rig.disparity_to_depth(disparity), disparity, None, np.ones((H, W), np.float32))
 
-    return look, asked
+    return look, calls
 
 
 def test_what_both_eyes_see_agrees_and_what_the_post_hides_does_not():
-    look, asked = step()
+    look, calls = step()
     left, right = (np.random.default_rng(i).integers(0, 255, (H, W), dtype=np.uint8) for i in range(2))
     difference = left_right_difference(look, left, right, RIG, look(left, right, RIG))
     hidden = slice(POST.start - NEAR + FAR, POST.start)  # the wall left of the post
     assert (difference[:, hidden] == NEAR - FAR).all()
     visible = np.delete(difference, np.r_[:FAR, hidden], axis=1)
     assert (visible == 0).all() and np.isnan(difference[:, :FAR]).all()
-    first, second, rig = asked[1]
+    first, second, rig = calls[1]
     assert np.array_equal(first, right[:, ::-1]) and np.array_equal(second, left[:, ::-1])
     assert rig.camera.cx == W - 1 - RIG.camera.cx and rig.baseline == RIG.baseline
 
@@ -49,7 +49,7 @@ def test_an_error_of_one_eye_is_measured():
     assert np.nanmedian(difference) == pytest.approx(0.75)
 
 
-def test_the_unknown_stays_unknown_and_sky_agrees_with_sky():
+def test_unknown_pixels_stay_unknown_and_sky_agrees_with_sky():
     nothing, sky = np.full((H, W), np.nan, np.float32), np.zeros((H, W), np.float32)
     image = np.zeros((H, W), np.uint8)
     for disparity, expected in ((nothing, np.nan), (sky, 0.0)):

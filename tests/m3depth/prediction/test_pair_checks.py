@@ -24,10 +24,10 @@ def pair(matrix=((1, 0, -12), (0, 1, 0)), seed: int = 0) -> tuple[np.ndarray, np
 @given(st.floats(-6, 6), st.integers(0, 5))
 @settings(max_examples=5)
 def test_rows_that_lie_apart_are_measured(rows, seed):
-    found = row_offset(*pair(((1, 0, -12), (0, 1, rows)), seed))
-    assert found is not None and found.matches > 100
-    assert found.middle == pytest.approx(abs(rows), abs=0.06)
-    assert found.worst == pytest.approx(abs(rows), abs=0.12)
+    offset = row_offset(*pair(((1, 0, -12), (0, 1, rows)), seed))
+    assert offset is not None and offset.matches > 100
+    assert offset.middle == pytest.approx(abs(rows), abs=0.06)
+    assert offset.worst == pytest.approx(abs(rows), abs=0.12)
 
 
 def test_a_roll_shows_in_the_corners():
@@ -35,23 +35,23 @@ def test_a_roll_shows_in_the_corners():
     centre = np.array([(W + 79) / 2, (H + 79) / 2])
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     matrix = np.column_stack([turn, centre - turn @ centre])
-    found = row_offset(*pair(matrix))
-    assert found.worst == pytest.approx(np.sin(angle) * W / 2, rel=0.05)
-    assert found.middle == pytest.approx(np.sin(angle) * W / 4, rel=0.25)
+    offset = row_offset(*pair(matrix))
+    assert offset.worst == pytest.approx(np.sin(angle) * W / 2, rel=0.05)
+    assert offset.middle == pytest.approx(np.sin(angle) * W / 4, rel=0.25)
 
 
-def test_a_pair_as_it_should_be_raises_no_doubt():
+def test_a_rectified_pair_gives_no_warning():
     assert check_pair(*pair(), RIG) == []
     assert check_pair(*(np.repeat(image[..., None], 3, axis=2) for image in pair()), RIG) == []
 
 
-def test_noise_and_low_contrast_raise_no_doubt():
+def test_noise_and_low_contrast_give_no_warning():
     rng = np.random.default_rng(1)
     dull = [np.clip(100 + 0.3 * (i - 100.0) + 2.5 * rng.standard_normal(i.shape), 0, 255) for i in pair()]
     assert check_pair(*(image.astype(np.uint8) for image in dull), RIG) == []
 
 
-def test_exchanged_eyes():
+def test_exchanged_eyes_are_reported():
     left, right = pair()
     assert not exchanged(matched_shares(left, right, RIG))
     assert exchanged(matched_shares(right, left, RIG))
@@ -94,7 +94,7 @@ def test_features_that_match_keep_a_pair_from_being_meaningless(monkeypatch):
     assert [fatal for fatal, _ in check_pair(pair()[0], pair(seed=9)[1], RIG)] == [True]
 
 
-def test_tiny_images_do_not_break_it():
+def test_tiny_images_are_checked_without_an_error():
     rig = StereoRig(PinholeCamera.centred(5, 3, 10.0), 0.2)
     image = np.arange(15, dtype=np.uint8).reshape(3, 5)
     assert all(not fatal for fatal, _ in check_pair(image, image[:, ::-1], rig))

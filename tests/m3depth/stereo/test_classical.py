@@ -78,10 +78,10 @@ def test_noise_of_a_clear_sky_is_not_matched_and_the_ground_below_is():
     for eye in (left, right):
         eye[sky] = np.rint(np.linspace(150, 165, 96)[:, None] + rng.normal(0, 0.7, (96, 320)))
     plain = np.isfinite(SGBM(texture=0.0).match(left, right, rig))
-    found = np.isfinite(SGBM().match(left, right, rig))
+    matched = np.isfinite(SGBM().match(left, right, rig))
     assert plain[:88].sum() > 400  # islands of noise, larger than speckles
-    assert found[:88].mean() < 0.005
-    assert found[104:-8, 40:-8].mean() > 0.95
+    assert matched[:88].mean() < 0.005
+    assert matched[104:-8, 40:-8].mean() > 0.95
 
 
 def test_texture_below_zero_is_refused():
@@ -178,7 +178,7 @@ def test_search_reaches_0_84_m():
     assert search_range(StereoRig(PinholeCamera.centred(100, 100, 5000), 1.0)) == 112
 
 
-def test_wrong_input_is_named():
+def test_wrong_input_is_refused_by_name():
     image = np.zeros((96, 160), np.uint8)
     with pytest.raises(ValueError, match="right image is 80 x 96"):
         SGBM().infer(image, image[:, :80], RIG)

@@ -20,7 +20,7 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(1)
 
 
-def test_nothing_asked_changes_nothing():
+def test_without_settings_a_degradation_changes_nothing():
     assert np.array_equal(Degradation().apply(IMAGE, IMAGE, rng()), [IMAGE, IMAGE])
     assert Degradation.parse("") == Degradation()
 
@@ -72,6 +72,6 @@ def test_half_a_row_blurs_little():
         ("gain=-1", "gain must be"),
     ],
 )
-def test_mistakes_are_named(text, message):
+def test_settings_that_cannot_work_are_named(text, message):
     with pytest.raises(ValueError, match=message):
         Degradation.parse(text)

@@ -7,12 +7,12 @@ from marssim.base.camera import PinholeCamera, StereoRig
 RIG = StereoRig(PinholeCamera.centred(6, 4, 10.0), baseline=0.27)
 
 
-@pytest.mark.parametrize(("given", "kept"), [((4, 6), (4, 6)), ((4, 6, 1), (4, 6)), ((4, 6, 3), (4, 6, 3))])
-def test_grey_and_colour_pass(given, kept) -> None:
+@pytest.mark.parametrize(("given", "squeezed"), [((4, 6), (4, 6)), ((4, 6, 1), (4, 6)), ((4, 6, 3), (4, 6, 3))])
+def test_grey_and_colour_pass(given, squeezed) -> None:
     image = np.arange(np.prod(given), dtype=np.uint8).reshape(given)
     left, right = checked_pair(image, image[::-1], RIG)
-    np.testing.assert_array_equal(left, image.reshape(kept))
-    np.testing.assert_array_equal(right, image[::-1].reshape(kept))
+    np.testing.assert_array_equal(left, image.reshape(squeezed))
+    np.testing.assert_array_equal(right, image[::-1].reshape(squeezed))
 
 
 @pytest.mark.parametrize(
@@ -34,5 +34,5 @@ def test_what_cannot_be_matched_is_named(image, message) -> None:
     ("count", "wanted", "expected"),
     [(10, 3, [0, 4, 9]), (3, 10, [0, 1, 2]), (5, 1, [0]), (0, 4, []), (7, 7, list(range(7)))],
 )
-def test_what_is_chosen_spreads_from_the_first_to_the_last(count, wanted, expected) -> None:
+def test_chosen_indices_spread_from_the_first_to_the_last(count, wanted, expected) -> None:
     assert spread(count, wanted) == expected

@@ -56,16 +56,16 @@ def test_brightness_shifts_both_eyes_alike() -> None:
 
 def test_eye_gain_is_of_the_right_eye_alone() -> None:
     left, right = plain()
-    found = draws(eye_gain=0.1)
-    assert not any(changed([a for a, _ in found], left))
-    gains = [float((b / right).mean()) for _, b in found]
+    drawn = draws(eye_gain=0.1)
+    assert not any(changed([a for a, _ in drawn], left))
+    gains = [float((b / right).mean()) for _, b in drawn]
     assert all(0.899 < gain < 1.101 for gain in gains) and max(gains) - min(gains) > 0.05
 
 
 def test_noise_is_each_eyes_own() -> None:
     left, right = plain()
-    found = draws(noise=0.05)
-    noisy = [(a - left, b - right) for a, b in found if np.abs(a - left).max() > 1e-5]
+    drawn = draws(noise=0.05)
+    noisy = [(a - left, b - right) for a, b in drawn if np.abs(a - left).max() > 1e-5]
     assert 4 < len(noisy) < 16
     for a, b in noisy:
         assert a.std() == pytest.approx(b.std(), rel=0.1) and a.std() < 0.051
@@ -74,25 +74,25 @@ def test_noise_is_each_eyes_own() -> None:
 
 def test_blur_smooths_both_eyes() -> None:
     left, right = plain()
-    found = [(a, b) for a, b in draws(blur=1.5) if np.abs(a - left).max() > 1e-5]
-    assert 2 < len(found) < 14
-    for a, b in found:
+    drawn = [(a, b) for a, b in draws(blur=1.5) if np.abs(a - left).max() > 1e-5]
+    assert 2 < len(drawn) < 14
+    for a, b in drawn:
         assert np.abs(np.diff(a, axis=1)).mean() < 0.99 * np.abs(np.diff(left, axis=1)).mean()
         assert np.abs(np.diff(b, axis=1)).mean() < 0.99 * np.abs(np.diff(right, axis=1)).mean()
 
 
 def test_grey_drops_the_colour_of_both_eyes() -> None:
-    found = draws(grey=0.5)
-    grey = [np.ptp(a, axis=2).max() < 1e-6 for a, _ in found]
+    drawn = draws(grey=0.5)
+    grey = [np.ptp(a, axis=2).max() < 1e-6 for a, _ in drawn]
     assert 4 < sum(grey) < 16
-    assert grey == [np.ptp(b, axis=2).max() < 1e-6 for _, b in found]
+    assert grey == [np.ptp(b, axis=2).max() < 1e-6 for _, b in drawn]
 
 
 def test_vertical_moves_the_right_eye_by_less_than_was_asked_for() -> None:
     left, right = plain()
-    found = draws(vertical=0.8)
-    assert not any(changed([a for a, _ in found], left))
-    moved = [b for _, b in found if np.abs(b - right).max() > 1e-5]
+    drawn = draws(vertical=0.8)
+    assert not any(changed([a for a, _ in drawn], left))
+    moved = [b for _, b in drawn if np.abs(b - right).max() > 1e-5]
     assert 4 < len(moved) < 16
     inside, shifts = np.s_[2:-2], []
     for b in moved:
@@ -109,9 +109,9 @@ def test_vertical_moves_the_right_eye_by_less_than_was_asked_for() -> None:
 
 def test_patches_hide_part_of_the_right_eye_alone() -> None:
     left, right = plain()
-    found = draws(occlude=0.5)
-    assert not any(changed([a for a, _ in found], left))
-    hidden = [np.abs(b - right).max(-1) > 1e-5 for _, b in found if np.abs(b - right).max() > 1e-5]
+    drawn = draws(occlude=0.5)
+    assert not any(changed([a for a, _ in drawn], left))
+    hidden = [np.abs(b - right).max(-1) > 1e-5 for _, b in drawn if np.abs(b - right).max() > 1e-5]
     assert 4 < len(hidden) < 16
     for mask in hidden:
         assert 0 < mask.mean() < 0.15  # two patches of a quarter of each side at most

@@ -75,7 +75,7 @@ def test_huber_norms_have_slope_one_beyond_their_knee() -> None:
         torch.testing.assert_close(huber(error, delta), expected)
 
 
-def test_later_steps_weigh_more_and_the_first_guess_as_much_as_it_is_told() -> None:
+def test_later_steps_weigh_more_and_the_first_maps_as_much_as_initial_says() -> None:
     """One pixel of error in one of three steps, the oldest first, in soft argmin, and in the result."""
     target, config = make_target(), LossConfig(decay=0.5, initial=0.3, relative=0)
     exact = output_of(target)
@@ -111,7 +111,7 @@ def test_an_error_weighs_more_where_disparities_are_small() -> None:
         )
 
 
-def test_edges_count_as_much_as_they_are_told() -> None:
+def test_edges_weigh_as_much_as_the_weight_edge_says() -> None:
     """A step of disparity in the middle of the image: the two columns beside it are edges."""
     target = make_target()._replace(disparity=torch.full((1, 1, 16, 24), 4.0))
     target.disparity[..., 12:] = 12.0

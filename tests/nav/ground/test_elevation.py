@@ -63,7 +63,7 @@ def test_rock_does_not_melt_over_many_looks():
     assert np.nanmax(elevation.top[iy - 4 : iy + 5, ix - 4 : ix + 5]) > 0.35
 
 
-def test_a_stray_far_point_fades_when_seen_from_near():
+def test_a_stray_far_point_disappears_when_seen_from_near():
     elevation, camera = ElevationMap(SMALL), body_pose(0, 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline)
     depth = RockWorld().depth(SMALL_RIG, camera)
     far = np.argwhere((depth > 7.9) & (depth < 8.1))[:, 0].max()
@@ -123,7 +123,7 @@ def test_what_one_eye_sees_makes_ground_known_only_where_it_is_sure():
     assert known["sure"].sum() > 1.05 * known["overlap"].sum()
 
 
-def test_what_one_eye_sees_may_warn():
+def test_what_one_eye_sees_may_show_an_obstacle():
     """The same rock, unsure and seen by the left eye alone, stands in the map; the ground about it does not."""
     camera = body_pose(0, 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline)
     world = RockWorld(boxes=np.array([[4.0, 1.5, 0.15, 0.06, 0.4]]))
@@ -140,7 +140,7 @@ def test_what_one_eye_sees_may_warn():
 
 
 @pytest.mark.parametrize(("rows", "columns", "stands"), [(1, 1, False), (8, 8, True)])
-def test_few_points_need_company_to_stand_out(rows, columns, stands):
+def test_few_points_stand_out_only_beside_a_cell_as_high(rows, columns, stands):
     """Pixels a little too near, 0.74 px at 10 m, hang 0.12 m above the ground; that is no edge of depth."""
     camera = body_pose(0, 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline)
     disparity = SMALL_RIG.depth_to_disparity(RockWorld().depth(SMALL_RIG, camera))
@@ -171,7 +171,7 @@ def test_one_stray_point_among_many_is_neither_top_nor_ground(sign):
     assert extremes[0] < 0.005 and extremes[1] > 0.025
 
 
-def test_trust_grows_with_looks_up_to_four():
+def test_the_weight_of_a_cell_saturates_at_four_looks():
     elevation, weights = ElevationMap(SMALL), []
     for _ in range(8):
         look(elevation, RockWorld(), body_pose(0, 0, 0))
@@ -234,7 +234,7 @@ def test_measurements_replace_the_assumed_ground():
     assert elevation.top[iy, ix] == pytest.approx(0, abs=0.01) and elevation.low[iy, ix] == pytest.approx(0, abs=0.01)
 
 
-def test_shapes_are_checked():
+def test_wrong_shapes_are_refused():
     elevation = ElevationMap(SMALL)
     with pytest.raises(ValueError, match="192"):
         elevation.integrate(np.ones((10, 10)), None, SMALL_RIG, np.eye(4))

@@ -124,7 +124,7 @@ def test_unknown_is_dark_never_blocked_never_free():
     assert ground.dark_distance[80, 80] == pytest.approx(3.0, abs=0.2)
 
 
-def test_small_gaps_are_not_dark():
+def test_gaps_too_small_for_an_obstacle_are_not_dark():
     elevation = painted(lambda x, y: 0 * x)
     for layer, empty in ((elevation.top, np.nan), (elevation.low, np.nan), (elevation.weight, 0)):
         layer[40:43, 40:43] = empty

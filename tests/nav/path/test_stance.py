@@ -30,7 +30,7 @@ def test_a_wheel_on_a_stone_tilts_and_a_stone_under_the_belly_takes_room():
     assert place.clearance == pytest.approx(ZHURONG.belly_clearance - 0.25, abs=1e-6)
 
 
-def test_nothing_is_said_of_wheels_on_unseen_ground():
+def test_the_stance_is_unknown_with_a_wheel_on_unseen_ground():
     elevation, _ = flat_map_with_rocks(seen=lambda x, y: x < 0.4)
     place = StanceModel(elevation, ZHURONG).at(np.array([[0.0, 0.0, 0.0], [-3.0, 0.0, 0.0], [50.0, 0.0, 0.0]]))
     np.testing.assert_array_equal(place.tilt, 0)
