@@ -1,8 +1,9 @@
-from .base.camera import MAX_DEPTH, MIN_DEPTH, NATECAM, PinholeCamera, StereoRig, look_pose
+from .base.camera import MAX_DEPTH, MIN_DEPTH, NATECAM, PinholeCamera, StereoRig
 from .base.dataset.dataset import StereoDataset
 from .base.dataset.frame import StereoFrame
 from .base.dataset.sample import StereoSample, read_sample, write_sample
 from .base.files.json_file import DatasetError
+from .base.pose import look_pose
 from .generate import generate_dataset
 from .generation.config import GenerateConfig
 from .render.renderers.by_name import RENDERERS, default_renderer, make_renderer

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from marssim.base.angle import wrapped
-from marssim.base.camera import PinholeCamera, look_pose, rotate
+from marssim.base.camera import PinholeCamera
 from marssim.base.dataset.frame import GROUND, SKY
+from marssim.base.pose import look_pose, rotate
 from marssim.physics.body import Part
 from marssim.physics.state import RoverState
 from marssim.render.antialias import SUBPIXELS

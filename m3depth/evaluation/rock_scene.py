@@ -13,7 +13,8 @@ from typing import Any, Protocol
 import cv2
 import numpy as np
 
-from marssim.base.camera import MAX_DEPTH, StereoRig, rotate
+from marssim.base.camera import MAX_DEPTH, StereoRig
+from marssim.base.pose import rotate
 
 LEAST_HEIGHT = 0.1  # [m] lower rocks are not measured
 LEAST_PIXELS = 30  # rocks of fewer pixels are not measured

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from marssim.base.camera import look_pose
+from marssim.base.pose import look_pose
 
 
 @dataclass(frozen=True)

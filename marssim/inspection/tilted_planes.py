@@ -7,8 +7,9 @@ from functools import partial
 
 import numpy as np
 
-from marssim.base.camera import PinholeCamera, look_pose
+from marssim.base.camera import PinholeCamera
 from marssim.base.dataset.frame import GROUND
+from marssim.base.pose import look_pose
 from marssim.inspection.agreement import ShiftFit, raw_depth
 from marssim.render.renderers.renderer import Renderer
 from marssim.scene.rocks.population import RockConfig

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from marssim.base.angle import wrapped
-from marssim.base.camera import rotate
 from marssim.base.dataset.sample import StereoSample
+from marssim.base.pose import rotate
 from marssim.scene.rocks.golombek import covered_area, sampling_spread
 
 REACH = 6.0  # [m] farthest ground that counts: a rock of 0.1 m is 10 px wide there

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from marssim.base.camera import PinholeCamera, StereoRig, rotate
+from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.compute.compiled import compiled, read_only
 from marssim.base.dataset.frame import SKY, StereoFrame
+from marssim.base.pose import rotate
 from marssim.render.antialias import average, colours_beside, edge_pixels, subpixel_rays
 from marssim.render.geometry.gbuffer import GBuffer, Hits
 from marssim.render.renderers.renderer import Renderer

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from marssim.base.camera import look_pose
+from marssim.base.pose import look_pose
 from marssim.base.rover_spec import ZHURONG, RoverSpec
 from marssim.scene.rocks.outlines import reach_above_ground
 from marssim.scene.rocks.population import CAMERA_EXTENT

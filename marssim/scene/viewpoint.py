@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from marssim.base.camera import look_pose
+from marssim.base.pose import look_pose
 from marssim.scene.ranges import Range, check_ranges
 from marssim.scene.rocks.population import CAMERA_EXTENT
 from marssim.scene.scene import Scene

@@ -5,10 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from marssim.base.camera import PinholeCamera, StereoRig, look_pose
+from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.dataset.dataset import write_index
 from marssim.base.dataset.frame import StereoFrame
 from marssim.base.dataset.sample import write_sample
+from marssim.base.pose import look_pose
 
 RIG = StereoRig(PinholeCamera(64, 48, 70.0, 75.0, 30.3, 22.7), baseline=0.27)  # principal point off the middle
 HEIGHT, PITCH = 1.2, np.deg2rad(12)

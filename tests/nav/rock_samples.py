@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 from rock_world import RockWorld
 
-from marssim.base.camera import NATECAM, StereoRig, look_pose
+from marssim.base.camera import NATECAM, StereoRig
 from marssim.base.dataset.sample import StereoSample
+from marssim.base.pose import look_pose
 
 RIG = NATECAM.resized(256, 256)
 HEIGHT, PITCH = 1.2, np.deg2rad(20.0)

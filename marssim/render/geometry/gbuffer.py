@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from marssim.base.camera import PinholeCamera, rotate
+from marssim.base.camera import PinholeCamera
 from marssim.base.dataset.frame import SKY
+from marssim.base.pose import rotate
 
 ROCK_SMOOTHNESS = 0.55  # length of a rock's interpolated normals: 1 shades a rock smoothly, 0 facet by facet
 

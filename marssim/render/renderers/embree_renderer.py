@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from marssim.base.camera import PinholeCamera, rotate
+from marssim.base.camera import PinholeCamera
+from marssim.base.pose import rotate
 from marssim.engines.embree import TriangleRays
 from marssim.render.geometry.gbuffer import GBuffer, Hits
 from marssim.render.geometry.hits import gbuffer_of_faces, intersect_faces

@@ -9,7 +9,8 @@ import torch
 
 from m3depth.network.geometry import pixel_rays, unit
 from m3depth.training.losses import consistency_loss, consistency_residual, disparity_edges
-from marssim.base.camera import NATECAM, look_pose
+from marssim.base.camera import NATECAM
+from marssim.base.pose import look_pose
 from marssim.render.renderers.embree_renderer import EmbreeRenderer
 from marssim.scene.rocks.population import RockConfig
 from marssim.scene.scene import SceneConfig, build_scene

@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from marssim.base.camera import NATECAM, PinholeCamera, StereoRig, look_pose
+from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
+from marssim.base.pose import look_pose
 
 positive = st.floats(0.3, 80)
 pixels = st.tuples(st.floats(0, 511), st.floats(0, 511))
@@ -65,23 +66,6 @@ def test_cropping_keeps_the_rays(x, y):
 @given(st.integers(16, 1024), st.integers(16, 1024))
 def test_resizing_keeps_the_field_of_view(width, height):
     assert NATECAM.camera.resized(width, height).fov == pytest.approx(NATECAM.camera.fov)
-
-
-@given(st.floats(-3, 3), st.floats(-1.2, 1.2), st.floats(-1, 1))
-def test_look_pose_is_a_rotation_that_looks_where_it_says(yaw, pitch, roll):
-    pose = look_pose(np.zeros(3), yaw, pitch, roll)
-    turn = pose[:3, :3]
-    assert np.allclose(turn @ turn.T, np.eye(3))
-    assert np.linalg.det(turn) == pytest.approx(1)
-    assert np.allclose(turn[:, 2], [np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), -np.sin(pitch)])
-    if roll == 0:
-        assert turn[2, 0] == pytest.approx(0)  # the x axis stays level
-        assert turn[2, 1] < 0  # image down is world down
-
-
-def test_positive_roll_turns_the_camera_clockwise():
-    right = look_pose(np.zeros(3), 0, 0, np.deg2rad(10))[:3, 0]
-    assert right[2] < 0  # its right side sinks
 
 
 def test_rig_survives_json_and_names_a_missing_field():

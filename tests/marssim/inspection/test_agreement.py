@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from marssim.base.camera import PinholeCamera, look_pose
+from marssim.base.camera import PinholeCamera
+from marssim.base.pose import look_pose
 from marssim.inspection.agreement import Agreement, ShiftFit, agreements
 from marssim.inspection.tilted_planes import plane, plane_shift
 from marssim.render.geometry.gbuffer import GBuffer

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from marssim.base.camera import PinholeCamera, StereoRig, look_pose
+from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.dataset.sample import StereoSample, read_sample
+from marssim.base.pose import look_pose
 from marssim.inspection.visible_rocks import DIAMETERS, REACH, RockCover, visible_rocks
 from marssim.render.renderers.embree_renderer import EmbreeRenderer
 from marssim.scene.rocks.golombek import sampling_spread

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from marssim.base.camera import NATECAM, look_pose
+from marssim.base.camera import NATECAM
+from marssim.base.pose import look_pose
 from marssim.render.sensor import Sensor, SensorConfig
 
 CLEAN = Sensor(exposure=0.5, psf=0.0, full_well=1e12, read_noise=0.0, vignetting=0.0, gain_difference=0.0)

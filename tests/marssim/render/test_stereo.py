@@ -6,8 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from marssim.base.camera import NATECAM, look_pose
+from marssim.base.camera import NATECAM
 from marssim.base.dataset.frame import SKY, StereoFrame
+from marssim.base.pose import look_pose
 from marssim.render import stereo
 from marssim.render.renderers.by_name import make_renderer
 from marssim.render.renderers.embree_renderer import EmbreeRenderer

@@ -5,7 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rock_world import SMALL_RIG, RockWorld, body_pose
 
-from marssim.base.camera import NATECAM, look_pose
+from marssim.base.camera import NATECAM
+from marssim.base.pose import look_pose
 from marssim.base.rover_spec import ZHURONG
 from nav.ground.elevation import ElevationConfig, ElevationMap
 

@@ -9,11 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from marssim.base.camera import NATECAM, look_pose
+from marssim.base.camera import NATECAM
 from marssim.base.dataset.dataset import StereoDataset, split_of, write_index
 from marssim.base.dataset.frame import StereoFrame
 from marssim.base.dataset.sample import IMAGES, is_complete, read_sample, sample_digest, write_sample
 from marssim.base.files.json_file import DatasetError, read_json, write_json
+from marssim.base.pose import look_pose
 from marssim.render.renderers.embree_renderer import EmbreeRenderer
 from marssim.render.sensor import Sensor, SensorConfig
 from marssim.render.stereo import render_stereo

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from marssim.base.camera import look_pose
 from marssim.base.dataset.sample import StereoSample, read_sample
 from marssim.base.images.pointcloud import coloured_points, encode_glb, encode_ply, surface_mesh
+from marssim.base.pose import look_pose
 
 HEIGHT, PITCH, BOARD_Z = 1.2, np.deg2rad(12), 3.0  # of conftest.py
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from marssim.base.camera import PinholeCamera, look_pose
+from marssim.base.camera import PinholeCamera
+from marssim.base.pose import look_pose
 from marssim.render.geometry.mesh import scene_mesh
 from marssim.render.geometry.visibility import Visibility
 from marssim.render.renderers.embree_renderer import EmbreeRenderer

@@ -8,7 +8,8 @@ import pytest
 
 pytest.importorskip("pybullet")
 
-from marssim.base.camera import PinholeCamera, look_pose
+from marssim.base.camera import PinholeCamera
+from marssim.base.pose import look_pose
 from marssim.engines.egl import Egl, probe
 from marssim.inspection.agreement import agreements
 from marssim.render.renderers import egl_tiles

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from marssim.base.camera import PinholeCamera, look_pose
+from marssim.base.camera import PinholeCamera
 from marssim.base.dataset.frame import GROUND, SKY
+from marssim.base.pose import look_pose
 from marssim.render.geometry.mesh import Mesh
 from marssim.render.geometry.visibility import SELF_GAP
 from marssim.render.renderers.by_name import make_renderer

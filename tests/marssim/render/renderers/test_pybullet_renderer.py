@@ -8,8 +8,9 @@ import pytest
 
 pytest.importorskip("pybullet")
 
-from marssim.base.camera import PinholeCamera, look_pose
+from marssim.base.camera import PinholeCamera
 from marssim.base.dataset.frame import GROUND, SKY
+from marssim.base.pose import look_pose
 from marssim.inspection.agreement import BesideCentres, ShiftFit
 from marssim.inspection.tilted_planes import plane_shift
 from marssim.render.renderers.embree_renderer import EmbreeRenderer

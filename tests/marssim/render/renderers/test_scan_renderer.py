@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from marssim.base.camera import PinholeCamera, look_pose
+from marssim.base.camera import PinholeCamera
 from marssim.base.dataset.frame import GROUND
+from marssim.base.pose import look_pose
 from marssim.render.geometry.mesh import scene_mesh
 from marssim.render.geometry.projection import Projection
 from marssim.render.geometry.raster import first_faces, matching_faces

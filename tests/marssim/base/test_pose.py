@@ -1,0 +1,32 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from marssim.base.pose import look_pose, rotate
+
+
+@given(st.floats(-3, 3), st.floats(-1.2, 1.2), st.floats(-1, 1))
+def test_a_look_pose_is_a_rotation_that_looks_along_its_angles(yaw, pitch, roll):
+    pose = look_pose(np.zeros(3), yaw, pitch, roll)
+    turn = pose[:3, :3]
+    assert np.allclose(turn @ turn.T, np.eye(3))
+    assert np.linalg.det(turn) == pytest.approx(1)
+    assert np.allclose(turn[:, 2], [np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), -np.sin(pitch)])
+    if roll == 0:
+        assert turn[2, 0] == pytest.approx(0)  # the x axis stays level
+        assert turn[2, 1] < 0  # image down is world down
+
+
+def test_positive_roll_turns_the_camera_clockwise():
+    right = look_pose(np.zeros(3), 0, 0, np.deg2rad(10))[:3, 0]
+    assert right[2] < 0  # its right side sinks
+
+
+@pytest.mark.parametrize("shape", [(0, 3), (3,), (5, 3), (4, 5, 3)])
+@pytest.mark.parametrize("rows", [2, 3])
+def test_rotated_vectors_are_those_of_a_matrix_product(shape, rows):
+    rng = np.random.default_rng(0)
+    vectors, matrix = rng.normal(size=shape), rng.normal(size=(rows, 3))
+    assert rotate(vectors, matrix).shape == (*shape[:-1], rows)
+    assert np.allclose(rotate(vectors, matrix), vectors @ matrix.T)
