@@ -61,7 +61,7 @@ def test_the_panel_names_its_pairs_and_has_their_scales(plane_set, tmp_path, mon
         Validator(run, log, pairs).validate()
     (path,) = (tmp_path / "panels").iterdir()
     assert cv2.imread(str(path)) is not None
-    (panel,) = drawn_figures
+    panel = drawn_figures[0]  # in a slow run the curves follow it
     rows = [panel.axes[start : start + len(COLUMNS)] for start in range(0, PANEL_PAIRS * len(COLUMNS), len(COLUMNS))]
     chosen = spread(len(pairs), 8)[:PANEL_PAIRS]
     assert [row[0].get_ylabel() for row in rows] == [pairs.names[index] for index in chosen]
