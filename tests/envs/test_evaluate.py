@@ -26,12 +26,12 @@ FLAGS = ["--driver", "straight", "--perception", "ground_truth", "--dynamics", "
 FLAGS += ["--k", "0.01", "--no-videos"]
 
 
-def timeless(value):
+def without_times(value):
     """Without what differs from run to run."""
     if isinstance(value, dict):
         varying = ("step_seconds", "perception_seconds", "config", "versions")
-        return {k: timeless(v) for k, v in value.items() if k not in varying}
-    return [timeless(v) for v in value] if isinstance(value, list) else value
+        return {k: without_times(v) for k, v in value.items() if k not in varying}
+    return [without_times(v) for v in value] if isinstance(value, list) else value
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +65,7 @@ def test_an_evaluation_continues_where_it_was_stopped(finished, monkeypatch):
     drive = envs.evaluate.drive
     monkeypatch.setattr("envs.evaluate.drive", lambda config, task: driven.append(task) or drive(config, task))
     again = evaluate(EvaluateConfig(out, episodes=2, seed=3, **QUICK))
-    assert timeless(again) == timeless(content)
+    assert without_times(again) == without_times(content)
     assert [task.file for task in driven] == [lost.name] and unchanged.stat().st_mtime_ns == before
 
 
@@ -260,7 +260,7 @@ def test_dask_does_not_change_results(finished, tmp_path):
     options = {"processes": False, "dashboard_address": ":0", "silence_logs": 50}
     with distributed.LocalCluster(n_workers=1, threads_per_worker=1, **options) as cluster:
         content = evaluate(EvaluateConfig(tmp_path, episodes=2, seed=3, scheduler=cluster.scheduler_address, **QUICK))
-    assert timeless(content) == timeless(finished[1])
+    assert without_times(content) == without_times(finished[1])
 
 
 def test_the_command_by_its_name_drives_in_workers_and_says_one_row(finished, tmp_path):
@@ -269,7 +269,7 @@ def test_the_command_by_its_name_drives_in_workers_and_says_one_row(finished, tm
     done = subprocess.run([*command, "--workers", "2", *FLAGS], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1].startswith("1 row in ")
-    assert timeless(json.loads((tmp_path / "results.json").read_text())) == timeless(finished[1])
+    assert without_times(json.loads((tmp_path / "results.json").read_text())) == without_times(finished[1])
 
 
 def test_an_exception_of_a_users_driver_in_a_worker_shows_its_traceback(tmp_path):

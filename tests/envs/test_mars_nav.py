@@ -408,7 +408,7 @@ def test_either_renderer_can_be_seen_from_outside(make_env):
     assert not np.array_equal(env.render(), picture)  # of this course, not of the one before
 
 
-def resident():
+def resident_memory():
     """[MB]"""
     with open("/proc/self/statm") as file:
         return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
@@ -419,10 +419,10 @@ def test_resets_keep_no_memory(make_env):
     env = make_env(goal_distance=3.0)
     for seed in range(3):
         env.reset(seed=seed)
-    before = resident()
+    before = resident_memory()
     for seed in range(20):
         env.reset(seed=seed)
-    assert resident() - before < 40
+    assert resident_memory() - before < 40
 
 
 # ------------------------------------------------------------------------------------- rewards

@@ -15,7 +15,7 @@ SAMPLE = rock_sample(RockWorld(domes=np.array([(*ahead(d, aside), r, h) for d, a
 ALL = np.ones(SAMPLE.depth.shape, np.float32)
 
 
-def tally(depth, confidence=ALL, sample=SAMPLE, step=0.15) -> MapRockCounts:
+def counts_of(depth, confidence=ALL, sample=SAMPLE, step=0.15) -> MapRockCounts:
     turn = np.array(sample.meta["pose"])[:3, :3]
     scene = rock_scene(sample)
     place = true_rocks(scene, frame_map(sample.depth, None, RIG, turn), sample.rock > 0, RIG.fb)
@@ -30,7 +30,7 @@ def shifted(pixels: float) -> np.ndarray:
 
 
 def test_the_map_of_true_depth_shows_every_rock_at_its_height():
-    counts = tally(SAMPLE.depth)
+    counts = counts_of(SAMPLE.depth)
     assert [rock.found for rock in counts.rocks] == [True, True]
     assert max(abs(rock.error) for rock in counts.rocks) < 0.05
     assert counts.false == [] and counts.displaced == []
@@ -38,14 +38,14 @@ def test_the_map_of_true_depth_shows_every_rock_at_its_height():
 
 @pytest.mark.parametrize("pixels", [0.6, 0.9])
 def test_a_rock_within_the_range_error_is_displaced(pixels):
-    counts = tally(shifted(pixels))
+    counts = counts_of(shifted(pixels))
     assert counts.false == [] and len(counts.displaced) >= 1
     height, away = counts.displaced[0]
     assert height > 0.3 and 7.0 < away < 8.6
 
 
 def test_a_rock_farther_off_than_the_range_error_is_false():
-    counts = tally(shifted(3.0))
+    counts = counts_of(shifted(3.0))
     assert counts.displaced == [] and len(counts.false) >= 1
     assert not counts.rocks[1].found and counts.rocks[0].found
 
@@ -54,21 +54,21 @@ def test_what_is_twice_as_high_as_all_about_it_is_not_displaced():
     """A rock of 0.12 m does not excuse a block of 0.5 m half a metre before it."""
     low = rock_sample(RockWorld(domes=np.array([[*ahead(8.0, 0.0), 0.3, 0.12]])))
     block = rock_sample(RockWorld(domes=np.array([[*ahead(7.2, 0.0), 0.2, 0.5]])))
-    counts = tally(np.minimum(low.depth, block.depth), sample=low)
+    counts = counts_of(np.minimum(low.depth, block.depth), sample=low)
     assert len(counts.false) == 1 and counts.displaced == []
 
 
 def test_a_pebble_explains_no_false_obstacle():
     low = rock_sample(RockWorld(domes=np.array([[*ahead(5.0, 0.3), 0.1, 0.06]])))
     block = rock_sample(RockWorld(domes=np.array([[*ahead(5.0, 0.0), 0.15, 0.4]])))
-    counts = tally(np.minimum(low.depth, block.depth), sample=low)
+    counts = counts_of(np.minimum(low.depth, block.depth), sample=low)
     assert len(counts.false) == 1 and counts.displaced == []
 
 
 def test_a_missed_rock_is_ground_or_left_unknown():
-    melted = tally(without_rocks(SAMPLE))
+    melted = counts_of(without_rocks(SAMPLE))
     assert [rock.found for rock in melted.rocks] == [False, False] and melted.unknown == []
-    unsure = tally(SAMPLE.depth, np.where(SAMPLE.rock == 1, 0.2, 1.0).astype(np.float32))
+    unsure = counts_of(SAMPLE.depth, np.where(SAMPLE.rock == 1, 0.2, 1.0).astype(np.float32))
     first = unsure.rocks[0]
     assert not first.found and (first.height, first.distance) in unsure.unknown
     near = unsure.result()["standing_0.2_m_within_8_m"]
@@ -77,7 +77,7 @@ def test_a_missed_rock_is_ground_or_left_unknown():
 
 def test_rocks_that_one_eye_sees_are_counted_apart():
     hidden = replace(SAMPLE, occluded=SAMPLE.rock == 1)
-    counts = tally(without_rocks(hidden), sample=hidden)
+    counts = counts_of(without_rocks(hidden), sample=hidden)
     assert [rock.both_eyes for rock in counts.rocks] == [False, True]
     near = counts.result()["standing_0.2_m_within_8_m"]
     assert (near["rocks"], near["both_eyes"], near["both_eyes_share"]) == (1, 0, None)

@@ -38,7 +38,7 @@ def flags(data: Path, out: Path, *more: str) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def done(plane_set, tmp_path_factory) -> Path:
+def ablated(plane_set, tmp_path_factory) -> Path:
     """A finished ablation: components, three steps a run."""
     out = tmp_path_factory.mktemp("done") / "ablation"
     assert main(flags(plane_set, out, "--steps", "3", "--studies", "components")) == 0
@@ -62,11 +62,11 @@ def rows_of(out: Path) -> list[dict]:
     return json.loads((out / "results.json").read_text())["studies"]["components"]["rows"]
 
 
-def test_a_study_is_trained_scored_and_reported(done) -> None:
-    results = json.loads((done / "results.json").read_text())
+def test_a_study_is_trained_scored_and_reported(ablated) -> None:
+    results = json.loads((ablated / "results.json").read_text())
     assert (results["steps"], results["seeds"], results["crop"]) == (3, [0], [32, 64])
-    for row, name in zip(rows_of(done), ("no-wefe-no-irm", "no-wefe", "no-irm", "base"), strict=True):
-        folder = done / "runs" / f"{name}-0"
+    for row, name in zip(rows_of(ablated), ("no-wefe-no-irm", "no-wefe", "no-irm", "base"), strict=True):
+        folder = ablated / "runs" / f"{name}-0"
         saved = json.loads((folder / "score.json").read_text())
         pairs = [record["M3Depth"]["abs_rel"] for record in saved["per_pair"]]
         assert len(pairs) == 2 and row["here"]["abs_rel"] == pytest.approx(sum(pairs) / 2)
@@ -76,9 +76,9 @@ def test_a_study_is_trained_scored_and_reported(done) -> None:
         config = M3Depth.from_pretrained(folder / "weights.safetensors").config
         assert config.refine_steps == (0 if "no-irm" in name else 2)
         assert config.wavelet_levels == ((0, 0) if "no-wefe" in name else (2, 2))
-    report = (done / "results.md").read_text()
+    report = (ablated / "results.md").read_text()
     assert "| (b) IRM | 0.115 |" in report and "IRM, without WEFE. Paper: Abs Rel falls by 5.0 %; here it " in report
-    assert cv2.imread(str(done / "components.png")).shape[1] > 1000
+    assert cv2.imread(str(ablated / "components.png")).shape[1] > 1000
 
 
 def test_runs_are_shared_between_studies(tmp_path) -> None:
@@ -94,13 +94,13 @@ def test_runs_are_shared_between_studies(tmp_path) -> None:
     assert len({run.config.loss for run in runs}) == 6
 
 
-def test_finished_runs_are_kept_and_seeds_can_be_added(plane_set, done, tmp_path, trained) -> None:
+def test_finished_runs_are_kept_and_seeds_can_be_added(plane_set, ablated, tmp_path, trained) -> None:
     out = tmp_path / "again"
-    shutil.copytree(done, out)
+    shutil.copytree(ablated, out)
     arguments = flags(plane_set, out, "--steps", "3", "--studies", "components")
     assert main(arguments) == 0 and trained == []
     before, weights = rows_of(out), (out / "runs" / "base-0" / "weights.safetensors").read_bytes()
-    assert before == rows_of(done)
+    assert before == rows_of(ablated)
     assert main([*arguments, "--seeds", "0", "1"]) == 0
     assert trained == ["base-1", "no-wefe-no-irm-1", "no-wefe-1", "no-irm-1"]
     assert (out / "runs" / "base-0" / "weights.safetensors").read_bytes() == weights
@@ -110,7 +110,7 @@ def test_finished_runs_are_kept_and_seeds_can_be_added(plane_set, done, tmp_path
         assert new["here"]["normal_mean"] == pytest.approx((one + other) / 2)
 
 
-def test_a_killed_ablation_ends_in_the_same_figures(plane_set, done, tmp_path, trained, monkeypatch, capsys) -> None:
+def test_a_killed_ablation_ends_in_the_same_figures(plane_set, ablated, tmp_path, trained, monkeypatch, capsys) -> None:
     """SIGTERM comes in the second run; the same command then gives the report of one that was not stopped."""
     step, calls = training.backward, []
 
@@ -131,7 +131,7 @@ def test_a_killed_ablation_ends_in_the_same_figures(plane_set, done, tmp_path, t
     trained.clear()
     assert main(arguments) == 0
     assert trained == ["no-wefe-no-irm-0", "no-wefe-0", "no-irm-0"]
-    assert [row["here"] for row in rows_of(out)] == [row["here"] for row in rows_of(done)]
+    assert [row["here"] for row in rows_of(out)] == [row["here"] for row in rows_of(ablated)]
 
 
 def test_a_run_without_a_finite_loss_does_not_stop_the_others(plane_set, tmp_path, monkeypatch, capsys) -> None:
@@ -179,9 +179,9 @@ def test_a_wrong_flag_exits_with_2_and_one_line(plane_set, tmp_path, capsys, mor
     assert not out.exists()
 
 
-def test_another_network_or_state_of_the_code_is_reported(plane_set, done, tmp_path, capsys, monkeypatch) -> None:
+def test_another_network_or_state_of_the_code_is_reported(plane_set, ablated, tmp_path, capsys, monkeypatch) -> None:
     out = tmp_path / "again"
-    shutil.copytree(done, out)
+    shutil.copytree(ablated, out)
     (out / "runs" / "no-irm-0" / "score.json").unlink()
     monkeypatch.setattr(ablation, "source_digest", lambda packages: "another")
     assert main(flags(plane_set, out, "--steps", "3", "--studies", "components")) == 0
@@ -197,17 +197,17 @@ def test_another_network_or_state_of_the_code_is_reported(plane_set, done, tmp_p
     assert json.loads((out / "runs" / "base-0" / "network.json").read_text())["hidden"] == 8
 
 
-def test_a_folder_holds_one_ablation(plane_set, done, tmp_path, capsys) -> None:
-    before = (done / "results.json").read_bytes()
+def test_a_folder_holds_one_ablation(plane_set, ablated, tmp_path, capsys) -> None:
+    before = (ablated / "results.json").read_bytes()
     for more, other in (
         (["--steps", "2"], "--steps 3, not 2"),
         (["--steps", "3", "--limit", "2"], "--limit none, not 2"),
         (["--minutes", "1"], "--minutes none, not 1.0; --steps 3, not none"),
     ):
         capsys.readouterr()
-        assert main(flags(plane_set, done, *more)) == 2
+        assert main(flags(plane_set, ablated, *more)) == 2
         assert f"other settings ({other}" in capsys.readouterr().err
-    assert (done / "results.json").read_bytes() == before
+    assert (ablated / "results.json").read_bytes() == before
     (tmp_path / "file").write_text("")
     assert main(flags(plane_set, tmp_path / "file", "--steps", "1")) == 2
     assert f"--out {tmp_path / 'file'}: is not a folder" in capsys.readouterr().err

@@ -15,7 +15,7 @@ ORIGIN = np.zeros(3)
 
 
 @pytest.fixture
-def site():
+def recovery_on_flat_ground():
     """Makes a recovery that came to the origin along the x axis, and what it is asked with on a map with rocks."""
 
     def make(*rocks, came_from=-4.0):
@@ -30,8 +30,8 @@ def site():
     return make
 
 
-def test_the_mast_looks_to_both_sides_before_the_rover_backs_out(site):
-    recovery, about = site()
+def test_the_mast_looks_to_both_sides_before_the_rover_backs_out(recovery_on_flat_ground):
+    recovery, about = recovery_on_flat_ground()
     wishes, pan = [], 0.0
     for _ in range(3):
         command = recovery.search(ORIGIN, *about, pan, True)
@@ -41,17 +41,17 @@ def test_the_mast_looks_to_both_sides_before_the_rover_backs_out(site):
     assert command.status == "recover" and recovery.backing and recovery.attempts == 1
 
 
-def test_the_search_waits_for_a_slow_mast_and_uses_no_mast_that_does_not_turn(site):
-    recovery, about = site()
+def test_the_search_waits_for_a_slow_mast_and_uses_no_mast_that_does_not_turn(recovery_on_flat_ground):
+    recovery, about = recovery_on_flat_ground()
     for pan in (0.0, 0.2, 0.4):  # 0.7 rad are wished for
         assert recovery.search(ORIGIN, *about, pan, True).pan == pytest.approx(SIDE)
     assert recovery.search(ORIGIN, *about, 0.7, True).pan == pytest.approx(-SIDE)
-    recovery, about = site()
+    recovery, about = recovery_on_flat_ground()
     assert recovery.search(ORIGIN, *about, 0.0, False).status == "recover"
 
 
-def test_the_rover_backs_out_along_its_track_by_the_set_distance(site):
-    recovery, about = site()
+def test_the_rover_backs_out_along_its_track_by_the_set_distance(recovery_on_flat_ground):
+    recovery, about = recovery_on_flat_ground()
     command, before, here, steps = recovery.search(ORIGIN, *about, 0.0, False), ORIGIN, ORIGIN, 0
     while command is not None:
         assert command.speed < 0 and steps < 20
@@ -62,33 +62,33 @@ def test_the_rover_backs_out_along_its_track_by_the_set_distance(site):
     assert not recovery.backing
 
 
-def test_the_rover_turns_where_a_rock_stands_behind_it(site):
-    recovery, about = site((-1.45, 0.0, 0.2))  # half a metre behind the rear wheels, clear of a turn
+def test_the_rover_turns_where_a_rock_stands_behind_it(recovery_on_flat_ground):
+    recovery, about = recovery_on_flat_ground((-1.45, 0.0, 0.2))  # half a metre behind the rear wheels, clear of a turn
     command = recovery.search(ORIGIN, *about, 0.0, False)
     assert command.status == "recover" and command.speed == 0 and command.yaw_rate != 0 and not recovery.backing
 
 
-def test_a_rover_hemmed_in_all_round_stands_still(site):
+def test_a_rover_hemmed_in_all_round_stands_still(recovery_on_flat_ground):
     corners = [(x, y, 0.08) for x in (0.55, -0.55) for y in (0.95, -0.95)]  # beside the flanks, where corners turn
-    recovery, about = site((-1.2, 0.0, 0.2), *corners)
+    recovery, about = recovery_on_flat_ground((-1.2, 0.0, 0.2), *corners)
     assert recovery.search(ORIGIN, *about, 0.0, False) == Command(0.0, 0.0, None, "look")
 
 
-def test_backing_that_does_not_move_ends(site):
-    recovery, about = site()
+def test_backing_that_does_not_move_ends(recovery_on_flat_ground):
+    recovery, about = recovery_on_flat_ground()
     command = recovery.search(ORIGIN, *about, 0.0, False)
     assert recovery.back_up(ORIGIN, ORIGIN, command, *about) is None and not recovery.backing
 
 
-def test_the_search_ends_after_max_recoveries(site):
-    recovery, about = site()
+def test_the_search_ends_after_max_recoveries(recovery_on_flat_ground):
+    recovery, about = recovery_on_flat_ground()
     for _ in range(CONFIG.max_recoveries):
         assert recovery.search(ORIGIN, *about, 0.0, False) is not None
     assert recovery.search(ORIGIN, *about, 0.0, False) is None
 
 
-def test_a_bump_is_remembered_before_the_rover_and_backed_from(site):
-    recovery, _ = site()
+def test_a_bump_is_remembered_before_the_rover_and_backed_from(recovery_on_flat_ground):
+    recovery, _ = recovery_on_flat_ground()
     recovery.bump(np.array([1.0, 2.0, np.pi / 2]))
     np.testing.assert_allclose(recovery.bumps, [[1.0, 2.0 + ZHURONG.length / 2 + 0.15]], atol=1e-9)
     np.testing.assert_allclose(recovery.dead_ends, [[1.0, 2.5]], atol=1e-9)

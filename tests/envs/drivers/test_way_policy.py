@@ -9,7 +9,7 @@ from envs.drivers.corridors import AHEAD, WAYS, corridor_space
 from envs.drivers.way_policy import WayPolicy, WayScores
 
 
-def seen(number, seed=0):
+def random_vectors(number, seed=0):
     """(number, 36) of what Corridors may show: ways, room, goal, state, last way."""
     rng = np.random.default_rng(seed)
     bearing = rng.uniform(-np.pi, np.pi, (number, 1))
@@ -27,7 +27,7 @@ def policy():
 
 
 def test_a_new_policy_drives_at_the_goal_and_tries_what_lies_beside_it(policy):
-    shown = seen(50).astype(np.float32)
+    shown = random_vectors(50).astype(np.float32)
     ways = policy.predict(shown, deterministic=True)[0]
     assert np.abs(ways - AHEAD).max() <= 1 and np.mean(ways == AHEAD) > 0.5
     tried = np.concatenate([policy.predict(shown)[0] for _ in range(40)])
@@ -35,7 +35,7 @@ def test_a_new_policy_drives_at_the_goal_and_tries_what_lies_beside_it(policy):
 
 
 def test_a_way_is_scored_by_itself_and_its_neighbours_only():
-    shown = torch.tensor(seen(4), dtype=torch.float32)
+    shown = torch.tensor(random_vectors(4), dtype=torch.float32)
     scores = WayScores()
     before = scores.forward_actor(shown)
     shown[:, 3] = 0.0
@@ -48,7 +48,7 @@ def test_it_learns_which_way_is_free():
     """By the gradient of a policy: 200 steps on one choice each."""
     torch.manual_seed(1)
     policy = WayPolicy(corridor_space(), spaces.Discrete(WAYS), lambda _: 3e-3)
-    shown = torch.tensor(seen(256, 3), dtype=torch.float32)
+    shown = torch.tensor(random_vectors(256, 3), dtype=torch.float32)
     free = shown[:, :WAYS]
     for _ in range(200):
         way = policy.get_distribution(shown)
@@ -58,6 +58,6 @@ def test_it_learns_which_way_is_free():
         policy.optimizer.zero_grad()
         loss.backward()
         policy.optimizer.step()
-    other = torch.tensor(seen(256, 4), dtype=torch.float32)
+    other = torch.tensor(random_vectors(256, 4), dtype=torch.float32)
     taken = policy.get_distribution(other).distribution.probs.argmax(dim=1)
     assert other[:, :WAYS].gather(1, taken[:, None]).mean() > 0.8  # 0.5 by chance, 0.93 at best

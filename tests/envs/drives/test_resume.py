@@ -22,7 +22,7 @@ def file(tmp_path):
     return tmp_path / "evaluate.json"
 
 
-def noted(file, names):
+def digests_noted_in(file, names):
     """What envs.evaluate gets for these perceptions and drivers, in a folder with the file of settings."""
     folder = ResultFolder(file.parent / "out", "evaluation", file.name, SETTINGS, notes=(WEIGHTS,))
     with folder.claim():
@@ -49,12 +49,12 @@ def test_retrained_weights_do_not_inherit_the_drives_of_the_old_ones(file, tmp_p
     weights = tmp_path / "w.safetensors"
     weights.write_bytes(b"first")
     name = f"m3depth:{weights}"
-    assert noted(file, (name,)) == {name: sha256(b"first")}
-    assert noted(file, (name,)) == {name: sha256(b"first")}
+    assert digests_noted_in(file, (name,)) == {name: sha256(b"first")}
+    assert digests_noted_in(file, (name,)) == {name: sha256(b"first")}
     weights.write_bytes(b"second")
     with pytest.raises(DatasetError, match=r"w\.safetensors has other weights than"):
-        noted(file, (name,))
-    assert noted(file, ("sgbm",)) == {}
+        digests_noted_in(file, (name,))
+    assert digests_noted_in(file, ("sgbm",)) == {}
     assert read_json(tmp_path / "out" / file.name)["weights"] == {
         name: sha256(b"first")
     }  # those that drove are still known
@@ -63,10 +63,10 @@ def test_retrained_weights_do_not_inherit_the_drives_of_the_old_ones(file, tmp_p
 def test_a_policy_that_was_trained_on_does_not_either(file, tmp_path):
     policy = tmp_path / "policy.zip"
     policy.write_bytes(b"first")
-    assert noted(file, ("straight", str(policy))) == {str(policy): sha256(b"first")}
+    assert digests_noted_in(file, ("straight", str(policy))) == {str(policy): sha256(b"first")}
     policy.write_bytes(b"second")
     with pytest.raises(DatasetError, match=r"policy\.zip has other weights than"):
-        noted(file, (str(policy),))
+        digests_noted_in(file, (str(policy),))
 
 
 def test_an_edited_class_is_not_reported_by_the_drives_of_what_it_was(tmp_path, monkeypatch):

@@ -10,7 +10,7 @@ def straight(metres, step):
         yield pose
 
 
-def ends(drift, yaw_drift, step, metres=20.0):
+def believed_ends(drift, yaw_drift, step, metres=20.0):
     """(300, 2) error at the end of a straight drive."""
     out = []
     for seed in range(300):
@@ -22,17 +22,17 @@ def ends(drift, yaw_drift, step, metres=20.0):
 
 
 def test_odometry_is_exact_without_drift():
-    np.testing.assert_allclose(ends(0.0, 0.0, 0.4), 0, atol=1e-12)
+    np.testing.assert_allclose(believed_ends(0.0, 0.0, 0.4), 0, atol=1e-12)
 
 
 def test_the_error_grows_with_the_root_of_the_way_however_it_is_divided():
     for step in (0.2, 1.0):
-        spread = ends(0.02, 0.0, step).std(axis=0)
+        spread = believed_ends(0.02, 0.0, step).std(axis=0)
         np.testing.assert_allclose(spread, 0.02 * np.sqrt(20), rtol=0.15)
 
 
 def test_a_heading_that_drifts_carries_the_rover_sideways():
-    error = ends(0.0, np.deg2rad(1.0), 0.5)
+    error = believed_ends(0.0, np.deg2rad(1.0), 0.5)
     # the integral of a random walk: sigma sqrt(L^3 / 3)
     assert np.isclose(error[:, 1].std(), np.deg2rad(1.0) * np.sqrt(20**3 / 3), rtol=0.2)
     assert np.abs(error[:, 0]).max() < 1.0

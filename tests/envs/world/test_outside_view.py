@@ -9,7 +9,7 @@ from marssim.base.rover_spec import ZHURONG
 
 
 @pytest.fixture(scope="module")
-def stage(make_scene):
+def view_and_rover(make_scene):
     """A view, the rover's state, and its parts."""
     scene = make_scene(rocks=[(4.0, 1.0, 0.8, 0.5)])
     vehicle = make_vehicle("kinematic", scene, ZHURONG, 0.0, 0.0, 0.4)
@@ -20,9 +20,9 @@ def stage(make_scene):
 
 
 @pytest.fixture(scope="module")
-def pictures(stage):
+def pictures(view_and_rover):
     """With the rover, without it, and with it a metre aside."""
-    view, state, parts = stage
+    view, state, parts = view_and_rover
     return [view.picture(state, moved(parts, offset)) for offset in ((0, 0, 0), (0, 0, -50), (-0.4, 0.9, 0))]
 
 
@@ -54,8 +54,8 @@ def test_the_rover_is_drawn_where_it_stands(pictures):
     assert column[1] < column[0] - 40  # to the left of where it was
 
 
-def test_the_same_state_is_the_same_picture(stage, pictures):
-    view, state, parts = stage
+def test_the_same_state_is_the_same_picture(view_and_rover, pictures):
+    view, state, parts = view_and_rover
     np.testing.assert_array_equal(view.picture(state, parts), pictures[0])
 
 
@@ -66,8 +66,8 @@ def test_the_sky_is_above_and_the_ground_is_red(pictures):
     assert 40 < without[HEIGHT // 3 :].mean() < 215
 
 
-def test_the_camera_follows_turns_slowly_and_stands_behind(make_scene, stage):
-    _, state, _ = stage
+def test_the_camera_follows_turns_slowly_and_stands_behind(make_scene, view_and_rover):
+    _, state, _ = view_and_rover
     view = OutsideView(make_scene())
     level = replace(state, yaw=0.0, position=np.zeros(3))
     first = view._chase(level)
@@ -81,8 +81,8 @@ def test_the_camera_follows_turns_slowly_and_stands_behind(make_scene, stage):
     view.close()
 
 
-def test_the_camera_stays_above_what_it_stands_on(make_scene, stage):
-    _, state, _ = stage
+def test_the_camera_stays_above_what_it_stands_on(make_scene, view_and_rover):
+    _, state, _ = view_and_rover
     level = replace(state, yaw=0.0, position=np.zeros(3))
     heights = []
     for scene in (make_scene(lambda x, y: np.where(x < -2, 3.0, 0.0)), make_scene(rocks=[(-4.2, -1.6, 2.4, 1.8)])):

@@ -41,7 +41,7 @@ LAYERS_2 = {  # module: kernel, stride, padding, dilation (the text: stride 2 in
 
 
 @pytest.fixture(scope="module")
-def seen() -> tuple[M3Depth, dict[str, tuple], dict[str, tuple]]:
+def layers_and_shapes() -> tuple[M3Depth, dict[str, tuple], dict[str, tuple]]:
     """The network at full size without numbers; the shapes that went into and came out of each of its modules."""
     into, out = {}, {}
     with torch.device("meta"):
@@ -62,8 +62,8 @@ def seen() -> tuple[M3Depth, dict[str, tuple], dict[str, tuple]]:
 
 
 @pytest.mark.parametrize("name", TABLE_1)
-def test_layers_are_those_of_the_first_table(seen, name: str) -> None:
-    model, _, out = seen
+def test_layers_are_those_of_the_first_table(layers_and_shapes, name: str) -> None:
+    model, _, out = layers_and_shapes
     kernel, stride, padding, shape = TABLE_1[name]
     layer = model.get_submodule(name)
     if isinstance(layer, WaveletConv):
@@ -75,24 +75,24 @@ def test_layers_are_those_of_the_first_table(seen, name: str) -> None:
     assert tuple(out[name][1:]) == shape
 
 
-def test_the_extractor_has_six_convolutions_and_wavelets_at_two_of_them(seen) -> None:
-    model, _, _ = seen
+def test_the_extractor_has_six_convolutions_and_wavelets_at_two_of_them(layers_and_shapes) -> None:
+    model, _, _ = layers_and_shapes
     inside = [n for n, m in model.backbone.named_modules() if isinstance(m, WaveletConv)]
     convolutions = [n for n, m in model.backbone.named_modules() if isinstance(m, nn.Conv2d)]
     assert len(inside) == 2
     assert sum(not n.startswith(tuple(inside)) for n in convolutions) == 4
 
 
-def test_the_cost_volume_compares_256_channels_in_64_groups(seen) -> None:
-    _, into, out = seen
+def test_the_cost_volume_compares_256_channels_in_64_groups(layers_and_shapes) -> None:
+    _, into, out = layers_and_shapes
     assert tuple(out["backbone.eighth.1"]) == (2, 256, 64, 64)  # left and right features
     assert tuple(into["aggregation.first.0"][1:]) == (64, D, 64, 64)  # Unfold & Compare
     assert "match" not in out  # the features are compared as they are
 
 
 @pytest.mark.parametrize("name", TABLE_2)
-def test_normals_are_made_as_in_the_second_table(seen, name: str) -> None:
-    model, into, out = seen
+def test_normals_are_made_as_in_the_second_table(layers_and_shapes, name: str) -> None:
+    model, into, out = layers_and_shapes
     before, after = TABLE_2[name]
     assert (tuple(into[name][1:]), tuple(out[name][1:])) == (before, after)
     if name == "normals.slice":
@@ -102,8 +102,8 @@ def test_normals_are_made_as_in_the_second_table(seen, name: str) -> None:
         assert sum(isinstance(m, count[0]) for m in model.get_submodule(name).modules()) == count[1]
 
 
-def test_normals_have_the_layers_of_the_second_table_and_no_others(seen) -> None:
-    model, _, _ = seen
+def test_normals_have_the_layers_of_the_second_table_and_no_others(layers_and_shapes) -> None:
+    model, _, _ = layers_and_shapes
     present = {
         n: m for n, m in model.named_modules() if isinstance(m, nn.Conv2d | nn.Conv3d) and n.startswith("normals")
     }
@@ -114,8 +114,8 @@ def test_normals_have_the_layers_of_the_second_table_and_no_others(seen) -> None
     assert kinds == [nn.Conv3d, *block] * 3 + [nn.Conv2d, *block] + [nn.Conv2d]  # the last one linear
 
 
-def test_convolutions_of_the_extractor_are_normalised_and_activated(seen) -> None:
-    model, _, _ = seen
+def test_convolutions_of_the_extractor_are_normalised_and_activated(layers_and_shapes) -> None:
+    model, _, _ = layers_and_shapes
     kinds = [type(m) for n, m in model.backbone.named_modules() if not list(m.children()) and ".first.0" not in n]
     assert kinds.count(nn.GroupNorm) == kinds.count(nn.ReLU) == 6
 
