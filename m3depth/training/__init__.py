@@ -4,10 +4,10 @@
     batch.py                                  crops -> Batch of tensors
     loop.py                                   train(): Batch -> network -> loss -> optimizer step, until the budget ends
     losses.py                                 the loss terms, with the weights of loss_config.py
-    run.py                                    Run: network, averaged weights, optimizer; checkpoint.pt and its resuming
+    run.py                                    Run: network, averaged weights, optimizer, learning rate; checkpoint.pt
     validation.py, log.py, curves.py          scores on the val split; log.jsonl, the progress line and curves.png
     messages.py                               what a run prints: its start, its progress and its last words
 
-config.py holds the flags, schedule.py the learning rate, ending.py when a run ends, process_group.py the processes of
-torchrun. To add a loss term: a weight in loss_config.py and a line in `total_loss` (losses.py).
+config.py holds the flags, ending.py when a run ends, process_group.py the processes of torchrun. To add a loss term: a
+weight in loss_config.py and a line in `total_loss` (losses.py).
 """

@@ -22,9 +22,8 @@ from m3depth.training.log import Log, records
 from m3depth.training.losses import total_loss
 from m3depth.training.messages import announce, closing_words, data_names, progress_text
 from m3depth.training.process_group import agree, entered_by_first, joined_group
-from m3depth.training.run import Run
+from m3depth.training.run import Run, learning_rate
 from m3depth.training.samples import PackedCache, batches, free_memory
-from m3depth.training.schedule import learning_rate
 from m3depth.training.validation import Validator
 from marssim.base.command.signals import stop_on_signal
 from marssim.base.command.wording import GOES_ON

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import io
+import math
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import as_json
 from marssim.base.results.claim import as_typed, differences
 
+WARM_UP = 0.04  # share of the run in which the learning rate rises
 CHECKPOINT = "checkpoint.pt"  # name of the checkpoint in a run's folder
 WORLD = "number of processes"  # its name in a run's identity
 CHANGEABLE = (  # fields that may change when a run is resumed, beside those of loss, augmentation and reader
@@ -188,3 +190,16 @@ class Run:
         self.changed = [f"{flag} {now[flag]} (was {old})" for flag, old in before.items() if now.get(flag, old) != old]
         torch.set_rng_state(state["rng"].cpu())
         return True
+
+
+def learning_rate(peak: float, progress: float) -> float:
+    """Return the learning rate of one cycle: a linear rise, then a cosine down to a hundredth.
+
+    Args:
+        peak: Highest rate.
+        progress: Share of the run that is done.
+    """
+    if progress < WARM_UP:
+        return peak * (0.05 + 0.95 * progress / WARM_UP)
+    fall = min(1.0, (progress - WARM_UP) / (1 - WARM_UP))
+    return peak * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * fall)))

@@ -26,9 +26,8 @@ from m3depth.training.loss_config import LossConfig
 from m3depth.training.losses import total_loss
 from m3depth.training.messages import closing_words
 from m3depth.training.packing import pack
-from m3depth.training.run import Run
+from m3depth.training.run import Run, learning_rate
 from m3depth.training.samples import PackedCache, make_batch
-from m3depth.training.schedule import learning_rate
 from m3depth.training.validation import validate
 from m3depth.weights import SHIPPED_WEIGHTS
 from marssim.base.command.flags import parse
