@@ -169,9 +169,6 @@ def _train(run: PlannedRun, options: AblateOptions, samples: Any) -> None:
         message = f"{run.folder.name}: {error}; it stays out of the tables"
         print(message, file=sys.stderr, flush=True)
         write_json(failed, {"error": message})
-        return
-    if not spent_budget(run.config, *saved_progress(run.folder)):
-        raise KeyboardInterrupt
 
 
 def _score(run: PlannedRun, options: AblateOptions, test: Any) -> bool:

@@ -26,7 +26,6 @@ from m3depth.training.run import Run, learning_rate
 from m3depth.training.samples import PackedCache, batches, free_memory
 from m3depth.training.validation import Validator
 from marssim.base.command.signals import stop_on_signal
-from marssim.base.command.wording import GOES_ON
 from marssim.base.results.claim import ResultFolder
 
 
@@ -41,13 +40,14 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
         held_out: Samples to validate on; without any, nothing is validated.
 
     Returns:
-        The last validation of the averaged weights; empty after a signal, without `held_out`, and where the run was
-        done before.
+        The last validation of the averaged weights; empty without `held_out`, where the run was done before, and after
+        a signal to one of the processes of torchrun, which would print a traceback if they failed.
 
     Raises:
         ValueError: Bad settings.
         FolderInUse: Another command writes to the folder of the run.
         FloatingPointError: The loss is not finite; the last checkpoint stays as it was.
+        KeyboardInterrupt: After a signal, once the run is saved; not under torchrun.
     """
     check_config(config)
     folder = ResultFolder(config.out, "training run")
@@ -80,7 +80,10 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
             if log and resumed and validation_is_due(run) and not is_validated(run):
                 validator.validate()
             stopped = take_steps(run, stream, log, validator)
-            return finish(run, log, validator, stopped) if log else {}
+            scores = finish(run, log, validator, stopped) if log else {}
+            if stopped and "LOCAL_RANK" not in os.environ:
+                raise KeyboardInterrupt
+            return scores
 
 
 def report_spent_budget(run: Run, budget: str, held_out: StereoPairs) -> dict[str, float]:
@@ -126,7 +129,7 @@ def finish(run: Run, log: Log, validator: Validator, stopped: bool) -> dict[str,
     scores = {} if stopped else validator.validate()
     save_curves(run.config.out)
     if stopped:
-        log.say(f"stopped at step {run.step}; {GOES_ON}")
+        log.say(f"stopped at step {run.step}, and saved it")
         return {}
     log.say("done")
     print(closing_words(run, records(run.config.out, "val")), flush=True)

@@ -87,7 +87,8 @@ def test_a_killed_run_goes_on_to_the_same_weights(plane_samples, tmp_path) -> No
     settings = {"max_steps": 8, "cache": False, "validate_every": 0}
     train(config_for(tmp_path / "whole", **settings), plane_samples, [])
     stopped = config_for(tmp_path / "stopped", **settings)
-    train(stopped, KilledAt(plane_samples, 9), [])
+    with pytest.raises(KeyboardInterrupt):
+        train(stopped, KilledAt(plane_samples, 9), [])
     state = torch.load(stopped.out / "checkpoint.pt", weights_only=True)
     assert 0 < state["step"] < 8
     train(stopped, plane_samples, [])
@@ -96,6 +97,23 @@ def test_a_killed_run_goes_on_to_the_same_weights(plane_samples, tmp_path) -> No
     for part in ("model", "averaged"):
         for name, tensor in whole[part].items():
             assert torch.equal(tensor, again[part][name]), name
+
+
+@pytest.mark.parametrize(("torchrun", "code"), [(False, 130), (True, 0)])
+def test_the_command_saves_after_a_signal_and_exits_with_130_but_under_torchrun_with_0(
+    plane_samples, tmp_path, monkeypatch, capsys, torchrun, code
+) -> None:
+    variables = {"LOCAL_RANK": "0", "RANK": "0", "WORLD_SIZE": "1", "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": "0"}
+    for name, value in variables.items() if torchrun else ():
+        monkeypatch.setenv(name, value)
+    killed = KilledAt(plane_samples, 9)
+    monkeypatch.setattr("m3depth.datasets.open.open_pairs", lambda path, split, config: killed)
+    flags = ["--data", "planes", "--out", str(tmp_path), "--batch", "2", "--crop", "32", "64", "--device", "cpu"]
+    assert main([*flags, "--max-steps", "8", "--no-cache", "--validate-samples", "0"]) == code
+    step = torch.load(tmp_path / "checkpoint.pt", weights_only=True)["step"]
+    printed = capsys.readouterr().err
+    assert 0 < step < 8 and f"stopped at step {step}, and saved it" in printed
+    assert printed.endswith("error: interrupted; the same command goes on from here\n") != torchrun
 
 
 @pytest.mark.parametrize("last", [2, 3, 6])
