@@ -53,8 +53,8 @@ class RocksConfig:
     """Part of each dataset. Take "all" for data on which no training was done."""
     perception: tuple[str, ...] = ("m3depth", "ground_truth")
     """Methods that turn the images into depth: m3depth (the shipped weights), sgbm, ground_truth (true depth),
-    m3depth:WEIGHTS (a .safetensors file), ssd, sad, ncc, ssd-sgm, sad-sgm, ncc-sgm, or package.module:Class (a class
-    with infer(left, right, rig))."""
+    m3depth:WEIGHTS (a .safetensors file), another classical method that m3depth.evaluate --baselines lists, or
+    package.module:Class (a class with infer(left, right, rig))."""
     step: float = 0.15
     """Height above the ground from which a cell is an obstacle [m], for rocks found and for false obstacles. A rock of
     0.2 m may be measured 5 cm too low. results.md has other heights too."""

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Literal, Protocol, get_args, runtime_checkable
 
 import numpy as np
 
@@ -22,7 +22,9 @@ from marssim.base.command.input_file import check_file
 from marssim.base.results.code_state import source_file
 
 M3DEPTH = "m3depth"
-CLASSICAL = ("sgbm", "ssd", "sad", "ncc", "ssd-sgm", "sad-sgm", "ncc-sgm")  # OpenCV's and the paper's (App. C)
+# OpenCV's and the paper's (App. C). Every command takes these names; load_estimator makes the methods.
+Classical = Literal["sgbm", "ssd", "sad", "ncc", "ssd-sgm", "sad-sgm", "ncc-sgm"]
+CLASSICAL: tuple[Classical, ...] = get_args(Classical)
 FORMS = (M3DEPTH, "sgbm", "m3depth:WEIGHTS", "package.module:Class", *CLASSICAL[1:])  # every name that is understood
 CONFIDENCE_LIMITS = (-1e-3, 1 + 1e-3)  # that rounding may reach
 

@@ -34,6 +34,7 @@ from m3depth.datasets.open import open_pairs
 from m3depth.estimator import (
     CLASSICAL,
     M3DEPTH,
+    Classical,
     EstimatorError,
     EstimatorName,
     distinct_labels,
@@ -57,7 +58,7 @@ from marssim.base.results.code_state import source_digest, versions
 
 EXAMPLES = 3  # pairs in the figures
 
-Baseline = Literal["sgbm", "ssd", "sad", "ncc", "ssd-sgm", "sad-sgm", "ncc-sgm", "all", "none"]
+Baseline = Literal[Classical, "all", "none"]
 
 
 @dataclass(frozen=True)
@@ -74,12 +75,13 @@ class EvaluateOptions:
     """Weights files (.safetensors) of m3depth.train to score, each in a column named after its file or run folder.
     Without any, the shipped weights are scored, as M3Depth."""
     baselines: tuple[Baseline, ...] = ("sgbm",)
-    """Classical methods to score on the same pairs. sgbm is OpenCV's semi-global matching. ssd, sad and ncc compare
-    windows by squared or absolute differences or by correlation, and take the best match; with -sgm, the costs are
-    summed along eight paths. all scores the seven of them, none no classical method."""
+    """Classical methods to score on the same pairs: sgbm is OpenCV's semi-global matching; ssd, sad and ncc take the
+    window with the least squared or absolute difference, or the highest correlation; ssd-sgm, sad-sgm and ncc-sgm sum
+    these costs along eight paths first. all scores every classical method; none scores no classical method."""
     estimator: Annotated[tuple[str, ...], tyro.conf.arg(metavar="[NAME=]ESTIMATOR ...")] = ()
     """Further methods to score: package.module:Class, a class without arguments that has infer(left, right, rig);
-    m3depth, m3depth:PATH, sgbm or another classical method. NAME= before it names its column."""
+    m3depth (the shipped weights), m3depth:PATH (other weights), or a classical method by its name in --baselines.
+    NAME= before it names its column."""
     predictions: Annotated[tuple[str, ...], tyro.conf.arg(metavar=f"{FORM} ...")] = ()
     """Folders of maps that other programs wrote: disparity [px], or depth [m] with ",depth". With ",scale=S", 1 px or
     1 m is stored as S (-1 for RAFT-Stereo and Pandora); without it, as 1, and in a PNG as 256 (KITTI) or 1000. ",fill"

@@ -80,8 +80,9 @@ class PredictOptions:
     """Weights file (.safetensors) of m3depth.train to predict with; the same as --estimator m3depth:PATH. Without it,
     the shipped weights."""
     estimator: Annotated[str, tyro.conf.arg(aliases=["--method"])] = "m3depth"
-    """Stereo method: m3depth (shipped weights), m3depth:PATH (other weights), sgbm, ssd, sad, ncc, ssd-sgm, sad-sgm,
-    ncc-sgm, or package.module:Class, a class without arguments that has infer(left, right, rig)."""
+    """Stereo method: m3depth (shipped weights), m3depth:PATH (other weights), sgbm or another classical method that
+    m3depth.evaluate --baselines lists, or package.module:Class, a class without arguments that has infer(left, right,
+    rig). --method is its name in release 0.1."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
     """Device that M3Depth runs on; auto takes a GPU if there is one."""
     nearest: float | None = None

@@ -41,8 +41,8 @@ class EvaluateConfig:
     stable-baselines3 (FILE.zip), or package.module:Class. Several drivers are compared on the same courses."""
     perception: tuple[str, ...] = ("m3depth",)
     """Method that turns the images into depth: m3depth (the shipped weights), sgbm, ground_truth (true depth),
-    m3depth:WEIGHTS (a .safetensors file), ssd, sad, ncc, ssd-sgm, sad-sgm, ncc-sgm, or package.module:Class (a class
-    with infer(left, right, rig)). Several methods are compared on the same courses."""
+    m3depth:WEIGHTS (a .safetensors file), another classical method that m3depth.evaluate --baselines lists, or
+    package.module:Class (a class with infer(left, right, rig)). Several methods are compared on the same courses."""
     episodes: int = 10
     """Number of courses for each --k and --slope-deg."""
     seed: int = 0

@@ -9,6 +9,6 @@
 
 To add a classical method, write a class with `infer(left, right, rig) -> Prediction` in classical.py;
 `prediction_from_matches` fills holes and derives depth, normals and confidence. Commands take it at once as
-`--estimator m3depth.stereo.classical:MyMatcher`. A short name is an entry of CLASSICAL and a case of `load_estimator`
+`--estimator m3depth.stereo.classical:MyMatcher`. A short name is an entry of `Classical` and a case of `load_estimator`
 in m3depth/estimator.py.
 """

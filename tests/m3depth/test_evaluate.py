@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 import torch
 
-from m3depth.evaluate import EvaluateOptions, evaluate, main, prepare
+from m3depth.estimator import CLASSICAL
+from m3depth.evaluate import EvaluateOptions, evaluate, main, named_estimators, prepare
 from m3depth.evaluation.cost import measured
 from m3depth.evaluation.report import FIGURES
 from m3depth.evaluation.resume import SavedState, SavedStateError
@@ -20,6 +21,7 @@ from m3depth.stereo.classical import SGBM
 from m3depth.stereo.degradation import Degradation
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import PinholeCamera, StereoRig
+from marssim.base.command.flags import parse
 from marssim.base.dataset.dataset import StereoDataset, write_index
 from marssim.base.dataset.frame import StereoFrame
 from marssim.base.dataset.sample import write_sample
@@ -340,6 +342,12 @@ def test_a_state_that_lacks_something_is_damaged(folder, tmp_path):
     saved_state.save({"pairs": [], "scores": {}})
     with pytest.raises(SavedStateError, match="not a readable state"):
         evaluate(StereoDataset(folder, "test"), {"m": Scaled()}, saved_state=saved_state)
+
+
+@pytest.mark.parametrize("names", [list(CLASSICAL), ["all"]])
+def test_baselines_takes_every_classical_method_that_is_registered(names):
+    options = parse(EvaluateOptions, "evaluate", None, ["--data", "data", "--out", "out", "--baselines", *names])
+    assert [name.name for _, name in named_estimators(options).values()] == ["m3depth", *CLASSICAL]
 
 
 def test_none_and_a_classical_method_exclude_each_other(folder, tmp_path, capsys, monkeypatch):
