@@ -1,12 +1,12 @@
 """Check the files of a dataset and show what is in it, or compare the renderers.
 
     python -m marssim.verify data/gale                        hashes and statistics: verify.json, statistics.png
-    python -m marssim.verify data/gale --sample 00003/05      one sample: figure, point cloud, mesh
+    python -m marssim.verify data/gale --sample 00000/00      one sample: figure, point cloud, mesh
     python -m marssim.verify --cross-check --scene jezero     how well all renderers agree: cross_check.json
 
-The command hashes every file of every sample and names each file that is wrong in a line. It decodes the images of
---statistics-of samples alone. Results go to out/verify, into a folder for each dataset. The exit code is 0 if all is
-well, 1 if something is wrong, and 2 if there is no dataset or a flag has a bad value.
+The command hashes every file of every sample, and names each wrong file in a line. The statistics come from a part of
+the samples, whose number --statistics-of sets. Results go to out/verify, into a folder for each dataset. The exit code
+is 0 if all is well, 1 if something is wrong, and 2 if there is no dataset or a flag has a bad value.
 """
 
 from __future__ import annotations

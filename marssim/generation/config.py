@@ -57,9 +57,9 @@ class RunConfig:
     Embree's rays, or scan conversion of the triangles, which is the fastest and needs neither library (the default
     elsewhere). They differ in a few pixels on silhouettes."""
     rasterizer: Literal["auto", "tiny", "egl"] = "auto"
-    """What draws PyBullet's pictures: tiny is its own rasteriser, which draws the same on every machine, and egl is the
-    graphics card, on which a few pixels on silhouettes depend. With auto, a new dataset is drawn with egl if a trial in
-    another process works on a graphics card, and an unfinished one with what it was begun with."""
+    """What draws for the renderer pybullet: tiny, PyBullet's own rasteriser, which draws the same on every machine, or
+    egl, the graphics card, on which a few pixels on silhouettes depend. auto takes egl where a graphics card works, and
+    else tiny; for an unfinished dataset it takes what the dataset was begun with."""
     views_per_scene: int = 8
     """Number of pairs of each scene. The splits train, val and test share no scene."""
     trajectory: bool = False

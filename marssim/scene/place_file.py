@@ -19,6 +19,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
+from marssim.base.command.spelling import did_you_mean
 from marssim.base.files.json_file import read_json, write_json
 from marssim.scene.presets import PRESETS, preset
 from marssim.scene.scene import SceneConfig
@@ -44,9 +45,8 @@ def load_place(name: str | Path) -> SceneConfig:
         return preset(str(name))
     path = Path(name)
     if path.suffix != ".json" and not path.exists():
-        near = difflib.get_close_matches(str(name), PRESETS, 1)
-        meant = f"; did you mean {near[0]}?" if near else ""
-        raise ValueError(f"{FIELD} {name}: no preset ({', '.join(PRESETS)}) and no JSON file of a place{meant}")
+        similar = did_you_mean(str(name), PRESETS)
+        raise ValueError(f"{FIELD} {name}: no preset ({', '.join(PRESETS)}) and no JSON file of a place{similar}")
     try:
         content = read_json(path)
     except ValueError as error:

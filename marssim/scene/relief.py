@@ -41,7 +41,7 @@ class ReliefConfig:
     crater_depth: Range = (0.03, 0.2)
     """Depth of craters from rim to floor over their diameter, LOW HIGH: 0.03 is worn, 0.2 is fresh."""
     crater_fill_diameter: float = 4.0
-    """Diameter [m] from which sand fills craters: wider ones are no deeper than a crater of this width."""
+    """Diameter of the deepest craters [m]. Wider craters are filled with sand and are no deeper than these."""
     ripple_amplitude: float = 0.012
     """Amplitude of the wind's large ripples [m]: half the height from trough to crest."""
     ripple_wavelength: float = 0.9
@@ -50,7 +50,7 @@ class ReliefConfig:
     """Share of the ground that carries ripples, 0 to 1."""
     heightmap: str | None = None
     """File with measured heights that replace the drawn relief: .npy [m], 16-bit .png, or .tif (GeoTIFF), with north
-    up. Heights of a scene count from the ground in its middle; add heightmap.datum of sample.json to get the file's."""
+    up. The ground in the middle of a scene has height 0; heightmap.datum of sample.json is the file's height there."""
     heightmap_scale: float | None = None
     """Side of a heightmap's cell [m]. A GeoTIFF in metres needs none."""
     heightmap_height: float | None = None

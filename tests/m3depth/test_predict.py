@@ -222,7 +222,7 @@ def test_two_images_of_different_things_are_refused(tmp_path, capsys):
         ("weights folder", "is a folder, not a weights file"),
         ("image folder", "is a folder, not a file"),
         ("dataset", "set: is a dataset; choose another folder"),
-        ("no number", "--focal {None}|FLOAT: could not convert string to float: 'abc'"),
+        ("no number", "--focal must be a number, got 'abc'"),
         ("nearest", "--nearest must be positive, got -1"),
         ("not its own", "--nearest: --estimator sgbm takes no nearest depth"),
         ("method", "--estimator 'raft' is unknown; choose from m3depth, sgbm"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import io
 import re
 import sys
@@ -13,6 +12,7 @@ from inspect import cleandoc
 from types import UnionType
 from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
+from marssim.base.command.spelling import did_you_mean
 from marssim.base.version import VERSION_FLAG, VERSION_LINE
 
 _RULE = re.compile(r"[─-]{8,}")  # line between two parts of the parser's message
@@ -160,9 +160,8 @@ def _parse_error(framed: str, cause: BaseException | None, config: type) -> str:
     if wrong := re.match(r"Error parsing (\S+): (.*)", message):
         where, why = wrong.groups()
         if where.startswith("--"):
-            why = _TYPE_PREFIX.sub("", why)
             usage = parts[1][1] if len(parts) > 1 and len(parts[1]) > 1 else where  # the flag with its kind of value
-            return f"{usage}: {why}"
+            return _value_error(where, usage.removeprefix(where).strip(), _TYPE_PREFIX.sub("", why))
         while cause is not None and not isinstance(cause, ValueError):
             cause = cause.__context__
         return _with_flag(str(cause or why), where, config)
@@ -174,15 +173,39 @@ def _parse_error(framed: str, cause: BaseException | None, config: type) -> str:
     if message.startswith("Unrecognized"):
         known = [line.split()[0].rstrip(",") for part in parts[1:] for line in part if line.startswith("--")]
         return _unknown(message.partition(": ")[2].split(", "), known)
+    if missing := re.match(r"Missing value for argument '(\S+)'\. Expected (\d+) values", message):
+        flag, count = missing.groups()
+        return f"{flag} needs {'a value' if count == '1' else f'{count} values'}"
+    if wrong := re.match(r"invalid choice '(.*)' for argument '(\S+)'\. Expected one of (.*)\.", message, re.I):
+        word, flag, choices = wrong.groups()
+        names = re.findall(r"'([^']*)'", choices)
+        return f"{flag} must be {', '.join(names[:-1])} or {names[-1]}, got {word!r}{did_you_mean(word, names)}"
     return message[:1].lower() + message[1:]
+
+
+def _value_error(flag: str, kind: str, why: str) -> str:
+    """Return a message on a value that a flag does not take.
+
+    Args:
+        flag: The flag.
+        kind: Kind of its values as --help shows it, like "{None}|FLOAT" or "[INT [INT ...]]".
+        why: The parser's message.
+    """
+    kind = kind.removeprefix("{None}|")
+    noun = {"INT": "whole number", "FLOAT": "number"}.get("".join(set(re.findall("[A-Z]+", kind))))
+    if re.match("invalid literal|could not convert|could not (find valid parse|parse arguments)", why, re.I) and noun:
+        count = kind.count(" ") + 1
+        wanted = f"{noun}s" if "..." in kind else f"a {noun}" if count == 1 else f"{count} {noun}s"
+        words = " ".join(re.findall("'([^']*)'", why))
+        return f"{flag} must be {wanted}, got {words!r}"
+    return f"{flag} {kind}: {why}"
 
 
 def _unknown(words: Sequence[str], known: Sequence[str]) -> str:
     """Return a message on words that belong to no option; each unknown option has the most similar known one."""
     options = []
     for option in (word.partition("=")[0] for word in words if re.match(r"--?[a-zA-Z]", word)):
-        near = difflib.get_close_matches(option, known, 1)
-        options.append(option + (f" (did you mean {near[0]}?)" if near else ""))
+        options.append(option + did_you_mean(option, known))
     return f"unknown option {', '.join(options)}" if options else f"{' '.join(words)} belongs to no option"
 
 

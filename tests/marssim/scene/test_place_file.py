@@ -103,7 +103,7 @@ def test_a_mistake_in_a_file_is_one_line_with_the_file_and_the_field(content, me
 
 def test_neither_a_preset_nor_a_file():
     with pytest.raises(
-        ValueError, match=r"^`scene` galle: no preset \(utopia, .*\) and no JSON .*did you mean gale\?$"
+        ValueError, match=r"^`scene` galle: no preset \(utopia, .*\) and no JSON .*\(did you mean gale\?\)$"
     ):
         load_place("galle")
     with pytest.raises(ValueError, match=r"^`scene` nowhere\.json: no such file$"):
