@@ -51,8 +51,8 @@ COMMANDS = {
     "own/qualitative.png": "m3depth.evaluate --data small --split test --out own --estimator own_estimator:Blocks",
     "drive/results.json": "envs.evaluate --perception m3depth --dynamics kinematic --goal-distance 6 --episodes 1 "
     "--no-videos --out drive",
-    "wary/results.json": "envs.evaluate --driver own_driver:Wary navigator --perception ground_truth "
-    "--dynamics kinematic --goal-distance 12 --episodes 2 --k .1 --no-videos --out wary",
+    "out/wary/results.json": "envs.evaluate --driver my_driver:Wary navigator --perception ground_truth "
+    "--dynamics kinematic --goal-distance 12 --episodes 2 --k .1 --no-videos --out out/wary",
     "dust/dataset.json": "marssim.generate --out dust --pairs 60 --seed 41 --scene utopia --views-per-scene 2 "
     "--look.albedo-contrast .1 .1 --look.texture-strength .1 .1 --look.pebbles 0 0 --look.wind-ripples 0 0 "
     "--rocks.k .15 --renderer scan",
@@ -179,10 +179,12 @@ def save(name: str, image: np.ndarray, width: int = 1100, largest: int = LARGEST
 
 
 def run(folder: Path) -> None:
-    """Run the commands whose results are not there."""
+    """Run the commands whose results are not there; my_driver.py is the program of the guide."""
+    guide = (ROOT / "docs" / "guides" / "own-driver.md").read_text()
+    (folder / "my_driver.py").write_text(guide.partition("```python\n")[2].partition("```")[0])
     for result, line in COMMANDS.items():
         if not (folder / result).exists():
-            paths = os.pathsep.join([str(ROOT), str(ROOT / "examples")])  # own_estimator and own_driver are examples
+            paths = os.pathsep.join([str(ROOT), str(ROOT / "examples")])  # own_estimator is an example
             environment = {**os.environ, "PYTHONPATH": paths}
             subprocess.run([sys.executable, "-m", *shlex.split(line)], cwd=folder, env=environment, check=True)
 
@@ -204,7 +206,7 @@ def guides(folder: Path) -> None:
     save("guide_predict.jpg", picture(folder / "predict" / "figure.png"))
     save("guide_own_estimator.jpg", picture(folder / "own" / "qualitative.png"))
     save("guide_drive.jpg", picture(next((folder / "drive" / "maps").glob("*.png"))))
-    save("guide_own_driver.jpg", picture(next((folder / "wary" / "maps").glob("*.png"))))
+    save("guide_own_driver.jpg", picture(next((folder / "out" / "wary" / "maps").glob("*.png"))))
     save("guide_train.jpg", picture(folder / "fine" / "curves.png"))
     save("guide_ppo.jpg", ppo(folder))
     save("guide_place.jpg", place(folder))

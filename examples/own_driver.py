@@ -6,7 +6,7 @@ The same class is scored by the command:
 
     cd examples
     python -m envs.evaluate --driver own_driver:Wary navigator --perception ground_truth --dynamics kinematic \\
-        --out out/wary
+        --goal-distance 12 --episodes 2 --k .1 --no-videos --out out/wary
 """
 
 from typing import Any

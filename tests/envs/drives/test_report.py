@@ -116,6 +116,17 @@ def test_every_drive_is_drawn_in_the_colour_of_its_end(tmp_path):
     assert coloured(both) > 5 < coloured(both, "tilt") and coloured(one) > 5 and coloured(one, "tilt") == 0
 
 
+def test_line_styles_go_by_the_order_of_the_records(tmp_path, monkeypatch):
+    """The first driver on the command line is solid, whatever its name."""
+    figures = []
+    monkeypatch.setattr("envs.drives.maps.save", lambda figure, path: figures.append(figure))
+    plot_maps(tmp_path, [replace(DRIVE, driver=name, episode=n) for n in (0, 1) for name in ("straight", "navigator")])
+    handles = {handle.get_label(): handle for handle in figures[0].legends[0].get_lines()}
+    assert [handles[f"{name}, sgbm"].get_linestyle() for name in ("straight", "navigator")] == ["-", "--"]
+    drawn = [line.get_linestyle() for line in figures[0].axes[1].get_lines() if line.get_linewidth() == 1.3]
+    assert drawn == ["-", "--"]
+
+
 def test_the_words_about_a_single_course_find_room(tmp_path, monkeypatch):
     figures = []
     monkeypatch.setattr("envs.drives.maps.save", lambda figure, path: figures.append(figure))
