@@ -38,7 +38,7 @@ from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
 from marssim.base.compute.workers import run_tasks
 from marssim.base.files.json_file import DatasetError, as_json, read_json, write_json
-from marssim.base.results.claim import ResultFolder
+from marssim.base.results.claim import PARTIAL, ResultFolder
 from marssim.base.results.code_state import versions
 
 SETTINGS = "evaluate.json"  # file in OUT with the settings of its episodes
@@ -58,7 +58,9 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
     for name in config.driver:
         make_driver(name)
     test_errors = errors_on_test_set(config.scores, {name: perception_digest(name) for name in config.perception})
-    results = ResultFolder(config.out, "evaluation", SETTINGS, config.content(), notes=(WEIGHTS,))
+    results = ResultFolder(
+        config.out, "evaluation", SETTINGS, config.content(), notes=(WEIGHTS,), partial=(f"**/{PARTIAL}",)
+    )
     with results.claim():
         digests = noted_digests(results, (*config.perception, *config.driver))
         return _evaluate(config, digests, test_errors)

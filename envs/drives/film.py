@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
+from types import TracebackType
 
 import cv2
 import numpy as np
@@ -11,6 +13,7 @@ from envs.drivers.builtin import NavigatorDriver
 from envs.drivers.driver import Driver
 from envs.mars_nav import MarsNavEnv
 from envs.world.outside_view import HEIGHT, OutsideView
+from marssim.base.files.atomic import written_atomically
 from marssim.base.images.colours import DEPTH_TITLE, NORMAL_TITLE, TICKS, depth_bar, depth_colours, normal_colours
 from marssim.physics.state import RoverState
 from marssim.render.renderers.embree_renderer import EmbreeRenderer
@@ -29,7 +32,8 @@ STILL_EVERY = 10  # steps between two stills
 class Film:
     """Writes a frame for each step into an mp4 file (MPEG-4, 5 frames a second).
 
-    Give `watch` to envs.drives.episodes.run_episode. Use the film as a context manager, or close() it.
+    Give `watch` to envs.drives.episodes.run_episode. Use the film as a context manager, or close() it. The file gets its
+    name when the film is whole: an exception in the block leaves an older file, or none.
 
     Attributes:
         title: What is driven; it stands on every frame.
@@ -47,9 +51,12 @@ class Film:
             OSError: If the file cannot be written.
         """
         size = (3 * PANEL, 2 * PANEL)
-        self._writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), FPS, size)
-        if not self._writer.isOpened():
-            raise OSError(f"{path}: OpenCV cannot write a video here; is the folder writable?")
+        with ExitStack() as opened:
+            part = opened.enter_context(written_atomically(path))
+            self._writer = cv2.VideoWriter(str(part), cv2.VideoWriter.fourcc(*"mp4v"), FPS, size)
+            if not self._writer.isOpened():
+                raise OSError(f"{path}: OpenCV cannot write a video here; is the folder writable?")
+            self._file = opened.pop_all()
         self.title = title
         self.stills: list[np.ndarray] = []
         self._view: OutsideView | None = None
@@ -57,12 +64,16 @@ class Film:
     def __enter__(self) -> Film:
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self.close()
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._writer.release()
+        self._file.__exit__(kind, error, traceback)
 
     def close(self) -> None:
         """Finish the file; may be called twice."""
         self._writer.release()
+        self._file.close()
 
     def watch(self, env: MarsNavEnv, driver: Driver, step: int) -> None:
         """Film one step of an episode.

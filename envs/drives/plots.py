@@ -29,7 +29,7 @@ def plot_success(path: Path, results: Sequence[dict[str, Any]], test_set: Mappin
     erring = any(r["abs_rel"] is not None for r in results)
     figure = Figure(figsize=(9.6 if erring else 5.0, 4.0), dpi=110, layout="constrained")
     by_k, *others = figure.subplots(1, 1 + erring, sharey=True, squeeze=False)[0]
-    groups = sorted({(r["driver"], r["perception"]) for r in results})
+    groups = list(dict.fromkeys((r["driver"], r["perception"]) for r in results))
     for n, group in enumerate(groups):
         rows = [r for r in results if (r["driver"], r["perception"]) == group]
         label, colour = ", ".join(group), f"C{n}"

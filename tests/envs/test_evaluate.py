@@ -240,6 +240,15 @@ def test_the_best_and_the_worst_are_filmed_once(tmp_path, monkeypatch):
     evaluate(replace(config, film_courses=(1,)))
 
 
+def test_what_a_killed_film_left_is_deleted(finished, tmp_path):
+    out = shutil.copytree(finished[0], tmp_path / "copy")
+    for left in (out / ".worst.mp4.123.part", out / "videos" / ".straight-0.mp4.123.part"):
+        left.mkdir(parents=True)
+        (left / "half.mp4").write_bytes(b"half")
+    evaluate(EvaluateConfig(out, episodes=2, seed=3, **QUICK))
+    assert not list(out.rglob(".*"))
+
+
 def test_one_estimator_serves_all_episodes_and_every_environment_is_closed(monkeypatch, tmp_path):
     loads, closed = [], []
     envs.evaluate._perception.cache_clear()

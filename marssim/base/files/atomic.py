@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -28,6 +29,32 @@ def write_atomically(path: Path, data: bytes) -> None:
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
+
+
+@contextmanager
+def written_atomically(path: Path) -> Iterator[Path]:
+    """Yield another path for a file, which becomes `path` when the block ends; after an exception it is deleted.
+
+    It is for a library that opens a file by its name and writes to it bit by bit, as that of a video. The other path
+    has the same name, in a folder that a killed process leaves behind and that ResultFolder then deletes.
+
+    Args:
+        path: The file. Its folder must exist.
+
+    Raises:
+        OSError: The file cannot be written. The error names it.
+    """
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        part.mkdir(exist_ok=True)
+    except OSError as error:
+        error.filename = str(path)
+        raise
+    try:
+        yield part / path.name
+        (part / path.name).replace(path)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
 
 
 @contextmanager

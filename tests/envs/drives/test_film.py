@@ -133,6 +133,34 @@ def test_filming_does_not_change_the_drive(make_env, tmp_path):
         np.testing.assert_array_equal(ends[0][key], ends[1][key])
 
 
+def test_an_interrupted_film_leaves_the_older_file_or_none(filmed, tmp_path):
+    env, driver, _ = filmed
+    for name, before in (("old.mp4", b"whole"), ("new.mp4", None)):
+        path = tmp_path / "films" / name
+        path.parent.mkdir(exist_ok=True)
+        if before is not None:
+            path.write_bytes(before)
+        with pytest.raises(KeyboardInterrupt), Film(path) as film:
+            film.watch(env, driver, 0)
+            assert before is None or path.read_bytes() == before
+            raise KeyboardInterrupt
+        assert (path.read_bytes() if path.exists() else None) == before
+    assert [file.name for file in (tmp_path / "films").iterdir()] == ["old.mp4"]
+
+
+def test_a_film_has_its_name_once_it_is_whole(filmed, tmp_path):
+    env, driver, _ = filmed
+    path = tmp_path / "films" / "whole.mp4"
+    path.parent.mkdir()
+    with Film(path) as film:
+        film.watch(env, driver, 0)
+        assert not path.exists()
+    assert list(path.parent.iterdir()) == [path]
+    video = cv2.VideoCapture(str(path))
+    assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 1
+    video.release()
+
+
 def test_a_film_that_cannot_be_written_is_named(tmp_path):
     with pytest.raises(OSError, match=r"none/a\.mp4"):
         Film(tmp_path / "none" / "a.mp4")

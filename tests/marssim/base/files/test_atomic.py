@@ -2,7 +2,7 @@ import os
 
 import pytest
 
-from marssim.base.files.atomic import write_atomically
+from marssim.base.files.atomic import write_atomically, written_atomically
 
 
 def test_folders_are_made_and_nothing_else_is_left(tmp_path) -> None:
@@ -24,3 +24,24 @@ def test_a_write_that_fails_keeps_the_old_file(tmp_path, monkeypatch) -> None:
     with pytest.raises(OSError, match="No space left"):
         write_atomically(path, b"new")
     assert list(tmp_path.iterdir()) == [path] and path.read_bytes() == b"old"
+
+
+@pytest.mark.parametrize("before", [None, b"old"])
+def test_a_file_that_is_written_by_its_name_appears_when_the_block_ends(tmp_path, before) -> None:
+    path = tmp_path / "film.mp4"
+    if before is not None:
+        path.write_bytes(before)
+    with pytest.raises(KeyboardInterrupt), written_atomically(path) as part:
+        part.write_bytes(b"half")
+        raise KeyboardInterrupt
+    assert (path.read_bytes() if path.exists() else None) == before
+    with written_atomically(path) as part:
+        assert part.name == path.name
+        part.write_bytes(b"whole")
+        assert (path.read_bytes() if path.exists() else None) == before
+    assert list(tmp_path.iterdir()) == [path] and path.read_bytes() == b"whole"
+
+
+def test_a_missing_folder_is_named_by_the_file_in_it(tmp_path) -> None:
+    with pytest.raises(FileNotFoundError, match=r"none/film\.mp4"), written_atomically(tmp_path / "none" / "film.mp4"):
+        pytest.fail("there is no such folder")
