@@ -42,6 +42,7 @@ from marssim.base.results.claim import PARTIAL, ResultFolder
 from marssim.base.results.code_state import versions
 
 SETTINGS = "evaluate.json"  # file in OUT with the settings of its episodes
+BEST, WORST = "best.mp4", "worst.mp4"  # films in OUT
 
 
 def evaluate(config: EvaluateConfig) -> dict[str, Any]:
@@ -115,29 +116,60 @@ def _differences(config: EvaluateConfig, records: Sequence[EpisodeRecord]) -> li
 
 def _film(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence[EpisodeRecord]) -> None:
     """Make the films that are asked for and missing; tasks: those of the records, in their order."""
-    chosen: dict[str, Task] = {}
-    if config.videos:
-        best, worst = best_and_worst(records)
-        chosen = {"best.mp4": tasks[best], "worst.mp4": tasks[worst]}
-    for task in tasks:
-        if task.episode in config.film_courses:
-            chosen[f"videos/{Path(task.file).stem}.mp4"] = task
-    if not chosen:
+    films = _films(config, tasks, records)
+    if not films:
         return
-    from envs.drives.film import Film
-
-    noted = config.out / "videos.json"
+    noted = config.out / "videos.json"  # the record's file of each film
     filmed = read_json(noted) if noted.is_file() else {}
-    for name, task in chosen.items():
-        path = config.out / name
+    for name, (words, n) in films.items():
+        path, task = config.out / name, tasks[n]
         if filmed.get(name) == task.file and path.is_file():
             continue
         path.parent.mkdir(exist_ok=True)
         write_json(noted, {other: file for other, file in filmed.items() if other != name})  # until it is whole
-        with Film(path, f"{task.driver}, {task.perception}: course {task.episode}, {task.cell.name}") as film:
-            drive(config, task, film.watch)
+        _film_drive(config, task, path, f"filming {words}", records[n].steps)
         filmed[name] = task.file
         write_json(noted, filmed)
+    if config.videos:
+        for name in {BEST, WORST} & filmed.keys() - films.keys():  # of an earlier run with other drives
+            (config.out / name).unlink(missing_ok=True)
+            del filmed[name]
+            write_json(noted, filmed)
+
+
+def _films(
+    config: EvaluateConfig, tasks: Sequence[Task], records: Sequence[EpisodeRecord]
+) -> dict[str, tuple[str, int]]:
+    """Return the films that are asked for: by the file in OUT, what it shows in words, and the index of the drive.
+
+    There is no film of the best drive if none arrived, and none of the worst one if that is the best one too.
+    """
+    films = {}
+    if config.videos:
+        best, worst = best_and_worst(records)
+        if best is not None:
+            films[BEST] = "best drive", best
+        if worst != best:
+            films[WORST] = "worst drive", worst
+    for n, task in enumerate(tasks):
+        if task.episode in config.film_courses:
+            words = f"course {task.episode}, {task.cell.name}, {task.driver}, {task.perception}"
+            films[f"videos/{Path(task.file).stem}.mp4"] = words, n
+    return films
+
+
+def _film_drive(config: EvaluateConfig, task: Task, path: Path, progress_task: str, steps: int) -> None:
+    """Drive an episode again and film it; steps: those of its record."""
+    from envs.drives.film import Film
+
+    title = f"{task.driver}, {task.perception}: course {task.episode}, {task.cell.name}"
+    with progress(steps + 1, "step", progress_task) as bar, Film(path, title) as film:
+
+        def watch(env: MarsNavEnv, driver: Driver, step: int) -> None:
+            film.watch(env, driver, step)
+            bar.update()
+
+        drive(config, task, watch)
 
 
 def _run(config: EvaluateConfig, tasks: list[Task], save: Callable[[Task, EpisodeRecord], None]) -> None:
@@ -165,17 +197,12 @@ def drive(config: EvaluateConfig, task: Task, watch: Watch | None = None) -> Epi
     Args:
         config: The settings.
         task: The episode.
-        watch: Is called after the reset and after every step, as run_episode describes.
+        watch: Is called after the reset and after every step, as run_episode describes. None: prints the progress.
     """
     driver = make_driver(task.driver)
-    name = f"course {task.episode}, {task.cell.name}, {task.driver}, {task.perception}"
-    lines = StepLines(name, lambda: _drives_done(config))
-
-    def watched(env: MarsNavEnv, driver: Driver, step: int) -> None:
-        lines.watch(env, driver, step)
-        if watch is not None:
-            watch(env, driver, step)
-
+    if watch is None:
+        name = f"course {task.episode}, {task.cell.name}, {task.driver}, {task.perception}"
+        watch = StepLines(name, lambda: _drives_done(config)).watch
     env = MarsNavEnv(
         _perception(task.perception), known_dynamics(config.dynamics), config.renderer, config.scene_config(),
         config.goal_distance,
@@ -183,7 +210,7 @@ def drive(config: EvaluateConfig, task: Task, watch: Watch | None = None) -> Epi
         disparity_noise=config.disparity_noise, drift=config.drift, yaw_drift_deg=config.yaw_drift_deg,
     )  # fmt: skip
     try:
-        return run_episode(env, driver, task.cell, config.seed, task.episode, (task.driver, task.perception), watched)
+        return run_episode(env, driver, task.cell, config.seed, task.episode, (task.driver, task.perception), watch)
     finally:
         env.close()
 

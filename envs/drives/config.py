@@ -59,14 +59,16 @@ class EvaluateConfig:
     """Optical depth of the dust in the air: 0.3 is a clear sky, 1 a hazy one, 5 or more a dust storm. Left out: drawn
     from the scene's range."""
     albedo_contrast: float | None = None
-    """Contrast of the ground's bright and dark patches, 0 to 3. Left out: drawn from the scene's range."""
-    texture_strength: float | None = None
-    """Strength of the relief below the mesh, 0 to 3. Stereo matches this texture, pebbles and wind ripples. Left out:
+    """Contrast of the ground's pattern of bright and dark patches: 0 has none, 1 is typical, 3 the most. Left out:
     drawn from the scene's range."""
+    texture_strength: float | None = None
+    """Height of the relief that is finer than the mesh (texture, which stereo matches): 0 has none, 1 is typical, 3 the
+    most. Left out: drawn from the scene's range."""
     pebbles: float | None = None
-    """Strength of pebbles and grain too small for the mesh, 0 to 1. Left out: drawn from the scene's range."""
+    """Strength of the pebbles and grains that are too small for the mesh: 0 has none, 1 the most. Left out: drawn from
+    the scene's range."""
     wind_ripples: float | None = None
-    """Share of the ground with ripples a hand wide, 0 to 1. Left out: drawn from the scene's range."""
+    """Share of the ground that is sand with hand-wide ripples, 0 to 1. Left out: drawn from the scene's range."""
     k: tuple[float, ...] = ()
     """Rock abundances to drive in, Golombek's k. Left out: that of the scene."""
     slope_deg: tuple[float, ...] = ()
@@ -83,17 +85,21 @@ class EvaluateConfig:
     disparity_noise: float = 0.0
     """Standard deviation of an error added to the disparity [px]."""
     drift: float = 0.0
-    """Standard deviation of the odometry's position error after 1 m [m]."""
+    """Error of the position by the rover's odometry: its standard deviation after 1 m of driving [m]. It grows with
+    the root of the way: 0.02 is 2 cm after 1 m and 9 cm after 20 m."""
     yaw_drift_deg: float = 0.0
-    """Standard deviation of the odometry's heading error after 1 m [deg]."""
+    """Error of the heading by the rover's odometry: its standard deviation after 1 m of driving [deg]. It grows with
+    the root of the way."""
     scores: tuple[Path, ...] = ()
-    """Files results.json of m3depth.evaluate. The report sets the Abs Rel of m3depth and sgbm on the test set beside
-    that on the way."""
+    """Files results.json that m3depth.evaluate wrote. For each perception that they score, results.md then shows the
+    depth error (Abs Rel) on that test set beside the one on the drives."""
     videos: bool = True
     """Film the best drive (the arrival with the highest SPL) and the worst (the one that covered least of its way).
-    Both are driven once more for the film, and pictures of every step take longer than the drive."""
+    There is one film if both are the same drive, and no best.mp4 if no drive arrived. For a film, the course is driven
+    once more, with pictures of every step: that takes longer than the drive."""
     film_courses: tuple[int, ...] = ()
-    """Numbers of courses, as in maps/, of which all drives are filmed into OUT/videos too."""
+    """Numbers of courses, as the pictures in OUT/maps show them. Every drive over these courses is filmed too, into a
+    file in OUT/videos."""
 
     def __post_init__(self) -> None:
         check_least(self, episodes=1, workers=1, seed=0)

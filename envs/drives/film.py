@@ -32,8 +32,8 @@ STILL_EVERY = 10  # steps between two stills
 class Film:
     """Writes a frame for each step into an mp4 file (MPEG-4, 5 frames a second).
 
-    Give `watch` to envs.drives.episodes.run_episode. Use the film as a context manager, or close() it. The file gets its
-    name when the film is whole: an exception in the block leaves an older file, or none.
+    Give `watch` to envs.drives.episodes.run_episode. Use the film as a context manager, or close() it. The file gets
+    its name when the film is whole: an exception in the block leaves an older file, or none.
 
     Attributes:
         title: What is driven; it stands on every frame.

@@ -41,9 +41,9 @@ def plot_maps(folder: Path, records: Sequence[EpisodeRecord]) -> None:
 
     Each course is turned so that its start lies to the left of its goal, both on the middle line. The goal is a star in
     the circle within which it counts as reached; rocks that block are grey discs. The colour shows the outcome, the
-    line style who drove: LINES in the order of the records. The rover's footprint is drawn where it started and where each
-    drive ended, with a cross where it hit something. A pale band is the shortest passable way; contours are relief,
-    dark ones low.
+    line style who drove: LINES in the order of the records. The rover's footprint is drawn where it started and where
+    each drive ended, with a cross where it hit something. A pale band is the shortest passable way; contours are
+    relief, dark ones low.
     """
     folder.mkdir(parents=True, exist_ok=True)
     groups = list(dict.fromkeys((r.driver, r.perception) for r in records))

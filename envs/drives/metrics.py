@@ -45,8 +45,11 @@ def soft_spl(start_distance: float, distance: float, shortest: float, path_lengt
     return max(0.0, 1 - distance / max(start_distance, 1e-9)) * shortest / max(path_length, shortest, 1e-9)
 
 
-def best_and_worst(records: Sequence[EpisodeRecord]) -> tuple[int, int]:
-    """Return the indices of the arrival with the highest SPL and of the drive that covered least of its way."""
+def best_and_worst(records: Sequence[EpisodeRecord]) -> tuple[int | None, int]:
+    """Return the indices of the arrival with the highest SPL and of the drive that covered least of its way.
+
+    They may be the same. The first is None if no drive arrived.
+    """
 
     def merit(n: int) -> tuple[bool, float]:
         r = records[n]
@@ -54,7 +57,7 @@ def best_and_worst(records: Sequence[EpisodeRecord]) -> tuple[int, int]:
         return arrived, spl(arrived, r.shortest, r.path_length) if arrived else 1 - r.distance / r.start_distance
 
     order = sorted(range(len(records)), key=merit)
-    return order[-1], order[0]
+    return order[-1] if merit(order[-1])[0] else None, order[0]
 
 
 def wilson_interval(successes: float, trials: int, z: float = 1.96) -> tuple[float, float]:

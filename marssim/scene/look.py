@@ -29,7 +29,8 @@ class LookConfig:
     albedo_contrast: Range = (0.3, 1.3)
     """Contrast of the ground's pattern of bright and dark patches, LOW HIGH: 0 has none, 1 is typical, 3 the most."""
     texture_strength: Range = (0.35, 1.2)
-    """Height of the relief that is finer than the grid, LOW HIGH: 0 has none, 1 is typical, 3 the most."""
+    """Height of the relief that is finer than the mesh (texture, which stereo matches), LOW HIGH: 0 has none, 1 is
+    typical, 3 the most."""
     pebbles: Range = (0.2, 1.0)
     """Strength of the pebbles and grains that are too small for the mesh, LOW HIGH: 0 has none, 1 the most."""
     wind_ripples: Range = (0.2, 0.7)
@@ -58,7 +59,7 @@ class Look:
         sun: (3,) unit vector towards the sun, world frame.
         optical_depth: Optical depth of the dust in the air.
         albedo_contrast: Contrast of the ground's pattern of bright and dark patches.
-        texture_strength: Height of the relief that is finer than the grid.
+        texture_strength: Height of the relief that is finer than the mesh.
         texture_seed: Seed of the surface's patterns.
         pebbles: Strength of pebbles and grains, 0 to 1.
         wind_ripples: Share of the ground that is rippled sand, 0 to 1.

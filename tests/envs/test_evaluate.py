@@ -208,14 +208,14 @@ def test_every_task_has_a_file_of_its_own():
     assert all(set(file) <= set("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789.-_") for file in files)
 
 
-def test_the_best_and_the_worst_are_filmed_once(tmp_path, monkeypatch):
-    config = EvaluateConfig(tmp_path, episodes=2, seed=3, **{**QUICK, "driver": ("straight", "random"), "videos": True})
-    filmed, titles = [], []
+@pytest.fixture
+def films(monkeypatch):
+    """Name of the file, driver and title of each film that is made, of empty pictures."""
+    made = []
 
     class NoFilm:
         def __init__(self, path, title):
-            self.path = path
-            titles.append(title)
+            self.path, self.title = path, title
 
         def __enter__(self):
             return self
@@ -225,19 +225,53 @@ def test_the_best_and_the_worst_are_filmed_once(tmp_path, monkeypatch):
 
         def watch(self, env, driver, step):
             if step == 0:
-                filmed.append((self.path.name, type(driver).__name__))
+                made.append((self.path.name, type(driver).__name__, self.title))
 
     monkeypatch.setattr("envs.drives.film.Film", NoFilm)
+    return made
+
+
+def test_the_best_and_the_worst_are_filmed_once(films, tmp_path, monkeypatch):
+    config = EvaluateConfig(tmp_path, episodes=2, seed=3, **{**QUICK, "driver": ("straight", "random"), "videos": True})
     content = evaluate(config)
-    assert [name for name, _ in filmed] == ["best.mp4", "worst.mp4"] and filmed[1][1] == "RandomDriver"
-    assert titles[1].startswith("random, ground_truth: course ") and titles[1].endswith(", k=0.01, slope=preset")
+    assert [name for name, *_ in films] == ["best.mp4", "worst.mp4"] and films[1][1] == "RandomDriver"
+    title = films[1][2]
+    assert title.startswith("random, ground_truth: course ") and title.endswith(", k=0.01, slope=preset")
     evaluate(replace(config, film_courses=(1,)))  # adds to them
-    assert [driver for _, driver in filmed[2:]] == ["StraightDriver", "RandomDriver"]
-    assert sorted(file.name for file in (tmp_path / "videos").iterdir()) == sorted({name for name, _ in filmed[2:]})
-    assert all("course 1," in title for title in titles[2:])
+    assert [driver for _, driver, _ in films[2:]] == ["StraightDriver", "RandomDriver"]
+    assert sorted(file.name for file in (tmp_path / "videos").iterdir()) == sorted({name for name, *_ in films[2:]})
+    assert all("course 1," in title for *_, title in films[2:])
     assert [(d["driver"], d["less"]) for d in content["differences"]] == [("random", ["straight", "ground_truth"])]
     monkeypatch.setattr("envs.evaluate.drive", lambda *_: pytest.fail("it was filmed already"))
     evaluate(replace(config, film_courses=(1,)))
+
+
+@pytest.mark.parametrize(("driver", "film"), [("straight", "best.mp4"), ("random", "worst.mp4")])
+def test_a_single_drive_is_filmed_once(films, tmp_path, driver, film):
+    """As the best one if it arrived, else as the worst."""
+    evaluate(EvaluateConfig(tmp_path, episodes=1, seed=3, **{**QUICK, "driver": (driver,), "videos": True}))
+    assert [name for name, *_ in films] == [film] == [file.name for file in tmp_path.glob("*.mp4")]
+    assert list(json.loads((tmp_path / "videos.json").read_text())) == [film]
+
+
+def test_a_film_that_is_no_longer_the_worst_is_deleted(films, tmp_path):
+    config = EvaluateConfig(tmp_path, episodes=1, seed=3, **{**QUICK, "driver": ("straight", "random"), "videos": True})
+    evaluate(config)
+    assert {file.name for file in tmp_path.glob("*.mp4")} == {"best.mp4", "worst.mp4"}
+    evaluate(replace(config, driver=("straight",)))
+    assert [file.name for file in tmp_path.glob("*.mp4")] == ["best.mp4"] and len(films) == 2
+    assert list(json.loads((tmp_path / "videos.json").read_text())) == ["best.mp4"]
+
+
+def test_the_progress_of_a_film_names_it(films, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("marssim.base.command.progress.LINE_SECONDS", 0.0)
+    config = EvaluateConfig(tmp_path, episodes=1, seed=3, film_courses=(0,), **{**QUICK, "videos": True})
+    evaluate(config)
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("filming ")]
+    steps = json.loads(next((tmp_path / "episodes").iterdir()).read_text())["steps"] + 1
+    for words in ("best drive", "course 0, k=0.01, slope=preset, straight, ground_truth"):
+        counts = [line for line in lines if line.startswith(f"filming {words}: ")]
+        assert len(counts) == steps and counts[-1].startswith(f"filming {words}: {steps}/{steps} steps, ")
 
 
 def test_what_a_killed_film_left_is_deleted(finished, tmp_path):

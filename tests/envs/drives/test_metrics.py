@@ -66,8 +66,12 @@ def test_the_best_arrived_by_the_shortest_way_and_the_worst_came_least_far():
     near, far = record("time", distance=2.0), record("collision", distance=9.0)
     long, short = record(path_length=20.0), record(path_length=11.0)
     assert best_and_worst([near, long, far, short]) == (3, 2)
-    assert best_and_worst([near, far]) == (0, 1) and best_and_worst([long, short]) == (1, 0)
-    assert best_and_worst([near]) == (0, 0)
+    assert best_and_worst([long, short]) == (1, 0) and best_and_worst([long]) == (0, 0)
+
+
+def test_no_drive_is_the_best_where_none_arrived():
+    near, far = record("time", distance=2.0), record("collision", distance=9.0)
+    assert best_and_worst([near, far]) == (None, 1) and best_and_worst([near]) == (None, 0)
 
 
 def test_no_success_has_no_inefficiency():
