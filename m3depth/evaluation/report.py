@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from m3depth.evaluation.metrics import DEPTH_CAP, KINDS
@@ -19,6 +19,11 @@ NORMAL_COLUMNS = {
     "mean": "mean [°] ↓", "median": "median [°] ↓", "rmse": "RMSE [°] ↓",
     "within_11.25": "11.25° ↑", "within_22.5": "22.5° ↑", "within_30": "30° ↑",
 }  # fmt: skip
+# Decimals in the table for the terminal.
+DECIMALS = {
+    "abs_rel": 4, "sq_rel": 4, "rmse": 3, "log10": 4, "delta1": 4, "delta2": 4, "delta3": 4, "epe": 3, "bad1": 4,
+    "mean": 2,
+}  # fmt: skip
 FIGURES = (
     "comparison", "qualitative", "zoom", "worst", "error_by_depth", "error_distribution", "sparsification", "rocks",
 )  # fmt: skip
@@ -30,8 +35,8 @@ def text_table(results: Results) -> str:
     rows = [
         [
             name,
-            *_figures(result["depth"]["all"]["per_image"], DEPTH_COLUMNS),
-            *_figures(result["normal"]["all"]["per_image"], ["mean"]),
+            *_rounded(result["depth"]["all"]["per_image"], DEPTH_COLUMNS),
+            *_rounded(result["normal"]["all"]["per_image"], ["mean"]),
             _seconds(result, 2),
         ]
         for name, result in results.items()
@@ -205,6 +210,11 @@ def _memory(result: Mapping[str, Any]) -> str:
 
 def _figures(values: Mapping[str, float | None], names: Mapping[str, str] | Sequence[str]) -> list[str]:
     return ["-" if (value := values.get(name)) is None else number(value) for name in names]
+
+
+def _rounded(values: Mapping[str, float | None], names: Iterable[str]) -> list[str]:
+    """Return figures with the decimals of their column, so that those of all methods can be compared at a glance."""
+    return ["-" if (value := values.get(name)) is None else f"{value:.{DECIMALS[name]}f}" for name in names]
 
 
 def number(value: float) -> str:

@@ -207,7 +207,7 @@ def test_a_name_given_twice_is_refused(folder, tmp_path, capsys, monkeypatch):
     assert "the name 'A' is taken" in capsys.readouterr().err
 
 
-def test_every_classical_method_and_saved_predictions_in_one_run(folder, tmp_path, monkeypatch):
+def test_every_classical_method_and_saved_predictions_in_one_run(folder, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("m3depth.evaluate.draw_evaluation", lambda *_: None)
     monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
     saved = tmp_path / "saved"
@@ -223,6 +223,12 @@ def test_every_classical_method_and_saved_predictions_in_one_run(folder, tmp_pat
     assert methods["Saved"]["depth"]["all"]["pooled"]["abs_rel"] < 1e-3
     assert all(methods[name]["depth"]["visible"]["pooled"]["epe"] < 1.5 for name in names)
     assert all(methods[name]["seconds"]["median"] > 0 for name in names[:-1]) and methods["Saved"]["seconds"] is None
+    printed = [line.split() for line in capsys.readouterr().out.splitlines()[1 : 1 + len(names)]]
+    assert [row[0] for row in printed] == names
+    decimals = [
+        {len(cell.partition(".")[2]) for cell in column if cell != "-"} for column in zip(*printed, strict=True)
+    ]
+    assert decimals[1:] == [{4}, {4}, {3}, {4}, {4}, {4}, {4}, {3}, {4}, {2}, {2}]  # one number in each column
     report = (out / "results.md").read_text()
     assert "| Saved, fitted to its depth |" in report and "| fitted to the true depth |" in report
 
