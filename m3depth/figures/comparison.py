@@ -36,7 +36,8 @@ ANGLE_LIMIT = 45.0  # [deg] angle between normals where the colour ends
 def comparison_figure(examples: Sequence[Example], path: Path, most: int | None = None) -> None:
     """Write a PNG with two rows a pair, depth above and normals below: images, truth, each method and its error.
 
-    All methods share the scales: depth is logarithmic, its error in percent of the true depth, angles in degrees.
+    Each panel has its name in a corner. All methods share the scales: depth is logarithmic, its error in percent of the
+    true depth, angles in degrees.
 
     Args:
         examples: The pairs.
@@ -67,8 +68,11 @@ def comparison_figure(examples: Sequence[Example], path: Path, most: int | None 
         show(lower[0], example.right)
         show(upper[1], known_depths(truth.depth), cmap=colour_map(DEPTH_MAP), norm=depth_norm)
         show(lower[1], normal_image(truth.normal))
-        upper[0].set_ylabel(f"{example.title}\nleft", fontsize=10)
-        lower[0].set_ylabel("right", fontsize=10)
+        upper[0].set_ylabel(example.title, fontsize=10)
+        for ax, text in (
+            (upper[0], "left image"), (lower[0], "right image"), (upper[1], "true depth"), (lower[1], "true normals"),
+        ):  # fmt: skip
+            note(ax, text)
         for i, name in enumerate(names):
             columns_of_method = slice(2 + 2 * i, 4 + 2 * i)
             _draw_depth(upper[columns_of_method], example, name, depth_norm)
@@ -91,7 +95,8 @@ def _draw_depth(axes: Sequence[Axes], example: Example, name: str, depth_norm: N
     relative = np.zeros(scored.shape)
     relative[scored] = 100 * np.abs(capped_depth(depth) / np.where(scored, truth.depth, 1) - 1)[scored]
     show(axes[1], np.ma.masked_array(relative, ~scored), cmap=colour_map(ERROR_MAP), norm=Normalize(0, ERROR_LIMIT))
-    note(axes[1], f"mean {relative[scored].mean():.1f} %" if scored.any() else "")
+    note(axes[0], "depth")
+    note(axes[1], "depth error" + (f": mean {relative[scored].mean():.1f} %" if scored.any() else ""))
 
 
 def _draw_normals(axes: Sequence[Axes], example: Example, name: str) -> None:
@@ -101,6 +106,7 @@ def _draw_normals(axes: Sequence[Axes], example: Example, name: str) -> None:
     if prediction.normal is None:
         for ax in axes:
             show(ax, np.full((*scored.shape, 3), float(UNSCORED)))
+            note(ax, "no normals")
         return
     oriented = scored & (np.linalg.norm(truth.normal, axis=-1) > 0.5)
     angle = np.zeros(scored.shape)
@@ -108,7 +114,8 @@ def _draw_normals(axes: Sequence[Axes], example: Example, name: str) -> None:
     known = known_depth(prediction.depth)[..., None]  # normals mean nothing in the sky
     show(axes[0], normal_image(np.where(known, prediction.normal, np.float32(0))))
     show(axes[1], np.ma.masked_array(angle, ~oriented), cmap=colour_map(ANGLE_MAP), norm=Normalize(0, ANGLE_LIMIT))
-    note(axes[1], f"mean {angle[oriented].mean():.1f}°" if oriented.any() else "")
+    note(axes[0], "normals")
+    note(axes[1], "angle error" + (f": mean {angle[oriented].mean():.1f}°" if oriented.any() else ""))
 
 
 def _draw_bars(figure: Figure, depth_norm: Normalize, gap: str, extra: float) -> None:

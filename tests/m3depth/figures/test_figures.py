@@ -124,8 +124,12 @@ def test_errors_are_drawn_beside_predictions(plane_samples, tmp_path, drawn_figu
     expected = angle_between(sample.normal @ turned, sample.normal)[scored]
     assert expected.min() > 10
     np.testing.assert_allclose(angle[scored], expected, rtol=1e-4)
-    assert [t.get_text() for t in upper[3].texts] == ["mean 2.0 %"]
-    assert [t.get_text() for t in lower[3].texts] == [f"mean {expected.mean():.1f}°"]
+    names = [[text.get_text() for text in ax.texts] for ax in (*upper[:4], *lower)]
+    assert names == [
+        ["left image"], ["true depth"], ["depth"], ["depth error: mean 2.0 %"],
+        ["right image"], ["true normals"], ["normals"], [f"angle error: mean {expected.mean():.1f}°"],
+        ["no normals"], ["no normals"],
+    ]  # fmt: skip
     assert np.ptp(image_in(lower[5])) == 0  # nothing to compare
     np.testing.assert_array_equal(image_in(lower[0]), sample.right)
 
