@@ -16,11 +16,12 @@ import numpy as np
 import tyro
 
 from m3depth import Prediction, load_estimator
+from m3depth.stereo.classical import fill_background
 from marssim import StereoDataset, StereoRig
 
 
 class Blocks:
-    """OpenCV's block matcher: fast, and blind where it sees no texture."""
+    """OpenCV's block matcher: fast, and blind where it sees no texture and in the left 192 columns."""
 
     def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
         """Return the maps of the left image.
@@ -33,12 +34,13 @@ class Blocks:
         grey = [cv2.cvtColor(eye, cv2.COLOR_RGB2GRAY) if eye.ndim == 3 else eye for eye in (left, right)]
         disparity = cv2.StereoBM.create(192, 15).compute(*grey).astype(np.float32) / 16  # [px]
         disparity[disparity <= 0] = np.nan  # NaN: unknown
-        confidence = np.isfinite(disparity).astype(np.float32)
+        confidence = np.isfinite(disparity).astype(np.float32)  # 1: matched, 0: filled
+        disparity = fill_background(disparity)
         return Prediction(rig.fb / disparity, disparity, None, confidence)  # depth [m]; None: no normals
 
 
 def main(data: Path, pairs: int = 4) -> None:
-    """Print how far each method is off, over the pixels that both eyes see.
+    """Print each method's mean error of disparity, and its share of confident pixels, where both eyes see the ground.
 
     Args:
         data: Dataset folder.
@@ -47,15 +49,15 @@ def main(data: Path, pairs: int = 4) -> None:
     methods = {"Blocks": Blocks(), "SGBM": load_estimator("sgbm"), "M3Depth": load_estimator("m3depth")}
     samples = StereoDataset(data)
     chosen = [samples[n] for n in range(min(pairs, len(samples)))]
-    print(f"{'method':8} {'error [px]':>10} {'known':>6}")
+    print(f"{'method':8} {'error [px]':>10} {'trusted':>8}")
     for name, method in methods.items():
-        errors, known = [], []
+        errors, trusted = [], []
         for sample in chosen:
             scored = sample.valid & ~sample.occluded
-            disparity = method.infer(sample.left, sample.right, sample.rig).disparity[scored]
-            known.append(np.isfinite(disparity).mean())
-            errors.append(np.nanmedian(np.abs(disparity - sample.disparity[scored])))
-        print(f"{name:8} {np.mean(errors):10.2f} {np.mean(known):6.0%}")
+            prediction = method.infer(sample.left, sample.right, sample.rig)
+            trusted.append((prediction.confidence[scored] >= 0.5).mean())
+            errors.append(np.abs(prediction.disparity - sample.disparity)[scored].mean())
+        print(f"{name:8} {np.mean(errors):10.2f} {np.mean(trusted):8.0%}")
 
 
 if __name__ == "__main__":
