@@ -16,9 +16,8 @@ from typing import Literal, Protocol, get_args, runtime_checkable
 import numpy as np
 
 from m3depth.stereo.prediction import Prediction
-from m3depth.weights import SHIPPED_WEIGHTS
+from m3depth.weights import SHIPPED_WEIGHTS, check_weights_file, named_by
 from marssim.base.camera import StereoRig
-from marssim.base.command.input_file import check_file
 from marssim.base.results.code_state import source_file
 
 M3DEPTH = "m3depth"
@@ -110,7 +109,7 @@ class EstimatorName:
             OSError: The weights file is missing or cannot be read.
         """
         if self.weights is not None:
-            check_file(self.weights, "weights file")
+            check_weights_file(self.weights)
         return None if self.file is None else hashlib.sha256(self.file.read_bytes()).hexdigest()
 
     def label(self, parts: int = 1) -> str:
@@ -183,7 +182,7 @@ def load_estimator(
         return spec
     name = EstimatorName.parse(spec, role, others)
     if name.weights is not None:
-        return _load_m3depth(name.weights, device)
+        return _load_m3depth(name.weights, role, device)
     if name.name == "sgbm":
         from m3depth.stereo.classical import SGBM
 
@@ -232,12 +231,15 @@ def checked_prediction(estimator: Estimator, result: object, size: tuple[int, in
     return replace(result, **{name: m.astype(np.float32, copy=False) for name, m in maps.items() if m is not None})
 
 
-def _load_m3depth(weights: Path, device: str) -> Estimator:
-    check_file(weights, "weights file")  # before torch is imported
-    from m3depth.network.device import chosen_device
-    from m3depth.network.model import M3Depth
+def _load_m3depth(weights: Path, role: str, device: str) -> Estimator:
+    with named_by(role):
+        check_weights_file(weights)  # before torch is imported
+        from m3depth.network.model import M3Depth
 
-    return M3Depth.from_pretrained(weights).to(chosen_device(device))
+        model = M3Depth.from_pretrained(weights)
+    from m3depth.network.device import chosen_device
+
+    return model.to(chosen_device(device))
 
 
 def _load_class(role: str, module_name: str, class_name: str) -> Estimator:

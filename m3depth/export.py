@@ -34,6 +34,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from m3depth.weights import named_by
 from marssim.base.command.run import run_command
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import json_text
@@ -215,7 +216,8 @@ def export(options: ExportOptions) -> dict[str, Any]:
         require(package)
     from m3depth.network.model import M3Depth
 
-    model = M3Depth.from_pretrained(options.weights)
+    with named_by("--weights"):
+        model = M3Depth.from_pretrained(options.weights)
     exported = to_onnx(model, options.opset)
     differences = parity(model, exported, ((1, 96, 160), (2, 131, 203)))
     if not max(differences["mean_px"], differences["mean_other"]) < PARITY:

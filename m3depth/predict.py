@@ -184,8 +184,10 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
     folder.check()
     _check_method_and_cloud(options)
     if estimator is None:
-        name = options.estimator if options.weights is None else f"{M3DEPTH}:{options.weights}"
-        estimator = load_estimator(name, "--estimator", device=options.device)
+        name, flag = options.estimator, "--estimator"
+        if options.weights is not None:
+            name, flag = f"{M3DEPTH}:{options.weights}", "--weights"
+        estimator = load_estimator(name, flag, device=options.device)
     if options.nearest is not None and not takes_nearest(estimator):
         raise ValueError(f"--nearest: --estimator {options.estimator} takes no nearest depth; leave it out")
     right = align_right(right, calibration.shift)

@@ -15,7 +15,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor
 
-from marssim.base.command.input_file import check_file
+from m3depth.weights import WANTED, check_weights_file
 from marssim.base.command.wording import counted
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import json_text
@@ -52,17 +52,17 @@ def load_weights(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
         ValueError: The file is damaged, belongs to another network, or holds numbers of another type or that are not
             finite. The message names it.
     """
-    check_file(path, "weights file")
+    check_weights_file(path)
     try:
         with safe_open(str(path), framework="pt", device="cpu") as file:
             metadata = file.metadata() or {}
             tensors = {name: file.get_tensor(name) for name in list(file.keys())}
     except (SafetensorError, OSError, RuntimeError) as error:
-        raise ValueError(f"{path}: not a readable safetensors file ({str(error).splitlines()[0]})") from None
+        raise ValueError(f"{path}: not a readable .safetensors file ({str(error).splitlines()[0]}); {WANTED}") from None
     try:
         config = json.loads(metadata["m3depth_config"])
     except (KeyError, json.JSONDecodeError, RecursionError):
-        raise ValueError(f"{path}: holds no m3depth_config, so these are not weights of M3Depth") from None
+        raise ValueError(f"{path}: holds no m3depth_config, so these are not weights of M3Depth; {WANTED}") from None
     if not isinstance(config, dict):
         raise ValueError(f"{path}: m3depth_config is not a JSON object")
     mistyped = sorted(name for name, tensor in tensors.items() if tensor.dtype not in DTYPES)

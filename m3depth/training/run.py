@@ -14,7 +14,7 @@ import torch
 from m3depth.network.config import M3DepthConfig, read_config
 from m3depth.network.model import M3Depth
 from m3depth.training.config import TrainConfig
-from m3depth.weights import SHIPPED, SHIPPED_WEIGHTS, weights_file
+from m3depth.weights import SHIPPED, SHIPPED_WEIGHTS, named_by, weights_file
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import as_json
 from marssim.base.results.claim import as_typed, differences
@@ -41,7 +41,8 @@ def new_network(config: TrainConfig) -> M3Depth:
     if config.init and previous.is_file():
         return M3Depth(M3DepthConfig.from_dict(read_checkpoint(previous, torch.device("cpu"))["identity"]["network"]))
     if config.init:
-        return M3Depth.from_pretrained(weights_file(config.init))
+        with named_by("--init"):
+            return M3Depth.from_pretrained(weights_file(config.init))
     return M3Depth(read_config(config.network)) if config.network else M3Depth.from_preset(config.preset)
 
 

@@ -101,7 +101,10 @@ def test_a_file_that_disagrees_is_not_written(tmp_path, monkeypatch, exported, p
     [
         (["--out", "net.pt"], "--out net.pt: must end in .onnx"),
         (["--out", "net.onnx", "--opset", "11"], "--opset must be 17 to 20, got 11"),
-        (["--out", "net.onnx", "--weights", "none.safetensors"], "none.safetensors: no such weights file"),
+        (
+            ["--out", "net.onnx", "--weights", "none.safetensors"],
+            "--weights none.safetensors: no such weights file; give a weights.safetensors that m3depth.train wrote",
+        ),
     ],
 )
 def test_mistakes_exit_with_2_and_one_line(arguments, message, tmp_path, monkeypatch, capsys) -> None:

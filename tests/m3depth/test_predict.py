@@ -216,7 +216,7 @@ def test_two_images_of_different_things_are_refused(tmp_path, capsys):
         ("no focal", "--focal is missing: give it, or a calibration file with --calib"),
         ("calib", "calib.txt: is for images of 90 x 60 px"),
         ("unit", "calib.txt: baseline 0.00012 m is out of"),
-        ("weights", "w.safetensors: no such weights file"),
+        ("weights", "w.safetensors: no such weights file; give a weights.safetensors that m3depth.train wrote"),
         ("weights by name", "v.safetensors: no such weights file"),
         ("weights of another", "--weights is of m3depth, not of --estimator sgbm"),
         ("weights folder", "is a folder, not a weights file"),

@@ -423,6 +423,14 @@ def test_a_custom_network_comes_from_a_file(plane_samples, tmp_path) -> None:
         train(config_for(tmp_path / "other", network=tmp_path / "none.json"), plane_samples, [])
 
 
+def test_weights_to_start_from_that_cannot_be_read_are_named_with_their_flag(plane_samples, tmp_path) -> None:
+    bad = tmp_path / "bad.safetensors"
+    bad.write_bytes(b"no weights at all")
+    reason = r"not a readable \.safetensors file \(.*\); give a weights\.safetensors that m3depth\.train wrote"
+    with pytest.raises(ValueError, match=rf"^--init {bad}: {reason}$"):
+        train(config_for(tmp_path / "run", init=bad), plane_samples, [])
+
+
 def test_warm_start_takes_weights_and_their_config(plane_samples, tmp_path) -> None:
     torch.manual_seed(5)
     M3Depth(replace(SMALL, hidden=16)).save_pretrained(tmp_path / "init.safetensors")

@@ -69,6 +69,10 @@ class StereoDataset:
         file = self.path / "dataset.json"
         if not file.is_file():
             _check_not_unfinished(self.path)
+            raise DatasetError(
+                f"{self.path}: holds no dataset of marssim, as dataset.json is missing; give the folder that "
+                "marssim.generate wrote"
+            )
         self.index = read_json(file)
         if self.index.get("schema") != SCHEMA:
             raise DatasetError(f"{file}: schema is {self.index.get('schema')!r}, not {SCHEMA!r}")

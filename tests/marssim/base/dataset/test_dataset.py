@@ -238,7 +238,7 @@ def test_a_path_without_a_dataset_is_named(tmp_path):
         StereoDataset(tmp_path / "README.md")
     with pytest.raises(DatasetError, match=r"nowhere: no such folder"):
         StereoDataset(tmp_path / "nowhere")
-    with pytest.raises(DatasetError, match=r"dataset\.json: no such file"):
+    with pytest.raises(DatasetError, match=r"holds no dataset of marssim, as dataset\.json is missing; give"):
         StereoDataset(tmp_path)
 
 
