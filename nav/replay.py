@@ -100,16 +100,16 @@ def _work(config: ReplayConfig) -> None:
     frames = list(recorded(dataset, config.scene))
     if not frames:
         raise DatasetError(f"{config.data}: holds no scene {config.scene}")
+    settings = dataset.index.get("config")
+    if isinstance(settings, dict) and settings.get("trajectory") is False:
+        raise DatasetError(
+            f"{config.data}: holds no recorded drive, its views are random; generate one with marssim.generate "
+            "--trajectory"
+        )
     places = np.array([frame.camera_pose[:2, 3] for frame in frames])
     apart = float(np.hypot(*np.diff(places, axis=0).T).max(initial=0))
-    settings = dataset.index.get("config")
-    no_drive = isinstance(settings, dict) and settings.get("trajectory") is False and len(frames) > 1
-    if apart > DRIVE_APART or no_drive:
-        print(
-            f"warning: frames lie up to {apart:.1f} m apart; the views of a scene are a drive only if marssim.generate "
-            "ran with --trajectory",
-            file=sys.stderr,
-        )
+    if apart > DRIVE_APART:
+        print(f"warning: frames lie up to {apart:.1f} m apart; are they the images of one drive?", file=sys.stderr)
     eye = frames[0].camera_pose
     forward = eye[:2, 2] / max(float(np.hypot(*eye[:2, 2])), 1e-9)
     left = np.array([-forward[1], forward[0]])

@@ -73,7 +73,7 @@ def test_the_command_prints_a_line_a_frame_and_needs_no_simulator(folder):
     assert done.stdout.splitlines()[-1] == "8 commands for 8 frames" and done.stdout.count("m/s") == 8
 
 
-def test_views_that_are_no_drive_are_warned_of(folder, tmp_path, capsys):
+def test_views_far_from_each_other_are_warned_of(folder, tmp_path, capsys):
     assert main([str(folder)]) == 0
     assert capsys.readouterr().err == ""
     sample = StereoDataset(folder)[0]
@@ -88,12 +88,22 @@ def test_views_that_are_no_drive_are_warned_of(folder, tmp_path, capsys):
     assert capsys.readouterr().err.startswith("warning: frames lie up to 9.0 m apart")
 
 
-@pytest.mark.parametrize(("drive", "warned"), [(True, False), (False, True)])
-def test_views_near_each_other_that_are_no_drive_are_warned_of(folder, tmp_path, capsys, drive, warned):
+@pytest.mark.parametrize("number", [1, 8])
+def test_a_dataset_of_random_views_is_refused(folder, tmp_path, capsys, number):
+    """Also where a scene has a single view."""
     copy = shutil.copytree(folder, tmp_path / "copy")
-    write_index(copy, {"seed": 1, "trajectory": drive}, StereoDataset(folder).names)
+    names = StereoDataset(folder).names[:number]
+    write_index(copy, {"seed": 1, "trajectory": True}, names)
     assert main([str(copy)]) == 0
-    assert capsys.readouterr().err.startswith("warning: frames lie up to 0.3 m apart") == warned
+    assert capsys.readouterr().err == ""
+    write_index(copy, {"seed": 1, "trajectory": False}, names)
+    assert main([str(copy)]) == 2
+    shown = capsys.readouterr()
+    assert shown.err == (
+        f"error: {copy}: holds no recorded drive, its views are random; "
+        "generate one with marssim.generate --trajectory\n"
+    )
+    assert shown.out == ""
 
 
 def test_mistakes_exit_with_2_and_one_line(folder, tmp_path, capsys):
