@@ -1,9 +1,11 @@
 import shutil
 import sys
+from dataclasses import replace
 
 import pytest
 
-from envs.demo import DemoConfig, demo, main
+from envs.demo import DemoConfig, _drive_in_words, demo, main
+from envs.drives.episodes import EpisodeRecord
 from marssim.base.results.lock import sole_writer
 from marssim.scene.presets import preset
 
@@ -130,3 +132,16 @@ def test_the_demo_drives_in_utopia_or_in_a_place_from_a_file(tmp_path, capsys, m
     assert [config.scenes[0] for config in configs] == [preset("utopia"), preset("gale", horizon=40.0)]
     assert main(["--out", str(tmp_path / "c"), "--scene", "galle"]) == 2
     assert "did you mean gale?" in capsys.readouterr().err and not (tmp_path / "c").exists()
+
+
+def test_the_summary_says_what_the_drive_is_compared_with():
+    record = EpisodeRecord(
+        driver="navigator", perception="m3depth", cell="c", episode=0, outcome="goal", steps=40, distance=0.9,
+        start_distance=14.0, shortest=14.1, path_length=15.1, min_clearance=2.88, max_tilt_deg=4.0, reward=1.0,
+        step_seconds=0.1, perception_seconds=0.05, redraws=0, goal=[0.0, 0.0],
+    )  # fmt: skip
+    words = " ".join(_drive_in_words(record).split())
+    assert "reached its goal and drove 15.1 m. At best, a drive to this goal takes about 13.1 m:" in words
+    assert "clearance on the way was 2.88 m, from the rover's footprint to a true rock of 0.3 m or more" in words
+    assert "more than 3 m, from" in _drive_in_words(replace(record, min_clearance=3.0))
+    assert "did not reach its goal (stuck)" in _drive_in_words(replace(record, outcome="stuck"))
