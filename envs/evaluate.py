@@ -25,7 +25,7 @@ from envs.drives.config import EvaluateConfig, Task
 from envs.drives.episodes import EpisodeRecord, Watch, run_episode
 from envs.drives.metrics import best_and_worst, paired_difference, summarise
 from envs.drives.records import DELETE_TO_REPEAT, read_record
-from envs.drives.report import write_report
+from envs.drives.report import without_definitions, write_report
 from envs.drives.resume import WEIGHTS, noted_digests
 from envs.drives.step_lines import StepLines
 from envs.drives.test_set_errors import errors_on_test_set
@@ -234,9 +234,10 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _work(config: EvaluateConfig) -> None:
     content = evaluate(config)
-    print((config.out / "results.md").read_text())
+    page = config.out / "results.md"
+    print(without_definitions(page.read_text()).rstrip(), end="\n\n")
     rows = counted(len(content["results"]), "row")
-    print(f"{rows} in {config.out / 'results.json'}, drives in {config.out / 'maps'}")
+    print(f"{rows} in {config.out / 'results.json'}, drives in {config.out / 'maps'}; {page} defines the columns")
 
 
 if __name__ == "__main__":

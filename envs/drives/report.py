@@ -44,6 +44,11 @@ def write_report(out: Path, content: dict[str, Any], records: Sequence[EpisodeRe
     plot_maps(out / "maps", records)
 
 
+def without_definitions(page: str) -> str:
+    """Return results.md without the definitions of the table's columns, for a terminal."""
+    return page.replace(f"{LEGEND}\n\n", "")
+
+
 def settings(driven_with: Mapping[str, Any]) -> str:
     """Return a line with the flags for which the table holds. driven_with: values by flag, without its dashes."""
     flags = [f"--{name.replace('_', '-')} {value}" for name, value in driven_with.items()]

@@ -311,7 +311,10 @@ def test_the_command_by_its_name_drives_in_workers_and_says_one_row(finished, tm
     command = [sys.executable, "-m", "envs.evaluate", "--out", str(tmp_path), "--episodes", "2", "--seed", "3"]
     done = subprocess.run([*command, "--workers", "2", *FLAGS], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines()[-1].startswith("1 row in ")
+    *table, last = done.stdout.strip().splitlines()
+    assert last.startswith("1 row in ") and last.endswith(f"; {tmp_path / 'results.md'} defines the columns")
+    assert [line[:10] for line in table] == ["Driven wit", "", "| driver |", "|---|---|-", "| straight", ""]
+    assert "\nSuccess: the rover came within" in (tmp_path / "results.md").read_text()
     assert without_times(json.loads((tmp_path / "results.json").read_text())) == without_times(finished[1])
 
 
