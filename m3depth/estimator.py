@@ -18,6 +18,8 @@ import numpy as np
 from m3depth.stereo.prediction import Prediction
 from m3depth.weights import SHIPPED_WEIGHTS, check_weights_file, named_by
 from marssim.base.camera import StereoRig
+from marssim.base.command.spelling import did_you_mean
+from marssim.base.command.wording import where_to_run
 from marssim.base.results.code_state import source_file
 
 M3DEPTH = "m3depth"
@@ -85,7 +87,9 @@ class EstimatorName:
         if label == "" or not (name in (M3DEPTH, *CLASSICAL) or (first and second)):
             forms = ", ".join((*others, *FORMS))
             put_before = "; LABEL= before it names it in tables" if labelled else ""
-            raise ValueError(f"{role} {text!r} is unknown; choose from {forms}{put_before}")
+            names = (*others, M3DEPTH, *CLASSICAL)
+            similar = "" if label == "" or ":" in name else did_you_mean(name, names)
+            raise ValueError(f"{role} {text!r} is unknown{similar}; choose from {forms}{put_before}")
         return cls(name, label)
 
     @property
@@ -247,7 +251,7 @@ def _load_class(role: str, module_name: str, class_name: str) -> Estimator:
     try:
         module = import_module(module_name)
     except ModuleNotFoundError as error:
-        raise ValueError(f"{where}: {error}") from None
+        raise ValueError(f"{where}: {error}{where_to_run(error, module_name)}") from None
     cls = getattr(module, class_name, None)
     if not isinstance(cls, type):
         raise ValueError(f"{where}: module {module_name} has no class {class_name!r}")

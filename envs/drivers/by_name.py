@@ -9,7 +9,10 @@ from typing import Any
 from envs.drivers.builtin import NavigatorDriver, RandomDriver, StraightDriver
 from envs.drivers.driver import Driver
 from envs.drivers.policy_files import PolicyDriver
+from marssim.base.command.spelling import did_you_mean
+from marssim.base.command.wording import where_to_run
 
+FIELD = "`driver`"  # begins each message; a command replaces a name in ` ` by its flag
 # the drivers that come with the package
 DRIVERS: dict[str, type[Driver]] = {
     "navigator": NavigatorDriver,
@@ -29,13 +32,23 @@ def make_driver(name: str) -> Driver:
         ValueError: If the name is unknown or no driver; the message says what was expected.
         FileNotFoundError: If the file is missing.
     """
+    check_driver_name(name)
     if name in DRIVERS:
         return DRIVERS[name]()
     if name.endswith(".zip"):
         return PolicyDriver(Path(name))
-    if ":" in name:
-        return load_driver_class(name)
-    raise ValueError(f"driver {name!r} is unknown; choose from {', '.join(DRIVERS)}, FILE.zip, package.module:Class")
+    return load_driver_class(name)
+
+
+def check_driver_name(name: str) -> None:
+    """Check that a name has one of the forms that make_driver takes. Nothing is read or imported.
+
+    Raises:
+        ValueError: It has none of them; the message says what was expected.
+    """
+    if name not in DRIVERS and ":" not in name and not name.endswith(".zip"):
+        forms = f"{', '.join(DRIVERS)}, FILE.zip, package.module:Class"
+        raise ValueError(f"{FIELD} {name!r} is unknown{did_you_mean(name, list(DRIVERS))}; choose from {forms}")
 
 
 def load_driver_class(name: str) -> Any:
@@ -48,7 +61,8 @@ def load_driver_class(name: str) -> Any:
     try:
         driver = getattr(importlib.import_module(module), attribute)()
     except (ImportError, AttributeError, TypeError, ValueError) as error:
-        raise ValueError(f"driver {name!r} cannot be made: {error}") from None
+        hint = where_to_run(error, module) if isinstance(error, ImportError) else ""
+        raise ValueError(f"{FIELD} {name!r} cannot be made: {error}{hint}") from None
     if not (callable(getattr(driver, "act", None)) and callable(getattr(driver, "reset", None))):
-        raise ValueError(f"driver {name!r} has no methods reset and act")
+        raise ValueError(f"{FIELD} {name!r} has no methods reset and act")
     return driver

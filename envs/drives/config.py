@@ -10,7 +10,7 @@ from zlib import crc32
 
 import tyro
 
-from envs.drivers.by_name import DRIVERS
+from envs.drivers.by_name import check_driver_name
 from envs.drives.episodes import Cell, EpisodeRecord
 from envs.mars_nav import ERROR_LIMITS
 from envs.world.course import CourseConfig
@@ -106,9 +106,7 @@ class EvaluateConfig:
         if self.grid and (self.k or self.slope_deg):
             raise ValueError("--grid replaces --k and --slope-deg: give one or the others")
         for name in self.driver:
-            if name not in DRIVERS and ":" not in name and not name.endswith(".zip"):
-                known = ", ".join(DRIVERS)
-                raise ValueError(f"--driver {name!r} is unknown; choose from {known}, FILE.zip, package.module:Class")
+            check_driver_name(name)
         for flag, values in vars(self).items():
             if isinstance(values, tuple) and len(set(values)) < len(values):
                 given = ", ".join(map(str, values))

@@ -110,6 +110,10 @@ def test_a_folder_of_other_settings_is_refused(finished, capsys):
 @pytest.mark.parametrize(
     ("flags", "named"),
     [
+        (["--perception", "m3depht"], "--perception 'm3depht' is unknown (did you mean m3depth?); choose from"),
+        (["--driver", "navigater"], "--driver 'navigater' is unknown (did you mean navigator?); choose from"),
+        (["--driver", "nowhere:Wary"], "--driver 'nowhere:Wary' cannot be made: No module named 'nowhere'; run python"),
+        (["--perception", "nowhere:Net"], "--perception 'nowhere:Net': No module named 'nowhere'; run python -m in"),
         (["--perception", "magic"], "magic"), (["--perception", "m3depth:/no/such.safetensors"], "no/such"),
         (["--perception", "json:Nothing"], "Nothing"), (["--driver", "magic"], "--driver"),
         (["--film-courses", "10"], "--film-courses"),

@@ -14,3 +14,17 @@ def counted(number: int, noun: str) -> str:
         noun: The noun in the singular, whose plural ends in s.
     """
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def where_to_run(error: ImportError, module: str) -> str:
+    """Return the end of a message on a user's module that cannot be imported: how Python finds it, or nothing.
+
+    Args:
+        error: What the import raised. The hint is only for a module that Python does not find, not for one that this
+            module imports.
+        module: The module that the user named, as "package.module".
+    """
+    if not isinstance(error, ModuleNotFoundError) or not error.name or not f"{module}.".startswith(f"{error.name}."):
+        return ""
+    package, dot, _ = module.partition(".")
+    return f"; run python -m in the folder of {package}{'' if dot else '.py'}, or put this folder on PYTHONPATH"

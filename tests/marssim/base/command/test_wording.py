@@ -1,0 +1,21 @@
+import pytest
+
+from marssim.base.command.wording import where_to_run
+
+
+@pytest.mark.parametrize(
+    ("module", "missing", "hint"),
+    [
+        ("my_driver", "my_driver", "; run python -m in the folder of my_driver.py, or put this folder on PYTHONPATH"),
+        ("mine.driver", "mine", "; run python -m in the folder of mine, or put this folder on PYTHONPATH"),
+        ("mine.driver", "mine.driver", "; run python -m in the folder of mine, or put this folder on PYTHONPATH"),
+        ("my_driver", "cupy", ""),  # my_driver.py imports it
+        ("my_driver", "my", ""),
+    ],
+)
+def test_a_module_that_is_not_found_gets_a_hint(module, missing, hint):
+    assert where_to_run(ModuleNotFoundError(f"No module named {missing!r}", name=missing), module) == hint
+
+
+def test_an_import_that_fails_otherwise_gets_none():
+    assert where_to_run(ImportError("cannot import name 'x'", name="my_driver"), "my_driver") == ""
