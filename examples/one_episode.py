@@ -1,4 +1,4 @@
-"""Drive one episode of MarsNav-v0 by hand-made actions, with M3Depth or the truth as eyes.
+"""Drive one episode of MarsNav-v0 by hand-made actions, with the true depth or that of M3Depth.
 
 python examples/one_episode.py
 python examples/one_episode.py --perception m3depth --dynamics physics
@@ -15,7 +15,7 @@ def main(
     """Head for the goal without looking, and print each step.
 
     Args:
-        perception: The rover's eyes: ground_truth, m3depth, sgbm or package.module:Class.
+        perception: Method that turns the images into depth: ground_truth, m3depth, sgbm or package.module:Class.
         dynamics: How the rover moves: kinematic or physics.
         goal_distance: Distance from start to goal [m].
         seed: Seed of the episode.

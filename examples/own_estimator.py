@@ -1,6 +1,7 @@
 """Score a stereo method of your own beside M3Depth and SGBM, from Python.
 
-    python examples/own_estimator.py --data data/small
+    python -m marssim.generate --out data/small --pairs 12 --views-per-scene 4 --seed 1 --renderer scan
+    python examples/own_estimator.py
 
 The same class drives the rover and is scored by the commands:
 
@@ -39,13 +40,16 @@ class Blocks:
         return Prediction(rig.fb / disparity, disparity, None, confidence)  # depth [m]; None: no normals
 
 
-def main(data: Path, pairs: int = 4) -> None:
+def main(data: Path = Path("data/small"), pairs: int = 4) -> None:
     """Print each method's mean error of disparity, and its share of confident pixels, where both eyes see the ground.
 
     Args:
         data: Dataset folder.
         pairs: Number of pairs to score.
     """
+    if not data.is_dir():
+        settings = "--pairs 12 --views-per-scene 4 --seed 1 --renderer scan"
+        raise SystemExit(f"{data}: no such folder; make it with: python -m marssim.generate --out {data} {settings}")
     methods = {"Blocks": Blocks(), "SGBM": load_estimator("sgbm"), "M3Depth": load_estimator("m3depth")}
     samples = StereoDataset(data)
     chosen = [samples[n] for n in range(min(pairs, len(samples)))]

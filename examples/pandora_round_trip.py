@@ -1,7 +1,8 @@
 """Send a dataset to CNES's Pandora and score what comes back.
 
     python -m venv pandora && pandora/bin/pip install pandora
-    python examples/pandora_round_trip.py --data data/small --out out/pandora --pandora pandora/bin/pandora
+    python -m marssim.generate --out data/small --pairs 12 --views-per-scene 4 --seed 1 --renderer scan
+    python examples/pandora_round_trip.py --pandora pandora/bin/pandora
 
 Without --pandora, the program writes Pandora's input, lets OpenCV's SGBM play its part, and scores that: it shows the
 files of the round trip.
@@ -52,7 +53,9 @@ def run(*command: str) -> None:
     subprocess.run([sys.executable, *command], check=True)
 
 
-def main(data: Path, out: Path, split: str = "test", pandora: Path | None = None) -> None:
+def main(
+    data: Path = Path("data/small"), out: Path = Path("out/pandora"), split: str = "test", pandora: Path | None = None
+) -> None:
     """Export a split, match it, and score the disparities.
 
     Args:
@@ -61,6 +64,9 @@ def main(data: Path, out: Path, split: str = "test", pandora: Path | None = None
         split: Part of the dataset: train, val or test.
         pandora: The program `pandora`; without it, SGBM plays its part.
     """
+    if not data.is_dir():
+        settings = "--pairs 12 --views-per-scene 4 --seed 1 --renderer scan"
+        raise SystemExit(f"{data}: no such folder; make it with: python -m marssim.generate --out {data} {settings}")
     run("-m", "marssim.export", str(data), "--format", "eth3d", "--split", split, "--out", str(out / "eth3d"))
     for pair in sorted((out / "eth3d" / split / "two_view_training").iterdir()):
         config = write_input(pair, out / "maps" / pair.name)

@@ -1,7 +1,7 @@
 """Feed a dataset to PyTorch: batches of image pairs with their true disparity.
 
-python -m marssim.generate --out data/small --pairs 12 --views-per-scene 4 --renderer scan
-python examples/read_dataset_pytorch.py --data data/small
+python -m marssim.generate --out data/small --pairs 12 --views-per-scene 4 --seed 1 --renderer scan
+python examples/read_dataset_pytorch.py
 """
 
 from pathlib import Path
@@ -32,7 +32,7 @@ class MarsPairs(Dataset):
         }
 
 
-def main(data: Path, split: str = "train", batch: int = 2) -> None:
+def main(data: Path = Path("data/small"), split: str = "train", batch: int = 2) -> None:
     """Print the shapes and the mean disparity of each batch.
 
     Args:
@@ -40,6 +40,9 @@ def main(data: Path, split: str = "train", batch: int = 2) -> None:
         split: Part of the dataset: train, val or test.
         batch: Pairs in a batch.
     """
+    if not data.is_dir():
+        settings = "--pairs 12 --views-per-scene 4 --seed 1 --renderer scan"
+        raise SystemExit(f"{data}: no such folder; make it with: python -m marssim.generate --out {data} {settings}")
     pairs = MarsPairs(data, split)
     for number, item in enumerate(DataLoader(pairs, batch_size=batch)):
         mean = item["disparity"][item["scored"]].mean().item()

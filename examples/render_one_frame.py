@@ -1,6 +1,6 @@
 """Render a stereo pair with its ground truth from Python, without a dataset.
 
-python examples/render_one_frame.py --out out/frame
+python examples/render_one_frame.py
 python examples/render_one_frame.py --scene jezero --sun 12 --out out/low_sun
 """
 
@@ -13,7 +13,9 @@ import tyro
 from marssim import build_scene, load_place, render_view
 
 
-def main(out: Path, scene: str = "gale", sun: float = 35.0, yaw: float = 90.0, seed: int = 1) -> None:
+def main(
+    out: Path = Path("out/frame"), scene: str = "gale", sun: float = 35.0, yaw: float = 90.0, seed: int = 1
+) -> None:
     """Render one view and write both images, and the depth of the left one.
 
     Args:

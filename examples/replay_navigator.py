@@ -1,7 +1,8 @@
 """Feed recorded images to the navigator: depth from any estimator, poses from the recording.
 
     python -m marssim.generate --out data/drive --trajectory --pairs 20 --views-per-scene 20 --renderer scan
-    python examples/replay_navigator.py --data data/drive --estimator m3depth
+    python examples/replay_navigator.py
+    python examples/replay_navigator.py --estimator m3depth
 
 `python -m nav.replay` does the same with the true depth.
 """
@@ -24,7 +25,7 @@ def predicted(dataset: StereoDataset, estimator: Estimator) -> Iterator[Frame]:
         yield Frame(depth.depth, depth.confidence, sample.rig, np.array(sample.meta["pose"]))
 
 
-def main(data: Path, estimator: str = "sgbm", ahead: float = 20.0) -> None:
+def main(data: Path = Path("data/drive"), estimator: str = "sgbm", ahead: float = 20.0) -> None:
     """Print the navigator's command for each image.
 
     Args:
@@ -32,6 +33,9 @@ def main(data: Path, estimator: str = "sgbm", ahead: float = 20.0) -> None:
         estimator: Name of the method that predicts depth: m3depth, sgbm or package.module:Class.
         ahead: Distance of the goal, straight ahead of the first image [m].
     """
+    if not data.is_dir():
+        settings = "--trajectory --pairs 20 --views-per-scene 20 --renderer scan"
+        raise SystemExit(f"{data}: no such folder; make it with: python -m marssim.generate --out {data} {settings}")
     dataset = StereoDataset(data)
     eye = np.array(dataset[0].meta["pose"])  # (4, 4) camera to world
     forward = eye[:2, 2] / np.hypot(*eye[:2, 2])

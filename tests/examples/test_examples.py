@@ -49,6 +49,26 @@ def test_every_program_is_in_the_list_and_has_a_test():
     assert [name for name in programs if f"]({name})" not in listed or f'"{name}"' not in tested] == []
 
 
+def test_every_program_is_listed_with_the_line_that_runs_it_without_flags():
+    lines = (EXAMPLES / "README.md").read_text(encoding="utf-8").splitlines()
+    for file in EXAMPLES.glob("*.py"):
+        assert [line for line in lines if f"]({file.name})" in line and f"| `python examples/{file.name}` |" in line]
+
+
+@pytest.mark.parametrize(
+    "program", ["own_estimator.py", "pandora_round_trip.py", "read_dataset_pytorch.py", "replay_navigator.py"]
+)
+def test_a_program_without_its_dataset_names_the_command_that_makes_it(program, tmp_path):
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(
+        [sys.executable, str(EXAMPLES / program)], capture_output=True, text=True, env=environment, cwd=tmp_path
+    )
+    message, _, command = done.stderr.partition("; make it with: ")
+    assert done.returncode == 1 and message.endswith(": no such folder")
+    assert command.startswith("python -m marssim.generate --out data/")
+    assert f"    {command}" in (EXAMPLES / "README.md").read_text(encoding="utf-8")
+
+
 def test_a_dataset_is_read_by_pytorch(data):
     assert "1 pairs of train" in run("read_dataset_pytorch.py", "--data", data)
 
