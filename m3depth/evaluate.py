@@ -83,9 +83,10 @@ class EvaluateOptions:
     m3depth (the shipped weights), m3depth:PATH (other weights), or a classical method by its name in --baselines.
     NAME= before it names its column."""
     predictions: Annotated[tuple[str, ...], tyro.conf.arg(metavar=f"{FORM} ...")] = ()
-    """Folders of maps that other programs wrote: disparity [px], or depth [m] with ",depth". With ",scale=S", 1 px or
-    1 m is stored as S (-1 for RAFT-Stereo and Pandora); without it, as 1, and in a PNG as 256 (KITTI) or 1000. ",fill"
-    fills unknown pixels from the background. m3depth/evaluation/recorded_maps.py lists the names of the files."""
+    """Folders of maps that other programs wrote, each scored in a column NAME. The maps hold disparity [px], or depth
+    [m] with ",depth". ",scale=S" says that they hold S times that (-1 for RAFT-Stereo and Pandora); without it, S is 1,
+    but 256 for disparity and 1000 for depth in PNG files. ",fill" fills unknown pixels from the background.
+    m3depth/evaluation/recorded_maps.py lists the names of the files."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
     """Device that M3Depth runs on; auto takes a GPU if there is one."""
     limit: int | None = None

@@ -86,9 +86,9 @@ class PredictOptions:
     device: Literal["auto", "cpu", "cuda"] = "auto"
     """Device that M3Depth runs on; auto takes a GPU if there is one."""
     nearest: float | None = None
-    """Nearest depth [m] that must be seen, for M3Depth or a class whose infer takes it. Images in which it is more than
-    192 px of disparity are reduced. Without it, 0.84 m at first, and a second run at a higher resolution if all is
-    farther."""
+    """Nearest depth [m] in view, for M3Depth or a class whose infer takes it. M3Depth reaches 192 px of disparity, and
+    reduces images in which this depth has more. Without it, the network takes 0.84 m, and runs a second time, on images
+    that are reduced less, if everything in view is farther."""
     unchecked: bool = False
     """Write the result even where the pair shows that it is meaningless, and print a warning instead of an error."""
     left_right: bool = False

@@ -42,8 +42,8 @@ class DataConfig:
     With --format oaisys: name of the left sensor.
     """
     right: str | None = None
-    """Pattern of the right images; the text that * stands for pairs them with the left ones (--format folder).
-    With --format oaisys: name of the right sensor.
+    """Pattern of the right images below --data, such as right/*.png (--format folder).
+    Two images are a pair if * stands for the same text in both names. With --format oaisys: name of the right sensor.
     """
     disparity: str | None = None
     """Pattern of the left images' disparity maps [px] (--format folder).
@@ -54,8 +54,8 @@ class DataConfig:
     Their files are exr, npy, pfm, tiff or 16-bit png (millimetres).
     """
     unit: float | None = None
-    """Stored number for 1 px of disparity or 1 m of depth; by default 256 or 1000 in a PNG, else 1.
-    CREStereo's datasets have 32.
+    """Number that the maps store for 1 px of disparity or 1 m of depth. CREStereo's datasets have 32.
+    Without it, PNG files have 256 for disparity and 1000 for depth, and other files have 1.
     """
     calib: Path | None = None
     """One calibration file for all pairs, or the word natecam for Zhurong's camera.
@@ -70,7 +70,7 @@ class DataConfig:
     resize: float = 1.0
     """Factor by which images are reduced when they are read, at most 1; disparities and cameras follow."""
     depth_range: tuple[float, float] = (0.0, math.inf)
-    """Nearest and farthest depth that is scored [m]; pixels outside of it are still trained.
+    """Nearest and farthest true depth [m] of the pixels that count in scores.
     Datasets of marssim always have 0.5 to 15 m.
     """
 

@@ -21,8 +21,8 @@ class AugmentConfig:
     """
 
     contrast: float = 0.34
-    """Lowest contrast factor; three of five crops get one between it and 1.25, log-uniform.
-    The highest is 1 / this if that is less; 1 leaves the contrast as it is.
+    """Lowest factor of the contrast. Three of five crops get a random factor from this to 1.25, or to 1 / this if that
+    is lower, uniform in its logarithm. 1 leaves the contrast as it is.
     """
     brightness: float = 0.12
     """Largest shift of the brightness, up or down, as a share of the full range."""

@@ -21,9 +21,13 @@ class LossConfig:
     consistency: float = 3.0
     """Weight of the consistency of disparity and normals, lambda_c of the paper."""
     relative: float = 4.0
-    """Weight of the relative error beside the error in pixels: with 4, disparities of 4 px count double."""
+    """Added weight of small disparities, which are far away: an error at a true disparity of d px, at least 1, counts
+    1 + this / d times. With 4, an error at 4 px counts twice.
+    """
     decay: float = 0.8
-    """Weight of each refinement step relative to the next one."""
+    """Weight of the maps of the last refinement step; the weight of each earlier step is this times that of the step
+    after it. With 0.8, the weights are 0.8, 0.64 and so on.
+    """
     initial: float = 1.0
     """Weight of the first maps, of soft argmin and SNNet."""
     rock: float = 4.0
@@ -31,7 +35,9 @@ class LossConfig:
     edge: float = 3.0
     """Weight of the other pixels at disparity edges."""
     sky_disparity: float = 0.02
-    """Weight that pulls the disparity of sky pixels to zero; small, as sky is decided apart."""
+    """Weight of the disparity of sky pixels, whose target is 0. It is small, because --loss.sky trains the output that
+    says where sky is.
+    """
     confidence: float = 0.2
     """Weight of the cross-entropy of the decision "within 1 px"."""
     sky: float = 0.3
