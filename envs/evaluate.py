@@ -10,6 +10,7 @@ where it was stopped.
 
 from __future__ import annotations
 
+import shutil
 import sys
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -37,6 +38,7 @@ from marssim.base.command.progress import progress
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
 from marssim.base.compute.workers import run_tasks
+from marssim.base.files.atomic import written_atomically
 from marssim.base.files.json_file import DatasetError, as_json, read_json, write_json
 from marssim.base.results.claim import PARTIAL, ResultFolder
 from marssim.base.results.code_state import versions
@@ -127,7 +129,12 @@ def _film(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence[Episo
             continue
         path.parent.mkdir(exist_ok=True)
         write_json(noted, {other: file for other, file in filmed.items() if other != name})  # until it is whole
-        _film_drive(config, task, path, f"filming {words}", records[n].steps)
+        same = [other for other, file in filmed.items() if file == task.file and other != name]
+        if same and (config.out / same[0]).is_file():
+            with written_atomically(path) as part:
+                shutil.copy(config.out / same[0], part)
+        else:
+            _film_drive(config, task, path, f"filming {words}", records[n].steps)
         filmed[name] = task.file
         write_json(noted, filmed)
     if config.videos:

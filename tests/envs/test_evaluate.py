@@ -241,13 +241,14 @@ def test_the_best_and_the_worst_are_filmed_once(films, tmp_path, monkeypatch):
     assert [name for name, *_ in films] == ["best.mp4", "worst.mp4"] and films[1][1] == "RandomDriver"
     title = films[1][2]
     assert title.startswith("random, ground_truth: course ") and title.endswith(", k=0.01, slope=preset")
-    evaluate(replace(config, film_courses=(1,)))  # adds to them
-    assert [driver for _, driver, _ in films[2:]] == ["StraightDriver", "RandomDriver"]
-    assert sorted(file.name for file in (tmp_path / "videos").iterdir()) == sorted({name for name, *_ in films[2:]})
-    assert all("course 1," in title for *_, title in films[2:])
+    evaluate(replace(config, film_courses=(0, 1)))  # adds to them; two of the four drives are filmed already
+    assert sorted(driver for _, driver, _ in films[2:]) == ["RandomDriver", "StraightDriver"]
+    assert len({title for *_, title in films}) == 4
+    assert {file.read_bytes() for file in (tmp_path / "videos").iterdir()} == {b"film"}
+    assert len(list((tmp_path / "videos").iterdir())) == 4 and not list(tmp_path.rglob(".*"))
     assert [(d["driver"], d["less"]) for d in content["differences"]] == [("random", ["straight", "ground_truth"])]
     monkeypatch.setattr("envs.evaluate.drive", lambda *_: pytest.fail("it was filmed already"))
-    evaluate(replace(config, film_courses=(1,)))
+    evaluate(replace(config, film_courses=(0, 1)))
 
 
 @pytest.mark.parametrize(("driver", "film"), [("straight", "best.mp4"), ("random", "worst.mp4")])
@@ -269,13 +270,19 @@ def test_a_film_that_is_no_longer_the_worst_is_deleted(films, tmp_path):
 
 def test_the_progress_of_a_film_names_it(films, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("marssim.base.command.progress.LINE_SECONDS", 0.0)
-    config = EvaluateConfig(tmp_path, episodes=1, seed=3, film_courses=(0,), **{**QUICK, "videos": True})
+    config = EvaluateConfig(tmp_path, episodes=2, seed=3, film_courses=(0, 1), **{**QUICK, "videos": True})
     evaluate(config)
     lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("filming ")]
-    steps = json.loads(next((tmp_path / "episodes").iterdir()).read_text())["steps"] + 1
-    for words in ("best drive", "course 0, k=0.01, slope=preset, straight, ground_truth"):
-        counts = [line for line in lines if line.startswith(f"filming {words}: ")]
-        assert len(counts) == steps and counts[-1].startswith(f"filming {words}: {steps}/{steps} steps, ")
+    assert {line.rpartition(": ")[0] for line in lines} == {"filming best drive", "filming worst drive"}
+    (tmp_path / "videos.json").unlink()
+    evaluate(replace(config, videos=False))
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("filming ")]
+    for file in (tmp_path / "episodes").iterdir():
+        record = json.loads(file.read_text())
+        words = f"filming course {record['episode']}, k=0.01, slope=preset, straight, ground_truth"
+        looks = record["steps"] + 1
+        counts = [line for line in lines if line.startswith(f"{words}: ")]
+        assert len(counts) == looks and counts[-1].startswith(f"{words}: {looks}/{looks} steps, ")
 
 
 def test_what_a_killed_film_left_is_deleted(finished, tmp_path):
