@@ -12,7 +12,9 @@ def test_the_rover_takes_it_by_class_path(make_env, my_stereo):
     observation, info = env.reset(seed=0)
     assert type(env.perception.estimator).__name__ == "Blocks"
     assert observation in env.observation_space and info["perception_seconds"] > 0
-    assert np.isnan(env.sight.depth).any() and np.isfinite(env.sight.depth).mean() > 0.1
+    matched = env.sight.confidence == 1  # the rest is filled, with a confidence of 0
+    assert 0.1 < matched.mean() < 1 and set(np.unique(env.sight.confidence)) == {0, 1}
+    assert np.isfinite(env.sight.depth[matched]).all() and np.isfinite(env.sight.depth[~matched]).any()
     observation, *_ = env.step(np.array([0.5, 0.0]))
     assert observation in env.observation_space
 
