@@ -41,7 +41,7 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
 
     Returns:
         The last validation of the averaged weights; empty without `held_out`, where the run was done before, and after
-        a signal to one of the processes of torchrun, which would print a traceback if they failed.
+        a signal under torchrun, which would report an error of one of its processes with a traceback.
 
     Raises:
         ValueError: Bad settings.
