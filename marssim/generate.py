@@ -76,7 +76,7 @@ def _generate(config: GenerateConfig, folder: ResultFolder) -> StereoDataset:
     write_index(config.out, {**folder.settings, "pairs": config.pairs}, names)
     dataset = StereoDataset(config.out)
     chosen = range(0, len(dataset), max(1, len(dataset) // SHEET_SAMPLES))[:SHEET_SAMPLES]
-    sheet = contact_sheet([dataset[i] for i in chosen], [dataset.names[i] for i in chosen])
+    sheet = contact_sheet([dataset[i] for i in chosen], [dataset.names[i] for i in chosen], total=len(dataset))
     write_atomically(config.out / "contact_sheet.png", encode_png(sheet[..., ::-1]))
     write_atomically(config.out / "README.md", _readme(config, dataset).encode())
     folder.note(command=command_flags(config, elsewhere=True))  # the folder may be given to others

@@ -20,7 +20,7 @@ SMALL = 0.35  # size of the smaller text, in OpenCV's unit
 
 
 def contact_sheet(
-    samples: Sequence[StereoSample], names: Sequence[str], columns: int = 6, tile: int = 192
+    samples: Sequence[StereoSample], names: Sequence[str], columns: int = 6, tile: int = 192, total: int | None = None
 ) -> np.ndarray:
     """Draw samples side by side, each as a column of both eyes, depth and normals, headed by its name.
 
@@ -29,6 +29,7 @@ def contact_sheet(
         names: "scene/view" of each.
         columns: Number of samples side by side; further ones go below.
         tile: Width of each image on the sheet [px].
+        total: Number of samples of the dataset. The legend names it if the sheet shows fewer.
 
     Returns:
         (H, W, 3) uint8 RGB. The legend at the bottom has the scale of depth.
@@ -40,13 +41,14 @@ def contact_sheet(
         raise ValueError("a contact sheet needs at least one sample")
     heights = [max(1, round(tile * sample.depth.shape[0] / sample.depth.shape[1])) for sample in samples]
     height = max(heights)
+    part = f"{len(samples)} of {total} pairs; " if total is not None and total > len(samples) else ""
     strips = [_strip(sample, name, tile, height) for sample, name in zip(samples, names)]
     columns = min(columns, len(strips))
     strips += [np.full_like(strips[0], PAPER)] * (-len(strips) % columns)
     bands = [
         np.hstack([_row_names(height), *strips[start : start + columns]]) for start in range(0, len(strips), columns)
     ]
-    return np.vstack([*bands, _legend(bands[0].shape[1])])
+    return np.vstack([*bands, _legend(bands[0].shape[1], part)])
 
 
 def _strip(sample: StereoSample, name: str, width: int, height: int) -> np.ndarray:
@@ -78,9 +80,9 @@ def _row_names(height: int) -> np.ndarray:
     return np.vstack([_blank(2 * LINE, SIDE), *names])
 
 
-def _legend(width: int) -> np.ndarray:
-    """Draw the scale of depth, and a text on grey and on the colours of normals."""
-    lines = _wrapped(f"depth [m], grey beyond {MAX_DEPTH:g} m; {NORMAL_TITLE}", width - SIDE - GAP)
+def _legend(width: int, part: str) -> np.ndarray:
+    """Draw the scale of depth, and below it `part` and a text on grey and on the colours of normals."""
+    lines = _wrapped(f"{part}depth [m], grey beyond {MAX_DEPTH:g} m; {NORMAL_TITLE}", width - SIDE - GAP)
     bar, ticks = depth_bar(min(420, width - SIDE - 16))
     legend = _blank(3 * LINE + len(lines) * LINE, width)
     legend[8 : 8 + len(bar), SIDE : SIDE + bar.shape[1]] = bar

@@ -6,6 +6,7 @@ import pytest
 from marssim.base.camera import NATECAM
 from marssim.base.dataset.sample import StereoSample
 from marssim.base.images.colours import depth_colours
+from marssim.generation import contact_sheet as module
 from marssim.generation.contact_sheet import contact_sheet
 
 SIDE = 24
@@ -59,6 +60,16 @@ def test_the_scale_of_depth_is_below():
     near, far = depth_colours(np.array([[1.0, 15.0]]))[0]
     for colour in (near, far):
         assert (sheet[-150:] == colour).all(axis=-1).sum() >= 10
+
+
+def test_the_legend_tells_that_the_sheet_shows_a_part(monkeypatch):
+    texts = []
+    monkeypatch.setattr(module, "_write", lambda image, text, at, size=0.4: texts.append(text))
+    samples, names = [sample(90), sample(90)], ["00000/00", "00000/01"]
+    for total, part in ((None, False), (2, False), (9, True)):
+        texts.clear()
+        contact_sheet(samples, names, total=total)
+        assert ("2 of 9 pairs" in " ".join(texts)) == part
 
 
 def test_a_sample_without_a_sun_that_is_a_number_is_drawn():
