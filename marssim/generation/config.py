@@ -6,6 +6,7 @@ import math
 import re
 import sys
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
@@ -250,4 +251,9 @@ def named_scene(args: Sequence[str]) -> str:
 
 
 def _options(place: SceneConfig) -> SceneOptions:
-    return SceneOptions(**{f.name: getattr(place, f.name) for f in fields(SceneConfig)})
+    """Return a place as flags. The digest of its heightmap is left out, as --relief.heightmap may name another one."""
+    options = SceneOptions(**{f.name: getattr(place, f.name) for f in fields(SceneConfig)})
+    relief = copy(place.relief)
+    object.__setattr__(relief, "heightmap_sha256", None)
+    object.__setattr__(options, "relief", relief)
+    return options

@@ -1,6 +1,7 @@
 import json
 import shlex
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -87,3 +88,19 @@ def test_every_setting_on_which_the_content_depends_is_recorded():
         if field.name not in ("out", "workers", "scheduler", "scenes", "rig"):
             content = {**config.content(), "pairs": 1, "drive": 1, "rasterizer": 1}  # the last two: where they count
             assert field.name in json.dumps(content), field.name
+
+
+def test_a_flag_replaces_the_heightmap_of_a_place_file(tmp_path):
+    for name in ("first", "second"):
+        np.save(tmp_path / f"{name}.npy", np.full((250, 250), 1.0 if name == "first" else 2.0))
+    place = {"relief": {"heightmap": "first.npy", "heightmap_scale": 1}}
+    (tmp_path / "place.json").write_text(json.dumps(place))
+    here = ("--scene", tmp_path / "place.json")
+    own, other = (
+        asked(*here, *more).scenes[0].relief for more in ((), ("--relief.heightmap", tmp_path / "second.npy"))
+    )
+    assert Path(other.heightmap).name == "second.npy" and other.heightmap_scale == 1
+    assert None not in (own.heightmap_sha256, other.heightmap_sha256)
+    assert own.heightmap_sha256 != other.heightmap_sha256
+    with pytest.raises(ValueError, match="its SHA-256 is"):
+        asked(*here, "--relief.heightmap-sha256", "0" * 64)
