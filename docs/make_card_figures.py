@@ -1,4 +1,4 @@
-"""Make two of the model card's figures anew, from its clean pairs: `python docs/make_card_figures.py data/clean`.
+"""Make two of the model card's figures again, from its clean pairs: `python docs/make_card_figures.py data/clean`.
 
 The rocks' is that of `python -m envs.rocks`, as the card gives it, with `--out out/rocks`.
 """

@@ -210,7 +210,7 @@ def test_a_perception_that_sees_nothing_is_noted(make_env):
 
 @pytest.mark.parametrize(("aside", "near"), [(1.34, True), (1.7, False)])
 def test_what_happened_on_the_way_is_in_the_record(on_course, make_scene, make_course, aside, near):
-    """Past a rock of 1.2 m, the flank 4 cm or 40 cm from it, then up a slope of 10 deg, with depth that errs."""
+    """Past a rock of 1.2 m, its side 4 cm or 40 cm from it, then up a slope of 10 deg, with depth that errs."""
 
     def ramp(x, y):
         return np.tan(np.deg2rad(10)) * np.maximum(0, x)

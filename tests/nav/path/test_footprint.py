@@ -27,7 +27,7 @@ def test_discs_cover_the_footprint():
 
 @pytest.mark.parametrize("yaw", [0.0, np.pi / 2, np.pi])
 def test_the_distance_is_from_the_footprints_edge(yaw):
-    """A wall whose face is at x = 3: the rover's nose or flank comes up to it, less what the discs cover beyond."""
+    """A wall whose face is at x = 3: the rover's front or side comes up to it, less what the discs cover beyond."""
     elevation, ground = flat_map_with_rocks([(3.5, y, 0.5) for y in np.arange(-6.0, 6.1, 1.0)])
     reach = abs(np.cos(yaw)) * ZHURONG.length / 2 + abs(np.sin(yaw)) * ZHURONG.width / 2
     poses = np.array([[x, 0.0, yaw] for x in (-1.0, 0.5)])

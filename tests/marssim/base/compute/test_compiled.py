@@ -103,15 +103,15 @@ def test_a_command_tells_once_that_it_compiles(workers, tmp_path):
     """By whichever process, for whichever kernel; not when they are kept, nor when a later run needs one more."""
     package(tmp_path, 10)
     (tmp_path / "some" / "work.py").write_text(COMMAND)
-    told = []
+    notes = []
     for more in ([], [], ["one more"]):
         done = subprocess.run(
             [sys.executable, "-m", "some.work", str(workers), *more], cwd=tmp_path, capture_output=True, text=True,
             env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONDONTWRITEBYTECODE": "1"},
         )  # fmt: skip
         assert done.returncode == 0 and sorted(done.stdout.split()) == ["0", "2", "4", "6"], done.stderr
-        told.append(done.stderr)
-    assert told == [f"note: {KEPT}\n", "", ""]
+        notes.append(done.stderr)
+    assert notes == [f"note: {KEPT}\n", "", ""]
 
 
 def test_a_command_tells_that_nothing_can_be_kept(homeless, capsys):

@@ -55,7 +55,7 @@ def tile() -> np.ndarray:
 def test_pebbles_cover_what_they_shall():
     heights, tones, grain = gravel(1)
     stone = heights > 0
-    # those that lie on others cover nothing anew
+    # those that lie on others add no cover
     assert 0.8 * COVER < -math.log(1 - stone.mean()) < 1.1 * COVER
     assert not tones[~stone].any() and heights.max() * TEXEL < 0.8 * SIZES[1]
     assert grain.std() == pytest.approx(1, abs=1e-3)

@@ -43,7 +43,7 @@ def test_what_the_sun_reaches_is_brighter(elevation, depth):
     renderer = shader(sun=towards(elevation, 40), optical_depth=depth)
     points = around()
     dark, half, lit = (level(renderer, points, share) for share in (0.0, 0.5, 1.0))
-    sunlit = (lit > dark).all(axis=1)  # a steep flank of the fine relief may turn away from a low sun
+    sunlit = (lit > dark).all(axis=1)  # a steep slope of the fine relief may turn away from a low sun
     assert sunlit.mean() > 0.6 and (lit >= dark).all()
     assert np.allclose(half, (lit + dark) / 2, atol=1e-5)
     assert (dark > 0).all()  # shadows are filled by the sky
