@@ -17,6 +17,9 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev,train,rl]'
 	touch $@
 
+# one thread a worker: more of them wait for each other
+test quick: export OMP_NUM_THREADS = 1
+
 test: install
 	$(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile -m "not benchmark"
 

@@ -94,9 +94,9 @@ from marssim.base.results.claim import ResultFolder
 with joined_group("cpu") as (rank, world, device):
     try:
         with entered_by_first(rank, world, ResultFolder(Path(sys.argv[1]), "training run").claim()):
-            print(f"process {rank} entered", flush=True)
+            print(f"process {rank} entered\\n", end="", flush=True)  # in one write: the other process prints too
     except ValueError as error:
-        print(f"process {rank}: {error}", flush=True)
+        print(f"process {rank}: {error}\\n", end="", flush=True)
 """
 
 
