@@ -6,9 +6,9 @@
 The terrains are those of marssim.generate with the same seed. The RMS slope over a lag r is that of profiles,
 sqrt(E[(h(x + r) - h(x))^2]) / r along x and y, over all scenes, as an angle. Up to 5 m it comes from the finely gridded
 square, without the border that blends into its surroundings, and beyond from the coarse grid. The slope asked for is
-that of self-affine relief, tan(slope) = tan(RMS slope over 1 m) r^(H - 1). Craters and ripples add to it, unless --bare
-leaves them out. The Hurst exponent is 1 plus the slope of log tan(slope) over log r, by least squares from 0.5 m to
-4 m.
+that of self-affine relief, tan(slope) = tan(RMS slope over 1 m) r^(H - 1). Craters, ditches and ripples add to it,
+unless --bare leaves them out. The Hurst exponent is 1 plus the slope of log tan(slope) over log r, by least squares
+from 0.5 m to 4 m.
 
 A scene is a small piece of relief, so that scenes differ much over the longest lags. "error" is the standard error of
 the measured slope that follows from their scatter, 0 for a single scene.
@@ -35,6 +35,7 @@ from marssim.scene.terrain import BLEND, HeightGrid, Terrain, build_terrain
 LAGS = (0.5, 1.0, 2.0, 4.0, 10.0, 30.0, 100.0)  # distances over which slopes are measured [m]
 FITTED = 4  # number of lags, from the first on, that give the Hurst exponent
 FINE_UP_TO = 5.0  # longest lag on the fine grid [m]; the coarse one lacks a fortieth of the slope over 10 m
+LANDFORMS = ("crater_density", "fresh_crater_density", "ditch_density", "ripple_amplitude")  # which --bare sets to 0
 GENTLE = 8.0  # slope that 98 % of the planes at Zhurong's site do not reach [deg]
 
 
@@ -49,7 +50,7 @@ class SlopesConfig:
     rms_slope_deg: float | None = None
     """RMS slope over 1 m [deg], instead of that of the place."""
     bare: bool = False
-    """Leave out craters and ripples, which the slope asked for does not include."""
+    """Leave out craters, ditches and ripples, which the slope asked for does not include."""
     scenes: int = 16
     """Number of terrains that are measured together."""
     seed: int = 1
@@ -62,7 +63,7 @@ class SlopesConfig:
     def scene_config(self) -> SceneConfig:
         """Return the place that the terrains are drawn from. Raises ValueError that names the field."""
         config = load_place(self.scene)
-        changes: dict[str, Any] = {"crater_density": 0.0, "ripple_amplitude": 0.0} if self.bare else {}
+        changes: dict[str, Any] = dict.fromkeys(LANDFORMS, 0.0) if self.bare else {}
         for name in ("hurst", "rms_slope_deg"):
             if getattr(self, name) is not None:
                 changes[name] = getattr(self, name)
@@ -182,7 +183,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _work(config: SlopesConfig) -> None:
     relief, result = config.scene_config().relief, slopes(config)
-    bare = ", without craters and ripples" if config.bare else ""
+    bare = ", without craters, ditches and ripples" if config.bare else ""
     print(f"{counted(config.scenes, 'terrain')} of {config.scene}{bare}; slopes of profiles [deg]")
     print("over [m]  asked  measured  error")
     for lag, asked, measured, error in zip(LAGS, result.asked, result.measured, result.error):

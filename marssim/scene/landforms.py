@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from scipy import fft
@@ -14,11 +16,12 @@ SHORTER = 0.3  # wavelength of small ripples over that of the large ones that th
 PATCH = 7.0  # [m] size of the patches of ripples
 
 
+@dataclass(frozen=True)
 class Craters:
-    """Bowls with raised rims. Their number falls as D^-2; their depths are uniform in the logarithm.
+    """Bowls with raised rims.
 
-    A fresh crater is a parabola of depth 0.2 D with a sharp rim of 0.04 D (Melosh 1989, simple craters). A worn one is
-    shallow, with a flat floor and a round rim.
+    A fresh crater is a parabola of depth 0.2 D with a sharp rim of 0.04 D (Melosh 1989, simple craters): its wall has
+    38 deg below the rim. A worn one is shallow, with a flat floor and a round rim.
 
     Attributes:
         centre: (N, 2) x, y [m].
@@ -27,24 +30,10 @@ class Craters:
         depth: (N,) depth from rim to floor [m].
     """
 
-    def __init__(self, config: ReliefConfig, far: float, largest: float, rng: np.random.Generator) -> None:
-        """Draw the craters.
-
-        Args:
-            config: Density and depth; the density counts craters from 1 m to config.crater_max_diameter.
-            far: Half the side of the square that they lie in [m].
-            largest: Diameter of the largest craters that are kept [m], at most config.crater_max_diameter. Below 1 m,
-                there are none.
-            rng: Random generator.
-        """
-        share = (1 - largest**-2.0) / (1 - config.crater_max_diameter**-2.0) if largest > 1 else 0.0
-        count = rng.poisson(share * config.crater_density * (2 * far) ** 2) if largest > 1 else 0
-        self.centre = rng.uniform(-far, far, (count, 2))
-        self.diameter = (1 - rng.uniform(0, 1 - largest**-2.0, count)) ** -0.5 if count else np.zeros(0)
-        low, high = np.log(config.crater_depth)
-        ratio = np.exp(rng.uniform(low, high, count))
-        self.freshness = np.clip(ratio / FRESH, 0, 1)
-        self.depth = ratio * np.minimum(self.diameter, config.crater_fill_diameter)
+    centre: np.ndarray
+    diameter: np.ndarray
+    freshness: np.ndarray
+    depth: np.ndarray
 
     def add_to(self, heights: np.ndarray, x: np.ndarray, y: np.ndarray) -> None:
         """Add the craters to heights, in place. Craters of less than 3 cells are left out.
@@ -62,6 +51,47 @@ class Craters:
             if i1 > i0 and j1 > j0 and d >= 3 * cell:
                 r = np.hypot(x[i0:i1] - cx, y[j0:j1, None] - cy) / (d / 2)
                 heights[j0:j1, i0:i1] += depth * crater_profile(r, fresh)
+
+
+def draw_craters(config: ReliefConfig, far: float, largest: float, rng: np.random.Generator) -> Craters:
+    """Draw craters of all ages. Their number falls as D^-2; their depths are uniform in the logarithm.
+
+    Args:
+        config: Density and depth; the density counts craters from 1 m to config.crater_max_diameter.
+        far: Half the side of the square that they lie in [m].
+        largest: Diameter of the largest craters that are kept [m], at most config.crater_max_diameter. Below 1 m,
+            there are none.
+        rng: Random generator.
+    """
+    share = (1 - largest**-2.0) / (1 - config.crater_max_diameter**-2.0) if largest > 1 else 0.0
+    count = rng.poisson(share * config.crater_density * (2 * far) ** 2) if largest > 1 else 0
+    centre = rng.uniform(-far, far, (count, 2))
+    diameter = (1 - rng.uniform(0, 1 - largest**-2.0, count)) ** -0.5 if count else np.zeros(0)
+    low, high = np.log(config.crater_depth)
+    ratio = np.exp(rng.uniform(low, high, count))
+    depth = ratio * np.minimum(diameter, config.crater_fill_diameter)
+    return Craters(centre, diameter, np.clip(ratio / FRESH, 0, 1), depth)
+
+
+def draw_fresh_craters(
+    config: ReliefConfig, far: float, clear: tuple[tuple[float, float, float], ...], rng: np.random.Generator
+) -> Craters:
+    """Draw fresh craters only, with diameters uniform in the logarithm.
+
+    Args:
+        config: Density and diameters of the fresh craters.
+        far: Half the side of the square that they lie in [m].
+        clear: Discs (x, y, radius) [m] that no rim reaches.
+        rng: Random generator.
+    """
+    count = rng.poisson(config.fresh_crater_density * (2 * far) ** 2)
+    centre = rng.uniform(-far, far, (count, 2))
+    low, high = np.log(config.fresh_crater_diameter)
+    diameter = np.exp(rng.uniform(low, high, count))
+    keep = np.ones(count, bool)
+    for x, y, radius in clear:
+        keep &= np.hypot(*(centre - (x, y)).T) > radius + diameter / 2
+    return Craters(centre[keep], diameter[keep], np.ones(keep.sum()), FRESH * diameter[keep])
 
 
 def crater_profile(r: np.ndarray, freshness: float) -> np.ndarray:

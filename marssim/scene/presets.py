@@ -15,7 +15,8 @@ PRESETS: tuple[Place, ...] = get_args(Place)
 
 # The relief of gusev, gale and jezero has the RMS slope over 1 m and the Hurst exponent of Pathfinder and Viking 1,
 # which have slopes of 4.8 to 5.4 deg over 1 m, 2.5 to 3.0 over 10 m and 1.2 to 1.7 over 100 m. Utopia is smoother: 98 %
-# of its slopes are under 8 deg. Hard is rougher than any of them.
+# of its slopes are under 8 deg. Hard is rougher than any of them,
+# and has ditches.
 _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig]] = {
     # a dusty plain: few rocks, worn and half buried, broad ripples, old craters
     "utopia": (
@@ -62,7 +63,7 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig]] = {
         RockConfig(k=0.20, cluster=0.5, families=(0.6, 0.2, 0.2), albedo=0.65),
         ReliefConfig(
             hurst=0.6, rms_slope_deg=7.0, crater_density=0.008, ripple_amplitude=0.02, ripple_wavelength=0.7,
-            ripple_cover=0.15,
+            ripple_cover=0.15, fresh_crater_density=0.0005, ditch_density=0.0005,
         ),
         LookConfig(
             pebbles=(0.3, 1.0), wind_ripples=(0.0, 0.6), bedding=(0.0, 0.6), bedrock=(0.0, 0.3), rock_dust=(0.0, 0.6),

@@ -15,8 +15,17 @@ from scipy import fft
 from scipy.special import gamma
 
 from marssim.scene.heightmap import FIELD, file_digest
-from marssim.scene.ranges import Range
+from marssim.scene.ranges import Range, check_ranges
 
+# least and largest value of the ranges of steep landforms; walls that are steeper do not show on a grid of 8 cm
+STEEP_LIMITS = {
+    "fresh_crater_diameter": (1.0, 50.0),
+    "ditch_width": (0.4, 20.0),
+    "ditch_depth": (0.1, 5.0),
+    "ditch_wall_deg": (20.0, 70.0),
+    "ditch_length": (1.0, 200.0),
+    "ditch_meander_deg": (0.0, 90.0),
+}
 SUBHARMONICS = 3  # how often the middle cell of the Fourier grid is split
 
 
@@ -42,6 +51,22 @@ class ReliefConfig:
     """Depth of craters from rim to floor over their diameter, LOW HIGH: 0.03 is worn, 0.2 is fresh."""
     crater_fill_diameter: float = 4.0
     """Diameter of the deepest craters [m]. Wider craters are filled with sand and are no deeper than these."""
+    fresh_crater_density: float = 0.0
+    """Number of further craters on a square metre that are all fresh: their walls have 38 deg, too steep to climb."""
+    fresh_crater_diameter: Range = (2.0, 6.0)
+    """Diameter of these fresh craters [m], LOW HIGH."""
+    ditch_density: float = 0.0
+    """Number of ditches on a square metre: narrow troughs with steep walls, as gullies and cracks."""
+    ditch_width: Range = (0.8, 2.5)
+    """Width of ditches from brink to brink [m], LOW HIGH."""
+    ditch_depth: Range = (0.5, 1.2)
+    """Depth of ditches [m], LOW HIGH. Narrow ones are shallower where their walls would meet."""
+    ditch_wall_deg: Range = (40.0, 60.0)
+    """Slope of the walls of ditches [deg], LOW HIGH."""
+    ditch_length: Range = (6.0, 20.0)
+    """Length of ditches [m], LOW HIGH."""
+    ditch_meander_deg: Range = (0.0, 40.0)
+    """Largest angle between a ditch and its mean direction [deg], LOW HIGH: 0 is straight."""
     ripple_amplitude: float = 0.012
     """Amplitude of the wind's large ripples [m]: half the height from trough to crest."""
     ripple_wavelength: float = 0.9
@@ -78,6 +103,10 @@ class ReliefConfig:
             raise ValueError(f"crater_depth must be a range within (0, 0.3], got {self.crater_depth}")
         if not 0 < self.crater_fill_diameter < np.inf:
             raise ValueError(f"crater_fill_diameter must be positive and finite, got {self.crater_fill_diameter}")
+        for name in ("fresh_crater_density", "ditch_density"):
+            if not 0 <= getattr(self, name) <= 0.1:
+                raise ValueError(f"{name} must lie in [0, 0.1], got {getattr(self, name)}")
+        check_ranges(self, STEEP_LIMITS)
         if not 0 <= self.ripple_amplitude <= 0.5:
             raise ValueError(f"ripple_amplitude must lie in [0, 0.5], got {self.ripple_amplitude}")
         if not 0.1 <= self.ripple_wavelength <= 50:

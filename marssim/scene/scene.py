@@ -114,14 +114,15 @@ def build_scene(
     Args:
         config: The place, as `preset("gale")`.
         rng: A random generator, or the seed of one. The same seed or state gives the same scene.
-        clear: Discs (x, y, radius) [m] that stay free of rocks with a diameter of 0.1 m and more. A rock counts as the
-            disc of its diameter, so a corner of it may reach into a clear disc. Smaller rocks lie there too.
+        clear: Discs (x, y, radius) [m] that stay free of rocks with a diameter of 0.1 m and more, of ditches and of
+            fresh craters. A rock counts as the disc of its diameter, so a corner of it may reach into a clear disc.
+            Smaller rocks lie there too.
 
     Raises:
         ValueError: The heightmap cannot be read or is too small, or the scene would have too many rocks.
     """
     terrain_rng, rock_rng, look_rng = np.random.default_rng(rng).spawn(3)
-    terrain = build_terrain(config.relief, config.size, config.cell, config.horizon, terrain_rng)
+    terrain = build_terrain(config.relief, config.size, config.cell, config.horizon, terrain_rng, clear)
     half = terrain.fine.bounds[2]
     rocks = build_rocks(config.rocks, half, config.horizon, terrain.height_at, rock_rng, clear)
     return Scene(config, terrain, rocks, draw_look(config.look, look_rng))

@@ -8,8 +8,9 @@ import cv2
 import numpy as np
 from scipy import fft
 
+from marssim.scene.ditches import draw_ditches
 from marssim.scene.heightmap import Window, read_heightmap
-from marssim.scene.landforms import Craters, ripples
+from marssim.scene.landforms import draw_craters, draw_fresh_craters, ripples
 from marssim.scene.relief import ReliefConfig, long_waves, self_affine, wavenumber
 
 __all__ = ["HeightGrid", "ReliefConfig", "Terrain", "build_terrain"]
@@ -135,7 +136,14 @@ class Terrain:
         return ~self.fine.contains(x[None, :], y[:, None])
 
 
-def build_terrain(config: ReliefConfig, size: float, cell: float, horizon: float, rng: np.random.Generator) -> Terrain:
+def build_terrain(
+    config: ReliefConfig,
+    size: float,
+    cell: float,
+    horizon: float,
+    rng: np.random.Generator,
+    clear: tuple[tuple[float, float, float], ...] = (),
+) -> Terrain:
     """Draw a terrain around the origin. The same state of rng gives the same terrain.
 
     Args:
@@ -144,6 +152,7 @@ def build_terrain(config: ReliefConfig, size: float, cell: float, horizon: float
         cell: Grid spacing of that square [m].
         horizon: Half the side of the coarse square [m].
         rng: Random generator.
+        clear: Discs (x, y, radius) [m] without ditches and fresh craters.
 
     Raises:
         ValueError: The sizes make no grid, or the heightmap cannot be read or does not cover the scene.
@@ -154,16 +163,21 @@ def build_terrain(config: ReliefConfig, size: float, cell: float, horizon: float
     far = int(np.ceil(horizon / COARSE_CELL)) * COARSE_CELL
     n_coarse, n_fine = round(2 * far / COARSE_CELL) + 1, round(2 * half / cell) + 1
     x, far_x = np.linspace(-half, half, n_fine), np.linspace(-far, far, n_coarse)
-    relief_rng, crater_rng, ripple_rng, place_rng = rng.spawn(4)
+    relief_rng, crater_rng, ripple_rng, place_rng, fresh_rng, ditch_rng = rng.spawn(6)
 
     window = _window(config, far, place_rng)
     fine, coarse = _relief(config, x, far_x, window, relief_rng)
     largest = config.crater_max_diameter
     if window is not None:  # the map shows the larger ones
         largest = min(largest, CELLS_PER_CRATER * window.cell)
-    craters = Craters(config, far, largest, crater_rng)
-    craters.add_to(fine, x, x)
-    craters.add_to(coarse, far_x, far_x)
+    landforms = (
+        draw_craters(config, far, largest, crater_rng),
+        draw_fresh_craters(config, far, clear, fresh_rng),
+        draw_ditches(config, far, clear, ditch_rng),
+    )
+    for landform in landforms:
+        landform.add_to(fine, x, x)
+        landform.add_to(coarse, far_x, far_x)
     fine += ripples(config, n_fine, x[1] - x[0], ripple_rng)
     slope, azimuth = np.tan(np.deg2rad(config.regional_slope_deg)), np.deg2rad(config.regional_azimuth_deg)
     for heights, axis in ((fine, x), (coarse, far_x)):

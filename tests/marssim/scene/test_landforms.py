@@ -5,16 +5,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from marssim.scene.landforms import Craters, crater_profile, ripples
+from marssim.scene.landforms import Craters, crater_profile, draw_craters, draw_fresh_craters, ripples
 from marssim.scene.relief import ReliefConfig
 
 
 def dig(ratio, diameter=3.0, fill=4.0):
     """Return the heights around one crater of a given depth over diameter, on a grid of 2 cm."""
-    config = ReliefConfig(crater_depth=(ratio, ratio), crater_fill_diameter=fill)
-    craters = Craters(config, 20.0, 10.0, np.random.default_rng(0))
-    craters.centre, craters.diameter = np.zeros((1, 2)), np.array([diameter])
-    craters.depth, craters.freshness = ratio * np.minimum(craters.diameter, fill), craters.freshness[:1]
+    depth = ratio * min(diameter, fill)
+    craters = Craters(np.zeros((1, 2)), np.array([diameter]), np.array([min(ratio / 0.2, 1)]), np.array([depth]))
     x = np.arange(-9, 9.001, 0.02)
     heights = np.zeros((len(x), len(x)))
     craters.add_to(heights, x, x)
@@ -45,19 +43,32 @@ def test_a_profile_has_no_steps(freshness):
 
 def test_the_number_of_craters_falls_with_the_square_of_their_size():
     config = ReliefConfig(crater_density=0.05, crater_max_diameter=20.0)
-    many = [Craters(config, 50.0, 20.0, np.random.default_rng(seed)).diameter for seed in range(20)]
+    many = [draw_craters(config, 50.0, 20.0, np.random.default_rng(seed)).diameter for seed in range(20)]
     count = np.array([sum((d > size).sum() for d in many) for size in (1.0, 2.0, 4.0)]) / 20
     assert count[0] == pytest.approx(500, rel=0.05)
     assert count[1:] / count[0] == pytest.approx([0.25, 0.0625], rel=0.15)
     assert max(d.max() for d in many) <= 20
-    assert len(Craters(config, 50.0, 0.8, np.random.default_rng(0)).diameter) == 0
+    assert len(draw_craters(config, 50.0, 0.8, np.random.default_rng(0)).diameter) == 0
+
+
+def test_fresh_craters_have_steep_walls_and_keep_away_from_clear_discs():
+    config = ReliefConfig(fresh_crater_density=0.01, fresh_crater_diameter=(2.0, 5.0))
+    clear = ((0.0, 0.0, 3.0), (6.0, 6.0, 2.0))
+    craters = draw_fresh_craters(config, 30.0, clear, np.random.default_rng(3))
+    assert len(craters.diameter) == pytest.approx(36, abs=15)
+    assert craters.diameter.min() >= 2 and craters.diameter.max() <= 5
+    for x, y, radius in clear:
+        assert (np.hypot(*(craters.centre - (x, y)).T) > radius + craters.diameter / 2).all()
+    x, heights = dig(0.2, fill=10.0)
+    wall = np.abs(np.diff(heights[len(x) // 2])).max() / 0.02
+    assert 35 < np.rad2deg(np.arctan(wall)) < 40
 
 
 @pytest.mark.parametrize("largest", [1.5, 3.0])
 def test_a_heightmap_that_shows_the_large_ones_leaves_the_number_of_small_ones(largest):
     """There are as many craters of a size as without a heightmap: 5/9 and 8/9 of all above 1 m."""
     config = ReliefConfig(crater_density=0.05, crater_max_diameter=25.0)
-    many = [Craters(config, 50.0, largest, np.random.default_rng(seed)).diameter for seed in range(20)]
+    many = [draw_craters(config, 50.0, largest, np.random.default_rng(seed)).diameter for seed in range(20)]
     assert sum(map(len, many)) / 20 == pytest.approx(500 * (1 - largest**-2) / (1 - 25**-2), rel=0.05)
     assert max(d.max() for d in many) <= largest
 
