@@ -126,18 +126,18 @@ def visible_areas(scene: Scene, cell: float = 0.01) -> tuple[np.ndarray, np.ndar
     Returns:
         The visible area (N,) of each rock [m2], and the middle (N, 2) of its visible part [m], NaN if it has none.
     """
-    rocks, half = scene.rocks, scene.half
+    bodies, half = scene.bodies, scene.half  # rocks may lie on slabs or under a ledge, which come after the rocks
     vertices, faces = scene.terrain.fine.mesh()
     ground = len(faces)
-    faces = np.concatenate([faces, rocks.faces + len(vertices)])
-    vertices = np.concatenate([vertices, rocks.vertices])
+    faces = np.concatenate([faces, bodies.faces + len(vertices)])
+    vertices = np.concatenate([vertices, bodies.vertices])
     triangles = TriangleRays(vertices, faces)
     above = np.float32(vertices[:, 2].max() + 1.0)
 
     steps = round(2 * half / cell)
     at = ((np.arange(steps) + 0.5) / steps * 2 - 1) * half
     rows = max(1, round(BAND / cell))
-    count, moment = np.zeros(len(rocks)), np.zeros((len(rocks), 2))
+    count, moment = np.zeros(len(bodies)), np.zeros((len(bodies), 2))
     for start in range(0, steps, rows):
         band = at[start : start + rows]
         origins = np.empty((len(band) * steps, 3), dtype=np.float32)
@@ -146,12 +146,13 @@ def visible_areas(scene: Scene, cell: float = 0.01) -> tuple[np.ndarray, np.ndar
         down[:, 2] = -1
         face = triangles.meet(origins, down)[0]
         spot = np.flatnonzero(face >= ground)
-        rock = rocks.face_rock[face[spot] - ground]
-        count += np.bincount(rock, minlength=len(rocks))
+        rock = bodies.face_rock[face[spot] - ground]
+        count += np.bincount(rock, minlength=len(bodies))
         for axis in range(2):
-            moment[:, axis] += np.bincount(rock, origins[spot, axis], minlength=len(rocks))
+            moment[:, axis] += np.bincount(rock, origins[spot, axis], minlength=len(bodies))
     with np.errstate(invalid="ignore"):
-        return count * (2 * half / steps) ** 2, moment / count[:, None]
+        areas, middles = count * (2 * half / steps) ** 2, moment / count[:, None]
+    return areas[: len(scene.rocks)], middles[: len(scene.rocks)]
 
 
 def measure(scenes: Iterable[Scene], k: float, cell: float = 0.01) -> Abundance:

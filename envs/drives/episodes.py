@@ -266,6 +266,6 @@ def _rounded(values: np.ndarray) -> list[list[float]]:
 
 def _obstacles(env: MarsNavEnv) -> list[list[float]]:
     assert env.course is not None
-    rocks, half = env.course.scene.rocks, env.course.scene.half
+    rocks, half = env.course.scene.bodies, env.course.scene.half
     block = (rocks.height >= env.rover_spec.obstacle_height) & (np.abs(rocks.centre[:, :2]).max(axis=1) < half)
     return _rounded(np.column_stack([rocks.centre[block, :2], rocks.diameter[block]]))

@@ -24,7 +24,7 @@ class RockClearance:
 
     def __init__(self, scene: Scene, spec: RoverSpec) -> None:
         self._half = np.array([spec.length, spec.width]) / 2
-        rocks = scene.rocks
+        rocks = scene.bodies
         reached = np.abs(rocks.centre[:, :2]).max(axis=1) - rocks.diameter < scene.half
         block = np.flatnonzero((rocks.height >= spec.obstacle_height) & reached)
         points, owner = outline_points(rocks, block, scene.terrain.height_at)

@@ -79,7 +79,7 @@ class TrueGround:
         self.radius = spec.width / 2
         n = int(np.ceil(2 * self.half / CELL)) + 1
         free = np.full((n, n), 255, np.uint8)
-        rocks = scene.rocks
+        rocks = scene.bodies
         reaches = np.abs(rocks.centre[:, :2]).max(axis=1) - rocks.diameter / 2 < self.half
         for i in np.flatnonzero((rocks.height >= spec.obstacle_height) & reaches):
             x, y = rocks.centre[i, :2]

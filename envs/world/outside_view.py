@@ -74,8 +74,8 @@ class OutsideView:
         offset = np.array([-BEHIND * c + ASIDE * s, -BEHIND * s - ASIDE * c])
         eye = np.append(state.position[:2] + offset, state.position[2] + ABOVE)
         ground = float(self.scene.terrain.height_at(eye[0], eye[1]))
-        near = np.hypot(*(self.scene.rocks.centre[:, :2] - eye[:2]).T) < self.scene.rocks.diameter
-        top = ground + float(self.scene.rocks.height[near].max(initial=0))
+        near = np.hypot(*(self.scene.bodies.centre[:, :2] - eye[:2]).T) < self.scene.bodies.diameter
+        top = ground + float(self.scene.bodies.height[near].max(initial=0))
         eye[2] = max(eye[2], top + 1.0)
         aim = state.position + np.array([1.2 * c, 1.2 * s, 0.45]) - eye
         yaw, pitch = np.arctan2(aim[1], aim[0]), np.arctan2(-aim[2], np.hypot(aim[0], aim[1]))

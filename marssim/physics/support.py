@@ -52,8 +52,8 @@ class SupportMap:
         x, y = x0 + np.arange(nx) * cell, y0 + np.arange(ny) * cell
         ground = scene.terrain.fine.gradient_at(*np.meshgrid(x, y))[0]
         climbable, blocking = split_rocks(scene, obstacle_height)
-        drive = np.maximum(ground, _rock_tops(scene.rocks, climbable, x, y))
-        tall = _rock_tops(scene.rocks, blocking, x, y)
+        drive = np.maximum(ground, _rock_tops(scene.bodies, climbable, x, y))
+        tall = _rock_tops(scene.bodies, blocking, x, y)
         return cls(
             drive=drive, top=np.maximum(drive, tall), ground=ground, obstacle=tall > ground, x0=x0, y0=y0, cell=cell
         )
@@ -92,7 +92,7 @@ def split_rocks(scene: Scene, obstacle_height: float) -> tuple[np.ndarray, np.nd
         scene: The scene.
         obstacle_height: Exposed height from which on a rock blocks [m].
     """
-    rocks, (x0, y0, x1, y1) = scene.rocks, scene.terrain.fine.bounds
+    rocks, (x0, y0, x1, y1) = scene.bodies, scene.terrain.fine.bounds
     x, y, reach = rocks.centre[:, 0], rocks.centre[:, 1], rocks.diameter
     near = (x > x0 - reach) & (x < x1 + reach) & (y > y0 - reach) & (y < y1 + reach) & (reach >= SMALLEST_ROCK)
     tall = rocks.height >= obstacle_height

@@ -186,8 +186,8 @@ class PhysicsWorld:
             return []
         text, count = [], 1
         for member in members:
-            used, index = np.unique(coarse_faces(self.scene.rocks, np.array([member])), return_inverse=True)
-            points, corners = self.scene.rocks.vertices[used], index.reshape(-1, 3) + count
+            used, index = np.unique(coarse_faces(self.scene.bodies, np.array([member])), return_inverse=True)
+            points, corners = self.scene.bodies.vertices[used], index.reshape(-1, 3) + count
             text.append(f"o rock{member}\n" + "v %.4f %.4f %.4f\n" * len(used) % tuple(points.ravel().tolist()))
             text.append("f %d %d %d\n" * len(corners) % tuple(corners.ravel().tolist()))
             count += len(used)

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Literal, get_args
 
 from marssim.scene.look import LookConfig
+from marssim.scene.outcrop.config import OutcropConfig
 from marssim.scene.relief import ReliefConfig
 from marssim.scene.rocks.mesh import RockConfig
 from marssim.scene.scene import SceneConfig
@@ -17,7 +18,7 @@ PRESETS: tuple[Place, ...] = get_args(Place)
 # which have slopes of 4.8 to 5.4 deg over 1 m, 2.5 to 3.0 over 10 m and 1.2 to 1.7 over 100 m. Utopia is smoother: 98 %
 # of its slopes are under 8 deg. Hard is rougher than any of them,
 # and has ditches.
-_PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig]] = {
+_PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig, OutcropConfig]] = {
     # a dusty plain: few rocks, worn and half buried, broad ripples, old craters
     "utopia": (
         RockConfig(k=0.033, families=(0.3, 0.2, 0.5), buried=(0.2, 0.5)),
@@ -28,6 +29,7 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig]] = {
         LookConfig(
             pebbles=(0.2, 0.9), wind_ripples=(0.2, 0.7), bedding=(0.0, 0.2), bedrock=(0.0, 0.0), rock_dust=(0.2, 0.8),
         ),
+        OutcropConfig(slabs=(0.0, 0.03), slab_size=(0.25, 0.5), fragments=(0.0, 0.3)),
     ),
     # a lava plain: dark angular blocks around small craters
     "gusev": (
@@ -39,6 +41,7 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig]] = {
         LookConfig(
             pebbles=(0.4, 1.0), wind_ripples=(0.1, 0.5), bedding=(0.0, 0.2), bedrock=(0.0, 0.15), rock_dust=(0.1, 0.6),
         ),
+        OutcropConfig(slabs=(0.0, 0.1), fragments=(0.2, 0.8)),
     ),
     # a lake bed: pale slabs between sharp ripples
     "gale": (
@@ -50,6 +53,7 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig]] = {
         LookConfig(
             pebbles=(0.2, 0.9), wind_ripples=(0.2, 0.7), bedding=(0.6, 1.0), bedrock=(0.15, 0.6), rock_dust=(0.0, 0.5),
         ),
+        OutcropConfig(slabs=(0.15, 0.6), ledges=(0.0, 6.0), fragments=(0.3, 1.0)),
     ),
     # a delta's foot: cobbles and boulders of every kind, sand in between
     "jezero": (
@@ -58,6 +62,7 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig]] = {
         LookConfig(
             pebbles=(0.5, 1.0), wind_ripples=(0.1, 0.6), bedding=(0.1, 0.8), bedrock=(0.0, 0.4), rock_dust=(0.1, 0.6),
         ),
+        OutcropConfig(slabs=(0.05, 0.45), slab_size=(0.35, 0.9), ledges=(0.0, 2.0), fragments=(0.2, 0.8)),
     ),
     "hard": (
         RockConfig(k=0.20, cluster=0.5, families=(0.6, 0.2, 0.2), albedo=0.65),
@@ -68,6 +73,7 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig]] = {
         LookConfig(
             pebbles=(0.3, 1.0), wind_ripples=(0.0, 0.6), bedding=(0.0, 0.6), bedrock=(0.0, 0.3), rock_dust=(0.0, 0.6),
         ),
+        OutcropConfig(slabs=(0.0, 0.3), slab_tilt_deg=(2.0, 7.0), ledges=(0.0, 6.0), fragments=(0.3, 1.0)),
     ),
 }  # fmt: skip
 
@@ -84,5 +90,6 @@ def preset(name: str, **changes: object) -> SceneConfig:
     """
     if name not in _PRESETS:
         raise ValueError(f"scene preset {name!r} is unknown; choose from {', '.join(PRESETS)}")
-    rocks, relief, look = _PRESETS[name]
-    return replace(SceneConfig(preset=name, rocks=rocks, relief=relief, look=look), **changes)  # type: ignore[arg-type]
+    rocks, relief, look, outcrop = _PRESETS[name]
+    place = SceneConfig(preset=name, rocks=rocks, relief=relief, look=look, outcrop=outcrop)
+    return replace(place, **changes)  # type: ignore[arg-type]

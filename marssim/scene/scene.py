@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from marssim.scene.look import Look, LookConfig, draw_look, sun_direction
+from marssim.scene.outcrop.config import OutcropConfig, draw_traits
+from marssim.scene.outcrop.outcrop import Outcrop, build_outcrop
+from marssim.scene.outcrop.pavement import draw_slabs
+from marssim.scene.outcrop.tops import Tops
 from marssim.scene.rocks.golombek import REPORTED, covered_area
-from marssim.scene.rocks.mesh import Rocks, build_rocks
+from marssim.scene.rocks.mesh import Rocks, build_rocks, joined_bodies, no_bodies
 from marssim.scene.rocks.population import RockConfig
 from marssim.scene.terrain import ReliefConfig, Terrain, build_terrain
 
@@ -27,6 +32,8 @@ class SceneConfig:
     """The shape of the ground."""
     rocks: RockConfig = field(default_factory=RockConfig)
     """The rocks on the ground."""
+    outcrop: OutcropConfig = field(default_factory=OutcropConfig)
+    """The slabs and ledges of bedrock, and the fragments around rocks."""
     look: LookConfig = field(default_factory=LookConfig)
     """The light and the surface."""
     size: float = 32.0
@@ -61,12 +68,19 @@ class Scene:
         terrain: The ground.
         rocks: The rocks.
         look: The light and the surface.
+        outcrop: What stands out of the ground besides the rocks.
     """
 
     config: SceneConfig
     terrain: Terrain
     rocks: Rocks
     look: Look
+    outcrop: Outcrop = field(default_factory=Outcrop)
+
+    @cached_property
+    def bodies(self) -> Rocks:
+        """All that stands out of the ground: the rocks and then the outcrop. Body n has the surface id n + 1."""
+        return joined_bodies([self.rocks, self.outcrop.bodies]) if len(self.outcrop) else self.rocks
 
     @property
     def half(self) -> float:
@@ -124,5 +138,10 @@ def build_scene(
     terrain_rng, rock_rng, look_rng = np.random.default_rng(rng).spawn(3)
     terrain = build_terrain(config.relief, config.size, config.cell, config.horizon, terrain_rng, clear)
     half = terrain.fine.bounds[2]
-    rocks = build_rocks(config.rocks, half, config.horizon, terrain.height_at, rock_rng, clear)
-    return Scene(config, terrain, rocks, draw_look(config.look, look_rng))
+    outcrop_rng = rock_rng.spawn(1)[0]
+    traits = draw_traits(config.outcrop, outcrop_rng)
+    slabs = draw_slabs(traits, half, config.horizon, terrain.height_at, outcrop_rng)
+    lift = Tops.of(slabs, half).lift if slabs else None
+    rocks = build_rocks(config.rocks, half, config.horizon, terrain.height_at, rock_rng, clear, lift)
+    outcrop = build_outcrop(slabs, [], no_bodies(), traits, outcrop_rng)
+    return Scene(config, terrain, rocks, draw_look(config.look, look_rng), outcrop)

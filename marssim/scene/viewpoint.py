@@ -99,6 +99,6 @@ def is_clear_of_rocks(scene: Scene, x: float, y: float) -> bool:
         x: East of the scene's middle [m].
         y: North of the scene's middle [m].
     """
-    tall = np.flatnonzero(scene.rocks.height > ROCK_HEIGHT)
-    centre, radius = scene.rocks.centre[tall], scene.rocks.diameter[tall] / 2
+    tall = np.flatnonzero(scene.bodies.height > ROCK_HEIGHT)
+    centre, radius = scene.bodies.centre[tall], scene.bodies.diameter[tall] / 2
     return bool((np.hypot(centre[:, 0] - x, centre[:, 1] - y) - radius >= ROCK_GAP).all())

@@ -34,7 +34,7 @@ class Mesh:
 
 @dataclass(frozen=True)
 class SceneMesh(Mesh):
-    """Triangles of ground and rocks, in P pieces. The surface of a face is GROUND or rock n + 1.
+    """Triangles of ground and bodies, in P pieces. The surface of a face is GROUND, or n + 1 for body n.
 
     Attributes:
         start: (P + 1,) first face of each piece: piece p holds faces[start[p] : start[p + 1]].
@@ -48,8 +48,8 @@ class SceneMesh(Mesh):
 
 
 def scene_mesh(scene: Scene) -> SceneMesh:
-    """Return the mesh of a scene: the fine grid, the coarse grid around it, and one piece for each rock."""
-    terrain, rocks = scene.terrain, scene.rocks
+    """Return the mesh of a scene: the fine grid, the coarse grid around it, and one piece for each body."""
+    terrain, rocks = scene.terrain, scene.bodies
     every = np.ones(np.array(terrain.fine.heights.shape) - 1, dtype=bool)
     vertices, faces, normals, counts, boxes = [], [], [], [], []
     first = 0

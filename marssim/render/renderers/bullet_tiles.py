@@ -60,12 +60,12 @@ class BulletTiles:
     """The tiles of a scene in a separate DIRECT client of PyBullet. A tile is built when it first comes into view."""
 
     def __init__(self, scene: Scene) -> None:
-        self._rocks = scene.rocks
-        self._face_start = np.searchsorted(scene.rocks.face_rock, np.arange(len(scene.rocks) + 1))
+        self._rocks = scene.bodies
+        self._face_start = np.searchsorted(scene.bodies.face_rock, np.arange(len(scene.bodies) + 1))
         terrain = scene.terrain
         every = np.ones(np.array(terrain.fine.heights.shape) - 1, dtype=bool)
         ground = [*_grid_tiles(terrain.fine, every), *_grid_tiles(terrain.coarse, terrain.coarse_cells)]
-        self._tiles = [*ground, *_rock_tiles(scene.rocks, scene.half)]
+        self._tiles = [*ground, *_rock_tiles(scene.bodies, scene.half)]
         low, high = np.stack([t.low for t in self._tiles]), np.stack([t.high for t in self._tiles])
         self.low, self.high = low.min(axis=0), high.max(axis=0)
         pick = np.array(list(product((False, True), repeat=3)))

@@ -15,7 +15,7 @@ from marssim.render.surfaces.pavement import VARIANTS as PLATE_VARIANTS
 from marssim.render.surfaces.pyramid import CHANNELS, CODES, PlacedTile
 from marssim.render.surfaces.regolith import TONES, VARIANTS, grit, ripple_tile
 from marssim.render.surfaces.surroundings import surroundings
-from marssim.scene.rocks.mesh import ground_plane
+from marssim.scene.rocks.mesh import Rocks, ground_plane
 from marssim.scene.scene import Scene
 
 RELIEF_WAVELENGTHS = 0.035 * 2.0 ** np.arange(4)  # [m] octaves between the tile of pebbles and the ground's grid
@@ -32,12 +32,15 @@ ROCK_SLOPE = 0.10  # RMS slope of an octave of 10 cm at a texture strength of 1
 FAR_DENSE = 0.2  # rock abundance at which the painted stones are as dense as in their tile
 FILLET = (0.03, 0.2)  # least and largest height of the sand against a rock, over the rock's height
 HIGHEST_FILLET = 0.06  # [m] largest height of that sand
+BED_RED = 0.45  # redness that gives a rock the hue of BED_COLOUR; its brightness is pavement.ALBEDO
+BED_SWEPT = 0.3  # by how much less of the tops of slabs and ledges is under dust
 NO_PLATES = np.zeros((1, CHANNELS), dtype=np.int8)  # tile of a scene without bedrock
 
 
 # A rock's surface. base, east, north: plane z = base + east x + north y of the ground under it [m]; fillet: height of
 # the sand against it [m]; beds: how clearly its faces show beds, 0 to 1; albedo: over that of the ground; red: how much
-# redder than the mean it is, -1 to 1; film: share of its sides that is under dust.
+# redder than the mean it is, -1 to 1; film: share of its sides that is under dust, below 0 where
+# the wind sweeps its top as well.
 ROCK = np.dtype([(name, np.float64) for name in ("base", "east", "north", "fillet", "beds", "albedo", "red", "film")])
 
 
@@ -95,7 +98,7 @@ class RockSurface(NamedTuple):
     Attributes:
         contrast: Look.albedo_contrast.
         noise: Relief and stains in one.
-        of_surface: (N + 1,) of type ROCK, by surface id; zeros for GROUND.
+        of_surface: (N + 1,) of type ROCK, by surface id, of the scene's bodies; zeros for GROUND.
     """
 
     contrast: float
@@ -151,21 +154,33 @@ def _bedrock(scene: Scene) -> PlacedTile:
 
 
 def _rocks(scene: Scene, rng: np.random.Generator) -> RockSurface:
-    look, rocks, seed = scene.look, scene.rocks, scene.look.texture_seed
-    x, y = rocks.centre[:, 0], rocks.centre[:, 1]
-    z, slope = ground_plane(rocks.centre[:, :2], rocks.diameter, scene.terrain.height_at)
-    b, c = slope.T
-    out = np.zeros(len(rocks) + 1, dtype=ROCK)
-    each = out[1:]
-    each["base"], each["east"], each["north"] = z - b * x - c * y, b, c
-    each["fillet"] = np.minimum(rocks.height * rng.uniform(*FILLET, len(rocks)), HIGHEST_FILLET)
-    each["beds"] = look.bedding * rng.uniform(0.4, 1, len(rocks))
-    each["albedo"] = rocks.albedo
-    each["red"] = np.clip(rng.normal(0, 0.6, len(rocks)), -1, 1) * min(look.albedo_contrast, 1.0)
-    each["film"] = look.rock_dust * rng.uniform(0, 1, len(rocks))
+    look, seed = scene.look, scene.look.texture_seed
+    rocks = _surfaces(scene, scene.rocks, rng)
+    outcrop = _surfaces(scene, scene.outcrop.bodies, rng.spawn(1)[0])
+    bedrock = outcrop[: sum(scene.outcrop.count[:2])]
+    bedrock["red"] = BED_RED + 0.3 * bedrock["red"]
+    bedrock["film"] -= BED_SWEPT
+    ground = np.zeros(1, dtype=ROCK)
     places = placing(tuple(ROCK_WAVELENGTHS), seed + 2)
     slope = _single(ROCK_SLOPE * look.texture_strength * (ROCK_WAVELENGTHS / 0.1) ** -0.25)
-    return RockSurface(look.albedo_contrast, Octaves(_noise(seed, 2), places, _single(ROCK_STAIN), slope), out)
+    noise = Octaves(_noise(seed, 2), places, _single(ROCK_STAIN), slope)
+    return RockSurface(look.albedo_contrast, noise, np.concatenate([ground, rocks, outcrop]))
+
+
+def _surfaces(scene: Scene, bodies: Rocks, rng: np.random.Generator) -> np.ndarray:
+    """Return the surfaces (N,) of type ROCK of N bodies."""
+    look, count = scene.look, len(bodies)
+    x, y = bodies.centre[:, 0], bodies.centre[:, 1]
+    z, slope = ground_plane(bodies.centre[:, :2], bodies.diameter, scene.terrain.height_at)
+    b, c = slope.T
+    out = np.zeros(count, dtype=ROCK)
+    out["base"], out["east"], out["north"] = z - b * x - c * y, b, c
+    out["fillet"] = np.minimum(bodies.height * rng.uniform(*FILLET, count), HIGHEST_FILLET)
+    out["beds"] = look.bedding * rng.uniform(0.4, 1, count)
+    out["albedo"] = bodies.albedo
+    out["red"] = np.clip(rng.normal(0, 0.6, count), -1, 1) * min(look.albedo_contrast, 1.0)
+    out["film"] = look.rock_dust * rng.uniform(0, 1, count)
+    return out
 
 
 def _noise(seed: int, layer: int, slopes: bool = True) -> np.ndarray:

@@ -11,8 +11,8 @@ counts areas as seen from above. Three corrections keep them:
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -20,13 +20,15 @@ from marssim.scene.rocks.population import RockConfig, RockPopulation, draw_popu
 from marssim.scene.rocks.shape_library import ShapeLibrary, shape_library
 from marssim.scene.rocks.shapes import LEVELS
 
+LiftAt = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
 
 @dataclass(frozen=True)
 class Rocks:
-    """All rocks of a scene as one mesh: N rocks, V vertices, F faces, in the world frame [m].
+    """All rocks of a scene, or other bodies on its ground, as one mesh: N bodies, V vertices, F faces, in metres.
 
     Attributes:
-        centre: (N, 3) the point that each rock is star-shaped about [m].
+        centre: (N, 3) the point that each rock is star-shaped about; of other bodies, a point in their middle [m].
         diameter: (N,) diameter of the disc with the area of the rock's outline above ground, seen from above [m].
         height: (N,) exposed height above the plane of the ground under the rock [m].
         albedo: (N,) brightness relative to the ground.
@@ -49,12 +51,30 @@ class Rocks:
         return len(self.diameter)
 
 
+def no_bodies() -> Rocks:
+    """Return no bodies."""
+    none, points = np.zeros(0), np.zeros((0, 3))
+    return Rocks(points, none, none, none, points, np.zeros((0, 3), np.int32), np.zeros(0, np.int32), points)
+
+
+def joined_bodies(parts: Sequence[Rocks]) -> Rocks:
+    """Return the bodies of all parts, in their order, as one mesh."""
+    bodies, vertices = (np.cumsum([0, *counts]) for counts in zip(*((len(p), len(p.vertices)) for p in parts)))
+    arrays = {f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Rocks)}
+    faces = [part.faces + np.int32(start) for part, start in zip(parts, vertices)]
+    owner = [part.face_rock + np.int32(start) for part, start in zip(parts, bodies)]
+    return Rocks(**{**arrays, "faces": np.concatenate(faces), "face_rock": np.concatenate(owner)})
+
+
 def build_rocks(
     config: RockConfig, half: float, horizon: float,
     height_at: Callable[[np.ndarray, np.ndarray], np.ndarray], rng: np.random.Generator,
-    clear: tuple[tuple[float, float, float], ...] = (),
+    clear: tuple[tuple[float, float, float], ...] = (), lift: LiftAt | None = None,
 ) -> Rocks:  # fmt: skip
     """Draw the rocks of a scene, and mesh them on the ground.
+
+    A rock on bedrock is raised to it. It keeps its place and its size, so that the size law holds. Beside bedrock, it
+    stands on the lowest of what lies under it, and the bedrock's edge may reach into it.
 
     Args:
         config: Number and shape of the rocks.
@@ -63,12 +83,15 @@ def build_rocks(
         height_at: Function of x, y [m] that returns the height of the ground [m].
         rng: Random generator.
         clear: Discs (x, y, radius) [m] that stay free of rocks; see draw_population.
+        lift: Function of x, y and the height of the ground [m] that returns how far bedrock stands above it [m].
 
     Raises:
         ValueError: There are more rocks than a dataset can number.
     """
     drawn = draw_population(config, half, horizon, rng, clear)
     ground, slope = ground_plane(drawn.xy, drawn.diameter, height_at)
+    if lift is not None:
+        ground = ground + least_lift(drawn.xy, drawn.diameter, height_at, lift)
     centre = np.empty((len(drawn.diameter), 3))
     vertices, normals = [np.zeros((0, 3))], [np.zeros((0, 3))]
     faces, face_rock = [np.zeros((0, 3), np.int32)], [np.zeros(0, np.int32)]
@@ -146,6 +169,18 @@ def _stretches(
     out[:, 2, :2] = np.einsum("ni,nij->nj", slope, out[:, :2, :2])
     out[:, 2, 2] = extent
     return out
+
+
+def least_lift(
+    xy: np.ndarray, diameter: np.ndarray, height_at: Callable[[np.ndarray, np.ndarray], np.ndarray], lift: LiftAt
+) -> np.ndarray:
+    """Return how far bedrock raises each rock [m], (N,): the least of the rock's middle and four points around it.
+
+    The arguments are those of ground_plane and build_rocks.
+    """
+    step = 0.35 * diameter[:, None] * np.array([[0, 1, -1, 0, 0]])
+    x, y = xy[:, :1] + step, xy[:, 1:] + step[:, [0, 3, 4, 1, 2]]
+    return np.asarray(lift(x, y, height_at(x, y)).min(axis=1))
 
 
 def ground_plane(

@@ -68,7 +68,7 @@ def shape_library(level: int) -> ShapeLibrary:
     faces = icosphere(level)[1]
     return ShapeLibrary(
         vertices=vertices,
-        normals=_vertex_normals(vertices, faces),
+        normals=vertex_normals(vertices, faces),
         middle=np.array([middle for _, middle in drawn]),
         faces=faces,
         outline=outlines(vertices, faces),
@@ -115,7 +115,7 @@ def outlines(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return np.stack([(top > level).sum(axis=(1, 2)) * cell for level in BURIAL], axis=1)
 
 
-def _vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Return the (M, V, 3) unit vertex normals of M meshes with the same faces, weighted by area."""
     a, b, c = (vertices[:, faces[:, i]] for i in range(3))
     face = np.cross(b - a, c - a)

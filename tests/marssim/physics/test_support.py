@@ -33,9 +33,9 @@ def test_collision_shape_stays_near_the_drawn_rock():
     members = np.concatenate(split_rocks(scene, 0.30))
     lost = []
     for member in members:
-        faces = scene.rocks.faces[scene.rocks.face_rock == member]
-        coarse = coarse_faces(scene.rocks, np.array([member]))
+        faces = scene.bodies.faces[scene.bodies.face_rock == member]
+        coarse = coarse_faces(scene.bodies, np.array([member]))
         assert set(coarse.ravel()) <= set(faces.ravel()) and len(coarse) <= len(icosphere(2)[1])
-        full, thin = (np.ptp(scene.rocks.vertices[np.unique(f)], axis=0) for f in (faces, coarse))
-        lost.append(np.abs(full - thin).max() / scene.rocks.diameter[member])
+        full, thin = (np.ptp(scene.bodies.vertices[np.unique(f)], axis=0) for f in (faces, coarse))
+        lost.append(np.abs(full - thin).max() / scene.bodies.diameter[member])
     assert len(lost) > 20 and np.median(lost) < 0.1 and max(lost) < 0.3

@@ -1,0 +1,1 @@
+"""What stands out of the ground besides the rocks of Golombek's law: slabs of bedrock, ledges and fragments."""
