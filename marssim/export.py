@@ -126,8 +126,9 @@ def _folder(config: ExportConfig, chosen: list[dict[str, Any]]) -> ResultFolder:
 
 
 _NAMES = """\
-Disparity is x_left - x_right in pixels, pixel centres are integers. `samples.json` lists the names of the samples in
-the dataset (scene/view), by split and in the order of the export.
+Disparity is x_left - x_right in pixels as the images show it, pixel centres are integers. So it contains the residual
+errors of rectification that the dataset was rendered with; depth = f B / disparity is exact where there are none.
+`samples.json` lists the names of the samples in the dataset (scene/view), by split and in the order of the export.
 """
 
 

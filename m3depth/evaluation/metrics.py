@@ -46,7 +46,7 @@ class StereoTruth(Protocol):
     Attributes:
         left: (H, W, 3) uint8 left image.
         depth: (H, W) depth [m].
-        disparity: (H, W) disparity [px].
+        disparity: (H, W) disparity [px] as the images show it; it need not be f B / depth.
         normal: (H, W, 3) normals in the camera's frame, 0 where unknown.
         valid: (H, W) bool, the pixels that count.
         occluded: (H, W) bool, the pixels that the right eye does not see.
@@ -89,7 +89,7 @@ def depth_terms(
         depth: (N,) predicted depth [m].
         disparity: (N,) predicted disparity [px].
         true_depth: (N,) true depth [m], finite and positive.
-        true_disparity: (N,) true disparity [px], finite and positive.
+        true_disparity: (N,) true disparity [px], finite.
 
     Returns:
         (N, len(DEPTH_TERMS)) float64; the mean of a column is the figure (of RMSE: its square). Depth terms are in
@@ -150,7 +150,7 @@ def pixel_kinds(sample: StereoTruth, max_disparity: float = MAX_DISPARITY) -> di
         sample: The ground truth.
         max_disparity: Pixels of a larger true disparity [px] are "near".
     """
-    known = sample.valid & np.isfinite(sample.depth) & (sample.depth > 0) & (sample.disparity > 0)
+    known = sample.valid & known_depth(sample.depth)
     scored = known & (sample.disparity <= max_disparity)
     rock = sample.rock > 0
     return {

@@ -93,7 +93,9 @@ class Scoring:
             if name in costs:
                 record[name]["seconds"] = costs[name].seconds
                 self._costs[name].append(costs[name])
-        self._true_depth_normals.add(fitted_normals(example.truth.disparity, example.truth.rig.camera), pair)
+        rig = example.truth.rig
+        from_depth = rig.depth_to_disparity(example.truth.depth)  # the images' disparity may have an offset
+        self._true_depth_normals.add(fitted_normals(from_depth, rig.camera), pair)
         self.pairs.append(record)
         return example
 

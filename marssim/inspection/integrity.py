@@ -19,6 +19,7 @@ from marssim.base.dataset.marks import SETTINGS
 from marssim.base.dataset.sample import IMAGES, sample_digest
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.results.lock import LOCK
+from marssim.base.right_image import is_rotation, recorded_rotation
 from marssim.scene.trajectory import TRAJECTORY, tum_lines
 
 TOP = ("dataset.json", SETTINGS, "README.md", "contact_sheet.png")  # files of a dataset's own folder
@@ -32,7 +33,7 @@ PNG_KIND = {  # of each image: bits a channel, and colour type (0 grey, 2 RGB)
     "occluded.png": (8, 0),
 }  # fmt: skip
 ELEVATION_TOLERANCE = 0.01  # [deg] between the elevation of the sun and its vector
-UNIT_TOLERANCE = 1e-6  # by which a vector's length may miss 1, and a rotation an orthonormal matrix
+UNIT_TOLERANCE = 1e-6  # by which a vector's length may miss 1
 
 
 @dataclass(frozen=True)
@@ -59,11 +60,11 @@ def check_samples(dataset: StereoDataset, threads: int = 2) -> Iterator[tuple[st
         Pairs of a sample's name and the findings on its files, in the order of the index.
 
     Raises:
-        DatasetError: The dataset is of an older version, whose hashes do not cover sample.json.
+        DatasetError: The dataset is of version 1, whose hashes do not cover sample.json.
     """
-    if dataset.index["version"] != VERSION:
+    if dataset.index["version"] == 1:
         raise DatasetError(
-            f"{dataset.path / 'dataset.json'}: has version {dataset.index['version']}, whose hashes do not "
+            f"{dataset.path / 'dataset.json'}: has version 1, whose hashes do not "
             f"cover sample.json: it can be read, but not checked; generate it again to get version {VERSION}"
         )
     recorded = {sample["name"]: sample["sha256"] for sample in dataset.index["samples"]}
@@ -204,9 +205,9 @@ def _check_meta(meta: dict[str, Any]) -> StereoRig:
     for field in ("rig", "pose"):
         if field not in meta:
             raise ValueError(f"field '{field}' is missing")
-    rotation = _numbers(meta["pose"], (4, 4))[:3, :3]
-    if not (np.abs(rotation @ rotation.T - np.eye(3)).max() < UNIT_TOLERANCE and np.linalg.det(rotation) > 0):
+    if not is_rotation(_numbers(meta["pose"], (4, 4))[:3, :3]):
         raise ValueError("pose is not a 4 x 4 rigid motion")
+    recorded_rotation(meta.get("right_rotation"))
     if "sun" in meta:
         sun = _numbers(meta["sun"], (3,))
         if not abs(float(np.linalg.norm(sun)) - 1) < UNIT_TOLERANCE:

@@ -103,7 +103,7 @@ class SampleStatistics:
         )
         disparity = sample.disparity[sample.valid]
         if len(disparity):
-            counts = np.bincount(disparity.astype(int))
+            counts = np.bincount(np.maximum(disparity, 0).astype(int))
             longer, shorter = (
                 (counts, self.disparity) if len(counts) > len(self.disparity) else (self.disparity, counts)
             )

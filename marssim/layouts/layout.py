@@ -53,8 +53,9 @@ class Item:
 
     @property
     def known(self) -> np.ndarray:
-        """(H, W) bool, true where the disparity is known, which is everywhere but in the sky."""
-        return np.isfinite(self.sample.depth)
+        """(H, W) bool, true where the disparity is known and positive: everywhere but in the sky and, if the right
+        image lies too far right, on very far ground."""
+        return np.isfinite(self.sample.depth) & (self.sample.disparity > 0)
 
     def image(self, name: str) -> bytes:
         """Return the bytes of an image file.

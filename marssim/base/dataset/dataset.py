@@ -8,10 +8,11 @@ DIR/scenes/00003/05/         one sample (scene 3, view 5)
     normal.png               16-bit RGB, (n + 1) / 2 scaled to 65535; 0 0 0 is the sky
     surface.png              16-bit, 0 sky, 1 ground, n + 2 rock n
     occluded.png             8-bit, 255 where the right eye does not see the point
-    sample.json              rig, pose, scene parameters, what was drawn from their ranges (sun, air, surface, sensor),
-                             and the SHA-256 of each image
+    sample.json              rig, pose, rotation of the right camera, scene parameters, what was drawn from their ranges
+                             (sun, air, surface, sensor), and the SHA-256 of each image
 
-So the hashes in the index cover every byte of every sample. In version 1 they covered the images only.
+So the hashes in the index cover every byte of every sample. In version 1 they covered the images only. Up to version 2
+the rotation of the right camera was not recorded, and disparity and occlusion were those of the ideal rig.
 """
 
 from __future__ import annotations
@@ -31,8 +32,8 @@ from marssim.base.dataset.sample import StereoSample, is_complete, read_sample, 
 from marssim.base.files.json_file import DatasetError, read_json, write_json
 
 SCHEMA = "marssim-stereo"
-VERSION = 2
-READABLE = (1, VERSION)
+VERSION = 3
+READABLE = (1, 2, VERSION)
 SPLITS = ("train", "val", "test")
 SPLIT_OF_TEN = ("train", "test", "val", "train", "train", "train", "val", "train", "train", "train")
 
@@ -77,7 +78,7 @@ class StereoDataset:
         if self.index.get("schema") != SCHEMA:
             raise DatasetError(f"{file}: schema is {self.index.get('schema')!r}, not {SCHEMA!r}")
         if self.index.get("version") not in READABLE:
-            versions = " and ".join(map(str, READABLE))
+            versions = f"{', '.join(map(str, READABLE[:-1]))} and {VERSION}"
             raise DatasetError(f"{file}: is of version {self.index.get('version')!r}, this marssim reads {versions}")
         if not _lists_samples(self.index):
             raise DatasetError(f"{file}: samples must list name (scene/view), split and sha256")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -22,12 +22,14 @@ class StereoFrame:
         left: (H, W, 3) uint8 RGB image of the left eye.
         right: (H, W, 3) uint8 RGB image of the right eye.
         depth: (H, W) float32 [m] along the optical axis; inf in the sky.
-        disparity: (H, W) float32 [px], x_left - x_right; 0 in the sky.
+        disparity: (H, W) float32 [px], x_left - x_right as the images show it; 0 in the sky. It is f B / depth where
+            `right_rotation` is the identity.
         normal: (H, W, 3) float32 unit normals that face the camera; 0 in the sky.
         surface: (H, W) int32 id of the surface: SKY, GROUND, or n + 1 for rock n.
         occluded: (H, W) bool, true where the right eye does not see the point.
         rig: The cameras.
         pose: (4, 4) left camera to world.
+        right_rotation: (3, 3) frame of the right camera, as the image was taken, to that of the rig's right camera.
     """
 
     left: np.ndarray
@@ -39,3 +41,4 @@ class StereoFrame:
     occluded: np.ndarray
     rig: StereoRig
     pose: np.ndarray
+    right_rotation: np.ndarray = field(default_factory=lambda: np.eye(3))

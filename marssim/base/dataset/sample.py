@@ -18,6 +18,7 @@ from marssim.base.dataset.frame import SKY, StereoFrame
 from marssim.base.files.atomic import naming
 from marssim.base.files.json_file import DatasetError, json_text, read_json
 from marssim.base.files.png import decode_png, encode_png
+from marssim.base.right_image import image_disparity, recorded_rotation
 
 IMAGES = ("left.png", "right.png", "depth.png", "normal.png", "surface.png", "occluded.png")
 # The fastest compression of each image at about the smallest size. Noisy images have no repeats to search for. Maps
@@ -41,7 +42,7 @@ class StereoSample:
         left: (H, W, 3) uint8 RGB image of the left eye.
         right: (H, W, 3) uint8 RGB image of the right eye.
         depth: (H, W) float32 [m] along the optical axis; inf in the sky.
-        disparity: (H, W) float32 [px], x_left - x_right; 0 in the sky.
+        disparity: (H, W) float32 [px], x_left - x_right as the images show it (marssim.base.right_image); 0 in the sky.
         normal: (H, W, 3) float32 unit normals that face the camera; 0 in the sky.
         valid: (H, W) bool, true where the depth is 0.5 m to 15 m.
         occluded: (H, W) bool, true where the right eye does not see the point.
@@ -71,7 +72,7 @@ def write_sample(folder: Path, frame: StereoFrame, meta: dict[str, Any]) -> None
     Args:
         folder: Folder of the sample, which is replaced.
         frame: The rendered pair.
-        meta: Content of sample.json; rig, pose and the hashes of the images are added.
+        meta: Content of sample.json; rig, pose, right_rotation and the hashes of the images are added.
 
     Raises:
         OSError: A file cannot be written. The error names it.
@@ -94,6 +95,7 @@ def write_sample(folder: Path, frame: StereoFrame, meta: dict[str, Any]) -> None
                 digest[name] = hashlib.sha256(encoded).hexdigest()
                 (partial / name).write_bytes(encoded)
             meta = {**meta, "rig": frame.rig.to_dict(), "pose": frame.pose.tolist(), "sha256": digest}
+            meta["right_rotation"] = frame.right_rotation.tolist()
             (partial / "sample.json").write_text(json_text(meta, indent=1, sort_keys=True))
         shutil.rmtree(folder, ignore_errors=True)
         try:
@@ -123,6 +125,7 @@ def read_sample(folder: Path) -> StereoSample:
     meta = read_json(folder / "sample.json")
     try:
         rig = StereoRig.from_dict(meta["rig"])
+        rotation = recorded_rotation(meta.get("right_rotation"))
     except KeyError:
         raise DatasetError(f"{folder / 'sample.json'}: field 'rig' is missing") from None
     except ValueError as error:
@@ -135,7 +138,7 @@ def read_sample(folder: Path) -> StereoSample:
         left=_read_image(folder / "left.png", (*size, 3), np.uint8)[..., ::-1].copy(),
         right=_read_image(folder / "right.png", (*size, 3), np.uint8)[..., ::-1].copy(),
         depth=depth,
-        disparity=rig.depth_to_disparity(depth),
+        disparity=image_disparity(rig, depth, rotation),
         normal=decode_normal(_read_image(folder / "normal.png", (*size, 3), np.uint16)[..., ::-1]),
         valid=(depth >= MIN_DEPTH) & (depth <= MAX_DEPTH),
         occluded=_read_image(folder / "occluded.png", size, np.uint8) > 0,

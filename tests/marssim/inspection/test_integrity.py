@@ -200,6 +200,21 @@ def test_the_settings_are_those_that_the_index_holds(folder):
     assert len(findings(folder)) == 1 and findings(folder)[0].startswith("generate.json: is not JSON")
 
 
+def test_data_of_version_2_can_be_checked(folder):
+    """Its samples do not record a rotation of the right camera."""
+    for name in StereoDataset(folder).names:
+        change(folder / "scenes" / name / "sample.json", lambda c: c.pop("right_rotation"))
+    write_index(folder, {"seed": 3}, StereoDataset(folder).names)
+    change(folder / "dataset.json", lambda c: c.update(version=2))
+    assert findings(folder) == []
+
+
+def test_a_turn_of_the_right_camera_that_is_no_rotation_is_found(folder):
+    change(folder / SAMPLE / "sample.json", lambda c: c.update(right_rotation=[[1, 0, 0], [0, 1, 0], [0, 0, 3]]))
+    write_index(folder, {"seed": 3}, StereoDataset(folder).names)
+    assert findings(folder) == [f"{SAMPLE}/sample.json: right_rotation is not a 3 x 3 rotation"]
+
+
 def test_data_of_an_older_version_are_not_called_good(folder):
     change(folder / "dataset.json", lambda c: c.update(version=1))
     with pytest.raises(DatasetError, match=r"dataset\.json: has version 1, .* not cover sample\.json: .* again"):
