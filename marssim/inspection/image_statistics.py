@@ -1,7 +1,7 @@
 """Measure the texture of the ground and the sharpness of edges in an image, to compare real and rendered frames.
 
 Definitions. All are of luminance that is linear in light: the grey image's codes as shares of 255, to the power GAMMA,
-which undoes the encoding of marssim.render.sensor. Other cameras need their own power.
+which undoes the encoding of marssim.render.detector.codes. Other cameras need their own power.
 
 spectrum    Power spectrum of log-luminance, mean over square windows of WINDOW px that lie wholly in the mask, half a
             window apart: the natural logarithm of luminance, less its least-squares plane, times a Hann window of unit
@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from marssim.render.sensor import GAMMA
+from marssim.render.detector.codes import GAMMA
 
 WINDOW = 64  # side of a window of the spectrum [px]
 BAND_EDGES = 0.5 ** np.arange(6, 0, -1)  # borders of the bands, 1/64 to 1/2 [cycles/px]

@@ -1,8 +1,11 @@
-"""The camera's optics and detector, which turn radiance into 8-bit images."""
+"""The camera's optics and detector, which turn radiance into 8-bit images.
+
+The effects are in the folder `detector`, one a file. Those that a sound camera in good light does not have are called
+faults. They are off by default.
+"""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import cv2
@@ -10,10 +13,26 @@ import numpy as np
 
 from marssim.base.camera import PinholeCamera
 from marssim.base.compute.compiled import compiled
+from marssim.render.detector.charge import bled, in_full_scale, with_smear
+from marssim.render.detector.codes import GAMMA, Readout, stretch_limits
+from marssim.render.detector.compression import sent
+from marssim.render.detector.dust import through_dust
+from marssim.render.detector.glare import with_glare
+from marssim.render.detector.motion import moved
 from marssim.scene.ranges import Range, check_ranges
 
 LEAST_METERED_SHARE = 0.05  # least share of the image at which ground or sky is metered separately
-GAMMA = 2.2  # the 8-bit code of a signal is proportional to its share of full scale to the power 1 / GAMMA
+LOSSLESS = 100.0  # quality of the JPEG that stands for no compression
+ALWAYS = (
+    "exposure", "psf", "full_well", "read_noise", "vignetting", "gain_difference", "noise_difference",
+    "vertical_offset", "rotation_deg",
+)  # fmt: skip
+# A pair has each of these with the chance fault_chance. New ones come last, so that the others keep their draws.
+FAULTS = (
+    "horizontal_offset", "dust", "motion_blur", "glare", "overexposure", "bleeding", "smear", "stretch", "jpeg_quality",
+)  # fmt: skip
+ABSENT = {**dict.fromkeys(FAULTS, 0.0), "jpeg_quality": LOSSLESS}  # values of a pair without the fault
+OF_FAULTS = ("motion_direction_deg", "stretch_alone")  # values that only matter with a fault
 
 
 @dataclass(frozen=True)
@@ -37,17 +56,53 @@ class SensorConfig:
     noise_difference: Range = (-0.1, 0.1)
     """How much noisier the right camera is than the left one, as a share, LOW HIGH."""
     vertical_offset: Range = (-0.15, 0.15)
-    """Residual error of rectification: how far the right image lies too low [px], LOW HIGH. The ground truth is that of
-    the ideal rig."""
+    """Residual error of rectification: how far the right image lies too low [px], LOW HIGH. Disparity and occlusion in
+    the ground truth follow this and the two other residual errors; depth and normals do not depend on them."""
     rotation_deg: Range = (-0.015, 0.015)
     """Residual error of rectification: rotation of the right image about its middle [deg], LOW HIGH. Positive is
     clockwise."""
+    horizontal_offset: Range = (0.0, 0.0)
+    """Residual error of rectification: how far the right image lies too far right [px], LOW HIGH, as if the cameras
+    were not quite parallel. Depth that is computed as f B / disparity is then wrong."""
+    dust: Range = (0.0, 0.0)
+    """Share of the light that dust on the windows of the cameras takes away, LOW HIGH, 0 to 0.8. Each camera has soft
+    specks of its own and a veil, which also add scattered light. A drive keeps its specks."""
+    motion_blur: Range = (0.0, 0.0)
+    """How far both images move during the exposure [px], LOW HIGH."""
+    motion_direction_deg: Range = (0.0, 180.0)
+    """Direction of the motion blur in the image [deg], LOW HIGH: 0 is along the rows, 90 along the columns."""
+    glare: Range = (0.0, 0.0)
+    """Share of the light that the lenses scatter around where it belongs, LOW HIGH, 0 to 1: bright regions get a halo,
+    and shadows lose contrast."""
+    overexposure: Range = (0.0, 0.0)
+    """How much longer the exposure is than the light asks for [stops], LOW HIGH; negative values darken the images."""
+    bleeding: Range = (0.0, 0.0)
+    """Share of the charge beyond full scale that saturated pixels spill into their column, LOW HIGH, 0 to 1. It shows
+    where something saturates, as with --sensor.overexposure."""
+    smear: Range = (0.0, 0.0)
+    """Time in which a frame-transfer CCD moves its charge, as a share of the exposure, LOW HIGH, 0 to 1: each pixel
+    also collects light of its whole column."""
+    stretch: Range = (0.0, 0.0)
+    """Share of the values that a contrast stretch turns black, and share that it turns white, LOW HIGH, 0 to 0.2. The
+    public images of rovers have 0.005 to 0.01; 0 does not stretch."""
+    stretch_alone: Range = (0.0, 0.0)
+    """Whether the stretch has common limits for both images, 0, or separate ones for each, 1, as public images have;
+    LOW HIGH, and values between mix the limits."""
+    jpeg_quality: Range = (LOSSLESS, LOSSLESS)
+    """Quality of the JPEG in which the images are sent, LOW HIGH, 1 to 100. Rovers send 60 to 95; 100 stands for no
+    compression."""
+    fault_chance: Range = (1.0, 1.0)
+    """Chance with which a pair has each of the faults, LOW HIGH, 0 to 1: horizontal offset, dust, motion blur, glare,
+    overexposure, bleeding, smear, stretch and JPEG. Each is drawn for itself; without it, the pair has the default."""
 
     def __post_init__(self) -> None:
         limits = {
             "exposure": (0.02, 0.98), "psf": (0, 2), "full_well": (10, 1e7), "read_noise": (0, 1e5),
-            "vignetting": (0, 1), "gain_difference": (-0.9, 9),
-            "noise_difference": (-0.9, 9), "vertical_offset": (-10, 10), "rotation_deg": (-5, 5),
+            "vignetting": (0, 1), "gain_difference": (-0.9, 9), "noise_difference": (-0.9, 9),
+            "vertical_offset": (-10, 10), "rotation_deg": (-5, 5), "horizontal_offset": (-10, 10), "dust": (0, 0.8),
+            "motion_blur": (0, 50), "motion_direction_deg": (-360, 360), "glare": (0, 1), "overexposure": (-6, 6),
+            "bleeding": (0, 1), "smear": (0, 1), "stretch": (0, 0.2), "stretch_alone": (0, 1),
+            "jpeg_quality": (1, LOSSLESS), "fault_chance": (0, 1),
         }  # fmt: skip
         check_ranges(self, limits)
 
@@ -66,6 +121,19 @@ class Sensor:
         noise_difference: How much noisier the right camera is, as a share.
         vertical_offset: How far the right image lies too low [px].
         rotation_deg: Rotation of the right image about its middle [deg], positive is clockwise.
+        horizontal_offset: How far the right image lies too far right [px].
+        dust: Share of the light that dust on the windows takes away.
+        motion_blur: How far both images move during the exposure [px].
+        motion_direction_deg: Direction of that motion [deg], clockwise from the rows.
+        glare: Share of the light that the lenses scatter.
+        overexposure: How much longer the exposure is than the light asks for [stops].
+        bleeding: Share of the charge beyond full scale that spills into its column.
+        smear: Time of a CCD's frame transfer as a share of the exposure.
+        stretch: Share of the values that become black, and share that become white.
+        stretch_alone: 0 stretches both images between common limits, 1 each between its own.
+        jpeg_quality: Quality of the JPEG; 100 stands for no compression.
+        fault_chance: Chance with which each fault was drawn.
+        seed: Seed of the dust.
     """
 
     exposure: float
@@ -77,16 +145,36 @@ class Sensor:
     noise_difference: float = 0.0
     vertical_offset: float = 0.0
     rotation_deg: float = 0.0
+    horizontal_offset: float = 0.0
+    dust: float = 0.0
+    motion_blur: float = 0.0
+    motion_direction_deg: float = 0.0
+    glare: float = 0.0
+    overexposure: float = 0.0
+    bleeding: float = 0.0
+    smear: float = 0.0
+    stretch: float = 0.0
+    stretch_alone: float = 0.0
+    jpeg_quality: float = LOSSLESS
+    fault_chance: float = 1.0
+    seed: int = 0
 
     @classmethod
     def draw(cls, config: SensorConfig, rng: np.random.Generator) -> Sensor:
-        """Draw each value uniformly from its range.
+        """Draw each value uniformly from its range. Faults are drawn from a generator of their own.
 
         Args:
             config: The ranges.
             rng: Random generator.
         """
-        return cls(**{name: float(rng.uniform(low, high)) for name, (low, high) in vars(config).items()})
+        values = {name: float(rng.uniform(*getattr(config, name))) for name in ALWAYS}
+        fault_rng = rng.spawn(1)[0]
+        seed = int(fault_rng.integers(2**32))
+        values |= {n: float(fault_rng.uniform(*getattr(config, n))) for n in ("fault_chance", *OF_FAULTS)}
+        for name in FAULTS:
+            present, value = fault_rng.random() < values["fault_chance"], fault_rng.uniform(*getattr(config, name))
+            values[name] = float(value if present else ABSENT[name])
+        return cls(**values, seed=seed)
 
     @property
     def right(self) -> Sensor:
@@ -94,23 +182,57 @@ class Sensor:
         more = 1 + self.noise_difference
         return replace(self, full_well=self.full_well / more**2, read_noise=self.read_noise / more)
 
-    def right_view(self, camera: PinholeCamera, pose: np.ndarray) -> np.ndarray:
-        """Return the pose from which the right image is taken.
+    def right_rotation(self, camera: PinholeCamera) -> np.ndarray:
+        """Return how the right camera is turned when it takes its image.
 
-        A residual error of rectification is a small rotation of the camera in place: about its optical axis, and up by
-        vertical_offset / fy, so that the image's middle moves down by vertical_offset.
+        A residual error of rectification is a small rotation of the camera in place: about its optical axis, up by
+        vertical_offset / fy and left by horizontal_offset / fx, so that the image's middle moves by these offsets.
 
         Args:
             camera: The right camera.
-            pose: (4, 4) ideal pose of the right camera, camera to world.
 
         Returns:
-            (4, 4) camera to world.
+            (3, 3) frame of the right camera to that of the ideal right camera.
         """
         roll, pitch = np.deg2rad(self.rotation_deg), np.arctan(self.vertical_offset / camera.fy)
-        out = np.array(pose, dtype=float)
-        out[:3, :3] @= cv2.Rodrigues(np.array([pitch, 0.0, 0.0]))[0] @ cv2.Rodrigues(np.array([0.0, 0.0, -roll]))[0]
-        return out
+        yaw = np.arctan(self.horizontal_offset / camera.fx)
+        turns = [[0.0, -yaw, 0.0], [pitch, 0.0, 0.0], [0.0, 0.0, -roll]]
+        first, second, third = (cv2.Rodrigues(np.array(turn))[0] for turn in turns)
+        return first @ second @ third
+
+    def expose_pair(
+        self, left: np.ndarray, right: np.ndarray, ground: np.ndarray, rng: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the images of both radiance maps, with the exposure that the left one asks for.
+
+        Args:
+            left, right: (H, W, 3) linear RGB radiance.
+            ground: (H, W) bool, the pixels of the left image that are not sky.
+            rng: Random generator of the noise.
+
+        Returns:
+            Two (H, W, 3) uint8 RGB images.
+        """
+        if self.dust > 0:
+            left, right = (through_dust(light, self.dust, self.seed, eye) for eye, light in enumerate((left, right)))
+        gain = self.gain(left, ground) * 2**self.overexposure
+        readouts = [
+            self._readout(left, gain, rng),
+            self.right._readout(right, gain * (1 + self.gain_difference), rng),
+        ]
+        images = [readout.codes() for readout in readouts]
+        if self.stretch > 0:
+            images = [part.codes(limits) for part, limits in zip(readouts, self._limits(images), strict=True)]
+        if (quality := round(self.jpeg_quality)) < LOSSLESS:
+            images = [sent(image, quality) for image in images]
+        return images[0], images[1]
+
+    def _limits(self, images: list[np.ndarray]) -> list[tuple[float, float]]:
+        """Return the limits of each image's stretch."""
+        low, high = stretch_limits(np.stack(images), self.stretch)
+        alone = self.stretch_alone
+        own = [stretch_limits(image, self.stretch) for image in images]
+        return [(low + alone * (own_low - low), high + alone * (own_high - high)) for own_low, own_high in own]
 
     def gain(self, radiance: np.ndarray, ground: np.ndarray) -> float:
         """Return the auto-exposure: the factor from radiance to full scale.
@@ -132,7 +254,7 @@ class Sensor:
         return gain
 
     def expose(self, radiance: np.ndarray, gain: float, rng: np.random.Generator) -> np.ndarray:
-        """Return the image of a radiance map, with blur, vignetting, noise and GAMMA.
+        """Return the image of one radiance map. It has no dust, no stretch and no compression, which concern a pair.
 
         Args:
             radiance: (H, W, 3) linear RGB radiance.
@@ -142,18 +264,25 @@ class Sensor:
         Returns:
             (H, W, 3) uint8.
         """
+        return self._readout(radiance, gain, rng).codes()
+
+    def _readout(self, radiance: np.ndarray, gain: float, rng: np.random.Generator) -> Readout:
+        """Return what the detector holds of a radiance map, with noise that is drawn now."""
         signal: np.ndarray = np.ascontiguousarray(radiance, dtype=np.float32)
+        if self.motion_blur > 0:
+            signal = moved(signal, self.motion_blur, self.motion_direction_deg)
         if self.psf > 0:
             signal = cv2.GaussianBlur(signal, (5, 5), self.psf, borderType=cv2.BORDER_REPLICATE)
+        if self.glare > 0:
+            signal = with_glare(signal, self.glare)
+        vignetting, gain = self.vignetting, float(gain)
+        if self.smear > 0 or self.bleeding > 0:
+            signal = with_smear(in_full_scale(signal, gain, vignetting), self.smear)
+            vignetting, gain = 0.0, 1.0
+        if self.bleeding > 0:
+            signal = bled(signal, self.bleeding)
         noise = rng.standard_normal(signal.shape, dtype=np.float32)
-        return _codes(signal, noise, float(gain), self.vignetting, self.full_well, self.read_noise, CODE_STARTS, GUESS)
-
-
-# least signal of each code from 1, as a share of full scale; no signal reaches the last entry
-CODE_STARTS = np.append(((np.arange(1, 256) - 0.5) / 255) ** GAMMA, np.inf).astype(np.float32)
-# entries of the table of guesses: so many that, above the darkest codes, a guess is right or one too low
-GUESSES = 32768
-GUESS = np.searchsorted(CODE_STARTS, np.arange(GUESSES + 1) / GUESSES, side="right").astype(np.uint8)
+        return Readout(signal, noise, gain, vignetting, self.full_well, self.read_noise)
 
 
 @compiled
@@ -169,27 +298,3 @@ def _metered(radiance, chosen):
             largest[m] = max(red, green, blue)
             m += 1
     return mean, largest
-
-
-@compiled
-def _codes(signal, noise, gain, vignetting, full_well, read_noise, starts, guess):
-    """Apply vignetting, noise and gamma. The code is looked up, with the same result as rounding the power."""
-    height, width, _ = signal.shape
-    out = np.empty(signal.shape, dtype=np.uint8)
-    shot = np.float32(1 / full_well)  # variance of the noise per signal, both as shares of full scale
-    floor = np.float32((read_noise / full_well) ** 2)
-    black, white, guesses = np.float32(0), np.float32(1), np.float32(GUESSES)
-    for row in range(height):
-        y = 2 * row / max(height - 1, 1) - 1
-        for column in range(width):
-            x = 2 * column / max(width - 1, 1) - 1
-            scale = np.float32(gain * (1 - vignetting * (x * x + y * y) / 2))
-            for c in range(3):
-                value = min(max(signal[row, column, c] * scale, black), white)
-                value += noise[row, column, c] * math.sqrt(value * shot + floor)
-                value = min(max(value, black), white)
-                code = guess[np.int32(value * guesses)]
-                while value >= starts[code]:
-                    code += 1
-                out[row, column, c] = code
-    return out

@@ -8,6 +8,7 @@ from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.compute.compiled import compiled, read_only
 from marssim.base.dataset.frame import SKY, StereoFrame
 from marssim.base.pose import rotate
+from marssim.base.right_image import IDEAL, image_disparity, outside_right
 from marssim.render.antialias import average, colours_beside, edge_pixels, subpixel_rays
 from marssim.render.geometry.gbuffer import GBuffer, Hits
 from marssim.render.renderers.renderer import Renderer
@@ -20,7 +21,8 @@ def render_stereo(
 ) -> StereoFrame:
     """Render both images and the ground truth.
 
-    `marssim.render.view` offers this in fewer lines. The sensor's errors of rectification affect the right image only.
+    `marssim.render.view` offers this in fewer lines. The sensor's errors of rectification turn the right camera: the
+    right image, the disparity and the mask of occluded pixels follow it, and all else is that of the ideal rig.
 
     Args:
         renderer: Renderer of the scene.
@@ -30,26 +32,31 @@ def render_stereo(
         sensor: The two detectors.
         rng: Random generator of the detectors' noise.
     """
-    right_pose = sensor.right_view(rig.camera, rig.right_pose(pose))
+    rotation = sensor.right_rotation(rig.camera)
+    right_pose = rig.right_pose(pose)
+    right_pose[:3, :3] @= rotation
     left_view = renderer.render(rig.camera, pose)
     right_view = renderer.render(rig.camera, right_pose)
     left = radiance(renderer, shader, rig.camera, pose, left_view)
     right = radiance(renderer, shader, rig.camera, right_pose, right_view)
-    gain = sensor.gain(left, left_view.hit)
+    left_image, right_image = sensor.expose_pair(left, right, left_view.hit, rng)
     return StereoFrame(
-        left=sensor.expose(left, gain, rng),
-        right=sensor.right.expose(right, gain * (1 + sensor.gain_difference), rng),
+        left=left_image,
+        right=right_image,
         depth=left_view.depth,
-        disparity=rig.depth_to_disparity(left_view.depth),
+        disparity=image_disparity(rig, left_view.depth, rotation),
         normal=left_view.normal,
         surface=left_view.surface,
-        occluded=occlusion(renderer, left_view, rig, pose),
+        occluded=occlusion(renderer, left_view, rig, pose, rotation),
         rig=rig,
         pose=pose,
+        right_rotation=rotation,
     )
 
 
-def occlusion(renderer: Renderer, view: GBuffer, rig: StereoRig, pose: np.ndarray) -> np.ndarray:
+def occlusion(
+    renderer: Renderer, view: GBuffer, rig: StereoRig, pose: np.ndarray, rotation: np.ndarray = IDEAL
+) -> np.ndarray:
     """Return the left pixels whose points the right camera does not see.
 
     Args:
@@ -57,13 +64,14 @@ def occlusion(renderer: Renderer, view: GBuffer, rig: StereoRig, pose: np.ndarra
         view: G-buffer of the left camera.
         rig: The two cameras.
         pose: (4, 4) left camera to world.
+        rotation: (3, 3) frame of the right camera to that of the ideal right camera.
 
     Returns:
-        (H, W) bool: the point is hidden from the right camera, or beyond the left border of its image. False in the
-        sky.
+        (H, W) bool: the point is hidden from the right camera, or beyond the borders of its image. False in the sky.
     """
     hits, rays = view.pixels, rig.camera.rays().reshape(-1, 3)
-    hidden, decided = _outside(hits.depth, hits.surface, rig.camera.width, rig.fb)
+    hidden = outside_right(rig, view.depth, rotation).ravel()
+    decided = hidden | (hits.surface == SKY)
     at, points, normals = _hit_points(read_only(rays), hits.depth, hits.normal, hits.surface, read_only(pose), decided)
     hidden[at] = ~renderer.visible_from(points, normals, rig.right_pose(pose)[:3, 3])
     return hidden.reshape(view.depth.shape)
@@ -146,16 +154,3 @@ def _hit_points(rays, depth, normal, surface, pose, known):
             )
         count += 1
     return at[:count], points[:count], normals[:count]
-
-
-@compiled
-def _outside(depth, surface, width, fb):
-    """Return which pixels (N,) lie left of the right image, and which need no ray: these and the sky."""
-    hidden, decided = np.zeros(len(depth), dtype=np.bool_), np.zeros(len(depth), dtype=np.bool_)
-    fb = np.float32(fb)
-    for k in range(len(depth)):
-        if surface[k] == SKY:
-            decided[k] = True
-        elif k % width - fb / depth[k] < -0.5:
-            hidden[k] = decided[k] = True
-    return hidden, decided

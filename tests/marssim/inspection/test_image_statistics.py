@@ -12,7 +12,7 @@ from marssim.inspection.image_statistics import (
     rise,
     spectrum,
 )
-from marssim.render.sensor import GAMMA
+from marssim.render.detector.codes import GAMMA
 
 ALL = np.ones((256, 256), dtype=bool)
 U, V = np.meshgrid(np.arange(256), np.arange(256))

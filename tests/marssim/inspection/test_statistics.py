@@ -12,7 +12,7 @@ from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.dataset.sample import StereoSample
 from marssim.base.images.texture import lbp_entropy
 from marssim.inspection.statistics import DEPTH_STEP, SampleStatistics, table
-from marssim.render.sensor import GAMMA
+from marssim.render.detector.codes import GAMMA
 
 SIZE = (6, 10)
 

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from marssim.base.camera import NATECAM
-from marssim.base.pose import look_pose
-from marssim.render.sensor import Sensor, SensorConfig
+from marssim.render.faults import RANDOM
+from marssim.render.sensor import ALWAYS, FAULTS, OF_FAULTS, Sensor, SensorConfig
 
 CLEAN = Sensor(exposure=0.5, psf=0.0, full_well=1e12, read_noise=0.0, vignetting=0.0, gain_difference=0.0)
 
@@ -125,20 +125,25 @@ def linear_noise(sensor: Sensor, signal: float) -> float:
     return float(np.sqrt(image.var() - 1 / 12))
 
 
-@pytest.mark.parametrize(("rotation", "offset"), [(0.0, 2.0), (1.0, 0.0), (-0.7, -1.5)])
-def test_a_residual_of_rectification_moves_the_right_image(rotation, offset):
-    """Far points land where the image, turned clockwise about its middle and moved down, has them."""
+@pytest.mark.parametrize(
+    ("rotation", "down", "right"),
+    [(0.0, 2.0, 0.0), (1.0, 0.0, 0.0), (-0.7, -1.5, 0.0), (0.0, 0.0, 3.0), (0.3, 1.0, -2)],
+)
+def test_a_residual_of_rectification_moves_the_right_image(rotation, down, right):
+    """Far points land where the image, turned clockwise about its middle and moved down and right, has them."""
     camera = NATECAM.camera
-    pose = look_pose(np.array([1.0, 2.0, 3.0]), 0.4, 0.3, 0.1)
-    moved = replace(CLEAN, rotation_deg=rotation, vertical_offset=offset).right_view(camera, pose)
-    assert np.array_equal(moved[:3, 3], pose[:3, 3])
-    assert np.allclose(moved[:3, :3] @ moved[:3, :3].T, np.eye(3))
+    moved = replace(CLEAN, rotation_deg=rotation, vertical_offset=down, horizontal_offset=right).right_rotation(camera)
+    assert np.allclose(moved @ moved.T, np.eye(3))
     pixels = np.array([[255.5, 255.5], [400.0, 255.5], [255.5, 100.0], [300.0, 310.0]])
-    points = np.column_stack([(pixels - 255.5) / camera.fx, np.ones(4)]) @ pose[:3, :3].T
+    points = np.column_stack([(pixels - 255.5) / camera.fx, np.ones(4)])
     angle = np.deg2rad(rotation)  # v points down, so that this matrix turns clockwise
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    expected = (pixels - 255.5) @ turn.T + 255.5 + [0, offset]
-    assert np.allclose(camera.project(points @ moved[:3, :3]), expected, atol=0.02 + 0.08 * abs(offset))
+    expected = (pixels - 255.5) @ turn.T + 255.5 + [right, down]
+    assert np.allclose(camera.project(points @ moved), expected, atol=0.02 + 0.08 * (abs(down) + abs(right)))
+
+
+def test_without_residuals_the_right_camera_is_not_turned_at_all():
+    assert np.array_equal(CLEAN.right_rotation(NATECAM.camera), np.eye(3))
 
 
 def test_draws_lie_in_their_ranges_and_follow_the_seed():
@@ -151,6 +156,83 @@ def test_draws_lie_in_their_ranges_and_follow_the_seed():
         assert sensor == Sensor.draw(config, np.random.default_rng(seed))
     assert Sensor.draw(config, np.random.default_rng(0)) != Sensor.draw(config, np.random.default_rng(1))
     assert Sensor.draw(SensorConfig(psf=(0.4, 0.4)), np.random.default_rng(0)).psf == 0.4
+
+
+def test_every_value_is_drawn_always_or_as_a_fault():
+    assert {field.name for field in fields(SensorConfig)} == {*ALWAYS, *FAULTS, *OF_FAULTS, "fault_chance"}
+    assert {field.name for field in fields(Sensor)} == {*ALWAYS, *FAULTS, *OF_FAULTS, "fault_chance", "seed"}
+
+
+def test_faults_are_off_by_default_and_leave_the_other_draws_alone():
+    plain, faulty = (np.random.default_rng(5) for _ in range(2))
+    first, second = Sensor.draw(SensorConfig(), plain), Sensor.draw(RANDOM, faulty)
+    assert all(getattr(first, name) == getattr(CLEAN, name) for name in FAULTS)
+    assert all(getattr(first, name) == getattr(second, name) for name in ALWAYS)
+    assert plain.random() == faulty.random()
+
+
+def test_a_pair_has_each_fault_with_its_chance():
+    config = replace(RANDOM, fault_chance=(0.3, 0.3))
+    sensors = [Sensor.draw(config, np.random.default_rng(seed)) for seed in range(400)]
+    present = np.array([[getattr(sensor, name) != getattr(CLEAN, name) for name in FAULTS] for sensor in sensors])
+    assert np.abs(present.mean(axis=0) - 0.3).max() < 0.08
+    assert np.abs(np.corrcoef(present.T) - np.eye(len(FAULTS))).max() < 0.2  # each for itself
+    for name in FAULTS:
+        low, high = getattr(config, name)
+        strengths = [value for sensor in sensors if (value := getattr(sensor, name)) != getattr(CLEAN, name)]
+        assert low <= min(strengths) and max(strengths) <= high
+
+
+def scene(side: int = 96) -> np.ndarray:
+    """Radiance with texture, a bright patch and a dark one."""
+    rng = np.random.default_rng(7)
+    out = (0.2 * rng.uniform(0.6, 1.4, (side, side, 1)) * np.array([1.2, 1.0, 0.7])).astype(np.float32)
+    out[20:30, 40:50] = 1.5
+    out[60:80, 10:40] = 0.02
+    return out
+
+
+@pytest.mark.parametrize("name", sorted({*FAULTS} - {"horizontal_offset"}))
+def test_every_fault_changes_both_images_and_follows_the_seed(name):
+    ground = np.ones((96, 96), bool)
+    common = {"overexposure": 1.0} if name == "bleeding" else {}
+    sound = replace(CLEAN, full_well=8000.0, **common)
+    faulty = replace(sound, **{name: max(getattr(RANDOM, name), key=lambda v: abs(v - getattr(CLEAN, name)))}, seed=3)
+    pairs = [
+        sensor.expose_pair(scene(), scene(), ground, np.random.default_rng(1)) for sensor in (sound, faulty, faulty)
+    ]
+    for eye in (0, 1):
+        assert np.array_equal(pairs[1][eye], pairs[2][eye])
+        assert (pairs[0][eye] != pairs[1][eye]).mean() > 0.003
+
+
+def test_a_pair_without_faults_is_each_eye_exposed_alone():
+    sensor = replace(CLEAN, full_well=6000.0, read_noise=9.0, psf=0.4, gain_difference=0.1, noise_difference=0.2)
+    ground, left, right = np.ones((96, 96), bool), scene(), scene()[:, ::-1]
+    images = sensor.expose_pair(left, right, ground, np.random.default_rng(2))
+    rng, gain = np.random.default_rng(2), sensor.gain(left, ground)
+    assert np.array_equal(images[0], sensor.expose(left, gain, rng))
+    assert np.array_equal(images[1], sensor.right.expose(right, gain * 1.1, rng))
+
+
+def test_a_common_stretch_keeps_the_difference_of_the_eyes_and_a_separate_one_removes_it():
+    ground, light = np.ones((96, 96), bool), scene()[31:59, :30]  # texture alone
+    sensor = replace(CLEAN, gain_difference=0.3, stretch=0.01)
+    common, alone = (
+        replace(sensor, stretch_alone=share).expose_pair(light, light, ground[31:59, :30], np.random.default_rng(0))
+        for share in (0.0, 1.0)
+    )
+    assert np.median(common[1]) > np.median(common[0]) + 8
+    assert np.median(alone[1]) == pytest.approx(np.median(alone[0]), abs=4)
+
+
+def test_a_stop_of_overexposure_doubles_the_light():
+    ground, light = np.ones((50, 50), bool), flat(0.1, 50)
+    once, twice = (
+        replace(CLEAN, exposure=0.4, overexposure=stops).expose_pair(light, light, ground, np.random.default_rng(0))[0]
+        for stops in (0.0, 1.0)
+    )
+    assert linear(twice).mean() == pytest.approx(2 * linear(once).mean(), rel=0.03)
 
 
 @pytest.mark.parametrize(
@@ -167,6 +249,11 @@ def test_draws_lie_in_their_ranges_and_follow_the_seed():
         ("noise_difference", (-1.0, 0.0)),
         ("vertical_offset", (0.0, 11.0)),
         ("rotation_deg", (-90.0, 0.0)),
+        ("horizontal_offset", (-11.0, 0.0)),
+        ("dust", (0.0, 0.9)),
+        ("motion_blur", (-1.0, 0.0)),
+        ("jpeg_quality", (0.0, 50.0)),
+        ("fault_chance", (0.5, 1.5)),
         ("psf", (float("nan"), 0.5)),
         ("full_well", (4000.0, float("inf"))),
     ],

@@ -52,7 +52,7 @@ def frame(scene, renderer, pose) -> StereoFrame:
 
 def test_imperfect_rectification_shows_in_the_right_image_alone(scene, renderer, pose, frame):
     other = pair(scene, renderer, pose, replace(CLEAN, vertical_offset=1.0, rotation_deg=0.05))
-    for name in ("left", "depth", "disparity", "normal", "surface", "occluded"):
+    for name in ("left", "depth", "normal", "surface"):
         assert np.array_equal(getattr(other, name), getattr(frame, name))
     shifts = []
     for down in (0, 1, 2):
@@ -80,7 +80,9 @@ def comparable(frame: StereoFrame) -> np.ndarray:
     return ~step & ~hidden & ~edge & inside
 
 
-def test_the_right_image_moved_by_the_disparity_is_the_left_one(frame):
+@pytest.mark.parametrize("residual", [{}, {"horizontal_offset": 2.5}, {"horizontal_offset": -1.5, "rotation_deg": 0.4}])
+def test_the_right_image_moved_by_the_disparity_is_the_left_one(scene, renderer, pose, residual):
+    frame = pair(scene, renderer, pose, replace(CLEAN, **residual))
     where = comparable(frame)
     assert where.mean() > 0.25
     left = frame.left.astype(float)[where]
@@ -123,6 +125,23 @@ def test_occlusion_is_what_the_depth_of_the_right_view_says(renderer, pose, fram
     assert (hidden & inside).sum() > 40 and free.mean() > 0.3, "the view decides too little"
     assert (hidden & ~frame.occluded).sum() <= 2
     assert (free & frame.occluded).sum() <= 0.003 * free.sum()
+
+
+@pytest.mark.parametrize("offset", [-4.0, 4.0])
+def test_occlusion_at_the_borders_follows_the_right_image(scene, renderer, pose, frame, offset):
+    other = pair(scene, renderer, pose, replace(CLEAN, horizontal_offset=offset))
+    column = np.arange(RIG.camera.width) - other.disparity
+    beyond = (other.surface != SKY) & ((column < -0.5) | (column > RIG.camera.width - 0.5))
+    assert other.occluded[beyond].all()
+    inside = ~beyond & (np.arange(RIG.camera.width) - frame.disparity >= -0.5)
+    inside[[0, -1]] = False  # the turned camera moves the corners a little up and down
+    assert np.array_equal(other.occluded[inside], frame.occluded[inside])  # what hides a point is the same
+    if offset < 0:
+        assert (other.occluded & ~frame.occluded).sum() > 100
+
+
+def test_without_residuals_disparity_is_f_b_over_z_to_the_bit(frame):
+    assert np.array_equal(frame.disparity, RIG.depth_to_disparity(frame.depth))
 
 
 def test_disparity_is_that_of_the_depth_and_the_sky_has_none(frame):

@@ -1,0 +1,41 @@
+"""Named sets of image faults, from which a command's sensor starts."""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+from marssim.render.sensor import SensorConfig
+
+FaultSet = Literal["none", "random"]
+FAULT_SETS: tuple[FaultSet, ...] = get_args(FaultSet)
+
+RANDOM = SensorConfig(
+    horizontal_offset=(-0.5, 0.5),
+    dust=(0.03, 0.35),
+    motion_blur=(0.5, 4.0),
+    glare=(0.02, 0.2),
+    overexposure=(-1.0, 1.5),
+    bleeding=(0.1, 1.0),
+    smear=(0.01, 0.15),
+    stretch=(0.001, 0.02),
+    stretch_alone=(0.0, 1.0),
+    jpeg_quality=(50.0, 95.0),
+    fault_chance=(0.0, 0.6),
+)
+
+
+def fault_set(name: FaultSet) -> SensorConfig:
+    """Return the detectors' ranges of a set.
+
+    Args:
+        name: "none", the defaults of SensorConfig, or "random": each pair has each fault with a chance that is drawn
+            for the pair, 0 to 0.6, and with a strength from weak to strong. Training on it makes a network used to
+            such images.
+
+    Raises:
+        ValueError: There is no set of that name.
+    """
+    sets = {"none": SensorConfig(), "random": RANDOM}
+    if name not in sets:
+        raise ValueError(f"faults must be one of {', '.join(FAULT_SETS)}, got {name!r}")
+    return sets[name]
