@@ -4,6 +4,7 @@
     python -m marssim.generate --out data/rocky --scene gale --rocks.k 0.1 --look.sun-elevation-deg 10 20
     python -m marssim.generate --out data/mine --scene my_place.json --renderer scan
     python -m marssim.generate --out data/drives --trajectory --drive.step 0.3 --views-per-scene 50
+    python -m marssim.generate --out data/worn --scene mixed --faults random
 
 A sample depends only on the settings, the seed, its scene and its view. Any number of workers therefore writes the same
 files, and the same command completes a dataset after an interrupted run. my_place.json names the values in which your
@@ -223,6 +224,10 @@ Each sample has a folder `scenes/<scene>/<view>/` with these files. Maps are tho
 | `surface.png` | 16-bit: 0 is the sky, 1 the ground, from 2 on the rocks |
 | `occluded.png` | 8-bit: 255 where the point is hidden from the right eye or outside its image |
 | `sample.json` | cameras, pose, parameters and draws of the scene, its sensors, SHA-256 of each image |
+
+`sample.disparity` is what the images show. It is computed from the depth and from `right_rotation` in `sample.json`,
+the small rotation of the right camera that `--sensor.vertical-offset`, `--sensor.horizontal-offset` and
+`--sensor.rotation-deg` drew.
 {drive}{datum}
 `dataset.json` lists all samples with the SHA-256 of their `sample.json`; `python -m marssim.verify DIR` checks them.
 

@@ -21,6 +21,7 @@ from marssim.base.command.notes import print_note
 from marssim.base.dataset.dataset import SPLIT_OF_TEN
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.version import VERSION
+from marssim.render.faults import FAULT_SETS, FaultSet, fault_set
 from marssim.render.renderers.by_name import FALLBACK_NOTE, RendererName, default_renderer
 from marssim.render.sensor import SensorConfig
 from marssim.scene.place_file import PLACE_VALUES, load_place
@@ -191,6 +192,10 @@ class GenerateOptions(RunConfig):
     place, or mixed, which takes the presets in turn so that train, val and test hold each equally often. `--scene NAME
     --help` shows the values of that place as the defaults of --rocks, --relief and --look (those of utopia for mixed).
     Values that you give replace those of the place, or of each place of mixed."""
+    faults: FaultSet = "none"
+    """Image faults of real cameras: none, or random, which gives each pair each fault with some chance: dust on the
+    windows, motion blur, glare, wrong exposure, bleeding and smear of a CCD, a contrast stretch, JPEG, and a horizontal
+    offset. `--faults random --help` shows its values as the defaults of --sensor; values that you give replace them."""
     knobs: Annotated[SceneOptions, tyro.conf.arg(name="")] = field(default_factory=SceneOptions)
     rig: RigOptions = field(default_factory=RigOptions)
     rig_file: Path | None = None
@@ -212,7 +217,11 @@ def parse_generate(prog: str, description: str | None, args: Sequence[str] | Non
     args = sys.argv[1:] if args is None else args
     asked = named_scene(args)
     places = tuple(map(preset, PRESETS)) if asked == MIXED else (load_place(asked),)
-    defaults = [GenerateOptions(out=tyro.MISSING, scene=asked, knobs=_options(place)) for place in places]
+    faults = named_faults(args)
+    defaults = [
+        GenerateOptions(out=tyro.MISSING, scene=asked, knobs=_options(place), faults=faults, sensor=fault_set(faults))
+        for place in places
+    ]
     options = [parse(GenerateOptions, prog, description, args, default) for default in defaults]
     first = options[0]
     if not any(word.partition("=")[0] == "--renderer" for word in args) and first.renderer != "pybullet":
@@ -248,6 +257,12 @@ def named_scene(args: Sequence[str]) -> str:
     """Return the last value of --scene on a command line; that of the default place if there is none."""
     values = re.findall(r"(?:^|\0)--scene[=\0](?!-)([^\0]*)", "\0".join(args))
     return values[-1] if values else PRESETS[0]
+
+
+def named_faults(args: Sequence[str]) -> FaultSet:
+    """Return the last value of --faults on a command line; "none" if there is none, or no set of that name."""
+    values = re.findall(r"(?:^|\0)--faults[=\0]([^\0]*)", "\0".join(args))
+    return next((name for name in FAULT_SETS if values[-1:] == [name]), "none")
 
 
 def _options(place: SceneConfig) -> SceneOptions:

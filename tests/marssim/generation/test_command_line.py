@@ -37,6 +37,7 @@ def asked(*flags: object) -> GenerateConfig:
         ("--rig.focal-y", 600, "--rig.cy", 200.5),
         ("--sensor.rotation-deg", 0, 0, "--sensor.psf", 0.3, 0.7),
         ("--rasterizer", "egl"),
+        ("--faults", "random", "--sensor.dust", 0, 0, "--sensor.fault-chance", 0.25, 0.25),
     ],
 )
 def test_the_flags_of_a_config_give_the_same_config(flags):

@@ -17,7 +17,9 @@ from marssim.export import ExportConfig
 from marssim.generate import main
 from marssim.generation.command_line import command_flags
 from marssim.generation.config import GenerateConfig, GenerateOptions, RigOptions, RunConfig, parse_generate
+from marssim.render.faults import RANDOM
 from marssim.render.renderers.by_name import FALLBACK_NOTE
+from marssim.render.sensor import SensorConfig
 from marssim.scene.look import LookConfig
 from marssim.scene.presets import PRESETS, preset
 from marssim.scene.relief import ReliefConfig
@@ -106,6 +108,16 @@ def test_every_flag_of_marssims_commands_is_explained_by_sentences():
             if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr):
                 words = text.value.value
                 assert words[0].isupper() and words.endswith("."), f"{config.__name__}.{field.target.id}: {words}"
+
+
+def test_faults_set_the_sensor_and_flags_replace_their_values(capsys):
+    assert asked().sensor == asked("--faults", "none").sensor == SensorConfig()
+    assert asked("--faults", "random").sensor == RANDOM == asked("--faults=none", "--faults=random").sensor
+    config = asked("--scene", "mixed", "--sensor.dust", 0.1, 0.2, "--faults", "random", "--sensor.psf", 1, 1)
+    assert config.sensor == replace(RANDOM, dust=(0.1, 0.2), psf=(1.0, 1.0)) and len(config.scenes) == len(PRESETS)
+    assert "(default: 0.03 0.35)" in shown(capsys, "--faults", "random")
+    assert main(["--out", "x", "--faults", "many"]) == 2
+    assert "none" in (error := capsys.readouterr().err) and "random" in error and "--faults" in error
 
 
 def test_knobs_hold_for_every_place_of_mixed():

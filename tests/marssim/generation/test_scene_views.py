@@ -9,7 +9,8 @@ import pytest
 from marssim.base.camera import NATECAM
 from marssim.base.dataset.sample import StereoSample
 from marssim.generate import GenerateConfig, generate_dataset
-from marssim.render.sensor import SensorConfig
+from marssim.render.faults import RANDOM
+from marssim.render.sensor import FAULTS, SensorConfig
 from marssim.scene.look import Look
 from marssim.scene.presets import preset
 from marssim.scene.scene import SceneConfig, build_scene
@@ -43,10 +44,30 @@ def test_ranges_narrowed_to_what_was_recorded_give_the_same_images(sample, tmp_p
     assert set(vars(SMALL.look)) - set(drawn) == {"sun_azimuth_deg"}
     del drawn["sun_elevation_deg"]  # a rounding error away
     scene = replace(SMALL, look=replace(SMALL.look, **drawn))
-    sensor = SensorConfig(**{name: (value, value) for name, value in sample.meta["sensor"].items()})
+    drawn = {name: value for name, value in sample.meta["sensor"].items() if name != "seed"}
+    sensor = SensorConfig(**{name: (value, value) for name, value in drawn.items()})
     again = pair(tmp_path / "set", scene, sensor=sensor)
     assert again.meta["scene_config"] != sample.meta["scene_config"]
     assert again.meta["sha256"] == sample.meta["sha256"]
+
+
+def test_faults_narrowed_to_what_was_recorded_give_the_same_images(tmp_path):
+    sample = pair(tmp_path / "first", sensor=replace(RANDOM, fault_chance=(0.8, 0.8)))
+    drawn = {name: (value, value) for name, value in sample.meta["sensor"].items() if name != "seed"}
+    assert sum(sample.meta["sensor"][name] != getattr(SensorConfig(), name)[0] for name in FAULTS) > 4
+    again = pair(tmp_path / "again", sensor=SensorConfig(**drawn))
+    assert again.meta["sha256"] == sample.meta["sha256"]
+    assert np.array_equal(again.disparity, sample.disparity)
+
+
+def test_a_drive_keeps_its_detectors_and_their_dust(tmp_path):
+    config = GenerateConfig(
+        out=tmp_path / "drive", pairs=2, views_per_scene=2, trajectory=True, renderer="scan", seed=4,
+        rig=NATECAM.resized(48, 48), scenes=(SMALL,), sensor=SensorConfig(dust=(0.3, 0.3)),
+    )  # fmt: skip
+    first, second = generate_dataset(config)
+    assert first.meta["sensor"] == second.meta["sensor"] and first.meta["sensor"]["dust"] == 0.3
+    assert not np.array_equal(first.left, second.left)
 
 
 def test_a_heightmap_is_recorded_with_its_place_and_datum(sample, tmp_path):
