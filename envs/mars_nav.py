@@ -14,7 +14,7 @@ from gymnasium import spaces
 from envs.observation.map_view import MapView
 from envs.observation.spaces import observation_space, observe
 from envs.world.action import checked_action
-from envs.world.clearance import RockClearance
+from envs.world.clearance import ObstacleClearance
 from envs.world.course import Course, CourseConfig, draw_course, reversed_course
 from envs.world.odometry import Odometry
 from envs.world.perception import Perception, Sight
@@ -83,13 +83,17 @@ class MarsNavEnv(gymnasium.Env):
 
     ## Reward
 
-    Progress along the shortest way round the rocks to the goal [m], minus 0.01 a step; +10 at the goal, -10 at a
+    Progress along the shortest way round the obstacles to the goal [m], minus 0.01 a step; +10 at the goal, -10 at a
     collision or a tilt of more than 30 deg.
 
     ## Starting state
 
-    The scene is drawn from the seed. Start and goal lie `goal_distance` apart, free of rocks within 2.5 m; the rover
-    heads for the goal within 45 deg. A course without a way to its goal is drawn again (`info["redraws"]`).
+    The scene is drawn from the seed. Start and goal lie `goal_distance` apart, free of rocks and ditches within 2.5 m,
+    and of other steep ground within 1.2 m; the rover heads for the goal within 45 deg. A course without a way to its
+    goal is drawn again (`info["redraws"]`).
+
+    A way is passable if it keeps clear of rocks of 0.30 m or more, of ground that is steeper than 25 deg over 1.1 m,
+    and of drops: heights that differ by 0.30 m or more within 0.4 m, as at the brink of a ditch or of a fresh crater.
 
     ## Episode end
 
@@ -97,8 +101,10 @@ class MarsNavEnv(gymnasium.Env):
     deg; out of bounds; stuck (less than 0.1 m in five steps that were commanded to drive at 0.05 m/s or more, forwards
     or backwards). Truncated: out of time, 15 steps for each metre of goal distance. `info["outcome"]` is "driving" or
     one of "goal", "collision", "tilt", "out_of_bounds", "stuck", "time". There is no action to stop: the rover's true
-    place ends the episode, whatever the odometry says. Drivers of `envs.evaluate` may end a drive by themselves:
-    "no_path", or "elsewhere" where they believe that they are at the goal and are not.
+    place ends the episode, whatever the odometry says. A fall into a ditch has no rule of its own: it ends as "tilt",
+    as "collision" where the chassis touches the brink, or not at all where the rover gets through. Drivers of
+    `envs.evaluate` may end a drive by themselves: "no_path", or "elsewhere" where they believe that they are at the
+    goal and are not.
 
     ## Information
 
@@ -108,12 +114,12 @@ class MarsNavEnv(gymnasium.Env):
     | `distance`           | distance to the goal [m]                                                              |
     | `shortest`           | length of the shortest passable way from the start to the goal [m]                    |
     | `path_length`        | length of the way driven [m]                                                          |
-    | `min_clearance`      | least distance so far between the rover's footprint and the outline of a rock that    |
-    |                      | blocks it [m]; 3 if no rock came as near                                              |
+    | `min_clearance`      | least distance so far between the rover's footprint and a rock, a drop or steep       |
+    |                      | ground that is an obstacle [m]; 3 if none came as near                                |
     | `pan`                | pan of the mast at this look [rad]                                                    |
     | `position_error`     | error of the odometry's position [m]                                                  |
     | `perception_seconds` | run time of the perception at this look [s]                                           |
-    | `redraws`            | number of courses that were rejected, as no way led to their goal                     |
+    | `redraws`            | number of courses that were rejected: no way led to their goal, or an end was steep   |
 
     ## Arguments
 
@@ -150,7 +156,8 @@ class MarsNavEnv(gymnasium.Env):
 
     ## Version history
 
-    v0: first version.
+    v0: first version. Since release 0.2.0, steep ground and drops are obstacles beside the rocks: `shortest`,
+    `redraws`, `min_clearance` and the reward know them, and the preset `hard` has ditches. Before, only rocks counted.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 5}  # noqa: RUF012  (as gymnasium declares it)
@@ -221,7 +228,7 @@ class MarsNavEnv(gymnasium.Env):
         config = replace(self.course_config, **options)
         self._close_course()
         self.course = draw_course(self.scene_config, config, self.rover_spec, self.np_random)
-        self._rock_clearance = RockClearance(self.course.scene, self.rover_spec)
+        self._obstacle_clearance = ObstacleClearance(self.course.scene, self.rover_spec, self.course.ground.steep)
         self._put_down(self.course)
         self.perception.open(self.course.scene, np.random.default_rng(self.np_random.integers(2**63)))
         return self._begin(config.goal_distance)
@@ -261,7 +268,7 @@ class MarsNavEnv(gymnasium.Env):
         self.outcome = "driving"
         self._pan = 0.0
         self._last_action = np.zeros(2, dtype=np.float32)
-        self._way = WayDriven(self.course, self._rock_clearance, self._place())
+        self._way = WayDriven(self.course, self._obstacle_clearance, self._place())
         self._look()
         return self._observation(), self._info()
 

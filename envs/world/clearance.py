@@ -1,10 +1,11 @@
-"""The clearance between the rover's outline and the rocks that block it."""
+"""The clearance between the rover's outline and what blocks it: rocks and steep ground."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
 
+from envs.world.course import CELL
 from marssim.base.angle import wrapped
 from marssim.base.rover_spec import RoverSpec
 from marssim.scene.rocks.outlines import outline_points
@@ -15,14 +16,21 @@ BETWEEN = 0.05  # [m] that the footprint's corners move between two checks of a 
 FAR = 3.0  # [m] largest clearance; rocks farther away are not searched
 
 
-class RockClearance:
-    """Distance between the rover and the rocks that block it, both seen from above.
+class ObstacleClearance:
+    """Distance between the rover and its obstacles, both seen from above.
 
     The rover is its driving footprint, length x width, at any heading. An obstacle is a rock of obstacle_height or
-    more; its outline is that of its mesh above ground.
+    more, whose outline is that of its mesh above ground, or steep ground, taken as the middles of its cells.
     """
 
-    def __init__(self, scene: Scene, spec: RoverSpec) -> None:
+    def __init__(self, scene: Scene, spec: RoverSpec, steep: np.ndarray) -> None:
+        """Collect the outlines.
+
+        Args:
+            scene: The scene.
+            spec: The rover.
+            steep: (n, n) bool, the steep ground of TrueGround.
+        """
         self._half = np.array([spec.length, spec.width]) / 2
         rocks = scene.bodies
         reached = np.abs(rocks.centre[:, :2]).max(axis=1) - rocks.diameter < scene.half
@@ -31,7 +39,7 @@ class RockClearance:
         order = np.argsort(owner, kind="stable")
         outlines = np.split(points[order], np.flatnonzero(np.diff(owner[order])) + 1)
         hulls = [_hull_points(outline) for outline in outlines if len(outline) > 2]
-        around = np.concatenate([np.zeros((0, 2)), *hulls])
+        around = np.concatenate([np.argwhere(steep)[:, ::-1] * CELL - scene.half, *hulls])
         self._outlines = around[np.argsort(around[:, 0])]
 
     def between(self, before: np.ndarray, after: np.ndarray) -> float:

@@ -1,7 +1,7 @@
 """A course: a scene with a start, a goal, and the true ground between them.
 
-Whether ground is passable is judged on the true rocks, with a fixed footprint, and independently of any planner. Slopes
-and craters do not count: the rover climbs those of the presets.
+Whether ground is passable is judged on the true rocks and the true ground, with a fixed footprint, and independently of
+any planner.
 """
 
 from __future__ import annotations
@@ -14,11 +14,13 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
+from envs.world.steep_ground import steep_ground
 from marssim.base.images.distance_transform import euclidean_distance
 from marssim.base.rover_spec import RoverSpec
 from marssim.scene.scene import Scene, SceneConfig, build_scene
 
-CLEAR_RADIUS = 2.5  # [m] around start and goal within which there are no rocks
+CLEAR_RADIUS = 2.5  # [m] around start and goal within which there are no rocks and no ditches
+CLEAR_OF_STEEP_GROUND = 1.2  # [m] likewise for steep ground that is no ditch: the rover turns there, and has some room
 MARGIN = 7.0  # [m] from start and goal to the edge of the driving ground
 EDGE = 1.5  # [m] least distance of the rover's middle from the edge
 CELL = 0.1  # [m] grid of the clearance
@@ -68,17 +70,21 @@ class CourseConfig:
 
 
 class TrueGround:
-    """Clearance from obstacles and the shortest way to the goal, on the true rocks of a scene.
+    """Clearance from obstacles and the shortest way to the goal, on the true rocks and the true ground of a scene.
 
-    An obstacle is a rock of spec.obstacle_height or more, taken as the disc of its outline. The rover is a disc of half
-    its width: it may pass where the clearance is at least that.
+    An obstacle is a rock of spec.obstacle_height or more, taken as the disc of its outline, and steep_ground. The rover
+    is a disc of half its width: it may pass where the clearance is at least that.
+
+    Attributes:
+        steep: (n, n) bool, the steep ground on the grid of the clearance.
     """
 
     def __init__(self, scene: Scene, spec: RoverSpec, goal: np.ndarray) -> None:
         self.half = scene.half
         self.radius = spec.width / 2
-        n = int(np.ceil(2 * self.half / CELL)) + 1
-        free = np.full((n, n), 255, np.uint8)
+        self.steep = steep_ground(scene.terrain, spec, self.half, CELL)
+        n = len(self.steep)
+        free = np.where(self.steep, np.uint8(0), np.uint8(255))
         rocks = scene.bodies
         reaches = np.abs(rocks.centre[:, :2]).max(axis=1) - rocks.diameter / 2 < self.half
         for i in np.flatnonzero((rocks.height >= spec.obstacle_height) & reaches):
@@ -97,7 +103,7 @@ class TrueGround:
         self._field, self._next = self._distances()
 
     def clearance(self, x: float, y: float) -> float:
-        """Return the distance from a point to the nearest obstacle's disc [m]; 0 inside it.
+        """Return the distance from a point to the nearest obstacle [m]; 0 inside it.
 
         It is taken on a grid of 0.1 m, and a disc is not the rock's outline: where the rover's side passes, it is 0.04
         m too large on average, with a standard deviation of 0.08 m (k = .15).
@@ -205,11 +211,11 @@ class Course:
     shortest: float
     """Length of the shortest passable way [m]."""
     redraws: int
-    """Number of courses that were rejected before, as rocks closed every way to their goal."""
+    """Number of courses that were rejected before: no way led to their goal, or an end was too near to steep ground."""
 
 
 def draw_course(base: SceneConfig, config: CourseConfig, spec: RoverSpec, rng: np.random.Generator) -> Course:
-    """Draw scene, start and goal; draw again while no way leads to the goal.
+    """Draw scene, start and goal; draw again while no way leads to the goal or the ground at an end is too steep.
 
     The scene is as wide as the course needs, on a grid of 0.1 m; base.size and base.cell have no effect.
 
@@ -220,7 +226,7 @@ def draw_course(base: SceneConfig, config: CourseConfig, spec: RoverSpec, rng: n
         rng: Source of the random draws, unless config.scene_seed is given.
 
     Raises:
-        ValueError: If 50 draws in a row have no way: k is too high for the rover.
+        ValueError: If 50 draws in a row have no way: k or the slope is too high for the rover.
     """
     if config.scene_seed is not None:
         rng = np.random.default_rng(config.scene_seed)
@@ -245,13 +251,15 @@ def draw_course(base: SceneConfig, config: CourseConfig, spec: RoverSpec, rng: n
         scene = build_scene(scene_config, rng, clear)
         ground = TrueGround(scene, spec, goal)
         shortest = ground.distance_to_goal(*start)
-        if np.isfinite(shortest):
+        room = min(ground.clearance(*start), ground.clearance(*goal))
+        if np.isfinite(shortest) and room >= CLEAR_OF_STEEP_GROUND:
             return Course(scene, ground, np.array([*start, yaw]), goal, shortest, redraw)
-    raise ValueError(f"no goal can be reached in {REDRAWS} draws: k={rocks.k} leaves no way; choose a smaller k")
+    limits = f"k={rocks.k} and a slope of {relief.regional_slope_deg:g} deg"
+    raise ValueError(f"no goal can be reached in {REDRAWS} draws: {limits} leave no way; choose smaller values")
 
 
 def reversed_course(course: Course, spec: RoverSpec, rng: np.random.Generator) -> Course:
-    """Return the course from the goal to the start of the same scene: both are free of rocks.
+    """Return the course from the goal to the start of the same scene: both are free of obstacles.
 
     Args:
         course: The course.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from envs.world.clearance import RockClearance
+from envs.world.clearance import ObstacleClearance
 from envs.world.course import Course
 
 
@@ -14,21 +14,21 @@ class WayDriven:
     Attributes:
         place: (3,) x, y [m] and yaw [rad] of the rover now.
         length: Length of the way [m].
-        min_clearance: Least distance on it between the footprint and a rock that blocks [m].
+        min_clearance: Least distance on it between the footprint and an obstacle [m].
     """
 
-    def __init__(self, course: Course, rocks: RockClearance, start: np.ndarray) -> None:
+    def __init__(self, course: Course, obstacles: ObstacleClearance, start: np.ndarray) -> None:
         """Begin at the start.
 
         Args:
             course: The course.
-            rocks: The rocks that block on its scene.
+            obstacles: The obstacles of its scene.
             start: (3,) x, y [m] and yaw [rad].
         """
-        self._ground, self._rocks = course.ground, rocks
+        self._ground, self._obstacles = course.ground, obstacles
         self.place = start
         self.length = 0.0
-        self.min_clearance = rocks.between(start, start)
+        self.min_clearance = obstacles.between(start, start)
         self._to_go = self._ground.distance_to_goal(*start[:2])
 
     def advance(self, place: np.ndarray) -> float:
@@ -38,7 +38,7 @@ class WayDriven:
             How much shorter the passable way to the goal has become [m]; 0 where no way leads there.
         """
         self.length += float(np.hypot(*(place - self.place)[:2]))
-        self.min_clearance = min(self.min_clearance, self._rocks.between(self.place, place))
+        self.min_clearance = min(self.min_clearance, self._obstacles.between(self.place, place))
         self.place = place
         to_go = self._ground.distance_to_goal(*place[:2])
         if not np.isfinite(to_go):

@@ -65,7 +65,10 @@ class RoverSpec:
     belly_clearance: float = 0.32
     """Height of the chassis' underside above level ground [m]."""
     obstacle_height: float = 0.30
-    """Height above ground from which a rock is an obstacle [m]."""
+    """Height above ground from which a rock is an obstacle, and depth from which a drop is one [m]."""
+    max_slope: float = float(np.deg2rad(25.0))
+    """Slope of the ground under the footprint from which it is an obstacle [rad]: 5 deg below max_tilt, as wheels stand
+    on stones and ripples. Zhurong is rated for 20 deg."""
     max_tilt: float = float(np.deg2rad(30.0))
     """Largest tilt of the chassis at which the rover is safe [rad]."""
     max_speed: float = 0.20

@@ -210,7 +210,8 @@ class KinematicRover:
         self._contacts = Contacts(chassis=hit.chassis or self._settled.belly_contact, obstacle=hit.obstacle)
 
     def drive_twist(self, speed: float, yaw_rate: float, seconds: float) -> RoverState:
-        """Follow an arc, and stop where a wheel or the chassis would hit something or at the scene's edge.
+        """Follow an arc, and stop where a wheel or the chassis would hit something, where the rover tilts beyond
+        spec.max_tilt, or at the scene's edge.
 
         Args:
             speed: Forward speed [m/s]; it is not clipped.
@@ -235,8 +236,8 @@ class KinematicRover:
             travelled = t
             if n % SETTLE_EVERY == 0 or n == substeps:
                 current, settled = settle(self.support, self.spec, x, y, yaw), t
-                if current.belly_contact:
-                    self._contacts = Contacts(chassis=True)
+                self._contacts = Contacts(chassis=current.belly_contact)
+                if current.belly_contact or state_of(current.pose, np.zeros(3), 0.0).tilt > self.spec.max_tilt:
                     break
         else:
             stopped = False

@@ -5,11 +5,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from envs.world.clearance import FAR, RockClearance
+from envs.world.clearance import FAR, ObstacleClearance
 from marssim.base.rover_spec import ZHURONG
 
 LENGTH, WIDTH = ZHURONG.length, ZHURONG.width
 ROUND = 0.02  # [m] that an icosphere's outline lies inside its sphere's at most
+
+
+def of_rocks(scene):
+    """The clearance on a scene without steep ground."""
+    return ObstacleClearance(scene, ZHURONG, np.zeros((5, 5), bool))
 
 
 def beside_disc(place, x, y, radius):
@@ -26,9 +31,7 @@ def places(reach=4.0):
 
 @pytest.fixture(scope="module")
 def two_rocks(make_scene):
-    return RockClearance(
-        make_scene(rocks=[(0.0, 0.0, 1.2, 0.6), (3.0, 1.0, 0.8, 0.4), (-2.0, 2.0, 0.8, 0.29)]), ZHURONG
-    )
+    return of_rocks(make_scene(rocks=[(0.0, 0.0, 1.2, 0.6), (3.0, 1.0, 0.8, 0.4), (-2.0, 2.0, 0.8, 0.29)]))
 
 
 @given(places())
@@ -63,16 +66,16 @@ def test_of_a_buried_rock_only_the_part_above_ground_counts(make_scene):
     scene = make_scene(lambda x, y: 0.3 + 0 * x, rocks=[(0.0, 0.0, 2.0, 0.6)])
     place = np.array([3.0, 0.0, 0.0])
     true = 3.0 - LENGTH / 2 - np.sqrt(0.75)
-    assert RockClearance(scene, ZHURONG).between(place, place) == pytest.approx(true, abs=0.04)
+    assert of_rocks(scene).between(place, place) == pytest.approx(true, abs=0.04)
 
 
 def test_without_rocks_the_clearance_is_the_largest(make_scene):
     place = np.zeros(3)
     for rocks in ([], [(1.5, 0.0, 1.0, 0.29)], [(8.0, 0.0, 1.0, 0.9)]):
-        assert RockClearance(make_scene(rocks=rocks), ZHURONG).between(place, place) == FAR
+        assert of_rocks(make_scene(rocks=rocks)).between(place, place) == FAR
 
 
 def test_a_rock_beyond_the_edge_counts_where_it_reaches_in(make_scene):
-    clearance = RockClearance(make_scene(half=6.0, rocks=[(6.3, 0.0, 2.4, 0.5)]), ZHURONG)
+    clearance = of_rocks(make_scene(half=6.0, rocks=[(6.3, 0.0, 2.4, 0.5)]))
     place = np.array([3.5, 0.0, 0.0])
     assert clearance.between(place, place) == pytest.approx(5.1 - 3.5 - LENGTH / 2, abs=0.05)
