@@ -42,14 +42,15 @@ def bled(signal: np.ndarray, share: float) -> np.ndarray:
     """Return the signal after saturated pixels have overflowed.
 
     Charge beyond full scale flows along the column, half of it up and half down, and fills the next pixels that have
-    room. Anti-blooming drains remove the rest.
+    room. The pixels of a colour detector's column have different colours, so the overflow of one colour fills all.
+    Anti-blooming drains remove the rest.
 
     Args:
         signal: (H, W, 3) shares of full scale.
         share: Share of the overflow that is not drained.
 
     Returns:
-        (H, W, 3) float32; the source's saturated pixels have 1.
+        (H, W, 3) float32, at most 1.
     """
     return _bled(np.ascontiguousarray(signal, dtype=np.float32), np.float32(share / 2))
 
@@ -57,17 +58,19 @@ def bled(signal: np.ndarray, share: float) -> np.ndarray:
 @compiled
 def _bled(signal, half):
     height, width, channels = signal.shape
-    out = np.minimum(signal, np.float32(1))
+    full, none = np.float32(1), np.float32(0)
+    out = np.minimum(signal, full)
     for column in range(width):
-        for c in range(channels):
-            for way in (1, -1):
-                carried = np.float32(0)
-                for step in range(height):
-                    row = step if way == 1 else height - 1 - step
-                    if signal[row, column, c] > 1:
-                        carried += half * (signal[row, column, c] - np.float32(1))
-                    elif carried > 0:
-                        taken = min(carried, np.float32(1) - out[row, column, c])
-                        out[row, column, c] += taken
-                        carried -= taken
+        for way in (1, -1):
+            carried = none
+            for step in range(height):
+                row = step if way == 1 else height - 1 - step
+                for c in range(channels):
+                    carried += half * max(signal[row, column, c] - full, none)
+                if carried <= none:
+                    continue
+                for c in range(channels):  # an equal part for each colour that has room
+                    taken = min(carried / np.float32(channels - c), full - out[row, column, c])
+                    out[row, column, c] += taken
+                    carried -= taken
     return out

@@ -8,10 +8,13 @@ lenses and thin occluders", ACM Trans. Graph. 28, 2009). Grains too fine to be s
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 
 import cv2
 import numpy as np
+
+from marssim.base.compute.compiled import compiled
 
 COARSE = 192  # [px] width at which the maps are computed, since all in them is wider than a few pixels
 UNEVEN = 0.3  # standard deviation of the logarithm of the ratio between the two windows' dust
@@ -19,6 +22,7 @@ VEIL = 0.4  # share of the loss that is the veil's
 CELLS = 4  # cells of the veil's unevenness along each side
 DISC = (0.035, 0.07)  # radius of the discs, as a share of the image's width
 DEEPEST, MEDIAN, SPREAD = 0.6, 0.05, 1.0  # light that a grain takes from its disc: most, median, and log-deviation
+SOFTEST = 0.25  # least width of a rim, as a share of the radius
 MOST_SPECKS = 400
 SCATTER = (0.3, 1.1)  # light that dust adds, as a share of what it would add if it were as bright as the scene
 
@@ -81,16 +85,16 @@ def _specks(rng: np.random.Generator, loss: float, size: tuple[int, int]) -> np.
     return out
 
 
-def _add_speck(out: np.ndarray, x: float, y: float, radius: float, depth: float) -> float:
+@compiled
+def _add_speck(out, x, y, radius, depth):
     """Darken a disc of `out` in place, whose rim is as soft as the grain is wide; return the light taken away [px]."""
-    soft = max(np.sqrt(depth), 0.25) * radius  # a grain of radius g takes (g / radius)^2
-    reach = radius + soft
-    rows = slice(max(0, int(y - reach)), max(0, int(y + reach) + 2))
-    columns = slice(max(0, int(x - reach)), max(0, int(x + reach) + 2))
-    part = out[rows, columns]
-    v, u = np.ogrid[rows.start : rows.start + part.shape[0], columns.start : columns.start + part.shape[1]]
-    share = np.clip((reach - np.hypot(u - x, v - y)) / (2 * soft), 0, 1)
-    taken = (depth * share * share * (3 - 2 * share)).astype(np.float32)
-    lost = float((part * taken).sum())
-    part *= 1 - taken
+    height, width = out.shape
+    soft = max(math.sqrt(depth), SOFTEST) * radius  # a grain of radius g takes (g / radius)^2
+    reach, lost = radius + soft, 0.0
+    for v in range(max(0, int(y - reach)), min(height, int(y + reach) + 2)):
+        for u in range(max(0, int(x - reach)), min(width, int(x + reach) + 2)):
+            share = min(max((reach - math.hypot(u - x, v - y)) / (2 * soft), 0.0), 1.0)
+            taken = depth * share * share * (3 - 2 * share)
+            lost += out[v, u] * taken
+            out[v, u] *= 1 - taken
     return lost

@@ -24,6 +24,13 @@ def test_overflow_fills_the_column_up_and_down_and_no_charge_is_lost(share):
     assert full == pytest.approx(4 + share * 8 / 0.6, abs=2.1)
 
 
+def test_the_overflow_of_one_colour_fills_all():
+    signal = np.full((40, 3, 3), 0.5, np.float32)
+    signal[20, 1, 0] = 13.0
+    out = bled(signal, 1.0)
+    assert (out[18:23, 1] > 0.999).all() and (np.ptp(out[:, 1], axis=1) < 1e-5).all()
+
+
 def test_overflow_beyond_the_border_is_lost():
     signal = bar()
     signal[:, 4] = 5.0
