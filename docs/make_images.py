@@ -22,6 +22,7 @@ import numpy as np
 
 from marssim.base.camera import NATECAM, StereoRig
 from marssim.base.images.colours import depth_colours, normal_colours
+from marssim.render.sensor import Sensor
 from marssim.render.view import SceneRenderer
 from marssim.scene.presets import PRESETS, preset
 from marssim.scene.scene import build_scene
@@ -40,6 +41,22 @@ PLACE = {
     "relief": {"regional_slope_deg": 8},
     "look": {"sun_elevation_deg": [20, 25]},
 }  # that of guides/own-terrain.md
+
+# Faults of a sensor, weak and strong, by the name that the picture shows.
+FAULTS = {
+    "sound": ({}, {}),
+    "dust": ({"dust": 0.1}, {"dust": 0.35}),
+    "motion blur": ({"motion_blur": 2.5}, {"motion_blur": 6.0}),
+    "glare": ({"glare": 0.1}, {"glare": 0.3}),
+    "overexposure, bleeding": (
+        {"overexposure": 0.9, "bleeding": 0.4, "glare": 0.02},
+        {"overexposure": 1.5, "bleeding": 1.0, "glare": 0.05},
+    ),
+    "smear": ({"smear": 0.1}, {"smear": 0.4}),
+    "underexposure": ({"overexposure": -1.0}, {"overexposure": -2.5}),
+    "stretch": ({"stretch": 0.005}, {"stretch": 0.03}),
+    "JPEG": ({"jpeg_quality": 60.0}, {"jpeg_quality": 25.0}),
+}
 
 # Command lines by the file that each leaves, in their order.
 COMMANDS = {
@@ -115,6 +132,20 @@ def cameras() -> np.ndarray:
             left = renderer.render(x=2, y=-1, yaw_deg=30).left
         images.append(cv2.resize(left, (round(480 * left.shape[1] / left.shape[0]), 480), interpolation=cv2.INTER_AREA))
     return np.hstack(images)
+
+
+def faults() -> np.ndarray:
+    """Return a part of one view with each fault, weak and strong, three faults a row, with their names."""
+    sound = Sensor(0.46, 0.45, 9000.0, 8.0, 0.1, motion_direction_deg=25.0, seed=3)
+    tiles = []
+    with SceneRenderer(build_scene(preset("gale"), rng=7).with_sun(25, 60)) as renderer:
+        for name, levels in FAULTS.items():
+            for changes in levels:
+                image = renderer.render(2, -1, 30, pitch_deg=13, sensor=replace(sound, **changes)).left
+                tile = np.ascontiguousarray(image[10:266, 240:496])
+                cv2.putText(tile, name, (6, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (20, 20, 20), 1, cv2.LINE_AA)
+                tiles.append(tile)
+    return np.vstack([np.hstack(tiles[first : first + 6]) for first in range(0, len(tiles), 6)])
 
 
 def navigator() -> np.ndarray:
@@ -194,6 +225,7 @@ def main(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     run(folder)
     save("presets.jpg", presets(), 1500, 360_000)
+    save("faults.jpg", faults(), 1536, 250_000)
     save("drive.jpg", picture(DEMO / "drive.png"), 1500, 550_000)
     guides(folder)
 

@@ -89,7 +89,7 @@ class SensorConfig:
     """Whether the stretch has common limits for both images, 0, or separate ones for each, 1, as public images have;
     LOW HIGH, and values between mix the limits."""
     jpeg_quality: Range = (LOSSLESS, LOSSLESS)
-    """Quality of the JPEG in which the images are sent, LOW HIGH, 1 to 100. Rovers send 60 to 95; 100 stands for no
+    """Quality of the JPEG in which the images are sent, LOW HIGH, 1 to 100. Rovers send 65 to 95; 100 stands for no
     compression."""
     fault_chance: Range = (1.0, 1.0)
     """Chance with which a pair has each of the faults, LOW HIGH, 0 to 1: horizontal offset, dust, motion blur, glare,

@@ -49,6 +49,24 @@ def test_evaluate_fits_normals_once_for_the_truth_and_not_for_matchers_that_fit_
     assert done.true_depth_normals == done.results["fits"]["normal"]
 
 
+def test_an_offset_of_the_images_counts_for_depth_and_not_for_disparity(plane_samples):
+    """A method that finds the disparity of the images has no error in it, but depth f B / disparity is wrong."""
+    sample = plane_samples[0]
+    offset = replace(sample, disparity=np.where(np.isfinite(sample.depth), sample.disparity - 0.5, 0))
+    found = truth(sample, disparity=offset.disparity, depth=sample.rig.disparity_to_depth(offset.disparity))
+
+    class Finds:
+        def infer(self, left, right, rig):
+            return found
+
+    done = evaluate([offset], {"finds": Finds()})
+    figures = done.results["finds"]["depth"]["all"]["pooled"]
+    assert figures["epe"] == 0 and figures["bad1"] == 0
+    known = sample.valid & (sample.disparity <= 192)
+    assert figures["abs_rel"] == pytest.approx((0.5 / offset.disparity[known]).mean(), rel=0.01)
+    assert done.true_depth_normals["all"]["pooled"]["median"] < 0.5  # these are of the true depth
+
+
 def test_the_error_map_counts_every_pixel_once():
     errors = ErrorMap()
     errors.add(np.array([0.6, 0.6, 14.99, 15.0, 15.5]), np.array([0.0, 0.011, 200.0, 1.0, 1.0]))

@@ -36,6 +36,16 @@ def test_far_and_too_near_pixels_are_not_trained(plane_samples) -> None:
     assert (flags[3:] & 1).all()
 
 
+def test_the_disparity_of_the_images_is_trained_and_not_that_of_the_depth(plane_samples) -> None:
+    sample = plane_samples[0]
+    known = np.isfinite(sample.depth)
+    seen = np.where(known, sample.disparity - 5.0, 0).astype(np.float32)
+    target = whole_batch(pack(replace(sample, disparity=seen))).target
+    trained = (pack(replace(sample, disparity=seen)).flags & TRAINED) > 0
+    assert np.abs(target.disparity[0, 0].numpy() - seen)[trained].max() <= 0.5 / 256 + 1e-6
+    assert (known & (seen <= 0)).any() and not trained[seen <= 0].any()
+
+
 def test_unknown_depth_is_neither_trained_nor_sky_and_unknown_normals_leave_depth_trained(plane_samples) -> None:
     sample = plane_samples[0]
     depth, normal = sample.depth.copy(), sample.normal.copy()
