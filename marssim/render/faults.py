@@ -6,7 +6,7 @@ from typing import Literal, get_args
 
 from marssim.render.sensor import SensorConfig
 
-FaultSet = Literal["none", "random"]
+FaultSet = Literal["none", "random", "public"]
 FAULT_SETS: tuple[FaultSet, ...] = get_args(FaultSet)
 
 RANDOM = SensorConfig(
@@ -22,6 +22,13 @@ RANDOM = SensorConfig(
     jpeg_quality=(50.0, 95.0),
     fault_chance=(0.0, 0.6),
 )
+PUBLIC = SensorConfig(
+    dust=(0.03, 0.12),
+    glare=(0.02, 0.08),
+    stretch=(0.004, 0.01),
+    stretch_alone=(1.0, 1.0),
+    jpeg_quality=(75.0, 92.0),
+)
 
 
 def fault_set(name: FaultSet) -> SensorConfig:
@@ -30,12 +37,13 @@ def fault_set(name: FaultSet) -> SensorConfig:
     Args:
         name: "none", the defaults of SensorConfig, or "random": each pair has each fault with a chance that is drawn
             for the pair, 0 to 0.6, and with a strength from weak to strong. Training on it makes a network used to
-            such images.
+            such images. "public": every pair has what the raw images of rovers on the web have: some dust and glare, a
+            contrast stretch of each image alone, and JPEG.
 
     Raises:
         ValueError: There is no set of that name.
     """
-    sets = {"none": SensorConfig(), "random": RANDOM}
+    sets = {"none": SensorConfig(), "random": RANDOM, "public": PUBLIC}
     if name not in sets:
         raise ValueError(f"faults must be one of {', '.join(FAULT_SETS)}, got {name!r}")
     return sets[name]

@@ -12,5 +12,5 @@ def test_a_set_without_faults_is_the_default_and_others_change_the_faults_alone(
 
 
 def test_an_unknown_set_is_named():
-    with pytest.raises(ValueError, match="faults must be one of none, random, got 'some'"):
+    with pytest.raises(ValueError, match="faults must be one of none, random, public, got 'some'"):
         fault_set("some")  # type: ignore[arg-type]
