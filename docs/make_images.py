@@ -44,7 +44,7 @@ PLACE = {
 
 # Faults of a sensor, weak and strong, by the name that the picture shows.
 FAULTS = {
-    "sound": ({}, {}),
+    "sound | hot pixels": ({}, {"hot_pixels": 3000.0}),
     "dust": ({"dust": 0.1}, {"dust": 0.35}),
     "motion blur": ({"motion_blur": 2.5}, {"motion_blur": 6.0}),
     "glare": ({"glare": 0.1}, {"glare": 0.3}),

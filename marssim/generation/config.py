@@ -194,8 +194,9 @@ class GenerateOptions(RunConfig):
     Values that you give replace those of the place, or of each place of mixed."""
     faults: FaultSet = "none"
     """Image faults of real cameras. random is for training: each pair has each fault with some chance, of dust on the
-    windows, motion blur, glare, wrong exposure, bleeding and smear of a CCD, a contrast stretch, JPEG and a horizontal
-    offset. public gives every pair what the raw images of rovers on the web have: dust, glare, stretch and JPEG.
+    windows, motion blur, glare, wrong exposure, bleeding and smear of a CCD, hot pixels, a contrast stretch, JPEG and a
+    horizontal offset. public gives every pair what rovers' raw images on the web have: dust, glare, hot pixels, stretch
+    and JPEG.
     `--faults random --help` shows its values as the defaults of --sensor; values that you give replace them."""
     knobs: Annotated[SceneOptions, tyro.conf.arg(name="")] = field(default_factory=SceneOptions)
     rig: RigOptions = field(default_factory=RigOptions)

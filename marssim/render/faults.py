@@ -17,6 +17,7 @@ RANDOM = SensorConfig(
     overexposure=(-1.2, 1.0),
     bleeding=(0.1, 1.0),
     smear=(0.01, 0.15),
+    hot_pixels=(100.0, 3000.0),
     stretch=(0.001, 0.02),
     stretch_alone=(0.0, 1.0),
     jpeg_quality=(50.0, 95.0),
@@ -25,6 +26,7 @@ RANDOM = SensorConfig(
 PUBLIC = SensorConfig(
     dust=(0.03, 0.12),
     glare=(0.02, 0.08),
+    hot_pixels=(200.0, 1500.0),
     stretch=(0.004, 0.01),
     stretch_alone=(1.0, 1.0),
     jpeg_quality=(75.0, 92.0),
@@ -37,8 +39,8 @@ def fault_set(name: FaultSet) -> SensorConfig:
     Args:
         name: "none", the defaults of SensorConfig, or "random": each pair has each fault with a chance that is drawn
             for the pair, 0 to 0.6, and with a strength from weak to strong. Training on it makes a network used to
-            such images. "public": every pair has what the raw images of rovers on the web have: some dust and glare, a
-            contrast stretch of each image alone, and JPEG.
+            such images. "public": every pair has what the raw images of rovers on the web have: some dust, glare and
+            hot pixels, a contrast stretch of each image alone, and JPEG.
 
     Raises:
         ValueError: There is no set of that name.

@@ -12,16 +12,16 @@ import cv2
 import numpy as np
 
 from marssim.base.camera import PinholeCamera
-from marssim.base.compute.compiled import compiled
 from marssim.render.detector.charge import bled, in_full_scale, with_smear
-from marssim.render.detector.codes import GAMMA, Readout, stretch_limits
+from marssim.render.detector.codes import Readout, stretch_limits
 from marssim.render.detector.compression import sent
 from marssim.render.detector.dust import through_dust
 from marssim.render.detector.glare import with_glare
+from marssim.render.detector.hot_pixels import with_hot_pixels
+from marssim.render.detector.metering import metered_gain
 from marssim.render.detector.motion import moved
 from marssim.scene.ranges import Range, check_ranges
 
-LEAST_METERED_SHARE = 0.05  # least share of the image at which ground or sky is metered separately
 LOSSLESS = 100.0  # quality of the JPEG that stands for no compression
 ALWAYS = (
     "exposure", "psf", "full_well", "read_noise", "vignetting", "gain_difference", "noise_difference",
@@ -30,6 +30,7 @@ ALWAYS = (
 # A pair has each of these with the chance fault_chance. New ones come last, so that the others keep their draws.
 FAULTS = (
     "horizontal_offset", "dust", "motion_blur", "glare", "overexposure", "bleeding", "smear", "stretch", "jpeg_quality",
+    "hot_pixels",
 )  # fmt: skip
 ABSENT = {**dict.fromkeys(FAULTS, 0.0), "jpeg_quality": LOSSLESS}  # values of a pair without the fault
 OF_FAULTS = ("motion_direction_deg", "stretch_alone")  # values that only matter with a fault
@@ -82,6 +83,9 @@ class SensorConfig:
     smear: Range = (0.0, 0.0)
     """Time in which a frame-transfer CCD moves its charge, as a share of the exposure, LOW HIGH, 0 to 1: each pixel
     also collects light of its whole column."""
+    hot_pixels: Range = (0.0, 0.0)
+    """Pixels in a million that collect charge without light, LOW HIGH, 0 to 100,000; Curiosity's Navcam has some 1,000.
+    Each camera has its own, and a drive keeps them."""
     stretch: Range = (0.0, 0.0)
     """Share of the values that a contrast stretch turns black, and share that it turns white, LOW HIGH, 0 to 0.2. The
     public images of rovers have 0.005 to 0.01; 0 does not stretch."""
@@ -93,7 +97,7 @@ class SensorConfig:
     compression."""
     fault_chance: Range = (1.0, 1.0)
     """Chance with which a pair has each of the faults, LOW HIGH, 0 to 1: horizontal offset, dust, motion blur, glare,
-    overexposure, bleeding, smear, stretch and JPEG. Each is drawn for itself; without it, the pair has the default."""
+    overexposure, bleeding, smear, hot pixels, stretch and JPEG. Each is drawn for itself."""
 
     def __post_init__(self) -> None:
         limits = {
@@ -101,7 +105,7 @@ class SensorConfig:
             "vignetting": (0, 1), "gain_difference": (-0.9, 9), "noise_difference": (-0.9, 9),
             "vertical_offset": (-10, 10), "rotation_deg": (-5, 5), "horizontal_offset": (-10, 10), "dust": (0, 0.8),
             "motion_blur": (0, 50), "motion_direction_deg": (-360, 360), "glare": (0, 1), "overexposure": (-6, 6),
-            "bleeding": (0, 1), "smear": (0, 1), "stretch": (0, 0.2), "stretch_alone": (0, 1),
+            "bleeding": (0, 1), "smear": (0, 1), "hot_pixels": (0, 1e5), "stretch": (0, 0.2), "stretch_alone": (0, 1),
             "jpeg_quality": (1, LOSSLESS), "fault_chance": (0, 1),
         }  # fmt: skip
         check_ranges(self, limits)
@@ -129,11 +133,12 @@ class Sensor:
         overexposure: How much longer the exposure is than the light asks for [stops].
         bleeding: Share of the charge beyond full scale that spills into its column.
         smear: Time of a CCD's frame transfer as a share of the exposure.
+        hot_pixels: Pixels in a million that collect charge without light.
         stretch: Share of the values that become black, and share that become white.
         stretch_alone: 0 stretches both images between common limits, 1 each between its own.
         jpeg_quality: Quality of the JPEG; 100 stands for no compression.
         fault_chance: Chance with which each fault was drawn.
-        seed: Seed of the dust.
+        seed: Seed of the dust and of the hot pixels.
     """
 
     exposure: float
@@ -153,6 +158,7 @@ class Sensor:
     overexposure: float = 0.0
     bleeding: float = 0.0
     smear: float = 0.0
+    hot_pixels: float = 0.0
     stretch: float = 0.0
     stretch_alone: float = 0.0
     jpeg_quality: float = LOSSLESS
@@ -218,7 +224,7 @@ class Sensor:
         gain = self.gain(left, ground) * 2**self.overexposure
         readouts = [
             self._readout(left, gain, rng),
-            self.right._readout(right, gain * (1 + self.gain_difference), rng),
+            self.right._readout(right, gain * (1 + self.gain_difference), rng, eye=1),
         ]
         images = [readout.codes() for readout in readouts]
         if self.stretch > 0:
@@ -241,17 +247,7 @@ class Sensor:
             radiance: (H, W, 3) radiance of the left image.
             ground: (H, W) bool, the pixels that are not sky.
         """
-        pixels, share = radiance.reshape(-1, 3), ground.mean()
-        metered = ground.ravel() if share > LEAST_METERED_SHARE else np.ones(ground.size, bool)
-        light, strongest = _metered(pixels, metered)
-        high = min(int(0.98 * len(light)), len(light) - 1)
-        middle, bright = float(np.median(light)), float(np.partition(strongest, high)[high])
-        # `exposure` is a code, so its linear value is a power; the ground's highlights and most of the sky are kept
-        gain = min(self.exposure**GAMMA / max(middle, 1e-6), 0.9 / max(bright, 1e-6))
-        if share < 1 - LEAST_METERED_SHARE:
-            _, sky = _metered(pixels, ~ground.ravel())
-            gain = min(gain, 1 / max(float(np.median(sky)), 1e-6))
-        return gain
+        return metered_gain(radiance, ground, self.exposure)
 
     def expose(self, radiance: np.ndarray, gain: float, rng: np.random.Generator) -> np.ndarray:
         """Return the image of one radiance map. It has no dust, no stretch and no compression, which concern a pair.
@@ -266,8 +262,8 @@ class Sensor:
         """
         return self._readout(radiance, gain, rng).codes()
 
-    def _readout(self, radiance: np.ndarray, gain: float, rng: np.random.Generator) -> Readout:
-        """Return what the detector holds of a radiance map, with noise that is drawn now."""
+    def _readout(self, radiance: np.ndarray, gain: float, rng: np.random.Generator, eye: int = 0) -> Readout:
+        """Return what the detector of an eye, 0 or 1, holds of a radiance map, with noise that is drawn now."""
         signal: np.ndarray = np.ascontiguousarray(radiance, dtype=np.float32)
         if self.motion_blur > 0:
             signal = moved(signal, self.motion_blur, self.motion_direction_deg)
@@ -276,25 +272,10 @@ class Sensor:
         if self.glare > 0:
             signal = with_glare(signal, self.glare)
         vignetting, gain = self.vignetting, float(gain)
-        if self.smear > 0 or self.bleeding > 0:
+        if self.smear > 0 or self.hot_pixels > 0 or self.bleeding > 0:
             signal = with_smear(in_full_scale(signal, gain, vignetting), self.smear)
-            vignetting, gain = 0.0, 1.0
-        if self.bleeding > 0:
+            signal = with_hot_pixels(signal, self.hot_pixels, self.seed, eye)
             signal = bled(signal, self.bleeding)
+            vignetting, gain = 0.0, 1.0
         noise = rng.standard_normal(signal.shape, dtype=np.float32)
         return Readout(signal, noise, gain, vignetting, self.full_well, self.read_noise)
-
-
-@compiled
-def _metered(radiance, chosen):
-    """Return the mean and the largest channel (M,) of the chosen (N,) pixels of radiance (N, 3)."""
-    count = chosen.sum()
-    mean, largest = np.empty(count, dtype=np.float32), np.empty(count, dtype=np.float32)
-    m = 0
-    for k in range(len(radiance)):
-        if chosen[k]:
-            red, green, blue = radiance[k, 0], radiance[k, 1], radiance[k, 2]
-            mean[m] = (red + green + blue) / np.float32(3)
-            largest[m] = max(red, green, blue)
-            m += 1
-    return mean, largest
