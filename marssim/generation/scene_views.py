@@ -156,6 +156,8 @@ def _meta(config: GenerateConfig, scene: Scene, sensor: Sensor, scene_index: int
         "preset": scene.config.preset,
         "scene_config": scene_config,
         "rock_abundance": scene.abundance(),
+        "outcrop": asdict(scene.outcrop.traits),
+        "surface_ids": scene.outcrop.surface_ids(len(scene.rocks)),
         **asdict(scene.look),  # every value that the scene drew
         "sun": scene.look.sun.tolist(),
         "sun_elevation_deg": float(np.rad2deg(scene.look.sun_elevation)),

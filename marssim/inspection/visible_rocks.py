@@ -106,7 +106,7 @@ def visible_rocks(sample: StereoSample, reach: float = REACH) -> tuple[np.ndarra
     distance = np.hypot(offset[..., 0], offset[..., 1])
     area = _map_area(rays, offset[hit & (sample.rock == 0) & (distance <= reach)], reach) / (camera.fx * camera.fy)
 
-    rock = hit & (sample.rock > 0) & (distance <= 2 * reach)
+    rock = hit & (sample.rock > 0) & (sample.rock <= _last_rock(sample)) & (distance <= 2 * reach)
     if not rock.any():
         return np.zeros(0, dtype=int), np.zeros(0), area
     forward = np.arctan2(pose[1, 2], pose[0, 2])
@@ -119,6 +119,12 @@ def visible_rocks(sample: StereoSample, reach: float = REACH) -> tuple[np.ndarra
     diameter = extent * away + depth / camera.fx  # between pixel centres, and a pixel
     near = away + diameter / 2 <= reach  # the visible front is half a diameter nearer than the middle
     return number[near], diameter[near], area
+
+
+def _last_rock(sample: StereoSample) -> float:
+    """Return the number of the last rock. Greater numbers are slabs, ledges and fragments, which the law leaves out."""
+    ids = sample.meta.get("surface_ids")
+    return np.inf if ids is None else max(ids["rocks"], default=0)
 
 
 def _map_area(rays: np.ndarray, ground: np.ndarray, reach: float) -> float:

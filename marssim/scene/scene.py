@@ -9,16 +9,20 @@ import numpy as np
 
 from marssim.scene.look import Look, LookConfig, draw_look, sun_direction
 from marssim.scene.outcrop.config import OutcropConfig, draw_traits
+from marssim.scene.outcrop.fragments import draw_fragments
+from marssim.scene.outcrop.ledges import draw_ledges
 from marssim.scene.outcrop.outcrop import Outcrop, build_outcrop
 from marssim.scene.outcrop.pavement import draw_slabs
-from marssim.scene.outcrop.tops import Tops
+from marssim.scene.outcrop.plates import nearest, outside
+from marssim.scene.outcrop.tops import Tops, beside
 from marssim.scene.rocks.golombek import REPORTED, covered_area
-from marssim.scene.rocks.mesh import Rocks, build_rocks, joined_bodies, no_bodies
-from marssim.scene.rocks.population import RockConfig
+from marssim.scene.rocks.mesh import Rocks, build_rocks, joined_bodies
+from marssim.scene.rocks.population import MAX_BODIES, MAX_ROCKS, RockConfig
 from marssim.scene.terrain import ReliefConfig, Terrain, build_terrain
 
 # [m] At a horizon of 500 m the farthest corner is less than 1000 m away, the largest depth that a dataset can store.
 SCENE_LIMITS = {"size": (1.0, 1000.0), "cell": (0.01, 1.0), "horizon": (1.0, 500.0)}
+MAX_OUTCROP = MAX_BODIES - MAX_ROCKS  # slabs and blocks of ledges in a scene
 MOST_CELLS = 5000  # along the side of the fine square: its 50 million triangles fill several GB
 
 
@@ -140,8 +144,13 @@ def build_scene(
     half = terrain.fine.bounds[2]
     outcrop_rng = rock_rng.spawn(1)[0]
     traits = draw_traits(config.outcrop, outcrop_rng)
-    slabs = draw_slabs(traits, half, config.horizon, terrain.height_at, outcrop_rng)
-    lift = Tops.of(slabs, half).lift if slabs else None
-    rocks = build_rocks(config.rocks, half, config.horizon, terrain.height_at, rock_rng, clear, lift)
-    outcrop = build_outcrop(slabs, [], no_bodies(), traits, outcrop_rng)
+    place = half, config.horizon, terrain.height_at
+    ledges = outside(draw_ledges(config.outcrop, traits, *place, outcrop_rng), clear)
+    slabs = beside(outside(draw_slabs(traits, *place, outcrop_rng), clear), ledges, half, terrain.height_at)
+    slabs = nearest(slabs, MAX_OUTCROP - sum(map(len, ledges)))
+    lift = Tops.of([*ledges, *slabs], half).lift if ledges or slabs else None
+    rocks = build_rocks(config.rocks, *place, rock_rng, clear, lift)
+    most = MAX_BODIES - len(rocks) - sum(map(len, [*ledges, *slabs]))
+    fragments = draw_fragments(rocks, [*ledges, *slabs], traits, half, terrain.height_at, lift, most, outcrop_rng)
+    outcrop = build_outcrop(slabs, ledges, fragments, traits, outcrop_rng)
     return Scene(config, terrain, rocks, draw_look(config.look, look_rng), outcrop)

@@ -9,7 +9,7 @@ import numpy as np
 from marssim.base.camera import StereoRig
 
 SKY = -1  # id of the sky in maps of surfaces
-GROUND = 0  # id of the ground; rock n of Scene.rocks has the id n + 1
+GROUND = 0  # id of the ground; body n of Scene.bodies (rocks, slabs, ledges, fragments) has the id n + 1
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class StereoFrame:
         disparity: (H, W) float32 [px], x_left - x_right as the images show it; 0 in the sky. It is f B / depth where
             `right_rotation` is the identity.
         normal: (H, W, 3) float32 unit normals that face the camera; 0 in the sky.
-        surface: (H, W) int32 id of the surface: SKY, GROUND, or n + 1 for rock n.
+        surface: (H, W) int32 id of the surface: SKY, GROUND, or n + 1 for body n of Scene.bodies.
         occluded: (H, W) bool, true where the right eye does not see the point.
         rig: The cameras.
         pose: (4, 4) left camera to world.

@@ -46,7 +46,8 @@ class StereoSample:
         normal: (H, W, 3) float32 unit normals that face the camera; 0 in the sky.
         valid: (H, W) bool, true where the depth is 0.5 m to 15 m.
         occluded: (H, W) bool, true where the right eye does not see the point.
-        rock: (H, W) int32, the number of the rock from 1; 0 elsewhere.
+        rock: (H, W) int32, the number from 1 of the rock, slab, block of a ledge or fragment; 0 elsewhere. Where the
+            numbers of each kind begin and end is in meta["surface_ids"].
         rig: The cameras.
         meta: The content of sample.json.
     """

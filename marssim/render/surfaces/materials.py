@@ -33,6 +33,7 @@ FAR_DENSE = 0.2  # rock abundance at which the painted stones are as dense as in
 FILLET = (0.03, 0.2)  # least and largest height of the sand against a rock, over the rock's height
 HIGHEST_FILLET = 0.06  # [m] largest height of that sand
 BED_RED = 0.45  # redness that gives a rock the hue of BED_COLOUR; its brightness is pavement.ALBEDO
+BED_FILLET = 0.3  # height of the sand against slabs and ledges over that against rocks
 BED_SWEPT = 0.3  # by how much less of the tops of slabs and ledges is under dust
 NO_PLATES = np.zeros((1, CHANNELS), dtype=np.int8)  # tile of a scene without bedrock
 
@@ -160,6 +161,7 @@ def _rocks(scene: Scene, rng: np.random.Generator) -> RockSurface:
     bedrock = outcrop[: sum(scene.outcrop.count[:2])]
     bedrock["red"] = BED_RED + 0.3 * bedrock["red"]
     bedrock["film"] -= BED_SWEPT
+    bedrock["fillet"] *= BED_FILLET
     ground = np.zeros(1, dtype=ROCK)
     places = placing(tuple(ROCK_WAVELENGTHS), seed + 2)
     slope = _single(ROCK_SLOPE * look.texture_strength * (ROCK_WAVELENGTHS / 0.1) ** -0.25)

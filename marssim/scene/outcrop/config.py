@@ -11,6 +11,7 @@ from marssim.scene.ranges import Range, check_ranges
 OUTCROP_LIMITS = {
     "slabs": (0.0, 0.7), "slab_size": (0.15, 2.0), "slab_tilt_deg": (0.0, 15.0), "slab_height": (0.02, 0.15),
     "ledges": (0.0, 20.0), "ledge_height": (0.05, 0.4), "ledge_length": (1.0, 20.0), "fragments": (0.0, 1.0),
+    "brightness": (0.5, 2.0),
 }  # fmt: skip
 
 
@@ -36,6 +37,10 @@ class OutcropConfig:
     fragments: Range = (0.1, 0.5)
     """How densely broken pieces of 2 to 10 cm lie around large rocks and ledges, LOW HIGH: 0 has none, 1 the most."""
 
+    brightness: Range = (1.3, 1.7)
+    """Brightness of slabs and ledges on the scale of rocks.albedo, LOW HIGH, 0.5 to 2: 1.3 is that of the bedrock that
+    look.bedrock shows."""
+
     def __post_init__(self) -> None:
         check_ranges(self, OUTCROP_LIMITS)
 
@@ -51,6 +56,7 @@ class Traits:
         slab_height: Typical height of a slab's highest edge [m].
         ledges: Ledges on 1000 m2.
         fragments: Density of fragments, 0 to 1.
+        brightness: Brightness of slabs and ledges on the scale of rocks.albedo.
     """
 
     slabs: float = 0.0
@@ -59,6 +65,7 @@ class Traits:
     slab_height: float = 0.05
     ledges: float = 0.0
     fragments: float = 0.0
+    brightness: float = 1.3
 
 
 def draw_traits(config: OutcropConfig, rng: np.random.Generator) -> Traits:

@@ -23,31 +23,33 @@ from marssim.scene.rocks.population import CAMERA_EXTENT, LEAST_DISTANCE
 Ground = Callable[[np.ndarray, np.ndarray], np.ndarray]
 Polygons = tuple[np.ndarray, np.ndarray]  # corners (N, M, 2) and their numbers (N,); see polygons.py
 
-REACH = 2.5  # half sides of the fine square, beyond which there are no slabs
+REACH, FARTHEST = 2.5, 24.0  # slabs reach this many half sides of the fine square, or so far beyond it [m]
 PATCH = (7.0, 22.0)  # [m] shortest and longest wavelength of the patches of pavement
 DISTURBED = (4.0, 12.0)  # [m] wavelengths of intact and disturbed parts
 CELL = 2.2  # size of the first plates, over that of the final ones
 FARTHER = 0.6  # margin around patches within which the sheet is drawn, so that it has no border of its own
 STRETCH = 1.5  # largest ratio of the axes along and across the joints
-SPREAD = 0.45  # standard deviation of the logarithm of the plates' diameters
+SPREAD = 0.55  # standard deviation of the logarithm of the plates' diameters
 ROUNDS = 5  # cuts of a plate
 SPLIT = 1.6  # area over the wanted one from which on a plate is cut again
 OFF_CENTRE = 0.2  # largest distance of a cut from the plate's middle, over the root of its area
 COMPACT = 0.45  # least 4 pi area / perimeter^2 of a plate, 0.785 for a square; splinters are left out
-LEAST_ANGLE = 0.02  # [rad] angle under which a camera sees the smallest slabs that are drawn
+LEAST_ANGLE = 0.025  # [rad] angle under which a camera sees the smallest slabs that are drawn
 LEAST_SLAB = 0.1  # [m] diameter of the smallest slabs
 JOINT = (0.012, 0.09)  # [m] width of joints in intact and in disturbed parts
 CHIPS = 3  # corners of a plate that may chip off
 CHIP = 0.3  # largest part of a corner's distance from the middle that chips off
-BITE = (0.1, 0.35)  # depth of the bites that a third of the plates has lost, over its radius
-LEVEL_ANGLES = (0.035, 0.12)  # [rad] angular diameters at which a slab gets the next level of detail
+BITE, BITTEN = (0.08, 0.3), 0.3  # depth of the bites that some plates have lost, over the radius; share of these
+ROUNDNESS = 0.9  # how round the corners of the roundest plates are, 0 to 1
+LEVEL_ANGLES = (0.05, 0.15)  # [rad] angular diameters at which a slab gets the next level of detail
 STEEPEST = np.tan(np.deg2rad(15))
+BARE = 0.7  # a slab that would stand this much of the least height is under sand
 HEIGHTS = (0.02, 0.15)  # [m] least and largest height of a slab's highest edge
 LIFTED = 1.6  # largest rise of a plate across its radius, over the height of its highest edge
 HOLLOW = 0.2  # share of the steep plates that are thin and show a gap below their high edge
 BURIED = 0.04  # [m] depth that the sides of the others reach below the ground
 SHOWN = 0.2  # least share of a plate above the ground
-ALBEDO = 1.3  # gives a rock the brightness of bedrock; see materials.py
+DRIFTS = (1.5, 5.0)  # [m] wavelengths of the sand that lies higher here and lower there
 
 
 def draw_slabs(
@@ -69,14 +71,14 @@ def draw_slabs(
         return []
     patches, disturbed = Waves.draw(*PATCH, rng), Waves.draw(*DISTURBED, rng)
     threshold = float(ndtri(1 - traits.slabs))
-    reach = min(REACH * half, horizon - 1)
+    reach = min(REACH * half, half + FARTHEST, horizon - 1)
     corners, count = _sheet(traits.slab_size, reach, lambda xy: patches.at(xy) - threshold, rng)
     if len(count) == 0:
         return []
     corners, count = _broken(corners, count, traits.slab_size, half, rng)
     middle = area_and_centroid(corners, count)[1]
     loose = 1 / (1 + np.exp(-2 * disturbed.at(middle)))  # 0 intact, 1 disturbed
-    share = 0.45 + 0.9 * (patches.at(middle) - threshold) - 0.25 * loose
+    share = 0.35 + 0.9 * (patches.at(middle) - threshold) - 0.25 * loose
     kept = (rng.random(len(count)) < share) & (share > 0)
     corners, count, loose = corners[kept], count[kept], loose[kept]
     if not kept.any():
@@ -172,13 +174,15 @@ def _settled(
     out = []
     draws: np.ndarray = rng.random((3, len(count)))
     swing: np.ndarray = np.abs(rng.normal(size=len(count)))
-    height = np.clip(traits.slab_height * rng.lognormal(-0.1, 0.4, len(count)), *HEIGHTS)
+    height = traits.slab_height * np.exp(0.4 * rng.normal(size=len(count)) + 0.45 * Waves.draw(*DRIFTS, rng).at(middle))
+    fit &= height > BARE * HEIGHTS[0]
+    height = np.clip(height, *HEIGHTS)
     level = np.digitize(diameter / away, LEVEL_ANGLES)
     for detail in range(len(POINTS) - 1, -1, -1):
         which = np.flatnonzero(fit & (level == detail))
         if len(which) == 0:
             continue
-        shape = _eaten(outline(corners[which], count[which], POINTS[detail]), rng)
+        shape = worn_outlines(corners[which], count[which], POINTS[detail], ROUNDNESS, rng)
         ground, slope = ground_plane(middle[which], diameter[which], height_at)
         angle = 2 * np.pi * draws[0, which]
         tilt = np.tan(np.deg2rad(traits.slab_tilt_deg)) * swing[which] * (0.5 + loose[which])
@@ -197,22 +201,36 @@ def _settled(
             outline=shape, plane=plane, thickness=thickness, undercut=0.02 + 0.1 * draws[2, which],
             bevel=0.1 * thickness + 0.004, exposed=height[which],
             diameter=np.sqrt(4 / np.pi * np.maximum(part, 0)), middle=centre,
-            albedo=ALBEDO * np.clip(rng.normal(1, 0.07, len(which)), 0.8, 1.2),
-            group=np.zeros(len(which), int), level=detail,
+            albedo=traits.brightness * np.clip(rng.normal(1, 0.07, len(which)), 0.8, 1.2),
+            level=detail,
         )  # fmt: skip
         out.append(slabs.chosen(part > SHOWN * area[which]))
     return out
 
 
-def _eaten(shape: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return outlines (N, P, 2) that are a little worn, and of which some have lost a bite."""
-    count, points = shape.shape[:2]
+def worn_outlines(
+    corners: np.ndarray, count: np.ndarray, points: int, roundness: float, rng: np.random.Generator
+) -> np.ndarray:
+    """Return outlines (N, points, 2) of polygons that are a little worn, and of which some have lost a bite.
+
+    Args:
+        corners: (N, M, 2) corners.
+        count: (N,) numbers of corners.
+        points: Number of points of each outline.
+        roundness: Largest share, 0 to 1, of the way that a point moves to the mean of its neighbours, twice.
+        rng: Random generator.
+    """
+    shape = outline(corners, count, points)
+    number = len(shape)
     middle = shape.mean(axis=1, keepdims=True)
+    soft = roundness * rng.random((number, 1, 1))
+    for _ in range(2):
+        shape = (1 - soft) * shape + soft / 2 * (np.roll(shape, 1, axis=1) + np.roll(shape, -1, axis=1))
     place = np.arange(points) / points * 2 * np.pi
-    bite = np.where(rng.random(count) < 1 / 3, rng.uniform(*BITE, count), 0.0)
-    apart = np.abs((place - rng.uniform(0, 2 * np.pi, (count, 1)) + np.pi) % (2 * np.pi) - np.pi)
-    lost = bite[:, None] * np.exp(-((apart / rng.uniform(0.3, 0.6, (count, 1))) ** 2))
-    lost += rng.uniform(0, 0.05, (count, points))
+    bite = np.where(rng.random(number) < BITTEN, rng.uniform(*BITE, number), 0.0)
+    apart = np.abs((place - rng.uniform(0, 2 * np.pi, (number, 1)) + np.pi) % (2 * np.pi) - np.pi)
+    lost = bite[:, None] * np.exp(-((apart / rng.uniform(0.25, 0.5, (number, 1))) ** 2))
+    lost += rng.uniform(0, 0.06, (number, points))
     return np.asarray(middle + (shape - middle) * (1 - lost)[..., None])
 
 

@@ -9,7 +9,8 @@ import numpy as np
 from marssim.scene.rocks.mesh import Rocks
 from marssim.scene.rocks.shape_library import vertex_normals
 
-POINTS = (8, 12, 20)  # points of an outline at each level of detail
+POINTS = (7, 12, 20)  # points of an outline at each level of detail
+BEVELLED = (False, True, True)  # whether the edge of the top is worn at each level
 TOP_RINGS = ((), (), (0.72, 0.36))  # rings inside the top at each level, over the plate's size
 ROUGH_SHARE = 0.35  # roughness of the top over the width of its bevel
 
@@ -28,7 +29,6 @@ class Plates:
         diameter: (N,) diameter of the disc with the area of the part that shows above the ground [m].
         middle: (N, 2) centroid of that part [m].
         albedo: (N,) brightness relative to the ground.
-        group: (N,) int, 0 for a slab and n + 1 for a block of ledge n.
         level: Level of detail.
     """
 
@@ -41,7 +41,6 @@ class Plates:
     diameter: np.ndarray
     middle: np.ndarray
     albedo: np.ndarray
-    group: np.ndarray
     level: int
 
     def __len__(self) -> int:
@@ -56,6 +55,22 @@ class Plates:
         """Return the height [m] of each plate's plane at x, y (N, ...) [m]."""
         z0, east, north = (self.plane[:, i].reshape(-1, *[1] * (np.ndim(x) - 1)) for i in range(3))
         return np.asarray(z0 + east * x + north * y)
+
+
+def outside(parts: list[Plates], clear: tuple[tuple[float, float, float], ...]) -> list[Plates]:
+    """Return the plates that stay out of clear discs (x, y, radius) [m], each taken as the disc of its diameter."""
+    for x, y, radius in clear:
+        parts = [p.chosen(np.hypot(*(p.middle - (x, y)).T) > radius + p.diameter / 2) for p in parts]
+    return parts
+
+
+def nearest(parts: list[Plates], most: int) -> list[Plates]:
+    """Return the plates without those that are farthest from the scene's middle, so that at most `most` are left."""
+    away = [np.hypot(*part.middle.T) for part in parts]
+    if sum(map(len, parts)) <= most:
+        return parts
+    farthest = np.sort(np.concatenate(away))[most]
+    return [part.chosen(distance < farthest) for part, distance in zip(parts, away)]
 
 
 def plate_bodies(plates: Plates, rng: np.random.Generator) -> Rocks:
@@ -76,18 +91,23 @@ def plate_bodies(plates: Plates, rng: np.random.Generator) -> Rocks:
     bevel = np.minimum(plates.bevel, 0.3 * plates.thickness)[:, None]
     worn = bevel * rng.uniform(0.4, 1.6, (count, points))
     cut = plates.undercut[:, None] * rng.uniform(0.3, 1.7, (count, points))
-    flat = [arm * (1 - cut[..., None]), arm, arm * (1 - np.minimum(worn[..., None] / radius, 0.3))]
-    flat += [flat[2] * share * rng.uniform(0.9, 1.1, (count, points, 1)) for share in rings]
+    flat, below = [arm * (1 - cut[..., None]), arm], [plates.thickness[:, None] * np.ones((1, points)), 0 * worn]
+    if BEVELLED[plates.level]:
+        flat.append(arm * (1 - np.minimum(worn[..., None] / radius, 0.3)))
+        below[1:] = [worn, 0 * worn]
+    rim = flat[-1]
+    for share in rings:
+        flat.append(rim * share * rng.uniform(0.9, 1.1, (count, points, 1)))
+        below.append(ROUGH_SHARE * bevel * rng.uniform(-1, 1, (count, points)))
     flat.append(np.zeros((count, 1, 2)))
-    below = [plates.thickness[:, None] * np.ones((1, points)), worn, np.zeros((count, points))]
-    below += [ROUGH_SHARE * bevel * rng.uniform(-1, 1, (count, points)) for _ in rings]
     below.append(ROUGH_SHARE * bevel * rng.uniform(-1, 1, (count, 1)))
     xy = middle + np.concatenate(flat, axis=1)
     z = plates.top_at(xy[..., 0], xy[..., 1]) - np.concatenate(below, axis=1)
     vertices = np.concatenate([xy, z[..., None]], axis=2)
-    sides, top = _faces(points, len(rings))
+    edges = 2 if BEVELLED[plates.level] else 1
+    sides, top = _faces(points, edges, len(rings))
     normals = vertex_normals(vertices, top)
-    normals[:, : 2 * points] = vertex_normals(vertices, sides)[:, : 2 * points]
+    normals[:, : edges * points] = vertex_normals(vertices, sides)[:, : edges * points]
     faces = np.concatenate([sides, top])
     centre = np.column_stack([plates.middle, plates.top_at(*plates.middle.T) - plates.thickness / 2])
     index = faces[None] + (np.arange(count, dtype=np.int32) * vertices.shape[1])[:, None, None]
@@ -98,15 +118,15 @@ def plate_bodies(plates: Plates, rng: np.random.Generator) -> Rocks:
     )  # fmt: skip
 
 
-def _faces(points: int, rings: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the faces (F, 3) of the bottom, the sides and the bevel; and those of the top."""
+def _faces(points: int, edges: int, rings: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the faces (F, 3) of the bottom and of `edges` bands, the sides and the bevel; and those of the top."""
     around = np.arange(points)
     onward = (around + 1) % points
     bottom = np.stack([np.zeros(points - 2, int), around[2:], around[1:-1]], axis=1)
-    bands = [_band(around + k * points, onward + k * points, points) for k in range(2 + rings)]
-    last = (2 + rings) * points
+    bands = [_band(around + k * points, onward + k * points, points) for k in range(edges + rings)]
+    last = (edges + rings) * points
     fan = np.stack([around + last, onward + last, np.full(points, last + points)], axis=1)
-    return np.concatenate([bottom, *bands[:2]]), np.concatenate([*bands[2:], fan])
+    return np.concatenate([bottom, *bands[:edges]]), np.concatenate([*bands[edges:], fan])
 
 
 def _band(around: np.ndarray, onward: np.ndarray, points: int) -> np.ndarray:

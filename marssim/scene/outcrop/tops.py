@@ -10,6 +10,8 @@ import numpy as np
 
 from marssim.scene.outcrop.plates import Plates
 
+Ground = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
 CELL = 0.05  # [m] grid spacing
 SHIFT = 4  # binary digits of sub-pixel positions in OpenCV's drawing
 
@@ -56,4 +58,19 @@ class Tops:
         return np.asarray(np.maximum(plane[..., 0] + plane[..., 1] * x + plane[..., 2] * y - ground, 0.0))
 
 
-LiftAt = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]  # Tops.lift
+def beside(slabs: Sequence[Plates], ledges: Sequence[Plates], half: float, height_at: Ground) -> list[Plates]:
+    """Return the slabs that do not lie under a ledge.
+
+    Args:
+        slabs: The slabs.
+        ledges: The blocks of ledges.
+        half: Half the side of the finely gridded square [m].
+        height_at: Function of x, y [m] that returns the height of the ground [m].
+    """
+    if not ledges:
+        return list(slabs)
+    tops, out = Tops.of(ledges, half), []
+    for part in slabs:
+        x, y = (np.column_stack([part.outline[..., i], part.middle[:, i]]) for i in (0, 1))
+        out.append(part.chosen((tops.lift(x, y, height_at(x, y)) == 0).all(axis=1)))
+    return out

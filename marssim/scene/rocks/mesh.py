@@ -92,11 +92,22 @@ def build_rocks(
     ground, slope = ground_plane(drawn.xy, drawn.diameter, height_at)
     if lift is not None:
         ground = ground + least_lift(drawn.xy, drawn.diameter, height_at, lift)
+    return mesh_population(drawn, ground, slope)
+
+
+def mesh_population(drawn: RockPopulation, ground: np.ndarray, slope: np.ndarray) -> Rocks:
+    """Mesh N rocks on the planes of the ground under them.
+
+    Args:
+        drawn: The rocks.
+        ground: (N,) heights of the planes at the rocks' places [m].
+        slope: (N, 2) slopes dz/dx, dz/dy of the planes.
+    """
     centre = np.empty((len(drawn.diameter), 3))
     vertices, normals = [np.zeros((0, 3))], [np.zeros((0, 3))]
     faces, face_rock = [np.zeros((0, 3), np.int32)], [np.zeros(0, np.int32)]
     offset = 0
-    for detail in range(LEVELS - 1, -1, -1):
+    for detail in reversed(LEVELS):
         members = np.flatnonzero(drawn.level == detail)
         if len(members) == 0:
             continue

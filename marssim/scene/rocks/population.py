@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from marssim.scene.rocks.golombek import MAX_DIAMETER, draw_diameters, number_density
 from marssim.scene.rocks.placement import place
 from marssim.scene.rocks.shape_library import VARIANTS
-from marssim.scene.rocks.shapes import FAMILIES
+from marssim.scene.rocks.shapes import FAMILIES, LEVELS
 
 CAMERA_EXTENT = 0.4  # largest |x| and |y| of a camera, in half sides of the fine square
-MAX_ROCKS = 65_534  # most rocks that the 16 bits of a dataset's surface.png can number, besides sky and ground
+MAX_BODIES = 65_534  # most bodies that the 16 bits of a dataset's surface.png can number, besides sky and ground
+MAX_ROCKS = 50_000  # most of these that are rocks; the others are bedrock and fragments
 SAFETY_SPREADS = 6.0  # standard deviations by which the expected number of rocks stays below MAX_ROCKS
 LEAST_DISTANCE = 1.6  # [m] distance at which a camera is assumed to see the rocks around it
-LEVEL_ANGLES = (0.03, 0.1, 0.25, 0.8)  # [rad] angular diameters at which a rock gets the next level of detail
+# [rad] angular diameters at which a rock gets the next level of detail; the first two are 3 px and 8 px wide at 512 px
+LEVEL_ANGLES = (0.006, 0.014, 0.03, 0.1, 0.25, 0.8)
+COBBLE_ANGLE = 0.005  # [rad] angle under which a camera sees the smallest cobbles far away: 3 px at 512 px
+LARGE = 0.15  # [m] diameter of the smallest rocks that these cobbles keep off
+COBBLE_RINGS = (0.75, 1.0, 1.25, 1.5, 2.0, 2.5)  # [half sides of the fine square] edges of their rings
 # least diameters by distance from the middle: (distance in half sides of the fine square, least diameter [m] up to it)
 LEAST_DIAMETERS = ((0.75, 0.05), (1.0, 0.08), (2.5, 0.25), (np.inf, 0.6))
 MIN_HEIGHT_RATIO, MAX_HEIGHT_RATIO = 0.15, 1.0  # height above ground over diameter
@@ -90,6 +96,10 @@ class RockPopulation:
     stretch: np.ndarray
     albedo: np.ndarray
 
+    def chosen(self, which: np.ndarray) -> RockPopulation:
+        """Return some of the rocks. which: their indices."""
+        return RockPopulation(**{f.name: getattr(self, f.name)[which] for f in fields(self)})
+
 
 def draw_population(
     config: RockConfig, half: float, horizon: float, rng: np.random.Generator,
@@ -97,8 +107,8 @@ def draw_population(
 ) -> RockPopulation:  # fmt: skip
     """Draw the rocks of a scene.
 
-    Where cameras stand and a little around, the size law holds from min_diameter on; in the rest of the fine square
-    from 0.08 m at the latest. Farther out it holds from the size that a camera in the square sees as a few pixels.
+    Where cameras stand and in the rest of the fine square, the size law holds from min_diameter on. Farther out it
+    holds from the size that a camera in the square sees as a few pixels.
 
     Args:
         config: Number and shape of the rocks.
@@ -111,14 +121,33 @@ def draw_population(
     Raises:
         ValueError: There are more rocks than a dataset can number.
     """
+    cobble_rng = rng.spawn(1)[0]
     diameter, xy = _scatter(config, half, horizon, rng)
+    parts = [_outside(diameter, xy, clear)]
+    parts.append(_outside(*_cobbles(config, half, horizon, diameter, xy, cobble_rng), clear))
+    drawn = [_shaped(config, *part, half, source) for part, source in zip(parts, (rng, cobble_rng))]
+    both = {f.name: np.concatenate([getattr(part, f.name) for part in drawn]) for f in fields(RockPopulation)}
+    # rocks of one level are built together, and face_rock must ascend
+    return RockPopulation(**both).chosen(np.argsort(-both["level"], kind="stable"))
+
+
+def _outside(
+    diameter: np.ndarray, xy: np.ndarray, clear: tuple[tuple[float, float, float], ...]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the diameters and positions of the rocks that lie outside the clear discs, or may lie in them."""
     free = np.ones(len(diameter), dtype=bool)
     for x, y, radius in clear:
         free &= (np.hypot(xy[:, 0] - x, xy[:, 1] - y) > radius + diameter / 2) | (diameter < CLEARED_DIAMETER)
-    diameter, xy = diameter[free], xy[free]
-    away = np.abs(xy).max(axis=1, initial=0) - CAMERA_EXTENT * half
+    return diameter[free], xy[free]
+
+
+def _shaped(
+    config: RockConfig, diameter: np.ndarray, xy: np.ndarray, half: float, rng: np.random.Generator
+) -> RockPopulation:
+    """Draw the shapes of rocks of given diameters (N,) and positions (N, 2) [m]."""
+    away: np.ndarray = np.abs(xy).max(axis=1, initial=0) - CAMERA_EXTENT * half
     level = detail_level(diameter, away + LEAST_DISTANCE)
-    order = np.argsort(-level, kind="stable")  # rocks of one level are built together, and face_rock must ascend
+    order = np.argsort(-np.maximum(level, 0), kind="stable")  # it determines the scene of a seed
     diameter, xy, level = diameter[order], xy[order], level[order]
     n = len(diameter)
 
@@ -150,7 +179,7 @@ def detail_level(diameter: np.ndarray, distance: np.ndarray) -> np.ndarray:
     Returns:
         (N,) int levels.
     """
-    return np.digitize(np.asarray(diameter) / np.maximum(distance, LEAST_DISTANCE), LEVEL_ANGLES)
+    return LEVELS[0] + np.digitize(np.asarray(diameter) / np.maximum(distance, LEAST_DISTANCE), LEVEL_ANGLES)
 
 
 def _scatter(
@@ -175,3 +204,43 @@ def _scatter(
     inners, outers = (np.repeat([ring[i] for ring in rings], [len(d) for d in diameters]) for i in (0, 1))
     diameter = np.concatenate(diameters)
     return diameter, place(diameter, inners, outers, config.cluster, rng)
+
+
+def _cobbles(
+    config: RockConfig, half: float, horizon: float, diameter: np.ndarray, xy: np.ndarray, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Draw the diameters (N,) and positions (N, 2) [m] of the cobbles that _scatter leaves out but a camera can see.
+
+    A cobble lies where it lies whatever camera looks at it; only the distance from all of them decides whether it is
+    drawn at all. If there would be more than MAX_ROCKS rocks, those that look smallest are left out.
+
+    Args:
+        config: Number of the rocks.
+        half: Half the side of the finely gridded square [m].
+        horizon: Half the side of the whole scene [m].
+        diameter: (M,) diameters of the other rocks [m].
+        xy: (M, 2) their positions [m].
+        rng: Random generator.
+    """
+    inner, rings, diameters = min(CAMERA_EXTENT * half + 4.0, half), [], []
+    for edge in COBBLE_RINGS:
+        outer = min(edge * half, horizon)
+        if outer > inner:
+            least = max(COBBLE_ANGLE * (inner - CAMERA_EXTENT * half + LEAST_DISTANCE), config.min_diameter)
+            present = next(smallest for reach, smallest in LEAST_DIAMETERS if outer <= reach * half)
+            drawn = draw_diameters(config.k, least, 4 * (outer**2 - inner**2), rng)
+            diameters.append(drawn[drawn < present])
+            rings.append((inner, outer))
+            inner = outer
+    size = np.concatenate([np.zeros(0), *diameters])
+    inners, outers = (np.repeat([0.0, *(ring[i] for ring in rings)], [0, *map(len, diameters)]) for i in (0, 1))
+    at = place(size, inners, outers, config.cluster, rng)
+    kept = np.ones(len(size), dtype=bool)
+    large = np.flatnonzero(diameter > LARGE)
+    if len(size) and len(large):
+        covered = cKDTree(at).query_ball_point(xy[large], diameter[large] / 2)
+        kept[np.concatenate([np.zeros(0, int), *covered]).astype(int)] = False
+    size, at = size[kept], at[kept]
+    angle = size / (np.abs(at).max(axis=1, initial=0) - CAMERA_EXTENT * half + LEAST_DISTANCE)
+    most = np.sort(np.argsort(-angle, kind="stable")[: max(MAX_ROCKS - len(diameter), 0)])
+    return size[most], at[most]

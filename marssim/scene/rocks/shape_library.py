@@ -10,7 +10,8 @@ import numpy as np
 from marssim.scene.rocks.shapes import FAMILIES, LEVELS, draw_shape, icosphere
 
 VARIANTS = 24  # shapes per family
-SHAPES_AT_LEVEL = (24, 24, 24, 10, 4)  # shapes per family at each level: fine ones take time, and few rocks need them
+# shapes per family at each level: fine ones take time, and few rocks need them
+SHAPES_AT_LEVEL = dict(zip(LEVELS, (24, 24, 24, 24, 24, 10, 4)))
 BURIAL = np.linspace(0, 0.6, 13)  # shares of the height below ground at which outlines are tabulated
 RASTER = 36  # cells along a side of the square on which outlines are measured
 SEED = 1997  # of the library
@@ -56,7 +57,7 @@ class ShapeLibrary:
         return (1 - part) * self.outline[shape, low] + part * self.outline[shape, low + 1]
 
 
-@lru_cache(maxsize=LEVELS)
+@lru_cache(maxsize=len(LEVELS))
 def shape_library(level: int) -> ShapeLibrary:
     """Return the shapes of every family, FAMILIES[0] first, at a level of detail."""
     drawn = [

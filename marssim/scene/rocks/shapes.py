@@ -15,15 +15,31 @@ import numpy as np
 import trimesh
 
 FAMILIES = ("angular", "slabby", "rounded")
-LEVELS = 5  # levels of detail: 20, 80, 320, 1280, 5120 faces
+LEVELS = range(-2, 5)  # levels of detail: 4, 8, 20, 80, 320, 1280, 5120 faces
 BEDS = 32  # beds of a rock, which weather back by different amounts
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=10)
 def icosphere(level: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return an icosahedron subdivided `level` times: unit directions (V, 3) and 20 * 4^level faces (F, 3)."""
+    """Return an icosahedron subdivided `level` times: unit directions (V, 3) and 20 * 4^level faces (F, 3).
+
+    Level -1 is an octahedron and level -2 a tetrahedron.
+    """
+    if level < 0:
+        return _tetrahedron() if level == -2 else _octahedron()
     sphere = trimesh.creation.icosphere(subdivisions=level)
     return np.asarray(sphere.vertices, dtype=float), np.asarray(sphere.faces, dtype=np.int32)
+
+
+def _tetrahedron() -> tuple[np.ndarray, np.ndarray]:
+    corners = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
+    return corners, np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]], dtype=np.int32)
+
+
+def _octahedron() -> tuple[np.ndarray, np.ndarray]:
+    corners = np.concatenate([np.eye(3), -np.eye(3)])
+    upper = [[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2]]
+    return corners, np.array([*upper, *([b, a, 5] for a, b, _ in upper)], dtype=np.int32)
 
 
 def draw_shape(family: str, level: int, rng: np.random.Generator) -> tuple[np.ndarray, float]:
@@ -31,7 +47,7 @@ def draw_shape(family: str, level: int, rng: np.random.Generator) -> tuple[np.nd
 
     Args:
         family: One of FAMILIES.
-        level: Level of the icosphere.
+        level: Level of the icosphere, one of LEVELS.
         rng: Random generator.
 
     Returns:

@@ -19,8 +19,9 @@ def drawn(small_scene):
 
 def true_clearance(scene, x, y):
     """Distance to the nearest obstacle's disc, all of them looked at."""
-    tall = scene.rocks.height >= ZHURONG.obstacle_height
-    gap = np.hypot(*(scene.rocks.centre[tall, :2] - (x, y)).T) - scene.rocks.diameter[tall] / 2
+    bodies = scene.bodies
+    tall = bodies.height >= ZHURONG.obstacle_height
+    gap = np.hypot(*(bodies.centre[tall, :2] - (x, y)).T) - bodies.diameter[tall] / 2
     return max(0.0, float(gap.min()))
 
 

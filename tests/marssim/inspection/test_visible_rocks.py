@@ -8,6 +8,7 @@ from marssim.base.dataset.sample import StereoSample, read_sample
 from marssim.base.pose import look_pose
 from marssim.inspection.visible_rocks import DIAMETERS, REACH, RockCover, visible_rocks
 from marssim.render.renderers.embree_renderer import EmbreeRenderer
+from marssim.scene.outcrop.config import OutcropConfig
 from marssim.scene.rocks.golombek import sampling_spread
 from marssim.scene.rocks.population import RockConfig
 from marssim.scene.scene import SceneConfig, build_scene
@@ -47,7 +48,8 @@ def test_level_ground_has_its_area():
 
 def test_rocks_are_about_as_wide_as_their_outlines_from_above():
     """Each rock's width from the side is compared with its diameter, which is that of its outline from above."""
-    scene = build_scene(SceneConfig(size=16.0, horizon=24.0, rocks=RockConfig(k=0.1)), np.random.default_rng(1))
+    place = SceneConfig(size=16.0, horizon=24.0, rocks=RockConfig(k=0.1), outcrop=OutcropConfig(fragments=(0, 0)))
+    scene = build_scene(place, np.random.default_rng(1))
     renderer = EmbreeRenderer(scene)
     measured, drawn, cover, expected = [], [], RockCover(), 0.0
     for n in range(6):

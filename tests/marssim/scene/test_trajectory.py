@@ -39,7 +39,7 @@ def room(scene: Scene, poses: np.ndarray) -> float:
     """Return the distance from the rover's middle to the nearest corner above ground of an obstacle rock."""
     up = -poses[:, :3, 1] * np.cos(np.deg2rad(20)) - poses[:, :3, 2] * np.sin(np.deg2rad(20))
     middle = poses[:, :3, 3] - 1.2 * up
-    rocks = scene.rocks
+    rocks = scene.bodies
     tall = rocks.height[rocks.face_rock] > ZHURONG.obstacle_height
     corners = rocks.vertices[np.unique(rocks.faces[tall])]
     corners = corners[corners[:, 2] > scene.terrain.height_at(corners[:, 0], corners[:, 1])]

@@ -17,8 +17,8 @@ def test_cameras_stand_where_they_were_asked_to():
         assert 10 <= np.rad2deg(-np.arcsin(pose[2, 2])) <= 30
         roll = np.rad2deg(np.arctan2(pose[2, 0], -pose[2, 1]))
         assert abs(roll) <= 3 + 1e-6
-        to_disc = np.hypot(*(scene.rocks.centre[:, :2] - [x, y]).T) - scene.rocks.diameter / 2  # of the rock's area
-        assert to_disc[scene.rocks.height > 0.15].min() >= 0.6
+        to_disc = np.hypot(*(scene.bodies.centre[:, :2] - [x, y]).T) - scene.bodies.diameter / 2  # of the area
+        assert to_disc[scene.bodies.height > 0.15].min() >= 0.6
 
 
 def test_a_scene_without_a_place_to_stand_is_refused():

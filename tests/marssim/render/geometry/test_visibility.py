@@ -48,7 +48,7 @@ def test_pieces_hold_all_faces_within_their_boxes(scene):
     assert mesh.start[0] == 0 and mesh.start[-1] == len(mesh.faces) == len(mesh.surface)
     fine, coarse = scene.terrain.fine.heights.shape, scene.terrain.coarse_cells
     ground = 2 * ((fine[0] - 1) * (fine[1] - 1) + coarse.sum())
-    assert len(mesh.faces) == ground + len(scene.rocks.faces)
+    assert len(mesh.faces) == ground + len(scene.bodies.faces)
     piece = np.repeat(np.arange(len(mesh.low)), np.diff(mesh.start))
     corner = mesh.vertices[mesh.faces]
     assert (corner >= mesh.low[piece][:, None]).all() and (corner <= mesh.high[piece][:, None]).all()

@@ -74,7 +74,11 @@ def nearest_hit(origin: np.ndarray, direction: np.ndarray, corners: np.ndarray) 
 @pytest.fixture(scope="module")
 def corners(scene) -> np.ndarray:
     terrain = scene.terrain
-    meshes = [terrain.fine.mesh(), terrain.coarse.mesh(terrain.coarse_cells), (scene.rocks.vertices, scene.rocks.faces)]
+    meshes = [
+        terrain.fine.mesh(),
+        terrain.coarse.mesh(terrain.coarse_cells),
+        (scene.bodies.vertices, scene.bodies.faces),
+    ]
     return np.concatenate([vertices[faces] for vertices, faces in meshes])
 
 
@@ -161,7 +165,7 @@ def test_surface_ids_name_what_stands_there(scene, raycaster, pose):
     rock = view.surface > GROUND
     assert len(np.unique(view.surface[rock])) > 10
     for surface in np.unique(view.surface[rock]):
-        corner = scene.rocks.vertices[scene.rocks.faces[scene.rocks.face_rock == surface - 1]].reshape(-1, 3)
+        corner = scene.bodies.vertices[scene.bodies.faces[scene.bodies.face_rock == surface - 1]].reshape(-1, 3)
         visible = points[view.surface == surface]
         assert (visible >= corner.min(axis=0) - 1e-4).all() and (visible <= corner.max(axis=0) + 1e-4).all()
 

@@ -19,10 +19,10 @@ def seeded(seed: int):
 
 def test_rocks_are_found_by_their_surface_id():
     rocks = materials(SCENE)[1].of_surface
-    assert len(rocks) == len(SCENE.rocks) + 1 and not any(rocks[GROUND])
+    assert len(rocks) == len(SCENE.bodies) + 1 and not any(rocks[GROUND])
     members = rocks[GROUND + 1 :]
-    assert np.array_equal(members["albedo"], SCENE.rocks.albedo)
-    share = members["fillet"] / SCENE.rocks.height
+    assert np.array_equal(members["albedo"], SCENE.bodies.albedo)
+    share = members["fillet"] / SCENE.bodies.height
     assert members["fillet"].max() <= HIGHEST_FILLET and share.max() <= FILLET[1]
     low = members["fillet"] < HIGHEST_FILLET
     assert share[low].min() >= FILLET[0] and share[low].std() > 0.02
@@ -31,7 +31,7 @@ def test_rocks_are_found_by_their_surface_id():
 def test_the_plane_under_a_rock_is_that_of_the_ground():
     slope = np.array([0.1, -0.2])
     scene = replace(SCENE, terrain=plane(slope).terrain)
-    inside = (np.abs(scene.rocks.centre[:, :2]) < 14).all(axis=1)  # about the edge of the scene there is no plane
+    inside = (np.abs(scene.bodies.centre[:, :2]) < 14).all(axis=1)  # about the edge of the scene there is no plane
     members = materials(scene)[1].of_surface[1:][inside]
     assert len(members) > 100 and np.allclose(members["base"], 0, atol=1e-9)
     assert np.allclose([members["east"], members["north"]], slope[:, None])

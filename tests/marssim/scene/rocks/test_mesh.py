@@ -3,7 +3,7 @@ import pytest
 import trimesh
 
 from marssim.scene.rocks.mesh import build_rocks
-from marssim.scene.rocks.population import RockConfig
+from marssim.scene.rocks.population import COBBLE_ANGLE, RockConfig
 
 
 def level_ground(x, y):
@@ -77,7 +77,9 @@ def test_near_and_large_rocks_have_more_triangles():
     large, near = rocks.diameter > 0.6, away < 6.0
     assert count[large & near].min() >= 320 and count[large & near].mean() > 3 * count[large & (away > 25)].mean()
     assert count[(rocks.diameter < 0.05) | (away > 39)].max() <= 320
-    assert (rocks.diameter[away > 17] >= 0.25).all()  # what a camera cannot see is not drawn
+    # what a camera cannot see is not drawn; what it can see, is
+    assert (rocks.diameter[away > 17] >= COBBLE_ANGLE * (16 - 6.4)).all() and rocks.diameter[away > 41].size == 0
+    assert 0.04 < rocks.diameter[(away > 16) & (away < 20)].min() < 0.06
     assert rocks.diameter[near].min() < 0.04 and len(rocks.faces) < 700_000
 
 

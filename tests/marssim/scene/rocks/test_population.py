@@ -1,18 +1,19 @@
 import numpy as np
 import pytest
 
-from marssim.scene.rocks.population import MAX_ROCKS, RockConfig, draw_population
+from marssim.scene.rocks.population import MAX_BODIES, MAX_ROCKS, RockConfig, draw_population
 
 
 def test_more_rocks_than_a_dataset_can_number_are_refused():
-    """Rock n is n + 2 in the 16 bits of surface.png."""
-    assert np.uint16(MAX_ROCKS - 1 + 2) == MAX_ROCKS + 1 and np.iinfo(np.uint16).max < MAX_ROCKS + 2
+    """Body n is n + 2 in the 16 bits of surface.png."""
+    assert np.uint16(MAX_BODIES - 1 + 2) == MAX_BODIES + 1 and np.iinfo(np.uint16).max < MAX_BODIES + 2
+    assert MAX_ROCKS < MAX_BODIES
     for seed in range(3):  # every scene is refused, not only those that happen to draw too many
         with pytest.raises(ValueError, match=rf"can hold {MAX_ROCKS} rocks, but \d+ may .*`rocks\.k` or `size`"):
             draw_population(RockConfig(k=0.2), 48.0, 96.0, np.random.default_rng(seed), ())
         with pytest.raises(ValueError, match="may be drawn"):
             # 3 standard deviations below the limit
-            draw_population(RockConfig(k=0.117), 48.0, 96.0, np.random.default_rng(seed), ())
+            draw_population(RockConfig(k=0.0835), 48.0, 96.0, np.random.default_rng(seed), ())
 
 
 @pytest.mark.parametrize(
