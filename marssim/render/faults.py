@@ -11,17 +11,17 @@ FAULT_SETS: tuple[FaultSet, ...] = get_args(FaultSet)
 
 RANDOM = SensorConfig(
     horizontal_offset=(-0.5, 0.5),
-    dust=(0.03, 0.35),
-    motion_blur=(0.5, 4.0),
-    glare=(0.02, 0.2),
-    overexposure=(-1.2, 1.0),
+    dust=(0.03, 0.5),
+    motion_blur=(0.5, 5.0),
+    glare=(0.02, 0.3),
+    overexposure=(-2.0, 1.2),
     bleeding=(0.1, 1.0),
     smear=(0.01, 0.15),
     hot_pixels=(100.0, 3000.0),
     stretch=(0.001, 0.02),
     stretch_alone=(0.0, 1.0),
-    jpeg_quality=(50.0, 95.0),
-    fault_chance=(0.0, 0.6),
+    jpeg_quality=(35.0, 95.0),
+    fault_chance=(0.0, 0.7),
 )
 PUBLIC = SensorConfig(
     dust=(0.03, 0.12),
@@ -38,7 +38,7 @@ def fault_set(name: FaultSet) -> SensorConfig:
 
     Args:
         name: "none", the defaults of SensorConfig, or "random": each pair has each fault with a chance that is drawn
-            for the pair, 0 to 0.6, and with a strength from weak to strong. Training on it makes a network used to
+            for the pair, 0 to 0.7, and with a strength from weak to strong. Training on it makes a network used to
             such images. "public": every pair has what the raw images of rovers on the web have: some dust, glare and
             hot pixels, a contrast stretch of each image alone, and JPEG.
 

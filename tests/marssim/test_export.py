@@ -23,6 +23,7 @@ from marssim.base.dataset.sample import StereoSample, read_sample
 from marssim.base.results import lock
 from marssim.export import ExportConfig, export
 from marssim.layouts.kitti import kitti_code
+from marssim.layouts.layout import Item
 from marssim.layouts.registry import LAYOUTS
 
 FORMATS = tuple(LAYOUTS)
@@ -512,3 +513,15 @@ def test_each_sample_may_have_its_own_rig(closed_form_set, tmp_path):
     export(replace(ExportConfig(other, "eth3d", tmp_path / "o"), split=("train",)))
     calib = [read_calib(p)["baseline"] for p in sorted((tmp_path / "o/train/two_view_training").glob("*/calib.txt"))]
     assert calib == [270, 500, 270, 270]
+
+
+def test_far_ground_without_a_positive_disparity_counts_as_unknown(closed_form_set, tmp_path):
+    """The right image lies 6 px too far right, so that ground beyond 3 m has none."""
+    folder = shutil.copytree(closed_form_set / "scenes" / "00000" / "00", tmp_path / "00")
+    meta = json.loads((folder / "sample.json").read_text())
+    turn = cv2.Rodrigues(np.array([0.0, -np.arctan(6 / meta["rig"]["fx"]), 0.0]))[0]
+    (folder / "sample.json").write_text(json.dumps({**meta, "right_rotation": turn.tolist()}))
+    item = Item(folder, "00000/00", "train", 0)
+    far = np.isfinite(item.sample.depth) & (item.sample.disparity <= 0)
+    assert far.any() and item.known.any() and not (item.known & far).any()
+    assert (kitti_code(item.sample.disparity, item.known)[far] == 0).all()

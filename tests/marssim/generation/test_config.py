@@ -115,7 +115,7 @@ def test_faults_set_the_sensor_and_flags_replace_their_values(capsys):
     assert asked("--faults", "random").sensor == RANDOM == asked("--faults=none", "--faults=random").sensor
     config = asked("--scene", "mixed", "--sensor.dust", 0.1, 0.2, "--faults", "random", "--sensor.psf", 1, 1)
     assert config.sensor == replace(RANDOM, dust=(0.1, 0.2), psf=(1.0, 1.0)) and len(config.scenes) == len(PRESETS)
-    assert "(default: 0.03 0.35)" in shown(capsys, "--faults", "random")
+    assert "(default: 0.03 0.5)" in shown(capsys, "--faults", "random")
     assert main(["--out", "x", "--faults", "many"]) == 2
     assert "none" in (error := capsys.readouterr().err) and "random" in error and "--faults" in error
 
