@@ -29,7 +29,7 @@ LOOSE_GRAIN = 0.15  # slope of the ground's grain without pebbles, over that amo
 GRAIN_TONE = 0.08  # logarithm of brightness per standard deviation of grain
 DUST_TONE = 0.15  # logarithm of brightness of the dust on the crests of ripples and behind rocks
 FAR_STONES = 8.0  # size, over that of pebbles, of the painted stones that replace rocks which the mesh leaves out
-FAR_FROM, FAR_TO = 1.0, 1.25  # half sides of the fine square between which these stones fade in
+FAR_FROM, FAR_TO = 2.5, 3.0  # half sides of the fine square between which these stones fade in
 
 
 @inlined
@@ -204,7 +204,7 @@ def rock_at(u, v, up, above, beds, footprint, contrast, noise, rock):
     sand = _step(np.float32(-1.5) * above - 3 * value)
     dust = min(max((rock.film * (0.7 + 0.5 * up) + 1.2 * max(up - 0.6, 0.0)) * (1 - 3 * value), 0.0), 0.8)
     dust += sand * (1 - dust)
-    bare = rock.albedo * math.exp(np.float32(contrast * value)) * 1.25 * (1 - dust)
+    bare = rock.albedo * math.exp(np.float32(contrast * rock.stains * value)) * 1.25 * (1 - dust)
     red = ROCK_COLOUR[0] * bare * (1 + 0.10 * rock.red) + (0.85 + 0.15 * sand) * GROUND_COLOUR[0] * dust
     green = ROCK_COLOUR[1] * bare + (0.85 + 0.15 * sand) * GROUND_COLOUR[1] * dust
     blue = ROCK_COLOUR[2] * bare * (1 - 0.16 * rock.red) + (0.85 + 0.15 * sand) * GROUND_COLOUR[2] * dust

@@ -33,6 +33,8 @@ FAR_DENSE = 0.2  # rock abundance at which the painted stones are as dense as in
 FILLET = (0.03, 0.2)  # least and largest height of the sand against a rock, over the rock's height
 HIGHEST_FILLET = 0.06  # [m] largest height of that sand
 BED_RED = 0.45  # redness that gives a rock the hue of BED_COLOUR; its brightness is pavement.ALBEDO
+BED_ABOVE = 0.02  # [m] how far that sand lies below the plane of the ground, for ripples have troughs
+BED_STAINS = 0.45  # contrast of their stains over that of rocks
 BED_FILLET = 0.3  # height of the sand against slabs and ledges over that against rocks
 BED_SWEPT = 0.3  # by how much less of the tops of slabs and ledges is under dust
 NO_PLATES = np.zeros((1, CHANNELS), dtype=np.int8)  # tile of a scene without bedrock
@@ -41,8 +43,9 @@ NO_PLATES = np.zeros((1, CHANNELS), dtype=np.int8)  # tile of a scene without be
 # A rock's surface. base, east, north: plane z = base + east x + north y of the ground under it [m]; fillet: height of
 # the sand against it [m]; beds: how clearly its faces show beds, 0 to 1; albedo: over that of the ground; red: how much
 # redder than the mean it is, -1 to 1; film: share of its sides that is under dust, below 0 where
-# the wind sweeps its top as well.
-ROCK = np.dtype([(name, np.float64) for name in ("base", "east", "north", "fillet", "beds", "albedo", "red", "film")])
+# the wind sweeps its top as well; stains: contrast of its stains over that of most rocks.
+ROCK_FIELDS = ("base", "east", "north", "fillet", "beds", "albedo", "red", "film", "stains")
+ROCK = np.dtype([(name, np.float64) for name in ROCK_FIELDS])
 
 
 class Mix(NamedTuple):
@@ -143,7 +146,8 @@ def _ground(scene: Scene, rng: np.random.Generator) -> Ground:
         ripples=Octaves(ripple_tile(seed % VARIANTS), ripples, np.ones_like(steep), steep),
         pebbles=_placed(codes, turn, offset),
         bedrock=_bedrock(scene),
-        near=surroundings(scene.rocks, scene.half, (cosine, -sine)),  # the wind blows across the crests of ripples
+        # the wind blows across the crests of ripples
+        near=surroundings(scene.rocks, scene.half, (cosine, -sine), scene.outcrop.bodies),
     )  # fmt: skip
 
 
@@ -162,6 +166,8 @@ def _rocks(scene: Scene, rng: np.random.Generator) -> RockSurface:
     bedrock["red"] = BED_RED + 0.3 * bedrock["red"]
     bedrock["film"] -= BED_SWEPT
     bedrock["fillet"] *= BED_FILLET
+    bedrock["base"] -= BED_ABOVE
+    bedrock["stains"] = BED_STAINS
     ground = np.zeros(1, dtype=ROCK)
     places = placing(tuple(ROCK_WAVELENGTHS), seed + 2)
     slope = _single(ROCK_SLOPE * look.texture_strength * (ROCK_WAVELENGTHS / 0.1) ** -0.25)
@@ -179,7 +185,7 @@ def _surfaces(scene: Scene, bodies: Rocks, rng: np.random.Generator) -> np.ndarr
     out["base"], out["east"], out["north"] = z - b * x - c * y, b, c
     out["fillet"] = np.minimum(bodies.height * rng.uniform(*FILLET, count), HIGHEST_FILLET)
     out["beds"] = look.bedding * rng.uniform(0.4, 1, count)
-    out["albedo"] = bodies.albedo
+    out["albedo"], out["stains"] = bodies.albedo, 1.0
     out["red"] = np.clip(rng.normal(0, 0.6, count), -1, 1) * min(look.albedo_contrast, 1.0)
     out["film"] = look.rock_dust * rng.uniform(0, 1, count)
     return out

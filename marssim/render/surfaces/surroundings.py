@@ -21,13 +21,14 @@ SHIFT = 4  # binary digits of sub-pixel positions in OpenCV's drawing
 CODE = 255  # code of a share of 1
 
 
-def surroundings(rocks: Rocks, half: float, wind: tuple[float, float]) -> np.ndarray:
+def surroundings(rocks: Rocks, half: float, wind: tuple[float, float], outcrop: Rocks | None = None) -> np.ndarray:
     """Return the maps of a scene's fine square.
 
     Args:
         rocks: The rocks.
         half: Half the side of the square [m].
         wind: (2,) unit vector of the direction that the wind blows to.
+        outcrop: Bodies that hide sky too, but gather neither sand nor fragments; None for none.
 
     Returns:
         (N, N, 3) uint8 on a grid of spacing CELL, rows northward, columns eastward, in units of 1 / CODE: the share of
@@ -36,11 +37,13 @@ def surroundings(rocks: Rocks, half: float, wind: tuple[float, float]) -> np.nda
     """
     side = int(np.ceil(2 * half / CELL)) + 1
     height, drift, rubble = np.zeros((3, side, side), dtype=np.float32)
-    chosen = np.flatnonzero((rocks.diameter > SMALLEST) & (np.abs(rocks.centre[:, :2]) < half + 1).all(axis=1))
-    chosen = chosen[np.argsort(-rocks.diameter[chosen], kind="stable")]
-    at = (rocks.centre[chosen, :2] + half) / CELL
-    radius = rocks.diameter[chosen] / 2 / CELL
     one = 1 << SHIFT
+    if outcrop is not None:
+        for n, (x, y), r in zip(*_discs(outcrop, half)):
+            cv2.circle(
+                height, (round(x * one), round(y * one)), round(r * one), outcrop.height[n], -1, cv2.LINE_8, SHIFT
+            )
+    chosen, at, radius = _discs(rocks, half)
     along, across = np.array(wind), np.array([-wind[1], wind[0]])
     # a tail of sand is as wide as the rock where it begins, and pointed where it ends
     corners = np.array([[0.0, 0.8], [0.8, 0.7], [1.0 + TAIL, 0.15], [1.0 + TAIL, -0.15], [0.8, -0.7], [0.0, -0.8]])
@@ -55,6 +58,13 @@ def surroundings(rocks: Rocks, half: float, wind: tuple[float, float]) -> np.nda
     sand = cv2.GaussianBlur(drift, (0, 0), SAND_BORDER / CELL)
     broken = cv2.GaussianBlur(rubble, (0, 0), APRON_BORDER / CELL)
     return np.rint(CODE * np.stack([hidden, sand, broken], axis=-1)).astype(np.uint8)
+
+
+def _discs(bodies: Rocks, half: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the bodies (N,) that count, the largest first, and their middles (N, 2) and radii (N,) in cells."""
+    chosen = np.flatnonzero((bodies.diameter > SMALLEST) & (np.abs(bodies.centre[:, :2]) < half + 1).all(axis=1))
+    chosen = chosen[np.argsort(-bodies.diameter[chosen], kind="stable")]
+    return chosen, (bodies.centre[chosen, :2] + half) / CELL, bodies.diameter[chosen] / 2 / CELL
 
 
 @inlined
