@@ -26,7 +26,7 @@ class OutcropConfig:
     """Typical diameter of these plates [m], LOW HIGH, 0.15 to 2. The plates of a scene differ by a factor of three."""
     slab_tilt_deg: Range = (1.0, 5.0)
     """Typical tilt of the plates to the ground [deg], LOW HIGH, 0 to 15. None is tilted by more than 15."""
-    slab_height: Range = (0.03, 0.09)
+    slab_height: Range = (0.03, 0.08)
     """Typical height of a plate's highest edge above the sand [m], LOW HIGH, 0.02 to 0.15."""
     ledges: Range = (0.0, 0.0)
     """Number of ledges of layered bedrock on 1000 m2 of ground, LOW HIGH, 0 to 20."""

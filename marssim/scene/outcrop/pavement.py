@@ -15,13 +15,21 @@ from scipy.special import ndtri
 
 from marssim.scene.outcrop.config import Traits
 from marssim.scene.outcrop.plates import POINTS, Plates
-from marssim.scene.outcrop.polygons import area_and_centroid, clip, inset, outline, perimeter
+from marssim.scene.outcrop.polygons import (
+    Polygons,
+    area_and_centroid,
+    clip,
+    clip_some,
+    inset,
+    outline,
+    perimeter,
+    stacked,
+)
 from marssim.scene.outcrop.waves import Waves
 from marssim.scene.rocks.mesh import ground_plane
 from marssim.scene.rocks.population import CAMERA_EXTENT, LEAST_DISTANCE
 
 Ground = Callable[[np.ndarray, np.ndarray], np.ndarray]
-Polygons = tuple[np.ndarray, np.ndarray]  # corners (N, M, 2) and their numbers (N,); see polygons.py
 
 REACH, FARTHEST = 2.5, 24.0  # slabs reach this many half sides of the fine square, or so far beyond it [m]
 PATCH = (7.0, 22.0)  # [m] shortest and longest wavelength of the patches of pavement
@@ -45,6 +53,7 @@ LEVEL_ANGLES = (0.05, 0.15)  # [rad] angular diameters at which a slab gets the 
 STEEPEST = np.tan(np.deg2rad(15))
 BARE = 0.7  # a slab that would stand this much of the least height is under sand
 HEIGHTS = (0.02, 0.15)  # [m] least and largest height of a slab's highest edge
+TALLEST = 0.25  # largest height of a slab's highest edge over its diameter
 LIFTED = 1.6  # largest rise of a plate across its radius, over the height of its highest edge
 HOLLOW = 0.2  # share of the steep plates that are thin and show a gap below their high edge
 BURIED = 0.04  # [m] depth that the sides of the others reach below the ground
@@ -104,15 +113,16 @@ def _sheet(
     diagram = Voronoi(sites[near])
     inside = np.flatnonzero((np.abs(world[near]).max(axis=1) < reach) & (margin_at(world[near]) > 0))
     regions = [diagram.regions[diagram.point_region[n]] for n in inside]
-    cells = [diagram.vertices[region] for region in regions if region and -1 not in region]
-    middles = [points.mean(axis=0) for points in cells]
-    order = [np.argsort(np.arctan2(*(points - middle).T[::-1])) for points, middle in zip(cells, middles)]
-    whole = [points[by] for points, by in zip(cells, order) if np.ptp(points, axis=0).max() < 3 * cell]
-    count = np.array([len(points) for points in whole], dtype=int)
-    corners = np.zeros((len(whole), int(count.max(initial=3)), 2))
-    for n, points in enumerate(whole):
-        corners[n, : len(points)] = points
-    return corners @ to_world, count
+    closed = [region for region in regions if region and -1 not in region]
+    count = np.array([len(region) for region in closed], dtype=int)
+    valid = np.arange(count.max(initial=3)) < count[:, None]
+    corners = np.zeros((*valid.shape, 2))
+    corners[valid] = diagram.vertices[[vertex for region in closed for vertex in region]]
+    arm = corners - corners.sum(axis=1, keepdims=True) / count[:, None, None]
+    order = np.argsort(np.where(valid, np.arctan2(arm[..., 1], arm[..., 0]), np.inf), axis=1)
+    near = np.where(valid, np.abs(arm).max(axis=2), 0).max(axis=1, initial=0) < 2 * cell
+    corners = np.take_along_axis(corners, order[..., None], axis=1)[near]
+    return corners @ to_world, count[near]
 
 
 def _broken(corners: np.ndarray, count: np.ndarray, size: float, half: float, rng: np.random.Generator) -> Polygons:
@@ -130,7 +140,7 @@ def _broken(corners: np.ndarray, count: np.ndarray, size: float, half: float, rn
         offset += OFF_CENTRE * np.sqrt(area[large]) * rng.uniform(-1, 1, int(large.sum()))
         parts = [clip(corners[large], count[large], side * normal, side * offset) for side in (1, -1)]
         wanted = np.concatenate([wanted[~large], wanted[large], wanted[large]])
-        corners, count = _stacked([(corners[~large], count[~large]), *parts])
+        corners, count = stacked([(corners[~large], count[~large]), *parts])
     good = count >= 3
     return corners[good], count[good]
 
@@ -157,7 +167,9 @@ def _worn(corners: np.ndarray, count: np.ndarray, loose: np.ndarray, rng: np.ran
         angle = np.arctan2(arm[:, 1], arm[:, 0]) + rng.normal(0, 0.4, len(count))
         normal = np.stack([np.cos(angle), np.sin(angle)], axis=1)
         cut = length * CHIP * rng.uniform(-1, 1, len(count))  # half of the time nothing
-        corners, count = clip(corners, count, normal, np.einsum("ni,ni->n", normal, corner) - np.maximum(cut, -0.01))
+        some = cut > 0
+        offset = np.einsum("ni,ni->n", normal, corner) - cut
+        corners, count = clip_some(corners, count, some, normal[some], offset[some])
     return corners, count
 
 
@@ -176,7 +188,7 @@ def _settled(
     swing: np.ndarray = np.abs(rng.normal(size=len(count)))
     height = traits.slab_height * np.exp(0.4 * rng.normal(size=len(count)) + 0.45 * Waves.draw(*DRIFTS, rng).at(middle))
     fit &= height > BARE * HEIGHTS[0]
-    height = np.clip(height, *HEIGHTS)
+    height = np.clip(np.minimum(height, TALLEST * diameter), *HEIGHTS)
     level = np.digitize(diameter / away, LEVEL_ANGLES)
     for detail in range(len(POINTS) - 1, -1, -1):
         which = np.flatnonzero(fit & (level == detail))
@@ -188,14 +200,15 @@ def _settled(
         tilt = np.tan(np.deg2rad(traits.slab_tilt_deg)) * swing[which] * (0.5 + loose[which])
         tilt = np.minimum(np.minimum(tilt, LIFTED * height[which] / (diameter[which] / 2)), STEEPEST)
         lean = tilt[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        rise = np.einsum("npi,ni->np", shape - middle[which][:, None], lean).max(axis=1)
+        steep = slope + lean
+        rise = ground[:, None] + np.einsum("npi,ni->np", shape - middle[which][:, None], steep)
+        rise = (rise - height_at(shape[..., 0], shape[..., 1])).max(axis=1)  # of the highest edge over the middle
         above = height[which] - rise  # of the plate's middle
         hollow = (draws[1, which] < HOLLOW) & (rise > 0.5 * height[which])
         thickness = np.where(hollow, 0.03 + 0.5 * height[which], height[which] + BURIED)
         offset = above - np.einsum("ni,ni->n", lean, middle[which])
         shown, corners_shown = clip(shape, np.full(len(which), POINTS[detail]), -lean, offset)
         part, centre = area_and_centroid(shown, corners_shown)
-        steep = slope + lean
         plane = np.column_stack([ground + above - np.einsum("ni,ni->n", steep, middle[which]), steep])
         slabs = Plates(
             outline=shape, plane=plane, thickness=thickness, undercut=0.02 + 0.1 * draws[2, which],
@@ -238,9 +251,3 @@ def _distance(xy: np.ndarray, half: float) -> np.ndarray:
     """Return the least distances [m] of a camera from points (N, 2)."""
     away: np.ndarray = np.abs(xy).max(axis=1, initial=0) - CAMERA_EXTENT * half
     return np.maximum(away, 0) + LEAST_DISTANCE
-
-
-def _stacked(parts: list[Polygons]) -> Polygons:
-    width = max(corners.shape[1] for corners, _ in parts)
-    padded = [np.pad(corners, ((0, 0), (0, width - corners.shape[1]), (0, 0))) for corners, _ in parts]
-    return np.concatenate(padded), np.concatenate([count for _, count in parts])

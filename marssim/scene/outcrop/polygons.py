@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-NOWHERE = 1e6  # offset of a line that cuts nothing off
+Polygons = tuple[np.ndarray, np.ndarray]  # corners (N, M, 2) and their numbers (N,)
 
 
 def following(corners: np.ndarray, count: np.ndarray) -> np.ndarray:
@@ -18,9 +18,7 @@ def following(corners: np.ndarray, count: np.ndarray) -> np.ndarray:
     return np.take_along_axis(corners, after[..., None], axis=1)
 
 
-def clip(
-    corners: np.ndarray, count: np.ndarray, normal: np.ndarray, offset: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def clip(corners: np.ndarray, count: np.ndarray, normal: np.ndarray, offset: np.ndarray) -> Polygons:
     """Cut each polygon along a line, and return the part where p . normal <= offset.
 
     Args:
@@ -40,11 +38,33 @@ def clip(
     crossing = valid & ((beyond <= 0) != (after <= 0))
     share = beyond / np.where(crossing, beyond - after, 1)
     meeting = corners + share[..., None] * (onward - corners)
-    keep = np.stack([inside, crossing], axis=2).reshape(len(corners), -1)
-    both = np.stack([corners, meeting], axis=2).reshape(len(corners), -1, 2)
+    width = 2 * corners.shape[1]
+    keep = np.stack([inside, crossing], axis=2).reshape(-1, width)
+    both = np.stack([corners, meeting], axis=2).reshape(-1, width, 2)
     number = keep.sum(axis=1)
     order = np.argsort(~keep, axis=1, kind="stable")[:, : max(int(number.max(initial=0)), 3)]
     return np.take_along_axis(both, order[..., None], axis=1), number
+
+
+def clip_some(
+    corners: np.ndarray, count: np.ndarray, rows: np.ndarray, normal: np.ndarray, offset: np.ndarray
+) -> Polygons:
+    """Cut some of the polygons; see `clip`.
+
+    Args:
+        corners: (N, M, 2) corners.
+        count: (N,) numbers of corners.
+        rows: (N,) bool, the K polygons to cut.
+        normal: (K, 2) normals of the lines.
+        offset: (K,) offsets of the lines.
+    """
+    part, number = clip(corners[rows], count[rows], normal, offset)
+    out = np.zeros((len(corners), max(corners.shape[1], part.shape[1]), 2))
+    out[:, : corners.shape[1]] = corners
+    out[rows, : part.shape[1]] = part
+    count = count.copy()
+    count[rows] = number
+    return out, count
 
 
 def area_and_centroid(corners: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -65,7 +85,7 @@ def perimeter(corners: np.ndarray, count: np.ndarray) -> np.ndarray:
     return np.asarray(np.where(valid, np.hypot(side[..., 0], side[..., 1]), 0.0).sum(axis=1))
 
 
-def inset(corners: np.ndarray, count: np.ndarray, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def inset(corners: np.ndarray, count: np.ndarray, gap: np.ndarray) -> Polygons:
     """Move each side of each polygon inward.
 
     Args:
@@ -82,8 +102,8 @@ def inset(corners: np.ndarray, count: np.ndarray, gap: np.ndarray) -> tuple[np.n
     offset = np.einsum("nmi,nmi->nm", outward, corners) - gap
     out, number = corners, count
     for k in range(corners.shape[1]):
-        present = k < count
-        out, number = clip(out, number, outward[:, k], np.where(present, offset[:, k], NOWHERE))
+        rows = k < count
+        out, number = clip_some(out, number, rows, outward[rows, k], offset[rows, k])
     return out, number
 
 
@@ -116,3 +136,10 @@ def outline(corners: np.ndarray, count: np.ndarray, points: int) -> np.ndarray:
     )
     begin = np.take_along_axis(corners, which[..., None], axis=1)
     return np.asarray(begin + share[..., None] * np.take_along_axis(side, which[..., None], axis=1))
+
+
+def stacked(parts: list[Polygons]) -> Polygons:
+    """Return the polygons of all parts, in their order."""
+    width = max(corners.shape[1] for corners, _ in parts)
+    padded = [np.pad(corners, ((0, 0), (0, width - corners.shape[1]), (0, 0))) for corners, _ in parts]
+    return np.concatenate(padded), np.concatenate([count for _, count in parts])

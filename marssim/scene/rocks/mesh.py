@@ -189,9 +189,13 @@ def least_lift(
 
     The arguments are those of ground_plane and build_rocks.
     """
-    step = 0.35 * diameter[:, None] * np.array([[0, 1, -1, 0, 0]])
-    x, y = xy[:, :1] + step, xy[:, 1:] + step[:, [0, 3, 4, 1, 2]]
-    return np.asarray(lift(x, y, height_at(x, y)).min(axis=1))
+    x, y = xy[:, 0], xy[:, 1]
+    out = lift(x, y, height_at(x, y))
+    on = np.flatnonzero(out)
+    step = 0.35 * diameter[on, None] * np.array([[1, -1, 0, 0]])
+    x, y = xy[on, :1] + step, xy[on, 1:] + step[:, [2, 3, 0, 1]]
+    out[on] = np.minimum(out[on], lift(x, y, height_at(x, y)).min(axis=1))
+    return out
 
 
 def ground_plane(
