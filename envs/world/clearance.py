@@ -19,8 +19,9 @@ FAR = 3.0  # [m] largest clearance; rocks farther away are not searched
 class ObstacleClearance:
     """Distance between the rover and its obstacles, both seen from above.
 
-    The rover is its driving footprint, length x width, at any heading. An obstacle is a rock of obstacle_height or
-    more, whose outline is that of its mesh above ground, or steep ground, taken as the middles of its cells.
+    The rover is its driving footprint, length x width, at any heading. An obstacle is a rock or block of
+    obstacle_height or more, whose outline is that of its mesh above ground, or steep ground, taken as the middles of
+    its cells.
     """
 
     def __init__(self, scene: Scene, spec: RoverSpec, steep: np.ndarray) -> None:

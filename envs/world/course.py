@@ -72,8 +72,8 @@ class CourseConfig:
 class TrueGround:
     """Clearance from obstacles and the shortest way to the goal, on the true rocks and the true ground of a scene.
 
-    An obstacle is a rock of spec.obstacle_height or more, taken as the disc of its outline, and steep_ground. The rover
-    is a disc of half its width: it may pass where the clearance is at least that.
+    An obstacle is a rock or a block of a ledge of spec.obstacle_height or more, taken as the disc of its outline, and
+    steep_ground. The rover is a disc of half its width: it may pass where the clearance is at least that.
 
     Attributes:
         steep: (n, n) bool, the steep ground on the grid of the clearance.

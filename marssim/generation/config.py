@@ -190,7 +190,8 @@ class GenerateOptions(RunConfig):
     scene: Annotated[str, tyro.conf.arg(metavar=f"{PLACE_VALUES}|{MIXED}")] = PRESETS[0]
     """Place on Mars that the terrain is modelled on: a preset (listed from few rocks to many), a JSON file of your own
     place, or mixed, which takes the presets in turn so that train, val and test hold each equally often. `--scene NAME
-    --help` shows the values of that place as the defaults of --rocks, --relief and --look (those of utopia for mixed).
+    --help` shows the values of that place as the defaults of --rocks, --outcrop, --relief and --look
+    (those of utopia for mixed).
     Values that you give replace those of the place, or of each place of mixed."""
     faults: FaultSet = "none"
     """Image faults of real cameras. random is for training: each pair has each fault with some chance, of dust on the

@@ -1,4 +1,7 @@
-"""The surface that carries the rover: height rasters of ground and rocks, and a mask of obstacles."""
+"""The surface that carries the rover: height rasters of ground and rocks, and a mask of obstacles.
+
+Rocks are all bodies of a scene here, slabs, blocks of ledges and fragments too.
+"""
 
 from __future__ import annotations
 
@@ -86,7 +89,8 @@ class SupportMap:
 def split_rocks(scene: Scene, obstacle_height: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the indices of the rocks that the rover can drive over, and of those that block it.
 
-    Only rocks in the scene's fine square with a diameter of at least SMALLEST_ROCK count.
+    Slabs, blocks of ledges and fragments are rocks here: the indices are those of Scene.bodies. Only those in the
+    scene's fine square with a diameter of at least SMALLEST_ROCK count.
 
     Args:
         scene: The scene.

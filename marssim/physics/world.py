@@ -30,8 +30,8 @@ WATCH_EVERY = 8  # steps between two checks of whether all that is watched rests
 class PhysicsWorld:
     """A PyBullet client with a scene's ground and rocks. Use it as a context manager, or call `close`.
 
-    Rocks with a diameter below 0.10 m are left out. The others keep 42 vertices, or 162 from 0.2 m on. There is no
-    ground outside the fine square.
+    Rocks, slabs, blocks and fragments with a diameter below 0.10 m are left out. Larger rocks keep 42 vertices, or 162
+    from 0.2 m on; slabs and blocks keep all. There is no ground outside the fine square.
 
     Attributes:
         scene: The scene.

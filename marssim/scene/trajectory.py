@@ -159,7 +159,7 @@ def _draw_path(
 
 
 def _obstacles(scene: Scene) -> np.ndarray:
-    """Return (M, 3) x, y and radius [m] of discs around the rocks that the rover cannot drive over."""
+    """Return (M, 3) x, y and radius [m] of discs around the bodies that the rover cannot drive over."""
     tall = np.flatnonzero(scene.bodies.height > ZHURONG.obstacle_height)
     return np.column_stack(
         [scene.bodies.centre[tall, :2], reach_above_ground(scene.bodies, tall, scene.terrain.height_at)]

@@ -57,9 +57,9 @@ def pose_on_ground(
 
 
 def draw_pose(scene: Scene, view: ViewConfig, rng: np.random.Generator) -> np.ndarray:
-    """Draw the pose of a left camera that stands in the middle of the scene and away from rocks.
+    """Draw the pose of a left camera that stands in the middle of the scene and away from rocks and ledges.
 
-    The point below the camera keeps 0.6 m of distance to the outline discs of rocks higher than 0.15 m; see
+    The point below the camera keeps 0.6 m of distance to the outline discs of bodies higher than 0.15 m; see
     `is_clear_of_rocks`.
 
     Args:
@@ -89,7 +89,9 @@ def draw_pose(scene: Scene, view: ViewConfig, rng: np.random.Generator) -> np.nd
 
 
 def is_clear_of_rocks(scene: Scene, x: float, y: float) -> bool:
-    """Return whether the outline disc of every rock higher than ROCK_HEIGHT is at least ROCK_GAP away from a point.
+    """Return whether the outline disc of every body higher than ROCK_HEIGHT is at least ROCK_GAP away from a point.
+
+    Bodies are rocks, slabs, blocks of ledges and fragments.
 
     The disc has the rock's area seen from above, hence its diameter D. The rock itself reaches beyond the disc: 1.3 D/2
     from its centre at the median, 1.9 D/2 at most.

@@ -37,8 +37,8 @@ class RockConfig:
     """Share of the ground that rocks of any size cover, 0 to 0.4 (k of Golombek's law): Utopia has 0.033, Viking 2
     0.15."""
     min_diameter: float = 0.03
-    """Diameter of the smallest rocks [m], near the middle where the cameras stand. Farther out, only larger ones are
-    drawn."""
+    """Diameter of the smallest rocks [m], near the middle where the cameras stand. Farther out, those that look smaller
+    than 3 px of 512 are left out."""
     cluster: float = 0.3
     """Share of the rocks that lie beside a larger one, 0 to 1."""
     height_ratio: float = 0.5
@@ -107,8 +107,8 @@ def draw_population(
 ) -> RockPopulation:  # fmt: skip
     """Draw the rocks of a scene.
 
-    Where cameras stand and in the rest of the fine square, the size law holds from min_diameter on. Farther out it
-    holds from the size that a camera in the square sees as a few pixels.
+    Where cameras stand and a little around, the size law holds from min_diameter on. Farther out it holds from the size
+    that a camera sees as a few pixels.
 
     Args:
         config: Number and shape of the rocks.

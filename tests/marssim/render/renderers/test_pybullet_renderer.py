@@ -15,6 +15,7 @@ from marssim.inspection.agreement import BesideCentres, ShiftFit
 from marssim.inspection.tilted_planes import plane_shift
 from marssim.render.renderers.embree_renderer import EmbreeRenderer
 from marssim.render.renderers.pybullet_renderer import PyBulletRenderer
+from marssim.scene.outcrop.config import OutcropConfig
 from marssim.scene.rocks.population import RockConfig
 from marssim.scene.scene import Scene, SceneConfig, build_scene
 
@@ -24,7 +25,9 @@ SKEWED = PinholeCamera(200, 150, 180.0, 210.0, 80.3, 91.7)  # principal point of
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    return build_scene(SceneConfig(size=12.0, horizon=24.0, rocks=RockConfig(k=0.1)), np.random.default_rng(3))
+    outcrop = OutcropConfig(slabs=(0.5, 0.5), ledges=(10.0, 10.0), fragments=(1.0, 1.0))
+    place = SceneConfig(size=12.0, horizon=24.0, rocks=RockConfig(k=0.1), outcrop=outcrop)
+    return build_scene(place, np.random.default_rng(3))
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +61,7 @@ def test_gbuffer_is_that_of_ray_casting(scene, rasterizer, raycaster, camera, pl
     pose = pose_over(scene, *place)
     drawn, shot = rasterizer.render(camera, pose), raycaster.render(camera, pose)
     assert (shot.surface > GROUND).mean() > 0.02, "the view shows no rocks: it tests too little"
+    assert (shot.surface > len(scene.rocks)).mean() > 0.02, "the view shows no slabs"
     assert (drawn.surface == shot.surface).mean() > 0.999
     both = drawn.hit & shot.hit
     off = np.abs(drawn.depth[both] / shot.depth[both] - 1)
