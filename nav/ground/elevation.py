@@ -3,7 +3,8 @@
 Grid convention: square, axes along world x (east) and y (north), indexed [iy, ix]; cell (0, 0) has its lower left
 corner at `origin`. Heights are world z [m]; NaN means that a cell was never seen. Each cell keeps two heights: `top`,
 the highest of the points in it (of four or more, the highest but one), so that a rock is never averaged into the ground
-beside it, and `low`, a low percentile, which is the ground.
+beside it, and `low`, a low percentile, which is the ground. Cells that were never seen may be marked as possible drops
+(nav.ground.hidden_drops).
 
 The left edge of the image, wider for near ground, is seen by the left eye only. Estimators extend the ground there,
 also over rocks. Unless they are confident, such points may show what stands out, but they never make ground known as
@@ -12,7 +13,7 @@ free.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import cv2
@@ -20,6 +21,10 @@ import numpy as np
 
 from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.images.depth_edges import JUMP, depth_edges
+from nav.ground.hidden_drops import HiddenDropConfig, hidden_drops
+
+DROP_COLUMNS = 128  # number of image columns in which drops are looked for, roughly
+DROP_RAYS = 2  # number of image columns that must show the drop of a cell
 
 
 @dataclass(frozen=True)
@@ -52,6 +57,8 @@ class ElevationConfig:
     """Number of image columns that are used, roughly."""
     recentre_at: float = 7.0
     """Distance of the rover from the map's edge at which the map moves [m]."""
+    drops: HiddenDropConfig = field(default_factory=HiddenDropConfig)
+    """Which hidden ground is a possible drop."""
 
     def __post_init__(self) -> None:
         if not (self.cell > 0 and self.size >= 10 * self.cell):
@@ -76,6 +83,7 @@ class ElevationMap:
         top: (n, n) float32 [iy, ix], height of the highest points [m]; NaN where unknown.
         low: (n, n) float32 [iy, ix], height of the ground [m]; NaN where unknown.
         weight: (n, n) float32 [iy, ix], inverse squared range error of the best looks [1 / m2].
+        hidden_drop: (n, n) bool [iy, ix], a look showed that ground is hidden here and may drop; see possible_drop.
     """
 
     def __init__(self, config: ElevationConfig | None = None, centre: tuple[float, float] = (0.0, 0.0)) -> None:
@@ -88,6 +96,7 @@ class ElevationMap:
         shape = (self.n, self.n)
         self.top, self.low = (np.full(shape, np.nan, np.float32) for _ in range(2))
         self.weight = np.zeros(shape, np.float32)
+        self.hidden_drop = np.zeros(shape, bool)
         cell = self.config.cell
         self.origin = np.round((np.asarray(centre, float)[:2] - self.config.size / 2) / cell) * cell
 
@@ -100,6 +109,11 @@ class ElevationMap:
     def measured(self) -> np.ndarray:
         """(n, n) bool: really seen. Only the heights of these cells can be compared with each other."""
         return self.weight > 0
+
+    @property
+    def possible_drop(self) -> np.ndarray:
+        """(n, n) bool: hidden ground that may drop, and that no look has shown."""
+        return self.hidden_drop & ~self.measured
 
     def cell_of(self, xy: np.ndarray) -> np.ndarray:
         """Return the cell indices (ix, iy) of world positions (..., 2) [m], not clipped to the map: (..., 2) int."""
@@ -126,7 +140,7 @@ class ElevationMap:
         n = self.n
         source = np.s_[max(0, dy) : min(n, n + dy), max(0, dx) : min(n, n + dx)]
         target = np.s_[max(0, -dy) : min(n, n - dy), max(0, -dx) : min(n, n - dx)]
-        for name, unknown in (("top", np.nan), ("low", np.nan), ("weight", 0)):
+        for name, unknown in (("top", np.nan), ("low", np.nan), ("weight", 0), ("hidden_drop", False)):
             old = getattr(self, name)
             new = np.full_like(old, unknown)
             if abs(dx) < n and abs(dy) < n:
@@ -194,26 +208,34 @@ class ElevationMap:
             raise ValueError(f"depth is {depth.shape}, the rig's camera has {(camera.height, camera.width)} pixels")
         if confidence is not None and np.shape(confidence) != depth.shape:
             raise ValueError(f"confidence is {np.shape(confidence)}, depth is {depth.shape}")
-        points, z, trust, may_show_ground = self._points(depth, confidence, rig, np.asarray(camera_pose, float))
+        pose, valid = np.asarray(camera_pose, float), self._valid(depth, confidence, rig)
+        points, z, trust, may_show_ground = self._points(depth, valid, confidence, rig, pose)
         if z.size:
             self._fuse(points, z, trust, may_show_ground, rig.fb)
+            self._mark_drops(depth, valid, rig, pose)
         return int(z.size)
 
+    def _valid(self, depth: np.ndarray, confidence: np.ndarray | None, rig: StereoRig) -> np.ndarray:
+        """Return the pixels whose depth can be trusted, far ones and the sky included: (H, W) bool."""
+        c = self.config
+        with np.errstate(invalid="ignore"):
+            valid = depth > c.min_range
+        if confidence is not None:
+            valid &= np.asarray(confidence) >= c.min_confidence
+        return np.asarray(valid & ~depth_edges(rig.depth_to_disparity(depth), c.edge_jump))
+
     def _points(
-        self, depth: np.ndarray, confidence: np.ndarray | None, rig: StereoRig, pose: np.ndarray
+        self, depth: np.ndarray, valid: np.ndarray, confidence: np.ndarray | None, rig: StereoRig, pose: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return the filtered points: world positions (m, 3), depth (m,), confidence (m,), and whether they may show
-        ground (m,).
+        """Return the points that are fused: world positions (m, 3), depth (m,), confidence (m,), and whether they may
+        show ground (m,).
         """
         c = self.config
         with np.errstate(invalid="ignore"):
-            use = (depth > c.min_range) & (depth < c.max_range)
+            use = valid & (depth < c.max_range)
             # On level ground, image rows are Z^2 / (f h) apart: near the rover every second one still hits every cell.
             use[::2] &= depth[::2] > np.sqrt(0.4 * c.cell * rig.camera.fy)
         stride = max(1, round(rig.camera.width / c.columns))
-        if confidence is not None:
-            use &= np.asarray(confidence) >= c.min_confidence
-        use &= ~depth_edges(rig.depth_to_disparity(depth), c.edge_jump)
         rows, columns = np.nonzero(use[:, ::stride])
         columns *= stride
         z = depth[rows, columns]
@@ -224,6 +246,23 @@ class ElevationMap:
         seen_by_both = columns >= rig.fb / z  # the right eye sees the point at a column >= 0
         may_show_ground = (trust >= c.sure_alone) | seen_by_both
         return points.astype(np.float64) + pose[:3, 3], z, trust, may_show_ground
+
+    def _mark_drops(self, depth: np.ndarray, valid: np.ndarray, rig: StereoRig, pose: np.ndarray) -> None:
+        """Mark the cells that one look shows to be possible drops."""
+        columns = np.arange(0, rig.camera.width, max(1, round(rig.camera.width / DROP_COLUMNS)))
+        xy, column = hidden_drops(depth, valid, columns, rig, pose, self.config.drops, self._ground_at)
+        cell = self.cell_of(xy)
+        inside = ((cell >= 0) & (cell < self.n)).all(axis=1)
+        rays = np.unique((cell[inside] @ (1, self.n)) * rig.camera.width + column[inside]) // rig.camera.width
+        marked, number = np.unique(rays, return_counts=True)
+        self.hidden_drop.ravel()[marked[number >= DROP_RAYS]] = True
+
+    def _ground_at(self, xy: np.ndarray) -> np.ndarray:
+        """Return the measured heights of the ground (...) [m] at world positions (..., 2) [m], NaN elsewhere."""
+        cell = self.cell_of(xy)
+        inside = ((cell >= 0) & (cell < self.n)).all(axis=-1)
+        x, y = np.moveaxis(np.clip(cell, 0, self.n - 1), -1, 0)
+        return np.where(inside & (self.weight[y, x] > 0), self.low[y, x], np.nan)
 
     def _fuse(
         self, points: np.ndarray, z: np.ndarray, trust: np.ndarray, may_show_ground: np.ndarray, fb: float

@@ -64,7 +64,7 @@ class Traversability:
     """float32 extra cost per metre at the rover's centre, >= 0, with the surroundings of obstacles and unknown ground
     included."""
     blocked: np.ndarray
-    """bool, the obstacles themselves, not inflated."""
+    """bool, the obstacles themselves, not inflated: what was seen of them, and possible drops."""
     known: np.ndarray
     """bool, seen or assumed."""
     dark: np.ndarray
@@ -213,7 +213,7 @@ def assess(
     ground = ground_surface(elevation.low, measured, _odd(config.ground_window, cell))
     step = _steps(elevation, ground, measured, config)
     slope, roughness = _footprint_planes(ground, measured, config.footprint_window, cell)
-    blocked = _blocked(step, slope, roughness, measured, cell, config)
+    blocked = _blocked(step, slope, roughness, measured, cell, config) | elevation.possible_drop
     if extra_blocked is not None:
         blocked |= extra_blocked
     if carried is not None:

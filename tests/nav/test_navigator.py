@@ -59,6 +59,15 @@ def test_arrives_among_rocks_without_touching_one():
     assert outcomes.count("arrived") >= 2
 
 
+@pytest.mark.parametrize("near", [1.9, 5.0])
+def test_goes_round_a_trench(near):
+    """The nearer one begins on ground that is assumed flat, as the cameras do not show it at the start."""
+    trench = np.array([[near + 0.6, 1.0, 0.6, 3.0, 1.0]])
+    status, track, _ = drive(RockWorld(trenches=trench), goal=np.array([10.0, 0.0]), steps=60)
+    assert status == "arrived"
+    assert track[:, 1].min() < -2.0 - ZHURONG.width / 2
+
+
 def test_drives_straight_where_nothing_is():
     status, track, commands = drive(RockWorld(), goal=np.array([8.0, 0.0]))
     assert status == "arrived"

@@ -1,0 +1,114 @@
+"""Trenches and rocks on a plain, as an exact depth map shows them: which hidden ground is taken for a drop."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rock_world import SMALL_RIG, RockWorld, body_pose
+
+from marssim.base.rover_spec import ZHURONG
+from nav.ground.elevation import ElevationConfig, ElevationMap
+from nav.ground.traversability import TraversabilityConfig, assess
+
+SMALL = ElevationConfig(size=16.0)
+TRENCH = (3.5, 0.0, 0.6, 6.0)  # from x = 2.9 m to 4.1 m
+
+
+def look(world, *places, change=lambda depth: depth):
+    """A map after one look from each place (x, y, yaw)."""
+    elevation = ElevationMap(SMALL)
+    for place in places or [(0, 0, 0)]:
+        camera = body_pose(*place) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline)
+        elevation.integrate(change(world.depth(SMALL_RIG, camera)), None, SMALL_RIG, camera)
+    return elevation
+
+
+def drops(elevation):
+    """World x and y of the cells that are possible drops."""
+    iy, ix = np.nonzero(elevation.possible_drop)
+    x, y = elevation.centres()
+    return x[ix], y[iy]
+
+
+def trench(depth=1.2):
+    return RockWorld(trenches=np.array([(*TRENCH, depth)]))
+
+
+def test_the_hidden_part_of_a_trench_is_a_possible_drop_and_blocks():
+    elevation = look(trench())
+    x, y = drops(elevation)
+    assert len(x) > 100
+    assert x.min() > 2.9 - 0.1 and x.max() < 4.1 + 0.1
+    ahead = np.abs(y) < 0.7
+    assert x[ahead].min() < 3.1  # from its near brink on
+    ground = assess(elevation, ZHURONG, TraversabilityConfig())
+    assert ground.blocked[elevation.possible_drop].all()
+    row, column = elevation.cell_of(np.array([2.3, 0.0]))[::-1]
+    assert ground.clearance[row, column] < 0.8
+
+
+def test_before_a_trench_is_near_nothing_is_marked():
+    assert len(drops(look(RockWorld(trenches=np.array([(7.0, *TRENCH[1:], 1.2)]))))[0]) == 0
+
+
+def test_a_trench_too_shallow_or_too_narrow_to_matter_is_not_marked():
+    for half, depth in ((0.6, 0.2), (0.15, 1.0)):
+        assert len(drops(look(RockWorld(trenches=np.array([(3.5, 0.0, half, 6.0, depth)]))))[0]) == 0
+
+
+def test_ground_that_a_later_look_shows_is_no_possible_drop_any_more():
+    """From nearer to the brink the camera sees more of the floor."""
+    first, both = look(trench(0.5)), look(trench(0.5), (0, 0, 0), (0.9, 0, 0))
+    seen = both.measured & first.possible_drop
+    assert seen.sum() > 10 and not both.possible_drop[seen].any()
+    assert np.nanmin(both.low[seen]) == pytest.approx(-0.5, abs=0.05)
+
+
+def test_a_brink_with_nothing_behind_it_is_a_possible_drop():
+    cliff = RockWorld(trenches=np.array([(53.0, 0.0, 50.0, 60.0, 80.0)]))
+    x, _ = drops(look(cliff, change=lambda depth: np.where(depth > 20, np.inf, depth)))
+    assert len(x) > 100 and x.min() > 2.9 and x.max() < 4.2
+
+
+def test_unknown_depth_is_no_drop():
+    """A hole in the depth map, as over a patch without texture."""
+
+    def hole(depth):
+        depth = depth.copy()
+        depth[100:140, 60:130] = np.nan
+        return depth
+
+    assert len(drops(look(RockWorld(), change=hole))[0]) == 0
+    assert len(drops(look(trench(), change=lambda depth: np.full_like(depth, np.nan)))[0]) == 0
+
+
+@given(
+    st.lists(
+        st.tuples(st.floats(1.8, 6), st.floats(-1.5, 1.5), st.floats(0.15, 0.9), st.floats(0.1, 0.9)),
+        min_size=1, max_size=4,
+    )
+)  # fmt: skip
+@settings(max_examples=25)
+def test_shadows_of_rocks_are_no_drops(rocks):
+    assert len(drops(look(RockWorld(domes=np.array(rocks))))[0]) == 0
+
+
+@given(st.floats(1.8, 4.5), st.floats(0.2, 0.6), st.floats(0.1, 0.9))
+@settings(max_examples=15)
+def test_shadows_of_blocks_with_level_tops_are_no_drops(x, half, height):
+    assert len(drops(look(RockWorld(boxes=np.array([(x + half, 0.0, half, half, height)]))))[0]) == 0
+
+
+@given(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3))
+@settings(max_examples=15)
+def test_slopes_are_no_drops(east, north):
+    assert len(drops(look(RockWorld(slope=(east, north))))[0]) == 0
+
+
+def test_the_marks_move_with_the_map_and_are_forgotten_with_it():
+    elevation = look(trench())
+    before = np.array(drops(elevation))
+    assert elevation.recentre(np.array([3.0, 0.0]))
+    np.testing.assert_allclose(np.array(drops(elevation)), before, atol=1e-6)
+    elevation.clear((0.0, 0.0))
+    assert not elevation.possible_drop.any()
