@@ -14,10 +14,10 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from envs.world.steep_ground import steep_ground
 from marssim.base.images.distance_transform import euclidean_distance
 from marssim.base.rover_spec import RoverSpec
 from marssim.scene.scene import Scene, SceneConfig, build_scene
+from marssim.scene.steep_ground import steep_ground
 
 CLEAR_RADIUS = 2.5  # [m] around start and goal within which there are no rocks and no ditches
 CLEAR_OF_STEEP_GROUND = 1.2  # [m] likewise for steep ground that is no ditch: the rover turns there, and has some room

@@ -13,6 +13,7 @@ from marssim.base.rover_spec import ZHURONG, RoverSpec
 from marssim.scene.rocks.outlines import reach_above_ground
 from marssim.scene.rocks.population import CAMERA_EXTENT
 from marssim.scene.scene import Scene
+from marssim.scene.steep_ground import steep_ground
 from marssim.scene.viewpoint import TRIES, ViewConfig
 
 TRAJECTORY = "trajectory.txt"  # file beside the views of a scene that are a drive; see tum_lines
@@ -20,6 +21,7 @@ MAX_CURVATURE = 0.5  # [1/m] of the path
 MAX_CHANGE = 0.8  # [1/m2] change of the curvature along the path, which keeps the heading smooth
 CHOICES = np.linspace(-MAX_CURVATURE, MAX_CURVATURE, 11)  # [1/m] curvatures to choose from
 AHEAD = 5.0  # [m] distance to look ahead, enough to turn away from any obstacle
+STEEP_CELL = 0.2  # [m] grid on which steep ground is looked for
 LONGEST_STRIDE = 0.2  # [m] largest distance between two choices of the curvature
 
 
@@ -45,9 +47,9 @@ def draw_trajectory(
     """Draw the camera's poses along a smooth path past the rocks, in the middle of the scene.
 
     From pose to pose, the rover's middle moves `config.step` along the path, measured on the map. It keeps half the
-    rover's width from all that obstacle rocks show above ground. The rover stands on the plane that fits the ground
-    under its wheels. The camera's height and pitch are drawn once and hold relative to that plane, so the ground's
-    slope adds to pitch and roll in the world. view.roll_deg is not used.
+    rover's width from all that obstacle rocks show above ground, and from steep ground. The rover stands on the plane
+    that fits the ground under its wheels. The camera's height and pitch are drawn once and hold relative to that plane,
+    so the ground's slope adds to pitch and roll in the world. view.roll_deg is not used.
 
     Args:
         scene: The scene.
@@ -71,8 +73,8 @@ def draw_trajectory(
             bodies = [stand_on(scene, *state) for state in path[::strides]]
             return np.stack([body @ look_pose(np.array([0, 0, height]), 0.0, pitch) for body in bodies])
     raise ValueError(
-        f"scene {scene.config.preset}: in {TRIES} tries no path of {(count - 1) * config.step:g} m past the rocks was "
-        f"found; choose a smaller `rocks.k`, `views_per_scene` or `drive.step`"
+        f"scene {scene.config.preset}: in {TRIES} tries no path of {(count - 1) * config.step:g} m past the rocks and "
+        f"steep ground was found; choose a smaller `rocks.k`, `views_per_scene` or `drive.step`"
     )
 
 
@@ -159,11 +161,13 @@ def _draw_path(
 
 
 def _obstacles(scene: Scene) -> np.ndarray:
-    """Return (M, 3) x, y and radius [m] of discs around the bodies that the rover cannot drive over."""
+    """Return (M, 3) x, y and radius [m] of discs on the bodies and the ground that the rover cannot drive over."""
     tall = np.flatnonzero(scene.bodies.height > ZHURONG.obstacle_height)
-    return np.column_stack(
-        [scene.bodies.centre[tall, :2], reach_above_ground(scene.bodies, tall, scene.terrain.height_at)]
-    )
+    reach = reach_above_ground(scene.bodies, tall, scene.terrain.height_at)
+    rocks = np.column_stack([scene.bodies.centre[tall, :2], reach])
+    row, column = np.nonzero(steep_ground(scene.terrain, ZHURONG, scene.half, STEEP_CELL))
+    steep = np.column_stack([column * STEEP_CELL - scene.half, row * STEEP_CELL - scene.half, 0 * row])
+    return np.concatenate([rocks, steep])
 
 
 def _free(obstacles: np.ndarray, x: np.ndarray | float, y: np.ndarray | float) -> np.ndarray:

@@ -68,6 +68,18 @@ def test_a_drive_keeps_half_the_rovers_width_off_the_corners_of_rocks(seed):
     assert ZHURONG.width / 2 <= room(rocky, drive(rocky, seed)) < 1.0
 
 
+def test_a_drive_goes_past_ditches():
+    relief = ReliefConfig(ditch_density=0.01, ditch_depth=(0.8, 1.2))
+    ditched = build_scene(SceneConfig(relief=relief, rocks=RockConfig(k=0.0)), np.random.default_rng(1))
+    for seed in range(3):
+        poses = drive(ditched, seed)
+        upright = np.rad2deg(np.arccos(-poses[:, 2, 1]))  # of the camera, which looks down by 20 deg
+        assert np.abs(upright - 20).max() < 20
+        around = poses[:, :2, 3, None] + 0.5 * np.array([np.cos(np.arange(6)), np.sin(np.arange(6))])
+        beside = ditched.terrain.height_at(around[:, 0], around[:, 1])
+        assert np.ptp(beside, axis=1).max() < 0.5
+
+
 def test_a_drive_follows_the_seed_and_its_start_does_not_depend_on_its_length(tilted):
     assert np.array_equal(drive(tilted, 4), drive(tilted, 4))
     assert not np.array_equal(drive(tilted, 4), drive(tilted, 5))
