@@ -108,6 +108,15 @@ def place(folder: Path) -> np.ndarray:
     return np.hstack([column(frame, 300) for frame in frames])
 
 
+def ditches() -> np.ndarray:
+    """Return two views of ditches and one of a fresh crater."""
+    relief = replace(preset("gusev").relief, ditch_density=0.004, fresh_crater_density=0.004)
+    scene = build_scene(preset("gusev", relief=relief), rng=3).with_sun(35, 60)
+    with SceneRenderer(scene) as renderer:
+        views = ((0.4, 9.4, 0), (5.6, 6.0, 120), (-1.5, -4.6, 180))
+        return np.hstack([renderer.render(x, y, yaw, pitch_deg=15).left for x, y, yaw in views])
+
+
 def heightmap(folder: Path) -> np.ndarray:
     """Return a heightmap, lit from the west, and a view of a scene on it."""
     y, x = np.mgrid[-150:151, -150:151].astype(float)
@@ -242,6 +251,7 @@ def guides(folder: Path) -> None:
     save("guide_train.jpg", picture(folder / "fine" / "curves.png"))
     save("guide_ppo.jpg", ppo(folder))
     save("guide_place.jpg", place(folder))
+    save("guide_ditches.jpg", ditches())
     save("guide_heightmap.jpg", heightmap(folder))
     save("guide_camera.jpg", cameras())
     save("guide_navigator.jpg", navigator())
