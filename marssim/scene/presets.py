@@ -62,7 +62,7 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig, OutcropConfig]
         LookConfig(
             pebbles=(0.5, 1.0), wind_ripples=(0.1, 0.6), bedding=(0.1, 0.8), bedrock=(0.0, 0.4), rock_dust=(0.1, 0.6),
         ),
-        OutcropConfig(slabs=(0.05, 0.45), slab_size=(0.35, 0.9), ledges=(0.0, 2.0), fragments=(0.2, 0.8)),
+        OutcropConfig(slabs=(0.05, 0.45), slab_size=(0.45, 1.3), ledges=(0.0, 2.0), fragments=(0.2, 0.8)),
     ),
     "hard": (
         RockConfig(k=0.20, cluster=0.5, families=(0.6, 0.2, 0.2), albedo=0.65),

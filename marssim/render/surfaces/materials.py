@@ -34,7 +34,7 @@ FILLET = (0.03, 0.2)  # least and largest height of the sand against a rock, ove
 HIGHEST_FILLET = 0.06  # [m] largest height of that sand
 BED_RED = 0.45  # redness that gives a rock the hue of BED_COLOUR; its brightness is pavement.ALBEDO
 BED_ABOVE = 0.02  # [m] how far that sand lies below the plane of the ground, for ripples have troughs
-BED_STAINS = 0.45  # contrast of their stains over that of rocks
+BED_STAINS = 0.35  # contrast of their stains over that of rocks
 BED_FILLET = 0.3  # height of the sand against slabs and ledges over that against rocks
 BED_SWEPT = 0.3  # by how much less of the tops of slabs and ledges is under dust
 NO_PLATES = np.zeros((1, CHANNELS), dtype=np.int8)  # tile of a scene without bedrock

@@ -11,7 +11,7 @@ from marssim.scene.ranges import Range, check_ranges
 OUTCROP_LIMITS = {
     "slabs": (0.0, 0.7), "slab_size": (0.15, 2.0), "slab_tilt_deg": (0.0, 15.0), "slab_height": (0.02, 0.15),
     "ledges": (0.0, 20.0), "ledge_height": (0.05, 0.4), "ledge_length": (1.0, 20.0), "fragments": (0.0, 1.0),
-    "brightness": (0.5, 2.0),
+    "brightness": (0.5, 2.5),
 }  # fmt: skip
 
 
@@ -22,7 +22,7 @@ class OutcropConfig:
     slabs: Range = (0.0, 0.0)
     """Share of the ground in which plates of bedrock lie like broken pavement, LOW HIGH, 0 to 0.7. Sand lies between
     and over them, so they show on about half of it."""
-    slab_size: Range = (0.3, 0.7)
+    slab_size: Range = (0.35, 1.0)
     """Typical diameter of these plates [m], LOW HIGH, 0.15 to 2. The plates of a scene differ by a factor of three."""
     slab_tilt_deg: Range = (1.0, 5.0)
     """Typical tilt of the plates to the ground [deg], LOW HIGH, 0 to 15. None is tilted by more than 15."""
@@ -37,9 +37,9 @@ class OutcropConfig:
     fragments: Range = (0.1, 0.5)
     """How densely broken pieces of 2 to 10 cm lie around large rocks and ledges, LOW HIGH: 0 has none, 1 the most."""
 
-    brightness: Range = (1.3, 1.7)
-    """Brightness of slabs and ledges on the scale of rocks.albedo, LOW HIGH, 0.5 to 2: 1.3 is that of the bedrock that
-    look.bedrock shows."""
+    brightness: Range = (1.4, 2.1)
+    """Brightness of slabs and ledges on the scale of rocks.albedo, LOW HIGH, 0.5 to 2.5. The bedrock that
+    look.bedrock shows has 1.3."""
 
     def __post_init__(self) -> None:
         check_ranges(self, OUTCROP_LIMITS)
