@@ -254,8 +254,10 @@ def draw_course(base: SceneConfig, config: CourseConfig, spec: RoverSpec, rng: n
         room = min(ground.clearance(*start), ground.clearance(*goal))
         if np.isfinite(shortest) and room >= CLEAR_OF_STEEP_GROUND:
             return Course(scene, ground, np.array([*start, yaw]), goal, shortest, redraw)
-    limits = f"k={rocks.k} and a slope of {relief.regional_slope_deg:g} deg"
-    raise ValueError(f"no goal can be reached in {REDRAWS} draws: {limits} leave no way; choose smaller values")
+    causes = f"k={rocks.k} and a slope of {relief.regional_slope_deg:g} deg"
+    if relief.ditch_density:
+        causes += f" with a ditch_density of {relief.ditch_density:g}"
+    raise ValueError(f"no goal can be reached in {REDRAWS} draws: {causes} leave no way; choose smaller values")
 
 
 def reversed_course(course: Course, spec: RoverSpec, rng: np.random.Generator) -> Course:

@@ -101,6 +101,14 @@ def test_courses_that_start_on_steep_ground_are_drawn_again(small_scene, make_sc
     assert course.redraws == 1
 
 
+def test_too_many_ditches_are_an_error_that_names_them(ditched, make_scene, monkeypatch):
+    scene = make_scene(dug(Ditches((ditch(-11, 11), ditch(-11, 11, width=8.0)))), cell=0.08)
+    monkeypatch.setattr("envs.world.course.build_scene", lambda *_: scene)
+    monkeypatch.setattr("envs.world.course.REDRAWS", 2)
+    with pytest.raises(ValueError, match=r"2 draws: .* with a ditch_density of 0\.02 leave no way"):
+        draw_course(ditched, CourseConfig(goal_distance=8.0), ZHURONG, np.random.default_rng(0))
+
+
 @pytest.mark.parametrize("dynamics", ["kinematic", "physics"])
 def test_a_fall_into_a_deep_ditch_ends_the_drive(make_scene, make_course, on_course, dynamics):
     scene = make_scene(dug(Ditches((ditch(-11, 11, width=2.4, depth=1.1, wall_deg=60),))), cell=0.08)
