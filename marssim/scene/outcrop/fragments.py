@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from marssim.scene.outcrop.config import Traits
-from marssim.scene.outcrop.pavement import Ground
+from marssim.scene.outcrop.laying import Ground
 from marssim.scene.outcrop.plates import Plates
 from marssim.scene.rocks.mesh import LiftAt, Rocks, ground_plane, least_lift, mesh_population, no_bodies
 from marssim.scene.rocks.population import CAMERA_EXTENT, LEAST_DISTANCE, RockPopulation, detail_level

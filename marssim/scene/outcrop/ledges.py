@@ -11,13 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from marssim.scene.outcrop.config import OutcropConfig, Traits
-from marssim.scene.outcrop.pavement import Ground, worn_outlines
+from marssim.scene.outcrop.laying import Ground, worn_outlines
 from marssim.scene.outcrop.plates import POINTS, Plates
 from marssim.scene.outcrop.polygons import area_and_centroid
 
 REACH = 1.4  # half sides of the fine square, beyond which no ledge begins
 STEP = 0.25  # [m] between the points of a ledge's line
 SMOOTH = 1.5  # [m] distance over which the slope is taken that the line follows
+LEVEL = 0.05  # slope below which the line follows the contour less
 WANDER = 0.5  # [rad/m] how much the line turns beside the contour
 BEDS = (2, 4)  # least and largest number of beds
 BLOCK = (0.3, 1.1)  # [m] length of the blocks of a bed
@@ -109,26 +110,28 @@ def _line(config: OutcropConfig, reach: float, height_at: Ground, rng: np.random
     start, height = rng.uniform(-reach, reach, 2), rng.uniform(*config.ledge_height)
     number = int(rng.uniform(*config.ledge_length) / STEP) + 2
     wave = rng.uniform(0.4, 1.2), rng.uniform(0, 2 * np.pi)
-    at, heading, points = start, rng.uniform(0, 2 * np.pi), []
+    heading, _ = _contour(start, height_at)
+    at, points = start, []
     for n in range(number):
         points.append(at)
-        ahead = SMOOTH * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]]) + at
-        z = height_at(*ahead.T)
-        slope = np.array([z[0] - z[1], z[2] - z[3]]) / (2 * SMOOTH)
-        contour = np.arctan2(slope[0], -slope[1])  # uphill lies on the right
-        turn = (contour - heading + np.pi) % (2 * np.pi) - np.pi if n else contour - heading
-        strength = min(1.0, float(np.hypot(*slope)) / 0.05) if n else 1.0
-        heading += np.clip(0.3 * strength * turn, -STEP, STEP) if n else turn
+        contour, slope = _contour(at, height_at)
+        turn = (contour - heading + np.pi) % (2 * np.pi) - np.pi
+        heading += np.clip(0.3 * min(1.0, slope / LEVEL) * turn, -STEP, STEP)
         heading += WANDER * STEP * np.sin(wave[0] * n * STEP + wave[1])
         at = at + STEP * np.array([np.cos(heading), np.sin(heading)])
     xy = np.array(points)
     along = np.gradient(xy, axis=0)
     out = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]
-    behind = height_at(*(xy - out).T)
-    front = height_at(*xy.T)
-    kernel = np.ones(5) / 5
-    level = np.convolve(np.pad(front, 2, mode="edge"), kernel, mode="valid")
+    behind, front = (height_at(*places.T) for places in (xy - out, xy))
+    level = np.convolve(np.pad(front, 2, mode="edge"), np.ones(5) / 5, mode="valid")
     return LedgeLine(xy, out, level, float(np.mean(behind - front)), height)
+
+
+def _contour(at: np.ndarray, height_at: Ground) -> tuple[float, float]:
+    """Return the direction of the contour at a point (2,) [rad], with uphill to its right, and the slope there."""
+    east, west, north, south = height_at(*(SMOOTH * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]]) + at).T)
+    dx, dy = (east - west) / (2 * SMOOTH), (north - south) / (2 * SMOOTH)
+    return float(np.arctan2(dx, -dy)), float(np.hypot(dx, dy))
 
 
 def _blocks(line: LedgeLine, albedo: float, level: int, height_at: Ground, rng: np.random.Generator) -> Plates:

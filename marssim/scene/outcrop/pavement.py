@@ -14,22 +14,17 @@ from scipy.spatial import Voronoi
 from scipy.special import ndtri
 
 from marssim.scene.outcrop.config import Traits
-from marssim.scene.outcrop.plates import POINTS, Plates
+from marssim.scene.outcrop.laying import LEAST_ANGLE, Ground, camera_distance, lay_slabs
+from marssim.scene.outcrop.plates import Plates
 from marssim.scene.outcrop.polygons import (
     Polygons,
     area_and_centroid,
     clip,
     clip_some,
     inset,
-    outline,
-    perimeter,
     stacked,
 )
 from marssim.scene.outcrop.waves import Waves
-from marssim.scene.rocks.mesh import ground_plane
-from marssim.scene.rocks.population import CAMERA_EXTENT, LEAST_DISTANCE
-
-Ground = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 REACH, FARTHEST = 2.5, 24.0  # slabs reach this many half sides of the fine square, or so far beyond it [m]
 PATCH = (7.0, 22.0)  # [m] shortest and longest wavelength of the patches of pavement
@@ -41,24 +36,9 @@ SPREAD = 0.55  # standard deviation of the logarithm of the plates' diameters
 ROUNDS = 5  # cuts of a plate
 SPLIT = 1.6  # area over the wanted one from which on a plate is cut again
 OFF_CENTRE = 0.2  # largest distance of a cut from the plate's middle, over the root of its area
-COMPACT = 0.45  # least 4 pi area / perimeter^2 of a plate, 0.785 for a square; splinters are left out
-LEAST_ANGLE = 0.03  # [rad] angle under which a camera sees the smallest slabs that are drawn
-LEAST_SLAB = 0.13  # [m] diameter of the smallest slabs
 JOINT = (0.012, 0.09)  # [m] width of joints in intact and in disturbed parts
 CHIPS = 3  # corners of a plate that may chip off
 CHIP = 0.3  # largest part of a corner's distance from the middle that chips off
-BITE, BITTEN = (0.08, 0.3), 0.3  # depth of the bites that some plates have lost, over the radius; share of these
-ROUNDNESS = 0.6  # how round the corners of the roundest plates are, 0 to 1
-LEVEL_ANGLES = (0.06, 0.18)  # [rad] angular diameters at which a slab gets the next level of detail
-STEEPEST = np.tan(np.deg2rad(15))
-BARE = 0.7  # a slab that would stand this much of the least height is under sand
-HEIGHTS = (0.02, 0.15)  # [m] least and largest height of a slab's highest edge
-TALLEST = 0.25  # largest height of a slab's highest edge over its diameter
-LIFTED = 1.6  # largest rise of a plate across its radius, over the height of its highest edge
-HOLLOW = 0.2  # share of the steep plates that are thin and show a gap below their high edge
-BURIED = 0.04  # [m] depth that the sides of the others reach below the ground
-SHOWN = 0.2  # least share of a plate above the ground
-DRIFTS = (1.5, 5.0)  # [m] wavelengths of the sand that lies higher here and lower there
 
 
 def draw_slabs(
@@ -93,7 +73,7 @@ def draw_slabs(
     if not kept.any():
         return []
     corners, count = _worn(corners, count, loose, rng)
-    return _settled(corners, count, loose, traits, half, height_at, rng)
+    return lay_slabs(corners, count, loose, traits, half, height_at, rng)
 
 
 def _sheet(
@@ -128,7 +108,7 @@ def _sheet(
 def _broken(corners: np.ndarray, count: np.ndarray, size: float, half: float, rng: np.random.Generator) -> Polygons:
     """Cut plates until they have the size that each of them draws, or that a camera can see."""
     area, middle = area_and_centroid(corners, count)
-    least = LEAST_ANGLE * _distance(middle, half)
+    least = LEAST_ANGLE * camera_distance(middle, half)
     wanted = np.maximum(size * rng.lognormal(0, SPREAD, len(count)), 1.3 * least)
     for _ in range(ROUNDS):
         area, middle = area_and_centroid(corners, count)
@@ -171,83 +151,3 @@ def _worn(corners: np.ndarray, count: np.ndarray, loose: np.ndarray, rng: np.ran
         offset = np.einsum("ni,ni->n", normal, corner) - cut
         corners, count = clip_some(corners, count, some, normal[some], offset[some])
     return corners, count
-
-
-def _settled(
-    corners: np.ndarray, count: np.ndarray, loose: np.ndarray, traits: Traits, half: float, height_at: Ground,
-    rng: np.random.Generator,
-) -> list[Plates]:  # fmt: skip
-    """Lay plates on the ground, tilted, and return those that show, by level of detail. loose: (N,) 0 to 1."""
-    area, middle = area_and_centroid(corners, count)
-    diameter = np.sqrt(4 / np.pi * np.maximum(area, 0))
-    away = _distance(middle, half)
-    compact = 4 * np.pi * area / np.maximum(perimeter(corners, count), 1e-9) ** 2
-    fit = (count >= 3) & (compact > COMPACT) & (diameter > np.maximum(LEAST_SLAB, LEAST_ANGLE * away))
-    out = []
-    draws: np.ndarray = rng.random((3, len(count)))
-    swing: np.ndarray = np.abs(rng.normal(size=len(count)))
-    height = traits.slab_height * np.exp(0.4 * rng.normal(size=len(count)) + 0.45 * Waves.draw(*DRIFTS, rng).at(middle))
-    fit &= height > BARE * HEIGHTS[0]
-    height = np.clip(np.minimum(height, TALLEST * diameter), *HEIGHTS)
-    level = np.digitize(diameter / away, LEVEL_ANGLES)
-    for detail in range(len(POINTS) - 1, -1, -1):
-        which = np.flatnonzero(fit & (level == detail))
-        if len(which) == 0:
-            continue
-        shape = worn_outlines(corners[which], count[which], POINTS[detail], ROUNDNESS, rng)
-        ground, slope = ground_plane(middle[which], diameter[which], height_at)
-        angle = 2 * np.pi * draws[0, which]
-        tilt = np.tan(np.deg2rad(traits.slab_tilt_deg)) * swing[which] * (0.5 + loose[which])
-        tilt = np.minimum(np.minimum(tilt, LIFTED * height[which] / (diameter[which] / 2)), STEEPEST)
-        lean = tilt[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        steep = slope + lean
-        rise = ground[:, None] + np.einsum("npi,ni->np", shape - middle[which][:, None], steep)
-        rise = (rise - height_at(shape[..., 0], shape[..., 1])).max(axis=1)  # of the highest edge over the middle
-        above = height[which] - rise  # of the plate's middle
-        hollow = (draws[1, which] < HOLLOW) & (rise > 0.5 * height[which])
-        thickness = np.where(hollow, 0.03 + 0.5 * height[which], height[which] + BURIED)
-        offset = above - np.einsum("ni,ni->n", lean, middle[which])
-        shown, corners_shown = clip(shape, np.full(len(which), POINTS[detail]), -lean, offset)
-        part, centre = area_and_centroid(shown, corners_shown)
-        plane = np.column_stack([ground + above - np.einsum("ni,ni->n", steep, middle[which]), steep])
-        slabs = Plates(
-            outline=shape, plane=plane, thickness=thickness, undercut=0.02 + 0.1 * draws[2, which],
-            bevel=0.1 * thickness + 0.004, exposed=height[which],
-            diameter=np.sqrt(4 / np.pi * np.maximum(part, 0)), middle=centre,
-            albedo=traits.brightness * np.clip(rng.normal(1, 0.07, len(which)), 0.8, 1.2),
-            level=detail,
-        )  # fmt: skip
-        out.append(slabs.chosen(part > SHOWN * area[which]))
-    return out
-
-
-def worn_outlines(
-    corners: np.ndarray, count: np.ndarray, points: int, roundness: float, rng: np.random.Generator
-) -> np.ndarray:
-    """Return outlines (N, points, 2) of polygons that are a little worn, and of which some have lost a bite.
-
-    Args:
-        corners: (N, M, 2) corners.
-        count: (N,) numbers of corners.
-        points: Number of points of each outline.
-        roundness: Largest share, 0 to 1, of the way that a point moves to the mean of its neighbours, twice.
-        rng: Random generator.
-    """
-    shape = outline(corners, count, points)
-    number = len(shape)
-    middle = shape.mean(axis=1, keepdims=True)
-    soft = roundness * rng.random((number, 1, 1))
-    for _ in range(2):
-        shape = (1 - soft) * shape + soft / 2 * (np.roll(shape, 1, axis=1) + np.roll(shape, -1, axis=1))
-    place = np.arange(points) / points * 2 * np.pi
-    bite = np.where(rng.random(number) < BITTEN, rng.uniform(*BITE, number), 0.0)
-    apart = np.abs((place - rng.uniform(0, 2 * np.pi, (number, 1)) + np.pi) % (2 * np.pi) - np.pi)
-    lost = bite[:, None] * np.exp(-((apart / rng.uniform(0.25, 0.5, (number, 1))) ** 2))
-    lost += rng.uniform(0, 0.06, (number, points))
-    return np.asarray(middle + (shape - middle) * (1 - lost)[..., None])
-
-
-def _distance(xy: np.ndarray, half: float) -> np.ndarray:
-    """Return the least distances [m] of a camera from points (N, 2)."""
-    away: np.ndarray = np.abs(xy).max(axis=1, initial=0) - CAMERA_EXTENT * half
-    return np.maximum(away, 0) + LEAST_DISTANCE

@@ -84,7 +84,25 @@ def plate_bodies(plates: Plates, rng: np.random.Generator) -> Rocks:
         rng: Random generator.
     """
     count, points = plates.outline.shape[:2]
-    rings = TOP_RINGS[plates.level]
+    vertices = _rings(plates, rng)
+    edges = 2 if BEVELLED[plates.level] else 1
+    sides, top = _faces(points, edges, len(TOP_RINGS[plates.level]))
+    normals = vertex_normals(vertices, top)
+    normals[:, : edges * points] = vertex_normals(vertices, sides)[:, : edges * points]
+    faces = np.concatenate([sides, top])
+    x, y = plates.middle.T
+    centre = np.column_stack([x, y, plates.top_at(x, y) - plates.thickness / 2])
+    index = faces[None] + (np.arange(count, dtype=np.int32) * vertices.shape[1])[:, None, None]
+    return Rocks(
+        centre=centre, diameter=plates.diameter, height=plates.exposed, albedo=plates.albedo,
+        vertices=vertices.reshape(-1, 3), faces=index.reshape(-1, 3).astype(np.int32),
+        face_rock=np.repeat(np.arange(count, dtype=np.int32), len(faces)), vertex_normals=normals.reshape(-1, 3),
+    )  # fmt: skip
+
+
+def _rings(plates: Plates, rng: np.random.Generator) -> np.ndarray:
+    """Return the vertices (N, V, 3) of plates, ring by ring; see plate_bodies."""
+    count, points = plates.outline.shape[:2]
     middle = plates.outline.mean(axis=1, keepdims=True)
     arm = plates.outline - middle
     radius = np.hypot(arm[..., 0], arm[..., 1]).mean(axis=1)[:, None, None]
@@ -96,26 +114,14 @@ def plate_bodies(plates: Plates, rng: np.random.Generator) -> Rocks:
         flat.append(arm * (1 - np.minimum(worn[..., None] / radius, 0.3)))
         below[1:] = [worn, 0 * worn]
     rim = flat[-1]
-    for share in rings:
+    for share in TOP_RINGS[plates.level]:
         flat.append(rim * share * rng.uniform(0.9, 1.1, (count, points, 1)))
         below.append(ROUGH_SHARE * bevel * rng.uniform(-1, 1, (count, points)))
     flat.append(np.zeros((count, 1, 2)))
     below.append(ROUGH_SHARE * bevel * rng.uniform(-1, 1, (count, 1)))
     xy = middle + np.concatenate(flat, axis=1)
     z = plates.top_at(xy[..., 0], xy[..., 1]) - np.concatenate(below, axis=1)
-    vertices = np.concatenate([xy, z[..., None]], axis=2)
-    edges = 2 if BEVELLED[plates.level] else 1
-    sides, top = _faces(points, edges, len(rings))
-    normals = vertex_normals(vertices, top)
-    normals[:, : edges * points] = vertex_normals(vertices, sides)[:, : edges * points]
-    faces = np.concatenate([sides, top])
-    centre = np.column_stack([plates.middle, plates.top_at(*plates.middle.T) - plates.thickness / 2])
-    index = faces[None] + (np.arange(count, dtype=np.int32) * vertices.shape[1])[:, None, None]
-    return Rocks(
-        centre=centre, diameter=plates.diameter, height=plates.exposed, albedo=plates.albedo,
-        vertices=vertices.reshape(-1, 3), faces=index.reshape(-1, 3).astype(np.int32),
-        face_rock=np.repeat(np.arange(count, dtype=np.int32), len(faces)), vertex_normals=normals.reshape(-1, 3),
-    )  # fmt: skip
+    return np.concatenate([xy, z[..., None]], axis=2)
 
 
 def _faces(points: int, edges: int, rings: int) -> tuple[np.ndarray, np.ndarray]:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
+from marssim.scene.outcrop.laying import Ground
 from marssim.scene.outcrop.plates import Plates
-
-Ground = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 CELL = 0.05  # [m] grid spacing
 SHIFT = 4  # binary digits of sub-pixel positions in OpenCV's drawing

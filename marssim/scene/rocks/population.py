@@ -222,25 +222,39 @@ def _cobbles(
         xy: (M, 2) their positions [m].
         rng: Random generator.
     """
-    inner, rings, diameters = min(CAMERA_EXTENT * half + 4.0, half), [], []
+    rings = _cobble_rings(config, half, horizon)
+    diameters = []
+    for inner, outer, least, present in rings:
+        drawn = draw_diameters(config.k, least, 4 * (outer**2 - inner**2), rng)
+        diameters.append(drawn[drawn < present])
+    size = np.concatenate([np.zeros(0), *diameters])
+    inners, outers = (np.repeat([0.0, *(ring[i] for ring in rings)], [0, *map(len, diameters)]) for i in (0, 1))
+    at = place(size, inners, outers, config.cluster, rng)
+    free = _beside_large(at, diameter, xy)
+    size, at = size[free], at[free]
+    angle = size / (np.abs(at).max(axis=1, initial=0) - CAMERA_EXTENT * half + LEAST_DISTANCE)
+    most = np.sort(np.argsort(-angle, kind="stable")[: max(MAX_ROCKS - len(diameter), 0)])
+    return size[most], at[most]
+
+
+def _cobble_rings(config: RockConfig, half: float, horizon: float) -> list[tuple[float, float, float, float]]:
+    """Return the square rings that cobbles are added to: inner and outer half side, and diameters from and to [m]."""
+    inner, rings = min(CAMERA_EXTENT * half + 4.0, half), []
     for edge in COBBLE_RINGS:
         outer = min(edge * half, horizon)
         if outer > inner:
             least = max(COBBLE_ANGLE * (inner - CAMERA_EXTENT * half + LEAST_DISTANCE), config.min_diameter)
             present = next(smallest for reach, smallest in LEAST_DIAMETERS if outer <= reach * half)
-            drawn = draw_diameters(config.k, least, 4 * (outer**2 - inner**2), rng)
-            diameters.append(drawn[drawn < present])
-            rings.append((inner, outer))
+            rings.append((inner, outer, least, present))
             inner = outer
-    size = np.concatenate([np.zeros(0), *diameters])
-    inners, outers = (np.repeat([0.0, *(ring[i] for ring in rings)], [0, *map(len, diameters)]) for i in (0, 1))
-    at = place(size, inners, outers, config.cluster, rng)
-    kept = np.ones(len(size), dtype=bool)
+    return rings
+
+
+def _beside_large(at: np.ndarray, diameter: np.ndarray, xy: np.ndarray) -> np.ndarray:
+    """Return which cobbles at points (N, 2) lie under none of the large rocks; diameter: (M,), xy: (M, 2) of rocks."""
+    free = np.ones(len(at), dtype=bool)
     large = np.flatnonzero(diameter > LARGE)
-    if len(size) and len(large):
+    if len(at) and len(large):
         covered = cKDTree(at).query_ball_point(xy[large], diameter[large] / 2)
-        kept[np.concatenate([np.zeros(0, int), *covered]).astype(int)] = False
-    size, at = size[kept], at[kept]
-    angle = size / (np.abs(at).max(axis=1, initial=0) - CAMERA_EXTENT * half + LEAST_DISTANCE)
-    most = np.sort(np.argsort(-angle, kind="stable")[: max(MAX_ROCKS - len(diameter), 0)])
-    return size[most], at[most]
+        free[np.concatenate([np.zeros(0, int), *covered]).astype(int)] = False
+    return free

@@ -4,7 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from marssim.scene.outcrop.config import Traits
-from marssim.scene.outcrop.pavement import HEIGHTS, LEAST_SLAB, draw_slabs
+from marssim.scene.outcrop.laying import HEIGHTS, LEAST_SLAB
+from marssim.scene.outcrop.pavement import draw_slabs
 from marssim.scene.outcrop.polygons import area_and_centroid
 
 HALF, HORIZON = 16.0, 96.0
