@@ -88,8 +88,8 @@ def sample_figure(sample: StereoSample, name: str) -> bytes:
     _bare(axes[0, 3], "disparity [px]")
     figure.colorbar(shown, ax=axes[0, 3], shrink=0.8)
     _image(axes[1, 0], normal_colours(sample.normal), NORMAL_TITLE)
-    rocks = len(np.unique(sample.rock[sample.rock > 0]))
-    _image(axes[1, 1], _surface_colours(sample), f"surfaces: {rocks} rocks, ground, sky")
+    bodies = len(np.unique(sample.rock[sample.rock > 0]))
+    _image(axes[1, 1], _surface_colours(sample), f"surfaces: {bodies} rocks and slabs, ground, sky")
     occluded = (0.45 * sample.left).astype(np.uint8)
     occluded[sample.occluded] = (255, 140, 0)
     _image(
