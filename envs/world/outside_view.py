@@ -11,6 +11,7 @@ from marssim.base.pose import look_pose, rotate
 from marssim.physics.body import Part
 from marssim.physics.state import RoverState
 from marssim.render.antialias import SUBPIXELS
+from marssim.render.geometry.gbuffer import Footprint
 from marssim.render.geometry.mesh import Mesh
 from marssim.render.renderers.embree_renderer import EmbreeRenderer, MeshTracer
 from marssim.render.sensor import Sensor
@@ -87,8 +88,10 @@ class OutsideView:
         """Return the radiance (N, 3) and the surface's number (N,) along rays, with the shadows of ground and rover."""
         world_rays = rotate(rays, pose[:3, :3])
         eye, sun = pose[:3, 3], self.scene.look.sun
-        depth, normal, smooth, surface = self.caster.trace(rays, pose)
-        near, near_normal, _, part = rover.trace(rays, pose)
+        footprint = Footprint(eye, focal)
+        hits = self.caster.trace(rays, pose, footprint)
+        depth, surface = hits.depth, hits.surface
+        near, near_normal, _, part, _ = rover.trace(rays, pose)
         is_rover = near < depth
         colour = np.empty((len(rays), 3), dtype=np.float32)
         sky = np.flatnonzero((surface == SKY) & ~is_rover)
@@ -97,18 +100,20 @@ class OutsideView:
 
         ground = np.flatnonzero((surface >= GROUND) & ~is_rover)
         points = eye + world_rays[ground] * depth[ground, None]
-        normals = rotate(normal[ground], pose[:3, :3])
+        normals = rotate(hits.normal[ground], pose[:3, :3])
         lit_ground = self.caster.lit(points, normals)
         open_ = points[lit_ground]
         lit_ground[lit_ground] = rover.free(open_, normals[lit_ground], np.broadcast_to(sun, open_.shape), None)
-        colour[ground] = self.shader.surface(points, smooth[ground], surface[ground], eye, lit_ground, focal)
+        colour[ground] = self.shader.surface(
+            points, hits.shading_normal[ground], surface[ground], hits.detail[ground], eye, lit_ground, footprint
+        )
 
         body = np.flatnonzero(is_rover)
         points = eye + world_rays[body] * near[body, None]
         normals = rotate(near_normal[body], pose[:3, :3])
         towards = np.broadcast_to(sun, points.shape)
         lit = (normals @ sun > 0) & rover.free(points, normals, towards, None)
-        lit &= self.caster.free(points, normals, towards, None)
+        lit &= self.caster.lit(points, normals)
         albedo = (np.array([p.colour for p in parts], dtype=np.float32) / 255) ** 2.2
         direct = (np.maximum(normals @ sun, 0) * lit)[:, None] * self.shader.light.sunlight
         light = direct + self.shader.light.skylight * (0.6 + 0.4 * normals[:, 2:])

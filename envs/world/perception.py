@@ -142,7 +142,7 @@ class Perception:
             raise RuntimeError("open a scene before looking")
         if self.estimator is None:
             rig = NATECAM.resized(GROUND_TRUTH_PIXELS, GROUND_TRUTH_PIXELS)
-            depth = self.renderer.render(rig.camera, pose).depth
+            depth = self.renderer.render(rig.camera, pose, sunlit=False).depth
             return Sight(depth, np.ones_like(depth), rig, pose, pan, true_depth=depth)
         frame = self.picture(pose)
         start = perf_counter()

@@ -20,7 +20,7 @@ import numpy as np
 
 from marssim.base.camera import PinholeCamera
 from marssim.base.dataset.frame import GROUND, SKY
-from marssim.render.geometry.gbuffer import GBuffer
+from marssim.render.geometry.gbuffer import Footprint, GBuffer
 from marssim.render.renderers.renderer import Renderer
 
 STEP = 0.5  # distance of the rays beside a pixel's centre [px]
@@ -104,9 +104,9 @@ class BesideCentres:
         if (du, dv) not in self._traced:
             camera = self._camera
             rays = camera.rays() + np.array([du / camera.fx, dv / camera.fy, 0])
-            depth, _, _, surface = self._tracer.trace(rays.reshape(-1, 3), self._pose)
+            hits = self._tracer.trace(rays.reshape(-1, 3), self._pose, Footprint.of(camera, self._pose), sunlit=False)
             shape = (camera.height, camera.width)
-            self._traced[du, dv] = depth.reshape(shape), surface.reshape(shape)
+            self._traced[du, dv] = hits.depth.reshape(shape), hits.surface.reshape(shape)
         return self._traced[du, dv]
 
     def inverse_depth(self, du: float, dv: float) -> np.ndarray:
@@ -176,9 +176,8 @@ class _AgreementSums:
         self.surface.append(float((view.surface == expected.surface).mean()))
         close = np.abs(view.depth[both] / expected.depth[both] - 1) < DEPTH_TOLERANCE
         self.depth.append(float(close.mean()) if len(close) else 1.0)
-        depth, surface = raw_depth(renderer, view, camera, pose)
-        where = beside.smooth() & (surface == GROUND)
-        self.smooth.add(1 / np.where(where, depth, 1), beside.inverse_depth, where)
+        where = beside.smooth() & (view.surface == GROUND)
+        self.smooth.add(1 / np.where(where, view.depth, 1).astype(float), beside.inverse_depth, where)
         everywhere = np.ones(both.shape, dtype=bool)
         self.silhouette.add((view.surface > GROUND).astype(float), beside.rock, everywhere)
         self.silhouette.add((view.surface == SKY).astype(float), beside.sky, everywhere)

@@ -12,11 +12,14 @@ from marssim.base.dataset.frame import GROUND
 from marssim.base.pose import look_pose
 from marssim.inspection.agreement import ShiftFit, raw_depth
 from marssim.render.renderers.renderer import Renderer
+from marssim.scene.look import LookConfig
 from marssim.scene.rocks.population import RockConfig
 from marssim.scene.scene import Scene, SceneConfig, build_scene
 
 TILT_DEG = 15.0  # tilt of each plane
 AZIMUTHS_DEG = (0.0, 90.0, 180.0, 270.0)  # in which the planes rise: away from the camera, to its sides, towards it
+# no fine relief and no stones
+BARE = LookConfig(texture_strength=(0, 0), pebbles=(0, 0), wind_ripples=(0, 0), bedrock=(0, 0), gravel=(0, 0))
 PITCH_DEG = 35.0  # pitch of the camera
 FARTHEST = 6.0  # farthest ground that counts [m], since depth hardly determines the shift beyond
 
@@ -59,8 +62,8 @@ def _beside(inverse: np.ndarray, slope_u: float, slope_v: float, du: float, dv: 
 
 
 def plane(tilt: np.ndarray) -> Scene:
-    """Return a scene without rocks whose ground is z = tilt (2,) . (x, y)."""
-    config = SceneConfig(size=8.0, horizon=16.0, rocks=RockConfig(k=0.0))
+    """Return a scene without rocks, stones and fine relief whose ground is z = tilt (2,) . (x, y)."""
+    config = SceneConfig(size=8.0, horizon=16.0, rocks=RockConfig(k=0.0), look=BARE)
     scene = build_scene(config, np.random.default_rng(0))
     for grid in (scene.terrain.fine, scene.terrain.coarse):
         ny, nx = grid.heights.shape

@@ -11,28 +11,36 @@ import numpy as np
 from marssim.base.camera import PinholeCamera
 from marssim.base.compute.compiled import compiled
 from marssim.base.dataset.frame import GROUND, SKY
-from marssim.render.geometry.gbuffer import GBuffer
+from marssim.render.geometry.gbuffer import GBuffer, Hits
 
 SAME_DEPTH = 0.02  # relative difference of depth up to which two samples of a surface count as one place
 SUBPIXELS = ((-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375))  # [px] rotated grid
 # least change of 1 / Z within 3 x 3 pixels that is an edge: STEP_SHARE of 1 / Z plus STEP_LEAST [1/m]
 STEP_SHARE, STEP_LEAST = 0.06, 1e-3
+CONTRAST = 0.04  # least contrast of an edge amid ground: half the relative change of brightness
+AHEAD = 0.99  # depth at which rays beside a pixel begin, over the least depth around it
 BEND_SHARE = 0.1  # the same for the second difference of 1 / Z along a row or column, on ground
 
 
-def edge_pixels(view: GBuffer, lit: np.ndarray) -> np.ndarray:
-    """Return the pixels beside a change of surface, a depth edge or the border of a shadow.
+def edge_pixels(view: GBuffer, lit: np.ndarray, colour: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pixels beside a change of surface or stone, a depth edge or the border of a shadow.
 
     A depth edge is a jump of 1 / Z. On ground it is a jump of the second difference of 1 / Z, which is 0 on any plane.
+    Amid ground, only a change of brightness is an edge.
 
     Args:
         view: G-buffer of the camera.
         lit: (H, W) bool, the pixels in sunlight.
+        colour: (H * W, 3) colours of the view.
 
     Returns:
-        (E,) int32 indices of pixels, counted row by row.
+        (E,) int32 indices of pixels, counted row by row, those amid ground first; and (E,) float64 depths before which
+        rays through these meet nothing [m], 0 for all others.
     """
-    return _edge_pixels(view.depth, view.surface, lit)
+    pixels = _edge_pixels(view.depth, view.surface, view.detail, lit, colour)
+    begin = _ground_begins(pixels, view.depth, view.surface)
+    order = np.argsort(begin == 0, kind="stable")
+    return pixels[order], begin[order]
 
 
 def subpixel_rays(camera: PinholeCamera, pixels: np.ndarray) -> np.ndarray:
@@ -41,17 +49,16 @@ def subpixel_rays(camera: PinholeCamera, pixels: np.ndarray) -> np.ndarray:
 
 
 def colours_beside(
-    pixels: np.ndarray, depth: np.ndarray, surface: np.ndarray, view: GBuffer, lit: np.ndarray, colour: np.ndarray
+    pixels: np.ndarray, hits: Hits, view: GBuffer, lit: np.ndarray, colour: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Interpolate the colours of sub-pixel rays from the pixels around them, where possible.
 
-    It is possible if some of the 3 x 3 pixels show the same surface at the same depth, and all of those are in sunlight
-    or all in shadow.
+    It is possible if some of the 3 x 3 pixels show the same surface and stone at the same depth, and all of those are
+    in sunlight or all in shadow.
 
     Args:
         pixels: (E,) indices of `edge_pixels`.
-        depth: (4 E,) depth that the sub-pixel rays hit [m].
-        surface: (4 E,) surface that they hit.
+        hits: What the (4 E,) sub-pixel rays hit.
         view: G-buffer of the camera.
         lit: (H, W) bool, the pixels in sunlight.
         colour: (H * W, 3) colours of the view.
@@ -59,7 +66,9 @@ def colours_beside(
     Returns:
         (4 E, 3) float32 colours, and (4 E,) bool: the colour is known.
     """
-    return _colours_beside(pixels, depth, surface, view.depth, view.surface, lit, colour)
+    return _colours_beside(
+        pixels, hits.depth, hits.surface, hits.detail, view.depth, view.surface, view.detail, lit, colour
+    )
 
 
 def average(pixels: np.ndarray, samples: np.ndarray, colour: np.ndarray) -> None:
@@ -68,42 +77,45 @@ def average(pixels: np.ndarray, samples: np.ndarray, colour: np.ndarray) -> None
 
 
 @compiled
-def _edge_pixels(depth, surface, lit):
+def _edge_pixels(depth, surface, detail, lit, colour):
     height, width = depth.shape
     out = np.empty(height * width, dtype=np.int32)
     count = 0
-    bend = np.float32(BEND_SHARE)
+    bend, contrast = np.float32(BEND_SHARE), np.float32(CONTRAST)
     share, least, one, none = np.float32(STEP_SHARE), np.float32(STEP_LEAST), np.float32(1), np.float32(0)
     for row in range(height):
         up, down = max(row - 1, 0), min(row + 1, height - 1)
         for column in range(width):
             left, right = max(column - 1, 0), min(column + 1, width - 1)
+            inside = up < row < down and left < column < right
             centre, light = surface[row, column], lit[row, column]
             edge = surface[row, left] != centre or surface[row, right] != centre
             edge = edge or surface[up, column] != centre or surface[down, column] != centre
-            edge = edge or lit[row, left] != light or lit[row, right] != light
-            edge = edge or lit[up, column] != light or lit[down, column] != light
             if edge:
                 pass
             elif centre == GROUND:
-                # On slanted ground 1 / Z changes fast but linearly; at a crest before other ground it jumps. The second
-                # differences are multiplied by the depths to avoid divisions. All four neighbours are ground.
-                z = depth[row, column]
-                step = bend + least * z
-                if left < column < right:
-                    before, after = depth[row, left], depth[row, right]
-                    edge = abs(z * (before + after) - 2 * before * after) > step * before * after
-                if not edge and up < row < down:
-                    before, after = depth[up, column], depth[down, column]
-                    edge = abs(z * (before + after) - 2 * before * after) > step * before * after
+                here = colour[row * width + column, 0]
+                stone, z = detail[row, column, 0], depth[row, column]
+                for j, i in ((row, left), (row, right), (up, column), (down, column)):
+                    there = colour[j * width + i, 0]
+                    if abs(here - there) > contrast * (here + there):
+                        # only where the brightness changes is it worth while to look for what changes
+                        edge = edge or lit[j, i] != light or detail[j, i, 0] != stone
+                        # On slanted ground 1 / Z changes fast but linearly; at a crest before other ground it jumps.
+                        opposite = depth[2 * row - j, 2 * column - i] if inside else z
+                        before = depth[j, i]
+                        step = (bend + least * z) * before * opposite
+                        edge = edge or abs(z * (before + opposite) - 2 * before * opposite) > step
             else:
+                edge = lit[row, left] != light or lit[row, right] != light
+                edge = edge or lit[up, column] != light or lit[down, column] != light
                 inverse = none if centre == SKY else one / depth[row, column]
                 low, high = inverse, inverse
                 for j in range(up, down + 1):
                     for i in range(left, right + 1):
                         other = none if surface[j, i] == SKY else one / depth[j, i]
                         low, high = min(low, other), max(high, other)
-                edge = high - low > share * inverse + least
+                edge = edge or high - low > share * inverse + least
             if edge:
                 out[count] = row * width + column
                 count += 1
@@ -122,7 +134,21 @@ def _subpixel_rays(rays, pixels, fx, fy):
 
 
 @compiled
-def _colours_beside(pixels, depth, surface, pixel_depth, pixel_surface, lit, colour):
+def _ground_begins(pixels, depth, surface):
+    height, width = depth.shape
+    out = np.zeros(len(pixels))
+    for p in range(len(pixels)):
+        row, column = pixels[p] // width, pixels[p] % width
+        nearest = np.inf
+        for j in range(max(row - 1, 0), min(row + 2, height)):
+            for i in range(max(column - 1, 0), min(column + 2, width)):
+                nearest = min(nearest, float(depth[j, i]) if surface[j, i] == GROUND else 0.0)
+        out[p] = AHEAD * nearest
+    return out
+
+
+@compiled
+def _colours_beside(pixels, depth, surface, detail, pixel_depth, pixel_surface, pixel_detail, lit, colour):
     height, width = lit.shape
     known = np.zeros(len(depth), dtype=np.bool_)
     out = np.empty((len(depth), 3), dtype=np.float32)
@@ -141,6 +167,8 @@ def _colours_beside(pixels, depth, surface, pixel_depth, pixel_surface, lit, col
                 below = max(1 - abs(j - row - dv), 1e-6)
                 for i in range(left, right + 1):
                     if pixel_surface[j, i] != centre or (centre != SKY and not abs(pixel_depth[j, i] - z) < near):
+                        continue
+                    if centre == GROUND and pixel_detail[j, i, 0] != detail[k, 0]:
                         continue
                     if lit[j, i]:
                         bright = True

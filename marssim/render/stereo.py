@@ -6,14 +6,19 @@ import numpy as np
 
 from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.compute.compiled import compiled, read_only
-from marssim.base.dataset.frame import SKY, StereoFrame
+from marssim.base.dataset.frame import GROUND, SKY, StereoFrame
 from marssim.base.pose import rotate
 from marssim.base.right_image import IDEAL, image_disparity, outside_right
 from marssim.render.antialias import average, colours_beside, edge_pixels, subpixel_rays
-from marssim.render.geometry.gbuffer import GBuffer, Hits
+from marssim.render.geometry.gbuffer import Footprint, GBuffer, Hits
 from marssim.render.renderers.renderer import Renderer
 from marssim.render.sensor import Sensor
 from marssim.render.surfaces.shading import Shader
+
+UP = (0.0, 0.0, 1.0)
+SAME_POINT = 2e-3  # relative difference of depth up to which two views show one point
+SHORTLY = 0.999  # of the depth at which a ray is known to hit: where it is followed again
+SMOOTH = 0.03  # relative change of 1 / Z from pixel to pixel up to which a view counts as smooth
 
 
 def render_stereo(
@@ -35,10 +40,11 @@ def render_stereo(
     rotation = sensor.right_rotation(rig.camera)
     right_pose = rig.right_pose(pose)
     right_pose[:3, :3] @= rotation
-    left_view = renderer.render(rig.camera, pose)
-    right_view = renderer.render(rig.camera, right_pose)
-    left = radiance(renderer, shader, rig.camera, pose, left_view)
-    right = radiance(renderer, shader, rig.camera, right_pose, right_view)
+    footprint = Footprint.of(rig.camera, pose)
+    left_view = renderer.render(rig.camera, pose, footprint)
+    right_view = renderer.render(rig.camera, right_pose, footprint)
+    left = radiance(renderer, shader, rig.camera, pose, left_view, footprint)
+    right = radiance(renderer, shader, rig.camera, right_pose, right_view, footprint)
     left_image, right_image = sensor.expose_pair(left, right, left_view.hit, rng)
     return StereoFrame(
         left=left_image,
@@ -47,7 +53,7 @@ def render_stereo(
         disparity=image_disparity(rig, left_view.depth, rotation),
         normal=left_view.normal,
         surface=left_view.surface,
-        occluded=occlusion(renderer, left_view, rig, pose, rotation),
+        occluded=occlusion(renderer, rig, pose, left_view, right_view, rotation),
         rig=rig,
         pose=pose,
         right_rotation=rotation,
@@ -55,29 +61,46 @@ def render_stereo(
 
 
 def occlusion(
-    renderer: Renderer, view: GBuffer, rig: StereoRig, pose: np.ndarray, rotation: np.ndarray = IDEAL
+    renderer: Renderer,
+    rig: StereoRig,
+    pose: np.ndarray,
+    view: GBuffer,
+    right_view: GBuffer,
+    rotation: np.ndarray = IDEAL,
 ) -> np.ndarray:
     """Return the left pixels whose points the right camera does not see.
 
+    A point is visible where the right view shows its depth. Where that view changes too much between pixels to tell, a
+    ray from the right eye to the point decides.
+
     Args:
         renderer: Renderer of the scene.
-        view: G-buffer of the left camera.
         rig: The two cameras.
         pose: (4, 4) left camera to world.
+        view: G-buffer of the left camera.
+        right_view: G-buffer of the right camera.
         rotation: (3, 3) frame of the right camera to that of the ideal right camera.
 
     Returns:
         (H, W) bool: the point is hidden from the right camera, or beyond the borders of its image. False in the sky.
     """
-    hits, rays = view.pixels, rig.camera.rays().reshape(-1, 3)
+    hits, rays, camera = view.pixels, rig.camera.rays().reshape(-1, 3), rig.camera
+    right_pose = rig.right_pose(pose)
+    right_pose[:3, :3] @= rotation
     hidden = outside_right(rig, view.depth, rotation).ravel()
-    decided = hidden | (hits.surface == SKY)
-    at, points, normals = _hit_points(read_only(rays), hits.depth, hits.normal, hits.surface, read_only(pose), decided)
-    hidden[at] = ~renderer.visible_from(points, normals, rig.right_pose(pose)[:3, 3])
+    at, towards, depth = _undecided(
+        read_only(rays), hits.depth, hidden | (hits.surface == SKY), read_only(np.linalg.inv(right_pose) @ pose),
+        right_view.depth, (float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy)),
+    )  # fmt: skip
+    if len(at):
+        seen = renderer.trace(towards, right_pose, Footprint.of(camera, pose), sunlit=False)
+        hidden[at] = seen.depth < depth * (1 - SAME_POINT)
     return hidden.reshape(view.depth.shape)
 
 
-def radiance(renderer: Renderer, shader: Shader, camera: PinholeCamera, pose: np.ndarray, view: GBuffer) -> np.ndarray:
+def radiance(
+    renderer: Renderer, shader: Shader, camera: PinholeCamera, pose: np.ndarray, view: GBuffer, footprint: Footprint
+) -> np.ndarray:
     """Return the radiance of a view: one sample a pixel, four on edges (antialias.py).
 
     Args:
@@ -86,6 +109,7 @@ def radiance(renderer: Renderer, shader: Shader, camera: PinholeCamera, pose: np
         camera: The camera.
         pose: (4, 4) camera to world.
         view: G-buffer of the camera.
+        footprint: The camera that relief and patterns are filtered for.
 
     Returns:
         (H, W, 3) float32 linear RGB, relative to a white Lambert surface under the sun at zenith without air.
@@ -93,19 +117,38 @@ def radiance(renderer: Renderer, shader: Shader, camera: PinholeCamera, pose: np
     shape = view.depth.shape
     colour = np.empty((view.depth.size, 3), dtype=np.float32)
     none = np.zeros(len(colour), dtype=bool)
-    lit = _shade(renderer, shader, camera, pose, camera.rays().reshape(-1, 3), view.pixels, none, colour).reshape(shape)
-    pixels = edge_pixels(view, lit)
+    rays = camera.rays().reshape(-1, 3)
+    lit = _shade(renderer, shader, footprint, pose, rays, view.pixels, none, colour).reshape(shape)
+    pixels, begin = edge_pixels(view, lit, colour)
     if len(pixels):
         rays = subpixel_rays(camera, pixels)
-        hits = renderer.trace(rays, pose)
-        samples, known = colours_beside(pixels, hits.depth, hits.surface, view, lit, colour)
-        _shade(renderer, shader, camera, pose, rays, hits, known, samples)
+        hits = _traced(renderer, rays, pose, begin, footprint)
+        samples, known = colours_beside(pixels, hits, view, lit, colour)
+        _find_sunlight(renderer, rays, pose, footprint, hits, known)
+        _shade(renderer, shader, footprint, pose, rays, hits, known, samples)
         average(pixels, samples, colour)
     return colour.reshape(*shape, 3)
 
 
+def _traced(renderer: Renderer, rays: np.ndarray, pose: np.ndarray, begin: np.ndarray, footprint: Footprint) -> Hits:
+    """Return what sub-pixel rays (N, 3) hit; begin: of edge_pixels. Those amid ground come first."""
+    amid = 4 * int(np.searchsorted(begin == 0, True))
+    ground = renderer.trace_ground(rays[:amid], pose, np.repeat(begin[: amid // 4], 4), footprint, sunlit=False)
+    rest = renderer.trace(rays[amid:], pose, footprint, sunlit=False)
+    return Hits(*(np.concatenate(each) for each in zip(ground, rest)))
+
+
+def _find_sunlight(
+    renderer: Renderer, rays: np.ndarray, pose: np.ndarray, footprint: Footprint, hits: Hits, known: np.ndarray
+) -> None:
+    """Write the share of sunlight that relief lets through to the details of hits on ground that are not known."""
+    at = np.flatnonzero((hits.surface == GROUND) & ~known)
+    again = renderer.trace_ground(rays[at], pose, SHORTLY * hits.depth[at].astype(float), footprint)
+    hits.detail[at, 3] = again.detail[:, 3]
+
+
 def _shade(
-    renderer: Renderer, shader: Shader, camera: PinholeCamera, pose: np.ndarray, rays: np.ndarray, hits: Hits,
+    renderer: Renderer, shader: Shader, footprint: Footprint, pose: np.ndarray, rays: np.ndarray, hits: Hits,
     known: np.ndarray, colour: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
     """Write the radiance along rays to colour, except where it is known.
@@ -113,7 +156,7 @@ def _shade(
     Args:
         renderer: Renderer of the scene.
         shader: Shader of the same scene.
-        camera: The camera.
+        footprint: The camera that patterns are filtered for.
         pose: (4, 4) camera to world.
         rays: (N, 3) directions, camera frame, z = 1.
         hits: What these rays hit.
@@ -130,8 +173,9 @@ def _shade(
         colour[sky] = shader.sky(toward / np.sqrt(np.einsum("ij,ij->i", toward, toward))[:, None])
     at, points, normals = _hit_points(read_only(rays), hits.depth, hits.normal, hits.surface, read_only(pose), known)
     if len(at):
+        normals[hits.surface[at] == GROUND] = UP  # the share of light that relief takes is in the details
         lit[at] = renderer.lit(points, normals)
-        shader.surface(points, hits.shading_normal, hits.surface, pose[:3, 3], lit, camera.fx, at, colour)
+        shader.surface(points, hits.shading_normal, hits.surface, hits.detail, pose[:3, 3], lit, footprint, at, colour)
     return lit
 
 
@@ -154,3 +198,40 @@ def _hit_points(rays, depth, normal, surface, pose, known):
             )
         count += 1
     return at[:count], points[:count], normals[:count]
+
+
+@compiled
+def _undecided(rays, depth, decided, turn, right_depth, camera):
+    """Return the left pixels whose visibility the right view does not show, unless they are decided.
+
+    turn: (4, 4) left camera to right camera; camera: fx, fy, cx, cy. Returns the indices (M,) of the pixels; rays
+    (M, 3) to their points, right camera's frame; and the depths (M,) of these in it.
+    """
+    height, width = right_depth.shape
+    fx, fy, cx, cy = camera
+    at, towards, apart = np.empty(len(depth), dtype=np.int32), np.ones((len(depth), 3)), np.empty(len(depth))
+    count = 0
+    for k in range(len(depth)):
+        if decided[k]:
+            continue
+        z = depth[k]
+        px, py, pz = rays[k, 0] * z, rays[k, 1] * z, float(z)
+        x = turn[0, 0] * px + turn[0, 1] * py + turn[0, 2] * pz + turn[0, 3]
+        y = turn[1, 0] * px + turn[1, 1] * py + turn[1, 2] * pz + turn[1, 3]
+        z = turn[2, 0] * px + turn[2, 1] * py + turn[2, 2] * pz + turn[2, 3]
+        u, v = fx * x / z + cx, fy * y / z + cy
+        same = False
+        if 0 <= u < width - 1 and 0 <= v < height - 1:
+            i, j = int(u), int(v)
+            s, t = u - i, v - j
+            a, b = 1 / right_depth[j, i], 1 / right_depth[j, i + 1]
+            c, d = 1 / right_depth[j + 1, i], 1 / right_depth[j + 1, i + 1]
+            shown = (1 - t) * (a + s * (b - a)) + t * (c + s * (d - c))
+            low, high = min(min(a, b), min(c, d)), max(max(a, b), max(c, d))
+            # what the four pixels show changes no faster than a plane does, and passes through the point
+            same = abs(shown * z - 1) < SAME_POINT and high - low < SMOOTH * shown
+        if not same:
+            at[count], apart[count] = k, z
+            towards[count, 0], towards[count, 1] = x / z, y / z
+            count += 1
+    return at[:count], towards[:count], apart[:count]

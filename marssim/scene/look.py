@@ -12,7 +12,8 @@ from marssim.scene.ranges import Range, check_ranges
 LOOK_LIMITS = {
     "sun_elevation_deg": (0.0, 90.0), "sun_azimuth_deg": (-360.0, 720.0), "optical_depth": (0.0, 12.0),
     "albedo_contrast": (0.0, 3.0), "texture_strength": (0.0, 3.0), "pebbles": (0.0, 1.0), "wind_ripples": (0.0, 1.0),
-    "bedding": (0.0, 1.0), "bedrock": (0.0, 1.0), "rock_dust": (0.0, 1.0),
+    "bedding": (0.0, 1.0), "bedrock": (0.0, 1.0), "rock_dust": (0.0, 1.0), "gravel": (0.0, 1.0),
+    "gravel_size": (0.005, 0.08), "gravel_sorting": (0.0, 1.0),
 }  # fmt: skip
 
 
@@ -32,7 +33,7 @@ class LookConfig:
     """Height of the relief that is finer than the mesh (texture, which stereo matches), LOW HIGH: 0 has none, 1 is
     typical, 3 the most."""
     pebbles: Range = (0.2, 1.0)
-    """Strength of the pebbles and grains that are too small for the mesh, LOW HIGH: 0 has none, 1 the most."""
+    """Number of the single pebbles of 0.5 to 4 cm on ground without sand, LOW HIGH: 0 has none, 1 the most."""
     wind_ripples: Range = (0.2, 0.7)
     """Share of the ground that is sand with hand-wide ripples, LOW HIGH, 0 to 1. Pebbles lie on the rest, except on
     bedrock."""
@@ -44,6 +45,13 @@ class LookConfig:
     rock_dust: Range = (0.1, 0.6)
     """How much dust clings to the sides of the dustiest rocks, LOW HIGH: 0 has none, 1 the most. Dust lies on the tops
     of all rocks."""
+    gravel: Range = (0.0, 0.15)
+    """Share of the ground where stones of 0.5 to 8 cm lie close together, LOW HIGH, 0 to 1: patches of it, or all of
+    it."""
+    gravel_size: Range = (0.012, 0.04)
+    """Commonest diameter of the stones in gravel [m], LOW HIGH."""
+    gravel_sorting: Range = (0.2, 0.9)
+    """How alike the stones of gravel are, LOW HIGH: 0 mixes all sizes, 1 has hardly any but the commonest."""
 
     def __post_init__(self) -> None:
         check_ranges(self, LOOK_LIMITS)
@@ -66,6 +74,9 @@ class Look:
         bedding: How clearly rocks show level beds, 0 to 1.
         bedrock: How much of the ground is swept bare down to bedrock, 0 to 1.
         rock_dust: How much dust clings to the dustiest rocks, 0 to 1.
+        gravel: Share of the ground that is gravel, 0 to 1.
+        gravel_size: Commonest diameter of the stones in gravel [m].
+        gravel_sorting: How alike the stones of gravel are, 0 to 1.
     """
 
     sun: np.ndarray
@@ -78,6 +89,9 @@ class Look:
     bedding: float
     bedrock: float
     rock_dust: float
+    gravel: float = 0.0
+    gravel_size: float = 0.02
+    gravel_sorting: float = 0.5
 
     @property
     def sun_elevation(self) -> float:
@@ -86,7 +100,7 @@ class Look:
 
 
 def draw_look(config: LookConfig, rng: np.random.Generator) -> Look:
-    """Draw a scene's sun, air and surface, each uniformly from its range.
+    """Draw a scene's sun, air and surface, each uniformly from its range; the size of gravel in its logarithm.
 
     Args:
         config: The ranges.
@@ -105,6 +119,9 @@ def draw_look(config: LookConfig, rng: np.random.Generator) -> Look:
         bedding=float(rng.uniform(*config.bedding)),
         bedrock=float(rng.uniform(*config.bedrock)),
         rock_dust=float(rng.uniform(*config.rock_dust)),
+        gravel=float(rng.uniform(*config.gravel)),
+        gravel_size=float(np.exp(rng.uniform(*np.log(config.gravel_size)))),
+        gravel_sorting=float(rng.uniform(*config.gravel_sorting)),
     )
 
 

@@ -11,7 +11,7 @@ from marssim.scene.relief import ReliefConfig
 from marssim.scene.rocks.mesh import RockConfig
 from marssim.scene.scene import SceneConfig
 
-Place = Literal["utopia", "gusev", "gale", "jezero", "hard"]
+Place = Literal["utopia", "gusev", "gale", "jezero", "gravel", "hard"]
 PRESETS: tuple[Place, ...] = get_args(Place)
 
 # The relief of gusev, gale and jezero has the RMS slope over 1 m and the Hurst exponent of Pathfinder and Viking 1,
@@ -28,6 +28,7 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig, OutcropConfig]
         ),
         LookConfig(
             pebbles=(0.2, 0.9), wind_ripples=(0.2, 0.7), bedding=(0.0, 0.2), bedrock=(0.0, 0.0), rock_dust=(0.2, 0.8),
+            gravel=(0.0, 0.05),
         ),
         OutcropConfig(slabs=(0.0, 0.03), slab_size=(0.25, 0.5), fragments=(0.0, 0.3)),
     ),
@@ -40,6 +41,7 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig, OutcropConfig]
         ),
         LookConfig(
             pebbles=(0.4, 1.0), wind_ripples=(0.1, 0.5), bedding=(0.0, 0.2), bedrock=(0.0, 0.15), rock_dust=(0.1, 0.6),
+            gravel=(0.0, 0.3),
         ),
         OutcropConfig(slabs=(0.0, 0.1), fragments=(0.2, 0.8)),
     ),
@@ -61,8 +63,19 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig, OutcropConfig]
         ReliefConfig(hurst=0.73, rms_slope_deg=5.2, ripple_amplitude=0.03, ripple_wavelength=1.4, ripple_cover=0.2),
         LookConfig(
             pebbles=(0.5, 1.0), wind_ripples=(0.1, 0.6), bedding=(0.1, 0.8), bedrock=(0.0, 0.4), rock_dust=(0.1, 0.6),
+            gravel=(0.0, 0.4),
         ),
         OutcropConfig(slabs=(0.05, 0.45), slab_size=(0.45, 1.3), ledges=(0.0, 2.0), fragments=(0.2, 0.8)),
+    ),
+    # the floor of a crater: stones of a few centimetres, close together, between sand and rocks
+    "gravel": (
+        RockConfig(k=0.05, families=(0.5, 0.2, 0.3), albedo=0.7),
+        ReliefConfig(hurst=0.73, rms_slope_deg=4.0, ripple_amplitude=0.015, ripple_wavelength=1.0, ripple_cover=0.2),
+        LookConfig(
+            pebbles=(0.5, 1.0), wind_ripples=(0.0, 0.4), bedding=(0.0, 0.4), bedrock=(0.0, 0.1), rock_dust=(0.1, 0.6),
+            gravel=(0.5, 1.0), gravel_size=(0.01, 0.05), gravel_sorting=(0.0, 1.0),
+        ),
+        OutcropConfig(slabs=(0.0, 0.05), slab_size=(0.25, 0.5), fragments=(0.1, 0.5)),
     ),
     "hard": (
         RockConfig(k=0.20, cluster=0.5, families=(0.6, 0.2, 0.2), albedo=0.65),
@@ -72,6 +85,7 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig, OutcropConfig]
         ),
         LookConfig(
             pebbles=(0.3, 1.0), wind_ripples=(0.0, 0.6), bedding=(0.0, 0.6), bedrock=(0.0, 0.3), rock_dust=(0.0, 0.6),
+            gravel=(0.0, 0.4),
         ),
         OutcropConfig(slabs=(0.0, 0.3), slab_tilt_deg=(2.0, 7.0), ledges=(0.0, 6.0), fragments=(0.3, 1.0)),
     ),

@@ -61,9 +61,9 @@ class SceneConfig:
             raise ValueError(f"size must be at most {MOST_CELLS} times `cell`, {self.cell:g} m, got {self.size}")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scene:
-    """A place to render and to drive on. It is plain data that depends on no renderer.
+    """A place to render and to drive on. It is plain data that depends on no renderer. Each Scene equals only itself.
 
     World frame: x east, y north, z up, in metres, with the origin on the ground in the middle of the scene.
 

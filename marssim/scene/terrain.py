@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy import fft
+from scipy import fft, ndimage
 
 from marssim.scene.ditches import draw_ditches
 from marssim.scene.heightmap import Window, read_heightmap
@@ -17,6 +17,7 @@ __all__ = ["HeightGrid", "ReliefConfig", "Terrain", "build_terrain"]
 
 COARSE_CELL = 1.0  # [m] grid of the coarse part
 CROSSOVER = 5.0  # [m] wavelength at which the fine grid's spectrum takes over from the coarse grid's
+FINEST_WAVE, FEWEST_CELLS = 0.36, 4.5  # shortest waves of the fine grid: metres, and cells if these are coarser
 BLEND = 2.0  # [m] width of the strip in which the fine relief fades into the coarse one
 CELLS_PER_CRATER = 3.0  # cells of a heightmap that a crater must span before the map shows it
 
@@ -66,6 +67,11 @@ class HeightGrid:
         gx = np.where(lower, h10 - h00, h11 - h01)
         gy = np.where(lower, h11 - h10, h01 - h00)
         return h00 + gx * s + gy * t, gx / self.cell, gy / self.cell
+
+    def smooth_heights(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Return heights (...) [m] of the cubic spline through the nodes at points x, y (...) [m] on the grid."""
+        at = [(np.asarray(y, dtype=float) - self.y0) / self.cell, (np.asarray(x, dtype=float) - self.x0) / self.cell]
+        return ndimage.map_coordinates(self.heights, at, order=3, mode="mirror")
 
     def contains(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Return whether points lie on the grid, edges included. x, y: [m], broadcast against each other."""
@@ -183,7 +189,7 @@ def build_terrain(
     for heights, axis in ((fine, x), (coarse, far_x)):
         heights += slope * (np.cos(azimuth) * axis + np.sin(azimuth) * axis[:, None])
 
-    # at the border the fine heights must lie on the edges of the coarse triangles, or light shines through the seam
+    # at the border the fine heights lie on the smooth surface through the coarse ones, which rays see (smooth_heights)
     coarse_grid = HeightGrid(coarse, -far, -far, COARSE_CELL)
     blended = fine.copy()
     strip = int(np.ceil(min(BLEND, half) / (x[1] - x[0]))) + 1
@@ -191,7 +197,7 @@ def build_terrain(
         px, py = (axis[part] for axis in np.meshgrid(x, x, copy=False))
         edge = np.clip((half - np.maximum(np.abs(px), np.abs(py))) / BLEND, 0, 1)
         weight = edge * edge * (3 - 2 * edge)
-        below = coarse_grid.gradient_at(px, py)[0]
+        below = coarse_grid.smooth_heights(px, py)
         blended[part] = weight * fine[part] + (1 - weight) * below
     offset = float(blended[n_fine // 2, n_fine // 2])
     return Terrain(
@@ -223,7 +229,10 @@ def _relief(
         spectrum = self_affine(n, cell, config.hurst, slope, rng)
         k = wavenumber(n, cell)
         longer = 1 / np.sqrt(1 + (k * CROSSOVER / (2 * np.pi)) ** 8)
-        spectrum *= longer if coarse else np.sqrt(1 - longer**2)
+        if not coarse:  # what the grid cannot carry smoothly is left to the fine relief of marssim.render.relief
+            finest = max(FINEST_WAVE, FEWEST_CELLS * cell)
+            longer = np.sqrt((1 - longer**2) / (1 + (k * finest / (2 * np.pi)) ** 12))
+        spectrum *= longer
         if window is not None:
             spectrum *= window.missing(k)
         return fft.irfft2(spectrum, s=(n, n))[: len(axis), : len(axis)]

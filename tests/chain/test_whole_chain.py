@@ -11,6 +11,7 @@ from m3depth import evaluate as evaluate_command
 from m3depth import predict as predict_command
 from m3depth import train as train_command
 from marssim import generate as generate_command
+from marssim.base.right_image import image_disparity
 from marssim.dataset import StereoDataset
 from nav import Navigator
 
@@ -35,7 +36,8 @@ def test_a_dataset_has_the_three_splits_and_exact_disparity(data):
     assert [len(StereoDataset(data, split=split)) for split in ("train", "val", "test")] == [1, 1, 1]
     for sample in dataset:
         known = np.isfinite(sample.depth)
-        assert np.allclose(sample.disparity[known], sample.rig.fb / sample.depth[known], rtol=1e-6)
+        expected = image_disparity(sample.rig, sample.depth, np.array(sample.meta["right_rotation"]))
+        assert np.allclose(sample.disparity[known], expected[known], rtol=1e-5)
         assert (sample.normal[known] * sample.rig.camera.rays()[known]).sum(axis=-1).max() < 0
 
 

@@ -487,4 +487,4 @@ def test_true_depth_is_of_the_scene(on_course, make_scene, make_course):
     row = 120
     down = np.arctan((row + 0.5 - rig.camera.height / 2) / rig.camera.fy) + mount.pitch
     ray = mount.height / np.sin(down)
-    np.testing.assert_allclose(depth[row], ray * np.cos(down - mount.pitch), rtol=1e-3)
+    np.testing.assert_allclose(depth[row], ray * np.cos(down - mount.pitch), rtol=0.02)  # relief of a centimetre

@@ -6,29 +6,13 @@ import math
 
 import numpy as np
 
-from marssim.base.camera import PinholeCamera
 from marssim.base.compute.compiled import compiled, inlined, read_only
 from marssim.base.dataset.frame import SKY
-from marssim.render.geometry.gbuffer import GBuffer, Hits
+from marssim.render.geometry.gbuffer import Hits
 from marssim.render.geometry.mesh import Mesh
 from marssim.render.geometry.vectors import column, cross, dot, minus, mixed, row, times
 
 MISS = 1e-3  # barycentric coordinate by which a ray may miss a triangle before the nearest point on it is taken
-
-
-def gbuffer_of_faces(mesh: Mesh, camera: PinholeCamera, pose: np.ndarray, face: np.ndarray) -> GBuffer:
-    """Return the G-buffer of a view, given the face that each pixel's ray hits.
-
-    Args:
-        mesh: The triangles.
-        camera: The camera.
-        pose: (4, 4) camera to world.
-        face: (H * W,) face of each pixel, negative for the sky.
-    """
-    shape = (camera.height, camera.width)
-    rays = camera.rays().reshape(-1, 3)
-    depth, normal, shading, surface = intersect_faces(mesh, pose, rays, face)
-    return GBuffer(depth.reshape(shape), normal.reshape(*shape, 3), shading.reshape(*shape, 3), surface.reshape(shape))
 
 
 def intersect_faces(mesh: Mesh, pose: np.ndarray, rays: np.ndarray, face: np.ndarray) -> Hits:
@@ -41,7 +25,40 @@ def intersect_faces(mesh: Mesh, pose: np.ndarray, rays: np.ndarray, face: np.nda
         face: (N,) face that each ray hits, negative for the sky.
     """
     hits = _hits(mesh.vertices, mesh.faces, mesh.surface, mesh.vertex_normals, read_only(pose), read_only(rays), face)
-    return Hits(*hits)
+    detail = np.zeros((len(rays), 4), dtype=np.float32)
+    detail[:, 0], detail[:, 3] = -1, 1
+    return Hits(hits[0], hits[1], hits[2], hits[3], detail)
+
+
+def depths_of_faces(mesh: Mesh, pose: np.ndarray, rays: np.ndarray, face: np.ndarray) -> np.ndarray:
+    """Return the depths (N,) float64 [m] at which rays pass the planes of faces, inf where the face is negative.
+
+    The arguments are those of intersect_faces.
+    """
+    return _plane_depths(mesh.vertices, mesh.faces, read_only(pose), read_only(rays), face)
+
+
+@compiled
+def _plane_depths(vertices, faces, pose, rays, face):
+    out = np.full(len(face), np.inf)
+    right, down, ahead, eye = column(pose, 0), column(pose, 1), column(pose, 2), column(pose, 3)
+    last = -1
+    wide = (0.0, 0.0, 0.0)
+    height = 0.0
+    for k in range(len(face)):
+        f = face[k]
+        if f < 0:
+            continue
+        if f != last:
+            last = f
+            a = minus(row(vertices, faces[f, 0]), eye)
+            wide = cross(
+                minus(minus(row(vertices, faces[f, 1]), eye), a), minus(minus(row(vertices, faces[f, 2]), eye), a)
+            )
+            height = dot(wide, a)
+        slant = dot(wide, mixed(right, down, ahead, (rays[k, 0], rays[k, 1], 1.0)))
+        out[k] = max(height / slant, 0.0) if slant != 0 else 0.0
+    return out
 
 
 @compiled

@@ -10,7 +10,7 @@ from marssim.base.compute.compiled import compiled
 from marssim.base.dataset.frame import GROUND
 from marssim.render.geometry.gbuffer import ROCK_SMOOTHNESS
 from marssim.scene.scene import Scene
-from marssim.scene.terrain import HeightGrid
+from marssim.scene.terrain import HeightGrid, Terrain
 
 PIECE_CELLS = 12  # grid cells along a side of a piece of ground
 
@@ -49,36 +49,42 @@ class SceneMesh(Mesh):
 
 def scene_mesh(scene: Scene) -> SceneMesh:
     """Return the mesh of a scene: the fine grid, the coarse grid around it, and one piece for each body."""
-    terrain, rocks = scene.terrain, scene.bodies
+    return _joined([ground_mesh(scene.terrain), body_mesh(scene)])
+
+
+def ground_mesh(terrain: Terrain) -> SceneMesh:
+    """Return the triangles of a terrain: the fine grid and the coarse grid around it."""
     every = np.ones(np.array(terrain.fine.heights.shape) - 1, dtype=bool)
-    vertices, faces, normals, counts, boxes = [], [], [], [], []
-    first = 0
-    for grid, keep in ((terrain.fine, every), (terrain.coarse, terrain.coarse_cells)):
-        points, triangles, sizes, box = _grid_pieces(grid, keep)
-        vertices.append(points)
-        faces.append(triangles + np.int32(first))
-        normals.append(grid.vertex_normals().astype(np.float32))
-        counts.append(sizes)
-        boxes.append(box)
-        first += len(points)
-    ground = sum(len(f) for f in faces)
+    return _joined([_grid_mesh(terrain.fine, every), _grid_mesh(terrain.coarse, terrain.coarse_cells)])
+
+
+def body_mesh(scene: Scene) -> SceneMesh:
+    """Return the triangles of what stands on a scene's ground, one piece for each body."""
+    rocks = scene.bodies
+    start = np.searchsorted(rocks.face_rock, np.arange(len(rocks) + 1))
+    low = high = np.zeros((0, 3))
     if len(rocks):
-        vertices.append(rocks.vertices)
-        faces.append(rocks.faces + np.int32(first))
-        normals.append((ROCK_SMOOTHNESS * rocks.vertex_normals).astype(np.float32))
-        start = np.searchsorted(rocks.face_rock, np.arange(len(rocks) + 1))
-        counts.append(np.diff(start))
         # the first corners of a rock's faces do not include every vertex, so all three corners count
         corner = [rocks.vertices[rocks.faces[:, k]] for k in range(3)]
         low, high = np.minimum(np.minimum(*corner[:2]), corner[2]), np.maximum(np.maximum(*corner[:2]), corner[2])
-        boxes.append((np.minimum.reduceat(low, start[:-1]), np.maximum.reduceat(high, start[:-1])))
-    faces_of_all = np.concatenate(faces)
-    surface = np.full(len(faces_of_all), GROUND, dtype=np.int32)
-    surface[ground:] = rocks.face_rock + 1
+        low, high = np.minimum.reduceat(low, start[:-1]), np.maximum.reduceat(high, start[:-1])
     return SceneMesh(
-        vertices=np.concatenate(vertices), faces=faces_of_all, surface=surface, vertex_normals=np.concatenate(normals),
-        start=np.concatenate([[0], np.cumsum(np.concatenate(counts))]).astype(np.int64),
-        low=np.concatenate([low for low, _ in boxes]), high=np.concatenate([high for _, high in boxes]),
+        vertices=rocks.vertices, faces=rocks.faces, surface=(rocks.face_rock + 1).astype(np.int32),
+        vertex_normals=(ROCK_SMOOTHNESS * rocks.vertex_normals).astype(np.float32), start=start.astype(np.int64),
+        low=low, high=high,
+    )  # fmt: skip
+
+
+def _joined(parts: list[SceneMesh]) -> SceneMesh:
+    first = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
+    faces = [part.faces + np.int32(offset) for part, offset in zip(parts, first)]
+    counts = np.concatenate([np.diff(part.start) for part in parts])
+    return SceneMesh(
+        vertices=np.concatenate([part.vertices for part in parts]), faces=np.concatenate(faces),
+        surface=np.concatenate([part.surface for part in parts]),
+        vertex_normals=np.concatenate([part.vertex_normals for part in parts]),
+        start=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+        low=np.concatenate([part.low for part in parts]), high=np.concatenate([part.high for part in parts]),
     )  # fmt: skip
 
 
@@ -128,13 +134,8 @@ def _faces_away_from(vertices, faces, start, sun):
     return out[:total], count
 
 
-def _grid_pieces(
-    grid: HeightGrid, keep: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
-    """Return vertices, faces block by block, the number of faces of each block, and the blocks' boxes (low, high).
-
-    keep: (ny - 1, nx - 1) bool, the cells to include.
-    """
+def _grid_mesh(grid: HeightGrid, keep: np.ndarray) -> SceneMesh:
+    """Return the triangles of a grid, block by block. keep: (ny - 1, nx - 1) bool, the cells to include."""
     vertices, faces = grid.mesh(keep)
     row, column = np.nonzero(keep)
     blocks = -(-keep.shape[1] // PIECE_CELLS)
@@ -150,4 +151,9 @@ def _grid_pieces(
     low = np.stack([np.minimum.reduceat(v, begin) for v in (x, y, lowest)], axis=1)
     high = np.stack([np.maximum.reduceat(v, begin) for v in (x + grid.cell, y + grid.cell, highest)], axis=1)
     slack = 1e-9 * np.abs(grid.x0)  # because grid lines are computed in more than one way
-    return vertices, faces, 2 * np.diff(begin, append=len(block)), (low - slack, high + slack)
+    counts = 2 * np.diff(begin, append=len(block))
+    return SceneMesh(
+        vertices=vertices, faces=faces, surface=np.full(len(faces), GROUND, dtype=np.int32),
+        vertex_normals=np.zeros((len(vertices), 3), dtype=np.float32),
+        start=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64), low=low - slack, high=high + slack,
+    )  # fmt: skip

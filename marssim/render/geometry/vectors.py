@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from marssim.base.compute.compiled import inlined
 
 
@@ -50,3 +52,9 @@ def mixed(a, b, c, weights):
         wa * a[1] + wb * b[1] + wc * c[1],
         wa * a[2] + wb * b[2] + wc * c[2],
     )
+
+
+@inlined
+def unit(a):
+    """Return a vector of length 1 along a."""
+    return times(a, 1 / math.sqrt(max(dot(a, a), 1e-24)))

@@ -7,11 +7,12 @@ import math
 import numpy as np
 
 from marssim.base.compute.compiled import compiled, read_only
-from marssim.render.geometry.gbuffer import Hits
-from marssim.render.geometry.hits import intersect_faces
-from marssim.render.geometry.mesh import SceneMesh, faces_away_from
+from marssim.render.geometry.gbuffer import Footprint, Hits
+from marssim.render.geometry.mesh import SceneMesh, faces_away_from, scene_mesh
 from marssim.render.geometry.projection import Projection
 from marssim.render.geometry.scan import nearest_faces, unobstructed
+from marssim.render.geometry.surface import SceneSurface
+from marssim.scene.scene import Scene
 
 SELF_GAP = 2e-4  # [m] distance from a surface at which its rays start, so that they do not hit their own face
 
@@ -29,42 +30,9 @@ class Visibility:
         self.sun = sun
         self._casting = faces_away_from(mesh, sun)
 
-    def trace(self, rays: np.ndarray, pose: np.ndarray) -> Hits:
-        """Return what rays (N, 3) of z = 1 hit; see `Renderer.trace`."""
-        mesh = self.mesh
-        if len(rays) == 0:
-            face = np.zeros(0, dtype=np.int32)
-        else:
-            x, y = np.ascontiguousarray(rays[:, 0]), np.ascontiguousarray(rays[:, 1])
-            face = nearest_faces(mesh, Projection.of_eye(pose), x, y)
-        return intersect_faces(mesh, pose, rays, face)
-
     def lit(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """Return which surface points the sun's centre reaches; see `Renderer.lit`. No point may lie inside a rock."""
         return self._open(points, normals, self.sun, False, Projection.of_sun(self.sun), self._casting)
-
-    def visible_from(self, points: np.ndarray, normals: np.ndarray, eye: np.ndarray) -> np.ndarray:
-        """Return which surface points have a free line to the eye (3,); see `Renderer.visible_from`.
-
-        A projection covers less than a half space, so points all around the eye are divided among six projections.
-        """
-        eye = np.asarray(eye, dtype=float)
-        out = np.zeros(len(points), dtype=bool)
-        if len(points) == 0:
-            return out
-        axis = np.median(points[:: max(1, len(points) // 512)] - eye, axis=0)
-        if _ahead(read_only(points), read_only(eye), read_only(axis)):
-            return self._open(points, normals, eye, True, Projection.of_eye(_looking(eye, axis)), self.mesh)
-        offset = points - eye
-        side = np.abs(offset).argmax(axis=1)
-        sign = np.sign(offset[np.arange(len(points)), side])
-        for axis_number in range(3):
-            for direction in (-1.0, 1.0):
-                at = np.flatnonzero((side == axis_number) & (sign == direction))
-                if len(at):
-                    view = Projection.of_eye(_looking(eye, direction * np.eye(3)[axis_number]))
-                    out[at] = self._open(points[at], normals[at], eye, True, view, self.mesh)
-        return out
 
     def _open(
         self, points: np.ndarray, normals: np.ndarray, light: np.ndarray, near: bool, view: Projection, mesh: SceneMesh
@@ -83,32 +51,45 @@ class Visibility:
 
 
 class RayQueries:
-    """The methods of a `Renderer` that are answered by rays, until it is closed."""
+    """The methods of a `Renderer` that are answered by rays through all triangles, until it is closed."""
 
-    def __init__(self, mesh: SceneMesh, sun: np.ndarray) -> None:
-        self._visibility = Visibility(mesh, sun)
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self._surface = SceneSurface(scene)
+        self._visibility = Visibility(scene_mesh(scene), scene.look.sun)
         self._open = True
 
-    def trace(self, rays: np.ndarray, pose: np.ndarray) -> Hits:
+    def trace(self, rays: np.ndarray, pose: np.ndarray, footprint: Footprint, sunlit: bool = True) -> Hits:
         """Return what rays (N, 3) of z = 1 hit; see `Renderer.trace`."""
-        return self._open_visibility().trace(rays, pose)
+        surface = self._open_surface()
+        view = Projection.of_eye(pose)
+        x, y = np.ascontiguousarray(rays[:, 0]), np.ascontiguousarray(rays[:, 1])
+        if len(rays) == 0:
+            cap = body = np.zeros(0, dtype=np.int32)
+        else:
+            cap, body = (nearest_faces(mesh, view, x, y) for mesh in (surface.cap, surface.bodies))
+        return surface.hits(pose, rays, cap, body, footprint, sunlit)
+
+    def trace_ground(
+        self, rays: np.ndarray, pose: np.ndarray, begin: np.ndarray, footprint: Footprint, sunlit: bool = True
+    ) -> Hits:
+        """Return where rays that are known to meet the ground do so; see `Renderer.trace_ground`."""
+        none = np.full(len(rays), -1, dtype=np.int32)
+        return self._open_surface().hits_from(pose, rays, begin, none, footprint, sunlit)
 
     def lit(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """Return which surface points the sun's centre reaches; see `Renderer.lit`."""
-        return self._open_visibility().lit(points, normals)
-
-    def visible_from(self, points: np.ndarray, normals: np.ndarray, eye: np.ndarray) -> np.ndarray:
-        """Return which surface points have a free line to the eye; see `Renderer.visible_from`."""
-        return self._open_visibility().visible_from(points, normals, eye)
+        self._open_surface()
+        return self._visibility.lit(points, normals)
 
     def close(self) -> None:
         """Refuse all further queries; a second call does nothing."""
         self._open = False
 
-    def _open_visibility(self) -> Visibility:
+    def _open_surface(self) -> SceneSurface:
         if not self._open:
             raise RuntimeError(f"this {type(self).__name__} is closed")
-        return self._visibility
+        return self._surface
 
 
 def _looking(eye: np.ndarray, axis: np.ndarray) -> np.ndarray:

@@ -9,9 +9,9 @@ import numpy as np
 from marssim.base.camera import PinholeCamera
 from marssim.base.pose import rotate
 from marssim.engines.embree import TriangleRays
-from marssim.render.geometry.gbuffer import GBuffer, Hits
-from marssim.render.geometry.hits import gbuffer_of_faces, intersect_faces
-from marssim.render.geometry.mesh import Mesh, scene_mesh
+from marssim.render.geometry.gbuffer import Footprint, GBuffer, Hits
+from marssim.render.geometry.hits import intersect_faces
+from marssim.render.geometry.mesh import Mesh
 from marssim.render.geometry.visibility import SELF_GAP, RayQueries
 from marssim.scene.scene import Scene
 
@@ -30,7 +30,8 @@ class MeshTracer:
             rays: (N, 3) directions, camera frame, scaled to z = 1.
             pose: (4, 4) camera to world.
         """
-        return intersect_faces(self._mesh, pose, rays, self._first_faces(rays, pose))
+        face = self._rays.meet(pose[None, :3, 3], world_directions(rays, pose))[0]
+        return intersect_faces(self._mesh, pose, rays, face)
 
     def free(
         self, points: np.ndarray, normals: np.ndarray, directions: np.ndarray, reach: np.ndarray | None
@@ -54,14 +55,8 @@ class MeshTracer:
         """Free the acceleration structure; a second call does nothing."""
         self._rays.close()
 
-    def _first_faces(self, rays: np.ndarray, pose: np.ndarray) -> np.ndarray:
-        """Return (N,) int32: the face that each ray hits first, negative for none. The arguments are those of trace."""
-        world_rays = rotate(rays.astype(np.float32), pose[:3, :3].astype(np.float32))
-        # Embree works in float32 and only names the triangle; the point on it is computed in float64
-        return self._rays.meet(pose[None, :3, 3], world_rays)[0]
 
-
-class EmbreeRenderer(MeshTracer, RayQueries):
+class EmbreeRenderer(RayQueries):
     """Renders a Scene with Embree's ray casting. Fulfils `Renderer` and needs no PyBullet.
 
     Raises:
@@ -69,20 +64,46 @@ class EmbreeRenderer(MeshTracer, RayQueries):
     """
 
     def __init__(self, scene: Scene) -> None:
-        mesh = scene_mesh(scene)
-        MeshTracer.__init__(self, [mesh])
-        RayQueries.__init__(self, mesh, scene.look.sun)
-        self.scene = scene
+        super().__init__(scene)
+        self._cap = TriangleRays(self._surface.cap.vertices, self._surface.cap.faces)
+        bodies = self._surface.bodies
+        self._bodies = TriangleRays(bodies.vertices, bodies.faces) if len(bodies.faces) else None
 
-    def render(self, camera: PinholeCamera, pose: np.ndarray) -> GBuffer:
-        """Return the G-buffer of one view. pose: (4, 4) camera to world."""
-        faces = self._first_faces(camera.rays().reshape(-1, 3), pose)
-        return gbuffer_of_faces(self._open_visibility().mesh, camera, pose, faces)
+    def render(
+        self, camera: PinholeCamera, pose: np.ndarray, footprint: Footprint | None = None, sunlit: bool = True
+    ) -> GBuffer:
+        """Return the G-buffer of one view; see `Renderer.render`."""
+        surface = self._open_surface()
+        cap, body = self._first_faces(camera.rays().reshape(-1, 3), pose)
+        return surface.view(camera, pose, cap, body, footprint, sunlit)
+
+    def trace(self, rays: np.ndarray, pose: np.ndarray, footprint: Footprint, sunlit: bool = True) -> Hits:
+        """Return what rays (N, 3) of z = 1 hit; see `Renderer.trace`."""
+        surface = self._open_surface()
+        return surface.hits(pose, rays, *self._first_faces(rays, pose), footprint, sunlit)
 
     def close(self) -> None:
-        """Free the acceleration structure; a second call does nothing."""
-        MeshTracer.close(self)
-        RayQueries.close(self)
+        """Free the acceleration structures; a second call does nothing."""
+        self._cap.close()
+        if self._bodies is not None:
+            self._bodies.close()
+        super().close()
+
+    def _first_faces(self, rays: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the faces (N,) int32 of the cap and of the bodies that each ray hits first, negative for none."""
+        directions = world_directions(rays, pose)
+        cap = self._cap.meet(pose[None, :3, 3], directions)[0]
+        if self._bodies is None:
+            return cap, np.full(len(rays), -1, dtype=np.int32)
+        return cap, self._bodies.meet(pose[None, :3, 3], directions)[0]
+
+
+def world_directions(rays: np.ndarray, pose: np.ndarray) -> np.ndarray:
+    """Return camera-frame rays (N, 3) in the world frame of pose (4, 4), float32, as Embree takes them.
+
+    Embree only names the triangle; the point on it is computed in float64.
+    """
+    return rotate(rays.astype(np.float32), pose[:3, :3].astype(np.float32))
 
 
 def _joined(meshes: Sequence[Mesh]) -> Mesh:

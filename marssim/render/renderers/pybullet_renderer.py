@@ -6,18 +6,17 @@ import numpy as np
 
 from marssim.base.camera import PinholeCamera
 from marssim.base.compute.compiled import compiled
-from marssim.base.dataset.frame import SKY
-from marssim.render.geometry.gbuffer import GBuffer
-from marssim.render.geometry.hits import gbuffer_of_faces
-from marssim.render.geometry.mesh import scene_mesh
-from marssim.render.geometry.raster import matching_faces
+from marssim.base.dataset.frame import GROUND, SKY
+from marssim.render.geometry.gbuffer import Footprint, GBuffer
+from marssim.render.geometry.hits import depths_of_faces
+from marssim.render.geometry.raster import first_faces, matching_faces
 from marssim.render.geometry.visibility import RayQueries
 from marssim.render.renderers.bullet_tiles import BulletTiles
 from marssim.render.renderers.egl_tiles import EglTiles
 from marssim.scene.scene import Scene
 
+SLIP = 0.002  # share of the depth by which what PyBullet draws may be off
 NEAR = 0.1  # [m] near plane: nothing nearer to the camera is drawn
-SLIP = 0.01  # share of the depth by which the exact hit may differ from the depth buffer; beyond it, the buffer counts
 
 
 class PyBulletRenderer(RayQueries):
@@ -39,26 +38,30 @@ class PyBulletRenderer(RayQueries):
     """
 
     def __init__(self, scene: Scene, egl: bool = False) -> None:
-        self.scene = scene
+        super().__init__(scene)
         self._tiles = EglTiles(scene) if egl else BulletTiles(scene)
-        mesh = scene_mesh(scene)
-        super().__init__(mesh, scene.look.sun)
-        self._group = self._tiles.group_of(mesh.surface)
+        self._group = self._tiles.group_of(self._surface.bodies.surface)
 
-    def render(self, camera: PinholeCamera, pose: np.ndarray) -> GBuffer:
-        """Return the G-buffer of one view. pose: (4, 4) camera to world. Nothing nearer than 0.1 m is visible."""
-        mesh, shape = self._open_visibility().mesh, (camera.height, camera.width)
+    def render(
+        self, camera: PinholeCamera, pose: np.ndarray, footprint: Footprint | None = None, sunlit: bool = True
+    ) -> GBuffer:
+        """Return the G-buffer of one view; see `Renderer.render`. Nothing nearer than 0.1 m is visible."""
+        surface, shape = self._open_surface(), (camera.height, camera.width)
+        bodies = surface.bodies
         guess, group = self.drawn(camera, pose)
-        face = matching_faces(mesh, self._group, camera, pose, guess, group)
+        drawn_ground = group.ravel() == GROUND
+        group[group == GROUND] = SKY
+        face = matching_faces(bodies, self._group, camera, pose, guess, group)
         _copy_neighbours(face.reshape(shape), group)
         _nearest_faces(
-            face, group.ravel(), camera.rays().reshape(-1, 3), pose, mesh.vertices, mesh.faces, self._group, mesh.start
-        )
-        view = gbuffer_of_faces(mesh, camera, pose, face)
-        rough = guess.astype(np.float32)
-        slipped = view.hit & ~(np.abs(view.depth - rough) < SLIP * rough)
-        view.depth[slipped] = rough[slipped]
-        return view
+            face, group.ravel(), camera.rays().reshape(-1, 3), pose, bodies.vertices, bodies.faces, self._group,
+            bodies.start,
+        )  # fmt: skip
+        # PyBullet draws flat ground; bodies that it hides may show where the relief lies lower
+        first = np.where(drawn_ground, first_faces(bodies, camera, pose), -1)
+        behind = depths_of_faces(bodies, pose, camera.rays().reshape(-1, 3), first) > (1 - SLIP) * guess.ravel()
+        face = np.where(drawn_ground & behind, first, face)
+        return surface.view(camera, pose, first_faces(surface.cap, camera, pose), face, footprint, sunlit)
 
     def drawn(self, camera: PinholeCamera, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return what PyBullet draws, before the geometry is made exact. pose: (4, 4) camera to world.

@@ -7,18 +7,22 @@ from typing import Protocol
 import numpy as np
 
 from marssim.base.camera import PinholeCamera
-from marssim.render.geometry.gbuffer import GBuffer, Hits
+from marssim.render.geometry.gbuffer import Footprint, GBuffer, Hits
 
 
 class Renderer(Protocol):
     """Renders one Scene. `close` frees what the renderer holds and may be called twice."""
 
-    def render(self, camera: PinholeCamera, pose: np.ndarray) -> GBuffer:
+    def render(
+        self, camera: PinholeCamera, pose: np.ndarray, footprint: Footprint | None = None, sunlit: bool = True
+    ) -> GBuffer:
         """Return the G-buffer of one view.
 
         Args:
             camera: The camera; one ray passes through the centre of each pixel.
             pose: (4, 4) camera to world.
+            footprint: The camera that the ground's relief is filtered for; None for this one.
+            sunlit: Find the share of sunlight that the relief lets through, which shading needs.
         """
 
     def lit(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
@@ -32,24 +36,27 @@ class Renderer(Protocol):
             (N,) bool.
         """
 
-    def visible_from(self, points: np.ndarray, normals: np.ndarray, eye: np.ndarray) -> np.ndarray:
-        """Return which surface points have a free straight line to the eye.
-
-        Args:
-            points: (N, 3) surface points [m], world frame.
-            normals: (N, 3) unit normals of their faces, world frame.
-            eye: (3,) position [m], world frame.
-
-        Returns:
-            (N,) bool.
-        """
-
-    def trace(self, rays: np.ndarray, pose: np.ndarray) -> Hits:
+    def trace(self, rays: np.ndarray, pose: np.ndarray, footprint: Footprint, sunlit: bool = True) -> Hits:
         """Return what rays of a camera hit; they need not pass through pixel centres.
 
         Args:
             rays: (N, 3) directions, camera frame, scaled to z = 1.
             pose: (4, 4) camera to world.
+            footprint: The camera that the ground's relief is filtered for.
+            sunlit: As in `render`.
+        """
+
+    def trace_ground(
+        self, rays: np.ndarray, pose: np.ndarray, begin: np.ndarray, footprint: Footprint, sunlit: bool = True
+    ) -> Hits:
+        """Return where rays that are known to meet the ground do so, which is faster than `trace`.
+
+        Args:
+            rays: (N, 3) directions, camera frame, scaled to z = 1.
+            pose: (4, 4) camera to world.
+            begin: (N,) depths before which they meet nothing [m].
+            footprint: The camera that the ground's relief is filtered for.
+            sunlit: As in `render`.
         """
 
     def close(self) -> None:

@@ -11,12 +11,15 @@ import math
 
 import numpy as np
 
-from marssim.base.compute.compiled import compiled, inlined
+from marssim.base.compute.compiled import compiled, inlined, read_only
 from marssim.base.dataset.frame import GROUND
+from marssim.render.geometry.gbuffer import Footprint
+from marssim.render.relief.ground import ground_relief
+from marssim.render.relief.height import cover_at, footprint_at
+from marssim.render.relief.surroundings import surroundings_at
 from marssim.render.surfaces.albedo import GROUND_COLOUR, regolith_at, rock_at
 from marssim.render.surfaces.daylight import daylight, skies, sky_colour
 from marssim.render.surfaces.materials import materials
-from marssim.render.surfaces.surroundings import surroundings_at
 from marssim.scene.scene import Scene
 
 SKY_COLOUR = (1.0, 0.86, 0.70)  # colour of the light that the sky casts on the ground
@@ -24,7 +27,6 @@ DUST_SCALE_HEIGHT = 10_800.0  # [m] scale height of the dust
 THIN = 8e-4  # optical depth of dust too thin to show: it changes the image by an eighth of a grey level
 AHEAD = 0.9  # excess of skylight over its mean on a wall that faces a sun at the horizon
 LEAST_SKY = 0.2  # least skylight over its mean, on a wall that faces away from the sun
-LEAST_SLANT = 0.08  # least cosine of the viewing angle at which textures are filtered
 LEAST_OUT = 0.05  # least cosine of the viewing angle to the fine relief, which may be turned away from the camera
 DUSK = (
     12.0  # sunlight fades over the last twelfth of its cosine on the surface, so that relief catches no light after it
@@ -43,7 +45,8 @@ class Shader:
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
-        self._ground, self._rocks = materials(scene)
+        self._ground = ground_relief(scene)
+        self._soil, self._rocks = materials(scene, self._ground)
         self.light = daylight(scene.look)
 
     def surface(
@@ -51,9 +54,10 @@ class Shader:
         points: np.ndarray,
         normals: np.ndarray,
         surface: np.ndarray,
+        detail: np.ndarray,
         eye: np.ndarray,
         lit: np.ndarray,
-        focal: float,
+        footprint: Footprint,
         at: np.ndarray | None = None,
         out: np.ndarray | None = None,
     ) -> np.ndarray:
@@ -63,9 +67,10 @@ class Shader:
             points: (N, 3) points, world frame [m]; (M, 3) if `at` is given.
             normals: (N, 3) shading normals, world frame.
             surface: (N,) surface ids: GROUND or rock n + 1.
+            detail: (N, 4) float32 details of the ground, see gbuffer.Hits.
             eye: (3,) position of the camera, world frame [m].
-            lit: (N,) share of the sun that is visible, 0 to 1.
-            focal: Focal length [px], which gives the footprint of a pixel.
+            lit: (N,) share of the sun that hills and rocks leave free, 0 to 1.
+            footprint: The camera that patterns are filtered for.
             at: (M,) int32, the rows of the other arrays that the points belong to; None for all.
             out: (N, 3) float32, in which only these rows are written; None makes a new array.
 
@@ -78,8 +83,10 @@ class Shader:
             out = np.zeros((len(surface), 3), dtype=np.float32)
         _surface(
             np.ascontiguousarray(points, dtype=np.float64), at, np.ascontiguousarray(normals, dtype=np.float32),
-            np.ascontiguousarray(surface, dtype=np.int32), np.asarray(eye, dtype=np.float64),
-            np.ascontiguousarray(lit, dtype=np.float32), float(focal), self._ground, self._rocks, self.light, out,
+            np.ascontiguousarray(surface, dtype=np.int32), np.ascontiguousarray(detail, dtype=np.float32),
+            np.asarray(eye, dtype=np.float64), np.ascontiguousarray(lit, dtype=np.float32), read_only(footprint.eye),
+            footprint.focal, self._ground.data, self._ground.relief.cover, self._ground.relief.plates, self._soil,
+            self._rocks, self.light, out,
         )  # fmt: skip
         return out
 
@@ -93,10 +100,12 @@ class Shader:
 
 
 @compiled
-def _surface(points, at, normals, surface, eye, lit, focal, ground, rocks, light, out):
-    """Fill in `out`, see Shader.surface. ground, rocks: of materials; light: Daylight."""
-    mix, relief, stains, ripples, pebbles, bedrock, near_rocks = ground
-    contrast, noise, of_surface = rocks
+def _surface(
+    points, at, normals, surface, detail, eye, lit, left, focal, data, cover, placed, soil, rocks, light, out
+):  # fmt: skip
+    """Fill in `out`, see Shader.surface. left: position of the camera that patterns are filtered for."""
+    mix, stains, tones, plates, near_rocks, half = soil
+    contrast, of_surface = rocks
     sun, sunlight, skylight, optical_depth = light
     sx, sy, sz = sun[0], sun[1], sun[2]
     ahead = AHEAD * math.sqrt(max(1 - sz * sz, 0.0))
@@ -109,25 +118,27 @@ def _surface(points, at, normals, surface, eye, lit, focal, ground, rocks, light
         distance = math.sqrt(vx * vx + vy * vy + vz * vz)
         near = 1 / distance
         vx, vy, vz = vx * near, vy * near, vz * near
-        slant = min(max(mx * vx + my * vy + mz * vz, LEAST_SLANT), 1.0)
-        # geometric mean of the two axes of the ellipse that a pixel covers
-        footprint = np.float32(distance / (focal * math.sqrt(slant)))
         open_sun, hidden = np.float32(1), np.float32(0)
         if surface[m] == GROUND:
             east, north = np.float32(x), np.float32(y)
-            hidden, drift, rubble = surroundings_at(near_rocks, mix.half, east, north)
-            red, green, blue, du, dv, open_sun = regolith_at(
-                east, north, footprint, mix, relief, stains, ripples, pebbles, bedrock, drift, rubble
-            )
-            nx, ny, nz = mx - du, my - dv, mz
+            hidden, _, _ = surroundings_at(near_rocks, half, east, north)
+            sand, _, _, gravel, _ = cover_at(data, cover, east, north)
+            footprint = footprint_at(left, focal, x, y, z)
+            red, green, blue = regolith_at(
+                east, north, footprint, detail[m, 0], detail[m, 1], detail[m, 2], (sand, gravel), mix, stains, tones,
+                plates, placed,
+            )  # fmt: skip
+            nx, ny, nz = mx, my, mz
+            open_sun = detail[m, 3]
         else:
             red, green, blue, nx, ny, nz = _rock(
-                (x, y, z), (mx, my, mz), footprint, contrast, noise, surface[m], of_surface[surface[m]]
+                (x, y, z), (mx, my, mz), detail[m, 1], contrast, of_surface[surface[m]]
             )
         unit = 1 / math.sqrt(max(nx * nx + ny * ny + nz * nz, 1e-12))
         nx, ny, nz = nx * unit, ny * unit, nz * unit
         cos_in = max(nx * sx + ny * sy + nz * sz, 0.0)
-        cos_in *= min(max((mx * sx + my * sy + mz * sz) * DUSK, 0.0), 1.0)
+        if surface[m] != GROUND:
+            cos_in *= min(max((mx * sx + my * sy + mz * sz) * DUSK, 0.0), 1.0)
         direct = _reflected(cos_in, max(nx * vx + ny * vy + nz * vz, LEAST_OUT), vx * sx + vy * sy + vz * sz)
         direct *= lit[m] * open_sun
         open_sky = (0.5 + 0.5 * nz) * (1 - hidden)
@@ -148,32 +159,14 @@ def _surface(points, at, normals, surface, eye, lit, focal, ground, rocks, light
 
 
 @inlined
-def _rock(point, normal, footprint, contrast, noise, surface, rock):
-    """Return the albedo (red, green, blue) of a rock at a point (x, y, z), and the unnormalised normal of its relief.
+def _rock(point, normal, stain, contrast, rock):
+    """Return the albedo (red, green, blue) of a rock at a point (x, y, z), and its unnormalised normal under sand.
 
-    normal: (x, y, z) of its surface; contrast, noise: of RockSurface; surface: its id; rock: of ROCK.
+    normal: (x, y, z) of its surface; stain: of gbuffer.Hits; contrast: of RockSurface; rock: of ROCK.
     """
-    (x, y, z), (mx, my, mz) = point, normal
-    # flat coordinates on the plane that the surface faces most
-    across = 2
-    if abs(mx) >= abs(my) and abs(mx) >= abs(mz):
-        across = 0
-    elif abs(my) >= abs(mz):
-        across = 1
-    shift = 0.37 * surface  # [m] so that neighbouring rocks differ
+    (x, y, z), (nx, ny, nz) = point, normal
     above = (z - rock.base - rock.east * x - rock.north * y) / max(rock.fillet, 1e-3) - 1
-    red, green, blue, du, dv, sand = rock_at(
-        np.float32((y if across == 0 else x) + shift), np.float32((y if across == 2 else z) + shift), mz,
-        np.float32(min(max(above, -1.0), 9.0)), np.float32(0.0 if across == 2 else 5 * rock.beds), footprint,
-        contrast, noise, rock,
-    )  # fmt: skip
-    nx, ny, nz = mx, my, mz
-    if across == 0:
-        ny, nz = ny - du, nz - dv
-    elif across == 1:
-        nx, nz = nx - du, nz - dv
-    else:
-        nx, ny = nx - du, ny - dv
+    red, green, blue, sand = rock_at(stain, nz, np.float32(min(max(above, -1.0), 9.0)), contrast, rock)
     return red, green, blue, nx * (1 - 0.6 * sand), ny * (1 - 0.6 * sand), nz + 0.5 * sand
 
 

@@ -9,21 +9,30 @@ from hypothesis import strategies as st
 from marssim.base.camera import PinholeCamera
 from marssim.base.dataset.frame import GROUND, SKY
 from marssim.render.antialias import SUBPIXELS, average, colours_beside, edge_pixels, subpixel_rays
-from marssim.render.geometry.gbuffer import GBuffer
+from marssim.render.geometry.gbuffer import GBuffer, Hits
 
 CAMERA = PinholeCamera(9, 7, 20.0, 25.0, 3.6, 2.9)
 
 
 def random_view(seed: int) -> tuple[GBuffer, np.ndarray, np.ndarray]:
-    """Return patches of sky, ground and rocks with jumps of depth, the sunlight, and colours (H * W, 3)."""
+    """Return patches of sky, ground, stones and rocks with jumps of depth, the sunlight, and colours (H * W, 3)."""
     rng = np.random.default_rng(seed)
     shape = (CAMERA.height, CAMERA.width)
-    surface = np.where(rng.random(shape) < 0.3, rng.integers(-1, 3, shape), rng.integers(-1, 3)).astype(np.int32)
+    surface = np.where(rng.random(shape) < 0.1, rng.integers(-1, 3, shape), rng.integers(-1, 2)).astype(np.int32)
     depth = (rng.choice([2.0, 2.02, 3.0], shape) * rng.uniform(0.999, 1.001, shape)).astype(np.float32)
     depth[surface == SKY] = np.inf
+    detail = np.zeros((*shape, 4), np.float32)
+    detail[..., 0] = np.where(rng.random(shape) < rng.choice([0.0, 0.3]), 4, -1)
     empty = np.zeros((*shape, 3), np.float32)
-    colour = rng.random((CAMERA.height * CAMERA.width, 3), dtype=np.float32)
-    return GBuffer(depth, empty, empty, surface), rng.random(shape) < rng.choice([0.0, 0.9, 1.0]), colour
+    colour = rng.uniform(0.7, 0.8, (CAMERA.height * CAMERA.width, 3)).astype(np.float32)
+    return GBuffer(depth, empty, empty, surface, detail), rng.random(shape) < rng.choice([0.0, 0.9, 1.0]), colour
+
+
+def view_of_ground(inverse: np.ndarray) -> GBuffer:
+    """Return a view of ground without stones, of 1 / Z (H, W)."""
+    shape = inverse.shape
+    empty, detail = np.zeros((*shape, 3), np.float32), np.full((*shape, 4), -1, np.float32)
+    return GBuffer((1 / inverse).astype(np.float32), empty, empty, np.full(shape, GROUND, np.int32), detail)
 
 
 def borders(shown: np.ndarray) -> np.ndarray:
@@ -33,18 +42,50 @@ def borders(shown: np.ndarray) -> np.ndarray:
     return np.any([shown != other for other in beside], axis=0)
 
 
+def changes_amid_ground(view: GBuffer, lit: np.ndarray, colour: np.ndarray, row: int, column: int) -> bool:
+    """Return whether brightness changes from a pixel to one beside it, and light, stone or slope of 1 / Z as well."""
+    red, height, width = colour[:, 0].reshape(lit.shape), CAMERA.height, CAMERA.width
+    inside = 0 < row < height - 1 and 0 < column < width - 1
+    here, z = red[row, column], float(view.depth[row, column])
+    for j, i in ((row, column - 1), (row, column + 1), (row - 1, column), (row + 1, column)):
+        if not (0 <= j < height and 0 <= i < width) or abs(here - red[j, i]) <= 0.04 * (here + red[j, i]):
+            continue
+        before = float(view.depth[j, i])
+        opposite = float(view.depth[2 * row - j, 2 * column - i]) if inside else z
+        kink = abs(1 / before + 1 / opposite - 2 / z)
+        if lit[j, i] != lit[row, column] or view.detail[j, i, 0] != view.detail[row, column, 0]:
+            return True
+        if kink > 0.1 / z + 1e-3:
+            return True
+    return False
+
+
 @given(st.integers(0, 10**6))
-def test_edges_are_changes_of_surface_light_and_depth(seed):
-    view, lit, _ = random_view(seed)
+def test_edges_are_changes_of_surface_light_stone_and_depth(seed):
+    view, lit, colour = random_view(seed)
     inverse = np.where(view.surface == SKY, np.float32(0), np.float32(1) / view.depth)
     kernel = np.ones((3, 3), np.uint8)
     step = cv2.dilate(inverse, kernel) - cv2.erode(inverse, kernel) > np.float32(0.06) * inverse + np.float32(1e-3)
-    bent = np.zeros(inverse.shape, bool)
-    for across, along in ((bent, inverse), (bent.T, inverse.T)):
-        kink = np.abs(along[2:] - 2 * along[1:-1] + along[:-2])
-        across[1:-1] |= kink > np.float32(0.1) * along[1:-1] + np.float32(1e-3)
-    expected = borders(2 * view.surface + lit) | np.where(view.surface == GROUND, bent, step)
-    assert np.array_equal(edge_pixels(view, lit), np.flatnonzero(expected))
+    expected = borders(view.surface)
+    amid = ~expected & (view.surface == GROUND)
+    expected |= (borders(lit) | step) & (view.surface != GROUND)
+    for row, column in np.argwhere(amid):
+        expected[row, column] = changes_amid_ground(view, lit, colour, row, column)
+    pixels, _ = edge_pixels(view, lit, colour)
+    assert np.array_equal(np.sort(pixels), np.flatnonzero(expected))
+
+
+@given(st.integers(0, 10**6))
+def test_rays_amid_ground_begin_a_little_before_it_and_come_first(seed):
+    view, lit, colour = random_view(seed)
+    pixels, begin = edge_pixels(view, lit, colour)
+    kernel = np.ones((3, 3), np.uint8)
+    alone = cv2.dilate((view.surface != GROUND).astype(np.uint8), kernel) == 0
+    nearest = np.where(alone, 0.99 * cv2.erode(np.where(np.isinf(view.depth), 9, view.depth).astype(float), kernel), 0)
+    assert begin == pytest.approx(nearest.ravel()[pixels])
+    assert (np.diff((begin == 0).astype(int)) >= 0).all()
+    for part in (pixels[begin > 0], pixels[begin == 0]):
+        assert (np.diff(part) > 0).all()
 
 
 @given(st.floats(-75, 75), st.floats(0, 360))
@@ -54,20 +95,32 @@ def test_on_ground_a_crest_is_an_edge_and_a_slant_is_none(slant, turn):
     steep, turn = np.tan(np.deg2rad(slant)), np.deg2rad(turn)
     inverse = 0.3 * (1 + steep * (np.cos(turn) * rays[..., 0] + np.sin(turn) * rays[..., 1]))
     assume(inverse.min() > 0.05)
-    empty, lit = np.zeros((*shape, 3), np.float32), np.ones(shape, bool)
-    ground = np.full(shape, GROUND, np.int32)
-    plain = GBuffer((1 / inverse).astype(np.float32), empty, empty, ground)
-    assert len(edge_pixels(plain, lit)) == 0
+    chequered = np.repeat(0.5 + 0.5 * (np.indices(shape).sum(axis=0) % 2).reshape(-1, 1), 3, axis=1).astype(np.float32)
+    lit = np.ones(shape, bool)
+
+    def inner(inverse: np.ndarray) -> np.ndarray:
+        """Return the edges (H - 2, W - 2) bool within the image's border."""
+        edges = np.zeros(shape, bool)
+        edges.ravel()[edge_pixels(view_of_ground(inverse), lit, chequered)[0]] = True
+        return edges[1:-1, 1:-1]
+
+    assert not inner(inverse).any()
     crest = np.where(np.arange(CAMERA.height)[:, None] < 3, 0.8 * inverse, inverse)
-    rows, _ = np.divmod(edge_pixels(GBuffer((1 / crest).astype(np.float32), empty, empty, ground), lit), CAMERA.width)
-    assert np.array_equal(np.bincount(rows, minlength=7), [0, 0, 9, 9, 0, 0, 0])
+    assert np.array_equal(inner(crest), np.broadcast_to(np.isin(np.arange(1, 6), (2, 3))[:, None], (5, 7)))
+
+
+def test_amid_ground_of_one_colour_there_are_no_edges():
+    inverse = np.where(np.arange(CAMERA.width) < 4, 0.5, 0.2) * np.ones((CAMERA.height, 1))
+    pixels, _ = edge_pixels(view_of_ground(inverse), np.ones(inverse.shape, bool), np.full((63, 3), 0.4, np.float32))
+    assert len(pixels) == 0
 
 
 def test_one_plain_surface_has_no_edges():
     shape = (CAMERA.height, CAMERA.width)
     depth = np.linspace(2, 2.2, CAMERA.width, dtype=np.float32) * np.ones((CAMERA.height, 1), np.float32)
-    view = GBuffer(depth, np.zeros((*shape, 3)), np.zeros((*shape, 3)), np.ones(shape, np.int32))
-    assert len(edge_pixels(view, np.ones(shape, bool))) == 0
+    none, detail = np.zeros((*shape, 3), np.float32), np.zeros((*shape, 4), np.float32)
+    view = GBuffer(depth, none, none, np.ones(shape, np.int32), detail)
+    assert len(edge_pixels(view, np.ones(shape, bool), np.ones((63, 3), np.float32))[0]) == 0
 
 
 def test_rays_of_a_pixel_are_spread_about_its_centre():
@@ -79,7 +132,7 @@ def test_rays_of_a_pixel_are_spread_about_its_centre():
     assert np.allclose(rays.mean(axis=1), CAMERA.rays().reshape(-1, 3)[pixels], atol=1e-12)
 
 
-def expected_colour(view, lit, colour, pixel, ray, z, own):
+def expected_colour(view, lit, colour, pixel, ray, z, own, stone):
     """Return the colour of one ray by the plain definition of colours_beside; None if it is not known."""
     row, column = divmod(int(pixel), CAMERA.width)
     du, dv = SUBPIXELS[ray]
@@ -87,6 +140,7 @@ def expected_colour(view, lit, colour, pixel, ray, z, own):
     for j in range(max(row - 1, 0), min(row + 2, CAMERA.height)):
         for i in range(max(column - 1, 0), min(column + 2, CAMERA.width)):
             alike = own == SKY or abs(view.depth[j, i] - z) < 0.02 * z
+            alike &= own != GROUND or view.detail[j, i, 0] == stone
             if view.surface[j, i] == own and alike:
                 across, down = max(1 - abs(i - column - du), 1e-6), max(1 - abs(j - row - dv), 1e-6)
                 weights.append(across * down)
@@ -102,9 +156,13 @@ def test_a_ray_takes_the_colour_of_pixels_that_show_the_same_place(seed):
     pixels = np.unique(rng.integers(0, colour.shape[0], 12)).astype(np.int32)
     surface = rng.integers(-1, 3, 4 * len(pixels)).astype(np.int32)
     depth = np.where(surface == SKY, np.inf, rng.choice([2.0, 3.0, 5.0], len(surface))).astype(np.float32)
-    samples, known = colours_beside(pixels, depth, surface, view, lit, colour)
+    detail = np.zeros((len(surface), 4), np.float32)
+    detail[:, 0] = rng.choice([-1, -1, 4], len(surface))
+    none = np.zeros((len(surface), 3), np.float32)
+    samples, known = colours_beside(pixels, Hits(depth, none, none, surface, detail), view, lit, colour)
     for k in range(len(surface)):
-        expected = expected_colour(view, lit, colour, pixels[k // 4], k % 4, depth[k], surface[k])
+        at = pixels[k // 4], k % 4, depth[k], surface[k], detail[k, 0]
+        expected = expected_colour(view, lit, colour, *at)
         assert known[k] == (expected is not None)
         if known[k]:
             assert samples[k] == pytest.approx(expected, rel=1e-5)

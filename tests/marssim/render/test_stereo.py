@@ -10,6 +10,7 @@ from marssim.base.camera import NATECAM
 from marssim.base.dataset.frame import SKY, StereoFrame
 from marssim.base.pose import look_pose
 from marssim.render import stereo
+from marssim.render.geometry.gbuffer import Footprint
 from marssim.render.renderers.by_name import make_renderer
 from marssim.render.renderers.embree_renderer import EmbreeRenderer
 from marssim.render.sensor import Sensor
@@ -108,7 +109,7 @@ def test_warped_images_with_noise_differ_by_no_more_than_noise(scene, renderer, 
 
 def test_occlusion_is_what_the_depth_of_the_right_view_says(renderer, pose, frame):
     fine = RIG.resized(RIG.camera.width * 4, RIG.camera.height * 4).camera
-    right = renderer.render(fine, RIG.right_pose(pose))
+    right = renderer.render(fine, RIG.right_pose(pose), Footprint.of(RIG.camera, pose))
     hit = frame.surface != SKY
     points = RIG.camera.unproject(np.where(hit, frame.depth, 1.0)) - [RIG.baseline, 0, 0]
     at = fine.project(points)
@@ -135,7 +136,8 @@ def test_occlusion_at_the_borders_follows_the_right_image(scene, renderer, pose,
     assert other.occluded[beyond].all()
     inside = ~beyond & (np.arange(RIG.camera.width) - frame.disparity >= -0.5)
     inside[[0, -1]] = False  # the turned camera moves the corners a little up and down
-    assert np.array_equal(other.occluded[inside], frame.occluded[inside])  # what hides a point is the same
+    # what hides a point is the same, but for pixels where a stone's or a ripple's top just hides it
+    assert (other.occluded == frame.occluded)[inside].mean() > 0.999
     if offset < 0:
         assert (other.occluded & ~frame.occluded).sum() > 100
 
@@ -183,7 +185,7 @@ def one_sample(renderer, shader, camera, pose, view, shown_by=None) -> np.ndarra
     """(H, W, 3) radiance through pixel centres alone, with the texture that the pixels of a camera show."""
     rays = camera.rays().reshape(-1, 3)
     colour, none = np.empty((len(rays), 3), dtype=np.float32), np.zeros(len(rays), dtype=bool)
-    stereo._shade(renderer, shader, shown_by or camera, pose, rays, view.pixels, none, colour)
+    stereo._shade(renderer, shader, Footprint.of(shown_by or camera, pose), pose, rays, view.pixels, none, colour)
     return colour.reshape(camera.height, camera.width, 3)
 
 
@@ -195,12 +197,13 @@ def test_edges_are_smoothed(scene, pose, name):
     renderer = make_renderer(name, scene)
     shader, camera = Shader(scene), RIG.camera
     fine = camera.resized(camera.width * 4, camera.height * 4)
-    fine_image = one_sample(renderer, shader, fine, pose, renderer.render(fine, pose), shown_by=camera)
+    footprint = Footprint.of(camera, pose)
+    fine_image = one_sample(renderer, shader, fine, pose, renderer.render(fine, pose, footprint), shown_by=camera)
     truth = fine_image.reshape(camera.height, 4, camera.width, 4, 3).mean(axis=(1, 3))
     view = renderer.render(camera, pose)
     surface = view.surface.astype(np.float32)
     silhouette = cv2.dilate(surface, np.ones((3, 3), np.uint8)) != cv2.erode(surface, np.ones((3, 3), np.uint8))
-    smooth = np.abs(radiance(renderer, shader, camera, pose, view) - truth)[silhouette].mean()
+    smooth = np.abs(radiance(renderer, shader, camera, pose, view, footprint) - truth)[silhouette].mean()
     jagged = np.abs(one_sample(renderer, shader, camera, pose, view) - truth)[silhouette].mean()
     renderer.close()
     assert smooth < 0.6 * jagged

@@ -107,17 +107,18 @@ def test_steep_landforms_leave_the_other_draws_of_a_seed():
     )
     change = (steep.fine.heights + steep.datum) - (plain.fine.heights + plain.datum)
     assert np.abs(change).max() > 0.3
-    assert (np.abs(change) < 1e-9).mean() > 0.3
+    assert (np.abs(change) < 1e-6).mean() > 0.3
 
 
 def test_wide_ditches_across_the_seam_leave_no_gap():
     config = ReliefConfig(ditch_density=0.02, ditch_width=(3.0, 5.0), ditch_length=(15.0, 30.0))
     terrain = build_terrain(config, 12.0, 0.1, 20.0, np.random.default_rng(1))
     x0, _, x1, _ = terrain.fine.bounds
-    edge = np.linspace(x0, x1, 500)
+    edge = np.linspace(x0, x1, len(terrain.fine.heights))
     depths = []
     for fixed in (x0, x1):
         for x, y in ((edge, np.full_like(edge, fixed)), (np.full_like(edge, fixed), edge)):
-            assert np.abs(terrain.fine.gradient_at(x, y)[0] - terrain.coarse.gradient_at(x, y)[0]).max() < 1e-9
-            depths.append(np.ptp(terrain.fine.gradient_at(x, y)[0]))
+            height = terrain.fine.gradient_at(x, y)[0]
+            assert np.abs(height - terrain.coarse.smooth_heights(x, y)).max() < 1e-9
+            depths.append(np.ptp(height))
     assert max(depths) > 0.5  # a ditch does cross the seam

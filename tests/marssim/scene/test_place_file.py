@@ -81,7 +81,7 @@ def test_what_a_dataset_notes_of_a_scene_is_a_place(place_file):
         ({"relief": {"heightmap": 5}}, "relief.heightmap must be a text or null, got 5"),
         ({"relief": {"heightmap": "none.npy"}}, "none.npy: no such file"),
         ({"relief": {"heightmap_scale": 5}}, "relief.heightmap_scale describes a heightmap, so it needs"),
-        ({"preset": "gael"}, "preset 'gael' is unknown; did you mean gale?"),
+        ({"preset": "galle"}, "preset 'galle' is unknown; did you mean gale?"),
         ({"preset": "zzz"}, "preset 'zzz' is unknown; choose from utopia"),
         ({"preset": ["gale"]}, "preset ['gale'] is unknown; did you mean gale?"),
         ('{"size": NaN}', "size must be a number, got nan"),

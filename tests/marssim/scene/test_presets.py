@@ -10,6 +10,7 @@ def test_presets_are_those_promised():
         "gale": 0.07,
         "jezero": 0.15,
         "hard": 0.20,
+        "gravel": 0.05,
     }
     for name in PRESETS:
         assert preset(name).preset == name

@@ -12,8 +12,10 @@ from marssim.base.camera import PinholeCamera
 from marssim.base.dataset.frame import GROUND, SKY
 from marssim.base.pose import look_pose
 from marssim.inspection.agreement import BesideCentres, ShiftFit
-from marssim.inspection.tilted_planes import plane_shift
-from marssim.render.renderers.embree_renderer import EmbreeRenderer
+from marssim.inspection.tilted_planes import plane, plane_shift
+from marssim.render.geometry.gbuffer import Footprint, Hits
+from marssim.render.geometry.mesh import scene_mesh
+from marssim.render.renderers.embree_renderer import EmbreeRenderer, MeshTracer
 from marssim.render.renderers.pybullet_renderer import PyBulletRenderer
 from marssim.scene.outcrop.config import OutcropConfig
 from marssim.scene.rocks.population import RockConfig
@@ -71,12 +73,22 @@ def test_gbuffer_is_that_of_ray_casting(scene, rasterizer, raycaster, camera, pl
     assert within(drawn.shading_normal[both], shot.shading_normal[both], 0.1).mean() > 0.998
 
 
+class Facets:
+    """Rays through the triangles that PyBullet draws, without fine relief."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._tracer = MeshTracer([scene_mesh(scene)])
+
+    def trace(self, rays: np.ndarray, pose: np.ndarray, footprint: Footprint, sunlit: bool = True) -> Hits:
+        return self._tracer.trace(rays, pose)
+
+
 @pytest.mark.parametrize(("camera", "place"), VIEWS)
-def test_pixel_centres_lie_where_the_rays_go(scene, rasterizer, raycaster, camera, place):
+def test_pixel_centres_lie_where_the_rays_go(scene, rasterizer, camera, place):
     """The image shift of what PyBullet drew, before its depth is made exact: on smooth ground, and at silhouettes."""
     pose = pose_over(scene, *place)
     raw, surface = rasterizer.drawn(camera, pose)
-    beside = BesideCentres(raycaster, camera, pose)
+    beside = BesideCentres(Facets(scene), camera, pose)
     smooth = beside.smooth() & (surface == GROUND)
     assert smooth.sum() > 5000
     ground, silhouette = ShiftFit(), ShiftFit()
@@ -125,23 +137,26 @@ def test_a_view_does_not_depend_on_those_before_it(scene):
 def visible_surfaces(renderer: PyBulletRenderer, pose: np.ndarray) -> list[np.ndarray]:
     view = renderer.render(LEVEL, pose)
     points, normals = view.world(LEVEL, pose)[view.hit], view.normal[view.hit] @ pose[:3, :3].T
-    eye = pose[:3, 3] + 0.27 * pose[:3, 0]
-    lit, visible = renderer.lit(points, normals), renderer.visible_from(points, normals, eye)
-    return [view.depth, view.normal, view.shading_normal, view.surface, lit, visible]
+    hits = renderer.trace(LEVEL.rays().reshape(-1, 3), pose, Footprint.of(LEVEL, pose))
+    return [
+        view.depth,
+        view.normal,
+        view.shading_normal,
+        view.surface,
+        view.detail,
+        renderer.lit(points, normals),
+        *hits,
+    ]
 
 
 def test_no_points_are_no_error(rasterizer):
     none = np.zeros((0, 3))
     assert rasterizer.lit(none, none).shape == (0,)
-    assert rasterizer.visible_from(none, none, np.zeros(3)).shape == (0,)
+    assert rasterizer.trace(none, np.eye(4), Footprint(np.zeros(3), 100.0)).depth.shape == (0,)
 
 
 def test_a_plane_without_rocks_has_its_closed_form():
-    config = SceneConfig(size=8.0, horizon=12.0, rocks=RockConfig(k=0.0))
-    base = build_scene(config, np.random.default_rng(0))
-    for grid in (base.terrain.fine, base.terrain.coarse):
-        grid.heights[:] = 0.0
-    renderer = PyBulletRenderer(base)
+    renderer = PyBulletRenderer(plane(np.zeros(2)))
     pose = look_pose(np.array([0.0, 0.0, 1.2]), 0.4, np.deg2rad(30))
     view = renderer.render(SKEWED, pose)
     down = SKEWED.rays() @ pose[:3, :3].T

@@ -1,7 +1,5 @@
 """Scan conversion compared with Embree's rays, near the ground and far from it."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,11 +8,12 @@ from hypothesis import strategies as st
 from marssim.base.camera import PinholeCamera
 from marssim.base.dataset.frame import GROUND
 from marssim.base.pose import look_pose
-from marssim.render.geometry.mesh import scene_mesh
+from marssim.render.geometry.gbuffer import Footprint
+from marssim.render.geometry.mesh import ground_mesh, scene_mesh
 from marssim.render.geometry.projection import Projection
 from marssim.render.geometry.raster import first_faces, matching_faces
 from marssim.render.geometry.scan import nearest_faces
-from marssim.render.renderers.embree_renderer import EmbreeRenderer
+from marssim.render.renderers.embree_renderer import EmbreeRenderer, MeshTracer
 from marssim.render.renderers.scan_renderer import ScanRenderer
 from marssim.scene.rocks.population import RockConfig
 from marssim.scene.scene import Scene, SceneConfig, build_scene
@@ -79,7 +78,10 @@ def test_scanning_agrees_with_rays_between_the_pixels(scene, scanner):
 
 def test_a_part_of_the_image_is_that_part_of_the_whole(scene, scanner):
     pose = pose_at(scene, 1.0, -1.0, 1.2, 0.7, 0.3, -0.1)
-    whole, part = scanner.render(CAMERA, pose), scanner.render(CAMERA.cropped(30, 20, 64, 48), pose)
+    footprint = Footprint.of(CAMERA, pose)
+    whole, part = (
+        scanner.render(camera, pose, footprint) for camera in (CAMERA, CAMERA.cropped(30, 20, 64, 48))
+    )  # fmt: skip
     assert np.array_equal(part.surface, whole.surface[20:68, 30:94])
     assert np.allclose(part.depth, whole.depth[20:68, 30:94], rtol=1e-6)
 
@@ -91,7 +93,9 @@ def test_matching_finds_the_face_of_the_surface_that_is_asked_for(scene):
     first = first_faces(mesh, CAMERA, pose)
     shape = (CAMERA.height, CAMERA.width)
     surface = np.where(first >= 0, mesh.surface[first], -1).reshape(shape)
-    depth = ScanRenderer(scene).render(CAMERA, pose).depth
+    tracer = MeshTracer([mesh])
+    depth = tracer.trace(CAMERA.rays().reshape(-1, 3), pose).depth.reshape(shape)
+    tracer.close()
     at = first >= 0
     assert (
         matching_faces(mesh, mesh.surface, CAMERA, pose, depth, surface.astype(np.int32))[at] == first[at]
@@ -100,11 +104,12 @@ def test_matching_finds_the_face_of_the_surface_that_is_asked_for(scene):
     rock = surface.ravel() > GROUND
     assert rock.mean() > 0.05 and (behind[rock] >= 0).mean() > 0.95
     assert (mesh.surface[behind[behind >= 0]] == GROUND).all()
-    bare = ScanRenderer(
-        replace(scene, rocks=build_scene(SceneConfig(size=8.0, rocks=RockConfig(k=0)), np.random.default_rng(0)).rocks)
-    ).render(CAMERA, pose)
+    ground = MeshTracer([ground_mesh(scene.terrain)])
+    bare = ground.trace(CAMERA.rays().reshape(-1, 3), pose).depth
+    ground.close()
     seen = rock & (behind >= 0)
     corners = mesh.vertices[mesh.faces[behind[seen]]]
-    ground = bare.world(CAMERA, pose).reshape(-1, 3)[seen]
+    rays = CAMERA.rays().reshape(-1, 3)[seen] @ pose[:3, :3].T
+    ground = pose[:3, 3] + bare[seen, None] * rays
     assert (ground[:, None, :2] >= corners[..., :2].min(axis=1, keepdims=True) - 1e-3).all(axis=(1, 2)).mean() > 0.98
     assert (ground[:, None, :2] <= corners[..., :2].max(axis=1, keepdims=True) + 1e-3).all(axis=(1, 2)).mean() > 0.98

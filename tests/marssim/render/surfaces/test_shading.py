@@ -6,6 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from marssim.base.dataset.frame import GROUND
+from marssim.base.pose import look_pose
+from marssim.inspection.tilted_planes import plane
+from marssim.render.geometry.gbuffer import Footprint
+from marssim.render.renderers.scan_renderer import ScanRenderer
 from marssim.render.surfaces.shading import DUST_SCALE_HEIGHT, Shader
 from marssim.scene.look import LOOK_LIMITS, LookConfig, draw_look
 from marssim.scene.rocks.population import RockConfig
@@ -14,7 +18,10 @@ from marssim.scene.scene import Scene, SceneConfig, build_scene
 FOCAL = 600.0
 SMALL = SceneConfig(size=8.0, horizon=16.0, rocks=RockConfig(k=0.1))
 SCENE = build_scene(SMALL, np.random.default_rng(2))
+LEVEL = plane(np.zeros(2))
 EYE = np.array([0.0, 0.0, 1.2])
+FOOTPRINT = Footprint(EYE, FOCAL)
+PLAIN = {"texture_strength": 0.0, "pebbles": 0.0, "wind_ripples": 0.0, "bedrock": 0.0, "gravel": 0.0}
 
 
 def towards(elevation_deg: float, azimuth_deg: float) -> np.ndarray:
@@ -33,9 +40,45 @@ def around(count: int = 500, near: float = 1.0, far: float = 6.0) -> np.ndarray:
     return np.stack([reach * np.cos(angle), reach * np.sin(angle), np.zeros(count)], axis=1)
 
 
-def level(renderer: Shader, points: np.ndarray, lit: float = 1.0, eye: np.ndarray = EYE) -> np.ndarray:
-    up = np.tile([0.0, 0.0, 1.0], (len(points), 1))
-    return renderer.surface(points, up, np.full(len(points), GROUND), eye, np.full(len(points), lit), FOCAL)
+def details(count: int, fine: float = 0.0, bare: float = 0.0, sunlight: float = 1.0) -> np.ndarray:
+    """Return the details (N, 4) of ground without stones."""
+    return np.tile(np.float32([-1, fine, bare, sunlight]), (count, 1))
+
+
+def shade(renderer: Shader, points, normals, surface, lit, detail=None, eye: np.ndarray = EYE) -> np.ndarray:
+    detail = details(len(points)) if detail is None else detail
+    return renderer.surface(points, normals, surface, detail, eye, lit, FOOTPRINT)
+
+
+def level(renderer: Shader, points: np.ndarray, lit: float = 1.0, eye: np.ndarray = EYE, **detail) -> np.ndarray:
+    count = len(points)
+    up = np.tile([0.0, 0.0, 1.0], (count, 1))
+    return shade(
+        renderer, points, up, np.full(count, GROUND), np.full(count, lit), details(count, **detail), eye
+    )  # fmt: skip
+
+
+def seen(x: float, count: int = 4000, spread: float = 0.4, **look) -> tuple[np.ndarray, np.ndarray]:
+    """Return the radiance (N, 3) and the details (N, 4) of level ground about x, 0 as a camera sees it from above."""
+    scene = replace(LEVEL, look=replace(SCENE.look, **look))
+    renderer = ScanRenderer(scene)
+    pose = look_pose(np.array([x - 1.0, 0.0, 1.2]), 0.0, np.deg2rad(50))
+    rays = np.ones((count, 3))
+    rays[:, :2] = np.random.default_rng(1).uniform(-spread, spread, (count, 2))
+    footprint = Footprint(pose[:3, 3], FOCAL)
+    hits = renderer.trace(rays, pose, footprint)
+    points = pose[:3, 3] + hits.depth[:, None] * (rays @ pose[:3, :3].T)
+    radiance = Shader(scene).surface(
+        points, hits.shading_normal, hits.surface, hits.detail, pose[:3, 3], np.ones(count), footprint
+    )
+    assert (hits.surface == GROUND).all()
+    return radiance, hits.detail
+
+
+def contrast(x: float, **look) -> float:
+    """Return the standard deviation of the red radiance of ground as a camera sees it, over its mean."""
+    red = seen(x, **look)[0][:, 0]
+    return float(red.std() / red.mean())
 
 
 @given(elevation=st.floats(10, 89), depth=st.floats(0.1, 2.0))
@@ -43,9 +86,9 @@ def test_what_the_sun_reaches_is_brighter(elevation, depth):
     renderer = shader(sun=towards(elevation, 40), optical_depth=depth)
     points = around()
     dark, half, lit = (level(renderer, points, share) for share in (0.0, 0.5, 1.0))
-    sunlit = (lit > dark).all(axis=1)  # a steep slope of the fine relief may turn away from a low sun
-    assert sunlit.mean() > 0.6 and (lit >= dark).all()
+    assert (lit > dark).all()
     assert np.allclose(half, (lit + dark) / 2, atol=1e-5)
+    assert np.allclose(level(renderer, points, sunlight=0.5), half, atol=1e-6)  # in the shadow of a stone
     assert (dark > 0).all()  # shadows are filled by the sky
 
 
@@ -66,7 +109,10 @@ def test_radiance_is_finite_and_sane(elevation, depth, contrast, strength, seed)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     normals *= np.sign(np.einsum("ij,ij->i", normals, EYE - points))[:, None]
     surface = rng.integers(0, len(SCENE.rocks) + 1, 300)
-    radiance = renderer.surface(points, normals, surface, EYE, rng.uniform(0, 1, 300), FOCAL)
+    detail = np.stack(
+        [rng.integers(-1, 1000, 300), rng.normal(0, 0.01, 300), *rng.uniform(0, 1, (2, 300))], axis=1
+    ).astype(np.float32)
+    radiance = shade(renderer, points, normals, surface, rng.uniform(0, 1, 300), detail)
     assert radiance.shape == (300, 3) and radiance.dtype == np.float32
     assert np.isfinite(radiance).all() and (radiance >= 0).all()
     assert radiance.max() < 3  # of a white surface under the sun at zenith
@@ -110,7 +156,7 @@ def test_light_follows_the_slope():
     tilt = np.deg2rad([-20, 0, 20])
     normals = np.stack([np.sin(tilt), 0 * tilt, np.cos(tilt)], axis=1)
     points = np.tile([0.0, 2.0, 0.0], (3, 1))
-    radiance = renderer.surface(points, normals, np.zeros(3, int), EYE, np.ones(3), FOCAL)
+    radiance = shade(renderer, points, normals, np.zeros(3, int), np.ones(3))
     assert (np.diff(radiance, axis=0) > 0).all()
 
 
@@ -131,10 +177,10 @@ def test_rocks_have_their_own_albedo():
     renderer = shader(sun=towards(40, 180), albedo_contrast=0.0, texture_strength=0.0, rock_dust=0.0)
     faces = np.array([[-1.0, 0.0, 0.0]] * 2)  # too steep for dust to lie on
     points = np.array([[2.0, 0.0, 0.3]] * 2)
-    colour = renderer.surface(points, faces, np.array([dark + 1, bright + 1]), EYE, np.ones(2), FOCAL)
+    colour = shade(renderer, points, faces, np.array([dark + 1, bright + 1]), np.ones(2))
     expected = SCENE.rocks.albedo[bright] / SCENE.rocks.albedo[dark]
     assert np.allclose(colour[1] / colour[0], expected, rtol=0.02)
-    ground = renderer.surface(points[:1], faces[:1], np.array([GROUND]), EYE, np.ones(1), FOCAL)[0]
+    ground = shade(renderer, points[:1], faces[:1], np.array([GROUND]), np.ones(1))[0]
     assert ground[0] / ground[2] > 1.2 * colour[0, 0] / colour[0, 2]  # the ground is redder than bare rock
 
 
@@ -146,22 +192,16 @@ def test_sand_lies_against_the_foot_of_a_rock_and_not_higher():
     heights = np.array([0.0, 0.5, 1.0]) * SCENE.rocks.height[rock]
     points = np.stack([np.full(3, x), np.full(3, y), ground + heights], axis=1)
     faces = np.tile([-1.0, 0.0, 0.0], (3, 1))
-    colour = renderer.surface(points, faces, np.full(3, rock + 1), EYE, np.ones(3), FOCAL)
+    colour = shade(renderer, points, faces, np.full(3, rock + 1), np.ones(3))
     red = colour[:, 0] / colour[:, 2]
     assert red[0] > 1.2 * red[1] and red[1] == pytest.approx(red[2], rel=1e-3)
 
 
-def test_wind_ripples_and_pebbles_come_and_go_with_their_knobs():
-    points = np.random.default_rng(1).uniform(-0.5, 0.5, (4000, 3)) * [1, 1, 0] + [2, 0, 0]
-    none, pebbles, ripples = (
-        (lambda colour: colour.std() / colour.mean())(
-            level(shader(sun=towards(30, 0), pebbles=p, wind_ripples=r, texture_strength=1.0, bedrock=0.0), points)[
-                :, 0
-            ]
-        )
-        for p, r in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
-    )
-    assert pebbles > 1.1 * none and ripples > 1.1 * none
+def test_wind_ripples_pebbles_and_gravel_come_and_go_with_their_knobs():
+    plain = {**PLAIN, "sun": towards(30, 0), "albedo_contrast": 0.0}
+    knobs = ({}, {"pebbles": 1.0}, {"wind_ripples": 1.0, "texture_strength": 1.0}, {"gravel": 1.0})
+    none, pebbles, ripples, gravel = (contrast(2.0, **{**plain, **knob}) for knob in knobs)
+    assert none < 0.05 and min(pebbles, ripples, gravel) > 0.08 + none
 
 
 def test_dust_clings_to_the_sides_of_some_rocks_as_much_as_its_knob_says():
@@ -170,7 +210,7 @@ def test_dust_clings_to_the_sides_of_some_rocks_as_much_as_its_knob_says():
     reds = []
     for dust in (0.0, 0.4, 0.9):
         renderer = shader(sun=towards(40, 180), albedo_contrast=0.0, texture_strength=0.0, rock_dust=dust)
-        colour = renderer.surface(points, faces, np.arange(count) + 1, EYE, np.ones(count), FOCAL)
+        colour = shade(renderer, points, faces, np.arange(count) + 1, np.ones(count))
         reds.append(colour[:, 0] / colour[:, 2])
     assert np.ptp(reds[0]) < 0.1 and (reds[0].mean() < reds[1].mean() < reds[2].mean()) and np.ptp(reds[2]) > 0.3
 
@@ -185,7 +225,7 @@ def test_nothing_gives_back_more_light_than_it_gets(contrast):
     points = np.random.default_rng(0).uniform(-3.9, 3.9, (5000, 3)) * [1, 1, 0] + [0, 0, 1]
     up = np.tile([0.0, 0.0, 1.0], (len(points), 1))
     for surface in (np.full(len(points), GROUND), np.arange(len(points)) % len(rocks) + 1):
-        dark = renderer.surface(points, up, surface, EYE + np.array([0, 0, 3.0]), np.zeros(len(points)), FOCAL)
+        dark = shade(renderer, points, up, surface, np.zeros(len(points)), eye=EYE + np.array([0, 0, 3.0]))
         assert dark.max() <= 0.92 * (renderer.light.skylight + 0.18 / 0.27 * 0.45 * renderer.light.sunlight.max())
 
 
@@ -194,20 +234,21 @@ def test_rocks_differ_in_colour_as_the_contrast_says():
     spread = []
     for contrast in (0.0, 0.5, 1.0):
         renderer = shader(sun=towards(40, 180), albedo_contrast=contrast, texture_strength=0.0, rock_dust=0.0)
-        colour = renderer.surface(points, faces, np.arange(50) + 1, EYE, np.ones(50), FOCAL)
+        colour = shade(renderer, points, faces, np.arange(50) + 1, np.ones(50))
         spread.append((colour[:, 0] / colour[:, 2]).std())
     assert spread[0] < 0.5 * spread[1] < 0.4 * spread[2]
 
 
 def test_bedrock_is_paler_than_sand_and_shows_as_its_knob_says():
-    points = np.random.default_rng(1).uniform(-10, 10, (20_000, 3)) * [1, 1, 0]
-    looks = [
-        level(shader(sun=towards(50, 0), wind_ripples=0.0, pebbles=0.0, albedo_contrast=1.0, bedrock=share), points)
-        for share in (0.0, 0.2, 0.5, 1.0)
-    ]
-    assert (np.abs(looks[0] - looks[1]).max(axis=1) > 1e-6).mean() < 0.3
-    bare = [(look[:, 2] / look[:, 0]).mean() for look in looks]  # sand is redder
-    assert (np.diff(bare) > 0).all()
+    plain = {**PLAIN, "sun": towards(50, 0), "albedo_contrast": 1.0, "texture_strength": 0.3}
+    views = [seen(0.5, spread=0.9, **{**plain, "bedrock": share}) for share in (0.0, 0.2, 0.5, 1.0)]
+    bare = [detail[:, 2].mean() for _, detail in views]
+    assert bare[0] == 0 and (np.diff(bare[1:]) > 0.05).all() and bare[-1] > 0.3
+    red = [(colour[:, 2] / colour[:, 0]).mean() for colour, _ in views]
+    assert (np.diff(red[1:]) > 0).all() and red[-1] > red[0]  # sand is redder
+    shader_of_bedrock = shader(bedrock=0.5, albedo_contrast=1.0)
+    sand, rock = (level(shader_of_bedrock, around(), bare=share).mean(0) for share in (0.0, 1.0))
+    assert rock[2] / rock[0] > 1.05 * sand[2] / sand[0]
 
 
 def test_relief_shows_in_the_shadow_under_a_low_sun():
@@ -218,18 +259,27 @@ def test_relief_shows_in_the_shadow_under_a_low_sun():
 
     def ratio(elevation: float) -> float:
         renderer = shader(sun=towards(elevation, 0), texture_strength=0.0, albedo_contrast=0.0)
-        away, facing = renderer.surface(points, normals, np.zeros(2, int), EYE, np.zeros(2), FOCAL)[:, 0]
+        away, facing = shade(renderer, points, normals, np.zeros(2, int), np.zeros(2))[:, 0]
         return facing / away
 
     assert ratio(15) > 1.3 and ratio(89) == pytest.approx(1, abs=0.02)
 
 
-def test_stones_stand_for_the_rocks_that_the_mesh_leaves_out_far_away():
-    share = np.random.default_rng(0).uniform(-1, 1, (3000, 3)) * [1, 1, 0]
-    near, far = share * SCENE.half, 0.2 * share * SCENE.half + [2.4 * SCENE.half, 0, 0]
-    few = replace(SCENE, config=replace(SMALL, rocks=RockConfig(k=0.0)))
-    change = [np.abs(level(shader(SCENE), at) - level(shader(few), at)).max() for at in (near, far)]
-    assert change[0] == 0 and change[1] > 0.01
+def test_stones_too_small_to_show_darken_the_ground_far_away():
+    near, far = around(near=0.2, far=0.6), around(near=40.0, far=60.0)
+    few, many = (shader(**{**PLAIN, "pebbles": share, "albedo_contrast": 0.0}) for share in (0.0, 1.0))
+    change = [1 - (level(many, at, eye=EYE) / level(few, at, eye=EYE)).mean() for at in (near, far)]
+    assert 0 <= change[0] < 0.1 * change[1] and change[1] > 0.02
+
+
+def test_a_stone_has_a_tone_of_its_own():
+    renderer, points = shader(albedo_contrast=1.0, sun=towards(40, 180)), np.tile([2.0, 0.0, 0.0], (400, 1))
+    detail = details(400)
+    detail[:, 0] = np.arange(400)
+    up = np.tile([0.0, 0.0, 1.0], (400, 1))
+    red = shade(renderer, points, up, np.full(400, GROUND), np.ones(400), detail)[:, 0]
+    assert 0.1 < red.std() / red.mean() < 0.6
+    assert np.corrcoef(np.log(red), renderer._soil.tones[:400])[0, 1] > 0.9
 
 
 def test_rocks_take_sky_from_the_ground_beside_them():
@@ -260,14 +310,9 @@ def test_the_same_seed_gives_the_same_light():
 
 
 def test_texture_is_as_strong_as_asked_for():
-    points = np.random.default_rng(1).uniform(-0.4, 0.4, (4000, 3)) * [1, 1, 0] + [2, 0, 0]
-    spread = [
-        (lambda colour: colour.std() / colour.mean())(
-            level(shader(sun=towards(40, 0), texture_strength=s, albedo_contrast=s), points)[:, 0]
-        )
-        for s in (0.0, 0.4, 1.2)
-    ]
-    assert spread[0] < 0.08 and spread[1] > 2 * spread[0] and spread[2] > 1.7 * spread[1]
+    plain = {**PLAIN, "sun": towards(40, 0)}
+    spread = [contrast(2.0, **{**plain, "texture_strength": s, "albedo_contrast": s}) for s in (0.0, 0.4, 1.2)]
+    assert spread[0] < 0.05 and spread[1] > 2 * spread[0] and spread[2] > 1.7 * spread[1]
 
 
 def test_both_eyes_see_one_world():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from marssim.base.compute.compiled import compiled
-from marssim.render.surfaces.surroundings import CELL, CODE, surroundings, surroundings_at
+from marssim.render.relief.surroundings import CELL, CODE, surroundings, surroundings_at
 from marssim.scene.rocks.mesh import build_rocks
 from marssim.scene.rocks.population import RockConfig
 

@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numba import njit
 
-from marssim.render.surfaces import grain
-from marssim.render.surfaces.grain import TEXELS, TILE, Octaves, coded_tile, noise_tile, placing
+from marssim.render.relief import noise as grain
+from marssim.render.relief.noise import TEXELS, TILE, Octaves, coded_tile, noise_tile, placing
 
 
 def kernel(part):

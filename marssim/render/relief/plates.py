@@ -1,8 +1,7 @@
 """Bare bedrock: level plates, cracked and worn, with sand in the joints between them.
 
 The plates are a periodic tile that lies on the ground by world position, as pebbles do. They are Voronoi cells of
-scattered points, with smaller cells inside. The mesh does not have their relief: a plate stands only 2 cm above the
-sand, so just the slope and the shade of its border show.
+scattered points, with smaller cells inside. They stand out of the sand by up to 4 cm where the wind has swept it away.
 """
 
 from __future__ import annotations
@@ -14,7 +13,8 @@ import numpy as np
 import scipy.fft
 
 from marssim.base.compute.compiled import compiled, inlined
-from marssim.render.surfaces.pyramid import CHANNELS, CODES, pyramid, pyramid_at
+from marssim.render.relief.height import SWEPT_DEPTH
+from marssim.render.relief.pyramid import CHANNELS, CODES, pyramid, pyramid_at
 
 SIDE = 512  # texels along a side of the tile
 TEXEL = 0.012  # [m] size of a texel
@@ -22,7 +22,7 @@ PLATES = (9, 27)  # numbers of plates and of pieces along the side
 BEND = 0.03  # [m] how far borders deviate from straight lines
 SHORTEST_BEND = 1.4  # [1/m] standard deviation of the wave numbers of that deviation
 ROUGH = (0.03, 0.09)  # [m] wavelengths of the roughness of plates; its standard deviations follow
-ROUGH_HEIGHT, ROUGH_JOINT, ROUGH_TONE = 0.0016, 0.006, 0.06  # height [m], border [m] and logarithm of brightness
+ROUGH_HEIGHT, ROUGH_JOINT, ROUGH_TONE = 0.0008, 0.006, 0.06  # height [m], border [m] and logarithm of brightness
 ROUNDING = 0.018  # [m] width of the worn border of a plate
 STANDING = 0.022  # [m] height of a plate above the sand in its joints
 TILT = 0.03  # standard deviation of a plate's slope
@@ -37,23 +37,19 @@ SPLIT_DARK, SPLIT_DEEP = 0.8, 0.35  # its darkness over that of a joint, and its
 TONE, PLATE_TONE, PIECE_TONE = 0.10, 0.15, 0.08  # logarithm of brightness: mean, and standard deviations
 DARK = 0.9  # share of the light that a crack takes
 PLATE_COVER, PIECE_COVER = 0.9, 0.15  # ranges of the sand cover of plates and of their pieces
-BORDER_COVER = 1.2  # additional sand cover beyond a plate's border
-BORDER = 0.006  # [m] width within which that sand thins out
-STEEPEST = 1.5  # slope of the largest code
 TONES = 1.0  # logarithm of brightness of the largest code
-DEEPEST = 2.0  # sand cover of the largest code; what is covered by more than 1 is never swept clean
 DRAWN = np.dtype([(name, np.float64) for name in ("east", "north", "tone", "chance")])  # slopes, N(0, 1), U(0, 1)
 VARIANTS = 2  # number of tiles that scenes choose from; each scene turns and shifts its tile
 
 
 @lru_cache(maxsize=VARIANTS)
-def plates(seed: int) -> np.ndarray:
-    """Return a tile of plates at all resolutions.
+def plates(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Draw a tile of plates.
 
     Returns:
-        (M, 5) int8 of `pyramid`: slopes along and across in STEEPEST / CODES, tone (logarithm of brightness) in
-        TONES / CODES, crack (share of the light that cracks take) in 1 / CODES, and cover in DEEPEST / CODES. The cover
-        is how bare the ground must be before the wind has swept the sand off this point too, 0 to 1 on plates.
+        Heights (SIDE, SIDE) [m] over the sand around them where the ground is not swept at all, so mostly below 0; and
+        their look at all resolutions, (M, 2) int8 of `pyramid`: tone (logarithm of brightness) in TONES / CODES, and
+        crack (share of the light that cracks take) in 1 / CODES.
     """
     rng = np.random.default_rng((seed, 9))
     k = np.hypot(scipy.fft.fftfreq(SIDE, TEXEL)[:, None], scipy.fft.rfftfreq(SIDE, TEXEL)[None, :])
@@ -65,10 +61,7 @@ def plates(seed: int) -> np.ndarray:
     finest = np.empty((SIDE, SIDE, CHANNELS), dtype=np.float32)
     height = np.empty((SIDE, SIDE), dtype=np.float32)
     _plates(levels[0], levels[1], draws[0], draws[1], bend[0], bend[1], rough, height, finest)
-    for channel, axis in ((0, 1), (1, 0)):
-        slope = (np.roll(height, -1, axis) - np.roll(height, 1, axis)) / (2 * TEXEL)
-        finest[..., channel] = np.clip(slope / STEEPEST, -1, 1) * CODES
-    return pyramid(finest)
+    return height, pyramid(finest)
 
 
 def _drawn(count: int, rng: np.random.Generator) -> np.ndarray:
@@ -118,7 +111,7 @@ def _nearest(points, x, y):
 
 @compiled
 def _plates(large, small, plate_drawn, piece_drawn, bend_x, bend_y, rough, height, out):
-    """Fill in the heights of plates [m], and channels 2 to 4 of out (SIDE, SIDE, CHANNELS) in codes; see plates.
+    """Fill in the heights of plates [m], and their look, out (SIDE, SIDE, CHANNELS), in codes; see plates.
 
     large, small: points of plates and of pieces, of _jittered; plate_drawn, piece_drawn: of DRAWN.
     """
@@ -142,23 +135,17 @@ def _plates(large, small, plate_drawn, piece_drawn, bend_x, bend_y, rough, heigh
                 lean += PIECE_TILT * (piece.east * qx + piece.north * qy)
                 tone += PIECE_TONE * piece.tone
                 cover += PIECE_COVER * piece.chance
-            # sand thins out across a plate's border
-            cover += BORDER_COVER * min(max(-edge / BORDER + 0.5, 0.0), 1.0)
-            height[j, i] = inside * (STANDING + lean * TEXEL + ROUGH_HEIGHT * rough[j, i])
-            out[j, i, 2] = min(max(tone / TONES, -1.0), 1.0) * CODES
-            out[j, i, 3] = DARK * crack * CODES
-            out[j, i, 4] = min(cover / DEEPEST, 1.0) * CODES
+            top = lean * TEXEL + ROUGH_HEIGHT * rough[j, i]
+            height[j, i] = inside * (STANDING + top) - STANDING - SWEPT_DEPTH * cover
+            out[j, i, 0] = min(max(tone / TONES, -1.0), 1.0) * CODES
+            out[j, i, 1] = DARK * crack * CODES
 
 
 @inlined
-def pavement_at(placed, u, v, footprint):
-    """Return slopes along u and v, tone, crack and cover of the bedrock at surface coordinates u, v [m].
+def plate_look_at(codes, placed, x, y, footprint):
+    """Return tone and crack of the bedrock at world x, y [m].
 
-    placed: PlacedTile of `plates`; footprint: width of a pixel on the ground [m].
+    codes: of `plates`; placed: Tile of its heights; footprint: width of a pixel on the ground [m].
     """
-    along, across, tone, crack, cover = pyramid_at(placed, SIDE, TEXEL, u, v, footprint)
-    steep = np.float32(STEEPEST / CODES)
-    return (
-        steep * along, steep * across, tone * np.float32(TONES / CODES), crack * np.float32(1 / CODES),
-        cover * np.float32(DEEPEST / CODES),
-    )  # fmt: skip
+    tone, crack = pyramid_at(codes, placed, x, y, footprint)
+    return tone * np.float32(TONES / CODES), crack * np.float32(1 / CODES)

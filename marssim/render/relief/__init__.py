@@ -1,0 +1,1 @@
+"""The ground's relief as a function of world position: the surface that rays hit, down to the pebble."""

@@ -1,0 +1,196 @@
+"""The relief of a scene's ground, as the kernels of crossing.py take it. All of it follows from the scene."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from marssim.base.compute.compiled import compiled
+from marssim.render.relief import plates as bedrock_plates
+from marssim.render.relief.bspline import cubic_coefficients
+from marssim.render.relief.height import Base, Cover, Relief
+from marssim.render.relief.layers import (
+    FRACTAL,
+    FRACTAL_WAVES,
+    GRAIN,
+    GRAIN_WAVES,
+    VARIANTS,
+    fractal_levels,
+    ripple_tile,
+)  # fmt: skip
+from marssim.render.relief.noise import TEXELS, TILE, coded_tile, octave_value, placing
+from marssim.render.relief.stones import BARE, CELLS, EAST, GRAVEL, NORTH, SIDE, SIZES, Stones, draw_stones
+from marssim.render.relief.surroundings import CELL as NEAR_CELL
+from marssim.render.relief.surroundings import CODE, surroundings
+from marssim.render.relief.tiles import Tile, tile_levels
+from marssim.scene.scene import Scene
+
+COVER_CELL = 0.1  # [m] grid of the cover
+COVER_MARGIN = 8.0  # [m] how far it reaches beyond the fine square
+EDGE = 8  # cells by which the fine grid is continued beyond its edge, so that its spline joins that of the coarse grid
+PATCH_WAVELENGTHS = (1.7, 7.0)  # [m] sizes of patches of sand and bedrock
+GRAVEL_WAVELENGTHS = (2.3, 9.0)  # [m] sizes of patches of gravel
+RIPPLE_WAVELENGTHS = (0.06, 0.15)  # [m] shortest and longest of the wind's small ripples
+RIPPLE_SLOPE = 0.22  # RMS slope of ripples at a texture strength of 1
+GRAIN_STRENGTH = 0.5  # of the grain, over that of the relief with longer waves
+PEBBLES = (0.124, 0.062, 0.031, 0.0)  # shares of the close packing that pebbles have on ground without sand
+FRAGMENTS = 0.5  # share of close packing at the feet of rocks
+
+
+class Ground(NamedTuple):
+    """The relief of a scene's ground.
+
+    Attributes:
+        data: float32, all that the height field is made of.
+        relief: Its height field.
+        stones: The stones on it.
+        steepest: Slope of the fine relief that few places exceed.
+        near: Maps of `surroundings`.
+        roughness: Standard deviation of the fine relief's height at a strength of 1 [m].
+        ripple_crest: Largest height of the tile of ripples.
+    """
+
+    data: np.ndarray
+    relief: Relief
+    stones: Stones
+    steepest: np.float32
+    near: np.ndarray
+    roughness: float
+    ripple_crest: float
+
+
+_of_scene: WeakKeyDictionary[Scene, Ground] = WeakKeyDictionary()
+
+
+def ground_relief(scene: Scene) -> Ground:
+    """Return the relief of a scene's ground, made at the first call for this scene."""
+    if scene not in _of_scene:
+        _of_scene[scene] = _made(scene)
+    return _of_scene[scene]
+
+
+def _made(scene: Scene) -> Ground:
+    look, seed = scene.look, scene.look.texture_seed
+    rng = np.random.default_rng((seed, 5))
+    wavelength = float(np.exp(rng.uniform(*np.log(RIPPLE_WAVELENGTHS))))
+    data = _Data()
+    ripples, steep = _ripples(data, seed, wavelength, rng)
+    near = surroundings(scene.rocks, scene.half, (float(ripples.cosine), -float(ripples.sine)), scene.outcrop.bodies)
+    strength, bedrock = look.texture_strength, look.bedrock > 0
+    grain = fractal_levels(seed % VARIANTS + VARIANTS, *GRAIN, GRAIN_WAVES)
+    relief = Relief(
+        base=_base(data, scene), cover=_cover(data, scene, near),
+        fractal=_placed(data, fractal_levels(seed % VARIANTS, *FRACTAL, FRACTAL_WAVES), FRACTAL, rng),
+        grain=_placed(data, np.float32(GRAIN_STRENGTH) * grain, GRAIN, rng),
+        ripples=ripples, plates=_plates(data, seed, bedrock, rng), strength=np.float32(strength),
+        ripple_height=np.float32(RIPPLE_SLOPE * min(strength, 1.3) / steep), ripple_length=np.float32(wavelength),
+        bedrock=bedrock,
+    )  # fmt: skip
+    stones = draw_stones(seed % VARIANTS)
+    octave = stones.octave.copy()
+    octave[:, [EAST, NORTH]] = rng.uniform(0, 1, (len(octave), 2)) * CELLS * octave[:, [SIDE]]
+    middle = np.sqrt(np.array(SIZES[:-1]) * np.array(SIZES[1:]))
+    spread = 2.0 - 1.5 * look.gravel_sorting  # octaves
+    octave[:, BARE] = look.pebbles * np.array(PEBBLES)
+    octave[:, GRAVEL] = np.exp(-0.5 * (np.log2(middle / look.gravel_size) / spread) ** 2)
+    roughness = float(fractal_levels(seed % VARIANTS, *FRACTAL, FRACTAL_WAVES)[: FRACTAL[0] ** 2].std())
+    return Ground(
+        data.joined(), relief, stones._replace(octave=octave), np.float32(0.1 + 0.2 * strength), near,
+        roughness, float(ripple_tile(seed % VARIANTS).max()),
+    )  # fmt: skip
+
+
+class _Data:
+    """Arrays that are joined to one, since kernels are slower with many."""
+
+    def __init__(self) -> None:
+        self._parts: list[np.ndarray] = []
+        self._size = 0
+
+    def add(self, part: np.ndarray) -> np.int32:
+        """Add an array and return where it begins."""
+        self._parts.append(part.ravel().astype(np.float32, copy=False))
+        self._size += part.size
+        return np.int32(self._size - part.size)
+
+    def joined(self) -> np.ndarray:
+        return np.concatenate(self._parts)
+
+
+def _base(data: _Data, scene: Scene) -> Base:
+    fine, coarse = scene.terrain.fine, scene.terrain.coarse
+    nodes = len(fine.heights) + 2 * EDGE
+    start = fine.x0 - EDGE * fine.cell
+    x, y = np.meshgrid(*[start + np.arange(nodes) * fine.cell] * 2)
+    heights = np.empty((nodes, nodes))
+    for part in (np.s_[:EDGE], np.s_[-EDGE:], np.s_[:, :EDGE], np.s_[:, -EDGE:]):
+        heights[part] = coarse.smooth_heights(x[part], y[part])
+    heights[EDGE:-EDGE, EDGE:-EDGE] = fine.heights
+    return Base(
+        data.add(cubic_coefficients(heights)), np.int32(nodes + 2), np.float32(start), np.float32(1 / fine.cell),
+        np.float32(-fine.x0), data.add(cubic_coefficients(coarse.heights)), np.int32(len(coarse.heights) + 2),
+        np.float32(coarse.x0), np.float32(1 / coarse.cell),
+    )  # fmt: skip
+
+
+def _placed(data: _Data, levels: np.ndarray, form: tuple[int, float, int], rng: np.random.Generator) -> Tile:
+    turn = rng.uniform(0, 2 * np.pi)
+    return Tile(
+        data.add(levels), np.int32(form[0]), np.int32(form[2]), np.float32(form[1]), np.float32(np.cos(turn)),
+        np.float32(np.sin(turn)), np.float32(rng.uniform(0, form[0])),
+    )  # fmt: skip
+
+
+def _ripples(data: _Data, seed: int, wavelength: float, rng: np.random.Generator) -> tuple[Tile, float]:
+    """Return the tile of ripples, and the RMS slope that ripples of unit height have in it."""
+    field = ripple_tile(seed % VARIANTS)
+    spacing = wavelength / TEXELS
+    steep = np.sqrt(np.mean(np.square([np.gradient(field, spacing, axis=axis) for axis in (0, 1)])) * 2)
+    return _placed(data, tile_levels(field, spacing, 1), (TILE, spacing, 1), rng), float(steep)
+
+
+def _plates(data: _Data, seed: int, bedrock: bool, rng: np.random.Generator) -> Tile:
+    form = (bedrock_plates.SIDE, bedrock_plates.TEXEL, 6)
+    if not bedrock:
+        return _placed(data, np.zeros(9, dtype=np.float32), form, rng)
+    heights, _ = bedrock_plates.plates(seed % bedrock_plates.VARIANTS)
+    return _placed(data, tile_levels(heights, bedrock_plates.TEXEL, 6), form, rng)
+
+
+def _cover(data: _Data, scene: Scene, near: np.ndarray) -> Cover:
+    look, seed = scene.look, scene.look.texture_seed
+    reach = scene.half + COVER_MARGIN
+    nodes = int(np.ceil(2 * reach / COVER_CELL)) + 1
+    axis = -reach + np.arange(nodes) * COVER_CELL
+    patch = _noise(axis, coded_tile(VARIANTS + seed % VARIANTS, False), placing(PATCH_WAVELENGTHS, seed + 1))
+    other = _noise(axis, coded_tile(2 * VARIANTS + seed % VARIANTS, False), placing(GRAVEL_WAVELENGTHS, seed + 7))
+    drift, rubble = np.zeros((2, nodes, nodes))
+    inside = np.flatnonzero(np.abs(axis) <= scene.half)
+    pick = np.rint((axis[inside] + scene.half) / NEAR_CELL).astype(int)
+    drift[np.ix_(inside, inside)] = near[np.ix_(pick, pick)][..., 1] / CODE
+    rubble[np.ix_(inside, inside)] = near[np.ix_(pick, pick)][..., 2] / CODE
+    gravel = _step(0.7 * other + 3.4 * look.gravel - 1.7) if look.gravel > 0 else np.zeros_like(other)
+    sand = np.maximum(_step(0.55 * patch + 2 * look.wind_ripples - 1) * (1 - gravel), drift)
+    swept = (-0.45 * patch + 1.8 * look.bedrock - 0.45) * (1 - gravel) * (1 - drift)
+    gravel = np.maximum(gravel * (1 - 0.7 * drift), FRAGMENTS * rubble)
+    share = np.stack([sand, gravel, swept], axis=-1)
+    return Cover(data.add(share), np.int32(nodes), np.float32(-reach), np.float32(1 / COVER_CELL))
+
+
+def _step(value: np.ndarray) -> np.ndarray:
+    share = np.clip(value + 0.5, 0, 1)
+    return share * share * (3 - 2 * share)
+
+
+@compiled
+def _noise(axis, tile, places):
+    """Return the sum of noise octaves (N, N) at the nodes of a square grid."""
+    n = len(axis)
+    out = np.zeros((n, n))
+    for j in range(n):
+        for i in range(n):
+            for octave in range(len(places)):
+                out[j, i] += octave_value(tile, places, octave, np.float32(axis[i]), np.float32(axis[j]))
+    return out

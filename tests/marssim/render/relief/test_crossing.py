@@ -1,0 +1,277 @@
+"""What rays meet on the ground, compared with closed forms and with tiny steps along each ray."""
+
+import math
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from marssim.base.camera import PinholeCamera, StereoRig
+from marssim.base.compute.compiled import compiled
+from marssim.base.dataset.frame import GROUND
+from marssim.base.pose import look_pose
+from marssim.inspection.tilted_planes import plane
+from marssim.render.geometry import surface
+from marssim.render.geometry.gbuffer import Footprint, GBuffer
+from marssim.render.relief.crossing import FLATTEST, STONE_FLAT, STONE_NONE, STONE_WHOLE
+from marssim.render.relief.height import cover_at, footprint_at, height_at, shown_at
+from marssim.render.relief.stones import (
+    AX,
+    AY,
+    BARE,
+    BX,
+    BY,
+    CELLS,
+    EAST,
+    GRAVEL,
+    MIDDLE,
+    NORTH,
+    PLANES,
+    RANK,
+    RISE,
+    SAND_STONES,
+    SHAPE,
+    SIDE,
+    SIZE,
+    X,
+    Y,
+)
+from marssim.render.renderers.by_name import make_renderer
+from marssim.render.renderers.scan_renderer import ScanRenderer
+from marssim.scene.outcrop.config import OutcropConfig
+from marssim.scene.presets import preset
+from marssim.scene.rocks.population import RockConfig
+from marssim.scene.scene import build_scene
+
+RIG = StereoRig(PinholeCamera(160, 120, 900.0, 940.0, 71.3, 62.6), baseline=0.1)  # principal point off the middle
+LAID = {
+    "level": {"turn": 0.4},
+    "level, rippled sand": {"layer": "ripples"},
+    "tilted": {"tilt": (0.12, -0.2)},
+    "tilted, without pebbles": {"tilt": (-0.1, 0.05), "radius": 0.0, "height": 0.008, "layer": "ripples"},
+    "level, without ripples": {"height": 0.0},
+}
+VIEWS = {"down": (0.3, 60, 0.0), "slanted": (2.0, 38, 0.2), "rolled": (4.4, 45, -0.5)}  # yaw [rad], pitch [deg], roll
+
+
+def pose_over(name: str, above: float = 1.0) -> np.ndarray:
+    yaw, pitch, roll = VIEWS[name]
+    return look_pose(np.array([0.31, -0.17, above]), yaw, np.deg2rad(pitch), roll)
+
+
+def closed_form(laid, pose: np.ndarray, footprint: Footprint) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return depth (H, W) and normal (H, W, 3), world frame, and where a view is to have them."""
+    camera = RIG.camera
+    shape = (camera.height, camera.width)
+    rays = camera.rays().reshape(-1, 3) @ pose[:3, :3].T
+    depth, normal, pebble = laid.met_by(pose[:3, 3], rays)
+    points = pose[:3, 3] + depth[:, None] * rays
+    away = footprint.eye - points
+    distance = np.linalg.norm(away, axis=1)
+    covered = distance / (footprint.focal * np.sqrt(away[:, 2] / distance))
+    fine = 8 * covered < min(laid.wavelength, laid.radius or 1.0)
+    inverse, pebble = 1 / depth.reshape(shape), pebble.reshape(shape)
+    jump = np.zeros(shape, dtype=np.uint8)
+    for across, along in ((jump, inverse), (jump.T, inverse.T)):
+        kink = np.abs(along[2:] - 2 * along[1:-1] + along[:-2])
+        across[1:-1] |= (kink > 0.004 * along[1:-1]).astype(np.uint8)
+    clear = cv2.dilate(jump, np.ones((5, 5), np.uint8)) == 0
+    return depth.reshape(shape), normal.reshape(*shape, 3), clear & fine.reshape(shape)
+
+
+def even(normal: np.ndarray) -> np.ndarray:
+    """Return where (H, W) the normals of the pixels beside are much the same: not where a pebble meets the ground."""
+    out = np.ones(normal.shape[:2], dtype=bool)
+    for axis in (0, 1):
+        same = np.einsum("ijk,ijk->ij", normal, np.roll(normal, 1, axis)) > np.cos(np.deg2rad(15))
+        out &= same & np.roll(same, -1, axis)
+    return out
+
+
+def assert_closed_form(view: GBuffer, pose: np.ndarray, laid, footprint: Footprint) -> None:
+    depth, normal, clear = closed_form(laid, pose, footprint)
+    assert clear.mean() > 0.25
+    assert (view.surface[clear] == GROUND).all()
+    off = np.abs(view.depth / depth - 1)[clear]
+    assert (off < 1e-4).mean() > 0.9995, f"{(off >= 1e-4).sum()} of {off.size} pixels are off, by up to {off.max():.1e}"
+    smooth = clear & even(normal)
+    assert smooth.mean() > 0.2
+    for ours in (view.normal @ pose[:3, :3].T, view.shading_normal):
+        turn = np.rad2deg(np.arccos(np.clip(np.einsum("ij,ij->i", ours[smooth], normal[smooth]), -1, 1)))
+        assert (turn < 1).mean() > 0.9995, f"{(turn >= 1).sum()} normals are off, by up to {turn.max():.1f} deg"
+
+
+@pytest.mark.parametrize("name", ["scan", "embree", "pybullet"])
+@pytest.mark.parametrize("place", LAID)
+def test_pebbles_and_ripples_have_their_closed_form_in_both_eyes(monkeypatch, laid, name, place):
+    if name == "pybullet":
+        pytest.importorskip("pybullet")
+    ground = laid(**LAID[place])
+    monkeypatch.setattr(surface, "ground_relief", lambda scene: ground.ground())
+    renderer = make_renderer(name, ground.scene())
+    for view_name in VIEWS if name == "scan" else ["slanted"]:
+        pose = pose_over(view_name)
+        footprint = Footprint.of(RIG.camera, pose)
+        for eye in (pose, RIG.right_pose(pose)):
+            assert_closed_form(renderer.render(RIG.camera, eye, footprint), eye, ground, footprint)
+    renderer.close()
+
+
+def test_the_disparity_of_the_closed_form_is_f_b_over_z(monkeypatch, laid):
+    """A point of the left view is found in the right one at its disparity, at its depth."""
+    ground = laid(**LAID["tilted"])
+    monkeypatch.setattr(surface, "ground_relief", lambda scene: ground.ground())
+    renderer, pose = ScanRenderer(ground.scene()), pose_over("slanted")
+    footprint = Footprint.of(RIG.camera, pose)
+    depth, _, clear = closed_form(ground, pose, footprint)
+    disparity = RIG.camera.fx * RIG.baseline / depth
+    assert np.allclose(RIG.depth_to_disparity(depth.astype(np.float32)), disparity, rtol=1e-6)
+    rays = RIG.camera.rays() - np.stack([disparity / RIG.camera.fx, 0 * depth, 0 * depth], axis=-1)
+    right = RIG.right_pose(pose)
+    hits = renderer.trace(rays[clear], right, footprint)
+    # what the right eye sees there is the point, or something in front of it
+    expected, _, _ = ground.met_by(right[:3, 3], rays[clear] @ right[:3, :3].T)
+    same = np.abs(expected / depth[clear] - 1) < 1e-6
+    assert same.mean() > 0.7
+    assert (np.abs(hits.depth / depth[clear] - 1)[same] < 1e-4).mean() > 0.998
+
+
+@compiled
+def _inside_stone(data, cover, stones, eye, focal, x, y, z, gap):
+    start, member, stone, planes, octave = stones
+    for n in range(len(octave)):
+        cell = octave[n, SIDE]
+        if cell < STONE_NONE * footprint_at(eye, focal, x, y, z):
+            continue
+        i, j = math.floor((x - octave[n, EAST]) / cell), math.floor((y - octave[n, NORTH]) / cell)
+        at = n * (CELLS * CELLS + 1) + (j % CELLS) * CELLS + i % CELLS
+        period = CELLS * cell
+        for entry in range(start[at], start[at + 1]):
+            m = member[entry]
+            px, py = stone[m, X] + octave[n, EAST], stone[m, Y] + octave[n, NORTH]
+            px += period * math.floor((x - px) / period + 0.5)
+            py += period * math.floor((y - py) / period + 0.5)
+            sand, _, _, gravel, _ = cover_at(data, cover, np.float32(px), np.float32(py))
+            if stone[m, RANK] > octave[n, BARE] * (1 - SAND_STONES * sand) + octave[n, GRAVEL] * gravel:
+                continue
+            width = footprint_at(eye, focal, px, py, z - gap)
+            if stone[m, SIZE] <= STONE_NONE * width:
+                continue
+            shown = shown_at(stone[m, SIZE], width, np.float32(STONE_FLAT), np.float32(STONE_WHOLE))
+            share = max(shown, np.float32(FLATTEST))
+            dx, dy = x - px, y - py
+            u, v = stone[m, AX] * dx + stone[m, AY] * dy, stone[m, BX] * dx + stone[m, BY] * dy
+            w = (gap - share * stone[m, MIDDLE]) * stone[m, RISE] / share
+            inside = u * u + v * v + w * w < 1
+            shape = int(stone[m, SHAPE])
+            for p in range(PLANES):
+                if planes[shape, p, 3] < 1:
+                    side = planes[shape, p, 0] * u + planes[shape, p, 1] * v + planes[shape, p, 2] * w
+                    inside = inside and side < planes[shape, p, 3]
+            if inside:
+                return m
+    return -1
+
+
+@compiled
+def _march(data, relief, stones, eye, focal, origin, rays, begin, step, most):
+    """Return where rays enter ground or stones first, in steps of equal length, and the stones (-1 for ground)."""
+    out, who = np.full(len(rays), np.inf), np.full(len(rays), -1)
+    for k in range(len(rays)):
+        t = begin[k]
+        for _ in range(most):
+            x, y, z = origin[0] + t * rays[k, 0], origin[1] + t * rays[k, 1], origin[2] + t * rays[k, 2]
+            width = footprint_at(eye, focal, x, y, z)
+            gap = z - height_at(data, relief, np.float32(x), np.float32(y), width, True)[0]
+            if gap < 0:
+                out[k] = t
+                break
+            if gap < 0.09:
+                m = _inside_stone(data, relief.cover, stones, eye, focal, x, y, z, gap)
+                if m >= 0:
+                    out[k], who[k] = t, m
+                    break
+            t += step
+    return out, who
+
+
+def covered_scene(**look):
+    """Return a scene without rocks, of the preset gravel, with a look that has fixed values."""
+    fixed = {name: (value, value) for name, value in look.items()}
+    base = preset("gravel")
+    return build_scene(
+        preset(
+            "gravel", size=8.0, horizon=16.0, rocks=RockConfig(k=0.0), outcrop=OutcropConfig(fragments=(0, 0)),
+            look=replace(base.look, **fixed),
+        ),
+        3,
+    )  # fmt: skip
+
+
+PLACES = {
+    "gravel": {"gravel": 0.9, "wind_ripples": 0.1, "bedrock": 0.0},
+    "rippled sand": {"gravel": 0.0, "wind_ripples": 0.9, "bedrock": 0.0, "texture_strength": 1.0},
+    "bedrock": {"gravel": 0.0, "wind_ripples": 0.2, "bedrock": 0.8, "texture_strength": 0.8},
+}
+
+
+@pytest.mark.parametrize(("pitch_deg", "least"), [(60, 0.995), (25, 0.97)])
+@pytest.mark.parametrize("place", PLACES)
+def test_rays_meet_first_what_tiny_steps_meet_first(place, pitch_deg, least):
+    """At 25 deg, a millimetre of the model of the relief decides on which side of a stone's top a ray passes."""
+    scene = covered_scene(**PLACES[place])
+    renderer, step = ScanRenderer(scene), 2e-4
+    eye = np.array([0.4, -0.7, float(scene.terrain.height_at(0.4, -0.7)) + 1.0])
+    pose = look_pose(eye, 0.8, np.deg2rad(pitch_deg), 0.1)
+    rays = np.ones((3000, 3))
+    rays[:, :2] = np.random.default_rng(0).uniform(-0.2, 0.2, (3000, 2))
+    footprint = Footprint(pose[:3, 3], 600.0)
+    hits = renderer.trace(rays, pose, footprint)
+    assert (hits.surface == GROUND).all()
+    ground = renderer._surface.ground
+    begin = hits.depth - 0.25 / np.sin(np.deg2rad(pitch_deg))
+    depth, stone = _march(
+        ground.data, ground.relief, ground.stones, footprint.eye, footprint.focal, pose[:3, 3],
+        rays @ pose[:3, :3].T, begin.astype(float), step, 20000,
+    )  # fmt: skip
+    off = hits.depth - (depth - step / 2)
+    assert (np.abs(off) < 1e-3 + 1e-4 * depth).mean() > least, f"{np.sort(np.abs(off))[-20:]}"
+    assert (hits.detail[:, 0] == stone).mean() > least - 0.05
+    if place == "gravel":
+        assert 0.3 < (stone >= 0).mean() < 0.95
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_the_two_eyes_see_one_surface(place):
+    """No ray of the right eye passes through a point that the left one sees."""
+    scene = covered_scene(**PLACES[place])
+    renderer = ScanRenderer(scene)
+    rig = StereoRig(PinholeCamera(120, 90, 300.0, 300.0, 59.5, 44.5), baseline=0.27)
+    pose = look_pose(np.array([0.4, -0.7, float(scene.terrain.height_at(0.4, -0.7)) + 1.2]), 2.0, np.deg2rad(30), 0.1)
+    footprint, right = Footprint.of(rig.camera, pose), rig.right_pose(pose)
+    depth = renderer.render(rig.camera, pose, footprint).depth.astype(float)
+    rays = rig.camera.rays() - np.stack([rig.baseline / depth, 0 * depth, 0 * depth], axis=-1)
+    hits = renderer.trace(rays.reshape(-1, 3), right, footprint, sunlit=False)
+    off = hits.depth / depth.ravel() - 1
+    assert (off < 1e-3).mean() > 0.995 and (off < 1e-4).mean() > 0.985, f"{np.sort(off)[-20:]}"
+    assert (np.abs(off) < 1e-4).mean() > 0.8  # the rest is hidden from the right eye
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_normals_on_ground_and_stones_face_the_eye(place):
+    scene = covered_scene(**PLACES[place])
+    camera = PinholeCamera(160, 120, 500.0, 500.0, 80.0, 60.0)
+    pose = look_pose(np.array([0.4, -0.7, float(scene.terrain.height_at(0.4, -0.7)) + 1.2]), 4.0, np.deg2rad(25), 0.1)
+    view = ScanRenderer(scene).render(camera, pose)
+    rays = camera.rays() / np.linalg.norm(camera.rays(), axis=-1, keepdims=True)
+    slant = np.einsum("ijk,ijk->ij", view.normal, rays)[view.hit]
+    assert (slant < 1e-3).mean() > 0.9995 and slant.max() < 0.1
+
+
+def test_a_ray_that_begins_before_at_or_behind_the_ground_meets_it():
+    renderer = ScanRenderer(plane(np.zeros(2)))
+    pose = look_pose(np.array([0.0, 0.0, 1.0]), 0.0, np.pi / 2)
+    ray, footprint = np.array([[0.0, 0.0, 1.0]]), Footprint(pose[:3, 3], 500.0)
+    for begin in (0.0, 0.9, 1.0, 1.001):
+        assert renderer.trace_ground(ray, pose, np.array([begin]), footprint).depth == pytest.approx([1.0], abs=1e-4)
