@@ -7,7 +7,8 @@ on planes. At silhouettes it is 1 or 0: whether a pixel shows a rock, and whethe
 tilt the reference is their closed form (tilted_planes.py).
 
 PyBullet's depth is corrected after it is drawn, so that its G-buffer would show no shift on smooth ground whatever was
-drawn. On ground and on planes its depth is therefore compared as it was drawn.
+drawn. On planes its depth is therefore compared as it was drawn. On ground it cannot be: PyBullet draws flat triangles,
+without the relief.
 """
 
 from __future__ import annotations

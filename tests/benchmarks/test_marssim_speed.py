@@ -83,7 +83,7 @@ def test_pair_with_ground_truth_and_files(capsys, monkeypatch, tmp_path, place, 
         monkeypatch.undo()
         row = {"scene": built - start, "renderer": ready - built, **watch.spent}
         rows.append({**row, "rest": end - start - sum(row.values()), "whole pair": end - start})
-        assert np.mean(sizes) < 4e6
+        assert np.mean(sizes) < 2.5e6
     with capsys.disabled():
         print(f"\npair of {place}, {renderer}, 512 x 512, files written, {np.mean(sizes) / 1e6:.2f} MB")
         for stage in rows[-1]:

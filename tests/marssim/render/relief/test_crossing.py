@@ -14,8 +14,8 @@ from marssim.base.pose import look_pose
 from marssim.inspection.tilted_planes import plane
 from marssim.render.geometry import surface
 from marssim.render.geometry.gbuffer import Footprint, GBuffer
-from marssim.render.relief.crossing import FLATTEST, STONE_FLAT, STONE_NONE, STONE_WHOLE
 from marssim.render.relief.height import cover_at, footprint_at, height_at, shown_at
+from marssim.render.relief.stone_hits import FLATTEST, STONE_FLAT, STONE_NONE, STONE_WHOLE
 from marssim.render.relief.stones import (
     AX,
     AY,
