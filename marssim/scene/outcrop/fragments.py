@@ -10,7 +10,14 @@ from marssim.scene.outcrop.config import Traits
 from marssim.scene.outcrop.laying import Ground
 from marssim.scene.outcrop.plates import Plates
 from marssim.scene.rocks.mesh import LiftAt, Rocks, ground_plane, least_lift, mesh_population, no_bodies
-from marssim.scene.rocks.population import CAMERA_EXTENT, LEAST_DISTANCE, RockPopulation, detail_level
+from marssim.scene.rocks.population import (
+    CAMERA_EXTENT,
+    LEAST_DISTANCE,
+    RockPopulation,
+    detail_level,
+    draw_burial,
+    mean_burial,
+)
 from marssim.scene.rocks.shape_library import VARIANTS
 from marssim.scene.rocks.shapes import FAMILIES
 
@@ -23,8 +30,8 @@ PIECES = 9.0  # mean number of pieces of a broken body of 0.5 m at a density of 
 MOST = 60  # pieces of a body
 REACH = 0.25  # mean distance of a piece from the foot, over the body's diameter
 LEAST_ANGLE = 0.005  # [rad] angle under which a camera sees the smallest pieces that are drawn: 3 px of 512
-FLAT = (0.35, 0.8)  # height above ground over diameter
-BURIED = (0.15, 0.5)  # share of a piece's height below the ground
+FLAT = (0.35, 0.8)  # height above ground over diameter, at a mean burial
+BURIED = (0.15, 0.7)  # share of a piece's height below the ground
 SHARES = (0.75, 0.25, 0.0)  # of FAMILIES
 
 
@@ -62,8 +69,10 @@ def draw_fragments(
     distance = np.maximum(np.abs(xy).max(axis=1) - CAMERA_EXTENT * half, 0) + LEAST_DISTANCE
     family = rng.choice(len(FAMILIES), count, p=SHARES)
     detail = np.minimum(detail_level(diameter, distance), 0)
+    buried = draw_burial(BURIED, count, rng)
+    height = diameter * rng.uniform(*FLAT, count) * (1 - buried) / (1 - mean_burial(BURIED))
     drawn = RockPopulation(
-        xy=xy, diameter=diameter, height=diameter * rng.uniform(*FLAT, count), buried=rng.uniform(*BURIED, count),
+        xy=xy, diameter=diameter, height=height, buried=buried,
         level=detail, family=family, variant=rng.integers(0, VARIANTS, count), yaw=rng.uniform(0, 2 * np.pi, count),
         stretch=np.sqrt(rng.uniform(0.5, 1.0, count)),
         albedo=albedo[parent] * np.clip(rng.normal(1, 0.12, count), 0.7, 1.4),

@@ -26,6 +26,7 @@ COBBLE_RINGS = (0.75, 1.0, 1.25, 1.5, 2.0, 2.5)  # [half sides of the fine squar
 LEAST_DIAMETERS = ((0.75, 0.05), (1.0, 0.08), (2.5, 0.25), (np.inf, 0.6))
 MIN_HEIGHT_RATIO, MAX_HEIGHT_RATIO = 0.15, 1.0  # height above ground over diameter
 FLATNESS = np.array([1.2, 0.5, 1.1])  # relative height over diameter of each of FAMILIES: slabs are flat
+BURIAL_SHAPE = (2.0, 1.4)  # of the beta distribution of burial: few rocks lie on the ground, most sit in it
 CLEARED_DIAMETER = 0.1  # [m] diameter of the smallest rocks that clear discs keep out
 
 
@@ -43,8 +44,9 @@ class RockConfig:
     """Share of the rocks that lie beside a larger one, 0 to 1."""
     height_ratio: float = 0.5
     """Mean height of the rocks above ground over their diameter, 0.1 to 1."""
-    buried: tuple[float, float] = (0.1, 0.45)
-    """Share of a rock's height that is below ground, LOW HIGH, 0 to 0.5. Each rock draws its own."""
+    buried: tuple[float, float] = (0.1, 0.7)
+    """Share of a rock's height that is below ground, LOW HIGH, 0 to 0.75. Each rock draws its own, most of them from
+    the middle of the range or a little above it. The more of a rock is buried, the lower is the rest."""
     families: tuple[float, float, float] = (0.45, 0.25, 0.3)
     """Relative numbers of angular, slabby and rounded rocks: three shares in any unit."""
     albedo: float = 0.72
@@ -59,8 +61,8 @@ class RockConfig:
             raise ValueError(f"cluster must lie in [0, 1], got {self.cluster}")
         if not 0.1 <= self.height_ratio <= 1:
             raise ValueError(f"height_ratio must lie in [0.1, 1], got {self.height_ratio}")
-        if not 0 <= self.buried[0] <= self.buried[1] <= 0.5:
-            raise ValueError(f"buried must be a range within [0, 0.5], got {self.buried}")
+        if not 0 <= self.buried[0] <= self.buried[1] <= 0.75:
+            raise ValueError(f"buried must be a range within [0, 0.75], got {self.buried}")
         shares = self.families
         if len(shares) != len(FAMILIES) or not min(shares) >= 0 or not 0 < sum(shares) < np.inf:
             raise ValueError(f"families needs {len(FAMILIES)} shares that are not all zero, got {self.families}")
@@ -153,20 +155,32 @@ def _shaped(
 
     shares = np.array(config.families) / sum(config.families)
     family = rng.choice(len(FAMILIES), n, p=shares)
-    # scaled so that the mean over the mixture of families is height_ratio
+    buried = draw_burial(config.buried, n, rng)
+    # scaled so that the mean over families and burial is height_ratio
     ratio = config.height_ratio * FLATNESS[family] / (shares @ FLATNESS) * rng.lognormal(-0.03, 0.25, n)
+    ratio *= (1 - buried) / (1 - mean_burial(config.buried))
     return RockPopulation(
         xy=xy,
         diameter=diameter,
         height=diameter * np.clip(ratio, MIN_HEIGHT_RATIO, MAX_HEIGHT_RATIO),
         level=level,
         family=family,
-        buried=rng.uniform(*config.buried, n),  # the order of the draws determines the scene of a seed
+        buried=buried,
         variant=rng.integers(0, VARIANTS, n),
         yaw=rng.uniform(0, 2 * np.pi, n),
         stretch=np.sqrt(rng.uniform(0.65, 1.0, n)),
         albedo=config.albedo * np.clip(rng.normal(1, 0.3, n), 0.45, 1.8),
     )
+
+
+def draw_burial(span: tuple[float, float], count: int, rng: np.random.Generator) -> np.ndarray:
+    """Draw the shares (count,) of the heights of rocks that are below ground; span: least and largest."""
+    return np.asarray(span[0] + (span[1] - span[0]) * rng.beta(*BURIAL_SHAPE, count))
+
+
+def mean_burial(span: tuple[float, float]) -> float:
+    """Return the mean of `draw_burial`."""
+    return span[0] + (span[1] - span[0]) * BURIAL_SHAPE[0] / sum(BURIAL_SHAPE)
 
 
 def detail_level(diameter: np.ndarray, distance: np.ndarray) -> np.ndarray:

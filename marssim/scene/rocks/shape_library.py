@@ -12,7 +12,7 @@ from marssim.scene.rocks.shapes import FAMILIES, LEVELS, draw_shape, icosphere
 VARIANTS = 24  # shapes per family
 # shapes per family at each level: fine ones take time, and few rocks need them
 SHAPES_AT_LEVEL = dict(zip(LEVELS, (24, 24, 24, 24, 24, 10, 4)))
-BURIAL = np.linspace(0, 0.6, 13)  # shares of the height below ground at which outlines are tabulated
+BURIAL = np.linspace(0, 0.75, 16)  # shares of the height below ground at which outlines are tabulated
 RASTER = 36  # cells along a side of the square on which outlines are measured
 SEED = 1997  # of the library
 

@@ -16,6 +16,15 @@ def test_more_rocks_than_a_dataset_can_number_are_refused():
             draw_population(RockConfig(k=0.0835), 48.0, 96.0, np.random.default_rng(seed), ())
 
 
+def test_most_rocks_sit_in_the_ground_and_few_lie_on_it():
+    drawn = draw_population(RockConfig(k=0.1, buried=(0.1, 0.7)), 10.0, 20.0, np.random.default_rng(0), ())
+    buried = drawn.buried
+    assert 0.1 <= buried.min() < 0.15 and 0.65 < buried.max() <= 0.7
+    assert np.mean(buried < 0.2) < 0.12 and np.mean(buried > 0.4) > 0.55
+    ratio = drawn.height / drawn.diameter
+    assert ratio[buried > 0.6].mean() < 0.6 * ratio[buried < 0.3].mean()  # what is buried does not stand out
+
+
 @pytest.mark.parametrize(
     "bad",
     [
