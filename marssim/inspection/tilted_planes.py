@@ -19,7 +19,9 @@ from marssim.scene.scene import Scene, SceneConfig, build_scene
 TILT_DEG = 15.0  # tilt of each plane
 AZIMUTHS_DEG = (0.0, 90.0, 180.0, 270.0)  # in which the planes rise: away from the camera, to its sides, towards it
 # no fine relief and no stones
-BARE = LookConfig(texture_strength=(0, 0), pebbles=(0, 0), wind_ripples=(0, 0), bedrock=(0, 0), gravel=(0, 0))
+BARE = LookConfig(
+    texture_strength=(0, 0), pebbles=(0, 0), wind_ripples=(0, 0), bedrock=(0, 0), gravel=(0, 0), drifts=(0, 0)
+)  # fmt: skip
 PITCH_DEG = 35.0  # pitch of the camera
 FARTHEST = 6.0  # farthest ground that counts [m], since depth hardly determines the shift beyond
 

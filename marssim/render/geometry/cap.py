@@ -21,6 +21,7 @@ GRAIN_TOP = 0.0012  # [m] height of the grain that the cap covers
 SMALL = 0.011  # [m] stones up to this diameter count as lying everywhere
 SPARSE = 4.0  # so do those of which a cell of the grid is this many times as wide
 CLEAR = 1e-3  # [m] least height of the cap over the ground
+SUPPORT = 2  # cells of the fine spline over which a coefficient counts
 WALL = 3.0  # [m] depth of the wall under the edge of the fine grid, where it joins the coarse one
 
 
@@ -71,7 +72,23 @@ def _thickness(grid: HeightGrid, ground: Ground) -> np.ndarray:
     if relief.bedrock:
         plates = _highest_around(ground.data, relief.plates, grid.cell, x, y) + SWEPT_DEPTH * np.minimum(swept, 1.3)
         out = np.where(swept > 0, np.maximum(out, plates + SOFT), out)
-    return out + _stone_tops(grid, ground)
+    return out + _stone_tops(grid, ground) + _drift_tops(grid, ground)
+
+
+def _drift_tops(grid: HeightGrid, ground: Ground) -> np.ndarray:
+    """Return the greatest height of the drifts around each node of a grid (ny, nx) [m]."""
+    ny, nx = grid.heights.shape
+    nodes, base = len(ground.drifts), ground.relief.base
+    if nodes == 0:
+        return np.zeros((ny, nx))
+    wide = 2 * (int(np.ceil(grid.cell * base.per_fine_cell)) + SUPPORT) + 1
+    highest = ndimage.maximum_filter(ground.drifts, size=wide, mode="nearest")
+    i, j = (
+        np.rint((first + np.arange(count) * grid.cell - base.fine_start) * base.per_fine_cell).astype(int)
+        for first, count in ((grid.x0, nx), (grid.y0, ny))
+    )
+    inside = ((j >= 0) & (j < nodes))[:, None] & ((i >= 0) & (i < nodes))
+    return np.where(inside, highest[np.ix_(np.clip(j, 0, nodes - 1), np.clip(i, 0, nodes - 1))], 0.0)
 
 
 def _stone_tops(grid: HeightGrid, ground: Ground) -> np.ndarray:

@@ -21,15 +21,20 @@ from marssim.render.relief.layers import (
     ripple_tile,
 )  # fmt: skip
 from marssim.render.relief.noise import TEXELS, TILE, coded_tile, octave_value, placing
+from marssim.render.relief.sand.drifts import drift_heights
+from marssim.render.relief.sand.terrain_spline import FineSpline
 from marssim.render.relief.stones import BARE, CELLS, EAST, GRAVEL, NORTH, SIDE, SIZES, Stones, draw_stones
 from marssim.render.relief.surroundings import CELL as NEAR_CELL
 from marssim.render.relief.surroundings import CODE, surroundings
 from marssim.render.relief.tiles import Tile, tile_levels
+from marssim.scene.look import Look
 from marssim.scene.scene import Scene
 
 COVER_CELL = 0.1  # [m] grid of the cover
 COVER_MARGIN = 8.0  # [m] how far it reaches beyond the fine square
-EDGE = 8  # cells by which the fine grid is continued beyond its edge, so that its spline joins that of the coarse grid
+DRIFT_SLOPE = 0.15  # what drifts add to the slope that few places exceed
+BURIED_AT = 0.015  # [m] height of a drift that buries pebbles and fine relief
+DRIFT_CELL = 0.045  # [m] largest spacing of the grid that carries drifts
 PATCH_WAVELENGTHS = (1.7, 7.0)  # [m] sizes of patches of sand and bedrock
 GRAVEL_WAVELENGTHS = (2.3, 9.0)  # [m] sizes of patches of gravel
 RIPPLE_WAVELENGTHS = (0.06, 0.15)  # [m] shortest and longest of the wind's small ripples
@@ -48,8 +53,8 @@ class Ground(NamedTuple):
         stones: The stones on it.
         steepest: Slope of the fine relief that few places exceed.
         near: Maps of `surroundings`.
-        roughness: Standard deviation of the fine relief's height at a strength of 1 [m].
-        ripple_crest: Largest height of the tile of ripples.
+        drifts: (N, N) float32 heights of the sand against rocks and slabs [m], on the nodes of `relief.base.fine`
+            without the margin; empty where there is none.
     """
 
     data: np.ndarray
@@ -57,8 +62,7 @@ class Ground(NamedTuple):
     stones: Stones
     steepest: np.float32
     near: np.ndarray
-    roughness: float
-    ripple_crest: float
+    drifts: np.ndarray
 
 
 _of_scene: WeakKeyDictionary[Scene, Ground] = WeakKeyDictionary()
@@ -77,29 +81,41 @@ def _made(scene: Scene) -> Ground:
     wavelength = float(np.exp(rng.uniform(*np.log(RIPPLE_WAVELENGTHS))))
     data = _Data()
     ripples, steep = _ripples(data, seed, wavelength, rng)
-    near = surroundings(scene.rocks, scene.half, (float(ripples.cosine), -float(ripples.sine)), scene.outcrop.bodies)
+    wind = (float(ripples.cosine), -float(ripples.sine))
+    near = surroundings(scene.rocks, scene.half, wind, scene.outcrop.bodies)
+    fine, drifts = _with_drifts(scene, wind)
     strength, bedrock = look.texture_strength, look.bedrock > 0
     grain = fractal_levels(seed % VARIANTS + VARIANTS, *GRAIN, GRAIN_WAVES)
     relief = Relief(
-        base=_base(data, scene), cover=_cover(data, scene, near),
+        base=_base(data, scene, fine), cover=_cover(data, scene, near, drifts, fine),
         fractal=_placed(data, fractal_levels(seed % VARIANTS, *FRACTAL, FRACTAL_WAVES), FRACTAL, rng),
         grain=_placed(data, np.float32(GRAIN_STRENGTH) * grain, GRAIN, rng),
         ripples=ripples, plates=_plates(data, seed, bedrock, rng), strength=np.float32(strength),
         ripple_height=np.float32(RIPPLE_SLOPE * min(strength, 1.3) / steep), ripple_length=np.float32(wavelength),
         bedrock=bedrock,
     )  # fmt: skip
-    stones = draw_stones(seed % VARIANTS)
+    steepest = np.float32(0.1 + 0.2 * strength + (DRIFT_SLOPE if drifts.size else 0))
+    return Ground(data.joined(), relief, _stones(look, rng), steepest, near, drifts)
+
+
+def _stones(look: Look, rng: np.random.Generator) -> Stones:
+    stones = draw_stones(look.texture_seed % VARIANTS)
     octave = stones.octave.copy()
     octave[:, [EAST, NORTH]] = rng.uniform(0, 1, (len(octave), 2)) * CELLS * octave[:, [SIDE]]
     middle = np.sqrt(np.array(SIZES[:-1]) * np.array(SIZES[1:]))
     spread = 2.0 - 1.5 * look.gravel_sorting  # octaves
     octave[:, BARE] = look.pebbles * np.array(PEBBLES)
     octave[:, GRAVEL] = np.exp(-0.5 * (np.log2(middle / look.gravel_size) / spread) ** 2)
-    roughness = float(fractal_levels(seed % VARIANTS, *FRACTAL, FRACTAL_WAVES)[: FRACTAL[0] ** 2].std())
-    return Ground(
-        data.joined(), relief, stones._replace(octave=octave), np.float32(0.1 + 0.2 * strength), near,
-        roughness, float(ripple_tile(seed % VARIANTS).max()),
-    )  # fmt: skip
+    return stones._replace(octave=octave)
+
+
+def _with_drifts(scene: Scene, wind: tuple[float, float]) -> tuple[FineSpline, np.ndarray]:
+    """Return the surface of the fine square with its drifts, and Ground.drifts. wind: direction it blows to."""
+    plain = FineSpline.of(scene.terrain)
+    finer = plain.refined(DRIFT_CELL)
+    rng = np.random.default_rng((scene.look.texture_seed, 7))
+    drifts = drift_heights(scene, wind, finer.start, finer.cell, finer.nodes, rng)
+    return (finer.raised(drifts), drifts) if drifts.any() else (plain, np.zeros((0, 0), dtype=np.float32))
 
 
 class _Data:
@@ -119,18 +135,11 @@ class _Data:
         return np.concatenate(self._parts)
 
 
-def _base(data: _Data, scene: Scene) -> Base:
-    fine, coarse = scene.terrain.fine, scene.terrain.coarse
-    nodes = len(fine.heights) + 2 * EDGE
-    start = fine.x0 - EDGE * fine.cell
-    x, y = np.meshgrid(*[start + np.arange(nodes) * fine.cell] * 2)
-    heights = np.empty((nodes, nodes))
-    for part in (np.s_[:EDGE], np.s_[-EDGE:], np.s_[:, :EDGE], np.s_[:, -EDGE:]):
-        heights[part] = coarse.smooth_heights(x[part], y[part])
-    heights[EDGE:-EDGE, EDGE:-EDGE] = fine.heights
+def _base(data: _Data, scene: Scene, fine: FineSpline) -> Base:
+    coarse = scene.terrain.coarse
     return Base(
-        data.add(cubic_coefficients(heights)), np.int32(nodes + 2), np.float32(start), np.float32(1 / fine.cell),
-        np.float32(-fine.x0), data.add(cubic_coefficients(coarse.heights)), np.int32(len(coarse.heights) + 2),
+        data.add(fine.coefficients), np.int32(fine.nodes + 2), np.float32(fine.start), np.float32(1 / fine.cell),
+        np.float32(scene.half), data.add(cubic_coefficients(coarse.heights)), np.int32(len(coarse.heights) + 2),
         np.float32(coarse.x0), np.float32(1 / coarse.cell),
     )  # fmt: skip
 
@@ -159,7 +168,7 @@ def _plates(data: _Data, seed: int, bedrock: bool, rng: np.random.Generator) -> 
     return _placed(data, tile_levels(heights, bedrock_plates.TEXEL, 6), form, rng)
 
 
-def _cover(data: _Data, scene: Scene, near: np.ndarray) -> Cover:
+def _cover(data: _Data, scene: Scene, near: np.ndarray, drifts: np.ndarray, fine: FineSpline) -> Cover:
     look, seed = scene.look, scene.look.texture_seed
     reach = scene.half + COVER_MARGIN
     nodes = int(np.ceil(2 * reach / COVER_CELL)) + 1
@@ -169,14 +178,28 @@ def _cover(data: _Data, scene: Scene, near: np.ndarray) -> Cover:
     drift, rubble = np.zeros((2, nodes, nodes))
     inside = np.flatnonzero(np.abs(axis) <= scene.half)
     pick = np.rint((axis[inside] + scene.half) / NEAR_CELL).astype(int)
-    drift[np.ix_(inside, inside)] = near[np.ix_(pick, pick)][..., 1] / CODE
-    rubble[np.ix_(inside, inside)] = near[np.ix_(pick, pick)][..., 2] / CODE
-    gravel = _step(0.7 * other + 3.4 * look.gravel - 1.7) if look.gravel > 0 else np.zeros_like(other)
-    sand = np.maximum(_step(0.55 * patch + 2 * look.wind_ripples - 1) * (1 - gravel), drift)
+    rubble[np.ix_(inside, inside)] = scene.outcrop.traits.fragments * near[np.ix_(pick, pick)][..., 2] / CODE
+    if drifts.size:
+        pick = np.rint((axis[inside] - fine.start) / fine.cell).astype(int)
+        drift[np.ix_(inside, inside)] = _step(drifts[np.ix_(pick, pick)] / BURIED_AT - 0.5)
+    gravel = _patches(0.7 * other, look.gravel)
+    sand = np.maximum(_patches(0.55 * patch, look.wind_ripples) * (1 - gravel), drift)
     swept = (-0.45 * patch + 1.8 * look.bedrock - 0.45) * (1 - gravel) * (1 - drift)
-    gravel = np.maximum(gravel * (1 - 0.7 * drift), FRAGMENTS * rubble)
+    gravel = np.maximum(gravel * (1 - 0.7 * drift), FRAGMENTS * rubble * (1 - drift))
     share = np.stack([sand, gravel, swept], axis=-1)
     return Cover(data.add(share), np.int32(nodes), np.float32(-reach), np.float32(1 / COVER_CELL))
+
+
+def _patches(noise: np.ndarray, share: float) -> np.ndarray:
+    """Return patches, 0 to 1, that cover a share of the ground and lie where the noise (N, N) is high."""
+    if share in (0, 1):
+        return np.full_like(noise, share)
+    some = np.sort(noise.ravel()[:: noise.size // 4096 + 1])
+    low, high = -1 - some[-1], 1 - some[0]
+    for _ in range(20):
+        middle = (low + high) / 2
+        low, high = (middle, high) if _step(some + middle).mean() < share else (low, middle)
+    return _step(noise + low)
 
 
 def _step(value: np.ndarray) -> np.ndarray:

@@ -24,6 +24,7 @@ BED_PALE = 0.8  # share of BED_COLOUR that bare bedrock shows: dust lies on it
 RELIEF_HEIGHT = 0.004  # [m] height of the fine relief that changes the brightness by a quarter of the contrast
 STONE_TONE = 0.3  # logarithm of brightness per standard deviation of stones' tones
 HIDDEN_AT, HIDDEN_MOST = 0.02, 0.7  # [m] width of a pixel at which most stones are too small; share of their tone
+DUST = 0.85  # brightness of the dust on rocks over that of the ground
 DUST_TONE = 0.15  # logarithm of brightness of the dust on the crests of ripples and behind rocks
 
 
@@ -78,24 +79,14 @@ def _stains_at(x, y, footprint, stains):
 
 
 @inlined
-def _step(value):
-    """Return a smooth step from 0 at -1/2 to 1 at 1/2."""
-    share = min(max(value + np.float32(0.5), np.float32(0)), np.float32(1))
-    return share * share * (np.float32(3) - np.float32(2) * share)
+def rock_at(stain, up, contrast, rock):
+    """Return the albedo (red, green, blue) of a rock. Dust lies on it, most of it on top.
 
-
-@inlined
-def rock_at(stain, up, above, contrast, rock):
-    """Return the albedo (red, green, blue) of a rock, and its sand cover.
-
-    Dust lies on the rock, most of it on top, and sand against its foot. stain: logarithm of its brightness; up: z of
-    its normal; above: height above that sand, over the sand's height; contrast: Look.albedo_contrast; rock: of ROCK.
+    stain: logarithm of its brightness; up: z of its normal; contrast: Look.albedo_contrast; rock: of ROCK.
     """
-    sand = _step(np.float32(-1.5) * above - 3 * stain)
     dust = min(max((rock.film * (0.7 + 0.5 * up) + 1.2 * max(up - 0.6, 0.0)) * (1 - 3 * stain), 0.0), 0.8)
-    dust += sand * (1 - dust)
     bare = rock.albedo * math.exp(np.float32(contrast * rock.stains * stain)) * 1.25 * (1 - dust)
-    red = ROCK_COLOUR[0] * bare * (1 + 0.10 * rock.red) + (0.85 + 0.15 * sand) * GROUND_COLOUR[0] * dust
-    green = ROCK_COLOUR[1] * bare + (0.85 + 0.15 * sand) * GROUND_COLOUR[1] * dust
-    blue = ROCK_COLOUR[2] * bare * (1 - 0.16 * rock.red) + (0.85 + 0.15 * sand) * GROUND_COLOUR[2] * dust
-    return min(red, WHITEST), min(green, WHITEST), min(blue, WHITEST), sand
+    red = ROCK_COLOUR[0] * bare * (1 + 0.10 * rock.red) + DUST * GROUND_COLOUR[0] * dust
+    green = ROCK_COLOUR[1] * bare + DUST * GROUND_COLOUR[1] * dust
+    blue = ROCK_COLOUR[2] * bare * (1 - 0.16 * rock.red) + DUST * GROUND_COLOUR[2] * dust
+    return min(red, WHITEST), min(green, WHITEST), min(blue, WHITEST)

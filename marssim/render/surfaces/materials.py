@@ -16,27 +16,22 @@ from marssim.render.relief.plates import VARIANTS as PLATE_VARIANTS
 from marssim.render.relief.plates import plates
 from marssim.render.relief.pyramid import CHANNELS
 from marssim.render.relief.stones import BARE, GRAVEL, PACKED, TONE
-from marssim.scene.rocks.mesh import Rocks, ground_plane
+from marssim.scene.rocks.mesh import Rocks
 from marssim.scene.scene import Scene
 
 STAIN_WAVELENGTHS = np.array([0.012, 0.035, 0.4, 1.7, 7.0])  # [m] sizes of bright and dark spots and patches
 STAIN = np.array([0.05, 0.04, 0.07, 0.07, 0.08])  # amplitude of each, logarithm of brightness, at a contrast of 1
 DARKER_PEBBLES = 0.9  # mean brightness of pebbles over that of the rocks
-FILLET = (0.03, 0.2)  # least and largest height of the sand against a rock, over the rock's height
-HIGHEST_FILLET = 0.06  # [m] largest height of that sand
 BED_RED = 0.45  # redness that gives a rock the hue of BED_COLOUR; its brightness is pavement.ALBEDO
-BED_ABOVE = 0.02  # [m] how far that sand lies below the plane of the ground, for ripples have troughs
 BED_STAINS = 0.35  # contrast of their stains over that of rocks
-BED_FILLET = 0.3  # height of the sand against slabs and ledges over that against rocks
 BED_SWEPT = 0.3  # by how much less of the tops of slabs and ledges is under dust
 NO_PLATES = np.zeros((1, CHANNELS), dtype=np.int8)  # the look of a scene without bedrock
 
 
-# A rock's surface. base, east, north: plane z = base + east x + north y of the ground under it [m]; fillet: height of
-# the sand against it [m]; albedo: over that of the ground; red: how much
-# redder than the mean it is, -1 to 1; film: share of its sides that is under dust, below 0 where
-# the wind sweeps its top as well; stains: contrast of its stains over that of most rocks.
-ROCK_FIELDS = ("base", "east", "north", "fillet", "albedo", "red", "film", "stains")
+# A rock's surface. albedo: over that of the ground; red: how much redder than the mean it is, -1 to 1; film: share of
+# its sides that is under dust, below 0 where the wind sweeps its top as well; stains: contrast of its stains over that
+# of most rocks.
+ROCK_FIELDS = ("albedo", "red", "film", "stains")
 ROCK = np.dtype([(name, np.float64) for name in ROCK_FIELDS])
 
 
@@ -122,8 +117,6 @@ def _rocks(scene: Scene, rng: np.random.Generator) -> RockSurface:
     bedrock = outcrop[: sum(scene.outcrop.count[:2])]
     bedrock["red"] = BED_RED + 0.3 * bedrock["red"]
     bedrock["film"] -= BED_SWEPT
-    bedrock["fillet"] *= BED_FILLET
-    bedrock["base"] -= BED_ABOVE
     bedrock["stains"] = BED_STAINS
     ground = np.zeros(1, dtype=ROCK)
     return RockSurface(scene.look.albedo_contrast, np.concatenate([ground, rocks, outcrop]))
@@ -132,12 +125,7 @@ def _rocks(scene: Scene, rng: np.random.Generator) -> RockSurface:
 def _surfaces(scene: Scene, bodies: Rocks, rng: np.random.Generator) -> np.ndarray:
     """Return the surfaces (N,) of type ROCK of N bodies."""
     look, count = scene.look, len(bodies)
-    x, y = bodies.centre[:, 0], bodies.centre[:, 1]
-    z, slope = ground_plane(bodies.centre[:, :2], bodies.diameter, scene.terrain.height_at)
-    b, c = slope.T
     out = np.zeros(count, dtype=ROCK)
-    out["base"], out["east"], out["north"] = z - b * x - c * y, b, c
-    out["fillet"] = np.minimum(bodies.height * rng.uniform(*FILLET, count), HIGHEST_FILLET)
     out["albedo"], out["stains"] = bodies.albedo, 1.0
     out["red"] = np.clip(rng.normal(0, 0.6, count), -1, 1) * min(look.albedo_contrast, 1.0)
     out["film"] = look.rock_dust * rng.uniform(0, 1, count)

@@ -131,9 +131,8 @@ def _surface(
             nx, ny, nz = mx, my, mz
             open_sun = detail[m, 3]
         else:
-            red, green, blue, nx, ny, nz = _rock(
-                (x, y, z), (mx, my, mz), detail[m, 1], contrast, of_surface[surface[m]]
-            )
+            red, green, blue = rock_at(detail[m, 1], mz, contrast, of_surface[surface[m]])
+            nx, ny, nz = mx, my, mz
         unit = 1 / math.sqrt(max(nx * nx + ny * ny + nz * nz, 1e-12))
         nx, ny, nz = nx * unit, ny * unit, nz * unit
         cos_in = max(nx * sx + ny * sy + nz * sz, 0.0)
@@ -156,18 +155,6 @@ def _surface(
             green += veil * (haze_green - green)
             blue += veil * (haze_blue - blue)
         out[m, 0], out[m, 1], out[m, 2] = red, green, blue
-
-
-@inlined
-def _rock(point, normal, stain, contrast, rock):
-    """Return the albedo (red, green, blue) of a rock at a point (x, y, z), and its unnormalised normal under sand.
-
-    normal: (x, y, z) of its surface; stain: of gbuffer.Hits; contrast: of RockSurface; rock: of ROCK.
-    """
-    (x, y, z), (nx, ny, nz) = point, normal
-    above = (z - rock.base - rock.east * x - rock.north * y) / max(rock.fillet, 1e-3) - 1
-    red, green, blue, sand = rock_at(stain, nz, np.float32(min(max(above, -1.0), 9.0)), contrast, rock)
-    return red, green, blue, nx * (1 - 0.6 * sand), ny * (1 - 0.6 * sand), nz + 0.5 * sand
 
 
 @inlined

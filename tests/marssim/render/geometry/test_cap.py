@@ -43,6 +43,7 @@ LOOKS = {
     "gravel": {"texture_strength": 1.0, "gravel": 0.9},
     "rippled": {"texture_strength": 1.3, "wind_ripples": 0.9, "gravel": 0.05, "pebbles": 1.0},
     "bedrock": {"texture_strength": 1.0, "bedrock": 0.9, "gravel": 0.1},
+    "drifts": {"texture_strength": 0.5, "drifts": 1.0, "gravel": 0.1},
 }
 
 
@@ -76,9 +77,8 @@ def _lying(data, cover, stone, octave):
 
 
 def looked(name: str) -> Scene:
-    config = preset(
-        "gravel", size=8.0, horizon=16.0, rocks=RockConfig(k=0.0), outcrop=OutcropConfig(fragments=(0, 0))
-    )  # fmt: skip
+    rocks = RockConfig(k=0.2 if name == "drifts" else 0.0)
+    config = preset("gravel", size=8.0, horizon=16.0, rocks=rocks, outcrop=OutcropConfig(fragments=(0, 0)))
     scene = build_scene(config, 3)
     return replace(scene, look=replace(draw_look(BARE, np.random.default_rng(0)), texture_seed=2, **LOOKS[name]))
 

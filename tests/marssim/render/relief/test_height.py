@@ -10,6 +10,7 @@ from marssim.inspection.tilted_planes import BARE
 from marssim.render.relief.ground import Ground, ground_relief
 from marssim.render.relief.height import around, base_at, footprint_at, height_at, near_height
 from marssim.scene.look import draw_look
+from marssim.scene.outcrop.config import OutcropConfig
 from marssim.scene.rocks.population import RockConfig
 from marssim.scene.scene import Scene, SceneConfig, build_scene
 
@@ -131,6 +132,32 @@ def test_the_model_of_the_relief_around_a_place_is_near_to_it(name, x, y, footpr
     exact = at(ground, x + dx, y + dy, footprint)
     off = np.abs(model[:, 0] - exact[:, 0])
     assert np.median(off) < 0.004 and off.max() < 0.025
+
+
+def shares(**look: float) -> np.ndarray:
+    """Return the cover (N, N, 3) of a scene: sand, gravel, and how swept the ground is."""
+    place = replace(SCENE, look=replace(draw_look(BARE, np.random.default_rng(0)), texture_seed=5, **look))
+    ground = ground_relief(place)
+    cover = ground.relief.cover
+    return ground.data[cover.share : cover.share + 3 * cover.nodes**2].reshape(cover.nodes, cover.nodes, 3)
+
+
+@given(share=st.sampled_from([0.0, 0.1, 0.3, 0.5, 0.8, 1.0]))
+def test_sand_and_gravel_cover_as_much_as_their_knobs_say(share):
+    assert shares(wind_ripples=share)[..., 0].mean() == pytest.approx(share, abs=0.02)
+    assert shares(gravel=share)[..., 1].mean() == pytest.approx(share, abs=0.02)
+    assert shares(gravel=share)[..., 0].max() == 0
+
+
+def test_bare_ground_has_fragments_at_the_feet_of_rocks_only_where_the_scene_has_fragments():
+    config = SceneConfig(size=8.0, horizon=16.0, rocks=RockConfig(k=0.2), look=BARE)
+    most = []
+    for fragments in (0.0, 0.5, 1.0):
+        place = build_scene(replace(config, outcrop=OutcropConfig(fragments=(fragments, fragments))), 3)
+        ground = ground_relief(place)
+        cover = ground.relief.cover
+        most.append(ground.data[cover.share : cover.share + 3 * cover.nodes**2].reshape(-1, 3).max(axis=0))
+    assert np.array(most)[:, 0].max() == 0 and most[0][1] == 0 < most[1][1] < most[2][1]
 
 
 @given(up=st.floats(0.3, 3.0), away=st.floats(0.0, 40.0), turn=st.floats(0, 6.28), focal=st.floats(200.0, 3000.0))

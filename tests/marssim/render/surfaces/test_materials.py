@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from marssim.base.dataset.frame import GROUND
-from marssim.inspection.tilted_planes import plane
 from marssim.render.relief.ground import ground_relief
 from marssim.render.relief.layers import VARIANTS
 from marssim.render.relief.stones import TONE
-from marssim.render.surfaces.materials import FILLET, HIGHEST_FILLET, NO_PLATES, materials
+from marssim.render.surfaces.materials import NO_PLATES, materials
 from marssim.scene.rocks.population import RockConfig
 from marssim.scene.scene import Scene, SceneConfig, build_scene
 
@@ -28,19 +27,6 @@ def test_rocks_are_found_by_their_surface_id():
     assert len(rocks) == len(SCENE.bodies) + 1 and not any(rocks[GROUND])
     members = rocks[GROUND + 1 :]
     assert np.array_equal(members["albedo"], SCENE.bodies.albedo)
-    share = members["fillet"] / SCENE.bodies.height
-    assert members["fillet"].max() <= HIGHEST_FILLET and share.max() <= FILLET[1]
-    low = members["fillet"] < HIGHEST_FILLET
-    assert share[low].min() >= FILLET[0] and share[low].std() > 0.02
-
-
-def test_the_plane_under_a_rock_is_that_of_the_ground():
-    slope = np.array([0.1, -0.2])
-    scene = replace(SCENE, terrain=plane(slope).terrain)
-    inside = (np.abs(scene.bodies.centre[:, :2]) < 14).all(axis=1)  # about the edge of the scene there is no plane
-    members = made(scene)[1].of_surface[1:][inside]
-    assert len(members) > 100 and np.allclose(members["base"], 0, atol=1e-9)
-    assert np.allclose([members["east"], members["north"]], slope[:, None])
 
 
 def test_scenes_share_tiles_but_not_places():

@@ -1,0 +1,1 @@
+"""Sand on the ground: the drifts against rocks and slabs, and the surface that they lie on."""
