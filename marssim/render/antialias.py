@@ -23,14 +23,15 @@ BEND_SHARE = 0.1  # the same for the second difference of 1 / Z along a row or c
 
 
 def edge_pixels(view: GBuffer, lit: np.ndarray, colour: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pixels beside a change of surface or stone, a depth edge or the border of a shadow.
+    """Return the pixels beside a change of surface or stone, a depth edge or the sharp border of a shadow.
 
+    The border of a shadow is sharp where a pixel that sees the whole sun is beside one that sees nothing of it.
     A depth edge is a jump of 1 / Z. On ground it is a jump of the second difference of 1 / Z, which is 0 on any plane.
     Amid ground, only a change of brightness is an edge.
 
     Args:
         view: G-buffer of the camera.
-        lit: (H, W) bool, the pixels in sunlight.
+        lit: (H, W) float32 share of the sun that each pixel sees.
         colour: (H * W, 3) colours of the view.
 
     Returns:
@@ -53,14 +54,14 @@ def colours_beside(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Interpolate the colours of sub-pixel rays from the pixels around them, where possible.
 
-    It is possible if some of the 3 x 3 pixels show the same surface and stone at the same depth, and all of those are
-    in sunlight or all in shadow.
+    It is possible if some of the 3 x 3 pixels show the same surface and stone at the same depth, and if light and
+    shadow do not both fall on those without a soft border between them.
 
     Args:
         pixels: (E,) indices of `edge_pixels`.
         hits: What the (4 E,) sub-pixel rays hit.
         view: G-buffer of the camera.
-        lit: (H, W) bool, the pixels in sunlight.
+        lit: (H, W) float32 share of the sun that each pixel sees.
         colour: (H * W, 3) colours of the view.
 
     Returns:
@@ -100,15 +101,15 @@ def _edge_pixels(depth, surface, detail, lit, colour):
                     there = colour[j * width + i, 0]
                     if abs(here - there) > contrast * (here + there):
                         # only where the brightness changes is it worth while to look for what changes
-                        edge = edge or lit[j, i] != light or detail[j, i, 0] != stone
+                        edge = edge or abs(lit[j, i] - light) == one or detail[j, i, 0] != stone
                         # On slanted ground 1 / Z changes fast but linearly; at a crest before other ground it jumps.
                         opposite = depth[2 * row - j, 2 * column - i] if inside else z
                         before = depth[j, i]
                         step = (bend + least * z) * before * opposite
                         edge = edge or abs(z * (before + opposite) - 2 * before * opposite) > step
             else:
-                edge = lit[row, left] != light or lit[row, right] != light
-                edge = edge or lit[up, column] != light or lit[down, column] != light
+                edge = abs(lit[row, left] - light) == one or abs(lit[row, right] - light) == one
+                edge = edge or abs(lit[up, column] - light) == one or abs(lit[down, column] - light) == one
                 inverse = none if centre == SKY else one / depth[row, column]
                 low, high = inverse, inverse
                 for j in range(up, down + 1):
@@ -160,7 +161,7 @@ def _colours_beside(pixels, depth, surface, detail, pixel_depth, pixel_surface, 
             du, dv = SUBPIXELS[k - 4 * p]
             centre, z = surface[k], depth[k]
             near = SAME_DEPTH * z
-            total, dark, bright = 0.0, False, False
+            total, dark, bright, soft = 0.0, False, False, False
             red, green, blue = 0.0, 0.0, 0.0
             for j in range(up, down + 1):
                 # bilinear weights where the ray lies among such pixels; else nearly nothing but the nearest ones counts
@@ -170,17 +171,15 @@ def _colours_beside(pixels, depth, surface, detail, pixel_depth, pixel_surface, 
                         continue
                     if centre == GROUND and pixel_detail[j, i, 0] != detail[k, 0]:
                         continue
-                    if lit[j, i]:
-                        bright = True
-                    else:
-                        dark = True
+                    bright, dark = bright or lit[j, i] == 1, dark or lit[j, i] == 0
+                    soft = soft or 0 < lit[j, i] < 1
                     weight = max(1 - abs(i - column - du), 1e-6) * below
                     total += weight
                     at = j * width + i
                     red += weight * colour[at, 0]
                     green += weight * colour[at, 1]
                     blue += weight * colour[at, 2]
-            known[k] = bright != dark
+            known[k] = soft or bright != dark
             if total > 0:
                 out[k, 0], out[k, 1], out[k, 2] = red / total, green / total, blue / total
     return out, known

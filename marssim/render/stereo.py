@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from marssim.base.camera import PinholeCamera, StereoRig
@@ -11,6 +13,7 @@ from marssim.base.pose import rotate
 from marssim.base.right_image import IDEAL, image_disparity, outside_right
 from marssim.render.antialias import average, colours_beside, edge_pixels, subpixel_rays
 from marssim.render.geometry.gbuffer import Footprint, GBuffer, Hits
+from marssim.render.penumbra import penumbra
 from marssim.render.renderers.renderer import Renderer
 from marssim.render.sensor import Sensor
 from marssim.render.surfaces.shading import Shader
@@ -103,6 +106,8 @@ def radiance(
 ) -> np.ndarray:
     """Return the radiance of a view: one sample a pixel, four on edges (antialias.py).
 
+    The sun is a disc: in the borders of shadows its share is found (penumbra.py). Elsewhere a ray to its centre tells.
+
     Args:
         renderer: Renderer of the scene.
         shader: Shader of the same scene.
@@ -116,16 +121,27 @@ def radiance(
     """
     shape = view.depth.shape
     colour = np.empty((view.depth.size, 3), dtype=np.float32)
-    none = np.zeros(len(colour), dtype=bool)
     rays = camera.rays().reshape(-1, 3)
-    lit = _shade(renderer, shader, footprint, pose, rays, view.pixels, none, colour).reshape(shape)
+    none = np.zeros(len(colour), dtype=bool)
+    every = _surface_points(rays, view.pixels, pose, none)
+    distance = np.zeros(len(colour), dtype=np.float32)
+    distance[every.at] = renderer.shadow_distance(every.points, every.normals)
+    soft = penumbra(rays, pose, view.depth, distance.reshape(shape), shader.light.sun)
+    share = (distance == np.inf).astype(np.float32)
+    _soften(renderer, every, soft, share)
+    _shade(shader, footprint, pose, rays, view.pixels, none, every, share, colour)
+    lit = share.reshape(shape)
     pixels, begin = edge_pixels(view, lit, colour)
     if len(pixels):
         rays = subpixel_rays(camera, pixels)
         hits = _traced(renderer, rays, pose, begin, footprint)
         samples, known = colours_beside(pixels, hits, view, lit, colour)
         _find_sunlight(renderer, rays, pose, footprint, hits, known)
-        _shade(renderer, shader, footprint, pose, rays, hits, known, samples)
+        rest = _surface_points(rays, hits, pose, known)
+        share = np.zeros(len(rays), dtype=np.float32)
+        share[rest.at] = renderer.lit(rest.points, rest.normals)
+        _soften(renderer, rest, np.repeat(soft[pixels], 4), share)
+        _shade(shader, footprint, pose, rays, hits, known, rest, share, samples)
         average(pixels, samples, colour)
     return colour.reshape(*shape, 3)
 
@@ -147,36 +163,61 @@ def _find_sunlight(
     hits.detail[at, 3] = again.detail[:, 3]
 
 
+class _Points(NamedTuple):
+    """Surface points that rays hit.
+
+    Attributes:
+        at: (M,) int32, the rays.
+        points: (M, 3) world frame [m].
+        normals: (M, 3) float32 that rays to the sun leave along, world frame. Those of ground are vertical: the share
+            of light that relief takes is in the details.
+    """
+
+    at: np.ndarray
+    points: np.ndarray
+    normals: np.ndarray
+
+
+def _surface_points(rays: np.ndarray, hits: Hits, pose: np.ndarray, known: np.ndarray) -> _Points:
+    """Return the points that rays (N, 3) hit, of those that hit a surface and whose colour is not known (N,)."""
+    at, points, normals = _hit_points(read_only(rays), hits.depth, hits.normal, hits.surface, read_only(pose), known)
+    normals[hits.surface[at] == GROUND] = UP
+    return _Points(at, points, normals)
+
+
+def _soften(renderer: Renderer, points: _Points, soft: np.ndarray, share: np.ndarray) -> None:
+    """Replace the share of sunlight (N,) of the rays that are `soft` (N,) bool by the share of the sun's disc."""
+    some = np.flatnonzero(soft[points.at])
+    if len(some):
+        share[points.at[some]] = renderer.sun_share(points.points[some], points.normals[some])
+
+
 def _shade(
-    renderer: Renderer, shader: Shader, footprint: Footprint, pose: np.ndarray, rays: np.ndarray, hits: Hits,
-    known: np.ndarray, colour: np.ndarray,
-) -> np.ndarray:  # fmt: skip
+    shader: Shader, footprint: Footprint, pose: np.ndarray, rays: np.ndarray, hits: Hits, known: np.ndarray,
+    points: _Points, share: np.ndarray, colour: np.ndarray,
+) -> None:  # fmt: skip
     """Write the radiance along rays to colour, except where it is known.
 
     Args:
-        renderer: Renderer of the scene.
-        shader: Shader of the same scene.
+        shader: Shader of the scene.
         footprint: The camera that patterns are filtered for.
         pose: (4, 4) camera to world.
         rays: (N, 3) directions, camera frame, z = 1.
         hits: What these rays hit.
         known: (N,) bool, the rays whose colour is left as it is.
+        points: The points of the others that do not end in the sky.
+        share: (N,) float32 share of the sun's disc that hills and rocks leave free.
         colour: (N, 3) float32, changed in place.
-
-    Returns:
-        (N,) bool: the ray's point is in sunlight; False where the colour is known.
     """
-    lit = np.zeros(len(rays), dtype=bool)
     sky = np.flatnonzero((hits.surface == SKY) & ~known)
     if len(sky):
         toward = rotate(rays[sky], pose[:3, :3])
         colour[sky] = shader.sky(toward / np.sqrt(np.einsum("ij,ij->i", toward, toward))[:, None])
-    at, points, normals = _hit_points(read_only(rays), hits.depth, hits.normal, hits.surface, read_only(pose), known)
-    if len(at):
-        normals[hits.surface[at] == GROUND] = UP  # the share of light that relief takes is in the details
-        lit[at] = renderer.lit(points, normals)
-        shader.surface(points, hits.shading_normal, hits.surface, hits.detail, pose[:3, 3], lit, footprint, at, colour)
-    return lit
+    if len(points.at):
+        shader.surface(
+            points.points, hits.shading_normal, hits.surface, hits.detail, pose[:3, 3], share, footprint,
+            points.at, colour,
+        )  # fmt: skip
 
 
 @compiled

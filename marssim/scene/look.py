@@ -8,6 +8,9 @@ import numpy as np
 
 from marssim.scene.ranges import Range, check_ranges
 
+# [rad] half the angle under which the sun is seen: its radius of 695,700 km (IAU 2015, resolution B3) at Mars's mean
+# distance of 1.5237 au. Over a Martian year it is 2.8 to 3.4 mrad.
+SUN_RADIUS = 3.052e-3
 # Rovers reported an optical depth of at most 10.8, in the storm of 2018. Contrast and texture are modelled for 1.
 LOOK_LIMITS = {
     "sun_elevation_deg": (0.0, 90.0), "sun_azimuth_deg": (-360.0, 720.0), "optical_depth": (0.0, 12.0),

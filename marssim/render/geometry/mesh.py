@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from marssim.base.compute.compiled import compiled
 from marssim.base.dataset.frame import GROUND
 from marssim.render.geometry.gbuffer import ROCK_SMOOTHNESS
+from marssim.scene.look import SUN_RADIUS
 from marssim.scene.scene import Scene
 from marssim.scene.terrain import HeightGrid, Terrain
 
@@ -89,13 +91,13 @@ def _joined(parts: list[SceneMesh]) -> SceneMesh:
 
 
 def faces_away_from(mesh: SceneMesh, sun: np.ndarray) -> SceneMesh:
-    """Return the faces that are turned away from the sun, which are all that cast shadows.
+    """Return the faces that are turned away from a part of the sun's disc, which are all that cast shadows.
 
     Ground and rocks are closed: a ray to the sun that passes through one enters by such a face and leaves by another.
 
     Args:
         mesh: The scene's mesh.
-        sun: (3,) unit vector towards the sun.
+        sun: (3,) unit vector towards the sun's centre.
 
     Returns:
         A mesh of these faces, in the same pieces without empty ones.
@@ -110,7 +112,7 @@ def faces_away_from(mesh: SceneMesh, sun: np.ndarray) -> SceneMesh:
 
 @compiled
 def _faces_away_from(vertices, faces, start, sun):
-    """Return the faces turned away from the sun, and how many of them are in each piece."""
+    """Return the faces turned away from a part of the sun, and how many of them are in each piece."""
     out = np.empty(len(faces), dtype=np.int64)
     count = np.zeros(len(start) - 1, dtype=np.int64)
     total = 0
@@ -127,7 +129,9 @@ def _faces_away_from(vertices, faces, start, sun):
                 vertices[m, 1] - vertices[i, 1],
                 vertices[m, 2] - vertices[i, 2],
             )
-            if (uy * tz - uz * ty) * sun[0] + (uz * tx - ux * tz) * sun[1] + (ux * ty - uy * tx) * sun[2] < 0:
+            nx, ny, nz = uy * tz - uz * ty, uz * tx - ux * tz, ux * ty - uy * tx
+            grazing = SUN_RADIUS * math.sqrt(nx * nx + ny * ny + nz * nz)
+            if nx * sun[0] + ny * sun[1] + nz * sun[2] < grazing:
                 out[total] = face
                 count[piece] += 1
                 total += 1

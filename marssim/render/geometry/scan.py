@@ -22,8 +22,8 @@ SLACK = 1e-6  # margin around what a triangle covers, in bins, against rounding
 BLOCK = 8  # bins along a side of a block: pieces of the mesh are tested against blocks
 
 
-def unobstructed(mesh: SceneMesh, view: Projection, x: np.ndarray, y: np.ndarray, s: np.ndarray) -> np.ndarray:
-    """Return which points no triangle hides from the eye or the sun.
+def obstacles(mesh: SceneMesh, view: Projection, x: np.ndarray, y: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """Return where something hides points from the eye or the sun.
 
     Only faces of the ground that are turned away from it are tested: no point lies below the ground, so a ray that
     leaves the ground has entered it before.
@@ -36,9 +36,10 @@ def unobstructed(mesh: SceneMesh, view: Projection, x: np.ndarray, y: np.ndarray
         s: (N,) S of the points, see projection.py.
 
     Returns:
-        (N,) bool.
+        (N,) float64 S of a triangle in the way, any of them; inf where there is none.
     """
-    return _hit_faces(mesh, view, x, y, s, view.away) < 0
+    face = _hit_faces(mesh, view, x, y, s, view.away)
+    return _met_at(mesh.vertices, mesh.faces, face, view.numbers, x, y)
 
 
 def nearest_faces(mesh: SceneMesh, view: Projection, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -50,14 +51,14 @@ def _hit_faces(
     mesh: SceneMesh, view: Projection, x: np.ndarray, y: np.ndarray, limit: np.ndarray, away: float
 ) -> np.ndarray:
     """Return the face that each ray hits at an S below limit (N,), (N,) int32, -1 for none. away: see _scan."""
-    bins = _Bins(x, y)
+    bins = Bins(x, y)
     return _scan(
         mesh.vertices, mesh.faces, mesh.surface, mesh.start, mesh.low, mesh.high, view.numbers, view.nearest, away,
         bins.grid, bins.order, bins.start, bins.x, bins.y, limit,
     )  # fmt: skip
 
 
-class _Bins:
+class Bins:
     """Points sorted into square bins of a warped image plane.
 
     Points are dense where the camera is near. The warp x -> x / (spread + |x|) about their middle evens them out; it is
@@ -125,7 +126,7 @@ def _sort(x, y, grid):
 
 
 @compiled
-def _block_reach(start, limit, number):
+def block_reach(start, limit, number):
     """Return the largest limit of the points in each block of bins, (blocks, blocks), -inf without a point."""
     blocks = (number + BLOCK - 1) // BLOCK
     out = np.full((blocks, blocks), -np.inf)
@@ -138,7 +139,7 @@ def _block_reach(start, limit, number):
 
 
 @inlined
-def _bins(left, right, top, bottom, grid):
+def bins_of(left, right, top, bottom, grid):
     """Return the first and last column and row of the bins in a part of the image plane; none if first > last."""
     mx, my, spread, lx, ly, sx, sy, number = grid
     if left == np.inf:
@@ -154,17 +155,26 @@ def _bins(left, right, top, bottom, grid):
 
 
 @compiled
-def _in_the_way(low, high, view, grid, reach):
-    """Return whether a box may hide a point. reach: of _block_reach."""
-    left, right, top, bottom, first = box_extent(low, high, view)
-    i0, i1, j0, j1 = _bins(left, right, top, bottom, grid)
-    if i0 > i1:
-        return False
-    for j in range(j0 // BLOCK, j1 // BLOCK + 1):
-        for i in range(i0 // BLOCK, i1 // BLOCK + 1):
-            if reach[j, i] > first:
-                return True
-    return False
+def farthest(left, right, top, bottom, grid, reach):
+    """Return the largest limit of points in a part of the image plane, -inf if there is none. reach: of block_reach."""
+    out = -np.inf
+    i0, i1, j0, j1 = bins_of(left, right, top, bottom, grid)
+    if i0 <= i1:
+        for j in range(j0 // BLOCK, j1 // BLOCK + 1):
+            for i in range(i0 // BLOCK, i1 // BLOCK + 1):
+                out = max(out, reach[j, i])
+    return out
+
+
+@compiled
+def _met_at(vertices, faces, face, view, x, y):
+    """Return the S (N,) at which rays meet the faces (N,) that they are known to hit, inf where these are negative."""
+    out = np.full(len(face), np.inf)
+    for k in range(len(face)):
+        if face[k] >= 0:
+            a, b, c = corners(vertices, faces, face[k], view)
+            out[k] = meet(edges(a, b, c)[0], x[k], y[k])
+    return out
 
 
 @compiled
@@ -176,16 +186,17 @@ def _scan(vertices, faces, surface, start, low, high, view, nearest, away, grid,
     number = grid[7]
     limit = limit[order]
     nearest_face = np.full(len(x), -1, dtype=np.int32)
-    reach = _block_reach(bins, limit, number)
+    reach = block_reach(bins, limit, number)
     for piece in range(len(start) - 1):
-        if not _in_the_way(low[piece], high[piece], view, grid, reach):
+        left, right, top, bottom, first = box_extent(low[piece], high[piece], view)
+        if not farthest(left, right, top, bottom, grid, reach) > first:
             continue
         for face in range(start[piece], start[piece + 1]):
             a, b, c = corners(vertices, faces, face, view)
             if away != 0 and surface[face] == GROUND and away * facing(a, b, c) <= 0:
                 continue
             left, right, top, bottom = extent(a, b, c)
-            i0, i1, j0, j1 = _bins(left, right, top, bottom, grid)
+            i0, i1, j0, j1 = bins_of(left, right, top, bottom, grid)
             if i0 > i1:
                 continue
             triangle, first = edges(a, b, c)

@@ -9,10 +9,10 @@ import numpy as np
 from marssim.base.compute.compiled import inlined
 from marssim.render.relief.height import around, footprint_at, near_height
 from marssim.render.relief.stone_hits import most_stones, stone_hit, tallest
+from marssim.scene.look import SUN_RADIUS
 
 LONGEST_SHADOW = 0.5  # [m] length of a ray to the sun that is followed among stones
 SHADOW_STEPS = 3  # places over which the fine relief may hide the sun
-SUN_RADIUS = 0.0031  # [rad] half the sun's angular diameter as seen from Mars
 
 
 @inlined

@@ -36,6 +36,28 @@ class Renderer(Protocol):
             (N,) bool.
         """
 
+    def shadow_distance(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """Return how far away what hides the sun's centre is from surface points.
+
+        Args:
+            points: (N, 3) surface points [m], as of `lit`.
+            normals: (N, 3) unit normals of their faces, as of `lit`.
+
+        Returns:
+            (N,) float32 [m]; inf where nothing hides it, 0 where the face is turned away from the sun.
+        """
+
+    def sun_share(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """Return the share of the sun's disc that hills and rocks leave free over surface points.
+
+        Args:
+            points: (N, 3) surface points [m], as of `lit`.
+            normals: (N, 3) unit normals of their faces, as of `lit`.
+
+        Returns:
+            (N,) float32, 0 to 1; 0 where the face is turned away from the sun.
+        """
+
     def trace(self, rays: np.ndarray, pose: np.ndarray, footprint: Footprint, sunlit: bool = True) -> Hits:
         """Return what rays of a camera hit; they need not pass through pixel centres.
 

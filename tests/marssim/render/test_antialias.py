@@ -25,7 +25,9 @@ def random_view(seed: int) -> tuple[GBuffer, np.ndarray, np.ndarray]:
     detail[..., 0] = np.where(rng.random(shape) < rng.choice([0.0, 0.3]), 4, -1)
     empty = np.zeros((*shape, 3), np.float32)
     colour = rng.uniform(0.7, 0.8, (CAMERA.height * CAMERA.width, 3)).astype(np.float32)
-    return GBuffer(depth, empty, empty, surface, detail), rng.random(shape) < rng.choice([0.0, 0.9, 1.0]), colour
+    lit = (rng.random(shape) < rng.choice([0.0, 0.9, 1.0])).astype(np.float32)
+    lit[rng.random(shape) < rng.choice([0.0, 0.0, 0.1])] = 0.4  # soft borders of shadows
+    return GBuffer(depth, empty, empty, surface, detail), lit, colour
 
 
 def view_of_ground(inverse: np.ndarray) -> GBuffer:
@@ -35,11 +37,11 @@ def view_of_ground(inverse: np.ndarray) -> GBuffer:
     return GBuffer((1 / inverse).astype(np.float32), empty, empty, np.full(shape, GROUND, np.int32), detail)
 
 
-def borders(shown: np.ndarray) -> np.ndarray:
-    """(H, W) bool: pixels beside one with another id, above, below, left or right."""
+def borders(shown: np.ndarray, step: float = 1) -> np.ndarray:
+    """(H, W) bool: pixels beside one whose number differs by at least a step, above, below, left or right."""
     around = np.pad(shown, 1, mode="edge")
     beside = around[1:-1, 2:], around[1:-1, :-2], around[2:, 1:-1], around[:-2, 1:-1]
-    return np.any([shown != other for other in beside], axis=0)
+    return np.any([np.abs(shown - other) >= step for other in beside], axis=0)
 
 
 def changes_amid_ground(view: GBuffer, lit: np.ndarray, colour: np.ndarray, row: int, column: int) -> bool:
@@ -53,7 +55,7 @@ def changes_amid_ground(view: GBuffer, lit: np.ndarray, colour: np.ndarray, row:
         before = float(view.depth[j, i])
         opposite = float(view.depth[2 * row - j, 2 * column - i]) if inside else z
         kink = abs(1 / before + 1 / opposite - 2 / z)
-        if lit[j, i] != lit[row, column] or view.detail[j, i, 0] != view.detail[row, column, 0]:
+        if abs(lit[j, i] - lit[row, column]) == 1 or view.detail[j, i, 0] != view.detail[row, column, 0]:
             return True
         if kink > 0.1 / z + 1e-3:
             return True
@@ -96,7 +98,7 @@ def test_on_ground_a_crest_is_an_edge_and_a_slant_is_none(slant, turn):
     inverse = 0.3 * (1 + steep * (np.cos(turn) * rays[..., 0] + np.sin(turn) * rays[..., 1]))
     assume(inverse.min() > 0.05)
     chequered = np.repeat(0.5 + 0.5 * (np.indices(shape).sum(axis=0) % 2).reshape(-1, 1), 3, axis=1).astype(np.float32)
-    lit = np.ones(shape, bool)
+    lit = np.ones(shape, np.float32)
 
     def inner(inverse: np.ndarray) -> np.ndarray:
         """Return the edges (H - 2, W - 2) bool within the image's border."""
@@ -111,7 +113,8 @@ def test_on_ground_a_crest_is_an_edge_and_a_slant_is_none(slant, turn):
 
 def test_amid_ground_of_one_colour_there_are_no_edges():
     inverse = np.where(np.arange(CAMERA.width) < 4, 0.5, 0.2) * np.ones((CAMERA.height, 1))
-    pixels, _ = edge_pixels(view_of_ground(inverse), np.ones(inverse.shape, bool), np.full((63, 3), 0.4, np.float32))
+    lit, grey = np.ones(inverse.shape, np.float32), np.full((63, 3), 0.4, np.float32)
+    pixels, _ = edge_pixels(view_of_ground(inverse), lit, grey)
     assert len(pixels) == 0
 
 
@@ -120,7 +123,7 @@ def test_one_plain_surface_has_no_edges():
     depth = np.linspace(2, 2.2, CAMERA.width, dtype=np.float32) * np.ones((CAMERA.height, 1), np.float32)
     none, detail = np.zeros((*shape, 3), np.float32), np.zeros((*shape, 4), np.float32)
     view = GBuffer(depth, none, none, np.ones(shape, np.int32), detail)
-    assert len(edge_pixels(view, np.ones(shape, bool), np.ones((63, 3), np.float32))[0]) == 0
+    assert len(edge_pixels(view, np.ones(shape, np.float32), np.ones((63, 3), np.float32))[0]) == 0
 
 
 def test_rays_of_a_pixel_are_spread_about_its_centre():
@@ -145,8 +148,8 @@ def expected_colour(view, lit, colour, pixel, ray, z, own, stone):
                 across, down = max(1 - abs(i - column - du), 1e-6), max(1 - abs(j - row - dv), 1e-6)
                 weights.append(across * down)
                 colours.append(colour[j * CAMERA.width + i].astype(float))
-                lights.add(bool(lit[j, i]))
-    return np.average(colours, axis=0, weights=weights) if len(lights) == 1 else None
+                lights.add(float(lit[j, i]))
+    return np.average(colours, axis=0, weights=weights) if lights and lights != {0.0, 1.0} else None
 
 
 @given(st.integers(0, 10**6))

@@ -185,8 +185,31 @@ def one_sample(renderer, shader, camera, pose, view, shown_by=None) -> np.ndarra
     """(H, W, 3) radiance through pixel centres alone, with the texture that the pixels of a camera show."""
     rays = camera.rays().reshape(-1, 3)
     colour, none = np.empty((len(rays), 3), dtype=np.float32), np.zeros(len(rays), dtype=bool)
-    stereo._shade(renderer, shader, Footprint.of(shown_by or camera, pose), pose, rays, view.pixels, none, colour)
+    points, share = stereo._surface_points(rays, view.pixels, pose, none), np.zeros(len(rays), dtype=np.float32)
+    share[points.at] = renderer.lit(points.points, points.normals)
+    footprint = Footprint.of(shown_by or camera, pose)
+    stereo._shade(shader, footprint, pose, rays, view.pixels, none, points, share, colour)
     return colour.reshape(camera.height, camera.width, 3)
+
+
+@pytest.mark.parametrize("name", ["scan", "embree", "pybullet"])
+def test_borders_of_shadows_show_the_disc_of_the_sun(scene, pose, name, monkeypatch):
+    """The references find the share of the disc for every pixel, and for none."""
+    if name == "pybullet":
+        pytest.importorskip("pybullet")
+    low, camera = scene.with_sun(10.0, 150.0), RIG.camera.resized(640, 640)
+    renderer, shader = make_renderer(name, low), Shader(low)
+    view, footprint = renderer.render(camera, pose), Footprint.of(camera, pose)
+    images = [radiance(renderer, shader, camera, pose, view, footprint)]
+    for every in (True, False):
+        monkeypatch.setattr(stereo, "penumbra", lambda rays, *_, every=every: np.full(len(rays), every))
+        images.append(radiance(renderer, shader, camera, pose, view, footprint))
+    renderer.close()
+    ours, soft, hard = (np.log(image[..., 0] + 1e-3) for image in images)
+    wide = np.abs(soft - hard) > 0.1
+    assert wide.sum() > 300
+    assert np.abs(ours - soft)[wide].mean() < 0.35 * np.abs(hard - soft)[wide].mean()
+    assert np.abs(ours - hard)[~wide].mean() < 0.002
 
 
 @pytest.mark.parametrize("name", ["embree", "pybullet"])
