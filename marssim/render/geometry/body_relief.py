@@ -20,11 +20,13 @@ from marssim.render.relief.noise import STEP, TEXELS, Octaves, coded_tile, octav
 from marssim.scene.scene import Scene
 
 WAVELENGTHS = np.array([0.009, 0.02, 0.05, 0.14])  # [m] octaves of the relief
-STAIN = np.array([0.15, 0.12, 0.10, 0.12])  # amplitude of each in the brightness, as its logarithm
-SLOPE = 0.10  # RMS slope of an octave of 10 cm at a texture strength of 1
+STAIN = np.array([0.15, 0.12, 0.07, 0.06])  # amplitude of each in the brightness, as its logarithm
+SLOPE = 0.16  # RMS slope of an octave of 10 cm at a texture strength of 1
 ROUGHNESS = (0.5, 1.3)  # range of the factors by which bodies differ
-BEDS = 5.0  # how many times finer along the vertical than across it the relief of clearly bedded faces is, less one
+BEDS = 6.0  # how many times longer along the beds the relief of clearly bedded faces is, less one
+THIN = 0.35  # by how much of that it is finer across them
 APART = 0.37  # [m] shift of the pattern from body to body, so that neighbours differ
+RIDGE = np.float32(0.8)  # mean of |noise|, which leaves the mean height of ridges at 0
 GRAZING = 0.2  # least cosine between a ray and a face at which hits move as far as they should
 ROUNDS = 2  # times that a hit moves to the height of the relief where it was before
 LEAST_SLANT = 0.08  # least cosine of the viewing angle at which the relief is filtered
@@ -36,7 +38,7 @@ class BodyRelief(NamedTuple):
     Attributes:
         noise: The octaves: their stains, and their slopes.
         rise: (M,) float32 height [m] of each octave per unit of its noise.
-        beds: (N + 1,) float32 how much finer the relief of each surface's sides is along the vertical, by surface id.
+        beds: (N + 1,) float32 how much longer along the beds the relief of each surface's sides is, by surface id.
         roughness: (N + 1,) float32 factor of the heights, by surface id.
     """
 
@@ -84,24 +86,25 @@ def face_place(axis, surface, x, y, z):
 
 
 @inlined
-def _relief_at(noise, rise, u, v, footprint, finer):
+def _relief_at(noise, rise, u, v, footprint, beds):
     """Return height [m], slopes along u and v, and stain of the relief, float32.
 
-    u, v: of face_place; footprint: width of a pixel on the face [m]; finer: how much finer the relief is along v, over
-    what it is along u.
+    u, v: of face_place; footprint: width of a pixel on the face [m]; beds: by how much longer the relief is along u.
     """
+    longer, finer = np.float32(1) / (np.float32(1) + beds), np.float32(1) + np.float32(THIN) * beds
     tile, places, stains, slopes = noise
     height, du, dv, stain = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
     wide = footprint * (np.float32(0.5) + np.float32(0.5) * finer)
     for octave in range(len(places)):
         weight = octave_weight(places[octave, 0], wide)
         if weight > 0:
-            value, along, across = octave_slopes(tile, places, octave, u, v * finer)
+            value, along, across = octave_slopes(tile, places, octave, u * longer, v * finer)
             stain += weight * stains[octave] * value
-            height += weight * rise[octave] * value
-            du += weight * slopes[octave] * along
-            dv += weight * slopes[octave] * across
-    return height, du, dv * finer, stain
+            side = np.float32(1) if value < 0 else np.float32(-1)  # broken stone has ridges and no round tops
+            height += weight * rise[octave] * (RIDGE + side * value)
+            du += weight * slopes[octave] * side * along
+            dv += weight * slopes[octave] * side * across
+    return height, du * longer, dv * finer, stain
 
 
 @compiled
@@ -134,12 +137,12 @@ def raise_hits(relief, eye, focal, pose, rays, depth, normal, shading, surface, 
         slant = min(max((smooth[0] * ex + smooth[1] * ey + smooth[2] * ez) / apart, LEAST_SLANT), 1.0)
         # geometric mean of the two axes of the ellipse that a pixel covers
         footprint = np.float32(apart / (focal * math.sqrt(slant)))
-        finer = np.float32(1) + (beds[surface[k]] if axis != 2 else np.float32(0))
-        rough = roughness[surface[k]] / (np.float32(0.5) + np.float32(0.5) * finer)
+        bedded = beds[surface[k]] if axis != 2 else np.float32(0)
+        rough = roughness[surface[k]] / (np.float32(1) + np.float32(0.5 * THIN) * bedded)
         move, du, dv, stain = 0.0, np.float32(0), np.float32(0), np.float32(0)
         for _ in range(ROUNDS):
             u, v = face_place(axis, surface[k], x0 + move * rx, y0 + move * ry, z0 + move * rz)
-            height, du, dv, stain = _relief_at(noise, rise, u, v, footprint, finer)
+            height, du, dv, stain = _relief_at(noise, rise, u, v, footprint, bedded)
             move = -rough * height / max(closing, GRAZING * length)
         depth[k] = z + move
         du, dv = rough * du, rough * dv

@@ -39,8 +39,8 @@ PATCH_WAVELENGTHS = (1.7, 7.0)  # [m] sizes of patches of sand and bedrock
 GRAVEL_WAVELENGTHS = (2.3, 9.0)  # [m] sizes of patches of gravel
 RIPPLE_WAVELENGTHS = (0.06, 0.15)  # [m] shortest and longest of the wind's small ripples
 RIPPLE_SLOPE = 0.22  # RMS slope of ripples at a texture strength of 1
-GRAIN_STRENGTH = 0.5  # of the grain, over that of the relief with longer waves
-PEBBLES = (0.124, 0.062, 0.031, 0.0)  # shares of the close packing that pebbles have on ground without sand
+GRAIN_STRENGTH = 0.8  # of the grain, over that of the relief with longer waves
+PEBBLES = (0.16, 0.08, 0.04, 0.012)  # shares of the close packing that pebbles have on ground without sand
 FRAGMENTS = 0.5  # share of close packing at the feet of rocks
 
 

@@ -136,22 +136,3 @@ def octave_slopes(tile, places, octave, u, v):
     across = a * tile[j, i, 2] + b * tile[j, right, 2] + c * tile[below, i, 2] + d * tile[below, right, 2]
     turn_u, turn_v = places[octave, 1] * np.float32(STEP), places[octave, 2] * np.float32(STEP)
     return value * np.float32(STEP), turn_u * along + turn_v * across, -turn_v * along + turn_u * across
-
-
-@inlined
-def fractal_slopes(noise, u, v, footprint):
-    """Return the sum of the octaves `noise` at surface coordinates u, v [m], and its slopes along u and v.
-
-    footprint: width of a pixel on the surface [m].
-    """
-    tile, places, amplitude, slope = noise  # unpacked once: each access to a tuple counts references, too
-    total, du, dv = np.float32(0), np.float32(0), np.float32(0)
-    for octave in range(len(places)):
-        weight = octave_weight(places[octave, 0], footprint)
-        if weight > 0:
-            value, along, across = octave_slopes(tile, places, octave, u, v)
-            steep = weight * slope[octave]
-            total += weight * amplitude[octave] * value
-            du += steep * along
-            dv += steep * across
-    return total, du, dv

@@ -11,6 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 import scipy.fft
+from scipy import ndimage
 
 from marssim.base.compute.compiled import compiled, inlined
 from marssim.render.relief.height import SWEPT_DEPTH
@@ -18,6 +19,7 @@ from marssim.render.relief.pyramid import CHANNELS, CODES, pyramid, pyramid_at
 
 SIDE = 512  # texels along a side of the tile
 TEXEL = 0.012  # [m] size of a texel
+SMOOTHING = 0.7  # [texels] standard deviation of the blur of borders
 PLATES = (9, 27)  # numbers of plates and of pieces along the side
 BEND = 0.03  # [m] how far borders deviate from straight lines
 SHORTEST_BEND = 1.4  # [1/m] standard deviation of the wave numbers of that deviation
@@ -61,7 +63,13 @@ def plates(seed: int) -> tuple[np.ndarray, np.ndarray]:
     finest = np.empty((SIDE, SIDE, CHANNELS), dtype=np.float32)
     height = np.empty((SIDE, SIDE), dtype=np.float32)
     _plates(levels[0], levels[1], draws[0], draws[1], bend[0], bend[1], rough, height, finest)
+    height, finest = (_smooth(field) for field in (height, finest))
     return height, pyramid(finest)
+
+
+def _smooth(field: np.ndarray) -> np.ndarray:
+    """Return a periodic field (SIDE, SIDE, ...) without the steps that its texels make of slanting borders."""
+    return np.asarray(ndimage.gaussian_filter(field, (SMOOTHING, SMOOTHING, 0)[: field.ndim], mode="wrap"))
 
 
 def _drawn(count: int, rng: np.random.Generator) -> np.ndarray:

@@ -21,11 +21,12 @@ BED_COLOUR = (0.45, 0.335, 0.235)
 STAIN_HUE = (0.0, 0.10, 0.22)  # how much more a stain changes each colour than red: bright stains are paler
 WHITEST = 0.9  # largest albedo of any surface
 BED_PALE = 0.8  # share of BED_COLOUR that bare bedrock shows: dust lies on it
-RELIEF_HEIGHT = 0.004  # [m] height of the fine relief that changes the brightness by a quarter of the contrast
-STONE_TONE = 0.3  # logarithm of brightness per standard deviation of stones' tones
+RELIEF_HEIGHT = 0.004  # [m] height of the fine relief that changes the brightness by RELIEF_TONE times the contrast
+RELIEF_TONE = 0.02  # coarse dark grains gather in troughs
+STONE_TONE = 0.22  # logarithm of brightness per standard deviation of stones' tones
 HIDDEN_AT, HIDDEN_MOST = 0.02, 0.7  # [m] width of a pixel at which most stones are too small; share of their tone
 DUST = 0.85  # brightness of the dust on rocks over that of the ground
-DUST_TONE = 0.15  # logarithm of brightness of the dust on the crests of ripples and behind rocks
+DUST_TONE = 0.04  # logarithm of brightness of the dust on the crests of ripples and behind rocks
 
 
 @inlined
@@ -40,7 +41,7 @@ def regolith_at(x, y, footprint, stone, fine, bare, cover, mix, stains, tones, p
     contrast = mix.contrast
     spots = _stains_at(x, y, footprint, stains)
     height = fine * np.float32(1 / RELIEF_HEIGHT)
-    tone = np.float32(0.25) * contrast * height
+    tone = np.float32(RELIEF_TONE) * contrast * height
     if stone >= 0:
         tone = mix.pebble_tone + np.float32(STONE_TONE) * contrast * tones[np.int32(stone)]
     else:
@@ -84,7 +85,7 @@ def rock_at(stain, up, contrast, rock):
 
     stain: logarithm of its brightness; up: z of its normal; contrast: Look.albedo_contrast; rock: of ROCK.
     """
-    dust = min(max((rock.film * (0.7 + 0.5 * up) + 1.2 * max(up - 0.6, 0.0)) * (1 - 3 * stain), 0.0), 0.8)
+    dust = min(max((rock.film * (0.7 + 0.5 * up) + 1.2 * max(up - 0.6, 0.0)) * (1 - 1.5 * stain), 0.0), 0.8)
     bare = rock.albedo * math.exp(np.float32(contrast * rock.stains * stain)) * 1.25 * (1 - dust)
     red = ROCK_COLOUR[0] * bare * (1 + 0.10 * rock.red) + DUST * GROUND_COLOUR[0] * dust
     green = ROCK_COLOUR[1] * bare + DUST * GROUND_COLOUR[1] * dust

@@ -19,9 +19,11 @@ from marssim.render.relief.stones import BARE, GRAVEL, PACKED, TONE
 from marssim.scene.rocks.mesh import Rocks
 from marssim.scene.scene import Scene
 
-STAIN_WAVELENGTHS = np.array([0.012, 0.035, 0.4, 1.7, 7.0])  # [m] sizes of bright and dark spots and patches
-STAIN = np.array([0.05, 0.04, 0.07, 0.07, 0.08])  # amplitude of each, logarithm of brightness, at a contrast of 1
-DARKER_PEBBLES = 0.9  # mean brightness of pebbles over that of the rocks
+STAIN_WAVELENGTHS = np.array([0.0045, 0.009, 0.018, 0.038, 1.7, 7.0])  # [m] sizes of grains, spots and patches
+STAIN = np.array(
+    [0.10, 0.08, 0.06, 0.045, 0.04, 0.06]
+)  # amplitude of each, logarithm of brightness, at a contrast of 1
+PEBBLE_DUST = 0.4  # share of the dust in the mean brightness of pebbles, which is else that of the rocks
 BED_RED = 0.45  # redness that gives a rock the hue of BED_COLOUR; its brightness is pavement.ALBEDO
 BED_STAINS = 0.35  # contrast of their stains over that of rocks
 BED_SWEPT = 0.3  # by how much less of the tops of slabs and ledges is under dust
@@ -94,7 +96,7 @@ def _soil(scene: Scene, ground: Ground) -> Soil:
     lying = 1 - np.prod(1 - PACKED * ground.stones.octave[:, [BARE, GRAVEL]], axis=0)
     mix = Mix(
         contrast=np.float32(look.albedo_contrast),
-        pebble_tone=np.float32(np.log(DARKER_PEBBLES * scene.config.rocks.albedo)),
+        pebble_tone=np.float32(np.log(PEBBLE_DUST + (1 - PEBBLE_DUST) * scene.config.rocks.albedo)),
         hidden_bare=np.float32(lying[0]),
         hidden_gravel=np.float32(lying[1]),
     )

@@ -18,7 +18,7 @@ MAX_ROCKS = 50_000  # most of these that are rocks; the others are bedrock and f
 SAFETY_SPREADS = 6.0  # standard deviations by which the expected number of rocks stays below MAX_ROCKS
 LEAST_DISTANCE = 1.6  # [m] distance at which a camera is assumed to see the rocks around it
 # [rad] angular diameters at which a rock gets the next level of detail; the first two are 3 px and 8 px wide at 512 px
-LEVEL_ANGLES = (0.006, 0.014, 0.03, 0.1, 0.25, 0.8)
+LEVEL_ANGLES = (0.006, 0.014, 0.032, 0.095, 0.24, 0.7)
 COBBLE_ANGLE = 0.005  # [rad] angle under which a camera sees the smallest cobbles far away: 3 px at 512 px
 LARGE = 0.15  # [m] diameter of the smallest rocks that these cobbles keep off
 COBBLE_RINGS = (0.75, 1.0, 1.25, 1.5, 2.0, 2.5)  # [half sides of the fine square] edges of their rings
@@ -49,7 +49,7 @@ class RockConfig:
     the middle of the range or a little above it. The more of a rock is buried, the lower is the rest."""
     families: tuple[float, float, float] = (0.45, 0.25, 0.3)
     """Relative numbers of angular, slabby and rounded rocks: three shares in any unit."""
-    albedo: float = 0.72
+    albedo: float = 0.85
     """Mean brightness of the rocks over that of the ground, 0.2 to 1.5."""
 
     def __post_init__(self) -> None:

@@ -103,7 +103,7 @@ def _roughness(family: str, points: np.ndarray, level: int, rng: np.random.Gener
     """
     spacing = 1.1 / 2**level
     out = np.zeros(len(points))
-    strength = {"angular": 0.036, "slabby": 0.030, "rounded": 0.045}[family]
+    strength = {"angular": 0.05, "slabby": 0.042, "rounded": 0.045}[family]
     patch = _waves(points, 1.1, rng)  # some sides are fresh and smooth, others weathered
     worn = 0.55 + 0.45 * np.tanh(1.5 * patch)
     for octave, wavelength in enumerate((1.6, 0.8, 0.4, 0.2, 0.1)):

@@ -62,11 +62,15 @@ def test_imperfect_rectification_shows_in_the_right_image_alone(scene, renderer,
     assert shifts[1] < 0.6 * shifts[0] and shifts[1] < 0.6 * shifts[2]
 
 
-def warped(image: np.ndarray, disparity: np.ndarray) -> np.ndarray:
-    """The right image as the left eye would see it: float, NaN-free, borders repeated."""
-    v, u = np.indices(disparity.shape, dtype=np.float32)
-    moved = cv2.remap(image.astype(np.float32), u - disparity, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-    return moved
+def warped(frame: StereoFrame, step: float = 0.0) -> np.ndarray:
+    """The right image as the left eye would see it, if the disparity were larger by a step [px]; borders repeated.
+
+    The rows are those in which the right camera, which may be turned, sees the points.
+    """
+    u = np.indices(frame.depth.shape, dtype=np.float32)[1] - frame.disparity - step
+    points = RIG.camera.unproject(np.where(frame.surface == SKY, 1e3, frame.depth)) - [RIG.baseline, 0, 0]
+    v = RIG.camera.project(points @ frame.right_rotation)[..., 1].astype(np.float32)
+    return cv2.remap(frame.right.astype(np.float32), u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
 
 
 def comparable(frame: StereoFrame) -> np.ndarray:
@@ -87,8 +91,8 @@ def test_the_right_image_moved_by_the_disparity_is_the_left_one(scene, renderer,
     where = comparable(frame)
     assert where.mean() > 0.25
     left = frame.left.astype(float)[where]
-    off = np.abs(warped(frame.right, frame.disparity)[where] - left).mean()
-    wrong = [np.abs(warped(frame.right, frame.disparity + step)[where] - left).mean() for step in (-1, -0.5, 0.5, 1)]
+    off = np.abs(warped(frame)[where] - left).mean()
+    wrong = [np.abs(warped(frame, step)[where] - left).mean() for step in (-1, -0.5, 0.5, 1)]
     assert off < 4  # of 255: finest texture, resampled
     assert off < 0.8 * min(wrong[1:3]) and off < 0.6 * min(wrong[0], wrong[3])
 
@@ -98,7 +102,7 @@ def test_warped_images_with_noise_differ_by_no_more_than_noise(scene, renderer, 
     where = comparable(frame) & (frame.left.min(axis=-1) > 30)
 
     def residual(image: StereoFrame) -> np.ndarray:
-        return warped(image.right, frame.disparity)[where] - image.left[where]
+        return warped(image)[where] - image.left[where]
 
     x = (frame.left[where] / 255.0) ** 2.2
     spread = 255 / 2.2 * x ** (1 / 2.2 - 1) * np.sqrt(x * 4000 + 14**2) / 4000  # of one image, codes

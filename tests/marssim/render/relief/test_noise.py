@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from numba import njit
 
 from marssim.render.relief import noise as grain
-from marssim.render.relief.noise import TEXELS, TILE, Octaves, coded_tile, noise_tile, placing
+from marssim.render.relief.noise import TEXELS, TILE, coded_tile, noise_tile, placing
 
 
 def kernel(part):
@@ -13,10 +13,9 @@ def kernel(part):
     return njit(lambda *arguments: part(*arguments))
 
 
-fractal_slopes, octave_slopes = kernel(grain.fractal_slopes), kernel(grain.octave_slopes)
-octave_value, octave_weight = kernel(grain.octave_value), kernel(grain.octave_weight)
+octave_slopes, octave_value = kernel(grain.octave_slopes), kernel(grain.octave_value)
+octave_weight = kernel(grain.octave_weight)
 WAVELENGTHS = np.array([0.02, 0.1, 0.7])
-ONES = np.ones(3)
 
 
 def places(count: int, seed: int = 0, reach: float = 30.0) -> np.ndarray:
@@ -32,21 +31,6 @@ def noise(uv: np.ndarray, wavelengths, seed: int, octave: int) -> np.ndarray:
 def values(uv: np.ndarray, wavelengths, seed: int, octave: int) -> np.ndarray:
     tile, places = coded_tile(seed, False), placing(tuple(wavelengths), seed)
     return np.array([octave_value(tile, places, octave, u, v) for u, v in uv.astype(float)])
-
-
-def sums(uv: np.ndarray, footprint: np.ndarray, seed: int) -> np.ndarray:
-    """(N, 3) sum of the octaves of WAVELENGTHS and its slopes."""
-    octaves = Octaves(coded_tile(seed), placing(tuple(WAVELENGTHS), seed), ONES, ONES)
-    at = zip(uv.astype(float), footprint)
-    return np.array([fractal_slopes(octaves, u, v, width) for (u, v), width in at])
-
-
-def test_a_sum_is_that_of_its_octaves():
-    uv, width = places(200), 0.03
-    weight = [octave_weight(wavelength, width) for wavelength in WAVELENGTHS]
-    assert weight[0] == 0 < weight[1] < weight[2] == 1
-    expected = sum(w * noise(uv, WAVELENGTHS, 4, n) for n, w in enumerate(weight))
-    assert np.allclose(sums(uv, np.full(200, width), 4), expected, atol=1e-6)
 
 
 def test_without_slopes_the_value_is_the_same():
@@ -73,14 +57,6 @@ def test_octaves_fade_out_by_two_pixels(wavelength, ratio, less):
         assert weight == 0
     if ratio <= 1 / 5.5 - 1e-6:
         assert weight == pytest.approx(1, abs=1e-6)
-
-
-def test_octaves_finer_than_two_pixels_are_left_out():
-    uv = places(600)
-    footprint = np.repeat([0.36, 0.051], 300)  # the coarsest octave is under two pixels; it alone is not
-    total = sums(uv, footprint, seed=3)
-    assert not total[:300].any()
-    assert np.allclose(total[300:], noise(uv[300:], WAVELENGTHS, 3, 2), atol=1e-5)
 
 
 @pytest.mark.parametrize("seed", [0, 2**31 + 1])

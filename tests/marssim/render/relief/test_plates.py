@@ -30,7 +30,7 @@ def test_the_more_is_swept_the_more_plates_show_and_joints_never(seed):
     heights = plates(seed)[0]
     shares = [(heights + SWEPT_DEPTH * swept > 0).mean() for swept in (0.05, 0.3, 0.6, 0.9)]
     assert shares[0] > 0.01 and (np.diff(shares) > 0.05).all() and shares[-1] < 0.97
-    assert (heights + SWEPT_DEPTH * 1.2 < -0.4 * STANDING).mean() > 0.02  # sand fills the joints of the barest ground
+    assert (heights + SWEPT_DEPTH * 1.2 < -0.3 * STANDING).mean() > 0.015  # sand fills the joints of the barest ground
 
 
 def test_a_pavement_has_no_seam():
