@@ -109,7 +109,8 @@ def _count(
             rng = np.random.default_rng((config.seed, index))
             left, right = degradation.apply(left, right, rng)
         turn = np.asarray(sample.meta["pose"], float)[:3, :3]
-        true = frame_map(sample.depth, None, sample.rig, turn)
+        rover = sample.rock < 0  # the rover itself, which no map holds
+        true = frame_map(np.where(rover, np.nan, sample.depth), None, sample.rig, turn)
         truth = true_rocks(scene, true, sample.rock > 0, sample.rig.fb)
         for name, method in methods.items():
             if method is None:
@@ -118,7 +119,7 @@ def _count(
                 with errors_of(method):
                     prediction = method.infer(left, right, sample.rig)
                 prediction = checked_prediction(method, prediction, left.shape[:2])
-                shown = frame_map(prediction.depth, prediction.confidence, sample.rig, turn)
+                shown = frame_map(np.where(rover, np.nan, prediction.depth), prediction.confidence, sample.rig, turn)
             for step, counts in counts_by_method[name].items():
                 count_rocks(counts, shown, scene, truth, step)
     results = {

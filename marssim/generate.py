@@ -221,7 +221,7 @@ Each sample has a folder `scenes/<scene>/<view>/` with these files. Maps are tho
 | `left.png`, `right.png` | 8-bit RGB images |
 | `depth.png` | 16-bit depth along the optical axis: Z = 0.1 m * 10000^(code / 65534); 65535 is the sky |
 | `normal.png` | 16-bit RGB, unit normal n = 2 code / 65535 - 1; camera frame: x right, y down, z forward |
-| `surface.png` | 16-bit: 0 is the sky, 1 the ground, from 2 on what stands out of it, the rocks first |
+| `surface.png` | 16-bit: 0 is the sky, 1 the ground, from 2 on what stands out of it, rocks first; 65535 is the rover |
 | `occluded.png` | 8-bit: 255 where the point is hidden from the right eye or outside its image |
 | `sample.json` | cameras, pose, parameters and draws of the scene, its sensors, SHA-256 of each image |
 

@@ -50,7 +50,7 @@ class StereoTruth(Protocol):
         normal: (H, W, 3) normals in the camera's frame, 0 where unknown.
         valid: (H, W) bool, the pixels that count.
         occluded: (H, W) bool, the pixels that the right eye does not see.
-        rock: (H, W) int number of the rock, 0 where there is none.
+        rock: (H, W) int number of the rock, 0 where there is none, -1 on the rover itself.
         rig: The cameras.
         meta: "pose" is the (4, 4) matrix from the left camera to the world, if it is known.
     """
@@ -158,7 +158,7 @@ def pixel_kinds(sample: StereoTruth, max_disparity: float = MAX_DISPARITY) -> di
         "visible": scored & ~sample.occluded,
         "occluded": scored & sample.occluded,
         "rock": scored & rock,
-        "ground": scored & ~rock,
+        "ground": scored & (sample.rock == 0),
         "texture_poor": scored & texture_poor(sample.left),
         "near": known & (sample.disparity > max_disparity),
     }

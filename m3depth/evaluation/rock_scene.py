@@ -99,7 +99,7 @@ def rock_scene(sample: RockTruth) -> RockScene | None:
     rays = rotate(camera.rays(), np.asarray(pose, dtype=float)[:3, :3]).astype(np.float32)
     on_rock = sample.rock > 0
     visible = np.isfinite(sample.depth) & (sample.depth > 0)
-    open_ground = visible & ~on_rock
+    open_ground = visible & (sample.rock == 0)
     known = _mean_heights(rays[open_ground] * sample.depth[open_ground][:, None])
     if np.isnan(known).all():
         return None

@@ -21,7 +21,7 @@ from marssim.base.command.notes import print_note
 from marssim.base.dataset.dataset import SPLIT_OF_TEN
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.version import VERSION
-from marssim.render.faults import FAULT_SETS, FaultSet, fault_set
+from marssim.render.faults import FAULT_SETS, FaultSet, fault_set, fault_view
 from marssim.render.renderers.by_name import FALLBACK_NOTE, RendererName, default_renderer
 from marssim.render.sensor import SensorConfig
 from marssim.scene.place_file import PLACE_VALUES, load_place
@@ -196,9 +196,10 @@ class GenerateOptions(RunConfig):
     faults: FaultSet = "none"
     """Image faults of real cameras. random is for training: each pair has each fault with some chance, of dust on the
     windows, motion blur, glare, wrong exposure, bleeding and smear of a CCD, hot pixels, a contrast stretch, JPEG and a
-    horizontal offset. public gives every pair what rovers' raw images on the web have: dust, glare, hot pixels, stretch
-    and JPEG.
-    `--faults random --help` shows its values as the defaults of --sensor; values that you give replace them."""
+    horizontal offset, and some pairs show the rover itself and its shadow. public gives every pair what rovers' raw
+    images on the web have: dust, glare, hot pixels, stretch and JPEG.
+    `--faults random --help` shows its values as the defaults of --sensor and --view; values that you give replace
+    them."""
     knobs: Annotated[SceneOptions, tyro.conf.arg(name="")] = field(default_factory=SceneOptions)
     rig: RigOptions = field(default_factory=RigOptions)
     rig_file: Path | None = None
@@ -221,8 +222,9 @@ def parse_generate(prog: str, description: str | None, args: Sequence[str] | Non
     asked = named_scene(args)
     places = tuple(map(preset, PRESETS)) if asked == MIXED else (load_place(asked),)
     faults = named_faults(args)
+    sensor, view = fault_set(faults), fault_view(faults)
     defaults = [
-        GenerateOptions(out=tyro.MISSING, scene=asked, knobs=_options(place), faults=faults, sensor=fault_set(faults))
+        GenerateOptions(out=tyro.MISSING, scene=asked, knobs=_options(place), faults=faults, sensor=sensor, view=view)
         for place in places
     ]
     options = [parse(GenerateOptions, prog, description, args, default) for default in defaults]

@@ -17,9 +17,12 @@ from marssim.render.renderers.by_name import make_renderer
 from marssim.render.sensor import Sensor
 from marssim.render.stereo import render_stereo
 from marssim.render.surfaces.shading import Shader
+from marssim.scene.own_rover import draw_pan, rover_below
 from marssim.scene.scene import Scene, build_scene
 from marssim.scene.trajectory import TRAJECTORY, draw_trajectory, tum_lines
 from marssim.scene.viewpoint import draw_pose
+
+ROVER_DRAWS = 0x726F766572  # separates the draws of the rover from all other draws of a view
 
 
 def generate_scene(config: GenerateConfig, scene_index: int, views: list[int]) -> int:
@@ -116,6 +119,18 @@ def draw_view(
     return draw_pose(scene, config.view, rng), rng
 
 
+def draw_rover(config: GenerateConfig, scene_index: int, view: int) -> float | None:
+    """Draw the pan of the mast [rad] in a view where the rover is there; None where it is not.
+
+    Args:
+        config: The dataset. A drive draws it once.
+        scene_index: Number of the scene.
+        view: Number of the view in the scene, from 0.
+    """
+    first = 0 if config.trajectory else 1 + view
+    return draw_pan(config.view, np.random.default_rng((config.seed, scene_index, first, ROVER_DRAWS)))
+
+
 def _rng_of(config: GenerateConfig, scene_index: int, view: int) -> np.random.Generator:
     return np.random.default_rng((config.seed, scene_index, 1 + view))
 
@@ -132,9 +147,13 @@ def _render(config: GenerateConfig, scene_index: int, views: list[int]) -> None:
             else:
                 pose, rng = poses[view], _rng_of(config, scene_index, view)
             view_sensor = sensor or Sensor.draw(config.sensor, rng)
-            frame = render_stereo(renderer, shader, config.rig, pose, view_sensor, rng)
-            folder = sample_folder(config.out, scene_index, view)
-            write_sample(folder, frame, _meta(config, scene, view_sensor, scene_index, view))
+            pan = draw_rover(config, scene_index, view)
+            rover = None if pan is None else rover_below(scene, pose, config.rig.baseline, pan)
+            frame = render_stereo(renderer, shader, config.rig, pose, view_sensor, rng, rover)
+            meta = _meta(config, scene, view_sensor, scene_index, view)
+            if pan is not None and rover is not None:
+                meta["rover"] = {"pan_deg": float(np.rad2deg(pan)), "pose": rover.tolist()}
+            write_sample(sample_folder(config.out, scene_index, view), frame, meta)
     finally:
         renderer.close()
 

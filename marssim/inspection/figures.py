@@ -187,11 +187,12 @@ def _cover_plot(axes: Axes, whole: SampleStatistics) -> None:
 
 
 def _surface_colours(sample: StereoSample) -> np.ndarray:
-    """Return a colour for each rock, the same in every view; grey ground, black sky."""
+    """Return a colour for each rock, the same in every view; grey ground, black sky, blue rover."""
     rng = np.random.default_rng(1)
     palette = rng.integers(60, 256, (997, 3)).astype(np.uint8)
     out = palette[sample.rock % len(palette)]
     out[sample.rock == 0] = 110
+    out[sample.rock < 0] = (60, 90, 200)
     out[~np.isfinite(sample.depth)] = 0
     return out
 

@@ -104,7 +104,8 @@ def visible_rocks(sample: StereoSample, reach: float = REACH) -> tuple[np.ndarra
     rays = rotate(camera.rays(), pose[:3, :3])
     offset = rays * np.where(hit, sample.depth, 0)[..., None]  # from the camera, world axes
     distance = np.hypot(offset[..., 0], offset[..., 1])
-    area = _map_area(rays, offset[hit & (sample.rock == 0) & (distance <= reach)], reach) / (camera.fx * camera.fy)
+    open_view = rays[sample.rock >= 0]  # the ground behind the rover itself does not count
+    area = _map_area(open_view, offset[hit & (sample.rock == 0) & (distance <= reach)], reach) / (camera.fx * camera.fy)
 
     rock = hit & (sample.rock > 0) & (sample.rock <= _last_rock(sample)) & (distance <= 2 * reach)
     if not rock.any():
@@ -131,7 +132,7 @@ def _map_area(rays: np.ndarray, ground: np.ndarray, reach: float) -> float:
     """Return the map area of the ground up to `reach` [m], times fx fy, on the plane through the ground points.
 
     Args:
-        rays: (H, W, 3) rays of the pixels with camera z = 1, world axes.
+        rays: (..., 3) rays of the pixels with camera z = 1, world axes.
         ground: (N, 3) visible points of the ground, world axes, from the camera [m].
         reach: Farthest ground [m].
     """

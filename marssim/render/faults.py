@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal, get_args
 
 from marssim.render.sensor import SensorConfig
+from marssim.scene.viewpoint import ViewConfig
 
 FaultSet = Literal["none", "random", "public"]
 FAULT_SETS: tuple[FaultSet, ...] = get_args(FaultSet)
@@ -31,6 +32,14 @@ PUBLIC = SensorConfig(
     stretch_alone=(1.0, 1.0),
     jpeg_quality=(75.0, 92.0),
 )
+
+
+RANDOM_VIEW = ViewConfig(rover=(0.0, 0.6))
+
+
+def fault_view(name: FaultSet) -> ViewConfig:
+    """Return the ranges of the views that go with a set: with "random", some have the rover itself in view."""
+    return RANDOM_VIEW if name == "random" else ViewConfig()
 
 
 def fault_set(name: FaultSet) -> SensorConfig:

@@ -13,6 +13,8 @@ from marssim.base.pose import rotate
 from marssim.base.right_image import IDEAL, image_disparity, outside_right
 from marssim.render.antialias import average, colours_beside, edge_pixels, subpixel_rays
 from marssim.render.geometry.gbuffer import Footprint, GBuffer, Hits
+from marssim.render.own_rover.body import RoverBody
+from marssim.render.own_rover.renderer import WithRover
 from marssim.render.penumbra import penumbra
 from marssim.render.renderers.renderer import Renderer
 from marssim.render.sensor import Sensor
@@ -25,8 +27,9 @@ SMOOTH = 0.03  # relative change of 1 / Z from pixel to pixel up to which a view
 
 
 def render_stereo(
-    renderer: Renderer, shader: Shader, rig: StereoRig, pose: np.ndarray, sensor: Sensor, rng: np.random.Generator
-) -> StereoFrame:
+    renderer: Renderer, shader: Shader, rig: StereoRig, pose: np.ndarray, sensor: Sensor, rng: np.random.Generator,
+    rover: np.ndarray | None = None,
+) -> StereoFrame:  # fmt: skip
     """Render both images and the ground truth.
 
     `marssim.render.view` offers this in fewer lines. The sensor's errors of rectification turn the right camera: the
@@ -39,7 +42,10 @@ def render_stereo(
         pose: (4, 4) left camera to world.
         sensor: The two detectors.
         rng: Random generator of the detectors' noise.
+        rover: (4, 4) body to world of the rover that carries the cameras; None for a scene without it.
     """
+    if rover is not None:
+        renderer = WithRover(renderer, RoverBody(rover, pose, rig.baseline), shader.light.sun)
     rotation = sensor.right_rotation(rig.camera)
     right_pose = rig.right_pose(pose)
     right_pose[:3, :3] @= rotation

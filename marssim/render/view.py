@@ -25,6 +25,7 @@ from marssim.render.renderers.by_name import RendererName, make_renderer
 from marssim.render.sensor import Sensor, SensorConfig
 from marssim.render.stereo import render_stereo
 from marssim.render.surfaces.shading import Shader
+from marssim.scene.own_rover import draw_pan, rover_below
 from marssim.scene.scene import Scene
 from marssim.scene.viewpoint import ViewConfig, draw_pose, pose_on_ground
 
@@ -67,6 +68,7 @@ class SceneRenderer:
         height: float = HEIGHT,
         sensor: Sensor | None = None,
         rng: np.random.Generator | int = 0,
+        rover_pan_deg: float | None = None,
     ) -> StereoFrame:
         """Render the view of a rig whose left camera stands above a point of the ground.
 
@@ -79,6 +81,8 @@ class SceneRenderer:
             height: Height of the left camera above the ground [m].
             sensor: The detectors; None draws them from the ranges of SensorConfig.
             rng: Random generator, or the seed of one, for the detectors and their noise.
+            rover_pan_deg: How far the mast is turned to the left of where the rover heads [deg], for a view with the
+                rover that carries the cameras and its shadow; None for a view without it.
 
         Raises:
             ValueError: The point lies outside the scene.
@@ -88,24 +92,30 @@ class SceneRenderer:
         if not horizon.contains(np.array(x), np.array(y)):
             raise ValueError(f"x={x:g}, y={y:g} is outside the scene, which reaches {horizon.bounds[2]:g} m each way")
         yaw, pitch, roll = np.deg2rad([yaw_deg, pitch_deg, roll_deg])
-        return self.render_from(pose_on_ground(self.scene, x, y, yaw, pitch, roll, height), sensor, rng)
+        pose = pose_on_ground(self.scene, x, y, yaw, pitch, roll, height)
+        return self.render_from(pose, sensor, rng, rover_pan_deg)
 
     def render_from(
-        self, pose: np.ndarray, sensor: Sensor | None = None, rng: np.random.Generator | int = 0
-    ) -> StereoFrame:
+        self, pose: np.ndarray, sensor: Sensor | None = None, rng: np.random.Generator | int = 0,
+        rover_pan_deg: float | None = None,
+    ) -> StereoFrame:  # fmt: skip
         """Render the view from a pose of the left camera.
 
         Args:
             pose: (4, 4) left camera (x right, y down, z forward) to world.
             sensor: The detectors; None draws them from the ranges of SensorConfig.
             rng: Random generator, or the seed of one, for the detectors and their noise.
+            rover_pan_deg: As in `render`.
 
         Raises:
             RuntimeError: The renderer is closed.
         """
         rng = np.random.default_rng(rng)
         sensor = sensor or Sensor.draw(SensorConfig(), rng)
-        return render_stereo(self._renderer, self._shader, self.rig, pose, sensor, rng)
+        rover = None
+        if rover_pan_deg is not None:
+            rover = rover_below(self.scene, pose, self.rig.baseline, float(np.deg2rad(rover_pan_deg)))
+        return render_stereo(self._renderer, self._shader, self.rig, pose, sensor, rng, rover)
 
     def draw(
         self,
@@ -117,7 +127,7 @@ class SceneRenderer:
 
         Args:
             rng: Random generator, or the seed of one. The same seed gives the same frame.
-            view: Ranges of the cameras' height and angles; None takes the defaults of ViewConfig.
+            view: Ranges of the cameras' height and angles, and of the rover; None takes the defaults of ViewConfig.
             sensor: Ranges of the detectors' values; None takes the defaults of SensorConfig.
 
         Raises:
@@ -125,8 +135,11 @@ class SceneRenderer:
             RuntimeError: The renderer is closed.
         """
         rng = np.random.default_rng(rng)
-        pose = draw_pose(self.scene, view or ViewConfig(), rng)
-        return self.render_from(pose, Sensor.draw(sensor or SensorConfig(), rng), rng)
+        view = view or ViewConfig()
+        pose = draw_pose(self.scene, view, rng)
+        drawn = Sensor.draw(sensor or SensorConfig(), rng)
+        pan = draw_pan(view, rng.spawn(1)[0])
+        return self.render_from(pose, drawn, rng, None if pan is None else float(np.rad2deg(pan)))
 
     def close(self) -> None:
         """Free the renderer's memory; a second call does nothing."""

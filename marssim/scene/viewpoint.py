@@ -13,6 +13,7 @@ from marssim.scene.scene import Scene
 
 ROCK_HEIGHT = 0.15  # [m] a camera keeps away from higher rocks
 ROCK_GAP = 0.6  # [m] least distance of a camera from them
+ROVER_HEIGHT = (0.9, 1.5)  # [m] heights of the cameras at which a rover can stand below them
 TRIES = 1000  # places tried before a scene counts as too rocky
 
 
@@ -28,11 +29,24 @@ class ViewConfig:
     """Tilt of the cameras about their optical axis [deg], LOW HIGH. Positive is clockwise as seen from behind."""
     yaw_deg: Range = (0.0, 360.0)
     """Viewing direction of the cameras [deg], LOW HIGH, counter-clockwise from east: 90 looks north."""
+    rover: Range = (0.0, 0.0)
+    """Chance with which the rover that carries the cameras is there, LOW HIGH, 0 to 1: its deck and solar panels, which
+    the cameras see where the mast turns far to the side or back, and its shadow. A drive has it in all views or in
+    none."""
+    rover_pan_deg: Range = (-170.0, 170.0)
+    """How far the mast is turned from where the rover heads [deg], LOW HIGH, positive to the left, where the rover is
+    there. The deck is in view beyond about 60."""
 
     def __post_init__(self) -> None:
         limits = {"height": (0.2, 10.0), "pitch_deg": (-90.0, 90.0), "roll_deg": (-180.0, 180.0)}
-        limits["yaw_deg"] = (-360.0, 360.0)
+        limits |= {"yaw_deg": (-360.0, 360.0), "rover": (0.0, 1.0), "rover_pan_deg": (-360.0, 360.0)}
         check_ranges(self, limits)
+        if self.rover[1] > 0 and not ROVER_HEIGHT[0] <= self.height[0] <= self.height[1] <= ROVER_HEIGHT[1]:
+            low, high = ROVER_HEIGHT
+            raise ValueError(
+                f"height must lie within {low:g} and {high:g} m where rover is above 0, since the mast is 1.2 m high, "
+                f"got {self.height[0]} {self.height[1]}"
+            )
 
 
 def pose_on_ground(

@@ -8,7 +8,8 @@ import numpy as np
 
 from marssim.base.camera import StereoRig
 
-SKY = -1  # id of the sky in maps of surfaces
+ROVER = -2  # id of the rover that carries the cameras in maps of surfaces
+SKY = -1  # id of the sky
 GROUND = 0  # id of the ground; body n of Scene.bodies (rocks, slabs, ledges, fragments) has the id n + 1
 
 
@@ -25,7 +26,7 @@ class StereoFrame:
         disparity: (H, W) float32 [px], x_left - x_right as the images show it; 0 in the sky. It is f B / depth where
             `right_rotation` is the identity.
         normal: (H, W, 3) float32 unit normals that face the camera; 0 in the sky.
-        surface: (H, W) int32 id of the surface: SKY, GROUND, or n + 1 for body n of Scene.bodies.
+        surface: (H, W) int32 id of the surface: SKY, GROUND, ROVER, or n + 1 for body n of Scene.bodies.
         occluded: (H, W) bool, true where the right eye does not see the point.
         rig: The cameras.
         pose: (4, 4) left camera to world.

@@ -14,13 +14,14 @@ import numpy as np
 
 from marssim.base.camera import MAX_DEPTH, MIN_DEPTH, StereoRig
 from marssim.base.dataset.encoding import decode_depth, decode_normal, encode_depth, encode_normal
-from marssim.base.dataset.frame import SKY, StereoFrame
+from marssim.base.dataset.frame import ROVER, SKY, StereoFrame
 from marssim.base.files.atomic import naming
 from marssim.base.files.json_file import DatasetError, json_text, read_json
 from marssim.base.files.png import decode_png, encode_png
 from marssim.base.right_image import image_disparity, recorded_rotation
 
 IMAGES = ("left.png", "right.png", "depth.png", "normal.png", "surface.png", "occluded.png")
+ROVER_CODE = 65_535  # value of surface.png on the rover that carries the cameras
 # The fastest compression of each image at about the smallest size. Noisy images have no repeats to search for. Maps
 # have, and so have normals, which are constant on facets, as long as no filter changes them.
 _PLAIN = [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE]
@@ -46,8 +47,9 @@ class StereoSample:
         normal: (H, W, 3) float32 unit normals that face the camera; 0 in the sky.
         valid: (H, W) bool, true where the depth is 0.5 m to 15 m.
         occluded: (H, W) bool, true where the right eye does not see the point.
-        rock: (H, W) int32, the number from 1 of the rock, slab, block of a ledge or fragment; 0 elsewhere. Where the
-            numbers of each kind begin and end is in meta["surface_ids"].
+        rock: (H, W) int32, the number from 1 of the rock, slab, block of a ledge or fragment; 0 elsewhere, and -1
+            where the rover that carries the cameras is in view. Where the numbers of each kind begin and end is in
+            meta["surface_ids"].
         rig: The cameras.
         meta: The content of sample.json.
     """
@@ -83,7 +85,7 @@ def write_sample(folder: Path, frame: StereoFrame, meta: dict[str, Any]) -> None
         "right.png": frame.right[..., ::-1],
         "depth.png": encode_depth(frame.depth),
         "normal.png": encode_normal(frame.normal)[..., ::-1],
-        "surface.png": (frame.surface + 1).astype(np.uint16),
+        "surface.png": np.where(frame.surface == ROVER, ROVER_CODE, frame.surface + 1).astype(np.uint16),
         "occluded.png": frame.occluded.astype(np.uint8) * 255,
     }
     partial = folder.with_name(f".{folder.name}.{uuid4().hex}.partial")
@@ -133,6 +135,7 @@ def read_sample(folder: Path) -> StereoSample:
         raise DatasetError(f"{folder / 'sample.json'}: {error}") from None
     size = (rig.camera.height, rig.camera.width)
     surface = _read_image(folder / "surface.png", size, np.uint16).astype(np.int32) - 1
+    surface[surface == ROVER_CODE - 1] = ROVER
     depth = decode_depth(_read_image(folder / "depth.png", size, np.uint16))
     depth[surface == SKY] = np.inf
     return StereoSample(
@@ -143,7 +146,7 @@ def read_sample(folder: Path) -> StereoSample:
         normal=decode_normal(_read_image(folder / "normal.png", (*size, 3), np.uint16)[..., ::-1]),
         valid=(depth >= MIN_DEPTH) & (depth <= MAX_DEPTH),
         occluded=_read_image(folder / "occluded.png", size, np.uint8) > 0,
-        rock=np.maximum(surface, 0),
+        rock=np.where(surface == ROVER, -1, np.maximum(surface, 0)),
         rig=rig,
         meta=meta,
     )

@@ -40,10 +40,10 @@ class Hits(NamedTuple):
         depth: (N,) float32 [m], inf in the sky.
         normal: (N, 3) float32, camera frame.
         shading_normal: (N, 3) float32, world frame.
-        surface: (N,) int32, SKY, GROUND or rock n + 1.
+        surface: (N,) int32, SKY, GROUND, ROVER or rock n + 1.
         detail: (N, 4) float32. Of ground: number of the stone that is hit, -1 for none; height of the fine relief [m];
             share of bare bedrock; share of sunlight that stones and fine relief let through. Of bodies: -1; stain, as
-            logarithm of brightness; 0; 1.
+            logarithm of brightness; 0; 1. Of the rover: albedo, red, green and blue; 1.
     """
 
     depth: np.ndarray
@@ -62,7 +62,7 @@ class GBuffer:
         normal: (H, W, 3) float32 unit normal of the visible surface, camera frame, facing the camera; 0 in the sky.
         shading_normal: (H, W, 3) float32 normal interpolated over the mesh, world frame, for shading only; 0 in the
             sky.
-        surface: (H, W) int32 id: SKY, GROUND or rock n + 1.
+        surface: (H, W) int32 id: SKY, GROUND, ROVER or rock n + 1.
         detail: (H, W, 4) float32, see Hits.
     """
 

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from marssim.base.compute.compiled import compiled, inlined, read_only
-from marssim.base.dataset.frame import GROUND
+from marssim.base.dataset.frame import GROUND, ROVER
 from marssim.render.geometry.gbuffer import Footprint
 from marssim.render.relief.ground import ground_relief
 from marssim.render.relief.height import cover_at, footprint_at
@@ -66,7 +66,7 @@ class Shader:
         Args:
             points: (N, 3) points, world frame [m]; (M, 3) if `at` is given.
             normals: (N, 3) shading normals, world frame.
-            surface: (N,) surface ids: GROUND or rock n + 1.
+            surface: (N,) surface ids: GROUND, ROVER or rock n + 1.
             detail: (N, 4) float32 details of the ground, see gbuffer.Hits.
             eye: (3,) position of the camera, world frame [m].
             lit: (N,) share of the sun that hills and rocks leave free, 0 to 1.
@@ -130,6 +130,9 @@ def _surface(
             )  # fmt: skip
             nx, ny, nz = mx, my, mz
             open_sun = detail[m, 3]
+        elif surface[m] == ROVER:
+            red, green, blue = float(detail[m, 0]), float(detail[m, 1]), float(detail[m, 2])
+            nx, ny, nz = mx, my, mz
         else:
             red, green, blue = rock_at(detail[m, 1], mz, contrast, of_surface[surface[m]])
             nx, ny, nz = mx, my, mz

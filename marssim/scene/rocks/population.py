@@ -13,7 +13,8 @@ from marssim.scene.rocks.shape_library import VARIANTS
 from marssim.scene.rocks.shapes import FAMILIES, LEVELS
 
 CAMERA_EXTENT = 0.4  # largest |x| and |y| of a camera, in half sides of the fine square
-MAX_BODIES = 65_534  # most bodies that the 16 bits of a dataset's surface.png can number, besides sky and ground
+# most bodies that the 16 bits of a dataset's surface.png can number, besides the sky, the ground and the rover
+MAX_BODIES = 65_533
 MAX_ROCKS = 50_000  # most of these that are rocks; the others are bedrock and fragments
 SAFETY_SPREADS = 6.0  # standard deviations by which the expected number of rocks stays below MAX_ROCKS
 LEAST_DISTANCE = 1.6  # [m] distance at which a camera is assumed to see the rocks around it

@@ -116,6 +116,17 @@ def test_kinds_partition_the_scored_pixels():
     assert kinds["texture_poor"][20, 50] and not kinds["texture_poor"][20, 20]
 
 
+def test_the_rover_itself_is_neither_rock_nor_ground():
+    sample = make_sample()
+    rover = np.zeros((H, W), bool)
+    rover[:10] = True
+    kinds, before = (pixel_kinds(each) for each in (replace(sample, rock=np.where(rover, -1, sample.rock)), sample))
+    for name in kinds:
+        expected = before[name] & ~rover if name in ("rock", "ground") else before[name]
+        assert np.array_equal(kinds[name], expected)
+    assert (before["ground"] & rover).any()
+
+
 def test_intervals_cover_every_scored_pixel_once():
     sample = make_sample()
     result = score(scaled(sample, 1.1), sample)

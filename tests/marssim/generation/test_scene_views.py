@@ -8,12 +8,14 @@ import pytest
 
 from marssim.base.camera import NATECAM
 from marssim.base.dataset.sample import StereoSample
+from marssim.base.right_image import is_rotation
 from marssim.generate import GenerateConfig, generate_dataset
 from marssim.render.faults import RANDOM
 from marssim.render.sensor import FAULTS, SensorConfig
 from marssim.scene.look import Look
 from marssim.scene.presets import preset
 from marssim.scene.scene import SceneConfig, build_scene
+from marssim.scene.viewpoint import ViewConfig
 
 SMALL = preset("gale", size=12.0, horizon=16.0)
 
@@ -24,6 +26,15 @@ def pair(out: Path, scene: SceneConfig = SMALL, **changes) -> StereoSample:
         out=out, pairs=1, views_per_scene=1, renderer="scan", seed=4, rig=NATECAM.resized(48, 48), scenes=(scene,)
     )
     return generate_dataset(replace(asked, **changes))[0]
+
+
+def config(out: Path, views: int, **changes) -> GenerateConfig:
+    """Return a dataset of one scene."""
+    asked = GenerateConfig(
+        out=out, pairs=views, views_per_scene=views, renderer="scan", seed=4, rig=NATECAM.resized(48, 48),
+        scenes=(SMALL,),
+    )  # fmt: skip
+    return replace(asked, **changes)
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +79,32 @@ def test_a_drive_keeps_its_detectors_and_their_dust(tmp_path):
     first, second = generate_dataset(config)
     assert first.meta["sensor"] == second.meta["sensor"] and first.meta["sensor"]["dust"] == 0.3
     assert not np.array_equal(first.left, second.left)
+
+
+def test_the_rover_is_recorded_and_leaves_views_without_it_as_they_are(tmp_path):
+    view = ViewConfig(rover=(0.6, 0.6), rover_pan_deg=(110.0, 160.0), pitch_deg=(25.0, 35.0))
+    plain, some = (
+        generate_dataset(replace(config(tmp_path / name, 5), view=each))
+        for name, each in (("plain", replace(view, rover=(0.0, 0.0))), ("some", view))
+    )
+    present = ["rover" in sample.meta for sample in some]
+    assert 0 < sum(present) < 5 and not any("rover" in sample.meta for sample in plain)
+    for there, before, after in zip(present, plain, some, strict=True):
+        assert (before.meta["sha256"] == after.meta["sha256"]) != there
+        own = after.rock == -1
+        assert own.any() == there and (before.rock >= 0).all()
+        if there:
+            assert 110 <= after.meta["rover"]["pan_deg"] <= 160
+            assert np.array_equal(after.depth[~own], before.depth[~own])
+            assert (after.depth[own] < before.depth[own]).all() and after.depth[own].min() > 0.3
+            assert is_rotation(np.array(after.meta["rover"]["pose"])[:3, :3])
+
+
+def test_a_drive_has_the_rover_in_all_views_or_none(tmp_path):
+    for seed in range(3):
+        asked = config(tmp_path / str(seed), 2, trajectory=True, seed=seed, view=ViewConfig(rover=(0.5, 0.5)))
+        pans = [sample.meta.get("rover", {}).get("pan_deg") for sample in generate_dataset(asked)]
+        assert len(set(pans)) == 1
 
 
 def test_a_heightmap_is_recorded_with_its_place_and_datum(sample, tmp_path):

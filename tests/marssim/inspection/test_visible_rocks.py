@@ -46,6 +46,19 @@ def test_level_ground_has_its_area():
     assert area == pytest.approx(inside.sum() * 0.02**2, rel=0.01)
 
 
+def test_ground_behind_the_rover_itself_does_not_count():
+    pose = look_pose(np.array([0.0, 0.0, 1.2]), 0.0, np.deg2rad(25))
+    slope = RIG.camera.rays() @ -pose[2, :3]
+    depth = np.where(slope > 1e-3, 1.2 / np.where(slope > 0, slope, 1), np.inf).astype(np.float32)
+    normal = np.broadcast_to((pose[:3, :3].T @ [0, 0, 1.0]).astype(np.float32), (*depth.shape, 3))
+    rover = np.zeros(depth.shape, np.int32)
+    rover[:, :128] = -1
+    nearer = np.where(rover < 0, np.float32(0.7), depth)
+    _, _, whole = visible_rocks(rendered(depth, normal, np.zeros(depth.shape, np.int32), pose), 5.0)
+    number, _, half = visible_rocks(rendered(nearer, normal, rover, pose), 5.0)
+    assert len(number) == 0 and half == pytest.approx(whole / 2, rel=1e-3)
+
+
 def test_rocks_are_about_as_wide_as_their_outlines_from_above():
     """Each rock's width from the side is compared with its diameter, which is that of its outline from above."""
     place = SceneConfig(size=16.0, horizon=24.0, rocks=RockConfig(k=0.1), outcrop=OutcropConfig(fragments=(0, 0)))

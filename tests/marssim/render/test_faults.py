@@ -1,7 +1,10 @@
+from dataclasses import replace
+
 import pytest
 
-from marssim.render.faults import FAULT_SETS, fault_set
+from marssim.render.faults import FAULT_SETS, fault_set, fault_view
 from marssim.render.sensor import ALWAYS, FAULTS, SensorConfig
+from marssim.scene.viewpoint import ViewConfig
 
 
 def test_a_set_without_faults_is_the_default_and_others_change_the_faults_alone():
@@ -9,6 +12,11 @@ def test_a_set_without_faults_is_the_default_and_others_change_the_faults_alone(
     for name in FAULT_SETS:
         assert all(getattr(fault_set(name), value) == getattr(SensorConfig(), value) for value in ALWAYS)
     assert all(getattr(fault_set("random"), value) != getattr(SensorConfig(), value) for value in FAULTS)
+
+
+def test_training_draws_the_rover_too():
+    assert [fault_view(name).rover[1] > 0 for name in FAULT_SETS] == [name == "random" for name in FAULT_SETS]
+    assert replace(fault_view("random"), rover=(0.0, 0.0)) == fault_view("none") == ViewConfig()
 
 
 def test_an_unknown_set_is_named():

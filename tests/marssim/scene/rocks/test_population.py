@@ -1,12 +1,14 @@
 import numpy as np
 import pytest
 
+from marssim.base.dataset.sample import ROVER_CODE
 from marssim.scene.rocks.population import MAX_BODIES, MAX_ROCKS, RockConfig, draw_population
 
 
 def test_more_rocks_than_a_dataset_can_number_are_refused():
     """Body n is n + 2 in the 16 bits of surface.png."""
-    assert np.uint16(MAX_BODIES - 1 + 2) == MAX_BODIES + 1 and np.iinfo(np.uint16).max < MAX_BODIES + 2
+    greatest = MAX_BODIES + 1  # in surface.png, where 0 is the sky and 1 the ground
+    assert greatest < ROVER_CODE == np.iinfo(np.uint16).max
     assert MAX_ROCKS < MAX_BODIES
     for seed in range(3):  # every scene is refused, not only those that happen to draw too many
         with pytest.raises(ValueError, match=rf"can hold {MAX_ROCKS} rocks, but \d+ may .*`rocks\.k` or `size`"):
