@@ -7,8 +7,9 @@ The command traces rays straight down onto scenes, on a grid of --cell, and coun
 has the diameter D of a disc with its visible area. F_k(D) is the area of all rocks of D and more over the area of the
 ground. It does not use the list of rocks of a scene, so that burial, overlap and relief act as in a picture from orbit.
 Scenes make up for burial: each rock is widened until the part above ground has the outline of the diameter that was
-drawn for it. A rock counts with its whole area if the middle of its visible part lies in the finely gridded square, a
-margin inside its border, so that the border cuts none.
+drawn for it. The sand of `look.drifts` is left out: seen from above, it hides about a thirtieth of the rocks' area in
+jezero at 0.6, and a seventeenth at 1. A rock counts with its whole area if the middle of its visible part lies in the
+finely gridded square, a margin inside its border, so that the border cuts none.
 
 The number of rocks is random. "spread" is the standard deviation of the share of the ground that follows, and "allowed"
 is 10 % of the share or three times the spread, whichever is larger. Where only few rocks are expected, a single rock

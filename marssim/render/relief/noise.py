@@ -17,6 +17,7 @@ from marssim.render.relief.bilinear import bilinear_weights
 
 TILE = 512  # texels on a side of the periodic tile
 TEXELS = 8.0  # texels per wavelength in the tile
+WIDTH = 0.65  # [octaves] standard deviation of the band of wavelengths; in a narrower one, noise looks like scales
 STEP = 1 / 4096  # step of the coded noise, in standard deviations
 
 
@@ -53,7 +54,7 @@ def noise_tile(seed: int, slopes: bool = True) -> np.ndarray:
     k = np.hypot(down, across) * np.float32(TEXELS)
     octaves = np.log2(np.maximum(k, np.float32(1e-9)))
     noise = rng.standard_normal((TILE, TILE)).astype(np.float32)
-    spectrum = scipy.fft.rfft2(noise) * (np.exp(-0.5 * (octaves / np.float32(0.42)) ** 2) / (k + np.float32(1e-9)))
+    spectrum = scipy.fft.rfft2(noise) * (np.exp(-0.5 * (octaves / np.float32(WIDTH)) ** 2) / (k + np.float32(1e-9)))
     spectrum[0, 0] = 0
     # the slopes are scaled to unit variance later, so the constant in their factor 2 pi i k does not matter
     parts = (spectrum, 1j * spectrum * across, 1j * spectrum * down) if slopes else (spectrum,)

@@ -17,7 +17,7 @@ from marssim.scene.scene import Scene
 
 DIRECTIONS = 16  # directions in which outlines are measured
 SMALLEST = 0.07  # [m] diameter of the smallest bodies with mounds
-MOUND = (0.04, 0.5)  # greatest height of a mound over that of its rock, at an amount of 1
+MOUND = (0.03, 0.35)  # greatest height of a mound over that of its rock, at an amount of 1
 SLAB_MOUND = (0.1, 1.1)  # the same of slabs and ledges, which are lower
 BARE_SHARE = 0.12  # share of the bodies without a mound, as those that lie on the ground
 HIGHEST = 0.1  # [m] height of the highest mounds
@@ -26,7 +26,7 @@ NARROWEST = 0.045  # [m] width of the narrowest mounds
 LEE = (-0.5, 0.9)  # how much higher a mound is in the lee than at the sides
 UNEVEN = 0.35  # how much the height of a mound changes along the outline
 LAPPED = 0.12  # [m] how far the sand laps over a slab's top
-UNDER, OVER = 1.25, 1.0  # how much higher sand is under a rock and on a slab, as the root of it
+UNDER, OVER = 1.05, 1.0  # how much higher sand is under a rock and on a slab, as the root of it
 TAIL_FROM = 0.12  # [m] height of the lowest rocks with tails
 TAILED, TAIL = 0.7, (0.15, 0.45)  # share of these with a tail; its height over that of the rock, at an amount of 1
 TAIL_LENGTH = (2.0, 4.5)  # length of tails, in diameters
