@@ -53,7 +53,7 @@ class LookConfig:
     it."""
     gravel_size: Range = (0.012, 0.04)
     """Commonest diameter of the stones in gravel [m], LOW HIGH."""
-    gravel_sorting: Range = (0.2, 0.9)
+    gravel_sorting: Range = (0.0, 0.7)
     """How alike the stones of gravel are, LOW HIGH: 0 mixes all sizes, 1 has hardly any but the commonest."""
     drifts: Range = (0.3, 0.9)
     """How much sand lies against rocks and slabs, LOW HIGH: 0 has none, 1 the most. Mounds at their feet are up to 10

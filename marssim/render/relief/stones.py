@@ -25,7 +25,7 @@ SHAPES, PLANES = 64, 6  # shapes of stones, and planes that each may be cut by
 NARROW = (0.62, 1.0)  # short over long axis
 TALL = (0.3, 0.62)  # vertical over mean horizontal axis
 SAND_STONES = 0.9  # share of the stones that sand buries
-SUNK = (0.05, 0.55)  # depth of the middle below the ground, in vertical semi-axes
+SUNK = (0.05, 0.8)  # depth of the middle below the ground, in vertical semi-axes
 FIELDS = 13
 X, Y, AX, AY, BX, BY, RISE, MIDDLE, REACH, SIZE, RANK, TONE, SHAPE = range(FIELDS)
 SIDE, TOP, EAST, NORTH, BARE, GRAVEL, PER_SIDE = range(7)  # columns of Stones.octave
@@ -106,8 +106,8 @@ def _planes(rng: np.random.Generator) -> np.ndarray:
     normal = rng.normal(size=(SHAPES, PLANES, 3)) * (1, 1, 0.8)
     normal[..., 2] = np.abs(normal[..., 2]) + 0.1
     normal /= np.linalg.norm(normal, axis=2, keepdims=True)
-    broken = rng.uniform(0, 1, (SHAPES, 1)) ** 0.7
-    offset = np.where(rng.uniform(0, 1, (SHAPES, PLANES)) < broken, rng.uniform(0.6, 0.95, (SHAPES, PLANES)), 2.0)
+    broken = rng.uniform(0, 1, (SHAPES, 1)) ** 0.45
+    offset = np.where(rng.uniform(0, 1, (SHAPES, PLANES)) < broken, rng.uniform(0.5, 0.92, (SHAPES, PLANES)), 2.0)
     return np.concatenate([normal, offset[..., None]], axis=2).astype(np.float32)
 
 
