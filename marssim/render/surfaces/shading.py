@@ -113,7 +113,7 @@ def _surface(
     for k in range(len(points)):
         m = at[k]
         x, y, z = points[k, 0], points[k, 1], points[k, 2]
-        mx, my, mz = float(normals[m, 0]), float(normals[m, 1]), float(normals[m, 2])
+        nx, ny, nz = float(normals[m, 0]), float(normals[m, 1]), float(normals[m, 2])
         vx, vy, vz = eye[0] - x, eye[1] - y, eye[2] - z
         distance = math.sqrt(vx * vx + vy * vy + vz * vz)
         near = 1 / distance
@@ -128,19 +128,16 @@ def _surface(
                 east, north, footprint, detail[m, 0], detail[m, 1], detail[m, 2], (sand, gravel), mix, stains, tones,
                 plates, placed,
             )  # fmt: skip
-            nx, ny, nz = mx, my, mz
             open_sun = detail[m, 3]
         elif surface[m] == ROVER:
             red, green, blue = float(detail[m, 0]), float(detail[m, 1]), float(detail[m, 2])
-            nx, ny, nz = mx, my, mz
         else:
-            red, green, blue = rock_at(detail[m, 1], mz, contrast, of_surface[surface[m]])
-            nx, ny, nz = mx, my, mz
+            red, green, blue = rock_at(detail[m, 1], nz, contrast, of_surface[surface[m]])
         unit = 1 / math.sqrt(max(nx * nx + ny * ny + nz * nz, 1e-12))
         nx, ny, nz = nx * unit, ny * unit, nz * unit
         cos_in = max(nx * sx + ny * sy + nz * sz, 0.0)
         if surface[m] != GROUND:
-            cos_in *= min(max((mx * sx + my * sy + mz * sz) * DUSK, 0.0), 1.0)
+            cos_in *= min(cos_in * DUSK, 1.0)
         direct = _reflected(cos_in, max(nx * vx + ny * vy + nz * vz, LEAST_OUT), vx * sx + vy * sy + vz * sz)
         direct *= lit[m] * open_sun
         open_sky = (0.5 + 0.5 * nz) * (1 - hidden)
