@@ -10,7 +10,6 @@ from marssim.base.dataset.frame import GROUND, SKY
 from marssim.base.pose import look_pose, rotate
 from marssim.physics.body import Part
 from marssim.physics.state import RoverState
-from marssim.render.antialias import SUBPIXELS
 from marssim.render.geometry.gbuffer import Footprint
 from marssim.render.geometry.mesh import Mesh
 from marssim.render.renderers.embree_renderer import EmbreeRenderer, MeshTracer
@@ -20,6 +19,7 @@ from marssim.scene.scene import Scene
 
 WIDTH, HEIGHT = 800, 400  # [px] of the picture
 BEHIND, ABOVE, ASIDE = 4.2, 2.3, 1.6  # [m] from the rover to the chase camera
+SUBPIXELS = ((-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375))  # [px] rays of a pixel on an edge
 # the detector of the chase camera: no blur, no noise
 SENSOR = Sensor(exposure=0.5, psf=0.0, full_well=1e6, read_noise=0.0, vignetting=0.0, gain_difference=0.0)
 

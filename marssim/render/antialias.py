@@ -1,7 +1,7 @@
 """Anti-aliasing: finds the pixels on edges and gives them the mean colour of four rays.
 
-Only pixels at a change of surface, depth or light get four rays. Most of these rays hit what a neighbouring pixel shows
-and take its colour.
+Only pixels at a change of surface, depth or light get three rays beside that through their centre. Most of these rays
+hit what a neighbouring pixel shows and take its colour.
 """
 
 from __future__ import annotations
@@ -9,25 +9,25 @@ from __future__ import annotations
 import numpy as np
 
 from marssim.base.camera import PinholeCamera
-from marssim.base.compute.compiled import compiled
+from marssim.base.compute.compiled import compiled, read_only
 from marssim.base.dataset.frame import GROUND, SKY
 from marssim.render.geometry.gbuffer import GBuffer, Hits
 
 SAME_DEPTH = 0.02  # relative difference of depth up to which two samples of a surface count as one place
-SUBPIXELS = ((-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375))  # [px] rotated grid
-# least change of 1 / Z within 3 x 3 pixels that is an edge: STEP_SHARE of 1 / Z plus STEP_LEAST [1/m]
+SUBPIXELS = ((0.0, -0.375), (-0.33, 0.19), (0.33, 0.19))  # [px] offsets x, y of a pixel's further rays
+RAYS = len(SUBPIXELS)
+# least change of 1 / Z to the next pixel that is an edge: STEP_SHARE of 1 / Z plus STEP_LEAST [1/m]
 STEP_SHARE, STEP_LEAST = 0.06, 1e-3
-CONTRAST = 0.04  # least contrast of an edge amid ground: half the relative change of brightness
-AHEAD = 0.99  # depth at which rays beside a pixel begin, over the least depth around it
+CONTRAST = 0.04  # least contrast of an edge: half the relative change of brightness
+AHEAD = 0.99  # depth before which rays beside a pixel meet no ground, over the least depth around it
 BEND_SHARE = 0.1  # the same for the second difference of 1 / Z along a row or column, on ground
 
 
-def edge_pixels(view: GBuffer, lit: np.ndarray, colour: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pixels beside a change of surface or stone, a depth edge or the sharp border of a shadow.
+def edge_pixels(view: GBuffer, lit: np.ndarray, colour: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+    """Return the pixels where brightness changes at a change of surface or stone, a depth edge or a sharp shadow.
 
     The border of a shadow is sharp where a pixel that sees the whole sun is beside one that sees nothing of it.
     A depth edge is a jump of 1 / Z. On ground it is a jump of the second difference of 1 / Z, which is 0 on any plane.
-    Amid ground, only a change of brightness is an edge.
 
     Args:
         view: G-buffer of the camera.
@@ -35,37 +35,38 @@ def edge_pixels(view: GBuffer, lit: np.ndarray, colour: np.ndarray) -> tuple[np.
         colour: (H * W, 3) colours of the view.
 
     Returns:
-        (E,) int32 indices of pixels, counted row by row, those amid ground first; and (E,) float64 depths before which
-        rays through these meet nothing [m], 0 for all others.
+        (E,) int32 indices of pixels, counted row by row, those amid ground first; (E,) float64 depths before which
+        rays through these meet no ground [m], 0 beside the sky, where that is not known; and the number of pixels amid
+        ground.
     """
     pixels = _edge_pixels(view.depth, view.surface, view.detail, lit, colour)
-    begin = _ground_begins(pixels, view.depth, view.surface)
-    order = np.argsort(begin == 0, kind="stable")
-    return pixels[order], begin[order]
+    begin, amid = _begins(pixels, view.depth, view.surface)
+    order = np.argsort(~amid, kind="stable")
+    return pixels[order], begin[order], int(amid.sum())
 
 
 def subpixel_rays(camera: PinholeCamera, pixels: np.ndarray) -> np.ndarray:
-    """Return the (4 E, 3) rays, z = 1, through the four sub-pixels of each of the pixels (E,), pixel by pixel."""
-    return _subpixel_rays(camera.rays().reshape(-1, 3), pixels, float(camera.fx), float(camera.fy))
+    """Return the three further rays of each of the pixels (E,), (3 E, 3) of z = 1, pixel by pixel."""
+    return _subpixel_rays(read_only(camera.rays().reshape(-1, 3)), pixels, float(camera.fx), float(camera.fy))
 
 
 def colours_beside(
     pixels: np.ndarray, hits: Hits, view: GBuffer, lit: np.ndarray, colour: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Interpolate the colours of sub-pixel rays from the pixels around them, where possible.
+    """Interpolate the colours of further rays from the pixels around them, where possible.
 
     It is possible if some of the 3 x 3 pixels show the same surface and stone at the same depth, and if light and
     shadow do not both fall on those without a soft border between them.
 
     Args:
         pixels: (E,) indices of `edge_pixels`.
-        hits: What the (4 E,) sub-pixel rays hit.
+        hits: What the (3 E,) further rays hit.
         view: G-buffer of the camera.
         lit: (H, W) float32 share of the sun that each pixel sees.
         colour: (H * W, 3) colours of the view.
 
     Returns:
-        (4 E, 3) float32 colours, and (4 E,) bool: the colour is known.
+        (3 E, 3) float32 colours, and (3 E,) bool: the colour is known.
     """
     return _colours_beside(
         pixels, hits.depth, hits.surface, hits.detail, view.depth, view.surface, view.detail, lit, colour
@@ -73,7 +74,7 @@ def colours_beside(
 
 
 def average(pixels: np.ndarray, samples: np.ndarray, colour: np.ndarray) -> None:
-    """Give the pixels (E,) of colour (H * W, 3) float32 the mean of their four samples (4 E, 3) float32, in place."""
+    """Give the pixels (E,) of colour (H * W, 3) the mean of theirs and of three samples (3 E, 3), in place."""
     _average(pixels, samples, colour)
 
 
@@ -83,40 +84,30 @@ def _edge_pixels(depth, surface, detail, lit, colour):
     out = np.empty(height * width, dtype=np.int32)
     count = 0
     bend, contrast = np.float32(BEND_SHARE), np.float32(CONTRAST)
-    share, least, one, none = np.float32(STEP_SHARE), np.float32(STEP_LEAST), np.float32(1), np.float32(0)
+    share, least, one = np.float32(STEP_SHARE), np.float32(STEP_LEAST), np.float32(1)
     for row in range(height):
         up, down = max(row - 1, 0), min(row + 1, height - 1)
         for column in range(width):
             left, right = max(column - 1, 0), min(column + 1, width - 1)
             inside = up < row < down and left < column < right
-            centre, light = surface[row, column], lit[row, column]
-            edge = surface[row, left] != centre or surface[row, right] != centre
-            edge = edge or surface[up, column] != centre or surface[down, column] != centre
-            if edge:
-                pass
-            elif centre == GROUND:
-                here = colour[row * width + column, 0]
-                stone, z = detail[row, column, 0], depth[row, column]
-                for j, i in ((row, left), (row, right), (up, column), (down, column)):
-                    there = colour[j * width + i, 0]
-                    if abs(here - there) > contrast * (here + there):
-                        # only where the brightness changes is it worth while to look for what changes
-                        edge = edge or abs(lit[j, i] - light) == one or detail[j, i, 0] != stone
-                        # On slanted ground 1 / Z changes fast but linearly; at a crest before other ground it jumps.
-                        opposite = depth[2 * row - j, 2 * column - i] if inside else z
-                        before = depth[j, i]
-                        step = (bend + least * z) * before * opposite
-                        edge = edge or abs(z * (before + opposite) - 2 * before * opposite) > step
-            else:
-                edge = abs(lit[row, left] - light) == one or abs(lit[row, right] - light) == one
-                edge = edge or abs(lit[up, column] - light) == one or abs(lit[down, column] - light) == one
-                inverse = none if centre == SKY else one / depth[row, column]
-                low, high = inverse, inverse
-                for j in range(up, down + 1):
-                    for i in range(left, right + 1):
-                        other = none if surface[j, i] == SKY else one / depth[j, i]
-                        low, high = min(low, other), max(high, other)
-                edge = edge or high - low > share * inverse + least
+            centre, z, here = surface[row, column], depth[row, column], colour[row * width + column, 0]
+            edge = False
+            for j, i in ((row, left), (row, right), (up, column), (down, column)):
+                there = colour[j * width + i, 0]
+                if edge or not abs(here - there) > contrast * (here + there):
+                    continue
+                # only where the brightness changes is it worth while to look for what changes
+                edge = surface[j, i] != centre or abs(lit[j, i] - lit[row, column]) == one
+                if edge or centre == SKY:
+                    continue
+                near, before = one / z, one / depth[j, i]
+                if centre == GROUND:
+                    # On slanted ground 1 / Z changes fast but linearly; at a crest before other ground it jumps.
+                    opposite = one / depth[2 * row - j, 2 * column - i] if inside else near
+                    edge = detail[j, i, 0] != detail[row, column, 0]
+                    edge = edge or abs(before + opposite - 2 * near) > bend * near + least
+                else:
+                    edge = abs(before - near) > share * near + least
             if edge:
                 out[count] = row * width + column
                 count += 1
@@ -125,27 +116,29 @@ def _edge_pixels(depth, surface, detail, lit, colour):
 
 @compiled
 def _subpixel_rays(rays, pixels, fx, fy):
-    out = np.ones((4 * len(pixels), 3))
+    out = np.ones((RAYS * len(pixels), 3))
     for p in range(len(pixels)):
         u, v = rays[pixels[p], 0], rays[pixels[p], 1]
-        for k in range(4):
+        for k in range(RAYS):
             du, dv = SUBPIXELS[k]
-            out[4 * p + k, 0], out[4 * p + k, 1] = u + du / fx, v + dv / fy
+            out[RAYS * p + k, 0], out[RAYS * p + k, 1] = u + du / fx, v + dv / fy
     return out
 
 
 @compiled
-def _ground_begins(pixels, depth, surface):
+def _begins(pixels, depth, surface):
+    """Return the depths before which rays through pixels (E,) meet no ground, 0 beside the sky, and who is amid it."""
     height, width = depth.shape
-    out = np.zeros(len(pixels))
+    out, amid = np.zeros(len(pixels)), np.zeros(len(pixels), dtype=np.bool_)
     for p in range(len(pixels)):
         row, column = pixels[p] // width, pixels[p] % width
-        nearest = np.inf
+        nearest, alone = np.inf, True
         for j in range(max(row - 1, 0), min(row + 2, height)):
             for i in range(max(column - 1, 0), min(column + 2, width)):
-                nearest = min(nearest, float(depth[j, i]) if surface[j, i] == GROUND else 0.0)
-        out[p] = AHEAD * nearest
-    return out
+                nearest = min(nearest, 0.0 if surface[j, i] == SKY else float(depth[j, i]))
+                alone = alone and surface[j, i] == GROUND
+        out[p], amid[p] = AHEAD * nearest, alone
+    return out, amid
 
 
 @compiled
@@ -157,8 +150,8 @@ def _colours_beside(pixels, depth, surface, detail, pixel_depth, pixel_surface, 
         row, column = pixels[p] // width, pixels[p] % width
         up, down = max(row - 1, 0), min(row + 1, height - 1)
         left, right = max(column - 1, 0), min(column + 1, width - 1)
-        for k in range(4 * p, 4 * p + 4):
-            du, dv = SUBPIXELS[k - 4 * p]
+        for k in range(RAYS * p, RAYS * p + RAYS):
+            du, dv = SUBPIXELS[k - RAYS * p]
             centre, z = surface[k], depth[k]
             near = SAME_DEPTH * z
             total, dark, bright, soft = 0.0, False, False, False
@@ -189,5 +182,7 @@ def _colours_beside(pixels, depth, surface, detail, pixel_depth, pixel_surface, 
 def _average(pixels, samples, colour):
     for p in range(len(pixels)):
         for c in range(3):
-            total = samples[4 * p, c] + samples[4 * p + 1, c] + samples[4 * p + 2, c] + samples[4 * p + 3, c]
-            colour[pixels[p], c] = total * np.float32(0.25)
+            total = colour[pixels[p], c]
+            for k in range(RAYS * p, RAYS * p + RAYS):
+                total += samples[k, c]
+            colour[pixels[p], c] = total * np.float32(1 / (1 + RAYS))

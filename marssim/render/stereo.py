@@ -11,7 +11,7 @@ from marssim.base.compute.compiled import compiled, read_only
 from marssim.base.dataset.frame import GROUND, SKY, StereoFrame
 from marssim.base.pose import rotate
 from marssim.base.right_image import IDEAL, image_disparity, outside_right
-from marssim.render.antialias import average, colours_beside, edge_pixels, subpixel_rays
+from marssim.render.antialias import RAYS, average, colours_beside, edge_pixels, subpixel_rays
 from marssim.render.geometry.gbuffer import Footprint, GBuffer, Hits
 from marssim.render.own_rover.body import RoverBody
 from marssim.render.own_rover.renderer import WithRover
@@ -137,26 +137,27 @@ def radiance(
     _soften(renderer, every, soft, share)
     _shade(shader, footprint, pose, rays, view.pixels, none, every, share, colour)
     lit = share.reshape(shape)
-    pixels, begin = edge_pixels(view, lit, colour)
+    pixels, begin, amid = edge_pixels(view, lit, colour)
     if len(pixels):
         rays = subpixel_rays(camera, pixels)
-        hits = _traced(renderer, rays, pose, begin, footprint)
+        hits = _traced(renderer, rays, pose, np.repeat(begin, RAYS), RAYS * amid, footprint)
         samples, known = colours_beside(pixels, hits, view, lit, colour)
         _find_sunlight(renderer, rays, pose, footprint, hits, known)
         rest = _surface_points(rays, hits, pose, known)
         share = np.zeros(len(rays), dtype=np.float32)
         share[rest.at] = renderer.lit(rest.points, rest.normals)
-        _soften(renderer, rest, np.repeat(soft[pixels], 4), share)
+        _soften(renderer, rest, np.repeat(soft[pixels], RAYS), share)
         _shade(shader, footprint, pose, rays, hits, known, rest, share, samples)
         average(pixels, samples, colour)
     return colour.reshape(*shape, 3)
 
 
-def _traced(renderer: Renderer, rays: np.ndarray, pose: np.ndarray, begin: np.ndarray, footprint: Footprint) -> Hits:
-    """Return what sub-pixel rays (N, 3) hit; begin: of edge_pixels. Those amid ground come first."""
-    amid = 4 * int(np.searchsorted(begin == 0, True))
-    ground = renderer.trace_ground(rays[:amid], pose, np.repeat(begin[: amid // 4], 4), footprint, sunlit=False)
-    rest = renderer.trace(rays[amid:], pose, footprint, sunlit=False)
+def _traced(
+    renderer: Renderer, rays: np.ndarray, pose: np.ndarray, begin: np.ndarray, amid: int, footprint: Footprint
+) -> Hits:
+    """Return what rays (N, 3) hit that begin at depths (N,) of edge_pixels; the first `amid` are amid ground."""
+    ground = renderer.trace_ground(rays[:amid], pose, begin[:amid], footprint, sunlit=False)
+    rest = renderer.trace(rays[amid:], pose, footprint, sunlit=False, begin=begin[amid:])
     return Hits(*(np.concatenate(each) for each in zip(ground, rest)))
 
 

@@ -33,7 +33,16 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     as long as no source file of the package changes; where there is none, each process compiles again. A command
     says that it compiles (marssim.base.command.notes).
     """
-    kernel: Any = njit(error_model="numpy")(function)
+    return _kept(njit(error_model="numpy")(function), function)
+
+
+def compiled_in_place(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Decorator of a kernel that makes no arrays: as `compiled`, but without reference counts, which cost time."""
+    without_counts: Any = {"error_model": "numpy", "_nrt": False}
+    return _kept(njit(**without_counts)(function), function)
+
+
+def _kept(kernel: Any, function: Callable[..., Any]) -> Any:
     try:
         kernel._cache = _PackageCache(function)
     except RuntimeError:  # numba knows no folder that it may write
@@ -42,15 +51,18 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorator of a part of kernels. LLVM inlines it into each kernel that calls it; Python code cannot call it.
+    """Decorator of a part of kernels that makes no arrays. LLVM inlines it into each kernel that calls it.
 
-    numba's own `inline="always"` copies the part into each caller before types are inferred, which takes twice as long
-    to compile. The wrappers through which Python would call the part take time too. The plain function is `py_func`.
+    Python code cannot call it; the plain function is `py_func`. numba's own `inline="always"` copies the part into each
+    caller before types are inferred, which takes twice as long to compile. The wrappers through which Python would call
+    the part take time too.
     """
     if not isinstance(njit(function), CPUDispatcher):  # NUMBA_DISABLE_JIT: kernels run as plain Python
         return function
     options = {"nopython": True, "boundscheck": None, "error_model": "numpy", "forceinline": True}
-    return _Part(function, targetoptions={**options, "no_cpython_wrapper": True, "no_cfunc_wrapper": True})
+    return _Part(
+        function, targetoptions={**options, "no_cpython_wrapper": True, "no_cfunc_wrapper": True, "_nrt": False}
+    )
 
 
 class _Part(CPUDispatcher):

@@ -51,8 +51,11 @@ class SceneSurface:
             footprint: The camera that the relief is filtered for.
             sunlit: Find the share of sunlight that relief lets through; else it is 1.
         """
-        begin = depths_of_faces(self.cap, pose, rays, cap)
-        return self.hits_from(pose, rays, begin, body, footprint, sunlit)
+        return self.hits_from(pose, rays, self.begins(pose, rays, cap), body, footprint, sunlit)
+
+    def begins(self, pose: np.ndarray, rays: np.ndarray, cap: np.ndarray) -> np.ndarray:
+        """Return the depths (N,) [m] before which rays meet no ground, given the faces (N,) of the cap as in `hits`."""
+        return depths_of_faces(self.cap, pose, rays, cap)
 
     def hits_from(
         self, pose: np.ndarray, rays: np.ndarray, begin: np.ndarray, body: np.ndarray, footprint: Footprint,

@@ -68,16 +68,16 @@ class RayQueries:
         self._visibility = Visibility(scene_mesh(scene), scene.look.sun)
         self._open = True
 
-    def trace(self, rays: np.ndarray, pose: np.ndarray, footprint: Footprint, sunlit: bool = True) -> Hits:
+    def trace(
+        self, rays: np.ndarray, pose: np.ndarray, footprint: Footprint, sunlit: bool = True,
+        begin: np.ndarray | None = None,
+    ) -> Hits:  # fmt: skip
         """Return what rays (N, 3) of z = 1 hit; see `Renderer.trace`."""
         surface = self._open_surface()
-        view = Projection.of_eye(pose)
-        x, y = np.ascontiguousarray(rays[:, 0]), np.ascontiguousarray(rays[:, 1])
-        if len(rays) == 0:
-            cap = body = np.zeros(0, dtype=np.int32)
-        else:
-            cap, body = (nearest_faces(mesh, view, x, y) for mesh in (surface.cap, surface.bodies))
-        return surface.hits(pose, rays, cap, body, footprint, sunlit)
+        begin = np.zeros(len(rays)) if begin is None else begin.copy()
+        unknown = np.flatnonzero(begin == 0)
+        begin[unknown] = surface.begins(pose, rays[unknown], self._cap_faces(rays[unknown], pose))
+        return surface.hits_from(pose, rays, begin, self._body_faces(rays, pose), footprint, sunlit)
 
     def trace_ground(
         self, rays: np.ndarray, pose: np.ndarray, begin: np.ndarray, footprint: Footprint, sunlit: bool = True
@@ -105,10 +105,25 @@ class RayQueries:
         """Refuse all further queries; a second call does nothing."""
         self._open = False
 
+    def _cap_faces(self, rays: np.ndarray, pose: np.ndarray) -> np.ndarray:
+        """Return the faces (N,) int32 of the cap that each ray hits first, negative for none."""
+        return _first_faces(self._surface.cap, rays, pose)
+
+    def _body_faces(self, rays: np.ndarray, pose: np.ndarray) -> np.ndarray:
+        """Return the faces (N,) int32 of the bodies that each ray hits first, negative for none."""
+        return _first_faces(self._surface.bodies, rays, pose)
+
     def _open_surface(self) -> SceneSurface:
         if not self._open:
             raise RuntimeError(f"this {type(self).__name__} is closed")
         return self._surface
+
+
+def _first_faces(mesh: SceneMesh, rays: np.ndarray, pose: np.ndarray) -> np.ndarray:
+    if len(rays) == 0:
+        return np.zeros(0, dtype=np.int32)
+    x, y = np.ascontiguousarray(rays[:, 0]), np.ascontiguousarray(rays[:, 1])
+    return nearest_faces(mesh, Projection.of_eye(pose), x, y)
 
 
 @compiled

@@ -43,9 +43,12 @@ class WithRover:
         hits = self._laid_over(view.pixels, camera.rays().reshape(-1, 3), pose, face, float(camera.fx))
         return GBuffer.of_hits(hits, view.depth.shape)
 
-    def trace(self, rays: np.ndarray, pose: np.ndarray, footprint: Footprint, sunlit: bool = True) -> Hits:
+    def trace(
+        self, rays: np.ndarray, pose: np.ndarray, footprint: Footprint, sunlit: bool = True,
+        begin: np.ndarray | None = None,
+    ) -> Hits:  # fmt: skip
         """Return what rays (N, 3) of z = 1 hit; see `Renderer.trace`."""
-        hits = self._scene.trace(rays, pose, footprint, sunlit)
+        hits = self._scene.trace(rays, pose, footprint, sunlit, begin)
         if len(rays) == 0:
             return hits
         x, y = np.ascontiguousarray(rays[:, 0]), np.ascontiguousarray(rays[:, 1])

@@ -12,7 +12,8 @@ import math
 
 import numpy as np
 
-from marssim.base.compute.compiled import compiled, inlined
+from marssim.base.compute.compiled import compiled_in_place, inlined
+from marssim.render.relief.flat_stones import flat_stone
 from marssim.render.relief.height import around, footprint_at, height_at, near_height, shown_at
 from marssim.render.relief.stone_hits import most_stones, stone_hit, stone_side, tallest
 from marssim.render.relief.sunlight import sun_share
@@ -30,13 +31,13 @@ SKIM = 2e-5  # length of a step, over the ray's, after which a crossing with a s
 
 
 @inlined
-def first_crossing(data, relief, start, member, stone, planes, octave, steepest, eye, focal, origin, ray, begin, end):
+def first_crossing(data, relief, stones, steepest, eye, focal, origin, ray, begin, end):
     """Follow a ray from `begin` to its first crossing with the ground.
 
     Args:
         data: Of Ground.
         relief: Of Ground.
-        start, member, stone, planes, octave: Of Stones.
+        stones: Of Ground.
         steepest: Slope that the relief hardly exceeds.
         eye: Position of the left camera [m].
         focal: Its focal length [px].
@@ -50,7 +51,7 @@ def first_crossing(data, relief, start, member, stone, planes, octave, steepest,
         relief's height [m]; the share of bare bedrock; and the height over the ground between the stones [m], and the
         slopes of that ground.
     """
-    cover = relief.cover
+    cover, octave = relief.cover, stones.octave
     rx, ry, rz = ray
     across = math.sqrt(rx * rx + ry * ry)
     t = begin
@@ -72,7 +73,7 @@ def first_crossing(data, relief, start, member, stone, planes, octave, steepest,
         if t > end or abs(x) > far or abs(y) > far:
             break
         if gap <= NEAR * t:
-            return _on_ground(data, relief, eye, focal, origin, ray, t)
+            return _on_ground(data, relief, stones, eye, focal, origin, ray, t)
         closing = east * rx + north * ry - rz
         step = min(gap / closing, wave) if closing > 0 else wave
         step = max(step, gap / max(level_e * rx + level_n * ry + across * steep - rz, 0.02))
@@ -82,6 +83,8 @@ def first_crossing(data, relief, start, member, stone, planes, octave, steepest,
             x0, y0 = x2, y2
             footprint = footprint_at(eye, focal, x2, y2, z2)
             model = around(data, relief, np.float32(x2), np.float32(y2), footprint)
+            open_ground, packed = most_stones(data, cover, x2, y2)
+            highest = tallest(octave, open_ground, packed, footprint)
         height, east2, north2, level_e, level_n = near_height(data, model, np.float32(x2 - x0), np.float32(y2 - y0))
         gap2 = z2 - height
         if gap2 < -NEAR * t2:
@@ -102,13 +105,13 @@ def first_crossing(data, relief, start, member, stone, planes, octave, steepest,
         if highest > 0 and (length * across > piece or gap2 <= NEAR * t2 or t2 > end):
             if length > 0 and min(high_begun, gap2) < highest:
                 where, who, by, lift, sx, sy = stone_hit(
-                    data, cover, start, member, stone, planes, octave, eye, focal, footprint, open_ground, packed,
+                    data, cover, stones, eye, focal, footprint, open_ground, packed,
                     origin[0] + begun * rx, origin[1] + begun * ry, origin[2] + begun * rz, high_begun,
                     rx, ry, (gap2 - high_begun) / length, length,
                 )  # fmt: skip
                 if who >= 0:
                     crossing = _on_stone(
-                        data, relief, stone, planes, eye, focal, origin, ray, begun + where, end, who, by, lift, sx, sy
+                        data, relief, stones, eye, focal, origin, ray, begun + where, end, who, by, lift, sx, sy
                     )
                     if crossing[2] >= 0:
                         return crossing
@@ -119,25 +122,26 @@ def first_crossing(data, relief, start, member, stone, planes, octave, steepest,
 
 
 @inlined
-def _on_ground(data, relief, eye, focal, origin, ray, t):
+def _on_ground(data, relief, stones, eye, focal, origin, ray, t):
     """Return the crossing of a ray with the ground, of which t is nearly the length, as first_crossing does."""
     rx, ry, rz = ray
     east, north, fine, bare = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
+    x, y, footprint = 0.0, 0.0, np.float32(0)
     for _ in range(6):
         x, y, z = origin[0] + t * rx, origin[1] + t * ry, origin[2] + t * rz
-        height, east, north, _, _, fine, bare = height_at(
-            data, relief, np.float32(x), np.float32(y), footprint_at(eye, focal, x, y, z), True
-        )
+        footprint = footprint_at(eye, focal, x, y, z)
+        height, east, north, _, _, fine, bare = height_at(data, relief, np.float32(x), np.float32(y), footprint, True)
         gap = z - height
         t += gap / max(east * rx + north * ry - rz, 0.05)
         if abs(gap) < EXACT * t:
             break
     normal = (-float(east), -float(north), 1.0)
-    return t, normal, -1, fine, bare, 0.0, east, north
+    who = flat_stone(data, relief.cover, stones, footprint, x, y)
+    return t, normal, who, fine, bare, 0.0, east, north
 
 
 @inlined
-def _on_stone(data, relief, stone, planes, eye, focal, origin, ray, t, end, who, by, lift, sx, sy):
+def _on_stone(data, relief, stones, eye, focal, origin, ray, t, end, who, by, lift, sx, sy):
     """Return the crossing of a ray with a stone, of which t is nearly the length, as first_crossing does.
 
     The stone is -1 if the ray does not meet it. who, by, lift, sx, sy: of stone_hit.
@@ -153,7 +157,7 @@ def _on_stone(data, relief, stone, planes, eye, focal, origin, ray, t, end, who,
         )
         gap = z - height
         east_of, north_of = np.float32(x - sx), np.float32(y - sy)
-        value, gu, gv, gw = stone_side(stone, planes, who, by, lift, east_of, north_of, np.float32(gap))
+        value, gu, gv, gw = stone_side(stones.stone, stones.planes, who, by, lift, east_of, north_of, np.float32(gap))
         growth = gu * rx + gv * ry + gw * (rz - east * rx - north * ry)
         if growth >= 0:
             break  # the ground is not so level here that the ray meets this stone
@@ -180,12 +184,14 @@ def _facing(normal, ray):
     return nx, ny, nz
 
 
-@compiled
-def crossings(ground, eye, focal, pose, rays, begin, end, sun):
+def crossings(
+    ground: tuple, eye: np.ndarray, focal: float, pose: np.ndarray, rays: np.ndarray, begin: np.ndarray,
+    end: np.ndarray, sun: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Return what rays meet on the ground, see first_crossing.
 
     Args:
-        ground: Ground.
+        ground: The first four of Ground.
         eye: (3,) position of the left camera [m].
         focal: Its focal length [px].
         pose: (4, 4) camera to world.
@@ -198,16 +204,19 @@ def crossings(ground, eye, focal, pose, rays, begin, end, sun):
         Depths (N,) [m], inf where the ground is not met; unit normals (N, 3), world frame; and details (N, 4) of
         gbuffer.Hits.
     """
-    data, relief, stones, steepest = ground
-    start, member, bodies, planes, octave = stones
     n = len(rays)
-    depth = np.full(n, np.inf)
-    normal = np.zeros((n, 3), dtype=np.float32)
-    detail = np.zeros((n, 4), dtype=np.float32)
+    out = np.full(n, np.inf), np.zeros((n, 3), dtype=np.float32), np.zeros((n, 4), dtype=np.float32)
+    _cross(ground, eye, focal, pose, rays, begin, end, sun, *out)
+    return out
+
+
+@compiled_in_place
+def _cross(ground, eye, focal, pose, rays, begin, end, sun, depth, normal, detail):
+    data, relief, stones, steepest = ground
     origin = (pose[0, 3], pose[1, 3], pose[2, 3])
     light = (sun[0], sun[1], sun[2])
     shine = light[2] > 0
-    for k in range(n):
+    for k in range(len(rays)):
         detail[k, 0], detail[k, 3] = -1, 1
         if not begin[k] < end[k]:
             continue
@@ -218,7 +227,7 @@ def crossings(ground, eye, focal, pose, rays, begin, end, sun):
             pose[2, 0] * u + pose[2, 1] * v + pose[2, 2],
         )
         t, bent, who, fine, bare, gap, east, north = first_crossing(
-            data, relief, start, member, bodies, planes, octave, steepest, eye, focal, origin, ray, begin[k], end[k]
+            data, relief, stones, steepest, eye, focal, origin, ray, begin[k], end[k]
         )
         if t == np.inf:
             continue
@@ -231,7 +240,6 @@ def crossings(ground, eye, focal, pose, rays, begin, end, sun):
             z = origin[2] + t * ray[2] + OFF * nz
             gap += OFF * (nz - nx * east - ny * north)
             detail[k, 3] = sun_share(
-                data, relief, start, member, bodies, planes, octave, steepest, eye, focal,
+                data, relief, stones, steepest, eye, focal,
                 x, y, z, gap, east, north, light,
             )  # fmt: skip
-    return depth, normal, detail

@@ -128,6 +128,23 @@ def cover_at(data, cover, x, y):
 
 
 @inlined
+def stone_cover_at(data, cover, x, y):
+    """Return the shares of sand and of gravel at x, y [m], float32: those of `cover_at`, in less time."""
+    share, nodes, start, per_cell = cover
+    last, zero = np.float32(nodes) - np.float32(1.001), np.float32(0)
+    u, v = min(max((x - start) * per_cell, zero), last), min(max((y - start) * per_cell, zero), last)
+    left, low = np.floor(u), np.floor(v)
+    s, t = u - left, v - low
+    at = np.uint32(share + np.int32(3) * (np.int32(low) * nodes + np.int32(left)))
+    up = at + np.uint32(np.int32(3) * nodes)
+    n1, n3, n4 = np.uint32(1), np.uint32(3), np.uint32(4)
+    first, second = data[at] + s * (data[at + n3] - data[at]), data[up] + s * (data[up + n3] - data[up])
+    gravel = data[at + n1] + s * (data[at + n4] - data[at + n1])
+    gravel_high = data[up + n1] + s * (data[up + n4] - data[up + n1])
+    return first + t * (second - first), gravel + t * (gravel_high - gravel)
+
+
+@inlined
 def footprint_at(eye, focal, x, y, z):
     """Return the width of a pixel on level ground at a point [m], float32.
 
@@ -135,9 +152,10 @@ def footprint_at(eye, focal, x, y, z):
     focal: its focal length [px].
     """
     dx, dy, up = np.float32(eye[0] - x), np.float32(eye[1] - y), np.float32(eye[2] - z)
-    distance = math.sqrt(dx * dx + dy * dy + up * up + np.float32(1e-12))
-    slant = min(max(up / distance, np.float32(0.08)), np.float32(1))
-    return distance / (np.float32(focal) * math.sqrt(slant))
+    square = dx * dx + dy * dy + up * up + np.float32(1e-12)
+    distance = math.sqrt(square)
+    # distance / sqrt(sine of the slant), which is up / distance
+    return math.sqrt(square * distance / max(up, np.float32(0.08) * distance)) / np.float32(focal)
 
 
 @inlined

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from marssim.base.compute.compiled import inlined
-from marssim.render.relief.height import cover_at, footprint_at, shown_at
+from marssim.render.relief.height import footprint_at, shown_at, stone_cover_at
 from marssim.render.relief.stones import (
     AX,
     AY,
@@ -19,26 +19,40 @@ from marssim.render.relief.stones import (
     BY,
     CELLS,
     EAST,
+    ENTRY_RANK,
+    ENTRY_REACH,
+    ENTRY_X,
+    ENTRY_Y,
     GRAVEL,
     MIDDLE,
     NORTH,
     PER_SIDE,
     PLANES,
-    RANK,
-    REACH,
     RISE,
     SAND_STONES,
     SHAPE,
     SIDE,
     SIZE,
     TOP,
-    X,
-    Y,
 )  # fmt: skip
 
 STONE_NONE = 1.3  # pixels across a stone up to which it does not show
-STONE_FLAT, STONE_WHOLE = 2.0, 8.0  # pixels up to which it is flat, a pattern, and from which on it has its height
-FLATTEST = 0.02  # share of its height that even a flat stone has, so that rays find it
+# pixels across it up to which it is flat, see flat_stones.py, and from which on it has its height
+STONE_FLAT, STONE_WHOLE = 3.0, 8.0
+FLATTEST = 0.02  # least share of its height that a stone has which is not flat, so that rays find it
+
+
+@inlined
+def _through_sphere(ox, oy, oz, dx, dy, dz):
+    """Return where a ray enters and leaves the unit sphere; inf and -inf for a miss."""
+    a = dx * dx + dy * dy + dz * dz
+    b = ox * dx + oy * dy + oz * dz
+    c = ox * ox + oy * oy + oz * oz - 1
+    root = b * b - a * c
+    if root <= 0:
+        return np.inf, -np.inf
+    root = math.sqrt(root)
+    return (-b - root) / a, (-b + root) / a
 
 
 @inlined
@@ -47,16 +61,10 @@ def _enter(ox, oy, oz, dx, dy, dz, planes, shape, ahead):
 
     Only what lies at 0 to `ahead` counts; inf for a miss.
     """
-    a = dx * dx + dy * dy + dz * dz
-    b = ox * dx + oy * dy + oz * dz
-    c = ox * ox + oy * oy + oz * oz - 1
-    root = b * b - a * c
-    if root <= 0:
-        return np.inf, -1
-    root = math.sqrt(root)
-    first, last, by = (-b - root) / a, (-b + root) / a, -1
+    first, last = _through_sphere(ox, oy, oz, dx, dy, dz)
     if first > ahead or last < 0:
         return np.inf, -1
+    by = -1
     for n in range(PLANES):
         offset = planes[shape, n, 3]
         if offset >= 1:
@@ -81,9 +89,9 @@ def _enter(ox, oy, oz, dx, dy, dz, planes, shape, ahead):
 
 @inlined
 def tallest(octave, open_ground, packed, footprint):
-    """Return the height over the ground of the largest stones that may lie here and show [m]; 0 if none do."""
+    """Return the height of the largest stones that may lie here and have one in view [m]; 0 if none do."""
     for n in range(len(octave) - 1, -1, -1):
-        if octave[n, SIDE] < np.float32(STONE_NONE) * footprint:
+        if octave[n, SIDE] < np.float32(STONE_FLAT) * footprint:
             break
         if octave[n, BARE] * open_ground + octave[n, GRAVEL] * packed > 0:
             return octave[n, TOP]
@@ -93,15 +101,14 @@ def tallest(octave, open_ground, packed, footprint):
 @inlined
 def most_stones(data, cover, x, y):
     """Return the greatest shares of bare ground's and of gravel's stones that may lie about x, y [m]."""
-    sand, _, _, gravel, _ = cover_at(data, cover, np.float32(x), np.float32(y))
+    sand, gravel = stone_cover_at(data, cover, np.float32(x), np.float32(y))
     open_ground = min(np.float32(1.15) - np.float32(SAND_STONES) * sand, np.float32(1))
     return open_ground, min(gravel + np.float32(0.15), np.float32(1)) if gravel > 0 else np.float32(0)
 
 
 @inlined
 def stone_hit(
-    data, cover, start, member, stone, planes, octave, eye, focal, footprint, open_ground, packed,
-    x, y, z, g, dx, dy, dg, length,
+    data, cover, stones, eye, focal, footprint, open_ground, packed, x, y, z, g, dx, dy, dg, length
 ):  # fmt: skip
     """Return the first stone that a piece of a ray meets.
 
@@ -110,15 +117,17 @@ def stone_hit(
     Returns where on the piece, the stone (-1 for none), the plane that it is entered by, the share of its height that
     shows, and its centre x, y in the world.
     """
-    best, who, by, lift, cx, cy = length, -1, -1, np.float32(0), 0.0, 0.0
+    start, member, entries, stone, planes, octave = stones
+    best, who, by, lift, cx, cy = length, np.int32(-1), -1, np.float32(0), 0.0, 0.0
     last = np.int32(CELLS - 1)
     per_x, per_y = 1 / max(abs(dx), 1e-12), 1 / max(abs(dy), 1e-12)
     per_g = 1 / dg if dg != 0 else 0.0
     step_i, step_j = np.int32(1 if dx > 0 else -1), np.int32(1 if dy > 0 else -1)
-    aside_most = dx * dx + dy * dy
+    level = 1 / math.sqrt(max(dx * dx + dy * dy, 1e-24))
+    east, north = np.float32(level * dx), np.float32(level * dy)
     for n in range(len(octave) - 1, -1, -1):
         cell = octave[n, SIDE]
-        if cell < np.float32(STONE_NONE) * footprint:
+        if cell < np.float32(STONE_FLAT) * footprint:
             break
         most = octave[n, BARE] * open_ground + octave[n, GRAVEL] * packed
         if most <= 0:
@@ -133,50 +142,60 @@ def stone_hit(
         px, py = (x + begin * dx - octave[n, EAST]) * per_cell, (y + begin * dy - octave[n, NORTH]) * per_cell
         left, low = np.floor(px), np.floor(py)
         i, j = np.int32(left), np.int32(low)
+        ahead_x, ahead_y = np.float32(px - left), np.float32(py - low)  # in cells, from the corner of the cell
         width_i, width_j = cell * per_x, cell * per_y
-        next_i = begin + (1 - px + left if dx > 0 else px - left) * width_i
-        next_j = begin + (1 - py + low if dy > 0 else py - low) * width_j
+        next_i = begin + (1 - ahead_x if dx > 0 else ahead_x) * width_i
+        next_j = begin + (1 - ahead_y if dy > 0 else ahead_y) * width_j
         here, first_cell = begin, n * (CELLS * CELLS + 1)
         while here < min(limit, best):
             at = first_cell + (j & last) * CELLS + (i & last)
-            for entry in range(start[at], start[at + 1]):
-                m = member[entry]
-                if stone[m, RANK] > most:
+            for k in range(np.uint32(start[at]), np.uint32(start[at + 1])):
+                if entries[k, ENTRY_RANK] > most:
                     break
-                # the tile's copy that is nearest to the cell
-                sx, sy = stone[m, X], stone[m, Y]
-                sx += cell * (CELLS * np.floor((i + 0.5 - sx * per_cell) * (1 / CELLS) + 0.5)) + octave[n, EAST]
-                sy += cell * (CELLS * np.floor((j + 0.5 - sy * per_cell) * (1 / CELLS) + 0.5)) + octave[n, NORTH]
-                ox, oy = x - sx, y - sy
                 # a ray that passes beside it, seen from above
-                aside, reach = ox * dy - oy * dx, stone[m, REACH]
-                if aside * aside > reach * reach * aside_most:
+                ox, oy = ahead_x - entries[k, ENTRY_X], ahead_y - entries[k, ENTRY_Y]
+                if abs(ox * north - oy * east) > entries[k, ENTRY_REACH]:
                     continue
-                sand, _, _, gravel, _ = cover_at(data, cover, np.float32(sx), np.float32(sy))
-                share = octave[n, BARE] * (1 - np.float32(SAND_STONES) * sand) + octave[n, GRAVEL] * gravel
-                if stone[m, RANK] > share:
+                m = np.uint32(member[k])
+                ox, oy = cell * ox - np.float32(begin * dx), cell * oy - np.float32(begin * dy)
+                # a ray that passes by its ellipsoid, in which all that shows of it lies
+                u, v = stone[m, AX] * ox + stone[m, AY] * oy, stone[m, BX] * ox + stone[m, BY] * oy
+                du, dv = stone[m, AX] * dx + stone[m, AY] * dy, stone[m, BX] * dx + stone[m, BY] * dy
+                rise = stone[m, RISE]
+                enters, leaves = _through_sphere(u, v, (g - stone[m, MIDDLE]) * rise, du, dv, dg * rise)
+                if enters > best or leaves < 0:
+                    continue
+                sx, sy = x - ox, y - oy
+                if not lies_there(data, cover, octave, n, entries[k, ENTRY_RANK], sx, sy):
                     continue
                 wide = footprint_at(eye, focal, sx, sy, z - g)
-                if stone[m, SIZE] <= np.float32(STONE_NONE) * wide:
+                if stone[m, SIZE] <= np.float32(STONE_FLAT) * wide:
                     continue
                 share = max(
                     shown_at(stone[m, SIZE], wide, np.float32(STONE_FLAT), np.float32(STONE_WHOLE)),
                     np.float32(FLATTEST),
                 )
-                rise = stone[m, RISE] / share
+                rise /= share
                 first, plane = _enter(
-                    stone[m, AX] * ox + stone[m, AY] * oy, stone[m, BX] * ox + stone[m, BY] * oy,
-                    (g - share * stone[m, MIDDLE]) * rise,
-                    stone[m, AX] * dx + stone[m, AY] * dy, stone[m, BX] * dx + stone[m, BY] * dy, dg * rise,
+                    u, v, (g - share * stone[m, MIDDLE]) * rise, du, dv, dg * rise,
                     planes, np.int32(stone[m, SHAPE]), best,
                 )  # fmt: skip
                 if first < best:
-                    best, who, by, lift, cx, cy = first, m, plane, share, sx, sy
+                    best, who, by, lift, cx, cy = first, np.int32(m), plane, share, sx, sy
             if next_i < next_j:
-                here, i, next_i = next_i, i + step_i, next_i + width_i
+                here, next_i = next_i, next_i + width_i
+                i, ahead_x = i + step_i, ahead_x - np.float32(step_i)
             else:
-                here, j, next_j = next_j, j + step_j, next_j + width_j
+                here, next_j = next_j, next_j + width_j
+                j, ahead_y = j + step_j, ahead_y - np.float32(step_j)
     return best, who, by, lift, cx, cy
+
+
+@inlined
+def lies_there(data, cover, octave, n, rank, x, y):
+    """Return whether a stone of octave n lies on the ground at x, y [m], its centre, by its rank."""
+    sand, gravel = stone_cover_at(data, cover, np.float32(x), np.float32(y))
+    return rank <= octave[n, BARE] * (np.float32(1) - np.float32(SAND_STONES) * sand) + octave[n, GRAVEL] * gravel
 
 
 @inlined

@@ -28,6 +28,7 @@ SAND_STONES = 0.9  # share of the stones that sand buries
 SUNK = (0.05, 0.8)  # depth of the middle below the ground, in vertical semi-axes
 FIELDS = 13
 X, Y, AX, AY, BX, BY, RISE, MIDDLE, REACH, SIZE, RANK, TONE, SHAPE = range(FIELDS)
+ENTRY_RANK, ENTRY_X, ENTRY_Y, ENTRY_REACH = range(4)  # columns of Stones.entry
 SIDE, TOP, EAST, NORTH, BARE, GRAVEL, PER_SIDE = range(7)  # columns of Stones.octave
 
 
@@ -40,7 +41,8 @@ class Stones(NamedTuple):
 
     Attributes:
         start: (octaves * (CELLS * CELLS + 1),) int32 first entry of each cell in `member`.
-        member: int32 stones that reach into a cell, cell by cell, in the order of their ranks.
+        member: (M,) int32 stones that reach into a cell, cell by cell, in the order of their ranks.
+        entry: (M, 4) float32 of these: rank; place x, y from the cell's corner, and horizontal reach, in cells.
         stone: (N, FIELDS) float32.
         planes: (SHAPES, PLANES, 4) float32 unit normal and offset on the unit sphere; an offset of 1 cuts nothing.
         octave: (octaves, 7) float32: the largest diameter, which is the side of a cell [m]; the largest height above
@@ -50,6 +52,7 @@ class Stones(NamedTuple):
 
     start: np.ndarray
     member: np.ndarray
+    entry: np.ndarray
     stone: np.ndarray
     planes: np.ndarray
     octave: np.ndarray
@@ -59,13 +62,14 @@ class Stones(NamedTuple):
 def draw_stones(seed: int) -> Stones:
     """Draw the stones of all octaves."""
     rng = np.random.default_rng((seed, 21))
-    rows, starts, members, first, entries = [], [], [], 0, 0
+    rows, starts, members, places, first, entries = [], [], [], [], 0, 0
     for low, high in pairwise(SIZES):
         stone = _octave(low, high, rng)
-        start, member = _cells(stone, high)
+        start, member, entry = _cells(stone, high)
         rows.append(stone)
         starts.append(start + entries)
         members.append(member + first)
+        places.append(entry)
         first += len(stone)
         entries += len(member)
     stone = np.concatenate(rows)
@@ -74,7 +78,8 @@ def draw_stones(seed: int) -> Stones:
     octave[:, SIDE], octave[:, TOP], octave[:, PER_SIDE] = SIZES[1:], top, 1 / np.array(SIZES[1:])
     return Stones(
         start=np.concatenate(starts).astype(np.int32), member=np.concatenate(members).astype(np.int32),
-        stone=stone.astype(np.float32), planes=_planes(rng), octave=octave,
+        entry=np.concatenate(places).astype(np.float32), stone=stone.astype(np.float32), planes=_planes(rng),
+        octave=octave,
     )  # fmt: skip
 
 
@@ -143,11 +148,11 @@ def _pack(diameter, cells, cell, draws):
     return x, y, placed
 
 
-def _cells(stone: np.ndarray, cell: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the first entry of each cell (CELLS * CELLS + 1,), and the stones that reach into the cells."""
+def _cells(stone: np.ndarray, cell: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the first entry of each cell (CELLS * CELLS + 1,), and `member` and `entry` of Stones."""
     low = np.floor((stone[:, [X, Y]] - stone[:, [REACH]]) / cell).astype(int)
     high = np.floor((stone[:, [X, Y]] + stone[:, [REACH]]) / cell).astype(int)
-    where, who = [], []
+    where, who, entry = [], [], []
     for dj in range(4):
         for di in range(4):
             i, j = low[:, 0] + di, low[:, 1] + dj
@@ -156,6 +161,8 @@ def _cells(stone: np.ndarray, cell: float) -> tuple[np.ndarray, np.ndarray]:
             inside = (i <= high[:, 0]) & (j <= high[:, 1]) & (np.hypot(near_x, near_y) <= stone[:, REACH])
             where.append(((j % CELLS) * CELLS + i % CELLS)[inside])
             who.append(np.flatnonzero(inside))
-    cells, stones = np.concatenate(where), np.concatenate(who)
+            place = np.stack([stone[:, X] / cell - i, stone[:, Y] / cell - j, stone[:, REACH] / cell], axis=1)
+            entry.append(np.column_stack([stone[:, RANK], place])[inside])
+    cells, stones, entries = np.concatenate(where), np.concatenate(who), np.concatenate(entry)
     order = np.lexsort((stone[stones, RANK], cells))  # kernels stop at the first stone of too high a rank
-    return np.searchsorted(cells[order], np.arange(CELLS * CELLS + 1)), stones[order]
+    return np.searchsorted(cells[order], np.arange(CELLS * CELLS + 1)), stones[order], entries[order]

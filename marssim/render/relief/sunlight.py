@@ -16,9 +16,7 @@ SHADOW_STEPS = 3  # places over which the fine relief may hide the sun
 
 
 @inlined
-def sun_share(
-    data, relief, start, member, stone, planes, octave, steepest, eye, focal, x, y, z, gap, east, north, sun
-):  # fmt: skip
+def sun_share(data, relief, stones, steepest, eye, focal, x, y, z, gap, east, north, sun):
     """Return the share of the sun's disc that relief and stones leave free over a point, 0 to 1, float32.
 
     x, y, z: the point, a little off its surface; gap: its height over the ground between the stones; east, north:
@@ -29,11 +27,11 @@ def sun_share(
         return np.float32(1)
     footprint = footprint_at(eye, focal, x, y, z)
     open_ground, packed = most_stones(data, relief.cover, x, y)
-    top = tallest(octave, open_ground, packed, footprint)
+    top = tallest(stones.octave, open_ground, packed, footprint)
     if gap < top:
         length = min((top - gap) / growth, LONGEST_SHADOW)
         _, who, _, _, _, _ = stone_hit(
-            data, relief.cover, start, member, stone, planes, octave, eye, focal, footprint, open_ground, packed,
+            data, relief.cover, stones, eye, focal, footprint, open_ground, packed,
             x, y, z, gap, sun[0], sun[1], growth, length,
         )  # fmt: skip
         if who >= 0:

@@ -74,13 +74,9 @@ class EmbreeRenderer(RayQueries):
     ) -> GBuffer:
         """Return the G-buffer of one view; see `Renderer.render`."""
         surface = self._open_surface()
-        cap, body = self._first_faces(camera.rays().reshape(-1, 3), pose)
+        rays = camera.rays().reshape(-1, 3)
+        cap, body = self._cap_faces(rays, pose), self._body_faces(rays, pose)
         return surface.view(camera, pose, cap, body, footprint, sunlit)
-
-    def trace(self, rays: np.ndarray, pose: np.ndarray, footprint: Footprint, sunlit: bool = True) -> Hits:
-        """Return what rays (N, 3) of z = 1 hit; see `Renderer.trace`."""
-        surface = self._open_surface()
-        return surface.hits(pose, rays, *self._first_faces(rays, pose), footprint, sunlit)
 
     def close(self) -> None:
         """Free the acceleration structures; a second call does nothing."""
@@ -89,13 +85,13 @@ class EmbreeRenderer(RayQueries):
             self._bodies.close()
         super().close()
 
-    def _first_faces(self, rays: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the faces (N,) int32 of the cap and of the bodies that each ray hits first, negative for none."""
-        directions = world_directions(rays, pose)
-        cap = self._cap.meet(pose[None, :3, 3], directions)[0]
+    def _cap_faces(self, rays: np.ndarray, pose: np.ndarray) -> np.ndarray:
+        return self._cap.meet(pose[None, :3, 3], world_directions(rays, pose))[0]
+
+    def _body_faces(self, rays: np.ndarray, pose: np.ndarray) -> np.ndarray:
         if self._bodies is None:
-            return cap, np.full(len(rays), -1, dtype=np.int32)
-        return cap, self._bodies.meet(pose[None, :3, 3], directions)[0]
+            return np.full(len(rays), -1, dtype=np.int32)
+        return self._bodies.meet(pose[None, :3, 3], world_directions(rays, pose))[0]
 
 
 def world_directions(rays: np.ndarray, pose: np.ndarray) -> np.ndarray:

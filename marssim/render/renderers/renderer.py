@@ -58,7 +58,10 @@ class Renderer(Protocol):
             (N,) float32, 0 to 1; 0 where the face is turned away from the sun.
         """
 
-    def trace(self, rays: np.ndarray, pose: np.ndarray, footprint: Footprint, sunlit: bool = True) -> Hits:
+    def trace(
+        self, rays: np.ndarray, pose: np.ndarray, footprint: Footprint, sunlit: bool = True,
+        begin: np.ndarray | None = None,
+    ) -> Hits:  # fmt: skip
         """Return what rays of a camera hit; they need not pass through pixel centres.
 
         Args:
@@ -66,6 +69,8 @@ class Renderer(Protocol):
             pose: (4, 4) camera to world.
             footprint: The camera that the ground's relief is filtered for.
             sunlit: As in `render`.
+            begin: (N,) depths [m] before which the rays are known to meet no ground, which makes them faster; 0 where
+                that is not known. None for no such knowledge.
         """
 
     def trace_ground(

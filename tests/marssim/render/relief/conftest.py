@@ -96,13 +96,16 @@ class Laid:
         stone[:, X], stone[:, Y] = (i + 0.5) * PITCH, (j + 0.5) * PITCH
         stone[:, [AX, BY, RISE]] = 1 / radius
         stone[:, MIDDLE], stone[:, REACH], stone[:, SIZE] = 0, radius, 2 * radius
-        start, member = _cells(stone, CELL)
+        start, member, entry = _cells(stone, CELL)
         planes = np.zeros((1, PLANES, 4), dtype=np.float32)
         planes[..., 2], planes[..., 3] = 1, 2
         octave = np.zeros((1, 7), dtype=np.float32)
         octave[0, [SIDE, PER_SIDE, TOP, EAST, NORTH]] = CELL, 1 / CELL, radius, *self.corner
         octave[0, BARE] = 1 / (1 - SAND_STONES) if self.radius else 0  # as many on sand as there may be
-        return Stones(start.astype(np.int32), member.astype(np.int32), stone.astype(np.float32), planes, octave)
+        return Stones(
+            start.astype(np.int32), member.astype(np.int32), entry.astype(np.float32), stone.astype(np.float32), planes,
+            octave,
+        )  # fmt: skip
 
     def surface(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return the height (...) [m], its slopes, and whether it is that of a pebble, at x, y (...) [m]."""

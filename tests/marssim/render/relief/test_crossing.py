@@ -139,10 +139,10 @@ def test_the_disparity_of_the_closed_form_is_f_b_over_z(monkeypatch, laid):
 
 @compiled
 def _inside_stone(data, cover, stones, eye, focal, x, y, z, gap):
-    start, member, stone, planes, octave = stones
+    start, member, _, stone, planes, octave = stones
     for n in range(len(octave)):
         cell = octave[n, SIDE]
-        if cell < STONE_NONE * footprint_at(eye, focal, x, y, z):
+        if cell < STONE_FLAT * footprint_at(eye, focal, x, y, z):
             continue
         i, j = math.floor((x - octave[n, EAST]) / cell), math.floor((y - octave[n, NORTH]) / cell)
         at = n * (CELLS * CELLS + 1) + (j % CELLS) * CELLS + i % CELLS
@@ -156,7 +156,7 @@ def _inside_stone(data, cover, stones, eye, focal, x, y, z, gap):
             if stone[m, RANK] > octave[n, BARE] * (1 - SAND_STONES * sand) + octave[n, GRAVEL] * gravel:
                 continue
             width = footprint_at(eye, focal, px, py, z - gap)
-            if stone[m, SIZE] <= STONE_NONE * width:
+            if stone[m, SIZE] <= STONE_FLAT * width:
                 continue
             shown = shown_at(stone[m, SIZE], width, np.float32(STONE_FLAT), np.float32(STONE_WHOLE))
             share = max(shown, np.float32(FLATTEST))
@@ -175,6 +175,31 @@ def _inside_stone(data, cover, stones, eye, focal, x, y, z, gap):
 
 
 @compiled
+def _flat_stone(data, cover, stones, width, x, y):
+    """Return the stone without height at a point of the ground: of the largest octave, and there of the least rank."""
+    _, _, _, stone, _, octave = stones
+    found, of_octave, first = -1, -1, np.inf
+    for m in range(len(stone)):
+        n = 0
+        while octave[n, SIDE] < stone[m, SIZE]:
+            n += 1
+        if n < of_octave or not STONE_NONE * width < stone[m, SIZE] <= STONE_FLAT * width:
+            continue
+        period = CELLS * octave[n, SIDE]
+        px, py = stone[m, X] + octave[n, EAST], stone[m, Y] + octave[n, NORTH]
+        px += period * math.floor((x - px) / period + 0.5)
+        py += period * math.floor((y - py) / period + 0.5)
+        u = stone[m, AX] * (x - px) + stone[m, AY] * (y - py)
+        v = stone[m, BX] * (x - px) + stone[m, BY] * (y - py)
+        if u * u + v * v + (stone[m, MIDDLE] * stone[m, RISE]) ** 2 > 1 or (n == of_octave and stone[m, RANK] > first):
+            continue
+        sand, _, _, gravel, _ = cover_at(data, cover, np.float32(px), np.float32(py))
+        if stone[m, RANK] <= octave[n, BARE] * (1 - SAND_STONES * sand) + octave[n, GRAVEL] * gravel:
+            found, of_octave, first = m, n, stone[m, RANK]
+    return found
+
+
+@compiled
 def _march(data, relief, stones, eye, focal, origin, rays, begin, step, most):
     """Return where rays enter ground or stones first, in steps of equal length, and the stones (-1 for ground)."""
     out, who = np.full(len(rays), np.inf), np.full(len(rays), -1)
@@ -185,7 +210,7 @@ def _march(data, relief, stones, eye, focal, origin, rays, begin, step, most):
             width = footprint_at(eye, focal, x, y, z)
             gap = z - height_at(data, relief, np.float32(x), np.float32(y), width, True)[0]
             if gap < 0:
-                out[k] = t
+                out[k], who[k] = t, _flat_stone(data, relief.cover, stones, width, x, y)
                 break
             if gap < 0.09:
                 m = _inside_stone(data, relief.cover, stones, eye, focal, x, y, z, gap)

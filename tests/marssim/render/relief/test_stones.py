@@ -77,7 +77,14 @@ def test_every_stone_is_registered_in_all_cells_that_it_reaches(stones, octave):
             (x, np.cos(angle)), (y, np.sin(angle))
         ))  # fmt: skip
         for at in np.unique(first + j * CELLS + i):
-            assert m in stones.member[stones.start[at] : stones.start[at + 1]]
+            entries = np.arange(stones.start[at], stones.start[at + 1])
+            own = entries[stones.member[entries] == m]
+            assert len(own) == 1
+            rank, place, most = stones.entry[own[0], 0], stones.entry[own[0], 1:3], stones.entry[own[0], 3]
+            assert (rank, most) == pytest.approx((stones.stone[m, RANK], reach / cell))
+            corner = np.array([(at - first) % CELLS, (at - first) // CELLS])
+            around = (corner + place - np.array([x, y]) / cell + CELLS / 2) % CELLS - CELLS / 2
+            assert around == pytest.approx([0, 0], abs=1e-4) and (np.abs(place - 0.5) <= most + 0.501).all()
 
 
 def test_the_stones_of_a_cell_are_in_the_order_of_their_ranks(stones):
