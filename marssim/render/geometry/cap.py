@@ -10,8 +10,8 @@ from scipy import ndimage
 from marssim.render.geometry.mesh import SceneMesh, ground_mesh
 from marssim.render.relief.ground import Ground
 from marssim.render.relief.height import SAND_RELIEF, SOFT, SWEPT_DEPTH
-from marssim.render.relief.stone_tops import raise_at_stones
-from marssim.render.relief.stones import BARE, GRAVEL, SIDE, TOP
+from marssim.render.relief.stones.bodies import BARE, GRAVEL, SIDE, TOP
+from marssim.render.relief.stones.tops import raise_at_stones
 from marssim.render.relief.tiles import Tile
 from marssim.scene.scene import Scene
 from marssim.scene.terrain import HeightGrid

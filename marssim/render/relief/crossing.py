@@ -13,9 +13,9 @@ import math
 import numpy as np
 
 from marssim.base.compute.compiled import compiled_in_place, inlined
-from marssim.render.relief.flat_stones import flat_stone
 from marssim.render.relief.height import around, footprint_at, height_at, near_height, shown_at
-from marssim.render.relief.stone_hits import most_stones, stone_hit, stone_side, tallest
+from marssim.render.relief.stones.flat import flat_stone
+from marssim.render.relief.stones.hits import most_stones, stone_hit, stone_side, tallest
 from marssim.render.relief.sunlight import sun_share
 from marssim.render.relief.tiles import NONE, WHOLE
 

@@ -23,7 +23,7 @@ from marssim.render.relief.layers import (
 from marssim.render.relief.noise import TEXELS, TILE, coded_tile, octave_value, placing
 from marssim.render.relief.sand.drifts import drift_heights
 from marssim.render.relief.sand.terrain_spline import FineSpline
-from marssim.render.relief.stones import BARE, CELLS, EAST, GRAVEL, NORTH, SIDE, SIZES, Stones, draw_stones
+from marssim.render.relief.stones.bodies import BARE, CELLS, EAST, GRAVEL, NORTH, SIDE, SIZES, Stones, draw_stones
 from marssim.render.relief.surroundings import CELL as NEAR_CELL
 from marssim.render.relief.surroundings import CODE, surroundings
 from marssim.render.relief.tiles import Tile, tile_levels

@@ -8,7 +8,7 @@ import numpy as np
 
 from marssim.base.compute.compiled import inlined
 from marssim.render.relief.height import around, footprint_at, near_height
-from marssim.render.relief.stone_hits import most_stones, stone_hit, tallest
+from marssim.render.relief.stones.hits import most_stones, stone_hit, tallest
 from marssim.scene.look import SUN_RADIUS
 
 LONGEST_SHADOW = 0.5  # [m] length of a ray to the sun that is followed among stones

@@ -15,7 +15,7 @@ from marssim.render.relief.noise import Octaves, coded_tile, placing
 from marssim.render.relief.plates import VARIANTS as PLATE_VARIANTS
 from marssim.render.relief.plates import plates
 from marssim.render.relief.pyramid import CHANNELS
-from marssim.render.relief.stones import BARE, GRAVEL, PACKED, TONE
+from marssim.render.relief.stones.bodies import BARE, GRAVEL, PACKED, TONE
 from marssim.scene.rocks.mesh import Rocks
 from marssim.scene.scene import Scene
 

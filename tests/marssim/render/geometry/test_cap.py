@@ -13,8 +13,8 @@ from marssim.inspection.tilted_planes import BARE, plane
 from marssim.render.geometry.gbuffer import Footprint
 from marssim.render.geometry.surface import SceneSurface
 from marssim.render.relief.height import cover_at, height_at
-from marssim.render.relief.stones import BARE as ON_BARE_GROUND
-from marssim.render.relief.stones import (
+from marssim.render.relief.stones.bodies import BARE as ON_BARE_GROUND
+from marssim.render.relief.stones.bodies import (
     CELLS,
     EAST,
     GRAVEL,

@@ -7,7 +7,7 @@ import pytest
 
 from marssim.inspection.tilted_planes import plane
 from marssim.render.relief.ground import Ground, ground_relief
-from marssim.render.relief.stones import (
+from marssim.render.relief.stones.bodies import (
     AX,
     BARE,
     BY,

@@ -15,8 +15,7 @@ from marssim.inspection.tilted_planes import plane
 from marssim.render.geometry import surface
 from marssim.render.geometry.gbuffer import Footprint, GBuffer
 from marssim.render.relief.height import cover_at, footprint_at, height_at, shown_at
-from marssim.render.relief.stone_hits import FLATTEST, STONE_FLAT, STONE_NONE, STONE_WHOLE
-from marssim.render.relief.stones import (
+from marssim.render.relief.stones.bodies import (
     AX,
     AY,
     BARE,
@@ -37,6 +36,7 @@ from marssim.render.relief.stones import (
     X,
     Y,
 )
+from marssim.render.relief.stones.hits import FLATTEST, STONE_FLAT, STONE_NONE, STONE_WHOLE
 from marssim.render.renderers.by_name import make_renderer
 from marssim.render.renderers.scan_renderer import ScanRenderer
 from marssim.scene.outcrop.config import OutcropConfig

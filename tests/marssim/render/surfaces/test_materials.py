@@ -6,7 +6,7 @@ import pytest
 from marssim.base.dataset.frame import GROUND
 from marssim.render.relief.ground import ground_relief
 from marssim.render.relief.layers import VARIANTS
-from marssim.render.relief.stones import TONE
+from marssim.render.relief.stones.bodies import TONE
 from marssim.render.surfaces.materials import NO_PLATES, materials
 from marssim.scene.rocks.population import RockConfig
 from marssim.scene.scene import Scene, SceneConfig, build_scene

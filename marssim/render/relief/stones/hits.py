@@ -11,7 +11,7 @@ import numpy as np
 
 from marssim.base.compute.compiled import inlined
 from marssim.render.relief.height import footprint_at, shown_at, stone_cover_at
-from marssim.render.relief.stones import (
+from marssim.render.relief.stones.bodies import (
     AX,
     AY,
     BARE,
@@ -37,7 +37,7 @@ from marssim.render.relief.stones import (
 )  # fmt: skip
 
 STONE_NONE = 1.3  # pixels across a stone up to which it does not show
-# pixels across it up to which it is flat, see flat_stones.py, and from which on it has its height
+# pixels across it up to which it is flat, see flat.py, and from which on it has its height
 STONE_FLAT, STONE_WHOLE = 3.0, 8.0
 FLATTEST = 0.02  # least share of its height that a stone has which is not flat, so that rays find it
 

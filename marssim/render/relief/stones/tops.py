@@ -8,7 +8,7 @@ import numpy as np
 
 from marssim.base.compute.compiled import compiled
 from marssim.render.relief.height import cover_at
-from marssim.render.relief.stones import (
+from marssim.render.relief.stones.bodies import (
     BARE,
     CELLS,
     EAST,

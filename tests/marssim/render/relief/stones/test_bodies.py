@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from marssim.render.relief.stones import (
+from marssim.render.relief.stones.bodies import (
     BARE,
     CELLS,
     GRAVEL,

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from marssim.base.compute.compiled import inlined
-from marssim.render.relief.stone_hits import STONE_FLAT, STONE_NONE, lies_there, most_stones
-from marssim.render.relief.stones import (
+from marssim.render.relief.stones.bodies import (
     AX,
     AY,
     BARE,
@@ -26,6 +25,7 @@ from marssim.render.relief.stones import (
     SIDE,
     SIZE,
 )  # fmt: skip
+from marssim.render.relief.stones.hits import STONE_FLAT, STONE_NONE, lies_there, most_stones
 
 
 @inlined
