@@ -95,7 +95,7 @@ class _PackageCache(FunctionCache):
         super().__init__(function)
         package = sys.modules[function.__module__.split(".")[0]]
         stamp = source_digest(Path(package.__file__ or "").parent)
-        self._cache_file = IndexDataCacheFile(self.cache_path, self._impl.filename_base, stamp)
+        self._cache_file = _KernelFiles(self.cache_path, self._impl.filename_base, stamp)
 
     def load_overload(self, signature: Any, target: Any) -> Any:
         kernel = super().load_overload(signature, target)
@@ -110,6 +110,22 @@ class _PackageCache(FunctionCache):
             super().save_overload(signature, data)
         except OSError:  # a full disk: what was compiled still runs
             self.disable()
+
+
+class _KernelFiles(IndexDataCacheFile):
+    """Files of a kernel; what cannot be read, cut off or of another version of this package, is compiled again."""
+
+    def load(self, key: Any) -> Any:
+        try:
+            return super().load(key)
+        except Exception:  # pickle raises nearly anything
+            return None
+
+    def _load_index(self) -> Any:
+        try:
+            return super()._load_index()
+        except Exception:
+            return {}
 
 
 class _NoCache(NullCache):

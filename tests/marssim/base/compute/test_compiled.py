@@ -1,14 +1,16 @@
 import os
+import pickle
 import subprocess
 import sys
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 from numba import typeof
 
 from marssim.base.command.run import exit_code
-from marssim.base.compute.compiled import KEPT, NOT_KEPT, compiled, inlined, read_only, source_digest
+from marssim.base.compute.compiled import KEPT, NOT_KEPT, compiled, compiled_in_place, inlined, read_only, source_digest
 
 KERNELS = """
 from some.steps import STEP
@@ -77,6 +79,19 @@ def test_kernels_are_kept_until_any_source_of_the_package_changes(tmp_path):
     assert run(tmp_path, **cache) == [21, 0]
 
 
+@pytest.mark.parametrize("kind", ["nbi", "nbc"])
+@pytest.mark.parametrize("kept", [b"", b"\x80\x04\x95\x00", b"cmarssim.base.nowhere\nNothing\n."])
+def test_a_kernel_whose_file_cannot_be_read_is_compiled_again(tmp_path, kind, kept):
+    package(tmp_path, 10)
+    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    run(tmp_path, **cache)
+    (file,) = (tmp_path / "cache").rglob(f"*.{kind}")
+    version = pickle.dumps(numba.__version__) if kind == "nbi" else b""
+    file.write_bytes(version + kept)
+    assert run(tmp_path, **cache) == [11, 0]
+    assert run(tmp_path, **cache) == [11, 1]
+
+
 def test_kernels_run_where_nothing_can_be_kept(tmp_path):
     package(tmp_path, 10)
     nowhere = tmp_path / "file"
@@ -125,6 +140,18 @@ def test_a_command_tells_that_nothing_can_be_kept(homeless, capsys):
 @inlined
 def half(x):
     return x / 2
+
+
+def test_a_kernel_in_place_fills_its_arrays():
+    @compiled_in_place
+    def double(values, out):
+        for k in range(len(values)):
+            out[k] = 2 * values[k]
+
+    out = np.zeros(3)
+    double(np.arange(3.0), out)
+    assert out.tolist() == [0, 2, 4]
+    assert "NRT_incref" not in next(iter(double.inspect_llvm().values()))
 
 
 def test_parts_of_kernels_call_each_other():
