@@ -41,9 +41,10 @@ class Hits(NamedTuple):
         normal: (N, 3) float32, camera frame.
         shading_normal: (N, 3) float32, world frame.
         surface: (N,) int32, SKY, GROUND, ROVER or rock n + 1.
-        detail: (N, 4) float32. Of ground: number of the stone that is hit, -1 for none; height of the fine relief [m];
-            share of bare bedrock; share of sunlight that stones and fine relief let through. Of bodies: -1; stain, as
-            logarithm of brightness; 0; 1. Of the rover: albedo, red, green and blue; 1.
+        detail: (N, 4) float32. Of ground: number of the stone that is hit, -1 for none (stones without a height are a
+            pattern of the ground); height of the fine relief [m]; share of bare bedrock; share of sunlight that stones
+            and fine relief let through. Of bodies: -1; stain, as logarithm of brightness; 0; 1. Of the rover: albedo,
+            red, green and blue; 1.
     """
 
     depth: np.ndarray

@@ -14,7 +14,6 @@ import numpy as np
 
 from marssim.base.compute.compiled import compiled_in_place, inlined
 from marssim.render.relief.height import around, footprint_at, height_at, near_height, shown_at
-from marssim.render.relief.stones.flat import flat_stone
 from marssim.render.relief.stones.hits import most_stones, stone_hit, stone_side, tallest
 from marssim.render.relief.sunlight import sun_share
 from marssim.render.relief.tiles import NONE, WHOLE
@@ -73,7 +72,7 @@ def first_crossing(data, relief, stones, steepest, eye, focal, origin, ray, begi
         if t > end or abs(x) > far or abs(y) > far:
             break
         if gap <= NEAR * t:
-            return _on_ground(data, relief, stones, eye, focal, origin, ray, t)
+            return _on_ground(data, relief, eye, focal, origin, ray, t)
         closing = east * rx + north * ry - rz
         step = min(gap / closing, wave) if closing > 0 else wave
         step = max(step, gap / max(level_e * rx + level_n * ry + across * steep - rz, 0.02))
@@ -122,22 +121,21 @@ def first_crossing(data, relief, stones, steepest, eye, focal, origin, ray, begi
 
 
 @inlined
-def _on_ground(data, relief, stones, eye, focal, origin, ray, t):
+def _on_ground(data, relief, eye, focal, origin, ray, t):
     """Return the crossing of a ray with the ground, of which t is nearly the length, as first_crossing does."""
     rx, ry, rz = ray
     east, north, fine, bare = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
-    x, y, footprint = 0.0, 0.0, np.float32(0)
     for _ in range(6):
         x, y, z = origin[0] + t * rx, origin[1] + t * ry, origin[2] + t * rz
-        footprint = footprint_at(eye, focal, x, y, z)
-        height, east, north, _, _, fine, bare = height_at(data, relief, np.float32(x), np.float32(y), footprint, True)
+        height, east, north, _, _, fine, bare = height_at(
+            data, relief, np.float32(x), np.float32(y), footprint_at(eye, focal, x, y, z), True
+        )
         gap = z - height
         t += gap / max(east * rx + north * ry - rz, 0.05)
         if abs(gap) < EXACT * t:
             break
     normal = (-float(east), -float(north), 1.0)
-    who = flat_stone(data, relief.cover, stones, footprint, x, y)
-    return t, normal, who, fine, bare, 0.0, east, north
+    return t, normal, np.int32(-1), fine, bare, 0.0, east, north
 
 
 @inlined

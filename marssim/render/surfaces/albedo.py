@@ -30,11 +30,11 @@ DUST_TONE = 0.04  # logarithm of brightness of the dust on the crests of ripples
 
 
 @inlined
-def regolith_at(x, y, footprint, stone, fine, bare, cover, mix, stains, tones, plates, placed):
+def regolith_at(x, y, footprint, stone, pattern, fine, bare, cover, mix, stains, tones, plates, placed):
     """Return the albedo (red, green, blue) of the ground.
 
-    stone, fine, bare: of gbuffer.Hits.detail; cover: (sand, gravel) of height.cover_at; mix, stains, tones, plates: of
-    materials.Soil; placed: Tile of the plates.
+    stone, fine, bare: of gbuffer.Hits.detail; pattern: of flat_stone; cover: (sand, gravel) of height.cover_at; mix,
+    stains, tones, plates: of materials.Soil; placed: Tile of the plates.
     """
     zero, one, half = np.float32(0), np.float32(1), np.float32(0.5)
     sand, gravel = cover
@@ -49,6 +49,10 @@ def regolith_at(x, y, footprint, stone, fine, bare, cover, mix, stains, tones, p
         hidden = mix.hidden_bare * (one - np.float32(SAND_STONES) * sand) + mix.hidden_gravel * gravel
         tone += min(hidden * footprint * np.float32(1 / HIDDEN_AT), one) * np.float32(HIDDEN_MOST) * mix.pebble_tone
         tone += np.float32(DUST_TONE) * contrast * sand * min(max(height, -one), one)
+        flat, covered = pattern
+        if flat >= 0:
+            tone += covered * (mix.pebble_tone + np.float32(STONE_TONE) * contrast * tones[flat] - tone)
+            bare *= one - covered
     if bare > zero and stone < 0:
         plate_tone, crack = plate_look_at(plates, placed, x, y, footprint)
         tone += bare * (plate_tone * min(contrast, one) - crack * half)

@@ -11,11 +11,12 @@ import math
 
 import numpy as np
 
-from marssim.base.compute.compiled import compiled, inlined, read_only
+from marssim.base.compute.compiled import compiled_in_place, inlined, read_only
 from marssim.base.dataset.frame import GROUND, ROVER
 from marssim.render.geometry.gbuffer import Footprint
 from marssim.render.relief.ground import ground_relief
 from marssim.render.relief.height import cover_at, footprint_at
+from marssim.render.relief.stones.flat import flat_stone
 from marssim.render.relief.surroundings import surroundings_at
 from marssim.render.surfaces.albedo import GROUND_COLOUR, regolith_at, rock_at
 from marssim.render.surfaces.daylight import daylight, skies, sky_colour
@@ -85,8 +86,8 @@ class Shader:
             np.ascontiguousarray(points, dtype=np.float64), at, np.ascontiguousarray(normals, dtype=np.float32),
             np.ascontiguousarray(surface, dtype=np.int32), np.ascontiguousarray(detail, dtype=np.float32),
             np.asarray(eye, dtype=np.float64), np.ascontiguousarray(lit, dtype=np.float32), read_only(footprint.eye),
-            footprint.focal, self._ground.data, self._ground.relief.cover, self._ground.relief.plates, self._soil,
-            self._rocks, self.light, out,
+            footprint.focal, self._ground.data, self._ground.relief.cover, self._ground.relief.plates,
+            self._ground.stones, self._soil, self._rocks, self.light, out,
         )  # fmt: skip
         return out
 
@@ -99,9 +100,9 @@ class Shader:
         return skies(np.ascontiguousarray(directions, dtype=np.float64), self.light)
 
 
-@compiled
+@compiled_in_place
 def _surface(
-    points, at, normals, surface, detail, eye, lit, left, focal, data, cover, placed, soil, rocks, light, out
+    points, at, normals, surface, detail, eye, lit, left, focal, data, cover, placed, stones, soil, rocks, light, out
 ):  # fmt: skip
     """Fill in `out`, see Shader.surface. left: position of the camera that patterns are filtered for."""
     mix, stains, tones, plates, near_rocks, half = soil
@@ -124,9 +125,10 @@ def _surface(
             hidden, _, _ = surroundings_at(near_rocks, half, east, north)
             sand, _, _, gravel, _ = cover_at(data, cover, east, north)
             footprint = footprint_at(left, focal, x, y, z)
+            pattern = flat_stone(data, cover, stones, footprint, east, north)
             red, green, blue = regolith_at(
-                east, north, footprint, detail[m, 0], detail[m, 1], detail[m, 2], (sand, gravel), mix, stains, tones,
-                plates, placed,
+                east, north, footprint, detail[m, 0], pattern, detail[m, 1], detail[m, 2], (sand, gravel), mix, stains,
+                tones, plates, placed,
             )  # fmt: skip
             open_sun = detail[m, 3]
         elif surface[m] == ROVER:

@@ -49,7 +49,7 @@ def test_wide_borders_are_found_and_little_else(scene):
         count, partial = count + found[facing > 0].sum(), partial + soft.sum()
         left += (np.abs(np.where(found, share, centre) - share) * facing).sum()
         before += (np.abs(centre - share) * facing).sum()
-    assert wide[0] > 20 and wide[1] > 0.95 * wide[0]
+    assert wide[0] > 20 and wide[1] > 0.9 * wide[0]
     assert count < 6 * partial
     assert left < 0.2 * before
 

@@ -36,7 +36,7 @@ from marssim.render.relief.stones.bodies import (
     X,
     Y,
 )
-from marssim.render.relief.stones.hits import FLATTEST, STONE_FLAT, STONE_NONE, STONE_WHOLE
+from marssim.render.relief.stones.hits import FLATTEST, STONE_FLAT, STONE_WHOLE
 from marssim.render.renderers.by_name import make_renderer
 from marssim.render.renderers.scan_renderer import ScanRenderer
 from marssim.scene.outcrop.config import OutcropConfig
@@ -175,31 +175,6 @@ def _inside_stone(data, cover, stones, eye, focal, x, y, z, gap):
 
 
 @compiled
-def _flat_stone(data, cover, stones, width, x, y):
-    """Return the stone without height at a point of the ground: of the largest octave, and there of the least rank."""
-    _, _, _, stone, _, octave = stones
-    found, of_octave, first = -1, -1, np.inf
-    for m in range(len(stone)):
-        n = 0
-        while octave[n, SIDE] < stone[m, SIZE]:
-            n += 1
-        if n < of_octave or not STONE_NONE * width < stone[m, SIZE] <= STONE_FLAT * width:
-            continue
-        period = CELLS * octave[n, SIDE]
-        px, py = stone[m, X] + octave[n, EAST], stone[m, Y] + octave[n, NORTH]
-        px += period * math.floor((x - px) / period + 0.5)
-        py += period * math.floor((y - py) / period + 0.5)
-        u = stone[m, AX] * (x - px) + stone[m, AY] * (y - py)
-        v = stone[m, BX] * (x - px) + stone[m, BY] * (y - py)
-        if u * u + v * v + (stone[m, MIDDLE] * stone[m, RISE]) ** 2 > 1 or (n == of_octave and stone[m, RANK] > first):
-            continue
-        sand, _, _, gravel, _ = cover_at(data, cover, np.float32(px), np.float32(py))
-        if stone[m, RANK] <= octave[n, BARE] * (1 - SAND_STONES * sand) + octave[n, GRAVEL] * gravel:
-            found, of_octave, first = m, n, stone[m, RANK]
-    return found
-
-
-@compiled
 def _march(data, relief, stones, eye, focal, origin, rays, begin, step, most):
     """Return where rays enter ground or stones first, in steps of equal length, and the stones (-1 for ground)."""
     out, who = np.full(len(rays), np.inf), np.full(len(rays), -1)
@@ -210,7 +185,7 @@ def _march(data, relief, stones, eye, focal, origin, rays, begin, step, most):
             width = footprint_at(eye, focal, x, y, z)
             gap = z - height_at(data, relief, np.float32(x), np.float32(y), width, True)[0]
             if gap < 0:
-                out[k], who[k] = t, _flat_stone(data, relief.cover, stones, width, x, y)
+                out[k] = t
                 break
             if gap < 0.09:
                 m = _inside_stone(data, relief.cover, stones, eye, focal, x, y, z, gap)
