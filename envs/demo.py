@@ -174,10 +174,10 @@ def _drive_in_words(record: EpisodeRecord) -> str:
 {record.shortest - GOAL_RADIUS:.1f} m: the shortest passable way is {record.shortest:.1f} m long, and a drive ends
 {GOAL_RADIUS:g} m before the goal.
 It took {record.steps} steps of {record.step_seconds:.2f} s, of which perception took {record.perception_seconds:.2f} s.
-The smallest clearance on the way was {clearance}, from the rover's footprint to a true rock of
-{ZHURONG.obstacle_height:g} m or more in height. The red cells of the map below are something else: ground that the
-navigator judges not traversable from the depth that it sees. That includes lower steps, slopes and rough ground, so
-they may be nearer to the rover.
+The smallest clearance on the way was {clearance}, from the rover's footprint to a true obstacle: a rock of
+{ZHURONG.obstacle_height:g} m or more in height, a drop or steep ground. The red cells of the map below are something
+else: ground that the navigator judges not traversable from the depth that it sees. That includes lower steps and rough
+ground, so they may be nearer to the rover.
 The tilt was at most {record.max_tilt_deg:.0f} deg."""
 
 

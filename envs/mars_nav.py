@@ -156,8 +156,15 @@ class MarsNavEnv(gymnasium.Env):
 
     ## Version history
 
-    v0: first version. Since release 0.2.0, steep ground and drops are obstacles beside the rocks: `shortest`,
-    `redraws`, `min_clearance` and the reward know them, and the preset `hard` has ditches. Before, only rocks counted.
+    v0: first version. Since release 0.2.0:
+
+    - Steep ground and drops are obstacles beside the rocks: `shortest`, `redraws`, `min_clearance` and the reward know
+      them, and the preset `hard` has ditches. Before, only rocks counted.
+    - Scenes have slabs, ledges and fragments, and rocks sit deeper in the ground, so a seed gives another course than
+      in 0.1.0. Blocks of ledges of 0.30 m or more are obstacles like rocks.
+    - Images and true depth show the smooth ground with relief down to the pebble: sand against rocks, ripples, gravel.
+      The ground under the wheels is the grid of 0.1 m, without them. Before, both were the facets of this grid.
+    - With `dynamics="kinematic"`, the rover stops where it tilts by more than 30 deg.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 5}  # noqa: RUF012  (as gymnasium declares it)

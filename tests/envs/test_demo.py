@@ -142,6 +142,6 @@ def test_the_summary_says_what_the_drive_is_compared_with():
     )  # fmt: skip
     words = " ".join(_drive_in_words(record).split())
     assert "reached its goal and drove 15.1 m. At best, a drive to this goal takes about 13.1 m:" in words
-    assert "clearance on the way was 2.88 m, from the rover's footprint to a true rock of 0.3 m or more" in words
+    assert "clearance on the way was 2.88 m, from the rover's footprint to a true obstacle: a rock of 0.3 m" in words
     assert "more than 3 m, from" in _drive_in_words(replace(record, min_clearance=3.0))
     assert "did not reach its goal (stuck)" in _drive_in_words(replace(record, outcome="stuck"))

@@ -6,7 +6,7 @@ DIR/scenes/00003/05/         one sample (scene 3, view 5)
     left.png right.png       8-bit RGB
     depth.png                16-bit, logarithmic: see encode_depth; 65535 is the sky
     normal.png               16-bit RGB, (n + 1) / 2 scaled to 65535; 0 0 0 is the sky
-    surface.png              16-bit, 0 sky, 1 ground, n + 2 rock n, 65535 the rover itself
+    surface.png              16-bit, 0 sky, 1 ground, n + 1 rock, slab, block or fragment n (from 1), 65535 the rover
     occluded.png             8-bit, 255 where the right eye does not see the point
     sample.json              rig, pose, rotation of the right camera, scene parameters, what was drawn from their ranges
                              (sun, air, surface, sensor), and the SHA-256 of each image
