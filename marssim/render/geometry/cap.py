@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from marssim.render.geometry.mesh import SceneMesh, ground_mesh
 from marssim.render.relief.ground import Ground
-from marssim.render.relief.height import SAND_RELIEF, SOFT, SWEPT_DEPTH
+from marssim.render.relief.height import MOST_SWEPT, SAND_RELIEF, SOFT, SWEPT_DEPTH
 from marssim.render.relief.stones.bodies import BARE, GRAVEL, SIDE, TOP
 from marssim.render.relief.stones.tops import raise_at_stones
 from marssim.render.relief.tiles import Tile
@@ -70,7 +70,9 @@ def _thickness(grid: HeightGrid, ground: Ground) -> np.ndarray:
     crest = np.maximum(_highest_around(ground.data, relief.ripples, grid.cell, x, y), 0)
     out += float(relief.ripple_height) * sand * crest
     if relief.bedrock:
-        plates = _highest_around(ground.data, relief.plates, grid.cell, x, y) + SWEPT_DEPTH * np.minimum(swept, 1.3)
+        plates = _highest_around(ground.data, relief.plates, grid.cell, x, y) + SWEPT_DEPTH * np.minimum(
+            swept, MOST_SWEPT
+        )
         out = np.where(swept > 0, np.maximum(out, plates + SOFT), out)
     return out + _stone_tops(grid, ground) + _drift_tops(grid, ground)
 

@@ -19,6 +19,9 @@ SAND_RELIEF = 0.7  # share of the fine relief that sand buries
 SOFT = 0.002  # [m] height over which sand thins out on a plate of bedrock
 GRAIN_LIMIT = np.float32(0.013)  # [m] width of a pixel from which on it shows none of the grain
 SWEPT_DEPTH = 0.03  # [m] height of sand that the wind takes where the ground is swept by 1
+MOST_SWEPT = 1.3  # how swept the ground is where the wind takes no more
+EXPOSED = 0.25  # how swept the ground is from which on plates stand out fully; they begin to at 0
+SAND, GRAVEL, SWEPT = np.int32(0), np.int32(1), np.int32(2)  # the shares of Cover
 
 
 class Base(NamedTuple):
@@ -105,43 +108,64 @@ def base_at(data, base, x, y):
 
 
 @inlined
-def cover_at(data, cover, x, y):
-    """Return sand and its slopes [1/m], gravel, and how swept the ground is, at x, y [m]; all float32."""
+def share_at(data, cover, x, y, which):
+    """Return a share of the cover and its slopes [1/m] at x, y [m], float32. which: SAND or GRAVEL."""
     share, nodes, start, per_cell = cover
     last, zero = np.float32(nodes) - np.float32(1.001), np.float32(0)
-    u, v = min(max((x - start) * per_cell, zero), last), min(max((y - start) * per_cell, zero), last)
+    east, north = (x - start) * per_cell, (y - start) * per_cell
+    u, v = min(max(east, zero), last), min(max(north, zero), last)
     left, low = np.floor(u), np.floor(v)
     s, t = u - left, v - low
-    at = np.uint32(share + np.int32(3) * (np.int32(low) * nodes + np.int32(left)))
-    up = at + np.uint32(np.int32(3) * nodes)
-    n1, n2, n3, n4, n5 = np.uint32(1), np.uint32(2), np.uint32(3), np.uint32(4), np.uint32(5)
+    at = np.uint32(share + which + np.int32(3) * (np.int32(low) * nodes + np.int32(left)))
+    up, n3 = at + np.uint32(np.int32(3) * nodes), np.uint32(3)
     below, above = data[at + n3] - data[at], data[up + n3] - data[up]
     first, second = data[at] + s * below, data[up] + s * above
-    gravel = data[at + n1] + s * (data[at + n4] - data[at + n1])
-    gravel_high = data[up + n1] + s * (data[up + n4] - data[up + n1])
-    swept = data[at + n2] + s * (data[at + n5] - data[at + n2])
-    swept_high = data[up + n2] + s * (data[up + n5] - data[up + n2])
-    return (
-        first + t * (second - first), (below + t * (above - below)) * per_cell, (second - first) * per_cell,
-        gravel + t * (gravel_high - gravel), swept + t * (swept_high - swept),
-    )  # fmt: skip
+    along = (below + t * (above - below)) * per_cell if east == u else zero
+    return first + t * (second - first), along, (second - first) * per_cell if north == v else zero
+
+
+@inlined
+def swept_at(data, cover, x, y):
+    """Return how swept the ground is, and its slopes [1/m], at x, y [m], float32.
+
+    It is a quadratic B-spline, since plates that stand out by it would show the kinks of a bilinear one.
+    """
+    share, nodes, start, per_cell = cover
+    zero, half, one, most = np.float32(0), np.float32(0.5), np.float32(1), np.float32(0.75)
+    east, north, last = (x - start) * per_cell, (y - start) * per_cell, np.float32(nodes - 2)
+    u, v = min(max(east, one), last), min(max(north, one), last)
+    left, low = np.floor(u + half), np.floor(v + half)
+    s, t = u - left, v - low
+    row = np.int32(3) * nodes
+    at = share + SWEPT + np.int32(3) * (np.int32(left) - np.int32(1)) + row * (np.int32(low) - np.int32(1))
+    p0, p2, q0, q2, ss = half - s, half + s, half - t, half + t, s + s
+    weights = (half * q0 * q0, most - t * t, half * q2 * q2)
+    slopes = (-q0, -t - t, q2)
+    value, along, across = zero, zero, zero
+    for k in range(3):
+        a, b, c = data[np.uint32(at)], data[np.uint32(at + np.int32(3))], data[np.uint32(at + np.int32(6))]
+        line = half * p0 * p0 * a + (most - s * s) * b + half * p2 * p2 * c
+        value, across = value + weights[k] * line, across + slopes[k] * line
+        along += weights[k] * (p2 * c - p0 * a - ss * b)
+        at += row
+    return value, along * per_cell if east == u else zero, across * per_cell if north == v else zero
+
+
+@inlined
+def cover_at(data, cover, x, y):
+    """Return sand and its slopes [1/m], gravel, and how swept the ground is, at x, y [m]; all float32."""
+    sand, east, north = share_at(data, cover, x, y, SAND)
+    gravel, _, _ = share_at(data, cover, x, y, GRAVEL)
+    swept, _, _ = swept_at(data, cover, x, y)
+    return sand, east, north, gravel, swept
 
 
 @inlined
 def stone_cover_at(data, cover, x, y):
-    """Return the shares of sand and of gravel at x, y [m], float32: those of `cover_at`, in less time."""
-    share, nodes, start, per_cell = cover
-    last, zero = np.float32(nodes) - np.float32(1.001), np.float32(0)
-    u, v = min(max((x - start) * per_cell, zero), last), min(max((y - start) * per_cell, zero), last)
-    left, low = np.floor(u), np.floor(v)
-    s, t = u - left, v - low
-    at = np.uint32(share + np.int32(3) * (np.int32(low) * nodes + np.int32(left)))
-    up = at + np.uint32(np.int32(3) * nodes)
-    n1, n3, n4 = np.uint32(1), np.uint32(3), np.uint32(4)
-    first, second = data[at] + s * (data[at + n3] - data[at]), data[up] + s * (data[up + n3] - data[up])
-    gravel = data[at + n1] + s * (data[at + n4] - data[at + n1])
-    gravel_high = data[up + n1] + s * (data[up + n4] - data[up + n1])
-    return first + t * (second - first), gravel + t * (gravel_high - gravel)
+    """Return the shares of sand and of gravel at x, y [m], float32."""
+    sand, _, _ = share_at(data, cover, x, y, SAND)
+    gravel, _, _ = share_at(data, cover, x, y, GRAVEL)
+    return sand, gravel
 
 
 @inlined
@@ -170,6 +194,13 @@ def shown_at(length, footprint, none, whole):
 
 
 @inlined
+def exposed_at(swept):
+    """Return how far plates stand out where the ground is swept by more than 0, 0 to 1, and the derivative."""
+    one, ramp = np.float32(1), min(swept * np.float32(1 / EXPOSED), np.float32(1))
+    return ramp * ramp * (np.float32(3) - ramp - ramp), np.float32(6 / EXPOSED) * ramp * (one - ramp)
+
+
+@inlined
 def height_at(data, relief, x, y, footprint, grained):
     """Return height [m], slopes, the terrain's own slopes, the fine relief's height [m], and the share of bedrock.
 
@@ -178,7 +209,7 @@ def height_at(data, relief, x, y, footprint, grained):
     base, cover, fractal, grain, ripples, plates, strength, ripple_height, ripple_length, bedrock = relief
     zero, one, half = np.float32(0), np.float32(1), np.float32(0.5)
     height, east, north = base_at(data, base, x, y)
-    sand, sand_east, sand_north, _, swept = cover_at(data, cover, x, y)
+    sand, sand_east, sand_north = share_at(data, cover, x, y, SAND)
     fine, along, across = tile_at(data, fractal, x, y, footprint)
     if grained and footprint < GRAIN_LIMIT:
         value, du, dv = tile_at(data, grain, x, y, footprint)
@@ -196,17 +227,23 @@ def height_at(data, relief, x, y, footprint, grained):
         lie += weight * sand * value
         lie_east += steep * (cosine * du + sine * dv) + weight * value * sand_east
         lie_north += steep * (cosine * dv - sine * du) + weight * value * sand_north
-    bare = zero
-    if bedrock and swept > zero:
+    bare, swept, swept_east, swept_north = zero, zero, zero, zero
+    if bedrock:
+        swept, swept_east, swept_north = swept_at(data, cover, x, y)
+    if swept > zero:
         value, du, dv = tile_at(data, plates, x, y, footprint)
-        value += np.float32(SWEPT_DEPTH) * min(swept, np.float32(1.3))
+        depth = np.float32(SWEPT_DEPTH) if swept < np.float32(MOST_SWEPT) else zero
+        value += np.float32(SWEPT_DEPTH) * min(swept, np.float32(MOST_SWEPT))
         over = (value - lie) * np.float32(1 / SOFT)
         if over > -one:
             # a smooth maximum of sand and plate
-            bare = min(half + half * over, one)
-            lie += np.float32(0.25 * SOFT) * (over + one) * (over + one) if over < one else value - lie
-            lie_east += bare * (du - lie_east)
-            lie_north += bare * (dv - lie_north)
+            rise = np.float32(0.25 * SOFT) * (over + one) * (over + one) if over < one else value - lie
+            exposed, steep = exposed_at(swept)
+            bare = min(half + half * over, one) * exposed
+            steep = steep * rise + bare * depth
+            lie += exposed * rise
+            lie_east += bare * (du - lie_east) + steep * swept_east
+            lie_north += bare * (dv - lie_north) + steep * swept_north
     return height + lie, east + lie_east, north + lie_north, east, north, strength * fine, bare
 
 
@@ -262,7 +299,10 @@ def near_height(data, model, dx, dy):
         crest, du, dv = zero, zero, zero
         if plates[4] > zero:
             crest, du, dv = level_at(data, plates, plates_turn[0], plates_turn[1], dx, dy)
-        crest += np.float32(SWEPT_DEPTH) * min(swept, np.float32(1.3))
+        crest += np.float32(SWEPT_DEPTH) * min(swept, np.float32(MOST_SWEPT))
         if crest > lie:
-            lie, lie_east, lie_north = crest, du, dv
+            exposed, _ = exposed_at(swept)
+            lie += exposed * (crest - lie)
+            lie_east += exposed * (du - lie_east)
+            lie_north += exposed * (dv - lie_north)
     return height + lie, east + lie_east, north + lie_north, east, north
