@@ -94,7 +94,8 @@ class _PackageCache(FunctionCache):
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
         package = sys.modules[function.__module__.split(".")[0]]
-        stamp = source_digest(Path(package.__file__ or "").parent)
+        # kernels of other packages are built from this one's parts
+        stamp = source_digest(Path(package.__file__ or "").parent) + source_digest(Path(__file__).parents[2])
         self._cache_file = _KernelFiles(self.cache_path, self._impl.filename_base, stamp)
 
     def load_overload(self, signature: Any, target: Any) -> Any:

@@ -1,5 +1,6 @@
 import os
 import pickle
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from numba import typeof
 
+import marssim
 from marssim.base.command.run import exit_code
 from marssim.base.compute.compiled import KEPT, NOT_KEPT, compiled, compiled_in_place, inlined, read_only, source_digest
 
@@ -77,6 +79,17 @@ def test_kernels_are_kept_until_any_source_of_the_package_changes(tmp_path):
     assert run(tmp_path, **cache) == [11, 1]
     package(tmp_path, 20)  # another file than the kernel's
     assert run(tmp_path, **cache) == [21, 0]
+
+
+def test_kernels_of_other_packages_are_kept_until_this_one_changes(tmp_path):
+    """They may be built from its parts."""
+    package(tmp_path, 10)
+    copied = shutil.copytree(Path(marssim.__file__).parent, tmp_path / "marssim")
+    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    assert [run(tmp_path, **cache)[1] for _ in range(2)] == [0, 1]
+    with (copied / "scene" / "look.py").open("a") as file:
+        file.write("# changed\n")
+    assert run(tmp_path, **cache) == [11, 0]
 
 
 @pytest.mark.parametrize("kind", ["nbi", "nbc"])
