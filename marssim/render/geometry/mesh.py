@@ -10,6 +10,7 @@ import numpy as np
 from marssim.base.compute.compiled import compiled
 from marssim.base.dataset.frame import GROUND
 from marssim.render.geometry.gbuffer import ROCK_SMOOTHNESS
+from marssim.render.geometry.seam import seam_cells, seam_triangles
 from marssim.scene.look import SUN_RADIUS
 from marssim.scene.scene import Scene
 from marssim.scene.terrain import HeightGrid, Terrain
@@ -50,14 +51,37 @@ class SceneMesh(Mesh):
 
 
 def scene_mesh(scene: Scene) -> SceneMesh:
-    """Return the mesh of a scene: the fine grid, the coarse grid around it, and one piece for each body."""
-    return _joined([ground_mesh(scene.terrain), body_mesh(scene)])
+    """Return the mesh of a scene: its ground without gaps, and one piece for each body."""
+    return _joined([closed_ground_mesh(scene.terrain), body_mesh(scene)])
 
 
 def ground_mesh(terrain: Terrain) -> SceneMesh:
-    """Return the triangles of a terrain: the fine grid and the coarse grid around it."""
-    every = np.ones(np.array(terrain.fine.heights.shape) - 1, dtype=bool)
-    return _joined([_grid_mesh(terrain.fine, every), _grid_mesh(terrain.coarse, terrain.coarse_cells)])
+    """Return the triangles of a terrain's grids, the fine one and the coarse one around it, which do not meet."""
+    return _joined([_fine_mesh(terrain), _grid_mesh(terrain.coarse, terrain.coarse_cells)])
+
+
+def closed_ground_mesh(terrain: Terrain) -> SceneMesh:
+    """Return the triangles of a terrain, with a strip of triangles between its grids that leaves no gap."""
+    around = _grid_mesh(terrain.coarse, terrain.coarse_cells & ~seam_cells(terrain))
+    return _joined([_fine_mesh(terrain), around, _seam_mesh(terrain)])
+
+
+def _fine_mesh(terrain: Terrain) -> SceneMesh:
+    return _grid_mesh(terrain.fine, np.ones(np.array(terrain.fine.heights.shape) - 1, dtype=bool))
+
+
+def _seam_mesh(terrain: Terrain) -> SceneMesh:
+    vertices, faces, cell = seam_triangles(terrain)
+    begin = np.flatnonzero(np.diff(cell // PIECE_CELLS, prepend=-1))
+    low = high = np.zeros((0, 3))
+    if len(faces):
+        corners = vertices[faces]
+        low, high = np.minimum.reduceat(corners.min(axis=1), begin), np.maximum.reduceat(corners.max(axis=1), begin)
+    return SceneMesh(
+        vertices=vertices, faces=faces, surface=np.full(len(faces), GROUND, dtype=np.int32),
+        vertex_normals=np.zeros((len(vertices), 3), dtype=np.float32),
+        start=np.append(begin, len(faces)).astype(np.int64), low=low, high=high,
+    )  # fmt: skip
 
 
 def body_mesh(scene: Scene) -> SceneMesh:

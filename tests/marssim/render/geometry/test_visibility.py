@@ -6,7 +6,7 @@ import pytest
 from marssim.base.camera import PinholeCamera
 from marssim.base.pose import look_pose
 from marssim.render.geometry.gbuffer import Footprint
-from marssim.render.geometry.mesh import scene_mesh
+from marssim.render.geometry.mesh import closed_ground_mesh, scene_mesh
 from marssim.render.geometry.visibility import Visibility
 from marssim.render.renderers.embree_renderer import EmbreeRenderer, MeshTracer
 from marssim.render.renderers.scan_renderer import ScanRenderer
@@ -52,9 +52,7 @@ def seen(caster: MeshTracer, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def test_pieces_hold_all_faces_within_their_boxes(scene):
     mesh = scene_mesh(scene)
     assert mesh.start[0] == 0 and mesh.start[-1] == len(mesh.faces) == len(mesh.surface)
-    fine, coarse = scene.terrain.fine.heights.shape, scene.terrain.coarse_cells
-    ground = 2 * ((fine[0] - 1) * (fine[1] - 1) + coarse.sum())
-    assert len(mesh.faces) == ground + len(scene.bodies.faces)
+    assert len(mesh.faces) == len(closed_ground_mesh(scene.terrain).faces) + len(scene.bodies.faces)
     piece = np.repeat(np.arange(len(mesh.low)), np.diff(mesh.start))
     corner = mesh.vertices[mesh.faces]
     assert (corner >= mesh.low[piece][:, None]).all() and (corner <= mesh.high[piece][:, None]).all()

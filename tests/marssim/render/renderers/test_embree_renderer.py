@@ -12,7 +12,7 @@ from marssim.base.dataset.frame import GROUND, SKY
 from marssim.base.pose import look_pose
 from marssim.inspection.tilted_planes import BARE
 from marssim.render.geometry.gbuffer import Footprint
-from marssim.render.geometry.mesh import Mesh, scene_mesh
+from marssim.render.geometry.mesh import Mesh, closed_ground_mesh, scene_mesh
 from marssim.render.geometry.visibility import SELF_GAP
 from marssim.render.renderers.by_name import make_renderer
 from marssim.render.renderers.embree_renderer import MeshTracer
@@ -84,13 +84,8 @@ def nearest_hit(origin: np.ndarray, direction: np.ndarray, corners: np.ndarray) 
 
 @pytest.fixture(scope="module")
 def corners(scene) -> np.ndarray:
-    terrain = scene.terrain
-    meshes = [
-        terrain.fine.mesh(),
-        terrain.coarse.mesh(terrain.coarse_cells),
-        (scene.bodies.vertices, scene.bodies.faces),
-    ]
-    return np.concatenate([vertices[faces] for vertices, faces in meshes])
+    ground, bodies = closed_ground_mesh(scene.terrain), scene.bodies
+    return np.concatenate([mesh.vertices[mesh.faces] for mesh in (ground, bodies)])
 
 
 @pytest.mark.parametrize("name", ["embree", "scan"])
