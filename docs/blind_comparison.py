@@ -53,8 +53,8 @@ class Frame:
         sun_elevation_deg: Height of the sun above that plane [deg], LOW HIGH.
         sun_left_deg: Direction of the sun, to the left of the direction of view [deg], LOW HIGH.
         regions: Left, top, right and bottom border [px] of parts that are ground with stones wherever a crop lies.
-        psf: As in SensorConfig; so are noise and hot pixels.
-        full_well: Electrons at full scale, LOW HIGH.
+        psf: Standard deviation of the point spread function [px], LOW HIGH.
+        grain: Standard deviation of the grain over the code, LOW HIGH, as smooth parts of the real image have it.
         hot_pixels: Hot pixels in a million, LOW HIGH.
     """
 
@@ -67,7 +67,7 @@ class Frame:
     sun_left_deg: tuple[float, float]
     regions: tuple[tuple[int, int, int, int], ...]
     psf: tuple[float, float]
-    full_well: tuple[float, float]
+    grain: tuple[float, float]
     hot_pixels: tuple[float, float] = (0.0, 0.0)
 
 
@@ -75,18 +75,18 @@ FRAMES = (
     # Curiosity, sand between slabs; the sun's height is not known, but by its shadows
     Frame(
         "NLB_517071516EDR_F0541490CCAM15900M1_8bit.png", (1024, 1024), 1220.0, 1.9, (33.0, 37.0), (35.0, 60.0),
-        (0.0, 80.0), ((8, 8, 1016, 260), (8, 350, 230, 910)), (0.5, 0.6), (800.0, 1500.0), (200.0, 600.0),
+        (50.0, 110.0), ((8, 8, 1016, 260), (8, 350, 230, 910)), (0.5, 0.6), (0.035, 0.05), (200.0, 600.0),
     ),
     # Curiosity, sol 1431: a slope below a cliff, which the camera looks up to
     Frame(
         "NLB_524534514EDR_F0562034NCAM00280M_.jpeg", (1024, 1024), 1220.0, 4.0, (3.0, 6.0), (30.0, 55.0),
-        (0.0, 80.0), ((8, 730, 1016, 1016),), (0.5, 0.6), (800.0, 1500.0), (200.0, 600.0),
+        (50.0, 110.0), ((8, 730, 1016, 1016),), (0.5, 0.6), (0.035, 0.05), (200.0, 600.0),
     ),
     # Perseverance, sol 709: slabs; its label has the sun 80 deg high, and the camera's model and direction
     Frame(
         "NLMV0709_0729882743_168RAD_N0332841TRAV00262_0A02LLJ01.IMG", (1280, 960), 740.0, 2.0, (27.0, 30.0),
         (77.0, 83.0), (20.0, 60.0), ((20, 140, 1060, 600), (230, 560, 1180, 790), (1060, 200, 1270, 700)),
-        (0.5, 0.6), (4000.0, 8000.0),
+        (0.5, 0.6), (0.006, 0.012),
     ),
 )  # fmt: skip
 
@@ -201,7 +201,7 @@ def rendered_crop(frame: Frame, place: str, seed: int) -> tuple[np.ndarray, dict
     sun = rng.uniform(*frame.sun_elevation_deg), yaw + rng.uniform(*frame.sun_left_deg)
     scene = build_scene(preset(place), rng).with_sun(*sun)
     view = ViewConfig((frame.height, frame.height), frame.pitch_deg, (-3.0, 3.0), (yaw, yaw))
-    faults = SensorConfig(psf=frame.psf, full_well=frame.full_well, hot_pixels=frame.hot_pixels)
+    faults = SensorConfig(psf=frame.psf, hot_pixels=frame.hot_pixels)
     whole = StereoRig(PinholeCamera.centred(*frame.size, frame.focal), 0.42)
     x, y = window(frame, rng)
     with SceneRenderer(scene, rig=whole.cropped(x, y, SIDE, SIDE)) as renderer:
@@ -214,14 +214,15 @@ def rendered_crop(frame: Frame, place: str, seed: int) -> tuple[np.ndarray, dict
         else:
             raise SystemExit(f"{place}: no view with stones and without sky in {TRIES} tries")
     grey = cv2.cvtColor(drawn.left, cv2.COLOR_RGB2GRAY)
-    return toned(linear(grey)), {"real": False, "place": place, "as": frame.file, "seed": seed, "x": x, "y": y}
+    grain = rng.uniform(*frame.grain) * rng.standard_normal(grey.shape)
+    return toned(linear(grey), grain), {"real": False, "place": place, "as": frame.file, "seed": seed, "x": x, "y": y}
 
 
-def toned(light: np.ndarray) -> np.ndarray:
-    """Return light as an 8-bit image: its square root, stretched, after JPEG."""
+def toned(light: np.ndarray, grain: np.ndarray | float = 0.0) -> np.ndarray:
+    """Return light as an 8-bit image: its square root, stretched, with grain as a share of the code, after JPEG."""
     root = np.sqrt(light)
     low, high = np.percentile(root, STRETCH)
-    codes = np.clip(255 * (root - low) / max(high - low, 1e-9), 0, 255).round().astype(np.uint8)
+    codes = np.clip(255 * (root - low) / max(high - low, 1e-9) * (1 + grain), 0, 255).round().astype(np.uint8)
     coded = cv2.imencode(".jpg", codes, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1]
     return cv2.imdecode(coded, cv2.IMREAD_GRAYSCALE)
 
