@@ -216,7 +216,7 @@ PLACES = {
 }
 
 
-@pytest.mark.parametrize(("pitch_deg", "least"), [(60, 0.995), (25, 0.97)])
+@pytest.mark.parametrize(("pitch_deg", "least"), [(60, 0.995), (25, 0.985)])
 @pytest.mark.parametrize("place", PLACES)
 def test_rays_meet_first_what_tiny_steps_meet_first(place, pitch_deg, least):
     """At 25 deg, a millimetre of the model of the relief decides on which side of a stone's top a ray passes."""
@@ -237,7 +237,7 @@ def test_rays_meet_first_what_tiny_steps_meet_first(place, pitch_deg, least):
     )  # fmt: skip
     off = hits.depth - (depth - step / 2)
     assert (np.abs(off) < 1e-3 + 1e-4 * depth).mean() > least, f"{np.sort(np.abs(off))[-20:]}"
-    assert (hits.detail[:, 0] == stone).mean() > least - 0.05
+    assert (hits.detail[:, 0] == stone).mean() > least - 0.04
     if place == "gravel":
         assert 0.3 < (stone >= 0).mean() < 0.95
 
@@ -254,7 +254,7 @@ def test_the_two_eyes_see_one_surface(place):
     rays = rig.camera.rays() - np.stack([rig.baseline / depth, 0 * depth, 0 * depth], axis=-1)
     hits = renderer.trace(rays.reshape(-1, 3), right, footprint, sunlit=False)
     off = hits.depth / depth.ravel() - 1
-    assert (off < 1e-3).mean() > 0.995 and (off < 1e-4).mean() > 0.985, f"{np.sort(off)[-20:]}"
+    assert (off < 1e-3).mean() > 0.999 and (off < 1e-4).mean() > 0.99, f"{np.sort(off)[-20:]}"
     assert (np.abs(off) < 1e-4).mean() > 0.8  # the rest is hidden from the right eye
 
 
