@@ -51,12 +51,15 @@ class Stopwatch:
         self._patch.setattr(holder, name, timed)
 
 
-@pytest.mark.parametrize("place", ["utopia", "jezero"])
-@pytest.mark.parametrize("renderer", ["scan", "embree", "pybullet"])
-def test_pair_with_ground_truth_and_files(capsys, monkeypatch, tmp_path, place, renderer):
+@pytest.mark.parametrize(
+    ("place", "renderer", "pixels"),
+    [(place, renderer, 512) for renderer in ("scan", "embree", "pybullet") for place in ("utopia", "jezero")]
+    + [("utopia", "scan", 1024)],
+)
+def test_pair_with_ground_truth_and_files(capsys, monkeypatch, tmp_path, place, renderer, pixels):
     """The views of a scene, its own cost shared out among them: medians of three scenes, one core."""
     cv2.setNumThreads(1)
-    rows = []
+    rig, rows, views = NATECAM.resized(pixels, pixels), [], VIEWS * 512**2 // pixels**2
     for seed in range(4):  # the first one warms up
         watch = Stopwatch(monkeypatch)
         start = perf_counter()
@@ -65,15 +68,17 @@ def test_pair_with_ground_truth_and_files(capsys, monkeypatch, tmp_path, place, 
         maker, shader = make_renderer(renderer, scene), Shader(scene)
         ready = perf_counter()
         for holder, name, stage in (
-            (maker, "render", "geometry of both eyes"), (maker, "lit", "shadows"), (maker, "trace", "rays at edges"),
-            (shader, "surface", "shading"), (stereo, "occlusion", "occlusion"), (Sensor, "expose", "detector"),
+            (maker, "render", "geometry of both eyes"), (maker, "shadow_distance", "shadows"),
+            (maker, "sun_share", "shadows"), (maker, "lit", "shadows"), (maker, "trace", "rays at edges"),
+            (maker, "trace_ground", "rays at edges"), (shader, "surface", "shading"),
+            (stereo, "occlusion", "occlusion"), (Sensor, "expose", "detector"),
         ):  # fmt: skip
             watch.watch(holder, name, stage)
         rng, sizes = np.random.default_rng(seed), []
         sensor = Sensor.draw(SensorConfig(), rng)
-        for view in range(VIEWS):
+        for view in range(views):
             folder = tmp_path / f"{seed}-{view}"
-            frame = stereo.render_stereo(maker, shader, NATECAM, draw_pose(scene, ViewConfig(), rng), sensor, rng)
+            frame = stereo.render_stereo(maker, shader, rig, draw_pose(scene, ViewConfig(), rng), sensor, rng)
             begin = perf_counter()
             write_sample(folder, frame, {})
             watch.spent["files"] += perf_counter() - begin
@@ -83,8 +88,8 @@ def test_pair_with_ground_truth_and_files(capsys, monkeypatch, tmp_path, place, 
         monkeypatch.undo()
         row = {"scene": built - start, "renderer": ready - built, **watch.spent}
         rows.append({**row, "rest": end - start - sum(row.values()), "whole pair": end - start})
-        assert np.mean(sizes) < 2.5e6
+        assert np.mean(sizes) < 2.5e6 * (pixels / 512) ** 2
     with capsys.disabled():
-        print(f"\npair of {place}, {renderer}, 512 x 512, files written, {np.mean(sizes) / 1e6:.2f} MB")
+        print(f"\npair of {place}, {renderer}, {pixels} x {pixels}, files written, {np.mean(sizes) / 1e6:.2f} MB")
         for stage in rows[-1]:
-            print(f"    {stage:<54} {np.median([row[stage] for row in rows[1:]]) / VIEWS * 1e3:9.1f} ms")
+            print(f"    {stage:<54} {np.median([row.get(stage, 0) for row in rows[1:]]) / views * 1e3:9.1f} ms")
