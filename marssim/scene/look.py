@@ -16,7 +16,7 @@ LOOK_LIMITS = {
     "sun_elevation_deg": (0.0, 90.0), "sun_azimuth_deg": (-360.0, 720.0), "optical_depth": (0.0, 12.0),
     "albedo_contrast": (0.0, 3.0), "texture_strength": (0.0, 3.0), "pebbles": (0.0, 1.0), "wind_ripples": (0.0, 1.0),
     "bedding": (0.0, 1.0), "bedrock": (0.0, 1.0), "rock_dust": (0.0, 1.0), "gravel": (0.0, 1.0),
-    "gravel_size": (0.005, 0.08), "gravel_sorting": (0.0, 1.0), "drifts": (0.0, 1.0),
+    "gravel_size": (0.005, 0.08), "gravel_sorting": (0.0, 1.0), "drifts": (0.0, 1.0), "soil_albedo": (0.3, 1.3),
 }  # fmt: skip
 
 
@@ -58,6 +58,9 @@ class LookConfig:
     drifts: Range = (0.3, 0.9)
     """How much sand lies against rocks and slabs, LOW HIGH: 0 has none, 1 the most. Mounds at their feet are up to 10
     cm high, and tails in the lee of rocks up to 14."""
+    soil_albedo: Range = (0.7, 1.0)
+    """Brightness of sand and soil, LOW HIGH, 0.3 to 1.3: 1 is bright dust, 0.5 the dark basaltic sand between pale
+    slabs. The brightness of rocks does not follow it."""
 
     def __post_init__(self) -> None:
         check_ranges(self, LOOK_LIMITS)
@@ -84,6 +87,7 @@ class Look:
         gravel_size: Commonest diameter of the stones in gravel [m].
         gravel_sorting: How alike the stones of gravel are, 0 to 1.
         drifts: How much sand lies against rocks and slabs, 0 to 1.
+        soil_albedo: Brightness of sand and soil over that of bright dust.
     """
 
     sun: np.ndarray
@@ -100,6 +104,7 @@ class Look:
     gravel_size: float = 0.02
     gravel_sorting: float = 0.5
     drifts: float = 0.0
+    soil_albedo: float = 1.0
 
     @property
     def sun_elevation(self) -> float:
@@ -131,6 +136,7 @@ def draw_look(config: LookConfig, rng: np.random.Generator) -> Look:
         gravel_size=float(np.exp(rng.uniform(*np.log(config.gravel_size)))),
         gravel_sorting=float(rng.uniform(*config.gravel_sorting)),
         drifts=float(rng.uniform(*config.drifts)),
+        soil_albedo=float(rng.uniform(*config.soil_albedo)),
     )
 
 

@@ -28,7 +28,7 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig, OutcropConfig]
         ),
         LookConfig(
             pebbles=(0.2, 0.9), wind_ripples=(0.2, 0.7), bedding=(0.0, 0.2), bedrock=(0.0, 0.0), rock_dust=(0.2, 0.8),
-            gravel=(0.0, 0.05), drifts=(0.3, 1.0),
+            gravel=(0.0, 0.05), drifts=(0.3, 1.0), soil_albedo=(0.85, 1.1),
         ),
         OutcropConfig(slabs=(0.0, 0.03), slab_size=(0.25, 0.5), fragments=(0.0, 0.3)),
     ),
@@ -41,7 +41,7 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig, OutcropConfig]
         ),
         LookConfig(
             pebbles=(0.4, 1.0), wind_ripples=(0.1, 0.5), bedding=(0.0, 0.2), bedrock=(0.0, 0.15), rock_dust=(0.1, 0.6),
-            gravel=(0.0, 0.3), drifts=(0.2, 0.7),
+            gravel=(0.0, 0.3), drifts=(0.2, 0.7), soil_albedo=(0.7, 1.1),
         ),
         OutcropConfig(slabs=(0.0, 0.1), fragments=(0.2, 0.8)),
     ),
@@ -54,7 +54,7 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig, OutcropConfig]
         ),
         LookConfig(
             pebbles=(0.2, 0.9), wind_ripples=(0.2, 0.7), bedding=(0.6, 1.0), bedrock=(0.15, 0.6), rock_dust=(0.0, 0.5),
-            drifts=(0.4, 1.0),
+            drifts=(0.4, 1.0), soil_albedo=(0.45, 0.9),
         ),
         OutcropConfig(slabs=(0.15, 0.6), ledges=(0.0, 6.0), fragments=(0.3, 1.0)),
     ),
@@ -64,7 +64,7 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig, OutcropConfig]
         ReliefConfig(hurst=0.73, rms_slope_deg=5.2, ripple_amplitude=0.03, ripple_wavelength=1.4, ripple_cover=0.2),
         LookConfig(
             pebbles=(0.5, 1.0), wind_ripples=(0.1, 0.6), bedding=(0.1, 0.8), bedrock=(0.0, 0.4), rock_dust=(0.1, 0.6),
-            gravel=(0.0, 0.4), drifts=(0.3, 0.9),
+            gravel=(0.0, 0.4), drifts=(0.3, 0.9), soil_albedo=(0.5, 0.9),
         ),
         OutcropConfig(slabs=(0.05, 0.45), slab_size=(0.45, 1.3), ledges=(0.0, 2.0), fragments=(0.2, 0.8)),
     ),
@@ -75,6 +75,7 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig, OutcropConfig]
         LookConfig(
             pebbles=(0.5, 1.0), wind_ripples=(0.0, 0.4), bedding=(0.0, 0.4), bedrock=(0.0, 0.1), rock_dust=(0.1, 0.6),
             gravel=(0.5, 1.0), gravel_size=(0.01, 0.05), gravel_sorting=(0.0, 1.0), drifts=(0.1, 0.6),
+            soil_albedo=(0.6, 1.0),
         ),
         OutcropConfig(slabs=(0.0, 0.05), slab_size=(0.25, 0.5), fragments=(0.1, 0.5)),
     ),
@@ -86,7 +87,7 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig, OutcropConfig]
         ),
         LookConfig(
             pebbles=(0.3, 1.0), wind_ripples=(0.0, 0.6), bedding=(0.0, 0.6), bedrock=(0.0, 0.3), rock_dust=(0.0, 0.6),
-            gravel=(0.0, 0.4), drifts=(0.1, 0.8),
+            gravel=(0.0, 0.4), drifts=(0.1, 0.8), soil_albedo=(0.5, 1.1),
         ),
         OutcropConfig(slabs=(0.0, 0.3), slab_tilt_deg=(2.0, 7.0), ledges=(0.0, 6.0), fragments=(0.3, 1.0)),
     ),

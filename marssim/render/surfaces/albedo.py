@@ -41,25 +41,31 @@ def regolith_at(x, y, footprint, stone, pattern, fine, bare, cover, mix, stains,
     contrast = mix.contrast
     spots = _stains_at(x, y, footprint, stains)
     height = fine * np.float32(1 / RELIEF_HEIGHT)
-    tone = np.float32(RELIEF_TONE) * contrast * height
+    tone, soil = np.float32(RELIEF_TONE) * contrast * height, zero
     if stone >= 0:
         tone = mix.pebble_tone + np.float32(STONE_TONE) * contrast * tones[np.int32(stone)]
     else:
-        # stones too small to stand out still darken the ground
+        soil = (one - bare) * mix.soil_tone
+        tone += soil
+        # stones too small to stand out still change the ground's brightness
         hidden = mix.hidden_bare * (one - np.float32(SAND_STONES) * sand) + mix.hidden_gravel * gravel
-        tone += min(hidden * footprint * np.float32(1 / HIDDEN_AT), one) * np.float32(HIDDEN_MOST) * mix.pebble_tone
+        tone += (
+            min(hidden * footprint * np.float32(1 / HIDDEN_AT), one)
+            * np.float32(HIDDEN_MOST)
+            * (mix.pebble_tone - mix.soil_tone)
+        )
         tone += np.float32(DUST_TONE) * contrast * sand * min(max(height, -one), one)
         flat, covered = pattern
         if flat >= 0:
             tone += covered * (mix.pebble_tone + np.float32(STONE_TONE) * contrast * tones[flat] - tone)
-            bare *= one - covered
+            bare, soil = bare * (one - covered), soil * (one - covered)
     if bare > zero and stone < 0:
         plate_tone, crack = plate_look_at(plates, placed, x, y, footprint)
         tone += bare * (plate_tone * min(contrast, one) - crack * half)
     else:
         bare = zero
-    # coarse dark grains gather in the troughs; fine bright dust lies on the crests
-    hue = min(max(spots + half * tone, -half), half)
+    # coarse dark grains gather in the troughs; fine bright dust lies on the crests; dark sand is greyer than dust
+    hue = min(max(spots + half * tone - soil, -half), half)
     brightness = math.exp(min(max(spots + tone, np.float32(-1.5)), np.float32(1.2)))
     pale = bare * np.float32(BED_PALE) * min(contrast, one)
     red = (np.float32(GROUND_COLOUR[0]) + pale * np.float32(BED_COLOUR[0] - GROUND_COLOUR[0])) * brightness

@@ -42,12 +42,14 @@ class Mix(NamedTuple):
 
     Attributes:
         contrast: Look.albedo_contrast.
+        soil_tone: Tone of the ground between the stones, as logarithm of brightness.
         pebble_tone: Mean tone of the stones, as logarithm of brightness.
         hidden_bare: Share of bare ground that stones cover.
         hidden_gravel: The same of gravel.
     """
 
     contrast: np.float32
+    soil_tone: np.float32
     pebble_tone: np.float32
     hidden_bare: np.float32
     hidden_gravel: np.float32
@@ -96,6 +98,7 @@ def _soil(scene: Scene, ground: Ground) -> Soil:
     lying = 1 - np.prod(1 - PACKED * ground.stones.octave[:, [BARE, GRAVEL]], axis=0)
     mix = Mix(
         contrast=np.float32(look.albedo_contrast),
+        soil_tone=np.float32(np.log(look.soil_albedo)),
         pebble_tone=np.float32(np.log(PEBBLE_DUST + (1 - PEBBLE_DUST) * scene.config.rocks.albedo)),
         hidden_bare=np.float32(lying[0]),
         hidden_gravel=np.float32(lying[1]),

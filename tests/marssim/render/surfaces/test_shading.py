@@ -21,7 +21,9 @@ SCENE = build_scene(SMALL, np.random.default_rng(2))
 LEVEL = plane(np.zeros(2))
 EYE = np.array([0.0, 0.0, 1.2])
 FOOTPRINT = Footprint(EYE, FOCAL)
-PLAIN = {"texture_strength": 0.0, "pebbles": 0.0, "wind_ripples": 0.0, "bedrock": 0.0, "gravel": 0.0}
+PLAIN = {
+    "texture_strength": 0.0, "pebbles": 0.0, "wind_ripples": 0.0, "bedrock": 0.0, "gravel": 0.0, "soil_albedo": 1.0,
+}  # fmt: skip
 
 
 def towards(elevation_deg: float, azimuth_deg: float) -> np.ndarray:
@@ -236,6 +238,16 @@ def test_bedrock_is_paler_than_sand_and_shows_as_its_knob_says():
     shader_of_bedrock = shader(bedrock=0.5, albedo_contrast=1.0)
     sand, rock = (level(shader_of_bedrock, around(), bare=share).mean(0) for share in (0.0, 1.0))
     assert rock[2] / rock[0] > 1.05 * sand[2] / sand[0]
+
+
+def test_soil_is_as_bright_as_its_knob_says_and_bedrock_does_not_follow():
+    plain = {**PLAIN, "sun": towards(50, 0), "albedo_contrast": 0.0, "bedrock": 0.5}
+    sand, bare = (
+        [level(shader(**{**plain, "soil_albedo": soil}), around(), bare=share)[:, 0].mean() for soil in (0.5, 1.0)]
+        for share in (0.0, 1.0)
+    )
+    assert sand[0] == pytest.approx(0.5 * sand[1], rel=0.01)
+    assert bare[0] == pytest.approx(bare[1], rel=1e-5)
 
 
 def test_relief_shows_in_the_shadow_under_a_low_sun():
