@@ -52,7 +52,7 @@ def regolith_at(x, y, footprint, stone, pattern, fine, bare, cover, mix, stains,
         tone += (
             min(hidden * footprint * np.float32(1 / HIDDEN_AT), one)
             * np.float32(HIDDEN_MOST)
-            * (mix.pebble_tone - mix.soil_tone)
+            * (mix.pebble_tone - soil)
         )
         tone += np.float32(DUST_TONE) * contrast * sand * min(max(height, -one), one)
         flat, covered = pattern
