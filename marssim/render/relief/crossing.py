@@ -26,6 +26,8 @@ PIECE = np.float32(0.025)  # [m] length on the ground of the pieces of a ray tha
 AROUND = 0.08  # [m] how far from the middle of a model of the relief it is used
 NEAR = 2e-4  # height over the ground, over the ray's length, from which the last step of a ray leads to it
 EXACT = 1e-4  # the same of the exact relief, from which a step of Newton's gives the crossing
+MET = 1e-3  # the same after the last of these steps, from which on the ray did not meet the ground there
+DOUBTS = 6  # times that a ray goes on where it did not
 SKIM = 2e-5  # length of a step, over the ray's, after which a crossing with a stone is found
 
 
@@ -67,16 +69,19 @@ def first_crossing(data, relief, stones, steepest, eye, focal, origin, ray, begi
     gap = z - height
     high_begun = gap
     far = -float(relief.base.coarse_start)
-    none, zero = -1, np.float32(0)
+    none, zero, longest, doubts = -1, np.float32(0), np.inf, 0
     for _ in range(STEPS):
         if t > end or abs(x) > far or abs(y) > far:
             break
         if gap <= NEAR * t:
-            return _on_ground(data, relief, eye, focal, origin, ray, t)
+            met, crossing = _on_ground(data, relief, eye, focal, origin, ray, t)
+            if met or doubts == DOUBTS or footprint > AROUND:
+                return crossing
+            doubts, x0 = doubts + 1, np.inf  # at a brink the model may lie too high: look again with one of this place
         closing = east * rx + north * ry - rz
         step = min(gap / closing, wave) if closing > 0 else wave
         step = max(step, gap / max(level_e * rx + level_n * ry + across * steep - rz, 0.02))
-        t2 = t + step
+        t2 = t if x0 == np.inf else t + min(step, longest)
         x2, y2, z2 = origin[0] + t2 * rx, origin[1] + t2 * ry, origin[2] + t2 * rz
         if abs(x2 - x0) + abs(y2 - y0) > AROUND:
             x0, y0 = x2, y2
@@ -84,8 +89,11 @@ def first_crossing(data, relief, stones, steepest, eye, focal, origin, ray, begi
             model = around(data, relief, np.float32(x2), np.float32(y2), footprint)
             open_ground, packed = most_stones(data, cover, x2, y2)
             highest = tallest(octave, open_ground, packed, footprint)
-        height, east2, north2, level_e, level_n = near_height(data, model, np.float32(x2 - x0), np.float32(y2 - y0))
+        height, east2, north2, level_e2, level_n2 = near_height(data, model, np.float32(x2 - x0), np.float32(y2 - y0))
         gap2 = z2 - height
+        if gap2 < -NEAR * t2 and (t2 - t) * across > AROUND > footprint:
+            longest = 0.9 * AROUND / across  # behind a brink, where the terrain fell away from its slope
+            continue
         if gap2 < -NEAR * t2:
             # crossed: close in on the root between t and t2
             low, high, gap_low, gap_high = t, t2, gap, gap2
@@ -116,14 +124,15 @@ def first_crossing(data, relief, stones, steepest, eye, focal, origin, ray, begi
                         return crossing
             begun, high_begun = t2, gap2
         t, x, y, z, gap = t2, x2, y2, z2, gap2
-        east, north = east2, north2
+        east, north, level_e, level_n = east2, north2, level_e2, level_n2
     return np.inf, (0.0, 0.0, 1.0), none, zero, zero, 0.0, zero, zero
 
 
 @inlined
 def _on_ground(data, relief, eye, focal, origin, ray, t):
-    """Return the crossing of a ray with the ground, of which t is nearly the length, as first_crossing does."""
+    """Return whether a ray meets the ground where its length is nearly t, and the crossing, as first_crossing does."""
     rx, ry, rz = ray
+    gap = 0.0
     east, north, fine, bare = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
     for _ in range(6):
         x, y, z = origin[0] + t * rx, origin[1] + t * ry, origin[2] + t * rz
@@ -135,7 +144,7 @@ def _on_ground(data, relief, eye, focal, origin, ray, t):
         if abs(gap) < EXACT * t:
             break
     normal = (-float(east), -float(north), 1.0)
-    return t, normal, np.int32(-1), fine, bare, 0.0, east, north
+    return abs(gap) < MET * t, (t, normal, np.int32(-1), fine, bare, 0.0, east, north)
 
 
 @inlined

@@ -242,6 +242,33 @@ def test_rays_meet_first_what_tiny_steps_meet_first(place, pitch_deg, least):
         assert 0.3 < (stone >= 0).mean() < 0.95
 
 
+def test_rays_over_the_brink_of_a_ditch_meet_what_tiny_steps_meet():
+    """The terrain bends within a cell there, and falls away from the slope that it had before."""
+    base = preset("gusev")
+    none = ("texture_strength", "pebbles", "wind_ripples", "bedrock", "gravel", "drifts")
+    scene = build_scene(
+        replace(
+            base, rocks=RockConfig(k=0.0), outcrop=OutcropConfig(fragments=(0, 0)),
+            relief=replace(base.relief, ditch_density=0.004, fresh_crater_density=0.004),
+            look=replace(base.look, **dict.fromkeys(none, (0.0, 0.0))),
+        ),
+        3,
+    )  # fmt: skip
+    renderer, step = ScanRenderer(scene), 5e-4
+    eye = np.array([5.6, 6.0, float(scene.terrain.height_at(5.6, 6.0)) + 1.2])
+    pose = look_pose(eye, np.deg2rad(120), np.deg2rad(15))
+    rays = np.ones((2000, 3))
+    rays[:, :2] = np.random.default_rng(0).uniform((-0.35, 0.0), (0.35, 0.25), (2000, 2))
+    footprint = Footprint(eye, 600.0)
+    hits = renderer.trace(rays, pose, footprint)
+    ground, begin = renderer._surface.ground, np.full(len(rays), 0.9)
+    depth, _ = _march(
+        ground.data, ground.relief, ground.stones, eye, footprint.focal, eye, rays @ pose[:3, :3].T, begin, step, 40000
+    )
+    off = np.abs(hits.depth / (depth - step / 2) - 1)
+    assert (off < 2e-3).mean() > 0.995, f"{(off >= 2e-3).sum()} of {off.size} rays are off: {np.sort(off)[-20:]}"
+
+
 @pytest.mark.parametrize("place", PLACES)
 def test_the_two_eyes_see_one_surface(place):
     """No ray of the right eye passes through a point that the left one sees."""
