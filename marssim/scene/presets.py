@@ -21,27 +21,27 @@ PRESETS: tuple[Place, ...] = get_args(Place)
 _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig, OutcropConfig]] = {
     # a dusty plain: few rocks, worn and half buried, broad ripples, old craters
     "utopia": (
-        RockConfig(k=0.033, families=(0.3, 0.2, 0.5), buried=(0.2, 0.75)),
+        RockConfig(k=0.033, families=(0.3, 0.2, 0.5), albedo=1.05, buried=(0.2, 0.75)),
         ReliefConfig(
             hurst=0.72, rms_slope_deg=2.8, crater_density=0.005, crater_depth=(0.03, 0.12), ripple_amplitude=0.02,
             ripple_wavelength=1.1, ripple_cover=0.45,
         ),
         LookConfig(
             pebbles=(0.2, 0.9), wind_ripples=(0.2, 0.7), bedding=(0.0, 0.2), bedrock=(0.0, 0.0), rock_dust=(0.2, 0.8),
-            gravel=(0.0, 0.05), drifts=(0.3, 1.0), soil_albedo=(0.85, 1.1),
+            gravel=(0.0, 0.05), drifts=(0.3, 1.0), soil_albedo=(0.6, 1.0),
         ),
         OutcropConfig(slabs=(0.0, 0.03), slab_size=(0.25, 0.5), fragments=(0.0, 0.3)),
     ),
     # a lava plain: dark angular blocks around small craters
     "gusev": (
-        RockConfig(k=0.05, families=(0.75, 0.1, 0.15), albedo=0.75, cluster=0.4),
+        RockConfig(k=0.05, families=(0.75, 0.1, 0.15), albedo=0.95, cluster=0.4),
         ReliefConfig(
             hurst=0.74, rms_slope_deg=4.8, crater_density=0.01, ripple_amplitude=0.006, ripple_wavelength=0.5,
             ripple_cover=0.3,
         ),
         LookConfig(
             pebbles=(0.4, 1.0), wind_ripples=(0.1, 0.5), bedding=(0.0, 0.2), bedrock=(0.0, 0.15), rock_dust=(0.1, 0.6),
-            gravel=(0.0, 0.3), drifts=(0.2, 0.7), soil_albedo=(0.7, 1.1),
+            gravel=(0.0, 0.3), drifts=(0.2, 0.7), soil_albedo=(0.55, 1.05),
         ),
         OutcropConfig(slabs=(0.0, 0.1), fragments=(0.2, 0.8)),
     ),
@@ -60,7 +60,7 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig, OutcropConfig]
     ),
     # a delta's foot: cobbles and boulders of every kind, sand in between
     "jezero": (
-        RockConfig(k=0.15, families=(0.35, 0.2, 0.45), albedo=1.0),
+        RockConfig(k=0.15, families=(0.35, 0.2, 0.45), albedo=1.25),
         ReliefConfig(hurst=0.73, rms_slope_deg=5.2, ripple_amplitude=0.03, ripple_wavelength=1.4, ripple_cover=0.2),
         LookConfig(
             pebbles=(0.5, 1.0), wind_ripples=(0.1, 0.6), bedding=(0.1, 0.8), bedrock=(0.0, 0.4), rock_dust=(0.1, 0.6),
@@ -70,7 +70,7 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig, OutcropConfig]
     ),
     # the floor of a crater: stones of a few centimetres, close together, between sand and rocks
     "gravel": (
-        RockConfig(k=0.05, families=(0.5, 0.2, 0.3), albedo=0.9),
+        RockConfig(k=0.05, families=(0.5, 0.2, 0.3), albedo=1.1),
         ReliefConfig(hurst=0.73, rms_slope_deg=4.0, ripple_amplitude=0.015, ripple_wavelength=1.0, ripple_cover=0.2),
         LookConfig(
             pebbles=(0.5, 1.0), wind_ripples=(0.0, 0.4), bedding=(0.0, 0.4), bedrock=(0.0, 0.1), rock_dust=(0.1, 0.6),
@@ -80,7 +80,7 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig, OutcropConfig]
         OutcropConfig(slabs=(0.0, 0.05), slab_size=(0.25, 0.5), fragments=(0.1, 0.5)),
     ),
     "hard": (
-        RockConfig(k=0.20, cluster=0.5, families=(0.6, 0.2, 0.2), albedo=0.85),
+        RockConfig(k=0.20, cluster=0.5, families=(0.6, 0.2, 0.2), albedo=1.05),
         ReliefConfig(
             hurst=0.6, rms_slope_deg=7.0, crater_density=0.008, ripple_amplitude=0.02, ripple_wavelength=0.7,
             ripple_cover=0.15, fresh_crater_density=0.0005, ditch_density=0.0005,

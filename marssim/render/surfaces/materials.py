@@ -42,6 +42,7 @@ class Mix(NamedTuple):
 
     Attributes:
         contrast: Look.albedo_contrast.
+        soil: Look.soil_albedo.
         soil_tone: Tone of the ground between the stones, as logarithm of brightness.
         pebble_tone: Mean tone of the stones, as logarithm of brightness.
         hidden_bare: Share of bare ground that stones cover.
@@ -49,6 +50,7 @@ class Mix(NamedTuple):
     """
 
     contrast: np.float32
+    soil: np.float32
     soil_tone: np.float32
     pebble_tone: np.float32
     hidden_bare: np.float32
@@ -98,6 +100,7 @@ def _soil(scene: Scene, ground: Ground) -> Soil:
     lying = 1 - np.prod(1 - PACKED * ground.stones.octave[:, [BARE, GRAVEL]], axis=0)
     mix = Mix(
         contrast=np.float32(look.albedo_contrast),
+        soil=np.float32(look.soil_albedo),
         soil_tone=np.float32(np.log(look.soil_albedo)),
         pebble_tone=np.float32(np.log(PEBBLE_DUST + (1 - PEBBLE_DUST) * scene.config.rocks.albedo)),
         hidden_bare=np.float32(lying[0]),

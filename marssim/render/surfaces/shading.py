@@ -143,7 +143,7 @@ def _surface(
         direct = _reflected(cos_in, max(nx * vx + ny * vy + nz * vz, LEAST_OUT), vx * sx + vy * sy + vz * sz)
         direct *= lit[m] * open_sun
         open_sky = (0.5 + 0.5 * nz) * (1 - hidden)
-        bounce = BOUNCE * (1 - open_sky) * sz / GROUND_GREY
+        bounce = BOUNCE * mix.soil * (1 - open_sky) * sz / GROUND_GREY
         # dust scatters forward, so the sky is brighter on the sun's side, and relief shows in shadow too
         sky = skylight * open_sky * max(1 + ahead * (nx * sx + ny * sy), LEAST_SKY)
         red *= sun_red * (direct + bounce * GROUND_COLOUR[0]) + sky * SKY_COLOUR[0]

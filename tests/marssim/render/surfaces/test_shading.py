@@ -247,7 +247,15 @@ def test_soil_is_as_bright_as_its_knob_says_and_bedrock_does_not_follow():
         for share in (0.0, 1.0)
     )
     assert sand[0] == pytest.approx(0.5 * sand[1], rel=0.01)
-    assert bare[0] == pytest.approx(bare[1], rel=1e-5)
+    assert bare[0] == pytest.approx(bare[1], rel=0.01)  # it gets a little less light from the soil
+
+
+def test_dark_soil_throws_less_light_on_the_walls_that_stand_on_it():
+    wall, point = np.array([[-1.0, 0.0, 0.0]]), np.array([[2.0, 0.0, 0.3]])
+    shaders = [shader(soil_albedo=soil, sun=towards(60, 0), optical_depth=0.1) for soil in (0.3, 0.65, 1.0)]
+    light = [shade(each, point, wall, np.ones(1, int), np.zeros(1)) for each in shaders]
+    assert light[0].mean() < 0.9 * light[2].mean()
+    assert np.allclose(light[1] - light[0], light[2] - light[1], rtol=0.01)
 
 
 def test_relief_shows_in_the_shadow_under_a_low_sun():
