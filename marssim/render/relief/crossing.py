@@ -27,6 +27,7 @@ AROUND = 0.08  # [m] how far from the middle of a model of the relief it is used
 NEAR = 2e-4  # height over the ground, over the ray's length, from which the last step of a ray leads to it
 EXACT = 1e-4  # the same of the exact relief, from which a step of Newton's gives the crossing
 MET = 1e-3  # the same after the last of these steps, from which on the ray did not meet the ground there
+LEAP = 0.02  # longest of these steps, over the ray's length
 DOUBTS = 6  # times that a ray goes on where it did not
 SKIM = 2e-5  # length of a step, over the ray's, after which a crossing with a stone is found
 
@@ -134,13 +135,13 @@ def _on_ground(data, relief, eye, focal, origin, ray, t):
     rx, ry, rz = ray
     gap = 0.0
     east, north, fine, bare = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
-    for _ in range(6):
+    for _ in range(10):
         x, y, z = origin[0] + t * rx, origin[1] + t * ry, origin[2] + t * rz
         height, east, north, _, _, fine, bare = height_at(
             data, relief, np.float32(x), np.float32(y), footprint_at(eye, focal, x, y, z), True
         )
         gap = z - height
-        t += gap / max(east * rx + north * ry - rz, 0.05)
+        t += min(max(gap / max(east * rx + north * ry - rz, 0.05), -LEAP * t), LEAP * t)
         if abs(gap) < EXACT * t:
             break
     normal = (-float(east), -float(north), 1.0)
