@@ -66,8 +66,8 @@ COMMANDS = {
     "predict/figure.png": "m3depth.predict small/scenes/00001/00/left.png small/scenes/00001/00/right.png "
     "--calib small/scenes/00001/00/sample.json --out predict",
     "own/qualitative.png": "m3depth.evaluate --data small --split test --out own --estimator own_estimator:Blocks",
-    "drive/results.json": "envs.evaluate --perception m3depth --dynamics kinematic --goal-distance 12 --k .1 --episodes 1 "
-    "--no-videos --out drive",
+    "drive/results.json": "envs.evaluate --perception m3depth --dynamics kinematic --goal-distance 12 --k .1 "
+    "--episodes 1 --no-videos --out drive",
     "out/wary/results.json": "envs.evaluate --driver my_driver:Wary navigator --perception ground_truth "
     "--dynamics kinematic --goal-distance 12 --episodes 2 --k .1 --no-videos --out out/wary",
     "dust/dataset.json": "marssim.generate --out dust --pairs 60 --seed 41 --scene utopia --views-per-scene 2 "
