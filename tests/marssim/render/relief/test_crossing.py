@@ -11,6 +11,7 @@ from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.compute.compiled import compiled
 from marssim.base.dataset.frame import GROUND
 from marssim.base.pose import look_pose
+from marssim.inspection.tilted_planes import BARE as BARE_LOOK
 from marssim.inspection.tilted_planes import plane
 from marssim.render.geometry import surface
 from marssim.render.geometry.gbuffer import Footprint, GBuffer
@@ -42,7 +43,7 @@ from marssim.render.renderers.scan_renderer import ScanRenderer
 from marssim.scene.outcrop.config import OutcropConfig
 from marssim.scene.presets import preset
 from marssim.scene.rocks.population import RockConfig
-from marssim.scene.scene import build_scene
+from marssim.scene.scene import SceneConfig, build_scene
 
 RIG = StereoRig(PinholeCamera(160, 120, 900.0, 940.0, 71.3, 62.6), baseline=0.1)  # principal point off the middle
 LAID = {
@@ -294,6 +295,40 @@ def test_normals_on_ground_and_stones_face_the_eye(place):
     rays = camera.rays() / np.linalg.norm(camera.rays(), axis=-1, keepdims=True)
     slant = np.einsum("ijk,ijk->ij", view.normal, rays)[view.hit]
     assert (slant < 1e-3).mean() > 0.9995 and slant.max() < 0.1
+
+
+@pytest.mark.parametrize("name", ["scan", "embree", "pybullet"])
+def test_true_normals_of_bare_ground_are_the_gradient_of_the_terrain(name):
+    """The oracle is SciPy's cubic spline through the nodes; facets of the mesh would be off by degrees."""
+    config = SceneConfig(
+        size=34.0,
+        horizon=24.0,
+        rocks=RockConfig(k=0.0),
+        look=BARE_LOOK,
+        outcrop=OutcropConfig(slabs=(0, 0), ledges=(0, 0), fragments=(0, 0)),
+    )
+    scene = build_scene(config, 3)
+    camera = PinholeCamera(256, 192, 300.0, 300.0, 127.5, 95.5)
+    pose = look_pose(np.array([0.4, -0.7, float(scene.terrain.height_at(0.4, -0.7)) + 1.2]), 1.0, np.deg2rad(15), 0.1)
+    renderer = make_renderer(name, scene)
+    try:
+        view = renderer.render(camera, pose, Footprint.of(camera, pose))
+    finally:
+        renderer.close()
+    near = view.hit & (view.depth < 15)
+    assert near.mean() > 0.5 and view.depth[near].max() > 12
+    x, y, _ = ((camera.unproject(view.depth)[near] @ pose[:3, :3].T) + pose[:3, 3]).T
+    step, heights = 1e-3, scene.terrain.fine.smooth_heights
+    slopes = [
+        (heights(x + step * dx, y + step * dy) - heights(x - step * dx, y - step * dy)) / (2 * step)
+        for dx, dy in ((1, 0), (0, 1))
+    ]
+    up = np.stack([-slopes[0], -slopes[1], np.ones_like(x)], axis=1)
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    seen = view.normal[near] @ pose[:3, :3].T
+    off = np.rad2deg(np.arccos(np.clip(np.einsum("ij,ij->i", seen, up), -1, 1)))
+    assert np.sqrt(np.mean(off**2)) < 0.3
+    assert np.rad2deg(np.arccos(up[:, 2])).std() > 1  # the ground is not a plane
 
 
 def test_a_ray_that_begins_before_at_or_behind_the_ground_meets_it():
