@@ -38,10 +38,10 @@ from m3depth.datasets.calibration import Calibration, align_right, read_calibrat
 from m3depth.datasets.image_files import read_pair
 from m3depth.datasets.rigs import NATECAM_NAME, natecam
 from m3depth.estimator import M3DEPTH, Estimator, load_estimator
-from m3depth.prediction.closer_look import closer_look, takes_nearest
 from m3depth.prediction.files import without_sky_normals, write_prediction
 from m3depth.prediction.left_right import left_right_difference
 from m3depth.prediction.pair_checks import check_pair
+from m3depth.prediction.settings import with_settings
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import WIDEST_BASELINE, StereoRig
 from marssim.base.command.run import run_command
@@ -86,9 +86,11 @@ class PredictOptions:
     device: Literal["auto", "cpu", "cuda"] = "auto"
     """Device that M3Depth runs on; auto takes a GPU if there is one."""
     nearest: float | None = None
-    """Nearest depth [m] in view, for M3Depth or a class whose infer takes it. M3Depth reaches 192 px of disparity, and
-    reduces images in which this depth has more. Without it, the network takes 0.84 m, and runs a second time, on images
-    that are reduced less, if everything in view is farther."""
+    """Nearest depth [m] in view, 0.84 by default, for M3Depth or a class whose infer takes it. M3Depth finds up to 192
+    px of disparity, first in reduced images where this depth has more."""
+    max_pixels: int | None = None
+    """Largest number of pixels of an image that the network works on, for M3Depth or a class whose infer takes it.
+    Larger images are reduced to it, which saves time and memory and loses detail; the maps have the images' size."""
     unchecked: bool = False
     """Write the result even where the pair shows that it is meaningless, and print a warning instead of an error."""
     left_right: bool = False
@@ -188,13 +190,9 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
         if options.weights is not None:
             name, flag = f"{M3DEPTH}:{options.weights}", "--weights"
         estimator = load_estimator(name, flag, device=options.device)
-    if options.nearest is not None and not takes_nearest(estimator):
-        raise ValueError(f"--nearest: --estimator {options.estimator} takes no nearest depth; leave it out")
+    infer = with_settings(estimator, options.estimator, nearest=options.nearest, max_pixels=options.max_pixels)
     right = align_right(right, calibration.shift)
     _check_pair(left, right, rig, options)
-
-    def infer(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
-        return closer_look(estimator, left, right, rig, nearest=options.nearest)
 
     prediction = without_sky_normals(infer(left, right, rig))
     difference = left_right_difference(infer, left, right, rig, prediction) if options.left_right else None
@@ -217,6 +215,8 @@ def _check_method_and_cloud(options: PredictOptions) -> None:
         raise ValueError(f"--weights is of m3depth, not of --estimator {options.estimator}: give one of the two")
     if options.nearest is not None and not (np.isfinite(options.nearest) and options.nearest > 0):
         raise ValueError(f"--nearest must be positive, got {options.nearest}")
+    if options.max_pixels is not None and not options.max_pixels > 0:
+        raise ValueError(f"--max-pixels must be positive, got {options.max_pixels}")
     if not 0 <= options.min_confidence <= 1:
         raise ValueError(f"--min-confidence must be 0 to 1, got {options.min_confidence:g}")
     if not options.max_range > 0:

@@ -62,6 +62,8 @@ class M3DepthConfig:
     """Dilates all of them but the last, by 2, 4, ...; the paper mentions no dilation."""
     refine_steps: int = 4
     """T, the number of refinement steps; with 0, soft argmin and SNNet are upsampled."""
+    finer_steps: int = 4
+    """Refinement steps at each larger size of the images, which begin where those of the smaller one ended."""
     hidden: int = 32
     """Channels of the ConvGRU's state."""
     motion: int = 32

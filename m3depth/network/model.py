@@ -13,8 +13,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from m3depth.network.backbone import Backbone
-from m3depth.network.checkpointing import direct, recomputed
+from m3depth.network.backbone import Backbone, Features
+from m3depth.network.checkpointing import Caller, direct, recomputed
 from m3depth.network.config import PRESETS, M3DepthConfig
 from m3depth.network.cost_volume import Aggregation, group_correlation_volume, matchable, soft_argmin
 from m3depth.network.device import autocast, fast_dtype
@@ -29,6 +29,22 @@ from m3depth.weights import SHIPPED_WEIGHTS
 from marssim.base.camera import StereoRig
 
 VOLUME_STEP = 8  # [px] disparity between two hypotheses: a cell of the volume, which is at 1/8
+FARTHEST_STEP = 4.0  # largest factor between two sizes of a pair at which the refinement works
+WORTH = 1.2  # factor from which a larger size is worth its time
+
+
+class Start(NamedTuple):
+    """What a reduced pair says about a larger one, whose refinement starts there. The cost volume is left out then.
+
+    Attributes:
+        disparity: (B, 1, H, W) [px of the larger image].
+        normal: (B, 3, H, W), unit length.
+        context: (B, C, ceil(H / 8), ceil(W / 8)), of the aggregation; None for networks without it.
+    """
+
+    disparity: Tensor
+    normal: Tensor
+    context: Tensor | None
 
 
 class StereoOutput(NamedTuple):
@@ -39,17 +55,39 @@ class StereoOutput(NamedTuple):
         normal: (B, 3, H, W), facing the camera.
         confidence: (B, 1, H, W), logit of "the disparity is within 1 px".
         sky: (B, 1, H, W), logit of "sky or too far to measure".
-        initial: Disparity and normal of soft argmin and SNNet, at 1/8 or on the grid of the output head.
+        initial: Disparity and normal of soft argmin and SNNet, at 1/8 or on the grid of the output head; None where
+            the refinement began at a Start.
         steps: Disparity and normal at 1/4 after each refinement step. These normals, and the initial ones, may point
             away from the camera.
+        context: (B, C, ceil(H / 8), ceil(W / 8)) features of the aggregation, for a larger pair; None without them.
     """
 
     disparity: Tensor
     normal: Tensor
     confidence: Tensor
     sky: Tensor
-    initial: tuple[Tensor, Tensor]
+    initial: tuple[Tensor, Tensor] | None
     steps: list[tuple[Tensor, Tensor]]
+    context: Tensor | None = None
+
+    def start(self, height: int, width: int) -> Start:
+        """Return what these maps say about the same pair at a larger size, without gradient.
+
+        Args:
+            height, width: Size of the larger images [px].
+        """
+        rows, columns = self.disparity.shape[-2:]
+        size = (height, width)
+        disparity = F.interpolate(self.disparity.detach(), size, mode="bilinear") * (width / columns)
+        normal = unit(F.interpolate(self.normal.detach(), size, mode="bilinear"))
+        context = self.context
+        if context is not None:
+            # cells are 8 px of either image; the last ones of a row and a column may reach over its border
+            larger = F.interpolate(
+                context.detach().float(), scale_factor=(height / rows, width / columns), mode="bilinear"
+            )
+            context = fitted(larger, -(-height // VOLUME_STEP), -(-width // VOLUME_STEP)).to(context.dtype)
+        return Start(disparity, normal, context)
 
 
 class M3Depth(nn.Module):
@@ -136,12 +174,14 @@ class M3Depth(nn.Module):
         """
         save_weights(Path(path), asdict(self.config), self.state_dict())
 
-    def forward(self, left: Tensor, right: Tensor, camera: Tensor) -> StereoOutput:
+    def forward(self, left: Tensor, right: Tensor, camera: Tensor, start: Start | None = None) -> StereoOutput:
         """Run the network on a batch.
 
         Args:
             left, right: (B, 3, H, W) float in [0, 1], rectified, of any size.
             camera: (B, 4) fx, fy, cx, cy [px].
+            start: Where the refinement starts, from the same pair at a smaller size; None: the cost volume finds it,
+                for disparities up to `reach`.
         """
         height, width = left.shape[-2:]
         multiple = self.config.size_multiple
@@ -155,9 +195,57 @@ class M3Depth(nn.Module):
         images = (torch.cat([left, right]) - torch.cat([mean, mean])) / torch.cat([scale, scale])
         call = recomputed if self.recompute and torch.is_grad_enabled() else direct
         features = call(self.backbone, images.contiguous(memory_format=torch.channels_last))  # of 2 B images
-        left4, right4 = features.quarter.chunk(2)  # (B, C4, H / 4, W / 4)
         left8 = features.eighth.chunk(2)[0]  # (B, C8, H / 8, W / 8)
+        size, size8 = images.shape[-2:], left8.shape[-2:]
+        initial = None
+        if start is None:
+            initial, context, cell = self._match(features, camera, size, call)
+            disparity, normal = initial
+        else:
+            disparity, normal = (F.pad(x, padding, mode="replicate") for x in start[:2])
+            context, cell = start.context, 1
+        if context is not None:
+            if start is None:
+                context = resize(context, size8)
+            # (B, coarse_width, H / 8, W / 8)
+            left8 = torch.cat([left8, fitted(context, *size8)], 1)
+        steps: list[tuple[Tensor, Tensor]] = []
+        if self.refinement is not None:
+            left4, right4 = features.quarter.chunk(2)  # (B, C4, H / 4, W / 4)
+            disparity, normal = (resize(x, left4.shape[-2:]) for x in (disparity, normal))
+            camera4 = scale_camera(camera, 4)
+            count = self.config.refine_steps if start is None else self.config.finer_steps
+            steps, maps, hidden = self.refinement(left4, right4, left8, disparity, unit(normal), camera4, count, call)
+            if self.fine is not None:
+                maps = maps + call(self.fine, *features.half.chunk(2), hidden, maps, camera)
+        else:
+            assert self.decisions is not None
+            coarse = (disparity, normal, self.decisions(left8).float())
+            maps = torch.cat([resize(x, size) for x in coarse], 1)
+        maps = maps[..., :height, :width]  # (B, 6, H, W): disparity, normal, confidence, sky
+        normal = face_camera(unit(maps[:, 1:4]), pixel_rays(camera, height, width))
+        initial = None if initial is None else unpadded(initial, height, width, cell)
+        steps = [unpadded(step, height, width, 4) for step in steps]
+        if context is not None:
+            context = fitted(context, -(-height // VOLUME_STEP), -(-width // VOLUME_STEP))
+        return StereoOutput(maps[:, :1], normal, maps[:, 4:5], maps[:, 5:6], initial, steps, context)
 
+    def _match(
+        self, features: Features, camera: Tensor, size: torch.Size, call: Caller
+    ) -> tuple[tuple[Tensor, Tensor], Tensor | None, int]:
+        """Find the disparity in the cost volume.
+
+        Args:
+            features: Of the 2 B images, left ones first.
+            camera: (B, 4) [px].
+            size: Height and width of the images [px].
+            call: How a part of the network is called.
+
+        Returns:
+            Disparity (B, 1, h, w) and normal (B, 3, h, w) of soft argmin and SNNet; the aggregation's context or None;
+            and the side of a cell of h x w [px].
+        """
+        left8 = features.eighth.chunk(2)[0]
         matched = features.eighth if self.match is None else self.match(features.eighth)
         match_left, match_right = matchable(matched.float().contiguous()).chunk(2)
         volume = group_correlation_volume(match_left, match_right, self.config.hypotheses, self.config.groups)
@@ -165,72 +253,81 @@ class M3Depth(nn.Module):
         volume, scores, context = call(self.aggregation, volume, left8)
         cell = VOLUME_STEP >> self.config.output_head
         disparity = soft_argmin(scores.float(), VOLUME_STEP)  # (B, 1, H / cell, W / cell)
-        rays = pixel_rays(scale_camera(camera, cell), images.shape[-2] // cell, images.shape[-1] // cell)
+        rays = pixel_rays(scale_camera(camera, cell), size[0] // cell, size[1] // cell)
         normal = call(self.normals, volume, left8, rays)  # (B, 3, H / cell, W / cell)
-        initial = (disparity, normal)
-
-        if context is not None:
-            left8 = torch.cat([left8, resize(context, left8.shape[-2:])], 1)  # (B, coarse_width, H / 8, W / 8)
-        steps: list[tuple[Tensor, Tensor]] = []
-        if self.refinement is not None:
-            disparity, normal = (resize(x, left4.shape[-2:]) for x in initial)
-            camera4 = scale_camera(camera, 4)
-            steps, maps, hidden = self.refinement(left4, right4, left8, disparity, unit(normal), camera4, call)
-            if self.fine is not None:
-                maps = maps + call(self.fine, *features.half.chunk(2), hidden, maps, camera)
-        else:
-            assert self.decisions is not None
-            coarse = (disparity, normal, self.decisions(left8).float())
-            maps = torch.cat([resize(x, images.shape[-2:]) for x in coarse], 1)
-        maps = maps[..., :height, :width]  # (B, 6, H, W): disparity, normal, confidence, sky
-        normal = face_camera(unit(maps[:, 1:4]), pixel_rays(camera, height, width))
-        initial = unpadded(initial, height, width, cell)
-        steps = [unpadded(step, height, width, 4) for step in steps]
-        return StereoOutput(maps[:, :1], normal, maps[:, 4:5], maps[:, 5:6], initial, steps)
+        return (disparity, normal), context, cell
 
     @property
     def reach(self) -> int:
-        """The disparity at which the hypotheses end [px]; `infer` reduces images that need more."""
+        """The disparity at which the hypotheses end [px]; `infer` begins with reduced images where more are needed."""
         return VOLUME_STEP * self.config.hypotheses
 
+    def sizes(self, rig: StereoRig, nearest: float, max_pixels: int | None = None) -> list[tuple[int, int]]:
+        """Return the heights and widths [px] at which `infer` works on a pair, from coarse to fine.
+
+        The cost volume works at the first, where `nearest` is within its reach, and the refinement goes on at each of
+        the others, at most FARTHEST_STEP times as large as the one before.
+
+        Args:
+            rig: The cameras of the images.
+            nearest: Shortest distance [m] that the cost volume should find.
+            max_pixels: Largest number of pixels; None: those of the images.
+        """
+        height, width = rig.camera.height, rig.camera.width
+        finest = 1.0 if max_pixels is None else min(1.0, math.sqrt(max_pixels / (height * width)))
+        first = min(finest, self.reach * nearest / rig.fb)
+        gain = finest / first
+        first = finest if gain < 1.01 else first
+        more = math.ceil(math.log(gain, FARTHEST_STEP) - 1e-6) if gain >= WORTH and self.refinement else 0
+        scales = [first * gain ** (k / more) for k in range(1, more)] + [finest] * (more > 0)
+        return [(max(1, round(height * scale)), max(1, round(width * scale))) for scale in (first, *scales)]
+
     @torch.inference_mode()
-    def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig, nearest: float | None = None) -> Prediction:
+    def infer(
+        self, left: np.ndarray, right: np.ndarray, rig: StereoRig, nearest: float | None = None,
+        max_pixels: int | None = None,
+    ) -> Prediction:  # fmt: skip
         """Estimate depth, disparity, normals and confidence of one rectified pair, at the input's size.
 
-        Images of a rig in which `nearest` is a larger disparity than the hypotheses reach (192 px) are reduced first.
-        This concerns rigs whose f B exceeds NaTeCam's.
+        Where `nearest` is a larger disparity than the hypotheses reach (192 px), the cost volume finds the disparities
+        in a reduced pair, and the refinement goes on at the images' own size.
 
         Args:
             left, right: (H, W) or (H, W, 3) uint8, RGB.
             rig: The cameras of these images.
             nearest: The shortest distance that should be measured [m]; None is 0.84 m.
+            max_pixels: Largest number of pixels of an image that the network works on; larger images are reduced to
+                it, which saves time and memory. None: as many as the images have.
 
         Returns:
             Depth in metres of the given rig; inf where the network sees sky. Where the network's numbers are not
             finite, all maps are NaN and confidence is 0.
 
         Raises:
-            ValueError: Images of a wrong type or size, or `nearest` is not positive.
+            ValueError: Images of a wrong type or size, or `nearest` or `max_pixels` is not positive.
         """
         if nearest is not None and not (math.isfinite(nearest) and nearest > 0):
             raise ValueError(f"nearest must be positive, got {nearest}")
+        if max_pixels is not None and not max_pixels > 0:
+            raise ValueError(f"max_pixels must be positive, got {max_pixels}")
         left, right = map(in_colour, checked_pair(left, right, rig))
         height, width = left.shape[:2]
-        needed = rig.fb / (NEAREST if nearest is None else nearest)
-        scale = min(1.0, self.reach / needed)
-        work = rig
-        if scale < 0.99:
-            work = rig.resized(max(1, round(width * scale)), max(1, round(height * scale)))
-            size = (work.camera.width, work.camera.height)
-            left, right = (cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (left, right))
         device = next(self.parameters()).device
-        pair = torch.from_numpy(np.stack([left, right])).to(device).permute(0, 3, 1, 2).float() / 255
-        with autocast(device, fast_dtype(device)):
-            out = self(pair[:1], pair[1:], camera_row(work, device))
+        out: StereoOutput | None = None
+        for rows, columns in self.sizes(rig, NEAREST if nearest is None else nearest, max_pixels):
+            work, pair = rig, [left, right]
+            if (rows, columns) != (height, width):
+                work = rig.resized(columns, rows)
+                pair = [np.asarray(cv2.resize(x, (columns, rows), interpolation=cv2.INTER_AREA)) for x in pair]
+            images = torch.from_numpy(np.stack(pair)).to(device).permute(0, 3, 1, 2).float() / 255
+            start = None if out is None else out.start(rows, columns)
+            with autocast(device, fast_dtype(device)):
+                out = self(images[:1], images[1:], camera_row(work, device), start)
+        assert out is not None
         maps = torch.cat([out.disparity, out.normal, out.confidence.sigmoid(), out.sky], 1).float()  # (1, 6, h, w)
-        if work is not rig:
+        if maps.shape[-2:] != (height, width):
+            maps[:, 0] *= width / maps.shape[-1]
             maps = F.interpolate(maps, (height, width), mode="bilinear")
-            maps[:, 0] *= width / work.camera.width
             rays = pixel_rays(camera_row(rig, device), height, width)
             maps[:, 1:4] = face_camera(unit(maps[:, 1:4]), rays)  # interpolation may turn a normal away from the camera
         known = maps[0].isfinite().all(0)
@@ -242,6 +339,13 @@ class M3Depth(nn.Module):
         confidence = torch.where(known, maps[0, 4], torch.zeros_like(disparity))
         arrays = [x.cpu().contiguous().numpy() for x in (depth, disparity, normal, confidence)]
         return Prediction(*arrays)
+
+
+def fitted(maps: Tensor, height: int, width: int) -> Tensor:
+    """Cut maps (B, C, h, w) to (B, C, height, width), or repeat their last row and column up to it."""
+    maps = maps[..., :height, :width]
+    missing = (0, width - maps.shape[-1], 0, height - maps.shape[-2])
+    return F.pad(maps, missing, mode="replicate") if any(missing) else maps
 
 
 def unpadded(maps: tuple[Tensor, Tensor], height: int, width: int, cell: int) -> tuple[Tensor, Tensor]:

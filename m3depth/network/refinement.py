@@ -13,6 +13,8 @@ from m3depth.network.geometry import normals_from_disparity, relief, unit
 
 CELL = 4  # side of a cell of the refined grid [px of the image]
 DISPARITY_SCALE = 64.0  # [px] brings disparities to the size of the other inputs
+KEPT_SCORES = 50_000_000  # most matching scores that are kept between steps, 200 MB
+BAND_SCORES = 4_000_000  # matching scores that are computed at a time where they are not kept
 
 
 class CorrelationLookup:
@@ -32,13 +34,18 @@ class CorrelationLookup:
         self.radius = radius
         self.pad = 2 * radius + 2
         # The scores are the largest maps. Scaling, pooling and padding the features instead avoids copies of them.
-        left = (left * left.shape[1] ** -0.5).permute(0, 2, 3, 1)  # (B, H, W, C)
-        self.pyramid = []
+        self.left = (left * left.shape[1] ** -0.5).permute(0, 2, 3, 1)  # (B, H, W, C)
+        self.rights = []
         for level in range(levels):
             if level:
                 right = F.avg_pool2d(right, (1, 2), ceil_mode=True)
-            padded = F.pad(right, (self.pad, self.pad)).permute(0, 2, 1, 3)  # (B, H, C, W + 2 pad)
-            self.pyramid.append(left @ padded)  # (B, H, W, W + 2 pad)
+            self.rights.append(F.pad(right, (self.pad, self.pad)).permute(0, 2, 1, 3))  # (B, H, C, W + 2 pad)
+        height, width = left.shape[-2:]
+        count = left.shape[0] * height * width * sum(padded.shape[-1] for padded in self.rights)
+        # All scores, or none where they take too much memory: each call then computes those of a few rows at a time.
+        keep = torch.is_grad_enabled() or torch.jit.is_tracing() or count <= KEPT_SCORES
+        self.pyramid = [self.left @ padded for padded in self.rights] if keep else None  # (B, H, W, W + 2 pad) each
+        self.rows = max(1, height * BAND_SCORES // max(count, 1))
 
     def __call__(self, disparity: Tensor) -> Tensor:
         """Look up the scores around a disparity.
@@ -51,9 +58,20 @@ class CorrelationLookup:
         """
         column = torch.arange(disparity.shape[-1], dtype=torch.float32, device=disparity.device)
         position = column - disparity[:, 0].float()  # (B, H, W)
-        offsets = torch.arange(2 * self.radius + 2, device=disparity.device)
+        if self.pyramid is not None:
+            return self._samples(self.pyramid, position).permute(0, 3, 1, 2)
+        bands = []
+        for first in range(0, position.shape[1], self.rows):
+            band = slice(first, first + self.rows)
+            scores = [self.left[:, band] @ padded[:, band] for padded in self.rights]
+            bands.append(self._samples(scores, position[:, band]))
+        return torch.cat(bands, 1).permute(0, 3, 1, 2)
+
+    def _samples(self, pyramid: list[Tensor], position: Tensor) -> Tensor:
+        """Return the scores (B, h, W, samples) of some rows at a position (B, h, W); pyramid: (B, h, W, ...) each."""
+        offsets = torch.arange(2 * self.radius + 2, device=position.device)
         samples = []
-        for scores in self.pyramid:
+        for scores in pyramid:
             start = position.floor()
             fraction = (position - start)[..., None]
             last = scores.shape[-1] - 2 * self.pad + self.radius
@@ -62,7 +80,7 @@ class CorrelationLookup:
             taken = scores.gather(3, first[..., None] + offsets).float()
             samples.append(taken[..., :-1] + fraction * (taken[..., 1:] - taken[..., :-1]))
             position = (position - 0.5) / 2  # cell j of the next level covers cells 2 j and 2 j + 1
-        return torch.cat(samples, 3).permute(0, 3, 1, 2)
+        return torch.cat(samples, 3)
 
 
 class ConvGRU(nn.Module):
@@ -213,7 +231,7 @@ class Refinement(nn.Module):
     def __init__(self, config: M3DepthConfig) -> None:
         super().__init__()
         hidden, quarter = config.hidden, config.channels[1]
-        self.steps, self.radius, self.levels = config.refine_steps, config.lookup_radius, config.lookup_levels
+        self.radius, self.levels = config.lookup_radius, config.lookup_levels
         self.match = nn.Conv2d(quarter, config.lookup_channels, 3, padding=1) if self.levels else None
         self.coarse = nn.Conv2d(config.coarse_width, quarter, 1)
         self.context = nn.Sequential(
@@ -230,7 +248,7 @@ class Refinement(nn.Module):
 
     def forward(
         self, left: Tensor, right: Tensor, coarse: Tensor, disparity: Tensor, normal: Tensor, camera: Tensor,
-        call: Caller = direct,
+        count: int, call: Caller = direct,
     ) -> tuple[list[tuple[Tensor, Tensor]], Tensor, Tensor]:  # fmt: skip
         """Refine disparity and normals.
 
@@ -240,6 +258,7 @@ class Refinement(nn.Module):
             disparity: (B, 1, h, w) starting map [px of the full-size image].
             normal: (B, 3, h, w) starting map.
             camera: (B, 4) of the grid at 1/4.
+            count: T, the number of steps.
             call: How a part of the network is called: `direct` or `recomputed`.
 
         Returns:
@@ -257,7 +276,7 @@ class Refinement(nn.Module):
         first = hidden = torch.tanh(hidden)
         bias = self.bias(F.relu(context))  # (B, 3 hidden, h, w)
         history = []
-        for _ in range(self.steps):
+        for _ in range(count):
             hidden, disparity, normal = call(self.step, hidden, bias, first, disparity, normal, lookup, camera)
             history.append((disparity, normal))
         lookup = None  # frees its memory before the upsampling needs some

@@ -205,15 +205,17 @@ def total_loss(output: StereoOutput, target: Target, config: LossConfig) -> tupl
     weight = torch.where(edges, config.edge, weight)
     weight = torch.where(target.rock, config.rock, weight)
     quarter, quarter_weight = reduce_target(target, 4, weight)
-    disparity, normal = output.initial  # at 1/8, or on the grid of the output head
-    coarse, coarse_weight = reduce_target(target, target.disparity.shape[-1] // disparity.shape[-1], weight)
 
     terms = {
         "disparity": disparity_loss(output.disparity, target, weight, config),
         "normal": normal_loss(output.normal, target, weight),
     }
-    terms["disparity"] = terms["disparity"] + config.initial * disparity_loss(disparity, coarse, coarse_weight, config)
-    terms["normal"] = terms["normal"] + config.initial * normal_loss(normal, coarse, coarse_weight)
+    if output.initial is not None:  # at 1/8, or on the grid of the output head
+        disparity, normal = output.initial
+        coarse, coarse_weight = reduce_target(target, target.disparity.shape[-1] // disparity.shape[-1], weight)
+        first = disparity_loss(disparity, coarse, coarse_weight, config), normal_loss(normal, coarse, coarse_weight)
+        terms["disparity"] = terms["disparity"] + config.initial * first[0]
+        terms["normal"] = terms["normal"] + config.initial * first[1]
     for age, (disparity, normal) in enumerate(reversed(output.steps)):
         share = config.decay ** (age + 1)
         terms["disparity"] = terms["disparity"] + share * disparity_loss(disparity, quarter, quarter_weight, config)

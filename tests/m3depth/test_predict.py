@@ -224,7 +224,8 @@ def test_two_images_of_different_things_are_refused(tmp_path, capsys):
         ("dataset", "set: is a dataset; choose another folder"),
         ("no number", "--focal must be a number, got 'abc'"),
         ("nearest", "--nearest must be positive, got -1"),
-        ("not its own", "--nearest: --estimator sgbm takes no nearest depth"),
+        ("pixels", "--max-pixels must be positive, got 0"),
+        ("not its own", "--nearest: --estimator sgbm takes no such setting"),
         ("method", "--estimator 'raft' is unknown; choose from m3depth, sgbm"),
         ("out", "is not a folder"),
     ],
@@ -282,6 +283,8 @@ def test_mistakes_exit_with_2_and_one_line(pair, tmp_path, capsys, case, message
         focal = ["--focal", "abc"]
     elif case == "nearest":
         extra = ["--nearest", "-1"]
+    elif case == "pixels":
+        extra = ["--max-pixels", "0"]
     elif case == "not its own":
         extra = ["--nearest", "2", "--estimator", "sgbm"]
     elif case == "method":

@@ -11,9 +11,9 @@ from small_network import SMALL
 import m3depth
 from m3depth.network.config import read_config
 from m3depth.network.geometry import face_camera, pixel_rays, unit
-from m3depth.network.model import PRESETS, M3Depth, StereoOutput
+from m3depth.network.model import PRESETS, M3Depth, Start, StereoOutput
 from m3depth.network.weights_file import save_weights
-from marssim.base.camera import PinholeCamera, StereoRig
+from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +51,7 @@ def test_normals_between_two_that_are_seen_edge_on_face_the_camera(model: M3Dept
     """Reduced images: what is interpolated between normals that face their own rays need not face the ray between."""
     rig = rig_of(96, 256)
 
-    def checkered(left: torch.Tensor, right: torch.Tensor, camera: torch.Tensor) -> StereoOutput:
+    def checkered(left: torch.Tensor, right: torch.Tensor, camera: torch.Tensor, start: None) -> StereoOutput:
         height, width = left.shape[-2:]
         rays = pixel_rays(camera, height, width)
         across = torch.stack([-rays[:, 2], torch.zeros_like(rays[:, 0]), rays[:, 0]], 1)
@@ -61,7 +61,7 @@ def test_normals_between_two_that_are_seen_edge_on_face_the_camera(model: M3Dept
 
     monkeypatch.setattr(model, "forward", checkered)
     image = np.zeros((96, 256), np.uint8)
-    out = model.infer(image, image, rig, rig.fb / (3 * 8 * SMALL.hypotheses))
+    out = model.infer(image, image, rig, rig.fb / (3 * 8 * SMALL.hypotheses), max_pixels=32 * 86)
     assert out.normal is not None
     assert ((out.normal * rig.camera.rays()).sum(-1) < 0).all()
     np.testing.assert_allclose(np.linalg.norm(out.normal, axis=-1), 1, atol=1e-4)
@@ -96,6 +96,8 @@ def test_a_nearest_depth_that_is_not_positive_is_refused(model: M3Depth, nearest
     image = np.zeros((32, 64), np.uint8)
     with pytest.raises(ValueError, match="nearest must be positive"):
         model.infer(image, image, rig_of(32, 64), nearest=nearest)
+    with pytest.raises(ValueError, match="max_pixels must be positive"):
+        model.infer(image, image, rig_of(32, 64), max_pixels=0)
 
 
 def test_grey_equals_repeated_grey(model: M3Depth) -> None:
@@ -105,18 +107,82 @@ def test_grey_equals_repeated_grey(model: M3Depth) -> None:
     np.testing.assert_array_equal(grey.disparity, colour.disparity)
 
 
-def test_rigs_with_large_disparities_are_reduced(model: M3Depth) -> None:
-    """Half the range needed beyond the network's reach: same maps as from images of half the size, twice the px."""
+def test_the_volume_works_on_a_reduced_pair_where_disparities_are_large(model: M3Depth) -> None:
+    """With as many pixels as the reduced pair has, the maps are those of that pair, in twice the px."""
     rng = np.random.default_rng(2)
     left, right = (np.repeat(np.repeat(x, 2, 0), 2, 1) for x in rng.integers(0, 256, (2, 32, 64), dtype=np.uint8))
     rig = rig_of(64, 128)
     nearest = rig.fb / (2 * 8 * SMALL.hypotheses)
-    out = model.infer(left, right, rig, nearest)
+    out = model.infer(left, right, rig, nearest, max_pixels=32 * 64)
     half = model.infer(left[::2, ::2], right[::2, ::2], rig.resized(64, 32), 1e3)
     assert out.disparity.shape == (64, 128)
     both = (out.disparity > 0).reshape(32, 2, 64, 2).all((1, 3)) & (half.disparity > 0)
     means = out.disparity.reshape(32, 2, 64, 2).mean((1, 3))
     assert np.median(np.abs(means - 2 * half.disparity)[both] / half.disparity[both]) < 0.1
+
+
+def test_larger_sizes_start_where_the_smaller_one_ended(model: M3Depth, monkeypatch) -> None:
+    """On a plane, the start of the larger pair is twice the disparity that forward returned for the smaller one."""
+    starts, sizes, plain = [], [], model.forward
+
+    def planar(left: torch.Tensor, right: torch.Tensor, camera: torch.Tensor, start: Start | None) -> StereoOutput:
+        out = plain(left, right, camera, start)
+        height, width = left.shape[-2:]
+        sizes.append((height, width))
+        starts.append(start)
+        row = torch.arange(height, dtype=torch.float32)[:, None].expand(height, width)
+        return out._replace(disparity=(3 + (row + 0.5) * 128 / width)[None, None])
+
+    monkeypatch.setattr(model, "forward", planar)
+    left, right = np.random.default_rng(2).integers(0, 256, (2, 64, 128), dtype=np.uint8)
+    rig = rig_of(64, 128)
+    model.infer(left, right, rig, rig.fb / (2 * 8 * SMALL.hypotheses))
+    assert sizes == [(32, 64), (64, 128)] and starts[0] is None
+    start = starts[1]
+    row = torch.arange(64, dtype=torch.float32)
+    assert torch.allclose(start.disparity[0, 0, 2:-2, 5], 2 * (3 + row + 0.5)[2:-2], atol=1e-3)
+    assert torch.allclose(start.normal.square().sum(1), torch.ones(()), atol=1e-4)
+    assert start.context is not None and start.context.shape[-2:] == (8, 16)
+
+
+@pytest.mark.parametrize(
+    ("width", "nearest", "max_pixels", "widths"),
+    [
+        (512, 0.84, None, [512]),
+        (1024, 0.84, None, [513, 1024]),
+        (2048, 0.84, None, [513, 2048]),
+        (8192, 0.84, None, [513, 2050, 8192]),
+        (2048, 0.84, 1024 * 1024, [513, 1024]),
+        (2048, 0.84, 256 * 256, [256]),
+        (1024, 1.6, None, [978]),  # hardly larger: not worth another pass
+        (1024, 3.0, None, [1024]),
+    ],
+)
+def test_sizes_end_at_the_pixels_of_the_images(
+    width: int, nearest: float, max_pixels: int | None, widths: list[int]
+) -> None:
+    with torch.device("meta"):
+        network = M3Depth()
+    assert [size[1] for size in network.sizes(NATECAM.resized(width, width), nearest, max_pixels)] == widths
+
+
+def test_networks_without_refinement_work_at_one_size() -> None:
+    with torch.device("meta"):
+        network = M3Depth(replace(SMALL, refine_steps=0))
+    assert len(network.sizes(NATECAM.resized(2048, 2048), 0.84)) == 1
+
+
+@pytest.mark.parametrize(("height", "width"), [(48, 96), (37, 61)])
+def test_a_start_takes_the_place_of_the_volume(model: M3Depth, height: int, width: int) -> None:
+    rng = np.random.default_rng(4)
+    left, right = torch.from_numpy(rng.random((2, 1, 3, height, width), dtype=np.float32))
+    camera = torch.tensor([[50.0, 50.0, width / 2, height / 2]])
+    with torch.inference_mode():
+        first = model(left, right, camera)
+        again = model(left, right, camera, first.start(height, width))
+    assert again.initial is None and len(again.steps) == SMALL.finer_steps
+    assert again.disparity.shape == first.disparity.shape and again.disparity.isfinite().all()
+    assert again.context is not None and torch.equal(again.context, first.context)
 
 
 def test_wrong_images_and_presets_are_named(model: M3Depth) -> None:

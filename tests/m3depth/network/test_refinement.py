@@ -6,6 +6,7 @@ import torch
 import torch.nn.functional as F
 from small_network import SMALL
 
+from m3depth.network import refinement
 from m3depth.network.fine_correction import warp_right
 from m3depth.network.geometry import scale_camera, unit
 from m3depth.network.model import M3Depth
@@ -34,6 +35,21 @@ def test_lookup_against_loops() -> None:
             expected = [at(scores[y, x], place + k) for k in range(-2, 3)]
             expected += [at(halved[y, x], (place - 0.5) / 2 + k) for k in range(-2, 3)]
             torch.testing.assert_close(looked_up[0, :, y, x], torch.tensor(expected))
+
+
+@pytest.mark.parametrize("band", [1, 900, 10**9])
+def test_scores_that_are_not_kept_are_the_same(monkeypatch, band: int) -> None:
+    torch.manual_seed(0)
+    left, right = torch.randn(2, 2, 4, 7, 12)
+    disparity = 14 * torch.rand(2, 1, 7, 12) - 1
+    with torch.inference_mode():
+        kept = CorrelationLookup(left, right, radius=2, levels=2)
+        monkeypatch.setattr(refinement, "KEPT_SCORES", 100)
+        monkeypatch.setattr(refinement, "BAND_SCORES", band)
+        anew = CorrelationLookup(left, right, radius=2, levels=2)
+        assert kept.pyramid is not None and anew.pyramid is None
+        torch.testing.assert_close(anew(disparity), kept(disparity))
+    assert CorrelationLookup(left, right, radius=2, levels=2).pyramid is not None  # training needs them
 
 
 def test_upsampling_stays_within_the_neighbourhood() -> None:
