@@ -46,6 +46,21 @@ class Start(NamedTuple):
     normal: Tensor
     context: Tensor | None
 
+    def rows(self, crop: int, top: int, count: int) -> Start:
+        """Return some rows of one crop of the batch, as a batch of one.
+
+        Args:
+            crop: Index of the crop.
+            top: First row [px], a multiple of 8.
+            count: Number of rows [px].
+        """
+        first, last = top // VOLUME_STEP, -(-(top + count) // VOLUME_STEP)
+        return Start(
+            self.disparity[crop, None, :, top : top + count],
+            self.normal[crop, None, :, top : top + count],
+            None if self.context is None else self.context[crop, None, :, first:last],
+        )
+
 
 class StereoOutput(NamedTuple):
     """What forward returns, all float32. Disparities are pixels of the full-size image, normals have unit length.

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from m3depth.stereo.pairs import MAX_DISPARITY
-from m3depth.training.packing import DISPARITY_UNIT, SCORED, TRAINED, PackedSample
+from m3depth.training.packing import SCORED, TRAINED, PackedSample
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def crop(sample: PackedSample, y: int, x: int, height: int, width: int) -> Packe
     window = np.s_[y : y + height, x : x + width]
     fx, fy, cx, cy = sample.camera
     left, right, disparity, normal, flags = (a[window] for a in sample[:5])
-    return PackedSample(left, right, disparity, normal, flags, (fx, fy, cx - x, cy - y))
+    return PackedSample(left, right, disparity, normal, flags, (fx, fy, cx - x, cy - y), sample.reduction)
 
 
 def check_crop(sample: PackedSample, size: tuple[int, int]) -> None:
@@ -90,9 +90,12 @@ def random_crop(
 ) -> PackedSample:
     """Draw a crop, cut out at that size or resized from a slightly different one.
 
+    Where the cost volume works on a reduced pair, the crop has that size once it is reduced. If the images are smaller
+    than such a crop, it is not reduced.
+
     Args:
         sample: The pair.
-        size: Height and width of the crop [px].
+        size: Height and width of the crop for the cost volume [px].
         config: Chances and sizes of the changes.
         rng: Draws the crop.
 
@@ -101,6 +104,10 @@ def random_crop(
     """
     check_crop(sample, size)
     height, width = sample.left.shape[:2]
+    reduction = sample.reduction
+    while reduction > 1 and (reduction * size[0] > height or reduction * size[1] > width):
+        reduction //= 2
+    size = reduction * size[0], reduction * size[1]
     highest = np.log1p(config.scale)
     factor = np.exp(rng.uniform(-highest, highest)) if rng.random() < 0.5 else 1.0
     factor = max(factor, size[0] / height, size[1] / width)
@@ -108,10 +115,17 @@ def random_crop(
     spare_y, spare_x = height - window[0], width - window[1]
     y = spare_y if rng.random() < config.bottom else int(rng.integers(spare_y + 1))
     part = crop(sample, y, int(rng.integers(spare_x + 1)), *window)
-    return part if window == size else resized(part, size)
+    return within_reach(part._replace(reduction=reduction)) if window == size else resized(part, size, reduction)
 
 
-def resized(sample: PackedSample, size: tuple[int, int]) -> PackedSample:
+def within_reach(sample: PackedSample) -> PackedSample:
+    """Return the pair without the flags TRAINED and SCORED where disparities are beyond the network's reach."""
+    reach = sample.reduction * MAX_DISPARITY
+    keep = np.where(sample.disparity <= reach, 255, 255 - TRAINED - SCORED).astype(np.uint8)
+    return sample._replace(flags=sample.flags & keep)
+
+
+def resized(sample: PackedSample, size: tuple[int, int], reduction: int = 1) -> PackedSample:
     """Resample the pair, as cameras of another resolution would see it.
 
     Both images are resampled alike, so a disparity d becomes d s_x, and fx and fy become fx s_x and fy s_y. Disparities
@@ -121,6 +135,7 @@ def resized(sample: PackedSample, size: tuple[int, int]) -> PackedSample:
     Args:
         sample: The pair.
         size: New height and width [px].
+        reduction: Factor by which the cost volume's pair is smaller than the new one.
     """
     height, width = sample.left.shape[:2]
     sy, sx = size[0] / height, size[1] / width
@@ -134,18 +149,17 @@ def resized(sample: PackedSample, size: tuple[int, int]) -> PackedSample:
     ]
     window = np.ones((3, 3), np.uint8)
     span = cv2.dilate(sample.disparity, window) - cv2.erode(sample.disparity, window)
-    smooth = (span <= 1 / DISPARITY_UNIT) & (cv2.erode(sample.flags & TRAINED, window) > 0)
+    smooth = (span <= 1) & (cv2.erode(sample.flags & TRAINED, window) > 0)
     disparity = np.where(
         nearest(smooth.astype(np.uint8)) > 0,
-        cv2.resize(sample.disparity.astype(np.float32), size[::-1], interpolation=cv2.INTER_LINEAR),
+        cv2.resize(sample.disparity, size[::-1], interpolation=cv2.INTER_LINEAR),
         nearest(sample.disparity),
     )
-    disparity = (disparity * sx).round().clip(0, 65535).astype(np.uint16)
-    flags = nearest(sample.flags)
-    flags &= np.where(disparity <= MAX_DISPARITY / DISPARITY_UNIT, 255, 255 - TRAINED - SCORED).astype(np.uint8)
     fx, fy, cx, cy = sample.camera
     camera = (fx * sx, fy * sy, (cx + 0.5) * sx - 0.5, (cy + 0.5) * sy - 0.5)
-    return PackedSample(images[0], images[1], disparity, nearest(sample.normal), flags, camera)
+    disparity = (disparity * sx).astype(np.float32)
+    truth = disparity, nearest(sample.normal), nearest(sample.flags)
+    return within_reach(PackedSample(images[0], images[1], *truth, camera, reduction))
 
 
 def augment(

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from m3depth.network.device import autocast, fast_dtype
+from m3depth.network.model import StereoOutput
 from m3depth.stereo.pairs import StereoPairs
 from m3depth.training.augmentation import check_crop
 from m3depth.training.batch import Batch
@@ -254,6 +255,8 @@ def backward(
 ) -> tuple[Tensor, dict[str, Tensor]]:
     """Add the gradient of a batch, in --accumulate parts: the mean of the parts' gradients, each of its own loss.
 
+    The loss of a band at full resolution is added to that of its reduced crop.
+
     Args:
         network: Takes left and right images and cameras.
         batch: The crops.
@@ -272,11 +275,39 @@ def backward(
             with autocast(part.left.device, dtype):
                 output = network(part.left, part.right, part.target.camera)
             loss, terms = total_loss(output, part.target, config.loss)
+            if part.finer:
+                finer = finer_losses(network, output, part, config, dtype)
+                loss = loss + finer.sum() / len(part.left)
+                terms["finer"] = finer.detach().mean()
             (loss / len(parts)).backward()
         losses.append(loss.detach())
         all_terms.append(terms)
-    mean = {name: torch.stack([terms[name] for terms in all_terms]).mean() for name in all_terms[0]}
+    names = {name: None for terms in all_terms for name in terms}
+    mean = {name: torch.stack([terms[name] for terms in all_terms if name in terms]).mean() for name in names}
     return torch.stack(losses).mean(), mean
+
+
+def finer_losses(
+    network: nn.Module, output: StereoOutput, batch: Batch, config: TrainConfig, dtype: torch.dtype | None
+) -> Tensor:
+    """Return the losses (N,) of the N bands of a batch at full resolution, where the refinement goes on.
+
+    Args:
+        network: See backward.
+        output: What it returned for the crops of the batch.
+        batch: The crops.
+        config: Settings of the run.
+        dtype: Precision of the forward pass; None is float32.
+    """
+    # The parameters carry what DistributedDataParallel has to hear of, and its own forward ran before.
+    model = network.module if isinstance(network, nn.parallel.DistributedDataParallel) else network
+    losses = []
+    for band in batch.finer:
+        start = output.start(*band.size).rows(band.crop, band.top, band.left.shape[-2])
+        with autocast(band.left.device, dtype):
+            finer = model(band.left, band.right, band.target.camera, start)
+        losses.append(total_loss(finer, band.target, config.loss)[0])
+    return torch.stack(losses)
 
 
 def check_common_step(run: Run) -> None:

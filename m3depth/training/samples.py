@@ -18,8 +18,12 @@ import numpy as np
 
 from m3depth.stereo.pairs import StereoPairs, pair_name
 from m3depth.training.augmentation import AugmentConfig, augment, random_crop
-from m3depth.training.batch import Batch, to_batch
+from m3depth.training.batch import Batch, finer_band, reduced, to_batch
 from m3depth.training.packing import PackedSample, pack
+
+# Pixels of the rows that are trained at full resolution, over those of the reduced crop. The rows are as wide as the
+# crop, since the right eye sees their matches up to hundreds of pixels away.
+BAND = 1.5
 
 
 class JoinedPairs:
@@ -110,13 +114,21 @@ def make_batch(
         seed: Seed of the run.
         rank, world: Number of this process, and of all processes.
     """
-    items = []
+    items, finer = [], []
     for slot in range(size):
         position = (step * world + rank) * size + slot
         rng = np.random.default_rng((seed, 2, position))
         part = random_crop(cache[sample_index(len(cache), position, seed)], crop_size, config, rng)
-        items.append((*augment(part.left, part.right, config, rng), part))
-    return to_batch(items)
+        images = augment(part.left, part.right, config, rng)
+        if part.reduction == 1:
+            items.append((*images, part))
+            continue
+        height = part.left.shape[0]
+        rows = min(height, 32 * max(1, round(BAND * crop_size[0] / part.reduction / 32)))
+        top = 8 * int(rng.integers((height - rows) // 8 + 1))
+        finer.append(finer_band(slot, images, part, top, rows))
+        items.append(reduced(images, part))
+    return to_batch(items)._replace(finer=tuple(finer))
 
 
 def batches(

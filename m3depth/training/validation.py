@@ -102,16 +102,23 @@ def error_sums(output: StereoOutput, target: Target) -> dict[str, tuple[float, f
 
 
 @torch.inference_mode()
-def predict_batch(model: M3Depth, batch: Batch) -> StereoOutput:
+def predict_batch(model: M3Depth, batch: Batch) -> tuple[StereoOutput, Target]:
     """Run the network on a batch in the device's fast precision, without gradients.
 
     Args:
         model: The network.
-        batch: The images and cameras.
+        batch: The images and cameras; with a whole pair in `finer`, the refinement goes on there.
+
+    Returns:
+        The maps at the largest size, and the ground truth there.
     """
     device = batch.left.device
     with autocast(device, fast_dtype(device)):
-        return model(batch.left, batch.right, batch.target.camera)
+        out, target = model(batch.left, batch.right, batch.target.camera), batch.target
+        for band in batch.finer:
+            out = model(band.left, band.right, band.target.camera, out.start(*band.size))
+            target = band.target
+    return out, target
 
 
 def validate(model: M3Depth, samples: Iterable[PackedSample], device: torch.device) -> dict[str, float]:
@@ -127,7 +134,7 @@ def validate(model: M3Depth, samples: Iterable[PackedSample], device: torch.devi
     total: dict[str, list[float]] = {}
     for sample in samples:
         batch = whole_batch(sample).to(device)
-        for name, pair in error_sums(predict_batch(model, batch), batch.target).items():
+        for name, pair in error_sums(*predict_batch(model, batch)).items():
             entry = total.setdefault(name, [0.0, 0.0])
             entry[0] += pair[0]
             entry[1] += pair[1]

@@ -20,10 +20,12 @@ RIG = StereoRig(PinholeCamera(64, 48, 70.0, 75.0, 30.3, 22.7), baseline=0.27)
 NAMES = [f"{scene:05d}/{view:02d}" for scene in range(4) for view in range(2)]  # train, test, val, train
 
 
-def plane_sample(seed: int, height: int = 64, width: int = 96) -> StereoSample:
+def plane_sample(
+    seed: int, height: int = 64, width: int = 96, focal: float = 100.0, baseline: float = 0.27
+) -> StereoSample:
     """A textured plane n . X = -h below a sky; the right image is drawn, the left one is looked up in it."""
     rng = np.random.default_rng(seed)
-    rig = StereoRig(PinholeCamera.centred(width, height, 100.0), baseline=0.27)
+    rig = StereoRig(PinholeCamera.centred(width, height, focal), baseline)
     normal = np.array([rng.uniform(-0.2, 0.2), -1.0, rng.uniform(-0.6, -0.2)])
     normal /= np.linalg.norm(normal)
     facing = -(rig.camera.rays() @ normal)
@@ -45,6 +47,12 @@ def plane_sample(seed: int, height: int = 64, width: int = 96) -> StereoSample:
 @pytest.fixture(scope="session")
 def plane_samples() -> list[StereoSample]:
     return [plane_sample(seed) for seed in range(4)]
+
+
+@pytest.fixture(scope="session")
+def large_samples() -> list[StereoSample]:
+    """Pairs of a rig whose disparities are found in reduced pairs, of half the size."""
+    return [plane_sample(seed, 128, 192, 800.0) for seed in range(4)]
 
 
 def plane_frame(seed: int) -> StereoFrame:
@@ -79,6 +87,22 @@ def plane_set(tmp_path_factory) -> Path:
         }  # fmt: skip
         write_sample(path / "scenes" / name, plane_frame(number), meta)
     write_index(path, {"seed": 3}, NAMES)
+    return path
+
+
+@pytest.fixture(scope="session")
+def large_set(tmp_path_factory, large_samples) -> Path:
+    """A dataset folder of eight pairs whose disparities are found in reduced pairs."""
+    path = tmp_path_factory.mktemp("large") / "large"
+    for number, name in enumerate(NAMES):
+        s = large_samples[number % len(large_samples)]
+        surface = np.where(np.isfinite(s.depth), 0, -1).astype(np.int32)
+        pair = StereoFrame(
+            s.left, s.right, s.depth, s.disparity, s.normal, surface, s.occluded, s.rig, np.eye(4)
+        )  # fmt: skip
+        scene, view = map(int, name.split("/"))
+        write_sample(path / "scenes" / name, pair, {"scene": scene, "view": view})
+    write_index(path, {"seed": 4}, NAMES)
     return path
 
 

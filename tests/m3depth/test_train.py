@@ -21,7 +21,7 @@ from m3depth.network.model import M3Depth
 from m3depth.train import main
 from m3depth.training import run as run_module
 from m3depth.training.config import TrainConfig
-from m3depth.training.loop import backward, train
+from m3depth.training.loop import backward, finer_losses, train
 from m3depth.training.loss_config import LossConfig
 from m3depth.training.losses import total_loss
 from m3depth.training.messages import closing_words
@@ -65,6 +65,20 @@ def test_training_lowers_the_errors_and_writes_what_it_says(plane_samples, tmp_p
     assert M3Depth.from_pretrained(tmp_path / "weights.safetensors").config == SMALL
     assert json.loads((tmp_path / "weights.json").read_text())["hidden"] == 8
     assert list((tmp_path / "panels").glob("*.png"))
+
+
+def test_the_refinement_of_larger_pairs_is_trained(large_samples, tmp_path) -> None:
+    """From where the reduced pair ends, at full resolution: its errors fall, and the weights move by its loss alone."""
+    config, cpu = config_for(tmp_path, max_steps=20), torch.device("cpu")
+    untrained = validate(Run(config, cpu).averaged, [pack(large_samples[0])], cpu)
+    scores = train(config, large_samples, large_samples)
+    assert scores["epe"] < 0.7 * untrained["epe"] and scores["normal"] < 0.3 * untrained["normal"]
+    run = Run(config, cpu)
+    batch = make_batch(PackedCache(large_samples, 0), 0, 2, config.crop, config.augment, config.seed)
+    output = run.model(batch.left, batch.right, batch.target.camera)
+    finer_losses(run.model, output, batch, config, None).sum().backward()
+    moved = {name.partition(".")[0] for name, p in run.model.named_parameters() if p.grad is not None}
+    assert moved == {"backbone", "refinement", "fine"}
 
 
 class KilledAt:

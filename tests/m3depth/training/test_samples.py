@@ -7,8 +7,9 @@ import torch
 from m3depth.training.augmentation import AugmentConfig, crop, random_crop, resized
 from m3depth.training.batch import whole_batch
 from m3depth.training.losses import consistency_residual
-from m3depth.training.packing import TRAINED, pack
+from m3depth.training.packing import TRAINED, pack, reduction_of
 from m3depth.training.samples import JoinedPairs, PackedCache, batches, make_batch, sample_index
+from marssim.base.camera import NATECAM
 
 
 def test_packing_keeps_the_truth(plane_samples) -> None:
@@ -16,7 +17,7 @@ def test_packing_keeps_the_truth(plane_samples) -> None:
     batch = whole_batch(pack(sample))
     torch.testing.assert_close(batch.left[0].permute(1, 2, 0), torch.from_numpy(sample.left) / 255)
     known = np.isfinite(sample.depth)
-    assert np.abs(batch.target.disparity[0, 0].numpy() - sample.disparity)[known].max() <= 0.5 / 256 + 1e-6
+    assert np.abs(batch.target.disparity[0, 0].numpy() - sample.disparity)[known].max() <= 1e-6
     np.testing.assert_array_equal(batch.target.sky[0, 0].numpy(), ~known)
     np.testing.assert_array_equal(batch.target.label[0, 0].numpy(), sample.valid & (sample.disparity <= 192))
     np.testing.assert_array_equal(batch.target.rock[0, 0].numpy(), sample.rock > 0)
@@ -42,7 +43,7 @@ def test_the_disparity_of_the_images_is_trained_and_not_that_of_the_depth(plane_
     seen = np.where(known, sample.disparity - 5.0, 0).astype(np.float32)
     target = whole_batch(pack(replace(sample, disparity=seen))).target
     trained = (pack(replace(sample, disparity=seen)).flags & TRAINED) > 0
-    assert np.abs(target.disparity[0, 0].numpy() - seen)[trained].max() <= 0.5 / 256 + 1e-6
+    assert np.abs(target.disparity[0, 0].numpy() - seen)[trained].max() <= 1e-6
     assert (known & (seen <= 0)).any() and not trained[seen <= 0].any()
 
 
@@ -76,7 +77,7 @@ def test_crops_move_the_principal_point(plane_samples) -> None:
     residual, usable = consistency_residual(target.disparity, target.normal, target.camera)
     inner = usable & target.label
     assert inner.any()
-    # int8 normals are off by up to half a degree, 16-bit disparities by 1 / 512 px
+    # int8 normals are off by up to half a degree
     assert residual.abs()[inner.expand_as(residual)].max() < 0.02
     wrong = target.camera + torch.tensor([0.0, 0, 17, 30])
     residual, _ = consistency_residual(target.disparity, target.normal, wrong)
@@ -96,7 +97,7 @@ def test_resized_pairs_are_those_of_the_resized_camera(plane_samples, size) -> N
     expected = rig.depth_to_disparity(np.maximum(1.2 / -(c.rays() @ normal), 0.01))
     inner = (part.flags & TRAINED) > 0
     assert inner.mean() > 0.5
-    got = part.disparity / 256
+    got = part.disparity
     assert np.abs(got - expected)[inner].max() < 0.1  # beside the sky
     assert np.median(np.abs(got - expected)[inner]) < 0.004
     target = whole_batch(part).target
@@ -147,6 +148,50 @@ def test_batches_are_a_function_of_seed_and_step(plane_samples) -> None:
     ranks = [make_batch(cache, 2, **settings, rank=rank, world=2).left for rank in (0, 1)]
     both = make_batch(cache, 2, **{**settings, "size": 4}).left
     torch.testing.assert_close(torch.cat(ranks), both)
+
+
+def test_larger_pairs_are_trained_farther_out_than_the_volume_reaches(large_samples) -> None:
+    sample = large_samples[0]
+    packed = pack(sample)
+    assert packed.reduction == 2 == reduction_of(sample.rig) and reduction_of(NATECAM) == 1
+    assert [reduction_of(NATECAM.resized(size, size)) for size in (1024, 2048)] == [2, 4]
+    depth = np.full_like(sample.depth, sample.rig.fb / 300)
+    near = pack(replace(sample, depth=depth, disparity=sample.rig.depth_to_disparity(depth)))
+    assert (near.flags & TRAINED).all()
+    part = random_crop(near, (32, 96), AugmentConfig(scale=0), np.random.default_rng(0))
+    assert part.reduction == 2 and part.left.shape == (64, 192, 3) and (part.flags & TRAINED).all()
+    whole = random_crop(near, (128, 192), AugmentConfig(scale=0), np.random.default_rng(0))
+    assert whole.reduction == 1 and not (whole.flags & TRAINED).any()  # no room for a reduced crop of that size
+
+
+def test_a_crop_of_a_larger_pair_is_reduced_with_some_rows_at_full_resolution(large_samples) -> None:
+    """Both show the same plane: the disparity of the rows is twice that of the crop, at the same places."""
+    batch = make_batch(PackedCache(large_samples, 1 << 30), 3, 3, (64, 96), AugmentConfig(scale=0), 5)
+    assert batch.left.shape == (3, 3, 64, 96) and [band.crop for band in batch.finer] == [0, 1, 2]
+    for band in batch.finer:
+        rows = band.left.shape[-2]
+        assert band.size == (128, 192) and band.left.shape[-1] == 192 and band.top % 8 == 0 and rows % 32 == 0
+        finer = torch.nn.functional.avg_pool2d(band.target.disparity, 2)[0, 0]
+        known = torch.nn.functional.avg_pool2d(band.target.label.float(), 2)[0, 0] == 1
+        part = slice(band.top // 2, (band.top + rows) // 2)
+        reduced = 2 * batch.target.disparity[band.crop, 0, part]
+        known &= batch.target.label[band.crop, 0, part]
+        assert known.float().mean() > 0.4
+        assert (finer - reduced)[known].abs().median() < 0.02
+        images = torch.nn.functional.avg_pool2d(band.left, 2)[0]
+        assert (images - batch.left[band.crop, :, part]).abs().mean() < 0.01
+        residual, usable = consistency_residual(band.target.disparity, band.target.normal, band.target.camera)
+        assert residual.abs()[(usable & band.target.label).expand_as(residual)].median() < 0.01
+
+
+def test_parts_of_a_batch_keep_their_rows(plane_samples, large_samples) -> None:
+    mixed = [plane_samples[0], large_samples[1], plane_samples[2], large_samples[3]]
+    cache = PackedCache(mixed, 1 << 30)
+    batch = make_batch(cache, 0, 4, (32, 64), AugmentConfig(), 1)
+    crops = [band.crop for band in batch.finer]
+    assert 0 < len(crops) < 4
+    parts = batch.split(2)
+    assert [band.crop + 2 * n for n, part in enumerate(parts) for band in part.finer] == crops
 
 
 def test_every_epoch_holds_every_sample() -> None:

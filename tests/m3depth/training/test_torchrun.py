@@ -14,6 +14,7 @@ from small_network import SMALL
 from m3depth.network.model import M3Depth
 from m3depth.training.config import TrainConfig
 from m3depth.training.loop import train
+from m3depth.training.samples import JoinedPairs
 from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.results import lock
 from marssim.base.results.lock import sole_writer
@@ -22,7 +23,7 @@ TINY = replace(SMALL, refine_steps=1, fine_width=0)
 
 SETTINGS = (
     "--batch", "1", "--crop", "32", "64", "--device", "cpu", "--precision", "fp32", "--validate-samples", "1",
-    "--lr", "1e-4",
+    "--lr", "1e-4", "--seed", "1",
 )  # fmt: skip
 ENDS = 540  # [s] for a machine that is very busy
 
@@ -57,22 +58,22 @@ def torchrun(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=ENDS, check=False)
 
 
-def test_two_processes_are_one_batch_in_two_parts(plane_set, tmp_path) -> None:
+def test_two_processes_are_one_batch_in_two_parts(plane_set, large_set, tmp_path) -> None:
     torch.manual_seed(0)
     M3Depth(TINY).save_pretrained(tmp_path / "init.safetensors")
     init = tmp_path / "init.safetensors"
     done = torchrun(
-        "-m", "m3depth.train", "--data", str(plane_set), "--out", str(tmp_path / "two"), "--init", str(init),
-        "--max-steps", "2", *SETTINGS,
+        "-m", "m3depth.train", "--data", str(plane_set), str(large_set), "--out", str(tmp_path / "two"),
+        "--init", str(init), "--max-steps", "2", *SETTINGS,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr[-3000:]
     assert done.stdout.count("averaged weights of step 2") == 1  # one of the processes speaks and writes
     assert "Warning" not in done.stderr
     config = TrainConfig(
-        data=(plane_set,), out=tmp_path / "one", init=init, max_steps=2, batch=2, accumulate=2, crop=(32, 64),
-        device="cpu", precision="fp32", validate_samples=1, lr=1e-4,
+        data=(plane_set, large_set), out=tmp_path / "one", init=init, max_steps=2, batch=2, accumulate=2, crop=(32, 64),
+        device="cpu", precision="fp32", validate_samples=1, lr=1e-4, seed=1,
     )  # fmt: skip
-    train(config, StereoDataset(plane_set, "train"), [])
+    train(config, JoinedPairs([StereoDataset(path, "train") for path in (plane_set, large_set)]), [])
     two, one = (torch.load(tmp_path / name / "checkpoint.pt", weights_only=True) for name in ("two", "one"))
     assert (two["identity"]["number of processes"], one["identity"]["number of processes"]) == (2, 1)
     before = M3Depth.from_pretrained(tmp_path / "init.safetensors").state_dict()
@@ -81,6 +82,8 @@ def test_two_processes_are_one_batch_in_two_parts(plane_set, tmp_path) -> None:
     assert moved.mean() > 2e-5
     assert apart.mean() < 0.01 * moved.mean()  # Adam blows up what rounding makes of gradients that are nearly zero
     apart_folders(plane_set, tmp_path)
+    steps = [json.loads(line) for line in (tmp_path / "one" / "log.jsonl").read_text().splitlines()]
+    assert any("finer" in record for record in steps)  # a larger pair was among the crops
     records = [json.loads(line) for line in (tmp_path / "two" / "log.jsonl").read_text().splitlines()]
     assert [record["kind"] for record in records] == ["train", "val_raw", "val"]
 
