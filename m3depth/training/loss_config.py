@@ -20,6 +20,10 @@ class LossConfig:
     """Weight of the error of the normals, lambda_n of the paper."""
     consistency: float = 3.0
     """Weight of the consistency of disparity and normals, lambda_c of the paper."""
+    consistent_steps: float = 1.0
+    """Weight of the consistency of the first maps and of those of each step, on top of --loss.initial and --loss.decay.
+    The paper applies it to both branches; with 0, it applies to the last maps alone, and SNNet learns nothing from it.
+    """
     relative: float = 4.0
     """Added weight of small disparities, which are far away: an error at a true disparity of d px, at least 1, counts
     1 + this / d times. With 4, an error at 4 px counts twice.

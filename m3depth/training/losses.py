@@ -14,7 +14,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from m3depth.network.geometry import pixel_rays, sobel, unit
+from m3depth.network.geometry import pixel_rays, scale_camera, sobel, unit
 from m3depth.network.model import StereoOutput
 from m3depth.training.loss_config import LossConfig
 
@@ -190,6 +190,11 @@ def normal_loss(normal: Tensor, target: Target, weight: Tensor) -> Tensor:
     return weighted_mean(huber(error, 0.1), weight * (target.label & known))
 
 
+def _cell(target: Target, maps: Tensor) -> int:
+    """Return the side of a cell of maps on a coarser grid [px]."""
+    return target.disparity.shape[-1] // maps.shape[-1]
+
+
 def total_loss(output: StereoOutput, target: Target, config: LossConfig) -> tuple[Tensor, dict[str, Tensor]]:
     """Return the whole training loss, and its terms before weighting, detached, by name.
 
@@ -204,25 +209,26 @@ def total_loss(output: StereoOutput, target: Target, config: LossConfig) -> tupl
     weight = torch.ones_like(target.disparity)
     weight = torch.where(edges, config.edge, weight)
     weight = torch.where(target.rock, config.rock, weight)
-    quarter, quarter_weight = reduce_target(target, 4, weight)
-
     terms = {
         "disparity": disparity_loss(output.disparity, target, weight, config),
         "normal": normal_loss(output.normal, target, weight),
     }
-    if output.initial is not None:  # at 1/8, or on the grid of the output head
-        disparity, normal = output.initial
-        coarse, coarse_weight = reduce_target(target, target.disparity.shape[-1] // disparity.shape[-1], weight)
-        first = disparity_loss(disparity, coarse, coarse_weight, config), normal_loss(normal, coarse, coarse_weight)
-        terms["disparity"] = terms["disparity"] + config.initial * first[0]
-        terms["normal"] = terms["normal"] + config.initial * first[1]
-    for age, (disparity, normal) in enumerate(reversed(output.steps)):
-        share = config.decay ** (age + 1)
-        terms["disparity"] = terms["disparity"] + share * disparity_loss(disparity, quarter, quarter_weight, config)
-        terms["normal"] = terms["normal"] + share * normal_loss(normal, quarter, quarter_weight)
     if config.consistency:
         smooth = target.label & ~edges
         terms["consistency"] = consistency_loss(output.disparity, output.normal, target.camera, smooth)
+    quarter, quarter_weight = reduce_target(target, 4, weight)
+    inner = [(config.decay ** (age + 1), *maps, quarter, quarter_weight) for age, maps in enumerate(output.steps[::-1])]
+    if output.initial is not None:  # at 1/8, or on the grid of the output head
+        coarse, coarse_weight = reduce_target(target, _cell(target, output.initial[0]), weight)
+        inner.append((config.initial, *output.initial, coarse, coarse_weight))
+    for share, disparity, normal, truth, inner_weight in inner:
+        terms["disparity"] = terms["disparity"] + share * disparity_loss(disparity, truth, inner_weight, config)
+        terms["normal"] = terms["normal"] + share * normal_loss(normal, truth, inner_weight)
+        if config.consistency and config.consistent_steps:
+            cell = _cell(target, disparity)
+            camera = scale_camera(target.camera, cell)
+            bent = consistency_loss(disparity / cell, normal, camera, truth.label)
+            terms["consistency"] = terms["consistency"] + config.consistent_steps * share * bent
 
     known = target.label | target.sky
     correct = target.label & ((output.disparity.detach() - target.disparity).abs() < 1)

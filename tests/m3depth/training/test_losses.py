@@ -2,9 +2,11 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from small_network import SMALL
 
 from m3depth.network.geometry import pixel_rays
-from m3depth.network.model import StereoOutput
+from m3depth.network.model import M3Depth, StereoOutput
+from m3depth.training.batch import whole_batch
 from m3depth.training.loss_config import LossConfig
 from m3depth.training.losses import (
     Target,
@@ -16,6 +18,7 @@ from m3depth.training.losses import (
     total_loss,
     weighted_mean,
 )
+from m3depth.training.packing import pack
 
 CAMERA = torch.tensor([[60.0, 55.0, 9.3, 5.1]], dtype=torch.float64)
 
@@ -254,3 +257,15 @@ def test_without_true_normals_depth_is_trained_alone() -> None:
 def test_weights_that_cannot_work_name_their_flag(value) -> None:
     with pytest.raises(ValueError, match=r"--loss\.sky-disparity must be at least 0"):
         LossConfig(sky_disparity=value)
+
+
+@pytest.mark.parametrize("inner", [0.0, 1.0])
+def test_consistency_reaches_both_branches_where_it_is_asked_of_every_step(plane_samples, inner: float) -> None:
+    torch.manual_seed(0)
+    network = M3Depth(SMALL)
+    batch = whole_batch(pack(plane_samples[0]))
+    alone = LossConfig(disparity=0, normal=0, confidence=0, sky=0, consistent_steps=inner)
+    total_loss(network(batch.left, batch.right, batch.target.camera), batch.target, alone)[0].backward()
+    for branch in (network.normals, network.aggregation):
+        moved = sum(float(p.grad.abs().sum()) for p in branch.parameters() if p.grad is not None)
+        assert (moved > 0) == (inner > 0 or branch is network.aggregation)  # its context feeds the refinement
