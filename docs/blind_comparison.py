@@ -26,12 +26,11 @@ from marssim.base.files.json_file import write_json
 from marssim.inspection.image_statistics import linear
 from marssim.render.sensor import Sensor, SensorConfig
 from marssim.render.view import SceneRenderer
-from marssim.scene.presets import preset
+from marssim.scene.presets import Place, preset
 from marssim.scene.scene import build_scene
 from marssim.scene.viewpoint import ViewConfig, draw_pose
 
 SIDE = 200  # [px] width and height of a crop
-PLACES = ("gale", "jezero", "gusev", "gravel", "utopia")
 STONES = (0.02, 0.6)  # share of a rendered crop that rocks and slabs cover
 STRETCH = (0.5, 99.5)  # [%] percentiles of a crop that become black and white
 QUALITY = 90  # of the JPEG that all crops go through
@@ -46,6 +45,7 @@ class Frame:
 
     Attributes:
         file: Name of the file.
+        place: Name of the preset of the place where it was taken.
         size: Width and height [px].
         focal: Focal length [px].
         height: Distance of the camera from the plane of the ground [m].
@@ -59,6 +59,7 @@ class Frame:
     """
 
     file: str
+    place: Place
     size: tuple[int, int]
     focal: float
     height: float
@@ -74,17 +75,17 @@ class Frame:
 FRAMES = (
     # Curiosity, sand between slabs; the sun's height is not known, but by its shadows
     Frame(
-        "NLB_517071516EDR_F0541490CCAM15900M1_8bit.png", (1024, 1024), 1220.0, 1.9, (33.0, 37.0), (35.0, 60.0),
+        "NLB_517071516EDR_F0541490CCAM15900M1_8bit.png", "gale", (1024, 1024), 1220.0, 1.9, (33.0, 37.0), (35.0, 60.0),
         (50.0, 110.0), ((8, 8, 1016, 260), (8, 350, 230, 910)), (0.5, 0.6), (0.035, 0.05), (200.0, 600.0),
     ),
     # Curiosity, sol 1431: a slope below a cliff, which the camera looks up to
     Frame(
-        "NLB_524534514EDR_F0562034NCAM00280M_.jpeg", (1024, 1024), 1220.0, 4.0, (3.0, 6.0), (30.0, 55.0),
+        "NLB_524534514EDR_F0562034NCAM00280M_.jpeg", "gale", (1024, 1024), 1220.0, 4.0, (3.0, 6.0), (30.0, 55.0),
         (50.0, 110.0), ((8, 730, 1016, 1016),), (0.5, 0.6), (0.035, 0.05), (200.0, 600.0),
     ),
     # Perseverance, sol 709: slabs; its label has the sun 80 deg high, and the camera's model and direction
     Frame(
-        "NLMV0709_0729882743_168RAD_N0332841TRAV00262_0A02LLJ01.IMG", (1280, 960), 740.0, 2.0, (27.0, 30.0),
+        "NLMV0709_0729882743_168RAD_N0332841TRAV00262_0A02LLJ01.IMG", "jezero", (1280, 960), 740.0, 2.0, (27.0, 30.0),
         (77.0, 83.0), (20.0, 60.0), ((20, 140, 1060, 600), (230, 560, 1180, 790), (1060, 200, 1270, 700)),
         (0.5, 0.6), (0.006, 0.012),
     ),
@@ -114,8 +115,8 @@ def main(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
     half = options.crops // 2
     turn = [FRAMES[n % len(FRAMES)] for n in rng.permutation(half)]
     crops = real_crops(options.images, turn, rng)
-    for n, frame in enumerate(turn):
-        crops.append(rendered_crop(frame, PLACES[n % len(PLACES)], int(rng.integers(2**31))))
+    for frame in turn:
+        crops.append(rendered_crop(frame, int(rng.integers(2**31))))
     order = rng.permutation(len(crops))
     options.out.mkdir(parents=True, exist_ok=True)
     for number, n in enumerate(order, 1):
@@ -194,12 +195,12 @@ def pds_image(path: Path) -> np.ndarray:
     return np.frombuffer(data, ">i2", int(np.prod(shape)), start).reshape(shape).mean(axis=0)
 
 
-def rendered_crop(frame: Frame, place: str, seed: int) -> tuple[np.ndarray, dict]:
-    """Return a crop of a place as a frame would show it, and what it is."""
+def rendered_crop(frame: Frame, seed: int) -> tuple[np.ndarray, dict]:
+    """Return a crop of a frame's place as the frame would show it, and what it is."""
     rng = np.random.default_rng(seed)
     yaw = rng.uniform(0, 360)
     sun = rng.uniform(*frame.sun_elevation_deg), yaw + rng.uniform(*frame.sun_left_deg)
-    scene = build_scene(preset(place), rng).with_sun(*sun)
+    scene = build_scene(preset(frame.place), rng).with_sun(*sun)
     view = ViewConfig((frame.height, frame.height), frame.pitch_deg, (-3.0, 3.0), (yaw, yaw))
     faults = SensorConfig(psf=frame.psf, hot_pixels=frame.hot_pixels)
     whole = StereoRig(PinholeCamera.centred(*frame.size, frame.focal), 0.42)
@@ -212,10 +213,17 @@ def rendered_crop(frame: Frame, place: str, seed: int) -> tuple[np.ndarray, dict
             if STONES[0] <= stones <= STONES[1] and not (drawn.surface == SKY).any():
                 break
         else:
-            raise SystemExit(f"{place}: no view with stones and without sky in {TRIES} tries")
+            raise SystemExit(f"{frame.place}: no view with stones and without sky in {TRIES} tries")
     grey = cv2.cvtColor(drawn.left, cv2.COLOR_RGB2GRAY)
     grain = rng.uniform(*frame.grain) * rng.standard_normal(grey.shape)
-    return toned(linear(grey), grain), {"real": False, "place": place, "as": frame.file, "seed": seed, "x": x, "y": y}
+    return toned(linear(grey), grain), {
+        "real": False,
+        "place": frame.place,
+        "as": frame.file,
+        "seed": seed,
+        "x": x,
+        "y": y,
+    }
 
 
 def toned(light: np.ndarray, grain: np.ndarray | float = 0.0) -> np.ndarray:

@@ -47,26 +47,39 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig, OutcropConfig]
     ),
     # a lake bed: pale slabs between sharp ripples
     "gale": (
-        RockConfig(k=0.07, families=(0.25, 0.65, 0.1), height_ratio=0.44, albedo=1.25),
+        RockConfig(
+            k=0.07, families=(0.35, 0.6, 0.05), height_ratio=0.33, albedo=1.15, albedo_spread=0.15, buried=(0.3, 0.75),
+        ),
         ReliefConfig(
-            hurst=0.73, rms_slope_deg=5.1, crater_density=0.002, ripple_amplitude=0.025, ripple_wavelength=0.8,
+            hurst=0.73, rms_slope_deg=5.1, crater_density=0.002, ripple_amplitude=0.015, ripple_wavelength=0.8,
             ripple_cover=0.55,
         ),
         LookConfig(
-            pebbles=(0.2, 0.9), wind_ripples=(0.2, 0.7), bedding=(0.6, 1.0), bedrock=(0.15, 0.6), rock_dust=(0.0, 0.5),
-            drifts=(0.4, 1.0), soil_albedo=(0.45, 0.9),
+            albedo_contrast=(0.3, 0.9), texture_strength=(0.35, 0.9),
+            pebbles=(0.1, 0.5), wind_ripples=(0.3, 0.8), bedding=(0.6, 1.0), bedrock=(0.1, 0.45), rock_dust=(0.1, 0.5),
+            gravel=(0.0, 0.05), drifts=(0.4, 1.0), soil_albedo=(0.55, 0.85),
         ),
-        OutcropConfig(slabs=(0.15, 0.6), ledges=(0.0, 6.0), fragments=(0.3, 1.0)),
+        OutcropConfig(
+            slabs=(0.25, 0.65), slab_size=(0.3, 0.9), slab_height=(0.02, 0.05), ledges=(1.0, 8.0), fragments=(0.5, 1.0),
+            brightness=(0.95, 1.3),
+        ),
     ),
     # a delta's foot: cobbles and boulders of every kind, sand in between
     "jezero": (
-        RockConfig(k=0.15, families=(0.35, 0.2, 0.45), albedo=1.25),
-        ReliefConfig(hurst=0.73, rms_slope_deg=5.2, ripple_amplitude=0.03, ripple_wavelength=1.4, ripple_cover=0.2),
-        LookConfig(
-            pebbles=(0.5, 1.0), wind_ripples=(0.1, 0.6), bedding=(0.1, 0.8), bedrock=(0.0, 0.4), rock_dust=(0.1, 0.6),
-            gravel=(0.0, 0.4), drifts=(0.3, 0.9), soil_albedo=(0.5, 0.9),
+        RockConfig(
+            k=0.08, families=(0.45, 0.25, 0.3), height_ratio=0.36, albedo=1.3, albedo_spread=0.25, buried=(0.25, 0.75),
         ),
-        OutcropConfig(slabs=(0.05, 0.45), slab_size=(0.45, 1.3), ledges=(0.0, 2.0), fragments=(0.2, 0.8)),
+        ReliefConfig(hurst=0.73, rms_slope_deg=5.2, ripple_amplitude=0.02, ripple_wavelength=1.4, ripple_cover=0.2),
+        LookConfig(
+            albedo_contrast=(0.6, 1.4), texture_strength=(0.6, 1.3),
+            pebbles=(0.7, 1.0), wind_ripples=(0.0, 0.4), bedding=(0.1, 0.8), bedrock=(0.1, 0.5), rock_dust=(0.1, 0.6),
+            gravel=(0.0, 0.25), drifts=(0.3, 0.9), soil_albedo=(0.65, 0.9),
+        ),
+        OutcropConfig(
+            slabs=(0.35, 0.7), slab_size=(0.35, 1.0), slab_tilt_deg=(0.5, 3.0), slab_height=(0.02, 0.045),
+            ledges=(0.0, 2.0), fragments=(0.3, 0.9),
+            brightness=(1.0, 1.3),
+        ),
     ),
     # the floor of a crater: stones of a few centimetres, close together, between sand and rocks
     "gravel": (

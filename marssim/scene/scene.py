@@ -8,6 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from marssim.scene.look import Look, LookConfig, draw_look, sun_direction
+from marssim.scene.outcrop.beds import upper_beds
+from marssim.scene.outcrop.chips import draw_chips
 from marssim.scene.outcrop.config import OutcropConfig, draw_traits
 from marssim.scene.outcrop.fragments import draw_fragments
 from marssim.scene.outcrop.ledges import draw_ledges
@@ -146,7 +148,10 @@ def build_scene(
     traits = draw_traits(config.outcrop, outcrop_rng)
     place = half, config.horizon, terrain.height_at
     ledges = outside(draw_ledges(config.outcrop, traits, *place, outcrop_rng), clear)
-    slabs = beside(outside(draw_slabs(traits, *place, outcrop_rng), clear), ledges, half, terrain.height_at)
+    slabs = draw_slabs(traits, *place, outcrop_rng)
+    slabs += upper_beds(slabs, outcrop_rng)
+    chips = draw_chips([*slabs, *ledges], traits, half, terrain.height_at, outcrop_rng)
+    slabs = beside(outside([*slabs, *chips], clear), ledges, half, terrain.height_at)
     slabs = nearest(slabs, MAX_OUTCROP - sum(map(len, ledges)))
     lift = Tops.of([*ledges, *slabs], half).lift if ledges or slabs else None
     rocks = build_rocks(config.rocks, *place, rock_rng, clear, lift)

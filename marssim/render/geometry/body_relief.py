@@ -22,7 +22,8 @@ from marssim.scene.scene import Scene
 WAVELENGTHS = np.array([0.009, 0.02, 0.05, 0.14])  # [m] octaves of the relief
 STAIN = np.array([0.15, 0.12, 0.07, 0.06])  # amplitude of each in the brightness, as its logarithm
 SLOPE = 0.16  # RMS slope of an octave of 10 cm at a texture strength of 1
-ROUGHNESS = (0.5, 1.3)  # range of the factors by which bodies differ
+ROUGHNESS = (0.4, 1.2)  # range of the factors by which bodies differ
+TOP = 0.5  # height of the relief on tops of slabs and ledges, which sand has ground smooth, over that of sides
 BEDS = 6.0  # how many times longer along the beds the relief of clearly bedded faces is, less one
 THIN = 0.35  # by how much of that it is finer across them
 APART = 0.37  # [m] shift of the pattern from body to body, so that neighbours differ
@@ -40,12 +41,14 @@ class BodyRelief(NamedTuple):
         rise: (M,) float32 height [m] of each octave per unit of its noise.
         beds: (N + 1,) float32 how much longer along the beds the relief of each surface's sides is, by surface id.
         roughness: (N + 1,) float32 factor of the heights, by surface id.
+        tops: (N + 1,) float32 further factor of those on faces that look up, by surface id.
     """
 
     noise: Octaves
     rise: np.ndarray
     beds: np.ndarray
     roughness: np.ndarray
+    tops: np.ndarray
 
 
 _of_scene: WeakKeyDictionary[Scene, BodyRelief] = WeakKeyDictionary()
@@ -68,7 +71,10 @@ def _made(scene: Scene) -> BodyRelief:
     beds, roughness = np.zeros(count + 1, dtype=np.float32), np.ones(count + 1, dtype=np.float32)
     beds[1:] = BEDS * look.bedding * rng.uniform(0.4, 1, count)
     roughness[1:] = rng.uniform(*ROUGHNESS, count)
-    return BodyRelief(noise, (slope * WAVELENGTHS / steep).astype(np.float32), beds, roughness)
+    smooth = np.ones(count + 1, dtype=np.float32)
+    first = 1 + len(scene.rocks)
+    smooth[first : first + sum(scene.outcrop.count[:2])] = TOP
+    return BodyRelief(noise, (slope * WAVELENGTHS / steep).astype(np.float32), beds, roughness, smooth)
 
 
 @inlined
@@ -120,7 +126,7 @@ def raise_hits(relief, eye, focal, pose, rays, depth, normal, shading, surface, 
         depth, normal, shading, surface, detail: Of gbuffer.Hits, changed in place. The second detail of a body is its
             stain: the logarithm of its brightness.
     """
-    noise, rise, beds, roughness = relief
+    noise, rise, beds, roughness, tops = relief
     for k in range(len(depth)):
         if surface[k] <= GROUND:
             continue
@@ -139,6 +145,7 @@ def raise_hits(relief, eye, focal, pose, rays, depth, normal, shading, surface, 
         footprint = np.float32(apart / (focal * math.sqrt(slant)))
         bedded = beds[surface[k]] if axis != 2 else np.float32(0)
         rough = roughness[surface[k]] / (np.float32(1) + np.float32(0.5 * THIN) * bedded)
+        rough *= tops[surface[k]] if axis == 2 else np.float32(1)
         move, du, dv, stain = 0.0, np.float32(0), np.float32(0), np.float32(0)
         for _ in range(ROUNDS):
             u, v = face_place(axis, surface[k], x0 + move * rx, y0 + move * ry, z0 + move * rz)

@@ -38,9 +38,10 @@ DRIFT_CELL = 0.045  # [m] largest spacing of the grid that carries drifts
 PATCH_WAVELENGTHS = (1.7, 7.0)  # [m] sizes of patches of sand and bedrock
 GRAVEL_WAVELENGTHS = (2.3, 9.0)  # [m] sizes of patches of gravel
 RIPPLE_WAVELENGTHS = (0.06, 0.15)  # [m] shortest and longest of the wind's small ripples
-RIPPLE_SLOPE = 0.22  # RMS slope of ripples at a texture strength of 1
+RIPPLE_SLOPE = (0.05, 0.16)  # RMS slope of ripples at a texture strength of 1: range over scenes
 GRAIN_STRENGTH = 0.8  # of the grain, over that of the relief with longer waves
-PEBBLES = (0.16, 0.08, 0.04, 0.012)  # shares of the close packing that pebbles have on ground without sand
+PLATE_LEVELS = 7  # levels of detail of the plates of bedrock
+PEBBLES = (0.16, 0.09, 0.055, 0.02)  # shares of the close packing that pebbles have on ground without sand
 FRAGMENTS = 0.5  # share of close packing at the feet of rocks
 
 
@@ -91,8 +92,8 @@ def _made(scene: Scene) -> Ground:
         fractal=_placed(data, fractal_levels(seed % VARIANTS, *FRACTAL, FRACTAL_WAVES), FRACTAL, rng),
         grain=_placed(data, np.float32(GRAIN_STRENGTH) * grain, GRAIN, rng),
         ripples=ripples, plates=_plates(data, seed, bedrock, rng), strength=np.float32(strength),
-        ripple_height=np.float32(RIPPLE_SLOPE * min(strength, 1.3) / steep), ripple_length=np.float32(wavelength),
-        bedrock=bedrock,
+        ripple_height=np.float32(rng.uniform(*RIPPLE_SLOPE) * min(strength, 1.3) / steep),
+        ripple_length=np.float32(wavelength), bedrock=bedrock,
     )  # fmt: skip
     steepest = np.float32(0.1 + 0.2 * strength + (DRIFT_SLOPE if drifts.size else 0))
     return Ground(data.joined(), relief, _stones(look, rng), steepest, near, drifts)
@@ -161,11 +162,11 @@ def _ripples(data: _Data, seed: int, wavelength: float, rng: np.random.Generator
 
 
 def _plates(data: _Data, seed: int, bedrock: bool, rng: np.random.Generator) -> Tile:
-    form = (bedrock_plates.SIDE, bedrock_plates.TEXEL, 6)
+    form = (bedrock_plates.SIDE, bedrock_plates.TEXEL, PLATE_LEVELS)
     if not bedrock:
         return _placed(data, np.zeros(9, dtype=np.float32), form, rng)
     heights, _ = bedrock_plates.plates(seed % bedrock_plates.VARIANTS)
-    return _placed(data, tile_levels(heights, bedrock_plates.TEXEL, 6), form, rng)
+    return _placed(data, tile_levels(heights, bedrock_plates.TEXEL, PLATE_LEVELS), form, rng)
 
 
 def _cover(data: _Data, scene: Scene, near: np.ndarray, drifts: np.ndarray, fine: FineSpline) -> Cover:

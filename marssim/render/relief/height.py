@@ -15,12 +15,12 @@ from marssim.base.compute.compiled import inlined
 from marssim.render.relief.bspline import cubic_at, cubic_curve_at, quadratic_at
 from marssim.render.relief.tiles import NONE, WHOLE, Tile, level_at, nearest_level, tile_at
 
-SAND_RELIEF = 0.7  # share of the fine relief that sand buries
+SAND_RELIEF = 0.85  # share of the fine relief that sand buries
 SOFT = 0.002  # [m] height over which sand thins out on a plate of bedrock
 GRAIN_LIMIT = np.float32(0.013)  # [m] width of a pixel from which on it shows none of the grain
-SWEPT_DEPTH = 0.03  # [m] height of sand that the wind takes where the ground is swept by 1
+SWEPT_DEPTH = 0.02  # [m] height of sand that the wind takes where the ground is swept by 1
 MOST_SWEPT = 1.3  # how swept the ground is where the wind takes no more
-EXPOSED = 0.25  # how swept the ground is from which on plates stand out fully; they begin to at 0
+EXPOSED = 0.12  # how swept the ground is from which on plates stand out fully; they begin to at 0
 SAND, GRAVEL, SWEPT = np.int32(0), np.int32(1), np.int32(2)  # the shares of Cover
 
 

@@ -17,26 +17,26 @@ from marssim.base.compute.compiled import compiled, inlined
 from marssim.render.relief.height import SWEPT_DEPTH
 from marssim.render.relief.pyramid import CHANNELS, CODES, pyramid, pyramid_at
 
-SIDE = 512  # texels along a side of the tile
-TEXEL = 0.012  # [m] size of a texel
+SIDE = 1024  # texels along a side of the tile
+TEXEL = 0.006  # [m] size of a texel
 SMOOTHING = 0.7  # [texels] standard deviation of the blur of borders
 PLATES = (9, 27)  # numbers of plates and of pieces along the side
 BEND = 0.03  # [m] how far borders deviate from straight lines
 SHORTEST_BEND = 1.4  # [1/m] standard deviation of the wave numbers of that deviation
 ROUGH = (0.03, 0.09)  # [m] wavelengths of the roughness of plates; its standard deviations follow
-ROUGH_HEIGHT, ROUGH_JOINT, ROUGH_TONE = 0.0008, 0.006, 0.06  # height [m], border [m] and logarithm of brightness
-ROUNDING = 0.018  # [m] width of the worn border of a plate
-STANDING = 0.022  # [m] height of a plate above the sand in its joints
-TILT = 0.03  # standard deviation of a plate's slope
+ROUGH_HEIGHT, ROUGH_JOINT, ROUGH_TONE = 0.0008, 0.008, 0.05  # height [m], border [m] and logarithm of brightness
+ROUNDING = 0.012  # [m] width of the worn border of a plate
+STANDING = 0.012  # [m] height of a plate above the sand in its joints
+TILT = 0.02  # standard deviation of a plate's slope
 PIECE_TILT = 0.4  # additional slope of a piece, over that of a plate
 PIECE_BEND = 0.4  # deviation of the borders of pieces over that of plates: they meet these at any angle
 BROKEN = 0.7  # share of the plates that are broken into pieces
-JOINT = (0.012, 0.03)  # [m] half the width of a joint: the least, and the largest addition to it
-JOINT_CRACK = 0.008  # [m] width of the dark line along a plate's border
-JOINT_SIDE = 0.01  # [m] how far outside the border that line begins
-SPLIT = (0.006, 0.006)  # [m] width of a crack between pieces: the least, and the largest addition to it
-SPLIT_DARK, SPLIT_DEEP = 0.8, 0.35  # its darkness over that of a joint, and its depth over the plate's height
-TONE, PLATE_TONE, PIECE_TONE = 0.10, 0.15, 0.08  # logarithm of brightness: mean, and standard deviations
+JOINT = (0.005, 0.03)  # [m] half the width of a joint: the least, and the largest addition to it
+JOINT_CRACK = 0.005  # [m] width of the dark line along a plate's border
+JOINT_SIDE = 0.006  # [m] how far outside the border that line begins
+SPLIT = (0.002, 0.004)  # [m] width of a crack between pieces: the least, and the largest addition to it
+SPLIT_DARK, SPLIT_DEEP = 0.6, 0.35  # its darkness over that of a joint, and its depth over the plate's height
+TONE, PLATE_TONE, PIECE_TONE = -0.10, 0.07, 0.04  # logarithm of brightness: mean, and standard deviations
 DARK = 0.9  # share of the light that a crack takes
 PLATE_COVER, PIECE_COVER = 0.9, 0.15  # ranges of the sand cover of plates and of their pieces
 TONES = 1.0  # logarithm of brightness of the largest code

@@ -26,7 +26,6 @@ RELIEF_TONE = 0.02  # coarse dark grains gather in troughs
 STONE_TONE = 0.22  # logarithm of brightness per standard deviation of stones' tones
 HIDDEN_AT, HIDDEN_MOST = 0.02, 0.7  # [m] width of a pixel at which most stones are too small; share of their tone
 DUST = 0.85  # brightness of the dust on rocks over that of the ground
-DUST_TONE = 0.04  # logarithm of brightness of the dust on the crests of ripples and behind rocks
 
 
 @inlined
@@ -54,7 +53,7 @@ def regolith_at(x, y, footprint, stone, pattern, fine, bare, cover, mix, stains,
             * np.float32(HIDDEN_MOST)
             * (mix.pebble_tone - soil)
         )
-        tone += np.float32(DUST_TONE) * contrast * sand * min(max(height, -one), one)
+        tone += mix.dust_tone * contrast * sand * min(max(height, -one), one)
         flat, covered = pattern
         if flat >= 0:
             tone += covered * (mix.pebble_tone + np.float32(STONE_TONE) * contrast * tones[flat] - tone)

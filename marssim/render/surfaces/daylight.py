@@ -11,7 +11,7 @@ from marssim.base.compute.compiled import compiled, inlined
 from marssim.scene.look import Look
 
 EXTINCTION = (0.42, 0.46, 0.52)  # extinction of red, green and blue sunlight by dust of unit optical depth
-SKY_STRENGTH = 0.42  # skylight under thick dust and a zenith sun
+SKY_STRENGTH = 0.55  # skylight under thick dust and a zenith sun
 SKY_EXTINCTION = 0.75  # how fast skylight approaches that with optical depth
 SKY_FALL = 0.75  # power of the sun's height with which skylight falls
 LOWEST, LOWEST_SKY = 0.06, 0.12  # sines of the sun's elevation below which sunlight and skylight stay constant

@@ -21,12 +21,13 @@ from marssim.scene.scene import Scene
 
 STAIN_WAVELENGTHS = np.array([0.0045, 0.009, 0.018, 0.038, 1.7, 7.0])  # [m] sizes of grains, spots and patches
 STAIN = np.array(
-    [0.10, 0.08, 0.06, 0.045, 0.04, 0.06]
+    [0.10, 0.06, 0.035, 0.03, 0.04, 0.06]
 )  # amplitude of each, logarithm of brightness, at a contrast of 1
-PEBBLE_DUST = 0.4  # share of the dust in the mean brightness of pebbles, which is else that of the rocks
+PEBBLE_DUST = 0.6  # share of the soil in the mean brightness of pebbles, which is else that of the rocks
 BED_RED = 0.45  # redness that gives a rock the hue of BED_COLOUR; its brightness is pavement.ALBEDO
 BED_STAINS = 0.35  # contrast of their stains over that of rocks
 BED_SWEPT = 0.3  # by how much less of the tops of slabs and ledges is under dust
+DUST_TONE = 0.22  # logarithm of brightness of the dust on the crests of sand where all ground is rippled
 NO_PLATES = np.zeros((1, CHANNELS), dtype=np.int8)  # the look of a scene without bedrock
 
 
@@ -47,6 +48,7 @@ class Mix(NamedTuple):
         pebble_tone: Mean tone of the stones, as logarithm of brightness.
         hidden_bare: Share of bare ground that stones cover.
         hidden_gravel: The same of gravel.
+        dust_tone: Tone of the dust on the crests of sand, as logarithm of brightness.
     """
 
     contrast: np.float32
@@ -55,6 +57,7 @@ class Mix(NamedTuple):
     pebble_tone: np.float32
     hidden_bare: np.float32
     hidden_gravel: np.float32
+    dust_tone: np.float32
 
 
 class Soil(NamedTuple):
@@ -102,9 +105,10 @@ def _soil(scene: Scene, ground: Ground) -> Soil:
         contrast=np.float32(look.albedo_contrast),
         soil=np.float32(look.soil_albedo),
         soil_tone=np.float32(np.log(look.soil_albedo)),
-        pebble_tone=np.float32(np.log(PEBBLE_DUST + (1 - PEBBLE_DUST) * scene.config.rocks.albedo)),
+        pebble_tone=np.float32(np.log(PEBBLE_DUST * look.soil_albedo + (1 - PEBBLE_DUST) * scene.config.rocks.albedo)),
         hidden_bare=np.float32(lying[0]),
         hidden_gravel=np.float32(lying[1]),
+        dust_tone=np.float32(DUST_TONE * look.wind_ripples),
     )
     return Soil(
         mix=mix,

@@ -32,8 +32,6 @@ LEAST_OUT = 0.05  # least cosine of the viewing angle to the fine relief, which 
 DUSK = (
     12.0  # sunlight fades over the last twelfth of its cosine on the surface, so that relief catches no light after it
 )
-BOUNCE = 0.18  # light that level ground under a zenith sun reflects to a wall, over the sunlight
-GROUND_GREY = 0.27  # mean of GROUND_COLOUR
 
 
 class Shader:
@@ -143,7 +141,7 @@ def _surface(
         direct = _reflected(cos_in, max(nx * vx + ny * vy + nz * vz, LEAST_OUT), vx * sx + vy * sy + vz * sz)
         direct *= lit[m] * open_sun
         open_sky = (0.5 + 0.5 * nz) * (1 - hidden)
-        bounce = BOUNCE * mix.soil * (1 - open_sky) * sz / GROUND_GREY
+        bounce = mix.soil * (1 - open_sky) * sz  # level ground under the sun reflects its albedo of that
         # dust scatters forward, so the sky is brighter on the sun's side, and relief shows in shadow too
         sky = skylight * open_sky * max(1 + ahead * (nx * sx + ny * sy), LEAST_SKY)
         red *= sun_red * (direct + bounce * GROUND_COLOUR[0]) + sky * SKY_COLOUR[0]

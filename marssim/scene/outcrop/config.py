@@ -35,7 +35,7 @@ class OutcropConfig:
     ledge_length: Range = (3.0, 9.0)
     """Length of the ledges [m], LOW HIGH, 1 to 20. Each ledge draws its own."""
     fragments: Range = (0.1, 0.5)
-    """How densely broken pieces of 2 to 10 cm lie around large rocks and ledges, LOW HIGH: 0 has none, 1 the most."""
+    """How densely broken pieces of 2 to 12 cm lie around large rocks and ledges, LOW HIGH: 0 has none, 1 the most."""
 
     brightness: Range = (1.4, 2.1)
     """Brightness of slabs and ledges on the scale of rocks.albedo, LOW HIGH, 0.5 to 2.5. The bedrock that

@@ -1,4 +1,4 @@
-"""Fragments: angular pieces of 2 to 10 cm that broke off large rocks and ledges, and lie at their feet."""
+"""Fragments: angular pieces of 2 to 12 cm that broke off large rocks and ledges, and lie at their feet."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from marssim.scene.rocks.population import (
 from marssim.scene.rocks.shape_library import VARIANTS
 from marssim.scene.rocks.shapes import FAMILIES
 
-SIZES = (0.02, 0.10)  # [m] diameters; the number of pieces larger than D falls as D^-STEEPNESS
+SIZES = (0.02, 0.12)  # [m] diameters; the number of pieces larger than D falls as D^-STEEPNESS
 STEEPNESS = 1.8
 LARGEST_SHARE = 0.35  # largest diameter over that of the body that the piece broke off
 LEAST_PARENT = 0.25  # [m] diameter of the smallest rocks and blocks that have fragments
 BROKEN = 0.6  # share of these that have some
-PIECES = 9.0  # mean number of pieces of a broken body of 0.5 m at a density of 1; it grows with the diameter
+PIECES = 6.0  # mean number of pieces of a broken body of 0.5 m at a density of 1; it grows with the diameter
 MOST = 60  # pieces of a body
-REACH = 0.25  # mean distance of a piece from the foot, over the body's diameter
+REACH = 0.35  # mean distance of a piece from the foot, over the body's diameter
 LEAST_ANGLE = 0.005  # [rad] angle under which a camera sees the smallest pieces that are drawn: 3 px of 512
-FLAT = (0.35, 0.8)  # height above ground over diameter, at a mean burial
-BURIED = (0.15, 0.7)  # share of a piece's height below the ground
-SHARES = (0.75, 0.25, 0.0)  # of FAMILIES
+FLAT = (0.2, 0.6)  # height above ground over diameter, at a mean burial
+BURIED = (0.3, 0.75)  # share of a piece's height below the ground
+SHARES = (0.45, 0.55, 0.0)  # of FAMILIES
 
 
 def draw_fragments(

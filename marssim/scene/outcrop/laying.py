@@ -18,18 +18,20 @@ Ground = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 LEAST_ANGLE = 0.03  # [rad] angle under which a camera sees the smallest slabs that are drawn
 LEAST_SLAB = 0.13  # [m] diameter of the smallest slabs
-BITE, BITTEN = (0.08, 0.3), 0.3  # depth of the bites that some plates have lost, over the radius; share of these
-ROUNDNESS = 0.6  # how round the corners of the roundest plates are, 0 to 1
+BITE, BITTEN = (0.08, 0.4), 0.5  # depth of the bites that some plates have lost, over the radius; share of these
+ROUNDNESS = 0.4  # how round the corners of the roundest plates are, 0 to 1
 DRIFTS = (1.5, 5.0)  # [m] wavelengths of the sand that lies higher here and lower there
-LEVEL_ANGLES = (0.06, 0.18)  # [rad] angular diameters at which a slab gets the next level of detail
+LEVEL_ANGLES = (0.05, 0.13)  # [rad] angular diameters at which a slab gets the next level of detail
 STEEPEST = np.tan(np.deg2rad(15))
 BARE = 0.7  # a slab that would stand this much of the least height is under sand
 HEIGHTS = (0.02, 0.15)  # [m] least and largest height of a slab's highest edge
+DIP_SPREAD = 1.0  # [rad] standard deviation of the directions in which slabs are tilted
 TALLEST = 0.25  # largest height of a slab's highest edge over its diameter
 LIFTED = 1.6  # largest rise of a plate across its radius, over the height of its highest edge
 HOLLOW = 0.2  # share of the steep plates that are thin and show a gap below their high edge
 BURIED = 0.04  # [m] depth that the sides of the others reach below the ground
 SHOWN = 0.2  # least share of a plate above the ground
+RAGGED, RAGGED_WIDTHS = 0.045, (1, 3, 7)  # depth of notches in the outline over the radius, and their widths [points]
 COMPACT = 0.45  # least 4 pi area / perimeter^2 of a plate, 0.785 for a square; splinters are left out
 
 
@@ -99,7 +101,7 @@ def _drawn(
     swing: np.ndarray = np.abs(rng.normal(size=len(count)))
     tilt = np.tan(np.deg2rad(traits.slab_tilt_deg)) * swing * (0.5 + loose)
     tilt = np.minimum(np.minimum(tilt, LIFTED * height / np.maximum(diameter / 2, 1e-9)), STEEPEST)
-    angle = rng.uniform(0, 2 * np.pi, len(count))
+    angle = rng.uniform(0, 2 * np.pi) + DIP_SPREAD * rng.normal(size=len(count))
     lean = tilt[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     level = np.where(fit, np.digitize(diameter / away, LEVEL_ANGLES), -1)
     return _Pieces(corners, count, middle, area, height, lean, rng.random(len(count)), level)
@@ -162,8 +164,16 @@ def worn_outlines(
     bite = np.where(rng.random(number) < BITTEN, rng.uniform(*BITE, number), 0.0)
     apart = np.abs((place - rng.uniform(0, 2 * np.pi, (number, 1)) + np.pi) % (2 * np.pi) - np.pi)
     lost = bite[:, None] * np.exp(-((apart / rng.uniform(0.25, 0.5, (number, 1))) ** 2))
-    lost += rng.uniform(0, 0.06, (number, points))
+    for width in RAGGED_WIDTHS:  # of points
+        if width <= points / 4:
+            lost += RAGGED * width**0.5 * _loop_mean(rng.uniform(0, 1, (number, points)), width)
     return np.asarray(middle + (shape - middle) * (1 - lost)[..., None])
+
+
+def _loop_mean(values: np.ndarray, width: int) -> np.ndarray:
+    """Return the means of `width` neighbours around each value of closed rows (N, P), scaled to their variance."""
+    total: np.ndarray = sum(np.roll(values - 0.5, k, axis=1) for k in range(width))
+    return np.asarray(0.5 + total / np.sqrt(width))
 
 
 def camera_distance(xy: np.ndarray, half: float) -> np.ndarray:

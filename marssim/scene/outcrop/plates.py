@@ -9,7 +9,7 @@ import numpy as np
 from marssim.scene.rocks.mesh import Rocks
 from marssim.scene.rocks.shape_library import vertex_normals
 
-POINTS = (7, 11, 18)  # points of an outline at each level of detail
+POINTS = (8, 14, 32)  # points of an outline at each level of detail
 BEVELLED = (False, True, True)  # whether the edge of the top is worn at each level
 TOP_RINGS = ((), (), (0.6,))  # rings inside the top at each level, over the plate's size
 ROUGH_SHARE = 0.35  # roughness of the top over the width of its bevel

@@ -19,7 +19,7 @@ MAX_ROCKS = 50_000  # most of these that are rocks; the others are bedrock and f
 SAFETY_SPREADS = 6.0  # standard deviations by which the expected number of rocks stays below MAX_ROCKS
 LEAST_DISTANCE = 1.6  # [m] distance at which a camera is assumed to see the rocks around it
 # [rad] angular diameters at which a rock gets the next level of detail; the first two are 3 px and 8 px wide at 512 px
-LEVEL_ANGLES = (0.006, 0.014, 0.032, 0.095, 0.24, 0.7)
+LEVEL_ANGLES = (0.006, 0.014, 0.032, 0.095, 0.22, 0.6)
 COBBLE_ANGLE = 0.005  # [rad] angle under which a camera sees the smallest cobbles far away: 3 px at 512 px
 LARGE = 0.15  # [m] diameter of the smallest rocks that these cobbles keep off
 COBBLE_RINGS = (0.75, 1.0, 1.25, 1.5, 2.0, 2.5)  # [half sides of the fine square] edges of their rings
@@ -51,7 +51,9 @@ class RockConfig:
     families: tuple[float, float, float] = (0.45, 0.25, 0.3)
     """Relative numbers of angular, slabby and rounded rocks: three shares in any unit."""
     albedo: float = 0.85
-    """Mean brightness of the rocks over that of the ground, 0.2 to 1.5."""
+    """Mean brightness of the rocks over that of the ground, 0.2 to 2.5."""
+    albedo_spread: float = 0.3
+    """By how much the brightness of single rocks differs: standard deviation over the mean, 0 to 0.5."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.k <= 0.4:
@@ -67,8 +69,10 @@ class RockConfig:
         shares = self.families
         if len(shares) != len(FAMILIES) or not min(shares) >= 0 or not 0 < sum(shares) < np.inf:
             raise ValueError(f"families needs {len(FAMILIES)} shares that are not all zero, got {self.families}")
-        if not 0.2 <= self.albedo <= 1.5:
-            raise ValueError(f"albedo must lie in [0.2, 1.5], got {self.albedo}")
+        if not 0.2 <= self.albedo <= 2.5:
+            raise ValueError(f"albedo must lie in [0.2, 2.5], got {self.albedo}")
+        if not 0 <= self.albedo_spread <= 0.5:
+            raise ValueError(f"albedo_spread must lie in [0, 0.5], got {self.albedo_spread}")
 
 
 @dataclass(frozen=True)
@@ -169,8 +173,8 @@ def _shaped(
         buried=buried,
         variant=rng.integers(0, VARIANTS, n),
         yaw=rng.uniform(0, 2 * np.pi, n),
-        stretch=np.sqrt(rng.uniform(0.65, 1.0, n)),
-        albedo=config.albedo * np.clip(rng.normal(1, 0.3, n), 0.45, 1.8),
+        stretch=np.sqrt(rng.uniform(0.45, 1.0, n)),
+        albedo=config.albedo * np.clip(rng.normal(1, config.albedo_spread, n), 0.45, 1.8),
     )
 
 

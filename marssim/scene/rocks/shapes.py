@@ -103,7 +103,7 @@ def _roughness(family: str, points: np.ndarray, level: int, rng: np.random.Gener
     """
     spacing = 1.1 / 2**level
     out = np.zeros(len(points))
-    strength = {"angular": 0.05, "slabby": 0.042, "rounded": 0.045}[family]
+    strength = {"angular": 0.07, "slabby": 0.06, "rounded": 0.045}[family]
     patch = _waves(points, 1.1, rng)  # some sides are fresh and smooth, others weathered
     worn = 0.55 + 0.45 * np.tanh(1.5 * patch)
     for octave, wavelength in enumerate((1.6, 0.8, 0.4, 0.2, 0.1)):
@@ -112,18 +112,18 @@ def _roughness(family: str, points: np.ndarray, level: int, rng: np.random.Gener
             continue
         if family != "rounded" and octave >= 1:
             swing = 0.8 - 1.6 * np.abs(swing) / (1 + np.abs(swing))  # ridges and dents, as of broken stone
-        out += strength * 0.7**octave * swing * (worn if octave >= 2 else 1)
+        out += strength * 0.75**octave * swing * (worn if octave >= 2 else 1)
     out -= _scars(family, points, 2 * spacing, rng)
-    layers, start, bedded, backs = rng.uniform(4, 8), rng.uniform(0, 1), rng.random(), rng.uniform(-1, 1, BEDS)
+    layers, start, bedded, backs = rng.uniform(5, 13), rng.uniform(0, 1), rng.random(), rng.uniform(-1, 1, BEDS)
     tilt = np.append(rng.normal(0, 0.15 if family == "slabby" else 0.5, 2), 1.0)
-    if (family == "slabby" or (family == "angular" and bedded < 0.4)) and level >= 2:  # beds weather back alternately
+    if (family == "slabby" or (family == "angular" and bedded < 0.6)) and level >= 2:  # beds weather back alternately
         across = points @ (tilt / np.linalg.norm(tilt))
         height = across * layers + start + 0.25 * patch
         ledge = np.floor(height)
         back = backs[ledge.astype(int) % BEDS]
         step = np.clip((height - ledge) * 6, 0, 1) * np.clip((1 - height + ledge) * 12, 0, 1)
         side = 1 - (across / np.linalg.norm(points, axis=1)) ** 2
-        out += 0.05 * side * (step - 0.6) + 0.05 * side * back
+        out += 0.05 * side * (step - 0.6) + 0.1 * side * back
     return np.maximum(out, -0.4)
 
 
@@ -136,13 +136,13 @@ def _waves(points: np.ndarray, wavelength: float, rng: np.random.Generator) -> n
 
 def _scars(family: str, points: np.ndarray, least: float, rng: np.random.Generator) -> np.ndarray:
     """Return the (V,) share of the radius that broken-off chips took. Scars narrower than `least` are left out."""
-    count = {"angular": 14, "slabby": 10, "rounded": 4}[family]
+    count = {"angular": 18, "slabby": 14, "rounded": 4}[family]
     reach = np.linalg.norm(points, axis=1)
     out = np.zeros(len(points))
     # each scar moves from a random direction to the farthest point near it: an edge or a corner
     where = rng.normal(size=(count, 3))
     where /= np.linalg.norm(where, axis=1, keepdims=True)
-    size, depth = rng.uniform(0.15, 0.5, count), rng.uniform(0.25, 0.5, count)
+    size, depth = rng.uniform(0.15, 0.7, count), rng.uniform(0.25, 0.6, count)
     for direction, width, deep in zip(where, size, depth):
         if width < least:
             continue

@@ -61,9 +61,9 @@ def test_a_drive_is_smooth_and_passes_the_rocks(scene, seed, step):
     assert room(scene, poses) >= ZHURONG.width / 2
 
 
-@pytest.mark.parametrize("seed", [2, 4])
+@pytest.mark.parametrize("seed", [5, 11])
 def test_a_drive_keeps_half_the_rovers_width_off_the_corners_of_rocks(seed):
-    """If rocks were discs of their diameter, corners would come as near as 0.66 and 0.52 m on these drives."""
+    """If rocks were discs of their diameter, corners would come as near as 0.66 and 0.45 m on these drives."""
     rocky = build_scene(SceneConfig(rocks=RockConfig(k=0.2, min_diameter=0.4)), np.random.default_rng(3))
     assert ZHURONG.width / 2 <= room(rocky, drive(rocky, seed)) < 1.0
 

@@ -190,7 +190,7 @@ def test_wind_ripples_pebbles_and_gravel_come_and_go_with_their_knobs():
     plain = {**PLAIN, "sun": towards(30, 0), "albedo_contrast": 0.0}
     knobs = ({}, {"pebbles": 1.0}, {"wind_ripples": 1.0, "texture_strength": 1.0}, {"gravel": 1.0})
     none, pebbles, ripples, gravel = (contrast(2.0, **{**plain, **knob}) for knob in knobs)
-    assert none < 0.05 and min(pebbles, ripples, gravel) > 0.08 + none
+    assert none < 0.05 and min(pebbles, gravel) > 0.08 + none and ripples > 0.03 + none
 
 
 def test_dust_clings_to_the_sides_of_some_rocks_as_much_as_its_knob_says():
@@ -296,7 +296,7 @@ def test_rocks_take_sky_from_the_ground_beside_them():
     centre, radius = SCENE.rocks.centre[rock], SCENE.rocks.diameter[rock] / 2
     points = np.stack([centre[0] - radius - np.array([0.05, 1.0]), np.full(2, centre[1]), np.zeros(2)], axis=1)
     near, far = level(renderer, points, 0.0)
-    assert (near < 0.93 * far).all()
+    assert (near < 0.95 * far).all()
 
 
 def test_dust_in_the_air_takes_over_with_distance():

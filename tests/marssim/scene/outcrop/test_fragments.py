@@ -20,7 +20,7 @@ def drawn(density, seed=0, most=10_000):
     return draw_fragments(ROCKS, [], traits, HALF, level_ground, None, most, np.random.default_rng(seed))
 
 
-def test_fragments_of_2_to_10_cm_lie_around_large_rocks():
+def test_fragments_of_2_to_12_cm_lie_around_large_rocks():
     pieces = drawn(1.0)
     assert len(pieces) > 100
     assert SIZES[0] <= pieces.diameter.min() and pieces.diameter.max() <= SIZES[1] and pieces.height.max() < 0.1
