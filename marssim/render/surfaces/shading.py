@@ -140,8 +140,10 @@ def _surface(
             cos_in *= min(cos_in * DUSK, 1.0)
         direct = _reflected(cos_in, max(nx * vx + ny * vy + nz * vz, LEAST_OUT), vx * sx + vy * sy + vz * sz)
         direct *= lit[m] * open_sun
-        open_sky = (0.5 + 0.5 * nz) * (1 - hidden)
-        bounce = mix.soil * (1 - open_sky) * sz  # level ground under the sun reflects its albedo of that
+        sky_side = 0.5 + 0.5 * nz
+        open_sky = sky_side * (1 - hidden)
+        # level ground under the sun reflects its albedo of the sunlight; the sun shines on half of the sides of rocks
+        bounce = mix.soil * (1 - sky_side + 0.5 * hidden * sky_side) * sz
         # dust scatters forward, so the sky is brighter on the sun's side, and relief shows in shadow too
         sky = skylight * open_sky * max(1 + ahead * (nx * sx + ny * sy), LEAST_SKY)
         red *= sun_red * (direct + bounce * GROUND_COLOUR[0]) + sky * SKY_COLOUR[0]
