@@ -172,7 +172,7 @@ def worn_outlines(
 
 def _loop_mean(values: np.ndarray, width: int) -> np.ndarray:
     """Return the means of `width` neighbours around each value of closed rows (N, P), scaled to their variance."""
-    total: np.ndarray = sum(np.roll(values - 0.5, k, axis=1) for k in range(width))
+    total = np.sum([np.roll(values - 0.5, k, axis=1) for k in range(width)], axis=0)
     return np.asarray(0.5 + total / np.sqrt(width))
 
 
