@@ -8,6 +8,7 @@ from typing import Any
 
 from m3depth.evaluation.metrics import DEPTH_CAP, KINDS
 from m3depth.evaluation.rock_scores import OBSTACLE
+from m3depth.evaluation.running_sums import NEAR_GROUND
 
 Results = Mapping[str, Mapping[str, Any]]
 
@@ -18,6 +19,10 @@ DEPTH_COLUMNS = {
 NORMAL_COLUMNS = {
     "mean": "mean [°] ↓", "median": "median [°] ↓", "rmse": "RMSE [°] ↓",
     "within_11.25": "11.25° ↑", "within_22.5": "22.5° ↑", "within_30": "30° ↑",
+}  # fmt: skip
+SKY_COLUMNS = {
+    "near_ground_as_sky": "near ground predicted as sky ↓", "missed": "sky missed ↓",
+    "predicted_near": "sky predicted nearer than 15 m ↓",
 }  # fmt: skip
 # Decimals in the table for the terminal.
 DECIMALS = {
@@ -88,10 +93,13 @@ def markdown_report(about: Mapping[str, Any], results: Results, true_depth_norma
         )
     lines += _by_kind(results, about["max_disparity_px"]) + _by_depth(results)
     lines += _rocks(results) + _confidence(results)
-    lines += ["", "## Sky predicted nearer than 15 m", ""]
+    lines += ["", "## Sky", "", f"Near ground has a true depth under {NEAR_GROUND:g} m; as sky it reads as free.", ""]
     lines += table(
-        ["method", "share", "sky pixels"],
-        [[name, *_figures(r["sky"], ["predicted_near"]), str(r["sky"]["pixels"])] for name, r in results.items()],
+        ["method", *SKY_COLUMNS.values(), "sky pixels"],
+        [
+            [name, *(_percent(r["sky"].get(n)) for n in SKY_COLUMNS), str(r["sky"]["pixels"])]
+            for name, r in results.items()
+        ],
     )
     for figure in FIGURES:
         lines += ["", f"![{figure.replace('_', ' ')}]({figure}.png)"]
@@ -210,6 +218,10 @@ def _memory(result: Mapping[str, Any]) -> str:
 
 def _figures(values: Mapping[str, float | None], names: Mapping[str, str] | Sequence[str]) -> list[str]:
     return ["-" if (value := values.get(name)) is None else number(value) for name in names]
+
+
+def _percent(share: float | None) -> str:
+    return "-" if share is None else f"{100 * share:.3g} %"
 
 
 def _rounded(values: Mapping[str, float | None], names: Iterable[str]) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from m3depth.evaluation.metrics import known_depth
 from marssim.base.camera import MAX_DEPTH
 
 ROOTS = frozenset({"rmse"})  # terms whose mean is a mean square
+NEAR_GROUND = 8.0  # [m] ground nearer than this must not be taken for sky
 BIN = 0.01  # [deg] width of a bin of the histogram that the pooled median angle comes from
 DEPTH_BIN = 0.25  # [m] width of a column of the error map
 ERROR_RANGE = (1e-3, 1e2)  # [m] smallest and largest error of the error map
@@ -111,37 +112,60 @@ class RunningSums:
 
 @dataclass
 class SkyCounts:
-    """Sky pixels, and those that are predicted as an obstacle: nearer than the 15 m that count.
+    """Sky that is taken for something else, and near ground that is taken for sky, which reads as free ground.
 
     Attributes:
         pixels: Number of sky pixels.
-        near: Number of those with a predicted depth under 15 m.
+        near: Number of those with a predicted depth under 15 m: an obstacle.
+        missed: Number of those with any finite predicted depth.
+        ground: Number of pixels whose true depth is under NEAR_GROUND.
+        ground_as_sky: Number of those that are predicted as sky.
     """
 
     pixels: int = 0
     near: int = 0
+    missed: int = 0
+    ground: int = 0
+    ground_as_sky: int = 0
 
-    def add(self, depth: np.ndarray, sky: np.ndarray) -> None:
+    def add(self, depth: np.ndarray, truth: np.ndarray) -> None:
         """Add one image.
 
         Args:
             depth: (H, W) predicted depth [m].
-            sky: (H, W) bool, the true sky.
+            truth: (H, W) true depth [m], inf for sky, NaN where it is unknown.
         """
+        sky, known = np.isposinf(truth), known_depth(depth)
+        with np.errstate(invalid="ignore"):
+            near_ground = (truth > 0) & (truth < NEAR_GROUND)
         self.pixels += int(sky.sum())
-        self.near += int((known_depth(depth) & (depth < MAX_DEPTH) & sky).sum())
+        self.near += int((known & (depth < MAX_DEPTH) & sky).sum())
+        self.missed += int((known & sky).sum())
+        self.ground += int(near_ground.sum())
+        self.ground_as_sky += int((np.isposinf(depth) & near_ground).sum())
 
     def state_dict(self) -> dict[str, Any]:
         """Return the state, as RunningSums.state_dict does."""
-        return {"pixels": self.pixels, "near": self.near}
+        return asdict(self)
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Continue from a state, as RunningSums.load_state_dict does."""
-        self.pixels, self.near = state["pixels"], state["near"]
+        for name in asdict(self):
+            setattr(self, name, state[name])
 
     def result(self) -> dict[str, Any]:
-        """Return {"pixels", "predicted_near": share, or None without sky}."""
-        return {"pixels": self.pixels, "predicted_near": self.near / self.pixels if self.pixels else None}
+        """Return the counts of pixels, and the shares of each mistake; None without such pixels.
+
+        predicted_near: sky that is predicted nearer than 15 m; missed: sky with any finite predicted depth;
+        near_ground_as_sky: true depth under NEAR_GROUND that is predicted as sky.
+        """
+        return {
+            "pixels": self.pixels,
+            "near_ground_pixels": self.ground,
+            "predicted_near": self.near / self.pixels if self.pixels else None,
+            "missed": self.missed / self.pixels if self.pixels else None,
+            "near_ground_as_sky": self.ground_as_sky / self.ground if self.ground else None,
+        }
 
 
 @dataclass

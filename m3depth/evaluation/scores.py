@@ -100,7 +100,7 @@ class Scores:
         fitted: Figures of the fitted normals.
         intervals: Depth figures by interval of true depth.
         error_map: Counts of pixels by error and true depth.
-        sky: Sky that is predicted near.
+        sky: Sky that is predicted near, and near ground that is predicted as sky.
         confidence: Errors by confidence.
         rocks: Rocks found and missed, and false obstacles.
     """
@@ -148,7 +148,7 @@ class Scores:
             figures |= {f"normal_{name}": value for name, value in angular.items()}
         if self.fit:
             self.fitted.add(fitted_normals(prediction.disparity, sample.rig.camera), pair)
-        self.sky.add(prediction.depth, np.isposinf(sample.depth))  # NaN is unknown
+        self.sky.add(prediction.depth, np.asarray(sample.depth))
         if pair.rocks is not None:
             self.rocks.add(prediction, pair.rocks)
         return figures

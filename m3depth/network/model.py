@@ -25,6 +25,7 @@ from m3depth.network.refinement import Refinement
 from m3depth.network.weights_file import load_weights, save_weights
 from m3depth.stereo.pairs import NEAREST, checked_pair, in_colour
 from m3depth.stereo.prediction import Prediction
+from m3depth.stereo.sky import possible_sky
 from m3depth.weights import SHIPPED_WEIGHTS
 from marssim.base.camera import StereoRig
 
@@ -315,8 +316,8 @@ class M3Depth(nn.Module):
                 it, which saves time and memory. None: as many as the images have.
 
         Returns:
-            Depth in metres of the given rig; inf where the network sees sky. Where the network's numbers are not
-            finite, all maps are NaN and confidence is 0.
+            Depth in metres of the given rig; inf where the network sees sky. Where it sees sky and none can be (see
+            m3depth/stereo/sky.py), and where its numbers are not finite, all maps are NaN and confidence is 0.
 
         Raises:
             ValueError: Images of a wrong type or size, or `nearest` or `max_pixels` is not positive.
@@ -346,7 +347,11 @@ class M3Depth(nn.Module):
             rays = pixel_rays(camera_row(rig, device), height, width)
             maps[:, 1:4] = face_camera(unit(maps[:, 1:4]), rays)  # interpolation may turn a normal away from the camera
         known = maps[0].isfinite().all(0)
-        disparity = torch.where(maps[0, 5] > 0, torch.zeros_like(maps[0, 0]), maps[0, 0])
+        taken = known & (maps[0, 5] > 0)
+        seen, found, sure = (x.cpu().numpy() for x in (taken, maps[0, 0], maps[0, 4]))
+        sky = torch.from_numpy(possible_sky(seen, found, sure, rig.camera)).to(device)
+        known &= sky | ~taken  # what looks like sky where none can be is unknown
+        disparity = torch.where(sky, torch.zeros_like(maps[0, 0]), maps[0, 0])
         disparity = torch.where(known, disparity, torch.full_like(disparity, torch.nan))
         depth = disparity_to_depth(disparity, rig.fb)
         disparity = torch.where(depth.isinf(), torch.zeros_like(disparity), disparity)

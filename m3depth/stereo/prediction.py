@@ -24,3 +24,8 @@ class Prediction:
     disparity: np.ndarray
     normal: np.ndarray | None
     confidence: np.ndarray
+
+    @property
+    def is_sky(self) -> np.ndarray:
+        """(H, W) bool, where the method sees sky or too far to measure; unknown depth is not sky."""
+        return np.isposinf(self.depth)

@@ -17,7 +17,7 @@ from m3depth.evaluation.metrics import (
     normal_terms,
     pixel_kinds,
 )
-from m3depth.evaluation.running_sums import RunningSums
+from m3depth.evaluation.running_sums import NEAR_GROUND, RunningSums
 from m3depth.evaluation.scores import ScoredPair, Scores
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
@@ -75,7 +75,9 @@ def test_perfect_prediction_has_perfect_scores_everywhere():
         assert sums["pooled"]["mean"] == pytest.approx(0, abs=1e-4), kind
         assert sums["pooled"]["median"] < 0.02
         assert sums["per_image"]["within_11.25"] == 1
-    assert result["sky"] == {"pixels": 5 * W, "predicted_near": 0}
+    sky = result["sky"]
+    assert sky["pixels"] == 5 * W and sky["near_ground_pixels"] > 0
+    assert sky["predicted_near"] == sky["missed"] == sky["near_ground_as_sky"] == 0
 
 
 @given(st.floats(0.5, 3.0))
@@ -173,6 +175,17 @@ def test_sky_predicted_near():
     depth = sample.depth.copy()
     depth[:5] = [[np.nan], [16.0], [14.0], [np.inf], [2.0]]
     assert score(replace(perfect(sample), depth=depth), sample)["sky"]["predicted_near"] == pytest.approx(0.4)
+    assert score(replace(perfect(sample), depth=depth), sample)["sky"]["missed"] == pytest.approx(0.6)
+
+
+def test_near_ground_that_is_taken_for_sky_is_counted_and_unknown_ground_is_not():
+    sample = make_sample()
+    near = np.argwhere(sample.depth < NEAR_GROUND)
+    depth = sample.depth.copy()
+    depth[tuple(near[:3].T)], depth[tuple(near[3:9].T)] = np.inf, np.nan
+    sky = score(replace(perfect(sample), depth=depth), sample)["sky"]
+    assert sky["near_ground_pixels"] == len(near)
+    assert sky["near_ground_as_sky"] == pytest.approx(3 / len(near))
 
 
 def test_per_image_and_pooled_differ_as_they_should():

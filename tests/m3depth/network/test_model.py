@@ -91,6 +91,24 @@ def test_nan_is_unknown_and_not_sky(model: M3Depth, monkeypatch, reduced: bool) 
     assert np.isfinite(out.disparity[20:, 50:]).all() and (out.confidence[20:, 50:] > 0).all()
 
 
+def test_sky_where_none_can_be_is_unknown(model: M3Depth, monkeypatch) -> None:
+    """A patch that does not reach the upper border, as of a bright wall."""
+    plain = model.forward
+
+    def seeing_sky(*inputs: torch.Tensor) -> StereoOutput:
+        out = plain(*inputs)
+        out.sky[..., :6, :] = out.sky[..., 20:28, 30:50] = 5.0
+        return out
+
+    monkeypatch.setattr(model, "forward", seeing_sky)
+    image = np.random.default_rng(0).integers(0, 256, (32, 64), dtype=np.uint8)
+    out = model.infer(image, image, rig_of(32, 64))
+    assert out.is_sky[:6].all() and not out.is_sky[6:].any()
+    patch = np.s_[20:28, 30:50]
+    assert out.normal is not None
+    assert np.isnan(out.depth[patch]).all() and np.isnan(out.normal[patch]).all() and (out.confidence[patch] == 0).all()
+
+
 @pytest.mark.parametrize("nearest", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_nearest_depth_that_is_not_positive_is_refused(model: M3Depth, nearest: float) -> None:
     image = np.zeros((32, 64), np.uint8)

@@ -1,0 +1,90 @@
+"""Where sky can be: above the horizon of the ground, up to the upper border of the image.
+
+A network that has seen few bright, smooth walls or blank dust may take them for sky, and sky is free ground to a
+navigator. What it takes for sky is therefore only sky where a sky can be.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from marssim.base.camera import PinholeCamera
+
+CONFIDENT = 0.5  # confidence from which a pixel tells where the ground is
+FEWEST = 200  # pixels that determine a ground plane
+MOST = 4000  # pixels to which the plane is fitted
+ROUNDS = 8  # of the robust fit
+UPRIGHT = 0.3  # least cosine between the plane's normal and the image's vertical: a wall has no horizon
+TOLERANCE = 0.5  # [px] disparity off the plane at which a pixel weighs half
+# [rad] Sky may begin this far below the horizon of the ground before the rover, where the ground falls away behind a
+# crest. From 1.2 m, ground of this plane that is farther below it is nearer than 8 m.
+BELOW_HORIZON = float(np.arctan(1.2 / 8))
+
+
+def possible_sky(taken: np.ndarray, disparity: np.ndarray, confidence: np.ndarray, camera: PinholeCamera) -> np.ndarray:
+    """Return the part of what a network takes for sky that can be sky.
+
+    It is connected with the upper border of the image, and lies above the horizon of the plane that fits the confident
+    disparities best, or at most BELOW_HORIZON below it. Where too few pixels are confident, the horizon is not known,
+    and only the border decides.
+
+    Args:
+        taken: (H, W) bool, what the network takes for sky.
+        disparity: (H, W) [px].
+        confidence: (H, W), 0 to 1.
+        camera: The camera of the maps.
+
+    Returns:
+        (H, W) bool.
+    """
+    if not taken.any():
+        return taken
+    ground = np.flatnonzero(~taken & (confidence >= CONFIDENT) & np.isfinite(disparity) & (disparity > 0))
+    above = taken
+    if len(ground) >= FEWEST:
+        plane = ground_plane(ground[:: -(-len(ground) // MOST)], disparity, camera)
+        if plane is not None:
+            above = taken & ~_below_horizon(plane, camera)
+    _, labels = cv2.connectedComponents(above.astype(np.uint8), connectivity=4)
+    at_border = np.unique(labels[0][above[0]])
+    return above & np.isin(labels, at_border)
+
+
+def ground_plane(pixels: np.ndarray, disparity: np.ndarray, camera: PinholeCamera) -> np.ndarray | None:
+    """Fit a plane to disparities by reweighted least squares.
+
+    A plane in space is a plane in disparity too, d = a u + b v + c.
+
+    Args:
+        pixels: (N,) flat indices of the pixels that count.
+        disparity: (H, W) [px].
+        camera: The camera of the disparities.
+
+    Returns:
+        (3,) a, b, c; None where the pixels determine no plane, or one that is seen as a wall.
+    """
+    v, u = np.divmod(pixels, disparity.shape[1])
+    columns = np.stack([u, v, np.ones_like(u)], axis=1).astype(float)
+    values = disparity.ravel()[pixels].astype(float)
+    weight = np.ones(len(pixels))
+    for _ in range(ROUNDS):
+        try:
+            plane = np.linalg.solve(columns.T @ (weight[:, None] * columns), columns.T @ (weight * values))
+        except np.linalg.LinAlgError:
+            return None
+        weight = 1 / (1 + ((columns @ plane - values) / TOLERANCE) ** 2)
+    normal = _downward(plane, camera)
+    return plane if normal[1] > UPRIGHT * np.linalg.norm(normal) else None
+
+
+def _downward(plane: np.ndarray, camera: PinholeCamera) -> np.ndarray:
+    """Return the downward normal (3,), camera frame, of a plane d = a u + b v + c; d = normal . ray of each pixel."""
+    a, b, c = plane
+    return np.array([a * camera.fx, b * camera.fy, a * camera.cx + b * camera.cy + c])
+
+
+def _below_horizon(plane: np.ndarray, camera: PinholeCamera) -> np.ndarray:
+    """Return the pixels (H, W) that look more than BELOW_HORIZON below the horizon of a plane, d = a u + b v + c."""
+    normal, rays = _downward(plane, camera), camera.rays()
+    return rays @ normal > np.sin(BELOW_HORIZON) * np.linalg.norm(normal) * np.linalg.norm(rays, axis=-1)

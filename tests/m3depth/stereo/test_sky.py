@@ -1,0 +1,82 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from m3depth.stereo.sky import BELOW_HORIZON, ground_plane, possible_sky
+from marssim.base.camera import NATECAM
+from marssim.base.pose import look_pose
+
+RIG = NATECAM.resized(128, 128)
+CAMERA = RIG.camera
+
+
+def level_ground(pitch_deg: float, roll: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Return the disparity (H, W) [px] of level ground, 0 above the horizon, and how far rays point down [rad]."""
+    pose = look_pose(np.array([0.0, 0.0, 1.2]), 0.3, np.deg2rad(pitch_deg), roll)
+    rays = CAMERA.rays()
+    down = -(rays @ pose[2, :3])
+    disparity = np.where(down > 1e-6, RIG.fb * np.maximum(down, 0) / 1.2, 0)
+    return disparity.astype(np.float32), np.arcsin(down / np.linalg.norm(rays, axis=-1))
+
+
+@settings(max_examples=40, deadline=None)
+@given(pitch=st.floats(5, 20), roll=st.floats(-0.25, 0.25))
+def test_sky_above_level_ground_stays_and_ground_below_its_horizon_does_not(pitch: float, roll: float) -> None:
+    """The network takes everything for sky but a strip of the ground."""
+    disparity, down = level_ground(pitch, roll)
+    strip = down > np.deg2rad(25)
+    kept = possible_sky(~strip, disparity, np.ones_like(disparity), CAMERA)
+    assert kept[down < 0].all()
+    assert not kept[down > BELOW_HORIZON + 1e-3].any()
+
+
+def test_patches_that_do_not_reach_the_upper_border_are_no_sky() -> None:
+    disparity, down = level_ground(10.0)
+    taken = down < 0
+    taken[:3] = False
+    assert not possible_sky(taken, disparity, np.ones_like(disparity), CAMERA).any()
+    taken[:3, 64] = True
+    assert possible_sky(taken, disparity, np.ones_like(disparity), CAMERA)[5:20, 20].all()
+
+
+def test_without_confident_ground_the_border_decides() -> None:
+    disparity, down = level_ground(10.0)
+    taken = down < np.deg2rad(15)
+    assert (possible_sky(taken, disparity, np.zeros_like(disparity), CAMERA) == taken).all()
+
+
+def test_a_view_down_has_no_sky() -> None:
+    """A blank, bright patch of dust at the upper border, 30 deg below the horizon."""
+    disparity, down = level_ground(55.0)
+    taken = np.zeros_like(down, dtype=bool)
+    taken[:40, 30:90] = True
+    assert down.min() > BELOW_HORIZON
+    assert not possible_sky(taken, disparity, np.ones_like(disparity), CAMERA).any()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3])
+def test_rocks_do_not_move_the_horizon(share: float) -> None:
+    disparity, down = level_ground(15.0)
+    rng = np.random.default_rng(0)
+    ground = np.flatnonzero(down > 0.02)
+    lifted = disparity.copy()
+    rocks = rng.choice(ground, int(share * len(ground)), replace=False)
+    lifted.flat[rocks] *= rng.uniform(1.2, 2.0, len(rocks))
+    plane = ground_plane(ground, lifted, CAMERA)
+    assert plane is not None
+    v, u = np.divmod(ground, 128)
+    assert np.abs(np.stack([u, v, np.ones_like(u)], 1) @ plane - disparity.flat[ground]).max() < 0.3
+
+
+@pytest.mark.parametrize("across", [0.0, 0.3])
+def test_walls_determine_no_horizon(across: float) -> None:
+    row, column = np.indices((128, 128), dtype=np.float32)
+    wall = 20 + 0.01 * row + across * column
+    assert ground_plane(np.arange(128 * 128), wall, CAMERA) is None
+    assert ground_plane(np.arange(100), wall, CAMERA) is None  # of one row
+
+
+def test_nothing_taken_stays_nothing() -> None:
+    none = np.zeros((128, 128), bool)
+    assert possible_sky(none, none.astype(np.float32), none.astype(np.float32), CAMERA) is none
