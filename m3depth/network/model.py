@@ -19,7 +19,15 @@ from m3depth.network.config import PRESETS, M3DepthConfig
 from m3depth.network.cost_volume import Aggregation, group_correlation_volume, matchable, soft_argmin
 from m3depth.network.device import autocast, fast_dtype
 from m3depth.network.fine_correction import FineCorrection
-from m3depth.network.geometry import disparity_to_depth, face_camera, pixel_rays, resize, scale_camera, unit
+from m3depth.network.geometry import (
+    MIN_DISPARITY,
+    disparity_to_depth,
+    face_camera,
+    pixel_rays,
+    resize,
+    scale_camera,
+    unit,
+)
 from m3depth.network.normal_branch import SNNet
 from m3depth.network.refinement import Refinement
 from m3depth.network.weights_file import load_weights, save_weights
@@ -347,7 +355,7 @@ class M3Depth(nn.Module):
             rays = pixel_rays(camera_row(rig, device), height, width)
             maps[:, 1:4] = face_camera(unit(maps[:, 1:4]), rays)  # interpolation may turn a normal away from the camera
         known = maps[0].isfinite().all(0)
-        taken = known & (maps[0, 5] > 0)
+        taken = known & ((maps[0, 5] > 0) | (maps[0, 0] < MIN_DISPARITY))
         seen, found, sure = (x.cpu().numpy() for x in (taken, maps[0, 0], maps[0, 4]))
         sky = torch.from_numpy(possible_sky(seen, found, sure, rig.camera)).to(device)
         known &= sky | ~taken  # what looks like sky where none can be is unknown

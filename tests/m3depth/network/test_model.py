@@ -73,6 +73,7 @@ def test_nan_is_unknown_and_not_sky(model: M3Depth, monkeypatch, reduced: bool) 
 
     def overflowing(*inputs: torch.Tensor) -> StereoOutput:
         out = plain(*inputs)
+        out.disparity.clamp_(min=1.0)
         out.disparity[..., :8, :8] = torch.nan
         out.sky[..., :8, 16:24] = torch.nan
         out.confidence[..., :8, 32:40] = torch.nan
@@ -97,8 +98,9 @@ def test_sky_where_none_can_be_is_unknown(model: M3Depth, monkeypatch) -> None:
 
     def seeing_sky(*inputs: torch.Tensor) -> StereoOutput:
         out = plain(*inputs)
-        out.sky[:] = -5.0
-        out.sky[..., :6, :] = out.sky[..., 20:28, 30:50] = 5.0
+        out.sky[:], out.disparity[:] = -5.0, 5.0
+        out.disparity[..., 25:28, 30:50] = 0.0  # too far to measure reads as sky, too
+        out.sky[..., :6, :] = out.sky[..., 20:25, 30:50] = 5.0
         return out
 
     monkeypatch.setattr(model, "forward", seeing_sky)
