@@ -22,14 +22,13 @@ from marssim.base.right_image import image_disparity, recorded_rotation
 
 IMAGES = ("left.png", "right.png", "depth.png", "normal.png", "surface.png", "occluded.png")
 ROVER_CODE = 65_535  # value of surface.png on the rover that carries the cameras
-# The fastest compression of each image at about the smallest size. Noisy images have no repeats to search for. Maps
-# have, and so have normals, which are constant on facets, as long as no filter changes them.
-_PLAIN = [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE]
+# The fastest compression of each image at about the smallest size. Noisy images have no repeats to search for, nor have
+# normals, whose neighbours share some high bytes; depth and masks have repeats.
 _NOISY = [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
 _RUNS = [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
 PNG = {
     name: [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_SUB, *strategy]
-    for name, strategy in zip(IMAGES, (_NOISY, _NOISY, [], _PLAIN, _RUNS, _RUNS))
+    for name, strategy in zip(IMAGES, (_NOISY, _NOISY, [], _RUNS, _RUNS, _RUNS))
 }
 
 

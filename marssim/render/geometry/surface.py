@@ -39,8 +39,9 @@ class SceneSurface:
         self._sun = np.array(scene.look.sun, dtype=float)
 
     def hits(
-        self, pose: np.ndarray, rays: np.ndarray, cap: np.ndarray, body: np.ndarray, footprint: Footprint, sunlit: bool
-    ) -> Hits:
+        self, pose: np.ndarray, rays: np.ndarray, cap: np.ndarray, body: np.ndarray, footprint: Footprint, sunlit: bool,
+        width: int = 0,
+    ) -> Hits:  # fmt: skip
         """Return what rays of a camera see.
 
         Args:
@@ -50,8 +51,9 @@ class SceneSurface:
             body: (N,) face of the bodies that each ray hits first, negative for none.
             footprint: The camera that the relief is filtered for.
             sunlit: Find the share of sunlight that relief lets through; else it is 1.
+            width: Pixels in a row if the rays are all those of an image, row by row, which is faster; 0 if not.
         """
-        return self.hits_from(pose, rays, self.begins(pose, rays, cap), body, footprint, sunlit)
+        return self.hits_from(pose, rays, self.begins(pose, rays, cap), body, footprint, sunlit, width)
 
     def begins(self, pose: np.ndarray, rays: np.ndarray, cap: np.ndarray) -> np.ndarray:
         """Return the depths (N,) [m] before which rays meet no ground, given the faces (N,) of the cap as in `hits`."""
@@ -59,7 +61,7 @@ class SceneSurface:
 
     def hits_from(
         self, pose: np.ndarray, rays: np.ndarray, begin: np.ndarray, body: np.ndarray, footprint: Footprint,
-        sunlit: bool,
+        sunlit: bool, width: int = 0,
     ) -> Hits:  # fmt: skip
         """Return what rays see that do not meet the ground before depths `begin` (N,) [m]; else as `hits`."""
         hits = intersect_faces(self.bodies, pose, rays, body)
@@ -69,7 +71,7 @@ class SceneSurface:
             )
         depth, normal, detail = crossings(
             self.ground[:4], read_only(footprint.eye), footprint.focal, read_only(pose), read_only(rays), begin,
-            hits.depth, read_only(self._sun if sunlit else DARK),
+            hits.depth, read_only(self._sun if sunlit else DARK), width,
         )  # fmt: skip
         _lay_over(*hits, depth, normal, detail, read_only(pose))
         return hits
@@ -80,7 +82,7 @@ class SceneSurface:
     ) -> GBuffer:  # fmt: skip
         """Return the G-buffer of a view; cap, body: (H * W,) faces of its pixels, else as `hits`."""
         footprint = footprint or Footprint.of(camera, pose)
-        hits = self.hits(pose, camera.rays().reshape(-1, 3), cap, body, footprint, sunlit)
+        hits = self.hits(pose, camera.rays().reshape(-1, 3), cap, body, footprint, sunlit, camera.width)
         return GBuffer.of_hits(hits, (camera.height, camera.width))
 
 

@@ -1,7 +1,8 @@
 """Where rays first meet the ground: its height field, and the stones on it.
 
-A ray enters near the ground where it passes a mesh that lies above the relief everywhere. From there it advances to
-the first crossing. A step is as long as the steepest slope allows, or a fraction of the shortest wave in view; the last
+A ray enters near the ground where it passes a mesh that lies above the relief everywhere. A ray of an image begins
+later, above the place where the ray below it ended: it runs higher in the same vertical plane, and neither ground nor
+stones have overhangs. From there it advances to the first crossing. A step is as long as the steepest slope allows, or a fraction of the shortest wave in view; the last
 ones are Newton's. Stones are tested piece by piece, in the ray's height over the ground, which is nearly linear over a
 piece.
 """
@@ -29,11 +30,14 @@ EXACT = 1e-4  # the same of the exact relief, from which a step of Newton's give
 MET = 1e-3  # the same after the last of these steps, from which on the ray did not meet the ground there
 LEAP = 0.02  # longest of these steps, over the ray's length
 DOUBTS = 6  # times that a ray goes on where it did not
+BESIDE = 4.0  # [px] how far before that place a ray of an image begins, for what lies between two columns
+LEANING = 2.0  # columns per row by which a vertical plane may lean in an image whose rays begin there
+WIDE = np.float32(0.03)  # [m] width of a pixel from which on they do not: steps are as long as from row to row there
 SKIM = 2e-5  # length of a step, over the ray's, after which a crossing with a stone is found
 
 
 @inlined
-def first_crossing(data, relief, stones, steepest, eye, focal, origin, ray, begin, end):
+def first_crossing(data, relief, stones, steepest, eye, focal, origin, ray, begin, later, end):
     """Follow a ray from `begin` to its first crossing with the ground.
 
     Args:
@@ -46,6 +50,7 @@ def first_crossing(data, relief, stones, steepest, eye, focal, origin, ray, begi
         origin: (x, y, z) of the ray's start [m], world frame.
         ray: (x, y, z) of its direction, world frame.
         begin: Where to begin, in lengths of the direction.
+        later: Where to begin if the ray is above the ground there and pixels are narrow.
         end: Where something else is hit.
 
     Returns:
@@ -56,18 +61,22 @@ def first_crossing(data, relief, stones, steepest, eye, focal, origin, ray, begi
     cover, octave = relief.cover, stones.octave
     rx, ry, rz = ray
     across = math.sqrt(rx * rx + ry * ry)
-    t = begin
-    x, y, z = origin[0] + t * rx, origin[1] + t * ry, origin[2] + t * rz
-    footprint = footprint_at(eye, focal, x, y, z)
+    t, x, y, z, x0, y0 = later, 0.0, 0.0, 0.0, 0.0, 0.0
+    for _ in range(2):
+        x, y, z = origin[0] + t * rx, origin[1] + t * ry, origin[2] + t * rz
+        x0, y0 = x, y
+        footprint = footprint_at(eye, focal, x, y, z)
+        model = around(data, relief, np.float32(x), np.float32(y), footprint)
+        height, east, north, level_e, level_n = near_height(data, model, np.float32(0), np.float32(0))
+        gap = z - height
+        if t == begin or (gap > NEAR * t and footprint < WIDE):
+            break
+        t = begin
     open_ground, packed = most_stones(data, cover, x, y)
     highest = tallest(octave, open_ground, packed, footprint)
     wave = 0.25 * max(np.float32(0.035), np.float32(4) * footprint) / max(across, 1e-9)
     steep = steepest * shown_at(SHORT_WAVE, footprint, np.float32(NONE), np.float32(WHOLE))
     begun, piece = t, max(PIECE, np.float32(2) * footprint)
-    x0, y0 = x, y
-    model = around(data, relief, np.float32(x), np.float32(y), footprint)
-    height, east, north, level_e, level_n = near_height(data, model, np.float32(0), np.float32(0))
-    gap = z - height
     high_begun = gap
     far = -float(relief.base.coarse_start)
     none, zero, longest, doubts = -1, np.float32(0), np.inf, 0
@@ -194,7 +203,7 @@ def _facing(normal, ray):
 
 def crossings(
     ground: tuple, eye: np.ndarray, focal: float, pose: np.ndarray, rays: np.ndarray, begin: np.ndarray,
-    end: np.ndarray, sun: np.ndarray,
+    end: np.ndarray, sun: np.ndarray, width: int = 0,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Return what rays meet on the ground, see first_crossing.
 
@@ -207,6 +216,7 @@ def crossings(
         begin: (N,) depths at which to begin; inf for rays that do not come near the ground.
         end: (N,) depths at which something else is hit.
         sun: (3,) unit vector towards the sun, world frame; a zero vector if the light does not matter.
+        width: Pixels in a row if the rays are all those of an image, row by row; 0 if not.
 
     Returns:
         Depths (N,) [m], inf where the ground is not met; unit normals (N, 3), world frame; and details (N, 4) of
@@ -214,31 +224,41 @@ def crossings(
     """
     n = len(rays)
     out = np.full(n, np.inf), np.zeros((n, 3), dtype=np.float32), np.zeros((n, 4), dtype=np.float32)
-    _cross(ground, eye, focal, pose, rays, begin, end, sun, *out)
+    _cross(ground, eye, focal, pose, rays, begin, end, sun, width, np.zeros(n if width else 0), *out)
     return out
 
 
 @compiled_in_place
-def _cross(ground, eye, focal, pose, rays, begin, end, sun, depth, normal, detail):
+def _cross(ground, eye, focal, pose, rays, begin, end, sun, width, clear, depth, normal, detail):
+    """Write what rays meet. clear: (N,) how far over the ground each ray of an image is free [m], to be filled in."""
     data, relief, stones, steepest = ground
     origin = (pose[0, 3], pose[1, 3], pose[2, 3])
     light = (sun[0], sun[1], sun[2])
     shine = light[2] > 0
-    for k in range(len(rays)):
+    for k in range(len(rays) - 1, -1, -1):  # from the lowest row up
         detail[k, 0], detail[k, 3] = -1, 1
-        if not begin[k] < end[k]:
-            continue
         u, v = rays[k, 0], rays[k, 1]
         ray = (
             pose[0, 0] * u + pose[0, 1] * v + pose[0, 2],
             pose[1, 0] * u + pose[1, 1] * v + pose[1, 2],
             pose[2, 0] * u + pose[2, 1] * v + pose[2, 2],
         )
+        level = math.sqrt(ray[0] * ray[0] + ray[1] * ray[1])
+        if not begin[k] < end[k]:
+            if width > 0 and end[k] < np.inf:
+                clear[k] = end[k] * level
+            continue
+        later = begin[k]
+        if width > 0:
+            later = max(later, (1 - BESIDE / focal) * _clear_below(pose, rays, width, k, clear) / max(level, 1e-9))
+            clear[k] = level * (end[k] if end[k] < np.inf else begin[k])
         t, bent, who, fine, bare, gap, east, north = first_crossing(
-            data, relief, stones, steepest, eye, focal, origin, ray, begin[k], end[k]
+            data, relief, stones, steepest, eye, focal, origin, ray, begin[k], later, end[k]
         )
         if t == np.inf:
             continue
+        if width > 0:
+            clear[k] = t * level
         nx, ny, nz = _facing(bent, ray)
         depth[k] = t
         normal[k, 0], normal[k, 1], normal[k, 2] = nx, ny, nz
@@ -251,3 +271,21 @@ def _cross(ground, eye, focal, pose, rays, begin, end, sun, depth, normal, detai
                 data, relief, stones, steepest, eye, focal,
                 x, y, z, gap, east, north, light,
             )  # fmt: skip
+
+
+@inlined
+def _clear_below(pose, rays, width, k, clear):
+    """Return how far over the ground the rays are free between which the vertical plane of ray k passes a row below.
+
+    clear: of _cross. 0 if that is not known.
+    """
+    u, v = rays[k, 0], rays[k, 1]
+    below = k + width
+    sinks = pose[2, 2] * v - pose[2, 1]  # how an image point moves that sinks: down, and right
+    if below >= len(rays) or sinks <= 0:
+        return 0.0
+    leaning = (pose[2, 2] * u - pose[2, 0]) / sinks * (rays[below, 1] - v) / (rays[1, 0] - rays[0, 0])
+    left = np.int64(math.floor(min(max(leaning, -LEANING), LEANING)))
+    if k % width + left < 0 or k % width + left + 1 >= width or abs(leaning) >= LEANING:
+        return 0.0
+    return min(clear[below + left], clear[below + left + 1])

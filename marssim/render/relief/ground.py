@@ -23,7 +23,18 @@ from marssim.render.relief.layers import (
 from marssim.render.relief.noise import TEXELS, TILE, coded_tile, octave_value, placing
 from marssim.render.relief.sand.drifts import drift_heights
 from marssim.render.relief.sand.terrain_spline import FineSpline
-from marssim.render.relief.stones.bodies import BARE, CELLS, EAST, GRAVEL, NORTH, SIDE, SIZES, Stones, draw_stones
+from marssim.render.relief.stones.bodies import (
+    BARE,
+    CELLS,
+    EAST,
+    GRAVEL,
+    NORTH,
+    SIDE,
+    SIZES,
+    Stones,
+    draw_stones,
+    placed_stones,
+)  # fmt: skip
 from marssim.render.relief.surroundings import CELL as NEAR_CELL
 from marssim.render.relief.surroundings import CODE, surroundings
 from marssim.render.relief.tiles import Tile, tile_levels
@@ -107,7 +118,7 @@ def _stones(look: Look, rng: np.random.Generator) -> Stones:
     spread = 2.0 - 1.5 * look.gravel_sorting  # octaves
     octave[:, BARE] = look.pebbles * np.array(PEBBLES)
     octave[:, GRAVEL] = np.exp(-0.5 * (np.log2(middle / look.gravel_size) / spread) ** 2)
-    return stones._replace(octave=octave)
+    return placed_stones(stones, octave)
 
 
 def _with_drifts(scene: Scene, wind: tuple[float, float]) -> tuple[FineSpline, np.ndarray]:

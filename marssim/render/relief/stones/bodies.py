@@ -28,6 +28,7 @@ SAND_STONES = 0.9  # share of the stones that sand buries
 SUNK = (0.05, 0.8)  # depth of the middle below the ground, in vertical semi-axes
 FIELDS = 13
 X, Y, AX, AY, BX, BY, RISE, MIDDLE, REACH, SIZE, RANK, TONE, SHAPE = range(FIELDS)
+TOPS = 255  # code of the largest height of an octave
 ENTRY_RANK, ENTRY_X, ENTRY_Y, ENTRY_REACH = range(4)  # columns of Stones.entry
 SIDE, TOP, EAST, NORTH, BARE, GRAVEL, PER_SIDE = range(7)  # columns of Stones.octave
 
@@ -44,6 +45,8 @@ class Stones(NamedTuple):
         member: (M,) int32 stones that reach into a cell, cell by cell, in the order of their ranks.
         entry: (M, 4) float32 of these: rank; place x, y from the cell's corner, and horizontal reach, in cells.
         stone: (N, FIELDS) float32.
+        top: (octaves * (CELLS * CELLS + 1),) uint8 height over the ground of the highest stone that reaches into a
+            cell, of those that lie somewhere in the scene: over the octave's, rounded up to 1 / TOPS; 0 for none.
         planes: (SHAPES, PLANES, 4) float32 unit normal and offset on the unit sphere; an offset of 1 cuts nothing.
         octave: (octaves, 7) float32: the largest diameter, which is the side of a cell [m]; the largest height above
             the ground [m]; the place x, y of the tile's corner in the world [m]; the shares of its stones that lie on
@@ -54,13 +57,20 @@ class Stones(NamedTuple):
     member: np.ndarray
     entry: np.ndarray
     stone: np.ndarray
+    top: np.ndarray
     planes: np.ndarray
     octave: np.ndarray
 
 
+def placed_stones(stones: Stones, octave: np.ndarray) -> Stones:
+    """Return stones with another `octave`, which says where and how many of them lie, and with the `top` of these."""
+    octave = octave.astype(np.float32)
+    return stones._replace(octave=octave, top=_tops(stones.start, stones.member, stones.entry, stones.stone, octave))
+
+
 @lru_cache(maxsize=4)
 def draw_stones(seed: int) -> Stones:
-    """Draw the stones of all octaves."""
+    """Draw the stones of all octaves. None of them lie in the scene; see `placed_stones`."""
     rng = np.random.default_rng((seed, 21))
     rows, starts, members, places, first, entries = [], [], [], [], 0, 0
     for low, high in pairwise(SIZES):
@@ -78,8 +88,8 @@ def draw_stones(seed: int) -> Stones:
     octave[:, SIDE], octave[:, TOP], octave[:, PER_SIDE] = SIZES[1:], top, 1 / np.array(SIZES[1:])
     return Stones(
         start=np.concatenate(starts).astype(np.int32), member=np.concatenate(members).astype(np.int32),
-        entry=np.concatenate(places).astype(np.float32), stone=stone.astype(np.float32), planes=_planes(rng),
-        octave=octave,
+        entry=np.concatenate(places).astype(np.float32), stone=stone.astype(np.float32),
+        top=np.zeros(sum(map(len, starts)), dtype=np.uint8), planes=_planes(rng), octave=octave,
     )  # fmt: skip
 
 
@@ -146,6 +156,23 @@ def _pack(diameter, cells, cell, draws):
                 following[k], head[at] = head[at], k
                 break
     return x, y, placed
+
+
+@compiled
+def _tops(start, member, entry, stone, octave):
+    """Return Stones.top."""
+    out = np.zeros(len(start), dtype=np.uint8)
+    for n in range(len(octave)):
+        most = octave[n, BARE] + octave[n, GRAVEL]
+        for at in range(n * (CELLS * CELLS + 1), (n + 1) * (CELLS * CELLS + 1) - 1):
+            highest = np.float32(0)
+            for k in range(start[at], start[at + 1]):
+                if most <= 0 or entry[k, ENTRY_RANK] > most:
+                    break
+                m = member[k]
+                highest = max(highest, np.float32(1) / stone[m, RISE] + stone[m, MIDDLE])
+            out[at] = min(math.ceil(highest / octave[n, TOP] * (TOPS - 1e-3)), TOPS)
+    return out
 
 
 def _cells(stone: np.ndarray, cell: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

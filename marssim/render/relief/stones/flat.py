@@ -39,7 +39,7 @@ def flat_stone(data, cover, stones, footprint, x, y):
 
     footprint: width of the pixel on the ground [m]; x, y: its middle on the ground [m].
     """
-    start, member, entries, stone, _, octave = stones
+    start, member, entries, stone, _, _, octave = stones
     last = np.int32(CELLS - 1)
     who, covered = np.int32(-1), np.float32(0)
     open_ground, packed = most_stones(data, cover, x, y)

@@ -34,6 +34,7 @@ from marssim.render.relief.stones.bodies import (
     SIDE,
     SIZE,
     TOP,
+    TOPS,
 )  # fmt: skip
 
 STONE_NONE = 1.3  # pixels across a stone up to which it does not show
@@ -117,7 +118,7 @@ def stone_hit(
     Returns where on the piece, the stone (-1 for none), the plane that it is entered by, the share of its height that
     shows, and its centre x, y in the world.
     """
-    start, member, entries, stone, planes, octave = stones
+    summit, octave = stones.top, stones.octave
     best, who, by, lift, cx, cy = length, np.int32(-1), -1, np.float32(0), 0.0, 0.0
     last = np.int32(CELLS - 1)
     per_x, per_y = 1 / max(abs(dx), 1e-12), 1 / max(abs(dy), 1e-12)
@@ -146,48 +147,70 @@ def stone_hit(
         width_i, width_j = cell * per_x, cell * per_y
         next_i = begin + (1 - ahead_x if dx > 0 else ahead_x) * width_i
         next_j = begin + (1 - ahead_y if dy > 0 else ahead_y) * width_j
-        here, first_cell = begin, n * (CELLS * CELLS + 1)
+        here, first_cell, per_code = begin, n * (CELLS * CELLS + 1), top * np.float32(1 / TOPS)
         while here < min(limit, best):
-            at = first_cell + (j & last) * CELLS + (i & last)
-            for k in range(np.uint32(start[at]), np.uint32(start[at + 1])):
-                if entries[k, ENTRY_RANK] > most:
-                    break
-                # a ray that passes beside it, seen from above
-                ox, oy = ahead_x - entries[k, ENTRY_X], ahead_y - entries[k, ENTRY_Y]
-                if abs(ox * north - oy * east) > entries[k, ENTRY_REACH]:
-                    continue
-                m = np.uint32(member[k])
-                ox, oy = cell * ox - np.float32(begin * dx), cell * oy - np.float32(begin * dy)
-                # a ray that passes by its ellipsoid, in which all that shows of it lies
-                u, v = stone[m, AX] * ox + stone[m, AY] * oy, stone[m, BX] * ox + stone[m, BY] * oy
-                du, dv = stone[m, AX] * dx + stone[m, AY] * dy, stone[m, BX] * dx + stone[m, BY] * dy
-                rise = stone[m, RISE]
-                enters, leaves = _through_sphere(u, v, (g - stone[m, MIDDLE]) * rise, du, dv, dg * rise)
-                if enters > best or leaves < 0:
-                    continue
-                sx, sy = x - ox, y - oy
-                if not lies_there(data, cover, octave, n, entries[k, ENTRY_RANK], sx, sy):
-                    continue
-                wide = footprint_at(eye, focal, sx, sy, z - g)
-                if stone[m, SIZE] <= np.float32(STONE_FLAT) * wide:
-                    continue
-                share = max(
-                    shown_at(stone[m, SIZE], wide, np.float32(STONE_FLAT), np.float32(STONE_WHOLE)),
-                    np.float32(FLATTEST),
-                )
-                rise /= share
-                first, plane = _enter(
-                    u, v, (g - share * stone[m, MIDDLE]) * rise, du, dv, dg * rise,
-                    planes, np.int32(stone[m, SHAPE]), best,
+            at = np.uint32(first_cell + (j & last) * CELLS + (i & last))
+            lowest = g + dg * (here if dg > 0 else min(min(next_i, next_j), limit))
+            if lowest < per_code * np.float32(summit[at]):
+                best, who, by, lift, cx, cy = _hit_in_cell(
+                    data, cover, stones, eye, focal, n, at, most, (ahead_x, ahead_y), (east, north), begin,
+                    (x, y, z, g), (dx, dy, dg), (best, who, by, lift, cx, cy),
                 )  # fmt: skip
-                if first < best:
-                    best, who, by, lift, cx, cy = first, np.int32(m), plane, share, sx, sy
             if next_i < next_j:
                 here, next_i = next_i, next_i + width_i
                 i, ahead_x = i + step_i, ahead_x - np.float32(step_i)
             else:
                 here, next_j = next_j, next_j + width_j
                 j, ahead_y = j + step_j, ahead_y - np.float32(step_j)
+    return best, who, by, lift, cx, cy
+
+
+@inlined
+def _hit_in_cell(data, cover, stones, eye, focal, n, at, most, ahead, level, begin, start, ray, found):
+    """Return `found`, or the stone of a cell that a ray meets before it, as stone_hit does.
+
+    n: octave; at: of `start`; most: rank up to which its stones may lie here; ahead: from the cell's corner to the
+    ray's place at `begin`, in cells; level: the ray's direction as a unit vector x, y; start, ray: x, y, z, g and
+    dx, dy, dg of stone_hit.
+    """
+    first_entry, member, entries, stone, _, planes, octave = stones
+    best, who, by, lift, cx, cy = found
+    x, y, z, g = start
+    dx, dy, dg = ray
+    cell = octave[n, SIDE]
+    for k in range(np.uint32(first_entry[at]), np.uint32(first_entry[at + 1])):
+        if entries[k, ENTRY_RANK] > most:
+            break
+        # a ray that passes beside it, seen from above
+        ox, oy = ahead[0] - entries[k, ENTRY_X], ahead[1] - entries[k, ENTRY_Y]
+        if abs(ox * level[1] - oy * level[0]) > entries[k, ENTRY_REACH]:
+            continue
+        m = np.uint32(member[k])
+        ox, oy = cell * ox - np.float32(begin * dx), cell * oy - np.float32(begin * dy)
+        # a ray that passes by its ellipsoid, in which all that shows of it lies
+        u, v = stone[m, AX] * ox + stone[m, AY] * oy, stone[m, BX] * ox + stone[m, BY] * oy
+        du, dv = stone[m, AX] * dx + stone[m, AY] * dy, stone[m, BX] * dx + stone[m, BY] * dy
+        rise = stone[m, RISE]
+        enters, leaves = _through_sphere(u, v, (g - stone[m, MIDDLE]) * rise, du, dv, dg * rise)
+        if enters > best or leaves < 0:
+            continue
+        sx, sy = x - ox, y - oy
+        if not lies_there(data, cover, octave, n, entries[k, ENTRY_RANK], sx, sy):
+            continue
+        wide = footprint_at(eye, focal, sx, sy, z - g)
+        if stone[m, SIZE] <= np.float32(STONE_FLAT) * wide:
+            continue
+        share = max(
+            shown_at(stone[m, SIZE], wide, np.float32(STONE_FLAT), np.float32(STONE_WHOLE)),
+            np.float32(FLATTEST),
+        )
+        rise /= share
+        first, plane = _enter(
+            u, v, (g - share * stone[m, MIDDLE]) * rise, du, dv, dg * rise,
+            planes, np.int32(stone[m, SHAPE]), best,
+        )  # fmt: skip
+        if first < best:
+            best, who, by, lift, cx, cy = first, np.int32(m), plane, share, sx, sy
     return best, who, by, lift, cx, cy
 
 

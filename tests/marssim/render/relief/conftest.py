@@ -28,6 +28,7 @@ from marssim.render.relief.stones.bodies import (
     X,
     Y,
     _cells,
+    placed_stones,
 )
 from marssim.render.relief.tiles import Tile, tile_levels
 from marssim.scene.scene import Scene
@@ -102,10 +103,11 @@ class Laid:
         octave = np.zeros((1, 7), dtype=np.float32)
         octave[0, [SIDE, PER_SIDE, TOP, EAST, NORTH]] = CELL, 1 / CELL, radius, *self.corner
         octave[0, BARE] = 1 / (1 - SAND_STONES) if self.radius else 0  # as many on sand as there may be
-        return Stones(
-            start.astype(np.int32), member.astype(np.int32), entry.astype(np.float32), stone.astype(np.float32), planes,
-            octave,
+        stones = Stones(
+            start.astype(np.int32), member.astype(np.int32), entry.astype(np.float32), stone.astype(np.float32),
+            np.zeros(len(start), dtype=np.uint8), planes, octave,
         )  # fmt: skip
+        return placed_stones(stones, octave)
 
     def surface(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return the height (...) [m], its slopes, and whether it is that of a pebble, at x, y (...) [m]."""

@@ -140,7 +140,7 @@ def test_the_disparity_of_the_closed_form_is_f_b_over_z(monkeypatch, laid):
 
 @compiled
 def _inside_stone(data, cover, stones, eye, focal, x, y, z, gap):
-    start, member, _, stone, planes, octave = stones
+    start, member, _, stone, _, planes, octave = stones
     for n in range(len(octave)):
         cell = octave[n, SIDE]
         if cell < STONE_FLAT * footprint_at(eye, focal, x, y, z):

@@ -18,10 +18,12 @@ from marssim.render.relief.stones.bodies import (
     TIGHT,
     TONE,
     TOP,
+    TOPS,
     Stones,
     X,
     Y,
     draw_stones,
+    placed_stones,
 )
 
 
@@ -103,6 +105,22 @@ def test_stones_are_sunk_into_the_ground_and_none_is_higher_than_its_octaves_top
         own = members(stones, octave)
         highest = (1 / own[:, RISE] + own[:, MIDDLE]).max()
         assert highest == pytest.approx(stones.octave[octave, TOP], rel=1e-5) and highest < 0.6 * SIZES[octave + 1]
+
+
+def test_the_tops_of_cells_are_those_of_the_highest_stones_that_lie_in_the_scene(stones):
+    octave = stones.octave.copy()
+    octave[:, BARE], octave[-1, BARE] = 0.2, 0
+    placed = placed_stones(stones, octave)
+    top = 1 / stones.stone[:, RISE] + stones.stone[:, MIDDLE]
+    for n in OCTAVES:
+        first = n * (CELLS * CELLS + 1)
+        for cell in range(first, first + CELLS * CELLS, 37):
+            own = stones.member[stones.start[cell] : stones.start[cell + 1]]
+            lying = top[own[stones.stone[own, RANK] <= octave[n, BARE]]]
+            code = float(placed.top[cell]) * octave[n, TOP] / TOPS
+            highest = lying.max() if len(lying) and octave[n, BARE] > 0 else 0.0
+            assert highest <= code * (1 + 1e-5) and code <= highest + 1.01 * octave[n, TOP] / TOPS
+    assert placed.top.any() and not stones.top.any()
 
 
 def test_planes_cut_some_shapes_and_leave_others_round(stones):
