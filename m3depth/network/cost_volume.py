@@ -23,10 +23,18 @@ def matchable(features: Tensor) -> Tensor:
     Returns:
         (2 B, C, H, W), in the same order.
     """
-    mean = features.mean((2, 3), keepdim=True)
-    left, right = mean.chunk(2)
-    centred = features - torch.cat([left + right, left + right]) / 2
-    return unit(centred) * features.shape[1] ** 0.5
+    return centred(features, pair_mean(features))
+
+
+def pair_mean(features: Tensor) -> Tensor:
+    """Return the mean of each channel over both images of a pair, (2 B, C, 1, 1); features: (2 B, C, H, W)."""
+    left, right = features.mean((2, 3), keepdim=True).chunk(2)
+    return torch.cat([left + right, left + right]) / 2
+
+
+def centred(features: Tensor, mean: Tensor) -> Tensor:
+    """Return features (2 B, C, H, W) less a mean (2 B, C, 1, 1), each pixel's vector scaled to length sqrt(C)."""
+    return unit(features - mean) * features.shape[1] ** 0.5
 
 
 def group_correlation_volume(left: Tensor, right: Tensor, hypotheses: int, groups: int) -> Tensor:

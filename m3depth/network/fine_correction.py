@@ -10,9 +10,10 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from m3depth.network.cost_volume import matchable
+from m3depth.network.cost_volume import centred, pair_mean
 from m3depth.network.geometry import normals_from_disparity, relief, scale_camera, unit
 from m3depth.network.refinement import DISPARITY_SCALE
+from m3depth.network.row_bands import by_rows
 
 CELL = 2  # side of a cell of this part's grid [px of the image]
 MATCHED = 16  # feature channels that are compared
@@ -85,12 +86,18 @@ class FineCorrection(nn.Module):
         """
         halved = F.avg_pool2d(maps.detach(), CELL)  # (B, 6, H / 2, W / 2)
         disparity, normal, logits = halved[:, :1], unit(halved[:, 1:4]), halved[:, 4:]
-        match_left, match_right = matchable(self.match(torch.cat([left, right])).float().contiguous()).chunk(2)
-        warped = F.pad(warp_right(match_right, disparity / CELL), (self.radius, self.radius))
-        width = match_left.shape[-1]
-        scores = [(match_left * warped[..., k : k + width]).mean(1, True) for k in range(2 * self.radius + 1)]
+        compared = self.match(torch.cat([left, right])).float().contiguous()
+        mean = pair_mean(compared)
+        scores = by_rows(lambda pair, d: self._scores(centred(pair, mean), d), compared, disparity)
         implied = normals_from_disparity(disparity, scale_camera(camera, CELL))
-        inputs = [*scores, disparity / DISPARITY_SCALE, relief(disparity), normal, implied, logits.clamp(-8, 8) / 4]
+        inputs = [scores, disparity / DISPARITY_SCALE, relief(disparity), normal, implied, logits.clamp(-8, 8) / 4]
         x = self.first(torch.cat([left, torch.cat(inputs, 1).to(left.dtype)], 1))  # (B, width, H / 2, W / 2)
         x = self.trunk(x + F.pixel_shuffle(self.state(hidden), CELL))
         return F.pixel_shuffle(self.last(x).float(), CELL)  # (B, 6, H, W)
+
+    def _scores(self, pair: Tensor, disparity: Tensor) -> Tensor:
+        """Compare features (2 B, MATCHED, h, W) at disparities (B, 1, h, W) [px]: (B, 2 radius + 1, h, W)."""
+        left, right = pair.chunk(2)
+        warped = F.pad(warp_right(right, disparity / CELL), (self.radius, self.radius))
+        width = left.shape[-1]
+        return torch.cat([(left * warped[..., k : k + width]).mean(1, True) for k in range(2 * self.radius + 1)], 1)

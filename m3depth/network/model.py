@@ -30,6 +30,7 @@ from m3depth.network.geometry import (
 )
 from m3depth.network.normal_branch import SNNet
 from m3depth.network.refinement import Refinement
+from m3depth.network.row_bands import by_rows
 from m3depth.network.weights_file import load_weights, save_weights
 from m3depth.stereo.pairs import NEAREST, checked_pair, in_colour
 from m3depth.stereo.prediction import Prediction
@@ -247,7 +248,7 @@ class M3Depth(nn.Module):
             coarse = (disparity, normal, self.decisions(left8).float())
             maps = torch.cat([resize(x, size) for x in coarse], 1)
         maps = maps[..., :height, :width]  # (B, 6, H, W): disparity, normal, confidence, sky
-        normal = face_camera(unit(maps[:, 1:4]), pixel_rays(camera, height, width))
+        normal = by_rows(facing_normals, maps[:, 1:4], pixel_rays(camera, height, width))
         initial = None if initial is None else unpadded(initial, height, width, cell)
         steps = [unpadded(step, height, width, 4) for step in steps]
         if context is not None:
@@ -353,7 +354,9 @@ class M3Depth(nn.Module):
             maps[:, 0] *= width / maps.shape[-1]
             maps = F.interpolate(maps, (height, width), mode="bilinear")
             rays = pixel_rays(camera_row(rig, device), height, width)
-            maps[:, 1:4] = face_camera(unit(maps[:, 1:4]), rays)  # interpolation may turn a normal away from the camera
+            maps[:, 1:4] = by_rows(
+                facing_normals, maps[:, 1:4], rays
+            )  # interpolation may turn a normal away from the camera
         known = maps[0].isfinite().all(0)
         taken = known & ((maps[0, 5] > 0) | (maps[0, 0] < MIN_DISPARITY))
         seen, found, sure = (x.cpu().numpy() for x in (taken, maps[0, 0], maps[0, 4]))
@@ -367,6 +370,11 @@ class M3Depth(nn.Module):
         confidence = torch.where(known, maps[0, 4], torch.zeros_like(disparity))
         arrays = [x.cpu().contiguous().numpy() for x in (depth, disparity, normal, confidence)]
         return Prediction(*arrays)
+
+
+def facing_normals(normal: Tensor, rays: Tensor) -> Tensor:
+    """Return normals (B, 3, H, W) with unit length and facing the camera, along rays (B, 3, H, W)."""
+    return face_camera(unit(normal), rays)
 
 
 def fitted(maps: Tensor, height: int, width: int) -> Tensor:

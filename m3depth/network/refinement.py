@@ -10,6 +10,7 @@ from m3depth.network.checkpointing import Caller, direct
 from m3depth.network.config import M3DepthConfig
 from m3depth.network.cost_volume import matchable
 from m3depth.network.geometry import normals_from_disparity, relief, unit
+from m3depth.network.row_bands import by_rows
 
 CELL = 4  # side of a cell of the refined grid [px of the image]
 DISPARITY_SCALE = 64.0  # [px] brings disparities to the size of the other inputs
@@ -215,13 +216,21 @@ class ConvexUpsampling(nn.Module):
 
     def forward(self, hidden: Tensor, maps: Tensor) -> Tensor:
         """Upsample maps (B, M, H, W) to (B, M, factor H, factor W), by weights from the hidden state (B, C, H, W)."""
-        height, width = hidden.shape[-2:]
-        weights = self.weights(hidden).float().contiguous().unflatten(1, (9, -1)).softmax(1)
+        height = hidden.shape[-2]
         padded = F.pad(maps, (1, 1, 1, 1), mode="replicate")
-        out = maps.new_zeros(())
-        for k, weight in enumerate(weights.unbind(1)):  # (B, f f, H, W) each
-            neighbour = padded[:, :, k // 3 : k // 3 + height, k % 3 : k % 3 + width]
-            out = out + weight[:, None] * neighbour[:, :, None]  # (B, M, f f, H, W)
+        # the rows above, of and below each row, (B, 3 M, H, W + 2)
+        beside = torch.cat([padded[:, :, k : k + height] for k in range(3)], 1)
+        return by_rows(self._combined, self.weights(hidden), beside)
+
+    def _combined(self, weights: Tensor, beside: Tensor) -> Tensor:
+        """Return (B, M, f h, f W) from weights (B, 9 f f, h, W), before the softmax, and maps (B, 3 M, h, W + 2)."""
+        width = weights.shape[-1]
+        shares = weights.float().contiguous().unflatten(1, (9, -1)).softmax(1)
+        above = beside.unflatten(1, (3, -1))
+        out = beside.new_zeros(())
+        for k, share in enumerate(shares.unbind(1)):  # (B, f f, h, W) each
+            neighbour = above[:, k // 3, :, :, k % 3 : k % 3 + width]
+            out = torch.addcmul(out, share[:, None], neighbour[:, :, None])  # (B, M, f f, h, W)
         return F.pixel_shuffle(out.flatten(1, 2), self.factor)
 
 
