@@ -27,7 +27,7 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig, OutcropConfig]
             ripple_wavelength=1.1, ripple_cover=0.45,
         ),
         LookConfig(
-            pebbles=(0.2, 0.9), wind_ripples=(0.2, 0.7), bedding=(0.0, 0.2), bedrock=(0.0, 0.0), rock_dust=(0.2, 0.8),
+            pebbles=(0.1, 0.5), wind_ripples=(0.2, 0.7), bedding=(0.0, 0.2), bedrock=(0.0, 0.0), rock_dust=(0.2, 0.8),
             gravel=(0.0, 0.05), drifts=(0.3, 1.0), soil_albedo=(0.6, 1.0),
         ),
         OutcropConfig(slabs=(0.0, 0.03), slab_size=(0.25, 0.5), fragments=(0.0, 0.3)),
@@ -40,45 +40,45 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig, OutcropConfig]
             ripple_cover=0.3,
         ),
         LookConfig(
-            pebbles=(0.4, 1.0), wind_ripples=(0.1, 0.5), bedding=(0.0, 0.2), bedrock=(0.0, 0.15), rock_dust=(0.1, 0.6),
+            pebbles=(0.25, 0.6), wind_ripples=(0.1, 0.5), bedding=(0.0, 0.2), bedrock=(0.0, 0.15), rock_dust=(0.1, 0.6),
             gravel=(0.0, 0.3), drifts=(0.2, 0.7), soil_albedo=(0.55, 1.05),
         ),
         OutcropConfig(slabs=(0.0, 0.1), fragments=(0.2, 0.8)),
     ),
-    # a lake bed: pale slabs between sharp ripples
+    # a lake bed: layered slabs and ledges, thin chips, rippled sand
     "gale": (
         RockConfig(
             k=0.07, families=(0.35, 0.6, 0.05), height_ratio=0.33, albedo=1.15, albedo_spread=0.15, buried=(0.3, 0.75),
         ),
         ReliefConfig(
-            hurst=0.73, rms_slope_deg=5.1, crater_density=0.002, ripple_amplitude=0.015, ripple_wavelength=0.8,
+            hurst=0.73, rms_slope_deg=5.1, crater_density=0.002, ripple_amplitude=0.01, ripple_wavelength=0.8,
             ripple_cover=0.55,
         ),
         LookConfig(
-            albedo_contrast=(0.3, 0.9), texture_strength=(0.35, 0.9),
-            pebbles=(0.1, 0.5), wind_ripples=(0.3, 0.8), bedding=(0.6, 1.0), bedrock=(0.1, 0.45), rock_dust=(0.1, 0.5),
-            gravel=(0.0, 0.05), drifts=(0.4, 1.0), soil_albedo=(0.55, 0.85),
+            albedo_contrast=(0.5, 1.2), texture_strength=(0.35, 0.9),
+            pebbles=(0.05, 0.35), wind_ripples=(0.3, 0.8), bedding=(0.6, 1.0), bedrock=(0.1, 0.45),
+            rock_dust=(0.1, 0.5), gravel=(0.0, 0.05), drifts=(0.4, 1.0), soil_albedo=(0.55, 0.85),
         ),
         OutcropConfig(
             slabs=(0.25, 0.65), slab_size=(0.3, 0.9), slab_height=(0.02, 0.05), ledges=(1.0, 8.0), fragments=(0.5, 1.0),
             brightness=(0.95, 1.3),
         ),
     ),
-    # a delta's foot: cobbles and boulders of every kind, sand in between
+    # a delta's foot: pavement of broken bedrock, low rocks of every kind, pebbles and sand in between
     "jezero": (
         RockConfig(
             k=0.08, families=(0.45, 0.25, 0.3), height_ratio=0.36, albedo=1.3, albedo_spread=0.25, buried=(0.25, 0.75),
         ),
         ReliefConfig(hurst=0.73, rms_slope_deg=5.2, ripple_amplitude=0.02, ripple_wavelength=1.4, ripple_cover=0.2),
         LookConfig(
-            albedo_contrast=(0.6, 1.4), texture_strength=(0.6, 1.3),
-            pebbles=(0.7, 1.0), wind_ripples=(0.0, 0.4), bedding=(0.1, 0.8), bedrock=(0.1, 0.5), rock_dust=(0.1, 0.6),
-            gravel=(0.0, 0.25), drifts=(0.3, 0.9), soil_albedo=(0.65, 0.9),
+            albedo_contrast=(0.6, 1.2), texture_strength=(0.8, 1.5),
+            pebbles=(0.8, 1.0), wind_ripples=(0.0, 0.25), bedding=(0.1, 0.8), bedrock=(0.1, 0.5),
+            rock_dust=(0.1, 0.6), gravel=(0.1, 0.4), gravel_size=(0.01, 0.025), drifts=(0.2, 0.6),
+            soil_albedo=(0.65, 0.9),
         ),
         OutcropConfig(
-            slabs=(0.35, 0.7), slab_size=(0.35, 1.0), slab_tilt_deg=(0.5, 3.0), slab_height=(0.02, 0.045),
-            ledges=(0.0, 2.0), fragments=(0.3, 0.9),
-            brightness=(1.0, 1.3),
+            slabs=(0.45, 0.7), slab_size=(0.35, 1.0), slab_tilt_deg=(0.5, 3.0), slab_height=(0.02, 0.045),
+            ledges=(0.0, 2.0), fragments=(0.3, 0.9), brightness=(1.0, 1.3),
         ),
     ),
     # the floor of a crater: stones of a few centimetres, close together, between sand and rocks
@@ -86,7 +86,7 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig, OutcropConfig]
         RockConfig(k=0.05, families=(0.5, 0.2, 0.3), albedo=1.1),
         ReliefConfig(hurst=0.73, rms_slope_deg=4.0, ripple_amplitude=0.015, ripple_wavelength=1.0, ripple_cover=0.2),
         LookConfig(
-            pebbles=(0.5, 1.0), wind_ripples=(0.0, 0.4), bedding=(0.0, 0.4), bedrock=(0.0, 0.1), rock_dust=(0.1, 0.6),
+            pebbles=(0.3, 0.6), wind_ripples=(0.0, 0.4), bedding=(0.0, 0.4), bedrock=(0.0, 0.1), rock_dust=(0.1, 0.6),
             gravel=(0.5, 1.0), gravel_size=(0.01, 0.05), gravel_sorting=(0.0, 1.0), drifts=(0.1, 0.6),
             soil_albedo=(0.6, 1.0),
         ),
@@ -99,7 +99,7 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig, OutcropConfig]
             ripple_cover=0.15, fresh_crater_density=0.0005, ditch_density=0.0005,
         ),
         LookConfig(
-            pebbles=(0.3, 1.0), wind_ripples=(0.0, 0.6), bedding=(0.0, 0.6), bedrock=(0.0, 0.3), rock_dust=(0.0, 0.6),
+            pebbles=(0.2, 0.6), wind_ripples=(0.0, 0.6), bedding=(0.0, 0.6), bedrock=(0.0, 0.3), rock_dust=(0.0, 0.6),
             gravel=(0.0, 0.4), drifts=(0.1, 0.8), soil_albedo=(0.5, 1.1),
         ),
         OutcropConfig(slabs=(0.0, 0.3), slab_tilt_deg=(2.0, 7.0), ledges=(0.0, 6.0), fragments=(0.3, 1.0)),

@@ -52,7 +52,7 @@ RIPPLE_WAVELENGTHS = (0.06, 0.15)  # [m] shortest and longest of the wind's smal
 RIPPLE_SLOPE = (0.05, 0.16)  # RMS slope of ripples at a texture strength of 1: range over scenes
 GRAIN_STRENGTH = 0.8  # of the grain, over that of the relief with longer waves
 PLATE_LEVELS = 7  # levels of detail of the plates of bedrock
-PEBBLES = (0.16, 0.09, 0.055, 0.02)  # shares of the close packing that pebbles have on ground without sand
+PEBBLES = (0.2, 0.14, 0.09, 0.035)  # shares of the close packing that pebbles have on ground without sand
 FRAGMENTS = 0.5  # share of close packing at the feet of rocks
 
 

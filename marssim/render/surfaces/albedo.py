@@ -25,6 +25,7 @@ RELIEF_HEIGHT = 0.004  # [m] height of the fine relief that changes the brightne
 RELIEF_TONE = 0.02  # coarse dark grains gather in troughs
 STONE_TONE = 0.22  # logarithm of brightness per standard deviation of stones' tones
 HIDDEN_AT, HIDDEN_MOST = 0.02, 0.7  # [m] width of a pixel at which most stones are too small; share of their tone
+DUST_EDGE = 1.3  # steepness of the borders of patches of dust on sand
 DUST = 0.85  # brightness of the dust on rocks over that of the ground
 
 
@@ -53,7 +54,8 @@ def regolith_at(x, y, footprint, stone, pattern, fine, bare, cover, mix, stains,
             * np.float32(HIDDEN_MOST)
             * (mix.pebble_tone - soil)
         )
-        tone += mix.dust_tone * contrast * sand * min(max(height, -one), one)
+        patch = min(max(height * np.float32(DUST_EDGE), -one), one)
+        tone += mix.dust_tone * contrast * sand * patch
         flat, covered = pattern
         if flat >= 0:
             tone += covered * (mix.pebble_tone + np.float32(STONE_TONE) * contrast * tones[flat] - tone)

@@ -23,11 +23,11 @@ STAIN_WAVELENGTHS = np.array([0.0045, 0.009, 0.018, 0.038, 1.7, 7.0])  # [m] siz
 STAIN = np.array(
     [0.10, 0.06, 0.035, 0.03, 0.04, 0.06]
 )  # amplitude of each, logarithm of brightness, at a contrast of 1
-PEBBLE_DUST = 0.6  # share of the soil in the mean brightness of pebbles, which is else that of the rocks
+PEBBLE_DUST = 0.85  # share of the soil in the mean brightness of pebbles, which is else that of the rocks
 BED_RED = 0.45  # redness that gives a rock the hue of BED_COLOUR; its brightness is pavement.ALBEDO
-BED_STAINS = 0.35  # contrast of their stains over that of rocks
+BED_STAINS = 0.7  # contrast of their stains over that of rocks
 BED_SWEPT = 0.3  # by how much less of the tops of slabs and ledges is under dust
-DUST_TONE = 0.22  # logarithm of brightness of the dust on the crests of sand where all ground is rippled
+DUST_TONE = 0.15  # logarithm of brightness of the dust on the crests of sand where all ground is rippled
 NO_PLATES = np.zeros((1, CHANNELS), dtype=np.int8)  # the look of a scene without bedrock
 
 

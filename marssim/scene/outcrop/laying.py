@@ -31,7 +31,7 @@ LIFTED = 1.6  # largest rise of a plate across its radius, over the height of it
 HOLLOW = 0.2  # share of the steep plates that are thin and show a gap below their high edge
 BURIED = 0.04  # [m] depth that the sides of the others reach below the ground
 SHOWN = 0.2  # least share of a plate above the ground
-RAGGED, RAGGED_WIDTHS = 0.045, (1, 3, 7)  # depth of notches in the outline over the radius, and their widths [points]
+RAGGED, RAGGED_WIDTHS = 0.06, (1, 3, 7)  # depth of notches in the outline over the radius, and their widths [points]
 COMPACT = 0.45  # least 4 pi area / perimeter^2 of a plate, 0.785 for a square; splinters are left out
 
 
