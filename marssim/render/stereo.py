@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from marssim.render.renderers.renderer import Renderer
 from marssim.render.sensor import Sensor
 from marssim.render.surfaces.shading import Shader
 
+SHADED = np.zeros((0, 0, 0), dtype=np.float32)  # in place of what only shading needs of a view, which takes much memory
 UP = (0.0, 0.0, 1.0)
 SAME_POINT = 2e-3  # relative difference of depth up to which two views show one point
 SHORTLY = 0.999  # of the depth at which a ray is known to hit: where it is followed again
@@ -51,8 +53,9 @@ def render_stereo(
     right_pose[:3, :3] @= rotation
     footprint = Footprint.of(rig.camera, pose)
     left_view = renderer.render(rig.camera, pose, footprint)
-    right_view = renderer.render(rig.camera, right_pose, footprint)
     left = radiance(renderer, shader, rig.camera, pose, left_view, footprint)
+    left_view = replace(left_view, shading_normal=SHADED, detail=SHADED)
+    right_view = renderer.render(rig.camera, right_pose, footprint)
     right = radiance(renderer, shader, rig.camera, right_pose, right_view, footprint)
     left_image, right_image = sensor.expose_pair(left, right, left_view.hit, rng)
     return StereoFrame(
@@ -93,12 +96,17 @@ def occlusion(
     Returns:
         (H, W) bool: the point is hidden from the right camera, or beyond the borders of its image. False in the sky.
     """
-    hits, rays, camera = view.pixels, rig.camera.rays().reshape(-1, 3), rig.camera
+    rays, camera, depths, surface = (
+        rig.camera.rays().reshape(-1, 3),
+        rig.camera,
+        view.depth.ravel(),
+        view.surface.ravel(),
+    )
     right_pose = rig.right_pose(pose)
     right_pose[:3, :3] @= rotation
     hidden = outside_right(rig, view.depth, rotation).ravel()
     at, towards, depth = _undecided(
-        read_only(rays), hits.depth, hidden | (hits.surface == SKY), read_only(np.linalg.inv(right_pose) @ pose),
+        read_only(rays), depths, hidden | (surface == SKY), read_only(np.linalg.inv(right_pose) @ pose),
         right_view.depth, (float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy)),
     )  # fmt: skip
     if len(at):
@@ -136,6 +144,7 @@ def radiance(
     share = (distance == np.inf).astype(np.float32)
     _soften(renderer, every, soft, share)
     _shade(shader, footprint, pose, rays, view.pixels, none, every, share, colour)
+    del every, rays, none, distance  # of all pixels, which takes much memory
     lit = share.reshape(shape)
     pixels, begin, amid = edge_pixels(view, lit, colour)
     if len(pixels):

@@ -1,3 +1,6 @@
+import json
+import subprocess
+import sys
 from collections import defaultdict
 from functools import wraps
 from time import perf_counter
@@ -54,12 +57,12 @@ class Stopwatch:
 @pytest.mark.parametrize(
     ("place", "renderer", "pixels"),
     [(place, renderer, 512) for renderer in ("scan", "embree", "pybullet") for place in ("utopia", "jezero")]
-    + [("utopia", "scan", 1024)],
+    + [(place, "scan", pixels) for pixels in (1024, 2048) for place in ("utopia", "jezero")],
 )
 def test_pair_with_ground_truth_and_files(capsys, monkeypatch, tmp_path, place, renderer, pixels):
     """The views of a scene, its own cost shared out among them: medians of three scenes, one core."""
     cv2.setNumThreads(1)
-    rig, rows, views = NATECAM.resized(pixels, pixels), [], VIEWS * 512**2 // pixels**2
+    rig, rows, views = NATECAM.resized(pixels, pixels), [], max(VIEWS * 512**2 // pixels**2, 1)
     for seed in range(4):  # the first one warms up
         watch = Stopwatch(monkeypatch)
         start = perf_counter()
@@ -93,3 +96,26 @@ def test_pair_with_ground_truth_and_files(capsys, monkeypatch, tmp_path, place, 
         print(f"\npair of {place}, {renderer}, {pixels} x {pixels}, files written, {np.mean(sizes) / 1e6:.2f} MB")
         for stage in rows[-1]:
             print(f"    {stage:<54} {np.median([row.get(stage, 0) for row in rows[1:]]) / views * 1e3:9.1f} ms")
+
+
+GENERATE = """
+import resource, runpy, sys
+try:
+    runpy.run_module("marssim.generate", run_name="__main__")
+except SystemExit as end:
+    assert not end.code, end.code
+print("MB", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+"""
+
+
+@pytest.mark.parametrize("pixels", [512, 1024, 2048])
+@pytest.mark.parametrize("place", ["utopia", "jezero"])
+def test_memory_of_a_worker(capsys, tmp_path, place, pixels):
+    """Peak of a process that makes two views of each of two scenes."""
+    rig = tmp_path / "rig.json"
+    rig.write_text(json.dumps(NATECAM.resized(pixels, pixels).to_dict()))
+    flags = ["--out", tmp_path / "data", "--scene", place, "--pairs", 4, "--views-per-scene", 2, "--rig-file", rig]
+    command = [sys.executable, "-c", GENERATE, *map(str, flags), "--renderer", "scan"]
+    run = subprocess.run(command, capture_output=True, text=True, check=True)
+    with capsys.disabled():
+        print(f"\nmemory of a worker, {place}, {pixels} x {pixels}: {run.stdout.split()[-1]} MB", end="")

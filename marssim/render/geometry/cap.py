@@ -110,7 +110,9 @@ def _highest_around(data: np.ndarray, tile: Tile, reach: float, x: np.ndarray, y
     """Return the greatest height of a tile's finest level within `reach` [m] along x and y of points (...) [m]."""
     side = int(tile.side)
     level = data[tile.start : tile.start + side * side].reshape(side, side)
-    nodes = min(int(np.ceil(np.sqrt(2) * reach / tile.spacing)) + 1, side // 2)
+    nodes = int(np.ceil(np.sqrt(2) * reach / tile.spacing)) + 1
+    if 2 * nodes + 1 >= side:
+        return np.full(x.shape, level.max())
     around = ndimage.maximum_filter(level, size=2 * nodes + 1, mode="wrap")
     u = (tile.cosine * x - tile.sine * y) / tile.spacing + tile.offset
     v = (tile.sine * x + tile.cosine * y) / tile.spacing + tile.offset

@@ -2,9 +2,9 @@
 
 A ray enters near the ground where it passes a mesh that lies above the relief everywhere. A ray of an image begins
 later, above the place where the ray below it ended: it runs higher in the same vertical plane, and neither ground nor
-stones have overhangs. From there it advances to the first crossing. A step is as long as the steepest slope allows, or a fraction of the shortest wave in view; the last
-ones are Newton's. Stones are tested piece by piece, in the ray's height over the ground, which is nearly linear over a
-piece.
+stones have overhangs. From there it advances to the first crossing. A step is as long as the steepest slope allows, or
+a fraction of the shortest wave in view; the last ones are Newton's. Stones are tested piece by piece, in the ray's
+height over the ground, which is nearly linear over a piece.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ DOUBTS = 6  # times that a ray goes on where it did not
 BESIDE = 4.0  # [px] how far before that place a ray of an image begins, for what lies between two columns
 LEANING = 2.0  # columns per row by which a vertical plane may lean in an image whose rays begin there
 WIDE = np.float32(0.03)  # [m] width of a pixel from which on they do not: steps are as long as from row to row there
+PLANE = 2e-4  # length of a step, over the ray's, on which the ground counts as a plane
 SKIM = 2e-5  # length of a step, over the ray's, after which a crossing with a stone is found
 
 
@@ -166,13 +167,16 @@ def _on_stone(data, relief, stones, eye, focal, origin, ray, t, end, who, by, li
     rx, ry, rz = ray
     gu, gv, gw = np.float32(0), np.float32(0), np.float32(1)
     gap, east, north, fine, bare = 0.0, np.float32(0), np.float32(0), np.float32(0), np.float32(0)
-    met = False
+    met, move = False, np.inf
     for _ in range(5):
         x, y, z = origin[0] + t * rx, origin[1] + t * ry, origin[2] + t * rz
-        height, east, north, _, _, fine, bare = height_at(
-            data, relief, np.float32(x), np.float32(y), footprint_at(eye, focal, x, y, z), True
-        )
-        gap = z - height
+        if abs(move) > PLANE * t:
+            height, east, north, _, _, fine, bare = height_at(
+                data, relief, np.float32(x), np.float32(y), footprint_at(eye, focal, x, y, z), True
+            )
+            gap = z - height
+        else:
+            gap += move * (rz - east * rx - north * ry)
         east_of, north_of = np.float32(x - sx), np.float32(y - sy)
         value, gu, gv, gw = stone_side(stones.stone, stones.planes, who, by, lift, east_of, north_of, np.float32(gap))
         growth = gu * rx + gv * ry + gw * (rz - east * rx - north * ry)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from marssim.base.compute.compiled import compiled
-from marssim.render.relief.height import cover_at
+from marssim.render.relief.height import stone_cover_at
 from marssim.render.relief.stones.bodies import (
     BARE,
     CELLS,
@@ -63,7 +63,7 @@ def raise_at_stones(data, cover, stone, octave, least, x0, y0, cell, tops):
         while y < y0 + ny * cell:
             x = px
             while x < x0 + nx * cell:
-                sand, _, _, gravel, _ = cover_at(data, cover, np.float32(x), np.float32(y))
+                sand, gravel = stone_cover_at(data, cover, np.float32(x), np.float32(y))
                 if rank <= bare * (one - np.float32(SAND_STONES) * sand) + gravel_share * gravel:
                     i0, i1 = int((x - reach - x0) / cell), int((x + reach - x0) / cell) + 1
                     j0, j1 = int((y - reach - y0) / cell), int((y + reach - y0) / cell) + 1
