@@ -55,8 +55,8 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig, OutcropConfig]
             ripple_cover=0.55,
         ),
         LookConfig(
-            albedo_contrast=(0.5, 1.2), texture_strength=(0.35, 0.9),
-            pebbles=(0.05, 0.35), wind_ripples=(0.3, 0.8), bedding=(0.6, 1.0), bedrock=(0.1, 0.45),
+            albedo_contrast=(0.5, 1.2), texture_strength=(0.6, 1.2),
+            pebbles=(0.05, 0.35), wind_ripples=(0.2, 0.65), bedding=(0.6, 1.0), bedrock=(0.1, 0.45),
             rock_dust=(0.1, 0.5), gravel=(0.0, 0.05), drifts=(0.4, 1.0), soil_albedo=(0.55, 0.85),
         ),
         OutcropConfig(
@@ -67,7 +67,7 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig, OutcropConfig]
     # a delta's foot: pavement of broken bedrock, low rocks of every kind, pebbles and sand in between
     "jezero": (
         RockConfig(
-            k=0.08, families=(0.45, 0.25, 0.3), height_ratio=0.36, albedo=1.3, albedo_spread=0.25, buried=(0.25, 0.75),
+            k=0.08, families=(0.45, 0.25, 0.3), height_ratio=0.36, albedo=1.15, albedo_spread=0.2, buried=(0.25, 0.75),
         ),
         ReliefConfig(hurst=0.73, rms_slope_deg=5.2, ripple_amplitude=0.02, ripple_wavelength=1.4, ripple_cover=0.2),
         LookConfig(

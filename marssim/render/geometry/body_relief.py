@@ -20,7 +20,7 @@ from marssim.render.relief.noise import STEP, TEXELS, Octaves, coded_tile, octav
 from marssim.scene.scene import Scene
 
 WAVELENGTHS = np.array([0.009, 0.02, 0.05, 0.14])  # [m] octaves of the relief
-STAIN = np.array([0.12, 0.10, 0.09, 0.12])  # amplitude of each in the brightness, as its logarithm
+STAIN = np.array([0.12, 0.10, 0.08, 0.07])  # amplitude of each in the brightness, as its logarithm
 SLOPE = 0.16  # RMS slope of an octave of 10 cm at a texture strength of 1
 ROUGHNESS = (0.4, 1.2)  # range of the factors by which bodies differ
 TOP = 0.5  # height of the relief on tops of slabs and ledges, which sand has ground smooth, over that of sides

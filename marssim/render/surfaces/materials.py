@@ -27,7 +27,7 @@ PEBBLE_DUST = 0.85  # share of the soil in the mean brightness of pebbles, which
 BED_RED = 0.45  # redness that gives a rock the hue of BED_COLOUR; its brightness is pavement.ALBEDO
 BED_STAINS = 0.7  # contrast of their stains over that of rocks
 BED_SWEPT = 0.3  # by how much less of the tops of slabs and ledges is under dust
-DUST_TONE = 0.15  # logarithm of brightness of the dust on the crests of sand where all ground is rippled
+DUST_TONE = 0.25  # logarithm of brightness of the dust on the crests of sand where all ground is rippled
 NO_PLATES = np.zeros((1, CHANNELS), dtype=np.int8)  # the look of a scene without bedrock
 
 

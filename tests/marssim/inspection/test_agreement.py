@@ -57,7 +57,7 @@ class OffCentre:
 def test_a_renderer_agrees_with_itself(tracer, poses):
     result = agreement(tracer, tracer, CAMERA, poses)
     assert (result.views, result.surface, result.depth) == (3, 1.0, 1.0) and result.good
-    assert np.abs([result.smooth, result.silhouette]).max() < 1e-5
+    assert np.abs([result.smooth, result.silhouette]).max() < 1e-3
 
 
 @pytest.mark.parametrize(("du", "dv"), [(0.1, 0.0), (0.0, 0.1), (-0.3, 0.2), (0.06, -0.06)])
@@ -95,7 +95,7 @@ def test_the_view_that_agrees_least_counts(tracer, poses):
             return super().render(camera, pose)
 
     result = agreement(OnceWrong(tracer), tracer, CAMERA, poses)
-    assert result.depth == 0.0 and result.surface == 1.0 and not result.good
+    assert result.depth == 0.0 and result.surface > 0.999 and not result.good
 
 
 def test_on_planes_a_drawn_picture_is_compared_before_it_is_corrected():
