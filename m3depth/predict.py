@@ -6,7 +6,8 @@
 
 The images must be rectified: what the left eye sees at a pixel, the right eye sees in the same row, farther left. The
 command reports exchanged eyes, rows that lie apart and images without contrast. Where the result would be meaningless,
-it writes nothing and exits with 2; --unchecked writes it nevertheless.
+it writes nothing and exits with 2; --unchecked writes it nevertheless. Rows that lie a little apart, as in a rig whose
+calibration has aged, it aligns by turning the right image.
 A calibration file (KITTI, Middlebury, ETH3D, OpenCV's stereoRectify, ROS CameraInfo, a rig file of marssim or a
 dataset's sample.json) gives the focal lengths, the principal point and the baseline; flags beside it replace its
 values. The command writes into RESULT:
@@ -40,9 +41,10 @@ from m3depth.datasets.rigs import NATECAM_NAME, natecam
 from m3depth.estimator import M3DEPTH, Estimator, load_estimator
 from m3depth.prediction.files import without_sky_normals, write_prediction
 from m3depth.prediction.left_right import left_right_difference
-from m3depth.prediction.pair_checks import check_pair
+from m3depth.prediction.pair_checks import check_pair, rows_of
 from m3depth.prediction.settings import with_settings
 from m3depth.stereo.prediction import Prediction
+from m3depth.stereo.rows import RowFit, aligned_right
 from marssim.base.camera import WIDEST_BASELINE, StereoRig
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
@@ -91,6 +93,9 @@ class PredictOptions:
     max_pixels: int | None = None
     """Largest number of pixels of an image that the network works on, for M3Depth or a class whose infer takes it.
     Larger images are reduced to it, which saves time and memory and loses detail; the maps have the images' size."""
+    align_rows: bool = True
+    """Turn the right image where its rows lie apart from those of the left one by a significant part of a pixel. The
+    summary says by how much."""
     unchecked: bool = False
     """Write the result even where the pair shows that it is meaningless, and print a warning instead of an error."""
     left_right: bool = False
@@ -192,7 +197,11 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
         estimator = load_estimator(name, flag, device=options.device)
     infer = with_settings(estimator, options.estimator, nearest=options.nearest, max_pixels=options.max_pixels)
     right = align_right(right, calibration.shift)
-    _check_pair(left, right, rig, options)
+    rows = rows_of(left, right, rig)
+    _check_pair(left, right, rig, rows, options)
+    removed = rows if options.align_rows and rows is not None and rows.significant else None
+    if removed is not None:
+        right = aligned_right(right, rig, removed)
 
     prediction = without_sky_normals(infer(left, right, rig))
     difference = left_right_difference(infer, left, right, rig, prediction) if options.left_right else None
@@ -205,7 +214,7 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
         file.unlink(missing_ok=True)  # of an earlier run
         if difference is not None:
             write_atomically(file, encode_npy(difference))
-    print(f"{options.out}: {_summary(prediction, count, difference)}")
+    print(f"{options.out}: {_summary(prediction, count, difference, removed)}")
     return prediction
 
 
@@ -223,21 +232,25 @@ def _check_method_and_cloud(options: PredictOptions) -> None:
         raise ValueError(f"--max-range must be positive, got {options.max_range:g}")
 
 
-def _check_pair(left: np.ndarray, right: np.ndarray, rig: StereoRig, options: PredictOptions) -> None:
+def _check_pair(
+    left: np.ndarray, right: np.ndarray, rig: StereoRig, rows: RowFit | None, options: PredictOptions
+) -> None:
     """Print what speaks against a pair. Raise ValueError where the result would be meaningless, unless --unchecked."""
-    for fatal, message in check_pair(left, right, rig, (str(options.left), str(options.right))):
+    names = str(options.left), str(options.right)
+    for fatal, message in check_pair(left, right, rig, rows, options.align_rows, names):
         if fatal and not options.unchecked:
             raise ValueError(f"{message}; nothing was written (--unchecked writes the result nevertheless)")
         print(f"warning: {message}", file=sys.stderr)
 
 
-def _summary(prediction: Prediction, points: int, difference: np.ndarray | None) -> str:
-    """Return the depths of a prediction in a line.
+def _summary(prediction: Prediction, points: int, difference: np.ndarray | None, removed: RowFit | None) -> str:
+    """Return the depths of a prediction, and what was done to the rows, in a line.
 
     Args:
         prediction: The maps.
         points: Number of points of the cloud.
         difference: (H, W) left_right_difference [px], or None.
+        removed: The misalignment of rows that was taken out, or None.
     """
     known = np.isfinite(prediction.depth)
     depths = "no depth"
@@ -245,6 +258,8 @@ def _summary(prediction: Prediction, points: int, difference: np.ndarray | None)
         low, middle, high = np.percentile(prediction.depth[known], [5, 50, 95])
         depths = f"depth {low:.2f} to {high:.2f} m (5 to 95 %), median {middle:.2f} m"
     line = f"{depths} on {100 * known.mean():.0f} % of the pixels; {counted(points, 'point')}"
+    if removed is not None:
+        line = f"{line}; rows aligned, which lay apart by {removed}"
     if difference is None or not (compared := known & np.isfinite(difference)).any():
         return line
     share = 100 * (difference[compared] <= AGREEMENT).mean()

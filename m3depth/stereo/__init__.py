@@ -5,6 +5,8 @@
     classical.py      the classical methods: SGBM and BlockMatching
     window_costs.py   matching costs of windows and semi-global matching, compiled, for BlockMatching
     plane_normals.py  normals of planes that are fitted to a disparity map
+    rows.py           rows of a pair that lie apart: estimated from the images, and taken out of the right one
+    row_matches.py    the points that this estimate is from
     degradation.py    dust, bad focus, low light and a maladjusted rig, applied to a pair
 
 To add a classical method, write a class with `infer(left, right, rig) -> Prediction` in classical.py;

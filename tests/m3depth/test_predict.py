@@ -124,16 +124,33 @@ def test_exchanged_eyes_are_refused_and_others_are_not(tmp_path, capsys):
     assert capsys.readouterr().err.startswith("warning: ") and (out / "depth.npy").exists()
 
 
-def test_a_pair_that_is_not_rectified_gives_a_warning_or_an_error(tmp_path, capsys):
+def test_rows_that_lie_apart_are_aligned_or_give_a_warning_or_an_error(tmp_path, capsys):
     scene = cv2.GaussianBlur(np.random.default_rng(3).integers(0, 255, (300, 460), dtype=np.uint8), (0, 0), 1.5)
     left = write(tmp_path / "l.png", scene[20:-20, 20:420])
-    for rows, code, wording in ((0, 0, ""), (1, 0, "warning: the rows of"), (4, 2, "lie 4.0 px apart")):
+    warning, error = "warning: the rows of", "lie 4.0 px apart"
+    for rows, flags, code, wording in (
+        (0, [], 0, ""), (1, [], 0, ""), (1, ["--no-align-rows"], 0, warning), (4, [], 2, error),
+    ):  # fmt: skip
         right = write(tmp_path / f"r{rows}.png", scene[20 + rows : 280 + rows, 32:432])
-        out = tmp_path / f"out{rows}"
+        out = tmp_path / f"out{rows}{len(flags)}"
         args = [str(left), str(right), "--focal", "300", "--baseline", "0.2", "--out", str(out), "--estimator", "sgbm"]
-        assert main(args) == code
-        printed = capsys.readouterr().err
-        assert wording in printed and printed.count("\n") == (rows > 0) and out.exists() == (code == 0)
+        assert main([*args, *flags]) == code
+        printed = capsys.readouterr()
+        assert wording in printed.err and printed.err.count("\n") == bool(wording)
+        assert out.exists() == (code == 0)
+        aligned = rows == 1 and not flags
+        assert ("rows aligned, which lay apart by 1.0" in printed.out) == aligned
+
+
+def test_aligned_rows_give_the_depth_of_a_rectified_pair(tmp_path):
+    scene = cv2.GaussianBlur(np.random.default_rng(3).integers(0, 255, (300, 460), dtype=np.uint8), (0, 0), 1.5)
+    left = write(tmp_path / "l.png", scene[20:-20, 20:420])
+    right = write(tmp_path / "r.png", scene[22:282, 32:432])  # 12 px of disparity, 2 rows too low
+    args = [str(left), str(right), "--focal", "300", "--baseline", "0.2", "--estimator", "sgbm"]
+    for out, flags in (("aligned", []), ("given", ["--no-align-rows"])):
+        assert main([*args, *flags, "--out", str(tmp_path / out)]) == 0
+    aligned, given = (np.load(tmp_path / out / "disparity.npy")[8:-8, 20:] for out in ("aligned", "given"))
+    assert np.abs(aligned - 12).mean() < 0.1 < np.abs(given - 12).mean()
 
 
 def test_normals_of_the_sky_are_none(pair, tmp_path):
