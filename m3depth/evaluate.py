@@ -97,6 +97,9 @@ class EvaluateOptions:
     relative to the left) of the right one alone."""
     seed: int = 0
     """Seed of the noise that --degrade adds."""
+    align_rows: bool = False
+    """Align the rows of each pair where they lie significantly apart, before the estimators see it, as m3depth.predict
+    does. It counts to their time."""
     reader: Annotated[DataConfig, tyro.conf.arg(name="")] = field(default_factory=DataConfig)
     """How the folder is read."""
 
@@ -194,6 +197,7 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
         limit=options.limit,
         degradation=degradation,
         seed=options.seed,
+        align_rows=options.align_rows,
         examples=EXAMPLES,
         worst=EXAMPLES,
         progress=partial(_watched, len(dataset) if options.limit is None else min(options.limit, len(dataset))),
@@ -210,6 +214,7 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
         "device": device,
         "degrade": options.degrade,
         "seed": options.seed,
+        "align_rows": options.align_rows,
         "depth_range_m": scored_depths(dataset),
         "max_disparity_px": MAX_DISPARITY,
         "versions": versions(),
@@ -254,6 +259,7 @@ def dependencies(
         "--limit": options.limit,
         "--degrade": options.degrade,
         "--seed": options.seed,
+        "--align-rows": options.align_rows,
         **{flag(name): str(value) for name, value in options.reader.changed_fields().items()},
         **({} if calib is None else {"--calib": [str(calib), state_of_files([calib])]}),
         "state of the code": source_digest(("marssim", "m3depth")),

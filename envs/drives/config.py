@@ -84,6 +84,8 @@ class EvaluateConfig:
     """Renderer of the cameras' images."""
     disparity_noise: float = 0.0
     """Standard deviation of an error added to the disparity [px]."""
+    align_rows: bool = True
+    """Align the rows of the two images where they lie significantly apart, before the perception sees them."""
     drift: float = 0.0
     """Error of the position by the rover's odometry: its standard deviation after 1 m of driving [m]. It grows with
     the root of the way: 0.02 is 2 cm after 1 m and 9 cm after 20 m."""
@@ -158,7 +160,8 @@ class EvaluateConfig:
         look = {name: getattr(self, name) for name in LOOK_FLAGS if getattr(self, name) is not None}
         return {
             "seed": self.seed, **place_note(self.scene), "goal_distance": self.goal_distance,
-            "dynamics": known_dynamics(self.dynamics), "renderer": self.renderer, **errors, **look,
+            "dynamics": known_dynamics(self.dynamics), "renderer": self.renderer,
+            "align_rows": self.align_rows, **errors, **look,
         }  # fmt: skip
 
 

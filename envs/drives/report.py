@@ -51,7 +51,10 @@ def without_definitions(page: str) -> str:
 
 def settings(driven_with: Mapping[str, Any]) -> str:
     """Return a line with the flags for which the table holds. driven_with: values by flag, without its dashes."""
-    flags = [f"--{name.replace('_', '-')} {value}" for name, value in driven_with.items()]
+    flags = []
+    for name, value in driven_with.items():
+        flag = name.replace("_", "-")
+        flags.append(f"--{flag} {value}" if not isinstance(value, bool) else f"--{flag}" if value else f"--no-{flag}")
     return f"Driven with {', '.join(flags)}.\n"
 
 

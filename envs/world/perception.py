@@ -9,6 +9,7 @@ import numpy as np
 
 from envs.world.user_code import errors_of
 from m3depth.estimator import Estimator, EstimatorName, checked_prediction, load_estimator
+from m3depth.stereo.rows import align_rows
 from marssim.base.camera import NATECAM, StereoRig
 from marssim.base.dataset.frame import StereoFrame
 from marssim.render.renderers.by_name import checked_renderer_name, make_renderer
@@ -84,6 +85,7 @@ class Perception:
         estimator: The estimator; None for ground truth.
         sensor_config: Settings from which the detector is drawn.
         disparity_noise: Standard deviation of an error added to the perceived disparity [px of a 512 px image].
+        align_rows: Whether rows that lie apart are aligned first (m3depth.stereo.rows).
     """
 
     def __init__(
@@ -92,6 +94,7 @@ class Perception:
         renderer: str,
         sensor: SensorConfig | None = None,
         disparity_noise: float = 0.0,
+        align_rows: bool = True,
     ) -> None:
         """Load the estimator; `open` makes the renderer.
 
@@ -100,11 +103,14 @@ class Perception:
             renderer: Name of a renderer.
             sensor: Settings of the detector.
             disparity_noise: Standard deviation of an error added to the perceived disparity [px of a 512 px image].
+            align_rows: Whether rows of the images that lie significantly apart are aligned before an estimator sees
+                them.
         """
         self.renderer_name = checked_renderer_name(renderer)
         self.estimator = load_perception(perception)
         self.sensor_config = sensor or SensorConfig()
         self.disparity_noise = disparity_noise
+        self.align_rows = align_rows
         self.renderer: Renderer | None = None
         self._shader: Shader | None = None
 
@@ -146,8 +152,9 @@ class Perception:
             return Sight(depth, np.ones_like(depth), rig, pose, pan, true_depth=depth)
         frame = self.picture(pose)
         start = perf_counter()
+        right = align_rows(frame.left, frame.right, NATECAM)[0] if self.align_rows else frame.right
         with errors_of(self.estimator):
-            returned = self.estimator.infer(frame.left, frame.right, NATECAM)
+            returned = self.estimator.infer(frame.left, right, NATECAM)
         seconds = perf_counter() - start
         prediction = checked_prediction(self.estimator, returned, frame.left.shape[:2])
         return Sight(

@@ -94,7 +94,7 @@ class Scores:
     """One method's figures.
 
     Attributes:
-        fit: Whether the normals of planes fitted to its disparity are scored as well.
+        fit: Whether the normals of planes fitted to its depth, as f B / depth, are scored as well.
         depth: Depth and disparity figures by kind of pixel.
         normal: Figures of its own normals.
         fitted: Figures of the fitted normals.
@@ -147,7 +147,8 @@ class Scores:
             angular = self.normal.add(prediction.normal, pair)
             figures |= {f"normal_{name}": value for name, value in angular.items()}
         if self.fit:
-            self.fitted.add(fitted_normals(prediction.disparity, sample.rig.camera), pair)
+            from_depth = sample.rig.depth_to_disparity(prediction.depth)  # the images' disparity may have an offset
+            self.fitted.add(fitted_normals(from_depth, sample.rig.camera), pair)
         self.sky.add(prediction.depth, np.asarray(sample.depth))
         if pair.rocks is not None:
             self.rocks.add(prediction, pair.rocks)

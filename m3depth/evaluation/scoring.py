@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import astuple, dataclass, field
+from dataclasses import astuple, dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,8 @@ from m3depth.stereo.degradation import Degradation
 from m3depth.stereo.pairs import MAX_DISPARITY, StereoPairs, pair_name, spread
 from m3depth.stereo.plane_normals import fitted_normals
 from m3depth.stereo.prediction import Prediction
+from m3depth.stereo.rows import align_rows, columns_in_given_image
+from marssim.base.camera import StereoRig
 from marssim.base.command.signals import stop_on_signal
 
 RESERVED = ("index", "pair", "scene")  # fields of a pair's record that no method may be called
@@ -57,6 +60,7 @@ class Scoring:
         degradation: Applied to the images first; None for none.
         seed: Seed of the degradation's noise.
         max_disparity: Pixels of a larger true disparity [px] are scored separately.
+        align_rows: Whether rows that lie apart are aligned before an estimator sees them (m3depth.stereo.rows).
         pairs: The records so far, in the order in which the pairs came.
     """
 
@@ -67,8 +71,9 @@ class Scoring:
         degradation: Degradation | None,
         seed: int,
         max_disparity: float,
+        align_rows: bool = False,
     ) -> None:
-        self.dataset, self.methods = dataset, methods
+        self.dataset, self.methods, self.align_rows = dataset, methods, align_rows
         self.degradation, self.seed, self.max_disparity = degradation, seed, max_disparity
         self.pairs: list[dict[str, Any]] = []
         self._scores = {
@@ -111,11 +116,12 @@ class Scoring:
             if isinstance(method, RecordedPredictions):
                 predictions[name] = method.read(pair_name(self.dataset, index), index, sample.rig)
                 continue
-            if name not in self._warm:
-                method.infer(left, right, sample.rig)
-                self._warm.add(name)
-            result, costs[name] = measured(method.infer, left, right, sample.rig)
+            infer = partial(_infer_aligned, method) if self.align_rows else method.infer
             try:
+                if name not in self._warm:
+                    infer(left, right, sample.rig)
+                    self._warm.add(name)
+                result, costs[name] = measured(infer, left, right, sample.rig)
                 predictions[name] = checked_prediction(method, result, left.shape[:2])
             except EstimatorError as error:
                 raise EstimatorError(f"{name}, pair {index}: {error}") from None
@@ -163,6 +169,7 @@ def evaluate(
     degradation: Degradation | None = None,
     seed: int = 0,
     max_disparity: float = MAX_DISPARITY,
+    align_rows: bool = False,
     examples: int = 0,
     worst: int = 0,
     progress: Callable[[Sequence[int]], Iterable[int]] | None = None,
@@ -180,6 +187,7 @@ def evaluate(
         degradation: Applied to the images first; its noise depends on (seed, index) alone.
         seed: Seed of that noise.
         max_disparity: Pixels of a larger true disparity [px] are scored separately.
+        align_rows: Align the rows of a pair where they lie significantly apart, before an estimator sees it.
         examples: Number of pairs to keep for the figures, evenly spread.
         worst: Number of pairs to keep of those in which the first method's error is largest.
         progress: Wraps the indices of the pairs, as marssim.base.command.progress.watched does.
@@ -193,7 +201,7 @@ def evaluate(
         KeyboardInterrupt: With `saved_state`, after SIGINT or SIGTERM, once the current pair is scored and saved.
     """
     chosen = _checked(dataset, estimators, limit, seed)
-    scoring = Scoring(dataset, estimators, degradation, seed, max_disparity)
+    scoring = Scoring(dataset, estimators, degradation, seed, max_disparity, align_rows)
     if saved_state is not None and (state := saved_state.load()) is not None:
         try:
             scoring.load_state_dict(state)
@@ -226,6 +234,25 @@ def evaluate(
         for indices in (shown, [record["index"] for record in ranked])
     )
     return out
+
+
+def _infer_aligned(method: Estimator, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
+    """Predict for the pair with aligned rows, with the disparities that the given images show, by which it is scored.
+
+    Args:
+        method: The estimator.
+        left: (H, W) or (H, W, 3) uint8 left image.
+        right: The right image, likewise.
+        rig: The cameras of these images.
+    """
+    straight, fit = align_rows(left, right, rig)
+    prediction = checked_prediction(method, method.infer(left, straight, rig), left.shape[:2])
+    if fit is None:
+        return prediction
+    columns = np.broadcast_to(np.arange(rig.camera.width, dtype=float), left.shape[:2])
+    shown = columns - columns_in_given_image(columns - prediction.disparity, rig, fit)
+    disparity = np.where(np.isfinite(prediction.depth), shown, prediction.disparity).astype(np.float32)
+    return replace(prediction, disparity=disparity)
 
 
 def _worst(records: Sequence[dict[str, Any]], method: str, number: int) -> list[dict[str, Any]]:

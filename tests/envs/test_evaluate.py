@@ -165,6 +165,11 @@ def test_a_look_that_is_asked_for_is_the_scenes_and_of_other_drives():
     assert low.content().items() - plain.content().items() == {("sun_elevation_deg", 8.0), ("texture_strength", 0.1)}
 
 
+def test_drives_without_aligned_rows_are_other_drives():
+    aligned, given = EvaluateConfig(None), EvaluateConfig(None, align_rows=False)
+    assert given.content().items() - aligned.content().items() == {("align_rows", False)}
+
+
 def test_a_place_from_a_file_is_noted_by_its_content(tmp_path):
     """Other spaces, or another folder, are the same place; another value is another place."""
     files = [tmp_path / folder / "my_place.json" for folder in ("a", "b", "c")]

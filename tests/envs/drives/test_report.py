@@ -303,10 +303,10 @@ def test_every_end_has_a_colour():
 
 def test_all_files_are_written(tmp_path):
     row = {"driver": "navigator", "perception": "sgbm", "cell": {"k": 0.1, "slope_deg": 5.0}, **summarise([DRIVE])}
-    settings = {"seed": 3, "sun_elevation_deg": 8.0}
+    settings = {"seed": 3, "align_rows": False, "sun_elevation_deg": 8.0}
     content = {"driven_with": settings, "results": [row], "differences": [], "test_set_abs_rel": {"sgbm": 0.02}}
     write_report(tmp_path, content, [DRIVE])
     page = (tmp_path / "results.md").read_text()
-    assert page.startswith("Driven with --seed 3, --sun-elevation-deg 8.0.\n\n" + table([row]))
+    assert page.startswith("Driven with --seed 3, --no-align-rows, --sun-elevation-deg 8.0.\n\n" + table([row]))
     assert page.endswith(errors_beside({"sgbm": 0.02}, [DRIVE]))
     assert {file.name for file in tmp_path.iterdir()} == {"results.md", "success.png", "maps"}

@@ -5,9 +5,11 @@ from envs.drivers.builtin import NavigatorDriver
 from envs.world.perception import GROUND_TRUTH_PIXELS, Perception
 from m3depth.estimator import EstimatorError
 from m3depth.stereo.prediction import Prediction
+from m3depth.stereo.rows import row_misalignment
 from marssim.base.camera import NATECAM
 from marssim.base.rover_spec import ZHURONG
 from marssim.render.renderers.by_name import RENDERERS
+from marssim.render.sensor import SensorConfig
 
 POSE = ZHURONG.mount.left_eye(NATECAM.baseline)
 
@@ -80,6 +82,18 @@ def test_an_estimator_sees_rectified_pairs(scene):
     assert not np.array_equal(other.left, left)  # another detector, other noise
     again = opened(Perception(Everywhere(), "embree"), scene).look(POSE, 0.0)
     np.testing.assert_array_equal(again.left, left)
+
+
+def test_rows_that_lie_apart_are_aligned_before_the_estimator_sees_them(scene):
+    sensor = SensorConfig(vertical_offset=(1.0, 1.0), rotation_deg=(0.05, 0.05))
+    fits = []
+    for align in (True, False):
+        estimator = Everywhere()
+        sight = opened(Perception(estimator, "embree", sensor, align_rows=align), scene).look(POSE, 0.0)
+        left, right, rig = estimator.shown[0]
+        fits.append(row_misalignment(left, right, rig))
+        assert np.array_equal(sight.right, right) != align  # films show what the cameras took
+    assert fits[0].size < 0.1 and fits[1].offset == pytest.approx(1.0, abs=0.1)
 
 
 def test_looking_needs_a_scene(scene):
