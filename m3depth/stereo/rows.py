@@ -27,7 +27,7 @@ LEAST_POINTS = 30  # that a fit needs
 LEAST_SHARE = 0.5  # of the matches that must agree with one fit, and of these that must be found to sub-pixels
 TRIPLES = 200  # fits to three points that the robust fit tries
 NEIGHBOURS = 2.0  # factor on the standard error, measured: the errors of points near each other are alike
-TURN_ERRORS, SCALE_ERRORS = 3.0, 5.0  # standard errors from which a fit, and its scale, are no accident
+TURN_ERRORS, SCALE_ERRORS = 3.0, 8.0  # standard errors from which a fit, and its scale, are no accident
 MATTERS = 0.1  # [px] below which a misalignment costs less than the resampling
 
 

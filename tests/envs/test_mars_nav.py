@@ -290,6 +290,7 @@ def test_bad_options_are_named(make_env, options, named):
         ({"disparity_noise": -1.0}, "disparity_noise"), ({"drift": float("nan")}, "drift"),
         ({"yaw_drift_deg": "much"}, "yaw_drift_deg"),
         ({"mast": "no"}, "mast must be True or False, got 'no'"), ({"map_observation": 1}, "map_observation must be"),
+        ({"align_rows": None}, "align_rows must be True or False, got None"),
         ({"goal_distance": 0.0}, "goal_distance"), ({"perception": 5}, "`perception` 5 has no method infer"),
         (
             {"perception": "magic"},
