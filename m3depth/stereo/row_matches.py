@@ -73,7 +73,7 @@ def _spread_corners(grey: np.ndarray, margin: int) -> np.ndarray:
             if not (len(rows) and len(columns)):
                 continue
             part = strength[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-            best = np.argsort(part, axis=None)[-CORNERS:]
+            best = np.argpartition(part, -min(CORNERS, part.size), axis=None)[-CORNERS:]
             y, x = np.unravel_index(best[part.flat[best] > 0], part.shape)
             corners.append(np.column_stack([x + columns[0], y + rows[0]]))
     return np.concatenate(corners)
