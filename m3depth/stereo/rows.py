@@ -28,7 +28,7 @@ LEAST_SHARE = 0.5  # of the matches that must agree with one fit, and of these t
 TRIPLES = 200  # fits to three points that the robust fit tries
 NEIGHBOURS = 2.0  # factor on the standard error, measured: the errors of points near each other are alike
 TURN_ERRORS, SCALE_ERRORS = 3.0, 8.0  # standard errors from which a fit, and its scale, are no accident
-MATTERS = 0.1  # [px] below which a misalignment costs less than the resampling
+MATTERS = 0.1  # [px] below which M3Depth gains 2 % at most, measured
 
 
 @dataclass(frozen=True)
