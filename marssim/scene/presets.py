@@ -48,7 +48,7 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig, OutcropConfig]
     # a lake bed: layered slabs and ledges, thin chips, rippled sand
     "gale": (
         RockConfig(
-            k=0.07, families=(0.35, 0.6, 0.05), height_ratio=0.33, albedo=1.15, albedo_spread=0.15, buried=(0.3, 0.75),
+            k=0.07, families=(0.35, 0.6, 0.05), height_ratio=0.4, albedo=1.15, albedo_spread=0.15, buried=(0.3, 0.75),
         ),
         ReliefConfig(
             hurst=0.73, rms_slope_deg=5.1, crater_density=0.002, ripple_amplitude=0.01, ripple_wavelength=0.8,
@@ -67,7 +67,7 @@ _PRESETS: dict[Place, tuple[RockConfig, ReliefConfig, LookConfig, OutcropConfig]
     # a delta's foot: pavement of broken bedrock, low rocks of every kind, pebbles and sand in between
     "jezero": (
         RockConfig(
-            k=0.08, families=(0.45, 0.25, 0.3), height_ratio=0.36, albedo=1.15, albedo_spread=0.2, buried=(0.25, 0.75),
+            k=0.15, families=(0.45, 0.25, 0.3), height_ratio=0.42, albedo=1.15, albedo_spread=0.2, buried=(0.25, 0.75),
         ),
         ReliefConfig(hurst=0.73, rms_slope_deg=5.2, ripple_amplitude=0.02, ripple_wavelength=1.4, ripple_cover=0.2),
         LookConfig(

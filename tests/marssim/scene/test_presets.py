@@ -8,7 +8,7 @@ def test_presets_are_those_promised():
         "utopia": 0.033,
         "gusev": 0.05,
         "gale": 0.07,
-        "jezero": 0.08,
+        "jezero": 0.15,
         "hard": 0.20,
         "gravel": 0.05,
     }
