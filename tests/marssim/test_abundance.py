@@ -79,7 +79,7 @@ def test_the_command_measures_the_rocks_that_it_is_given(capsys):
 
 
 def test_help_shows_the_rocks_of_the_place(capsys):
-    for place, k in (("gale", "0.07"), ("jezero", "0.08")):
+    for place, k in (("gale", "0.07"), ("jezero", "0.15")):
         with pytest.raises(SystemExit):
             main([f"--scene={place}", "--help"])
         assert f"(default: {k})" in " ".join(capsys.readouterr().out.replace("│", " ").split())
