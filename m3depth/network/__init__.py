@@ -4,9 +4,11 @@
     backbone.py          features of both images at 1/2, 1/4 and 1/8 of their size; convolutions of wavelet.py
     cost_volume.py       matching scores of 24 disparities at 1/8; soft argmin gives the first disparity map
     normal_branch.py     SNNet: the first normals, from the same volume
-    refinement.py        ConvGRU: corrects disparity and normals T times at 1/4 and brings them to full size
+    refinement.py        ConvGRU: corrects disparity and normals T times at 1/4 and brings them to full size; on larger
+                         images it goes on where a reduced pair ended
     fine_correction.py   corrects disparity, normals, confidence and sky once more, at 1/2
 
 config.py holds every size and the presets `lite` and `paper`, geometry.py the formulas on tensors, device.py the choice
-of processor and precision, checkpointing.py a way to save memory, and weights_file.py the weights on disk.
+of processor and precision, checkpointing.py a way to save memory, row_bands.py one to
+save time on large maps, and weights_file.py the weights on disk.
 """

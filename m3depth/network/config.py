@@ -17,6 +17,7 @@ OPTIONAL = frozenset(
     }
 )  # fmt: skip
 DEEPEST_WAVELET = 6  # most wavelet levels; images are padded to a multiple of 8 * 2 ** levels px
+FARTHEST_STEP = 4  # largest factor between two sizes of a pair at which the refinement works
 FULL_SIZE = 3  # doublings from the cost volume's grid to the image's
 
 

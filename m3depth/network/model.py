@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from m3depth.network.backbone import Backbone, Features
 from m3depth.network.checkpointing import Caller, direct, recomputed
-from m3depth.network.config import PRESETS, M3DepthConfig
+from m3depth.network.config import FARTHEST_STEP, PRESETS, M3DepthConfig
 from m3depth.network.cost_volume import Aggregation, group_correlation_volume, matchable, soft_argmin
 from m3depth.network.device import autocast, fast_dtype
 from m3depth.network.fine_correction import FineCorrection
@@ -39,8 +39,8 @@ from m3depth.weights import SHIPPED_WEIGHTS
 from marssim.base.camera import StereoRig
 
 VOLUME_STEP = 8  # [px] disparity between two hypotheses: a cell of the volume, which is at 1/8
-FARTHEST_STEP = 4.0  # largest factor between two sizes of a pair at which the refinement works
-WORTH = 1.2  # factor from which a larger size is worth its time
+LEAST_GAIN = 1.2  # factor from which the refinement goes on at a larger size
+SAME = 1.01  # factor up to which two sizes are one
 
 
 class Start(NamedTuple):
@@ -56,19 +56,18 @@ class Start(NamedTuple):
     normal: Tensor
     context: Tensor | None
 
-    def rows(self, crop: int, top: int, count: int) -> Start:
-        """Return some rows of one crop of the batch, as a batch of one.
+    def rows(self, top: int, count: int) -> Start:
+        """Return some rows.
 
         Args:
-            crop: Index of the crop.
             top: First row [px], a multiple of 8.
             count: Number of rows [px].
         """
         first, last = top // VOLUME_STEP, -(-(top + count) // VOLUME_STEP)
         return Start(
-            self.disparity[crop, None, :, top : top + count],
-            self.normal[crop, None, :, top : top + count],
-            None if self.context is None else self.context[crop, None, :, first:last],
+            self.disparity[:, :, top : top + count],
+            self.normal[:, :, top : top + count],
+            None if self.context is None else self.context[:, :, first:last],
         )
 
 
@@ -94,6 +93,12 @@ class StereoOutput(NamedTuple):
     initial: tuple[Tensor, Tensor] | None
     steps: list[tuple[Tensor, Tensor]]
     context: Tensor | None = None
+
+    def of(self, index: int) -> StereoOutput:
+        """Return the final maps and the context of one pair of the batch, as a batch of one."""
+        one = slice(index, index + 1)
+        maps = self.disparity[one], self.normal[one], self.confidence[one], self.sky[one]
+        return StereoOutput(*maps, None, [], None if self.context is None else self.context[one])
 
     def start(self, height: int, width: int) -> Start:
         """Return what these maps say about the same pair at a larger size, without gradient.
@@ -302,8 +307,8 @@ class M3Depth(nn.Module):
         finest = 1.0 if max_pixels is None else min(1.0, math.sqrt(max_pixels / (height * width)))
         first = min(finest, self.reach * nearest / rig.fb)
         gain = finest / first
-        first = finest if gain < 1.01 else first
-        more = math.ceil(math.log(gain, FARTHEST_STEP) - 1e-6) if gain >= WORTH and self.refinement else 0
+        first = finest if gain < SAME else first
+        more = math.ceil(math.log(gain, FARTHEST_STEP) - 1e-6) if gain >= LEAST_GAIN and self.refinement else 0
         scales = [first * gain ** (k / more) for k in range(1, more)] + [finest] * (more > 0)
         return [(max(1, round(height * scale)), max(1, round(width * scale))) for scale in (first, *scales)]
 
@@ -315,7 +320,8 @@ class M3Depth(nn.Module):
         """Estimate depth, disparity, normals and confidence of one rectified pair, at the input's size.
 
         Where `nearest` is a larger disparity than the hypotheses reach (192 px), the cost volume finds the disparities
-        in a reduced pair, and the refinement goes on at the images' own size.
+        in a reduced pair, and the refinement goes on at the images' own size; for images hardly larger than the reduced
+        ones (by less than the factor LEAST_GAIN), the maps of these are enlarged instead.
 
         Args:
             left, right: (H, W) or (H, W, 3) uint8, RGB.

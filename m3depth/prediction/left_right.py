@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
+from m3depth.prediction.settings import Infer
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import StereoRig
-
-# A function that predicts for a pair, as Estimator.infer does.
-Infer = Callable[[np.ndarray, np.ndarray, StereoRig], Prediction]
 
 
 def left_right_difference(

@@ -68,8 +68,8 @@ def check_pair(
     """Return what speaks against a pair.
 
     The checks find images of one grey level, eyes that are one image or exchanged, pairs of which little matches, and
-    rows that lie apart. Without alignment, M3Depth's error grows by a half where rows lie 1 px apart and threefold at
-    2 px; at 3 px it measures nothing. Where they lie farther apart than calibrations age, disparities are wrong too,
+    rows that lie apart. Without alignment, M3Depth's error grows by 40 % where rows lie 1 px apart and threefold at 2
+    px; at 3 px it measures nothing. Where they lie farther apart than calibrations age, disparities are wrong too,
     and alignment does not help. These limits grow with images wider than 1024 px. A pair in which neither points nor
     5 % of the pixels match is meaningless: images of different places match in 1 to 8 % of the pixels, simulated pairs
     with a seventh of the contrast, blurred and noisy, in at least 16 %.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from inspect import signature
+from inspect import Parameter, signature
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from m3depth.estimator import Estimator, checked_prediction
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import StereoRig
 
+# A function that predicts for a pair, as Estimator.infer does.
 Infer = Callable[[np.ndarray, np.ndarray, StereoRig], Prediction]
 
 
@@ -22,14 +23,18 @@ def with_settings(estimator: Estimator, name: str, **settings: float | None) -> 
         name: What the user calls it, for the message.
         **settings: Arguments of infer, such as nearest or max_pixels; those that are None are left out.
 
+    Returns:
+        A function that raises EstimatorError where infer returns something else than a whole Prediction.
+
     Raises:
-        ValueError: The estimator's infer takes no such argument; the message names its flag. EstimatorError, where
-            infer returns something else than a whole Prediction.
+        ValueError: The estimator's infer takes no such argument; the message names its flag.
     """
     given = {key: value for key, value in settings.items() if value is not None}
     infer: Callable[..., object] = estimator.infer
+    arguments = signature(infer).parameters
+    takes_all = any(argument.kind is Parameter.VAR_KEYWORD for argument in arguments.values())
     for key in given:
-        if key not in signature(infer).parameters:
+        if key not in arguments and not takes_all:
             raise ValueError(f"--{key.replace('_', '-')}: --estimator {name} takes no such setting; leave it out")
 
     def run(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:

@@ -7,6 +7,7 @@
     plane_normals.py  normals of planes that are fitted to a disparity map
     rows.py           rows of a pair that lie apart: estimated from the images, and taken out of the right one
     row_matches.py    the points that this estimate is from
+    sky.py            what a network takes for sky and can be sky
     degradation.py    dust, bad focus, low light and a maladjusted rig, applied to a pair
 
 To add a classical method, write a class with `infer(left, right, rig) -> Prediction` in classical.py;

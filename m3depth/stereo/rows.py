@@ -5,7 +5,7 @@ nearly always a small turn of one camera, up or down and about its optical axis,
 
     v_right - v_left = offset (1 + y^2) + f_y rotation x + f_y scale y,    x, y = (u - cx) / fx, (v - cy) / fy
 
-These three are fitted to several hundred points, and taken out by resampling the right image as the turned camera
+These three are fitted to 30 to 384 points, and taken out by resampling the right image as the turned camera
 asks. That moves columns too: a rotation of 0.1 deg about the axis changes the disparities of NaTeCam by 0.4 px in the
 upper and lower rows. What hardly moves rows stays: a turn to the side, which is an error of all disparities.
 """

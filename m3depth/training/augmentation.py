@@ -91,7 +91,7 @@ def random_crop(
     """Draw a crop, cut out at that size or resized from a slightly different one.
 
     Where the cost volume works on a reduced pair, the crop has that size once it is reduced. If the images are smaller
-    than such a crop, it is not reduced.
+    than such a crop, it is reduced less or not at all, and larger disparities are not trained.
 
     Args:
         sample: The pair.

@@ -299,11 +299,12 @@ def finer_losses(
         config: Settings of the run.
         dtype: Precision of the forward pass; None is float32.
     """
-    # The parameters carry what DistributedDataParallel has to hear of, and its own forward ran before.
+    # The hooks of DistributedDataParallel sit on the parameters, and its forward has prepared them: its module may be
+    # called directly.
     model = network.module if isinstance(network, nn.parallel.DistributedDataParallel) else network
     losses = []
     for band in batch.finer:
-        start = output.start(*band.size).rows(band.crop, band.top, band.left.shape[-2])
+        start = output.of(band.crop).start(*band.size).rows(band.top, band.left.shape[-2])
         with autocast(band.left.device, dtype):
             finer = model(band.left, band.right, band.target.camera, start)
         losses.append(total_loss(finer, band.target, config.loss)[0])

@@ -217,18 +217,21 @@ def total_loss(output: StereoOutput, target: Target, config: LossConfig) -> tupl
         smooth = target.label & ~edges
         terms["consistency"] = consistency_loss(output.disparity, output.normal, target.camera, smooth)
     quarter, quarter_weight = reduce_target(target, 4, weight)
-    inner = [(config.decay ** (age + 1), *maps, quarter, quarter_weight) for age, maps in enumerate(output.steps[::-1])]
+    coarser = [
+        (config.decay ** (age + 1), *maps, quarter, quarter_weight) for age, maps in enumerate(output.steps[::-1])
+    ]
     if output.initial is not None:  # at 1/8, or on the grid of the output head
         coarse, coarse_weight = reduce_target(target, _cell(target, output.initial[0]), weight)
-        inner.append((config.initial, *output.initial, coarse, coarse_weight))
-    for share, disparity, normal, truth, inner_weight in inner:
-        terms["disparity"] = terms["disparity"] + share * disparity_loss(disparity, truth, inner_weight, config)
-        terms["normal"] = terms["normal"] + share * normal_loss(normal, truth, inner_weight)
+        coarser.append((config.initial, *output.initial, coarse, coarse_weight))
+    for share, disparity, normal, truth, coarser_weight in coarser:
+        terms["disparity"] = terms["disparity"] + share * disparity_loss(disparity, truth, coarser_weight, config)
+        terms["normal"] = terms["normal"] + share * normal_loss(normal, truth, coarser_weight)
         if config.consistency and config.consistent_steps:
             cell = _cell(target, disparity)
+            smooth = truth.label & ~disparity_edges(truth.disparity, truth.known, float(cell))
             camera = scale_camera(target.camera, cell)
-            bent = consistency_loss(disparity / cell, normal, camera, truth.label)
-            terms["consistency"] = terms["consistency"] + config.consistent_steps * share * bent
+            difference = consistency_loss(disparity / cell, normal, camera, smooth)
+            terms["consistency"] = terms["consistency"] + config.consistent_steps * share * difference
 
     known = target.label | target.sky
     correct = target.label & ((output.disparity.detach() - target.disparity).abs() < 1)

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from m3depth.network.config import FARTHEST_STEP
 from m3depth.stereo.pairs import MAX_DISPARITY, NEAREST
 from marssim.base.camera import NATECAM, StereoRig
 
@@ -42,9 +43,12 @@ class PackedSample(NamedTuple):
 
 
 def reduction_of(rig: StereoRig) -> int:
-    """Return the factor by which pairs of a rig are reduced, in training, for the cost volume: 1, 2, 4, ..."""
+    """Return the factor by which pairs of a rig are reduced, in training, for the cost volume: 1, 2 or 4.
+
+    It ends at 4, beyond which the network takes two steps; larger disparities are then not trained.
+    """
     factor = 1
-    while rig.fb / NEAREST > REDUCED * factor * MAX_DISPARITY:
+    while factor < FARTHEST_STEP and rig.fb / NEAREST > REDUCED * factor * MAX_DISPARITY:
         factor *= 2
     return factor
 

@@ -152,7 +152,10 @@ def test_larger_sizes_start_where_the_smaller_one_ended(model: M3Depth, monkeypa
         sizes.append((height, width))
         starts.append(start)
         row = torch.arange(height, dtype=torch.float32)[:, None].expand(height, width)
-        return out._replace(disparity=(3 + (row + 0.5) * 128 / width)[None, None])
+        assert out.context is not None
+        cells = 8 * torch.arange(out.context.shape[-1]) + 3.5 + 0.5  # of the middle of each cell, as a share below
+        ramp = (cells / width).expand_as(out.context)
+        return out._replace(disparity=(3 + (row + 0.5) * 128 / width)[None, None], context=ramp)
 
     monkeypatch.setattr(model, "forward", planar)
     left, right = np.random.default_rng(2).integers(0, 256, (2, 64, 128), dtype=np.uint8)
@@ -164,6 +167,8 @@ def test_larger_sizes_start_where_the_smaller_one_ended(model: M3Depth, monkeypa
     assert torch.allclose(start.disparity[0, 0, 2:-2, 5], 2 * (3 + row + 0.5)[2:-2], atol=1e-3)
     assert torch.allclose(start.normal.square().sum(1), torch.ones(()), atol=1e-4)
     assert start.context is not None and start.context.shape[-2:] == (8, 16)
+    middles = (8 * torch.arange(16) + 4) / 128
+    assert torch.allclose(start.context[0, 0, 3, 1:-1], middles[1:-1], atol=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -269,3 +269,18 @@ def test_consistency_reaches_both_branches_where_it_is_asked_of_every_step(plane
     for branch in (network.normals, network.aggregation):
         moved = sum(float(p.grad.abs().sum()) for p in branch.parameters() if p.grad is not None)
         assert (moved > 0) == (inner > 0 or branch is network.aggregation)  # its context feeds the refinement
+
+
+@pytest.mark.parametrize("cell", [1, 4, 8])
+def test_true_maps_are_consistent_beside_a_silhouette_on_every_grid(cell: int) -> None:
+    """A wall before another one: the step between them is no slope."""
+    camera = torch.tensor([[60.0, 60.0, 47.5, 31.5]])
+    disparity = torch.full((1, 1, 64, 96), 20.0)
+    disparity[..., 40:] = 60.0
+    normal = torch.tensor([0.0, 0.0, -1.0])[:, None, None].expand(1, 3, 64, 96)
+    no = torch.zeros_like(disparity, dtype=torch.bool)
+    target = Target(disparity, normal, ~no, no, no, camera)
+    maps = disparity[..., ::cell, ::cell], normal[..., ::cell, ::cell]
+    logits = torch.zeros_like(disparity)
+    at_once = StereoOutput(disparity, normal, logits, logits, maps if cell == 8 else None, [maps] if cell == 4 else [])
+    assert float(total_loss(at_once, target, LossConfig())[1]["consistency"]) == 0

@@ -154,12 +154,14 @@ def test_larger_pairs_are_trained_farther_out_than_the_volume_reaches(large_samp
     sample = large_samples[0]
     packed = pack(sample)
     assert packed.reduction == 2 == reduction_of(sample.rig) and reduction_of(NATECAM) == 1
-    assert [reduction_of(NATECAM.resized(size, size)) for size in (1024, 2048)] == [2, 4]
+    assert [reduction_of(NATECAM.resized(size, size)) for size in (1024, 2048, 4096)] == [2, 4, 4]
     depth = np.full_like(sample.depth, sample.rig.fb / 300)
     near = pack(replace(sample, depth=depth, disparity=sample.rig.depth_to_disparity(depth)))
     assert (near.flags & TRAINED).all()
     part = random_crop(near, (32, 96), AugmentConfig(scale=0), np.random.default_rng(0))
     assert part.reduction == 2 and part.left.shape == (64, 192, 3) and (part.flags & TRAINED).all()
+    less = random_crop(near._replace(reduction=4), (32, 96), AugmentConfig(scale=0), np.random.default_rng(0))
+    assert less.reduction == 2 and less.left.shape == (64, 192, 3)
     whole = random_crop(near, (128, 192), AugmentConfig(scale=0), np.random.default_rng(0))
     assert whole.reduction == 1 and not (whole.flags & TRAINED).any()  # no room for a reduced crop of that size
 
