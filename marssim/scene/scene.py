@@ -10,12 +10,13 @@ import numpy as np
 from marssim.scene.look import Look, LookConfig, draw_look, sun_direction
 from marssim.scene.outcrop.beds import upper_beds
 from marssim.scene.outcrop.chips import draw_chips
-from marssim.scene.outcrop.config import OutcropConfig, draw_traits
+from marssim.scene.outcrop.config import OutcropConfig, Traits, draw_traits
 from marssim.scene.outcrop.fragments import draw_fragments
 from marssim.scene.outcrop.ledges import draw_ledges
 from marssim.scene.outcrop.outcrop import Outcrop, build_outcrop
 from marssim.scene.outcrop.pavement import draw_slabs
-from marssim.scene.outcrop.plates import nearest, outside
+from marssim.scene.outcrop.plates import Plates, nearest, outside
+from marssim.scene.outcrop.resting import Ground
 from marssim.scene.outcrop.tops import Tops, beside
 from marssim.scene.rocks.golombek import REPORTED, covered_area
 from marssim.scene.rocks.mesh import Rocks, build_rocks, joined_bodies
@@ -24,7 +25,8 @@ from marssim.scene.terrain import ReliefConfig, Terrain, build_terrain
 
 # [m] At a horizon of 500 m the farthest corner is less than 1000 m away, the largest depth that a dataset can store.
 SCENE_LIMITS = {"size": (1.0, 1000.0), "cell": (0.01, 1.0), "horizon": (1.0, 500.0)}
-MAX_OUTCROP = MAX_BODIES - MAX_ROCKS  # slabs and blocks of ledges in a scene
+MAX_BEDROCK = 12_000  # most slabs, beds and blocks of ledges in a scene
+MAX_PLATES = MAX_BODIES - MAX_ROCKS  # most of these and chips; chips have what bedrock leaves, and fragments the rest
 MOST_CELLS = 5000  # along the side of the fine square: its 50 million triangles fill several GB
 
 
@@ -39,7 +41,7 @@ class SceneConfig:
     rocks: RockConfig = field(default_factory=RockConfig)
     """The rocks on the ground."""
     outcrop: OutcropConfig = field(default_factory=OutcropConfig)
-    """The slabs and ledges of bedrock, and the fragments around rocks."""
+    """The slabs and ledges of bedrock, the chips around them, and the fragments around rocks."""
     look: LookConfig = field(default_factory=LookConfig)
     """The light and the surface."""
     size: float = 32.0
@@ -134,9 +136,9 @@ def build_scene(
     Args:
         config: The place, as `preset("gale")`.
         rng: A random generator, or the seed of one. The same seed or state gives the same scene.
-        clear: Discs (x, y, radius) [m] that stay free of rocks with a diameter of 0.1 m and more, of ditches and of
-            fresh craters. A rock counts as the disc of its diameter, so a corner of it may reach into a clear disc.
-            Smaller rocks lie there too.
+        clear: Discs (x, y, radius) [m] that stay free of rocks with a diameter of 0.1 m and more, of bedrock, of
+            ditches and of fresh craters. A rock or plate counts as the disc of its diameter, so a corner of it may
+            reach into a clear disc. Smaller rocks and fragments lie there too.
 
     Raises:
         ValueError: The heightmap cannot be read or is too small, or the scene would have too many rocks.
@@ -147,15 +149,29 @@ def build_scene(
     outcrop_rng = rock_rng.spawn(1)[0]
     traits = draw_traits(config.outcrop, outcrop_rng)
     place = half, config.horizon, terrain.height_at
-    ledges = outside(draw_ledges(config.outcrop, traits, *place, outcrop_rng), clear)
-    slabs = draw_slabs(traits, *place, outcrop_rng)
-    slabs += upper_beds(slabs, outcrop_rng)
-    chips = draw_chips([*slabs, *ledges], traits, half, terrain.height_at, outcrop_rng)
-    slabs = beside(outside([*slabs, *chips], clear), ledges, half, terrain.height_at)
-    slabs = nearest(slabs, MAX_OUTCROP - sum(map(len, ledges)))
+    slabs, ledges = _plates(config.outcrop, traits, *place, clear, outcrop_rng)
     lift = Tops.of([*ledges, *slabs], half).lift if ledges or slabs else None
     rocks = build_rocks(config.rocks, *place, rock_rng, clear, lift)
-    most = MAX_BODIES - len(rocks) - sum(map(len, [*ledges, *slabs]))
+    most = MAX_BODIES - len(rocks) - _number([*ledges, *slabs])
     fragments = draw_fragments(rocks, [*ledges, *slabs], traits, half, terrain.height_at, lift, most, outcrop_rng)
     outcrop = build_outcrop(slabs, ledges, fragments, traits, outcrop_rng)
     return Scene(config, terrain, rocks, draw_look(config.look, look_rng), outcrop)
+
+
+def _plates(
+    config: OutcropConfig, traits: Traits, half: float, horizon: float, height_at: Ground,
+    clear: tuple[tuple[float, float, float], ...], rng: np.random.Generator,
+) -> tuple[list[Plates], list[Plates]]:  # fmt: skip
+    """Return the slabs with their beds and chips, and the blocks of ledges, all of them outside of clear discs."""
+    ledges = nearest(outside(draw_ledges(config, traits, half, horizon, height_at, rng), clear), MAX_BEDROCK)
+    slabs = beside(outside(draw_slabs(traits, half, horizon, height_at, rng), clear), ledges, half, height_at)
+    slabs = nearest(slabs, MAX_BEDROCK - _number(ledges))
+    slabs += upper_beds(slabs, height_at, clear, MAX_BEDROCK - _number([*ledges, *slabs]), rng)
+    most = MAX_PLATES - _number([*ledges, *slabs])
+    chips = draw_chips([*slabs, *ledges], traits, half, height_at, most, rng)
+    return [*slabs, *beside(outside(chips, clear), ledges, half, height_at)], ledges
+
+
+def _number(parts: list[Plates]) -> int:
+    """Return the number of plates of all parts."""
+    return sum(map(len, parts))

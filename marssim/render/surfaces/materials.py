@@ -23,7 +23,7 @@ STAIN_WAVELENGTHS = np.array([0.0045, 0.009, 0.018, 0.038, 1.7, 7.0])  # [m] siz
 STAIN = np.array(
     [0.10, 0.06, 0.035, 0.03, 0.04, 0.06]
 )  # amplitude of each, logarithm of brightness, at a contrast of 1
-PEBBLE_DUST = 0.85  # share of the soil in the mean brightness of pebbles, which is else that of the rocks
+PEBBLE_SOIL = 0.85  # share of the soil in the mean brightness of pebbles, which is else that of the rocks
 BED_RED = 0.45  # redness that gives a rock the hue of BED_COLOUR; its brightness is pavement.ALBEDO
 BED_STAINS = 0.7  # contrast of their stains over that of rocks
 BED_SWEPT = 0.3  # by how much less of the tops of slabs and ledges is under dust
@@ -105,7 +105,7 @@ def _soil(scene: Scene, ground: Ground) -> Soil:
         contrast=np.float32(look.albedo_contrast),
         soil=np.float32(look.soil_albedo),
         soil_tone=np.float32(np.log(look.soil_albedo)),
-        pebble_tone=np.float32(np.log(PEBBLE_DUST * look.soil_albedo + (1 - PEBBLE_DUST) * scene.config.rocks.albedo)),
+        pebble_tone=np.float32(np.log(PEBBLE_SOIL * look.soil_albedo + (1 - PEBBLE_SOIL) * scene.config.rocks.albedo)),
         hidden_bare=np.float32(lying[0]),
         hidden_gravel=np.float32(lying[1]),
         dust_tone=np.float32(DUST_TONE * look.wind_ripples),

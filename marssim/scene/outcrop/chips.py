@@ -1,4 +1,4 @@
-"""Chips: thin pieces of 3 to 25 cm that split off slabs and ledges, and lie flat around them, partly under sand."""
+"""Chips: thin pieces of 3 to 25 cm that split off slabs, beds and ledges. They lie flat around, partly under sand."""
 
 from __future__ import annotations
 
@@ -7,39 +7,44 @@ from collections.abc import Sequence
 import numpy as np
 
 from marssim.scene.outcrop.config import Traits
-from marssim.scene.outcrop.laying import Ground, camera_distance, worn_outlines
+from marssim.scene.outcrop.laying import worn_outlines
 from marssim.scene.outcrop.plates import POINTS, Plates
-from marssim.scene.outcrop.polygons import area_and_centroid
-from marssim.scene.rocks.mesh import ground_plane
+from marssim.scene.outcrop.polygons import disc_diameter
+from marssim.scene.outcrop.resting import Ground, camera_distance, rest
+from marssim.scene.outcrop.shedding import Shedding, shed
 
-SIZES = (0.03, 0.25)  # [m] diameters; the number of chips larger than D falls as D^-STEEPNESS
-STEEPNESS = 1.6
-LARGEST_SHARE = 0.5  # largest diameter over that of the plate that the chip split off
-PIECES = 10.0  # mean number of chips of a plate of 0.5 m at a density of fragments of 1; it grows with the diameter
-UNEVEN = 1.2  # standard deviation of the logarithm of that number among plates
-MOST = 40  # chips of a plate
-REACH = 0.4  # mean distance of a chip from the foot, over the plate's diameter
+SIZES = (0.03, 0.25)  # [m] diameters before their edges are worn
+LAW = Shedding(sizes=SIZES, steepness=1.6, largest_share=0.5, most=40, reach=0.4)
+MEAN_NUMBER = 10.0  # chips of a plate of 0.5 m at a density of fragments of 1
+NUMBER_SPREAD = 1.2  # standard deviation of the logarithm of that number among plates
 LEAST_ANGLE = 0.008  # [rad] angle under which a camera sees the smallest chips that are drawn
 LEVEL_ANGLE = 0.03  # [rad] angular diameter from which on a chip has an outline of the middle level of detail
 CORNERS = 6  # of a chip before its edges are worn
-NARROW = (0.3, 0.85)  # width over length
-STRIKE = 0.6  # [rad] standard deviation of the directions of chips: they split along the same joints
-THICK = (0.06, 0.22)  # height of the highest edge above the sand over the diameter
-EDGE = (0.005, 0.04)  # [m] least and largest height of that edge
-TILT, STEEPEST = 8.0, 25.0  # [deg] standard deviation of the tilt, and largest tilt
+CORNER_SHIFT = 0.4  # largest shift of a corner around the chip, over the angle between corners
+CORNER_RADII = (0.7, 1.3)  # distance of a corner from the middle, over the radius
+WIDTH_RATIOS = (0.3, 0.85)  # width over length
+ROUNDNESS = 0.2  # how round the corners of the roundest chips are, 0 to 1
+STRIKE_SPREAD = 0.6  # [rad] standard deviation of the directions of chips: they split along the same joints
+HEIGHT_RATIOS = (0.06, 0.22)  # height of the highest edge above the sand over the diameter
+EDGE_HEIGHTS = (0.005, 0.04)  # [m] least and largest height of that edge
+TILT_SPREAD, MAX_TILT = 8.0, 25.0  # [deg] standard deviation of the tilt, and largest tilt
 ROOT = 0.02  # [m] depth of the sides below the ground
+UNDERCUT = (0.0, 0.1)  # how far the bottom lies inside the outline, over the radius
+BEVEL_SHARE, MIN_BEVEL = 0.1, 0.001  # width of the worn edge: over the height of the edge, and least addition [m]
+ALBEDO_SPREAD, ALBEDO_RATIOS = 0.08, (0.8, 1.2)  # brightness over that of the plate: spread, and limits
 
 
 def draw_chips(
-    parents: Sequence[Plates], traits: Traits, half: float, height_at: Ground, rng: np.random.Generator
+    parents: Sequence[Plates], traits: Traits, half: float, height_at: Ground, most: int, rng: np.random.Generator
 ) -> list[Plates]:
     """Draw the chips of a scene.
 
     Args:
-        parents: Slabs and blocks of ledges.
+        parents: Slabs, the beds on them, and blocks of ledges.
         traits: What the scene drew.
         half: Half the side of the finely gridded square [m].
         height_at: Function of x, y [m] that returns the height of the ground [m].
+        most: Largest number of chips. Those that look largest are kept.
         rng: Random generator.
 
     Returns:
@@ -50,21 +55,17 @@ def draw_chips(
     middle, size, albedo = (
         np.concatenate([getattr(part, name) for part in parents]) for name in ("middle", "diameter", "albedo")
     )
-    mean = traits.fragments * PIECES * size / 0.5 * rng.lognormal(-0.5 * UNEVEN**2, UNEVEN, len(size))
-    parent = np.repeat(np.arange(len(size)), np.minimum(rng.poisson(mean), MOST))
-    count = len(parent)
-    diameter = rng.uniform(SIZES[1] ** -STEEPNESS, SIZES[0] ** -STEEPNESS, count) ** (-1 / STEEPNESS)
-    angle = rng.uniform(0, 2 * np.pi, count)
-    away = size[parent] * (0.5 * rng.uniform(0.9, 1.2, count) + REACH * rng.exponential(1, count))
-    at = middle[parent] + away[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    turn = rng.uniform(0, np.pi) + rng.normal(0, STRIKE, count)
-    seen = diameter / camera_distance(at, half)
-    level = np.where((diameter < LARGEST_SHARE * size[parent]) & (seen > LEAST_ANGLE), seen > LEVEL_ANGLE, -1)
-    groups = [np.flatnonzero(level == wanted) for wanted in (1, 0)]
+    uneven = rng.lognormal(-0.5 * NUMBER_SPREAD**2, NUMBER_SPREAD, len(size))  # of mean 1
+    pieces = shed(LAW, traits.fragments * MEAN_NUMBER * uneven, middle, size, rng)
+    turn = rng.uniform(0, np.pi) + rng.normal(0, STRIKE_SPREAD, len(pieces))
+    seen = pieces.diameter / camera_distance(pieces.xy, half)
+    kept = np.argsort(-seen, kind="stable")[:most]
+    groups = [(1, kept[seen[kept] > LEVEL_ANGLE])]
+    groups.append((0, kept[(seen[kept] > LEAST_ANGLE) & (seen[kept] <= LEVEL_ANGLE)]))
     return [
-        _laid(at[group], diameter[group], turn[group], albedo[parent[group]], int(level[group[0]]), height_at, rng)
-        for group in groups
-        if len(group)
+        _laid(pieces.xy[g], pieces.diameter[g], turn[g], albedo[pieces.parent[g]], level, height_at, rng)
+        for level, g in groups
+        if len(g)
     ]
 
 
@@ -74,24 +75,30 @@ def _laid(
 ) -> Plates:  # fmt: skip
     """Return chips at points (N, 2), of diameters, directions [rad] and brightness (N,), of one level of detail."""
     count = len(at)
-    around = (np.arange(CORNERS) + rng.uniform(-0.4, 0.4, (count, CORNERS))) * 2 * np.pi / CORNERS
-    narrow = np.sqrt(rng.uniform(*NARROW, (count, 1)))
-    radius = diameter[:, None] / 2 * rng.uniform(0.7, 1.3, (count, CORNERS))
+    shape = _outlines(at, diameter, turn, POINTS[level], rng)
+    tilt = np.tan(np.deg2rad(np.minimum(np.abs(rng.normal(0, TILT_SPREAD, count)), MAX_TILT)))
+    towards = rng.uniform(0, 2 * np.pi, count)
+    lean = tilt[:, None] * np.stack([np.cos(towards), np.sin(towards)], axis=1)
+    edge = np.clip(rng.uniform(*HEIGHT_RATIOS, count) * diameter, *EDGE_HEIGHTS)
+    lie = rest(shape, at, diameter, lean, edge, height_at)
+    chips = Plates(
+        outline=shape, plane=lie.plane, thickness=edge + ROOT, exposed=edge, middle=lie.middle, level=level,
+        undercut=rng.uniform(*UNDERCUT, count), bevel=BEVEL_SHARE * edge + MIN_BEVEL, diameter=disc_diameter(lie.area),
+        albedo=albedo * np.clip(rng.normal(1, ALBEDO_SPREAD, count), *ALBEDO_RATIOS),
+    )  # fmt: skip
+    return chips.chosen(lie.area > 0)
+
+
+def _outlines(
+    at: np.ndarray, diameter: np.ndarray, turn: np.ndarray, points: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Return outlines (N, points, 2) of chips; see _laid."""
+    count = len(at)
+    around = np.arange(CORNERS) + rng.uniform(-CORNER_SHIFT, CORNER_SHIFT, (count, CORNERS))
+    around *= 2 * np.pi / CORNERS
+    narrow = np.sqrt(rng.uniform(*WIDTH_RATIOS, (count, 1)))
+    radius = diameter[:, None] / 2 * rng.uniform(*CORNER_RADII, (count, CORNERS))
     u, v = radius * np.cos(around) / narrow, radius * np.sin(around) * narrow
     c, s = np.cos(turn)[:, None], np.sin(turn)[:, None]
     corners = at[:, None] + np.stack([c * u - s * v, s * u + c * v], axis=-1)
-    shape = worn_outlines(corners, np.full(count, CORNERS), POINTS[level], 0.2, rng)
-    ground, slope = ground_plane(at, diameter, height_at)
-    tilt = np.tan(np.deg2rad(np.minimum(np.abs(rng.normal(0, TILT, count)), STEEPEST)))
-    towards = rng.uniform(0, 2 * np.pi, count)
-    steep = slope + tilt[:, None] * np.stack([np.cos(towards), np.sin(towards)], axis=1)
-    edge = np.clip(rng.uniform(*THICK, count) * diameter, *EDGE)
-    rise = ground[:, None] + np.einsum("npi,ni->np", shape - at[:, None], steep)
-    above = edge - (rise - height_at(shape[..., 0], shape[..., 1])).max(axis=1)  # of the middle over the ground
-    area, middle = area_and_centroid(shape, np.full(count, shape.shape[1]))
-    return Plates(
-        outline=shape, plane=np.column_stack([ground + above - np.einsum("ni,ni->n", steep, at), steep]),
-        thickness=edge + ROOT, exposed=edge, undercut=rng.uniform(0, 0.1, count), bevel=0.1 * edge + 0.001,
-        diameter=np.sqrt(4 / np.pi * np.maximum(area, 0)), middle=middle,
-        albedo=albedo * np.clip(rng.normal(1, 0.08, count), 0.8, 1.2), level=level,
-    )  # fmt: skip
+    return worn_outlines(corners, np.full(count, CORNERS), points, ROUNDNESS, rng)

@@ -1,4 +1,4 @@
-"""The settings of slabs, ledges and fragments, and the values that a scene draws from them."""
+"""The settings of slabs, ledges, chips and fragments, and the values that a scene draws from them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ OUTCROP_LIMITS = {
 
 @dataclass(frozen=True)
 class OutcropConfig:
-    """Ranges from which each scene draws its bedrock and fragments, LOW HIGH; give a value twice to fix it."""
+    """Ranges from which each scene draws its bedrock and broken pieces, LOW HIGH; give a value twice to fix it."""
 
     slabs: Range = (0.0, 0.0)
     """Share of the ground in which plates of bedrock lie like broken pavement, LOW HIGH, 0 to 0.7. Sand lies between
@@ -35,8 +35,8 @@ class OutcropConfig:
     ledge_length: Range = (3.0, 9.0)
     """Length of the ledges [m], LOW HIGH, 1 to 20. Each ledge draws its own."""
     fragments: Range = (0.1, 0.5)
-    """How densely broken pieces of 2 to 12 cm lie around large rocks and ledges, LOW HIGH: 0 has none, 1 the most."""
-
+    """How densely broken pieces lie around, LOW HIGH: fragments of 2 to 12 cm around large rocks and ledges, and thin
+    chips of 3 to 25 cm around slabs and ledges. 0 has none, 1 the most."""
     brightness: Range = (1.4, 2.1)
     """Brightness of slabs and ledges on the scale of rocks.albedo, LOW HIGH, 0.5 to 2.5. The bedrock that
     look.bedrock shows has 1.3."""
@@ -55,7 +55,7 @@ class Traits:
         slab_tilt_deg: Typical tilt of slabs [deg].
         slab_height: Typical height of a slab's highest edge [m].
         ledges: Ledges on 1000 m2.
-        fragments: Density of fragments, 0 to 1.
+        fragments: Density of fragments and chips, 0 to 1.
         brightness: Brightness of slabs and ledges on the scale of rocks.albedo.
     """
 

@@ -7,28 +7,19 @@ from collections.abc import Sequence
 import numpy as np
 
 from marssim.scene.outcrop.config import Traits
-from marssim.scene.outcrop.laying import Ground
 from marssim.scene.outcrop.plates import Plates
+from marssim.scene.outcrop.resting import Ground, camera_distance
+from marssim.scene.outcrop.shedding import Shedding, shed
 from marssim.scene.rocks.mesh import LiftAt, Rocks, ground_plane, least_lift, mesh_population, no_bodies
-from marssim.scene.rocks.population import (
-    CAMERA_EXTENT,
-    LEAST_DISTANCE,
-    RockPopulation,
-    detail_level,
-    draw_burial,
-    mean_burial,
-)
+from marssim.scene.rocks.population import RockPopulation, detail_level, draw_burial, mean_burial
 from marssim.scene.rocks.shape_library import VARIANTS
 from marssim.scene.rocks.shapes import FAMILIES
 
-SIZES = (0.02, 0.12)  # [m] diameters; the number of pieces larger than D falls as D^-STEEPNESS
-STEEPNESS = 1.8
-LARGEST_SHARE = 0.35  # largest diameter over that of the body that the piece broke off
+SIZES = (0.02, 0.12)  # [m] diameters
+LAW = Shedding(sizes=SIZES, steepness=1.8, largest_share=0.35, most=60, reach=0.35)
 LEAST_PARENT = 0.25  # [m] diameter of the smallest rocks and blocks that have fragments
 BROKEN = 0.6  # share of these that have some
-PIECES = 6.0  # mean number of pieces of a broken body of 0.5 m at a density of 1; it grows with the diameter
-MOST = 60  # pieces of a body
-REACH = 0.35  # mean distance of a piece from the foot, over the body's diameter
+MEAN_NUMBER = 6.0  # pieces of a body of 0.5 m at a density of 1, over all bodies, broken or not
 LEAST_ANGLE = 0.005  # [rad] angle under which a camera sees the smallest pieces that are drawn: 3 px of 512
 FLAT = (0.2, 0.6)  # height above ground over diameter, at a mean burial
 BURIED = (0.3, 0.75)  # share of a piece's height below the ground
@@ -56,28 +47,23 @@ def draw_fragments(
     tall = np.concatenate([rocks.height, *(part.exposed for part in plates)])
     albedo = np.concatenate([rocks.albedo, *(part.albedo for part in plates)])
     parents = np.flatnonzero((size > LEAST_PARENT) & (tall > 0.3 * LEAST_PARENT) & (np.abs(middle) < half).all(axis=1))
-    mean = traits.fragments * PIECES / BROKEN * size[parents] / 0.5 * (rng.random(len(parents)) < BROKEN)
-    parent = np.repeat(parents, np.minimum(rng.poisson(mean), MOST))
-    count = len(parent)
+    density = traits.fragments * MEAN_NUMBER / BROKEN * (rng.random(len(parents)) < BROKEN)
+    pieces = shed(LAW, density, middle[parents], size[parents], rng)
+    count, diameter = len(pieces), pieces.diameter
     if count == 0:
         return no_bodies()
-    level = rng.uniform(SIZES[1] ** -STEEPNESS, SIZES[0] ** -STEEPNESS, count)
-    diameter = level ** (-1 / STEEPNESS)
-    angle = rng.uniform(0, 2 * np.pi, count)
-    away = 0.5 * size[parent] * rng.uniform(0.9, 1.2, count) + REACH * size[parent] * rng.exponential(1, count)
-    xy = middle[parent] + away[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    distance = np.maximum(np.abs(xy).max(axis=1) - CAMERA_EXTENT * half, 0) + LEAST_DISTANCE
+    distance = camera_distance(pieces.xy, half)
     family = rng.choice(len(FAMILIES), count, p=SHARES)
     detail = np.minimum(detail_level(diameter, distance), 0)
     buried = draw_burial(BURIED, count, rng)
     height = diameter * rng.uniform(*FLAT, count) * (1 - buried) / (1 - mean_burial(BURIED))
     drawn = RockPopulation(
-        xy=xy, diameter=diameter, height=height, buried=buried,
+        xy=pieces.xy, diameter=diameter, height=height, buried=buried,
         level=detail, family=family, variant=rng.integers(0, VARIANTS, count), yaw=rng.uniform(0, 2 * np.pi, count),
         stretch=np.sqrt(rng.uniform(0.5, 1.0, count)),
-        albedo=albedo[parent] * np.clip(rng.normal(1, 0.12, count), 0.7, 1.4),
+        albedo=albedo[parents[pieces.parent]] * np.clip(rng.normal(1, 0.12, count), 0.7, 1.4),
     )  # fmt: skip
-    kept = (diameter < LARGEST_SHARE * size[parent]) & (diameter > LEAST_ANGLE * distance)
+    kept = diameter > LEAST_ANGLE * distance
     drawn = drawn.chosen(np.flatnonzero(kept)[np.argsort(-detail[kept], kind="stable")][:most])
     ground, slope = ground_plane(drawn.xy, drawn.diameter, height_at)
     if lift is not None:

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import numpy as np
 
 from marssim.scene.outcrop.config import Traits
 from marssim.scene.outcrop.plates import POINTS, Plates
-from marssim.scene.outcrop.polygons import area_and_centroid, clip, outline, perimeter
+from marssim.scene.outcrop.polygons import area_and_centroid, disc_diameter, outline, perimeter
+from marssim.scene.outcrop.resting import Ground, camera_distance, rest
 from marssim.scene.outcrop.waves import Waves
-from marssim.scene.rocks.mesh import ground_plane
-from marssim.scene.rocks.population import CAMERA_EXTENT, LEAST_DISTANCE
-
-Ground = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 LEAST_ANGLE = 0.03  # [rad] angle under which a camera sees the smallest slabs that are drawn
 LEAST_SLAB = 0.13  # [m] diameter of the smallest slabs
@@ -31,7 +27,8 @@ LIFTED = 1.6  # largest rise of a plate across its radius, over the height of it
 HOLLOW = 0.2  # share of the steep plates that are thin and show a gap below their high edge
 BURIED = 0.04  # [m] depth that the sides of the others reach below the ground
 SHOWN = 0.2  # least share of a plate above the ground
-RAGGED, RAGGED_WIDTHS = 0.06, (1, 3, 7)  # depth of notches in the outline over the radius, and their widths [points]
+NOTCH_WIDTHS = (1, 3, 7)  # [points] widths of the notches in the outline
+NOTCH_DEPTH = 0.0173  # standard deviation of the depth of those 1 point wide over the radius; it grows as the width^0.5
 COMPACT = 0.45  # least 4 pi area / perimeter^2 of a plate, 0.785 for a square; splinters are left out
 
 
@@ -91,7 +88,7 @@ def _drawn(
 ) -> _Pieces:
     """Draw how the pieces of a sheet lie. The arguments are those of lay_slabs."""
     area, middle = area_and_centroid(corners, count)
-    diameter, away = np.sqrt(4 / np.pi * np.maximum(area, 0)), camera_distance(middle, half)
+    diameter, away = disc_diameter(area), camera_distance(middle, half)
     buried = 0.4 * rng.normal(size=len(count)) + 0.45 * Waves.draw(*DRIFTS, rng).at(middle)
     height = traits.slab_height * np.exp(buried)
     compact = 4 * np.pi * area / np.maximum(perimeter(corners, count), 1e-9) ** 2
@@ -111,35 +108,16 @@ def _laid(pieces: _Pieces, brightness: float, height_at: Ground, rng: np.random.
     """Return the slabs of pieces of one level of detail, without those that the ground hides."""
     level = int(pieces.level[0])
     shape = worn_outlines(pieces.corners, pieces.count, POINTS[level], ROUNDNESS, rng)
-    ground, slope = ground_plane(pieces.middle, np.sqrt(4 / np.pi * pieces.area), height_at)
-    steep = slope + pieces.lean
-    rise = ground[:, None] + np.einsum("npi,ni->np", shape - pieces.middle[:, None], steep)
-    rise = (rise - height_at(shape[..., 0], shape[..., 1])).max(axis=1)  # of the highest edge over the middle
-    above = pieces.height - rise  # of the slab's middle
-    hollow = (pieces.chance < HOLLOW) & (rise > 0.5 * pieces.height)
+    lie = rest(shape, pieces.middle, disc_diameter(pieces.area), pieces.lean, pieces.height, height_at)
+    hollow = (pieces.chance < HOLLOW) & (lie.rise > 0.5 * pieces.height)
     thickness = np.where(hollow, 0.03 + 0.5 * pieces.height, pieces.height + BURIED)
-    part, middle = _shown(shape, above, pieces)
     count = len(shape)
     slabs = Plates(
-        outline=shape, thickness=thickness, exposed=pieces.height, middle=middle, level=level,
-        plane=np.column_stack([ground + above - np.einsum("ni,ni->n", steep, pieces.middle), steep]),
-        undercut=rng.uniform(0.02, 0.12, count), bevel=0.1 * thickness + 0.004,
-        diameter=np.sqrt(4 / np.pi * np.maximum(part, 0)),
+        outline=shape, plane=lie.plane, thickness=thickness, exposed=pieces.height, middle=lie.middle, level=level,
+        undercut=rng.uniform(0.02, 0.12, count), bevel=0.1 * thickness + 0.004, diameter=disc_diameter(lie.area),
         albedo=brightness * np.clip(rng.normal(1, 0.07, count), 0.8, 1.2),
     )  # fmt: skip
-    return slabs.chosen(part > SHOWN * pieces.area)
-
-
-def _shown(shape: np.ndarray, above: np.ndarray, pieces: _Pieces) -> tuple[np.ndarray, np.ndarray]:
-    """Return the area (N,) and the centroid (N, 2) of what shows of slabs above the plane of the ground.
-
-    Args:
-        shape: (N, P, 2) outlines [m].
-        above: (N,) heights of the slabs' middles above the plane [m].
-        pieces: The pieces.
-    """
-    offset = above - np.einsum("ni,ni->n", pieces.lean, pieces.middle)
-    return area_and_centroid(*clip(shape, np.full(len(shape), shape.shape[1]), -pieces.lean, offset))
+    return slabs.chosen(lie.area > SHOWN * pieces.area)
 
 
 def worn_outlines(
@@ -164,19 +142,19 @@ def worn_outlines(
     bite = np.where(rng.random(number) < BITTEN, rng.uniform(*BITE, number), 0.0)
     apart = np.abs((place - rng.uniform(0, 2 * np.pi, (number, 1)) + np.pi) % (2 * np.pi) - np.pi)
     lost = bite[:, None] * np.exp(-((apart / rng.uniform(0.25, 0.5, (number, 1))) ** 2))
-    for width in RAGGED_WIDTHS:  # of points
+    for width in NOTCH_WIDTHS:
         if width <= points / 4:
-            lost += RAGGED * width**0.5 * _loop_mean(rng.uniform(0, 1, (number, points)), width)
+            lost += NOTCH_DEPTH * width**0.5 * _notches(rng.uniform(0, 12**0.5, (number, points)), width)
     return np.asarray(middle + (shape - middle) * (1 - lost)[..., None])
 
 
-def _loop_mean(values: np.ndarray, width: int) -> np.ndarray:
-    """Return the means of `width` neighbours around each value of closed rows (N, P), scaled to their variance."""
-    total = np.sum([np.roll(values - 0.5, k, axis=1) for k in range(width)], axis=0)
-    return np.asarray(0.5 + total / np.sqrt(width))
+def _notches(noise: np.ndarray, width: int) -> np.ndarray:
+    """Return noise of closed rows (N, P), independent and of variance 1, as noise that is alike over `width` points.
 
-
-def camera_distance(xy: np.ndarray, half: float) -> np.ndarray:
-    """Return the least distances [m] of a camera from points (N, 2)."""
-    away: np.ndarray = np.abs(xy).max(axis=1, initial=0) - CAMERA_EXTENT * half
-    return np.maximum(away, 0) + LEAST_DISTANCE
+    Each value is the sum of the `width` values around it, an odd number, scaled so that the variance stays 1, and
+    shifted so that the mean stays.
+    """
+    mean = 3**0.5  # of uniform noise from 0 with a variance of 1
+    around = range(-(width // 2), width // 2 + 1)
+    total = np.sum([np.roll(noise - mean, k, axis=1) for k in around], axis=0)
+    return np.asarray(mean + total / np.sqrt(width))

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from marssim.scene.outcrop.config import OutcropConfig, Traits
-from marssim.scene.outcrop.laying import Ground, worn_outlines
+from marssim.scene.outcrop.laying import worn_outlines
 from marssim.scene.outcrop.plates import POINTS, Plates
-from marssim.scene.outcrop.polygons import area_and_centroid
+from marssim.scene.outcrop.polygons import area_and_centroid, disc_diameter
+from marssim.scene.outcrop.resting import Ground
 
 REACH = 1.4  # half sides of the fine square, beyond which no ledge begins
 STEP = 0.25  # [m] between the points of a ledge's line
@@ -220,7 +221,7 @@ def _shown(
     area = area_and_centroid(shape, np.full(count, points))[0]
     blocks = Plates(
         outline=shape, plane=plane, thickness=thickness, undercut=rng.uniform(0, 0.1, count),
-        bevel=0.08 * thickness + 0.004, exposed=above, diameter=np.sqrt(4 / np.pi * np.maximum(area, 0)),
+        bevel=0.08 * thickness + 0.004, exposed=above, diameter=disc_diameter(area),
         middle=middle, albedo=albedo * np.clip(rng.normal(1, 0.08, count), 0.8, 1.2), level=level,
     )  # fmt: skip
     return blocks.chosen((above > 0.01) & (area > 0.01))

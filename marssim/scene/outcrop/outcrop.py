@@ -1,4 +1,4 @@
-"""The bodies of a scene that are no rocks of Golombek's law: slabs, blocks of ledges, and fragments."""
+"""The bodies of a scene that are no rocks of Golombek's law: slabs, beds and chips, blocks of ledges, and fragments."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from marssim.scene.outcrop.config import Traits
 from marssim.scene.outcrop.plates import Plates, plate_bodies
 from marssim.scene.rocks.mesh import Rocks, joined_bodies, no_bodies
 
-KINDS = ("slabs", "ledges", "fragments")  # in the order of their bodies
+KINDS = ("slabs", "ledges", "fragments")  # in the order of their bodies; beds and chips count as slabs
 
 
 @dataclass(frozen=True)
 class Outcrop:
-    """Slabs, blocks of ledges, and fragments, which do not count as rocks in the size law.
+    """Slabs with their beds and chips, blocks of ledges, and fragments, which do not count as rocks in the size law.
 
     Attributes:
         bodies: All of them, ordered by KINDS.
@@ -43,7 +43,7 @@ def build_outcrop(
     """Return the outcrop of a scene.
 
     Args:
-        slabs: The slabs.
+        slabs: The slabs, the beds on them, and the chips.
         ledges: The blocks of ledges.
         fragments: The fragments.
         traits: What the scene drew.

@@ -14,7 +14,7 @@ from scipy.spatial import Voronoi
 from scipy.special import ndtri
 
 from marssim.scene.outcrop.config import Traits
-from marssim.scene.outcrop.laying import LEAST_ANGLE, Ground, camera_distance, lay_slabs
+from marssim.scene.outcrop.laying import LEAST_ANGLE, lay_slabs
 from marssim.scene.outcrop.plates import Plates
 from marssim.scene.outcrop.polygons import (
     Polygons,
@@ -24,6 +24,7 @@ from marssim.scene.outcrop.polygons import (
     inset,
     stacked,
 )
+from marssim.scene.outcrop.resting import Ground, camera_distance
 from marssim.scene.outcrop.waves import Waves
 
 REACH, FARTHEST = 2.5, 24.0  # slabs reach this many half sides of the fine square, or so far beyond it [m]

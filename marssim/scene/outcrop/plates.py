@@ -25,7 +25,8 @@ class Plates:
         thickness: (N,) vertical distance from the top to the bottom [m].
         undercut: (N,) how far the bottom lies inside the outline, over the plate's radius.
         bevel: (N,) width of the worn edge of the top [m].
-        exposed: (N,) height of the highest edge above the ground [m].
+        exposed: (N,) height of the highest edge above the ground [m]; of a bed, that of what it
+            lies on and its own thickness.
         diameter: (N,) diameter of the disc with the area of the part that shows above the ground [m].
         middle: (N, 2) centroid of that part [m].
         albedo: (N,) brightness relative to the ground.

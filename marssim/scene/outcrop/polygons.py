@@ -78,6 +78,11 @@ def area_and_centroid(corners: np.ndarray, count: np.ndarray) -> tuple[np.ndarra
     return area, origin[:, 0] + moment / np.maximum(area, 1e-12)[:, None]
 
 
+def disc_diameter(area: np.ndarray) -> np.ndarray:
+    """Return the diameters (N,) of discs of areas (N,); areas below 0 count as 0."""
+    return np.asarray(np.sqrt(4 / np.pi * np.maximum(area, 0)))
+
+
 def perimeter(corners: np.ndarray, count: np.ndarray) -> np.ndarray:
     """Return the lengths (N,) of the outlines of polygons."""
     side = following(corners, count) - corners

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from marssim.scene.outcrop.laying import Ground
 from marssim.scene.outcrop.plates import Plates
+from marssim.scene.outcrop.resting import Ground
 
 CELL = 0.05  # [m] grid spacing
 SHIFT = 4  # binary digits of sub-pixel positions in OpenCV's drawing

@@ -18,7 +18,7 @@ MAX_BODIES = 65_533
 MAX_ROCKS = 50_000  # most of these that are rocks; the others are bedrock and fragments
 SAFETY_SPREADS = 6.0  # standard deviations by which the expected number of rocks stays below MAX_ROCKS
 LEAST_DISTANCE = 1.6  # [m] distance at which a camera is assumed to see the rocks around it
-# [rad] angular diameters at which a rock gets the next level of detail; the first two are 3 px and 8 px wide at 512 px
+# [rad] angular diameters at which a rock gets the next level of detail; the first two are 3 px and 7 px wide at 512 px
 LEVEL_ANGLES = (0.005, 0.011, 0.026, 0.09, 0.22, 0.6)
 COBBLE_ANGLE = 0.005  # [rad] angle under which a camera sees the smallest cobbles far away: 3 px at 512 px
 LARGE = 0.15  # [m] diameter of the smallest rocks that these cobbles keep off

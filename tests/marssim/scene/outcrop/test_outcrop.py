@@ -3,6 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import marssim.scene.scene as scenes
+from marssim.engines.embree import TriangleRays
 from marssim.scene.outcrop.config import OutcropConfig, draw_traits
 from marssim.scene.outcrop.fragments import SIZES
 from marssim.scene.outcrop.outcrop import KINDS, Outcrop
@@ -70,6 +72,31 @@ def test_bedrock_stays_out_of_clear_discs():
     bedrock = sum(bodies.count[:2])
     gap = np.hypot(*(bodies.bodies.centre[:bedrock, :2] - disc[:2]).T) - bodies.bodies.diameter[:bedrock] / 2
     assert gap.min() >= 2.5 - 1e-9
+
+
+def test_chips_do_not_push_bedrock_out(monkeypatch):
+    full = scene(FULL).outcrop
+    few = scene(replace(FULL, fragments=(0.0, 0.0))).outcrop
+    assert full.count[0] > few.count[0] + 50  # by chips
+    monkeypatch.setattr(scenes, "MAX_PLATES", sum(few.count) + 20)
+    capped = scene(FULL).outcrop
+    assert few.count[0] < capped.count[0] <= few.count[0] + 20 and capped.count[1] == few.count[1]
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_no_bed_floats_beside_clear_discs(seed):
+    full = scene(FULL, seed, ((1.0, -2.0, 2.5), (-3.0, 3.0, 1.0), (4.0, 3.0, 0.5)))
+    bodies, slabs = full.outcrop.bodies, full.outcrop.count[0]
+    start = np.array([bodies.faces[bodies.face_rock == n].min() for n in range(len(bodies))])
+    beds, down = 0, np.array([[0, 0, -1]], dtype=np.float32)
+    rays = TriangleRays(bodies.vertices, bodies.faces)
+    for corners in np.split(bodies.vertices, start[1:])[:slabs]:
+        if (corners[:, 2] < full.terrain.height_at(*corners[:, :2].T)).any():
+            continue  # its sides reach into the ground
+        beds += 1
+        below = np.array([[*corners[:, :2].mean(axis=0), corners[:, 2].min() - 0.001]], dtype=np.float32)
+        assert rays.meet(below, down)[0][0] >= 0  # a slab or a bed
+    assert beds > 20
 
 
 def test_presets_have_bedrock_after_their_places():
