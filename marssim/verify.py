@@ -68,8 +68,9 @@ class VerifyConfig:
     farthest: float = 30.0
     """Farthest depth [m] in the point cloud and the mesh of --sample."""
     cross_check: bool = False
-    """Render random views of a scene, and tilted planes, with each renderer, and compare them with Embree's rays: the
-    shares are those of the view that agrees least, the shifts are over all views."""
+    """Render random views of --scene, and tilted planes, with each renderer, and compare them with Embree's rays (a
+    dataset that is given too is checked before): the shares are those of the view that agrees least, the shifts are
+    over all views."""
     views: int = 10
     """Number of views of --cross-check."""
     scene: Annotated[str, tyro.conf.arg(metavar=PLACE_VALUES)] = PRESETS[0]
@@ -85,6 +86,9 @@ class VerifyConfig:
             raise ValueError(f"--sample {self.sample}: give the folder of the dataset too")
         if self.data is None and not self.cross_check:
             raise ValueError("give the folder of a dataset, or --cross-check; --help explains both")
+        for name in ("views", "scene", "seed"):
+            if not self.cross_check and getattr(self, name) != getattr(VerifyConfig, name):
+                raise ValueError(f"--{name} describes the views of --cross-check; give it too, or leave --{name} out")
         if self.cross_check:
             load_place(self.scene)  # raises for a place that cannot be read
         if self.data is not None and self.out is not None:

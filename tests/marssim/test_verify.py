@@ -232,6 +232,8 @@ def test_a_folder_that_is_no_dataset_is_refused(folder, tmp_path, capfd):
         (("SET", "--farthest", 0), "--farthest"),
         (("SET", "--farthest", "nan"), "--farthest"),
         (("--cross-check", "--views", 0), "--views"),
+        (("somewhere", "--views", 3), "--views describes the views of --cross-check"),
+        (("somewhere", "--scene", "gale"), "--scene describes"),
         (("--cross-check", "--scene", "olympus"), "--scene"),
     ],
 )

@@ -30,6 +30,7 @@ NEAR = 2e-4  # height over the ground, over the ray's length, from which the las
 EXACT = 1e-4  # the same of the exact relief, from which a step of Newton's gives the crossing
 MET = 1e-3  # the same after the last of these steps, from which on the ray did not meet the ground there
 LEAP = 0.02  # longest of these steps, over the ray's length
+LONGEST = 1.0  # [m] longest step over ground, a cell of the far grid: behind it a hill may rise
 DOUBTS = 6  # times that a ray goes on where it did not
 BESIDE = 4.0  # [px] how far before that place a ray of an image begins, for what lies between two columns
 LEANING = 2.0  # columns per row by which a vertical plane may lean in an image whose rays begin there
@@ -81,6 +82,7 @@ def first_crossing(data, relief, stones, steepest, eye, focal, origin, ray, begi
     begun, piece = t, max(PIECE, np.float32(2) * footprint)
     high_begun = gap
     far = -float(relief.base.coarse_start)
+    leap = LONGEST / max(across, 1e-9)
     none, zero, longest, doubts = -1, np.float32(0), np.inf, 0
     for _ in range(STEPS):
         if t > end or abs(x) > far or abs(y) > far:
@@ -93,7 +95,7 @@ def first_crossing(data, relief, stones, steepest, eye, focal, origin, ray, begi
         closing = east * rx + north * ry - rz
         step = min(gap / closing, wave) if closing > 0 else wave
         step = max(step, gap / max(level_e * rx + level_n * ry + across * steep - rz, 0.02))
-        t2 = t if x0 == np.inf else t + min(step, longest)
+        t2 = t if x0 == np.inf else t + min(step, longest, leap)
         x2, y2, z2 = origin[0] + t2 * rx, origin[1] + t2 * ry, origin[2] + t2 * rz
         if abs(x2 - x0) + abs(y2 - y0) > AROUND:
             x0, y0 = x2, y2

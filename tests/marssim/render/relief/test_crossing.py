@@ -42,6 +42,7 @@ from marssim.render.renderers.by_name import make_renderer
 from marssim.render.renderers.scan_renderer import ScanRenderer
 from marssim.scene.outcrop.config import OutcropConfig
 from marssim.scene.presets import preset
+from marssim.scene.relief import ReliefConfig
 from marssim.scene.rocks.population import RockConfig
 from marssim.scene.scene import SceneConfig, build_scene
 
@@ -329,6 +330,33 @@ def test_true_normals_of_bare_ground_are_the_gradient_of_the_terrain(name):
     off = np.rad2deg(np.arccos(np.clip(np.einsum("ij,ij->i", seen, up), -1, 1)))
     assert np.sqrt(np.mean(off**2)) < 0.3
     assert np.rad2deg(np.arccos(up[:, 2])).std() > 1  # the ground is not a plane
+
+
+def test_no_sky_shows_between_far_hills():
+    """A ray that passes the crest of one hill meets the next one, however low it rises behind the first."""
+    bare = OutcropConfig(slabs=(0, 0), ledges=(0, 0), fragments=(0, 0))
+    relief = ReliefConfig(hurst=0.73, rms_slope_deg=5.1)
+    scene = build_scene(SceneConfig(size=8.0, rocks=RockConfig(k=0.0), relief=relief, outcrop=bare), 1)
+    renderer = ScanRenderer(scene)
+    camera = PinholeCamera(512, 160, 1200.0, 1200.0, 255.5, 79.5)
+    for yaw in (0.0, 1.6, 2.4):
+        height = float(scene.terrain.height_at(0.0, 0.0)) + 1.2
+        pose = look_pose(np.array([0.0, 0.0, height]), yaw, np.deg2rad(1.5), 0.0)
+        hit = renderer.render(camera, pose, Footprint.of(camera, pose)).hit
+        assert 0.1 < hit.mean() < 0.9
+        assert not (~hit[1:-1] & hit[:-2] & hit[2:]).any()
+
+
+def test_rays_of_an_image_meet_what_single_rays_meet():
+    """They begin later; what lies between two columns may then be missed in a few of 1000 pixels."""
+    scene = covered_scene(**PLACES[next(iter(PLACES))])
+    renderer = ScanRenderer(scene)
+    camera = PinholeCamera(256, 192, 400.0, 400.0, 127.5, 95.5)
+    pose = look_pose(np.array([0.4, -0.7, float(scene.terrain.height_at(0.4, -0.7)) + 1.2]), 2.0, np.deg2rad(25), 0.1)
+    footprint = Footprint.of(camera, pose)
+    drawn = renderer.render(camera, pose, footprint).depth.ravel()
+    single = renderer.trace(camera.rays().reshape(-1, 3), pose, footprint).depth
+    assert (np.abs(drawn / single - 1) < 1e-3).mean() > 0.999
 
 
 def test_a_ray_that_begins_before_at_or_behind_the_ground_meets_it():
