@@ -22,5 +22,6 @@ def test_a_rock_reaches_as_far_as_its_part_above_ground_and_beyond_its_disc():
         corners = rocks.vertices[np.unique(mesh.faces)]
         part = np.concatenate([outline, corners[corners[:, 2] > 0]])
         assert distance == pytest.approx(np.hypot(*(part[:, :2] - rocks.centre[rock, :2]).T).max(), abs=1e-6)
-    assert 1.2 < np.median(reach / rocks.diameter[which] * 2) < 1.75  # tetrahedra and octahedra have long corners
+    # tetrahedra and octahedra have long corners, and rocks are up to 2.2 times as long as they are wide
+    assert 1.2 < np.median(reach / rocks.diameter[which] * 2) < 1.75
     assert not reach_above_ground(rocks, which, lambda x, y: np.full_like(x, 9.0)).any()

@@ -26,6 +26,7 @@ def test_a_rock_is_the_same_at_every_level_but_for_what_its_triangles_cannot_sho
     for variant in range(6):
         shapes = [draw_shape(family, level, np.random.default_rng((3, variant)))[0] for level in (2, 3, 4)]
         ends = [np.concatenate([shape.min(axis=0), shape.max(axis=0)]) for shape in shapes]
+        # few triangles cut off beds that weather back by up to 0.1 of the radius, and scars of up to 0.6 of their width
         assert np.abs(ends[0] - ends[2]).max() < 0.3 and np.abs(ends[1] - ends[2]).max() < 0.17
 
 
