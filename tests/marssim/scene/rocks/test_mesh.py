@@ -80,7 +80,7 @@ def test_near_and_large_rocks_have_more_triangles():
     # what a camera cannot see is not drawn; what it can see, is
     assert (rocks.diameter[away > 17] >= COBBLE_ANGLE * (16 - 6.4)).all() and rocks.diameter[away > 41].size == 0
     assert 0.04 < rocks.diameter[(away > 16) & (away < 20)].min() < 0.06
-    # small rocks are fine from angles of 0.005 to 0.026 rad on, LEVEL_ANGLES: they have most of the triangles
+    # small rocks get their levels of detail from angles of 0.005 to 0.026 rad on, LEVEL_ANGLES, which costs triangles
     assert rocks.diameter[near].min() < 0.04 and len(rocks.faces) < 850_000
 
 
