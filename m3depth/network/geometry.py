@@ -123,6 +123,11 @@ def face_camera(normal: Tensor, rays: Tensor) -> Tensor:
     return unit(normal - (away + GRAZING).clamp(min=0) * view)
 
 
+def facing_normals(normal: Tensor, rays: Tensor) -> Tensor:
+    """Return normals (B, 3, H, W) with unit length and facing the camera, along rays (B, 3, H, W)."""
+    return face_camera(unit(normal), rays)
+
+
 def normals_from_disparity(disparity: Tensor, camera: Tensor) -> Tensor:
     """Return the unit normals of the surface that a disparity map describes.
 

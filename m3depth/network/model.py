@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import asdict
 from pathlib import Path
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -15,109 +14,21 @@ from torch import Tensor, nn
 
 from m3depth.network.backbone import Backbone, Features
 from m3depth.network.checkpointing import Caller, direct, recomputed
-from m3depth.network.config import FARTHEST_STEP, PRESETS, M3DepthConfig
+from m3depth.network.config import PRESETS, M3DepthConfig
 from m3depth.network.cost_volume import Aggregation, group_correlation_volume, matchable, soft_argmin
 from m3depth.network.device import autocast, fast_dtype
 from m3depth.network.fine_correction import FineCorrection
-from m3depth.network.geometry import (
-    MIN_DISPARITY,
-    disparity_to_depth,
-    face_camera,
-    pixel_rays,
-    resize,
-    scale_camera,
-    unit,
-)
+from m3depth.network.geometry import facing_normals, pixel_rays, resize, scale_camera, unit
+from m3depth.network.inference import camera_row, prediction_of, working_sizes
 from m3depth.network.normal_branch import SNNet
+from m3depth.network.output import VOLUME_STEP, Start, StereoOutput, fitted, unpadded
 from m3depth.network.refinement import Refinement
 from m3depth.network.row_bands import by_rows
 from m3depth.network.weights_file import load_weights, save_weights
 from m3depth.stereo.pairs import NEAREST, checked_pair, in_colour
 from m3depth.stereo.prediction import Prediction
-from m3depth.stereo.sky import possible_sky
 from m3depth.weights import SHIPPED_WEIGHTS
 from marssim.base.camera import StereoRig
-
-VOLUME_STEP = 8  # [px] disparity between two hypotheses: a cell of the volume, which is at 1/8
-LEAST_GAIN = 1.2  # factor from which the refinement goes on at a larger size
-SAME = 1.01  # factor up to which two sizes are one
-
-
-class Start(NamedTuple):
-    """What a reduced pair says about a larger one, whose refinement starts there. The cost volume is left out then.
-
-    Attributes:
-        disparity: (B, 1, H, W) [px of the larger image].
-        normal: (B, 3, H, W), unit length.
-        context: (B, C, ceil(H / 8), ceil(W / 8)), of the aggregation; None for networks without it.
-    """
-
-    disparity: Tensor
-    normal: Tensor
-    context: Tensor | None
-
-    def rows(self, top: int, count: int) -> Start:
-        """Return some rows.
-
-        Args:
-            top: First row [px], a multiple of 8.
-            count: Number of rows [px].
-        """
-        first, last = top // VOLUME_STEP, -(-(top + count) // VOLUME_STEP)
-        return Start(
-            self.disparity[:, :, top : top + count],
-            self.normal[:, :, top : top + count],
-            None if self.context is None else self.context[:, :, first:last],
-        )
-
-
-class StereoOutput(NamedTuple):
-    """What forward returns, all float32. Disparities are pixels of the full-size image, normals have unit length.
-
-    Attributes:
-        disparity: (B, 1, H, W) [px].
-        normal: (B, 3, H, W), facing the camera.
-        confidence: (B, 1, H, W), logit of "the disparity is within 1 px".
-        sky: (B, 1, H, W), logit of "sky or too far to measure".
-        initial: Disparity and normal of soft argmin and SNNet, at 1/8 or on the grid of the output head; None where
-            the refinement began at a Start.
-        steps: Disparity and normal at 1/4 after each refinement step. These normals, and the initial ones, may point
-            away from the camera.
-        context: (B, C, ceil(H / 8), ceil(W / 8)) features of the aggregation, for a larger pair; None without them.
-    """
-
-    disparity: Tensor
-    normal: Tensor
-    confidence: Tensor
-    sky: Tensor
-    initial: tuple[Tensor, Tensor] | None
-    steps: list[tuple[Tensor, Tensor]]
-    context: Tensor | None = None
-
-    def of(self, index: int) -> StereoOutput:
-        """Return the final maps and the context of one pair of the batch, as a batch of one."""
-        one = slice(index, index + 1)
-        maps = self.disparity[one], self.normal[one], self.confidence[one], self.sky[one]
-        return StereoOutput(*maps, None, [], None if self.context is None else self.context[one])
-
-    def start(self, height: int, width: int) -> Start:
-        """Return what these maps say about the same pair at a larger size, without gradient.
-
-        Args:
-            height, width: Size of the larger images [px].
-        """
-        rows, columns = self.disparity.shape[-2:]
-        size = (height, width)
-        disparity = F.interpolate(self.disparity.detach(), size, mode="bilinear") * (width / columns)
-        normal = unit(F.interpolate(self.normal.detach(), size, mode="bilinear"))
-        context = self.context
-        if context is not None:
-            # cells are 8 px of either image; the last ones of a row and a column may reach over its border
-            larger = F.interpolate(
-                context.detach().float(), scale_factor=(height / rows, width / columns), mode="bilinear"
-            )
-            context = fitted(larger, -(-height // VOLUME_STEP), -(-width // VOLUME_STEP)).to(context.dtype)
-        return Start(disparity, normal, context)
 
 
 class M3Depth(nn.Module):
@@ -292,26 +203,6 @@ class M3Depth(nn.Module):
         """The disparity at which the hypotheses end [px]; `infer` begins with reduced images where more are needed."""
         return VOLUME_STEP * self.config.hypotheses
 
-    def sizes(self, rig: StereoRig, nearest: float, max_pixels: int | None = None) -> list[tuple[int, int]]:
-        """Return the heights and widths [px] at which `infer` works on a pair, from coarse to fine.
-
-        The cost volume works at the first, where `nearest` is within its reach, and the refinement goes on at each of
-        the others, at most FARTHEST_STEP times as large as the one before.
-
-        Args:
-            rig: The cameras of the images.
-            nearest: Shortest distance [m] that the cost volume should find.
-            max_pixels: Largest number of pixels; None: those of the images.
-        """
-        height, width = rig.camera.height, rig.camera.width
-        finest = 1.0 if max_pixels is None else min(1.0, math.sqrt(max_pixels / (height * width)))
-        first = min(finest, self.reach * nearest / rig.fb)
-        gain = finest / first
-        first = finest if gain < SAME else first
-        more = math.ceil(math.log(gain, FARTHEST_STEP) - 1e-6) if gain >= LEAST_GAIN and self.refinement else 0
-        scales = [first * gain ** (k / more) for k in range(1, more)] + [finest] * (more > 0)
-        return [(max(1, round(height * scale)), max(1, round(width * scale))) for scale in (first, *scales)]
-
     @torch.inference_mode()
     def infer(
         self, left: np.ndarray, right: np.ndarray, rig: StereoRig, nearest: float | None = None,
@@ -321,7 +212,7 @@ class M3Depth(nn.Module):
 
         Where `nearest` is a larger disparity than the hypotheses reach (192 px), the cost volume finds the disparities
         in a reduced pair, and the refinement goes on at the images' own size; for images hardly larger than the reduced
-        ones (by less than the factor LEAST_GAIN), the maps of these are enlarged instead.
+        ones (by less than the factor inference.LEAST_GAIN), the maps of these are enlarged instead.
 
         Args:
             left, right: (H, W) or (H, W, 3) uint8, RGB.
@@ -345,7 +236,8 @@ class M3Depth(nn.Module):
         height, width = left.shape[:2]
         device = next(self.parameters()).device
         out: StereoOutput | None = None
-        for rows, columns in self.sizes(rig, NEAREST if nearest is None else nearest, max_pixels):
+        steps = self.config.refine_steps > 0
+        for rows, columns in working_sizes(rig, self.reach, NEAREST if nearest is None else nearest, max_pixels, steps):
             work, pair = rig, [left, right]
             if (rows, columns) != (height, width):
                 work = rig.resized(columns, rows)
@@ -355,60 +247,4 @@ class M3Depth(nn.Module):
             with autocast(device, fast_dtype(device)):
                 out = self(images[:1], images[1:], camera_row(work, device), start)
         assert out is not None
-        maps = torch.cat([out.disparity, out.normal, out.confidence.sigmoid(), out.sky], 1).float()  # (1, 6, h, w)
-        if maps.shape[-2:] != (height, width):
-            maps[:, 0] *= width / maps.shape[-1]
-            maps = F.interpolate(maps, (height, width), mode="bilinear")
-            rays = pixel_rays(camera_row(rig, device), height, width)
-            maps[:, 1:4] = by_rows(
-                facing_normals, maps[:, 1:4], rays
-            )  # interpolation may turn a normal away from the camera
-        known = maps[0].isfinite().all(0)
-        taken = known & ((maps[0, 5] > 0) | (maps[0, 0] < MIN_DISPARITY))
-        seen, found, sure = (x.cpu().numpy() for x in (taken, maps[0, 0], maps[0, 4]))
-        sky = torch.from_numpy(possible_sky(seen, found, sure, rig.camera)).to(device)
-        known &= sky | ~taken  # what looks like sky where none can be is unknown
-        disparity = torch.where(sky, torch.zeros_like(maps[0, 0]), maps[0, 0])
-        disparity = torch.where(known, disparity, torch.full_like(disparity, torch.nan))
-        depth = disparity_to_depth(disparity, rig.fb)
-        disparity = torch.where(depth.isinf(), torch.zeros_like(disparity), disparity)
-        normal = torch.where(known, maps[0, 1:4], torch.full_like(maps[0, 1:4], torch.nan)).permute(1, 2, 0)
-        confidence = torch.where(known, maps[0, 4], torch.zeros_like(disparity))
-        arrays = [x.cpu().contiguous().numpy() for x in (depth, disparity, normal, confidence)]
-        return Prediction(*arrays)
-
-
-def facing_normals(normal: Tensor, rays: Tensor) -> Tensor:
-    """Return normals (B, 3, H, W) with unit length and facing the camera, along rays (B, 3, H, W)."""
-    return face_camera(unit(normal), rays)
-
-
-def fitted(maps: Tensor, height: int, width: int) -> Tensor:
-    """Cut maps (B, C, h, w) to (B, C, height, width), or repeat their last row and column up to it."""
-    maps = maps[..., :height, :width]
-    missing = (0, width - maps.shape[-1], 0, height - maps.shape[-2])
-    return F.pad(maps, missing, mode="replicate") if any(missing) else maps
-
-
-def unpadded(maps: tuple[Tensor, Tensor], height: int, width: int, cell: int) -> tuple[Tensor, Tensor]:
-    """Cut disparity and normal on a grid of `cell` px to the cells of an image of height x width.
-
-    Args:
-        maps: Disparity (B, 1, h, w) and normal (B, 3, h, w) of the padded image.
-        height: Height of the image [px].
-        width: Width of the image [px].
-        cell: Side of a cell of the maps [px].
-    """
-    first, second = (x[..., : -(-height // cell), : -(-width // cell)] for x in maps)
-    return first, second
-
-
-def camera_row(rig: StereoRig, device: torch.device) -> Tensor:
-    """Return fx, fy, cx, cy [px] of a rig as forward takes them: (1, 4) float32.
-
-    Args:
-        rig: The cameras.
-        device: Device of the row.
-    """
-    c = rig.camera
-    return torch.tensor([[c.fx, c.fy, c.cx, c.cy]], dtype=torch.float32, device=device)
+        return prediction_of(out, rig)

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from m3depth.network.device import autocast, fast_dtype
-from m3depth.network.model import StereoOutput
+from m3depth.network.output import StereoOutput
 from m3depth.stereo.pairs import StereoPairs
 from m3depth.training.augmentation import check_crop
 from m3depth.training.batch import Batch

@@ -15,7 +15,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from m3depth.network.geometry import pixel_rays, scale_camera, sobel, unit
-from m3depth.network.model import StereoOutput
+from m3depth.network.output import StereoOutput
 from m3depth.training.loss_config import LossConfig
 
 

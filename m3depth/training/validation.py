@@ -11,7 +11,8 @@ from torch import Tensor
 from m3depth.evaluation.example import Example
 from m3depth.figures.pairs import pairs_figure
 from m3depth.network.device import autocast, fast_dtype
-from m3depth.network.model import M3Depth, StereoOutput
+from m3depth.network.model import M3Depth
+from m3depth.network.output import StereoOutput
 from m3depth.stereo.pairs import StereoPairs, pair_name, spread
 from m3depth.training.batch import Batch, whole_batch
 from m3depth.training.curves import save_curves

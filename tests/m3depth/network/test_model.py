@@ -11,9 +11,10 @@ from small_network import SMALL
 import m3depth
 from m3depth.network.config import read_config
 from m3depth.network.geometry import face_camera, pixel_rays, unit
-from m3depth.network.model import PRESETS, M3Depth, Start, StereoOutput
+from m3depth.network.model import PRESETS, M3Depth
+from m3depth.network.output import Start, StereoOutput
 from m3depth.network.weights_file import save_weights
-from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
+from marssim.base.camera import PinholeCamera, StereoRig
 
 
 @pytest.fixture(scope="module")
@@ -171,31 +172,15 @@ def test_larger_sizes_start_where_the_smaller_one_ended(model: M3Depth, monkeypa
     assert torch.allclose(start.context[0, 0, 3, 1:-1], middles[1:-1], atol=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("width", "nearest", "max_pixels", "widths"),
-    [
-        (512, 0.84, None, [512]),
-        (1024, 0.84, None, [513, 1024]),
-        (2048, 0.84, None, [513, 2048]),
-        (8192, 0.84, None, [513, 2050, 8192]),
-        (2048, 0.84, 1024 * 1024, [513, 1024]),
-        (2048, 0.84, 256 * 256, [256]),
-        (1024, 1.6, None, [978]),  # hardly larger: not worth another pass
-        (1024, 3.0, None, [1024]),
-    ],
-)
-def test_sizes_end_at_the_pixels_of_the_images(
-    width: int, nearest: float, max_pixels: int | None, widths: list[int]
-) -> None:
-    with torch.device("meta"):
-        network = M3Depth()
-    assert [size[1] for size in network.sizes(NATECAM.resized(width, width), nearest, max_pixels)] == widths
-
-
-def test_networks_without_refinement_work_at_one_size() -> None:
-    with torch.device("meta"):
-        network = M3Depth(replace(SMALL, refine_steps=0))
-    assert len(network.sizes(NATECAM.resized(2048, 2048), 0.84)) == 1
+def test_a_network_without_refinement_enlarges_the_maps_of_the_reduced_pair(monkeypatch) -> None:
+    torch.manual_seed(0)
+    network = M3Depth(replace(SMALL, refine_steps=0)).eval()
+    widths, plain = [], network.forward
+    monkeypatch.setattr(network, "forward", lambda left, *rest: widths.append(left.shape[-1]) or plain(left, *rest))
+    image = np.random.default_rng(2).integers(0, 256, (64, 128), dtype=np.uint8)
+    rig = rig_of(64, 128)
+    out = network.infer(image, image, rig, rig.fb / (2 * 8 * SMALL.hypotheses))
+    assert widths == [64] and out.depth.shape == (64, 128)
 
 
 @pytest.mark.parametrize(("height", "width"), [(48, 96), (37, 61)])

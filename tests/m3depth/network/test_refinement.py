@@ -46,9 +46,9 @@ def test_scores_that_are_not_kept_are_the_same(monkeypatch, band: int) -> None:
         kept = CorrelationLookup(left, right, radius=2, levels=2)
         monkeypatch.setattr(refinement, "KEPT_SCORES", 100)
         monkeypatch.setattr(refinement, "BAND_SCORES", band)
-        anew = CorrelationLookup(left, right, radius=2, levels=2)
-        assert kept.pyramid is not None and anew.pyramid is None
-        torch.testing.assert_close(anew(disparity), kept(disparity))
+        banded = CorrelationLookup(left, right, radius=2, levels=2)
+        assert kept.pyramid is not None and banded.pyramid is None
+        torch.testing.assert_close(banded(disparity), kept(disparity))
     assert CorrelationLookup(left, right, radius=2, levels=2).pyramid is not None  # training needs them
 
 

@@ -11,7 +11,7 @@ RIG = NATECAM.resized(8, 8)
 
 
 class Flat:
-    """Answers the depth that it is told to look for."""
+    """Returns `nearest` as the depth of every pixel."""
 
     def infer(self, left, right, rig, nearest=2.0) -> Prediction:
         depth = np.full(left.shape[:2], nearest, np.float32)

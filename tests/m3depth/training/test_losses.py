@@ -5,7 +5,8 @@ from hypothesis import strategies as st
 from small_network import SMALL
 
 from m3depth.network.geometry import pixel_rays
-from m3depth.network.model import M3Depth, StereoOutput
+from m3depth.network.model import M3Depth
+from m3depth.network.output import StereoOutput
 from m3depth.training.batch import whole_batch
 from m3depth.training.loss_config import LossConfig
 from m3depth.training.losses import (

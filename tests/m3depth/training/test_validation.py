@@ -12,7 +12,7 @@ from small_network import SMALL
 from m3depth.datasets.open import open_pairs
 from m3depth.figures.pairs import COLUMNS
 from m3depth.network import model as model_module
-from m3depth.network.model import StereoOutput
+from m3depth.network.output import StereoOutput
 from m3depth.stereo.pairs import spread
 from m3depth.training.config import TrainConfig
 from m3depth.training.log import Log

@@ -1,0 +1,109 @@
+"""What the network returns for a batch of pairs, and where a larger pair starts from it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch.nn.functional as F
+from torch import Tensor
+
+from m3depth.network.geometry import unit
+
+VOLUME_STEP = 8  # [px] disparity between two hypotheses: a cell of the volume, which is at 1/8
+
+
+class Start(NamedTuple):
+    """What a reduced pair says about a larger one, whose refinement starts there. The cost volume is left out then.
+
+    Attributes:
+        disparity: (B, 1, H, W) [px of the larger image].
+        normal: (B, 3, H, W), unit length.
+        context: (B, C, ceil(H / 8), ceil(W / 8)), of the aggregation; None for networks without it.
+    """
+
+    disparity: Tensor
+    normal: Tensor
+    context: Tensor | None
+
+    def rows(self, top: int, count: int) -> Start:
+        """Return some rows.
+
+        Args:
+            top: First row [px], a multiple of 8.
+            count: Number of rows [px].
+        """
+        first, last = top // VOLUME_STEP, -(-(top + count) // VOLUME_STEP)
+        return Start(
+            self.disparity[:, :, top : top + count],
+            self.normal[:, :, top : top + count],
+            None if self.context is None else self.context[:, :, first:last],
+        )
+
+
+class StereoOutput(NamedTuple):
+    """What forward returns, all float32. Disparities are pixels of the full-size image, normals have unit length.
+
+    Attributes:
+        disparity: (B, 1, H, W) [px].
+        normal: (B, 3, H, W), facing the camera.
+        confidence: (B, 1, H, W), logit of "the disparity is within 1 px".
+        sky: (B, 1, H, W), logit of "sky or too far to measure".
+        initial: Disparity and normal of soft argmin and SNNet, at 1/8 or on the grid of the output head; None where
+            the refinement began at a Start.
+        steps: Disparity and normal at 1/4 after each refinement step. These normals, and the initial ones, may point
+            away from the camera.
+        context: (B, C, ceil(H / 8), ceil(W / 8)) features of the aggregation, for a larger pair; None without them.
+    """
+
+    disparity: Tensor
+    normal: Tensor
+    confidence: Tensor
+    sky: Tensor
+    initial: tuple[Tensor, Tensor] | None
+    steps: list[tuple[Tensor, Tensor]]
+    context: Tensor | None = None
+
+    def of(self, index: int) -> StereoOutput:
+        """Return the final maps and the context of one pair of the batch, as a batch of one."""
+        one = slice(index, index + 1)
+        maps = self.disparity[one], self.normal[one], self.confidence[one], self.sky[one]
+        return StereoOutput(*maps, None, [], None if self.context is None else self.context[one])
+
+    def start(self, height: int, width: int) -> Start:
+        """Return what these maps say about the same pair at a larger size, without gradient.
+
+        Args:
+            height, width: Size of the larger images [px].
+        """
+        rows, columns = self.disparity.shape[-2:]
+        size = (height, width)
+        disparity = F.interpolate(self.disparity.detach(), size, mode="bilinear") * (width / columns)
+        normal = unit(F.interpolate(self.normal.detach(), size, mode="bilinear"))
+        context = self.context
+        if context is not None:
+            # cells are 8 px of either image; the last ones of a row and a column may reach over its border
+            larger = F.interpolate(
+                context.detach().float(), scale_factor=(height / rows, width / columns), mode="bilinear"
+            )
+            context = fitted(larger, -(-height // VOLUME_STEP), -(-width // VOLUME_STEP)).to(context.dtype)
+        return Start(disparity, normal, context)
+
+
+def fitted(maps: Tensor, height: int, width: int) -> Tensor:
+    """Cut maps (B, C, h, w) to (B, C, height, width), or repeat their last row and column up to it."""
+    maps = maps[..., :height, :width]
+    missing = (0, width - maps.shape[-1], 0, height - maps.shape[-2])
+    return F.pad(maps, missing, mode="replicate") if any(missing) else maps
+
+
+def unpadded(maps: tuple[Tensor, Tensor], height: int, width: int, cell: int) -> tuple[Tensor, Tensor]:
+    """Cut disparity and normal on a grid of `cell` px to the cells of an image of height x width.
+
+    Args:
+        maps: Disparity (B, 1, h, w) and normal (B, 3, h, w) of the padded image.
+        height: Height of the image [px].
+        width: Width of the image [px].
+        cell: Side of a cell of the maps [px].
+    """
+    first, second = (x[..., : -(-height // cell), : -(-width // cell)] for x in maps)
+    return first, second
