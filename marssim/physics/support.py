@@ -16,6 +16,8 @@ from marssim.scene.rocks.shapes import icosphere
 from marssim.scene.scene import Scene
 
 SMALLEST_ROCK = 0.10  # [m] diameter of the smallest rock that matters to a wheel of 0.15 m radius
+SMALL = 0.2  # [m] diameter of rocks under which collision shapes have fewer faces
+MOST_LOST = 0.2  # largest length that these may lose by it, over the diameter
 RASTER_CELL = 0.05  # [m] grid spacing of the rasters
 
 
@@ -107,19 +109,28 @@ def coarse_faces(rocks: Rocks, members: np.ndarray) -> np.ndarray:
     """Return the faces (F, 3) of some rocks on fewer of their vertices, for collision.
 
     The first vertices of an icosphere are those of its coarser levels, so the faces of a coarser level simplify a rock.
-    A rock that is no icosphere keeps all its faces.
+    Rocks under SMALL are simplified further, unless they lose much of their length. A rock that is no icosphere keeps
+    all its faces.
     """
     faces, rock = rocks.faces, rocks.face_rock
     out = []
     keys = np.asarray(members, dtype=rock.dtype)  # with another dtype, searchsorted would copy all of `rock`
     starts, ends = np.searchsorted(rock, keys), np.searchsorted(rock, keys, side="right")
     for member, start, end in zip(members, starts, ends):
-        level = 1 if rocks.diameter[member] < 0.2 else 2
-        part, template = faces[start:end], icosphere(level)[1]
-        if len(part) > len(template) and _is_icosphere(part):
-            part = template + part.min()
+        part = whole = faces[start:end]
+        if len(whole) > len(icosphere(1)[1]) and _is_icosphere(whole):
+            corners = rocks.vertices[whole.min() : whole.max() + 1]
+            small = rocks.diameter[member] < SMALL and _lost(corners) < MOST_LOST * rocks.diameter[member]
+            template = icosphere(1 if small else 2)[1]
+            part = template + whole.min() if len(whole) > len(template) else whole
         out.append(part)
     return np.concatenate(out) if out else np.zeros((0, 3), np.int32)
+
+
+def _lost(corners: np.ndarray) -> float:
+    """Return the length that an icosphere's shape (V, 3) [m] loses along an axis on the vertices of level 1 [m]."""
+    first = corners[: icosphere(1)[1].max() + 1]
+    return float(np.abs(np.ptp(corners, axis=0) - np.ptp(first, axis=0)).max())
 
 
 def _is_icosphere(faces: np.ndarray) -> bool:

@@ -48,7 +48,7 @@ class RoverBody:
         bar = box((-beside, -above, -behind), (baseline + beside, above, -gap), DECK)
         foot = bar.moved(camera_pose).vertices.mean(axis=0)
         mast = SPEC.mount
-        pole = [(mast.x - 0.13, 0.0, DECK_TOP), (mast.x - 0.06, 0.0, mast.height - 0.1)]
+        pole = [(mast.x - 0.13, 0.0, DECK_TOP), (mast.x, 0.0, mast.height - 0.1)]  # its top lies on the axis of the pan
         world = [np.array(point) @ pose[:3, :3].T + pose[:3, 3] for point in pole]
         parts = [part.moved(pose) for part in _fixed_parts()]
         parts += [beam(world[0], world[1], 0.07, DECK), beam(world[1], foot, 0.06, DECK), bar.moved(camera_pose)]

@@ -22,9 +22,17 @@ def scene() -> Scene:
     return build_scene(SceneConfig(size=8.0, horizon=16.0, rocks=RockConfig(k=0.15)), np.random.default_rng(5))
 
 
+class SingleRays(EmbreeRenderer):
+    """A renderer whose images are of single rays: those of an image begin later, and miss a few crests."""
+
+    def render(self, camera, pose, footprint=None, sunlit=True):
+        rays, footprint = camera.rays().reshape(-1, 3), footprint or Footprint.of(camera, pose)
+        return GBuffer.of_hits(self.trace(rays, pose, footprint, sunlit), (camera.height, camera.width))
+
+
 @pytest.fixture(scope="module")
 def tracer(scene):
-    renderer = EmbreeRenderer(scene)
+    renderer = SingleRays(scene)
     yield renderer
     renderer.close()
 
@@ -57,7 +65,7 @@ class OffCentre:
 def test_a_renderer_agrees_with_itself(tracer, poses):
     result = agreement(tracer, tracer, CAMERA, poses)
     assert (result.views, result.surface, result.depth) == (3, 1.0, 1.0) and result.good
-    assert np.abs([result.smooth, result.silhouette]).max() < 1e-3
+    assert np.abs([result.smooth, result.silhouette]).max() < 1e-5
 
 
 @pytest.mark.parametrize(("du", "dv"), [(0.1, 0.0), (0.0, 0.1), (-0.3, 0.2), (0.06, -0.06)])
@@ -95,7 +103,7 @@ def test_the_view_that_agrees_least_counts(tracer, poses):
             return super().render(camera, pose)
 
     result = agreement(OnceWrong(tracer), tracer, CAMERA, poses)
-    assert result.depth == 0.0 and result.surface > 0.999 and not result.good
+    assert result.depth == 0.0 and result.surface == 1.0 and not result.good
 
 
 def test_on_planes_a_drawn_picture_is_compared_before_it_is_corrected():
