@@ -24,7 +24,7 @@ from marssim.base.results.code_state import source_file
 
 M3DEPTH = "m3depth"
 # OpenCV's and the paper's (App. C). Every command takes these names; load_estimator makes the methods.
-Classical = Literal["sgbm", "ssd", "sad", "ncc", "ssd-sgm", "sad-sgm", "ncc-sgm"]
+Classical = Literal["sgbm", "sgbm-hh", "ssd", "sad", "ncc", "ssd-sgm", "sad-sgm", "ncc-sgm"]
 CLASSICAL: tuple[Classical, ...] = get_args(Classical)
 FORMS = (M3DEPTH, "sgbm", "m3depth:WEIGHTS", "package.module:Class", *CLASSICAL[1:])  # every name that is understood
 CONFIDENCE_LIMITS = (-1e-3, 1 + 1e-3)  # that rounding may reach
@@ -187,10 +187,10 @@ def load_estimator(
     name = EstimatorName.parse(spec, role, others)
     if name.weights is not None:
         return _load_m3depth(name.weights, role, device)
-    if name.name == "sgbm":
+    if name.name in ("sgbm", "sgbm-hh"):
         from m3depth.stereo.classical import SGBM
 
-        return SGBM()
+        return SGBM(directions=5 if name.name == "sgbm" else 8)
     if name.name in CLASSICAL:
         from m3depth.stereo.classical import BlockMatching
 

@@ -75,9 +75,10 @@ class EvaluateOptions:
     """Weights files (.safetensors) of m3depth.train to score, each in a column named after its file or run folder.
     Without any, the shipped weights are scored, as M3Depth."""
     baselines: tuple[Baseline, ...] = ("sgbm",)
-    """Classical methods to score on the same pairs: sgbm is OpenCV's semi-global matching; ssd, sad and ncc take the
-    window with the least squared or absolute difference, or the highest correlation; ssd-sgm, sad-sgm and ncc-sgm sum
-    these costs along eight paths first. all scores every classical method; none scores no classical method."""
+    """Classical methods to score on the same pairs: sgbm is OpenCV's semi-global matching along five paths, sgbm-hh
+    along eight, which is slower and more accurate on level ground; ssd, sad and ncc take the window with the least
+    squared or absolute difference, or the highest correlation; ssd-sgm, sad-sgm and ncc-sgm sum these costs along eight
+    paths first. all scores every classical method; none scores no classical method."""
     estimator: Annotated[tuple[str, ...], tyro.conf.arg(metavar="[NAME=]ESTIMATOR ...")] = ()
     """Further methods to score: package.module:Class, a class without arguments that has infer(left, right, rig);
     m3depth (the shipped weights), m3depth:PATH (other weights), or a classical method by its name in --baselines.

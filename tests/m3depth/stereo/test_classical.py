@@ -38,8 +38,8 @@ def ramp() -> np.ndarray:
 
 @pytest.mark.parametrize(
     "matcher",
-    [SGBM(), *(BlockMatching(cost, way) for cost in ("sad", "ssd", "ncc") for way in ("wta", "sgm"))],
-    ids=lambda m: "sgbm" if isinstance(m, SGBM) else f"{m.cost}-{m.aggregation}",
+    [SGBM(), SGBM(directions=8), *(BlockMatching(cost, way) for cost in ("sad", "ssd", "ncc") for way in ("wta", "sgm"))],
+    ids=lambda m: f"sgbm-{m.directions}" if isinstance(m, SGBM) else f"{m.cost}-{m.aggregation}",
 )
 def test_tilted_plane_is_recovered(matcher):
     true = ramp()
@@ -51,6 +51,14 @@ def test_tilted_plane_is_recovered(matcher):
     assert np.median(np.abs(out.disparity - true)[inner]) < 0.15
     assert out.confidence[inner].mean() > 0.9
     assert np.allclose(out.depth[inner], RIG.fb / out.disparity[inner])
+
+
+def test_five_directions_are_biased_where_disparity_grows_downwards_and_eight_are_not():
+    true = (9 + 0.2 * np.mgrid[:96, :160][0]).astype(np.float32)  # level ground of 0.2 px a row
+    left, right = pair_of(true)
+    bias = {n: float(np.nanmedian((SGBM(n).match(left, right, RIG) - true)[8:-8, 40:-8])) for n in (5, 8)}
+    assert bias[5] < -0.1
+    assert abs(bias[8]) < 0.05
 
 
 def test_strip_that_the_right_eye_does_not_see_is_filled_and_unsure():
