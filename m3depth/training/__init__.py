@@ -1,7 +1,7 @@
 """Training of M3Depth, behind `python -m m3depth.train`. In the order of the data's way:
 
     samples.py, augmentation.py, packing.py   samples in memory, shuffled; crops of them, changed in look
-    batch.py                                  crops -> Batch of tensors
+    batch.py                                  crops -> Batch of tensors; their truth, also on coarser grids
     loop.py                                   train(): Batch -> network -> loss -> optimizer step, until the budget ends
     losses.py                                 the loss terms, with the weights of loss_config.py
     run.py                                    Run: network, averaged weights, optimizer, learning rate; checkpoint.pt

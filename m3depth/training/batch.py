@@ -1,4 +1,4 @@
-"""Batches of tensors, stacked from packed samples."""
+"""Batches of tensors, stacked from packed samples, and their ground truth on the images' grid and on coarser ones."""
 
 from __future__ import annotations
 
@@ -8,11 +8,103 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import torch
+import torch.nn.functional as F
 from torch import Tensor
 
+from m3depth.network.geometry import unit
 from m3depth.training.augmentation import crop, resized
-from m3depth.training.losses import Target
 from m3depth.training.packing import ROCK, SCORED, SKY, TRAINED, PackedSample
+
+
+class Target(NamedTuple):
+    """Ground truth of a batch.
+
+    Attributes:
+        disparity: (B, 1, H, W) [px]; 0 on sky and where it is unknown.
+        normal: (B, 3, H, W), unit length; 0 where it is unknown.
+        label: (B, 1, H, W) bool, the pixels that are trained.
+        sky: (B, 1, H, W) bool.
+        rock: (B, 1, H, W) bool.
+        camera: (B, 4) fx, fy, cx, cy [px].
+    """
+
+    disparity: Tensor
+    normal: Tensor
+    label: Tensor
+    sky: Tensor
+    rock: Tensor
+    camera: Tensor
+
+    @property
+    def known(self) -> Tensor:
+        """(B, 1, H, W) bool, the pixels whose disparity is known, trained or not; maps of lidars, for example, have
+        gaps.
+        """
+        return (self.disparity > 0) | self.sky
+
+
+def disparity_range(disparity: Tensor, known: Tensor | None = None) -> Tensor:
+    """Return the largest minus the smallest disparity in each 3 x 3 window. Level ground has B / h, half a pixel.
+
+    Args:
+        disparity: (B, 1, H, W) [px].
+        known: (B, 1, H, W) bool, the pixels that count; None for all.
+
+    Returns:
+        (B, 1, H, W) [px]; 0 where a window holds no such pixel.
+    """
+    if known is None:
+        high, low = disparity, -disparity
+    else:
+        high, low = (x.masked_fill(~known, -torch.inf) for x in (disparity, -disparity))
+    return (F.max_pool2d(high, 3, 1, 1) + F.max_pool2d(low, 3, 1, 1)).clamp(min=0)
+
+
+def disparity_edges(disparity: Tensor, known: Tensor | None = None, threshold: float = 1.0) -> Tensor:
+    """Mark pixels whose 3 x 3 window spans more than `threshold` px of disparity: (B, 1, H, W) bool.
+
+    Args:
+        disparity: (B, 1, H, W) [px].
+        known: The pixels that are compared, see disparity_range; an edge in a gap of them is missed.
+        threshold: [px].
+    """
+    return disparity_range(disparity, known) > threshold
+
+
+def reduce_target(target: Target, factor: int, weight: Tensor) -> tuple[Target, Tensor]:
+    """Reduce ground truth and pixel weight to the grid with one cell for factor x factor pixels (factor 1, or even).
+
+    The cell's centre lies between its four middle pixels. Its value is the mean of those that are known. The cell is
+    not trained if one of them is known but not trained, or if they straddle an edge. Where only some are known, the
+    value belongs to a point up to half a pixel beside the centre. The camera stays that of the full grid.
+
+    Args:
+        target: Ground truth; H and W are multiples of factor.
+        factor: Side of a cell [px].
+        weight: (B, 1, H, W) weight of the pixels.
+
+    Returns:
+        The target and the weight on the grid of H / factor x W / factor.
+    """
+    if factor == 1:
+        return target, weight
+    first = factor // 2 - 1
+
+    def middle(x: Tensor) -> Tensor:
+        return torch.stack([x[..., first + i :: factor, first + j :: factor] for i in (0, 1) for j in (0, 1)])
+
+    def alike(x: Tensor) -> Tensor:
+        """Mark cells with at least one known pixel, all of whose known pixels are in x."""
+        return (middle(x) | ~known).all(0) & middle(x & target.known).any(0)
+
+    disparity, known = middle(target.disparity), middle(target.known)
+    span = disparity.masked_fill(~known, -torch.inf).amax(0) - disparity.masked_fill(~known, torch.inf).amin(0)
+    mean = (disparity * known).sum(0) / known.sum(0).clamp(min=1)
+    normal = unit(middle(target.normal).sum(0))
+    reduced = Target(
+        mean, normal, alike(target.label) & (span < 1.0), alike(target.sky), middle(target.rock).any(0), target.camera
+    )
+    return reduced, middle(weight).amax(0)
 
 
 class FinerBand(NamedTuple):

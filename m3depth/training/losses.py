@@ -8,42 +8,19 @@ terms of a half-trained network are of similar size under the paper's lambdas 2,
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from functools import reduce
 from typing import NamedTuple
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from m3depth.network.geometry import pixel_rays, scale_camera, sobel, unit
+from m3depth.network.geometry import pixel_rays, scale_camera, sobel
 from m3depth.network.output import StereoOutput
+from m3depth.network.refinement import CELL
+from m3depth.training.batch import Target, disparity_edges, reduce_target
 from m3depth.training.loss_config import LossConfig
-
-
-class Target(NamedTuple):
-    """Ground truth of a batch.
-
-    Attributes:
-        disparity: (B, 1, H, W) [px]; 0 on sky and where it is unknown.
-        normal: (B, 3, H, W), unit length; 0 where it is unknown.
-        label: (B, 1, H, W) bool, the pixels that are trained.
-        sky: (B, 1, H, W) bool.
-        rock: (B, 1, H, W) bool.
-        camera: (B, 4) fx, fy, cx, cy [px].
-    """
-
-    disparity: Tensor
-    normal: Tensor
-    label: Tensor
-    sky: Tensor
-    rock: Tensor
-    camera: Tensor
-
-    @property
-    def known(self) -> Tensor:
-        """(B, 1, H, W) bool, the pixels whose disparity is known, trained or not; maps of lidars, for example, have
-        gaps.
-        """
-        return (self.disparity > 0) | self.sky
 
 
 def huber(error: Tensor, delta: float) -> Tensor:
@@ -55,34 +32,6 @@ def weighted_mean(values: Tensor, weight: Tensor) -> Tensor:
     """Return the mean of values under a weight of the same shape; 0 where all weights are 0."""
     # A product would let the NaN of a masked pixel through.
     return torch.where(weight > 0, values * weight, torch.zeros_like(values)).sum() / weight.sum().clamp(min=1e-6)
-
-
-def disparity_range(disparity: Tensor, known: Tensor | None = None) -> Tensor:
-    """Return the largest minus the smallest disparity in each 3 x 3 window. Level ground has B / h, half a pixel.
-
-    Args:
-        disparity: (B, 1, H, W) [px].
-        known: (B, 1, H, W) bool, the pixels that count; None for all.
-
-    Returns:
-        (B, 1, H, W) [px]; 0 where a window holds no such pixel.
-    """
-    if known is None:
-        high, low = disparity, -disparity
-    else:
-        high, low = (x.masked_fill(~known, -torch.inf) for x in (disparity, -disparity))
-    return (F.max_pool2d(high, 3, 1, 1) + F.max_pool2d(low, 3, 1, 1)).clamp(min=0)
-
-
-def disparity_edges(disparity: Tensor, known: Tensor | None = None, threshold: float = 1.0) -> Tensor:
-    """Mark pixels whose 3 x 3 window spans more than `threshold` px of disparity: (B, 1, H, W) bool.
-
-    Args:
-        disparity: (B, 1, H, W) [px].
-        known: The pixels that are compared, see disparity_range; an edge in a gap of them is missed.
-        threshold: [px].
-    """
-    return disparity_range(disparity, known) > threshold
 
 
 def consistency_residual(disparity: Tensor, normal: Tensor, camera: Tensor) -> tuple[Tensor, Tensor]:
@@ -123,42 +72,6 @@ def consistency_loss(disparity: Tensor, normal: Tensor, camera: Tensor, mask: Te
     return weighted_mean(huber(residual, 0.05).sum(1, keepdim=True), (mask & usable).to(residual))
 
 
-def reduce_target(target: Target, factor: int, weight: Tensor) -> tuple[Target, Tensor]:
-    """Reduce ground truth and pixel weight to the grid with one cell for factor x factor pixels (factor 1, or even).
-
-    The cell's centre lies between its four middle pixels. Its value is the mean of those that are known. The cell is
-    not trained if one of them is known but not trained, or if they straddle an edge. Where only some are known, the
-    value belongs to a point up to half a pixel beside the centre. The camera stays that of the full grid.
-
-    Args:
-        target: Ground truth; H and W are multiples of factor.
-        factor: Side of a cell [px].
-        weight: (B, 1, H, W) weight of the pixels.
-
-    Returns:
-        The target and the weight on the grid of H / factor x W / factor.
-    """
-    if factor == 1:
-        return target, weight
-    first = factor // 2 - 1
-
-    def middle(x: Tensor) -> Tensor:
-        return torch.stack([x[..., first + i :: factor, first + j :: factor] for i in (0, 1) for j in (0, 1)])
-
-    def alike(x: Tensor) -> Tensor:
-        """Mark cells with at least one known pixel, all of whose known pixels are in x."""
-        return (middle(x) | ~known).all(0) & middle(x & target.known).any(0)
-
-    disparity, known = middle(target.disparity), middle(target.known)
-    span = disparity.masked_fill(~known, -torch.inf).amax(0) - disparity.masked_fill(~known, torch.inf).amin(0)
-    mean = (disparity * known).sum(0) / known.sum(0).clamp(min=1)
-    normal = unit(middle(target.normal).sum(0))
-    reduced = Target(
-        mean, normal, alike(target.label) & (span < 1.0), alike(target.sky), middle(target.rock).any(0), target.camera
-    )
-    return reduced, middle(weight).amax(0)
-
-
 def disparity_loss(disparity: Tensor, target: Target, weight: Tensor, config: LossConfig) -> Tensor:
     """Return L_d on one grid: labelled pixels by their weight, sky pixels pulled to zero.
 
@@ -190,11 +103,6 @@ def normal_loss(normal: Tensor, target: Target, weight: Tensor) -> Tensor:
     return weighted_mean(huber(error, 0.1), weight * (target.label & known))
 
 
-def _cell(target: Target, maps: Tensor) -> int:
-    """Return the side of a cell of maps on a coarser grid [px]."""
-    return target.disparity.shape[-1] // maps.shape[-1]
-
-
 def total_loss(output: StereoOutput, target: Target, config: LossConfig) -> tuple[Tensor, dict[str, Tensor]]:
     """Return the whole training loss, and its terms before weighting, detached, by name.
 
@@ -205,41 +113,120 @@ def total_loss(output: StereoOutput, target: Target, config: LossConfig) -> tupl
         target: Their ground truth.
         config: Weights of the terms.
     """
-    edges = disparity_edges(target.disparity, target.known)
-    weight = torch.ones_like(target.disparity)
-    weight = torch.where(edges, config.edge, weight)
-    weight = torch.where(target.rock, config.rock, weight)
+    weight = pixel_weights(target, config)
+    maps = trained_maps(output, target, weight, config)
     terms = {
-        "disparity": disparity_loss(output.disparity, target, weight, config),
-        "normal": normal_loss(output.normal, target, weight),
+        "disparity": _sum(m.share * disparity_loss(m.disparity, m.target, m.weight, config) for m in maps),
+        "normal": _sum(m.share * normal_loss(m.normal, m.target, m.weight) for m in maps),
+        **({"consistency": maps_consistency(maps, config)} if config.consistency else {}),
+        "confidence": confidence_loss(output, target),
+        "sky": sky_loss(output, target, weight),
     }
-    if config.consistency:
-        smooth = target.label & ~edges
-        terms["consistency"] = consistency_loss(output.disparity, output.normal, target.camera, smooth)
-    quarter, quarter_weight = reduce_target(target, 4, weight)
-    coarser = [
-        (config.decay ** (age + 1), *maps, quarter, quarter_weight) for age, maps in enumerate(output.steps[::-1])
-    ]
-    if output.initial is not None:  # at 1/8, or on the grid of the output head
-        coarse, coarse_weight = reduce_target(target, _cell(target, output.initial[0]), weight)
-        coarser.append((config.initial, *output.initial, coarse, coarse_weight))
-    for share, disparity, normal, truth, coarser_weight in coarser:
-        terms["disparity"] = terms["disparity"] + share * disparity_loss(disparity, truth, coarser_weight, config)
-        terms["normal"] = terms["normal"] + share * normal_loss(normal, truth, coarser_weight)
-        if config.consistency and config.consistent_steps:
-            cell = _cell(target, disparity)
-            smooth = truth.label & ~disparity_edges(truth.disparity, truth.known, float(cell))
-            camera = scale_camera(target.camera, cell)
-            difference = consistency_loss(disparity / cell, normal, camera, smooth)
-            terms["consistency"] = terms["consistency"] + config.consistent_steps * share * difference
+    total = _sum(getattr(config, name) * value for name, value in terms.items())
+    return total, {name: value.detach() for name, value in terms.items()}
 
+
+def pixel_weights(target: Target, config: LossConfig) -> Tensor:
+    """Return the weight of each pixel in the losses of disparity, normals and sky, (B, 1, H, W).
+
+    Args:
+        target: Ground truth at full size.
+        config: Holds the weights of rocks and of disparity edges.
+    """
+    weight = torch.ones_like(target.disparity)
+    weight = torch.where(disparity_edges(target.disparity, target.known), config.edge, weight)
+    return torch.where(target.rock, config.rock, weight)
+
+
+class TrainedMaps(NamedTuple):
+    """Disparity and normals that the network returned on one grid, with what they are trained on.
+
+    Attributes:
+        share: Weight of their losses beside those of the last maps.
+        cell: Side of a cell of the grid [px].
+        disparity: (B, 1, h, w) [px of the full image].
+        normal: (B, 3, h, w).
+        target: Ground truth on this grid, with the camera of the full one.
+        weight: (B, 1, h, w) weight of the cells.
+    """
+
+    share: float
+    cell: int
+    disparity: Tensor
+    normal: Tensor
+    target: Target
+    weight: Tensor
+
+
+def trained_maps(output: StereoOutput, target: Target, weight: Tensor, config: LossConfig) -> list[TrainedMaps]:
+    """Return all maps that are trained: the last ones, those of the steps from the last to the first, and the initial.
+
+    Args:
+        output: Of the network.
+        target: Ground truth at full size.
+        weight: (B, 1, H, W) weight of the pixels.
+        config: Holds the shares of the steps and of the initial maps.
+    """
+    maps = [TrainedMaps(1.0, 1, output.disparity, output.normal, target, weight)]
+    quarter = reduce_target(target, CELL, weight)
+    for age, step in enumerate(output.steps[::-1]):
+        maps.append(TrainedMaps(config.decay ** (age + 1), CELL, *step, *quarter))
+    if output.initial is not None:  # at 1/8, or on the grid of the output head
+        cell = target.disparity.shape[-1] // output.initial[0].shape[-1]
+        maps.append(TrainedMaps(config.initial, cell, *output.initial, *reduce_target(target, cell, weight)))
+    return maps
+
+
+def maps_consistency(maps: list[TrainedMaps], config: LossConfig) -> Tensor:
+    """Return L_c of the last maps, and that of the others times their share and config.consistent_steps.
+
+    Args:
+        maps: As `trained_maps` returns them, the last ones of the network first.
+        config: Holds consistent_steps.
+    """
+    last, *earlier = maps
+    losses = [_grid_consistency(last)]
+    if config.consistent_steps:
+        losses += [config.consistent_steps * m.share * _grid_consistency(m) for m in earlier]
+    return _sum(losses)
+
+
+def _grid_consistency(maps: TrainedMaps) -> Tensor:
+    """Return L_c on one grid, whose pixels are its cells."""
+    target, cell = maps.target, maps.cell
+    smooth = target.label & ~disparity_edges(target.disparity, target.known, float(cell))
+    camera = target.camera if cell == 1 else scale_camera(target.camera, cell)
+    return consistency_loss(maps.disparity / cell, maps.normal, camera, smooth)
+
+
+def confidence_loss(output: StereoOutput, target: Target) -> Tensor:
+    """Return the cross-entropy of the decision "within 1 px", which no disparity of the sky is.
+
+    Args:
+        output: Of the network.
+        target: Ground truth at full size.
+    """
     known = target.label | target.sky
     correct = target.label & ((output.disparity.detach() - target.disparity).abs() < 1)
-    terms["confidence"] = weighted_mean(
-        F.binary_cross_entropy_with_logits(output.confidence, correct.to(weight), reduction="none"), known.to(weight)
-    )
-    terms["sky"] = weighted_mean(
-        F.binary_cross_entropy_with_logits(output.sky, target.sky.to(weight), reduction="none"), known * weight
-    )
-    total = sum((getattr(config, name) * value for name, value in terms.items()), torch.zeros(()).to(weight))
-    return total, {name: value.detach() for name, value in terms.items()}
+    return _decision_loss(output.confidence, correct, known.to(target.disparity))
+
+
+def sky_loss(output: StereoOutput, target: Target, weight: Tensor) -> Tensor:
+    """Return the cross-entropy of the decision "sky or too far to measure".
+
+    Args:
+        output: Of the network.
+        target: Ground truth at full size.
+        weight: (B, 1, H, W) weight of the pixels.
+    """
+    return _decision_loss(output.sky, target.sky, (target.label | target.sky) * weight)
+
+
+def _decision_loss(logit: Tensor, truth: Tensor, weight: Tensor) -> Tensor:
+    """Return the cross-entropy of a logit with a yes-or-no truth, averaged under a weight; all (B, 1, H, W)."""
+    return weighted_mean(F.binary_cross_entropy_with_logits(logit, truth.to(weight), reduction="none"), weight)
+
+
+def _sum(losses: Iterable[Tensor]) -> Tensor:
+    """Return the sum of losses, at least one, in their order."""
+    return reduce(torch.add, losses)

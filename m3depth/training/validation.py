@@ -14,10 +14,9 @@ from m3depth.network.device import autocast, fast_dtype
 from m3depth.network.model import M3Depth
 from m3depth.network.output import StereoOutput
 from m3depth.stereo.pairs import StereoPairs, pair_name, spread
-from m3depth.training.batch import Batch, whole_batch
+from m3depth.training.batch import Batch, Target, disparity_edges, whole_batch
 from m3depth.training.curves import save_curves
 from m3depth.training.log import Log
-from m3depth.training.losses import Target, disparity_edges
 from m3depth.training.packing import PackedSample
 from m3depth.training.run import Run
 from m3depth.training.samples import PackedCache, free_memory

@@ -6,8 +6,9 @@ import pytest
 import torch
 
 from m3depth.network.model import M3Depth
+from m3depth.training.batch import Target
 from m3depth.training.loss_config import LossConfig
-from m3depth.training.losses import Target, total_loss
+from m3depth.training.losses import total_loss
 
 Loss = Callable[..., torch.Tensor]
 

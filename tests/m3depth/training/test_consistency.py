@@ -8,7 +8,8 @@ import pytest
 import torch
 
 from m3depth.network.geometry import pixel_rays, unit
-from m3depth.training.losses import consistency_loss, consistency_residual, disparity_edges
+from m3depth.training.batch import disparity_edges
+from m3depth.training.losses import consistency_loss, consistency_residual
 from marssim.base.camera import NATECAM
 from marssim.base.pose import look_pose
 from marssim.render.renderers.embree_renderer import EmbreeRenderer

@@ -2,33 +2,23 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plane_target import CAMERA, make_target, plane, random_holes, with_holes
 from small_network import SMALL
 
-from m3depth.network.geometry import pixel_rays
 from m3depth.network.model import M3Depth
 from m3depth.network.output import StereoOutput
-from m3depth.training.batch import whole_batch
+from m3depth.training.batch import Target, disparity_edges, reduce_target, whole_batch
 from m3depth.training.loss_config import LossConfig
 from m3depth.training.losses import (
-    Target,
     consistency_loss,
     consistency_residual,
-    disparity_edges,
     huber,
-    reduce_target,
+    pixel_weights,
     total_loss,
+    trained_maps,
     weighted_mean,
 )
 from m3depth.training.packing import pack
-
-CAMERA = torch.tensor([[60.0, 55.0, 9.3, 5.1]], dtype=torch.float64)
-
-
-def plane(normal: tuple[float, float, float], height: int = 16, width: int = 24) -> tuple[torch.Tensor, torch.Tensor]:
-    n = torch.tensor(normal, dtype=torch.float64)
-    n = (n / n.norm())[None, :, None, None].expand(1, 3, height, width)
-    depth = -1.2 / (pixel_rays(CAMERA, height, width) * n).sum(1, keepdim=True)
-    return 16.2 / depth, n
 
 
 @settings(max_examples=30, deadline=None)
@@ -77,6 +67,38 @@ def test_huber_norms_have_slope_one_beyond_their_knee() -> None:
     for delta in (0.05, 0.5):
         expected = torch.nn.functional.huber_loss(error, torch.zeros(41), delta=delta, reduction="none") / delta
         torch.testing.assert_close(huber(error, delta), expected)
+
+
+def test_every_grid_is_trained_with_its_share_and_its_truth() -> None:
+    target, config = make_target(), LossConfig(decay=0.5, initial=0.3)
+    output = output_of(target)
+    maps = trained_maps(output, target, torch.ones_like(target.disparity), config)
+    assert [(m.share, m.cell) for m in maps] == [(1.0, 1), (0.5, 4), (0.25, 4), (0.3, 8)]
+    assert maps[1].disparity is output.steps[-1][0]
+    for m in maps:
+        assert m.target.disparity.shape == m.disparity.shape == m.weight.shape
+    assert output.initial is not None
+    finer = output._replace(initial=output.steps[0], steps=[])
+    assert [m.cell for m in trained_maps(finer, target, torch.ones_like(target.disparity), config)] == [1, 4]
+    begun = output._replace(initial=None)
+    assert [m.cell for m in trained_maps(begun, target, torch.ones_like(target.disparity), config)] == [1, 4, 4]
+
+
+def test_the_total_is_the_weighted_sum_of_the_terms() -> None:
+    target, config = make_target(), LossConfig(disparity=2, normal=0.7, consistency=3, confidence=0.2, sky=0.3)
+    total, terms = total_loss(output_of(target, 0.3), target, config)
+    assert terms.keys() == {"disparity", "normal", "consistency", "confidence", "sky"}
+    torch.testing.assert_close(total, sum(getattr(config, name) * value for name, value in terms.items()))
+    assert "consistency" not in total_loss(output_of(target), target, LossConfig(consistency=0))[1]
+
+
+def test_rocks_weigh_what_their_weight_says_edges_or_not() -> None:
+    target = make_target()._replace(disparity=torch.full((1, 1, 16, 24), 4.0))
+    target.disparity[..., 12:] = 12.0
+    target.rock[..., :4, :] = True
+    weight = pixel_weights(target, LossConfig(rock=4, edge=3))
+    assert (weight[..., :4, :] == 4).all()
+    assert (weight[..., 4:, 11:13] == 3).all() and (weight[..., 4:, :11] == 1).all()
 
 
 def test_later_steps_weigh_more_and_the_first_maps_as_much_as_initial_says() -> None:
@@ -136,51 +158,6 @@ def test_masked_nan_does_not_reach_the_mean() -> None:
     assert weighted_mean(torch.tensor([torch.nan]), torch.zeros(1)).item() == 0
 
 
-def make_target(height: int = 16, width: int = 24) -> Target:
-    disparity, normal = plane((0.0, -0.5, -1.0), height, width)
-    yes = torch.ones_like(disparity, dtype=torch.bool)
-    return Target(disparity.float(), normal.float(), yes, ~yes, ~yes, CAMERA.float())
-
-
-def test_reduced_disparity_is_that_of_the_cells_centre() -> None:
-    target = make_target()
-    reduced, _ = reduce_target(target, 8, torch.ones_like(target.disparity))
-    # Disparity is affine on a plane: the mean over a cell is the value at its centre.
-    expected = torch.nn.functional.avg_pool2d(target.disparity, 8)
-    assert reduced.label.all()
-    torch.testing.assert_close(reduced.disparity, expected)
-    torch.testing.assert_close(reduced.normal, target.normal[..., :2, :3])
-
-
-def random_holes(shape: tuple[int, ...]) -> torch.Tensor:
-    return torch.rand(shape, generator=torch.Generator().manual_seed(0)) < 0.7
-
-
-def every_second_row(shape: tuple[int, ...]) -> torch.Tensor:
-    return (torch.arange(shape[2]) % 2 == 0)[:, None].expand(shape)
-
-
-def with_holes(target: Target, holes: torch.Tensor) -> Target:
-    """As pack and to_batch make it of depth that is NaN there."""
-    return target._replace(disparity=target.disparity.masked_fill(holes, 0), label=target.label & ~holes)
-
-
-@pytest.mark.parametrize("holes_of", [random_holes, every_second_row])
-def test_gaps_are_no_edges_and_cells_need_no_four_pixels(holes_of) -> None:
-    full = make_target(64, 96)
-    target = with_holes(full, holes_of(full.label.shape))
-    labelled = target.label
-    assert 0.2 < labelled.float().mean() < 0.6
-    assert not (disparity_edges(target.disparity, target.known) & labelled).any()
-    for factor in (4, 8):
-        reduced, _ = reduce_target(target, factor, torch.ones_like(target.disparity))
-        centre = torch.nn.functional.avg_pool2d(full.disparity, factor)
-        assert reduced.label.float().mean() > 0.6
-        slope = (full.disparity[..., 1:, :] - full.disparity[..., :-1, :]).max()
-        assert (reduced.disparity - centre)[reduced.label].abs().max() <= slope  # half a pixel each way
-        assert (reduced.normal - full.normal[..., :1, :1]).abs().amax(1, keepdim=True)[reduced.label].max() < 1e-6
-
-
 def test_the_consistency_of_sparse_truth_is_trained() -> None:
     full = make_target(64, 96)
     target = with_holes(full, random_holes(full.label.shape))
@@ -190,20 +167,6 @@ def test_the_consistency_of_sparse_truth_is_trained() -> None:
     assert total_loss(tilted, target, LossConfig())[1]["consistency"] > 0.01
     wrong = output._replace(initial=(output.initial[0] + 1, output.initial[1]), steps=[])
     assert total_loss(wrong, target, LossConfig())[1]["disparity"] > 0.5  # the coarse grid sees it
-
-
-def test_an_edge_between_sparse_pixels_is_one_and_what_is_known_but_not_trained_hides_no_cell() -> None:
-    target = make_target(16, 16)
-    target.disparity[..., 8:] += 30
-    step = target.disparity[..., :1, 7:9]
-    assert step.diff().item() > 29
-    sparse = with_holes(target, every_second_row(target.label.shape))
-    assert disparity_edges(sparse.disparity, sparse.known)[0, 0, 1::2, 7:9].all()
-    assert not disparity_edges(sparse.disparity, sparse.known)[0, 0, 1::2, :6].any()
-    far = make_target(16, 16)  # as beyond 40 m: known, not trained
-    far.label[..., 3, 3] = False
-    reduced, _ = reduce_target(far, 8, torch.ones_like(far.disparity))
-    assert not reduced.label[0, 0, 0, 0] and reduced.label.sum() == 3
 
 
 def output_of(target: Target, shift: float = 0.0) -> StereoOutput:

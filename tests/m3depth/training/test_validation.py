@@ -14,9 +14,9 @@ from m3depth.figures.pairs import COLUMNS
 from m3depth.network import model as model_module
 from m3depth.network.output import StereoOutput
 from m3depth.stereo.pairs import spread
+from m3depth.training.batch import Target
 from m3depth.training.config import TrainConfig
 from m3depth.training.log import Log
-from m3depth.training.losses import Target
 from m3depth.training.run import Run
 from m3depth.training.samples import JoinedPairs
 from m3depth.training.validation import PANEL_PAIRS, Validator, error_sums
