@@ -4,9 +4,27 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import torch
 from torch import Tensor, nn
 
 from m3depth.network.wavelet import WaveletConv
+
+LEAST_CONTRAST = 0.01  # standard deviation that a pair is divided by at least
+
+
+def normalised(left: Tensor, right: Tensor) -> Tensor:
+    """Give the images of a pair one mean and one contrast, which keeps the gain between the two.
+
+    Args:
+        left, right: (B, 3, H, W).
+
+    Returns:
+        (2 B, 3, H, W), left images first.
+    """
+    mean = left.mean((1, 2, 3), keepdim=True)
+    scale = left.std((1, 2, 3), keepdim=True).clamp(min=LEAST_CONTRAST)
+    pair = (torch.cat([left, right]) - torch.cat([mean, mean])) / torch.cat([scale, scale])
+    return pair.contiguous(memory_format=torch.channels_last)
 
 
 class Features(NamedTuple):

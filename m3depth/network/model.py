@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import asdict
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 import torch
-import torch.nn.functional as F
 from torch import Tensor, nn
 
-from m3depth.network.backbone import Backbone, Features
+from m3depth.network.backbone import Backbone, Features, normalised
 from m3depth.network.checkpointing import Caller, direct, recomputed
 from m3depth.network.config import PRESETS, M3DepthConfig
 from m3depth.network.cost_volume import Aggregation, group_correlation_volume, matchable, soft_argmin
@@ -21,7 +21,7 @@ from m3depth.network.fine_correction import FineCorrection
 from m3depth.network.geometry import facing_normals, pixel_rays, resize, scale_camera, unit
 from m3depth.network.inference import camera_row, prediction_of, working_sizes
 from m3depth.network.normal_branch import SNNet
-from m3depth.network.output import VOLUME_STEP, Start, StereoOutput, fitted, unpadded
+from m3depth.network.output import VOLUME_STEP, Start, StereoOutput, fitted, padded, unpadded
 from m3depth.network.refinement import Refinement
 from m3depth.network.row_bands import by_rows
 from m3depth.network.weights_file import load_weights, save_weights
@@ -29,6 +29,22 @@ from m3depth.stereo.pairs import NEAREST, checked_pair, in_colour
 from m3depth.stereo.prediction import Prediction
 from m3depth.weights import SHIPPED_WEIGHTS
 from marssim.base.camera import StereoRig
+
+
+class First(NamedTuple):
+    """The maps of a pair that the refinement starts from, found in its cost volume or on a smaller pair.
+
+    Attributes:
+        disparity: (B, 1, h, w) [px of the full-size image].
+        normal: (B, 3, h, w).
+        context: (B, C, H / 8, W / 8) features of the aggregation; None without them.
+        cell: Side of a cell of h x w [px].
+    """
+
+    disparity: Tensor
+    normal: Tensor
+    context: Tensor | None
+    cell: int
 
 
 class M3Depth(nn.Module):
@@ -125,68 +141,35 @@ class M3Depth(nn.Module):
                 for disparities up to `reach`.
         """
         height, width = left.shape[-2:]
-        multiple = self.config.size_multiple
-        padding = (0, -width % multiple, 0, -height % multiple)  # right and bottom: the principal point stays
-        if any(padding):
-            left, right = (F.pad(image, padding, mode="replicate") for image in (left, right))
-        camera = camera.float()
-        # Both images share one mean and contrast: this evens out low contrast, and keeps gains between the two.
-        mean = left.mean((1, 2, 3), keepdim=True)
-        scale = left.std((1, 2, 3), keepdim=True).clamp(min=0.01)
-        images = (torch.cat([left, right]) - torch.cat([mean, mean])) / torch.cat([scale, scale])
+        multiple, camera = self.config.size_multiple, camera.float()
         call = recomputed if self.recompute and torch.is_grad_enabled() else direct
-        features = call(self.backbone, images.contiguous(memory_format=torch.channels_last))  # of 2 B images
+        pair = normalised(padded(left, multiple), padded(right, multiple))
+        features = call(self.backbone, pair)  # of 2 B images
         left8 = features.eighth.chunk(2)[0]  # (B, C8, H / 8, W / 8)
-        size, size8 = images.shape[-2:], left8.shape[-2:]
-        initial = None
         if start is None:
-            initial, context, cell = self._match(features, camera, size, call)
-            disparity, normal = initial
+            first = self._match(features, camera, call)
         else:
-            disparity, normal = (F.pad(x, padding, mode="replicate") for x in start[:2])
-            context, cell = start.context, 1
-        if context is not None:
-            if start is None:
-                context = resize(context, size8)
-            # (B, coarse_width, H / 8, W / 8)
-            left8 = torch.cat([left8, fitted(context, *size8)], 1)
-        steps: list[tuple[Tensor, Tensor]] = []
-        if self.refinement is not None:
-            left4, right4 = features.quarter.chunk(2)  # (B, C4, H / 4, W / 4)
-            disparity, normal = (resize(x, left4.shape[-2:]) for x in (disparity, normal))
-            camera4 = scale_camera(camera, 4)
-            count = self.config.refine_steps if start is None else self.config.finer_steps
-            steps, maps, hidden = self.refinement(left4, right4, left8, disparity, unit(normal), camera4, count, call)
-            if self.fine is not None:
-                maps = maps + call(self.fine, *features.half.chunk(2), hidden, maps, camera)
-        else:
-            assert self.decisions is not None
-            coarse = (disparity, normal, self.decisions(left8).float())
-            maps = torch.cat([resize(x, size) for x in coarse], 1)
-        maps = maps[..., :height, :width]  # (B, 6, H, W): disparity, normal, confidence, sky
+            first = First(padded(start.disparity, multiple), padded(start.normal, multiple), start.context, 1)
+        count = self.config.refine_steps if start is None else self.config.finer_steps
+        maps, steps = self._refine(features, left8, first, camera, count, call)
+        maps = maps[..., :height, :width]
         normal = by_rows(facing_normals, maps[:, 1:4], pixel_rays(camera, height, width))
-        initial = None if initial is None else unpadded(initial, height, width, cell)
+        initial = None if start is not None else unpadded(first[:2], height, width, first.cell)
         steps = [unpadded(step, height, width, 4) for step in steps]
+        context = first.context
         if context is not None:
             context = fitted(context, -(-height // VOLUME_STEP), -(-width // VOLUME_STEP))
         return StereoOutput(maps[:, :1], normal, maps[:, 4:5], maps[:, 5:6], initial, steps, context)
 
-    def _match(
-        self, features: Features, camera: Tensor, size: torch.Size, call: Caller
-    ) -> tuple[tuple[Tensor, Tensor], Tensor | None, int]:
-        """Find the disparity in the cost volume.
+    def _match(self, features: Features, camera: Tensor, call: Caller) -> First:
+        """Find disparity and normals in the cost volume, by soft argmin and SNNet.
 
         Args:
             features: Of the 2 B images, left ones first.
             camera: (B, 4) [px].
-            size: Height and width of the images [px].
             call: How a part of the network is called.
-
-        Returns:
-            Disparity (B, 1, h, w) and normal (B, 3, h, w) of soft argmin and SNNet; the aggregation's context or None;
-            and the side of a cell of h x w [px].
         """
-        left8 = features.eighth.chunk(2)[0]
+        left8 = features.eighth.chunk(2)[0]  # (B, C8, H / 8, W / 8)
         matched = features.eighth if self.match is None else self.match(features.eighth)
         match_left, match_right = matchable(matched.float().contiguous()).chunk(2)
         volume = group_correlation_volume(match_left, match_right, self.config.hypotheses, self.config.groups)
@@ -194,9 +177,43 @@ class M3Depth(nn.Module):
         volume, scores, context = call(self.aggregation, volume, left8)
         cell = VOLUME_STEP >> self.config.output_head
         disparity = soft_argmin(scores.float(), VOLUME_STEP)  # (B, 1, H / cell, W / cell)
-        rays = pixel_rays(scale_camera(camera, cell), size[0] // cell, size[1] // cell)
+        # An exported graph keeps the size of the features free, but would fix that of the disparity.
+        rays = pixel_rays(scale_camera(camera, cell), *(side * VOLUME_STEP // cell for side in left8.shape[-2:]))
         normal = call(self.normals, volume, left8, rays)  # (B, 3, H / cell, W / cell)
-        return (disparity, normal), context, cell
+        return First(disparity, normal, None if context is None else resize(context, left8.shape[-2:]), cell)
+
+    def _refine(
+        self, features: Features, left8: Tensor, first: First, camera: Tensor, count: int, call: Caller
+    ) -> tuple[Tensor, list[tuple[Tensor, Tensor]]]:
+        """Bring the first maps to full size, by the refinement and the fine correction where the network has them.
+
+        Args:
+            features: Of the 2 B images, left ones first.
+            left8: (B, C8, H / 8, W / 8), the left ones at 1/8.
+            first: The maps to start from.
+            camera: (B, 4) [px].
+            count: Number of refinement steps.
+            call: How a part of the network is called.
+
+        Returns:
+            (B, 6, H, W) disparity, normal (not normalised), confidence logit and sky logit; and the maps of the steps.
+        """
+        coarse = left8
+        if first.context is not None:  # (B, coarse_width, H / 8, W / 8)
+            coarse = torch.cat([left8, fitted(first.context, *left8.shape[-2:])], 1)
+        if self.refinement is None:
+            assert self.decisions is not None
+            size = torch.Size(VOLUME_STEP * side for side in left8.shape[-2:])
+            maps = (first.disparity, first.normal, self.decisions(coarse).float())
+            return torch.cat([resize(x, size) for x in maps], 1), []
+        left4, right4 = features.quarter.chunk(2)  # (B, C4, H / 4, W / 4)
+        disparity, normal = (resize(x, left4.shape[-2:]) for x in first[:2])
+        steps, refined, hidden = self.refinement(
+            left4, right4, coarse, disparity, unit(normal), scale_camera(camera, 4), count, call
+        )
+        if self.fine is not None:
+            refined = refined + call(self.fine, *features.half.chunk(2), hidden, refined, camera)
+        return refined, steps
 
     @property
     def reach(self) -> int:

@@ -1,4 +1,4 @@
-"""What the network returns for a batch of pairs, and where a larger pair starts from it."""
+"""What the network returns for a batch of pairs, where a larger pair starts from it, and their padding."""
 
 from __future__ import annotations
 
@@ -93,6 +93,20 @@ def fitted(maps: Tensor, height: int, width: int) -> Tensor:
     """Cut maps (B, C, h, w) to (B, C, height, width), or repeat their last row and column up to it."""
     maps = maps[..., :height, :width]
     missing = (0, width - maps.shape[-1], 0, height - maps.shape[-2])
+    return F.pad(maps, missing, mode="replicate") if any(missing) else maps
+
+
+def padded(maps: Tensor, multiple: int) -> Tensor:
+    """Repeat the last row and column of maps (B, C, H, W) until H and W are multiples of a number.
+
+    The padding lies to the right and below, so that the principal point stays where it is.
+
+    Args:
+        maps: Images, or maps of them.
+        multiple: The number [px].
+    """
+    height, width = maps.shape[-2:]
+    missing = (0, -width % multiple, 0, -height % multiple)
     return F.pad(maps, missing, mode="replicate") if any(missing) else maps
 
 
