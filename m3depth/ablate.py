@@ -1,13 +1,14 @@
-"""Run the paper's ablation studies under one budget, and put the paper's tables beside ours.
+"""Run ablation studies under one budget, and put the paper's tables beside ours.
 
     python -m m3depth.ablate --data data/train --out runs/ablation --minutes 10
     python -m m3depth.ablate --data data/train --test data/unseen --out runs/ablation --steps 2000 --studies components
 
 The studies are components (WEFE and IRM, on and off), loss (weights, no consistency loss, no normals), iterations (1 to
-6) and levels (of wavelets, 2 to 5). Each row of a table is a network that m3depth.train trains from random weights. All
-networks see the same data in the same order, with the same seed and the same number of steps or minutes, and are scored
-by m3depth.evaluate's rules on the same pairs. A run that several tables share is trained once: 17 runs make all four
-studies, for each seed.
+6), levels (of wavelets, 2 to 5), and parts (lookup, match at half the resolution, convex upsampling and recurrent steps
+of lite, on and off; the paper has no such table). Each row of a table is a network that m3depth.train trains from
+random weights. All networks see the same data in the same order, with the same seed and the same number of steps or
+minutes, and are scored by m3depth.evaluate's rules on the same pairs. A run that several tables share is trained once:
+22 runs make all five studies, for each seed.
 
 The same command continues after it was stopped or killed. It writes results.md and results.json after each run, and a
 figure a study at the end. runs/NAME-SEED holds the files of training and score.json. m3depth.train repeats a single

@@ -21,7 +21,7 @@ def budget_text(steps: int | None, minutes: float | None) -> str:
 
 @dataclass(frozen=True)
 class AblateOptions:
-    """Run the paper's ablation studies. Give --steps or --minutes."""
+    """Run ablation studies. Give --steps or --minutes."""
 
     data: tuple[Path, ...]
     """Dataset folders to train on, together: of marssim.generate or of any layout that m3depth.train recognises."""
@@ -29,10 +29,12 @@ class AblateOptions:
     """Folder to write the runs, the tables and the figures to."""
     test: Path | None = None
     """Dataset folder whose test split is scored. Without it, the first folder of --data."""
-    studies: tuple[Literal["components", "loss", "iterations", "levels"], ...] = (
-        "components", "loss", "iterations", "levels",
+    studies: tuple[Literal["components", "loss", "iterations", "levels", "parts"], ...] = (
+        "components", "loss", "iterations", "levels", "parts",
     )  # fmt: skip
-    """Tables of the paper to reproduce. More of them can be added later in the same --out."""
+    """Tables to make: those of the paper, and parts, of what lite has beside the paper's parts. More of them can be
+    added later in the same --out.
+    """
     steps: int | None = None
     """Budget of each run in optimizer steps, so that every network is trained on the same crops."""
     minutes: float | None = None

@@ -47,8 +47,9 @@ def study_figure(study: Mapping[str, Any], path: Path) -> None:
         ax.tick_params(axis="y", length=0)
     panels[0].set_yticks(range(len(rows)), [row["label"] for row in rows])
     panels[0].set_ylim(len(rows) - 0.5, -0.5)
+    handles = panels[0].plot([], [], marker="D", ms=6, color=PAPER, mfc="white", mew=1.6, ls="", label="paper")
     handles = [
-        panels[0].plot([], [], marker="D", ms=6, color=PAPER, mfc="white", mew=1.6, ls="", label="paper")[0],
+        *(handles if study["source"] else []),
         panels[0].plot([], [], marker="o", ms=6, color=HERE, lw=2, label="here, 95 % interval over test scenes")[0],
     ]
     figure.legend(handles=handles, loc="outside upper center", ncols=2, frameon=False)

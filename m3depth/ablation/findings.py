@@ -91,7 +91,7 @@ def findings(study: Study, scores: Mapping[str, RunScores]) -> dict[str, Any]:
         "all_scenes": max((len({record["scene"] for record in records}) for records in _records(runs)), default=0),
         "rows": rows,
         "comparisons": comparisons,
-        "order": [_order(study, rows, name) for name in study.measures],
+        "order": [_order(study, rows, name) for name in study.measures] if study.source else [],
     }
 
 
@@ -168,10 +168,11 @@ def _compare(study: Study, comparison: Comparison, column: Column, name: str) ->
     change = _change(column, before.variant.name, after.variant.name)
     verdict = _verdict(paper, **change)
     claim = f"{MEASURED[name]} {_change_text(paper)}" if paper is not None else comparison.statement or "no figure"
+    lead = f"Paper: {claim}; here" if study.source else "Here"
     if change["here"] is None:
-        here = "here it is not measured yet"
+        here = "it is not measured yet"
     else:
-        here = f"here {'it' if paper is not None else MEASURED[name]} {_change_text(change['here'])} "
+        here = f"{'it' if paper is not None else MEASURED[name]} {_change_text(change['here'])} "
         here += "(" + _interval_text(change["interval"])
         if len(change["by_seed"]) > 1:
             same = sum((seed_change > 0) == (change["here"] > 0) for seed_change in change["by_seed"])
@@ -184,7 +185,7 @@ def _compare(study: Study, comparison: Comparison, column: Column, name: str) ->
         "paper": paper,
         **change,
         "verdict": verdict,
-        "sentence": f"{comparison.change}. Paper: {claim}; {here}{ending}.",
+        "sentence": f"{comparison.change}. {lead} {here}{ending}.",
     }
 
 

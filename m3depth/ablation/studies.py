@@ -1,7 +1,7 @@
-"""The ablation studies of the paper: the networks and losses that are trained, and the paper's figures.
+"""The ablation studies: the networks and losses that are trained, and the paper's figures.
 
-Each study is a table of the paper with one row a run. A run is a preset with a few fields changed. A run that several
-studies share is trained once (`distinct`).
+Each study is a table with one row a run: those of the paper, and one of the parts that `lite` has beside the paper's. A
+run is a preset with a few fields changed. A run that several studies share is trained once (`distinct`).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
-from m3depth.network.config import PRESETS, M3DepthConfig
+from m3depth.network.config import PLAIN_UPSAMPLING, PRESETS, M3DepthConfig
 from m3depth.training.loss_config import LossConfig
 
 # Columns of the paper's tables, by the names of our figures.
@@ -73,11 +73,11 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Study:
-    """A table of the paper.
+    """A table of runs, of the paper or of our own.
 
     Attributes:
         title: Its title here.
-        source: Its label in the paper.
+        source: Its label in the paper; empty for a table that the paper does not have.
         columns: Names of its figures.
         rows: Its rows.
         reference: Number of the row that the figure draws the others against.
@@ -95,6 +95,7 @@ class Study:
 
 
 BASE = Variant("base")  # the unchanged preset
+NO_IRM = Variant("no-irm", PLAIN_UPSAMPLING)  # nor any other part that corrects or upsamples the first maps
 
 
 def _row(label: str, variant: Variant, columns: Sequence[str], figures: Iterable[float]) -> Row:
@@ -103,13 +104,12 @@ def _row(label: str, variant: Variant, columns: Sequence[str], figures: Iterable
 
 def _components() -> Study:
     columns = (*DEPTH, *NORMAL)
-    neither = Variant("no-wefe-no-irm", {"wavelet_levels": PLAIN, "refine_steps": 0})
+    neither = Variant("no-wefe-no-irm", {"wavelet_levels": PLAIN, **PLAIN_UPSAMPLING})
     irm = Variant("no-wefe", {"wavelet_levels": PLAIN})
-    wefe = Variant("no-irm", {"refine_steps": 0})
     rows = (  # the text says RMSE 0.311 of (d), the tables 0.314
         _row("(a) neither", neither, columns, (0.121, 0.083, 0.562, 0.055, 0.825, 33.5, 24.2, 50.9, 0.179)),
         _row("(b) IRM", irm, columns, (0.115, 0.071, 0.462, 0.051, 0.871, 29.6, 20.8, 46.9, 0.275)),
-        _row("(c) WEFE", wefe, columns, (0.113, 0.066, 0.418, 0.049, 0.882, 25.3, 17.2, 40.7, 0.361)),
+        _row("(c) WEFE", NO_IRM, columns, (0.113, 0.066, 0.418, 0.049, 0.882, 25.3, 17.2, 40.7, 0.361)),
         _row("(d) WEFE and IRM", BASE, columns, (0.089, 0.058, 0.314, 0.038, 0.905, 20.6, 12.3, 34.2, 0.435)),
     )
     comparisons = (
@@ -192,8 +192,36 @@ def _levels() -> Study:
     )
 
 
+def _parts() -> Study:
+    """Return the study of what stands beside the recurrent steps in `lite`: switched off one by one, and together.
+
+    A network without steps has no lookup either, which the steps alone use.
+    """
+    lookup, match, upsampling = {"lookup_levels": 0}, {"fine_width": 0}, {"convex_upsampling": False}
+    rows = (
+        Row("all parts", BASE),
+        Row("no correlation lookup", Variant("no-lookup", lookup)),
+        Row("no match at half the resolution", Variant("no-fine", match)),
+        Row("no convex upsampling", Variant("no-convex", upsampling)),
+        Row("recurrent steps alone", Variant("steps-alone", {**lookup, **match, **upsampling})),
+        Row("no recurrent steps, so no lookup", Variant("no-steps", {"refine_steps": 0, **lookup})),
+        Row("none of the four", NO_IRM),
+    )
+    comparisons = (
+        Comparison("Correlation lookup", 1, 0),
+        Comparison("Match at half the resolution", 2, 0),
+        Comparison("Convex upsampling", 3, 0),
+        Comparison("Recurrent steps and lookup, beside the other two", 5, 0),
+        Comparison("Recurrent steps, without the other three", 6, 4),
+        Comparison("Match at half the resolution and convex upsampling, without recurrent steps", 6, 5),
+    )
+    columns = ("abs_rel", "sq_rel", "rmse", "delta1", "normal_mean")
+    measures = ("abs_rel", "normal_mean")
+    return Study("Parts beside the recurrent steps", "", columns, rows, 0, comparisons, measures)
+
+
 STUDIES: dict[str, Study] = {
-    "components": _components(), "loss": _loss(), "iterations": _iterations(), "levels": _levels(),
+    "components": _components(), "loss": _loss(), "iterations": _iterations(), "levels": _levels(), "parts": _parts(),
 }  # fmt: skip
 
 

@@ -47,7 +47,8 @@ def markdown(about: Mapping[str, Any], studies: Mapping[str, Mapping[str, Any]])
     lines += size_warning(studies.values()) + mixture_warning(studies.values())
     lines += ["", *table(["study", *VERDICTS, "rows turned"], [_summary(study) for study in studies.values()])]
     for name, study in studies.items():
-        lines += ["", f"## {study['title']}", "", f"The paper's table `{study['source']}`.", ""]
+        source = f"The paper's table `{study['source']}`." if study["source"] else "The paper has no such table."
+        lines += ["", f"## {study['title']}", "", source, ""]
         normals = [column for column in study["columns"] if column.startswith("normal_")]
         for columns in ([c for c in study["columns"] if c not in normals], normals):
             if columns:
@@ -90,18 +91,26 @@ def mixture_warning(studies: Iterable[Mapping[str, Any]]) -> list[str]:
 
 
 def _summary(study: Mapping[str, Any]) -> list[str]:
+    if not study["source"]:
+        return [study["title"], *["-"] * (len(VERDICTS) + 1)]
     verdicts = [part["verdict"] for part in study["comparisons"]]
     turned = ", ".join(f"{part['turned']} of {part['of']}" for part in study["order"])
     return [study["title"], *(str(verdicts.count(verdict)) for verdict in VERDICTS), turned]
 
 
 def _figures(study: Mapping[str, Any], columns: Sequence[str]) -> list[str]:
+    if not study["source"]:
+        return table(["", *(NAMES[c] for c in columns)], [_our_row(row, columns) for row in study["rows"]])
     header = ["", *(text for column in columns for text in (f"{NAMES[column]} paper", "here"))]
     rows = [
         [row["label"], *(cell for c in columns for cell in (_printed(row["paper"].get(c)), _cell(row["here"][c])))]
         for row in study["rows"]
     ]
     return table(header, rows)
+
+
+def _our_row(row: Mapping[str, Any], columns: Sequence[str]) -> list[str]:
+    return [row["label"], *(_cell(row["here"][column]) for column in columns)]
 
 
 def _left_out(pairs: int, all_pairs: int) -> list[str]:

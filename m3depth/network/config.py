@@ -62,7 +62,7 @@ class M3DepthConfig:
     slice_dilated: bool = True
     """Dilates all of them but the last, by 2, 4, ...; the paper mentions no dilation."""
     refine_steps: int = 4
-    """T, the number of refinement steps; with 0, soft argmin and SNNet are upsampled."""
+    """T, the number of refinement steps; with 0, the maps of soft argmin and SNNet are upsampled as they are."""
     finer_steps: int = 4
     """Refinement steps at each larger size of the images, which begin where those of the smaller one ended."""
     hidden: int = 32
@@ -78,7 +78,9 @@ class M3DepthConfig:
     lookup_radius: int = 4
     """Cells to either side of the current disparity that a step compares; 0: that disparity alone."""
     lookup_levels: int = 2
-    """Resolutions at which a step compares; with 0, it gets no correlation."""
+    """Resolutions at which a step compares; with 0, it gets no correlation, as in the paper."""
+    convex_upsampling: bool = True
+    """True: maps are upsampled from 1/4 by learned weights. False: bilinearly."""
     fine_width: int = 32
     """Channels of the last correction, at 1/2; 0 leaves it out, as the paper does."""
 
@@ -103,6 +105,15 @@ class M3DepthConfig:
             raise ValueError(f"{name} {matched} is not a multiple of groups {self.groups}")
         if self.hypotheses < 8 or self.hypotheses % 8:
             raise ValueError(f"hypotheses must be a multiple of 8, got {self.hypotheses}")
+        if self.lookup_levels and not self.refine_steps:
+            raise ValueError(
+                f"lookup_levels must be 0 where refine_steps is 0, got {self.lookup_levels}: the steps alone look up"
+            )
+
+    @property
+    def refines(self) -> bool:
+        """Whether anything but bilinear interpolation brings the maps of soft argmin and SNNet to the image's size."""
+        return bool(self.refine_steps or self.convex_upsampling or self.fine_width)
 
     @property
     def size_multiple(self) -> int:
@@ -117,7 +128,10 @@ class M3DepthConfig:
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> M3DepthConfig:
-        """Read the JSON form. Fields that it lacks are those of `lite`, without the fine part.
+        """Read the JSON form. Fields that it lacks are those of `lite`, without the parts that older networks lack.
+
+        Networks from before the field convex_upsampling have no lookup, no fine part and no learned upsampling where
+        refine_steps is 0.
 
         Raises:
             ValueError: A field is unknown or malformed; the message names it.
@@ -133,6 +147,8 @@ class M3DepthConfig:
             if len(numbers) != (size or 1) or not all(type(n) is kind and 0 <= n <= 4096 for n in numbers):
                 raise ValueError(f"network config: field {name!r} has the value {value!r}")
             values[name] = tuple(numbers) if size else value
+        if values.get("refine_steps") == 0 and "convex_upsampling" not in data:
+            values |= PLAIN_UPSAMPLING
         return cls(**values)
 
 
@@ -155,6 +171,9 @@ def read_config(path: Path) -> M3DepthConfig:
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
+
+PLAIN_UPSAMPLING: dict[str, Any] = {"refine_steps": 0, "lookup_levels": 0, "convex_upsampling": False, "fine_width": 0}
+"""The fields of a network without the IRM and all that `lite` has beside it: bilinear upsampling of the first maps."""
 
 LITE = M3DepthConfig()
 """For a CPU: thin channels, volume and SNNet at 1/8, refinement at 1/4 with a correlation lookup, a correction at 1/2.

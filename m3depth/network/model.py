@@ -69,7 +69,7 @@ class M3Depth(nn.Module):
         self.refinement: Refinement | None = None
         self.fine: FineCorrection | None = None
         self.decisions: nn.Conv2d | None = None
-        if c.refine_steps:
+        if c.refines:
             self.refinement = Refinement(c)
             if c.fine_width:
                 self.fine = FineCorrection(half, c.hidden, c.fine_width)
@@ -252,9 +252,9 @@ class M3Depth(nn.Module):
         left, right = map(in_colour, checked_pair(left, right, rig))
         height, width = left.shape[:2]
         device = next(self.parameters()).device
+        nearest = NEAREST if nearest is None else nearest
         out: StereoOutput | None = None
-        steps = self.config.refine_steps > 0
-        for rows, columns in working_sizes(rig, self.reach, NEAREST if nearest is None else nearest, max_pixels, steps):
+        for rows, columns in working_sizes(rig, self.reach, nearest, max_pixels, self.config.refines):
             work, pair = rig, [left, right]
             if (rows, columns) != (height, width):
                 work = rig.resized(columns, rows)

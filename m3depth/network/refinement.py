@@ -235,7 +235,11 @@ class ConvexUpsampling(nn.Module):
 
 
 class Refinement(nn.Module):
-    """Context, T recurrent steps and the upsampling to full size. H_0 comes from the left features at 1/4 and 1/8."""
+    """Context, T recurrent steps and the upsampling to full size. H_0 comes from the left features at 1/4 and 1/8.
+
+    Without steps (config.refine_steps 0), the maps are upsampled as they are, and H_0 is the state from which learned
+    upsampling and the fine correction take what they know of the image.
+    """
 
     def __init__(self, config: M3DepthConfig) -> None:
         super().__init__()
@@ -246,14 +250,14 @@ class Refinement(nn.Module):
         self.context = nn.Sequential(
             nn.Conv2d(2 * quarter, 2 * hidden, 3, padding=1),
             nn.ReLU(inplace=True),
-            nn.Conv2d(2 * hidden, 2 * hidden, 1),
+            nn.Conv2d(2 * hidden, 2 * hidden if config.refine_steps else hidden, 1),
         )
-        self.bias = nn.Conv2d(hidden, 3 * hidden, 3, padding=1)
-        self.step = RefinementStep(config, CELL)
+        self.bias = nn.Conv2d(hidden, 3 * hidden, 3, padding=1) if config.refine_steps else None
+        self.step = RefinementStep(config, CELL) if config.refine_steps else None
         self.decisions = nn.Sequential(
             nn.Conv2d(hidden + quarter, hidden, 3, padding=1), nn.ReLU(inplace=True), nn.Conv2d(hidden, 2, 1)
         )
-        self.upsample = ConvexUpsampling(hidden, CELL)
+        self.upsample = ConvexUpsampling(hidden, CELL) if config.convex_upsampling else None
 
     def forward(
         self, left: Tensor, right: Tensor, coarse: Tensor, disparity: Tensor, normal: Tensor, camera: Tensor,
@@ -267,7 +271,7 @@ class Refinement(nn.Module):
             disparity: (B, 1, h, w) starting map [px of the full-size image].
             normal: (B, 3, h, w) starting map.
             camera: (B, 4) of the grid at 1/4.
-            count: T, the number of steps.
+            count: T, the number of steps; without recurrent steps in the network, none are taken.
             call: How a part of the network is called: `direct` or `recomputed`.
 
         Returns:
@@ -275,19 +279,29 @@ class Refinement(nn.Module):
             (B, 6, 4 h, 4 w): disparity, normal (not normalised), confidence logit, sky logit.
             The hidden state, (B, hidden, h, w).
         """
-        lookup = None
-        if self.match is not None:
-            match_left, match_right = matchable(self.match(torch.cat([left, right])).float()).chunk(2)
-            lookup = CorrelationLookup(match_left, match_right, self.radius, self.levels)
         wide = F.interpolate(self.coarse(coarse), left.shape[-2:], mode="bilinear")  # (B, C4, h, w)
-        features = torch.cat([left, wide], 1)  # (B, 2 C4, h, w)
-        hidden, context = self.context(features).chunk(2, 1)
-        first = hidden = torch.tanh(hidden)
-        bias = self.bias(F.relu(context))  # (B, 3 hidden, h, w)
+        hidden = self.context(torch.cat([left, wide], 1))  # (B, hidden, h, w), or twice as many channels with steps
         history = []
-        for _ in range(count):
-            hidden, disparity, normal = call(self.step, hidden, bias, first, disparity, normal, lookup, camera)
-            history.append((disparity, normal))
-        lookup = None  # frees its memory before the upsampling needs some
+        if self.bias is None or self.step is None:
+            hidden = torch.tanh(hidden)
+        else:
+            lookup = self._lookup(left, right)
+            hidden, context = hidden.chunk(2, 1)
+            first = hidden = torch.tanh(hidden)
+            bias = self.bias(F.relu(context))  # (B, 3 hidden, h, w)
+            for _ in range(count):
+                hidden, disparity, normal = call(self.step, hidden, bias, first, disparity, normal, lookup, camera)
+                history.append((disparity, normal))
+            lookup = None  # frees its memory before the upsampling needs some
         decisions = self.decisions(torch.cat([hidden, wide], 1)).float()  # (B, 2, h, w)
-        return history, call(self.upsample, hidden, torch.cat([disparity, normal, decisions], 1)), hidden
+        maps = torch.cat([disparity, normal, decisions], 1)  # (B, 6, h, w)
+        if self.upsample is None:
+            return history, F.interpolate(maps, scale_factor=float(CELL), mode="bilinear"), hidden
+        return history, call(self.upsample, hidden, maps), hidden
+
+    def _lookup(self, left: Tensor, right: Tensor) -> CorrelationLookup | None:
+        """Return the matching scores of features (B, C4, h, w); None where the steps do without them."""
+        if self.match is None:
+            return None
+        match_left, match_right = matchable(self.match(torch.cat([left, right])).float()).chunk(2)
+        return CorrelationLookup(match_left, match_right, self.radius, self.levels)

@@ -84,7 +84,7 @@ def test_a_study_is_trained_scored_and_reported(ablated) -> None:
 def test_runs_are_shared_between_studies(tmp_path) -> None:
     options = AblateOptions((tmp_path,), tmp_path, steps=1)
     names = [run.folder.name for run in plan(options)]
-    assert len(names) == len(set(names)) == 17
+    assert len(names) == len(set(names)) == 22
     both = replace(options, studies=("components", "loss"), seeds=(0, 1, 0))
     runs = plan(both)
     assert [run.folder.name for run in runs[:2]] == ["base-0", "no-wefe-no-irm-0"] and len(runs) == 2 * (4 + 5)

@@ -9,7 +9,7 @@ from small_network import SMALL
 
 from m3depth import export as module
 from m3depth.export import INPUTS, OUTPUTS, main, parity, textured_pair, to_onnx
-from m3depth.network.config import PAPER, M3DepthConfig
+from m3depth.network.config import PAPER, PLAIN_UPSAMPLING, M3DepthConfig
 from m3depth.network.model import M3Depth
 
 TINY = replace(SMALL, wavelet_levels=(2, 1))
@@ -37,7 +37,7 @@ def test_parity_at_free_sizes_and_batches(exported) -> None:
 
 
 @pytest.mark.parametrize(
-    "config", [THIN_PAPER, replace(TINY, refine_steps=0, wavelet_levels=(0, 0))], ids=["paper", "plain"]
+    "config", [THIN_PAPER, replace(TINY, **PLAIN_UPSAMPLING, wavelet_levels=(0, 0))], ids=["paper", "plain"]
 )
 def test_other_configurations_export_too(config: M3DepthConfig) -> None:
     differences = parity(network(config), to_onnx(network(config)), SIZES[::2])
@@ -85,10 +85,10 @@ def test_the_command_writes_a_file_that_other_programs_read(tmp_path, capsys) ->
 @pytest.mark.parametrize("part", ["aggregation.score", "normals.slice.2.weight"])
 def test_a_file_that_disagrees_is_not_written(tmp_path, monkeypatch, exported, part) -> None:
     """The exported network has other weights; it differs in disparity, or in normals alone."""
-    weights = network(replace(TINY, refine_steps=0))
+    weights = network(replace(TINY, **PLAIN_UPSAMPLING))
     with torch.no_grad():
         dict(weights.named_parameters())[part].mul_(-3)
-    other = to_onnx(network(replace(TINY, refine_steps=0)))
+    other = to_onnx(network(replace(TINY, **PLAIN_UPSAMPLING)))
     monkeypatch.setattr(module, "to_onnx", lambda model, opset: other)
     weights.save_pretrained(tmp_path / "net.safetensors")
     with pytest.raises(RuntimeError, match="disagrees with PyTorch"):

@@ -422,10 +422,10 @@ def test_crops_that_the_network_pads_train_too(plane_samples, tmp_path) -> None:
 
 def test_a_custom_network_comes_from_a_file(plane_samples, tmp_path) -> None:
     file = tmp_path / "net.json"
-    file.write_text(json.dumps({**asdict(SMALL), "refine_steps": 0, "wavelet_levels": [0, 1]}))
+    file.write_text(json.dumps({**asdict(SMALL), "refine_steps": 0, "lookup_levels": 0, "wavelet_levels": [0, 1]}))
     train(config_for(tmp_path / "run", network=file, max_steps=1, validate_every=0), plane_samples, [])
     made = M3Depth.from_pretrained(tmp_path / "run" / "weights.safetensors").config
-    assert made == replace(SMALL, refine_steps=0, wavelet_levels=(0, 1))
+    assert made == replace(SMALL, refine_steps=0, lookup_levels=0, wavelet_levels=(0, 1))
     for text, message in (
         ("[1]", "holds no JSON object"), ("{", "not readable as JSON"), ('{"hiden": 8}', "network config: unknown"),
         ('{"wavelet_kernel": 4}', "wavelet_kernel must be odd"),

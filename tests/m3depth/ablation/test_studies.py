@@ -1,9 +1,11 @@
-"""The studies are those of the paper: the trained networks, and the paper's figures."""
+"""The studies: the trained networks, and the paper's figures."""
+
+from dataclasses import replace
 
 import pytest
 
 from m3depth.ablation.studies import BASE, STUDIES, distinct
-from m3depth.network.config import PRESETS
+from m3depth.network.config import PLAIN_UPSAMPLING, PRESETS
 from m3depth.training.loss_config import LossConfig
 
 
@@ -12,7 +14,9 @@ def test_a_run_that_is_the_same_in_several_tables_is_one(preset: str) -> None:
     runs = distinct(STUDIES.values(), preset)
     different = {run.name: run.resolved(preset) for run in runs.values()}
     rows = [row.variant.name for study in STUDIES.values() for row in study.rows]
-    assert len(different) == len(set(different.values())) == len(rows) - 3 == 17  # the preset is in each study
+    # The preset is in each study and no-irm in two; the paper's network has no lookup and no fine part to leave out.
+    shared = {"lite": 5, "paper": 5 + 3}[preset]
+    assert len(different) == len(set(different.values())) == len(rows) - shared
     assert runs.keys() == set(rows)
     network, loss = BASE.resolved(preset)
     assert (network, loss) == (PRESETS[preset], LossConfig()) and BASE in runs.values()
@@ -24,15 +28,17 @@ def test_a_study_changes_only_its_own_fields(preset: str) -> None:
 
     def changed(study: str) -> list[dict]:
         networks = [row.variant.resolved(preset)[0] for row in STUDIES[study].rows]
-        names = ("wavelet_levels", "refine_steps")
+        names = ("wavelet_levels", *PLAIN_UPSAMPLING)
         fixed = [{k: v for k, v in vars(n).items() if k not in names} for n in networks]
         assert all(f == {k: v for k, v in vars(base).items() if k not in names} for f in fixed)
         return [{name: getattr(n, name) for name in names} for n in networks]
 
     on, off = base.wavelet_levels, (0, 0)
-    assert [tuple(c.values()) for c in changed("components")] == [
-        (off, 0), (off, base.refine_steps), (on, 0), (on, base.refine_steps),
-    ]  # fmt: skip
+    unchanged = {name: getattr(base, name) for name in PLAIN_UPSAMPLING}
+    assert changed("components") == [
+        {"wavelet_levels": levels, **rest}
+        for levels, rest in ((off, PLAIN_UPSAMPLING), (off, unchanged), (on, PLAIN_UPSAMPLING), (on, unchanged))
+    ]
     assert [c["refine_steps"] for c in changed("iterations")] == [1, 2, 3, 4, 5, 6]
     assert [c["wavelet_levels"] for c in changed("levels")] == [(2, 2), (3, 3), (4, 4), (5, 5)]
     losses = [row.variant.resolved(preset)[1] for row in STUDIES["loss"].rows]
@@ -52,3 +58,18 @@ def test_the_papers_changes_are_those_of_its_text() -> None:
     best = min(STUDIES["levels"].rows, key=lambda row: row.paper["abs_rel"])
     assert best.label == "3" and best.paper["abs_rel"] == steps[4].paper["abs_rel"] == 0.084
     assert steps[2].paper["abs_rel"] == rows[3].paper["abs_rel"] == 0.089
+
+
+def test_each_part_of_lite_has_a_row_without_it_and_the_recurrent_steps_one_of_their_own() -> None:
+    study = STUDIES["parts"]
+    base = PRESETS["lite"]
+    parts = ("refine_steps", "lookup_levels", "fine_width", "convex_upsampling")
+    present = []
+    for row in study.rows:
+        network = row.variant.resolved("lite")[0]
+        assert replace(network, **{name: getattr(base, name) for name in parts}) == base
+        present.append("".join(name[0] for name in parts if getattr(network, name)))
+        assert not row.paper
+    assert present == ["rlfc", "rfc", "rlc", "rlf", "r", "fc", ""]
+    gained = {c.change: set(present[c.after]) - set(present[c.before]) for c in study.comparisons}
+    assert [*gained.values()] == [{"l"}, {"f"}, {"c"}, {"r", "l"}, {"r"}, {"f", "c"}]

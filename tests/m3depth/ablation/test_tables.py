@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ablation_scores import ABOUT, levels
+from ablation_scores import ABOUT, levels, score
 
+from m3depth.ablation.figure import study_figure
 from m3depth.ablation.findings import findings
 from m3depth.ablation.studies import STUDIES
 from m3depth.ablation.tables import markdown
@@ -84,3 +85,21 @@ def test_too_small_a_test_set_or_budget_is_warned_of_before_the_tables(scenes, s
     text = markdown(ABOUT, {"levels": study})
     assert ("Too small for any conclusion" in text) == (warning is not None)
     assert warning is None or (warning in text and text.index(warning) < text.index("| study |"))
+
+
+def test_a_study_that_the_paper_lacks_shows_our_figures_alone(tmp_path) -> None:
+    study = STUDIES["parts"]
+    names = study.columns
+    scores = {row.variant.name: {0: score({name: np.full(4, 0.5) for name in names})} for row in study.rows}
+    scores["no-convex"] = {0: score({name: np.full(4, 0.8) for name in names})}
+    scores["no-steps"] = {}
+    report = findings(study, scores)
+    assert report["order"] == [] and {part["verdict"] for part in report["comparisons"]} == {None}
+    text = markdown(ABOUT, {"parts": report})
+    assert "The paper has no such table." in text and "Paper: " not in text
+    assert "| Parts beside the recurrent steps | - | - | - | - |" in text
+    assert "| no convex upsampling | 0.8000 | 0.8000 | 0.8000 | 0.8000 |\n" in text
+    assert "- Convex upsampling. Here Abs Rel falls by 37.5 % (95 % interval -37.5 to -37.5 %)." in text
+    assert "- Recurrent steps and lookup, beside the other two. Here it is not measured yet." in text
+    study_figure(report, path := tmp_path / "parts.png")
+    assert path.stat().st_size > 10_000

@@ -9,7 +9,7 @@ import torch
 from small_network import SMALL
 
 import m3depth
-from m3depth.network.config import read_config
+from m3depth.network.config import PLAIN_UPSAMPLING, read_config
 from m3depth.network.geometry import face_camera, pixel_rays, unit
 from m3depth.network.model import PRESETS, M3Depth
 from m3depth.network.output import Start, StereoOutput
@@ -174,7 +174,7 @@ def test_larger_sizes_start_where_the_smaller_one_ended(model: M3Depth, monkeypa
 
 def test_a_network_without_refinement_enlarges_the_maps_of_the_reduced_pair(monkeypatch) -> None:
     torch.manual_seed(0)
-    network = M3Depth(replace(SMALL, refine_steps=0)).eval()
+    network = M3Depth(replace(SMALL, **PLAIN_UPSAMPLING)).eval()
     widths, plain = [], network.forward
     monkeypatch.setattr(network, "forward", lambda left, *rest: widths.append(left.shape[-1]) or plain(left, *rest))
     image = np.random.default_rng(2).integers(0, 256, (64, 128), dtype=np.uint8)

@@ -1,12 +1,12 @@
 """Every part of the network can be left out or put in, and what is built trains."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import pytest
 import torch
 from small_network import SMALL
 
-from m3depth.network.config import M3DepthConfig
+from m3depth.network.config import PLAIN_UPSAMPLING, M3DepthConfig
 from m3depth.network.model import M3Depth
 from m3depth.network.wavelet import WaveletConv
 
@@ -42,16 +42,21 @@ def trains(config: M3DepthConfig, training_loss) -> M3Depth:
         ({"residual_width": 0}, ("aggregation.context", "aggregation.residual")),
         ({"output_head": 1, "score_kernel": 3}, ()),
         ({"output_head": 2, "residual_width": 0}, ()),
-        ({"output_head": 3, "refine_steps": 0}, ("refinement",)),
+        ({"output_head": 3, **PLAIN_UPSAMPLING}, ("refinement", "fine")),
         ({"normal_context": 0}, ("normals.context",)),
         ({"slice_layers": 1}, ("normals.slice.1",)),
         ({"slice_dilated": False}, ()),
-        ({"refine_steps": 0}, ("refinement",)),
+        (PLAIN_UPSAMPLING, ("refinement", "fine")),
+        ({"refine_steps": 0, "lookup_levels": 0}, ("refinement.step", "refinement.bias", "refinement.match")),
+        ({**PLAIN_UPSAMPLING, "fine_width": 8}, ("refinement.step", "refinement.upsample")),
+        ({**PLAIN_UPSAMPLING, "convex_upsampling": True}, ("refinement.step", "fine")),
         ({"implied_geometry": False}, ()),
         ({"heads_see_all": True}, ()),
         ({"lookup_radius": 0}, ()),
         ({"lookup_levels": 0}, ("refinement.match", "refinement.step.correlation")),
         ({"fine_width": 0}, ("fine",)),
+        ({"convex_upsampling": False}, ("refinement.upsample",)),
+        ({"lookup_levels": 0, "fine_width": 0, "convex_upsampling": False}, ("refinement.match", "fine")),
     ],
 )
 def test_a_part_can_be_switched_and_the_rest_trains(training_loss, change, absent) -> None:
@@ -115,3 +120,41 @@ def test_a_malformed_field_of_the_json_form_is_named(bad) -> None:
     with pytest.raises(ValueError, match=f"'{next(iter(bad))}'"):
         M3DepthConfig.from_dict(bad)
     assert M3DepthConfig.from_dict({"feature_skips": False}).feature_skips is False
+
+
+def test_a_lookup_without_steps_is_refused() -> None:
+    with pytest.raises(ValueError, match="lookup_levels must be 0 where refine_steps is 0, got 2: the steps alone"):
+        replace(SMALL, refine_steps=0)
+
+
+def test_networks_from_before_the_switch_are_what_they_were() -> None:
+    """Then a network without steps had none of the other parts, whatever its file says, and others had them all."""
+    old = {k: v for k, v in asdict(SMALL).items() if k != "convex_upsampling"}
+    assert M3DepthConfig.from_dict(old) == SMALL
+    assert M3DepthConfig.from_dict({**old, "refine_steps": 0}) == replace(SMALL, **PLAIN_UPSAMPLING)
+    stated = {**asdict(SMALL), "refine_steps": 0, "lookup_levels": 0}
+    assert M3DepthConfig.from_dict(stated).fine_width == SMALL.fine_width
+
+
+def test_maps_without_convex_upsampling_are_those_of_the_last_step_enlarged() -> None:
+    torch.manual_seed(0)
+    model = M3Depth(replace(SMALL, convex_upsampling=False, fine_width=0)).eval()
+    left, right = torch.rand(2, 1, 3, 32, 64)
+    out = model(left, right, torch.tensor([[60.0, 60, 32, 16]]))
+    enlarged = torch.nn.functional.interpolate(out.steps[-1][0], (32, 64), mode="bilinear")
+    torch.testing.assert_close(out.disparity, enlarged)
+
+
+def test_without_steps_the_first_maps_are_enlarged_and_the_fine_correction_starts_there() -> None:
+    """The correction starts as none, so the maps are the first ones on the grid at 1/4, enlarged."""
+    torch.manual_seed(0)
+    model = M3Depth(replace(SMALL, **{**PLAIN_UPSAMPLING, "fine_width": 8})).eval()
+    left, right = torch.rand(2, 1, 3, 32, 64)
+    camera = torch.tensor([[60.0, 60, 32, 16]])
+    out = model(left, right, camera)
+    assert out.initial is not None and out.steps == []
+    interpolate = torch.nn.functional.interpolate
+    quarter = interpolate(out.initial[0], (8, 16), mode="bilinear")
+    torch.testing.assert_close(out.disparity, interpolate(quarter, (32, 64), mode="bilinear"))
+    larger = model(*(interpolate(x, (64, 128), mode="bilinear") for x in (left, right)), 2 * camera, out.start(64, 128))
+    assert larger.steps == [] and larger.disparity.shape == (1, 1, 64, 128)
