@@ -20,7 +20,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from m3depth.evaluation.rock_scene import RockScene
+from m3depth.evaluation.rock_scene import RockScene, SeenRock
 from m3depth.evaluation.rock_scores import RockCounts, RockOutcome, count_between
 from marssim.base.camera import StereoRig
 from marssim.base.rover_spec import ZHURONG
@@ -36,7 +36,9 @@ Rocks, their heights and distances are those of m3depth.evaluation.rock_scores, 
 cell on it, or beside it, stands out by that much; its height is that of the highest such cell. A rock is left unknown
 if it is not found and the map knows less than half of its cells. A connected patch of such cells belongs to no rock if
 nothing within 0.3 m truly stands at least half as high. The patch is displaced if such a thing stands within 0.3 m and
-a range error of 1 px of disparity, and else false. The rows of ground_truth show the best that the map can do."""
+a range error of 1 px of disparity, and else false. Edges of slabs are those of m3depth.evaluation.rock_scene, and are
+found as rocks are; their slabs count among the rocks too. The rows of ground_truth show the best that the map can
+do."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,8 @@ class TrueRocks:
 
     cells: list[np.ndarray]
     """For each rock its cells, (n, n) bool."""
+    edge_cells: list[np.ndarray]
+    """For each edge of a slab its cells, (n, n) bool."""
     height: np.ndarray
     """(n, n) true height above the ground [m], from the rock pixels and the map of the true depth; -1 where unknown."""
     fb: float
@@ -72,14 +76,16 @@ def true_rocks(scene: RockScene, true: FrameMap, on_rock: np.ndarray, fb: float)
     """
     elevation = true.elevation
     points = scene.rays.reshape(-1, 3) * np.where(np.isfinite(scene.true_depth), scene.true_depth, 0).reshape(-1, 1)
-    cells = [_cells_of(elevation, points[rock.pixels, :2]) for rock in scene.rocks]
+    cells, edge_cells = (
+        [_cells_of(elevation, points[rock.pixels, :2]) for rock in rocks] for rocks in (scene.rocks, scene.slab_edges)
+    )
     rock_points = points[np.flatnonzero(on_rock & np.isfinite(scene.true_depth))]
     height = np.nan_to_num(true.step, nan=-1.0)
     index = elevation.cell_of(rock_points[:, :2])
     inside = ((index >= 0) & (index < elevation.n)).all(axis=1)
     above = scene.heights(rock_points)
     np.maximum.at(height, (index[inside, 1], index[inside, 0]), above[inside])
-    return TrueRocks(cells, height, fb)
+    return TrueRocks(cells, edge_cells, height, fb)
 
 
 def _cells_of(elevation: ElevationMap, xy: np.ndarray) -> np.ndarray:
@@ -150,14 +156,14 @@ def count_rocks(counts: MapRockCounts, shown: FrameMap, scene: RockScene, truth:
     with np.errstate(invalid="ignore"):
         stands = shown.step >= least
     for rock, rock_cells in zip(scene.rocks, truth.cells, strict=True):
-        if np.median(scene.true_depth.ravel()[rock.pixels]) >= config.max_range - RIM:
+        outcome = _outcome(shown, scene, rock, rock_cells, stands)
+        if outcome is None:
             continue
-        cells = _wider(rock_cells, 1)
-        found = bool((stands & cells).any())
-        height = float(np.nanmax(shown.step[cells])) if found else np.nan
-        counts.rocks.append(RockOutcome(rock.height, rock.distance, found, height - rock.height, rock.both_eyes))
-        if not found and shown.elevation.known[rock_cells].mean() < 0.5:
+        counts.rocks.append(outcome)
+        if not outcome.found and shown.elevation.known[rock_cells].mean() < 0.5:
             counts.unknown.append((rock.height, rock.distance))
+    edges = (_outcome(shown, scene, *edge, stands) for edge in zip(scene.slab_edges, truth.edge_cells, strict=True))
+    counts.edges += [outcome for outcome in edges if outcome is not None]
     surroundings = np.ones((2 * round(BESIDE / config.cell) + 1,) * 2, np.uint8)
     with np.errstate(invalid="ignore"):
         false = stands & ~(cv2.dilate(truth.height, surroundings) >= shown.step / 2)
@@ -169,6 +175,26 @@ def count_rocks(counts: MapRockCounts, shown: FrameMap, scene: RockScene, truth:
         height = float(shown.step[patch].max())
         places = counts.displaced if _is_displaced(shown.elevation, patch, height, truth) else counts.false
         places.append((height, float(np.median(distance[patch]))))
+
+
+def _outcome(
+    shown: FrameMap, scene: RockScene, rock: SeenRock, rock_cells: np.ndarray, stands: np.ndarray
+) -> RockOutcome | None:
+    """Return the outcome of a rock, or of an edge of a slab; None where it lies at the end of the map's range.
+
+    Args:
+        shown: The map.
+        scene: The rocks that the frame shows.
+        rock: One of them, or of their edges.
+        rock_cells: (n, n) bool, its cells.
+        stands: (n, n) bool, the cells that are obstacles.
+    """
+    if np.median(scene.true_depth.ravel()[rock.pixels]) >= shown.elevation.config.max_range - RIM:
+        return None
+    cells = _wider(rock_cells, 1)
+    found = bool((stands & cells).any())
+    height = float(np.nanmax(shown.step[cells])) if found else np.nan
+    return RockOutcome(rock.height, rock.distance, found, height - rock.height, rock.both_eyes)
 
 
 def _is_displaced(elevation: ElevationMap, patch: np.ndarray, height: float, truth: TrueRocks) -> bool:

@@ -23,8 +23,9 @@ from envs.world.perception import load_perception
 from envs.world.user_code import errors_of
 from m3depth.datasets.config import Split
 from m3depth.estimator import Estimator, checked_prediction
-from m3depth.evaluation.report import rocks_table
+from m3depth.evaluation.report import EDGES, edges_table, has_edges, rocks_table
 from m3depth.evaluation.rock_scene import rock_scene
+from m3depth.evaluation.rock_scores import HIGH_AND_NEAR
 from m3depth.figures.rocks import rocks_figure
 from m3depth.stereo.degradation import Degradation
 from marssim.base.command.limits import check_least
@@ -37,7 +38,6 @@ from marssim.base.files.json_file import write_json
 from marssim.base.results.claim import ResultFolder
 from marssim.base.results.code_state import versions
 
-HIGH_AND_NEAR = "standing_0.2_m_within_8_m"
 STEPS = (0.10, 0.12, 0.15, 0.20, 0.25)  # [m] heights from which cells are obstacles, counted beside --step
 
 
@@ -99,6 +99,7 @@ def _count(
 ) -> dict[str, Any]:
     steps = sorted({config.step, *STEPS})
     counts_by_method = {name: {step: MapRockCounts() for step in steps} for name in methods}
+    records: list[dict[str, Any]] = []
     for index, (dataset, number) in enumerate(watched(pairs, "pair", "rocks")):
         sample = dataset[number]
         scene = rock_scene(sample)
@@ -108,6 +109,9 @@ def _count(
         if degradation is not None:
             rng = np.random.default_rng((config.seed, index))
             left, right = degradation.apply(left, right, rng)
+        record: dict[str, Any] = {
+            "data": str(dataset.path), "pair": dataset.names[number], "scene": dataset.scenes[number],
+        }  # fmt: skip
         turn = np.asarray(sample.meta["pose"], float)[:3, :3]
         rover = sample.rock < 0  # the rover itself, which no map holds
         true = frame_map(np.where(rover, np.nan, sample.depth), None, sample.rig, turn)
@@ -121,11 +125,16 @@ def _count(
                 prediction = checked_prediction(method, prediction, left.shape[:2])
                 shown = frame_map(np.where(rover, np.nan, prediction.depth), prediction.confidence, sample.rig, turn)
             for step, counts in counts_by_method[name].items():
-                count_rocks(counts, shown, scene, truth, step)
+                of_pair = MapRockCounts()
+                count_rocks(of_pair, shown, scene, truth, step)
+                counts.merge(of_pair)
+                if step == config.step:
+                    record[name] = vars(of_pair)
+        records.append(record)
     results = {
         name: {step: counts.result() for step, counts in by_step.items()} for name, by_step in counts_by_method.items()
     }
-    return _report(config, results)
+    return _report(config, results, records)
 
 
 def _pairs(config: RocksConfig) -> list[tuple[StereoDataset, int]]:
@@ -139,7 +148,16 @@ def _pairs(config: RocksConfig) -> list[tuple[StereoDataset, int]]:
     return [pairs[i] for i in np.unique(np.linspace(0, len(pairs) - 1, count).round().astype(int))]
 
 
-def _report(config: RocksConfig, by_step: dict[str, dict[float, dict[str, Any]]]) -> dict[str, Any]:
+def _report(
+    config: RocksConfig, by_step: dict[str, dict[float, dict[str, Any]]], records: list[dict[str, Any]]
+) -> dict[str, Any]:
+    """Write the files, and return the content of results.json.
+
+    Args:
+        config: The command's flags.
+        by_step: MapRockCounts.result() by method and height of an obstacle [m].
+        records: The counts of each pair at --step, by method.
+    """
     results = {name: steps[config.step] for name, steps in by_step.items()}
     named = ", ".join(map(str, config.data))
     images = max((counts["images"] for counts in results.values() if counts), default=0)
@@ -150,7 +168,7 @@ def _report(config: RocksConfig, by_step: dict[str, dict[float, dict[str, Any]]]
         "degrade": config.degrade, "seed": config.seed, "versions": versions(),
     }  # fmt: skip
     curve = {name: [_curve_point(step, counts) for step, counts in steps.items()] for name, steps in by_step.items()}
-    content = {**about, "methods": results, "by_step": curve}
+    content = {**about, "methods": results, "by_step": curve, "per_pair": records}
     write_json(config.out / "results.json", content, sort_keys=False)
     rocks_figure(results, config.out / "rocks.png")
     degraded = f", degraded by `{config.degrade}`" if config.degrade else ""
@@ -164,6 +182,7 @@ def _report(config: RocksConfig, by_step: dict[str, dict[float, dict[str, Any]]]
         "",
         *rocks_table(results, config.step),
         "",
+        *_edges(results),
         "Rocks of 0.2 m and more within 8 m, and obstacles that belong to no rock, for other heights of an obstacle:",
         "",
         *_curve_table(curve),
@@ -173,6 +192,12 @@ def _report(config: RocksConfig, by_step: dict[str, dict[float, dict[str, Any]]]
     ]
     write_atomically(config.out / "results.md", "\n".join(lines).encode())
     return content
+
+
+def _edges(results: dict[str, dict[str, Any]]) -> list[str]:
+    """Return the lines on the edges of slabs; none where there are none."""
+    edges = {name: result["slab_edges"] for name, result in results.items()}
+    return [EDGES, "", *edges_table(edges), ""] if has_edges(edges) else []
 
 
 def _curve_point(step: float, result: dict[str, Any]) -> dict[str, Any]:

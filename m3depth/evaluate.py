@@ -98,6 +98,9 @@ class EvaluateOptions:
     relative to the left) of the right one alone."""
     seed: int = 0
     """Seed of the noise that --degrade adds."""
+    max_disparity: float = MAX_DISPARITY
+    """Largest true disparity [px] of the pixels that are scored; nearer ones are scored apart, as near. For images
+    larger than 512 px of the same view, give as many times more."""
     align_rows: bool = False
     """Align the rows of each pair where they lie significantly apart, before the estimators see it, as m3depth.predict
     does. It counts to their time."""
@@ -106,6 +109,8 @@ class EvaluateOptions:
 
     def __post_init__(self) -> None:
         check_choice(self.limit, self.seed)
+        if not self.max_disparity > 0:
+            raise ValueError(f"max_disparity must be positive, got {self.max_disparity}")
 
 
 def named_estimators(options: EvaluateOptions) -> dict[str, tuple[str, EstimatorName]]:
@@ -198,6 +203,7 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
         limit=options.limit,
         degradation=degradation,
         seed=options.seed,
+        max_disparity=options.max_disparity,
         align_rows=options.align_rows,
         examples=EXAMPLES,
         worst=EXAMPLES,
@@ -217,7 +223,7 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
         "seed": options.seed,
         "align_rows": options.align_rows,
         "depth_range_m": scored_depths(dataset),
-        "max_disparity_px": MAX_DISPARITY,
+        "max_disparity_px": options.max_disparity,
         "versions": versions(),
     }
     figures = {"methods": evaluation.results, "true_depth_normals": evaluation.true_depth_normals}
@@ -260,6 +266,7 @@ def dependencies(
         "--limit": options.limit,
         "--degrade": options.degrade,
         "--seed": options.seed,
+        "--max-disparity": options.max_disparity,
         "--align-rows": options.align_rows,
         **{flag(name): str(value) for name, value in options.reader.changed_fields().items()},
         **({} if calib is None else {"--calib": [str(calib), state_of_files([calib])]}),

@@ -23,6 +23,7 @@ from typing import Any, Protocol
 import cv2
 import numpy as np
 
+from m3depth.evaluation.surfaces import on_slab
 from m3depth.stereo.pairs import MAX_DISPARITY, in_grey
 from marssim.base.camera import MAX_DEPTH, StereoRig
 
@@ -30,7 +31,7 @@ DEPTH_CAP = 80.0  # [m] what unknown and larger depths count as
 DEPTH_FLOOR = 0.01  # [m] what smaller depths count as
 INTERVAL_EDGES = np.arange(0.0, MAX_DEPTH + 1)  # [m] the paper's 15 depth intervals (a, b]
 # Kinds of pixels that have figures of their own.
-KINDS = ("all", "visible", "occluded", "rock", "ground", "texture_poor", "near")
+KINDS = ("all", "visible", "occluded", "rock", "slab", "ground", "texture_poor", "near")
 POOR_TEXTURE = 2.5  # [grey levels] standard deviation in 9 x 9 px below which a pixel counts as texture-poor
 
 # Terms of depth_terms and normal_terms, in order; their means are the figures.
@@ -52,7 +53,8 @@ class StereoTruth(Protocol):
         occluded: (H, W) bool, the pixels that the right eye does not see.
         rock: (H, W) int number of the rock, 0 where there is none, -1 on the rover itself.
         rig: The cameras.
-        meta: "pose" is the (4, 4) matrix from the left camera to the world, if it is known.
+        meta: "pose" is the (4, 4) matrix from the left camera to the world, if it is known; "surface_ids" tells
+            slabs from other rocks (m3depth.evaluation.surfaces).
     """
 
     left: np.ndarray
@@ -152,12 +154,13 @@ def pixel_kinds(sample: StereoTruth, max_disparity: float = MAX_DISPARITY) -> di
     """
     known = sample.valid & known_depth(sample.depth)
     scored = known & (sample.disparity <= max_disparity)
-    rock = sample.rock > 0
+    slab = on_slab(sample)
     return {
         "all": scored,
         "visible": scored & ~sample.occluded,
         "occluded": scored & sample.occluded,
-        "rock": scored & rock,
+        "rock": scored & (sample.rock > 0) & ~slab,
+        "slab": scored & slab,
         "ground": scored & (sample.rock == 0),
         "texture_poor": scored & texture_poor(sample.left),
         "near": known & (sample.disparity > max_disparity),

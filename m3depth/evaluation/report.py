@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from m3depth.evaluation.metrics import DEPTH_CAP, KINDS
-from m3depth.evaluation.rock_scores import OBSTACLE
+from m3depth.evaluation.rock_scores import HIGH_AND_NEAR, OBSTACLE
 from m3depth.evaluation.running_sums import NEAR_GROUND
 
 Results = Mapping[str, Mapping[str, Any]]
@@ -24,6 +24,11 @@ SKY_COLUMNS = {
     "near_ground_as_sky": "near ground predicted as sky ↓", "missed": "sky missed ↓",
     "predicted_near": "sky predicted nearer than 15 m ↓",
 }  # fmt: skip
+ROCK_COLUMNS = ("found", "share", "seen by both eyes", "found", "height error [m]", "bias [m]")
+EDGES = (
+    "Edges of slabs: connected parts of slabs and ledges that stand 0.1 m and more above the ground around them. Their "
+    "slabs count among the rocks too."
+)
 # Decimals in the table for the terminal.
 DECIMALS = {
     "abs_rel": 4, "sq_rel": 4, "rmse": 3, "log10": 4, "delta1": 4, "delta2": 4, "delta3": 4, "epe": 3, "bad1": 4,
@@ -158,7 +163,9 @@ def _rocks(results: Results) -> list[str]:
         "and median with sign, over the rocks found. False: regions away from rocks, in the sky too, that are "
         f"predicted to stand 0.2 m and more above the true ground, in {images} images."
     )
-    return ["", "## Rocks", "", about, "", *rocks_table(rocks, OBSTACLE)]
+    lines = ["", "## Rocks", "", about, "", *rocks_table(rocks, OBSTACLE)]
+    edges = {name: r["slab_edges"] for name, r in rocks.items()}
+    return lines + (["", EDGES, "", *edges_table(edges)] if has_edges(edges) else [])
 
 
 def rocks_table(results: Mapping[str, Mapping[str, Any]], least_false: float) -> list[str]:
@@ -168,24 +175,46 @@ def rocks_table(results: Mapping[str, Mapping[str, Any]], least_false: float) ->
         results: RockCounts.result() by method.
         least_false: Height from which false obstacles were searched [m].
     """
-    rows = []
-    for name, rocks in results.items():
-        for figures in (rocks["standing_0.2_m_within_8_m"], *rocks["bins"]):
-            low, high = figures["height_from_m"], figures["height_to_m"]
-            rows.append(
-                [
-                    name,
-                    f"{low:g} m and more" if high == math.inf else f"{low:g}-{high:g} m",
-                    f"{figures['range_from_m']:g}-{figures['range_to_m']:g} m",
-                    *(str(figures[key]) for key in ("rocks", "found")),
-                    *_figures(figures, ["found_share"]),
-                    *(str(figures[key]) for key in ("both_eyes", "both_eyes_found")),
-                    *_figures(figures, ["height_error_m", "height_bias_m"]),
-                    "-" if high <= least_false else str(figures["false"]),
-                ]
-            )
-    columns = ["method", "height", "range", "rocks", "found", "share", "seen by both eyes", "found"]
-    return table([*columns, "height error [m]", "bias [m]", "false"], rows)
+    rows = [
+        [*_rock_row(name, figures), "-" if figures["height_to_m"] <= least_false else str(figures["false"])]
+        for name, rocks in results.items()
+        for figures in (rocks[HIGH_AND_NEAR], *rocks["bins"])
+    ]
+    return table(["method", "height", "range", "rocks", *ROCK_COLUMNS, "false"], rows)
+
+
+def has_edges(results: Mapping[str, Mapping[str, Any]]) -> bool:
+    """Return whether any edge of a slab was counted; results: RockCounts.result()["slab_edges"] by method."""
+    return any(figures["rocks"] for edges in results.values() for figures in edges["bins"])
+
+
+def edges_table(results: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Return the lines of a table of edges of slabs by method, height and distance.
+
+    Args:
+        results: RockCounts.result()["slab_edges"] by method.
+    """
+    rows = [
+        _rock_row(name, figures)
+        for name, edges in results.items()
+        for figures in (edges[HIGH_AND_NEAR], *edges["bins"])
+        if figures["rocks"]
+    ]
+    return table(["method", "height", "range", "edges", *ROCK_COLUMNS], rows)
+
+
+def _rock_row(name: str, figures: Mapping[str, Any]) -> list[str]:
+    """Return the cells of outcome_figures of a method."""
+    low, high = figures["height_from_m"], figures["height_to_m"]
+    return [
+        name,
+        f"{low:g} m and more" if high == math.inf else f"{low:g}-{high:g} m",
+        f"{figures['range_from_m']:g}-{figures['range_to_m']:g} m",
+        *(str(figures[key]) for key in ("rocks", "found")),
+        *_figures(figures, ["found_share"]),
+        *(str(figures[key]) for key in ("both_eyes", "both_eyes_found")),
+        *_figures(figures, ["height_error_m", "height_bias_m"]),
+    ]
 
 
 def _confidence(results: Results) -> list[str]:

@@ -3,16 +3,23 @@
 A rock's height is that of its visible points above the plane through the ground around it, along gravity. A rock is
 measured if its highest point stands 0.1 m or more above that plane, and its top (the 95th percentile over its pixels)
 above it, if it has 30 pixels or more, and if it is up to 15 m away.
+
+Slabs, blocks of ledges and fragments are rocks here. In a pavement of slabs, most of a slab is low, and what stands
+out is an edge that may reach over several of them. So edges are measured too: an edge of a slab is a connected region
+(8 neighbours) of pixels on slabs and ledges that stand 0.1 m or more above the ground around their slab or block. The
+rules for rocks then hold for the region: 30 pixels, 15 m, and a highest point 0.1 m above the plane through the ground
+around the region, which is its height.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import cv2
 import numpy as np
 
+from m3depth.evaluation.surfaces import on_slab
 from marssim.base.camera import MAX_DEPTH, StereoRig
 from marssim.base.pose import rotate
 
@@ -42,7 +49,7 @@ class RockTruth(Protocol):
 
 @dataclass(frozen=True)
 class SeenRock:
-    """A rock as the left eye sees it.
+    """A rock, or an edge of a slab, as the left eye sees it.
 
     Attributes:
         pixels: (N,) flat indices of its pixels.
@@ -72,6 +79,7 @@ class RockScene:
         ground: (n, n) height of each cell of the ground [m], [iy, ix].
         near_rock: (H, W) bool, pixels on a rock or within ROCK_RIM of one.
         rocks: The rocks that are measured.
+        slab_edges: The edges of slabs and ledges that are measured.
     """
 
     rays: np.ndarray
@@ -80,6 +88,7 @@ class RockScene:
     ground: np.ndarray
     near_rock: np.ndarray
     rocks: list[SeenRock]
+    slab_edges: list[SeenRock] = field(default_factory=list)
 
     def heights(self, points: np.ndarray) -> np.ndarray:
         """Return the heights (N,) [m] of points (N, 3), in these axes, above the ground below them.
@@ -105,8 +114,8 @@ def rock_scene(sample: RockTruth) -> RockScene | None:
         return None
     reach = np.ones((2 * ROCK_RIM + 1,) * 2, np.uint8)
     near_rock = cv2.dilate(on_rock.astype(np.uint8), reach) > 0
-    rocks = _measure(sample, rays, known, on_rock & visible & (sample.depth <= 1.5 * MAX_DEPTH))
-    return RockScene(rays, sample.depth, camera.fy, _nearest(known), near_rock, rocks)
+    rocks, edges = _measure(sample, rays, known, on_rock & visible & (sample.depth <= 1.5 * MAX_DEPTH))
+    return RockScene(rays, sample.depth, camera.fy, _nearest(known), near_rock, rocks, edges)
 
 
 def _cells(points: np.ndarray) -> np.ndarray:
@@ -136,27 +145,60 @@ def _nearest(heights: np.ndarray) -> np.ndarray:
     return value[labels]
 
 
-def _measure(sample: RockTruth, rays: np.ndarray, ground: np.ndarray, on_rock: np.ndarray) -> list[SeenRock]:
-    """Return the rocks of the pixels `on_rock`, (H, W) bool; ground: (n, n) known heights [m], NaN elsewhere."""
+def _measure(
+    sample: RockTruth, rays: np.ndarray, ground: np.ndarray, on_rock: np.ndarray
+) -> tuple[list[SeenRock], list[SeenRock]]:
+    """Return the rocks, and the edges of slabs.
+
+    Args:
+        sample: The sample.
+        rays: (H, W, 3) rays of depth 1, level axes.
+        ground: (n, n) known heights of the ground [m], NaN elsewhere.
+        on_rock: (H, W) bool, the pixels of what may be measured.
+    """
     rocks = []
+    above = np.zeros(on_rock.size)  # height of each pixel above the ground around its rock [m]
     for pixels in pixels_by_label(np.where(on_rock, sample.rock, 0)):
-        if len(pixels) < LEAST_PIXELS:
-            continue
-        points = rays.reshape(-1, 3)[pixels] * sample.depth.ravel()[pixels][:, None]
-        middle = points[:, :2].mean(axis=0)
-        distance = float(np.hypot(*middle))
-        if distance > MAX_DEPTH:
-            continue
-        radius = float(np.hypot(*(points[:, :2] - middle).T).max())
-        plane = _plane_around(ground, middle, radius + RING)
-        if plane is None:
-            continue
-        height = points[:, 2] - (points[:, :2] @ plane[:2] + plane[2])
-        top = float(np.percentile(height, TOP))
-        if height.max() >= LEAST_HEIGHT and top > 0:
-            both = int((~sample.occluded.ravel()[pixels]).sum()) >= LEAST_PIXELS
-            rocks.append(SeenRock(pixels, plane, float(height.max()), top, distance, both))
-    return rocks
+        rock, above[pixels] = _as_rock(sample, rays, ground, pixels)
+        rocks += [] if rock is None else [rock]
+    standing = (above.reshape(on_rock.shape) >= LEAST_HEIGHT) & on_slab(sample)
+    regions = cv2.connectedComponents(standing.astype(np.uint8), connectivity=8)[1]
+    edges = [_as_rock(sample, rays, ground, pixels)[0] for pixels in pixels_by_label(regions)]
+    return rocks, [edge for edge in edges if edge is not None]
+
+
+def _as_rock(
+    sample: RockTruth, rays: np.ndarray, ground: np.ndarray, pixels: np.ndarray
+) -> tuple[SeenRock | None, np.ndarray | float]:
+    """Measure pixels as one rock.
+
+    Args:
+        sample: The sample.
+        rays: (H, W, 3) rays of depth 1, level axes.
+        ground: (n, n) known heights of the ground [m], NaN elsewhere.
+        pixels: (N,) flat indices.
+
+    Returns:
+        The rock, None where the rules leave it out; and the heights of the pixels above the ground around them, (N,)
+        [m], 0 where they are too few, too far away or without ground around.
+    """
+    if len(pixels) < LEAST_PIXELS:
+        return None, 0.0
+    points = rays.reshape(-1, 3)[pixels] * sample.depth.ravel()[pixels][:, None]
+    middle = points[:, :2].mean(axis=0)
+    distance = float(np.hypot(*middle))
+    if distance > MAX_DEPTH:
+        return None, 0.0
+    radius = float(np.hypot(*(points[:, :2] - middle).T).max())
+    plane = _plane_around(ground, middle, radius + RING)
+    if plane is None:
+        return None, 0.0
+    height = points[:, 2] - (points[:, :2] @ plane[:2] + plane[2])
+    top = float(np.percentile(height, TOP))
+    if height.max() < LEAST_HEIGHT or top <= 0:
+        return None, height
+    both = int((~sample.occluded.ravel()[pixels]).sum()) >= LEAST_PIXELS
+    return SeenRock(pixels, plane, float(height.max()), top, distance, both), height
 
 
 def pixels_by_label(labels: np.ndarray) -> list[np.ndarray]:

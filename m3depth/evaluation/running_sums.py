@@ -144,6 +144,11 @@ class SkyCounts:
         self.ground += int(near_ground.sum())
         self.ground_as_sky += int((np.isposinf(depth) & near_ground).sum())
 
+    def merge(self, other: SkyCounts) -> None:
+        """Add the counts of other images."""
+        for name, count in asdict(other).items():
+            setattr(self, name, getattr(self, name) + count)
+
     def state_dict(self) -> dict[str, Any]:
         """Return the state, as RunningSums.state_dict does."""
         return asdict(self)

@@ -29,6 +29,7 @@ from m3depth.stereo.plane_normals import fitted_normals
 from m3depth.stereo.prediction import Prediction
 
 MAE, EPE = (DEPTH_TERMS.index(name) for name in ("mae", "epe"))
+PAIR_FIGURES = ("abs_rel", "epe", "bad1", "normal_mean")  # figures that the record of a pair has by kind of pixel
 
 
 @dataclass(frozen=True)
@@ -70,8 +71,8 @@ class NormalScores:
     def __init__(self) -> None:
         self.kinds = {kind: RunningSums(NORMAL_TERMS, median=True) for kind in KINDS}
 
-    def add(self, normal: np.ndarray, pair: ScoredPair) -> dict[str, float]:
-        """Add a pair, and return its figures over all scored pixels. normal: (H, W, 3) as predicted."""
+    def add(self, normal: np.ndarray, pair: ScoredPair) -> dict[str, dict[str, float]]:
+        """Add a pair, and return its figures by kind of pixel. normal: (H, W, 3) as predicted."""
         angles = angle_between(normal[pair.oriented], pair.sample.normal[pair.oriented])
         return _add_kinds(self.kinds, normal_terms(angles), pair.kinds, pair.oriented)
 
@@ -115,7 +116,7 @@ class Scores:
     confidence: ConfidenceHistograms = field(default_factory=ConfidenceHistograms)
     rocks: RockCounts = field(default_factory=RockCounts)
 
-    def add(self, prediction: Prediction, pair: ScoredPair) -> dict[str, float]:
+    def add(self, prediction: Prediction, pair: ScoredPair) -> dict[str, Any]:
         """Score one pair.
 
         Args:
@@ -123,7 +124,8 @@ class Scores:
             pair: The sample.
 
         Returns:
-            The pair's figures over all scored pixels: the depth terms, and "normal_<term>".
+            The pair's figures over all scored pixels: the depth terms, and "normal_<term>". "kinds" holds those of
+            PAIR_FIGURES for the other kinds of pixels that the pair has, "counts" its SkyCounts and RockCounts.
         """
         sample, considered = pair.sample, pair.considered
         terms = depth_terms(
@@ -132,7 +134,7 @@ class Scores:
             sample.depth[considered],
             sample.disparity[considered],
         )
-        figures = _add_kinds(self.depth, terms, pair.kinds, considered)
+        by_kind = _add_kinds(self.depth, terms, pair.kinds, considered)
         scored = pair.kinds["all"][considered]
         terms, true = terms[scored], sample.depth[pair.kinds["all"]]
         interval = np.searchsorted(INTERVAL_EDGES, true, side="left")
@@ -144,15 +146,23 @@ class Scores:
         self.error_map.add(true, terms[:, MAE])
         self.confidence.add(prediction.confidence[pair.kinds["all"]], terms[:, EPE])
         if prediction.normal is not None:
-            angular = self.normal.add(prediction.normal, pair)
-            figures |= {f"normal_{name}": value for name, value in angular.items()}
+            for kind, angular in self.normal.add(prediction.normal, pair).items():
+                by_kind[kind] |= {f"normal_{name}": value for name, value in angular.items()}
         if self.fit:
             from_depth = sample.rig.depth_to_disparity(prediction.depth)  # the images' disparity may have an offset
             self.fitted.add(fitted_normals(from_depth, sample.rig.camera), pair)
-        self.sky.add(prediction.depth, np.asarray(sample.depth))
+        sky, rocks = SkyCounts(), RockCounts()
+        sky.add(prediction.depth, np.asarray(sample.depth))
         if pair.rocks is not None:
-            self.rocks.add(prediction, pair.rocks)
-        return figures
+            rocks.add(prediction, pair.rocks)
+        self.sky.merge(sky)
+        self.rocks.merge(rocks)
+        kinds = {
+            kind: {name: figures[name] for name in PAIR_FIGURES if name in figures}
+            for kind, figures in by_kind.items()
+            if kind != "all" and figures
+        }
+        return {**by_kind["all"], "kinds": kinds, "counts": {"sky": sky.state_dict(), "rocks": rocks.state_dict()}}
 
     def state_dict(self) -> dict[str, Any]:
         """Return the state of every part, by its name."""
@@ -196,11 +206,11 @@ class Scores:
 
 def _add_kinds(
     sums_by_kind: Mapping[str, RunningSums], terms: np.ndarray, kinds: Mapping[str, np.ndarray], considered: np.ndarray
-) -> dict[str, float]:
-    """Add the terms at the pixels of the mask `considered` to the sums of each kind; return the figures of "all"."""
+) -> dict[str, dict[str, float]]:
+    """Add the terms at the pixels of the mask `considered` to the sums of each kind, and return the pair's figures."""
     members = np.stack([kinds[kind][considered] for kind in KINDS])
     totals = members.astype(np.float64) @ terms
     return {
         kind: sums_by_kind[kind].add_sums(total, int(mask.sum()), terms[mask, 0])
         for kind, mask, total in zip(KINDS, members, totals, strict=True)
-    }["all"]
+    }

@@ -24,6 +24,7 @@ from m3depth.stereo.rows import align_rows, columns_in_given_image
 from marssim.base.camera import StereoRig
 from marssim.base.command.signals import stop_on_signal
 
+NOT_FIGURES = {"seconds", "kinds", "counts"}  # entries of a method's record of a pair that have no median over images
 RESERVED = ("index", "pair", "scene")  # fields of a pair's record that no method may be called
 
 # What can be scored: an estimator that is run, or maps that another program wrote.
@@ -302,8 +303,8 @@ def _scene(dataset: StereoPairs, index: int) -> str:
     return pair_name(dataset, index) if scenes is None else scenes[index]
 
 
-def _medians(records: list[dict[str, float]]) -> dict[str, float]:
-    names = sorted({name for record in records for name in record} - {"seconds"})
+def _medians(records: list[dict[str, Any]]) -> dict[str, float]:
+    names = sorted({name for record in records for name in record} - NOT_FIGURES)
     return {name: float(np.median([r[name] for r in records if name in r])) for name in names}
 
 

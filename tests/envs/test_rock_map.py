@@ -81,3 +81,14 @@ def test_rocks_that_one_eye_sees_are_counted_apart():
     assert [rock.both_eyes for rock in counts.rocks] == [False, True]
     near = counts.result()["standing_0.2_m_within_8_m"]
     assert (near["rocks"], near["both_eyes"], near["both_eyes_share"]) == (1, 0, None)
+
+
+def test_edges_of_slabs_are_counted_in_the_map_as_rocks_are():
+    boxes = [(*ahead(4.0, 0.0), 0.3, 0.3, 0.22), (*ahead(5.0, 0.8), 0.3, 0.3, 0.3)]
+    sample = rock_sample(RockWorld(boxes=np.array(boxes)))
+    sample.meta["surface_ids"] = {"rocks": [], "slabs": [1, 1], "ledges": [2, 2], "fragments": []}
+    assert [edge.found for edge in counts_of(sample.depth, sample=sample).edges] == [True, True]
+    counts = counts_of(without_rocks(sample, keep=(1,)), sample=sample)
+    assert [rock.found for rock in counts.rocks] == [True, False]
+    assert sorted((edge.distance < 4.5, edge.found) for edge in counts.edges) == [(False, False), (True, True)]
+    assert counts.result()["slab_edges"]["standing_0.2_m_within_8_m"]["rocks"] == 2

@@ -74,6 +74,18 @@ def test_found_missed_and_false(folder, tmp_path, capsys, monkeypatch):
     assert cv2.imread(str(out / "rocks.png")).std() > 10
 
 
+def test_the_counts_of_each_pair_are_kept_with_its_scene(folder, tmp_path):
+    out = tmp_path / "out"
+    assert main(["--data", str(folder), "--out", str(out), "--perception", "ground_truth"]) == 0
+    content = json.loads((out / "results.json").read_text())
+    first, second = content["per_pair"]
+    assert first["scene"] == second["scene"] and first["pair"] != second["pair"]
+    assert (len(first["ground_truth"]["rocks"]), len(second["ground_truth"]["rocks"])) == (3, 0)
+    height, distance, found, error, both_eyes = first["ground_truth"]["rocks"][0]
+    assert height == pytest.approx(0.3, abs=0.02) and distance < 3 and found and abs(error) < 0.05 and both_eyes
+    assert first["ground_truth"]["false"] == [] and first["ground_truth"]["edges"] == []
+
+
 def test_several_folders_in_one_count_and_other_heights_of_an_obstacle(folder, tmp_path):
     out = tmp_path / "out"
     args = ["--data", str(folder), str(folder), "--split", "all", "--out", str(out), "--perception", "ground_truth"]

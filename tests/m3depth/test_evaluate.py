@@ -356,6 +356,19 @@ def test_baselines_takes_every_classical_method_that_is_registered(names):
     assert [name.name for _, name in named_estimators(options).values()] == ["m3depth", *CLASSICAL]
 
 
+def test_the_largest_scored_disparity_is_a_flag(folder, tmp_path, capsys):
+    """make_frame shows up to 15 px."""
+    for limit, has_near in (("192", False), ("8", True)):
+        out = tmp_path / limit
+        arguments = ["--data", str(folder), "--out", str(out), "--baselines", "none", "--max-disparity", limit]
+        assert main([*arguments, "--estimator", "sgbm", "--limit", "1", "--device", "cpu"]) == 0
+        content = json.loads((out / "results.json").read_text())
+        depth = content["methods"]["SGBM"]["depth"]
+        assert content["max_disparity_px"] == float(limit) and (depth["near"]["pixels"] > 0) == has_near
+    assert main([*arguments, "--max-disparity", "0"]) == 2
+    assert "--max-disparity must be positive, got 0" in capsys.readouterr().err
+
+
 def test_none_and_a_classical_method_exclude_each_other(folder, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
     assert main(["--data", str(folder), "--out", str(tmp_path / "out"), "--baselines", "none", "sgbm"]) == 2

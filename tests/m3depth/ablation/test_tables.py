@@ -43,7 +43,7 @@ def test_a_pair_without_a_scored_pixel_is_left_out_of_every_run(plane_samples) -
     scores = {}
     for row, share in zip(STUDIES["levels"].rows, (0.02, 0.01, 0.01, 0.01), strict=True):
         done = evaluate(samples, {"M3Depth": Guess(samples, share)})
-        assert done.pairs[1]["M3Depth"].keys() == {"seconds"}
+        assert done.pairs[1]["M3Depth"].keys() == {"seconds", "kinds", "counts"}
         about = {"parameters": 1, "code": "0123456789ab", "device": "cpu", "steps": 1, "minutes": 1.0}
         scores[row.variant.name] = {0: {**about, "result": done.results["M3Depth"], "per_pair": done.pairs}}
     report = findings(STUDIES["levels"], scores)

@@ -38,14 +38,16 @@ def make_sample(seed: int = 0) -> StereoSample:
     normal[:5] = 0
     rock = np.zeros((H, W), np.int32)
     rock[15:20, 20:30] = 3
+    rock[15:20, 30:38] = 7
     occluded = np.zeros((H, W), bool)
     occluded[10:, :4] = True
     left = rng.integers(0, 255, (H, W, 3), dtype=np.uint8)
     left[:, 40:] = 90
     valid = (depth >= 0.5) & (depth <= 15)
     return StereoSample(
-        left, left, depth, RIG.depth_to_disparity(depth), normal.astype(np.float32), valid, occluded, rock, RIG, {}
-    )
+        left, left, depth, RIG.depth_to_disparity(depth), normal.astype(np.float32), valid, occluded, rock, RIG,
+        {"surface_ids": {"rocks": [1, 5], "slabs": [6, 9], "ledges": [], "fragments": []}},
+    )  # fmt: skip
 
 
 def perfect(sample: StereoSample) -> Prediction:
@@ -110,8 +112,9 @@ def test_true_depth_beyond_the_cap_is_capped_too():
 def test_kinds_partition_the_scored_pixels():
     sample = make_sample()
     kinds = pixel_kinds(sample)
-    for first, second in (("visible", "occluded"), ("rock", "ground")):
-        assert np.array_equal(kinds[first] ^ kinds[second], kinds["all"])
+    for parts in (("visible", "occluded"), ("rock", "slab", "ground")):
+        assert np.array_equal(np.sum([kinds[part] for part in parts], axis=0), kinds["all"])
+    assert kinds["slab"].sum() == 40 and kinds["rock"].sum() == 50
     assert not (kinds["near"] & kinds["all"]).any()
     assert np.array_equal(kinds["near"] | kinds["all"], sample.valid)
     assert (sample.depth[kinds["near"]] < NATECAM.fb / 192).all() and kinds["near"].any()

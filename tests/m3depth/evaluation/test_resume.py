@@ -87,7 +87,10 @@ def test_saves_are_some_time_apart(tmp_path, monkeypatch):
 
 
 def test_the_state_of_rocks_comes_back(tmp_path):
-    sums, again = RockCounts(2, [RockOutcome(0.3, 4.0, True, 0.01, False)], [(0.25, 3.0)]), RockCounts()
+    sums, again = (
+        RockCounts(2, [RockOutcome(0.3, 4.0, True, 0.01, False)], [RockOutcome(0.1, 2.0, False, -0.1)], [(0.25, 3.0)]),
+        RockCounts(),
+    )
     file = SavedState(tmp_path, ASKED)
     file.save(sums.state_dict())
     again.load_state_dict(file.load())

@@ -43,7 +43,7 @@ def test_melted_rocks_are_missed_and_the_others_are_not():
 def test_a_rock_at_the_wrong_depth_is_not_found():
     """A third too far, its top is even higher above the ground, but no rock is at its place."""
     sample = rock_sample(world())
-    tops = predicted_tops(rock_scene(sample), sample.depth * np.float32(1.35))
+    tops = predicted_tops(scene := rock_scene(sample), scene.rocks, sample.depth * np.float32(1.35))
     assert (tops < 0.05).all()
 
 
@@ -94,3 +94,25 @@ def test_ground_that_is_predicted_too_near_is_a_false_obstacle():
 
 def test_without_images_there_are_no_figures():
     assert RockCounts().result() == {}
+
+
+def test_edges_of_slabs_are_found_and_missed_beside_the_rocks():
+    boxes = [(*ahead(4.0, 0.0), 0.3, 0.3, 0.15), (*ahead(6.0, 0.6), 0.3, 0.3, 0.25)]
+    sample = rock_sample(RockWorld(boxes=np.array(boxes)))
+    sample.meta["surface_ids"] = {"rocks": [], "slabs": [1, 1], "ledges": [2, 2], "fragments": []}
+    counts = counted(sample, without_rocks(sample, keep=(2,)))
+    assert [rock.found for rock in counts.rocks] == [False, True]
+    assert sorted((edge.distance < 5, edge.found) for edge in counts.edges) == [(False, True), (True, False)]
+    edges = counts.result()["slab_edges"]
+    assert {(b["height_from_m"], b["range_from_m"]): b["found"] for b in edges["bins"] if b["rocks"]} == {
+        (0.1, 0.0): 0, (0.2, 4.0): 1,
+    }  # fmt: skip
+    assert (edges["standing_0.2_m_within_8_m"]["rocks"], edges["standing_0.2_m_within_8_m"]["found"]) == (1, 1)
+
+
+def test_merged_counts_are_those_of_all_images():
+    sample = rock_sample(world())
+    whole, one, other = counted(sample), counted(sample), counted(sample, without_rocks(sample))
+    whole.add(prediction(sample, without_rocks(sample)), rock_scene(sample))
+    one.merge(other)
+    assert one == whole and one.images == 2

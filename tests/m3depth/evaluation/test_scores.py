@@ -91,3 +91,19 @@ def test_rocks_and_confidence_are_in_the_result():
     assert curve["bad1"][0] > 0 and curve["bad1"][-1] == pytest.approx(0, abs=1e-12)
     result = scored(sample, truth(sample))
     assert result["rocks"]["standing_0.2_m_within_8_m"]["found"] == 1 and result["sparsification"] == {}
+
+
+def test_a_pair_reports_its_figures_by_kind_and_its_counts():
+    sample = rock_sample(RockWorld(domes=np.array([[*ahead(4.0, 0.0), 0.35, 0.3]])))
+    sample = replace(sample, normal=np.broadcast_to(np.float32([0, 0, -1]), sample.normal.shape))
+    far = np.where(np.isinf(sample.depth), np.float32(np.inf), sample.depth * np.float32(1.1))
+    scores = Scores()
+    record = scores.add(truth(sample, depth=far, normal=sample.normal), ScoredPair(sample))
+    assert record["kinds"]["rock"]["abs_rel"] == pytest.approx(0.1, rel=1e-4)
+    assert record["kinds"]["rock"].keys() == {"abs_rel", "epe", "bad1", "normal_mean"}
+    assert "slab" not in record["kinds"] and "occluded" not in record["kinds"]  # there are none
+    result = scores.result()
+    assert record["kinds"]["visible"]["epe"] == result["depth"]["visible"]["pooled"]["epe"]
+    assert record["counts"]["sky"]["pixels"] == result["sky"]["pixels"] == np.isinf(sample.depth).sum()
+    (rock,) = record["counts"]["rocks"]["rocks"]
+    assert rock.found and record["counts"]["rocks"]["images"] == 1
