@@ -9,11 +9,28 @@ import pytest
 ROOT = Path(__file__).parents[2]
 
 
+def _script(name: str):
+    """Import docs/NAME.py."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
 @pytest.fixture(scope="session")
 def reference_pages():
     """docs/reference_pages.py, which mkdocs finds beside its hooks."""
-    spec = importlib.util.spec_from_file_location("reference_pages", ROOT / "docs" / "reference_pages.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["reference_pages"] = module
-    spec.loader.exec_module(module)
-    return module
+    return _script("reference_pages")
+
+
+@pytest.fixture(scope="session")
+def score_manifest():
+    """docs/score_manifest.py, which finds manifest_summary beside it."""
+    return [_script(name) for name in ("manifest_summary", "score_manifest")][-1]
+
+
+@pytest.fixture(scope="session")
+def manifest_summary(score_manifest):
+    """docs/manifest_summary.py."""
+    return sys.modules["manifest_summary"]

@@ -1,0 +1,307 @@
+"""The figures of docs/score_manifest.py: those of many small evaluations, joined by size and set.
+
+Errors of pixels are means over images, as in m3depth.evaluate; shares of sky and near ground, of rocks and of edges are
+over all images together. Intervals hold 95 % of the bootstrap over scenes, whose views are drawn together. A ratio to
+SGBM's compares both on the same images. Near ground is nearer than 8 m. Rocks, edges of slabs and false obstacles are
+those of docs/concepts/scoring-rules.md in the depth, and those of envs/rock_map.py in the navigator's map.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from m3depth.evaluation.bootstrap import interval, resampled_means
+from m3depth.evaluation.report import number, table
+from marssim.base.command.wording import counted
+
+SGBM = "SGBM"
+HEIGHTS = (0.1, 0.2, 0.3, np.inf)  # [m] edges of the intervals of the height of rocks and edges of slabs
+RANGES = (0.0, 4.0, 8.0, 15.0)  # [m] edges of the intervals of their distance
+FRAMES = 40  # frames that false obstacles are counted in
+HEIGHT, DISTANCE, FOUND, BOTH_EYES = 0, 1, 2, 4  # places in a RockOutcome
+
+Record = Mapping[str, Any]  # what results.json of m3depth.evaluate or of envs.rocks holds of a pair and a method
+
+
+@dataclass(frozen=True)
+class Term:
+    """A figure: the sum of one number over the pairs, divided by the sum of another one.
+
+    Attributes:
+        title: Its heading.
+        numbers: The two numbers of a pair's record; zeros for a pair without the figure.
+        percent: Whether it is a share, shown in %.
+        ratio: Whether its ratio to SGBM's is given.
+    """
+
+    title: str
+    numbers: Callable[[Record], tuple[float, float]]
+    percent: bool = False
+    ratio: bool = False
+
+
+def _mean(name: str, kind: str | None, record: Record) -> tuple[float, float]:
+    """Return a figure of an image and 1, so that the quotient of their sums is the mean over images."""
+    value = (record if kind is None else record["kinds"].get(kind, {})).get(name)
+    return (0.0, 0.0) if value is None else (value, 1.0)
+
+
+def _sky(part: str, whole: str, record: Record) -> tuple[float, float]:
+    return record["counts"]["sky"][part], record["counts"]["sky"][whole]
+
+
+def _outcomes(
+    kind: str, low: float, high: float, near: float, far: float, record: Record, both_eyes: bool = False
+) -> tuple[float, float]:
+    """Return how many rocks, or edges, of an interval of heights and of distances are found, and how many there are."""
+    found = [
+        o[FOUND]
+        for o in record[kind]
+        if low <= o[HEIGHT] < high and near <= o[DISTANCE] < far and (o[BOTH_EYES] or not both_eyes)
+    ]
+    return float(sum(found)), float(len(found))
+
+
+def _false(record: Record) -> tuple[float, float]:
+    return float(FRAMES * len(record["false"])), float(record["images"])
+
+
+HIGH_AND_NEAR = (0.2, np.inf, 0.0, 8.0)  # rocks that decide a drive
+PIXELS = {
+    "epe_visible": Term("EPE of what both eyes see [px]", partial(_mean, "epe", "visible"), ratio=True),
+    "abs_rel": Term("Abs Rel", partial(_mean, "abs_rel", None), ratio=True),
+    "bad1": Term("bad-1", partial(_mean, "bad1", None), percent=True, ratio=True),
+    "normal": Term("normals [°]", partial(_mean, "normal_mean", None), ratio=True),
+    "normal_rock": Term("normals on rocks [°]", partial(_mean, "normal_mean", "rock"), ratio=True),
+    "normal_slab": Term("normals on slabs [°]", partial(_mean, "normal_mean", "slab"), ratio=True),
+    "near_ground_as_sky": Term("near ground as sky", partial(_sky, "ground_as_sky", "ground"), percent=True),
+    "missed_sky": Term("sky missed", partial(_sky, "missed", "pixels"), percent=True),
+}
+ROCKS = {
+    "found": Term("rocks of 0.2 m within 8 m found", partial(_outcomes, "rocks", *HIGH_AND_NEAR), percent=True),
+    "found_both": Term(
+        "of those that both eyes see", partial(_outcomes, "rocks", *HIGH_AND_NEAR, both_eyes=True), percent=True
+    ),
+    "edges_found_both": Term(
+        "edges of slabs, likewise", partial(_outcomes, "edges", *HIGH_AND_NEAR, both_eyes=True), percent=True
+    ),
+    "false": Term(f"false obstacles in {FRAMES} frames", _false),
+}
+PLACE_FIGURES = ("epe_visible", "abs_rel", "normal")  # figures that are also given by place
+
+
+def summary(results: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return all figures.
+
+    Args:
+        results: For each part "size", "set", "place", and "depth" and "map", the content of results.json of
+            m3depth.evaluate and of envs.rocks.
+
+    Returns:
+        "parts", by size and set: "pairs", "scenes", "depth" and "map" by method, with "places" and "same_scenes" (the
+        ratio of Abs Rel to that of the same views at the smallest size, None there) in "depth". Sizes are named after
+        their width in pixels.
+    """
+    groups: dict[str, dict[str, list[Mapping[str, Any]]]] = {}
+    for result in results:
+        groups.setdefault(result["size"], {}).setdefault(result["set"], []).append(result)
+    smallest = min(groups, key=int)
+    parts: dict[str, Any] = {}
+    for size, by_set in groups.items():
+        for name, group in by_set.items():
+            base = None if size == smallest else groups[smallest].get(name)
+            parts.setdefault(size, {})[name] = _joined(group, base)
+    return {"parts": parts}
+
+
+def _joined(group: Sequence[Mapping[str, Any]], base: Sequence[Mapping[str, Any]] | None) -> dict[str, Any]:
+    """Return the figures of the places of one size and set; base: the same places at the smallest size, or None."""
+    pairs = [(part["place"], pair) for part in group for pair in part["depth"]["per_pair"]]
+    scenes = [(place, pair["scene"]) for place, pair in pairs]
+    methods = group[0]["depth"]["estimators"]
+    depth: dict[str, Any] = {}
+    rivals = [pair[SGBM] for _, pair in pairs] if SGBM in methods else None
+    for label in methods:
+        records = [pair[label] for _, pair in pairs]
+        depth[label] = {name: figure(term, records, scenes, rivals) for name, term in PIXELS.items()}
+        depth[label] |= _rock_figures([record["counts"]["rocks"] for record in records], scenes)
+        depth[label]["places"] = {
+            part["place"]: {
+                name: _quotient(PIXELS[name], [pair[label] for pair in part["depth"]["per_pair"]])
+                for name in PLACE_FIGURES
+            }
+            for part in group
+        }
+        depth[label]["same_scenes"] = None if base is None else _against(group, base, label)
+    looks = [(part["place"], pair) for part in group for pair in part["map"]["per_pair"]]
+    labels = {about["name"]: label for label, about in methods.items()}  # envs.rocks calls a method by its flag
+    shown = {
+        labels.get(name, name): _rock_figures([pair[name] for _, pair in looks], [(p, x["scene"]) for p, x in looks])
+        for name in group[0]["map"]["methods"]
+    }
+    return {"pairs": len(pairs), "scenes": len(set(scenes)), "depth": depth, "map": shown}
+
+
+def _rock_figures(records: Sequence[Record], scenes: Sequence[Any]) -> dict[str, Any]:
+    """Return the figures of ROCKS, and rocks and edges found of how many by height and distance."""
+    bins = [
+        {
+            "from_m": low, "to_m": high, "near_m": near, "far_m": far,
+            **{
+                kind: [int(sum(x)) for x in zip(*(_outcomes(kind, low, high, near, far, r) for r in records))]
+                for kind in ("rocks", "edges")
+            },
+        }
+        for low, high in pairwise(HEIGHTS)
+        for near, far in pairwise(RANGES)
+    ]  # fmt: skip
+    return {**{name: figure(term, records, scenes) for name, term in ROCKS.items()}, "bins": bins}
+
+
+def _against(group: Sequence[Mapping[str, Any]], base: Sequence[Mapping[str, Any]], label: str) -> float | None:
+    """Return Abs Rel over that of the same views in other parts; None if they have no view in common."""
+    small = {(part["place"], pair["pair"]): pair[label] for part in base for pair in part["depth"]["per_pair"]}
+    both = [
+        (pair[label], small[part["place"], pair["pair"]])
+        for part in group
+        for pair in part["depth"]["per_pair"]
+        if (part["place"], pair["pair"]) in small
+    ]
+    large, less = (_quotient(PIXELS["abs_rel"], side) for side in zip(*both)) if both else (None, None)
+    return large / less if large is not None and less else None
+
+
+def _quotient(term: Term, records: Sequence[Record]) -> float | None:
+    """Return a figure of some pairs; None if none of them has it."""
+    part, whole = np.array([term.numbers(record) for record in records]).sum(0)
+    return float(part / whole) if whole else None
+
+
+def figure(
+    term: Term, records: Sequence[Record], scenes: Sequence[Any], rivals: Sequence[Record] | None = None
+) -> dict[str, Any]:
+    """Return a figure with its 95 % interval over scenes, and its ratio to that of a rival on the same pairs.
+
+    Args:
+        term: The figure.
+        records: Of the pairs.
+        scenes: The scene of each pair.
+        rivals: Records of the rival of the same pairs; None for no ratio.
+
+    Returns:
+        "value", "interval"; with rivals, and where the term asks for it, "to_sgbm" and "to_sgbm_interval". None where
+        no pair has the figure, and for intervals of a single scene or where some samples of the scenes lack it.
+    """
+    numbers = np.array([term.numbers(record) for record in records])  # (pairs, 2)
+    out: dict[str, Any] = {"value": _quotient(term, records), "interval": None}
+    compared = rivals is not None and term.ratio
+    if compared:
+        rival = _quotient(term, rivals)
+        out["to_sgbm"] = out["value"] / rival if out["value"] is not None and rival else None
+        out["to_sgbm_interval"] = None
+        numbers = np.hstack([numbers, [term.numbers(record) for record in rivals]])
+    if len(set(scenes)) > 1:
+        sums = resampled_means(numbers, scenes)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            quotients = sums[:, 0::2] / sums[:, 1::2]  # (draws, 1 or 2)
+            out["interval"] = _bounds(quotients[:, 0])
+            if compared:
+                out["to_sgbm_interval"] = _bounds(quotients[:, 0] / quotients[:, 1])
+    return out
+
+
+def _bounds(draws: np.ndarray) -> list[float] | None:
+    return [*interval(draws)] if np.isfinite(draws).all() else None
+
+
+def markdown(content: Mapping[str, Any]) -> str:
+    """Return the tables of a summary.
+
+    Args:
+        content: What `summary` returned, with limit, weights and versions.
+    """
+    limit = content["limit"]
+    trial = "" if limit is None else f" **A trial: at most {counted(limit, 'pair')} of each place.**"
+    lines = ["# Scores on the manifest", "", " ".join((__doc__ or "").split("\n\n")[1].split()) + trial]
+    for size, by_set in content["parts"].items():
+        for name, part in by_set.items():
+            lines += [
+                "",
+                f"## {size} px, {name}",
+                "",
+                f"{counted(part['pairs'], 'pair')} of {counted(part['scenes'], 'scene')}.",
+                "",
+            ]
+            lines += _figure_table(PIXELS, part["depth"])
+            same = {label: x["same_scenes"] for label, x in part["depth"].items() if x["same_scenes"] is not None}
+            if same:
+                ratios = ", ".join(f"{label} {ratio:.3f}" for label, ratio in same.items())
+                lines += ["", f"Abs Rel over that of the same views at the smallest size: {ratios}."]
+            lines += ["", *_place_table(part["depth"])]
+            for kind, where in (("depth", "In the depth"), ("map", "In the navigator's map")):
+                lines += ["", f"{where}:", "", *_figure_table(ROCKS, part[kind]), "", *_bin_table(part[kind])]
+    used = ", ".join(f"{name} {value}" for name, value in content["versions"].items() if value is not None)
+    return "\n".join([*lines, "", f"{used}.", ""])
+
+
+def _figure_table(terms: Mapping[str, Term], methods: Mapping[str, Any]) -> list[str]:
+    """Return a table with a row a figure and a column a method, with ratios to SGBM's where they are known."""
+    rows = []
+    for name, term in terms.items():
+        rows.append([term.title, *(_cell(figures[name], "value", "interval", term) for figures in methods.values())])
+        if term.ratio and any(figures[name].get("to_sgbm") is not None for figures in methods.values()):
+            cells = (
+                "" if label == SGBM else _cell(figures[name], "to_sgbm", "to_sgbm_interval")
+                for label, figures in methods.items()
+            )
+            rows.append(["… over SGBM's", *cells])
+    return table(["", *methods], rows)
+
+
+def _place_table(methods: Mapping[str, Any]) -> list[str]:
+    places = next(iter(methods.values()))["places"]
+    rows = [
+        [
+            place,
+            *("-" if (value := m["places"][place][name]) is None else number(value) for m, name in _columns(methods)),
+        ]
+        for place in places
+    ]
+    header = [f"{label}: {PIXELS[name].title}" for label in methods for name in PLACE_FIGURES]
+    return table(["place", *header], rows)
+
+
+def _columns(methods: Mapping[str, Any]) -> list[tuple[Mapping[str, Any], str]]:
+    return [(figures, name) for figures in methods.values() for name in PLACE_FIGURES]
+
+
+def _bin_table(methods: Mapping[str, Any]) -> list[str]:
+    """Return how many rocks, and edges of slabs, are found of how many, by height and distance."""
+    rows = []
+    for index, first in enumerate(next(iter(methods.values()))["bins"]):
+        low, high, near, far = (first[key] for key in ("from_m", "to_m", "near_m", "far_m"))
+        height = f"{low:g} m and more" if high is None or np.isinf(high) else f"{low:g} to {high:g} m"
+        for kind, what in (("rocks", "rocks"), ("edges", "edges of slabs")):
+            if first[kind][1]:
+                found = (f"{m['bins'][index][kind][0]} of {m['bins'][index][kind][1]}" for m in methods.values())
+                rows.append([f"{what}, {height}, {near:g} to {far:g} m away", *found])
+    return table(["found", *methods], rows)
+
+
+def _cell(figures: Mapping[str, Any], value: str, bounds: str, term: Term | None = None) -> str:
+    """Return a figure with its interval."""
+    shown = partial(_shown, percent=term is not None and term.percent)
+    if figures[value] is None:
+        return "-"
+    limits = figures[bounds]
+    return shown(figures[value]) + ("" if limits is None else f" ({shown(limits[0])} to {shown(limits[1])})")
+
+
+def _shown(value: float, percent: bool) -> str:
+    return f"{100 * value:.3g} %" if percent else number(value)

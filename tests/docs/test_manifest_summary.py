@@ -1,0 +1,100 @@
+"""The figures of a manifest, from records of pairs that are known."""
+
+import numpy as np
+import pytest
+
+ROCK = [0.25, 5.0, True, 0.01, True]  # height, distance, found, error, seen by both eyes
+
+
+def record(abs_rel: float, rocks=(), edges=(), false=(), **sky) -> dict:
+    counts = {"images": 1, "rocks": [*rocks], "edges": [*edges], "false": [*false]}
+    sky = {"pixels": 100, "missed": 1, "ground": 1000, "ground_as_sky": 0} | sky
+    return {
+        "abs_rel": abs_rel, "bad1": 0.05, "normal_mean": 8.0,
+        "kinds": {"visible": {"epe": 10 * abs_rel}, "rock": {"normal_mean": 20.0}},
+        "counts": {"rocks": counts, "sky": sky},
+    }  # fmt: skip
+
+
+def result(size: str, pairs: dict[str, tuple[dict, dict]], place: str = "gale", name: str = "clean") -> dict:
+    """A part whose pairs have records of M3Depth and SGBM, by name."""
+    depth = [
+        {"pair": pair, "scene": pair[:5], "M3Depth": ours, "SGBM": theirs} for pair, (ours, theirs) in pairs.items()
+    ]
+    shown = [
+        {
+            "pair": pair, "scene": pair[:5], "m3depth:w": ours["counts"]["rocks"], "sgbm": theirs["counts"]["rocks"],
+            "ground_truth": ours["counts"]["rocks"],
+        }
+        for pair, (ours, theirs) in pairs.items()
+    ]  # fmt: skip
+    estimators = {"M3Depth": {"name": "m3depth:w"}, "SGBM": {"name": "sgbm"}}
+    return {
+        "size": size, "set": name, "place": place, "depth": {"estimators": estimators, "per_pair": depth},
+        "map": {"methods": {"m3depth:w": {}, "sgbm": {}, "ground_truth": {}}, "per_pair": shown},
+    }  # fmt: skip
+
+
+def test_errors_are_means_over_images_with_their_ratio_to_sgbms(manifest_summary):
+    pairs = {f"0000{i}/00": (record(x), record(4 * x)) for i, x in enumerate((0.01, 0.02, 0.06))}
+    ours = manifest_summary.summary([result("512", pairs)])["parts"]["512"]["clean"]["depth"]["M3Depth"]
+    assert ours["abs_rel"]["value"] == pytest.approx(0.03) and ours["epe_visible"]["value"] == pytest.approx(0.3)
+    assert ours["abs_rel"]["to_sgbm"] == pytest.approx(0.25)
+    np.testing.assert_allclose(ours["abs_rel"]["to_sgbm_interval"], 0.25)  # paired: every sample has this ratio
+    low, high = ours["abs_rel"]["interval"]
+    assert low == pytest.approx(0.01, abs=0.004) and 0.03 < high <= 0.06
+    assert ours["normal_slab"]["value"] is None and ours["normal_slab"]["to_sgbm"] is None  # none are in view
+    assert ours["normal_rock"]["value"] == 20 and ours["places"]["gale"]["abs_rel"] == pytest.approx(0.03)
+
+
+def test_a_pair_without_a_figure_does_not_count_to_its_mean(manifest_summary):
+    empty = {"kinds": {}, "counts": record(0)["counts"]}
+    pairs = {"00000/00": (record(0.02), record(0.02)), "00001/00": (empty, empty)}
+    ours = manifest_summary.summary([result("512", pairs)])["parts"]["512"]["clean"]["depth"]["M3Depth"]
+    assert ours["abs_rel"]["value"] == pytest.approx(0.02) and ours["abs_rel"]["interval"] is None
+
+
+def test_shares_are_of_all_pixels_and_rocks_together(manifest_summary):
+    lost = [0.4, 7.0, False, -0.4, False]
+    pairs = {
+        "00000/00": (record(0.01, rocks=[ROCK, ROCK, lost], ground=3000, ground_as_sky=3), record(0.02)),
+        "00001/00": (record(0.01, rocks=[[*lost[:4], True]], edges=[ROCK], false=[[0.3, 2.0]]), record(0.02)),
+    }
+    part = manifest_summary.summary([result("512", pairs)])["parts"]["512"]["clean"]
+    ours = part["depth"]["M3Depth"]
+    assert ours["near_ground_as_sky"]["value"] == pytest.approx(3 / 4000) and ours["missed_sky"]["value"] == 0.01
+    assert ours["found"]["value"] == 0.5 and ours["found_both"]["value"] == pytest.approx(2 / 3)
+    assert ours["edges_found_both"]["value"] == 1 and ours["false"]["value"] == 20  # one in two frames
+    bins = {(b["from_m"], b["near_m"]): b["rocks"] for b in ours["bins"] if b["rocks"][1]}
+    assert bins == {(0.2, 4.0): [2, 2], (0.3, 4.0): [0, 2]}
+    assert part["map"]["M3Depth"] == {k: v for k, v in ours.items() if k in part["map"]["M3Depth"]}
+    assert [*part["map"]] == ["M3Depth", "SGBM", "ground_truth"]
+
+
+def test_larger_images_are_compared_with_the_same_views_alone(manifest_summary):
+    small = {"00000/00": (record(0.01), record(0.02)), "00000/01": (record(0.5), record(0.5))}
+    large = {"00000/00": (record(0.004), record(0.01))}
+    parts = manifest_summary.summary([result("512", small), result("1024", large)])["parts"]
+    assert parts["1024"]["clean"]["depth"]["M3Depth"]["same_scenes"] == pytest.approx(0.4)
+    assert parts["512"]["clean"]["depth"]["M3Depth"]["same_scenes"] is None
+    alone = manifest_summary.summary([result("1024", large)])["parts"]["1024"]["clean"]["depth"]["M3Depth"]
+    assert alone["same_scenes"] is None and alone["abs_rel"]["interval"] is None  # a single scene
+
+
+def test_scenes_of_two_places_are_different_scenes(manifest_summary):
+    pairs = {"00000/00": (record(0.01), record(0.02))}
+    part = manifest_summary.summary([result("512", pairs), result("512", pairs, place="utopia")])["parts"]["512"]
+    assert (part["clean"]["pairs"], part["clean"]["scenes"]) == (2, 2)
+
+
+def test_the_tables_show_every_figure_and_say_that_a_trial_is_one(manifest_summary):
+    pairs = {f"0000{i}/00": (record(0.01 + i / 100, rocks=[ROCK]), record(0.04)) for i in range(2)}
+    content = manifest_summary.summary([result("512", pairs), result("1024", pairs)])
+    text = manifest_summary.markdown({"limit": 2, "versions": {"torch": "2", "numpy": None}, **content})
+    for term in (*manifest_summary.PIXELS.values(), *manifest_summary.ROCKS.values()):
+        assert f"| {term.title} |" in text
+    assert "| Abs Rel | 0.0150 (0.0100 to 0.0200) | 0.0400 (0.0400 to 0.0400) |" in text
+    assert "| … over SGBM's | 0.3750 (0.2500 to 0.5000) |  |" in text
+    assert "| rocks, 0.2 to 0.3 m, 4 to 8 m away | 2 of 2 | 0 of 0 |" in text
+    assert "at the smallest size: M3Depth 1.000, SGBM 1.000." in text
+    assert "**A trial: at most 2 pairs of each place.**" in text and text.endswith("torch 2.\n")
