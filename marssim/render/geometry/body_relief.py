@@ -14,7 +14,7 @@ import numpy as np
 
 from marssim.base.compute.compiled import compiled, inlined
 from marssim.base.dataset.frame import GROUND
-from marssim.render.geometry.vectors import minus, unit
+from marssim.render.geometry.vectors import dot, minus, unit
 from marssim.render.relief.layers import VARIANTS
 from marssim.render.relief.noise import STEP, TEXELS, Octaves, coded_tile, octave_slopes, octave_weight, placing
 from marssim.scene.scene import Scene
@@ -154,11 +154,13 @@ def raise_hits(relief, eye, focal, pose, rays, depth, normal, shading, surface, 
         depth[k] = z + move
         du, dv = rough * du, rough * dv
         lean = (0.0, du, dv) if axis == 0 else (du, 0.0, dv) if axis == 1 else (du, dv, 0.0)
-        true = unit(minus(facet, lean))
-        if true[0] * rx + true[1] * ry + true[2] * rz < 0:  # else the relief hides this side of itself
+        # else the relief hides this side of itself: what the ray sees is nearer, and turned to it
+        true, shade = unit(minus(facet, lean)), unit(minus(smooth, lean))
+        if dot(true, (rx, ry, rz)) < 0:
             for n in range(3):
                 normal[k, n] = pose[0, n] * true[0] + pose[1, n] * true[1] + pose[2, n] * true[2]
-        shading[k, 0], shading[k, 1], shading[k, 2] = unit(minus(smooth, lean))
+        if dot(shade, (rx, ry, rz)) < 0:
+            shading[k, 0], shading[k, 1], shading[k, 2] = shade
         detail[k, 1] = stain
 
 

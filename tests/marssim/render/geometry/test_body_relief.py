@@ -51,3 +51,13 @@ def test_relief_moves_hits_by_millimetres_and_grows_with_its_strength(faces):
         assert (np.sum(view.normal * CAMERA.rays(), axis=-1)[view.surface > GROUND] < 0).all()
     assert 2e-4 < moved[0] < moved[1] < moved[2] < 0.03
     assert moved[2] == pytest.approx(4 * moved[0], rel=0.3)
+
+
+def test_what_is_seen_of_relief_is_not_shaded_as_a_side_that_looks_away():
+    """Such pixels, turned away from the camera and often from the sun, were black specks along edges and beds."""
+    bare, rough = seen(0.0), seen(2.0)
+    rays = CAMERA.rays() @ POSE[:3, :3].T
+    towards = [np.sum(view.shading_normal * rays, axis=-1) < 0 for view in (bare, rough)]
+    rock = (rough.surface > GROUND) & (rough.surface == bare.surface)
+    assert (rock & towards[0]).sum() > 500
+    assert towards[1][rock & towards[0]].all()
