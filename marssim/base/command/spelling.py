@@ -11,7 +11,10 @@ def did_you_mean(word: str, known: Sequence[str]) -> str:
 
     Args:
         word: The unknown word.
-        known: The words that are allowed; the most similar one is suggested if it is similar enough.
+        known: The words that are allowed. One that differs in two swapped neighbours is suggested first, and else the
+            most similar one if it is similar enough.
     """
-    near = difflib.get_close_matches(word, known, 1)
+    swapped = {word[:i] + word[i + 1] + word[i] + word[i + 2 :] for i in range(len(word) - 1)}
+    # difflib counts a swap as two errors and would suggest gravel for gael
+    near = [name for name in known if name in swapped] or difflib.get_close_matches(word, known, 1)
     return f" (did you mean {near[0]}?)" if near else ""
