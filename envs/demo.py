@@ -61,13 +61,13 @@ class DemoConfig:
     out: Path = Path("out/demo")
     """Folder to write: a new or an empty one, or that of an earlier demo, which is replaced."""
     pairs: int = 16
-    """Number of stereo pairs to generate and score."""
+    """Number of stereo pairs to generate and score, 1 or more."""
     scene: Annotated[str, tyro.conf.arg(metavar=PLACE_VALUES)] = PRESETS[0]
     """Place of the pairs and of the drive: a preset, or the JSON file of a place (marssim.scene.place_file)."""
     goal_distance: float = 14.0
-    """Distance from start to goal of the drive [m]."""
+    """Distance from start to goal of the drive [m], 3 to 100."""
     workers: int = 2
-    """Number of processes that generate."""
+    """Number of processes that generate, 1 or more."""
 
     def __post_init__(self) -> None:
         check_least(self, pairs=1, workers=1)

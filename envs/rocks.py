@@ -56,14 +56,14 @@ class RocksConfig:
     m3depth:WEIGHTS (a .safetensors file), another classical method that m3depth.evaluate --baselines lists, or
     package.module:Class (a class with infer(left, right, rig))."""
     step: float = 0.15
-    """Height above the ground from which a cell is an obstacle [m], for rocks found and for false obstacles. A rock of
-    0.2 m may be measured 5 cm too low. results.md has other heights too."""
+    """Height above the ground from which a cell is an obstacle [m], above 0, for rocks found and for false obstacles. A
+    rock of 0.2 m may be measured 5 cm too low. results.md has other heights too."""
     limit: int | None = None
-    """Number of pairs to look at, spread evenly; left out: all."""
+    """Number of pairs to look at, 1 or more, spread evenly; left out: all."""
     degrade: str | None = None
     """Make the images worse first, as in contrast=.33,blur=1,noise=2.5."""
     seed: int = 0
-    """Seed of the noise that --degrade adds."""
+    """Seed of the noise that --degrade adds, 0 or more."""
 
     def __post_init__(self) -> None:
         if not self.step > 0:

@@ -67,18 +67,19 @@ class PPOConfig:
     out: Path
     """Folder for policy.zip, train_ppo.json and log.jsonl."""
     max_minutes: float = 20.0
-    """Time of training [min], that of earlier runs in OUT included. The learning rate falls to zero over this time."""
+    """Time of training [min], above 0, that of earlier runs in OUT included. The learning rate falls to zero over this
+    time."""
     max_steps: int = 100_000_000
-    """Most choices of a way, rounded up to whole rollouts (128 in each environment). A choice is three steps of the
-    environment."""
+    """Most choices of a way, above 0, rounded up to whole rollouts (128 in each environment). A choice is three steps
+    of the environment."""
     workers: int = 2
-    """Number of environments, each in its own process."""
+    """Number of environments, 1 or more, each in its own process."""
     scene: Annotated[str, tyro.conf.arg(metavar=PLACE_VALUES)] = PRESETS[0]
     """Place of the courses: a preset, or the JSON file of a place (marssim.scene.place_file)."""
     k: tuple[float, float] = (0.1, 0.2)
-    """Range from which the rock abundance of each course is drawn, Golombek's k."""
+    """Range from which the rock abundance of each course is drawn, Golombek's k, 0 to 0.4."""
     goal_distance: float = 10.0
-    """Distance from start to goal [m]: shorter than in evaluation, so that the policy meets goals early."""
+    """Distance from start to goal [m], 3 to 100: shorter than in evaluation, so that the policy meets goals early."""
     seed: int = 0
     """Seed of the courses and of the policy."""
 

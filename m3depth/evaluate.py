@@ -91,7 +91,7 @@ class EvaluateOptions:
     device: Literal["auto", "cpu", "cuda"] = "auto"
     """Device that M3Depth runs on; auto takes a GPU if there is one."""
     limit: int | None = None
-    """Number of pairs to score, spread evenly over the split. Without it, all are scored."""
+    """Number of pairs to score, 1 or more, spread evenly over the split. Without it, all are scored."""
     degrade: str | None = None
     """Degradation of the images before they are scored, as contrast=.33,blur=1,noise=2.5: contrast (a factor), blur
     (sigma [px]) and noise (sigma [grey levels]) of both images; vertical (offset downwards [px]) and gain (brightness

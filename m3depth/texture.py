@@ -63,7 +63,7 @@ class TextureOptions:
     names: tuple[str, str] = ("images", "beside")
     """Names of the two groups in the table and the figure."""
     limit: int = 50
-    """Largest number of images of each folder or dataset, spread evenly over it."""
+    """Largest number of images of each folder or dataset, 1 or more, spread evenly over it."""
 
     def __post_init__(self) -> None:
         if self.limit < 1:

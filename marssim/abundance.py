@@ -52,7 +52,7 @@ class AbundanceConfig:
     values as the defaults of --rocks."""
     rocks: RockConfig
     scenes: int = 8
-    """Number of scenes that are measured together."""
+    """Number of scenes, 1 or more, that are measured together."""
     seed: int = 1
     """Seed of the scenes, 0 or more."""
     cell: float = 0.01

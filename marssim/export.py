@@ -51,7 +51,7 @@ class ExportConfig:
     split: tuple[Split, ...] = ("train", "val", "test")
     """Splits of the dataset to write. They never share a scene."""
     workers: int = 2
-    """Number of threads that write. It does not change the files."""
+    """Number of threads that write, 1 or more. It does not change the files."""
 
     def __post_init__(self) -> None:
         check_least(self, workers=1)

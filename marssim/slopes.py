@@ -46,13 +46,13 @@ class SlopesConfig:
     scene: Annotated[str, tyro.conf.arg(metavar=PLACE_VALUES)] = PRESETS[0]
     """Place that the terrains are drawn from: a preset, or a JSON file of your own place."""
     hurst: float | None = None
-    """Hurst exponent of the relief, instead of that of the place."""
+    """Hurst exponent of the relief, above 0 and below 1, instead of that of the place."""
     rms_slope_deg: float | None = None
-    """RMS slope over 1 m [deg], instead of that of the place."""
+    """RMS slope over 1 m [deg], at least 0 and below 45, instead of that of the place."""
     bare: bool = False
     """Leave out craters, ditches and ripples, which the slope asked for does not include."""
     scenes: int = 16
-    """Number of terrains that are measured together."""
+    """Number of terrains, 1 or more, that are measured together."""
     seed: int = 1
     """Seed of the terrains, 0 or more."""
 

@@ -62,17 +62,17 @@ class VerifyConfig:
     """Approximate number of samples in the statistics, spread evenly over the splits, at least one of each; 0 makes no
     statistics."""
     workers: int = 2
-    """Number of threads that hash and decode."""
+    """Number of threads that hash and decode, 1 or more."""
     sample: str | None = None
     """Name of a sample, SCENE/VIEW like 00003/05, that is drawn instead of checking the dataset."""
     farthest: float = 30.0
-    """Farthest depth [m] in the point cloud and the mesh of --sample."""
+    """Farthest depth [m], above 0, in the point cloud and the mesh of --sample."""
     cross_check: bool = False
     """Render random views of --scene, and tilted planes, with each renderer, and compare them with Embree's rays (a
     dataset that is given too is checked before): the shares are those of the view that agrees least, the shifts are
     over all views."""
     views: int = 10
-    """Number of views of --cross-check."""
+    """Number of views of --cross-check, 1 or more."""
     scene: Annotated[str, tyro.conf.arg(metavar=PLACE_VALUES)] = PRESETS[0]
     """Place of --cross-check: a preset, or a JSON file of your own place."""
     seed: int = 0

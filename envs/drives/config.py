@@ -44,20 +44,20 @@ class EvaluateConfig:
     m3depth:WEIGHTS (a .safetensors file), another classical method that m3depth.evaluate --baselines lists, or
     package.module:Class (a class with infer(left, right, rig)). Several methods are compared on the same courses."""
     episodes: int = 10
-    """Number of courses for each --k and --slope-deg."""
+    """Number of courses, 1 or more, for each --k and --slope-deg."""
     seed: int = 0
-    """Seed of the courses."""
+    """Seed of the courses, 0 or more."""
     workers: int = 1
-    """Number of processes. The courses do not depend on it."""
+    """Number of processes, 1 or more. The courses do not depend on it."""
     scheduler: str | None = None
     """Address of a dask scheduler, tcp://host:8786, whose workers drive instead."""
     scene: Annotated[str, tyro.conf.arg(metavar=PLACE_VALUES)] = PRESETS[0]
     """Place of the courses: a preset, or the JSON file of a place (marssim.scene.place_file)."""
     sun_elevation_deg: float | None = None
-    """Height of the sun above the horizon [deg]. Left out: drawn from the scene's range."""
+    """Height of the sun above the horizon [deg], above 0 and up to 90. Left out: drawn from the scene's range."""
     optical_depth: float | None = None
-    """Optical depth of the dust in the air: 0.3 is a clear sky, 1 a hazy one, 5 or more a dust storm. Left out: drawn
-    from the scene's range."""
+    """Optical depth of the dust in the air, 0 to 12: 0.3 is a clear sky, 1 a hazy one, 5 or more a dust storm. Left
+    out: drawn from the scene's range."""
     albedo_contrast: float | None = None
     """Contrast of the ground's pattern of bright and dark patches: 0 has none, 1 is typical, 3 the most. Left out:
     drawn from the scene's range."""
@@ -70,28 +70,28 @@ class EvaluateConfig:
     wind_ripples: float | None = None
     """Share of the ground that is sand with hand-wide ripples, 0 to 1. Left out: drawn from the scene's range."""
     k: tuple[float, ...] = ()
-    """Rock abundances to drive in, Golombek's k. Left out: that of the scene."""
+    """Rock abundances to drive in, Golombek's k, 0 to 0.4. Left out: that of the scene."""
     slope_deg: tuple[float, ...] = ()
-    """Regional slopes to drive on [deg]. Left out: that of the scene."""
+    """Regional slopes to drive on [deg], 0 to 25. Left out: that of the scene."""
     grid: bool = False
     """Drive the frozen grid, k .033 .07 .10 .15 .20 by slopes 0 5 10 15 deg, instead of --k and --slope-deg."""
     goal_distance: float = 20.0
-    """Distance from start to goal [m]."""
+    """Distance from start to goal [m], 3 to 100."""
     dynamics: DynamicsName | None = None
     """How the rover moves: physics (rigid bodies in PyBullet) or kinematic (settling without dynamics, faster). Left
     out: physics, or kinematic where PyBullet is not installed."""
     renderer: RendererName = "embree"
     """Renderer of the cameras' images."""
     disparity_noise: float = 0.0
-    """Standard deviation of an error added to the disparity [px]."""
+    """Standard deviation of an error added to the disparity [px], 0 to 10."""
     align_rows: bool = True
     """Align the rows of the two images where they lie significantly apart, before the perception sees them."""
     drift: float = 0.0
-    """Error of the position by the rover's odometry: its standard deviation after 1 m of driving [m]. It grows with
-    the root of the way: 0.02 is 2 cm after 1 m and 9 cm after 20 m."""
+    """Error of the position by the rover's odometry: its standard deviation after 1 m of driving [m], 0 to 1. It grows
+    with the root of the way: 0.02 is 2 cm after 1 m and 9 cm after 20 m."""
     yaw_drift_deg: float = 0.0
-    """Error of the heading by the rover's odometry: its standard deviation after 1 m of driving [deg]. It grows with
-    the root of the way."""
+    """Error of the heading by the rover's odometry: its standard deviation after 1 m of driving [deg], 0 to 45. It
+    grows with the root of the way."""
     scores: tuple[Path, ...] = ()
     """Files results.json that m3depth.evaluate wrote. For each perception that they score, results.md then shows the
     depth error (Abs Rel) on that test set beside the one on the drives."""
@@ -100,8 +100,8 @@ class EvaluateConfig:
     There is one film if both are the same drive, and no best.mp4 if no drive arrived. For a film, the course is driven
     once more, with pictures of every step: that takes longer than the drive."""
     film_courses: tuple[int, ...] = ()
-    """Numbers of courses, as the pictures in OUT/maps show them. Every drive over these courses is filmed too, into a
-    file in OUT/videos."""
+    """Numbers of courses, 0 to one less than --episodes, as the pictures in OUT/maps show them. Every drive over these
+    courses is filmed too, into a file in OUT/videos."""
 
     def __post_init__(self) -> None:
         check_least(self, episodes=1, workers=1, seed=0)

@@ -36,15 +36,15 @@ class AblateOptions:
     added later in the same --out.
     """
     steps: int | None = None
-    """Budget of each run in optimizer steps, so that every network is trained on the same crops."""
+    """Budget of each run in optimizer steps, 1 or more, so that every network is trained on the same crops."""
     minutes: float | None = None
-    """Budget of each run in minutes of training, so that cheaper networks make more steps."""
+    """Budget of each run in minutes of training, above 0, so that cheaper networks make more steps."""
     preset: Literal["lite", "paper"] = "lite"
     """Network that the studies change: lite, which ships, or paper, the paper's full size."""
     seeds: tuple[int, ...] = (0,)
     """Seeds that every run is repeated with. Tables show means over them; more can be added later in the same --out."""
     limit: int | None = None
-    """Number of test pairs to score, spread evenly over the split. Without it, all are scored."""
+    """Number of test pairs to score, 2 or more, spread evenly over the split. Without it, all are scored."""
     batch: int = 4
     """Number of crops in a training step."""
     crop: tuple[int, int] = (256, 448)

@@ -54,21 +54,20 @@ class DataConfig:
     Their files are exr, npy, pfm, tiff or 16-bit png (millimetres).
     """
     unit: float | None = None
-    """Number that the maps store for 1 px of disparity or 1 m of depth. CREStereo's datasets have 32.
-    Without it, PNG files have 256 for disparity and 1000 for depth, and other files have 1.
-    """
+    """Number that the maps store for 1 px of disparity or 1 m of depth, not 0. CREStereo's datasets have 32. Without
+    it, PNG files have 256 for disparity and 1000 for depth, and other files have 1."""
     calib: Path | None = None
     """One calibration file for all pairs, or the word natecam for Zhurong's camera.
     It may be of any kind that m3depth.predict reads, or the config file of OAISYS.
     """
     focal: float | None = None
-    """Focal length of the rectified images [px], given with --baseline instead of a calibration file."""
+    """Focal length of the rectified images [px], above 0, given with --baseline instead of a calibration file."""
     baseline: float | None = None
-    """Distance between the two cameras [m], given with --focal."""
+    """Distance between the two cameras [m], above 0 and up to 10, given with --focal."""
     normals: Literal["none", "depth"] = "none"
     """Normals of datasets without true ones: none trains and scores depth alone; depth fits planes to it."""
     resize: float = 1.0
-    """Factor by which images are reduced when they are read, at most 1; disparities and cameras follow."""
+    """Factor by which images are reduced when they are read, above 0 and at most 1; disparities and cameras follow."""
     depth_range: tuple[float, float] = (0.0, math.inf)
     """Nearest and farthest true depth [m] of the pixels that count in scores.
     Datasets of marssim always have 0.5 to 15 m.

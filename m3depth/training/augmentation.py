@@ -21,29 +21,28 @@ class AugmentConfig:
     """
 
     contrast: float = 0.34
-    """Lowest factor of the contrast. Three of five crops get a random factor from this to 1.25, or to 1 / this if that
-    is lower, uniform in its logarithm. 1 leaves the contrast as it is.
-    """
+    """Lowest factor of the contrast, above 0 and up to 1. Three of five crops get a random factor from this to 1.25, or
+    to 1 / this if that is lower, uniform in its logarithm. 1 leaves the contrast as it is."""
     brightness: float = 0.12
-    """Largest shift of the brightness, up or down, as a share of the full range."""
+    """Largest shift of the brightness, up or down, as a share of the full range, 0 to 1."""
     gamma: float = 0.25
-    """Largest change of gamma: the exponent lies between exp(-this) and exp(this)."""
+    """Largest change of gamma, 0 to 3: the exponent lies between exp(-this) and exp(this)."""
     eye_gain: float = 0.08
-    """Largest difference in gain: the right image is multiplied by a factor of up to 1 +- this."""
+    """Largest difference in gain, 0 to 1: the right image is multiplied by a factor of up to 1 +- this."""
     noise: float = 0.02
-    """Highest standard deviation of the noise, as a share of the full range; half of the crops get some."""
+    """Highest standard deviation of the noise, as a share of the full range, 0 or more; half of the crops get some."""
     blur: float = 1.0
     """Highest standard deviation of a Gaussian blur [px]; a third of the crops is blurred; 0 for none."""
     grey: float = 0.3
-    """Chance that a crop loses its colour."""
+    """Chance that a crop loses its colour, 0 to 1."""
     vertical: float = 0.5
-    """Largest vertical offset of the right image [px]; half of the crops get one."""
+    """Largest vertical offset of the right image [px], 0 or more; half of the crops get one."""
     occlude: float = 0.25
-    """Chance that patches of the right image are painted over, so that they match nothing."""
+    """Chance, 0 to 1, that patches of the right image are painted over, so that they match nothing."""
     bottom: float = 0.35
-    """Chance that the crop touches the image's lower edge, where disparities are largest."""
+    """Chance, 0 to 1, that the crop touches the image's lower edge, where disparities are largest."""
     scale: float = 0.2
-    """Half of the crops are enlarged or reduced by up to this share, with camera and disparity."""
+    """Half of the crops are enlarged or reduced by up to this share, 0 to 3, with camera and disparity."""
 
     def __post_init__(self) -> None:
         limits = {"brightness": 1.0, "gamma": 3.0, "eye_gain": 1.0, "scale": 3.0}

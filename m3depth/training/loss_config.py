@@ -15,37 +15,35 @@ class LossConfig:
     """
 
     disparity: float = 2.0
-    """Weight of the disparity error, lambda_d of the paper."""
+    """Weight of the disparity error, 0 or more, lambda_d of the paper."""
     normal: float = 1.0
-    """Weight of the error of the normals, lambda_n of the paper."""
+    """Weight of the error of the normals, 0 or more, lambda_n of the paper."""
     consistency: float = 3.0
-    """Weight of the consistency of disparity and normals, lambda_c of the paper."""
+    """Weight of the consistency of disparity and normals, 0 or more, lambda_c of the paper."""
     consistent_steps: float = 1.0
     """Weight of the consistency of the first maps and of those of each step, on top of --loss.initial and --loss.decay.
     The paper applies it to both branches; with 0, it applies to the last maps alone, and SNNet learns nothing from it.
     """
     relative: float = 4.0
-    """Added weight of small disparities, which are far away: an error at a true disparity of d px, at least 1, counts
-    1 + this / d times. With 4, an error at 4 px counts twice.
-    """
+    """Added weight of small disparities, 0 or more, which are far away: an error at a true disparity of d px, at least
+    1, counts 1 + this / d times. With 4, an error at 4 px counts twice."""
     decay: float = 0.8
-    """Weight of the maps of the last refinement step; the weight of each earlier step is this times that of the step
-    after it. With 0.8, the weights are 0.8, 0.64 and so on.
-    """
+    """Weight of the maps of the last refinement step, 0 or more; the weight of each earlier step is this times that of
+    the step after it. With 0.8, the weights are 0.8, 0.64 and so on."""
     initial: float = 1.0
-    """Weight of the first maps, of soft argmin and SNNet."""
+    """Weight of the first maps, 0 or more, of soft argmin and SNNet."""
     rock: float = 4.0
-    """Weight of pixels on rocks, their outlines included."""
+    """Weight of pixels on rocks, 0 or more, their outlines included."""
     edge: float = 3.0
-    """Weight of the other pixels at disparity edges."""
+    """Weight of the other pixels at disparity edges, 0 or more."""
     sky_disparity: float = 0.02
     """Weight of the disparity of sky pixels, whose target is 0. It is small, because --loss.sky trains the output that
     says where sky is.
     """
     confidence: float = 0.2
-    """Weight of the cross-entropy of the decision "within 1 px"."""
+    """Weight, 0 or more, of the cross-entropy of the decision "within 1 px"."""
     sky: float = 0.3
-    """Weight of the cross-entropy of the decision "sky or too far to measure"."""
+    """Weight, 0 or more, of the cross-entropy of the decision "sky or too far to measure"."""
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():

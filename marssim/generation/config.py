@@ -46,11 +46,11 @@ class RunConfig:
     out: Path
     """Folder of the dataset. If it holds a part of the same dataset, the command adds what is missing."""
     pairs: int = 100
-    """Number of stereo pairs. The command can be repeated with a larger number to add pairs."""
+    """Number of stereo pairs, 1 to 10,000,000. The command can be repeated with a larger number to add pairs."""
     seed: int = 0
     """Seed of all random draws, 0 or more."""
     workers: int = 1
-    """Number of processes that render, each with one thread. It does not change the files."""
+    """Number of processes that render, 1 or more, each with one thread. It does not change the files."""
     scheduler: str | None = None
     """Address of a dask scheduler, like tcp://host:8786, whose workers render instead of processes of this machine. All
     of them must see the folder --out."""
@@ -63,7 +63,7 @@ class RunConfig:
     egl, the graphics card, on which a few pixels on silhouettes depend. auto takes egl where a graphics card works, and
     else tiny; for an unfinished dataset it takes what the dataset was begun with."""
     views_per_scene: int = 8
-    """Number of pairs of each scene. The splits train, val and test share no scene."""
+    """Number of pairs of each scene, 1 or more. The splits train, val and test share no scene."""
     trajectory: bool = False
     """Take the views of a scene along a drive over it, in order, instead of at random places. The poses are also
     written to trajectory.txt."""
@@ -146,15 +146,15 @@ class RigOptions:
     """The cameras: two equal ones side by side, with the values of NaTeCam by default."""
 
     width: int = NATECAM.camera.width
-    """Width of each image [px]."""
+    """Width of each image [px], above 0."""
     height: int = NATECAM.camera.height
-    """Height of each image [px]."""
+    """Height of each image [px], above 0."""
     focal: float = NATECAM.camera.fx
-    """Focal length [px]."""
+    """Focal length [px], at least 1."""
     focal_y: float | None = None
-    """Vertical focal length [px], for pixels that are not square. By default it equals --rig.focal."""
+    """Vertical focal length [px], at least 1, for pixels that are not square. By default it equals --rig.focal."""
     baseline: float = NATECAM.baseline
-    """Distance between the two cameras [m]."""
+    """Distance between the two cameras [m], above 0 and up to 10."""
     cx: float | None = None
     """Column of the principal point [px], where 0 is the middle of the first pixel. By default it is the middle of the
     image."""

@@ -41,42 +41,45 @@ class SensorConfig:
     """Optics and detector. Each pair draws each value from its range, LOW HIGH; give a value twice to fix it."""
 
     exposure: Range = (0.40, 0.60)
-    """8-bit code of the ground's median brightness as a share of 255, LOW HIGH. The image is darker where otherwise the
-    ground's brightest 2 % would exceed 90 % of full scale, or half of the sky would saturate."""
+    """8-bit code of the ground's median brightness as a share of 255, LOW HIGH, 0.02 to 0.98. The image is darker where
+    otherwise the ground's brightest 2 % would exceed 90 % of full scale, or half of the sky would saturate."""
     psf: Range = (0.35, 0.6)
-    """Standard deviation of the point spread function [px], LOW HIGH: 0 is perfectly sharp. Above 1 its tails are cut
-    off."""
+    """Standard deviation of the point spread function [px], LOW HIGH, 0 to 2: 0 is perfectly sharp. Above 1 its tails
+    are cut off."""
     full_well: Range = (4000.0, 16000.0)
-    """Number of electrons at full scale, LOW HIGH. Fewer electrons give more shot noise."""
+    """Number of electrons at full scale, LOW HIGH, 10 to 10,000,000. Fewer electrons give more shot noise."""
     read_noise: Range = (4.0, 14.0)
-    """Standard deviation of the read noise [electrons], LOW HIGH."""
+    """Standard deviation of the read noise [electrons], LOW HIGH, 0 to 100,000."""
     vignetting: Range = (0.0, 0.25)
     """Share of the light that is lost in the corners of the image, LOW HIGH, 0 to 1."""
     gain_difference: Range = (-0.02, 0.02)
-    """How much brighter the right camera is than the left one, as a share, LOW HIGH."""
+    """How much brighter the right camera is than the left one, as a share, LOW HIGH, -0.9 to 9."""
     noise_difference: Range = (-0.1, 0.1)
-    """How much noisier the right camera is than the left one, as a share, LOW HIGH."""
+    """How much noisier the right camera is than the left one, as a share, LOW HIGH, -0.9 to 9."""
     vertical_offset: Range = (-0.15, 0.15)
-    """Residual error of rectification: how far the right image lies too low [px], LOW HIGH. Disparity and occlusion in
-    the ground truth follow this and the two other residual errors; depth and normals do not depend on them."""
+    """Residual error of rectification: how far the right image lies too low [px], LOW HIGH, -10 to 10. Disparity and
+    occlusion in the ground truth follow this and the two other residual errors; depth and normals do not depend on
+    them."""
     rotation_deg: Range = (-0.015, 0.015)
-    """Residual error of rectification: rotation of the right image about its middle [deg], LOW HIGH. Positive is
-    clockwise."""
+    """Residual error of rectification: rotation of the right image about its middle [deg], LOW HIGH, -5 to 5. Positive
+    is clockwise."""
     horizontal_offset: Range = (0.0, 0.0)
-    """Residual error of rectification: how far the right image lies too far right [px], LOW HIGH, as if the cameras
-    were not quite parallel. Depth that is computed as f B / disparity is then wrong."""
+    """Residual error of rectification: how far the right image lies too far right [px], LOW HIGH, -10 to 10, as if the
+    cameras were not quite parallel. Depth that is computed as f B / disparity is then wrong."""
     dust: Range = (0.0, 0.0)
     """Share of the light that dust on the windows of the cameras takes away, LOW HIGH, 0 to 0.8. Each camera has soft
     specks of its own and a veil, which also add scattered light. A drive keeps its specks."""
     motion_blur: Range = (0.0, 0.0)
-    """How far both images move during the exposure [px], LOW HIGH."""
+    """How far both images move during the exposure [px], LOW HIGH, 0 to 50."""
     motion_direction_deg: Range = (0.0, 180.0)
-    """Direction of the motion blur in the image [deg], LOW HIGH: 0 is along the rows, 90 along the columns."""
+    """Direction of the motion blur in the image [deg], LOW HIGH, -360 to 360: 0 is along the rows, 90 along the
+    columns."""
     glare: Range = (0.0, 0.0)
     """Share of the light that the lenses scatter around where it belongs, LOW HIGH, 0 to 1: bright regions get a halo,
     and shadows lose contrast."""
     overexposure: Range = (0.0, 0.0)
-    """How much longer the exposure is than the light asks for [stops], LOW HIGH; negative values darken the images."""
+    """How much longer the exposure is than the light asks for [stops], LOW HIGH, -6 to 6; negative values darken the
+    images."""
     bleeding: Range = (0.0, 0.0)
     """Share of the charge beyond full scale that saturated pixels spill into their column, LOW HIGH, 0 to 1. It shows
     where something saturates, as with --sensor.overexposure."""

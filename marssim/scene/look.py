@@ -27,9 +27,10 @@ class LookConfig:
     sun_elevation_deg: Range = (15.0, 70.0)
     """Height of the sun above the horizon [deg], LOW HIGH, above 0 and up to 90."""
     sun_azimuth_deg: Range = (0.0, 360.0)
-    """Direction of the sun [deg], LOW HIGH, counter-clockwise from east: 90 is north."""
+    """Direction of the sun [deg], LOW HIGH, -360 to 720, counter-clockwise from east: 90 is north."""
     optical_depth: Range = (0.3, 1.0)
-    """Optical depth of the dust in the air, LOW HIGH: 0.3 is a clear sky, 1 a hazy one, and 5 or more a dust storm."""
+    """Optical depth of the dust in the air, LOW HIGH, 0 to 12: 0.3 is a clear sky, 1 a hazy one, and 5 or more a dust
+    storm."""
     albedo_contrast: Range = (0.3, 1.3)
     """Contrast of the ground's pattern of bright and dark patches, LOW HIGH: 0 has none, 1 is typical, 3 the most."""
     texture_strength: Range = (0.35, 1.2)
@@ -52,7 +53,7 @@ class LookConfig:
     """Share of the ground where stones of 0.5 to 8 cm lie close together, LOW HIGH, 0 to 1: patches of it, or all of
     it."""
     gravel_size: Range = (0.012, 0.04)
-    """Commonest diameter of the stones in gravel [m], LOW HIGH."""
+    """Commonest diameter of the stones in gravel [m], LOW HIGH, 0.005 to 0.08."""
     gravel_sorting: Range = (0.0, 0.7)
     """How alike the stones of gravel are, LOW HIGH: 0 mixes all sizes, 1 has hardly any but the commonest."""
     drifts: Range = (0.3, 0.9)

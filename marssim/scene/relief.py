@@ -36,50 +36,53 @@ class ReliefConfig:
     hurst: float = 0.7
     """Hurst exponent of the relief, between 0 and 1: a small one is rough, a large one rolling. Mars has 0.5 to 0.8."""
     rms_slope_deg: float = 5.0
-    """RMS slope of the relief over 1 m [deg], without craters and ripples. Pathfinder and Viking 1 have 4.8 to 5.4. A
-    heightmap ignores it: its own roughness continues below its resolution."""
+    """RMS slope of the relief over 1 m [deg], at least 0 and below 45, without craters and ripples. Pathfinder and
+    Viking 1 have 4.8 to 5.4. A heightmap ignores it: its own roughness continues below its resolution."""
     regional_slope_deg: float = 0.0
-    """Tilt of the whole scene [deg]; 0 is level."""
+    """Tilt of the whole scene [deg], above -45 and below 45; 0 is level."""
     regional_azimuth_deg: float = 0.0
-    """Direction in which the tilted scene rises most [deg], counter-clockwise from east."""
+    """Direction in which the tilted scene rises most [deg], -360 to 360, counter-clockwise from east."""
     crater_density: float = 0.004
-    """Number of craters on a square metre, from 1 m up to the largest diameter. The number above a diameter falls with
-    the square of the diameter."""
+    """Number of craters on a square metre, 0 to 1, of diameters from 1 m up to the largest. The number above a diameter
+    falls with the square of the diameter."""
     crater_max_diameter: float = 25.0
-    """Diameter of the largest craters [m]. On a heightmap, only craters too small for its resolution are drawn."""
+    """Diameter of the largest craters [m], 1 to 200. On a heightmap, only craters too small for its resolution are
+    drawn."""
     crater_depth: Range = (0.03, 0.2)
-    """Depth of craters from rim to floor over their diameter, LOW HIGH: 0.03 is worn, 0.2 is fresh."""
+    """Depth of craters from rim to floor over their diameter, LOW HIGH, above 0 and up to 0.3: 0.03 is worn, 0.2 is
+    fresh."""
     crater_fill_diameter: float = 4.0
-    """Diameter of the deepest craters [m]. Wider craters are filled with sand and are no deeper than these."""
+    """Diameter of the deepest craters [m], above 0. Wider craters are filled with sand and are no deeper than these."""
     fresh_crater_density: float = 0.0
-    """Number of further craters on a square metre that are all fresh: their walls have 38 deg, too steep to climb."""
+    """Number of further craters on a square metre, 0 to 0.1, that are all fresh: their walls have 38 deg, too steep to
+    climb."""
     fresh_crater_diameter: Range = (2.0, 6.0)
-    """Diameter of these fresh craters [m], LOW HIGH."""
+    """Diameter of these fresh craters [m], LOW HIGH, 1 to 50."""
     ditch_density: float = 0.0
-    """Number of ditches on a square metre: narrow troughs with steep walls, as gullies and cracks."""
+    """Number of ditches on a square metre, 0 to 0.1: narrow troughs with steep walls, as gullies and cracks."""
     ditch_width: Range = (0.8, 2.5)
-    """Width of ditches from brink to brink [m], LOW HIGH."""
+    """Width of ditches from brink to brink [m], LOW HIGH, 0.4 to 20."""
     ditch_depth: Range = (0.5, 1.2)
-    """Depth of ditches [m], LOW HIGH. Narrow ones are shallower where their walls would meet."""
+    """Depth of ditches [m], LOW HIGH, 0.1 to 5. Narrow ones are shallower where their walls would meet."""
     ditch_wall_deg: Range = (40.0, 60.0)
-    """Slope of the walls of ditches [deg], LOW HIGH."""
+    """Slope of the walls of ditches [deg], LOW HIGH, 20 to 70."""
     ditch_length: Range = (6.0, 20.0)
-    """Length of ditches [m], LOW HIGH."""
+    """Length of ditches [m], LOW HIGH, 1 to 200."""
     ditch_meander_deg: Range = (0.0, 40.0)
-    """Largest angle between a ditch and its mean direction [deg], LOW HIGH: 0 is straight."""
+    """Largest angle between a ditch and its mean direction [deg], LOW HIGH, 0 to 90: 0 is straight."""
     ripple_amplitude: float = 0.012
-    """Amplitude of the wind's large ripples [m]: half the height from trough to crest."""
+    """Amplitude of the wind's large ripples [m], 0 to 0.5: half the height from trough to crest."""
     ripple_wavelength: float = 0.9
-    """Distance between the crests of ripples [m]."""
+    """Distance between the crests of ripples [m], 0.1 to 50."""
     ripple_cover: float = 0.35
     """Share of the ground that carries ripples, 0 to 1."""
     heightmap: str | None = None
     """File with measured heights that replace the drawn relief: .npy [m], 16-bit .png, or .tif (GeoTIFF), with north
     up. The ground in the middle of a scene has height 0; heightmap.datum of sample.json is the file's height there."""
     heightmap_scale: float | None = None
-    """Side of a heightmap's cell [m]. A GeoTIFF in metres needs none."""
+    """Side of a heightmap's cell [m], above 0. A GeoTIFF in metres needs none."""
     heightmap_height: float | None = None
-    """Height of one unit of the heightmap's values [m]. A .png needs it; the other formats default to 1."""
+    """Height of one unit of the heightmap's values [m], above 0. A .png needs it; the other formats default to 1."""
     heightmap_at: Range | None = (0.0, 0.0)
     """Place of the scene in the heightmap: metres east and north of its middle. With None, each scene draws a place."""
     heightmap_sha256: str | None = None

@@ -45,12 +45,14 @@ class SceneConfig:
     look: LookConfig = field(default_factory=LookConfig)
     """The light and the surface."""
     size: float = 32.0
-    """Side of the square in the middle of the scene that has the fine grid [m]. The cameras stand in it. It is rounded
-    up to an even number of metres: 7 becomes 8."""
+    """Side of the square in the middle of the scene that has the fine grid [m], 1 to 1000, less than twice --horizon
+    and at most 5000 times --cell. The cameras stand in it. It is rounded up to an even number of metres: 7 becomes
+    8."""
     cell: float = 0.08
-    """Grid spacing of that square [m]. It is adjusted so that whole cells fill the square: 0.3 in 8 m becomes 0.296."""
+    """Grid spacing of that square [m], 0.01 to 1. It is adjusted so that whole cells fill the square: 0.3 in 8 m
+    becomes 0.296."""
     horizon: float = 96.0
-    """Half the width of the scene [m]. Beyond it there is only sky. It is rounded up to whole metres."""
+    """Half the width of the scene [m], 1 to 500. Beyond it there is only sky. It is rounded up to whole metres."""
 
     def __post_init__(self) -> None:
         for name, (least, most) in SCENE_LIMITS.items():

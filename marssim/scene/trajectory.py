@@ -30,9 +30,9 @@ class TrajectoryConfig:
     """How a drive is sampled."""
 
     step: float = 0.4
-    """Distance between two stereo pairs of a drive [m]. It needs --trajectory."""
+    """Distance between two stereo pairs of a drive [m], 0.001 to 5. It needs --trajectory."""
     speed: float = 0.056
-    """Speed of the rover [m/s], which determines the time stamps of a drive. It needs --trajectory."""
+    """Speed of the rover [m/s], above 0, which determines the time stamps of a drive. It needs --trajectory."""
 
     def __post_init__(self) -> None:
         if not 0.001 <= self.step <= 5:

@@ -22,20 +22,22 @@ class ViewConfig:
     """Where the cameras stand. Each view draws each value from its range, LOW HIGH; give a value twice to fix it."""
 
     height: Range = (1.15, 1.25)
-    """Height of the left camera above the ground [m], LOW HIGH."""
+    """Height of the left camera above the ground [m], LOW HIGH, 0.2 to 10; 0.9 to 1.5 with --view.rover."""
     pitch_deg: Range = (5.0, 40.0)
-    """How far the cameras look down from the horizon [deg], LOW HIGH: 0 looks at the horizon, 90 straight down."""
+    """How far the cameras look down from the horizon [deg], LOW HIGH, -90 to 90: 0 looks at the horizon, 90 straight
+    down."""
     roll_deg: Range = (-15.0, 15.0)
-    """Tilt of the cameras about their optical axis [deg], LOW HIGH. Positive is clockwise as seen from behind."""
+    """Tilt of the cameras about their optical axis [deg], LOW HIGH, -180 to 180. Positive is clockwise as seen from
+    behind."""
     yaw_deg: Range = (0.0, 360.0)
-    """Viewing direction of the cameras [deg], LOW HIGH, counter-clockwise from east: 90 looks north."""
+    """Viewing direction of the cameras [deg], LOW HIGH, -360 to 360, counter-clockwise from east: 90 looks north."""
     rover: Range = (0.0, 0.0)
     """Chance with which the rover that carries the cameras is there, LOW HIGH, 0 to 1: its deck and solar panels, which
     the cameras see where the mast turns far to the side or back, and its shadow. A drive has it in all views or in
     none."""
     rover_pan_deg: Range = (-170.0, 170.0)
-    """How far the mast is turned from where the rover heads [deg], LOW HIGH, positive to the left, where the rover is
-    there. The deck is in view beyond about 60."""
+    """How far the mast is turned from where the rover heads [deg], LOW HIGH, -360 to 360, positive to the left, where
+    the rover is there. The deck is in view beyond about 60."""
 
     def __post_init__(self) -> None:
         limits = {"height": (0.2, 10.0), "pitch_deg": (-90.0, 90.0), "roll_deg": (-180.0, 180.0)}

@@ -39,8 +39,8 @@ class RockConfig:
     """Share of the ground that rocks of any size cover, 0 to 0.4 (k of Golombek's law): Utopia has 0.033, Viking 2
     0.15."""
     min_diameter: float = 0.03
-    """Diameter of the smallest rocks [m], near the middle where the cameras stand. Farther out, those that look smaller
-    than 3 px of 512 are left out."""
+    """Diameter of the smallest rocks [m], at least 0.01 and below 2.5, near the middle where the cameras stand. Farther
+    out, those that look smaller than 3 px of 512 are left out."""
     cluster: float = 0.3
     """Share of the rocks that lie beside a larger one, 0 to 1."""
     height_ratio: float = 0.5
@@ -49,7 +49,7 @@ class RockConfig:
     """Share of a rock's height that is below ground, LOW HIGH, 0 to 0.75. Each rock draws its own, most of them from
     the middle of the range or a little above it. The more of a rock is buried, the lower is the rest."""
     families: tuple[float, float, float] = (0.45, 0.25, 0.3)
-    """Relative numbers of angular, slabby and rounded rocks: three shares in any unit."""
+    """Relative numbers of angular, slabby and rounded rocks: three shares in any unit, 0 or more and not all 0."""
     albedo: float = 0.85
     """Mean brightness of the rocks over that of the ground, 0.2 to 2.5."""
     albedo_spread: float = 0.3
