@@ -21,7 +21,8 @@ from marssim.base.files.atomic import write_atomically
 from marssim.base.files.png import encode_png
 from marssim.base.images.colours import normal_colours
 
-DEPTH_TICKS = (0.2, 0.5, 1, 2, 3, 5, 10, 15, 30, 50, 100, 200, 500)  # [m] depths that a colour bar may name
+# [m] depths that a colour bar may name
+DEPTH_TICKS = (0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1, 2, 3, 5, 10, 15, 30, 50, 100, 200, 500)
 UNSCORED = "0.82"  # grey of pixels without truth or without a value
 # Colours of Okabe and Ito, which colour-blind readers can distinguish, and two more.
 METHOD_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000", "#8c6d31")
@@ -49,14 +50,16 @@ def depth_scale(depths: np.ndarray, whole: bool = False, farthest: float = 30.0)
     """Return a logarithmic scale of depth.
 
     Args:
-        depths: Depths [m] that the scale should hold: their 2nd to 98th percentile. It never begins under 0.3 m.
+        depths: Depths [m] that the scale should hold: their 2nd to 98th percentile. It begins under 0.3 m only if they
+            are all within 1 m.
         whole: Whether the scale goes from the nearest to the farthest depth instead.
         farthest: Largest depth [m] at which the scale may end.
     """
     depths = depths[np.isfinite(depths) & (depths > 0)]
     low, high = np.percentile(depths, [0, 100] if whole else [2, 98]) if len(depths) else (1.0, 15.0)
-    low, high = float(np.clip(low, 0.3, 25)), float(np.clip(high, 0.6, farthest))
-    return LogNorm(low, max(high, (1.05 if whole else 1.5) * low))
+    if high > 1:
+        low, high = float(np.clip(low, 0.3, 25)), min(high, farthest)
+    return LogNorm(float(low), float(max(high, (1.05 if whole else 1.5) * low)))
 
 
 def label_bar(bar: Any, norm: Normalize, label: str) -> None:

@@ -20,10 +20,9 @@ from marssim.base.dataset.sample import StereoSample
 from marssim.base.images.colours import (
     DEPTH_MAP,
     DISPARITY_MAP,
-    NEAR,
     NORMAL_TITLE,
-    TICKS,
     depth_colours,
+    depth_ticks,
     normal_colours,
 )
 from marssim.inspection.statistics import DEPTH_STEP, NETWORK_DISPARITY, SampleStatistics, noted_number
@@ -80,9 +79,11 @@ def sample_figure(sample: StereoSample, name: str) -> bytes:
     meta = sample.meta
     _image(axes[0, 0], sample.left, "left eye")
     _image(axes[0, 1], sample.right, "right eye")
-    _image(axes[0, 2], depth_colours(sample.depth), f"depth [m], grey beyond {MAX_DEPTH:g} m")
-    scale = ScalarMappable(LogNorm(NEAR, MAX_DEPTH), DEPTH_MAP)
-    bar = figure.colorbar(scale, ax=axes[0, 2], shrink=0.8, ticks=TICKS, format="%g")
+    ticks = depth_ticks([sample.depth])
+    near, far = ticks[0], ticks[-1]
+    _image(axes[0, 2], depth_colours(sample.depth, near, far), f"depth [m], grey beyond {far:g} m")
+    scale = ScalarMappable(LogNorm(near, far), DEPTH_MAP)
+    bar = figure.colorbar(scale, ax=axes[0, 2], shrink=0.8, ticks=ticks, format="%g")
     bar.ax.yaxis.set_minor_locator(NullLocator())
     shown = axes[0, 3].imshow(np.where(sky, np.nan, sample.disparity), cmap=DISPARITY_MAP, interpolation="nearest")
     _bare(axes[0, 3], "disparity [px]")

@@ -6,6 +6,9 @@ scale). Disparity, which is large where things are near, has the same colours th
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable, Sequence
+
 import cv2
 import numpy as np
 
@@ -15,6 +18,7 @@ DEPTH_MAP = "viridis_r"  # matplotlib's name for the colours of depth
 DISPARITY_MAP = "viridis"  # matplotlib's name for the colours of disparity
 NEAR = 1.0  # [m] depth at the bright end of a fixed scale
 TICKS = (1, 2, 3, 5, 10, 15)  # [m] depths that are labelled on a fixed scale
+ROUND = (1, 1.5, 2, 3, 4, 5, 7)  # first digits of the depths that are labelled on another scale
 BEYOND = 90  # grey level of the sky, and of depth beyond the dark end
 DEPTH_TITLE = f"depth: {NEAR:g} m yellow to {MAX_DEPTH:g} m violet, grey beyond"
 NORMAL_TITLE = "normals: red right, green up, blue to the camera"
@@ -54,18 +58,37 @@ def normal_colours(normal: np.ndarray) -> np.ndarray:
     return colours
 
 
-def depth_bar(width: int, height: int = 12, near: float = NEAR, far: float = MAX_DEPTH) -> tuple[np.ndarray, list[int]]:
+def depth_ticks(depths: Iterable[np.ndarray]) -> tuple[float, ...]:
+    """Return the depths [m] to label on a scale for some maps of depth; the first and the last are its ends.
+
+    They are TICKS, unless all that the maps show is nearer: then they are round depths around what they show.
+
+    Args:
+        depths: Maps of depth [m]; inf in the sky, NaN where it is unknown.
+    """
+    known = [depth[np.isfinite(depth) & (depth > 0)] for depth in depths]
+    near = min((float(depth.min()) for depth in known if depth.size), default=NEAR)
+    far = max((float(depth.max()) for depth in known if depth.size), default=MAX_DEPTH)
+    if far > NEAR:
+        return TICKS
+    rounded = [digit * 10.0**power for power in range(math.floor(math.log10(near) - 1e-9), 1) for digit in ROUND]
+    first = max(tick for tick in rounded if tick <= near)
+    last = min(tick for tick in rounded if tick >= far and tick > first)
+    return tuple(tick for tick in rounded if first <= tick <= last)
+
+
+def depth_bar(width: int, height: int = 12, ticks: Sequence[float] = TICKS) -> tuple[np.ndarray, list[int]]:
     """Draw the scale of `depth_colours`, with the near end on the left.
 
     Args:
         width: Width of the bar [px].
         height: Height of the bar [px].
-        near: Depth of the left end [m].
-        far: Depth of the right end [m].
+        ticks: Depths that are labelled [m], as of `depth_ticks`; the first and the last are the ends.
 
     Returns:
-        (height, width, 3) uint8 RGB, and the column of each of TICKS.
+        (height, width, 3) uint8 RGB, and the column of each of the ticks.
     """
+    near, far = ticks[0], ticks[-1]
     depth = np.geomspace(near, far, width)
-    columns = [round((width - 1) * float(np.log(tick / near) / np.log(far / near))) for tick in TICKS]
+    columns = [round((width - 1) * float(np.log(tick / near) / np.log(far / near))) for tick in ticks]
     return np.repeat(depth_colours(depth[None], near, far), height, axis=0), columns

@@ -254,6 +254,9 @@ def test_depth_scales_span_the_depths():
     assert depth_scale(np.array([90.0, 100.0])).vmax == pytest.approx(37.5)
     assert depth_scale(np.linspace(50, 100, 100), farthest=300).vmax == pytest.approx(99, abs=1)
     assert depth_scale(np.zeros(0)).vmin == 1.0
+    assert depth_scale(np.array([0.01, 40.0]), whole=True).vmin == 0.3
+    near = depth_scale(np.linspace(0.1, 0.25, 100))
+    assert (near.vmin, near.vmax) == (pytest.approx(0.1, abs=0.01), pytest.approx(0.25, abs=0.01))
 
 
 def test_normals_of_the_sky_are_not_compared(plane_samples, tmp_path, drawn_figures):

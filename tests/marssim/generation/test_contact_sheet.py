@@ -83,9 +83,41 @@ def test_other_proportions_are_kept():
         sample(200),
         **{name: getattr(sample(200), name)[: SIDE // 2] for name in ("left", "right", "depth", "normal")},
     )
-    low, high = (contact_sheet([one], ["a"], tile=SIDE) for one in (wide, sample(200)))
+    tile = 8 * SIDE
+    low, high = (contact_sheet([one], ["a"], tile=tile) for one in (wide, sample(200)))
     assert low.shape[0] < high.shape[0]
-    assert (low == 200).all(axis=-1).sum() >= SIDE * SIDE  # two images of half the height
+    assert (low == 200).all(axis=-1).sum() >= tile * tile  # two images of half the height
+
+
+def shape_of(height: int, width: int) -> StereoSample:
+    """Return a sample of images of a size."""
+    maps = {"depth": np.full((height, width), 5.0, np.float32)}
+    maps |= {name: np.resize(getattr(sample(200), name), (height, width, 3)) for name in ("left", "right", "normal")}
+    return replace(sample(200), **maps)
+
+
+def test_narrow_images_are_not_drawn_higher_than_two_tiles():
+    sheet = contact_sheet([shape_of(200, 10)] * 2, ["a", "b"], tile=96)
+    assert sheet.shape[0] < 4 * 2 * 96 + 200
+    assert (sheet == 200).all(axis=-1).sum() >= 4 * 192 * 9  # both eyes of both, at their own proportions
+
+
+def test_rows_of_low_images_leave_room_for_their_names(monkeypatch):
+    places = []
+    monkeypatch.setattr(module, "_write", lambda image, text, at, size=0.4: places.append((text, at, image.shape)))
+    contact_sheet([shape_of(2, 40)], ["a"], tile=96)
+    for text, (x, _), (_, width, _) in [place for place in places if place[0] in module.ROWS]:
+        assert x >= 0 and x + module._text_width(text) <= width
+
+
+def test_depths_under_a_metre_get_a_scale_of_their_own(monkeypatch):
+    texts = []
+    monkeypatch.setattr(module, "_write", lambda image, text, at, size=0.4: texts.append(text))
+    near = sample(90)
+    near.depth[:] = np.linspace(0.22, 0.45, SIDE)
+    contact_sheet([near], ["a"])
+    assert {"0.2", "0.3", "0.5"} <= set(texts) and "15" not in texts
+    assert any("grey beyond 0.5 m" in text for text in texts)
 
 
 def test_no_samples_make_no_sheet():

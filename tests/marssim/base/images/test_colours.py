@@ -1,5 +1,6 @@
 import matplotlib
 import numpy as np
+import pytest
 
 from marssim.base.images.colours import (
     DEPTH_MAP,
@@ -7,6 +8,7 @@ from marssim.base.images.colours import (
     TICKS,
     depth_bar,
     depth_colours,
+    depth_ticks,
     normal_colours,
 )
 
@@ -41,6 +43,29 @@ def test_the_scale_of_depth_has_the_colours_of_its_ticks():
     assert bar.shape == (7, 300, 3) and len(columns) == len(TICKS) and (columns[0], columns[-1]) == (0, 299)
     ticks = depth_colours(np.array([TICKS], float))[0].astype(int)
     assert np.abs(bar[3, columns].astype(int) - ticks).max() < 8
+
+
+@pytest.mark.parametrize(
+    ("depths", "ticks"),
+    [
+        ([0.31, 0.42], (0.3, 0.4, 0.5)),
+        ([0.07, 0.35, np.inf, np.nan], (0.07, 0.1, 0.15, 0.2, 0.3, 0.4)),
+        ([0.5, 0.95], (0.5, 0.7, 1)),
+        ([0.2, 0.2], (0.2, 0.3)),
+        ([1.0, 1.0], (1, 1.5)),
+        ([0.3, 1.2], TICKS),
+        ([np.inf], TICKS),
+    ],
+)
+def test_a_scale_of_what_is_all_near_has_round_ends_around_it(depths, ticks):
+    assert depth_ticks([np.array(depths), np.array([np.nan])]) == pytest.approx(ticks)
+
+
+def test_a_scale_of_near_depths_has_the_colours_of_its_ticks():
+    ticks = depth_ticks([np.array([0.06, 0.4])])
+    bar, columns = depth_bar(300, ticks=ticks)
+    colours = depth_colours(np.array([ticks]), ticks[0], ticks[-1])[0].astype(int)
+    assert np.abs(bar[3, columns].astype(int) - colours).max() < 8 and len({tuple(c) for c in colours}) == len(ticks)
 
 
 def test_normal_colours():
