@@ -66,7 +66,7 @@ def colours_beside(
         colour: (H * W, 3) colours of the view.
 
     Returns:
-        (3 E, 3) float32 colours, and (3 E,) bool: the colour is known.
+        (3 E, 3) float32 colours, and (3 E,) bool: the ray has a colour.
     """
     return _colours_beside(
         pixels, hits.depth, hits.surface, hits.detail, view.depth, view.surface, view.detail, lit, colour
@@ -93,8 +93,8 @@ def _edge_pixels(depth, surface, detail, lit, colour):
             centre, z, here = surface[row, column], depth[row, column], colour[row * width + column, 0]
             edge = False
             for j, i in ((row, left), (row, right), (up, column), (down, column)):
-                there = colour[j * width + i, 0]
-                if edge or not abs(here - there) > contrast * (here + there):
+                beside = colour[j * width + i, 0]
+                if edge or not abs(here - beside) > contrast * (here + beside):
                     continue
                 # only where the brightness changes is it worth while to look for what changes
                 edge = surface[j, i] != centre or abs(lit[j, i] - lit[row, column]) == one
@@ -144,7 +144,7 @@ def _begins(pixels, depth, surface):
 @compiled
 def _colours_beside(pixels, depth, surface, detail, pixel_depth, pixel_surface, pixel_detail, lit, colour):
     height, width = lit.shape
-    known = np.zeros(len(depth), dtype=np.bool_)
+    coloured = np.zeros(len(depth), dtype=np.bool_)
     out = np.empty((len(depth), 3), dtype=np.float32)
     for p in range(len(pixels)):
         row, column = pixels[p] // width, pixels[p] % width
@@ -172,10 +172,10 @@ def _colours_beside(pixels, depth, surface, detail, pixel_depth, pixel_surface, 
                     red += weight * colour[at, 0]
                     green += weight * colour[at, 1]
                     blue += weight * colour[at, 2]
-            known[k] = soft or bright != dark
+            coloured[k] = soft or bright != dark
             if total > 0:
                 out[k, 0], out[k, 1], out[k, 2] = red / total, green / total, blue / total
-    return out, known
+    return out, coloured
 
 
 @compiled

@@ -239,9 +239,9 @@ class Sensor:
     def _limits(self, images: list[np.ndarray]) -> list[tuple[float, float]]:
         """Return the limits of each image's stretch."""
         low, high = stretch_limits(np.stack(images), self.stretch)
-        alone = self.stretch_alone
-        own = [stretch_limits(image, self.stretch) for image in images]
-        return [(low + alone * (own_low - low), high + alone * (own_high - high)) for own_low, own_high in own]
+        separate = self.stretch_alone
+        limits = [stretch_limits(image, self.stretch) for image in images]
+        return [(low + separate * (black - low), high + separate * (white - high)) for black, white in limits]
 
     def gain(self, radiance: np.ndarray, ground: np.ndarray) -> float:
         """Return the auto-exposure: the factor from radiance to full scale.

@@ -110,8 +110,8 @@ def occlusion(
         right_view.depth, (float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy)),
     )  # fmt: skip
     if len(at):
-        seen = renderer.trace(towards, right_pose, Footprint.of(camera, pose), sunlit=False)
-        hidden[at] = seen.depth < depth * (1 - SAME_POINT)
+        met = renderer.trace(towards, right_pose, Footprint.of(camera, pose), sunlit=False)
+        hidden[at] = met.depth < depth * (1 - SAME_POINT)
     return hidden.reshape(view.depth.shape)
 
 
@@ -150,13 +150,13 @@ def radiance(
     if len(pixels):
         rays = subpixel_rays(camera, pixels)
         hits = _traced(renderer, rays, pose, np.repeat(begin, RAYS), RAYS * amid, footprint)
-        samples, known = colours_beside(pixels, hits, view, lit, colour)
-        _find_sunlight(renderer, rays, pose, footprint, hits, known)
-        rest = _surface_points(rays, hits, pose, known)
+        samples, coloured = colours_beside(pixels, hits, view, lit, colour)
+        _find_sunlight(renderer, rays, pose, footprint, hits, coloured)
+        rest = _surface_points(rays, hits, pose, coloured)
         share = np.zeros(len(rays), dtype=np.float32)
         share[rest.at] = renderer.lit(rest.points, rest.normals)
         _soften(renderer, rest, np.repeat(soft[pixels], RAYS), share)
-        _shade(shader, footprint, pose, rays, hits, known, rest, share, samples)
+        _shade(shader, footprint, pose, rays, hits, coloured, rest, share, samples)
         average(pixels, samples, colour)
     return colour.reshape(*shape, 3)
 
@@ -171,10 +171,10 @@ def _traced(
 
 
 def _find_sunlight(
-    renderer: Renderer, rays: np.ndarray, pose: np.ndarray, footprint: Footprint, hits: Hits, known: np.ndarray
+    renderer: Renderer, rays: np.ndarray, pose: np.ndarray, footprint: Footprint, hits: Hits, coloured: np.ndarray
 ) -> None:
-    """Write the share of sunlight that relief lets through to the details of hits on ground that are not known."""
-    at = np.flatnonzero((hits.surface == GROUND) & ~known)
+    """Write the share of sunlight that relief lets through to the details of hits on ground without a colour."""
+    at = np.flatnonzero((hits.surface == GROUND) & ~coloured)
     again = renderer.trace_ground(rays[at], pose, SHORTLY * hits.depth[at].astype(float), footprint)
     hits.detail[at, 3] = again.detail[:, 3]
 
@@ -194,9 +194,9 @@ class _Points(NamedTuple):
     normals: np.ndarray
 
 
-def _surface_points(rays: np.ndarray, hits: Hits, pose: np.ndarray, known: np.ndarray) -> _Points:
-    """Return the points that rays (N, 3) hit, of those that hit a surface and whose colour is not known (N,)."""
-    at, points, normals = _hit_points(read_only(rays), hits.depth, hits.normal, hits.surface, read_only(pose), known)
+def _surface_points(rays: np.ndarray, hits: Hits, pose: np.ndarray, coloured: np.ndarray) -> _Points:
+    """Return the points that rays (N, 3) hit, of those that hit a surface and are not coloured (N,) yet."""
+    at, points, normals = _hit_points(read_only(rays), hits.depth, hits.normal, hits.surface, read_only(pose), coloured)
     normals[hits.surface[at] == GROUND] = UP
     return _Points(at, points, normals)
 
@@ -209,10 +209,10 @@ def _soften(renderer: Renderer, points: _Points, soft: np.ndarray, share: np.nda
 
 
 def _shade(
-    shader: Shader, footprint: Footprint, pose: np.ndarray, rays: np.ndarray, hits: Hits, known: np.ndarray,
+    shader: Shader, footprint: Footprint, pose: np.ndarray, rays: np.ndarray, hits: Hits, coloured: np.ndarray,
     points: _Points, share: np.ndarray, colour: np.ndarray,
 ) -> None:  # fmt: skip
-    """Write the radiance along rays to colour, except where it is known.
+    """Write the radiance along rays to colour, except where they are coloured.
 
     Args:
         shader: Shader of the scene.
@@ -220,12 +220,12 @@ def _shade(
         pose: (4, 4) camera to world.
         rays: (N, 3) directions, camera frame, z = 1.
         hits: What these rays hit.
-        known: (N,) bool, the rays whose colour is left as it is.
+        coloured: (N,) bool, the rays whose colour is left as it is.
         points: The points of the others that do not end in the sky.
         share: (N,) float32 share of the sun's disc that hills and rocks leave free.
         colour: (N, 3) float32, changed in place.
     """
-    sky = np.flatnonzero((hits.surface == SKY) & ~known)
+    sky = np.flatnonzero((hits.surface == SKY) & ~coloured)
     if len(sky):
         toward = rotate(rays[sky], pose[:3, :3])
         colour[sky] = shader.sky(toward / np.sqrt(np.einsum("ij,ij->i", toward, toward))[:, None])
@@ -237,13 +237,13 @@ def _shade(
 
 
 @compiled
-def _hit_points(rays, depth, normal, surface, pose, known):
-    """Return the rays (M,) that hit a surface and are not known, with points (M, 3) and normals (M, 3), world frame."""
+def _hit_points(rays, depth, normal, surface, pose, coloured):
+    """Return the rays (M,) that hit a surface and are not coloured, with points (M, 3) and normals (M, 3), world frame."""
     n = len(rays)
     at, points, normals = np.empty(n, dtype=np.int32), np.empty((n, 3)), np.empty((n, 3), dtype=np.float32)
     count = 0
     for k in range(n):
-        if surface[k] == SKY or known[k]:
+        if surface[k] == SKY or coloured[k]:
             continue
         at[count] = k
         z = depth[k]

@@ -47,6 +47,20 @@ def nearest_faces(mesh: SceneMesh, view: Projection, x: np.ndarray, y: np.ndarra
     return _hit_faces(mesh, view, x, y, np.full(len(x), np.inf), 0.0)
 
 
+def first_faces_of_rays(mesh: SceneMesh, rays: np.ndarray, pose: np.ndarray) -> np.ndarray:
+    """Return the face that each ray of a camera hits first, (N,) int32, -1 where it hits none.
+
+    Args:
+        mesh: The mesh.
+        rays: (N, 3) directions, camera frame, z = 1.
+        pose: (4, 4) camera to world.
+    """
+    if len(rays) == 0:
+        return np.zeros(0, dtype=np.int32)
+    x, y = np.ascontiguousarray(rays[:, 0]), np.ascontiguousarray(rays[:, 1])
+    return nearest_faces(mesh, Projection.of_eye(pose), x, y)
+
+
 def _hit_faces(
     mesh: SceneMesh, view: Projection, x: np.ndarray, y: np.ndarray, limit: np.ndarray, away: float
 ) -> np.ndarray:

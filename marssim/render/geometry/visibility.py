@@ -9,7 +9,7 @@ from marssim.render.geometry.disc import disc_share
 from marssim.render.geometry.gbuffer import Footprint, Hits
 from marssim.render.geometry.mesh import SceneMesh, faces_away_from, scene_mesh
 from marssim.render.geometry.projection import Projection
-from marssim.render.geometry.scan import nearest_faces, obstacles
+from marssim.render.geometry.scan import first_faces_of_rays, obstacles
 from marssim.render.geometry.surface import SceneSurface
 from marssim.scene.look import SUN_RADIUS
 from marssim.scene.scene import Scene
@@ -107,23 +107,16 @@ class RayQueries:
 
     def _cap_faces(self, rays: np.ndarray, pose: np.ndarray) -> np.ndarray:
         """Return the faces (N,) int32 of the cap that each ray hits first, negative for none."""
-        return _first_faces(self._surface.cap, rays, pose)
+        return first_faces_of_rays(self._surface.cap, rays, pose)
 
     def _body_faces(self, rays: np.ndarray, pose: np.ndarray) -> np.ndarray:
         """Return the faces (N,) int32 of the bodies that each ray hits first, negative for none."""
-        return _first_faces(self._surface.bodies, rays, pose)
+        return first_faces_of_rays(self._surface.bodies, rays, pose)
 
     def _open_surface(self) -> SceneSurface:
         if not self._open:
             raise RuntimeError(f"this {type(self).__name__} is closed")
         return self._surface
-
-
-def _first_faces(mesh: SceneMesh, rays: np.ndarray, pose: np.ndarray) -> np.ndarray:
-    if len(rays) == 0:
-        return np.zeros(0, dtype=np.int32)
-    x, y = np.ascontiguousarray(rays[:, 0]), np.ascontiguousarray(rays[:, 1])
-    return nearest_faces(mesh, Projection.of_eye(pose), x, y)
 
 
 @compiled

@@ -8,9 +8,8 @@ from marssim.base.camera import PinholeCamera
 from marssim.base.pose import rotate
 from marssim.render.geometry.gbuffer import Footprint, GBuffer, Hits
 from marssim.render.geometry.hits import intersect_faces
-from marssim.render.geometry.projection import Projection
 from marssim.render.geometry.raster import first_faces
-from marssim.render.geometry.scan import nearest_faces
+from marssim.render.geometry.scan import first_faces_of_rays
 from marssim.render.geometry.visibility import Visibility
 from marssim.render.own_rover.body import RoverBody
 from marssim.render.own_rover.materials import albedo
@@ -49,10 +48,7 @@ class WithRover:
     ) -> Hits:  # fmt: skip
         """Return what rays (N, 3) of z = 1 hit; see `Renderer.trace`."""
         hits = self._scene.trace(rays, pose, footprint, sunlit, begin)
-        if len(rays) == 0:
-            return hits
-        x, y = np.ascontiguousarray(rays[:, 0]), np.ascontiguousarray(rays[:, 1])
-        face = nearest_faces(self._body.mesh, Projection.of_eye(pose), x, y)
+        face = first_faces_of_rays(self._body.mesh, rays, pose)
         return self._laid_over(hits, rays, pose, face, footprint.focal)
 
     def trace_ground(
@@ -84,18 +80,18 @@ class WithRover:
     def _laid_over(self, hits: Hits, rays: np.ndarray, pose: np.ndarray, face: np.ndarray, focal: float) -> Hits:
         """Return hits with those on faces of the rover (N,), negative for none, where they are nearer."""
         at = np.flatnonzero(face >= 0)
-        own = intersect_faces(self._body.mesh, pose, rays[at], face[at])
-        near = own.depth < hits.depth[at]
-        at, own = at[near], Hits(*(each[near] for each in own))
+        rover = intersect_faces(self._body.mesh, pose, rays[at], face[at])
+        near = rover.depth < hits.depth[at]
+        at, rover = at[near], Hits(*(each[near] for each in rover))
         if len(at) == 0:
             return hits
         out = Hits(*(each.copy() for each in hits))
-        points = pose[:3, 3] + rotate(rays[at], pose[:3, :3]) * own.depth[:, None].astype(float)
+        points = pose[:3, 3] + rotate(rays[at], pose[:3, :3]) * rover.depth[:, None].astype(float)
         turn = np.ascontiguousarray(self._body.pose[:3, :3].T)
-        own.detail[:, :3] = albedo(
+        rover.detail[:, :3] = albedo(
             self._body.material[face[at]], rotate(points - self._body.pose[:3, 3], turn),
-            rotate(own.shading_normal.astype(float), turn), own.depth / focal,
+            rotate(rover.shading_normal.astype(float), turn), rover.depth / focal,
         )  # fmt: skip
-        for whole, part in zip(out, own):
+        for whole, part in zip(out, rover):
             whole[at] = part
         return out

@@ -58,10 +58,10 @@ def draw_chips(
     uneven = rng.lognormal(-0.5 * NUMBER_SPREAD**2, NUMBER_SPREAD, len(size))  # of mean 1
     pieces = shed(LAW, traits.fragments * MEAN_NUMBER * uneven, middle, size, rng)
     turn = rng.uniform(0, np.pi) + rng.normal(0, STRIKE_SPREAD, len(pieces))
-    seen = pieces.diameter / camera_distance(pieces.xy, half)
-    kept = np.argsort(-seen, kind="stable")[:most]
-    groups = [(1, kept[seen[kept] > LEVEL_ANGLE])]
-    groups.append((0, kept[(seen[kept] > LEAST_ANGLE) & (seen[kept] <= LEVEL_ANGLE)]))
+    angle = pieces.diameter / camera_distance(pieces.xy, half)
+    kept = np.argsort(-angle, kind="stable")[:most]
+    groups = [(1, kept[angle[kept] > LEVEL_ANGLE])]
+    groups.append((0, kept[(angle[kept] > LEAST_ANGLE) & (angle[kept] <= LEVEL_ANGLE)]))
     return [
         _laid(pieces.xy[g], pieces.diameter[g], turn[g], albedo[pieces.parent[g]], level, height_at, rng)
         for level, g in groups
