@@ -19,13 +19,21 @@ SEARCH_WIDTH = 256  # [px] width of the reduced images in which corners are sear
 CELLS = 8  # rows and columns of cells, which all give equally many corners
 CORNERS = 6  # most corners of a cell
 PATCH = 11  # side of the compared windows [px of the reduced images], odd
+CORNER_WINDOW = 5  # side of the windows over which gradients are summed, and of those with one corner each [px]
+SEARCH_BLUR = 0.8  # standard deviation of the blur of the reduced images [px], against their noise and aliasing
 LEAST_CORRELATION = 0.7  # of two windows that show the same
 BEYOND = 1 / 64  # share of the width by which disparities may be negative: eyes that squint
 WINDOW = 11  # side of the windows that are followed [px], odd
 BLUR = 0.7  # standard deviation of the blur before that [px]
 CONTRAST_WINDOW = 31  # side of the windows in which brightness and contrast are evened out [px], odd
 LEAST_CONTRAST = 1.0  # [grey levels] deviation that is not enlarged further
-THERE_AND_BACK = 0.3  # [px] within which a point that is followed back must return
+EVENED_MEAN, EVENED_DEVIATION = 128, 40  # grey levels of evened images: +-3 deviations fit into 8 bits
+ROUNDS, SMALLEST_STEP = (
+    20,
+    0.005,
+)  # steps of Lucas and Kanade, and [px] step after which they end, well under their error
+STRAYED = 2.0  # errors of the guess beyond which a point has been followed to another one
+RETURN_ERROR = 0.3  # [px] within which a point that is followed back must return
 
 
 def band_matches(left: np.ndarray, right: np.ndarray, rig: StereoRig, reach: float) -> tuple[np.ndarray, np.ndarray]:
@@ -43,19 +51,21 @@ def band_matches(left: np.ndarray, right: np.ndarray, rig: StereoRig, reach: flo
     height, width = left.shape
     scale = min(1.0, SEARCH_WIDTH / width)
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
-    a, b = (cv2.GaussianBlur(cv2.resize(i, size, interpolation=cv2.INTER_AREA), (0, 0), 0.8) for i in (left, right))
+    a, b = (
+        cv2.GaussianBlur(cv2.resize(i, size, interpolation=cv2.INTER_AREA), (0, 0), SEARCH_BLUR) for i in (left, right)
+    )
     along = math.ceil(min(rig.fb / NEAREST, width) * scale)
     beyond, rows = math.ceil(BEYOND * size[0]), math.ceil(reach * scale)
     margin = PATCH // 2
     band = cv2.copyMakeBorder(b, rows, rows, along, beyond, cv2.BORDER_REPLICATE)
-    found = []
+    matches = []
     for x, y in _spread_corners(a, margin):
         patch = a[y - margin : y + margin + 1, x - margin : x + margin + 1]
         strip = band[y - margin : y + margin + 1 + 2 * rows, x - margin : x + margin + 1 + along + beyond]
         _, likeness, _, (column, row) = cv2.minMaxLoc(cv2.matchTemplate(strip, patch, cv2.TM_CCOEFF_NORMED))
         if LEAST_CORRELATION < likeness < np.inf:
-            found.append((x, y, x + column - along, y + row - rows))
-    places = np.array(found, float).reshape(-1, 2, 2)
+            matches.append((x, y, x + column - along, y + row - rows))
+    places = np.array(matches, float).reshape(-1, 2, 2)
     places = (places + 0.5) * [width / size[0], height / size[1]] - 0.5
     return places[:, 0], places[:, 1]
 
@@ -65,8 +75,10 @@ def _spread_corners(grey: np.ndarray, margin: int) -> np.ndarray:
     height, width = grey.shape
     strength = np.zeros(grey.shape, np.float32)
     inner = (slice(margin, height - margin), slice(margin, width - margin))
-    every = cv2.cornerMinEigenVal(grey, 5)
-    strength[inner] = np.where(every == cv2.dilate(every, np.ones((5, 5), np.uint8)), every, 0)[inner]
+    every = cv2.cornerMinEigenVal(grey, CORNER_WINDOW)
+    strength[inner] = np.where(every == cv2.dilate(every, np.ones((CORNER_WINDOW, CORNER_WINDOW), np.uint8)), every, 0)[
+        inner
+    ]
     corners = [np.zeros((0, 2), int)]
     for rows in np.array_split(np.arange(height), CELLS):
         for columns in np.array_split(np.arange(width), CELLS):
@@ -98,8 +110,8 @@ def followed(
     a, b = (_evened(image) for image in (left, right))
     forth, arrived = _lucas_kanade(a, b, start, guess, levels)
     back, returned = _lucas_kanade(b, a, forth, start, levels)
-    near = (np.abs(forth - guess) <= 2 * error).all(axis=1)
-    return forth, arrived & returned & near & (np.abs(back - start).max(axis=1, initial=0) <= THERE_AND_BACK)
+    near = (np.abs(forth - guess) <= STRAYED * error).all(axis=1)
+    return forth, arrived & returned & near & (np.abs(back - start).max(axis=1, initial=0) <= RETURN_ERROR)
 
 
 def _evened(image: np.ndarray) -> np.ndarray:
@@ -111,15 +123,16 @@ def _evened(image: np.ndarray) -> np.ndarray:
     smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), BLUR)
     detail = smooth - cv2.blur(smooth, window)
     deviation = np.sqrt(cv2.blur(detail * detail, window))
-    return np.clip(128 + 40 * detail / np.maximum(deviation, LEAST_CONTRAST), 0, 255).astype(np.uint8)
+    evened = EVENED_MEAN + EVENED_DEVIATION * detail / np.maximum(deviation, LEAST_CONTRAST)
+    return np.clip(evened, 0, 255).astype(np.uint8)
 
 
 def _lucas_kanade(
     a: np.ndarray, b: np.ndarray, start: np.ndarray, guess: np.ndarray, levels: int
 ) -> tuple[np.ndarray, np.ndarray]:
     first, second = (np.ascontiguousarray(places[:, None], np.float32) for places in (start, guess))
-    places, found, _ = cv2.calcOpticalFlowPyrLK(
+    places, tracked, _ = cv2.calcOpticalFlowPyrLK(
         a, b, first, second.copy(), winSize=(WINDOW, WINDOW), maxLevel=levels, flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-        criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.005),
+        criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, ROUNDS, SMALLEST_STEP),
     )  # fmt: skip
-    return places[:, 0].astype(float), found[:, 0] == 1
+    return places[:, 0].astype(float), tracked[:, 0] == 1

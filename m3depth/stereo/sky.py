@@ -22,7 +22,9 @@ TOLERANCE = 0.5  # [px] disparity off the plane at which a pixel weighs half
 BELOW_HORIZON = float(np.arctan(1.2 / 8))
 
 
-def possible_sky(taken: np.ndarray, disparity: np.ndarray, confidence: np.ndarray, camera: PinholeCamera) -> np.ndarray:
+def possible_sky(
+    candidates: np.ndarray, disparity: np.ndarray, confidence: np.ndarray, camera: PinholeCamera
+) -> np.ndarray:
     """Return the part of what a network takes for sky that can be sky.
 
     It is connected with the upper border of the image, and lies above the horizon of the plane that fits the confident
@@ -30,7 +32,7 @@ def possible_sky(taken: np.ndarray, disparity: np.ndarray, confidence: np.ndarra
     and only the border decides.
 
     Args:
-        taken: (H, W) bool, what the network takes for sky.
+        candidates: (H, W) bool, what the network takes for sky.
         disparity: (H, W) [px].
         confidence: (H, W), 0 to 1.
         camera: The camera of the maps.
@@ -38,14 +40,14 @@ def possible_sky(taken: np.ndarray, disparity: np.ndarray, confidence: np.ndarra
     Returns:
         (H, W) bool.
     """
-    if not taken.any():
-        return taken
-    ground = np.flatnonzero(~taken & (confidence >= CONFIDENT) & np.isfinite(disparity) & (disparity > 0))
-    above = taken
+    if not candidates.any():
+        return candidates
+    ground = np.flatnonzero(~candidates & (confidence >= CONFIDENT) & np.isfinite(disparity) & (disparity > 0))
+    above = candidates
     if len(ground) >= FEWEST:
         plane = ground_plane(ground[:: -(-len(ground) // MOST)], disparity, camera)
         if plane is not None:
-            above = taken & ~_below_horizon(plane, camera)
+            above = candidates & ~_below_horizon(plane, camera)
     _, labels = cv2.connectedComponents(above.astype(np.uint8), connectivity=4)
     at_border = np.unique(labels[0][above[0]])
     return above & np.isin(labels, at_border)

@@ -238,7 +238,7 @@ def _shade(
 
 @compiled
 def _hit_points(rays, depth, normal, surface, pose, coloured):
-    """Return the rays (M,) that hit a surface and are not coloured, with points (M, 3) and normals (M, 3), world frame."""
+    """Return the uncoloured rays (M,) that hit a surface, with points (M, 3) and normals (M, 3), world frame."""
     n = len(rays)
     at, points, normals = np.empty(n, dtype=np.int32), np.empty((n, 3)), np.empty((n, 3), dtype=np.float32)
     count = 0

@@ -16,7 +16,7 @@ import numpy as np
 
 from marssim.base.compute.compiled import compiled_in_place, inlined
 from marssim.render.relief.height import around, footprint_at, height_at, near_height, shown_at
-from marssim.render.relief.stones.hits import most_stones, stone_hit, stone_side, tallest
+from marssim.render.relief.stones.hits import Piece, most_stones, stone_hit, stone_side, tallest
 from marssim.render.relief.sunlight import sun_share
 from marssim.render.relief.tiles import NONE, WHOLE
 
@@ -75,8 +75,8 @@ def first_crossing(data, relief, stones, steepest, eye, focal, origin, ray, begi
         if t == begin or (gap > NEAR * t and footprint < WIDE):
             break
         t = begin
-    open_ground, packed = most_stones(data, cover, x, y)
-    highest = tallest(octave, open_ground, packed, footprint)
+    ranks = most_stones(data, cover, x, y)
+    highest = tallest(octave, ranks, footprint)
     wave = 0.25 * max(np.float32(0.035), np.float32(4) * footprint) / max(across, 1e-9)
     steep = steepest * shown_at(SHORT_WAVE, footprint, np.float32(NONE), np.float32(WHOLE))
     begun, piece = t, max(PIECE, np.float32(2) * footprint)
@@ -101,8 +101,8 @@ def first_crossing(data, relief, stones, steepest, eye, focal, origin, ray, begi
             x0, y0 = x2, y2
             footprint = footprint_at(eye, focal, x2, y2, z2)
             model = around(data, relief, np.float32(x2), np.float32(y2), footprint)
-            open_ground, packed = most_stones(data, cover, x2, y2)
-            highest = tallest(octave, open_ground, packed, footprint)
+            ranks = most_stones(data, cover, x2, y2)
+            highest = tallest(octave, ranks, footprint)
         height, east2, north2, level_e2, level_n2 = near_height(data, model, np.float32(x2 - x0), np.float32(y2 - y0))
         gap2 = z2 - height
         if gap2 < -NEAR * t2 and (t2 - t) * across > AROUND > footprint:
@@ -125,15 +125,11 @@ def first_crossing(data, relief, stones, steepest, eye, focal, origin, ray, begi
         length = t2 - begun
         if highest > 0 and (length * across > piece or gap2 <= NEAR * t2 or t2 > end):
             if length > 0 and min(high_begun, gap2) < highest:
-                where, who, by, lift, sx, sy = stone_hit(
-                    data, cover, stones, eye, focal, footprint, open_ground, packed,
-                    origin[0] + begun * rx, origin[1] + begun * ry, origin[2] + begun * rz, high_begun,
-                    rx, ry, (gap2 - high_begun) / length, length,
-                )  # fmt: skip
-                if who >= 0:
-                    crossing = _on_stone(
-                        data, relief, stones, eye, focal, origin, ray, begun + where, end, who, by, lift, sx, sy
-                    )
+                at = origin[0] + begun * rx, origin[1] + begun * ry, origin[2] + begun * rz
+                part = Piece(at[0], at[1], at[2], high_begun, rx, ry, (gap2 - high_begun) / length, length)
+                hit = stone_hit(data, cover, stones, eye, focal, footprint, ranks, part)
+                if hit.stone >= 0:
+                    crossing = _on_stone(data, relief, stones, eye, focal, origin, ray, begun + hit.where, end, hit)
                     if crossing[2] >= 0:
                         return crossing
             begun, high_begun = t2, gap2
@@ -162,10 +158,10 @@ def _on_ground(data, relief, eye, focal, origin, ray, t):
 
 
 @inlined
-def _on_stone(data, relief, stones, eye, focal, origin, ray, t, end, who, by, lift, sx, sy):
-    """Return the crossing of a ray with a stone, of which t is nearly the length, as first_crossing does.
+def _on_stone(data, relief, stones, eye, focal, origin, ray, t, end, hit):
+    """Return the crossing of a ray with the stone of a StoneHit, at a length of nearly t, as first_crossing does.
 
-    The stone is -1 if the ray does not meet it. who, by, lift, sx, sy: of stone_hit.
+    The stone is -1 if the ray does not meet it.
     """
     rx, ry, rz = ray
     gu, gv, gw = np.float32(0), np.float32(0), np.float32(1)
@@ -180,8 +176,8 @@ def _on_stone(data, relief, stones, eye, focal, origin, ray, t, end, who, by, li
             gap = z - height
         else:
             gap += move * (rz - east * rx - north * ry)
-        east_of, north_of = np.float32(x - sx), np.float32(y - sy)
-        value, gu, gv, gw = stone_side(stones.stone, stones.planes, who, by, lift, east_of, north_of, np.float32(gap))
+        place = np.float32(x - hit.x), np.float32(y - hit.y), np.float32(gap)
+        value, gu, gv, gw = stone_side(stones, hit, place)
         growth = gu * rx + gv * ry + gw * (rz - east * rx - north * ry)
         if growth >= 0:
             break  # the ground is not so level here that the ray meets this stone
@@ -191,7 +187,7 @@ def _on_stone(data, relief, stones, eye, focal, origin, ray, t, end, who, by, li
             met = t < end
             break
     normal = (float(gu - gw * east), float(gv - gw * north), float(gw))
-    return t, normal, who if met else -1, fine, bare, gap, east, north
+    return t, normal, hit.stone if met else -1, fine, bare, gap, east, north
 
 
 @inlined

@@ -8,7 +8,7 @@ import numpy as np
 
 from marssim.base.compute.compiled import inlined
 from marssim.render.relief.height import around, footprint_at, near_height
-from marssim.render.relief.stones.hits import most_stones, stone_hit, tallest
+from marssim.render.relief.stones.hits import Piece, most_stones, stone_hit, tallest
 from marssim.scene.look import SUN_RADIUS
 
 LONGEST_SHADOW = 0.5  # [m] length of a ray to the sun that is followed among stones
@@ -26,15 +26,12 @@ def sun_share(data, relief, stones, steepest, eye, focal, x, y, z, gap, east, no
     if growth <= 0.02:
         return np.float32(1)
     footprint = footprint_at(eye, focal, x, y, z)
-    open_ground, packed = most_stones(data, relief.cover, x, y)
-    top = tallest(stones.octave, open_ground, packed, footprint)
+    ranks = most_stones(data, relief.cover, x, y)
+    top = tallest(stones.octave, ranks, footprint)
     if gap < top:
         length = min((top - gap) / growth, LONGEST_SHADOW)
-        _, who, _, _, _, _ = stone_hit(
-            data, relief.cover, stones, eye, focal, footprint, open_ground, packed,
-            x, y, z, gap, sun[0], sun[1], growth, length,
-        )  # fmt: skip
-        if who >= 0:
+        piece = Piece(x, y, z, gap, sun[0], sun[1], growth, length)
+        if stone_hit(data, relief.cover, stones, eye, focal, footprint, ranks, piece).stone >= 0:
             return np.float32(0)
     free = np.float32(1)
     level = math.sqrt(sun[0] * sun[0] + sun[1] * sun[1])

@@ -6,6 +6,7 @@ Over a short piece the ground between the stones is level, so that a ray is a li
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -41,6 +42,64 @@ STONE_NONE = 1.3  # pixels across a stone up to which it does not show
 # pixels across it up to which it is flat, see flat.py, and from which on it has its height
 STONE_FLAT, STONE_WHOLE = 3.0, 8.0
 FLATTEST = 0.02  # least share of its height that a stone has which is not flat, so that rays find it
+
+
+class Piece(NamedTuple):
+    """A short piece of a ray over ground that is level between the stones.
+
+    Attributes:
+        x, y, z: Where it begins, world frame [m].
+        over_ground: Its height over the ground there [m].
+        dx, dy, d_over_ground: Growth of x, y and the height over the ground per unit of the piece.
+        length: Of the piece, in the same unit.
+    """
+
+    x: float
+    y: float
+    z: float
+    over_ground: float
+    dx: float
+    dy: float
+    d_over_ground: float
+    length: float
+
+
+class StoneHit(NamedTuple):
+    """A stone that a piece of a ray meets.
+
+    Attributes:
+        where: Where on the piece; the piece's length if it meets none.
+        stone: Number of the stone, -1 for none.
+        plane: Plane that the stone is entered by, -1 for its ellipsoid.
+        lift: Share of its height that shows.
+        x, y: Its centre, world frame [m].
+    """
+
+    where: float
+    stone: int
+    plane: int
+    lift: float
+    x: float
+    y: float
+
+
+class _Cell(NamedTuple):
+    """A cell that a ray passes.
+
+    Attributes:
+        octave: Octave of its stones.
+        entry: Number of the cell among those of all octaves.
+        most: Rank up to which its stones may lie here.
+        begin: Where on the piece the ray comes below the tops of the octave's stones.
+        x, y: From the cell's corner to the ray at `begin`, in cells.
+    """
+
+    octave: int
+    entry: int
+    most: float
+    begin: float
+    x: float
+    y: float
 
 
 @inlined
@@ -89,12 +148,15 @@ def _enter(ox, oy, oz, dx, dy, dz, planes, shape, ahead):
 
 
 @inlined
-def tallest(octave, open_ground, packed, footprint):
-    """Return the height of the largest stones that may lie here and have one in view [m]; 0 if none do."""
+def tallest(octave, ranks, footprint):
+    """Return the height of the largest stones that may lie here and have one in view [m]; 0 if none do.
+
+    ranks: of most_stones.
+    """
     for n in range(len(octave) - 1, -1, -1):
         if octave[n, SIDE] < np.float32(STONE_FLAT) * footprint:
             break
-        if octave[n, BARE] * open_ground + octave[n, GRAVEL] * packed > 0:
+        if octave[n, BARE] * ranks[0] + octave[n, GRAVEL] * ranks[1] > 0:
             return octave[n, TOP]
     return np.float32(0)
 
@@ -108,35 +170,31 @@ def most_stones(data, cover, x, y):
 
 
 @inlined
-def stone_hit(
-    data, cover, stones, eye, focal, footprint, open_ground, packed, x, y, z, g, dx, dy, dg, length
-):  # fmt: skip
-    """Return the first stone that a piece of a ray meets.
+def stone_hit(data, cover, stones, eye, focal, footprint, ranks, piece):
+    """Return the StoneHit of the first stone that a piece of a ray meets.
 
-    footprint: of pixels there [m]; open_ground, packed: of most_stones; x, y, z, g: where the piece begins, world
-    frame [m], and its height over the ground; dx, dy, dg: their growth per unit of the piece; length: of the piece.
-    Returns where on the piece, the stone (-1 for none), the plane that it is entered by, the share of its height that
-    shows, and its centre x, y in the world.
+    footprint: of pixels there [m]; ranks: of most_stones; piece: Piece.
     """
     summit, octave = stones.top, stones.octave
-    best, who, by, lift, cx, cy = length, np.int32(-1), -1, np.float32(0), 0.0, 0.0
+    x, y, _, g, dx, dy, dg, length = piece
+    nearest = StoneHit(length, np.int32(-1), -1, np.float32(0), 0.0, 0.0)
     last = np.int32(CELLS - 1)
     per_x, per_y = 1 / max(abs(dx), 1e-12), 1 / max(abs(dy), 1e-12)
     per_g = 1 / dg if dg != 0 else 0.0
     step_i, step_j = np.int32(1 if dx > 0 else -1), np.int32(1 if dy > 0 else -1)
     level = 1 / math.sqrt(max(dx * dx + dy * dy, 1e-24))
-    east, north = np.float32(level * dx), np.float32(level * dy)
+    heading = np.float32(level * dx), np.float32(level * dy)
     for n in range(len(octave) - 1, -1, -1):
         cell = octave[n, SIDE]
         if cell < np.float32(STONE_FLAT) * footprint:
             break
-        most = octave[n, BARE] * open_ground + octave[n, GRAVEL] * packed
+        most = octave[n, BARE] * ranks[0] + octave[n, GRAVEL] * ranks[1]
         if most <= 0:
             continue
         top = octave[n, TOP]
         # the part of the piece below the stones' tops
         begin = 0.0 if g <= top else (top - g) * per_g if dg < 0 else np.inf
-        limit = best if dg <= 0 else min(best, (top - g) * per_g)
+        limit = nearest.where if dg <= 0 else min(nearest.where, (top - g) * per_g)
         if begin >= limit:
             continue
         per_cell = octave[n, PER_SIDE]
@@ -148,42 +206,37 @@ def stone_hit(
         next_i = begin + (1 - ahead_x if dx > 0 else ahead_x) * width_i
         next_j = begin + (1 - ahead_y if dy > 0 else ahead_y) * width_j
         here, first_cell, per_code = begin, n * (CELLS * CELLS + 1), top * np.float32(1 / TOPS)
-        while here < min(limit, best):
+        while here < min(limit, nearest.where):
             at = np.uint32(first_cell + (j & last) * CELLS + (i & last))
             lowest = g + dg * (here if dg > 0 else min(min(next_i, next_j), limit))
             if lowest < per_code * np.float32(summit[at]):
-                best, who, by, lift, cx, cy = _hit_in_cell(
-                    data, cover, stones, eye, focal, n, at, most, (ahead_x, ahead_y), (east, north), begin,
-                    (x, y, z, g), (dx, dy, dg), (best, who, by, lift, cx, cy),
-                )  # fmt: skip
+                place = _Cell(n, at, most, begin, ahead_x, ahead_y)
+                nearest = _hit_in_cell(data, cover, stones, eye, focal, piece, heading, nearest, place)
             if next_i < next_j:
                 here, next_i = next_i, next_i + width_i
                 i, ahead_x = i + step_i, ahead_x - np.float32(step_i)
             else:
                 here, next_j = next_j, next_j + width_j
                 j, ahead_y = j + step_j, ahead_y - np.float32(step_j)
-    return best, who, by, lift, cx, cy
+    return nearest
 
 
 @inlined
-def _hit_in_cell(data, cover, stones, eye, focal, n, at, most, ahead, level, begin, start, ray, found):
-    """Return `found`, or the stone of a cell that a ray meets before it, as stone_hit does.
+def _hit_in_cell(data, cover, stones, eye, focal, piece, heading, nearest, place):
+    """Return the StoneHit of a stone of a cell that a ray meets before `nearest`, else `nearest`.
 
-    n: octave; at: of `start`; most: rank up to which its stones may lie here; ahead: from the cell's corner to the
-    ray's place at `begin`, in cells; level: the ray's direction as a unit vector x, y; start, ray: x, y, z, g and
-    dx, dy, dg of stone_hit.
+    heading: the ray's direction as a unit vector x, y; place: _Cell.
     """
     first_entry, member, entries, stone, _, planes, octave = stones
-    best, who, by, lift, cx, cy = found
-    x, y, z, g = start
-    dx, dy, dg = ray
+    x, y, z, g, dx, dy, dg, _ = piece
+    n, at, most, begin, ahead_x, ahead_y = place
     cell = octave[n, SIDE]
     for k in range(np.uint32(first_entry[at]), np.uint32(first_entry[at + 1])):
         if entries[k, ENTRY_RANK] > most:
             break
         # a ray that passes beside it, seen from above
-        ox, oy = ahead[0] - entries[k, ENTRY_X], ahead[1] - entries[k, ENTRY_Y]
-        if abs(ox * level[1] - oy * level[0]) > entries[k, ENTRY_REACH]:
+        ox, oy = ahead_x - entries[k, ENTRY_X], ahead_y - entries[k, ENTRY_Y]
+        if abs(ox * heading[1] - oy * heading[0]) > entries[k, ENTRY_REACH]:
             continue
         m = np.uint32(member[k])
         ox, oy = cell * ox - np.float32(begin * dx), cell * oy - np.float32(begin * dy)
@@ -192,7 +245,7 @@ def _hit_in_cell(data, cover, stones, eye, focal, n, at, most, ahead, level, beg
         du, dv = stone[m, AX] * dx + stone[m, AY] * dy, stone[m, BX] * dx + stone[m, BY] * dy
         rise = stone[m, RISE]
         enters, leaves = _through_sphere(u, v, (g - stone[m, MIDDLE]) * rise, du, dv, dg * rise)
-        if enters > best or leaves < 0:
+        if enters > nearest.where or leaves < 0:
             continue
         sx, sy = x - ox, y - oy
         if not lies_there(data, cover, octave, n, entries[k, ENTRY_RANK], sx, sy):
@@ -207,11 +260,11 @@ def _hit_in_cell(data, cover, stones, eye, focal, n, at, most, ahead, level, beg
         rise /= share
         first, plane = _enter(
             u, v, (g - share * stone[m, MIDDLE]) * rise, du, dv, dg * rise,
-            planes, np.int32(stone[m, SHAPE]), best,
+            planes, np.int32(stone[m, SHAPE]), nearest.where,
         )  # fmt: skip
-        if first < best:
-            best, who, by, lift, cx, cy = first, np.int32(m), plane, share, sx, sy
-    return best, who, by, lift, cx, cy
+        if first < nearest.where:
+            nearest = StoneHit(first, np.int32(m), plane, share, sx, sy)
+    return nearest
 
 
 @inlined
@@ -222,19 +275,21 @@ def lies_there(data, cover, octave, n, rank, x, y):
 
 
 @inlined
-def stone_side(stone, planes, m, by, lift, ox, oy, g):
-    """Return how far a point is outside a stone's side, and its slopes along x, y and height over the ground.
+def stone_side(stones, hit, place):
+    """Return how far a point is outside the side by which a stone is hit, and the slopes of that along the point.
 
-    ox, oy: from the stone's centre [m]; g: height over the ground [m]; by: plane, or -1 for the ellipsoid.
+    hit: StoneHit; place: x and y from the stone's centre, and height over the ground [m].
     """
-    rise = stone[m, RISE] / lift
-    ax, ay, bx, by_ = stone[m, AX], stone[m, AY], stone[m, BX], stone[m, BY]
-    u, v, w = ax * ox + ay * oy, bx * ox + by_ * oy, (g - lift * stone[m, MIDDLE]) * rise
-    if by < 0:
+    stone, m = stones.stone, hit.stone
+    rise = stone[m, RISE] / hit.lift
+    ax, ay, bx, by = stone[m, AX], stone[m, AY], stone[m, BX], stone[m, BY]
+    u, v = ax * place[0] + ay * place[1], bx * place[0] + by * place[1]
+    w = (place[2] - hit.lift * stone[m, MIDDLE]) * rise
+    if hit.plane < 0:
         value = 0.5 * (u * u + v * v + w * w - 1)
         nu, nv, nw = u, v, w
     else:
-        n = np.int32(stone[m, SHAPE])
-        nu, nv, nw = planes[n, by, 0], planes[n, by, 1], planes[n, by, 2]
-        value = nu * u + nv * v + nw * w - planes[n, by, 3]
-    return value, nu * ax + nv * bx, nu * ay + nv * by_, nw * rise
+        plane = stones.planes[np.int32(stone[m, SHAPE]), hit.plane]
+        nu, nv, nw = plane[0], plane[1], plane[2]
+        value = nu * u + nv * v + nw * w - plane[3]
+    return value, nu * ax + nv * bx, nu * ay + nv * by, nw * rise
