@@ -58,7 +58,8 @@ class LookConfig:
     """How alike the stones of gravel are, LOW HIGH: 0 mixes all sizes, 1 has hardly any but the commonest."""
     drifts: Range = (0.3, 0.9)
     """How much sand lies against rocks and slabs, LOW HIGH: 0 has none, 1 the most. Mounds at their feet are up to 10
-    cm high, and tails in the lee of rocks up to 14."""
+    cm high, and tails in the lee of rocks up to 14. Images and depth have it; the ground that a rover drives on does
+    not."""
     soil_albedo: Range = (0.7, 1.0)
     """Brightness of sand and soil, LOW HIGH, 0.3 to 1.3: 1 is bright dust, 0.5 the dark basaltic sand between pale
     slabs. The brightness of rocks does not follow it."""

@@ -76,9 +76,9 @@ class StoneHit(NamedTuple):
     """
 
     where: float
-    stone: int
+    stone: np.int32
     plane: int
-    lift: float
+    lift: np.float32
     x: float
     y: float
 
@@ -95,11 +95,11 @@ class _Cell(NamedTuple):
     """
 
     octave: int
-    entry: int
-    most: float
+    entry: np.uint32
+    most: np.float32
     begin: float
-    x: float
-    y: float
+    x: np.float32
+    y: np.float32
 
 
 @inlined
