@@ -28,10 +28,8 @@ BLUR = 0.7  # standard deviation of the blur before that [px]
 CONTRAST_WINDOW = 31  # side of the windows in which brightness and contrast are evened out [px], odd
 LEAST_CONTRAST = 1.0  # [grey levels] deviation that is not enlarged further
 EVENED_MEAN, EVENED_DEVIATION = 128, 40  # grey levels of evened images: +-3 deviations fit into 8 bits
-ROUNDS, SMALLEST_STEP = (
-    20,
-    0.005,
-)  # steps of Lucas and Kanade, and [px] step after which they end, well under their error
+ROUNDS = 20  # most steps of Lucas and Kanade
+SMALLEST_STEP = 0.005  # [px] step after which they end, well under their error
 STRAYED = 2.0  # errors of the guess beyond which a point has been followed to another one
 RETURN_ERROR = 0.3  # [px] within which a point that is followed back must return
 
@@ -76,9 +74,8 @@ def _spread_corners(grey: np.ndarray, margin: int) -> np.ndarray:
     strength = np.zeros(grey.shape, np.float32)
     inner = (slice(margin, height - margin), slice(margin, width - margin))
     every = cv2.cornerMinEigenVal(grey, CORNER_WINDOW)
-    strength[inner] = np.where(every == cv2.dilate(every, np.ones((CORNER_WINDOW, CORNER_WINDOW), np.uint8)), every, 0)[
-        inner
-    ]
+    highest = cv2.dilate(every, np.ones((CORNER_WINDOW, CORNER_WINDOW), np.uint8))
+    strength[inner] = np.where(every == highest, every, 0)[inner]
     corners = [np.zeros((0, 2), int)]
     for rows in np.array_split(np.arange(height), CELLS):
         for columns in np.array_split(np.arange(width), CELLS):

@@ -66,9 +66,9 @@ def depth_ticks(depths: Iterable[np.ndarray]) -> tuple[float, ...]:
     Args:
         depths: Maps of depth [m]; inf in the sky, NaN where it is unknown.
     """
-    known = [depth[np.isfinite(depth) & (depth > 0)] for depth in depths]
-    near = min((float(depth.min()) for depth in known if depth.size), default=NEAR)
-    far = max((float(depth.max()) for depth in known if depth.size), default=MAX_DEPTH)
+    valid = [depth[np.isfinite(depth) & (depth > 0)] for depth in depths]
+    near = min((float(depth.min()) for depth in valid if depth.size), default=NEAR)
+    far = max((float(depth.max()) for depth in valid if depth.size), default=MAX_DEPTH)
     if far > NEAR:
         return TICKS
     rounded = [digit * 10.0**power for power in range(math.floor(math.log10(near) - 1e-9), 1) for digit in ROUND]
