@@ -38,7 +38,11 @@ def ramp() -> np.ndarray:
 
 @pytest.mark.parametrize(
     "matcher",
-    [SGBM(), SGBM(directions=8), *(BlockMatching(cost, way) for cost in ("sad", "ssd", "ncc") for way in ("wta", "sgm"))],
+    [
+        SGBM(),
+        SGBM(directions=8),
+        *(BlockMatching(cost, way) for cost in ("sad", "ssd", "ncc") for way in ("wta", "sgm")),
+    ],
     ids=lambda m: f"sgbm-{m.directions}" if isinstance(m, SGBM) else f"{m.cost}-{m.aggregation}",
 )
 def test_tilted_plane_is_recovered(matcher):
