@@ -99,8 +99,8 @@ class EvaluateOptions:
     seed: int = 0
     """Seed of the noise that --degrade adds."""
     max_disparity: float = MAX_DISPARITY
-    """Largest true disparity [px] of the pixels that are scored; nearer ones are scored apart, as near. For images
-    larger than 512 px of the same view, give as many times more."""
+    """Largest true disparity [px], above 0, of the pixels that are scored; nearer ones are scored apart, as near. For
+    images larger than 512 px of the same view, give as many times more."""
     align_rows: bool = False
     """Align the rows of each pair where they lie significantly apart, before the estimators see it, as m3depth.predict
     does. It counts to their time."""

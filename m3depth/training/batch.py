@@ -13,7 +13,7 @@ from torch import Tensor
 
 from m3depth.network.geometry import unit
 from m3depth.training.augmentation import crop, resized
-from m3depth.training.packing import ROCK, SCORED, SKY, TRAINED, PackedSample
+from m3depth.training.packing import ONE_EYE, ROCK, ROVER, SCORED, SKY, TRAINED, PackedSample
 
 
 class Target(NamedTuple):
@@ -25,6 +25,8 @@ class Target(NamedTuple):
         label: (B, 1, H, W) bool, the pixels that are trained.
         sky: (B, 1, H, W) bool.
         rock: (B, 1, H, W) bool.
+        one_eye: (B, 1, H, W) bool, the pixels whose match is hidden from the right eye, or lies outside its crop.
+        rover: (B, 1, H, W) bool, the rover that carries the cameras.
         camera: (B, 4) fx, fy, cx, cy [px].
     """
 
@@ -33,6 +35,8 @@ class Target(NamedTuple):
     label: Tensor
     sky: Tensor
     rock: Tensor
+    one_eye: Tensor
+    rover: Tensor
     camera: Tensor
 
     @property
@@ -101,9 +105,9 @@ def reduce_target(target: Target, factor: int, weight: Tensor) -> tuple[Target, 
     span = disparity.masked_fill(~known, -torch.inf).amax(0) - disparity.masked_fill(~known, torch.inf).amin(0)
     mean = (disparity * known).sum(0) / known.sum(0).clamp(min=1)
     normal = unit(middle(target.normal).sum(0))
-    reduced = Target(
-        mean, normal, alike(target.label) & (span < 1.0), alike(target.sky), middle(target.rock).any(0), target.camera
-    )
+    trained, sky = alike(target.label) & (span < 1.0), alike(target.sky)
+    kinds = [middle(x).any(0) for x in (target.rock, target.one_eye, target.rover)]
+    reduced = Target(mean, normal, trained, sky, *kinds, target.camera)
     return reduced, middle(weight).amax(0)
 
 
@@ -171,12 +175,16 @@ def to_batch(items: Sequence[tuple[np.ndarray, np.ndarray, PackedSample]]) -> Ba
     truths = [truth for _, _, truth in items]
     flags = stack([t.flags for t in truths])
     normal = stack([t.normal for t in truths]).float()
+    disparity = stack([t.disparity for t in truths])
+    outside = torch.arange(disparity.shape[-1]) < disparity  # of the right image's crop, to the left
     target = Target(
-        stack([t.disparity for t in truths]),
+        disparity,
         normal * normal.square().sum(1, keepdim=True).clamp(min=1).rsqrt(),
         (flags & TRAINED) > 0,
         (flags & SKY) > 0,
         (flags & ROCK) > 0,
+        ((flags & ONE_EYE) > 0) | outside,
+        (flags & ROVER) > 0,
         torch.tensor([t.camera for t in truths], dtype=torch.float32),
     )
     return Batch(stack([left for left, _, _ in items]), stack([right for _, right, _ in items]), target)

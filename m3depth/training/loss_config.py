@@ -36,6 +36,10 @@ class LossConfig:
     """Weight of pixels on rocks, 0 or more, their outlines included."""
     edge: float = 3.0
     """Weight of the other pixels at disparity edges, 0 or more."""
+    one_eye: float = 0.3
+    """Factor, 0 or more, of the weight of pixels that only the left eye sees, whose disparity can only be guessed."""
+    rover: float = 0.1
+    """Factor, 0 or more, of the weight of pixels that show the rover itself, which is near, smooth and periodic."""
     sky_disparity: float = 0.02
     """Weight of the disparity of sky pixels, whose target is 0. It is small, because --loss.sky trains the output that
     says where sky is.

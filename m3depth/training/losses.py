@@ -22,16 +22,27 @@ from m3depth.network.refinement import CELL
 from m3depth.training.batch import Target, disparity_edges, reduce_target
 from m3depth.training.loss_config import LossConfig
 
+# Mean weight of a batch's pixels from which on it counts in full. Without it, a few pixels, or the rover's own panels,
+# had losses ten times those of other crops, and decided the direction of most steps.
+LEAST_WEIGHT = 0.5
+
 
 def huber(error: Tensor, delta: float) -> Tensor:
     """Return the Huber norm over delta: quadratic up to delta, then |error| - delta / 2 (slope 1 for any delta)."""
     return F.smooth_l1_loss(error, torch.zeros_like(error), beta=delta, reduction="none")
 
 
-def weighted_mean(values: Tensor, weight: Tensor) -> Tensor:
-    """Return the mean of values under a weight of the same shape; 0 where all weights are 0."""
+def weighted_mean(values: Tensor, weight: Tensor, least: float = 0.0) -> Tensor:
+    """Return the mean of values under a weight of the same shape; 0 where all weights are 0.
+
+    Args:
+        values: Any shape.
+        weight: 0 or more.
+        least: Mean weight that the whole is given at least, so that the values count less if few of them have weight.
+    """
     # A product would let the NaN of a masked pixel through.
-    return torch.where(weight > 0, values * weight, torch.zeros_like(values)).sum() / weight.sum().clamp(min=1e-6)
+    weighted = torch.where(weight > 0, values * weight, torch.zeros_like(values)).sum()
+    return weighted / weight.sum().clamp(min=max(1e-6, least * weight.numel()))
 
 
 def consistency_residual(disparity: Tensor, normal: Tensor, camera: Tensor) -> tuple[Tensor, Tensor]:
@@ -82,7 +93,7 @@ def disparity_loss(disparity: Tensor, target: Target, weight: Tensor, config: Lo
     """
     error = disparity - target.disparity
     scale = 1 + config.relative / target.disparity.clamp(min=1.0)
-    loss = weighted_mean(huber(error, 0.5) * scale, weight * target.label)
+    loss = weighted_mean(huber(error, 0.5) * scale, weight * target.label, LEAST_WEIGHT)
     if config.sky_disparity:
         loss = loss + config.sky_disparity * weighted_mean(huber(error, 0.5), target.sky.to(error))
     return loss
@@ -100,7 +111,7 @@ def normal_loss(normal: Tensor, target: Target, weight: Tensor) -> Tensor:
     """
     error = ((normal - target.normal).square().sum(1, keepdim=True) + 1e-8).sqrt()
     known = target.normal.square().sum(1, keepdim=True) > 0.25
-    return weighted_mean(huber(error, 0.1), weight * (target.label & known))
+    return weighted_mean(huber(error, 0.1), weight * (target.label & known), LEAST_WEIGHT)
 
 
 def total_loss(output: StereoOutput, target: Target, config: LossConfig) -> tuple[Tensor, dict[str, Tensor]]:
@@ -131,11 +142,13 @@ def pixel_weights(target: Target, config: LossConfig) -> Tensor:
 
     Args:
         target: Ground truth at full size.
-        config: Holds the weights of rocks and of disparity edges.
+        config: Holds the weights of kinds of pixels.
     """
     weight = torch.ones_like(target.disparity)
     weight = torch.where(disparity_edges(target.disparity, target.known), config.edge, weight)
-    return torch.where(target.rock, config.rock, weight)
+    weight = torch.where(target.rock, config.rock, weight)
+    weight = torch.where(target.one_eye, config.one_eye * weight, weight)
+    return torch.where(target.rover, config.rover * weight, weight)
 
 
 class TrainedMaps(NamedTuple):

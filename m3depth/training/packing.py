@@ -13,7 +13,7 @@ from marssim.base.camera import NATECAM, StereoRig
 FARTHEST = 40.0  # [m] pixels up to here are trained, though only 15 m are scored: far ground is not sky
 LEAST_DISPARITY = NATECAM.fb / FARTHEST  # [px] 4 px; rigs with more at 40 m are trained down to it
 REDUCED = 1.25  # from this many times MAX_DISPARITY on, the cost volume works on reduced pairs
-TRAINED, SKY, ROCK, SCORED = 1, 2, 4, 8  # flags of a pixel
+TRAINED, SKY, ROCK, SCORED, ONE_EYE, ROVER = 1, 2, 4, 8, 16, 32  # flags of a pixel
 
 
 class PackedSample(NamedTuple):
@@ -23,7 +23,8 @@ class PackedSample(NamedTuple):
         left, right: (H, W, 3) uint8.
         disparity: (H, W) float32 [px]; 0 where it is unknown.
         normal: (H, W, 3) int8; 127 stands for 1.
-        flags: (H, W) uint8, the sum of those of TRAINED, SKY, ROCK and SCORED that apply.
+        flags: (H, W) uint8, the sum of those of TRAINED, SKY, ROCK, SCORED, ONE_EYE (the right eye does not see it) and
+            ROVER (the rover itself) that apply.
         camera: fx, fy, cx, cy [px].
         reduction: Factor, a power of 2, by which the pair is larger than the one that the cost volume works on.
     """
@@ -68,6 +69,7 @@ def pack(sample: Any) -> PackedSample:
     rock = np.asarray(sample.rock) > 0
     scored = trained & np.asarray(sample.valid)
     flags = trained * np.uint8(TRAINED) | sky * np.uint8(SKY) | rock * np.uint8(ROCK) | scored * np.uint8(SCORED)
+    flags |= np.asarray(sample.occluded) * np.uint8(ONE_EYE) | (np.asarray(sample.rock) < 0) * np.uint8(ROVER)
     # Pixels beyond FARTHEST are neither trained nor sky; their disparity is kept for the edges.
     c = sample.rig.camera
     return PackedSample(

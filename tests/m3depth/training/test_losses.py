@@ -101,6 +101,25 @@ def test_rocks_weigh_what_their_weight_says_edges_or_not() -> None:
     assert (weight[..., 4:, 11:13] == 3).all() and (weight[..., 4:, :11] == 1).all()
 
 
+def test_pixels_of_one_eye_and_of_the_rover_weigh_a_part_of_what_others_do() -> None:
+    target = make_target()
+    target.rock[..., :4, :] = True
+    target.one_eye[..., :6] = True
+    target.rover[..., :2, :] = True
+    weight = pixel_weights(target, LossConfig(rock=4, one_eye=0.5, rover=0.25))
+    assert (weight[..., 2:4, :6] == 2).all() and (weight[..., 4:, :6] == 0.5).all() and (weight[..., 4:, 6:] == 1).all()
+    assert (weight[..., :2, :6] == 0.5).all() and (weight[..., :2, 6:] == 1).all()
+
+
+def test_a_few_pixels_with_weight_do_not_count_as_a_whole_batch() -> None:
+    values, weight = torch.full((10,), 3.0), torch.zeros(10)
+    weight[0] = 1
+    assert weighted_mean(values, weight).item() == pytest.approx(3)
+    assert weighted_mean(values, weight, least=0.5).item() == pytest.approx(3 / 5)
+    weight[:6] = 1
+    assert weighted_mean(values, weight, least=0.5).item() == pytest.approx(3)
+
+
 def test_later_steps_weigh_more_and_the_first_maps_as_much_as_initial_says() -> None:
     """One pixel of error in one of three steps, the oldest first, in soft argmin, and in the result."""
     target, config = make_target(), LossConfig(decay=0.5, initial=0.3, relative=0)
@@ -243,7 +262,7 @@ def test_true_maps_are_consistent_beside_a_silhouette_on_every_grid(cell: int) -
     disparity[..., 40:] = 60.0
     normal = torch.tensor([0.0, 0.0, -1.0])[:, None, None].expand(1, 3, 64, 96)
     no = torch.zeros_like(disparity, dtype=torch.bool)
-    target = Target(disparity, normal, ~no, no, no, camera)
+    target = Target(disparity, normal, ~no, no, no, no, no, camera)
     maps = disparity[..., ::cell, ::cell], normal[..., ::cell, ::cell]
     logits = torch.zeros_like(disparity)
     at_once = StereoOutput(disparity, normal, logits, logits, maps if cell == 8 else None, [maps] if cell == 4 else [])

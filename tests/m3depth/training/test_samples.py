@@ -37,6 +37,18 @@ def test_far_and_too_near_pixels_are_not_trained(plane_samples) -> None:
     assert (flags[3:] & 1).all()
 
 
+def test_what_one_eye_sees_and_the_rover_are_marked(plane_samples) -> None:
+    sample = plane_samples[0]
+    occluded, rock = np.zeros_like(sample.occluded), sample.rock.copy()
+    occluded[40:44, 60:70] = True
+    rock[50:] = -1
+    target = whole_batch(pack(replace(sample, occluded=occluded, rock=rock))).target
+    beside = np.arange(sample.left.shape[1]) < np.where(np.isfinite(sample.disparity), sample.disparity, 0)
+    np.testing.assert_array_equal(target.one_eye[0, 0].numpy(), occluded | beside)
+    assert beside.any() and not beside.all()
+    np.testing.assert_array_equal(target.rover[0, 0].numpy(), rock < 0)
+
+
 def test_the_disparity_of_the_images_is_trained_and_not_that_of_the_depth(plane_samples) -> None:
     sample = plane_samples[0]
     known = np.isfinite(sample.depth)
