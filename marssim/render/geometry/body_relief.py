@@ -16,7 +16,7 @@ from marssim.base.compute.compiled import compiled, inlined
 from marssim.base.dataset.frame import GROUND
 from marssim.render.geometry.vectors import dot, minus, unit
 from marssim.render.relief.layers import VARIANTS
-from marssim.render.relief.noise import STEP, TEXELS, Octaves, coded_tile, octave_slopes, octave_weight, placing
+from marssim.scene.ground.noise import STEP, TEXELS, Octaves, coded_tile, octave_slopes, octave_weight, placing
 from marssim.scene.scene import Scene
 
 WAVELENGTHS = np.array([0.009, 0.02, 0.05, 0.14])  # [m] octaves of the relief

@@ -7,7 +7,6 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from marssim.base.compute.compiled import compiled
 from marssim.render.relief import plates as bedrock_plates
 from marssim.render.relief.bspline import cubic_coefficients
 from marssim.render.relief.height import Base, Cover, Relief
@@ -20,9 +19,6 @@ from marssim.render.relief.layers import (
     fractal_levels,
     ripple_tile,
 )  # fmt: skip
-from marssim.render.relief.noise import TEXELS, TILE, coded_tile, octave_value, placing
-from marssim.render.relief.sand.drifts import drift_heights
-from marssim.render.relief.sand.terrain_spline import FineSpline
 from marssim.render.relief.stones.bodies import (
     BARE,
     CELLS,
@@ -37,17 +33,16 @@ from marssim.render.relief.stones.bodies import (
 )  # fmt: skip
 from marssim.render.relief.surroundings import CELL as NEAR_CELL
 from marssim.render.relief.surroundings import CODE, surroundings
+from marssim.render.relief.terrain_spline import FineSpline
 from marssim.render.relief.tiles import Tile, tile_levels
+from marssim.scene.ground.cover import CELL as COVER_CELL
+from marssim.scene.ground.cover import ground_cover
+from marssim.scene.ground.drifts import DRIFT_CELL, drifts_of, wind_direction
+from marssim.scene.ground.noise import TEXELS, TILE
 from marssim.scene.look import Look
 from marssim.scene.scene import Scene
 
-COVER_CELL = 0.1  # [m] grid of the cover
-COVER_MARGIN = 8.0  # [m] how far it reaches beyond the fine square
 DRIFT_SLOPE = 0.15  # what drifts add to the slope that few places exceed
-BURIED_AT = 0.015  # [m] height of a drift that buries pebbles and fine relief
-DRIFT_CELL = 0.045  # [m] largest spacing of the grid that carries drifts
-PATCH_WAVELENGTHS = (1.7, 7.0)  # [m] sizes of patches of sand and bedrock
-GRAVEL_WAVELENGTHS = (2.3, 9.0)  # [m] sizes of patches of gravel
 RIPPLE_WAVELENGTHS = (0.06, 0.15)  # [m] shortest and longest of the wind's small ripples
 RIPPLE_SLOPE = (0.03, 0.11)  # RMS slope of ripples at a texture strength of 1: range over scenes
 GRAIN_STRENGTH = 0.8  # of the grain, over that of the relief with longer waves
@@ -93,13 +88,12 @@ def _made(scene: Scene) -> Ground:
     wavelength = float(np.exp(rng.uniform(*np.log(RIPPLE_WAVELENGTHS))))
     data = _Data()
     ripples, steep = _ripples(data, seed, wavelength, rng)
-    wind = (float(ripples.cosine), -float(ripples.sine))
-    near = surroundings(scene.rocks, scene.half, wind, scene.outcrop.bodies)
-    fine, drifts = _with_drifts(scene, wind)
+    near = surroundings(scene.rocks, scene.half, wind_direction(look), scene.outcrop.bodies)
+    fine, drifts = _with_drifts(scene)
     strength, bedrock = look.texture_strength, look.bedrock > 0
     grain = fractal_levels(seed % VARIANTS + VARIANTS, *GRAIN, GRAIN_WAVES)
     relief = Relief(
-        base=_base(data, scene, fine), cover=_cover(data, scene, near, drifts, fine),
+        base=_base(data, scene, fine), cover=_cover(data, scene, near),
         fractal=_placed(data, fractal_levels(seed % VARIANTS, *FRACTAL, FRACTAL_WAVES), FRACTAL, rng),
         grain=_placed(data, np.float32(GRAIN_STRENGTH) * grain, GRAIN, rng),
         ripples=ripples, plates=_plates(data, seed, bedrock, rng), strength=np.float32(strength),
@@ -121,13 +115,12 @@ def _stones(look: Look, rng: np.random.Generator) -> Stones:
     return placed_stones(stones, octave)
 
 
-def _with_drifts(scene: Scene, wind: tuple[float, float]) -> tuple[FineSpline, np.ndarray]:
-    """Return the surface of the fine square with its drifts, and Ground.drifts. wind: direction it blows to."""
-    plain = FineSpline.of(scene.terrain)
-    finer = plain.refined(DRIFT_CELL)
-    rng = np.random.default_rng((scene.look.texture_seed, 7))
-    drifts = drift_heights(scene, wind, finer.start, finer.cell, finer.nodes, rng)
-    return (finer.raised(drifts), drifts) if drifts.any() else (plain, np.zeros((0, 0), dtype=np.float32))
+def _with_drifts(scene: Scene) -> tuple[FineSpline, np.ndarray]:
+    """Return the surface of the fine square with its drifts, and Ground.drifts."""
+    plain, drifts = FineSpline.of(scene.terrain), drifts_of(scene).heights
+    if not drifts.any():
+        return plain, np.zeros((0, 0), dtype=np.float32)
+    return plain.refined(DRIFT_CELL).raised(drifts), drifts
 
 
 class _Data:
@@ -180,52 +173,13 @@ def _plates(data: _Data, seed: int, bedrock: bool, rng: np.random.Generator) -> 
     return _placed(data, tile_levels(heights, bedrock_plates.TEXEL, PLATE_LEVELS), form, rng)
 
 
-def _cover(data: _Data, scene: Scene, near: np.ndarray, drifts: np.ndarray, fine: FineSpline) -> Cover:
-    look, seed = scene.look, scene.look.texture_seed
-    reach = scene.half + COVER_MARGIN
-    nodes = int(np.ceil(2 * reach / COVER_CELL)) + 1
-    axis = -reach + np.arange(nodes) * COVER_CELL
-    patch = _noise(axis, coded_tile(VARIANTS + seed % VARIANTS, False), placing(PATCH_WAVELENGTHS, seed + 1))
-    other = _noise(axis, coded_tile(2 * VARIANTS + seed % VARIANTS, False), placing(GRAVEL_WAVELENGTHS, seed + 7))
-    drift, rubble = np.zeros((2, nodes, nodes))
-    inside = np.flatnonzero(np.abs(axis) <= scene.half)
-    pick = np.rint((axis[inside] + scene.half) / NEAR_CELL).astype(int)
+def _cover(data: _Data, scene: Scene, near: np.ndarray) -> Cover:
+    """Return the cover of the ground, with the fragments at the feet of rocks as gravel."""
+    cover = ground_cover(scene)
+    inside = np.flatnonzero(np.abs(cover.axis) <= scene.half)
+    pick = np.rint((cover.axis[inside] + scene.half) / NEAR_CELL).astype(int)
+    rubble = np.zeros_like(cover.sand)
     rubble[np.ix_(inside, inside)] = scene.outcrop.traits.fragments * near[np.ix_(pick, pick)][..., 2] / CODE
-    if drifts.size:
-        pick = np.rint((axis[inside] - fine.start) / fine.cell).astype(int)
-        drift[np.ix_(inside, inside)] = _step(drifts[np.ix_(pick, pick)] / BURIED_AT - 0.5)
-    gravel = _patches(0.7 * other, look.gravel)
-    sand = np.maximum(_patches(0.55 * patch, look.wind_ripples) * (1 - gravel), drift)
-    swept = (-0.45 * patch + 1.8 * look.bedrock - 0.45) * (1 - gravel) * (1 - drift)
-    gravel = np.maximum(gravel * (1 - 0.7 * drift), FRAGMENTS * rubble * (1 - drift))
-    share = np.stack([sand, gravel, swept], axis=-1)
-    return Cover(data.add(share), np.int32(nodes), np.float32(-reach), np.float32(1 / COVER_CELL))
-
-
-def _patches(noise: np.ndarray, share: float) -> np.ndarray:
-    """Return patches, 0 to 1, that cover a share of the ground and lie where the noise (N, N) is high."""
-    if share in (0, 1):
-        return np.full_like(noise, share)
-    some = np.sort(noise.ravel()[:: noise.size // 4096 + 1])
-    low, high = -1 - some[-1], 1 - some[0]
-    for _ in range(20):
-        middle = (low + high) / 2
-        low, high = (middle, high) if _step(some + middle).mean() < share else (low, middle)
-    return _step(noise + low)
-
-
-def _step(value: np.ndarray) -> np.ndarray:
-    share = np.clip(value + 0.5, 0, 1)
-    return share * share * (3 - 2 * share)
-
-
-@compiled
-def _noise(axis, tile, places):
-    """Return the sum of noise octaves (N, N) at the nodes of a square grid."""
-    n = len(axis)
-    out = np.zeros((n, n))
-    for j in range(n):
-        for i in range(n):
-            for octave in range(len(places)):
-                out[j, i] += octave_value(tile, places, octave, np.float32(axis[i]), np.float32(axis[j]))
-    return out
+    gravel = np.maximum(cover.gravel * (1 - 0.7 * cover.drift), FRAGMENTS * rubble * (1 - cover.drift))
+    share = np.stack([cover.sand, gravel, cover.swept], axis=-1)
+    return Cover(data.add(share), np.int32(len(share)), np.float32(cover.start), np.float32(1 / COVER_CELL))

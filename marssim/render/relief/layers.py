@@ -7,8 +7,8 @@ from functools import lru_cache
 import numpy as np
 import scipy.fft
 
-from marssim.render.relief.noise import TEXELS, TILE
 from marssim.render.relief.tiles import tile_levels
+from marssim.scene.ground.noise import TEXELS, TILE
 
 FRACTAL = (512, 0.00875, 6)  # nodes along a side, spacing [m], levels
 GRAIN = (512, 0.002, 3)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from marssim.base.compute.compiled import compiled, inlined
-from marssim.render.relief.bilinear import bilinear_weights
+from marssim.scene.ground.bilinear import bilinear_weights
 
 CODES = 127  # code of the largest value of a channel
 CHANNELS = 2

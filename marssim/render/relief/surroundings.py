@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from marssim.base.compute.compiled import inlined
-from marssim.render.relief.bilinear import bilinear_weights
+from marssim.scene.ground.bilinear import bilinear_weights
 from marssim.scene.rocks.mesh import Rocks
 
 CELL = 0.05  # [m] grid spacing of the maps

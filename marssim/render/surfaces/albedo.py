@@ -11,9 +11,9 @@ import math
 import numpy as np
 
 from marssim.base.compute.compiled import inlined
-from marssim.render.relief.noise import octave_value, octave_weight
 from marssim.render.relief.plates import plate_look_at
 from marssim.render.relief.stones.bodies import SAND_STONES
+from marssim.scene.ground.noise import octave_value, octave_weight
 
 GROUND_COLOUR = (0.40, 0.262, 0.158)
 ROCK_COLOUR = (0.265, 0.205, 0.158)

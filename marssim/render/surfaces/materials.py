@@ -11,11 +11,11 @@ import numpy as np
 
 from marssim.render.relief.ground import Ground
 from marssim.render.relief.layers import VARIANTS
-from marssim.render.relief.noise import Octaves, coded_tile, placing
 from marssim.render.relief.plates import VARIANTS as PLATE_VARIANTS
 from marssim.render.relief.plates import plates
 from marssim.render.relief.pyramid import CHANNELS
 from marssim.render.relief.stones.bodies import BARE, GRAVEL, PACKED, TONE
+from marssim.scene.ground.noise import Octaves, coded_tile, placing
 from marssim.scene.rocks.mesh import Rocks
 from marssim.scene.scene import Scene
 

@@ -13,7 +13,7 @@ from marssim.render.relief.layers import (
     fractal_levels,
     ripple_tile,
 )
-from marssim.render.relief.noise import TEXELS, TILE
+from marssim.scene.ground.noise import TEXELS, TILE
 
 
 @pytest.mark.parametrize("seed", range(VARIANTS))

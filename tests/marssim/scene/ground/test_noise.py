@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numba import njit
 
-from marssim.render.relief import noise as grain
-from marssim.render.relief.noise import TEXELS, TILE, coded_tile, noise_tile, placing
+from marssim.scene.ground import noise as grain
+from marssim.scene.ground.noise import TEXELS, TILE, coded_tile, noise_tile, placing
 
 
 def kernel(part):

@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from marssim.render.relief.bspline import cubic_coefficients
+from marssim.scene.ground.drifts import EDGE  # the spline goes as far beyond the fine grid, to join the coarse one
 from marssim.scene.terrain import Terrain
-
-EDGE = 8  # cells by which the fine grid is continued beyond its edge, so that its spline joins that of the coarse grid
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,8 @@ from scipy import ndimage
 
 from marssim.inspection.tilted_planes import plane
 from marssim.render.relief.bspline import cubic_coefficients
-from marssim.render.relief.sand.terrain_spline import EDGE, FineSpline, halved
+from marssim.render.relief.terrain_spline import FineSpline, halved
+from marssim.scene.ground.drifts import EDGE
 
 
 def values(coefficients: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:

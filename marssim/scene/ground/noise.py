@@ -13,7 +13,7 @@ import numpy as np
 import scipy.fft
 
 from marssim.base.compute.compiled import inlined
-from marssim.render.relief.bilinear import bilinear_weights
+from marssim.scene.ground.bilinear import bilinear_weights
 
 TILE = 512  # texels on a side of the periodic tile
 TEXELS = 8.0  # texels per wavelength in the tile

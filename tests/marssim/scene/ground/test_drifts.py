@@ -8,7 +8,7 @@ from marssim.inspection.tilted_planes import plane
 from marssim.render.geometry.gbuffer import Footprint
 from marssim.render.geometry.surface import SceneSurface
 from marssim.render.relief.ground import ground_relief
-from marssim.render.relief.sand.drifts import BARE_SHARE, HIGHEST, MOAT_DEEPEST, SMALLEST, TAIL_HIGHEST, drift_heights
+from marssim.scene.ground.drifts import BARE_SHARE, HIGHEST, MOAT_DEEPEST, SMALLEST, TAIL_HIGHEST, drift_heights
 from marssim.scene.outcrop.outcrop import Outcrop
 from marssim.scene.rocks.mesh import Rocks, mesh_population
 from marssim.scene.rocks.population import RockConfig, RockPopulation

@@ -8,9 +8,13 @@ moats. Those that are smaller than the grid can carry have no sand.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from weakref import WeakKeyDictionary
+
 import numpy as np
 
 from marssim.base.compute.compiled import compiled
+from marssim.scene.look import Look
 from marssim.scene.outcrop.outcrop import KINDS
 from marssim.scene.rocks.mesh import Rocks, ground_plane
 from marssim.scene.scene import Scene
@@ -37,6 +41,51 @@ MOAT_DEEPEST, MOAT_WIDTH = 0.03, (0.07, 0.14)  # [m]
 FADE = 1.0  # [m] width of the strip along the border of the fine square in which drifts fade
 ROW = ("mound", "width", "lee", "uneven", "phase", "lap", "most", "tail", "length", "moat", "moat_width", "radius")
 DRIFT = np.dtype([(name, np.float64) for name in ROW])
+EDGE = 8  # cells by which the grid of drifts reaches beyond the fine square
+DRIFT_CELL = 0.045  # [m] largest spacing of the grid that carries drifts
+
+
+@dataclass(frozen=True, eq=False)
+class Drifts:
+    """The drifts of a scene.
+
+    Attributes:
+        heights: (N, N) float32 heights over the ground [m], rows northward; below 0 in moats.
+        start: x and y of the first node [m].
+        cell: Spacing of the nodes [m].
+    """
+
+    heights: np.ndarray
+    start: float
+    cell: float
+
+
+_of_scene: WeakKeyDictionary[Scene, Drifts] = WeakKeyDictionary()
+
+
+def drifts_of(scene: Scene) -> Drifts:
+    """Return the drifts of a scene, drawn at the first call for it.
+
+    Their grid is that of the terrain's fine square, EDGE cells wider and halved until it is as fine as DRIFT_CELL.
+    """
+    if scene not in _of_scene:
+        fine = scene.terrain.fine
+        nodes, cell = len(fine.heights) + 2 * EDGE, fine.cell
+        while cell > DRIFT_CELL:
+            nodes, cell = 2 * nodes - 1, cell / 2
+        start = fine.x0 - EDGE * fine.cell
+        rng = np.random.default_rng((scene.look.texture_seed, 7))
+        heights = drift_heights(scene, wind_direction(scene.look), start, cell, nodes, rng)
+        _of_scene[scene] = Drifts(heights, start, cell)
+    return _of_scene[scene]
+
+
+def wind_direction(look: Look) -> tuple[float, float]:
+    """Return the unit vector of the direction that the wind blows to, across the crests of its ripples."""
+    rng = np.random.default_rng((look.texture_seed, 5))
+    rng.random()  # what the renderer draws the wavelength of the ripples from, before their turn
+    turn = rng.uniform(0, 2 * np.pi)
+    return float(np.float32(np.cos(turn))), -float(np.float32(np.sin(turn)))
 
 
 def drift_heights(
