@@ -203,13 +203,14 @@ class KinematicRover:
         self.spec = spec
         self.support = support or support_of(scene, spec)
         self._settled = settle(self.support, spec, x, y, yaw)
-        self._twist = (0.0, 0.0)
+        self._twist = (0.0, 0.0, 0.0)
+        self._travelled, self._stopped = 0.0, False  # [s] of the last motion, and whether something ended it early
         self._spin = np.zeros(6)
         self._steering = np.zeros(6)
         hit = collides(self.support, spec, x, y, yaw)
         self._contacts = Contacts(chassis=hit.chassis or self._settled.belly_contact, obstacle=hit.obstacle)
 
-    def drive_twist(self, speed: float, yaw_rate: float, seconds: float) -> RoverState:
+    def drive_twist(self, speed: float, yaw_rate: float, seconds: float, lateral: float = 0.0) -> RoverState:
         """Follow an arc, and stop where a wheel or the chassis would hit something, where the rover tilts beyond
         spec.max_tilt, or at the scene's edge.
 
@@ -217,6 +218,7 @@ class KinematicRover:
             speed: Forward speed [m/s]; it is not clipped.
             yaw_rate: Yaw rate [rad/s], positive to the left; it is not clipped.
             seconds: Duration [s].
+            lateral: Speed to the left [m/s].
 
         Returns:
             The state at the end.
@@ -226,7 +228,7 @@ class KinematicRover:
         self._contacts, travelled, settled, stopped = Contacts(), 0.0, 0.0, True
         for n in range(1, substeps + 1):
             t = seconds * n / substeps
-            x, y, yaw = _along_arc(start, speed, yaw_rate, t)
+            x, y, yaw = along_arc(start, speed, yaw_rate, t, lateral)
             if not self.support.contains(x, y):
                 break
             hit = collides(self.support, self.spec, x, y, yaw)
@@ -242,16 +244,16 @@ class KinematicRover:
         else:
             stopped = False
         if settled < travelled:
-            current = settle(self.support, self.spec, *_along_arc(start, speed, yaw_rate, travelled))
-        self._settled = current
-        self._twist = (0.0, 0.0) if stopped else (speed, yaw_rate)
-        self._turn_wheels(speed, yaw_rate, travelled)
+            current = settle(self.support, self.spec, *along_arc(start, speed, yaw_rate, travelled, lateral))
+        self._settled, self._travelled, self._stopped = current, travelled, stopped
+        self._twist = (0.0, 0.0, 0.0) if stopped else (speed, lateral, yaw_rate)
+        self._turn_wheels(speed, yaw_rate, travelled, lateral)
         return self.state()
 
     def state(self) -> RoverState:
         """Return where the rover is. Its velocity is that of the last command, or zero if it was stopped."""
-        speed, yaw_rate = self._twist
-        return state_of(self._settled.pose, np.array([speed, 0.0, 0.0]), yaw_rate)
+        speed, lateral, yaw_rate = self._twist
+        return state_of(self._settled.pose, np.array([speed, lateral, 0.0]), yaw_rate)
 
     def contacts(self) -> Contacts:
         """Return what stopped the last motion, if anything did."""
@@ -269,18 +271,23 @@ class KinematicRover:
     def close(self) -> None:
         """Do nothing; it exists so that both dynamics can be closed."""
 
-    def _turn_wheels(self, speed: float, yaw_rate: float, seconds: float) -> None:
+    def _turn_wheels(self, speed: float, yaw_rate: float, seconds: float, lateral: float = 0.0) -> None:
         hubs = self.spec.wheel_positions
-        vx, vy = speed - yaw_rate * hubs[:, 1], yaw_rate * hubs[:, 0]
+        vx, vy = speed - yaw_rate * hubs[:, 1], lateral + yaw_rate * hubs[:, 0]
         forward = np.where(vx >= 0, 1.0, -1.0)
-        self._steering = np.arctan2(vy * forward, np.maximum(vx * forward, 1e-12)) if yaw_rate else np.zeros(6)
+        steered = yaw_rate or lateral
+        self._steering = np.arctan2(vy * forward, np.maximum(vx * forward, 1e-12)) if steered else np.zeros(6)
         self._spin = self._spin + forward * np.hypot(vx, vy) * seconds / self.spec.wheel_radius
 
 
-def _along_arc(start: Settled, speed: float, yaw_rate: float, t: float) -> tuple[float, float, float]:
-    """Return x, y, yaw after t seconds of constant speed along the ground and yaw rate, from a settled pose."""
+def along_arc(
+    start: Settled, speed: float, yaw_rate: float, t: float, lateral: float = 0.0
+) -> tuple[float, float, float]:
+    """Return x, y [m] and yaw [rad] after t seconds of constant speed and yaw rate along the ground, from a settled
+    pose; lateral: speed to the left [m/s]."""
     x, y = start.pose[:2, 3]
     turn = yaw_rate * t
-    chord = speed * t * np.cos(start.pitch) * np.sinc(turn / 2 / np.pi)
-    heading = start.yaw + turn / 2
-    return float(x + chord * np.cos(heading)), float(y + chord * np.sin(heading)), start.yaw + turn
+    bend = np.sinc(turn / 2 / np.pi)
+    chord, side = speed * t * np.cos(start.pitch) * bend, lateral * t * np.cos(start.roll) * bend
+    c, s = np.cos(start.yaw + turn / 2), np.sin(start.yaw + turn / 2)
+    return float(x + (chord * c - side * s)), float(y + (chord * s + side * c)), start.yaw + turn

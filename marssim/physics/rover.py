@@ -11,6 +11,8 @@ from scipy.spatial.transform import Rotation
 from marssim.physics.body import Part, rover_parts
 from marssim.physics.kinematics import settle
 from marssim.physics.linkage import SIDES, WHEELS, Joints
+from marssim.physics.soil.bullet_forces import SoilForces
+from marssim.physics.soil.soil_map import GroundName
 from marssim.physics.state import Contacts, RoverState, state_of
 from marssim.physics.urdf import chassis_middle, rover_urdf
 from marssim.physics.world import PhysicsWorld
@@ -27,7 +29,7 @@ SETTLE_TIME = 0.3  # [s] in which the springs of the contacts come to rest after
 class Rover:
     """The rover of world.spec. Wheels are in the order of WHEELS: front left, front right, middle left, ..."""
 
-    def __init__(self, world: PhysicsWorld, x: float, y: float, yaw: float) -> None:
+    def __init__(self, world: PhysicsWorld, x: float, y: float, yaw: float, ground: GroundName | None = None) -> None:
         """Put the rover down at rest.
 
         Args:
@@ -35,6 +37,8 @@ class Rover:
             x: East coordinate of the body origin [m].
             y: North coordinate [m].
             yaw: Heading [rad], counter-clockwise from east.
+            ground: None for ground that does not yield. Else the wheels slip and sink: on "scene" for the scene's own
+                soils, or on the soil of this name everywhere.
 
         Raises:
             ValueError: The place is outside the fine square. Nothing has been added to the world then.
@@ -53,6 +57,9 @@ class Rover:
         self._wheels = [self._index[f"wheel_{name}"] for name in WHEELS]
         self._steers = [self._index[f"steer_{name}"] for name in WHEELS]
         self._free_joints(settled.joints)
+        self.soil: SoilForces | None = None
+        if ground is not None:
+            self.soil = SoilForces(world, self._body, self._wheels, self._steers, self._to_middle, ground)
         self.drive(np.zeros(6), np.zeros(6))
         world.watch(self._update, self._record_contacts)
         world.step(SETTLE_TIME)
@@ -82,6 +89,8 @@ class Rover:
                 maxVelocity=STEER_RATE, positionGain=0.3, velocityGain=1.0, physicsClientId=self._client,
             )  # fmt: skip
         self._contacts = Contacts()
+        if self.soil is not None:
+            self.soil.restart()
         self._wake()
         self._brake()
         self.world.check_rest()
@@ -115,6 +124,8 @@ class Rover:
         """Take the rover out of its world, which stays open. Do not use the rover afterwards."""
         self._p.removeBody(self._body, physicsClientId=self._client)
         self.world.unwatch(self._update, self._record_contacts)
+        if self.soil is not None:
+            self.soil.remove()
 
     def close(self) -> None:
         """Close the world that the rover is in."""

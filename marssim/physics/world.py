@@ -40,6 +40,7 @@ class PhysicsWorld:
         time: Simulated time [s].
         bullet: The pybullet module.
         client: Id of the client; -1 once closed.
+        ground: PyBullet's body of the ground.
         obstacles: PyBullet's bodies of the rocks that block: one or none.
     """
 
@@ -154,7 +155,7 @@ class PhysicsWorld:
             fixedTimeStep=self.time_step, numSubSteps=0, numSolverIterations=SOLVER_ITERATIONS,
             deterministicOverlappingPairs=1, enableFileCaching=0, physicsClientId=client,
         )  # fmt: skip
-        self._add_ground()
+        self.ground = self._add_ground()
         climbable, blocking = split_rocks(self.scene, self.spec.obstacle_height)
         self._add_rocks(climbable)
         self.obstacles = self._add_rocks(blocking)

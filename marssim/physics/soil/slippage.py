@@ -1,0 +1,67 @@
+"""What a drive over soil cost: lost and sideways way, sinkage, energy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from marssim.physics.soil.traction import Balance
+
+EFFICIENCY = 0.4  # of motors and gears together; chosen
+DRIVE_FRICTION = 1.0  # [N m] torque of a wheel that turns freely; chosen
+
+
+@dataclass
+class Slippage:
+    """Sums over a drive.
+
+    Attributes:
+        turned: Way of the wheels' rims, mean of the wheels [m].
+        made: The part of it that the wheels' hubs made [m].
+        sideways: Way that the rover slid to its left [m].
+        energy: Electric energy of the wheels' motors [J]; braking gives none back.
+        seconds: Time with turning wheels [s].
+        rolled: (2,) way by which the rims would have moved the rover, with its true headings, world frame [m].
+        sunk: Sum of the mean sinkage of the wheels over time [m s].
+    """
+
+    turned: float = 0.0
+    made: float = 0.0
+    sideways: float = 0.0
+    energy: float = 0.0
+    seconds: float = 0.0
+    rolled: np.ndarray = field(default_factory=lambda: np.zeros(2))
+    sunk: float = 0.0
+
+    @property
+    def slip(self) -> float:
+        """Share of the rims' way that the rover did not make; 0 if the wheels stood, below 0 if it slid further."""
+        return 1 - self.made / self.turned if self.turned > 0 else 0.0
+
+    @property
+    def sinkage(self) -> float:
+        """Mean sinkage of the wheels while they turned [m]."""
+        return self.sunk / self.seconds if self.seconds > 0 else 0.0
+
+    def add(self, balance: Balance, radius: float, seconds: float, rolled: np.ndarray) -> None:
+        """Add a time in which the balance of the wheels held.
+
+        Args:
+            balance: The balance.
+            radius: Radius of the wheels [m].
+            seconds: The time [s].
+            rolled: (2,) way by which the rims would have moved the rover, world frame [m].
+        """
+        speeds = np.hypot(*balance.rims.T)
+        if not speeds.any():
+            return
+        along = (balance.hub_velocities * balance.rims).sum(axis=1) / np.maximum(speeds, 1e-12)
+        torque = np.maximum(balance.torque, 0) + DRIVE_FRICTION
+        self.turned += float(speeds.mean()) * seconds
+        self.made += float(along.mean()) * seconds
+        self.sideways += float(balance.motion[1] - balance.rims[:, 1].mean()) * seconds
+        self.energy += float((torque * speeds).sum()) / radius / EFFICIENCY * seconds
+        self.seconds += seconds
+        self.sunk += float(balance.sinkage.mean()) * seconds
+        self.rolled = self.rolled + rolled

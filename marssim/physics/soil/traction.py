@@ -1,0 +1,140 @@
+"""The grip of a rover's wheels on a scene's soils, and the motion that it allows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from marssim.base.rover_spec import RoverSpec
+from marssim.physics.soil.balance import balanced_motion
+from marssim.physics.soil.loads import wheel_loads
+from marssim.physics.soil.soil_map import GroundName, SoilMap, on_rock
+from marssim.physics.soil.soils import SOIL_NAMES
+from marssim.physics.soil.tables import SLIPS, wheel_table
+from marssim.physics.support import SupportMap
+from marssim.physics.world import GRAVITY
+from marssim.scene.scene import Scene
+
+ROCK = SOIL_NAMES.index("bedrock")
+NO_INERTIA = np.zeros(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Grip:
+    """What the six wheels find under them; S is the number of slips in the tables.
+
+    Attributes:
+        pull: (6, S) drawbar pull less that without slip [N], which does not fall with the slip.
+        resistance: (6,) what the soil holds back a wheel with that does not slip [N].
+        torque: (6, S) of the motors [N m].
+        sinkage: (6, S) [m].
+        weight: (3,) weight of the rover in the body frame [N].
+    """
+
+    pull: np.ndarray
+    resistance: np.ndarray
+    torque: np.ndarray
+    sinkage: np.ndarray
+    weight: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """How the rover moves with turning wheels.
+
+    Attributes:
+        motion: (3,) velocity of the body origin in the body frame [m/s], x and y, and yaw rate [rad/s].
+        rims: (6, 2) velocities of the rims [m/s].
+        slip: (6,) speed with which the wheels slide over the ground, over that of their rims.
+        force: (6, 2) force of the soil on the wheels in the body frame [N].
+        torque: (6,) of the motors [N m].
+        sinkage: (6,) [m].
+        hub_velocities: (6, 2) in the body frame [m/s].
+    """
+
+    motion: np.ndarray
+    rims: np.ndarray
+    slip: np.ndarray
+    force: np.ndarray
+    torque: np.ndarray
+    sinkage: np.ndarray
+    hub_velocities: np.ndarray
+
+
+class Traction:
+    """The soils of a scene under the wheels of a rover."""
+
+    def __init__(self, scene: Scene, spec: RoverSpec, support: SupportMap, ground: GroundName = "scene") -> None:
+        """Compute the tables of the wheels and the map of the soils.
+
+        Args:
+            scene: The scene.
+            spec: The rover.
+            support: The rasters of the scene, which tell where rocks are.
+            ground: "scene" for the scene's own soils, or the soil that lies everywhere instead. Rocks stay rocks.
+        """
+        self.spec, self.support = spec, support
+        self.soils = SoilMap.of(scene, ground)
+        self._hubs = np.ascontiguousarray(spec.wheel_positions[:, :2])
+        self._tables = [wheel_table(name, spec.wheel_radius, spec.wheel_width) for name in SOIL_NAMES]
+
+    def grip(self, pose: np.ndarray, rocks: bool = True) -> Grip:
+        """Return what the wheels find under them.
+
+        Args:
+            pose: (4, 4) body to world.
+            rocks: Whether a wheel on a rock has the grip of bedrock. Otherwise it has none.
+        """
+        places = self._hubs @ pose[:2, :2].T + pose[:2, 3]
+        shares = self.soils.at(places[:, 0], places[:, 1])
+        raised = on_rock(self.support, places[:, 0], places[:, 1])
+        shares = np.where(raised[:, None], float(rocks) * (np.arange(len(SOIL_NAMES)) == ROCK), shares)
+        weight = -self.spec.mass * GRAVITY * pose[2, :3]
+        loads = wheel_loads(self.spec, weight)
+        tables = [table.at(loads) * shares[:, i, None] for i, table in enumerate(self._tables) if shares[:, i].any()]
+        pull, torque, sinkage = sum(tables) if tables else np.zeros((3, 6, len(SLIPS)))
+        rising = np.maximum.accumulate(pull - pull[:, :1], axis=1)
+        return Grip(rising, np.maximum(-pull[:, 0], 0), torque, sinkage, weight)
+
+    def rims(self, speed: float, yaw_rate: float, lateral: float = 0.0) -> np.ndarray:
+        """Return the velocities of the rims (6, 2) [m/s] of wheels that are steered and turn for a motion.
+
+        Args:
+            speed: Forward speed [m/s].
+            yaw_rate: Yaw rate [rad/s].
+            lateral: Speed to the left [m/s].
+        """
+        return _velocities(self._hubs, np.array([speed, lateral, yaw_rate]))
+
+    def balance(
+        self, grip: Grip, rims: np.ndarray, inertia: np.ndarray = NO_INERTIA, start: np.ndarray | None = None
+    ) -> Balance:
+        """Return how the rover moves.
+
+        Args:
+            grip: What its wheels find under them.
+            rims: (6, 2) velocities of the rims [m/s].
+            inertia: (3,) inertia over the time step, as of `balanced_motion`; without, the motion is quasi-static.
+            start: (3,) motion at the start of the time step; None for that of the rims.
+        """
+        first = np.array([*rims.mean(axis=0), 0.0]) if start is None else start
+        push = np.array([grip.weight[0], grip.weight[1], 0.0])
+        motion, slip, force = balanced_motion(self._hubs, rims, grip.pull, grip.resistance, push, inertia, first)
+        hubs = _velocities(self._hubs, motion)
+        at = np.sqrt(np.clip(slip, 0, 1)) * (len(SLIPS) - 1)
+        low = np.minimum(at.astype(int), len(SLIPS) - 2)
+        share, wheel = at - low, np.arange(len(low))
+        torque = grip.torque[wheel, low] * (1 - share) + grip.torque[wheel, low + 1] * share
+        sinkage = grip.sinkage[wheel, low] * (1 - share) + grip.sinkage[wheel, low + 1] * share
+        # a wheel that slides forwards or sideways thrusts less than one that slides back by as much
+        slide = rims - hubs
+        scale = np.hypot(*rims.T) * np.hypot(*slide.T)
+        ahead = np.where(scale > 1e-9, (rims * slide).sum(axis=1) / np.maximum(scale, 1e-9), 0.0)
+        torque = grip.torque[:, 0] + (torque - grip.torque[:, 0]) * ahead
+        return Balance(motion, rims, slip, force, torque, sinkage, hubs)
+
+
+def _velocities(hubs: np.ndarray, motion: np.ndarray) -> np.ndarray:
+    """Return the velocities (6, 2) of points (6, 2) of a body in plane motion (3,)."""
+    return motion[:2] + motion[2] * np.stack([-hubs[:, 1], hubs[:, 0]], axis=1)
