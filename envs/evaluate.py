@@ -215,7 +215,7 @@ def drive(config: EvaluateConfig, task: Task, watch: Watch | None = None) -> Epi
         config.goal_distance,
         mast=True, map_observation=bool(getattr(driver, "needs_map", False)),
         disparity_noise=config.disparity_noise, drift=config.drift, yaw_drift_deg=config.yaw_drift_deg,
-        align_rows=config.align_rows,
+        align_rows=config.align_rows, slip=config.slip_config(),
     )  # fmt: skip
     try:
         return run_episode(env, driver, task.cell, config.seed, task.episode, (task.driver, task.perception), watch)

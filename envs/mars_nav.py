@@ -20,10 +20,12 @@ from envs.world.odometry import Odometry
 from envs.world.perception import Perception, Sight
 from envs.world.referee import STEPS_PER_METRE, Referee
 from envs.world.reward import step_reward
+from envs.world.slip import SlipConfig, SlipGauge, known_slip
 from envs.world.vehicle import FALLBACK_NOTE, DynamicsName, Vehicle, known_dynamics, make_vehicle
 from envs.world.way_driven import WayDriven
 from marssim.base.camera import NATECAM
 from marssim.base.rover_spec import ZHURONG
+from marssim.physics.soil.soil_map import GroundName
 from marssim.render.renderers.by_name import RendererName
 from marssim.scene.place_file import load_place
 from marssim.scene.scene import SceneConfig
@@ -120,6 +122,11 @@ class MarsNavEnv(gymnasium.Env):
     | `position_error`     | error of the odometry's position [m]                                                  |
     | `perception_seconds` | run time of the perception at this look [s]                                           |
     | `redraws`            | number of courses that were rejected: no way led to their goal, or an end was steep   |
+    | `slip`               | with `slip`: share of the wheels' way in this step that the rover did not make        |
+    | `sideways`           | with `slip`: how far the rover slid to its left in this step [m]                      |
+    | `sinkage`            | with `slip`: mean depth of the wheels in the soil in this step [m]                    |
+    | `energy`             | with `slip`: energy of the wheels' motors since the start [J]                         |
+    | `drive_seconds`      | with `slip`: time in which the wheels have turned since the start [s]                 |
 
     ## Arguments
 
@@ -147,6 +154,10 @@ class MarsNavEnv(gymnasium.Env):
     `drift`, `yaw_drift_deg`: standard deviations of the odometry's error in position [m] and heading [deg] after 1 m;
     they grow with the root of the way. `goal` and `map` follow the rover's belief; reward and episode end are true.
 
+    `slip`: None (default) for wheels that do not slip; "scene" for wheels that slip and sink in the sand, crust and
+    bedrock that the scene shows; "sand", "crust" or "bedrock" for one of them everywhere; or an
+    envs.world.slip.SlipConfig, which also says how much of the slip the odometry measures. A name alone measures none.
+
     Options of `reset`, for one episode:
 
     | Option              | Default        | Range    | Meaning                                    |
@@ -168,6 +179,7 @@ class MarsNavEnv(gymnasium.Env):
     - Images and true depth show the smooth ground with relief down to the pebble: sand against rocks, ripples, gravel.
       The ground under the wheels is the grid of 0.1 m, without them. Before, both were the facets of this grid.
     - With `dynamics="kinematic"`, the rover stops where it tilts by more than 30 deg.
+    - `slip` lets wheels slip and sink. It is off by default, where nothing changes.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 5}  # noqa: RUF012  (as gymnasium declares it)
@@ -186,6 +198,7 @@ class MarsNavEnv(gymnasium.Env):
         yaw_drift_deg: float = 0.0,
         render_mode: str | None = None,
         align_rows: bool = True,
+        slip: SlipConfig | GroundName | None = None,
     ) -> None:
         _check_errors({"disparity_noise": disparity_noise, "drift": drift, "yaw_drift_deg": yaw_drift_deg})
         flags = {"mast": mast, "map_observation": map_observation, "align_rows": align_rows}
@@ -207,6 +220,7 @@ class MarsNavEnv(gymnasium.Env):
         self.perception = Perception(
             perception, renderer, disparity_noise=float(disparity_noise), align_rows=align_rows
         )
+        self.slip = known_slip(slip)
         self.drift, self.yaw_drift = float(drift), float(np.deg2rad(yaw_drift_deg))
         self.map_view = MapView(self.rover_spec) if map_observation else None
         self.action_space = spaces.Box(-1, 1, (3 if mast else 2,), np.float32)
@@ -268,13 +282,15 @@ class MarsNavEnv(gymnasium.Env):
     def _put_down(self, course: Course) -> None:
         """Put a vehicle on the start of a course."""
         x, y, yaw = (float(v) for v in course.start)
-        self.vehicle = make_vehicle(self.dynamics, course.scene, self.rover_spec, x, y, yaw)
+        ground = None if self.slip is None else self.slip.ground
+        self.vehicle = make_vehicle(self.dynamics, course.scene, self.rover_spec, x, y, yaw, ground)
 
     def _begin(self, goal_distance: float) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Start counting on the course, with the rover on its start, and look once."""
         assert self.course is not None and self.vehicle is not None
         self._odometry = Odometry(self.drift, self.yaw_drift, np.random.default_rng(self.np_random.integers(2**63)))
         self.believed_pose = self._odometry.update(self.vehicle.state().pose)
+        self._gauge = SlipGauge(self.slip, self.vehicle)
         if self.map_view is not None:
             self.map_view.start(self.believed_pose)
         self.referee = Referee(self.course, self.rover_spec, goal_distance)
@@ -309,7 +325,7 @@ class MarsNavEnv(gymnasium.Env):
             turn = mount.pan_rate * STEP_SECONDS
             self._pan += float(np.clip(float(action[2]) * mount.pan_limit - self._pan, -turn, turn))
         self.vehicle.drive_twist(speed, yaw_rate, STEP_SECONDS)
-        self.believed_pose = self._odometry.update(self.vehicle.state().pose)
+        self.believed_pose = self._odometry.update(self.vehicle.state().pose, self._gauge.update(self.vehicle))
         self._steps += 1
         self._last_action = action[:2].copy()
 
@@ -384,6 +400,7 @@ class MarsNavEnv(gymnasium.Env):
             "position_error": float(np.hypot(*(self.believed_pose[:2, 3] - self._way.place[:2]))),
             "perception_seconds": self.sight.seconds,
             "redraws": self.course.redraws,
+            **self._gauge.info(),
         }
 
 

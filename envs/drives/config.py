@@ -15,8 +15,10 @@ from envs.drives.episodes import Cell, EpisodeRecord
 from envs.mars_nav import ERROR_LIMITS
 from envs.world.course import CourseConfig
 from envs.world.place_note import place_note
+from envs.world.slip import SlipConfig
 from envs.world.vehicle import DynamicsName, known_dynamics
 from marssim.base.command.limits import check_least
+from marssim.physics.soil.soil_map import GroundName
 from marssim.render.renderers.by_name import RendererName
 from marssim.scene.look import LOOK_LIMITS
 from marssim.scene.place_file import PLACE_VALUES, load_place
@@ -92,6 +94,12 @@ class EvaluateConfig:
     yaw_drift_deg: float = 0.0
     """Error of the heading by the rover's odometry: its standard deviation after 1 m of driving [deg], 0 to 45. It
     grows with the root of the way."""
+    slip: GroundName | None = None
+    """Let the wheels slip and sink: in the sand, crust and bedrock that the scene shows (scene), or in one of these
+    everywhere. Left out: they do not slip."""
+    slip_measured: float = 0.0
+    """Share of the slip that the rover's odometry measures, with --slip, 0 to 1: 0 counts the wheels' turns, 1 sees the
+    true way, as visual odometry does at best."""
     scores: tuple[Path, ...] = ()
     """Files results.json that m3depth.evaluate wrote. For each perception that they score, results.md then shows the
     depth error (Abs Rel) on that test set beside the one on the drives."""
@@ -116,6 +124,10 @@ class EvaluateConfig:
         for flag, most in ERROR_LIMITS.items():
             if not 0 <= getattr(self, flag) <= most:
                 raise ValueError(f"--{flag.replace('_', '-')} must lie in [0, {most}], got {getattr(self, flag)}")
+        if not 0 <= self.slip_measured <= 1:
+            raise ValueError(f"--slip-measured must lie in [0, 1], got {self.slip_measured}")
+        if self.slip_measured and self.slip is None:
+            raise ValueError("--slip-measured needs --slip, as no wheel slips without it")
         for name in LOOK_FLAGS:
             low, high = LOOK_LIMITS[name]
             value = getattr(self, name)
@@ -152,16 +164,21 @@ class EvaluateConfig:
         fixed = {name: (getattr(self, name),) * 2 for name in LOOK_FLAGS if getattr(self, name) is not None}
         return replace(base, look=replace(base.look, **fixed))
 
+    def slip_config(self) -> SlipConfig | None:
+        """Return how the wheels slip; None if they do not."""
+        return None if self.slip is None else SlipConfig(self.slip, self.slip_measured)
+
     def content(self) -> dict[str, Any]:
         """Return the settings on which the outcome of an episode depends, beside its driver, perception, cell and
         number.
         """
         errors = {name: getattr(self, name) for name in ERROR_LIMITS if getattr(self, name)}
         look = {name: getattr(self, name) for name in LOOK_FLAGS if getattr(self, name) is not None}
+        slip = {} if self.slip is None else {"slip": self.slip, "slip_measured": self.slip_measured}
         return {
             "seed": self.seed, **place_note(self.scene), "goal_distance": self.goal_distance,
             "dynamics": known_dynamics(self.dynamics), "renderer": self.renderer,
-            "align_rows": self.align_rows, **errors, **look,
+            "align_rows": self.align_rows, **errors, **slip, **look,
         }  # fmt: skip
 
 

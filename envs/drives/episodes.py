@@ -93,6 +93,11 @@ class EpisodeRecord:
     """Number of looks that measured nothing of the ground within 15 m; None where that was not recorded."""
     near_miss: bool = False
     """Whether there was no collision, but the clearance was below NEAR_MISS."""
+    slip: float | None = None
+    """Share of the wheels' way that the rover did not make, mean over the steps; below 0 if it slid downhill. None for
+    wheels that do not slip."""
+    energy: float | None = None
+    """Energy of the wheels' motors [J]; None for wheels that do not slip."""
     code: str = ""
     """State of the sources that drove (envs.world.user_code.code_digest); "" where that was not recorded."""
     obstacles: list[list[float]] = field(default_factory=list)
@@ -169,7 +174,7 @@ def run_episode(
         step_seconds=log.seconds / max(steps, 1), perception_seconds=log.perception_seconds / max(steps, 1),
         redraws=info["redraws"], goal=[float(v) for v in env.course.goal], abs_rel=_mean(log.errors), blind=log.blind,
         near_miss=info["outcome"] != "collision" and info["min_clearance"] < NEAR_MISS,
-        code=code, obstacles=_obstacles(env),
+        slip=_mean(log.slips), energy=info.get("energy"), code=code, obstacles=_obstacles(env),
         track=[[float(v) for v in state.position[:2]] for state in log.states],
         headings=[round(float(state.yaw), 4) for state in log.states],
         shortest_path=_rounded(env.course.ground.way_to_goal(*env.course.start[:2])),
@@ -189,6 +194,7 @@ class _Log:
     seconds: float = 0.0
     perception_seconds: float = 0.0
     blind: int = 0
+    slips: list[float | None] = field(default_factory=list)
 
     def note_look(self, env: MarsNavEnv, info: dict[str, Any]) -> None:
         """Note that the rover stands and has looked."""
@@ -219,6 +225,7 @@ def _drive(env: MarsNavEnv, driver: Driver, options: dict[str, Any], log: _Log, 
         log.seconds += perf_counter() - begin
         log.perception_seconds += info["perception_seconds"]
         log.reward += float(reward)
+        log.slips.append(info.get("slip"))
         log.note_look(env, info)
         done = terminated or truncated
         if watch:

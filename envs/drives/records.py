@@ -48,7 +48,7 @@ def _kind(name: str, annotation: str) -> tuple[str, Callable[[Any], bool]]:
     if annotation == "bool":
         return "true or false", lambda value: isinstance(value, bool)
     if annotation in ("int", "float"):
-        if name == "reward":
+        if name in ("reward", "slip"):
             return "a number", is_number
         if name == "shortest":
             return "a number over 0", lambda value: is_number(value) and value > 0

@@ -8,7 +8,8 @@ import numpy as np
 class Odometry:
     """Dead reckoning that drifts.
 
-    Attitude and height are measured well (inertial unit, sun); position and heading are not.
+    Attitude and height are measured well (inertial unit, sun); position and heading are not. Where wheels slip, the way
+    that they turn without moving the rover is counted too, unless it is measured.
 
     Attributes:
         drift: Standard deviation of the position error after 1 m, as a share of the way. It grows with the root of the
@@ -22,11 +23,12 @@ class Odometry:
         self._true: np.ndarray | None = None
         self._xy, self._yaw_error = np.zeros(2), 0.0
 
-    def update(self, pose: np.ndarray) -> np.ndarray:
+    def update(self, pose: np.ndarray, slipped: np.ndarray | None = None) -> np.ndarray:
         """Return the believed pose after a move.
 
         Args:
             pose: (4, 4) true pose, body to world. The first one is believed as it is.
+            slipped: (2,) way in the move that is counted, as the wheels turned, but was not made, world frame [m].
 
         Returns:
             (4, 4) believed pose, body to world.
@@ -39,8 +41,10 @@ class Odometry:
             way = float(np.hypot(*move))
             if way > 0:
                 self._yaw_error += self.yaw_drift * np.sqrt(way) * float(self._rng.normal())
-                slip = self.drift * np.sqrt(way) * self._rng.normal(size=2)
-                self._xy = self._xy + _turn(self._yaw_error) @ move + slip
+                error = self.drift * np.sqrt(way) * self._rng.normal(size=2)
+                self._xy = self._xy + _turn(self._yaw_error) @ move + error
+            if slipped is not None:
+                self._xy = self._xy + _turn(self._yaw_error) @ slipped
         self._true = position.copy()
         believed = pose.copy()
         believed[:2, :3] = _turn(self._yaw_error) @ pose[:2, :3]

@@ -10,6 +10,9 @@ from marssim.engines.bullet import pybullet_is_installed
 from marssim.physics.body import Part
 from marssim.physics.kinematics import KinematicRover
 from marssim.physics.rover import Rover
+from marssim.physics.slipping_rover import SlippingRover
+from marssim.physics.soil.slippage import Slippage
+from marssim.physics.soil.soil_map import GroundName
 from marssim.physics.state import Contacts, RoverState
 from marssim.physics.world import PhysicsWorld
 from marssim.scene.scene import Scene
@@ -69,6 +72,10 @@ class Vehicle(Protocol):
         """Return what the rover touched during the last drive."""
         ...
 
+    def slippage(self) -> Slippage | None:
+        """Return what the last drive lost on soil; None for wheels that do not slip."""
+        ...
+
     def mesh(self, pan: float = 0.0) -> list[Part]:
         """Return the rover's parts, to draw it from outside; pan [rad] of the mast."""
         ...
@@ -81,11 +88,13 @@ class Vehicle(Protocol):
 class PhysicsVehicle:
     """A rover with six driven and steered wheels in PyBullet's world of a scene."""
 
-    def __init__(self, scene: Scene, spec: RoverSpec, x: float, y: float, yaw: float) -> None:
+    def __init__(
+        self, scene: Scene, spec: RoverSpec, x: float, y: float, yaw: float, ground: GroundName | None = None
+    ) -> None:
         self.spec = spec
         self.world = PhysicsWorld(scene, spec)
         try:
-            self.rover = Rover(self.world, x, y, yaw)
+            self.rover = Rover(self.world, x, y, yaw, ground)
         except BaseException:
             self.world.close()
             raise
@@ -104,6 +113,9 @@ class PhysicsVehicle:
     def contacts(self) -> Contacts:
         return self.rover.contacts()
 
+    def slippage(self) -> Slippage | None:
+        return None if self.rover.soil is None else self.rover.soil.slippage
+
     def mesh(self, pan: float = 0.0) -> list[Part]:
         return self.rover.mesh(pan)
 
@@ -114,11 +126,29 @@ class PhysicsVehicle:
 class KinematicVehicle(KinematicRover):
     """A rover that settles on the ground without dynamics, on the curves that the wheels can steer."""
 
-    def drive_twist(self, speed: float, yaw_rate: float, seconds: float) -> RoverState:
-        return super().drive_twist(*steerable(speed, yaw_rate, self.spec), seconds)
+    def drive_twist(self, speed: float, yaw_rate: float, seconds: float, lateral: float = 0.0) -> RoverState:
+        return super().drive_twist(*steerable(speed, yaw_rate, self.spec), seconds, lateral)
+
+    def slippage(self) -> Slippage | None:
+        return None
 
 
-def make_vehicle(dynamics: DynamicsName, scene: Scene, spec: RoverSpec, x: float, y: float, yaw: float) -> Vehicle:
+class SlippingVehicle(SlippingRover):
+    """A KinematicVehicle whose wheels slip and sink."""
+
+    def drive_twist(self, speed: float, yaw_rate: float, seconds: float, lateral: float = 0.0) -> RoverState:
+        return super().drive_twist(*steerable(speed, yaw_rate, self.spec), seconds, lateral)
+
+
+def make_vehicle(
+    dynamics: DynamicsName,
+    scene: Scene,
+    spec: RoverSpec,
+    x: float,
+    y: float,
+    yaw: float,
+    ground: GroundName | None = None,
+) -> Vehicle:
     """Return a rover at rest on the ground.
 
     Args:
@@ -128,7 +158,11 @@ def make_vehicle(dynamics: DynamicsName, scene: Scene, spec: RoverSpec, x: float
         x: World position [m].
         y: World position [m].
         yaw: Heading [rad].
+        ground: None for wheels that do not slip. Else the soil under them: "scene" for the scene's own, or the name of
+            a soil that lies everywhere.
     """
     if dynamics == "physics":
-        return PhysicsVehicle(scene, spec, x, y, yaw)
+        return PhysicsVehicle(scene, spec, x, y, yaw, ground)
+    if ground is not None:
+        return SlippingVehicle(scene, spec, x, y, yaw, ground=ground)
     return KinematicVehicle(scene, spec, x, y, yaw)
