@@ -123,6 +123,8 @@ def test_a_folder_of_other_settings_is_refused(finished, capsys):
         (["--driver", "straight", "straight"], "--driver"), (["--driver", "/no/such.zip"], "/no/such.zip"),
         (["--driver", "json:Nothing"], "Nothing"), (["--grid"], "--grid"), (["--drift", "-1"], "drift"),
         (["--drift", "1.1"], "--drift must lie in [0, 1], got 1.1"), (["--disparity-noise", "11"], "--disparity-noise"),
+        (["--slip", "sand", "--slip-measured", "1.5"], "--slip-measured must lie in [0, 1], got 1.5"),
+        (["--slip-measured", "0.5"], "--slip-measured needs --slip"), (["--slip", "mud"], "--slip"),
         (["--yaw-drift-deg", "nan"], "--yaw-drift-deg must lie in [0, 45]"),
         (["--sun-elevation-deg", "0"], "--sun-elevation-deg must"), (["--texture-strength", "9"], "--texture"),
     ],
@@ -168,6 +170,21 @@ def test_a_look_that_is_asked_for_is_the_scenes_and_of_other_drives():
 def test_drives_without_aligned_rows_are_other_drives():
     aligned, given = EvaluateConfig(None), EvaluateConfig(None, align_rows=False)
     assert given.content().items() - aligned.content().items() == {("align_rows", False)}
+
+
+def test_wheels_that_slip_are_of_other_drives(tmp_path):
+    plain = EvaluateConfig(tmp_path / "out", episodes=1, seed=3, **QUICK)
+    sand = replace(plain, slip="sand", slip_measured=0.5)
+    assert not {"slip", "slip_measured"} & plain.content().keys()
+    assert sand.content().items() - plain.content().items() == {("slip", "sand"), ("slip_measured", 0.5)}
+    content = evaluate(sand)
+    record = json.loads(next((tmp_path / "out" / "episodes").glob("*.json")).read_text())
+    assert 0 < record["slip"] < 0.5 and record["energy"] > 100
+    assert content["driven_with"]["slip"] == "sand" and "--slip sand" in (tmp_path / "out" / "results.md").read_text()
+    assert without_times(evaluate(sand)) == without_times(content)  # and the drive is there already
+    for other in (plain, replace(sand, slip_measured=1.0)):
+        with pytest.raises(DatasetError, match="other settings"):
+            evaluate(other)
 
 
 def test_a_place_from_a_file_is_noted_by_its_content(tmp_path):

@@ -16,6 +16,7 @@ from hypothesis.extra.numpy import arrays
 from envs.drivers.image_observation import ImageObservation
 from envs.mars_nav import MarsNavEnv
 from envs.observation.nearest_depth import nearest_depth
+from envs.world.slip import SlipConfig
 from marssim.scene.place_file import save_place
 
 AHEAD, LEFT = np.array([1, 0], np.float32), np.array([0.5, 0.3], np.float32)
@@ -37,15 +38,24 @@ def rockless(small_scene):
 NOISY = {"map_observation": True, "disparity_noise": 0.3, "drift": 0.02, "yaw_drift_deg": 1.0}
 
 
-@pytest.mark.parametrize("settings", [{}, {"dynamics": "physics"}, {"mast": True, "render_mode": "rgb_array"}, NOISY])
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {}, {"dynamics": "physics"}, {"mast": True, "render_mode": "rgb_array"}, NOISY, {"slip": "scene"},
+        {"slip": SlipConfig("sand", 0.5), "dynamics": "physics"},
+    ],
+)  # fmt: skip
 def test_the_checker_of_gymnasium_accepts_the_environment(make_env, rockless, settings):
     check_env(make_env(goal_distance=3.0, scene=rockless, **settings), skip_render_check="render_mode" not in settings)
 
 
 @pytest.mark.parametrize(
     ("settings", "wrap"),
-    [({}, False), ({"dynamics": "physics"}, False), ({"mast": True, **NOISY}, False), ({"mast": True, **NOISY}, True)],
-)
+    [
+        ({}, False), ({"dynamics": "physics"}, False), ({"mast": True, **NOISY}, False),
+        ({"mast": True, **NOISY}, True), ({"slip": "sand"}, False), ({"slip": "sand", "dynamics": "physics"}, False),
+    ],
+)  # fmt: skip
 def test_the_checker_of_stable_baselines_accepts_the_environment(make_env, rockless, settings, wrap):
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
     env = make_env(goal_distance=3.0, scene=rockless, **settings)

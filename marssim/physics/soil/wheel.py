@@ -56,7 +56,8 @@ def wheel_forces(soil: Soil, radius: float, width: float, sinkage: np.ndarray, s
     sums = np.zeros((3, *sinkage.shape[:-1]))
     for low, high in ((leaves, peak), (peak, enters)):
         angle = (low + high) / 2 + (high - low) / 2 * NODES
-        mirrored = enters - (angle - leaves) / (peak - leaves) * (enters - peak)  # where the front has this stress
+        behind = (angle - leaves) / np.maximum(peak - leaves, 1e-12)
+        mirrored = enters - behind * (enters - peak)  # where the front has this stress
         deep = np.cos(angle if high is enters else mirrored) - np.cos(enters)
         normal = stiffness * np.maximum(deep, 0) ** exponent
         moved = radius * (enters - angle - (1 - slip) * (np.sin(enters) - np.sin(angle)))

@@ -52,6 +52,15 @@ def test_a_heading_that_drifts_bends_the_way():
     assert np.corrcoef(headings, across)[0, 1] > 0.8  # to the left where it believes to head left: sqrt(3) / 2
 
 
+def test_way_that_the_wheels_lost_is_believed_to_be_made():
+    odometry = Odometry(0.0, 0.0, np.random.default_rng(0))
+    for pose in straight(4.0, 0.4):
+        believed = odometry.update(pose, np.array([0.1, -0.02]) if pose[0, 3] else None)
+    np.testing.assert_allclose(believed[:2, 3], [4.0 + 10 * 0.1, -10 * 0.02], atol=1e-12)
+    stuck = odometry.update(pose, np.array([0.4, 0.0]))  # the wheels turn in place
+    np.testing.assert_allclose(stuck[:2, 3] - believed[:2, 3], [0.4, 0.0], atol=1e-12)
+
+
 def test_attitude_and_height_are_believed_as_they_are():
     odometry, pose = Odometry(0.5, 0.5, np.random.default_rng(0)), np.eye(4)
     odometry.update(pose)

@@ -1,0 +1,54 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from marssim.base.rover_spec import ZHURONG
+from marssim.physics.soil.soil_map import SoilMap, on_rock
+from marssim.physics.support import SupportMap
+from marssim.scene.ground.cover import ground_cover
+from marssim.scene.presets import preset
+from marssim.scene.scene import build_scene
+
+
+def scene(**look):
+    place = preset("gale", size=12.0, horizon=16.0)
+    fixed = {name: (value, value) for name, value in look.items()}
+    return build_scene(replace(place, look=replace(place.look, **fixed)), 3)
+
+
+def test_the_shares_add_up_and_follow_what_the_scene_shows():
+    place = scene(wind_ripples=0.4, bedrock=0.4)
+    cover, soils = ground_cover(place), SoilMap.of(place)
+    np.testing.assert_allclose(soils.shares.sum(axis=-1), 1, atol=1e-12)
+    assert soils.shares.min() >= 0 and soils.shares[..., 2].max() > 0.5
+    sandy, swept = cover.sand > 0.95, cover.swept > 0.5
+    assert soils.shares[sandy & (cover.swept <= 0)][:, 0].min() > 0.9
+    assert soils.shares[swept & (cover.drift == 0)][:, 2].min() > 0.4
+
+
+def test_a_scene_without_bedrock_has_none_and_one_without_sand_is_crust():
+    soils = SoilMap.of(scene(wind_ripples=0.0, bedrock=0.0, drifts=0.0))
+    np.testing.assert_array_equal(soils.shares[..., 1], 1)
+
+
+def test_places_are_looked_up_between_the_nodes_and_clipped_at_the_edge():
+    place = scene(wind_ripples=0.5)
+    soils, axis = SoilMap.of(place), ground_cover(place).axis
+    np.testing.assert_allclose(soils.at(axis[[5]], axis[[9]])[0], soils.shares[9, 5], atol=1e-9)
+    middle = soils.at((axis[[5]] + axis[[6]]) / 2, axis[[9]])[0]
+    np.testing.assert_allclose(middle, soils.shares[9, 5:7].mean(axis=0), atol=1e-9)
+    np.testing.assert_allclose(soils.at(np.array([1e3]), np.array([1e3]))[0], soils.shares[-1, -1], atol=1e-5)
+
+
+def test_one_soil_can_lie_everywhere():
+    soils = SoilMap.of(scene(), "crust")
+    np.testing.assert_array_equal(soils.at(np.array([0.0, 5.0]), np.array([-3.0, 2.0])), [[0, 1, 0]] * 2)
+    with pytest.raises(ValueError, match="ground 'mud' is unknown; choose from scene, sand, crust, bedrock"):
+        SoilMap.of(scene(), "mud")
+
+
+def test_rocks_are_told_from_the_ground(make_scene):
+    place = make_scene(balls=[(1.0, 0.0, 0.0, 0.2)])
+    support = SupportMap.from_scene(place, ZHURONG.obstacle_height)
+    np.testing.assert_array_equal(on_rock(support, np.array([1.0, 2.0]), np.zeros(2)), [True, False])

@@ -1,0 +1,145 @@
+"""The whole rover on soil, in both dynamics."""
+
+import numpy as np
+import pytest
+
+from marssim.base.rover_spec import ZHURONG
+from marssim.engines.bullet import pybullet_is_installed
+from marssim.physics.kinematics import KinematicRover
+from marssim.physics.rover import Rover
+from marssim.physics.slipping_rover import SlippingRover
+from marssim.physics.soil.soils import SOIL_NAMES
+from marssim.physics.world import PhysicsWorld
+from nav.controller import wheel_command
+
+needs_bullet = pytest.mark.skipif(not pybullet_is_installed(), reason="PyBullet is not installed here")
+SPEED, SECONDS = 0.2, 2.0
+
+
+@pytest.fixture
+def slope(make_scene):
+    def make(degrees):
+        rise = np.tan(np.deg2rad(degrees))
+        return make_scene(lambda x, y: rise * x, half=5.0)
+
+    return make
+
+
+def settled_drive(scene, soil, yaw, turn=0.0):
+    """Return the way (3,) and the turn of a rover without dynamics, and what it cost."""
+    rover = SlippingRover(scene, ZHURONG, 0.0, 0.0, yaw, ground=soil)
+    start = rover.state()
+    rover.drive_twist(SPEED, turn, SECONDS)
+    return rover.state().position - start.position, rover.state().yaw - start.yaw, rover.slippage()
+
+
+def bullet_drive(scene, soil, yaw, turn=0.0):
+    """Return the same of a rover in PyBullet that drives already."""
+    command = wheel_command(SPEED, turn)
+    with PhysicsWorld(scene, ZHURONG) as world:
+        rover = Rover(world, 0.0, 0.0, yaw, soil)
+        rover.drive(command.speeds, command.angles)
+        world.step(1.0)
+        start = rover.state()
+        rover.drive(command.speeds, command.angles)
+        world.step(SECONDS)
+        end = rover.state()
+        return end.position - start.position, end.yaw - start.yaw, rover.soil.slippage
+
+
+def test_a_rover_climbs_sand_with_the_slip_of_its_wheels(slope):
+    slips = [settled_drive(slope(degrees), "sand", 0.0)[2].slip for degrees in (0, 5, 10, 15, 20)]
+    np.testing.assert_allclose(slips, [0.04, 0.10, 0.19, 0.33, 0.67], atol=0.03)
+
+
+def test_a_rover_slides_down_where_it_drives_across(slope):
+    for degrees, least, most in ((5, 2, 5), (10, 5, 10), (15, 9, 18)):
+        way, _, slippage = settled_drive(slope(degrees), "sand", np.pi / 2)
+        angle = np.rad2deg(np.arctan2(slippage.sideways, way[1]))
+        assert way[0] < 0 and least < angle < most
+    assert settled_drive(slope(15), "bedrock", np.pi / 2)[2].sideways < 0.01
+
+
+def test_a_rover_that_drives_down_slides_further_than_its_wheels_turn(slope):
+    way, _, slippage = settled_drive(slope(10), "sand", np.pi)
+    assert slippage.slip < -0.02 and way[0] < -SPEED * SECONDS * np.cos(np.deg2rad(10))
+
+
+def test_on_level_bedrock_the_rover_moves_as_without_slip(slope):
+    for yaw_rate in (0.0, 0.1):
+        rover = KinematicRover(slope(0), ZHURONG, 0.0, 0.0, 0.3)
+        rover.drive_twist(SPEED, yaw_rate, SECONDS)
+        other = SlippingRover(slope(0), ZHURONG, 0.0, 0.0, 0.3, ground="bedrock")
+        other.drive_twist(SPEED, yaw_rate, SECONDS)
+        np.testing.assert_allclose(other.state().pose, rover.state().pose, atol=1e-5)
+        assert abs(other.slippage().slip) < 1e-5 and other.slippage().sinkage == 0
+
+
+def test_a_rover_does_not_get_up_sand_of_24_deg(slope):
+    way, _, slippage = settled_drive(slope(24), "sand", 0.0)
+    assert way[0] < 0.0 and slippage.slip > 1.0
+
+
+def test_a_climb_costs_the_weights_work_and_more(slope):
+    way, _, slippage = settled_drive(slope(10), "sand", 0.0)
+    lifted = ZHURONG.mass * 3.72076 * way[2]
+    assert slippage.energy > 2 * lifted > 0
+    assert settled_drive(slope(0), "sand", 0.0)[2].energy > settled_drive(slope(0), "bedrock", 0.0)[2].energy > 0
+    assert slippage.seconds == pytest.approx(SECONDS) and 0.01 < slippage.sinkage < 0.03
+
+
+def test_the_way_that_the_wheels_rolled_is_the_true_way_and_the_slip(slope):
+    way, _, slippage = settled_drive(slope(10), "sand", 0.0)
+    np.testing.assert_allclose(slippage.rolled[0] * (1 - slippage.slip), way[0], atol=2e-3)
+
+
+def test_a_rover_that_stands_slips_nowhere(slope):
+    rover = SlippingRover(slope(15), ZHURONG, 0.0, 0.0, 0.0, ground="sand")
+    start = rover.state().pose
+    rover.drive_twist(0.0, 0.0, SECONDS)
+    np.testing.assert_array_equal(rover.state().pose, start)
+    assert rover.slippage().slip == rover.slippage().energy == 0
+
+
+def test_a_turning_rover_turns_less_in_sand_and_slides_down(slope):
+    rover = SlippingRover(slope(10), ZHURONG, 0.0, 0.0, 0.0, ground="sand")
+    rover.drive_twist(0.0, 0.25, SECONDS)
+    assert 0.4 < rover.state().yaw < 0.49 and -0.1 < rover.state().position[0] < -0.02
+
+
+@needs_bullet
+@pytest.mark.parametrize("soil", SOIL_NAMES)
+def test_both_dynamics_lose_the_same_way(slope, soil):
+    scene = slope(12)
+    for yaw in (0.0, np.pi, np.pi / 2):
+        settled, bullet = settled_drive(scene, soil, yaw), bullet_drive(scene, soil, yaw)
+        np.testing.assert_allclose(bullet[0], settled[0], atol=0.02)
+        assert bullet[2].slip == pytest.approx(settled[2].slip, abs=0.02)
+        assert bullet[2].sideways == pytest.approx(settled[2].sideways, abs=0.01)
+        assert bullet[2].energy == pytest.approx(settled[2].energy, rel=0.1, abs=5)
+
+
+@needs_bullet
+def test_both_dynamics_turn_alike_on_a_slope(slope):
+    settled, bullet = settled_drive(slope(10), "sand", 0.0, 0.1), bullet_drive(slope(10), "sand", 0.0, 0.1)
+    assert bullet[1] == pytest.approx(settled[1], abs=0.03)
+
+
+@needs_bullet
+def test_braked_wheels_hold_the_rover_in_sand(slope):
+    with PhysicsWorld(slope(15), ZHURONG) as world:
+        rover = Rover(world, 0.0, 0.0, 0.0, "sand")
+        world.step(3.0)
+        start = rover.state().position
+        world.step(10.0)
+        np.testing.assert_allclose(rover.state().position, start, atol=1e-4)
+
+
+@needs_bullet
+def test_physics_on_soil_is_deterministic_and_can_be_removed(slope):
+    first, again = (bullet_drive(slope(8), "sand", 0.2)[0] for _ in range(2))
+    np.testing.assert_array_equal(first, again)
+    with PhysicsWorld(slope(0), ZHURONG) as world:
+        rover = Rover(world, 0.0, 0.0, 0.0, "sand")
+        rover.remove()
+        world.step(0.1)
