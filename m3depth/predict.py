@@ -35,7 +35,6 @@ from typing import Annotated, Literal
 import numpy as np
 import tyro
 
-from m3depth.datasets.calibration import Calibration, align_right, read_calibration
 from m3depth.datasets.image_files import read_pair
 from m3depth.datasets.rigs import NATECAM_NAME, natecam
 from m3depth.estimator import M3DEPTH, Estimator, load_estimator
@@ -45,6 +44,7 @@ from m3depth.prediction.pair_checks import check_pair, rows_of
 from m3depth.prediction.settings import with_settings
 from m3depth.stereo.prediction import Prediction
 from m3depth.stereo.rows import RowFit, aligned_right
+from marssim.base.calibration.rectified import Calibration, align_right, read_calibration
 from marssim.base.camera import WIDEST_BASELINE, StereoRig
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted

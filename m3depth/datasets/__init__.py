@@ -4,7 +4,7 @@
     config.py        DataConfig: the flags of a reader, and which layout takes which
     benchmarks.py, oaisys.py, folders.py   one generator a layout: where its pairs lie
     pair_files.py    one pair: reads its files into a StereoSample
-    image_files.py, maps.py, calibration.py, camera_info.py, rigs.py   images, maps and cameras in files
+    image_files.py, maps.py, rigs.py           images, maps and cameras in files
 
 To add a layout: write a generator `def name(root, rigs) -> Iterator[PairFiles]` beside the others; give it a name in
 `Format` and its flags in `FLAGS` (config.py); enter it in `READERS`, and files that identify it in `SIGNS` (open.py).

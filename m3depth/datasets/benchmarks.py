@@ -17,9 +17,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from m3depth.datasets.calibration import Calibration
 from m3depth.datasets.pair_files import PairFiles, Rig, Rigs
 from m3depth.datasets.rigs import file_rig
+from marssim.base.calibration.rectified import Calibration
 
 KITTI_FOLDERS = (  # left, right, disparity, disparity of pixels that both cameras see, calibrations
     ("image_2", "image_3", "disp_occ_0", "disp_noc_0", "calib_cam_to_cam"),

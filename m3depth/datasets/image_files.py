@@ -28,7 +28,7 @@ def read_pair(left: Path, right: Path) -> tuple[np.ndarray, np.ndarray]:
         FileNotFoundError: A file is missing; the message names it.
         ValueError: A file is unreadable, or has another size or bit depth than its partner; the message names it.
     """
-    a, b = _read(left), _read(right)
+    a, b = read_image(left), read_image(right)
     if a.shape[:2] != b.shape[:2]:
         raise ValueError(
             f"{left} is {a.shape[1]} x {a.shape[0]}, {right} is {b.shape[1]} x {b.shape[0]}: "
@@ -71,7 +71,7 @@ def decode_image(data: bytes, flag: int = cv2.IMREAD_UNCHANGED) -> np.ndarray | 
         log.setLogLevel(level)
 
 
-def _read(path: Path) -> np.ndarray:
+def read_image(path: Path) -> np.ndarray:
     """Read an image as (H, W) or RGB (H, W, 3), uint8 or uint16."""
     check_file(path)
     image = decode_image(path.read_bytes())

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from m3depth.datasets.calibration import Calibration
 from m3depth.datasets.config import DataConfig
 from m3depth.datasets.pair_files import PairFiles, Rigs
+from marssim.base.calibration.rectified import Calibration
 from marssim.base.files.json_file import DatasetError
 
 RENDERING = "00"  # number of the rendering that is read; OAISYS can render a pass several times

@@ -9,12 +9,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from m3depth.datasets.calibration import Calibration, align_right
 from m3depth.datasets.config import DataConfig
 from m3depth.datasets.image_files import read_pair
 from m3depth.datasets.maps import Kind, read_map, read_mask
 from m3depth.stereo.pairs import in_colour
 from m3depth.stereo.plane_normals import fitted_normals
+from marssim.base.calibration.rectified import Calibration, align_right
 from marssim.base.camera import StereoRig
 from marssim.base.dataset.sample import StereoSample
 from marssim.base.files.json_file import DatasetError

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from m3depth.datasets.calibration import Calibration, read_calibration
 from m3depth.datasets.config import DataConfig
 from m3depth.datasets.oaisys import oaisys_rig
 from m3depth.datasets.pair_files import Rig, Rigs
+from marssim.base.calibration.rectified import Calibration, read_calibration
 from marssim.base.camera import NATECAM, WIDEST_BASELINE
 from marssim.base.files.json_file import DatasetError
 

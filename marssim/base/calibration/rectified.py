@@ -4,7 +4,8 @@ KITTI        `P2: ...` and `P3: ...` (or `P_rect_02: ...`), 3 x 4 projection mat
 Middlebury   `cam0=[f 0 cx; 0 f cy; 0 0 1]`, `doffs=` [px], `baseline=` [mm]; ETH3D too
 OpenCV       YAML, XML or JSON with stereoRectify's P1 and P2, or its Q; baseline in the unit of the calibration target
 ROS          CameraInfo of the left and the right camera, as camera_calibration and `topic echo` write it
-marssim      a rig file, {"width", "height", "fx", "fy", "cx", "cy", "baseline"} [px, m], or a dataset's sample.json
+marssim      a rig file, {"width", "height", "fx", "fy", "cx", "cy", "baseline"} [px, m], with "shift" [px] where the
+             right camera has another cx, or a dataset's sample.json
 """
 
 from __future__ import annotations
@@ -17,10 +18,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from m3depth.datasets.camera_info import NUMBER, CameraInfo, is_camera_info, parse_camera_info
+from marssim.base.calibration import fields as of
+from marssim.base.calibration.bounded_text import read_text
+from marssim.base.calibration.camera_info import NUMBER, CameraInfo, is_camera_info, parse_camera_info
+from marssim.base.calibration.opencv_file import is_opencv, parse_opencv
 from marssim.base.camera import PinholeCamera, StereoRig
-from marssim.base.command.input_file import check_file
 
+ADVICE = "rectify the images first, with python -m m3depth.rectify"
 KITTI_GREY = frozenset({"image_0", "image_00"})  # folders of the left grey camera; the left colour camera has number 2
 
 
@@ -70,13 +74,11 @@ def read_calibration(
         FileNotFoundError: There is no such file.
         ValueError: The file is not a calibration, or lacks something; the message names both.
     """
-    for file in (path, right):
-        if file is not None:
-            check_file(file, "calibration file")
+    text = read_text(path)
+    right_text = None if right is None else read_text(right)
     try:
-        text = path.read_text()
         if is_camera_info(text):
-            return _from_ros(text, None if right is None else right.read_text(), baseline)
+            return _from_ros(text, right_text, baseline)
         if right is not None:
             raise ValueError("is not a CameraInfo of ROS, the only kind that comes in two files")
         if text.lstrip().startswith(("%YAML", "<?xml", "{")):
@@ -86,11 +88,8 @@ def read_calibration(
         if re.search(r"^\s*P(_rect_0)?\d\s*:", text, re.MULTILINE):
             grey = image is not None and not KITTI_GREY.isdisjoint(image.parts)
             return _from_kitti(text, ("0", "1") if grey else ("2", "3"))
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: is not a text file ({error.reason}), as calibrations are") from None
-    except (ValueError, cv2.error, SystemError) as error:  # FileStorage raises SystemError from its own error
-        reason = str(error) if isinstance(error, ValueError) else "not readable as OpenCV's YAML, XML or JSON"
-        raise ValueError(f"{path}: {reason}") from None
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
     raise ValueError(
         f"{path}: is not a calibration of KITTI (P2:), Middlebury or ETH3D (cam0=), OpenCV (%YAML), ROS "
         "(projection_matrix:) or marssim"
@@ -126,7 +125,8 @@ def _from_json(text: str) -> Calibration | None:
         return None
     rig = StereoRig.from_dict(data.get("rig", data))
     c = rig.camera
-    return Calibration(c.fx, c.fy, c.cx, c.cy, rig.baseline, size=(c.width, c.height))
+    shift = float(of.matrix(data, "shift", (1,))[0]) if "shift" in data else 0.0
+    return Calibration(c.fx, c.fy, c.cx, c.cy, rig.baseline, shift, (c.width, c.height))
 
 
 def _from_projections(left: np.ndarray, right: np.ndarray) -> Calibration:
@@ -188,21 +188,13 @@ def _from_middlebury(text: str) -> Calibration:
 
 
 def _from_opencv(text: str) -> Calibration:
-    storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-    try:
-        matrices = {name: _matrix(storage, name) for name in ("P1", "P2", "Q")}
-    finally:
-        storage.release()
-    left, right, q = matrices["P1"], matrices["P2"], matrices["Q"]
-    if left is not None and right is not None:
-        return _from_projections(left, right)
-    if q is not None and q.shape == (4, 4) and q[3, 2] != 0:
+    fields = parse_opencv(text)
+    if {"P1", "P2"} <= fields.keys():
+        return _from_projections(*(of.matrix(fields, name, (3, 4)) for name in ("P1", "P2")))
+    if "Q" in fields and (q := of.matrix(fields, "Q", (4, 4)))[3, 2] != 0:
         # Q holds -cx, -cy, f, -1 / Tx and (cx - cx') / Tx (OpenCV, stereoRectify).
         inverse, f = float(q[3, 2]), float(q[2, 3])
         return Calibration(f, f, -float(q[0, 3]), -float(q[1, 3]), 1 / inverse, float(q[3, 3]) / inverse)
-    raise ValueError("holds neither P1 and P2 nor Q of stereoRectify; rectify the images first")
-
-
-def _matrix(storage: cv2.FileStorage, name: str) -> np.ndarray | None:
-    node = storage.getNode(name)
-    return None if node.empty() else node.mat()
+    if is_opencv(fields):
+        raise ValueError(f"is a calibration of images that are not rectified; {ADVICE}")
+    raise ValueError(f"holds neither P1 and P2 nor Q of stereoRectify; {ADVICE}")

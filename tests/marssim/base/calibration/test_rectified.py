@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from m3depth.datasets.calibration import Calibration, align_right, read_calibration
+from marssim.base.calibration.rectified import Calibration, align_right, read_calibration
 from marssim.base.camera import NATECAM
 
 KITTI = """\
@@ -174,7 +174,7 @@ def test_camera_infos_with_other_principal_points_shift(tmp_path):
         (MIDDLEBURY.replace("193.001", "wide"), "could not convert"),
         (MIDDLEBURY.replace("; 0 0 1]", "]"), "cam0 must have 9 numbers, has 6"),
         ("%YAML:1.0\n---\nM1: 3\n", "rectify the images first"),
-        ("%YAML:1.0\n---\nP1: [1, 2\n", "not readable as OpenCV's"),
+        ("%YAML:1.0\n---\nP1: [1, 2\n", "is not YAML in line 3: "),
         ('{"rig": {"width": 5}}', "'height' is missing"),
         ('{"baseline": 0.2, "width": 5}', "'height' is missing"),
         (camera_info(-57.66).replace("245.75, ", ""), "projection_matrix must have 12 numbers, has 11"),

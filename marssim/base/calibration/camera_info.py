@@ -1,0 +1,134 @@
+"""ROS's CameraInfo as text: the YAML of camera_calibration, and the output of `rostopic echo` and `ros2 topic echo`.
+
+It reads only plain keys with numbers, by regular expressions; it loads no YAML.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from marssim.base.calibration.cameras import PosedCamera, PosedPair, nearest_rotation
+from marssim.base.calibration.lenses.fisheye import Fisheye
+from marssim.base.calibration.opencv_file import intrinsics, lens_of
+from marssim.base.calibration.orientation import RectifiedView
+from marssim.base.camera import PinholeCamera
+
+NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_LIST = rf"(?:\[([^\]]*)\]|((?:\s*\n\s*-\s*{NUMBER})+))"  # [1, 2], or one number a line
+MODELS = {"plumb_bob": False, "rational_polynomial": False, "equidistant": True, "fisheye": True}  # is it a fisheye?
+
+
+def _field(long: str, short: str) -> re.Pattern[str]:
+    """Return the pattern of a matrix by its name in camera_calibration's files and in the message."""
+    return re.compile(
+        rf"^\s*(?:{long}\s*:(?:\s*(?:rows|cols)\s*:\s*\d+)*\s*data|{short}|{short.lower()})\s*:\s*{_LIST}", re.MULTILINE
+    )
+
+
+_PROJECTION = _field("projection_matrix", "P")
+_CAMERA = _field("camera_matrix", "K")
+_ROTATION = _field("rectification_matrix", "R")
+_DISTORTION = _field("distortion_coefficients", "D")
+
+
+@dataclass(frozen=True)
+class CameraInfo:
+    """A CameraInfo of ROS.
+
+    Attributes:
+        projection: (3, 4) matrix P of the rectified camera; [0, 3] of a right camera is -f B [px m].
+        size: Width and height [px]; None if the text lacks them.
+    """
+
+    projection: np.ndarray
+    size: tuple[int, int] | None
+
+
+def is_camera_info(text: str) -> bool:
+    """Tell whether a text looks like a CameraInfo."""
+    return _PROJECTION.search(text) is not None and re.search(r"^\s*(image_)?width\s*:", text, re.MULTILINE) is not None
+
+
+def parse_camera_info(text: str) -> CameraInfo:
+    """Read what a CameraInfo says about the rectified images.
+
+    Raises:
+        ValueError: Something is missing or malformed; the message says what.
+    """
+    if _PROJECTION.search(text) is None:
+        raise ValueError("lacks the projection_matrix of a CameraInfo of ROS")
+    projection = _matrix(text, _PROJECTION, "projection_matrix", (3, 4))
+    if not projection[0, 0] > 0:
+        raise ValueError("projection_matrix has no positive focal length: the camera is not calibrated")
+    return CameraInfo(projection, _size(text))
+
+
+def raw_camera(text: str) -> PosedCamera:
+    """Read the camera of a CameraInfo as it was built, in the frame of the rectified left camera.
+
+    Raises:
+        ValueError: Something is missing or malformed; the message says what.
+    """
+    info = parse_camera_info(text)
+    k = _matrix(text, _CAMERA, "camera_matrix", (3, 3))
+    name = re.search(r"^\s*distortion_model\s*:\s*[\"']?(\w*)", text, re.MULTILINE)
+    model = name[1] if name else ""
+    if model and model not in MODELS:
+        raise ValueError(f"distortion_model {model} is not supported; {', '.join(MODELS)} are")
+    match = _DISTORTION.search(text)
+    terms = np.zeros(0) if match is None else np.array(re.findall(NUMBER, match[1] or match[2] or ""), dtype=float)
+    turn = nearest_rotation(_matrix(text, _ROTATION, "rectification_matrix", (3, 3))).T
+    centre = np.array([-info.projection[0, 3] / info.projection[0, 0], 0, 0])
+    return PosedCamera(lens_of(k, terms, MODELS.get(model, False)), turn, centre, info.size)
+
+
+def camera_info_texts(pair: PosedPair, view: RectifiedView) -> tuple[str, str]:
+    """Return the CameraInfos of both cameras, as camera_calibration saves them.
+
+    Args:
+        pair: The cameras, with lenses that have coefficients of OpenCV.
+        view: The rectified cameras that their R and P describe.
+
+    Raises:
+        ValueError: A lens has no such coefficients.
+    """
+    left = _text(pair.left, view.left, view.rotation, 0.0, "left")
+    return left, _text(pair.right, view.right, view.rotation, -view.left.fx * view.baseline, "right")
+
+
+def _text(camera: PosedCamera, ideal: PinholeCamera, rotation: np.ndarray, tx: float, name: str) -> str:
+    k, terms = intrinsics(camera.lens)
+    model = "equidistant" if isinstance(camera.lens, Fisheye) else "plumb_bob"
+    if model == "plumb_bob" and len(terms) > 5:
+        model = "rational_polynomial"
+    p = np.column_stack([ideal.K, [tx, 0, 0]])
+    width, height = camera.size or (ideal.width, ideal.height)
+    lines = [f"image_width: {width}", f"image_height: {height}", f"camera_name: {name}"]
+    blocks = {
+        "camera_matrix": k, "distortion_coefficients": np.array(terms or (0.0,) * 5)[None],
+        "rectification_matrix": rotation @ camera.rotation.T, "projection_matrix": p,
+    }  # fmt: skip
+    for block, matrix in blocks.items():
+        if block == "distortion_coefficients":
+            lines.append(f"distortion_model: {model}")
+        data = ", ".join(repr(float(value)) for value in matrix.ravel())
+        lines += [f"{block}:", f"  rows: {matrix.shape[0]}", f"  cols: {matrix.shape[1]}", f"  data: [{data}]"]
+    return "\n".join(lines) + "\n"
+
+
+def _matrix(text: str, pattern: re.Pattern[str], name: str, shape: tuple[int, int]) -> np.ndarray:
+    match = pattern.search(text)
+    if match is None:
+        raise ValueError(f"lacks the {name} of a CameraInfo of ROS")
+    values = [float(number) for number in re.findall(NUMBER, match[1] or match[2] or "")]
+    if len(values) != shape[0] * shape[1]:
+        raise ValueError(f"{name} must have {shape[0] * shape[1]} numbers, has {len(values)}")
+    return np.array(values).reshape(shape)
+
+
+def _size(text: str) -> tuple[int, int] | None:
+    matches = [re.search(rf"^\s*(?:image_)?{name}\s*:\s*(\d+)", text, re.MULTILINE) for name in ("width", "height")]
+    return (int(matches[0][1]), int(matches[1][1])) if matches[0] and matches[1] else None

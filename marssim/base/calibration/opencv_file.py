@@ -1,0 +1,175 @@
+"""Calibrations as programs write them with OpenCV's FileStorage: YAML, XML or JSON with K1 D1 K2 D2 R T.
+
+The names are those of OpenCV's documentation and samples, and others that are in use (NAMES). Without R and T, the
+results of stereoRectify (R1 R2 P1 P2) give the pose. Distortion has OpenCV's 4, 5, 8 or 12 coefficients, or the 4 of
+cv2.fisheye, where the file says so: `distortion_model: fisheye` (or `model:`, or `fisheye: 1`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from marssim.base.calibration import fields as of
+from marssim.base.calibration.bounded_text import parse_json, parse_xml, parse_yaml
+from marssim.base.calibration.cameras import PosedCamera, PosedPair, nearest_rotation, second_camera
+from marssim.base.calibration.lenses.fisheye import Fisheye
+from marssim.base.calibration.lenses.lens import Lens
+from marssim.base.calibration.lenses.radial_tangential import RadialTangential
+
+NAMES = {
+    "K1": ("K1", "M1", "cameraMatrix1", "camera_matrix_1", "left_camera_matrix", "mtxL", "K_l", "Kl", "CM1"),
+    "K2": ("K2", "M2", "cameraMatrix2", "camera_matrix_2", "right_camera_matrix", "mtxR", "K_r", "Kr", "CM2"),
+    "D1": ("D1", "distCoeffs1", "dist_coeffs_1", "left_distortion_coefficients", "distL", "D_l", "Dl"),
+    "D2": ("D2", "distCoeffs2", "dist_coeffs_2", "right_distortion_coefficients", "distR", "D_r", "Dr"),
+    "R": ("R", "rotation", "rotation_matrix"),
+    "T": ("T", "translation", "translation_vector", "t"),
+}
+FISHEYES = ("fisheye", "equidistant", "kannala-brandt", "kannala_brandt")
+SIZES = ("imageSize", "image_size", "img_size", "size", "resolution")
+SIDES = (("image_width", "image_height"), ("width", "height"), ("image_Width", "image_Height"))
+
+
+def parse_opencv(text: str) -> dict[str, Any]:
+    """Return the fields of a file of FileStorage, in any of its three formats.
+
+    Raises:
+        ValueError: The text cannot be parsed.
+    """
+    if text.lstrip().startswith("<"):
+        root = parse_xml(text)
+        return {node.tag: _value(node) for node in root}
+    return parse_json(text) if text.lstrip().startswith("{") else parse_yaml(text)
+
+
+def is_opencv(fields: Mapping[str, Any]) -> bool:
+    """Return whether a file holds a part of a calibration with OpenCV's names."""
+    return any(of.first_of(fields, NAMES[name]) for name in ("K1", "K2")) or {"R", "T"} <= fields.keys()
+
+
+def pair_of_opencv(fields: Mapping[str, Any], fisheye: bool = False) -> PosedPair:
+    """Return the cameras of a calibration.
+
+    Args:
+        fields: The fields of the file, or of two, such as intrinsics.yml and extrinsics.yml.
+        fisheye: Take four coefficients for those of cv2.fisheye, even if the file does not say so.
+
+    Raises:
+        ValueError: A field is missing or malformed.
+    """
+    kind = str(fields.get(of.first_of(fields, ("distortion_model", "model", "lens")) or "", "")).lower()
+    fisheye = fisheye or kind in FISHEYES or str(fields.get("fisheye", "0")).lower() in ("1", "true")
+    size = of.size(fields, SIZES, SIDES)
+    lenses = [_lens(fields, NAMES[f"K{eye}"], NAMES[f"D{eye}"], fisheye) for eye in (1, 2)]
+    if of.first_of(fields, NAMES["R"]) and of.first_of(fields, NAMES["T"]):
+        rotation = of.matrix(fields, NAMES["R"], (3, 3), (3,))
+        if rotation.shape == (3,):  # a vector of Rodrigues
+            rotation = rodrigues(rotation)
+        return PosedPair(
+            PosedCamera(lenses[0], np.eye(3), np.zeros(3), size),
+            second_camera(lenses[1], rotation, of.matrix(fields, NAMES["T"], (3,)), size),
+        )
+    if all(of.first_of(fields, (name,)) for name in ("R1", "R2", "P2")):
+        p2 = of.matrix(fields, "P2", (3, 4))
+        if not p2[0, 0] > 0:
+            raise ValueError("field P2 has no positive focal length")
+        turns = [nearest_rotation(of.matrix(fields, name, (3, 3))).T for name in ("R1", "R2")]
+        centre = np.array([-p2[0, 3] / p2[0, 0], 0, 0])
+        return PosedPair(
+            PosedCamera(lenses[0], turns[0], np.zeros(3), size), PosedCamera(lenses[1], turns[1], centre, size)
+        )
+    raise ValueError("holds neither R and T nor R1, R2 and P2: the pose of the right camera is missing")
+
+
+def opencv_text(pair: PosedPair) -> str:
+    """Return a calibration in OpenCV's YAML, which FileStorage reads.
+
+    Args:
+        pair: The cameras, with RadialTangential or Fisheye lenses, both of one kind.
+
+    Raises:
+        ValueError: The lenses cannot be written.
+    """
+    lenses = pair.left.lens, pair.right.lens
+    if len({type(lens) for lens in lenses}) > 1:
+        raise ValueError("OpenCV's calibrations have two lenses of one kind")
+    rotation = pair.right.rotation @ pair.left.rotation.T
+    translation = pair.right.rotation @ (pair.left.centre - pair.right.centre)
+    lines = ["%YAML:1.0", "---"]
+    if pair.left.size is not None:
+        lines += [f"image_width: {pair.left.size[0]}", f"image_height: {pair.left.size[1]}"]
+    lines.append(f"distortion_model: {'fisheye' if isinstance(lenses[0], Fisheye) else 'radtan'}")
+    for eye, lens in enumerate(lenses, 1):
+        k, d = intrinsics(lens)
+        lines += [_matrix_text(f"K{eye}", k), _matrix_text(f"D{eye}", np.array(d or (0.0,) * 5)[None])]
+    lines += [_matrix_text("R", rotation), _matrix_text("T", translation[:, None])]
+    return "\n".join(lines) + "\n"
+
+
+def intrinsics(lens: Lens) -> tuple[np.ndarray, tuple[float, ...]]:
+    """Return the (3, 3) matrix K and the coefficients of distortion of a lens that has them.
+
+    Raises:
+        ValueError: The lens is of another kind.
+    """
+    if not isinstance(lens, RadialTangential | Fisheye):
+        raise ValueError(f"a lens of kind {type(lens).__name__} has no coefficients of OpenCV")
+    skew = lens.fx * lens.skew if isinstance(lens, Fisheye) else 0.0
+    return np.array([[lens.fx, skew, lens.cx], [0, lens.fy, lens.cy], [0, 0, 1]]), lens.coefficients
+
+
+def lens_of(k: np.ndarray, coefficients: np.ndarray, fisheye: bool) -> Lens:
+    """Return the lens of a matrix K and coefficients of distortion.
+
+    Args:
+        k: (3, 3).
+        coefficients: (N,).
+        fisheye: Whether they are those of cv2.fisheye.
+
+    Raises:
+        ValueError: There is no such lens.
+    """
+    fx, fy, cx, cy = (float(k[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    terms = tuple(float(value) for value in coefficients)
+    if fisheye:
+        return Fisheye(fx, fy, cx, cy, terms or (0.0,) * 4, float(k[0, 1]) / fx if fx else 0.0)
+    return RadialTangential(fx, fy, cx, cy, terms if any(terms) else ())
+
+
+def rodrigues(vector: np.ndarray) -> np.ndarray:
+    """Return the (3, 3) rotation about a vector (3,) by its length [rad]."""
+    angle = float(np.linalg.norm(vector))
+    x, y, z = vector / angle if angle else vector
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+def _lens(fields: Mapping[str, Any], k_names: tuple[str, ...], d_names: tuple[str, ...], fisheye: bool) -> Lens:
+    k = of.matrix(fields, k_names, (3, 3))
+    name = of.first_of(fields, d_names)
+    terms = np.zeros(0)
+    if name is not None:
+        shapes = [(count,) for count in ((4,) if fisheye else (4, 5, 8, 12, 14, 0))]
+        terms = of.matrix(fields, name, *shapes)
+    try:
+        return lens_of(k, terms, fisheye)
+    except ValueError as error:
+        raise ValueError(f"field {of.first_of(fields, k_names)}: {error}") from None
+
+
+def _value(node: Element) -> Any:
+    """Return what a node of OpenCV's XML holds: a matrix as a mapping, else its text."""
+    if node.find("data") is None:
+        return (node.text or "").strip() or None
+    found = {name: (node.findtext(name) or "").strip() for name in ("rows", "cols", "data")}
+    whole = {name: int(found[name]) if found[name].isdigit() else None for name in ("rows", "cols")}
+    return {**whole, "data": found["data"]}
+
+
+def _matrix_text(name: str, matrix: np.ndarray) -> str:
+    rows, cols = matrix.shape
+    data = ", ".join(f"{value:.17g}" if value % 1 else f"{value:.1f}" for value in matrix.ravel())
+    return f"{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data: [ {data} ]"

@@ -1,0 +1,191 @@
+"""Labels of PDS3 (in ODL) and of VICAR, attached to an image or in a file of their own.
+
+Only what is needed is read: groups and objects of keys with numbers, text and tuples. Sources: PDS3 Standards
+Reference, chapter 12 (ODL); the VICAR file format, "The labels".
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+from marssim.base.calibration import fields as of
+from marssim.base.calibration.bounded_text import MOST_BYTES
+from marssim.base.calibration.cameras import PosedCamera, from_vectors
+from marssim.base.calibration.lenses.cahvore import Cahvore, linearity_of
+from marssim.base.calibration.product_label import ProductLabel, eye_of, parse_time
+from marssim.base.command.input_file import check_file
+
+MODEL = "GEOMETRIC_CAMERA_MODEL"
+MODELS = ("CAHV", "CAHVOR", "CAHVORE")
+_VALUE = r'"[^"]*"|\((?:[^()"]|"[^"]*"|\((?:[^()"]|"[^"]*")*\))*\)|\{[^{}]*\}|[^\r\n]*'
+_STATEMENT = re.compile(rf"^[ \t]*(\^?[A-Za-z][\w:]*)[ \t]*(?:=\s*({_VALUE}))?[ \t]*\r?$", re.MULTILINE)
+_VICAR = re.compile(r"([A-Za-z]\w*)\s*=\s*('(?:[^']|'')*'|\([^)]*\)|[^\s']+)")
+_END = re.compile(rb"^[ \t]*END[ \t]*\r?$", re.MULTILINE)
+_ITEM = re.compile(r'"[^"]*"|\'[^\']*\'|[^,()"\']+')
+_UNIT = re.compile(r"<[^<>]*>")
+_ENTITY = re.compile(r"/\*.*?\*/", re.DOTALL)
+
+
+def is_pds3(head: bytes) -> bool:
+    """Return whether a file that begins so has a label of PDS3 or VICAR."""
+    start = head.lstrip()
+    return start.startswith((b"ODL_VERSION_ID", b"PDS_VERSION_ID", b"LBLSIZE=")) or MODEL.encode() in head
+
+
+def read_pds3(path: Path) -> ProductLabel:
+    """Read a label of PDS3 or VICAR.
+
+    Args:
+        path: The image with its label, or the label alone.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: The label is malformed, or its camera model is no CAHV, CAHVOR or CAHVORE. One line that names it.
+    """
+    check_file(path, "image or label")
+    with path.open("rb") as file:
+        data = file.read(MOST_BYTES)
+    try:
+        if data.startswith(b"LBLSIZE="):
+            return _product(_vicar(data), attached=True)
+        end = _END.search(data)
+        if end is None:
+            raise ValueError("has a label without an end: is the file truncated?")
+        label = _odl(data[: end.start()].decode("latin-1"))
+        return _product(label, attached=isinstance(label.get("^IMAGE"), str) and label["^IMAGE"].isdigit())
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def camera_group(camera: PosedCamera) -> str:
+    """Return the group GEOMETRIC_CAMERA_MODEL of a camera with a CAHVORE lens, as text for a PDS3 label.
+
+    Args:
+        camera: The camera. The vectors are in the frame of its rig.
+
+    Raises:
+        ValueError: The lens is of another kind.
+    """
+    lens = camera.lens
+    if not isinstance(lens, Cahvore):
+        raise ValueError(f"a lens of kind {type(lens).__name__} has no vectors C, A, H, V, O, R and E")
+    vectors = [camera.centre, *(vector @ camera.rotation for vector in map(_array, (lens.a, lens.h, lens.v, lens.o)))]
+    kind = {1.0: 1, 0.0: 2}.get(lens.linearity, 3)
+    lines = [f"GROUP = {MODEL}", "  MODEL_TYPE = CAHVORE", '  MODEL_COMPONENT_ID = ("C","A","H","V","O","R","E")']
+    for number, vector in enumerate([*vectors, lens.r, lens.e], 1):
+        lines.append(f"  MODEL_COMPONENT_{number} = ({','.join(repr(float(x)) for x in vector)})")
+    lines += [f"  MODEL_COMPONENT_8 = {kind:.1f}", f"  MODEL_COMPONENT_9 = {lens.linearity if kind == 3 else 0.0!r}"]
+    return "\n".join([*lines, f'  REFERENCE_COORD_SYSTEM_NAME = "{camera.frame}"', f"END_GROUP = {MODEL}"]) + "\n"
+
+
+def _array(values: Any) -> Any:
+    return of.numbers(values, "vector")
+
+
+def _odl(text: str) -> dict[str, Any]:
+    """Return the keys of a label, with groups and objects as dicts; the first of two of one name counts."""
+    root: dict[str, Any] = {}
+    stack = [root]
+    for key, value in _STATEMENT.findall(_ENTITY.sub("", text)):
+        if key in ("GROUP", "OBJECT"):
+            inner: dict[str, Any] = {}
+            stack[-1].setdefault(value.strip().strip('"'), inner)
+            stack.append(inner)
+        elif key in ("END_GROUP", "END_OBJECT"):
+            if len(stack) > 1:
+                stack.pop()
+        else:
+            stack[-1].setdefault(key, _plain(value))
+    return root
+
+
+def _vicar(data: bytes) -> dict[str, Any]:
+    """Return the keys of a VICAR label under the names of PDS3's; its properties are groups."""
+    size = re.match(rb"LBLSIZE=(\d+)", data)
+    if size is None or int(size[1]) > len(data):
+        raise ValueError("has a label that is longer than the file: is the file truncated?")
+    root: dict[str, Any] = {}
+    group: dict[str, Any] = root
+    for key, value in _VICAR.findall(data[: int(size[1])].decode("latin-1")):
+        plain = _plain(value)
+        if key in ("PROPERTY", "TASK"):
+            group = root.setdefault(str(plain), {}) if key == "PROPERTY" else {}
+        else:
+            group.setdefault(key, plain)
+    try:
+        lines, samples, record = (int(root[name]) for name in ("NL", "NS", "RECSIZE"))
+        bands, header = int(root.get("NB", 1)), int(root.get("NLB", 0))
+    except (KeyError, TypeError, ValueError):
+        raise ValueError("has a VICAR label without the size of the image (NL, NS, RECSIZE)") from None
+    label: dict[str, Any] = {key: value for key, value in root.items() if isinstance(value, dict)}
+    for identification in ("IDENTIFICATION", "INSTRUMENT_STATE_PARMS"):
+        label.update({k: v for k, v in root.get(identification, {}).items() if k not in label})
+    label["IMAGE"] = {"LINES": str(lines), "LINE_SAMPLES": str(samples), **root.get("IMAGE_DATA", {})}
+    label["file_bytes"] = int(size[1]) + record * (header + lines * bands)
+    return label
+
+
+def _plain(value: str) -> Any:
+    """Return a value without quotes and units: text, or a list of texts."""
+    value = _UNIT.sub("", value.strip())
+    if value.startswith(("(", "{")):
+        return [item.strip().strip("\"'").strip() for item in _ITEM.findall(value.strip("{}")) if item.strip()]
+    return " ".join(value.strip().strip("\"'").split())
+
+
+def _product(label: dict[str, Any], attached: bool) -> ProductLabel:
+    image = label.get("IMAGE") if isinstance(label.get("IMAGE"), dict) else {}
+    assert isinstance(image, dict)
+    size = of.size(image, sides=[("LINE_SAMPLES", "LINES")])
+    model = label.get(MODEL)
+    counter = label.get("ROVER_MOTION_COUNTER", [])
+    missing = [image[key] for key in ("MISSING_CONSTANT", "INVALID_CONSTANT") if key in image]
+    mask = re.search(r"2#([01]+)#", str(image.get("SAMPLE_BIT_MASK", "")))
+    return ProductLabel(
+        camera=_camera(model, size) if isinstance(model, dict) else None,
+        size=size,
+        start=parse_time(label.get("START_TIME") or label.get("IMAGE_TIME")),
+        eye=eye_of(label.get("FRAME_ID"), label.get("INSTRUMENT_ID"), label.get("INSTRUMENT_NAME")),
+        motion=tuple(int(float(x)) for x in counter if re.fullmatch(r"-?\d+(\.0*)?", str(x))),
+        missing=tuple(sorted({float(x) for x in of.numbers(missing, "MISSING_CONSTANT").ravel()})),
+        bits=mask[1].count("1") if mask else None,
+        file_bytes=label.get("file_bytes") or (_file_bytes(label, image) if attached else None),
+    )
+
+
+def _file_bytes(label: dict[str, Any], image: dict[str, Any]) -> int | None:
+    """Return how many bytes a file must have to hold its image; None if the label does not say."""
+    try:
+        start = (int(label["^IMAGE"]) - 1) * int(label["RECORD_BYTES"])
+        lines, samples, bits = (int(image[name]) for name in ("LINES", "LINE_SAMPLES", "SAMPLE_BITS"))
+        return start + lines * samples * int(image.get("BANDS", 1)) * bits // 8
+    except (KeyError, TypeError, ValueError):
+        return None
+
+
+def _camera(model: dict[str, Any], size: tuple[int, int] | None) -> PosedCamera:
+    """Return the camera of a group GEOMETRIC_CAMERA_MODEL, whose components are named by MODEL_COMPONENT_ID."""
+    kind = model.get("MODEL_TYPE")
+    if kind not in MODELS:
+        raise ValueError(f"{MODEL}: MODEL_TYPE {kind} is not supported; {', '.join(MODELS)} are")
+    components = {name: f"MODEL_COMPONENT_{number}" for number, name in enumerate(str(kind), 1)}
+    try:
+        vectors = {name: of.matrix(model, field, (3,)) for name, field in components.items()}
+        linearity = 1.0
+        if kind == "CAHVORE":
+            type_, parameter = (float(of.matrix(model, f"MODEL_COMPONENT_{n}", (1,))[0]) for n in (8, 9))
+            linearity = linearity_of(int(type_) if type_ % 1 == 0 else 0, parameter)
+        zero = (0.0, 0.0, 0.0)
+        r, e = (tuple(float(x) for x in vectors.get(name, zero)) for name in "RE")
+        frame = f"{model.get('REFERENCE_COORD_SYSTEM_NAME', '')} {_index(model)}".strip()
+        c, a, h, v = (vectors[name] for name in "CAHV")
+        return from_vectors(c, a, h, v, vectors.get("O"), r, e, linearity, size, frame)  # type: ignore[arg-type]
+    except ValueError as error:
+        raise ValueError(f"{MODEL}: {error}") from None
+
+
+def _index(model: dict[str, Any]) -> str:
+    index = model.get("REFERENCE_COORD_SYSTEM_INDEX", [])
+    return f"({','.join(index)})" if isinstance(index, list) and index else ""

@@ -1,0 +1,95 @@
+"""Labels of PDS4 (XML) with a camera model of the geometry dictionary: geom:CAHV_Model, CAHVOR_Model, CAHVORE_Model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from marssim.base.calibration import fields as of
+from marssim.base.calibration.bounded_text import parse_xml, read_text
+from marssim.base.calibration.cameras import PosedCamera, from_vectors
+from marssim.base.calibration.lenses.cahvore import linearity_of
+from marssim.base.calibration.product_label import ProductLabel, eye_of, parse_time
+from marssim.base.calibration.zhurong import camera_of_zhurong, is_zhurong
+
+VECTORS = {
+    "Vector_Center": "position", "Vector_Axis": "unit", "Vector_Horizontal": "pixel", "Vector_Vertical": "pixel",
+    "Vector_Optical": "unit",
+}  # fmt: skip
+
+
+def read_pds4(path: Path) -> ProductLabel:
+    """Read a label of PDS4, also one of Zhurong's (.2CL).
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: The label is malformed. One line that names the file.
+    """
+    text = read_text(path, "label")
+    try:
+        root = parse_xml(text)
+        if root.tag == "opencv_storage":
+            raise ValueError("is a calibration of OpenCV, not a label of PDS4")
+        size = _size(root)
+        if is_zhurong(root):
+            camera: PosedCamera | None = camera_of_zhurong(root, size)
+        else:
+            parameters = root.find(".//Camera_Model_Parameters")
+            camera = None if parameters is None else _camera(parameters, size)
+        counter = root.findall(".//Motion_Counter//index_value_number")
+        names = [node.text for node in root.iterfind(".//Observing_System_Component/name")]
+        missing = [
+            node.text for kind in ("missing_constant", "invalid_constant") for node in root.iterfind(f".//{kind}")
+        ]
+        return ProductLabel(
+            camera, size,
+            start=parse_time(root.findtext(".//start_date_time")),
+            eye=eye_of(*names),
+            motion=tuple(int(float(node.text or 0)) for node in counter),
+            missing=tuple(sorted({float(x) for x in of.numbers(missing, "missing_constant").ravel()})),
+        )  # fmt: skip
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _size(root: Element) -> tuple[int, int] | None:
+    """Return width and height of the first image; None if the label does not say."""
+    for image in (node for kind in ("Array_2D_Image", "Array_3D_Image") for node in root.iter(kind)):
+        axes = {str(axis.findtext("axis_name")): axis.findtext("elements") for axis in image.iter("Axis_Array")}
+        return of.size(axes, sides=[("Sample", "Line")])
+    return None
+
+
+def _camera(parameters: Element, size: tuple[int, int] | None) -> PosedCamera:
+    kind = (parameters.findtext("model_type") or "").strip()
+    model = parameters.find(f"{kind}_Model") if kind in ("CAHV", "CAHVOR", "CAHVORE") else None
+    if model is None:
+        raise ValueError(f"Camera_Model_Parameters: model_type {kind} is not supported; CAHV, CAHVOR and CAHVORE are")
+    c, a, h, v = (_vector(model, name) for name in list(VECTORS)[:4])
+    o = _vector(model, "Vector_Optical") if kind != "CAHV" else None
+    r = _terms(model, "Radial_Terms") if kind != "CAHV" else (0.0, 0.0, 0.0)
+    e, linearity = (0.0, 0.0, 0.0), 1.0
+    if kind == "CAHVORE":
+        e = _terms(model, "Entrance_Terms")
+        values = {name: model.findtext(f"cahvore_model_{name}") or "0" for name in ("type", "parameter")}
+        type_, parameter = (float(of.matrix(values, name, (1,))[0]) for name in ("type", "parameter"))
+        linearity = linearity_of(int(type_) if type_ % 1 == 0 else 0, parameter)
+    space = parameters.find(".//Coordinate_Space_Indexed")
+    frame = ""
+    if space is not None:
+        index = ",".join(node.text or "" for node in space.iter("index_value_number"))
+        frame = f"{space.findtext('coordinate_space_frame_type') or ''} ({index})".strip()
+    return from_vectors(c, a, h, v, o, r, e, linearity, size, frame)
+
+
+def _vector(model: Element, name: str) -> np.ndarray:
+    values = {name: [model.findtext(f"{name}/{axis}_{VECTORS[name]}") for axis in "xyz"]}
+    return of.matrix(values, name, (3,))
+
+
+def _terms(model: Element, name: str) -> tuple[float, float, float]:
+    values = {name: [model.findtext(f"{name}/c{i}") for i in range(3)]}
+    a, b, c = (float(x) for x in of.matrix(values, name, (3,)))
+    return a, b, c

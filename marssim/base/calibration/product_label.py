@@ -1,0 +1,90 @@
+"""What the label of a rover's image says about the camera: its model, the size, the time, and which eye it is.
+
+PDS3       attached to the image (.IMG), or in a file of its own (.LBL): group GEOMETRIC_CAMERA_MODEL
+VICAR      the header of a .IMG or .VIC file: property GEOMETRIC_CAMERA_MODEL
+PDS4       .xml: geom:Camera_Model_Parameters
+Zhurong    .2CL, PDS4 with the mission's own fields
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from marssim.base.calibration.cameras import PosedCamera
+
+LATEST = timedelta(seconds=60)  # between the images of a pair, which are often taken one after the other
+
+
+@dataclass(frozen=True)
+class ProductLabel:
+    """The label of an image.
+
+    Attributes:
+        camera: The camera model; None if the label has none.
+        size: Width and height of the image [px]; None if the label does not say.
+        start: When the exposure began; None if the label does not say.
+        eye: "left", "right", or "" if the label does not say.
+        motion: The rover's motion counter, which changes when the rover or its mast moves; empty if unknown.
+        missing: Values of pixels that hold no data.
+        bits: Bits of a pixel's value that are used; None if the label does not say.
+        file_bytes: Least size of the file that the label is attached to; None if it is detached.
+    """
+
+    camera: PosedCamera | None
+    size: tuple[int, int] | None
+    start: datetime | None = None
+    eye: str = ""
+    motion: tuple[int, ...] = ()
+    missing: tuple[float, ...] = ()
+    bits: int | None = None
+    file_bytes: int | None = None
+
+
+def check_pair(left: ProductLabel, right: ProductLabel, names: tuple[Path, Path]) -> None:
+    """Check that two labels are those of one pair.
+
+    Args:
+        left, right: The labels.
+        names: Their files, for the message.
+
+    Raises:
+        ValueError: The eyes are exchanged or one and the same, or the rover moved between the images.
+    """
+    if left.eye == "right" and right.eye == "left":
+        raise ValueError(f"{names[0]} is of the right eye and {names[1]} of the left one: exchange left and right")
+    if left.eye and left.eye == right.eye:
+        raise ValueError(f"{names[0]} and {names[1]} are both of the {left.eye} eye")
+    if left.motion and right.motion and left.motion != right.motion:
+        raise ValueError(
+            f"{names[0]} and {names[1]} have other motion counters, {_counter(left.motion)} and "
+            f"{_counter(right.motion)}: the rover or its mast moved between them"
+        )
+    if left.start is not None and right.start is not None and abs(right.start - left.start) > LATEST:
+        seconds = abs((right.start - left.start).total_seconds())
+        raise ValueError(f"{names[0]} and {names[1]} were taken {seconds:.0f} s apart: they are no pair")
+
+
+def parse_time(text: object) -> datetime | None:
+    """Return a time of a label (2023-02-17T05:22:09.508, 2023-048T05:22:09.508Z); None if it is none."""
+    for form in ("%Y-%m-%dT%H:%M:%S.%f", "%Y-%m-%dT%H:%M:%S", "%Y-%jT%H:%M:%S.%f", "%Y-%jT%H:%M:%S"):
+        try:
+            return datetime.strptime(str(text).strip().removesuffix("Z"), form).replace(tzinfo=UTC)
+        except ValueError:
+            continue
+    return None
+
+
+def eye_of(*texts: object) -> str:
+    """Return "left" or "right" if one of some texts, such as NAVCAM_LEFT, says so."""
+    for text in texts:
+        words = str(text).lower().replace("_", " ").split()
+        for eye in ("left", "right"):
+            if eye in words:
+                return eye
+    return ""
+
+
+def _counter(motion: tuple[int, ...]) -> str:
+    return "(" + ", ".join(map(str, motion)) + ")"

@@ -1,0 +1,120 @@
+"""Read the calibration of a raw pair, of any kind: the contents of the files tell which.
+
+OpenCV     one file with K1 D1 K2 D2 R T, or two that complete each other (intrinsics and extrinsics)
+ROS        CameraInfo of the left and of the right camera
+Kalibr     camchain.yaml
+PDS, VICAR labels of the left and of the right image (product_label.py), attached or detached
+others     a calibration of a rectified pair (rectified.py), as two pinhole cameras
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from marssim.base.calibration.bounded_text import parse_yaml, read_text
+from marssim.base.calibration.camera_info import is_camera_info, raw_camera
+from marssim.base.calibration.cameras import PosedCamera, PosedPair, first_camera
+from marssim.base.calibration.kalibr import is_kalibr, pair_of_kalibr
+from marssim.base.calibration.lenses.radial_tangential import RadialTangential
+from marssim.base.calibration.opencv_file import is_opencv, pair_of_opencv, parse_opencv
+from marssim.base.calibration.pds3_label import is_pds3, read_pds3
+from marssim.base.calibration.pds4_label import read_pds4
+from marssim.base.calibration.product_label import ProductLabel
+from marssim.base.calibration.rectified import read_calibration
+from marssim.base.command.input_file import check_file
+
+HEAD = 200_000  # bytes of a file that tell its kind
+
+
+def read_pair(paths: Sequence[Path], fisheye: bool = False) -> PosedPair:
+    """Read the calibration of a pair.
+
+    Args:
+        paths: One file of the pair, or those of the left and of the right camera.
+        fisheye: See pair_of_opencv.
+
+    Raises:
+        FileNotFoundError: A file is missing.
+        ValueError: A file is no calibration, or lacks something. One line that names the file and the field.
+    """
+    if not 1 <= len(paths) <= 2:
+        raise ValueError(f"a pair has one or two calibration files, got {len(paths)}")
+    labels = [read_label(path) for path in paths]
+    if any(label is not None for label in labels):
+        if len(paths) == 1:
+            raise ValueError(f"{paths[0]}: is the label of one image; give those of the left and of the right one")
+        return PosedPair(*(labelled_camera(label, path) for label, path in zip(labels, paths)))
+    texts = [read_text(path) for path in paths]
+    if all(is_camera_info(text) and "camera_model" not in text for text in texts):
+        if len(paths) == 1:
+            raise ValueError(f"{paths[0]}: is the CameraInfo of one camera; give those of the left and the right one")
+        cameras = [_named(path, raw_camera, text) for path, text in zip(paths, texts)]
+        return PosedPair(*cameras)
+    fields: dict = {}
+    for path, text in zip(paths, texts):
+        if text.lstrip().startswith(("%YAML", "<", "{")) or ":" in text:
+            fields.update(_parsed(path, text))
+    name = paths[0] if len(paths) == 1 else f"{paths[0]} and {paths[1]}"
+    if is_kalibr(fields):
+        return _named(name, pair_of_kalibr, fields)
+    if is_opencv(fields):
+        return _named(name, pair_of_opencv, fields, fisheye)
+    return _rectified(paths)
+
+
+def read_label(path: Path) -> ProductLabel | None:
+    """Read the label of an image; None if the file is none of PDS or VICAR.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: The label is malformed. One line that names the file.
+    """
+    check_file(path, "calibration file")
+    with path.open("rb") as file:
+        head = file.read(HEAD)
+    if is_pds3(head):
+        return read_pds3(path)
+    if head.lstrip().startswith((b"<?xml", b"\xef\xbb\xbf<?xml")) and b"<opencv_storage" not in head:
+        return read_pds4(path)
+    return None
+
+
+def labelled_camera(label: ProductLabel | None, path: Path) -> PosedCamera:
+    """Return the camera of a label.
+
+    Raises:
+        ValueError: There is no label, or it has no camera model.
+    """
+    if label is None or label.camera is None:
+        raise ValueError(f"{path}: has no label with a camera model (GEOMETRIC_CAMERA_MODEL)")
+    return label.camera
+
+
+def _parsed(path: Path, text: str) -> dict:
+    """Return the fields of a file of OpenCV or Kalibr, or of one of another kind that looks like them."""
+    if text.lstrip().startswith(("%YAML", "<", "{")):
+        return _named(path, parse_opencv, text)
+    try:
+        return parse_yaml(text)
+    except ValueError:  # KITTI's files, for one
+        return {}
+
+
+def _rectified(paths: Sequence[Path]) -> PosedPair:
+    """Return two pinhole cameras for the calibration of a rectified pair."""
+    calibration = read_calibration(*paths)
+    left = RadialTangential(calibration.fx, calibration.fy, calibration.cx, calibration.cy)
+    right = RadialTangential(calibration.fx, calibration.fy, calibration.cx + calibration.shift, calibration.cy)
+    second = PosedCamera(right, np.eye(3), np.array([calibration.baseline, 0, 0]), calibration.size)
+    return _named(paths[0], PosedPair, first_camera(left, calibration.size), second)
+
+
+def _named(path, read, *args):
+    """Call a reader, and name the file in its error."""
+    try:
+        return read(*args)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None

@@ -1,0 +1,302 @@
+"""Calibrations of raw pairs: written in each format and read back, and what is no calibration."""
+
+import json
+import re
+
+import cv2
+import numpy as np
+import pytest
+
+from marssim.base.calibration.camera_info import camera_info_texts
+from marssim.base.calibration.cameras import PosedCamera, PosedPair, first_camera, from_vectors, second_camera
+from marssim.base.calibration.kalibr import kalibr_text
+from marssim.base.calibration.lenses.fisheye import Fisheye
+from marssim.base.calibration.lenses.radial_tangential import RadialTangential
+from marssim.base.calibration.opencv_file import opencv_text
+from marssim.base.calibration.orientation import common_orientation, rectified_view
+from marssim.base.calibration.pds3_label import camera_group
+from marssim.base.calibration.read_pair import read_pair
+from marssim.base.camera import NATECAM
+
+SIZE = (640, 480)
+TURN = cv2.Rodrigues(np.array([0.01, 0.03, -0.02]))[0]
+RADTAN = (-0.21, 0.05, 1e-3, -7e-4)
+POINTS = np.random.default_rng(2).uniform(-1, 1, (40, 3)) * [1.2, 0.9, 0.5] + [0.1, 0, 3]
+
+
+def pair(lens=RadialTangential, terms=RADTAN):
+    lenses = (lens(505.0, 503.5, 321.25, 238.0, terms), lens(499.0, 500.5, 317.0, 242.5, terms))
+    return PosedPair(first_camera(lenses[0], SIZE), second_camera(lenses[1], TURN, np.array([-0.12, 1e-3, 2e-3]), SIZE))
+
+
+def assert_same(read: PosedPair, wanted: PosedPair, tolerance: float = 1e-6) -> None:
+    """Both pairs show the same points at the same pixels, up to the frame in which the rig is described."""
+    turn = wanted.left.rotation.T @ read.left.rotation  # frame of `read` to that of `wanted`
+    moved = (POINTS - wanted.left.centre) @ turn + read.left.centre
+    for eye in ("left", "right"):
+        assert np.abs(getattr(read, eye).project(moved) - getattr(wanted, eye).project(POINTS)).max() < tolerance
+        assert getattr(read, eye).size == SIZE
+    assert read.baseline == pytest.approx(wanted.baseline, rel=1e-9)
+
+
+@pytest.mark.parametrize("lens", [RadialTangential, Fisheye])
+def test_opencv_as_we_write_it(tmp_path, lens):
+    path = tmp_path / "stereo.yml"
+    path.write_text(opencv_text(pair(lens)))
+    assert_same(read_pair([path]), pair(lens))
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)  # OpenCV reads it too
+    assert storage.getNode("K2").mat()[0, 0] == 499.0 and storage.getNode("D1").mat().shape == (1, 4)
+
+
+@pytest.mark.parametrize("ending", ["yml", "xml", "json"])
+@pytest.mark.parametrize("split", [False, True])
+def test_opencv_as_opencv_writes_it(tmp_path, ending, split):
+    wanted = pair()
+    k = [np.array([[x.fx, 0, x.cx], [0, x.fy, x.cy], [0, 0, 1]]) for x in (wanted.left.lens, wanted.right.lens)]
+    files = [tmp_path / f"intrinsics.{ending}", tmp_path / f"extrinsics.{ending}"]
+    values = [{"M1": k[0], "D1": np.array([RADTAN]), "M2": k[1], "D2": np.array([RADTAN]).T}, {}]
+    values[1 if split else 0].update(R=TURN, T=np.array([[-0.12], [1e-3], [2e-3]]))
+    for file, content in zip(files, values):
+        storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_WRITE)
+        storage.write("image_width", SIZE[0])
+        storage.write("image_height", SIZE[1])
+        for name, matrix in content.items():
+            storage.write(name, matrix)
+        storage.release()
+    assert_same(read_pair(files if split else files[:1]), wanted)
+
+
+def test_opencv_with_the_matrices_of_stereo_rectify_instead_of_the_pose(tmp_path):
+    wanted = pair()
+    k = [np.array([[x.fx, 0, x.cx], [0, x.fy, x.cy], [0, 0, 1]]) for x in (wanted.left.lens, wanted.right.lens)]
+    d = np.array(RADTAN)
+    r1, r2, p1, p2, *_ = cv2.stereoRectify(k[0], d, k[1], d, SIZE, TURN, np.array([[-0.12], [1e-3], [2e-3]]))
+    names = {"K1": k[0], "K2": k[1], "D1": d, "D2": d, "R1": r1, "R2": r2, "P1": p1, "P2": p2}
+    path = tmp_path / "stereo.json"
+    path.write_text(json.dumps({"image_size": SIZE, **{name: matrix.tolist() for name, matrix in names.items()}}))
+    assert_same(read_pair([path]), wanted)
+
+
+def test_a_rotation_vector_and_the_fisheye_flag(tmp_path):
+    wanted = pair(Fisheye)
+    k = [[[x.fx, 0, x.cx], [0, x.fy, x.cy], [0, 0, 1]] for x in (wanted.left.lens, wanted.right.lens)]
+    content = {"K1": k[0], "K2": k[1], "D1": RADTAN, "D2": RADTAN, "R": [0.01, 0.03, -0.02], "T": [-0.12, 1e-3, 2e-3]}
+    path = tmp_path / "stereo.json"
+    path.write_text(json.dumps({**content, "width": 640, "height": 480}))
+    assert_same(read_pair([path], fisheye=True), wanted)
+
+
+@pytest.mark.parametrize(
+    ("lens", "terms"),
+    [(RadialTangential, RADTAN), (Fisheye, RADTAN), (RadialTangential, (-0.2, 0.05, 0, 0, 0.01, 0.02, 0, 0))],
+)
+def test_camera_infos_of_ros(tmp_path, lens, terms):
+    wanted = pair(lens, terms)
+    files = [tmp_path / "left.yaml", tmp_path / "right.yaml"]
+    for file, text in zip(files, camera_info_texts(wanted, rectified_view(wanted))):
+        file.write_text(text)
+    assert_same(read_pair(files), wanted)
+
+
+@pytest.mark.parametrize("lens", [RadialTangential, Fisheye])
+def test_kalibr(tmp_path, lens):
+    path = tmp_path / "camchain.yaml"
+    path.write_text(kalibr_text(pair(lens)))
+    assert_same(read_pair([path]), pair(lens))
+
+
+def test_a_rig_of_the_simulator_is_two_pinholes(tmp_path):
+    path = tmp_path / "rig.json"
+    path.write_text(json.dumps({**NATECAM.to_dict(), "shift": 3.0}))
+    read = read_pair([path])
+    assert read.baseline == NATECAM.baseline and read.right.lens.cx == NATECAM.camera.cx + 3
+    assert np.allclose(common_orientation(read), np.eye(3))
+
+
+def rover_pair(kind=2, r=(1e-6, 0.05, -0.017), e=(1e-4, -2e-4, 3e-5)):
+    """Two CAHVORE cameras in a frame with z down, as a rover's, that look ahead and down."""
+    linearity = {1: 1.0, 2: 0.0, 3: 0.4}[kind]
+    axis = np.array([0.83, 0.01, 0.55]) / np.linalg.norm([0.83, 0.01, 0.55])
+    right = np.array([0.0, 1.0, 0.0])
+    right = right - (right @ axis) * axis
+    right /= np.linalg.norm(right)
+    h, v = 350 * right + 319.5 * axis, 352 * np.cross(axis, right) + 239.5 * axis
+    optical = axis + 0.001 * right
+    both = [
+        from_vectors(
+            np.array([0.9, y, -1.9]), axis, h, v, optical / np.linalg.norm(optical), r, e, linearity, SIZE, "ROVER"
+        )
+        for y in (-0.2, 0.22)
+    ]
+    return PosedPair(*both)
+
+
+def detached_label(camera: PosedCamera, **keys) -> str:
+    keys = {"FRAME_ID": "LEFT", "START_TIME": "2023-02-17T05:22:09.508", "ROVER_MOTION_COUNTER": "(33,2841,1)", **keys}
+    head = "\r\n".join(f"{key} = {value}" for key, value in keys.items())
+    image = f"OBJECT = IMAGE\r\n LINES = {SIZE[1]}\r\n LINE_SAMPLES = {SIZE[0]}\r\nEND_OBJECT = IMAGE"
+    return f"PDS_VERSION_ID = PDS3\r\n/* GROUP = no group */\r\n{head}\r\n{camera_group(camera)}\r\n{image}\r\nEND\r\n"
+
+
+def pds4_label(camera: PosedCamera) -> str:
+    lens, turn = camera.lens, camera.rotation
+    vectors = {
+        "Center": ("position", camera.centre), "Axis": ("unit", lens.a @ turn), "Horizontal": ("pixel", lens.h @ turn),
+        "Vertical": ("pixel", lens.v @ turn), "Optical": ("unit", lens.o @ turn),
+    }  # fmt: skip
+    model = "".join(
+        f"<geom:Vector_{name}>"
+        + "".join(f"<geom:{axis}_{unit}>{float(x)!r}</geom:{axis}_{unit}>" for axis, x in zip("xyz", vector))
+        + f"</geom:Vector_{name}>"
+        for name, (unit, vector) in vectors.items()
+    )
+    for name, terms in (("Radial", lens.r), ("Entrance", lens.e)):
+        values = "".join(f"<geom:c{i}>{x!r}</geom:c{i}>" for i, x in enumerate(terms))
+        model += f"<geom:{name}_Terms>{values}</geom:{name}_Terms>"
+    axes = "".join(
+        f"<Axis_Array><axis_name>{name}</axis_name><elements>{n}</elements></Axis_Array>"
+        for name, n in (("Line", SIZE[1]), ("Sample", SIZE[0]))
+    )
+    return (
+        '<?xml version="1.0"?><Product_Observational xmlns="http://pds.nasa.gov/pds4/pds/v1" xmlns:geom="http://g">'
+        f"<File_Area_Observational><Array_2D_Image>{axes}</Array_2D_Image></File_Area_Observational>"
+        "<geom:Camera_Model_Parameters><geom:model_type>CAHVORE</geom:model_type><geom:CAHVORE_Model>"
+        f"<geom:cahvore_model_type>2</geom:cahvore_model_type>{model}"
+        "</geom:CAHVORE_Model></geom:Camera_Model_Parameters></Product_Observational>"
+    )
+
+
+@pytest.mark.parametrize("kind", [1, 2, 3])
+def test_labels_of_pds3(tmp_path, kind):
+    wanted = rover_pair(kind)
+    files = [tmp_path / "left.LBL", tmp_path / "right.LBL"]
+    for file, camera in zip(files, (wanted.left, wanted.right)):
+        file.write_text(detached_label(camera))
+    read = read_pair(files)
+    points = POINTS @ wanted.left.rotation + wanted.left.centre
+    for eye in ("left", "right"):
+        shown = getattr(read, eye).project(points)
+        assert np.isfinite(shown).all()
+        assert np.abs(shown - getattr(wanted, eye).project(points)).max() < 1e-7
+
+
+def test_labels_of_pds4(tmp_path):
+    wanted = rover_pair()
+    files = [tmp_path / "left.xml", tmp_path / "right.xml"]
+    for file, camera in zip(files, (wanted.left, wanted.right)):
+        file.write_text(pds4_label(camera))
+    read = read_pair(files)
+    points = POINTS @ wanted.left.rotation + wanted.left.centre
+    assert np.abs(read.right.project(points) - wanted.right.project(points)).max() < 1e-7
+    assert read.left.size == SIZE
+
+
+def test_labels_of_vicar(tmp_path):
+    wanted = rover_pair()
+    files = [tmp_path / "left.VIC", tmp_path / "right.VIC"]
+    for file, camera in zip(files, (wanted.left, wanted.right)):
+        keys = re.findall(r"^  (\w+) = (.*)$", camera_group(camera), re.MULTILINE)
+        model = "  ".join(f"{key}={value}".replace('"', "'") for key, value in keys)
+        label = f"FORMAT='HALF'  NL=480  NS=640  NB=1  RECSIZE=1280  NLB=0  PROPERTY='GEOMETRIC_CAMERA_MODEL'  {model}"
+        file.write_text(f"LBLSIZE=2560  {label}  TASK='X'  NL=3".ljust(2560, "\0"))
+    points = POINTS @ wanted.left.rotation + wanted.left.centre
+    read = read_pair(files)
+    assert np.abs(read.left.project(points) - wanted.left.project(points)).max() < 1e-7 and read.left.size == SIZE
+
+
+ZHURONG = """<?xml version="1.0"?><Product><Array_2D_Image><Axis_Array><axis_name>Line</axis_name>
+<elements>2048</elements></Axis_Array><Axis_Array><axis_name>Sample</axis_name><elements>2048</elements></Axis_Array></Array_2D_Image>
+<focal_length>13.174201</focal_length><pixel_size>5.5</pixel_size><x0>0.010239</x0><y0>0.022188</y0>
+<Exterior_Orientation_Elements><camera_center_position_x>1.0</camera_center_position_x><camera_center_position_y>YY
+</camera_center_position_y><camera_center_position_z>1.8</camera_center_position_z><camera_rotation_angle_x>70
+</camera_rotation_angle_x><camera_rotation_angle_y>0</camera_rotation_angle_y><camera_rotation_angle_z>-90
+</camera_rotation_angle_z></Exterior_Orientation_Elements></Product>"""
+
+
+def test_labels_of_zhurong(tmp_path):
+    """As the module assumes: a camera turned by 70 deg about x, then by -90 deg about z, looks along x and down."""
+    files = [tmp_path / "left.2CL", tmp_path / "right.2CL"]
+    for file, y in zip(files, (0.135, -0.135)):
+        file.write_text(ZHURONG.replace("YY", str(y)))
+    read = read_pair(files)
+    assert read.baseline == pytest.approx(0.27) and read.left.lens.focal() == pytest.approx(2395.31, abs=0.01)
+    assert read.left.axis == pytest.approx([np.sin(np.deg2rad(70)), 0, -np.cos(np.deg2rad(70))])
+    assert common_orientation(read)[0] == pytest.approx([0, -1, 0])
+
+
+YAML = opencv_text(pair())
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (YAML.replace("rows: 3\n   cols: 3", "rows: 2\n   cols: 3", 1), "field K1 must have 2 x 3 numbers, has 9"),
+        (YAML.replace("505.0", ".nan"), "field K1 has a value that is no finite number"),
+        (YAML.replace("505.0", "wide"), "field K1 must hold numbers only"),
+        (YAML.replace("R: ", "X: "), "holds neither R and T nor R1, R2 and P2"),
+        (YAML.replace("K2", "C2"), "field K2 or M2 .* is missing"),
+        (YAML.replace("640", "many"), "image_width must hold numbers only"),
+        (YAML.replace("-0.12", "-120.0"), "stand .* m apart; is the translation in millimetres"),
+        (YAML.replace("T: ", "T: &a ") + "again: *a\n", r"has aliases"),
+        ("%YAML:1.0\n---\nK1: " + "[" * 10**5, "nested too deeply"),
+        ("<?xml version='1.0'?><opencv_storage>" + "<a>" * 10**5, "nested too deeply"),
+        ("<!DOCTYPE x [<!ENTITY a 'b'>]><opencv_storage>&a;</opencv_storage>", "has a document type"),
+        ('{"K1":' * 10**5, "nested too deeply"),
+        (kalibr_text(pair()).replace("pinhole", "omni"), "cam0: camera_model omni .* is not supported"),
+        (kalibr_text(pair()).partition("cam1:")[0], "field cam1 is missing"),
+        ("nothing of this\n", "is not a calibration of KITTI"),
+        ("", "is not a calibration of KITTI"),
+    ],
+)
+def test_what_is_no_calibration_is_one_line(tmp_path, text, says):
+    path = tmp_path / "stereo.yml"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=says) as caught:
+        read_pair([path])
+    assert str(caught.value).startswith(str(path)) or "apart" in says
+    assert "\n" not in str(caught.value)
+
+
+def test_a_large_or_binary_file_is_refused(tmp_path):
+    (tmp_path / "large.yml").write_text("# \n" * 2_000_000)
+    with pytest.raises(ValueError, match=r"large\.yml: has more than 4 MB"):
+        read_pair([tmp_path / "large.yml"])
+    (tmp_path / "image.png").write_bytes(b"\x89PNG\r\n\xff\xfe")
+    with pytest.raises(ValueError, match=r"image\.png: is not a text file"):
+        read_pair([tmp_path / "image.png"])
+    with pytest.raises(FileNotFoundError, match="no such calibration file"):
+        read_pair([tmp_path / "none.yml"])
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda text: text.replace("MODEL_TYPE = CAHVORE", "MODEL_TYPE = PSPH"), "MODEL_TYPE PSPH is not supported"),
+        (
+            lambda text: re.sub(r"MODEL_COMPONENT_3 = .*", "MODEL_COMPONENT_3 = (1.0,2.0)", text),
+            "COMPONENT_3 must be 3, is 2",
+        ),
+        (lambda text: re.sub(r"MODEL_COMPONENT_8 = .*", "MODEL_COMPONENT_8 = 7.0", text), "type .* must be 1, 2 or 3"),
+        (lambda text: text.replace("END\r\n", ""), "label without an end: is the file truncated"),
+        (lambda text: text.replace("GEOMETRIC_CAMERA_MODEL", "OTHER"), "has no label with a camera model"),
+        (lambda text: text.replace('"ROVER"', '"SITE"'), "different frames, ROVER and SITE"),
+    ],
+)
+def test_what_is_no_label_is_one_line(tmp_path, change, says):
+    wanted = rover_pair()
+    files = [tmp_path / "left.LBL", tmp_path / "right.LBL"]
+    files[0].write_text(detached_label(wanted.left))
+    files[1].write_text(change(detached_label(wanted.right)))
+    with pytest.raises(ValueError, match=says) as caught:
+        read_pair(files)
+    assert "\n" not in str(caught.value)
+
+
+def test_exchanged_cameras_are_refused():
+    with pytest.raises(ValueError, match="exchange left and right"):
+        common_orientation(PosedPair(pair().right, pair().left))
+    ahead = PosedPair(pair().left, second_camera(pair().right.lens, np.eye(3), np.array([0, 0, -0.3])))
+    with pytest.raises(ValueError, match="do not stand side by side"):
+        common_orientation(ahead)
+    with pytest.raises(ValueError, match="both files of one eye"):
+        PosedPair(pair().left, pair().left)
