@@ -18,23 +18,14 @@ import cv2
 import numpy as np
 
 from m3depth.stereo.pairs import checked_pair, in_grey
+from m3depth.stereo.robust_fit import LEAST_POINTS, LEAST_SHARE, consensus, weighted_fit
 from m3depth.stereo.row_matches import SEARCH_WIDTH, band_matches, followed
 from marssim.base.camera import PinholeCamera, StereoRig
 
 REACH = 1 / 32  # share of the width by which rows may lie apart
 FINE_WIDTH = 1024  # [px] width to which larger images are reduced
-LEAST_POINTS = 30  # that a fit needs
-LEAST_SHARE = 0.5  # of the matches that must agree with one fit, and of these that must be found to sub-pixels
-TRIPLES = 200  # fits to three points that the robust fit tries: of half true matches, 200 x 1/8 are all true
 MATCH_ERROR = 1.5  # [px of the searched images] of a true match, which is known to a pixel in columns and rows
-LEAST_DETERMINANT = 1e-3  # of three points' scaled terms; under it they lie nearly along a line and fit anything
-REFITS = 2  # times that the best fit, to three points, is made again to all that agree with it
-BIWEIGHT = 4.0  # standard deviations beyond which a point has no weight; 4.7 is usual, for fewer wrong matches
-MAD_TO_DEVIATION = 1.4826  # of a normal distribution: standard deviation over median absolute deviation
-LEAST_DEVIATION = 0.01  # [px] smallest standard deviation assumed, so that points of equal rows keep their weight
-REWEIGHTINGS = 10  # of the biweight
 GRID = 33  # places along each side at which the rows' distance is averaged over the image
-NEIGHBOURS = 2.0  # factor on the standard error, measured: the errors of points near each other are alike
 TURN_ERRORS, SCALE_ERRORS = 3.0, 8.0  # standard errors from which a fit, and its scale, are no accident
 MATTERS = 0.1  # [px] below which M3Depth gains 2 % at most, measured
 
@@ -101,10 +92,10 @@ def row_misalignment(left: np.ndarray, right: np.ndarray, rig: StereoRig, reach:
         return None
     camera = fine.camera
     tolerance = max(1.0, camera.width / SEARCH_WIDTH)  # [px] a pixel of the images that were searched
-    consensus = _consensus(_terms(camera, end), (end - start)[:, 1], MATCH_ERROR * tolerance)
-    if consensus is None:
+    found = consensus(_terms(camera, end), (end - start)[:, 1], MATCH_ERROR * tolerance)
+    if found is None:
         return None
-    rough, agree = consensus
+    rough, agree = found
     turn = _homography(camera, *rough)
     start, end = start[agree], _moved(end[agree], np.linalg.inv(turn))
     straight = _resampled(second, turn, cv2.INTER_LINEAR)  # as exact here as Lanczos, and four times as fast
@@ -113,10 +104,10 @@ def row_misalignment(left: np.ndarray, right: np.ndarray, rig: StereoRig, reach:
         return None
     terms = _terms(camera, end[sure])
     distance = (end - start)[sure, 1] + terms @ rough
-    fit, covariance = _weighted_fit(terms, distance)
+    fit, covariance = weighted_fit(terms, distance)
     if abs(fit[2]) < SCALE_ERRORS * np.sqrt(covariance[2, 2]):
         fit, covariance = np.zeros(3), np.zeros((3, 3))
-        fit[:2], covariance[:2, :2] = _weighted_fit(terms[:, :2], distance)
+        fit[:2], covariance[:2, :2] = weighted_fit(terms[:, :2], distance)
     everywhere = _terms(camera, _grid(camera))
     rows = everywhere @ fit
     return RowFit(
@@ -211,49 +202,3 @@ def _grid(camera: PinholeCamera) -> np.ndarray:
     """Return (N, 2) places that are spread evenly over the image, to its corners [px]."""
     u, v = np.meshgrid(np.linspace(0, camera.width - 1, GRID), np.linspace(0, camera.height - 1, GRID))
     return np.column_stack([u.ravel(), v.ravel()])
-
-
-def _consensus(terms: np.ndarray, distance: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the fit (3,) that most of the distances agree with, and which of them do (RANSAC); None if few do.
-
-    Args:
-        terms: (N, 3) of each point.
-        distance: (N,) of its rows [px].
-        tolerance: Error of a distance [px].
-    """
-    rng = np.random.default_rng(0)
-    chosen = rng.integers(len(distance), size=(TRIPLES, 3))
-    scaled = terms / np.abs(terms).max(axis=0)
-    chosen = chosen[np.abs(np.linalg.det(scaled[chosen])) > LEAST_DETERMINANT]
-    if not len(chosen):
-        return None
-    trials = np.linalg.solve(terms[chosen], distance[chosen][..., None])[..., 0]  # (T, 3)
-    agreeing = np.abs(distance - trials @ terms.T) <= tolerance  # (T, N)
-    agree = agreeing[agreeing.sum(axis=1).argmax()]
-    for _ in range(REFITS):
-        if agree.sum() < max(LEAST_POINTS, LEAST_SHARE * len(distance)):
-            return None
-        fit = np.linalg.lstsq(terms[agree], distance[agree], rcond=None)[0]
-        agree = np.abs(distance - terms @ fit) <= tolerance
-    return fit, agree
-
-
-def _weighted_fit(terms: np.ndarray, distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Fit distances of rows by iterated weights (Tukey's biweight).
-
-    Args:
-        terms: (N, K) of each point.
-        distance: (N,) of its rows [px].
-
-    Returns:
-        The fit (K,) and its covariance (K, K), with NEIGHBOURS.
-    """
-    weight = np.ones(len(distance))
-    for _ in range(REWEIGHTINGS):
-        root = np.sqrt(weight)
-        fit = np.linalg.lstsq(terms * root[:, None], distance * root, rcond=None)[0]
-        rest = distance - terms @ fit
-        deviation = max(MAD_TO_DEVIATION * float(np.median(np.abs(rest))), LEAST_DEVIATION)
-        weight = np.clip(1 - (rest / (BIWEIGHT * deviation)) ** 2, 0, None) ** 2
-    information = (terms * weight[:, None]).T @ terms
-    return fit, (NEIGHBOURS * deviation) ** 2 * np.linalg.pinv(information)

@@ -12,7 +12,7 @@ from marssim.base.version import VERSION, VERSION_FLAG, VERSION_LINE
 
 COMMANDS = {
     "marssim": ("generate", "verify", "export", "abundance", "slopes"),
-    "m3depth": ("train", "evaluate", "predict", "export", "ablate", "texture"),
+    "m3depth": ("train", "evaluate", "predict", "rectify", "export", "ablate", "texture"),
     "nav": ("replay",),
     "envs": ("evaluate", "demo", "rocks", "train_ppo"),
 }

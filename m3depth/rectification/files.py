@@ -1,0 +1,98 @@
+"""The files of a rectified pair: images, masks, the rig, and the report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from m3depth.rectification.figure import rows_figure
+from m3depth.rectification.pair import RectifiedPair
+from m3depth.rectification.raw_image import RawImage
+from marssim.base.files.atomic import write_atomically
+from marssim.base.files.json_file import write_json
+from marssim.base.files.png import encode_png
+
+RIG = "rig.json"
+NO_SCALE = "none: nothing gives the distance of the cameras, so depth has no unit"
+
+
+def write_pair(out: Path, left: RawImage, right: RawImage, pair: RectifiedPair, report: dict[str, Any]) -> None:
+    """Write every file that m3depth.rectify lists, each in one step.
+
+    Args:
+        out: The folder; it is made.
+        left, right: The raw images.
+        pair: The rectified pair.
+        report: Its make_report.
+
+    Raises:
+        OSError: A file cannot be written; the message names it.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    for name in ("left", "right"):
+        pixels = getattr(pair, name)
+        write_atomically(out / f"{name}.png", encode_png(pixels[..., ::-1] if pixels.ndim == 3 else pixels))
+        write_atomically(out / f"{name}_valid.png", encode_png(getattr(pair, f"{name}_valid").astype(np.uint8) * 255))
+    rig = rig_dict(pair)
+    if rig is None:
+        (out / RIG).unlink(missing_ok=True)  # of an earlier run
+    else:
+        write_json(out / RIG, rig, sort_keys=False)
+    rows_figure(left, right, pair, out / "rows.png")
+    write_json(out / "report.json", report, sort_keys=False)
+
+
+def rig_dict(pair: RectifiedPair) -> dict[str, Any] | None:
+    """Return the rig file of a rectified pair, with `shift` where the eyes' cx differ; None without a scale."""
+    calibration = pair.calibration
+    if calibration is None or calibration.size is None:
+        return None
+    rig = calibration.rig(*calibration.size).to_dict()
+    return {**rig, "shift": float(calibration.shift)} if calibration.shift else rig
+
+
+def make_report(left: RawImage, right: RawImage, pair: RectifiedPair, calibration: str) -> dict[str, Any]:
+    """Return what report.json holds.
+
+    Args:
+        left, right: The raw images.
+        pair: The rectified pair.
+        calibration: Where the calibration is from.
+    """
+    height, width = pair.left_valid.shape
+    report: dict[str, Any] = {
+        "left": str(left.path), "right": str(right.path), "calibration": calibration,
+        "size_px": [width, height],
+        "valid_share": {
+            name: round(float(getattr(pair, f"{name}_valid").mean()), 4) for name in ("left", "right")
+        },
+    }  # fmt: skip
+    if pair.view is None or pair.cameras is None:
+        report["scale"] = NO_SCALE
+    else:
+        report.update(
+            scale="metres", focal_px=float(pair.view.left.fx), baseline_m=pair.view.baseline,
+            vergence_deg=round(float(np.rad2deg(pair.cameras.vergence)), 4),
+            common_disparity_taken_out_px=float(pair.view.shift),
+        )  # fmt: skip
+    rows: dict[str, Any] = {"raw": None, "rectified": None, "removed": None}
+    if pair.matches is not None:
+        rows.update(raw=pair.matches.before.as_dict(), rectified=pair.matches.after.as_dict())
+        report["disparity_of_matches_px"] = _percentiles(pair.matches.disparity)
+        if pair.view is not None:
+            d = pair.matches.disparity + pair.view.shift
+            report["depth_of_matches_m"] = _percentiles(pair.view.left.fx * pair.view.baseline / d[d > 0])
+    if pair.removed is not None:
+        rows["removed"] = {
+            "terms_px": [round(term, 4) for term in pair.removed.terms],
+            "root_mean_square_px": round(pair.removed.size, 4), "standard_error_px": round(pair.removed.error, 4),
+        }  # fmt: skip
+    return {**report, "rows": rows}
+
+
+def _percentiles(values: np.ndarray) -> dict[str, float]:
+    if not len(values):
+        return {}
+    return {f"percentile_{p}": round(float(np.percentile(values, p)), 3) for p in (1, 50, 99)}

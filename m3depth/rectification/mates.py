@@ -1,0 +1,46 @@
+"""The right image that belongs to a left one, by the names that missions give their products.
+
+Mars 2020 and MSL: the first letter is the camera (N Navcam, F front Hazcam, R rear Hazcam, Z Mastcam-Z), the second the
+eye, L or R. Then come the filter, the sol, the clock and the kind of product. What follows (version, compression) may
+differ between the eyes.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+# camera, eye, the rest up to the kind of product, the rest
+M2020 = re.compile(r"([NFRZS])(L)([A-Z0-9_]{2}\d{4}_\d{10}_\d{3}[A-Z]{3}_)(.*)")
+MSL = re.compile(r"([NFR])(L)([AB]_\d{9}[A-Z]{3}_)(.*)")
+
+
+def right_of(left: Path) -> Path:
+    """Return the right image of a left one, in the same folder.
+
+    Args:
+        left: The left image, with a name of Mars 2020 or of MSL.
+
+    Raises:
+        FileNotFoundError: There is no right image, or none that could be told by the name. One line.
+        ValueError: There are several.
+    """
+    match = M2020.fullmatch(left.name) or MSL.fullmatch(left.name)
+    if match is None:
+        raise FileNotFoundError(
+            f"{left}: give the right image too; only names of left images of Mars 2020 and MSL tell it"
+        )
+    camera, _, middle, rest = match.groups()
+    same = left.with_name(f"{camera}R{middle}{rest}")
+    if same.is_file():
+        return same
+    suffix = left.suffix.lower()
+    start = f"{camera}R{middle}"
+    others = sorted(
+        file for file in left.parent.iterdir() if file.name.startswith(start) and file.suffix.lower() == suffix
+    )
+    if not others:
+        raise FileNotFoundError(f"{same}: the right image of {left.name} is missing")
+    if len(others) > 1:
+        raise ValueError(f"{left}: several right images belong to it ({others[0].name}, {others[1].name}): give one")
+    return others[0]
