@@ -8,6 +8,8 @@ The images must be rectified: what the left eye sees at a pixel, the right eye s
 command reports exchanged eyes, rows that lie apart and images without contrast. Where the result would be meaningless,
 it writes nothing and exits with 2; --unchecked writes it nevertheless. Rows that lie a little apart, as in a rig whose
 calibration has aged, it aligns by turning the right image.
+Images as a camera takes them are rectified by m3depth.rectify first.
+
 A calibration file (KITTI, Middlebury, ETH3D, OpenCV's stereoRectify, ROS CameraInfo, a rig file of marssim or a
 dataset's sample.json) gives the focal lengths, the principal point and the baseline; flags beside it replace its
 values. The command writes into RESULT:
@@ -29,6 +31,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from inspect import signature
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -38,10 +41,12 @@ import tyro
 from m3depth.datasets.image_files import read_pair
 from m3depth.datasets.rigs import NATECAM_NAME, natecam
 from m3depth.estimator import M3DEPTH, Estimator, load_estimator
+from m3depth.prediction.common_disparity import given_back, nearest_without, taken_out
 from m3depth.prediction.files import without_sky_normals, write_prediction
 from m3depth.prediction.left_right import left_right_difference
 from m3depth.prediction.pair_checks import check_pair, rows_of
 from m3depth.prediction.settings import with_settings
+from m3depth.stereo.pairs import NEAREST
 from m3depth.stereo.prediction import Prediction
 from m3depth.stereo.rows import RowFit, aligned_right
 from marssim.base.calibration.rectified import Calibration, align_right, read_calibration
@@ -195,8 +200,12 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
         if options.weights is not None:
             name, flag = f"{M3DEPTH}:{options.weights}", "--weights"
         estimator = load_estimator(name, flag, device=options.device)
-    infer = with_settings(estimator, options.estimator, nearest=options.nearest, max_pixels=options.max_pixels)
-    right = align_right(right, calibration.shift)
+    common = taken_out(calibration.shift, left.shape[1])
+    nearest = options.nearest
+    if common and (nearest is not None or "nearest" in signature(estimator.infer).parameters):
+        nearest = nearest_without(nearest or NEAREST, rig, common)
+    infer = with_settings(estimator, options.estimator, nearest=nearest, max_pixels=options.max_pixels)
+    right = align_right(right, calibration.shift - common)
     rows = rows_of(left, right, rig)
     _check_pair(left, right, rig, rows, options)
     removed = rows if options.align_rows and rows is not None and rows.significant else None
@@ -208,6 +217,7 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
     if difference is not None:
         agree = difference <= AGREEMENT
         prediction = replace(prediction, confidence=np.where(agree, prediction.confidence, np.float32(0)))
+    prediction = given_back(prediction, rig, common)
     with folder.claim():
         count = write_prediction(options.out, left, prediction, rig, options.min_confidence, options.max_range)
         file = options.out / "left_right.npy"

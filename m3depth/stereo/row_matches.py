@@ -119,7 +119,7 @@ def _evened(image: np.ndarray) -> np.ndarray:
     window = (CONTRAST_WINDOW, CONTRAST_WINDOW)
     smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), BLUR)
     detail = smooth - cv2.blur(smooth, window)
-    deviation = np.sqrt(cv2.blur(detail * detail, window))
+    deviation = np.sqrt(np.maximum(cv2.blur(detail * detail, window), 0))  # rounding makes it negative in black parts
     evened = EVENED_MEAN + EVENED_DEVIATION * detail / np.maximum(deviation, LEAST_CONTRAST)
     return np.clip(evened, 0, 255).astype(np.uint8)
 
