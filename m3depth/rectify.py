@@ -33,8 +33,8 @@ import numpy as np
 import tyro
 
 from m3depth.rectification.files import make_report, write_pair
-from m3depth.rectification.mates import right_of
 from m3depth.rectification.pair import RectifiedPair, fitting, rectify_pair
+from m3depth.rectification.product_names import right_of
 from m3depth.rectification.raw_image import RawImage, masked, read_raw_pair
 from marssim.base.calibration.cameras import PosedPair
 from marssim.base.calibration.read_pair import labelled_camera, read_pair

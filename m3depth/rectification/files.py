@@ -50,7 +50,7 @@ def rig_dict(pair: RectifiedPair) -> dict[str, Any] | None:
     if calibration is None or calibration.size is None:
         return None
     rig = calibration.rig(*calibration.size).to_dict()
-    return {**rig, "shift": float(calibration.shift)} if calibration.shift else rig
+    return {**rig, "shift": round(float(calibration.shift), 6)} if calibration.shift else rig
 
 
 def make_report(left: RawImage, right: RawImage, pair: RectifiedPair, calibration: str) -> dict[str, Any]:
@@ -75,7 +75,7 @@ def make_report(left: RawImage, right: RawImage, pair: RectifiedPair, calibratio
         report.update(
             scale="metres", focal_px=float(pair.view.left.fx), baseline_m=pair.view.baseline,
             vergence_deg=round(float(np.rad2deg(pair.cameras.vergence)), 4),
-            common_disparity_taken_out_px=float(pair.view.shift),
+            common_disparity_taken_out_px=round(float(pair.view.shift), 6),
         )  # fmt: skip
     rows: dict[str, Any] = {"raw": None, "rectified": None, "removed": None}
     if pair.matches is not None:

@@ -8,10 +8,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from raw_pairs import SIZE, cahvore_pair, opencv_pair, write_images, write_products
+from raw_pairs import SIZE, WALL, cahvore_pair, depth_of, opencv_pair, write_images, write_products
 
+from m3depth.predict import main as predict
+from m3depth.rectification.resampling import pixel_grid
 from m3depth.rectify import main
+from marssim.base.calibration.kalibr import kalibr_text
 from marssim.base.calibration.opencv_file import opencv_text
+from marssim.base.calibration.orientation import rectified_view
 from marssim.base.calibration.rectified import read_calibration
 
 needs_pdr = pytest.mark.skipif(find_spec("pdr") is None, reason="needs the extra real")
@@ -94,6 +98,24 @@ def test_companded_products_of_8_bits(tmp_path):
     left, right = write_products(tmp_path, cahvore_pair(), bits=8)
     assert main([str(left), str(right), "--out", str(tmp_path / "out")]) == 0
     assert report_of(tmp_path / "out")["rows"]["rectified"]["median_px"] < 0.06
+
+
+def test_a_common_disparity_is_given_back_when_the_pair_is_predicted(tmp_path):
+    pair = opencv_pair(vergence_deg=13)
+    left, right = write_images(tmp_path, pair, WALL)
+    (tmp_path / "camchain.yaml").write_text(kalibr_text(pair))
+    calib = ["--calib", str(tmp_path / "camchain.yaml")]
+    assert main([str(left), str(right), *calib, "--out", str(tmp_path / "out")]) == 0
+    out = tmp_path / "out"
+    calibration = read_calibration(out / "rig.json")
+    assert calibration.shift > 0.05 * SIZE[0]
+    images = [str(out / "left.png"), str(out / "right.png"), "--calib", str(out / "rig.json")]
+    assert predict([*images, "--estimator", "sgbm", "--out", str(tmp_path / "predicted")]) == 0
+    depth = np.load(tmp_path / "predicted" / "depth.npy")
+    view = rectified_view(pair, calibration.fx, calibration.size, apart=True)
+    true = depth_of(WALL, view, pixel_grid(*SIZE))
+    known = np.isfinite(depth) & (cv2.imread(str(out / "left_valid.png"), 0) > 0)
+    assert known.mean() > 0.5 and np.median(np.abs(depth / true - 1)[known]) < 0.01
 
 
 def test_align_without_a_calibration_says_that_depth_has_no_scale(tmp_path, images, capsys):

@@ -118,11 +118,13 @@ def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
     Raises:
         ValueError: The matrix is no rotation.
     """
-    u, _, vt = np.linalg.svd(np.asarray(matrix, dtype=float))
-    rotation = u @ vt
-    if np.linalg.det(rotation) < 0 or np.abs(rotation - matrix).max() > ROUNDING:
-        raise ValueError("the rotation between the cameras is no rotation matrix")
-    return rotation
+    matrix = np.asarray(matrix, dtype=float)
+    if (np.abs(matrix) <= 1 + ROUNDING).all():  # with infinities, the decomposition does not end
+        u, _, vt = np.linalg.svd(matrix)
+        rotation = u @ vt
+        if np.linalg.det(rotation) > 0 and np.abs(rotation - matrix).max() <= ROUNDING:
+            return rotation
+    raise ValueError("the rotation between the cameras is no rotation matrix")
 
 
 def from_vectors(

@@ -10,11 +10,13 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from marssim.base.calibration import fields as of
 from marssim.base.calibration.bounded_text import MOST_BYTES
 from marssim.base.calibration.cameras import PosedCamera, from_vectors
 from marssim.base.calibration.lenses.cahvore import Cahvore, linearity_of
-from marssim.base.calibration.product_label import ProductLabel, eye_of, parse_time
+from marssim.base.calibration.product_label import ProductLabel, eye_of, parse_counter, parse_time
 from marssim.base.command.input_file import check_file
 
 MODEL = "GEOMETRIC_CAMERA_MODEL"
@@ -71,17 +73,13 @@ def camera_group(camera: PosedCamera) -> str:
     lens = camera.lens
     if not isinstance(lens, Cahvore):
         raise ValueError(f"a lens of kind {type(lens).__name__} has no vectors C, A, H, V, O, R and E")
-    vectors = [camera.centre, *(vector @ camera.rotation for vector in map(_array, (lens.a, lens.h, lens.v, lens.o)))]
+    vectors = [camera.centre, *(np.array(x) @ camera.rotation for x in (lens.a, lens.h, lens.v, lens.o))]
     kind = {1.0: 1, 0.0: 2}.get(lens.linearity, 3)
     lines = [f"GROUP = {MODEL}", "  MODEL_TYPE = CAHVORE", '  MODEL_COMPONENT_ID = ("C","A","H","V","O","R","E")']
     for number, vector in enumerate([*vectors, lens.r, lens.e], 1):
         lines.append(f"  MODEL_COMPONENT_{number} = ({','.join(repr(float(x)) for x in vector)})")
     lines += [f"  MODEL_COMPONENT_8 = {kind:.1f}", f"  MODEL_COMPONENT_9 = {lens.linearity if kind == 3 else 0.0!r}"]
     return "\n".join([*lines, f'  REFERENCE_COORD_SYSTEM_NAME = "{camera.frame}"', f"END_GROUP = {MODEL}"]) + "\n"
-
-
-def _array(values: Any) -> Any:
-    return of.numbers(values, "vector")
 
 
 def _odl(text: str) -> dict[str, Any]:
@@ -148,7 +146,7 @@ def _product(label: dict[str, Any], attached: bool) -> ProductLabel:
         size=size,
         start=parse_time(label.get("START_TIME") or label.get("IMAGE_TIME")),
         eye=eye_of(label.get("FRAME_ID"), label.get("INSTRUMENT_ID"), label.get("INSTRUMENT_NAME")),
-        motion=tuple(int(float(x)) for x in counter if re.fullmatch(r"-?\d+(\.0*)?", str(x))),
+        motion=parse_counter(counter),
         missing=tuple(sorted({float(x) for x in of.numbers(missing, "MISSING_CONSTANT").ravel()})),
         bits=mask[1].count("1") if mask else None,
         file_bytes=label.get("file_bytes") or (_file_bytes(label, image) if attached else None),

@@ -11,7 +11,7 @@ from marssim.base.calibration import fields as of
 from marssim.base.calibration.bounded_text import parse_xml, read_text
 from marssim.base.calibration.cameras import PosedCamera, from_vectors
 from marssim.base.calibration.lenses.cahvore import linearity_of
-from marssim.base.calibration.product_label import ProductLabel, eye_of, parse_time
+from marssim.base.calibration.product_label import ProductLabel, eye_of, parse_counter, parse_time
 from marssim.base.calibration.zhurong import camera_of_zhurong, is_zhurong
 
 VECTORS = {
@@ -47,7 +47,7 @@ def read_pds4(path: Path) -> ProductLabel:
             camera, size,
             start=parse_time(root.findtext(".//start_date_time")),
             eye=eye_of(*names),
-            motion=tuple(int(float(node.text or 0)) for node in counter),
+            motion=parse_counter(node.text for node in counter),
             missing=tuple(sorted({float(x) for x in of.numbers(missing, "missing_constant").ravel()})),
         )  # fmt: skip
     except ValueError as error:

@@ -8,6 +8,8 @@ Zhurong    .2CL, PDS4 with the mission's own fields
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -84,6 +86,11 @@ def eye_of(*texts: object) -> str:
             if eye in words:
                 return eye
     return ""
+
+
+def parse_counter(texts: Iterable[object]) -> tuple[int, ...]:
+    """Return the whole numbers among the texts of a motion counter."""
+    return tuple(int(float(str(x))) for x in texts if re.fullmatch(r"-?\d{1,12}(\.0*)?", str(x).strip()))
 
 
 def _counter(motion: tuple[int, ...]) -> str:

@@ -257,6 +257,16 @@ def test_what_is_no_calibration_is_one_line(tmp_path, text, says):
     assert "\n" not in str(caught.value)
 
 
+def test_a_rotation_of_infinities_is_refused(tmp_path):
+    """LAPACK's decomposition of it does not end."""
+    texts = camera_info_texts(pair(), rectified_view(pair()))
+    files = [tmp_path / "left.yaml", tmp_path / "right.yaml"]
+    for file, text in zip(files, texts):
+        file.write_text(re.sub(r"(rectification_matrix:\n.*\n.*\n  data: \[)[^,]*", r"\g<1>1e999", text))
+    with pytest.raises(ValueError, match=r"left\.yaml: field rectification_matrix has a value that is no finite"):
+        read_pair(files)
+
+
 def test_a_large_or_binary_file_is_refused(tmp_path):
     (tmp_path / "large.yml").write_text("# \n" * 2_000_000)
     with pytest.raises(ValueError, match=r"large\.yml: has more than 4 MB"):

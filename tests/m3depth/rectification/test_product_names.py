@@ -2,7 +2,7 @@
 
 import pytest
 
-from m3depth.rectification.mates import right_of
+from m3depth.rectification.product_names import right_of
 
 NAVCAM = "NLMV0709_0729882743_168RAD_N0332841TRAV00262_0A02LLJ01.IMG"
 MASTCAM = "ZL0_0711_0730054943_723RAD_N0332864ZCAM03014_048085A02.IMG"
