@@ -37,13 +37,17 @@ def given_back(prediction: Prediction, rig: StereoRig, shift: float) -> Predicti
     """
     if shift == 0:
         return prediction
-    found = np.isfinite(prediction.depth) & (prediction.disparity > 0)
-    disparity = np.where(found, prediction.disparity + np.float32(shift), prediction.disparity)
-    depth = np.where(found, np.float32(rig.fb) / np.where(found, disparity, 1), prediction.depth).astype(np.float32)
+    measured = np.isfinite(prediction.depth) & (prediction.disparity > 0)
+    disparity = np.where(measured, prediction.disparity + np.float32(shift), prediction.disparity)
+    depth = np.where(measured, np.float32(rig.fb) / np.where(measured, disparity, 1), prediction.depth).astype(
+        np.float32
+    )
     normal = prediction.normal
     if normal is not None:
         along = (normal * rig.camera.rays()).sum(axis=-1)
-        slope = normal * np.where(found, prediction.disparity / np.where(along < 0, along, np.nan), np.nan)[..., None]
+        slope = (
+            normal * np.where(measured, prediction.disparity / np.where(along < 0, along, np.nan), np.nan)[..., None]
+        )
         slope[..., 2] += shift
         turned = -slope / np.linalg.norm(slope, axis=-1, keepdims=True)
         normal = np.where(np.isfinite(turned).all(axis=-1, keepdims=True), turned, normal).astype(np.float32)

@@ -139,11 +139,11 @@ def rectify_pair(
     second = resample(right.pixels, right.valid, right_source, given, reduction)
     matches = None
     for turn in range(ROUNDS + 1 if align else 2):
-        found = _fitted(first, second, given, cameras is not None, 6 if align else 1)
-        if found is None:
+        fitted = _fitted(first, second, given, cameras is not None, 6 if align else 1)
+        if fitted is None:
             matches = None
             break
-        correction, (a, b) = found
+        correction, (a, b) = fitted
         matches = Matches(
             a, b, left_source(a), right_source(b), row_errors(left_source(a), right_source(b)), row_errors(a, b)
         )

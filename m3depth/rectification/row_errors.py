@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from m3depth.rectification.resampling import Source
-from m3depth.stereo.robust_fit import LEAST_POINTS, consensus, weighted_fit
+from m3depth.stereo.robust_fit import LEAST_POINTS, MAD_TO_DEVIATION, consensus_fit, weighted_fit
 
 TOLERANCE = 3.0  # [px] by which the rows of right matches may miss three terms
 WRONG = 4.0  # deviations beyond which a match is wrong, and never under LEAST_WRONG
@@ -119,14 +119,14 @@ def fit_rows(
     x, y = ((right[:, i] - middle[i]) / unit for i in (0, 1))
     columns = np.stack([x**i * y**j for i, j in POWERS], axis=1)
     distance = right[:, 1] - left[:, 1]
-    found = consensus(columns[:, :3], distance, TOLERANCE)
-    if found is None:
+    consensus = consensus_fit(columns[:, :3], distance, TOLERANCE)
+    if consensus is None:
         return None
-    agree = found[1]
+    agree = consensus[1]
     for count in (3, 6, 6) if agree.sum() >= 2 * LEAST_POINTS else (3, 3):
         fit, _ = weighted_fit(columns[agree, :count], distance[agree])
         rest = np.abs(distance - columns[:, :count] @ fit)
-        agree = rest <= max(LEAST_WRONG, WRONG * 1.4826 * float(np.median(rest[agree])))
+        agree = rest <= max(LEAST_WRONG, WRONG * MAD_TO_DEVIATION * float(np.median(rest[agree])))
         if agree.sum() < LEAST_POINTS:
             return None
     terms = terms if agree.sum() >= 2 * LEAST_POINTS else min(terms, 3)

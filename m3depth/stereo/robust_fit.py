@@ -16,7 +16,7 @@ REWEIGHTINGS = 10  # of the biweight
 NEIGHBOURS = 2.0  # factor on the standard error, measured: the errors of points near each other are alike
 
 
-def consensus(terms: np.ndarray, distance: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray] | None:
+def consensus_fit(terms: np.ndarray, distance: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray] | None:
     """Return the fit (3,) that most of the distances agree with, and which of them do (RANSAC); None if few do.
 
     Args:

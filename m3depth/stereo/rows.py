@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 
 from m3depth.stereo.pairs import checked_pair, in_grey
-from m3depth.stereo.robust_fit import LEAST_POINTS, LEAST_SHARE, consensus, weighted_fit
+from m3depth.stereo.robust_fit import LEAST_POINTS, LEAST_SHARE, consensus_fit, weighted_fit
 from m3depth.stereo.row_matches import SEARCH_WIDTH, band_matches, followed
 from marssim.base.camera import PinholeCamera, StereoRig
 
@@ -92,10 +92,10 @@ def row_misalignment(left: np.ndarray, right: np.ndarray, rig: StereoRig, reach:
         return None
     camera = fine.camera
     tolerance = max(1.0, camera.width / SEARCH_WIDTH)  # [px] a pixel of the images that were searched
-    found = consensus(_terms(camera, end), (end - start)[:, 1], MATCH_ERROR * tolerance)
-    if found is None:
+    consensus = consensus_fit(_terms(camera, end), (end - start)[:, 1], MATCH_ERROR * tolerance)
+    if consensus is None:
         return None
-    rough, agree = found
+    rough, agree = consensus
     turn = _homography(camera, *rough)
     start, end = start[agree], _moved(end[agree], np.linalg.inv(turn))
     straight = _resampled(second, turn, cv2.INTER_LINEAR)  # as exact here as Lanczos, and four times as fast

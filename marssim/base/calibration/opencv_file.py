@@ -164,9 +164,9 @@ def _value(node: Element) -> Any:
     """Return what a node of OpenCV's XML holds: a matrix as a mapping, else its text."""
     if node.find("data") is None:
         return (node.text or "").strip() or None
-    found = {name: (node.findtext(name) or "").strip() for name in ("rows", "cols", "data")}
-    whole = {name: int(found[name]) if found[name].isdigit() else None for name in ("rows", "cols")}
-    return {**whole, "data": found["data"]}
+    texts = {name: (node.findtext(name) or "").strip() for name in ("rows", "cols", "data")}
+    whole = {name: int(texts[name]) if texts[name].isdigit() else None for name in ("rows", "cols")}
+    return {**whole, "data": texts["data"]}
 
 
 def _matrix_text(name: str, matrix: np.ndarray) -> str:
