@@ -106,8 +106,8 @@ def reduce_target(target: Target, factor: int, weight: Tensor) -> tuple[Target, 
     mean = (disparity * known).sum(0) / known.sum(0).clamp(min=1)
     normal = unit(middle(target.normal).sum(0))
     trained, sky = alike(target.label) & (span < 1.0), alike(target.sky)
-    kinds = [middle(x).any(0) for x in (target.rock, target.one_eye, target.rover)]
-    reduced = Target(mean, normal, trained, sky, *kinds, target.camera)
+    rock, one_eye, rover = (middle(x).any(0) for x in (target.rock, target.one_eye, target.rover))
+    reduced = Target(mean, normal, trained, sky, rock, one_eye, rover, target.camera)
     return reduced, middle(weight).amax(0)
 
 
