@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
+import cv2
+import numpy as np
 import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from m3depth.network.config import FARTHEST_STEP
+from m3depth.network.config import FARTHEST_STEP, M3DepthConfig
 from m3depth.network.geometry import MIN_DISPARITY, disparity_to_depth, facing_normals, pixel_rays
-from m3depth.network.output import StereoOutput
+from m3depth.network.output import VOLUME_STEP, Start, StereoOutput
 from m3depth.network.row_bands import by_rows
+from m3depth.stereo.pairs import NEAREST, checked_pair, in_colour
 from m3depth.stereo.prediction import Prediction
 from m3depth.stereo.sky import possible_sky
 from marssim.base.camera import StereoRig
@@ -19,6 +23,48 @@ from marssim.base.camera import StereoRig
 LEAST_GAIN = 1.2  # factor from which the refinement goes on at a larger size
 SAME = 1.01  # factor up to which two sizes are one
 ROUNDING = 1e-6  # of the number of sizes, which is that of whole steps
+
+Forward = Callable[[Tensor, Tensor, Tensor, Start | None], StereoOutput]
+"""A way to run the network: it takes and returns what M3Depth.forward does."""
+
+
+def infer_pair(
+    forward: Forward, config: M3DepthConfig, device: torch.device, left: np.ndarray, right: np.ndarray,
+    rig: StereoRig, nearest: float | None = None, max_pixels: int | None = None,
+) -> Prediction:  # fmt: skip
+    """Run the network on a pair, from coarse to fine, and return its maps; M3Depth.infer describes the result.
+
+    Args:
+        forward: Runs the network.
+        config: The sizes of the network.
+        device: Where `forward` takes its tensors.
+        left: (H, W) or (H, W, 3) uint8, RGB.
+        right: The right image, of the same shape.
+        rig: The cameras of these images.
+        nearest: The shortest distance that should be measured [m]; None is 0.84 m.
+        max_pixels: Largest number of pixels of an image that the network works on; None: as many as the images have.
+
+    Raises:
+        ValueError: Images of a wrong type or size, or `nearest` or `max_pixels` is not positive.
+    """
+    if nearest is not None and not (math.isfinite(nearest) and nearest > 0):
+        raise ValueError(f"nearest must be positive, got {nearest}")
+    if max_pixels is not None and not max_pixels > 0:
+        raise ValueError(f"max_pixels must be positive, got {max_pixels}")
+    left, right = map(in_colour, checked_pair(left, right, rig))
+    height, width = left.shape[:2]
+    reach, nearest = VOLUME_STEP * config.hypotheses, NEAREST if nearest is None else nearest
+    out: StereoOutput | None = None
+    for rows, columns in working_sizes(rig, reach, nearest, max_pixels, config.refines):
+        work, pair = rig, [left, right]
+        if (rows, columns) != (height, width):
+            work = rig.resized(columns, rows)
+            pair = [np.asarray(cv2.resize(x, (columns, rows), interpolation=cv2.INTER_AREA)) for x in pair]
+        images = torch.from_numpy(np.stack(pair)).to(device).permute(0, 3, 1, 2).float() / 255
+        start = None if out is None else out.start(rows, columns)
+        out = forward(images[:1], images[1:], camera_row(work, device), start)
+    assert out is not None
+    return prediction_of(out, rig)
 
 
 def working_sizes(

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 import torch
 from torch import Tensor, nn
@@ -19,13 +17,12 @@ from m3depth.network.cost_volume import Aggregation, group_correlation_volume, m
 from m3depth.network.device import autocast, fast_dtype
 from m3depth.network.fine_correction import FineCorrection
 from m3depth.network.geometry import facing_normals, pixel_rays, resize, scale_camera, unit
-from m3depth.network.inference import camera_row, prediction_of, working_sizes
+from m3depth.network.inference import infer_pair
 from m3depth.network.normal_branch import SNNet
 from m3depth.network.output import VOLUME_STEP, Start, StereoOutput, fitted, padded, unpadded
 from m3depth.network.refinement import Refinement
 from m3depth.network.row_bands import by_rows
 from m3depth.network.weights_file import load_weights, save_weights
-from m3depth.stereo.pairs import NEAREST, checked_pair, in_colour
 from m3depth.stereo.prediction import Prediction
 from m3depth.weights import SHIPPED_WEIGHTS
 from marssim.base.camera import StereoRig
@@ -138,7 +135,7 @@ class M3Depth(nn.Module):
             left, right: (B, 3, H, W) float in [0, 1], rectified, of any size.
             camera: (B, 4) fx, fy, cx, cy [px].
             start: Where the refinement starts, from the same pair at a smaller size; None: the cost volume finds it,
-                for disparities up to `reach`.
+                for disparities up to 8 px times config.hypotheses.
         """
         height, width = left.shape[-2:]
         multiple, camera = self.config.size_multiple, camera.float()
@@ -215,11 +212,6 @@ class M3Depth(nn.Module):
             refined = refined + call(self.fine, *features.half.chunk(2), hidden, refined, camera)
         return refined, steps
 
-    @property
-    def reach(self) -> int:
-        """The disparity at which the hypotheses end [px]; `infer` begins with reduced images where more are needed."""
-        return VOLUME_STEP * self.config.hypotheses
-
     @torch.inference_mode()
     def infer(
         self, left: np.ndarray, right: np.ndarray, rig: StereoRig, nearest: float | None = None,
@@ -245,23 +237,10 @@ class M3Depth(nn.Module):
         Raises:
             ValueError: Images of a wrong type or size, or `nearest` or `max_pixels` is not positive.
         """
-        if nearest is not None and not (math.isfinite(nearest) and nearest > 0):
-            raise ValueError(f"nearest must be positive, got {nearest}")
-        if max_pixels is not None and not max_pixels > 0:
-            raise ValueError(f"max_pixels must be positive, got {max_pixels}")
-        left, right = map(in_colour, checked_pair(left, right, rig))
-        height, width = left.shape[:2]
         device = next(self.parameters()).device
-        nearest = NEAREST if nearest is None else nearest
-        out: StereoOutput | None = None
-        for rows, columns in working_sizes(rig, self.reach, nearest, max_pixels, self.config.refines):
-            work, pair = rig, [left, right]
-            if (rows, columns) != (height, width):
-                work = rig.resized(columns, rows)
-                pair = [np.asarray(cv2.resize(x, (columns, rows), interpolation=cv2.INTER_AREA)) for x in pair]
-            images = torch.from_numpy(np.stack(pair)).to(device).permute(0, 3, 1, 2).float() / 255
-            start = None if out is None else out.start(rows, columns)
+
+        def run(*inputs: Any) -> StereoOutput:
             with autocast(device, fast_dtype(device)):
-                out = self(images[:1], images[1:], camera_row(work, device), start)
-        assert out is not None
-        return prediction_of(out, rig)
+                return self(*inputs)
+
+        return infer_pair(run, self.config, device, left, right, rig, nearest, max_pixels)
