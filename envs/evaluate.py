@@ -27,7 +27,7 @@ from envs.drives.episodes import EpisodeRecord, Watch, run_episode
 from envs.drives.metrics import best_and_worst, paired_difference, summarise
 from envs.drives.records import DELETE_TO_REPEAT, read_record
 from envs.drives.report import without_definitions, write_report
-from envs.drives.resume import WEIGHTS, noted_digests
+from envs.drives.resume import RUNTIME, WEIGHTS, noted_digests, noted_runtime
 from envs.drives.step_lines import StepLines
 from envs.drives.test_set_errors import errors_on_test_set
 from envs.mars_nav import MarsNavEnv
@@ -57,19 +57,20 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
     """
     config = replace(config, dynamics=chosen_dynamics(config.dynamics))
     for name in config.perception:
-        _perception(name)  # an unknown name is reported before anything is written or started
+        _perception(name, config.runtime)  # an unknown name is reported before anything is written or started
     for name in config.driver:
         make_driver(name)
     test_errors = errors_on_test_set(config.scores, {name: perception_digest(name) for name in config.perception})
     results = ResultFolder(
-        config.out, "evaluation", SETTINGS, config.content(), notes=(WEIGHTS,), partial=(f"**/{PARTIAL}",)
+        config.out, "evaluation", SETTINGS, config.content(), notes=(WEIGHTS, RUNTIME), partial=(f"**/{PARTIAL}",)
     )
     with results.claim():
         digests = noted_digests(results, (*config.perception, *config.driver))
-        return _evaluate(config, digests, test_errors)
+        driven_by = {"weights": digests, "runtime": noted_runtime(results, config.perception, config.runtime)}
+        return _evaluate(config, driven_by, test_errors)
 
 
-def _evaluate(config: EvaluateConfig, digests: dict[str, str], test_errors: dict[str, float]) -> dict[str, Any]:
+def _evaluate(config: EvaluateConfig, driven_by: dict[str, Any], test_errors: dict[str, float]) -> dict[str, Any]:
     folder = config.out / "episodes"
     folder.mkdir(exist_ok=True)
     tasks = config.tasks
@@ -79,7 +80,7 @@ def _evaluate(config: EvaluateConfig, digests: dict[str, str], test_errors: dict
     content = {
         "config": as_json(asdict(config)),
         "driven_with": config.content(),
-        "weights": digests,
+        **driven_by,
         "code": dict(Counter(record.code for record in records)),
         "versions": versions(),
         "test_set_abs_rel": test_errors,
@@ -211,8 +212,8 @@ def drive(config: EvaluateConfig, task: Task, watch: Watch | None = None) -> Epi
         name = f"course {task.episode}, {task.cell.name}, {task.driver}, {task.perception}"
         watch = StepLines(name, lambda: _drives_done(config)).watch
     env = MarsNavEnv(
-        _perception(task.perception), known_dynamics(config.dynamics), config.renderer, config.scene_config(),
-        config.goal_distance,
+        _perception(task.perception, config.runtime), known_dynamics(config.dynamics), config.renderer,
+        config.scene_config(), config.goal_distance,
         mast=True, map_observation=bool(getattr(driver, "needs_map", False)),
         disparity_noise=config.disparity_noise, drift=config.drift, yaw_drift_deg=config.yaw_drift_deg,
         align_rows=config.align_rows, slip=config.slip_config(),
@@ -230,9 +231,9 @@ def _drives_done(config: EvaluateConfig) -> str:
 
 
 @cache
-def _perception(name: str) -> str | Estimator:
+def _perception(name: str, runtime: str) -> str | Estimator:
     """Return what an environment takes as perception; each process loads a network once."""
-    return load_perception(name) or name
+    return load_perception(name, runtime) or name
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -27,6 +27,7 @@ from m3depth.evaluation.report import EDGES, edges_table, has_edges, rocks_table
 from m3depth.evaluation.rock_scene import rock_scene
 from m3depth.evaluation.rock_scores import HIGH_AND_NEAR
 from m3depth.figures.rocks import rocks_figure
+from m3depth.runtimes.choice import RuntimeChoice, recorded_runtime
 from m3depth.stereo.degradation import Degradation
 from marssim.base.command.limits import check_least
 from marssim.base.command.progress import watched
@@ -58,6 +59,9 @@ class RocksConfig:
     step: float = 0.15
     """Height above the ground from which a cell is an obstacle [m], above 0, for rocks found and for false obstacles. A
     rock of 0.2 m may be measured 5 cm too low. results.md has other heights too."""
+    runtime: RuntimeChoice = "auto"
+    """Program that runs M3Depth: pytorch; openvino, on the CPU, with the extra `fast`; or auto, which is openvino if it
+    is installed and there is no GPU, and else pytorch."""
     limit: int | None = None
     """Number of pairs to look at, 1 or more, spread evenly; left out: all."""
     degrade: str | None = None
@@ -85,7 +89,7 @@ def rocks_seen(config: RocksConfig) -> dict[str, Any]:
     folder = ResultFolder(config.out, "count of rocks", results_key="by_step")
     folder.check()
     pairs = _pairs(config)
-    methods = {name: load_perception(name) for name in config.perception}
+    methods = {name: load_perception(name, config.runtime) for name in config.perception}
     degradation = None if config.degrade is None else Degradation.parse(config.degrade)
     with folder.claim():
         return _count(config, pairs, methods, degradation)
@@ -165,7 +169,8 @@ def _report(
         raise ValueError(f"{named}: no pair of split {config.split} shows ground and holds the pose of its camera")
     about = {
         "data": [str(path) for path in config.data], "split": config.split, "images": images, "step_m": config.step,
-        "degrade": config.degrade, "seed": config.seed, "versions": versions(),
+        "degrade": config.degrade, "seed": config.seed,
+        "runtime": recorded_runtime(config.perception, config.runtime), "versions": versions(),
     }  # fmt: skip
     curve = {name: [_curve_point(step, counts) for step, counts in steps.items()] for name, steps in by_step.items()}
     content = {**about, "methods": results, "by_step": curve, "per_pair": records}

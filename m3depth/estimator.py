@@ -15,6 +15,7 @@ from typing import Literal, Protocol, get_args, runtime_checkable
 
 import numpy as np
 
+from m3depth.runtimes.choice import check_runtime, chosen_runtime
 from m3depth.stereo.prediction import Prediction
 from m3depth.weights import SHIPPED_WEIGHTS, check_weights_file, named_by
 from marssim.base.camera import StereoRig
@@ -166,8 +167,9 @@ def distinct_labels(names: Sequence[EstimatorName]) -> list[str]:
 
 
 def load_estimator(
-    spec: str | Estimator, role: str = "estimator", others: tuple[str, ...] = (), device: str = "auto"
-) -> Estimator:
+    spec: str | Estimator, role: str = "estimator", others: tuple[str, ...] = (), device: str = "auto",
+    runtime: str = "auto",
+) -> Estimator:  # fmt: skip
     """Return the estimator of a name.
 
     Args:
@@ -175,18 +177,22 @@ def load_estimator(
         role: What the caller calls it, for the messages.
         others: Names that the caller alone understands, for the messages.
         device: Device that M3Depth runs on: cpu, cuda, or auto for a GPU if there is one. Other methods use the CPU.
+        runtime: Program that runs M3Depth: pytorch, openvino, or auto, which is OpenVINO where it is installed and the
+            device is the CPU. Other methods take no notice of it.
 
     Raises:
         ValueError: The name is unknown, the class is no estimator, or there is no GPU; in one line.
         FileNotFoundError: The weights are missing; the message names the file.
+        ImportError: OpenVINO is asked for and not installed; the message names the extra.
     """
+    check_runtime(runtime)
     if not isinstance(spec, str):
         if not isinstance(spec, Estimator) or isinstance(spec, type):
             raise ValueError(f"{role} {spec!r} has no method infer(left, right, rig)")
         return spec
     name = EstimatorName.parse(spec, role, others)
     if name.weights is not None:
-        return _load_m3depth(name.weights, role, device)
+        return _load_m3depth(name.weights, role, device, runtime)
     if name.name in ("sgbm", "sgbm-hh"):
         from m3depth.stereo.classical import SGBM
 
@@ -235,12 +241,17 @@ def checked_prediction(estimator: Estimator, result: object, size: tuple[int, in
     return replace(result, **{name: m.astype(np.float32, copy=False) for name, m in maps.items() if m is not None})
 
 
-def _load_m3depth(weights: Path, role: str, device: str) -> Estimator:
+def _load_m3depth(weights: Path, role: str, device: str, runtime: str) -> Estimator:
+    chosen = chosen_runtime(runtime, device)
     with named_by(role):
         check_weights_file(weights)  # before torch is imported
         from m3depth.network.model import M3Depth
 
         model = M3Depth.from_pretrained(weights)
+    if chosen == "openvino":
+        from m3depth.runtimes.openvino_network import OpenVinoM3Depth
+
+        return OpenVinoM3Depth(model)
     from m3depth.network.device import chosen_device
 
     return model.to(chosen_device(device))

@@ -46,6 +46,7 @@ from m3depth.evaluation.report import markdown_report, text_table
 from m3depth.evaluation.resume import SavedState, SavedStateError
 from m3depth.evaluation.scoring import RESERVED, Evaluation, Method, check_choice, chosen_pairs, evaluate
 from m3depth.figures.evaluation import draw_evaluation
+from m3depth.runtimes.choice import RuntimeChoice, recorded_runtime
 from m3depth.stereo.degradation import Degradation
 from m3depth.stereo.pairs import MAX_DISPARITY, StereoPairs, scored_depths
 from marssim.base.command.progress import watched
@@ -90,6 +91,9 @@ class EvaluateOptions:
     m3depth/evaluation/recorded_maps.py lists the names of the files."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
     """Device that M3Depth runs on; auto takes a GPU if there is one."""
+    runtime: RuntimeChoice = "auto"
+    """Program that runs M3Depth: pytorch; openvino, on the CPU, with the extra `fast`; or auto, which is openvino if it
+    is installed and the device is the CPU, and else pytorch."""
     limit: int | None = None
     """Number of pairs to score, 1 or more, spread evenly over the split. Without it, all are scored."""
     degrade: str | None = None
@@ -160,7 +164,7 @@ def prepare(options: EvaluateOptions) -> tuple[StereoPairs, dict[str, Method]]:
     estimators = named_estimators(options)
     result_folder(options).check()
     methods: dict[str, Method] = {
-        label: load_estimator(name.name, flag_name, device=options.device)
+        label: load_estimator(name.name, flag_name, device=options.device, runtime=options.runtime)
         for label, (flag_name, name) in estimators.items()
     }
     for text in options.predictions:
@@ -190,13 +194,13 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
         methods: The methods by the name of their column, from `prepare`.
     """
     degradation = None if options.degrade is None else Degradation.parse(options.degrade)
-    estimators = {
-        label: {"name": name.name, "sha256": name.digest()} for label, (_, name) in named_estimators(options).items()
-    }
+    columns = named_estimators(options)
+    estimators = {label: {"name": name.name, "sha256": name.digest()} for label, (_, name) in columns.items()}
     from m3depth.network.device import chosen_device
 
-    device = chosen_device(options.device).type
-    saved_state = SavedState(options.out, dependencies(options, dataset, estimators, device))
+    runtime = recorded_runtime([name.name for _, name in columns.values()], options.runtime, options.device)
+    device = "cpu" if (runtime or "").startswith("openvino") else chosen_device(options.device).type
+    saved_state = SavedState(options.out, dependencies(options, dataset, estimators, device, runtime))
     evaluation = evaluate(
         dataset,
         methods,
@@ -219,6 +223,7 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
         "weights_sha256": next(iter(estimators.values()))["sha256"],  # of the first network
         "estimators": estimators,
         "device": device,
+        "runtime": runtime,
         "degrade": options.degrade,
         "seed": options.seed,
         "align_rows": options.align_rows,
@@ -239,7 +244,7 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
 
 
 def dependencies(
-    options: EvaluateOptions, dataset: StereoPairs, estimators: Mapping[str, Any], device: str
+    options: EvaluateOptions, dataset: StereoPairs, estimators: Mapping[str, Any], device: str, runtime: str | None
 ) -> dict[str, Any]:
     """Return what the figures depend on, by flag; an evaluation continues only one with the same dependencies.
 
@@ -248,6 +253,7 @@ def dependencies(
         dataset: The pairs.
         estimators: Name and SHA-256 of every estimator, by the name of its column.
         device: The kind of device that M3Depth runs on.
+        runtime: Name and version of the program that runs it.
     """
     pairs = chosen_pairs(dataset, options.limit)
     recorded = {text: RecordedPredictions.parse(text)[1] for text in options.predictions}
@@ -259,6 +265,7 @@ def dependencies(
         "--data": [str(options.data.resolve()), state_of_pairs(dataset)],
         "--split": options.split,
         "--device": device,
+        "--runtime": runtime,
         **by_flag,
         "--predictions": [
             [text, state_of_files(maps.find(*pair) for pair in pairs)] for text, maps in recorded.items()

@@ -24,6 +24,7 @@ values. The command writes into RESULT:
     left_right.npy     float32 [px], with --left-right: difference of both eyes' disparities; NaN: seen by one eye alone
     cloud.ply          coloured points [m], camera frame, without points that hang between two surfaces
     figure.png         image, depth, normals and confidence
+    prediction.json    method, SHA-256 of its weights, runtime, what was done to the rows, versions of packages
 """
 
 from __future__ import annotations
@@ -33,19 +34,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from inspect import signature
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
 
 from m3depth.datasets.image_files import read_pair
 from m3depth.datasets.rigs import NATECAM_NAME, natecam
-from m3depth.estimator import M3DEPTH, Estimator, load_estimator
+from m3depth.estimator import M3DEPTH, Estimator, EstimatorName, load_estimator
 from m3depth.prediction.common_disparity import given_back, nearest_without, taken_out
 from m3depth.prediction.files import without_sky_normals, write_prediction
 from m3depth.prediction.left_right import left_right_difference
 from m3depth.prediction.pair_checks import check_pair, rows_of
 from m3depth.prediction.settings import with_settings
+from m3depth.runtimes.choice import RuntimeChoice, recorded_runtime
 from m3depth.stereo.pairs import NEAREST
 from m3depth.stereo.prediction import Prediction
 from m3depth.stereo.rows import RowFit, aligned_right
@@ -54,8 +56,10 @@ from marssim.base.camera import WIDEST_BASELINE, StereoRig
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
 from marssim.base.files.atomic import write_atomically
+from marssim.base.files.json_file import write_json
 from marssim.base.files.npy import encode_npy
 from marssim.base.results.claim import ResultFolder
+from marssim.base.results.code_state import versions
 
 AGREEMENT = 1.0  # [px] largest difference of both eyes' disparities that counts as agreement
 MIN_ANGLE, MAX_ANGLE = 1.0, 150.0  # [deg] horizontal field of view of rectified images
@@ -92,6 +96,9 @@ class PredictOptions:
     rig). --method is its name in release 0.1."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
     """Device that M3Depth runs on; auto takes a GPU if there is one."""
+    runtime: RuntimeChoice = "auto"
+    """Program that runs M3Depth: pytorch; openvino, on the CPU, with the extra `fast`; or auto, which is openvino if it
+    is installed and the device is the CPU, and else pytorch."""
     nearest: float | None = None
     """Nearest depth [m] in view, 0.84 by default, for M3Depth or a class whose infer takes it. M3Depth finds up to 192
     px of disparity, first in reduced images where this depth has more."""
@@ -195,11 +202,14 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
     folder = ResultFolder(options.out, "prediction")
     folder.check()
     _check_method_and_cloud(options)
+    record: dict[str, Any] = {"estimator": type(estimator).__name__}
     if estimator is None:
         name, flag = options.estimator, "--estimator"
         if options.weights is not None:
             name, flag = f"{M3DEPTH}:{options.weights}", "--weights"
-        estimator = load_estimator(name, flag, device=options.device)
+        estimator = load_estimator(name, flag, device=options.device, runtime=options.runtime)
+        runtime = recorded_runtime([name], options.runtime, options.device)
+        record = {"estimator": name, "sha256": EstimatorName(name).digest(), "runtime": runtime}
     common = taken_out(calibration.shift, left.shape[1])
     nearest = options.nearest
     if common and (nearest is not None or "nearest" in signature(estimator.infer).parameters):
@@ -220,6 +230,8 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
     prediction = given_back(prediction, rig, common)
     with folder.claim():
         count = write_prediction(options.out, left, prediction, rig, options.min_confidence, options.max_range)
+        record |= {"rows_aligned": None if removed is None else str(removed), "versions": versions()}
+        write_json(options.out / "prediction.json", record, sort_keys=False)
         file = options.out / "left_right.npy"
         file.unlink(missing_ok=True)  # of an earlier run
         if difference is not None:

@@ -46,6 +46,14 @@ def interruptible() -> Iterator[None]:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def pytorch_by_default() -> Iterator[None]:
+    """Let PyTorch run the tests' networks: OpenVINO would convert each. Its own tests undo this."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("m3depth.runtimes.choice.openvino_is_installed", lambda: False)
+        yield
+
+
 @pytest.fixture(scope="session")
 def guide_program() -> Callable[[str], str]:
     """The program of the guides on own estimators and drivers whose first line is a file's name."""

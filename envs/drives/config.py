@@ -17,6 +17,7 @@ from envs.world.course import CourseConfig
 from envs.world.place_note import place_note
 from envs.world.slip import SlipConfig
 from envs.world.vehicle import DynamicsName, known_dynamics
+from m3depth.runtimes.choice import RuntimeChoice
 from marssim.base.command.limits import check_least
 from marssim.physics.soil.soil_map import GroundName
 from marssim.render.renderers.by_name import RendererName
@@ -84,6 +85,9 @@ class EvaluateConfig:
     out: physics, or kinematic where PyBullet is not installed."""
     renderer: RendererName = "embree"
     """Renderer of the cameras' images."""
+    runtime: RuntimeChoice = "auto"
+    """Program that runs M3Depth: pytorch; openvino, on the CPU, with the extra `fast`; or auto, which is openvino if it
+    is installed and there is no GPU, and else pytorch."""
     disparity_noise: float = 0.0
     """Standard deviation of an error added to the disparity [px], 0 to 10."""
     align_rows: bool = True

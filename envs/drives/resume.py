@@ -1,4 +1,4 @@
-"""The weights and the code that drove the episodes in a folder: noted there, and compared before more are added."""
+"""What drove the episodes in a folder (weights, code, runtime): noted there, and compared before more are added."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from m3depth.estimator import EstimatorName
+from m3depth.runtimes.choice import recorded_runtime
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.results.claim import ResultFolder
 
 WEIGHTS = "weights"  # key in the settings file: SHA-256 by the name of a perception or driver
+RUNTIME = "runtime"  # key in the settings file: name and version of the program that ran M3Depth
 
 
 def noted_digests(folder: ResultFolder, names: Sequence[str]) -> dict[str, str]:
@@ -38,6 +40,33 @@ def noted_digests(folder: ResultFolder, names: Sequence[str]) -> dict[str, str]:
             )
     folder.note(**{WEIGHTS: {**previous, **digests}})
     return digests
+
+
+def noted_runtime(folder: ResultFolder, names: Sequence[str], wanted: str) -> str | None:
+    """Check that M3Depth ran in the same program in the episodes of a claimed folder, and note that of today.
+
+    Args:
+        folder: The evaluation's folder, claimed.
+        names: Perceptions, as envs.evaluate takes them.
+        wanted: The runtime that the user asks for, as chosen_runtime takes it.
+
+    Returns:
+        Name and version; None where M3Depth drove none of the episodes.
+
+    Raises:
+        DatasetError: M3Depth drove episodes in another program or version; the message names both.
+    """
+    previous: str | None = read_json(folder.mark_path).get(RUNTIME)
+    runtime = recorded_runtime(names, wanted)
+    if runtime is None:
+        return previous
+    if previous not in (None, runtime):
+        raise DatasetError(
+            f"{folder.mark_path}: m3depth drove these episodes in {previous}, not in {runtime}; choose another "
+            "--out or --runtime"
+        )
+    folder.note(**{RUNTIME: runtime})
+    return runtime
 
 
 def _digest(name: str) -> str | None:

@@ -52,19 +52,21 @@ class Sight:
     """Run time of the perception alone [s]."""
 
 
-def load_perception(perception: str | Estimator) -> Estimator | None:
+def load_perception(perception: str | Estimator, runtime: str = "auto") -> Estimator | None:
     """Return the estimator that turns images into depth; None for "ground_truth", which needs none.
 
     Args:
         perception: As MarsNavEnv takes it.
+        runtime: Program that runs M3Depth, as MarsNavEnv takes it.
 
     Raises:
         ValueError: If the name is unknown; it lists the known ones.
         FileNotFoundError: If a file of weights is missing.
+        ImportError: If OpenVINO is asked for and not installed.
     """
     if isinstance(perception, str) and perception == GROUND_TRUTH:
         return None
-    return load_estimator(perception, "`perception`", (GROUND_TRUTH,))
+    return load_estimator(perception, "`perception`", (GROUND_TRUTH,), runtime=runtime)
 
 
 def perception_digest(perception: str) -> str | None:
@@ -95,6 +97,7 @@ class Perception:
         sensor: SensorConfig | None = None,
         disparity_noise: float = 0.0,
         align_rows: bool = True,
+        runtime: str = "auto",
     ) -> None:
         """Load the estimator; `open` makes the renderer.
 
@@ -105,9 +108,10 @@ class Perception:
             disparity_noise: Standard deviation of an error added to the perceived disparity [px of a 512 px image].
             align_rows: Whether rows of the images that lie significantly apart are aligned before an estimator sees
                 them.
+            runtime: Program that runs M3Depth, as load_estimator takes it.
         """
         self.renderer_name = checked_renderer_name(renderer)
-        self.estimator = load_perception(perception)
+        self.estimator = load_perception(perception, runtime)
         self.sensor_config = sensor or SensorConfig()
         self.disparity_noise = disparity_noise
         self.align_rows = align_rows

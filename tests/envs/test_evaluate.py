@@ -319,7 +319,9 @@ def test_what_a_killed_film_left_is_deleted(finished, tmp_path):
 def test_one_estimator_serves_all_episodes_and_every_environment_is_closed(monkeypatch, tmp_path):
     loads, closed = [], []
     envs.evaluate._perception.cache_clear()
-    monkeypatch.setattr("envs.evaluate.load_perception", lambda name: loads.append(name) or load_estimator("sgbm"))
+    monkeypatch.setattr(
+        "envs.evaluate.load_perception", lambda name, runtime: loads.append(name) or load_estimator("sgbm")
+    )
     monkeypatch.setattr("envs.evaluate.run_episode", lambda env, *_: closed.append(env))
     monkeypatch.setattr("envs.evaluate.MarsNavEnv.close", lambda env: closed.append(env))
     config = EvaluateConfig(tmp_path, **QUICK)

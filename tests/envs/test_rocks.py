@@ -53,13 +53,13 @@ def folder(tmp_path_factory):
 
 
 def test_a_method_that_returns_no_whole_prediction_is_named(folder, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("envs.rocks.load_perception", lambda name: Halved())
+    monkeypatch.setattr("envs.rocks.load_perception", lambda name, runtime: Halved())
     assert main(["--data", str(folder), "--out", str(tmp_path / "out"), "--perception", "halved"]) == 2
     assert capsys.readouterr().err.splitlines()[-1].startswith("error: Halved.infer returned depth of shape")
 
 
 def test_found_missed_and_false(folder, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("envs.rocks.load_perception", lambda name: None if name == "ground_truth" else Melted())
+    monkeypatch.setattr("envs.rocks.load_perception", lambda name, _: None if name == "ground_truth" else Melted())
     out = tmp_path / "out"
     args = ["--data", str(folder), "--out", str(out), "--perception", "melted", "ground_truth"]
     assert main(args) == 0

@@ -1,0 +1,70 @@
+"""Which program runs M3Depth, PyTorch or OpenVINO, and what results record of it.
+
+Importing this module loads neither.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from importlib.metadata import version
+from importlib.util import find_spec
+from typing import Literal
+
+RuntimeName = Literal["pytorch", "openvino"]
+RuntimeChoice = Literal["auto", "pytorch", "openvino"]
+RUNTIMES: tuple[RuntimeChoice, ...] = ("auto", "pytorch", "openvino")
+PACKAGES: dict[RuntimeName, str] = {"pytorch": "torch", "openvino": "openvino"}  # by the name of the runtime
+
+
+def chosen_runtime(wanted: str = "auto", device: str = "auto") -> RuntimeName:
+    """Return the program that runs the network.
+
+    Args:
+        wanted: "pytorch", "openvino", or "auto", which is OpenVINO where it is installed and the device is the CPU, and
+            PyTorch otherwise.
+        device: "cpu", "cuda", or "auto" for a GPU if there is one. OpenVINO runs on the CPU in any case.
+
+    Raises:
+        ImportError: OpenVINO is wanted and not installed; the message names the extra.
+        ValueError: The name is unknown, OpenVINO is wanted on a GPU, or cuda without a GPU.
+    """
+    check_runtime(wanted)
+    if wanted == "openvino":
+        if device == "cuda":
+            raise ValueError("`runtime` openvino runs on the CPU, not on cuda: choose the device cpu, or pytorch")
+        if not openvino_is_installed():
+            raise ImportError("`runtime` openvino: it is not installed; pip install 'mars-m3depth[fast]'")
+        return "openvino"
+    if wanted == "pytorch" or not openvino_is_installed():
+        return "pytorch"
+    from m3depth.network.device import chosen_device
+
+    return "openvino" if chosen_device(device).type == "cpu" else "pytorch"
+
+
+def check_runtime(wanted: str) -> None:
+    """Raise ValueError if there is no runtime of this name."""
+    if wanted not in RUNTIMES:
+        raise ValueError(f"`runtime` {wanted!r} is unknown; choose from {', '.join(RUNTIMES)}")
+
+
+def openvino_is_installed() -> bool:
+    """Return whether Python finds OpenVINO."""
+    return find_spec("openvino") is not None
+
+
+def recorded_runtime(names: Iterable[str], wanted: str = "auto", device: str = "auto") -> str | None:
+    """Return the name and version of the program that runs M3Depth, as results record it: "openvino 2026.4.1".
+
+    Args:
+        names: Names of methods, as EstimatorName takes them, or others.
+        wanted: As chosen_runtime takes it.
+        device: As chosen_runtime takes it.
+
+    Returns:
+        The record; None where no name is that of M3Depth.
+    """
+    if not any(name.partition(":")[0] == "m3depth" for name in names):
+        return None
+    name = chosen_runtime(wanted, device)
+    return f"{name} {version(PACKAGES[name])}"

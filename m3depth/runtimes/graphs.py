@@ -1,0 +1,118 @@
+"""The network as graphs of OpenVINO, for any height and width.
+
+One graph has the cost volume, the other goes on from a Start. Both are traced from PyTorch, in fp32 or as its autocast
+rounds to bf16: convolutions in bf16, disparity and its geometry in fp32. OpenVINO's own bf16 rounds the disparities
+too, which changes them by 0.08 px in the mean.
+"""
+
+from __future__ import annotations
+
+import copy
+import io
+import tempfile
+import warnings
+import zipfile
+import zlib
+from pathlib import Path
+
+import openvino
+import torch
+from torch import Tensor, nn
+
+from m3depth.network.model import M3Depth
+from m3depth.network.output import Start
+
+PARTS = ("graph.xml", "graph.bin")  # entries of a packed graph: the operations, and their weights
+
+
+def cpu_dtype() -> torch.dtype:
+    """Return the precision in which OpenVINO computes the convolutions here.
+
+    That is bf16 only with AMX. By AVX-512 BF16 alone, which PyTorch makes use of, OpenVINO's convolutions are no
+    faster than in fp32.
+    """
+    amx = getattr(torch.cpu, "_is_amx_tile_supported", lambda: False)()
+    return torch.bfloat16 if amx else torch.float32
+
+
+def converted(network: M3Depth, finer: bool, dtype: torch.dtype) -> bytes:
+    """Return one of the two graphs of a network, packed as a zip file.
+
+    Its inputs and outputs, all fp32, are the tensors that `forward` takes and returns: left, right and camera, with
+    `finer` also those of the Start; disparity, normal, confidence, sky and, if the network has one, the context.
+
+    Args:
+        network: The network.
+        finer: Whether the graph goes on from a Start.
+        dtype: Precision of the convolutions, torch.float32 or torch.bfloat16.
+    """
+    config = network.config
+    wrapped = _Graph(_in_precision(network, dtype), dtype).eval()
+    # No multiple of the network's, and short of one by more than a cell: paddings then become part of the graph.
+    height = 2 * config.size_multiple - 14
+    size = (height, height + 4)
+    example = [*torch.rand(2, 1, 3, *size), torch.tensor([[100.0, 100.0, height / 2, height / 2]])]
+    if finer:
+        example += [8 * torch.rand(1, 1, *size), -torch.ones(1, 3, *size) / 3**0.5]
+        if config.residual_width:
+            example.append(torch.rand(1, config.residual_width, *(-(-side // 8) for side in size)))
+    with warnings.catch_warnings(), torch.no_grad():
+        warnings.simplefilter("ignore")  # about constants while tracing
+        traced = torch.jit.trace(wrapped, tuple(example), check_trace=False)
+        graph = openvino.convert_model(traced, example_input=tuple(example))
+    # While `wrapped` exists: the graph shares the memory of its weights.
+    buffer = io.BytesIO()
+    with tempfile.TemporaryDirectory() as folder, zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as file:
+        openvino.save_model(graph, Path(folder) / PARTS[0], compress_to_fp16=False)
+        for part in PARTS:
+            file.write(Path(folder) / part, part)
+    return buffer.getvalue()
+
+
+def unpacked(data: bytes) -> openvino.Model:
+    """Return the graph that `converted` packed.
+
+    Raises:
+        ValueError: The data is damaged.
+    """
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as file:
+            operations, weights = (file.read(part) for part in PARTS)  # which checks their CRC
+        return openvino.Core().read_model(operations, weights)
+    except (zipfile.BadZipFile, zlib.error, EOFError, KeyError, NotImplementedError, RuntimeError) as error:
+        raise ValueError(f"the graph of OpenVINO cannot be read ({error})") from None
+
+
+class _Graph(nn.Module):
+    """The network with tensors as inputs and outputs."""
+
+    def __init__(self, network: M3Depth, dtype: torch.dtype) -> None:
+        super().__init__()
+        self.network, self.dtype = network, dtype
+
+    def forward(self, left: Tensor, right: Tensor, camera: Tensor, *start: Tensor) -> tuple[Tensor, ...]:
+        given = None
+        if start:
+            given = Start(start[0], start[1], start[2].to(self.dtype) if len(start) == 3 else None)
+        low = self.dtype != torch.float32
+        # without a cache of weights in low precision, which would be traced in one place only
+        with torch.autocast("cpu", torch.bfloat16, enabled=low, cache_enabled=False):
+            out = self.network(left, right, camera, given)
+        maps = (out.disparity, out.normal, out.confidence, out.sky)
+        return maps if out.context is None else (*maps, out.context.float())
+
+
+def _in_precision(network: M3Depth, dtype: torch.dtype) -> M3Depth:
+    """Return the network, or a copy whose convolutions have their weights in low precision."""
+    if dtype == torch.float32:
+        return network
+    low = copy.deepcopy(network)
+    for layer in low.modules():
+        if isinstance(layer, nn.Conv2d | nn.Conv3d | nn.ConvTranspose3d):
+            layer.to(dtype)
+            # OpenVINO reads numbers of bf16 in the order of the memory, which channels_last changes
+            layer.weight.data = layer.weight.data.contiguous()
+        elif isinstance(layer, nn.GroupNorm):  # of which OpenVINO has none in bf16 for small maps
+            layer.register_forward_pre_hook(lambda _, inputs: (inputs[0].float(),))
+            layer.register_forward_hook(lambda _, inputs, output: output.to(dtype))
+    return low

@@ -1,0 +1,70 @@
+"""Which program runs the network."""
+
+import re
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from m3depth.estimator import load_estimator
+from m3depth.network.model import M3Depth
+from m3depth.predict import main as predict
+from m3depth.runtimes.choice import chosen_runtime, recorded_runtime
+from marssim.base.files.png import encode_png
+
+
+def test_auto_is_openvino_on_the_cpu_where_it_is_installed(installed, monkeypatch):
+    assert chosen_runtime("auto", "cpu") == "openvino"
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 1)
+    assert chosen_runtime("auto", "auto") == "pytorch" and chosen_runtime("auto", "cuda") == "pytorch"
+    assert chosen_runtime("auto", "cpu") == "openvino" and chosen_runtime("openvino", "auto") == "openvino"
+
+
+def test_auto_is_pytorch_where_openvino_is_missing():
+    assert chosen_runtime("auto", "cpu") == "pytorch"
+    assert isinstance(load_estimator("m3depth"), M3Depth)
+
+
+def test_pytorch_is_chosen_where_openvino_is_installed(installed):
+    assert isinstance(load_estimator("m3depth", runtime="pytorch"), M3Depth)
+
+
+def test_missing_openvino_is_reported_with_its_extra(tmp_path, capsys):
+    message = "openvino: it is not installed; pip install 'mars-m3depth[fast]'"
+    with pytest.raises(ImportError, match=re.escape(f"`runtime` {message}")):
+        load_estimator("m3depth", runtime="openvino")
+    images = [str(tmp_path / name) for name in ("left.png", "right.png")]
+    for seed, image in enumerate(images):
+        Path(image).write_bytes(encode_png(np.random.default_rng(seed).integers(0, 255, (48, 64, 3), dtype=np.uint8)))
+    out = tmp_path / "out"
+    assert predict([*images, "--focal", "70", "--baseline", ".27", "--runtime", "openvino", "--out", str(out)]) == 2
+    assert capsys.readouterr().err == f"error: --runtime {message}\n" and not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("runtime", "device", "message"),
+    [
+        ("onnx", "auto", "^`runtime` 'onnx' is unknown; choose from auto, pytorch, openvino$"),
+        ("openvino", "cuda", "^`runtime` openvino runs on the CPU, not on cuda"),
+    ],
+)
+def test_what_cannot_run_is_refused(runtime, device, message):
+    with pytest.raises(ValueError, match=message):
+        chosen_runtime(runtime, device)
+
+
+def test_a_wrong_runtime_is_refused_for_every_method():
+    with pytest.raises(ValueError, match="`runtime` 'torch' is unknown"):
+        load_estimator("sgbm", runtime="torch")
+
+
+def test_results_record_name_and_version_of_what_ran_m3depth():
+    assert recorded_runtime(["sgbm", "m3depth:w.safetensors"]) == f"pytorch {version('torch')}"
+    assert recorded_runtime(["ground_truth", "sgbm", "my_stereo:m3depth"]) is None
+
+
+def test_results_record_openvino(installed):
+    assert recorded_runtime(["m3depth"], device="cpu") == f"openvino {version('openvino')}"

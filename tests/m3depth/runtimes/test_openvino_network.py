@@ -1,0 +1,105 @@
+"""The network run by OpenVINO against PyTorch's."""
+
+import pickle
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+import torch
+
+from m3depth.estimator import load_estimator
+from m3depth.export import textured_pair
+from marssim.base.camera import PinholeCamera, StereoRig
+
+pytest.importorskip("openvino")
+from m3depth.runtimes.openvino_network import OpenVinoM3Depth
+
+pytestmark = pytest.mark.usefixtures("graphs_folder", "installed")
+
+FP32, BF16 = torch.float32, torch.bfloat16
+OTHER_SIZES = [
+    {"residual_width": 0},
+    {"refine_steps": 0, "fine_width": 0},
+    {"wavelet_levels": (2, 3), "output_head": 1, "score_kernel": 3, "heads_see_all": True},
+    {"lookup_levels": 0, "implied_geometry": False, "match_channels": 0, "normal_context": 0},
+]
+
+
+def pair(height, width, baseline=0.27, seed=0):
+    """A pair of noise, shifted by 5 px, with the rig of its size."""
+    right = np.random.default_rng(seed).integers(0, 256, (height, width, 3), dtype=np.uint8)
+    return np.roll(right, 5, 1), right, StereoRig(PinholeCamera.centred(width, height, 1.1 * width), baseline)
+
+
+def differences(one, other):
+    """Mean difference of disparity [px], normals and confidence where both are known."""
+    known = np.isfinite(one.disparity) & np.isfinite(other.disparity)
+    assert (np.isfinite(one.disparity) == np.isfinite(other.disparity)).mean() > 0.999
+    names = ("disparity", "normal", "confidence")
+    return [float(np.abs(getattr(one, name) - getattr(other, name))[known].mean()) for name in names]
+
+
+@pytest.fixture
+def in_fp32(monkeypatch):
+    """PyTorch computes in fp32."""
+    monkeypatch.setattr("m3depth.network.model.fast_dtype", lambda device: None)
+
+
+@pytest.mark.parametrize("sizes", [{}, *OTHER_SIZES], ids=lambda sizes: " ".join(sizes) or "usual sizes")
+def test_maps_from_coarse_to_fine_are_those_of_pytorch(small_network, sizes, in_fp32):
+    network, images = small_network(**sizes), pair(131, 147, baseline=0.9)
+    assert max(differences(network.infer(*images), OpenVinoM3Depth(network, FP32).infer(*images))) < 1e-3
+
+
+def test_nearest_and_max_pixels_do_the_same(small_network, in_fp32):
+    network, images = small_network(), pair(96, 128)
+    limits = {"nearest": 0.3, "max_pixels": 48 * 64}
+    expected, actual = network.infer(*images, **limits), OpenVinoM3Depth(network, FP32).infer(*images, **limits)
+    assert actual.depth.shape == (96, 128) and max(differences(expected, actual)) < 1e-3
+
+
+@pytest.mark.parametrize("dtype", [FP32, BF16], ids=str)
+def test_disparities_of_the_shipped_network_are_not_rounded(dtype, in_fp32):
+    left, right = ((255 * eye[0]).astype(np.uint8).transpose(1, 2, 0) for eye in textured_pair(1, 256, 320))
+    images = left, right, StereoRig(PinholeCamera.centred(320, 256, 350.0), 0.27)
+    network = load_estimator("m3depth", runtime="pytorch")
+    disparity, normal, confidence = differences(network.infer(*images), OpenVinoM3Depth(network, dtype).infer(*images))
+    assert disparity < (0.01 if dtype == BF16 else 1e-3) and max(normal, confidence) < 0.01
+
+
+def test_load_estimator_makes_one():
+    assert isinstance(load_estimator("m3depth"), OpenVinoM3Depth)
+
+
+def test_wrong_input_is_refused_as_by_pytorch(small_network):
+    fast = OpenVinoM3Depth(small_network(), FP32)
+    left, right, rig = pair(64, 96)
+    with pytest.raises(ValueError, match="nearest must be positive, got 0"):
+        fast.infer(left, right, rig, nearest=0)
+    with pytest.raises(ValueError, match="max_pixels must be positive, got -1"):
+        fast.infer(left, right, rig, max_pixels=-1)
+    for wrong in (right[:, :-1], right.astype(float)):
+        with pytest.raises(ValueError):
+            fast.infer(left, wrong, rig)
+
+
+def test_few_compiled_sizes_are_kept(small_network, monkeypatch):
+    monkeypatch.setattr("m3depth.runtimes.openvino_network.SIZES", 1)
+    fast = OpenVinoM3Depth(small_network(), FP32)
+    for width in (64, 72):
+        fast.infer(*pair(48, width))
+        assert list(fast._requests) == [(False, 48, width)]
+
+
+def test_threads_may_share_an_estimator_and_processes_get_their_own(small_network):
+    fast = OpenVinoM3Depth(small_network(), FP32)
+    images = pair(64, 96)
+    first = fast.infer(*images).disparity
+    before = first.copy()
+    fast.infer(*pair(64, 96, seed=5))
+    np.testing.assert_array_equal(first, before)  # the next pair does not write into the last one's maps
+    with ThreadPoolExecutor(3) as pool:
+        results = list(pool.map(lambda _: fast.infer(*images).disparity, range(3)))
+    results.append(pickle.loads(pickle.dumps(fast)).infer(*images).disparity)
+    for result in results:
+        np.testing.assert_array_equal(result, first)
