@@ -63,7 +63,9 @@ def test_found_missed_and_false(folder, tmp_path, capsys, monkeypatch):
     out = tmp_path / "out"
     args = ["--data", str(folder), "--out", str(out), "--perception", "melted", "ground_truth"]
     assert main(args) == 0
-    methods = json.loads((out / "results.json").read_text())["methods"]
+    results = json.loads((out / "results.json").read_text())
+    assert results["runtime"] is None  # M3Depth did not run
+    methods = results["methods"]
     true, melted = (methods[name]["standing_0.2_m_within_8_m"] for name in ("ground_truth", "melted"))
     assert (true["rocks"], true["found"], methods["ground_truth"]["false"]) == (3, 3, 0)
     assert true["height_error_m"] < 0.05

@@ -5,6 +5,7 @@ import json
 import os
 import signal
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 
 import cv2
@@ -155,6 +156,7 @@ def test_command_writes_tables_and_figures(folder, tmp_path, capsys):
     assert list(results["methods"]) == ["w", "SGBM"]
     digest = hashlib.sha256(weights.read_bytes()).hexdigest()
     assert results["weights_sha256"] == digest and results["weights"] == str(weights)
+    assert results["runtime"] == f"pytorch {version('torch')}"
     assert results["estimators"] == {
         "w": {"name": f"m3depth:{weights}", "sha256": digest},
         "SGBM": {"name": "sgbm", "sha256": None},
@@ -309,9 +311,9 @@ def test_a_stopped_evaluation_continues_to_the_same_result(folder, tmp_path, cap
     assert sorted(file.name for file in (tmp_path / "stopped").iterdir()) == ["results.json", "results.md"]
 
 
-@pytest.mark.parametrize("change", ["--predictions", "--estimator", "--device", "weights of an estimator"])
+@pytest.mark.parametrize("change", ["--predictions", "--estimator", "--device", "--runtime", "weights of an estimator"])
 def test_a_stopped_evaluation_does_not_continue_with_other_inputs(folder, tmp_path, capsys, monkeypatch, change):
-    """The command is the same; the content of its files, or the device, has changed."""
+    """The command is the same; the content of its files, the device or the runtime has changed."""
     monkeypatch.setattr("m3depth.evaluation.resume.SECONDS", 0.0)
     monkeypatch.setattr("m3depth.evaluate.draw_evaluation", lambda *_: None)
     monkeypatch.chdir(tmp_path)
@@ -335,6 +337,8 @@ def test_a_stopped_evaluation_does_not_continue_with_other_inputs(folder, tmp_pa
         module.write_text("class Mine:\n    better = True\n")
     elif change == "--device":
         monkeypatch.setattr("m3depth.network.device.chosen_device", lambda wanted: torch.device("meta"))
+    elif change == "--runtime":
+        monkeypatch.setattr("m3depth.evaluate.recorded_runtime", lambda *_: "openvino 1.0")
     else:
         weights.write_bytes(b"others")
         changed = "--estimator"
@@ -395,7 +399,7 @@ def test_several_weights_are_scored_in_one_table_under_names_of_their_own(folder
     """Also by --estimator; what is named twice has one column."""
     loaded = []
 
-    def load(name, role, device="auto"):
+    def load(name, role, **where):
         loaded.append(name)
         return Scaled(1 + 0.1 * len(loaded))
 
@@ -456,7 +460,7 @@ def test_results_record_which_shipped_weights_were_scored(folder, tmp_path, monk
     assert results["weights_sha256"] == hashlib.sha256(b"some weights").hexdigest()
 
 
-def _without_network(spec, *role, device="auto"):
+def _without_network(spec, *role, **where):
     from m3depth.estimator import load_estimator
 
     return SGBM() if spec == "m3depth" else load_estimator(spec, *role)

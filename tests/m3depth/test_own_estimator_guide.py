@@ -86,7 +86,7 @@ def test_the_recipe_makes_a_round_trip(tmp_path, plane_set, guide_program, monke
     assert results["methods"]["Pandora"]["depth"]["all"]["pixels"] > 0.3 * whole
 
 
-def _without_network(spec, *role, device="auto"):
+def _without_network(spec, *role, **where):
     from m3depth.estimator import load_estimator
 
     return SGBM() if spec == "m3depth" else load_estimator(spec, *role)

@@ -1,9 +1,11 @@
 """The files of one pair, at any size, and the errors for input that cannot be used."""
 
 import errno
+import json
 import os
 import re
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 
 import cv2
@@ -56,7 +58,7 @@ def test_every_file_is_written_and_reads_back(pair, tmp_path, capsys):
     out = tmp_path / "out"
     assert {p.name for p in out.iterdir()} == {
         "depth.npy", "depth.png", "disparity.npy", "disparity.png", "normal.npy", "normal.png", "confidence.npy",
-        "cloud.ply", "figure.png",
+        "cloud.ply", "figure.png", "prediction.json",
     }  # fmt: skip
     depth = cv2.imread(str(out / "depth.png"), cv2.IMREAD_UNCHANGED)
     assert depth.dtype == np.uint16 and depth.shape == (45, 61)
@@ -109,6 +111,14 @@ def textured_pair(tmp_path, disparity: int):
     """A wall of noise, `disparity` px farther left in the right eye."""
     wall = np.random.default_rng(4).integers(0, 255, (60, 100), dtype=np.uint8)
     return [write(tmp_path / f"{n}.png", wall[:, n * disparity :][:, :90]) for n in (0, 1)]
+
+
+@pytest.mark.parametrize(("name", "runtime"), [("m3depth", f"pytorch {version('torch')}"), ("sgbm", None)])
+def test_the_record_names_the_method_and_what_ran_it(pair, tmp_path, name, runtime):
+    predict(options(pair, tmp_path, estimator=name, unchecked=True))
+    record = json.loads((tmp_path / "out/prediction.json").read_text())
+    assert (record["estimator"], record["runtime"], record["rows_aligned"]) == (name, runtime, None)
+    assert (record["sha256"] is None) == (name == "sgbm") and record["versions"]["torch"]
 
 
 def test_exchanged_eyes_are_refused_and_others_are_not(tmp_path, capsys):

@@ -1,11 +1,13 @@
 """What must not be mixed in one folder of an evaluation."""
 
 import hashlib
+import re
 from dataclasses import replace
+from importlib.metadata import version
 
 import pytest
 
-from envs.drives.resume import WEIGHTS, noted_digests
+from envs.drives.resume import RUNTIME, WEIGHTS, noted_digests, noted_runtime
 from envs.evaluate import EvaluateConfig, evaluate
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.results.claim import ResultFolder
@@ -82,3 +84,21 @@ def test_an_edited_class_is_not_reported_by_the_drives_of_what_it_was(tmp_path, 
     code.write_text("from envs.drivers.builtin import RandomDriver as Own\n")
     with pytest.raises(DatasetError, match="own_driver:Own has other code than"):
         evaluate(config)
+
+
+def test_drives_of_m3depth_in_one_runtime_are_not_mixed_with_those_in_another(file, tmp_path, monkeypatch):
+    folder = ResultFolder(tmp_path / "out", "evaluation", file.name, SETTINGS, notes=(WEIGHTS, RUNTIME))
+
+    def noted(perception):
+        with folder.claim():
+            return noted_runtime(folder, (perception,), "auto")
+
+    pytorch = f"pytorch {version('torch')}"
+    assert noted("sgbm") is None
+    assert noted("m3depth") == noted("m3depth:w.safetensors") == noted("ground_truth") == pytorch
+    monkeypatch.setattr("envs.drives.resume.recorded_runtime", lambda *_: "openvino 1.0")
+    with pytest.raises(
+        DatasetError, match=re.escape(f"m3depth drove these episodes in {pytorch}, not in openvino 1.0; choose")
+    ):
+        noted("m3depth")
+    assert read_json(folder.mark_path)["runtime"] == pytorch
