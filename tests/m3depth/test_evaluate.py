@@ -220,7 +220,7 @@ def test_every_classical_method_and_saved_predictions_in_one_run(folder, tmp_pat
     args = ["--data", str(folder), "--out", str(out), "--limit", "2", "--baselines", "all"]
     assert main([*args, "--predictions", f"Saved={saved},scale=-2"]) == 0
     methods = json.loads((out / "results.json").read_text())["methods"]
-    names = ["M3Depth", "SGBM", "SSD", "SAD", "NCC", "SSD-SGM", "SAD-SGM", "NCC-SGM", "Saved"]
+    names = ["M3Depth", "SGBM", "SGBM-HH", "SSD", "SAD", "NCC", "SSD-SGM", "SAD-SGM", "NCC-SGM", "Saved"]
     assert list(methods) == names
     assert methods["Saved"]["depth"]["all"]["pooled"]["abs_rel"] < 1e-3
     assert all(methods[name]["depth"]["visible"]["pooled"]["epe"] < 1.5 for name in names)
