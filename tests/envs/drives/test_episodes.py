@@ -124,7 +124,7 @@ def test_a_driver_led_astray_by_its_odometry_ends_elsewhere_and_at_once(on_cours
     class Astray:
         drift = yaw_drift = 0.0
 
-        def update(self, pose):
+        def update(self, pose, slipped=None):
             believed = pose.copy()
             believed[1, 3] += 1.2
             return believed
