@@ -19,9 +19,10 @@ pytestmark = pytest.mark.usefixtures("graphs_folder", "installed")
 FP32, BF16 = torch.float32, torch.bfloat16
 OTHER_SIZES = [
     {"residual_width": 0},
-    {"refine_steps": 0, "fine_width": 0},
+    {"refine_steps": 0, "lookup_levels": 0, "convex_upsampling": False, "fine_width": 0},
+    {"refine_steps": 0, "lookup_levels": 0},
     {"wavelet_levels": (2, 3), "output_head": 1, "score_kernel": 3, "heads_see_all": True},
-    {"lookup_levels": 0, "implied_geometry": False, "match_channels": 0, "normal_context": 0},
+    {"lookup_levels": 0, "implied_geometry": False, "match_channels": 0, "convex_upsampling": False},
 ]
 
 
