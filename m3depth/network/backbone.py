@@ -28,12 +28,12 @@ def normalised(left: Tensor, right: Tensor) -> Tensor:
 
 
 class Features(NamedTuple):
-    """Features of an image at three scales.
+    """Features of B pairs at three scales, those of the left images first.
 
     Attributes:
-        half: (B, C2, H / 2, W / 2).
-        quarter: (B, C4, H / 4, W / 4).
-        eighth: (B, C8, H / 8, W / 8).
+        half: (2 B, C2, H / 2, W / 2).
+        quarter: (2 B, C4, H / 4, W / 4).
+        eighth: (2 B, C8, H / 8, W / 8), or those of the left images alone, (B, C8, H / 8, W / 8).
     """
 
     half: Tensor
@@ -117,8 +117,13 @@ class Backbone(nn.Module):
             conv_block(quarter, eighth, stride=2), WaveletBlock(eighth, levels[1], kernel, skips)
         )
 
-    def forward(self, image: Tensor) -> Features:
-        """Return the features of normalised images, (B, 3, H, W)."""
-        half = self.stem(image)  # (B, C2, H / 2, W / 2)
-        quarter = self.quarter(half)  # (B, C4, H / 4, W / 4)
-        return Features(half, quarter, self.eighth(quarter))
+    def forward(self, pair: Tensor, both_eighths: bool = True) -> Features:
+        """Return the features of normalised images.
+
+        Args:
+            pair: (2 B, 3, H, W), left images first.
+            both_eighths: Whether the right images' features at 1/8 are computed: the cost volume alone needs them.
+        """
+        half = self.stem(pair)  # (2 B, C2, H / 2, W / 2)
+        quarter = self.quarter(half)  # (2 B, C4, H / 4, W / 4)
+        return Features(half, quarter, self.eighth(quarter if both_eighths else quarter.chunk(2)[0]))

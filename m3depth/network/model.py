@@ -141,8 +141,8 @@ class M3Depth(nn.Module):
         multiple, camera = self.config.size_multiple, camera.float()
         call = recomputed if self.recompute and torch.is_grad_enabled() else direct
         pair = normalised(padded(left, multiple), padded(right, multiple))
-        features = call(self.backbone, pair)  # of 2 B images
-        left8 = features.eighth.chunk(2)[0]  # (B, C8, H / 8, W / 8)
+        features = call(self.backbone, pair, start is None)
+        left8 = features.eighth.chunk(2)[0] if start is None else features.eighth  # (B, C8, H / 8, W / 8)
         if start is None:
             first = self._match(features, camera, call)
         else:

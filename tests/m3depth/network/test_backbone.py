@@ -1,6 +1,6 @@
 import torch
 
-from m3depth.network.backbone import LEAST_CONTRAST, normalised
+from m3depth.network.backbone import LEAST_CONTRAST, Backbone, normalised
 
 
 def test_a_pair_gets_one_mean_and_contrast_and_keeps_the_gain_between_its_images() -> None:
@@ -16,3 +16,13 @@ def test_a_pair_gets_one_mean_and_contrast_and_keeps_the_gain_between_its_images
 def test_a_blank_pair_is_not_divided_by_zero() -> None:
     blank = torch.full((1, 3, 8, 8), 0.5)
     assert normalised(blank, blank).abs().max() < 1e-6 / LEAST_CONTRAST
+
+
+def test_without_the_right_eighths_all_other_features_stay() -> None:
+    torch.manual_seed(0)
+    backbone, pair = Backbone((8, 8, 16), (1, 1), 3).eval(), torch.rand(4, 3, 64, 32)
+    with torch.inference_mode():
+        both, left = backbone(pair), backbone(pair, both_eighths=False)
+    assert both.eighth.shape == (4, 16, 8, 4) and left.eighth.shape == (2, 16, 8, 4)
+    torch.testing.assert_close(left.eighth, both.eighth[:2])
+    assert torch.equal(left.half, both.half) and torch.equal(left.quarter, both.quarter)
