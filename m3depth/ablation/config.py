@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+import tyro
 
 from m3depth.ablation.studies import STUDIES, Study
+from m3depth.datasets.config import DataConfig
 
 
 def budget_text(steps: int | None, minutes: float | None) -> str:
@@ -24,7 +27,7 @@ class AblateOptions:
     """Run ablation studies. Give --steps or --minutes."""
 
     data: tuple[Path, ...]
-    """Dataset folders to train on, together: of marssim.generate or of any layout that m3depth.train recognises."""
+    """Dataset folders to train on, together: of marssim.generate or of any layout that --format lists."""
     out: Path
     """Folder to write the runs, the tables and the figures to."""
     test: Path | None = None
@@ -53,6 +56,8 @@ class AblateOptions:
     """Compute activations twice instead of storing them, which takes less memory and more time."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
     """Device to train and score on; auto takes a GPU if there is one."""
+    reader: Annotated[DataConfig, tyro.conf.arg(name="")] = field(default_factory=DataConfig)
+    """How the folders of --data and --test are read."""
 
     def __post_init__(self) -> None:
         if (self.steps is None) == (self.minutes is None):

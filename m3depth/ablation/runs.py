@@ -13,6 +13,7 @@ from m3depth.ablation.figure import study_figure
 from m3depth.ablation.findings import METHOD, findings
 from m3depth.ablation.studies import BASE, Variant, distinct
 from m3depth.ablation.tables import markdown
+from m3depth.datasets.config import flag
 from m3depth.datasets.open import open_pairs
 from m3depth.evaluation.inputs import state_of_pairs
 from m3depth.evaluation.resume import SavedState
@@ -84,6 +85,7 @@ def plan(options: AblateOptions) -> list[PlannedRun]:
                 validate_every=0,  # validation would use up the budget of minutes
                 validate_samples=0,
                 device=options.device,
+                reader=options.reader,
             )
             check_config(config)
             runs.append(PlannedRun(variant, seed, config))
@@ -106,8 +108,8 @@ def ablate(options: AblateOptions) -> dict[str, Any]:
     """
     runs = plan(options)
     test_folder = options.test or options.data[0]
-    training = [open_pairs(folder, "train") for folder in options.data]
-    test = open_pairs(test_folder, "test")
+    training = [open_pairs(folder, "train", options.reader) for folder in options.data]
+    test = open_pairs(test_folder, "test", options.reader)
     for folder, pairs in zip(options.data, training, strict=True):
         if not len(pairs):
             raise ValueError(f"--data {folder}: split train holds no pairs; name another folder")
@@ -139,6 +141,7 @@ def _folder(options: AblateOptions, datasets: Sequence[Any]) -> ResultFolder:
         "test": str(options.test or options.data[0]),
         "sha256": [state_of_pairs(pairs) for pairs in datasets],
         "limit": options.limit,
+        **{flag(name): str(value) for name, value in options.reader.changed_fields().items()},
     }
     return ResultFolder(
         options.out, "ablation", SETTINGS, settings, digests=("sha256",), shared=True, results_key="studies"

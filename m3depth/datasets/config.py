@@ -11,6 +11,7 @@ from marssim.base.camera import WIDEST_BASELINE
 
 Format = Literal["auto", "marssim", "kitti", "sceneflow", "middlebury", "eth3d", "oaisys", "list", "folder"]
 Split = Literal["train", "val", "test", "all"]
+NormalFrame = Literal["opencv", "opengl"]
 
 CAMERA_AND_SCORE = ("calib", "focal", "baseline", "normals", "resize", "depth_range")
 FLAGS: dict[Format, tuple[str, ...]] = {  # the fields that each layout takes; its files say the rest
@@ -21,7 +22,7 @@ FLAGS: dict[Format, tuple[str, ...]] = {  # the fields that each layout takes; i
     "eth3d": CAMERA_AND_SCORE,
     "oaisys": ("left", "right", *CAMERA_AND_SCORE),
     "list": ("unit", *CAMERA_AND_SCORE),
-    "folder": ("left", "right", "disparity", "depth", "unit", *CAMERA_AND_SCORE),
+    "folder": ("left", "right", "disparity", "depth", "unit", "normal", "normal_frame", *CAMERA_AND_SCORE),
 }
 
 
@@ -56,6 +57,14 @@ class DataConfig:
     unit: float | None = None
     """Number that the maps store for 1 px of disparity or 1 m of depth, not 0. CREStereo's datasets have 32. Without
     it, PNG files have 256 for disparity and 1000 for depth, and other files have 1."""
+    normal: str | None = None
+    """Pattern of the left images' normal maps (--format folder).
+    Their files are 8- or 16-bit png, which stand for -1 to 1, or npy, exr or tiff of three numbers a pixel.
+    """
+    normal_frame: NormalFrame = "opencv"
+    """Axes of the normals in these files: opencv has x right, y down, z forward; opengl has y up, z towards the camera.
+    Normals face the camera.
+    """
     calib: Path | None = None
     """One calibration file for all pairs, or the word natecam for Zhurong's camera.
     It may be of any kind that m3depth.predict reads, or the config file of OAISYS.
@@ -65,7 +74,9 @@ class DataConfig:
     baseline: float | None = None
     """Distance between the two cameras [m], above 0 and up to 10, given with --focal."""
     normals: Literal["none", "depth"] = "none"
-    """Normals of datasets without true ones: none trains and scores depth alone; depth fits planes to it."""
+    """Normals of datasets without true ones: none trains and scores depth alone; depth fits planes to it. Those that
+    --normal finds need no such choice.
+    """
     resize: float = 1.0
     """Factor by which images are reduced when they are read, above 0 and at most 1; disparities and cameras follow."""
     depth_range: tuple[float, float] = (0.0, math.inf)
@@ -93,6 +104,10 @@ class DataConfig:
             raise ValueError("calib and --focal exclude each other: give one")
         if self.disparity is not None and self.depth is not None:
             raise ValueError("disparity and --depth exclude each other: give one")
+        if self.normal is not None and self.normals != "none":
+            raise ValueError("normal and --normals exclude each other: give one")
+        if self.normal is None and self.normal_frame != "opencv":
+            raise ValueError("normal_frame belongs to --normal: give both")
 
     def changed_fields(self) -> dict[str, Any]:
         """Return the fields that differ from their defaults, the layout's name included."""

@@ -29,14 +29,16 @@ def folder_pairs(root: Path, config: DataConfig, rigs: Rigs) -> Iterator[PairFil
             raise DatasetError(f"{root}: --format folder needs {flag}, a pattern such as left/*.png")
     assert config.left is not None and config.right is not None and truth is not None
     left, right, maps = (matches(root, pattern) for pattern in (config.left, config.right, truth))
+    normals = matches(root, config.normal) if config.normal else {}
     kind: Kind = "disparity" if config.disparity else "depth"
     for key, path in left.items():
-        for others, pattern in ((right, config.right), (maps, truth)):
-            if key not in others:
+        for others, pattern in ((right, config.right), (maps, truth), (normals, config.normal)):
+            if pattern is not None and key not in others:
                 raise DatasetError(f"{path}: has no partner in {root / pattern}")
         name = path.relative_to(root).with_suffix("").as_posix()
         yield PairFiles(
             name, name, path, right[key], maps[key], kind, rigs(root / "calib.txt", path), unit=config.unit,
+            normal=normals.get(key),
         )  # fmt: skip
 
 

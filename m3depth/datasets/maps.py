@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
+from m3depth.datasets.exr import exr_channels
 from m3depth.datasets.image_files import decode_image
 from marssim.base.files.json_file import DatasetError
 from marssim.base.files.npy import read_npy
@@ -81,18 +81,8 @@ def _numbers(path: Path) -> np.ndarray:
 
 
 def _exr(path: Path) -> np.ndarray:
-    if find_spec("OpenEXR") is None:
-        raise ImportError(f"{path}: OpenEXR is not installed; pip install 'mars-m3depth[exr]'")
-    import OpenEXR
-
-    try:
-        channels = OpenEXR.File(str(path), separate_channels=True).channels()
-    except RuntimeError as error:
-        raise ValueError(str(error)) from None
-    by_name = {
-        name.rsplit(".")[-1].upper(): channel for name, channel in channels.items()
-    }  # layers are named as in "Depth.V"
-    chosen = next((by_name[name] for name in DEPTH_CHANNELS if name in by_name), None)
+    channels = exr_channels(path)
+    chosen = next((channels[name] for name in DEPTH_CHANNELS if name in channels), None)
     if chosen is None:
         raise ValueError("no depth channel")
-    return np.asarray(chosen.pixels, np.float32)
+    return chosen

@@ -12,6 +12,7 @@ import numpy as np
 from m3depth.datasets.config import DataConfig
 from m3depth.datasets.image_files import read_pair
 from m3depth.datasets.maps import Kind, read_map, read_mask
+from m3depth.datasets.normal_maps import check_facing, read_normals
 from m3depth.stereo.pairs import in_colour
 from m3depth.stereo.plane_normals import fitted_normals
 from marssim.base.calibration.rectified import Calibration, align_right
@@ -44,6 +45,7 @@ class PairFiles:
         unit: See read_map.
         visible: A mask of visible pixels.
         hidden: Tells occluded pixels from the mask; only pixels of known depth count.
+        normal: The map of normals of the left image.
     """
 
     name: str
@@ -57,6 +59,7 @@ class PairFiles:
     unit: float | None = None
     visible: Path | None = None
     hidden: Callable[[np.ndarray], np.ndarray] | None = None
+    normal: Path | None = None
 
 
 def read_pair_files(files: PairFiles, config: DataConfig) -> StereoSample:
@@ -98,10 +101,13 @@ def read_pair_files(files: PairFiles, config: DataConfig) -> StereoSample:
         mask = _fitting(files.visible, read_mask_or_map(files.visible), left)
         occluded = files.hidden(mask) & np.isfinite(depth)
     right = align_right(right, calibration.shift)
-    if config.resize < 1:
-        left, right, depth, occluded, rig = _reduced(left, right, depth, occluded, rig, config.resize)
-    disparity = rig.depth_to_disparity(depth)  # 0 where unknown
     normal = np.zeros((*depth.shape, 3), np.float32)
+    if files.normal is not None:
+        normal = _fitting(files.normal, read_normals(files.normal, config.normal_frame), left)
+        check_facing(files.normal, normal, config.normal_frame, rig.camera)
+    if config.resize < 1:
+        left, right, depth, occluded, normal, rig = _reduced(left, right, depth, occluded, normal, rig, config.resize)
+    disparity = rig.depth_to_disparity(depth)  # 0 where unknown
     if config.normals == "depth":
         normal = unbroken_normals(disparity, rig)
     low, high = config.depth_range
@@ -141,7 +147,7 @@ def unbroken_normals(disparity: np.ndarray, rig: StereoRig) -> np.ndarray:
 
 def _fitting(path: Path, values: np.ndarray, image: np.ndarray) -> np.ndarray:
     """Return the values if they have the image's size. Raises DatasetError that names the file otherwise."""
-    if values.shape != image.shape[:2]:
+    if values.shape[:2] != image.shape[:2]:
         raise DatasetError(
             f"{path}: is {values.shape[1]} x {values.shape[0]}, its image is {image.shape[1]} x {image.shape[0]}"
         )
@@ -149,11 +155,12 @@ def _fitting(path: Path, values: np.ndarray, image: np.ndarray) -> np.ndarray:
 
 
 def _reduced(
-    left: np.ndarray, right: np.ndarray, depth: np.ndarray, occluded: np.ndarray, rig: StereoRig, factor: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, StereoRig]:
-    """Reduce a pair. Depth is that of the nearest pixel, never a mean over an edge."""
+    left: np.ndarray, right: np.ndarray, depth: np.ndarray, occluded: np.ndarray, normal: np.ndarray, rig: StereoRig,
+    factor: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, StereoRig]:  # fmt: skip
+    """Reduce a pair. Depth and normals are those of the nearest pixel, never a mean over an edge."""
     size = max(1, round(left.shape[1] * factor)), max(1, round(left.shape[0] * factor))
     left, right = (cv2.resize(eye, size, interpolation=cv2.INTER_AREA) for eye in (left, right))
-    depth = cv2.resize(depth, size, interpolation=cv2.INTER_NEAREST_EXACT)
+    depth, normal = (cv2.resize(x, size, interpolation=cv2.INTER_NEAREST_EXACT) for x in (depth, normal))
     occluded = cv2.resize(occluded.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST_EXACT) > 0
-    return left, right, depth, occluded, rig.resized(*size)
+    return left, right, depth, occluded, normal, rig.resized(*size)

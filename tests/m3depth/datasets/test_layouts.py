@@ -11,7 +11,7 @@ import OpenEXR
 import pytest
 import tyro
 
-from m3depth.datasets import maps
+from m3depth.datasets import exr
 from m3depth.datasets.config import FLAGS, DataConfig
 from m3depth.datasets.open import detect, open_pairs
 from marssim.base.dataset.dataset import SPLITS
@@ -449,7 +449,7 @@ def test_a_list_of_pairs(tmp_path) -> None:
 
 def test_without_openexr_the_extra_is_named(tmp_path, monkeypatch) -> None:
     config = oaisys_tree(tmp_path)
-    monkeypatch.setattr(maps, "find_spec", lambda name: None)
+    monkeypatch.setattr(exr, "find_spec", lambda name: None)
     with pytest.raises(ImportError, match=r"\.exr: OpenEXR is not installed; pip install 'mars-m3depth\[exr\]'"):
         open_pairs(tmp_path, "all", DataConfig(calib=config))[0]
 
@@ -468,6 +468,8 @@ def test_a_truncated_exr_is_named(tmp_path) -> None:
         ({"focal": 3.0}, "focal and --baseline belong together"),
         ({"focal": 3.0, "baseline": 1.0, "calib": Path("x")}, "calib and --focal exclude"),
         ({"disparity": "a", "depth": "b"}, "disparity and --depth exclude"),
+        ({"normal": "a", "normals": "depth"}, "normal and --normals exclude"),
+        ({"normal_frame": "opengl"}, "normal_frame belongs to --normal"),
         ({"resize": 1.5}, "resize must be"),
         ({"unit": 0.0}, "unit must be other than 0"),
         ({"baseline": -1.0}, "baseline must be positive"),

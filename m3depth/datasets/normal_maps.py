@@ -1,0 +1,89 @@
+"""Maps of true normals in the file types of datasets."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from m3depth.datasets.config import NormalFrame
+from m3depth.datasets.exr import exr_channels
+from m3depth.datasets.image_files import decode_image
+from marssim.base.camera import PinholeCamera
+from marssim.base.files.json_file import DatasetError
+from marssim.base.files.npy import read_npy
+
+AXES = ("XYZ", "RGB")  # names of an EXR file's three channels
+FROM_OPENGL = np.array([1, -1, -1], np.float32)  # from x right, y up, z towards the camera
+CODED_LENGTH = 0.5  # least length of a vector that pixels code; unknown ones are grey, (0, 0, 0), or black
+
+
+def read_normals(path: Path, frame: NormalFrame) -> np.ndarray:
+    """Read a map of normals.
+
+    An image of 8 or 16 bits holds (n + 1) / 2 of its largest value, x in red, y in green and z in blue; black and grey
+    pixels are unknown. Files of floats hold the components themselves, of any length; 0 and NaN are unknown.
+
+    Args:
+        path: The file: npy, exr (channels X, Y, Z or R, G, B), or an image that OpenCV reads.
+        frame: Axes of the stored normals.
+
+    Returns:
+        (H, W, 3) float32 of unit length in the camera's frame (x right, y down, z forward), 0 where unknown.
+
+    Raises:
+        DatasetError: The file is missing or unreadable, or has no three channels; the message names it.
+        ImportError: An EXR file without OpenEXR; the message names the extra.
+    """
+    stored = _vectors(path)
+    if stored.dtype.kind == "u":
+        vectors = stored.astype(np.float32) * np.float32(2 / np.iinfo(stored.dtype).max) - 1
+        known = stored.any(-1) & (np.linalg.norm(vectors, axis=-1) > CODED_LENGTH)
+    else:
+        vectors = stored.astype(np.float32)
+        known = np.isfinite(vectors).all(-1) & vectors.any(-1)
+    if frame == "opengl":
+        vectors = vectors * FROM_OPENGL
+    length = np.linalg.norm(np.where(known[..., None], vectors, 1), axis=-1, keepdims=True)
+    return np.where(known[..., None], vectors / length, np.float32(0)).astype(np.float32)
+
+
+def check_facing(path: Path, normal: np.ndarray, frame: NormalFrame, camera: PinholeCamera) -> None:
+    """Raise DatasetError if most normals turn away from the camera: their axes are other ones.
+
+    Args:
+        path: File of the normals, for the message.
+        normal: (H, W, 3) in the camera's frame, 0 where unknown.
+        frame: The axes by which the file was read, for the message.
+        camera: The camera of the map.
+    """
+    towards = (normal * camera.rays()).sum(-1)
+    away, known = np.count_nonzero(towards > 0), np.count_nonzero(normal.any(-1))
+    if 2 * away > known:
+        other = "opencv" if frame == "opengl" else "opengl"
+        raise DatasetError(
+            f"{path}: {100 * away / known:.0f} % of its normals turn away from the camera in the axes of {frame}; try "
+            f"--normal-frame {other}"
+        )
+
+
+def _vectors(path: Path) -> np.ndarray:
+    """Read the stored numbers, (H, W, 3)."""
+    if not path.is_file():
+        raise DatasetError(f"{path}: no such file")
+    values: np.ndarray | None
+    try:
+        if path.suffix.lower() == ".npy":
+            values = read_npy(path)
+        elif path.suffix.lower() == ".exr":
+            channels = exr_channels(path)
+            names = next((names for names in AXES if set(names) <= channels.keys()), "")
+            values = np.dstack([channels[name] for name in names]) if names else None
+        else:
+            values = decode_image(path.read_bytes())
+            values = values[..., 2::-1] if values is not None and values.ndim == 3 else None  # BGR becomes RGB
+    except ValueError:
+        values = None
+    if values is None or values.dtype.kind not in "fu" or values.ndim != 3 or values.shape[2] != 3:
+        raise DatasetError(f"{path}: holds no normals, three numbers a pixel")
+    return values
