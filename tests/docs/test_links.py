@@ -44,7 +44,11 @@ def test_every_relative_link_of_a_page_leads_to_a_file(page):
 
 
 def test_the_only_addresses_on_the_network_are_those_of_others():
-    known = ("https://gymnasium.farama.org", "https://download.pytorch.org/whl/cpu", "https://zenodo.org/records/14286916")
+    known = (
+        "https://gymnasium.farama.org",
+        "https://download.pytorch.org/whl/cpu",
+        "https://zenodo.org/records/14286916",
+    )
     for page in PAGES:
         for address in re.findall(r"https?://[^\s)\"'`>]+", page.read_text(encoding="utf-8")):
             assert address.startswith(known), f"{name(page)}: {address}"
