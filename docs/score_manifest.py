@@ -157,7 +157,7 @@ def score(part: Part, dataset: StereoDataset, options: Options) -> None:
     common += ["--degrade", part.degrade] if part.degrade else []
     methods = [f"m3depth:{path}" for path in weights]
     commands = {
-        "depth": (evaluate, ["--weights", *map(str, weights), "--baselines", "sgbm", *part.evaluate]),
+        "depth": (evaluate, ["--weights", *map(str, weights), "--baselines", "sgbm", "sgbm-hh", *part.evaluate]),
         "map": (count_rocks, ["--perception", *methods, "sgbm", "ground_truth"]),
     }
     for kind, (command, flags) in commands.items():

@@ -1,0 +1,72 @@
+"""Makes the figure of real ground in the README: docs/images/perseverance.jpg.
+
+python docs/make_real_figure.py NLMV0709_0729882743_168RAD_N0332841TRAV00262_0A02LLJ01.IMG
+
+The product is the left image of Perseverance's navigation cameras, from the Planetary Data System; the right one lies
+beside it. m3depth.rectify makes a rectified pair of the two, by the camera models in their labels. The figure has the
+left image, M3Depth's depth and normals, and the normals of OpenCV's SGBM: of the whole view, and of a part of it, whose
+depth has colours of its own range.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import cv2
+import numpy as np
+import tyro
+
+from m3depth import load_estimator
+from m3depth.datasets.image_files import read_pair
+from m3depth.rectify import main as rectify
+from marssim.base.calibration.rectified import read_calibration
+from marssim.base.images.colours import depth_colours, normal_colours
+
+FIGURE = Path(__file__).parent / "images" / "perseverance.jpg"
+TILE = (400, 300)  # [px] width and height
+PART = (400, 300, 400, 300)  # [px] left, top, width and height of the part, at the images' own resolution
+GAP = 4  # [px] between the tiles
+QUALITY = 88  # of the JPEG
+
+
+@dataclass(frozen=True)
+class Options:
+    """Makes the figure of real ground in the README."""
+
+    image: Annotated[Path, tyro.conf.Positional]
+    """The left product (.IMG)."""
+    weights: str = "m3depth"
+    """The network: m3depth, or m3depth:FILE for other weights."""
+    out: Path = FIGURE
+    """File of the figure."""
+
+
+def main(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        pair = Path(folder) / "pair"
+        if rectify([str(options.image), "--focal", "560", "--size", "1024", "768", "--out", str(pair)]):
+            raise SystemExit(2)
+        left, right = read_pair(pair / "left.png", pair / "right.png")
+        rig = read_calibration(pair / "rig.json").rig(left.shape[1], left.shape[0])
+    ours, sgbm = (load_estimator(name).infer(left, right, rig) for name in (options.weights, "sgbm-hh"))
+    left = cv2.cvtColor(left, cv2.COLOR_GRAY2RGB) if left.ndim == 2 else left
+    normals = [normal_colours(p.normal) for p in (ours, sgbm) if p.normal is not None]
+    x, y, width, height = PART
+    part = np.s_[y : y + height, x : x + width]
+    near, far = np.nanpercentile(ours.depth[part], (0, 100))
+    rows = [
+        [left, depth_colours(ours.depth), *normals],
+        [left[part], depth_colours(ours.depth[part], near, far), *(normal[part] for normal in normals)],
+    ]
+    rows = [[cv2.resize(image, TILE, interpolation=cv2.INTER_AREA) for image in row] for row in rows]
+    white = {"borderType": cv2.BORDER_CONSTANT, "value": (255, 255, 255)}
+    tiles = [[cv2.copyMakeBorder(tile, 0, GAP, 0, GAP, **white) for tile in row] for row in rows]
+    figure = np.vstack([np.hstack(row) for row in tiles])[:-GAP, :-GAP]
+    cv2.imwrite(str(options.out), figure[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Options))
