@@ -31,6 +31,7 @@ import tyro
 
 from m3depth.datasets.config import DataConfig, Split, flag
 from m3depth.datasets.open import open_pairs
+from m3depth.datasets.state import state_of_files, state_of_pairs
 from m3depth.estimator import (
     CLASSICAL,
     M3DEPTH,
@@ -40,7 +41,6 @@ from m3depth.estimator import (
     distinct_labels,
     load_estimator,
 )
-from m3depth.evaluation.inputs import state_of_files, state_of_pairs
 from m3depth.evaluation.recorded_maps import FORM, RecordedError, RecordedPredictions
 from m3depth.evaluation.report import markdown_report, text_table
 from m3depth.evaluation.resume import SavedState, SavedStateError
