@@ -104,6 +104,7 @@ def record_of(
         "rig": rig.to_dict(),
         "camera_to_rover": camera_to_rover(options.mount, rig.baseline).tolist(),
         "pose": None if pose is None else pose.tolist(),
+        "world": pair.group or None,
         "cloud_frame": options.cloud_frame,
     }  # fmt: skip
 
