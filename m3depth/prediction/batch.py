@@ -24,7 +24,7 @@ from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.overview import RATE, write_fused_cloud, write_sheet, write_video
 from m3depth.prediction.sources.calibration import make_calibration
 from m3depth.prediction.sources.inputs import Inputs, PairInput
-from m3depth.prediction.sources.poses import camera_to_rover
+from m3depth.prediction.sources.poses import rover_pose
 from m3depth.prediction.sources.video_frames import EndOfVideo
 from marssim.base.camera import StereoRig
 from marssim.base.command.progress import watched
@@ -94,7 +94,7 @@ def record_of(
     Raises:
         ValueError: The clouds should be in the world, and the pair has no pose.
     """
-    pose = inputs.pose(pair, rig)
+    pose = inputs.pose(pair, rig, options)
     if pose is None and options.cloud_frame == "world":
         raise ValueError("--cloud-frame world needs poses: give --poses")
     return {
@@ -102,7 +102,7 @@ def record_of(
         "left": str(pair.left), "right": str(pair.right),
         **({} if inputs.video is None else {"frame": pair.number}),
         "rig": rig.to_dict(),
-        "camera_to_rover": camera_to_rover(options.mount, rig.baseline).tolist(),
+        "camera_to_rover": rover_pose(options, pair.left, rig.baseline).tolist(),
         "pose": None if pose is None else pose.tolist(),
         "world": pair.group or None,
         "cloud_frame": options.cloud_frame,

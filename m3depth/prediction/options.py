@@ -13,10 +13,8 @@ from m3depth.datasets.config import Format, Split
 from m3depth.estimator import M3DEPTH
 from m3depth.runtimes.choice import RuntimeChoice
 from marssim.base.dataset.map_file import MAP_KINDS, MapFormat, MapKind
-from marssim.base.rover_spec import ZHURONG
 
 CloudFrame = Literal["camera", "rover", "world"]
-MOUNT = (ZHURONG.mount.x, ZHURONG.mount.height, round(float(np.rad2deg(ZHURONG.mount.pitch)), 6))
 
 
 @dataclass(frozen=True)
@@ -66,9 +64,10 @@ class PredictOptions:
     pose_axes: Literal["z-up", "camera"] = "z-up"
     """Axes of the world of --poses: z-up, or camera: those of the first left camera (x right, y down, z forward), as
     visual odometry gives them. Then the rover's frame at the first pair becomes the world."""
-    mount: tuple[float, float, float] = MOUNT
+    mount: tuple[float, float, float] | None = None
     """Place of the cameras on the rover: metres ahead of its origin, which is on the ground, metres above the ground,
-    above 0, and degrees that they look down, -90 to 90. The default is Zhurong's."""
+    above 0, and degrees that they look down, -90 to 90. Without it, that in the rig file of m3depth.rectify, which the
+    labels of a rover's images give, or Zhurong's (0.65 1.2 20)."""
     weights: Path | None = None
     """Weights file (.safetensors) of m3depth.train to predict with; the same as --estimator m3depth:PATH. Without it,
     the shipped weights."""
@@ -130,7 +129,7 @@ class PredictOptions:
                 raise ValueError(f"{name} must be finite, got {value}")
         if self.min_confidence is not None and not 0 <= self.min_confidence <= 1:
             raise ValueError(f"min_confidence must be 0 to 1, got {self.min_confidence:g}")
-        x, height, pitch = self.mount
+        x, height, pitch = self.mount or (0.0, 1.0, 0.0)
         if not (np.isfinite(x) and np.isfinite(height) and height > 0 and -90 <= pitch <= 90):
             raise ValueError(
                 f"mount must be metres ahead, metres above 0, and -90 to 90 degrees, got {x:g} {height:g} {pitch:g}"

@@ -61,7 +61,7 @@ def write_map(
     """
     cell = elevation.config.cell
     west, south = (float(a + b) for a, b in zip(elevation.origin, origin))
-    north = south + elevation.n * cell
+    west, north = round(west, 6), round(south + elevation.n * cell, 6)
     for name, values in layers(elevation, ground).items():
         nodata = UNKNOWN if values.dtype == np.uint8 else float("nan")
         write_atomically(out / f"{name}.tif", encode_geotiff(np.flipud(values), west, north, cell, nodata, epsg))

@@ -18,7 +18,7 @@ from m3depth.datasets.rigs import NATECAM_NAME, file_rig
 from m3depth.datasets.state import state_of_files
 from m3depth.prediction.masks import is_valid_mask
 from m3depth.prediction.options import PredictOptions
-from m3depth.prediction.sources.poses import camera_to_rover, read_poses
+from m3depth.prediction.sources.poses import read_poses, rover_pose
 from m3depth.prediction.sources.video_frames import SUFFIXES, VideoFrames
 from marssim.base.camera import StereoRig
 from marssim.base.dataset.dataset import StereoDataset
@@ -60,15 +60,11 @@ class Inputs:
         pairs: The pairs.
         single: Whether it is one pair whose results lie in --out itself.
         video: The frames, if the pairs are those of a video.
-        pose_axes: Axes of the poses' world, see PredictOptions.
-        mount: Place of the cameras on the rover, see PredictOptions.
     """
 
     pairs: tuple[PairInput, ...]
     single: bool = False
     video: VideoFrames | None = None
-    pose_axes: str = "z-up"
-    mount: tuple[float, float, float] = (0.0, 1.0, 0.0)
 
     def read(self, pair: PairInput) -> tuple[np.ndarray, np.ndarray]:
         """Return both images of a pair, uint8, grey or RGB.
@@ -85,13 +81,13 @@ class Inputs:
             return str(pair.left), str(pair.right)
         return f"the left image of {pair.name}", f"the right image of {pair.name}"
 
-    def pose(self, pair: PairInput, rig: StereoRig) -> np.ndarray | None:
+    def pose(self, pair: PairInput, rig: StereoRig, options: PredictOptions) -> np.ndarray | None:
         """Return the pose of the left camera, (4, 4) camera to a world with z up; None if it is unknown."""
         if pair.pose is None:
             pose = None if pair.sample is None else read_json(pair.sample).get("pose")
             return None if pose is None else np.array(pose, float)
-        if self.pose_axes == "camera":
-            return np.asarray(camera_to_rover(self.mount, rig.baseline) @ pair.pose)
+        if options.pose_axes == "camera":
+            return np.asarray(rover_pose(options, pair.left, rig.baseline) @ pair.pose)
         return pair.pose
 
     def state(self, options: PredictOptions) -> dict[str, Any]:
@@ -121,7 +117,7 @@ def find_inputs(options: PredictOptions) -> Inputs:
     if len(set(names)) < len(names):
         twice = next(name for i, name in enumerate(names) if name in names[:i])
         raise ValueError(f"two pairs have the name {twice}, so their results would be one; rename an image")
-    return replace(found, pose_axes=options.pose_axes, mount=options.mount)
+    return found
 
 
 def _find(options: PredictOptions) -> Inputs:

@@ -12,9 +12,13 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from m3depth.prediction.options import PredictOptions
+from m3depth.prediction.sources.calibration import RIG
 from marssim.base.calibration.bounded_text import read_text
+from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.rover_spec import ZHURONG
 
+ROVER_KEY = "camera_to_rover"  # in a rig file
 TOLERANCE = 0.01  # by which R R^T of a file's rotation may differ from 1
 
 
@@ -27,6 +31,35 @@ def camera_to_rover(mount: Sequence[float], baseline: float) -> np.ndarray:
     """
     x, height, pitch_deg = mount
     return replace(ZHURONG.mount, x=x, height=height, pitch=float(np.deg2rad(pitch_deg))).left_eye(baseline)
+
+
+def rover_pose(options: PredictOptions, image: Path, baseline: float) -> np.ndarray:
+    """Return the pose of the left camera on the rover that --mount or else the rig file gives, or Zhurong's.
+
+    Args:
+        options: The command's flags.
+        image: The left image, beside which m3depth.rectify may have written the rig file.
+        baseline: Distance of the cameras [m].
+
+    Returns:
+        (4, 4) camera to rover.
+
+    Raises:
+        DatasetError: The rig file holds something else than a pose.
+    """
+    if options.mount is not None:
+        return camera_to_rover(options.mount, baseline)
+    file = options.calib[0] if options.calib else image.with_name(RIG)
+    recorded = read_json(file).get(ROVER_KEY) if file.suffix == ".json" and file.is_file() else None
+    if recorded is None:
+        return ZHURONG.mount.left_eye(baseline)
+    try:
+        pose = np.array(recorded, float)
+    except (TypeError, ValueError):
+        pose = np.zeros(0)
+    if pose.shape != (4, 4) or not np.isfinite(pose).all():
+        raise DatasetError(f"{file}: {ROVER_KEY} is not a matrix of 4 x 4 numbers")
+    return pose
 
 
 def read_poses(path: Path) -> np.ndarray:

@@ -16,7 +16,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from marssim.base.dataset.encoding import decode_normal, encode_normal
+from marssim.base.dataset.encoding import decode_normal
 from marssim.base.files.npy import encode_npy, read_npy
 from marssim.base.files.pfm import decode_pfm, encode_pfm
 from marssim.base.files.png import decode_png, encode_png
@@ -49,7 +49,7 @@ def encode_map(values: np.ndarray, kind: MapKind, form: MapFormat) -> bytes:
         stored = values[..., ::-1] if values.ndim == 3 else values
         return cv2.imencode(".tiff", np.ascontiguousarray(stored, np.float32))[1].tobytes()
     if kind == "normal":
-        return encode_png(encode_normal(np.nan_to_num(values) * SHOWN)[..., ::-1], QUICK)
+        return encode_png(_normal_code(values)[..., ::-1], QUICK)
     return encode_png(_uint16(values * np.float32(PNG_UNIT[kind])), QUICK)
 
 
@@ -93,6 +93,13 @@ def read_map_file(path: Path, kind: MapKind) -> np.ndarray:
         return decode_normal(values) * SHOWN
     unknown = np.float32(0 if kind == "confidence" else np.nan)
     return np.where(values > 0, values.astype(np.float32) / np.float32(PNG_UNIT[kind]), unknown)
+
+
+def _normal_code(normal: np.ndarray) -> np.ndarray:
+    """Return normals (H, W, 3) as uint16 colours; black where there is none."""
+    none = ~np.isfinite(normal).all(axis=-1) | (normal == 0).all(axis=-1)
+    code = np.round((np.where(none[..., None], np.float32(0), normal) * SHOWN + 1) * np.float32(65535 / 2))
+    return np.where(none[..., None], 0, np.clip(code, 0, 65535)).astype(np.uint16)
 
 
 def _uint16(values: np.ndarray) -> np.ndarray:

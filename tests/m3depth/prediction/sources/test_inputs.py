@@ -76,18 +76,19 @@ def test_a_dataset_gives_names_calibrations_and_poses(plane_set):
     assert first.name == "00001/00" and first.group == "00001"
     calibration = first.calibration(64, 48)
     assert calibration.baseline == 0.27
-    np.testing.assert_array_equal(inputs.pose(first, calibration.rig(64, 48)), np.eye(4))
+    pose = inputs.pose(first, calibration.rig(64, 48), PredictOptions((plane_set,), Path("out")))
+    np.testing.assert_array_equal(pose, np.eye(4))
     assert inputs.read(first)[0].shape == (48, 64, 3)
 
 
 def test_poses_of_the_camera_become_those_of_the_rovers_world(tmp_path):
     pair = (image(tmp_path / "l.png"), image(tmp_path / "r.png"))
     (tmp_path / "poses.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 3\n")  # 3 m along the optical axis
-    flags = {"poses": tmp_path / "poses.txt", "mount": (0.0, 1.5, 0.0)}
-    level = find(*pair, **flags, pose_axes="camera")
-    np.testing.assert_allclose(level.pose(level.pairs[0], RIG)[:3, 3], [3, 0.1, 1.5], atol=1e-9)
-    given = find(*pair, **flags)
-    np.testing.assert_allclose(given.pose(given.pairs[0], RIG)[:3, 3], [0, 0, 3])
+    for axes, place in (("camera", [3, 0.1, 1.5]), ("z-up", [0, 0, 3])):
+        flags = {"poses": tmp_path / "poses.txt", "mount": (0.0, 1.5, 0.0), "pose_axes": axes, "out": Path("out")}
+        inputs = find(*pair, **flags)
+        pose = inputs.pose(inputs.pairs[0], RIG, PredictOptions(pair, **flags))
+        np.testing.assert_allclose(pose[:3, 3], place, atol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,11 @@
+import json
+
 import numpy as np
 import pytest
 
-from m3depth.prediction.sources.poses import camera_to_rover, read_poses
+from m3depth.prediction.options import PredictOptions
+from m3depth.prediction.sources.poses import camera_to_rover, read_poses, rover_pose
+from marssim.base.rover_spec import ZHURONG
 
 
 def test_kitti_and_tum_lines_give_the_same_pose(tmp_path):
@@ -34,3 +38,16 @@ def test_the_rover_looks_ahead_and_down():
     np.testing.assert_allclose(pose[:3, 3], [0.5, 0.2, 2.0])
     np.testing.assert_allclose(pose[:3, 2], [np.cos(np.pi / 6), 0, -0.5], atol=1e-12)  # the optical axis
     np.testing.assert_allclose(pose[:3, 0], [0, -1, 0], atol=1e-12)  # right of the camera is right of the rover
+
+
+def test_the_rig_file_places_the_camera_unless_a_flag_does(tmp_path):
+    image, pose = tmp_path / "left.png", camera_to_rover((1.0, 1.9, 33.0), 0.4)
+    options = PredictOptions((image, tmp_path / "right.png"), tmp_path)
+    np.testing.assert_array_equal(rover_pose(options, image, 0.3), ZHURONG.mount.left_eye(0.3))
+    (tmp_path / "rig.json").write_text(json.dumps({"camera_to_rover": pose.tolist()}))
+    np.testing.assert_array_equal(rover_pose(options, image, 0.3), pose)
+    given = PredictOptions(options.images, tmp_path, mount=(0.0, 1.0, 0.0))
+    assert rover_pose(given, image, 0.3)[2, 3] == 1.0
+    (tmp_path / "rig.json").write_text('{"camera_to_rover": [1, 2]}')
+    with pytest.raises(ValueError, match=r"rig.json: camera_to_rover is not a matrix of 4 x 4 numbers"):
+        rover_pose(options, image, 0.3)
