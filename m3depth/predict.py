@@ -89,7 +89,8 @@ def _predict_one(options: PredictOptions, inputs: Inputs, estimator: Estimator |
     """Predict one pair into --out itself. Raises as `predict` does."""
     (pair,) = inputs.pairs
     left, right = inputs.read(pair)
-    calibration = make_calibration(options, *left.shape[:2], pair.left, pair.calibration)
+    height, width = left.shape[:2]
+    calibration = make_calibration(options, height, width, pair.left, pair.calibration)
     folder = ResultFolder(options.out, "prediction")
     folder.check()
     if (options.out / MARK).is_file():

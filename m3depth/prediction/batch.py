@@ -167,8 +167,9 @@ def _predict_remaining(options: PredictOptions, inputs: Inputs, method: Method |
 
     def ready(pair: PairInput) -> PreparedPair:
         left, right = inputs.read(pair)
+        height, width = left.shape[:2]
         try:
-            calibration = make_calibration(options, *left.shape[:2], pair.left, pair.calibration)
+            calibration = make_calibration(options, height, width, pair.left, pair.calibration)
         except (ValueError, FileNotFoundError) as error:
             raise _WrongCalibration(str(error)) from None
         thorough = pair.number // options.every % THOROUGH == 0

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -95,7 +96,7 @@ def _clouds(out: Path, names: Sequence[str]) -> Iterator[tuple[np.ndarray, np.nd
 
     for name in names:
         record = read_json(out / name / RECORD)
-        cloud = trimesh.load(out / name / CLOUD)
+        cloud: Any = trimesh.load(out / name / CLOUD)
         points, pose = np.asarray(cloud.vertices).reshape(-1, 3), np.array(record["pose"])
         if record["cloud_frame"] == "rover":
             pose = pose @ np.linalg.inv(record["camera_to_rover"])
