@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -36,7 +37,7 @@ class VideoFrames:
         self.paths = tuple(paths)
         for path in paths:
             check_file(path, "video")
-        self._captures = [cv2.VideoCapture(str(path)) for path in paths]
+        self._captures = [_opened(path) for path in paths]
         for path, capture in zip(paths, self._captures):
             if not capture.isOpened() or capture.get(cv2.CAP_PROP_FRAME_COUNT) < 1:
                 raise ValueError(f"{path}: is not a video that OpenCV can read")
@@ -76,3 +77,14 @@ class VideoFrames:
             half = images[0].shape[1] // 2
             images = [np.ascontiguousarray(part) for part in (images[0][:, :half], images[0][:, half:])]
         return images[0], images[1]
+
+
+def _opened(path: Path) -> cv2.VideoCapture:
+    """Open a video without the messages of OpenCV and FFmpeg, whose first video in a process sets the level of both."""
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    log = cv2.utils.logging
+    level = log.setLogLevel(log.LOG_LEVEL_SILENT)
+    try:
+        return cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    finally:
+        log.setLogLevel(level)

@@ -35,12 +35,13 @@ def test_one_video_has_the_left_eye_in_its_left_half(tmp_path):
     assert left.shape == right.shape == (48, 64, 3) and abs(left.mean() - 40) < 3 and abs(right.mean() - 160) < 3
 
 
-def test_what_is_no_video_of_two_eyes_is_named(tmp_path):
+def test_what_is_no_video_of_two_eyes_is_named(tmp_path, capfd):
     (tmp_path / "text.mp4").write_text("no video")
     write_video(tmp_path / "a.avi", [grey(1)])
     write_video(tmp_path / "b.avi", [grey(1, 80)])
     with pytest.raises(ValueError, match=r"text.mp4: is not a video"):
         VideoFrames([tmp_path / "text.mp4"])
+    assert "WARN" not in capfd.readouterr().err
     with pytest.raises(ValueError, match=r"a.avi is 64 x 48, .*b.avi is 80 x 48: both eyes must have the same size"):
         VideoFrames([tmp_path / "a.avi", tmp_path / "b.avi"])
     with pytest.raises(FileNotFoundError, match=r"c.avi: no such video"):
