@@ -11,12 +11,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from m3depth.figures.drawing import DEPTH_TICKS
 from m3depth.stereo.pairs import in_colour
 from m3depth.stereo.prediction import Prediction
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.png import encode_png
-from marssim.base.images.colours import depth_bar, depth_colours, normal_colours
+from marssim.base.images.colours import DEPTH_TICKS, depth_bar, depth_colours, normal_colours
 
 FARTHEST = 300.0  # [m] largest depth at which a scale may end
 LEAST, MOST = 240, 640  # [px] width of a map in the picture
