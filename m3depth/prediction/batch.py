@@ -31,7 +31,7 @@ from marssim.base.command.progress import watched
 from marssim.base.command.signals import stop_on_signal
 from marssim.base.command.wording import counted
 from marssim.base.files.json_file import read_json
-from marssim.base.results.claim import ResultFolder
+from marssim.base.results.claim import PARTIAL, ResultFolder
 from marssim.base.results.code_state import source_digest, versions
 
 MARK = "predictions.json"  # settings of the pairs in a folder
@@ -68,7 +68,9 @@ def batch_folder(options: PredictOptions, inputs: Inputs) -> ResultFolder:
         "Code": source_digest(("marssim", "m3depth")),
     }  # fmt: skip
     digests = ("images", "calibration, masks and poses")
-    return ResultFolder(options.out, "prediction", MARK, settings, digests=digests, has_results=_has_results)
+    return ResultFolder(
+        options.out, "prediction", MARK, settings, digests=digests, has_results=_has_results, partial=(f"**/{PARTIAL}",)
+    )
 
 
 def _has_results(folder: Path) -> bool:

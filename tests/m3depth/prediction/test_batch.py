@@ -88,6 +88,7 @@ def test_a_killed_run_continues_without_a_difference(folder, tmp_path, capsys):
     assert len(done) == 2 and not (tmp_path / "parts/overview.jpg").exists()
     (tmp_path / "parts/2").mkdir(exist_ok=True)
     (tmp_path / "parts/2/depth.npy").write_bytes(b"half of it")
+    (tmp_path / "parts/2/.confidence.npy.123.part").write_bytes(b"what a kill leaves")
     Counted.calls, Counted.last = 0, None
     capsys.readouterr()
     predict(options(folder, tmp_path / "parts", **flags), Counted())
