@@ -5,6 +5,7 @@
     python -m m3depth.evaluate --data DIR --out RESULTS --baselines all --degrade contrast=.33,blur=1,noise=2.5
     python -m m3depth.evaluate --data KITTI --split all --out RESULTS
     python -m m3depth.evaluate --data DIR --out RESULTS --estimator Mine=my_stereo:Net --predictions RAFT=out,scale=-1
+    python -m m3depth.evaluate --data DIR --left 'left/*.png' --right 'right/*.png' --calib calib.yml --out RESULTS
 
 The command writes results.json (every figure), results.md (the tables) and these figures: comparison.png and
 qualitative.png (images, truth, methods), zoom.png (the hardest parts), error_by_depth.png, error_distribution.png,
@@ -14,6 +15,9 @@ least confident pixels are dropped), rocks.png (found, missed, and predicted whe
 Every pixel with true depth from 0.5 to 15 m (in other layouts: every known one, or --depth-range) is scored, whatever a
 method predicts there. The rules are in m3depth/evaluation/metrics.py, rock_scores.py and sparsification.py, the form of
 saved predictions in m3depth/evaluation/recorded_maps.py.
+
+Pairs without true depth, as in the last line, are scored by what they say themselves: how far the eyes agree, and how
+well the disparity explains the right image beside SGBM's. Then results.json and results.md are all.
 
 The same command continues after it was stopped or killed: until the end, RESULTS/unfinished.npz holds what is scored.
 """
@@ -31,6 +35,7 @@ import tyro
 
 from m3depth.datasets.config import DataConfig, Split, flag
 from m3depth.datasets.open import open_pairs
+from m3depth.datasets.state import state_of_files, state_of_pairs
 from m3depth.estimator import (
     CLASSICAL,
     M3DEPTH,
@@ -40,15 +45,16 @@ from m3depth.estimator import (
     distinct_labels,
     load_estimator,
 )
-from m3depth.evaluation.inputs import state_of_files, state_of_pairs
 from m3depth.evaluation.recorded_maps import FORM, RecordedError, RecordedPredictions
 from m3depth.evaluation.report import markdown_report, text_table
 from m3depth.evaluation.resume import SavedState, SavedStateError
 from m3depth.evaluation.scoring import RESERVED, Evaluation, Method, check_choice, chosen_pairs, evaluate
+from m3depth.evaluation.without_truth.pairs import are_without_truth, image_pairs
+from m3depth.evaluation.without_truth.run import score_without_truth
 from m3depth.figures.evaluation import draw_evaluation
 from m3depth.runtimes.choice import RuntimeChoice, recorded_runtime
 from m3depth.stereo.degradation import Degradation
-from m3depth.stereo.pairs import MAX_DISPARITY, StereoPairs, scored_depths
+from m3depth.stereo.pairs import MAX_DISPARITY, StereoPairs, scored_depths, spread
 from marssim.base.command.progress import watched
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
@@ -294,6 +300,8 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _work(options: EvaluateOptions) -> None:
+    if are_without_truth(options.reader):
+        return _work_without_truth(options)
     dataset, methods = prepare(options)
     with result_folder(options).claim():
         try:
@@ -302,6 +310,40 @@ def _work(options: EvaluateOptions) -> None:
             raise
         except ValueError as error:  # a bug, here or in a method: its traceback shows where
             raise RuntimeError(f"scoring failed: {error}") from error
+
+
+def _work_without_truth(options: EvaluateOptions) -> None:
+    """Score the methods on pairs of images alone."""
+    for flag_name, value in (("--predictions", options.predictions), ("--degrade", options.degrade)):
+        if value:
+            raise ValueError(f"{flag_name} is for pairs with true depth; give --disparity or --depth")
+    pairs = image_pairs(options.data, options.reader)
+    if options.limit is not None:
+        pairs = [pairs[i] for i in spread(len(pairs), options.limit)]
+    columns = named_estimators(options)
+    folder = result_folder(options)
+    folder.check()
+    estimators = {label: {"name": name.name, "sha256": name.digest()} for label, (_, name) in columns.items()}
+    runtime = recorded_runtime([name.name for _, name in columns.values()], options.runtime, options.device)
+    methods = {
+        label: load_estimator(name.name, flag_name, device=options.device, runtime=options.runtime)
+        for label, (flag_name, name) in columns.items()
+    }
+    images = state_of_files(path for pair in pairs for path in (pair.left, pair.right))
+    calib = [] if options.reader.calib is None else [options.reader.calib]
+    depends = {
+        "--data": [str(options.data.resolve()), images], "--estimator": estimators, "--runtime": runtime,
+        "--align-rows": options.align_rows, "--calib": state_of_files(calib),
+        **{flag(name): str(value) for name, value in options.reader.changed_fields().items() if name != "calib"},
+        "state of the code": source_digest(("marssim", "m3depth")),
+    }  # fmt: skip
+    about = {
+        "data": str(options.data), "pairs": len(pairs), "estimators": estimators, "runtime": runtime,
+        "align_rows": options.align_rows, "versions": versions(),
+    }  # fmt: skip
+    with folder.claim():
+        state = SavedState(options.out, depends)
+        score_without_truth(pairs, methods, options.out, about, state, options.align_rows)
 
 
 if __name__ == "__main__":

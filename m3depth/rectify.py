@@ -14,7 +14,8 @@ labels are the calibration. The command writes into RESULT:
     left.png, right.png                the rectified pair, of as many bits as the raw one
     left_valid.png, right_valid.png    255: the image shows the scene here
     rig.json          focal length, principal point and baseline, as marssim and `m3depth.predict --calib` read them;
-                      "shift" is the common disparity that was taken out: depth = fx baseline / (disparity + shift)
+                      "shift" is the common disparity that was taken out: depth = fx baseline / (disparity + shift);
+                      "camera_to_rover" is the left camera's pose on the rover, where labels give it
     report.json       rows before and after, what was taken out, vergence, disparities, and whether depth has a scale
     rows.png          matched rows of the raw and of the rectified pair, to look at
 

@@ -15,7 +15,7 @@ from m3depth.ablation.studies import BASE, Variant, distinct
 from m3depth.ablation.tables import markdown
 from m3depth.datasets.config import flag
 from m3depth.datasets.open import open_pairs
-from m3depth.evaluation.inputs import state_of_pairs
+from m3depth.datasets.state import state_of_pairs
 from m3depth.evaluation.resume import SavedState
 from m3depth.evaluation.scoring import evaluate
 from m3depth.network.device import chosen_device

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from m3depth.datasets.config import DataConfig
@@ -28,18 +28,37 @@ def folder_pairs(root: Path, config: DataConfig, rigs: Rigs) -> Iterator[PairFil
         if pattern is None:
             raise DatasetError(f"{root}: --format folder needs {flag}, a pattern such as left/*.png")
     assert config.left is not None and config.right is not None and truth is not None
-    left, right, maps = (matches(root, pattern) for pattern in (config.left, config.right, truth))
-    normals = matches(root, config.normal) if config.normal else {}
     kind: Kind = "disparity" if config.disparity else "depth"
-    for key, path in left.items():
-        for others, pattern in ((right, config.right), (maps, truth), (normals, config.normal)):
-            if pattern is not None and key not in others:
-                raise DatasetError(f"{path}: has no partner in {root / pattern}")
+    patterns = [config.left, config.right, truth] + ([config.normal] if config.normal else [])
+    for path, right, file, *normal in partners(root, patterns):
         name = path.relative_to(root).with_suffix("").as_posix()
         yield PairFiles(
-            name, name, path, right[key], maps[key], kind, rigs(root / "calib.txt", path), unit=config.unit,
-            normal=normals.get(key),
+            name, name, path, right, file, kind, rigs(root / "calib.txt", path), unit=config.unit,
+            normal=normal[0] if normal else None,
         )  # fmt: skip
+
+
+def partners(
+    root: Path, patterns: Sequence[str], left_out: Callable[[Path], bool] = lambda path: False
+) -> Iterator[tuple[Path, ...]]:
+    """Yield the files that belong together because the wildcards of all patterns stand for the same text.
+
+    Args:
+        root: Folder that the patterns start from.
+        patterns: Patterns, that of the left images first.
+        left_out: Returns whether a file of the first pattern does not count.
+
+    Raises:
+        DatasetError: A pattern matches nothing, or a left image lacks a partner; the message names it.
+    """
+    first, *others = (matches(root, pattern) for pattern in patterns)
+    for key, path in first.items():
+        if left_out(path):
+            continue
+        for files, pattern in zip(others, patterns[1:], strict=True):
+            if key not in files:
+                raise DatasetError(f"{path}: has no partner in {root / pattern}")
+        yield path, *(files[key] for files in others)
 
 
 def matches(root: Path, pattern: str) -> dict[tuple[str, ...], Path]:
@@ -82,6 +101,27 @@ def list_pairs(file: Path, root: Path, rigs: Rigs, config: DataConfig) -> Iterat
     Raises:
         DatasetError: The list is missing or a line is malformed; the message names list and line.
     """
+    rows = read_list(file, (3,))
+    for words, scene in zip(rows, _scenes([words[0] for words in rows]), strict=True):
+        left, right, truth = (root / word for word in words)
+        occluded = root / "occluded" / f"{left.stem}.png"
+        yield PairFiles(
+            Path(words[0]).with_suffix("").as_posix(), scene, left, right, truth, "disparity",
+            rigs(root / "calib" / f"{left.stem}.txt", left), unit=config.unit,
+            visible=occluded if occluded.is_file() else None, hidden=lambda mask: mask > 0,
+        )  # fmt: skip
+
+
+def read_list(file: Path, counts: Sequence[int]) -> list[list[str]]:
+    """Return the words of each line of a list; empty lines do not count.
+
+    Args:
+        file: The list.
+        counts: How many words a line may have.
+
+    Raises:
+        DatasetError: The list is missing or a line is malformed; the message names list and line.
+    """
     if not file.is_file():
         raise DatasetError(f"{file}: no such list")
     try:
@@ -91,19 +131,12 @@ def list_pairs(file: Path, root: Path, rigs: Rigs, config: DataConfig) -> Iterat
     rows = []
     for number, line in enumerate(lines, 1):
         words = line.split()
-        if not words:
-            continue
-        if len(words) != 3:
-            raise DatasetError(f"{file}, line {number}: expected left, right and disparity, got {line.strip()!r}")
-        rows.append(words)
-    for words, scene in zip(rows, _scenes([words[0] for words in rows]), strict=True):
-        left, right, truth = (root / word for word in words)
-        occluded = root / "occluded" / f"{left.stem}.png"
-        yield PairFiles(
-            Path(words[0]).with_suffix("").as_posix(), scene, left, right, truth, "disparity",
-            rigs(root / "calib" / f"{left.stem}.txt", left), unit=config.unit,
-            visible=occluded if occluded.is_file() else None, hidden=lambda mask: mask > 0,
-        )  # fmt: skip
+        if words and len(words) not in counts:
+            wanted = "left, right and disparity" if 2 not in counts else "left and right"
+            raise DatasetError(f"{file}, line {number}: expected {wanted}, got {line.strip()!r}")
+        if words:
+            rows.append(words)
+    return rows
 
 
 def _scenes(lefts: Sequence[str]) -> list[str]:

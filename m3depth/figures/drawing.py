@@ -19,10 +19,8 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.png import encode_png
-from marssim.base.images.colours import normal_colours
+from marssim.base.images.colours import DEPTH_TICKS, normal_colours
 
-# [m] depths that a colour bar may name
-DEPTH_TICKS = (0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1, 2, 3, 5, 10, 15, 30, 50, 100, 200, 500)
 UNSCORED = "0.82"  # grey of pixels without truth or without a value
 # Colours of Okabe and Ito, which colour-blind readers can distinguish, and two more.
 METHOD_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000", "#8c6d31")

@@ -1,54 +1,124 @@
-"""The figure of one prediction."""
+"""The picture of one prediction: image, depth, normals and confidence. It takes milliseconds, for pairs by the hundred.
+
+What is unknown is black in all maps, and sky is grey, as is depth beyond the scale.
+"""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
+import cv2
 import numpy as np
-from matplotlib.colors import Normalize
-from matplotlib.figure import Figure
 
-from m3depth.figures.drawing import (
-    colour_map,
-    depth_scale,
-    known_depths,
-    label_bar,
-    normal_image,
-    save,
-    show,
-)
 from m3depth.stereo.pairs import in_colour
 from m3depth.stereo.prediction import Prediction
-from marssim.base.images.colours import DEPTH_MAP, NORMAL_TITLE
+from marssim.base.files.atomic import write_atomically
+from marssim.base.files.png import encode_png
+from marssim.base.images.colours import DEPTH_TICKS, depth_bar, depth_colours, normal_colours
 
-FARTHEST = 300.0  # [m] largest depth at which the colours may end
+FARTHEST = 300.0  # [m] largest depth at which a scale may end
+LEAST, MOST = 240, 640  # [px] width of a map in the picture
+LINE = 20  # [px] height of a line of text
+GAP = 6  # [px] between two maps
+TEXT = cv2.FONT_HERSHEY_SIMPLEX, 0.42, (30, 30, 30), 1, cv2.LINE_AA  # font, size, colour, weight
+PAPER = 255  # grey level of the ground
 
 
-def prediction_figure(left: np.ndarray, prediction: Prediction, path: Path) -> None:
-    """Write a PNG of one prediction: left image, depth, normals, confidence.
+def depth_range_shown(depth: np.ndarray) -> tuple[float, float]:
+    """Return round depths [m] around the 2nd to 98th percentile of a map of depth, for the scale of its picture."""
+    finite = depth[np.isfinite(depth) & (depth > 0)]
+    if not finite.size:
+        return 1.0, 15.0
+    low, high = np.percentile(finite, [2, 98])
+    near = max((tick for tick in DEPTH_TICKS if tick <= low), default=DEPTH_TICKS[0])
+    far = min((tick for tick in DEPTH_TICKS if tick >= high), default=FARTHEST)
+    far = min(far, FARTHEST)
+    return (near, far) if far > near else (near / 2, near)
+
+
+def prediction_picture(left: np.ndarray, prediction: Prediction, shown: tuple[float, float]) -> np.ndarray:
+    """Return the picture, (h, w, 3) uint8 RGB.
+
+    Args:
+        left: (H, W) or (H, W, 3) uint8 left image.
+        prediction: Its maps.
+        shown: Nearest and farthest depth [m] of the scale, as of depth_range_shown.
+    """
+    near, far = shown
+    unknown = np.isnan(prediction.depth)
+    confidence = np.nan_to_num(np.clip(prediction.confidence, 0, 1))
+    sure = cv2.applyColorMap((confidence * 255).astype(np.uint8), cv2.COLORMAP_CIVIDIS)[..., ::-1].copy()
+    sure[unknown] = 0
+    maps = [
+        ("left image", in_colour(left)),
+        (f"depth: {near:g} m yellow to {far:g} m violet", depth_colours(prediction.depth, near, far)),
+    ]
+    if prediction.normal is not None:
+        maps.append(("normals: red right, green up, blue to the camera", normal_colours(prediction.normal)))
+    maps.append(("confidence: 0 blue to 1 yellow", sure))
+    parts = [_titled(title, _sized(image)) for title, image in maps]
+    height, width = parts[0].shape[:2]
+    page = np.full((2 * height + LINE + 12, 2 * width + GAP, 3), PAPER, np.uint8)
+    for number, part in enumerate(parts):
+        row, column = divmod(number, 2)
+        page[row * height : (row + 1) * height, column * (width + GAP) :][:, :width] = part
+    _draw_scale(page[2 * height :], width, near, far)
+    return page
+
+
+def prediction_figure(left: np.ndarray, prediction: Prediction, path: Path, shown: tuple[float, float]) -> None:
+    """Write the picture of a prediction as PNG.
 
     Args:
         left: (H, W) or (H, W, 3) uint8 left image.
         prediction: Its maps.
         path: The file to write.
+        shown: Nearest and farthest depth [m] of the scale.
+
+    Raises:
+        OSError: The file cannot be written; the message names it.
     """
-    height, width = left.shape[:2]
-    figure = Figure(figsize=(11, 1.0 + 10.2 * height / width), layout="constrained", dpi=110)
-    (image_axes, depth_axes), (normal_axes, confidence_axes) = figure.subplots(2, 2)
-    show(image_axes, in_colour(left))
-    image_axes.set_title("left image")
-    colours = colour_map(DEPTH_MAP)
-    norm = depth_scale(prediction.depth[np.isfinite(prediction.depth)], farthest=FARTHEST)
-    shown = show(depth_axes, known_depths(prediction.depth), cmap=colours, norm=norm)
-    bar = figure.colorbar(shown, ax=depth_axes, fraction=0.046, pad=0.02, extend="both")
-    label_bar(bar, norm, "depth [m]")
-    depth_axes.set_title("depth (grey: sky or unknown)")
-    if prediction.normal is not None:
-        show(normal_axes, normal_image(prediction.normal))
-        normal_axes.set_title(NORMAL_TITLE)
-    else:
-        normal_axes.set_axis_off()
-    shown = show(confidence_axes, prediction.confidence, cmap=colour_map("cividis"), norm=Normalize(0, 1))
-    figure.colorbar(shown, ax=confidence_axes, fraction=0.046, pad=0.02)
-    confidence_axes.set_title("confidence")
-    save(figure, path)
+    picture = prediction_picture(left, prediction, shown)
+    write_atomically(path, encode_png(picture[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 1]))
+
+
+def _sized(image: np.ndarray) -> np.ndarray:
+    """Return an image at LEAST to MOST px of width."""
+    width = image.shape[1]
+    if LEAST <= width <= MOST:
+        return image
+    factor = math.ceil(LEAST / width) if width < LEAST else MOST / width
+    size = max(1, round(width * factor)), max(1, round(image.shape[0] * factor))
+    return cv2.resize(image, size, interpolation=cv2.INTER_NEAREST if factor > 1 else cv2.INTER_AREA)
+
+
+def _titled(title: str, image: np.ndarray) -> np.ndarray:
+    """Return the image with a line of text above it, as small as it has to be."""
+    bar = np.full((LINE, image.shape[1], 3), PAPER, np.uint8)
+    _write(bar, title, 2, LINE - 6)
+    return np.concatenate([bar, image])
+
+
+def _write(image: np.ndarray, text: str, x: int, y: int) -> None:
+    font, size, colour, weight, line = TEXT
+    length = cv2.getTextSize(text, font, size, weight)[0][0]
+    size *= min(1.0, (image.shape[1] - x - 2) / max(length, 1))
+    cv2.putText(image, text, (x, y), font, size, colour, weight, line)
+
+
+def _draw_scale(strip: np.ndarray, width: int, near: float, far: float) -> None:
+    """Draw the scale of depth into the strip below the maps, and what grey and black mean beside it."""
+    ticks = [near, *(tick for tick in DEPTH_TICKS if near * 1.2 < tick < far / 1.2), far]
+    bar, columns = depth_bar(width, 10, ticks)
+    strip[2:12, :width] = bar
+    font, size, colour, weight, line = TEXT
+    end = -1
+    for tick, column in zip(ticks, columns):
+        text = f"{tick:g} m"
+        length = cv2.getTextSize(text, font, size, weight)[0][0]
+        x = min(max(column - length // 2, 0), width - length)
+        if x > end + 8 or tick == near:
+            cv2.putText(strip, text, (x, 26), font, size, colour, weight, line)
+            end = x + length
+    _write(strip[:, width + GAP :], "grey: sky, or farther; black: unknown", 2, 12)

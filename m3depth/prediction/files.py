@@ -1,32 +1,29 @@
-"""The files of a prediction: arrays, pictures, and a point cloud without points between two surfaces."""
+"""The files of a prediction: maps, a picture, a cloud without points between two surfaces, and the record of it."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from m3depth.prediction.figure import prediction_figure
+from m3depth.prediction.one_pair import PairPrediction
+from m3depth.prediction.options import PredictOptions
 from m3depth.stereo.pairs import in_colour
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import StereoRig
+from marssim.base.dataset.map_file import MAP_FORMATS, MAP_KINDS, encode_map
 from marssim.base.files.atomic import write_atomically
+from marssim.base.files.json_file import write_json
 from marssim.base.files.npy import encode_npy
-from marssim.base.files.png import encode_png
-from marssim.base.images.colours import normal_colours
 from marssim.base.images.depth_edges import depth_edges
 from marssim.base.images.pointcloud import coloured_points, encode_ply
 
 EDGE_SHARE = 0.02  # largest change of disparity within 3 x 3 px, as a share of it, that is no depth edge
-
-
-def without_sky_normals(prediction: Prediction) -> Prediction:
-    """Return the prediction with normals set to 0, which means none, where depth is not finite."""
-    if prediction.normal is None:
-        return prediction
-    normal = np.where(np.isfinite(prediction.depth)[..., None], prediction.normal, np.float32(0))
-    return replace(prediction, normal=normal)
+RECORD = "prediction.json"  # written last: a folder that has it is whole
+CLOUD, FIGURE, DIFFERENCE = "cloud.ply", "figure.png", "left_right.npy"
 
 
 def point_cloud(
@@ -53,47 +50,52 @@ def point_cloud(
 
 
 def write_prediction(
-    out: Path, left: np.ndarray, prediction: Prediction, rig: StereoRig, min_confidence: float, max_range: float
+    out: Path,
+    result: PairPrediction,
+    options: PredictOptions,
+    record: Mapping[str, Any],
+    shown: tuple[float, float],
+    cloud_pose: np.ndarray,
 ) -> int:
-    """Write every file that m3depth.predict lists, each in one step.
+    """Write the files of one pair that the flags ask for, each in one step, and delete those of an earlier run.
 
     Args:
         out: The folder; it is made.
-        left: (H, W) or (H, W, 3) uint8 left image.
-        prediction: Its maps.
-        rig: The cameras of the images.
-        min_confidence: Pixels of less confidence are left out of the point cloud.
-        max_range: Points of larger depth [m] are left out of the point cloud.
+        result: The prediction.
+        options: The command's flags.
+        record: Content of prediction.json, which is written last.
+        shown: Nearest and farthest depth [m] of the picture's scale.
+        cloud_pose: (4, 4) camera to the frame of the point cloud.
 
     Returns:
-        The number of points of the cloud.
+        The number of points of the cloud; 0 without one.
 
     Raises:
         OSError: A file cannot be written; the message names it.
     """
     out.mkdir(parents=True, exist_ok=True)
-    for name in ("depth", "disparity", "normal", "confidence"):
-        array = getattr(prediction, name)
-        if array is not None:
-            write_atomically(out / f"{name}.npy", encode_npy(array))
-        else:  # files of an earlier run would be taken for this one's
-            for suffix in ("npy", "png"):
-                (out / f"{name}.{suffix}").unlink(missing_ok=True)
-    _write_png(out / "depth.png", _uint16(prediction.depth * 1000.0))
-    _write_png(out / "disparity.png", _uint16(prediction.disparity * 256.0))
-    if prediction.normal is not None:
-        _write_png(out / "normal.png", np.ascontiguousarray(normal_colours(prediction.normal)[..., ::-1]))
-    points, colour = point_cloud(left, prediction, rig, min_confidence, max_range)
-    write_atomically(out / "cloud.ply", encode_ply(points, colour))
-    prediction_figure(left, prediction, out / "figure.png")
-    return len(points)
-
-
-def _uint16(values: np.ndarray) -> np.ndarray:
-    """Return rounded values; 0 where a value is not finite or does not fit."""
-    fits = np.isfinite(values) & (values >= 0) & (values < 65535.5)
-    return np.round(np.where(fits, values, 0)).astype(np.uint16)
-
-
-def _write_png(path: Path, image: np.ndarray) -> None:
-    write_atomically(path, encode_png(image))
+    (out / RECORD).unlink(missing_ok=True)
+    maps = {kind: getattr(result.prediction, kind) for kind in MAP_KINDS}
+    for kind in MAP_KINDS:
+        for form in MAP_FORMATS:
+            if maps[kind] is not None and kind in options.kinds and form in options.map_format:
+                write_atomically(out / f"{kind}.{form}", encode_map(maps[kind], kind, form))
+            else:  # files of an earlier run would be taken for this one's
+                (out / f"{kind}.{form}").unlink(missing_ok=True)
+    count = 0
+    for name in (CLOUD, FIGURE, DIFFERENCE):
+        (out / name).unlink(missing_ok=True)
+    if "cloud" in options.write:
+        points, colours = point_cloud(
+            result.left, result.prediction, result.rig, options.cloud_confidence, options.max_range
+        )
+        if options.cloud_frame != "camera":
+            points = (points @ cloud_pose[:3, :3].T + cloud_pose[:3, 3]).astype(np.float32)
+        write_atomically(out / CLOUD, encode_ply(points, colours))
+        count = len(points)
+    if "figure" in options.write:
+        prediction_figure(result.left, result.prediction, out / FIGURE, shown)
+    if result.difference is not None:
+        write_atomically(out / DIFFERENCE, encode_npy(result.difference))
+    write_json(out / RECORD, dict(record), sort_keys=False)
+    return count

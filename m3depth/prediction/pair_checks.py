@@ -61,6 +61,23 @@ def rows_of(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> RowFit | Non
     return near or row_misalignment(left, right, rig, max(1.0, ROWS_REACH * rig.camera.height))
 
 
+def empty_or_same(left: np.ndarray, right: np.ndarray, names: tuple[str, str] = ("left", "right")) -> str | None:
+    """Return what makes a pair meaningless at the first look: an image of one grey level, or twice the same image.
+
+    Args:
+        left: (H, W) or (H, W, 3) uint8 left image.
+        right: The right image, likewise.
+        names: What the message calls the images.
+    """
+    for name, image in zip(names, (left, right), strict=True):
+        if image.min() == image.max():
+            tone = "black" if image.max() == 0 else "of one grey level"
+            return f"{name} is {tone}: there is nothing to match"
+    if np.array_equal(left, right):
+        return f"{names[0]} and {names[1]} are one and the same image"
+    return None
+
+
 def check_pair(
     left: np.ndarray, right: np.ndarray, rig: StereoRig, rows: RowFit | None = None, aligned: bool = False,
     names: tuple[str, str] = ("left", "right"),
@@ -85,12 +102,8 @@ def check_pair(
     Returns:
         Whether each finding makes the result meaningless, and its message.
     """
-    for name, image in zip(names, (left, right), strict=True):
-        if image.min() == image.max():
-            tone = "black" if image.max() == 0 else "of one grey level"
-            return [(True, f"{name} is {tone}: there is nothing to match")]
-    if np.array_equal(left, right):
-        return [(True, f"{names[0]} and {names[1]} are one and the same image")]
+    if (fault := empty_or_same(left, right, names)) is not None:
+        return [(True, fault)]
     shares = matched_shares(left, right, rig)
     if exchanged(shares):
         return [(True, f"{names[0]} and {names[1]} match the wrong way round: exchange left and right")]

@@ -15,6 +15,8 @@ from marssim.base.files.json_file import write_json
 from marssim.base.files.png import encode_png
 
 RIG = "rig.json"
+ROVER_FRAME = "ROVER_NAV_FRAME"  # of labels
+Z_UP = np.diag([1.0, -1.0, -1.0])  # y right, z down to y left, z up
 NO_SCALE = "none: nothing gives the distance of the cameras, so depth has no unit"
 
 
@@ -45,12 +47,32 @@ def write_pair(out: Path, left: RawImage, right: RawImage, pair: RectifiedPair, 
 
 
 def rig_dict(pair: RectifiedPair) -> dict[str, Any] | None:
-    """Return the rig file of a rectified pair, with `shift` where the eyes' cx differ; None without a scale."""
+    """Return the rig file of a rectified pair, with `shift` where the eyes' cx differ, and with `camera_to_rover` where
+    labels give it; None without a scale.
+    """
     calibration = pair.calibration
     if calibration is None or calibration.size is None:
         return None
-    rig = calibration.rig(*calibration.size).to_dict()
-    return {**rig, "shift": round(float(calibration.shift), 6)} if calibration.shift else rig
+    rig: dict[str, Any] = calibration.rig(*calibration.size).to_dict()
+    if calibration.shift:
+        rig["shift"] = round(float(calibration.shift), 6)
+    if (pose := camera_to_rover(pair)) is not None:
+        rig["camera_to_rover"] = pose.round(9).tolist()
+    return rig
+
+
+def camera_to_rover(pair: RectifiedPair) -> np.ndarray | None:
+    """Return the pose of the rectified left camera on the rover, where the labels give it: (4, 4) camera to rover.
+
+    The rover's frame here is that of the project, x ahead, y left, z up. The labels' has y right and z down, with the
+    origin on the ground (rover navigation frame of Mars 2020 and MSL).
+    """
+    if pair.view is None or pair.cameras is None or not pair.cameras.left.frame.startswith(ROVER_FRAME):
+        return None
+    pose = np.eye(4)
+    pose[:3, :3] = Z_UP @ pair.view.rotation.T
+    pose[:3, 3] = Z_UP @ pair.cameras.left.centre
+    return pose
 
 
 def make_report(left: RawImage, right: RawImage, pair: RectifiedPair, calibration: str) -> dict[str, Any]:

@@ -19,6 +19,8 @@ COMMANDS = {  # configs of the commands' flags, with values for those that have 
     "marssim.slopes:SlopesConfig": {},
     "marssim.abundance:AbundanceConfig": {"rocks": RockConfig()},
     "m3depth.ablation.config:AblateOptions": {"data": (Path("data"),), "out": Path("out"), "steps": 1},
+    "m3depth.prediction.options:PredictOptions": {"images": (Path("a"), Path("b")), "out": Path("out")},
+    "nav.map:MapOptions": {"data": Path("data"), "out": Path("out")},
     "m3depth.export:ExportOptions": {"out": Path("model.onnx")},
     "m3depth.texture:TextureOptions": {"images": (Path("data"),), "out": Path("out")},
     "m3depth.evaluate:EvaluateOptions": {"data": Path("data"), "out": Path("out")},

@@ -13,7 +13,7 @@ from marssim.base.version import VERSION, VERSION_FLAG, VERSION_LINE
 COMMANDS = {
     "marssim": ("generate", "verify", "export", "abundance", "slopes"),
     "m3depth": ("train", "evaluate", "predict", "rectify", "export", "ablate", "texture"),
-    "nav": ("replay",),
+    "nav": ("replay", "map"),
     "envs": ("evaluate", "demo", "rocks", "train_ppo"),
 }
 

@@ -10,20 +10,21 @@ _HEADER = re.compile(rb"(P[fF])\s+(\d+)\s+(\d+)\s+([-+.\deE]+)(?:\r\n|\s)")
 
 
 def encode_pfm(image: np.ndarray) -> bytes:
-    """Encode a map as a grey PFM: header `Pf`, width and height, -1 (little-endian, scale 1); rows from the bottom up.
+    """Encode a map as PFM: header `Pf` or `PF`, width and height, -1 (little-endian, scale 1); rows from the bottom up.
 
     Args:
-        image: (H, W), stored as float32.
+        image: (H, W), or (H, W, 3) in RGB's order, stored as float32.
 
     Raises:
         ValueError: The map has another shape, or holds NaN, which readers take for a broken file.
     """
-    if image.ndim != 2:
-        raise ValueError(f"a grey PFM holds a map (H, W), got the shape {image.shape}")
+    if image.ndim != 2 and image.shape[2:] != (3,):
+        raise ValueError(f"a PFM holds a map (H, W) or (H, W, 3), got the shape {image.shape}")
     if np.isnan(image).any():
-        raise ValueError("a PFM of disparities must not hold NaN, since readers take it for a broken file")
-    height, width = image.shape
-    return f"Pf\n{width} {height}\n-1\n".encode() + np.flipud(image).astype("<f4").tobytes()
+        raise ValueError("a PFM must not hold NaN, since readers take it for a broken file")
+    height, width = image.shape[:2]
+    kind = "Pf" if image.ndim == 2 else "PF"
+    return f"{kind}\n{width} {height}\n-1\n".encode() + np.flipud(image).astype("<f4").tobytes()
 
 
 def decode_pfm(data: bytes) -> np.ndarray | None:

@@ -19,6 +19,8 @@ DISPARITY_MAP = "viridis"  # matplotlib's name for the colours of disparity
 NEAR = 1.0  # [m] depth at the bright end of a fixed scale
 TICKS = (1, 2, 3, 5, 10, 15)  # [m] depths that are labelled on a fixed scale
 ROUND = (1, 1.5, 2, 3, 4, 5, 7)  # first digits of the depths that are labelled on another scale
+# [m] depths that the bar of a scale may name which is chosen by what a map shows
+DEPTH_TICKS = (0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1, 2, 3, 5, 10, 15, 30, 50, 100, 200, 500)
 BEYOND = 90  # grey level of the sky, and of depth beyond the dark end
 DEPTH_TITLE = f"depth: {NEAR:g} m yellow to {MAX_DEPTH:g} m violet, grey beyond"
 NORMAL_TITLE = "normals: red right, green up, blue to the camera"

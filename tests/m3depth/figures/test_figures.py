@@ -20,7 +20,6 @@ from m3depth.figures.errors import distribution_figure, interval_figure, sparsif
 from m3depth.figures.pairs import pairs_figure, scale_text
 from m3depth.figures.qualitative import hard_parts, qualitative_figure, zoom_figure
 from m3depth.figures.rocks import rocks_figure
-from m3depth.prediction.figure import prediction_figure
 from m3depth.stereo.classical import SGBM
 from m3depth.stereo.prediction import Prediction
 from marssim.base.images.colours import NORMAL_TITLE
@@ -205,17 +204,6 @@ def test_bars_are_the_outcomes_of_the_rocks(tmp_path, drawn_figures):
     assert not drawn_figures[2].axes and "no sample records the pose" in drawn_figures[2].texts[0].get_text()
 
 
-def test_a_prediction_is_drawn_unchanged(plane_samples, tmp_path, drawn_figures):
-    exact = example(plane_samples[0]).predictions["truth"]
-    confidence = np.linspace(0, 1, exact.depth.size, dtype=np.float32).reshape(exact.depth.shape)
-    prediction_figure(plane_samples[0].left, replace(exact, confidence=confidence), tmp_path / "figure.png")
-    image, depth, _normal, sure = drawn_figures[0].axes[:4]
-    np.testing.assert_array_equal(image_in(image), plane_samples[0].left)
-    np.testing.assert_array_equal(image_in(depth).mask, ~np.isfinite(exact.depth))
-    np.testing.assert_array_equal(image_in(sure), confidence)
-    assert (sure.images[0].norm.vmin, sure.images[0].norm.vmax) == (0, 1)
-
-
 def test_pairs_are_drawn_with_their_errors_and_scales(plane_samples, tmp_path, drawn_figures):
     sample = plane_samples[0]
     off = Prediction(sample.depth, sample.disparity + 2, None, np.full(sample.depth.shape, 0.25, np.float32))
@@ -238,14 +226,6 @@ def test_pairs_are_drawn_with_their_errors_and_scales(plane_samples, tmp_path, d
 
 def test_a_scale_from_zero_disparity_begins_infinitely_far():
     assert scale_text(Normalize(0, 27), 54.0) == "0 to 27 px\ninf to 2 m"
-
-
-@pytest.mark.parametrize("normal", [True, False])
-def test_a_prediction_of_nothing_can_be_drawn(tmp_path, normal):
-    unknown = np.full((20, 30), np.nan, np.float32)
-    nothing = Prediction(unknown, unknown, np.zeros((20, 30, 3), np.float32) if normal else None, unknown * 0)
-    prediction_figure(np.zeros((20, 30), np.uint8), nothing, tmp_path / "figure.png")
-    assert cv2.imread(str(tmp_path / "figure.png")) is not None
 
 
 def test_depth_scales_span_the_depths():

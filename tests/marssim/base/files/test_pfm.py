@@ -13,17 +13,19 @@ def test_header_and_rows_are_as_readers_want_them():
     assert struct.unpack("<6f", data[len(b"Pf\n3 2\n-1\n") :]) == (4.0, 5.0, 6.0, 1.5, np.inf, 3.0)
 
 
-def test_nan_and_colours_are_refused():
+def test_nan_and_other_shapes_are_refused():
     with pytest.raises(ValueError, match="NaN"):
         encode_pfm(np.array([[np.nan]]))
-    with pytest.raises(ValueError, match=r"\(2, 2, 3\)"):
-        encode_pfm(np.zeros((2, 2, 3)))
+    with pytest.raises(ValueError, match=r"\(2, 2, 4\)"):
+        encode_pfm(np.zeros((2, 2, 4)))
 
 
 def test_a_written_map_is_read_back():
     image = np.random.default_rng(0).normal(size=(5, 7)).astype(np.float32)
     image[2, 3] = np.inf
     assert np.array_equal(decode_pfm(encode_pfm(image)), image)
+    vectors = np.random.default_rng(1).normal(size=(5, 7, 3)).astype(np.float32)
+    assert np.array_equal(decode_pfm(encode_pfm(vectors)), vectors)
 
 
 @pytest.mark.parametrize("scale", ["-0.003922", "-1.0", "-3e-2", "1", "0.5"])

@@ -1,4 +1,4 @@
-"""Digests by which a resumed evaluation recognises its inputs, in JSON's types."""
+"""Digests by which a command that continues recognises its inputs, in JSON's types."""
 
 from __future__ import annotations
 

@@ -1,0 +1,75 @@
+"""Score methods on all pairs of a folder without true depth, and write the table. A stopped run continues."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from m3depth.estimator import Estimator
+from m3depth.evaluation.resume import SavedState
+from m3depth.evaluation.without_truth.pairs import ImagePair
+from m3depth.evaluation.without_truth.scoring import means, score_pair, table
+from marssim.base.command.progress import watched
+from marssim.base.command.signals import stop_on_signal
+from marssim.base.command.wording import counted
+from marssim.base.files.atomic import write_atomically
+from marssim.base.files.json_file import write_json
+
+RULES = (
+    "Without true depth: the share of the pixels that both eyes measure on which their disparities agree within 1 px; "
+    "the mean difference of the normalised images where the right one is warped by the disparity, on the pixels that "
+    "SGBM matched, and its ratio to SGBM's there; the shares of sky and of unknown pixels."
+)
+
+
+def score_without_truth(
+    pairs: Sequence[ImagePair],
+    methods: Mapping[str, Estimator],
+    out: Path,
+    about: Mapping[str, Any],
+    saved_state: SavedState,
+    align_rows: bool = False,
+) -> dict[str, dict[str, float]]:
+    """Score the methods on pairs, write results.json and results.md, and print the table.
+
+    Args:
+        pairs: The pairs.
+        methods: The methods, by the name of their column.
+        out: The folder, which the caller has claimed.
+        about: What the results say about the run.
+        saved_state: Where the scores so far are saved, and loaded from.
+        align_rows: Whether to align the rows of each pair first.
+
+    Returns:
+        The means over the pairs, by method.
+
+    Raises:
+        DatasetError: A file of a pair cannot be used.
+        EstimatorError: A method returned no whole Prediction.
+        KeyboardInterrupt: After SIGINT or SIGTERM, once the current pair is scored and saved.
+    """
+    records: list[dict[str, Any]] = (saved_state.load() or {"pairs": []})["pairs"]
+    rest = pairs[len(records) :]
+    for method in methods.values() if rest else ():
+        method.infer(*rest[0].read())  # warms it up
+    with stop_on_signal() as signals:
+        for pair in watched(rest, "pair", "evaluate"):
+            left, right, rig = pair.read()
+            records.append({"pair": pair.name, **score_pair(methods, left, right, rig, align_rows)})
+            saved_state.save_now_and_then(lambda: {"pairs": records})
+            if signals:
+                saved_state.save({"pairs": records})
+                raise KeyboardInterrupt
+    results = means(records, list(methods))
+    write_json(out / "results.json", {**about, "methods": results, "per_pair": records}, sort_keys=False)
+    parts = [f"# Evaluation without true depth\n\n{counted(len(records), 'pair')} of `{about['data']}`. {RULES}\n"]
+    parts.append(f"\nMeans over the pairs:\n\n{table(results, markdown=True)}\n")
+    for name in methods:
+        rows = {record["pair"]: record[name] for record in records}
+        parts.append(f"\n## {name}\n\n{table(rows, markdown=True)}\n")
+    write_atomically(out / "results.md", "".join(parts).encode())
+    saved_state.remove()
+    print(table(results))
+    print(f"{counted(len(records), 'pair')} without true depth; the scores of each are in {out / 'results.md'}")
+    return results

@@ -1,0 +1,117 @@
+"""Scores of a pair without true depth, their means over pairs, and the table of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from m3depth.estimator import Estimator, checked_prediction
+from m3depth.evaluation.cost import measured
+from m3depth.evaluation.without_truth.photometric import residuals
+from m3depth.prediction.left_right import left_right_difference
+from m3depth.prediction.masks import unmeasured
+from m3depth.stereo.classical import SGBM
+from m3depth.stereo.prediction import Prediction
+from m3depth.stereo.rows import align_rows
+from marssim.base.camera import StereoRig
+
+AGREEMENT = 1.0  # [px] largest difference of both eyes' disparities that counts as agreement
+COLUMNS = {  # title and number of decimals of each score
+    "agreement": ("eyes agree [%] ↑", 100, 1),
+    "residual": ("photometric residual ↓", 1, 4),
+    "residual_ratio": ("over SGBM's ↓", 1, 3),
+    "sky": ("sky [%]", 100, 1),
+    "unknown": ("unknown [%]", 100, 1),
+    "seconds": ("s/pair", 1, 2),
+}
+
+
+def score_pair(
+    methods: Mapping[str, Estimator], left: np.ndarray, right: np.ndarray, rig: StereoRig, align: bool = False
+) -> dict[str, dict[str, float]]:
+    """Score every method on a pair.
+
+    Args:
+        methods: The methods, by the name of their column.
+        left, right: (H, W) or (H, W, 3) uint8, rectified.
+        rig: The cameras of these images.
+        align: Whether to align the rows first where they lie significantly apart.
+
+    Returns:
+        For each method: the share of the pixels that both eyes see and measure on which their disparities agree
+        within 1 px; the mean photometric residual on the pixels that SGBM matched and the method measured, and its
+        ratio to SGBM's there; the shares of sky and of unknown pixels; and the seconds. What has no pixels is left out.
+
+    Raises:
+        EstimatorError: A method returned something else than a whole Prediction.
+    """
+    if align:
+        right, _ = align_rows(left, right, rig)
+    matched = SGBM().match(left, right, rig)
+    residual_of_sgbm = residuals(left, right, matched)
+    scores = {}
+    for name, method in methods.items():
+
+        def infer(first: np.ndarray, second: np.ndarray, of: StereoRig, method: Estimator = method) -> Prediction:
+            return checked_prediction(method, method.infer(first, second, of), first.shape[:2])
+
+        prediction, cost = measured(infer, left, right, rig)
+        difference = left_right_difference(infer, left, right, rig, prediction)
+        scores[name] = {**_figures(left, right, prediction, difference, residual_of_sgbm), "seconds": cost.seconds}
+    return scores
+
+
+def _figures(
+    left: np.ndarray, right: np.ndarray, prediction: Prediction, difference: np.ndarray, residual_of_sgbm: np.ndarray
+) -> dict[str, float]:
+    filled = unmeasured(prediction)
+    depth = np.isfinite(prediction.depth) & ~filled
+    figures = {"sky": float(prediction.is_sky.mean()), "unknown": float((np.isnan(prediction.depth) | filled).mean())}
+    if (both := depth & np.isfinite(difference)).any():
+        figures["agreement"] = float((difference[both] <= AGREEMENT).mean())
+    own = residuals(left, right, np.where(depth, prediction.disparity, np.float32(np.nan)))
+    if (shared := np.isfinite(own) & np.isfinite(residual_of_sgbm)).any():
+        figures["residual"] = float(own[shared].mean())
+        if (of_sgbm := float(residual_of_sgbm[shared].mean())) > 0:
+            figures["residual_ratio"] = figures["residual"] / of_sgbm
+    return figures
+
+
+def means(records: Sequence[Mapping[str, Any]], names: Sequence[str]) -> dict[str, dict[str, float]]:
+    """Return the mean of each score over the pairs that have it, by method.
+
+    Args:
+        records: A score_pair of each pair.
+        names: Names of the methods.
+    """
+    return {
+        name: {
+            key: float(np.mean(values))
+            for key in COLUMNS
+            if (values := [record[name][key] for record in records if key in record[name]])
+        }
+        for name in names
+    }
+
+
+def table(rows: Mapping[str, Mapping[str, float]], markdown: bool = False) -> str:
+    """Return scores as a table for the terminal, or in Markdown.
+
+    Args:
+        rows: Scores by the name of their row.
+        markdown: Whether to write Markdown.
+    """
+    cells = [["", *(title for title, _, _ in COLUMNS.values())]]
+    for name, scores in rows.items():
+        shown = [
+            f"{scores[key] * factor:.{digits}f}" if key in scores else "-"
+            for key, (_, factor, digits) in COLUMNS.items()
+        ]
+        cells.append([name, *shown])
+    if markdown:
+        cells.insert(1, ["---", *["---:"] * len(COLUMNS)])
+        return "\n".join(f"| {' | '.join(row)} |" for row in cells)
+    widths = [max(len(row[i]) for row in cells) for i in range(len(cells[0]))]
+    return "\n".join("  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in cells)

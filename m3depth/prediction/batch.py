@@ -1,0 +1,243 @@
+"""Many pairs, one after the other: the next one is read and checked, and the last one written, while one is predicted.
+
+Memory does not grow with the number of pairs. Each pair has a folder, whose prediction.json is written last: a run that
+was stopped or killed continues with the first pair without one.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from m3depth.prediction.figure import depth_range_shown
+from m3depth.prediction.files import RECORD, write_prediction
+from m3depth.prediction.one_pair import Method, PairPrediction, PreparedPair, method_record, predict_pair, prepare
+from m3depth.prediction.options import PredictOptions
+from m3depth.prediction.overview import RATE, write_fused_cloud, write_sheet, write_video
+from m3depth.prediction.sources.calibration import make_calibration
+from m3depth.prediction.sources.inputs import Inputs, PairInput
+from m3depth.prediction.sources.poses import rover_pose
+from m3depth.prediction.sources.video_frames import EndOfVideo
+from marssim.base.camera import StereoRig
+from marssim.base.command.progress import watched
+from marssim.base.command.signals import stop_on_signal
+from marssim.base.command.wording import counted
+from marssim.base.files.json_file import read_json
+from marssim.base.results.claim import PARTIAL, ResultFolder
+from marssim.base.results.code_state import source_digest, versions
+
+MARK = "predictions.json"  # settings of the pairs in a folder
+THOROUGH = 10  # every pair of this number is matched both ways round to check it
+NOT_SETTINGS = ("images", "out", "weights", "estimator", "left", "right", "poses", "calib", "mask", "voxel", "video")
+
+
+class _WrongCalibration(Exception):
+    """The calibration of a pair cannot be used."""
+
+
+@dataclass
+class Batch:
+    """What became of the pairs.
+
+    Attributes:
+        done: Names of the pairs that have results, in order.
+        skipped: Why the others have none, by name.
+        resumed: How many were done by an earlier run.
+    """
+
+    done: list[str] = field(default_factory=list)
+    skipped: dict[str, str] = field(default_factory=dict)
+    resumed: int = 0
+
+
+def batch_folder(options: PredictOptions, inputs: Inputs) -> ResultFolder:
+    """Return the folder of many pairs, which only the same settings continue."""
+    method = method_record(options)
+    settings = {
+        **{name: _plain(value) for name, value in vars(options).items() if name not in NOT_SETTINGS},
+        "estimator": method["estimator"], "weights": method["sha256"], "runtime": method["runtime"],
+        **inputs.state(options),
+        "Code": source_digest(("marssim", "m3depth")),
+    }  # fmt: skip
+    digests = ("images", "calibration, masks and poses")
+    return ResultFolder(
+        options.out, "prediction", MARK, settings, digests=digests, has_results=_has_results, partial=(f"**/{PARTIAL}",)
+    )
+
+
+def _has_results(folder: Path) -> bool:
+    return next(folder.rglob(RECORD), None) is not None
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
+
+
+def record_of(
+    pair: PairInput, inputs: Inputs, rig: StereoRig, method: Method, options: PredictOptions
+) -> dict[str, Any]:
+    """Return what prediction.json holds but what was done to the rows.
+
+    Args:
+        pair: The pair.
+        inputs: All pairs.
+        rig: The cameras.
+        method: The method.
+        options: The command's flags.
+
+    Raises:
+        ValueError: The clouds should be in the world, and the pair has no pose.
+    """
+    pose = inputs.pose(pair, rig, options)
+    if pose is None and options.cloud_frame == "world":
+        raise ValueError("--cloud-frame world needs poses: give --poses")
+    return {
+        **method.record,
+        "left": str(pair.left), "right": str(pair.right),
+        **({} if inputs.video is None else {"frame": pair.number}),
+        "rig": rig.to_dict(),
+        "camera_to_rover": rover_pose(options, pair.left, rig.baseline).tolist(),
+        "pose": None if pose is None else pose.tolist(),
+        "world": pair.group or None,
+        "cloud_frame": options.cloud_frame,
+    }  # fmt: skip
+
+
+def cloud_pose(record: dict[str, Any]) -> np.ndarray:
+    """Return the pose of the camera in the frame of the point cloud, (4, 4)."""
+    frame = record["cloud_frame"]
+    return np.eye(4) if frame == "camera" else np.array(record["pose" if frame == "world" else "camera_to_rover"])
+
+
+def ending(result: PairPrediction, shown: tuple[float, float]) -> dict[str, Any]:
+    """Return what prediction.json says last: rows, scale of the picture, versions."""
+    removed = None if result.removed is None else str(result.removed)
+    return {"rows_aligned": removed, "depth_shown_m": list(shown), "versions": versions()}
+
+
+def predict_many(options: PredictOptions, inputs: Inputs, load: Callable[[], Method]) -> Batch:
+    """Predict all pairs that have no results yet, and write what shows all of them.
+
+    A pair that cannot be used is skipped with a warning.
+
+    Args:
+        options: The command's flags.
+        inputs: The pairs.
+        load: Loads the method; it is called once, if there is a pair to predict.
+
+    Raises:
+        DatasetError: The folder holds results of other settings, or something else.
+        ValueError: No pair can be used; the message is that of the first.
+        KeyboardInterrupt: After SIGINT or SIGTERM, once the pairs at work are written.
+    """
+    folder = batch_folder(options, inputs)
+    folder.check()
+    is_whole = all(_is_done(options, pair) for pair in inputs.pairs)
+    method = None if is_whole else load()
+    with folder.claim(), stop_on_signal() as signals:
+        batch = _predict_remaining(options, inputs, method, signals)
+        if signals:
+            raise KeyboardInterrupt
+        if not batch.done:
+            raise ValueError(next(iter(batch.skipped.values()), "there are no pairs"))
+        _write_overview(options, inputs, batch)
+    return batch
+
+
+def _predict_remaining(options: PredictOptions, inputs: Inputs, method: Method | None, signals: Sequence[int]) -> Batch:
+    is_done = {pair.name: _is_done(options, pair) for pair in inputs.pairs}
+    batch = Batch(resumed=sum(is_done.values()))
+    rest = [pair for pair in inputs.pairs if not is_done[pair.name]]
+    if batch.resumed:
+        print(
+            f"predict: {batch.resumed} of {counted(len(inputs.pairs), 'pair')} are predicted already", file=sys.stderr
+        )
+    shown: tuple[float, float] | None = None
+    for pair in inputs.pairs:
+        if is_done[pair.name]:
+            near, far = read_json(options.out / pair.name / RECORD)["depth_shown_m"]
+            shown = near, far
+            break
+
+    def ready(pair: PairInput) -> PreparedPair:
+        left, right = inputs.read(pair)
+        height, width = left.shape[:2]
+        try:
+            calibration = make_calibration(options, height, width, pair.left, pair.calibration)
+        except (ValueError, FileNotFoundError) as error:
+            raise _WrongCalibration(str(error)) from None
+        thorough = pair.number // options.every % THOROUGH == 0
+        files = None if inputs.video is not None else (pair.left, pair.right)
+        return prepare(left, right, calibration, options, inputs.labels(pair), files, thorough)
+
+    with ThreadPoolExecutor(1) as reader, ThreadPoolExecutor(1) as writer:
+        writing: Future[int] | None = None
+        for pair, prepared in zip(watched(rest, "pair", "predict"), _ahead(reader, ready, rest)):
+            try:
+                work = prepared.result()
+            except EndOfVideo:
+                tqdm.write(f"warning: the video ends at {pair.name}, before its header says", file=sys.stderr)
+                break
+            except _WrongCalibration as error:  # which is most likely that of all pairs
+                raise ValueError(str(error)) from None
+            except (ValueError, FileNotFoundError) as error:
+                batch.skipped[pair.name] = str(error)
+                tqdm.write(f"warning: {pair.name} is skipped: {error}", file=sys.stderr)
+                continue
+            for message in work.warnings:
+                tqdm.write(f"warning: {pair.name}: {message}", file=sys.stderr)
+            assert method is not None
+            record = record_of(pair, inputs, work.rig, method, options)
+            result = predict_pair(work, method, options)
+            if shown is None:
+                shown = depth_range_shown(result.prediction.depth)
+            if writing is not None:
+                writing.result()
+            record |= ending(result, shown)
+            writing = writer.submit(
+                write_prediction, options.out / pair.name, result, options, record, shown, cloud_pose(record)
+            )
+            if signals:
+                break
+        if writing is not None:
+            writing.result()
+    batch.done = [pair.name for pair in inputs.pairs if _is_done(options, pair)]
+    return batch
+
+
+def _is_done(options: PredictOptions, pair: PairInput) -> bool:
+    return (options.out / pair.name / RECORD).is_file()
+
+
+def _ahead(
+    pool: ThreadPoolExecutor, make: Callable[[PairInput], PreparedPair], pairs: Sequence[PairInput]
+) -> Iterator[Future[PreparedPair]]:
+    """Yield what becomes of each pair, while the next one is made."""
+    waiting: deque[Future[PreparedPair]] = deque()
+    for pair in pairs:
+        waiting.append(pool.submit(make, pair))
+        if len(waiting) > 1:
+            yield waiting.popleft()
+    yield from waiting
+
+
+def _write_overview(options: PredictOptions, inputs: Inputs, batch: Batch) -> None:
+    """Write the sheet, the video and the fused cloud that the flags ask for."""
+    if "figure" in options.write:
+        write_sheet(options.out, batch.done)
+        if options.video or inputs.video is not None:
+            rate = 0.0 if inputs.video is None else inputs.video.rate / options.every
+            write_video(options.out, batch.done, rate or RATE)
+    done = [pair for pair in inputs.pairs if pair.name in set(batch.done)]
+    if "cloud" in options.write and all(pair.pose is not None or pair.sample is not None for pair in done):
+        names = [pair.name for pair in done if read_json(options.out / pair.name / RECORD)["pose"] is not None]
+        if len(names) == len(done) and len({pair.group for pair in done}) == 1:
+            write_fused_cloud(options.out, names, options.voxel)

@@ -1,0 +1,198 @@
+"""From the images of a pair to its maps: checks, alignment of rows, the method, and what becomes unknown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from inspect import signature
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from m3depth.estimator import M3DEPTH, Estimator, EstimatorName, load_estimator
+from m3depth.prediction.common_disparity import given_back, nearest_without, taken_out
+from m3depth.prediction.left_right import left_right_difference
+from m3depth.prediction.masks import read_valid, seen_by_mask, unknown_where, unmeasured, without_sky_normals
+from m3depth.prediction.options import PredictOptions
+from m3depth.prediction.pair_checks import check_pair, empty_or_same, rows_of
+from m3depth.prediction.settings import with_settings
+from m3depth.runtimes.choice import recorded_runtime
+from m3depth.stereo.pairs import NEAREST
+from m3depth.stereo.prediction import Prediction
+from m3depth.stereo.rows import RowFit, aligned_right
+from marssim.base.calibration.rectified import Calibration, align_right
+from marssim.base.camera import StereoRig
+
+AGREEMENT = 1.0  # [px] largest difference of both eyes' disparities that counts as agreement
+
+
+@dataclass(frozen=True)
+class Method:
+    """The method that predicts.
+
+    Attributes:
+        estimator: The method.
+        record: What identifies it: name, SHA-256 of its weights, and the program that runs it.
+    """
+
+    estimator: Estimator
+    record: dict[str, Any]
+
+    @classmethod
+    def of(cls, options: PredictOptions, estimator: Estimator | None = None) -> Method:
+        """Load the method that the flags name, or take the given one instead.
+
+        Raises:
+            ValueError: The flags name no method; the message says which.
+            OSError, ImportError: Its weights or its package are missing.
+        """
+        if estimator is None:
+            name, flag = method_name(options)
+            estimator = load_estimator(name, flag, device=options.device, runtime=options.runtime)
+            record = method_record(options)
+        else:
+            record = {"estimator": type(estimator).__name__}
+        with_settings(estimator, options.estimator, nearest=options.nearest, max_pixels=options.max_pixels)  # a check
+        return cls(estimator, record)
+
+
+def method_name(options: PredictOptions) -> tuple[str, str]:
+    """Return the name of the method, and the flag that names it."""
+    if options.weights is not None:
+        return f"{M3DEPTH}:{options.weights}", "--weights"
+    return options.estimator, "--estimator"
+
+
+def method_record(options: PredictOptions) -> dict[str, Any]:
+    """Return what identifies the method that the flags name. Raises as EstimatorName.digest."""
+    name, _ = method_name(options)
+    runtime = recorded_runtime([name], options.runtime, options.device)
+    return {"estimator": name, "sha256": EstimatorName(name).digest(), "runtime": runtime}
+
+
+@dataclass(frozen=True)
+class PreparedPair:
+    """A pair as the method sees it.
+
+    Attributes:
+        left, right: The images; the right one is moved by the shift, and its rows are aligned.
+        rig: The cameras.
+        common: Common disparity that stays out while the pair is matched [px].
+        moved: By how much the right image was moved to the left [px].
+        removed: The misalignment of the rows that was taken out, or None.
+        left_valid, right_valid: (H, W) bool, where the images show the scene, or None.
+        warnings: What speaks against the pair, without making its result meaningless.
+    """
+
+    left: np.ndarray
+    right: np.ndarray
+    rig: StereoRig
+    common: float
+    moved: float
+    removed: RowFit | None
+    left_valid: np.ndarray | None
+    right_valid: np.ndarray | None
+    warnings: Sequence[str]
+
+
+@dataclass(frozen=True)
+class PairPrediction:
+    """The prediction of a pair.
+
+    Attributes:
+        left: (H, W) or (H, W, 3) uint8 left image.
+        prediction: The maps that are written.
+        rig: The cameras.
+        difference: (H, W) left_right_difference [px], or None.
+        removed: The misalignment of the rows that was taken out, or None.
+        compared: Number of pixels with depth whose difference is known.
+        agreeing: How many of them agree.
+    """
+
+    left: np.ndarray
+    prediction: Prediction
+    rig: StereoRig
+    difference: np.ndarray | None
+    removed: RowFit | None
+    compared: int = 0
+    agreeing: int = 0
+
+
+def prepare(
+    left: np.ndarray,
+    right: np.ndarray,
+    calibration: Calibration,
+    options: PredictOptions,
+    labels: tuple[str, str] = ("left", "right"),
+    files: tuple[Path, Path] | None = None,
+    thorough: bool = True,
+) -> PreparedPair:
+    """Check a pair and align it.
+
+    Args:
+        left, right: The images, (H, W) or (H, W, 3) uint8.
+        calibration: Of these images.
+        options: The command's flags.
+        labels: What messages call the images.
+        files: Their files, beside which masks may lie.
+        thorough: Whether to match the pair both ways round too, which takes as long as fitting the rows. Without it,
+            that is done only where the rows do not show that the images are a rectified pair.
+
+    Raises:
+        FileNotFoundError: A mask is missing.
+        ValueError: The result would be meaningless, or a mask does not fit.
+    """
+    height, width = left.shape[:2]
+    rig = calibration.rig(width, height)
+    common = taken_out(calibration.shift, width)
+    moved = calibration.shift - common
+    paths = (None, None) if files is None else files
+    masks = [*options.mask, None, None][:2]
+    left_valid, right_valid = (read_valid(path, mask, (height, width)) for path, mask in zip(paths, masks))
+    right = align_right(right, moved)
+    rows = rows_of(left, right, rig)
+    warnings = []
+    if thorough or rows is None or rows.significant or empty_or_same(left, right) is not None:
+        for fatal, message in check_pair(left, right, rig, rows, options.align_rows, labels):
+            if fatal and not options.unchecked:
+                raise ValueError(f"{message}; nothing was written (--unchecked writes the result nevertheless)")
+            warnings.append(message)
+    removed = rows if options.align_rows and rows is not None and rows.significant else None
+    if removed is not None:
+        right = aligned_right(right, rig, removed)
+    return PreparedPair(left, right, rig, common, moved, removed, left_valid, right_valid, warnings)
+
+
+def predict_pair(pair: PreparedPair, method: Method, options: PredictOptions) -> PairPrediction:
+    """Predict for a prepared pair, and make unknown what the flags and the masks say.
+
+    Args:
+        pair: The pair.
+        method: The method.
+        options: The command's flags.
+
+    Raises:
+        EstimatorError: The method returned something else than a whole Prediction.
+        ValueError: The method takes no such setting as a flag gives.
+    """
+    nearest = options.nearest
+    if pair.common and (nearest is not None or "nearest" in signature(method.estimator.infer).parameters):
+        nearest = nearest_without(nearest or NEAREST, pair.rig, pair.common)
+    infer = with_settings(method.estimator, options.estimator, nearest=nearest, max_pixels=options.max_pixels)
+    prediction = infer(pair.left, pair.right, pair.rig)
+    unknown = unmeasured(prediction, options.min_confidence)
+    difference, compared, agreeing = None, 0, 0
+    if options.left_right:
+        difference = left_right_difference(infer, pair.left, pair.right, pair.rig, prediction)
+        agree = difference <= AGREEMENT
+        both_see = np.isfinite(prediction.depth) & np.isfinite(difference)
+        compared, agreeing = int(both_see.sum()), int((both_see & agree).sum())
+        unknown |= ~agree
+    if pair.left_valid is not None:
+        unknown |= ~pair.left_valid
+    if pair.right_valid is not None:
+        unknown |= ~seen_by_mask(prediction, pair.right_valid, pair.moved)
+    prediction = unknown_where(without_sky_normals(prediction), unknown)
+    prediction = given_back(prediction, pair.rig, pair.common)
+    return PairPrediction(pair.left, prediction, pair.rig, difference, pair.removed, compared, agreeing)

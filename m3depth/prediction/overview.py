@@ -1,0 +1,115 @@
+"""What shows many predictions at once: a sheet of their pictures, a video, and the fused cloud.
+
+All three are made of the files of the pairs, so that they do not depend on how often a run was stopped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from m3depth.prediction.files import CLOUD, FIGURE, RECORD
+from m3depth.prediction.fused_cloud import fuse
+from m3depth.stereo.pairs import spread
+from marssim.base.files.atomic import write_atomically, written_atomically
+from marssim.base.files.json_file import read_json
+from marssim.base.files.png import decode_png
+
+SHEET, VIDEO, FUSED = "overview.jpg", "video.mp4", "fused_cloud.ply"
+MOST, COLUMNS = 20, 4  # pictures of the sheet
+WIDTH = 400  # [px] of a picture of the sheet
+LINE = 18  # [px] height of a name
+RATE = 5.0  # frames a second of pairs that are not those of a video
+
+
+def write_sheet(out: Path, names: Sequence[str]) -> None:
+    """Write the sheet: at most 20 pictures, spread evenly over the pairs, each with its name.
+
+    Args:
+        out: The folder of the results.
+        names: Folders of the pairs in it.
+    """
+    cells = []
+    for name in (names[i] for i in spread(len(names), MOST)):
+        picture = _picture(out / name)
+        height = max(1, round(picture.shape[0] * WIDTH / picture.shape[1]))
+        small = cv2.resize(picture, (WIDTH, height), interpolation=cv2.INTER_AREA)
+        bar = np.full((LINE, WIDTH, 3), 255, np.uint8)
+        cv2.putText(bar, name[-48:], (3, 13), cv2.FONT_HERSHEY_SIMPLEX, 0.42, (0, 0, 0), 1, cv2.LINE_AA)
+        cells.append(np.concatenate([bar, small]))
+    columns = min(COLUMNS, len(cells))
+    tall = max(cell.shape[0] for cell in cells)
+    page = np.full((-(-len(cells) // columns) * (tall + 8), columns * (WIDTH + 8), 3), 255, np.uint8)
+    for number, cell in enumerate(cells):
+        row, column = divmod(number, columns)
+        page[row * (tall + 8) :, column * (WIDTH + 8) :][: len(cell), :WIDTH] = cell
+    write_atomically(out / SHEET, cv2.imencode(".jpg", page, [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes())
+
+
+def write_video(out: Path, names: Sequence[str], rate: float) -> None:
+    """Write the pictures of the pairs, in order, as video (MPEG-4), reduced to the size of the first.
+
+    Args:
+        out: The folder of the results.
+        names: Folders of the pairs in it.
+        rate: Frames a second.
+
+    Raises:
+        OSError: OpenCV cannot write the video.
+    """
+    height, width = (side // 2 * 2 for side in _picture(out / names[0]).shape[:2])  # codecs want even sides
+    with written_atomically(out / VIDEO) as part:
+        writer = cv2.VideoWriter(str(part), cv2.VideoWriter.fourcc(*"mp4v"), rate, (width, height))
+        if not writer.isOpened():
+            raise OSError(f"{out / VIDEO}: OpenCV cannot write a video here; is the folder writable?")
+        for name in names:
+            picture = _picture(out / name)
+            if picture.shape[:2] != (height, width):
+                picture = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+            writer.write(picture)
+        writer.release()
+
+
+def write_fused_cloud(out: Path, names: Sequence[str], voxel: float) -> int:
+    """Fuse the clouds of the pairs, all of which have poses in one world.
+
+    Args:
+        out: The folder of the results.
+        names: Folders of the pairs in it.
+        voxel: Edge of the cubes in which points are averaged [m].
+
+    Returns:
+        The number of points.
+    """
+    fused = fuse(_clouds(out, names), voxel)
+    write_atomically(out / FUSED, fused.encode())
+    return len(fused.result()[0])
+
+
+def _clouds(out: Path, names: Sequence[str]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield the points in the world [m] and the colours of each pair."""
+    import trimesh  # not at the top, since it loads Embree
+
+    for name in names:
+        record = read_json(out / name / RECORD)
+        cloud: Any = trimesh.load(out / name / CLOUD)
+        points, pose = np.asarray(cloud.vertices).reshape(-1, 3), np.array(record["pose"])
+        if record["cloud_frame"] == "rover":
+            pose = pose @ np.linalg.inv(record["camera_to_rover"])
+        if record["cloud_frame"] != "world":
+            points = points @ pose[:3, :3].T + pose[:3, 3]
+        if len(points):
+            yield points, np.asarray(cloud.colors)[:, :3]
+
+
+def _picture(folder: Path) -> np.ndarray:
+    """Return the picture of a pair, (H, W, 3) uint8 BGR."""
+    path = folder / FIGURE
+    picture = decode_png(path.read_bytes()) if path.is_file() else None
+    if picture is None or picture.ndim != 3:
+        raise ValueError(f"{path}: is not a readable picture; delete {folder} to predict this pair again")
+    return picture

@@ -1,0 +1,84 @@
+"""The calibration of a pair, from flags and files, and whether it can be that of its images."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from m3depth.datasets.pair_files import Rig
+from m3depth.datasets.rigs import NATECAM_NAME, natecam
+from m3depth.prediction.options import PredictOptions
+from marssim.base.calibration.rectified import Calibration, read_calibration
+from marssim.base.camera import WIDEST_BASELINE
+
+MIN_ANGLE, MAX_ANGLE = 1.0, 150.0  # [deg] horizontal field of view of rectified images
+MIN_BASELINE = 0.001  # [m] shortest distance of the cameras
+RIG = "rig.json"  # that m3depth.rectify writes beside the images
+
+
+def make_calibration(
+    options: PredictOptions, height: int, width: int, image: Path, own: Rig | None = None
+) -> Calibration:
+    """Return the calibration that the flags and the calibration file give.
+
+    Args:
+        options: The command's flags.
+        height: Height of the images [px].
+        width: Width of the images [px].
+        image: The left image, or the video.
+        own: Reads the calibration that a dataset has for this pair. --calib replaces it.
+
+    Raises:
+        FileNotFoundError: The calibration file is missing.
+        ValueError: A flag or the file cannot be used; the message names it.
+    """
+    files = options.calib
+    if not files and own is None and (beside := image.with_name(RIG)).is_file():
+        files = (beside,)
+    for flag, value in (("--focal", options.focal), ("--baseline", options.baseline)):
+        if value is None and not files and own is None:
+            raise ValueError(f"{flag} is missing: give it, or a calibration file with --calib")
+    for flag, value, side in (("--cx", options.cx, width), ("--cy", options.cy, height)):
+        if value is not None and not -side <= value <= 2 * side:
+            raise ValueError(f"{flag} {value:g} px lies far outside of images of {width} x {height} px")
+    if files == (NATECAM_NAME,):
+        given = natecam(width, height)
+    elif files:
+        given = read_calibration(*files, image=image, baseline=options.baseline)
+    elif own is not None:
+        given = own(width, height)
+    else:
+        assert options.focal is not None and options.baseline is not None
+        given = Calibration(options.focal, options.focal, (width - 1) / 2, (height - 1) / 2, options.baseline)
+    calibration = replace(
+        given,
+        fx=given.fx if options.focal is None else options.focal,
+        fy=given.fy if options.focal is None else options.focal,
+        cx=given.cx if options.cx is None else options.cx,
+        cy=given.cy if options.cy is None else options.cy,
+        baseline=given.baseline if options.baseline is None else options.baseline,
+    )
+    if calibration.size is not None and calibration.size != (width, height):
+        size = f"{calibration.size[0]} x {calibration.size[1]}"
+        raise ValueError(f"{files[0] if files else image}: is for images of {size} px, {image} is {width} x {height}")
+    _check_sense(calibration, width, options, str(files[0] if files else image))
+    return calibration
+
+
+def _check_sense(calibration: Calibration, width: int, options: PredictOptions, source: str) -> None:
+    """Raise ValueError for a focal length or a baseline that is most likely in another unit."""
+    focal_from = f"{source}: focal length" if options.focal is None else "--focal"
+    baseline_from = f"{source}: baseline" if options.baseline is None else "--baseline"
+    angle = np.rad2deg(2 * np.arctan2(width / 2, calibration.fx))
+    if not MIN_ANGLE <= angle <= MAX_ANGLE:
+        raise ValueError(
+            f"{focal_from} {calibration.fx:g} px makes images of {width} px {angle:.3g} deg wide; "
+            "it is counted in pixels of these images"
+        )
+    if not MIN_BASELINE <= calibration.baseline <= WIDEST_BASELINE:
+        raise ValueError(
+            f"{baseline_from} {calibration.baseline:g} m is out of [{MIN_BASELINE:g}, {WIDEST_BASELINE:g}] m; "
+            "give --baseline in metres"
+        )

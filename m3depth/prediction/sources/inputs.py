@@ -1,0 +1,223 @@
+"""The pairs that m3depth.predict is given: two files, patterns, a folder, a dataset, a list or a video."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from m3depth.datasets.config import DataConfig
+from m3depth.datasets.folders import partners, read_list
+from m3depth.datasets.image_files import read_pair
+from m3depth.datasets.open import PairList, detect, open_pairs
+from m3depth.datasets.pair_files import Rig
+from m3depth.datasets.rigs import NATECAM_NAME, file_rig
+from m3depth.datasets.state import state_of_files
+from m3depth.prediction.masks import is_valid_mask
+from m3depth.prediction.options import PredictOptions
+from m3depth.prediction.sources.poses import read_poses, rover_pose
+from m3depth.prediction.sources.video_frames import SUFFIXES, VideoFrames
+from marssim.base.camera import StereoRig
+from marssim.base.dataset.dataset import StereoDataset
+from marssim.base.files.json_file import DatasetError, read_json
+
+
+@dataclass(frozen=True)
+class PairInput:
+    """One pair.
+
+    Attributes:
+        name: Path of its results below --out.
+        left, right: The images, or the videos.
+        calibration: Reads its own calibration; None if the flags give it.
+        number: Its place in the order of the pairs, or the number of its frame in a video.
+        sample: sample.json of a dataset, which may hold the pose of the camera.
+        pose: (4, 4) left camera to the world of --poses.
+    """
+
+    name: str
+    left: Path
+    right: Path
+    calibration: Rig | None = None
+    number: int = 0
+    sample: Path | None = None
+    pose: np.ndarray | None = None
+
+    @property
+    def group(self) -> str:
+        """Scene of a pair of a dataset; pairs of one scene have one world."""
+        return "" if self.sample is None else self.name.rpartition("/")[0]
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """All pairs, in order.
+
+    Attributes:
+        pairs: The pairs.
+        single: Whether it is one pair whose results lie in --out itself.
+        video: The frames, if the pairs are those of a video.
+    """
+
+    pairs: tuple[PairInput, ...]
+    single: bool = False
+    video: VideoFrames | None = None
+
+    def read(self, pair: PairInput) -> tuple[np.ndarray, np.ndarray]:
+        """Return both images of a pair, uint8, grey or RGB.
+
+        Raises:
+            FileNotFoundError, ValueError: As m3depth.datasets.image_files.read_pair.
+            EndOfVideo: The video ends before this pair.
+        """
+        return read_pair(pair.left, pair.right) if self.video is None else self.video.read(pair.number)
+
+    def labels(self, pair: PairInput) -> tuple[str, str]:
+        """Return what messages call the two images of a pair."""
+        if self.video is None:
+            return str(pair.left), str(pair.right)
+        return f"the left image of {pair.name}", f"the right image of {pair.name}"
+
+    def pose(self, pair: PairInput, rig: StereoRig, options: PredictOptions) -> np.ndarray | None:
+        """Return the pose of the left camera, (4, 4) camera to a world with z up; None if it is unknown."""
+        if pair.pose is None:
+            pose = None if pair.sample is None else read_json(pair.sample).get("pose")
+            return None if pose is None else np.array(pose, float)
+        if options.pose_axes == "camera":
+            return np.asarray(rover_pose(options, pair.left, rig.baseline) @ pair.pose)
+        return pair.pose
+
+    def state(self, options: PredictOptions) -> dict[str, Any]:
+        """Return digests of the files that the results depend on, by which a run recognises its inputs."""
+        files = (p for pair in self.pairs for p in (pair.left, pair.right, pair.sample) if p is not None)
+        images = self.video.paths if self.video is not None else files
+        others = [*options.mask, *options.calib, *([] if options.poses is None else [options.poses])]
+        return {"images": state_of_files(images), "calibration, masks and poses": state_of_files(others)}
+
+
+def find_inputs(options: PredictOptions) -> Inputs:
+    """Return the pairs that the flags name.
+
+    Raises:
+        DatasetError: A source holds no pairs, or an image lacks its partner; the message names it.
+        FileNotFoundError: A file is missing.
+        ValueError: A source cannot be used, or the poses are not as many as the pairs.
+    """
+    found = _find(options)
+    if options.poses is not None:
+        poses = read_poses(options.poses)
+        if len(poses) != len(found.pairs):
+            raise ValueError(f"{options.poses}: holds {len(poses)} poses, there are {len(found.pairs)} pairs")
+        pairs = tuple(replace(pair, pose=pose) for pair, pose in zip(found.pairs, poses, strict=True))
+        found = replace(found, pairs=pairs)
+    names = [pair.name for pair in found.pairs]
+    if len(set(names)) < len(names):
+        twice = next(name for i, name in enumerate(names) if name in names[:i])
+        raise ValueError(f"two pairs have the name {twice}, so their results would be one; rename an image")
+    return found
+
+
+def _find(options: PredictOptions) -> Inputs:
+    if len(options.images) == 2:
+        left, right = options.images
+        if left.suffix.lower() in SUFFIXES:
+            return _video(options)
+        if options.left is not None:
+            raise ValueError("--left and --right take one folder that they start from, or none")
+        return Inputs((PairInput("", left, right),), single=True)
+    if options.left is not None and options.right is not None and options.format in ("auto", "folder"):
+        return Inputs(tuple(_numbered(_patterns(options))))
+    (source,) = options.images
+    if not source.exists():
+        raise FileNotFoundError(f"{source}: no such file or folder")
+    if source.is_file():
+        if source.suffix.lower() in SUFFIXES:
+            return _video(options)
+        if source.suffix.lower() != ".txt":
+            raise ValueError(f"{source}: is one file; give the right image too, or a folder, a .txt list or a video")
+        return Inputs(tuple(_numbered(_listed(source))))
+    if (source / "left.png").is_file() and (source / "right.png").is_file():
+        return Inputs((PairInput("", source / "left.png", source / "right.png"),), single=True)
+    if options.format == "auto" and any(source.glob("*/rig.json")) and any(source.glob("*/left.png")):
+        pairs = (PairInput(a.parent.name, a, b) for a, b in partners(source, ("*/left.png", "*/right.png")))
+        return Inputs(tuple(_numbered(pairs)))
+    return Inputs(tuple(_numbered(_dataset(source, options))))
+
+
+def _numbered(pairs: Iterator[PairInput]) -> Iterator[PairInput]:
+    return (replace(pair, number=number) for number, pair in enumerate(pairs))
+
+
+def _patterns(options: PredictOptions) -> Iterator[PairInput]:
+    """Yield the pairs of two patterns; their names leave out the folders that the left pattern begins with."""
+    assert options.left is not None and options.right is not None
+    root, patterns = options.images[0] if options.images else Path(), [options.left, options.right]
+    if not root.is_dir():
+        raise DatasetError(f"{root}: is not a folder; --left and --right start from a folder")
+    if Path(options.left).is_absolute() or Path(options.right).is_absolute():
+        root = Path(Path(options.left).anchor or Path(options.right).anchor)
+        patterns = [Path(pattern).resolve().relative_to(root).as_posix() for pattern in patterns]
+    fixed = root
+    for part in Path(patterns[0]).parts[:-1]:
+        if "*" in part or "?" in part:
+            break
+        fixed = fixed / part
+    for left, right in partners(root, patterns, left_out=is_valid_mask):
+        own = file_rig(root / "calib.txt", left) if (root / "calib.txt").is_file() else None
+        yield PairInput(left.relative_to(fixed).with_suffix("").as_posix(), left, right, own)
+
+
+def _listed(file: Path) -> Iterator[PairInput]:
+    """Yield the pairs of a list, whose paths start from its folder."""
+    for words in read_list(file, (2, 3)):
+        left, right = (file.parent / word for word in words[:2])
+        for path in (left, right):
+            if not path.is_file():
+                raise DatasetError(f"{path}: no such file; {file} names it")
+        own = file.parent / "calib" / f"{left.stem}.txt"
+        name = Path(words[0]).with_suffix("").as_posix()
+        if Path(words[0]).is_absolute() or ".." in Path(words[0]).parts:
+            name = left.stem
+        yield PairInput(name, left, right, file_rig(own, left) if own.is_file() else None)
+
+
+def _dataset(path: Path, options: PredictOptions) -> Iterator[PairInput]:
+    """Yield the pairs of a dataset's split."""
+    calib = options.calib[0] if len(options.calib) == 1 and options.calib != (NATECAM_NAME,) else None
+    given = calib is None and options.focal is not None and options.baseline is not None
+    config = DataConfig(
+        options.format, options.left, options.right, calib=calib,
+        focal=options.focal if given else None, baseline=options.baseline if given else None,
+    )  # fmt: skip
+    try:
+        layout = detect(path, config)
+    except DatasetError as error:
+        raise DatasetError(
+            str(error).replace("--left, --right, --disparity or --depth", "--left and --right")
+        ) from None
+    if layout == "folder":
+        raise ValueError(f"{path}: layout folder needs --left and --right, patterns such as 'left/*.png'")
+    pairs = open_pairs(path, options.split, config if layout != "marssim" else None)
+    if not len(pairs):
+        raise DatasetError(f"{path}: split {options.split} holds no pairs; choose another --split")
+    if isinstance(pairs, StereoDataset):
+        for name in pairs.names:
+            folder = path / "scenes" / name
+            sample = folder / "sample.json"
+            yield PairInput(
+                name, folder / "left.png", folder / "right.png", file_rig(sample, folder / "left.png"), sample=sample
+            )
+    elif isinstance(pairs, PairList):
+        for pair in pairs.pairs:
+            yield PairInput(pair.name, pair.left, pair.right, pair.calibration)
+
+
+def _video(options: PredictOptions) -> Inputs:
+    """Return the frames of one video or of two."""
+    video = VideoFrames(options.images)
+    left, right = options.images[0], options.images[-1]
+    numbers = range(0, video.count, options.every)
+    return Inputs(tuple(PairInput(f"frame_{n:06d}", left, right, number=n) for n in numbers), video=video)

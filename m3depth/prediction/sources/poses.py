@@ -1,0 +1,104 @@
+"""Poses of the left camera: files of them, and the frames of the rover and of the world.
+
+World and rover: z up. Camera: x right, y down, z forward. A pose is a (4, 4) matrix, camera to world [m].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from m3depth.prediction.options import PredictOptions
+from m3depth.prediction.sources.calibration import RIG
+from marssim.base.calibration.bounded_text import read_text
+from marssim.base.files.json_file import DatasetError, read_json
+from marssim.base.rover_spec import ZHURONG
+
+ROVER_KEY = "camera_to_rover"  # in a rig file
+TOLERANCE = 0.01  # by which R R^T of a file's rotation may differ from 1
+
+
+def camera_to_rover(mount: Sequence[float], baseline: float) -> np.ndarray:
+    """Return the pose of the left camera on the rover: (4, 4) camera to rover.
+
+    Args:
+        mount: Metres ahead of the rover's origin, metres above the ground, and degrees that the cameras look down.
+        baseline: Distance of the cameras [m]; the origin lies midway between them.
+    """
+    x, height, pitch_deg = mount
+    return replace(ZHURONG.mount, x=x, height=height, pitch=float(np.deg2rad(pitch_deg))).left_eye(baseline)
+
+
+def rover_pose(options: PredictOptions, image: Path, baseline: float) -> np.ndarray:
+    """Return the pose of the left camera on the rover that --mount or else the rig file gives, or Zhurong's.
+
+    Args:
+        options: The command's flags.
+        image: The left image, beside which m3depth.rectify may have written the rig file.
+        baseline: Distance of the cameras [m].
+
+    Returns:
+        (4, 4) camera to rover.
+
+    Raises:
+        DatasetError: The rig file holds something else than a pose.
+    """
+    if options.mount is not None:
+        return camera_to_rover(options.mount, baseline)
+    file = options.calib[0] if options.calib else image.with_name(RIG)
+    recorded = read_json(file).get(ROVER_KEY) if file.suffix == ".json" and file.is_file() else None
+    if recorded is None:
+        return ZHURONG.mount.left_eye(baseline)
+    try:
+        pose = np.array(recorded, float)
+    except (TypeError, ValueError):
+        pose = np.zeros(0)
+    if pose.shape != (4, 4) or not np.isfinite(pose).all():
+        raise DatasetError(f"{file}: {ROVER_KEY} is not a matrix of 4 x 4 numbers")
+    return pose
+
+
+def read_poses(path: Path) -> np.ndarray:
+    """Read a file of poses, with a line for each pair; empty lines and lines that begin with # do not count.
+
+    Args:
+        path: Lines of 12 numbers, the rows of [R t] (KITTI's odometry), or of 8: time, position and the quaternion x y
+            z w (TUM).
+
+    Returns:
+        (N, 4, 4).
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: A line is none of these; the message names file and line.
+    """
+    poses = []
+    for number, line in enumerate(read_text(path).splitlines(), 1):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        try:
+            values = np.array([float(word) for word in line.replace(",", " ").split()])
+        except ValueError:
+            values = np.zeros(0)
+        if len(values) not in (8, 12) or not np.isfinite(values).all():
+            raise ValueError(
+                f"{path}, line {number}: expected 12 numbers (KITTI) or 8 (TUM), got {line.strip()[:60]!r}"
+            )
+        pose = np.eye(4)
+        if len(values) == 12:
+            pose[:3] = values.reshape(3, 4)
+            sound = np.abs(pose[:3, :3] @ pose[:3, :3].T - np.eye(3)).max() < TOLERANCE
+            sound = sound and np.linalg.det(pose[:3, :3]) > 0
+        else:
+            sound = abs(float(np.linalg.norm(values[4:])) - 1) < TOLERANCE
+            if sound:
+                pose[:3, :3] = Rotation.from_quat(values[4:]).as_matrix()
+            pose[:3, 3] = values[1:4]
+        if not sound:
+            raise ValueError(f"{path}, line {number}: holds no rotation")
+        poses.append(pose)
+    return np.array(poses).reshape(-1, 4, 4)

@@ -1,0 +1,232 @@
+"""Make an elevation map and traversability of predicted depth, as GeoTIFF.
+
+    python -m m3depth.predict left.png right.png --calib rig.json --mount 0.65 1.2 20 --out out/pair
+    python -m nav.map out/pair --out out/map
+    python -m m3depth.predict pairs.txt --calib rig.json --poses poses.txt --out out/drive
+    python -m nav.map out/drive --out out/map
+
+The command reads depth, confidence, rig and pose of each pair in the folder. Pairs with poses (of m3depth.predict
+--poses, or of a dataset of marssim) become one map of the world. A single pair without one becomes a map of the rover's
+frame, x ahead and y left, where the rover stands level. It writes into --out, as GeoTIFF with cells of --cell metres:
+
+    elevation.tif        height of the ground [m]; NaN: not seen
+    top.tif              height of the highest point in a cell [m]
+    step.tif             height by which a cell stands out of the ground [m]
+    slope_deg.tif        slope of the ground under the rover's footprint [deg]
+    roughness.tif        RMS distance of the ground from the plane of the footprint [m]
+    cost.tif             extra cost of a metre at the rover's centre, 0 on even ground
+    traversability.tif   0: free; 1: too near to an obstacle for the rover's centre; 2: obstacle; 255: unknown
+    map.png              all of it as a picture, north up
+    map.json             what the map was made of
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+
+from marssim.base.camera import StereoRig
+from marssim.base.command.progress import watched
+from marssim.base.command.run import run_command
+from marssim.base.command.wording import counted
+from marssim.base.dataset.map_file import find_map, read_map_file
+from marssim.base.files.json_file import DatasetError, read_json, write_json
+from marssim.base.results.claim import ResultFolder
+from marssim.base.rover_spec import ZHURONG
+from nav.ground.elevation import ElevationConfig, ElevationMap
+from nav.ground.map_files import BLOCKED, UNKNOWN, layers, write_map
+from nav.ground.traversability import Traversability, TraversabilityConfig, assess
+
+RECORD = "prediction.json"  # of m3depth.predict, beside the maps of a pair
+MOST = 4000  # cells along a side
+EDGE = 1.0  # [m] around what can be seen
+
+
+@dataclass(frozen=True)
+class MapOptions:
+    """Make an elevation map and traversability of predicted depth, as GeoTIFF.
+
+    Raises:
+        ValueError: A value that cannot work; the message names the field.
+    """
+
+    data: Annotated[Path, tyro.conf.Positional]
+    """Folder that m3depth.predict wrote, of one pair or of many."""
+    out: Path
+    """Folder to write the map to; a map in it is replaced."""
+    cell: float = 0.1
+    """Edge of a cell [m], from 0.02 to 2."""
+    max_range: float = 12.0
+    """Depth [m], above 0.5, beyond which points are left out."""
+    min_confidence: float = 0.5
+    """Confidence, from 0 to 1, below which a pixel is unknown."""
+    origin: tuple[float, float] = (0.0, 0.0)
+    """East and north [m] of the world's origin in the coordinates of the files."""
+    epsg: int | None = None
+    """EPSG code, 1024 to 32766, of the projected coordinate system of --origin. Without it, the files have a local
+    frame in metres."""
+
+    def __post_init__(self) -> None:
+        if not 0.02 <= self.cell <= 2:
+            raise ValueError(f"cell must be 0.02 to 2 m, got {self.cell:g}")
+        if not 0.5 < self.max_range < np.inf:
+            raise ValueError(f"max_range must be finite and over 0.5 m, got {self.max_range:g}")
+        if not 0 <= self.min_confidence <= 1:
+            raise ValueError(f"min_confidence must be 0 to 1, got {self.min_confidence:g}")
+        if not np.isfinite(self.origin).all():
+            raise ValueError(f"origin must be two finite numbers [m], got {self.origin}")
+        if self.epsg is not None and not 1024 <= self.epsg <= 32766:
+            raise ValueError(f"epsg must be 1024 to 32766, got {self.epsg}")
+
+
+@dataclass(frozen=True)
+class PredictedPair:
+    """A pair that m3depth.predict has predicted.
+
+    Attributes:
+        folder: The folder of its maps.
+        rig: The cameras.
+        pose: (4, 4) left camera to world, or to the rover where there is no world.
+    """
+
+    folder: Path
+    rig: StereoRig
+    pose: np.ndarray
+
+    def read(self) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return depth (H, W) [m], and confidence (H, W), which is None where it was not written.
+
+        Raises:
+            DatasetError: There is no depth, or a file is broken; the message names it.
+        """
+        depth, confidence = find_map(self.folder, "depth"), find_map(self.folder, "confidence")
+        if depth is None:
+            raise DatasetError(f"{self.folder}: holds no depth; m3depth.predict --write depth confidence writes it")
+        try:
+            return read_map_file(depth, "depth"), None if confidence is None else read_map_file(
+                confidence, "confidence"
+            )
+        except ValueError as error:
+            raise DatasetError(str(error)) from None
+
+
+def find_pairs(data: Path) -> list[PredictedPair]:
+    """Return the predicted pairs in a folder, in the order of their names.
+
+    Args:
+        data: A folder of m3depth.predict, of one pair or of many.
+
+    Raises:
+        DatasetError: There are none, a record is broken, or the pairs have no common frame; one line.
+    """
+    if not data.is_dir():
+        raise DatasetError(f"{data}: no such folder")
+    files = [data / RECORD] if (data / RECORD).is_file() else sorted(data.rglob(RECORD))
+    if not files:
+        raise DatasetError(f"{data}: holds no {RECORD}; give a folder that m3depth.predict wrote")
+    records = [(file, read_json(file)) for file in files]
+    worlds = sorted({str(record.get("world")) for _, record in records})
+    if len(worlds) > 1:
+        raise DatasetError(
+            f"{data}: holds pairs of {len(worlds)} scenes; give the folder of one, as {data / worlds[0]}"
+        )
+    pairs = []
+    for file, record in records:
+        if record.get("pose") is None and len(records) > 1:
+            raise DatasetError(f"{file}: has no pose, which a map of many pairs needs; give m3depth.predict --poses")
+        pairs.append(_pair(file, record))
+    return pairs
+
+
+def _pair(file: Path, record: dict[str, Any]) -> PredictedPair:
+    try:
+        rig = StereoRig.from_dict(record["rig"])
+        pose = np.array(record["camera_to_rover"] if record.get("pose") is None else record["pose"], float)
+    except (KeyError, TypeError, ValueError):
+        pose = np.zeros(0)
+    if pose.shape != (4, 4) or not np.isfinite(pose).all():
+        raise DatasetError(f"{file}: holds no rig and pose of a pair; predict it again")
+    return PredictedPair(file.parent, rig, pose)
+
+
+def make_map(pairs: Sequence[PredictedPair], options: MapOptions) -> tuple[ElevationMap, Traversability]:
+    """Fuse the depth of pairs into one map, and judge it for the rover.
+
+    Args:
+        pairs: The pairs, in one frame.
+        options: The command's flags.
+
+    Raises:
+        DatasetError: A file of a pair cannot be used, or the map would be too large.
+    """
+    places = np.array([pair.pose[:2, 3] for pair in pairs])
+    low, high = places.min(axis=0), places.max(axis=0)
+    size = float((high - low).max()) + 2 * (options.max_range + EDGE)
+    cells = int(np.ceil(size / options.cell))
+    if cells > MOST:
+        raise DatasetError(
+            f"--cell {options.cell:g}: the pairs lie up to {(high - low).max():.0f} m apart, so the map would have "
+            f"{cells} x {cells} cells, over {MOST} x {MOST}; give a larger one"
+        )
+    config = ElevationConfig(
+        cell=options.cell, size=cells * options.cell, max_range=options.max_range, min_confidence=options.min_confidence
+    )
+    middle = (low + high) / 2
+    elevation = ElevationMap(config, (float(middle[0]), float(middle[1])))
+    for pair in _watched(pairs):
+        depth, confidence = pair.read()
+        try:
+            elevation.integrate(depth, confidence, pair.rig, pair.pose)
+        except ValueError as error:
+            raise DatasetError(f"{pair.folder}: {error}") from None
+    return elevation, assess(elevation, ZHURONG, TraversabilityConfig())
+
+
+def _watched(pairs: Sequence[PredictedPair]) -> Iterator[PredictedPair]:
+    return watched(pairs, "pair", "map") if len(pairs) > 1 else iter(pairs)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the command and return the exit code."""
+    return run_command(_work, MapOptions, "python -m nav.map", __doc__, args)
+
+
+def _work(options: MapOptions) -> None:
+    pairs = find_pairs(options.data)
+    folder = ResultFolder(options.out, "map")
+    folder.check()
+    if (options.out / RECORD).is_file() or (options.out / "predictions.json").is_file():
+        raise DatasetError(f"--out {options.out}: holds predictions; choose another")
+    elevation, ground = make_map(pairs, options)
+    if not elevation.measured.any():
+        raise DatasetError(f"{options.data}: no depth of up to {options.max_range:g} m is sure enough for a map")
+    with folder.claim():
+        write_map(options.out, elevation, ground, options.origin, options.epsg)
+        write_json(options.out / "map.json", {
+            "data": str(options.data), "pairs": len(pairs), "cell_m": options.cell, "cells": elevation.n,
+            "west_south_m": [float(a + b) for a, b in zip(elevation.origin, options.origin)],
+            "max_range_m": options.max_range, "min_confidence": options.min_confidence, "epsg": options.epsg,
+        }, sort_keys=False)  # fmt: skip
+    print(f"{options.out}: {_summary(pairs, elevation, ground)}")
+
+
+def _summary(pairs: Sequence[PredictedPair], elevation: ElevationMap, ground: Traversability) -> str:
+    """Return what the map shows, in a line."""
+    code, area = layers(elevation, ground)["traversability"], elevation.config.cell**2
+    heights = elevation.low[elevation.measured]
+    low, high = np.percentile(heights, [5, 95])
+    seen, blocked = ((code != UNKNOWN).sum() * area, (code == BLOCKED).sum() * area)
+    return (
+        f"{counted(len(pairs), 'pair')}; {seen:.0f} m2 seen, heights {low:.2f} to {high:.2f} m (5 to 95 %); obstacles "
+        f"on {blocked:.1f} m2"
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,118 @@
+"""Scores without true depth: exact where the answer is known, and the command from patterns to the table."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from m3depth.estimator import EstimatorName
+from m3depth.evaluate import main
+from m3depth.evaluation.without_truth import run
+from m3depth.evaluation.without_truth.scoring import means, score_pair, table
+from m3depth.stereo.classical import SGBM
+from m3depth.stereo.prediction import Prediction
+
+
+class Truth:
+    """Answers the truth of a plane from either eye, off by some pixels; its mirrored pair is told by the rig's cx."""
+
+    def __init__(self, sample, error: float = 0.0) -> None:
+        self.sample, self.error = sample, error
+
+    def infer(self, left, right, rig):
+        s = self.sample
+        disparity = s.disparity + np.float32(self.error) * np.isfinite(s.depth)
+        if not np.array_equal(left, s.left):  # the right eye, mirrored: the plane as it sees it
+            rays = s.rig.camera.rays()
+            normal, known = s.normal[np.isfinite(s.depth)][0], np.isfinite(s.depth)
+            height = float((s.depth[..., None] * rays @ normal)[known].mean())
+            of_right = height - normal[0] * s.rig.baseline
+            facing = rays @ normal / of_right
+            disparity = np.where(facing > 0, s.rig.fb * facing, 0).astype(np.float32)[:, ::-1]
+        depth = rig.disparity_to_depth(disparity)
+        return Prediction(depth, disparity, None, np.ones(depth.shape, np.float32))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, plane_samples):
+    root = tmp_path_factory.mktemp("images")
+    for number, sample in enumerate(plane_samples[:2]):
+        for eye in ("left", "right"):
+            (root / eye).mkdir(exist_ok=True)
+            cv2.imwrite(str(root / eye / f"{number}.png"), getattr(sample, eye)[..., ::-1])
+    return root
+
+
+def command(folder, out, *more) -> list[str]:
+    return ["--data", str(folder), "--left", "left/*.png", "--right", "right/*.png", "--focal", "100", "--baseline",
+            "0.27", "--out", str(out), *more]  # fmt: skip
+
+
+def test_the_truth_agrees_and_explains_more_than_an_answer_that_is_off(plane_samples):
+    s = plane_samples[0]
+    scores = score_pair({"truth": Truth(s), "off": Truth(s, 2.0), "sgbm": SGBM()}, s.left, s.right, s.rig)
+    assert scores["truth"]["agreement"] > 0.95 and scores["off"]["agreement"] < 0.05
+    assert scores["truth"]["residual"] < 0.5 * scores["off"]["residual"]
+    assert scores["sgbm"]["residual_ratio"] == pytest.approx(1) and scores["off"]["residual_ratio"] > 2
+    sky = float(np.isinf(s.depth).mean())
+    assert scores["truth"]["sky"] == pytest.approx(sky) and scores["truth"]["unknown"] == 0
+    assert scores["sgbm"]["sky"] == 0 and scores["sgbm"]["unknown"] > 0.05  # what it only filled
+
+
+def test_means_leave_out_pairs_without_a_score_and_the_table_shows_it():
+    records = [{"a": {"agreement": 0.5, "sky": 0.2}}, {"a": {"sky": 0.4}}]
+    assert means(records, ["a"]) == {"a": {"agreement": 0.5, "sky": pytest.approx(0.3)}}
+    text = table(means(records, ["a"]), markdown=True)
+    assert text.splitlines()[2] == "| a | 50.0 | - | - | 30.0 | - | - |"
+
+
+def test_the_command_scores_images_alone_and_continues(folder, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("m3depth.evaluate.named_estimators", classical)
+    assert main(command(folder, tmp_path / "out")) == 0
+    printed = capsys.readouterr().out
+    assert "eyes agree" in printed and "2 pairs without true depth" in printed
+    results = json.loads((tmp_path / "out/results.json").read_text())
+    assert results["methods"].keys() == {"SGBM", "SAD"}
+    assert [record["pair"] for record in results["per_pair"]] == ["left/0", "left/1"]
+    assert "| left/1 |" in (tmp_path / "out/results.md").read_text()
+    assert not (tmp_path / "out/unfinished.npz").exists()
+
+    calls = []
+    scored = run.score_pair
+
+    def stopped(*arguments):
+        calls.append(arguments)
+        if len(calls) == 2:
+            raise SystemExit
+        return scored(*arguments)
+
+    monkeypatch.setattr("m3depth.evaluation.resume.SECONDS", 0.0)
+    monkeypatch.setattr(run, "score_pair", stopped)
+    with pytest.raises(SystemExit):
+        main(command(folder, tmp_path / "parts"))
+    monkeypatch.setattr(run, "score_pair", scored)
+    assert main(command(folder, tmp_path / "parts")) == 0
+    again = json.loads((tmp_path / "parts/results.json").read_text())
+    for record, other in zip(results["per_pair"], again["per_pair"], strict=True):
+        for name in ("SGBM", "SAD"):
+            assert {**record[name], "seconds": 0} == {**other[name], "seconds": 0}
+
+
+def classical(options):
+    """SGBM and one more, without the network, whose loading takes seconds."""
+    return {"SGBM": ("--baselines", EstimatorName("sgbm")), "SAD": ("--baselines", EstimatorName("sad"))}
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (["--degrade", "blur=1"], "--degrade is for pairs with true depth"),
+        (["--predictions", "A=x"], "--predictions is for pairs with true depth"),
+        (["--resize", "0.5"], "--resize is for pairs with true depth"),
+    ],
+)
+def test_flags_of_pairs_with_truth_are_refused(folder, tmp_path, capsys, more, message):
+    assert main(command(folder, tmp_path / "out", *more)) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.count("\n") == 1 and not (tmp_path / "out").exists()

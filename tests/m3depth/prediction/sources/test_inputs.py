@@ -1,0 +1,131 @@
+"""Every way to name the pairs, and what is said where it names none."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from m3depth.prediction.options import PredictOptions
+from m3depth.prediction.sources.inputs import find_inputs
+from marssim.base.camera import PinholeCamera, StereoRig
+
+RIG = StereoRig(PinholeCamera.centred(30, 20, 40.0), 0.2)
+
+
+def image(path: Path, level: int = 0) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    assert cv2.imwrite(str(path), np.full((20, 30), level, np.uint8))
+    return path
+
+
+def find(*images, **flags):
+    return find_inputs(PredictOptions(tuple(map(Path, images)), **{"out": Path("out"), **flags}))
+
+
+def test_two_images_are_one_pair(tmp_path):
+    inputs = find(tmp_path / "a.png", tmp_path / "b.png")
+    assert inputs.single and inputs.pairs[0].name == "" and inputs.pairs[0].right == tmp_path / "b.png"
+
+
+def test_patterns_pair_the_same_text_and_leave_masks_out(tmp_path, monkeypatch):
+    for name in ("7", "8"):
+        for eye in "LR":
+            image(tmp_path / f"sol/{name}_{eye}.png")
+            image(tmp_path / f"sol/{name}_{eye}_valid.png")
+    pairs = find(tmp_path, left="sol/*_L.png", right="sol/*_R.png").pairs
+    assert [(p.name, p.left.name, p.right.name, p.number) for p in pairs] == [
+        ("7_L", "7_L.png", "7_R.png", 0), ("8_L", "8_L.png", "8_R.png", 1),
+    ]  # fmt: skip
+    for name in ("7", "8"):
+        for eye in ("left", "right"):
+            image(tmp_path / f"{eye}/{name}.png")
+        image(tmp_path / f"left/{name}_valid.png")  # the right eye sees all of it
+    assert [p.name for p in find(tmp_path, left="left/*.png", right="right/*.png").pairs] == ["7", "8"]
+    monkeypatch.chdir(tmp_path)
+    assert [p.name for p in find(left="*/7_L.png", right="*/7_R.png").pairs] == ["sol/7_L"]
+    assert [p.name for p in find(left=f"{tmp_path}/sol/*_L.png", right=f"{tmp_path}/sol/*_R.png").pairs] == [
+        "7_L", "8_L",
+    ]  # fmt: skip
+
+
+def test_a_list_names_pairs_from_its_folder(tmp_path):
+    for name in ("a/1.png", "b/1.png", "a/2.png", "b/2.png"):
+        image(tmp_path / name)
+    (tmp_path / "calib").mkdir()
+    (tmp_path / "calib/2.txt").write_text("cam0=[40 0 15; 0 40 10; 0 0 1]\nbaseline=200\nwidth=30\nheight=20\n")
+    (tmp_path / "pairs.txt").write_text("a/1.png b/1.png\n\na/2.png b/2.png disparity/2.pfm\n")
+    first, second = find(tmp_path / "pairs.txt").pairs
+    assert (first.name, second.name, first.calibration) == ("a/1", "a/2", None)
+    assert second.calibration(30, 20).baseline == 0.2
+
+
+def test_what_rectify_wrote_is_one_pair_or_a_folder_of_pairs(tmp_path):
+    for name in ("a", "b"):
+        for eye in ("left", "right"):
+            image(tmp_path / name / f"{eye}.png")
+        (tmp_path / name / "rig.json").write_text(json.dumps(RIG.to_dict()))
+    assert find(tmp_path / "a").single
+    assert [pair.name for pair in find(tmp_path).pairs] == ["a", "b"]
+
+
+def test_a_dataset_gives_names_calibrations_and_poses(plane_set):
+    inputs = find(plane_set, split="test")
+    (first, *_) = inputs.pairs
+    assert first.name == "00001/00" and first.group == "00001"
+    calibration = first.calibration(64, 48)
+    assert calibration.baseline == 0.27
+    pose = inputs.pose(first, calibration.rig(64, 48), PredictOptions((plane_set,), Path("out")))
+    np.testing.assert_array_equal(pose, np.eye(4))
+    assert inputs.read(first)[0].shape == (48, 64, 3)
+
+
+def test_poses_of_the_camera_become_those_of_the_rovers_world(tmp_path):
+    pair = (image(tmp_path / "l.png"), image(tmp_path / "r.png"))
+    (tmp_path / "poses.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 3\n")  # 3 m along the optical axis
+    for axes, place in (("camera", [3, 0.1, 1.5]), ("z-up", [0, 0, 3])):
+        flags = {"poses": tmp_path / "poses.txt", "mount": (0.0, 1.5, 0.0), "pose_axes": axes, "out": Path("out")}
+        inputs = find(*pair, **flags)
+        pose = inputs.pose(inputs.pairs[0], RIG, PredictOptions(pair, **flags))
+        np.testing.assert_allclose(pose[:3, 3], place, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("case", "message"),
+    [
+        ("half", r"a_L.png: has no partner in .*\*_R.png"),
+        ("nothing", r"no file matches \*_Q.png"),
+        ("one image", "a_L.png: is one file; give the right image too"),
+        ("missing", "gone: no such file or folder"),
+        ("plain folder", "for other folders give --left and --right"),
+        ("list", r"list.txt, line 1: expected left and right, got 'a_L.png'"),
+        ("missing in list", r"gone.png: no such file; .*list.txt names it"),
+        ("poses", "poses.txt: holds 2 poses, there are 1 pairs"),
+    ],
+)
+def test_what_is_no_source_of_pairs_is_named(tmp_path, case, message):
+    image(tmp_path / "a_L.png")
+    image(tmp_path / "b_R.png")
+    (tmp_path / "list.txt").write_text("a_L.png gone.png" if case == "missing in list" else "a_L.png")
+    (tmp_path / "poses.txt").write_text(2 * "0 0 0 0 0 0 0 1\n")
+    patterns = {"left": "*_L.png", "right": "*_R.png"}
+    arguments = {
+        "half": lambda: find(tmp_path, **patterns),
+        "nothing": lambda: find(tmp_path, left="*_Q.png", right="*_R.png"),
+        "one image": lambda: find(tmp_path / "a_L.png"),
+        "missing": lambda: find(tmp_path / "gone"),
+        "plain folder": lambda: find(tmp_path),
+        "list": lambda: find(tmp_path / "list.txt"),
+        "missing in list": lambda: find(tmp_path / "list.txt"),
+        "poses": lambda: find(tmp_path / "a_L.png", tmp_path / "a_L.png", poses=tmp_path / "poses.txt"),
+    }
+    with pytest.raises((ValueError, FileNotFoundError), match=message):
+        arguments[case]()
+
+
+def test_two_pairs_of_one_name_are_refused(tmp_path):
+    for name in ("l/1.png", "l/1.jpg", "r/1.png", "r/1.jpg"):
+        image(tmp_path / name)
+    with pytest.raises(ValueError, match="two pairs have the name 1"):
+        find(tmp_path, left="l/*.*", right="r/*.*")

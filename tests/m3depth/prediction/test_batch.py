@@ -1,0 +1,191 @@
+"""Many pairs in one run: what is written, and that stopping it makes no difference."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial import cKDTree
+
+from m3depth.predict import main, predict
+from m3depth.prediction.options import PredictOptions
+from m3depth.stereo.classical import SGBM
+from marssim.base.files.json_file import DatasetError
+
+COUNT = 4
+
+
+class Counted(SGBM):
+    """SGBM that counts its calls, and ends the run at one of them as a kill does."""
+
+    calls = 0
+    last = None
+
+    def infer(self, left, right, rig):
+        Counted.calls += 1
+        if Counted.calls == Counted.last:
+            raise SystemExit
+        return super().infer(left, right, rig)
+
+
+@pytest.fixture(autouse=True)
+def reset():
+    Counted.calls, Counted.last = 0, None
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, plane_samples) -> Path:
+    """Pairs of planes as images, with their poses: the camera moves 1 m to the right between two."""
+    root = tmp_path_factory.mktemp("pairs")
+    for eye in ("left", "right"):
+        (root / eye).mkdir()
+        for number, sample in enumerate(plane_samples):
+            cv2.imwrite(str(root / eye / f"{number}.png"), getattr(sample, eye)[..., ::-1])
+    (root / "poses.txt").write_text("".join(f"1 0 0 {x} 0 0 1 0 0 -1 0 1.2\n" for x in range(COUNT)))
+    return root
+
+
+def options(folder, out, **changes) -> PredictOptions:
+    flags = {"left": "left/*.png", "right": "right/*.png", "focal": 100.0, "baseline": 0.27, "estimator": "sgbm"}
+    return PredictOptions((folder,), out, **{**flags, **changes})
+
+
+def contents(out: Path) -> dict[str, bytes]:
+    return {p.relative_to(out).as_posix(): p.read_bytes() for p in sorted(out.rglob("*")) if p.is_file()}
+
+
+def test_each_pair_has_a_folder_and_all_of_them_an_overview(folder, tmp_path, capsys):
+    predict(options(folder, tmp_path, poses=folder / "poses.txt", video=True), SGBM())
+    assert {path.name for path in tmp_path.iterdir()} == {
+        *"0123", "overview.jpg", "video.mp4", "fused_cloud.ply", "predictions.json",
+    }  # fmt: skip
+    assert capsys.readouterr().out == f"{tmp_path}: 4 of 4 pairs\n"
+    for name in "0123":
+        assert {path.name for path in (tmp_path / name).iterdir()} >= {"depth.npy", "figure.png", "prediction.json"}
+    record = json.loads((tmp_path / "2/prediction.json").read_text())
+    assert record["rig"]["fx"] == 100 and np.array(record["pose"])[0, 3] == 2
+    assert cv2.imread(str(tmp_path / "overview.jpg")).shape[1] == 4 * 408
+    video = cv2.VideoCapture(str(tmp_path / "video.mp4"))
+    assert video.get(cv2.CAP_PROP_FRAME_COUNT) == COUNT
+    fused = trimesh.load(tmp_path / "fused_cloud.ply").vertices
+    single = trimesh.load(tmp_path / "3/cloud.ply").vertices
+    assert 100 < len(fused) < 4 * len(single)
+    # the world has z up: y of the camera is -z, and its z is y
+    world = np.column_stack([single[:, 0] + 3, single[:, 2], 1.2 - single[:, 1]])
+    assert cKDTree(fused).query(world)[0].max() < 0.05 * np.sqrt(3)
+
+
+def test_a_killed_run_continues_without_a_difference(folder, tmp_path, capsys):
+    flags = {"poses": folder / "poses.txt", "map_format": ("npy",), "video": True}
+    predict(options(folder, tmp_path / "whole", **flags), Counted())
+    Counted.calls, Counted.last = 0, 3
+    with pytest.raises(SystemExit):
+        predict(options(folder, tmp_path / "parts", **flags), Counted())
+    done = [path for path in (tmp_path / "parts").glob("*/prediction.json")]
+    assert len(done) == 2 and not (tmp_path / "parts/overview.jpg").exists()
+    (tmp_path / "parts/2").mkdir(exist_ok=True)
+    (tmp_path / "parts/2/depth.npy").write_bytes(b"half of it")
+    (tmp_path / "parts/2/.confidence.npy.123.part").write_bytes(b"what a kill leaves")
+    Counted.calls, Counted.last = 0, None
+    capsys.readouterr()
+    predict(options(folder, tmp_path / "parts", **flags), Counted())
+    assert Counted.calls == 2 and "predict: 2 of 4 pairs are predicted already" in capsys.readouterr().err
+    whole, parts = contents(tmp_path / "whole"), contents(tmp_path / "parts")
+    assert whole.keys() == parts.keys() and [name for name in whole if whole[name] != parts[name]] == []
+
+
+def test_a_whole_folder_loads_nothing_again_and_other_settings_are_refused(folder, tmp_path, monkeypatch):
+    predict(options(folder, tmp_path, write=("depth",)), SGBM())
+    monkeypatch.setattr("m3depth.prediction.one_pair.load_estimator", lambda *a, **k: pytest.fail("loaded"))
+    predict(options(folder, tmp_path, write=("depth",)))
+    with pytest.raises(DatasetError, match=r"--min-confidence none, not 0\.3"):
+        predict(options(folder, tmp_path, write=("depth",), min_confidence=0.3))
+    (folder / "left/9.png").write_bytes((folder / "left/0.png").read_bytes())
+    (folder / "right/9.png").write_bytes((folder / "right/0.png").read_bytes())
+    try:
+        with pytest.raises(DatasetError, match=r"other settings \(other data\)"):
+            predict(options(folder, tmp_path, write=("depth",)))
+    finally:
+        for eye in ("left", "right"):
+            (folder / eye / "9.png").unlink()
+
+
+def test_only_what_is_asked_for_is_written_in_the_formats_that_are(folder, tmp_path):
+    predict(options(folder, tmp_path, write=("depth", "confidence"), map_format=("tiff", "pfm")), SGBM())
+    assert {path.name for path in tmp_path.iterdir()} == {*"0123", "predictions.json"}
+    assert {path.name for path in (tmp_path / "0").iterdir()} == {
+        "depth.tiff", "depth.pfm", "confidence.tiff", "confidence.pfm", "prediction.json",
+    }  # fmt: skip
+
+
+def test_a_pair_that_cannot_be_used_is_skipped(folder, tmp_path, capsys):
+    for eye in ("left", "right"):
+        (tmp_path / eye).mkdir()
+        for number in range(COUNT):
+            (tmp_path / eye / f"{number}.png").write_bytes((folder / eye / f"{number}.png").read_bytes())
+    (tmp_path / "left/1.png").write_bytes(b"broken")
+    (tmp_path / "right/2.png").write_bytes((tmp_path / "left/2.png").read_bytes())
+    predict(options(tmp_path, tmp_path / "out", write=("depth",)), SGBM())
+    printed = capsys.readouterr()
+    assert printed.out.endswith("2 of 4 pairs; 2 skipped, see the warnings\n")
+    assert f"1 is skipped: {tmp_path}/left/1.png: not a readable image" in printed.err
+    assert "are one and the same image" in printed.err
+    assert sorted(path.parent.name for path in (tmp_path / "out").glob("*/prediction.json")) == ["0", "3"]
+
+
+def test_what_is_wrong_for_all_pairs_is_one_line(folder, tmp_path, capsys):
+    words = [str(folder), "--left", "left/*.png", "--right", "right/*.png", "--estimator", "sgbm"]
+    for flags, message in (
+        ([], "--focal is missing"),
+        (["--focal", "4", "--baseline", "0.2"], "--focal 4 px makes images of 96 px 170 deg wide"),
+        (["--focal", "100", "--baseline", "0.2", "--cloud-frame", "world"], "--cloud-frame world needs poses"),
+    ):
+        assert main([*words, *flags, "--out", str(tmp_path / "out")]) == 2
+        error = capsys.readouterr().err
+        assert message in error and error.count("\n") == 1
+
+
+def test_frames_of_a_video_are_predicted(plane_samples, tmp_path):
+    frames = [np.concatenate([s.left, s.right], axis=1) for s in plane_samples[:3]]
+    writer = cv2.VideoWriter(str(tmp_path / "v.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (192, 64))
+    for frame in frames:
+        writer.write(np.ascontiguousarray(frame[..., ::-1]))
+    writer.release()
+    flags = {"focal": 100.0, "baseline": 0.27, "every": 2, "write": ("depth", "figure")}
+    predict(PredictOptions((tmp_path / "v.avi",), tmp_path / "out", **flags), SGBM())
+    assert sorted(p.parent.name for p in (tmp_path / "out").glob("*/depth.npy")) == ["frame_000000", "frame_000002"]
+    depth, true = np.load(tmp_path / "out/frame_000002/depth.npy"), plane_samples[2].depth
+    both = np.isfinite(depth) & np.isfinite(true)
+    assert both.mean() > 0.5 and np.median(np.abs(depth - true)[both] / true[both]) < 0.02
+    assert cv2.VideoCapture(str(tmp_path / "out/video.mp4")).get(cv2.CAP_PROP_FPS) == 5
+
+
+def test_masks_and_clouds_of_the_rover_and_of_the_world(folder, tmp_path):
+    mask = np.full((64, 96), 255, np.uint8)
+    mask[40:] = 0
+    cv2.imwrite(str(tmp_path / "mask.png"), mask)
+    flags = {"write": ("depth", "cloud"), "mask": (tmp_path / "mask.png",), "poses": folder / "poses.txt"}
+    for frame in ("camera", "rover", "world"):
+        predict(options(folder, tmp_path / frame, cloud_frame=frame, mount=(0.0, 1.2, 0.0), **flags), SGBM())
+    assert np.isnan(np.load(tmp_path / "camera/1/depth.npy")[40:]).all()
+    camera, rover, world = (trimesh.load(tmp_path / f / "1/cloud.ply").vertices for f in ("camera", "rover", "world"))
+    x, y, z = camera.T
+    np.testing.assert_allclose(rover, np.column_stack([z, 0.135 - x, 1.2 - y]), atol=1e-4)
+    np.testing.assert_allclose(world, np.column_stack([x + 1, z, 1.2 - y]), atol=1e-4)
+    fused = [(tmp_path / frame / "fused_cloud.ply").read_bytes() for frame in ("camera", "rover", "world")]
+    points = [trimesh.load(tmp_path / frame / "fused_cloud.ply").vertices for frame in ("camera", "rover", "world")]
+    assert len(fused[0]) > 1000
+    for other in points[1:]:
+        assert other.mean(axis=0) == pytest.approx(points[0].mean(axis=0), abs=0.02)
+
+
+def test_one_pair_does_not_go_into_a_folder_of_many(folder, tmp_path):
+    predict(options(folder, tmp_path, write=("depth",)), SGBM())
+    one = replace(
+        options(folder, tmp_path), left=None, right=None, images=(folder / "left/0.png", folder / "right/0.png")
+    )
+    with pytest.raises(ValueError, match="holds predictions of many pairs; choose another"):
+        predict(one, SGBM())

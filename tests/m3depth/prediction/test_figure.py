@@ -1,0 +1,51 @@
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from m3depth.prediction.figure import LINE, depth_range_shown, prediction_figure, prediction_picture
+from m3depth.stereo.prediction import Prediction
+from marssim.base.images.colours import BEYOND
+
+SKY = [BEYOND] * 3
+
+
+def wall(height: int = 180, width: int = 240) -> Prediction:
+    """A wall at 4 m below sky; unknown in the middle."""
+    depth = np.full((height, width), 4, np.float32)
+    depth[:40] = np.inf
+    depth[90:110, 100:120] = np.nan
+    normal = np.broadcast_to(np.float32([0, 0, -1]), (height, width, 3)).copy()
+    normal[~np.isfinite(depth)] = 0
+    confidence = np.where(np.isnan(depth), 0, 0.8).astype(np.float32)
+    return Prediction(depth, 20 / depth, normal, confidence)
+
+
+def test_unknown_is_black_in_every_map_and_sky_is_grey():
+    picture = prediction_picture(np.full((180, 240), 77, np.uint8), wall(), (1.0, 15.0))
+    image, depth = picture[LINE : LINE + 180, :240], picture[LINE : LINE + 180, -240:]
+    normals, sure = picture[2 * LINE + 180 :][:180, :240], picture[2 * LINE + 180 :][:180, -240:]
+    assert (image == 77).all()
+    assert (depth[100, 110] == 0).all() and (depth[5, 5] == SKY).all() and depth[150, 5].max() > 100
+    assert (normals[100, 110] == 0).all() and (normals[150, 5] == [127, 127, 255]).all()
+    assert (sure[100, 110] == 0).all() and sure[150, 5].max() > 100
+
+
+def test_the_scale_spans_what_the_map_shows():
+    assert depth_range_shown(np.array([[1.2, 9.0], [np.inf, np.nan]])) == (1, 10)
+    assert depth_range_shown(np.linspace(12, 80, 1000)) == (10, 100)
+    assert depth_range_shown(np.linspace(20, 900, 1000))[1] == 300
+    assert depth_range_shown(np.full((3, 3), np.nan)) == (1, 15)
+    near, far = depth_range_shown(np.full((3, 3), 2.0))
+    assert near < 2 <= far
+
+
+@pytest.mark.parametrize(("shape", "normal"), [((20, 30), True), ((20, 30), False), ((300, 900), True)])
+def test_a_prediction_of_nothing_can_be_drawn_at_any_size(tmp_path, shape, normal):
+    unknown = np.full(shape, np.nan, np.float32)
+    nothing = replace(wall(), depth=unknown, disparity=unknown, confidence=unknown * 0)
+    nothing = replace(nothing, normal=np.zeros((*shape, 3), np.float32) if normal else None)
+    prediction_figure(np.zeros(shape, np.uint8), nothing, tmp_path / "figure.png", (1.0, 15.0))
+    picture = cv2.imread(str(tmp_path / "figure.png"))
+    assert 480 < picture.shape[1] < 1400 and picture.max() == 255

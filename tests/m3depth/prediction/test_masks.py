@@ -1,0 +1,57 @@
+import cv2
+import numpy as np
+import pytest
+
+from m3depth.prediction.masks import is_valid_mask, read_valid, seen_by_mask, unknown_where, unmeasured
+from m3depth.stereo.prediction import Prediction
+
+
+def flat(disparity: float = 3.0) -> Prediction:
+    d = np.full((4, 20), disparity, np.float32)
+    d[0] = 0
+    depth = np.where(d > 0, 30 / np.maximum(d, 1), np.inf).astype(np.float32)
+    return Prediction(depth, d, np.ones((4, 20, 3), np.float32), np.full((4, 20), 0.4, np.float32))
+
+
+def test_unknown_pixels_hold_nothing_in_any_map():
+    where = np.zeros((4, 20), bool)
+    where[:2, 3] = True
+    out = unknown_where(flat(), where)
+    assert np.isnan(out.depth[where]).all() and np.isnan(out.disparity[where]).all()
+    assert (out.normal[where] == 0).all() and (out.confidence[where] == 0).all()
+    assert np.array_equal(out.depth[~where], flat().depth[~where]) and (out.confidence[~where] == np.float32(0.4)).all()
+
+
+def test_low_confidence_is_unmeasured_but_sky_is_not():
+    assert not unmeasured(flat()).any()
+    low = unmeasured(flat(), 0.5)
+    assert low[1:].all() and not low[0].any()
+    filled = flat()
+    filled.confidence[2] = 0
+    assert unmeasured(filled)[2].all() and not unmeasured(filled)[[0, 1, 3]].any()
+
+
+@pytest.mark.parametrize("shift", [0.0, 2.0])
+def test_a_pixel_is_unknown_where_the_right_image_shows_nothing_at_its_match(shift):
+    right = np.ones((4, 20), bool)
+    right[:, 10:12] = False
+    hidden = ~seen_by_mask(flat(), right, shift)
+    # x_right = x - 3 in the moved image, which lies 2 px farther left than the given one
+    assert np.flatnonzero(hidden[1]).tolist() == [10 - int(shift) + 3, 11 - int(shift) + 3]
+    assert np.flatnonzero(hidden[0]).tolist() == [10 - int(shift), 11 - int(shift)]  # sky has disparity 0
+
+
+def test_masks_of_the_user_and_of_rectify_add_up(tmp_path):
+    image = tmp_path / "a.png"
+    own, beside = np.full((6, 8), 255, np.uint8), np.full((6, 8), 255, np.uint8)
+    own[:, :2], beside[0] = 0, 0
+    cv2.imwrite(str(tmp_path / "mask.png"), own)
+    assert read_valid(image, None, (6, 8)) is None
+    cv2.imwrite(str(image), own)
+    cv2.imwrite(str(tmp_path / "a_valid.png"), beside)
+    valid = read_valid(image, tmp_path / "mask.png", (6, 8))
+    assert valid.sum() == 6 * 5 and not valid[0].any() and not valid[:, :2].any()
+    assert is_valid_mask(tmp_path / "a_valid.png") and not is_valid_mask(image)
+    assert not is_valid_mask(tmp_path / "b_valid.png")
+    with pytest.raises(ValueError, match=r"mask.png: is 8 x 6, its image is 9 x 6"):
+        read_valid(image, tmp_path / "mask.png", (6, 9))

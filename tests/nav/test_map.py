@@ -1,0 +1,136 @@
+"""From the files of m3depth.predict to GeoTIFF: heights, places and obstacles, and what is said about other folders."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from marssim.base.camera import PinholeCamera, StereoRig
+from marssim.base.dataset.map_file import encode_map
+from marssim.base.pose import look_pose
+from nav.map import main
+
+RIG = StereoRig(PinholeCamera.centred(160, 120, 120.0), 0.3)
+BLOCK = np.array([5.0, -0.5]), 0.5, 0.6  # centre [m], half of its side [m], height [m]
+
+
+def seen_from(pose: np.ndarray) -> np.ndarray:
+    """Depth of level ground at z = 0 with a block on it, by the nearest of its top and front face."""
+    rays = RIG.camera.rays() @ pose[:3, :3].T
+    eye = pose[:3, 3]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ground = np.where(rays[..., 2] < -1e-6, -eye[2] / rays[..., 2], np.inf)
+        centre, half, height = BLOCK
+        top = (height - eye[2]) / rays[..., 2]
+        at = eye + rays * top[..., None]
+        on_top = (top > 0) & (np.abs(at[..., :2] - centre) <= half).all(axis=-1)
+        face = (centre[0] - half - eye[0]) / rays[..., 0]
+        at = eye + rays * face[..., None]
+        on_face = (face > 0) & (np.abs(at[..., 1] - centre[1]) <= half) & (at[..., 2] >= 0) & (at[..., 2] <= height)
+    nearest = np.minimum(np.where(on_top, top, np.inf), np.where(on_face, face, np.inf))
+    return np.minimum(ground, nearest).astype(np.float32)
+
+
+def write_pair(folder: Path, x: float = 0.0, pose: bool = True, form: str = "npy", world: str | None = None) -> None:
+    """A prediction of a camera 1.2 m above the ground that looks along world x, 20 deg down."""
+    folder.mkdir(parents=True)
+    camera = look_pose(np.array([x, 0.15, 1.2]), yaw=0.0, pitch=np.deg2rad(20))
+    depth = seen_from(camera)
+    (folder / f"depth.{form}").write_bytes(encode_map(depth, "depth", form))
+    (folder / f"confidence.{form}").write_bytes(encode_map(np.ones_like(depth), "confidence", form))
+    record = {"rig": RIG.to_dict(), "pose": camera.tolist() if pose else None, "world": world,
+              "camera_to_rover": camera.tolist()}  # fmt: skip
+    (folder / "prediction.json").write_text(json.dumps(record))
+
+
+def layer(out: Path, name: str) -> tuple[np.ndarray, float, float]:
+    """The numbers of a layer, west and north of its corner [m]."""
+    with Image.open(out / f"{name}.tif") as image:
+        tie = image.tag_v2[33922]
+        return np.asarray(image), tie[3], tie[4]
+
+
+def at(out: Path, name: str, x: float, y: float) -> float:
+    values, west, north = layer(out, name)
+    return float(values[int((north - y) / 0.1), int((x - west) / 0.1)])
+
+
+@pytest.mark.parametrize("form", ["npy", "png"])
+def test_one_pair_becomes_a_map_around_the_rover(tmp_path, capsys, form):
+    write_pair(tmp_path / "pair", pose=False, form=form)
+    assert main([str(tmp_path / "pair"), "--out", str(tmp_path / "map")]) == 0
+    out = tmp_path / "map"
+    assert {path.name for path in out.iterdir()} == {
+        "elevation.tif", "top.tif", "step.tif", "slope_deg.tif", "roughness.tif", "cost.tif", "traversability.tif",
+        "map.png", "map.json",
+    }  # fmt: skip
+    heights = layer(out, "elevation")[0]
+    ground = np.abs(heights) < 0.03
+    assert ground.sum() > 0.8 * np.isfinite(heights).sum() > 1000
+    assert at(out, "top", 4.55, -0.5) == pytest.approx(0.6, abs=0.05)  # the front of the block, right of the rover
+    assert at(out, "traversability", 4.55, -0.5) == 2 and at(out, "traversability", 3.0, 0.5) == 0
+    assert at(out, "traversability", 4.0, -0.5) == 1 and at(out, "traversability", -3.0, 0.0) == 255
+    assert np.isnan(at(out, "elevation", -3.0, 0.0))
+    assert capsys.readouterr().out.startswith(f"{out}: 1 pair; ")
+    picture = cv2.imread(str(out / "map.png"))
+    assert picture.shape[0] >= 400 and (picture == 128).all(axis=-1).any()
+
+
+def test_pairs_with_poses_become_one_map_at_its_place(tmp_path):
+    for number, x in enumerate((0.0, 3.0, 8.0)):
+        write_pair(tmp_path / f"drive/{number}", x)
+    flags = ["--origin", "1000", "2000", "--epsg", "32631", "--max-range", "6"]
+    assert main([str(tmp_path / "drive"), "--out", str(tmp_path / "map"), *flags]) == 0
+    out = tmp_path / "map"
+    for x in (3.0, 8.5, 11.0):  # seen by one camera each
+        assert abs(at(out, "elevation", 1000 + x, 2000.5)) < 0.03
+    assert at(out, "traversability", 1004.55, 1999.5) == 2
+    about = json.loads((out / "map.json").read_text())
+    assert about["pairs"] == 3 and about["cells"] == round((8 + 2 * 7) / 0.1)
+
+
+@pytest.mark.parametrize(
+    ("case", "message"),
+    [
+        ("no folder", "gone: no such folder"),
+        ("no pairs", "holds no prediction.json; give a folder that m3depth.predict wrote"),
+        ("no pose", "a/prediction.json: has no pose, which a map of many pairs needs"),
+        ("scenes", "holds pairs of 2 scenes; give the folder of one"),
+        ("no depth", "a: holds no depth; m3depth.predict --write depth"),
+        ("broken", "depth.npy: is not a map of depth"),
+        ("size", "a: depth is (7, 7), the rig's camera has (120, 160) pixels"),
+        ("record", "a/prediction.json: holds no rig and pose of a pair"),
+        ("far apart", "--cell 0.1: the pairs lie up to 9000 m apart"),
+        ("unsure", "no depth of up to 12 m is sure enough"),
+        ("out", "map: holds predictions; choose another"),
+        ("cell", "--cell must be 0.02 to 2 m, got 9"),
+    ],
+)
+def test_what_cannot_become_a_map_is_one_line(tmp_path, capsys, case, message):
+    data, out, flags = tmp_path / "data", tmp_path / "map", ["--cell", "9"] if case == "cell" else []
+    write_pair(data / "a", pose=case != "no pose", world="1" if case == "scenes" else None)
+    if case in ("no pose", "scenes", "far apart"):
+        write_pair(data / "b", 9000.0 if case == "far apart" else 0.0, world="2" if case == "scenes" else None)
+    if case == "no folder":
+        data = tmp_path / "gone"
+    elif case == "no pairs":
+        (data / "a/prediction.json").unlink()
+    elif case == "no depth":
+        (data / "a/depth.npy").unlink()
+    elif case == "broken":
+        (data / "a/depth.npy").write_bytes(b"none")
+    elif case == "size":
+        np.save(data / "a/depth.npy", np.ones((7, 7), np.float32))
+    elif case == "record":
+        (data / "a/prediction.json").write_text('{"pose": [1, 2]}')
+    elif case == "unsure":
+        np.save(data / "a/confidence.npy", np.zeros((120, 160), np.float32))
+    elif case == "out":
+        write_pair(out)
+    assert main([str(data), "--out", str(out), *flags]) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.count("\n") == 1
+    assert case == "out" or not out.exists()
