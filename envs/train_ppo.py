@@ -186,7 +186,7 @@ def _train(config: PPOConfig, folder: ResultFolder, path: Path, rollout: int, us
             save(self.model)
             if ended := list(self.model.ep_info_buffer or []):
                 row = _summary(ended)
-                with (config.out / LOG).open("a") as log:
+                with (config.out / LOG).open("a", encoding="utf-8") as log:
                     log.write(json_text({"choices": self.num_timesteps, **row}) + "\n")
                 share = f"{100 * row['arrived']:.0f} % arrived, reward {row['reward']:.1f}"
                 left = f"{max(0.0, budget - trained()) / 60:.0f} min to go"

@@ -83,7 +83,7 @@ def list_pairs(file: Path, root: Path, rigs: Rigs, config: DataConfig) -> Iterat
     if not file.is_file():
         raise DatasetError(f"{file}: no such list")
     try:
-        lines = file.read_text().splitlines()
+        lines = file.read_text(encoding="utf-8").splitlines()
     except UnicodeDecodeError:
         raise DatasetError(f"{file}: is not a text file") from None
     rows = []

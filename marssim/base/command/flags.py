@@ -12,6 +12,7 @@ from inspect import cleandoc
 from types import UnionType
 from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
+from marssim.base.command.exits import HelpPrinted
 from marssim.base.command.spelling import did_you_mean
 from marssim.base.version import VERSION_FLAG, VERSION_LINE
 
@@ -44,14 +45,14 @@ def parse(
     Raises:
         ValueError: The command line is wrong. The message is one line that names the flag: a config's "angle must be
             ..." about its own field becomes "--part.angle must be ...".
-        SystemExit: --help or --version was asked for, and is printed.
+        HelpPrinted: --help or --version was asked for, and is printed.
     """
     import tyro
 
     args = sys.argv[1:] if args is None else args
     if VERSION_FLAG in args:
         print(VERSION_LINE)
-        raise SystemExit(0)
+        raise HelpPrinted(0)
     defaults: dict[str, Any] = {} if default is None else {"default": default}
     output = io.StringIO()
     _annotate_help(config)
@@ -64,7 +65,7 @@ def parse(
         raise ValueError(_with_flag(str(error), config.__name__, config)) from None
     except SystemExit as end:
         if not end.code:
-            raise
+            raise HelpPrinted(0) from None
         raise ValueError(_parse_error(output.getvalue(), end.__context__, config)) from None
 
 

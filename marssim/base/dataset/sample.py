@@ -98,7 +98,7 @@ def write_sample(folder: Path, frame: StereoFrame, meta: dict[str, Any]) -> None
                 (partial / name).write_bytes(encoded)
             meta = {**meta, "rig": frame.rig.to_dict(), "pose": frame.pose.tolist(), "sha256": digest}
             meta["right_rotation"] = frame.right_rotation.tolist()
-            (partial / "sample.json").write_text(json_text(meta, indent=1, sort_keys=True))
+            (partial / "sample.json").write_text(json_text(meta, indent=1, sort_keys=True), encoding="utf-8")
         shutil.rmtree(folder, ignore_errors=True)
         try:
             partial.rename(folder)

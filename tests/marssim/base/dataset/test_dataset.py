@@ -99,7 +99,7 @@ def test_two_who_write_the_same_sample_do_not_disturb_each_other(frame, tmp_path
 
 
 def test_a_sample_that_cannot_be_written_leaves_nothing(frame, tmp_path, monkeypatch):
-    def full(path: Path, text: str) -> int:
+    def full(path: Path, text: str, encoding: str) -> int:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "write_text", full)
