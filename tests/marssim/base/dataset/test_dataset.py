@@ -120,6 +120,17 @@ def test_a_dataset_is_a_sequence(written):
     assert StereoDataset(str(written)).digest == dataset.digest
 
 
+@pytest.mark.parametrize("twin", [{}, {"split": "test"}, {"name": "0/00"}])
+def test_a_pair_that_the_index_lists_twice_is_refused(tmp_path, twin):
+    pair = {"name": "00000/00", "split": "train", "sha256": "0"}
+    index = {"schema": "marssim-stereo", "version": 3, "config": {}, "samples": [pair]}
+    write_json(tmp_path / "dataset.json", index)
+    assert len(StereoDataset(tmp_path)) == 1
+    write_json(tmp_path / "dataset.json", {**index, "samples": [pair, {**pair, **twin}]})
+    with pytest.raises(DatasetError, match=r"dataset\.json: lists scene 0, view 0 more than once"):
+        StereoDataset(tmp_path)
+
+
 def test_splits_share_no_scene_and_make_up_all(written):
     parts = {name: StereoDataset(written, name) for name in ("train", "val", "test")}
     assert sorted(name for part in parts.values() for name in part.names) == NAMES
