@@ -86,7 +86,7 @@ def safe_streams() -> Iterator[SafeStream]:
     _open_standard()
     before = sys.stdout, sys.stderr
     out, err = SafeStream(sys.stdout, pipe_ends=True), SafeStream(sys.stderr)
-    sys.stdout, sys.stderr = out, err  # type: ignore[assignment]
+    sys.stdout, sys.stderr = out, err
     try:
         yield out
     finally:
@@ -98,7 +98,7 @@ def safe_streams() -> Iterator[SafeStream]:
 def keep_streams_safe() -> None:
     """Replace sys.stdout and sys.stderr by SafeStreams for the rest of a worker process."""
     _open_standard()
-    sys.stdout, sys.stderr = SafeStream(sys.stdout), SafeStream(sys.stderr)  # type: ignore[assignment]
+    sys.stdout, sys.stderr = SafeStream(sys.stdout), SafeStream(sys.stderr)
 
 
 def _open_standard() -> None:
