@@ -23,10 +23,22 @@ from marssim.base.images.colours import normal_colours
 
 # [m] depths that a colour bar may name
 DEPTH_TICKS = (0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1, 2, 3, 5, 10, 15, 30, 50, 100, 200, 500)
+FLATTEST, TALLEST = 1 / 8, 4.0  # height by width of an image, beyond which figures leave room beside it
 UNSCORED = "0.82"  # grey of pixels without truth or without a value
 # Colours of Okabe and Ito, which colour-blind readers can distinguish, and two more.
 METHOD_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000", "#8c6d31")
 METHOD_MARKERS = "osD^vPX*"
+
+
+def panel_aspect(image: np.ndarray) -> float:
+    """Return height by width of an image's place in a figure.
+
+    It is bounded, as a figure of an image with few columns would be so high that it fits into no memory.
+
+    Args:
+        image: (H, W) or (H, W, 3).
+    """
+    return float(np.clip(image.shape[0] / image.shape[1], FLATTEST, TALLEST))
 
 
 def colour_map(name: str) -> Colormap:

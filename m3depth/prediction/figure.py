@@ -14,6 +14,7 @@ from m3depth.figures.drawing import (
     known_depths,
     label_bar,
     normal_image,
+    panel_aspect,
     save,
     show,
 )
@@ -32,8 +33,7 @@ def prediction_figure(left: np.ndarray, prediction: Prediction, path: Path) -> N
         prediction: Its maps.
         path: The file to write.
     """
-    height, width = left.shape[:2]
-    figure = Figure(figsize=(11, 1.0 + 10.2 * height / width), layout="constrained", dpi=110)
+    figure = Figure(figsize=(11, 1.0 + 10.2 * panel_aspect(left)), layout="constrained", dpi=110)
     (image_axes, depth_axes), (normal_axes, confidence_axes) = figure.subplots(2, 2)
     show(image_axes, in_colour(left))
     image_axes.set_title("left image")
