@@ -63,6 +63,7 @@ from marssim.base.results.code_state import versions
 
 AGREEMENT = 1.0  # [px] largest difference of both eyes' disparities that counts as agreement
 MIN_ANGLE, MAX_ANGLE = 1.0, 150.0  # [deg] horizontal field of view of rectified images
+NEAREST_LIMITS = (0.01, 1000.0)  # [m]
 MIN_BASELINE = 0.001  # [m] shortest distance of the cameras
 
 
@@ -100,8 +101,8 @@ class PredictOptions:
     """Program that runs M3Depth: pytorch; openvino, on the CPU, with the extra `fast`; or auto, which is openvino if it
     is installed and the device is the CPU, and else pytorch."""
     nearest: float | None = None
-    """Nearest depth [m] in view, 0.84 by default, for M3Depth or a class whose infer takes it. M3Depth finds up to 192
-    px of disparity, first in reduced images where this depth has more."""
+    """Nearest depth [m] in view, 0.01 to 1000 and 0.84 by default, for M3Depth or a class whose infer takes it. M3Depth
+    finds up to 192 px of disparity, first in reduced images where this depth has more."""
     max_pixels: int | None = None
     """Largest number of pixels of an image that the network works on, for M3Depth or a class whose infer takes it.
     Larger images are reduced to it, which saves time and memory and loses detail; the maps have the images' size."""
@@ -244,8 +245,9 @@ def _check_method_and_cloud(options: PredictOptions) -> None:
     """Raise ValueError that names a flag of the method or of the point cloud that cannot be used."""
     if options.estimator != M3DEPTH and options.weights is not None:
         raise ValueError(f"--weights is of m3depth, not of --estimator {options.estimator}: give one of the two")
-    if options.nearest is not None and not (np.isfinite(options.nearest) and options.nearest > 0):
-        raise ValueError(f"--nearest must be positive, got {options.nearest}")
+    low, high = NEAREST_LIMITS
+    if options.nearest is not None and not low <= options.nearest <= high:
+        raise ValueError(f"--nearest must lie in [{low:g}, {high:g}] m, got {options.nearest:g}")
     if options.max_pixels is not None and not options.max_pixels > 0:
         raise ValueError(f"--max-pixels must be positive, got {options.max_pixels}")
     if not 0 <= options.min_confidence <= 1:

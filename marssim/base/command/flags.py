@@ -57,6 +57,7 @@ def parse(
         raise HelpPrinted(0)
     defaults: dict[str, Any] = {} if default is None else {"default": default}
     output = io.StringIO()
+    _check_not_empty(args)
     _annotate_help(config)
     try:
         with redirect_stderr(output):
@@ -71,6 +72,16 @@ def parse(
         if not end.code:
             raise HelpPrinted(0) from None
         raise ValueError(_parse_error(output.getvalue(), end.__context__, config)) from None
+
+
+def _check_not_empty(args: Sequence[str]) -> None:
+    """Raise ValueError for an empty value. As a path it would mean the working directory."""
+    for before, word in zip(["", *args], args):
+        flag = word[:-1] if re.fullmatch(r"--[a-zA-Z][\w.-]*=", word) else before
+        if word == "" or flag is not before:
+            raise ValueError(
+                f"{flag if flag.startswith('--') else 'a value'} is empty: give it a value, or leave it out"
+            )
 
 
 def _check_numbers(config: Any, prefix: str = "--") -> None:

@@ -18,6 +18,7 @@ from marssim.base.dataset.frame import ROVER, SKY, StereoFrame
 from marssim.base.files.atomic import naming
 from marssim.base.files.json_file import DatasetError, json_text, read_json
 from marssim.base.files.png import decode_png, encode_png
+from marssim.base.pose import recorded_pose
 from marssim.base.right_image import image_disparity, recorded_rotation
 
 IMAGES = ("left.png", "right.png", "depth.png", "normal.png", "surface.png", "occluded.png")
@@ -128,6 +129,8 @@ def read_sample(folder: Path) -> StereoSample:
     try:
         rig = StereoRig.from_dict(meta["rig"])
         rotation = recorded_rotation(meta.get("right_rotation"))
+        if "pose" in meta:
+            recorded_pose(meta["pose"])
     except KeyError:
         raise DatasetError(f"{folder / 'sample.json'}: field 'rig' is missing") from None
     except ValueError as error:
