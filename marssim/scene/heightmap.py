@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import math
 import os
+import warnings
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -257,7 +258,7 @@ def _read_tiff(path: str) -> np.ndarray | None:
 def _read_tags(path: str, name: str, need_scale: bool) -> tuple[float | None, float | None]:
     """Return the cell size [m] and the nodata value of a GeoTIFF, None for what the file does not state."""
     try:
-        with open(path, "rb") as file:
+        with open(path, "rb") as file, warnings.catch_warnings(action="ignore"):  # the caller reports a broken file
             header = file.read(8)
             if header[2:4] in (b"+\x00", b"\x00+"):  # BigTIFF
                 header += file.read(8)
