@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 PIP_TORCH := $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX),)
 TEST_WORKERS ?= 2
 
-.PHONY: install test quick lint types demo bench wheel docs clean
+.PHONY: install test quick hostile lint types demo bench wheel docs clean
 
 install: $(VENV)/.installed
 
@@ -18,7 +18,7 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	touch $@
 
 # one thread a worker: more of them wait for each other
-test quick: export OMP_NUM_THREADS = 1
+test quick hostile: export OMP_NUM_THREADS = 1
 
 test: install
 	$(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile -m "not benchmark"
@@ -26,6 +26,11 @@ test: install
 # In a minute: does the chain stand?
 quick: install
 	$(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile -m "quick and not benchmark"
+
+# Many more cases of the attacks in tests/hostile, of which `make test` runs a few.
+HOSTILE_CASES ?= 300
+hostile: install
+	HOSTILE_CASES=$(HOSTILE_CASES) $(BIN)/python -m pytest tests/hostile -n $(TEST_WORKERS)
 
 lint: install
 	$(BIN)/ruff check .

@@ -244,7 +244,7 @@ def main(args: Sequence[str] | None = None) -> int:
 def _work(config: EvaluateConfig) -> None:
     content = evaluate(config)
     page = config.out / "results.md"
-    print(without_definitions(page.read_text()).rstrip(), end="\n\n")
+    print(without_definitions(page.read_text(encoding="utf-8")).rstrip(), end="\n\n")
     rows = counted(len(content["results"]), "row")
     print(f"{rows} in {config.out / 'results.json'}, drives in {config.out / 'maps'}; {page} defines the columns")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 from numbers import Real
 from pathlib import Path
@@ -36,6 +37,9 @@ if TYPE_CHECKING:
 
 STEP_SECONDS = 2.0  # [s] that the rover drives in one step
 ERROR_LIMITS = {"disparity_noise": 10, "drift": 1, "yaw_drift_deg": 45}  # largest values of these arguments
+EPISODE = (  # attributes of an episode, beside the course, the vehicle and what is seen
+    "_obstacle_clearance", "_odometry", "believed_pose", "_gauge", "referee", "_steps", "_pan", "_last_action", "_way",
+)  # fmt: skip
 
 
 class MarsNavEnv(gymnasium.Env):
@@ -370,6 +374,12 @@ class MarsNavEnv(gymnasium.Env):
         if self._view is not None:
             self._view.close()
         self.vehicle = self.course = self.sight = self._view = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave the episode out: a copied or unpickled environment has no course, and needs a reset."""
+        kept = {name: value for name, value in vars(self).items() if name not in EPISODE}
+        gone = dict.fromkeys(("course", "vehicle", "sight", "_view"))
+        return {**kept, **gone, "perception": copy(self.perception)}
 
     def _place(self) -> np.ndarray:
         """Return x, y [m] and yaw [rad] of the rover, (3,)."""

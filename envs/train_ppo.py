@@ -7,8 +7,8 @@
 
 The policy observes and acts as envs.drivers.corridors.Corridors documents: it sees how far each of 13 ways is free, and
 chooses one of them. OUT/policy.zip is the policy, OUT/train_ppo.json its courses and its time of training,
-OUT/log.jsonl its progress. The same command continues where it was stopped, with the rest of the time. The policy is
-read as your own file: do not continue a stranger's.
+OUT/log.jsonl its progress. The same command continues where it was stopped, with the rest of the time. Of policy.zip it
+reads tensors and JSON alone: nothing in the file is executed.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ import tyro
 from gymnasium.wrappers import TransformReward
 
 from envs.drivers.corridors import Corridors
-from envs.drivers.policy_files import PolicyDriver, mark_corridors
+from envs.drivers.policy_archive import mark_corridors, read_policy, restore_training
 from envs.drivers.training_courses import TrainingCourses
 from envs.drives.records import NUMBER, is_number
 from envs.mars_nav import MarsNavEnv
@@ -133,7 +133,7 @@ def train(config: PPOConfig, rollout: int = 128) -> Path:
         raise ImportError("envs.train_ppo needs stable-baselines3: pip install 'mars-m3depth[rl]'")
     folder, path = _folder(config), config.out / POLICY
     folder.check_place(config.out)
-    if path.is_file() and not PolicyDriver(path).corridors:  # PolicyDriver raises ValueError for a file of another kind
+    if path.is_file() and not read_policy(path).corridors:  # raises ValueError for a file of another kind
         raise ValueError(f"{path}: is not a policy of envs.train_ppo; choose another --out")
     with folder.claim(**{VERSIONS: versions()}) as previous:
         if previous is None:
@@ -186,7 +186,7 @@ def _train(config: PPOConfig, folder: ResultFolder, path: Path, rollout: int, us
             save(self.model)
             if ended := list(self.model.ep_info_buffer or []):
                 row = _summary(ended)
-                with (config.out / LOG).open("a") as log:
+                with (config.out / LOG).open("a", encoding="utf-8") as log:
                     log.write(json_text({"choices": self.num_timesteps, **row}) + "\n")
                 share = f"{100 * row['arrived']:.0f} % arrived, reward {row['reward']:.1f}"
                 left = f"{max(0.0, budget - trained()) / 60:.0f} min to go"
@@ -214,17 +214,20 @@ def _model(config: PPOConfig, path: Path, vector: Any, rollout: int, rate: Calla
         vector: The environments.
         rollout: Choices in each environment between two updates.
         rate: Returns the learning rate.
+
+    Raises:
+        ValueError: If no training can be continued from the file.
     """
     from stable_baselines3 import PPO
 
     from envs.drivers.way_policy import WayPolicy
 
-    if path.is_file():
-        model = PPO.load(path, vector, device="cpu", custom_objects={"learning_rate": rate, "lr_schedule": rate})
-        vector.seed(config.seed + model.num_timesteps)  # other courses than it began with
-        return model
     batch = min(BATCH, rollout * config.workers)
-    return PPO(WayPolicy, vector, rate, n_steps=rollout, batch_size=batch, device="cpu", seed=config.seed, **SETTINGS)
+    model = PPO(WayPolicy, vector, rate, n_steps=rollout, batch_size=batch, device="cpu", seed=config.seed, **SETTINGS)
+    if path.is_file():
+        model.num_timesteps = restore_training(path, model.policy)
+        vector.seed(config.seed + model.num_timesteps)  # other courses than it began with
+    return model
 
 
 @contextmanager

@@ -73,6 +73,9 @@ def recorded(dataset: StereoDataset, scene: int) -> Iterator[Frame]:
     for number, entry in enumerate(dataset.index["samples"]):
         if int(entry["name"].split("/")[0]) == scene:
             sample = dataset[number]
+            if "pose" not in sample.meta:
+                file = dataset.path / "scenes" / entry["name"] / "sample.json"
+                raise DatasetError(f"{file}: field 'pose' is missing, so the camera's place is not known")
             yield Frame(sample.depth, None, sample.rig, np.array(sample.meta["pose"]))
 
 

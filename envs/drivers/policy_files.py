@@ -2,30 +2,28 @@
 
 from __future__ import annotations
 
-import io
 import re
-import zipfile
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 
 from envs.drivers.corridors import AHEAD, HOLD_STEPS, WAYS, as_corridors, corridor_space, steer
 from envs.drivers.image_observation import as_images, image_space
+from envs.drivers.policy_archive import read_policy
 from envs.mars_nav import MarsNavEnv
-from marssim.base.command.input_file import check_file
 
-CORRIDORS = "corridors"  # name of the entry that marks a policy's .zip as one of Corridors
+ACTION_SIZES = (2, 3)  # numbers of an action, without and with the mast
 
 
 class PolicyDriver:
     """A PPO policy of stable-baselines3, trained through ImageObservation or Corridors.
 
     A policy of ImageObservation is `MultiInputPolicy` at its default sizes. A policy of Corridors
-    (envs.drivers.way_policy) bears a mark in its file (mark_corridors). Of the .zip only the tensors of `policy.pth`
-    are read: the pickled parts could run anything. The observed keys and the size of the action follow from the
-    tensors' names and shapes; a policy that does not move the mast looks ahead.
+    (envs.drivers.way_policy) bears a mark in its file. Nothing in the file is executed (policy_archive.py). The
+    observed keys and the size of the action follow from the tensors' names and shapes; a policy that does not move the
+    mast looks ahead.
     """
 
     def __init__(self, path: Path) -> None:
@@ -37,7 +35,8 @@ class PolicyDriver:
             ImportError: Raised by `reset` if stable-baselines3 is not installed.
         """
         self.path = path
-        self._weights, self.corridors = _read(path)
+        archive = read_policy(path)
+        self._weights, self.corridors = archive.weights, archive.corridors
         names = (re.match(r"features_extractor\.extractors\.(\w+)\.", name) for name in self._weights)
         self.images = sorted({name.group(1) for name in names if name})
         self.needs_map = self.corridors or "map" in self.images
@@ -59,7 +58,10 @@ class PolicyDriver:
         else:
             space = image_space(env.observation_space).spaces
             keys = {key: part for key, part in space.items() if key in self.images or len(part.shape or ()) == 1}
-            actions = spaces.Box(-1, 1, (len(self._weights["log_std"]),), np.float32)
+            sizes = tuple(self._weights["log_std"].shape)
+            if sizes not in [(size,) for size in ACTION_SIZES]:
+                raise ValueError(f"{self.path}: an action must have 2 or 3 numbers, log_std has the shape {sizes}")
+            actions = spaces.Box(-1, 1, sizes, np.float32)
             policy = MultiInputActorCriticPolicy(spaces.Dict(keys), actions, lambda _: 0.0)
             self._keys = list(keys)
         try:
@@ -84,27 +86,3 @@ class PolicyDriver:
         padded = np.zeros(3, dtype=np.float32)
         padded[: len(action)] = action
         return padded
-
-
-def mark_corridors(policy: Path | IO[bytes]) -> None:
-    """Mark a policy's .zip as one that observes and acts as Corridors documents."""
-    with zipfile.ZipFile(policy, "a") as archive:
-        archive.writestr(CORRIDORS, "")
-
-
-def _read(path: Path) -> tuple[dict[str, Any], bool]:
-    """Return the tensors by name, and whether the file is marked as a policy of Corridors."""
-    import torch
-
-    check_file(path, "policy")
-    try:
-        with zipfile.ZipFile(path) as archive:
-            weights = torch.load(io.BytesIO(archive.read("policy.pth")), map_location="cpu", weights_only=True)
-            corridors = CORRIDORS in archive.namelist()
-        for name in ("action_net.weight",) if corridors else ("action_net.weight", "log_std"):
-            if name not in weights:
-                raise ValueError(f"policy.pth has no {name}")
-    except Exception as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise ValueError(f"{path}: holds no policy of stable-baselines3's PPO ({reason})") from None
-    return dict(weights), corridors

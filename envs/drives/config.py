@@ -29,6 +29,7 @@ from marssim.scene.scene import SceneConfig
 LOOK_FLAGS = (  # flags that replace fields of the scene's LookConfig
     "sun_elevation_deg", "optical_depth", "albedo_contrast", "texture_strength", "pebbles", "wind_ripples",
 )  # fmt: skip
+MOST_BYTES = 120  # of the names of driver and perception in the name of a record's file
 GRID_K = (0.033, 0.07, 0.10, 0.15, 0.20)  # rock abundances of --grid
 GRID_SLOPE_DEG = (0.0, 5.0, 10.0, 15.0)  # [deg] slopes of --grid
 
@@ -201,12 +202,16 @@ class Task:
 
     @property
     def file(self) -> str:
-        """Name of the record's file: letters, digits, "_", "-" and "." only, and different for each task."""
+        """Name of the record's file: letters, digits, "_", "-" and "." only, and different for each task.
+
+        Of long names, such as paths, it has the end alone, since no file system takes more than 255 bytes.
+        """
         names = f"{self.driver}-{self.perception}"
-        plain = _plain(f"{names}-{self.cell.name}")
-        if _plain(names) != names:
-            plain += f"-{crc32(names.encode()):08x}"  # names may differ only in letters that became "_"
-        return f"{plain}-{self.episode:04d}.json"
+        short = _plain(names).encode()[-MOST_BYTES:].decode(errors="ignore")
+        parts = [short, _plain(self.cell.name)]
+        if short != names:  # names may differ only in letters that became "_", or in their beginning
+            parts.append(f"{crc32(names.encode(errors='surrogateescape')):08x}")
+        return f"{'-'.join(parts)}-{self.episode:04d}.json"
 
     def is_of(self, record: EpisodeRecord) -> bool:
         """Return whether a record is of this episode."""

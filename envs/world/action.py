@@ -23,11 +23,12 @@ def checked_action(action: object, shape: tuple[int, ...]) -> np.ndarray:
         ActionError: It is no such array, or not finite.
     """
     try:
-        numbers = np.asarray(action, dtype=np.float32)
-    except (TypeError, ValueError):
-        raise ActionError(f"action must be numbers of shape {shape}, got {action!r}") from None
+        with np.errstate(over="ignore"):  # what is too large becomes infinite, and is refused below
+            numbers = np.asarray(action, dtype=np.float32)
+    except (TypeError, ValueError, OverflowError):
+        raise ActionError(f"action must be numbers of shape {shape}, got {action!r:.80}") from None
     if action is None or numbers.shape != shape:
-        raise ActionError(f"action must be of shape {shape}, got {action!r}")
+        raise ActionError(f"action must be of shape {shape}, got {action!r:.80}")
     if not np.isfinite(numbers).all():
-        raise ActionError(f"action must be finite, got {action!r}")
+        raise ActionError(f"action must be finite, got {action!r:.80}")
     return np.clip(numbers, -1, 1)

@@ -125,7 +125,7 @@ def read_list(file: Path, counts: Sequence[int]) -> list[list[str]]:
     if not file.is_file():
         raise DatasetError(f"{file}: no such list")
     try:
-        lines = file.read_text().splitlines()
+        lines = file.read_text(encoding="utf-8").splitlines()
     except UnicodeDecodeError:
         raise DatasetError(f"{file}: is not a text file") from None
     rows = []

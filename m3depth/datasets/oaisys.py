@@ -70,7 +70,7 @@ def oaisys_rig(path: Path, config: DataConfig) -> Calibration | None:
         DatasetError: The sensors are not a rectified pair; the message names the file.
     """
     try:
-        data = json.loads(path.read_text())
+        data = json.loads(path.read_text(encoding="utf-8"))
         sensors = {s["sensorParams"]["outputBaseName"]: s["sensorParams"] for s in data["SENSOR_SETUP"]["SENSORS"]}
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None

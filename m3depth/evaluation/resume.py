@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import time
@@ -20,6 +21,7 @@ UNFINISHED = "unfinished.npz"  # name of the file in the folder of results
 SECONDS = 30.0  # between two saves: a killed evaluation loses at most this and the pair that is being scored
 PLAIN = "plain"  # the entry that holds everything but the arrays, as JSON
 DEPENDENCIES = "asked"  # key of the dependencies in that JSON
+DIGEST = hashlib.sha256().digest_size  # bytes at the end of the file, of all before them
 ARRAY = "\0array"  # key of an object in that JSON that stands for an array
 
 
@@ -50,7 +52,10 @@ class SavedState:
         if not self.path.exists():
             return None
         try:
-            with np.load(self.path, allow_pickle=False) as file:
+            data = self.path.read_bytes()
+            if hashlib.sha256(data[:-DIGEST]).digest() != data[-DIGEST:]:
+                raise ValueError("damaged")
+            with np.load(io.BytesIO(data[:-DIGEST]), allow_pickle=False) as file:
                 content = json.loads(file[PLAIN].item())
                 saved, state = content[DEPENDENCIES], _with_arrays(content["state"], file)
         except (EOFError, ValueError, KeyError, TypeError, AttributeError, zipfile.BadZipFile, zlib.error):
@@ -84,7 +89,8 @@ class SavedState:
         buffer = io.BytesIO()
         # json.dumps keeps NaN, unlike json_text: the sums of a scoring may hold it.
         np.savez_compressed(buffer, **{PLAIN: np.array(json.dumps(content))}, **arrays)  # type: ignore[arg-type]
-        write_atomically(self.path, buffer.getvalue())
+        data = buffer.getvalue()
+        write_atomically(self.path, data + hashlib.sha256(data).digest())
         self._saved = time.monotonic()
 
     def save_now_and_then(self, state: Callable[[], Mapping[str, Any]]) -> None:

@@ -21,6 +21,7 @@ from m3depth.figures.drawing import (
     label_bar,
     normal_image,
     note,
+    panel_aspect,
     save,
     show,
 )
@@ -50,7 +51,7 @@ def comparison_figure(examples: Sequence[Example], path: Path, most: int | None 
     rows = 2 * len(examples)
     # A figure of one method is too narrow for labels of one line.
     gap, extra = ("  ", 0.0) if len(names) > 1 else ("\n", 0.15)
-    width, height = PANEL * columns + 0.5, PANEL * rows * _aspect(examples) + 1.4 + extra  # [in]
+    width, height = PANEL * columns + 0.5, PANEL * rows * panel_aspect(examples[0].left) + 1.4 + extra  # [in]
     figure = Figure(figsize=(width, height), dpi=110)
     grid = {
         "left": 0.48 / width,
@@ -138,9 +139,3 @@ def _draw_bars(figure: Figure, depth_norm: Normalize, gap: str, extra: float) ->
         mappable = matplotlib.cm.ScalarMappable(norm, colour_map(colours))
         bar = figure.colorbar(mappable, cax=place, orientation="horizontal", extend=extend)
         label_bar(bar, norm, label)
-
-
-def _aspect(examples: Sequence[Example]) -> float:
-    """Return height over width of the first pair."""
-    height, width = examples[0].left.shape[:2]
-    return height / width

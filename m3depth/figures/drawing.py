@@ -21,10 +21,22 @@ from marssim.base.files.atomic import write_atomically
 from marssim.base.files.png import encode_png
 from marssim.base.images.colours import DEPTH_TICKS, normal_colours
 
+FLATTEST, TALLEST = 1 / 8, 4.0  # height by width of an image, beyond which figures leave room beside it
 UNSCORED = "0.82"  # grey of pixels without truth or without a value
 # Colours of Okabe and Ito, which colour-blind readers can distinguish, and two more.
 METHOD_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000", "#8c6d31")
 METHOD_MARKERS = "osD^vPX*"
+
+
+def panel_aspect(image: np.ndarray) -> float:
+    """Return height by width of an image's place in a figure.
+
+    It is bounded, as a figure of an image with few columns would be so high that it fits into no memory.
+
+    Args:
+        image: (H, W) or (H, W, 3).
+    """
+    return float(np.clip(image.shape[0] / image.shape[1], FLATTEST, TALLEST))
 
 
 def colour_map(name: str) -> Colormap:

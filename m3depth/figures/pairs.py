@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from m3depth.evaluation.example import Example
 from m3depth.evaluation.metrics import known_depth, pixel_kinds
-from m3depth.figures.drawing import colour_map, label_bar, normal_image, note, save, show
+from m3depth.figures.drawing import colour_map, label_bar, normal_image, note, panel_aspect, save, show
 from marssim.base.images.colours import DISPARITY_MAP, NORMAL_TITLE
 
 PANEL = 1.7  # [in] width of one image
@@ -38,7 +38,7 @@ def pairs_figure(examples: Sequence[Example], path: Path) -> np.ndarray:
         (H, W, 3) uint8 RGB, the picture.
     """
     rows = len(examples)
-    aspect = examples[0].left.shape[0] / examples[0].left.shape[1]
+    aspect = panel_aspect(examples[0].left)
     width, height = PANEL * len(COLUMNS) + 0.4, PANEL * aspect * rows + 1.0  # [in]
     figure = Figure(figsize=(width, height), dpi=120)
     edges = {"left": 0.36 / width, "right": 1 - 0.04 / width, "top": 1 - 0.3 / height, "bottom": 0.7 / height}

@@ -13,7 +13,7 @@ from matplotlib.patches import Rectangle
 
 from m3depth.evaluation.example import Example
 from m3depth.evaluation.metrics import grey_deviation, pixel_kinds
-from m3depth.figures.drawing import colour_map, depth_scale, known_depths, label_bar, note, save, show
+from m3depth.figures.drawing import colour_map, depth_scale, known_depths, label_bar, note, panel_aspect, save, show
 from marssim.base.images.colours import DEPTH_MAP
 from marssim.base.images.depth_edges import depth_edges
 
@@ -33,7 +33,7 @@ def qualitative_figure(examples: Sequence[Example], path: Path) -> None:
     """
     names = list(examples[0].predictions)
     columns, rows = 2 + len(names), len(examples)
-    aspect = examples[0].left.shape[0] / examples[0].left.shape[1]
+    aspect = panel_aspect(examples[0].left)
     width, height = PANEL * columns + 0.4, PANEL * aspect * rows + 1.05  # [in]
     figure = Figure(figsize=(width, height), dpi=120)
     edges = {"left": 0.36 / width, "right": 1 - 0.04 / width, "top": 1 - 0.3 / height, "bottom": 0.72 / height}

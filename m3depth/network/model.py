@@ -116,6 +116,8 @@ class M3Depth(nn.Module):
                 f"{source}: {len(misfits)} tensors do not fit the network that the file describes, the first is "
                 f"{misfits[0]!r}; use the file as m3depth.train wrote it"
             )
+        if not any(tensor.any() for tensor in tensors.values()):
+            raise ValueError(f"{source}: all weights are zero, so these are not weights of a trained network")
         model = cls(network)
         model.load_state_dict(tensors)
         return model.eval()

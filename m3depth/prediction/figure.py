@@ -19,6 +19,7 @@ from marssim.base.images.colours import DEPTH_TICKS, depth_bar, depth_colours, n
 
 FARTHEST = 300.0  # [m] largest depth at which a scale may end
 LEAST, MOST = 240, 640  # [px] width of a map in the picture
+HIGHEST = 1600  # [px] height of a map in the picture; one of few columns becomes narrower than LEAST
 LINE = 20  # [px] height of a line of text
 GAP = 6  # [px] between two maps
 TEXT = cv2.FONT_HERSHEY_SIMPLEX, 0.42, (30, 30, 30), 1, cv2.LINE_AA  # font, size, colour, weight
@@ -84,13 +85,14 @@ def prediction_figure(left: np.ndarray, prediction: Prediction, path: Path, show
 
 
 def _sized(image: np.ndarray) -> np.ndarray:
-    """Return an image at LEAST to MOST px of width."""
-    width = image.shape[1]
-    if LEAST <= width <= MOST:
-        return image
-    factor = math.ceil(LEAST / width) if width < LEAST else MOST / width
-    size = max(1, round(width * factor)), max(1, round(image.shape[0] * factor))
-    return cv2.resize(image, size, interpolation=cv2.INTER_NEAREST if factor > 1 else cv2.INTER_AREA)
+    """Return an image at LEAST to MOST px of width, with white beside one that is too high for that."""
+    height, width = image.shape[:2]
+    factor = min(math.ceil(LEAST / width) if width < LEAST else min(1.0, MOST / width), HIGHEST / height)
+    if factor != 1:
+        size = max(1, round(width * factor)), max(1, round(height * factor))
+        image = cv2.resize(image, size, interpolation=cv2.INTER_NEAREST if factor > 1 else cv2.INTER_AREA)
+    missing = max(0, LEAST - image.shape[1])
+    return cv2.copyMakeBorder(image, 0, 0, 0, missing, cv2.BORDER_CONSTANT, value=(PAPER,) * 3) if missing else image
 
 
 def _titled(title: str, image: np.ndarray) -> np.ndarray:

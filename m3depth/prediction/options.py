@@ -16,6 +16,8 @@ from marssim.base.dataset.map_file import MAP_KINDS, MapFormat, MapKind
 
 CloudFrame = Literal["camera", "rover", "world"]
 
+NEAREST_LIMITS = (0.01, 1000.0)  # [m]
+
 
 @dataclass(frozen=True)
 class PredictOptions:
@@ -81,7 +83,7 @@ class PredictOptions:
     """Program that runs M3Depth: pytorch; openvino, on the CPU, with the extra `fast`; or auto, which is openvino if it
     is installed and the device is the CPU, and else pytorch."""
     nearest: float | None = None
-    """Nearest depth [m] in view, above 0, and 0.84 by default, for M3Depth or a class whose infer takes it. M3Depth
+    """Nearest depth [m] in view, 0.01 to 1000, and 0.84 by default, for M3Depth or a class whose infer takes it. M3Depth
     finds up to 192 px of disparity, first in reduced images where this depth has more."""
     max_pixels: int | None = None
     """Largest number of pixels of an image, above 0, that the network works on, for M3Depth or a class whose infer
@@ -119,10 +121,13 @@ class PredictOptions:
             raise ValueError(f"give a left and a right image, or one source of pairs, got {len(self.images)} files")
         if self.every < 1:
             raise ValueError(f"every must be at least 1, got {self.every}")
-        for name in ("focal", "baseline", "nearest", "max_pixels", "max_range", "voxel"):
+        for name in ("focal", "baseline", "max_pixels", "max_range", "voxel"):
             value = getattr(self, name)
             if value is not None and not (value > 0 and (np.isfinite(value) or name == "max_range")):
                 raise ValueError(f"{name} must be positive, got {value:g}")
+        low, high = NEAREST_LIMITS
+        if self.nearest is not None and not low <= self.nearest <= high:
+            raise ValueError(f"nearest must lie in [{low:g}, {high:g}] m, got {self.nearest:g}")
         for name in ("cx", "cy"):
             value = getattr(self, name)
             if value is not None and not np.isfinite(value):

@@ -95,6 +95,8 @@ class SGBM:
             rig: The cameras of these images.
         """
         left, right = grey_pair(left, right, rig)
+        if left.shape[1] == 1:  # no disparity, and OpenCV refuses such images
+            return np.full(left.shape, np.nan, np.float32)
         reach = self.disparities or search_range(rig)
         # Without padding OpenCV leaves the first `reach` columns empty. A match inside the padding is discarded below.
         padded = [cv2.copyMakeBorder(image, 0, 0, reach, 0, cv2.BORDER_REPLICATE) for image in (left, right)]

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 MAX_VERTICAL = 16.0  # largest vertical offset of the right image [px]
+LARGEST = {"gain": 100.0, "contrast": 100.0, "blur": 100.0, "noise": 255.0}  # blur in px, noise in grey levels
 
 
 @dataclass(frozen=True)
@@ -33,8 +34,8 @@ class Degradation:
         for name, value in asdict(self).items():
             if name == "vertical" and not abs(value) <= MAX_VERTICAL:
                 raise ValueError(f"degradation vertical must lie in [{-MAX_VERTICAL}, {MAX_VERTICAL}] px, got {value}")
-            if name != "vertical" and not (np.isfinite(value) and value >= 0):
-                raise ValueError(f"degradation {name} must be a number >= 0, got {value}")
+            if name != "vertical" and not 0 <= value <= LARGEST[name]:
+                raise ValueError(f"degradation {name} must lie in [0, {LARGEST[name]:g}], got {value:g}")
 
     @classmethod
     def parse(cls, text: str) -> Degradation:
@@ -49,6 +50,8 @@ class Degradation:
             name, _, value = part.partition("=")
             if name not in names:
                 raise ValueError(f"`degrade`: unknown field {name!r}; choose from {', '.join(sorted(names))}")
+            if name in values:
+                raise ValueError(f"`degrade`: {name} is given twice")
             try:
                 values[name] = float(value)
             except ValueError:

@@ -11,6 +11,7 @@ from marssim.base.camera import MAX_DEPTH, MIN_DEPTH, StereoRig
 
 NEAREST = 0.84  # [m] shortest depth at which every method searches for matches; 192 px for NaTeCam
 MAX_DISPARITY = 192.0  # [px] pixels of larger disparity are not trained, and are scored apart
+LARGEST_SIDE = (1 << 15) - 2  # [px] of images that OpenCV resamples
 
 
 class StereoPairs(Protocol):
@@ -61,7 +62,8 @@ def checked_pair(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> tuple[n
         rig: The cameras of these images.
 
     Raises:
-        ValueError: An image has a wrong type or shape, or not the rig's size; the message names it.
+        ValueError: An image has a wrong type or shape, not the rig's size, or a side of more than 32766 px; the message
+            names it.
     """
     checked = []
     for name, image in (("left", left), ("right", right)):
@@ -76,5 +78,8 @@ def checked_pair(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> tuple[n
                 f"{name} image is {image.shape[1]} x {image.shape[0]}, "
                 f"the rig's camera is {rig.camera.width} x {rig.camera.height}"
             )
+        if max(image.shape[:2]) > LARGEST_SIDE:
+            size = f"{image.shape[1]} x {image.shape[0]}"
+            raise ValueError(f"{name} image is {size}: sides of at most {LARGEST_SIDE} px can be matched")
         checked.append(image)
     return checked[0], checked[1]

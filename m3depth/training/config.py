@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
@@ -13,6 +12,13 @@ from m3depth.datasets.config import DataConfig
 from m3depth.training.augmentation import AugmentConfig
 from m3depth.training.loss_config import LossConfig
 
+LIMITS: dict[str, tuple[float, float]] = {  # least and largest values, beyond which no training makes sense
+    "max_minutes": (0, 1e7), "max_steps": (0, 1e9), "batch": (0, 4096), "accumulate": (0, 4096), "lr": (0, 10),
+    "clip": (0, 1e6), "loader_threads": (0, 256), "checkpoint_minutes": (0, 1e6), "weight_decay": (0, 10),
+    "validate_every": (0, 1e9), "validate_samples": (0, 1e6),
+}  # fmt: skip
+MAY_BE_ZERO = ("weight_decay", "validate_every", "validate_samples")
+LARGEST_CROP = 1 << 14  # [px]
 COARSEST = 8  # side of a cell of the coarsest grid on which the loss is computed [px]
 
 
@@ -35,11 +41,11 @@ class TrainConfig:
     It replaces --preset.
     """
     max_minutes: float | None = None
-    """Time budget [min]; a resumed run counts the time that it has spent before.
+    """Time budget [min], above 0; a resumed run counts the time that it has spent before.
     The schedule of the learning rate is fitted to it.
     """
     max_steps: int | None = None
-    """Number of optimizer steps, including those of the run before it was resumed.
+    """Number of optimizer steps, 1 or more, including those of the run before it was resumed.
     The schedule of the learning rate is fitted to it.
     """
     init: Path | None = None
@@ -47,7 +53,7 @@ class TrainConfig:
     Their network replaces --preset and --network.
     """
     batch: int = 4
-    """Crops in a step; under torchrun, of each process."""
+    """Crops in a step, 1 to 4096; under torchrun, of each process."""
     accumulate: int = 1
     """Parts in which the crops of a step pass through the network one after the other.
     More parts need less memory; --batch must be a multiple.
@@ -57,15 +63,15 @@ class TrainConfig:
     precision: Literal["auto", "fp32", "bf16"] = "auto"
     """Precision of the network in training; auto is bf16 where the device computes in it, else fp32."""
     crop: tuple[int, int] = (256, 448)
-    """Height and width of the crops [px], multiples of 8.
+    """Height and width of the crops [px], multiples of 8, up to 16384.
     Multiples of 32 (64 with --preset paper) need no padding.
     """
     lr: float = 8e-4
-    """Highest learning rate. With --init, use a quarter of it or less."""
+    """Highest learning rate, above 0 and at most 10. With --init, use a quarter of it or less."""
     weight_decay: float = 1e-4
-    """Weight decay of the optimizer, AdamW."""
+    """Weight decay of the optimizer, AdamW, 0 to 10."""
     clip: float = 1.0
-    """Largest norm of the gradient; larger ones are scaled down to it."""
+    """Largest norm of the gradient, above 0; larger ones are scaled down to it."""
     ema: float = 0.998
     """Decay of the averaged weights at each step; they are what is saved and validated.
     0 saves the current weights without averaging.
@@ -79,9 +85,9 @@ class TrainConfig:
     cache: bool = True
     """Keep decoded samples in memory: up to half of the free memory, and a quarter for validation."""
     loader_threads: int = 1
-    """Number of background threads that prepare batches."""
+    """Number of background threads that prepare batches, 1 to 256."""
     checkpoint_minutes: float = 5.0
-    """Time between checkpoints [min]."""
+    """Time between checkpoints [min], above 0."""
     validate_every: int = 500
     """Steps between validations, each with an image panel; 0 validates at the end alone."""
     validate_samples: int = 16
@@ -96,27 +102,17 @@ def check_config(config: TrainConfig) -> None:
         raise ValueError("--data: name at least one dataset folder")
     if config.max_minutes is None and config.max_steps is None:
         raise ValueError("give --max-minutes, --max-steps or both")
-    for name in (
-        "max_minutes",
-        "max_steps",
-        "batch",
-        "accumulate",
-        "lr",
-        "clip",
-        "loader_threads",
-        "checkpoint_minutes",
-    ):
+    for name, (low, high) in LIMITS.items():
         value = getattr(config, name)
-        if value is not None and not value > 0:
-            raise ValueError(f"--{name.replace('_', '-')} must be positive, got {value}")
-    for name in ("weight_decay", "validate_every", "validate_samples"):
-        value = getattr(config, name)
-        if not (math.isfinite(value) and value >= 0):
-            raise ValueError(f"--{name.replace('_', '-')} must not be negative, got {value}")
+        if value is not None and not (low <= value <= high and (value > 0 or name in MAY_BE_ZERO)):
+            beyond = f"{low:g} to {high:g}" if name in MAY_BE_ZERO else f"above 0 and at most {high:g}"
+            raise ValueError(f"--{name.replace('_', '-')} must be {beyond}, got {value:g}")
     if config.batch % config.accumulate:
         raise ValueError(f"--accumulate {config.accumulate}: --batch {config.batch} is not a multiple of it")
-    if min(config.crop) < 1 or any(side % COARSEST for side in config.crop):
-        raise ValueError(f"--crop {config.crop[0]} {config.crop[1]}: both must be multiples of {COARSEST}")
+    if not 1 <= min(config.crop) <= max(config.crop) <= LARGEST_CROP or any(side % COARSEST for side in config.crop):
+        raise ValueError(
+            f"--crop {config.crop[0]} {config.crop[1]}: both must be multiples of {COARSEST}, up to {LARGEST_CROP}"
+        )
     if not 0 <= config.seed < 1 << 63:
         raise ValueError(f"--seed must be 0 to 2^63 - 1, got {config.seed}")
     if not 0 <= config.ema < 1:

@@ -25,7 +25,7 @@ def records(out: Path, kind: str) -> list[dict[str, Any]]:
         kind: "train", "val" or "val_raw", as Log.write takes it.
     """
     path = out / LOG
-    lines = path.read_text().splitlines(keepends=True) if path.exists() else []
+    lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if path.exists() else []
     complete = (json.loads(line) for line in lines if line.endswith("}\n"))  # the last one may be half written
     return [record for record in complete if record["kind"] == kind]
 
@@ -37,7 +37,7 @@ class Log:
         out.mkdir(parents=True, exist_ok=True)
         self.path = out / LOG
         if self.path.exists():  # steps after the checkpoint will be logged again
-            lines = self.path.read_text().splitlines(keepends=True)
+            lines = self.path.read_text(encoding="utf-8").splitlines(keepends=True)
             kept = [line for line in lines if line.endswith("}\n") and json.loads(line)["step"] <= start]
             write_atomically(self.path, "".join(kept).encode())
         try:
@@ -58,7 +58,7 @@ class Log:
         """
         # Six significant digits: learning rates are about 1e-6. JSON has no NaN, which means "no such pixels".
         record = {"kind": kind, "step": step, **{k: float(f"{v:.6g}") for k, v in values.items()}}
-        with self.path.open("a") as file:
+        with self.path.open("a", encoding="utf-8") as file:
             file.write(json_text(record) + "\n")
         if self.board is not None:
             for name, value in values.items():

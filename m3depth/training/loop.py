@@ -25,9 +25,9 @@ from m3depth.training.messages import announce, closing_words, data_names, progr
 from m3depth.training.process_group import agree, entered_by_first, joined_group
 from m3depth.training.run import Run, learning_rate
 from m3depth.training.samples import PackedCache, batches, free_memory
-from m3depth.training.validation import Validator
+from m3depth.training.validation import PANELS, Validator
 from marssim.base.command.signals import stop_on_signal
-from marssim.base.results.claim import ResultFolder
+from marssim.base.results.claim import PARTIAL, ResultFolder
 
 
 def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> dict[str, float]:
@@ -51,7 +51,7 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
         KeyboardInterrupt: After a signal, once the run is saved; not under torchrun.
     """
     check_config(config)
-    folder = ResultFolder(config.out, "training run")
+    folder = ResultFolder(config.out, "training run", partial=(PARTIAL, f"{PANELS}/{PARTIAL}"))
     folder.check()
     if not len(samples):
         raise ValueError(f"{data_names(config)}: split train holds no pairs; name another folder with --data")

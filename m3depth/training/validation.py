@@ -22,6 +22,7 @@ from m3depth.training.run import Run
 from m3depth.training.samples import PackedCache, free_memory
 
 CURVES_SECONDS = 10.0  # least time between two drawings of a run's curves [s]; each takes half a second
+PANELS = "panels"  # folder of the image panels, in a run's folder
 PANEL_PAIRS = 4  # pairs in an image panel
 
 
@@ -56,7 +57,7 @@ class Validator:
         self.step, self.scores = run.step, validate(run.averaged, packed, run.device)
         log.write("val_raw", run.step, current)
         log.write("val", run.step, self.scores)
-        path = run.config.out / "panels" / f"{run.step:07d}.png"
+        path = run.config.out / PANELS / f"{run.step:07d}.png"
         examples = [self._example(index) for index in self.chosen[:PANEL_PAIRS]]
         log.image("panel", run.step, pairs_figure(examples, path))
         if time.monotonic() - self.drawn > CURVES_SECONDS:

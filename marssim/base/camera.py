@@ -16,6 +16,8 @@ import numpy as np
 
 LARGEST_FLOAT = sys.float_info.max
 WIDEST_BASELINE = 10.0  # [m] a larger one is taken for millimetres
+LARGEST_IMAGE = 1 << 16  # [px] width and height
+FARTHEST_PRINCIPAL_POINT = 1e6  # [px] from the first pixel, for parts of images that do not hold it
 MIN_DEPTH = 0.5  # [m] nearest depth that is scored (paper, Sec. V-B)
 MAX_DEPTH = 15.0  # [m] farthest depth that is scored
 
@@ -47,12 +49,18 @@ class PinholeCamera:
         for name in ("width", "height"):
             if not 1 <= getattr(self, name) < np.inf:
                 raise ValueError(f"{name} must be at least 1 pixel, got {getattr(self, name)}")
+            if getattr(self, name) > LARGEST_IMAGE:
+                raise ValueError(f"{name} must be at most {LARGEST_IMAGE} px, got {getattr(self, name)}")
         for name in ("fx", "fy"):
             if not 0 < getattr(self, name) < np.inf:
                 raise ValueError(f"{name} must be positive and finite [px], got {getattr(self, name)}")
         for name in ("cx", "cy"):
             if not np.isfinite(getattr(self, name)):
                 raise ValueError(f"{name} must be finite [px], got {getattr(self, name)}")
+            if abs(getattr(self, name)) > FARTHEST_PRINCIPAL_POINT:
+                raise ValueError(
+                    f"{name} must lie within +-{FARTHEST_PRINCIPAL_POINT:.0f} px, got {getattr(self, name):g}"
+                )
 
     @classmethod
     def centred(cls, width: int, height: int, focal: float) -> PinholeCamera:

@@ -6,8 +6,13 @@ north, z up).
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
+
+RIGID = 1e-3  # by which a recorded rotation may miss an orthonormal matrix
+FARTHEST = 1e6  # [m] largest coordinate of a camera
 
 
 def rotate(vectors: np.ndarray, matrix: np.ndarray) -> np.ndarray:
@@ -48,4 +53,31 @@ def look_pose(position: np.ndarray, yaw: float, pitch: float, roll: float = 0.0)
     pose[:3, 1] = -sr * right + cr * down
     pose[:3, 2] = forward
     pose[:3, 3] = position
+    return pose
+
+
+def recorded_pose(value: Any) -> np.ndarray:
+    """Return the pose that a file records.
+
+    Args:
+        value: Content of the field: four lists of four numbers.
+
+    Returns:
+        (4, 4) camera to world.
+
+    Raises:
+        ValueError: It is no rotation and translation. One line that begins with "pose".
+    """
+    try:
+        pose = np.asarray(value, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        pose = np.zeros(0)
+    if pose.shape != (4, 4) or not np.isfinite(pose).all():
+        raise ValueError("pose must be 4 rows of 4 finite numbers")
+    turn = pose[:3, :3]
+    rigid = np.abs(turn).max() < 2 and np.abs(turn @ turn.T - np.eye(3)).max() < RIGID and np.linalg.det(turn) > 0
+    if not rigid or not np.array_equal(pose[3], [0, 0, 0, 1]):
+        raise ValueError("pose must be a rotation and a translation above the row 0 0 0 1")
+    if np.abs(pose[:3, 3]).max() > FARTHEST:
+        raise ValueError(f"pose must lie within {FARTHEST:g} m of the origin")
     return pose

@@ -81,7 +81,7 @@ def _try(answer: Path) -> Egl:
         last = done.stderr.strip().splitlines()[-1:] or ["it printed nothing"]
         return Egl(False, False, f"the test ended with exit code {done.returncode}: {last[0]}")
     try:
-        content = json.loads(answer.read_text())
+        content = json.loads(answer.read_text(encoding="utf-8"))
         alike, failed = float(content["alike"]), str(content["failed"])
     except (OSError, ValueError, KeyError, TypeError):
         return Egl(False, False, "the test ended without a report")
@@ -132,7 +132,7 @@ def report() -> None:
         pictures.append(_picture(pb, client))
         pb.disconnect(client)
     alike = 0.0 if failed else _alike(*pictures)
-    Path(sys.argv[1]).write_text(json_text({"alike": alike, "failed": failed}))
+    Path(sys.argv[1]).write_text(json_text({"alike": alike, "failed": failed}), encoding="utf-8")
 
 
 def write_stl(path: Path, corners: np.ndarray) -> None:

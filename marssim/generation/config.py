@@ -146,9 +146,9 @@ class RigOptions:
     """The cameras: two equal ones side by side, with the values of NaTeCam by default."""
 
     width: int = NATECAM.camera.width
-    """Width of each image [px], above 0."""
+    """Width of each image [px], above 0 and up to 65536."""
     height: int = NATECAM.camera.height
-    """Height of each image [px], above 0."""
+    """Height of each image [px], above 0 and up to 65536."""
     focal: float = NATECAM.camera.fx
     """Focal length [px], at least 1."""
     focal_y: float | None = None
@@ -156,10 +156,10 @@ class RigOptions:
     baseline: float = NATECAM.baseline
     """Distance between the two cameras [m], above 0 and up to 10."""
     cx: float | None = None
-    """Column of the principal point [px], where 0 is the middle of the first pixel. By default it is the middle of the
-    image."""
+    """Column of the principal point [px], -1000000 to 1000000, where 0 is the middle of the first pixel. By default it
+    is the middle of the image."""
     cy: float | None = None
-    """Row of the principal point [px]. By default it is the middle of the image."""
+    """Row of the principal point [px], -1000000 to 1000000. By default it is the middle of the image."""
 
     def __post_init__(self) -> None:
         self.rig()  # raises for values out of range

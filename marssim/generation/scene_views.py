@@ -190,5 +190,5 @@ def _write_trajectory(out: Path, scene_index: int, views: list[int]) -> None:
     metas = [read_json(sample_folder(out, scene_index, view) / "sample.json") for view in views]
     text = tum_lines([meta["timestamp"] for meta in metas], np.array([meta["pose"] for meta in metas]))
     file = out / "scenes" / f"{scene_index:05d}" / TRAJECTORY
-    if not file.is_file() or file.read_text() != text:
+    if not file.is_file() or file.read_text(encoding="utf-8") != text:
         write_atomically(file, text.encode())

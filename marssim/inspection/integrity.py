@@ -113,7 +113,7 @@ def check_trajectories(dataset: StereoDataset) -> list[Finding]:
     for scene, names in views.items():
         path = f"scenes/{scene}/{TRAJECTORY}"
         try:
-            text = (dataset.path / path).read_text()
+            text = (dataset.path / path).read_text(encoding="utf-8")
         except (OSError, ValueError):
             findings.append(Finding(path, "missing, or cannot be read"))
             continue

@@ -7,7 +7,9 @@ cell.
 from __future__ import annotations
 
 import hashlib
+import math
 import os
+import warnings
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -256,7 +258,7 @@ def _read_tiff(path: str) -> np.ndarray | None:
 def _read_tags(path: str, name: str, need_scale: bool) -> tuple[float | None, float | None]:
     """Return the cell size [m] and the nodata value of a GeoTIFF, None for what the file does not state."""
     try:
-        with open(path, "rb") as file:
+        with open(path, "rb") as file, warnings.catch_warnings(action="ignore"):  # the caller reports a broken file
             header = file.read(8)
             if header[2:4] in (b"+\x00", b"\x00+"):  # BigTIFF
                 header += file.read(8)
@@ -266,6 +268,11 @@ def _read_tags(path: str, name: str, need_scale: bool) -> tuple[float | None, fl
             scale, keys, nodata = (tags.get(tag) for tag in (PIXEL_SCALE, GEO_KEYS, NO_DATA))
     except Exception as error:  # a broken directory may raise anything in the reader
         raise ValueError(f"{name}: its tags cannot be read ({error})") from None
+    if need_scale and keys is not None and not _are_numbers(keys, 4):
+        raise ValueError(f"{name}: its tag of keys ({GEO_KEYS}) must be numbers, is {keys!r:.60}")
+    if need_scale and scale is not None and not (_are_numbers(scale, 2) and min(scale[:2]) > 0):
+        wanted = "must be two numbers above 0 or more"
+        raise ValueError(f"{name}: its tag of the cells' size ({PIXEL_SCALE}) {wanted}, is {scale!r:.60}")
     if need_scale and keys is not None:
         entries = {key: value for key, place, _, value in zip(*[iter(keys[4:])] * 4) if place == 0}
         if entries.get(MODEL_TYPE) == GEOGRAPHIC:
@@ -278,4 +285,13 @@ def _read_tags(path: str, name: str, need_scale: bool) -> tuple[float | None, fl
         empty = None if nodata is None else float(str(nodata).strip(" \0"))
     except ValueError:
         raise ValueError(f"{name}: its nodata tag must be a number, is {nodata!r}") from None
-    return (None if scale is None else float(scale[0])), empty
+    return (float(scale[0]) if need_scale and scale is not None else None), empty
+
+
+def _are_numbers(tag: object, least: int) -> bool:
+    """Return whether a tag is a tuple of finite numbers, `least` or more."""
+    return (
+        isinstance(tag, tuple)
+        and len(tag) >= least
+        and all(isinstance(value, int | float) and math.isfinite(value) for value in tag)
+    )

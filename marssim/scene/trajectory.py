@@ -32,13 +32,14 @@ class TrajectoryConfig:
     step: float = 0.4
     """Distance between two stereo pairs of a drive [m], 0.001 to 5. It needs --trajectory."""
     speed: float = 0.056
-    """Speed of the rover [m/s], above 0, which determines the time stamps of a drive. It needs --trajectory."""
+    """Speed of the rover [m/s], above 0 and up to 10, which determines the time stamps of a drive. It needs
+    --trajectory."""
 
     def __post_init__(self) -> None:
         if not 0.001 <= self.step <= 5:
             raise ValueError(f"step must lie in [0.001, 5] m, got {self.step}")
-        if not 0 < self.speed < float("inf"):
-            raise ValueError(f"speed must be positive, got {self.speed}")
+        if not 0 < self.speed <= 10:
+            raise ValueError(f"speed must be above 0 and up to 10 m/s, got {self.speed:g}")
 
 
 def draw_trajectory(

@@ -13,7 +13,7 @@ from envs.drives.config import LOOK_FLAGS
 from envs.drives.episodes import Cell
 from envs.evaluate import SETTINGS, EvaluateConfig, Task, evaluate, main
 from m3depth.estimator import load_estimator
-from marssim.base.files.json_file import DatasetError
+from marssim.base.files.json_file import DatasetError, write_json
 from marssim.base.results.lock import sole_writer
 from marssim.scene.look import LookConfig
 from marssim.scene.presets import preset
@@ -232,6 +232,15 @@ def test_every_task_has_a_file_of_its_own():
     files = {Task(d, p, c, e).file for d in drivers for p in perceptions for c in cells for e in (0, 1)}
     assert len(files) == len(drivers) * len(perceptions) * len(cells) * 2
     assert all(set(file) <= set("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789.-_") for file in files)
+
+
+@pytest.mark.parametrize("letter", ["a", "\u00e4", "\u706b"])
+def test_the_files_of_long_names_have_names_that_a_disk_takes(tmp_path, letter):
+    folder = "/".join([letter * 60] * 4)
+    tasks = [Task(f"/{n}/{folder}/policy.zip", f"m3depth:/{folder}/{n}", Cell(0.1, 5), 0) for n in range(3)]
+    for task in tasks:
+        write_json(tmp_path / task.file, {})
+    assert len(list(tmp_path.iterdir())) == 3
 
 
 @pytest.fixture

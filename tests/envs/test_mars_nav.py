@@ -1,5 +1,7 @@
+import copy
 import json
 import os
+import pickle
 import subprocess
 import sys
 from dataclasses import replace
@@ -385,13 +387,27 @@ def test_bad_actions_are_refused(make_env):
     env.reset(seed=0)
     for action, message in (
         (np.array([np.nan, 0]), "finite"), (np.array([0, np.inf]), "finite"), (np.zeros(3), "shape"),
-        (np.float32(1), "shape"),
+        (np.float32(1), "shape"), ([10**400, 0], "numbers"), ([1e300, 0], "finite"),
     ):  # fmt: skip
         with pytest.raises(ValueError, match=message):
             env.step(action)
     position = env.vehicle.state().position
     env.step([9.0, 0])  # as far as the rover goes, no farther
     assert np.hypot(*(env.vehicle.state().position - position)[:2]) == pytest.approx(0.4, abs=0.02)
+
+
+@pytest.mark.parametrize("dynamics", ["kinematic", "physics"])
+def test_a_copied_or_unpickled_environment_needs_a_reset(make_env, dynamics):
+    env = make_env(dynamics=dynamics, map_observation=True)
+    env.reset(seed=0)
+    for twin in (copy.deepcopy(env), pickle.loads(pickle.dumps(env)), copy.copy(env)):
+        with pytest.raises(gymnasium.error.ResetNeeded):
+            twin.step(AHEAD)
+        twin.close()
+    env.step(AHEAD)
+    twin = copy.deepcopy(env)
+    assert twin.reset(seed=3)[1]["distance"] == pytest.approx(env.reset(seed=3)[1]["distance"])
+    twin.close()
 
 
 def test_a_closed_environment_can_be_closed_again_and_needs_a_reset(make_env):

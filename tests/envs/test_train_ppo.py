@@ -1,3 +1,4 @@
+import base64
 import json
 import os
 import signal
@@ -5,6 +6,7 @@ import subprocess
 import sys
 import time
 import zipfile
+from dataclasses import replace
 
 import pytest
 import torch
@@ -47,6 +49,31 @@ def test_it_trains_goes_on_and_what_it_saves_drives(tmp_path, make_env, monkeypa
     driver = make_driver(str(path))
     driver.reset(env, 0)
     assert driver.needs_map and driver.corridors and driver.act(env, observation) in env.action_space
+
+
+def test_nothing_in_a_policy_that_it_goes_on_from_is_run(tmp_path):
+    import cloudpickle
+
+    config = PPOConfig(tmp_path, workers=1, goal_distance=3.0, max_steps=4)
+    path, harmed = train(config, rollout=4), tmp_path / "harmed"
+
+    class Harm:
+        def __reduce__(self):
+            return (open, (str(harmed), "w"))
+
+    with zipfile.ZipFile(path) as whole:
+        entries = {name: whole.read(name) for name in whole.namelist()}
+    data = json.loads(entries["data"])
+    for name, value in data.items():
+        if isinstance(value, dict) and ":serialized:" in value:
+            data[name] = {**value, ":serialized:": base64.b64encode(cloudpickle.dumps(Harm())).decode()}
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in {**entries, "data": json.dumps(data)}.items():
+            archive.writestr(name, content)
+    train(replace(config, max_steps=8), rollout=4)
+    assert not harmed.exists()
+    with zipfile.ZipFile(path) as after:
+        assert json.loads(after.read("data"))["num_timesteps"] == 8
 
 
 def test_it_goes_on_with_what_is_left_of_its_budgets_and_on_other_courses(tmp_path, monkeypatch, capsys):

@@ -364,8 +364,9 @@ def test_no_checkpoint_is_ahead_of_its_weights(plane_samples, tmp_path, monkeypa
     assert all(torch.equal(saved[name], tensor) for name, tensor in state.items())
 
 
-def test_a_learning_rate_beyond_all_reason_ends_in_one_line(plane_samples, tmp_path) -> None:
+def test_a_learning_rate_beyond_all_reason_ends_in_one_line(plane_samples, tmp_path, monkeypatch) -> None:
     """The weights of the second step make NaN inside the network, not first in the loss."""
+    monkeypatch.setattr("m3depth.training.loop.check_config", lambda config: None)  # which refuses such a rate
     with pytest.raises(FloatingPointError, match="is not finite at step 1; nothing is saved yet"):
         train(config_for(tmp_path, lr=1e30, clip=1e30, validate_samples=0), plane_samples, [])
 
@@ -377,6 +378,8 @@ def test_a_last_step_that_diverges_is_not_saved(plane_samples, tmp_path, capsys,
     train(config, plane_samples, plane_samples)
     before = {file.name: file.read_bytes() for file in tmp_path.glob("*.*t*") if file.name != "log.jsonl"}
     monkeypatch.setattr("m3depth.datasets.open.open_pairs", lambda path, split, config: plane_samples)
+    monkeypatch.setattr("m3depth.training.loop.check_config", lambda config: None)  # which refuses such a rate
+    monkeypatch.setattr("marssim.base.command.flags.check_number", lambda *number, **more: None)
     flags = ["--data", "planes", "--out", str(tmp_path), "--batch", "2", "--crop", "32", "64", "--device", "cpu"]
     capsys.readouterr()
     assert main([*flags, "--max-steps", "2", "--lr", str(lr)]) == 1
@@ -507,6 +510,11 @@ def test_settings_that_cannot_work_are_named(plane_samples, tmp_path) -> None:
         ({"max_steps": None}, "--max-minutes"),
         ({"crop": (36, 64)}, "--crop 36 64"),
         ({"lr": 0.0}, "--lr"),
+        ({"lr": 1e300}, "--lr must be above 0 and at most 10, got 1e"),
+        ({"lr": math.inf}, "--lr must be above 0 and at most 10, got inf"),
+        ({"clip": math.nan}, "--clip"),
+        ({"batch": 10**8}, "--batch must be above 0 and at most 4096, got 1e"),
+        ({"crop": (1 << 20, 64)}, "--crop 1048576 64: both must be multiples of 8, up to 16384"),
         ({"seed": -1}, "--seed"),
         ({"ema": 1.0}, "--ema"),
         ({"validate_every": -1}, "--validate-every"),
@@ -563,6 +571,15 @@ def test_a_second_run_in_the_folder_is_refused_and_the_first_is_whole(plane_samp
     assert state["step"] == 2 and state["settings"]["--max-steps"] == "2"
     train(replace(config, max_steps=3), plane_samples, [])
     assert not (config.out / ".lock").exists()
+
+
+def test_half_written_files_of_a_killed_run_are_deleted(plane_samples, tmp_path) -> None:
+    (tmp_path / "panels").mkdir()
+    halves = [tmp_path / ".checkpoint.pt.77.part", tmp_path / "panels" / ".0000500.png.77.part"]
+    for half in halves:
+        half.write_bytes(b"half")
+    train(config_for(tmp_path, max_steps=1, validate_samples=0), plane_samples, [])
+    assert not any(half.exists() for half in halves)
 
 
 def test_a_crop_that_no_image_holds_leaves_nothing(plane_samples, tmp_path) -> None:

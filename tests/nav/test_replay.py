@@ -11,6 +11,7 @@ from rock_world import SMALL_RIG, RockWorld, body_pose
 from marssim.base.dataset.dataset import StereoDataset, write_index
 from marssim.base.dataset.frame import StereoFrame
 from marssim.base.dataset.sample import write_sample
+from marssim.base.files.json_file import read_json, write_json
 from marssim.base.rover_spec import ZHURONG
 from nav.replay import Frame, main, recorded, replay
 
@@ -49,6 +50,17 @@ def test_a_replay_goes_round_the_rock_that_its_frames_show():
     free = replay((Frame(RockWorld().depth(SMALL_RIG, f.camera_pose), None, SMALL_RIG, f.camera_pose)
                    for f in frames()), (20.0, 0.0))  # fmt: skip
     assert all(abs(c.yaw_rate) < 0.03 and c.status == "drive" for c in free)
+
+
+@pytest.mark.parametrize("pose", ["missing", None, [[1, 0, 0, 0]] * 4])
+def test_a_sample_without_a_pose_is_named(folder, tmp_path, capsys, pose):
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    file = copy / "scenes" / "00000" / "02" / "sample.json"
+    meta = {name: value for name, value in read_json(file).items() if name != "pose"}
+    write_json(file, meta if pose == "missing" else {**meta, "pose": pose})
+    assert main([str(copy)]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"error: {file}: ") and "pose" in error and error.count("\n") == 1
 
 
 def test_a_dataset_is_replayed_as_its_frames_are(folder):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import re
 import sys
 from collections.abc import Iterator, Sequence
@@ -12,6 +13,8 @@ from inspect import cleandoc
 from types import UnionType
 from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
+from marssim.base.command.exits import HelpPrinted
+from marssim.base.command.limits import check_number
 from marssim.base.command.spelling import did_you_mean
 from marssim.base.version import VERSION_FLAG, VERSION_LINE
 
@@ -44,28 +47,62 @@ def parse(
     Raises:
         ValueError: The command line is wrong. The message is one line that names the flag: a config's "angle must be
             ..." about its own field becomes "--part.angle must be ...".
-        SystemExit: --help or --version was asked for, and is printed.
+        HelpPrinted: --help or --version was asked for, and is printed.
     """
     import tyro
 
     args = sys.argv[1:] if args is None else args
     if VERSION_FLAG in args:
         print(VERSION_LINE)
-        raise SystemExit(0)
+        raise HelpPrinted(0)
     defaults: dict[str, Any] = {} if default is None else {"default": default}
     output = io.StringIO()
+    _check_not_empty(args)
     _annotate_help(config)
     try:
         with redirect_stderr(output):
-            return tyro.cli(
+            parsed = tyro.cli(
                 config, prog=prog, description=description, args=joined(args, set(_list_flags(config))), **defaults
             )
+        _check_numbers(parsed)
+        return parsed
     except ValueError as error:  # raised by a config; the parser does not catch it
         raise ValueError(_with_flag(str(error), config.__name__, config)) from None
     except SystemExit as end:
         if not end.code:
-            raise
+            raise HelpPrinted(0) from None
         raise ValueError(_parse_error(output.getvalue(), end.__context__, config)) from None
+
+
+def _check_not_empty(args: Sequence[str]) -> None:
+    """Raise ValueError for an empty value. As a path it would mean the working directory."""
+    for before, word in zip(["", *args], args):
+        flag = word[:-1] if re.fullmatch(r"--[a-zA-Z][\w.-]*=", word) else before
+        if word == "" or flag is not before:
+            raise ValueError(
+                f"{flag if flag.startswith('--') else 'a value'} is empty: give it a value, or leave it out"
+            )
+
+
+def _check_numbers(config: Any, prefix: str = "--") -> None:
+    """Check that the numbers of a config and of its parts are finite and of a size that can be meant.
+
+    Raises:
+        ValueError: A number is not; the message names its flag.
+    """
+    parts = _parts(type(config))
+    for field in fields(config):
+        value, flag = getattr(config, field.name), prefix + field.name.replace("_", "-")
+        if field.name in parts:
+            _check_numbers(value, f"{flag}." if parts[field.name][1] else prefix)
+            continue
+        for number in value if isinstance(value, list | tuple) else (value,):
+            if isinstance(number, int | float) and not isinstance(number, bool):
+                check_number(flag, number, may_be_infinite=_has_infinity(field.default))
+
+
+def _has_infinity(default: Any) -> bool:
+    return math.inf in (default if isinstance(default, tuple) else (default,))
 
 
 def _annotate_help(config: type) -> None:

@@ -1,6 +1,11 @@
-"""Check that numbers of a command's config are not too small."""
+"""Check the numbers of a command's config: those that are too small, and those that no work could be done with."""
 
 from __future__ import annotations
+
+import math
+
+LARGEST = 1e12  # magnitude of a number of any flag: larger ones overflow somewhere
+LARGEST_INTEGER = (1 << 64) - 1  # magnitude of an integer, as of seeds
 
 
 def check_least(config: object, **least: float) -> None:
@@ -17,3 +22,37 @@ def check_least(config: object, **least: float) -> None:
         value = getattr(config, name)
         if value is not None and not value >= bound:
             raise ValueError(f"{name} must be at least {bound:g}, got {value}")
+
+
+def check_range(config: object, **ranges: tuple[float, float]) -> None:
+    """Check fields of a config against the ranges that they must lie in. None passes.
+
+    Args:
+        config: A dataclass.
+        ranges: Least and largest value of each field, by the field's name.
+
+    Raises:
+        ValueError: A value is out of its range. The message begins with the field's name.
+    """
+    for name, (low, high) in ranges.items():
+        value = getattr(config, name)
+        if value is not None and not low <= value <= high:
+            raise ValueError(f"{name} must lie in [{low:g}, {high:g}], got {value:g}")
+
+
+def check_number(flag: str, value: float, may_be_infinite: bool = False) -> None:
+    """Check that a number is finite and of a size that can be meant.
+
+    Args:
+        flag: The flag, for the message.
+        value: Its value.
+        may_be_infinite: Whether infinity stands for "no limit".
+
+    Raises:
+        ValueError: The number is NaN, infinite or beyond +-1e12, an integer beyond 64 bits. The message names the flag.
+    """
+    if value != value or (math.inf in (value, -value) and not may_be_infinite):
+        raise ValueError(f"{flag} must be a finite number, got {value}")
+    largest = LARGEST_INTEGER if isinstance(value, int) else LARGEST
+    if not -largest <= value <= largest and math.inf not in (value, -value):
+        raise ValueError(f"{flag} must lie within +-{float(largest):.3g}, got {value!r:.40}")

@@ -2,11 +2,13 @@
 
 0    The command has done its work.
 1    The work ended badly: a training diverged, or marssim.verify found something wrong.
-2    The user made a mistake, or a disk, a package or a worker process failed.
+2    The user made a mistake, or a disk, a package or a worker process failed. Also if only stdout could not be written,
+     to a full disk for one; then the work is done.
 130  Ctrl-C or SIGTERM interrupted the command. A cluster's queue sends SIGTERM when the time is up.
 141  The reader of stdout closed the pipe, as `| head` does. Nothing is printed then.
 
-Any other exception is a bug and shows its traceback.
+Any other exception is a bug and shows its traceback. What is printed never decides over the work: see
+marssim.base.command.streams.
 """
 
 from __future__ import annotations
@@ -14,7 +16,6 @@ from __future__ import annotations
 import errno
 import os
 import re
-import select
 import signal
 import sys
 import threading
@@ -23,8 +24,10 @@ from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
+from marssim.base.command.exits import exits_as_errors
 from marssim.base.command.flags import Config, parse
 from marssim.base.command.notes import one_note
+from marssim.base.command.streams import SafeStream, safe_streams
 from marssim.base.command.wording import GOES_ON, KILLED
 
 MISTAKES = (ValueError, OSError, ImportError, MemoryError, BrokenExecutor)
@@ -55,7 +58,7 @@ def run_command(
         The exit code; see the module.
 
     Raises:
-        SystemExit: --help or --version was asked for, and is printed.
+        HelpPrinted: --help or --version was asked for, and is printed.
     """
 
     def parse_and_work() -> None:
@@ -98,12 +101,20 @@ def exit_code(work: Callable[[], object], interrupted: str = GOES_ON) -> int:
         work: Does the work.
         interrupted: What Ctrl-C leaves, and how to go on.
     """
+    with safe_streams() as out:
+        code = _exit_code(work, interrupted, out)
+        if code == 0 and out.error is not None:
+            return _fail(f"stdout: {describe(out.error)}; the work is done, but not all that it printed is written", 2)
+        return code
+
+
+def _exit_code(work: Callable[[], object], interrupted: str, out: SafeStream) -> int:
     try:
-        with one_note(), _terminated_as_interrupted():
+        with one_note(), _terminated_as_interrupted(), exits_as_errors():
             work()
-        sys.stdout.flush()
+        out.flush()
     except BrokenPipeError as error:
-        return 141 if _stdout_is_closed() else _fail(describe(error), 2)
+        return 141 if out.reader_is_gone() else _fail(describe(error), 2)
     except MISTAKES as error:
         return _fail(describe(error), 2)
     except FloatingPointError as error:
@@ -144,22 +155,6 @@ def _is_out_of_memory(error: RuntimeError) -> bool:
     PyTorch raises no MemoryError. Its classes are known by name, since it is not imported here.
     """
     return type(error).__name__ == "OutOfMemoryError" or "can't allocate memory" in str(error)
-
-
-def _stdout_is_closed() -> bool:
-    """Return whether the reader of stdout has closed the pipe, and if so discard what is left to print. Unix only."""
-    if not hasattr(select, "poll"):
-        return False
-    try:
-        out = sys.stdout.fileno()
-    except OSError:  # stdout is an object in memory
-        return False
-    pipe = select.poll()
-    pipe.register(out, 0)
-    gone = any(event & select.POLLERR for _, event in pipe.poll(0))
-    if gone:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), out)
-    return gone
 
 
 def describe(error: BaseException) -> str:

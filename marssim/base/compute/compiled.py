@@ -8,6 +8,7 @@ a full disk, ends the program.
 from __future__ import annotations
 
 import hashlib
+import pickle
 import sys
 from collections.abc import Callable
 from functools import cache
@@ -114,7 +115,22 @@ class _PackageCache(FunctionCache):
 
 
 class _KernelFiles(IndexDataCacheFile):
-    """Files of a kernel; what cannot be read, cut off or of another version of this package, is compiled again."""
+    """Files of a kernel; what cannot be read, cut off or of another version of this package, is compiled again.
+
+    A file ends with its SHA-256: after a power loss it may have its length and lack some of its blocks, and machine
+    code with zeros in it crashes.
+    """
+
+    def _dump(self, obj: Any) -> bytes:
+        data = super()._dump(obj)
+        return data + hashlib.sha256(data).digest()
+
+    def _load_data(self, name: str) -> Any:
+        data = Path(self._data_path(name)).read_bytes()
+        size = len(data) - hashlib.sha256().digest_size
+        if hashlib.sha256(data[:size]).digest() != data[size:]:
+            raise ValueError("the file is damaged")
+        return pickle.loads(data[:size])  # of this user's own folder, which only this class writes to
 
     def load(self, key: Any) -> Any:
         try:

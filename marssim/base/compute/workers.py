@@ -23,7 +23,9 @@ from typing import Any
 
 import cv2
 
+from marssim.base.command.exits import exits_as_errors
 from marssim.base.command.notes import permit_for_workers, use_permit
+from marssim.base.command.streams import keep_streams_safe
 from marssim.base.command.wording import GOES_ON, KILLED
 
 TASKS_PER_WORKER = 64  # tasks after which a process is replaced, so that leaks and caches do not add up
@@ -171,6 +173,7 @@ def _start(permit: Any) -> None:
         permit: Permit of all workers together to print a note; None for none.
     """
     cv2.setNumThreads(1)
+    keep_streams_safe()
     use_permit(permit)
     parent = multiprocessing.parent_process()
     if parent is not None:
@@ -179,7 +182,8 @@ def _start(permit: Any) -> None:
 
 def _call_and_weigh(function: Callable[..., Any], task: Task) -> tuple[Any, int]:
     """Return the task's result and the memory of this process after it [bytes]; 0 where it cannot be read."""
-    result = function(*task)
+    with exits_as_errors():
+        result = function(*task)
     try:
         pages = int(Path("/proc/self/statm").read_text().split()[1])
     except OSError:
@@ -194,7 +198,8 @@ def _end_with(parent: Any) -> None:
 
 def _one_thread(function: Callable[..., Any], task: Task) -> Any:
     cv2.setNumThreads(1)
-    return function(*task)
+    with exits_as_errors():
+        return function(*task)
 
 
 async def _check_address(address: str) -> None:

@@ -21,6 +21,7 @@ import hashlib
 import os
 import re
 import shlex
+from collections import Counter
 from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
@@ -82,6 +83,10 @@ class StereoDataset:
             raise DatasetError(f"{file}: is of version {self.index.get('version')!r}, this marssim reads {versions}")
         if not _lists_samples(self.index):
             raise DatasetError(f"{file}: samples must list name (scene/view), split and sha256")
+        folders = Counter(tuple(map(int, s["name"].split("/"))) for s in self.index["samples"])
+        for (scene, view), times in folders.items():
+            if times > 1:  # in two splits, for one: it would be trained on and scored
+                raise DatasetError(f"{file}: lists scene {scene}, view {view} more than once")
         self.names: list[str] = [s["name"] for s in self.index["samples"] if split in (None, s["split"])]
         self.scenes: list[str] = [name.partition("/")[0] for name in self.names]
 

@@ -18,6 +18,7 @@ from marssim.base.dataset.frame import ROVER, SKY, StereoFrame
 from marssim.base.files.atomic import naming
 from marssim.base.files.json_file import DatasetError, json_text, read_json
 from marssim.base.files.png import decode_png, encode_png
+from marssim.base.pose import recorded_pose
 from marssim.base.right_image import image_disparity, recorded_rotation
 
 IMAGES = ("left.png", "right.png", "depth.png", "normal.png", "surface.png", "occluded.png")
@@ -98,7 +99,7 @@ def write_sample(folder: Path, frame: StereoFrame, meta: dict[str, Any]) -> None
                 (partial / name).write_bytes(encoded)
             meta = {**meta, "rig": frame.rig.to_dict(), "pose": frame.pose.tolist(), "sha256": digest}
             meta["right_rotation"] = frame.right_rotation.tolist()
-            (partial / "sample.json").write_text(json_text(meta, indent=1, sort_keys=True))
+            (partial / "sample.json").write_text(json_text(meta, indent=1, sort_keys=True), encoding="utf-8")
         shutil.rmtree(folder, ignore_errors=True)
         try:
             partial.rename(folder)
@@ -128,6 +129,8 @@ def read_sample(folder: Path) -> StereoSample:
     try:
         rig = StereoRig.from_dict(meta["rig"])
         rotation = recorded_rotation(meta.get("right_rotation"))
+        if "pose" in meta:
+            recorded_pose(meta["pose"])
     except KeyError:
         raise DatasetError(f"{folder / 'sample.json'}: field 'rig' is missing") from None
     except ValueError as error:

@@ -72,7 +72,7 @@ def read_json(path: Path) -> dict[str, Any]:
         DatasetError: The file cannot be read, or holds no JSON object. One line that names the file.
     """
     try:
-        content = json.loads(path.read_text())
+        content = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise DatasetError(f"{path}: no such file") from None
     except OSError as error:

@@ -9,7 +9,7 @@ import torch
 from envs.drivers.by_name import make_driver
 from envs.drivers.corridors import HOLD_STEPS, Corridors
 from envs.drivers.image_observation import ImageObservation
-from envs.drivers.policy_files import mark_corridors
+from envs.drivers.policy_archive import mark_corridors
 
 
 class Standing:
@@ -81,18 +81,13 @@ def test_weights_of_other_sizes_are_named(make_env, tmp_path):
         make_driver(str(tmp_path / "other.zip")).reset(make_env(map_observation=True), 0)
 
 
-def test_nothing_that_is_pickled_in_a_policy_is_run(tmp_path):
-    import pickle
-
-    class Harm:
-        def __reduce__(self):
-            return (open, (str(tmp_path / "harmed"), "w"))
-
-    with zipfile.ZipFile(tmp_path / "evil.zip", "w") as archive:
-        archive.writestr("policy.pth", pickle.dumps(Harm()))
-    with pytest.raises(ValueError, match=r"evil\.zip: holds no policy"):
-        make_driver(str(tmp_path / "evil.zip"))
-    assert not (tmp_path / "harmed").exists()
+@pytest.mark.parametrize("shape", [(), (1,), (4,), (2, 2)])
+def test_actions_of_other_sizes_are_named(make_env, tmp_path, shape):
+    pytest.importorskip("stable_baselines3")
+    with zipfile.ZipFile(tmp_path / "other.zip", "w") as archive, archive.open("policy.pth", "w") as file:
+        torch.save({"action_net.weight": torch.zeros(1, 1), "log_std": torch.zeros(shape)}, file)
+    with pytest.raises(ValueError, match=r"other\.zip: an action must have 2 or 3 numbers, log_std has the shape"):
+        make_driver(str(tmp_path / "other.zip")).reset(make_env(), 0)
 
 
 def test_files_that_are_no_policies_are_named(tmp_path):

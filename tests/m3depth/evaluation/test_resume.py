@@ -72,6 +72,18 @@ def test_a_damaged_file_is_named_and_nothing_in_it_is_executed(tmp_path, change)
         file.load()
 
 
+@settings(max_examples=100, deadline=None)
+@given(st.floats(0, 1, exclude_max=True), st.integers(1, 255))
+def test_a_file_with_any_other_byte_is_damaged(tmp_path_factory, place, change):
+    file = SavedState(tmp_path_factory.mktemp("out"), ASKED)
+    file.save({"a": np.arange(20)})
+    data = bytearray(file.path.read_bytes())
+    data[int(place * len(data))] ^= change
+    file.path.write_bytes(data)
+    with pytest.raises(SavedStateError, match=r"unfinished\.npz: is not a readable state"):
+        file.load()
+
+
 def test_saves_are_some_time_apart(tmp_path, monkeypatch):
     now = 100.0
     monkeypatch.setattr("m3depth.evaluation.resume.time.monotonic", lambda: now)

@@ -296,6 +296,13 @@ def test_weights_of_nan_or_infinity_are_refused(model: M3Depth, tmp_path: Path, 
         M3Depth.from_pretrained(path)
 
 
+def test_weights_that_are_all_zero_are_refused(model: M3Depth, tmp_path: Path) -> None:
+    zeros = {name: torch.zeros_like(tensor) for name, tensor in model.state_dict().items()}
+    save_weights(tmp_path / "net.safetensors", asdict(model.config), zeros)
+    with pytest.raises(ValueError, match=r"net\.safetensors: all weights are zero"):
+        M3Depth.from_pretrained(tmp_path / "net.safetensors")
+
+
 def test_the_config_is_that_inside_the_file(model: M3Depth, tmp_path: Path) -> None:
     """The JSON beside it is for people: what it says, or whether it can be read, changes nothing."""
     path = tmp_path / "net.safetensors"

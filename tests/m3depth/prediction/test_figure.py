@@ -49,3 +49,11 @@ def test_a_prediction_of_nothing_can_be_drawn_at_any_size(tmp_path, shape, norma
     prediction_figure(np.zeros(shape, np.uint8), nothing, tmp_path / "figure.png", (1.0, 15.0))
     picture = cv2.imread(str(tmp_path / "figure.png"))
     assert 480 < picture.shape[1] < 1400 and picture.max() == 255
+
+
+@pytest.mark.parametrize("size", [(2000, 1), (1, 2000), (5000, 300)])
+def test_the_picture_of_an_image_with_few_columns_or_rows_is_of_usual_size(size):
+    depth = np.full(size, 3.0, np.float32)
+    prediction = Prediction(depth, depth, np.dstack([depth] * 3), np.ones(size, np.float32))
+    picture = prediction_picture(np.zeros(size, np.uint8), prediction, (1.0, 15.0))
+    assert 480 < picture.shape[1] < 1400 and picture.shape[0] < 4000

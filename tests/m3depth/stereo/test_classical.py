@@ -184,6 +184,14 @@ def test_normals_are_unit_and_face_the_camera_everywhere():
     assert (np.einsum("ijk,ijk->ij", normal, RIG.camera.rays()) < 0).all()
 
 
+@pytest.mark.parametrize("size", [(1, 1), (40, 1), (1, 40), (40, 2)])
+def test_images_of_few_rows_or_columns_are_matched_as_far_as_they_go(size):
+    image = np.random.default_rng(0).integers(0, 255, size, dtype=np.uint8)
+    rig = StereoRig(PinholeCamera(size[1], size[0], 40.0, 40.0, 0.0, 0.0), 0.27)
+    disparity = SGBM().match(image, image, rig)
+    assert disparity.shape == size and not (disparity > 0).any()
+
+
 def test_search_reaches_0_84_m():
     assert search_range(NATECAM) == 192
     assert search_range(RIG) % 16 == 0

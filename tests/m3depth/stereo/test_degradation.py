@@ -65,11 +65,13 @@ def test_half_a_row_blurs_little():
     ("text", "message"),
     [
         ("dust=1", "unknown field 'dust'"),
-        ("blur=-1", "blur must be"),
+        ("blur=-1", "blur must lie in"),
+        ("blur=1e9", r"blur must lie in \[0, 100\], got 1e+09".replace("+", r"\+")),
+        ("blur=1,noise=2,blur=1", "`degrade`: blur is given twice"),
         ("noise=nan", "noise"),
         ("vertical=nan", "vertical must lie"),
         ("vertical=-40", "vertical must lie"),
-        ("gain=-1", "gain must be"),
+        ("gain=-1", "gain must lie in"),
     ],
 )
 def test_settings_that_cannot_work_are_named(text, message):

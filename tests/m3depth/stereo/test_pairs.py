@@ -30,6 +30,13 @@ def test_what_cannot_be_matched_is_named(image, message) -> None:
         checked_pair(np.zeros((4, 6), np.uint8), image, RIG)
 
 
+def test_images_that_opencv_cannot_resample_are_refused() -> None:
+    image = np.zeros((1, 32767), np.uint8)
+    rig = StereoRig(PinholeCamera(32767, 1, 100.0, 100.0, 0.0, 0.0), 0.27)
+    with pytest.raises(ValueError, match="left image is 32767 x 1: sides of at most 32766 px can be matched"):
+        checked_pair(image, image, rig)
+
+
 @pytest.mark.parametrize(
     ("count", "wanted", "expected"),
     [(10, 3, [0, 4, 9]), (3, 10, [0, 1, 2]), (5, 1, [0]), (0, 4, []), (7, 7, list(range(7)))],

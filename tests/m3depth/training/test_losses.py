@@ -238,7 +238,7 @@ def test_without_true_normals_depth_is_trained_alone() -> None:
 
 @pytest.mark.parametrize("value", [-0.1, float("nan"), float("inf")])
 def test_weights_that_cannot_work_name_their_flag(value) -> None:
-    with pytest.raises(ValueError, match=r"--loss\.sky-disparity must be at least 0"):
+    with pytest.raises(ValueError, match=r"--loss\.sky-disparity must lie in \[0, 1000\]"):
         LossConfig(sky_disparity=value)
 
 

@@ -102,6 +102,12 @@ def test_impossible_cameras_are_refused_by_the_fields_name(bad):
         PinholeCamera(**{"width": 4, "height": 4, "fx": 1.0, "fy": 1.0, "cx": 1.5, "cy": 1.5, **bad})
 
 
+@pytest.mark.parametrize("bad", [{"width": 65537}, {"height": 1 << 40}, {"cx": 1e300}, {"cy": -1.1e6}])
+def test_cameras_beyond_all_reason_are_refused_by_the_fields_name(bad):
+    with pytest.raises(ValueError, match=f"^{next(iter(bad))} must (be at most 65536|lie within)"):
+        PinholeCamera(**{"width": 4, "height": 4, "fx": 1.0, "fy": 1.0, "cx": 1.5, "cy": 1.5, **bad})
+
+
 def test_depth_of_another_size_is_refused():
     with pytest.raises(ValueError, match="must have the shape"):
         NATECAM.camera.unproject(np.ones((3, 4)))

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from marssim.base.pose import look_pose, rotate
+from marssim.base.pose import look_pose, recorded_pose, rotate
 
 
 @given(st.floats(-3, 3), st.floats(-1.2, 1.2), st.floats(-1, 1))
@@ -30,3 +30,27 @@ def test_rotated_vectors_are_those_of_a_matrix_product(shape, rows):
     vectors, matrix = rng.normal(size=shape), rng.normal(size=(rows, 3))
     assert rotate(vectors, matrix).shape == (*shape[:-1], rows)
     assert np.allclose(rotate(vectors, matrix), vectors @ matrix.T)
+
+
+def test_a_recorded_pose_comes_back():
+    pose = look_pose(np.array([3.0, -4.0, 1.2]), 0.3, 0.2, 0.1)
+    assert np.array_equal(recorded_pose(pose.tolist()), pose)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda pose: None, "4 rows of 4 finite numbers"),
+        (lambda pose: pose[:3], "4 rows of 4 finite numbers"),
+        (lambda pose: [["a"] * 4] * 4, "4 rows of 4 finite numbers"),
+        (lambda pose: [[10**400, 0, 0, 0], *pose[1:]], "4 rows of 4 finite numbers"),
+        (lambda pose: [[float("nan"), 0, 0, 0], *pose[1:]], "4 rows of 4 finite numbers"),
+        (lambda pose: [[1e300, 0, 0, 0], *pose[1:]], "a rotation and a translation"),
+        (lambda pose: [*pose[:3], [0, 0, 0, 2]], "a rotation and a translation"),
+        (lambda pose: [pose[1], pose[0], *pose[2:]], "a rotation and a translation"),  # mirrored
+        (lambda pose: [[1, 0, 0, 1e9], *pose[1:]], "within 1e"),
+    ],
+)
+def test_a_pose_that_is_none_is_named(change, message):
+    with pytest.raises(ValueError, match=f"^pose must .*{message}"):
+        recorded_pose(change(np.eye(4).tolist()))

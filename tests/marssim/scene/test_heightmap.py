@@ -35,6 +35,23 @@ def geotiff(path, values, scale=(2.0, 2.0, 0.0), model=1, unit=9001, nodata=None
     return path
 
 
+@pytest.mark.parametrize(
+    ("tag", "kind", "value"),
+    [
+        (33550, 12, (2.0,)), (33550, 12, (0.0, 0.0, 0.0)), (33550, 12, (-1.0, -1.0)), (33550, 12, (float("nan"),) * 3),
+        (33550, 2, "two metres"), (34735, 2, "keys"), (34735, 3, (1,)), (34735, 12, (float("inf"),) * 8),
+    ],
+)  # fmt: skip
+def test_geotiff_tags_of_a_wrong_kind_are_named(tmp_path, tag, kind, value):
+    tags = TiffImagePlugin.ImageFileDirectory_v2()
+    tags[tag], tags.tagtype[tag] = value, kind
+    Image.fromarray(np.zeros((4, 4), np.float32)).save(tmp_path / "map.tif", tiffinfo=tags)
+    with pytest.raises(ValueError, match=rf"map\.tif: its tag of .* \({tag}\) must be") as refusal:
+        read(tmp_path / "map.tif")
+    assert "\n" not in str(refusal.value)
+    assert read(tmp_path / "map.tif", scale=2.0).cell == 2.0  # the tags are not needed then
+
+
 def hills(n, cell):
     """Return the coordinates [m] of a map's cells, and the height [m] of a smooth surface as a function of x, y [m]."""
     axis = (np.arange(n) - (n - 1) / 2) * cell

@@ -2,7 +2,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from marssim.base.command.limits import check_least
+from marssim.base.command.limits import check_least, check_number, check_range
 
 
 @dataclass(frozen=True)
@@ -27,3 +27,33 @@ def test_the_least_value_and_none_pass():
 def test_a_smaller_value_is_refused_by_the_name_of_its_field(settings, message):
     with pytest.raises(ValueError, match=f"^{message}$"):
         check_least(settings, pairs=1, limit=1, step=0.5)
+
+
+@pytest.mark.parametrize(
+    ("step", "passes"), [(0.5, True), (2.0, True), (0.25, False), (2.5, False), (float("nan"), False)]
+)
+def test_a_value_out_of_its_range_is_refused(step, passes):
+    if passes:
+        check_range(Settings(step=step), step=(0.5, 2.0), limit=(1, 9))
+    else:
+        with pytest.raises(ValueError, match=rf"^step must lie in \[0.5, 2\], got {step:g}$"):
+            check_range(Settings(step=step), step=(0.5, 2.0))
+
+
+@pytest.mark.parametrize("value", [0, -3, 1e12, -1e12, (1 << 63) - 1, 5e-324])
+def test_numbers_that_can_be_meant_pass(value):
+    check_number("--step", value)
+
+
+@pytest.mark.parametrize("value", [float("inf"), float("-inf"), float("nan"), 1e13, -1e300, 10**400])
+def test_numbers_that_cannot_be_meant_are_refused(value):
+    with pytest.raises(
+        ValueError, match=r"^--step must (be a finite number|lie within \+-1(e\+12|\.84e\+19)), got \S{1,40}$"
+    ):
+        check_number("--step", value)
+
+
+def test_infinity_may_stand_for_no_limit():
+    check_number("--far", float("inf"), may_be_infinite=True)
+    with pytest.raises(ValueError, match="--far must be a finite number, got nan"):
+        check_number("--far", float("nan"), may_be_infinite=True)

@@ -1,4 +1,5 @@
 import errno
+import math
 import os
 import signal
 import subprocess
@@ -52,6 +53,8 @@ class Flat:
     inner: Inner = field(default_factory=Inner)
     grain: float = 1.0
     """a number"""
+    reach: tuple[float, float] = (0.0, math.inf)
+    """a range that may be infinite"""
 
     def __post_init__(self) -> None:
         if self.grain == 0:
@@ -128,6 +131,13 @@ def test_a_good_command_line_reaches_the_work(capsys):
             ["--cuont", "3", "--grian", "2", "--zebra"],
             "unknown option --cuont (did you mean --count?), --grian (did you mean --grain?), --zebra",
         ),
+        (["--kind", ""], "--kind is empty: give it a value, or leave it out"),
+        (["--out="], "--out is empty: give it a value, or leave it out"),
+        (["--quiet", "stray", ""], "a value is empty: give it a value, or leave it out"),
+        (["--grain", "inf"], "--grain must be a finite number, got inf"),
+        (["--part.angle", "0", "nan"], "--part.angle must be a finite number, got nan"),
+        (["--part.half-width", "1e300"], "--part.half-width must lie within +-1e+12, got 1e+300"),
+        (["--count", "9" * 30], "--count must lie within +-1.84e+19, got " + "9" * 30),
         (["--quite"], "unknown option --quite (did you mean --quiet?)"),
         (["--zebra"], "unknown option --zebra"),
         (["stray", "sheep"], "stray sheep belongs to no option"),
@@ -143,6 +153,10 @@ def test_a_configs_own_words_are_kept_whatever_their_length(capsys):
     with pytest.raises(ValueError) as own:
         Part((3.0, 1.0))
     assert run(capsys, failing(AssertionError()), "--part.angle", "3", "1") == (2, f"error: {own.value}\n")
+
+
+def test_infinity_is_a_value_where_it_is_one_by_default():
+    assert parse(Settings, "settings", None, ["--out", "y", "--reach", "1", "inf"]).flat.reach == (1.0, math.inf)
 
 
 def test_defaults_of_an_instance_instead_of_the_class():

@@ -105,6 +105,19 @@ def test_a_kernel_whose_file_cannot_be_read_is_compiled_again(tmp_path, kind, ke
     assert run(tmp_path, **cache) == [11, 1]
 
 
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
+def test_a_kernel_whose_file_lacks_a_block_is_compiled_again(tmp_path, share):
+    """As a disk may leave it after a power loss: whole by its length, with zeros in the machine code."""
+    package(tmp_path, 10)
+    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    run(tmp_path, **cache)
+    (file,) = (tmp_path / "cache").rglob("*.nbc")
+    data, at = file.read_bytes(), int(share * file.stat().st_size)
+    file.write_bytes(data[:at] + bytes(64) + data[at + 64 :])
+    assert run(tmp_path, **cache) == [11, 0]
+    assert run(tmp_path, **cache) == [11, 1]
+
+
 def test_kernels_run_where_nothing_can_be_kept(tmp_path):
     package(tmp_path, 10)
     nowhere = tmp_path / "file"

@@ -99,7 +99,7 @@ def test_two_who_write_the_same_sample_do_not_disturb_each_other(frame, tmp_path
 
 
 def test_a_sample_that_cannot_be_written_leaves_nothing(frame, tmp_path, monkeypatch):
-    def full(path: Path, text: str) -> int:
+    def full(path: Path, text: str, encoding: str) -> int:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "write_text", full)
@@ -118,6 +118,17 @@ def test_a_dataset_is_a_sequence(written):
         dataset[6]
     assert dataset.index["config"] == {"seed": 3}
     assert StereoDataset(str(written)).digest == dataset.digest
+
+
+@pytest.mark.parametrize("twin", [{}, {"split": "test"}, {"name": "0/00"}])
+def test_a_pair_that_the_index_lists_twice_is_refused(tmp_path, twin):
+    pair = {"name": "00000/00", "split": "train", "sha256": "0"}
+    index = {"schema": "marssim-stereo", "version": 3, "config": {}, "samples": [pair]}
+    write_json(tmp_path / "dataset.json", index)
+    assert len(StereoDataset(tmp_path)) == 1
+    write_json(tmp_path / "dataset.json", {**index, "samples": [pair, {**pair, **twin}]})
+    with pytest.raises(DatasetError, match=r"dataset\.json: lists scene 0, view 0 more than once"):
+        StereoDataset(tmp_path)
 
 
 def test_splits_share_no_scene_and_make_up_all(written):

@@ -1,0 +1,79 @@
+"""Hostile command lines of every command, made from the fields of its config: a new flag is attacked as it comes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import is_dataclass
+from functools import partial
+from importlib import import_module
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+from marssim.base.command.flags import parse
+
+VALUES = (  # for flags of any kind
+    "nan", "inf", "-inf", "0", "-0.0", "-1", "1", "1e300", "-1e300", "1e-300", "1e12", "99999999999", "9" * 40, "0x10",
+    "1_000", "true", "none", "x", "", " ", "-", "--", "\u221e", "\u0661", "caf\udce9", "a" * 5000, "../..", "/",
+    "/dev/null", "%s%n", "$(false)", "'", "[]", "{}", "os:abort", "builtins:exec", "a=b", "a,b", ":", "::",
+)  # fmt: skip
+CONFIGS = {  # the config of each command, and the least that it needs
+    "marssim.generate": ("marssim.generation.config:GenerateOptions", ["--out", "out"]),
+    "marssim.verify": ("marssim.verify:VerifyConfig", ["data"]),
+    "marssim.export": ("marssim.export:ExportConfig", ["data", "--format", "kitti", "--out", "out"]),
+    "marssim.abundance": ("marssim.abundance:AbundanceConfig", []),
+    "marssim.slopes": ("marssim.slopes:SlopesConfig", []),
+    "m3depth.train": ("m3depth.training.config:TrainConfig", ["--data", "data", "--out", "out", "--max-steps", "1"]),
+    "m3depth.evaluate": ("m3depth.evaluate:EvaluateOptions", ["--data", "data", "--out", "out"]),
+    "m3depth.predict": ("m3depth.predict:PredictOptions", ["left.png", "right.png", "--out", "out"]),
+    "m3depth.rectify": ("m3depth.rectify:RectifyOptions", ["left.png", "right.png", "--out", "out"]),
+    "m3depth.export": ("m3depth.export:ExportOptions", ["--out", "model.onnx"]),
+    "m3depth.ablate": ("m3depth.ablation.config:AblateOptions", ["--data", "data", "--out", "out", "--steps", "1"]),
+    "m3depth.texture": ("m3depth.texture:TextureOptions", ["--images", "data", "--out", "out"]),
+    "nav.replay": ("nav.replay:ReplayConfig", ["data"]),
+    "envs.evaluate": ("envs.drives.config:EvaluateConfig", ["--out", "out"]),
+    "envs.demo": ("envs.demo:DemoConfig", []),
+    "envs.rocks": ("envs.rocks:RocksConfig", ["--data", "data", "--out", "out"]),
+    "envs.train_ppo": ("envs.train_ppo:PPOConfig", ["--out", "out"]),
+}
+
+
+def config_of(command: str) -> Any:
+    """Return the class of a command's config."""
+    module, name = CONFIGS[command][0].split(":")
+    return getattr(import_module(module), name)
+
+
+def parser_of(command: str) -> Callable[[Sequence[str]], object]:
+    """Return a function that parses a command line and checks it, as the command does before it opens any file."""
+    if command == "marssim.generate":  # whose defaults depend on its scene
+        return partial(import_module("marssim.generation.config").parse_generate, command, None)
+    if command == "marssim.abundance":
+        return import_module("marssim.abundance")._parse
+    if command == "m3depth.train":
+        return lambda args: import_module("m3depth.training.config").check_config(
+            parse(config_of(command), command, None, args)
+        )
+    return lambda args: parse(config_of(command), command, None, args)
+
+
+def flags_of(config: type, prefix: str = "--") -> Iterator[tuple[str, int]]:
+    """Yield each flag of a config with the number of its values; -1 for any number, 0 for a switch."""
+    for name, hint in get_type_hints(config, include_extras=True).items():
+        extras = getattr(hint, "__metadata__", ())
+        if get_origin(hint) is Annotated:
+            hint = get_args(hint)[0]
+        flag = prefix + name.replace("_", "-")
+        if is_dataclass(hint):
+            unnamed = any(getattr(extra, "name", None) == "" for extra in extras)
+            yield from flags_of(hint, prefix if unnamed else f"{flag}.")
+        else:
+            yield flag, _width(hint)
+
+
+def _width(hint: Any) -> int:
+    if hint is bool:
+        return 0
+    text = str(hint)
+    if tuples := re.search(r"[Tt]uple\[([^\[\]]*)\]", text):
+        return -1 if "..." in tuples[1] else tuples[1].count(",") + 1
+    return 1

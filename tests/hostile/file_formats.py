@@ -1,0 +1,161 @@
+"""A small valid file of each format that is read, and the function that reads it."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import torch
+from PIL import Image, TiffImagePlugin
+from small_network import SMALL
+
+from envs.drivers.policy_archive import read_policy
+from envs.drives.episodes import EpisodeRecord
+from envs.drives.records import read_record
+from m3depth.datasets.image_files import read_image
+from m3depth.evaluation.resume import SavedState
+from m3depth.network.model import M3Depth
+from m3depth.training.run import read_checkpoint
+from marssim.base.calibration.read_pair import read_pair
+from marssim.base.calibration.rectified import read_calibration
+from marssim.base.camera import NATECAM
+from marssim.base.dataset.dataset import StereoDataset
+from marssim.base.dataset.frame import StereoFrame
+from marssim.base.dataset.sample import read_sample, write_sample
+from marssim.base.files.json_file import as_json
+from marssim.base.files.pfm import decode_pfm, encode_pfm
+from marssim.base.files.png import encode_png
+from marssim.scene.heightmap import file_digest, read_heightmap
+from marssim.scene.place_file import load_place
+
+Make = Callable[[Path], Path]  # writes the file, with what it needs, into a folder and returns its path
+SIZE = (6, 8)
+MATRIX = "{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data: {data}\n"
+RECORD = EpisodeRecord(
+    "straight", "ground_truth", "k=preset, slope=preset", 0, "goal", 3, 0.5, 4.0, 4.0, 4.1, 1.0, 2.0, 9.0, 0.1, 0.0, 0,
+    [4.0, 0.0], track=[[0.0, 0.0], [4.0, 0.0]],
+)  # fmt: skip
+
+
+def _text(name: str, text: str) -> Make:
+    def make(folder: Path) -> Path:
+        (folder / name).write_text(text, encoding="utf-8")
+        return folder / name
+
+    return make
+
+
+def _bytes(name: str, content: Callable[[], bytes]) -> Make:
+    def make(folder: Path) -> Path:
+        (folder / name).write_bytes(content())
+        return folder / name
+
+    return make
+
+
+def _sample(name: str) -> Make:
+    """Return a maker of a sample, which returns the path of one of its files."""
+
+    def make(folder: Path) -> Path:
+        depth = np.full(SIZE, 3.0, np.float32)
+        image = np.full((*SIZE, 3), 90, np.uint8)
+        normal = np.zeros((*SIZE, 3), np.float32) - np.array([0, 0, 1], np.float32)
+        rig = NATECAM.resized(SIZE[1], SIZE[0])
+        ground, none = np.zeros(SIZE, np.int32), np.zeros(SIZE, bool)
+        disparity = rig.depth_to_disparity(depth)
+        frame = StereoFrame(image, image, depth, disparity, normal, ground, none, rig, np.eye(4))
+        write_sample(folder / "00", frame, {})
+        return folder / "00" / name
+
+    return make
+
+
+def _weights(folder: Path) -> Path:
+    M3Depth(SMALL).save_pretrained(folder / "weights.safetensors")
+    return folder / "weights.safetensors"
+
+
+def _policy(folder: Path) -> Path:
+    with zipfile.ZipFile(folder / "policy.zip", "w") as archive:
+        with archive.open("policy.pth", "w") as file:
+            torch.save({"action_net.weight": torch.ones(2, 3), "log_std": torch.zeros(2)}, file)
+        archive.writestr("data", '{"num_timesteps": 1}')
+    return folder / "policy.zip"
+
+
+def _checkpoint(folder: Path) -> Path:
+    identity = {"network": as_json(asdict(SMALL)), "batch": 1, "crop": [8, 8], "seed": 0}
+    torch.save({"identity": identity, "step": 1, "seconds": 2.0, "rng": torch.zeros(8)}, folder / "checkpoint.pt")
+    return folder / "checkpoint.pt"
+
+
+def _heightmap(suffix: str) -> Make:
+    def make(folder: Path) -> Path:
+        path, heights = folder / f"map{suffix}", np.arange(48.0, dtype=np.float32).reshape(SIZE)
+        if suffix == ".npy":
+            np.save(path, heights)
+        elif suffix == ".png":
+            path.write_bytes(encode_png(heights.astype(np.uint16)))
+        else:
+            tags = TiffImagePlugin.ImageFileDirectory_v2()
+            tags[33550], tags.tagtype[33550] = (1.0, 1.0, 0.0), 12
+            tags[34735], tags.tagtype[34735] = (1, 1, 0, 1, 1024, 0, 1, 1), 3
+            tags[42113], tags.tagtype[42113] = "-9999", 2
+            Image.fromarray(heights).save(path, tiffinfo=tags)
+        return path
+
+    return make
+
+
+def _read_heightmap(path: Path) -> object:
+    scale = None if path.suffix == ".tif" else 1.0
+    return read_heightmap(str(path), file_digest(str(path)), scale, 0.1)
+
+
+def _unfinished(folder: Path) -> Path:
+    state = SavedState(folder, {"--seed": 0})
+    state.save({"sums": np.arange(5), "names": ["a", "b"]})
+    return state.path
+
+
+def _opencv() -> str:
+    camera, still = "[100., 0., 4., 0., 100., 3., 0., 0., 1.]", "[0., 0., 0., 0., 0.]"
+    parts = [
+        ("K1", 3, 3, camera), ("D1", 1, 5, still), ("K2", 3, 3, camera), ("D2", 1, 5, still),
+        ("R", 3, 3, "[1., 0., 0., 0., 1., 0., 0., 0., 1.]"), ("T", 3, 1, "[-0.2, 0., 0.]"),
+    ]  # fmt: skip
+    body = "".join(MATRIX.format(name=n, rows=r, cols=c, data=d) for n, r, c, d in parts)
+    return f"%YAML:1.0\n---\nimage_width: 8\nimage_height: 6\n{body}"
+
+
+INDEX = {
+    "schema": "marssim-stereo", "version": 3, "config": {"seed": 1},
+    "samples": [{"name": f"0000{n}/00", "split": "train", "sha256": "0" * 64} for n in range(3)],
+}  # fmt: skip
+KITTI = "P0: 100 0 4 0 0 100 3 0 0 0 1 0\nP1: 100 0 4 -20 0 100 3 0 0 0 1 0\n"
+PLACE = json.dumps({"preset": "gale", "rocks": {"k": 0.1}})
+FORMATS: dict[str, tuple[Make, Callable[[Path], object]]] = {
+    "dataset.json": (_text("dataset.json", json.dumps(INDEX)), lambda path: StereoDataset(path.parent)),
+    "sample.json": (_sample("sample.json"), lambda path: read_sample(path.parent)),
+    "depth.png": (_sample("depth.png"), lambda path: read_sample(path.parent)),
+    "place file": (_text("place.json", PLACE), load_place),
+    "weights": (_weights, M3Depth.from_pretrained),
+    "policy": (_policy, read_policy),
+    "checkpoint": (_checkpoint, lambda path: read_checkpoint(path, torch.device("cpu"))),
+    "unfinished evaluation": (_unfinished, lambda path: SavedState(path.parent, {"--seed": 0}).load()),
+    "episode": (_text("episode.json", json.dumps(asdict(RECORD))), read_record),
+    "heightmap .npy": (_heightmap(".npy"), _read_heightmap),
+    "heightmap .png": (_heightmap(".png"), _read_heightmap),
+    "heightmap .tif": (_heightmap(".tif"), _read_heightmap),
+    "image": (_bytes("image.png", lambda: encode_png(np.full(SIZE, 7, np.uint8))), read_image),
+    "PFM": (
+        _bytes("image.pfm", lambda: encode_pfm(np.ones(SIZE, np.float32))),
+        lambda path: decode_pfm(path.read_bytes()),
+    ),
+    "KITTI calibration": (_text("calib.txt", KITTI), read_calibration),
+    "OpenCV calibration": (_text("stereo.yaml", _opencv()), lambda path: read_pair([path])),
+}

@@ -1,0 +1,30 @@
+"""Random and hostile values of every flag of every command are taken, or refused in one line that names the flag."""
+
+import pytest
+from command_lines import CONFIGS, VALUES, config_of, flags_of, parser_of
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from oracle import CASES, judge
+
+from marssim.base.command.listing import COMMANDS
+
+MANY = settings(
+    max_examples=CASES, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+)
+HOSTILE = st.sampled_from(VALUES) | st.floats().map(repr) | st.integers().map(str) | st.text(max_size=8)
+
+
+def test_every_command_is_attacked():
+    assert set(CONFIGS) == {f"{package}.{name}" for package, names in COMMANDS.items() for name in names}
+
+
+@pytest.mark.parametrize("command", CONFIGS)
+@given(data=st.data())
+@MANY
+def test_a_command_line_is_taken_or_refused_in_one_line(command, data, capsys, tmp_path_factory):
+    flags = data.draw(st.lists(st.sampled_from(list(flags_of(config_of(command)))), min_size=1, max_size=2))
+    args = list(CONFIGS[command][1])
+    for flag, width in flags:
+        count = data.draw(st.integers(0, 3)) if width < 0 else width
+        args += [flag, *(data.draw(HOSTILE) for _ in range(count))]
+    judge(lambda: parser_of(command)(args), capsys, "--", *(word for word in args if word and not word.startswith("-")))

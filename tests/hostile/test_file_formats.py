@@ -1,0 +1,64 @@
+"""Damaged and forged files of every format are read, or refused in one line that names the file."""
+
+import re
+
+import pytest
+from file_formats import FORMATS
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from oracle import CASES, judge
+
+MANY = settings(
+    max_examples=CASES, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+)
+TOKEN = re.compile(rb'-?\d+\.?\d*(?:[eE][+-]?\d+)?|"[^"]*"|true|false|null')
+TOKENS = (
+    b"NaN", b"1e999", b"-1", b"0", b"0.5", b"9" * 400, b'""', b"null", b"[]", b"{}", b'"x"', b"[" * 100_000, b"true",
+    b"\xff", b"1e300",
+)  # fmt: skip
+
+
+@st.composite
+def mutations(draw, data: bytes) -> bytes:
+    """Draw a file that differs from `data` in one place: bytes, a block, its end, or a value in a text."""
+    kind = draw(st.sampled_from(("value", "byte", "end", "gap", "twice", "more", "zeros")))
+    at = draw(st.integers(0, len(data) - 1))
+    end = min(len(data), at + draw(st.integers(1, 64)))
+    if kind == "value" and (places := list(TOKEN.finditer(data))):
+        place = draw(st.sampled_from(places))
+        return data[: place.start()] + draw(st.sampled_from(TOKENS)) + data[place.end() :]
+    changed = {
+        "end": data[:at],
+        "gap": data[:at] + data[end:],
+        "twice": data[:end] + data[at:],
+        "zeros": data[:at] + bytes(end - at) + data[end:],
+    }
+    if kind in changed:
+        return changed[kind]
+    return data[:at] + draw(st.binary(min_size=1, max_size=8)) + data[at + (kind != "more") :]
+
+
+@pytest.fixture(scope="module")
+def valid(tmp_path_factory):
+    """Path and content of a valid file of each format."""
+    made = {}
+    for number, (name, (make, _)) in enumerate(FORMATS.items()):
+        path = make(tmp_path_factory.mktemp(f"format{number}"))
+        made[name] = path, path.read_bytes()
+    return made
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_the_files_are_valid_before_they_are_attacked(valid, name):
+    path, data = valid[name]
+    path.write_bytes(data)
+    FORMATS[name][1](path)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+@given(data=st.data())
+@MANY
+def test_a_mutated_file_is_read_or_refused_in_one_line(valid, name, data, capsys):
+    path, whole = valid[name]
+    path.write_bytes(data.draw(mutations(whole)))
+    judge(lambda: FORMATS[name][1](path), capsys, path.name)
