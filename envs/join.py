@@ -108,9 +108,8 @@ def _evaluation(contents: Sequence[Mapping[str, Any]], out: Path) -> EvaluateCon
         settings[name] = list(dict.fromkeys(value for content in contents for value in content["config"][name]))
     plain = EvaluateConfig(out, videos=False)
     known = {field.name for field in fields(EvaluateConfig)} - {*OF_SHARD, "eyes"}
-    values = {
-        key: tuple(value) if isinstance(value, list) else value for key, value in settings.items() if key in known
-    }
+    values: dict[str, Any] = {key: value for key, value in settings.items() if key in known}
+    values = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
     return replace(plain, eyes=EyesConfig(**settings["eyes"]), **values)
 
 

@@ -39,9 +39,10 @@ def first_fault(value: Any, schema: Mapping[str, Any], where: str = "") -> str |
     if "enum" in schema and value not in schema["enum"]:
         return f"{name} must be one of {', '.join(map(str, schema['enum']))}, got {value!r:.40}"
     if isinstance(value, int | float) and not isinstance(value, bool):
-        low, high = schema.get("minimum", value), schema.get("maximum", value)
-        if not low <= value <= high:
-            return f"{name} must lie in [{low:g}, {high:g}], got {value!r}"
+        if value < schema.get("minimum", value):
+            return f"{name} must be at least {schema['minimum']:g}, got {value!r}"
+        if value > schema.get("maximum", value):
+            return f"{name} must be at most {schema['maximum']:g}, got {value!r}"
     if isinstance(value, dict):
         for key in schema.get("required", ()):
             if key not in value:

@@ -21,7 +21,7 @@ OF_GROUND = ("scene", "goal_distance", "k", "slope_deg", "ditch")  # values on w
 
 def suite_conditions(base: Values = BASE) -> dict[str, Values]:
     """Return the values of every condition. The true depth has the pixels of the eyes, to which it is compared."""
-    out = {}
+    out: dict[str, Values] = {}
     for name, changes in CONDITIONS.items():
         values = {**base, **changes}
         pixels = values.get("image_pixels", EyesConfig.image_pixels)

@@ -280,7 +280,7 @@ def draw_course(base: SceneConfig, config: CourseConfig, spec: RoverSpec, rng: n
         start, goal = middle - forward * config.goal_distance / 2, middle + forward * config.goal_distance / 2
         yaw = bearing + rng.uniform(-OFF_COURSE, OFF_COURSE)
         clear = tuple((float(x), float(y), CLEAR_RADIUS) for x, y in (start, goal))
-        across = (*map(float, start), *map(float, goal)) if config.ditch else None
+        across = (float(start[0]), float(start[1]), float(goal[0]), float(goal[1])) if config.ditch else None
         scene = build_scene(scene_config, rng, clear, across)
         ground = TrueGround(scene, spec, goal)
         shortest = ground.distance_to_goal(*start)

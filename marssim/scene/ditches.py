@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,7 @@ UNEVEN = 0.15  # share by which the width varies along a ditch
 FLOOR = 0.2  # least share of the width that the floor takes
 ROUND = 0.2  # [m] over which brink and foot of a wall are rounded
 # A ditch across a way: so wide and deep that a rover cannot drive through, and so short that it can drive round.
-ACROSS = {
+ACROSS: dict[str, Any] = {
     "ditch_width": (1.4, 2.5), "ditch_depth": (0.6, 1.2), "ditch_length": (8.0, 14.0), "ditch_meander_deg": (0.0, 20.0),
 }  # fmt: skip
 ACROSS_MIDDLE = (0.35, 0.65)  # share of the way after which it crosses

@@ -35,7 +35,7 @@ def broken(key, value):
     ("change", "message"),
     [
         (broken("spl", "high"), "episodes[0].spl must be of type number, got 'high'"),
-        (broken("spl", 1.5), "episodes[0].spl must lie in [0, 1], got 1.5"),
+        (broken("spl", 1.5), "episodes[0].spl must be at most 1, got 1.5"),
         (broken("outcome", "won"), "episodes[0].outcome must be one of goal, collision"),
         (broken("shortest", 9.0), "clear, course 0: shortest must be "), (broken("course", 7), "has no such episode"),
         (broken("spl", 0.123), "spl must be "),

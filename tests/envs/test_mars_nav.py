@@ -35,6 +35,7 @@ def rockless(small_scene):
     return replace(small_scene, rocks=replace(small_scene.rocks, k=0.0))
 
 
+RARELY = {"condition": {"look_every": 1.0, "into_sun": True}, "map_observation": True}
 NOISY = {"map_observation": True, "disparity_noise": 0.3, "drift": 0.02, "yaw_drift_deg": 1.0}
 
 
@@ -42,7 +43,7 @@ NOISY = {"map_observation": True, "disparity_noise": 0.3, "drift": 0.02, "yaw_dr
     "settings",
     [
         {}, {"dynamics": "physics"}, {"mast": True, "render_mode": "rgb_array"}, NOISY, {"slip": "scene"},
-        {"slip": SlipConfig("sand", 0.5), "dynamics": "physics"},
+        {"slip": SlipConfig("sand", 0.5), "dynamics": "physics"}, RARELY,
     ],
 )  # fmt: skip
 def test_the_checker_of_gymnasium_accepts_the_environment(make_env, rockless, settings):
@@ -54,6 +55,7 @@ def test_the_checker_of_gymnasium_accepts_the_environment(make_env, rockless, se
     [
         ({}, False), ({"dynamics": "physics"}, False), ({"mast": True, **NOISY}, False),
         ({"mast": True, **NOISY}, True), ({"slip": "sand"}, False), ({"slip": "sand", "dynamics": "physics"}, False),
+        (RARELY, False),
     ],
 )  # fmt: skip
 def test_the_checker_of_stable_baselines_accepts_the_environment(make_env, rockless, settings, wrap):

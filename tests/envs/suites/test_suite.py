@@ -50,6 +50,16 @@ def test_a_suite_is_made_the_same_again(suite, small_suite):
     assert content["episodes"] == [e for e in written if (e["split"], e["condition"]) == ("dev", "clear")]
 
 
+def test_the_suite_of_the_package_is_that_of_its_conditions_and_builds_its_scenes():
+    suite = load_suite("marsnav-v1")
+    assert suite.conditions == suite_conditions() and {name: v["courses"] for name, v in suite.splits.items()} == {
+        "dev": 20, "test": 20
+    }  # fmt: skip
+    for condition, course in (("storm", 0), ("ditch", 1)):
+        seed = suite.episodes["dev", condition, course]["seed"]
+        suite.check_scene("dev", condition, course, build_course(suite.conditions[condition], seed))
+
+
 def test_true_depth_has_the_pixels_of_the_eyes():
     conditions = suite_conditions()
     for name, values in conditions.items():
