@@ -4,6 +4,8 @@
     python -m envs.evaluate --driver navigator straight --perception ground_truth --dynamics kinematic --grid \\
         --episodes 50 --workers 2 --out out/grid
 
+    python -m envs.evaluate --suite marsnav-v1 --split dev --perception ground_truth sgbm --out out/suite
+
 All drivers and perceptions drive the same courses. Finished episodes stay in OUT/episodes: the same command continues
 where it was stopped.
 """
@@ -13,7 +15,7 @@ from __future__ import annotations
 import shutil
 import sys
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import cache
 from itertools import product
@@ -29,6 +31,7 @@ from envs.drives.records import DELETE_TO_REPEAT, read_record
 from envs.drives.report import without_definitions, write_report
 from envs.drives.resume import RUNTIME, WEIGHTS, noted_digests, noted_runtime
 from envs.drives.step_lines import StepLines
+from envs.drives.suite_drives import scene_check, suite_results, values_of, with_suite
 from envs.drives.test_set_errors import errors_on_test_set
 from envs.mars_nav import MarsNavEnv
 from envs.world.perception import load_perception, perception_digest
@@ -55,6 +58,7 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
         FolderInUse: If another command writes to the folder.
         ValueError: If a perception or a driver is unknown.
     """
+    config = with_suite(config)
     config = replace(config, dynamics=chosen_dynamics(config.dynamics))
     for name in config.perception:
         _perception(name, config.runtime)  # an unknown name is reported before anything is written or started
@@ -76,7 +80,28 @@ def _evaluate(config: EvaluateConfig, driven_by: dict[str, Any], test_errors: di
     tasks = config.tasks
     missing = [task for task in tasks if not (folder / task.file).is_file()]
     _run(config, missing, lambda task, record: write_json(folder / task.file, asdict(record)))
-    records = [_read_record(folder, task) for task in tasks]
+    content, records = write_results(config, driven_by, test_errors)
+    _film(config, tasks, records)
+    return content
+
+
+def write_results(
+    config: EvaluateConfig, driven_by: Mapping[str, Any], test_errors: Mapping[str, float]
+) -> tuple[dict[str, Any], list[EpisodeRecord]]:
+    """Write results.json, results.md, the plots and the maps from the records of all episodes.
+
+    Args:
+        config: The settings.
+        driven_by: Digests of weights and code, and the runtime, as results.json has them.
+        test_errors: Abs Rel of perceptions on their test set.
+
+    Returns:
+        The content of results.json, and the records.
+
+    Raises:
+        DatasetError: A record is missing, damaged, or of another episode.
+    """
+    records = [_read_record(config.out / "episodes", task) for task in config.tasks]
     content = {
         "config": as_json(asdict(config)),
         "driven_with": config.content(),
@@ -86,11 +111,11 @@ def _evaluate(config: EvaluateConfig, driven_by: dict[str, Any], test_errors: di
         "test_set_abs_rel": test_errors,
         "results": _results(config, records),
         "differences": _differences(config, records),
+        **suite_results(config, records),
     }
     write_json(config.out / "results.json", content)
     write_report(config.out, content, records)
-    _film(config, tasks, records)
-    return content
+    return content, records
 
 
 def _results(config: EvaluateConfig, records: Sequence[EpisodeRecord]) -> list[dict[str, Any]]:
@@ -99,7 +124,8 @@ def _results(config: EvaluateConfig, records: Sequence[EpisodeRecord]) -> list[d
     for cell in config.cells:
         for driver, perception in product(config.driver, config.perception):
             drives = [r for r in records if (r.driver, r.perception, r.cell) == (driver, perception, cell.name)]
-            rows.append({"driver": driver, "perception": perception, "cell": asdict(cell), **summarise(drives)})
+            if drives:  # a shard may have none
+                rows.append({"driver": driver, "perception": perception, "cell": cell.content(), **summarise(drives)})
     return rows
 
 
@@ -211,12 +237,14 @@ def drive(config: EvaluateConfig, task: Task, watch: Watch | None = None) -> Epi
     if watch is None:
         name = f"course {task.episode}, {task.cell.name}, {task.driver}, {task.perception}"
         watch = StepLines(name, lambda: _drives_done(config)).watch
+    watch = scene_check(config, task.cell, task.episode, watch)
     env = MarsNavEnv(
         _perception(task.perception, config.runtime), known_dynamics(config.dynamics), config.renderer,
         config.scene_config(), config.goal_distance,
         mast=True, map_observation=bool(getattr(driver, "needs_map", False)),
         disparity_noise=config.disparity_noise, drift=config.drift, yaw_drift_deg=config.yaw_drift_deg,
-        align_rows=config.align_rows, slip=config.slip_config(),
+        align_rows=config.align_rows, slip=config.slip_config(), eyes=config.eyes,
+        condition={"into_sun": config.into_sun, "ditch": config.ditch, **values_of(config, task.cell)},
     )  # fmt: skip
     try:
         return run_episode(env, driver, task.cell, config.seed, task.episode, (task.driver, task.perception), watch)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from copy import copy
-from dataclasses import replace
-from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,11 +11,16 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from envs.observation.info import episode_info
 from envs.observation.map_view import MapView
 from envs.observation.spaces import observation_space, observe
+from envs.suites.conditions import under
 from envs.world.action import checked_action
+from envs.world.arguments import check_errors, check_flags, known_scene
 from envs.world.clearance import ObstacleClearance
 from envs.world.course import Course, CourseConfig, draw_course, reversed_course
+from envs.world.eyes import EyesConfig
+from envs.world.gaze import Gaze
 from envs.world.odometry import Odometry
 from envs.world.perception import Perception, Sight
 from envs.world.referee import STEPS_PER_METRE, Referee
@@ -24,11 +28,9 @@ from envs.world.reward import step_reward
 from envs.world.slip import SlipConfig, SlipGauge, known_slip
 from envs.world.vehicle import FALLBACK_NOTE, DynamicsName, Vehicle, known_dynamics, make_vehicle
 from envs.world.way_driven import WayDriven
-from marssim.base.camera import NATECAM
 from marssim.base.rover_spec import ZHURONG
 from marssim.physics.soil.soil_map import GroundName
 from marssim.render.renderers.by_name import RendererName
-from marssim.scene.place_file import load_place
 from marssim.scene.scene import SceneConfig
 
 if TYPE_CHECKING:
@@ -36,9 +38,8 @@ if TYPE_CHECKING:
     from m3depth.estimator import Estimator
 
 STEP_SECONDS = 2.0  # [s] that the rover drives in one step
-ERROR_LIMITS = {"disparity_noise": 10, "drift": 1, "yaw_drift_deg": 45}  # largest values of these arguments
 EPISODE = (  # attributes of an episode, beside the course, the vehicle and what is seen
-    "_obstacle_clearance", "_odometry", "believed_pose", "_gauge", "referee", "_steps", "_pan", "_last_action", "_way",
+    "_obstacle_clearance", "_odometry", "believed_pose", "_gauge", "referee", "_steps", "_last_action", "_way",
 )  # fmt: skip
 
 
@@ -122,9 +123,10 @@ class MarsNavEnv(gymnasium.Env):
     | `path_length`        | length of the way driven [m]                                                          |
     | `min_clearance`      | least distance so far between the rover's footprint and a rock, a drop or steep       |
     |                      | ground that is an obstacle [m]; 3 if none came as near                                |
-    | `pan`                | pan of the mast at this look [rad]                                                    |
+    | `pan`                | pan of the mast [rad]                                                                 |
     | `position_error`     | error of the odometry's position [m]                                                  |
     | `perception_seconds` | run time of the perception at this look [s]                                           |
+    | `looked`             | with `look_every`: whether this step ended with a look                                |
     | `redraws`            | number of courses that were rejected: no way led to their goal, or an end was steep   |
     | `slip`               | with `slip`: share of the wheels' way in this step that the rover did not make        |
     | `sideways`           | with `slip`: how far the rover slid to its left in this step [m]                      |
@@ -165,6 +167,13 @@ class MarsNavEnv(gymnasium.Env):
     bedrock that the scene shows; "sand", "crust" or "bedrock" for one of them everywhere; or an
     envs.world.slip.SlipConfig, which also says how much of the slip the odometry measures. A name alone measures none.
 
+    `eyes`: an envs.world.eyes.EyesConfig: pixels of the images and of the true depth, dust on the lenses, temperature
+    of the rig, compression, and `look_every`, the way after which the rover looks again. With it, the rover also looks
+    after each step without speed and yaw rate. Between two looks `depth` is 0, and `map` shows what is known.
+
+    `condition`: the name of a condition, as "storm" (envs.suites.conditions.CONDITIONS), or a dict of such values. They
+    replace those of the other arguments, and are the defaults of the options of `reset`.
+
     Options of `reset`, for one episode:
 
     | Option              | Default        | Range    | Meaning                                    |
@@ -173,6 +182,8 @@ class MarsNavEnv(gymnasium.Env):
     | `k`                 | the scene's    | 0 to 0.4 | rock abundance, Golombek's k               |
     | `slope_deg`         | the scene's    | 0 to 25  | regional slope [deg], its direction drawn  |
     | `sun_elevation_deg` | the scene's    | 1 to 90  | height of the sun [deg]                    |
+    | `into_sun`          | False          | bool     | the sun stands over the goal               |
+    | `ditch`             | False          | bool     | a ditch cuts the straight way to the goal  |
     | `scene_seed`        | drawn          | 0 and up | the course's seed, whatever the env's seed |
 
     ## Version history
@@ -186,7 +197,8 @@ class MarsNavEnv(gymnasium.Env):
     - Images and true depth show the smooth ground with relief down to the pebble: sand against rocks, ripples, gravel.
       The ground under the wheels is the grid of 0.1 m, without them. Before, both were the facets of this grid.
     - With `dynamics="kinematic"`, the rover stops where it tilts by more than 30 deg.
-    - `slip` lets wheels slip and sink. It is off by default, where nothing changes.
+    - `slip` lets wheels slip and sink; `eyes` and `condition` change what the rover sees, and how often. They are off
+      by default, where nothing changes.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 5}  # noqa: RUF012  (as gymnasium declares it)
@@ -207,27 +219,26 @@ class MarsNavEnv(gymnasium.Env):
         align_rows: bool = True,
         slip: SlipConfig | GroundName | None = None,
         runtime: str = "auto",
+        eyes: EyesConfig | None = None,
+        condition: str | Mapping[str, Any] | None = None,
     ) -> None:
-        _check_errors({"disparity_noise": disparity_noise, "drift": drift, "yaw_drift_deg": yaw_drift_deg})
-        flags = {"mast": mast, "map_observation": map_observation, "align_rows": align_rows}
-        for name, flag in flags.items():
-            if not isinstance(flag, bool):
-                raise ValueError(f"{name} must be True or False, got {flag!r}")
+        check_errors({"disparity_noise": disparity_noise, "drift": drift, "yaw_drift_deg": yaw_drift_deg})
+        check_flags({"mast": mast, "map_observation": map_observation, "align_rows": align_rows})
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ValueError(f"render_mode {render_mode!r} is unknown; choose from rgb_array")
-        if not isinstance(scene, str | Path | SceneConfig):
-            raise ValueError(f"scene must be a preset's name, a JSON file of a place or a SceneConfig, got {scene!r}")
         self.render_mode = render_mode
         self.dynamics = known_dynamics(dynamics)
         if dynamics is None and self.dynamics != "physics":
             gymnasium.logger.warn(FALLBACK_NOTE)
         self.rover_spec = ZHURONG
         self.mast = mast
-        self.scene_config = scene if isinstance(scene, SceneConfig) else load_place(scene)
-        self.course_config = CourseConfig(goal_distance=goal_distance)
+        settings = known_scene(scene), CourseConfig(goal_distance=goal_distance), eyes or EyesConfig()
+        self.scene_config, self.course_config, self.eyes = under(condition or {}, *settings)
         self.perception = Perception(
-            perception, renderer, disparity_noise=float(disparity_noise), align_rows=align_rows, runtime=runtime
-        )
+            perception, renderer, self.eyes, disparity_noise=float(disparity_noise), align_rows=align_rows,
+            runtime=runtime,
+        )  # fmt: skip
+        self.gaze = Gaze(self.perception, self.rover_spec, self.eyes.look_every)
         self.slip = known_slip(slip)
         self.drift, self.yaw_drift = float(drift), float(np.deg2rad(yaw_drift_deg))
         self.map_view = MapView(self.rover_spec) if map_observation else None
@@ -235,9 +246,13 @@ class MarsNavEnv(gymnasium.Env):
         self.observation_space: spaces.Dict = observation_space(map_observation)
         self.course: Course | None = None
         self.vehicle: Vehicle | None = None
-        self.sight: Sight | None = None
         self.outcome = "driving"
         self._view: OutsideView | None = None
+
+    @property
+    def sight(self) -> Sight | None:
+        """The last look, also between two looks; None before the first reset."""
+        return self.gaze.sight
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -255,13 +270,7 @@ class MarsNavEnv(gymnasium.Env):
             ValueError: If an option is unknown or out of range, or if no course with this k has a way to its goal.
         """
         super().reset(seed=seed)
-        options = options or {}
-        if not isinstance(options, dict):
-            raise ValueError(f"options must be a dict, got {options!r}")
-        if unknown := options.keys() - vars(self.course_config).keys():
-            known = ", ".join(vars(self.course_config))
-            raise ValueError(f"reset option {', '.join(sorted(map(str, unknown)))} is unknown; choose from {known}")
-        config = replace(self.course_config, **options)
+        config = self.course_config.with_options(options or {})
         self._close_course()
         self.course = draw_course(self.scene_config, config, self.rover_spec, self.np_random)
         self._obstacle_clearance = ObstacleClearance(self.course.scene, self.rover_spec, self.course.ground.steep)
@@ -304,10 +313,9 @@ class MarsNavEnv(gymnasium.Env):
         self.referee = Referee(self.course, self.rover_spec, goal_distance)
         self._steps = 0
         self.outcome = "driving"
-        self._pan = 0.0
         self._last_action = np.zeros(2, dtype=np.float32)
         self._way = WayDriven(self.course, self._obstacle_clearance, self._place())
-        self._look()
+        self.gaze.begin(self.vehicle.state())
         return self._observation(), self._info()
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
@@ -329,19 +337,18 @@ class MarsNavEnv(gymnasium.Env):
         action = checked_action(action, self.action_space.shape)
         speed, yaw_rate = float(action[0]) * self.rover_spec.max_speed, float(action[1]) * self.rover_spec.max_yaw_rate
         if self.mast:
-            mount = self.rover_spec.mount
-            turn = mount.pan_rate * STEP_SECONDS
-            self._pan += float(np.clip(float(action[2]) * mount.pan_limit - self._pan, -turn, turn))
+            self.gaze.turn_mast(float(action[2]), STEP_SECONDS)
         self.vehicle.drive_twist(speed, yaw_rate, STEP_SECONDS)
         self.believed_pose = self._odometry.update(self.vehicle.state().pose, self._gauge.update(self.vehicle))
         self._steps += 1
         self._last_action = action[:2].copy()
 
+        before = self._way.length
         progress = self._way.advance(self._place())
         self.outcome = self.referee.judge(self.vehicle, speed, self._steps)
         reward = step_reward(progress, self.outcome)
         terminated = self.outcome not in ("driving", "time")
-        self._look()
+        self.gaze.after_step(self.vehicle.state(), self._way.length - before, stands=not action[:2].any())
         return self._observation(), reward, terminated, self.outcome == "time", self._info()
 
     def render(self) -> np.ndarray | None:
@@ -357,11 +364,9 @@ class MarsNavEnv(gymnasium.Env):
             raise gymnasium.error.ResetNeeded("call reset before render")
         if self._view is None:
             from envs.world.outside_view import OutsideView
-            from marssim.render.renderers.embree_renderer import EmbreeRenderer
 
-            renderer = self.perception.renderer
-            self._view = OutsideView(self.course.scene, renderer if isinstance(renderer, EmbreeRenderer) else None)
-        return self._view.picture(self.vehicle.state(), self.vehicle.mesh(self._pan))
+            self._view = OutsideView(self.course.scene, self.perception.renderer)
+        return self._view.picture(self.vehicle.state(), self.vehicle.mesh(self.gaze.pan))
 
     def close(self) -> None:
         """Free physics and renderer; may be called twice."""
@@ -373,13 +378,15 @@ class MarsNavEnv(gymnasium.Env):
             self.vehicle.close()
         if self._view is not None:
             self._view.close()
-        self.vehicle = self.course = self.sight = self._view = None
+        self.gaze.forget()
+        self.vehicle = self.course = self._view = None
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave the episode out: a copied or unpickled environment has no course, and needs a reset."""
         kept = {name: value for name, value in vars(self).items() if name not in EPISODE}
-        gone = dict.fromkeys(("course", "vehicle", "sight", "_view"))
-        return {**kept, **gone, "perception": copy(self.perception)}
+        perception = copy(self.perception)
+        gaze = Gaze(perception, self.rover_spec, self.eyes.look_every)
+        return {**kept, **dict.fromkeys(("course", "vehicle", "_view")), "perception": perception, "gaze": gaze}
 
     def _place(self) -> np.ndarray:
         """Return x, y [m] and yaw [rad] of the rover, (3,)."""
@@ -387,40 +394,17 @@ class MarsNavEnv(gymnasium.Env):
         state = self.vehicle.state()
         return np.array([*state.position[:2], state.yaw], dtype=float)
 
-    def _look(self) -> None:
-        """Take the image pair of the present pose and pan, and turn it into depth."""
-        assert self.vehicle is not None
-        pose = self.vehicle.state().pose @ self.rover_spec.mount.left_eye(NATECAM.baseline, self._pan)
-        self.sight = self.perception.look(pose, self._pan)
-
     def _observation(self) -> dict[str, np.ndarray]:
         assert self.course is not None and self.vehicle is not None and self.sight is not None
         observation = observe(
-            self.sight.depth, self.believed_pose, self.course.goal, self.vehicle.state(), self._last_action
+            self.gaze.observed(), self.believed_pose, self.course.goal, self.vehicle.state(), self._last_action
         )
         if self.map_view is not None:
-            observation["map"] = self.map_view.update(self.sight, self.believed_pose)
+            observation["map"] = self.map_view.update(self.sight if self.gaze.fresh else None, self.believed_pose)
         return observation
 
     def _info(self) -> dict[str, Any]:
-        assert self.course is not None and self.sight is not None
-        return {
-            "outcome": self.outcome,
-            "distance": float(np.hypot(*(self.course.goal - self._way.place[:2]))),
-            "shortest": self.course.shortest,
-            "path_length": self._way.length,
-            "min_clearance": self._way.min_clearance,
-            "pan": self._pan,
-            "position_error": float(np.hypot(*(self.believed_pose[:2, 3] - self._way.place[:2]))),
-            "perception_seconds": self.sight.seconds,
-            "redraws": self.course.redraws,
-            **self._gauge.info(),
-        }
-
-
-def _check_errors(errors: dict[str, float]) -> None:
-    """Raise ValueError that names the standard deviation of an error that is out of ERROR_LIMITS."""
-    for name, value in errors.items():
-        most = ERROR_LIMITS[name]
-        if isinstance(value, bool) or not isinstance(value, Real) or not 0 <= float(value) <= most:
-            raise ValueError(f"{name} must lie in [0, {most}], got {value!r}")
+        assert self.course is not None
+        looks_rarely = self.eyes.look_every > 0
+        info = episode_info(self.outcome, self.course, self._way, self.gaze, self.believed_pose, looks_rarely)
+        return info | self._gauge.info()

@@ -33,10 +33,10 @@ from gymnasium.wrappers import TransformReward
 from envs.drivers.corridors import Corridors
 from envs.drivers.policy_archive import mark_corridors, read_policy, restore_training
 from envs.drivers.training_courses import TrainingCourses
+from envs.drives.place_note import place_note
 from envs.drives.records import NUMBER, is_number
 from envs.mars_nav import MarsNavEnv
 from envs.world.course import CourseConfig
-from envs.world.place_note import place_note
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
 from marssim.base.files.atomic import write_atomically

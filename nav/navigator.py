@@ -120,6 +120,7 @@ class Navigator:
         pose: np.ndarray,
         goal: np.ndarray,
         pan: float = 0.0,
+        between_looks: bool = False,
     ) -> Command:
         """Do one cycle: fuse the image, judge the ground, choose the motion for the next step_time seconds.
 
@@ -131,6 +132,8 @@ class Navigator:
             pose: (4, 4) body to world at the moment of the image.
             goal: (2,) or (3,) goal in the world [m]; it may change at any time.
             pan: Pan of the mast at the moment of the image [rad], positive to the left.
+            between_looks: Whether the rover took no image on purpose, as it looks only once in a while. It then drives
+                on by its map; depth and confidence are not read. Without it, a rover without an image stands still.
 
         Returns:
             The command for the next step.
@@ -147,7 +150,7 @@ class Navigator:
             raise ValueError(f"pan must be a finite angle [rad], got {pan}")
         planar = np.array([pose[0, 3], pose[1, 3], np.arctan2(pose[1, 0], pose[0, 0])])
         self._begin(pose, planar, goal[:2], pan)
-        ground_visible = self._look(depth, confidence, rig, pose, pan)
+        ground_visible = between_looks or self._look(depth, confidence, rig, pose, pan)
         command = self._decide(planar, goal[:2], pan, ground_visible)
         self._last_pose, self._last_command = planar, command
         return command

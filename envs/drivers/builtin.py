@@ -32,8 +32,9 @@ class NavigatorDriver:
         assert env.sight is not None and env.course is not None
         sight, spec = env.sight, env.rover_spec
         command = self.navigator.step(
-            sight.depth, sight.confidence, sight.rig, env.believed_pose, env.course.goal, sight.pan
-        )
+            sight.depth, sight.confidence, sight.rig, env.believed_pose, env.course.goal, env.gaze.pan,
+            between_looks=not env.gaze.fresh,
+        )  # fmt: skip
         if command.over:
             return Stop.ARRIVED if command.status == "arrived" else Stop.NO_PATH
         pan = command.pan or 0.0

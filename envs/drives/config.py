@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,9 +12,12 @@ import tyro
 
 from envs.drivers.by_name import check_driver_name
 from envs.drives.episodes import Cell, EpisodeRecord
-from envs.mars_nav import ERROR_LIMITS
+from envs.drives.place_note import place_note
+from envs.suites.conditions import condition_values, with_look
+from envs.suites.suite import suite_note
+from envs.world.arguments import ERROR_LIMITS
 from envs.world.course import CourseConfig
-from envs.world.place_note import place_note
+from envs.world.eyes import EyesConfig
 from envs.world.slip import SlipConfig
 from envs.world.vehicle import DynamicsName, known_dynamics
 from m3depth.runtimes.choice import RuntimeChoice
@@ -47,8 +50,8 @@ class EvaluateConfig:
     """Method that turns the images into depth: m3depth (the shipped weights), sgbm, ground_truth (true depth),
     m3depth:WEIGHTS (a .safetensors file), another classical method that m3depth.evaluate --baselines lists, or
     package.module:Class (a class with infer(left, right, rig)). Several methods are compared on the same courses."""
-    episodes: int = 10
-    """Number of courses, 1 or more, for each --k and --slope-deg."""
+    episodes: int | None = None
+    """Number of courses, 1 or more, for each --condition, --k and --slope-deg. Left out: 10, or all of --suite."""
     seed: int = 0
     """Seed of the courses, 0 or more."""
     workers: int = 1
@@ -73,6 +76,24 @@ class EvaluateConfig:
     the scene's range."""
     wind_ripples: float | None = None
     """Share of the ground that is sand with hand-wide ripples, 0 to 1. Left out: drawn from the scene's range."""
+    eyes: Annotated[EyesConfig, tyro.conf.arg(name="")] = field(default_factory=EyesConfig)
+    into_sun: bool = False
+    """Put the sun over the goal, as seen from the start. Else its direction is drawn."""
+    ditch: bool = False
+    """Cut a ditch across the straight way to the goal, which the rover has to drive round."""
+    condition: tuple[str, ...] = ()
+    """Conditions to drive under, each a physical cause by name: clear, smooth_dust, low_sun, into_sun, storm,
+    dusty_lens, warm_rig, compressed, half_pixels, dense_rocks, ledges, ditch, far_goal, rare_looks
+    (envs.suites.conditions). Their values replace those of the other flags. With --suite: some of its conditions; left
+    out, all of them."""
+    suite: str | None = None
+    """Suite of episodes to drive: the name of one in the package (marsnav-v1), or the JSON file of one. It fixes the
+    courses and the conditions, and refuses a simulator that builds other scenes."""
+    split: str = "dev"
+    """Split of the suite: dev to choose settings by, test to report, or what a file of yours has."""
+    shard: str | None = None
+    """Drive one part of N of the courses, as 2/8 for the second of eight, 1 or more. All parts have the same settings
+    but for --out; python -m envs.join joins their results."""
     k: tuple[float, ...] = ()
     """Rock abundances to drive in, Golombek's k, 0 to 0.4. Left out: that of the scene."""
     slope_deg: tuple[float, ...] = ()
@@ -117,7 +138,9 @@ class EvaluateConfig:
     courses is filmed too, into a file in OUT/videos."""
 
     def __post_init__(self) -> None:
-        check_least(self, episodes=1, workers=1, seed=0)
+        check_least(self, workers=1, seed=0)
+        if self.episodes is not None:
+            check_least(self, episodes=1)
         if self.grid and (self.k or self.slope_deg):
             raise ValueError("--grid replaces --k and --slope-deg: give one or the others")
         for name in self.driver:
@@ -133,41 +156,56 @@ class EvaluateConfig:
             raise ValueError(f"--slip-measured must lie in [0, 1], got {self.slip_measured}")
         if self.slip_measured and self.slip is None:
             raise ValueError("--slip-measured needs --slip, as no wheel slips without it")
+        for name in self.condition if self.suite is None else ():
+            condition_values(name)  # raises ValueError for an unknown name
+        shard_of(self.shard)  # likewise for anything but I/N
         for name in LOOK_FLAGS:
             low, high = LOOK_LIMITS[name]
             value = getattr(self, name)
             if value is not None and not low <= value <= high:
                 raise ValueError(f"--{name.replace('_', '-')} must lie in [{low:g}, {high:g}], got {value:g}")
+        most = self.courses if self.suite is None or self.episodes else max(self.film_courses, default=0) + 1
         for number in self.film_courses:
-            if not 0 <= number < self.episodes:
-                raise ValueError(f"--film-courses must lie in [0, {self.episodes - 1}], got {number}")
+            if not 0 <= number < most:
+                raise ValueError(f"--film-courses must lie in [0, {most - 1}], got {number}")
         if not self.driver or not self.perception:
             raise ValueError("--driver and --perception need at least one name")
         self.scene_config()  # raises ValueError for a value out of range
         for cell in self.cells:
-            CourseConfig(self.goal_distance, cell.k, cell.slope_deg)  # raises ValueError for a value out of range
+            self.course_config(cell.k, cell.slope_deg)  # raises ValueError for a value out of range
+
+    @property
+    def courses(self) -> int:
+        """Number of courses for each cell, without a suite's."""
+        return 10 if self.episodes is None else self.episodes
 
     @property
     def cells(self) -> list[Cell]:
-        """Every k with every slope."""
+        """Every condition with every k and every slope."""
         ks, slopes = (GRID_K, GRID_SLOPE_DEG) if self.grid else (self.k, self.slope_deg)
-        return [Cell(k, slope) for k in (ks or (None,)) for slope in (slopes or (None,))]
+        return [
+            Cell(k, slope, condition)
+            for condition, k, slope in product(self.condition or (None,), ks or (None,), slopes or (None,))
+        ]
 
     @property
     def tasks(self) -> list[Task]:
-        """Every episode, those of one course together."""
+        """Every episode of the shard, those of one course together."""
+        part, parts = shard_of(self.shard)
+        courses = list(product(range(self.courses), self.cells))[part::parts]
         return [
             Task(driver, perception, cell, episode)
-            for episode, cell, driver, perception in product(
-                range(self.episodes), self.cells, self.driver, self.perception
-            )
+            for (episode, cell), driver, perception in product(courses, self.driver, self.perception)
         ]
 
     def scene_config(self) -> SceneConfig:
         """Return the place with the given values instead of its ranges. Raises ValueError for a value out of range."""
-        base = load_place(self.scene)
-        fixed = {name: (getattr(self, name),) * 2 for name in LOOK_FLAGS if getattr(self, name) is not None}
-        return replace(base, look=replace(base.look, **fixed))
+        fixed = {name: getattr(self, name) for name in LOOK_FLAGS if getattr(self, name) is not None}
+        return with_look(load_place(self.scene), fixed)
+
+    def course_config(self, k: float | None = None, slope_deg: float | None = None) -> CourseConfig:
+        """Return the settings of the courses. Raises ValueError for a value out of range."""
+        return CourseConfig(self.goal_distance, k, slope_deg, into_sun=self.into_sun, ditch=self.ditch)
 
     def slip_config(self) -> SlipConfig | None:
         """Return how the wheels slip; None if they do not."""
@@ -180,10 +218,13 @@ class EvaluateConfig:
         errors = {name: getattr(self, name) for name in ERROR_LIMITS if getattr(self, name)}
         look = {name: getattr(self, name) for name in LOOK_FLAGS if getattr(self, name) is not None}
         slip = {} if self.slip is None else {"slip": self.slip, "slip_measured": self.slip_measured}
+        eyes = {name: value for name, value in vars(self.eyes).items() if value != getattr(EyesConfig, name)}
+        course = {name: True for name in ("into_sun", "ditch") if getattr(self, name)}
+        suite = {} if self.suite is None else suite_note(self.suite, self.split)
         return {
             "seed": self.seed, **place_note(self.scene), "goal_distance": self.goal_distance,
             "dynamics": known_dynamics(self.dynamics), "renderer": self.renderer,
-            "align_rows": self.align_rows, **errors, **slip, **look,
+            "align_rows": self.align_rows, **errors, **slip, **look, **eyes, **course, **suite,
         }  # fmt: skip
 
 
@@ -217,6 +258,20 @@ class Task:
         """Return whether a record is of this episode."""
         names = (self.driver, self.perception, self.cell.name, self.episode)
         return names == (record.driver, record.perception, record.cell, record.episode)
+
+
+def shard_of(shard: str | None) -> tuple[int, int]:
+    """Return which part of how many --shard names, the first being 0; (0, 1) for None.
+
+    Raises:
+        ValueError: It is not I/N with 1 <= I <= N.
+    """
+    if shard is None:
+        return 0, 1
+    part, slash, parts = shard.partition("/")
+    if not slash or not part.isdecimal() or not parts.isdecimal() or not 1 <= int(part) <= int(parts):
+        raise ValueError(f"shard must be I/N, as 2/8 for the second part of eight, got {shard!r}")
+    return int(part) - 1, int(parts)
 
 
 def _plain(words: str) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 from envs.drivers.driver import Driver, Stop
 from envs.mars_nav import MarsNavEnv
 from envs.world.action import ActionError
+from envs.world.course import series_seed
 from envs.world.perception import Sight
 from envs.world.user_code import UserCodeError, code_digest, errors_of
 from m3depth.evaluation.metrics import capped_depth, known_depth
@@ -37,12 +38,27 @@ class Cell:
     """Rock abundance, Golombek's k; None for that of the scene preset."""
     slope_deg: float | None = None
     """Regional slope [deg]; None for that of the scene preset."""
+    condition: str | None = None
+    """Name of the condition (envs.suites.conditions); None for that of the environment's arguments."""
 
     @property
     def name(self) -> str:
         """The cell in words, as records and tables have it."""
+        if self.condition is not None and self.k is None and self.slope_deg is None:
+            return f"condition={self.condition}"
         k, slope = ("preset" if value is None else f"{value:.12g}" for value in (self.k, self.slope_deg))
-        return f"k={k}, slope={slope}"
+        values = f"k={k}, slope={slope}"
+        return values if self.condition is None else f"condition={self.condition}, {values}"
+
+    @property
+    def options(self) -> dict[str, float]:
+        """The options of MarsNavEnv.reset that the cell sets."""
+        values = {"k": self.k, "slope_deg": self.slope_deg}
+        return {name: value for name, value in values.items() if value is not None}
+
+    def content(self) -> dict[str, Any]:
+        """Return the cell as results.json has it: k, slope_deg, and the condition if there is one."""
+        return {name: value for name, value in vars(self).items() if name != "condition" or value is not None}
 
 
 @dataclass
@@ -91,6 +107,8 @@ class EpisodeRecord:
     """Mean over the looks of their Abs Rel, as m3depth.evaluate scores a pair; None with the ground truth."""
     blind: int | None = None
     """Number of looks that measured nothing of the ground within 15 m; None where that was not recorded."""
+    looks: int | None = None
+    """Number of looks; None where that was not recorded, and the rover looked after every step."""
     near_miss: bool = False
     """Whether there was no collision, but the clearance was below NEAR_MISS."""
     slip: float | None = None
@@ -120,12 +138,11 @@ def course_options(cell: Cell, seed: int, episode: int) -> dict[str, Any]:
     Its scene_seed depends on (seed, episode) alone.
 
     Args:
-        cell: Rock abundance and slope.
+        cell: Rock abundance and slope. Its condition is the environment's affair.
         seed: Seed of the series of courses.
         episode: Number of the course.
     """
-    scene_seed = int(np.random.SeedSequence((seed, episode)).generate_state(1)[0])
-    return {"scene_seed": scene_seed, **{name: value for name, value in vars(cell).items() if value is not None}}
+    return {"scene_seed": series_seed(seed, episode), **cell.options}
 
 
 def run_episode(
@@ -173,6 +190,7 @@ def run_episode(
         max_tilt_deg=float(np.rad2deg(max((state.tilt for state in log.states[1:]), default=0.0))),
         step_seconds=log.seconds / max(steps, 1), perception_seconds=log.perception_seconds / max(steps, 1),
         redraws=info["redraws"], goal=[float(v) for v in env.course.goal], abs_rel=_mean(log.errors), blind=log.blind,
+        looks=log.looks,
         near_miss=info["outcome"] != "collision" and info["min_clearance"] < NEAR_MISS,
         slip=_mean(log.slips), energy=info.get("energy"), code=code, obstacles=_obstacles(env),
         track=[[float(v) for v in state.position[:2]] for state in log.states],
@@ -194,15 +212,18 @@ class _Log:
     seconds: float = 0.0
     perception_seconds: float = 0.0
     blind: int = 0
+    looks: int = 0
     slips: list[float | None] = field(default_factory=list)
 
-    def note_look(self, env: MarsNavEnv, info: dict[str, Any]) -> None:
-        """Note that the rover stands and has looked."""
+    def note_step(self, env: MarsNavEnv, info: dict[str, Any]) -> None:
+        """Note where the rover stands, and its look if it took one."""
         assert env.vehicle is not None and env.sight is not None
         self.info = info
         self.states.append(env.vehicle.state())
-        self.errors.append(_abs_rel(env.sight))
-        self.blind += _is_blind(env.sight)
+        if env.gaze.fresh:
+            self.looks += 1
+            self.errors.append(_abs_rel(env.sight))
+            self.blind += _is_blind(env.sight)
 
 
 def _drive(env: MarsNavEnv, driver: Driver, options: dict[str, Any], log: _Log, watch: Watch | None) -> None:
@@ -210,7 +231,7 @@ def _drive(env: MarsNavEnv, driver: Driver, options: dict[str, Any], log: _Log, 
     with errors_of(driver):
         driver.reset(env, options["scene_seed"])
     log.start_distance = info["distance"]
-    log.note_look(env, info)
+    log.note_step(env, info)
     if watch:
         watch(env, driver, 0)
     done = False
@@ -226,7 +247,7 @@ def _drive(env: MarsNavEnv, driver: Driver, options: dict[str, Any], log: _Log, 
         log.perception_seconds += info["perception_seconds"]
         log.reward += float(reward)
         log.slips.append(info.get("slip"))
-        log.note_look(env, info)
+        log.note_step(env, info)
         done = terminated or truncated
         if watch:
             watch(env, driver, len(log.states) - 1)

@@ -16,7 +16,6 @@ from envs.world.outside_view import HEIGHT, OutsideView
 from marssim.base.files.atomic import written_atomically
 from marssim.base.images.colours import DEPTH_TITLE, NORMAL_TITLE, TICKS, depth_bar, depth_colours, normal_colours
 from marssim.physics.state import RoverState
-from marssim.render.renderers.embree_renderer import EmbreeRenderer
 from nav.navigator import Navigator
 from nav.path.footprint import footprint_corners
 
@@ -85,8 +84,7 @@ class Film:
         """
         assert env.course is not None and env.vehicle is not None and env.sight is not None
         if self._view is None or self._view.scene is not env.course.scene:
-            renderer = env.perception.renderer
-            self._view = OutsideView(env.course.scene, renderer if isinstance(renderer, EmbreeRenderer) else None)
+            self._view = OutsideView(env.course.scene, env.perception.renderer)
         sight, state = env.sight, env.vehicle.state()
         outside = self._view.picture(state, env.vehicle.mesh(sight.pan))
         left, normal = sight.left, sight.normal

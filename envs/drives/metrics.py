@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -92,12 +92,19 @@ def paired_difference(first: Sequence[EpisodeRecord], second: Sequence[EpisodeRe
     Raises:
         ValueError: If the two do not hold the same episodes.
     """
-    a, b = ({(r.cell, r.episode): r for r in records} for records in (first, second))
+    a, b = ({(r.cell, r.episode): _scores(r) for r in records} for records in (first, second))
+    return paired_scores(a, b)
+
+
+def paired_scores(
+    a: Mapping[tuple[str, int], tuple[float, float]], b: Mapping[tuple[str, int], tuple[float, float]]
+) -> dict[str, Any]:
+    """Return what paired_difference does, of success and SPL (a pair) by cell and number of the course."""
     if a.keys() != b.keys() or not a:
         raise ValueError("a paired difference needs the same episodes of both")
     gains: dict[int, list[list[float]]] = {}
     for key in sorted(a):
-        (success, weighted), (other_success, other_weighted) = _scores(a[key]), _scores(b[key])
+        (success, weighted), (other_success, other_weighted) = a[key], b[key]
         gains.setdefault(key[1], []).append([success - other_success, weighted - other_weighted])
     arrived, weighted_by_way = np.array([np.mean(cells, axis=0) for cells in gains.values()]).T
     return {

@@ -18,6 +18,8 @@ Group = tuple[str, str]
 def plot_success(path: Path, results: Sequence[dict[str, Any]], test_set: Mapping[str, float] | None = None) -> None:
     """Plot success against k (left, slopes pooled) and against Abs Rel on the way (right, a point for each cell).
 
+    Of drives under conditions, the left plot shows success by condition instead, with k and slopes pooled.
+
     The right plot is left out if all was driven by true depth. Bars are 95 % Wilson intervals. Where slopes are pooled,
     the number of trials is that of courses with different numbers, as courses of one number have their rocks in common.
 
@@ -30,22 +32,33 @@ def plot_success(path: Path, results: Sequence[dict[str, Any]], test_set: Mappin
     figure = Figure(figsize=(9.6 if erring else 5.0, 4.0), dpi=110, layout="constrained")
     by_k, *others = figure.subplots(1, 1 + erring, sharey=True, squeeze=False)[0]
     groups = list(dict.fromkeys((r["driver"], r["perception"]) for r in results))
+    conditions = list(dict.fromkeys(r["cell"].get("condition") for r in results))
+    by_condition = conditions != [None]
     for n, group in enumerate(groups):
         rows = [r for r in results if (r["driver"], r["perception"]) == group]
         label, colour = ", ".join(group), f"C{n}"
-        pooled = pool_by_k(rows)
-        at = [(0.0 if k is None else k) + 0.0008 * (n - (len(groups) - 1) / 2) for k in pooled]
-        _bars(by_k, at, list(pooled.values()), colour, label, line=True)
+        aside = n - (len(groups) - 1) / 2
+        if by_condition:
+            pooled = pool_by(rows, "condition", conditions)
+            at = [conditions.index(condition) + 0.12 * aside for condition in pooled]
+        else:
+            pooled = pool_by(rows, "k", sorted({r["cell"]["k"] for r in rows}, key=lambda k: k or 0.0))
+            at = [(k or 0.0) + 0.0008 * aside for k in pooled]
+        _bars(by_k, at, list(pooled.values()), colour, label, line=not by_condition)
         for by_error in others:
             known = [r for r in rows if r["abs_rel"] is not None]
             points = [(r["success_rate"], r["episodes"]) for r in known]
             _bars(by_error, [r["abs_rel"] for r in known], points, colour, label, line=False)
             if known and test_set and group[1] in test_set:
                 by_error.axvline(test_set[group[1]], color=colour, ls=":", label=f"{group[1]}, test set")
-    by_k.set(xlabel="rock abundance k", title="by rock abundance, slopes pooled")
-    driven = sorted({r["cell"]["k"] for r in results}, key=lambda k: k or 0.0)
-    by_k.set_xticks([k or 0.0 for k in driven], ["the preset's" if k is None else f"{k:g}" for k in driven])
-    by_k.set_xlim((driven[0] or 0.0) - 0.01, (driven[-1] or 0.0) + 0.01)
+    if by_condition:
+        by_k.set(title="by condition")
+        by_k.set_xticks(range(len(conditions)), [str(c or "none") for c in conditions], rotation=60, ha="right")
+    else:
+        by_k.set(xlabel="rock abundance k", title="by rock abundance, slopes pooled")
+        driven = sorted({r["cell"]["k"] for r in results}, key=lambda k: k or 0.0)
+        by_k.set_xticks([k or 0.0 for k in driven], ["the preset's" if k is None else f"{k:g}" for k in driven])
+        by_k.set_xlim((driven[0] or 0.0) - 0.01, (driven[-1] or 0.0) + 0.01)
     by_k.set(ylabel="success [%]", ylim=(-4, 104))
     by_k.grid(alpha=0.3)
     for by_error in others:
@@ -65,17 +78,20 @@ def plot_success(path: Path, results: Sequence[dict[str, Any]], test_set: Mappin
     save(figure, path)
 
 
-def pool_by_k(rows: Sequence[dict[str, Any]]) -> dict[float | None, tuple[float, int]]:
-    """Return for each k, in order, the share of arrivals and the number of courses with different numbers.
+def pool_by(rows: Sequence[dict[str, Any]], key: str, values: Sequence[Any]) -> dict[Any, tuple[float, int]]:
+    """Return for each value of a cell the share of arrivals and the number of courses with different numbers.
 
     Args:
         rows: Rows of results.json of one driver and perception.
+        key: Key of the cell: "k" or "condition".
+        values: The values, in order. Those without a row are left out.
     """
-    out: dict[float | None, tuple[float, int]] = {}
-    for k in sorted({r["cell"]["k"] for r in rows}, key=lambda k: k or 0.0):
-        rows_of_k = [r for r in rows if r["cell"]["k"] == k]
-        arrived = sum(round(r["success_rate"] * r["episodes"]) for r in rows_of_k)
-        out[k] = (arrived / sum(r["episodes"] for r in rows_of_k), max(r["episodes"] for r in rows_of_k))
+    out: dict[Any, tuple[float, int]] = {}
+    for value in values:
+        same = [r for r in rows if r["cell"].get(key) == value]
+        if same:
+            arrived = sum(round(r["success_rate"] * r["episodes"]) for r in same)
+            out[value] = (arrived / sum(r["episodes"] for r in same), max(r["episodes"] for r in same))
     return out
 
 

@@ -71,8 +71,10 @@ def states_of_the_code(records: Sequence[EpisodeRecord]) -> str:
 
 def table(results: Sequence[dict[str, Any]]) -> str:
     """Return a Markdown table with a row for each driver, perception and cell."""
+    condition = any("condition" in r["cell"] for r in results)
     head = (
-        "| driver | perception | k | slope | episodes | success (95 %) | SPL | SoftSPL | P / L | collisions "
+        f"| driver | perception |{' condition |' if condition else ''} k | slope | episodes | success (95 %) | SPL "
+        "| SoftSPL | P / L | collisions "
         "| near misses | no path, safety, time, elsewhere | tilt | Abs Rel | unreachable | s / step |"
     )
     lines = [head, "|" + "---|" * (head.count("|") - 1)]
@@ -86,7 +88,8 @@ def table(results: Sequence[dict[str, Any]]) -> str:
         error = "-" if r["abs_rel"] is None else f"{r['abs_rel']:.4f}"
         failures = ", ".join(str(number) for number in r["failures"].values())
         lines.append(
-            f"| {r['driver']} | {r['perception']} | {k} | {slope}{mark} | {r['episodes']} "
+            f"| {r['driver']} | {r['perception']} {'| ' + r['cell']['condition'] + ' ' if condition else ''}"
+            f"| {k} | {slope}{mark} | {r['episodes']} "
             f"| {100 * r['success_rate']:.0f} % ({100 * low:.0f}-{100 * high:.0f}) | {r['spl']:.2f} "
             f"| {r['soft_spl']:.2f} | {detour} | {100 * r['collision_rate']:.0f} % | {100 * r['near_miss_rate']:.0f} % "
             f"| {failures} | {r['max_tilt_deg']:.0f} deg | {error} | {100 * r['unreachable_share']:.0f} % "
@@ -121,7 +124,7 @@ def looks_without_depth(records: Sequence[EpisodeRecord]) -> str:
     lines = []
     for perception in sorted({r.perception for r in records}):
         noted = [r for r in records if r.perception == perception and r.blind is not None]
-        blind, looks = sum(r.blind or 0 for r in noted), sum(r.steps + 1 for r in noted)
+        blind, looks = sum(r.blind or 0 for r in noted), sum(r.looks or r.steps + 1 for r in noted)
         if blind:
             share = f"{100 * blind / looks:.0f} %" if blind >= 0.01 * looks else "under 1 %"
             lines.append(f"\n{perception} gave no depth at all in {blind} of its {looks} looks ({share}).\n")

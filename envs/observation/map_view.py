@@ -31,11 +31,11 @@ class MapView:
         self.map.clear(pose[:2, 3])
         self.map.assume_flat(pose, CLEAR_RADIUS)
 
-    def update(self, sight: Sight, pose: np.ndarray) -> np.ndarray:
+    def update(self, sight: Sight | None, pose: np.ndarray) -> np.ndarray:
         """Take in a look from the believed pose and return the map.
 
         Args:
-            sight: The look.
+            sight: The look; None between two looks, where the map shows what is known.
             pose: (4, 4) believed pose, body to world.
 
         Returns:
@@ -45,8 +45,9 @@ class MapView:
         """
         self.map.recentre(pose[:2, 3])
         self.map.assume_under(pose, self.spec.length, self.spec.width)
-        eye = pose @ self.spec.mount.left_eye(sight.rig.baseline, sight.pan)
-        self.map.integrate(sight.depth, sight.confidence, sight.rig, eye)
+        if sight is not None:
+            eye = pose @ self.spec.mount.left_eye(sight.rig.baseline, sight.pan)
+            self.map.integrate(sight.depth, sight.confidence, sight.rig, eye)
         ground = assess(self.map, self.spec, TraversabilityConfig())
         yaw = np.arctan2(pose[1, 0], pose[0, 0])
         c, s = np.cos(yaw), np.sin(yaw)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from numbers import Integral, Real
+from typing import Any
 
 import cv2
 import numpy as np
@@ -27,6 +28,7 @@ CELL = 0.1  # [m] grid of the clearance
 STRIDE = 2  # cells of the clearance along one cell of the search for the shortest way
 SCENE_CELL = 0.1  # [m] grid of the scenes' relief
 OFF_COURSE = np.pi / 4  # [rad] largest angle between the rover's heading at the start and the goal's direction
+LEAST_WITH_DITCH = 12.0  # [m] from start to goal, so that a ditch between them leaves both clear
 REDRAWS = 50  # most draws of one course
 SIXTEEN_NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))  # and their opposites
 BESIDE = 1.5  # cells within which a place or the goal is joined to a cell by a straight line
@@ -54,6 +56,10 @@ class CourseConfig:
     """Regional slope [deg], its direction drawn; None for the scene's own."""
     sun_elevation_deg: float | None = None
     """Height of the sun [deg]; None for the scene's own."""
+    into_sun: bool = False
+    """Whether the sun stands over the goal, as seen from the start; else its direction is drawn."""
+    ditch: bool = False
+    """Whether a ditch cuts the straight way to the goal, which the rover has to drive round."""
     scene_seed: int | None = None
     """Seed of the course; None draws it from the environment's seed."""
 
@@ -64,9 +70,27 @@ class CourseConfig:
                 continue
             if isinstance(value, bool) or not isinstance(value, Real) or not low <= float(value) <= high:
                 raise ValueError(f"{name} must lie in [{low}, {high}]{unit}, got {value!r}")
+        for name in ("into_sun", "ditch"):
+            if not isinstance(getattr(self, name), bool):
+                raise ValueError(f"{name} must be True or False, got {getattr(self, name)!r}")
+        if self.ditch and self.goal_distance < LEAST_WITH_DITCH:
+            raise ValueError(f"ditch needs a goal_distance of {LEAST_WITH_DITCH:g} m or more, got {self.goal_distance}")
         seed = self.scene_seed
         if seed is not None and (isinstance(seed, bool) or not isinstance(seed, Integral) or seed < 0):
             raise ValueError(f"scene_seed must be a whole number and not negative, got {seed!r}")
+
+    def with_options(self, options: dict[str, Any]) -> CourseConfig:
+        """Return the properties of one episode's course; options: as MarsNavEnv.reset takes them.
+
+        Raises:
+            ValueError: An option is unknown or out of its range; the message names it.
+        """
+        if not isinstance(options, dict):
+            raise ValueError(f"options must be a dict, got {options!r}")
+        if unknown := options.keys() - vars(self).keys():
+            known = ", ".join(vars(self))
+            raise ValueError(f"reset option {', '.join(sorted(map(str, unknown)))} is unknown; choose from {known}")
+        return replace(self, **options)
 
 
 class TrueGround:
@@ -214,6 +238,11 @@ class Course:
     """Number of courses that were rejected before: no way led to their goal, or an end was too near to steep ground."""
 
 
+def series_seed(seed: int, number: int) -> int:
+    """Return the seed of a course; it depends on the seed of a series of courses and its number in it alone."""
+    return int(np.random.SeedSequence((seed, number)).generate_state(1)[0])
+
+
 def draw_course(base: SceneConfig, config: CourseConfig, spec: RoverSpec, rng: np.random.Generator) -> Course:
     """Draw scene, start and goal; draw again while no way leads to the goal or the ground at an end is too steep.
 
@@ -243,12 +272,16 @@ def draw_course(base: SceneConfig, config: CourseConfig, spec: RoverSpec, rng: n
             )
         scene_config = replace(base, relief=relief, rocks=rocks, look=look, size=size, cell=SCENE_CELL)
         bearing = rng.uniform(0, 2 * np.pi)
+        if config.into_sun:
+            light = replace(look, sun_azimuth_deg=(float(np.rad2deg(bearing)),) * 2)
+            scene_config = replace(scene_config, look=light)
         forward = np.array([np.cos(bearing), np.sin(bearing)])
         middle = rng.uniform(-1, 1, 2)
         start, goal = middle - forward * config.goal_distance / 2, middle + forward * config.goal_distance / 2
         yaw = bearing + rng.uniform(-OFF_COURSE, OFF_COURSE)
         clear = tuple((float(x), float(y), CLEAR_RADIUS) for x, y in (start, goal))
-        scene = build_scene(scene_config, rng, clear)
+        across = (float(start[0]), float(start[1]), float(goal[0]), float(goal[1])) if config.ditch else None
+        scene = build_scene(scene_config, rng, clear, across)
         ground = TrueGround(scene, spec, goal)
         shortest = ground.distance_to_goal(*start)
         room = min(ground.clearance(*start), ground.clearance(*goal))

@@ -13,6 +13,7 @@ from marssim.physics.state import RoverState
 from marssim.render.geometry.gbuffer import Footprint
 from marssim.render.geometry.mesh import Mesh
 from marssim.render.renderers.embree_renderer import EmbreeRenderer, MeshTracer
+from marssim.render.renderers.renderer import Renderer
 from marssim.render.sensor import Sensor
 from marssim.render.surfaces.shading import Shader
 from marssim.scene.scene import Scene
@@ -27,16 +28,16 @@ SENSOR = Sensor(exposure=0.5, psf=0.0, full_well=1e6, read_noise=0.0, vignetting
 class OutsideView:
     """A chase camera on one scene."""
 
-    def __init__(self, scene: Scene, caster: EmbreeRenderer | None = None) -> None:
+    def __init__(self, scene: Scene, shared: Renderer | None = None) -> None:
         """Make the camera.
 
         Args:
             scene: The scene.
-            caster: A EmbreeRenderer of that scene to share; None builds one.
+            shared: A renderer of that scene, which is used too if it is an EmbreeRenderer; else one is built.
         """
         self.scene = scene
-        self._own = caster is None
-        self.caster = caster or EmbreeRenderer(scene)
+        self._own = not isinstance(shared, EmbreeRenderer)
+        self.caster = shared if isinstance(shared, EmbreeRenderer) else EmbreeRenderer(scene)
         self.shader = Shader(scene)
         self._heading: float | None = None
 

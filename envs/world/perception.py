@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from envs.world.eyes import EyesConfig
 from envs.world.user_code import errors_of
 from m3depth.estimator import Estimator, EstimatorName, checked_prediction, load_estimator
 from m3depth.stereo.rows import align_rows
@@ -15,13 +16,12 @@ from marssim.base.camera import NATECAM, StereoRig
 from marssim.base.dataset.frame import StereoFrame
 from marssim.render.renderers.by_name import checked_renderer_name, make_renderer
 from marssim.render.renderers.renderer import Renderer
-from marssim.render.sensor import Sensor, SensorConfig
+from marssim.render.sensor import Sensor
 from marssim.render.stereo import render_stereo
 from marssim.render.surfaces.shading import Shader
 from marssim.scene.scene import Scene
 
 GROUND_TRUTH = "ground_truth"  # the name of the perception that reads the true depth
-GROUND_TRUTH_PIXELS = 128  # rays along a side of true depth: it needs no images, and fewer rays are enough to drive
 
 
 @dataclass(frozen=True)
@@ -83,10 +83,11 @@ class Perception:
     """Looks at one scene after the other.
 
     Attributes:
+        rig: The cameras.
         renderer_name: Name of the renderer.
         renderer: The renderer of the open scene, or None.
+        eyes: The settings of the cameras.
         estimator: The estimator; None for ground truth.
-        sensor_config: Settings from which the detector is drawn.
         disparity_noise: Standard deviation of an error added to the perceived disparity [px of a 512 px image].
         align_rows: Whether rows that lie apart are aligned first (m3depth.stereo.rows).
     """
@@ -95,7 +96,7 @@ class Perception:
         self,
         perception: str | Estimator,
         renderer: str,
-        sensor: SensorConfig | None = None,
+        eyes: EyesConfig | None = None,
         disparity_noise: float = 0.0,
         align_rows: bool = True,
         runtime: str = "auto",
@@ -105,7 +106,7 @@ class Perception:
         Args:
             perception: "ground_truth", an estimator's name or class path, or an estimator.
             renderer: Name of a renderer.
-            sensor: Settings of the detector.
+            eyes: The cameras; None for sound ones of the default size.
             disparity_noise: Standard deviation of an error added to the perceived disparity [px of a 512 px image].
             align_rows: Whether rows of the images that lie significantly apart are aligned before an estimator sees
                 them.
@@ -113,7 +114,8 @@ class Perception:
         """
         self.renderer_name = checked_renderer_name(renderer)
         self.estimator = load_perception(perception, runtime)
-        self.sensor_config = sensor or SensorConfig()
+        self.eyes = eyes or EyesConfig()
+        self.rig = self.eyes.rig
         self.disparity_noise = disparity_noise
         self.align_rows = align_rows
         self.renderer: Renderer | None = None
@@ -125,7 +127,7 @@ class Perception:
         self.renderer = make_renderer(self.renderer_name, scene)
         self._scene, self._shader = scene, None  # true depth needs no shading
         self._rng = rng
-        self._sensor = Sensor.draw(self.sensor_config, rng)
+        self._sensor = Sensor.draw(self.eyes.sensor(), rng)
         self._noise = np.random.default_rng(rng.integers(2**63)) if self.disparity_noise else rng
 
     def look(self, pose: np.ndarray, pan: float) -> Sight:
@@ -152,20 +154,20 @@ class Perception:
         if self.renderer is None:
             raise RuntimeError("open a scene before looking")
         if self.estimator is None:
-            rig = NATECAM.resized(GROUND_TRUTH_PIXELS, GROUND_TRUTH_PIXELS)
+            rig = self.eyes.ground_truth_rig
             depth = self.renderer.render(rig.camera, pose, sunlit=False).depth
             return Sight(depth, np.ones_like(depth), rig, pose, pan, true_depth=depth)
         frame = self.picture(pose)
         start = perf_counter()
-        right = align_rows(frame.left, frame.right, NATECAM)[0] if self.align_rows else frame.right
+        right = align_rows(frame.left, frame.right, self.rig)[0] if self.align_rows else frame.right
         with errors_of(self.estimator):
-            returned = self.estimator.infer(frame.left, right, NATECAM)
+            returned = self.estimator.infer(frame.left, right, self.rig)
         seconds = perf_counter() - start
         prediction = checked_prediction(self.estimator, returned, frame.left.shape[:2])
         return Sight(
             depth=prediction.depth,
             confidence=prediction.confidence,
-            rig=NATECAM,
+            rig=self.rig,
             pose=pose,
             pan=pan,
             left=frame.left,
@@ -180,7 +182,7 @@ class Perception:
         if self.renderer is None:
             raise RuntimeError("open a scene before looking")
         self._shader = self._shader or Shader(self._scene)
-        return render_stereo(self.renderer, self._shader, NATECAM, pose, self._sensor, self._rng)
+        return render_stereo(self.renderer, self._shader, self.rig, pose, self._sensor, self._rng)
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave the open scene out: a copied or unpickled perception has none."""

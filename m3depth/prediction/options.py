@@ -83,7 +83,7 @@ class PredictOptions:
     """Program that runs M3Depth: pytorch; openvino, on the CPU, with the extra `fast`; or auto, which is openvino if it
     is installed and the device is the CPU, and else pytorch."""
     nearest: float | None = None
-    """Nearest depth [m] in view, 0.01 to 1000, and 0.84 by default, for M3Depth or a class whose infer takes it. M3Depth
+    """Nearest depth [m] in view, 0.01 to 1000 and 0.84 by default, for M3Depth or a class whose infer takes it. M3Depth
     finds up to 192 px of disparity, first in reduced images where this depth has more."""
     max_pixels: int | None = None
     """Largest number of pixels of an image, above 0, that the network works on, for M3Depth or a class whose infer

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,12 @@ WIDTHS_PER_MEANDER = 11.0  # length of a meander along the channel, in channel w
 UNEVEN = 0.15  # share by which the width varies along a ditch
 FLOOR = 0.2  # least share of the width that the floor takes
 ROUND = 0.2  # [m] over which brink and foot of a wall are rounded
+# A ditch across a way: so wide and deep that a rover cannot drive through, and so short that it can drive round.
+ACROSS: dict[str, Any] = {
+    "ditch_width": (1.4, 2.5), "ditch_depth": (0.6, 1.2), "ditch_length": (8.0, 14.0), "ditch_meander_deg": (0.0, 20.0),
+}  # fmt: skip
+ACROSS_MIDDLE = (0.35, 0.65)  # share of the way after which it crosses
+ACROSS_OFF = np.pi / 6  # [rad] largest angle between it and the right angle to the way
 
 
 @dataclass(frozen=True)
@@ -79,6 +86,25 @@ def draw_ditches(
     """
     drawn = [_draw_ditch(config, far, rng) for _ in range(rng.poisson(config.ditch_density * (2 * far) ** 2))]
     return Ditches(tuple(ditch for ditch in drawn if not any(ditch.reaches(*disc) for disc in clear)))
+
+
+def draw_ditch_across(config: ReliefConfig, way: tuple[float, float, float, float], rng: np.random.Generator) -> Ditch:
+    """Draw a ditch that cuts through the middle of a straight way, and that a rover has to drive round.
+
+    Args:
+        config: Walls of the ditch; its sizes are drawn from ACROSS.
+        way: x, y of the way's start and x, y of its end [m].
+        rng: Random generator.
+    """
+    start, end = np.array(way[:2]), np.array(way[2:])
+    ditch = _draw_ditch(replace(config, **ACROSS), 0.0, rng)
+    towards = np.arctan2(*(end - start)[::-1]) + np.pi / 2 + rng.uniform(-ACROSS_OFF, ACROSS_OFF)
+    chord = ditch.line[-1] - ditch.line[0]
+    turn = towards - np.arctan2(chord[1], chord[0])
+    c, s = np.cos(turn), np.sin(turn)
+    # its middle point lies on the way, so that no bend leads past
+    line = (ditch.line - ditch.line[len(ditch.line) // 2]) @ np.array([[c, s], [-s, c]])
+    return replace(ditch, line=line + start + rng.uniform(*ACROSS_MIDDLE) * (end - start))
 
 
 def _draw_ditch(config: ReliefConfig, far: float, rng: np.random.Generator) -> Ditch:

@@ -131,7 +131,10 @@ class Scene:
 
 
 def build_scene(
-    config: SceneConfig, rng: np.random.Generator | int, clear: tuple[tuple[float, float, float], ...] = ()
+    config: SceneConfig,
+    rng: np.random.Generator | int,
+    clear: tuple[tuple[float, float, float], ...] = (),
+    ditch_across: tuple[float, float, float, float] | None = None,
 ) -> Scene:
     """Draw a Scene.
 
@@ -141,12 +144,14 @@ def build_scene(
         clear: Discs (x, y, radius) [m] that stay free of rocks with a diameter of 0.1 m and more, of bedrock, of
             ditches and of fresh craters. A rock or plate counts as the disc of its diameter, so a corner of it may
             reach into a clear disc. Smaller rocks and fragments lie there too.
+        ditch_across: x, y of the start and x, y of the end of a way [m] that one ditch more cuts, whatever
+            config.relief.ditch_density is; None for no such ditch. All else is drawn as without it.
 
     Raises:
         ValueError: The heightmap cannot be read or is too small, or the scene would have too many rocks.
     """
     terrain_rng, rock_rng, look_rng = np.random.default_rng(rng).spawn(3)
-    terrain = build_terrain(config.relief, config.size, config.cell, config.horizon, terrain_rng, clear)
+    terrain = build_terrain(config.relief, config.size, config.cell, config.horizon, terrain_rng, clear, ditch_across)
     half = terrain.fine.bounds[2]
     outcrop_rng = rock_rng.spawn(1)[0]
     traits = draw_traits(config.outcrop, outcrop_rng)

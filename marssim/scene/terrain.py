@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from scipy import fft, ndimage
 
-from marssim.scene.ditches import draw_ditches
+from marssim.scene.ditches import Ditches, draw_ditch_across, draw_ditches
 from marssim.scene.heightmap import Window, read_heightmap
 from marssim.scene.landforms import draw_craters, draw_fresh_craters, ripples
 from marssim.scene.relief import ReliefConfig, long_waves, self_affine, wavenumber
@@ -149,6 +149,7 @@ def build_terrain(
     horizon: float,
     rng: np.random.Generator,
     clear: tuple[tuple[float, float, float], ...] = (),
+    ditch_across: tuple[float, float, float, float] | None = None,
 ) -> Terrain:
     """Draw a terrain around the origin. The same state of rng gives the same terrain.
 
@@ -159,6 +160,7 @@ def build_terrain(
         horizon: Half the side of the coarse square [m].
         rng: Random generator.
         clear: Discs (x, y, radius) [m] without ditches and fresh craters.
+        ditch_across: x, y of the start and x, y of the end of a way [m] that one more ditch cuts; None for no such.
 
     Raises:
         ValueError: The sizes make no grid, or the heightmap cannot be read or does not cover the scene.
@@ -176,10 +178,13 @@ def build_terrain(
     largest = config.crater_max_diameter
     if window is not None:  # the map shows the larger ones
         largest = min(largest, CELLS_PER_CRATER * window.cell)
+    ditches = draw_ditches(config, far, clear, ditch_rng)
+    if ditch_across is not None:
+        ditches = Ditches((*ditches.ditches, draw_ditch_across(config, ditch_across, ditch_rng)))
     landforms = (
         draw_craters(config, far, largest, crater_rng),
         draw_fresh_craters(config, far, clear, fresh_rng),
-        draw_ditches(config, far, clear, ditch_rng),
+        ditches,
     )
     for landform in landforms:
         landform.add_to(fine, x, x)

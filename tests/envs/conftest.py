@@ -5,10 +5,14 @@ import numpy as np
 import pytest
 
 import envs.mars_nav
+from envs.drives.config import EvaluateConfig
+from envs.evaluate import evaluate
 from envs.mars_nav import MarsNavEnv
+from envs.suites.making import make_suite, suite_text
 from envs.world.course import Course, TrueGround
 from marssim.base.rover_spec import ZHURONG
 from marssim.scene.look import Look
+from marssim.scene.place_file import save_place
 from marssim.scene.presets import preset
 from marssim.scene.rocks.mesh import Rocks
 from marssim.scene.rocks.shapes import icosphere
@@ -63,6 +67,38 @@ def small_scene():
     """A drawn place, cheap to build: no small rocks, a near horizon."""
     config = preset("gale", size=12.0, horizon=14.0)
     return replace(config, rocks=replace(config.rocks, min_diameter=0.2))
+
+
+@pytest.fixture(scope="session")
+def small_suite(small_scene, tmp_path_factory):
+    """File of a suite with two conditions, two dev courses and one test course of 4 m on a cheap place."""
+    folder = tmp_path_factory.mktemp("suite")
+    place = folder / "place.json"
+    save_place(small_scene, place)
+    clear = {"scene": str(place), "goal_distance": 4.0, "k": 0.01, "ground_truth_pixels": 64}
+    splits = {"dev": {"seed": 5, "courses": 2}, "test": {"seed": 6, "courses": 1}}
+    content = make_suite("small-v1", splits, {"clear": clear, "rare_looks": {**clear, "look_every": 1.0}})
+    file = folder / "small-v1.json"
+    file.write_text(suite_text(content))
+    return file
+
+
+@pytest.fixture(scope="session")
+def suite_run(small_suite, tmp_path_factory):
+    """Folder of an evaluation of the dev split of small_suite by two drivers."""
+    out = tmp_path_factory.mktemp("suite_run")
+    evaluate(suite_config(small_suite, out))
+    return out
+
+
+def suite_config(suite, out, **changes):
+    settings = {"driver": ("straight", "random"), "perception": ("ground_truth",), "videos": False, **changes}
+    return EvaluateConfig(out, suite=str(suite), **settings)
+
+
+@pytest.fixture(scope="session")
+def make_suite_config():
+    return suite_config
 
 
 @pytest.fixture

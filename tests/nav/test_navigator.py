@@ -115,6 +115,14 @@ def test_a_rover_without_depth_stands_still(depth):
     assert (command.speed, command.yaw_rate, command.status) == (0.0, 0.0, "blind")
 
 
+def test_between_two_looks_the_rover_drives_on_by_its_map():
+    navigator, world = Navigator(), RockWorld()
+    eye = body_pose(0, 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline, 0.0)
+    navigator.step(world.depth(SMALL_RIG, eye), None, SMALL_RIG, body_pose(0, 0, 0), GOAL)
+    command = navigator.step(None, None, SMALL_RIG, body_pose(0.4, 0, 0), GOAL, between_looks=True)
+    assert command.status == "drive" and command.speed > 0.1
+
+
 def test_arrived_within_the_radius_and_not_before():
     navigator = Navigator()
     assert navigator.step(None, None, SMALL_RIG, body_pose(19.6, 0, 0), GOAL).status == "arrived"

@@ -9,7 +9,7 @@ from envs.drivers.driver import Stop
 from envs.drives.episodes import EpisodeRecord
 from envs.drives.maps import OUTCOME_COLOURS, WAY_COLOUR, plot_maps
 from envs.drives.metrics import FAILURES, summarise
-from envs.drives.plots import plot_success, pool_by_k
+from envs.drives.plots import plot_success, pool_by
 from envs.drives.report import (
     NO_INTERVAL,
     differences,
@@ -267,7 +267,8 @@ def test_slopes_are_pooled_for_each_k():
         {**ROW, "cell": {"k": k, "slope_deg": s}, "episodes": 10, "success_rate": rate}
         for k, s, rate in ((0.2, 0, 0.4), (0.1, 0, 1.0), (0.1, 10, 0.8))
     ]
-    assert pool_by_k(rows) == {0.1: (0.9, 10), 0.2: (0.4, 10)} and list(pool_by_k(rows)) == [0.1, 0.2]
+    pooled = pool_by(rows, "k", [0.1, 0.2, 0.3])
+    assert pooled == {0.1: (0.9, 10), 0.2: (0.4, 10)} and list(pooled) == [0.1, 0.2]
 
 
 def test_success_is_plotted_without_depth_errors_too(tmp_path):

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from marssim.scene.ditches import ROUND, SPACING, Ditch, Ditches, draw_ditches
+from marssim.scene.ditches import ROUND, SPACING, Ditch, Ditches, draw_ditch_across, draw_ditches
 from marssim.scene.relief import ReliefConfig
 from marssim.scene.terrain import build_terrain
 
@@ -122,3 +122,27 @@ def test_wide_ditches_across_the_seam_leave_no_gap():
             assert np.abs(height - terrain.coarse.smooth_heights(x, y)).max() < 1e-9
             depths.append(np.ptp(height))
     assert max(depths) > 0.5  # a ditch does cross the seam
+
+
+def test_a_ditch_across_a_way_cuts_it_in_its_middle_and_leaves_room_to_drive_round():
+    start, end = np.array([-4.0, 7.0]), np.array([10.0, -7.0])
+    along = (end - start) / np.hypot(*(end - start))
+    for seed in range(30):
+        ditch = draw_ditch_across(ReliefConfig(), (*start, *end), np.random.default_rng(seed))
+        ahead, aside = (ditch.line - start) @ along, (ditch.line - start) @ np.array([-along[1], along[0]])
+        crossing = ahead[np.abs(aside).argmin()] / np.hypot(*(end - start))
+        assert 0.34 < crossing < 0.66 and np.abs(aside).min() < SPACING
+        assert aside.max() > 2 and aside.min() < -2 and np.ptp(aside) < 14  # on both sides, and it ends
+        assert not ditch.reaches(*start, 1.2) and not ditch.reaches(*end, 1.2)
+        assert ditch.depth > 0.45
+
+
+def test_a_ditch_across_a_way_changes_nothing_else():
+    config = ReliefConfig(ditch_density=0.002)
+    plain, cut = (
+        build_terrain(config, 10.0, 0.25, 12.0, np.random.default_rng(3), (), way)
+        for way in (None, (-4.0, -4.0, 4.0, -4.0))
+    )
+    lower = plain.fine.heights - cut.fine.heights
+    assert lower.max() > 0.4
+    assert (np.abs(lower - np.median(lower)) < 1e-9).mean() > 0.5  # the origin keeps height 0

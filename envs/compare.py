@@ -1,0 +1,96 @@
+"""Check and compare results of a suite, your own and those of others.
+
+    python -m envs.compare --check their/results.json
+    python -m envs.compare out/mine out/theirs --out out/comparison
+
+All methods of all files stand in one table, compared on the episodes that all of them have driven. The first method of
+the first file is what the others are compared to.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+
+from envs.comparison.report import compare_methods, comparison_table, plot_comparison
+from envs.comparison.suite_results import SuiteResults, methods_of, read_results
+from marssim.base.command.run import run_command
+from marssim.base.command.wording import counted
+from marssim.base.files.atomic import write_atomically
+from marssim.base.files.json_file import DatasetError, write_json
+
+
+@dataclass(frozen=True)
+class CompareConfig:
+    """Check results of a suite, and compare them."""
+
+    results: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Files results.json of envs.evaluate --suite, or the folders that hold them."""
+    out: Path | None = None
+    """Folder for comparison.json, comparison.md and comparison.png. Left out: the table is only printed."""
+    track: Literal["eyes", "drivers", "both"] = "both"
+    """Methods to compare: eyes (the navigator drives, so only the perception counts), drivers (all see true depth), or
+    both (any driver with any perception)."""
+    suite: str | None = None
+    """Name or file of the suite, for one that is not in the package."""
+    check: bool = False
+    """Only check the files: that they keep to the schema, hold every episode once, and contradict neither themselves
+    nor the suite."""
+
+    def __post_init__(self) -> None:
+        if not self.results:
+            raise ValueError("name one file results.json or more")
+
+
+def compare(config: CompareConfig) -> list[dict[str, Any]]:
+    """Compare the methods of the files, and return the rows of the table.
+
+    Raises:
+        DatasetError: A file cannot be true, or two are of different suites or splits.
+        ValueError: No method is on the track, or the methods have no episode in common.
+    """
+    files = _checked(config)
+    for file in files[1:]:
+        if (file.suite, file.split) != (files[0].suite, files[0].split):
+            raise DatasetError(
+                f"{file.path}: is of {file.suite}, {file.split}, and {files[0].path} of {files[0].suite}, "
+                f"{files[0].split}"
+            )
+    methods = methods_of(files, config.track)
+    if not methods:
+        raise ValueError(f"no method of these files is on the track {config.track}")
+    rows = compare_methods(methods)
+    if config.out is not None:
+        head = f"Suite {files[0].suite}, split {files[0].split}, track {config.track}.\n\n"
+        content = {"suite": files[0].suite, "split": files[0].split, "track": config.track, "rows": rows}
+        write_json(config.out / "comparison.json", content)
+        write_atomically(config.out / "comparison.md", (head + comparison_table(rows)).encode())
+        plot_comparison(config.out / "comparison.png", rows)
+    return rows
+
+
+def _checked(config: CompareConfig) -> list[SuiteResults]:
+    return [read_results(path, config.suite) for path in config.results]
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the command and return the exit code."""
+    return run_command(_work, CompareConfig, "python -m envs.compare", __doc__, args)
+
+
+def _work(config: CompareConfig) -> None:
+    if not config.check:
+        print(comparison_table(compare(config)), end="")
+        return
+    for file in _checked(config):
+        methods = "; ".join(", ".join(method) for method in file.scores)
+        print(f"{file.path}: {counted(len(file.episodes), 'episode')} of {file.suite}, {file.split}: {methods}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Results of a suite by several laboratories: a schema, a check, and a comparison with paired intervals."""

@@ -1,0 +1,128 @@
+"""Join the results of the shards of an evaluation, which envs.evaluate --shard wrote.
+
+    python -m envs.evaluate --suite marsnav-v1 --shard 1/2 --out out/first
+    python -m envs.evaluate --suite marsnav-v1 --shard 2/2 --out out/second
+    python -m envs.join out/first out/second --out out/all
+
+The results are those of one evaluation without --shard. Nothing is driven and no network is loaded. Shards that are
+only half driven join too, as long as no episode is missing.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from envs.drives.config import EvaluateConfig
+from envs.drives.resume import RUNTIME, WEIGHTS
+from envs.evaluate import SETTINGS, write_results
+from envs.world.eyes import EyesConfig
+from marssim.base.command.run import run_command
+from marssim.base.command.wording import counted
+from marssim.base.files.json_file import DatasetError, as_json, read_json
+from marssim.base.results.claim import PARTIAL, ResultFolder, differences
+
+NOTES = (WEIGHTS, RUNTIME)
+METHODS = ("driver", "perception")  # settings that may differ from shard to shard
+OF_SHARD = ("out", "shard", "workers", "scheduler", "runtime", "scores", "videos", "film_courses")
+
+
+@dataclass(frozen=True)
+class JoinConfig:
+    """Join the results of shards in one folder."""
+
+    shards: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Folders of the shards."""
+    out: Path
+    """Folder for the joined results."""
+
+    def __post_init__(self) -> None:
+        if not self.shards:
+            raise ValueError("name the folders of one shard or more")
+
+
+def join(config: JoinConfig) -> dict[str, Any]:
+    """Copy the shards' records into one folder, write its report, and return the content of its results.json.
+
+    Raises:
+        DatasetError: A folder is no evaluation, the settings, weights or runtimes of two differ, or episodes are
+            missing. One line that names them.
+        FolderInUse: Another command writes to --out.
+    """
+    marks = [read_json(folder / SETTINGS) for folder in config.shards]
+    contents = [read_json(folder / "results.json") for folder in config.shards]
+    first = config.shards[0]
+    for folder, mark, content in zip(config.shards[1:], marks[1:], contents[1:], strict=True):
+        for one, other in ((marks[0], mark), (contents[0]["config"], content["config"])):
+            if other_settings := differences(_shared(one), _shared(other)):
+                raise DatasetError(f"{folder}: has other settings than {first} ({other_settings[0]})")
+    weights, runtime = _merged([mark.get(WEIGHTS, {}) for mark in marks], config.shards), None
+    for folder, mark in zip(config.shards, marks, strict=True):
+        if None not in (runtime, mark.get(RUNTIME)) and runtime != mark[RUNTIME]:
+            raise DatasetError(f"{folder}: M3Depth ran in {mark[RUNTIME]}, and in {runtime} in another shard")
+        runtime = runtime or mark.get(RUNTIME)
+    joined = _evaluation(contents, config.out)
+    results = ResultFolder(
+        config.out, "evaluation", SETTINGS, joined.content(), notes=NOTES, partial=(f"**/{PARTIAL}",)
+    )
+    if unlike := differences(_shared(marks[0]), as_json(joined.content())):
+        raise DatasetError(f"{first / SETTINGS}: does not belong to its results.json ({unlike[0]})")
+    with results.claim():
+        episodes = config.out / "episodes"
+        episodes.mkdir(exist_ok=True)
+        for folder in config.shards:
+            for record in sorted((folder / "episodes").glob("*.json")):
+                shutil.copyfile(record, episodes / record.name)
+        if missing := [task for task in joined.tasks if not (episodes / task.file).is_file()]:
+            number = counted(len(missing), "episode")
+            raise DatasetError(f"{number} of {len(joined.tasks)} are in none of the shards, as {missing[0].file}")
+        results.note(**{WEIGHTS: weights, RUNTIME: runtime})
+        return write_results(joined, {WEIGHTS: weights, RUNTIME: runtime}, {})[0]
+
+
+def _shared(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings that all shards of an evaluation have in common."""
+    return {key: value for key, value in settings.items() if key not in (*NOTES, *METHODS, *OF_SHARD)}
+
+
+def _merged(parts: Sequence[Mapping[str, str]], folders: Sequence[Path]) -> dict[str, str]:
+    """Return the digests of all shards. Raises DatasetError where a name has two."""
+    out: dict[str, str] = {}
+    for part, folder in zip(parts, folders, strict=True):
+        for name, digest in part.items():
+            if out.setdefault(name, digest) != digest:
+                raise DatasetError(f"{folder}: {name} has other weights or code than in another shard")
+    return out
+
+
+def _evaluation(contents: Sequence[Mapping[str, Any]], out: Path) -> EvaluateConfig:
+    """Return the settings of the whole evaluation, from the results.json of its shards."""
+    settings = dict(contents[0]["config"])
+    for name in METHODS:  # in the order of their first shard
+        settings[name] = list(dict.fromkeys(value for content in contents for value in content["config"][name]))
+    plain = EvaluateConfig(out, videos=False)
+    known = {field.name for field in fields(EvaluateConfig)} - {*OF_SHARD, "eyes"}
+    values: dict[str, Any] = {key: value for key, value in settings.items() if key in known}
+    values = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
+    return replace(plain, eyes=EyesConfig(**settings["eyes"]), **values)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the command and return the exit code."""
+    return run_command(_work, JoinConfig, "python -m envs.join", __doc__, args)
+
+
+def _work(config: JoinConfig) -> None:
+    content = join(config)
+    drives = counted(sum(row["episodes"] for row in content["results"]), "drive")
+    print(f"{drives} of {counted(len(config.shards), 'shard')} in {config.out / 'results.json'}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,111 @@
+"""Make a suite of episodes: draw its courses, and note what is to be recognised of each.
+
+    python -m envs.make_suite --name mine-v1 --courses 20 --out mine-v1.json
+    python -m envs.make_suite --held-out marsnav-v1 --passphrase-file secret.txt
+    python -m envs.make_suite --held-out marsnav-v1 --passphrase-file secret.txt --published DIGEST --out held_out.json
+
+The first command makes a suite with the splits dev and test. The second prints the digest of a passphrase, to publish
+before a challenge. The third draws the courses of the held-out split, which nobody could know before.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from envs.suites.conditions import CONDITIONS, condition_values
+from envs.suites.held_out import SPLIT, held_out_seed, published_digest
+from envs.suites.making import SEEDS, make_suite, suite_conditions, suite_text
+from envs.suites.suite import load_suite
+from marssim.base.command.limits import check_least
+from marssim.base.command.progress import progress
+from marssim.base.command.run import run_command
+from marssim.base.files.atomic import write_atomically
+
+
+@dataclass(frozen=True)
+class MakeSuiteConfig:
+    """Draw the courses of a suite and write them to a file."""
+
+    out: Path | None = None
+    """JSON file of the suite. A file that exists is not replaced."""
+    name: str = "marsnav-v1"
+    """Name of the new suite, with its version."""
+    courses: int = 20
+    """Number of courses in each split and condition, 1 or more."""
+    condition: tuple[str, ...] = tuple(CONDITIONS)
+    """Conditions of the new suite."""
+    held_out: str | None = None
+    """Suite, by name or file, whose conditions a held-out split takes over. Needs --passphrase-file."""
+    passphrase_file: Path | None = None
+    """Text file with the passphrase that the held-out courses follow from. Without --published, the command prints the
+    passphrase's digest, which is to be published first, and draws nothing."""
+    published: str | None = None
+    """The digest that was published. The passphrase must be that of the digest."""
+
+    def __post_init__(self) -> None:
+        check_least(self, courses=1)
+        for name in self.condition:
+            condition_values(name)  # raises ValueError for an unknown name
+        if (self.held_out is None) != (self.passphrase_file is None):
+            raise ValueError("--held-out and --passphrase-file need each other")
+        if self.published is not None and self.held_out is None:
+            raise ValueError("--published needs --held-out")
+        if self.out is None and (self.held_out is None or self.published is not None):
+            raise ValueError("--out must name the file of the suite")
+
+
+def write_suite(config: MakeSuiteConfig) -> Path:
+    """Draw a suite and write its file.
+
+    Returns:
+        The file.
+
+    Raises:
+        DatasetError: The suite of --held-out cannot be read.
+        ValueError: The file exists, or the passphrase is not that of the digest.
+    """
+    assert config.out is not None
+    if config.out.exists():
+        raise ValueError(f"--out {config.out}: exists; a suite that others may have driven does not change")
+    splits: dict[str, dict[str, int]]
+    drive: dict[str, Any] = {}
+    if config.held_out is None:
+        name, splits = config.name, {split: {"seed": seed, "courses": config.courses} for split, seed in SEEDS.items()}
+        conditions = {key: values for key, values in suite_conditions().items() if key in config.condition}
+    else:
+        suite = load_suite(config.held_out)
+        seed = held_out_seed(suite.name, _passphrase(config), config.published or "")
+        name, splits = f"{suite.name}-held-out", {SPLIT: {"seed": seed, "courses": config.courses}}
+        conditions, drive = dict(suite.conditions), {"drive": suite.drive}
+    number = config.courses * len(splits) * len(conditions)
+    with progress(number, "course", "draw") as bar:
+        content = make_suite(name, splits, conditions, **drive, advance=bar.update)
+    write_atomically(config.out, suite_text(content).encode())
+    return config.out
+
+
+def _passphrase(config: MakeSuiteConfig) -> str:
+    assert config.passphrase_file is not None
+    return config.passphrase_file.read_text().strip()
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the command and return the exit code."""
+    return run_command(_work, MakeSuiteConfig, "python -m envs.make_suite", __doc__, args)
+
+
+def _work(config: MakeSuiteConfig) -> None:
+    if config.held_out is not None and config.published is None:
+        print(published_digest(load_suite(config.held_out).name, _passphrase(config)))
+        return
+    file = write_suite(config)
+    suite = load_suite(str(file))
+    print(f"{len(suite.episodes)} episodes in {file}, SHA-256 {suite.sha256}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,180 @@
+"""A suite: a versioned list of episodes that everyone drives over the same ground.
+
+A suite is one JSON file:
+
+    suite         its name, with its version
+    format        1, the version of this layout
+    made_with     the release of the simulator that built its scenes
+    drive         dynamics, renderer, align_rows and slip of every drive
+    splits        by name: the seed of its courses, and how many there are
+    conditions    by name: the values under which it is driven (envs.suites.conditions)
+    episodes      one for each split, condition and course: the seed of the scene, start [x m, y m, yaw rad], goal [x m,
+                  y m], length of the shortest way [m], and the two digests of the scene (envs.suites.digest)
+
+Courses of one number have the same seed under all conditions. The splits "dev" and "test" share no seed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from envs.suites.conditions import Values, condition_values, under
+from envs.suites.digest import scene_digests
+from envs.world.course import Course, CourseConfig, draw_course
+from envs.world.eyes import EyesConfig
+from marssim.base.files.json_file import DatasetError, read_json
+from marssim.base.rover_spec import ZHURONG
+from marssim.scene.presets import PRESETS, preset
+
+FORMAT = 1
+FOLDER = Path(__file__).parent  # of the suites in the package
+KEYS = ("suite", "format", "made_with", "drive", "splits", "conditions", "episodes")
+DRIVE_KEYS = ("dynamics", "renderer", "align_rows", "slip")
+EPISODE_KEYS = ("split", "condition", "course", "seed", "start", "goal", "shortest", "scene")
+SAME_PLACE = 2e-3  # [m], [rad] by which start and goal may differ
+SAME_WAY = 0.02  # [m] by which the shortest way may differ
+
+
+@dataclass(frozen=True)
+class Suite:
+    """The content of a suite's file."""
+
+    name: str
+    """Its name, with its version."""
+    sha256: str
+    """SHA-256 of the file."""
+    made_with: str
+    """Release of the simulator that built its scenes."""
+    drive: Mapping[str, Any]
+    """Settings of every drive, by DRIVE_KEYS."""
+    splits: Mapping[str, Mapping[str, int]]
+    """Seed and number of courses by the split's name."""
+    conditions: Mapping[str, Values]
+    """Values by the condition's name."""
+    episodes: Mapping[tuple[str, str, int], Mapping[str, Any]]
+    """Values of an episode, by EPISODE_KEYS, by its split, condition and course."""
+
+    def check_split(self, split: str) -> None:
+        """Raise ValueError that names --split if the suite has no such split."""
+        if split not in self.splits:
+            raise ValueError(f"`split` {split!r} is unknown; suite {self.name} has {', '.join(self.splits)}")
+
+    def check_scene(self, split: str, condition: str, number: int, course: Course) -> None:
+        """Compare a course that the simulator built with that of the suite.
+
+        Args:
+            split: Name of the split.
+            condition: Name of the condition.
+            number: Number of the course.
+            course: The course that was built.
+
+        Raises:
+            DatasetError: They differ. One line that says in what.
+        """
+        episode = self.episodes[split, condition, number]
+        built = episode_values(course)
+        if differing := [name for name in ("start", "goal", "shortest", "scene") if not _same(name, built, episode)]:
+            raise DatasetError(
+                f"suite {self.name}: this simulator builds another course {number} of {split}, {condition} "
+                f"({', '.join(differing)} differ); drive it with release {self.made_with}, or take a newer suite"
+            )
+
+
+def load_suite(name: str) -> Suite:
+    """Read a suite.
+
+    Args:
+        name: Name of a suite in the package, or path of a JSON file.
+
+    Raises:
+        DatasetError: There is no such suite, or its file is none. One line that names the file and the field.
+    """
+    path = Path(name) if name.endswith(".json") else FOLDER / f"{name}.json"
+    if not name.endswith(".json") and not path.is_file():
+        known = ", ".join(sorted(file.stem for file in FOLDER.glob("*-v*.json"))) or "none yet"
+        raise DatasetError(f"`suite` {name!r} is unknown; the package has {known}, or give the path of a JSON file")
+    try:
+        stamp = path.stat().st_mtime_ns
+    except OSError:
+        raise DatasetError(f"suite {path}: no such file") from None
+    return _read(path, stamp)
+
+
+def suite_note(name: str, split: str) -> dict[str, str]:
+    """Return suite and split as a result folder notes them."""
+    suite = load_suite(name)
+    return {"suite": suite.name, "suite_sha256": suite.sha256, "split": split}
+
+
+def build_course(values: Values, seed: int) -> Course:
+    """Build the course of an episode.
+
+    Args:
+        values: Of the condition.
+        seed: Of the scene.
+    """
+    scene, config, _ = under({**values, "scene_seed": seed}, preset(PRESETS[0]), CourseConfig(), EyesConfig())
+    return draw_course(scene, config, ZHURONG, np.random.default_rng(seed))
+
+
+def episode_values(course: Course) -> dict[str, Any]:
+    """Return what a suite holds of a course: start, goal, shortest and scene."""
+    return {
+        "start": [round(float(value), 3) for value in course.start],
+        "goal": [round(float(value), 3) for value in course.goal],
+        "shortest": round(course.shortest, 3),
+        "scene": list(scene_digests(course.scene)),
+    }
+
+
+def _same(name: str, built: Mapping[str, Any], episode: Mapping[str, Any]) -> bool:
+    if name == "scene":
+        return any(a == b for a, b in zip(built["scene"], episode["scene"], strict=True))
+    most = SAME_WAY if name == "shortest" else SAME_PLACE
+    return bool(np.abs(np.subtract(built[name], episode[name])).max() <= most)
+
+
+@lru_cache(maxsize=4)
+def _read(path: Path, stamp: int) -> Suite:
+    """Read a suite's file; stamp: its time of change, so that a changed file is read again."""
+    content = read_json(path)
+    _check_keys(f"suite {path}", content, KEYS)
+    if content["format"] != FORMAT:
+        raise DatasetError(f"suite {path}: format must be {FORMAT}, got {content['format']!r:.40}")
+    _check_keys(f"suite {path}: drive", content["drive"], DRIVE_KEYS)
+    for name, values in content["conditions"].items():
+        try:
+            condition_values(values)
+        except ValueError as error:
+            raise DatasetError(f"suite {path}: conditions, {name}: {error}") from None
+    episodes = {}
+    for n, episode in enumerate(content["episodes"]):
+        _check_keys(f"suite {path}: episode {n}", episode, EPISODE_KEYS)
+        episodes[episode["split"], episode["condition"], episode["course"]] = episode
+    for split, values in content["splits"].items():
+        _check_keys(f"suite {path}: split {split}", values, ("seed", "courses"))
+        for condition in content["conditions"]:
+            for course in range(values["courses"]):
+                if (split, condition, course) not in episodes:
+                    raise DatasetError(f"suite {path}: course {course} of {split}, {condition}, is missing")
+    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+    return Suite(
+        content["suite"], sha256, content["made_with"], content["drive"], content["splits"], content["conditions"],
+        episodes,
+    )  # fmt: skip
+
+
+def _check_keys(where: str, content: Any, keys: tuple[str, ...]) -> None:
+    """Raise DatasetError unless content is an object with exactly these keys."""
+    if not isinstance(content, dict):
+        raise DatasetError(f"{where}: must be an object, got {content!r:.40}")
+    if wrong := sorted(set(keys) ^ set(content)):
+        what = "is missing" if wrong[0] in keys else "is unknown"
+        raise DatasetError(f"{where}: {wrong[0]} {what}")

@@ -1,0 +1,37 @@
+"""Checks of MarsNavEnv's arguments; a message names the argument."""
+
+from __future__ import annotations
+
+from numbers import Real
+from pathlib import Path
+
+from marssim.scene.place_file import load_place
+from marssim.scene.scene import SceneConfig
+
+ERROR_LIMITS = {"disparity_noise": 10, "drift": 1, "yaw_drift_deg": 45}  # largest values of these arguments
+
+
+def check_errors(errors: dict[str, float]) -> None:
+    """Raise ValueError that names the standard deviation of an error that is out of ERROR_LIMITS."""
+    for name, value in errors.items():
+        most = ERROR_LIMITS[name]
+        if isinstance(value, bool) or not isinstance(value, Real) or not 0 <= float(value) <= most:
+            raise ValueError(f"{name} must lie in [0, {most}], got {value!r}")
+
+
+def check_flags(flags: dict[str, bool]) -> None:
+    """Raise ValueError that names a flag that is neither True nor False."""
+    for name, flag in flags.items():
+        if not isinstance(flag, bool):
+            raise ValueError(f"{name} must be True or False, got {flag!r}")
+
+
+def known_scene(scene: str | Path | SceneConfig) -> SceneConfig:
+    """Return the settings of a place: a preset's name, a JSON file of a place, or settings, which are returned.
+
+    Raises:
+        ValueError: If it is none of them.
+    """
+    if not isinstance(scene, str | Path | SceneConfig):
+        raise ValueError(f"scene must be a preset's name, a JSON file of a place or a SceneConfig, got {scene!r}")
+    return scene if isinstance(scene, SceneConfig) else load_place(scene)

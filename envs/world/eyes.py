@@ -1,0 +1,66 @@
+"""The rover's eyes: how many pixels they have, what is wrong with them, and how often they look."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from numbers import Integral, Real
+
+from marssim.base.camera import NATECAM, StereoRig
+from marssim.render.sensor import LOSSLESS, SensorConfig
+from marssim.render.temperature import MOST_KELVIN, at_temperature
+
+# least and largest value of each setting, and its unit
+EYES_LIMITS = {
+    "image_pixels": (64, 2048, " px"),
+    "ground_truth_pixels": (16, 2048, " px"),
+    "lens_dust": (0, 0.8, ""),
+    "temperature": (-MOST_KELVIN, MOST_KELVIN, " K"),
+    "jpeg_quality": (1, LOSSLESS, ""),
+    "look_every": (0, 100, " m"),
+}
+
+
+@dataclass(frozen=True)
+class EyesConfig:
+    """NaTeCam on a drive. All images show the same view, whatever their size."""
+
+    image_pixels: int = 512
+    """Width and height of the images that the perception sees [px], 64 to 2048."""
+    ground_truth_pixels: int = 128
+    """Width and height of the depth that ground_truth reads [px], 16 to 2048. The default is enough to drive and fast;
+    to compare it with other perceptions, give it as many as --image-pixels."""
+    lens_dust: float = 0.0
+    """Share of the light that dust on the windows of the cameras takes away, 0 to 0.8. Each camera has specks of its
+    own, which stay for the drive, and a veil."""
+    temperature: float = 0.0
+    """How much warmer the cameras are than when they were calibrated [K], -100 to 100: their rig bends. At 50 K the
+    rows of the images are 0.7 px apart and the eyes converge by 0.5 px, at 512 px, and the right one is 10 percent
+    brighter."""
+    jpeg_quality: float = LOSSLESS
+    """Quality of the JPEG that the perception sees the images after, 1 to 100; 100 does not compress them."""
+    look_every: float = 0.0
+    """Way after which the rover looks again [m], 0 to 100. It also looks whenever it stands still. 0 looks after every
+    step, which is 0.4 m at most."""
+
+    def __post_init__(self) -> None:
+        for name, (low, high, unit) in EYES_LIMITS.items():
+            value, kind = getattr(self, name), Integral if unit == " px" else Real
+            if isinstance(value, bool) or not isinstance(value, kind) or not low <= float(value) <= high:
+                whole = "be a whole number" if kind is Integral else "lie"
+                raise ValueError(f"{name} must {whole} in [{low:g}, {high:g}]{unit}, got {value!r}")
+
+    @property
+    def rig(self) -> StereoRig:
+        """The cameras at the size of their images."""
+        n = self.image_pixels
+        return NATECAM if n == NATECAM.camera.width else NATECAM.resized(n, n)
+
+    @property
+    def ground_truth_rig(self) -> StereoRig:
+        """The cameras at the size of the depth that the ground truth reads."""
+        return NATECAM.resized(self.ground_truth_pixels, self.ground_truth_pixels)
+
+    def sensor(self) -> SensorConfig:
+        """Return the ranges from which a drive draws its two detectors."""
+        sensor = SensorConfig(dust=(self.lens_dust,) * 2, jpeg_quality=(self.jpeg_quality,) * 2)
+        return at_temperature(sensor, self.temperature, self.rig)

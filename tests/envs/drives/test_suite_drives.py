@@ -1,0 +1,68 @@
+import json
+
+import pytest
+
+from envs.drives.config import EvaluateConfig
+from envs.drives.suite_drives import values_of, with_suite
+from envs.evaluate import evaluate, main
+from marssim.base.files.json_file import DatasetError
+
+
+def test_a_suite_fixes_courses_and_conditions(small_suite, make_suite_config, tmp_path):
+    config = with_suite(make_suite_config(small_suite, tmp_path))
+    assert (config.seed, config.episodes, config.dynamics) == (5, 2, "kinematic")
+    assert [cell.name for cell in config.cells] == ["condition=clear", "condition=rare_looks"]
+    assert len(config.tasks) == 8
+    assert values_of(config, config.cells[1])["look_every"] == 1.0
+    assert with_suite(make_suite_config(small_suite, tmp_path, split="test", condition=("clear",))).episodes == 1
+
+
+def test_the_results_of_a_suite_hold_every_episode(suite_run):
+    content = json.loads((suite_run / "results.json").read_text())
+    assert content["suite"]["name"] == "small-v1" and content["suite"]["split"] == "dev"
+    keys = {(e["condition"], e["course"], e["driver"]) for e in content["episodes"]}
+    assert len(keys) == len(content["episodes"]) == 8
+    for episode in content["episodes"]:
+        rare = episode["condition"] == "rare_looks"
+        assert (episode["looks"] < episode["steps"] + 1) == rare
+        assert episode["success"] == (episode["outcome"] == "goal")
+    assert [row["cell"]["condition"] for row in content["results"]] == ["clear", "clear", "rare_looks", "rare_looks"]
+    page = (suite_run / "results.md").read_text()
+    assert "| straight | ground_truth | rare_looks |" in page and "--suite small-v1" in page
+
+
+def test_a_simulator_that_builds_another_scene_stops_the_evaluation(small_suite, make_suite_config, tmp_path):
+    content = small_suite.read_text()
+    seeds = [episode["seed"] for episode in json.loads(content)["episodes"]]
+    changed = tmp_path / "changed-v1.json"
+    changed.write_text(content.replace('"seed": 5,', '"seed": 7,'))
+    assert 7 not in seeds
+    with pytest.raises(DatasetError, match="suite small-v1: this simulator builds another course 0 of dev, clear"):
+        evaluate(make_suite_config(changed, tmp_path / "out", driver=("straight",), condition=("clear",), episodes=1))
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (["--k", "0.1"], "--k: small-v1 fixes it; leave it out with --suite"),
+        (["--lens-dust", "0.1"], "--lens-dust: small-v1 fixes it"), (["--seed", "1"], "--seed: small-v1 fixes it"),
+        (["--split", "train"], "--split 'train' is unknown; suite small-v1 has dev, test"),
+        (["--condition", "claer"], "--condition 'claer' is unknown (did you mean clear?); small-v1 has clear, rare"),
+        (["--episodes", "3"], "--episodes must be at most 2, as many as small-v1 has, got 3"),
+        (["--shard", "3/2"], "--shard must be I/N, as 2/8 for the second part of eight, got '3/2'"),
+        (["--shard", "1"], "--shard must be I/N"),
+    ],
+)  # fmt: skip
+def test_what_a_suite_fixes_is_refused_in_one_line(small_suite, tmp_path, capsys, flags, message):
+    code = main(["--suite", str(small_suite), "--perception", "ground_truth", "--out", str(tmp_path / "out"), *flags])
+    error = capsys.readouterr().err
+    assert code == 2 and message in error and error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_conditions_are_driven_without_a_suite_too(tmp_path):
+    config = with_suite(EvaluateConfig(tmp_path, condition=("storm", "rare_looks"), k=(0.1,)))
+    assert [cell.name for cell in config.cells] == [
+        "condition=storm, k=0.1, slope=preset", "condition=rare_looks, k=0.1, slope=preset"
+    ]  # fmt: skip
+    assert values_of(config, config.cells[0]) == {"optical_depth": 3.0}

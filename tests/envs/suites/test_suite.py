@@ -1,0 +1,94 @@
+import json
+
+import numpy as np
+import pytest
+
+from envs.suites.making import make_suite, suite_conditions, suite_text
+from envs.suites.suite import build_course, episode_values, load_suite
+from marssim.base.files.json_file import DatasetError
+
+
+@pytest.fixture(scope="module")
+def suite(small_suite):
+    return load_suite(str(small_suite))
+
+
+def test_a_suite_names_every_episode(suite):
+    assert suite.name == "small-v1" and set(suite.conditions) == {"clear", "rare_looks"}
+    assert sorted(suite.episodes) == [
+        *[("dev", condition, n) for condition in ("clear", "rare_looks") for n in (0, 1)],
+        ("test", "clear", 0), ("test", "rare_looks", 0),
+    ]  # fmt: skip
+    seeds = {key[::2]: episode["seed"] for key, episode in suite.episodes.items()}
+    assert len(set(seeds.values())) == 3  # the same under both conditions, and no split shares one
+    episode = suite.episodes["dev", "clear", 0]
+    assert np.hypot(*np.subtract(episode["goal"], episode["start"][:2])) == pytest.approx(4, abs=0.01)
+    assert episode["shortest"] >= 3.99
+
+
+def test_the_course_of_an_episode_is_that_of_the_suite(suite):
+    course = build_course(suite.conditions["clear"], suite.episodes["dev", "clear", 1]["seed"])
+    suite.check_scene("dev", "clear", 1, course)
+    with pytest.raises(
+        DatasetError, match=r"builds another course 0 of dev, clear .start, goal, shortest, scene differ"
+    ):
+        suite.check_scene("dev", "clear", 0, course)
+    assert episode_values(course)["scene"] == suite.episodes["dev", "rare_looks", 1]["scene"]
+
+
+def test_a_simulator_that_builds_another_scene_is_noticed(suite):
+    values = {**suite.conditions["clear"], "k": 0.05}
+    course = build_course(values, suite.episodes["dev", "clear", 0]["seed"])
+    with pytest.raises(DatasetError, match=r"^suite small-v1: .*scene differ.*; drive it with release "):
+        suite.check_scene("dev", "clear", 0, course)
+
+
+def test_a_suite_is_made_the_same_again(suite, small_suite):
+    splits = {"dev": dict(suite.splits["dev"])}
+    content = make_suite(suite.name, splits, {"clear": suite.conditions["clear"]}, suite.drive)
+    written = json.loads(small_suite.read_text())["episodes"]
+    assert content["episodes"] == [e for e in written if (e["split"], e["condition"]) == ("dev", "clear")]
+
+
+def test_the_suite_of_the_package_is_that_of_its_conditions_and_builds_its_scenes():
+    suite = load_suite("marsnav-v1")
+    assert suite.conditions == suite_conditions() and {name: v["courses"] for name, v in suite.splits.items()} == {
+        "dev": 20, "test": 20
+    }  # fmt: skip
+    for condition, course in (("storm", 0), ("ditch", 1)):
+        seed = suite.episodes["dev", condition, course]["seed"]
+        suite.check_scene("dev", condition, course, build_course(suite.conditions[condition], seed))
+
+
+def test_true_depth_has_the_pixels_of_the_eyes():
+    conditions = suite_conditions()
+    for name, values in conditions.items():
+        assert values["ground_truth_pixels"] == values.get("image_pixels", 512), name
+    assert conditions["half_pixels"]["image_pixels"] == 256 and len(conditions) >= 12
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda c: c.pop("drive"), "drive is missing"), (lambda c: c.update(more=1), "more is unknown"),
+        (lambda c: c.update(format=2), "format must be 1, got 2"),
+        (lambda c: c["conditions"]["clear"].update(dust=1), "conditions, clear: condition: value 'dust' is unknown"),
+        (lambda c: c["episodes"].pop(), "course 0 of test, rare_looks, is missing"),
+        (lambda c: c["episodes"][3].pop("seed"), "episode 3: seed is missing"),
+        (lambda c: c["splits"].update(dev=3), "split dev: must be an object, got 3"),
+    ],
+)  # fmt: skip
+def test_a_file_that_is_no_suite_is_refused_by_name(small_suite, tmp_path, change, message):
+    content = json.loads(small_suite.read_text())
+    change(content)
+    file = tmp_path / "bad.json"
+    file.write_text(suite_text(content))
+    with pytest.raises(DatasetError, match=f"^suite {file}.*{message}"):
+        load_suite(str(file))
+
+
+def test_an_unknown_suite_is_refused(tmp_path):
+    with pytest.raises(DatasetError, match=r"^`suite` 'marsnav-v9' is unknown; the package has "):
+        load_suite("marsnav-v9")
+    with pytest.raises(DatasetError, match="no such file"):
+        load_suite(str(tmp_path / "none.json"))

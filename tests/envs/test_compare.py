@@ -1,0 +1,97 @@
+import json
+import shutil
+
+import pytest
+
+from envs.compare import CompareConfig, compare, main
+from marssim.base.files.json_file import DatasetError
+
+
+@pytest.fixture
+def edited(suite_run, tmp_path):
+    """Returns a copy of the results after a change of their content."""
+
+    def edit(change, name="theirs"):
+        content = json.loads((suite_run / "results.json").read_text())
+        change(content)
+        path = tmp_path / name / "results.json"
+        path.parent.mkdir()
+        path.write_text(json.dumps(content))
+        return path
+
+    return edit
+
+
+def test_results_that_hold_are_described(suite_run, small_suite, capsys):
+    assert main([str(suite_run), "--check", "--suite", str(small_suite)]) == 0
+    assert "8 episodes of small-v1, dev: straight, ground_truth; random, ground_truth" in capsys.readouterr().out
+
+
+def broken(key, value):
+    return lambda content: content["episodes"][0].update({key: value})
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (broken("spl", "high"), "episodes[0].spl must be of type number, got 'high'"),
+        (broken("spl", 1.5), "episodes[0].spl must be at most 1, got 1.5"),
+        (broken("outcome", "won"), "episodes[0].outcome must be one of goal, collision"),
+        (broken("shortest", 9.0), "clear, course 0: shortest must be "), (broken("course", 7), "has no such episode"),
+        (broken("spl", 0.123), "spl must be "),
+        (lambda c: c["episodes"].append(c["episodes"][0]), "clear, course 0, is there twice"),
+        (lambda c: c["episodes"][0].update(success=not c["episodes"][0]["success"]), "success must not be "),
+        (lambda c: c["episodes"].pop(), "1 episode is missing, as rare_looks, course 1"),
+        (lambda c: c.pop("suite"), "the file has no suite"), (lambda c: c["episodes"].clear(), "holds no episode"),
+        (lambda c: c["suite"].update(sha256="0"), "is of small-v1 with another content than small-v1 here"),
+        (lambda c: c["suite"].update(split="x"), "suite.split 'x' is none of dev, test"),
+    ],
+)  # fmt: skip
+def test_results_that_cannot_be_true_are_refused_in_one_line(edited, small_suite, capsys, change, message):
+    path = edited(change)
+    assert main([str(path), "--check", "--suite", str(small_suite)]) == 2
+    error = capsys.readouterr().err
+    assert str(path) in error and message in error and error.count("\n") == 1
+
+
+def test_an_arrival_needs_the_way_to_the_goal(edited, small_suite):
+    def jump(content):
+        content["episodes"][0].update(outcome="goal", success=True, path_length=1.0, spl=1.0)
+
+    with pytest.raises(DatasetError, match=r"path_length must be at least 2.95 m for an arrival, got 1"):
+        compare(CompareConfig((edited(jump),), suite=str(small_suite), check=True))
+
+
+def test_methods_of_several_files_are_compared_by_course(suite_run, edited, small_suite, tmp_path, capsys):
+    def arrive(content):
+        for episode in content["episodes"]:
+            way = max(episode["path_length"], episode["shortest"])
+            episode.update(outcome="goal", success=True, path_length=way, spl=episode["shortest"] / way)
+            episode["perception"] = "theirs"
+
+    theirs = edited(arrive)
+    out = tmp_path / "out"
+    config = CompareConfig((suite_run, theirs), out=out, suite=str(small_suite))
+    rows = compare(config)
+    assert [row["condition"] for row in rows] == [name for name in ("clear", "rare_looks", "all") for _ in range(4)]
+    overall = {row["method"]: row for row in rows if row["condition"] == "all"}
+    assert list(overall) == ["straight, ground_truth", "random, ground_truth", "straight, theirs", "random, theirs"]
+    first, best = overall["straight, ground_truth"], overall["straight, theirs"]
+    assert first["less"] is None and best["success_rate"] == 1.0 and best["episodes"] == 4
+    assert best["less"]["difference"] == pytest.approx(1 - first["success_rate"])
+    assert {file.name for file in out.iterdir()} == {"comparison.json", "comparison.md", "comparison.png"}
+    page = (out / "comparison.md").read_text()
+    assert "| all | random, theirs | 4 | 100 % |" in page and "Suite small-v1, split dev, track both" in page
+    methods = {row["method"] for row in compare(CompareConfig((theirs, suite_run), None, "drivers", str(small_suite)))}
+    assert methods == {"straight, ground_truth", "random, ground_truth"}
+    assert main([str(suite_run), "--track", "eyes", "--suite", str(small_suite)]) == 2
+    assert "no method of these files is on the track eyes" in capsys.readouterr().err
+
+
+def test_one_method_in_two_files_keeps_apart(suite_run, small_suite, tmp_path):
+    twin = shutil.copytree(suite_run, tmp_path / "twin")
+    rows = compare(CompareConfig((suite_run, twin), suite=str(small_suite)))
+    assert [row["method"] for row in rows[:4]] == [
+        f"{driver}, ground_truth ({folder.name})" for folder in (suite_run, twin) for driver in ("straight", "random")
+    ]
+    assert rows[2]["less"]["difference"] == 0

@@ -1,0 +1,55 @@
+import json
+import shutil
+
+import pytest
+
+from envs.evaluate import evaluate
+from envs.join import JoinConfig, join, main
+from marssim.base.files.json_file import DatasetError
+
+VARYING = ("step_seconds", "perception_seconds", "config", "versions", "shard")
+
+
+def without_times(value):
+    if isinstance(value, dict):
+        return {k: without_times(v) for k, v in value.items() if k not in VARYING}
+    return [without_times(v) for v in value] if isinstance(value, list) else value
+
+
+@pytest.fixture(scope="module")
+def shards(small_suite, make_suite_config, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("shards")
+    for part in (1, 2):
+        evaluate(make_suite_config(small_suite, folder / str(part), shard=f"{part}/2"))
+    return folder / "1", folder / "2"
+
+
+def test_joined_shards_are_the_evaluation_without_shards(shards, suite_run, tmp_path):
+    joined = join(JoinConfig(shards, tmp_path / "all"))
+    whole = json.loads((suite_run / "results.json").read_text())
+    assert without_times(json.loads((tmp_path / "all" / "results.json").read_text())) == without_times(whole)
+    assert joined["suite"]["shard"] is None
+    assert [len(json.loads((s / "results.json").read_text())["episodes"]) for s in shards] == [4, 4]
+
+
+def test_missing_episodes_are_counted(shards, tmp_path, capsys):
+    assert main([str(shards[0]), "--out", str(tmp_path / "all")]) == 2
+    assert "4 episodes of 8 are in none of the shards, as straight-ground_truth" in capsys.readouterr().err
+
+
+def test_shards_of_other_settings_are_refused(shards, tmp_path):
+    other = shutil.copytree(shards[1], tmp_path / "other")
+    mark = json.loads((other / "evaluate.json").read_text())
+    (other / "evaluate.json").write_text(json.dumps({**mark, "seed": 8}))
+    with pytest.raises(DatasetError, match=f"^{other}: has other settings than {shards[0]} .seed 5, not 8"):
+        join(JoinConfig((shards[0], other), tmp_path / "all"))
+    (other / "evaluate.json").write_text(json.dumps({**mark, "weights": {"straight": "a"}}))
+    first = shutil.copytree(shards[0], tmp_path / "first")
+    (first / "evaluate.json").write_text(json.dumps({**mark, "weights": {"straight": "b"}}))
+    with pytest.raises(DatasetError, match=f"^{other}: straight has other weights or code than in another shard"):
+        join(JoinConfig((first, other), tmp_path / "all"))
+
+
+def test_a_folder_that_is_no_evaluation_is_named(tmp_path):
+    with pytest.raises(DatasetError, match=r"evaluate.json: no such file"):
+        join(JoinConfig((tmp_path,), tmp_path / "all"))

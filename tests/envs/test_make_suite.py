@@ -1,0 +1,68 @@
+import json
+
+import pytest
+
+import envs.make_suite
+from envs.make_suite import main
+from envs.suites.held_out import published_digest
+from envs.suites.suite import load_suite
+
+SECRET = "correct horse battery staple"
+
+
+@pytest.fixture
+def passphrase(tmp_path):
+    path = tmp_path / "secret.txt"
+    path.write_text(SECRET + "\n")
+    return str(path)
+
+
+def test_a_held_out_split_is_drawn_from_its_passphrase(small_suite, passphrase, tmp_path, capsys):
+    held_out = ["--held-out", str(small_suite), "--passphrase-file", passphrase]
+    assert main(held_out) == 0
+    digest = capsys.readouterr().out.strip()
+    assert digest == published_digest("small-v1", SECRET)
+    out = tmp_path / "held_out.json"
+    draw = [*held_out, "--courses", "1", "--out", str(out), "--published"]
+    assert main([*draw, "0" * 64]) == 2 and not out.exists()
+    assert "--published must be the digest of this passphrase for small-v1" in capsys.readouterr().err
+    assert main([*draw, digest]) == 0
+    drawn, suite = load_suite(str(out)), load_suite(str(small_suite))
+    assert drawn.name == "small-v1-held-out" and set(drawn.splits) == {"held_out"}
+    assert drawn.conditions == suite.conditions and drawn.drive == suite.drive
+    seeds = {episode["seed"] for episode in drawn.episodes.values()}
+    assert len(seeds) == 1 and not seeds & {episode["seed"] for episode in suite.episodes.values()}
+
+
+def test_a_suite_is_never_replaced(tmp_path, capsys):
+    out = tmp_path / "mine-v1.json"
+    out.write_text("{}")
+    assert main(["--out", str(out), "--name", "mine-v1"]) == 2
+    assert f"--out {out}: exists" in capsys.readouterr().err and out.read_text() == "{}"
+
+
+def test_a_new_suite_has_the_conditions_asked_for(tmp_path, monkeypatch):
+    calls = []
+    monkeypatch.setattr(envs.make_suite, "make_suite", lambda *a, **k: calls.append(a) or {"suite": a[0]})
+    monkeypatch.setattr(envs.make_suite, "load_suite", lambda name: pytest.fail("not needed"))
+    file = envs.make_suite.write_suite(
+        envs.make_suite.MakeSuiteConfig(tmp_path / "a.json", "mine-v1", courses=3, condition=("clear", "storm"))
+    )
+    ((name, splits, conditions),) = calls
+    assert name == "mine-v1" and list(conditions) == ["clear", "storm"]
+    assert {split: values["courses"] for split, values in splits.items()} == {"dev": 3, "test": 3}
+    assert json.loads(file.read_text()) == {"suite": "mine-v1"}
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        ([], "--out must name the file"), (["--held-out", "a"], "--held-out and --passphrase-file need each other"),
+        (["--published", "a", "--out", "b"], "--published needs --held-out"),
+        (["--out", "b", "--courses", "0"], "--courses must be at least 1"),
+        (["--out", "b", "--condition", "strom"], "--condition 'strom' is unknown (did you mean storm?)"),
+    ],
+)  # fmt: skip
+def test_flags_that_do_not_fit_are_refused(flags, message, capsys):
+    assert main(flags) == 2
+    assert message in capsys.readouterr().err

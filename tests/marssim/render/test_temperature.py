@@ -1,0 +1,36 @@
+import numpy as np
+import pytest
+
+from marssim.base.camera import NATECAM
+from marssim.render.sensor import Sensor, SensorConfig
+from marssim.render.temperature import at_temperature
+
+IDEAL = SensorConfig(vertical_offset=(0, 0), rotation_deg=(0, 0), gain_difference=(0, 0))
+
+
+def draw(kelvin, rig=NATECAM):
+    return Sensor.draw(at_temperature(IDEAL, kelvin, rig), np.random.default_rng(0))
+
+
+def test_fifty_kelvin_turn_the_right_camera_and_change_its_gain():
+    warm = draw(50.0)
+    assert warm.vertical_offset == pytest.approx(0.7, rel=1e-3)
+    assert warm.horizontal_offset == pytest.approx(0.5, rel=1e-3)
+    assert warm.gain_difference == pytest.approx(0.10)
+    x, y, z = warm.right_rotation(NATECAM.camera).T @ [0, 0, 1]  # where the middle of the image moves to
+    assert (NATECAM.camera.fx * x / z, NATECAM.camera.fy * y / z) == pytest.approx((0.5, 0.7), rel=1e-2)
+
+
+def test_a_colder_rig_bends_the_other_way_and_a_smaller_image_by_fewer_pixels():
+    cold, small = draw(-50.0), draw(50.0, NATECAM.resized(256, 256))
+    assert (cold.vertical_offset, cold.horizontal_offset) == pytest.approx((-0.7, -0.5), rel=1e-3)
+    assert (small.vertical_offset, small.horizontal_offset) == pytest.approx((0.35, 0.25), rel=1e-3)
+
+
+def test_the_temperature_of_calibration_changes_nothing():
+    assert at_temperature(SensorConfig(), 0.0, NATECAM) == SensorConfig()
+
+
+def test_a_temperature_beyond_the_limits_is_refused():
+    with pytest.raises(ValueError, match=r"temperature must lie in \[-100, 100\] K, got 101"):
+        at_temperature(SensorConfig(), 101, NATECAM)
