@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 import tyro
 
 from m3depth.datasets.config import DataConfig
+from m3depth.kinds.config import PresetName
 from m3depth.training.augmentation import AugmentConfig
 from m3depth.training.loss_config import LossConfig
 
@@ -28,8 +29,10 @@ class TrainConfig:
     """Folder of the run, for its checkpoint, weights, log, curves and image panels."""
     reader: Annotated[DataConfig, tyro.conf.arg(name="")] = field(default_factory=DataConfig)
     """Settings of the dataset reader."""
-    preset: Literal["lite", "paper"] = "lite"
-    """Size of the network: lite runs on a CPU, paper has the sizes of the paper's tables."""
+    preset: PresetName = "lite"
+    """Network: lite is M3Depth for a CPU, paper has the sizes of the paper's tables. The others are methods that it is
+    compared with, at a width for a CPU and, with -published, at the published one.
+    """
     network: Path | None = None
     """JSON file with the sizes of the network, such as weights.json beside any weights.
     It replaces --preset.
