@@ -16,8 +16,9 @@ from marssim.base.command.input_file import check_file
 NetworkConfig = M3DepthConfig | RivalConfig
 
 PresetName = Literal[
-    "lite", "paper", "raft-stereo", "raft-stereo-published", "selective-stereo", "selective-stereo-published",
-    "hit-net", "hit-net-published", "cre-stereo", "cre-stereo-published", "light-stereo", "light-stereo-published",
+    "lite", "paper", "paper-thin", "raft-stereo", "raft-stereo-published", "selective-stereo",
+    "selective-stereo-published", "hit-net", "hit-net-published", "cre-stereo", "cre-stereo-published", "light-stereo",
+    "light-stereo-published",
 ]  # fmt: skip
 """The presets of m3depth.train: those of network/config.py and of rivals/config.py."""
 

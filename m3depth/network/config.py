@@ -1,8 +1,8 @@
-"""Every size and switch of the network, and its two presets."""
+"""Every size and switch of the network, and its presets."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, ClassVar
 
 from m3depth.weights.config_json import checked_fields
@@ -206,4 +206,19 @@ Where the paper cannot be built as printed, or leaves a size open, this is done 
 10. Both presets share the loss, the optimizer and the rates of m3depth.train.
 """
 
-PRESETS = {"lite": LITE, "paper": PAPER}
+PAPER_THIN = replace(
+    PAPER,
+    channels=LITE.channels,
+    groups=LITE.groups,
+    volume_width=LITE.volume_width,
+    output_head=0,
+    normal_widths=LITE.normal_widths,
+    hidden=LITE.hidden,
+    motion=LITE.motion,
+)
+"""The paper's parts alone at the widths of `lite`, which a CPU can train: no lookup and no correction at 1/2, three
+wavelet levels, five iterations. Beside the widths, it leaves out the output head, with which SNNet works at full size:
+soft argmin and SNNet stay at 1/8.
+"""
+
+PRESETS = {"lite": LITE, "paper": PAPER, "paper-thin": PAPER_THIN}

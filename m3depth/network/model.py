@@ -76,7 +76,7 @@ class M3Depth(StereoNetwork):
         """Make a new network with random weights.
 
         Args:
-            name: "lite" or "paper".
+            name: "lite", "paper" or "paper-thin".
 
         Raises:
             ValueError: There is no such preset.

@@ -30,8 +30,9 @@ class TrainConfig:
     reader: Annotated[DataConfig, tyro.conf.arg(name="")] = field(default_factory=DataConfig)
     """Settings of the dataset reader."""
     preset: PresetName = "lite"
-    """Network: lite is M3Depth for a CPU, paper has the sizes of the paper's tables. The others are methods that it is
-    compared with, at a width for a CPU and, with -published, at the published one.
+    """Network: lite is M3Depth for a CPU, paper has the sizes of the paper's tables, paper-thin its parts at the widths
+    of lite. The others are methods that it is compared with, at a width for a CPU and, with -published, at the
+    published one.
     """
     network: Path | None = None
     """JSON file with the sizes of the network, such as weights.json beside any weights.
@@ -61,7 +62,7 @@ class TrainConfig:
     """Precision of the network in training; auto is bf16 where the device computes in it, else fp32."""
     crop: tuple[int, int] = (256, 448)
     """Height and width of the crops [px], multiples of 8.
-    Multiples of 32 (64 with --preset paper) need no padding.
+    Multiples of 32 (64 with --preset paper, paper-thin and hit-net) need no padding.
     """
     lr: float = 8e-4
     """Highest learning rate. With --init, use a quarter of it or less."""
