@@ -47,7 +47,8 @@ class DisplacementOutput(SequenceOutput):
 
     def cropped(self, height: int, width: int) -> DisplacementOutput:
         """Cut the maps to an image of height x width [px]."""
-        return replace(self, **{k: [x[..., :height, :width] for x in getattr(self, k)] for k in ("maps", "rows")})
+        maps, rows = ([x[..., :height, :width] for x in each] for each in (self.maps, self.rows))
+        return replace(self, maps=maps, rows=rows)
 
     def terms(self, truth: Truth) -> dict[str, Tensor]:
         """Return the losses of both components, whose sum is their mean absolute error, by the maps' weights."""

@@ -188,7 +188,7 @@ class UNet(nn.Module):
 
     def forward(self, images: Tensor) -> list[Tensor]:
         """Return features (B, widths[n], H / 2^n, W / 2^n) for n = 0, ... 4."""
-        found = []
+        found: list[Tensor] = []
         for down in self.down:
             images = down(found[-1] if found else images)
             found.append(images)

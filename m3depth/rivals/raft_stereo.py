@@ -65,10 +65,11 @@ class ContextEncoder(nn.Module):
         """Return states and contexts, (B, hidden, H / 4 / 2^n, W / 4 / 2^n) for n = 0, 1, 2."""
         x = self.trunk(left)
         states, contexts = [], []
-        for scale, (state, context) in enumerate(self.outputs):  # type: ignore[misc]
+        for scale, heads in enumerate(self.outputs):
+            assert isinstance(heads, nn.ModuleList)
             x = x if scale == 0 else self.coarser[scale - 1](x)
-            states.append(torch.tanh(state(x)))
-            contexts.append(F.relu(context(x)))
+            states.append(torch.tanh(heads[0](x)))
+            contexts.append(F.relu(heads[1](x)))
         return states, contexts
 
 
@@ -164,7 +165,8 @@ class RaftStereo(Rival):
         """Return the disparity after each step in training, after the last one otherwise."""
         c, call = self.config, self.call
         matched = call(self.features, torch.cat([left, right])).float()  # (2 B, features, H / 4, W / 4)
-        lookup = CorrelationLookup(*matched.chunk(2), c.lookup_radius, c.lookup_levels)
+        match_left, match_right = matched.chunk(2)
+        lookup = CorrelationLookup(match_left, match_right, c.lookup_radius, c.lookup_levels)
         states, contexts = call(self.context, left)
         gates = [gate(context) for gate, context in zip(self.gates, contexts, strict=True)]
         cells = torch.zeros_like(matched[: len(left), :1])

@@ -46,8 +46,8 @@ class Rival(StereoNetwork):
         height, width = left.shape[-2:]
         # With the channels last, as batches come, PyTorch 2's backward pass through the context encoder of RAFT-Stereo
         # wrote beyond its memory, and ended the process.
-        images = (2 * padded(x, self.MULTIPLE).contiguous() - 1 for x in (left, right))
-        return self.estimate(*images, camera.float()).cropped(height, width)
+        left, right = (2 * padded(x, self.MULTIPLE).contiguous() - 1 for x in (left, right))
+        return self.estimate(left, right, camera.float()).cropped(height, width)
 
     def estimate(self, left: Tensor, right: Tensor, camera: Tensor) -> TrainedOutput:
         """Return the maps of a batch.

@@ -142,7 +142,8 @@ class SelectiveStereo(Rival):
         """Return the disparity after each step in training, after the last one otherwise."""
         c, call = self.config, self.call
         matched = call(self.features, torch.cat([left, right])).float()  # (2 B, features, H / 4, W / 4)
-        lookup = CorrelationLookup(*matched.chunk(2), c.lookup_radius, c.lookup_levels)
+        match_left, match_right = matched.chunk(2)
+        lookup = CorrelationLookup(match_left, match_right, c.lookup_radius, c.lookup_levels)
         states, contexts = call(self.context, left)
         contexts = [self.channels(x) * x for x in contexts]
         attention = [self.pixels(x) for x in contexts]
