@@ -16,6 +16,7 @@ from typing import Literal, Protocol, get_args, runtime_checkable
 import numpy as np
 
 from m3depth.runtimes.choice import check_runtime, chosen_runtime
+from m3depth.stereo.filling import filled_prediction
 from m3depth.stereo.prediction import Prediction
 from m3depth.weights import SHIPPED_WEIGHTS, check_weights_file, named_by
 from marssim.base.camera import StereoRig
@@ -28,6 +29,7 @@ M3DEPTH = "m3depth"
 Classical = Literal["sgbm", "sgbm-hh", "ssd", "sad", "ncc", "ssd-sgm", "sad-sgm", "ncc-sgm"]
 CLASSICAL: tuple[Classical, ...] = get_args(Classical)
 FORMS = (M3DEPTH, "sgbm", "m3depth:WEIGHTS", "package.module:Class", *CLASSICAL[1:])  # every name that is understood
+FILL = ",fill"  # after a name: unknown pixels are filled
 CONFIDENCE_LIMITS = (-1e-3, 1 + 1e-3)  # that rounding may reach
 
 
@@ -50,6 +52,27 @@ class Estimator(Protocol):
         ...
 
 
+class FilledEstimator:
+    """An estimator whose unknown pixels are filled from the background, as those of the classical methods are.
+
+    Args:
+        estimator: The estimator.
+    """
+
+    def __init__(self, estimator: Estimator) -> None:
+        self.estimator = estimator
+        self.normals_are_fitted = getattr(estimator, "normals_are_fitted", False)
+
+    def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
+        """Return the estimator's maps, filled; arguments as of Estimator.infer.
+
+        Raises:
+            EstimatorError: The estimator returned something other than a Prediction of the images' size.
+        """
+        returned = self.estimator.infer(left, right, rig)
+        return filled_prediction(checked_prediction(self.estimator, returned, left.shape[:2]), rig)
+
+
 class EstimatorError(ValueError):
     """A method returned something other than a Prediction of the images' size; the one-line message names its class."""
 
@@ -59,18 +82,27 @@ class EstimatorName:
     """The name of a stereo method, as every command takes it.
 
     Attributes:
-        name: "m3depth" (the shipped weights), "m3depth:PATH" (other weights), one of CLASSICAL, or
+        name: "m3depth" (the shipped weights), "m3depth:PATH" (other weights of m3depth.train, of any network that it
+            trains), one of CLASSICAL, or
             "package.module:Class" (a class without arguments that has infer).
         given_label: What tables call the method instead of its default label; None for the default.
+        fill: Whether unknown pixels are to be filled from the background, as those of the classical methods are.
     """
 
     name: str
     given_label: str | None = None
+    fill: bool = False
+
+    @property
+    def form(self) -> str:
+        """The name, with ",fill" after it where unknown pixels are filled."""
+        return f"{self.name}{FILL}" if self.fill else self.name
 
     @classmethod
     def parse(
-        cls, text: str, role: str = "estimator", others: Sequence[str] = (), labelled: bool = False
-    ) -> EstimatorName:
+        cls, text: str, role: str = "estimator", others: Sequence[str] = (), labelled: bool = False,
+        fillable: bool = False,
+    ) -> EstimatorName:  # fmt: skip
         """Read a name.
 
         Args:
@@ -78,12 +110,15 @@ class EstimatorName:
             role: What the caller calls it, for the message: a flag or an argument.
             others: Names that the caller alone understands, for the message.
             labelled: Whether a label may precede the name.
+            fillable: Whether ",fill" may follow the name.
 
         Raises:
             ValueError: The name has none of these forms.
         """
         before, equals, after = text.partition("=")
         label, name = (before, after) if labelled and equals and ":" not in before else (None, text)
+        fill = fillable and name.endswith(FILL)
+        name = name.removesuffix(FILL) if fill else name
         first, _, second = name.partition(":")
         if label == "" or not (name in (M3DEPTH, *CLASSICAL) or (first and second)):
             forms = ", ".join((*others, *FORMS))
@@ -91,11 +126,11 @@ class EstimatorName:
             names = (*others, M3DEPTH, *CLASSICAL)
             similar = "" if label == "" or ":" in name else did_you_mean(name, names)
             raise ValueError(f"{role} {text!r} is unknown{similar}; choose from {forms}{put_before}")
-        return cls(name, label)
+        return cls(name, label, fill)
 
     @property
     def weights(self) -> Path | None:
-        """The file of M3Depth's weights; None for other methods."""
+        """The file of weights of M3Depth, or of another network that m3depth.train trained; None for other methods."""
         first, _, path = self.name.partition(":")
         return (Path(path) if path else SHIPPED_WEIGHTS) if first == M3DEPTH else None
 
@@ -192,7 +227,7 @@ def load_estimator(
         return spec
     name = EstimatorName.parse(spec, role, others)
     if name.weights is not None:
-        return _load_m3depth(name.weights, role, device, runtime)
+        return _load_weights(name.weights, role, device, runtime)
     if name.name in ("sgbm", "sgbm-hh"):
         from m3depth.stereo.classical import SGBM
 
@@ -241,14 +276,15 @@ def checked_prediction(estimator: Estimator, result: object, size: tuple[int, in
     return replace(result, **{name: m.astype(np.float32, copy=False) for name, m in maps.items() if m is not None})
 
 
-def _load_m3depth(weights: Path, role: str, device: str, runtime: str) -> Estimator:
+def _load_weights(weights: Path, role: str, device: str, runtime: str) -> Estimator:
     chosen = chosen_runtime(runtime, device)
     with named_by(role):
         check_weights_file(weights)  # before torch is imported
+        from m3depth.kinds.networks import load_network
         from m3depth.network.model import M3Depth
 
-        model = M3Depth.from_pretrained(weights)
-    if chosen == "openvino":
+        model = load_network(weights)
+    if chosen == "openvino" and isinstance(model, M3Depth):
         from m3depth.runtimes.openvino_network import OpenVinoM3Depth
 
         return OpenVinoM3Depth(model)

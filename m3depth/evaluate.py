@@ -40,8 +40,10 @@ from m3depth.estimator import (
     CLASSICAL,
     M3DEPTH,
     Classical,
+    Estimator,
     EstimatorError,
     EstimatorName,
+    FilledEstimator,
     distinct_labels,
     load_estimator,
 )
@@ -86,10 +88,10 @@ class EvaluateOptions:
     along eight, which is slower and more accurate on level ground; ssd, sad and ncc take the window with the least
     squared or absolute difference, or the highest correlation; ssd-sgm, sad-sgm and ncc-sgm sum these costs along eight
     paths first. all scores every classical method; none scores no classical method."""
-    estimator: Annotated[tuple[str, ...], tyro.conf.arg(metavar="[NAME=]ESTIMATOR ...")] = ()
+    estimator: Annotated[tuple[str, ...], tyro.conf.arg(metavar="[NAME=]ESTIMATOR[,fill] ...")] = ()
     """Further methods to score: package.module:Class, a class without arguments that has infer(left, right, rig);
     m3depth (the shipped weights), m3depth:PATH (other weights), or a classical method by its name in --baselines.
-    NAME= before it names its column."""
+    NAME= before it names its column. ",fill" after it fills unknown pixels from the background."""
     predictions: Annotated[tuple[str, ...], tyro.conf.arg(metavar=f"{FORM} ...")] = ()
     """Folders of maps that other programs wrote, each scored in a column NAME. The maps hold disparity [px], or depth
     [m] with ",depth". ",scale=S" says that they hold S times that (-1 for RAFT-Stereo and Pandora); without it, S is 1,
@@ -142,17 +144,29 @@ def named_estimators(options: EvaluateOptions) -> dict[str, tuple[str, Estimator
     flags = {EstimatorName(text): flag_name for flag_name, text in reversed(texts)}
     names = list(dict.fromkeys(EstimatorName(text) for _, text in texts))
     for text in options.estimator:
-        name = EstimatorName.parse(text, "--estimator", labelled=True)
+        name = EstimatorName.parse(text, "--estimator", labelled=True, fillable=True)
         if name not in flags:
             flags[name] = "--estimator"
             names.append(name)
     columns: dict[str, tuple[str, EstimatorName]] = {}
     for label, name in zip(distinct_labels(names), names, strict=True):
         if label in columns or label in RESERVED:
-            hint = "" if name.given_label else f"; write --estimator NAME={name.name}"
-            raise ValueError(f"{flags[name]} {name.name}: the name {label!r} is taken, choose another{hint}")
+            hint = "" if name.given_label else f"; write --estimator NAME={name.form}"
+            raise ValueError(f"{flags[name]} {name.form}: the name {label!r} is taken, choose another{hint}")
         columns[label] = flags[name], name
     return columns
+
+
+def loaded(name: EstimatorName, flag_name: str, options: EvaluateOptions) -> Estimator:
+    """Load an estimator, which fills unknown pixels where its name says so.
+
+    Args:
+        name: Its name.
+        flag_name: The flag that gave the name, for the message.
+        options: Hold the device and the runtime.
+    """
+    estimator = load_estimator(name.name, flag_name, device=options.device, runtime=options.runtime)
+    return FilledEstimator(estimator) if name.fill else estimator
 
 
 def prepare(options: EvaluateOptions) -> tuple[StereoPairs, dict[str, Method]]:
@@ -170,8 +184,7 @@ def prepare(options: EvaluateOptions) -> tuple[StereoPairs, dict[str, Method]]:
     estimators = named_estimators(options)
     result_folder(options).check()
     methods: dict[str, Method] = {
-        label: load_estimator(name.name, flag_name, device=options.device, runtime=options.runtime)
-        for label, (flag_name, name) in estimators.items()
+        label: loaded(name, flag_name, options) for label, (flag_name, name) in estimators.items()
     }
     for text in options.predictions:
         try:
@@ -201,7 +214,7 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
     """
     degradation = None if options.degrade is None else Degradation.parse(options.degrade)
     columns = named_estimators(options)
-    estimators = {label: {"name": name.name, "sha256": name.digest()} for label, (_, name) in columns.items()}
+    estimators = {label: {"name": name.form, "sha256": name.digest()} for label, (_, name) in columns.items()}
     from m3depth.network.device import chosen_device
 
     runtime = recorded_runtime([name.name for _, name in columns.values()], options.runtime, options.device)

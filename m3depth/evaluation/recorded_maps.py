@@ -30,7 +30,7 @@ import numpy as np
 
 from m3depth.datasets.image_files import decode_image
 from m3depth.datasets.maps import PNG_UNIT
-from m3depth.stereo.classical import fill_background
+from m3depth.stereo.filling import fill_background
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import StereoRig
 from marssim.base.files.npy import read_npy

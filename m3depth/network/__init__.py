@@ -12,5 +12,5 @@
 
 config.py holds every size and the presets `lite` and `paper`, geometry.py the formulas on tensors, device.py the choice
 of processor and precision, checkpointing.py a way to save memory, row_bands.py one to
-save time on large maps, and weights_file.py the weights on disk.
+save time on large maps, and stereo_network.py what M3Depth shares with the other networks that train here.
 """

@@ -1,13 +1,11 @@
-"""Every size and switch of the network, and its two presets."""
+"""Every size and switch of the network, and its presets."""
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass, fields
-from pathlib import Path
-from typing import Any
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any, ClassVar
 
-from marssim.base.command.input_file import check_file
+from m3depth.weights.config_json import checked_fields
 
 # Fields that may be 0, which leaves out the part that they size.
 OPTIONAL = frozenset(
@@ -30,6 +28,8 @@ class M3DepthConfig:
     Raises:
         ValueError: A size that no network can have; the message names the field.
     """
+
+    KIND: ClassVar[str] = "m3depth"
 
     channels: tuple[int, int, int] = (16, 48, 96)
     """Feature widths at 1/2, 1/4 and 1/8 of the image's size."""
@@ -126,6 +126,10 @@ class M3DepthConfig:
         """Channels at 1/8 that the refinement gets: the features and the aggregation's context."""
         return self.channels[2] + self.residual_width
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form, which names no kind: files from before there were other networks have none."""
+        return asdict(self)
+
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> M3DepthConfig:
         """Read the JSON form. Fields that it lacks are those of `lite`, without the parts that older networks lack.
@@ -136,40 +140,11 @@ class M3DepthConfig:
         Raises:
             ValueError: A field is unknown or malformed; the message names it.
         """
-        defaults: dict[str, Any] = {f.name: f.default for f in fields(cls)}
-        values: dict[str, Any] = {"fine_width": 0}  # weights of the first networks lack the field and the part
-        for name, value in data.items():
-            if name not in defaults:
-                raise ValueError(f"network config: unknown field {name!r}")
-            kind = bool if isinstance(defaults[name], bool) else int
-            size = len(defaults[name]) if isinstance(defaults[name], tuple) else None
-            numbers = value if size and isinstance(value, list | tuple) else [value]
-            if len(numbers) != (size or 1) or not all(type(n) is kind and 0 <= n <= 4096 for n in numbers):
-                raise ValueError(f"network config: field {name!r} has the value {value!r}")
-            values[name] = tuple(numbers) if size else value
+        # weights of the first networks lack the field fine_width and the part
+        values = {"fine_width": 0, **checked_fields(cls, data)}
         if values.get("refine_steps") == 0 and "convex_upsampling" not in data:
             values |= PLAIN_UPSAMPLING
         return cls(**values)
-
-
-def read_config(path: Path) -> M3DepthConfig:
-    """Read the config in a JSON file, as save_weights writes it beside weights; see from_dict for missing fields.
-
-    Raises:
-        FileNotFoundError: There is no such file.
-        ValueError: The file holds no config of a network. The message, one line, names the file.
-    """
-    check_file(path)
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:  # no JSON, no text, or nested too deeply for the reader
-        raise ValueError(f"{path}: not readable as JSON ({error})") from None
-    if not isinstance(data, dict):
-        raise ValueError(f"{path}: holds no JSON object")
-    try:
-        return M3DepthConfig.from_dict(data)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 PLAIN_UPSAMPLING: dict[str, Any] = {"refine_steps": 0, "lookup_levels": 0, "convex_upsampling": False, "fine_width": 0}
@@ -231,4 +206,19 @@ Where the paper cannot be built as printed, or leaves a size open, this is done 
 10. Both presets share the loss, the optimizer and the rates of m3depth.train.
 """
 
-PRESETS = {"lite": LITE, "paper": PAPER}
+PAPER_THIN = replace(
+    PAPER,
+    channels=LITE.channels,
+    groups=LITE.groups,
+    volume_width=LITE.volume_width,
+    output_head=0,
+    normal_widths=LITE.normal_widths,
+    hidden=LITE.hidden,
+    motion=LITE.motion,
+)
+"""The paper's parts alone at the widths of `lite`, which a CPU can train: no lookup and no correction at 1/2, three
+wavelet levels, five iterations. Beside the widths, it leaves out the output head, with which SNNet works at full size:
+soft argmin and SNNet stay at 1/8.
+"""
+
+PRESETS = {"lite": LITE, "paper": PAPER, "paper-thin": PAPER_THIN}

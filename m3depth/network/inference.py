@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import cv2
 import numpy as np
@@ -11,9 +12,9 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from m3depth.network.config import FARTHEST_STEP, M3DepthConfig
+from m3depth.network.config import FARTHEST_STEP
 from m3depth.network.geometry import MIN_DISPARITY, disparity_to_depth, facing_normals, pixel_rays
-from m3depth.network.output import VOLUME_STEP, Start, StereoOutput
+from m3depth.network.output import Maps, Start
 from m3depth.network.row_bands import by_rows
 from m3depth.stereo.pairs import NEAREST, checked_pair, in_colour
 from m3depth.stereo.prediction import Prediction
@@ -24,19 +25,20 @@ LEAST_GAIN = 1.2  # factor from which the refinement goes on at a larger size
 SAME = 1.01  # factor up to which two sizes are one
 ROUNDING = 1e-6  # of the number of sizes, which is that of whole steps
 
-Forward = Callable[[Tensor, Tensor, Tensor, Start | None], StereoOutput]
-"""A way to run the network: it takes and returns what M3Depth.forward does."""
+Forward = Callable[[Tensor, Tensor, Tensor, Start | None], Any]
+"""A way to run a network: it takes and returns what its forward does, Maps; a Start only where the network goes on."""
 
 
 def infer_pair(
-    forward: Forward, config: M3DepthConfig, device: torch.device, left: np.ndarray, right: np.ndarray,
+    forward: Forward, reach: float, goes_on: bool, device: torch.device, left: np.ndarray, right: np.ndarray,
     rig: StereoRig, nearest: float | None = None, max_pixels: int | None = None,
 ) -> Prediction:  # fmt: skip
-    """Run the network on a pair, from coarse to fine, and return its maps; M3Depth.infer describes the result.
+    """Run a network on a pair, from coarse to fine, and return its maps; StereoNetwork.infer describes the result.
 
     Args:
         forward: Runs the network.
-        config: The sizes of the network.
+        reach: Disparity at which the network's search ends [px].
+        goes_on: Whether the network goes on at the images' own size where a reduced pair ended.
         device: Where `forward` takes its tensors.
         left: (H, W) or (H, W, 3) uint8, RGB.
         right: The right image, of the same shape.
@@ -53,9 +55,9 @@ def infer_pair(
         raise ValueError(f"max_pixels must be positive, got {max_pixels}")
     left, right = map(in_colour, checked_pair(left, right, rig))
     height, width = left.shape[:2]
-    reach, nearest = VOLUME_STEP * config.hypotheses, NEAREST if nearest is None else nearest
-    out: StereoOutput | None = None
-    for rows, columns in working_sizes(rig, reach, nearest, max_pixels, config.refines):
+    nearest = NEAREST if nearest is None else nearest
+    out: Any = None
+    for rows, columns in working_sizes(rig, reach, nearest, max_pixels, goes_on):
         work, pair = rig, [left, right]
         if (rows, columns) != (height, width):
             work = rig.resized(columns, rows)
@@ -63,7 +65,6 @@ def infer_pair(
         images = torch.from_numpy(np.stack(pair)).to(device).permute(0, 3, 1, 2).float() / 255
         start = None if out is None else out.start(rows, columns)
         out = forward(images[:1], images[1:], camera_row(work, device), start)
-    assert out is not None
     return prediction_of(out, rig)
 
 
@@ -92,15 +93,19 @@ def working_sizes(
     return [(max(1, round(height * scale)), max(1, round(width * scale))) for scale in (first, *scales)]
 
 
-def prediction_of(out: StereoOutput, rig: StereoRig) -> Prediction:
+def prediction_of(out: Maps, rig: StereoRig) -> Prediction:
     """Return the maps of one pair, (1, C, h, w), as a Prediction of the rig's size.
 
     Args:
-        out: What the network returned, at its last size.
+        out: What the network returned, at its last size. Without a confidence, it is 1 where depth is known; without a
+            map of the sky, the sky is where the disparity ends.
         rig: The cameras of the pair.
     """
     height, width, device = rig.camera.height, rig.camera.width, out.disparity.device
-    maps = torch.cat([out.disparity, out.normal, out.confidence.sigmoid(), out.sky], 1).float()  # (1, 6, h, w)
+    normal = torch.zeros_like(out.disparity).expand(-1, 3, -1, -1) if out.normal is None else out.normal
+    certain = torch.ones_like(out.disparity) if out.confidence is None else out.confidence.sigmoid()
+    sky_logit = torch.full_like(out.disparity, -1.0) if out.sky is None else out.sky
+    maps = torch.cat([out.disparity, normal, certain, sky_logit], 1).float()  # (1, 6, h, w)
     if maps.shape[-2:] != (height, width):
         maps[:, 0] *= width / maps.shape[-1]
         maps = F.interpolate(maps, (height, width), mode="bilinear")
@@ -119,7 +124,7 @@ def prediction_of(out: StereoOutput, rig: StereoRig) -> Prediction:
     normal = torch.where(known, maps[0, 1:4], torch.full_like(maps[0, 1:4], torch.nan)).permute(1, 2, 0)
     confidence = torch.where(known, maps[0, 4], torch.zeros_like(disparity))
     arrays = [x.cpu().contiguous().numpy() for x in (depth, disparity, normal, confidence)]
-    return Prediction(*arrays)
+    return Prediction(arrays[0], arrays[1], None if out.normal is None else arrays[2], arrays[3])
 
 
 def camera_row(rig: StereoRig, device: torch.device) -> Tensor:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import ClassVar, NamedTuple
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -14,18 +12,16 @@ from m3depth.network.backbone import Backbone, Features, normalised
 from m3depth.network.checkpointing import Caller, direct, recomputed
 from m3depth.network.config import PRESETS, M3DepthConfig
 from m3depth.network.cost_volume import Aggregation, group_correlation_volume, matchable, soft_argmin
-from m3depth.network.device import autocast, fast_dtype
 from m3depth.network.fine_correction import FineCorrection
 from m3depth.network.geometry import facing_normals, pixel_rays, resize, scale_camera, unit
-from m3depth.network.inference import infer_pair
 from m3depth.network.normal_branch import SNNet
 from m3depth.network.output import VOLUME_STEP, Start, StereoOutput, fitted, padded, unpadded
 from m3depth.network.refinement import Refinement
 from m3depth.network.row_bands import by_rows
-from m3depth.network.weights_file import load_weights, save_weights
-from m3depth.stereo.prediction import Prediction
+from m3depth.network.stereo_network import StereoNetwork
 from m3depth.weights import SHIPPED_WEIGHTS
-from marssim.base.camera import StereoRig
+from m3depth.weights.config_json import kind_of
+from m3depth.weights.storage import load_weights
 
 
 class First(NamedTuple):
@@ -44,16 +40,15 @@ class First(NamedTuple):
     cell: int
 
 
-class M3Depth(nn.Module):
+class M3Depth(StereoNetwork):
     """The network. `infer` takes images as they come, `forward` takes batches of tensors.
 
     Attributes:
         config: The sizes of the network.
-        recompute: Activation checkpointing. In training, large parts keep only their inputs, and the backward pass
-            computes them once more: the same gradients with less memory, about a third slower.
     """
 
-    recompute = False
+    config: M3DepthConfig
+    TAKES_START: ClassVar[bool] = True
 
     def __init__(self, config: M3DepthConfig | None = None) -> None:
         super().__init__()
@@ -81,7 +76,7 @@ class M3Depth(nn.Module):
         """Make a new network with random weights.
 
         Args:
-            name: "lite" or "paper".
+            name: "lite", "paper" or "paper-thin".
 
         Raises:
             ValueError: There is no such preset.
@@ -103,32 +98,23 @@ class M3Depth(nn.Module):
         """
         source = SHIPPED_WEIGHTS if path is None else Path(path)
         config, tensors = load_weights(source)
+        if (kind := kind_of(config)) != M3DepthConfig.KIND:
+            raise ValueError(f"{source}: holds weights of {kind}, not of M3Depth")
         try:
             network = M3DepthConfig.from_dict(config)
-            with torch.device("meta"):  # shapes alone: a config with wrong, huge sizes then takes no memory
-                expected = cls(network).state_dict()
         except ValueError as error:
             raise ValueError(f"{source}: {error}") from None
-        misfits = sorted(expected.keys() ^ tensors.keys())
-        misfits = misfits or sorted(k for k in expected if expected[k].shape != tensors[k].shape)
-        if misfits:
-            raise ValueError(
-                f"{source}: {len(misfits)} tensors do not fit the network that the file describes, the first is "
-                f"{misfits[0]!r}; use the file as m3depth.train wrote it"
-            )
-        if not any(tensor.any() for tensor in tensors.values()):
-            raise ValueError(f"{source}: all weights are zero, so these are not weights of a trained network")
-        model = cls(network)
-        model.load_state_dict(tensors)
-        return model.eval()
+        return cls.restored(network, tensors, source)
 
-    def save_pretrained(self, path: str | Path) -> None:
-        """Write weights (.safetensors) and, beside them, their config (.json). Replaces existing files atomically.
+    @property
+    def reach(self) -> float:
+        """Disparity at which the hypotheses end [px]."""
+        return VOLUME_STEP * self.config.hypotheses
 
-        Raises:
-            ValueError: path does not end in .safetensors.
-        """
-        save_weights(Path(path), asdict(self.config), self.state_dict())
+    @property
+    def goes_on(self) -> bool:
+        """Whether the network has a refinement."""
+        return self.config.refines
 
     def forward(self, left: Tensor, right: Tensor, camera: Tensor, start: Start | None = None) -> StereoOutput:
         """Run the network on a batch.
@@ -213,36 +199,3 @@ class M3Depth(nn.Module):
         if self.fine is not None:
             refined = refined + call(self.fine, *features.half.chunk(2), hidden, refined, camera)
         return refined, steps
-
-    @torch.inference_mode()
-    def infer(
-        self, left: np.ndarray, right: np.ndarray, rig: StereoRig, nearest: float | None = None,
-        max_pixels: int | None = None,
-    ) -> Prediction:  # fmt: skip
-        """Estimate depth, disparity, normals and confidence of one rectified pair, at the input's size.
-
-        Where `nearest` is a larger disparity than the hypotheses reach (192 px), the cost volume finds the disparities
-        in a reduced pair, and the refinement goes on at the images' own size; for images hardly larger than the reduced
-        ones (by less than the factor inference.LEAST_GAIN), the maps of these are enlarged instead.
-
-        Args:
-            left, right: (H, W) or (H, W, 3) uint8, RGB.
-            rig: The cameras of these images.
-            nearest: The shortest distance that should be measured [m]; None is 0.84 m.
-            max_pixels: Largest number of pixels of an image that the network works on; larger images are reduced to
-                it, which saves time and memory. None: as many as the images have.
-
-        Returns:
-            Depth in metres of the given rig; inf where the network sees sky. Where it sees sky and none can be (see
-            m3depth/stereo/sky.py), and where its numbers are not finite, all maps are NaN and confidence is 0.
-
-        Raises:
-            ValueError: Images of a wrong type or size, or `nearest` or `max_pixels` is not positive.
-        """
-        device = next(self.parameters()).device
-
-        def run(*inputs: Any) -> StereoOutput:
-            with autocast(device, fast_dtype(device)):
-                return self(*inputs)
-
-        return infer_pair(run, self.config, device, left, right, rig, nearest, max_pixels)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import torch.nn.functional as F
 from torch import Tensor
@@ -38,6 +38,26 @@ class Start(NamedTuple):
             self.normal[:, :, top : top + count],
             None if self.context is None else self.context[:, :, first:last],
         )
+
+
+class Maps(Protocol):
+    """What every network returns for a batch of pairs, all float32.
+
+    Attributes:
+        disparity: (B, 1, H, W) [px].
+        normal: (B, 3, H, W), unit length, facing the camera; None without normals.
+        confidence: (B, 1, H, W), logit of "the disparity is within 1 px"; None without confidence.
+        sky: (B, 1, H, W), logit of "sky or too far to measure"; None without a map of the sky.
+    """
+
+    @property
+    def disparity(self) -> Tensor: ...
+    @property
+    def normal(self) -> Tensor | None: ...
+    @property
+    def confidence(self) -> Tensor | None: ...
+    @property
+    def sky(self) -> Tensor | None: ...
 
 
 class StereoOutput(NamedTuple):

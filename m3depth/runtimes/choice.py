@@ -8,7 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from importlib.metadata import version
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Literal
+
+from m3depth.weights.config_json import kind_in_file
 
 RuntimeName = Literal["pytorch", "openvino"]
 RuntimeChoice = Literal["auto", "pytorch", "openvino"]
@@ -62,9 +65,15 @@ def recorded_runtime(names: Iterable[str], wanted: str = "auto", device: str = "
         device: As chosen_runtime takes it.
 
     Returns:
-        The record; None where no name is that of M3Depth.
+        The record; None where no name is that of M3Depth or of weights of it, other networks being PyTorch's always.
     """
-    if not any(name.partition(":")[0] == "m3depth" for name in names):
+    if not any(_is_m3depth(name) for name in names):
         return None
     name = chosen_runtime(wanted, device)
     return f"{name} {version(PACKAGES[name])}"
+
+
+def _is_m3depth(name: str) -> bool:
+    """Return whether a name is that of M3Depth, or of a file of its weights or one that cannot be read."""
+    first, _, path = name.partition(":")
+    return first == "m3depth" and (not path or kind_in_file(Path(path)) in (None, "m3depth"))

@@ -70,7 +70,9 @@ class OpenVinoM3Depth:
         """
         cpu = torch.device("cpu")
         with self._lock:  # a request works on one pair at a time
-            return infer_pair(self._run, self.network.config, cpu, left, right, rig, nearest, max_pixels)
+            return infer_pair(
+                self._run, self.network.reach, self.network.goes_on, cpu, left, right, rig, nearest, max_pixels
+            )
 
     def _run(self, left: Tensor, right: Tensor, camera: Tensor, start: Start | None) -> StereoOutput:
         inputs = [left, right, camera, *(x for x in start or () if x is not None)]

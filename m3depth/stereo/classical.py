@@ -13,6 +13,7 @@ from typing import ClassVar, Literal
 import cv2
 import numpy as np
 
+from m3depth.stereo.filling import fill_background
 from m3depth.stereo.pairs import NEAREST, checked_pair, in_grey
 from m3depth.stereo.plane_normals import fitted_normals
 from m3depth.stereo.prediction import Prediction
@@ -236,30 +237,3 @@ def prediction_from_matches(disparity: np.ndarray, rig: StereoRig) -> Prediction
     depth = np.where(np.isnan(filled), np.float32(np.nan), rig.disparity_to_depth(filled))
     normal = np.where(np.isnan(depth)[..., None], np.float32(np.nan), fitted_normals(filled, rig.camera))
     return Prediction(depth, filled, normal, np.isfinite(disparity).astype(np.float32))
-
-
-def fill_background(disparity: np.ndarray) -> np.ndarray:
-    """Fill holes with the smaller of their two neighbours along the row: hidden pixels belong to the background.
-
-    A hole at the border takes its one neighbour. A row without any value takes the smaller of the nearest rows' values,
-    column by column. An image without any value stays NaN. (KITTI development kit, interpolateBackground.)
-
-    Args:
-        disparity: (H, W) float [px], NaN in holes.
-
-    Returns:
-        (H, W) of the same type.
-    """
-    rows = _fill_along_rows(disparity)
-    return _fill_along_rows(rows.T).T.copy()
-
-
-def _fill_along_rows(values: np.ndarray) -> np.ndarray:
-    valid = np.isfinite(values)
-    width = values.shape[1]
-    columns = np.arange(width)
-    before = np.maximum.accumulate(np.where(valid, columns, -1), axis=1)
-    after = np.minimum.accumulate(np.where(valid, columns, width)[:, ::-1], axis=1)[:, ::-1]
-    gap = np.full((len(values), 1), np.nan, values.dtype)
-    padded = np.concatenate([values, gap], axis=1)  # the indices -1 and width read the gap
-    return np.fmin(np.take_along_axis(padded, before, axis=1), np.take_along_axis(padded, after, axis=1))

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 import tyro
 
 from m3depth.datasets.config import DataConfig
+from m3depth.kinds.config import PresetName
 from m3depth.training.augmentation import AugmentConfig
 from m3depth.training.loss_config import LossConfig
 
@@ -34,8 +35,11 @@ class TrainConfig:
     """Folder of the run, for its checkpoint, weights, log, curves and image panels."""
     reader: Annotated[DataConfig, tyro.conf.arg(name="")] = field(default_factory=DataConfig)
     """Settings of the dataset reader."""
-    preset: Literal["lite", "paper"] = "lite"
-    """Size of the network: lite runs on a CPU, paper has the sizes of the paper's tables."""
+    preset: PresetName = "lite"
+    """Network: lite is M3Depth for a CPU, paper has the sizes of the paper's tables, paper-thin its parts at the widths
+    of lite. The others are methods that it is compared with, at a width for a CPU and, with -published, at the
+    published one.
+    """
     network: Path | None = None
     """JSON file with the sizes of the network, such as weights.json beside any weights.
     It replaces --preset.
@@ -64,7 +68,7 @@ class TrainConfig:
     """Precision of the network in training; auto is bf16 where the device computes in it, else fp32."""
     crop: tuple[int, int] = (256, 448)
     """Height and width of the crops [px], multiples of 8, up to 16384.
-    Multiples of 32 (64 with --preset paper) need no padding.
+    Multiples of 32 (64 with --preset paper, paper-thin and hit-net) need no padding.
     """
     lr: float = 8e-4
     """Highest learning rate, above 0 and at most 10. With --init, use a quarter of it or less."""

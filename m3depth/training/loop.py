@@ -13,6 +13,7 @@ from torch import Tensor, nn
 
 from m3depth.network.device import autocast, fast_dtype
 from m3depth.network.output import StereoOutput
+from m3depth.network.stereo_network import StereoNetwork
 from m3depth.stereo.pairs import StereoPairs
 from m3depth.training.augmentation import check_crop
 from m3depth.training.batch import Batch
@@ -255,7 +256,7 @@ def backward(
 ) -> tuple[Tensor, dict[str, Tensor]]:
     """Add the gradient of a batch, in --accumulate parts: the mean of the parts' gradients, each of its own loss.
 
-    The loss of a band at full resolution is added to that of its reduced crop.
+    The loss of a band at full resolution is added to that of its reduced crop, for networks that go on there.
 
     Args:
         network: Takes left and right images and cameras.
@@ -275,7 +276,7 @@ def backward(
             with autocast(part.left.device, dtype):
                 output = network(part.left, part.right, part.target.camera)
             loss, terms = total_loss(output, part.target, config.loss)
-            if part.finer:
+            if part.finer and plain(network).TAKES_START:
                 finer = finer_losses(network, output, part, config, dtype)
                 loss = loss + finer.sum() / len(part.left)
                 terms["finer"] = finer.detach().mean()
@@ -285,6 +286,13 @@ def backward(
     names = {name: None for terms in all_terms for name in terms}
     mean = {name: torch.stack([terms[name] for terms in all_terms if name in terms]).mean() for name in names}
     return torch.stack(losses).mean(), mean
+
+
+def plain(network: nn.Module) -> StereoNetwork:
+    """Return the network inside a DistributedDataParallel, or the one that is given."""
+    inner = network.module if isinstance(network, nn.parallel.DistributedDataParallel) else network
+    assert isinstance(inner, StereoNetwork)
+    return inner
 
 
 def finer_losses(
@@ -301,7 +309,7 @@ def finer_losses(
     """
     # The hooks of DistributedDataParallel sit on the parameters, and its forward has prepared them: its module may be
     # called directly.
-    model = network.module if isinstance(network, nn.parallel.DistributedDataParallel) else network
+    model = plain(network)
     losses = []
     for band in batch.finer:
         start = output.of(band.crop).start(*band.size).rows(band.top, band.left.shape[-2])

@@ -19,6 +19,7 @@ from torch import Tensor
 from m3depth.network.geometry import pixel_rays, scale_camera, sobel
 from m3depth.network.output import StereoOutput
 from m3depth.network.refinement import CELL
+from m3depth.rivals.output import TrainedOutput, Truth
 from m3depth.training.batch import Target, disparity_edges, reduce_target
 from m3depth.training.loss_config import LossConfig
 
@@ -114,16 +115,21 @@ def normal_loss(normal: Tensor, target: Target, weight: Tensor) -> Tensor:
     return weighted_mean(huber(error, 0.1), weight * (target.label & known), LEAST_WEIGHT)
 
 
-def total_loss(output: StereoOutput, target: Target, config: LossConfig) -> tuple[Tensor, dict[str, Tensor]]:
+def total_loss(
+    output: StereoOutput | TrainedOutput, target: Target, config: LossConfig
+) -> tuple[Tensor, dict[str, Tensor]]:
     """Return the whole training loss, and its terms before weighting, detached, by name.
 
-    Another term is an entry of `terms` and a weight of the same name in LossConfig.
+    Another term is an entry of `terms` and a weight of the same name in LossConfig. Other methods than M3Depth have
+    their own, published loss.
 
     Args:
         output: Of the network, for images whose size is a multiple of 8.
         target: Their ground truth.
-        config: Weights of the terms.
+        config: Weights of the terms of M3Depth.
     """
+    if not isinstance(output, StereoOutput):
+        return own_loss(output, target)
     weight = pixel_weights(target, config)
     maps = trained_maps(output, target, weight, config)
     terms = {
@@ -135,6 +141,20 @@ def total_loss(output: StereoOutput, target: Target, config: LossConfig) -> tupl
     }
     total = _sum(getattr(config, name) * value for name, value in terms.items())
     return total, {name: value.detach() for name, value in terms.items()}
+
+
+def own_loss(output: TrainedOutput, target: Target) -> tuple[Tensor, dict[str, Tensor]]:
+    """Return the loss that a method brings with it, and its terms, detached, by name.
+
+    It sees what the published trainings see: pixels of known disparity, all of one weight. The sky has disparity 0, as
+    in the synthetic data that these methods were published on.
+
+    Args:
+        output: Of the network.
+        target: Ground truth at full size.
+    """
+    terms = output.terms(Truth(target.disparity, target.label | target.sky, target.normal))
+    return _sum(terms.values()), {name: value.detach() for name, value in terms.items()}
 
 
 def pixel_weights(target: Target, config: LossConfig) -> Tensor:

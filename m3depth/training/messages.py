@@ -49,9 +49,10 @@ def progress_text(run: Run, values: dict[str, float]) -> str:
     done = min(1.0, share_done(run.config, run.step, run.seconds))
     remaining = run.seconds * (1 - done) / done
     speed = run.config.batch * run.world * run.step / max(run.seconds, 1e-9)
+    terms = "".join(f"{name[0]} {values[name]:.3f}  " for name in ("disparity", "normal") if name in values)
     return (
         f"step {run.step}  {done:6.1%}  ETA {remaining / 60:.1f} min  loss {values['loss']:.3f}  "
-        f"d {values['disparity']:.3f}  n {values['normal']:.3f}  {speed:.2f} crops/s"
+        f"{terms}{speed:.2f} crops/s"
     )
 
 
@@ -66,7 +67,7 @@ def closing_words(run: Run, validations: list[dict[str, Any]]) -> str:
     quality = "not validated"
     if finite:
         last, best = finite[-1], min(finite, key=lambda record: record["epe"])
-        normals = "" if last["normal"] is None else f", normals {last['normal']:.1f} deg"
+        normals = "" if last.get("normal") is None else f", normals {last['normal']:.1f} deg"
         quality = f"EPE {last['epe']:.3f} px, Abs Rel {last['abs_rel']:.4f}{normals} on val"
         if best["epe"] < last["epe"]:
             quality += f" (best EPE {best['epe']:.3f} px at step {best['step']})"

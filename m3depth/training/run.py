@@ -11,9 +11,12 @@ from typing import Any
 
 import torch
 
-from m3depth.network.config import M3DepthConfig, read_config
+from m3depth.kinds.config import config_from_dict, preset_config, read_config
+from m3depth.kinds.networks import load_network, new_network
 from m3depth.network.model import M3Depth
+from m3depth.network.stereo_network import StereoNetwork
 from m3depth.training.config import TrainConfig
+from m3depth.training.loss_config import LossConfig
 from m3depth.weights import SHIPPED, SHIPPED_WEIGHTS, named_by, weights_file
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import as_json
@@ -27,7 +30,7 @@ CHANGEABLE = (  # fields that may change when a run is resumed, beside those of 
 )  # fmt: skip
 
 
-def new_network(config: TrainConfig) -> M3Depth:
+def first_network(config: TrainConfig) -> StereoNetwork:
     """Return the network that a run starts from.
 
     A run that goes on from --init gets a network of its checkpoint's sizes, with any weights: the file of --init may be
@@ -39,11 +42,18 @@ def new_network(config: TrainConfig) -> M3Depth:
     """
     previous = config.out / CHECKPOINT
     if config.init and previous.is_file():
-        return M3Depth(M3DepthConfig.from_dict(read_checkpoint(previous, torch.device("cpu"))["identity"]["network"]))
+        identity = read_checkpoint(previous, torch.device("cpu"))["identity"]
+        return new_network(config_from_dict(identity["network"]))
     if config.init:
         with named_by("--init"):
-            return M3Depth.from_pretrained(weights_file(config.init))
-    return M3Depth(read_config(config.network)) if config.network else M3Depth.from_preset(config.preset)
+            return load_network(weights_file(config.init))
+    return new_network(read_config(config.network) if config.network else preset_config(config.preset))
+
+
+def check_loss(network: StereoNetwork, config: TrainConfig) -> None:
+    """Raise ValueError if the loss of another method than M3Depth, which has its own, is to be changed by flags."""
+    if not isinstance(network, M3Depth) and config.loss != LossConfig():
+        raise ValueError(f"--loss.*: {network.config.KIND} is trained with its own loss; these flags are M3Depth's")
 
 
 def origin(init: Path) -> str:
@@ -82,8 +92,8 @@ def read_checkpoint(path: Path, device: torch.device) -> dict[str, Any]:
     try:
         state = torch.load(path, map_location=device, weights_only=True)
         # The first checkpoints lack the number of processes and some fields of the network.
-        network = M3DepthConfig.from_dict(state["identity"]["network"])
-        state["identity"] = {WORLD: 1, **state["identity"], "network": as_json(asdict(network))}
+        network = config_from_dict(state["identity"]["network"])
+        state["identity"] = {WORLD: 1, **state["identity"], "network": as_json(network.to_dict())}
         if state["identity"].get("init") is not None:  # the first checkpoints have it as it was typed
             state["identity"]["init"] = origin(Path(state["identity"]["init"]))
     except Exception as error:  # torch's unpickler raises errors of many types
@@ -114,7 +124,8 @@ class Run:
     def __init__(self, config: TrainConfig, device: torch.device, world: int = 1) -> None:
         torch.manual_seed(config.seed)
         self.config, self.device, self.world = config, device, world
-        self.model = new_network(config).to(device).train()
+        self.model = first_network(config).to(device).train()
+        check_loss(self.model, config)
         self.averaged = copy.deepcopy(self.model).eval().requires_grad_(False)
         self.optimizer = torch.optim.AdamW(self.model.parameters(), config.lr, weight_decay=config.weight_decay)
         self.step = 0
@@ -137,7 +148,7 @@ class Run:
         c = self.config
         # The number of processes belongs to it because the samples of a step depend on it.
         return {
-            "network": as_json(asdict(self.model.config)), "batch": c.batch, "crop": list(c.crop), "seed": c.seed,
+            "network": as_json(self.model.config.to_dict()), "batch": c.batch, "crop": list(c.crop), "seed": c.seed,
             WORLD: self.world, "init": None if c.init is None else origin(c.init),
         }  # fmt: skip
 

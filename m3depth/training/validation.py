@@ -11,8 +11,8 @@ from torch import Tensor
 from m3depth.evaluation.example import Example
 from m3depth.figures.pairs import pairs_figure
 from m3depth.network.device import autocast, fast_dtype
-from m3depth.network.model import M3Depth
-from m3depth.network.output import StereoOutput
+from m3depth.network.output import Maps
+from m3depth.network.stereo_network import StereoNetwork
 from m3depth.stereo.pairs import StereoPairs, pair_name, spread
 from m3depth.training.batch import Batch, Target, disparity_edges, whole_batch
 from m3depth.training.curves import save_curves
@@ -74,11 +74,12 @@ class Validator:
         return Example(index, sample.left, sample.right, sample, {"averaged weights": prediction}, name)
 
 
-def error_sums(output: StereoOutput, target: Target) -> dict[str, tuple[float, float]]:
+def error_sums(output: Maps, target: Target) -> dict[str, tuple[float, float]]:
     """Return sum and count of each error over one batch, for means over several.
 
     Over labelled pixels: epe [px], abs_rel (of depth: |d / d_predicted - 1|), bad1 (share over 1 px), rock_epe and
     edge_epe [px], normal [deg], false_sky (share taken for sky). Over sky pixels: sky_missed (share not taken for sky).
+    A network without normals or a map of the sky has none of these errors.
 
     Args:
         output: What the network returned for the batch.
@@ -87,42 +88,43 @@ def error_sums(output: StereoOutput, target: Target) -> dict[str, tuple[float, f
     label, truth = target.label, target.disparity
     error = (output.disparity - truth).abs()
     relative = (truth / output.disparity.clamp(min=0.1) - 1).abs()
-    angle = torch.rad2deg((output.normal * target.normal).sum(1, keepdim=True).clamp(-1, 1).acos())
-    predicted_sky = (output.sky > 0).float()
     values: dict[str, tuple[Tensor, Tensor]] = {
         "epe": (error, label),
         "abs_rel": (relative, label),
         "bad1": ((error > 1).float(), label),
         "rock_epe": (error, label & target.rock),
         "edge_epe": (error, label & disparity_edges(truth, target.known)),
-        "normal": (angle, label & (target.normal.square().sum(1, keepdim=True) > 0.25)),
-        "sky_missed": (1 - predicted_sky, target.sky),
-        "false_sky": (predicted_sky, label),
     }
+    if output.normal is not None:
+        angle = torch.rad2deg((output.normal * target.normal).sum(1, keepdim=True).clamp(-1, 1).acos())
+        values["normal"] = angle, label & (target.normal.square().sum(1, keepdim=True) > 0.25)
+    if output.sky is not None:
+        predicted_sky = (output.sky > 0).float()
+        values |= {"sky_missed": (1 - predicted_sky, target.sky), "false_sky": (predicted_sky, label)}
     return {name: (float(x[mask].sum()), float(mask.sum())) for name, (x, mask) in values.items()}
 
 
 @torch.inference_mode()
-def predict_batch(model: M3Depth, batch: Batch) -> tuple[StereoOutput, Target]:
+def predict_batch(model: StereoNetwork, batch: Batch) -> tuple[Maps, Target]:
     """Run the network on a batch in the device's fast precision, without gradients.
 
     Args:
         model: The network.
-        batch: The images and cameras; with a whole pair in `finer`, the refinement goes on there.
+        batch: The images and cameras; with a whole pair in `finer`, networks that take a start go on there.
 
     Returns:
-        The maps at the largest size, and the ground truth there.
+        The maps at the largest size that the network works on, and the ground truth there.
     """
     device = batch.left.device
     with autocast(device, fast_dtype(device)):
         out, target = model(batch.left, batch.right, batch.target.camera), batch.target
-        for band in batch.finer:
+        for band in batch.finer if model.TAKES_START else ():
             out = model(band.left, band.right, band.target.camera, out.start(*band.size))
             target = band.target
     return out, target
 
 
-def validate(model: M3Depth, samples: Iterable[PackedSample], device: torch.device) -> dict[str, float]:
+def validate(model: StereoNetwork, samples: Iterable[PackedSample], device: torch.device) -> dict[str, float]:
     """Return the mean errors (see error_sums) over all pixels of whole images; NaN where there are no such pixels.
 
     Args:

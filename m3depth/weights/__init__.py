@@ -1,4 +1,8 @@
-"""The weights that come with the package, their card, and the errors of weights files."""
+"""The weights that come with the package, their card, and the errors of weights files.
+
+storage.py        weights on disk
+config_json.py     the config of a network in a weights file
+"""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -86,6 +86,15 @@ def test_tables_name_methods_by_their_labels():
     assert {text: EstimatorName.parse(text, labelled=True).label() for text in names} == names
 
 
+def test_fill_after_a_name_is_read_where_the_caller_can_fill():
+    name = EstimatorName.parse("Mine=my_stereo:Net,fill", labelled=True, fillable=True)
+    assert name == EstimatorName("my_stereo:Net", "Mine", fill=True) and name.form == "my_stereo:Net,fill"
+    assert EstimatorName.parse("sgbm,fill", fillable=True).label() == "SGBM"
+    assert EstimatorName.parse("sgbm", fillable=True).form == "sgbm"
+    with pytest.raises(ValueError, match="estimator 'sgbm,fill' is unknown"):
+        EstimatorName.parse("sgbm,fill")
+
+
 def test_weights_of_one_name_get_labels_that_differ():
     paths = ["runs/a/weights.safetensors", "old/a/weights.safetensors", "runs/b/weights.safetensors", "m3/SGBM.st"]
     names = [EstimatorName(f"m3depth:{path}") for path in paths]

@@ -9,11 +9,12 @@ import torch
 from small_network import SMALL
 
 import m3depth
-from m3depth.network.config import PLAIN_UPSAMPLING, read_config
+from m3depth.kinds.config import read_config
+from m3depth.network.config import PLAIN_UPSAMPLING
 from m3depth.network.geometry import face_camera, pixel_rays, unit
 from m3depth.network.model import PRESETS, M3Depth
 from m3depth.network.output import Start, StereoOutput
-from m3depth.network.weights_file import save_weights
+from m3depth.weights.storage import save_weights
 from marssim.base.camera import PinholeCamera, StereoRig
 
 

@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import nn
 
-from m3depth.network.config import PAPER
+from m3depth.network.config import LITE, PAPER, PAPER_THIN
 from m3depth.network.model import M3Depth
 from m3depth.network.wavelet import WaveletConv
 
@@ -162,3 +162,17 @@ def test_a_training_step_at_full_size_fits_a_gpu(training_loss) -> None:
         loss = training_loss(model, 512, batch)
     loss.backward()
     assert torch.isfinite(loss)
+
+
+def test_the_thin_network_has_the_papers_parts_alone_at_the_widths_of_lite() -> None:
+    widths = {"channels", "groups", "volume_width", "output_head", "normal_widths", "hidden", "motion"}
+    changed = {name for name, value in PAPER_THIN.to_dict().items() if value != PAPER.to_dict()[name]}
+    assert changed == widths and PAPER_THIN.channels == LITE.channels
+    with torch.device("meta"):
+        network = M3Depth(PAPER_THIN)
+    assert network.refinement is not None and network.refinement.match is None and network.fine is None
+    assert (PAPER_THIN.wavelet_levels, PAPER_THIN.refine_steps) == ((3, 3), 5)
+    assert sum(p.numel() for p in network.parameters()) < 2e6
+    image = torch.zeros(1, 3, 64, 128, device="meta")
+    output = network(image, image, torch.zeros(1, 4, device="meta"))
+    assert output.disparity.shape == (1, 1, 64, 128) and len(output.steps) == 5

@@ -43,7 +43,7 @@ def differences(one, other):
 @pytest.fixture
 def in_fp32(monkeypatch):
     """PyTorch computes in fp32."""
-    monkeypatch.setattr("m3depth.network.model.fast_dtype", lambda device: None)
+    monkeypatch.setattr("m3depth.network.stereo_network.fast_dtype", lambda device: None)
 
 
 @pytest.mark.parametrize("sizes", [{}, *OTHER_SIZES], ids=lambda sizes: " ".join(sizes) or "usual sizes")

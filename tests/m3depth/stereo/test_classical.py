@@ -5,10 +5,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from hypothesis.extra import numpy as hnp
 
 from m3depth.evaluation.metrics import angle_between
-from m3depth.stereo.classical import SGBM, BlockMatching, fill_background, search_range
+from m3depth.stereo.classical import SGBM, BlockMatching, search_range
 from m3depth.stereo.plane_normals import fitted_normals
 from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
 
@@ -106,28 +105,6 @@ def test_black_pair_gives_finite_or_unknown_never_negative():
     out = SGBM().infer(black, black, RIG)
     assert not (out.disparity < 0).any()
     np.testing.assert_array_equal(np.isnan(out.normal).any(-1), np.isnan(out.depth))  # unknown is unknown in all maps
-
-
-def test_fill_takes_the_smaller_neighbour():
-    nan = np.nan
-    row = np.array([[nan, 5, nan, nan, 3, nan]])
-    assert fill_background(row).tolist() == [[5, 5, 3, 3, 3, 3]]
-
-
-def test_fill_of_empty_rows_takes_the_smaller_row():
-    rows = np.array([[np.nan] * 2, [4, 6], [np.nan] * 2, [5, 2], [np.nan] * 2])
-    assert fill_background(rows).tolist() == [[4, 6], [4, 6], [4, 2], [5, 2], [5, 2]]
-    assert np.isnan(fill_background(np.full((2, 3), np.nan))).all()
-
-
-@given(hnp.arrays(np.float32, (5, 7), elements=st.one_of(st.just(np.float32(np.nan)), st.floats(0, 100, width=32))))
-@settings(max_examples=60, deadline=None)
-def test_fill_keeps_what_is_known_and_invents_nothing(values):
-    filled = fill_background(values)
-    known = np.isfinite(values)
-    assert np.array_equal(filled[known], values[known])
-    if known.any():
-        assert np.isin(filled, values[known]).all()
 
 
 @given(st.floats(-40, 40), st.floats(-60, 60), st.floats(1, 10))

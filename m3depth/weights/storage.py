@@ -29,7 +29,7 @@ def save_weights(path: Path, config: dict[str, Any], tensors: dict[str, Tensor])
 
     Args:
         path: The file, *.safetensors.
-        config: Fields of M3DepthConfig, plain numbers.
+        config: The network's config as its to_dict returns it, plain numbers and the kind of network.
         tensors: The state_dict of the network.
 
     Raises:

@@ -1,0 +1,57 @@
+"""Networks of every kind: a new one of some sizes, or a trained one from its file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from m3depth.kinds.config import NetworkConfig, config_from_dict
+from m3depth.network.config import M3DepthConfig
+from m3depth.network.model import M3Depth
+from m3depth.network.stereo_network import StereoNetwork
+from m3depth.rivals.config import (
+    CreStereoConfig,
+    HitNetConfig,
+    LightStereoConfig,
+    RaftStereoConfig,
+    SelectiveStereoConfig,
+)
+from m3depth.rivals.cre_stereo import CreStereo
+from m3depth.rivals.hit_net import HitNet
+from m3depth.rivals.light_stereo import LightStereo
+from m3depth.rivals.raft_stereo import RaftStereo
+from m3depth.rivals.selective_stereo import SelectiveStereo
+from m3depth.weights.storage import load_weights
+
+CLASSES: dict[type, Any] = {
+    M3DepthConfig: M3Depth,
+    RaftStereoConfig: RaftStereo,
+    SelectiveStereoConfig: SelectiveStereo,
+    HitNetConfig: HitNet,
+    CreStereoConfig: CreStereo,
+    LightStereoConfig: LightStereo,
+}
+"""The network of each class of sizes."""
+
+
+def new_network(config: NetworkConfig) -> StereoNetwork:
+    """Make a new network with random weights."""
+    return CLASSES[type(config)](config)
+
+
+def load_network(path: Path) -> StereoNetwork:
+    """Load a trained network of any kind, in evaluation mode.
+
+    Args:
+        path: A .safetensors file that m3depth.train wrote.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: The file cannot be used. The message, one line, names it.
+    """
+    data, tensors = load_weights(path)
+    try:
+        config = config_from_dict(data)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    return CLASSES[type(config)].restored(config, tensors, path)

@@ -1,0 +1,115 @@
+"""What every network that trains here has in common: its weights on disk, and a pair of images in, maps out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from m3depth.network.device import autocast, fast_dtype
+from m3depth.network.inference import infer_pair
+from m3depth.stereo.prediction import Prediction
+from m3depth.weights.storage import save_weights
+from marssim.base.camera import StereoRig
+
+
+class StereoNetwork(nn.Module):
+    """A network as training, evaluation and driving use it.
+
+    A subclass sets `config` and defines forward(left, right, camera), which takes (B, 3, H, W) float images in [0, 1]
+    and cameras (B, 4) fx, fy, cx, cy [px], and returns an output with disparity (B, 1, H, W) [px] and, where the
+    network has them, normal (B, 3, H, W), confidence and sky (logits, (B, 1, H, W)); None stands for a map that the
+    network does not have. How an output is trained is in m3depth/training/losses.py.
+
+    Attributes:
+        config: The sizes of the network, a dataclass whose KIND is the name of the network in weights files.
+        recompute: Activation checkpointing. In training, large parts keep only their inputs, and the backward pass
+            computes them once more: the same gradients with less memory, about a third slower.
+    """
+
+    config: Any
+    recompute = False
+    TAKES_START: ClassVar[bool] = False
+    """Whether forward takes a Start too, where a smaller pair ended."""
+
+    @property
+    def reach(self) -> float:
+        """Disparity at which the search for matches ends [px]; pairs with larger ones are reduced first."""
+        raise NotImplementedError
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether the network refines the disparities of a reduced pair at the images' own size."""
+        return False
+
+    @classmethod
+    def restored(cls, config: Any, tensors: dict[str, Tensor], source: Path) -> Self:
+        """Return a trained network, in evaluation mode.
+
+        Args:
+            config: Its sizes.
+            tensors: Its weights.
+            source: The file that both are from, for the message.
+
+        Raises:
+            ValueError: The weights do not fit the sizes, or all are zero.
+        """
+        with torch.device("meta"):  # shapes alone: a config with wrong, huge sizes then takes no memory
+            expected = cls(config).state_dict()
+        misfits = sorted(expected.keys() ^ tensors.keys())
+        misfits = misfits or sorted(k for k in expected if expected[k].shape != tensors[k].shape)
+        if misfits:
+            raise ValueError(
+                f"{source}: {len(misfits)} tensors do not fit the network that the file describes, the first is "
+                f"{misfits[0]!r}; use the file as m3depth.train wrote it"
+            )
+        if not any(tensor.any() for tensor in tensors.values()):
+            raise ValueError(f"{source}: all weights are zero, so these are not weights of a trained network")
+        model = cls(config)
+        model.load_state_dict(tensors)
+        return model.eval()
+
+    def save_pretrained(self, path: str | Path) -> None:
+        """Write weights (.safetensors) and, beside them, their config (.json). Replaces existing files atomically.
+
+        Raises:
+            ValueError: path does not end in .safetensors.
+        """
+        save_weights(Path(path), self.config.to_dict(), self.state_dict())
+
+    @torch.inference_mode()
+    def infer(
+        self, left: np.ndarray, right: np.ndarray, rig: StereoRig, nearest: float | None = None,
+        max_pixels: int | None = None,
+    ) -> Prediction:  # fmt: skip
+        """Estimate the maps of one rectified pair, at the input's size.
+
+        Where `nearest` is a larger disparity than the network's search reaches (192 px), the disparities are found in a
+        reduced pair. A network that goes on from there refines them at the images' own size; for images hardly larger
+        than the reduced ones (by less than the factor inference.LEAST_GAIN), and by other networks, the maps of the
+        reduced pair are enlarged instead.
+
+        Args:
+            left, right: (H, W) or (H, W, 3) uint8, RGB.
+            rig: The cameras of these images.
+            nearest: The shortest distance that should be measured [m]; None is 0.84 m.
+            max_pixels: Largest number of pixels of an image that the network works on; larger images are reduced to
+                it, which saves time and memory. None: as many as the images have.
+
+        Returns:
+            Depth in metres of the given rig; inf where the network sees sky. Where it sees sky and none can be (see
+            m3depth/stereo/sky.py), and where its numbers are not finite, all maps are NaN and confidence is 0.
+
+        Raises:
+            ValueError: Images of a wrong type or size, or `nearest` or `max_pixels` is not positive.
+        """
+        device = next(self.parameters()).device
+
+        def run(left: Tensor, right: Tensor, camera: Tensor, start: Any) -> Any:
+            with autocast(device, fast_dtype(device)):
+                return self(left, right, camera, start) if self.TAKES_START else self(left, right, camera)
+
+        return infer_pair(run, self.reach, self.goes_on, device, left, right, rig, nearest, max_pixels)

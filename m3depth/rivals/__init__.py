@@ -1,0 +1,11 @@
+"""The methods that the paper compares M3Depth with, and a modern cheap one, built and trained here. One method a file.
+
+    raft_stereo.py         RAFT-Stereo
+    selective_stereo.py    Selective-Stereo, on RAFT-Stereo
+    hit_net.py             HITNet
+    cre_stereo.py          CREStereo
+    light_stereo.py        LightStereo, the modern one
+
+config.py holds the sizes of all and their presets, rival.py what they share, output.py what they return and how it is
+trained, layers.py the encoders of RAFT that several of them stand on.
+"""

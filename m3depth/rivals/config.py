@@ -1,0 +1,166 @@
+"""Every size of the rivals, and their presets: a width for two CPU cores, and the published one.
+
+This file loads no torch, so that the commands print their help at once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, fields
+from typing import Any, ClassVar, Self
+
+from m3depth.weights.config_json import checked_fields
+
+
+@dataclass(frozen=True)
+class RivalConfig:
+    """What the configs of all rivals share.
+
+    Raises:
+        ValueError: A size that no network can have; the message names the field.
+    """
+
+    KIND: ClassVar[str]  # name of the method in weights files, and of its preset for a CPU
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if min(value if isinstance(value, tuple) else (value,)) < 1:
+                raise ValueError(f"{field.name} must be at least 1, got {value}")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form: the kind of the network, and its sizes."""
+        return {"kind": self.KIND, **asdict(self)}
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> Self:
+        """Read the JSON form without the kind. Fields that it lacks have their defaults.
+
+        Raises:
+            ValueError: A field is unknown or malformed; the message names it.
+        """
+        return cls(**checked_fields(cls, data))
+
+    def _check_multiple(self, name: str, factor: int) -> None:
+        if getattr(self, name) % factor:
+            raise ValueError(f"{name} must be a multiple of {factor}, got {getattr(self, name)}")
+
+
+@dataclass(frozen=True)
+class RaftStereoConfig(RivalConfig):
+    """Sizes of RAFT-Stereo. The defaults are the width for two CPU cores."""
+
+    KIND: ClassVar[str] = "raft-stereo"
+
+    widths: tuple[int, int, int] = (16, 24, 32)
+    """Feature widths of the encoders at the image's size, at 1/2 and at 1/4."""
+    features: int = 64
+    """Feature channels that are correlated at 1/4."""
+    hidden: int = 32
+    """Channels of the state of each recurrent unit."""
+    motion: int = 32
+    """Channels inside the encoder of disparity and correlation."""
+    head: int = 64
+    """Channels inside the head that corrects the disparity."""
+    lookup_levels: int = 4
+    """Levels of the correlation pyramid."""
+    lookup_radius: int = 4
+    """Cells to either side of the current disparity that a step compares."""
+    train_steps: int = 8
+    """Steps in training."""
+    steps: int = 8
+    """Steps after training."""
+
+
+@dataclass(frozen=True)
+class SelectiveStereoConfig(RaftStereoConfig):
+    """Sizes of Selective-Stereo, those of the RAFT-Stereo that it stands on."""
+
+    KIND: ClassVar[str] = "selective-stereo"
+
+
+@dataclass(frozen=True)
+class CreStereoConfig(RivalConfig):
+    """Sizes of CREStereo. The defaults are the width for two CPU cores."""
+
+    KIND: ClassVar[str] = "cre-stereo"
+
+    widths: tuple[int, int, int] = (16, 24, 32)
+    """Feature widths of the encoder's three stages, at 1/2, 1/4 and 1/4."""
+    features: int = 64
+    """Feature channels that are correlated, a multiple of 16; the recurrent unit's state has half as many."""
+    heads: int = 4
+    """Heads of the attention, which divide the feature channels."""
+    train_steps: int = 6
+    """Steps at 1/4 in training, 2 or more; half as many at 1/16 and at 1/8."""
+    steps: int = 6
+    """Steps at 1/4 after training, 2 or more; half as many at 1/16 and at 1/8."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._check_multiple("features", 16)
+        self._check_multiple("features", self.heads)
+        for name in ("train_steps", "steps"):
+            if getattr(self, name) < 2:
+                raise ValueError(f"{name} must be at least 2, got {getattr(self, name)}")
+
+
+@dataclass(frozen=True)
+class HitNetConfig(RivalConfig):
+    """Sizes of HITNet. The defaults are the width for two CPU cores."""
+
+    KIND: ClassVar[str] = "hit-net"
+
+    widths: tuple[int, int, int, int, int] = (8, 16, 16, 24, 32)
+    """Feature widths at 1/1, 1/2, ... 1/16."""
+    compared: int = 8
+    """Feature channels of a tile that are compared."""
+    propagation: int = 32
+    """Channels inside the networks that correct the hypotheses of tiles."""
+    refine: tuple[int, int, int] = (32, 24, 8)
+    """Channels inside the networks that refine tiles of 4, 2 and 1 px."""
+
+
+@dataclass(frozen=True)
+class LightStereoConfig(RivalConfig):
+    """Sizes of LightStereo. The defaults are the width for two CPU cores."""
+
+    KIND: ClassVar[str] = "light-stereo"
+
+    widths: tuple[int, int, int, int, int, int, int] = (16, 8, 16, 24, 32, 48, 80)
+    """Channels of MobileNetV2's first convolution and of its six stages."""
+    shifts: int = 48
+    """Shifts of 4 px that are compared: 48 reach 192 px."""
+    blocks: tuple[int, int, int] = (1, 2, 2)
+    """Blocks of the aggregation at 1/4, 1/8 and 1/16."""
+    expansion: int = 4
+    """Factor of the channels inside a block of the aggregation."""
+    guide: int = 24
+    """Channels at 1/4 of what the weights of the upsampling are computed from."""
+    half: int = 16
+    """Channels of it at 1/2."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._check_multiple("shifts", 8)
+
+
+RAFT_PUBLISHED: dict[str, Any] = {
+    "widths": (64, 96, 128), "features": 256, "hidden": 128, "motion": 64, "head": 256, "train_steps": 22, "steps": 32,
+}  # fmt: skip
+
+PRESETS: dict[str, RivalConfig] = {
+    "raft-stereo": RaftStereoConfig(),
+    "raft-stereo-published": RaftStereoConfig(**RAFT_PUBLISHED),
+    "selective-stereo": SelectiveStereoConfig(),
+    "selective-stereo-published": SelectiveStereoConfig(**RAFT_PUBLISHED),
+    "hit-net": HitNetConfig(),
+    "hit-net-published": HitNetConfig(widths=(16, 16, 24, 24, 32), compared=16, propagation=32, refine=(32, 32, 16)),
+    "cre-stereo": CreStereoConfig(),
+    "cre-stereo-published": CreStereoConfig(widths=(64, 96, 128), features=256, heads=8, train_steps=10, steps=20),
+    "light-stereo": LightStereoConfig(),
+    "light-stereo-published": LightStereoConfig(widths=(32, 16, 24, 32, 64, 96, 160), blocks=(1, 2, 4), expansion=4),
+}
+"""The presets of m3depth.train, by name. The published widths are those of the papers' largest or final models."""
+
+CONFIGS: dict[str, type[RivalConfig]] = {config.KIND: type(config) for config in PRESETS.values()}
+"""The classes of the configs, by the kind of network that a weights file names."""

@@ -1,0 +1,81 @@
+"""The encoders of RAFT (Teed and Deng, ECCV 2020), on which several rivals stand."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from m3depth.network.backbone import group_norm
+
+Normalisation = Literal["instance", "group"]
+
+
+def normalisation(kind: Normalisation, channels: int) -> nn.Module:
+    """Return instance normalisation without parameters, or group normalisation with them."""
+    return nn.InstanceNorm2d(channels) if kind == "instance" else group_norm(channels)
+
+
+class ResidualBlock(nn.Module):
+    """Two 3 x 3 convolutions beside a skip, which is a 1 x 1 convolution where the shape changes.
+
+    Args:
+        inputs: Channels of the input.
+        outputs: Channels of the output.
+        kind: Normalisation.
+        stride: Stride of the first convolution.
+        projected: Whether the skip is a convolution even where the shape stays.
+    """
+
+    def __init__(
+        self, inputs: int, outputs: int, kind: Normalisation, stride: int = 1, projected: bool = False
+    ) -> None:
+        super().__init__()
+        self.body = nn.Sequential(
+            nn.Conv2d(inputs, outputs, 3, stride, padding=1), normalisation(kind, outputs), nn.ReLU(inplace=True),
+            nn.Conv2d(outputs, outputs, 3, padding=1), normalisation(kind, outputs), nn.ReLU(inplace=True),
+        )  # fmt: skip
+        self.skip: nn.Module = nn.Identity()
+        if projected or stride != 1 or inputs != outputs:
+            self.skip = nn.Sequential(nn.Conv2d(inputs, outputs, 1, stride), normalisation(kind, outputs))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, inputs, H, W) -> (B, outputs, H / stride, W / stride)."""
+        return F.relu(self.skip(x) + self.body(x))
+
+
+def stage(inputs: int, outputs: int, kind: Normalisation, stride: int = 1, projected: bool = False) -> nn.Sequential:
+    """Return two residual blocks, of which the first has the stride; arguments as of ResidualBlock."""
+    return nn.Sequential(
+        ResidualBlock(inputs, outputs, kind, stride, projected),
+        ResidualBlock(outputs, outputs, kind, projected=projected),
+    )
+
+
+def trunk(widths: Sequence[int], strides: Sequence[int], kind: Normalisation, projected: bool = False) -> nn.Sequential:
+    """Return a 7 x 7 convolution and a stage for each width.
+
+    Args:
+        widths: Channels of the stages; the convolution has those of the first.
+        strides: Stride of the convolution and of each stage.
+        kind: Normalisation.
+        projected: Whether every skip is a convolution.
+    """
+    first, *rest = strides
+    layers: list[nn.Module] = [
+        nn.Conv2d(3, widths[0], 7, first, padding=3), normalisation(kind, widths[0]), nn.ReLU(inplace=True)
+    ]  # fmt: skip
+    inputs = widths[0]
+    for width, stride in zip(widths, rest, strict=True):
+        layers.append(stage(inputs, width, kind, stride, projected))
+        inputs = width
+    return nn.Sequential(*layers)
+
+
+def start_as_encoder(module: nn.Module) -> None:
+    """Draw the weights of all convolutions of an encoder as RAFT does (He et al., by the number of outputs)."""
+    for layer in module.modules():
+        if isinstance(layer, nn.Conv2d):
+            nn.init.kaiming_normal_(layer.weight, mode="fan_out", nonlinearity="relu")

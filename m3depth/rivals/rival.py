@@ -1,0 +1,59 @@
+"""What the rivals share: the form of their images, and their place beside M3Depth."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import torch
+from torch import Tensor
+
+from m3depth.network.checkpointing import Caller, direct, recomputed
+from m3depth.network.output import padded
+from m3depth.network.stereo_network import StereoNetwork
+from m3depth.rivals.config import RivalConfig
+from m3depth.rivals.output import TrainedOutput
+from m3depth.stereo.pairs import MAX_DISPARITY
+
+
+class Rival(StereoNetwork):
+    """A method beside M3Depth. A subclass defines `estimate`.
+
+    Images are padded to a multiple of MULTIPLE. Group normalisation stands where a paper has batch normalisation, as in
+    M3Depth: with the few crops that a CPU takes, batch statistics degrade the result. Pairs of more than 192 px of
+    disparity are reduced.
+    """
+
+    config: RivalConfig
+    MULTIPLE: ClassVar[int] = 32
+
+    @property
+    def reach(self) -> float:
+        """The largest disparity that is trained [px]."""
+        return MAX_DISPARITY
+
+    @property
+    def call(self) -> Caller:
+        """How parts are called that activation checkpointing computes twice."""
+        return recomputed if self.recompute and torch.is_grad_enabled() else direct
+
+    def forward(self, left: Tensor, right: Tensor, camera: Tensor) -> TrainedOutput:
+        """Run the network on a batch.
+
+        Args:
+            left, right: (B, 3, H, W) float in [0, 1], rectified, of any size.
+            camera: (B, 4) fx, fy, cx, cy [px].
+        """
+        height, width = left.shape[-2:]
+        # With the channels last, as batches come, PyTorch 2's backward pass through the context encoder of RAFT-Stereo
+        # wrote beyond its memory, and ended the process.
+        left, right = (2 * padded(x, self.MULTIPLE).contiguous() - 1 for x in (left, right))
+        return self.estimate(left, right, camera.float()).cropped(height, width)
+
+    def estimate(self, left: Tensor, right: Tensor, camera: Tensor) -> TrainedOutput:
+        """Return the maps of a batch.
+
+        Args:
+            left, right: (B, 3, H, W) in [-1, 1], H and W multiples of MULTIPLE.
+            camera: (B, 4) [px].
+        """
+        raise NotImplementedError

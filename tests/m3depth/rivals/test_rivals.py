@@ -1,0 +1,166 @@
+"""What holds for every rival: sizes, maps, gradients, a step of the trainer, weights on disk, and the estimator."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from m3depth.estimator import checked_prediction, load_estimator
+from m3depth.kinds.config import PresetName, preset_config
+from m3depth.kinds.networks import load_network, new_network
+from m3depth.network.config import PRESETS as M3DEPTH_PRESETS
+from m3depth.network.model import M3Depth
+from m3depth.rivals.config import (
+    CONFIGS,
+    PRESETS,
+    CreStereoConfig,
+    HitNetConfig,
+    LightStereoConfig,
+    RaftStereoConfig,
+    RivalConfig,
+    SelectiveStereoConfig,
+)
+from m3depth.training.batch import whole_batch
+from m3depth.training.config import TrainConfig
+from m3depth.training.loop import train
+from m3depth.training.loss_config import LossConfig
+from m3depth.training.losses import total_loss
+from m3depth.training.packing import pack
+from m3depth.training.run import Run
+from m3depth.training.validation import validate
+
+TINY: dict[str, RivalConfig] = {
+    "raft-stereo": RaftStereoConfig((8, 8, 8), 8, 8, 8, 8, 2, 2, 2, 3),
+    "selective-stereo": SelectiveStereoConfig((8, 8, 8), 8, 8, 8, 8, 2, 2, 2, 3),
+    "hit-net": HitNetConfig((4, 4, 4, 4, 4), 4, 8, (4, 4, 4)),
+    "cre-stereo": CreStereoConfig((8, 8, 8), 16, 2, 2, 2),
+    "light-stereo": LightStereoConfig((8, 8, 8, 8, 8, 8, 8), 8, (1, 1, 1), 2, 8, 8),
+}
+PUBLISHED = {  # parameters [M] of the published width
+    "raft-stereo": 11.1,  # RAFT-Stereo of the package stereo-matching 0.2
+    "selective-stereo": 11.7,  # Selective-RAFT of the package stereo-toolbox 0.4
+    "hit-net": 0.668,  # HITNet_KITTI of TinyHITNet, counted from its list of layers
+    "cre-stereo": 5.4,  # CREStereo of the package stereo-matching 0.2
+    "light-stereo": 3.44,  # LightStereo-S of its paper
+}
+
+
+@pytest.fixture(params=list(CONFIGS))
+def config(request) -> RivalConfig:
+    return TINY[request.param]
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    torch.manual_seed(3)
+    yield
+    torch.set_num_threads(threads)
+
+
+def train_config(out: Path, **changes) -> TrainConfig:
+    base = TrainConfig(
+        data=(Path("planes"),), out=out, batch=2, crop=(32, 64), max_steps=1, lr=1e-3, validate_samples=1, device="cpu"
+    )
+    return replace(base, **changes)
+
+
+def test_every_preset_is_one_of_the_command() -> None:
+    assert {*M3DEPTH_PRESETS, *PRESETS} == set(PresetName.__args__)
+    assert set(TINY) == set(PUBLISHED) == set(CONFIGS)
+    for kind, cls in CONFIGS.items():
+        assert type(PRESETS[kind]) is type(PRESETS[f"{kind}-published"]) is cls and kind == cls.KIND
+
+
+@pytest.mark.parametrize("kind", CONFIGS)
+def test_the_published_width_has_the_published_number_of_parameters(kind) -> None:
+    with torch.device("meta"):
+        network = new_network(preset_config(f"{kind}-published"))
+    millions = sum(p.numel() for p in network.parameters()) / 1e6
+    assert millions == pytest.approx(PUBLISHED[kind], rel=0.03)
+
+
+@pytest.mark.parametrize("kind", CONFIGS)
+def test_the_width_for_a_cpu_is_a_small_one(kind) -> None:
+    with torch.device("meta"):
+        network = new_network(preset_config(kind))
+    assert sum(p.numel() for p in network.parameters()) < 2e6  # float16: less than 4 MB
+
+
+def test_the_loss_reaches_every_parameter_and_the_maps_have_the_size_of_the_images(config, plane_samples) -> None:
+    network = new_network(config).train()
+    batch = whole_batch(pack(plane_samples[0]))
+    left, right = (x[..., :60, :90] for x in (batch.left, batch.right))  # no multiples of anything
+    assert network(left, right, batch.target.camera).disparity.shape == (1, 1, 60, 90)
+    loss, terms = total_loss(network(batch.left, batch.right, batch.target.camera), batch.target, LossConfig())
+    loss.backward()
+    missed = [name for name, p in network.named_parameters() if p.grad is None or not p.grad.abs().sum() > 0]
+    assert not missed
+    assert loss.detach() > 0 and float(loss.detach()) == pytest.approx(float(sum(terms.values())))
+
+
+def test_the_trainer_takes_steps_and_its_weights_drive_an_estimator(config, plane_samples, tmp_path) -> None:
+    sizes = tmp_path / "sizes.json"
+    sizes.write_text(json.dumps(config.to_dict()))
+    scores = train(train_config(tmp_path / "run", network=sizes), plane_samples, plane_samples[:1])
+    assert scores["epe"] >= 0 and "sky_missed" not in scores
+    weights = tmp_path / "run" / "weights.safetensors"
+    assert json.loads(weights.with_suffix(".json").read_text())["kind"] == config.KIND
+    network = load_network(weights)
+    assert network.config == config and not network.training
+    sample = plane_samples[0]
+    estimator = load_estimator(f"m3depth:{weights}")
+    prediction = checked_prediction(
+        estimator, estimator.infer(sample.left, sample.right, sample.rig), sample.left.shape[:2]
+    )
+    known = np.isfinite(prediction.depth)
+    assert (prediction.confidence[known] == 1).all()
+    with pytest.raises(ValueError, match=rf"weights.safetensors: holds weights of {config.KIND}, not of M3Depth"):
+        M3Depth.from_pretrained(weights)
+    resumed = train(train_config(tmp_path / "run", network=sizes, max_steps=2), plane_samples, plane_samples[:1])
+    assert resumed["epe"] != scores["epe"]
+
+
+def test_checkpointing_changes_no_gradient(config, plane_samples) -> None:
+    batch = whole_batch(pack(plane_samples[0]))
+    gradients = []
+    network = new_network(config).train()
+    for network.recompute in (False, True):
+        network.zero_grad()
+        output = network(batch.left, batch.right, batch.target.camera)
+        total_loss(output, batch.target, LossConfig())[0].backward()
+        gradients.append(torch.cat([p.grad.flatten() for p in network.parameters()]))
+    torch.testing.assert_close(gradients[1], gradients[0], rtol=1e-3, atol=1e-3 * float(gradients[0].abs().max()))
+
+
+def test_pairs_of_large_disparities_are_worked_on_at_their_reduced_size(large_samples, tmp_path) -> None:
+    run = Run(train_config(tmp_path, network=None, preset="raft-stereo"), torch.device("cpu"))
+    run.model = new_network(TINY["raft-stereo"])
+    scores = validate(run.model, [pack(large_samples[0])], torch.device("cpu"))
+    assert scores["epe"] > 0
+    sample = large_samples[0]
+    prediction = run.model.eval().infer(sample.left, sample.right, sample.rig)
+    assert prediction.disparity.shape == sample.left.shape[:2]
+    assert prediction.normal is None
+
+
+def test_flags_of_another_methods_loss_are_refused(tmp_path) -> None:
+    config = train_config(tmp_path, preset="raft-stereo", loss=LossConfig(rock=2))
+    with pytest.raises(ValueError, match=r"^--loss\.\*: raft-stereo is trained with its own loss"):
+        Run(config, torch.device("cpu"))
+
+
+def test_a_config_of_an_unknown_kind_or_field_is_refused(tmp_path) -> None:
+    path = tmp_path / "sizes.json"
+    for content, message in (
+        ({"kind": "elas"}, "kind 'elas' is not one of m3depth, raft-stereo"),
+        ({"kind": "raft-stereo", "channels": 3}, "unknown field 'channels'"),
+        ({"kind": "raft-stereo", "hidden": 0}, "hidden must be at least 1, got 0"),
+    ):
+        path.write_text(json.dumps(content))
+        with pytest.raises(ValueError, match=message):
+            Run(train_config(tmp_path / "run", network=path), torch.device("cpu"))

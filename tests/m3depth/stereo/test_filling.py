@@ -1,0 +1,68 @@
+"""Unknown pixels are filled from the background."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from m3depth.estimator import EstimatorError, FilledEstimator
+from m3depth.stereo.filling import fill_background, filled_prediction
+from m3depth.stereo.prediction import Prediction
+from marssim.base.camera import PinholeCamera, StereoRig
+
+RIG = StereoRig(PinholeCamera.centred(4, 1, 100.0), 0.27)
+NAN = np.nan
+
+
+def sparse_prediction() -> Prediction:
+    """Sky, a match, and two pixels that are unknown."""
+    disparity = np.array([[0, 9, NAN, NAN]], np.float32)
+    depth = np.array([[np.inf, 3, NAN, NAN]], np.float32)
+    return Prediction(depth, disparity, None, np.array([[0.5, 0.9, 0, 0.2]], np.float32))
+
+
+def test_fill_takes_the_smaller_neighbour():
+    nan = np.nan
+    row = np.array([[nan, 5, nan, nan, 3, nan]])
+    assert fill_background(row).tolist() == [[5, 5, 3, 3, 3, 3]]
+
+
+def test_fill_of_empty_rows_takes_the_smaller_row():
+    rows = np.array([[np.nan] * 2, [4, 6], [np.nan] * 2, [5, 2], [np.nan] * 2])
+    assert fill_background(rows).tolist() == [[4, 6], [4, 6], [4, 2], [5, 2], [5, 2]]
+    assert np.isnan(fill_background(np.full((2, 3), np.nan))).all()
+
+
+@given(hnp.arrays(np.float32, (5, 7), elements=st.one_of(st.just(np.float32(np.nan)), st.floats(0, 100, width=32))))
+@settings(max_examples=60, deadline=None)
+def test_fill_keeps_what_is_known_and_invents_nothing(values):
+    filled = fill_background(values)
+    known = np.isfinite(values)
+    assert np.array_equal(filled[known], values[known])
+    if known.any():
+        assert np.isin(filled, values[known]).all()
+
+
+def test_a_prediction_is_filled_where_it_is_unknown_and_nowhere_else() -> None:
+    filled = filled_prediction(sparse_prediction(), RIG)
+    assert filled.disparity.tolist() == [[0, 9, 9, 9]]
+    np.testing.assert_allclose(filled.depth, [[np.inf, 3, 3, 3]])
+    np.testing.assert_allclose(filled.confidence, [[0.5, 0.9, 0, 0]])
+    assert filled.normal is None and filled.depth.dtype == filled.confidence.dtype == np.float32
+    whole = filled_prediction(filled, RIG)
+    assert whole is filled
+
+
+def test_a_filled_estimator_is_the_estimator_but_for_its_holes() -> None:
+    class Sparse:
+        normals_are_fitted = True
+
+        def infer(self, left, right, rig):
+            return sparse_prediction()
+
+    image = np.zeros((1, 4), np.uint8)
+    estimator = FilledEstimator(Sparse())
+    assert np.isfinite(estimator.infer(image, image, RIG).disparity).all() and estimator.normals_are_fitted
+    with pytest.raises(EstimatorError, match=r"Sparse\.infer returned depth of shape"):
+        estimator.infer(np.zeros((2, 4), np.uint8), np.zeros((2, 4), np.uint8), RIG)
