@@ -81,7 +81,8 @@ def table(results: Sequence[dict[str, Any]]) -> str:
     marked = False
     for r in results:
         low, high = r["success_interval"]
-        k, slope = (("preset" if v is None else f"{v:g}") for v in (r["cell"]["k"], r["cell"]["slope_deg"]))
+        unset = "-" if "condition" in r["cell"] else "preset"  # the condition sets it, or the preset
+        k, slope = ((unset if v is None else f"{v:g}") for v in (r["cell"]["k"], r["cell"]["slope_deg"]))
         mark = " *" if r["unreachable_share"] > UNREACHABLE_MARK else ""
         marked |= bool(mark)
         detour = "-" if r["path_inefficiency"] is None else f"{r['path_inefficiency']:.2f}"
