@@ -116,7 +116,7 @@ def prediction_of(out: Maps, rig: StereoRig) -> Prediction:
     candidates = known & ((maps[0, 5] > 0) | (maps[0, 0] < MIN_DISPARITY))
     candidate_map, disparity_map, confidence_map = (x.cpu().numpy() for x in (candidates, maps[0, 0], maps[0, 4]))
     sky = torch.from_numpy(possible_sky(candidate_map, disparity_map, confidence_map, rig.camera)).to(device)
-    known &= sky | ~candidates  # what looks like sky where none can be is unknown
+    known &= sky | (maps[0, 0] >= MIN_DISPARITY)  # where no sky can be, nothing is as far
     disparity = torch.where(sky, torch.zeros_like(maps[0, 0]), maps[0, 0])
     disparity = torch.where(known, disparity, torch.full_like(disparity, torch.nan))
     depth = disparity_to_depth(disparity, rig.fb)

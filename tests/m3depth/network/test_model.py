@@ -94,7 +94,7 @@ def test_nan_is_unknown_and_not_sky(model: M3Depth, monkeypatch, reduced: bool) 
     assert np.isfinite(out.disparity[20:, 50:]).all() and (out.confidence[20:, 50:] > 0).all()
 
 
-def test_sky_where_none_can_be_is_unknown(model: M3Depth, monkeypatch) -> None:
+def test_where_no_sky_can_be_the_disparity_decides(model: M3Depth, monkeypatch) -> None:
     """A patch that does not reach the upper border, as of a bright wall."""
     plain = model.forward
 
@@ -109,9 +109,10 @@ def test_sky_where_none_can_be_is_unknown(model: M3Depth, monkeypatch) -> None:
     image = np.random.default_rng(0).integers(0, 256, (32, 64), dtype=np.uint8)
     out = model.infer(image, image, rig_of(32, 64))
     assert out.is_sky[:6].all() and not out.is_sky[6:].any()
-    patch = np.s_[20:28, 30:50]
+    measured, far = np.s_[20:25, 30:50], np.s_[25:28, 30:50]
+    assert np.allclose(out.disparity[measured], 5) and (out.confidence[measured] > 0).all()
     assert out.normal is not None
-    assert np.isnan(out.depth[patch]).all() and np.isnan(out.normal[patch]).all() and (out.confidence[patch] == 0).all()
+    assert np.isnan(out.depth[far]).all() and np.isnan(out.normal[far]).all() and (out.confidence[far] == 0).all()
 
 
 @pytest.mark.parametrize("nearest", [0.0, -1.0, float("nan"), float("inf")])
