@@ -177,10 +177,14 @@ def score(part: Part, dataset: StereoDataset, options: Options) -> None:
         write_json(done, state)
 
 
+class CommandFailed(Exception):
+    """A command has failed, and has printed why; the argument is its exit code."""
+
+
 def _run(command: Callable[[list[str]], int], flags: list[str]) -> None:
-    """Run a command; one that fails, and has printed why, ends this one with its exit code."""
+    """Run a command. Raises CommandFailed."""
     if code := command(flags):
-        raise SystemExit(code)
+        raise CommandFailed(code)
 
 
 def work(options: Options) -> None:
@@ -209,8 +213,11 @@ def work(options: Options) -> None:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the command, and return its exit code: 2 for a mistake of the user."""
-    return run_command(work, Options, "python docs/score_manifest.py", __doc__, args)
+    """Run the command, and return its exit code: 2 for a mistake of the user, else that of a command that failed."""
+    try:
+        return run_command(work, Options, "python docs/score_manifest.py", __doc__, args)
+    except CommandFailed as failed:
+        return int(failed.args[0])
 
 
 if __name__ == "__main__":

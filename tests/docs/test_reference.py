@@ -15,6 +15,7 @@ MODULES = [f"{package}.{command}" for package, commands in COMMANDS.items() for 
 PAGES = [ROOT / "README.md", ROOT / "examples" / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 # What a command line of the pages stands for, where it must be more than a name.
 OWN = {"PLACE": "gale", "SEED": "7", " DUST": " --scene utopia", " WIDE": "", " BLANK": "", " LARGE": ""}
+OWN[" FILES"] = " --left *Left.png --right *Right.png --depth *Depth.exr --calib natecam"
 
 
 @pytest.fixture(scope="module")

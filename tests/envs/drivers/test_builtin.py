@@ -98,7 +98,8 @@ def what_a_rover_knows(env):
     """An environment without the truth: no vehicle, no rocks, and of a look no true depth and no true pose."""
     sight = replace(env.sight, true_depth=None, pose=np.full((4, 4), np.nan))
     course = SimpleNamespace(goal=env.course.goal, scene=SimpleNamespace(half=env.course.scene.half))
-    return SimpleNamespace(rover_spec=ZHURONG, sight=sight, believed_pose=env.believed_pose, course=course)
+    gaze = SimpleNamespace(pan=env.gaze.pan, fresh=env.gaze.fresh)
+    return SimpleNamespace(rover_spec=ZHURONG, sight=sight, gaze=gaze, believed_pose=env.believed_pose, course=course)
 
 
 def test_navigator_and_map_are_given_nothing_of_the_truth(make_env):

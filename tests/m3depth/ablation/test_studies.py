@@ -14,8 +14,8 @@ def test_a_run_that_is_the_same_in_several_tables_is_one(preset: str) -> None:
     runs = distinct(STUDIES.values(), preset)
     different = {run.name: run.resolved(preset) for run in runs.values()}
     rows = [row.variant.name for study in STUDIES.values() for row in study.rows]
-    # The preset is in each study and no-irm in two; the paper's network has no lookup and no fine part to leave out.
-    shared = {"lite": 5, "paper": 5 + 3}[preset]
+    # The preset is in each study and no-irm in two; the paper's networks have no lookup and no fine part to leave out.
+    shared = {"lite": 5, "paper": 5 + 3, "paper-thin": 5 + 3}[preset]
     assert len(different) == len(set(different.values())) == len(rows) - shared
     assert runs.keys() == set(rows)
     network, loss = BASE.resolved(preset)

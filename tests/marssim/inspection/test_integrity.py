@@ -156,10 +156,7 @@ def test_files_that_do_not_belong_are_named(folder):
 
 def test_the_index_is_checked(folder):
     change(folder / "dataset.json", lambda c: c["samples"][2].update(split="train"))
-    change(folder / "dataset.json", lambda c: c["samples"].append(c["samples"][0]))
-    reported = findings(folder)
-    assert "dataset.json: 00001/00 is in train, its scene belongs to test" in reported
-    assert "dataset.json: lists 00000/00 twice" in reported and len(reported) == 2
+    assert findings(folder) == ["dataset.json: 00001/00 is in train, its scene belongs to test"]
 
 
 def test_a_whole_sample_put_in_place_of_another_is_found(folder):

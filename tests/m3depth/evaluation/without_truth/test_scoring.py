@@ -84,13 +84,12 @@ def test_the_command_scores_images_alone_and_continues(folder, tmp_path, capsys,
     def stopped(*arguments):
         calls.append(arguments)
         if len(calls) == 2:
-            raise SystemExit
+            raise KeyboardInterrupt
         return scored(*arguments)
 
     monkeypatch.setattr("m3depth.evaluation.resume.SECONDS", 0.0)
     monkeypatch.setattr(run, "score_pair", stopped)
-    with pytest.raises(SystemExit):
-        main(command(folder, tmp_path / "parts"))
+    assert main(command(folder, tmp_path / "parts")) == 130
     monkeypatch.setattr(run, "score_pair", scored)
     assert main(command(folder, tmp_path / "parts")) == 0
     again = json.loads((tmp_path / "parts/results.json").read_text())
