@@ -4,12 +4,15 @@ import pytest
 from command_lines import CONFIGS, VALUES, config_of, flags_of, parser_of
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from oracle import CASES, judge
+from oracle import CASES, SAME, judge
 
 from marssim.base.command.listing import COMMANDS
 
 MANY = settings(
-    max_examples=CASES, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+    max_examples=CASES,
+    derandomize=SAME,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 HOSTILE = st.sampled_from(VALUES) | st.floats().map(repr) | st.integers().map(str) | st.text(max_size=8)
 

@@ -6,10 +6,13 @@ import pytest
 from file_formats import FORMATS
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from oracle import CASES, judge
+from oracle import CASES, SAME, judge
 
 MANY = settings(
-    max_examples=CASES, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+    max_examples=CASES,
+    derandomize=SAME,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 TOKEN = re.compile(rb'-?\d+\.?\d*(?:[eE][+-]?\d+)?|"[^"]*"|true|false|null')
 TOKENS = (

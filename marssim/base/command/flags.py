@@ -76,12 +76,13 @@ def parse(
 
 def _check_not_empty(args: Sequence[str]) -> None:
     """Raise ValueError for an empty value. As a path it would mean the working directory."""
+    flag = "a value before all --flags"
     for before, word in zip(["", *args], args):
-        flag = word[:-1] if re.fullmatch(r"--[a-zA-Z][\w.-]*=", word) else before
-        if word == "" or flag is not before:
-            raise ValueError(
-                f"{flag if flag.startswith('--') else 'a value'} is empty: give it a value, or leave it out"
-            )
+        if match := re.fullmatch(r"(--[a-zA-Z][\w.-]*)(=.*)?", word, re.DOTALL):
+            flag = match[1]
+        if word == "" or (match and match[2] == "="):
+            what = flag if before == flag or word or not flag.startswith("--") else f"a value after {flag}"
+            raise ValueError(f"{what} is empty: give it a value, or leave it out")
 
 
 def _check_numbers(config: Any, prefix: str = "--") -> None:

@@ -133,7 +133,7 @@ def test_a_good_command_line_reaches_the_work(capsys):
         ),
         (["--kind", ""], "--kind is empty: give it a value, or leave it out"),
         (["--out="], "--out is empty: give it a value, or leave it out"),
-        (["--quiet", "stray", ""], "a value is empty: give it a value, or leave it out"),
+        (["--quiet", "stray", ""], "a value after --quiet is empty: give it a value, or leave it out"),
         (["--grain", "inf"], "--grain must be a finite number, got inf"),
         (["--part.angle", "0", "nan"], "--part.angle must be a finite number, got nan"),
         (["--part.half-width", "1e300"], "--part.half-width must lie within +-1e+12, got 1e+300"),
