@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from copy import copy
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from gymnasium.utils import EzPickle
 
 from envs.observation.info import episode_info
 from envs.observation.map_view import MapView
 from envs.observation.spaces import observation_space, observe
 from envs.suites.conditions import under
 from envs.world.action import checked_action
-from envs.world.arguments import check_errors, check_flags, known_scene
+from envs.world.arguments import check_errors, check_flags, check_render_mode, known_scene
 from envs.world.clearance import ObstacleClearance
 from envs.world.course import Course, CourseConfig, draw_course, reversed_course
 from envs.world.eyes import EyesConfig
@@ -38,12 +38,9 @@ if TYPE_CHECKING:
     from m3depth.estimator import Estimator
 
 STEP_SECONDS = 2.0  # [s] that the rover drives in one step
-EPISODE = (  # attributes of an episode, beside the course, the vehicle and what is seen
-    "_obstacle_clearance", "_odometry", "believed_pose", "_gauge", "referee", "_steps", "_last_action", "_way",
-)  # fmt: skip
 
 
-class MarsNavEnv(gymnasium.Env):
+class MarsNavEnv(gymnasium.Env, EzPickle):
     """
     ## Description
 
@@ -222,22 +219,23 @@ class MarsNavEnv(gymnasium.Env):
         eyes: EyesConfig | None = None,
         condition: str | Mapping[str, Any] | None = None,
     ) -> None:
+        EzPickle.__init__(  # a copied or unpickled environment is made anew, and needs a reset
+            self, perception, dynamics, renderer, scene, goal_distance, mast, map_observation, disparity_noise, drift,
+            yaw_drift_deg, render_mode, align_rows, slip, runtime, eyes, condition,
+        )  # fmt: skip
         check_errors({"disparity_noise": disparity_noise, "drift": drift, "yaw_drift_deg": yaw_drift_deg})
         check_flags({"mast": mast, "map_observation": map_observation, "align_rows": align_rows})
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise ValueError(f"render_mode {render_mode!r} is unknown; choose from rgb_array")
+        check_render_mode(render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
         self.dynamics = known_dynamics(dynamics)
         if dynamics is None and self.dynamics != "physics":
             gymnasium.logger.warn(FALLBACK_NOTE)
-        self.rover_spec = ZHURONG
-        self.mast = mast
+        self.rover_spec, self.mast = ZHURONG, mast
         settings = known_scene(scene), CourseConfig(goal_distance=goal_distance), eyes or EyesConfig()
         self.scene_config, self.course_config, self.eyes = under(condition or {}, *settings)
         self.perception = Perception(
-            perception, renderer, self.eyes, disparity_noise=float(disparity_noise), align_rows=align_rows,
-            runtime=runtime,
-        )  # fmt: skip
+            perception, renderer, self.eyes, disparity_noise=disparity_noise, align_rows=align_rows, runtime=runtime
+        )
         self.gaze = Gaze(self.perception, self.rover_spec, self.eyes.look_every)
         self.slip = known_slip(slip)
         self.drift, self.yaw_drift = float(drift), float(np.deg2rad(yaw_drift_deg))
@@ -381,13 +379,6 @@ class MarsNavEnv(gymnasium.Env):
         self.gaze.forget()
         self.vehicle = self.course = self._view = None
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave the episode out: a copied or unpickled environment has no course, and needs a reset."""
-        kept = {name: value for name, value in vars(self).items() if name not in EPISODE}
-        perception = copy(self.perception)
-        gaze = Gaze(perception, self.rover_spec, self.eyes.look_every)
-        return {**kept, **dict.fromkeys(("course", "vehicle", "_view")), "perception": perception, "gaze": gaze}
-
     def _place(self) -> np.ndarray:
         """Return x, y [m] and yaw [rad] of the rover, (3,)."""
         assert self.vehicle is not None
@@ -405,6 +396,5 @@ class MarsNavEnv(gymnasium.Env):
 
     def _info(self) -> dict[str, Any]:
         assert self.course is not None
-        looks_rarely = self.eyes.look_every > 0
-        info = episode_info(self.outcome, self.course, self._way, self.gaze, self.believed_pose, looks_rarely)
-        return info | self._gauge.info()
+        standing = episode_info(self.outcome, self.course, self._way, self.gaze, self.believed_pose)
+        return standing | self._gauge.info()

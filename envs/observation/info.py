@@ -11,9 +11,7 @@ from envs.world.gaze import Gaze
 from envs.world.way_driven import WayDriven
 
 
-def episode_info(
-    outcome: str, course: Course, way: WayDriven, gaze: Gaze, believed_pose: np.ndarray, looks_rarely: bool
-) -> dict[str, Any]:
+def episode_info(outcome: str, course: Course, way: WayDriven, gaze: Gaze, believed_pose: np.ndarray) -> dict[str, Any]:
     """Return the values that MarsNavEnv documents, but those of the slip.
 
     Args:
@@ -22,7 +20,6 @@ def episode_info(
         way: The way driven.
         gaze: The last look, and the mast.
         believed_pose: (4, 4) body to world, as the odometry has it.
-        looks_rarely: Whether not every step ends with a look.
     """
     assert gaze.sight is not None
     return {
@@ -35,5 +32,5 @@ def episode_info(
         "position_error": float(np.hypot(*(believed_pose[:2, 3] - way.place[:2]))),
         "perception_seconds": gaze.sight.seconds if gaze.fresh else 0.0,
         "redraws": course.redraws,
-        **({"looked": gaze.fresh} if looks_rarely else {}),
+        **({"looked": gaze.fresh} if gaze.every > 0 else {}),
     }

@@ -26,6 +26,12 @@ def check_flags(flags: dict[str, bool]) -> None:
             raise ValueError(f"{name} must be True or False, got {flag!r}")
 
 
+def check_render_mode(mode: str | None, known: list[str]) -> None:
+    """Raise ValueError that names a way of rendering that is unknown; None renders nothing."""
+    if mode is not None and mode not in known:
+        raise ValueError(f"render_mode {mode!r} is unknown; choose from {', '.join(known)}")
+
+
 def known_scene(scene: str | Path | SceneConfig) -> SceneConfig:
     """Return the settings of a place: a preset's name, a JSON file of a place, or settings, which are returned.
 

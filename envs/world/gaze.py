@@ -13,6 +13,7 @@ class Gaze:
     """Turns the mast, and looks after each step or once in a while.
 
     Attributes:
+        every: Way after which the rover looks again [m]; 0 where each step ends with a look.
         pan: Pan of the mast now [rad], positive to the left.
         sight: The last look, or None before the first.
         fresh: Whether the last step ended with a look.
@@ -26,7 +27,7 @@ class Gaze:
             spec: The rover.
             every: Way after which the rover looks again [m]; 0 looks after every step.
         """
-        self._perception, self._mount, self._every = perception, spec.mount, every
+        self._perception, self._mount, self.every = perception, spec.mount, every
         self.pan = 0.0
         self.sight: Sight | None = None
         self.fresh = False
@@ -56,7 +57,7 @@ class Gaze:
             stands: Whether the step was commanded to stand still, as a rover does that only wants to look.
         """
         self._since += way
-        if self._since >= self._every or stands:
+        if self._since >= self.every or stands:
             self._look(state)
         else:
             self.fresh = False

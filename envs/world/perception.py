@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 
@@ -116,7 +115,7 @@ class Perception:
         self.estimator = load_perception(perception, runtime)
         self.eyes = eyes or EyesConfig()
         self.rig = self.eyes.rig
-        self.disparity_noise = disparity_noise
+        self.disparity_noise = float(disparity_noise)
         self.align_rows = align_rows
         self.renderer: Renderer | None = None
         self._shader: Shader | None = None
@@ -183,12 +182,6 @@ class Perception:
             raise RuntimeError("open a scene before looking")
         self._shader = self._shader or Shader(self._scene)
         return render_stereo(self.renderer, self._shader, self.rig, pose, self._sensor, self._rng)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave the open scene out: a copied or unpickled perception has none."""
-        gone = ("_scene", "_rng", "_sensor", "_noise")
-        kept = {name: value for name, value in vars(self).items() if name not in gone}
-        return {**kept, "renderer": None, "_shader": None}
 
     def close(self) -> None:
         """Free the renderer; may be called twice."""

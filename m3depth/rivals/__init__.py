@@ -7,5 +7,6 @@
     light_stereo.py        LightStereo, the modern one
 
 config.py holds the sizes of all and their presets, rival.py what they share, output.py what they return and how it is
-trained, layers.py the encoders of RAFT that several of them stand on.
+trained, layers.py the encoders of RAFT that several of them stand on, recurrent.py what RAFT-Stereo and
+Selective-Stereo share.
 """

@@ -13,21 +13,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from m3depth.network.refinement import ConvexUpsampling, CorrelationLookup
 from m3depth.rivals.config import SelectiveStereoConfig
-from m3depth.rivals.layers import start_as_encoder, trunk
-from m3depth.rivals.output import SequenceOutput
-from m3depth.rivals.raft_stereo import (
-    CELL,
-    STRIDES,
-    ContextEncoder,
-    MotionEncoder,
-    correction_head,
-    enlarged,
-    halved,
-    sequence_shares,
-)
-from m3depth.rivals.rival import Rival
+from m3depth.rivals.recurrent import MotionEncoder, RecurrentStereo, correction_head, enlarged, halved
 
 REDUCTION = 16  # of the channels inside the channel attention
 KERNELS = (1, 3)  # of the two units, for detail and for smooth surfaces
@@ -120,40 +107,18 @@ class SelectiveUpdate(nn.Module):
         return [fine, middle, coarse], cells + self.head(fine).float()
 
 
-class SelectiveStereo(Rival):
+class SelectiveStereo(RecurrentStereo):
     """Selective-Stereo on RAFT-Stereo."""
 
     config: SelectiveStereoConfig
 
     def __init__(self, config: SelectiveStereoConfig) -> None:
-        super().__init__()
-        self.config = config
-        self.features = nn.Sequential(
-            trunk(config.widths, STRIDES, "instance"), nn.Conv2d(config.widths[2], config.features, 1)
-        )
-        start_as_encoder(self.features)
-        self.context = ContextEncoder(config.widths, config.hidden)
+        super().__init__(config)
         self.channels = ChannelAttention(config.hidden)
         self.pixels = SpatialAttention()
         self.update = SelectiveUpdate(config)
-        self.upsample = ConvexUpsampling(config.hidden, CELL)
 
-    def estimate(self, left: Tensor, right: Tensor, camera: Tensor) -> SequenceOutput:
-        """Return the disparity after each step in training, after the last one otherwise."""
-        c, call = self.config, self.call
-        matched = call(self.features, torch.cat([left, right])).float()  # (2 B, features, H / 4, W / 4)
-        match_left, match_right = matched.chunk(2)
-        lookup = CorrelationLookup(match_left, match_right, c.lookup_radius, c.lookup_levels)
-        states, contexts = call(self.context, left)
-        contexts = [self.channels(x) * x for x in contexts]
-        attention = [self.pixels(x) for x in contexts]
-        cells = torch.zeros_like(matched[: len(left), :1])
-        maps = []
-        count = c.train_steps if self.training else c.steps
-        for step in range(count):
-            cells = cells.detach()
-            scores = lookup(cells).to(states[0].dtype)
-            states, cells = call(self.update, states, contexts, attention, cells, scores)
-            if self.training or step + 1 == count:
-                maps.append(call(self.upsample, states[0], CELL * cells))
-        return SequenceOutput(maps, sequence_shares(count)[-len(maps) :])
+    def inputs(self, contexts: list[Tensor]) -> tuple[list[Tensor], ...]:
+        """Return the contexts with weighed channels, (B, hidden, ...), and the attention maps, (B, 1, ...)."""
+        weighed = [self.channels(x) * x for x in contexts]
+        return weighed, [self.pixels(x) for x in weighed]

@@ -1,7 +1,7 @@
 import torch
 
 from m3depth.rivals.output import SequenceOutput, Truth, fading_shares
-from m3depth.rivals.raft_stereo import sequence_shares
+from m3depth.rivals.recurrent import sequence_shares
 
 
 def truth_of(disparity: torch.Tensor, known: torch.Tensor) -> Truth:

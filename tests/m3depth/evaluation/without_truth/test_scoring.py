@@ -15,7 +15,7 @@ from m3depth.stereo.prediction import Prediction
 
 
 class Truth:
-    """Answers the truth of a plane from either eye, off by some pixels; its mirrored pair is told by the rig's cx."""
+    """Returns the true disparity of a plane plus an error, in the left image and in the mirrored right one."""
 
     def __init__(self, sample, error: float = 0.0) -> None:
         self.sample, self.error = sample, error
