@@ -215,10 +215,8 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
     degradation = None if options.degrade is None else Degradation.parse(options.degrade)
     columns = named_estimators(options)
     estimators = {label: {"name": name.form, "sha256": name.digest()} for label, (_, name) in columns.items()}
-    from m3depth.network.device import chosen_device
-
     runtime = recorded_runtime([name.name for _, name in columns.values()], options.runtime, options.device)
-    device = "cpu" if (runtime or "").startswith("openvino") else chosen_device(options.device).type
+    device = device_kind(options.device, runtime)
     saved_state = SavedState(options.out, dependencies(options, dataset, estimators, device, runtime))
     evaluation = evaluate(
         dataset,
@@ -325,6 +323,18 @@ def _work(options: EvaluateOptions) -> None:
             raise RuntimeError(f"scoring failed: {error}") from error
 
 
+def device_kind(device: str, runtime: str | None) -> str:
+    """Return the kind of device that M3Depth runs on, cpu or cuda.
+
+    Args:
+        device: The --device flag.
+        runtime: Name and version of the runtime, None for methods that have none.
+    """
+    from m3depth.network.device import chosen_device
+
+    return "cpu" if (runtime or "").startswith("openvino") else chosen_device(device).type
+
+
 def _work_without_truth(options: EvaluateOptions) -> None:
     """Score the methods on pairs of images alone."""
     for flag_name, value in (("--predictions", options.predictions), ("--degrade", options.degrade)):
@@ -336,17 +346,15 @@ def _work_without_truth(options: EvaluateOptions) -> None:
     columns = named_estimators(options)
     folder = result_folder(options)
     folder.check()
-    estimators = {label: {"name": name.name, "sha256": name.digest()} for label, (_, name) in columns.items()}
+    estimators = {label: {"name": name.form, "sha256": name.digest()} for label, (_, name) in columns.items()}
     runtime = recorded_runtime([name.name for _, name in columns.values()], options.runtime, options.device)
-    methods = {
-        label: load_estimator(name.name, flag_name, device=options.device, runtime=options.runtime)
-        for label, (flag_name, name) in columns.items()
-    }
+    methods = {label: loaded(name, flag_name, options) for label, (flag_name, name) in columns.items()}
+    device = device_kind(options.device, runtime)
     images = state_of_files(path for pair in pairs for path in (pair.left, pair.right))
-    calib = [] if options.reader.calib is None else [options.reader.calib]
+    calib = [options.reader.calib or options.data / "calib.txt"]
     depends = {
         "--data": [str(options.data.resolve()), images], "--estimator": estimators, "--runtime": runtime,
-        "--align-rows": options.align_rows, "--calib": state_of_files(calib),
+        "--device": device, "--align-rows": options.align_rows, "--calib": state_of_files(calib),
         **{flag(name): str(value) for name, value in options.reader.changed_fields().items() if name != "calib"},
         "state of the code": source_digest(("marssim", "m3depth")),
     }  # fmt: skip

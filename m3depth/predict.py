@@ -50,7 +50,8 @@ from m3depth.estimator import Estimator
 from m3depth.prediction.batch import MARK, Batch, cloud_pose, ending, predict_many, record_of
 from m3depth.prediction.figure import depth_range_shown
 from m3depth.prediction.files import write_prediction
-from m3depth.prediction.one_pair import AGREEMENT, Method, PairPrediction, predict_pair, prepare
+from m3depth.prediction.left_right import AGREEMENT
+from m3depth.prediction.one_pair import Method, PairPrediction, predict_pair, prepare
 from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.sources.calibration import make_calibration
 from m3depth.prediction.sources.inputs import Inputs, find_inputs

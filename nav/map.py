@@ -39,7 +39,7 @@ from marssim.base.dataset.map_file import find_map, read_map_file
 from marssim.base.files.json_file import DatasetError, read_json, write_json
 from marssim.base.results.claim import ResultFolder
 from marssim.base.rover_spec import ZHURONG
-from nav.ground.elevation import ElevationConfig, ElevationMap
+from nav.ground.elevation import FEWEST_CELLS, ElevationConfig, ElevationMap
 from nav.ground.map_files import BLOCKED, UNKNOWN, layers, write_map
 from nav.ground.traversability import Traversability, TraversabilityConfig, assess
 
@@ -168,7 +168,7 @@ def make_map(pairs: Sequence[PredictedPair], options: MapOptions) -> tuple[Eleva
     places = np.array([pair.pose[:2, 3] for pair in pairs])
     low, high = places.min(axis=0), places.max(axis=0)
     size = float((high - low).max()) + 2 * (options.max_range + EDGE)
-    cells = int(np.ceil(size / options.cell))
+    cells = max(FEWEST_CELLS, int(np.ceil(size / options.cell)))
     if cells > MOST:
         raise DatasetError(
             f"--cell {options.cell:g}: the pairs lie up to {(high - low).max():.0f} m apart, so the map would have "
@@ -221,10 +221,10 @@ def _summary(pairs: Sequence[PredictedPair], elevation: ElevationMap, ground: Tr
     code, area = layers(elevation, ground)["traversability"], elevation.config.cell**2
     heights = elevation.low[elevation.measured]
     low, high = np.percentile(heights, [5, 95])
-    seen, blocked = ((code != UNKNOWN).sum() * area, (code == BLOCKED).sum() * area)
+    visible_area, blocked_area = ((code != UNKNOWN).sum() * area, (code == BLOCKED).sum() * area)
     return (
-        f"{counted(len(pairs), 'pair')}; {seen:.0f} m2 seen, heights {low:.2f} to {high:.2f} m (5 to 95 %); obstacles "
-        f"on {blocked:.1f} m2"
+        f"{counted(len(pairs), 'pair')}; {visible_area:.0f} m2 visible, heights {low:.2f} to {high:.2f} m (5 to 95 %); "
+        f"obstacles on {blocked_area:.1f} m2"
     )
 
 

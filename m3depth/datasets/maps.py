@@ -9,11 +9,11 @@ import numpy as np
 
 from m3depth.datasets.exr import exr_channels
 from m3depth.datasets.image_files import decode_image
+from marssim.base.dataset.map_file import PNG_UNIT
 from marssim.base.files.json_file import DatasetError
 from marssim.base.files.npy import read_npy
 
 Kind = Literal["disparity", "depth"]
-PNG_UNIT: dict[Kind, float] = {"disparity": 256.0, "depth": 1000.0}  # stored for 1 px (as KITTI does) and for 1 m
 UNITS: dict[Kind, str] = {"disparity": "px", "depth": "m"}
 FAR = 1000.0  # [m] beyond this is sky; renderers write about 1e10 where there is no surface
 DEPTH_CHANNELS = ("Z", "V", "R", "Y")  # of an EXR file, the first that exists; OAISYS repeats one channel

@@ -21,7 +21,8 @@ def state_of_pairs(dataset: StereoPairs) -> Any:
     if (digest := getattr(dataset, "digest", None)) is not None:
         return digest
     if isinstance(dataset, PairList):
-        return state_of_files(path for pair in dataset.pairs for path in (pair.left, pair.right, pair.truth))
+        files = (path for pair in dataset.pairs for path in (pair.left, pair.right, pair.truth, pair.normal))
+        return state_of_files(path for path in files if path is not None)
     return len(dataset)
 
 

@@ -29,10 +29,10 @@ from typing import Literal
 import numpy as np
 
 from m3depth.datasets.image_files import decode_image
-from m3depth.datasets.maps import PNG_UNIT
 from m3depth.stereo.filling import fill_background
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import StereoRig
+from marssim.base.dataset.map_file import PNG_UNIT
 from marssim.base.files.npy import read_npy
 
 ENDINGS = ("npy", "pfm", "tiff", "tif", "png")  # of files of maps; the first that exists is read

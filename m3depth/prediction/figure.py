@@ -49,15 +49,15 @@ def prediction_picture(left: np.ndarray, prediction: Prediction, shown: tuple[fl
     near, far = shown
     unknown = np.isnan(prediction.depth)
     confidence = np.nan_to_num(np.clip(prediction.confidence, 0, 1))
-    sure = cv2.applyColorMap((confidence * 255).astype(np.uint8), cv2.COLORMAP_CIVIDIS)[..., ::-1].copy()
-    sure[unknown] = 0
+    confidence_colours = cv2.applyColorMap((confidence * 255).astype(np.uint8), cv2.COLORMAP_CIVIDIS)[..., ::-1].copy()
+    confidence_colours[unknown] = 0
     maps = [
         ("left image", in_colour(left)),
         (f"depth: {near:g} m yellow to {far:g} m violet", depth_colours(prediction.depth, near, far)),
     ]
     if prediction.normal is not None:
         maps.append(("normals: red right, green up, blue to the camera", normal_colours(prediction.normal)))
-    maps.append(("confidence: 0 blue to 1 yellow", sure))
+    maps.append(("confidence: 0 blue to 1 yellow", confidence_colours))
     parts = [_titled(title, _sized(image)) for title, image in maps]
     height, width = parts[0].shape[:2]
     page = np.full((2 * height + LINE + 12, 2 * width + GAP, 3), PAPER, np.uint8)

@@ -6,9 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from m3depth.prediction.masks import unmeasured
 from m3depth.prediction.settings import Infer
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import StereoRig
+
+AGREEMENT = 1.0  # [px] largest difference of both eyes' disparities that counts as agreement
 
 
 def left_right_difference(
@@ -27,13 +30,14 @@ def left_right_difference(
         prediction: What `infer` returned for them.
 
     Returns:
-        (H, W) float32 [px]. NaN where the point lies beyond the right image's border or either disparity is unknown; 0
-        where both are sky.
+        (H, W) float32 [px]. NaN where the point lies beyond the right image's border, or a disparity is unknown or of a
+        pixel that the method only filled in the right image; 0 where both are sky.
     """
     width = left.shape[1]
     mirrored = replace(rig, camera=replace(rig.camera, cx=width - 1 - rig.camera.cx))
     first, second = (np.ascontiguousarray(image[:, ::-1]) for image in (right, left))
-    right_disparity = infer(first, second, mirrored).disparity[:, ::-1]
+    of_right = infer(first, second, mirrored)
+    right_disparity = np.where(unmeasured(of_right), np.float32(np.nan), of_right.disparity)[:, ::-1]
     column = np.arange(width) - prediction.disparity  # columns of the right image
     inside = (column >= 0) & (column <= width - 1)  # False where it is NaN
     column = np.where(inside, column, 0)

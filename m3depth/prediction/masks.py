@@ -23,6 +23,11 @@ def is_valid_mask(path: Path) -> bool:
     return any(file.stem == stem for file in path.parent.glob(f"{stem}.*"))
 
 
+def valid_mask(image: Path) -> Path:
+    """Return where the mask of an image lies, if there is one."""
+    return image.with_name(f"{image.stem}{VALID}.png")
+
+
 def read_valid(image: Path | None, mask: Path | None, shape: tuple[int, int]) -> np.ndarray | None:
     """Return where an image shows the scene, (H, W) bool; None without a mask.
 
@@ -35,7 +40,7 @@ def read_valid(image: Path | None, mask: Path | None, shape: tuple[int, int]) ->
         FileNotFoundError: The mask is missing.
         ValueError: A mask is unreadable or has another size than the image; the message names it.
     """
-    beside = None if image is None else image.with_name(f"{image.stem}{VALID}.png")
+    beside = None if image is None else valid_mask(image)
     valid = None
     for path in (mask, beside if beside is not None and beside.is_file() else None):
         if path is None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from m3depth.estimator import M3DEPTH, Estimator, EstimatorName, load_estimator
 from m3depth.prediction.common_disparity import given_back, nearest_without, taken_out
-from m3depth.prediction.left_right import left_right_difference
+from m3depth.prediction.left_right import AGREEMENT, left_right_difference
 from m3depth.prediction.masks import read_valid, seen_by_mask, unknown_where, unmeasured, without_sky_normals
 from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.pair_checks import check_pair, empty_or_same, rows_of
@@ -23,8 +23,6 @@ from m3depth.stereo.prediction import Prediction
 from m3depth.stereo.rows import RowFit, aligned_right
 from marssim.base.calibration.rectified import Calibration, align_right
 from marssim.base.camera import StereoRig
-
-AGREEMENT = 1.0  # [px] largest difference of both eyes' disparities that counts as agreement
 
 
 @dataclass(frozen=True)

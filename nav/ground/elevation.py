@@ -23,6 +23,7 @@ from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.images.depth_edges import JUMP, depth_edges
 from nav.ground.hidden_drops import HiddenDropConfig, hidden_drops
 
+FEWEST_CELLS = 10  # of a side of the map
 DROP_COLUMNS = 128  # number of image columns in which drops are looked for, roughly
 DROP_RAYS = 2  # number of image columns that must show the drop of a cell
 
@@ -61,8 +62,8 @@ class ElevationConfig:
     """Which hidden ground is a possible drop."""
 
     def __post_init__(self) -> None:
-        if not (self.cell > 0 and self.size >= 10 * self.cell):
-            raise ValueError(f"size must be at least ten cells, got cell={self.cell}, size={self.size}")
+        if not (self.cell > 0 and self.size >= FEWEST_CELLS * self.cell):
+            raise ValueError(f"size must be at least {FEWEST_CELLS} cells, got cell={self.cell}, size={self.size}")
 
 
 @lru_cache(maxsize=8)

@@ -44,7 +44,7 @@ NOISY = {"map_observation": True, "disparity_noise": 0.3, "drift": 0.02, "yaw_dr
 @pytest.mark.parametrize(
     "settings",
     [
-        {}, {"mast": True, "render_mode": "rgb_array", **NOISY}, {"slip": "scene"},
+        {}, {"dynamics": "physics"}, {"mast": True, "render_mode": "rgb_array", **NOISY}, {"slip": "scene"},
         {"slip": SlipConfig("sand", 0.5), "dynamics": "physics"}, RARELY,
     ],
 )  # fmt: skip
@@ -54,7 +54,10 @@ def test_the_checker_of_gymnasium_accepts_the_environment(make_env, rockless, se
 
 @pytest.mark.parametrize(
     ("settings", "wrap"),
-    [({}, False), ({"mast": True, **NOISY}, True), ({"slip": "sand", "dynamics": "physics"}, False), (RARELY, False)],
+    [
+        ({}, False), ({"mast": True, **NOISY}, False), ({"mast": True, **NOISY}, True), ({"slip": "sand"}, False),
+        ({"slip": "sand", "dynamics": "physics"}, False), (RARELY, False),
+    ],
 )  # fmt: skip
 def test_the_checker_of_stable_baselines_accepts_the_environment(make_env, rockless, settings, wrap):
     checker = pytest.importorskip("stable_baselines3.common.env_checker")

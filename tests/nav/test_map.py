@@ -79,6 +79,13 @@ def test_one_pair_becomes_a_map_around_the_rover(tmp_path, capsys, form):
     assert picture.shape[0] >= 400 and (picture == 128).all(axis=-1).any()
 
 
+def test_wide_cells_need_fewer_points(tmp_path):
+    write_pair(tmp_path / "pair", pose=False)
+    assert main([str(tmp_path / "pair"), "--out", str(tmp_path / "map"), "--cell", "2", "--max-range", "6"]) == 0
+    heights = layer(tmp_path / "map", "elevation")[0]
+    assert np.isfinite(heights).sum() >= 4 and np.nanmedian(np.abs(heights)) < 0.05
+
+
 def test_pairs_with_poses_become_one_map_at_its_place(tmp_path):
     for number, x in enumerate((0.0, 3.0, 8.0)):
         write_pair(tmp_path / f"drive/{number}", x)

@@ -13,11 +13,10 @@ from m3depth.datasets.folders import partners
 from m3depth.datasets.image_files import read_pair
 from m3depth.datasets.pair_files import Rig, Rigs
 from m3depth.datasets.rigs import file_rig, given_rig
+from m3depth.prediction.masks import is_valid_mask
 from marssim.base.calibration.rectified import align_right
 from marssim.base.camera import StereoRig
 from marssim.base.files.json_file import DatasetError
-
-MASK = "_valid"  # ends the names of the masks that m3depth.rectify writes
 
 
 def are_without_truth(config: DataConfig) -> bool:
@@ -61,7 +60,7 @@ def image_pairs(root: Path, config: DataConfig) -> list[ImagePair]:
     """
     if not root.is_dir():
         raise DatasetError(f"{root}: no such folder")
-    for name in ("unit", "normals", "resize", "depth_range"):
+    for name in ("unit", "normal", "normal_frame", "normals", "resize", "depth_range"):
         if name in config.changed_fields():
             raise DatasetError(f"--{name.replace('_', '-')} is for pairs with true depth; give --disparity or --depth")
     rigs = given_rig(config)
@@ -72,6 +71,6 @@ def image_pairs(root: Path, config: DataConfig) -> list[ImagePair]:
 
 def _pairs(root: Path, config: DataConfig, rigs: Rigs) -> Iterator[ImagePair]:
     assert config.left is not None and config.right is not None
-    for left, right in partners(root, (config.left, config.right), lambda path: path.stem.endswith(MASK)):
+    for left, right in partners(root, (config.left, config.right), is_valid_mask):
         name = left.relative_to(root).with_suffix("").as_posix()
         yield ImagePair(name, left, right, rigs(root / "calib.txt", left))

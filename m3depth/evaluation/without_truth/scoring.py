@@ -10,14 +10,13 @@ import numpy as np
 from m3depth.estimator import Estimator, checked_prediction
 from m3depth.evaluation.cost import measured
 from m3depth.evaluation.without_truth.photometric import residuals
-from m3depth.prediction.left_right import left_right_difference
+from m3depth.prediction.left_right import AGREEMENT, left_right_difference
 from m3depth.prediction.masks import unmeasured
 from m3depth.stereo.classical import SGBM
 from m3depth.stereo.prediction import Prediction
 from m3depth.stereo.rows import align_rows
 from marssim.base.camera import StereoRig
 
-AGREEMENT = 1.0  # [px] largest difference of both eyes' disparities that counts as agreement
 COLUMNS = {  # title and number of decimals of each score
     "agreement": ("eyes agree [%] ↑", 100, 1),
     "residual": ("photometric residual ↓", 1, 4),
@@ -54,8 +53,8 @@ def score_pair(
     scores = {}
     for name, method in methods.items():
 
-        def infer(first: np.ndarray, second: np.ndarray, of: StereoRig, method: Estimator = method) -> Prediction:
-            return checked_prediction(method, method.infer(first, second, of), first.shape[:2])
+        def infer(first: np.ndarray, second: np.ndarray, cameras: StereoRig, method: Estimator = method) -> Prediction:
+            return checked_prediction(method, method.infer(first, second, cameras), first.shape[:2])
 
         prediction, cost = measured(infer, left, right, rig)
         difference = left_right_difference(infer, left, right, rig, prediction)
@@ -71,11 +70,11 @@ def _figures(
     figures = {"sky": float(prediction.is_sky.mean()), "unknown": float((np.isnan(prediction.depth) | filled).mean())}
     if (both := depth & np.isfinite(difference)).any():
         figures["agreement"] = float((difference[both] <= AGREEMENT).mean())
-    own = residuals(left, right, np.where(depth, prediction.disparity, np.float32(np.nan)))
-    if (shared := np.isfinite(own) & np.isfinite(residual_of_sgbm)).any():
-        figures["residual"] = float(own[shared].mean())
-        if (of_sgbm := float(residual_of_sgbm[shared].mean())) > 0:
-            figures["residual_ratio"] = figures["residual"] / of_sgbm
+    residual = residuals(left, right, np.where(depth, prediction.disparity, np.float32(np.nan)))
+    if (shared := np.isfinite(residual) & np.isfinite(residual_of_sgbm)).any():
+        figures["residual"] = float(residual[shared].mean())
+        if (sgbm_mean := float(residual_of_sgbm[shared].mean())) > 0:
+            figures["residual_ratio"] = figures["residual"] / sgbm_mean
     return figures
 
 

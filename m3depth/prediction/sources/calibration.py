@@ -19,7 +19,7 @@ RIG = "rig.json"  # that m3depth.rectify writes beside the images
 
 
 def make_calibration(
-    options: PredictOptions, height: int, width: int, image: Path, own: Rig | None = None
+    options: PredictOptions, height: int, width: int, image: Path, pair_calibration: Rig | None = None
 ) -> Calibration:
     """Return the calibration that the flags and the calibration file give.
 
@@ -28,17 +28,17 @@ def make_calibration(
         height: Height of the images [px].
         width: Width of the images [px].
         image: The left image, or the video.
-        own: Reads the calibration that a dataset has for this pair. --calib replaces it.
+        pair_calibration: Reads the calibration that a dataset has for this pair. --calib replaces it.
 
     Raises:
         FileNotFoundError: The calibration file is missing.
         ValueError: A flag or the file cannot be used; the message names it.
     """
     files = options.calib
-    if not files and own is None and (beside := image.with_name(RIG)).is_file():
+    if not files and pair_calibration is None and (beside := image.with_name(RIG)).is_file():
         files = (beside,)
     for flag, value in (("--focal", options.focal), ("--baseline", options.baseline)):
-        if value is None and not files and own is None:
+        if value is None and not files and pair_calibration is None:
             raise ValueError(f"{flag} is missing: give it, or a calibration file with --calib")
     for flag, value, side in (("--cx", options.cx, width), ("--cy", options.cy, height)):
         if value is not None and not -side <= value <= 2 * side:
@@ -47,8 +47,8 @@ def make_calibration(
         given = natecam(width, height)
     elif files:
         given = read_calibration(*files, image=image, baseline=options.baseline)
-    elif own is not None:
-        given = own(width, height)
+    elif pair_calibration is not None:
+        given = pair_calibration(width, height)
     else:
         assert options.focal is not None and options.baseline is not None
         given = Calibration(options.focal, options.focal, (width - 1) / 2, (height - 1) / 2, options.baseline)

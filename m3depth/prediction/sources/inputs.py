@@ -16,13 +16,15 @@ from m3depth.datasets.open import PairList, detect, open_pairs
 from m3depth.datasets.pair_files import Rig
 from m3depth.datasets.rigs import NATECAM_NAME, file_rig
 from m3depth.datasets.state import state_of_files
-from m3depth.prediction.masks import is_valid_mask
+from m3depth.prediction.masks import is_valid_mask, valid_mask
 from m3depth.prediction.options import PredictOptions
+from m3depth.prediction.sources.calibration import RIG
 from m3depth.prediction.sources.poses import read_poses, rover_pose
 from m3depth.prediction.sources.video_frames import SUFFIXES, VideoFrames
 from marssim.base.camera import StereoRig
 from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.files.json_file import DatasetError, read_json
+from marssim.base.pose import recorded_pose
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,7 @@ class PairInput:
         name: Path of its results below --out.
         left, right: The images, or the videos.
         calibration: Reads its own calibration; None if the flags give it.
+        calibration_file: The file that it is in, where patterns or a list lead to it.
         number: Its place in the order of the pairs, or the number of its frame in a video.
         sample: sample.json of a dataset, which may hold the pose of the camera.
         pose: (4, 4) left camera to the world of --poses.
@@ -42,6 +45,7 @@ class PairInput:
     left: Path
     right: Path
     calibration: Rig | None = None
+    calibration_file: Path | None = None
     number: int = 0
     sample: Path | None = None
     pose: np.ndarray | None = None
@@ -82,19 +86,28 @@ class Inputs:
         return f"the left image of {pair.name}", f"the right image of {pair.name}"
 
     def pose(self, pair: PairInput, rig: StereoRig, options: PredictOptions) -> np.ndarray | None:
-        """Return the pose of the left camera, (4, 4) camera to a world with z up; None if it is unknown."""
+        """Return the pose of the left camera, (4, 4) camera to a world with z up; None if it is unknown.
+
+        Raises:
+            DatasetError: A file records something else than a pose; the message names it.
+        """
         if pair.pose is None:
-            pose = None if pair.sample is None else read_json(pair.sample).get("pose")
-            return None if pose is None else np.array(pose, float)
+            return None if pair.sample is None else _sample_pose(pair.sample)
         if options.pose_axes == "camera":
-            return np.asarray(rover_pose(options, pair.left, rig.baseline) @ pair.pose)
+            return np.asarray(rover_pose(options, self.pairs[0].left, rig.baseline) @ pair.pose)
         return pair.pose
 
     def state(self, options: PredictOptions) -> dict[str, Any]:
-        """Return digests of the files that the results depend on, by which a run recognises its inputs."""
+        """Return digests of the files that the results depend on, by which a run recognises its inputs.
+
+        The calibration files of KITTI and of other benchmarks are not among them.
+        """
         files = (p for pair in self.pairs for p in (pair.left, pair.right, pair.sample) if p is not None)
         images = self.video.paths if self.video is not None else files
         others = [*options.mask, *options.calib, *([] if options.poses is None else [options.poses])]
+        for pair in self.pairs if self.video is None else self.pairs[:1]:
+            beside = (pair.calibration_file, pair.left.with_name(RIG), *map(valid_mask, (pair.left, pair.right)))
+            others += [path for path in beside if path is not None and path.is_file()]
         return {"images": state_of_files(images), "calibration, masks and poses": state_of_files(others)}
 
 
@@ -106,18 +119,20 @@ def find_inputs(options: PredictOptions) -> Inputs:
         FileNotFoundError: A file is missing.
         ValueError: A source cannot be used, or the poses are not as many as the pairs.
     """
-    found = _find(options)
+    inputs = _find(options)
+    if options.every > 1 and inputs.video is None:
+        raise ValueError("--every is for videos: it takes every n-th frame")
     if options.poses is not None:
         poses = read_poses(options.poses)
-        if len(poses) != len(found.pairs):
-            raise ValueError(f"{options.poses}: holds {len(poses)} poses, there are {len(found.pairs)} pairs")
-        pairs = tuple(replace(pair, pose=pose) for pair, pose in zip(found.pairs, poses, strict=True))
-        found = replace(found, pairs=pairs)
-    names = [pair.name for pair in found.pairs]
+        if len(poses) != len(inputs.pairs):
+            raise ValueError(f"{options.poses}: holds {len(poses)} poses, there are {len(inputs.pairs)} pairs")
+        pairs = tuple(replace(pair, pose=pose) for pair, pose in zip(inputs.pairs, poses, strict=True))
+        inputs = replace(inputs, pairs=pairs)
+    names = [pair.name for pair in inputs.pairs]
     if len(set(names)) < len(names):
         twice = next(name for i, name in enumerate(names) if name in names[:i])
         raise ValueError(f"two pairs have the name {twice}, so their results would be one; rename an image")
-    return found
+    return inputs
 
 
 def _find(options: PredictOptions) -> Inputs:
@@ -130,6 +145,8 @@ def _find(options: PredictOptions) -> Inputs:
         return Inputs((PairInput("", left, right),), single=True)
     if options.left is not None and options.right is not None and options.format in ("auto", "folder"):
         return Inputs(tuple(_numbered(_patterns(options))))
+    if not options.images:
+        raise ValueError(f"--format {options.format} needs the dataset's folder before --left and --right")
     (source,) = options.images
     if not source.exists():
         raise FileNotFoundError(f"{source}: no such file or folder")
@@ -166,8 +183,8 @@ def _patterns(options: PredictOptions) -> Iterator[PairInput]:
             break
         fixed = fixed / part
     for left, right in partners(root, patterns, left_out=is_valid_mask):
-        own = file_rig(root / "calib.txt", left) if (root / "calib.txt").is_file() else None
-        yield PairInput(left.relative_to(fixed).with_suffix("").as_posix(), left, right, own)
+        name = left.relative_to(fixed).with_suffix("").as_posix()
+        yield _with_calibration(PairInput(name, left, right), root / "calib.txt")
 
 
 def _listed(file: Path) -> Iterator[PairInput]:
@@ -177,11 +194,24 @@ def _listed(file: Path) -> Iterator[PairInput]:
         for path in (left, right):
             if not path.is_file():
                 raise DatasetError(f"{path}: no such file; {file} names it")
-        own = file.parent / "calib" / f"{left.stem}.txt"
         name = Path(words[0]).with_suffix("").as_posix()
         if Path(words[0]).is_absolute() or ".." in Path(words[0]).parts:
             name = left.stem
-        yield PairInput(name, left, right, file_rig(own, left) if own.is_file() else None)
+        yield _with_calibration(PairInput(name, left, right), file.parent / "calib" / f"{left.stem}.txt")
+
+
+def _with_calibration(pair: PairInput, file: Path) -> PairInput:
+    """Return the pair with the calibration of a file; without one if there is no such file."""
+    return replace(pair, calibration=file_rig(file, pair.left), calibration_file=file) if file.is_file() else pair
+
+
+def _sample_pose(file: Path) -> np.ndarray | None:
+    """Return the pose that sample.json records; None if it has none. Raises DatasetError that names the file."""
+    recorded = read_json(file).get("pose")
+    try:
+        return None if recorded is None else recorded_pose(recorded)
+    except ValueError as error:
+        raise DatasetError(f"{file}: {error}") from None
 
 
 def _dataset(path: Path, options: PredictOptions) -> Iterator[PairInput]:

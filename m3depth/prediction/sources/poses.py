@@ -16,6 +16,7 @@ from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.sources.calibration import RIG
 from marssim.base.calibration.bounded_text import read_text
 from marssim.base.files.json_file import DatasetError, read_json
+from marssim.base.pose import recorded_pose
 from marssim.base.rover_spec import ZHURONG
 
 ROVER_KEY = "camera_to_rover"  # in a rig file
@@ -54,12 +55,9 @@ def rover_pose(options: PredictOptions, image: Path, baseline: float) -> np.ndar
     if recorded is None:
         return ZHURONG.mount.left_eye(baseline)
     try:
-        pose = np.array(recorded, float)
-    except (TypeError, ValueError):
-        pose = np.zeros(0)
-    if pose.shape != (4, 4) or not np.isfinite(pose).all():
-        raise DatasetError(f"{file}: {ROVER_KEY} is not a matrix of 4 x 4 numbers")
-    return pose
+        return recorded_pose(recorded)
+    except ValueError as error:
+        raise DatasetError(f"{file}: {ROVER_KEY}: {error}") from None
 
 
 def read_poses(path: Path) -> np.ndarray:

@@ -16,7 +16,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from marssim.base.dataset.encoding import decode_normal
+from marssim.base.dataset.encoding import decode_normal, encode_normal
 from marssim.base.files.npy import encode_npy, read_npy
 from marssim.base.files.pfm import decode_pfm, encode_pfm
 from marssim.base.files.png import decode_png, encode_png
@@ -26,6 +26,7 @@ MapFormat = Literal["npy", "png", "tiff", "pfm"]
 MAP_KINDS: tuple[MapKind, ...] = ("depth", "disparity", "normal", "confidence")
 MAP_FORMATS: tuple[MapFormat, ...] = ("npy", "tiff", "pfm", "png")  # in the order in which they are looked for
 PNG_UNIT: dict[MapKind, float] = {"depth": 1000.0, "disparity": 256.0, "confidence": 65535.0}
+"""What a PNG stores for 1 m, for 1 px (as KITTI does) and for a confidence of 1."""
 SHOWN = np.array([1, -1, -1], np.float32)  # red right, green up, blue to the camera
 QUICK = [cv2.IMWRITE_PNG_COMPRESSION, 1]  # a third of the time of OpenCV's default, 5 % larger
 
@@ -97,9 +98,8 @@ def read_map_file(path: Path, kind: MapKind) -> np.ndarray:
 
 def _normal_code(normal: np.ndarray) -> np.ndarray:
     """Return normals (H, W, 3) as uint16 colours; black where there is none."""
-    none = ~np.isfinite(normal).all(axis=-1) | (normal == 0).all(axis=-1)
-    code = np.round((np.where(none[..., None], np.float32(0), normal) * SHOWN + 1) * np.float32(65535 / 2))
-    return np.where(none[..., None], 0, np.clip(code, 0, 65535)).astype(np.uint16)
+    known = np.isfinite(normal).all(axis=-1, keepdims=True)
+    return encode_normal(np.where(known, normal, np.float32(0)) * SHOWN)
 
 
 def _uint16(values: np.ndarray) -> np.ndarray:

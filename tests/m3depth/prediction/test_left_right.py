@@ -42,6 +42,20 @@ def test_what_both_eyes_see_agrees_and_what_the_post_hides_does_not():
     assert rig.camera.cx == W - 1 - RIG.camera.cx and rig.baseline == RIG.baseline
 
 
+def test_what_a_method_only_filled_in_the_right_eye_is_unknown():
+    look, calls = step()
+    left, right = np.zeros((2, H, W), np.uint8)
+
+    def filling(first, second, rig):
+        prediction = look(first, second, rig)
+        if len(calls) > 1:
+            prediction.confidence[:, : W // 2] = 0  # the mirrored right image: its right half
+        return prediction
+
+    difference = left_right_difference(filling, left, right, RIG, filling(left, right, RIG))
+    assert np.isnan(difference[:, W // 2 + NEAR :]).all() and (difference[:, FAR : POST.start - NEAR] == 0).all()
+
+
 def test_an_error_of_one_eye_is_measured():
     look, _ = step(error=0.75)
     image = np.zeros((H, W), np.uint8)
@@ -52,8 +66,9 @@ def test_an_error_of_one_eye_is_measured():
 def test_unknown_pixels_stay_unknown_and_sky_agrees_with_sky():
     nothing, sky = np.full((H, W), np.nan, np.float32), np.zeros((H, W), np.float32)
     image = np.zeros((H, W), np.uint8)
-    for disparity, expected in ((nothing, np.nan), (sky, 0.0)):
-        prediction = Prediction(disparity, disparity, None, sky)
+    for disparity, far, expected in ((nothing, np.nan, np.nan), (sky, np.inf, 0.0)):
+        depth = np.full((H, W), far, np.float32)
+        prediction = Prediction(depth, disparity, None, sky)
         np.testing.assert_array_equal(
             left_right_difference(lambda *_, t=prediction: t, image, image, RIG, prediction), expected
         )

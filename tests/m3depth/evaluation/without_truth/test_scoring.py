@@ -90,8 +90,9 @@ def test_the_command_scores_images_alone_and_continues(folder, tmp_path, capsys,
     monkeypatch.setattr("m3depth.evaluation.resume.SECONDS", 0.0)
     monkeypatch.setattr(run, "score_pair", stopped)
     assert main(command(folder, tmp_path / "parts")) == 130
-    monkeypatch.setattr(run, "score_pair", scored)
-    assert main(command(folder, tmp_path / "parts")) == 0
+    again_calls = []
+    monkeypatch.setattr(run, "score_pair", lambda *arguments: again_calls.append(1) or scored(*arguments))
+    assert main(command(folder, tmp_path / "parts")) == 0 and len(again_calls) == 1
     again = json.loads((tmp_path / "parts/results.json").read_text())
     for record, other in zip(results["per_pair"], again["per_pair"], strict=True):
         for name in ("SGBM", "SAD"):

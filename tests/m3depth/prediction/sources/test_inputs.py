@@ -1,6 +1,7 @@
 """Every way to name the pairs, and what is said where it names none."""
 
 import json
+from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -8,8 +9,10 @@ import numpy as np
 import pytest
 
 from m3depth.prediction.options import PredictOptions
-from m3depth.prediction.sources.inputs import find_inputs
+from m3depth.prediction.sources.inputs import Inputs, PairInput, find_inputs
+from m3depth.prediction.sources.poses import camera_to_rover
 from marssim.base.camera import PinholeCamera, StereoRig
+from marssim.base.files.json_file import DatasetError
 
 RIG = StereoRig(PinholeCamera.centred(30, 20, 40.0), 0.2)
 
@@ -91,6 +94,40 @@ def test_poses_of_the_camera_become_those_of_the_rovers_world(tmp_path):
         np.testing.assert_allclose(pose[:3, 3], place, atol=1e-9)
 
 
+def test_poses_of_the_camera_start_from_the_first_pairs_place_on_the_rover(tmp_path):
+    """The mast of the second pair stood elsewhere: its pose is of the camera, so that changes nothing."""
+    for name, height in (("a", 1.5), ("b", 9.0)):
+        for eye in ("left", "right"):
+            image(tmp_path / name / f"{eye}.png")
+        on_rover = camera_to_rover((0.0, height, 0.0), RIG.baseline)
+        content = {"camera_to_rover": on_rover.tolist()}
+        (tmp_path / name / "rig.json").write_text(json.dumps(content))
+    (tmp_path / "poses.txt").write_text(2 * "1 0 0 0 0 1 0 0 0 0 1 3\n")
+    flags = {"poses": tmp_path / "poses.txt", "pose_axes": "camera", "out": Path("out")}
+    inputs = find(tmp_path, **flags)
+    first, second = (inputs.pose(pair, RIG, PredictOptions((tmp_path,), **flags)) for pair in inputs.pairs)
+    np.testing.assert_allclose(first[:3, 3], [3, 0.1, 1.5], atol=1e-9)
+    np.testing.assert_array_equal(first, second)
+
+
+def test_an_edited_calibration_or_mask_is_another_input(tmp_path):
+    pair = [image(tmp_path / f"{eye}.png") for eye in ("left", "right")]
+    options, inputs = PredictOptions(tuple(pair), Path("out")), find(*pair)
+    states = [inputs.state(options)]
+    for file in ("rig.json", "left_valid.png"):
+        (tmp_path / file).write_text("{}")
+        states.append(inputs.state(options))
+    assert all(a != b for a, b in pairwise(states))
+
+
+def test_a_pose_of_a_dataset_that_is_none_is_named(tmp_path):
+    pair = tuple(image(tmp_path / f"{eye}.png") for eye in ("left", "right"))
+    (tmp_path / "sample.json").write_text('{"pose": [[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 1]]}')
+    inputs = Inputs((PairInput("0", *pair, sample=tmp_path / "sample.json"),))
+    with pytest.raises(DatasetError, match=r"sample.json: pose must be a rotation"):
+        inputs.pose(inputs.pairs[0], RIG, PredictOptions(pair, Path("out")))
+
+
 @pytest.mark.parametrize(
     ("case", "message"),
     [
@@ -102,6 +139,8 @@ def test_poses_of_the_camera_become_those_of_the_rovers_world(tmp_path):
         ("list", r"list.txt, line 1: expected left and right, got 'a_L.png'"),
         ("missing in list", r"gone.png: no such file; .*list.txt names it"),
         ("poses", "poses.txt: holds 2 poses, there are 1 pairs"),
+        ("no folder", "--format oaisys needs the dataset's folder before --left and --right"),
+        ("every", "--every is for videos"),
     ],
 )
 def test_what_is_no_source_of_pairs_is_named(tmp_path, case, message):
@@ -112,6 +151,8 @@ def test_what_is_no_source_of_pairs_is_named(tmp_path, case, message):
     patterns = {"left": "*_L.png", "right": "*_R.png"}
     arguments = {
         "half": lambda: find(tmp_path, **patterns),
+        "no folder": lambda: find(format="oaisys", **patterns),
+        "every": lambda: find(tmp_path / "a_L.png", tmp_path / "b_R.png", every=2),
         "nothing": lambda: find(tmp_path, left="*_Q.png", right="*_R.png"),
         "one image": lambda: find(tmp_path / "a_L.png"),
         "missing": lambda: find(tmp_path / "gone"),

@@ -49,5 +49,5 @@ def test_the_rig_file_places_the_camera_unless_a_flag_does(tmp_path):
     given = PredictOptions(options.images, tmp_path, mount=(0.0, 1.0, 0.0))
     assert rover_pose(given, image, 0.3)[2, 3] == 1.0
     (tmp_path / "rig.json").write_text('{"camera_to_rover": [1, 2]}')
-    with pytest.raises(ValueError, match=r"rig.json: camera_to_rover is not a matrix of 4 x 4 numbers"):
+    with pytest.raises(ValueError, match=r"rig.json: camera_to_rover: pose must be 4 rows of 4 finite numbers"):
         rover_pose(options, image, 0.3)
