@@ -34,3 +34,9 @@ def score_manifest():
 def manifest_summary(score_manifest):
     """docs/manifest_summary.py."""
     return sys.modules["manifest_summary"]
+
+
+@pytest.fixture(scope="session")
+def compare_methods(manifest_summary):
+    """docs/compare_methods.py, which finds manifest_summary beside it."""
+    return _script("compare_methods")

@@ -1,0 +1,113 @@
+"""The page that compares trained networks, from scores and runs that are known."""
+
+import json
+from pathlib import Path
+
+import cv2
+import pytest
+from small_network import SMALL
+
+from m3depth.evaluation.report import DEPTH_COLUMNS, NORMAL_COLUMNS
+from m3depth.network.model import M3Depth
+from marssim.base.files.json_file import read_json
+
+EDGES = range(16)
+
+
+def result(methods: dict[str, tuple[float, float]], pixels: int, scene: str) -> dict:
+    """results.json of a place with one pair, whose methods have an error of an image and one in the depth 2 to 3 m."""
+    columns = [*DEPTH_COLUMNS, *(f"normal_{name}" for name in NORMAL_COLUMNS)]
+    return {
+        "per_pair": [
+            {"scene": scene, **{label: {name: value for name in columns} for label, (value, _) in methods.items()}}
+        ],
+        "methods": {
+            label: {
+                "intervals": [
+                    {"from_m": near, "to_m": near + 1, "pixels": pixels if near == 2 else 0,
+                     "pooled": dict.fromkeys(("mae", "rmse", "abs_rel", "bad1"), error) if near == 2 else {}}
+                    for near in EDGES[:-1]
+                ]
+            }
+            for label, (_, error) in methods.items()
+        },
+    }  # fmt: skip
+
+
+@pytest.fixture
+def folders(tmp_path) -> tuple[Path, Path]:
+    """The scores of two places and the folder of one run, whose network is the better method."""
+    for place, ours, theirs, pixels in (("gale", 0.02, 0.08, 100), ("utopia", 0.04, 0.08, 300)):
+        folder = tmp_path / "scores/depth/512/clean" / place
+        folder.mkdir(parents=True)
+        methods = {"SGBM": (theirs, 0.5), "mine": (ours, 0.1 if place == "gale" else 0.3)}
+        (folder / "results.json").write_text(json.dumps(result(methods, pixels, "00000")))
+    run = tmp_path / "runs/mine"
+    run.mkdir(parents=True)
+    M3Depth(SMALL).save_pretrained(run / "weights.safetensors")
+    lines = [
+        {"kind": "train", "step": 1, "minutes": 0.1},
+        {"kind": "val", "step": 50, "epe": 8.0},
+        {"kind": "train", "step": 100, "minutes": 12.0},
+        {"kind": "val", "step": 100, "epe": 2.0},
+    ]
+    (run / "log.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    return tmp_path / "scores", run
+
+
+def flags(scores: Path, out: Path, *runs: Path) -> list[str]:
+    return ["--scores", str(scores), "--out", str(out), "--runs", *map(str, runs)]
+
+
+def test_scores_and_runs_become_one_page(compare_methods, folders, tmp_path, monkeypatch):
+    monkeypatch.setattr(compare_methods, "cost", compare_methods._cost)  # in this process, which has torch already
+    scores, run = folders
+    out = tmp_path / "out"
+    assert compare_methods.main(flags(scores, out, run)) == 0
+    content = read_json(out / "methods.json")
+    mine = content["runs"]["mine"]
+    assert mine["parameters"] == sum(p.numel() for p in M3Depth(SMALL).parameters()) and mine["seconds"] > 0
+    assert (mine["steps"], mine["minutes"], len(mine["validations"])) == (100, 12.0, 2)
+    clean = content["sets"]["clean"]
+    assert (clean["pairs"], clean["scenes"]) == (2, 2)
+    assert clean["metrics"]["mine"]["abs_rel"]["value"] == pytest.approx(0.03)
+    assert clean["metrics"]["mine"]["normal_median"]["interval"] == pytest.approx([0.02, 0.04])
+    third = clean["intervals"]["mine"]["intervals"][2]
+    assert third["pixels"] == 400 and third["pooled"]["mae"] == pytest.approx((0.1 + 3 * 0.3) / 4)
+    assert third["pooled"]["rmse"] == pytest.approx(((0.1**2 + 3 * 0.3**2) / 4) ** 0.5)
+    assert clean["intervals"]["mine"]["intervals"][0]["pooled"]["mae"] is None
+    page = (out / "methods.md").read_text()
+    assert page.index("| mine | 0.0300 (0.0200 to 0.0400)") < page.index("| SGBM | 0.0800")
+    assert "| 2-3 m | 0.2500 | 0.5000 |" in page
+    for picture in ("curves.png", "error_by_depth_clean.png"):
+        assert cv2.imread(str(out / picture)).std() > 5
+
+
+@pytest.mark.parametrize(
+    ("case", "message"),
+    [
+        ("no scores", "holds no scores of 512 px of score_manifest"),
+        ("other methods", "clean/utopia has other methods than the rest"),
+        ("not scored", "has no scores of other in clean"),
+        ("no run", "has no log.jsonl of m3depth.train"),
+        ("twice", "--runs must name one folder or more, each with a name of its own"),
+    ],
+)
+def test_mistakes_are_one_line(compare_methods, folders, tmp_path, capsys, case, message):
+    scores, run = folders
+    runs = [run]
+    if case == "no scores":
+        scores = tmp_path / "empty"
+    elif case == "other methods":
+        file = scores / "depth/512/clean/utopia/results.json"
+        file.write_text(json.dumps(result({"SGBM": (0.1, 0.1)}, 5, "00000")))
+    elif case == "not scored":
+        runs = [run.rename(run.with_name("other"))]
+    elif case == "no run":
+        (run / "log.jsonl").unlink()
+    elif case == "twice":
+        runs = [run, tmp_path / "mine"]
+    assert compare_methods.main(flags(scores, tmp_path / "out", *runs)) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and error.count("\n") == 1 and message in error
+    assert not (tmp_path / "out").exists()
