@@ -15,12 +15,14 @@ from m3depth.rivals.config import (
     LightStereoConfig,
     RaftStereoConfig,
     SelectiveStereoConfig,
+    UniMvsNetConfig,
 )
 from m3depth.rivals.cre_stereo import CreStereo
 from m3depth.rivals.hit_net import HitNet
 from m3depth.rivals.light_stereo import LightStereo
 from m3depth.rivals.raft_stereo import RaftStereo
 from m3depth.rivals.selective_stereo import SelectiveStereo
+from m3depth.rivals.uni_mvs_net import UniMvsNet
 from m3depth.weights.storage import load_weights
 
 CLASSES: dict[type, Any] = {
@@ -30,6 +32,7 @@ CLASSES: dict[type, Any] = {
     HitNetConfig: HitNet,
     CreStereoConfig: CreStereo,
     LightStereoConfig: LightStereo,
+    UniMvsNetConfig: UniMvsNet,
 }
 """The network of each class of sizes."""
 

@@ -144,6 +144,29 @@ class LightStereoConfig(RivalConfig):
         self._check_multiple("shifts", 8)
 
 
+@dataclass(frozen=True)
+class UniMvsNetConfig(RivalConfig):
+    """Sizes of UniMVSNet. The defaults are the width for two CPU cores."""
+
+    KIND: ClassVar[str] = "uni-mvs-net"
+
+    width: int = 8
+    """Feature channels at the last stage, twice and four times as many at the two before it."""
+    volume: int = 8
+    """Channels of the 3-D aggregation at full size."""
+    planes: tuple[int, int, int] = (48, 16, 8)
+    """Planes of each stage, multiples of 8. The first ones reach 192 px; the steps halve from stage to stage."""
+    finest: int = 2
+    """Side of a cell of the last stage [px], 1 or 2; those of the stages before it are two and four times as wide."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if any(count % 8 for count in self.planes):
+            raise ValueError(f"planes must be multiples of 8, got {self.planes}")
+        if self.finest > 2:
+            raise ValueError(f"finest must be 1 or 2, got {self.finest}")
+
+
 RAFT_PUBLISHED: dict[str, Any] = {
     "widths": (64, 96, 128), "features": 256, "hidden": 128, "motion": 64, "head": 256, "train_steps": 22, "steps": 32,
 }  # fmt: skip
@@ -159,6 +182,8 @@ PRESETS: dict[str, RivalConfig] = {
     "cre-stereo-published": CreStereoConfig(widths=(64, 96, 128), features=256, heads=8, train_steps=10, steps=20),
     "light-stereo": LightStereoConfig(),
     "light-stereo-published": LightStereoConfig(widths=(32, 16, 24, 32, 64, 96, 160), blocks=(1, 2, 4), expansion=4),
+    "uni-mvs-net": UniMvsNetConfig(),
+    "uni-mvs-net-published": UniMvsNetConfig(planes=(48, 32, 8), finest=1),
 }
 """The presets of m3depth.train, by name. The published widths are those of the papers' largest or final models."""
 

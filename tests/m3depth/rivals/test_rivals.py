@@ -22,6 +22,7 @@ from m3depth.rivals.config import (
     RaftStereoConfig,
     RivalConfig,
     SelectiveStereoConfig,
+    UniMvsNetConfig,
 )
 from m3depth.training.batch import whole_batch
 from m3depth.training.config import TrainConfig
@@ -38,13 +39,15 @@ TINY: dict[str, RivalConfig] = {
     "hit-net": HitNetConfig((4, 4, 4, 4, 4), 4, 8, (4, 4, 4)),
     "cre-stereo": CreStereoConfig((8, 8, 8), 16, 2, 2, 2),
     "light-stereo": LightStereoConfig((8, 8, 8, 8, 8, 8, 8), 8, (1, 1, 1), 2, 8, 8),
+    "uni-mvs-net": UniMvsNetConfig(4, 4, (16, 8, 8), 2),
 }
 PUBLISHED = {  # parameters [M] of the published width
     "raft-stereo": 11.1,  # RAFT-Stereo of the package stereo-matching 0.2
     "selective-stereo": 11.7,  # Selective-RAFT of the package stereo-toolbox 0.4
     "hit-net": 0.668,  # HITNet_KITTI of TinyHITNet, counted from its list of layers
     "cre-stereo": 5.4,  # CREStereo of the package stereo-matching 0.2
-    "light-stereo": 3.44,  # LightStereo-S of its paper
+    "light-stereo": 3.44,  # LightStereo-S of OpenStereo, counted from its list of layers
+    "uni-mvs-net": 0.934,  # UniMVSNet, counted from its list of layers
 }
 
 
