@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Literal, Protocol, get_args, runtime_checkable
+from typing import Any, Literal, Protocol, get_args, runtime_checkable
 
 import numpy as np
 
@@ -50,6 +50,22 @@ class Estimator(Protocol):
             rig: The cameras of these images.
         """
         ...
+
+
+def for_pair(estimator: Estimator, sample: Any) -> Estimator:
+    """Return an estimator for a pair whose truth is known: the same, unless it is one that gets the true depth.
+
+    Args:
+        estimator: The estimator; with the method `with_truth(disparity)`, that returns the one for the pair.
+        sample: Holds the true disparity, (H, W) [px].
+    """
+    with_truth = getattr(estimator, "with_truth", None)
+    return estimator if with_truth is None else with_truth(sample.disparity)
+
+
+def gets_truth(estimator: object) -> bool:
+    """Return whether a method gets the true depth of each pair, so that its figures are no estimates from images."""
+    return bool(getattr(estimator, "takes_truth", False))
 
 
 class FilledEstimator:

@@ -11,6 +11,8 @@ from m3depth.network.model import M3Depth
 from m3depth.network.stereo_network import StereoNetwork
 from m3depth.rivals.config import (
     CreStereoConfig,
+    FusionConfig,
+    GeoNetConfig,
     HitNetConfig,
     LightStereoConfig,
     RaftStereoConfig,
@@ -18,6 +20,8 @@ from m3depth.rivals.config import (
     UniMvsNetConfig,
 )
 from m3depth.rivals.cre_stereo import CreStereo
+from m3depth.rivals.fusion import Fusion
+from m3depth.rivals.geo_net import GeoNet
 from m3depth.rivals.hit_net import HitNet
 from m3depth.rivals.light_stereo import LightStereo
 from m3depth.rivals.raft_stereo import RaftStereo
@@ -33,6 +37,8 @@ CLASSES: dict[type, Any] = {
     CreStereoConfig: CreStereo,
     LightStereoConfig: LightStereo,
     UniMvsNetConfig: UniMvsNet,
+    FusionConfig: Fusion,
+    GeoNetConfig: GeoNet,
 }
 """The network of each class of sizes."""
 

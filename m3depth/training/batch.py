@@ -47,6 +47,17 @@ class Target(NamedTuple):
         return (self.disparity > 0) | self.sky
 
 
+def network_inputs(batch: Batch, takes_truth: bool) -> tuple[Tensor, ...]:
+    """Return what a network takes: both images, the cameras and, if it is given the truth, the disparity.
+
+    Args:
+        batch: The crops.
+        takes_truth: See StereoNetwork.
+    """
+    truth = (batch.target.disparity,) if takes_truth else ()
+    return batch.left, batch.right, batch.target.camera, *truth
+
+
 def disparity_range(disparity: Tensor, known: Tensor | None = None) -> Tensor:
     """Return the largest minus the smallest disparity in each 3 x 3 window. Level ground has B / h, half a pixel.
 
