@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from torch import nn
+
 from m3depth.kinds.config import NetworkConfig, config_from_dict
 from m3depth.network.config import M3DepthConfig
 from m3depth.network.model import M3Depth
@@ -46,6 +48,15 @@ CLASSES: dict[type, Any] = {
 def new_network(config: NetworkConfig) -> StereoNetwork:
     """Make a new network with random weights."""
     return CLASSES[type(config)](config)
+
+
+def draw_normal(network: nn.Module) -> None:
+    """Draw the weights of all convolutions and linear layers from He et al.'s normal distribution, with biases of 0."""
+    for layer in network.modules():
+        if isinstance(layer, nn.Linear | nn.modules.conv._ConvNd):
+            nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
+            if layer.bias is not None:
+                nn.init.zeros_(layer.bias)
 
 
 def load_network(path: Path) -> StereoNetwork:

@@ -17,7 +17,7 @@ from m3depth.network.stereo_network import StereoNetwork
 from m3depth.stereo.pairs import StereoPairs
 from m3depth.training.augmentation import check_crop
 from m3depth.training.batch import Batch, network_inputs
-from m3depth.training.config import TrainConfig, check_config
+from m3depth.training.config import TrainConfig, check_config, in_steps
 from m3depth.training.curves import save_curves
 from m3depth.training.ending import loss_fault, share_done, spent_budget, weight_fault
 from m3depth.training.log import Log, records
@@ -58,6 +58,7 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
         raise ValueError(f"{data_names(config)}: split train holds no pairs; name another folder with --data")
     cv2.setNumThreads(1)
     with joined_group(config.device) as (rank, world, device), entered_by_first(rank, world, folder.claim()):
+        config = in_steps(config, len(samples), world)
         run = Run(config, device, world)
         resumed = run.resume()
         check_common_step(run)
@@ -171,7 +172,7 @@ def take_steps(run: Run, stream: Iterator[Batch], log: Log | None, validator: Va
             before = time.monotonic()
             batch = next(stream).to(device)
             waited += time.monotonic() - before
-            values = one_step(run, network, batch, learning_rate(config.lr, done), dtype)
+            values = one_step(run, network, batch, learning_rate(config.lr, done, config.schedule), dtype)
             run.seconds = spent_before + time.monotonic() - began
             if log is None:
                 continue
