@@ -135,8 +135,8 @@ class Fusion(NormalNetwork):
         x = self.coarsest(features.pop())
         coarse = []
         for step, up in enumerate(self.up):
-            x = up(torch.cat([F.max_unpool2d(x, places.pop(), 2), features.pop()], 1))
+            x = up(torch.cat([F.max_unpool2d(x, places.pop(), [2, 2]), features.pop()], 1))
             x = self.join[step](torch.cat([x, given[step] * weights.pop()], 1))
             coarse.append(self.coarse[step](x))
-        from_image = self.image(torch.cat([F.max_unpool2d(x, places.pop(), 2), features.pop()], 1))
+        from_image = self.image(torch.cat([F.max_unpool2d(x, places.pop(), [2, 2]), features.pop()], 1))
         return self.final(torch.cat([from_image, from_depth * confidence], 1)), coarse

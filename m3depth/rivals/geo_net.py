@@ -8,7 +8,8 @@ A VGG network gives first normals. From depth to normal: planes are fitted to th
 normals are alike, and a small network adds a residual. Another one joins both normals. From normal to depth: each pixel
 of the window says where its own plane meets the ray of the middle one, and a mean, weighed by how alike the normals
 are, is the depth, which a last network corrects by a factor. (The released one gives the depth itself, in metres of a
-room.) The two steps of geometry have no parameters and hand no gradient on, as in the released training.
+room, and its loss is the error in metres; here it is that of the logarithm.) The two steps of geometry have no
+parameters and hand no gradient on, as in the released training.
 """
 
 from __future__ import annotations
@@ -177,6 +178,10 @@ class GeoNet(NormalNetwork):
         self.residual = Residual(config.residual)
         self.joined_normals = ensemble(3 + 3 + 3, config.ensemble, 3)
         self.joined_depths = ensemble(1 + 1 + 3, config.ensemble, 1)
+        last = self.joined_depths[-1]
+        assert isinstance(last, nn.Conv2d) and last.bias is not None
+        nn.init.normal_(last.weight, std=1e-3)  # it starts as a small correction
+        nn.init.zeros_(last.bias)
 
     def normals(self, seen: Seen) -> NormalOutput:
         """Return the normals and the corrected disparity of a batch."""

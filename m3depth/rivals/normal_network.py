@@ -65,22 +65,21 @@ class NormalOutput:
 
     def cropped(self, height: int, width: int) -> NormalOutput:
         """Cut the maps to an image of height x width [px]."""
-        maps = {
-            name: None if value is None else value[..., :height, :width]
-            for name in ("disparity", "normal", "confidence", "sky")
-            for value in [getattr(self, name)]
-        }
+        confidence, sky = (None if x is None else x[..., :height, :width] for x in (self.confidence, self.sky))
+        disparity, normal = (x[..., :height, :width] for x in (self.disparity, self.normal))
         trained = [
             x._replace(normal=x.normal[..., : -(-height // x.cell), : -(-width // x.cell)]) for x in self.trained
         ]
-        return replace(self, **maps, trained=trained)
+        return NormalOutput(disparity, normal, trained, self.trained_disparity, confidence, sky)
 
     def terms(self, truth: Truth) -> dict[str, Tensor]:
-        """Return the weighted sum of the losses of the normals, and the mean error of a disparity that is trained."""
+        """Return the weighted sum of the losses of the normals, and the mean relative error of a trained disparity."""
         losses = [maps.share * normal_error(maps, truth) for maps in self.trained]
         terms = {"normal": torch.stack(losses).sum()}
         if self.trained_disparity:
-            terms["disparity"] = mean_over((self.disparity - truth.disparity).abs(), truth.known)
+            seen = truth.known & (truth.disparity >= MIN_DISPARITY)  # without the sky
+            given, true = (x.clamp(min=MIN_DISPARITY).log() for x in (self.disparity, truth.disparity))
+            terms["disparity"] = mean_over((given - true).abs(), seen)
         return terms
 
 

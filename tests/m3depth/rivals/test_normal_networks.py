@@ -1,6 +1,7 @@
 """What the methods for normals make of depth: geometry in closed form, true depth as input, and their losses."""
 
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -63,7 +64,8 @@ def test_normals_take_noise_out_of_depth() -> None:
 def test_errors_of_normals_are_means_over_the_cells_with_a_true_normal() -> None:
     true = torch.zeros(1, 3, 4, 4)
     true[:, 2, :, :2] = -1.0  # two of four columns are known
-    truth = Truth(torch.zeros(1, 1, 4, 4), torch.ones(1, 1, 4, 4, dtype=torch.bool), true)
+    disparity = torch.tensor([0.0, 2 * math.e]).repeat_interleave(2).expand(1, 1, 4, 4)  # sky, and ground
+    truth = Truth(disparity, torch.ones(1, 1, 4, 4, dtype=torch.bool), true)
     across = torch.zeros(1, 3, 2, 2)
     across[:, 0] = 5.0
     assert normal_error(TrainedNormals(across, 2, 1.0, "cosine"), truth) == pytest.approx(1.0)
@@ -71,7 +73,7 @@ def test_errors_of_normals_are_means_over_the_cells_with_a_true_normal() -> None
     assert normal_error(TrainedNormals(3 * true, 1, 1.0, "absolute"), truth) == pytest.approx(0.0)
     maps = [TrainedNormals(across, 2, 0.5, "cosine"), TrainedNormals(3 * true, 1, 1.0, "cosine")]
     both = NormalOutput(torch.full((1, 1, 4, 4), 2.0), true, maps, trained_disparity=True).terms(truth)
-    assert {name: float(value) for name, value in both.items()} == pytest.approx({"normal": 0.5, "disparity": 2.0})
+    assert {name: float(value) for name, value in both.items()} == pytest.approx({"normal": 0.5, "disparity": 1.0})
 
 
 def test_the_depth_is_that_of_m3depth_and_no_part_of_the_weights(plane_samples) -> None:
