@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Literal, Protocol, get_args, runtime_checkable
+from typing import Any, Literal, Protocol, get_args, runtime_checkable
 
 import numpy as np
 
@@ -28,7 +28,9 @@ M3DEPTH = "m3depth"
 # OpenCV's and the paper's (App. C). Every command takes these names; load_estimator makes the methods.
 Classical = Literal["sgbm", "sgbm-hh", "ssd", "sad", "ncc", "ssd-sgm", "sad-sgm", "ncc-sgm"]
 CLASSICAL: tuple[Classical, ...] = get_args(Classical)
-FORMS = (M3DEPTH, "sgbm", "m3depth:WEIGHTS", "package.module:Class", *CLASSICAL[1:])  # every name that is understood
+MCCNN = "mccnn"  # of the package mccnn, with semi-global matching
+BUILT_IN = (*CLASSICAL, MCCNN)  # methods that need no file of weights or class from the user
+FORMS = (M3DEPTH, "sgbm", "m3depth:WEIGHTS", "package.module:Class", *BUILT_IN[1:])  # every name that is understood
 FILL = ",fill"  # after a name: unknown pixels are filled
 CONFIDENCE_LIMITS = (-1e-3, 1 + 1e-3)  # that rounding may reach
 
@@ -50,6 +52,22 @@ class Estimator(Protocol):
             rig: The cameras of these images.
         """
         ...
+
+
+def for_pair(estimator: Estimator, sample: Any) -> Estimator:
+    """Return an estimator for a pair whose truth is known: the same, unless it is one that gets the true depth.
+
+    Args:
+        estimator: The estimator; with the method `with_truth(disparity)`, that returns the one for the pair.
+        sample: Holds the true disparity, (H, W) [px].
+    """
+    with_truth = getattr(estimator, "with_truth", None)
+    return estimator if with_truth is None else with_truth(sample.disparity)
+
+
+def gets_truth(estimator: object) -> bool:
+    """Return whether a method gets the true depth of each pair, so that its figures are no estimates from images."""
+    return bool(getattr(estimator, "takes_truth", False))
 
 
 class FilledEstimator:
@@ -83,8 +101,7 @@ class EstimatorName:
 
     Attributes:
         name: "m3depth" (the shipped weights), "m3depth:PATH" (other weights of m3depth.train, of any network that it
-            trains), one of CLASSICAL, or
-            "package.module:Class" (a class without arguments that has infer).
+            trains), one of BUILT_IN, or "package.module:Class" (a class without arguments that has infer).
         given_label: What tables call the method instead of its default label; None for the default.
         fill: Whether unknown pixels are to be filled from the background, as those of the classical methods are.
     """
@@ -120,10 +137,10 @@ class EstimatorName:
         fill = fillable and name.endswith(FILL)
         name = name.removesuffix(FILL) if fill else name
         first, _, second = name.partition(":")
-        if label == "" or not (name in (M3DEPTH, *CLASSICAL) or (first and second)):
+        if label == "" or not (name in (M3DEPTH, *BUILT_IN) or (first and second)):
             forms = ", ".join((*others, *FORMS))
             put_before = "; LABEL= before it names it in tables" if labelled else ""
-            names = (*others, M3DEPTH, *CLASSICAL)
+            names = (*others, M3DEPTH, *BUILT_IN)
             similar = "" if label == "" or ":" in name else did_you_mean(name, names)
             raise ValueError(f"{role} {text!r} is unknown{similar}; choose from {forms}{put_before}")
         return cls(name, label, fill)
@@ -136,9 +153,13 @@ class EstimatorName:
 
     @property
     def file(self) -> Path | None:
-        """The file that the method is read from: M3Depth's weights or a class's module; None for classical methods."""
+        """The file that the method is read from: its weights or a class's module; None for classical methods."""
         if self.weights is not None:
             return self.weights
+        if self.name == MCCNN:
+            from m3depth.stereo.mc_cnn import mccnn_weights
+
+            return mccnn_weights()
         module, colon, _ = self.name.partition(":")
         return source_file(module) if colon else None
 
@@ -155,7 +176,7 @@ class EstimatorName:
     def label(self, parts: int = 1) -> str:
         """Return what tables call the method.
 
-        That is the given label, "M3Depth" for the shipped weights, "SGBM" and its like for classical methods, the name
+        That is the given label, "M3Depth" for the shipped weights, "SGBM" and its like for built-in methods, the name
         of a class, and for other weights that of their file, or of the folder of their run.
 
         Args:
@@ -163,7 +184,7 @@ class EstimatorName:
         """
         if self.given_label is not None:
             return self.given_label
-        if self.name in CLASSICAL:
+        if self.name in BUILT_IN:
             return self.name.upper()
         if self.weights is None:
             return self.name.rpartition(":")[2]
@@ -218,7 +239,7 @@ def load_estimator(
     Raises:
         ValueError: The name is unknown, the class is no estimator, or there is no GPU; in one line.
         FileNotFoundError: The weights are missing; the message names the file.
-        ImportError: OpenVINO is asked for and not installed; the message names the extra.
+        ImportError: OpenVINO or mccnn is asked for and not installed; the message names the extra.
     """
     check_runtime(runtime)
     if not isinstance(spec, str):
@@ -237,6 +258,13 @@ def load_estimator(
 
         cost, _, sgm = name.name.partition("-")
         return BlockMatching(cost, "sgm" if sgm else "wta")  # type: ignore[arg-type]
+    if name.name == MCCNN:
+        from m3depth.stereo.mc_cnn import McCnn
+
+        try:
+            return McCnn()
+        except ImportError as error:
+            raise ImportError(f"{role}: {error}") from None
     return _load_class(role, *name.name.split(":", 1))
 
 

@@ -67,7 +67,7 @@ from marssim.base.results.code_state import source_digest, versions
 
 EXAMPLES = 3  # pairs in the figures
 
-Baseline = Literal[Classical, "all", "none"]
+Baseline = Literal[Classical, "mccnn", "all", "none"]
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,8 @@ class EvaluateOptions:
     """Classical methods to score on the same pairs: sgbm is OpenCV's semi-global matching along five paths, sgbm-hh
     along eight, which is slower and more accurate on level ground; ssd, sad and ncc take the window with the least
     squared or absolute difference, or the highest correlation; ssd-sgm, sad-sgm and ncc-sgm sum these costs along eight
-    paths first. all scores every classical method; none scores no classical method."""
+    paths first. mccnn is CNES's MC-CNN with such paths, whose weights come with the extra `rivals`. all scores every
+    classical method, and not mccnn; none scores neither."""
     estimator: Annotated[tuple[str, ...], tyro.conf.arg(metavar="[NAME=]ESTIMATOR[,fill] ...")] = ()
     """Further methods to score: package.module:Class, a class without arguments that has infer(left, right, rig);
     m3depth (the shipped weights), m3depth:PATH (other weights), or a classical method by its name in --baselines.

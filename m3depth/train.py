@@ -5,6 +5,7 @@
     python -m m3depth.train --data KITTI --out RUN --max-steps 20000 --crop 320 960
     python -m m3depth.train --data SimMars6K --left 'left/*.png' --right 'right/*.png' --depth 'depth/*.exr' \\
         --calib natecam --normals depth --out RUN --max-minutes 120
+    python -m m3depth.train --data DIR --out RUN --preset paper --recipe paper --epochs 100
     torchrun --nproc-per-node 4 -m m3depth.train --data DIR --out RUN --max-steps 100000
 
 RUN/weights.safetensors holds the averaged weights, RUN/checkpoint.pt the state of the run, RUN/curves.png its loss and
@@ -28,7 +29,7 @@ import sys
 from collections.abc import Sequence
 
 from m3depth.datasets.config import Split
-from m3depth.training.config import TrainConfig
+from m3depth.training.config import TrainConfig, recipe_defaults
 from marssim.base.command.run import run_command
 
 SPLITS: tuple[Split, Split] = ("train", "val")
@@ -37,7 +38,8 @@ USAGE = (__doc__ or "").partition("\nThe files, ")[0]  # the description that --
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code: 2 for a mistake in the flags, or a disk that fails."""
-    code = run_command(_work, TrainConfig, "python -m m3depth.train", USAGE, args)
+    args = sys.argv[1:] if args is None else args
+    code = run_command(_work, TrainConfig, "python -m m3depth.train", USAGE, args, default=recipe_defaults(args))
     if code and "LOCAL_RANK" in os.environ:
         # A process of torchrun that waits for the others in a collective must not outlive a failed one.
         os._exit(code)

@@ -32,7 +32,7 @@ class Variant:
 
     name: str
     network: Mapping[str, Any] = field(default_factory=dict)
-    loss: Mapping[str, float] = field(default_factory=dict)
+    loss: Mapping[str, Any] = field(default_factory=dict)
 
     def resolved(self, preset: str) -> tuple[M3DepthConfig, LossConfig]:
         """Return the network and the loss that are trained."""

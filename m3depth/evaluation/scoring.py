@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from m3depth.estimator import Estimator, EstimatorError, checked_prediction
+from m3depth.estimator import Estimator, EstimatorError, checked_prediction, for_pair, gets_truth
 from m3depth.evaluation.cost import Cost, measured
 from m3depth.evaluation.example import Example
 from m3depth.evaluation.recorded_maps import RecordedPredictions
@@ -38,7 +38,8 @@ class Evaluation:
     Attributes:
         results: By method, Scores.result() with "median_image" (the median over images of the image's figures),
             "seconds" (median and mean per pair) and "memory_mib" (the most that the whole process held, and that was
-            held on a GPU). The last two are None for predictions that were read.
+            held on a GPU). These two are None for predictions that were read. "gets_truth": whether the true depth was
+            given to the method.
         pairs: A record per pair, with the figures of each method.
         true_depth_normals: Figures of the normals that planes fitted to the true depth give, by kind.
         examples: Pairs for the figures.
@@ -117,6 +118,7 @@ class Scoring:
             if isinstance(method, RecordedPredictions):
                 predictions[name] = method.read(pair_name(self.dataset, index), index, sample.rig)
                 continue
+            method = for_pair(method, sample)
             infer = partial(_infer_aligned, method) if self.align_rows else method.infer
             try:
                 if name not in self._warm:
@@ -135,6 +137,7 @@ class Scoring:
                 **score.result(),
                 "median_image": _medians([record[name] for record in self.pairs]),
                 **_cost_figures(self._costs[name]),
+                "gets_truth": gets_truth(self.methods[name]),
             }
             for name, score in self._scores.items()
         }

@@ -18,7 +18,8 @@ NetworkConfig = M3DepthConfig | RivalConfig
 PresetName = Literal[
     "lite", "paper", "paper-thin", "raft-stereo", "raft-stereo-published", "selective-stereo",
     "selective-stereo-published", "hit-net", "hit-net-published", "cre-stereo", "cre-stereo-published", "light-stereo",
-    "light-stereo-published",
+    "light-stereo-published", "uni-mvs-net", "uni-mvs-net-published", "fusion",
+    "fusion-true-depth", "fusion-published", "geo-net", "geo-net-published",
 ]  # fmt: skip
 """The presets of m3depth.train: those of network/config.py and of rivals/config.py."""
 

@@ -5,22 +5,30 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from torch import nn
+
 from m3depth.kinds.config import NetworkConfig, config_from_dict
 from m3depth.network.config import M3DepthConfig
 from m3depth.network.model import M3Depth
 from m3depth.network.stereo_network import StereoNetwork
 from m3depth.rivals.config import (
     CreStereoConfig,
+    FusionConfig,
+    GeoNetConfig,
     HitNetConfig,
     LightStereoConfig,
     RaftStereoConfig,
     SelectiveStereoConfig,
+    UniMvsNetConfig,
 )
 from m3depth.rivals.cre_stereo import CreStereo
+from m3depth.rivals.fusion import Fusion
+from m3depth.rivals.geo_net import GeoNet
 from m3depth.rivals.hit_net import HitNet
 from m3depth.rivals.light_stereo import LightStereo
 from m3depth.rivals.raft_stereo import RaftStereo
 from m3depth.rivals.selective_stereo import SelectiveStereo
+from m3depth.rivals.uni_mvs_net import UniMvsNet
 from m3depth.weights.storage import load_weights
 
 CLASSES: dict[type, Any] = {
@@ -30,6 +38,9 @@ CLASSES: dict[type, Any] = {
     HitNetConfig: HitNet,
     CreStereoConfig: CreStereo,
     LightStereoConfig: LightStereo,
+    UniMvsNetConfig: UniMvsNet,
+    FusionConfig: Fusion,
+    GeoNetConfig: GeoNet,
 }
 """The network of each class of sizes."""
 
@@ -37,6 +48,15 @@ CLASSES: dict[type, Any] = {
 def new_network(config: NetworkConfig) -> StereoNetwork:
     """Make a new network with random weights."""
     return CLASSES[type(config)](config)
+
+
+def draw_normal(network: nn.Module) -> None:
+    """Draw the weights of all convolutions and linear layers from He et al.'s normal distribution, with biases of 0."""
+    for layer in network.modules():
+        if isinstance(layer, nn.Linear | nn.modules.conv._ConvNd):
+            nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
+            if layer.bias is not None:
+                nn.init.zeros_(layer.bias)
 
 
 def load_network(path: Path) -> StereoNetwork:

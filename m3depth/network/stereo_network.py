@@ -41,6 +41,11 @@ class StereoNetwork(nn.Module):
         raise NotImplementedError
 
     @property
+    def takes_truth(self) -> bool:
+        """Whether forward takes the true disparity too, (B, 1, H, W) [px]: such a network needs pairs with truth."""
+        return False
+
+    @property
     def goes_on(self) -> bool:
         """Whether the network refines the disparities of a reduced pair at the images' own size."""
         return False

@@ -24,7 +24,7 @@ class RivalConfig:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if min(value if isinstance(value, tuple) else (value,)) < 1:
+            if not isinstance(value, bool) and min(value if isinstance(value, tuple) else (value,)) < 1:
                 raise ValueError(f"{field.name} must be at least 1, got {value}")
 
     def to_dict(self) -> dict[str, Any]:
@@ -144,6 +144,74 @@ class LightStereoConfig(RivalConfig):
         self._check_multiple("shifts", 8)
 
 
+@dataclass(frozen=True)
+class UniMvsNetConfig(RivalConfig):
+    """Sizes of UniMVSNet. The defaults are the width for two CPU cores."""
+
+    KIND: ClassVar[str] = "uni-mvs-net"
+
+    width: int = 8
+    """Feature channels at the last stage, twice and four times as many at the two before it."""
+    volume: int = 8
+    """Channels of the 3-D aggregation at full size."""
+    planes: tuple[int, int, int] = (48, 16, 8)
+    """Planes of each stage, multiples of 8. The first ones reach 192 px; the steps halve from stage to stage."""
+    finest: int = 2
+    """Side of a cell of the last stage [px], 1 or 2; those of the stages before it are two and four times as wide."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if any(count % 8 for count in self.planes):
+            raise ValueError(f"planes must be multiples of 8, got {self.planes}")
+        if self.finest > 2:
+            raise ValueError(f"finest must be 1 or 2, got {self.finest}")
+
+
+@dataclass(frozen=True)
+class NormalConfig(RivalConfig):
+    """What the configs of the methods for normals share."""
+
+    true_depth: bool = False
+    """Whether the true depth is given, not that of M3Depth."""
+
+
+@dataclass(frozen=True)
+class FusionConfig(NormalConfig):
+    """Sizes of Fusion. The defaults are the width for two CPU cores."""
+
+    KIND: ClassVar[str] = "fusion"
+
+    widths: tuple[int, int, int, int, int] = (16, 24, 32, 48, 48)
+    """Channels at 1/1, 1/2, ... 1/16; the branch of the depth has the first four."""
+    confidence: int = 8
+    """Channels inside the network that weighs the features of the depth."""
+    final: tuple[int, int, int] = (16, 8, 8)
+    """Channels inside the last layers."""
+
+
+@dataclass(frozen=True)
+class GeoNetConfig(NormalConfig):
+    """Sizes of GeoNet. The defaults are the width for two CPU cores."""
+
+    KIND: ClassVar[str] = "geo-net"
+
+    widths: tuple[int, int, int, int, int] = (8, 16, 32, 48, 48)
+    """Channels of the five stages from which the first normals are computed, at 1/1, 1/2, 1/4 and twice 1/8."""
+    wide: int = 96
+    """Channels of the two layers after them."""
+    residual: tuple[int, int, int, int] = (8, 16, 24, 32)
+    """Channels of the network that corrects the normals of the depth."""
+    ensemble: int = 8
+    """Channels of the networks that join two estimates."""
+    neighbours: int = 5
+    """Pixels along the side of a window, odd, 4 px apart, to which planes are fitted."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.neighbours % 2 == 0:
+            raise ValueError(f"neighbours must be odd, got {self.neighbours}")
+
+
 RAFT_PUBLISHED: dict[str, Any] = {
     "widths": (64, 96, 128), "features": 256, "hidden": 128, "motion": 64, "head": 256, "train_steps": 22, "steps": 32,
 }  # fmt: skip
@@ -159,6 +227,15 @@ PRESETS: dict[str, RivalConfig] = {
     "cre-stereo-published": CreStereoConfig(widths=(64, 96, 128), features=256, heads=8, train_steps=10, steps=20),
     "light-stereo": LightStereoConfig(),
     "light-stereo-published": LightStereoConfig(widths=(32, 16, 24, 32, 64, 96, 160), blocks=(1, 2, 4), expansion=4),
+    "uni-mvs-net": UniMvsNetConfig(),
+    "uni-mvs-net-published": UniMvsNetConfig(planes=(48, 32, 8), finest=1),
+    "fusion": FusionConfig(),
+    "fusion-true-depth": FusionConfig(true_depth=True),
+    "fusion-published": FusionConfig(widths=(64, 128, 256, 256, 256), confidence=64, final=(32, 16, 8)),
+    "geo-net": GeoNetConfig(),
+    "geo-net-published": GeoNetConfig(
+        widths=(64, 128, 256, 512, 512), wide=1024, residual=(64, 128, 256, 512), ensemble=128, neighbours=9
+    ),
 }
 """The presets of m3depth.train, by name. The published widths are those of the papers' largest or final models."""
 

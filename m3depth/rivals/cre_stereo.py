@@ -7,7 +7,8 @@ The adaptive group correlation layer compares the left features, in four groups 
 small window around the current displacement: 1 x 9 and 3 x 3 cells in turn. At 1/16 and 1/8 the window's cells move by
 learned offsets; at 1/16 the features have passed through linear attention within each image, and then between the two.
 The displacement has a second, vertical component, by which the method tolerates pairs that are badly rectified; it is
-trained to be 0. Each level starts where the coarser one ended.
+trained to be 0. Each level starts where the coarser one ended. (The released code changes the displacement's sign
+between levels.) The second pass over a larger pair, which the paper adds for photographs, is left out.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from torch import Tensor, nn
 
 from m3depth.network.refinement import ConvexUpsampling
 from m3depth.rivals.config import CreStereoConfig
-from m3depth.rivals.layers import start_as_encoder, trunk
+from m3depth.rivals.layers import sampled, start_as_encoder, trunk
 from m3depth.rivals.output import SequenceOutput, Truth, fading_shares, mean_over
 from m3depth.rivals.rival import Rival
 
@@ -127,14 +128,6 @@ def window_offsets(step: int, like: Tensor) -> Tensor:
         indexing="ij",
     )  # fmt: skip
     return torch.stack([across.flatten(), down.flatten()], 1).to(like.dtype)
-
-
-def sampled(features: Tensor, place: Tensor) -> Tensor:
-    """Return features (B, C, h, w) between cells, 0 outside; place: (B, 2, n, w), columns and rows -> (B, C, n, w)."""
-    height, width = features.shape[-2:]
-    size = torch.tensor([width - 1, height - 1], dtype=place.dtype, device=place.device).clamp(min=1)
-    grid = 2 * place.permute(0, 2, 3, 1) / size - 1
-    return F.grid_sample(features, grid, align_corners=True)
 
 
 def adaptive_correlation(level: Level, displacement: Tensor, step: int) -> Tensor:

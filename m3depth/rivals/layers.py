@@ -1,10 +1,11 @@
-"""The encoders of RAFT (Teed and Deng, ECCV 2020), on which several rivals stand."""
+"""Parts of several rivals: the encoders of RAFT (Teed and Deng, ECCV 2020), and features between cells."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Literal
 
+import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
@@ -79,3 +80,11 @@ def start_as_encoder(module: nn.Module) -> None:
     for layer in module.modules():
         if isinstance(layer, nn.Conv2d):
             nn.init.kaiming_normal_(layer.weight, mode="fan_out", nonlinearity="relu")
+
+
+def sampled(features: Tensor, place: Tensor) -> Tensor:
+    """Return features (B, C, h, w) between cells, 0 outside; place: (B, 2, n, w), columns and rows -> (B, C, n, w)."""
+    height, width = features.shape[-2:]
+    size = torch.tensor([width - 1, height - 1], dtype=place.dtype, device=place.device).clamp(min=1)
+    grid = 2 * place.permute(0, 2, 3, 1) / size - 1
+    return F.grid_sample(features, grid, align_corners=True)

@@ -1,7 +1,7 @@
 """LightStereo: matching scores at 1/4, aggregated by cheap 2-D convolutions. A modern method for weak computers.
 
-Guo, Zhang, Nie, Zheng, Zhang and Chen: "LightStereo: Channel Boost Is All Your Need for Efficient 2D Cost Aggregation",
-ICRA 2025, arXiv:2406.19833; the published width is LightStereo-S.
+Guo, Zhang, Zhang, Zheng, Nie, Poggi and Chen: "LightStereo: Channel Boost Is All You Need for Efficient 2D Cost
+Aggregation", ICRA 2025, arXiv:2406.19833; the published width is LightStereo-S.
 
 A MobileNetV2 (Sandler et al., CVPR 2018; here without the weights of ImageNet, since none of the methods starts from
 other data) and a decoder describe both images. Their correlation for 48 shifts at 1/4 is an image of 48 channels, which

@@ -4,6 +4,7 @@
     prediction.py     Prediction: what every estimator returns
     classical.py      the classical methods: SGBM and BlockMatching
     window_costs.py   matching costs of windows and semi-global matching, compiled, for BlockMatching
+    mc_cnn.py         MC-CNN of the package mccnn, with semi-global matching
     plane_normals.py  normals of planes that are fitted to a disparity map
     rows.py           rows of a pair that lie apart: estimated from the images, and taken out of the right one
     row_matches.py    the points that this estimate is from

@@ -27,7 +27,7 @@ TEXTURE_WINDOW = 9  # side of the window in which texture is measured [px]
 PENALTIES: dict[str, tuple[int, int]] = {"sad": (200, 1600), "ssd": (60, 300), "ncc": (400, 3000)}
 
 
-def _check_search(disparities: int | None, block: int) -> None:
+def check_search(disparities: int | None, block: int) -> None:
     """Raise ValueError that names the setting that cannot work."""
     if disparities is not None and (disparities < 16 or disparities % 16):
         raise ValueError(f"disparities must be a positive multiple of 16, got {disparities}")
@@ -69,7 +69,7 @@ class SGBM:
     """Its normals are planes fitted to its disparity; see Estimator."""
 
     def __post_init__(self) -> None:
-        _check_search(self.disparities, self.block)
+        check_search(self.disparities, self.block)
         if self.directions not in MODES:
             raise ValueError(f"directions must be 5 or 8, got {self.directions}")
         if not self.texture >= 0:
@@ -119,7 +119,7 @@ class SGBM:
         # Without texture, and along the right border, ties end at 0 px, which is not a match either.
         disparity[(disparity < 0.5) | (disparity > columns + 0.5)] = np.nan
         disparity[_row_texture(left) < self.texture] = np.nan
-        return _without_speckles(disparity, self.speckle)
+        return without_speckles(disparity, self.speckle)
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ class BlockMatching:
             raise ValueError(f"cost must be sad, ssd or ncc, got {self.cost!r}")
         if self.aggregation not in ("wta", "sgm"):
             raise ValueError(f"aggregation must be wta or sgm, got {self.aggregation!r}")
-        _check_search(self.disparities, WTA_BLOCK if self.block is None else self.block)
+        check_search(self.disparities, WTA_BLOCK if self.block is None else self.block)
 
     def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
         """Estimate as SGBM.infer does.
@@ -176,7 +176,7 @@ class BlockMatching:
         reach = min(self.disparities or search_range(rig), rig.camera.width)
         sgm = self.aggregation == "sgm"
         costs = window_costs(*grey, reach, self.cost, self.block or (SGM_BLOCK if sgm else WTA_BLOCK))
-        return _without_speckles(winners(semi_global(costs, *PENALTIES[self.cost]) if sgm else costs), self.speckle)
+        return without_speckles(winners(semi_global(costs, *PENALTIES[self.cost]) if sgm else costs), self.speckle)
 
 
 def _row_texture(grey: np.ndarray) -> np.ndarray:
@@ -185,7 +185,7 @@ def _row_texture(grey: np.ndarray) -> np.ndarray:
     return cv2.boxFilter(np.abs(across), -1, (TEXTURE_WINDOW, TEXTURE_WINDOW))
 
 
-def _without_speckles(disparity: np.ndarray, size: int) -> np.ndarray:
+def without_speckles(disparity: np.ndarray, size: int) -> np.ndarray:
     """Mark small islands and near-zero disparities as unmatched.
 
     An island has at most `size` pixels and differs by over 2 px from its surroundings; near zero is below half a pixel.

@@ -69,7 +69,8 @@ def crop(sample: PackedSample, y: int, x: int, height: int, width: int) -> Packe
     window = np.s_[y : y + height, x : x + width]
     fx, fy, cx, cy = sample.camera
     left, right, disparity, normal, flags = (a[window] for a in sample[:5])
-    return PackedSample(left, right, disparity, normal, flags, (fx, fy, cx - x, cy - y), sample.reduction)
+    camera = (fx, fy, cx - x, cy - y)
+    return PackedSample(left, right, disparity, normal, flags, camera, sample.baseline, sample.reduction)
 
 
 def check_crop(sample: PackedSample, size: tuple[int, int]) -> None:
@@ -158,7 +159,7 @@ def resized(sample: PackedSample, size: tuple[int, int], reduction: int = 1) -> 
     camera = (fx * sx, fy * sy, (cx + 0.5) * sx - 0.5, (cy + 0.5) * sy - 0.5)
     disparity = (disparity * sx).astype(np.float32)
     truth = disparity, nearest(sample.normal), nearest(sample.flags)
-    return within_reach(PackedSample(images[0], images[1], *truth, camera, reduction))
+    return within_reach(PackedSample(images[0], images[1], *truth, camera, sample.baseline, reduction))
 
 
 def augment(

@@ -28,6 +28,7 @@ class Target(NamedTuple):
         one_eye: (B, 1, H, W) bool, the pixels whose match is hidden from the right eye, or lies outside its crop.
         rover: (B, 1, H, W) bool, the rover that carries the cameras.
         camera: (B, 4) fx, fy, cx, cy [px].
+        baseline: (B,) of the cameras [m].
     """
 
     disparity: Tensor
@@ -38,6 +39,7 @@ class Target(NamedTuple):
     one_eye: Tensor
     rover: Tensor
     camera: Tensor
+    baseline: Tensor
 
     @property
     def known(self) -> Tensor:
@@ -45,6 +47,17 @@ class Target(NamedTuple):
         gaps.
         """
         return (self.disparity > 0) | self.sky
+
+
+def network_inputs(batch: Batch, takes_truth: bool) -> tuple[Tensor, ...]:
+    """Return what a network takes: both images, the cameras and, if it is given the truth, the disparity.
+
+    Args:
+        batch: The crops.
+        takes_truth: See StereoNetwork.
+    """
+    truth = (batch.target.disparity,) if takes_truth else ()
+    return batch.left, batch.right, batch.target.camera, *truth
 
 
 def disparity_range(disparity: Tensor, known: Tensor | None = None) -> Tensor:
@@ -107,7 +120,7 @@ def reduce_target(target: Target, factor: int, weight: Tensor) -> tuple[Target, 
     normal = unit(middle(target.normal).sum(0))
     trained, sky = alike(target.label) & (span < 1.0), alike(target.sky)
     rock, one_eye, rover = (middle(x).any(0) for x in (target.rock, target.one_eye, target.rover))
-    reduced = Target(mean, normal, trained, sky, rock, one_eye, rover, target.camera)
+    reduced = Target(mean, normal, trained, sky, rock, one_eye, rover, target.camera, target.baseline)
     return reduced, middle(weight).amax(0)
 
 
@@ -186,6 +199,7 @@ def to_batch(items: Sequence[tuple[np.ndarray, np.ndarray, PackedSample]]) -> Ba
         ((flags & ONE_EYE) > 0) | outside,
         (flags & ROVER) > 0,
         torch.tensor([t.camera for t in truths], dtype=torch.float32),
+        torch.tensor([t.baseline for t in truths], dtype=torch.float32),
     )
     return Batch(stack([left for left, _, _ in items]), stack([right for _, right, _ in items]), target)
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -14,9 +17,9 @@ from m3depth.training.augmentation import AugmentConfig
 from m3depth.training.loss_config import LossConfig
 
 LIMITS: dict[str, tuple[float, float]] = {  # least and largest values, beyond which no training makes sense
-    "max_minutes": (0, 1e7), "max_steps": (0, 1e9), "batch": (0, 4096), "accumulate": (0, 4096), "lr": (0, 10),
-    "clip": (0, 1e6), "loader_threads": (0, 256), "checkpoint_minutes": (0, 1e6), "weight_decay": (0, 10),
-    "validate_every": (0, 1e9), "validate_samples": (0, 1e6),
+    "max_minutes": (0, 1e7), "max_steps": (0, 1e9), "epochs": (0, 1e6), "batch": (0, 4096), "accumulate": (0, 4096),
+    "lr": (0, 10), "clip": (0, 1e6), "loader_threads": (0, 256), "checkpoint_minutes": (0, 1e6),
+    "weight_decay": (0, 10), "validate_every": (0, 1e9), "validate_samples": (0, 1e6),
 }  # fmt: skip
 MAY_BE_ZERO = ("weight_decay", "validate_every", "validate_samples")
 LARGEST_CROP = 1 << 14  # [px]
@@ -25,7 +28,7 @@ COARSEST = 8  # side of a cell of the coarsest grid on which the loss is compute
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """Settings of a training run. Give --max-steps, --max-minutes, or both (the first that is reached ends it)."""
+    """Settings of a training run. Give --max-steps, --epochs, --max-minutes, or several (the first ends it)."""
 
     data: tuple[Path, ...]
     """Dataset folders, of marssim.generate or of a layout that --format lists.
@@ -44,6 +47,11 @@ class TrainConfig:
     """JSON file with the sizes of the network, such as weights.json beside any weights.
     It replaces --preset.
     """
+    recipe: Literal["own", "paper"] = "own"
+    """Defaults of the other flags: own are those that this help shows; paper sets --lr 1e-4, --schedule constant,
+    --batch 12, --crop 512 512, --initial normal and --loss.depth, and no augmentation, weight decay, clipping,
+    averaging or weights of pixels. Any other flag still overrides its default.
+    """
     max_minutes: float | None = None
     """Time budget [min], above 0; a resumed run counts the time that it has spent before.
     The schedule of the learning rate is fitted to it.
@@ -52,6 +60,8 @@ class TrainConfig:
     """Number of optimizer steps, 1 or more, including those of the run before it was resumed.
     The schedule of the learning rate is fitted to it.
     """
+    epochs: int | None = None
+    """Number of passes over the data, 1 to 1000000, another form of --max-steps."""
     init: Path | None = None
     """Weights to start from: a .safetensors file, or the word shipped for those of the package.
     Their network replaces --preset and --network.
@@ -72,8 +82,14 @@ class TrainConfig:
     """
     lr: float = 8e-4
     """Highest learning rate, above 0 and at most 10. With --init, use a quarter of it or less."""
+    schedule: Literal["cycle", "constant"] = "cycle"
+    """Course of the learning rate: cycle rises to --lr and falls to a hundredth of it, constant stays at --lr."""
+    initial: Literal["own", "normal"] = "own"
+    """Weights of a new network: own are those of its parts; normal draws all of them from normal distributions whose
+    variance is 2 over the number of inputs (He et al.), with biases of 0.
+    """
     weight_decay: float = 1e-4
-    """Weight decay of the optimizer, AdamW, 0 to 10."""
+    """Weight decay of the optimizer, AdamW, 0 to 10; without, it is Adam."""
     clip: float = 1.0
     """Largest norm of the gradient, above 0; larger ones are scaled down to it."""
     ema: float = 0.998
@@ -100,12 +116,52 @@ class TrainConfig:
     """Device that trains: auto is a GPU if there is one, else the CPU."""
 
 
+PAPER_LOSS = LossConfig(depth=True, rock=1.0, edge=1.0, one_eye=1.0, rover=1.0, sky_disparity=0.0)
+"""The paper's loss (Sec. V-A). The two decisions that its network does not have, of the sky and of the confidence, are
+trained as ever, since evaluation needs them.
+"""
+NO_CHANGES = AugmentConfig(
+    contrast=1.0, brightness=0.0, gamma=0.0, eye_gain=0.0, noise=0.0, blur=0.0, grey=0.0, vertical=0.0, occlude=0.0,
+    bottom=0.0, scale=0.0,
+)  # fmt: skip
+PAPER = TrainConfig(
+    data=tyro.MISSING, out=tyro.MISSING, recipe="paper", lr=1e-4, schedule="constant", batch=12, crop=(512, 512),
+    initial="normal", weight_decay=0.0, clip=1e6, ema=0.0, loss=PAPER_LOSS, augment=NO_CHANGES,
+)  # fmt: skip
+"""The defaults of --recipe paper (Sec. V-B). The paper names neither crops nor clipping nor averaged weights."""
+
+
+def recipe_defaults(args: Sequence[str]) -> TrainConfig | None:
+    """Return the defaults that the flag --recipe of a command line chooses; None for those of TrainConfig.
+
+    Args:
+        args: The command line.
+    """
+    chosen = [word.removeprefix("--recipe=") for word in args if word.startswith("--recipe=")]
+    chosen += [after for word, after in pairwise(args) if word == "--recipe"]
+    return PAPER if chosen[-1:] == ["paper"] else None
+
+
+def in_steps(config: TrainConfig, samples: int, world: int) -> TrainConfig:
+    """Return a config whose --epochs are steps, the fewer of these and --max-steps.
+
+    Args:
+        config: The flags of the run.
+        samples: Number of samples in an epoch.
+        world: Number of processes that share the batches of a step.
+    """
+    if config.epochs is None:
+        return config
+    steps = math.ceil(config.epochs * samples / (config.batch * world))
+    return replace(config, max_steps=min(steps, config.max_steps or steps))
+
+
 def check_config(config: TrainConfig) -> None:
     """Raise ValueError that names the flag of a setting that cannot work."""
     if not config.data:
         raise ValueError("--data: name at least one dataset folder")
-    if config.max_minutes is None and config.max_steps is None:
-        raise ValueError("give --max-minutes, --max-steps or both")
+    if config.max_minutes is None and config.max_steps is None and config.epochs is None:
+        raise ValueError("give --max-minutes, --max-steps or --epochs")
     for name, (low, high) in LIMITS.items():
         value = getattr(config, name)
         if value is not None and not (low <= value <= high and (value > 0 or name in MAY_BE_ZERO)):

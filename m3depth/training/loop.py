@@ -16,8 +16,8 @@ from m3depth.network.output import StereoOutput
 from m3depth.network.stereo_network import StereoNetwork
 from m3depth.stereo.pairs import StereoPairs
 from m3depth.training.augmentation import check_crop
-from m3depth.training.batch import Batch
-from m3depth.training.config import TrainConfig, check_config
+from m3depth.training.batch import Batch, network_inputs
+from m3depth.training.config import TrainConfig, check_config, in_steps
 from m3depth.training.curves import save_curves
 from m3depth.training.ending import loss_fault, share_done, spent_budget, weight_fault
 from m3depth.training.log import Log, records
@@ -58,6 +58,7 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
         raise ValueError(f"{data_names(config)}: split train holds no pairs; name another folder with --data")
     cv2.setNumThreads(1)
     with joined_group(config.device) as (rank, world, device), entered_by_first(rank, world, folder.claim()):
+        config = in_steps(config, len(samples), world)
         run = Run(config, device, world)
         resumed = run.resume()
         check_common_step(run)
@@ -171,7 +172,7 @@ def take_steps(run: Run, stream: Iterator[Batch], log: Log | None, validator: Va
             before = time.monotonic()
             batch = next(stream).to(device)
             waited += time.monotonic() - before
-            values = one_step(run, network, batch, learning_rate(config.lr, done), dtype)
+            values = one_step(run, network, batch, learning_rate(config.lr, done, config.schedule), dtype)
             run.seconds = spent_before + time.monotonic() - began
             if log is None:
                 continue
@@ -232,7 +233,7 @@ def check_state(run: Run, batch: Batch, dtype: torch.dtype | None, world: int = 
     fault = weight_fault(run.model)
     if fault is None:
         with torch.no_grad(), autocast(batch.left.device, dtype):
-            output = run.model(batch.left, batch.right, batch.target.camera)
+            output = run.model(*network_inputs(batch, run.model.takes_truth))
         fault = loss_fault(total_loss(output, batch.target, run.config.loss)[0], run.config.loss)
     raise_if_diverged(fault, run, world)
 
@@ -274,7 +275,7 @@ def backward(
         shared = isinstance(network, nn.parallel.DistributedDataParallel)
         with network.no_sync() if shared and not last else nullcontext():  # type: ignore[operator]
             with autocast(part.left.device, dtype):
-                output = network(part.left, part.right, part.target.camera)
+                output = network(*network_inputs(part, plain(network).takes_truth))
             loss, terms = total_loss(output, part.target, config.loss)
             if part.finer and plain(network).TAKES_START:
                 finer = finer_losses(network, output, part, config, dtype)

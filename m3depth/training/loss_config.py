@@ -16,8 +16,11 @@ class LossConfig:
         ValueError: A weight is out of its range; the message names its flag.
     """
 
+    depth: bool = False
+    """Whether the error is that of depth over 15 m, as in the paper, of pixels up to there; else that of disparity, by
+    --loss.relative. The consistency is that of disparity in either case."""
     disparity: float = 2.0
-    """Weight of the disparity error, 0 to 1000, lambda_d of the paper."""
+    """Weight of the error of disparity or depth, 0 to 1000, lambda_d of the paper."""
     normal: float = 1.0
     """Weight of the error of the normals, 0 to 1000, lambda_n of the paper."""
     consistency: float = 3.0

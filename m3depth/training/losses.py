@@ -16,13 +16,14 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from m3depth.network.geometry import pixel_rays, scale_camera, sobel
+from m3depth.network.geometry import MIN_DISPARITY, pixel_rays, scale_camera, sobel
 from m3depth.network.output import StereoOutput
 from m3depth.network.refinement import CELL
 from m3depth.rivals.output import TrainedOutput, Truth
 from m3depth.training.batch import Target, disparity_edges, reduce_target
 from m3depth.training.loss_config import LossConfig
 
+FARTHEST_SCORED = 15.0  # [m] depth that counts as 1 in the paper's loss, and beyond which it has none
 # Mean weight of a batch's pixels from which on it counts in full. Without it, a few pixels, or the rover's own panels,
 # had losses ten times those of other crops, and decided the direction of most steps.
 LEAST_WEIGHT = 0.5
@@ -92,12 +93,27 @@ def disparity_loss(disparity: Tensor, target: Target, weight: Tensor, config: Lo
         target: On the same grid.
         config: Weights.
     """
+    if config.depth:
+        return depth_loss(disparity, target, weight)
     error = disparity - target.disparity
     scale = 1 + config.relative / target.disparity.clamp(min=1.0)
     loss = weighted_mean(huber(error, 0.5) * scale, weight * target.label, LEAST_WEIGHT)
     if config.sky_disparity:
         loss = loss + config.sky_disparity * weighted_mean(huber(error, 0.5), target.sky.to(error))
     return loss
+
+
+def depth_loss(disparity: Tensor, target: Target, weight: Tensor) -> Tensor:
+    """Return L_d of the paper on one grid: the Huber norm, its knee at 1, of depth over FARTHEST_SCORED.
+
+    Args:
+        disparity, weight: (B, 1, h, w), the disparity in pixels of the full image.
+        target: On the same grid.
+    """
+    least = (target.camera[:, 0] * target.baseline / FARTHEST_SCORED)[:, None, None, None]  # [px] at that depth
+    true = least / target.disparity.clamp(min=MIN_DISPARITY)
+    error = least / disparity.clamp(min=1.0) - true  # nearer to 0 px, a step would change depth beyond all measure
+    return weighted_mean(huber(error, 1.0), weight * (target.label & (true <= 1)))
 
 
 def normal_loss(normal: Tensor, target: Target, weight: Tensor) -> Tensor:

@@ -26,6 +26,7 @@ class PackedSample(NamedTuple):
         flags: (H, W) uint8, the sum of those of TRAINED, SKY, ROCK, SCORED, ONE_EYE (the right eye does not see it) and
             ROVER (the rover itself) that apply.
         camera: fx, fy, cx, cy [px].
+        baseline: Of the cameras [m].
         reduction: Factor, a power of 2, by which the pair is larger than the one that the cost volume works on.
     """
 
@@ -35,6 +36,7 @@ class PackedSample(NamedTuple):
     normal: np.ndarray
     flags: np.ndarray
     camera: tuple[float, float, float, float]
+    baseline: float
     reduction: int = 1
 
     @property
@@ -79,5 +81,6 @@ def pack(sample: Any) -> PackedSample:
         (np.nan_to_num(normal) * 127).round().astype(np.int8),
         flags.astype(np.uint8),
         (c.fx, c.fy, c.cx, c.cy),
+        sample.rig.baseline,
         reduction,
     )

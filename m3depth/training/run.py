@@ -12,10 +12,10 @@ from typing import Any
 import torch
 
 from m3depth.kinds.config import config_from_dict, preset_config, read_config
-from m3depth.kinds.networks import load_network, new_network
+from m3depth.kinds.networks import draw_normal, load_network, new_network
 from m3depth.network.model import M3Depth
 from m3depth.network.stereo_network import StereoNetwork
-from m3depth.training.config import TrainConfig
+from m3depth.training.config import PAPER_LOSS, TrainConfig
 from m3depth.training.loss_config import LossConfig
 from m3depth.weights import SHIPPED, SHIPPED_WEIGHTS, named_by, weights_file
 from marssim.base.files.atomic import write_atomically
@@ -26,7 +26,7 @@ WARM_UP = 0.04  # share of the run in which the learning rate rises
 CHECKPOINT = "checkpoint.pt"  # name of the checkpoint in a run's folder
 WORLD = "number of processes"  # its name in a run's identity
 CHANGEABLE = (  # fields that may change when a run is resumed, beside those of loss, augmentation and reader
-    "max_minutes", "max_steps", "lr", "weight_decay", "clip", "ema", "accumulate", "precision", "data",
+    "max_minutes", "max_steps", "lr", "schedule", "weight_decay", "clip", "ema", "accumulate", "precision", "data",
 )  # fmt: skip
 
 
@@ -47,12 +47,15 @@ def first_network(config: TrainConfig) -> StereoNetwork:
     if config.init:
         with named_by("--init"):
             return load_network(weights_file(config.init))
-    return new_network(read_config(config.network) if config.network else preset_config(config.preset))
+    network = new_network(read_config(config.network) if config.network else preset_config(config.preset))
+    if config.initial == "normal":
+        draw_normal(network)
+    return network
 
 
 def check_loss(network: StereoNetwork, config: TrainConfig) -> None:
     """Raise ValueError if the loss of another method than M3Depth, which has its own, is to be changed by flags."""
-    if not isinstance(network, M3Depth) and config.loss != LossConfig():
+    if not isinstance(network, M3Depth) and config.loss not in (LossConfig(), PAPER_LOSS):
         raise ValueError(f"--loss.*: {network.config.KIND} is trained with its own loss; these flags are M3Depth's")
 
 
@@ -149,7 +152,7 @@ class Run:
         # The number of processes belongs to it because the samples of a step depend on it.
         return {
             "network": as_json(self.model.config.to_dict()), "batch": c.batch, "crop": list(c.crop), "seed": c.seed,
-            WORLD: self.world, "init": None if c.init is None else origin(c.init),
+            WORLD: self.world, "init": None if c.init is None else origin(c.init), "initial": c.initial,
         }  # fmt: skip
 
     def settings(self) -> dict[str, str]:
@@ -204,13 +207,16 @@ class Run:
         return True
 
 
-def learning_rate(peak: float, progress: float) -> float:
-    """Return the learning rate of one cycle: a linear rise, then a cosine down to a hundredth.
+def learning_rate(peak: float, progress: float, schedule: str = "cycle") -> float:
+    """Return the learning rate of one cycle: a linear rise, then a cosine down to a hundredth. Or a constant one.
 
     Args:
         peak: Highest rate.
         progress: Share of the run that is done.
+        schedule: "cycle" or "constant".
     """
+    if schedule == "constant":
+        return peak
     if progress < WARM_UP:
         return peak * (0.05 + 0.95 * progress / WARM_UP)
     fall = min(1.0, (progress - WARM_UP) / (1 - WARM_UP))

@@ -8,13 +8,14 @@ from collections.abc import Iterable
 import torch
 from torch import Tensor
 
+from m3depth.estimator import for_pair
 from m3depth.evaluation.example import Example
 from m3depth.figures.pairs import pairs_figure
 from m3depth.network.device import autocast, fast_dtype
 from m3depth.network.output import Maps
 from m3depth.network.stereo_network import StereoNetwork
 from m3depth.stereo.pairs import StereoPairs, pair_name, spread
-from m3depth.training.batch import Batch, Target, disparity_edges, whole_batch
+from m3depth.training.batch import Batch, Target, disparity_edges, network_inputs, whole_batch
 from m3depth.training.curves import save_curves
 from m3depth.training.log import Log
 from m3depth.training.packing import PackedSample
@@ -69,7 +70,7 @@ class Validator:
     def _example(self, index: int) -> Example:
         """Return a pair of the val split, with what the averaged weights predict for it."""
         sample = self.held_out[index]
-        prediction = self.run.averaged.infer(sample.left, sample.right, sample.rig)
+        prediction = for_pair(self.run.averaged, sample).infer(sample.left, sample.right, sample.rig)
         name = pair_name(self.held_out, index)
         return Example(index, sample.left, sample.right, sample, {"averaged weights": prediction}, name)
 
@@ -117,7 +118,7 @@ def predict_batch(model: StereoNetwork, batch: Batch) -> tuple[Maps, Target]:
     """
     device = batch.left.device
     with autocast(device, fast_dtype(device)):
-        out, target = model(batch.left, batch.right, batch.target.camera), batch.target
+        out, target = model(*network_inputs(batch, model.takes_truth)), batch.target
         for band in batch.finer if model.TAKES_START else ():
             out = model(band.left, band.right, band.target.camera, out.start(*band.size))
             target = band.target

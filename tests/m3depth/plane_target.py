@@ -18,7 +18,7 @@ def plane(normal: tuple[float, float, float], height: int = 16, width: int = 24)
 def make_target(height: int = 16, width: int = 24) -> Target:
     disparity, normal = plane((0.0, -0.5, -1.0), height, width)
     yes = torch.ones_like(disparity, dtype=torch.bool)
-    return Target(disparity.float(), normal.float(), yes, ~yes, ~yes, ~yes, ~yes, CAMERA.float())
+    return Target(disparity.float(), normal.float(), yes, ~yes, ~yes, ~yes, ~yes, CAMERA.float(), torch.tensor([0.27]))
 
 
 def random_holes(shape: tuple[int, ...]) -> torch.Tensor:

@@ -41,6 +41,7 @@ def run_command(
     description: str | None,
     args: Sequence[str] | None = None,
     interrupted: str = GOES_ON,
+    default: Config | None = None,
 ) -> int:
     """Parse a command line, do the work, and return the exit code.
 
@@ -53,6 +54,7 @@ def run_command(
         description: Text above the flags in --help.
         args: The command line; None: sys.argv without the program.
         interrupted: What Ctrl-C leaves, and how to go on; it follows "interrupted; " in the message.
+        default: An instance whose values are the defaults, instead of those of the class.
 
     Returns:
         The exit code; see the module.
@@ -62,7 +64,7 @@ def run_command(
     """
 
     def parse_and_work() -> None:
-        parsed = parse(config, prog, description, args)
+        parsed = parse(config, prog, description, args, default)
         with writing_to(getattr(parsed, "out", None)):
             work(parsed)
 

@@ -21,7 +21,8 @@ def loss_of(model: M3Depth, size: int = 64, batch: int = 1) -> torch.Tensor:
     normal = torch.tensor([0.0, -0.6, -0.8])[None, :, None, None].expand(batch, 3, size, size)
     yes = torch.ones_like(disparity, dtype=torch.bool)
     device = next(model.parameters()).device
-    target = Target(*(x.to(device) for x in (disparity, normal, yes, ~yes, ~yes, ~yes, ~yes, camera)))
+    truth = disparity, normal, yes, ~yes, ~yes, ~yes, ~yes, camera, torch.full((batch,), 0.27)
+    target = Target(*(x.to(device) for x in truth))
     return total_loss(model(left.to(device), right.to(device), target.camera), target, LossConfig())[0]
 
 

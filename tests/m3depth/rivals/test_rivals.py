@@ -1,30 +1,19 @@
 """What holds for every rival: sizes, maps, gradients, a step of the trainer, weights on disk, and the estimator."""
 
 import json
-from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from small_rivals import TINY, train_config
 
 from m3depth.estimator import checked_prediction, load_estimator
 from m3depth.kinds.config import PresetName, preset_config
 from m3depth.kinds.networks import load_network, new_network
 from m3depth.network.config import PRESETS as M3DEPTH_PRESETS
 from m3depth.network.model import M3Depth
-from m3depth.rivals.config import (
-    CONFIGS,
-    PRESETS,
-    CreStereoConfig,
-    HitNetConfig,
-    LightStereoConfig,
-    RaftStereoConfig,
-    RivalConfig,
-    SelectiveStereoConfig,
-)
+from m3depth.rivals.config import CONFIGS, PRESETS, NormalConfig, RivalConfig
 from m3depth.training.batch import whole_batch
-from m3depth.training.config import TrainConfig
 from m3depth.training.loop import train
 from m3depth.training.loss_config import LossConfig
 from m3depth.training.losses import total_loss
@@ -32,41 +21,21 @@ from m3depth.training.packing import pack
 from m3depth.training.run import Run
 from m3depth.training.validation import validate
 
-TINY: dict[str, RivalConfig] = {
-    "raft-stereo": RaftStereoConfig((8, 8, 8), 8, 8, 8, 8, 2, 2, 2, 3),
-    "selective-stereo": SelectiveStereoConfig((8, 8, 8), 8, 8, 8, 8, 2, 2, 2, 3),
-    "hit-net": HitNetConfig((4, 4, 4, 4, 4), 4, 8, (4, 4, 4)),
-    "cre-stereo": CreStereoConfig((8, 8, 8), 16, 2, 2, 2),
-    "light-stereo": LightStereoConfig((8, 8, 8, 8, 8, 8, 8), 8, (1, 1, 1), 2, 8, 8),
-}
 PUBLISHED = {  # parameters [M] of the published width
     "raft-stereo": 11.1,  # RAFT-Stereo of the package stereo-matching 0.2
     "selective-stereo": 11.7,  # Selective-RAFT of the package stereo-toolbox 0.4
     "hit-net": 0.668,  # HITNet_KITTI of TinyHITNet, counted from its list of layers
     "cre-stereo": 5.4,  # CREStereo of the package stereo-matching 0.2
-    "light-stereo": 3.44,  # LightStereo-S of its paper
+    "light-stereo": 3.44,  # LightStereo-S of OpenStereo, counted from its list of layers
+    "uni-mvs-net": 0.934,  # UniMVSNet, counted from its list of layers
+    "fusion": 17.47,  # fconv_ms and map_conv of RGBD2Normal, counted from their lists of layers
+    "geo-net": 23.87,  # GeoNet without the stream of the depth and the edges, counted from its list of layers
 }
 
 
 @pytest.fixture(params=list(CONFIGS))
 def config(request) -> RivalConfig:
     return TINY[request.param]
-
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    torch.manual_seed(3)
-    yield
-    torch.set_num_threads(threads)
-
-
-def train_config(out: Path, **changes) -> TrainConfig:
-    base = TrainConfig(
-        data=(Path("planes"),), out=out, batch=2, crop=(32, 64), max_steps=1, lr=1e-3, validate_samples=1, device="cpu"
-    )
-    return replace(base, **changes)
 
 
 def test_every_preset_is_one_of_the_command() -> None:
@@ -107,7 +76,8 @@ def test_the_trainer_takes_steps_and_its_weights_drive_an_estimator(config, plan
     sizes = tmp_path / "sizes.json"
     sizes.write_text(json.dumps(config.to_dict()))
     scores = train(train_config(tmp_path / "run", network=sizes), plane_samples, plane_samples[:1])
-    assert scores["epe"] >= 0 and "sky_missed" not in scores
+    of_normals = isinstance(config, NormalConfig)
+    assert scores["epe"] >= 0 and ("normal" in scores) == ("sky_missed" in scores) == of_normals
     weights = tmp_path / "run" / "weights.safetensors"
     assert json.loads(weights.with_suffix(".json").read_text())["kind"] == config.KIND
     network = load_network(weights)
@@ -118,11 +88,12 @@ def test_the_trainer_takes_steps_and_its_weights_drive_an_estimator(config, plan
         estimator, estimator.infer(sample.left, sample.right, sample.rig), sample.left.shape[:2]
     )
     known = np.isfinite(prediction.depth)
-    assert (prediction.confidence[known] == 1).all()
+    assert (prediction.confidence[known] == 1).all() != of_normals  # M3Depth's
     with pytest.raises(ValueError, match=rf"weights.safetensors: holds weights of {config.KIND}, not of M3Depth"):
         M3Depth.from_pretrained(weights)
     resumed = train(train_config(tmp_path / "run", network=sizes, max_steps=2), plane_samples, plane_samples[:1])
-    assert resumed["epe"] != scores["epe"]
+    changed = "normal" if of_normals else "epe"
+    assert resumed[changed] != scores[changed]
 
 
 def test_checkpointing_changes_no_gradient(config, plane_samples) -> None:

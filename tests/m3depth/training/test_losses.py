@@ -262,7 +262,7 @@ def test_true_maps_are_consistent_beside_a_silhouette_on_every_grid(cell: int) -
     disparity[..., 40:] = 60.0
     normal = torch.tensor([0.0, 0.0, -1.0])[:, None, None].expand(1, 3, 64, 96)
     no = torch.zeros_like(disparity, dtype=torch.bool)
-    target = Target(disparity, normal, ~no, no, no, no, no, camera)
+    target = Target(disparity, normal, ~no, no, no, no, no, camera, torch.tensor([0.27]))
     maps = disparity[..., ::cell, ::cell], normal[..., ::cell, ::cell]
     logits = torch.zeros_like(disparity)
     at_once = StereoOutput(disparity, normal, logits, logits, maps if cell == 8 else None, [maps] if cell == 4 else [])

@@ -27,7 +27,9 @@ SHAPE = (1, 1, 8, 12)
 def target_of(disparity: torch.Tensor, label: torch.Tensor) -> Target:
     normal = torch.tensor([0.0, 0.0, -1.0])[:, None, None].expand(1, 3, *SHAPE[2:])
     no = torch.zeros(SHAPE, dtype=torch.bool)
-    return Target(disparity * label, normal, label, no, no, no, no, torch.tensor([[60.0, 60.0, 5.5, 3.5]]))
+    return Target(
+        disparity * label, normal, label, no, no, no, no, torch.tensor([[60.0, 60.0, 5.5, 3.5]]), torch.tensor([0.27])
+    )
 
 
 def output_of(disparity: torch.Tensor, target: Target) -> StereoOutput:

@@ -1,0 +1,112 @@
+"""What the methods for normals make of depth: geometry in closed form, true depth as input, and their losses."""
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from small_rivals import TINY, train_config
+
+from m3depth.estimator import for_pair
+from m3depth.evaluation.report import markdown_report, text_table
+from m3depth.evaluation.scoring import evaluate
+from m3depth.kinds.networks import new_network
+from m3depth.network.geometry import normals_from_disparity, pixel_rays, unit
+from m3depth.network.model import M3Depth
+from m3depth.rivals.geo_net import disparity_of_planes, planes_of_depth
+from m3depth.rivals.normal_network import NormalOutput, Seen, TrainedNormals, normal_error
+from m3depth.rivals.output import Truth
+from m3depth.training.loop import train
+
+CAMERA = torch.tensor([[60.0, 55.0, 15.3, 12.1]])
+SIZE = (24, 32)
+
+
+def plane_of(normal: tuple[float, float, float]) -> Seen:
+    """A plane 1.2 m before the camera, with a baseline of 0.27 m."""
+    n = unit(torch.tensor(normal)[None, :, None, None]).expand(1, 3, *SIZE)
+    disparity = -(60 * 0.27 / 1.2) * (pixel_rays(CAMERA, *SIZE) * n).sum(1, keepdim=True)
+    return Seen(torch.zeros(1, 3, *SIZE), disparity, torch.ones_like(disparity, dtype=torch.bool), CAMERA)
+
+
+def test_planes_fitted_to_depth_have_the_normal_of_the_plane_and_the_same_depth() -> None:
+    seen = plane_of((0.2, -0.6, -1.0))
+    true = unit(torch.tensor([0.2, -0.6, -1.0])[None, :, None, None]).expand(1, 3, *SIZE)
+    # pixels count whose first normal is like that of the middle: a step of the depth does no harm where it is seen
+    stepped = seen.disparity.clone()
+    stepped[..., 16:] += 3
+    first = true.clone()
+    first[..., 16:] = unit(torch.tensor([0.8, -0.1, -1.0])[None, :, None, None])
+    for disparity, start, part in ((seen.disparity, true, slice(None)), (stepped, first, slice(0, 16))):
+        fitted = planes_of_depth(seen._replace(disparity=disparity), start, 3)
+        torch.testing.assert_close(fitted[..., part], true[..., part], atol=1e-4, rtol=0)
+    torch.testing.assert_close(disparity_of_planes(seen, true, 3), seen.disparity, atol=1e-4, rtol=1e-4)
+
+
+def test_without_neighbours_the_normal_is_that_of_the_slopes_and_the_depth_stays() -> None:
+    seen = plane_of((0.2, -0.6, -1.0))
+    alone = seen._replace(valid=torch.zeros_like(seen.valid))
+    start = unit(torch.randn(1, 3, *SIZE, generator=torch.Generator().manual_seed(0)))
+    torch.testing.assert_close(planes_of_depth(alone, start, 3), normals_from_disparity(seen.disparity, CAMERA))
+    torch.testing.assert_close(disparity_of_planes(alone, start, 3), seen.disparity)
+
+
+def test_normals_take_noise_out_of_depth() -> None:
+    seen = plane_of((0.1, -0.8, -1.0))
+    true = unit(torch.tensor([0.1, -0.8, -1.0])[None, :, None, None]).expand(1, 3, *SIZE)
+    noise = 0.1 * torch.randn(1, 1, *SIZE, generator=torch.Generator().manual_seed(0))
+    refined = disparity_of_planes(seen._replace(disparity=seen.disparity + noise), true, 3)
+    assert (refined - seen.disparity).std() < 0.5 * noise.std()
+
+
+def test_errors_of_normals_are_means_over_the_cells_with_a_true_normal() -> None:
+    true = torch.zeros(1, 3, 4, 4)
+    true[:, 2, :, :2] = -1.0  # two of four columns are known
+    disparity = torch.tensor([0.0, 2 * math.e]).repeat_interleave(2).expand(1, 1, 4, 4)  # sky, and ground
+    truth = Truth(disparity, torch.ones(1, 1, 4, 4, dtype=torch.bool), true)
+    across = torch.zeros(1, 3, 2, 2)
+    across[:, 0] = 5.0
+    assert normal_error(TrainedNormals(across, 2, 1.0, "cosine"), truth) == pytest.approx(1.0)
+    assert normal_error(TrainedNormals(across, 2, 1.0, "absolute"), truth) == pytest.approx(2 / 3)
+    assert normal_error(TrainedNormals(3 * true, 1, 1.0, "absolute"), truth) == pytest.approx(0.0)
+    maps = [TrainedNormals(across, 2, 0.5, "cosine"), TrainedNormals(3 * true, 1, 1.0, "cosine")]
+    both = NormalOutput(torch.full((1, 1, 4, 4), 2.0), true, maps, trained_disparity=True).terms(truth)
+    assert {name: float(value) for name, value in both.items()} == pytest.approx({"normal": 0.5, "disparity": 1.0})
+
+
+def test_the_depth_is_that_of_m3depth_and_no_part_of_the_weights(plane_samples) -> None:
+    network = new_network(TINY["fusion"]).eval()
+    names = set(network.state_dict())
+    sample = plane_samples[0]
+    prediction = network.infer(sample.left, sample.right, sample.rig)
+    shipped = M3Depth.from_pretrained().infer(sample.left, sample.right, sample.rig)
+    np.testing.assert_array_equal(prediction.depth, shipped.depth)
+    np.testing.assert_array_equal(prediction.confidence, shipped.confidence)
+    assert not np.allclose(prediction.normal, shipped.normal, equal_nan=True)
+    assert set(network.state_dict()) == names and len(list(network.parameters())) == len(names)
+
+
+def test_true_depth_is_given_in_training_and_evaluation_and_marked_in_tables(plane_samples, tmp_path) -> None:
+    sizes = replace(TINY["fusion"], true_depth=True)
+    path = tmp_path / "sizes.json"
+    path.write_text(json.dumps(sizes.to_dict()))
+    scores = train(train_config(tmp_path / "run", network=path), plane_samples, plane_samples[:1])
+    assert scores["epe"] == 0 and scores["normal"] > 0
+    network = new_network(sizes).eval()
+    sample = plane_samples[0]
+    with pytest.raises(ValueError, match=r"^fusion is trained with the true depth here"):
+        network.infer(sample.left, sample.right, sample.rig)
+    given = for_pair(network, sample).infer(sample.left, sample.right, sample.rig)
+    seen = sample.disparity >= 0.05
+    np.testing.assert_allclose(given.depth[seen], sample.depth[seen], rtol=1e-5)
+    assert not np.isfinite(given.depth[~seen]).any()
+    result = evaluate(plane_samples[:1], {"Fusion": network, "without": new_network(TINY["fusion"]).eval()})
+    assert [result.results[name]["gets_truth"] for name in ("Fusion", "without")] == [True, False]
+    about = {
+        "pairs": 1, "split": "test", "data": "planes", "degrade": None, "weights": "", "depth_range_m": (0.5, 15),
+        "max_disparity_px": 192, "versions": {},
+    }  # fmt: skip
+    for text in (text_table(result.results), markdown_report(about, result.results, result.true_depth_normals)):
+        assert "Fusion, given the true depth" in text and "without, given" not in text

@@ -1,0 +1,90 @@
+"""The paper's recipe: its defaults, its loss, its first weights, and epochs as steps."""
+
+import json
+
+import pytest
+import torch
+from plane_target import make_target
+from small_rivals import TINY, train_config
+
+from m3depth.kinds.networks import draw_normal, new_network
+from m3depth.network.config import PRESETS
+from m3depth.training.config import PAPER, PAPER_LOSS, TrainConfig, in_steps, recipe_defaults
+from m3depth.training.loop import train
+from m3depth.training.loss_config import LossConfig
+from m3depth.training.losses import disparity_loss
+from m3depth.training.run import Run, learning_rate
+from marssim.base.command.flags import parse
+
+
+def parsed(*args: str) -> TrainConfig:
+    line = ["--data", "data", "--out", "out", *args]
+    return parse(TrainConfig, "train", None, line, recipe_defaults(line))
+
+
+def test_the_recipe_sets_defaults_that_other_flags_override() -> None:
+    config = parsed("--recipe", "paper", "--epochs", "100")
+    assert (config.lr, config.schedule, config.batch, config.epochs, config.weight_decay) == (
+        1e-4,
+        "constant",
+        12,
+        100,
+        0,
+    )
+    assert (config.loss.disparity, config.loss.normal, config.loss.consistency) == (2, 1, 3)
+    assert config.loss == PAPER_LOSS and config.augment == PAPER.augment and config.initial == "normal"
+    other = parsed("--recipe=paper", "--lr", "8e-4", "--loss.no-depth", "--augment.noise", ".1", "--crop", "64", "64")
+    assert (other.lr, other.loss.depth, other.augment.noise, other.crop) == (8e-4, False, 0.1, (64, 64))
+    assert (other.batch, other.augment.scale) == (12, 0)
+    assert parsed() == parsed("--recipe", "own") == TrainConfig(parsed().data, parsed().out)
+
+
+def test_epochs_are_steps_of_all_processes_and_the_fewer_steps_count(tmp_path) -> None:
+    config = train_config(tmp_path, epochs=3, max_steps=None, batch=4)
+    assert in_steps(config, 10, 1).max_steps == 8
+    assert in_steps(config, 10, 2).max_steps == 4
+    assert in_steps(train_config(tmp_path, epochs=3, max_steps=5, batch=4), 10, 1).max_steps == 5
+
+
+def test_a_constant_rate_does_not_change() -> None:
+    assert {learning_rate(1e-4, share, "constant") for share in (0.0, 0.3, 1.0)} == {1e-4}
+
+
+def test_the_loss_is_that_of_depth_over_15_m_up_to_there() -> None:
+    target = make_target()
+    focal = float(target.camera[0, 0])
+    flat = target._replace(disparity=torch.full_like(target.disparity, focal * 0.27 / 6))  # 6 m
+    config, weight = LossConfig(depth=True), torch.ones_like(flat.disparity)
+    at_9_m = torch.full_like(flat.disparity, focal * 0.27 / 9)
+    torch.testing.assert_close(disparity_loss(at_9_m, flat, weight, config), torch.tensor(0.5 * (3 / 15) ** 2))
+    beyond = flat._replace(disparity=torch.full_like(flat.disparity, focal * 0.27 / 16))
+    assert disparity_loss(at_9_m, beyond, weight, config) == 0
+
+
+def test_all_first_weights_are_drawn_from_normal_distributions(tmp_path) -> None:
+    network = new_network(PRESETS["lite"])
+    draw_normal(network)
+    for name, layer in network.named_modules():
+        if isinstance(layer, torch.nn.Conv2d) and layer.weight[0].numel() >= 64 and layer.weight.numel() > 4096:
+            expected = (2 / layer.weight[0].numel()) ** 0.5
+            assert float(layer.weight.detach().std()) == pytest.approx(expected, rel=0.1), name
+            assert layer.bias is None or not layer.bias.any()
+    sizes = tmp_path / "sizes.json"
+    sizes.write_text(json.dumps(TINY["raft-stereo"].to_dict()))
+    own, normal = (
+        Run(train_config(tmp_path, network=sizes, initial=initial), torch.device("cpu")).model.state_dict()
+        for initial in ("own", "normal")
+    )
+    assert any(not torch.equal(own[name], normal[name]) for name in own)
+
+
+def test_a_training_by_the_recipe_takes_its_epochs(plane_samples, tmp_path, capsys) -> None:
+    config = parsed(
+        "--recipe", "paper", "--preset", "paper-thin", "--epochs", "1", "--crop", "64", "64", "--batch", "2",
+        "--validate-samples", "0", "--device", "cpu", "--out", str(tmp_path / "run"),
+    )  # fmt: skip
+    train(config, plane_samples, [])
+    records = [json.loads(line) for line in (tmp_path / "run" / "log.jsonl").read_text().splitlines()]
+    assert {record["lr"] for record in records if "lr" in record} == {1e-4}
+    assert train(config, plane_samples, []) == {}
+    assert "already at --max-steps 2" in capsys.readouterr().out
