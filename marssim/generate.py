@@ -5,6 +5,7 @@
     python -m marssim.generate --out data/mine --scene my_place.json --renderer scan
     python -m marssim.generate --out data/drives --trajectory --drive.step 0.3 --views-per-scene 50
     python -m marssim.generate --out data/worn --scene mixed --faults random
+    python -m marssim.generate --out data/own --rig-file camchain.yaml --raw     # also pairs before rectification
 
 A sample depends only on the settings, the seed, its scene and its view. Any number of workers therefore writes the same
 files, and the same command completes a dataset after an interrupted run. my_place.json names the values in which your
@@ -210,14 +211,10 @@ the ground in the middle of each scene. In `sample.json`, `heightmap` has the pl
 (`at`: metres east and north of the heightmap's middle) and its height there (`datum` in metres: the height of a point
 in the file is its height in the scene plus `datum`)."""
     datum = datum if any(scene.relief.heightmap for scene in config.scenes) else ""
-    raw = (
-        f"""
+    raw = f"""\n
 `raw_left.png` and `raw_right.png` are the pair before rectification, and `{CALIBRATION}` has its calibration in every
-form that holds these lenses. `m3depth.rectify --shift 0` makes of it the view of `left.png` and of the truth.
-"""
-        if config.raw
-        else ""
-    )
+form that holds these lenses. `m3depth.rectify --shift 0` makes of it the view of `left.png` and of the truth."""
+    raw = raw if config.raw else ""
     flags = command_flags(config, elsewhere=True)
     command = f"\nMade by\n\n    python -m marssim.generate --out DIR {flags}\n" if flags is not None else ""
     return f"""# Mars stereo dataset

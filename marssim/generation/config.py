@@ -106,7 +106,7 @@ class GenerateConfig(RunConfig):
         super().__post_init__()
         if self.raw and self.raw_rig is None:
             raise ValueError(
-                "raw needs --rig-file with the distortion or the rotation of real cameras: the raw pairs of an ideal "
+                "--raw needs --rig-file with the distortion or the rotation of real cameras: the raw pairs of an ideal "
                 "rig are the rectified ones"
             )
         if not self.scenes:
