@@ -8,7 +8,7 @@ import re
 import sys
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -134,7 +134,8 @@ class GenerateConfig(RunConfig):
         """
         left_out = ("out", "pairs", "workers", "scheduler", "rig", "scenes", "raw", "raw_rig", "rig_file")
         content = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in left_out}
-        content = {name: asdict(value) if is_dataclass(value) else value for name, value in content.items()}
+        for part in ("drive", "view", "sensor"):
+            content[part] = asdict(content[part])
         if self.raw and self.raw_rig is not None:
             texts = calibration_texts(self.raw_rig)
             digests = {name: hashlib.sha256(text.encode()).hexdigest() for name, text in texts.items()}
