@@ -38,6 +38,7 @@ from m3depth.rectification.pair import RectifiedPair, fitting, rectify_pair
 from m3depth.rectification.product_names import right_of
 from m3depth.rectification.raw_image import RawImage, masked, read_raw_pair
 from marssim.base.calibration.cameras import PosedPair
+from marssim.base.calibration.lenses.coverage import check_lens
 from marssim.base.calibration.read_pair import labelled_camera, read_pair
 from marssim.base.command.run import run_command
 from marssim.base.results.claim import ResultFolder
@@ -147,9 +148,23 @@ def _calibration(options: RectifyOptions, left: RawImage, right: RawImage) -> tu
             "or --align to fit the rows without one"
         )
     try:
-        return fitting(cameras, left, right), name
+        fitted = fitting(cameras, left, right)
     except ValueError as error:
         raise ValueError(f"{error} ({name})") from None
+    _check_lenses(fitted, options, (left, right))
+    return fitted, name
+
+
+def _check_lenses(cameras: PosedPair, options: RectifyOptions, images: tuple[RawImage, RawImage]) -> None:
+    """Raise ValueError if a lens folds over well inside its image; with --unchecked, print it."""
+    files = [*options.calib, *options.calib][:2] or [image.path for image in images]
+    for eye, file, image in zip(("left", "right"), files, images):
+        try:
+            check_lens(getattr(cameras, eye).lens, image.size, f"{file}: the distortion of the {eye} camera")
+        except ValueError as error:
+            if not options.unchecked:
+                raise ValueError(f"{error} (--unchecked rectifies the others)") from None
+            print(f"warning: {error}", file=sys.stderr)
 
 
 def _check(pair: RectifiedPair, left: RawImage, right: RawImage, options: RectifyOptions) -> None:

@@ -5,6 +5,7 @@
     python -m marssim.generate --out data/mine --scene my_place.json --renderer scan
     python -m marssim.generate --out data/drives --trajectory --drive.step 0.3 --views-per-scene 50
     python -m marssim.generate --out data/worn --scene mixed --faults random
+    python -m marssim.generate --out data/own --rig-file camchain.yaml --raw     # also pairs before rectification
 
 A sample depends only on the settings, the seed, its scene and its view. Any number of workers therefore writes the same
 files, and the same command completes a dataset after an interrupted run. my_place.json names the values in which your
@@ -19,6 +20,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from marssim.base.calibration.calibration_files import calibration_texts
 from marssim.base.command.progress import progress
 from marssim.base.command.run import exit_code, writing_to
 from marssim.base.command.wording import counted
@@ -36,7 +38,8 @@ from marssim.generation.command_line import command_flags
 from marssim.generation.config import AUTO, EGL, TINY, GenerateConfig, parse_generate
 from marssim.generation.contact_sheet import contact_sheet
 from marssim.generation.scene_views import draw_drive, draw_scene, draw_view, generate_scene
-from marssim.inspection.integrity import check_written
+from marssim.inspection.integrity import CALIBRATION, check_written
+from marssim.render.raw import RawRenderer
 from marssim.scene.presets import PRESETS, preset
 from marssim.scene.trajectory import TRAJECTORY
 
@@ -79,6 +82,9 @@ def _generate(config: GenerateConfig, folder: ResultFolder) -> StereoDataset:
     chosen = range(0, len(dataset), max(1, len(dataset) // SHEET_SAMPLES))[:SHEET_SAMPLES]
     sheet = contact_sheet([dataset[i] for i in chosen], [dataset.names[i] for i in chosen], total=len(dataset))
     write_atomically(config.out / "contact_sheet.png", encode_png(sheet[..., ::-1]))
+    if config.raw and config.raw_rig is not None:
+        for name, text in calibration_texts(config.raw_rig).items():
+            write_atomically(config.out / CALIBRATION / name, text.encode())
     write_atomically(config.out / "README.md", _readme(config, dataset).encode())
     folder.note(command=command_flags(config, elsewhere=True))  # the folder may be given to others
     return dataset
@@ -148,7 +154,13 @@ def _with_rasterizer(config: GenerateConfig) -> GenerateConfig:
 
 
 def _check(config: GenerateConfig) -> None:
-    """Raise before anything is written if the folder holds other data, or if no camera can stand in a scene."""
+    """Raise before anything is written if a lens cannot be rendered, the folder holds other data, or no camera can
+    stand in a scene."""
+    if config.raw and config.raw_rig is not None:
+        try:
+            RawRenderer(config.raw_rig)
+        except ValueError as error:
+            raise ValueError(f"--rig-file {' '.join(map(str, config.rig_file))}: {error}") from None
     if _folder(config).check() is not None:
         names = {f"{scene:05d}/{view:02d}" for scene, views in enumerate(_scenes(config)) for view in views}
         present = {f"{file.parts[-3]}/{file.parts[-2]}" for file in config.out.glob("scenes/*/[0-9]*/sample.json")}
@@ -199,6 +211,10 @@ the ground in the middle of each scene. In `sample.json`, `heightmap` has the pl
 (`at`: metres east and north of the heightmap's middle) and its height there (`datum` in metres: the height of a point
 in the file is its height in the scene plus `datum`)."""
     datum = datum if any(scene.relief.heightmap for scene in config.scenes) else ""
+    raw = f"""\n
+`raw_left.png` and `raw_right.png` are the pair before rectification, and `{CALIBRATION}` has its calibration in every
+form that holds these lenses. `m3depth.rectify --shift 0` makes of it the view of `left.png` and of the truth."""
+    raw = raw if config.raw else ""
     flags = command_flags(config, elsewhere=True)
     command = f"\nMade by\n\n    python -m marssim.generate --out DIR {flags}\n" if flags is not None else ""
     return f"""# Mars stereo dataset
@@ -228,7 +244,7 @@ Each sample has a folder `scenes/<scene>/<view>/` with these files. Maps are tho
 `sample.disparity` is what the images show. It is computed from the depth and from `right_rotation` in `sample.json`,
 the small rotation of the right camera that `--sensor.vertical-offset`, `--sensor.horizontal-offset` and
 `--sensor.rotation-deg` drew.
-{drive}{datum}
+{drive}{datum}{raw}
 `dataset.json` lists all samples with the SHA-256 of their `sample.json`; `python -m marssim.verify DIR` checks them.
 
 Digest of all samples: `{dataset.digest}`

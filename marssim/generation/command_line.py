@@ -13,6 +13,7 @@ from marssim.generation.config import MIXED, GenerateConfig, RunConfig
 from marssim.scene.presets import PRESETS, preset
 
 NOT_OF_THE_DATA = ("out", "workers", "scheduler")  # fields that do not change the dataset
+RIG_FILE = "rig_file"
 HEIGHTMAP, DIGEST = "relief.heightmap", "relief.heightmap_sha256"  # the digest is filled in from the file
 
 
@@ -21,7 +22,8 @@ def command_flags(config: GenerateConfig, elsewhere: bool = False) -> str | None
 
     Args:
         config: The config.
-        elsewhere: Write the heightmap's file name instead of its path, for use on other machines.
+        elsewhere: Write the file names of the heightmap and of the rig instead of their paths, for use on other
+            machines.
 
     Returns:
         None if no flags give the config, since its scenes are neither those of one preset nor of all presets with the
@@ -33,7 +35,10 @@ def command_flags(config: GenerateConfig, elsewhere: bool = False) -> str | None
     run = {name: value for name, value in _leaves(config, RunConfig) if name.split(".")[0] not in NOT_OF_THE_DATA}
     defaults = dict(_leaves(GenerateConfig(out=config.out, renderer="pybullet"), RunConfig))
     flags = {"pairs": config.pairs, "seed": config.seed, "scene": config.place}
-    flags |= {name: value for name, value in run.items() if value != defaults[name]} | knobs | _rig(config.rig)
+    rig = _rig(config.rig)
+    if config.raw:
+        rig = {RIG_FILE: [file.name if elsewhere else str(file) for file in config.rig_file]}
+    flags |= {name: value for name, value in run.items() if value != defaults[name]} | knobs | rig
     if elsewhere and HEIGHTMAP in flags:
         flags[HEIGHTMAP] = Path(str(flags[HEIGHTMAP])).name
     return shlex.join(word for name, value in flags.items() for word in _words(name, value))

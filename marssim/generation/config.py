@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import re
 import sys
@@ -14,12 +15,14 @@ from typing import Annotated, Any, Final, Literal
 import numpy as np
 import tyro
 
+from marssim.base.calibration.calibration_files import calibration_texts
+from marssim.base.calibration.rig_file import RawRig, read_rig_file
 from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
 from marssim.base.command.flags import parse
 from marssim.base.command.limits import check_least
 from marssim.base.command.notes import print_note
 from marssim.base.dataset.dataset import SPLIT_OF_TEN
-from marssim.base.files.json_file import DatasetError, read_json
+from marssim.base.files.json_file import DatasetError
 from marssim.base.version import VERSION
 from marssim.render.faults import FAULT_SETS, FaultSet, fault_set, fault_view
 from marssim.render.renderers.by_name import FALLBACK_NOTE, RendererName, default_renderer
@@ -67,6 +70,10 @@ class RunConfig:
     trajectory: bool = False
     """Take the views of a scene along a drive over it, in order, instead of at random places. The poses are also
     written to trajectory.txt."""
+    raw: bool = False
+    """Also write each pair as the cameras of --rig-file take it, with their distortion and rotations: raw_left.png and
+    raw_right.png beside the rectified pair, and their calibration for OpenCV, ROS, Kalibr and PDS in the folder
+    calibration. The rectified pair and the truth have the view that m3depth.rectify --shift 0 gives them."""
     drive: TrajectoryConfig = field(default_factory=TrajectoryConfig)
     view: ViewConfig = field(default_factory=ViewConfig)
     sensor: SensorConfig = field(default_factory=SensorConfig)
@@ -89,10 +96,19 @@ class GenerateConfig(RunConfig):
     scenes: tuple[SceneConfig, ...] = (preset(PRESETS[0]),)
     """Places from which the scenes are drawn in turn."""
     rig: StereoRig = NATECAM
-    """The two cameras."""
+    """The two cameras, rectified."""
+    raw_rig: RawRig | None = None
+    """The cameras as they were built, where they differ from `rig`, which is then raw_rig.rig."""
+    rig_file: tuple[Path, ...] = ()
+    """The files that `raw_rig` is from, for the command that completes a dataset."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.raw and self.raw_rig is None:
+            raise ValueError(
+                "--raw needs --rig-file with the distortion or the rotation of real cameras: the raw pairs of an ideal "
+                "rig are the rectified ones"
+            )
         if not self.scenes:
             raise ValueError("scenes must hold one config or more")
         camera = self.rig.camera
@@ -116,8 +132,14 @@ class GenerateConfig(RunConfig):
         The folder, the number of pairs and the workers are not among them. A heightmap counts by its SHA-256 and not by
         its path, and the version of marssim counts too.
         """
-        left_out = ("out", "pairs", "workers", "scheduler", "rig", "scenes")
-        content = {name: value for name, value in asdict(self).items() if name not in left_out}
+        left_out = ("out", "pairs", "workers", "scheduler", "rig", "scenes", "raw", "raw_rig", "rig_file")
+        content = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in left_out}
+        for part in ("drive", "view", "sensor"):
+            content[part] = asdict(content[part])
+        if self.raw and self.raw_rig is not None:
+            texts = calibration_texts(self.raw_rig)
+            digests = {name: hashlib.sha256(text.encode()).hexdigest() for name, text in texts.items()}
+            content["raw"] = {**self.raw_rig.to_dict(), "calibration": digests}
         if not self.trajectory:
             del content["drive"]
         if self.rasterizer != EGL:  # TinyRenderer draws the same on every machine
@@ -202,8 +224,11 @@ class GenerateOptions(RunConfig):
     them."""
     knobs: Annotated[SceneOptions, tyro.conf.arg(name="")] = field(default_factory=SceneOptions)
     rig: RigOptions = field(default_factory=RigOptions)
-    rig_file: Path | None = None
-    """JSON file of the cameras, instead of the flags --rig: width, height, fx, fy, cx, cy [px] and baseline [m]."""
+    rig_file: tuple[Path, ...] = ()
+    """The cameras, instead of the flags --rig: a JSON file with width, height, fx, fy, cx, cy [px] and baseline [m],
+    to which the distortion of the lenses, vergence and a rotation can be added (see docs/guides/own-camera.md); or a
+    calibration of raw cameras, one file or two, as m3depth.rectify takes it. The pairs are then what rectification
+    makes of such cameras, and --raw adds what it starts from."""
 
 
 def parse_generate(prog: str, description: str | None, args: Sequence[str] | None = None) -> GenerateConfig:
@@ -232,30 +257,20 @@ def parse_generate(prog: str, description: str | None, args: Sequence[str] | Non
     if not any(word.partition("=")[0] == "--renderer" for word in args) and first.renderer != "pybullet":
         print_note(FALLBACK_NOTE)
     scenes = tuple(SceneConfig(**{f.name: getattr(o.knobs, f.name) for f in fields(SceneConfig)}) for o in options)
-    rig = first.rig.rig()
-    if first.rig_file is not None:
+    rig, raw_rig = first.rig.rig(), None
+    if first.rig_file:
+        names = " ".join(map(str, first.rig_file))
         if rig != NATECAM:
-            raise ValueError(f"--rig-file {first.rig_file}: cannot be combined with the flags --rig.*")
-        rig = read_rig(first.rig_file)
+            raise ValueError(f"--rig-file {names}: cannot be combined with the flags --rig.*")
+        if len(first.rig_file) > 2:
+            raise ValueError(f"--rig-file {names}: a rig has one file or two, got {len(first.rig_file)}")
+        try:
+            read = read_rig_file(first.rig_file)
+        except DatasetError as error:
+            raise DatasetError(f"--rig-file {error}") from None
+        rig, raw_rig = (read.rig, read) if isinstance(read, RawRig) else (read, None)
     run = {f.name: getattr(first, f.name) for f in fields(RunConfig)}
-    return GenerateConfig(**run, scenes=scenes, rig=rig)
-
-
-def read_rig(path: Path) -> StereoRig:
-    """Read a rig from a JSON file with the fields of StereoRig.to_dict.
-
-    Raises:
-        DatasetError: The file cannot be read, or a field is missing, unknown or bad. One line that names them.
-    """
-    try:
-        content = read_json(path)
-        if unknown := sorted(set(content) - set(NATECAM.to_dict())):
-            raise DatasetError(f"{path}: unknown field {', '.join(unknown)}; a rig has {', '.join(NATECAM.to_dict())}")
-        return StereoRig.from_dict(content)
-    except DatasetError as error:
-        raise DatasetError(f"--rig-file {error}") from None
-    except ValueError as error:
-        raise DatasetError(f"--rig-file {path}: {error}") from None
+    return GenerateConfig(**run, scenes=scenes, rig=rig, raw_rig=raw_rig, rig_file=first.rig_file)
 
 
 def named_scene(args: Sequence[str]) -> str:

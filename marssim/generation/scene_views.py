@@ -13,6 +13,7 @@ from marssim.base.dataset.sample import is_complete, write_sample
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.generation.config import EGL, GenerateConfig
+from marssim.render.raw import RawRenderer
 from marssim.render.renderers.by_name import make_renderer
 from marssim.render.sensor import Sensor
 from marssim.render.stereo import render_stereo
@@ -23,6 +24,7 @@ from marssim.scene.trajectory import TRAJECTORY, draw_trajectory, tum_lines
 from marssim.scene.viewpoint import draw_pose
 
 ROVER_DRAWS = 0x726F766572  # separates the draws of the rover from all other draws of a view
+RAW_DRAWS = 0x726177  # separates the noise of the raw images
 
 
 def generate_scene(config: GenerateConfig, scene_index: int, views: list[int]) -> int:
@@ -141,6 +143,7 @@ def _render(config: GenerateConfig, scene_index: int, views: list[int]) -> None:
     renderer = make_renderer(config.renderer, scene, egl=config.rasterizer == EGL)
     try:
         shader = Shader(scene)
+        raw_renderer = RawRenderer(config.raw_rig) if config.raw and config.raw_rig is not None else None
         for view in views:
             if poses is None:
                 pose, rng = draw_view(config, scene, scene_index, view)
@@ -153,7 +156,11 @@ def _render(config: GenerateConfig, scene_index: int, views: list[int]) -> None:
             meta = _meta(config, scene, view_sensor, scene_index, view)
             if pan is not None and rover is not None:
                 meta["rover"] = {"pan_deg": float(np.rad2deg(pan)), "pose": rover.tolist()}
-            write_sample(sample_folder(config.out, scene_index, view), frame, meta)
+            raw = None
+            if raw_renderer is not None:
+                noise = np.random.default_rng((config.seed, scene_index, 1 + view, RAW_DRAWS))
+                raw = raw_renderer.render(renderer, shader, pose, view_sensor, noise, rover)
+            write_sample(sample_folder(config.out, scene_index, view), frame, meta, raw)
     finally:
         renderer.close()
 

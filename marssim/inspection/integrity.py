@@ -16,12 +16,13 @@ from marssim.base.camera import StereoRig
 from marssim.base.compute.threads import in_threads
 from marssim.base.dataset.dataset import VERSION, StereoDataset, split_of
 from marssim.base.dataset.marks import SETTINGS
-from marssim.base.dataset.sample import IMAGES, sample_digest
+from marssim.base.dataset.sample import IMAGES, RAW, sample_digest
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.results.lock import LOCK
 from marssim.base.right_image import is_rotation, recorded_rotation
 from marssim.scene.trajectory import TRAJECTORY, tum_lines
 
+CALIBRATION = "calibration"  # folder of the calibration files, in a dataset with raw pairs
 TOP = ("dataset.json", SETTINGS, "README.md", "contact_sheet.png")  # files of a dataset's own folder
 UNFINISHED = (
     "an unfinished file of a run that was interrupted or still works; the command that made the data removes it"
@@ -30,7 +31,7 @@ PNG_START = bytes.fromhex("89504e470d0a1a0a0000000d49484452")  # of a PNG file, 
 PNG_END = bytes.fromhex("0000000049454e44ae426082")
 PNG_KIND = {  # of each image: bits a channel, and colour type (0 grey, 2 RGB)
     "left.png": (8, 2), "right.png": (8, 2), "depth.png": (16, 0), "normal.png": (16, 2), "surface.png": (16, 0),
-    "occluded.png": (8, 0),
+    "occluded.png": (8, 0), **dict.fromkeys(RAW, (8, 2)),
 }  # fmt: skip
 ELEVATION_TOLERANCE = 0.01  # [deg] between the elevation of the sun and its vector
 UNIT_TOLERANCE = 1e-6  # by which a vector's length may miss 1
@@ -73,8 +74,8 @@ def check_samples(dataset: StereoDataset, threads: int = 2) -> Iterator[tuple[st
 
 
 def check_index(dataset: StereoDataset) -> list[Finding]:
-    """Check the index itself: its settings, and the split of each sample."""
-    findings: list[Finding] = []
+    """Check the index itself: its settings, the split of each sample, and the calibration of raw pairs."""
+    findings = list(_check_calibration(dataset))
     if (dataset.path / SETTINGS).is_file():
         findings += _check_settings(dataset)
     for sample in dataset.index["samples"]:
@@ -90,17 +91,37 @@ def _check_settings(dataset: StereoDataset) -> list[Finding]:
         settings = read_json(dataset.path / SETTINGS)
     except DatasetError as error:
         return [Finding(SETTINGS, str(error).removeprefix(f"{dataset.path / SETTINGS}: "))]
-    config = dataset.index.get("config")
-    config = config if isinstance(config, dict) else {}
+    config = _settings_of(dataset)
     apart = {"command", "pairs"}  # one is in the settings alone, the other in the index alone
     first, second = ({k: v for k, v in part.items() if k not in apart} for part in (settings, config))
     return [] if first == second else [Finding(SETTINGS, "its settings are not those that dataset.json records")]
 
 
+def _settings_of(dataset: StereoDataset) -> dict[str, Any]:
+    """Return the settings that the index records."""
+    config = dataset.index.get("config")
+    return config if isinstance(config, dict) else {}
+
+
+def _calibration(dataset: StereoDataset) -> dict[str, str]:
+    """Return the SHA-256 of each calibration file that the index records, by name; none without raw pairs."""
+    raw = _settings_of(dataset).get("raw")
+    files = raw.get("calibration") if isinstance(raw, dict) else None
+    return files if isinstance(files, dict) else {}
+
+
+def _check_calibration(dataset: StereoDataset) -> Iterator[Finding]:
+    for name, digest in _calibration(dataset).items():
+        file = dataset.path / CALIBRATION / Path(name).name
+        if not file.is_file():
+            yield Finding(f"{CALIBRATION}/{name}", "missing")
+        elif hashlib.sha256(file.read_bytes()).hexdigest() != digest:
+            yield Finding(f"{CALIBRATION}/{name}", "its content is not what dataset.json records")
+
+
 def check_trajectories(dataset: StereoDataset) -> list[Finding]:
     """Check that the files of poses in a dataset of drives (generate --trajectory) have the poses of the views."""
-    config = dataset.index.get("config")
-    if not (isinstance(config, dict) and config.get("trajectory")):
+    if not _settings_of(dataset).get("trajectory"):
         return []
     views: dict[str, list[str]] = {}
     for name in dataset.names:
@@ -135,6 +156,9 @@ def check_extra(dataset: StereoDataset, results: Path | None = None) -> list[Fin
     """
     expected = set(TOP) | {f"scenes/{n}/{file}" for n in dataset.names for file in (*IMAGES, "sample.json")}
     expected |= {f"scenes/{n.split('/')[0]}/{TRAJECTORY}" for n in dataset.names}
+    if calibration := _calibration(dataset):
+        expected |= {f"scenes/{n}/{file}" for n in dataset.names for file in RAW}
+        expected |= {f"{CALIBRATION}/{file}" for file in calibration}
     folders = {str(parent) for path in expected for parent in Path(path).parents}
     if results is not None and results.resolve().is_relative_to(dataset.path.resolve()):
         inside = results.resolve().relative_to(dataset.path.resolve())
@@ -189,8 +213,9 @@ def _check_sample(root: Path, recorded: dict[str, str], name: str) -> list[Findi
     findings = []
     if digest != recorded.get(name, digest):
         findings.append(finding("sample.json", "its content is not what dataset.json records"))
-    for image in IMAGES:
-        problem = _check_image(folder / image, meta["sha256"][image], rig)
+    raw = meta["raw_sha256"] if isinstance(meta.get("raw_sha256"), dict) else {}
+    for image in (*IMAGES, *(image for image in RAW if image in raw)):
+        problem = _check_image(folder / image, {**raw, **meta["sha256"]}[image], rig)
         if problem:
             findings.append(finding(image, problem))
     return findings

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from raw_pairs import SIZE, WALL, cahvore_pair, depth_of, opencv_pair, write_ima
 from m3depth.predict import main as predict
 from m3depth.rectification.resampling import pixel_grid
 from m3depth.rectify import main
+from marssim.base.calibration.cameras import PosedPair
 from marssim.base.calibration.kalibr import kalibr_text
 from marssim.base.calibration.opencv_file import opencv_text
 from marssim.base.calibration.orientation import rectified_view
@@ -211,6 +213,14 @@ def test_products_without_the_extra(tmp_path, products, capsys, monkeypatch):
 )
 def test_wrong_flags(tmp_path, images, capsys, flags, says):
     assert says in refused(capsys, *images[:2], *flags, tmp_path / "out")
+
+
+def test_a_lens_that_folds_over_inside_the_image_is_refused(tmp_path, images, capsys):
+    left, right, _ = images
+    absurd = replace(PAIR.right, lens=replace(PAIR.right.lens, coefficients=(-3.0, 0.0, 0.0, 0.0)))
+    (tmp_path / "absurd.yml").write_text(opencv_text(PosedPair(PAIR.left, absurd)))
+    line = refused(capsys, left, right, "--calib", tmp_path / "absurd.yml", tmp_path / "out")
+    assert "absurd.yml: the distortion of the right camera folds over inside the image of 480 x 360 px: " in line
 
 
 def test_a_calibration_of_another_rig_is_noticed(tmp_path, images, capsys):

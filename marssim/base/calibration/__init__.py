@@ -7,5 +7,7 @@ read_pair.py       reads a calibration of a raw pair, of any kind
 opencv_file.py, camera_info.py, kalibr.py         calibrations of OpenCV, ROS and Kalibr, also written
 product_label.py, pds3_label.py, pds4_label.py, zhurong.py    labels of rovers' images, with their camera models
 rectified.py       reads calibrations of rectified pairs
+rig_file.py        rigs for the simulator: lenses, vergence and rotations, or a calibration of a raw pair
+calibration_files.py        writes the calibration of such a rig in every form that holds its lenses
 bounded_text.py, fields.py         parsers for files of strangers, and their numbers
 """

@@ -99,7 +99,7 @@ def rectified_view(
     if focal is not None:
         return view(focal)
     scale = np.sqrt(width * height / (pair.left.size[0] * pair.left.size[1]))
-    own = scale * min(pair.left.lens.focal(), pair.right.lens.focal())
+    own = float(scale * min(pair.left.lens.focal(), pair.right.lens.focal()))
     low, high = LEAST_FOCAL * own, own
     if _is_filled(pair, view(low)):
         return view(low)

@@ -82,6 +82,19 @@ def camera_group(camera: PosedCamera) -> str:
     return "\n".join([*lines, f'  REFERENCE_COORD_SYSTEM_NAME = "{camera.frame}"', f"END_GROUP = {MODEL}"]) + "\n"
 
 
+def label_text(camera: PosedCamera) -> str:
+    """Return a detached label with the camera model of a camera and the size of its images, as camera_group writes it.
+
+    Raises:
+        ValueError: The lens is of another kind, or the camera has no size.
+    """
+    if camera.size is None:
+        raise ValueError("a label needs the size of the images")
+    width, height = camera.size
+    image = f"OBJECT = IMAGE\n  LINES = {height}\n  LINE_SAMPLES = {width}\nEND_OBJECT = IMAGE\n"
+    return f"PDS_VERSION_ID = PDS3\n{camera_group(camera)}{image}END\n"
+
+
 def _odl(text: str) -> dict[str, Any]:
     """Return the keys of a label, with groups and objects as dicts; the first of two of one name counts."""
     root: dict[str, Any] = {}

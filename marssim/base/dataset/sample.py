@@ -22,6 +22,7 @@ from marssim.base.pose import recorded_pose
 from marssim.base.right_image import image_disparity, recorded_rotation
 
 IMAGES = ("left.png", "right.png", "depth.png", "normal.png", "surface.png", "occluded.png")
+RAW = ("raw_left.png", "raw_right.png")  # images before rectification, which few datasets have
 ROVER_CODE = 65_535  # value of surface.png on the rover that carries the cameras
 # The fastest compression of each image at about the smallest size. Noisy images have no repeats to search for, nor have
 # normals, whose neighbours share some high bytes; depth and masks have repeats.
@@ -31,6 +32,7 @@ PNG = {
     name: [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_SUB, *strategy]
     for name, strategy in zip(IMAGES, (_NOISY, _NOISY, [], _RUNS, _RUNS, _RUNS))
 }
+PNG |= dict.fromkeys(RAW, PNG["left.png"])
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,9 @@ class StereoSample:
     meta: dict[str, Any]
 
 
-def write_sample(folder: Path, frame: StereoFrame, meta: dict[str, Any]) -> None:
+def write_sample(
+    folder: Path, frame: StereoFrame, meta: dict[str, Any], raw: tuple[np.ndarray, np.ndarray] | None = None
+) -> None:
     """Write a sample so that its folder appears complete or not at all.
 
     Only a killed process leaves files behind, in a folder ".*.partial". Two processes may write the same sample at the
@@ -76,6 +80,8 @@ def write_sample(folder: Path, frame: StereoFrame, meta: dict[str, Any]) -> None
         folder: Folder of the sample, which is replaced.
         frame: The rendered pair.
         meta: Content of sample.json; rig, pose, right_rotation and the hashes of the images are added.
+        raw: Both images before rectification, (H, W, 3) uint8 RGB, to write beside the others; their hashes are added
+            as "raw_sha256", so that programs that know no raw images read the sample as any other.
 
     Raises:
         OSError: A file cannot be written. The error names it.
@@ -92,13 +98,11 @@ def write_sample(folder: Path, frame: StereoFrame, meta: dict[str, Any]) -> None
     try:
         with naming(folder):
             partial.mkdir(parents=True)
-            digest = {}
-            for name, image in images.items():
-                encoded = encode_png(image, PNG[name])
-                digest[name] = hashlib.sha256(encoded).hexdigest()
-                (partial / name).write_bytes(encoded)
+            digest = _write_images(partial, images)
             meta = {**meta, "rig": frame.rig.to_dict(), "pose": frame.pose.tolist(), "sha256": digest}
             meta["right_rotation"] = frame.right_rotation.tolist()
+            if raw is not None:
+                meta["raw_sha256"] = _write_images(partial, {n: image[..., ::-1] for n, image in zip(RAW, raw)})
             (partial / "sample.json").write_text(json_text(meta, indent=1, sort_keys=True), encoding="utf-8")
         shutil.rmtree(folder, ignore_errors=True)
         try:
@@ -108,6 +112,16 @@ def write_sample(folder: Path, frame: StereoFrame, meta: dict[str, Any]) -> None
                 raise
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+
+
+def _write_images(folder: Path, images: dict[str, np.ndarray]) -> dict[str, str]:
+    """Write images as PNG, and return the SHA-256 of each file."""
+    digest = {}
+    for name, image in images.items():
+        encoded = encode_png(image, PNG[name])
+        digest[name] = hashlib.sha256(encoded).hexdigest()
+        (folder / name).write_bytes(encoded)
+    return digest
 
 
 def is_complete(folder: Path) -> bool:
