@@ -68,7 +68,8 @@ class Page:
 
     def _add_controls(self, title: str) -> None:
         gui, view, number = self._server.gui, self._view, len(self._shots)
-        gui.configure_theme(control_layout="collapsible", show_logo=False, show_share_button=False)
+        gui.configure_theme(show_logo=False, show_share_button=False)
+        gui.main_panel.dock_right()
         gui.set_panel_label(title)
         self._slider = gui.add_slider("Shot", 1, max(2, number), 1, 1, visible=number > 1)
         self._slider.on_update(lambda _: self._go())
