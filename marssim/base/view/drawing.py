@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from marssim.base.camera import StereoRig
-from marssim.base.view.placing import depth_looked_at
+from marssim.base.view.placing import reach_of
 from marssim.base.view.scene import Layer, Shot, View
 
 THUMBNAIL = 400  # [px] width of the image in a frustum
@@ -74,7 +74,7 @@ class Drawing:
             pose: (4, 4) left camera to world.
         """
         self.group("Cameras")
-        shape = _frustum(view.rig, FRUSTUM * depth_looked_at(view.points))
+        shape = _frustum(view.rig, FRUSTUM * reach_of(view))
         image = None if view.image is None else _thumbnail(view.image)
         right = _placed(view.rig.right_pose(pose))
         self.scene.add_camera_frustum("/Cameras/right", color=RIGHT, **shape, **right)
@@ -97,7 +97,7 @@ class Drawing:
         self.group("Path")
         places = np.array([shots[number].pose[:3, 3] for number in numbers])
         self._path.append(self._line("/Path/line", places, PATH))
-        shape = _frustum(view.rig, FRUSTUM / 2 * depth_looked_at(view.points))
+        shape = _frustum(view.rig, FRUSTUM / 2 * reach_of(view))
         some = np.linspace(0, len(numbers) - 1, min(len(numbers), MOST_CAMERAS)).round().astype(int)
         for number in (numbers[i] for i in some):
             frustum = self.scene.add_camera_frustum(

@@ -13,11 +13,12 @@ import numpy as np
 
 from marssim.base.command.wording import counted
 from marssim.base.view.drawing import Drawing
-from marssim.base.view.placing import depth_looked_at, moved_along, point_size, stands
+from marssim.base.view.placing import moved_along, point_size, reach_of, stands
 from marssim.base.view.scene import Layer, Shot
 
 HOST = "127.0.0.1"  # who sits at another machine comes through an ssh tunnel
 PORT = 8080  # where it is in use, the next free one is taken
+NO_CHOICE, NO_LAYER = ("none",), Layer(np.zeros((0, 3), np.uint8), "")  # of a shot without points
 SIZES = 0.5, 100.0  # [mm] least and largest size of points
 
 
@@ -74,10 +75,10 @@ class Page:
         self._slider = gui.add_slider("Shot", 1, max(2, number), 1, 1, visible=number > 1)
         self._slider.on_update(lambda _: self._go())
         self._name = gui.add_markdown("")
-        self._colour = gui.add_dropdown("Colour", tuple(view.layers))
+        self._colour = gui.add_dropdown("Colour", tuple(view.layers) or NO_CHOICE)
         self._colour.on_update(lambda _: self._recolour())
         self._legend = gui.add_markdown("")
-        size = float(np.clip(1000 * point_size(view.points, view.rig.camera), *SIZES))
+        size = float(np.clip(1000 * point_size(view), *SIZES))
         self._size = gui.add_slider("Point size [mm]", *SIZES, 0.5, round(2 * size) / 2)
         self._size.on_update(lambda _: self._resize())
         self._switches = gui.add_folder("Show")
@@ -86,7 +87,7 @@ class Page:
             gui.add_button(name).on_click(lambda event, name=name: self._stand(event.client, name))
 
     def _stands(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        return stands(self._shot.pose, depth_looked_at(self._view.points))
+        return stands(self._shot.pose, reach_of(self._view))
 
     def _stand(self, client: Any, name: str) -> None:
         """Place the viewer where a button says."""
@@ -116,17 +117,20 @@ class Page:
     def _draw(self) -> None:
         """Show the current shot."""
         view, pose = self._view, self._shot.pose
-        choices, chosen = tuple(view.layers), self._colour.value
+        choices, chosen = tuple(view.layers) or NO_CHOICE, self._colour.value
         if self._colour.options != choices:
             self._colour.options = choices
             self._colour.value = chosen if chosen in choices else choices[0]
+        for control in (self._colour, self._legend, self._size):
+            control.visible = bool(view.layers)
         self._drawing.draw_cloud(view, self._layer, pose, self._size.value / 1000)
         self._drawing.draw_cameras(view, pose)
         self._drawing.draw_parts(view)
         self._legend.content = self._layer.legend
-        note = f"{counted(len(view.points), 'point')}; {view.note}".removesuffix("; ")
-        self._name.content = f"**{self._shot.name}** {note}"
-        for name in ("Cloud", "Cameras", *(part.name for part in (*view.lines, *view.surfaces))):
+        notes = [counted(len(view.points), "point")] if view.layers else []
+        self._name.content = f"**{self._shot.name}** {'; '.join([*notes, view.note])}".removesuffix("; ")
+        cloud = ["Cloud"] if view.layers else []
+        for name in (*cloud, "Cameras", *(part.name for part in (*view.lines, *view.surfaces))):
             self._add_switch(name)
 
     def _draw_path(self) -> None:
@@ -150,7 +154,7 @@ class Page:
 
     @property
     def _layer(self) -> Layer:
-        return self._view.layers[self._colour.value]
+        return self._view.layers.get(self._colour.value, NO_LAYER)
 
     def _recolour(self) -> None:
         with self._lock:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from marssim.base.camera import PinholeCamera
+from marssim.base.view.scene import View
 
 NEAREST, FARTHEST = 0.2, 20.0  # [m] from which a cloud is looked at
 WIDEST = 8.0  # [px] between points that are drawn large enough to touch each other
@@ -40,39 +40,33 @@ def moved_along(points: np.ndarray, before: np.ndarray, after: np.ndarray) -> np
     return np.asarray(points @ frame[:3, :3].T + frame[:3, 3])
 
 
-def depth_looked_at(points: np.ndarray) -> float:
-    """Return the distance [m] that a cloud is looked at from: its median depth, or 3 m without points.
-
-    Args:
-        points: (N, 3) [m], camera frame.
-    """
-    return float(np.clip(np.median(points[:, 2]), NEAREST, FARTHEST)) if len(points) else 3.0
+def reach_of(view: View) -> float:
+    """Return the distance [m] at which a viewer looks: that of the view, the median depth, or 3 m without points."""
+    if view.reach is not None:
+        return view.reach
+    return float(np.clip(np.median(view.points[:, 2]), NEAREST, FARTHEST)) if len(view.points) else 3.0
 
 
-def stands(pose: np.ndarray, distance: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def stands(pose: np.ndarray, reach: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Return the places of the viewer by the name of their button: position and what is looked at, (3,) [m] each.
 
     Args:
         pose: (4, 4) left camera to world.
-        distance: What depth_looked_at returns.
+        reach: What reach_of returns [m].
     """
     frame = upright(pose)
     eye, ahead, up = frame[:3, 3], frame[:3, 0], frame[:3, 2]
-    seen = eye + distance * pose[:3, 2]
+    seen = eye + reach * pose[:3, 2]
     return {
-        "From behind": (eye + distance * (0.25 * up - 0.5 * ahead), seen),
+        "From behind": (eye + reach * (0.25 * up - 0.5 * ahead), seen),
         "Through the left camera": (eye, seen),
         # a little behind, so that the way ahead is up in the picture
-        "From above": (seen + distance * (1.8 * up - 0.02 * ahead), seen),
+        "From above": (seen + reach * (1.8 * up - 0.02 * ahead), seen),
     }
 
 
-def point_size(points: np.ndarray, camera: PinholeCamera) -> float:
-    """Return the size [m] of points that nearly touch each other at a cloud's median depth.
-
-    Args:
-        points: (N, 3) [m], camera frame.
-        camera: The camera, of whose pixels all or some became points.
-    """
-    apart = np.sqrt(camera.width * camera.height / max(1, len(points)))  # [px]; at most twice too large, for the sky
-    return float(depth_looked_at(points) * min(apart, WIDEST) / camera.fx)
+def point_size(view: View) -> float:
+    """Return the size [m] of points that nearly touch each other at the median depth of a view."""
+    camera = view.rig.camera
+    apart = np.sqrt(camera.width * camera.height / max(1, len(view.points)))  # [px]; too large where there is much sky
+    return float(reach_of(view) * min(apart, WIDEST) / camera.fx)

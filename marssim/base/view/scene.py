@@ -65,11 +65,13 @@ class View:
     Attributes:
         rig: The cameras.
         image: (H, W, 3) uint8 RGB left image, or None.
-        points: (N, 3) float32 [m] in the left camera's frame: x right, y down, z forward.
-        layers: Colours of the points, by the name of the choice; the first is shown first.
+        points: (N, 3) float32 [m] in the left camera's frame: x right, y down, z forward; may be none.
+        layers: Colours of the points, by the name of the choice; the first is shown first. Without
+            points there may be none.
         lines: Lines in the world.
         surfaces: Surfaces in the world.
         note: More about the shot, in a line.
+        reach: Distance [m] at which the viewer looks at first; None: the median depth of the points.
     """
 
     rig: StereoRig
@@ -79,6 +81,7 @@ class View:
     lines: tuple[Line, ...] = ()
     surfaces: tuple[Surface, ...] = ()
     note: str = ""
+    reach: float | None = None
 
 
 @dataclass(frozen=True)

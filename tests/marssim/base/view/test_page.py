@@ -61,10 +61,21 @@ def test_the_slider_shows_another_shot_with_its_own_choices_and_parts():
         wait_until(lambda: page._name.content == "**wall 2** cannot be shown: depth.npy: is broken", 5)
 
 
+def test_a_shot_without_points_has_no_choice_of_colours():
+    view = replace(wall(RED), points=np.zeros((0, 3), np.float32), layers={}, lines=(POLE,), note="goal", reach=9.0)
+    with Page(shots(view, wall(RED)), "course", 0) as page:
+        assert not page._colour.visible and not page._size.visible and page._name.content == "**wall 0** goal"
+        assert page._boxes.keys() == {"Cameras", "Path", "Goal"}
+        page._slider.value = 2
+        wait_until(lambda: page._colour.visible and page._colour.value == "image", 5)
+        wait_until(lambda: "Cloud" in page._boxes, 5)
+
+
 @pytest.fixture
 def browser():
     webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
-    chromium, driver = (shutil.which(name) for name in ("chromium", "chromedriver"))
+    chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    driver = shutil.which("chromedriver")
     if chromium is None or driver is None:
         pytest.skip("Chromium and its driver are not installed")
     options = webdriver.ChromeOptions()

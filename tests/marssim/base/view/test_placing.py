@@ -1,9 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from marssim.base.camera import PinholeCamera
+from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.pose import look_pose
-from marssim.base.view.placing import depth_looked_at, moved_along, point_size, stands, upright
+from marssim.base.view.placing import moved_along, point_size, reach_of, stands, upright
+from marssim.base.view.scene import View
 
 
 def test_the_upright_frame_has_the_heading_of_the_camera_and_z_up():
@@ -34,9 +37,11 @@ def test_all_stands_look_at_the_ground_that_the_camera_looks_at():
 
 
 def test_points_nearly_touch_at_the_median_depth():
-    camera = PinholeCamera.centred(100, 100, 200.0)
+    rig = StereoRig(PinholeCamera.centred(100, 100, 200.0), 0.1)
     points = np.zeros((10_000, 3), np.float32)
     points[:, 2] = 4.0
-    assert depth_looked_at(points) == 4.0 and point_size(points, camera) == pytest.approx(0.02)
-    assert point_size(points[::4], camera) == pytest.approx(0.04)
-    assert 0 < point_size(points[:0], camera) < 1 and depth_looked_at(points[:0]) == 3.0
+    view = View(rig, None, points, {})
+    assert reach_of(view) == 4.0 and point_size(view) == pytest.approx(0.02)
+    assert point_size(replace(view, points=points[::4])) == pytest.approx(0.04)
+    empty = replace(view, points=points[:0])
+    assert 0 < point_size(empty) < 1 and reach_of(empty) == 3.0 and reach_of(replace(empty, reach=25.0)) == 25.0
