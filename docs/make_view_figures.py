@@ -22,6 +22,7 @@ import cv2
 import numpy as np
 import tyro
 from selenium import webdriver
+from selenium.common.exceptions import TimeoutException
 
 import m3depth.predict
 from m3depth.evaluate import main as evaluate
@@ -31,9 +32,9 @@ from marssim.base.view.scene import Shot
 
 HERE = Path(__file__).parent / "images"
 WINDOW = (1280, 800)  # [px] of the browser
-CHOICES = ("image", "normals")  # colours of the two pictures of the page
+OTHER = "normals"  # colours of the second picture of the page; the first has those of the image
 LARGEST = 200_000  # [byte] of a picture
-SECONDS = 180.0  # that a browser without a graphics card may take
+SECONDS = 500.0  # that a browser without a graphics card may take
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ def run(command: Callable[[Sequence[str]], int], *arguments: object) -> None:
 
 
 def photograph(shots: Sequence[Shot], title: str) -> np.ndarray:
-    """Return the page with the colours of CHOICES, one above the other, (H, W, 3) uint8 BGR."""
+    """Return the page with the colours of the image and of OTHER, one above the other, (H, W, 3) uint8 BGR."""
     options = webdriver.ChromeOptions()
     options.binary_location = shutil.which("chromium") or ""
     for argument in (
@@ -65,27 +66,31 @@ def photograph(shots: Sequence[Shot], title: str) -> np.ndarray:
     try:
         with Page(shots, title, port=0) as page:
             browser.get(page.address)
-            pictures = [settled(browser)]
+            settled(browser)
             for button in browser.find_elements("css selector", ".mantine-Notification-closeButton"):
                 button.click()  # the browser has no graphics card, and says so
-            for choice in CHOICES:
-                browser.find_element("css selector", "input[role=combobox]").click()
-                options_shown = browser.find_elements("css selector", "[role=option]")
-                next(option for option in options_shown if option.text == choice).click()
-                pictures.append(settled(browser))
+            first = settled(browser)
+            browser.find_element("css selector", "input[value=image]").click()
+            time.sleep(5)
+            choices = browser.find_elements("css selector", "[role=option]")
+            next(choice for choice in choices if choice.text == OTHER).click()
+            return np.vstack([first, settled(browser)])
     finally:
         browser.quit()
-    return np.vstack(pictures[1:])
 
 
 def settled(browser: webdriver.Chrome) -> np.ndarray:
     """Return a picture of the page once it shows the cloud and no longer changes."""
-    end, before = time.monotonic() + SECONDS, np.zeros(0)
+    end, before = time.monotonic() + SECONDS, np.zeros((0, 0, 3))
     while time.monotonic() < end:
         time.sleep(2)
-        picture = cv2.imdecode(np.frombuffer(browser.get_screenshot_as_png(), np.uint8), cv2.IMREAD_COLOR)
-        colours = len(np.unique(picture.reshape(-1, 3), axis=0))
-        if colours > 3000 and np.array_equal(picture, before):
+        try:
+            data = browser.get_screenshot_as_png()
+        except TimeoutException:  # it is still drawing
+            continue
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+        middle = picture[200:400, 300:700]  # white without the cloud
+        if (middle < 250).mean() > 0.5 and np.array_equal(picture, before):
             return picture
         before = picture
     raise SystemExit("the browser does not show the cloud")
@@ -108,7 +113,9 @@ def main(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
         run(rectify, options.image, "--focal", 560, "--size", 1024, 768, "--out", pair)
         # what --view would show
         m3depth.predict.show = lambda shots, title: save(photograph(shots, title), options.out / "view.jpg")
-        run(m3depth.predict.main, pair, "--out", folder / "prediction", "--view")
+        small = folder / "small"  # as the browser draws without a graphics card
+        run(rectify, options.image, "--focal", 280, "--size", 512, 384, "--out", small)
+        run(m3depth.predict.main, small, "--out", folder / "prediction", "--view")
         run(
             evaluate, "--data", folder / "sol", "--left", "*/left.png", "--right", "*/right.png", "--calib",
             pair / "rig.json", "--baselines", "sgbm", "sgbm-hh", "--out", folder / "scores",

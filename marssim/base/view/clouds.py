@@ -17,7 +17,7 @@ from marssim.base.images.colours import (
 )
 from marssim.base.view.scene import Layer, View
 
-MOST = 400_000  # points of a cloud; 15 bytes each go to the browser
+MOST = 800_000  # points of a cloud; 15 bytes each go to the browser
 FARTHEST = 30.0  # [m] depth of the points of a cloud
 
 

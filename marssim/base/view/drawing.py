@@ -113,7 +113,7 @@ class Drawing:
         for handle in self._parts:
             handle.remove()
         self._parts = []
-        for part in (*view.lines, *view.surfaces):
+        for part in view.parts:
             self.group(part.name)
         for number, line in enumerate(view.lines):
             self._parts.append(self._line(f"/{line.name}/line{number}", line.points, line.colour))

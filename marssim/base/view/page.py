@@ -43,7 +43,7 @@ class Page:
         self._shots, self._shot, self._view = shots, shots[0], shots[0].load()
         self._lock = threading.RLock()
         with redirect_stdout(io.StringIO()):  # viser prints a table of addresses
-            self._server = viser.ViserServer(HOST, port, verbose=False)
+            self._server: Any = viser.ViserServer(HOST, port, verbose=False)
         self.address = f"http://{HOST}:{self._server.get_port()}"
         self._server.scene.set_up_direction("+z")
         self._drawing = Drawing(self._server.scene)
@@ -130,7 +130,7 @@ class Page:
         notes = [counted(len(view.points), "point")] if view.layers else []
         self._name.content = f"**{self._shot.name}** {'; '.join([*notes, view.note])}".removesuffix("; ")
         cloud = ["Cloud"] if view.layers else []
-        for name in (*cloud, "Cameras", *(part.name for part in (*view.lines, *view.surfaces))):
+        for name in (*cloud, "Cameras", *(part.name for part in view.parts)):
             self._add_switch(name)
 
     def _draw_path(self) -> None:

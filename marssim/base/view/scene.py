@@ -83,6 +83,11 @@ class View:
     note: str = ""
     reach: float | None = None
 
+    @property
+    def parts(self) -> tuple[Line | Surface, ...]:
+        """Lines and surfaces."""
+        return *self.lines, *self.surfaces
+
 
 @dataclass(frozen=True)
 class Shot:
