@@ -17,7 +17,8 @@ method predicts there. The rules are in m3depth/evaluation/metrics.py, rock_scor
 saved predictions in m3depth/evaluation/recorded_maps.py.
 
 Pairs without true depth, as in the last line, are scored by what they say themselves: how far the eyes agree, and how
-well the disparity explains the right image beside SGBM's. Then results.json and results.md are all.
+well the disparity explains the right image beside SGBM's. Then the only figure is qualitative.png: the left image, and
+depth and normals of every method, of up to three pairs.
 
 The same command continues after it was stopped or killed: until the end, RESULTS/unfinished.npz holds what is scored.
 """
@@ -52,8 +53,9 @@ from m3depth.evaluation.report import markdown_report, text_table
 from m3depth.evaluation.resume import SavedState, SavedStateError
 from m3depth.evaluation.scoring import RESERVED, Evaluation, Method, check_choice, chosen_pairs, evaluate
 from m3depth.evaluation.without_truth.pairs import are_without_truth, image_pairs
-from m3depth.evaluation.without_truth.run import score_without_truth
+from m3depth.evaluation.without_truth.run import FIGURE, score_without_truth
 from m3depth.figures.evaluation import draw_evaluation
+from m3depth.figures.side_by_side import draw_side_by_side
 from m3depth.runtimes.choice import RuntimeChoice, recorded_runtime
 from m3depth.stereo.degradation import Degradation
 from m3depth.stereo.pairs import MAX_DISPARITY, StereoPairs, scored_depths, spread
@@ -366,6 +368,7 @@ def _work_without_truth(options: EvaluateOptions) -> None:
     with folder.claim():
         state = SavedState(options.out, depends)
         score_without_truth(pairs, methods, options.out, about, state, options.align_rows)
+        draw_side_by_side(pairs, methods, options.out / FIGURE, options.align_rows)
 
 
 if __name__ == "__main__":

@@ -31,6 +31,8 @@ values. The command writes into RESULT, or for many pairs into a folder of each 
     figure.png         image, depth, normals and confidence; grey: sky, or farther than the scale; black: unknown
     prediction.json    method, SHA-256 of its weights, runtime, rig, what was done to the rows, versions of packages
 
+--view shows the clouds on a page in the browser at the end.
+
 --map-format also writes .tiff and .pfm; a PFM has inf for unknown. Many pairs give in RESULT:
 
     overview.jpg       pictures of up to 20 pairs
@@ -53,12 +55,14 @@ from m3depth.prediction.files import write_prediction
 from m3depth.prediction.left_right import AGREEMENT
 from m3depth.prediction.one_pair import Method, PairPrediction, predict_pair, prepare
 from m3depth.prediction.options import PredictOptions
+from m3depth.prediction.shots import predicted_shots
 from m3depth.prediction.sources.calibration import make_calibration
-from m3depth.prediction.sources.inputs import Inputs, find_inputs
+from m3depth.prediction.sources.inputs import Inputs, PairInput, find_inputs
 from m3depth.stereo.prediction import Prediction
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
 from marssim.base.results.claim import ResultFolder
+from marssim.base.view.show import check_viewer, show
 
 
 def predict(options: PredictOptions, estimator: Estimator | None = None) -> Prediction | Batch:
@@ -75,15 +79,27 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
         FileNotFoundError: A file is missing; nothing was written.
         ValueError: A flag or the pair cannot be used; nothing was written.
     """
+    if options.view:
+        check_viewer()
     inputs = find_inputs(options)
     if inputs.single:
-        return _predict_one(options, inputs, estimator)
+        prediction = _predict_one(options, inputs, estimator)
+        _view(options, inputs, inputs.pairs)
+        return prediction
     batch = predict_many(options, inputs, lambda: Method.of(options, estimator))
     line = f"{len(batch.done)} of {counted(len(inputs.pairs), 'pair')}"
     if batch.skipped:
         line = f"{line}; {len(batch.skipped)} skipped, see the warnings"
     print(f"{options.out}: {line}")
+    done = set(batch.done)
+    _view(options, inputs, [pair for pair in inputs.pairs if pair.name in done])
     return batch
+
+
+def _view(options: PredictOptions, inputs: Inputs, pairs: Sequence[PairInput]) -> None:
+    """Show predicted pairs in the browser if --view says so."""
+    if options.view:
+        show(predicted_shots(options, inputs, pairs), options.out.resolve().name)
 
 
 def _predict_one(options: PredictOptions, inputs: Inputs, estimator: Estimator | None) -> Prediction:

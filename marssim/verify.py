@@ -2,6 +2,7 @@
 
     python -m marssim.verify data/gale                        hashes and statistics: verify.json, statistics.png
     python -m marssim.verify data/gale --sample 00000/00      one sample: figure, point cloud, mesh
+    python -m marssim.verify data/gale --view                 then all pairs in 3-D, in the browser
     python -m marssim.verify --cross-check --scene jezero     how well all renderers agree: cross_check.json
 
 The command hashes every file of every sample, and names each wrong file in a line. The statistics come from a part of
@@ -35,10 +36,12 @@ from marssim.base.images.pointcloud import coloured_points, encode_glb, encode_p
 from marssim.base.results.claim import ResultFolder
 from marssim.base.results.lock import check_unused
 from marssim.base.results.out_folder import check_folder
+from marssim.base.view.show import check_viewer, show
 from marssim.inspection.cross_check import cross_check
 from marssim.inspection.cross_check import table as table_of_renderers
 from marssim.inspection.figures import sample_figure, statistics_figure
 from marssim.inspection.integrity import Finding, check_extra, check_index, check_samples, check_trajectories
+from marssim.inspection.shots import dataset_shots
 from marssim.inspection.statistics import SampleStatistics, table
 from marssim.inspection.statistics import __doc__ as definitions
 from marssim.scene.place_file import PLACE_VALUES, load_place
@@ -66,7 +69,10 @@ class VerifyConfig:
     sample: str | None = None
     """Name of a sample, SCENE/VIEW like 00003/05, that is drawn instead of checking the dataset."""
     farthest: float = 30.0
-    """Farthest depth [m], above 0, in the point cloud and the mesh of --sample."""
+    """Farthest depth [m], above 0, in the clouds of --view, and in the point cloud and the mesh of --sample."""
+    view: bool = False
+    """At the end, show the clouds and cameras of the pairs, or of --sample, on a page in the browser, until Ctrl-C. It
+    needs the extra `view`."""
     cross_check: bool = False
     """Render random views of --scene, and tilted planes, with each renderer, and compare them with Embree's rays (a
     dataset that is given too is checked before): the shares are those of the view that agrees least, the shifts are
@@ -84,6 +90,8 @@ class VerifyConfig:
             raise ValueError(f"farthest must be positive, got {self.farthest}")
         if self.data is None and self.sample is not None:
             raise ValueError(f"--sample {self.sample}: give the folder of the dataset too")
+        if self.data is None and self.view:
+            raise ValueError("view shows the pairs of a dataset: give its folder too")
         if self.data is None and not self.cross_check:
             raise ValueError("give the folder of a dataset, or --cross-check; --help explains both")
         for name in ("views", "scene", "seed"):
@@ -197,6 +205,8 @@ def verify(config: VerifyConfig) -> bool:
         Whether all is well.
     """
     all_well = True
+    if config.view:
+        check_viewer()
     if config.data is not None:
         if config.sample is not None:
             for path in show_sample(config, StereoDataset(config.data), config.sample):
@@ -215,6 +225,10 @@ def verify(config: VerifyConfig) -> bool:
             content = {"scene": config.scene, "seed": config.seed, "makers": report, "notes": notes}
             write_json(config.results() / "cross_check.json", content)
         all_well &= all(check.good for check in checks.values())
+    if config.view and config.data is not None:
+        dataset = StereoDataset(config.data)
+        names = dataset.names if config.sample is None else [config.sample]
+        show(dataset_shots(dataset.path, names, config.farthest), dataset.path.resolve().name)
     return all_well
 
 

@@ -2,6 +2,7 @@
 
     python -m marssim.generate --out data/drive --trajectory --pairs 20 --views-per-scene 20
     python -m nav.replay data/drive --goal 20 0
+    python -m nav.replay data/drive --goal 20 0 --view      and shows it in 3-D, in the browser
 
 The goal is given in the frame of the first image: metres ahead, metres to the left. The navigator gets the dataset's
 true depth. From Python, `replay` takes frames from any source of depth and poses.
@@ -10,7 +11,7 @@ true depth. From Python, `replay` takes frames from any source of depth and pose
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -25,7 +26,9 @@ from marssim.base.command.wording import counted
 from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.files.json_file import DatasetError
 from marssim.base.rover_spec import ZHURONG, RoverSpec
+from marssim.base.view.show import check_viewer, show
 from nav.command import Command
+from nav.drive_shots import DriveRecorder
 from nav.navigator import Navigator
 
 DRIVE_APART = 4.0  # [m] between two images, beyond which the frames are not a drive
@@ -45,9 +48,17 @@ class Frame:
     """(4, 4) pose of the left camera, camera to world."""
     pan: float = 0.0
     """Pan of the mast [rad], positive to the left."""
+    image: np.ndarray | None = None
+    """(H, W, 3) uint8 RGB left image, which is only shown, or None."""
 
 
-def replay(frames: Iterable[Frame], goal: ArrayLike, spec: RoverSpec = ZHURONG) -> list[Command]:
+# Called after a step with the navigator, the frame and the command.
+Watch = Callable[[Navigator, Frame, Command], None]
+
+
+def replay(
+    frames: Iterable[Frame], goal: ArrayLike, spec: RoverSpec = ZHURONG, watch: Watch | None = None
+) -> list[Command]:
     """Return the navigator's command for each frame, until the navigator ends the drive.
 
     The recording is another driver's: each command is what the navigator would do from the place that this driver had
@@ -57,12 +68,15 @@ def replay(frames: Iterable[Frame], goal: ArrayLike, spec: RoverSpec = ZHURONG) 
         frames: The recorded images, in order.
         goal: (2,) goal in the world [m].
         spec: The rover.
+        watch: Called after each step with the navigator, the frame and the command.
     """
     navigator, commands = Navigator(spec), []
     for frame in frames:
         body = frame.camera_pose @ np.linalg.inv(spec.mount.left_eye(frame.rig.baseline, frame.pan))
         command = navigator.step(frame.depth, frame.confidence, frame.rig, body, np.asarray(goal, float), frame.pan)
         commands.append(command)
+        if watch is not None:
+            watch(navigator, frame, command)
         if command.over:
             break
     return commands
@@ -76,7 +90,7 @@ def recorded(dataset: StereoDataset, scene: int) -> Iterator[Frame]:
             if "pose" not in sample.meta:
                 file = dataset.path / "scenes" / entry["name"] / "sample.json"
                 raise DatasetError(f"{file}: field 'pose' is missing, so the camera's place is not known")
-            yield Frame(sample.depth, None, sample.rig, np.array(sample.meta["pose"]))
+            yield Frame(sample.depth, None, sample.rig, np.array(sample.meta["pose"]), image=sample.left)
 
 
 @dataclass(frozen=True)
@@ -89,6 +103,9 @@ class ReplayConfig:
     """Goal in metres ahead and metres to the left of the first image."""
     scene: int = 0
     """Number of the scene in the dataset; each scene is one drive."""
+    view: bool = False
+    """At the end, show the drive on a page in the browser, until Ctrl-C: for each frame the cloud, also coloured by
+    traversability, the navigator's map and the motion that it chose. It needs the extra `view`."""
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -97,6 +114,8 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _work(config: ReplayConfig) -> None:
+    if config.view:
+        check_viewer()
     if not np.isfinite(config.goal).all():
         raise ValueError(f"--goal must be two finite numbers [m], got {config.goal}")
     dataset = StereoDataset(config.data)
@@ -117,12 +136,21 @@ def _work(config: ReplayConfig) -> None:
     forward = eye[:2, 2] / max(float(np.hypot(*eye[:2, 2])), 1e-9)
     left = np.array([-forward[1], forward[0]])
     goal = eye[:2, 3] + config.goal[0] * forward + config.goal[1] * left
-    commands = replay(frames, goal)
+    recorder = DriveRecorder(goal, ZHURONG)
+
+    def record(navigator: Navigator, frame: Frame, command: Command) -> None:
+        recorder.add(
+            navigator, command, frame.rig, frame.camera_pose, frame.depth, frame.confidence, frame.image
+        )  # fmt: skip
+
+    commands = replay(frames, goal, watch=record if config.view else None)
     print(f"{'frame':>5}  {'status':8} {'speed':>9} {'yaw rate':>11} {'pan':>8}")
     for number, c in enumerate(commands):
         pan = f"{np.rad2deg(c.pan or 0.0):4.0f} deg"
         print(f"{number:5d}  {c.status:8} {c.speed:5.2f} m/s {c.yaw_rate:5.2f} rad/s {pan}")
     print(f"{counted(len(commands), 'command')} for {counted(len(frames), 'frame')}")
+    if config.view:
+        show(recorder.shots, f"{config.data.resolve().name}, scene {config.scene}")
 
 
 if __name__ == "__main__":

@@ -36,7 +36,20 @@ from marssim.base.results.code_state import source_digest, versions
 
 MARK = "predictions.json"  # settings of the pairs in a folder
 THOROUGH = 10  # every pair of this number is matched both ways round to check it
-NOT_SETTINGS = ("images", "out", "weights", "estimator", "left", "right", "poses", "calib", "mask", "voxel", "video")
+NOT_SETTINGS = (
+    "images",
+    "out",
+    "weights",
+    "estimator",
+    "left",
+    "right",
+    "poses",
+    "calib",
+    "mask",
+    "voxel",
+    "video",
+    "view",
+)
 
 
 class _WrongCalibration(Exception):

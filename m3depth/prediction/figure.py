@@ -15,7 +15,15 @@ from m3depth.stereo.pairs import in_colour
 from m3depth.stereo.prediction import Prediction
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.png import encode_png
-from marssim.base.images.colours import DEPTH_TICKS, depth_bar, depth_colours, normal_colours
+from marssim.base.images.colours import (
+    CONFIDENCE_TITLE,
+    DEPTH_TICKS,
+    NORMAL_TITLE,
+    confidence_colours,
+    depth_bar,
+    depth_colours,
+    normal_colours,
+)
 
 FARTHEST = 300.0  # [m] largest depth at which a scale may end
 LEAST, MOST = 240, 640  # [px] width of a map in the picture
@@ -48,16 +56,15 @@ def prediction_picture(left: np.ndarray, prediction: Prediction, shown: tuple[fl
     """
     near, far = shown
     unknown = np.isnan(prediction.depth)
-    confidence = np.nan_to_num(np.clip(prediction.confidence, 0, 1))
-    confidence_colours = cv2.applyColorMap((confidence * 255).astype(np.uint8), cv2.COLORMAP_CIVIDIS)[..., ::-1].copy()
-    confidence_colours[unknown] = 0
+    confidence = confidence_colours(prediction.confidence)
+    confidence[unknown] = 0
     maps = [
         ("left image", in_colour(left)),
         (f"depth: {near:g} m yellow to {far:g} m violet", depth_colours(prediction.depth, near, far)),
     ]
     if prediction.normal is not None:
-        maps.append(("normals: red right, green up, blue to the camera", normal_colours(prediction.normal)))
-    maps.append(("confidence: 0 blue to 1 yellow", confidence_colours))
+        maps.append((NORMAL_TITLE, normal_colours(prediction.normal)))
+    maps.append((CONFIDENCE_TITLE, confidence))
     parts = [_titled(title, _sized(image)) for title, image in maps]
     height, width = parts[0].shape[:2]
     page = np.full((2 * height + LINE + 12, 2 * width + GAP, 3), PAPER, np.uint8)

@@ -43,10 +43,21 @@ def point_cloud(
     Returns:
         (N, 3) float32 points [m] in the left camera's frame, and (N, 3) uint8 RGB.
     """
-    with np.errstate(invalid="ignore"):
-        keep = prediction.confidence >= min_confidence
-    keep &= ~depth_edges(prediction.disparity, share=EDGE_SHARE)
+    keep = trusted_pixels(prediction.disparity, prediction.confidence, min_confidence)
     return coloured_points(in_colour(left), np.where(keep, prediction.depth, np.nan), rig.camera, max_range)
+
+
+def trusted_pixels(disparity: np.ndarray, confidence: np.ndarray, min_confidence: float) -> np.ndarray:
+    """Return the pixels that become points: sure ones that do not hang between two surfaces, (H, W) bool.
+
+    Args:
+        disparity: (H, W) [px].
+        confidence: (H, W), 0 to 1.
+        min_confidence: Pixels of less confidence are left out.
+    """
+    with np.errstate(invalid="ignore"):
+        sure = confidence >= min_confidence
+    return np.asarray(sure & ~depth_edges(disparity, share=EDGE_SHARE))
 
 
 def write_prediction(

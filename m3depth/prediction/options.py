@@ -115,6 +115,9 @@ class PredictOptions:
     """Edge of the cubes [m], above 0, whose points the fused cloud of pairs with poses averages."""
     video: bool = False
     """Write a video of the pictures of many pairs, in order. Without it, only videos give one."""
+    view: bool = False
+    """At the end, show clouds, cameras and path on a page in the browser, until Ctrl-C. Where all pairs have results
+    already, it shows these. It needs the extra `view`."""
 
     def __post_init__(self) -> None:
         if len(self.images) > 2:
@@ -148,6 +151,8 @@ class PredictOptions:
             raise ValueError(f"{'left' if self.right is None else 'right'} needs its partner: give --left and --right")
         if not self.images and self.left is None:
             raise ValueError("give a left and a right image, a folder, a list, a video, or --left and --right")
+        if self.view and "depth" not in self.write:
+            raise ValueError("view shows depth: leave it in --write")
         if not self.write or not self.map_format:
             raise ValueError(f"{'map_format' if self.write else 'write'} must name something to write")
 

@@ -15,6 +15,8 @@ from nav.ground.traversability import Traversability
 
 FREE, NEAR, BLOCKED, UNKNOWN = 0, 1, 2, 255  # values of traversability.tif
 COSTLY = 4.0  # extra cost of a metre at which free ground is drawn yellow
+UNKNOWN_COLOUR = (128, 128, 128)
+TRAVERSABILITY_TITLE = "green free, yellow costly, orange too near to an obstacle, red obstacle, grey unknown"
 LEAST = 400  # [px] side of the picture from which on a cell is one pixel
 SUN = np.array([-1.0, 1.0, 1.0]) / np.sqrt(3)  # direction of the light in the picture: from the north-west
 
@@ -27,7 +29,7 @@ def layers(elevation: ElevationMap, ground: Traversability) -> dict[str, np.ndar
         ground: What the rover may drive over.
     """
     measured, nan = elevation.measured, np.float32(np.nan)
-    known = measured | ground.blocked
+    known = _known(elevation, ground)
     code = np.where(ground.blocked, BLOCKED, np.where(ground.inflated, NEAR, FREE))
     return {
         "elevation": np.where(measured, elevation.low, nan),
@@ -68,9 +70,28 @@ def write_map(
     write_atomically(out / "map.png", encode_png(map_picture(elevation, ground)[..., ::-1]))
 
 
+def class_colours(elevation: ElevationMap, ground: Traversability) -> np.ndarray:
+    """Return the colour of each cell, which TRAVERSABILITY_TITLE explains: (n, n, 3) uint8 RGB, [iy, ix].
+
+    Args:
+        elevation: The heights.
+        ground: What the rover may drive over.
+    """
+    code = layers(elevation, ground)["traversability"]
+    share = np.clip(ground.cost / COSTLY, 0, 1)[..., None]
+    colours = np.array([90.0, 170, 90]) * (1 - share) + np.array([225.0, 205, 80]) * share
+    colours[code == NEAR] = (230, 140, 60)
+    colours[code == BLOCKED] = (190, 50, 45)
+    colours[code == UNKNOWN] = UNKNOWN_COLOUR
+    return colours.astype(np.uint8)
+
+
+def _known(elevation: ElevationMap, ground: Traversability) -> np.ndarray:
+    return np.asarray(elevation.measured | ground.blocked)
+
+
 def map_picture(elevation: ElevationMap, ground: Traversability) -> np.ndarray:
-    """Return the map as colours, north up: green free, yellow costly, orange too near to an obstacle, red blocked, grey
-    unknown; shaded by the heights.
+    """Return the map as colours, north up, shaded by the heights; TRAVERSABILITY_TITLE explains them.
 
     Args:
         elevation: The heights.
@@ -79,18 +100,13 @@ def map_picture(elevation: ElevationMap, ground: Traversability) -> np.ndarray:
     Returns:
         (h, w, 3) uint8 RGB, at least 400 px wide.
     """
-    code = layers(elevation, ground)["traversability"]
-    share = np.clip(ground.cost / COSTLY, 0, 1)[..., None]
-    colours = np.array([90.0, 170, 90]) * (1 - share) + np.array([225.0, 205, 80]) * share
-    colours[code == NEAR] = (230, 140, 60)
-    colours[code == BLOCKED] = (190, 50, 45)
+    colours = class_colours(elevation, ground).astype(float)
     height = np.where(elevation.measured, elevation.top, 0)
     dy, dx = np.gradient(height, elevation.config.cell)
     normal = np.stack([-dx, -dy, np.ones_like(dx)], axis=-1)
     light = np.clip(normal @ SUN / np.linalg.norm(normal, axis=-1) / SUN[2], 0.4, 1.4)
     edge = cv2.erode(elevation.measured.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0  # beside it, heights are none
-    colours *= np.where(edge, 1.0, light)[..., None]
-    colours[code == UNKNOWN] = 128
+    colours *= np.where(edge | ~_known(elevation, ground), 1.0, light)[..., None]
     picture = np.flipud(np.clip(colours, 0, 255).astype(np.uint8))
     factor = max(1, -(-LEAST // elevation.n))
     return np.ascontiguousarray(picture.repeat(factor, axis=0).repeat(factor, axis=1))

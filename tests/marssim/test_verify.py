@@ -8,6 +8,7 @@ import trimesh
 
 from marssim import verify as command
 from marssim.base.dataset.dataset import SPLITS, StereoDataset, write_index
+from marssim.base.files.json_file import read_json, write_json
 from marssim.base.results import lock
 from marssim.base.results.lock import sole_writer
 from marssim.export import ExportConfig, export
@@ -226,6 +227,7 @@ def test_a_folder_that_is_no_dataset_is_refused(folder, tmp_path, capfd):
     [
         ((), "--cross-check"),
         (("--sample", "00000/00"), "--sample"),
+        (("--cross-check", "--view"), "--view shows the pairs of a dataset"),
         (("SET", "--sample", "0/7"), "--sample 0/7"),
         (("SET", "--statistics-of", -1), "--statistics-of"),
         (("SET", "--workers", 0), "--workers"),
@@ -241,6 +243,30 @@ def test_bad_values_name_their_flag(folder, tmp_path, args, named, capfd):
     args = [folder if a == "SET" else a for a in args]
     assert named in mistake(capfd, *args, "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_view_shows_all_pairs_after_the_check_or_the_sample_alone(folder, tmp_path, capfd, monkeypatch):
+    pages = []
+    monkeypatch.setattr(command, "check_viewer", lambda: None)
+    monkeypatch.setattr(command, "show", lambda shots, title: pages.append((shots, title)))
+    assert run(capfd, folder, "--view", "--out", tmp_path / "out", "--statistics-of", 1)[0] == 0
+    assert run(capfd, folder, "--sample", "00001/01", "--view", "--out", tmp_path / "out", "--farthest", 4)[0] == 0
+    (all_shots, title), ((shot,), _) = pages
+    assert [s.name for s in all_shots] == StereoDataset(folder).names and title == "set"
+    assert [s.world for s in all_shots] == [name[:5] for name in StereoDataset(folder).names]
+    sample = StereoDataset(folder)[StereoDataset(folder).names.index("00001/01")]
+    view = shot.load()
+    assert shot.name == "00001/01" and np.allclose(shot.pose, sample.meta["pose"])
+    assert list(view.layers) == ["image", "depth", "normals"] and len(view.points) == (sample.depth <= 4).sum()
+    assert np.array_equal(view.layers["image"].colours, sample.left[sample.depth <= 4])
+
+
+def test_view_needs_poses_and_names_the_file_without_one(folder, tmp_path, capfd, monkeypatch):
+    monkeypatch.setattr(command, "check_viewer", lambda: None)
+    file = folder / "scenes/00000/00/sample.json"
+    write_json(file, {name: value for name, value in read_json(file).items() if name != "pose"})
+    error = mistake(capfd, folder, "--sample", "00000/00", "--view", "--out", tmp_path / "out")
+    assert error.startswith(f"error: {file}: pose must be")
 
 
 @pytest.mark.parametrize("corrupt", [lambda f: b"", lambda f: f[:-99], lambda f: f[:-99] + b"?" + f[-98:]])

@@ -13,6 +13,7 @@ from marssim.base.dataset.frame import StereoFrame
 from marssim.base.dataset.sample import write_sample
 from marssim.base.files.json_file import read_json, write_json
 from marssim.base.rover_spec import ZHURONG
+from nav import replay as command
 from nav.replay import Frame, main, recorded, replay
 
 WORLD = RockWorld(domes=np.array([[5.0, 0.0, 0.6, 0.6]]))
@@ -116,6 +117,30 @@ def test_a_dataset_of_random_views_is_refused(folder, tmp_path, capsys, number):
         "generate one with marssim.generate --trajectory\n"
     )
     assert shown.out == ""
+
+
+def test_view_shows_what_the_navigator_saw_and_chose_in_each_frame(folder, capsys, monkeypatch):
+    pages = []
+    monkeypatch.setattr(command, "check_viewer", lambda: None)
+    monkeypatch.setattr(command, "show", lambda shots, title: pages.append((shots, title)))
+    assert main([str(folder), "--goal", "20", "0", "--view"]) == 0
+    ((shots, title),) = pages
+    assert len(shots) == 8 and title == "drive, scene 0" and np.allclose(shots[3].pose, list(frames())[3].camera_pose)
+    view = shots[3].load()
+    assert list(view.layers) == ["traversability", "image", "depth"] and view.note.startswith("drive, 0.")
+    goal, motion = view.lines
+    assert goal.name == "Goal" and np.allclose(goal.points[:, 0], shots[0].pose[0, 3] + 20)
+    assert motion.name == "Chosen motion" and np.allclose(motion.points[:, 2], 0.05, atol=0.06)
+    # the dome ahead is an obstacle in the cloud and in the map, and the ground before it is free
+    x, y, _ = (view.points @ shots[3].pose[:3, :3].T + shots[3].pose[:3, 3]).T
+    colours = view.layers["traversability"].colours.astype(int)
+    assert (colours[np.hypot(x - 5, y) < 0.3] == (190, 50, 45)).all()
+    free = (np.abs(x - 3) < 0.3) & (np.abs(y) < 0.3)
+    assert free.sum() > 20 and (colours[free, 1] > colours[free, 0]).all()
+    (surface,) = view.surfaces
+    dome = np.hypot(surface.vertices[:, 0] - 5, surface.vertices[:, 1]) < 0.25
+    assert dome.any() and surface.vertices[dome, 2].max() > 0.4
+    assert surface.faces.max() == len(surface.vertices) - 1 and len(surface.colours) == len(surface.vertices)
 
 
 def test_mistakes_exit_with_2_and_one_line(folder, tmp_path, capsys):

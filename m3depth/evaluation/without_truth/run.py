@@ -16,6 +16,7 @@ from marssim.base.command.wording import counted
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import write_json
 
+FIGURE = "qualitative.png"  # the methods side by side, which the caller draws
 RULES = (
     "Without true depth: the share of the pixels that both eyes measure on which their disparities agree within 1 px; "
     "the mean difference of the normalised images where the right one is warped by the disparity, on the pixels that "
@@ -64,6 +65,7 @@ def score_without_truth(
     results = means(records, list(methods))
     write_json(out / "results.json", {**about, "methods": results, "per_pair": records}, sort_keys=False)
     parts = [f"# Evaluation without true depth\n\n{counted(len(records), 'pair')} of `{about['data']}`. {RULES}\n"]
+    parts.append(f"\n![The methods side by side]({FIGURE})\n")
     parts.append(f"\nMeans over the pairs:\n\n{table(results, markdown=True)}\n")
     for name in methods:
         rows = {record["pair"]: record[name] for record in records}

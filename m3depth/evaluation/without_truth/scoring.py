@@ -62,6 +62,18 @@ def score_pair(
     return scores
 
 
+def predictions_of(
+    methods: Mapping[str, Estimator], left: np.ndarray, right: np.ndarray, rig: StereoRig, align: bool = False
+) -> dict[str, Prediction]:
+    """Return what every method predicts of a pair. Arguments and errors are those of score_pair."""
+    if align:
+        right, _ = align_rows(left, right, rig)
+    return {
+        name: checked_prediction(method, method.infer(left, right, rig), left.shape[:2])
+        for name, method in methods.items()
+    }
+
+
 def _figures(
     left: np.ndarray, right: np.ndarray, prediction: Prediction, difference: np.ndarray, residual_of_sgbm: np.ndarray
 ) -> dict[str, float]:

@@ -24,6 +24,7 @@ DEPTH_TICKS = (0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1, 2, 3, 5, 10, 15, 30
 BEYOND = 90  # grey level of the sky, and of depth beyond the dark end
 DEPTH_TITLE = f"depth: {NEAR:g} m yellow to {MAX_DEPTH:g} m violet, grey beyond"
 NORMAL_TITLE = "normals: red right, green up, blue to the camera"
+CONFIDENCE_TITLE = "confidence: 0 blue to 1 yellow"
 
 
 def depth_colours(depth: np.ndarray, near: float = NEAR, far: float = MAX_DEPTH) -> np.ndarray:
@@ -58,6 +59,19 @@ def normal_colours(normal: np.ndarray) -> np.ndarray:
     colours = np.clip((np.nan_to_num(shown) + 1) * 127.5, 0, 255).astype(np.uint8)
     colours[(normal == 0).all(axis=-1) | ~np.isfinite(normal).all(axis=-1)] = 0
     return colours
+
+
+def confidence_colours(confidence: np.ndarray) -> np.ndarray:
+    """Return confidence as colours, from blue at 0 to yellow at 1 (cividis).
+
+    Args:
+        confidence: (H, W), 0 to 1; NaN counts as 0.
+
+    Returns:
+        (H, W, 3) uint8 RGB.
+    """
+    share = np.nan_to_num(np.clip(confidence, 0, 1))
+    return cv2.applyColorMap((share * 255).astype(np.uint8), cv2.COLORMAP_CIVIDIS)[..., ::-1].copy()
 
 
 def depth_ticks(depths: Iterable[np.ndarray]) -> tuple[float, ...]:

@@ -189,3 +189,45 @@ def test_one_pair_does_not_go_into_a_folder_of_many(folder, tmp_path):
     )
     with pytest.raises(ValueError, match="holds predictions of many pairs; choose another"):
         predict(one, SGBM())
+
+
+@pytest.fixture
+def pages(monkeypatch):
+    """What --view would show."""
+    shown = []
+    monkeypatch.setattr("m3depth.predict.check_viewer", lambda: None)
+    monkeypatch.setattr("m3depth.predict.show", lambda shots, title: shown.append((shots, title)))
+    return shown
+
+
+def test_view_shows_the_pairs_and_a_finished_folder_without_predicting_again(folder, tmp_path, pages):
+    flags = {"poses": folder / "poses.txt", "map_format": ("png",), "write": ("depth", "confidence")}
+    predict(options(folder, tmp_path, **flags), Counted())
+    assert not pages
+    calls = Counted.calls
+    predict(options(folder, tmp_path, view=True, **flags), Counted())
+    assert Counted.calls == calls
+    ((shots, title),) = pages
+    assert [shot.name for shot in shots] == list("0123") and title == tmp_path.name
+    assert [shot.pose[0, 3] for shot in shots] == [0, 1, 2, 3] and len({shot.world for shot in shots}) == 1
+    view = shots[2].load()
+    assert list(view.layers) == ["image", "depth", "confidence"] and "Counted" in view.note
+    image = cv2.imread(str(folder / "left/2.png"))[..., ::-1]
+    column, row = view.rig.camera.project(view.points[:1])[0].round().astype(int)
+    assert np.array_equal(view.layers["image"].colours[0], image[row, column])
+
+
+def test_view_shows_the_points_of_the_cloud(folder, tmp_path, pages):
+    predict(options(folder, tmp_path, view=True, max_range=6.0), SGBM())
+    (shots, _) = pages[0]
+    cloud = trimesh.load(tmp_path / "1/cloud.ply")
+    view = shots[1].load()
+    assert np.allclose(view.points, cloud.vertices, atol=1e-5)
+    assert len({shot.world for shot in shots}) == len(shots)  # pairs without poses have no common world
+    assert np.allclose(shots[0].pose[:3, 3], (0.65, 0.135, 1.2))  # on the rover
+
+
+def test_view_needs_depth(folder, tmp_path, capsys):
+    arguments = [str(folder), "--left", "left/*.png", "--right", "right/*.png", "--focal", "100", "--baseline", "0.27"]
+    assert main([*arguments, "--out", str(tmp_path / "out"), "--view", "--write", "normal"]) == 2
+    assert "--view shows depth: leave it in --write" in capsys.readouterr().err

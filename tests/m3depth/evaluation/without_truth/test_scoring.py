@@ -75,7 +75,9 @@ def test_the_command_scores_images_alone_and_continues(folder, tmp_path, capsys,
     results = json.loads((tmp_path / "out/results.json").read_text())
     assert results["methods"].keys() == {"SGBM", "SAD"}
     assert [record["pair"] for record in results["per_pair"]] == ["left/0", "left/1"]
-    assert "| left/1 |" in (tmp_path / "out/results.md").read_text()
+    page = (tmp_path / "out/results.md").read_text()
+    assert "| left/1 |" in page and "](qualitative.png)" in page
+    assert cv2.imread(str(tmp_path / "out/qualitative.png")).std() > 20
     assert not (tmp_path / "out/unfinished.npz").exists()
 
     calls = []

@@ -1,0 +1,70 @@
+"""Look at the drives of an evaluation in 3-D, in the browser.
+
+    python -m envs.evaluate --perception m3depth sgbm --episodes 10 --out out/eval
+    python -m envs.inspect out/eval
+
+The page has a shot for each course: the ground, the rocks that block, the goal, the shortest passable way, and the way
+of every driver and perception in the colour of its outcome, with the rover's footprint at its end. It needs the extra
+`view`.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from envs.drives.episodes import EpisodeRecord
+from envs.drives.records import read_record
+from envs.drives.shots import course_shots
+from marssim.base.command.run import run_command
+from marssim.base.files.json_file import DatasetError
+from marssim.base.view.show import check_viewer, show
+
+
+@dataclass(frozen=True)
+class InspectConfig:
+    """Look at the drives of an evaluation in 3-D, in the browser."""
+
+    run: Annotated[Path, tyro.conf.Positional]
+    """Folder of envs.evaluate. Its drives may still be going on."""
+    outcome: str | None = None
+    """Only show courses on which a drive ended this way, such as collision, stuck or no_path."""
+
+
+def read_drives(config: InspectConfig) -> list[EpisodeRecord]:
+    """Return the records of the drives that the flags name.
+
+    Raises:
+        DatasetError: The folder holds no drives, or a record is broken; the message names the file.
+        ValueError: No drive ended as --outcome says.
+    """
+    files = sorted((config.run / "episodes").glob("*.json"))
+    if not files:
+        raise DatasetError(f"{config.run}: holds no episodes; give a folder that envs.evaluate wrote")
+    records = [read_record(file) for file in files]
+    if config.outcome is None:
+        return records
+    courses = {(record.cell, record.episode) for record in records if record.outcome == config.outcome}
+    if not courses:
+        found = ", ".join(sorted({record.outcome for record in records}))
+        raise ValueError(f"--outcome {config.outcome}: no drive ended so; they ended as {found}")
+    return [record for record in records if (record.cell, record.episode) in courses]
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the command and return the exit code."""
+    return run_command(_work, InspectConfig, "python -m envs.inspect", __doc__, args)
+
+
+def _work(config: InspectConfig) -> None:
+    check_viewer()
+    show(course_shots(read_drives(config)), config.run.resolve().name)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

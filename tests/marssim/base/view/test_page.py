@@ -1,0 +1,109 @@
+"""The page, without a browser and in headless Chromium."""
+
+import shutil
+import time
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from marssim.base.camera import PinholeCamera, StereoRig
+from marssim.base.pose import look_pose
+from marssim.base.view.clouds import view_of_maps
+from marssim.base.view.scene import Line, Shot, Surface
+
+viser = pytest.importorskip("viser", reason="the extra `view` is not installed")
+from marssim.base.view.page import Page  # noqa: E402
+
+RIG = StereoRig(PinholeCamera.centred(40, 40, 40.0), 0.1)
+RED, BLUE = (200, 30, 30), (30, 30, 200)
+POLE = Line("Goal", np.array([[3.0, 0, 0], [3, 0, 1]]), (200, 30, 160))
+PATCH = Surface(
+    "Map", np.array([[2.0, 0, 0], [3, 0, 0], [3, 1, 0]]), np.array([[0, 1, 2]]), np.full((3, 3), 90, np.uint8)
+)
+SECONDS = 60.0  # that a browser on a busy machine may take
+
+
+def wall(colour, **parts):
+    """A wall 2 m ahead, whose image has one colour."""
+    image = np.full((40, 40, 3), colour, np.uint8)
+    return replace(view_of_maps(RIG, np.full((40, 40), 2.0, np.float32), image)[0], **parts)
+
+
+def shots(*views):
+    poses = (look_pose(np.array([0.5 * number, 0, 1]), 0.0, 0.2) for number in range(len(views)))
+    return [Shot(f"wall {n}", pose, lambda view=view: view) for n, (pose, view) in enumerate(zip(poses, views))]
+
+
+def wait_until(condition, seconds=SECONDS):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it did not happen"
+        time.sleep(0.1)
+
+
+def test_the_slider_shows_another_shot_with_its_own_choices_and_parts():
+    second = wall(BLUE, lines=(POLE,), surfaces=(PATCH,), note="drive")
+    second = replace(second, layers={"depth": second.layers["depth"]})
+    broken = Shot("wall 2", np.eye(4), lambda: (_ for _ in ()).throw(ValueError("depth.npy: is broken")))
+    with Page([*shots(wall(RED), second), broken], "walls", 0) as page:
+        assert page.address.startswith("http://127.0.0.1:") and not page.address.endswith(":0")
+        assert page._colour.options == ("image", "depth") and page._legend.content == "the left image"
+        assert page._boxes.keys() == {"Cloud", "Cameras", "Path"}
+        page._slider.value = 2
+        wait_until(lambda: "Map" in page._boxes, 5)
+        assert page._colour.options == ("depth",) and page._colour.value == "depth"
+        assert page._name.content == "**wall 1** 1600 points; drive"
+        page._boxes["Map"].value = False
+        wait_until(lambda: not page._drawing.group("Map").visible, 5)
+        page._slider.value = 3
+        wait_until(lambda: page._name.content == "**wall 2** cannot be shown: depth.npy: is broken", 5)
+
+
+def test_a_shot_without_points_has_no_choice_of_colours():
+    view = replace(wall(RED), points=np.zeros((0, 3), np.float32), layers={}, lines=(POLE,), note="goal", reach=9.0)
+    with Page(shots(view, wall(RED)), "course", 0) as page:
+        assert not page._colour.visible and not page._size.visible and page._name.content == "**wall 0** goal"
+        assert page._boxes.keys() == {"Cameras", "Path", "Goal"}
+        page._slider.value = 2
+        wait_until(lambda: page._colour.visible and page._colour.value == "image", 5)
+        wait_until(lambda: "Cloud" in page._boxes, 5)
+
+
+@pytest.fixture
+def browser():
+    webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
+    chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    driver = shutil.which("chromedriver")
+    if chromium is None or driver is None:
+        pytest.skip("Chromium and its driver are not installed")
+    options = webdriver.ChromeOptions()
+    options.binary_location = chromium
+    for argument in (
+        "--headless=new", "--no-sandbox", "--window-size=900,600", "--use-gl=angle", "--use-angle=swiftshader",
+        "--enable-unsafe-swiftshader",
+    ):  # fmt: skip
+        options.add_argument(argument)
+    window = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
+    yield window
+    window.quit()
+
+
+def test_a_browser_draws_the_cloud_and_another_choice_of_colours_changes_it(browser):
+    def pixels_like(colour):
+        picture = cv2.imdecode(np.frombuffer(browser.get_screenshot_as_png(), np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+        return int((np.abs(picture.astype(int) - colour).max(axis=2) < 40).sum())
+
+    view = wall(RED, image=None)  # without the picture in the frustum
+    of_depth = view.layers["depth"].colours[0]
+    with Page(shots(view), "wall", 0) as page:
+        browser.get(page.address)
+        wait_until(lambda: pixels_like(RED) > 2000)
+        assert pixels_like(of_depth) < 200
+        browser.find_element("css selector", "input[value=image]").click()
+        wait_until(lambda: [o for o in browser.find_elements("css selector", "[role=option]") if o.text == "depth"])
+        (option,) = [o for o in browser.find_elements("css selector", "[role=option]") if o.text == "depth"]
+        option.click()
+        wait_until(lambda: pixels_like(of_depth) > 2000)
+        assert pixels_like(RED) < 200
