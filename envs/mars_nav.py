@@ -244,9 +244,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
         numbers = dict(goal_distance=goal_distance, k=k, slope_deg=slope_deg, sun_elevation_deg=sun_elevation_deg)
         self.draws = EpisodeDraws(known_scene(scene), eyes or EyesConfig(), numbers, slip, condition)
         self.episodes_per_scene = episodes_per_scene
-        self.perception = Perception(
-            perception, renderer, disparity_noise=disparity_noise, align_rows=align_rows, runtime=runtime
-        )
+        self.perception = Perception(perception, renderer, None, disparity_noise, align_rows, runtime)
         self.gaze = Gaze(self.perception, self.rover_spec)
         self.drift, self.yaw_drift = float(drift), float(np.deg2rad(yaw_drift_deg))
         self.map_view = MapView(self.rover_spec) if map_observation else None
@@ -287,7 +285,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
             self.course = another_course(self.course, self.settings.course, self.np_random)
         else:
             self.settings = self.draws.draw(self._draw_rng).with_options(options or {})
-            self.close()
+            self._close_course()
             self.course = draw_course(self.settings.scene, self.settings.course, self.rover_spec, self.np_random)
             self._obstacle_clearance = ObstacleClearance(self.course.scene, self.rover_spec, self.course.ground.steep)
             self._episodes_left = 0 if options else self.episodes_per_scene - 1
@@ -365,6 +363,9 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
 
     def close(self) -> None:
         """Free physics and renderer; may be called twice."""
+        self._close_course()
+
+    def _close_course(self) -> None:
         self.perception.close()
         if self.vehicle is not None:
             self.vehicle.close()

@@ -91,18 +91,18 @@ class EpisodeDraws:
             ValueError: A value is unknown or out of its range, or does not go with one of the conditions. One line that
                 names it.
         """
-        self._ranges = {name: _ends(name, value) for name, value in numbers.items() if isinstance(value, tuple | list)}
-        self._fixed = {name: value for name, value in numbers.items() if name not in self._ranges}
+        ranges = {name: _ends(name, value) for name, value in numbers.items() if isinstance(value, tuple | list)}
+        self._ranges: dict[str, Any] = ranges
+        self._fixed: dict[str, Any] = {name: value for name, value in numbers.items() if name not in ranges}
         self._slips = [known_slip(each) for each in _choices("slip", slip)]
         self._conditions = [{} if condition is None else each for each in _choices("condition", condition)]
         self._drawn = (
             *self._ranges,
             *(name for name, value in (("slip", slip), ("condition", condition)) if isinstance(value, tuple | list)),
         )
-        least, most = (
-            CourseConfig(**self._fixed, **{name: ends[end] for name, ends in self._ranges.items()}) for end in (0, 1)
-        )
-        for name, (low, high) in self._ranges.items():
+        ends: list[dict[str, Any]] = [{name: each[end] for name, each in ranges.items()} for end in (0, 1)]
+        least, most = (CourseConfig(**self._fixed, **end) for end in ends)
+        for name, (low, high) in ranges.items():
             if low > high:
                 raise ValueError(f"{name} must have the lower end of its range first, got {numbers[name]!r}")
         self._places = [under(each, scene, least, eyes) for each in self._conditions]
@@ -111,7 +111,7 @@ class EpisodeDraws:
 
     def draw(self, rng: np.random.Generator) -> EpisodeSettings:
         """Return the settings of the next episode. Where nothing is to be drawn, rng is not used."""
-        numbers = {name: float(rng.uniform(*ends)) for name, ends in self._ranges.items()}
+        numbers: dict[str, Any] = {name: float(rng.uniform(*ends)) for name, ends in self._ranges.items()}
         slip = self._slips[_number(rng, len(self._slips))]
         chosen = _number(rng, len(self._conditions))
         condition, (scene, _, eyes) = self._conditions[chosen], self._places[chosen]

@@ -118,6 +118,7 @@ class Perception:
         self.disparity_noise = float(disparity_noise)
         self.align_rows = align_rows
         self.renderer: Renderer | None = None
+        self._scene: Scene | None = None
         self._shader: Shader | None = None
 
     @property
@@ -184,7 +185,7 @@ class Perception:
 
     def picture(self, pose: np.ndarray) -> StereoFrame:
         """Return the StereoFrame from a pose, as the cameras take it."""
-        if self.renderer is None:
+        if self.renderer is None or self._scene is None:
             raise RuntimeError("open a scene before looking")
         self._shader = self._shader or Shader(self._scene)
         return render_stereo(self.renderer, self._shader, self.rig, pose, self._sensor, self._rng)
