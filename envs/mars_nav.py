@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,22 +13,22 @@ from gymnasium.utils import EzPickle
 from envs.observation.info import episode_info
 from envs.observation.map_view import MapView
 from envs.observation.spaces import observation_space, observe
-from envs.suites.conditions import under
+from envs.suites.draws import Condition, EpisodeDraws, EpisodeSettings, Number, Slip, stream_of_draws
 from envs.world.action import checked_action
-from envs.world.arguments import check_errors, check_flags, check_render_mode, known_scene
+from envs.world.arguments import check_count, check_errors, check_flags, check_render_mode, known_scene
 from envs.world.clearance import ObstacleClearance
-from envs.world.course import Course, CourseConfig, draw_course, reversed_course
+from envs.world.course import Course, draw_course
 from envs.world.eyes import EyesConfig
 from envs.world.gaze import Gaze
+from envs.world.kept_scene import another_course
 from envs.world.odometry import Odometry
 from envs.world.perception import Perception, Sight
-from envs.world.referee import STEPS_PER_METRE, Referee
+from envs.world.referee import Referee
 from envs.world.reward import step_reward
-from envs.world.slip import SlipConfig, SlipGauge, known_slip
+from envs.world.slip import SlipGauge
 from envs.world.vehicle import FALLBACK_NOTE, DynamicsName, Vehicle, known_dynamics, make_vehicle
 from envs.world.way_driven import WayDriven
 from marssim.base.rover_spec import ZHURONG
-from marssim.physics.soil.soil_map import GroundName
 from marssim.render.renderers.by_name import RendererName
 from marssim.scene.scene import SceneConfig
 
@@ -130,6 +129,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
     | `sinkage`            | with `slip`: mean depth of the wheels in the soil in this step [m]                    |
     | `energy`             | with `slip`: energy of the wheels' motors since the start [J]                         |
     | `drive_seconds`      | with `slip`: time in which the wheels have turned since the start [s]                 |
+    | `drawn`              | with ranges or choices: dict of the values that the episode has of them               |
 
     ## Arguments
 
@@ -138,19 +138,18 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
     images of 512 x 512 pixels. The ground truth has 128 x 128 rays over the same view and needs no images.
 
     `dynamics`: "physics" (PyBullet's rigid bodies) or "kinematic" (settling without dynamics, faster). The default is
-    "physics"; where PyBullet is not installed, it is "kinematic", with a warning.
-
-    `renderer`: "embree" (default), "scan" or "pybullet".
+    "physics"; where PyBullet is not installed, it is "kinematic", with a warning. `renderer`: "embree" (default),
+    "scan" or "pybullet".
 
     `scene`: the name of a preset, "utopia" by default; the path of a JSON file of a place (marssim.scene.place_file);
     or a SceneConfig. The course determines its size and cell: `goal_distance` + 14 m wide, on a grid of 0.1 m.
 
-    `goal_distance`: distance from start to goal [m], 20 by default.
+    `goal_distance`, `k`, `slope_deg`, `sun_elevation_deg`: defaults of the options of `reset` below. Each is a number,
+    or the two ends of a range, as `k=(0.03, 0.2)`, from which each scene draws its own.
 
     `mast`, `map_observation`: whether the action has a pan and the observation a map, see the spaces.
 
     `disparity_noise`: standard deviation of an error added to the disparity of each pixel [px], at 512 pixels.
-
     `align_rows`: whether rows of the two images that lie significantly apart are aligned before the perception sees
     them (m3depth.stereo.rows). It is so by default, and takes some 0.03 s a look.
 
@@ -163,19 +162,25 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
     `slip`: None (default) for wheels that do not slip; "scene" for wheels that slip and sink in the sand, crust and
     bedrock that the scene shows; "sand", "crust" or "bedrock" for one of them everywhere; or an
     envs.world.slip.SlipConfig, which also says how much of the slip the odometry measures. A name alone measures none.
+    Of a tuple of these, each scene draws one.
 
     `eyes`: an envs.world.eyes.EyesConfig: pixels of the images and of the true depth, dust on the lenses, temperature
     of the rig, compression, and `look_every`, the way after which the rover looks again. With it, the rover also looks
     after each step without speed and yaw rate. Between two looks `depth` is 0, and `map` shows what is known.
 
     `condition`: the name of a condition, as "storm" (envs.suites.conditions.CONDITIONS), or a dict of such values. They
-    replace those of the other arguments, and are the defaults of the options of `reset`.
+    replace those of the other arguments, and are the defaults of the options of `reset`. Of a tuple of conditions, as
+    `condition=("clear", "storm")`, each scene draws one.
+
+    `episodes_per_scene`: number of episodes in a row in one scene, 1 by default. Each has another start and goal, free
+    of obstacles within 2.5 m (envs.world.kept_scene). A reset with a seed or with options makes a new scene. A kept
+    scene takes no more memory, and its reset a small part of the time.
 
     Options of `reset`, for one episode:
 
     | Option              | Default        | Range    | Meaning                                    |
     |---------------------|----------------|----------|--------------------------------------------|
-    | `goal_distance`     | the argument's | 3 to 100 | distance from start to goal [m]            |
+    | `goal_distance`     | 20             | 3 to 100 | distance from start to goal [m]            |
     | `k`                 | the scene's    | 0 to 0.4 | rock abundance, Golombek's k               |
     | `slope_deg`         | the scene's    | 0 to 25  | regional slope [deg], its direction drawn  |
     | `sun_elevation_deg` | the scene's    | 1 to 90  | height of the sun [deg]                    |
@@ -191,11 +196,10 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
       them, and the preset `hard` has ditches. Before, only rocks counted.
     - Scenes have slabs, ledges and fragments, and rocks sit deeper in the ground, so a seed gives another course than
       in 0.1.0. Blocks of ledges of 0.30 m or more are obstacles like rocks.
-    - Images and true depth show the smooth ground with relief down to the pebble: sand against rocks, ripples, gravel.
-      The ground under the wheels is the grid of 0.1 m, without them. Before, both were the facets of this grid.
-    - With `dynamics="kinematic"`, the rover stops where it tilts by more than 30 deg.
-    - `slip` lets wheels slip and sink; `eyes` and `condition` change what the rover sees, and how often. They are off
-      by default, where nothing changes.
+    - Images and true depth show the smooth ground with relief down to the pebble. The ground under the wheels is the
+      grid of 0.1 m, without it. Before, both were the facets of this grid.
+    - A kinematic rover stops where it tilts by more than 30 deg.
+    - `slip`, `eyes`, `condition`, ranges and `episodes_per_scene` are off by default, where nothing changes.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 5}  # noqa: RUF012  (as gymnasium declares it)
@@ -206,7 +210,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
         dynamics: DynamicsName | None = None,
         renderer: RendererName = "embree",
         scene: str | Path | SceneConfig = "utopia",
-        goal_distance: float = 20.0,
+        goal_distance: float | tuple[float, float] = 20.0,
         mast: bool = False,
         map_observation: bool = False,
         disparity_noise: float = 0.0,
@@ -214,34 +218,39 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
         yaw_drift_deg: float = 0.0,
         render_mode: str | None = None,
         align_rows: bool = True,
-        slip: SlipConfig | GroundName | None = None,
+        slip: Slip | tuple[Slip, ...] = None,
         runtime: str = "auto",
         eyes: EyesConfig | None = None,
-        condition: str | Mapping[str, Any] | None = None,
+        condition: Condition | tuple[Condition, ...] | None = None,
+        k: Number = None,
+        slope_deg: Number = None,
+        sun_elevation_deg: Number = None,
+        episodes_per_scene: int = 1,
     ) -> None:
         EzPickle.__init__(  # a copied or unpickled environment is made anew, and needs a reset
             self, perception, dynamics, renderer, scene, goal_distance, mast, map_observation, disparity_noise, drift,
-            yaw_drift_deg, render_mode, align_rows, slip, runtime, eyes, condition,
+            yaw_drift_deg, render_mode, align_rows, slip, runtime, eyes, condition, k, slope_deg, sun_elevation_deg,
+            episodes_per_scene,
         )  # fmt: skip
-        check_errors({"disparity_noise": disparity_noise, "drift": drift, "yaw_drift_deg": yaw_drift_deg})
-        check_flags({"mast": mast, "map_observation": map_observation, "align_rows": align_rows})
+        check_errors(disparity_noise=disparity_noise, drift=drift, yaw_drift_deg=yaw_drift_deg)
+        check_flags(mast=mast, map_observation=map_observation, align_rows=align_rows)
         check_render_mode(render_mode, self.metadata["render_modes"])
+        check_count("episodes_per_scene", episodes_per_scene)
         self.render_mode = render_mode
         self.dynamics = known_dynamics(dynamics)
         if dynamics is None and self.dynamics != "physics":
             gymnasium.logger.warn(FALLBACK_NOTE)
         self.rover_spec, self.mast = ZHURONG, mast
-        settings = known_scene(scene), CourseConfig(goal_distance=goal_distance), eyes or EyesConfig()
-        self.scene_config, self.course_config, self.eyes = under(condition or {}, *settings)
-        self.perception = Perception(
-            perception, renderer, self.eyes, disparity_noise=disparity_noise, align_rows=align_rows, runtime=runtime
-        )
-        self.gaze = Gaze(self.perception, self.rover_spec, self.eyes.look_every)
-        self.slip = known_slip(slip)
+        numbers = dict(goal_distance=goal_distance, k=k, slope_deg=slope_deg, sun_elevation_deg=sun_elevation_deg)
+        self.draws = EpisodeDraws(known_scene(scene), eyes or EyesConfig(), numbers, slip, condition)
+        self.episodes_per_scene = episodes_per_scene
+        self.perception = Perception(perception, renderer, None, disparity_noise, align_rows, runtime)
+        self.gaze = Gaze(self.perception, self.rover_spec)
         self.drift, self.yaw_drift = float(drift), float(np.deg2rad(yaw_drift_deg))
         self.map_view = MapView(self.rover_spec) if map_observation else None
         self.action_space = spaces.Box(-1, 1, (3 if mast else 2,), np.float32)
         self.observation_space: spaces.Dict = observation_space(map_observation)
+        self.settings: EpisodeSettings | None = None
         self.course: Course | None = None
         self.vehicle: Vehicle | None = None
         self.outcome = "driving"
@@ -268,51 +277,37 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
             ValueError: If an option is unknown or out of range, or if no course with this k has a way to its goal.
         """
         super().reset(seed=seed)
-        config = self.course_config.with_options(options or {})
-        self._close_course()
-        self.course = draw_course(self.scene_config, config, self.rover_spec, self.np_random)
-        self._obstacle_clearance = ObstacleClearance(self.course.scene, self.rover_spec, self.course.ground.steep)
-        self._put_down(self.course)
-        self.perception.open(self.course.scene, np.random.default_rng(self.np_random.integers(2**63)))
-        return self._begin(config.goal_distance)
+        if seed is not None or self.settings is None:
+            self._draw_rng, self._episodes_left = stream_of_draws(self.np_random_seed), 0
+        if self._episodes_left > 0 and not options and self.course is not None and self.settings is not None:
+            self._episodes_left -= 1
+            self._close_view()  # it still follows the last drive
+            self.course = another_course(self.course, self.settings.course, self.np_random)
+        else:
+            self.settings = self.draws.draw(self._draw_rng).with_options(options or {})
+            self._close_course()
+            self.course = draw_course(self.settings.scene, self.settings.course, self.rover_spec, self.np_random)
+            self._obstacle_clearance = ObstacleClearance(self.course.scene, self.rover_spec, self.course.ground.steep)
+            self._episodes_left = 0 if options else self.episodes_per_scene - 1
+        return self._begin(self.course, self.settings)
 
-    def drive_back(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Begin another episode on the present scene, from the goal to the start, heading within 45 deg of it.
-
-        A scene takes as long to draw as thirty steps, so training may use each one several times.
-
-        Returns:
-            The observation and the info.
-
-        Raises:
-            ResetNeeded: Before the first reset.
-        """
-        if self.course is None or self.vehicle is None:
-            raise gymnasium.error.ResetNeeded("call reset before drive_back")
-        self.course = reversed_course(self.course, self.rover_spec, self.np_random)
-        self.vehicle.close()
-        self._put_down(self.course)
-        return self._begin(self.referee.time_limit / STEPS_PER_METRE)
-
-    def _put_down(self, course: Course) -> None:
-        """Put a vehicle on the start of a course."""
+    def _begin(self, course: Course, settings: EpisodeSettings) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Put the rover on the start of a course, start counting, and look once."""
         x, y, yaw = (float(v) for v in course.start)
-        ground = None if self.slip is None else self.slip.ground
-        self.vehicle = make_vehicle(self.dynamics, course.scene, self.rover_spec, x, y, yaw, ground)
-
-    def _begin(self, goal_distance: float) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Start counting on the course, with the rover on its start, and look once."""
-        assert self.course is not None and self.vehicle is not None
+        ground = None if settings.slip is None else settings.slip.ground
+        self.vehicle = make_vehicle(self.dynamics, course.scene, self.rover_spec, x, y, yaw, ground, self.vehicle)
+        self.gaze.every, self.perception.eyes = settings.eyes.look_every, settings.eyes
+        self.perception.open(course.scene, np.random.default_rng(self.np_random.integers(2**63)))
         self._odometry = Odometry(self.drift, self.yaw_drift, np.random.default_rng(self.np_random.integers(2**63)))
         self.believed_pose = self._odometry.update(self.vehicle.state().pose)
-        self._gauge = SlipGauge(self.slip, self.vehicle)
+        self._gauge = SlipGauge(settings.slip, self.vehicle)
         if self.map_view is not None:
             self.map_view.start(self.believed_pose)
-        self.referee = Referee(self.course, self.rover_spec, goal_distance)
+        self.referee = Referee(course, self.rover_spec, settings.course.goal_distance)
         self._steps = 0
         self.outcome = "driving"
         self._last_action = np.zeros(2, dtype=np.float32)
-        self._way = WayDriven(self.course, self._obstacle_clearance, self._place())
+        self._way = WayDriven(course, self._obstacle_clearance, self._place())
         self.gaze.begin(self.vehicle.state())
         return self._observation(), self._info()
 
@@ -374,10 +369,14 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
         self.perception.close()
         if self.vehicle is not None:
             self.vehicle.close()
+        self._close_view()
+        self.gaze.forget()
+        self.vehicle = self.course = None
+
+    def _close_view(self) -> None:
         if self._view is not None:
             self._view.close()
-        self.gaze.forget()
-        self.vehicle = self.course = self._view = None
+        self._view = None
 
     def _place(self) -> np.ndarray:
         """Return x, y [m] and yaw [rad] of the rover, (3,)."""
@@ -395,6 +394,6 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
         return observation
 
     def _info(self) -> dict[str, Any]:
-        assert self.course is not None
+        assert self.course is not None and self.settings is not None
         standing = episode_info(self.outcome, self.course, self._way, self.gaze, self.believed_pose)
-        return standing | self._gauge.info()
+        return standing | self._gauge.info() | self.settings.info()

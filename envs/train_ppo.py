@@ -32,7 +32,6 @@ from gymnasium.wrappers import TransformReward
 
 from envs.drivers.corridors import Corridors
 from envs.drivers.policy_archive import mark_corridors, read_policy, restore_training
-from envs.drivers.training_courses import TrainingCourses
 from envs.drives.place_note import place_note
 from envs.drives.records import NUMBER, is_number
 from envs.mars_nav import MarsNavEnv
@@ -49,6 +48,7 @@ from marssim.scene.presets import PRESETS
 POLICY, SETTINGS_FILE, LOG = "policy.zip", "train_ppo.json", "log.jsonl"  # in OUT
 SECONDS, VERSIONS = "seconds", "versions"  # keys in SETTINGS_FILE: time of training [s], versions of packages
 RATE = 1e-3  # learning rate at the start
+EPISODES_PER_SCENE = 8  # a new scene takes as long as some thirty steps
 BATCH = 64  # largest number of choices in a batch
 REWARD_SHARE = 0.1  # factor on rewards: PPO's defaults suit returns of about one
 SETTINGS: dict[str, Any] = {
@@ -77,7 +77,7 @@ class PPOConfig:
     scene: Annotated[str, tyro.conf.arg(metavar=PLACE_VALUES)] = PRESETS[0]
     """Place of the courses: a preset, or the JSON file of a place (marssim.scene.place_file)."""
     k: tuple[float, float] = (0.1, 0.2)
-    """Range from which the rock abundance of each course is drawn, Golombek's k, 0 to 0.4."""
+    """Range from which the rock abundance of each scene is drawn, Golombek's k, 0 to 0.4."""
     goal_distance: float = 10.0
     """Distance from start to goal [m], 3 to 100: shorter than in evaluation, so that the policy meets goals early."""
     seed: int = 0
@@ -102,17 +102,16 @@ class PPOConfig:
 
 
 def training_env(config: PPOConfig) -> gymnasium.Env:
-    """Return the environment of training: Corridors on TrainingCourses, with rewards of the size that suits PPO's
-    defaults.
-    """
+    """Return the environment of training: Corridors, with rewards of the size that suits PPO's defaults."""
     from stable_baselines3.common.monitor import Monitor
 
     if parent_process() is not None:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the command ends the others
     env = MarsNavEnv(
-        "ground_truth", "kinematic", scene=config.scene, goal_distance=config.goal_distance, map_observation=True
-    )
-    monitored = Monitor(Corridors(TrainingCourses(env, config.k)), info_keywords=("outcome",))
+        "ground_truth", "kinematic", scene=config.scene, goal_distance=config.goal_distance, map_observation=True,
+        k=config.k, episodes_per_scene=EPISODES_PER_SCENE,
+    )  # fmt: skip
+    monitored = Monitor(Corridors(env), info_keywords=("outcome",))
     return TransformReward(monitored, lambda reward: REWARD_SHARE * float(reward))
 
 

@@ -82,9 +82,21 @@ def under(
         scene = load_place(values["scene"])
     return (
         with_look(scene, {name: value for name, value in values.items() if name in LOOK_LIMITS}),
-        replace(course, **{name: value for name, value in values.items() if name in OF_COURSE}),
+        course_under(values, course),
         replace(eyes, **{name: value for name, value in values.items() if name in OF_EYES}),
     )
+
+
+def course_under(values: Values, course: CourseConfig) -> CourseConfig:
+    """Return a course's settings under the values of a condition.
+
+    Raises:
+        ValueError: A value is out of its range.
+    """
+    replaced = {name: value for name, value in values.items() if name in OF_COURSE}
+    if "sun_elevation_deg" in values:
+        replaced["sun_elevation_deg"] = None  # the place's look has it
+    return replace(course, **replaced)
 
 
 def with_look(scene: SceneConfig, look: Mapping[str, float]) -> SceneConfig:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from numbers import Real
+from numbers import Integral, Real
 from pathlib import Path
 
 from marssim.scene.place_file import load_place
@@ -11,7 +11,7 @@ from marssim.scene.scene import SceneConfig
 ERROR_LIMITS = {"disparity_noise": 10, "drift": 1, "yaw_drift_deg": 45}  # largest values of these arguments
 
 
-def check_errors(errors: dict[str, float]) -> None:
+def check_errors(**errors: float) -> None:
     """Raise ValueError that names the standard deviation of an error that is out of ERROR_LIMITS."""
     for name, value in errors.items():
         most = ERROR_LIMITS[name]
@@ -19,11 +19,17 @@ def check_errors(errors: dict[str, float]) -> None:
             raise ValueError(f"{name} must lie in [0, {most}], got {value!r}")
 
 
-def check_flags(flags: dict[str, bool]) -> None:
+def check_flags(**flags: bool) -> None:
     """Raise ValueError that names a flag that is neither True nor False."""
     for name, flag in flags.items():
         if not isinstance(flag, bool):
             raise ValueError(f"{name} must be True or False, got {flag!r}")
+
+
+def check_count(name: str, value: int) -> None:
+    """Raise ValueError that names a number of things that is no whole number of 1 or more."""
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
+        raise ValueError(f"{name} must be a whole number of 1 or more, got {value!r}")
 
 
 def check_render_mode(mode: str | None, known: list[str]) -> None:

@@ -6,6 +6,7 @@ any planner.
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass, replace
 from numbers import Integral, Real
 from typing import Any
@@ -125,6 +126,28 @@ class TrueGround:
         self._passable = (coarse >= self.radius) & inside[:, None] & inside[None, :]
         self._goal = np.asarray(goal, float)
         self._field, self._next = self._distances()
+
+    def towards(self, goal: np.ndarray) -> TrueGround:
+        """Return the same ground with the ways to another goal; goal: (2,) [m]."""
+        other = copy.copy(self)
+        other._goal = np.asarray(goal, float)
+        other._field, other._next = other._distances()
+        return other
+
+    def clear_places(self, radius: float, margin: float) -> np.ndarray:
+        """Return the middles of the cells of 0.1 m around which there are no obstacles.
+
+        Args:
+            radius: Least distance from obstacles [m].
+            margin: Least distance from the edge of the finely gridded square [m].
+
+        Returns:
+            (N, 2) x, y [m].
+        """
+        axis = np.arange(len(self._clearance)) * CELL - self.half
+        inside = np.abs(axis) <= self.half - margin
+        j, i = np.nonzero((self._clearance >= radius) & inside[:, None] & inside[None, :])
+        return np.column_stack([axis[i], axis[j]])
 
     def clearance(self, x: float, y: float) -> float:
         """Return the distance from a point to the nearest obstacle [m]; 0 inside it.
@@ -291,18 +314,3 @@ def draw_course(base: SceneConfig, config: CourseConfig, spec: RoverSpec, rng: n
     if relief.ditch_density:
         causes += f" with a ditch_density of {relief.ditch_density:g}"
     raise ValueError(f"no goal can be reached in {REDRAWS} draws: {causes} leave no way; choose smaller values")
-
-
-def reversed_course(course: Course, spec: RoverSpec, rng: np.random.Generator) -> Course:
-    """Return the course from the goal to the start of the same scene: both are free of obstacles.
-
-    Args:
-        course: The course.
-        spec: The rover.
-        rng: Source of the heading at the new start.
-    """
-    start, goal = course.goal, course.start[:2]
-    bearing = np.arctan2(*(goal - start)[::-1])
-    ground = TrueGround(course.scene, spec, goal)
-    yaw = bearing + rng.uniform(-OFF_COURSE, OFF_COURSE)
-    return Course(course.scene, ground, np.array([*start, yaw]), goal, ground.distance_to_goal(*start), course.redraws)

@@ -12,6 +12,7 @@ from envs.world.user_code import errors_of
 from m3depth.estimator import Estimator, EstimatorName, checked_prediction, load_estimator
 from m3depth.stereo.rows import align_rows
 from marssim.base.camera import NATECAM, StereoRig
+from marssim.base.compute.one_thread import one_thread_in_workers
 from marssim.base.dataset.frame import StereoFrame
 from marssim.render.renderers.by_name import checked_renderer_name, make_renderer
 from marssim.render.renderers.renderer import Renderer
@@ -82,10 +83,9 @@ class Perception:
     """Looks at one scene after the other.
 
     Attributes:
-        rig: The cameras.
         renderer_name: Name of the renderer.
         renderer: The renderer of the open scene, or None.
-        eyes: The settings of the cameras.
+        eyes: The settings of the cameras; others may be set before `open`.
         estimator: The estimator; None for ground truth.
         disparity_noise: Standard deviation of an error added to the perceived disparity [px of a 512 px image].
         align_rows: Whether rows that lie apart are aligned first (m3depth.stereo.rows).
@@ -111,20 +111,27 @@ class Perception:
                 them.
             runtime: Program that runs M3Depth, as load_estimator takes it.
         """
+        one_thread_in_workers()
         self.renderer_name = checked_renderer_name(renderer)
         self.estimator = load_perception(perception, runtime)
         self.eyes = eyes or EyesConfig()
-        self.rig = self.eyes.rig
         self.disparity_noise = float(disparity_noise)
         self.align_rows = align_rows
         self.renderer: Renderer | None = None
+        self._scene: Scene | None = None
         self._shader: Shader | None = None
 
+    @property
+    def rig(self) -> StereoRig:
+        """The cameras."""
+        return self.eyes.rig
+
     def open(self, scene: Scene, rng: np.random.Generator) -> None:
-        """Turn to another scene; rng draws the detector and its noise."""
-        self.close()
-        self.renderer = make_renderer(self.renderer_name, scene)
-        self._scene, self._shader = scene, None  # true depth needs no shading
+        """Turn to a scene. The renderer of one that is open already stays; rng draws the detector and its noise."""
+        if self.renderer is None or scene is not self._scene:
+            self.close()
+            self.renderer = make_renderer(self.renderer_name, scene)
+            self._scene, self._shader = scene, None  # true depth needs no shading
         self._rng = rng
         self._sensor = Sensor.draw(self.eyes.sensor(), rng)
         self._noise = np.random.default_rng(rng.integers(2**63)) if self.disparity_noise else rng
@@ -178,7 +185,7 @@ class Perception:
 
     def picture(self, pose: np.ndarray) -> StereoFrame:
         """Return the StereoFrame from a pose, as the cameras take it."""
-        if self.renderer is None:
+        if self.renderer is None or self._scene is None:
             raise RuntimeError("open a scene before looking")
         self._shader = self._shader or Shader(self._scene)
         return render_stereo(self.renderer, self._shader, self.rig, pose, self._sensor, self._rng)

@@ -148,6 +148,7 @@ def make_vehicle(
     y: float,
     yaw: float,
     ground: GroundName | None = None,
+    previous: Vehicle | None = None,
 ) -> Vehicle:
     """Return a rover at rest on the ground.
 
@@ -160,9 +161,13 @@ def make_vehicle(
         yaw: Heading [rad].
         ground: None for wheels that do not slip. Else the soil under them: "scene" for the scene's own, or the name of
             a soil that lies everywhere.
+        previous: A vehicle on the same scene, which is closed. Its map of the ground is used again.
     """
+    if previous is not None:
+        previous.close()
     if dynamics == "physics":
         return PhysicsVehicle(scene, spec, x, y, yaw, ground)
+    support = previous.support if isinstance(previous, KinematicRover) else None
     if ground is not None:
-        return SlippingVehicle(scene, spec, x, y, yaw, ground=ground)
-    return KinematicVehicle(scene, spec, x, y, yaw)
+        return SlippingVehicle(scene, spec, x, y, yaw, support, ground)
+    return KinematicVehicle(scene, spec, x, y, yaw, support)

@@ -18,6 +18,7 @@ from hypothesis.extra.numpy import arrays
 from envs.drivers.image_observation import ImageObservation
 from envs.mars_nav import MarsNavEnv
 from envs.observation.nearest_depth import nearest_depth
+from envs.world.course import CourseConfig, draw_course
 from envs.world.slip import SlipConfig
 from marssim.scene.place_file import save_place
 
@@ -38,6 +39,10 @@ def rockless(small_scene):
 
 
 RARELY = {"condition": {"look_every": 1.0, "into_sun": True}, "map_observation": True}
+DRAWN = {
+    "goal_distance": (3.0, 4.0), "k": (0.0, 0.01), "slope_deg": (0, 5), "sun_elevation_deg": (20, 60),
+    "slip": (None, "sand"), "condition": ("clear", {"look_every": 1.0}), "episodes_per_scene": 2,
+}  # fmt: skip
 NOISY = {"map_observation": True, "disparity_noise": 0.3, "drift": 0.02, "yaw_drift_deg": 1.0}
 
 
@@ -45,11 +50,14 @@ NOISY = {"map_observation": True, "disparity_noise": 0.3, "drift": 0.02, "yaw_dr
     "settings",
     [
         {}, {"dynamics": "physics"}, {"mast": True, "render_mode": "rgb_array", **NOISY}, {"slip": "scene"},
-        {"slip": SlipConfig("sand", 0.5), "dynamics": "physics"}, RARELY,
+        {"slip": SlipConfig("sand", 0.5), "dynamics": "physics"}, RARELY, DRAWN,
     ],
 )  # fmt: skip
 def test_the_checker_of_gymnasium_accepts_the_environment(make_env, rockless, settings):
-    check_env(make_env(goal_distance=3.0, scene=rockless, **settings), skip_render_check="render_mode" not in settings)
+    check_env(
+        make_env(**{"goal_distance": 3.0, "scene": rockless, **settings}),
+        skip_render_check="render_mode" not in settings,
+    )
 
 
 @pytest.mark.parametrize(
@@ -57,11 +65,12 @@ def test_the_checker_of_gymnasium_accepts_the_environment(make_env, rockless, se
     [
         ({}, False), ({"mast": True, **NOISY}, False), ({"mast": True, **NOISY}, True), ({"slip": "sand"}, False),
         ({"slip": "sand", "dynamics": "physics"}, False), (RARELY, False),
+        (DRAWN, False),
     ],
 )  # fmt: skip
 def test_the_checker_of_stable_baselines_accepts_the_environment(make_env, rockless, settings, wrap):
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
-    env = make_env(goal_distance=3.0, scene=rockless, **settings)
+    env = make_env(**{"goal_distance": 3.0, "scene": rockless, **settings})
     checker.check_env(ImageObservation(env) if wrap else env, warn=False)
 
 
@@ -85,10 +94,14 @@ def test_importing_needs_neither_embree_nor_pybullet():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+def vector_of(mode, **settings):
+    settings = {"perception": "ground_truth", "dynamics": "kinematic", "goal_distance": 3.0, **settings}
+    return gymnasium.make_vec("envs:MarsNav-v0", num_envs=2, vectorization_mode=mode, **settings)
+
+
 @pytest.mark.parametrize("mode", ["sync", "async"])
 def test_the_environment_runs_in_vectors_of_gymnasium(rockless, mode):
-    settings = {"perception": "ground_truth", "dynamics": "kinematic", "scene": rockless, "goal_distance": 3.0}
-    vector = gymnasium.make_vec("envs:MarsNav-v0", num_envs=2, vectorization_mode=mode, **settings)
+    vector = vector_of(mode, scene=rockless)
     try:
         observation, _ = vector.reset(seed=3)
         assert observation["depth"].shape == (2, 64, 64)
@@ -97,6 +110,22 @@ def test_the_environment_runs_in_vectors_of_gymnasium(rockless, mode):
         assert observation in vector.observation_space and reward.shape == (2,)
     finally:
         vector.close()
+
+
+def test_autoresets_draw_the_same_in_any_vector_of_gymnasium(rockless):
+    """Each environment draws from its own stream, in its own process or not."""
+    drawn = []
+    for mode in ("sync", "async"):
+        vector = vector_of(mode, scene=rockless, k=(0.0, 0.01), condition=("clear", "low_sun"))
+        infos, ended = [vector.reset(seed=3)[1]], 0
+        while ended < 2:  # at the goal or out of bounds
+            _, _, terminated, truncated, info = vector.step(np.stack([AHEAD, AHEAD]))
+            ended += int((terminated | truncated).sum())
+            infos.append(info)
+        vector.close()
+        drawn.append([[*each["drawn"]["k"], *each["drawn"]["condition"], *each["distance"]] for each in infos])
+    assert drawn[0] == drawn[1]
+    assert len({k for row in drawn[0] for k in row[:2]}) > 2  # an autoreset draws anew, each environment its own
 
 
 def test_wrappers_of_gymnasium_work_on_the_environment(make_env, rockless, tmp_path):
@@ -273,6 +302,67 @@ def plane_slope_deg(heights):
     return np.rad2deg(np.arctan(np.hypot(*gradient)))
 
 
+# ------------------------------------------------------------------------------------- draws and kept scenes
+
+
+def test_the_course_of_a_seed_is_that_of_0_2_0(make_env, small_scene):
+    """Which numbers are taken from the stream of a seed, and in which order, must not change."""
+    env = make_env()
+    env.reset(seed=4)
+    env.reset()
+    rng = gymnasium.utils.seeding.np_random(4)[0]
+    for _ in range(2):
+        course = draw_course(small_scene, CourseConfig(goal_distance=6.0), env.rover_spec, rng)
+        rng.integers(2**63), rng.integers(2**63)  # of the detector and of the odometry
+    np.testing.assert_array_equal(env.course.start, course.start)
+    np.testing.assert_array_equal(env.course.scene.terrain.fine.heights, course.scene.terrain.fine.heights)
+    np.testing.assert_array_equal(env.course.scene.bodies.vertices, course.scene.bodies.vertices)
+    assert env.np_random.bit_generator.state == rng.bit_generator.state
+
+
+def test_what_is_drawn_is_a_course_that_options_can_repeat(make_env):
+    env, plain = make_env(k=(0.0, 0.2), goal_distance=(3.0, 6.0), slip=("sand", None)), make_env()
+    _, info = env.reset(seed=8)
+    drawn = dict(info["drawn"])
+    assert set(drawn) == {"goal_distance", "k", "slip"} and info["distance"] == pytest.approx(drawn["goal_distance"])
+    assert ("energy" in info) == (drawn.pop("slip") is not None) and info["drawn"] == env.step(AHEAD)[4]["drawn"]
+    _, again = plain.reset(seed=8, options=drawn)
+    np.testing.assert_array_equal(env.course.start, plain.course.start)
+    np.testing.assert_array_equal(env.course.scene.bodies.centre, plain.course.scene.bodies.centre)
+    assert "drawn" not in again and again["shortest"] == info["shortest"]
+    assert env.reset()[1]["drawn"] != info["drawn"]  # as a vector environment resets
+    assert env.reset(options={"k": 0.01, "goal_distance": 4})[1]["drawn"]["k"] == 0.01
+    assert env.reset(seed=8)[1] == info
+
+
+def test_a_scene_is_kept_for_some_episodes(make_env):
+    env = make_env(episodes_per_scene=3, map_observation=True, render_mode="rgb_array")
+    seen = []
+    for seed in (5, None, None, None, 5, None):
+        observation, info = env.reset(seed=seed)
+        seen.append((env.course.scene, env.course.start, observation, info, env.perception.renderer))
+        assert observation in env.observation_space and info["outcome"] == "driving" and info["path_length"] == 0
+        assert info["distance"] == pytest.approx(observation["goal"][0]) == pytest.approx(6.0)
+        assert 0.3 < env.step(AHEAD)[4]["path_length"] < 0.41
+        env.render()
+    scenes, starts, observations, infos, renderers = zip(*seen)
+    assert scenes[0] is scenes[1] is scenes[2] is not scenes[3] and renderers[0] is renderers[2] is not renderers[3]
+    assert len({tuple(start) for start in starts[:4]}) == 4
+    assert same(observations[4], observations[0]) and same(observations[5], observations[1])  # as the seed has it
+    assert infos[4:] == infos[:2]
+
+
+def test_options_leave_a_kept_scene(make_env):
+    env = make_env(episodes_per_scene=3)
+    env.reset(seed=5)
+    scene = env.course.scene
+    env.reset(options={"k": 0.0})
+    bare = env.course.scene
+    assert bare is not scene and len(bare.rocks) == 0
+    env.reset()
+    assert env.course.scene is not bare
+
+
 def test_scene_seed_is_the_course_whatever_the_seed(make_env):
     env = make_env()
     a, _ = env.reset(seed=1, options={"scene_seed": 7})
@@ -304,7 +394,10 @@ def test_bad_options_are_named(make_env, options, named):
         ({"yaw_drift_deg": "much"}, "yaw_drift_deg"),
         ({"mast": "no"}, "mast must be True or False, got 'no'"), ({"map_observation": 1}, "map_observation must be"),
         ({"align_rows": None}, "align_rows must be True or False, got None"),
-        ({"goal_distance": 0.0}, "goal_distance"), ({"perception": 5}, "`perception` 5 has no method infer"),
+        ({"goal_distance": 0.0}, "goal_distance"), ({"k": (0.2, 0.1)}, "^k must have the lower end of its range first"),
+        ({"episodes_per_scene": 0}, "^episodes_per_scene must be a whole number of 1 or more, got 0"),
+        ({"episodes_per_scene": True}, "^episodes_per_scene must be"),
+        ({"perception": 5}, "`perception` 5 has no method infer"),
         (
             {"perception": "magic"},
             "^`perception` 'magic' is unknown; choose from ground_truth, m3depth, sgbm, m3depth:WEIGHTS, "
@@ -363,25 +456,6 @@ def test_without_pybullet_the_default_is_kinematic_and_physics_by_name_is_refuse
     assert warned.count("PyBullet is not installed") == 1
     assert dynamics == "kinematic"
     assert error == "`dynamics` physics needs PyBullet, which is not installed; choose kinematic instead"
-
-
-def test_driving_back_is_an_episode_of_its_own(make_env):
-    env = make_env(goal_distance=6.0, map_observation=True)
-    with pytest.raises(gymnasium.error.ResetNeeded):
-        env.drive_back()
-    _, first = env.reset(seed=5, options={"goal_distance": 4.0})
-    scene, limit = env.course.scene, env.referee.time_limit
-    for _ in range(3):
-        env.step(AHEAD)
-    observation, info = env.drive_back()
-    assert observation in env.observation_space and env.course.scene is scene and env.referee.time_limit == limit
-    assert info["outcome"] == "driving" and info["path_length"] == 0
-    assert info["distance"] == pytest.approx(first["distance"]) == pytest.approx(observation["goal"][0])
-    assert info["shortest"] == pytest.approx(first["shortest"], rel=0.1)
-    assert abs(np.arctan2(*observation["goal"][1:])) <= np.pi / 4 + 1e-6
-    away = env.step(AHEAD)[4]["path_length"]
-    assert 0.3 < away < 0.41
-    assert env.reset(seed=5, options={"goal_distance": 4.0})[1] == first  # as if it had never been
 
 
 def test_bad_actions_are_refused(make_env):
@@ -444,12 +518,13 @@ def resident_memory():
 
 @pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="reads Linux's /proc")
 def test_resets_keep_no_memory(make_env):
-    env = make_env(goal_distance=3.0)
-    for seed in range(3):
-        env.reset(seed=seed)
+    env = make_env(goal_distance=(3.0, 3.5), slip=(None, "sand"), condition=("clear", "storm"), episodes_per_scene=2)
+    env.reset(seed=0)
+    for _ in range(5):
+        env.reset()
     before = resident_memory()
-    for seed in range(20):
-        env.reset(seed=seed)
+    for _ in range(40):
+        env.reset()
     assert resident_memory() - before < 40
 
 

@@ -88,7 +88,7 @@ def test_slip_draws_nothing_and_is_a_function_of_the_seed(make_env, dynamics):
         drives.append((infos[-1]["slip"], infos[-1]["energy"], places, believed))
     assert drives[0][:2] == drives[1][:2]
     np.testing.assert_array_equal(drives[0][2:], drives[1][2:])
-    assert slipping.drive_back()[1]["energy"] == 0.0
+    assert slipping.reset()[1]["energy"] == 0.0
 
 
 def test_settings_are_checked():
