@@ -4,7 +4,7 @@ import pytest
 from command_lines import CONFIGS, VALUES, config_of, flags_of, parser_of
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from oracle import CASES, SAME, judge
+from oracle import CASES, SAME, count, judge
 
 from marssim.base.command.listing import COMMANDS
 
@@ -30,4 +30,5 @@ def test_a_command_line_is_taken_or_refused_in_one_line(command, data, capsys, t
     for flag, width in flags:
         count = data.draw(st.integers(0, 3)) if width < 0 else width
         args += [flag, *(data.draw(HOSTILE) for _ in range(count))]
+    count(command, "flags")
     judge(lambda: parser_of(command)(args), capsys, "--", *(word for word in args if word and not word.startswith("-")))

@@ -6,7 +6,7 @@ import pytest
 from file_formats import FORMATS
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from oracle import CASES, SAME, judge
+from oracle import CASES, SAME, count, judge
 
 MANY = settings(
     max_examples=CASES,
@@ -64,4 +64,5 @@ def test_the_files_are_valid_before_they_are_attacked(valid, name):
 def test_a_mutated_file_is_read_or_refused_in_one_line(valid, name, data, capsys):
     path, whole = valid[name]
     path.write_bytes(data.draw(mutations(whole)))
+    count(name, "file")
     judge(lambda: FORMATS[name][1](path), capsys, path.name)
