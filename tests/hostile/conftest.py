@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
+from functools import cache
 
 import pytest
+from kills import undisturbed
 from oracle import COUNTS, SAME
 from processes import Server
-from small_runs import make_inputs
+from small_runs import RUNS, make_inputs
 from tally import missing, table
 
 KEY = "hostile cases"  # of the property of a report that holds its counts
@@ -27,6 +29,12 @@ def server(tmp_path_factory):
 def inputs(tmp_path_factory, server):
     """Paths of a dataset, a network and weights."""
     return make_inputs(tmp_path_factory.mktemp("inputs"), server)
+
+
+@pytest.fixture(scope="session")
+def whole(tmp_path_factory, server, inputs):
+    """What a command does that nothing disturbs, by its name."""
+    return cache(lambda command: undisturbed(server, RUNS[command], inputs, tmp_path_factory.mktemp(command)))
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -27,6 +27,8 @@ class Undisturbed:
     """How often it writes, renames or deletes in its folder."""
     largest: int
     """Size of its largest file [bytes]."""
+    total: int
+    """Size of all its files [bytes]."""
 
 
 def undisturbed(server: Server, run: SmallRun, inputs: dict[str, Path], folder: Path) -> Undisturbed:
@@ -34,8 +36,8 @@ def undisturbed(server: Server, run: SmallRun, inputs: dict[str, Path], folder: 
     out, began = folder / "whole", time.monotonic()
     server.run(run.entry, run.line(out, inputs), out=str(out), writes_file=str(folder / "writes")).check()
     seconds = time.monotonic() - began
-    largest = max(path.stat().st_size for path in out.rglob("*") if path.is_file())
-    return Undisturbed(results(run, out), seconds, int((folder / "writes").read_text()), largest)
+    sizes = [path.stat().st_size for path in out.rglob("*") if path.is_file()]
+    return Undisturbed(results(run, out), seconds, int((folder / "writes").read_text()), max(sizes), sum(sizes))
 
 
 Start = Callable[..., tuple[int, Path]]  # starts the command with more keys of a request

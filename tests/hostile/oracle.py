@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import os
+import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -39,6 +42,20 @@ def cases(share: float, number: int = IN_PROCESSES) -> Iterator[int]:
         yield case
 
 
+class Harm:
+    """Leaves a file when it is unpickled."""
+
+    def __init__(self, file: Path) -> None:
+        self.file = file
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return open, (str(self.file), "w")
+
+
+HARMED = Path(tempfile.gettempdir()) / f"hostile-code-ran-{os.getpid()}"  # appears when a file's code is run
+CODE = f"open({str(HARMED)!r}, 'w')".encode()
+
+
 def judge(work: Callable[[], object], capsys: pytest.CaptureFixture[str], *names: str) -> int:
     """Do the work as a command does it, check what it leaves, and return its exit code.
 
@@ -50,6 +67,9 @@ def judge(work: Callable[[], object], capsys: pytest.CaptureFixture[str], *names
     capsys.readouterr()
     code = exit_code(work)
     error = capsys.readouterr().err
+    if HARMED.exists():
+        HARMED.unlink()
+        raise AssertionError("code from a file was run")
     assert code in (0, 2), error
     if code == 2:
         assert error.startswith("error: ") and error.count("\n") == 1, error
