@@ -43,8 +43,8 @@ def test_a_command_line_is_taken_or_refused_in_one_line(command, data, capsys, t
     flags = data.draw(st.lists(st.sampled_from(list(flags_of(config_of(command)))), min_size=1, max_size=2))
     args = list(CONFIGS[command][1])
     for flag, width in flags:
-        count = data.draw(st.integers(0, 3)) if width < 0 else width
-        args += [flag, *(data.draw(HOSTILE) for _ in range(count))]
+        number = data.draw(st.integers(0, 3)) if width < 0 else width
+        args += [flag, *(data.draw(HOSTILE) for _ in range(number))]
     count(command, "flags")
     taken: list[object] = []
     words = [word for word in args if word and not word.startswith("-")]

@@ -1,4 +1,4 @@
-"""Of two commands on one folder, one waits for no one: it exits with a line, or continues what the other has done."""
+"""A second command on a folder exits with one line, or continues what the first one has done."""
 
 import random
 import shutil

@@ -13,8 +13,8 @@ from m3depth.estimator import (
     EstimatorError,
     EstimatorName,
     checked_prediction,
-    inferred,
     distinct_labels,
+    inferred,
     load_estimator,
 )
 from m3depth.predict import main as predict_command

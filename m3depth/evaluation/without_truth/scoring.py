@@ -14,6 +14,7 @@ from m3depth.evaluation.without_truth.photometric import residuals
 from m3depth.prediction.left_right import AGREEMENT, left_right_difference
 from m3depth.prediction.masks import unmeasured
 from m3depth.stereo.classical import SGBM
+from m3depth.stereo.prediction import Prediction
 from m3depth.stereo.rows import align_rows
 from marssim.base.camera import StereoRig
 

@@ -15,8 +15,10 @@ from typing import Any
 
 import command_server
 
-MODULES = ("marssim.generate", "m3depth.train", "m3depth.evaluate", "m3depth.predict", "envs.evaluate", "small_commands")
-MODULES += ("marssim.export", "marssim.verify", "m3depth.rectify", "matplotlib.figure", "stable_baselines3")
+MODULES = (
+    "marssim.generate", "marssim.export", "m3depth.train", "m3depth.evaluate", "m3depth.predict", "envs.evaluate",
+    "small_commands", "matplotlib.figure", "stable_baselines3",
+)  # fmt: skip
 ENDS_WITHIN = 60.0  # [s] in which the workers of a killed command must end
 
 
