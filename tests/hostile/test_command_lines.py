@@ -18,7 +18,8 @@ MANY = settings(
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
-HOSTILE = st.sampled_from(VALUES) | st.floats().map(repr) | st.integers().map(str) | st.text(max_size=8)
+EXTREME = st.sampled_from(("nan", "inf", "-inf", "1e300", "-1e300"))
+HOSTILE = EXTREME | st.sampled_from(VALUES) | st.floats().map(repr) | st.integers().map(str) | st.text(max_size=8)
 
 
 def check_meant(config):
