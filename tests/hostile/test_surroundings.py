@@ -13,6 +13,7 @@ from small_runs import RUNS, SHORT, differing, left_over, results
 from surroundings import PAGE, STARTS, make_read_only, small_disk
 
 pytestmark = only_in_make_hostile
+MESSAGE = 2000  # [bytes] for stderr, which is a file too
 ON_DISKS = (*SHORT, "m3depth.train", "envs.evaluate", "m3depth.evaluate")  # those of SHORT come more often
 
 
@@ -56,7 +57,8 @@ def test_a_limit_on_files_is_one_line_and_costs_no_result(server, inputs, whole,
     for number in cases(0.12):
         command, out = draw(rng), tmp_path / str(number)
         run = RUNS[command]
-        ended = server.run(run.entry, run.line(out, inputs), file_size=round(whole(command).largest ** rng.random()))
+        limit = MESSAGE + round(whole(command).largest ** rng.random())
+        ended = server.run(run.entry, run.line(out, inputs), file_size=limit)
         ended.check(str(out), "file too large")
         count(command, "file-size limit")
         if ended.code == 0 or number % 4 == 0:
