@@ -125,7 +125,7 @@ def _count(
                 shown = true
             else:
                 with errors_of(method):
-                    prediction = method.infer(left, right, sample.rig)
+                    prediction = method.infer(left.copy(), right.copy(), sample.rig)  # it may write into them
                 prediction = checked_prediction(method, prediction, left.shape[:2])
                 shown = frame_map(np.where(rover, np.nan, prediction.depth), prediction.confidence, sample.rig, turn)
             for step, counts in counts_by_method[name].items():

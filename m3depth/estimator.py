@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -85,10 +85,9 @@ class FilledEstimator:
         """Return the estimator's maps, filled; arguments as of Estimator.infer.
 
         Raises:
-            EstimatorError: The estimator returned something other than a Prediction of the images' size.
+            EstimatorError: As of `inferred`.
         """
-        returned = self.estimator.infer(left, right, rig)
-        return filled_prediction(checked_prediction(self.estimator, returned, left.shape[:2]), rig)
+        return filled_prediction(inferred(self.estimator, left, right, rig), rig)
 
 
 class EstimatorError(ValueError):
@@ -266,6 +265,37 @@ def load_estimator(
         except ImportError as error:
             raise ImportError(f"{role}: {error}") from None
     return _load_class(role, *name.name.split(":", 1))
+
+
+def inferred(
+    estimator: Estimator, left: np.ndarray, right: np.ndarray, rig: StereoRig, **settings: object
+) -> Prediction:
+    """Return what a method predicts for a pair, checked.
+
+    The method gets copies of the images: what it writes into them changes neither the images that another method sees
+    nor those of the figures.
+
+    Args:
+        estimator: The method.
+        left: (H, W) or (H, W, 3) uint8 left image.
+        right: The right image, likewise.
+        rig: The cameras of these images.
+        **settings: More arguments of its infer.
+
+    Raises:
+        EstimatorError: It returned something other than a Prediction of the images' size, or a class of the user raised
+            a ValueError, an OSError or an ImportError; the message names the class.
+    """
+    infer: Callable[..., object] = estimator.infer
+    try:
+        returned = infer(left.copy(), right.copy(), rig, **settings)
+    except EstimatorError:
+        raise
+    except (ValueError, OSError, ImportError) as error:  # which end a command in one line
+        if type(estimator).__module__.partition(".")[0] == M3DEPTH:
+            raise
+        raise EstimatorError(f"{type(estimator).__name__}.infer raised {type(error).__name__}: {error}") from error
+    return checked_prediction(estimator, returned, left.shape[:2])
 
 
 def checked_prediction(estimator: Estimator, result: object, size: tuple[int, int]) -> Prediction:

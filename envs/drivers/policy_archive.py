@@ -85,7 +85,8 @@ def restore_training(path: Path, policy: Any) -> int:
             raise ValueError(f"num_timesteps must be 0 to {MOST_CHOICES:g}, got {choices!r:.40}")
         policy.load_state_dict(weights)
         parameters = policy.optimizer.param_groups[0]["params"]
-        state = {number: _moments(moments[number], number, weight) for number, weight in enumerate(parameters)}
+        # before its first update, a training saves an optimizer without state
+        state = {number: _moments(moments[number], number, w) for number, w in enumerate(parameters) if moments != {}}
         policy.optimizer.load_state_dict({**policy.optimizer.state_dict(), "state": state})
     except Exception as error:  # as in read_policy; load_state_dict raises several types too
         raise ValueError(f"{path}: no training can be continued from it ({_reason(error)})") from None

@@ -167,7 +167,7 @@ class Perception:
         start = perf_counter()
         right = align_rows(frame.left, frame.right, self.rig)[0] if self.align_rows else frame.right
         with errors_of(self.estimator):
-            returned = self.estimator.infer(frame.left, right, self.rig)
+            returned = self.estimator.infer(frame.left.copy(), right.copy(), self.rig)  # it may write into them
         seconds = perf_counter() - start
         prediction = checked_prediction(self.estimator, returned, frame.left.shape[:2])
         return Sight(

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from m3depth.estimator import Estimator, EstimatorError, checked_prediction, for_pair, gets_truth
+from m3depth.estimator import Estimator, EstimatorError, for_pair, gets_truth, inferred
 from m3depth.evaluation.cost import Cost, measured
 from m3depth.evaluation.example import Example
 from m3depth.evaluation.recorded_maps import RecordedPredictions
@@ -119,13 +119,12 @@ class Scoring:
                 predictions[name] = method.read(pair_name(self.dataset, index), index, sample.rig)
                 continue
             method = for_pair(method, sample)
-            infer = partial(_infer_aligned, method) if self.align_rows else method.infer
+            infer = partial(_infer_aligned if self.align_rows else inferred, method)
             try:
                 if name not in self._warm:
                     infer(left, right, sample.rig)
                     self._warm.add(name)
-                result, costs[name] = measured(infer, left, right, sample.rig)
-                predictions[name] = checked_prediction(method, result, left.shape[:2])
+                predictions[name], costs[name] = measured(infer, left, right, sample.rig)
             except EstimatorError as error:
                 raise EstimatorError(f"{name}, pair {index}: {error}") from None
         return Example(index, left, right, sample, predictions, pair_name(self.dataset, index)), costs
@@ -250,7 +249,7 @@ def _infer_aligned(method: Estimator, left: np.ndarray, right: np.ndarray, rig: 
         rig: The cameras of these images.
     """
     straight, fit = align_rows(left, right, rig)
-    prediction = checked_prediction(method, method.infer(left, straight, rig), left.shape[:2])
+    prediction = inferred(method, left, straight, rig)
     if fit is None:
         return prediction
     columns = np.broadcast_to(np.arange(rig.camera.width, dtype=float), left.shape[:2])

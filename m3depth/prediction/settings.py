@@ -7,7 +7,7 @@ from inspect import Parameter, signature
 
 import numpy as np
 
-from m3depth.estimator import Estimator, checked_prediction
+from m3depth.estimator import Estimator, inferred
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import StereoRig
 
@@ -38,6 +38,6 @@ def with_settings(estimator: Estimator, name: str, **settings: float | None) -> 
             raise ValueError(f"--{key.replace('_', '-')}: --estimator {name} takes no such setting; leave it out")
 
     def run(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
-        return checked_prediction(estimator, infer(left, right, rig, **given), left.shape[:2])
+        return inferred(estimator, left, right, rig, **given)
 
     return run

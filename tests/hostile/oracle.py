@@ -1,9 +1,14 @@
-"""What must come of any attack: the work is done, or one line on stderr says what is wrong."""
+"""What must come of any attack: the work is done, or one line on stderr says what is wrong. Cases are counted."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -11,6 +16,44 @@ from marssim.base.command.run import exit_code
 
 CASES = int(os.environ.get("HOSTILE_CASES", "6"))  # of each kind of attack; `make hostile` asks for more
 SAME = "HOSTILE_CASES" not in os.environ  # the few of `make test` are the same in each run
+MINUTES = float(os.environ.get("HOSTILE_MINUTES", "30"))  # for all
+IN_PROCESSES = 50 * CASES // 300  # cases of a kind of attack whose cases are processes
+COUNTS: Counter[tuple[str, str]] = Counter()  # cases of this process by what is attacked and kind of attack
+
+only_in_make_hostile = pytest.mark.skipif(SAME, reason="takes minutes: `make hostile` runs it")
+
+
+def count(attacked: str, kind: str) -> None:
+    """Count a case."""
+    COUNTS[attacked, kind] += 1
+
+
+def cases(share: float, number: int = IN_PROCESSES) -> Iterator[int]:
+    """Yield the numbers of cases, until there are enough or their time is over.
+
+    Args:
+        share: Part of MINUTES that they may take.
+        number: How many they are.
+    """
+    until = time.monotonic() + 60 * MINUTES * share
+    for case in range(number):
+        if time.monotonic() > until:
+            return
+        yield case
+
+
+class Harm:
+    """Leaves a file when it is unpickled."""
+
+    def __init__(self, file: Path) -> None:
+        self.file = file
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return open, (str(self.file), "w")
+
+
+HARMED = Path(tempfile.gettempdir()) / f"hostile-code-ran-{os.getpid()}"  # appears when a file's code is run
+CODE = f"open({str(HARMED)!r}, 'w')".encode()
 
 
 def judge(work: Callable[[], object], capsys: pytest.CaptureFixture[str], *names: str) -> int:
@@ -24,6 +67,9 @@ def judge(work: Callable[[], object], capsys: pytest.CaptureFixture[str], *names
     capsys.readouterr()
     code = exit_code(work)
     error = capsys.readouterr().err
+    if HARMED.exists():
+        HARMED.unlink()
+        raise AssertionError("code from a file was run")
     assert code in (0, 2), error
     if code == 2:
         assert error.startswith("error: ") and error.count("\n") == 1, error

@@ -1,11 +1,15 @@
 """Random and hostile values of every flag of every command are taken, or refused in one line that names the flag."""
 
+from dataclasses import fields, is_dataclass
+from math import inf
+
 import pytest
 from command_lines import CONFIGS, VALUES, config_of, flags_of, parser_of
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from oracle import CASES, SAME, judge
+from oracle import CASES, SAME, count, judge
 
+from marssim.base.command.limits import LARGEST
 from marssim.base.command.listing import COMMANDS
 
 MANY = settings(
@@ -14,7 +18,19 @@ MANY = settings(
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
-HOSTILE = st.sampled_from(VALUES) | st.floats().map(repr) | st.integers().map(str) | st.text(max_size=8)
+EXTREME = st.sampled_from(("nan", "inf", "-inf", "1e300", "-1e300"))
+HOSTILE = EXTREME | st.sampled_from(VALUES) | st.floats().map(repr) | st.integers().map(str) | st.text(max_size=8)
+
+
+def check_meant(config):
+    """Check that no number of a config that was taken is NaN, larger than a number can be meant, or newly infinite."""
+    for field in fields(config) if is_dataclass(config) else ():
+        value = getattr(config, field.name)
+        check_meant(value)
+        unlimited = field.default == inf or (isinstance(field.default, tuple) and inf in field.default)
+        for number in value if isinstance(value, tuple) else (value,):
+            if isinstance(number, float) and not (unlimited and number == inf):
+                assert abs(number) <= LARGEST, f"{field.name} took {number}"
 
 
 def test_every_command_is_attacked():
@@ -28,6 +44,11 @@ def test_a_command_line_is_taken_or_refused_in_one_line(command, data, capsys, t
     flags = data.draw(st.lists(st.sampled_from(list(flags_of(config_of(command)))), min_size=1, max_size=2))
     args = list(CONFIGS[command][1])
     for flag, width in flags:
-        count = data.draw(st.integers(0, 3)) if width < 0 else width
-        args += [flag, *(data.draw(HOSTILE) for _ in range(count))]
-    judge(lambda: parser_of(command)(args), capsys, "--", *(word for word in args if word and not word.startswith("-")))
+        number = data.draw(st.integers(0, 3)) if width < 0 else width
+        args += [flag, *(data.draw(HOSTILE) for _ in range(number))]
+    count(command, "flags")
+    taken: list[object] = []
+    words = [word for word in args if word and not word.startswith("-")]
+    judge(lambda: taken.append(parser_of(command)(args)), capsys, "--", *words)
+    for config in taken:
+        check_meant(config)

@@ -1,12 +1,13 @@
 """Damaged and forged files of every format are read, or refused in one line that names the file."""
 
+import pickle
 import re
 
 import pytest
 from file_formats import FORMATS
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from oracle import CASES, SAME, judge
+from oracle import CASES, CODE, HARMED, SAME, Harm, count, judge
 
 MANY = settings(
     max_examples=CASES,
@@ -17,14 +18,16 @@ MANY = settings(
 TOKEN = re.compile(rb'-?\d+\.?\d*(?:[eE][+-]?\d+)?|"[^"]*"|true|false|null')
 TOKENS = (
     b"NaN", b"1e999", b"-1", b"0", b"0.5", b"9" * 400, b'""', b"null", b"[]", b"{}", b'"x"', b"[" * 100_000, b"true",
-    b"\xff", b"1e300",
+    b"\xff", b"1e300", CODE,
 )  # fmt: skip
 
 
 @st.composite
 def mutations(draw, data: bytes) -> bytes:
     """Draw a file that differs from `data` in one place: bytes, a block, its end, or a value in a text."""
-    kind = draw(st.sampled_from(("value", "byte", "end", "gap", "twice", "more", "zeros")))
+    kind = draw(st.sampled_from(("value", "byte", "end", "gap", "twice", "more", "zeros", "pickle")))
+    if kind == "pickle":
+        return pickle.dumps(Harm(HARMED), protocol=2)
     at = draw(st.integers(0, len(data) - 1))
     end = min(len(data), at + draw(st.integers(1, 64)))
     if kind == "value" and (places := list(TOKEN.finditer(data))):
@@ -64,4 +67,5 @@ def test_the_files_are_valid_before_they_are_attacked(valid, name):
 def test_a_mutated_file_is_read_or_refused_in_one_line(valid, name, data, capsys):
     path, whole = valid[name]
     path.write_bytes(data.draw(mutations(whole)))
+    count(name, "file")
     judge(lambda: FORMATS[name][1](path), capsys, path.name)

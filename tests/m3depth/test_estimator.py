@@ -14,12 +14,14 @@ from m3depth.estimator import (
     EstimatorName,
     checked_prediction,
     distinct_labels,
+    inferred,
     load_estimator,
 )
 from m3depth.predict import main as predict_command
 from m3depth.stereo.classical import SGBM, BlockMatching
 from m3depth.stereo.prediction import Prediction
 from m3depth.weights import SHIPPED_WEIGHTS
+from marssim.base.camera import PinholeCamera, StereoRig
 
 
 class NoEstimator:
@@ -157,6 +159,25 @@ def test_a_wrong_prediction_is_named(checked, message):
     with pytest.raises(EstimatorError, match=message) as caught:
         checked_prediction(NoEstimator(), checked, (4, 6))
     assert "\n" not in str(caught.value)
+
+
+class Writes:
+    """Writes into the images, and fails for those of one grey level, as a method of a user may."""
+
+    def infer(self, left, right, rig):
+        if left.min() == left.max():
+            raise ValueError("no texture")
+        left[:] = right[:] = 0
+        return Prediction(MAP, MAP, None, MAP)
+
+
+def test_a_users_class_works_on_copies_and_its_error_names_it():
+    left, right = (np.arange(24, dtype=np.uint8).reshape(4, 6) + n for n in range(2))
+    rig = StereoRig(PinholeCamera.centred(6, 4, 5.0), 0.2)
+    assert inferred(Writes(), left, right, rig).depth is MAP
+    assert left[3, 5] == 23 and right[3, 5] == 24
+    with pytest.raises(EstimatorError, match=r"^Writes\.infer raised ValueError: no texture$"):
+        inferred(Writes(), np.zeros_like(left), right, rig)
 
 
 def test_a_prediction_with_or_without_normals_passes():

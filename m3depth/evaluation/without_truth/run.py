@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from m3depth.estimator import Estimator
+from m3depth.estimator import Estimator, inferred
 from m3depth.evaluation.resume import SavedState
 from m3depth.evaluation.without_truth.pairs import ImagePair
 from m3depth.evaluation.without_truth.scoring import means, score_pair, table
@@ -53,7 +53,7 @@ def score_without_truth(
     records: list[dict[str, Any]] = (saved_state.load() or {"pairs": []})["pairs"]
     rest = pairs[len(records) :]
     for method in methods.values() if rest else ():
-        method.infer(*rest[0].read())  # warms it up
+        inferred(method, *rest[0].read())  # warms it up
     with stop_on_signal() as signals:
         for pair in watched(rest, "pair", "evaluate"):
             left, right, rig = pair.read()

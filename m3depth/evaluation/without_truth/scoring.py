@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from m3depth.estimator import Estimator, checked_prediction
+from m3depth.estimator import Estimator, inferred
 from m3depth.evaluation.cost import measured
 from m3depth.evaluation.without_truth.photometric import residuals
 from m3depth.prediction.left_right import AGREEMENT, left_right_difference
@@ -52,10 +53,7 @@ def score_pair(
     residual_of_sgbm = residuals(left, right, matched)
     scores = {}
     for name, method in methods.items():
-
-        def infer(first: np.ndarray, second: np.ndarray, cameras: StereoRig, method: Estimator = method) -> Prediction:
-            return checked_prediction(method, method.infer(first, second, cameras), first.shape[:2])
-
+        infer = partial(inferred, method)
         prediction, cost = measured(infer, left, right, rig)
         difference = left_right_difference(infer, left, right, rig, prediction)
         scores[name] = {**_figures(left, right, prediction, difference, residual_of_sgbm), "seconds": cost.seconds}

@@ -66,6 +66,13 @@ def test_nothing_that_is_pickled_in_a_policy_is_run(tmp_path, entry):
     assert not harmed.exists()
 
 
+def test_a_training_that_was_killed_before_its_first_update_is_restored(tmp_path):
+    policy = Policy()
+    file = save(tmp_path / "policy.zip", optimizer={"state": {}, "param_groups": []})
+    assert restore_training(file, policy) == 128
+    assert torch.equal(policy.action_net.weight, WEIGHTS["action_net.weight"]) and not policy.optimizer.state
+
+
 def test_a_training_is_restored_with_the_hyperparameters_of_the_program(tmp_path):
     policy = Policy()
     assert restore_training(save(tmp_path / "policy.zip"), policy) == 128
@@ -90,7 +97,8 @@ def test_a_training_is_restored_with_the_hyperparameters_of_the_program(tmp_path
         ),
         ({"optimizer": {"state": moments(step="four")}}, "step of weight 0"),
         ({"optimizer": {"state": moments(exp_avg_sq=torch.full((2, 3), torch.nan))}}, "exp_avg_sq of weight 0"),
-        ({"optimizer": {"state": {}}}, "0"),
+        ({"optimizer": {"state": {0: moments()[0]}}}, "1"),
+        ({"optimizer": {"state": []}}, "index"),
         ({"weights": {"action_net.weight": torch.zeros(1, 1)}}, "state_dict"),
     ],
 )

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from calibration_files import CALIBRATIONS, read_calibration_pair
 from PIL import Image, TiffImagePlugin
 from small_network import SMALL
 
@@ -20,7 +21,6 @@ from m3depth.datasets.image_files import read_image
 from m3depth.evaluation.resume import SavedState
 from m3depth.network.model import M3Depth
 from m3depth.training.run import read_checkpoint
-from marssim.base.calibration.read_pair import read_pair
 from marssim.base.calibration.rectified import read_calibration
 from marssim.base.camera import NATECAM
 from marssim.base.dataset.dataset import StereoDataset
@@ -34,7 +34,6 @@ from marssim.scene.place_file import load_place
 
 Make = Callable[[Path], Path]  # writes the file, with what it needs, into a folder and returns its path
 SIZE = (6, 8)
-MATRIX = "{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data: {data}\n"
 RECORD = EpisodeRecord(
     "straight", "ground_truth", "k=preset, slope=preset", 0, "goal", 3, 0.5, 4.0, 4.0, 4.1, 1.0, 2.0, 9.0, 0.1, 0.0, 0,
     [4.0, 0.0], track=[[0.0, 0.0], [4.0, 0.0]],
@@ -122,16 +121,6 @@ def _unfinished(folder: Path) -> Path:
     return state.path
 
 
-def _opencv() -> str:
-    camera, still = "[100., 0., 4., 0., 100., 3., 0., 0., 1.]", "[0., 0., 0., 0., 0.]"
-    parts = [
-        ("K1", 3, 3, camera), ("D1", 1, 5, still), ("K2", 3, 3, camera), ("D2", 1, 5, still),
-        ("R", 3, 3, "[1., 0., 0., 0., 1., 0., 0., 0., 1.]"), ("T", 3, 1, "[-0.2, 0., 0.]"),
-    ]  # fmt: skip
-    body = "".join(MATRIX.format(name=n, rows=r, cols=c, data=d) for n, r, c, d in parts)
-    return f"%YAML:1.0\n---\nimage_width: 8\nimage_height: 6\n{body}"
-
-
 INDEX = {
     "schema": "marssim-stereo", "version": 3, "config": {"seed": 1},
     "samples": [{"name": f"0000{n}/00", "split": "train", "sha256": "0" * 64} for n in range(3)],
@@ -157,5 +146,6 @@ FORMATS: dict[str, tuple[Make, Callable[[Path], object]]] = {
         lambda path: decode_pfm(path.read_bytes()),
     ),
     "KITTI calibration": (_text("calib.txt", KITTI), read_calibration),
-    "OpenCV calibration": (_text("stereo.yaml", _opencv()), lambda path: read_pair([path])),
+    **{name: (make, read_calibration_pair) for name, make in CALIBRATIONS.items()},
+    # ROS 2 bags go here.
 }

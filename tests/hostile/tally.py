@@ -1,0 +1,59 @@
+"""The counts of a campaign as a table, and what it lacks of the cases that it promises."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+
+from file_formats import FORMATS
+from oracle import CASES, IN_PROCESSES
+
+FLAGS, FILES = "flags", "file"  # the kinds of attack whose cases run in the process of the test
+KINDS = (  # whose cases are processes
+    "full disk", "file-size limit", "read-only folder", "closed stream", "locale", "no home", "removed folder",
+    "two writers",
+)  # fmt: skip
+IN_TEST = ("user class",)  # kinds with as many cases, most of them in the process of the test
+Counts = Counter[tuple[str, str]]
+
+
+def table(counts: Counts) -> str:
+    """Return the counts as text: a line for each command or format, then the sums by kind, and what is missing."""
+    by_kind, by_attacked = Counter[str](), dict[str, list[str]]()
+    for (attacked, kind), number in sorted(counts.items()):
+        by_kind[kind] += number
+        by_attacked.setdefault(attacked, []).append(f"{number} {kind}")
+    width = max(map(len, by_attacked), default=0)
+    lines = [f"{attacked:{width}}  {', '.join(parts)}" for attacked, parts in by_attacked.items()]
+    sums = ", ".join(f"{number} {kind}" for kind, number in by_kind.most_common())
+    return "\n".join([*lines, "", f"{counts.total()} cases, {in_processes(counts)} in processes of their own: {sums}",
+                      *(f"too few: {lack}" for lack in missing(counts))])  # fmt: skip
+
+
+def in_processes(counts: Counts) -> int:
+    """Return how many cases were processes."""
+    return sum(number for (_, kind), number in counts.items() if kind in KINDS or kind.startswith("kill"))
+
+
+def missing(counts: Counts) -> list[str]:
+    """Return what a campaign lacks of its cases."""
+    return list(_missing(counts))
+
+
+def _missing(counts: Counts) -> Iterator[str]:
+    wanted = 5000 * CASES // 300
+    if counts.total() < wanted:
+        yield f"{counts.total()} of {wanted} cases"
+    if in_processes(counts) < 6 * IN_PROCESSES:
+        yield f"{in_processes(counts)} of {6 * IN_PROCESSES} processes"
+    for name in FORMATS:
+        if counts[name, FILES] < CASES // 3:
+            yield f"{counts[name, FILES]} of {CASES // 3} files of {name}"
+    for kind in (*KINDS, *IN_TEST):
+        number = sum(n for (_, k), n in counts.items() if k == kind)
+        if number < IN_PROCESSES:
+            yield f"{number} of {IN_PROCESSES} cases of {kind}"
+    for command in {attacked for attacked, kind in counts if kind.startswith("kill")}:
+        number = sum(n for (a, k), n in counts.items() if a == command and k.startswith("kill"))
+        if number < IN_PROCESSES:
+            yield f"{number} of {IN_PROCESSES} kills of {command}"

@@ -1,0 +1,113 @@
+"""Full and read-only disks, limits, closed streams, locales and missing folders decide over no result."""
+
+import os
+import random
+import shutil
+import tempfile
+from pathlib import Path
+
+import pytest
+from oracle import CASES, cases, count, only_in_make_hostile
+from processes import fresh
+from small_runs import RUNS, SHORT, differing, left_over, results
+from surroundings import PAGE, STARTS, make_read_only, small_disk
+
+pytestmark = only_in_make_hostile
+MESSAGE = 2000  # [bytes] for stderr, which is a file too
+ON_DISKS = (*SHORT, "m3depth.train", "envs.evaluate", "m3depth.evaluate")  # those of SHORT come more often
+
+
+@pytest.fixture
+def rng(request) -> random.Random:
+    return random.Random(f"{request.node.name}{CASES}")
+
+
+def draw(rng: random.Random) -> str:
+    return rng.choice(ON_DISKS if rng.random() < 0.3 else SHORT)
+
+
+def goes_on(command, server, inputs, whole, out):
+    """Check that the same command completes a folder to the results of an undisturbed run."""
+    run = RUNS[command]
+    ended = server.run(run.entry, run.line(out, inputs))
+    assert ended.code == 0, ended.stderr
+    assert not left_over(out) and not list(differing(whole(command).results, results(run, out)))
+
+
+def test_a_full_disk_is_one_line_and_costs_no_result(server, inputs, whole, rng, tmp_path):
+    for number in cases(0.12):
+        command = draw(rng)
+        run, disk = RUNS[command], tmp_path / f"disk{number}"
+        pages = 1 + round(1.2 * rng.random() * whole(command).total / PAGE)
+        with small_disk(disk, pages) as mounted:
+            if not mounted:
+                pytest.skip("may not mount a disk in memory here")
+            ended = server.run(run.entry, run.line(disk / "out", inputs))
+            ended.check(str(disk), "disk")
+            out = tmp_path / "out"
+            if (disk / "out").exists():
+                shutil.copytree(disk / "out", out)
+        count(command, "full disk")
+        if ended.code == 0 or number % 4 == 0:
+            goes_on(command, server, inputs, whole, out)
+        shutil.rmtree(out, ignore_errors=True)
+
+
+def test_a_limit_on_files_is_one_line_and_costs_no_result(server, inputs, whole, rng, tmp_path):
+    for number in cases(0.12):
+        command, out = draw(rng), tmp_path / str(number)
+        run = RUNS[command]
+        limit = MESSAGE + round(whole(command).largest ** rng.random())
+        ended = server.run(run.entry, run.line(out, inputs), file_size=limit)
+        ended.check(str(out), "file too large")
+        count(command, "file-size limit")
+        if ended.code == 0 or number % 4 == 0:
+            goes_on(command, server, inputs, whole, out)
+        shutil.rmtree(out, ignore_errors=True)
+
+
+def test_a_read_only_folder_is_one_line(server, inputs, rng, tmp_path):
+    for number in cases(0.12):
+        command, disk = draw(rng), tmp_path / str(number)
+        run, out = RUNS[command], disk / rng.choice((".", "out", "a/b"))
+        with small_disk(disk, 2000) as mounted:
+            if mounted:
+                make_read_only(disk)
+            elif os.geteuid() == 0:
+                pytest.skip("permissions do not bind root, who may mount nothing here")
+            else:
+                disk.chmod(0o555)
+            ended = server.run(run.entry, run.line(out, inputs))
+        ended.check("--out")
+        assert ended.code == 2
+        count(command, "read-only folder")
+
+
+@pytest.mark.parametrize("kind", STARTS)
+def test_how_an_interpreter_starts_decides_over_no_result(kind, inputs, whole, rng, tmp_path):
+    for number in cases(0.12):
+        command = rng.choice(SHORT)
+        run, out, start = RUNS[command], tmp_path / str(number), STARTS[kind][number % len(STARTS[kind])]
+        line, before = run.line(out, inputs), None
+        if start.in_removed_folder:
+            removed = Path(tempfile.mkdtemp())
+
+            def before(removed=removed):
+                os.chdir(removed)
+                removed.rmdir()
+
+            if rng.random() < 0.3:  # then there is no place for the results
+                ended = fresh(run.entry, run.line(Path("out"), inputs), before, env=start.environment())
+                ended.check("out")
+                assert ended.code == 2
+                count(command, kind)
+                continue
+        ended = fresh(run.entry, line, before, start.shell, env=start.environment())
+        if start.may_fail:
+            ended.check("stdout")
+        else:
+            assert ended.code == 0, f"{start}: {ended.stderr}"
+        assert "Traceback" not in ended.stderr, f"{start}: {ended.stderr}"
+        count(command, kind)
+        assert not left_over(out) and not list(differing(whole(command).results, results(run, out))), start
+        shutil.rmtree(out)
