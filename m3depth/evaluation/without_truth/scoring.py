@@ -66,10 +66,7 @@ def predictions_of(
     """Return what every method predicts of a pair. Arguments and errors are those of score_pair."""
     if align:
         right, _ = align_rows(left, right, rig)
-    return {
-        name: checked_prediction(method, method.infer(left, right, rig), left.shape[:2])
-        for name, method in methods.items()
-    }
+    return {name: inferred(method, left, right, rig) for name, method in methods.items()}
 
 
 def _figures(
