@@ -19,10 +19,12 @@ from envs.drives.records import read_record
 from m3depth.datasets.image_files import read_image
 from m3depth.evaluation.resume import SavedState
 from m3depth.network.model import M3Depth
+from m3depth.prediction.sources.bag_pairs import BagPairs
 from m3depth.training.run import read_checkpoint
+from marssim.base.bags.stereo_writer import StereoBagWriter
 from marssim.base.calibration.read_pair import read_pair
 from marssim.base.calibration.rectified import read_calibration
-from marssim.base.camera import NATECAM
+from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
 from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.dataset.frame import StereoFrame
 from marssim.base.dataset.sample import read_sample, write_sample
@@ -72,6 +74,23 @@ def _sample(name: str) -> Make:
         return folder / "00" / name
 
     return make
+
+
+def _bag(folder: Path) -> Path:
+    pixels = np.full(SIZE, 7, np.uint8)
+    rig = StereoRig(PinholeCamera.centred(8, 6, 10.0), 0.2)
+    with StereoBagWriter(folder / "pair") as bag:
+        bag.write_images(1, pixels, pixels, rig)
+        bag.write_pose(1, np.eye(4), np.eye(4), rig.baseline)
+    return folder / "pair" / "pair.mcap"
+
+
+def _read_bag(path: Path) -> None:
+    pairs = BagPairs(path)
+    for number in range(pairs.count):
+        left, _ = pairs.read(number)
+        pairs.calibration(number)(left.shape[1], left.shape[0])
+        pairs.pose(number)
 
 
 def _weights(folder: Path) -> Path:
@@ -157,5 +176,6 @@ FORMATS: dict[str, tuple[Make, Callable[[Path], object]]] = {
         lambda path: decode_pfm(path.read_bytes()),
     ),
     "KITTI calibration": (_text("calib.txt", KITTI), read_calibration),
+    "bag": (_bag, _read_bag),
     "OpenCV calibration": (_text("stereo.yaml", _opencv()), lambda path: read_pair([path])),
 }

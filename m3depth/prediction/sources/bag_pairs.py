@@ -1,0 +1,165 @@
+"""Pairs of a ROS 2 bag: images by their stamps, cameras from CameraInfo, poses from TF or odometry."""
+
+from __future__ import annotations
+
+import sys
+from bisect import bisect_right
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from m3depth.datasets.image_files import as_pair
+from m3depth.datasets.pair_files import Rig
+from marssim.base.bags.camera_info import rectified_camera, shows_raw_images
+from marssim.base.bags.images import image_array
+from marssim.base.bags.messages import SECOND
+from marssim.base.bags.names import BASE_LINK
+from marssim.base.bags.reader import Bag, stamp_of
+from marssim.base.bags.stereo_topics import find_stereo_topics, match_stamps
+from marssim.base.bags.transforms import read_transforms
+from marssim.base.calibration.camera_info import CameraInfo
+from marssim.base.calibration.rectified import Calibration, calibration_of_infos
+from marssim.base.files.json_file import DatasetError
+
+
+class BagPairs:
+    """The rectified pairs of a bag, in the order of their stamps.
+
+    Attributes:
+        bag: The open bag.
+        paths: Its files.
+        count: Number of pairs.
+        rate: Pairs a second; 0 if there are less than one a second.
+        topics: The topics of the pair.
+        frame: Frame of the left images.
+        world: Frame of the poses; None if the bag has none.
+        transforms: The frames of the bag.
+
+    Args:
+        path: The bag.
+        images: Topics of the left and the right images; None to find them.
+        infos: Topics of their CameraInfo; None for those beside the images.
+        tolerance: Largest difference of two stamps of a pair [s].
+        needs_infos: Whether the bag must have a CameraInfo of both eyes.
+
+    Raises:
+        ImportError: `rosbags` is not installed.
+        DatasetError: The bag cannot be read, or lacks something; the message names it.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        images: tuple[str, str] | None = None,
+        infos: tuple[str, str] | None = None,
+        tolerance: float = 0.01,
+        needs_infos: bool = True,
+    ) -> None:
+        if not path.exists():
+            raise FileNotFoundError(f"{path}: no such file or folder")
+        self.bag = Bag(path)
+        self.paths = tuple(sorted(path.iterdir())) if path.is_dir() else (path,)
+        self.topics = find_stereo_topics(self.bag, images, infos)
+        self._pairs, (left, right) = match_stamps(self.bag, self.topics, tolerance)
+        if left or right:
+            print(
+                f"warning: {path}: {left} left and {right} right images have no partner within {tolerance:g} s",
+                file=sys.stderr,
+            )
+        self.count = len(self._pairs)
+        steps = np.diff([entry.stamp for entry, _ in self._pairs]) / SECOND
+        rate = 1 / float(np.median(steps)) if len(steps) else 0.0
+        self.rate = rate if rate >= 1 else 0.0
+        self._infos: list[tuple[int, Calibration]] = self._read_infos() if needs_infos else []
+        self.transforms = read_transforms(self.bag)
+        self.frame = str(self.bag.message(self._pairs[0][0]).header.frame_id)
+        self.world = self.transforms.world(self.frame)
+
+    def stamp(self, number: int) -> int:
+        """Return the stamp of the left image of a pair [ns]."""
+        return self._pairs[number][0].stamp
+
+    def record(self, number: int) -> dict[str, Any]:
+        """Return what prediction.json says of a pair."""
+        return {"frame": number, "stamp_ns": self.stamp(number), "topics": [self.topics.left, self.topics.right]}
+
+    def read(self, number: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return both images of a pair, uint8, grey or RGB.
+
+        Raises:
+            DatasetError: A message cannot be read, or its encoding is not supported; the message names bag and topic.
+        """
+        images = []
+        for entry in self._pairs[number]:
+            where = f"{self.bag.path}, {entry.topic} at {entry.stamp / SECOND:.3f} s"
+            try:
+                image = image_array(self.bag.message(entry))
+            except DatasetError:
+                raise
+            except ValueError as error:
+                raise DatasetError(f"{where}: {error}") from None
+            if image.dtype not in (np.uint8, np.uint16):
+                raise DatasetError(f"{where}: holds {image.dtype}; images must have 8 or 16 bits")
+            images.append((image, where))
+        return as_pair(images[0][0], images[1][0], images[0][1], images[1][1])
+
+    def calibration(self, number: int) -> Rig:
+        """Return what gives the calibration of a pair: the last one before it, or the first."""
+        at = bisect_right(self._infos, self.stamp(number), key=lambda item: item[0])
+        calibration = self._infos[max(at - 1, 0)][1]
+        return lambda width, height: calibration
+
+    def pose(self, number: int) -> np.ndarray | None:
+        """Return the pose of the left camera in the world, (4, 4); None if it is not known."""
+        return None if self.world is None else self.transforms.pose(self.frame, self.stamp(number))
+
+    def on_rover(self, number: int) -> np.ndarray | None:
+        """Return the pose of the left camera in base_link, (4, 4); None if it is not known."""
+        if not self.transforms.contains(BASE_LINK, self.frame):
+            return None
+        rover, eye = (self.transforms.pose(frame, self.stamp(number)) for frame in (BASE_LINK, self.frame))
+        return None if rover is None or eye is None else np.linalg.inv(rover) @ eye
+
+    def _read_infos(self) -> list[tuple[int, Calibration]]:
+        """Return the calibrations of the bag that differ from the one before, each with its first stamp [ns].
+
+        Raises:
+            DatasetError: An eye has no CameraInfo, is not calibrated, or its images are raw.
+        """
+        t = self.topics
+        cameras: dict[str, list[tuple[int, CameraInfo]]] = {}
+        for side, image, topic in (("left", t.left, t.left_info), ("right", t.right, t.right_info)):
+            if topic is None:
+                raise DatasetError(
+                    f"{self.bag.path}: has no sensor_msgs/CameraInfo beside {image}; name two topics with "
+                    "--camera-info, or give a calibration file with --calib"
+                )
+            cameras[side] = self._cameras(topic, image)
+        calibrations: list[tuple[int, Calibration]] = []
+        rights = cameras["right"]
+        for stamp, left in cameras["left"]:
+            at = bisect_right(rights, stamp, key=lambda item: item[0])
+            try:
+                calibrations.append((stamp, calibration_of_infos(left, rights[max(at - 1, 0)][1])))
+            except ValueError as error:
+                raise DatasetError(f"{self.bag.path}, {self.topics.left_info}: {error}") from None
+        return calibrations
+
+    def _cameras(self, topic: str, image: str) -> list[tuple[int, CameraInfo]]:
+        cameras: list[tuple[int, CameraInfo]] = []
+        for _, message in self.bag.messages([topic]):
+            if "rect" not in image and shows_raw_images(message):
+                raise DatasetError(
+                    f"{self.bag.path}: {image} holds images that are not rectified, as {topic} has a distortion or a "
+                    "rotation; rectify them in ROS (stereo_image_proc) and name the results with --left and --right"
+                )
+            try:
+                camera = rectified_camera(message)
+            except ValueError as error:
+                raise DatasetError(f"{self.bag.path}, {topic}: {error}") from None
+            if not cameras or not np.array_equal(camera.projection, cameras[-1][1].projection):
+                cameras.append((stamp_of(message), camera))
+        if not cameras:
+            raise DatasetError(f"{self.bag.path}: has lost the messages of {topic}, of which its index speaks")
+        return sorted(cameras, key=lambda item: item[0])
