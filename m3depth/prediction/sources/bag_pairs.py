@@ -12,7 +12,7 @@ import numpy as np
 from m3depth.datasets.image_files import as_pair
 from m3depth.datasets.pair_files import Rig
 from marssim.base.bags.camera_info import rectified_camera, shows_raw_images
-from marssim.base.bags.images import image_array
+from marssim.base.bags.images import check_encoding, image_array
 from marssim.base.bags.messages import SECOND
 from marssim.base.bags.names import BASE_LINK
 from marssim.base.bags.reader import Bag, stamp_of
@@ -73,7 +73,13 @@ class BagPairs:
         self.rate = rate if rate >= 1 else 0.0
         self._infos: list[tuple[int, Calibration]] = self._read_infos() if needs_infos else []
         self.transforms = read_transforms(self.bag)
-        self.frame = str(self.bag.message(self._pairs[0][0]).header.frame_id)
+        first = [self.bag.message(entry) for entry in self._pairs[0]]
+        for topic, message in zip((self.topics.left, self.topics.right), first, strict=True):
+            try:
+                check_encoding(message)  # which is that of all pairs
+            except ValueError as error:
+                raise DatasetError(f"{path}, {topic}: {error}") from None
+        self.frame = str(first[0].header.frame_id)
         self.world = self.transforms.world(self.frame)
 
     def stamp(self, number: int) -> int:

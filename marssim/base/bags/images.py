@@ -33,8 +33,7 @@ def image_array(message: Any) -> np.ndarray:
     """
     if not hasattr(message, "encoding"):
         return _decompressed(message)
-    if message.encoding not in ENCODINGS:
-        raise ValueError(f"encoding {message.encoding!r} is not supported; {', '.join(ENCODINGS)} are")
+    check_encoding(message)
     kind, channels, conversion = ENCODINGS[message.encoding]
     dtype = np.dtype(kind).newbyteorder(">" if message.is_bigendian else "<")
     width, height, step = int(message.width), int(message.height), int(message.step)
@@ -48,6 +47,12 @@ def image_array(message: Any) -> np.ndarray:
     values = np.ascontiguousarray(rows).view(dtype).astype(kind, copy=False)
     values = values.reshape(height, width, channels) if channels > 1 else values.reshape(height, width)
     return values if conversion is None else cv2.cvtColor(values, conversion)
+
+
+def check_encoding(message: Any) -> None:
+    """Raise ValueError if the encoding of an image is not supported. The message begins with it."""
+    if hasattr(message, "encoding") and message.encoding not in ENCODINGS:
+        raise ValueError(f"encoding {message.encoding!r} is not supported; {', '.join(ENCODINGS)} are")
 
 
 def disparity_array(message: Any) -> np.ndarray:

@@ -15,8 +15,6 @@ from marssim.base.bags.stereo_writer import StereoBagWriter
 from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.rover_spec import ZHURONG
 
-pytest.importorskip("rosbags")
-
 RIG = StereoRig(PinholeCamera(16, 12, 20.0, 21.0, 7.3, 5.9), baseline=0.27)
 STAMPS = [SECOND + 500_000_001, 2 * SECOND, 3 * SECOND]
 
