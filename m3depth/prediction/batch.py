@@ -185,7 +185,8 @@ def _predict_remaining(options: PredictOptions, inputs: Inputs, method: Method |
             raise _WrongCalibration(str(error)) from None
         thorough = pair.number // options.every % THOROUGH == 0
         files = None if inputs.recording is not None else (pair.left, pair.right)
-        return prepare(left, right, calibration, options, inputs.labels(pair), files, thorough)
+        valid = None if inputs.recording is None else inputs.recording.valid(pair.number)
+        return prepare(left, right, calibration, options, inputs.labels(pair), files, thorough, valid)
 
     with ThreadPoolExecutor(1) as reader, ThreadPoolExecutor(1) as writer:
         writing: Future[int] | None = None

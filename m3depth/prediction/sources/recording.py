@@ -22,5 +22,8 @@ class Recording(Protocol):
     def read(self, number: int) -> tuple[np.ndarray, np.ndarray]:
         """Return both images of a pair, uint8, grey or RGB; the numbers of the calls rise."""
 
+    def valid(self, number: int) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """Return where the images of a pair show the scene, (H, W) bool each; None: everywhere."""
+
     def record(self, number: int) -> dict[str, Any]:
         """Return what prediction.json says of a pair."""

@@ -54,6 +54,10 @@ class VideoFrames:
         self.rate = float(self._captures[0].get(cv2.CAP_PROP_FPS) or 0.0)
         self._next = 0
 
+    def valid(self, number: int) -> tuple[None, None]:
+        """Return where the images of a frame show the scene: everywhere."""
+        return None, None
+
     def record(self, number: int) -> dict[str, Any]:
         """Return what prediction.json says of a frame."""
         return {"frame": number}

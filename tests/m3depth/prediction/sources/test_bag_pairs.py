@@ -11,8 +11,6 @@ from m3depth.predict import main
 from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.sources.bag_pairs import BagPairs
 from m3depth.prediction.sources.inputs import find_inputs
-from marssim.base.bags.reader import Bag, stamp_of
-from marssim.base.bags.writer import BagWriter
 
 
 @pytest.fixture
@@ -68,25 +66,6 @@ def test_exchanged_eyes_are_found_by_their_cameras(make, capsys):
     bag = make()
     flags = "--left", "/stereo/right/image_rect", "--right", "/stereo/left/image_rect"
     assert "the left camera's CameraInfo (Tx = 0) comes first" in error_of(bag, capsys, *flags)
-
-
-def test_images_that_are_not_rectified_are_reported(make, capsys):
-    def raw(topic, message):
-        if topic.endswith("camera_info"):
-            message.d = np.array([0.1, 0, 0, 0, 0])
-        return message
-
-    bag = make(raw)
-    assert BagPairs(bag).count == 2  # a topic of rectified images, beside the CameraInfo of the raw ones
-    with BagWriter(bag.parent / "raw") as copy:
-        source = Bag(bag)
-        for topic, message in source.messages(source.topics_of("sensor_msgs/Image", "sensor_msgs/CameraInfo")):
-            copy.write(topic.replace("image_rect", "image_raw"), stamp_of(message), message)
-    said = error_of(bag.parent / "raw", capsys)
-    assert (
-        "/stereo/left/image_raw holds images that are not rectified, as /stereo/left/camera_info has a distortion"
-        in said
-    )
 
 
 def test_stamps_that_were_never_set_and_stamps_far_apart_are_reported(make, capsys):

@@ -1,9 +1,10 @@
 """CameraInfo in a bag: P of the images that there are, by REP 104."""
 
+import cv2
 import numpy as np
 import pytest
 
-from marssim.base.bags.camera_info import rectified_camera, shows_raw_images
+from marssim.base.bags.camera_info import raw_camera, rectified_camera, shows_raw_images
 from marssim.base.bags.messages import camera_info_message
 from marssim.base.camera import NATECAM
 
@@ -45,3 +46,31 @@ def test_a_distortion_or_a_rotation_tells_raw_images():
     turned.r[1], turned.r[3] = 0.01, -0.01
     empty.r[:] = 0  # as some drivers leave it
     assert shows_raw_images(bent) and shows_raw_images(turned) and not shows_raw_images(empty)
+
+
+@pytest.mark.parametrize(
+    ("model", "terms"),
+    [
+        ("plumb_bob", (-0.2, 0.05, 1e-3, -2e-3, 0.01)), ("equidistant", (0.05, -0.02, 0.01, -0.003)),
+        ("rational_polynomial", (0.1, -0.2, 1e-3, 0, 0.02, 0.3, -0.1, 0.01)),
+    ],
+)  # fmt: skip
+def test_a_raw_camera_projects_as_opencv_does(model, terms):
+    message = info()
+    turn = cv2.Rodrigues(np.array([0.02, -0.03, 0.01]))[0]
+    message.distortion_model, message.d, message.r = model, np.array(terms), turn.ravel()
+    points = np.random.default_rng(0).uniform([-2, -2, 4], [2, 2, 6], (20, 3))
+    local, k = points @ turn, np.array(message.k).reshape(3, 3)  # R takes raw to rectified coordinates
+    still = np.zeros(3)
+    if model == "equidistant":
+        expected = cv2.fisheye.projectPoints(local[None], still, still, k, message.d)[0]
+    else:
+        expected = cv2.projectPoints(local, still, still, k, message.d)[0]
+    np.testing.assert_allclose(raw_camera(message).project(points), expected.reshape(-1, 2), atol=1e-6)
+
+
+def test_a_distortion_that_is_not_supported_is_named():
+    message = info()
+    message.distortion_model = "thin_prism"
+    with pytest.raises(ValueError, match="distortion_model thin_prism is not supported; plumb_bob"):
+        raw_camera(message)
