@@ -25,6 +25,7 @@ from typing import Any
 from envs.drivers.by_name import make_driver
 from envs.drivers.driver import Driver
 from envs.drives.config import EvaluateConfig, Task
+from envs.drives.drive_bag import DriveBag
 from envs.drives.episodes import EpisodeRecord, Watch, run_episode
 from envs.drives.metrics import best_and_worst, paired_difference, summarise
 from envs.drives.records import DELETE_TO_REPEAT, read_record
@@ -37,6 +38,7 @@ from envs.mars_nav import MarsNavEnv
 from envs.world.perception import load_perception, perception_digest
 from envs.world.vehicle import chosen_dynamics, known_dynamics
 from m3depth.estimator import Estimator
+from marssim.base.bags.library import check_installed
 from marssim.base.command.progress import progress
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
@@ -56,6 +58,7 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
     Raises:
         DatasetError: If the folder holds episodes of other settings, or anything else.
         FolderInUse: If another command writes to the folder.
+        ImportError: If a bag is asked for, and `rosbags` is not installed.
         ValueError: If a perception or a driver is unknown.
     """
     config = with_suite(config)
@@ -64,6 +67,8 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
         _perception(name, config.runtime)  # an unknown name is reported before anything is written or started
     for name in config.driver:
         make_driver(name)
+    if config.bag_courses:
+        check_installed(config.out / "bags")
     test_errors = errors_on_test_set(config.scores, {name: perception_digest(name) for name in config.perception})
     results = ResultFolder(
         config.out, "evaluation", SETTINGS, config.content(), notes=(WEIGHTS, RUNTIME), partial=(f"**/{PARTIAL}",)
@@ -82,6 +87,7 @@ def _evaluate(config: EvaluateConfig, driven_by: dict[str, Any], test_errors: di
     _run(config, missing, lambda task, record: write_json(folder / task.file, asdict(record)))
     content, records = write_results(config, driven_by, test_errors)
     _film(config, tasks, records)
+    _write_bags(config, tasks, records)
     return content
 
 
@@ -204,6 +210,22 @@ def _film_drive(config: EvaluateConfig, task: Task, path: Path, progress_task: s
             bar.update()
 
         drive(config, task, watch)
+
+
+def _write_bags(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence[EpisodeRecord]) -> None:
+    """Drive the courses of --bag-courses again and write their bags, those that are missing."""
+    for task, record in zip(tasks, records, strict=True):
+        path = config.out / "bags" / Path(task.file).stem
+        if task.episode not in config.bag_courses or path.is_dir():
+            continue
+        words = f"bag of course {task.episode}, {task.cell.name}, {task.driver}, {task.perception}"
+        with progress(record.steps + 1, "step", words) as bar, DriveBag(path) as bag:
+
+            def watch(env: MarsNavEnv, driver: Driver, step: int) -> None:
+                bag.watch(env, driver, step)
+                bar.update()
+
+            bag.end(drive(config, task, watch).outcome)
 
 
 def _run(config: EvaluateConfig, tasks: list[Task], save: Callable[[Task, EpisodeRecord], None]) -> None:

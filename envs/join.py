@@ -30,7 +30,7 @@ from marssim.base.results.claim import PARTIAL, ResultFolder, differences
 
 NOTES = (WEIGHTS, RUNTIME)
 METHODS = ("driver", "perception")  # settings that may differ from shard to shard
-OF_SHARD = ("out", "shard", "workers", "scheduler", "runtime", "scores", "videos", "film_courses")
+OF_SHARD = ("out", "shard", "workers", "scheduler", "runtime", "scores", "videos", "film_courses", "bag_courses")
 
 
 @dataclass(frozen=True)

@@ -306,7 +306,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
         self.referee = Referee(course, self.rover_spec, settings.course.goal_distance)
         self._steps = 0
         self.outcome = "driving"
-        self._last_action = np.zeros(2, dtype=np.float32)
+        self.last_action = np.zeros(2, dtype=np.float32)
         self._way = WayDriven(course, self._obstacle_clearance, self._place())
         self.gaze.begin(self.vehicle.state())
         return self._observation(), self._info()
@@ -334,7 +334,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
         self.vehicle.drive_twist(speed, yaw_rate, STEP_SECONDS)
         self.believed_pose = self._odometry.update(self.vehicle.state().pose, self._gauge.update(self.vehicle))
         self._steps += 1
-        self._last_action = action[:2].copy()
+        self.last_action = action[:2].copy()
 
         before = self._way.length
         progress = self._way.advance(self._place())
@@ -387,7 +387,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
     def _observation(self) -> dict[str, np.ndarray]:
         assert self.course is not None and self.vehicle is not None and self.sight is not None
         observation = observe(
-            self.gaze.observed(), self.believed_pose, self.course.goal, self.vehicle.state(), self._last_action
+            self.gaze.observed(), self.believed_pose, self.course.goal, self.vehicle.state(), self.last_action
         )
         if self.map_view is not None:
             observation["map"] = self.map_view.update(self.sight if self.gaze.fresh else None, self.believed_pose)

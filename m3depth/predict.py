@@ -1,4 +1,4 @@
-"""Predict depth, normals and point clouds of rectified stereo pairs: of one, a folder, a list or a video.
+"""Predict depth, normals and point clouds of rectified stereo pairs: of one, a folder, a list, a video or a bag.
 
     python -m m3depth.predict left.png right.png --focal 595.9 --baseline 0.27 --out RESULT
     python -m m3depth.predict image_2/000000_10.png image_3/000000_10.png --calib calib.txt --out RESULT
@@ -7,6 +7,7 @@
     python -m m3depth.predict DATASET --split test --out RESULT     # layouts as in m3depth.evaluate
     python -m m3depth.predict pairs.txt --calib calib.yml --out RESULT          # lines of "left right"
     python -m m3depth.predict left.mp4 right.mp4 --calib calib.yml --out RESULT # or one video, eyes side by side
+    python -m m3depth.predict BAG --out RESULT                                  # a ROS 2 bag with CameraInfo
 
 The images must be rectified: what the left eye sees at a pixel, the right eye sees in the same row, farther left. The
 command reports exchanged eyes, rows that lie apart and images without contrast. Where the result would be meaningless,
@@ -36,7 +37,8 @@ values. The command writes into RESULT, or for many pairs into a folder of each 
 --map-format also writes .tiff and .pfm; a PFM has inf for unknown. Many pairs give in RESULT:
 
     overview.jpg       pictures of up to 20 pairs
-    video.mp4          the pictures of all pairs, for a video or with --video
+    video.mp4          the pictures of all pairs, for a video, a bag or with --video
+    bag/               for a ROS 2 bag as source: another one, of depth, DisparityImage and PointCloud2
     fused_cloud.ply    the points of all pairs in one world, for pairs with poses
     predictions.json   the settings; the same command goes on where an earlier one was stopped or killed
 """

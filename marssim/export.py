@@ -1,9 +1,11 @@
-"""Write a dataset in the layout of a stereo benchmark, which existing trainers read without changes.
+"""Write a dataset in the layout of a stereo benchmark, which existing trainers read without changes, or as ROS 2 bags.
 
     python -m marssim.export data/gale --format sceneflow --out data/gale-sceneflow
+    python -m marssim.export data/drive --format rosbag2 --out data/drive-bags
 
 The layouts are those of KITTI 2015, SceneFlow (FlyingThings3D), Middlebury 2014 and MiddEval3, ETH3D two-view, and
-OpenStereo's lists. A README.md beside the files explains them, and how unknown disparities are marked. The same command
+OpenStereo's lists. rosbag2 is a bag of each scene: images, CameraInfo, depth, poses and frames; it needs the extra
+`real`. A README.md beside the files explains them, and how unknown disparities are marked. The same command
 completes an export after an interrupted run.
 """
 
@@ -12,7 +14,7 @@ from __future__ import annotations
 import hashlib
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -20,6 +22,7 @@ from typing import Any, Literal
 
 import tyro
 
+from marssim.base.bags.library import check_installed
 from marssim.base.command.limits import check_least
 from marssim.base.command.progress import progress
 from marssim.base.command.run import run_command
@@ -33,18 +36,21 @@ from marssim.base.results.claim import ResultFolder
 from marssim.base.results.out_folder import check_around
 from marssim.layouts.layout import Item, Layout, SameAs
 from marssim.layouts.registry import LAYOUTS
+from marssim.layouts.rosbag2 import ABOUT as ROSBAG2
+from marssim.layouts.rosbag2 import write_scene_bag
 
 SCHEMA = "marssim-export"
+BAGS = "rosbag2"  # the one format that is no Layout, as its files hold many samples
 
 
 @dataclass(frozen=True)
 class ExportConfig:
-    """Write a dataset in the layout of a stereo benchmark."""
+    """Write a dataset in the layout of a stereo benchmark, or as ROS 2 bags."""
 
     data: tyro.conf.Positional[Path]
     """Folder of the dataset, as marssim.generate writes it."""
-    format: Literal["kitti", "sceneflow", "middlebury", "eth3d", "openstereo"]
-    """Layout of the files."""
+    format: Literal["kitti", "sceneflow", "middlebury", "eth3d", "openstereo", "rosbag2"]
+    """Layout of the files; rosbag2 writes a ROS 2 bag of each scene."""
     out: Path
     """Folder of the export, outside of the dataset. If it holds a part of the same export, the command adds what is
     missing."""
@@ -73,6 +79,7 @@ def export(config: ExportConfig) -> int:
         DatasetError: The dataset or one of its files cannot be read, the splits are empty, or the output folder holds
             something else, lies in the dataset or contains it.
         FolderInUse: Another command writes to the output folder.
+        ImportError: A bag is asked for, and `rosbags` is not installed.
         OSError: The output folder cannot be written.
     """
     dataset = StereoDataset(config.data)
@@ -80,18 +87,41 @@ def export(config: ExportConfig) -> int:
     if not chosen:
         raise DatasetError(f"{config.data}: has no pairs of --split {' '.join(config.split)}")
     _check_apart(config)
+    if config.format == BAGS:
+        check_installed(config.out)
     with _folder(config, chosen).claim():
         return _export(config, chosen)
 
 
 def _export(config: ExportConfig, chosen: list[dict[str, Any]]) -> int:
-    layout = LAYOUTS[config.format]
+    about = ROSBAG2 if config.format == BAGS else LAYOUTS[config.format].about
     name = config.data.resolve().name
-    write_atomically(config.out / "README.md", f"# {name}, exported by marssim\n\n{layout.about}\n{_NAMES}".encode())
+    write_atomically(config.out / "README.md", f"# {name}, exported by marssim\n\n{about}\n{_NAMES}".encode())
     items: dict[str, list[Item]] = {split: [] for split in SPLITS}
     for sample in chosen:
         part = items[sample["split"]]
         part.append(Item(config.data / "scenes" / sample["name"], sample["name"], sample["split"], len(part)))
+    if config.format == BAGS:
+        _write_bags(config, items)
+    else:
+        _write_files(config, items)
+    write_json(config.out / "samples.json", {split: [item.name for item in items[split]] for split in config.split})
+    return len(chosen)
+
+
+def _write_bags(config: ExportConfig, items: Mapping[str, Sequence[Item]]) -> None:
+    """Write a bag of each scene."""
+    scenes: dict[tuple[str, str], list[Item]] = {}
+    for item in (item for part in items.values() for item in part):
+        scenes.setdefault((item.split, item.name.partition("/")[0]), []).append(item)
+    with progress(len(scenes), "scene", "export") as bar:
+        for _ in in_threads(partial(write_scene_bag, config.out), list(scenes.values()), config.workers):
+            bar.update()
+
+
+def _write_files(config: ExportConfig, items: Mapping[str, Sequence[Item]]) -> None:
+    """Write the files of each sample, and the lists of each split."""
+    layout = LAYOUTS[config.format]
     jobs = [item for part in items.values() for item in part]
     with progress(len(jobs), "pair", "export") as bar:
         for _ in in_threads(partial(_write, config.out, layout), jobs, config.workers):
@@ -99,8 +129,6 @@ def _export(config: ExportConfig, chosen: list[dict[str, Any]]) -> int:
     for split in config.split:
         for path, text in layout.lists(split, items[split]).items():  # empty ones too, since trainers open all of them
             write_atomically(config.out / path, text.encode())
-    write_json(config.out / "samples.json", {split: [item.name for item in items[split]] for split in config.split})
-    return len(chosen)
 
 
 def _check_apart(config: ExportConfig) -> None:

@@ -112,6 +112,11 @@ class Navigator:
         self._nearest = np.inf
         self._goal = np.full(2, np.nan)
 
+    @property
+    def last_command(self) -> Command:
+        """The command of the last step; "look" before the first."""
+        return self._last_command
+
     def step(
         self,
         depth: np.ndarray | None,

@@ -136,6 +136,10 @@ class EvaluateConfig:
     film_courses: tuple[int, ...] = ()
     """Numbers of courses, 0 to one less than --episodes, as the pictures in OUT/maps show them. Every drive over these
     courses is filmed too, into a file in OUT/videos."""
+    bag_courses: tuple[int, ...] = ()
+    """Numbers of courses, 0 to one less than --episodes. Every drive over these courses is driven once more and written
+    as a ROS 2 bag into a folder in OUT/bags: images, depth, planned path, command, status and poses. It needs the extra
+    `real`."""
 
     def __post_init__(self) -> None:
         check_least(self, workers=1, seed=0)
@@ -164,10 +168,12 @@ class EvaluateConfig:
             value = getattr(self, name)
             if value is not None and not low <= value <= high:
                 raise ValueError(f"--{name.replace('_', '-')} must lie in [{low:g}, {high:g}], got {value:g}")
-        most = self.courses if self.suite is None or self.episodes else max(self.film_courses, default=0) + 1
-        for number in self.film_courses:
-            if not 0 <= number < most:
-                raise ValueError(f"--film-courses must lie in [0, {most - 1}], got {number}")
+        for flag in ("film_courses", "bag_courses"):
+            numbers = getattr(self, flag)
+            most = self.courses if self.suite is None or self.episodes else max(numbers, default=0) + 1
+            for number in numbers:
+                if not 0 <= number < most:
+                    raise ValueError(f"--{flag.replace('_', '-')} must lie in [0, {most - 1}], got {number}")
         if not self.driver or not self.perception:
             raise ValueError("--driver and --perception need at least one name")
         self.scene_config()  # raises ValueError for a value out of range

@@ -28,7 +28,11 @@ def read_pair(left: Path, right: Path) -> tuple[np.ndarray, np.ndarray]:
         FileNotFoundError: A file is missing; the message names it.
         ValueError: A file is unreadable, or has another size or bit depth than its partner; the message names it.
     """
-    a, b = read_image(left), read_image(right)
+    return as_pair(read_image(left), read_image(right), str(left), str(right))
+
+
+def as_pair(a: np.ndarray, b: np.ndarray, left: str, right: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return two images, uint8 or uint16, as read_pair does; `left` and `right` name them in messages."""
     if a.shape[:2] != b.shape[:2]:
         raise ValueError(
             f"{left} is {a.shape[1]} x {a.shape[0]}, {right} is {b.shape[1]} x {b.shape[0]}: "

@@ -22,6 +22,8 @@ from m3depth.prediction.files import RECORD, write_prediction
 from m3depth.prediction.one_pair import Method, PairPrediction, PreparedPair, method_record, predict_pair, prepare
 from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.overview import RATE, write_fused_cloud, write_sheet, write_video
+from m3depth.prediction.result_bag import write_bag
+from m3depth.prediction.sources.bag_pairs import BagPairs
 from m3depth.prediction.sources.calibration import make_calibration
 from m3depth.prediction.sources.inputs import Inputs, PairInput
 from m3depth.prediction.sources.poses import rover_pose
@@ -115,13 +117,20 @@ def record_of(
     return {
         **method.record,
         "left": str(pair.left), "right": str(pair.right),
-        **({} if inputs.video is None else {"frame": pair.number}),
+        **({} if inputs.recording is None else inputs.recording.record(pair.number)),
         "rig": rig.to_dict(),
-        "camera_to_rover": rover_pose(options, pair.left, rig.baseline).tolist(),
+        "camera_to_rover": _on_rover(pair, options, rig.baseline).tolist(),
         "pose": None if pose is None else pose.tolist(),
         "world": pair.group or None,
         "cloud_frame": options.cloud_frame,
     }  # fmt: skip
+
+
+def _on_rover(pair: PairInput, options: PredictOptions, baseline: float) -> np.ndarray:
+    """Return the pose of the left camera on the rover, (4, 4): that of --mount, of a bag, or else rover_pose's."""
+    if pair.on_rover is not None and options.mount is None:
+        return pair.on_rover
+    return rover_pose(options, pair.left, baseline)
 
 
 def cloud_pose(record: dict[str, Any]) -> np.ndarray:
@@ -188,8 +197,9 @@ def _predict_remaining(options: PredictOptions, inputs: Inputs, method: Method |
         except (ValueError, FileNotFoundError) as error:
             raise _WrongCalibration(str(error)) from None
         thorough = pair.number // options.every % THOROUGH == 0
-        files = None if inputs.video is not None else (pair.left, pair.right)
-        return prepare(left, right, calibration, options, inputs.labels(pair), files, thorough)
+        files = None if inputs.recording is not None else (pair.left, pair.right)
+        valid = None if inputs.recording is None else inputs.recording.valid(pair.number)
+        return prepare(left, right, calibration, options, inputs.labels(pair), files, thorough, valid)
 
     with ThreadPoolExecutor(1) as reader, ThreadPoolExecutor(1) as writer:
         writing: Future[int] | None = None
@@ -243,12 +253,14 @@ def _ahead(
 
 
 def _write_overview(options: PredictOptions, inputs: Inputs, batch: Batch) -> None:
-    """Write the sheet, the video and the fused cloud that the flags ask for."""
+    """Write the sheet, the video, the bag and the fused cloud that the flags ask for."""
     if "figure" in options.write:
         write_sheet(options.out, batch.done)
-        if options.video or inputs.video is not None:
-            rate = 0.0 if inputs.video is None else inputs.video.rate / options.every
+        if options.video or inputs.recording is not None:
+            rate = 0.0 if inputs.recording is None else inputs.recording.rate / options.every
             write_video(options.out, batch.done, rate or RATE)
+    if "bag" in options.write and isinstance(inputs.recording, BagPairs):
+        write_bag(options.out, inputs.recording, batch.done, options.cloud_frame)
     done = [pair for pair in inputs.pairs if pair.name in set(batch.done)]
     if "cloud" in options.write and all(pair.pose is not None or pair.sample is not None for pair in done):
         names = [pair.name for pair in done if read_json(options.out / pair.name / RECORD)["pose"] is not None]

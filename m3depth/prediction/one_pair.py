@@ -125,6 +125,7 @@ def prepare(
     labels: tuple[str, str] = ("left", "right"),
     files: tuple[Path, Path] | None = None,
     thorough: bool = True,
+    valid: tuple[np.ndarray | None, np.ndarray | None] | None = None,
 ) -> PreparedPair:
     """Check a pair and align it.
 
@@ -136,6 +137,7 @@ def prepare(
         files: Their files, beside which masks may lie.
         thorough: Whether to match the pair both ways round too, which takes as long as fitting the rows. Without it,
             that is done only where the rows do not show that the images are a rectified pair.
+        valid: Where the images show the scene, (H, W) bool each, or None, beside what masks say.
 
     Raises:
         FileNotFoundError: A mask is missing.
@@ -147,7 +149,8 @@ def prepare(
     moved = calibration.shift - common
     paths = (None, None) if files is None else files
     masks = [*options.mask, None, None][:2]
-    left_valid, right_valid = (read_valid(path, mask, (height, width)) for path, mask in zip(paths, masks))
+    masked = [read_valid(path, mask, (height, width)) for path, mask in zip(paths, masks)]
+    left_valid, right_valid = map(_both, masked, valid or (None, None))
     right = align_right(right, moved)
     rows = rows_of(left, right, rig)
     warnings = []
@@ -160,6 +163,11 @@ def prepare(
     if removed is not None:
         right = aligned_right(right, rig, removed)
     return PreparedPair(left, right, rig, common, moved, removed, left_valid, right_valid, warnings)
+
+
+def _both(first: np.ndarray | None, second: np.ndarray | None) -> np.ndarray | None:
+    """Return where both of two masks (H, W) are true; None is true everywhere."""
+    return first if second is None else second if first is None else first & second
 
 
 def predict_pair(pair: PreparedPair, method: Method, options: PredictOptions) -> PairPrediction:

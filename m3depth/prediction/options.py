@@ -29,22 +29,28 @@ class PredictOptions:
 
     images: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LEFT RIGHT | SOURCE")]
     """Left and right image of one pair, of 8 or 16 bits; or left and right video; or one source of many pairs: a
-    folder, a list (.txt with lines of "left right"), or a video that shows both eyes side by side, the left one on the
-    left. With --left and --right, the folder that the patterns start from; without it, they start here."""
+    folder, a list (.txt with lines of "left right"), a ROS 2 bag, or a video that shows both eyes side by side, the
+    left one on the left. With --left and --right, the folder that the patterns start from; without it, they start
+    here."""
     out: Path
     """Folder to write the results to. Many pairs have a folder each in it, and the same command continues after it was
     stopped or killed."""
     left: str | None = None
-    """Pattern of the left images, such as 'left/*.png'. With --format oaisys: name of the left sensor."""
+    """Pattern of the left images, such as 'left/*.png'. With --format oaisys: name of the left sensor. For a bag: topic
+    of the left images; without it, the command finds the topics itself."""
     right: str | None = None
     """Pattern of the right images; two images are a pair if * stands for the same text in both names. With --format
-    oaisys: name of the right sensor."""
+    oaisys: name of the right sensor. For a bag: topic of the right images."""
+    camera_info: tuple[str, str] | None = None
+    """Topics of the CameraInfo of the left and the right eye in a bag. Without it, those beside the images."""
+    stamp_tolerance: float = 0.01
+    """Largest difference of the stamps of two images in a bag that are a pair [s], 0 to 10."""
     format: Format = "auto"
     """Layout of a dataset's folder; auto recognises it by the files in it."""
     split: Split = "all"
     """Part of a dataset to predict."""
     every: int = 1
-    """Take every n-th frame of a video, 1 or more."""
+    """Take every n-th frame of a video or pair of a bag, 1 or more."""
     focal: float | None = None
     """Focal length of the rectified images [px], above 0. Without it, that of the calibration file."""
     baseline: float | None = None
@@ -102,10 +108,11 @@ class PredictOptions:
     maps keep all pixels that the method measured, and clouds those of 0.5 and more."""
     max_range: float = 30.0
     """Largest depth [m], above 0, of the points of the point clouds."""
-    write: tuple[Literal["depth", "disparity", "normal", "confidence", "cloud", "figure"], ...] = (
-        *MAP_KINDS, "cloud", "figure",
+    write: tuple[Literal["depth", "disparity", "normal", "confidence", "cloud", "figure", "bag"], ...] = (
+        *MAP_KINDS, "cloud", "figure", "bag",
     )  # fmt: skip
-    """What to write. Without figure, many pairs have no overview and no video, and without cloud no fused cloud."""
+    """What to write. Without figure, many pairs have no overview and no video, and without cloud no fused cloud. If the
+    source is a ROS 2 bag, bag writes one of depth, DisparityImage and, with cloud, PointCloud2; it needs depth."""
     map_format: tuple[MapFormat, ...] = ("npy", "png")
     """File types of the maps, in 32-bit floats, but png in 16-bit integers: depth in mm, 256 times the disparity."""
     cloud_frame: CloudFrame = "camera"
@@ -114,7 +121,7 @@ class PredictOptions:
     voxel: float = 0.05
     """Edge of the cubes [m], above 0, whose points the fused cloud of pairs with poses averages."""
     video: bool = False
-    """Write a video of the pictures of many pairs, in order. Without it, only videos give one."""
+    """Write a video of the pictures of many pairs, in order. Without it, only videos and bags give one."""
     view: bool = False
     """At the end, show clouds, cameras and path on a page in the browser, until Ctrl-C. Where all pairs have results
     already, it shows these. It needs the extra `view`."""
@@ -150,7 +157,11 @@ class PredictOptions:
         if (self.left is None) != (self.right is None):
             raise ValueError(f"{'left' if self.right is None else 'right'} needs its partner: give --left and --right")
         if not self.images and self.left is None:
-            raise ValueError("give a left and a right image, a folder, a list, a video, or --left and --right")
+            raise ValueError("give a left and a right image, a folder, a list, a video, a bag, or --left and --right")
+        if not 0 <= self.stamp_tolerance <= 10:
+            raise ValueError(f"stamp_tolerance must lie in [0, 10] s, got {self.stamp_tolerance:g}")
+        if "bag" in self.write and "depth" not in self.write:
+            raise ValueError("write: bag needs depth, which it is made of")
         if self.view and "depth" not in self.write:
             raise ValueError("view shows depth: leave it in --write")
         if not self.write or not self.map_format:

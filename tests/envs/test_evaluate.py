@@ -6,13 +6,16 @@ import subprocess
 import sys
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 import envs.evaluate
 from envs.drives.config import LOOK_FLAGS
 from envs.drives.episodes import Cell
 from envs.evaluate import SETTINGS, EvaluateConfig, Task, evaluate, main
+from envs.world.eyes import EyesConfig
 from m3depth.estimator import load_estimator
+from marssim.base.bags.reader import Bag
 from marssim.base.files.json_file import DatasetError, write_json
 from marssim.base.results.lock import sole_writer
 from marssim.scene.look import LookConfig
@@ -116,7 +119,7 @@ def test_a_folder_of_other_settings_is_refused(finished, capsys):
         (["--perception", "nowhere:Net"], "--perception 'nowhere:Net': No module named 'nowhere'; run python -m in"),
         (["--perception", "magic"], "magic"), (["--perception", "m3depth:/no/such.safetensors"], "no/such"),
         (["--perception", "json:Nothing"], "Nothing"), (["--driver", "magic"], "--driver"),
-        (["--film-courses", "10"], "--film-courses"),
+        (["--film-courses", "10"], "--film-courses"), (["--bag-courses", "10"], "--bag-courses must lie in [0, 9]"),
         (["--episodes", "0"], "--episodes"), (["--workers", "0"], "--workers"), (["--seed", "-1"], "--seed"),
         (["--k", "0.9"], "k must"), (["--k", "0.1", "0.1"], "--k"), (["--slope-deg", "-4"], "slope"),
         (["--goal-distance", "1"], "distance must"), (["--goal-distance", "nan"], "distance must"),
@@ -280,6 +283,22 @@ def test_the_best_and_the_worst_are_filmed_once(films, tmp_path, monkeypatch):
     assert [(d["driver"], d["less"]) for d in content["differences"]] == [("random", ["straight", "ground_truth"])]
     monkeypatch.setattr("envs.evaluate.drive", lambda *_: pytest.fail("it was filmed already"))
     evaluate(replace(config, film_courses=(0, 1)))
+
+
+def test_the_courses_that_are_named_are_written_as_bags_once(tmp_path, monkeypatch):
+    config = EvaluateConfig(tmp_path, episodes=1, seed=3, bag_courses=(0,), eyes=EyesConfig(image_pixels=64), **QUICK)
+    evaluate(config)
+    (path,) = (tmp_path / "bags").iterdir()
+    (record,) = (json.loads(file.read_text()) for file in (tmp_path / "episodes").glob("*-0000.json"))
+    bag = Bag(path)
+    assert path.name.endswith("-0000") and bag.topics["/stereo/left/image_rect"] == "sensor_msgs/Image"
+    assert len(bag.entries(["/ground_truth/pose"])) == record["steps"] + 1
+    places = [(m.pose.position.x, m.pose.position.y) for _, m in bag.messages(["/ground_truth/pose"])]
+    np.testing.assert_allclose(places, record["track"], atol=1e-6)  # the drive of the record
+    *_, (_, last) = bag.messages(["/navigator/status"])
+    assert last.data == record["outcome"]
+    monkeypatch.setattr("envs.evaluate.drive", lambda *_: pytest.fail("it was written already"))
+    evaluate(config)
 
 
 @pytest.mark.parametrize(("driver", "film"), [("straight", "best.mp4"), ("random", "worst.mp4")])

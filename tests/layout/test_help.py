@@ -31,7 +31,7 @@ COMMANDS = {  # configs of the commands' flags, with values for those that have 
     "envs.make_suite:MakeSuiteConfig": {"out": Path("out.json")},
     "envs.rocks:RocksConfig": {"data": Path("data"), "out": Path("out")},
 }
-ELSEWHERE = {"film_courses"}  # whose limit is another flag's value
+ELSEWHERE = {"film_courses", "bag_courses"}  # whose limit is another flag's value
 FAR = 10**8  # beyond all limits
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 

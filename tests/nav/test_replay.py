@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from rock_world import SMALL_RIG, RockWorld, body_pose
 
+from marssim.base.bags.images import image_array
+from marssim.base.bags.reader import Bag
 from marssim.base.dataset.dataset import StereoDataset, write_index
 from marssim.base.dataset.frame import StereoFrame
 from marssim.base.dataset.sample import write_sample
@@ -69,6 +71,17 @@ def test_a_dataset_is_replayed_as_its_frames_are(folder):
     for a, b in zip(read, replay(frames(), (20.0, 0.0)), strict=True):
         assert a.status == b.status and a.speed == pytest.approx(b.speed, abs=0.02)
         assert a.yaw_rate == pytest.approx(b.yaw_rate, abs=0.02)
+
+
+def test_a_replay_of_a_dataset_writes_a_bag_of_the_same_commands(folder, tmp_path, capsys):
+    assert main([str(folder), "--goal", "20", "0"]) == 0
+    printed = capsys.readouterr().out
+    assert main([str(folder), "--goal", "20", "0", "--bag", str(tmp_path / "bag")]) == 0
+    assert capsys.readouterr().out == printed.replace("8 frames", f"8 frames, in {tmp_path / 'bag'}")
+    bag = Bag(tmp_path / "bag")
+    assert [entry.stamp for entry in bag.entries(["/stereo/left/image_rect"])] == [10**9 * n for n in range(1, 9)]
+    depth = image_array(next(bag.messages(["/stereo/depth/image_rect"]))[1])
+    np.testing.assert_array_equal(depth, StereoDataset(folder)[0].depth)
 
 
 def test_a_replay_ends_at_the_goal():

@@ -1,4 +1,4 @@
-"""The pairs that m3depth.predict is given: two files, patterns, a folder, a dataset, a list or a video."""
+"""The pairs that m3depth.predict is given: two files, patterns, a folder, a dataset, a list, a video or a bag."""
 
 from __future__ import annotations
 
@@ -18,9 +18,12 @@ from m3depth.datasets.rigs import NATECAM_NAME, file_rig
 from m3depth.datasets.state import state_of_files
 from m3depth.prediction.masks import is_valid_mask, valid_mask
 from m3depth.prediction.options import PredictOptions
+from m3depth.prediction.sources.bag_pairs import BagPairs
 from m3depth.prediction.sources.calibration import RIG
 from m3depth.prediction.sources.poses import read_poses, rover_pose
+from m3depth.prediction.sources.recording import Recording
 from m3depth.prediction.sources.video_frames import SUFFIXES, VideoFrames
+from marssim.base.bags.reader import is_bag
 from marssim.base.camera import StereoRig
 from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.files.json_file import DatasetError, read_json
@@ -33,12 +36,13 @@ class PairInput:
 
     Attributes:
         name: Path of its results below --out.
-        left, right: The images, or the videos.
+        left, right: The images, or the recordings that they are in.
         calibration: Reads its own calibration; None if the flags give it.
         calibration_file: The file that it is in, where patterns or a list lead to it.
-        number: Its place in the order of the pairs, or the number of its frame in a video.
+        number: Its place in the order of the pairs, or its number in a recording.
         sample: sample.json of a dataset, which may hold the pose of the camera.
-        pose: (4, 4) left camera to the world of --poses.
+        pose: (4, 4) left camera to the world of --poses or of a bag.
+        on_rover: (4, 4) left camera to rover, where a bag says so.
     """
 
     name: str
@@ -49,6 +53,7 @@ class PairInput:
     number: int = 0
     sample: Path | None = None
     pose: np.ndarray | None = None
+    on_rover: np.ndarray | None = None
 
     @property
     def group(self) -> str:
@@ -63,12 +68,12 @@ class Inputs:
     Attributes:
         pairs: The pairs.
         single: Whether it is one pair whose results lie in --out itself.
-        video: The frames, if the pairs are those of a video.
+        recording: The video or the bag that the pairs are in, if they are in one.
     """
 
     pairs: tuple[PairInput, ...]
     single: bool = False
-    video: VideoFrames | None = None
+    recording: Recording | None = None
 
     def read(self, pair: PairInput) -> tuple[np.ndarray, np.ndarray]:
         """Return both images of a pair, uint8, grey or RGB.
@@ -77,11 +82,11 @@ class Inputs:
             FileNotFoundError, ValueError: As m3depth.datasets.image_files.read_pair.
             EndOfVideo: The video ends before this pair.
         """
-        return read_pair(pair.left, pair.right) if self.video is None else self.video.read(pair.number)
+        return read_pair(pair.left, pair.right) if self.recording is None else self.recording.read(pair.number)
 
     def labels(self, pair: PairInput) -> tuple[str, str]:
         """Return what messages call the two images of a pair."""
-        if self.video is None:
+        if self.recording is None:
             return str(pair.left), str(pair.right)
         return f"the left image of {pair.name}", f"the right image of {pair.name}"
 
@@ -93,7 +98,7 @@ class Inputs:
         """
         if pair.pose is None:
             return None if pair.sample is None else _sample_pose(pair.sample)
-        if options.pose_axes == "camera":
+        if options.poses is not None and options.pose_axes == "camera":
             return np.asarray(rover_pose(options, self.pairs[0].left, rig.baseline) @ pair.pose)
         return pair.pose
 
@@ -103,9 +108,9 @@ class Inputs:
         The calibration files of KITTI and of other benchmarks are not among them.
         """
         files = (p for pair in self.pairs for p in (pair.left, pair.right, pair.sample) if p is not None)
-        images = self.video.paths if self.video is not None else files
+        images = self.recording.paths if self.recording is not None else files
         others = [*options.mask, *options.calib, *([] if options.poses is None else [options.poses])]
-        for pair in self.pairs if self.video is None else self.pairs[:1]:
+        for pair in self.pairs if self.recording is None else self.pairs[:1]:
             beside = (pair.calibration_file, pair.left.with_name(RIG), *map(valid_mask, (pair.left, pair.right)))
             others += [path for path in beside if path is not None and path.is_file()]
         return {"images": state_of_files(images), "calibration, masks and poses": state_of_files(others)}
@@ -120,8 +125,10 @@ def find_inputs(options: PredictOptions) -> Inputs:
         ValueError: A source cannot be used, or the poses are not as many as the pairs.
     """
     inputs = _find(options)
-    if options.every > 1 and inputs.video is None:
-        raise ValueError("--every is for videos: it takes every n-th frame")
+    if options.every > 1 and inputs.recording is None:
+        raise ValueError("--every is for videos and bags: it takes every n-th pair")
+    if options.camera_info and not isinstance(inputs.recording, BagPairs):
+        raise ValueError("--camera-info is for ROS 2 bags: it names topics")
     if options.poses is not None:
         poses = read_poses(options.poses)
         if len(poses) != len(inputs.pairs):
@@ -143,6 +150,8 @@ def _find(options: PredictOptions) -> Inputs:
         if options.left is not None:
             raise ValueError("--left and --right take one folder that they start from, or none")
         return Inputs((PairInput("", left, right),), single=True)
+    if len(options.images) == 1 and is_bag(options.images[0]):
+        return _bag(options)
     if options.left is not None and options.right is not None and options.format in ("auto", "folder"):
         return Inputs(tuple(_numbered(_patterns(options))))
     if not options.images:
@@ -154,7 +163,9 @@ def _find(options: PredictOptions) -> Inputs:
         if source.suffix.lower() in SUFFIXES:
             return _video(options)
         if source.suffix.lower() != ".txt":
-            raise ValueError(f"{source}: is one file; give the right image too, or a folder, a .txt list or a video")
+            raise ValueError(
+                f"{source}: is one file; give the right image too, or a folder, a .txt list, a video or a bag"
+            )
         return Inputs(tuple(_numbered(_listed(source))))
     if (source / "left.png").is_file() and (source / "right.png").is_file():
         return Inputs((PairInput("", source / "left.png", source / "right.png"),), single=True)
@@ -250,4 +261,19 @@ def _video(options: PredictOptions) -> Inputs:
     video = VideoFrames(options.images)
     left, right = options.images[0], options.images[-1]
     numbers = range(0, video.count, options.every)
-    return Inputs(tuple(PairInput(f"frame_{n:06d}", left, right, number=n) for n in numbers), video=video)
+    return Inputs(tuple(PairInput(f"frame_{n:06d}", left, right, number=n) for n in numbers), recording=video)
+
+
+def _bag(options: PredictOptions) -> Inputs:
+    """Return the pairs of a ROS 2 bag."""
+    (path,) = options.images
+    images = None if options.left is None or options.right is None else (options.left, options.right)
+    bag = BagPairs(path, images, options.camera_info, options.stamp_tolerance, needs_infos=not options.calib)
+    pairs = (
+        PairInput(
+            f"frame_{n:06d}", path, path, None if options.calib else bag.calibration(n), number=n, pose=bag.pose(n),
+            on_rover=bag.on_rover(n),
+        )
+        for n in range(0, bag.count, options.every)
+    )  # fmt: skip
+    return Inputs(tuple(pairs), recording=bag)

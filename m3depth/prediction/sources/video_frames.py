@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -52,6 +53,14 @@ class VideoFrames:
         self.count = min(int(c.get(cv2.CAP_PROP_FRAME_COUNT)) for c in self._captures)
         self.rate = float(self._captures[0].get(cv2.CAP_PROP_FPS) or 0.0)
         self._next = 0
+
+    def valid(self, number: int) -> tuple[None, None]:
+        """Return where the images of a frame show the scene: everywhere."""
+        return None, None
+
+    def record(self, number: int) -> dict[str, Any]:
+        """Return what prediction.json says of a frame."""
+        return {"frame": number}
 
     def read(self, number: int) -> tuple[np.ndarray, np.ndarray]:
         """Return both images of a frame, (H, W, 3) uint8 RGB.

@@ -138,15 +138,23 @@ def _from_projections(left: np.ndarray, right: np.ndarray) -> Calibration:
     return Calibration(fx, fy, cx, cy, float(baseline), float(right[0, 2] - left[0, 2]))
 
 
+def calibration_of_infos(left: CameraInfo, right: CameraInfo) -> Calibration:
+    """Return the calibration of the CameraInfos of both cameras.
+
+    Raises:
+        ValueError: They are exchanged, or hold no baseline.
+    """
+    if left.projection[0, 3] != 0 or right.projection[0, 3] == 0:
+        raise ValueError("the left camera's CameraInfo (Tx = 0) comes first, then the right one's (Tx = -f B)")
+    return replace(_from_projections(left.projection, right.projection), size=left.size)
+
+
 def _from_ros(left_text: str, right_text: str | None, baseline: float | None) -> Calibration:
     """Read the CameraInfo of both cameras, of the right one alone, or of the left one with a baseline."""
     first: CameraInfo = parse_camera_info(left_text)
     if right_text is not None:
-        second = parse_camera_info(right_text)
-        if first.projection[0, 3] != 0 or second.projection[0, 3] == 0:
-            raise ValueError("the left camera's CameraInfo (Tx = 0) comes first, then the right one's (Tx = -f B)")
-        calibration = _from_projections(first.projection, second.projection)
-    elif first.projection[0, 3] == 0:
+        return calibration_of_infos(first, parse_camera_info(right_text))
+    if first.projection[0, 3] == 0:
         if baseline is None:
             raise ValueError(
                 "is the left camera's CameraInfo (Tx = 0); give the right camera's, which holds the baseline"

@@ -20,9 +20,11 @@ from envs.drives.records import read_record
 from m3depth.datasets.image_files import read_image
 from m3depth.evaluation.resume import SavedState
 from m3depth.network.model import M3Depth
+from m3depth.prediction.sources.bag_pairs import BagPairs
 from m3depth.training.run import read_checkpoint
+from marssim.base.bags.stereo_writer import StereoBagWriter
 from marssim.base.calibration.rectified import read_calibration
-from marssim.base.camera import NATECAM
+from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
 from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.dataset.frame import StereoFrame
 from marssim.base.dataset.sample import read_sample, write_sample
@@ -71,6 +73,23 @@ def _sample(name: str) -> Make:
         return folder / "00" / name
 
     return make
+
+
+def _bag(folder: Path) -> Path:
+    pixels = np.full(SIZE, 7, np.uint8)
+    rig = StereoRig(PinholeCamera.centred(8, 6, 10.0), 0.2)
+    with StereoBagWriter(folder / "pair") as bag:
+        bag.write_images(1, pixels, pixels, rig)
+        bag.write_pose(1, np.eye(4), np.eye(4), rig.baseline)
+    return folder / "pair" / "pair.mcap"
+
+
+def _read_bag(path: Path) -> None:
+    pairs = BagPairs(path)
+    for number in range(pairs.count):
+        left, _ = pairs.read(number)
+        pairs.calibration(number)(left.shape[1], left.shape[0])
+        pairs.pose(number)
 
 
 def _weights(folder: Path) -> Path:
@@ -147,5 +166,5 @@ FORMATS: dict[str, tuple[Make, Callable[[Path], object]]] = {
     ),
     "KITTI calibration": (_text("calib.txt", KITTI), read_calibration),
     **{name: (make, read_calibration_pair) for name, make in CALIBRATIONS.items()},
-    # ROS 2 bags go here.
+    "bag": (_bag, _read_bag),
 }

@@ -1,0 +1,62 @@
+"""The bag of a prediction: depth, disparity and points of the pairs of another bag, with their stamps and frames.
+
+It is made of the files of the pairs, so that it does not depend on how often a run was stopped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from m3depth.prediction.files import CLOUD, RECORD
+from m3depth.prediction.options import CloudFrame
+from m3depth.prediction.sources.bag_pairs import BagPairs
+from marssim.base.bags.names import BASE_LINK, MOVING_FRAMES, STATIC_FRAMES
+from marssim.base.bags.reader import stamp_of
+from marssim.base.bags.stereo_writer import StereoBagWriter
+from marssim.base.camera import StereoRig
+from marssim.base.dataset.map_file import find_map, read_map_file
+from marssim.base.files.json_file import read_json
+
+BAG = "bag"  # folder in --out
+
+
+def write_bag(out: Path, source: BagPairs, names: Sequence[str], cloud_frame: CloudFrame) -> None:
+    """Write the bag: what the folders of the pairs hold, and the frames of the source.
+
+    Args:
+        out: The folder of the results.
+        source: The pairs that they are of.
+        names: Folders of the pairs in it, in order.
+        cloud_frame: Frame of their clouds.
+
+    Raises:
+        OSError: The bag cannot be written.
+    """
+    frames = {"camera": source.frame, "rover": BASE_LINK, "world": source.world or ""}
+    with StereoBagWriter(out / BAG, replace=True) as bag:
+        for topic, message in source.bag.messages([STATIC_FRAMES, MOVING_FRAMES]):
+            if message.transforms:
+                bag.write(topic, stamp_of(message.transforms[0]), message, latched=topic == STATIC_FRAMES)
+        for name in names:
+            record = read_json(out / name / RECORD)
+            stamp, rig = record["stamp_ns"], StereoRig.from_dict(record["rig"])
+            path = find_map(out / name, "depth")
+            assert path is not None  # --write bag needs depth
+            depth = read_map_file(path, "depth")
+            bag.write_depth(stamp, depth, rig.camera, source.frame)
+            bag.write_disparity(stamp, depth, rig, source.frame)
+            if (out / name / CLOUD).is_file():
+                bag.write_cloud(stamp, *_points(out / name / CLOUD), frames[cloud_frame])
+
+
+def _points(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Return the points (N, 3) [m] and the colours (N, 3) uint8 of a cloud's file."""
+    import trimesh  # not at the top, since it loads Embree
+
+    cloud: Any = trimesh.load(path)
+    points = np.asarray(cloud.vertices).reshape(-1, 3)
+    return points, np.asarray(cloud.colors)[:, :3] if len(points) else np.zeros((0, 3), np.uint8)

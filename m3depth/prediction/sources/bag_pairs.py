@@ -1,0 +1,211 @@
+"""Pairs of a ROS 2 bag: images by their stamps, cameras from CameraInfo, poses from TF or odometry."""
+
+from __future__ import annotations
+
+import sys
+from bisect import bisect_right
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from m3depth.datasets.image_files import as_pair
+from m3depth.datasets.pair_files import Rig
+from m3depth.prediction.sources.raw_eye import RawEye
+from marssim.base.bags.camera_info import raw_camera, rectified_camera, shows_raw_images
+from marssim.base.bags.images import check_encoding, image_array
+from marssim.base.bags.messages import SECOND
+from marssim.base.bags.names import BASE_LINK
+from marssim.base.bags.reader import Bag, stamp_of
+from marssim.base.bags.stereo_topics import find_stereo_topics, match_stamps
+from marssim.base.bags.transforms import read_transforms
+from marssim.base.calibration.camera_info import CameraInfo
+from marssim.base.calibration.rectified import Calibration, calibration_of_infos
+from marssim.base.camera import PinholeCamera
+from marssim.base.files.json_file import DatasetError
+
+
+@dataclass(frozen=True)
+class _Eye:
+    """One eye from a time [ns] on; `raw` rectifies its images, where they are not rectified."""
+
+    stamp: int
+    info: CameraInfo
+    raw: RawEye | None
+
+
+class BagPairs:
+    """The pairs of a bag, in the order of their stamps. Raw images are rectified.
+
+    Attributes:
+        bag: The open bag.
+        paths: Its files.
+        count: Number of pairs.
+        rate: Pairs a second; 0 if there are less than one a second.
+        topics: The topics of the pair.
+        frame: Frame of the left images.
+        world: Frame of the poses; None if the bag has none.
+        transforms: The frames of the bag.
+        is_raw: Whether the images are rectified here.
+
+    Args:
+        path: The bag.
+        images: Topics of the left and the right images; None to find them.
+        infos: Topics of their CameraInfo; None for those beside the images.
+        tolerance: Largest difference of two stamps of a pair [s].
+        needs_infos: Whether the bag must have a CameraInfo of both eyes.
+
+    Raises:
+        ImportError: `rosbags` is not installed.
+        DatasetError: The bag cannot be read, or lacks something; the message names it.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        images: tuple[str, str] | None = None,
+        infos: tuple[str, str] | None = None,
+        tolerance: float = 0.01,
+        needs_infos: bool = True,
+    ) -> None:
+        if not path.exists():
+            raise FileNotFoundError(f"{path}: no such file or folder")
+        self.bag = Bag(path)
+        self.paths = tuple(sorted(path.iterdir())) if path.is_dir() else (path,)
+        self.topics = find_stereo_topics(self.bag, images, infos)
+        self._pairs, (left, right) = match_stamps(self.bag, self.topics, tolerance)
+        if left or right:
+            print(
+                f"warning: {path}: {left} left and {right} right images have no partner within {tolerance:g} s",
+                file=sys.stderr,
+            )
+        self.count = len(self._pairs)
+        steps = np.diff([entry.stamp for entry, _ in self._pairs]) / SECOND
+        rate = 1 / float(np.median(steps)) if len(steps) else 0.0
+        self.rate = rate if rate >= 1 else 0.0
+        t = self.topics
+        sides = ((t.left, t.left_info), (t.right, t.right_info)) if needs_infos else ()
+        self._eyes = [self._read_eyes(image, info) for image, info in sides]
+        self._infos = self._calibrations() if needs_infos else []
+        self.is_raw = any(eye.raw is not None for eyes in self._eyes for eye in eyes)
+        if self.is_raw:
+            print(f"note: the images of {t.left} and {t.right} are rectified as their CameraInfo say", file=sys.stderr)
+        self.transforms = read_transforms(self.bag)
+        first = [self.bag.message(entry) for entry in self._pairs[0]]
+        for topic, message in zip((self.topics.left, self.topics.right), first, strict=True):
+            try:
+                check_encoding(message)  # which is that of all pairs
+            except ValueError as error:
+                raise DatasetError(f"{path}, {topic}: {error}") from None
+        self.frame = str(first[0].header.frame_id)
+        self.world = self.transforms.world(self.frame)
+
+    def stamp(self, number: int) -> int:
+        """Return the stamp of the left image of a pair [ns]."""
+        return self._pairs[number][0].stamp
+
+    def record(self, number: int) -> dict[str, Any]:
+        """Return what prediction.json says of a pair."""
+        topics = [self.topics.left, self.topics.right]
+        return {"frame": number, "stamp_ns": self.stamp(number), "topics": topics, "rectified_here": self.is_raw}
+
+    def read(self, number: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return both images of a pair, uint8, grey or RGB.
+
+        Raises:
+            DatasetError: A message cannot be read, or its encoding is not supported; the message names bag and topic.
+        """
+        images = []
+        for side, entry in enumerate(self._pairs[number]):
+            eye = self._eye(side, entry.stamp)
+            where = f"{self.bag.path}, {entry.topic} at {entry.stamp / SECOND:.3f} s"
+            try:
+                image = image_array(self.bag.message(entry))
+                if image.dtype not in (np.uint8, np.uint16):
+                    raise ValueError(f"holds {image.dtype}; images must have 8 or 16 bits")
+                images.append((image if eye is None or eye.raw is None else eye.raw.rectified(image), where))
+            except DatasetError:
+                raise
+            except ValueError as error:
+                raise DatasetError(f"{where}: {error}") from None
+        return as_pair(images[0][0], images[1][0], images[0][1], images[1][1])
+
+    def calibration(self, number: int) -> Rig:
+        """Return what gives the calibration of a pair: the last one before it, or the first."""
+        at = bisect_right(self._infos, self.stamp(number), key=lambda item: item[0])
+        calibration = self._infos[max(at - 1, 0)][1]
+        return lambda width, height: calibration
+
+    def pose(self, number: int) -> np.ndarray | None:
+        """Return the pose of the left camera in the world, (4, 4); None if it is not known."""
+        return None if self.world is None else self.transforms.pose(self.frame, self.stamp(number))
+
+    def on_rover(self, number: int) -> np.ndarray | None:
+        """Return the pose of the left camera in base_link, (4, 4); None if it is not known."""
+        if not self.transforms.contains(BASE_LINK, self.frame):
+            return None
+        rover, eye = (self.transforms.pose(frame, self.stamp(number)) for frame in (BASE_LINK, self.frame))
+        return None if rover is None or eye is None else np.linalg.inv(rover) @ eye
+
+    def valid(self, number: int) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """Return where the images of a pair show what the cameras saw, (H, W) bool each; None: everywhere."""
+        eyes = (self._eye(side, entry.stamp) for side, entry in enumerate(self._pairs[number]))
+        left, right = (None if eye is None or eye.raw is None else eye.raw.shown for eye in eyes)
+        return left, right
+
+    def _eye(self, side: int, stamp: int) -> _Eye | None:
+        """Return an eye (0 is the left one) at a time [ns]: by its last CameraInfo before, or the first."""
+        eyes = self._eyes[side] if self._eyes else []
+        at = bisect_right(eyes, stamp, key=lambda eye: eye.stamp)
+        return eyes[max(at - 1, 0)] if eyes else None
+
+    def _calibrations(self) -> list[tuple[int, Calibration]]:
+        """Return a calibration for each CameraInfo of the left eye that differs from the one before, with its stamp.
+
+        Raises:
+            DatasetError: The eyes are exchanged, or their CameraInfo have no baseline.
+        """
+        calibrations = []
+        for left in self._eyes[0]:
+            right = self._eye(1, left.stamp)
+            assert right is not None
+            try:
+                calibrations.append((left.stamp, calibration_of_infos(left.info, right.info)))
+            except ValueError as error:
+                raise DatasetError(f"{self.bag.path}, {self.topics.left_info}: {error}") from None
+        return calibrations
+
+    def _read_eyes(self, image: str, topic: str | None) -> list[_Eye]:
+        """Return an eye for each CameraInfo that differs from the one before, by their stamps.
+
+        Raises:
+            DatasetError: There is no CameraInfo, or it holds no calibration that can be used.
+        """
+        if topic is None:
+            raise DatasetError(
+                f"{self.bag.path}: has no sensor_msgs/CameraInfo beside {image}; name two topics with --camera-info, "
+                "or give a calibration file with --calib"
+            )
+        eyes: list[_Eye] = []
+        last = b""
+        for _, message in self.bag.messages([topic]):
+            content = b"".join(
+                np.asarray(values, float).tobytes() for values in (message.p, message.k, message.d, message.r)
+            )
+            if content == last:
+                continue
+            last = content
+            try:
+                info, raw = rectified_camera(message), None
+                if "rect" not in image and shows_raw_images(message):
+                    p = info.projection
+                    assert info.size is not None
+                    ideal = PinholeCamera(*info.size, p[0, 0], p[1, 1], p[0, 2], p[1, 2])
+                    raw = RawEye(raw_camera(message), ideal)
+            except ValueError as error:
+                raise DatasetError(f"{self.bag.path}, {topic}: {error}") from None
+            eyes.append(_Eye(stamp_of(message), info, raw))
+        if not eyes:
+            raise DatasetError(f"{self.bag.path}: has lost the messages of {topic}, of which its index speaks")
+        return sorted(eyes, key=lambda eye: eye.stamp)

@@ -1,0 +1,62 @@
+"""sensor_msgs/CameraInfo in a bag: the rectified camera and the raw one, at the size of their images."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from marssim.base.calibration.camera_info import MODELS, CameraInfo
+from marssim.base.calibration.cameras import PosedCamera, nearest_rotation
+from marssim.base.calibration.opencv_file import lens_of
+
+
+def rectified_camera(message: Any) -> CameraInfo:
+    """Return what a CameraInfo says about its rectified images: P of the region and the binning that they have.
+
+    Raises:
+        ValueError: The camera is not calibrated; the message says so.
+    """
+    return CameraInfo(*_of_image(message.p, "P", message))
+
+
+def raw_camera(message: Any) -> PosedCamera:
+    """Return the camera of a CameraInfo as it was built, in the frame of the rectified camera.
+
+    Raises:
+        ValueError: The camera is not calibrated, or its distortion is not supported; the message says so.
+    """
+    k, size = _of_image(message.k, "K", message)
+    model = message.distortion_model
+    if model and model not in MODELS:
+        raise ValueError(f"distortion_model {model} is not supported; {', '.join(MODELS)} are")
+    rotation = np.array(message.r, float).reshape(3, 3)
+    turn = nearest_rotation(rotation).T if rotation.any() else np.eye(3)
+    return PosedCamera(lens_of(k, np.array(message.d, float), MODELS.get(model, False)), turn, np.zeros(3), size)
+
+
+def _of_image(values: Any, name: str, message: Any) -> tuple[np.ndarray, tuple[int, int]]:
+    """Return K (3, 3) or P (3, 4) of the region and the binning of the images, and their width and height [px].
+
+    A CameraInfo has those of the full resolution (REP 104). The outer edge of a binned pixel is that of its parts.
+    """
+    matrix = np.array(values, float).reshape(3, -1)
+    if not np.isfinite(matrix).all() or not (matrix[0, 0] > 0 and matrix[1, 1] > 0):
+        raise ValueError(f"{name} has no positive focal length: the camera is not calibrated")
+    roi, size = message.roi, (int(message.width), int(message.height))
+    if roi.width and roi.height:
+        matrix[0, 2] -= roi.x_offset
+        matrix[1, 2] -= roi.y_offset
+        size = int(roi.width), int(roi.height)
+    binning = max(int(message.binning_x), 1), max(int(message.binning_y), 1)
+    for row, by in enumerate(binning):
+        matrix[row, 2] += 0.5
+        matrix[row] /= by
+        matrix[row, 2] -= 0.5
+    return matrix, (size[0] // binning[0], size[1] // binning[1])
+
+
+def shows_raw_images(message: Any) -> bool:
+    """Return whether the camera has a distortion or a rotation, which rectified images no longer show."""
+    turned = np.abs(np.array(message.r, float).reshape(3, 3) - np.eye(3)).max() > 1e-9
+    return bool(turned and np.any(message.r)) or bool(np.any(np.abs(message.d) > 1e-12))

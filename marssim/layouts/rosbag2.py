@@ -1,0 +1,66 @@
+"""ROS 2 bags of a dataset: one of each scene, in marssim.base.bags' frames and topics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from marssim.base.bags.messages import SECOND
+from marssim.base.bags.reader import METADATA
+from marssim.base.bags.stereo_writer import StereoBagWriter
+from marssim.base.files.json_file import DatasetError
+from marssim.base.pose import recorded_pose
+from marssim.base.rover_spec import ZHURONG
+from marssim.layouts.layout import Item
+
+ABOUT = """\
+ROS 2 bags (MCAP), one of each scene, as `SPLIT/SCENE`. `ros2 bag play SPLIT/SCENE` plays one; `rosbags` and `mcap` read
+it without ROS. The topics are `/stereo/left/image_rect` and `/stereo/right/image_rect` (rgb8) with `camera_info` beside
+each, `/stereo/depth/image_rect` (32FC1 [m], left eye; inf in the sky), `/ground_truth/pose` (of `base_link` in `map`),
+`/odom`, `/tf` and `/tf_static`. Stamps begin at 1 s. Those of a drive are the times of its views; other views are 1 s
+apart. `base_link` is on the ground under the middle of a rover like Zhurong whose mast carries the cameras.
+"""
+
+
+def write_scene_bag(out: Path, items: Sequence[Item]) -> None:
+    """Write the bag of a scene, unless it is there.
+
+    Args:
+        out: Folder of the export.
+        items: The views of the scene, in order.
+
+    Raises:
+        DatasetError: A file of a view is missing or broken; the message names it.
+        ImportError: `rosbags` is not installed.
+        OSError: The bag cannot be written.
+    """
+    path = out / items[0].split / items[0].name.partition("/")[0]
+    if (path / METADATA).is_file():
+        return
+    with StereoBagWriter(path) as bag:
+        for number, item in enumerate(items):
+            _write_view(bag, Item(item.folder, item.name, item.split, item.number), number)
+
+
+def _write_view(bag: StereoBagWriter, item: Item, number: int) -> None:
+    for name in ("left.png", "right.png"):
+        item.image(name)  # raises DatasetError if it is not the recorded one
+    sample = item.sample
+    file = item.folder / "sample.json"
+    stamp = round((1 + float(sample.meta.get("timestamp", number))) * SECOND)
+    try:
+        camera = recorded_pose(sample.meta.get("pose"))
+        rover = sample.meta.get("rover")
+        body = _rover_at(camera, sample.rig.baseline) if rover is None else recorded_pose(rover["pose"])
+    except ValueError as error:
+        raise DatasetError(f"{file}: {error}") from None
+    bag.write_images(stamp, sample.left, sample.right, sample.rig)
+    bag.write_depth(stamp, sample.depth, sample.rig.camera)
+    bag.write_pose(stamp, body, camera, sample.rig.baseline)
+
+
+def _rover_at(camera: np.ndarray, baseline: float) -> np.ndarray:
+    """Return the pose of the rover, (4, 4) body to world, whose mast looks ahead from a camera's pose."""
+    return np.asarray(camera @ np.linalg.inv(ZHURONG.mount.left_eye(baseline)))

@@ -1,0 +1,146 @@
+"""Pairs of bags: what else may be in one, and one line for each thing that is wrong."""
+
+import shutil
+import sys
+
+import numpy as np
+import pytest
+from bag_of_planes import STAMPS, write_planes
+
+from m3depth.predict import main
+from m3depth.prediction.options import PredictOptions
+from m3depth.prediction.sources.bag_pairs import BagPairs
+from m3depth.prediction.sources.inputs import find_inputs
+
+
+@pytest.fixture
+def make(tmp_path, plane_samples):
+    """Write a bag of planes, with a change of its messages."""
+    return lambda change=None, count=2: write_planes(tmp_path / "planes", plane_samples[:count], change)
+
+
+def error_of(bag, capsys, *flags) -> str:
+    """Run the command, and return the one line that it prints."""
+    out = bag.parent / "out"
+    assert main([str(bag), "--out", str(out), "--method", "sgbm", *flags]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"error: {bag}") and error.count("\n") == 1 and not out.exists(), error
+    return error
+
+
+def only(ending, edit):
+    """A change of the messages of the topics that end so."""
+
+    def change(topic, message):
+        return edit(message) if topic.endswith(ending) else message
+
+    return change
+
+
+def with_values(**values):
+    def edit(message):
+        for name, value in values.items():
+            setattr(message, name, value)
+        return message
+
+    return edit
+
+
+@pytest.mark.parametrize(
+    ("ending", "values", "said"),
+    [
+        ("right/image_rect", None, "has images of the left eye (/stereo/left/image_rect), none of the right one"),
+        ("camera_info", None, "has no sensor_msgs/CameraInfo beside /stereo/left/image_rect; name two topics with"),
+        ("right/camera_info", None, "has no sensor_msgs/CameraInfo beside /stereo/right/image_rect"),
+        ("image_rect", {"encoding": "yuv422"}, ", /stereo/left/image_rect: encoding 'yuv422' is not supported"),
+        ("camera_info", {"p": np.zeros(12)}, ", /stereo/left/camera_info: P has no positive focal length"),
+        ("right/camera_info", {"p": np.eye(3, 4).ravel()}, "the left camera's CameraInfo (Tx = 0) comes first"),
+    ],
+)  # fmt: skip
+def test_what_is_missing_or_unusable_is_named_before_anything_is_written(make, capsys, ending, values, said):
+    edit = with_values(**values) if values else lambda message: None
+    assert said in error_of(make(only(ending, edit)), capsys)
+
+
+def test_exchanged_eyes_are_found_by_their_cameras(make, capsys):
+    bag = make()
+    flags = "--left", "/stereo/right/image_rect", "--right", "/stereo/left/image_rect"
+    assert "the left camera's CameraInfo (Tx = 0) comes first" in error_of(bag, capsys, *flags)
+
+
+def test_stamps_that_were_never_set_and_stamps_far_apart_are_reported(make, capsys):
+    def unset(message):
+        message.header.stamp.sec = message.header.stamp.nanosec = 0
+        return message
+
+    bag = make(only("image_rect", unset))
+    assert "all 2 images of /stereo/left/image_rect have the stamp 0 s" in error_of(bag, capsys)
+    shutil.rmtree(bag)
+
+    def late(message):
+        message.header.stamp.nanosec += 30_000_000
+        return message
+
+    bag = make(only("right/image_rect", late))
+    assert "lie within 0.01 s of each other; the nearest two are 0.03 s apart" in error_of(bag, capsys)
+    assert BagPairs(bag, tolerance=0.05).count == 2
+
+
+def test_broken_bags_are_reported(make, capsys):
+    bag = make()
+    file, metadata = bag / "planes.mcap", bag / "metadata.yaml"
+    whole, text = file.read_bytes(), metadata.read_bytes()
+    metadata.unlink()
+    assert "metadata.yaml: no such file; `ros2 bag reindex` makes it" in error_of(bag, capsys)
+    metadata.write_bytes(text)
+    file.write_bytes(whole[: len(whole) // 2])
+    assert "is not readable as a ROS 2 bag: File end magic is invalid." in error_of(bag, capsys)
+
+
+def test_without_rosbags_the_extra_is_named(make, capsys, monkeypatch):
+    bag = make()
+    monkeypatch.setitem(sys.modules, "rosbags", None)
+    assert "ROS 2 bags need rosbags, which is not installed; pip install 'mars-m3depth[real]'" in error_of(bag, capsys)
+
+
+def test_a_missing_bag_and_flags_of_bags_without_one_are_refused(tmp_path, capsys):
+    for line, said in (
+        (["no.mcap"], "no.mcap: no such file or folder"),
+        (["a.png", "b.png", "--camera-info", "/a", "/b"], "--camera-info is for ROS 2 bags"),
+        (["a.png", "b.png", "--stamp-tolerance", "11"], "--stamp-tolerance must lie in [0, 10] s"),
+    ):
+        assert main([*line, "--out", str(tmp_path / "out"), "--focal", "9", "--baseline", "1"]) == 2
+        error = capsys.readouterr().err
+        assert said in error and error.count("\n") == 1, error
+
+
+def test_images_without_a_partner_are_counted_in_a_warning(make, capsys):
+    bag = make(lambda topic, m: None if topic.endswith("right/image_rect") and m.header.stamp.sec == 1 else m, count=3)
+    assert BagPairs(bag).count == 2
+    assert capsys.readouterr().err.endswith(": 1 left and 0 right images have no partner within 0.01 s\n")
+
+
+def test_a_camera_that_changes_counts_from_its_stamp_on(make):
+    def zoom(message):
+        if message.header.stamp.sec >= 2:
+            message.p[0] *= 2
+            message.p[3] *= 2
+        return message
+
+    pairs = BagPairs(make(only("camera_info", zoom), count=4))
+    assert [pairs.calibration(n)(96, 64).fx for n in range(4)] == [100, 200, 200, 200]
+    assert [pairs.calibration(n)(96, 64).baseline for n in range(4)] == pytest.approx([0.27] * 4)
+    assert pairs.rate == 2.0 and [pairs.stamp(n) for n in range(4)] == STAMPS
+
+
+def test_a_calibration_file_replaces_camera_info(make, tmp_path):
+    bag = make(only("camera_info", lambda m: None))
+    file = tmp_path / "calib.txt"
+    file.write_text("P0: 90 0 47.5 0 0 90 31.5 0 0 0 1 0\nP1: 90 0 47.5 -18 0 90 31.5 0 0 0 1 0\n")
+    inputs = find_inputs(PredictOptions((bag,), tmp_path / "out", calib=(file,)))
+    assert [pair.calibration for pair in inputs.pairs] == [None, None]
+
+
+def test_without_frames_there_are_no_poses(make):
+    pairs = BagPairs(make(lambda topic, m: None if topic in ("/tf", "/tf_static", "/odom") else m))
+    assert pairs.world is None and pairs.pose(0) is None and pairs.on_rover(0) is None

@@ -1,0 +1,81 @@
+"""Images of every encoding, against the pixels that they were packed from."""
+
+import cv2
+import numpy as np
+import pytest
+
+from marssim.base.bags.images import ENCODINGS, image_array
+from marssim.base.bags.library import new_message
+from marssim.base.bags.messages import header
+
+RNG = np.random.default_rng(0)
+RGB = cv2.resize(RNG.integers(0, 256, (3, 4, 3)).astype(np.uint8), (12, 8), interpolation=cv2.INTER_LINEAR)
+BAYER = {"rggb": "RGGB", "bggr": "BGGR", "gbrg": "GBRG", "grbg": "GRBG"}
+
+
+def message(encoding, rows, width=12, height=8, **fields):
+    """rows: (height, bytes) uint8"""
+    values = {"is_bigendian": 0, "step": rows.shape[1], "data": rows.reshape(-1), **fields}
+    return new_message(
+        "sensor_msgs/Image", header=header(1, "eye"), height=height, width=width, encoding=encoding, **values
+    )
+
+
+def packed(values):
+    return np.ascontiguousarray(values).reshape(len(values), -1).view(np.uint8)
+
+
+def mosaic(pattern):
+    """The colour that each pixel of a sensor with a pattern, its first two rows, sees."""
+    out = np.zeros((8, 12), np.uint8)
+    for at, colour in enumerate(pattern):
+        row, column = divmod(at, 2)
+        out[row::2, column::2] = RGB[row::2, column::2, "RGB".index(colour)]
+    return out
+
+
+@pytest.mark.parametrize("encoding", sorted(set(ENCODINGS)))
+def test_each_encoding_gives_the_pixels_that_were_packed(encoding):
+    grey, wide = RGB[..., 0], RGB.astype(np.uint16) * 257
+    sources = {
+        "mono8": grey, "8UC1": grey, "mono16": wide[..., 0], "16UC1": wide[..., 0], "32FC1": grey.astype("<f4"),
+        "rgb8": RGB, "rgb16": wide, "bgr8": RGB[..., ::-1], "8UC3": RGB[..., ::-1], "bgr16": wide[..., ::-1],
+        "rgba8": np.dstack([RGB, grey]), "bgra8": np.dstack([RGB[..., ::-1], grey]),
+    }  # fmt: skip
+    if encoding.startswith("bayer"):
+        image = image_array(message(encoding, packed(mosaic(BAYER[encoding[6:10]]))))
+        assert image.shape == RGB.shape
+        pattern = BAYER[encoding[6:10]]
+        for at, colour in enumerate(pattern):  # where the sensor saw a colour, it stays
+            row, column = divmod(at, 2)
+            channel = "RGB".index(colour)
+            inner = np.s_[2 + row : -2 : 2, 2 + column : -2 : 2, channel]
+            np.testing.assert_array_equal(image[inner], RGB[inner])
+        return
+    image = image_array(message(encoding, packed(sources[encoding])))
+    expected = sources[encoding] if image.ndim == 2 else wide if image.dtype == np.uint16 else RGB
+    np.testing.assert_array_equal(image, expected)
+
+
+def test_rows_with_padding_and_big_endian_values_are_read():
+    values = RNG.integers(0, 65536, (8, 12)).astype(">u2")
+    rows = np.hstack([packed(values), np.full((8, 6), 9, np.uint8)])
+    np.testing.assert_array_equal(image_array(message("mono16", rows, is_bigendian=1)), values)
+
+
+def test_compressed_images_are_decoded():
+    data = np.frombuffer(cv2.imencode(".png", RGB[..., ::-1])[1].tobytes(), np.uint8)
+    content = {"header": header(1, "eye"), "format": "rgb8; png compressed bgr8"}
+    image = image_array(new_message("sensor_msgs/CompressedImage", **content, data=data))
+    np.testing.assert_array_equal(image, RGB)
+    for broken in (data[:40], np.zeros(0, np.uint8)):
+        with pytest.raises(ValueError, match="compressed image of format 'rgb8; png compressed bgr8' is not readable"):
+            image_array(new_message("sensor_msgs/CompressedImage", **content, data=broken))
+
+
+def test_an_unsupported_encoding_and_missing_bytes_are_named():
+    with pytest.raises(ValueError, match=r"encoding 'yuv422' is not supported; mono8, .* are"):
+        image_array(message("yuv422", packed(RGB)))
+    for fields in ({"data": np.zeros(9, np.uint8)}, {"step": 3}, {"width": 0}, {"height": 1 << 31, "width": 1 << 31}):
+        with pytest.raises(ValueError, match="px in rgb8 need"):
+            image_array(message("rgb8", packed(RGB), **{"width": 12, **fields}))

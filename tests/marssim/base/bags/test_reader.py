@@ -1,0 +1,92 @@
+"""Our reader: what it returns of whole bags, and one line for each kind of broken one."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from marssim.base.bags.images import cloud_arrays, disparity_array, image_array
+from marssim.base.bags.reader import Bag, is_bag, stamp_of
+from marssim.base.files.json_file import DatasetError
+
+
+@pytest.fixture
+def copy(drive, tmp_path):
+    return shutil.copytree(drive.path, tmp_path / "copy")
+
+
+def test_what_was_written_is_read(drive):
+    bag = Bag(drive.path)
+    assert bag.topics["/odom"] == "nav_msgs/Odometry" and len(bag.topics) == 16
+    assert bag.topics_of("sensor_msgs/CameraInfo") == [
+        f"/stereo/{eye}/camera_info" for eye in ("depth", "left", "right")
+    ]
+    entries = bag.entries(["/stereo/right/image_rect"])
+    assert [entry.stamp for entry in entries] == drive.stamps
+    for entry, image in list(zip(entries, drive.right, strict=True))[::-1]:  # in any order
+        message = bag.message(entry)
+        assert stamp_of(message) == entry.stamp
+        np.testing.assert_array_equal(image_array(message), image)
+    for (_, message), depth, left in zip(bag.messages(["/stereo/points2"]), drive.depth, drive.left, strict=True):
+        points, colours = cloud_arrays(message)
+        seen = np.isfinite(depth)
+        np.testing.assert_allclose(
+            points, (drive.rig.camera.rays() * np.where(seen, depth, 0)[..., None])[seen], rtol=1e-6
+        )
+        np.testing.assert_array_equal(colours, left[seen])
+    for (_, message), depth in zip(bag.messages(["/stereo/disparity"]), drive.depth, strict=True):
+        expected = np.where(np.isnan(depth), np.nan, drive.rig.depth_to_disparity(depth))
+        np.testing.assert_allclose(disparity_array(message), expected, rtol=1e-6)
+    bag.close()
+    bag.close()
+
+
+def test_a_single_file_of_a_bag_is_read_too(drive):
+    (file,) = drive.path.glob("*.mcap")
+    assert is_bag(file) and is_bag(drive.path) and not is_bag(drive.path.parent)
+    assert [e.stamp for e in Bag(file).entries(["/odom"])] == drive.stamps
+
+
+def error_of(path) -> str:
+    with pytest.raises(DatasetError) as caught:
+        bag = Bag(path)
+        bag.entries(["/stereo/left/image_rect"])
+    message = str(caught.value)
+    assert message.startswith(str(path)) and "\n" not in message
+    return message
+
+
+def test_a_bag_without_its_metadata_says_how_to_get_it(copy):
+    (copy / "metadata.yaml").unlink()
+    assert is_bag(copy)
+    assert error_of(copy).endswith(
+        "metadata.yaml: no such file; `ros2 bag reindex` makes it, or give the .mcap file in the folder"
+    )
+
+
+@pytest.mark.parametrize(
+    "text", ["", "a: [", "rosbag2_bagfile_information: 3", "rosbag2_bagfile_information: {version: 99}"]
+)
+def test_broken_metadata_are_named(copy, text):
+    (copy / "metadata.yaml").write_text(text)
+    assert "is not readable as a ROS 2 bag" in error_of(copy)
+
+
+def test_a_truncated_file_is_named_wherever_it_ends(copy):
+    (file,) = copy.glob("*.mcap")
+    data = file.read_bytes()
+    for length in (0, 5, 9, 40, len(data) // 2, len(data) - 8, len(data) - 1):
+        file.write_bytes(data[:length])
+        assert "is not readable as a ROS 2 bag" in error_of(copy)
+
+
+def test_a_missing_file_of_a_bag_and_other_files_are_named(copy, tmp_path):
+    (file,) = copy.glob("*.mcap")
+    file.unlink()
+    assert file.name in error_of(copy)
+    other = tmp_path / "other.mcap"
+    other.write_bytes(b"no bag at all" * 10)
+    assert "is not readable as a ROS 2 bag" in error_of(other)
+    other = tmp_path / "old.bag"
+    other.write_bytes(b"#ROSBAG V2.0\n")
+    assert is_bag(other) and "is a bag of ROS 1; `rosbags-convert` makes" in error_of(other)
