@@ -45,6 +45,7 @@ from nav.controller import steerable
 from nav.ground.elevation import ElevationMap
 from nav.ground.masks import Area, disc_mask, outside_mask, rectangle_mask
 from nav.ground.traversability import Traversability, assess
+from nav.looks import Looks
 from nav.mast import Mast
 from nav.path.footprint import arc_poses
 from nav.path.planner import Motion, Planner
@@ -108,6 +109,7 @@ class Navigator:
         self._last_command = Command(0.0, 0.0, None, "look")
         self._idle_drives = 0
         self.mast = Mast(self.spec, self.config)
+        self.looks = Looks()
         self.risk = RiskTaking(self.config)
         self._nearest = np.inf
         self._goal = np.full(2, np.nan)
@@ -138,7 +140,8 @@ class Navigator:
             goal: (2,) or (3,) goal in the world [m]; it may change at any time.
             pan: Pan of the mast at the moment of the image [rad], positive to the left.
             between_looks: Whether the rover took no image on purpose, as it looks only once in a while. It then drives
-                on by its map; depth and confidence are not read. Without it, a rover without an image stands still.
+                on by its map as long as that shows a free way, and stops for a look where it does not; depth and
+                confidence are not read. Without it, a rover without an image stands still.
 
         Returns:
             The command for the next step.
@@ -156,7 +159,9 @@ class Navigator:
         planar = np.array([pose[0, 3], pose[1, 3], np.arctan2(pose[1, 0], pose[0, 0])])
         self._begin(pose, planar, goal[:2], pan)
         ground_visible = between_looks or self._look(depth, confidence, rig, pose, pan)
-        command = self._decide(planar, goal[:2], pan, ground_visible)
+        if not between_looks:
+            self.looks.note(planar, pan)
+        command = self._decide(planar, goal[:2], pan, ground_visible, between_looks)
         self._last_pose, self._last_command = planar, command
         return command
 
@@ -191,7 +196,9 @@ class Navigator:
         camera_pose = pose @ self.spec.mount.left_eye(rig.baseline, pan)
         return self.map.integrate(depth, confidence, rig, camera_pose) >= self.config.least_points
 
-    def _decide(self, place: np.ndarray, goal: np.ndarray, pan: float, ground_visible: bool) -> Command:
+    def _decide(
+        self, place: np.ndarray, goal: np.ndarray, pan: float, ground_visible: bool, between_looks: bool
+    ) -> Command:
         """Return the next command from the map, the goal, and what happened in the last steps."""
         distance = float(np.hypot(*(goal - place[:2])))
         if distance <= self.config.goal_radius:
@@ -217,6 +224,8 @@ class Navigator:
             if command is not None:
                 return command
         self.motion = self.planner.plan(self.map, ground, place, goal)
+        if between_looks and (look := self._look_first(self.motion, place, pan)):
+            return look
         if self.motion is None:
             if self.recovery.attempts >= self.config.risk_after_recoveries and not self.recovery.looking:
                 self.risk.raise_level()
@@ -224,6 +233,17 @@ class Navigator:
             return way or Command(0.0, 0.0, None, "no_path" if self.risk.closed else "stuck")
         self.recovery.found_a_way()
         return self._follow(self.motion, place, distance, pan)
+
+    def _look_first(self, motion: Motion | None, place: np.ndarray, pan: float) -> Command | None:
+        """Return a command to look along the far path, for a rover that took no image here; None if it shall go on.
+
+        Without a look, a turn in place or a short arc often leads back to where the map already showed no way. A drive
+        that the map shows to be free needs none.
+        """
+        if motion is not None and not motion.turn and motion.length >= 2 * self.config.planner.commit:
+            return None
+        wanted = (self.mast.towards(self._bearing_onward(place)) or 0.0) if self.mast.obeys else pan
+        return None if self.looks.cover(place, wanted) else Command(0.0, 0.0, wanted or None, "look")
 
     def _is_hemmed_in(self, place: np.ndarray, ground: Traversability) -> bool:
         """Return whether the rover stands nearer to an obstacle than its footprint allows at any heading."""

@@ -8,6 +8,7 @@ from rock_world import SMALL_RIG, RockWorld, body_pose
 from marssim.base.rover_spec import ZHURONG
 from nav import ElevationConfig, Navigator, NavigatorConfig
 from nav.path.footprint import arc_poses
+from nav.path.planner import Motion
 
 GOAL = np.array([20.0, 0.0])
 # Smaller than the drive, so that the map scrolls and the goal lies outside it at first; and quicker.
@@ -121,6 +122,40 @@ def test_between_two_looks_the_rover_drives_on_by_its_map():
     navigator.step(world.depth(SMALL_RIG, eye), None, SMALL_RIG, body_pose(0, 0, 0), GOAL)
     command = navigator.step(None, None, SMALL_RIG, body_pose(0.4, 0, 0), GOAL, between_looks=True)
     assert command.status == "drive" and command.speed > 0.1
+
+
+def statuses_between_looks(monkeypatch, motion):
+    """The statuses of a rover on an open plain, 1.2 m from its last look and farther, where `motion` is the best one.
+
+    It takes an image only after it has asked for one.
+    """
+    navigator, statuses = Navigator(config=SMALL), []
+    for x in (0.0, 1.2, 1.5, 1.8):
+        fresh = not statuses or statuses[-1] == "look"
+        pose = body_pose(x, 0, 0)
+        depth = RockWorld().depth(SMALL_RIG, pose @ ZHURONG.mount.left_eye(SMALL_RIG.baseline)) if fresh else None
+        command = navigator.step(depth, None, SMALL_RIG, pose, GOAL, 0.0, between_looks=not fresh)
+        statuses.append(command.status)
+        monkeypatch.setattr(navigator.planner, "plan", lambda *_: motion)
+    return statuses[1:]
+
+
+@pytest.mark.parametrize(("turn", "length", "status"), [(0.4, 4.0, "turn"), (0.0, 1.0, "drive")])
+def test_between_two_looks_the_rover_looks_before_a_turn_or_a_short_way_but_once(monkeypatch, turn, length, status):
+    """The map has shown such a way, so that nothing new would be seen if it went: it could go to and fro for ever."""
+    motion = Motion(0.0, turn, length, 0.0, np.zeros((2, 3)))
+    assert statuses_between_looks(monkeypatch, motion) == ["look", status, status]
+
+
+def test_between_two_looks_a_long_free_way_needs_no_look(monkeypatch):
+    motion = Motion(0.0, 0.0, 4.0, 0.0, np.zeros((2, 3)))
+    assert statuses_between_looks(monkeypatch, motion) == ["drive"] * 3
+
+
+def test_between_two_looks_a_mast_that_is_stuck_looks_once_where_it_points(monkeypatch):
+    monkeypatch.setattr("nav.mast.Mast.follow", lambda mast, *_: setattr(mast, "obeys", False))
+    motion = Motion(0.0, 0.4, 4.0, 0.0, np.zeros((2, 3)))
+    assert statuses_between_looks(monkeypatch, motion) == ["look", "turn", "turn"]
 
 
 def test_arrived_within_the_radius_and_not_before():
