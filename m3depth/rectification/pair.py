@@ -9,11 +9,11 @@ from scipy.spatial import cKDTree
 
 from m3depth.rectification.matches import matched_points
 from m3depth.rectification.raw_image import RawImage, for_matching
-from m3depth.rectification.resampling import Source, rectifying, resample, unchanged
 from m3depth.rectification.row_errors import RowCorrection, RowErrors, fit_rows, row_errors
 from marssim.base.calibration.cameras import PosedCamera, PosedPair
 from marssim.base.calibration.orientation import RectifiedView, rectified_view
 from marssim.base.calibration.rectified import Calibration
+from marssim.base.calibration.resampling import Source, rectifying, resample, unchanged
 
 APART = 0.05  # share of the width by which the contents must lie apart before a common offset is taken out
 MARGIN = 0.02  # share of the width that the least disparity keeps

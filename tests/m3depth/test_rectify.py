@@ -12,13 +12,13 @@ import pytest
 from raw_pairs import SIZE, WALL, cahvore_pair, depth_of, opencv_pair, write_images, write_products
 
 from m3depth.predict import main as predict
-from m3depth.rectification.resampling import pixel_grid
 from m3depth.rectify import main
 from marssim.base.calibration.cameras import PosedPair
 from marssim.base.calibration.kalibr import kalibr_text
 from marssim.base.calibration.opencv_file import opencv_text
 from marssim.base.calibration.orientation import rectified_view
 from marssim.base.calibration.rectified import read_calibration
+from marssim.base.calibration.resampling import pixel_grid
 
 needs_pdr = pytest.mark.skipif(find_spec("pdr") is None, reason="needs the extra real")
 PAIR = opencv_pair()

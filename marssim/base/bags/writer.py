@@ -6,13 +6,13 @@ import shutil
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 from marssim.base.bags.library import check_installed, typestore
 from marssim.base.files.atomic import naming, written_atomically
 from marssim.base.files.json_file import DatasetError
 
-METADATA_VERSION = 8  # of metadata.yaml, which ROS 2 from Humble on reads
+METADATA_VERSION: Literal[8] = 8  # of metadata.yaml, which ROS 2 from Humble on reads
 
 
 def check_new(path: Path) -> None:

@@ -9,11 +9,11 @@ from raw_pairs import GROUND, SIZE, WALL, cahvore_pair, depth_of, opencv_pair, w
 from m3depth.rectification.matches import matched_points
 from m3depth.rectification.pair import fitting, rectify_pair
 from m3depth.rectification.raw_image import masked, read_raw_pair
-from m3depth.rectification.resampling import pixel_grid, rectifying
 from m3depth.rectification.row_errors import RowCorrection, fit_rows
 from marssim.base.calibration.cameras import PosedPair
 from marssim.base.calibration.lenses.fisheye import Fisheye
 from marssim.base.calibration.orientation import rectified_view
+from marssim.base.calibration.resampling import pixel_grid, rectifying
 from marssim.base.files.png import encode_png
 
 PAIRS = {
