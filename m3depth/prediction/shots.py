@@ -67,6 +67,6 @@ def _read(folder: Path, kind: MapKind) -> np.ndarray | None:
 
 def _left_image(inputs: Inputs, pair: PairInput) -> np.ndarray:
     """Return the left image of a pair, (H, W, 3) uint8; a video is read from its beginning, as it cannot go back."""
-    if inputs.video is not None:
-        inputs = replace(inputs, video=VideoFrames(inputs.video.paths))
+    if isinstance(inputs.recording, VideoFrames):
+        inputs = replace(inputs, recording=VideoFrames(inputs.recording.paths))
     return in_colour(inputs.read(pair)[0])

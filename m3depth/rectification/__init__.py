@@ -1,7 +1,6 @@
 """What m3depth.rectify does, step by step: read a raw pair, choose rectified views, match rows, resample, report.
 
 raw_image.py, products.py, product_names.py     images and products of missions; the right one of a left one
-resampling.py                           where the pixels of a rectified image come from, and the images
 matches.py, row_errors.py               matched points, how far their rows lie apart, and what takes that out
 pair.py                                 the whole way, as a function
 files.py, figure.py                     the files that the command writes

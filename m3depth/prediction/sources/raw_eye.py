@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from marssim.base.calibration.cameras import PosedCamera
-from marssim.base.calibration.resampling import pixel_grid, rectifying, resample
+from marssim.base.calibration.lenses.resampling import pixel_grid, rectifying, resample
 from marssim.base.camera import PinholeCamera
 
 
