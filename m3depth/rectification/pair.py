@@ -13,7 +13,7 @@ from m3depth.rectification.row_errors import RowCorrection, RowErrors, fit_rows,
 from marssim.base.calibration.cameras import PosedCamera, PosedPair
 from marssim.base.calibration.orientation import RectifiedView, rectified_view
 from marssim.base.calibration.rectified import Calibration
-from marssim.base.calibration.lenses.resampling import Source, rectifying, resample, unchanged
+from marssim.base.images.resampling import Source, rectifying, resample, unchanged
 
 APART = 0.05  # share of the width by which the contents must lie apart before a common offset is taken out
 MARGIN = 0.02  # share of the width that the least disparity keeps

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from m3depth.stereo.robust_fit import LEAST_POINTS, MAD_TO_DEVIATION, consensus_fit, weighted_fit
-from marssim.base.calibration.lenses.resampling import Source
+from marssim.base.images.resampling import Source
 
 TOLERANCE = 3.0  # [px] by which the rows of right matches may miss three terms
 WRONG = 4.0  # deviations beyond which a match is wrong, and never under LEAST_WRONG

@@ -18,7 +18,7 @@ from marssim.base.calibration.kalibr import kalibr_text
 from marssim.base.calibration.opencv_file import opencv_text
 from marssim.base.calibration.orientation import rectified_view
 from marssim.base.calibration.rectified import read_calibration
-from marssim.base.calibration.lenses.resampling import pixel_grid
+from marssim.base.images.resampling import pixel_grid
 
 needs_pdr = pytest.mark.skipif(find_spec("pdr") is None, reason="needs the extra real")
 PAIR = opencv_pair()

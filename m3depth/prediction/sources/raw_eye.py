@@ -7,8 +7,8 @@ from functools import cached_property
 import numpy as np
 
 from marssim.base.calibration.cameras import PosedCamera
-from marssim.base.calibration.lenses.resampling import pixel_grid, rectifying, resample
 from marssim.base.camera import PinholeCamera
+from marssim.base.images.resampling import pixel_grid, rectifying, resample
 
 
 class RawEye:

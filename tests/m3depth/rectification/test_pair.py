@@ -13,8 +13,8 @@ from m3depth.rectification.row_errors import RowCorrection, fit_rows
 from marssim.base.calibration.cameras import PosedPair
 from marssim.base.calibration.lenses.fisheye import Fisheye
 from marssim.base.calibration.orientation import rectified_view
-from marssim.base.calibration.lenses.resampling import pixel_grid, rectifying
 from marssim.base.files.png import encode_png
+from marssim.base.images.resampling import pixel_grid, rectifying
 
 PAIRS = {
     "radtan": opencv_pair(),
