@@ -15,7 +15,7 @@ from __future__ import annotations
 import shutil
 import sys
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import cache
 from itertools import product
@@ -35,6 +35,9 @@ from envs.drives.step_lines import StepLines
 from envs.drives.suite_drives import scene_check, suite_results, values_of, with_suite
 from envs.drives.test_set_errors import errors_on_test_set
 from envs.mars_nav import MarsNavEnv
+from envs.recording.drive_page import drive_path, write_drive_pages
+from envs.recording.recorder import Recorder
+from envs.recording.results_page import write_results_page
 from envs.world.perception import load_perception, perception_digest
 from envs.world.vehicle import chosen_dynamics, known_dynamics
 from m3depth.estimator import Estimator
@@ -43,7 +46,7 @@ from marssim.base.command.progress import progress
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
 from marssim.base.compute.workers import run_tasks
-from marssim.base.files.atomic import written_atomically
+from marssim.base.files.atomic import write_atomically, written_atomically
 from marssim.base.files.json_file import DatasetError, as_json, read_json, write_json
 from marssim.base.results.claim import PARTIAL, ResultFolder
 from marssim.base.results.code_state import versions
@@ -83,8 +86,8 @@ def _evaluate(config: EvaluateConfig, driven_by: dict[str, Any], test_errors: di
     folder = config.out / "episodes"
     folder.mkdir(exist_ok=True)
     tasks = config.tasks
-    missing = [task for task in tasks if not (folder / task.file).is_file()]
-    _run(config, missing, lambda task, record: write_json(folder / task.file, asdict(record)))
+    missing = [task for task in tasks if not (folder / task.file).is_file() or _lacks_drive(config, task)]
+    _run(config, missing)
     content, records = write_results(config, driven_by, test_errors)
     _film(config, tasks, records)
     _write_bags(config, tasks, records)
@@ -121,6 +124,8 @@ def write_results(
     }
     write_json(config.out / "results.json", content)
     write_report(config.out, content, records)
+    write_drive_pages(config.out)
+    write_results_page(config.out, content, records, [task.file for task in config.tasks])
     return content, records
 
 
@@ -204,10 +209,13 @@ def _film_drive(config: EvaluateConfig, task: Task, path: Path, progress_task: s
 
     title = f"{task.driver}, {task.perception}: course {task.episode}, {task.cell.name}"
     with progress(steps + 1, "step", progress_task) as bar, Film(path, title) as film:
+        filmed = -1  # the last step, which comes twice where the driver ends the drive
 
         def watch(env: MarsNavEnv, driver: Driver, step: int) -> None:
+            nonlocal filmed
             film.watch(env, driver, step)
-            bar.update()
+            bar.update(step - filmed)
+            filmed = step
 
         drive(config, task, watch)
 
@@ -228,14 +236,24 @@ def _write_bags(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence
             bag.end(drive(config, task, watch).outcome)
 
 
-def _run(config: EvaluateConfig, tasks: list[Task], save: Callable[[Task, EpisodeRecord], None]) -> None:
+def _lacks_drive(config: EvaluateConfig, task: Task) -> bool:
+    """Return whether --record asks for the drive of a finished episode, and it was not recorded."""
+    if config.record == "none" or drive_path(config.out, task.file).is_file():
+        return False
+    return config.record == "all" or _read_record(config.out / "episodes", task).outcome != "goal"
+
+
+def _run(config: EvaluateConfig, tasks: list[Task]) -> None:
     with progress(len(tasks), "episode", "drive") as bar:
 
-        def finished(task: tuple[EvaluateConfig, Task], record: EpisodeRecord) -> None:
-            save(task[1], record)
+        def finished(task: tuple[EvaluateConfig, Task], driven: tuple[EpisodeRecord, bytes | None]) -> None:
+            record, data = driven
+            if data is not None:  # first, so that a finished episode has its drive
+                write_atomically(drive_path(config.out, task[1].file), data)
+            write_json(config.out / "episodes" / task[1].file, asdict(record))
             bar.update()
 
-        run_tasks(drive, [(config, task) for task in tasks], finished, config.workers, config.scheduler)
+        run_tasks(drive_recorded, [(config, task) for task in tasks], finished, config.workers, config.scheduler)
 
 
 def _read_record(folder: Path, task: Task) -> EpisodeRecord:
@@ -247,6 +265,17 @@ def _read_record(folder: Path, task: Task) -> EpisodeRecord:
     return record
 
 
+def drive_recorded(config: EvaluateConfig, task: Task) -> tuple[EpisodeRecord, bytes | None]:
+    """Drive one episode, and return its record and, if --record asks for that, the content of the file of its drive."""
+    if config.record == "none":
+        return drive(config, task), None
+    recorder = Recorder(_step_lines(config, task))
+    record = drive(config, task, recorder.watch)
+    if config.record == "failures" and record.outcome == "goal":
+        return record, None
+    return record, recorder.drive_file(record, config.content())
+
+
 def drive(config: EvaluateConfig, task: Task, watch: Watch | None = None) -> EpisodeRecord:
     """Drive one episode and return its record.
 
@@ -256,10 +285,7 @@ def drive(config: EvaluateConfig, task: Task, watch: Watch | None = None) -> Epi
         watch: Is called after the reset and after every step, as run_episode describes. None: prints the progress.
     """
     driver = make_driver(task.driver)
-    if watch is None:
-        name = f"course {task.episode}, {task.cell.name}, {task.driver}, {task.perception}"
-        watch = StepLines(name, lambda: _drives_done(config)).watch
-    watch = scene_check(config, task.cell, task.episode, watch)
+    watch = scene_check(config, task.cell, task.episode, watch or _step_lines(config, task))
     env = MarsNavEnv(
         _perception(task.perception, config.runtime), known_dynamics(config.dynamics), config.renderer,
         config.scene_config(), config.goal_distance,
@@ -272,6 +298,11 @@ def drive(config: EvaluateConfig, task: Task, watch: Watch | None = None) -> Epi
         return run_episode(env, driver, task.cell, config.seed, task.episode, (task.driver, task.perception), watch)
     finally:
         env.close()
+
+
+def _step_lines(config: EvaluateConfig, task: Task) -> Watch:
+    name = f"course {task.episode}, {task.cell.name}, {task.driver}, {task.perception}"
+    return StepLines(name, lambda: _drives_done(config)).watch
 
 
 def _drives_done(config: EvaluateConfig) -> str:
@@ -295,6 +326,7 @@ def _work(config: EvaluateConfig) -> None:
     content = evaluate(config)
     page = config.out / "results.md"
     print(without_definitions(page.read_text(encoding="utf-8")).rstrip(), end="\n\n")
+    print(f"{config.out / 'results.html'} is the same for the browser, with a link to every recorded drive")
     rows = counted(len(content["results"]), "row")
     print(f"{rows} in {config.out / 'results.json'}, drives in {config.out / 'maps'}; {page} defines the columns")
 

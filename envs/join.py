@@ -22,6 +22,7 @@ import tyro
 from envs.drives.config import EvaluateConfig
 from envs.drives.resume import RUNTIME, WEIGHTS
 from envs.evaluate import SETTINGS, write_results
+from envs.recording.drive_page import DRIVES
 from envs.world.eyes import EyesConfig
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
@@ -30,7 +31,9 @@ from marssim.base.results.claim import PARTIAL, ResultFolder, differences
 
 NOTES = (WEIGHTS, RUNTIME)
 METHODS = ("driver", "perception")  # settings that may differ from shard to shard
-OF_SHARD = ("out", "shard", "workers", "scheduler", "runtime", "scores", "videos", "film_courses", "bag_courses")
+OF_SHARD = (
+    "out", "shard", "workers", "scheduler", "runtime", "scores", "videos", "film_courses", "bag_courses", "record",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -79,6 +82,9 @@ def join(config: JoinConfig) -> dict[str, Any]:
         for folder in config.shards:
             for record in sorted((folder / "episodes").glob("*.json")):
                 shutil.copyfile(record, episodes / record.name)
+            for drive in sorted((folder / DRIVES).glob("*.zip")):
+                (config.out / DRIVES).mkdir(exist_ok=True)
+                shutil.copyfile(drive, config.out / DRIVES / drive.name)
         if missing := [task for task in joined.tasks if not (episodes / task.file).is_file()]:
             number = counted(len(missing), "episode")
             raise DatasetError(f"{number} of {len(joined.tasks)} are in none of the shards, as {missing[0].file}")

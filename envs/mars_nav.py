@@ -306,8 +306,8 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
         self.referee = Referee(course, self.rover_spec, settings.course.goal_distance)
         self._steps = 0
         self.outcome = "driving"
-        self.last_action = np.zeros(2, dtype=np.float32)
-        self._way = WayDriven(course, self._obstacle_clearance, self._place())
+        self.last_action = np.zeros(3 if self.mast else 2, dtype=np.float32)
+        self.way = WayDriven(course, self._obstacle_clearance, self._place())
         self.gaze.begin(self.vehicle.state())
         return self._observation(), self._info()
 
@@ -334,14 +334,14 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
         self.vehicle.drive_twist(speed, yaw_rate, STEP_SECONDS)
         self.believed_pose = self._odometry.update(self.vehicle.state().pose, self._gauge.update(self.vehicle))
         self._steps += 1
-        self.last_action = action[:2].copy()
+        self.last_action = action.copy()
 
-        before = self._way.length
-        progress = self._way.advance(self._place())
+        before = self.way.length
+        progress = self.way.advance(self._place())
         self.outcome = self.referee.judge(self.vehicle, speed, self._steps)
         reward = step_reward(progress, self.outcome)
         terminated = self.outcome not in ("driving", "time")
-        self.gaze.after_step(self.vehicle.state(), self._way.length - before, stands=not action[:2].any())
+        self.gaze.after_step(self.vehicle.state(), self.way.length - before, stands=not action[:2].any())
         return self._observation(), reward, terminated, self.outcome == "time", self._info()
 
     def render(self) -> np.ndarray | None:
@@ -387,7 +387,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
     def _observation(self) -> dict[str, np.ndarray]:
         assert self.course is not None and self.vehicle is not None and self.sight is not None
         observation = observe(
-            self.gaze.observed(), self.believed_pose, self.course.goal, self.vehicle.state(), self.last_action
+            self.gaze.observed(), self.believed_pose, self.course.goal, self.vehicle.state(), self.last_action[:2]
         )
         if self.map_view is not None:
             observation["map"] = self.map_view.update(self.sight if self.gaze.fresh else None, self.believed_pose)
@@ -395,5 +395,5 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
 
     def _info(self) -> dict[str, Any]:
         assert self.course is not None and self.settings is not None
-        standing = episode_info(self.outcome, self.course, self._way, self.gaze, self.believed_pose)
+        standing = episode_info(self.outcome, self.course, self.way, self.gaze, self.believed_pose)
         return standing | self._gauge.info() | self.settings.info()

@@ -65,14 +65,15 @@ BEND = 0.2  # [rad] turned in a step from which a short motion leads round somet
 class Navigator:
     """Drives a rover to a goal from depth maps.
 
-    After a step, `map`, `ground`, `motion` and `planner.field` show what the decision was made from, for display and
-    logging.
+    After a step, `map`, `ground`, `motion`, `planner.field` and `planner.considered` show what the decision was made
+    from, for display and logging, and nav.reason.reason_of says it in words.
 
     Attributes:
         map: The ElevationMap.
         ground: The Traversability of the last step, or None.
         motion: The Motion chosen in the last step, or None.
-        planner: The planner; `planner.field` is the cost to go.
+        planner: The planner; `planner.field` is the cost to go, and `planner.considered` what the last step chose from,
+            None if it planned nothing.
     """
 
     def __init__(
@@ -167,6 +168,7 @@ class Navigator:
 
     def _begin(self, pose: np.ndarray, planar: np.ndarray, goal: np.ndarray, pan: float) -> None:
         """Take in the rover's new pose and the goal: move the map, and count what the last command achieved."""
+        self.motion = self.planner.considered = None
         if not self._started:
             self.map.clear(planar[:2])
             self.map.assume_flat(pose, self.config.clear_radius)

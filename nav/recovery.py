@@ -50,6 +50,11 @@ class Recovery:
         return self._back_left > 0
 
     @property
+    def back_left(self) -> float:
+        """Distance that is left to drive back [m]."""
+        return self._back_left
+
+    @property
     def looking(self) -> bool:
         """Whether the mast is looking to the sides at a dead end."""
         return self._pans_to_look is not None

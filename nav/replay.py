@@ -5,8 +5,13 @@
     python -m nav.replay data/drive --goal 20 0 --bag out/replay
     python -m nav.replay data/drive --goal 20 0 --view      and shows it in 3-D, in the browser
 
-The goal is given in the frame of the first image: metres ahead, metres to the left. The navigator gets the dataset's
-true depth. --bag also writes what it saw and decided as a ROS 2 bag. From Python, `replay` takes frames from any source
+    python -m envs.evaluate --perception sgbm --episodes 1 --record all --out out/eval
+    python -m nav.replay out/eval/drives/DRIVE.zip
+
+Of a dataset, the navigator gets the true depth; the goal is given in the frame of the first image: metres ahead, metres
+to the left. Of a drive that envs.evaluate recorded, it gets the depth that the perception measured, the poses of the
+odometry and the drive's own goal. Its commands may differ a little from those of the drive, as the record keeps every
+n-th pixel. --bag also writes what it saw and decided as a ROS 2 bag. From Python, `replay` takes frames from any source
 of depth and poses.
 """
 
@@ -32,6 +37,7 @@ from marssim.base.camera import StereoRig
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
 from marssim.base.dataset.dataset import StereoDataset
+from marssim.base.dataset.drive_file import DriveFile, read_drive
 from marssim.base.files.json_file import DatasetError
 from marssim.base.rover_spec import ZHURONG, RoverSpec
 from marssim.base.view.show import check_viewer, show
@@ -40,15 +46,17 @@ from nav.command import Command
 from nav.drive_shots import DriveRecorder
 from nav.navigator import Navigator
 
-DRIVE_APART = 4.0  # [m] between two images, beyond which the frames are not a drive
+DRIVE_APART = 6.0  # [m] between two images, beyond which they are no drive; marssim.generate takes them within 5 m
+AHEAD = (20.0, 0.0)  # [m] goal ahead and to the left of the first image of a dataset
+TRAJECTORY = "marssim.generate --trajectory makes one"  # end of the messages about views that are no drive
 
 
 @dataclass(frozen=True)
 class Frame:
     """One image of a recorded drive."""
 
-    depth: np.ndarray
-    """(H, W) depth [m] along the optical axis."""
+    depth: np.ndarray | None
+    """(H, W) depth [m] along the optical axis; None if the rover took no image here on purpose, between two looks."""
     confidence: np.ndarray | None
     """(H, W) confidence in [0, 1], or None."""
     rig: StereoRig
@@ -88,7 +96,9 @@ def replay(
     navigator, commands = Navigator(spec), []
     for frame in frames:
         body, place = frame.body(spec), np.asarray(goal, float)
-        command = navigator.step(frame.depth, frame.confidence, frame.rig, body, place, frame.pan)
+        command = navigator.step(
+            frame.depth, frame.confidence, frame.rig, body, place, frame.pan, between_looks=frame.depth is None
+        )
         commands.append(command)
         if watch is not None:
             watch(frame, navigator, command)
@@ -116,9 +126,25 @@ def write_look(bag: StereoBagWriter, frame: Frame, navigator: Navigator, command
     stamp, body = round((1 + frame.time) * SECOND), frame.body(navigator.spec)
     if frame.images is not None:
         bag.write_images(stamp, *frame.images, frame.rig)
-    bag.write_depth(stamp, frame.depth, frame.rig.camera)
+    if frame.depth is not None:
+        bag.write_depth(stamp, frame.depth, frame.rig.camera)
     bag.write_pose(stamp, body, frame.camera_pose, frame.rig.baseline)
     write_decision(bag, stamp, command.status, command.speed, command.yaw_rate, body, navigator)
+
+
+def driven(drive: DriveFile, spec: RoverSpec = ZHURONG) -> Iterator[Frame]:
+    """Yield the frames of a drive that envs.evaluate recorded, at the poses that the odometry gave.
+
+    Raises:
+        DatasetError: A picture of the drive is broken.
+    """
+    for n, step in enumerate(drive.steps):
+        body = np.vstack([step["believed_pose"], [0, 0, 0, 1]])
+        camera_pose = body @ spec.mount.left_eye(drive.rig.baseline, step["pan"])
+        depth, confidence = drive.depth(n), drive.confidence(n)
+        if step["looked"] and depth is None:
+            raise DatasetError(f"{drive.path}: steps[{n}] has no depth, although the rover looked there")
+        yield Frame(depth, confidence, drive.rig, camera_pose, step["pan"])
 
 
 @dataclass(frozen=True)
@@ -126,9 +152,11 @@ class ReplayConfig:
     """Feed a recorded drive to the navigator and print its commands."""
 
     data: Annotated[Path, tyro.conf.Positional]
-    """Dataset of a recorded drive, as `marssim.generate --trajectory` writes it."""
-    goal: tuple[float, float] = (20.0, 0.0)
-    """Goal in metres ahead and metres to the left of the first image."""
+    """Dataset of a recorded drive, as `marssim.generate --trajectory` writes it, or the file of a drive, DRIVE.zip, as
+    `envs.evaluate --record` writes it."""
+    goal: tuple[float, float] | None = None
+    """Goal in metres ahead and metres to the left of the first image. Left out: 20 m ahead, or the goal of the drive in
+    a file."""
     scene: int = 0
     """Number of the scene in the dataset; each scene is one drive."""
     bag: Path | None = None
@@ -137,6 +165,10 @@ class ReplayConfig:
     view: bool = False
     """At the end, show the drive on a page in the browser, until Ctrl-C: for each frame the cloud, also coloured by
     traversability, the navigator's map and the motion that it chose. It needs the extra `view`."""
+
+    def __post_init__(self) -> None:
+        if self.goal is not None and not np.isfinite(self.goal).all():
+            raise ValueError(f"--goal must be two finite numbers [m], got {self.goal}")
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -147,29 +179,16 @@ def main(args: Sequence[str] | None = None) -> int:
 def _work(config: ReplayConfig) -> None:
     if config.view:
         check_viewer()
-    if not np.isfinite(config.goal).all():
-        raise ValueError(f"--goal must be two finite numbers [m], got {config.goal}")
     if config.bag is not None:
         check_installed(config.bag)
         check_new(config.bag)
-    dataset = StereoDataset(config.data)
-    frames = list(recorded(dataset, config.scene))
-    if not frames:
-        raise DatasetError(f"{config.data}: holds no scene {config.scene}")
-    settings = dataset.index.get("config")
-    if isinstance(settings, dict) and settings.get("trajectory") is False:
-        raise DatasetError(
-            f"{config.data}: holds no recorded drive, its views are random; generate one with marssim.generate "
-            "--trajectory"
-        )
-    places = np.array([frame.camera_pose[:2, 3] for frame in frames])
-    apart = float(np.hypot(*np.diff(places, axis=0).T).max(initial=0))
-    if apart > DRIVE_APART:
-        print(f"warning: frames lie up to {apart:.1f} m apart; are they the images of one drive?", file=sys.stderr)
-    eye = frames[0].camera_pose
-    forward = eye[:2, 2] / max(float(np.hypot(*eye[:2, 2])), 1e-9)
-    left = np.array([-forward[1], forward[0]])
-    goal = eye[:2, 3] + config.goal[0] * forward + config.goal[1] * left
+    if config.data.is_file():
+        drive = read_drive(config.data)
+        frames, title = list(driven(drive)), config.data.name
+        goal = _world(frames[0], config.goal) if config.goal else np.asarray(drive.content["episode"]["goal"], float)
+    else:
+        frames, title = _frames_of_dataset(config), f"{config.data.resolve().name}, scene {config.scene}"
+        goal = _world(frames[0], config.goal or AHEAD)
     recorder = DriveRecorder(goal, ZHURONG)
     with ExitStack() as opened:
         watches: list[Watch] = []
@@ -190,13 +209,40 @@ def _work(config: ReplayConfig) -> None:
     written = "" if config.bag is None else f", in {config.bag}"
     print(f"{counted(len(commands), 'command')} for {counted(len(frames), 'frame')}{written}")
     if config.view:
-        show(recorder.shots, f"{config.data.resolve().name}, scene {config.scene}")
+        show(recorder.shots, title)
 
 
 def _record(recorder: DriveRecorder, frame: Frame, navigator: Navigator, command: Command) -> None:
-    """Keep a frame and the decision on it for the page in the browser."""
-    image = None if frame.images is None else frame.images[0]
-    recorder.add(navigator, command, frame.rig, frame.camera_pose, frame.depth, frame.confidence, image)
+    """Keep a frame with depth and the decision on it for the page in the browser."""
+    if frame.depth is not None:
+        image = None if frame.images is None else frame.images[0]
+        recorder.add(navigator, command, frame.rig, frame.camera_pose, frame.depth, frame.confidence, image)
+
+
+def _frames_of_dataset(config: ReplayConfig) -> list[Frame]:
+    """Return the frames of a scene. Raises DatasetError if they are no drive."""
+    dataset = StereoDataset(config.data)
+    frames = list(recorded(dataset, config.scene))
+    if not frames:
+        raise DatasetError(f"{config.data}: holds no scene {config.scene}")
+    settings = dataset.index.get("config")
+    if isinstance(settings, dict) and settings.get("trajectory") is False:
+        raise DatasetError(f"{config.data}: holds no recorded drive, its views are random; {TRAJECTORY}")
+    places = np.array([frame.camera_pose[:2, 3] for frame in frames])
+    apart = float(np.hypot(*np.diff(places, axis=0).T).max(initial=0))
+    if apart > DRIVE_APART:
+        raise DatasetError(
+            f"{config.data}: holds no recorded drive, two of its views in a row lie {apart:.1f} m apart; {TRAJECTORY}"
+        )
+    return frames
+
+
+def _world(frame: Frame, goal: tuple[float, float]) -> np.ndarray:
+    """Return a goal in the world (2,) [m], given in metres ahead and to the left of a frame."""
+    eye = frame.camera_pose
+    forward = eye[:2, 2] / max(float(np.hypot(*eye[:2, 2])), 1e-9)
+    left = np.array([-forward[1], forward[0]])
+    return np.asarray(eye[:2, 3] + goal[0] * forward + goal[1] * left)
 
 
 if __name__ == "__main__":

@@ -45,6 +45,11 @@ class RiskTaking:
             self._level, self._steps_left, self.closed = self._level + 1, self.config.risk_steps, 0
 
     @property
+    def level(self) -> int:
+        """How many of config.risk_levels are accepted now."""
+        return self._level
+
+    @property
     def given_up(self) -> bool:
         """Whether every way has been closed for too long."""
         return self.closed >= self.config.closed_steps

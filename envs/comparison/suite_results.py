@@ -8,13 +8,14 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from envs.comparison.schema import first_fault, results_schema
+from envs.comparison.schema import results_schema
 from envs.drives.metrics import spl
 from envs.suites.suite import SAME_WAY, Suite, load_suite
 from envs.world.perception import GROUND_TRUTH
 from envs.world.referee import GOAL_RADIUS
 from marssim.base.command.wording import counted
 from marssim.base.files.json_file import DatasetError, read_json
+from marssim.base.files.json_schema import first_fault
 
 TRACKS = ("eyes", "drivers", "both")
 FIXED_DRIVER = "navigator"  # the driver of the track "eyes"

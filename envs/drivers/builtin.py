@@ -11,27 +11,34 @@ from envs.drivers.steering import head_for
 from envs.mars_nav import MarsNavEnv
 from envs.world.course import EDGE
 from envs.world.referee import GOAL_RADIUS
+from nav.command import Command
 from nav.navigator import Navigator
 
 STRAIGHT_WITHIN = 0.3  # [rad] from the goal's direction, within which the straight driver drives while it turns
 
 
 class NavigatorDriver:
-    """nav.Navigator, fed with the environment's depth."""
+    """nav.Navigator, fed with the environment's depth.
+
+    Attributes:
+        navigator: The navigator.
+        command: Its last command; None before the first.
+    """
 
     def __init__(self) -> None:
         self.navigator = Navigator()
+        self.command: Command | None = None
 
     def reset(self, env: MarsNavEnv, seed: int) -> None:
         assert env.course is not None
         reach = env.course.scene.half - EDGE
         area = (-reach, -reach, reach, reach)  # the navigator knows where the ground ends
-        self.navigator = Navigator(env.rover_spec, area=area)
+        self.navigator, self.command = Navigator(env.rover_spec, area=area), None
 
     def act(self, env: MarsNavEnv, observation: dict[str, Any]) -> np.ndarray | Stop:
         assert env.sight is not None and env.course is not None
         sight, spec = env.sight, env.rover_spec
-        command = self.navigator.step(
+        command = self.command = self.navigator.step(
             sight.depth, sight.confidence, sight.rig, env.believed_pose, env.course.goal, env.gaze.pan,
             between_looks=not env.gaze.fresh,
         )  # fmt: skip

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 from zlib import crc32
 
 import tyro
@@ -42,7 +42,7 @@ class EvaluateConfig:
     """Drive frozen episodes and report success, SPL, collisions and time."""
 
     out: Path
-    """Folder for results.json, results.md, plots, maps, videos and the episodes."""
+    """Folder for results.json, results.md, results.html, plots, maps, videos and the episodes."""
     driver: tuple[str, ...] = ("navigator",)
     """Who drives: navigator (plans on a map of its depth), straight (heads for the goal, blind), random, a policy of
     stable-baselines3 (FILE.zip), or package.module:Class. Several drivers are compared on the same courses."""
@@ -140,6 +140,10 @@ class EvaluateConfig:
     """Numbers of courses, 0 to one less than --episodes. Every drive over these courses is driven once more and written
     as a ROS 2 bag into a folder in OUT/bags: images, depth, planned path, command, status and poses. It needs the extra
     `real`."""
+    record: Literal["none", "failures", "all"] = "none"
+    """Drives to record step by step into OUT/drives: none, failures (those that do not reach the goal) or all. Each
+    gets a page, which OUT/results.html links and which opens in a browser: what the rover saw and weighed at each step,
+    and why it went as it did. Drives without a record yet are driven again."""
 
     def __post_init__(self) -> None:
         check_least(self, workers=1, seed=0)

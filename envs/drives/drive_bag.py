@@ -34,7 +34,7 @@ class DriveBag(StereoBagWriter):
         assert env.course is not None and env.vehicle is not None and env.sight is not None
         navigator = driver.navigator if isinstance(driver, NavigatorDriver) else None
         if step:
-            speed, yaw_rate = env.last_action * (env.rover_spec.max_speed, env.rover_spec.max_yaw_rate)
+            speed, yaw_rate = env.last_action[:2] * (env.rover_spec.max_speed, env.rover_spec.max_yaw_rate)
             status = "drive" if navigator is None else navigator.last_command.status
             write_decision(self, self._stamp, status, speed, yaw_rate, self._believed, navigator)
         self._stamp = round((1 + step * STEP_SECONDS) * SECOND)

@@ -24,9 +24,8 @@ from marssim.scene.scene import Scene
 RELIEF_CELL = 1.0  # [m] between the heights that a record keeps, roughly
 NEAR_MISS = 0.10  # [m] of clearance (envs.world.clearance) below which a drive without collision is a near miss
 
-# called with environment, driver and step: after the reset (step 0) and after every step
-
-
+# Called with environment, driver and step: after the reset (step 0), after every step, and once more after the last one
+# if the driver ends the drive: env.outcome then names its reason.
 Watch = Callable[[MarsNavEnv, Driver, int], None]
 
 
@@ -163,7 +162,8 @@ def run_episode(
         seed: Seed of the series of courses.
         episode: Number of the course.
         names: Driver and perception, for the record.
-        watch: Called as watch(env, driver, step) after the reset (step 0) and after every step.
+        watch: Called as watch(env, driver, step) after the reset (step 0), after every step, and again with the last
+            step's number where the driver ends the drive; env.outcome then is the driver's reason.
 
     Returns:
         The record.
@@ -222,7 +222,7 @@ class _Log:
         self.states.append(env.vehicle.state())
         if env.gaze.fresh:
             self.looks += 1
-            self.errors.append(_abs_rel(env.sight))
+            self.errors.append(look_abs_rel(env.sight))
             self.blind += _is_blind(env.sight)
 
 
@@ -241,6 +241,9 @@ def _drive(env: MarsNavEnv, driver: Driver, options: dict[str, Any], log: _Log, 
             action = driver.act(env, observation)
         if isinstance(action, Stop):
             log.info = {**log.info, "outcome": action.value}
+            env.outcome = action.value
+            if watch:
+                watch(env, driver, len(log.states) - 1)
             return
         observation, reward, terminated, truncated, info = env.step(action)
         log.seconds += perf_counter() - begin
@@ -253,7 +256,7 @@ def _drive(env: MarsNavEnv, driver: Driver, options: dict[str, Any], log: _Log, 
             watch(env, driver, len(log.states) - 1)
 
 
-def _abs_rel(sight: Sight) -> float | None:
+def look_abs_rel(sight: Sight) -> float | None:
     """Return the mean |Z - Z*| / Z* of one look over the true depths of 0.5 m to 15 m and disparities of at most 192
     px.
 
@@ -261,7 +264,7 @@ def _abs_rel(sight: Sight) -> float | None:
     """
     if sight.true_depth is None or sight.true_depth is sight.depth:
         return None
-    scored = _in_range(sight.true_depth) & (sight.rig.depth_to_disparity(sight.true_depth) <= MAX_DISPARITY)
+    scored = in_range(sight.true_depth) & (sight.rig.depth_to_disparity(sight.true_depth) <= MAX_DISPARITY)
     true = sight.true_depth[scored].astype(np.float64)
     return float(np.mean(np.abs(capped_depth(sight.depth[scored]) - true) / true)) if scored.any() else None
 
@@ -270,11 +273,12 @@ def _is_blind(sight: Sight) -> bool:
     """Return whether there was ground within range, and no depth was measured of any of it."""
     if sight.true_depth is None:
         return False
-    in_range = _in_range(sight.true_depth)
-    return bool(in_range.any() and not known_depth(sight.depth[in_range]).any())
+    near = in_range(sight.true_depth)
+    return bool(near.any() and not known_depth(sight.depth[near]).any())
 
 
-def _in_range(depth: np.ndarray) -> np.ndarray:
+def in_range(depth: np.ndarray) -> np.ndarray:
+    """Return which depths (...) [m] are scored: those of 0.5 m to 15 m."""
     return (depth >= MIN_DEPTH) & (depth <= MAX_DEPTH)
 
 

@@ -25,11 +25,12 @@ SCALE_BAR = 5.0  # [m] length of the map's scale
 MAP_TITLE = "map: green free, yellow costly, red blocked, grey unknown"
 TEXT = cv2.FONT_HERSHEY_SIMPLEX, 0.45, (240, 240, 240), 1, cv2.LINE_AA  # font, size, colour, weight
 FPS = 5  # frames a second
+LAST_FRAMES = 2 * FPS  # frames that show how a drive ended
 STILL_EVERY = 10  # steps between two stills
 
 
 class Film:
-    """Writes a frame for each step into an mp4 file (MPEG-4, 5 frames a second).
+    """Writes a frame for each step into an mp4 file (MPEG-4, 5 frames a second), and shows for 2 s how the drive ended.
 
     Give `watch` to envs.drives.episodes.run_episode. Use the film as a context manager, or close() it. The file gets
     its name when the film is whole: an exception in the block leaves an older file, or none.
@@ -95,7 +96,13 @@ class Film:
             normal = np.where(np.isfinite(sight.depth)[..., None], normal, 0)
         distance = float(np.hypot(*(env.course.goal - state.position[:2])))
         top = [
-            _titled(outside, self.title, f"step {step}   {_motion(state)}   goal {distance:.1f} m   {env.outcome}"),
+            _titled(
+                outside,
+                self.title,
+                f"step {step}   {_motion(state)}   goal {distance:.1f} m",
+                f"{_command(env, driver)}   {_contact(env)}",
+                _ending(env, driver),
+            ),
             _titled(_square(left), "left eye"),
         ]
         bottom = [
@@ -104,7 +111,8 @@ class Film:
             _titled(navigator_map(env, driver), MAP_TITLE if _navigator(driver) else "map: this driver keeps none"),
         ]
         frame = np.vstack([np.hstack(top), np.hstack(bottom)])
-        self._writer.write(np.ascontiguousarray(frame[..., ::-1]))
+        for _ in range(1 if env.outcome == "driving" else LAST_FRAMES):
+            self._writer.write(np.ascontiguousarray(frame[..., ::-1]))
         if step % STILL_EVERY == 0:
             self.stills.append(frame)
 
@@ -160,6 +168,32 @@ def navigator_map(env: MarsNavEnv, driver: Driver) -> np.ndarray:
 
 def _motion(state: RoverState) -> str:
     return f"{state.velocity[0]:.2f} m/s   tilt {np.degrees(state.tilt):.0f} deg"
+
+
+def _command(env: MarsNavEnv, driver: Driver) -> str:
+    """Return what the driver wanted in the last step: the navigator's status, and the motion."""
+    command = driver.command if isinstance(driver, NavigatorDriver) else None
+    if command is not None:
+        return f"{command.status}: {command.speed:+.2f} m/s {np.degrees(command.yaw_rate):+.0f} deg/s"
+    speed, yaw_rate = env.last_action[:2] * (env.rover_spec.max_speed, env.rover_spec.max_yaw_rate)
+    return f"command {speed:+.2f} m/s {np.degrees(yaw_rate):+.0f} deg/s"
+
+
+def _contact(env: MarsNavEnv) -> str:
+    """Return what the rover touched in the last step."""
+    assert env.vehicle is not None
+    contacts = env.vehicle.contacts()
+    touched = [name for name, touches in (("chassis", contacts.chassis), ("wheel", contacts.obstacle)) if touches]
+    return f"contact: {' and '.join(touched)}" if touched else "no contact"
+
+
+def _ending(env: MarsNavEnv, driver: Driver) -> str:
+    """Return how the drive ended; "" while it goes on."""
+    if env.outcome == "driving":
+        return ""
+    command = driver.command if isinstance(driver, NavigatorDriver) else None
+    given_up = command is not None and command.over and command.status != env.outcome
+    return f"ended: {env.outcome} (navigator: {command.status})" if command and given_up else f"ended: {env.outcome}"
 
 
 def _navigator(driver: Driver) -> Navigator | None:

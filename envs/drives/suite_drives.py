@@ -18,7 +18,7 @@ from marssim.base.command.spelling import did_you_mean
 # What remains free with --suite; everything else is the suite's.
 FREE = (
     "out", "driver", "perception", "workers", "scheduler", "runtime", "scores", "videos", "film_courses", "bag_courses",
-    "condition", "suite", "split", "shard", "episodes",
+    "record", "condition", "suite", "split", "shard", "episodes",
 )  # fmt: skip
 
 

@@ -14,6 +14,7 @@ class WayDriven:
     Attributes:
         place: (3,) x, y [m] and yaw [rad] of the rover now.
         length: Length of the way [m].
+        clearance: Least distance in the last step between the footprint and an obstacle [m].
         min_clearance: Least distance on it between the footprint and an obstacle [m].
     """
 
@@ -28,7 +29,7 @@ class WayDriven:
         self._ground, self._obstacles = course.ground, obstacles
         self.place = start
         self.length = 0.0
-        self.min_clearance = obstacles.between(start, start)
+        self.clearance = self.min_clearance = obstacles.between(start, start)
         self._to_go = self._ground.distance_to_goal(*start[:2])
 
     def advance(self, place: np.ndarray) -> float:
@@ -38,7 +39,8 @@ class WayDriven:
             How much shorter the passable way to the goal has become [m]; 0 where no way leads there.
         """
         self.length += float(np.hypot(*(place - self.place)[:2]))
-        self.min_clearance = min(self.min_clearance, self._obstacles.between(self.place, place))
+        self.clearance = self._obstacles.between(self.place, place)
+        self.min_clearance = min(self.min_clearance, self.clearance)
         self.place = place
         to_go = self._ground.distance_to_goal(*place[:2])
         if not np.isfinite(to_go):

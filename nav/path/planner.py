@@ -14,6 +14,7 @@ from marssim.base.angle import wrapped
 from marssim.base.rover_spec import RoverSpec
 from nav.ground.elevation import ElevationMap
 from nav.ground.traversability import Traversability
+from nav.path.candidates import COST_PARTS, Candidates
 from nav.path.distance_field import DistanceField
 from nav.path.footprint import arc_poses, footprint_distance, turn_poses
 from nav.path.free_length import free_length, room_needed
@@ -41,12 +42,18 @@ class Motion:
 
 
 class Planner:
-    """Chooses the next motion on a map."""
+    """Chooses the next motion on a map.
+
+    Attributes:
+        field: The cost to go to the goal.
+        considered: The Candidates of the last plan, the chosen one among them; None before it.
+    """
 
     def __init__(self, spec: RoverSpec, config: PlannerConfig, elevation: ElevationMap) -> None:
         self.spec, self.config = spec, config
         self.field = DistanceField(elevation, config.coarse, config.inflated_cost)
         self.margin = config.margin
+        self.considered: Candidates | None = None
         self._stance: StanceModel | None = None
         self.previous_curvature = 0.0
         self.previous_turn = 0.0
@@ -98,11 +105,9 @@ class Planner:
             pose: (3,) x, y [m], yaw [rad].
             goal: (2,) goal in the world [m].
         """
-        motions = [
-            m
-            for m in (self._best_arc(elevation, ground, pose, goal), self._best_turn(elevation, ground, pose, goal))
-            if m
-        ]
+        groups = [self._arcs(elevation, ground, pose, goal), self._turns(elevation, ground, pose, goal)]
+        self.considered = Candidates.joined([candidates for candidates, _ in groups])
+        motions = [motion for motion in (self._cheapest(*group) for group in groups) if motion]
         if not motions:
             return None
         best = min(motions, key=lambda motion: motion.cost)
@@ -113,7 +118,7 @@ class Planner:
         self.previous_curvature, self.previous_turn = best.curvature, best.turn
         return best
 
-    def _onward(self, poses: np.ndarray, goal: np.ndarray) -> np.ndarray:
+    def _onward(self, poses: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the cost from each pose to the goal: the field there, and the turn into its downhill direction."""
         xy = poses[..., :2]
         value = self.field.at(xy)
@@ -124,12 +129,13 @@ class Planner:
             wanted = np.arctan2(-slope_y, -slope_x)
             error = np.abs(wrapped(wanted - poses[..., 2]))
         near_goal = np.hypot(*np.moveaxis(xy - goal[:2], -1, 0)) < HEADING_FREE
-        return value + np.where(near_goal | ~np.isfinite(error), 0.0, self.config.heading_cost * error)
+        return value, np.where(near_goal | ~np.isfinite(error), 0.0, self.config.heading_cost * error)
 
     def _rate(
         self, poses: np.ndarray, free: np.ndarray, elevation: ElevationMap, ground: Traversability, goal: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the cost of each motion (a,) when it is left at its best point, and the index of that point (a,).
+    ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+        """Return the cost of each motion (a,) when it is left at its best point, that point (a,) [m], and parts of the
+        cost by name.
 
         Args:
             poses: (a, k, 3) poses of the motions.
@@ -142,53 +148,65 @@ class Planner:
         cell = np.clip(elevation.cell_of(poses[..., :2]), 0, elevation.n - 1)
         price = 1.0 + ground.cost[cell[..., 1], cell[..., 0]]
         driven = np.cumsum(price, axis=1) * c.spacing - price[:, :1] * c.spacing
-        total = driven + self._onward(poses, goal)
+        onward, heading = self._onward(poses, goal)
+        total = driven + (onward + heading)
         s = self._distance[None, : poses.shape[1]]
         usable = (s <= np.minimum(free, c.lookahead)[:, None] + 1e-6) & (
             s >= np.minimum(c.commit, free)[:, None] - 1e-6
         )
         total = np.where(usable & (free >= c.commit - 1e-6)[:, None], total, np.inf)
         at = total.argmin(axis=1)
-        return total[np.arange(len(at)), at], at
+        best = np.arange(len(at)), at
+        end = self._distance[at]
+        parts = {"way": end, "ground": driven[best] - end, "onward": onward[best], "heading": heading[best]}
+        return total[best], end, parts
 
-    def _best_arc(
+    def _arcs(
         self, elevation: ElevationMap, ground: Traversability, pose: np.ndarray, goal: np.ndarray
-    ) -> Motion | None:
+    ) -> tuple[Candidates, np.ndarray]:
+        """Return the arcs, and their poses (a, k, 3)."""
         c = self.config
         curvature = self._curvatures
         poses = arc_poses(np.broadcast_to(pose, (curvature.size, 3)), curvature, self._distance)
         free = self.free_length(poses, elevation, ground)
         free = np.minimum(free, np.deg2rad(c.max_turn_deg) / np.maximum(np.abs(curvature), 1e-6))
-        cost, at = self._rate(poses, free, elevation, ground, goal)
-        cost += c.bend_cost * np.abs(curvature) * self._distance[at]
-        cost += c.change_cost * np.abs(curvature - self.previous_curvature)
-        i = int(cost.argmin())
-        if not np.isfinite(cost[i]):
-            return None
-        stop = round(free[i] / c.spacing) + 1
-        return Motion(float(curvature[i]), 0.0, float(free[i]), float(cost[i]), poses[i, :stop])
+        cost, end, parts = self._rate(poses, free, elevation, ground, goal)
+        parts["bend"] = c.bend_cost * np.abs(curvature) * end
+        parts["change"] = c.change_cost * np.abs(curvature - self.previous_curvature)
+        cost += parts["bend"]
+        cost += parts["change"]
+        return _candidates(curvature, np.zeros_like(curvature), free, end, cost, parts), poses
 
-    def _best_turn(
+    def _turns(
         self, elevation: ElevationMap, ground: Traversability, pose: np.ndarray, goal: np.ndarray
-    ) -> Motion | None:
+    ) -> tuple[Candidates, np.ndarray]:
+        """Return the turns in place that touch nothing, and the poses (a, k, 3) of the drive after each."""
         c = self.config
         turn = self.free_turns(elevation, ground, pose)
-        if turn.size == 0:
-            return None
         poses = arc_poses(turn_poses(pose, turn), np.zeros(turn.size), self._distance)
+        if turn.size == 0:
+            none = np.zeros(0)
+            return _candidates(none, none, none, none, none, {}), poses
         free = self.free_length(poses, elevation, ground)
-        cost, _ = self._rate(poses, free, elevation, ground, goal)
+        cost, end, parts = self._rate(poses, free, elevation, ground, goal)
         same_way = np.sign(turn) * np.sign(self.previous_turn)
-        cost += c.turn_cost * np.abs(turn) + np.choose(
+        parts["turn"] = c.turn_cost * np.abs(turn) + np.choose(
             same_way.astype(int) + 1,
             [c.turn_start_cost + c.turn_back_cost * 2**self._turned_back, c.turn_start_cost, 0.0],
         )
-        cost += c.turn_dark_cost * self._into_the_dark(elevation, ground, pose, turn)
-        i = int(cost.argmin())
-        if not np.isfinite(cost[i]):
+        parts["unseen"] = c.turn_dark_cost * self._into_the_dark(elevation, ground, pose, turn)
+        cost += parts["turn"]
+        cost += parts["unseen"]
+        return _candidates(np.zeros_like(turn), turn, free, end, cost, parts), poses
+
+    def _cheapest(self, candidates: Candidates, poses: np.ndarray) -> Motion | None:
+        """Return the candidate of least cost, None if none is free; poses: (a, k, 3) of all."""
+        c = candidates
+        if not np.isfinite(c.cost).any():
             return None
-        stop = round(free[i] / c.spacing) + 1
-        return Motion(0.0, float(turn[i]), float(free[i]), float(cost[i]), poses[i, :stop])
+        i = int(c.cost.argmin())
+        stop = round(c.free[i] / self.config.spacing) + 1
+        return Motion(float(c.curvature[i]), float(c.turn[i]), float(c.free[i]), float(c.cost[i]), poses[i, :stop])
 
     def _into_the_dark(
         self, elevation: ElevationMap, ground: Traversability, pose: np.ndarray, turns: np.ndarray
@@ -225,3 +243,16 @@ class Planner:
             ok[0] = True
             out.append(angle[: np.cumprod(ok).sum()][1:])
         return np.concatenate(out)
+
+
+def _candidates(
+    curvature: np.ndarray,
+    turn: np.ndarray,
+    free: np.ndarray,
+    end: np.ndarray,
+    cost: np.ndarray,
+    parts: dict[str, np.ndarray],
+) -> Candidates:
+    """Return candidates; parts that are not given cost nothing."""
+    nothing = np.zeros_like(cost)
+    return Candidates(curvature, turn, free, end, cost, {name: parts.get(name, nothing) for name in COST_PARTS})

@@ -6,6 +6,8 @@ import sys
 
 import numpy as np
 import pytest
+from recorded_drives import drive_of, look_pictures
+from recorded_drives import step as drive_step
 from rock_world import SMALL_RIG, RockWorld, body_pose
 
 from marssim.base.bags.images import image_array
@@ -16,7 +18,7 @@ from marssim.base.dataset.sample import write_sample
 from marssim.base.files.json_file import read_json, write_json
 from marssim.base.rover_spec import ZHURONG
 from nav import replay as command
-from nav.replay import Frame, main, recorded, replay
+from nav.replay import Frame, driven, main, recorded, replay
 
 WORLD = RockWorld(domes=np.array([[5.0, 0.0, 0.6, 0.6]]))
 
@@ -99,9 +101,7 @@ def test_the_command_prints_a_line_a_frame_and_needs_no_simulator(folder):
     assert done.stdout.splitlines()[-1] == "8 commands for 8 frames" and done.stdout.count("m/s") == 8
 
 
-def test_views_far_from_each_other_are_warned_of(folder, tmp_path, capsys):
-    assert main([str(folder)]) == 0
-    assert capsys.readouterr().err == ""
+def test_views_far_from_each_other_are_refused(folder, tmp_path, capsys):
     sample = StereoDataset(folder)[0]
     for number, x in enumerate((0.0, 9.0)):
         eye = body_pose(x, 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline)
@@ -110,8 +110,12 @@ def test_views_far_from_each_other_are_warned_of(folder, tmp_path, capsys):
                            sample.occluded, SMALL_RIG, eye)  # fmt: skip
         write_sample(tmp_path / "scenes" / f"00000/{number:02d}", look, {"scene": 0, "view": number})
     write_index(tmp_path, {"seed": 1}, ["00000/00", "00000/01"])
-    assert main([str(tmp_path)]) == 0
-    assert capsys.readouterr().err.startswith("warning: frames lie up to 9.0 m apart")
+    assert main([str(tmp_path)]) == 2
+    shown = capsys.readouterr()
+    assert shown.out == "" and shown.err == (
+        f"error: {tmp_path}: holds no recorded drive, two of its views in a row lie 9.0 m apart; "
+        "marssim.generate --trajectory makes one\n"
+    )
 
 
 @pytest.mark.parametrize("number", [1, 8])
@@ -126,8 +130,7 @@ def test_a_dataset_of_random_views_is_refused(folder, tmp_path, capsys, number):
     assert main([str(copy)]) == 2
     shown = capsys.readouterr()
     assert shown.err == (
-        f"error: {copy}: holds no recorded drive, its views are random; "
-        "generate one with marssim.generate --trajectory\n"
+        f"error: {copy}: holds no recorded drive, its views are random; marssim.generate --trajectory makes one\n"
     )
     assert shown.out == ""
 
@@ -154,6 +157,33 @@ def test_view_shows_what_the_navigator_saw_and_chose_in_each_frame(folder, capsy
     dome = np.hypot(surface.vertices[:, 0] - 5, surface.vertices[:, 1]) < 0.25
     assert dome.any() and surface.vertices[dome, 2].max() > 0.4
     assert surface.faces.max() == len(surface.vertices) - 1 and len(surface.colours) == len(surface.vertices)
+
+
+def test_a_recorded_episode_is_replayed_to_its_own_goal(tmp_path, capsys):
+    """Every second step without a look, on which the navigator drives by its map."""
+    steps, pictures = [], {}
+    for n, frame in enumerate(frames()):
+        looked = n % 2 == 0
+        steps.append(drive_step(x=0.3 * n, looked=looked))
+        pictures |= look_pictures(n, frame.depth) if looked else {}
+    file = tmp_path / "drive.zip"
+    drive = drive_of(file, steps, pictures, rig=SMALL_RIG, goal=(20.0, 0.0))
+    commands = replay(driven(drive), (20.0, 0.0))
+    assert commands[0].status == "drive" and max(abs(c.yaw_rate) for c in commands) > 0.03
+    assert main([str(file)]) == 0
+    shown = capsys.readouterr()
+    assert shown.out.splitlines()[-1] == "8 commands for 8 frames" and shown.err == ""
+    assert main([str(file), "--goal", "-0.5", "0"]) == 0
+    assert "arrived" in capsys.readouterr().out.splitlines()[1]
+
+
+def test_a_recorded_look_without_depth_and_a_foreign_file_are_named(tmp_path, capsys):
+    drive_of(tmp_path / "drive.zip", [drive_step(looked=True)])
+    (tmp_path / "notes.txt").write_text("no drive")
+    for name, fault in (("drive.zip", "steps[0] has no depth"), ("notes.txt", "is not a whole zip archive")):
+        assert main([str(tmp_path / name)]) == 2
+        error = capsys.readouterr().err
+        assert error.startswith(f"error: {tmp_path / name}: {fault}") and error.count("\n") == 1
 
 
 def test_mistakes_exit_with_2_and_one_line(folder, tmp_path, capsys):

@@ -14,7 +14,7 @@ COMMANDS = {
     "marssim": ("generate", "verify", "export", "abundance", "slopes"),
     "m3depth": ("train", "evaluate", "predict", "rectify", "export", "ablate", "texture"),
     "nav": ("replay", "map"),
-    "envs": ("evaluate", "make_suite", "join", "compare", "inspect", "demo", "rocks", "train_ppo"),
+    "envs": ("evaluate", "make_suite", "join", "compare", "report", "inspect", "demo", "rocks", "train_ppo"),
 }
 
 

@@ -72,19 +72,34 @@ def read_json(path: Path) -> dict[str, Any]:
         DatasetError: The file cannot be read, or holds no JSON object. One line that names the file.
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        data = path.read_bytes()
     except FileNotFoundError:
         raise DatasetError(f"{path}: no such file") from None
     except OSError as error:
         raise DatasetError(f"{path}: {(error.strerror or str(error)).lower()}") from None
+    return parse_json(data, path)
+
+
+def parse_json(data: bytes, name: object) -> dict[str, Any]:
+    """Return the JSON object that the content of a file holds.
+
+    Args:
+        data: The content, UTF-8.
+        name: The file, for messages.
+
+    Raises:
+        DatasetError: It holds no JSON object. One line that begins with the name.
+    """
+    try:
+        content = json.loads(data.decode("utf-8"))
     except ValueError as error:  # not UTF-8, or not JSON
-        raise DatasetError(f"{path}: is not JSON: {error}") from None
+        raise DatasetError(f"{name}: is not JSON: {error}") from None
     except RecursionError:
-        raise DatasetError(f"{path}: {TOO_DEEP}") from None
+        raise DatasetError(f"{name}: {TOO_DEEP}") from None
     if not isinstance(content, dict):
-        raise DatasetError(f"{path}: not a JSON object")
+        raise DatasetError(f"{name}: not a JSON object")
     if _is_deeper(content, MOST_LEVELS):
-        raise DatasetError(f"{path}: {TOO_DEEP}")
+        raise DatasetError(f"{name}: {TOO_DEEP}")
     return content
 
 

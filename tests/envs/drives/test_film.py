@@ -8,6 +8,8 @@ from envs.drivers.builtin import NavigatorDriver, StraightDriver
 from envs.drives.film import FPS, MAP_TITLE, PANEL, Film, navigator_map
 from envs.world.outside_view import WIDTH
 from m3depth.stereo.prediction import Prediction
+from marssim.physics.state import Contacts
+from nav.command import Command
 
 
 @pytest.fixture
@@ -164,3 +166,23 @@ def test_a_film_has_its_name_once_it_is_whole(filmed, tmp_path):
 def test_a_film_that_cannot_be_written_is_named(tmp_path):
     with pytest.raises(OSError, match=r"none/a\.mp4"):
         Film(tmp_path / "none" / "a.mp4")
+
+
+def test_every_frame_shows_command_status_and_contact_and_the_last_how_it_ended(filmed, tmp_path, monkeypatch):
+    env, driver, _ = filmed
+    titles = []
+    monkeypatch.setattr("envs.drives.film._titled", lambda image, *lines: titles.append(lines) or image)
+    with Film(tmp_path / "ended.mp4") as film:
+        film.watch(env, driver, 1)
+        env.outcome, driver.command = "no_path", Command(0.0, 0.0, None, "stuck")
+        film.watch(env, driver, 1)
+        env.outcome = "collision"
+        monkeypatch.setattr(env.vehicle, "contacts", lambda: Contacts(chassis=True))
+        film.watch(env, StraightDriver(), 2)
+    going, stuck, hit = (lines[2:] for lines in titles if len(lines) > 2)
+    assert going == ("look: +0.00 m/s +0 deg/s   no contact", "")
+    assert stuck == ("stuck: +0.00 m/s +0 deg/s   no contact", "ended: no_path (navigator: stuck)")
+    assert hit == ("command +0.00 m/s +0 deg/s   contact: chassis", "ended: collision")
+    video = cv2.VideoCapture(str(tmp_path / "ended.mp4"))
+    assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 1 + 2 * 2 * FPS  # the ends stay for 2 s
+    video.release()

@@ -35,6 +35,7 @@ CONFIGS = {  # the config of each command, and the least that it needs
     "envs.make_suite": ("envs.make_suite:MakeSuiteConfig", ["--out", "suite.json"]),
     "envs.join": ("envs.join:JoinConfig", ["shard", "--out", "out"]),
     "envs.compare": ("envs.compare:CompareConfig", ["results.json"]),
+    "envs.report": ("envs.report:ReportConfig", ["drive.zip"]),
     "envs.inspect": ("envs.inspect:InspectConfig", ["out"]),
     "envs.demo": ("envs.demo:DemoConfig", []),
     "envs.rocks": ("envs.rocks:RocksConfig", ["--data", "data", "--out", "out"]),

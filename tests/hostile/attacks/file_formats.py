@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from calibration_files import CALIBRATIONS, read_calibration_pair
 from PIL import Image, TiffImagePlugin
+from recorded_drives import drive_bytes
 from small_network import SMALL
 
 from envs.drivers.policy_archive import read_policy
@@ -26,6 +27,7 @@ from marssim.base.bags.stereo_writer import StereoBagWriter
 from marssim.base.calibration.rectified import read_calibration
 from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
 from marssim.base.dataset.dataset import StereoDataset
+from marssim.base.dataset.drive_file import read_drive
 from marssim.base.dataset.frame import StereoFrame
 from marssim.base.dataset.sample import read_sample, write_sample
 from marssim.base.files.json_file import as_json
@@ -156,6 +158,7 @@ FORMATS: dict[str, tuple[Make, Callable[[Path], object]]] = {
     "checkpoint": (_checkpoint, lambda path: read_checkpoint(path, torch.device("cpu"))),
     "unfinished evaluation": (_unfinished, lambda path: SavedState(path.parent, {"--seed": 0}).load()),
     "episode": (_text("episode.json", json.dumps(asdict(RECORD))), read_record),
+    "recorded drive": (_bytes("drive.zip", drive_bytes), lambda path: read_drive(path).depth(0)),
     "heightmap .npy": (_heightmap(".npy"), _read_heightmap),
     "heightmap .png": (_heightmap(".png"), _read_heightmap),
     "heightmap .tif": (_heightmap(".tif"), _read_heightmap),

@@ -99,3 +99,21 @@ def test_rocks_are_driven_round():
 def test_walled_in_there_is_no_motion():
     ring = [(1.6 * np.cos(a), 1.6 * np.sin(a), 0.25) for a in np.linspace(0, 2 * np.pi, 24)]
     assert plan(*flat_map_with_rocks(ring), goal=(7.0, 0.0)) is None
+
+
+def test_a_plan_keeps_all_that_it_compared_with_the_parts_of_their_costs():
+    elevation, ground = flat_map_with_rocks([(2.0, y, 0.3) for y in np.arange(-1.0, 0.6, 0.4)])
+    goal, planner = np.array([7.0, 0.3]), Planner(ZHURONG, CONFIG, elevation)
+    planner.previous_curvature = 0.2
+    planner.update(elevation, ground, goal)
+    motion, compared = planner.plan(elevation, ground, np.zeros(3), goal), planner.considered
+    free = np.isfinite(compared.cost)
+    assert (compared.turn == 0).sum() == CONFIG.arcs and 0 < free.sum() < free.size  # the rocks close some
+    np.testing.assert_allclose(sum(compared.parts.values())[free], compared.cost[free])
+    best = compared.cost.argmin()
+    chosen = compared.curvature[best], compared.turn[best], compared.free[best], compared.cost[best]
+    assert chosen == (motion.curvature, motion.turn, motion.length, motion.cost)
+    assert (compared.end[free] <= CONFIG.lookahead + 1e-6).all() and (compared.parts["way"] == compared.end).all()
+    arcs = compared.turn == 0
+    assert (compared.parts["turn"][arcs] == 0).all() and (compared.parts["turn"][~arcs] > 0).all()
+    np.testing.assert_allclose(compared.parts["change"][arcs], CONFIG.change_cost * abs(compared.curvature - 0.2)[arcs])

@@ -1,0 +1,1 @@
+"""Recorded drives, step by step, and the pages that show them."""

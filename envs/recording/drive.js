@@ -1,0 +1,250 @@
+"use strict";
+// One drive or two side by side, and the time line that moves through them.
+
+const DATA = JSON.parse(document.getElementById("data").textContent);
+for (const layer of ["depth", "confidence", "error", "map"]) TABLES[layer] = DATA.colours[layer].map(rgb);
+const STATUS = {
+  drive: ["#6a9a62", "drives"], turn: ["#5a86b8", "turns in place"], look: ["#b9a05a", "looks"], recover: ["#c9743c", "backs out"],
+  blind: ["#555", "sees nothing"], arrived: ["#2a9d5c", "arrived"], stuck: ["#9b3fa0", "gives up: stuck"],
+  no_path: ["#7a4a9a", "gives up: no path"],
+};
+const byId = (id) => document.getElementById(id);
+const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+const degrees = (radians) => (radians * 180) / Math.PI;
+// An angle [rad], as "12\u00b0 left"; per: "" or "/s".
+function sideways(angle, digits, per) {
+  const value = degrees(angle).toFixed(digits);
+  return Number(value) === 0 ? `0\u00b0${per}` : `${value.replace("-", "")}\u00b0${per} ${angle > 0 ? "left" : "right"}`;
+}
+
+let columns = [];
+let by = "time"; // what two drives have in common at a position: time or way
+let stops = []; // positions of the time line [s] or [m]
+let index = 0;
+let timer = null;
+
+const coordinate = (drive, n) => (by === "time" ? n * drive.stepSeconds : drive.steps[n].way);
+const moment = (drive, n) => `step ${n}, ${(n * drive.stepSeconds).toFixed(0)} s, ${drive.steps[n].way.toFixed(1)} m driven`;
+
+// The step at which a drive is at a position of the time line: the last one that is not beyond it.
+function stepAt(drive, position) {
+  let n = 0;
+  while (n + 1 < drive.steps.length && coordinate(drive, n + 1) <= position + 1e-6) n += 1;
+  return n;
+}
+
+function statusOf(step) {
+  if (step.status) return STATUS[step.status] ?? ["#888", step.status];
+  return step.outcome === "driving" ? ["#6a9a62", "drives"] : [DATA.colours.outcomes[step.outcome] ?? "#555", step.outcome];
+}
+
+// The column of a drive: its outcome, and what there is to see and to know at a step.
+function driveColumn(drive) {
+  const eyes = ["left", "right"].map((side) => make("img", { alt: `${side} eye` }));
+  const depth = layerFigure("depth", "depth", bar("depth", [37, 73, 122, 158, 180], ["1 m", "2", "5", "10", "15 m"]));
+  const confidence = layerFigure("confidence", "confidence", bar("confidence", [0, 64, 128, 191, 255], ["0", "0.5", "1"]));
+  const error = layerFigure("error", "error of the depth", bar("error", [118, 123, 128, 133, 138], ["-10 % nearer", "0", "+10 % farther"]));
+  const scored = drive.pictures.error.some((uri) => uri);
+  const map = mapPanel(drive);
+  const costs = costsPanel(map.emphasise);
+  const when = make("h2"), reason = make("p", { class: "reason" }), facts = make("div", { class: "facts" });
+  const lookNote = make("p", { class: "note" });
+  const figures = [...eyes.map((eye, n) => make("figure", {}, make("figcaption", {}, n ? "right eye" : "left eye"), eye)),
+    depth.figure, confidence.figure, ...(scored ? [error.figure] : [])];
+  const jump = make("button", { class: "jump", onclick: () => goTo(coordinate(drive, drive.decided.step)) }, `go to step ${drive.decided.step}`);
+  const element = make("article", {},
+    make("div", { class: "head" }, make("h1", {}, drive.name),
+      make("span", { class: "badge", background: DATA.colours.outcomes[drive.outcome] ?? "#444" }, drive.outcome.replace(/_/g, " "))),
+    make("div", { class: "body" },
+      make("div", { class: "panel decided" }, make("p", {}, drive.summary),
+        make("p", {}, `Decided at step ${drive.decided.step}: ${drive.decided.why}. `, jump)),
+      make("div", { class: "panel" }, when, reason, facts)),
+    make("div", { class: "body evidence" },
+      make("div", {}, make("div", { class: "panel" }, make("div", { class: scored ? "views three" : "views" }, ...figures), lookNote),
+        costs.panel),
+      make("div", {}, map.panel)));
+
+  function update(n) {
+    const step = drive.steps[n];
+    let look = n;
+    while (look > 0 && !drive.steps[look].looked) look -= 1;
+    eyes.forEach((eye, side) => {
+      const uri = drive.pictures[side ? "right" : "left"][look];
+      if (uri) eye.src = uri;
+    });
+    depth.update(drive.pictures.depth[look]);
+    confidence.update(drive.pictures.confidence[look]);
+    error.update(drive.pictures.error[look]);
+    lookNote.textContent = look === n ? "" : `No look at this step: the images are those of step ${look}.`;
+    when.textContent = moment(drive, n);
+    const [colour, words] = statusOf(step);
+    reason.replaceChildren(make("span", { class: "chip", background: colour }, words), ending(step, n) ?? step.reason ?? "");
+    facts.replaceChildren(...factsOf(step, drive.steps[look]).map(([name, value, alarm]) =>
+      make("div", alarm ? { class: "alarm" } : {}, make("small", {}, name), value)));
+    map.update(n);
+    costs.update(step);
+  }
+
+  function ending(step, n) {
+    if (n < drive.steps.length - 1) return null;
+    return step.reason ? `${step.reason}; the drive ended: ${drive.outcome.replace(/_/g, " ")}` : "the drive ended here";
+  }
+
+  return { drive, element, update, map };
+}
+
+function factsOf(step, look) {
+  const facts = [];
+  if (step.action) {
+    const command = step.command;
+    if (command) facts.push(["speed", `${command.speed.toFixed(2)} m/s`], ["turn", sideways(command.yaw_rate, 1, "/s")]);
+    else facts.push(["action", step.action.map((value) => value.toFixed(2)).join(", ")]);
+  }
+  facts.push(["mast", sideways(step.pan, 0, "")], ["to the goal", `${step.distance.toFixed(1)} m`],
+    ["clearance", step.clearance >= 3 ? "over 3 m" : `${step.clearance.toFixed(2)} m`, step.clearance < 0.1],
+    ["contact", step.contact === "obstacle" ? "wheel on a rock" : step.contact, step.contact !== "none"],
+    ["tilt", `${step.tilt_deg.toFixed(0)}\u00b0`, step.tilt_deg > 20],
+    ["depth error", look.abs_rel === null ? "none, true depth" : `${(100 * look.abs_rel).toFixed(1)} %`, look.abs_rel > 0.1]);
+  const astray = Math.hypot(step.pose[0][3] - step.believed_pose[0][3], step.pose[1][3] - step.believed_pose[1][3]);
+  if (astray > 0.005) facts.push(["odometry off by", `${astray.toFixed(2)} m`, astray > 0.5]);
+  if (step.risk_level) facts.push(["risk level", String(step.risk_level), true]);
+  return facts;
+}
+
+// The strip of a drive: what it did, its clearance and its depth error, over the position.
+function drawStrip(canvas, drive) {
+  const ratio = window.devicePixelRatio || 1;
+  const width = (canvas.width = Math.round(canvas.clientWidth * ratio)), height = (canvas.height = Math.round(64 * ratio));
+  const context = canvas.getContext("2d");
+  const end = stops[stops.length - 1] || 1;
+  const x = (position) => (position / end) * (width - 2);
+  const last = drive.steps.length - 1;
+  drive.steps.forEach((step, n) => {
+    const from = x(coordinate(drive, n)), to = n < last ? x(coordinate(drive, n + 1)) : from + 3 * ratio;
+    context.fillStyle = statusOf(step)[0];
+    context.fillRect(from, 0, Math.max(to - from, ratio), 13 * ratio);
+  });
+  const curve = (values, most, colour) => {
+    context.strokeStyle = colour;
+    context.lineWidth = 1.6 * ratio;
+    context.beginPath();
+    values.forEach(([position, value], k) => {
+      const y = height - 15 * ratio - (Math.min(value, most) / most) * (height - 32 * ratio);
+      context[k ? "lineTo" : "moveTo"](x(position), y);
+    });
+    context.stroke();
+  };
+  const points = (value) => drive.steps.map((step, n) => [coordinate(drive, n), value(step)]).filter((point) => point[1] !== null);
+  curve(points((step) => step.clearance), 3, style("--clear"));
+  const errors = points((step) => step.abs_rel);
+  curve(errors, 0.2, style("--error"));
+  context.font = `${11 * ratio}px system-ui, sans-serif`;
+  const words = [["clearance, 0 to 3 m", "--clear"]];
+  if (errors.length) words.push(["depth error, 0 to 20 %", "--error"]);
+  if (columns.length > 1) words.unshift([`${drive.driver}, ${drive.perception}`, "--ink"]);
+  let left = 2;
+  for (const [text, colour] of words) {
+    context.fillStyle = style(colour);
+    context.fillText(text, left, height - 3.5 * ratio);
+    left += context.measureText(text).width + 16 * ratio;
+  }
+  const mark = x(coordinate(drive, drive.decided.step));
+  context.fillStyle = style("--accent");
+  context.fillRect(mark - ratio, 0, 2 * ratio, height - 15 * ratio);
+  const flag = "decided", across = context.measureText(flag).width + 8 * ratio;
+  const start = mark + across > width ? mark - across : mark;
+  context.fillRect(start, 13 * ratio, across, 14 * ratio);
+  context.fillStyle = "#fff";
+  context.fillText(flag, start + 4 * ratio, 24 * ratio);
+  context.fillStyle = style("--ink");
+  const here = x(stops[index]);
+  context.fillRect(here - ratio, 0, 2.4 * ratio, height - 15 * ratio);
+}
+
+function show() {
+  const position = stops[index];
+  columns.forEach((column) => column.update(stepAt(column.drive, position)));
+  columns.forEach((column) => drawStrip(column.strip, column.drive));
+  byId("position").value = index;
+  byId("now").textContent = by === "time" ? `${position.toFixed(0)} s` : `${position.toFixed(1)} m driven`;
+  if (columns.length === 1) byId("now").textContent = moment(columns[0].drive, stepAt(columns[0].drive, position));
+}
+
+function moveTo(n) {
+  index = Math.min(Math.max(n, 0), stops.length - 1);
+  show();
+}
+
+function goTo(position) {
+  let nearest = 0;
+  stops.forEach((stop, n) => { if (Math.abs(stop - position) < Math.abs(stops[nearest] - position)) nearest = n; });
+  moveTo(nearest);
+}
+
+function layOut() {
+  const all = columns.flatMap(({ drive }) => drive.steps.map((_, n) => coordinate(drive, n)));
+  stops = [...new Set(all)].sort((a, b) => a - b);
+  byId("position").max = stops.length - 1;
+  byId("sync").hidden = columns.length < 2;
+  byId("beside").hidden = columns.length > 1;
+  document.body.classList.toggle("pair", columns.length > 1);
+}
+
+function addDrive(drive) {
+  const column = driveColumn(drive);
+  column.strip = make("canvas", { title: "drag to move through the drive" });
+  const scrub = (event) => goTo((event.offsetX / column.strip.clientWidth) * (stops[stops.length - 1] || 1));
+  column.strip.addEventListener("pointerdown", (event) => { column.strip.setPointerCapture(event.pointerId); scrub(event); });
+  column.strip.addEventListener("pointermove", (event) => { if (event.buttons) scrub(event); });
+  columns.push(column);
+  byId("strips").append(column.strip);
+  byId("drives").append(column.element);
+}
+
+function play() {
+  const playing = timer !== null;
+  clearInterval(timer);
+  timer = playing ? null : setInterval(() => (index + 1 < stops.length ? moveTo(index + 1) : play()), 250);
+  byId("play").textContent = playing ? "play" : "pause";
+}
+
+function decidedStep() {
+  goTo(coordinate(columns[0].drive, columns[0].drive.decided.step));
+}
+
+const KEYS = {
+  ArrowLeft: () => moveTo(index - 1), ArrowRight: () => moveTo(index + 1), PageUp: () => moveTo(index - 10),
+  PageDown: () => moveTo(index + 10), Home: () => moveTo(0), End: () => moveTo(stops.length - 1), " ": play, d: decidedStep,
+};
+document.addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.metaKey || event.altKey || !KEYS[event.key]) return;
+  if (event.key === " " && event.target.matches("button, input")) return; // it presses that
+  event.preventDefault();
+  KEYS[event.key]();
+});
+byId("position").addEventListener("input", (event) => moveTo(Number(event.target.value)));
+byId("back").addEventListener("click", KEYS.ArrowLeft);
+byId("on").addEventListener("click", KEYS.ArrowRight);
+byId("play").addEventListener("click", play);
+window.addEventListener("resize", show);
+document.querySelectorAll("input[name=sync]").forEach((choice) => choice.addEventListener("change", () => {
+  const before = stepAt(columns[0].drive, stops[index]);
+  by = choice.value;
+  layOut();
+  goTo(coordinate(columns[0].drive, before));
+}));
+byId("other").addEventListener("change", async (event) => {
+  const text = await event.target.files[0].text();
+  const found = new DOMParser().parseFromString(text, "text/html").getElementById("data");
+  try {
+    addDrive(JSON.parse(found.textContent).drives[0]);
+    layOut();
+    moveTo(Math.min(index, stops.length - 1));
+  } catch {
+    alert("This file is no page of a recorded drive.");
+  }
+});
+
+DATA.drives.forEach(addDrive);
+layOut();
+show();

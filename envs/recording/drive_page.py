@@ -1,0 +1,177 @@
+"""The page of a recorded drive: one HTML file that needs no server, no network and no other file.
+
+Its content security policy forbids every request, and all that a record holds is put in as data, never as markup.
+"""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Sequence
+from functools import cache
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from envs.drives.maps import OUTCOME_COLOURS
+from envs.recording.turning_point import turning_point
+from envs.world.referee import GOAL_RADIUS
+from marssim.base.dataset.drive_file import LAYERS, MAP_CODES, DriveFile, depth_of, read_drive
+from marssim.base.files.atomic import write_atomically
+from marssim.base.files.json_file import json_text
+from marssim.base.files.png import encode_png
+from marssim.base.images.colours import depth_colours
+
+DRIVES = "drives"  # folder of an evaluation with the files of its drives and their pages
+NEAR, FAR = 0.5, 60.0  # [m] depths of the codes 1 and 254 of a page
+WORST = 0.1  # share of the depth from which errors have the same colour
+ENDINGS = {
+    "goal": "It reached the goal", "collision": "It hit an obstacle", "tilt": "It tilted by more than 30 deg",
+    "stuck": "It got stuck", "time": "It ran out of time", "out_of_bounds": "It left the ground",
+    "no_path": "The driver found no way and gave up",
+    "elsewhere": "By its odometry it was at the goal, but it was not",
+}  # fmt: skip
+
+
+def drive_path(out: Path, episode_file: str) -> Path:
+    """Return the file of a drive in the folder of an evaluation; episode_file: that of its episode's record."""
+    return out / DRIVES / f"{Path(episode_file).stem}.zip"
+
+
+def write_drive_pages(out: Path) -> list[Path]:
+    """Write a page beside each recorded drive of an evaluation that has none yet, or an older one.
+
+    Args:
+        out: The folder of the evaluation.
+
+    Returns:
+        The pages of all its recorded drives.
+
+    Raises:
+        DatasetError: The file of a drive is broken.
+    """
+    pages = []
+    for path in sorted((out / DRIVES).glob("*.zip")):
+        page = path.with_suffix(".html")
+        if not page.is_file() or page.stat().st_mtime < path.stat().st_mtime:
+            write_atomically(page, drive_page([read_drive(path)]))
+        pages.append(page)
+    return pages
+
+
+def drive_page(drives: Sequence[DriveFile]) -> bytes:
+    """Return the page of one drive, or of two side by side, as HTML.
+
+    Raises:
+        DatasetError: A picture of a drive is broken.
+    """
+    data = {
+        "drives": [_shown(drive) for drive in drives], "colours": _colours(), "goalRadius": GOAL_RADIUS,
+        "depthRange": [NEAR, FAR],
+    }  # fmt: skip
+    return _filled("drive.html", title=" beside ".join(_name(drive) for drive in drives), data=data)
+
+
+def page_script(data: Any) -> str:
+    """Return data as JSON that may stand in a script element: it cannot end the element."""
+    return json_text(data).replace("<", "\\u003c")
+
+
+@cache
+def asset(name: str) -> str:
+    """Return the text of a file of this package."""
+    return files("envs.recording").joinpath(name).read_text(encoding="utf-8")
+
+
+def _filled(template: str, title: str, data: Any) -> bytes:
+    parts = asset(template).split("%%")  # text and names by turns
+    values = {
+        "title": escape(title), "style": asset("page.css"), "data": page_script(data),
+        "script": "\n".join(asset(name) for name in ("pictures.js", "map.js", "costs.js", "drive.js")),
+    }  # fmt: skip
+    return "".join(part if n % 2 == 0 else values[part] for n, part in enumerate(parts)).encode()
+
+
+def _name(drive: DriveFile) -> str:
+    episode = drive.content["episode"]
+    return f"{episode['driver']}, {episode['perception']}: course {episode['episode']}, {episode['cell']}"
+
+
+def _shown(drive: DriveFile) -> dict[str, Any]:
+    """Return what the page shows of a drive."""
+    content, episode = drive.content, drive.content["episode"]
+    last = drive.steps[-1]
+    step, why = turning_point(drive)
+    ending = ENDINGS.get(episode["outcome"], f"It ended as {episode['outcome']}")
+    gap = "" if episode["outcome"] == "goal" else f", {last['distance']:.1f} m from the goal"
+    seconds = episode["steps"] * content["step_seconds"]
+    touched = "" if last["contact"] == "none" else f" The rover touched it with {_toucher(last['contact'])}."
+    summary = (
+        f"{ending} after {last['way']:.1f} m and {_minutes(seconds)}{gap}. The shortest way is "
+        f"{episode['shortest']:.1f} m long.{touched}"
+    )
+    keys = ("driver", "perception", "cell", "episode", "outcome", "goal", "obstacles", "shortest_path")
+    return {
+        **{key: episode[key] for key in keys}, "name": _name(drive), "summary": summary, "steps": drive.steps,
+        "stepSeconds": content["step_seconds"], "rover": content["rover"], "decided": {"step": step, "why": why},
+        "pictures": {layer: [_uri(drive, layer, n) for n in range(len(drive.steps))] for layer in LAYERS},
+    }  # fmt: skip
+
+
+def _toucher(contact: str) -> str:
+    return "its chassis" if contact == "chassis" else "a wheel"
+
+
+def _minutes(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds // 60:.0f} min {seconds % 60:.0f} s"
+
+
+def _uri(drive: DriveFile, layer: str, step: int) -> str | None:
+    """Return a picture as a data URI; depth in codes of one byte, as a page reads no more."""
+    if LAYERS[layer] == "jpg":
+        data = drive.picture(layer, step)
+        return None if data is None else f"data:image/jpeg;base64,{b64encode(data).decode()}"
+    codes = drive.codes(layer, step)
+    if codes is None:
+        return None
+    small = _depth_bytes(depth_of(codes)) if layer == "depth" else codes
+    data = encode_png(small, (cv2.IMWRITE_PNG_COMPRESSION, 9))
+    return f"data:image/png;base64,{b64encode(data).decode()}"
+
+
+def _depth_bytes(depth: np.ndarray) -> np.ndarray:
+    """Return depth (H, W) [m] as uint8: 0 unknown, 1 to 254 from NEAR to FAR on a logarithmic scale, 255 beyond."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        code = 1 + 253 * np.log(np.clip(depth, NEAR, FAR) / NEAR) / np.log(FAR / NEAR)
+    code = np.where(depth >= FAR, 255, np.nan_to_num(code))
+    return np.where(np.isnan(depth), 0, code).round().astype(np.uint8)
+
+
+def _colours() -> dict[str, Any]:
+    """Return the colours of the codes of each layer, 256 as #rrggbb, and those of the outcomes."""
+    code = np.arange(256)
+    depth = NEAR * (FAR / NEAR) ** ((code - 1) / 253)
+    depth = np.where(code == 0, np.nan, np.where(code == 255, np.inf, depth))
+    share = (code / 255)[:, None]
+    confidence = np.where(share < 0.5, _between((40, 24, 50), (60, 130, 150), share * 2),
+                          _between((60, 130, 150), (240, 245, 225), share * 2 - 1))  # fmt: skip
+    error = np.clip((np.exp((code - 128) / 100) - 1) / WORST, -1, 1)[:, None]
+    white = (246, 244, 240)
+    errors = np.where(error < 0, _between(white, (40, 90, 170), -error), _between(white, (180, 50, 40), error))
+    errors[0] = (70, 70, 70)
+    free, costly = MAP_CODES["free"], MAP_CODES["costly"]
+    ground = _between((124, 152, 112), (228, 190, 104), np.clip((code - free) / (costly - free), 0, 1)[:, None])
+    ground[MAP_CODES["unknown"]] = (72, 70, 68)
+    ground[MAP_CODES["too_near"] :] = (214, 140, 92)
+    ground[MAP_CODES["blocked"] :] = (176, 58, 52)
+    layers = {"depth": depth_colours(depth[None])[0], "confidence": confidence, "error": errors, "map": ground}
+    tables = {name: [f"#{r:02x}{g:02x}{b:02x}" for r, g, b in table.astype(int)] for name, table in layers.items()}
+    return {**tables, "outcomes": OUTCOME_COLOURS}
+
+
+def _between(low: tuple[int, int, int], high: tuple[int, int, int], share: np.ndarray) -> np.ndarray:
+    """Return colours (n, 3) between two, by shares (n, 1)."""
+    return np.array(low) + (np.array(high) - np.array(low)) * share

@@ -1,0 +1,131 @@
+"""The results of an evaluation as a page for the browser: the table, and every drive with its record one click away."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from envs.drives.episodes import Cell, EpisodeRecord
+from envs.drives.maps import OUTCOME_COLOURS
+from envs.drives.metrics import spl
+from envs.drives.report import LEGEND, settings
+from envs.recording.drive_page import asset, drive_path
+from marssim.base.files.atomic import write_atomically
+
+RESULTS = "results.html"
+COLUMNS = {
+    "driver": lambda row: row["driver"],
+    "perception": lambda row: row["perception"],
+    "episodes": lambda row: str(row["episodes"]),
+    "success (95 %)": lambda row: (
+        f"{100 * row['success_rate']:.0f} % ({100 * row['success_interval'][0]:.0f}-"
+        f"{100 * row['success_interval'][1]:.0f})"
+    ),
+    "SPL": lambda row: f"{row['spl']:.2f}",
+    "collisions": lambda row: f"{100 * row['collision_rate']:.0f} %",
+    "Abs Rel": lambda row: "-" if row["abs_rel"] is None else f"{row['abs_rel']:.4f}",
+}
+HOW_TO_RECORD = "No drive is recorded. The same command with --record failures, or --record all, records them."
+
+
+def write_results_page(
+    out: Path, content: Mapping[str, Any], records: Sequence[EpisodeRecord], episode_files: Sequence[str]
+) -> None:
+    """Write results.html: the settings, a table for each cell, and a table of all drives.
+
+    Args:
+        out: The folder of the evaluation.
+        content: The content of results.json.
+        records: The records of all drives.
+        episode_files: Names of the files of the records, in their order.
+    """
+    pages = {
+        (r.driver, r.perception, r.cell, r.episode): page
+        for r, file in zip(records, episode_files, strict=True)
+        if (page := drive_path(out, file).with_suffix(".html")).is_file()
+    }
+    sections = [
+        _section(cell, content, [r for r in records if r.cell == cell], pages)
+        for cell in dict.fromkeys(r.cell for r in records)
+    ]
+    text = f"""<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>Results of {escape(out.name)}</title>
+<style>
+{asset("page.css")}
+{asset("results.css")}
+</style>
+</head>
+<body>
+<main class="results">
+<h1>Results of {escape(out.name)}</h1>
+<p class="note">{escape(settings(content["driven_with"]).strip())}</p>
+{"".join(sections)}
+<p class="note">{escape(LEGEND)}</p>
+<p>{_files(out, bool(pages))}</p>
+</main>
+</body>
+</html>
+"""
+    write_atomically(out / RESULTS, text.encode())
+
+
+def _section(
+    cell: str,
+    content: Mapping[str, Any],
+    records: Sequence[EpisodeRecord],
+    pages: Mapping[tuple[str, str, str, int], Path],
+) -> str:
+    """Return the tables of one cell: the summary of each method, and every drive."""
+    methods = list(dict.fromkeys((r.driver, r.perception) for r in records))
+    rows = [row for row in content["results"] if _cell_name(row["cell"]) == cell]
+    head = "".join(f"<th>{escape(name)}</th>" for name in COLUMNS)
+    body = "".join(f"<tr>{''.join(f'<td>{escape(show(row))}</td>' for show in COLUMNS.values())}</tr>" for row in rows)
+    by_course: dict[int, dict[tuple[str, str], EpisodeRecord]] = {}
+    for record in records:
+        by_course.setdefault(record.episode, {})[record.driver, record.perception] = record
+    names = "".join(f"<th>{escape(', '.join(method))}</th>" for method in methods)
+    drives = "".join(
+        f"<tr><td>course {course}</td>{''.join(_drive(by_method.get(method), pages) for method in methods)}</tr>"
+        for course, by_method in sorted(by_course.items())
+    )
+    return f"""<section class="panel">
+<h2>{escape(cell)}</h2>
+<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>
+<table class="drives"><thead><tr><th></th>{names}</tr></thead><tbody>{drives}</tbody></table>
+</section>
+"""
+
+
+def _cell_name(cell: Mapping[str, Any]) -> str:
+    return Cell(**cell).name
+
+
+def _drive(record: EpisodeRecord | None, pages: Mapping[tuple[str, str, str, int], Path]) -> str:
+    """Return a cell of the table of drives: the outcome, SPL, and the link to its page."""
+    if record is None:
+        return "<td></td>"
+    colour = OUTCOME_COLOURS.get(record.outcome, "#444")
+    badge = f'<span class="badge" style="background:{colour}">{escape(record.outcome.replace("_", " "))}</span>'
+    words = f"{record.path_length:.1f} m"
+    if record.outcome == "goal":
+        words = f"SPL {spl(True, record.shortest, record.path_length):.2f}, {words}"
+    elif record.near_miss:
+        words += ", near miss"
+    page = pages.get((record.driver, record.perception, record.cell, record.episode))
+    if page is None:
+        return f"<td>{badge} {words}</td>"
+    return f'<td><a href="{page.parent.name}/{escape(page.name)}">{badge} {words}, take it apart</a></td>'
+
+
+def _files(out: Path, recorded: bool) -> str:
+    """Return links to the other files of the evaluation, and how to record drives where none is recorded."""
+    names = ["results.json", "results.md", "success.png", *(f"maps/{p.name}" for p in sorted((out / "maps").glob("*")))]
+    names += [name for name in ("best.mp4", "worst.mp4") if (out / name).is_file()]
+    links = ", ".join(f'<a href="{escape(name)}">{escape(name)}</a>' for name in names)
+    return f"Beside this page: {links}. {'' if recorded else HOW_TO_RECORD}"

@@ -1,0 +1,165 @@
+import json
+import os
+import re
+import time
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+from recorded_drives import candidates, content, drive_of, step
+
+from envs.recording.drive_page import drive_page, page_script, write_drive_pages
+from marssim.base.dataset.drive_file import encode_drive, read_drive
+from marssim.base.files.json_file import DatasetError
+
+CHROMIUM, CHROMEDRIVER = Path("/usr/bin/chromium"), Path("/usr/bin/chromedriver")
+
+
+def data_of(page):
+    (data,) = re.findall(r'<script type="application/json" id="data">(.*?)</script>', page.decode(), re.DOTALL)
+    return json.loads(data)
+
+
+def test_a_page_holds_the_drive_its_pictures_and_how_it_ended(crash):
+    drive, record = crash
+    page = drive_page([drive])
+    (shown,) = data_of(page)["drives"]
+    assert shown["outcome"] == "collision" and shown["steps"] == drive.steps
+    assert shown["summary"].startswith(f"It hit an obstacle after {record.path_length:.1f} m and ")
+    assert shown["decided"]["step"] < len(drive.steps) - 1
+    assert all(uri.startswith("data:image/jpeg;base64,") for uri in shown["pictures"]["left"])
+    assert all(uri.startswith("data:image/png;base64,") for uri in shown["pictures"]["error"])
+    assert len(page) < 3e6
+
+
+def test_a_page_asks_for_nothing_outside_itself(crash):
+    text = drive_page([crash[0]]).decode()
+    assert "default-src 'none'; img-src data:" in text
+    assert not re.findall(r"""(?:src|href)\s*=\s*["'](?!data:)|url\(|@import|https?://""", text)
+
+
+@pytest.mark.parametrize("words", ["</script><script>alert(1)</script>", "<img src=x onerror=alert(1)>", "%%script%%"])
+def test_words_of_a_stranger_are_no_markup(tmp_path, words):
+    drive = drive_of(tmp_path / "a.zip", [step(reason=words), step(outcome=words)], outcome=words)
+    drive.content["episode"]["driver"] = words
+    page = drive_page([drive])
+    plain = drive_page([drive_of(tmp_path / "b.zip", [step(), step()])])
+    assert page.lower().count(b"<script") == plain.lower().count(b"<script") and b"<img" not in page
+    assert data_of(page)["drives"][0]["driver"] == words
+
+
+@pytest.mark.parametrize("outcome", ["collision", "elsewhere"])
+def test_any_value_of_a_foreign_record_is_shown_or_refused_in_one_line(tmp_path, outcome):
+    """Each number and word of drive.json in turn becomes something else."""
+    motions = candidates((0.2, 0, 4, 9), (0.5, 0.1, 0.2, None))
+    text = json.dumps(content([step(candidates=motions, chosen=0), step(x=9.0)], outcome=outcome))
+    places = list(re.finditer(r'(?<=[ \[])(-?\d+\.?\d*|"[^"]*"|true|false|null)(?=[,}\]])', text))
+    assert len(places) > 100
+    refused = 0
+    for n, place in enumerate(places):
+        value = ("null", "1e299", "-1", '"x"', "[]", "0")[n % 6]
+        changed = json.loads(text[: place.start()] + value + text[place.end() :])
+        (tmp_path / "a.zip").write_bytes(encode_drive(changed, {}))
+        try:
+            drive_page([read_drive(tmp_path / "a.zip")])
+        except DatasetError as error:
+            assert str(error).startswith(str(tmp_path / "a.zip")) and "\n" not in str(error)
+            refused += 1
+    assert 0 < refused < len(places)
+
+
+def test_data_cannot_end_its_element():
+    assert page_script({"a": "</script>", "b": float("inf")}) == '{"a": "\\u003c/script>", "b": null}'
+
+
+def test_pages_are_written_once_and_again_where_the_drive_is_newer(tmp_path, monkeypatch):
+    (tmp_path / "drives").mkdir()
+    path = tmp_path / "drives" / "a.zip"
+    drive_of(path, [step(), step(x=9.0)])
+    (page,) = write_drive_pages(tmp_path)
+    assert page == path.with_suffix(".html") and b"It reached the goal" in page.read_bytes()
+    page.write_text("kept")
+    write_drive_pages(tmp_path)
+    assert page.read_text() == "kept"
+    os.utime(path, (time.time() + 5, time.time() + 5))
+    write_drive_pages(tmp_path)
+    assert b"It reached the goal" in page.read_bytes()
+
+
+@pytest.fixture(scope="module")
+def browser():
+    if find_spec("selenium") is None:
+        pytest.skip("selenium is not installed (extra `dev`)")
+    if not (CHROMIUM.is_file() and CHROMEDRIVER.is_file()):
+        pytest.skip(f"{CHROMIUM} and {CHROMEDRIVER} are not installed")
+    from selenium import webdriver
+
+    options = webdriver.ChromeOptions()
+    for flag in ("--headless=new", "--no-sandbox", "--disable-gpu", "--window-size=1400,1000", "--no-first-run"):
+        options.add_argument(flag)
+    options.binary_location = str(CHROMIUM)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(str(CHROMEDRIVER)))
+    yield driver
+    driver.quit()
+
+
+def requests_of(browser):
+    """Addresses that the page asked for, but those within it."""
+    messages = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
+    sent = [m["params"]["request"]["url"] for m in messages if m["method"] == "Network.requestWillBeSent"]
+    return [url for url in sent if not url.startswith("data:")]
+
+
+def test_the_page_opens_from_the_disk_and_its_time_line_moves_through_the_drive(browser, arrival, crash, tmp_path):
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.common.keys import Keys
+
+    drive, record = arrival
+    page = tmp_path / "drive.html"
+    page.write_bytes(drive_page([drive]))
+    browser.get(page.as_uri())
+    body, now = browser.find_element(By.TAG_NAME, "body"), browser.find_element(By.ID, "now")
+
+    def shown():
+        time.sleep(0.15)  # pictures are decoded first
+        eye = browser.find_element(By.CSS_SELECTOR, "img").get_attribute("src")
+        canvases = "return [...document.querySelectorAll('canvas')].map(c => c.toDataURL())"
+        return [now.text, eye, *browser.execute_script(canvases)]
+
+    first = shown()
+    assert first[0] == "step 0, 0 s, 0.0 m driven"
+    assert "chosen" in browser.find_element(By.CSS_SELECTOR, "tr.chosen").text
+    for _ in range(5):
+        body.send_keys(Keys.ARROW_RIGHT)
+    later = shown()
+    assert later[0].startswith("step 5, 10 s, ")
+    different = [a != b for a, b in zip(first, later)]
+    assert different[0] and different[1] and sum(different[2:]) >= 3  # strip, depth and map at least
+    body.send_keys(Keys.END)
+    assert shown()[0].startswith(f"step {record.steps}, ")
+    assert "the drive ended here" in browser.find_element(By.CSS_SELECTOR, ".reason").text
+    browser.execute_script(
+        "const p = document.getElementById('position'); p.value = 2; p.dispatchEvent(new Event('input'))"
+    )
+    assert shown()[0].startswith("step 2, ")
+
+    pair = tmp_path / "pair.html"
+    pair.write_bytes(drive_page([drive, crash[0]]))
+    browser.get(pair.as_uri())
+    heads = [h.text for h in browser.find_elements(By.CSS_SELECTOR, "article .panel h2") if h.text.startswith("step")]
+    assert heads == ["step 0, 0 s, 0.0 m driven"] * 2
+    browser.execute_script("document.querySelector('input[value=way]').click(); goTo(1.2)")
+    ways = [moment.text for moment in browser.find_elements(By.CSS_SELECTOR, "article .panel h2")
+            if moment.text.startswith("step")]  # fmt: skip
+    assert all(abs(float(re.search(r"s, ([\d.]+) m", way)[1]) - 1.2) <= 0.41 for way in ways) and len(ways) == 2
+
+    assert requests_of(browser) == [page.as_uri(), pair.as_uri()]
+    assert browser.get_log("browser") == []
+
+
+def test_a_drive_without_map_and_looks_has_a_page_too(tmp_path):
+    steps = [step(candidates=candidates((0, 0, 0.2, None)), status="look"), step(x=0.1, outcome="time")]
+    (shown,) = data_of(drive_page([drive_of(tmp_path / "a.zip", steps, outcome="time")]))["drives"]
+    assert shown["summary"].startswith("It ran out of time after 0.1 m and 2 s, 8.9 m from the goal.")
+    assert shown["pictures"]["left"] == shown["pictures"]["map"] == [None, None]
