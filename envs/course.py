@@ -1,5 +1,5 @@
-"""The documented names of a course of MarsNav-v0; the code is in envs.world.course."""
+"""The documented names of a course of MarsNav-v0; the code is in envs.courses.course."""
 
-from envs.world.course import EDGE, Course
+from envs.courses.course import EDGE, Course
 
 __all__ = ["EDGE", "Course"]

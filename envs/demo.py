@@ -19,14 +19,14 @@ from typing import Annotated
 
 import tyro
 
+from envs.courses.clearance import FAR
+from envs.courses.course import CourseConfig
 from envs.drivers.builtin import NavigatorDriver
 from envs.drivers.driver import Driver
 from envs.drives.episodes import Cell, EpisodeRecord, run_episode
 from envs.drives.film import Film
 from envs.drives.step_lines import StepLines
 from envs.mars_nav import MarsNavEnv
-from envs.world.clearance import FAR
-from envs.world.course import CourseConfig
 from envs.world.referee import GOAL_RADIUS
 from envs.world.vehicle import known_dynamics
 from m3depth.estimator import Estimator, load_estimator

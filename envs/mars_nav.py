@@ -10,17 +10,17 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.utils import EzPickle
 
+from envs.courses.clearance import ObstacleClearance
+from envs.courses.course import Course, draw_course
+from envs.courses.kept_scene import another_course
 from envs.observation.info import episode_info
 from envs.observation.map_view import MapView
 from envs.observation.spaces import observation_space, observe
 from envs.suites.draws import Condition, EpisodeDraws, EpisodeSettings, Number, Slip, stream_of_draws
 from envs.world.action import checked_action
 from envs.world.arguments import check_count, check_errors, check_flags, check_render_mode, known_scene
-from envs.world.clearance import ObstacleClearance
-from envs.world.course import Course, draw_course
 from envs.world.eyes import EyesConfig
 from envs.world.gaze import Gaze
-from envs.world.kept_scene import another_course
 from envs.world.odometry import Odometry
 from envs.world.perception import Perception, Sight
 from envs.world.referee import Referee
@@ -173,7 +173,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
     `condition=("clear", "storm")`, each scene draws one.
 
     `episodes_per_scene`: number of episodes in a row in one scene, 1 by default. Each has another start and goal, free
-    of obstacles within 2.5 m (envs.world.kept_scene). A reset with a seed or with options makes a new scene. A kept
+    of obstacles within 2.5 m (envs.courses.kept_scene). A reset with a seed or with options makes a new scene. A kept
     scene takes no more memory, and its reset a small part of the time.
 
     Options of `reset`, for one episode:

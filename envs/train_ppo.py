@@ -30,12 +30,12 @@ import gymnasium
 import tyro
 from gymnasium.wrappers import TransformReward
 
+from envs.courses.course import CourseConfig
 from envs.drivers.corridors import Corridors
 from envs.drivers.policy_archive import mark_corridors, read_policy, restore_training
 from envs.drives.place_note import place_note
 from envs.drives.records import NUMBER, is_number
 from envs.mars_nav import MarsNavEnv
-from envs.world.course import CourseConfig
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
 from marssim.base.files.atomic import write_atomically

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from envs.courses.course import EDGE
 from envs.drivers.driver import Stop
 from envs.drivers.steering import head_for
 from envs.mars_nav import MarsNavEnv
-from envs.world.course import EDGE
 from envs.world.referee import GOAL_RADIUS
 from nav.command import Command
 from nav.navigator import Navigator

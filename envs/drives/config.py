@@ -10,13 +10,13 @@ from zlib import crc32
 
 import tyro
 
+from envs.courses.course import CourseConfig
 from envs.drivers.by_name import check_driver_name
 from envs.drives.episodes import Cell, EpisodeRecord
 from envs.drives.place_note import place_note
 from envs.suites.conditions import condition_values, with_look
 from envs.suites.suite import suite_note
 from envs.world.arguments import ERROR_LIMITS
-from envs.world.course import CourseConfig
 from envs.world.eyes import EyesConfig
 from envs.world.slip import SlipConfig
 from envs.world.vehicle import DynamicsName, known_dynamics

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from envs.courses.course import series_seed
 from envs.drivers.driver import Driver, Stop
 from envs.mars_nav import MarsNavEnv
 from envs.world.action import ActionError
-from envs.world.course import series_seed
 from envs.world.perception import Sight
 from envs.world.user_code import UserCodeError, code_digest, errors_of
 from m3depth.evaluation.metrics import capped_depth, known_depth
@@ -22,7 +22,7 @@ from marssim.physics.state import RoverState
 from marssim.scene.scene import Scene
 
 RELIEF_CELL = 1.0  # [m] between the heights that a record keeps, roughly
-NEAR_MISS = 0.10  # [m] of clearance (envs.world.clearance) below which a drive without collision is a near miss
+NEAR_MISS = 0.10  # [m] of clearance (envs.courses.clearance) below which a drive without collision is a near miss
 
 # Called with environment, driver and step: after the reset (step 0), after every step, and once more after the last one
 # if the driver ends the drive: env.outcome then names its reason.

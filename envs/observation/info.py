@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from envs.world.course import Course
+from envs.courses.course import Course
 from envs.world.gaze import Gaze
 from envs.world.way_driven import WayDriven
 

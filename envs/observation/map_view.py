@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from envs.world.course import CLEAR_RADIUS
+from envs.courses.course import CLEAR_RADIUS
 from envs.world.perception import Sight
 from marssim.base.rover_spec import RoverSpec
 from nav.ground.elevation import ElevationConfig, ElevationMap

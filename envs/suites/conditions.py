@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import fields, replace
 from typing import Any
 
-from envs.world.course import CourseConfig
+from envs.courses.course import CourseConfig
 from envs.world.eyes import EyesConfig
 from marssim.base.command.spelling import did_you_mean
 from marssim.scene.look import LOOK_LIMITS, LookConfig

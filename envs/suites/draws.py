@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from envs.courses.course import LIMITS, CourseConfig
 from envs.suites.conditions import Values, condition_values, course_under, under
-from envs.world.course import LIMITS, CourseConfig
 from envs.world.eyes import EyesConfig
 from envs.world.slip import SlipConfig, known_slip
 from marssim.physics.soil.soil_map import GroundName

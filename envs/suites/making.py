@@ -6,9 +6,9 @@ import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from envs.courses.course import series_seed
 from envs.suites.conditions import CONDITIONS, Values
 from envs.suites.suite import FORMAT, build_course, episode_values
-from envs.world.course import series_seed
 from envs.world.eyes import EyesConfig
 from marssim.base.version import VERSION
 

@@ -25,9 +25,9 @@ from typing import Any
 
 import numpy as np
 
+from envs.courses.course import Course, CourseConfig, draw_course
 from envs.suites.conditions import Values, condition_values, under
 from envs.suites.digest import scene_digests
-from envs.world.course import Course, CourseConfig, draw_course
 from envs.world.eyes import EyesConfig
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.rover_spec import ZHURONG

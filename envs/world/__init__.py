@@ -1,1 +1,1 @@
-"""The world of MarsNav-v0: course, vehicle, perception and referee."""
+"""The world of MarsNav-v0: vehicle, perception and referee."""

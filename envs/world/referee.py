@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from envs.world.course import EDGE, Course
+from envs.courses.course import EDGE, Course
 from envs.world.vehicle import Vehicle
 from marssim.base.rover_spec import RoverSpec
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from envs.world.clearance import ObstacleClearance
-from envs.world.course import Course
+from envs.courses.clearance import ObstacleClearance
+from envs.courses.course import Course
 
 
 class WayDriven:

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 import envs.mars_nav
+from envs.courses.course import Course, TrueGround
 from envs.drives.config import EvaluateConfig
 from envs.evaluate import evaluate
 from envs.mars_nav import MarsNavEnv
 from envs.suites.making import make_suite, suite_text
-from envs.world.course import Course, TrueGround
 from marssim.base.rover_spec import ZHURONG
 from marssim.scene.look import Look
 from marssim.scene.place_file import save_place

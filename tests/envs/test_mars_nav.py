@@ -15,10 +15,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from envs.courses.course import CourseConfig, draw_course
 from envs.drivers.image_observation import ImageObservation
 from envs.mars_nav import MarsNavEnv
 from envs.observation.nearest_depth import nearest_depth
-from envs.world.course import CourseConfig, draw_course
 from envs.world.slip import SlipConfig
 from marssim.scene.place_file import save_place
 

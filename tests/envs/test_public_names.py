@@ -9,10 +9,10 @@ import envs
 import envs.course
 import envs.drivers
 import envs.wrappers
+from envs.courses.course import EDGE
 from envs.drivers.driver import Driver, Stop
 from envs.drivers.image_observation import ImageObservation
 from envs.mars_nav import MarsNavEnv
-from envs.world.course import EDGE
 
 
 @pytest.mark.parametrize("package", [envs, envs.drivers, importlib.import_module("nav")])

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from envs.courses.course import CLEAR_RADIUS
 from envs.drivers.builtin import NavigatorDriver, RandomDriver, StraightDriver
 from envs.drivers.by_name import DRIVERS, make_driver
 from envs.drivers.steering import head_for
 from envs.observation.map_view import MapView
-from envs.world.course import CLEAR_RADIUS
 from marssim.base.rover_spec import ZHURONG
 
 

@@ -191,7 +191,7 @@ def test_what_the_users_own_code_raises_is_reported_with_its_course_and_its_caus
 
 
 def test_a_mistake_in_what_was_asked_for_is_still_reported_in_one_line(env, monkeypatch):
-    monkeypatch.setattr("envs.world.course.REDRAWS", 0)
+    monkeypatch.setattr("envs.courses.course.REDRAWS", 0)
     with pytest.raises(ValueError, match=r"^no goal can be reached"):
         run_episode(env, Standing(), Cell(), 5, 0)
 

@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from envs.courses.course import CourseConfig
 from envs.suites.conditions import CONDITIONS, condition_values, under
-from envs.world.course import CourseConfig
 from envs.world.eyes import EyesConfig
 from marssim.scene.presets import preset
 

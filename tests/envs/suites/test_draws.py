@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from envs.courses.course import CourseConfig
 from envs.suites.draws import EpisodeDraws, stream_of_draws
-from envs.world.course import CourseConfig
 from envs.world.eyes import EyesConfig
 from envs.world.slip import SlipConfig
 from marssim.scene.presets import preset

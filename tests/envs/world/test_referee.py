@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from envs.world.course import EDGE
+from envs.courses.course import EDGE
 from envs.world.referee import STEPS_PER_METRE
 from marssim.physics.state import Contacts
 

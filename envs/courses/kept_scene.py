@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from envs.world.course import CLEAR_RADIUS, EDGE, OFF_COURSE, Course, CourseConfig
+from envs.courses.course import CLEAR_RADIUS, EDGE, OFF_COURSE, Course, CourseConfig
 
 BEARINGS = 72  # directions in which a goal is looked for around a place
 PLACES = 20  # most places that are tried as a start

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from envs.world.course import CELL, EDGE, CourseConfig, TrueGround, draw_course
+from envs.courses.course import CELL, EDGE, CourseConfig, TrueGround, draw_course
 from marssim.base.rover_spec import ZHURONG
 
 RADIUS = ZHURONG.width / 2
@@ -157,7 +157,7 @@ def test_start_and_goal_are_clear_and_apart(drawn):
 
 def test_courses_without_a_way_are_drawn_again(small_scene, make_scene, monkeypatch):
     scenes = iter([make_scene(rocks=ring()), make_scene(rocks=ring()), make_scene()])
-    monkeypatch.setattr("envs.world.course.build_scene", lambda *_: next(scenes))
+    monkeypatch.setattr("envs.courses.course.build_scene", lambda *_: next(scenes))
     course = draw_course(small_scene, CourseConfig(goal_distance=8.0), ZHURONG, np.random.default_rng(0))
     assert course.redraws == 2 and np.isfinite(course.shortest)
 
@@ -169,8 +169,8 @@ def ring():
 
 def test_no_way_in_any_draw_is_an_error_that_names_k(small_scene, make_scene, monkeypatch):
     scene = make_scene(rocks=ring())
-    monkeypatch.setattr("envs.world.course.build_scene", lambda *_: scene)
-    monkeypatch.setattr("envs.world.course.REDRAWS", 3)
+    monkeypatch.setattr("envs.courses.course.build_scene", lambda *_: scene)
+    monkeypatch.setattr("envs.courses.course.REDRAWS", 3)
     with pytest.raises(ValueError, match=r"3 draws: k=0\.3 "):
         draw_course(small_scene, CourseConfig(goal_distance=8.0, k=0.3), ZHURONG, np.random.default_rng(0))
 

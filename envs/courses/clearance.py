@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from envs.world.course import CELL
+from envs.courses.course import CELL
 from marssim.base.angle import wrapped
 from marssim.base.rover_spec import RoverSpec
 from marssim.scene.rocks.outlines import outline_points

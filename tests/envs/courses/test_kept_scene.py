@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from envs.world.course import CourseConfig
-from envs.world.kept_scene import another_course
+from envs.courses.course import CourseConfig
+from envs.courses.kept_scene import another_course
 
 ROCK = (1.0, -2.0, 1.2, 0.6)
 

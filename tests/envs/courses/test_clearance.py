@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from envs.world.clearance import FAR, ObstacleClearance
+from envs.courses.clearance import FAR, ObstacleClearance
 from marssim.base.rover_spec import ZHURONG
 
 LENGTH, WIDTH = ZHURONG.length, ZHURONG.width

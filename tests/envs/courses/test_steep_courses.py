@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from envs.world.clearance import ObstacleClearance
-from envs.world.course import CLEAR_OF_STEEP_GROUND, CourseConfig, TrueGround, draw_course
+from envs.courses.clearance import ObstacleClearance
+from envs.courses.course import CLEAR_OF_STEEP_GROUND, CourseConfig, TrueGround, draw_course
 from marssim.base.rover_spec import ZHURONG
 from marssim.scene.ditches import SPACING, Ditch, Ditches
 from marssim.scene.landforms import Craters
@@ -96,15 +96,15 @@ def test_start_and_goal_of_drawn_courses_keep_clear_of_ditches(ditched):
 def test_courses_that_start_on_steep_ground_are_drawn_again(small_scene, make_scene, monkeypatch):
     hill = make_scene(lambda x, y: np.where(np.abs(y) < 9, 0.8 * np.abs(x), 0.0), cell=0.1)
     scenes = iter([hill, make_scene()])
-    monkeypatch.setattr("envs.world.course.build_scene", lambda *_: next(scenes))
+    monkeypatch.setattr("envs.courses.course.build_scene", lambda *_: next(scenes))
     course = draw_course(small_scene, CourseConfig(goal_distance=8.0), ZHURONG, np.random.default_rng(0))
     assert course.redraws == 1
 
 
 def test_too_many_ditches_are_an_error_that_names_them(ditched, make_scene, monkeypatch):
     scene = make_scene(dug(Ditches((ditch(-11, 11), ditch(-11, 11, width=8.0)))), cell=0.08)
-    monkeypatch.setattr("envs.world.course.build_scene", lambda *_: scene)
-    monkeypatch.setattr("envs.world.course.REDRAWS", 2)
+    monkeypatch.setattr("envs.courses.course.build_scene", lambda *_: scene)
+    monkeypatch.setattr("envs.courses.course.REDRAWS", 2)
     with pytest.raises(ValueError, match=r"2 draws: .* with a ditch_density of 0\.02 leave no way"):
         draw_course(ditched, CourseConfig(goal_distance=8.0), ZHURONG, np.random.default_rng(0))
 
