@@ -8,7 +8,7 @@ from .drives.film import Film
 from .drives.metrics import soft_spl, spl, wilson_interval
 from .mars_nav import MarsNavEnv
 from .world.action import ActionError
-from .world.course import Course, CourseConfig
+from .courses.course import Course, CourseConfig
 from .world.perception import Sight
 from .world.user_code import UserCodeError
 
