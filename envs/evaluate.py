@@ -203,10 +203,13 @@ def _film_drive(config: EvaluateConfig, task: Task, path: Path, progress_task: s
 
     title = f"{task.driver}, {task.perception}: course {task.episode}, {task.cell.name}"
     with progress(steps + 1, "step", progress_task) as bar, Film(path, title) as film:
+        filmed = -1  # the last step, which comes twice where the driver ends the drive
 
         def watch(env: MarsNavEnv, driver: Driver, step: int) -> None:
+            nonlocal filmed
             film.watch(env, driver, step)
-            bar.update(step + 1 - bar.n)
+            bar.update(step - filmed)
+            filmed = step
 
         drive(config, task, watch)
 
@@ -302,8 +305,10 @@ def _work(config: EvaluateConfig) -> None:
     page = config.out / "results.md"
     print(without_definitions(page.read_text(encoding="utf-8")).rstrip(), end="\n\n")
     rows = counted(len(content["results"]), "row")
-    print(f"{rows} in {config.out / 'results.json'}, drives in {config.out / 'maps'}; {page} defines the columns")
-    print(f"{config.out / 'results.html'} shows them in a browser, with every drive that is recorded")
+    print(
+        f"{rows} in {config.out / 'results.json'}, drives in {config.out / 'maps'}, for the browser in "
+        f"{config.out / 'results.html'}; {page} defines the columns"
+    )
 
 
 if __name__ == "__main__":

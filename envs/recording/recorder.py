@@ -29,8 +29,9 @@ from nav.path.candidates import Candidates
 from nav.reason import reason_of
 
 PIXELS = 128  # along a row of depth, confidence and error, roughly: every n-th of the left eye
-THUMBNAIL, QUALITY = 192, 72  # [px] side of a picture of an eye, and its quality as JPEG
+THUMBNAIL, QUALITY = 192, 62  # [px] side of a picture of an eye, and its quality as JPEG
 MAP_METRES = 24.0  # [m] side of the map around the rover
+COST_LEVELS = 25  # levels of the cost on the recorded map; fewer make smaller files
 MERGED = 2  # cells of the navigator's map along one of the recorded map
 NOT_DECIDED: dict[str, Any] = {
     "action": None, "command": None, "status": None, "reason": None, "risk_level": 0, "map": None, "path": None,
@@ -185,7 +186,11 @@ def _reduced_map(navigator: Navigator, middle: np.ndarray) -> tuple[np.ndarray, 
     x, y = elevation.cell_of(middle) - cells // 2
     free, costly = MAP_CODES["free"], MAP_CODES["costly"]
     share = np.clip(np.nan_to_num(ground.cost) / FULL_COST, 0, 1)
-    code = np.where(ground.known, np.round(free + (costly - free) * share), MAP_CODES["unknown"])
+    code = np.where(
+        ground.known,
+        np.round(free + (costly - free) * np.round(share * COST_LEVELS) / COST_LEVELS),
+        MAP_CODES["unknown"],
+    )
     code = np.where(ground.inflated & ground.known, MAP_CODES["too_near"], code)
     code = np.where(ground.blocked, MAP_CODES["blocked"], code).astype(np.uint8)
     around = np.pad(code, cells)[y + cells : y + 2 * cells, x + cells : x + 2 * cells]

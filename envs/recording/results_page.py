@@ -50,7 +50,7 @@ def write_results_page(
         _section(cell, content, [r for r in records if r.cell == cell], pages)
         for cell in dict.fromkeys(r.cell for r in records)
     ]
-    page = f"""<!doctype html>
+    text = f"""<!doctype html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
@@ -72,7 +72,7 @@ def write_results_page(
 </body>
 </html>
 """
-    write_atomically(out / RESULTS, page.encode())
+    write_atomically(out / RESULTS, text.encode())
 
 
 def _section(

@@ -40,7 +40,7 @@ MOST_BYTES = 1 << 28  # of all members of a file together, unpacked
 MOST_PIXELS = 4096  # along a side of a picture
 JPEG_MAGIC = b"\xff\xd8\xff"
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
-NEAREST, RATIO = 0.1, 1.002  # [m] depth of code 1, and the ratio of the depths of two codes
+NEAREST, RATIO = 0.1, 1.004  # [m] depth of code 1, and the ratio of the depths of two codes
 SKY = 65535  # code of depth without end
 FULL_COST = 8.0  # [m] extra cost of a metre, from which the map's code does not rise any more
 MAP_CODES = {"unknown": 0, "free": 1, "costly": 200, "too_near": 220, "blocked": 250}
@@ -56,7 +56,7 @@ def drive_schema() -> dict[str, Any]:
 
 
 def depth_codes(depth: np.ndarray) -> np.ndarray:
-    """Return depth as codes, 0.2 % apart: 0 for unknown, SKY for inf, and else 1 + ln(depth / NEAREST) / ln(RATIO).
+    """Return depth as codes, 0.4 % apart: 0 for unknown, SKY for inf, and else 1 + ln(depth / NEAREST) / ln(RATIO).
 
     Args:
         depth: (...) [m], inf in the sky, NaN where unknown.

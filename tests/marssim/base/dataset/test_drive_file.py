@@ -54,11 +54,11 @@ def edited(path, *keys, value):
     rewritten(path, change)
 
 
-def test_depth_survives_as_codes_within_a_thousandth_with_sky_and_unknown():
+def test_depth_survives_as_codes_within_a_quarter_of_a_percent_with_sky_and_unknown():
     depth = np.array([np.nan, np.inf, NEAREST, 0.5, 3.0, 12.0, 79.0, 500.0])
     codes = depth_codes(depth)
     assert codes.dtype == np.uint16 and codes[0] == 0 and codes[1] == SKY
-    np.testing.assert_allclose(depth_of(codes), depth, rtol=1.1e-3)
+    np.testing.assert_allclose(depth_of(codes), depth, rtol=2.1e-3)
 
 
 def test_errors_are_percents_about_128_and_zero_where_nothing_is_scored():
@@ -73,7 +73,7 @@ def test_a_drive_comes_back_as_it_was_written(tmp_path):
     steps = [step(looked=True), step(x=0.4), step(x=0.8, outcome="goal")]
     drive = drive_of(tmp_path / "a.zip", steps, look_pictures(0, depth))
     assert drive.steps == steps and drive.rig == RIG
-    np.testing.assert_allclose(drive.depth(0), depth, rtol=1.1e-3)
+    np.testing.assert_allclose(drive.depth(0), depth, rtol=2.1e-3)
     assert (drive.confidence(0) == 1).all() and drive.depth(1) is None and drive.confidence(1) is None
     assert drive.picture("left", 0).startswith(b"\xff\xd8") and drive.picture("left", 1) is None
     assert encode_drive(content(steps), look_pictures(0, depth)) == (tmp_path / "a.zip").read_bytes()

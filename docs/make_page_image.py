@@ -1,0 +1,51 @@
+"""Makes the picture of docs/guides/inspect-a-drive.md, images/drive_page.jpg, in a headless Chromium.
+
+    python -m envs.evaluate --perception sgbm --dynamics kinematic --goal-distance 12 --k .15 --slope-deg 8 \
+        --texture-strength .1 --albedo-contrast .1 --pebbles 0 --wind-ripples 0 --episodes 1 --seed 4 --record all \
+        --no-videos --out out/page
+    python docs/make_page_image.py out/page/drives/*.html
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+from time import sleep
+
+import cv2
+import numpy as np
+from selenium import webdriver
+from selenium.webdriver.common.by import By
+
+PICTURE = Path(__file__).parent / "images" / "drive_page.jpg"
+WINDOW = "1500,1420"  # [px]
+WIDTH, QUALITY = 1200, 80  # [px] width of the picture, and its quality as JPEG
+LARGEST = 200_000  # [byte]
+
+
+def main(page: Path) -> None:
+    """Open a page at the moment that decided, and save what it shows."""
+    options = webdriver.ChromeOptions()
+    for flag in ("--headless=new", "--no-sandbox", "--hide-scrollbars", f"--window-size={WINDOW}"):
+        options.add_argument(flag)
+    options.binary_location = shutil.which("chromium") or ""
+    browser = webdriver.Chrome(options=options, service=webdriver.ChromeService(shutil.which("chromedriver")))
+    try:
+        browser.get(page.resolve().as_uri())
+        browser.find_element(By.TAG_NAME, "body").send_keys("d")
+        sleep(1)  # pictures are decoded first
+        shot = cv2.imdecode(np.frombuffer(browser.get_screenshot_as_png(), np.uint8), cv2.IMREAD_COLOR)
+    finally:
+        browser.quit()
+    small = cv2.resize(shot, (WIDTH, round(shot.shape[0] * WIDTH / shot.shape[1])), interpolation=cv2.INTER_AREA)
+    data = cv2.imencode(".jpg", small, (cv2.IMWRITE_JPEG_QUALITY, QUALITY))[1].tobytes()
+    if len(data) > LARGEST:
+        raise SystemExit(f"{PICTURE} would take {len(data)} bytes, more than {LARGEST}")
+    PICTURE.write_bytes(data)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        raise SystemExit(__doc__)
+    main(Path(sys.argv[1]))
