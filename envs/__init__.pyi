@@ -1,3 +1,4 @@
+from .courses.course import Course, CourseConfig
 from .drivers.builtin import NavigatorDriver, RandomDriver, StraightDriver
 from .drivers.by_name import make_driver
 from .drivers.corridors import Corridors
@@ -8,7 +9,6 @@ from .drives.film import Film
 from .drives.metrics import soft_spl, spl, wilson_interval
 from .mars_nav import MarsNavEnv
 from .world.action import ActionError
-from .courses.course import Course, CourseConfig
 from .world.perception import Sight
 from .world.user_code import UserCodeError
 

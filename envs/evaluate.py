@@ -326,9 +326,11 @@ def _work(config: EvaluateConfig) -> None:
     content = evaluate(config)
     page = config.out / "results.md"
     print(without_definitions(page.read_text(encoding="utf-8")).rstrip(), end="\n\n")
-    print(f"{config.out / 'results.html'} is the same for the browser, with a link to every recorded drive")
     rows = counted(len(content["results"]), "row")
-    print(f"{rows} in {config.out / 'results.json'}, drives in {config.out / 'maps'}; {page} defines the columns")
+    print(
+        f"{rows} in {config.out / 'results.json'}, drives in {config.out / 'maps'}, for the browser in "
+        f"{config.out / 'results.html'}; {page} defines the columns"
+    )
 
 
 if __name__ == "__main__":
