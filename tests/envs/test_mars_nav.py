@@ -401,7 +401,7 @@ def test_bad_options_are_named(make_env, options, named):
         (
             {"perception": "magic"},
             "^`perception` 'magic' is unknown; choose from ground_truth, m3depth, sgbm, m3depth:WEIGHTS, "
-            r"package\.module:Class, sgbm-hh, ssd, sad, ncc, ssd-sgm, sad-sgm, ncc-sgm$",
+            r"package\.module:Class, sgbm-hh, ssd, sad, ncc, ssd-sgm, sad-sgm, ncc-sgm, mccnn$",
         ),
     ],
 )  # fmt: skip

@@ -51,7 +51,7 @@ def test_disparities_of_an_aligned_pair_are_scored_by_those_of_the_images(sample
     assert figures[1]["epe"] == pytest.approx(ROTATION * H / 4, rel=0.05)
     assert figures[0]["epe"] < 0.03
     assert figures[0]["abs_rel"] == figures[1]["abs_rel"] < 1e-6
-    assert given.shown[0] is sample.right
+    assert np.array_equal(given.shown[0], sample.right)
     straight = slope()[1][8:-8, 8:-8].astype(float)
     errors = [np.abs(method.shown[0][8:-8, 8:-8] - straight).mean() for method in (aligned, given)]
     assert errors[0] < 0.2 * errors[1]
