@@ -52,7 +52,7 @@ from nav.path.planner import Motion, Planner
 from nav.recovery import Recovery
 from nav.risk import RiskTaking
 
-PROGRESS = 1.0  # [m] nearer to the goal, after which recoveries are counted from zero again
+PROGRESS = 1.0  # [m] nearer to the goal, after which recoveries and closed steps are counted from zero again
 IDLE_SHARE = 0.25  # share of a commanded drive below which the rover did not move
 CARRIED_INSET = 0.15  # [m] by which the ground under the rover is smaller than the footprint: touched rocks stay rocks
 BUMP_RADIUS = 0.2  # [m] around a place where the rover bumped into something
@@ -209,6 +209,7 @@ class Navigator:
             return Command(0.0, 0.0, None, "blind")
         if distance < self._nearest - PROGRESS:
             self._nearest, self.recovery.attempts = distance, 0
+            self.risk.came_nearer()
 
         if self._idle_drives >= self.config.slip_steps:
             self._idle_drives = 0

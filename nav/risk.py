@@ -44,6 +44,11 @@ class RiskTaking:
         if self._level < len(self.config.risk_levels):
             self._level, self._steps_left, self.closed = self._level + 1, self.config.risk_steps, 0
 
+    def came_nearer(self) -> None:
+        """Note that the rover has come nearer to its goal: at the last level, closed steps count from zero again."""
+        if self._level == len(self.config.risk_levels):
+            self.closed = 0
+
     @property
     def level(self) -> int:
         """How many of config.risk_levels are accepted now."""

@@ -45,6 +45,16 @@ def test_the_drive_is_given_up_after_the_last_risk_level_and_not_before():
     assert given_up == [False] * 11 + [True]  # three steps for each level, and then closed_steps in a row
 
 
+def test_a_rover_that_comes_nearer_at_the_last_level_does_not_give_up():
+    risk = after(*[CLOSED] * 11)
+    risk.came_nearer()
+    given_up = [after(CLOSED, risk=risk).given_up for _ in range(12)]
+    assert given_up == [False] * 11 + [True]  # three steps until the level ends and is taken again, three to the last
+    waiting = after(CLOSED, CLOSED)
+    waiting.came_nearer()  # at the levels before, it does not put off the next one
+    assert after(CLOSED, risk=waiting).level == 1
+
+
 def test_a_risk_too_short_to_give_up_in_is_refused():
     with pytest.raises(ValueError, match="risk_steps must be more than closed_steps, got 6 and 6"):
         replace(CONFIG, risk_steps=6)
