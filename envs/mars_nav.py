@@ -227,7 +227,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
         sun_elevation_deg: Number = None,
         episodes_per_scene: int = 1,
     ) -> None:
-        EzPickle.__init__(  # a copied or unpickled environment is made anew, and needs a reset
+        EzPickle.__init__(  # copies and unpickled environments start without a course: they need a reset
             self, perception, dynamics, renderer, scene, goal_distance, mast, map_observation, disparity_noise, drift,
             yaw_drift_deg, render_mode, align_rows, slip, runtime, eyes, condition, k, slope_deg, sun_elevation_deg,
             episodes_per_scene,

@@ -125,7 +125,7 @@ def test_autoresets_draw_the_same_in_any_vector_of_gymnasium(rockless):
         vector.close()
         drawn.append([[*each["drawn"]["k"], *each["drawn"]["condition"], *each["distance"]] for each in infos])
     assert drawn[0] == drawn[1]
-    assert len({k for row in drawn[0] for k in row[:2]}) > 2  # an autoreset draws anew, each environment its own
+    assert len({k for row in drawn[0] for k in row[:2]}) > 2  # each environment draws other values at each autoreset
 
 
 def test_wrappers_of_gymnasium_work_on_the_environment(make_env, rockless, tmp_path):
