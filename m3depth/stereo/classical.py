@@ -7,6 +7,7 @@ Every matcher is an estimator: `infer(left, right, rig) -> Prediction`. Pixels w
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -35,8 +36,40 @@ def check_search(disparities: int | None, block: int) -> None:
         raise ValueError(f"block must be odd and positive, got {block}")
 
 
+class Matcher(ABC):
+    """An estimator that only matches: depth and normals follow from its disparity."""
+
+    normals_are_fitted: ClassVar[bool] = True
+    """Its normals are planes fitted to its disparity; see Estimator."""
+
+    @abstractmethod
+    def match(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> np.ndarray:
+        """Match without filling: (H, W) float32 disparity [px], NaN where nothing matches.
+
+        Args:
+            left: (H, W) or (H, W, 3) uint8, RGB, rectified.
+            right: The right image, likewise.
+            rig: The cameras of these images.
+
+        Raises:
+            ValueError: Images of a wrong type or size.
+        """
+
+    def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
+        """Estimate depth, disparity, normals (fitted to the disparity) and confidence (1 matched, 0 filled).
+
+        Args:
+            left, right: (H, W) or (H, W, 3) uint8, RGB, rectified.
+            rig: The cameras of these images.
+
+        Raises:
+            ValueError: Images of a wrong type or size.
+        """
+        return prediction_from_matches(self.match(left, right, rig), rig)
+
+
 @dataclass(frozen=True)
-class SGBM:
+class SGBM(Matcher):
     """OpenCV's semi-global block matching (Hirschmueller 2008), with its holes filled.
 
     Raises:
@@ -65,8 +98,6 @@ class SGBM:
     In a clear sky, islands of noise larger than `speckle` match at the shortest range; a rover would take them for
     walls.
     """
-    normals_are_fitted: ClassVar[bool] = True
-    """Its normals are planes fitted to its disparity; see Estimator."""
 
     def __post_init__(self) -> None:
         check_search(self.disparities, self.block)
@@ -75,26 +106,8 @@ class SGBM:
         if not self.texture >= 0:
             raise ValueError(f"texture must be 0 or more grey levels / px, got {self.texture}")
 
-    def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
-        """Estimate depth, disparity, normals (fitted to the disparity) and confidence (1 matched, 0 filled).
-
-        Args:
-            left, right: (H, W) or (H, W, 3) uint8, RGB, rectified.
-            rig: The cameras of these images.
-
-        Raises:
-            ValueError: Images of a wrong type or size.
-        """
-        return prediction_from_matches(self.match(left, right, rig), rig)
-
     def match(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> np.ndarray:
-        """Match without filling: (H, W) float32 disparity [px], NaN where nothing matches.
-
-        Args:
-            left: (H, W) or (H, W, 3) uint8, RGB, rectified.
-            right: The right image, likewise.
-            rig: The cameras of these images.
-        """
+        """Return the disparity of matches, as Matcher.match does."""
         left, right = grey_pair(left, right, rig)
         if left.shape[1] == 1:  # no disparity, and OpenCV refuses such images
             return np.full(left.shape, np.nan, np.float32)
@@ -123,7 +136,7 @@ class SGBM:
 
 
 @dataclass(frozen=True)
-class BlockMatching:
+class BlockMatching(Matcher):
     """Matching of windows: the six classical methods of the paper (App. C).
 
     Disparities are refined to sub-pixels by a parabola. The matches of both images have to agree within 1 px; pixels
@@ -144,8 +157,6 @@ class BlockMatching:
     """Width of the search [px], a multiple of 16; None reaches to 0.84 m with the given rig."""
     speckle: int = 400
     """Islands of disparity with fewer pixels count as unmatched."""
-    normals_are_fitted: ClassVar[bool] = True
-    """Its normals are planes fitted to its disparity; see Estimator."""
 
     def __post_init__(self) -> None:
         if self.cost not in PENALTIES:
@@ -154,24 +165,8 @@ class BlockMatching:
             raise ValueError(f"aggregation must be wta or sgm, got {self.aggregation!r}")
         check_search(self.disparities, WTA_BLOCK if self.block is None else self.block)
 
-    def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
-        """Estimate as SGBM.infer does.
-
-        Args:
-            left: (H, W) or (H, W, 3) uint8, RGB, rectified.
-            right: The right image, likewise.
-            rig: The cameras of these images.
-        """
-        return prediction_from_matches(self.match(left, right, rig), rig)
-
     def match(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> np.ndarray:
-        """Match without filling, as SGBM.match does.
-
-        Args:
-            left: (H, W) or (H, W, 3) uint8, RGB, rectified.
-            right: The right image, likewise.
-            rig: The cameras of these images.
-        """
+        """Return the disparity of matches, as Matcher.match does."""
         grey = grey_pair(left, right, rig)
         reach = min(self.disparities or search_range(rig), rig.camera.width)
         sgm = self.aggregation == "sgm"

@@ -11,13 +11,11 @@ from dataclasses import dataclass
 from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
-from typing import ClassVar
 
 import cv2
 import numpy as np
 
-from m3depth.stereo.classical import check_search, grey_pair, prediction_from_matches, search_range, without_speckles
-from m3depth.stereo.prediction import Prediction
+from m3depth.stereo.classical import Matcher, check_search, grey_pair, search_range, without_speckles
 from m3depth.stereo.window_costs import HIGHEST, semi_global, winners
 from marssim.base.camera import StereoRig
 
@@ -32,7 +30,7 @@ def mccnn_weights() -> Path | None:
 
 
 @dataclass(frozen=True)
-class McCnn:
+class McCnn(Matcher):
     """MC-CNN's fast network with semi-global matching along eight paths.
 
     Raises:
@@ -44,32 +42,14 @@ class McCnn:
     """Width of the search [px], a multiple of 16; None reaches to 0.84 m with the given rig."""
     speckle: int = 400
     """Islands of disparity with fewer pixels count as unmatched."""
-    normals_are_fitted: ClassVar[bool] = True
-    """Its normals are planes fitted to its disparity; see Estimator."""
 
     def __post_init__(self) -> None:
         check_search(self.disparities, 2 * MARGIN + 1)
         if mccnn_weights() is None:
             raise ImportError("mccnn is not installed; pip install 'mars-m3depth[rivals]'")
 
-    def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
-        """Estimate as m3depth.stereo.classical.SGBM.infer does.
-
-        Args:
-            left: (H, W) or (H, W, 3) uint8, RGB, rectified.
-            right: The right image, likewise.
-            rig: The cameras of these images.
-        """
-        return prediction_from_matches(self.match(left, right, rig), rig)
-
     def match(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> np.ndarray:
-        """Match without filling: (H, W) float32 disparity [px], NaN where nothing matches.
-
-        Args:
-            left: (H, W) or (H, W, 3) uint8, RGB, rectified.
-            right: The right image, likewise.
-            rig: The cameras of these images.
-        """
+        """Return the disparity of matches, as Matcher.match does."""
         from mc_cnn.run import run_mc_cnn_fast
 
         reach = min(self.disparities or search_range(rig), rig.camera.width)
