@@ -64,8 +64,8 @@ def make_course():
 
 @pytest.fixture(scope="session")
 def small_scene():
-    """A drawn place, cheap to build: no small rocks, a near horizon."""
-    config = preset("gale", size=12.0, horizon=14.0)
+    """A drawn place, cheap to build: no bedrock, no small rocks, a near horizon."""
+    config = preset("utopia", size=12.0, horizon=14.0)
     return replace(config, rocks=replace(config.rocks, min_diameter=0.2))
 
 

@@ -179,7 +179,7 @@ from dataclasses import replace
 import numpy as np
 from envs.mars_nav import MarsNavEnv
 from marssim.scene.presets import preset
-scene = preset("gale", size=12.0, horizon=14.0)
+scene = preset("utopia", size=12.0, horizon=14.0)
 scene = replace(scene, rocks=replace(scene.rocks, min_diameter=0.2))
 env = MarsNavEnv("ground_truth", "kinematic", scene=scene, goal_distance=4.0)
 digest = hashlib.sha256()
