@@ -106,11 +106,15 @@ def test_the_cells_of_the_notebook_run_one_after_the_other(tmp_path):
     """As a program, with tiny settings in place of those of its first cell."""
     notebook = json.loads((EXAMPLES / "chain.ipynb").read_text(encoding="utf-8"))
     first, *cells = ["".join(cell["source"]) for cell in notebook["cells"] if cell["cell_type"] == "code"]
-    tiny = {"work": f"Path({str(tmp_path)!r})", "steps": "1", "perception": '"ground_truth"', "goal_distance": "4.0"}
+    tiny = {
+        "work": f"Path({str(tmp_path)!r})", "place": "preset('utopia', size=12, horizon=16)",
+        "rig": "NATECAM.resized(96, 96)", "steps": "1", "perception": "'ground_truth'", "goal_distance": "4.0",
+    }  # fmt: skip
+    imports = [line for line in first.splitlines() if "import" in line]
     settings = [f"{name} = {value}" for name, value in tiny.items()]
     assert [line.split()[0] for line in first.splitlines() if " = " in line] == list(tiny)
     program = tmp_path / "chain.py"
-    program.write_text("\n".join(["from pathlib import Path", *settings, *cells]))
+    program.write_text("\n".join([*imports, *settings, *cells]))
     assert "goal: " in run(str(program))
 
 
