@@ -14,9 +14,9 @@ import pytest
 from marssim.base.dataset.dataset import StereoDataset
 from marssim.generate import main
 
-FLAGS = ["--pairs", "4", "--views-per-scene", "2", "--renderer", "embree", "--seed", "9", "--scene", "gale"]
+FLAGS = ["--pairs", "4", "--views-per-scene", "2", "--renderer", "embree", "--seed", "9", "--scene", "utopia"]
 FLAGS += ["--rocks.k", "0.02", "--rig.width", "48", "--rig.height", "48", "--rig.focal", "60", "--trajectory"]
-FLAGS += ["--size", "16", "--horizon", "24"]
+FLAGS += ["--size", "12", "--horizon", "16"]
 
 
 def finish(out: Path, *more: str) -> int:

@@ -14,8 +14,8 @@ from m3depth.runtimes.graphs import converted, unpacked
 
 @pytest.fixture(scope="module")
 def graph(small_network):
-    """A packed graph."""
-    return converted(small_network(), False, torch.float32)
+    """A packed graph of few operations."""
+    return converted(small_network(refine_steps=0, lookup_levels=0, fine_width=0), False, torch.float32)
 
 
 @pytest.fixture(autouse=True)

@@ -1,5 +1,6 @@
 import os
 import pickle
+import re
 import shutil
 import subprocess
 import sys
@@ -92,30 +93,45 @@ def test_kernels_of_other_packages_are_kept_until_this_one_changes(tmp_path):
     assert run(tmp_path, **cache) == [11, 0]
 
 
-@pytest.mark.parametrize("kind", ["nbi", "nbc"])
-@pytest.mark.parametrize("kept", [b"", b"\x80\x04\x95\x00", b"cmarssim.base.nowhere\nNothing\n."])
-def test_a_kernel_whose_file_cannot_be_read_is_compiled_again(tmp_path, kind, kept):
-    package(tmp_path, 10)
-    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    run(tmp_path, **cache)
-    (file,) = (tmp_path / "cache").rglob(f"*.{kind}")
-    version = pickle.dumps(numba.__version__) if kind == "nbi" else b""
-    file.write_bytes(version + kept)
-    assert run(tmp_path, **cache) == [11, 0]
-    assert run(tmp_path, **cache) == [11, 1]
+DAMAGES = {
+    "empty": lambda data: b"",
+    "broken": lambda data: b"\x80\x04\x95\x00",
+    "foreign": lambda data: b"cmarssim.base.nowhere\nNothing\n.",
+    # as a disk may leave it after a power loss: whole by its length, with zeros in the machine code
+    **{
+        f"zeros{n}": lambda data, at=share: zeroed(data, int(at * len(data))) for n, share in enumerate((0.3, 0.6, 0.9))
+    },
+}
+MANY_KERNELS = "from marssim.base.compute.compiled import compiled\n\n" + "".join(
+    f"""
+@compiled
+def {name}(x):
+    return x + {n}
+"""
+    for n, name in enumerate(
+        ["whole", *(f"{damage}_nbi" for damage in list(DAMAGES)[:3]), *(f"{damage}_nbc" for damage in DAMAGES)]
+    )
+)
 
 
-@pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
-def test_a_kernel_whose_file_lacks_a_block_is_compiled_again(tmp_path, share):
-    """As a disk may leave it after a power loss: whole by its length, with zeros in the machine code."""
+def zeroed(data: bytes, at: int) -> bytes:
+    return data[:at] + bytes(64) + data[at + 64 :]
+
+
+def test_kernels_whose_files_cannot_be_read_are_compiled_again(tmp_path):
+    names = re.findall(r"def (\w+)", MANY_KERNELS)
+    asks = "\nprint(*(kernel(1) for kernel in (NAMES)), *(sum(kernel.stats.cache_hits.values()) for kernel in (NAMES)))"
     package(tmp_path, 10)
-    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    run(tmp_path, **cache)
-    (file,) = (tmp_path / "cache").rglob("*.nbc")
-    data, at = file.read_bytes(), int(share * file.stat().st_size)
-    file.write_bytes(data[:at] + bytes(64) + data[at + 64 :])
-    assert run(tmp_path, **cache) == [11, 0]
-    assert run(tmp_path, **cache) == [11, 1]
+    (tmp_path / "some" / "kernels.py").write_text(MANY_KERNELS + asks.replace("NAMES", ", ".join(names)))
+    cache, answers = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}, [1 + n for n in range(len(names))]
+    assert run(tmp_path, **cache) == [*answers, *(0 for _ in names)]
+    for name in names[1:]:
+        damage, kind = name.split("_")
+        (file,) = (tmp_path / "cache").rglob(f"*.{name}-*.{kind}")
+        version = pickle.dumps(numba.__version__) if kind == "nbi" else b""
+        file.write_bytes(version + DAMAGES[damage](file.read_bytes()))
+    assert run(tmp_path, **cache) == [*answers, 1, *(0 for _ in names[1:])]
+    assert run(tmp_path, **cache) == [*answers, *(1 for _ in names)]
 
 
 def test_kernels_run_where_nothing_can_be_kept(tmp_path):
