@@ -70,15 +70,20 @@ def small_scene():
 
 
 @pytest.fixture(scope="session")
-def small_suite(small_scene, tmp_path_factory):
+def small_place(small_scene, tmp_path_factory):
+    """File of small_scene."""
+    file = tmp_path_factory.mktemp("place") / "place.json"
+    save_place(small_scene, file)
+    return file
+
+
+@pytest.fixture(scope="session")
+def small_suite(small_place, tmp_path_factory):
     """File of a suite with two conditions, two dev courses and one test course of 4 m on a cheap place."""
-    folder = tmp_path_factory.mktemp("suite")
-    place = folder / "place.json"
-    save_place(small_scene, place)
-    clear = {"scene": str(place), "goal_distance": 4.0, "k": 0.01, "ground_truth_pixels": 64}
+    clear = {"scene": str(small_place), "goal_distance": 4.0, "k": 0.01, "ground_truth_pixels": 64}
     splits = {"dev": {"seed": 5, "courses": 2}, "test": {"seed": 6, "courses": 1}}
     content = make_suite("small-v1", splits, {"clear": clear, "rare_looks": {**clear, "look_every": 1.0}})
-    file = folder / "small-v1.json"
+    file = tmp_path_factory.mktemp("suite") / "small-v1.json"
     file.write_text(suite_text(content))
     return file
 

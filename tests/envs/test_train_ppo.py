@@ -23,8 +23,8 @@ def killed(_):
     raise KeyboardInterrupt
 
 
-def test_it_trains_goes_on_and_what_it_saves_drives(tmp_path, make_env, monkeypatch):
-    config = {"out": tmp_path, "workers": 1, "goal_distance": 3.0, "scene": "utopia"}
+def test_it_trains_goes_on_and_what_it_saves_drives(tmp_path, make_env, small_place, monkeypatch):
+    config = {"out": tmp_path, "workers": 1, "goal_distance": 3.0, "scene": str(small_place)}
     path = train(PPOConfig(**config, max_steps=16), rollout=16)
     first = zipfile.ZipFile(path).read("policy.pth")
     assert train(PPOConfig(**config, max_steps=32), rollout=16) == path
@@ -51,10 +51,10 @@ def test_it_trains_goes_on_and_what_it_saves_drives(tmp_path, make_env, monkeypa
     assert driver.needs_map and driver.corridors and driver.act(env, observation) in env.action_space
 
 
-def test_nothing_in_a_policy_that_it_goes_on_from_is_run(tmp_path):
+def test_nothing_in_a_policy_that_it_goes_on_from_is_run(tmp_path, small_place):
     import cloudpickle
 
-    config = PPOConfig(tmp_path, workers=1, goal_distance=3.0, max_steps=4)
+    config = PPOConfig(tmp_path, workers=1, goal_distance=3.0, scene=str(small_place), max_steps=4)
     path, harmed = train(config, rollout=4), tmp_path / "harmed"
 
     class Harm:
@@ -76,7 +76,7 @@ def test_nothing_in_a_policy_that_it_goes_on_from_is_run(tmp_path):
         assert json.loads(after.read("data"))["num_timesteps"] == 8
 
 
-def test_it_goes_on_with_what_is_left_of_its_budgets_and_on_other_courses(tmp_path, monkeypatch, capsys):
+def test_it_goes_on_with_what_is_left_of_its_budgets_and_on_other_courses(tmp_path, small_place, monkeypatch, capsys):
     import stable_baselines3.common.vec_env as vec_env
 
     import envs.train_ppo
@@ -90,7 +90,7 @@ def test_it_goes_on_with_what_is_left_of_its_budgets_and_on_other_courses(tmp_pa
         save(model, path)
 
     monkeypatch.setattr("envs.train_ppo._save", noted)
-    config = {"out": tmp_path, "workers": 1, "goal_distance": 3.0, "scene": "utopia", "seed": 5, "max_minutes": 20}
+    config = {"out": tmp_path, "workers": 1, "goal_distance": 3.0, "scene": str(small_place), "seed": 5, "max_minutes": 20}
     path = train(PPOConfig(**config, max_steps=16), rollout=16)
     file = tmp_path / "train_ppo.json"
     about = json.loads(file.read_text())
@@ -108,14 +108,14 @@ def test_it_goes_on_with_what_is_left_of_its_budgets_and_on_other_courses(tmp_pa
     assert path.read_bytes() == whole
 
 
-def test_a_signal_to_all_of_its_processes_ends_it_in_order(tmp_path):
+def test_a_signal_to_all_of_its_processes_ends_it_in_order(tmp_path, small_place):
     program = (
         "import sys; from pathlib import Path; from marssim.base.command.run import exit_code\n"
         "from envs.train_ppo import PPOConfig, train\n"
-        "config = PPOConfig(Path(sys.argv[1]), workers=2, goal_distance=3.0, scene='utopia')\n"
+        "config = PPOConfig(Path(sys.argv[1]), workers=2, goal_distance=3.0, scene=sys.argv[2])\n"
         "sys.exit(exit_code(lambda: train(config, rollout=16)))"
     )
-    command = [sys.executable, "-c", program, str(tmp_path)]
+    command = [sys.executable, "-c", program, str(tmp_path), str(small_place)]
     process = subprocess.Popen(command, stdout=-1, stderr=-1, text=True, start_new_session=True)
     for _ in range(600):
         if (tmp_path / "log.jsonl").is_file() or process.poll() is not None:
