@@ -53,7 +53,7 @@ class DisplacementOutput(SequenceOutput):
 
     def terms(self, truth: Truth) -> dict[str, Tensor]:
         """Return the losses of both components, whose sum is their mean absolute error, by the maps' weights."""
-        rows = [s * mean_over(y.abs(), truth.known) for y, s in zip(self.rows, self.shares, strict=True)]
+        rows = [s * mean_over(y.abs(), truth.valid) for y, s in zip(self.rows, self.shares, strict=True)]
         return {"disparity": super().terms(truth)["disparity"] / 2, "rows": torch.stack(rows).sum() / 2}
 
 
@@ -73,7 +73,7 @@ class AttentionLayer(nn.Module):
                 nn.init.xavier_uniform_(weight)
 
     def forward(self, x: Tensor, source: Tensor) -> Tensor:
-        """Return x, (B, N, C), with what it finds in the source, (B, M, C)."""
+        """Return x, (B, N, C), with what it takes from the source, (B, M, C)."""
 
         def split(features: Tensor) -> Tensor:
             return features.unflatten(2, (self.heads, -1)).float()
@@ -155,8 +155,8 @@ def adaptive_correlation(level: Level, displacement: Tensor, step: int) -> Tenso
         ]  # (B, C, h, w) each
     else:
         places = place[:, None] + offsets[:, :, None, None] + level.offsets  # (B, 9, 2, h, w)
-        found = sampled(level.right, places.transpose(1, 2).flatten(2, 3)).unflatten(2, (SAMPLES, height))
-        rights = list(found.unbind(2))
+        samples = sampled(level.right, places.transpose(1, 2).flatten(2, 3)).unflatten(2, (SAMPLES, height))
+        rights = list(samples.unbind(2))
     scores = [(level.left * right).unflatten(1, (GROUPS, -1)).mean(2) for right in rights]
     return torch.stack(scores, 2).flatten(1, 2)
 
@@ -200,8 +200,8 @@ class CascadeUpdate(nn.Module):
     def forward(self, state: Tensor, context: Tensor, displacement: Tensor, scores: Tensor) -> tuple[Tensor, Tensor]:
         """Return the new state and the corrected displacement, (B, hidden, h, w) and (B, 2, h, w)."""
         moved = displacement.to(state.dtype)
-        seen = self.joined(torch.cat([self.scores(scores.to(state.dtype)), self.displacement(moved)], 1))
-        state = self.unit(state, torch.cat([context, seen, moved], 1))
+        motion = self.joined(torch.cat([self.scores(scores.to(state.dtype)), self.displacement(moved)], 1))
+        state = self.unit(state, torch.cat([context, motion, moved], 1))
         return state, displacement + self.head(state).float()
 
 

@@ -19,8 +19,8 @@ class Rival(StereoNetwork):
     """A method beside M3Depth. A subclass defines `estimate`.
 
     Images are padded to a multiple of MULTIPLE. Group normalisation stands where a paper has batch normalisation, as in
-    M3Depth: with the few crops that a CPU takes, batch statistics degrade the result. Pairs of more than 192 px of
-    disparity are reduced.
+    M3Depth: with the few crops that a CPU takes, batch statistics degrade the result. Pairs whose disparities are
+    larger than `reach` are reduced.
     """
 
     config: RivalConfig
@@ -28,7 +28,7 @@ class Rival(StereoNetwork):
 
     @property
     def reach(self) -> float:
-        """The largest disparity that is trained [px]."""
+        """The largest disparity that is trained [px]; a subclass whose search may end before returns that."""
         return MAX_DISPARITY
 
     @property
