@@ -26,7 +26,7 @@ from m3depth.network.refinement import ConvexUpsampling
 from m3depth.rivals.config import CreStereoConfig
 from m3depth.rivals.layers import sampled, start_as_encoder, trunk
 from m3depth.rivals.output import SequenceOutput, Truth, fading_shares, mean_over
-from m3depth.rivals.rival import Rival
+from m3depth.rivals.rival import SteppedRival
 
 STRIDES = (2, 1, 2, 1)  # of the encoder's first convolution and of its three stages
 CELL = 4  # side of a cell of the finest level [px], and factor of the learned upsampling
@@ -205,7 +205,7 @@ class CascadeUpdate(nn.Module):
         return state, displacement + self.head(state).float()
 
 
-class CreStereo(Rival):
+class CreStereo(SteppedRival):
     """CREStereo."""
 
     config: CreStereoConfig
@@ -224,9 +224,13 @@ class CreStereo(Rival):
         self.upsample = ConvexUpsampling(width // 2, CELL)
 
     def estimate(self, left: Tensor, right: Tensor, camera: Tensor) -> DisplacementOutput:
-        """Return the displacement after each step of all levels in training, after the last one otherwise."""
+        """Return the displacement after each step of all levels, or outside of training the last one alone.
+
+        With every_step, all are returned in any case.
+        """
         features = self.call(self.features, torch.cat([left, right])).float()  # (2 B, C, H / 4, W / 4)
         steps = self.config.train_steps if self.training else self.config.steps
+        every = self.training or self.every_step
         maps: list[Tensor] = []
         previous: Tensor | None = None  # (B, 2, 2 h, 2 w) of the next level's h x w, in cells of half its size
         for scale, count in ((4, steps // 2), (2, steps // 2), (1, steps)):  # cells of 1/4 along one of the level
@@ -241,9 +245,9 @@ class CreStereo(Rival):
                 scores = adaptive_correlation(level, moved, step)
                 state, moved = self.call(self.update, state, level.context, moved, scores)
                 last = step + 1 == count
-                if self.training or last:
+                if every or last:
                     previous = self.call(self.upsample, state, CELL * moved)  # 4 times the level's size, in its cells
-                    if self.training or scale == 1:
+                    if every or scale == 1:
                         size = left.shape[-2:]
                         whole = previous if scale == 1 else scale * F.interpolate(
                             previous, size, mode="bilinear", align_corners=True

@@ -8,10 +8,10 @@ import torch
 from torch import Tensor
 
 from m3depth.network.checkpointing import Caller, direct, recomputed
-from m3depth.network.output import padded
+from m3depth.network.output import GridMap, padded
 from m3depth.network.stereo_network import StereoNetwork
 from m3depth.rivals.config import RivalConfig
-from m3depth.rivals.output import TrainedOutput
+from m3depth.rivals.output import SequenceOutput, TrainedOutput
 from m3depth.stereo.pairs import MAX_DISPARITY
 
 
@@ -57,3 +57,16 @@ class Rival(StereoNetwork):
             camera: (B, 4) [px].
         """
         raise NotImplementedError
+
+
+class SteppedRival(Rival):
+    """A method that refines one disparity map step by step, and whose output is the sequence of these maps."""
+
+    @property
+    def takes_steps(self) -> bool:
+        """Whether the network refines its disparity step by step."""
+        return True
+
+    def steps_of(self, output: SequenceOutput) -> list[GridMap]:
+        """Return the disparity after each step; the last one is the result."""
+        return [GridMap(f"step {number}", disparity, 1) for number, disparity in enumerate(output.maps, start=1)]

@@ -120,6 +120,23 @@ def test_pairs_of_large_disparities_are_worked_on_at_their_reduced_size(large_sa
     assert prediction.normal is None
 
 
+@pytest.mark.parametrize("kind", CONFIGS)
+def test_the_last_step_is_the_result_of_methods_that_take_steps(kind, plane_samples) -> None:
+    network = new_network(TINY[kind]).eval()
+    counts = {"raft-stereo": 3, "selective-stereo": 3, "cre-stereo": 1 + 1 + 2}
+    assert network.takes_steps == (kind in counts)
+    if kind in counts:
+        with torch.no_grad():  # each step adds about a cell
+            network.update.head[-1].bias.fill_(-1 if kind == "cre-stereo" else 1)
+        sample = plane_samples[0]
+        steps = network.infer_steps(sample.left, sample.right, sample.rig)
+        assert [step.name for step in steps] == [f"step {n}" for n in range(1, counts[kind] + 1)]
+        prediction = network.infer(sample.left, sample.right, sample.rig)
+        measured = np.isfinite(prediction.depth)
+        np.testing.assert_array_equal(steps[-1].disparity[measured], prediction.disparity[measured])
+        assert measured.any() and steps[-1].disparity.mean() > steps[0].disparity.mean() + 3
+
+
 def test_a_run_is_not_resumed_with_another_method_or_size(tmp_path) -> None:
     """Selective-Stereo has the same sizes as RAFT-Stereo, under another kind."""
     sizes = tmp_path / "sizes.json"
