@@ -23,7 +23,8 @@ class StereoNetwork(nn.Module):
     A subclass sets `config` and defines forward(left, right, camera), which takes (B, 3, H, W) float images in [0, 1]
     and cameras (B, 4) fx, fy, cx, cy [px], and returns an output with disparity (B, 1, H, W) [px] and, where the
     network has them, normal (B, 3, H, W), confidence and sky (logits, (B, 1, H, W)); None stands for a map that the
-    network does not have. How an output is trained is in m3depth/training/losses.py.
+    network does not have. How an output is trained is in m3depth/training/losses.py. A subclass that refines its maps
+    step by step overrides takes_steps and steps_of.
 
     Attributes:
         config: The sizes of the network, a dataclass whose KIND is the name of the network in weights files.

@@ -110,6 +110,6 @@ def write_prediction(
     if result.difference is not None:
         write_atomically(out / DIFFERENCE, encode_npy(result.difference))
     if result.steps:
-        steps_figure(result.steps, result.rig.fb, shown, out / STEPS)
+        steps_figure(result.steps, result.rig.fb, result.common, shown, out / STEPS)
     write_json(out / RECORD, dict(record), sort_keys=False)
     return count

@@ -108,7 +108,8 @@ class PairPrediction:
         removed: The misalignment of the rows that was taken out, or None.
         compared: Number of pixels with depth whose difference is known.
         agreeing: How many of them agree.
-        steps: Disparity after each refinement step, with --steps.
+        steps: Disparity after each refinement step, with --steps, without the common disparity.
+        common: Common disparity that stayed out while the pair was matched [px].
     """
 
     left: np.ndarray
@@ -119,6 +120,7 @@ class PairPrediction:
     compared: int = 0
     agreeing: int = 0
     steps: Sequence[StepMap] = ()
+    common: float = 0.0
 
 
 def prepare(
@@ -206,7 +208,9 @@ def predict_pair(pair: PreparedPair, method: Method, options: PredictOptions) ->
     prediction = unknown_where(without_sky_normals(prediction), unknown)
     prediction = given_back(prediction, pair.rig, pair.common)
     steps = refinement_steps(pair, method, nearest, options.max_pixels) if options.steps else []
-    return PairPrediction(pair.left, prediction, pair.rig, difference, pair.removed, compared, agreeing, steps)
+    return PairPrediction(
+        pair.left, prediction, pair.rig, difference, pair.removed, compared, agreeing, steps, pair.common
+    )
 
 
 def refinement_steps(
@@ -214,18 +218,18 @@ def refinement_steps(
 ) -> list[StepMap]:
     """Return the disparity of a pair after each refinement step, NaN where the left image does not show the scene.
 
+    The common disparity of the pair stays out.
+
     Args:
         pair: The pair.
         method: A network that takes steps.
         nearest: Shortest distance that should be measured [m]; None for the network's own.
         max_pixels: Largest number of pixels of an image that the network works on; None for all.
     """
-    maps = []
-    for step in method.estimator.infer_steps(  # type: ignore[attr-defined]
+    steps: list[StepMap] = method.estimator.infer_steps(  # type: ignore[attr-defined]
         pair.left, pair.right, pair.rig, nearest, max_pixels
-    ):
-        disparity = np.where(step.disparity > 0, step.disparity + np.float32(pair.common), step.disparity)
-        if pair.left_valid is not None:
-            disparity[~pair.left_valid] = np.nan
-        maps.append(step._replace(disparity=disparity))
-    return maps
+    )
+    if pair.left_valid is not None:
+        for step in steps:
+            step.disparity[~pair.left_valid] = np.nan
+    return steps

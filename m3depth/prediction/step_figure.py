@@ -59,19 +59,20 @@ def change_colours(change: np.ndarray) -> np.ndarray:
     return colours
 
 
-def steps_picture(steps: Sequence[StepMap], fb: float, shown: tuple[float, float]) -> np.ndarray:
+def steps_picture(steps: Sequence[StepMap], fb: float, common: float, shown: tuple[float, float]) -> np.ndarray:
     """Return the picture, (h, w, 3) uint8 RGB: the depth after each step, and below it what the step changed.
 
     Args:
         steps: The maps in the order of the steps, one or more, of one size.
         fb: Focal length times baseline [px m].
+        common: Disparity that all pixels with depth have beside that of the maps [px].
         shown: Nearest and farthest depth [m] of the scale.
     """
     near, far = shown
     panels = []
     for number, (step, mean) in enumerate(zip(steps, changes(steps), strict=True)):
         with np.errstate(divide="ignore"):
-            depth = fb / step.disparity
+            depth = np.where(step.disparity == 0, np.inf, fb / (step.disparity + common))
         height, width = step.working_size
         above = titled(f"{step.name} in {width} x {height} px", sized(depth_colours(depth, near, far), WIDEST))
         if number == 0:
@@ -92,17 +93,18 @@ def steps_picture(steps: Sequence[StepMap], fb: float, shown: tuple[float, float
     return page
 
 
-def steps_figure(steps: Sequence[StepMap], fb: float, shown: tuple[float, float], path: Path) -> None:
+def steps_figure(steps: Sequence[StepMap], fb: float, common: float, shown: tuple[float, float], path: Path) -> None:
     """Write the picture of the steps as PNG.
 
     Args:
         steps: See steps_picture.
         fb: Focal length times baseline [px m].
+        common: Disparity that all pixels with depth have beside that of the maps [px].
         shown: Nearest and farthest depth [m] of the scale.
         path: The file to write.
 
     Raises:
         OSError: The file cannot be written; the message names it.
     """
-    picture = steps_picture(steps, fb, shown)
+    picture = steps_picture(steps, fb, common, shown)
     write_atomically(path, encode_png(picture[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 1]))

@@ -32,7 +32,7 @@ def test_nearer_is_red_farther_is_blue_and_no_change_is_white():
 @pytest.mark.parametrize(("count", "columns", "rows"), [(1, 2, 1), (3, 3, 1), (6, COLUMNS, 2)])
 def test_the_depth_of_each_step_stands_above_its_change(count, columns, rows):
     steps = maps_of(*(10.0 + n for n in range(count)))
-    picture = steps_picture(steps, 100.0, (5.0, 15.0))
+    picture = steps_picture(steps, 100.0, 0.0, (5.0, 15.0))
     panel = 2 * (200 + LINE)
     assert abs(picture.shape[1] - columns * 300) < 30 and abs(picture.shape[0] - rows * panel) < 50 * rows
     assert not picture[LINE, 0].any()  # the unknown pixel
@@ -43,6 +43,10 @@ def test_the_depth_of_each_step_stands_above_its_change(count, columns, rows):
         assert (picture[2 * LINE + 300, 306 + 150] == [255, 0, 0]).all()
 
 
-def test_sky_is_grey():
-    steps = maps_of(0.0)
-    assert (steps_picture(steps, 100.0, (5.0, 15.0))[LINE + 100, 150] == 90).all()
+def test_sky_is_grey_and_a_common_disparity_brings_the_rest_nearer():
+    place = LINE + 100, 150
+    for common in (0.0, 10.0):
+        assert (steps_picture(maps_of(0.0), 100.0, common, (5.0, 15.0))[place] == 90).all()
+    apart = steps_picture(maps_of(5.0), 100.0, 10.0, (5.0, 15.0))[place]
+    assert (apart == steps_picture(maps_of(15.0), 100.0, 0.0, (5.0, 15.0))[place]).all()
+    assert (apart != steps_picture(maps_of(5.0), 100.0, 0.0, (5.0, 15.0))[place]).any()
