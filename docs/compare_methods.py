@@ -133,10 +133,17 @@ def training(run: Path) -> dict[str, Any]:
         raise DatasetError(f"--runs {run}: has no log.jsonl of m3depth.train")
     lines = [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()]
     steps = [line for line in lines if line["kind"] == "train"]
+    if not steps:
+        raise DatasetError(f"--runs {run}: its log.jsonl has no step")
+    times = [[line[name] for line in steps] for name in ("step", "minutes")]
     return {
         "steps": steps[-1]["step"],
         "minutes": steps[-1]["minutes"],
-        "validations": [{"step": line["step"], "epe": line["epe"]} for line in lines if line["kind"] == "val"],
+        "validations": [
+            {"step": line["step"], "minutes": float(np.interp(line["step"], *times)), "epe": line["epe"]}
+            for line in lines
+            if line["kind"] == "val"
+        ],
     }
 
 
@@ -171,17 +178,17 @@ def _cost(weights: Path) -> dict[str, Any]:
 
 
 def curves_figure(runs: Mapping[str, Mapping[str, Any]], path: Path) -> None:
-    """Write a PNG of the error on validation pairs over the share of the training that is done."""
+    """Write a PNG of the error on validation pairs over the time of the training."""
     drawing = Figure(figsize=(7, 4.4), layout="constrained", dpi=120)
     ax = drawing.subplots()
     for i, (name, run) in enumerate(runs.items()):
         points = run["validations"]
         ax.plot(
-            [100 * p["step"] / run["steps"] for p in points], [p["epe"] for p in points], label=name, ms=4,
+            [p["minutes"] for p in points], [p["epe"] for p in points], label=name, ms=4,
             color=METHOD_COLOURS[i % len(METHOD_COLOURS)], marker=METHOD_MARKERS[i % len(METHOD_MARKERS)],
         )  # fmt: skip
     ax.set_yscale("log")
-    ax.set_xlabel("share of the training [%]")
+    ax.set_xlabel("time of the training [min]")
     ax.set_ylabel("EPE on validation pairs [px]")
     ax.grid(True, which="both", color="0.9")
     ax.spines[["top", "right"]].set_visible(False)

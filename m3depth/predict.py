@@ -30,6 +30,7 @@ values. The command writes into RESULT, or for many pairs into a folder of each 
     left_right.npy     float32 [px], with --left-right: difference of both eyes' disparities; NaN: seen by one eye alone
     cloud.ply          coloured points [m], camera frame, without points that hang between two surfaces
     figure.png         image, depth, normals and confidence; grey: sky, or farther than the scale; black: unknown
+    steps.png          with --steps: depth after each refinement step, and what the step changed
     prediction.json    method, SHA-256 of its weights, runtime, rig, what was done to the rows, versions of packages
 
 --view shows the clouds on a page in the browser at the end.

@@ -16,6 +16,15 @@ those of the whole 8-bit grey image (Rec. 601), sky and frame included:
     high_hann   the same without the mean and times a Hann window, which removes the jump from one border to the
                 opposite one
 
+Three more say what a stereo method has to work with:
+
+    poor        share of the pixels around which the grey levels vary by less than 2.5 (standard deviation in 9 x 9 px),
+                the noise of a camera; m3depth.evaluate scores them apart as texture_poor
+    gradient    [grey levels / px] median length of the gradient (Sobel)
+    slope       exponent a of the power spectrum f^-a, fitted to its means over rings from 0.02 to 0.35 cycles/px, with
+                the Hann window; about 2 in photographs (Field 1987), larger is smoother. None for an image of one tone
+                or of less than 50 px
+
 The paper's definition must be another one: 10 labels cannot give 3.7 bits, and 256 codes of 3.1 bits would mean little
 more than one tone. The figures compare images with each other; none is a target. The command writes texture.json and
 texture.png.
@@ -34,25 +43,29 @@ import numpy as np
 import tyro
 
 from m3depth.datasets.image_files import decode_image
-from m3depth.figures.texture import TextureExample, texture_figure
+from m3depth.evaluation.metrics import texture_poor
+from m3depth.figures.texture import GRADIENTS, TextureExample, gradient_shares, texture_figure
 from m3depth.stereo.pairs import spread
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
 from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.files.json_file import write_json
-from marssim.base.images.texture import entropy, local_binary_patterns, uniform_labels
+from marssim.base.images.texture import entropy, gradient, local_binary_patterns, uniform_labels
 from marssim.base.results.claim import ResultFolder
 
 HIGH = 0.1  # border of the high frequencies, as a share of F_MAX
 F_MAX = 0.5  # [cycles/px] highest frequency along a row or column
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")  # endings of image files in a folder
-MEASURES = ("lbp_riu2", "lbp_codes", "high", "high_dc", "high_hann")  # names of the figures, as above
+MEASURES = ("lbp_riu2", "lbp_codes", "high", "high_dc", "high_hann", "poor", "gradient", "slope")  # as above
+FITTED = (0.02, 0.35)  # [cycles/px] frequencies between which the slope is fitted
+RINGS = 12  # of frequencies, in equal ratios, whose mean powers are fitted
+LEAST_SIDE = round(1 / FITTED[0])  # [px] of an image in which the lowest of these frequencies is one wave
 PAPER = "3.1 bits, < 5 % (Mars); 3.7 bits, 32 % (Earth)"  # the paper's figures
 
 
 @dataclass(frozen=True)
 class TextureOptions:
-    """Measure the entropy of local binary patterns and the share of high frequencies of images."""
+    """Measure the entropy of local binary patterns, the high frequencies and the contrast of images."""
 
     images: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="IMAGES")]
     """Image files, folders of images, or datasets of marssim.generate, whose left images are measured."""
@@ -102,8 +115,31 @@ def high_share(power: np.ndarray, frequency: np.ndarray, extra: float = 0.0) -> 
     return float(power[frequency > HIGH * F_MAX].sum()) / total if total > 0 else 0.0
 
 
-def measure(grey: np.ndarray) -> dict[str, float]:
-    """Return the five figures of an image, (H, W) uint8, by name.
+def spectral_slope(power: np.ndarray, frequency: np.ndarray) -> float | None:
+    """Return the exponent a of a power spectrum f^-a, by least squares in logarithms over RINGS.
+
+    Args:
+        power: (H, W) power spectrum.
+        frequency: (H, W) radial frequency [cycles/px].
+
+    Returns:
+        The exponent; None where a ring has no power, or a side is shorter than LEAST_SIDE.
+    """
+    if min(power.shape) < LEAST_SIDE:
+        return None
+    ring = np.digitize(frequency.ravel(), np.geomspace(*FITTED, RINGS + 1))
+    inside = (ring > 0) & (ring <= RINGS)
+    ring, logarithm = ring[inside] - 1, np.log(frequency.ravel()[inside])
+    count = np.bincount(ring, minlength=RINGS)
+    total = np.bincount(ring, power.ravel()[inside], RINGS)
+    if not (total > 0).all():
+        return None
+    middle = np.bincount(ring, logarithm, RINGS) / count
+    return float(-np.polyfit(middle, np.log(total / count), 1)[0])
+
+
+def measure(grey: np.ndarray) -> dict[str, float | None]:
+    """Return the figures of an image, (H, W) uint8, by name.
 
     Raises:
         ValueError: The image is smaller than 3 x 3 pixels.
@@ -113,12 +149,16 @@ def measure(grey: np.ndarray) -> dict[str, float]:
     codes = local_binary_patterns(grey)
     power, frequency = power_spectrum(grey)
     constant = (grey.astype(np.float64).mean() * grey.size) ** 2
+    windowed = power_spectrum(grey, hann=True)
     return {
         "lbp_riu2": entropy(uniform_labels()[codes]),
         "lbp_codes": entropy(codes),
         "high": high_share(power, frequency),
         "high_dc": high_share(power, frequency, constant),
-        "high_hann": high_share(*power_spectrum(grey, hann=True)),
+        "high_hann": high_share(*windowed),
+        "poor": float(texture_poor(grey).mean()),
+        "gradient": float(np.median(gradient(grey))),
+        "slope": spectral_slope(*windowed),
     }
 
 
@@ -165,23 +205,32 @@ def _analyse(options: TextureOptions) -> dict[str, Any]:
     groups: dict[str, Any] = {}
     examples = []
     for name, paths in zip(options.names, (options.images, options.beside), strict=True):
-        records = []
+        records: list[dict[str, Any]] = []
+        shares = np.zeros(len(GRADIENTS))
         for file, grey in find_images(paths, options.limit):
             try:
                 records.append({"image": file, **measure(grey)})
             except ValueError as error:
                 raise ValueError(f"{file}: {error}") from None
+            shares += gradient_shares(grey)
             if len(records) == 1:
                 codes = local_binary_patterns(grey)
                 spectrum, frequency = power_spectrum(grey)
-                examples.append(TextureExample(name, grey, codes, spectrum, frequency))
+                examples.append(TextureExample(name, grey, codes, spectrum, frequency, shares))
         if records:
-            mean = {key: float(np.mean([record[key] for record in records])) for key in MEASURES}
+            shares /= len(records)  # in place: the example holds them
+            mean = {key: _mean([record[key] for record in records]) for key in MEASURES}
             groups[name] = {"count": len(records), "mean": mean, "images": records}
     content = {"paper": PAPER, "groups": groups}
     write_json(options.out / "texture.json", content, sort_keys=False)
     texture_figure(examples, groups, HIGH * F_MAX, options.out / "texture.png")
     return content
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    """Return the mean of the values that are there; None without any."""
+    numbers = [value for value in values if value is not None]
+    return float(np.mean(numbers)) if numbers else None
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -197,7 +246,8 @@ def _work(options: TextureOptions) -> None:
         print(
             f"{name:<{width}}  {counted(group['count'], 'image'):>9}  LBP {m['lbp_riu2']:.2f} bits of 10 labels, "
             f"{m['lbp_codes']:.2f} of 256 codes; energy above 0.1 f_max {m['high']:.1%}, with the mean "
-            f"{m['high_dc']:.1%}, windowed {m['high_hann']:.1%}"
+            f"{m['high_dc']:.1%}, windowed {m['high_hann']:.1%}; poor in texture {m['poor']:.1%}, gradient "
+            f"{m['gradient']:.2f}, slope {'-' if m['slope'] is None else format(m['slope'], '.2f')}"
         )
     print(f"{'paper':<{width}}  {'':>9}  {content['paper']}")
     print(f"definitions: --help; {options.out / 'texture.png'}")

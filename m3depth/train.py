@@ -1,4 +1,4 @@
-"""Train M3Depth.
+"""Train M3Depth, or one of the methods that it is compared with (--preset).
 
     python -m m3depth.train --data DIR --out RUN --max-minutes 120
     python -m m3depth.train --data DIR --out RUN --init shipped --lr 2e-4 --max-minutes 30  # fine-tuning

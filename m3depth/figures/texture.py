@@ -8,10 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
 from m3depth.figures.drawing import METHOD_COLOURS, save, show
+from marssim.base.images.texture import gradient
+
+GRADIENTS = np.geomspace(0.1, 100, 121)  # [grey levels / px] places of the curves of gradients
 
 
 @dataclass(frozen=True)
@@ -24,6 +28,8 @@ class TextureExample:
         codes: (H - 2, W - 2) uint8 local binary patterns.
         power: (H, W) power spectrum, in the order of np.fft.
         frequency: (H, W) radial frequency [cycles/px], likewise.
+        gradient_shares: (len(GRADIENTS),) share of the pixels of all images of the group with less than each of
+            GRADIENTS.
     """
 
     name: str
@@ -31,12 +37,19 @@ class TextureExample:
     codes: np.ndarray
     power: np.ndarray
     frequency: np.ndarray
+    gradient_shares: np.ndarray
+
+
+def gradient_shares(grey: np.ndarray) -> np.ndarray:
+    """Return the share of the pixels of an image, (H, W) uint8, whose gradient is less than each of GRADIENTS."""
+    lengths = np.sort(gradient(grey), axis=None)
+    return np.searchsorted(lengths, GRADIENTS) / lengths.size
 
 
 def texture_figure(
     examples: Sequence[TextureExample], groups: Mapping[str, Any], border: float, path: Path
 ) -> None:  # fmt: skip
-    """Write a PNG with a row a group: its first image, the patterns, the spectrum, and the energy by frequency.
+    """Write a PNG with a row a group: an image, patterns, spectrum, energy by frequency, and pixels by gradient.
 
     Args:
         examples: One image of each group.
@@ -44,8 +57,8 @@ def texture_figure(
         border: Frequency at which high frequencies begin [cycles/px].
         path: The file to write.
     """
-    figure = Figure(figsize=(14, 3.7 * len(examples)), layout="constrained", dpi=110)
-    axes = figure.subplots(len(examples), 4, squeeze=False)
+    figure = Figure(figsize=(17.5, 3.7 * len(examples)), layout="constrained", dpi=110)
+    axes = figure.subplots(len(examples), 5, squeeze=False)
     for row, example, colour in zip(axes, examples, METHOD_COLOURS):
         mean = groups[example.name]["mean"]
         show(row[0], example.grey, cmap="gray", vmin=0, vmax=255)
@@ -73,7 +86,22 @@ def texture_figure(
         row[3].set_xlabel("frequency / f_max")
         row[3].set_ylabel("energy below, without the mean [%]")
         row[3].grid(True, color="0.92")
+        _draw_gradients(row[4], examples, example.name, f"poor in texture: {mean['poor']:.1%} of the pixels")
     save(figure, path)
+
+
+def _draw_gradients(ax: Axes, examples: Sequence[TextureExample], name: str, title: str) -> None:
+    """Draw the shares of pixels by gradient of all groups, that of one group in full strength."""
+    for example, colour in zip(examples, METHOD_COLOURS):
+        strength = 1.0 if example.name == name else 0.35
+        ax.plot(GRADIENTS, 100 * example.gradient_shares, color=colour, label=example.name, alpha=strength)
+    ax.set_xscale("log")
+    ax.set_ylim(0, 101)
+    ax.set_xlabel("gradient [grey levels / px]")
+    ax.set_ylabel("pixels below [%]")
+    ax.set_title(title, fontsize=9)
+    ax.grid(True, color="0.92")
+    ax.legend(frameon=False, fontsize=9)
 
 
 def energy_below(example: TextureExample, frequencies: np.ndarray) -> np.ndarray:

@@ -2,7 +2,7 @@
 
     model.py             M3Depth: a stereo pair -> Prediction (`infer`), tensors -> StereoOutput (`forward`)
     inference.py         the sizes at which a pair is worked on, and the network's maps as a Prediction
-    output.py            StereoOutput, and the Start of a larger pair
+    output.py            StereoOutput, the Start of a larger pair, and the disparity after each step
     backbone.py          features of both images at 1/2, 1/4 and 1/8 of their size; convolutions of wavelet.py
     cost_volume.py       matching scores of 24 disparities at 1/8; soft argmin gives the first disparity map
     normal_branch.py     SNNet: the first normals, from the same volume

@@ -15,8 +15,8 @@ from m3depth.network.cost_volume import Aggregation, group_correlation_volume, m
 from m3depth.network.fine_correction import FineCorrection
 from m3depth.network.geometry import facing_normals, pixel_rays, resize, scale_camera, unit
 from m3depth.network.normal_branch import SNNet
-from m3depth.network.output import VOLUME_STEP, Start, StereoOutput, fitted, padded, unpadded
-from m3depth.network.refinement import Refinement
+from m3depth.network.output import VOLUME_STEP, GridMap, Start, StereoOutput, fitted, padded, unpadded
+from m3depth.network.refinement import CELL, Refinement
 from m3depth.network.row_bands import by_rows
 from m3depth.network.stereo_network import StereoNetwork
 from m3depth.weights import SHIPPED_WEIGHTS
@@ -116,6 +116,18 @@ class M3Depth(StereoNetwork):
         """Whether the network has a refinement."""
         return self.config.refines
 
+    @property
+    def takes_steps(self) -> bool:
+        """Whether the refinement has recurrent steps."""
+        return self.config.refine_steps > 0
+
+    def steps_of(self, output: StereoOutput) -> list[GridMap]:
+        """Return the disparity of soft argmin, that after each step at 1/4, and the result."""
+        maps = [GridMap(f"step {n}", disparity, CELL) for n, (disparity, _) in enumerate(output.steps, start=1)]
+        if output.initial is not None:
+            maps.insert(0, GridMap("first map", output.initial[0], VOLUME_STEP >> self.config.output_head))
+        return [*maps, GridMap("result", output.disparity, 1)]
+
     def forward(self, left: Tensor, right: Tensor, camera: Tensor, start: Start | None = None) -> StereoOutput:
         """Run the network on a batch.
 
@@ -140,7 +152,7 @@ class M3Depth(StereoNetwork):
         maps = maps[..., :height, :width]
         normal = by_rows(facing_normals, maps[:, 1:4], pixel_rays(camera, height, width))
         initial = None if start is not None else unpadded(first[:2], height, width, first.cell)
-        steps = [unpadded(step, height, width, 4) for step in steps]
+        steps = [unpadded(step, height, width, CELL) for step in steps]
         context = first.context
         if context is not None:
             context = fitted(context, -(-height // VOLUME_STEP), -(-width // VOLUME_STEP))

@@ -1,13 +1,15 @@
-"""What the network returns for a batch of pairs, where a larger pair starts from it, and their padding."""
+"""What the network returns for a batch of pairs, where a larger pair starts from it, its steps, and the padding."""
 
 from __future__ import annotations
 
 from typing import NamedTuple, Protocol
 
+import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from m3depth.network.geometry import unit
+from m3depth.network.geometry import MIN_DISPARITY, unit
+from m3depth.stereo.prediction import StepMap
 
 VOLUME_STEP = 8  # [px] disparity between two hypotheses: a cell of the volume, which is at 1/8
 
@@ -107,6 +109,36 @@ class StereoOutput(NamedTuple):
             )
             context = fitted(larger, -(-height // VOLUME_STEP), -(-width // VOLUME_STEP)).to(context.dtype)
         return Start(disparity, normal, context)
+
+
+class GridMap(NamedTuple):
+    """A disparity that a network computed on the way to its result.
+
+    Attributes:
+        name: As of StepMap.
+        disparity: (1, 1, h, w) [px of the images in which the network works].
+        cell: Side of a cell of h x w [px of these images].
+    """
+
+    name: str
+    disparity: Tensor
+    cell: int
+
+    def at_size(self, working_size: tuple[int, int], size: tuple[int, int]) -> StepMap:
+        """Return the map at the size of the pair.
+
+        Args:
+            working_size: Height and width of the images in which the network works [px].
+            size: Height and width of the pair [px].
+        """
+        height, width = working_size
+        maps = self.disparity.float()
+        if self.cell > 1:
+            maps = F.interpolate(maps, scale_factor=float(self.cell), mode="bilinear")[..., :height, :width]
+        if (height, width) != size:
+            maps = F.interpolate(maps, size, mode="bilinear") * (size[1] / width)
+        maps = torch.where(maps < MIN_DISPARITY, torch.zeros_like(maps), maps)
+        return StepMap(self.name, (height, width), maps[0, 0].cpu().numpy())
 
 
 def fitted(maps: Tensor, height: int, width: int) -> Tensor:

@@ -90,26 +90,35 @@ class ConvGRU(nn.Module):
     z, r = sigmoid(W [H_t, x] + c), q = tanh(W_q [r H_t, x] + c_q), H_t+1 = (1 - z) H_t + z q.
 
     x is computed from D_t and N_t; c and c_q, which the context H_0 adds to the gates, are computed once.
+
+    Args:
+        hidden: Channels of the state.
+        inputs: Channels of x.
+        kernel: Side of the kernels, odd.
     """
 
-    def __init__(self, hidden: int, inputs: int) -> None:
+    def __init__(self, hidden: int, inputs: int, kernel: int = 3) -> None:
         super().__init__()
-        self.gates = nn.Conv2d(hidden + inputs, 2 * hidden, 3, padding=1)
-        self.candidate = nn.Conv2d(hidden + inputs, hidden, 3, padding=1)
+        self.gates = nn.Conv2d(hidden + inputs, 2 * hidden, kernel, padding=kernel // 2)
+        self.candidate = nn.Conv2d(hidden + inputs, hidden, kernel, padding=kernel // 2)
 
-    def forward(self, hidden: Tensor, x: Tensor, context: Tensor) -> Tensor:
+    def forward(self, hidden: Tensor, x: Tensor, context: Tensor | None = None) -> Tensor:
         """Return the new hidden state, (B, C, H, W).
 
         Args:
             hidden: H_t, (B, C, H, W).
             x: (B, inputs, H, W).
-            context: (B, 3 C, H, W), added to update, reset and candidate.
+            context: (B, 3 C, H, W), added to update, reset and candidate; None adds nothing.
         """
         size = hidden.shape[1]
-        gates = self.gates(torch.cat([hidden, x], 1)) + context[:, : 2 * size]
+        gates = self.gates(torch.cat([hidden, x], 1))
+        if context is not None:
+            gates = gates + context[:, : 2 * size]
         update, reset = torch.sigmoid(gates).chunk(2, 1)
-        candidate = torch.tanh(self.candidate(torch.cat([reset * hidden, x], 1)) + context[:, 2 * size :])
-        return hidden + update * (candidate - hidden)
+        candidate = self.candidate(torch.cat([reset * hidden, x], 1))
+        if context is not None:
+            candidate = candidate + context[:, 2 * size :]
+        return hidden + update * (torch.tanh(candidate) - hidden)
 
 
 def head(inputs: int, width: int, outputs: int) -> nn.Sequential:

@@ -11,7 +11,8 @@ from torch import Tensor, nn
 
 from m3depth.network.device import autocast, fast_dtype
 from m3depth.network.inference import infer_pair
-from m3depth.stereo.prediction import Prediction
+from m3depth.network.output import GridMap
+from m3depth.stereo.prediction import Prediction, StepMap
 from m3depth.weights.storage import save_weights
 from marssim.base.camera import StereoRig
 
@@ -22,16 +23,19 @@ class StereoNetwork(nn.Module):
     A subclass sets `config` and defines forward(left, right, camera), which takes (B, 3, H, W) float images in [0, 1]
     and cameras (B, 4) fx, fy, cx, cy [px], and returns an output with disparity (B, 1, H, W) [px] and, where the
     network has them, normal (B, 3, H, W), confidence and sky (logits, (B, 1, H, W)); None stands for a map that the
-    network does not have. How an output is trained is in m3depth/training/losses.py.
+    network does not have. How an output is trained is in m3depth/training/losses.py. A subclass that refines its maps
+    step by step overrides takes_steps and steps_of.
 
     Attributes:
         config: The sizes of the network, a dataclass whose KIND is the name of the network in weights files.
         recompute: Activation checkpointing. In training, large parts keep only their inputs, and the backward pass
             computes them once more: the same gradients with less memory, about a third slower.
+        every_step: Whether a method that returns the maps of all its refinement steps in training does so otherwise.
     """
 
     config: Any
     recompute = False
+    every_step = False
     TAKES_START: ClassVar[bool] = False
     """Whether forward takes a Start too, where a smaller pair ended."""
 
@@ -49,6 +53,19 @@ class StereoNetwork(nn.Module):
     def goes_on(self) -> bool:
         """Whether the network refines the disparities of a reduced pair at the images' own size."""
         return False
+
+    @property
+    def takes_steps(self) -> bool:
+        """Whether the network refines its disparity step by step, so that `infer_steps` can return each."""
+        return False
+
+    def steps_of(self, output: Any) -> list[GridMap]:
+        """Return the disparities of an output in the order in which the network refined them, the result last.
+
+        Args:
+            output: What forward returned for one pair, with every_step.
+        """
+        raise NotImplementedError
 
     @classmethod
     def restored(cls, config: Any, tensors: dict[str, Tensor], source: Path) -> Self:
@@ -113,9 +130,39 @@ class StereoNetwork(nn.Module):
             ValueError: Images of a wrong type or size, or `nearest` or `max_pixels` is not positive.
         """
         device = next(self.parameters()).device
+        return infer_pair(self._forward, self.reach, self.goes_on, device, left, right, rig, nearest, max_pixels)
 
-        def run(left: Tensor, right: Tensor, camera: Tensor, start: Any) -> Any:
-            with autocast(device, fast_dtype(device)):
-                return self(left, right, camera, start) if self.TAKES_START else self(left, right, camera)
+    @torch.inference_mode()
+    def infer_steps(
+        self, left: np.ndarray, right: np.ndarray, rig: StereoRig, nearest: float | None = None,
+        max_pixels: int | None = None,
+    ) -> list[StepMap]:  # fmt: skip
+        """Estimate the disparity of one pair after each refinement step, at each size at which the network works.
 
-        return infer_pair(run, self.reach, self.goes_on, device, left, right, rig, nearest, max_pixels)
+        Arguments and errors are those of infer, in which only the last of these maps counts. The network must be one
+        that takes steps.
+
+        Returns:
+            The maps in the order of the steps, at the input's size.
+        """
+        maps: list[StepMap] = []
+
+        def run(*inputs: Any) -> Any:
+            output = self._forward(*inputs)
+            size = rig.camera.height, rig.camera.width
+            maps.extend(grid_map.at_size(inputs[0].shape[-2:], size) for grid_map in self.steps_of(output))
+            return output
+
+        self.every_step = True
+        try:
+            device = next(self.parameters()).device
+            infer_pair(run, self.reach, self.goes_on, device, left, right, rig, nearest, max_pixels)
+        finally:
+            self.every_step = False
+        return maps
+
+    def _forward(self, left: Tensor, right: Tensor, camera: Tensor, start: Any) -> Any:
+        """Run the network in the fast precision of its device; see inference.Forward."""
+        device = left.device
+        with autocast(device, fast_dtype(device)):
+            return self(left, right, camera, start) if self.TAKES_START else self(left, right, camera)

@@ -28,6 +28,7 @@ from m3depth.prediction.sources.calibration import make_calibration
 from m3depth.prediction.sources.inputs import Inputs, PairInput
 from m3depth.prediction.sources.poses import rover_pose
 from m3depth.prediction.sources.video_frames import EndOfVideo
+from m3depth.prediction.step_figure import steps_record
 from marssim.base.camera import StereoRig
 from marssim.base.command.progress import watched
 from marssim.base.command.signals import stop_on_signal
@@ -140,9 +141,10 @@ def cloud_pose(record: dict[str, Any]) -> np.ndarray:
 
 
 def ending(result: PairPrediction, shown: tuple[float, float]) -> dict[str, Any]:
-    """Return what prediction.json says last: rows, scale of the picture, versions."""
+    """Return what prediction.json says last: rows, refinement steps, scale of the picture, versions."""
     removed = None if result.removed is None else str(result.removed)
-    return {"rows_aligned": removed, "depth_shown_m": list(shown), "versions": versions()}
+    steps = {"steps": steps_record(result.steps)} if result.steps else {}
+    return {"rows_aligned": removed, **steps, "depth_shown_m": list(shown), "versions": versions()}
 
 
 def predict_many(options: PredictOptions, inputs: Inputs, load: Callable[[], Method]) -> Batch:

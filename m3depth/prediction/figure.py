@@ -65,13 +65,13 @@ def prediction_picture(left: np.ndarray, prediction: Prediction, shown: tuple[fl
     if prediction.normal is not None:
         maps.append((NORMAL_TITLE, normal_colours(prediction.normal)))
     maps.append((CONFIDENCE_TITLE, confidence))
-    parts = [_titled(title, _sized(image)) for title, image in maps]
+    parts = [titled(title, sized(image)) for title, image in maps]
     height, width = parts[0].shape[:2]
     page = np.full((2 * height + LINE + 12, 2 * width + GAP, 3), PAPER, np.uint8)
     for number, part in enumerate(parts):
         row, column = divmod(number, 2)
         page[row * height : (row + 1) * height, column * (width + GAP) :][:, :width] = part
-    _draw_scale(page[2 * height :], width, near, far)
+    draw_scale(page[2 * height :], width, near, far)
     return page
 
 
@@ -91,10 +91,15 @@ def prediction_figure(left: np.ndarray, prediction: Prediction, path: Path, show
     write_atomically(path, encode_png(picture[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 1]))
 
 
-def _sized(image: np.ndarray) -> np.ndarray:
-    """Return an image at LEAST to MOST px of width, with white beside one that is too high for that."""
+def sized(image: np.ndarray, most: int = MOST) -> np.ndarray:
+    """Return an image at a width of LEAST to `most` px, with white beside one that is too high for that.
+
+    Args:
+        image: (H, W, 3) uint8.
+        most: Largest width [px].
+    """
     height, width = image.shape[:2]
-    factor = min(math.ceil(LEAST / width) if width < LEAST else min(1.0, MOST / width), HIGHEST / height)
+    factor = min(math.ceil(LEAST / width) if width < LEAST else min(1.0, most / width), HIGHEST / height)
     if factor != 1:
         size = max(1, round(width * factor)), max(1, round(height * factor))
         image = cv2.resize(image, size, interpolation=cv2.INTER_NEAREST if factor > 1 else cv2.INTER_AREA)
@@ -102,8 +107,8 @@ def _sized(image: np.ndarray) -> np.ndarray:
     return cv2.copyMakeBorder(image, 0, 0, 0, missing, cv2.BORDER_CONSTANT, value=(PAPER,) * 3) if missing else image
 
 
-def _titled(title: str, image: np.ndarray) -> np.ndarray:
-    """Return the image with a line of text above it, as small as it has to be."""
+def titled(title: str, image: np.ndarray) -> np.ndarray:
+    """Return an image, (H, W, 3) uint8, with a line of text above it, as small as it has to be."""
     bar = np.full((LINE, image.shape[1], 3), PAPER, np.uint8)
     _write(bar, title, 2, LINE - 6)
     return np.concatenate([bar, image])
@@ -116,8 +121,14 @@ def _write(image: np.ndarray, text: str, x: int, y: int) -> None:
     cv2.putText(image, text, (x, y), font, size, colour, weight, line)
 
 
-def _draw_scale(strip: np.ndarray, width: int, near: float, far: float) -> None:
-    """Draw the scale of depth into the strip below the maps, and what grey and black mean beside it."""
+def draw_scale(strip: np.ndarray, width: int, near: float, far: float) -> None:
+    """Draw the scale of depth into a strip, and what grey and black mean beside it.
+
+    Args:
+        strip: (LINE + 12, W, 3) uint8, below the maps; it is drawn into.
+        width: Width of the scale, which is that of a map [px].
+        near, far: Ends of the scale [m].
+    """
     ticks = [near, *(tick for tick in DEPTH_TICKS if near * 1.2 < tick < far / 1.2), far]
     bar, columns = depth_bar(width, 10, ticks)
     strip[2:12, :width] = bar

@@ -11,6 +11,7 @@ import numpy as np
 from m3depth.prediction.figure import prediction_figure
 from m3depth.prediction.one_pair import PairPrediction
 from m3depth.prediction.options import PredictOptions
+from m3depth.prediction.step_figure import steps_figure
 from m3depth.stereo.pairs import in_colour
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import StereoRig
@@ -23,7 +24,7 @@ from marssim.base.images.pointcloud import coloured_points, encode_ply
 
 EDGE_SHARE = 0.02  # largest change of disparity within 3 x 3 px, as a share of it, that is no depth edge
 RECORD = "prediction.json"  # written last: a folder that has it is whole
-CLOUD, FIGURE, DIFFERENCE = "cloud.ply", "figure.png", "left_right.npy"
+CLOUD, FIGURE, DIFFERENCE, STEPS = "cloud.ply", "figure.png", "left_right.npy", "steps.png"
 
 
 def point_cloud(
@@ -94,7 +95,7 @@ def write_prediction(
             else:  # files of an earlier run would be taken for this one's
                 (out / f"{kind}.{form}").unlink(missing_ok=True)
     count = 0
-    for name in (CLOUD, FIGURE, DIFFERENCE):
+    for name in (CLOUD, FIGURE, DIFFERENCE, STEPS):
         (out / name).unlink(missing_ok=True)
     if "cloud" in options.write:
         points, colours = point_cloud(
@@ -108,5 +109,7 @@ def write_prediction(
         prediction_figure(result.left, result.prediction, out / FIGURE, shown)
     if result.difference is not None:
         write_atomically(out / DIFFERENCE, encode_npy(result.difference))
+    if result.steps:
+        steps_figure(result.steps, result.rig.fb, result.common, shown, out / STEPS)
     write_json(out / RECORD, dict(record), sort_keys=False)
     return count

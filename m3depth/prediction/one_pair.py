@@ -19,7 +19,7 @@ from m3depth.prediction.pair_checks import check_pair, empty_or_same, rows_of
 from m3depth.prediction.settings import with_settings
 from m3depth.runtimes.choice import recorded_runtime
 from m3depth.stereo.pairs import NEAREST
-from m3depth.stereo.prediction import Prediction
+from m3depth.stereo.prediction import Prediction, StepMap
 from m3depth.stereo.rows import RowFit, aligned_right
 from marssim.base.calibration.rectified import Calibration, align_right
 from marssim.base.camera import StereoRig
@@ -47,11 +47,13 @@ class Method:
         """
         if estimator is None:
             name, flag = method_name(options)
-            estimator = load_estimator(name, flag, device=options.device, runtime=options.runtime)
+            estimator = load_estimator(name, flag, device=options.device, runtime=options.used_runtime)
             record = method_record(options)
         else:
             record = {"estimator": type(estimator).__name__}
         with_settings(estimator, options.estimator, nearest=options.nearest, max_pixels=options.max_pixels)  # a check
+        if options.steps and not getattr(estimator, "takes_steps", False):
+            raise ValueError(f"--steps: {record['estimator']} does not refine depth step by step; leave it out")
         return cls(estimator, record)
 
 
@@ -65,7 +67,7 @@ def method_name(options: PredictOptions) -> tuple[str, str]:
 def method_record(options: PredictOptions) -> dict[str, Any]:
     """Return what identifies the method that the flags name. Raises as EstimatorName.digest."""
     name, _ = method_name(options)
-    runtime = recorded_runtime([name], options.runtime, options.device)
+    runtime = recorded_runtime([name], options.used_runtime, options.device)
     return {"estimator": name, "sha256": EstimatorName(name).digest(), "runtime": runtime}
 
 
@@ -106,6 +108,8 @@ class PairPrediction:
         removed: The misalignment of the rows that was taken out, or None.
         compared: Number of pixels with depth whose difference is known.
         agreeing: How many of them agree.
+        steps: Disparity after each refinement step, with --steps, without the common disparity.
+        common: Common disparity that stayed out while the pair was matched [px].
     """
 
     left: np.ndarray
@@ -115,6 +119,8 @@ class PairPrediction:
     removed: RowFit | None
     compared: int = 0
     agreeing: int = 0
+    steps: Sequence[StepMap] = ()
+    common: float = 0.0
 
 
 def prepare(
@@ -201,4 +207,29 @@ def predict_pair(pair: PreparedPair, method: Method, options: PredictOptions) ->
         unknown |= ~seen_by_mask(prediction, pair.right_valid, pair.moved)
     prediction = unknown_where(without_sky_normals(prediction), unknown)
     prediction = given_back(prediction, pair.rig, pair.common)
-    return PairPrediction(pair.left, prediction, pair.rig, difference, pair.removed, compared, agreeing)
+    steps = refinement_steps(pair, method, nearest, options.max_pixels) if options.steps else []
+    return PairPrediction(
+        pair.left, prediction, pair.rig, difference, pair.removed, compared, agreeing, steps, pair.common
+    )
+
+
+def refinement_steps(
+    pair: PreparedPair, method: Method, nearest: float | None, max_pixels: int | None
+) -> list[StepMap]:
+    """Return the disparity of a pair after each refinement step, NaN where the left image does not show the scene.
+
+    The common disparity of the pair stays out.
+
+    Args:
+        pair: The pair.
+        method: A network that takes steps.
+        nearest: Shortest distance that should be measured [m]; None for the network's own.
+        max_pixels: Largest number of pixels of an image that the network works on; None for all.
+    """
+    steps: list[StepMap] = method.estimator.infer_steps(  # type: ignore[attr-defined]
+        pair.left, pair.right, pair.rig, nearest, max_pixels
+    )
+    if pair.left_valid is not None:
+        for step in steps:
+            step.disparity[~pair.left_valid] = np.nan
+    return steps

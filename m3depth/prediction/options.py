@@ -103,6 +103,10 @@ class PredictOptions:
     left_right: bool = False
     """Predict from the right eye too, which takes twice as long, and make pixels unknown where its disparity differs by
     more than 1 px or is unknown."""
+    steps: bool = False
+    """Write steps.png too, the depth after each refinement step and what the step changed, for M3Depth and trained
+    methods that refine step by step (raft-stereo, selective-stereo, cre-stereo). It takes twice as long and runs in
+    PyTorch."""
     min_confidence: float | None = None
     """Least confidence, from 0 to 1: pixels with depth of less become unknown in maps, pictures and clouds. Without it,
     maps keep all pixels that the method measured, and clouds those of 0.5 and more."""
@@ -160,6 +164,8 @@ class PredictOptions:
             raise ValueError("give a left and a right image, a folder, a list, a video, a bag, or --left and --right")
         if not 0 <= self.stamp_tolerance <= 10:
             raise ValueError(f"stamp_tolerance must lie in [0, 10] s, got {self.stamp_tolerance:g}")
+        if self.steps and self.runtime == "openvino":
+            raise ValueError("steps runs in PyTorch: leave out --runtime openvino")
         if "bag" in self.write and "depth" not in self.write:
             raise ValueError("write: bag needs depth, which it is made of")
         if self.view and "depth" not in self.write:
@@ -171,6 +177,11 @@ class PredictOptions:
     def kinds(self) -> tuple[MapKind, ...]:
         """The maps that are written."""
         return tuple(kind for kind in MAP_KINDS if kind in self.write)
+
+    @property
+    def used_runtime(self) -> RuntimeChoice:
+        """The runtime as load_estimator takes it: with --steps, PyTorch, which alone returns the steps."""
+        return "pytorch" if self.steps else self.runtime
 
     @property
     def cloud_confidence(self) -> float:

@@ -26,7 +26,7 @@ from m3depth.network.refinement import ConvexUpsampling
 from m3depth.rivals.config import CreStereoConfig
 from m3depth.rivals.layers import sampled, start_as_encoder, trunk
 from m3depth.rivals.output import SequenceOutput, Truth, fading_shares, mean_over
-from m3depth.rivals.rival import Rival
+from m3depth.rivals.rival import SteppedRival
 
 STRIDES = (2, 1, 2, 1)  # of the encoder's first convolution and of its three stages
 CELL = 4  # side of a cell of the finest level [px], and factor of the learned upsampling
@@ -53,7 +53,7 @@ class DisplacementOutput(SequenceOutput):
 
     def terms(self, truth: Truth) -> dict[str, Tensor]:
         """Return the losses of both components, whose sum is their mean absolute error, by the maps' weights."""
-        rows = [s * mean_over(y.abs(), truth.known) for y, s in zip(self.rows, self.shares, strict=True)]
+        rows = [s * mean_over(y.abs(), truth.valid) for y, s in zip(self.rows, self.shares, strict=True)]
         return {"disparity": super().terms(truth)["disparity"] / 2, "rows": torch.stack(rows).sum() / 2}
 
 
@@ -73,7 +73,7 @@ class AttentionLayer(nn.Module):
                 nn.init.xavier_uniform_(weight)
 
     def forward(self, x: Tensor, source: Tensor) -> Tensor:
-        """Return x, (B, N, C), with what it finds in the source, (B, M, C)."""
+        """Return x, (B, N, C), with what it takes from the source, (B, M, C)."""
 
         def split(features: Tensor) -> Tensor:
             return features.unflatten(2, (self.heads, -1)).float()
@@ -155,8 +155,8 @@ def adaptive_correlation(level: Level, displacement: Tensor, step: int) -> Tenso
         ]  # (B, C, h, w) each
     else:
         places = place[:, None] + offsets[:, :, None, None] + level.offsets  # (B, 9, 2, h, w)
-        found = sampled(level.right, places.transpose(1, 2).flatten(2, 3)).unflatten(2, (SAMPLES, height))
-        rights = list(found.unbind(2))
+        samples = sampled(level.right, places.transpose(1, 2).flatten(2, 3)).unflatten(2, (SAMPLES, height))
+        rights = list(samples.unbind(2))
     scores = [(level.left * right).unflatten(1, (GROUPS, -1)).mean(2) for right in rights]
     return torch.stack(scores, 2).flatten(1, 2)
 
@@ -200,12 +200,12 @@ class CascadeUpdate(nn.Module):
     def forward(self, state: Tensor, context: Tensor, displacement: Tensor, scores: Tensor) -> tuple[Tensor, Tensor]:
         """Return the new state and the corrected displacement, (B, hidden, h, w) and (B, 2, h, w)."""
         moved = displacement.to(state.dtype)
-        seen = self.joined(torch.cat([self.scores(scores.to(state.dtype)), self.displacement(moved)], 1))
-        state = self.unit(state, torch.cat([context, seen, moved], 1))
+        motion = self.joined(torch.cat([self.scores(scores.to(state.dtype)), self.displacement(moved)], 1))
+        state = self.unit(state, torch.cat([context, motion, moved], 1))
         return state, displacement + self.head(state).float()
 
 
-class CreStereo(Rival):
+class CreStereo(SteppedRival):
     """CREStereo."""
 
     config: CreStereoConfig
@@ -224,9 +224,13 @@ class CreStereo(Rival):
         self.upsample = ConvexUpsampling(width // 2, CELL)
 
     def estimate(self, left: Tensor, right: Tensor, camera: Tensor) -> DisplacementOutput:
-        """Return the displacement after each step of all levels in training, after the last one otherwise."""
+        """Return the displacement after each step of all levels, or outside of training the last one alone.
+
+        With every_step, all are returned in any case.
+        """
         features = self.call(self.features, torch.cat([left, right])).float()  # (2 B, C, H / 4, W / 4)
         steps = self.config.train_steps if self.training else self.config.steps
+        every = self.training or self.every_step
         maps: list[Tensor] = []
         previous: Tensor | None = None  # (B, 2, 2 h, 2 w) of the next level's h x w, in cells of half its size
         for scale, count in ((4, steps // 2), (2, steps // 2), (1, steps)):  # cells of 1/4 along one of the level
@@ -241,9 +245,9 @@ class CreStereo(Rival):
                 scores = adaptive_correlation(level, moved, step)
                 state, moved = self.call(self.update, state, level.context, moved, scores)
                 last = step + 1 == count
-                if self.training or last:
+                if every or last:
                     previous = self.call(self.upsample, state, CELL * moved)  # 4 times the level's size, in its cells
-                    if self.training or scale == 1:
+                    if every or scale == 1:
                         size = left.shape[-2:]
                         whole = previous if scale == 1 else scale * F.interpolate(
                             previous, size, mode="bilinear", align_corners=True

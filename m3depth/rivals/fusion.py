@@ -22,13 +22,13 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from m3depth.rivals.config import FusionConfig
-from m3depth.rivals.normal_network import NormalNetwork, NormalOutput, Seen, TrainedNormals, in_float32
+from m3depth.rivals.normal_network import NormalInput, NormalNetwork, NormalOutput, TrainedNormals, in_float32
 
 SHARES = (1.0, 0.5, 0.25, 0.125)  # weights of the losses at 1/1, 1/2, 1/4 and 1/8
 GEOMETRY = 3  # channels of the depth branch's input: logarithm of depth, and the direction of the pixel
 
 
-def layers(inputs: int, outputs: int, count: int) -> nn.Sequential:
+def convolutions(inputs: int, outputs: int, count: int) -> nn.Sequential:
     """Return 3 x 3 convolutions, each with instance normalisation and ReLU."""
     parts: list[nn.Module] = []
     for number in range(count):
@@ -55,25 +55,29 @@ class DepthBranch(nn.Module):
 
     def __init__(self, widths: tuple[int, ...]) -> None:
         super().__init__()
-        self.first = layers(GEOMETRY, widths[0], 2)
-        self.down = nn.ModuleList([layers(fine, coarse, 2) for fine, coarse in pairwise(widths)])
+        self.first = convolutions(GEOMETRY, widths[0], 2)
+        self.down = nn.ModuleList([convolutions(fine, coarse, 2) for fine, coarse in pairwise(widths)])
         # what a decoder makes at a scale has the width of the next finer one
         self.up = nn.ModuleList(
-            [layers(widths[3], widths[2], 2), layers(2 * widths[2], widths[1], 2), layers(2 * widths[1], widths[0], 2)]
+            [
+                convolutions(widths[3], widths[2], 2),
+                convolutions(2 * widths[2], widths[1], 2),
+                convolutions(2 * widths[1], widths[0], 2),
+            ]
         )
         self.last = last_layers(2 * widths[0], widths[0])
 
     def forward(self, x: Tensor) -> list[Tensor]:
         """Return features at 1/8, 1/4 and 1/2, and normals (B, 3, H, W), from the first layers' (B, C, H, W)."""
-        found = [x]
+        levels = [x]
         for down in self.down:
-            found.append(down(F.max_pool2d(found[-1], 2)))
+            levels.append(down(F.max_pool2d(levels[-1], 2)))
         given = []
-        x = found.pop()
+        x = levels.pop()
         for up in self.up:
             x = up(x)
             given.append(x)
-            x = torch.cat([F.interpolate(x, scale_factor=2.0, mode="bilinear"), found.pop()], 1)
+            x = torch.cat([F.interpolate(x, scale_factor=2.0, mode="bilinear"), levels.pop()], 1)
         return [*given, self.last(x)]
 
 
@@ -85,8 +89,10 @@ class Fusion(NormalNetwork):
     def __init__(self, config: FusionConfig) -> None:
         super().__init__(config)
         w, width = config.widths, config.confidence
-        self.first = layers(3, w[0], 2)
-        self.down = nn.ModuleList([layers(w[0], w[1], 2), *(layers(w[n], w[n + 1], 3) for n in range(1, 4))])
+        self.first = convolutions(3, w[0], 2)
+        self.down = nn.ModuleList(
+            [convolutions(w[0], w[1], 2), *(convolutions(w[n], w[n + 1], 3) for n in range(1, 4))]
+        )
         self.depth = DepthBranch(w[:4])
         self.confidence = nn.Sequential(
             nn.Conv2d(GEOMETRY + 1, width, 3, padding=1), nn.InstanceNorm2d(width, affine=True), nn.LeakyReLU(),
@@ -94,24 +100,26 @@ class Fusion(NormalNetwork):
             nn.Conv2d(width, width, 1), nn.LeakyReLU(), nn.Conv2d(width, width, 1), nn.LeakyReLU(),
             nn.Conv2d(width, 1, 1),
         )  # fmt: skip
-        self.coarsest = layers(w[4], w[3], 3)
-        self.up = nn.ModuleList([layers(2 * w[3], w[2], 3), layers(2 * w[2], w[1], 3), layers(2 * w[1], w[0], 2)])
-        self.join = nn.ModuleList([layers(2 * width, width, 2) for width in (w[2], w[1], w[0])])
+        self.coarsest = convolutions(w[4], w[3], 3)
+        self.up = nn.ModuleList(
+            [convolutions(2 * w[3], w[2], 3), convolutions(2 * w[2], w[1], 3), convolutions(2 * w[1], w[0], 2)]
+        )
+        self.join = nn.ModuleList([convolutions(2 * width, width, 2) for width in (w[2], w[1], w[0])])
         self.coarse = nn.ModuleList([nn.Conv2d(width, 3, 3, padding=1) for width in (w[2], w[1], w[0])])
         self.image = last_layers(2 * w[0], w[0])
         f = config.final
-        self.final = nn.Sequential(layers(6, f[0], 2), layers(f[0], f[1], 2), last_layers(f[1], f[2]))
+        self.final = nn.Sequential(convolutions(6, f[0], 2), convolutions(f[0], f[1], 2), last_layers(f[1], f[2]))
 
-    def normals(self, seen: Seen) -> NormalOutput:
+    def normals(self, inputs: NormalInput) -> NormalOutput:
         """Return the normals of a batch, those of all scales in training."""
-        geometry = torch.cat([seen.log_depth, seen.rays[:, :2]], 1)
-        confidence = in_float32(self.confidence, torch.cat([geometry, seen.valid.to(geometry)], 1))
+        geometry = torch.cat([inputs.log_depth, inputs.rays[:, :2]], 1)
+        confidence = in_float32(self.confidence, torch.cat([geometry, inputs.valid.to(geometry)], 1))
         *given, from_depth = self.call(self.depth, in_float32(self.depth.first, geometry))
-        normal, coarse = self.call(self._decoded, seen.left, given, from_depth, confidence)
+        normal, coarse = self.call(self._decoded, inputs.left, given, from_depth, confidence)
         trained = [TrainedNormals(normal, 1, SHARES[0], "absolute")]
         for place, maps in enumerate(reversed(coarse)):
             trained.append(TrainedNormals(maps, 2 << place, SHARES[place + 1], "cosine" if place else "absolute"))
-        return NormalOutput(seen.disparity, normal, trained)
+        return NormalOutput(inputs.disparity, normal, trained)
 
     def _decoded(
         self, left: Tensor, given: list[Tensor], from_depth: Tensor, confidence: Tensor

@@ -23,7 +23,7 @@ from torch import Tensor, nn
 from m3depth.network.backbone import conv_block
 from m3depth.network.geometry import MIN_DISPARITY, facing_normals, normals_from_disparity, unit
 from m3depth.rivals.config import GeoNetConfig
-from m3depth.rivals.normal_network import NormalNetwork, NormalOutput, Seen, TrainedNormals
+from m3depth.rivals.normal_network import NormalInput, NormalNetwork, NormalOutput, TrainedNormals
 
 APART = 4  # distance between the pixels of a window [px]
 ALIKE = 0.95  # least cosine of the angle between normals of one plane
@@ -102,11 +102,11 @@ def windows(maps: Tensor, side: int) -> Iterator[tuple[int, int, Tensor]]:
             yield across, down, padded[..., top : top + height, left : left + width]
 
 
-def planes_of_depth(seen: Seen, normal: Tensor, side: int) -> Tensor:
+def planes_of_depth(inputs: NormalInput, normal: Tensor, side: int) -> Tensor:
     """Return the normals of planes fitted to the points of windows, by least squares of a . X = 1 (Eq. 2 to 4).
 
     Args:
-        seen: Holds the disparity and the camera.
+        inputs: Holds the disparity and the camera.
         normal: (B, 3, H, W) first normals; points count whose normals are like that of the middle.
         side: Pixels along the side of a window.
 
@@ -116,11 +116,11 @@ def planes_of_depth(seen: Seen, normal: Tensor, side: int) -> Tensor:
     """
     # With the middle's depth as the unit, a point is X = z (r + (x / fx, y / fy, 0)), r the ray of the middle and x, y
     # the offset from it. So a . X = z (x a_1 / fx + y a_2 / fy + a . r), whose three unknowns have no large products.
-    moments = seen.disparity.new_zeros(9, *seen.disparity.shape)
-    for x, y, moved in windows(torch.cat([seen.disparity, normal, seen.valid.to(normal)], 1), side):
+    moments = inputs.disparity.new_zeros(9, *inputs.disparity.shape)
+    for x, y, moved in windows(torch.cat([inputs.disparity, normal, inputs.valid.to(normal)], 1), side):
         other, valid = moved[:, 1:4], moved[:, 4:]
         weight = valid * ((other * normal).sum(1, keepdim=True) > ALIKE)
-        z = seen.disparity / moved[:, :1].clamp(min=MIN_DISPARITY)
+        z = inputs.disparity / moved[:, :1].clamp(min=MIN_DISPARITY)
         first = weight * z
         second = first * z
         for place, (of, factor) in enumerate(
@@ -135,36 +135,36 @@ def planes_of_depth(seen: Seen, normal: Tensor, side: int) -> Tensor:
     across, down, along = (  # a_1 / fx, a_2 / fy and a . r, times the determinant
         right_x * p + right_y * q + right_1 * r for p, q, r in ((xx_, xy_, x1_), (xy_, yy_, y1_), (x1_, y1_, one_))
     )
-    slopes = torch.cat([across, down], 1) * seen.camera[:, :2, None, None]
-    plane = torch.cat([slopes, along - (slopes * seen.rays[:, :2]).sum(1, keepdim=True)], 1)
-    known = determinant > LEAST_DETERMINANT
-    sloped = normals_from_disparity(seen.disparity, seen.camera)
-    return facing_normals(torch.where(known, -unit(plane), sloped), seen.rays)  # a points away from the camera
+    slopes = torch.cat([across, down], 1) * inputs.camera[:, :2, None, None]
+    plane = torch.cat([slopes, along - (slopes * inputs.rays[:, :2]).sum(1, keepdim=True)], 1)
+    determined = determinant > LEAST_DETERMINANT
+    sloped = normals_from_disparity(inputs.disparity, inputs.camera)
+    return facing_normals(torch.where(determined, -unit(plane), sloped), inputs.rays)  # a points away from the camera
 
 
-def disparity_of_planes(seen: Seen, normal: Tensor, side: int) -> Tensor:
+def disparity_of_planes(inputs: NormalInput, normal: Tensor, side: int) -> Tensor:
     """Return the disparity (B, 1, H, W) [px] at which the planes of a window's pixels meet the ray of the middle one.
 
     A pixel j with ray r_j, depth Z_j and normal n_j has the depth Z_j (n_j . r_j) / (n_j . r) on the middle one's ray r
     (Eq. 7 and 8).
 
     Args:
-        seen: Holds the disparity and the rays.
+        inputs: Holds the disparity and the rays.
         normal: (B, 3, H, W), unit length, facing the camera.
         side: Pixels along the side of a window.
     """
-    facing = -(normal * seen.rays).sum(1, keepdim=True)
+    facing = -(normal * inputs.rays).sum(1, keepdim=True)
     total, weights = torch.zeros_like(facing), torch.zeros_like(facing)
-    for _, _, moved in windows(torch.cat([seen.disparity, facing, normal, seen.valid.to(normal)], 1), side):
+    for _, _, moved in windows(torch.cat([inputs.disparity, facing, normal, inputs.valid.to(normal)], 1), side):
         other, valid = moved[:, 2:5], moved[:, 5:]
         alike = (other * normal).sum(1, keepdim=True)
-        meets = -(other * seen.rays).sum(1, keepdim=True)
+        meets = -(other * inputs.rays).sum(1, keepdim=True)
         weight = valid * torch.where((alike > ALIKE) & (meets > GRAZING), alike, torch.zeros_like(alike))
-        z = seen.disparity / moved[:, :1].clamp(min=MIN_DISPARITY)
+        z = inputs.disparity / moved[:, :1].clamp(min=MIN_DISPARITY)
         total += weight * z * moved[:, 1:2] / meets.clamp(min=GRAZING)
         weights += weight
     farther = torch.where(weights > 0, total / weights.clamp(min=1e-6), torch.ones_like(total))
-    return seen.disparity / farther.clamp(1 / LARGEST_CHANGE, LARGEST_CHANGE)
+    return inputs.disparity / farther.clamp(1 / LARGEST_CHANGE, LARGEST_CHANGE)
 
 
 class GeoNet(NormalNetwork):
@@ -183,18 +183,18 @@ class GeoNet(NormalNetwork):
         nn.init.normal_(last.weight, std=1e-3)  # it starts as a small correction
         nn.init.zeros_(last.bias)
 
-    def normals(self, seen: Seen) -> NormalOutput:
+    def normals(self, inputs: NormalInput) -> NormalOutput:
         """Return the normals and the corrected disparity of a batch."""
         side = self.config.neighbours
-        first = self.call(self.first, seen.left)
-        with torch.no_grad(), torch.autocast(seen.left.device.type, enabled=False):
-            start = facing_normals(first, seen.rays)
-            fitted = planes_of_depth(seen, start, side)
-            refined = disparity_of_planes(seen, start, side).clamp(min=MIN_DISPARITY)
+        first = self.call(self.first, inputs.left)
+        with torch.no_grad(), torch.autocast(inputs.left.device.type, enabled=False):
+            start = facing_normals(first, inputs.rays)
+            fitted = planes_of_depth(inputs, start, side)
+            refined = disparity_of_planes(inputs, start, side).clamp(min=MIN_DISPARITY)
         corrected = unit(fitted + self.call(self.residual, fitted))
-        normal = self.call(self.joined_normals, torch.cat([first, corrected, seen.left], 1)).float()
-        log_depths = [seen._replace(disparity=x).log_depth for x in (refined, seen.disparity)]
-        change = self.call(self.joined_depths, torch.cat([*log_depths, seen.left], 1)).float()
+        normal = self.call(self.joined_normals, torch.cat([first, corrected, inputs.left], 1)).float()
+        log_depths = [inputs._replace(disparity=x).log_depth for x in (refined, inputs.disparity)]
+        change = self.call(self.joined_depths, torch.cat([*log_depths, inputs.left], 1)).float()
         disparity = refined / change.exp().clamp(1 / LARGEST_CHANGE, LARGEST_CHANGE)
         trained = [TrainedNormals(maps, 1, 1.0, "absolute") for maps in (normal, first)]
         return NormalOutput(disparity, normal, trained, trained_disparity=True)

@@ -89,7 +89,7 @@ class HitNetOutput:
         height, width = (side * self.scored[-1].cell for side in self.scored[-1].plane.shape[-2:])
         missing = (0, width - truth.disparity.shape[-1], 0, height - truth.disparity.shape[-2])
         disparity = F.pad(
-            torch.where(truth.known, truth.disparity, -torch.ones_like(truth.disparity)), missing, value=-1
+            torch.where(truth.valid, truth.disparity, -torch.ones_like(truth.disparity)), missing, value=-1
         )
         slopes = torch.cat([sobel(disparity), (F.max_pool2d(disparity, 3, 1, 1) - disparity).abs(),
                             (F.max_pool2d(-disparity, 3, 1, 1) + disparity).abs()], 1)  # fmt: skip
@@ -99,20 +99,20 @@ class HitNetOutput:
             terms[name] = terms[name] + loss if name in terms else loss
 
         for scored in self.scored:
-            true, known, index = tile_truth(disparity, scored.cell, scored.scale)
+            true, valid, index = tile_truth(disparity, scored.cell, scored.scale)
             error = (scored.plane[:, :1] - true).abs()
-            add("disparity", mean_over(robust(error.clamp(max=FAR) if scored.scale > 1 else error), known))
+            add("disparity", mean_over(robust(error.clamp(max=FAR) if scored.scale > 1 else error), valid))
             tile = slopes.flatten(2).gather(2, index.flatten(2).expand(-1, 4, -1)).unflatten(2, true.shape[-2:])
-            smooth = known & (error.detach() < FAR) & (tile[:, 2:].amax(1, keepdim=True) < 1)
+            smooth = valid & (error.detach() < FAR) & (tile[:, 2:].amax(1, keepdim=True) < 1)
             add("slant", mean_over((scored.plane[:, 1:3] - tile[:, :2]).abs().sum(1, keepdim=True), smooth))
         for costs, scale in self.guesses:
-            true, known, _ = tile_truth(disparity, TILE * scale, scale)
-            add("guess", guess_loss(costs, true, known))
+            true, valid, _ = tile_truth(disparity, TILE * scale, scale)
+            add("guess", guess_loss(costs, true, valid))
         for confidence, guessed, scale in self.choices:
-            true, known, _ = tile_truth(disparity, TILE * scale, scale)
+            true, valid, _ = tile_truth(disparity, TILE * scale, scale)
             error = (guessed.detach() - true).abs()
-            add("choice", mean_over((1 - confidence).clamp(min=0), known & (error < SURE)))
-            add("choice", mean_over(confidence.clamp(min=0), known & (error > UNSURE)))
+            add("choice", mean_over((1 - confidence).clamp(min=0), valid & (error < SURE)))
+            add("choice", mean_over(confidence.clamp(min=0), valid & (error > UNSURE)))
         return terms
 
 
@@ -134,23 +134,23 @@ def robust(error: Tensor) -> Tensor:
     return bend / ALPHA * (((error / KNEE).square() / bend + 1) ** (ALPHA / 2) - 1)
 
 
-def guess_loss(costs: Tensor, true: Tensor, known: Tensor) -> Tensor:
+def guess_loss(costs: Tensor, true: Tensor, valid: Tensor) -> Tensor:
     """Return the cost at the true disparity, and by how much the least cost of a wrong one falls short of MARGIN.
 
     Args:
         costs: (B, D, h, w) of the disparities 0, 1, ... D - 1.
         true: (B, 1, h, w) true disparity.
-        known: (B, 1, h, w) bool.
+        valid: (B, 1, h, w) bool.
     """
     last = costs.shape[1] - 1
-    known = known & (true <= last)
+    valid = valid & (true <= last)
     place = true.clamp(0, last)
     first = place.floor().long().clamp(max=max(0, last - 1))
     part = place - first
     at_truth = (1 - part) * costs.gather(1, first) + part * costs.gather(1, (first + 1).clamp(max=last))
     steps = torch.arange(last + 1, device=costs.device)[:, None, None]
     wrong = costs.masked_fill((steps - true).abs() <= EDGE, torch.inf).amin(1, keepdim=True)
-    return mean_over(at_truth + (MARGIN - wrong).clamp(min=0), known)
+    return mean_over(at_truth + (MARGIN - wrong).clamp(min=0), valid)
 
 
 def leaky(*layers: nn.Module) -> nn.Sequential:
@@ -188,13 +188,12 @@ class UNet(nn.Module):
 
     def forward(self, images: Tensor) -> list[Tensor]:
         """Return features (B, widths[n], H / 2^n, W / 2^n) for n = 0, ... 4."""
-        found: list[Tensor] = []
+        levels: list[Tensor] = []
         for down in self.down:
-            images = down(found[-1] if found else images)
-            found.append(images)
+            levels.append(down(levels[-1] if levels else images))
         for level in range(LEVELS - 2, -1, -1):
-            found[level] = self.up[level](found[level + 1], found[level])
-        return found
+            levels[level] = self.up[level](levels[level + 1], levels[level])
+        return levels
 
 
 class Initialisation(nn.Module):
@@ -273,7 +272,7 @@ def spread(planes: Tensor, parts: int, side: float) -> Tensor:
     return F.pixel_shuffle(disparity, parts)
 
 
-def enlarged(planes: Tensor, factor: int, side: float) -> Tensor:
+def subdivided(planes: Tensor, factor: int, side: float) -> Tensor:
     """Return hypotheses (B, C, 2 h, 2 w) of half the tiles' side [px of the finer grid], disparities times a factor."""
     planes = torch.cat([planes[:, :1] * factor, planes[:, 1:]], 1)
     rest = F.interpolate(planes[:, 1:], scale_factor=2.0, mode="nearest")
@@ -295,8 +294,9 @@ def warped_costs(planes: Tensor, left: Tensor, right: Tensor) -> Tensor:
     costs = [left.abs().sum(1, keepdim=True).float()]
     for offset in (1, 0, -1):
         at = (place + offset).clamp(0, width - 1)
-        first = at.detach().floor().clamp(max=max(0, width - 2))
-        index = first.long().expand(-1, right.shape[1], -1, -1)
+        # clamped as integers, so that a NaN gets an index in range too; its fraction stays NaN
+        first = at.detach().floor().long().clamp(0, max(0, width - 2))
+        index = first.expand(-1, right.shape[1], -1, -1)
         near, far = right.gather(3, index), right.gather(3, (index + 1).clamp(max=width - 1))
         costs.append((left - torch.lerp(near.float(), far.float(), at - first)).abs().sum(1, keepdim=True))
     return F.pixel_unshuffle(torch.cat(costs, 1), TILE)
@@ -376,7 +376,7 @@ class HitNet(Rival):
             of_left, of_right = features[level]
             described = features[level + 2][0] if level + 2 < LEVELS else None
             new, costs = self.call(self.first[level], of_left, of_right, described)
-            sets = [new] if planes is None else [new, enlarged(planes, 2, TILE)]
+            sets = [new] if planes is None else [new, subdivided(planes, 2, TILE)]
             planes, pairs = self.call(self.propagation[level], sets, of_left, of_right)
             scale = 2**level
             scored.append(Scored(planes[:, :3], TILE * scale, scale))
@@ -385,7 +385,7 @@ class HitNet(Rival):
         assert planes is not None
         for number, refine in enumerate(self.refine):
             side = TILE >> number
-            planes = planes if number == 0 else enlarged(planes, 1, side)
+            planes = planes if number == 0 else subdivided(planes, 1, side)
             planes = self.call(refine, planes, features[2 - number][0])
             scored.append(Scored(planes[:, :3], side, 1))
         return HitNetOutput(planes[:, :1], scored, guesses, choices)

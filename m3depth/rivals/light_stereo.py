@@ -77,7 +77,7 @@ class Join(nn.Module):
         return self.join(torch.cat([fine, self.enlarge(coarse)], 1))
 
 
-class FeaturePyramid(nn.Module):
+class MobileFeatures(nn.Module):
     """MobileNetV2 down to 1/32, and a decoder up to 1/4.
 
     Args:
@@ -107,14 +107,14 @@ class FeaturePyramid(nn.Module):
 
     def forward(self, images: Tensor) -> list[Tensor]:
         """Return features (B, C, H / 4, W / 4), / 8, / 16 and / 32."""
-        x, found = self.first(images), []
+        x, levels = self.first(images), []
         for number, stage in enumerate(self.stages):
             x = stage(x)
             if number in (1, 2, 4, 5):
-                found.append(x)
+                levels.append(x)
         for place in (2, 1, 0):
-            found[place] = self.joins[place](found[place + 1], found[place])
-        return [self.last(found[0]), *found[1:]]
+            levels[place] = self.joins[place](levels[place + 1], levels[place])
+        return [self.last(levels[0]), *levels[1:]]
 
 
 class StripAttention(nn.Module):
@@ -178,13 +178,13 @@ class Hourglass(nn.Module):
 
     def forward(self, volume: Tensor, features: list[Tensor]) -> Tensor:
         """Return the aggregated scores (B, shifts, H / 4, W / 4), larger is better."""
-        found = []
+        levels = []
         for down, attention, image in zip(self.down, self.attention, features, strict=False):
             volume = attention(down(volume), image)
-            found.append(volume)
-        x = found[2]
+            levels.append(volume)
+        x = levels[2]
         for scale in (1, 0):
-            x = F.relu(self.up[scale](x) + self.skips[scale](found[scale]))
+            x = F.relu(self.up[scale](x) + self.skips[scale](levels[scale]))
         return x
 
 
@@ -197,7 +197,7 @@ class LightStereo(Rival):
         super().__init__()
         self.config = config
         quarter, guide, half = config.widths[2], config.guide, config.half
-        self.features = FeaturePyramid(config.widths)
+        self.features = MobileFeatures(config.widths)
         self.aggregation = Hourglass(config.shifts, config.blocks, config.expansion, self.features.channels)
         self.guide = nn.Sequential(
             nn.Conv2d(quarter, guide, 3, padding=1, bias=False), nn.InstanceNorm2d(guide), nn.LeakyReLU(),
@@ -209,6 +209,11 @@ class LightStereo(Rival):
         )  # fmt: skip
         self.join = Join(guide, half)
         self.shares = nn.ConvTranspose2d(half, 9, 4, 2, padding=1, bias=False)
+
+    @property
+    def reach(self) -> float:
+        """The disparity at which the shifts end [px]."""
+        return float(CELL * self.config.shifts)
 
     def estimate(self, left: Tensor, right: Tensor, camera: Tensor) -> SequenceOutput:
         """Return the disparity and, in training, that of 1/4 enlarged without weights before it."""

@@ -77,9 +77,9 @@ class NormalOutput:
         losses = [maps.share * normal_error(maps, truth) for maps in self.trained]
         terms = {"normal": torch.stack(losses).sum()}
         if self.trained_disparity:
-            seen = truth.known & (truth.disparity >= MIN_DISPARITY)  # without the sky
+            ground = truth.valid & (truth.disparity >= MIN_DISPARITY)  # without the sky
             given, true = (x.clamp(min=MIN_DISPARITY).log() for x in (self.disparity, truth.disparity))
-            terms["disparity"] = mean_over((given - true).abs(), seen)
+            terms["disparity"] = mean_over((given - true).abs(), ground)
         return terms
 
 
@@ -89,14 +89,14 @@ def normal_error(maps: TrainedNormals, truth: Truth) -> Tensor:
     if maps.cell > 1:
         missing = (0, -true.shape[-1] % maps.cell, 0, -true.shape[-2] % maps.cell)
         true = F.avg_pool2d(F.pad(true, missing), maps.cell)
-    known = true.square().sum(1, keepdim=True) > 0.25
+    valid = true.square().sum(1, keepdim=True) > 0.25
     given, true = unit(maps.normal.float()), unit(true)
     if maps.error == "absolute":
-        return mean_over((given - true).abs().mean(1, keepdim=True), known)
-    return mean_over(1 - (given * true).sum(1, keepdim=True), known)
+        return mean_over((given - true).abs().mean(1, keepdim=True), valid)
+    return mean_over(1 - (given * true).sum(1, keepdim=True), valid)
 
 
-class Seen(NamedTuple):
+class NormalInput(NamedTuple):
     """What a method for normals works on, of padded images.
 
     Attributes:
@@ -137,7 +137,7 @@ class NormalNetwork(Rival):
         """Whether the method gets the true depth."""
         return self.config.true_depth
 
-    def normals(self, seen: Seen) -> NormalOutput:
+    def normals(self, inputs: NormalInput) -> NormalOutput:
         """Return the maps of a batch; defined by a subclass."""
         raise NotImplementedError
 
@@ -173,10 +173,10 @@ class NormalNetwork(Rival):
             padded(x, self.MULTIPLE).contiguous()
             for x in (2 * left - 1, disparity.clamp(min=MIN_DISPARITY), valid.float())
         )
-        output = self.normals(Seen(image, around, measured > 0, camera)).cropped(height, width)
+        output = self.normals(NormalInput(image, around, measured > 0, camera)).cropped(height, width)
         facing = facing_normals(output.normal.float(), pixel_rays(camera, height, width))
-        known = output.disparity if output.trained_disparity else disparity
-        return replace(output, disparity=known, normal=facing, confidence=confidence, sky=sky)
+        disparity = output.disparity if output.trained_disparity else disparity
+        return replace(output, disparity=disparity, normal=facing, confidence=confidence, sky=sky)
 
     def _m3depth(self, device: torch.device) -> M3Depth:
         """Return the shipped network, loaded once."""

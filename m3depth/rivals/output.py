@@ -16,12 +16,12 @@ class Truth(NamedTuple):
 
     Attributes:
         disparity: (B, 1, H, W) [px], 0 in the sky.
-        known: (B, 1, H, W) bool, the pixels that are trained, the sky among them.
+        valid: (B, 1, H, W) bool, the pixels that are trained, the sky among them.
         normal: (B, 3, H, W), unit length; 0 where it is unknown, and in the sky.
     """
 
     disparity: Tensor
-    known: Tensor
+    valid: Tensor
     normal: Tensor
 
 
@@ -67,9 +67,9 @@ class SequenceOutput:
         return replace(self, maps=[x[..., :height, :width] for x in self.maps])
 
     def terms(self, truth: Truth) -> dict[str, Tensor]:
-        """Return the sum of the maps' losses, each a mean over the known pixels."""
+        """Return the sum of the maps' losses, each a mean over the valid pixels."""
         losses = [
-            share * mean_over(distance(x - truth.disparity, self.knee), truth.known)
+            share * mean_over(distance(x - truth.disparity, self.knee), truth.valid)
             for x, share in zip(self.maps, self.shares, strict=True)
         ]
         return {"disparity": torch.stack(losses).sum()}

@@ -45,8 +45,8 @@ class Update(nn.Module):
         fine, middle, coarse = states
         coarse = self.units[2](coarse, halved(middle), contexts[2])
         middle = self.units[1](middle, torch.cat([halved(fine), enlarged(coarse, middle)], 1), contexts[1])
-        seen = self.motion(cells, scores)
-        fine = self.units[0](fine, torch.cat([seen, enlarged(middle, fine)], 1), contexts[0])
+        motion = self.motion(cells, scores)
+        fine = self.units[0](fine, torch.cat([motion, enlarged(middle, fine)], 1), contexts[0])
         return [fine, middle, coarse], cells + self.head(fine).float()
 
 

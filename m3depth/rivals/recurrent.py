@@ -13,7 +13,7 @@ from m3depth.network.refinement import ConvexUpsampling, CorrelationLookup
 from m3depth.rivals.config import RaftStereoConfig
 from m3depth.rivals.layers import ResidualBlock, stage, start_as_encoder, trunk
 from m3depth.rivals.output import SequenceOutput, fading_shares
-from m3depth.rivals.rival import Rival
+from m3depth.rivals.rival import SteppedRival
 
 CELL = 4  # side of a cell of the finest grid [px]
 SCALES = 3  # resolutions of the recurrent units, 1/4, 1/8 and 1/16
@@ -107,7 +107,7 @@ def enlarged(state: Tensor, like: Tensor) -> Tensor:
     return F.interpolate(state, like.shape[-2:], mode="bilinear", align_corners=True)
 
 
-class RecurrentStereo(Rival):
+class RecurrentStereo(SteppedRival):
     """Encoders and upsampling, around the update of a subclass.
 
     Attributes:
@@ -133,7 +133,7 @@ class RecurrentStereo(Rival):
         raise NotImplementedError
 
     def estimate(self, left: Tensor, right: Tensor, camera: Tensor) -> SequenceOutput:
-        """Return the disparity after each step in training, after the last one otherwise."""
+        """Return the disparity after each step in training and with every_step, after the last one otherwise."""
         c, call = self.config, self.call
         matched = call(self.features, torch.cat([left, right])).float()  # (2 B, features, H / 4, W / 4)
         match_left, match_right = matched.chunk(2)
@@ -147,6 +147,6 @@ class RecurrentStereo(Rival):
             cells = cells.detach()
             scores = lookup(cells).to(states[0].dtype)
             states, cells = call(self.update, states, *inputs, cells, scores)
-            if self.training or step + 1 == count:
+            if self.training or self.every_step or step + 1 == count:
                 maps.append(call(self.upsample, states[0], CELL * cells))
         return SequenceOutput(maps, sequence_shares(count)[-len(maps) :])

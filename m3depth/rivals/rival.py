@@ -8,10 +8,10 @@ import torch
 from torch import Tensor
 
 from m3depth.network.checkpointing import Caller, direct, recomputed
-from m3depth.network.output import padded
+from m3depth.network.output import GridMap, padded
 from m3depth.network.stereo_network import StereoNetwork
 from m3depth.rivals.config import RivalConfig
-from m3depth.rivals.output import TrainedOutput
+from m3depth.rivals.output import SequenceOutput, TrainedOutput
 from m3depth.stereo.pairs import MAX_DISPARITY
 
 
@@ -19,8 +19,8 @@ class Rival(StereoNetwork):
     """A method beside M3Depth. A subclass defines `estimate`.
 
     Images are padded to a multiple of MULTIPLE. Group normalisation stands where a paper has batch normalisation, as in
-    M3Depth: with the few crops that a CPU takes, batch statistics degrade the result. Pairs of more than 192 px of
-    disparity are reduced.
+    M3Depth: with the few crops that a CPU takes, batch statistics degrade the result. Pairs whose disparities are
+    larger than `reach` are reduced.
     """
 
     config: RivalConfig
@@ -28,7 +28,7 @@ class Rival(StereoNetwork):
 
     @property
     def reach(self) -> float:
-        """The largest disparity that is trained [px]."""
+        """The largest disparity that is trained [px]; a subclass whose search may end before returns that."""
         return MAX_DISPARITY
 
     @property
@@ -57,3 +57,16 @@ class Rival(StereoNetwork):
             camera: (B, 4) [px].
         """
         raise NotImplementedError
+
+
+class SteppedRival(Rival):
+    """A method that refines one disparity map step by step, and whose output is the sequence of these maps."""
+
+    @property
+    def takes_steps(self) -> bool:
+        """Whether the network refines its disparity step by step."""
+        return True
+
+    def steps_of(self, output: SequenceOutput) -> list[GridMap]:
+        """Return the disparity after each step; the last one is the result."""
+        return [GridMap(f"step {number}", disparity, 1) for number, disparity in enumerate(output.maps, start=1)]

@@ -13,6 +13,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
+from m3depth.network.refinement import ConvGRU
 from m3depth.rivals.config import SelectiveStereoConfig
 from m3depth.rivals.recurrent import MotionEncoder, RecurrentStereo, correction_head, enlarged, halved
 
@@ -48,27 +49,12 @@ class SpatialAttention(nn.Module):
         return torch.sigmoid(self.layer(torch.cat([x.mean(1, keepdim=True), x.amax(1, keepdim=True)], 1)))
 
 
-class PlainGRU(nn.Module):
-    """A convolutional gated recurrent unit of one kernel size, without a context of its own."""
-
-    def __init__(self, hidden: int, inputs: int, kernel: int) -> None:
-        super().__init__()
-        self.gates = nn.Conv2d(hidden + inputs, 2 * hidden, kernel, padding=kernel // 2)
-        self.candidate = nn.Conv2d(hidden + inputs, hidden, kernel, padding=kernel // 2)
-
-    def forward(self, hidden: Tensor, x: Tensor) -> Tensor:
-        """Return the new state (B, hidden, H, W) from the old one and inputs (B, inputs, H, W)."""
-        update, reset = torch.sigmoid(self.gates(torch.cat([hidden, x], 1))).chunk(2, 1)
-        candidate = torch.tanh(self.candidate(torch.cat([reset * hidden, x], 1)))
-        return hidden + update * (candidate - hidden)
-
-
 class SelectiveUnit(nn.Module):
     """Two units on the same state, mixed by the attention map (Eq. 4)."""
 
     def __init__(self, hidden: int, inputs: int) -> None:
         super().__init__()
-        self.small, self.large = (PlainGRU(hidden, inputs, kernel) for kernel in KERNELS)
+        self.small, self.large = (ConvGRU(hidden, inputs, kernel) for kernel in KERNELS)
 
     def forward(self, attention: Tensor, hidden: Tensor, *inputs: Tensor) -> Tensor:
         """Return the new state (B, hidden, H, W); attention: (B, 1, H, W)."""
@@ -102,8 +88,8 @@ class SelectiveUpdate(nn.Module):
         fine, middle, coarse = states
         coarse = self.units[2](attention[2], coarse, contexts[2], halved(middle))
         middle = self.units[1](attention[1], middle, contexts[1], halved(fine), enlarged(coarse, middle))
-        seen = self.motion(cells, scores)
-        fine = self.units[0](attention[0], fine, contexts[0], seen, enlarged(middle, fine))
+        motion = self.motion(cells, scores)
+        fine = self.units[0](attention[0], fine, contexts[0], motion, enlarged(middle, fine))
         return [fine, middle, coarse], cells + self.head(fine).float()
 
 

@@ -88,7 +88,7 @@ class UnifiedOutput:
 
 
 def focal_loss(sweep: Sweep, truth: Truth, focus: int, empty: float) -> Tensor:
-    """Return the unified focal loss of a stage, the mean over all planes of the known pixels (Sec. 3.4).
+    """Return the unified focal loss of a stage, the mean over all planes of the valid pixels (Sec. 3.4).
 
     Args:
         sweep: The planes, and their scores.
@@ -97,7 +97,7 @@ def focal_loss(sweep: Sweep, truth: Truth, focus: int, empty: float) -> Tensor:
         empty: Weight of planes whose value should be 0.
     """
     cell = slice(None, None, sweep.cell)
-    known = truth.known[..., cell, cell]
+    valid = truth.valid[..., cell, cell]
     place = (truth.disparity[..., cell, cell] - sweep.start) / sweep.step
     count = sweep.scores.shape[1]
     above = place - torch.arange(count, device=place.device)[:, None, None]  # (B, D, h, w), in steps
@@ -105,12 +105,12 @@ def focal_loss(sweep: Sweep, truth: Truth, focus: int, empty: float) -> Tensor:
     value = torch.where(positive, 1 - above, torch.zeros_like(above))
     largest = torch.where(positive.any(1, keepdim=True), value.amax(1, keepdim=True), torch.ones_like(place))
     scores = sweep.scores.float()
-    found = scores.sigmoid()
-    hard = 1 + 4 * (torch.sigmoid(BASE * (value - found).abs() / largest) - 0.5)  # 1 to 3
-    easy = 2 * (torch.sigmoid(BASE * found / largest) - 0.5)  # 0 to 1
+    values = scores.sigmoid()
+    hard = 1 + 4 * (torch.sigmoid(BASE * (value - values).abs() / largest) - 0.5)  # 1 to 3
+    easy = 2 * (torch.sigmoid(BASE * values / largest) - 0.5)  # 0 to 1
     weight = torch.where(positive, hard**focus, empty * easy**focus)
     loss = F.binary_cross_entropy_with_logits(scores, value, reduction="none") * weight
-    return torch.where(known, loss, torch.zeros_like(loss)).sum() / (count * known.sum()).clamp(min=1)
+    return torch.where(valid, loss, torch.zeros_like(loss)).sum() / (count * valid.sum()).clamp(min=1)
 
 
 def block(inputs: int, outputs: int, stride: int = 1) -> nn.Sequential:
@@ -156,13 +156,13 @@ class FeaturePyramid(nn.Module):
 
     def forward(self, images: Tensor) -> list[Tensor]:
         """Return features (B, 4 width, h / 4, w / 4), (B, 2 width, h / 2, w / 2) and (B, width, h, w)."""
-        found = []
+        levels = []
         for down in self.down:
             images = down(images)
-            found.append(images)
-        x = found[-1]
+            levels.append(images)
+        x = levels[-1]
         features = [self.last[0](x)]
-        for beside, last, finer in zip(self.beside, self.last[1:], found[-2::-1], strict=True):
+        for beside, last, finer in zip(self.beside, self.last[1:], levels[-2::-1], strict=True):
             x = F.interpolate(x, scale_factor=2.0, mode="nearest") + beside(finer)
             features.append(last(x))
         return features
@@ -199,11 +199,11 @@ class Aggregation(nn.Module):
         """
         volume = (left[:, :, None] - moved).square()
         x = self.first((self.weight(volume) + 1) * volume)
-        found = [x]
+        levels = [x]
         for down in self.down:
             x = down(x)
-            found.append(x)
-        for up, beside in zip(self.up, found[2::-1], strict=True):
+            levels.append(x)
+        for up, beside in zip(self.up, levels[2::-1], strict=True):
             x = beside + up(x)
         return self.last(x)[:, 0]
 

@@ -1,8 +1,9 @@
-"""The maps that an estimator returns for a stereo pair."""
+"""The maps that an estimator returns for a stereo pair, and those of its steps."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,3 +30,17 @@ class Prediction:
     def is_sky(self) -> np.ndarray:
         """(H, W) bool, where the method sees sky or too far to measure; unknown depth is not sky."""
         return np.isposinf(self.depth)
+
+
+class StepMap(NamedTuple):
+    """The disparity of a pair after a step of a method that refines it step by step.
+
+    Attributes:
+        name: "first map", before any step; "step 1" and so on; or "result", at full size.
+        working_size: Height and width of the images in which the method took the step [px].
+        disparity: (H, W) float32 [px], at the size of the pair; 0 where depth is infinite, NaN where it is unknown.
+    """
+
+    name: str
+    working_size: tuple[int, int]
+    disparity: np.ndarray

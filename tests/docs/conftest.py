@@ -40,3 +40,9 @@ def manifest_summary(score_manifest):
 def compare_methods(manifest_summary):
     """docs/compare_methods.py, which finds manifest_summary beside it."""
     return _script("compare_methods")
+
+
+@pytest.fixture(scope="session")
+def receptive_field():
+    """docs/receptive_field.py."""
+    return _script("receptive_field")

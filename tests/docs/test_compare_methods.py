@@ -67,7 +67,9 @@ def test_scores_and_runs_become_one_page(compare_methods, folders, tmp_path, mon
     content = read_json(out / "methods.json")
     mine = content["runs"]["mine"]
     assert mine["parameters"] == sum(p.numel() for p in M3Depth(SMALL).parameters()) and mine["seconds"] > 0
-    assert (mine["steps"], mine["minutes"], len(mine["validations"])) == (100, 12.0, 2)
+    assert (mine["steps"], mine["minutes"]) == (100, 12.0)
+    # step 50 lies between the logged steps 1, at 0.1 min, and 100, at 12 min
+    assert [v["minutes"] for v in mine["validations"]] == pytest.approx([0.1 + 49 / 99 * 11.9, 12.0])
     clean = content["sets"]["clean"]
     assert (clean["pairs"], clean["scenes"]) == (2, 2)
     assert clean["metrics"]["mine"]["abs_rel"]["value"] == pytest.approx(0.03)
@@ -90,6 +92,7 @@ def test_scores_and_runs_become_one_page(compare_methods, folders, tmp_path, mon
         ("other methods", "clean/utopia has other methods than the rest"),
         ("not scored", "has no scores of other in clean"),
         ("no run", "has no log.jsonl of m3depth.train"),
+        ("no step", "its log.jsonl has no step"),
         ("twice", "--runs must name one folder or more, each with a name of its own"),
     ],
 )
@@ -105,6 +108,8 @@ def test_mistakes_are_one_line(compare_methods, folders, tmp_path, capsys, case,
         runs = [run.rename(run.with_name("other"))]
     elif case == "no run":
         (run / "log.jsonl").unlink()
+    elif case == "no step":
+        (run / "log.jsonl").write_text("")
     elif case == "twice":
         runs = [run, tmp_path / "mine"]
     assert compare_methods.main(flags(scores, tmp_path / "out", *runs)) == 2

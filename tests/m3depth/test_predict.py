@@ -126,6 +126,19 @@ def test_the_record_names_the_method_and_what_ran_it(pair, tmp_path, name, runti
     assert (record["sha256"] is None) == (name == "sgbm") and record["versions"]["torch"]
 
 
+def test_steps_are_drawn_and_recorded(tmp_path):
+    predict(options(textured_pair(tmp_path, 8), tmp_path, steps=True, write=("depth",)))
+    out = tmp_path / "out"
+    assert {p.name for p in out.iterdir()} == {"depth.npy", "depth.png", "prediction.json", "steps.png"}
+    record = json.loads((out / "prediction.json").read_text())
+    names = [entry["name"] for entry in record["steps"]]
+    assert names == ["first map", *(f"step {n}" for n in range(1, 9)), "result"]
+    assert record["runtime"].startswith("pytorch ")
+    assert cv2.imread(str(out / "steps.png")).std() > 20
+    predict(options(textured_pair(tmp_path, 8), tmp_path, write=("depth",)), Wall())
+    assert not (out / "steps.png").exists()  # that of another method is not left
+
+
 def test_exchanged_eyes_are_refused_and_others_are_not(tmp_path, capsys):
     left, right = textured_pair(tmp_path, 8)
     predict(options((left, right), tmp_path), Wall())
@@ -259,6 +272,8 @@ def test_two_images_of_different_things_are_refused(tmp_path, capsys):
         ("pixels", "--max-pixels must be positive, got 0"),
         ("not its own", "--nearest: --estimator sgbm takes no such setting"),
         ("method", "--estimator 'raft' is unknown; choose from m3depth, sgbm"),
+        ("no steps", "--steps: sgbm does not refine depth step by step; leave it out"),
+        ("steps elsewhere", "--steps runs in PyTorch: leave out --runtime openvino"),
         ("out", "is not a folder"),
     ],
 )
@@ -319,6 +334,10 @@ def test_mistakes_exit_with_2_and_one_line(pair, tmp_path, capsys, case, message
         extra = ["--max-pixels", "0"]
     elif case == "not its own":
         extra = ["--nearest", "2", "--estimator", "sgbm"]
+    elif case == "no steps":
+        extra = ["--steps", "--estimator", "sgbm"]
+    elif case == "steps elsewhere":
+        extra = ["--steps", "--runtime", "openvino"]
     elif case == "method":
         extra = ["--estimator", "raft"]
     else:

@@ -8,8 +8,8 @@ import pytest
 from rock_samples import rock_sample
 from rock_world import RockWorld
 
-from m3depth.figures.texture import TextureExample, energy_below
-from m3depth.texture import find_images, high_share, main, measure, power_spectrum
+from m3depth.figures.texture import GRADIENTS, TextureExample, energy_below, gradient_shares
+from m3depth.texture import find_images, high_share, main, measure, power_spectrum, spectral_slope
 from marssim.base.camera import NATECAM
 from marssim.base.dataset.dataset import write_index
 from marssim.base.dataset.frame import StereoFrame
@@ -37,12 +37,45 @@ def test_the_energy_is_that_of_the_pixels():
     image = np.random.default_rng(1).integers(0, 256, (40, 56), dtype=np.uint8)
     power, frequency = power_spectrum(image)
     assert power.sum() / image.size == pytest.approx(((image - image.mean()) ** 2).sum())
-    example = TextureExample("x", image, image, power, frequency)
+    example = TextureExample("x", image, image, power, frequency, gradient_shares(image))
     assert energy_below(example, np.array([0.05, 0.8])) == pytest.approx([1 - high_share(power, frequency), 1])
+
+
+def noise_of_slope(slope: float, seed: int = 0, size: int = 256) -> np.ndarray:
+    """Return noise whose power spectrum falls with a power of the frequency, as an image of 8 bits."""
+    rows, columns = np.fft.fftfreq(size)[:, None], np.fft.fftfreq(size)
+    frequency = np.hypot(rows, columns)
+    frequency[0, 0] = np.inf
+    spectrum = np.fft.fft2(np.random.default_rng(seed).standard_normal((size, size))) * frequency ** (-slope / 2)
+    image = np.fft.ifft2(spectrum).real
+    return (128 + 30 * image / image.std()).clip(0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("slope", [0.0, 1.0, 2.0])
+def test_the_slope_of_noise_is_that_of_its_spectrum(slope):
+    slopes = [spectral_slope(*power_spectrum(noise_of_slope(slope, seed), hann=True)) for seed in range(8)]
+    assert np.mean(slopes) == pytest.approx(slope, abs=0.06)
+
+
+def test_what_is_too_small_or_of_one_tone_has_no_slope():
+    assert measure(noise_of_slope(1.0)[:49])["slope"] is None
+    assert measure(noise_of_slope(1.0)[:50])["slope"] is not None
+    assert spectral_slope(*power_spectrum(np.full((60, 60), 9, np.uint8))) is None
+
+
+def test_half_of_an_image_is_poor_in_texture_and_its_gradients_are_those_of_its_ramp():
+    ramp = np.broadcast_to(2 * np.arange(100, dtype=np.uint8), (80, 100))  # 2 grey levels a px
+    half = np.concatenate([ramp, np.full_like(ramp, 50)])
+    measures = measure(half)
+    assert measures["poor"] == pytest.approx(0.5, abs=0.03)
+    assert measure(ramp)["gradient"] == 2 and measure(half[80:])["gradient"] == 0
+    shares = gradient_shares(half)
+    assert shares[GRADIENTS < 1.9] == pytest.approx(0.5, abs=0.03) and shares[-1] == 1
 
 
 def test_one_tone_has_no_texture():
     measures = measure(np.full((20, 30), 77, np.uint8))
+    assert measures["poor"] == 1 and measures["gradient"] == 0 and measures["slope"] is None
     assert measures["lbp_riu2"] == measures["lbp_codes"] == measures["high"] == measures["high_hann"] == 0
 
 
@@ -60,6 +93,7 @@ def test_the_command_writes_the_measures_of_both_groups(tmp_path, capsys):
     assert main(args) == 0
     groups = json.loads((out / "texture.json").read_text())["groups"]
     assert groups["smooth"]["count"] == 2 and groups["rough"]["count"] == 1
+    assert groups["smooth"]["mean"]["slope"] > 2 > groups["rough"]["mean"]["slope"]
     assert groups["smooth"]["mean"]["high"] < 0.3 < 0.9 < groups["rough"]["mean"]["high"]
     assert [record["image"] for record in groups["smooth"]["images"]] == [str(folder / f"{i}.png") for i in (0, 2)]
     assert cv2.imread(str(out / "texture.png")).std() > 10

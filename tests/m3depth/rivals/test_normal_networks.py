@@ -16,7 +16,7 @@ from m3depth.kinds.networks import new_network
 from m3depth.network.geometry import normals_from_disparity, pixel_rays, unit
 from m3depth.network.model import M3Depth
 from m3depth.rivals.geo_net import disparity_of_planes, planes_of_depth
-from m3depth.rivals.normal_network import NormalOutput, Seen, TrainedNormals, normal_error
+from m3depth.rivals.normal_network import NormalInput, NormalOutput, TrainedNormals, normal_error
 from m3depth.rivals.output import Truth
 from m3depth.training.loop import train
 
@@ -24,11 +24,11 @@ CAMERA = torch.tensor([[60.0, 55.0, 15.3, 12.1]])
 SIZE = (24, 32)
 
 
-def plane_of(normal: tuple[float, float, float]) -> Seen:
+def plane_of(normal: tuple[float, float, float]) -> NormalInput:
     """A plane 1.2 m before the camera, with a baseline of 0.27 m."""
     n = unit(torch.tensor(normal)[None, :, None, None]).expand(1, 3, *SIZE)
     disparity = -(60 * 0.27 / 1.2) * (pixel_rays(CAMERA, *SIZE) * n).sum(1, keepdim=True)
-    return Seen(torch.zeros(1, 3, *SIZE), disparity, torch.ones_like(disparity, dtype=torch.bool), CAMERA)
+    return NormalInput(torch.zeros(1, 3, *SIZE), disparity, torch.ones_like(disparity, dtype=torch.bool), CAMERA)
 
 
 def test_planes_fitted_to_depth_have_the_normal_of_the_plane_and_the_same_depth() -> None:

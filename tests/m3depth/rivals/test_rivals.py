@@ -13,6 +13,7 @@ from m3depth.kinds.networks import load_network, new_network
 from m3depth.network.config import PRESETS as M3DEPTH_PRESETS
 from m3depth.network.model import M3Depth
 from m3depth.rivals.config import CONFIGS, PRESETS, NormalConfig, RivalConfig
+from m3depth.rivals.output import Truth
 from m3depth.training.batch import whole_batch
 from m3depth.training.loop import train
 from m3depth.training.loss_config import LossConfig
@@ -117,6 +118,52 @@ def test_pairs_of_large_disparities_are_worked_on_at_their_reduced_size(large_sa
     prediction = run.model.eval().infer(sample.left, sample.right, sample.rig)
     assert prediction.disparity.shape == sample.left.shape[:2]
     assert prediction.normal is None
+
+
+@pytest.mark.parametrize("kind", CONFIGS)
+def test_the_last_step_is_the_result_of_methods_that_take_steps(kind, plane_samples) -> None:
+    network = new_network(TINY[kind]).eval()
+    counts = {"raft-stereo": 3, "selective-stereo": 3, "cre-stereo": 1 + 1 + 2}
+    assert network.takes_steps == (kind in counts)
+    if kind in counts:
+        with torch.no_grad():  # each step adds about a cell
+            network.update.head[-1].bias.fill_(-1 if kind == "cre-stereo" else 1)
+        sample = plane_samples[0]
+        steps = network.infer_steps(sample.left, sample.right, sample.rig)
+        assert [step.name for step in steps] == [f"step {n}" for n in range(1, counts[kind] + 1)]
+        prediction = network.infer(sample.left, sample.right, sample.rig)
+        measured = np.isfinite(prediction.depth)
+        np.testing.assert_array_equal(steps[-1].disparity[measured], prediction.disparity[measured])
+        assert measured.any() and steps[-1].disparity.mean() > steps[0].disparity.mean() + 3
+
+
+def test_a_run_is_not_resumed_with_another_method_or_size(tmp_path) -> None:
+    """Selective-Stereo has the same sizes as RAFT-Stereo, under another kind."""
+    sizes = tmp_path / "sizes.json"
+    for kind, changes in (("raft-stereo", {}), ("selective-stereo", {}), ("raft-stereo", {"hidden": 16})):
+        sizes.write_text(json.dumps({**TINY[kind].to_dict(), **changes}))
+        config = train_config(tmp_path / "run", network=sizes)
+        if kind == "raft-stereo" and not changes:
+            Run(config, torch.device("cpu")).save()
+        else:
+            with pytest.raises(
+                ValueError, match=r"checkpoint.pt: belongs to a run with network\..*choose another --out"
+            ):
+                Run(config, torch.device("cpu")).resume()
+
+
+def test_images_of_one_column_have_maps_and_gradients(config) -> None:
+    size = (20, 1)
+    network = new_network(config).train()
+    left, right = torch.rand(2, 1, 3, *size)
+    with torch.autocast("cpu", torch.bfloat16):
+        output = network(left, right, torch.tensor([[50.0, 50.0, size[1] / 2, size[0] / 2]]))
+    assert output.disparity.shape == (1, 1, *size) and output.disparity.dtype == torch.float32
+    normal = torch.zeros(1, 3, *size)
+    normal[:, 2] = -1
+    terms = output.terms(Truth(torch.full((1, 1, *size), 3.0), torch.ones(1, 1, *size, dtype=torch.bool), normal))
+    sum(terms.values()).backward()
+    assert all(p.grad is not None and p.grad.isfinite().all() for p in network.parameters())
 
 
 def test_flags_of_another_methods_loss_are_refused(tmp_path) -> None:

@@ -1,0 +1,94 @@
+"""HITNet's planes, costs and losses on maps whose result is known in closed form."""
+
+import pytest
+import torch
+from small_rivals import TINY
+
+from m3depth.kinds.networks import new_network
+from m3depth.rivals.hit_net import (
+    TILE,
+    Initialisation,
+    guess_loss,
+    robust,
+    spread,
+    subdivided,
+    tile_truth,
+    warped_costs,
+)
+
+ACROSS, DOWN = 0.25, -0.5  # slopes of a plane [px / px]
+
+
+def plane_tiles(rows: int, columns: int, side: float) -> torch.Tensor:
+    """Return hypotheses (1, 3, rows, columns) of one plane of disparity, in tiles of a side [px]."""
+    y, x = (side * torch.arange(count) + (side - 1) / 2 for count in (rows, columns))  # centres of the tiles
+    disparity = 20 + ACROSS * x + DOWN * y[:, None]
+    return torch.stack([disparity, torch.full_like(disparity, ACROSS), torch.full_like(disparity, DOWN)])[None]
+
+
+def test_tiles_of_one_plane_are_that_plane_at_every_pixel_and_after_subdivision() -> None:
+    tiles = plane_tiles(2, 3, TILE)
+    y, x = torch.arange(8.0)[:, None], torch.arange(12.0)
+    torch.testing.assert_close(spread(tiles, TILE, 1.0)[0, 0], 20 + ACROSS * x + DOWN * y)
+    torch.testing.assert_close(subdivided(tiles, 1, TILE / 2), plane_tiles(4, 6, TILE / 2))
+
+
+def test_the_next_resolution_doubles_disparities_and_keeps_the_slopes() -> None:
+    finer = subdivided(plane_tiles(2, 3, TILE), 2, TILE)
+    y, x = (TILE * torch.arange(count) + TILE / 2 - 0.5 for count in (4, 6))  # [px of the finer resolution]
+    # pixel x of the coarse resolution covers 2 x and 2 x + 1, so that its centre lies at 2 x + 0.5
+    expected = 2 * 20 + ACROSS * (x - 0.5) + DOWN * (y - 0.5)[:, None]
+    torch.testing.assert_close(finer[0, 0], expected)
+    torch.testing.assert_close(finer[0, 1:, 0, 0], torch.tensor([ACROSS, DOWN]))
+
+
+def test_the_right_plane_has_no_cost_and_its_neighbours_have() -> None:
+    right = torch.rand(1, 2, 8, 40, generator=torch.Generator().manual_seed(0))
+    left = right.roll(5, 3)  # a disparity of 5 px
+    planes = torch.zeros(1, 3, 2, 10)
+    planes[:, 0] = 5
+    costs = warped_costs(planes, left, right).unflatten(1, (4, TILE**2))[..., 2:-1]  # without the borders
+    assert costs.shape == (1, 4, TILE**2, 2, 7)
+    torch.testing.assert_close(costs[:, 2], torch.zeros(1, TILE**2, 2, 7))
+    assert costs[:, 1].mean() > 0.3 and costs[:, 3].mean() > 0.3
+
+
+def test_the_first_guess_is_the_disparity_of_equal_features() -> None:
+    torch.manual_seed(0)
+    first = Initialisation(features=3, described=2, width=6, disparities=16)
+    right = torch.rand(1, 3, 8, 64)
+    planes, costs = first(right.roll(7, 3), right, torch.rand(1, 2, 2, 16))
+    assert planes.shape == (1, 16, 2, 16) and costs.shape == (1, 16, 2, 16)
+    assert (planes[:, 0, :, 3:] == 7).all() and not planes[:, 1:3].any()
+
+
+def test_a_tile_has_its_largest_known_disparity() -> None:
+    disparity = torch.full((1, 1, 4, 8), -1.0)
+    disparity[..., 1, 2], disparity[..., 3, 3] = 6.0, 10.0
+    true, valid, index = tile_truth(disparity, 4, 2)
+    assert true[0, 0, 0, 0] == 5 and index[0, 0, 0, 0] == 3 * 8 + 3
+    assert valid.flatten().tolist() == [True, False]
+
+
+def test_the_loss_of_a_guess_is_its_cost_at_the_truth_and_what_a_wrong_one_lacks() -> None:
+    costs = torch.tensor([3.0, 0.2, 0.4, 5.0, 0.7])[None, :, None, None]
+    true = torch.full((1, 1, 1, 1), 1.5)  # 0 and 3 px are just not wrong, so 4 px is the only wrong disparity
+    loss = guess_loss(costs, true, torch.ones_like(true, dtype=torch.bool))
+    torch.testing.assert_close(loss, torch.tensor(0.3 + (1 - 0.7)))
+    assert guess_loss(costs, true + 9, torch.ones_like(true, dtype=torch.bool)) == 0  # beyond the search
+
+
+def test_the_robust_distance_is_a_parabola_first_and_grows_more_slowly_than_the_error_later() -> None:
+    small, large = torch.tensor([0.01, 0.02]), torch.tensor([10.0, 20.0])
+    assert float(robust(small)[1] / robust(small)[0]) == pytest.approx(4, rel=0.02)
+    assert 1.5 < float(robust(large)[1] / robust(large)[0]) < 2
+
+
+def test_weights_that_are_not_finite_give_maps_that_are_not_finite() -> None:
+    """The trainer then ends with a message, and not with an index out of range."""
+    network = new_network(TINY["hit-net"])
+    with torch.no_grad():
+        next(network.refine.parameters()).fill_(torch.nan)
+        next(network.propagation.parameters()).fill_(torch.nan)
+        images = torch.rand(2, 1, 3, 32, 64)
+        assert network(*images, torch.tensor([[60.0, 60, 32, 16]])).disparity.isnan().all()
