@@ -117,6 +117,7 @@ def record_of(
     return {
         **method.record,
         "left": str(pair.left), "right": str(pair.right),
+        **({} if pair.raw is None else {"raw": [str(path) for path in pair.raw]}),
         **({} if inputs.recording is None else inputs.recording.record(pair.number)),
         "rig": rig.to_dict(),
         "camera_to_rover": _on_rover(pair, options, rig.baseline).tolist(),
@@ -197,9 +198,9 @@ def _predict_remaining(options: PredictOptions, inputs: Inputs, method: Method |
         except (ValueError, FileNotFoundError) as error:
             raise _WrongCalibration(str(error)) from None
         thorough = pair.number // options.every % THOROUGH == 0
-        files = None if inputs.recording is not None else (pair.left, pair.right)
-        valid = None if inputs.recording is None else inputs.recording.valid(pair.number)
-        return prepare(left, right, calibration, options, inputs.labels(pair), files, thorough, valid)
+        return prepare(
+            left, right, calibration, options, inputs.labels(pair), inputs.files(pair), thorough, inputs.valid(pair)
+        )
 
     with ThreadPoolExecutor(1) as reader, ThreadPoolExecutor(1) as writer:
         writing: Future[int] | None = None
