@@ -37,6 +37,7 @@ from marssim.base.results.claim import PARTIAL, ResultFolder
 from marssim.base.results.code_state import source_digest, versions
 
 MARK = "predictions.json"  # settings of the pairs in a folder
+PERCENTILES = (5, 50, 95)  # of depth, in the record
 THOROUGH = 10  # every pair of this number is matched both ways round to check it
 NOT_SETTINGS = (
     "images",
@@ -141,9 +142,21 @@ def cloud_pose(record: dict[str, Any]) -> np.ndarray:
 
 
 def ending(result: PairPrediction, shown: tuple[float, float]) -> dict[str, Any]:
-    """Return what prediction.json says last: rows, scale of the picture, versions."""
+    """Return what prediction.json says last: rows, what the maps hold, scale of the picture, versions."""
     removed = None if result.removed is None else str(result.removed)
-    return {"rows_aligned": removed, "depth_shown_m": list(shown), "versions": versions()}
+    depth = result.prediction.depth[np.isfinite(result.prediction.depth)]
+    percentiles = None
+    if depth.size:
+        values = np.percentile(depth, PERCENTILES)
+        percentiles = {f"percentile_{p}": round(float(v), 4) for p, v in zip(PERCENTILES, values, strict=True)}
+    agreeing = round(result.agreeing / result.compared, 4) if result.compared else None
+    return {
+        "rows_aligned": removed,
+        "depth_m": percentiles,
+        "share_with_depth": round(depth.size / result.prediction.depth.size, 4),
+        "eyes_agree_share": agreeing,
+        "depth_shown_m": list(shown), "versions": versions(),
+    }  # fmt: skip
 
 
 def predict_many(options: PredictOptions, inputs: Inputs, load: Callable[[], Method]) -> Batch:

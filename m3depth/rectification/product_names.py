@@ -45,7 +45,7 @@ def right_of(left: Path) -> Path:
         file for file in left.parent.iterdir() if file.name.startswith(start) and file.suffix.lower() == suffix
     )
     if not others:
-        raise FileNotFoundError(f"{same}: the right image of {left.name} is missing")
+        raise FileNotFoundError(f"{same}: the right image of {left.name} is missing; put it there, or give both")
     if len(others) > 1:
         raise ValueError(f"{left}: several right images belong to it ({others[0].name}, {others[1].name}): give one")
     return others[0]

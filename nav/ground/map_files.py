@@ -18,7 +18,9 @@ FREE, NEAR, BLOCKED, UNKNOWN = 0, 1, 2, 255  # values of traversability.tif
 COSTLY = 4.0  # extra cost of a metre at which free ground is drawn yellow
 UNKNOWN_COLOUR = (128, 128, 128)
 TRAVERSABILITY_TITLE = "green free, yellow costly, orange too near to an obstacle, red obstacle, grey unknown"
-LEAST = 400  # [px] side of the picture from which on a cell is one pixel
+LEAST = 600  # [px] longer side of the picture from which on a cell is one pixel
+LEGEND_WIDTH = 340  # [px]
+BORDER = 6  # [px] around the picture, for cameras at its edge
 STRIP = 56  # [px] height of what is written below the picture
 BARS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100)  # [m] lengths of the bar
 LEGEND = ("green: free; yellow: costly; red: obstacle", "orange: too near to an obstacle; grey: unknown")
@@ -170,18 +172,20 @@ def map_page(picture: np.ndarray, cameras: np.ndarray, cell: float) -> np.ndarra
         cell: Edge of a cell [m].
 
     Returns:
-        (h', w', 3) uint8 RGB, at least 400 px wide.
+        (h', w', 3) uint8 RGB, at least 600 px wide or high.
     """
     height, width = picture.shape[:2]
     factor = max(1, -(-LEAST // max(height, width)))
-    page = np.full((height * factor + STRIP, max(LEAST, width * factor), 3), 255, np.uint8)
-    page[: height * factor, : width * factor] = picture.repeat(factor, axis=0).repeat(factor, axis=1)
+    picture = picture.repeat(factor, axis=0).repeat(factor, axis=1)
+    picture = cv2.copyMakeBorder(picture, *[BORDER] * 4, cv2.BORDER_CONSTANT, value=UNKNOWN_COLOUR)
+    below = picture.shape[0]
+    page = np.full((below + STRIP, max(LEGEND_WIDTH, picture.shape[1]), 3), 255, np.uint8)
+    page[:below, : picture.shape[1]] = picture
     for x, y in cameras:
-        at = int((x + 0.5) * factor), int((height - y - 0.5) * factor)
+        at = int((x + 0.5) * factor) + BORDER, int((height - y - 0.5) * factor) + BORDER
         cv2.circle(page, at, 5, (0, 0, 0), -1, cv2.LINE_AA)
         cv2.circle(page, at, 3, (255, 255, 255), -1, cv2.LINE_AA)
     length = max(step for step in BARS if step <= max(BARS[0], width * cell / 2))
-    below = height * factor
     end = 6 + round(length / cell * factor)
     cv2.rectangle(page, (6, below + 8), (end, below + 12), (0, 0, 0), -1)
     _write(page, f"{length:g} m; white: cameras", end + 6, below + 14)

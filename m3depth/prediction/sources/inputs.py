@@ -169,9 +169,10 @@ def find_inputs(options: PredictOptions) -> Inputs:
             raise ValueError(f"{options.poses}: holds {len(poses)} poses, there are {len(inputs.pairs)} pairs")
         pairs = tuple(replace(pair, pose=pose) for pair, pose in zip(inputs.pairs, poses, strict=True))
         inputs = replace(inputs, pairs=pairs)
-    first = inputs.pairs[0]
-    if first.calibration is None or inputs.recording is not None or options.rectify == "always":
-        inputs = _rectified(inputs, options) if must_be_rectified(options, first.left) else inputs
+    for first in inputs.pairs[:1]:
+        is_known = first.calibration is not None and inputs.recording is None  # a dataset's, which is rectified
+        if must_be_rectified(options, first.left) and (options.rectify == "always" or not is_known):
+            inputs = _rectified(inputs, options)
     names = [pair.name for pair in inputs.pairs]
     if len(set(names)) < len(names):
         twice = next(name for i, name in enumerate(names) if name in names[:i])

@@ -23,7 +23,7 @@ from m3depth.rectification.raw_image import RawImage, read_raw_pair
 from marssim.base.calibration.read_pair import is_of_raw_cameras, read_label
 
 FOLDER = "rectified"  # in the folder of a pair's results
-PRODUCTS = (".img", ".vic", ".xml", ".lbl", ".red")  # ends of the names of products and of their labels
+PRODUCTS = (".img", ".vic", ".red", ".lbl", ".xml")  # ends of the names of products, and of their detached labels
 
 
 def is_product(path: Path) -> bool:
@@ -37,7 +37,12 @@ def find_products(folder: Path) -> list[tuple[Path, Path]]:
     Raises:
         FileNotFoundError: A left product lacks its right one; the message names it.
     """
-    return [(left, right_of(left)) for left in left_products(folder) if left.suffix.lower() in PRODUCTS]
+    lefts: dict[str, Path] = {}  # by their names without the end; the label beside a product is none of its own
+    for suffix in PRODUCTS:
+        for left in left_products(folder):
+            if left.suffix.lower() == suffix and left.stem not in lefts and is_product(left):
+                lefts[left.stem] = left
+    return [(lefts[name], right_of(lefts[name])) for name in sorted(lefts)]
 
 
 def must_be_rectified(options: PredictOptions, left: Path) -> bool:

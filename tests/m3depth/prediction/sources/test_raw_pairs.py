@@ -84,6 +84,7 @@ def test_a_folder_of_products_is_many_pairs_and_resumes(tmp_path, products, caps
     shutil.copytree(products, folder)
     for file in products.iterdir():
         shutil.copy(file, folder / file.name.replace("0729882743", "0729882799"))
+        shutil.copy(file, folder / f"{file.stem}.LBL")  # a label beside its product is no pair of its own
     assert predicted(out, folder) == 0
     names = sorted(path.name for path in out.glob("NL*"))
     assert len(names) == 2 and names[1].startswith("NLM_0709_0729882799")
