@@ -152,7 +152,7 @@ def _findings(pair: RectifiedPair, names: str) -> list[tuple[bool, str]]:
     if matches.after.median > WRONG_ROWS * max(1.0, pair.left_valid.shape[1] / FULL_WIDTH):
         apart = f"the rows of {names} lie {matches.after.median:.1f} px apart after rectification"
         question = "is the calibration that of these images, and the left image the first one?"
-        findings.append((True, f"{apart}: {question} --align fits the rows to matches"))
+        findings.append((True, f"{apart}: {question} m3depth.rectify --align fits the rows to matches"))
     elif matches.before.median < IN_ROWS and matches.after.median > WORSE * max(matches.before.median, LEAST_ROWS):
         rows = f"{matches.before.median:.2f} px apart before, and {matches.after.median:.2f} px after"
         findings.append((True, f"the rows of {names} lay {rows}: are the images rectified already?"))

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from m3depth.rectification.figure import rows_figure
 from m3depth.rectification.pair import RectifiedPair
 from m3depth.rectification.raw_image import RawImage
 from marssim.base.files.atomic import write_atomically
@@ -46,6 +45,8 @@ def write_pair(
     else:
         write_json(out / RIG, rig, sort_keys=False)
     if with_picture:
+        from m3depth.rectification.figure import rows_figure  # loads matplotlib
+
         rows_figure(left, right, pair, out / "rows.png")
     else:
         (out / "rows.png").unlink(missing_ok=True)

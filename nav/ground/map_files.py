@@ -177,10 +177,10 @@ def map_page(picture: np.ndarray, cameras: np.ndarray, cell: float) -> np.ndarra
     height, width = picture.shape[:2]
     factor = max(1, -(-LEAST // max(height, width)))
     picture = picture.repeat(factor, axis=0).repeat(factor, axis=1)
-    picture = cv2.copyMakeBorder(picture, *[BORDER] * 4, cv2.BORDER_CONSTANT, value=UNKNOWN_COLOUR)
-    below = picture.shape[0]
-    page = np.full((below + STRIP, max(LEGEND_WIDTH, picture.shape[1]), 3), 255, np.uint8)
-    page[:below, : picture.shape[1]] = picture
+    below, across = picture.shape[0] + 2 * BORDER, picture.shape[1] + 2 * BORDER
+    page = np.full((below + STRIP, max(LEGEND_WIDTH, across), 3), 255, np.uint8)
+    page[:below, :across] = UNKNOWN_COLOUR
+    page[BORDER : below - BORDER, BORDER : across - BORDER] = picture
     for x, y in cameras:
         at = int((x + 0.5) * factor) + BORDER, int((height - y - 0.5) * factor) + BORDER
         cv2.circle(page, at, 5, (0, 0, 0), -1, cv2.LINE_AA)
