@@ -146,6 +146,7 @@ def _findings(pair: RectifiedPair, names: str) -> list[tuple[bool, str]]:
         return [(False, f"too few points of {names} match in common rows to judge them")]
     matches, shift = pair.matches, 0.0 if pair.view is None else pair.view.shift
     findings = []
+    expected_most = WORSE * max(matches.before.median, LEAST_ROWS) * _enlargement(pair)
     if np.median(matches.disparity + shift) < 0:
         beyond = "" if pair.view is not None else ", or the cameras are turned towards each other"
         findings.append((True, f"{names} match the wrong way round: exchange left and right{beyond}"))
@@ -153,9 +154,16 @@ def _findings(pair: RectifiedPair, names: str) -> list[tuple[bool, str]]:
         apart = f"the rows of {names} lie {matches.after.median:.1f} px apart after rectification"
         question = "is the calibration that of these images, and the left image the first one?"
         findings.append((True, f"{apart}: {question} m3depth.rectify --align fits the rows to matches"))
-    elif matches.before.median < IN_ROWS and matches.after.median > WORSE * max(matches.before.median, LEAST_ROWS):
+    elif matches.before.median < IN_ROWS and matches.after.median > expected_most:
         rows = f"{matches.before.median:.2f} px apart before, and {matches.after.median:.2f} px after"
         findings.append((True, f"the rows of {names} lay {rows}: are the images rectified already?"))
     elif matches.after.points < FEW:
         findings.append((False, f"only {matches.after.points} points of {names} match: the rows are hardly judged"))
     return findings
+
+
+def _enlargement(pair: RectifiedPair) -> float:
+    """Return how much larger the rectified image shows things than the raw one, at least 1."""
+    if pair.view is None or pair.cameras is None:
+        return 1.0
+    return max(1.0, pair.view.left.fx / pair.cameras.left.lens.focal())
