@@ -1,11 +1,13 @@
-"""Makes the figure of real ground in the README: docs/images/perseverance.jpg.
+"""Makes the figure of real ground in the README, and that of guides/own-images.md.
 
 python docs/make_real_figure.py NLMV0709_0729882743_168RAD_N0332841TRAV00262_0A02LLJ01.IMG
+python docs/make_real_figure.py NLMV0709_0729882743_168RAD_N0332841TRAV00262_0A02LLJ01.IMG --guide
 
 The product is the left image of Perseverance's navigation cameras, from the Planetary Data System; the right one lies
 beside it. m3depth.rectify makes a rectified pair of the two, by the camera models in their labels. The figure has the
 left image, M3Depth's depth and normals, and the normals of OpenCV's SGBM: of the whole view, and of a part of it, whose
-depth has colours of its own range.
+depth has colours of its own range. With --guide, it makes guide_navcam.jpg: what the guide's two commands write, the
+picture of m3depth.predict and that of nav.map.
 """
 
 from __future__ import annotations
@@ -21,11 +23,15 @@ import tyro
 
 from m3depth import load_estimator
 from m3depth.datasets.image_files import read_pair
+from m3depth.predict import main as predict
 from m3depth.rectify import main as rectify
 from marssim.base.calibration.rectified import read_calibration
 from marssim.base.images.colours import depth_colours, normal_colours
+from nav.map import main as nav_map
 
-FIGURE = Path(__file__).parent / "images" / "perseverance.jpg"
+IMAGES = Path(__file__).parent / "images"
+FIGURE, GUIDE = IMAGES / "perseverance.jpg", IMAGES / "guide_navcam.jpg"
+GUIDE_WIDTH, GUIDE_QUALITY = 1100, 70  # [px], and of the JPEG: a picture of a guide has less than 100 kB
 TILE = (400, 300)  # [px] width and height
 PART = (400, 300, 400, 300)  # [px] left, top, width and height of the part, at the images' own resolution
 GAP = 4  # [px] between the tiles
@@ -42,9 +48,30 @@ class Options:
     """The network: m3depth, or m3depth:FILE for other weights."""
     out: Path = FIGURE
     """File of the figure."""
+    guide: bool = False
+    """Make the figure of the guide instead."""
+
+
+def guide_figure(image: Path, folder: Path) -> np.ndarray:
+    """Return the pictures that the guide's commands write, side by side, (H, W, 3) uint8 BGR."""
+    flags = ["--left-right", "--cloud-frame", "rover"]
+    if predict([str(image), *flags, "--out", str(folder / "pair")]):
+        raise SystemExit(2)
+    if nav_map([str(folder / "pair"), "--out", str(folder / "map")]):
+        raise SystemExit(2)
+    first, second = (cv2.imread(str(folder / name)) for name in ("pair/figure.png", "map/map.png"))
+    size = (round(second.shape[1] * first.shape[0] / second.shape[0]), first.shape[0])
+    both = np.hstack([first, np.full((size[1], 4 * GAP, 3), 255, np.uint8), cv2.resize(second, size)])
+    height = round(both.shape[0] * GUIDE_WIDTH / both.shape[1])
+    return cv2.resize(both, (GUIDE_WIDTH, height), interpolation=cv2.INTER_AREA)
 
 
 def main(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
+    if options.guide:
+        with tempfile.TemporaryDirectory() as folder:
+            figure = guide_figure(options.image, Path(folder))
+        cv2.imwrite(str(GUIDE), figure, [cv2.IMWRITE_JPEG_QUALITY, GUIDE_QUALITY])
+        return
     with tempfile.TemporaryDirectory() as folder:
         pair = Path(folder) / "pair"
         if rectify([str(options.image), "--focal", "560", "--size", "1024", "768", "--out", str(pair)]):

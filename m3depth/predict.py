@@ -8,12 +8,15 @@
     python -m m3depth.predict pairs.txt --calib calib.yml --out RESULT          # lines of "left right"
     python -m m3depth.predict left.mp4 right.mp4 --calib calib.yml --out RESULT # or one video, eyes side by side
     python -m m3depth.predict BAG --out RESULT                                  # a ROS 2 bag with CameraInfo
+    python -m m3depth.predict NLMV0709_...IMG --out RESULT          # products of rovers: one, two or a folder of them
+    python -m m3depth.predict left.png right.png --calib stereo.yml --out RESULT    # raw images: K1 D1 K2 D2 R T
 
-The images must be rectified: what the left eye sees at a pixel, the right eye sees in the same row, farther left. The
+The images must be rectified: what the left eye sees at a pixel, the right eye sees in the same row, farther left. Those
+that are not are rectified first, as m3depth.rectify does it, if they are products of rovers, if the calibration is of
+raw cameras alone (OpenCV's K1 D1 K2 D2 R T, Kalibr, labels), or with --rectify always. The
 command reports exchanged eyes, rows that lie apart and images without contrast. Where the result would be meaningless,
 it writes nothing and exits with 2, or skips that one of many pairs; --unchecked writes it nevertheless. Rows that lie a
 little apart, as in a rig whose calibration has aged, it aligns by turning the right image.
-Images as a camera takes them are rectified by m3depth.rectify first.
 
 A calibration file (KITTI, Middlebury, ETH3D, OpenCV's stereoRectify, ROS CameraInfo, a rig file of marssim or a
 dataset's sample.json) gives the focal lengths, the principal point and the baseline; flags beside it replace its
@@ -31,6 +34,7 @@ values. The command writes into RESULT, or for many pairs into a folder of each 
     cloud.ply          coloured points [m], camera frame, without points that hang between two surfaces
     figure.png         image, depth, normals and confidence; grey: sky, or farther than the scale; black: unknown
     steps.png          with --steps: depth after each refinement step, and what the step changed
+    rectified/         for raw images: what m3depth.rectify writes; the maps are of the left image in it
     prediction.json    method, SHA-256 of its weights, runtime, rig, what was done to the rows, versions of packages
 
 --view shows the clouds on a page in the browser at the end.
@@ -61,6 +65,7 @@ from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.shots import predicted_shots
 from m3depth.prediction.sources.calibration import make_calibration
 from m3depth.prediction.sources.inputs import Inputs, PairInput, find_inputs
+from m3depth.prediction.sources.raw_pairs import without_raw_flags
 from m3depth.stereo.prediction import Prediction
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
@@ -85,6 +90,8 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
     if options.view:
         check_viewer()
     inputs = find_inputs(options)
+    if inputs.rectification is not None:
+        options = without_raw_flags(options)
     if inputs.single:
         prediction = _predict_one(options, inputs, estimator)
         _view(options, inputs, inputs.pairs)
@@ -108,15 +115,15 @@ def _view(options: PredictOptions, inputs: Inputs, pairs: Sequence[PairInput]) -
 def _predict_one(options: PredictOptions, inputs: Inputs, estimator: Estimator | None) -> Prediction:
     """Predict one pair into --out itself. Raises as `predict` does."""
     (pair,) = inputs.pairs
-    left, right = inputs.read(pair)
-    height, width = left.shape[:2]
-    calibration = make_calibration(options, height, width, pair.left, pair.calibration)
     folder = ResultFolder(options.out, "prediction")
     folder.check()
     if (options.out / MARK).is_file():
         raise ValueError(f"--out {options.out}: holds predictions of many pairs; choose another")
+    left, right = inputs.read(pair)
+    height, width = left.shape[:2]
+    calibration = make_calibration(options, height, width, pair.left, pair.calibration)
     method = Method.of(options, estimator)
-    prepared = prepare(left, right, calibration, options, inputs.labels(pair), (pair.left, pair.right))
+    prepared = prepare(left, right, calibration, options, inputs.labels(pair), inputs.files(pair))
     for message in prepared.warnings:
         print(f"warning: {message}", file=sys.stderr)
     record = record_of(pair, inputs, prepared.rig, method, options)

@@ -16,8 +16,10 @@ frame, x ahead and y left, where the rover stands level. It writes into --out, a
     roughness.tif        RMS distance of the ground from the plane of the footprint [m]
     cost.tif             extra cost of a metre at the rover's centre, 0 on even ground
     traversability.tif   0: free; 1: too near to an obstacle for the rover's centre; 2: obstacle; 255: unknown
-    map.png              all of it as a picture, north up
+    map.png              all of it as a picture, north up, with the cameras
     map.json             what the map was made of
+
+The files end where nothing more was seen.
 """
 
 from __future__ import annotations
@@ -40,12 +42,13 @@ from marssim.base.files.json_file import DatasetError, read_json, write_json
 from marssim.base.results.claim import ResultFolder
 from marssim.base.rover_spec import ZHURONG
 from nav.ground.elevation import FEWEST_CELLS, ElevationConfig, ElevationMap
-from nav.ground.map_files import BLOCKED, UNKNOWN, layers, write_map
+from nav.ground.map_files import BLOCKED, UNKNOWN, layers, window_of, write_map
 from nav.ground.traversability import Traversability, TraversabilityConfig, assess
 
 RECORD = "prediction.json"  # of m3depth.predict, beside the maps of a pair
 MOST = 4000  # cells along a side
 EDGE = 1.0  # [m] around what can be seen
+COLUMNS = 1024  # of an image that are used, roughly: more than while driving, as time does not matter here
 
 
 @dataclass(frozen=True)
@@ -175,8 +178,9 @@ def make_map(pairs: Sequence[PredictedPair], options: MapOptions) -> tuple[Eleva
             f"{cells} x {cells} cells, over {MOST} x {MOST}; give a larger one"
         )
     config = ElevationConfig(
-        cell=options.cell, size=cells * options.cell, max_range=options.max_range, min_confidence=options.min_confidence
-    )
+        cell=options.cell, size=cells * options.cell, max_range=options.max_range,
+        min_confidence=options.min_confidence, columns=COLUMNS,
+    )  # fmt: skip
     middle = (low + high) / 2
     elevation = ElevationMap(config, (float(middle[0]), float(middle[1])))
     for pair in _watched(pairs):
@@ -206,11 +210,13 @@ def _work(options: MapOptions) -> None:
     elevation, ground = make_map(pairs, options)
     if not elevation.measured.any():
         raise DatasetError(f"{options.data}: no depth of up to {options.max_range:g} m is sure enough for a map")
+    places = np.array([pair.pose[:2, 3] for pair in pairs])
+    window = window_of(elevation, ground, places, options.origin)
     with folder.claim():
-        write_map(options.out, elevation, ground, options.origin, options.epsg)
+        write_map(options.out, elevation, ground, window, places, options.epsg)
         write_json(options.out / "map.json", {
-            "data": str(options.data), "pairs": len(pairs), "cell_m": options.cell, "cells": elevation.n,
-            "west_south_m": [float(a + b) for a, b in zip(elevation.origin, options.origin)],
+            "data": str(options.data), "pairs": len(pairs), "cell_m": options.cell,
+            "rows_columns": list(window.shape), "west_south_m": [window.west, window.south],
             "max_range_m": options.max_range, "min_confidence": options.min_confidence, "epsg": options.epsg,
         }, sort_keys=False)  # fmt: skip
     print(f"{options.out}: {_summary(pairs, elevation, ground)}")

@@ -122,14 +122,19 @@ def recorded(dataset: StereoDataset, scene: int) -> Iterator[Frame]:
 
 
 def write_look(bag: StereoBagWriter, frame: Frame, navigator: Navigator, command: Command) -> None:
-    """Write a frame and the decision on it to a bag, 1 s later than the time of the frame, as 0 is no time in ROS."""
-    stamp, body = round((1 + frame.time) * SECOND), frame.body(navigator.spec)
+    """Write a frame and the decision on it to a bag."""
+    stamp, body = _stamp(frame), frame.body(navigator.spec)
     if frame.images is not None:
         bag.write_images(stamp, *frame.images, frame.rig)
     if frame.depth is not None:
         bag.write_depth(stamp, frame.depth, frame.rig.camera)
     bag.write_pose(stamp, body, frame.camera_pose, frame.rig.baseline)
     write_decision(bag, stamp, command.status, command.speed, command.yaw_rate, body, navigator)
+
+
+def _stamp(frame: Frame) -> int:
+    """Return the stamp of a frame in a bag [ns], 1 s later than its time, as 0 is no time in ROS."""
+    return round((1 + frame.time) * SECOND)
 
 
 def driven(drive: DriveFile, spec: RoverSpec = ZHURONG) -> Iterator[Frame]:
@@ -193,7 +198,10 @@ def _work(config: ReplayConfig) -> None:
     with ExitStack() as opened:
         watches: list[Watch] = []
         if config.bag is not None:
-            watches.append(partial(write_look, opened.enter_context(StereoBagWriter(config.bag))))
+            bag = opened.enter_context(StereoBagWriter(config.bag))
+            start = frames[0]
+            bag.write_goal(_stamp(start), np.array([*goal, start.body()[2, 3]]))
+            watches.append(partial(write_look, bag))
         if config.view:
             watches.append(partial(_record, recorder))
 

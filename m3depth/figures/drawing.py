@@ -12,7 +12,6 @@ import cv2
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import Colormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
@@ -20,6 +19,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.png import encode_png
 from marssim.base.images.colours import DEPTH_TICKS, normal_colours
+from marssim.base.images.figure_pixels import figure_pixels
 
 FLATTEST, TALLEST = 1 / 8, 4.0  # height by width of an image, beyond which figures leave room beside it
 UNSCORED = "0.82"  # grey of pixels without truth or without a value
@@ -131,8 +131,6 @@ def save(figure: Figure, path: Path) -> np.ndarray:
     Raises:
         OSError: The file cannot be written; the message names it.
     """
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    pixels = np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])
+    pixels = figure_pixels(figure)
     write_atomically(path, encode_png(pixels[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 6]))
     return pixels

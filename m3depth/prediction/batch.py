@@ -38,6 +38,7 @@ from marssim.base.results.claim import PARTIAL, ResultFolder
 from marssim.base.results.code_state import source_digest, versions
 
 MARK = "predictions.json"  # settings of the pairs in a folder
+PERCENTILES = (5, 50, 95)  # of depth, in the record
 THOROUGH = 10  # every pair of this number is matched both ways round to check it
 NOT_SETTINGS = (
     "images",
@@ -118,6 +119,7 @@ def record_of(
     return {
         **method.record,
         "left": str(pair.left), "right": str(pair.right),
+        **({} if pair.raw is None else {"raw": [str(path) for path in pair.raw]}),
         **({} if inputs.recording is None else inputs.recording.record(pair.number)),
         "rig": rig.to_dict(),
         "camera_to_rover": _on_rover(pair, options, rig.baseline).tolist(),
@@ -141,10 +143,23 @@ def cloud_pose(record: dict[str, Any]) -> np.ndarray:
 
 
 def ending(result: PairPrediction, shown: tuple[float, float]) -> dict[str, Any]:
-    """Return what prediction.json says last: rows, refinement steps, scale of the picture, versions."""
+    """Return what prediction.json says last: rows, what the maps hold, refinement steps, scale of the picture, versions."""
     removed = None if result.removed is None else str(result.removed)
+    depth = result.prediction.depth[np.isfinite(result.prediction.depth)]
+    percentiles = None
+    if depth.size:
+        values = np.percentile(depth, PERCENTILES)
+        percentiles = {f"percentile_{p}": round(float(v), 4) for p, v in zip(PERCENTILES, values, strict=True)}
+    agreeing = round(result.agreeing / result.compared, 4) if result.compared else None
     steps = {"steps": steps_record(result.steps)} if result.steps else {}
-    return {"rows_aligned": removed, **steps, "depth_shown_m": list(shown), "versions": versions()}
+    return {
+        "rows_aligned": removed,
+        "depth_m": percentiles,
+        "share_with_depth": round(depth.size / result.prediction.depth.size, 4),
+        "eyes_agree_share": agreeing,
+        **steps,
+        "depth_shown_m": list(shown), "versions": versions(),
+    }  # fmt: skip
 
 
 def predict_many(options: PredictOptions, inputs: Inputs, load: Callable[[], Method]) -> Batch:
@@ -199,9 +214,9 @@ def _predict_remaining(options: PredictOptions, inputs: Inputs, method: Method |
         except (ValueError, FileNotFoundError) as error:
             raise _WrongCalibration(str(error)) from None
         thorough = pair.number // options.every % THOROUGH == 0
-        files = None if inputs.recording is not None else (pair.left, pair.right)
-        valid = None if inputs.recording is None else inputs.recording.valid(pair.number)
-        return prepare(left, right, calibration, options, inputs.labels(pair), files, thorough, valid)
+        return prepare(
+            left, right, calibration, options, inputs.labels(pair), inputs.files(pair), thorough, inputs.valid(pair)
+        )
 
     with ThreadPoolExecutor(1) as reader, ThreadPoolExecutor(1) as writer:
         writing: Future[int] | None = None

@@ -25,7 +25,8 @@ from marssim.base.images.colours import (
     normal_colours,
 )
 
-FARTHEST = 300.0  # [m] largest depth at which a scale may end
+FARTHEST = 300.0  # [m] largest depth at which the scale of a wide view may end
+NARROW = 1.6  # largest ratio of depths for which the scale has ends of its own
 LEAST, MOST = 240, 640  # [px] width of a map in the picture
 HIGHEST = 1600  # [px] height of a map in the picture; one of few columns becomes narrower than LEAST
 LINE = 20  # [px] height of a line of text
@@ -39,11 +40,19 @@ def depth_range_shown(depth: np.ndarray) -> tuple[float, float]:
     finite = depth[np.isfinite(depth) & (depth > 0)]
     if not finite.size:
         return 1.0, 15.0
-    low, high = np.percentile(finite, [2, 98])
+    low, high = (float(value) for value in np.percentile(finite, [2, 98]))
+    if high < NARROW * low:
+        return _narrow_range(low, high)
     near = max((tick for tick in DEPTH_TICKS if tick <= low), default=DEPTH_TICKS[0])
     far = min((tick for tick in DEPTH_TICKS if tick >= high), default=FARTHEST)
-    far = min(far, FARTHEST)
-    return (near, far) if far > near else (near / 2, near)
+    return near, min(far, FARTHEST)
+
+
+def _narrow_range(low: float, high: float) -> tuple[float, float]:
+    """Return depths [m] of two digits around a small range; a scale between usual ticks would show one colour."""
+    step = 10.0 ** (math.floor(math.log10(low)) - 1)
+    near, far = math.floor(low / step - 0.5) * step, math.ceil(high / step + 0.5) * step
+    return round(near, 6), round(far, 6)
 
 
 def prediction_picture(left: np.ndarray, prediction: Prediction, shown: tuple[float, float]) -> np.ndarray:

@@ -28,10 +28,10 @@ class PredictOptions:
     """
 
     images: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LEFT RIGHT | SOURCE")]
-    """Left and right image of one pair, of 8 or 16 bits; or left and right video; or one source of many pairs: a
-    folder, a list (.txt with lines of "left right"), a ROS 2 bag, or a video that shows both eyes side by side, the
-    left one on the left. With --left and --right, the folder that the patterns start from; without it, they start
-    here."""
+    """Left and right image of one pair, of 8 or 16 bits; the left product of a rover alone, whose name tells the right
+    one; or left and right video; or one source of many pairs: a folder, a list (.txt with lines of "left right"), a ROS
+    2 bag, or a video that shows both eyes side by side, the left one on the left. With --left and --right, the folder
+    that the patterns start from; without it, they start here."""
     out: Path
     """Folder to write the results to. Many pairs have a folder each in it, and the same command continues after it was
     stopped or killed."""
@@ -59,6 +59,10 @@ class PredictOptions:
     """Calibration file of the pairs, or "natecam" for Zhurong's cameras; --focal, --baseline, --cx and --cy replace its
     values. For ROS's CameraInfo, give the files of the left and the right eye, or that of the right one alone. Without
     it, that of the dataset, or the rig.json of m3depth.rectify beside the images."""
+    rectify: Literal["auto", "always", "never"] = "auto"
+    """Whether to rectify the images first; auto does so with products of rovers and where --calib is of raw cameras
+    alone. CameraInfo of ROS and OpenCV's files with P1 and P2 are of rectified images too: for raw images, always. Then
+    --focal is that of the rectified images, and --mask is of the raw ones. m3depth.rectify has more settings."""
     cx: float | None = None
     """Column of the left image's principal point [px], counted from 0. Without it, the calibration's or the middle."""
     cy: float | None = None

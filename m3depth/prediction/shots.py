@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from m3depth.datasets.image_files import read_pair
 from m3depth.prediction.files import RECORD, trusted_pixels
 from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.sources.inputs import Inputs, PairInput
@@ -67,6 +68,8 @@ def _read(folder: Path, kind: MapKind) -> np.ndarray | None:
 
 def _left_image(inputs: Inputs, pair: PairInput) -> np.ndarray:
     """Return the left image of a pair, (H, W, 3) uint8; a video is read from its beginning, as it cannot go back."""
+    if pair.raw is not None:
+        return in_colour(read_pair(pair.left, pair.right)[0])
     if isinstance(inputs.recording, VideoFrames):
         inputs = replace(inputs, recording=VideoFrames(inputs.recording.paths))
     return in_colour(inputs.read(pair)[0])

@@ -9,10 +9,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from m3depth.figures.drawing import colour_map, save
 from m3depth.rectification.pair import Matches, RectifiedPair
 from m3depth.rectification.raw_image import RawImage, for_matching
 from m3depth.rectification.row_errors import RowErrors
+from marssim.base.files.atomic import write_atomically
+from marssim.base.files.png import encode_png
+from marssim.base.images.figure_pixels import figure_pixels
 
 LINES = 16  # matched rows that are drawn
 DETAILS = 6  # matches that are enlarged
@@ -45,7 +47,7 @@ def rows_figure(left: RawImage, right: RawImage, pair: RectifiedPair, path: Path
         _details(detail, done, matches)
         _residuals(figure, figure.add_subplot(grid[3, 0]), matches, done[0])
         _histogram(figure.add_subplot(grid[3, 1]), matches)
-    save(figure, path)
+    write_atomically(path, encode_png(figure_pixels(figure)[..., ::-1]))
 
 
 def _words(rows: RowErrors) -> str:
@@ -104,7 +106,7 @@ def _residuals(figure: Figure, axes: Axes, matches: Matches, left: np.ndarray) -
     bound = max(0.2, matches.after.most)
     distance = (matches.right - matches.left)[:, 1]
     shown = axes.scatter(
-        matches.left[:, 0], matches.left[:, 1], c=distance, s=3, cmap=colour_map("coolwarm"), vmin=-bound, vmax=bound
+        matches.left[:, 0], matches.left[:, 1], c=distance, s=3, cmap="coolwarm", vmin=-bound, vmax=bound
     )
     figure.colorbar(shown, ax=axes, fraction=0.04, pad=0.02, label="right row less left row [px]")
     axes.set_title("what is left over", fontsize=11)

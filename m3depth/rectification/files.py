@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from m3depth.rectification.figure import rows_figure
 from m3depth.rectification.pair import RectifiedPair
 from m3depth.rectification.raw_image import RawImage
 from marssim.base.files.atomic import write_atomically
@@ -20,7 +19,9 @@ Z_UP = np.diag([1.0, -1.0, -1.0])  # y right, z down to y left, z up
 NO_SCALE = "none: nothing gives the distance of the cameras, so depth has no unit"
 
 
-def write_pair(out: Path, left: RawImage, right: RawImage, pair: RectifiedPair, report: dict[str, Any]) -> None:
+def write_pair(
+    out: Path, left: RawImage, right: RawImage, pair: RectifiedPair, report: dict[str, Any], with_picture: bool = True
+) -> None:
     """Write every file that m3depth.rectify lists, each in one step.
 
     Args:
@@ -28,6 +29,7 @@ def write_pair(out: Path, left: RawImage, right: RawImage, pair: RectifiedPair, 
         left, right: The raw images.
         pair: The rectified pair.
         report: Its make_report.
+        with_picture: Whether to draw rows.png too, which takes some seconds.
 
     Raises:
         OSError: A file cannot be written; the message names it.
@@ -42,7 +44,12 @@ def write_pair(out: Path, left: RawImage, right: RawImage, pair: RectifiedPair, 
         (out / RIG).unlink(missing_ok=True)  # of an earlier run
     else:
         write_json(out / RIG, rig, sort_keys=False)
-    rows_figure(left, right, pair, out / "rows.png")
+    if with_picture:
+        from m3depth.rectification.figure import rows_figure  # loads matplotlib
+
+        rows_figure(left, right, pair, out / "rows.png")
+    else:
+        (out / "rows.png").unlink(missing_ok=True)
     write_json(out / "report.json", report, sort_keys=False)
 
 

@@ -15,6 +15,11 @@ M2020 = re.compile(r"([NFRZS])(L)([A-Z0-9_]{2}\d{4}_\d{10}_\d{3}[A-Z]{3}_)(.*)")
 MSL = re.compile(r"([NFR])(L)([AB]_\d{9}[A-Z]{3}_)(.*)")
 
 
+def left_products(folder: Path) -> list[Path]:
+    """Return the files of a folder that are left images by their names, in the order of their names."""
+    return sorted(file for file in folder.iterdir() if M2020.fullmatch(file.name) or MSL.fullmatch(file.name))
+
+
 def right_of(left: Path) -> Path:
     """Return the right image of a left one, in the same folder.
 
@@ -40,7 +45,7 @@ def right_of(left: Path) -> Path:
         file for file in left.parent.iterdir() if file.name.startswith(start) and file.suffix.lower() == suffix
     )
     if not others:
-        raise FileNotFoundError(f"{same}: the right image of {left.name} is missing")
+        raise FileNotFoundError(f"{same}: the right image of {left.name} is missing; put it there, or give both")
     if len(others) > 1:
         raise ValueError(f"{left}: several right images belong to it ({others[0].name}, {others[1].name}): give one")
     return others[0]

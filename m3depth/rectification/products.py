@@ -32,7 +32,7 @@ def read_product(path: Path, label: ProductLabel) -> tuple[np.ndarray, np.ndarra
     """
     has = path.stat().st_size
     if label.file_bytes is not None and has < label.file_bytes:
-        raise ValueError(f"{path}: is truncated: it has {has} of {label.file_bytes} bytes")
+        raise ValueError(f"{path}: is truncated: it has {has} of {label.file_bytes} bytes; fetch it again")
     if find_spec("pdr") is None:
         raise ImportError(f"{path}: products of PDS need pdr, which is not installed; {EXTRA}")
     values = _native(_read(path))

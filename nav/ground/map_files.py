@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -17,7 +18,12 @@ FREE, NEAR, BLOCKED, UNKNOWN = 0, 1, 2, 255  # values of traversability.tif
 COSTLY = 4.0  # extra cost of a metre at which free ground is drawn yellow
 UNKNOWN_COLOUR = (128, 128, 128)
 TRAVERSABILITY_TITLE = "green free, yellow costly, orange too near to an obstacle, red obstacle, grey unknown"
-LEAST = 400  # [px] side of the picture from which on a cell is one pixel
+LEAST = 600  # [px] longer side of the picture from which on a cell is one pixel
+LEGEND_WIDTH = 340  # [px]
+BORDER = 6  # [px] around the picture, for cameras at its edge
+STRIP = 56  # [px] height of what is written below the picture
+BARS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100)  # [m] lengths of the bar
+LEGEND = ("green: free; yellow: costly; red: obstacle", "orange: too near to an obstacle; grey: unknown")
 SUN = np.array([-1.0, 1.0, 1.0]) / np.sqrt(3)  # direction of the light in the picture: from the north-west
 
 
@@ -42,11 +48,55 @@ def layers(elevation: ElevationMap, ground: Traversability) -> dict[str, np.ndar
     }
 
 
+@dataclass(frozen=True)
+class Window:
+    """The part of a map that its files show.
+
+    Attributes:
+        rows, columns: Cells of the map, from the south and from the west.
+        west, south: Its corner in the coordinates of the files [m].
+        cell: Edge of a cell [m].
+    """
+
+    rows: slice
+    columns: slice
+    west: float
+    south: float
+    cell: float
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of rows and columns."""
+        return self.rows.stop - self.rows.start, self.columns.stop - self.columns.start
+
+
+def window_of(
+    elevation: ElevationMap, ground: Traversability, places: np.ndarray, origin: tuple[float, float] = (0.0, 0.0)
+) -> Window:
+    """Return the smallest window that shows all that is known, and the places of the cameras.
+
+    Args:
+        elevation: The heights.
+        ground: What the rover may drive over.
+        places: (N, 2) places of the cameras in the world [m].
+        origin: Place of the world's origin in the coordinates of the files: east and north [m].
+    """
+    shown = np.asarray(_known(elevation, ground))
+    cells = np.concatenate([np.argwhere(shown)[:, ::-1], elevation.cell_of(places)])  # ix, iy
+    (left, low), (right, high) = cells.min(axis=0), cells.max(axis=0) + 1
+    west, south = (
+        round(float(a + b + first * elevation.config.cell), 6)
+        for a, b, first in zip(elevation.origin, origin, (left, low))
+    )
+    return Window(slice(int(low), int(high)), slice(int(left), int(right)), west, south, elevation.config.cell)
+
+
 def write_map(
     out: Path,
     elevation: ElevationMap,
     ground: Traversability,
-    origin: tuple[float, float] = (0.0, 0.0),
+    window: Window,
+    places: np.ndarray,
     epsg: int | None = None,
 ) -> None:
     """Write a GeoTIFF for each layer, and map.png.
@@ -55,19 +105,22 @@ def write_map(
         out: The folder; it is made.
         elevation: The heights.
         ground: What the rover may drive over.
-        origin: Place of the world's origin in the coordinates of the files: east and north [m].
+        window: The part of them to write, as of window_of.
+        places: (N, 2) places of the cameras in the world [m].
         epsg: Code of the coordinate system of the files; None: a local frame.
 
     Raises:
         OSError: A file cannot be written; the message names it.
     """
-    cell = elevation.config.cell
-    west, south = (float(a + b) for a, b in zip(elevation.origin, origin))
-    west, north = round(west, 6), round(south + elevation.n * cell, 6)
+    part = window.rows, window.columns
+    north = round(window.south + window.shape[0] * window.cell, 6)
     for name, values in layers(elevation, ground).items():
         nodata = UNKNOWN if values.dtype == np.uint8 else float("nan")
-        write_atomically(out / f"{name}.tif", encode_geotiff(np.flipud(values), west, north, cell, nodata, epsg))
-    write_atomically(out / "map.png", encode_png(map_picture(elevation, ground)[..., ::-1]))
+        image = np.flipud(values[part])
+        write_atomically(out / f"{name}.tif", encode_geotiff(image, window.west, north, window.cell, nodata, epsg))
+    cells = elevation.cell_of(places) - (window.columns.start, window.rows.start)
+    picture = map_page(np.flipud(map_picture(elevation, ground)[part]), cells, window.cell)
+    write_atomically(out / "map.png", encode_png(picture[..., ::-1]))
 
 
 def class_colours(elevation: ElevationMap, ground: Traversability) -> np.ndarray:
@@ -91,14 +144,14 @@ def _known(elevation: ElevationMap, ground: Traversability) -> np.ndarray:
 
 
 def map_picture(elevation: ElevationMap, ground: Traversability) -> np.ndarray:
-    """Return the map as colours, north up, shaded by the heights; TRAVERSABILITY_TITLE explains them.
+    """Return the map as colours, shaded by the heights; TRAVERSABILITY_TITLE explains them.
 
     Args:
         elevation: The heights.
         ground: What the rover may drive over.
 
     Returns:
-        (h, w, 3) uint8 RGB, at least 400 px wide.
+        (n, n, 3) uint8 RGB, [iy, ix].
     """
     colours = class_colours(elevation, ground).astype(float)
     height = np.where(elevation.measured, elevation.top, 0)
@@ -107,6 +160,39 @@ def map_picture(elevation: ElevationMap, ground: Traversability) -> np.ndarray:
     light = np.clip(normal @ SUN / np.linalg.norm(normal, axis=-1) / SUN[2], 0.4, 1.4)
     edge = cv2.erode(elevation.measured.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0  # beside it, heights are none
     colours *= np.where(edge | ~_known(elevation, ground), 1.0, light)[..., None]
-    picture = np.flipud(np.clip(colours, 0, 255).astype(np.uint8))
-    factor = max(1, -(-LEAST // elevation.n))
-    return np.ascontiguousarray(picture.repeat(factor, axis=0).repeat(factor, axis=1))
+    return np.clip(colours, 0, 255).astype(np.uint8)
+
+
+def map_page(picture: np.ndarray, cameras: np.ndarray, cell: float) -> np.ndarray:
+    """Return a picture to look at: enlarged, with the cameras, a bar of a round length, and what the colours mean.
+
+    Args:
+        picture: (h, w, 3) uint8 RGB, north up, a pixel a cell.
+        cameras: (N, 2) their cells, counted from the west and from the south.
+        cell: Edge of a cell [m].
+
+    Returns:
+        (h', w', 3) uint8 RGB, at least 600 px wide or high.
+    """
+    height, width = picture.shape[:2]
+    factor = max(1, -(-LEAST // max(height, width)))
+    picture = picture.repeat(factor, axis=0).repeat(factor, axis=1)
+    below, across = picture.shape[0] + 2 * BORDER, picture.shape[1] + 2 * BORDER
+    page = np.full((below + STRIP, max(LEGEND_WIDTH, across), 3), 255, np.uint8)
+    page[:below, :across] = UNKNOWN_COLOUR
+    page[BORDER : below - BORDER, BORDER : across - BORDER] = picture
+    for x, y in cameras:
+        at = int((x + 0.5) * factor) + BORDER, int((height - y - 0.5) * factor) + BORDER
+        cv2.circle(page, at, 5, (0, 0, 0), -1, cv2.LINE_AA)
+        cv2.circle(page, at, 3, (255, 255, 255), -1, cv2.LINE_AA)
+    length = max(step for step in BARS if step <= max(BARS[0], width * cell / 2))
+    end = 6 + round(length / cell * factor)
+    cv2.rectangle(page, (6, below + 8), (end, below + 12), (0, 0, 0), -1)
+    _write(page, f"{length:g} m; white: cameras", end + 6, below + 14)
+    for line, text in enumerate(LEGEND):
+        _write(page, text, 6, below + 32 + 16 * line)
+    return page
+
+
+def _write(page: np.ndarray, text: str, x: int, y: int) -> None:
+    cv2.putText(page, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, 0.42, (30, 30, 30), 1, cv2.LINE_AA)

@@ -7,7 +7,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from m3depth.figures import drawing
@@ -15,6 +14,7 @@ from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.dataset.dataset import write_index
 from marssim.base.dataset.frame import StereoFrame
 from marssim.base.dataset.sample import StereoSample, write_sample
+from marssim.base.images.figure_pixels import figure_pixels
 
 RIG = StereoRig(PinholeCamera(64, 48, 70.0, 75.0, 30.3, 22.7), baseline=0.27)
 NAMES = [f"{scene:05d}/{view:02d}" for scene in range(4) for view in range(2)]  # train, test, val, train
@@ -111,9 +111,9 @@ def drawn_figures(monkeypatch) -> list[Figure]:
     """Every figure of the test, as it is when m3depth.figures.drawing.save writes it."""
     figures: list[Figure] = []
 
-    def canvas(figure: Figure) -> FigureCanvasAgg:
+    def pixels(figure: Figure) -> np.ndarray:
         figures.append(figure)
-        return FigureCanvasAgg(figure)
+        return figure_pixels(figure)
 
-    monkeypatch.setattr(drawing, "FigureCanvasAgg", canvas)
+    monkeypatch.setattr(drawing, "figure_pixels", pixels)
     return figures

@@ -357,6 +357,11 @@ def test_pixels_that_the_other_eye_contradicts_lose_their_confidence(plane_sampl
     printed = capsys.readouterr().out
     share = float(re.search(r"the eyes agree within 1 px on ([\d.]+) % of what both see", printed)[1])
     difference, confidence = (np.load(tmp_path / "out" / f"{name}.npy") for name in ("left_right", "confidence"))
+    record = json.loads((tmp_path / "out/prediction.json").read_text())
+    assert record["eyes_agree_share"] == pytest.approx(share / 100, abs=1e-3)
+    depth = np.load(tmp_path / "out/depth.npy")
+    assert record["depth_m"]["percentile_50"] == pytest.approx(np.nanmedian(depth), rel=1e-3)
+    assert record["share_with_depth"] == pytest.approx(np.isfinite(depth).mean(), abs=1e-3)
     assert share > 95 and difference.shape == confidence.shape
     assert (confidence[~(difference <= 1)] == 0).all() and (confidence > 0).any() and np.isnan(difference[:, 0]).all()
     assert main(flags) == 0

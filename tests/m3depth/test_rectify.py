@@ -129,6 +129,14 @@ def test_align_without_a_calibration_says_that_depth_has_no_scale(tmp_path, imag
     assert len(report["rows"]["removed"]["terms_px"]) == 6
 
 
+def test_predict_names_the_pair_that_has_no_scale(tmp_path, images, capsys):
+    left, right, _ = images
+    assert main([str(left), str(right), "--align", "--out", str(tmp_path / "pair")]) == 0
+    capsys.readouterr()
+    assert predict([str(tmp_path / "pair"), "--estimator", "sgbm", "--out", str(tmp_path / "out")]) == 2
+    assert f"--focal is missing (nothing gave {tmp_path}/pair a scale" in capsys.readouterr().err
+
+
 def test_exchanged_eyes(tmp_path, images, products, capsys):
     left, right, _ = images
     assert "the wrong way round: exchange left and right" in refused(capsys, right, left, "--align", tmp_path / "out")
@@ -160,7 +168,7 @@ def test_a_missing_half(tmp_path, images, products, capsys):
     assert "give the right image too" in refused(capsys, left, "--calib", calib, tmp_path / "out")
     (tmp_path / products[0].name).write_bytes(products[0].read_bytes())
     line = refused(capsys, tmp_path / products[0].name, tmp_path / "out")
-    assert products[1].name in line and "is missing" in line
+    assert products[1].name in line and "is missing; put it there, or give both" in line
     assert "no such image" in refused(capsys, left, tmp_path / "none.png", "--calib", calib, tmp_path / "out")
     line = refused(capsys, left, right, "--calib", tmp_path / "none.yml", tmp_path / "out")
     assert "none.yml: no such calibration file" in line
@@ -174,7 +182,7 @@ def test_a_truncated_product(tmp_path, products, capsys):
     right = tmp_path / products[1].name
     right.write_bytes(whole[:-1000])
     line = refused(capsys, tmp_path / products[0].name, right, tmp_path / "out")
-    assert f"{right.name}: is truncated: it has {len(whole) - 1000} of {len(whole)} bytes" in line
+    assert f"{right.name}: is truncated: it has {len(whole) - 1000} of {len(whole)} bytes; fetch it again" in line
     right.write_bytes(whole[:700])
     assert "is the file truncated?" in refused(capsys, tmp_path / products[0].name, right, tmp_path / "out")
 
@@ -215,6 +223,15 @@ def test_wrong_flags(tmp_path, images, capsys, flags, says):
     assert says in refused(capsys, *images[:2], *flags, tmp_path / "out")
 
 
+def test_images_that_are_rectified_already_are_refused(tmp_path, images, capsys):
+    left, right, calib = images
+    assert main([str(left), str(right), "--calib", str(calib), "--out", str(tmp_path / "one")]) == 0
+    capsys.readouterr()
+    one = tmp_path / "one"
+    line = refused(capsys, one / "left.png", one / "right.png", "--calib", calib, tmp_path / "two")
+    assert "px after: are the images rectified already?" in line
+
+
 def test_a_lens_that_folds_over_inside_the_image_is_refused(tmp_path, images, capsys):
     left, right, _ = images
     absurd = replace(PAIR.right, lens=replace(PAIR.right.lens, coefficients=(-3.0, 0.0, 0.0, 0.0)))
@@ -227,7 +244,7 @@ def test_a_calibration_of_another_rig_is_noticed(tmp_path, images, capsys):
     left, right, calib = images
     (tmp_path / "other.yml").write_text(calib.read_text().replace("183.5", "143.5").replace("295.5", "255.5"))
     line = refused(capsys, left, right, "--calib", tmp_path / "other.yml", "--size", "480", "360", tmp_path / "out")
-    assert "px apart after rectification: is the calibration that of these images?" in line
+    assert "px apart after rectification: is the calibration that of these images, and the left" in line
 
 
 def test_help_lists_the_flags(capsys):

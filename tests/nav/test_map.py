@@ -72,11 +72,27 @@ def test_one_pair_becomes_a_map_around_the_rover(tmp_path, capsys, form):
     assert ground.sum() > 0.8 * np.isfinite(heights).sum() > 1000
     assert at(out, "top", 4.55, -0.5) == pytest.approx(0.6, abs=0.05)  # the front of the block, right of the rover
     assert at(out, "traversability", 4.55, -0.5) == 2 and at(out, "traversability", 3.0, 0.5) == 0
-    assert at(out, "traversability", 4.0, -0.5) == 1 and at(out, "traversability", -3.0, 0.0) == 255
-    assert np.isnan(at(out, "elevation", -3.0, 0.0))
+    assert at(out, "traversability", 4.0, -0.5) == 1 and at(out, "traversability", 0.5, 0.2) == 255
+    assert np.isnan(at(out, "elevation", 0.5, 0.2))
     assert capsys.readouterr().out.startswith(f"{out}: 1 pair; ")
     picture = cv2.imread(str(out / "map.png"))
-    assert picture.shape[0] >= 400 and (picture == 128).all(axis=-1).any()
+    assert picture.shape[0] >= 600 and (picture == 128).all(axis=-1).any()
+
+
+def test_the_files_end_where_nothing_more_was_seen(tmp_path):
+    write_pair(tmp_path / "pair", pose=False)
+    assert main([str(tmp_path / "pair"), "--out", str(tmp_path / "map")]) == 0
+    code, west, north = layer(tmp_path / "map", "traversability")
+    known = code != 255
+    assert known[0].any() and known[-1].any() and known[:, -1].any()  # north, south and east
+    assert west == pytest.approx(0.0, abs=0.11) and not known[:, :10].any()  # the camera, before what it sees
+    about = json.loads((tmp_path / "map/map.json").read_text())
+    assert about["rows_columns"] == list(code.shape)
+    assert about["west_south_m"] == pytest.approx([west, north - 0.1 * code.shape[0]])
+    picture = cv2.imread(str(tmp_path / "map/map.png"))
+    factor = 600 // max(code.shape) + 1
+    row, column = 6 + int((north - 0.15) / 0.1 * factor), 6 + int((0.05 - west) / 0.1 * factor)
+    assert (picture[row, column] > 200).all()  # the mark of the camera
 
 
 def test_wide_cells_need_fewer_points(tmp_path):
@@ -96,7 +112,7 @@ def test_pairs_with_poses_become_one_map_at_its_place(tmp_path):
         assert abs(at(out, "elevation", 1000 + x, 2000.5)) < 0.03
     assert at(out, "traversability", 1004.55, 1999.5) == 2
     about = json.loads((out / "map.json").read_text())
-    assert about["pairs"] == 3 and about["cells"] == round((8 + 2 * 7) / 0.1)
+    assert about["pairs"] == 3 and about["west_south_m"][0] == pytest.approx(1000, abs=0.11)
 
 
 @pytest.mark.parametrize(

@@ -82,6 +82,10 @@ def test_a_replay_of_a_dataset_writes_a_bag_of_the_same_commands(folder, tmp_pat
     assert capsys.readouterr().out == printed.replace("8 frames", f"8 frames, in {tmp_path / 'bag'}")
     bag = Bag(tmp_path / "bag")
     assert [entry.stamp for entry in bag.entries(["/stereo/left/image_rect"])] == [10**9 * n for n in range(1, 9)]
+    ((_, goal),) = bag.messages(["/navigator/goal"])
+    _, pose = next(bag.messages(["/ground_truth/pose"]))
+    ahead = goal.pose.position.x - pose.pose.position.x, goal.pose.position.y - pose.pose.position.y
+    assert 18 < np.hypot(*ahead) < 22 and goal.header.stamp.sec == 1
     depth = image_array(next(bag.messages(["/stereo/depth/image_rect"]))[1])
     np.testing.assert_array_equal(depth, StereoDataset(folder)[0].depth)
 

@@ -39,7 +39,9 @@ def make_calibration(
         files = (beside,)
     for flag, value in (("--focal", options.focal), ("--baseline", options.baseline)):
         if value is None and not files and pair_calibration is None:
-            raise ValueError(f"{flag} is missing: give it, or a calibration file with --calib")
+            aligned = image.with_name("report.json")  # of m3depth.rectify, which wrote no RIG
+            reason = f" (nothing gave {image.parent} a scale, see {aligned.name})" if aligned.is_file() else ""
+            raise ValueError(f"{flag} is missing{reason}: give it, or a calibration file with --calib")
     for flag, value, side in (("--cx", options.cx, width), ("--cy", options.cy, height)):
         if value is not None and not -side <= value <= 2 * side:
             raise ValueError(f"{flag} {value:g} px lies far outside of images of {width} x {height} px")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,8 +21,17 @@ from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.sources.bag_pairs import BagPairs
 from m3depth.prediction.sources.calibration import RIG
 from m3depth.prediction.sources.poses import read_poses, rover_pose
+from m3depth.prediction.sources.raw_pairs import (
+    FOLDER,
+    RawPairs,
+    files_in,
+    find_products,
+    is_product,
+    must_be_rectified,
+)
 from m3depth.prediction.sources.recording import Recording
 from m3depth.prediction.sources.video_frames import SUFFIXES, VideoFrames
+from m3depth.rectification.product_names import right_of
 from marssim.base.bags.reader import is_bag
 from marssim.base.camera import StereoRig
 from marssim.base.dataset.dataset import StereoDataset
@@ -43,6 +52,8 @@ class PairInput:
         sample: sample.json of a dataset, which may hold the pose of the camera.
         pose: (4, 4) left camera to the world of --poses or of a bag.
         on_rover: (4, 4) left camera to rover, where a bag says so.
+        raw: The raw images, or the recordings that they are in, of a pair that is rectified here; `left` and `right`
+            are then the rectified ones, which `Inputs.read` writes.
     """
 
     name: str
@@ -54,6 +65,12 @@ class PairInput:
     sample: Path | None = None
     pose: np.ndarray | None = None
     on_rover: np.ndarray | None = None
+    raw: tuple[Path, Path] | None = None
+
+    @property
+    def given(self) -> tuple[Path, Path]:
+        """The images as the user has them."""
+        return (self.left, self.right) if self.raw is None else self.raw
 
     @property
     def group(self) -> str:
@@ -69,25 +86,38 @@ class Inputs:
         pairs: The pairs.
         single: Whether it is one pair whose results lie in --out itself.
         recording: The video or the bag that the pairs are in, if they are in one.
+        rectification: Rectifies the pairs, if they are raw.
     """
 
     pairs: tuple[PairInput, ...]
     single: bool = False
     recording: Recording | None = None
+    rectification: RawPairs | None = None
 
     def read(self, pair: PairInput) -> tuple[np.ndarray, np.ndarray]:
-        """Return both images of a pair, uint8, grey or RGB.
+        """Return both images of a pair, uint8, grey or RGB. A raw pair is rectified, and written.
 
         Raises:
-            FileNotFoundError, ValueError: As m3depth.datasets.image_files.read_pair.
+            FileNotFoundError, ValueError: As m3depth.datasets.image_files.read_pair, or RawPairs.read.
             EndOfVideo: The video ends before this pair.
         """
-        return read_pair(pair.left, pair.right) if self.recording is None else self.recording.read(pair.number)
+        images = None if self.recording is None else self.recording.read(pair.number)
+        if self.rectification is not None:
+            return self.rectification.read(pair.given, pair.left.parent, images)
+        return read_pair(pair.left, pair.right) if images is None else images
+
+    def files(self, pair: PairInput) -> tuple[Path, Path] | None:
+        """Return the image files of a pair, beside which masks may lie; None if it is in a recording."""
+        return None if self.recording is not None and pair.raw is None else (pair.left, pair.right)
+
+    def valid(self, pair: PairInput) -> tuple[np.ndarray | None, np.ndarray | None] | None:
+        """Return where the images of a recording show the scene, (H, W) bool each; None if masks beside them do."""
+        return None if self.recording is None or pair.raw is not None else self.recording.valid(pair.number)
 
     def labels(self, pair: PairInput) -> tuple[str, str]:
         """Return what messages call the two images of a pair."""
         if self.recording is None:
-            return str(pair.left), str(pair.right)
+            return str(pair.given[0]), str(pair.given[1])
         return f"the left image of {pair.name}", f"the right image of {pair.name}"
 
     def pose(self, pair: PairInput, rig: StereoRig, options: PredictOptions) -> np.ndarray | None:
@@ -107,10 +137,14 @@ class Inputs:
 
         The calibration files of KITTI and of other benchmarks are not among them.
         """
-        files = (p for pair in self.pairs for p in (pair.left, pair.right, pair.sample) if p is not None)
+        files = (p for pair in self.pairs for p in (*pair.given, pair.sample) if p is not None)
         images = self.recording.paths if self.recording is not None else files
         others = [*options.mask, *options.calib, *([] if options.poses is None else [options.poses])]
+        if self.rectification is not None:
+            others += [*self.rectification.mask, *self.rectification.calib]
         for pair in self.pairs if self.recording is None else self.pairs[:1]:
+            if pair.raw is not None:
+                break
             beside = (pair.calibration_file, pair.left.with_name(RIG), *map(valid_mask, (pair.left, pair.right)))
             others += [path for path in beside if path is not None and path.is_file()]
         return {"images": state_of_files(images), "calibration, masks and poses": state_of_files(others)}
@@ -135,11 +169,25 @@ def find_inputs(options: PredictOptions) -> Inputs:
             raise ValueError(f"{options.poses}: holds {len(poses)} poses, there are {len(inputs.pairs)} pairs")
         pairs = tuple(replace(pair, pose=pose) for pair, pose in zip(inputs.pairs, poses, strict=True))
         inputs = replace(inputs, pairs=pairs)
+    for first in inputs.pairs[:1]:
+        is_known = first.calibration is not None and inputs.recording is None  # a dataset's, which is rectified
+        if must_be_rectified(options, first.left) and (options.rectify == "always" or not is_known):
+            inputs = _rectified(inputs, options)
     names = [pair.name for pair in inputs.pairs]
     if len(set(names)) < len(names):
         twice = next(name for i, name in enumerate(names) if name in names[:i])
         raise ValueError(f"two pairs have the name {twice}, so their results would be one; rename an image")
     return inputs
+
+
+def _rectified(inputs: Inputs, options: PredictOptions) -> Inputs:
+    """Return raw pairs as pairs that are rectified when they are read. Raises ValueError as RawPairs.of."""
+    rectification = RawPairs.of(options, inputs.pairs[0].left, inputs.single)
+    pairs = []
+    for pair in inputs.pairs:
+        left, right = files_in(options.out / pair.name / FOLDER)
+        pairs.append(replace(pair, left=left, right=right, raw=(pair.left, pair.right), calibration=None))
+    return replace(inputs, pairs=tuple(pairs), rectification=rectification)
 
 
 def _find(options: PredictOptions) -> Inputs:
@@ -162,6 +210,8 @@ def _find(options: PredictOptions) -> Inputs:
     if source.is_file():
         if source.suffix.lower() in SUFFIXES:
             return _video(options)
+        if is_product(source):
+            return Inputs((PairInput("", source, right_of(source)),), single=True)
         if source.suffix.lower() != ".txt":
             raise ValueError(
                 f"{source}: is one file; give the right image too, or a folder, a .txt list, a video or a bag"
@@ -172,10 +222,12 @@ def _find(options: PredictOptions) -> Inputs:
     if options.format == "auto" and any(source.glob("*/rig.json")) and any(source.glob("*/left.png")):
         pairs = (PairInput(a.parent.name, a, b) for a, b in partners(source, ("*/left.png", "*/right.png")))
         return Inputs(tuple(_numbered(pairs)))
+    if options.format == "auto" and (products := find_products(source)):
+        return Inputs(tuple(_numbered(PairInput(left.stem, left, right) for left, right in products)))
     return Inputs(tuple(_numbered(_dataset(source, options))))
 
 
-def _numbered(pairs: Iterator[PairInput]) -> Iterator[PairInput]:
+def _numbered(pairs: Iterable[PairInput]) -> Iterator[PairInput]:
     return (replace(pair, number=number) for number, pair in enumerate(pairs))
 
 

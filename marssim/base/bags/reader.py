@@ -132,8 +132,10 @@ class Bag:
         except (DatasetError, FileNotFoundError, PermissionError):
             raise
         except Exception as error:  # whatever the parsers meet: a broken length even exhausts the memory
-            reason = " ".join(str(error).split())[:200] or type(error).__name__
-            raise DatasetError(f"{self.path}{what}: is not readable as a ROS 2 bag: {reason}") from None
+            reason = " ".join(str(error).split())[:200].rstrip(".") or type(error).__name__
+            raise DatasetError(
+                f"{self.path}{what}: is not readable as a ROS 2 bag: {reason}; is it truncated?"
+            ) from None
 
 
 def stamp_of(message: Any) -> int:

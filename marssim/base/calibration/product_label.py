@@ -57,7 +57,7 @@ def check_pair(left: ProductLabel, right: ProductLabel, names: tuple[Path, Path]
     if left.eye == "right" and right.eye == "left":
         raise ValueError(f"{names[0]} is of the right eye and {names[1]} of the left one: exchange left and right")
     if left.eye and left.eye == right.eye:
-        raise ValueError(f"{names[0]} and {names[1]} are both of the {left.eye} eye")
+        raise ValueError(f"{names[0]} and {names[1]} are both of the {left.eye} eye: give one of each")
     if left.motion and right.motion and left.motion != right.motion:
         raise ValueError(
             f"{names[0]} and {names[1]} have other motion counters, {_counter(left.motion)} and "

@@ -65,6 +65,27 @@ def read_pair(paths: Sequence[Path], fisheye: bool = False) -> PosedPair:
     return _rectified(paths)
 
 
+def is_of_raw_cameras(paths: Sequence[Path]) -> bool:
+    """Return whether a calibration describes raw cameras alone: labels, Kalibr, or OpenCV without P1 and Q.
+
+    CameraInfo of ROS, and files of OpenCV with the result of stereoRectify, describe rectified images too: False.
+
+    Raises:
+        FileNotFoundError: A file is missing.
+        ValueError: A file is malformed. One line that names it.
+    """
+    if any(read_label(path) is not None for path in paths):
+        return True
+    fields: dict = {}
+    for path in paths:
+        text = read_text(path)
+        if is_camera_info(text) and "camera_model" not in text:
+            return False
+        if text.lstrip().startswith(("%YAML", "<", "{")) or ":" in text:
+            fields.update(_parsed(path, text))
+    return is_kalibr(fields) or (is_opencv(fields) and "P1" not in fields and "Q" not in fields)
+
+
 def read_label(path: Path) -> ProductLabel | None:
     """Read the label of an image; None if the file is none of PDS or VICAR.
 

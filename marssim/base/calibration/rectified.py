@@ -24,7 +24,7 @@ from marssim.base.calibration.camera_info import NUMBER, CameraInfo, is_camera_i
 from marssim.base.calibration.opencv_file import is_opencv, parse_opencv
 from marssim.base.camera import PinholeCamera, StereoRig
 
-ADVICE = "rectify the images first, with python -m m3depth.rectify"
+ADVICE = "rectify the images first (m3depth.predict --rectify always, or m3depth.rectify)"
 KITTI_GREY = frozenset({"image_0", "image_00"})  # folders of the left grey camera; the left colour camera has number 2
 
 

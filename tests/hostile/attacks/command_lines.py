@@ -25,7 +25,7 @@ CONFIGS = {  # the config of each command, and the least that it needs
     "m3depth.train": ("m3depth.training.config:TrainConfig", ["--data", "data", "--out", "out", "--max-steps", "1"]),
     "m3depth.evaluate": ("m3depth.evaluate:EvaluateOptions", ["--data", "data", "--out", "out"]),
     "m3depth.predict": ("m3depth.predict:PredictOptions", ["left.png", "right.png", "--out", "out"]),
-    "m3depth.rectify": ("m3depth.rectify:RectifyOptions", ["left.png", "right.png", "--out", "out"]),
+    "m3depth.rectify": ("m3depth.rectification.options:RectifyOptions", ["left.png", "right.png", "--out", "out"]),
     "m3depth.export": ("m3depth.export:ExportOptions", ["--out", "model.onnx"]),
     "m3depth.ablate": ("m3depth.ablation.config:AblateOptions", ["--data", "data", "--out", "out", "--steps", "1"]),
     "m3depth.texture": ("m3depth.texture:TextureOptions", ["--images", "data", "--out", "out"]),

@@ -47,6 +47,6 @@ def test_the_figure_shows_the_image_and_the_maps_of_every_method(tmp_path, drawn
     assert [ax.get_title() for ax in images if ax.get_title()] == ["left image", "Ours", "Bare"]
     written = [text.get_text() for ax in images for text in ax.texts]
     assert written.count("no normals") == 2 and {"pair 0", "pair 1"} <= set(written)
-    # both methods measure 4 m, so the scale goes from 3 m to 5 m
+    # both methods measure 4 m, so the scale goes from 3.9 m to 4.1 m
     shown = images[1].images[0].get_array()
-    assert (shown[-1, 0] == depth_colours(np.full((1, 1), 4.0), 3, 5)[0, 0]).all()
+    assert (shown[-1, 0] == depth_colours(np.full((1, 1), 4.0), 3.9, 4.1)[0, 0]).all()

@@ -37,8 +37,8 @@ def test_the_scale_spans_what_the_map_shows():
     assert depth_range_shown(np.linspace(12, 80, 1000)) == (10, 100)
     assert depth_range_shown(np.linspace(20, 900, 1000))[1] == 300
     assert depth_range_shown(np.full((3, 3), np.nan)) == (1, 15)
-    near, far = depth_range_shown(np.full((3, 3), 2.0))
-    assert near < 2 <= far
+    assert depth_range_shown(np.full((3, 3), 2.0)) == (1.9, 2.1)
+    assert depth_range_shown(np.linspace(1.19, 1.3, 1000)) == (1.1, 1.4)  # not 1 to 2 m, of one colour
 
 
 @pytest.mark.parametrize(("shape", "normal"), [((20, 30), True), ((20, 30), False), ((300, 900), True)])

@@ -94,7 +94,7 @@ def test_broken_bags_are_reported(make, capsys):
     assert "metadata.yaml: no such file; `ros2 bag reindex` makes it" in error_of(bag, capsys)
     metadata.write_bytes(text)
     file.write_bytes(whole[: len(whole) // 2])
-    assert "is not readable as a ROS 2 bag: File end magic is invalid." in error_of(bag, capsys)
+    assert "is not readable as a ROS 2 bag: File end magic is invalid; is it truncated?" in error_of(bag, capsys)
 
 
 def test_without_rosbags_the_extra_is_named(make, capsys, monkeypatch):

@@ -15,7 +15,7 @@ from marssim.base.calibration.lenses.radial_tangential import RadialTangential
 from marssim.base.calibration.opencv_file import opencv_text
 from marssim.base.calibration.orientation import common_orientation, rectified_view
 from marssim.base.calibration.pds3_label import camera_group
-from marssim.base.calibration.read_pair import read_pair
+from marssim.base.calibration.read_pair import is_of_raw_cameras, read_pair
 from marssim.base.camera import NATECAM
 
 SIZE = (640, 480)
@@ -64,6 +64,20 @@ def test_opencv_as_opencv_writes_it(tmp_path, ending, split):
             storage.write(name, matrix)
         storage.release()
     assert_same(read_pair(files if split else files[:1]), wanted)
+
+
+def test_which_calibrations_are_of_raw_cameras_alone(tmp_path):
+    files = {name: tmp_path / name for name in ("opencv.yml", "both.yml", "chain.yaml", "left.yaml", "right.yaml")}
+    files["opencv.yml"].write_text(opencv_text(pair()))
+    files["both.yml"].write_text(opencv_text(pair()) + "P1: [1, 2]\nP2: [3, 4]\n")
+    files["chain.yaml"].write_text(kalibr_text(pair()))
+    for name, text in zip(("left.yaml", "right.yaml"), camera_info_texts(pair(), rectified_view(pair()))):
+        files[name].write_text(text)
+    assert is_of_raw_cameras([files["opencv.yml"]]) and is_of_raw_cameras([files["chain.yaml"]])
+    assert not is_of_raw_cameras([files["both.yml"]])
+    assert not is_of_raw_cameras([files["left.yaml"], files["right.yaml"]])
+    (tmp_path / "kitti.txt").write_text("P2: 7 0 6 0 0 7 3 0 0 0 1 0\nP3: 7 0 6 -3 0 7 3 0 0 0 1 0\n")
+    assert not is_of_raw_cameras([tmp_path / "kitti.txt"])
 
 
 def test_opencv_with_the_matrices_of_stereo_rectify_instead_of_the_pose(tmp_path):
