@@ -102,17 +102,15 @@ def paired_scores(
     """Return what paired_difference does, of success and SPL (a pair) by cell and number of the course."""
     if a.keys() != b.keys() or not a:
         raise ValueError("a paired difference needs the same episodes of both")
-    gains: dict[int, list[list[float]]] = {}
-    for key in sorted(a):
-        (success, weighted), (other_success, other_weighted) = a[key], b[key]
-        gains.setdefault(key[1], []).append([success - other_success, weighted - other_weighted])
-    arrived, weighted_by_way = np.array([np.mean(cells, axis=0) for cells in gains.values()]).T
+    keys = sorted(a)
+    gains = np.array([a[key] for key in keys]) - np.array([b[key] for key in keys])  # (episodes, 2)
+    means = resampled_means(gains, [course for _, course in keys])
     return {
-        "episodes": len(a),
-        "difference": float(arrived.mean()),
-        "interval": list(interval(resampled_means(arrived))),
-        "spl_difference": float(weighted_by_way.mean()),
-        "spl_interval": list(interval(resampled_means(weighted_by_way))),
+        "episodes": len(keys),
+        "difference": float(gains[:, 0].mean()),
+        "interval": list(interval(means[:, 0])),
+        "spl_difference": float(gains[:, 1].mean()),
+        "spl_interval": list(interval(means[:, 1])),
     }
 
 
