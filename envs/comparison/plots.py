@@ -97,7 +97,7 @@ def plot_depth_metrics(
                 right = dot[metric] > most / 2
                 axes.annotate(
                     dot["condition"].replace("_", " "), (dot[metric], scale * dot[score]),
-                    (-5 if right else 5, 3 if n % 2 else -7), ha="right" if right else "left", fontsize=6.5,
+                    (-5 if right else 5, -7 if n % 2 else 3), ha="right" if right else "left", fontsize=6.5,
                     textcoords="offset points", color="#555",
                 )  # fmt: skip
             axes.set_title(_correlation_in_words(correlation_of(correlations, score, metric)), fontsize=8)

@@ -11,9 +11,9 @@ import numpy as np
 
 from envs.courses.course import series_seed
 from envs.drivers.driver import Driver, Stop
-from envs.drives.look_scores import RockErrors, is_blind, look_abs_rel, look_rock_errors
 from envs.mars_nav import MarsNavEnv
 from envs.world.action import ActionError
+from envs.world.look_scores import RockErrors, is_blind, look_abs_rel, look_rock_errors
 from envs.world.user_code import UserCodeError, code_digest, errors_of
 from marssim.physics.state import RoverState
 from marssim.scene.scene import Scene

@@ -28,7 +28,8 @@ def test_the_results_of_a_suite_hold_every_episode(suite_run):
         assert episode["success"] == (episode["outcome"] == "goal")
     assert [row["cell"]["condition"] for row in content["results"]] == ["clear", "clear", "rare_looks", "rare_looks"]
     page = (suite_run / "results.md").read_text()
-    assert "| straight | ground_truth | rare_looks |" in page and "--suite small-v1" in page
+    assert page.startswith("Driven with --suite small-v1, --split dev.\n")
+    assert "| straight | ground_truth | rare_looks |" in page
 
 
 def test_a_simulator_that_builds_another_scene_stops_the_evaluation(small_suite, make_suite_config, tmp_path):

@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from envs.drives.look_scores import RockErrors, is_blind, look_abs_rel, look_rock_errors
 from envs.world.eyes import EyesConfig
+from envs.world.look_scores import RockErrors, is_blind, look_abs_rel, look_rock_errors
 from m3depth.stereo.prediction import Prediction
 
 
