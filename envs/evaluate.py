@@ -75,7 +75,7 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
         check_installed(config.out / "bags")
     test_errors = errors_on_test_set(config.scores, {name: perception_digest(name) for name in config.perception})
     if not config.tasks:
-        raise ValueError(f"--shard {config.shard} is empty: there are fewer drives than parts")
+        raise ValueError(f"--shard {config.shard} is empty: there are fewer courses under all conditions than parts")
     results = ResultFolder(
         config.out, "evaluation", SETTINGS, config.content(), notes=(WEIGHTS, RUNTIME), partial=(f"**/{PARTIAL}",)
     )
@@ -282,7 +282,7 @@ def drive_recorded(config: EvaluateConfig, task: Task) -> tuple[EpisodeRecord, b
 def drive(config: EvaluateConfig, task: Task, watch: Watch | None = None) -> EpisodeRecord:
     """Drive one episode and return its record.
 
-    It computes in one thread, so that the drive is the same in this process, in a worker and on another machine.
+    It computes in one thread, so that the drive is the same in this process and in a worker.
 
     Args:
         config: The settings.

@@ -83,9 +83,9 @@ def paired_difference(first: Sequence[EpisodeRecord], second: Sequence[EpisodeRe
     """Return success and SPL of `first` less those of `second` on the same episodes, with 95 % paired-bootstrap
     intervals.
 
-    Records are matched by cell and episode. The courses of one number in all cells come from one seed and have much of
-    their ground in common. They are drawn together, as one: a cluster bootstrap, with as many cells for each number.
-    With few numbers the interval is too short: with 15, that of success covered the truth in 80 to 91 % of simulated
+    Records are matched by cell and episode, and every episode counts alike. The courses of one number in all cells come
+    from one seed and have much of their ground in common. They are drawn together, as one: a cluster bootstrap. With
+    few numbers the interval is too short: with 15, that of success covered the truth in 80 to 91 % of simulated
     comparisons, with 30 and with 50 in 92 to 95 %. If all numbers differ by the same amount, the interval has no width
     and says nothing.
 
