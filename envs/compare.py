@@ -73,7 +73,7 @@ def compare(config: CompareConfig) -> dict[str, Any]:
     if not methods:
         raise ValueError(f"no method of these files is on the track {config.track}")
     dots = condition_dots(methods)
-    content = {
+    content: dict[str, Any] = {
         "suite": files[0].suite, "split": files[0].split, "track": config.track, "rows": compare_methods(methods),
         "dots": dots, "correlations": correlate(dots),
     }  # fmt: skip
