@@ -4,20 +4,23 @@
     python -m envs.compare out/mine out/theirs --out out/comparison
 
 All methods of all files stand in one table, compared on the episodes that all of them have driven. The first method of
-the first file is what the others are compared to.
+the first file is what the others are compared to. A second table has the correlation of success and SPL with the errors
+of the depth on the way: which metric of the depth predicts drives.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tyro
 
-from envs.comparison.report import compare_methods, comparison_table, plot_comparison
+from envs.comparison.depth_metrics import condition_dots, correlate, correlation_table
+from envs.comparison.plots import plot_comparison, plot_depth_metrics
+from envs.comparison.report import compare_methods, comparison_table
 from envs.comparison.suite_results import SuiteResults, methods_of, read_results
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
@@ -32,7 +35,8 @@ class CompareConfig:
     results: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """Files results.json of envs.evaluate --suite, or the folders that hold them."""
     out: Path | None = None
-    """Folder for comparison.json, comparison.md and comparison.png. Left out: the table is only printed."""
+    """Folder for comparison.json, comparison.md, comparison.png and depth_metrics.png. Left out: the tables are only
+    printed."""
     track: Literal["eyes", "drivers", "both"] = "both"
     """Methods to compare: eyes (the navigator drives, so only the perception counts), drivers (all see true depth), or
     both (any driver with any perception)."""
@@ -47,8 +51,12 @@ class CompareConfig:
             raise ValueError("name one file results.json or more")
 
 
-def compare(config: CompareConfig) -> list[dict[str, Any]]:
-    """Compare the methods of the files, and return the rows of the table.
+def compare(config: CompareConfig) -> dict[str, Any]:
+    """Compare the methods of the files.
+
+    Returns:
+        The content of comparison.json: suite, split, track; rows, as envs.comparison.report.compare_methods has them;
+        dots and correlations, as envs.comparison.depth_metrics has them.
 
     Raises:
         DatasetError: A file cannot be true, or two are of different suites or splits.
@@ -64,14 +72,28 @@ def compare(config: CompareConfig) -> list[dict[str, Any]]:
     methods = methods_of(files, config.track)
     if not methods:
         raise ValueError(f"no method of these files is on the track {config.track}")
-    rows = compare_methods(methods)
+    dots = condition_dots(methods)
+    content: dict[str, Any] = {
+        "suite": files[0].suite, "split": files[0].split, "track": config.track, "rows": compare_methods(methods),
+        "dots": dots, "correlations": correlate(dots),
+    }  # fmt: skip
     if config.out is not None:
-        head = f"Suite {files[0].suite}, split {files[0].split}, track {config.track}.\n\n"
-        content = {"suite": files[0].suite, "split": files[0].split, "track": config.track, "rows": rows}
         write_json(config.out / "comparison.json", content)
-        write_atomically(config.out / "comparison.md", (head + comparison_table(rows)).encode())
-        plot_comparison(config.out / "comparison.png", rows)
-    return rows
+        write_atomically(config.out / "comparison.md", page(content).encode())
+        plot_comparison(config.out / "comparison.png", content["rows"])
+        plot = config.out / "depth_metrics.png"
+        if content["correlations"]:
+            plot_depth_metrics(plot, dots, content["correlations"])
+        else:
+            plot.unlink(missing_ok=True)  # of other methods
+    return content
+
+
+def page(content: Mapping[str, Any]) -> str:
+    """Return the content of comparison.md from that of comparison.json."""
+    head = f"Suite {content['suite']}, split {content['split']}, track {content['track']}.\n\n"
+    tables = comparison_table(content["rows"])
+    return head + tables + (f"\n{correlation_table(content['correlations'])}" if content["correlations"] else "")
 
 
 def _checked(config: CompareConfig) -> list[SuiteResults]:
@@ -85,11 +107,12 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _work(config: CompareConfig) -> None:
     if not config.check:
-        print(comparison_table(compare(config)), end="")
+        print(page(compare(config)), end="")
         return
     for file in _checked(config):
-        methods = "; ".join(", ".join(method) for method in file.scores)
-        print(f"{file.path}: {counted(len(file.episodes), 'episode')} of {file.suite}, {file.split}: {methods}")
+        methods = "; ".join(", ".join(method) for method in file.episodes)
+        number = sum(map(len, file.episodes.values()))
+        print(f"{file.path}: {counted(number, 'episode')} of {file.suite}, {file.split}: {methods}")
 
 
 if __name__ == "__main__":

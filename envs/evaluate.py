@@ -45,6 +45,7 @@ from marssim.base.bags.library import check_installed
 from marssim.base.command.progress import progress
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
+from marssim.base.compute.one_thread import one_thread
 from marssim.base.compute.workers import run_tasks
 from marssim.base.files.atomic import write_atomically, written_atomically
 from marssim.base.files.json_file import DatasetError, as_json, read_json, write_json
@@ -73,6 +74,8 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
     if config.bag_courses:
         check_installed(config.out / "bags")
     test_errors = errors_on_test_set(config.scores, {name: perception_digest(name) for name in config.perception})
+    if not config.tasks:
+        raise ValueError(f"--shard {config.shard} is empty: there are fewer courses under all conditions than parts")
     results = ResultFolder(
         config.out, "evaluation", SETTINGS, config.content(), notes=(WEIGHTS, RUNTIME), partial=(f"**/{PARTIAL}",)
     )
@@ -279,6 +282,8 @@ def drive_recorded(config: EvaluateConfig, task: Task) -> tuple[EpisodeRecord, b
 def drive(config: EvaluateConfig, task: Task, watch: Watch | None = None) -> EpisodeRecord:
     """Drive one episode and return its record.
 
+    It computes in one thread, so that the drive is the same in this process and in a worker.
+
     Args:
         config: The settings.
         task: The episode.
@@ -286,8 +291,9 @@ def drive(config: EvaluateConfig, task: Task, watch: Watch | None = None) -> Epi
     """
     driver = make_driver(task.driver)
     watch = scene_check(config, task.cell, task.episode, watch or _step_lines(config, task))
+    perception = _perception(task.perception, config.runtime)
     env = MarsNavEnv(
-        _perception(task.perception, config.runtime), known_dynamics(config.dynamics), config.renderer,
+        perception, known_dynamics(config.dynamics), config.renderer,
         config.scene_config(), config.goal_distance,
         mast=True, map_observation=bool(getattr(driver, "needs_map", False)),
         disparity_noise=config.disparity_noise, drift=config.drift, yaw_drift_deg=config.yaw_drift_deg,
@@ -295,7 +301,8 @@ def drive(config: EvaluateConfig, task: Task, watch: Watch | None = None) -> Epi
         condition={"into_sun": config.into_sun, "ditch": config.ditch, **values_of(config, task.cell)},
     )  # fmt: skip
     try:
-        return run_episode(env, driver, task.cell, config.seed, task.episode, (task.driver, task.perception), watch)
+        with one_thread():
+            return run_episode(env, driver, task.cell, config.seed, task.episode, (task.driver, task.perception), watch)
     finally:
         env.close()
 

@@ -31,6 +31,7 @@ from marssim.base.results.claim import PARTIAL, ResultFolder, differences
 
 NOTES = (WEIGHTS, RUNTIME)
 METHODS = ("driver", "perception")  # settings that may differ from shard to shard
+PATHS = ("suite", "scene")  # may be files, of which other machines have copies elsewhere; SETTINGS has their digests
 OF_SHARD = (
     "out", "shard", "workers", "scheduler", "runtime", "scores", "videos", "film_courses", "bag_courses", "record",
 )  # fmt: skip
@@ -62,8 +63,8 @@ def join(config: JoinConfig) -> dict[str, Any]:
     contents = [read_json(folder / "results.json") for folder in config.shards]
     first = config.shards[0]
     for folder, mark, content in zip(config.shards[1:], marks[1:], contents[1:], strict=True):
-        for one, other in ((marks[0], mark), (contents[0]["config"], content["config"])):
-            if other_settings := differences(_shared(one), _shared(other)):
+        for one, other, apart in ((marks[0], mark, ()), (contents[0]["config"], content["config"], PATHS)):
+            if other_settings := differences(_shared(one, apart), _shared(other, apart)):
                 raise DatasetError(f"{folder}: has other settings than {first} ({other_settings[0]})")
     weights, runtime = _merged([mark.get(WEIGHTS, {}) for mark in marks], config.shards), None
     for folder, mark in zip(config.shards, marks, strict=True):
@@ -92,9 +93,9 @@ def join(config: JoinConfig) -> dict[str, Any]:
         return write_results(joined, {WEIGHTS: weights, RUNTIME: runtime}, {})[0]
 
 
-def _shared(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the settings that all shards of an evaluation have in common."""
-    return {key: value for key, value in settings.items() if key not in (*NOTES, *METHODS, *OF_SHARD)}
+def _shared(settings: Mapping[str, Any], apart: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Return the settings that all shards of an evaluation have in common, but those of some names."""
+    return {key: value for key, value in settings.items() if key not in (*NOTES, *METHODS, *OF_SHARD, *apart)}
 
 
 def _merged(parts: Sequence[Mapping[str, str]], folders: Sequence[Path]) -> dict[str, str]:

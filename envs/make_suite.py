@@ -19,11 +19,12 @@ from typing import Any
 from envs.suites.conditions import CONDITIONS, condition_values
 from envs.suites.held_out import SPLIT, held_out_seed, published_digest
 from envs.suites.making import SEEDS, make_suite, suite_conditions, suite_text
-from envs.suites.suite import load_suite
+from envs.suites.suite import load_suite, suite_schema
 from marssim.base.command.limits import check_least
 from marssim.base.command.progress import progress
 from marssim.base.command.run import run_command
 from marssim.base.files.atomic import write_atomically
+from marssim.base.files.json_schema import first_fault
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class MakeSuiteConfig:
     out: Path | None = None
     """JSON file of the suite. A file that exists is not replaced."""
     name: str = "marsnav-v1"
-    """Name of the new suite, with its version."""
+    """Name of the new suite, with its version: letters, digits, _, . and -."""
     courses: int = 20
     """Number of courses in each split and condition, 1 or more."""
     condition: tuple[str, ...] = tuple(CONDITIONS)
@@ -48,6 +49,8 @@ class MakeSuiteConfig:
 
     def __post_init__(self) -> None:
         check_least(self, courses=1)
+        if fault := first_fault(self.name, suite_schema()["properties"]["suite"], "--name"):
+            raise ValueError(fault)
         for name in self.condition:
             condition_values(name)  # raises ValueError for an unknown name
         if (self.held_out is None) != (self.passphrase_file is None):

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from itertools import product
+from itertools import islice, product
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from envs.comparison.schema import results_schema
+from envs.drives.config import shard_of
 from envs.drives.metrics import spl
 from envs.suites.suite import SAME_WAY, Suite, load_suite
 from envs.world.perception import GROUND_TRUTH
@@ -17,13 +21,26 @@ from marssim.base.command.wording import counted
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.files.json_schema import first_fault
 
-TRACKS = ("eyes", "drivers", "both")
 FIXED_DRIVER = "navigator"  # the driver of the track "eyes"
 SAME_SPL = 1e-6  # by which SPL may differ from that of the ways
 AIR = 0.05  # [m] by which the way of an arrival may be shorter than its straight line
 
 Method = tuple[str, str]  # driver and perception
-Scores = dict[tuple[str, int], tuple[float, float]]  # success and SPL by condition and course
+Key = tuple[str, int]  # condition and number of the course
+Episode = Mapping[str, Any]  # as results.schema.json describes it
+Episodes = dict[Key, Episode]
+
+
+@dataclass(frozen=True)
+class DrivenMethod:
+    """A driver with a perception, and its episodes."""
+
+    driver: str
+    """Name of the driver."""
+    perception: str
+    """Name of the perception."""
+    episodes: Episodes
+    """Its episodes."""
 
 
 @dataclass(frozen=True)
@@ -36,10 +53,8 @@ class SuiteResults:
     """Name of the suite."""
     split: str
     """Split that was driven."""
-    scores: Mapping[Method, Scores]
-    """Success and SPL of each method, in the order of the file."""
-    episodes: tuple[Mapping[str, Any], ...]
-    """All episodes, as results.schema.json describes them."""
+    episodes: Mapping[Method, Episodes]
+    """The episodes of each method, in the order of the file."""
 
 
 def in_track(track: str, method: Method) -> bool:
@@ -69,47 +84,83 @@ def read_results(path: Path, suite: str | None = None) -> SuiteResults:
     content = read_json(path)
     if fault := first_fault(content, results_schema()):
         raise DatasetError(f"{path}: {fault}")
-    head, episodes = content["suite"], content["episodes"]
+    head = content["suite"]
     known = load_suite(suite or head["name"])
     if (known.name, known.sha256) != (head["name"], head["sha256"]):
         raise DatasetError(f"{path}: is of {head['name']} with another content than {known.name} here")
     if head["split"] not in known.splits:
         raise DatasetError(f"{path}: suite.split {head['split']!r} is none of {', '.join(known.splits)}")
-    scores: dict[Method, Scores] = {}
-    for n, episode in enumerate(episodes):
-        if fault := _fault(episode, known, head["split"]):
-            raise DatasetError(f"{path}: episodes[{n}], {episode['condition']}, course {episode['course']}: {fault}")
-        driven = scores.setdefault((episode["driver"], episode["perception"]), {})
+    if head["courses"] > (most := known.splits[head["split"]]["courses"]):
+        raise DatasetError(f"{path}: suite.courses must be at most {most}, got {head['courses']}")
+    driven: dict[Method, Episodes] = {}
+    try:
+        asked = _asked(head)
+    except ValueError as error:
+        raise DatasetError(f"{path}: suite.{error}") from None
+    for n, episode in enumerate(content["episodes"]):
         at = episode["condition"], episode["course"]
-        if at in driven:
-            raise DatasetError(f"{path}: episodes[{n}]: {at[0]}, course {at[1]}, is there twice")
-        driven[at] = float(episode["success"]), float(episode["spl"])
-    if not scores:
+        where = f"{path}: episodes[{n}], {at[0]}, course {at[1]}"
+        if fault := _fault(episode, known, head["split"]):
+            raise DatasetError(f"{where}: {fault}")
+        if at not in asked:
+            raise DatasetError(f"{where}: is none of the episodes that the file says were driven")
+        of_method = driven.setdefault((episode["driver"], episode["perception"]), {})
+        if at in of_method:
+            raise DatasetError(f"{where}: is there twice")
+        of_method[at] = episode
+    if not driven:
         raise DatasetError(f"{path}: holds no episode")
-    asked = set(product(head["conditions"], range(head["courses"])))
-    for method, driven in scores.items():
-        if head.get("shard") is None and (missing := sorted(asked - driven.keys())):
+    for method, of_method in driven.items():
+        if missing := sorted(asked - of_method.keys()):
             (condition, course), number = missing[0], counted(len(missing), "episode")
             are = "is" if len(missing) == 1 else "are"
             raise DatasetError(f"{path}: {', '.join(method)}: {number} {are} missing, as {condition}, course {course}")
-    return SuiteResults(path, known.name, head["split"], scores, tuple(episodes))
+    return SuiteResults(path, known.name, head["split"], driven)
 
 
-def methods_of(files: Iterable[SuiteResults], track: str = "both") -> dict[str, Scores]:
-    """Return the scores of every method on a track, by a label that is its own.
+def methods_of(files: Iterable[SuiteResults], track: str = "both") -> dict[str, DrivenMethod]:
+    """Return every method on a track, by a label that is its own.
 
     A method that several files hold is labelled with the folder of each.
     """
-    found = [(file, method, scores) for file in files for method, scores in file.scores.items()]
-    found = [entry for entry in found if in_track(track, entry[1])]
-    several = {method for _, method, _ in found if sum(method == other for _, other, _ in found) > 1}
-    out: dict[str, Scores] = {}
-    for file, method, scores in found:
-        label = ", ".join(method) + (f" ({file.path.parent.name or file.path})" if method in several else "")
+    entries = [
+        (file, method, driven) for file in files for method, driven in file.episodes.items() if in_track(track, method)
+    ]
+    number = Counter(method for _, method, _ in entries)
+    out: dict[str, DrivenMethod] = {}
+    for file, method, driven in entries:
+        label = ", ".join(method) + (f" ({file.path.parent.name or file.path})" if number[method] > 1 else "")
         if label in out:
             label = f"{', '.join(method)} ({file.path})"
-        out[label] = scores
+        out[label] = DrivenMethod(*method, driven)
     return out
+
+
+def shared_episodes(methods: Mapping[str, DrivenMethod]) -> list[Key]:
+    """Return the episodes that all methods have driven, in the order of the first one.
+
+    Raises:
+        ValueError: There is none.
+    """
+    first, *others = (method.episodes for method in methods.values())
+    shared = [key for key in first if all(key in other for other in others)]
+    if not shared:
+        raise ValueError("the methods have no episode in common, so nothing can be compared")
+    return shared
+
+
+def _asked(head: Mapping[str, Any]) -> set[Key]:
+    """Return the episodes that each method of a file must have.
+
+    Args:
+        head: The suite in the file, with conditions, courses and shard.
+
+    Raises:
+        ValueError: The shard is not I/N.
+    """
+    part, parts = shard_of(head.get("shard"))
+    episodes = product(range(head["courses"]), head["conditions"])  # in the order of EvaluateConfig.tasks
+    return {(condition, course) for course, condition in islice(episodes, part, None, parts)}
 
 
 def _fault(episode: Mapping[str, Any], suite: Suite, split: str) -> str | None:
@@ -117,6 +168,9 @@ def _fault(episode: Mapping[str, Any], suite: Suite, split: str) -> str | None:
     listed = suite.episodes.get((split, episode["condition"], episode["course"]))
     if listed is None:
         return f"{suite.name} has no such episode in {split}"
+    apart = float(np.hypot(*np.subtract(listed["goal"], listed["start"][:2])))
+    if abs(episode["start_distance"] - apart) > AIR:
+        return f"start_distance must be {apart:.2f} m, got {episode['start_distance']:g}"
     if abs(episode["shortest"] - listed["shortest"]) > SAME_WAY:
         return f"shortest must be {listed['shortest']:g} m, got {episode['shortest']:g}"
     if episode["success"] != (episode["outcome"] == "goal"):
@@ -124,7 +178,9 @@ def _fault(episode: Mapping[str, Any], suite: Suite, split: str) -> str | None:
     expected = spl(episode["success"], episode["shortest"], episode["path_length"])
     if abs(expected - episode["spl"]) > SAME_SPL:
         return f"spl must be {expected:.6f} by its ways, got {episode['spl']}"
-    least = episode["start_distance"] - GOAL_RADIUS - AIR
+    if episode["success"] and episode["distance"] > GOAL_RADIUS + AIR:
+        return f"distance must be at most {GOAL_RADIUS:g} m for an arrival, got {episode['distance']:g}"
+    least = apart - GOAL_RADIUS - AIR
     if episode["success"] and episode["path_length"] < least:
         return f"path_length must be at least {least:.2f} m for an arrival, got {episode['path_length']:g}"
     return None

@@ -13,11 +13,8 @@ from envs.courses.course import series_seed
 from envs.drivers.driver import Driver, Stop
 from envs.mars_nav import MarsNavEnv
 from envs.world.action import ActionError
-from envs.world.perception import Sight
+from envs.world.look_scores import RockErrors, is_blind, look_abs_rel, look_rock_errors
 from envs.world.user_code import UserCodeError, code_digest, errors_of
-from m3depth.evaluation.metrics import capped_depth, known_depth
-from m3depth.stereo.pairs import MAX_DISPARITY
-from marssim.base.camera import MAX_DEPTH, MIN_DEPTH
 from marssim.physics.state import RoverState
 from marssim.scene.scene import Scene
 
@@ -89,7 +86,7 @@ class EpisodeRecord:
     path_length: float
     """Length of the way driven [m]."""
     min_clearance: float
-    """Least clearance from the rocks that block [m], as in MarsNavEnv's info."""
+    """Least clearance from rocks that block, drops and steep ground [m], as in MarsNavEnv's info."""
     max_tilt_deg: float
     """Largest tilt [deg]."""
     reward: float
@@ -99,7 +96,7 @@ class EpisodeRecord:
     perception_seconds: float
     """Mean time of the perception in a step [s]."""
     redraws: int
-    """Number of courses that were rejected, as no way led to their goal."""
+    """Number of courses that were rejected, as no way led to their goal or an end was too near to steep ground."""
     goal: list[float]
     """x, y of the goal [m]."""
     abs_rel: float | None = None
@@ -108,6 +105,14 @@ class EpisodeRecord:
     """Number of looks that measured nothing of the ground within 15 m; None where that was not recorded."""
     looks: int | None = None
     """Number of looks; None where that was not recorded, and the rover looked after every step."""
+    rocks: int | None = None
+    """Number of rocks of 0.2 m and more within 8 m that the looks showed, counted once a look; None with the ground
+    truth, and where that was not recorded."""
+    rocks_missed: int | None = None
+    """Those of `rocks` of which the depth did not show half the height (m3depth.evaluation.rock_scores)."""
+    false_obstacles: int | None = None
+    """Number of obstacles of 0.2 m and more within 8 m that the depth showed and that were not there, over all looks;
+    None as `rocks`."""
     near_miss: bool = False
     """Whether there was no collision, but the clearance was below NEAR_MISS."""
     slip: float | None = None
@@ -190,7 +195,7 @@ def run_episode(
         max_tilt_deg=float(np.rad2deg(max((state.tilt for state in log.states[1:]), default=0.0))),
         step_seconds=log.seconds / max(steps, 1), perception_seconds=log.perception_seconds / max(steps, 1),
         redraws=info["redraws"], goal=[float(v) for v in env.course.goal], abs_rel=_mean(log.errors), blind=log.blind,
-        looks=log.looks,
+        looks=log.looks, **log.rock_errors(),
         near_miss=info["outcome"] != "collision" and info["min_clearance"] < NEAR_MISS,
         slip=_mean(log.slips), energy=info.get("energy"), code=code, obstacles=_obstacles(env),
         track=[[float(v) for v in state.position[:2]] for state in log.states],
@@ -214,6 +219,7 @@ class _Log:
     blind: int = 0
     looks: int = 0
     slips: list[float | None] = field(default_factory=list)
+    rocks: list[RockErrors] = field(default_factory=list)
 
     def note_step(self, env: MarsNavEnv, info: dict[str, Any]) -> None:
         """Note where the rover stands, and its look if it took one."""
@@ -223,7 +229,16 @@ class _Log:
         if env.gaze.fresh:
             self.looks += 1
             self.errors.append(look_abs_rel(env.sight))
-            self.blind += _is_blind(env.sight)
+            self.blind += is_blind(env.sight)
+            rocks = look_rock_errors(env.sight)
+            self.rocks += [] if rocks is None else [rocks]
+
+    def rock_errors(self) -> dict[str, int]:
+        """Return rocks, rocks_missed and false_obstacles over all looks; nothing with the ground truth."""
+        if not self.rocks:
+            return {}
+        names = ("rocks", "rocks_missed", "false_obstacles")
+        return {name: sum(numbers) for name, numbers in zip(names, zip(*self.rocks, strict=True), strict=True)}
 
 
 def _drive(env: MarsNavEnv, driver: Driver, options: dict[str, Any], log: _Log, watch: Watch | None) -> None:
@@ -254,32 +269,6 @@ def _drive(env: MarsNavEnv, driver: Driver, options: dict[str, Any], log: _Log, 
         done = terminated or truncated
         if watch:
             watch(env, driver, len(log.states) - 1)
-
-
-def look_abs_rel(sight: Sight) -> float | None:
-    """Return the mean |Z - Z*| / Z* of one look over the true depths of 0.5 m to 15 m and disparities of at most 192
-    px.
-
-    By the rules of m3depth.evaluation.metrics unknown depth counts as 80 m.
-    """
-    if sight.true_depth is None or sight.true_depth is sight.depth:
-        return None
-    scored = in_range(sight.true_depth) & (sight.rig.depth_to_disparity(sight.true_depth) <= MAX_DISPARITY)
-    true = sight.true_depth[scored].astype(np.float64)
-    return float(np.mean(np.abs(capped_depth(sight.depth[scored]) - true) / true)) if scored.any() else None
-
-
-def _is_blind(sight: Sight) -> bool:
-    """Return whether there was ground within range, and no depth was measured of any of it."""
-    if sight.true_depth is None:
-        return False
-    near = in_range(sight.true_depth)
-    return bool(near.any() and not known_depth(sight.depth[near]).any())
-
-
-def in_range(depth: np.ndarray) -> np.ndarray:
-    """Return which depths (...) [m] are scored: those of 0.5 m to 15 m."""
-    return (depth >= MIN_DEPTH) & (depth <= MAX_DEPTH)
 
 
 def _mean(values: list[float | None]) -> float | None:

@@ -83,9 +83,9 @@ def paired_difference(first: Sequence[EpisodeRecord], second: Sequence[EpisodeRe
     """Return success and SPL of `first` less those of `second` on the same episodes, with 95 % paired-bootstrap
     intervals.
 
-    Records are matched by cell and episode. The courses of one number in all cells come from one seed and have much of
-    their ground in common. They are drawn together, as one: a cluster bootstrap, with as many cells for each number.
-    With few numbers the interval is too short: with 15, that of success covered the truth in 80 to 91 % of simulated
+    Records are matched by cell and episode, and every episode counts alike. The courses of one number in all cells come
+    from one seed and have much of their ground in common. They are drawn together, as one: a cluster bootstrap. With
+    few numbers the interval is too short: with 15, that of success covered the truth in 80 to 91 % of simulated
     comparisons, with 30 and with 50 in 92 to 95 %. If all numbers differ by the same amount, the interval has no width
     and says nothing.
 
@@ -102,17 +102,15 @@ def paired_scores(
     """Return what paired_difference does, of success and SPL (a pair) by cell and number of the course."""
     if a.keys() != b.keys() or not a:
         raise ValueError("a paired difference needs the same episodes of both")
-    gains: dict[int, list[list[float]]] = {}
-    for key in sorted(a):
-        (success, weighted), (other_success, other_weighted) = a[key], b[key]
-        gains.setdefault(key[1], []).append([success - other_success, weighted - other_weighted])
-    arrived, weighted_by_way = np.array([np.mean(cells, axis=0) for cells in gains.values()]).T
+    keys = sorted(a)
+    gains = np.array([a[key] for key in keys]) - np.array([b[key] for key in keys])  # (episodes, 2)
+    means = resampled_means(gains, [course for _, course in keys])
     return {
-        "episodes": len(a),
-        "difference": float(arrived.mean()),
-        "interval": list(interval(resampled_means(arrived))),
-        "spl_difference": float(weighted_by_way.mean()),
-        "spl_interval": list(interval(resampled_means(weighted_by_way))),
+        "episodes": len(keys),
+        "difference": float(gains[:, 0].mean()),
+        "interval": list(interval(means[:, 0])),
+        "spl_difference": float(gains[:, 1].mean()),
+        "spl_interval": list(interval(means[:, 1])),
     }
 
 

@@ -18,12 +18,12 @@ LEGEND = f"""\
 Success: the rover came within {GOAL_RADIUS:g} m of the goal; with Wilson's interval. SPL, SoftSPL: success, or the
 share of the way covered, times the shortest way over the driven way. P / L: driven way over shortest way, of the drives
 that arrived; a drive ends before the goal, so this may be below 1. Collisions: of the chassis, or of a wheel with a
-rock that blocks. Near misses: drives without a collision whose footprint came within {100 * NEAR_MISS:.0f} cm of such a
-rock. No path: the driver gave up. Safety: collision, tilt or out of bounds. Time: time ran out, or the rover was stuck.
-Elsewhere: by its odometry the driver believed that it was at the goal, and it was not. Tilt: the largest. Abs Rel:
-error of the depth on the way. Unreachable: goals without a way to them, which were drawn again. s / step: seconds of
-driver, perception and simulation. Differences (below): with 95 % intervals by the paired bootstrap over the
-courses."""
+rock that blocks. Near misses: drives without a collision whose footprint came within {100 * NEAR_MISS:.0f} cm of such
+a rock, a drop or steep ground. No path: the driver gave up. Safety: collision, tilt or out of bounds. Time: time ran
+out, or the rover was stuck. Elsewhere: by its odometry the driver believed that it was at the goal, and it was not.
+Tilt: the largest. Abs Rel: error of the depth on the way. Unreachable: goals without a way to them, which were drawn
+again. s / step: seconds of driver, perception and simulation. Differences (below): with 95 % intervals by the paired
+bootstrap over the courses."""
 
 NO_INTERVAL = "no interval: all courses differ by the same amount, so the bootstrap says nothing about other courses"
 
@@ -50,9 +50,14 @@ def without_definitions(page: str) -> str:
 
 
 def settings(driven_with: Mapping[str, Any]) -> str:
-    """Return a line with the flags for which the table holds. driven_with: values by flag, without its dashes."""
+    """Return a line with the flags for which the table holds. driven_with: values by flag, without its dashes.
+
+    A suite fixes the flags beside it, so it is named alone.
+    """
     flags = []
     for name, value in driven_with.items():
+        if "suite" in driven_with and name not in ("suite", "split"):
+            continue
         flag = name.replace("_", "-")
         flags.append(f"--{flag} {value}" if not isinstance(value, bool) else f"--{flag}" if value else f"--no-{flag}")
     return f"Driven with {', '.join(flags)}.\n"

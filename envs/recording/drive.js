@@ -34,7 +34,7 @@ function stepAt(drive, position) {
 }
 
 function statusOf(step) {
-  if (step.status) return STATUS[step.status] ?? ["#888", step.status];
+  if (step.status) return Object.hasOwn(STATUS, step.status) ? STATUS[step.status] : ["#888", step.status];
   return step.outcome === "driving" ? ["#6a9a62", "drives"] : [DATA.colours.outcomes[step.outcome] ?? "#555", step.outcome];
 }
 

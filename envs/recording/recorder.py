@@ -11,8 +11,9 @@ import numpy as np
 
 from envs.drivers.builtin import NavigatorDriver
 from envs.drivers.driver import Driver
-from envs.drives.episodes import EpisodeRecord, Watch, in_range, look_abs_rel
+from envs.drives.episodes import EpisodeRecord, Watch
 from envs.mars_nav import STEP_SECONDS, MarsNavEnv
+from envs.world.look_scores import in_range, look_abs_rel
 from envs.world.perception import Sight
 from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.dataset.drive_file import (

@@ -55,6 +55,7 @@ def write_results_page(
 <head>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'">
 <title>Results of {escape(out.name)}</title>
 <style>
 {asset("page.css")}

@@ -11,6 +11,9 @@ A suite is one JSON file:
     episodes      one for each split, condition and course: the seed of the scene, start [x m, y m, yaw rad], goal [x m,
                   y m], length of the shortest way [m], and the two digests of the scene (envs.suites.digest)
 
+suite.schema.json beside this file describes every value. Names become parts of file names and of pages, so they have
+letters, digits, "_", "." and "-" only.
+
 Courses of one number have the same seed under all conditions. The splits "dev" and "test" share no seed.
 """
 
@@ -19,7 +22,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -30,14 +33,13 @@ from envs.suites.conditions import Values, condition_values, under
 from envs.suites.digest import scene_digests
 from envs.world.eyes import EyesConfig
 from marssim.base.files.json_file import DatasetError, read_json
+from marssim.base.files.json_schema import first_fault
 from marssim.base.rover_spec import ZHURONG
 from marssim.scene.presets import PRESETS, preset
 
 FORMAT = 1
 FOLDER = Path(__file__).parent  # of the suites in the package
-KEYS = ("suite", "format", "made_with", "drive", "splits", "conditions", "episodes")
-DRIVE_KEYS = ("dynamics", "renderer", "align_rows", "slip")
-EPISODE_KEYS = ("split", "condition", "course", "seed", "start", "goal", "shortest", "scene")
+SCHEMA = FOLDER / "suite.schema.json"
 SAME_PLACE = 2e-3  # [m], [rad] by which start and goal may differ
 SAME_WAY = 0.02  # [m] by which the shortest way may differ
 
@@ -53,13 +55,13 @@ class Suite:
     made_with: str
     """Release of the simulator that built its scenes."""
     drive: Mapping[str, Any]
-    """Settings of every drive, by DRIVE_KEYS."""
+    """Settings of every drive: dynamics, renderer, align_rows and slip."""
     splits: Mapping[str, Mapping[str, int]]
     """Seed and number of courses by the split's name."""
     conditions: Mapping[str, Values]
     """Values by the condition's name."""
     episodes: Mapping[tuple[str, str, int], Mapping[str, Any]]
-    """Values of an episode, by EPISODE_KEYS, by its split, condition and course."""
+    """Values of an episode as the file has them, by its split, condition and course."""
 
     def check_split(self, split: str) -> None:
         """Raise ValueError that names --split if the suite has no such split."""
@@ -145,21 +147,15 @@ def _same(name: str, built: Mapping[str, Any], episode: Mapping[str, Any]) -> bo
 def _read(path: Path, stamp: int) -> Suite:
     """Read a suite's file; stamp: its time of change, so that a changed file is read again."""
     content = read_json(path)
-    _check_keys(f"suite {path}", content, KEYS)
-    if content["format"] != FORMAT:
-        raise DatasetError(f"suite {path}: format must be {FORMAT}, got {content['format']!r:.40}")
-    _check_keys(f"suite {path}: drive", content["drive"], DRIVE_KEYS)
+    if fault := first_fault(content, suite_schema()):
+        raise DatasetError(f"suite {path}: {fault}")
     for name, values in content["conditions"].items():
         try:
             condition_values(values)
         except ValueError as error:
             raise DatasetError(f"suite {path}: conditions, {name}: {error}") from None
-    episodes = {}
-    for n, episode in enumerate(content["episodes"]):
-        _check_keys(f"suite {path}: episode {n}", episode, EPISODE_KEYS)
-        episodes[episode["split"], episode["condition"], episode["course"]] = episode
+    episodes = {(each["split"], each["condition"], each["course"]): each for each in content["episodes"]}
     for split, values in content["splits"].items():
-        _check_keys(f"suite {path}: split {split}", values, ("seed", "courses"))
         for condition in content["conditions"]:
             for course in range(values["courses"]):
                 if (split, condition, course) not in episodes:
@@ -171,10 +167,7 @@ def _read(path: Path, stamp: int) -> Suite:
     )  # fmt: skip
 
 
-def _check_keys(where: str, content: Any, keys: tuple[str, ...]) -> None:
-    """Raise DatasetError unless content is an object with exactly these keys."""
-    if not isinstance(content, dict):
-        raise DatasetError(f"{where}: must be an object, got {content!r:.40}")
-    if wrong := sorted(set(keys) ^ set(content)):
-        what = "is missing" if wrong[0] in keys else "is unknown"
-        raise DatasetError(f"{where}: {wrong[0]} {what}")
+@cache
+def suite_schema() -> dict[str, Any]:
+    """Return the JSON schema of a suite's file."""
+    return read_json(SCHEMA)

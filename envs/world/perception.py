@@ -28,7 +28,7 @@ GROUND_TRUTH = "ground_truth"  # the name of the perception that reads the true 
 class Sight:
     """One look of the rover.
 
-    `pose` and `true_depth` are for scores and films: no rover knows them.
+    `pose`, `true_depth`, `true_surface` and `occluded` are for scores and films: no rover knows them.
     """
 
     depth: np.ndarray
@@ -47,6 +47,10 @@ class Sight:
     """(h, w, 3) uint8 image of the right eye; None with ground truth."""
     true_depth: np.ndarray | None = None
     """(h, w) true depth of the left eye [m]."""
+    true_surface: np.ndarray | None = None
+    """(h, w) int32 what the left eye sees, as StereoFrame.surface; None with ground truth."""
+    occluded: np.ndarray | None = None
+    """(h, w) bool, what the right eye does not see; None with ground truth."""
     normal: np.ndarray | None = None
     """(h, w, 3) surface normals in the camera frame, or None."""
     seconds: float = 0.0
@@ -179,6 +183,8 @@ class Perception:
             left=frame.left,
             right=frame.right,
             true_depth=frame.depth,
+            true_surface=frame.surface,
+            occluded=frame.occluded,
             normal=prediction.normal,
             seconds=seconds,
         )

@@ -39,12 +39,19 @@ def broken(key, value):
         (broken("outcome", "won"), "episodes[0].outcome must be one of goal, collision"),
         (broken("shortest", 9.0), "clear, course 0: shortest must be "), (broken("course", 7), "has no such episode"),
         (broken("spl", 0.123), "spl must be "),
-        (lambda c: c["episodes"].append(c["episodes"][0]), "clear, course 0, is there twice"),
+        (lambda c: c["episodes"].append(c["episodes"][0]), "clear, course 0: is there twice"),
         (lambda c: c["episodes"][0].update(success=not c["episodes"][0]["success"]), "success must not be "),
         (lambda c: c["episodes"].pop(), "1 episode is missing, as rare_looks, course 1"),
         (lambda c: c.pop("suite"), "the file has no suite"), (lambda c: c["episodes"].clear(), "holds no episode"),
         (lambda c: c["suite"].update(sha256="0"), "is of small-v1 with another content than small-v1 here"),
         (lambda c: c["suite"].update(split="x"), "suite.split 'x' is none of dev, test"),
+        (lambda c: c["suite"].update(name="../other"), "suite.name must be a name of letters, digits"),
+        (lambda c: c["suite"].update(courses=3), "suite.courses must be at most 2, got 3"),
+        (lambda c: c["suite"].update(courses=1), "is none of the episodes that the file says were driven"),
+        (lambda c: c["suite"].update(shard="2"), "suite.shard must be I/N"),
+        (lambda c: c["suite"].update(shard="2/2"), "is none of the episodes that the file says were driven"),
+        (broken("start_distance", 3.0), "start_distance must be 4.00 m, got 3"),
+        (broken("perception", "a\x1b[2J"), "episodes[0].perception must be a name in one line"),
     ],
 )  # fmt: skip
 def test_results_that_cannot_be_true_are_refused_in_one_line(edited, small_suite, capsys, change, message):
@@ -56,23 +63,44 @@ def test_results_that_cannot_be_true_are_refused_in_one_line(edited, small_suite
 
 def test_an_arrival_needs_the_way_to_the_goal(edited, small_suite):
     def jump(content):
-        content["episodes"][0].update(outcome="goal", success=True, path_length=1.0, spl=1.0)
+        content["episodes"][0].update(outcome="goal", success=True, path_length=1.0, spl=1.0, distance=0.9)
 
-    with pytest.raises(DatasetError, match=r"path_length must be at least 2.95 m for an arrival, got 1"):
-        compare(CompareConfig((edited(jump),), suite=str(small_suite), check=True))
+    def stay_away(content):
+        content["episodes"][0].update(outcome="goal", success=True, path_length=4.0, spl=1.0, distance=1.2)
+
+    for change, message in (
+        (jump, r"path_length must be at least 2.95 m for an arrival, got 1"),
+        (stay_away, r"distance must be at most 1 m for an arrival, got 1.2"),
+    ):
+        with pytest.raises(DatasetError, match=message):
+            compare(CompareConfig((edited(change, change.__name__),), suite=str(small_suite), check=True))
+
+
+def test_a_shard_must_hold_the_whole_of_its_part(edited, small_suite, capsys):
+    def second_half(content):
+        content["suite"]["shard"] = "2/2"
+        content["episodes"] = [each for each in content["episodes"] if each["condition"] == "rare_looks"]
+
+    path = edited(second_half)
+    assert main([str(path), "--check", "--suite", str(small_suite)]) == 0
+    content = json.loads(path.read_text())
+    content["episodes"] = content["episodes"][:-1]
+    path.write_text(json.dumps(content))
+    assert main([str(path), "--check", "--suite", str(small_suite)]) == 2
+    assert "1 episode is missing, as rare_looks, course 1" in capsys.readouterr().err
 
 
 def test_methods_of_several_files_are_compared_by_course(suite_run, edited, small_suite, tmp_path, capsys):
     def arrive(content):
         for episode in content["episodes"]:
             way = max(episode["path_length"], episode["shortest"])
-            episode.update(outcome="goal", success=True, path_length=way, spl=episode["shortest"] / way)
+            episode.update(outcome="goal", success=True, distance=0.5, path_length=way, spl=episode["shortest"] / way)
             episode["perception"] = "theirs"
 
     theirs = edited(arrive)
     out = tmp_path / "out"
     config = CompareConfig((suite_run, theirs), out=out, suite=str(small_suite))
-    rows = compare(config)
+    rows = compare(config)["rows"]
     assert [row["condition"] for row in rows] == [name for name in ("clear", "rare_looks", "all") for _ in range(4)]
     overall = {row["method"]: row for row in rows if row["condition"] == "all"}
     assert list(overall) == ["straight, ground_truth", "random, ground_truth", "straight, theirs", "random, theirs"]
@@ -82,7 +110,9 @@ def test_methods_of_several_files_are_compared_by_course(suite_run, edited, smal
     assert {file.name for file in out.iterdir()} == {"comparison.json", "comparison.md", "comparison.png"}
     page = (out / "comparison.md").read_text()
     assert "| all | random, theirs | 4 | 100 % |" in page and "Suite small-v1, split dev, track both" in page
-    methods = {row["method"] for row in compare(CompareConfig((theirs, suite_run), None, "drivers", str(small_suite)))}
+    methods = {
+        row["method"] for row in compare(CompareConfig((theirs, suite_run), None, "drivers", str(small_suite)))["rows"]
+    }
     assert methods == {"straight, ground_truth", "random, ground_truth"}
     assert main([str(suite_run), "--track", "eyes", "--suite", str(small_suite)]) == 2
     assert "no method of these files is on the track eyes" in capsys.readouterr().err
@@ -90,7 +120,7 @@ def test_methods_of_several_files_are_compared_by_course(suite_run, edited, smal
 
 def test_one_method_in_two_files_keeps_apart(suite_run, small_suite, tmp_path):
     twin = shutil.copytree(suite_run, tmp_path / "twin")
-    rows = compare(CompareConfig((suite_run, twin), suite=str(small_suite)))
+    rows = compare(CompareConfig((suite_run, twin), suite=str(small_suite)))["rows"]
     assert [row["method"] for row in rows[:4]] == [
         f"{driver}, ground_truth ({folder.name})" for folder in (suite_run, twin) for driver in ("straight", "random")
     ]

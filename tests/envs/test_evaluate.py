@@ -6,13 +6,14 @@ import subprocess
 import sys
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
 import envs.evaluate
 from envs.drives.config import LOOK_FLAGS
 from envs.drives.episodes import Cell
-from envs.evaluate import SETTINGS, EvaluateConfig, Task, evaluate, main
+from envs.evaluate import SETTINGS, EvaluateConfig, Task, drive, evaluate, main
 from envs.world.eyes import EyesConfig
 from m3depth.estimator import load_estimator
 from marssim.base.bags.reader import Bag
@@ -359,6 +360,19 @@ def test_one_estimator_serves_all_episodes_and_every_environment_is_closed(monke
     envs.evaluate._perception.cache_clear()
     assert loads == ["one", "two"]
     assert len(closed) == 12 and closed[0::2] == closed[1::2]
+
+
+def test_drives_compute_in_one_thread(monkeypatch, tmp_path):
+    """The depth of a network depends on the number of threads, in its last bits."""
+    threads, before = [], cv2.getNumThreads()
+    monkeypatch.setattr(envs.evaluate, "run_episode", lambda *_: threads.append(cv2.getNumThreads()))
+    cv2.setNumThreads(2)
+    try:
+        config = EvaluateConfig(tmp_path, episodes=1, **QUICK)
+        drive(config, config.tasks[0])
+        assert threads == [1] and cv2.getNumThreads() == 2
+    finally:
+        cv2.setNumThreads(before)
 
 
 def test_dask_does_not_change_results(finished, tmp_path):

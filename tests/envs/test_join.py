@@ -2,6 +2,7 @@ import json
 import shutil
 
 import pytest
+from recorded_drives import drive_bytes
 
 from envs.evaluate import evaluate
 from envs.join import JoinConfig, join, main
@@ -30,6 +31,32 @@ def test_joined_shards_are_the_evaluation_without_shards(shards, suite_run, tmp_
     assert without_times(json.loads((tmp_path / "all" / "results.json").read_text())) == without_times(whole)
     assert joined["suite"]["shard"] is None
     assert [len(json.loads((s / "results.json").read_text())["episodes"]) for s in shards] == [4, 4]
+
+
+def test_drives_that_shards_recorded_come_along_with_their_pages(shards, tmp_path):
+    copies, names = [], []
+    for shard in shards:
+        copies.append(shutil.copytree(shard, tmp_path / shard.name))
+        names.append(min((shard / "episodes").glob("*.json")).stem)
+        (copies[-1] / "drives").mkdir()
+        (copies[-1] / "drives" / f"{names[-1]}.zip").write_bytes(drive_bytes())
+    out = tmp_path / "all"
+    join(JoinConfig(tuple(copies), out))
+    assert sorted(file.name for file in (out / "drives").iterdir()) == sorted(
+        f"{name}.{kind}" for name in names for kind in ("html", "zip")
+    )
+    page = (out / "results.html").read_text()
+    assert all(f'href="drives/{name}.html"' in page for name in names)
+    assert len(list((out / "episodes").glob("*.json"))) == 8
+
+
+def test_shards_whose_suite_lay_in_another_folder_join(shards, small_suite, tmp_path):
+    other = shutil.copytree(shards[1], tmp_path / "other")
+    content = json.loads((other / "results.json").read_text())
+    content["config"]["suite"] = "/elsewhere/small-v1.json"
+    (other / "results.json").write_text(json.dumps(content))
+    joined = join(JoinConfig((shards[0], other), tmp_path / "all"))
+    assert joined["config"]["suite"] == str(small_suite) and len(joined["episodes"]) == 8
 
 
 def test_missing_episodes_are_counted(shards, tmp_path, capsys):

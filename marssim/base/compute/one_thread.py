@@ -1,9 +1,13 @@
-"""One thread in each worker process, so that workers do not wait for each other's cores."""
+"""One thread: in workers, so that they do not wait for each other's cores, and where the number of cores must not
+change results.
+"""
 
 from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from multiprocessing import parent_process
 
 import cv2
@@ -24,3 +28,23 @@ def one_thread_in_workers() -> None:
         sys.modules["torch"].set_num_threads(1)
     else:
         os.environ[THREADS] = "1"  # PyTorch reads it when it is imported
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Let OpenCV and PyTorch, if it is imported, compute in one thread within the block.
+
+    Sums that several threads share differ in their last bits from those of one thread, so a network's depth depends on
+    the number of cores, and after some steps of a drive its way does too.
+    """
+    torch, before = sys.modules.get("torch"), cv2.getNumThreads()
+    of_torch = None if torch is None else torch.get_num_threads()
+    cv2.setNumThreads(1)
+    if torch is not None:
+        torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
+        if torch is not None:
+            torch.set_num_threads(of_torch)

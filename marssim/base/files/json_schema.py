@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -17,8 +18,8 @@ def first_fault(value: Any, schema: Mapping[str, Any], where: str = "") -> str |
 
     Args:
         value: A value of JSON.
-        schema: Its schema. Known keywords: type, enum, minimum, maximum, required, properties, items, minItems,
-            maxItems.
+        schema: Its schema. Known keywords: type, enum, pattern, minimum, maximum, required, properties,
+            additionalProperties, propertyNames, items, minItems, maxItems. A pattern must fit the whole text.
         where: Place of the value in the file.
     """
     name = where or "the file"
@@ -29,6 +30,8 @@ def first_fault(value: Any, schema: Mapping[str, Any], where: str = "") -> str |
             return f"{name} must be of type {' or '.join(kinds)}, got {value!r:.40}"
     if "enum" in schema and value not in schema["enum"]:
         return f"{name} must be one of {', '.join(map(str, schema['enum']))}, got {value!r:.40}"
+    if isinstance(value, str) and "pattern" in schema and not re.fullmatch(schema["pattern"], value):
+        return f"{name} must be {schema.get('description', 'a text of another form')}, got {value!r:.40}"
     if isinstance(value, int | float) and not isinstance(value, bool):
         if not -LARGEST < value < LARGEST:
             return f"{name} must be a finite number, got {value!r:.40}"
@@ -40,8 +43,15 @@ def first_fault(value: Any, schema: Mapping[str, Any], where: str = "") -> str |
         for key in schema.get("required", ()):
             if key not in value:
                 return f"{name} has no {key}"
-        for key, part in schema.get("properties", {}).items():
-            if key in value and (fault := first_fault(value[key], part, f"{where}.{key}".lstrip("."))):
+        parts, others = schema.get("properties", {}), schema.get("additionalProperties", True)
+        for key, item in value.items():
+            inside = f"{where}.{key:.40}".lstrip(".")
+            part = parts.get(key, others)
+            if part is False:
+                return f"{inside} is unknown"
+            if "propertyNames" in schema and (fault := first_fault(key, schema["propertyNames"], f"{name}: a key")):
+                return fault
+            if part is not True and (fault := first_fault(item, part, inside)):
                 return fault
     if isinstance(value, list):
         low, high = schema.get("minItems", 0), schema.get("maxItems", len(value))

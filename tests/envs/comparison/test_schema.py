@@ -1,6 +1,18 @@
 from envs.comparison.schema import results_schema
 
-KNOWN = {"$schema", "title", "description", "type", "enum", "minimum", "maximum", "required", "properties", "items"}
+KNOWN = {
+    "$schema",
+    "title",
+    "description",
+    "type",
+    "enum",
+    "minimum",
+    "maximum",
+    "required",
+    "properties",
+    "items",
+    "pattern",
+}
 
 
 def parts(schema):

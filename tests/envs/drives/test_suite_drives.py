@@ -28,7 +28,8 @@ def test_the_results_of_a_suite_hold_every_episode(suite_run):
         assert episode["success"] == (episode["outcome"] == "goal")
     assert [row["cell"]["condition"] for row in content["results"]] == ["clear", "clear", "rare_looks", "rare_looks"]
     page = (suite_run / "results.md").read_text()
-    assert "| straight | ground_truth | rare_looks |" in page and "--suite small-v1" in page
+    assert page.startswith("Driven with --suite small-v1, --split dev.\n")
+    assert "| straight | ground_truth | rare_looks |" in page
 
 
 def test_a_simulator_that_builds_another_scene_stops_the_evaluation(small_suite, make_suite_config, tmp_path):
@@ -51,6 +52,7 @@ def test_a_simulator_that_builds_another_scene_stops_the_evaluation(small_suite,
         (["--episodes", "3"], "--episodes must be at most 2, as many as small-v1 has, got 3"),
         (["--shard", "3/2"], "--shard must be I/N, as 2/8 for the second part of eight, got '3/2'"),
         (["--shard", "1"], "--shard must be I/N"),
+        (["--shard", "5/9"], "--shard 5/9 is empty: there are fewer courses under all conditions"),
     ],
 )  # fmt: skip
 def test_what_a_suite_fixes_is_refused_in_one_line(small_suite, tmp_path, capsys, flags, message):

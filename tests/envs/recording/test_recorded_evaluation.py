@@ -44,7 +44,9 @@ def test_the_results_page_leads_to_the_page_of_every_drive(recorded):
     (file,) = (config.out / "drives").glob("*.zip")
     drive = read_drive(file)
     assert drive.content["settings"]["goal_distance"] == 4.0 and drive.content["episode"]["driver"] == "straight"
-    page = Links((config.out / "results.html").read_text(encoding="utf-8"))
+    text = (config.out / "results.html").read_text(encoding="utf-8")
+    assert "default-src 'none'; style-src 'unsafe-inline'" in text and "<script" not in text
+    page = Links(text)
     assert f"drives/{file.stem}.html" in page.links
     assert all((config.out / link).is_file() for link in page.links)
     assert "take it apart" in page.text and "results.json" in page.links

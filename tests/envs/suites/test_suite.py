@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from envs.suites.making import make_suite, suite_conditions, suite_text
+from envs.suites.making import make_suite, suite_conditions
 from envs.suites.suite import build_course, episode_values, load_suite
 from marssim.base.files.json_file import DatasetError
 
@@ -70,19 +70,26 @@ def test_true_depth_has_the_pixels_of_the_eyes():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda c: c.pop("drive"), "drive is missing"), (lambda c: c.update(more=1), "more is unknown"),
-        (lambda c: c.update(format=2), "format must be 1, got 2"),
+        (lambda c: c.pop("drive"), "the file has no drive"), (lambda c: c.update(more=1), "more is unknown"),
+        (lambda c: c.update(format=2), "format must be one of 1, got 2"),
+        (lambda c: c.update(suite="../mine"), "suite must be a name of letters, digits, _, . and -, got '../mine'"),
+        (lambda c: c["drive"].update(renderer="gl"), "drive.renderer must be one of embree, scan, pybullet, got 'gl'"),
         (lambda c: c["conditions"]["clear"].update(dust=1), "conditions, clear: condition: value 'dust' is unknown"),
+        (lambda c: c["conditions"].update({"/../x": {}}), "conditions: a key must be a name of .*, got '/../x'"),
+        (lambda c: c["conditions"].update(clear="storm"), "conditions.clear must be of type object, got 'storm'"),
+        (lambda c: c.update(conditions=3), "conditions must be of type object, got 3"),
         (lambda c: c["episodes"].pop(), "course 0 of test, rare_looks, is missing"),
-        (lambda c: c["episodes"][3].pop("seed"), "episode 3: seed is missing"),
-        (lambda c: c["splits"].update(dev=3), "split dev: must be an object, got 3"),
+        (lambda c: c["episodes"][3].pop("seed"), r"episodes\[3\] has no seed"),
+        (lambda c: c["episodes"][3].update(course=[1]), r"episodes\[3\].course must be of type integer"),
+        (lambda c: c["episodes"][3].update(goal=[1]), r"episodes\[3\].goal must have 2 items, got 1"),
+        (lambda c: c["splits"].update(dev=3), "splits.dev must be of type object, got 3"),
     ],
 )  # fmt: skip
 def test_a_file_that_is_no_suite_is_refused_by_name(small_suite, tmp_path, change, message):
     content = json.loads(small_suite.read_text())
     change(content)
     file = tmp_path / "bad.json"
-    file.write_text(suite_text(content))
+    file.write_text(json.dumps(content))
     with pytest.raises(DatasetError, match=f"^suite {file}.*{message}"):
         load_suite(str(file))
 

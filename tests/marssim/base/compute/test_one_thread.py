@@ -12,7 +12,7 @@ from marssim.base.compute import one_thread
 def threads(monkeypatch):
     """Numbers of threads that PyTorch was given."""
     given = []
-    monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(set_num_threads=given.append))
+    monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(set_num_threads=given.append, get_num_threads=lambda: 2))
     monkeypatch.delenv(one_thread.THREADS, raising=False)
     before = cv2.getNumThreads()
     cv2.setNumThreads(2)
@@ -45,3 +45,14 @@ def test_the_user_decides_where_he_has_set_a_number(threads, as_worker, monkeypa
 def test_the_main_process_keeps_its_threads(threads):
     one_thread.one_thread_in_workers()
     assert cv2.getNumThreads() == 2 and threads == [] and one_thread.THREADS not in os.environ
+
+
+def test_a_block_computes_in_one_thread_and_leaves_the_number_as_it_was(threads, monkeypatch):
+    with pytest.raises(KeyError), one_thread.one_thread():
+        assert cv2.getNumThreads() == 1 and threads == [1]
+        raise KeyError
+    assert cv2.getNumThreads() == 2 and threads == [1, 2]
+    monkeypatch.delitem(sys.modules, "torch")
+    with one_thread.one_thread():
+        assert cv2.getNumThreads() == 1
+    assert cv2.getNumThreads() == 2

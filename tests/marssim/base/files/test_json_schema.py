@@ -16,6 +16,13 @@ from marssim.base.files.json_schema import first_fault
         (10**400, {}, "must be a finite number, got " + "1" + 39 * "0"), ([1], {"maxItems": 1}, None),
         ({"a": [1]}, {"properties": {"a": {"minItems": 2}}}, "a must have 2 or more items, got 1"),
         ([1, 2], {"maxItems": 1}, "must have 1 or fewer items, got 2"),
+        ("a b", {"pattern": "[a-z]+", "description": "letters"}, "the file must be letters, got 'a b'"),
+        ("ab", {"pattern": "[a-z]+"}, None),
+        ({"a": 1, "b": 2}, {"properties": {"a": {}}, "additionalProperties": False}, "b is unknown"),
+        ({"a": "x", "b": "y"}, {"properties": {"a": {}}, "additionalProperties": {"type": "integer"}},
+         "b must be of type integer, got 'y'"),
+        ({"a": {"B": 1}}, {"properties": {"a": {"propertyNames": {"pattern": "[a-z]", "description": "small"}}}},
+         "a: a key must be small, got 'B'"),
         ([1, 2], {"minItems": 3, "maxItems": 3}, "must have 3 items, got 2"),
     ],
 )  # fmt: skip

@@ -1,0 +1,203 @@
+"""Which metric of the depth predicts drives: success and SPL over the errors of the depth on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from envs.comparison.report import bounds, scores
+from envs.comparison.suite_results import DrivenMethod, Episode, shared_episodes
+from envs.world.perception import GROUND_TRUTH
+from m3depth.evaluation.bootstrap import DRAWS, interval
+
+FEWEST = 3  # dots that a correlation needs
+SCORES = {"success_rate": ("success [%]", 100), "spl": ("SPL", 1)}  # words of an axis, and its scale
+
+
+class Metric(NamedTuple):
+    """A metric of the depth on the way."""
+
+    words: str
+    """What an axis and a table call it."""
+    of_drives: Callable[[Sequence[Episode]], float | None]
+    """Returns it for the drives of a method under one condition; None where it was not recorded."""
+    logarithmic: bool = False
+    """Whether its logarithm is plotted and correlated, as it spans decades."""
+
+
+def _mean_abs_rel(drives: Sequence[Episode]) -> float | None:
+    errors = [drive["abs_rel"] for drive in drives if drive.get("abs_rel") is not None]
+    return float(np.mean(errors)) if errors else None
+
+
+def _ratio(count: str, among: str) -> Callable[[Sequence[Episode]], float | None]:
+    """Return a function that returns the sum of one count over the sum of another."""
+
+    def ratio(drives: Sequence[Episode]) -> float | None:
+        counted = [drive for drive in drives if drive.get(count) is not None and drive.get(among) is not None]
+        total = sum(drive[among] for drive in counted)
+        return sum(drive[count] for drive in counted) / total if total else None
+
+    return ratio
+
+
+METRICS = {
+    "abs_rel": Metric("Abs Rel on the way", _mean_abs_rel, logarithmic=True),
+    "rocks_missed": Metric("share of rocks missed on the way", _ratio("rocks_missed", "rocks")),
+    "false_obstacles": Metric("false obstacles in a look", _ratio("false_obstacles", "looks")),
+}
+
+
+def condition_dots(methods: Mapping[str, DrivenMethod]) -> list[dict[str, Any]]:
+    """Return a dot for each condition and method, over the episodes that all methods have driven.
+
+    Args:
+        methods: By label.
+
+    Returns:
+        condition, method, episodes, success_rate, spl; each metric of METRICS, None where it was not recorded, as with
+        true depth; and success_rate_less_truth and spl_less_truth: what is left after taking away the scores of the
+        same driver with true depth, None where no method drove with it.
+
+    Raises:
+        ValueError: The methods have no episode in common.
+    """
+    shared = shared_episodes(methods)
+    dots = []
+    for condition in dict.fromkeys(condition for condition, _ in shared):
+        drives = {
+            label: [method.episodes[key] for key in shared if key[0] == condition] for label, method in methods.items()
+        }
+        means = {label: np.mean([scores(drive) for drive in driven], axis=0) for label, driven in drives.items()}
+        for label, method in methods.items():
+            truth = next(
+                (
+                    means[other] for other, its in methods.items()
+                    if (its.driver, its.perception) == (method.driver, GROUND_TRUTH)
+                ),
+                None,
+            )  # fmt: skip
+            less = (None, None) if truth is None else means[label] - truth
+            dots.append(
+                {
+                    "condition": condition, "method": label, "episodes": len(drives[label]),
+                    **{name: float(mean) for name, mean in zip(SCORES, means[label], strict=True)},
+                    **{name: metric.of_drives(drives[label]) for name, metric in METRICS.items()},
+                    **{
+                        f"{name}_less_truth": None if value is None else float(value)
+                        for name, value in zip(SCORES, less, strict=True)
+                    },
+                }
+            )  # fmt: skip
+    return dots
+
+
+def correlate(dots: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return the correlation of each score with each metric, over the dots that have both.
+
+    Spearman's correlation is that of the ranks. Pearson's is that with the logarithm of a metric that spans decades, if
+    no dot has 0. Intervals are by the bootstrap over the conditions: all dots of a condition are drawn together, as its
+    courses make them alike.
+
+    Args:
+        dots: Of condition_dots.
+
+    Returns:
+        Rows with score ("success_rate" or "spl", alone and with "_less_truth"), metric, dots (how many), spearman and
+        pearson, each with its 95 % interval. There is no row of fewer than three dots, or where all have one value.
+    """
+    rows = []
+    for score in (*SCORES, *(f"{name}_less_truth" for name in SCORES)):
+        for name, metric in METRICS.items():
+            both = [dot for dot in dots if dot[name] is not None and dot[score] is not None]
+            x, y = (np.array([dot[key] for dot in both], float) for key in (name, score))
+            if len(both) < FEWEST or np.ptp(x) == 0 or np.ptp(y) == 0:
+                continue
+            plotted = np.log(x) if metric.logarithmic and x.min() > 0 else x
+            weights = _resampled([dot["condition"] for dot in both])
+            row: dict[str, Any] = {"score": score, "metric": name, "dots": len(both)}
+            for kind, values in (
+                ("spearman", correlation(ranks(x, weights), ranks(y, weights), weights)),
+                ("pearson", correlation(plotted, y, weights)),
+            ):
+                row[kind] = float(values[0])
+                row[f"{kind}_interval"] = list(interval(values[np.isfinite(values)]))
+            rows.append(row)
+    return rows
+
+
+def correlation_of(rows: Sequence[Mapping[str, Any]], score: str, metric: str) -> Mapping[str, Any] | None:
+    """Return the row of correlate for a score and a metric; None if there is none."""
+    return next((row for row in rows if (row["score"], row["metric"]) == (score, metric)), None)
+
+
+def correlation_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return the rows of correlate as a Markdown table, with a note on what they are."""
+    lines = [
+        "| score | metric of the depth | dots | Spearman (95 %) | Pearson (95 %) |", "|---|---|---|---|---|",
+        *(
+            f"| {_score_in_words(row['score'])} | {METRICS[row['metric']].words} | {row['dots']} "
+            + "".join(
+                f"| {row[kind]:+.2f}{bounds(row[f'{kind}_interval'], 1, '+.2f')} " for kind in ("spearman", "pearson")
+            )
+            + "|"
+            for row in rows
+        ),
+    ]  # fmt: skip
+    logarithmic = ", ".join(metric.words for metric in METRICS.values() if metric.logarithmic)
+    note = (
+        "A dot is a method under a condition. Intervals are by the bootstrap over the conditions. Pearson's is the "
+        f"correlation with the logarithm of {logarithmic}. Less true depth: less the score of the same driver with "
+        "true depth on the same courses, which leaves out how hard a condition is for any eyes."
+    )
+    return "\n".join([*lines, "", note]) + "\n"
+
+
+def _score_in_words(score: str) -> str:
+    name = score.removesuffix("_less_truth")
+    words = {"success_rate": "success", "spl": "SPL"}[name]
+    return words if score == name else f"{words} less true depth"
+
+
+def _resampled(clusters: Sequence[str]) -> np.ndarray:
+    """Return how often each dot is in a sample, (1 + DRAWS, n): all once, and then samples of whole clusters."""
+    number = {name: i for i, name in enumerate(dict.fromkeys(clusters))}
+    picks = np.random.default_rng(0).integers(0, len(number), (DRAWS, len(number)))
+    drawn = np.apply_along_axis(np.bincount, 1, picks, minlength=len(number))
+    weights = drawn[:, [number[name] for name in clusters]]
+    return np.vstack([np.ones(len(clusters)), weights])
+
+
+def ranks(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Return the ranks of values in samples that hold each of them several times; equal values have their mean rank.
+
+    Args:
+        values: (n,).
+        weights: (samples, n) how often each value is in a sample.
+
+    Returns:
+        (samples, n) ranks, from 0.5.
+    """
+    below = (values[None] < values[:, None]) + 0.5 * (values[None] == values[:, None])
+    return weights @ below.T
+
+
+def correlation(x: np.ndarray, y: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Return Pearson's correlation in samples that hold each pair several times.
+
+    Args:
+        x: (n,) or (samples, n).
+        y: Likewise.
+        weights: (samples, n) how often each pair is in a sample.
+
+    Returns:
+        (samples,); NaN where x or y has one value only.
+    """
+    total = weights.sum(axis=1, keepdims=True)
+    dx, dy = (v - (weights * v).sum(axis=1, keepdims=True) / total for v in (x, y))
+    covariance, of_x, of_y = ((weights * product).sum(axis=1) for product in (dx * dy, dx * dx, dy * dy))
+    spread = np.sqrt(of_x * of_y)
+    constant = (of_x <= 1e-12 * (1 + np.square(x).max())) | (of_y <= 1e-12 * (1 + np.square(y).max()))
+    return np.where(constant, np.nan, covariance / np.where(constant, 1, spread))

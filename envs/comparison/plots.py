@@ -1,0 +1,124 @@
+"""Plots of a comparison on a suite: the scores by condition, and the scores over the errors of the depth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from envs.comparison.depth_metrics import FEWEST, METRICS, SCORES, correlation_of
+from envs.comparison.report import bounds
+from m3depth.figures.drawing import save
+
+SPREAD = 0.7  # of the height of a condition, over which its methods lie
+LABELLED = 6  # dots of a panel that are labelled with their condition: those with the lowest scores
+
+
+def plot_comparison(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Plot success and SPL by condition, and what they are less those of the first method, one colour a method.
+
+    Bars are 95 % intervals: in the two panels on the right, those of the paired differences.
+
+    Args:
+        path: File of the picture.
+        rows: Of envs.comparison.report.compare_methods.
+    """
+    conditions = list(dict.fromkeys(row["condition"] for row in rows))
+    methods = list(dict.fromkeys(row["method"] for row in rows))
+    first = methods[0]
+    height = max(2.5, 0.09 * len(conditions) * (len(methods) + 2))
+    figure = Figure(figsize=(13.0, height + 1.2), dpi=110, layout="constrained")
+    panels = figure.subplots(1, 2 if len(methods) == 1 else 4, sharey=True)
+    for n, method in enumerate(methods):
+        of_method = [row for row in rows if row["method"] == method]
+        aside = SPREAD * ((n + 0.5) / len(methods) - 0.5)
+        at = np.arange(len(of_method)) + aside
+        values = [
+            ([100 * row["success_rate"] for row in of_method], [row["success_interval"] for row in of_method], 100),
+            ([row["spl"] for row in of_method], [row["spl_interval"] for row in of_method], 1),
+        ]
+        if method != first:
+            less = [row["less"] for row in of_method]
+            values += [
+                ([100 * each["difference"] for each in less], [each["interval"] for each in less], 100),
+                ([each["spl_difference"] for each in less], [each["spl_interval"] for each in less], 1),
+            ]
+        for axes, (middle, ends, scale) in zip(panels, values, strict=False):
+            low, high = scale * np.array(ends).T
+            error = np.abs(np.vstack([middle - low, high - middle]))
+            axes.errorbar(middle, at, xerr=error, fmt="o", color=f"C{n}", ms=3.5, lw=1.2, capsize=1.5, label=method)
+    panels[0].set(xlabel="success [%]", xlim=(-4, 104))
+    panels[1].set(xlabel="SPL", xlim=(-0.04, 1.04))
+    if len(methods) > 1:
+        panels[2].set(xlabel="success less first [points]")
+        panels[3].set(xlabel="SPL less first")
+    for axes in panels:
+        axes.grid(axis="x", alpha=0.3)
+        for n in range(0, len(conditions), 2):
+            axes.axhspan(n - 0.5, n + 0.5, color="#000", alpha=0.045, lw=0)
+    for axes in panels[2:]:
+        axes.axvline(0, color="C0", lw=1)  # the first method
+    panels[0].set_yticks(range(len(conditions)), [name.replace("_", " ") for name in conditions])
+    panels[0].set_ylim(len(conditions) - 0.5, -0.5)
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(
+        handles, [f"{labels[0]} (first)", *labels[1:]], loc="outside upper center", ncols=min(len(labels), 3),
+        fontsize=8, title="bars are 95 % intervals", title_fontsize=8,
+    )  # fmt: skip
+    save(figure, path)
+
+
+def plot_depth_metrics(
+    path: Path, dots: Sequence[Mapping[str, Any]], correlations: Sequence[Mapping[str, Any]]
+) -> None:
+    """Plot success and SPL over each metric of the depth on the way, a dot for each condition and method.
+
+    Args:
+        path: File of the picture.
+        dots: Of envs.comparison.depth_metrics.condition_dots, some of them with metrics.
+        correlations: Of envs.comparison.depth_metrics.correlate.
+    """
+    shown = [name for name in METRICS if any(dot[name] is not None for dot in dots)]
+    colours = {method: f"C{n}" for n, method in enumerate(dict.fromkeys(dot["method"] for dot in dots))}
+    figure = Figure(figsize=(4.4 * len(shown) + 0.6, 7.4), dpi=110, layout="constrained")
+    panels = figure.subplots(2, len(shown), sharex="col", sharey="row", squeeze=False)
+    for row, (score, (words, scale)) in zip(panels, SCORES.items(), strict=True):
+        for axes, metric in zip(row, shown, strict=True):
+            with_metric = [dot for dot in dots if dot[metric] is not None]
+            for method, colour in colours.items():
+                if of_method := [dot for dot in with_metric if dot["method"] == method]:
+                    x, y = (np.array([dot[name] for dot in of_method]) for name in (metric, score))
+                    axes.plot(x, scale * y, "o", color=colour, ms=5, alpha=0.8, mew=0, label=method)
+            most = max(dot[metric] for dot in with_metric)
+            for n, dot in enumerate(sorted(with_metric, key=lambda dot: dot[score])[:LABELLED]):
+                right = dot[metric] > most / 2
+                axes.annotate(
+                    dot["condition"].replace("_", " "), (dot[metric], scale * dot[score]),
+                    (-5 if right else 5, -7 if n % 2 else 3), ha="right" if right else "left", fontsize=6.5,
+                    textcoords="offset points", color="#555",
+                )  # fmt: skip
+            axes.set_title(_correlation_in_words(correlation_of(correlations, score, metric)), fontsize=8)
+            axes.grid(alpha=0.3)
+            if METRICS[metric].logarithmic and min(dot[metric] for dot in with_metric) > 0:
+                axes.set_xscale("log")
+        row[0].set_ylabel(words)
+    for axes, metric in zip(panels[-1], shown, strict=True):
+        axes.set_xlabel(METRICS[metric].words)
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="outside upper center", ncols=min(len(labels), 3), fontsize=8,
+        title="a dot for each condition and method", title_fontsize=8,
+    )  # fmt: skip
+    save(figure, path)
+
+
+def _correlation_in_words(row: Mapping[str, Any] | None) -> str:
+    if row is None:
+        return f"no correlation of fewer than {FEWEST} dots"
+    return "\n".join(
+        f"{name.capitalize()} {row[name]:+.2f}{bounds(row[f'{name}_interval'], 1, '+.2f')}"
+        for name in ("spearman", "pearson")
+    )

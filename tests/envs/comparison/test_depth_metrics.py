@@ -1,0 +1,80 @@
+import numpy as np
+import pytest
+from scipy.stats import pearsonr, spearmanr
+
+from envs.comparison.depth_metrics import condition_dots, correlate, correlation, correlation_table, ranks
+from envs.comparison.plots import plot_depth_metrics
+from envs.comparison.suite_results import DrivenMethod
+
+CONDITIONS = ("clear", "dust", "storm", "rocks")
+
+
+def method(perception, spls, errors, missed=None, driver="navigator"):
+    """Two courses under each condition, with the same SPL and depth error on both."""
+    episodes = {
+        (condition, course): {
+            "success": weighted > 0, "spl": weighted, "abs_rel": error, "looks": 10,
+            "rocks": None if missed is None else 4, "rocks_missed": None if missed is None else missed[n],
+            "false_obstacles": None,
+        }
+        for n, (condition, weighted, error) in enumerate(zip(CONDITIONS, spls, errors, strict=True))
+        for course in (0, 1)
+    }  # fmt: skip
+    return DrivenMethod(driver, perception, episodes)
+
+
+TRUTH = method("ground_truth", (1.0, 1.0, 1.0, 0.5), (None,) * 4)
+EYES = method("eyes", (1.0, 0.8, 0.6, 0.45), (0.01, 0.1, 0.2, 0.02), (0, 1, 2, 1))
+
+
+def test_a_dot_has_the_errors_of_its_drives_and_what_they_lose_to_true_depth():
+    dots = {(dot["condition"], dot["method"]): dot for dot in condition_dots({"truth": TRUTH, "eyes": EYES})}
+    assert len(dots) == 8
+    storm = dots["storm", "eyes"]
+    assert storm["episodes"] == 2 and storm["spl"] == pytest.approx(0.6) and storm["abs_rel"] == pytest.approx(0.2)
+    assert storm["rocks_missed"] == 0.5 and storm["false_obstacles"] is None
+    assert storm["spl_less_truth"] == pytest.approx(-0.4) and storm["success_rate_less_truth"] == 0
+    assert dots["storm", "truth"]["abs_rel"] is None and dots["storm", "truth"]["spl_less_truth"] == 0
+    (alone,) = {dot["spl_less_truth"] for dot in condition_dots({"eyes": EYES})}
+    assert alone is None
+
+
+def test_true_depth_of_another_driver_is_no_reference():
+    other = DrivenMethod("straight", "ground_truth", TRUTH.episodes)
+    assert {
+        dot["spl_less_truth"] for dot in condition_dots({"other": other, "eyes": EYES}) if dot["method"] == "eyes"
+    } == {None}
+
+
+def test_correlations_leave_out_what_was_not_measured_and_what_does_not_vary():
+    rows = {(row["score"], row["metric"]): row for row in correlate(condition_dots({"truth": TRUTH, "eyes": EYES}))}
+    assert set(rows) == {
+        (f"spl{less}", metric) for less in ("", "_less_truth") for metric in ("abs_rel", "rocks_missed")
+    }
+    less = rows["spl_less_truth", "abs_rel"]  # the hard ground of "rocks" is taken out: the order is that of the errors
+    assert less["dots"] == 4 and less["spearman"] == pytest.approx(-1)
+    assert less["pearson"] == pytest.approx(pearsonr(np.log([0.01, 0.1, 0.2, 0.02]), [0, -0.2, -0.4, -0.05])[0])
+    plain = rows["spl", "abs_rel"]
+    assert plain["spearman"] == pytest.approx(spearmanr([0.01, 0.1, 0.2, 0.02], [1.0, 0.8, 0.6, 0.45])[0])
+    low, high = plain["spearman_interval"]
+    assert -1 <= low < plain["spearman"] < high <= 1
+    table = correlation_table(list(rows.values()))
+    assert "| SPL less true depth | Abs Rel on the way | 4 | -1.00 |" in table
+    assert correlate(condition_dots({"truth": TRUTH})) == []
+
+
+def test_samples_that_hold_dots_several_times_have_the_correlation_of_the_long_list():
+    rng = np.random.default_rng(3)
+    x, y = rng.integers(0, 5, 12).astype(float), rng.normal(size=12)  # x has equal values
+    weights = rng.integers(0, 3, (20, 12)).astype(float)
+    rank, plain = correlation(ranks(x, weights), ranks(y, weights), weights), correlation(x, y, weights)
+    for n, counts in enumerate(weights.astype(int)):
+        a, b = np.repeat(x, counts), np.repeat(y, counts)
+        assert rank[n] == pytest.approx(spearmanr(a, b)[0]) and plain[n] == pytest.approx(pearsonr(a, b)[0])
+    assert np.isnan(correlation(np.ones(12), y, weights)).all()
+
+
+def test_the_plot_takes_metrics_that_only_some_methods_have(tmp_path):
+    dots = condition_dots({"truth": TRUTH, "eyes": EYES, "more": method("more", (1, 1, 0, 1), (0.0, 0.2, 0.3, 0.1))})
+    plot_depth_metrics(tmp_path / "plot.png", dots, correlate(dots))
+    assert (tmp_path / "plot.png").stat().st_size > 10_000
