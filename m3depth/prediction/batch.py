@@ -143,7 +143,7 @@ def cloud_pose(record: dict[str, Any]) -> np.ndarray:
 
 
 def ending(result: PairPrediction, shown: tuple[float, float]) -> dict[str, Any]:
-    """Return what prediction.json says last: rows, what the maps hold, refinement steps, scale of the picture, versions."""
+    """Return what prediction.json says last: rows, what the maps hold, refinement steps, the scale shown, versions."""
     removed = None if result.removed is None else str(result.removed)
     depth = result.prediction.depth[np.isfinite(result.prediction.depth)]
     percentiles = None
@@ -158,8 +158,9 @@ def ending(result: PairPrediction, shown: tuple[float, float]) -> dict[str, Any]
         "share_with_depth": round(depth.size / result.prediction.depth.size, 4),
         "eyes_agree_share": agreeing,
         **steps,
-        "depth_shown_m": list(shown), "versions": versions(),
-    }  # fmt: skip
+        "depth_shown_m": list(shown),
+        "versions": versions(),
+    }
 
 
 def predict_many(options: PredictOptions, inputs: Inputs, load: Callable[[], Method]) -> Batch:

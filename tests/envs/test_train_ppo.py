@@ -90,7 +90,8 @@ def test_it_goes_on_with_what_is_left_of_its_budgets_and_on_other_courses(tmp_pa
         save(model, path)
 
     monkeypatch.setattr("envs.train_ppo._save", noted)
-    config = {"out": tmp_path, "workers": 1, "goal_distance": 3.0, "scene": str(small_place), "seed": 5, "max_minutes": 20}
+    config = {"out": tmp_path, "workers": 1, "goal_distance": 3.0, "scene": str(small_place), "seed": 5}
+    config["max_minutes"] = 20
     path = train(PPOConfig(**config, max_steps=16), rollout=16)
     file = tmp_path / "train_ppo.json"
     about = json.loads(file.read_text())
