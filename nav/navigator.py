@@ -219,7 +219,7 @@ class Navigator:
         self.planner.margin = self.config.planner.margin * self.risk.margin_share
         self.planner.update(self.map, ground, goal)
 
-        self.risk.update(self._is_closed(place, goal, ground), self._is_hemmed_in(place, ground))
+        self.risk.update(self._is_closed(place, goal), self._is_hemmed_in(place, ground))
         if self.risk.given_up:
             return Command(0.0, 0.0, None, "no_path")
         if self.recovery.backing:
@@ -308,9 +308,8 @@ class Navigator:
         way = path[-1] - next_pose[:2]
         return float(wrapped(float(np.arctan2(way[1], way[0])) - next_pose[2]))
 
-    def _is_closed(self, place: np.ndarray, goal: np.ndarray, ground: Traversability) -> bool:
+    def _is_closed(self, place: np.ndarray, goal: np.ndarray) -> bool:
         """Return whether even the best path to the goal leads through known obstacles, away from both of its ends."""
         path = self.planner.field.path(place, 2 * self.config.elevation.size)
         from_ends = np.minimum(np.hypot(*(path - place[:2]).T), np.hypot(*(path - goal).T))
-        cell = np.clip(self.map.cell_of(path), 0, self.map.n - 1)
-        return bool((ground.inflated[cell[:, 1], cell[:, 0]] & (from_ends > PATH_END)).any())
+        return bool((self.planner.field.is_inflated(path) & (from_ends > PATH_END)).any())

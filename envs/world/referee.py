@@ -53,4 +53,5 @@ class Referee:
             self._places = [position]
             return False
         self._places = [*self._places[-STUCK_STEPS:], position]
-        return len(self._places) > STUCK_STEPS and float(np.hypot(*(position - self._places[0]))) < STUCK_DISTANCE
+        moved = np.hypot(*(np.array(self._places) - self._places[0]).T)  # a rover that returns to a place is not stuck
+        return len(self._places) > STUCK_STEPS and float(moved.max()) < STUCK_DISTANCE

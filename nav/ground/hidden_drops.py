@@ -15,7 +15,8 @@ import numpy as np
 
 from marssim.base.camera import StereoRig
 
-LOOK_BACK = np.linspace(0.2, 1.2, 6)  # [m] before an edge, where the ground is looked up
+LOOK_BACK = np.linspace(0.2, 2.0, 10)  # [m] before an edge, where the ground is looked up
+LATER, EARLIER = np.triu_indices(len(LOOK_BACK), 1)  # the pairs of these places
 STEEPEST_GROUND = 0.4  # largest descent of the ground before an edge that is taken to go on behind it, as a tangent
 SPACING = 0.05  # [m] between two places on hidden ground
 BEYOND = 100.0  # [m] depth that stands for infinity
@@ -26,8 +27,8 @@ class HiddenDropConfig:
     """What counts as a possible drop."""
 
     sight_deg: float = 15.0
-    """Lines of sight that descend by less than this hide ordinary slopes too, and show no drop [deg]. On level ground
-    and from 1.2 m, this is a range of 4.5 m."""
+    """Lines of sight at less than this angle to the ground before an edge hide ordinary slopes too, and show no drop
+    [deg]. On level ground and from 1.2 m, this is a range of 4.5 m."""
     least_gap: float = 0.4
     """Least length of hidden ground [m]. Wheels roll over shorter gaps."""
     least_drop: float = 0.3
@@ -64,10 +65,12 @@ def hidden_drops(
     """
     column, near, far = _gaps(depth, valid, columns, rig, pose, config)
     away = near[:, :2] - pose[:2, 3]
-    away /= np.hypot(*away.T)[:, None]
+    distance = np.hypot(*away.T)
+    away /= distance[:, None]
     gap = np.hypot(*(far - near)[:, :2].T)
-    expected = _ground_behind(near, away, gap, ground_at)
-    drop = expected - far[:, 2] >= config.least_drop
+    height, descent = _ground_before(near, away, ground_at)
+    angle = np.arctan2(pose[2, 3] - near[:, 2], distance) - np.arctan(descent)
+    drop = (height - descent * gap - far[:, 2] >= config.least_drop) & (angle >= np.deg2rad(config.sight_deg))
     column, near, away, gap = column[drop], near[drop], away[drop], gap[drop]
     along = np.arange(SPACING, config.reach, SPACING)
     places = near[:, None, :2] + along[:, None] * away[:, None]
@@ -97,30 +100,28 @@ def _gaps(
     away = np.hypot(offset[:, 0], offset[:, 1])
     rows = 1 + max(2, round(config.skipped_rows * camera.height))
     gap = (np.diff(i) == 0) & (np.diff(j) <= rows) & (np.diff(away) >= config.least_gap)
+    # The ground before an edge only lessens the angle, as its descent is never negative.
     gap &= (z[:-1] < BEYOND) & (-offset[:-1, 2] >= np.tan(np.deg2rad(config.sight_deg)) * away[:-1])
     at = np.flatnonzero(gap)
     return columns[i[at]], offset[at] + pose[:3, 3], offset[at + 1] + pose[:3, 3]
 
 
-def _ground_behind(
-    near: np.ndarray, away: np.ndarray, gap: np.ndarray, ground_at: Callable[[np.ndarray], np.ndarray]
-) -> np.ndarray:
-    """Return the height that the ground has behind each gap (g,) [m] if it goes on as before the gap.
+def _ground_before(
+    near: np.ndarray, away: np.ndarray, ground_at: Callable[[np.ndarray], np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the straight line that the ground follows to each edge, as its height at the edge (g,) [m] and its descent
+    (g,), at least 0.
 
-    The lowest known ground before the edge counts, so that the top of a rock does not, and its descent goes on.
+    The descent is the median over all pairs of places (Theil and Sen), which a rock on some of them does not change.
+    The line touches the ground from below, so that the top of a rock does not count.
 
     Args:
         near: (g, 3) the points before the gaps [m].
         away: (g, 2) horizontal unit vectors away from the camera.
-        gap: (g,) lengths of the gaps [m].
         ground_at: As of hidden_drops.
     """
     height = ground_at(near[:, None, :2] - LOOK_BACK[:, None] * away[:, None])
-    known = np.isfinite(height)
-    number = np.maximum(known.sum(axis=1), 1)[:, None]
-    height = np.where(known, height, 0.0)
-    back = np.where(known, LOOK_BACK - (known * LOOK_BACK).sum(axis=1, keepdims=True) / number, 0.0)
-    descent = (back * height).sum(axis=1) / np.maximum((back**2).sum(axis=1), 1e-6)
-    descent = np.clip(descent, 0.0, STEEPEST_GROUND)
-    lowest = np.where(known, height, near[:, 2:]).min(axis=1)
-    return lowest - descent * (gap + LOOK_BACK[0])
+    slopes = (height[:, EARLIER] - height[:, LATER]) / (LOOK_BACK[EARLIER] - LOOK_BACK[LATER])
+    slopes[~np.isfinite(slopes).any(axis=1)] = 0.0
+    descent = np.clip(np.nanmedian(slopes, axis=1), 0.0, STEEPEST_GROUND)
+    return np.fmin.reduce(np.column_stack([height - descent[:, None] * LOOK_BACK, near[:, 2]]), axis=1), descent

@@ -51,7 +51,8 @@ class TraversabilityConfig:
     footprint_window: float = 1.1
     """Side of the square over which planes are fitted [m]."""
     hidden_depth: float = 0.25
-    """Unseen ground within this distance of an obstacle's seen face belongs to the obstacle [m]."""
+    """Within this distance of an obstacle's face [m], ground that is unseen or stands out by half of step_blocked
+    belongs to the obstacle: its hidden side and its flanks."""
     hiding_width: float = 0.5
     """Unseen patches narrower than this hide no obstacle [m]: rocks are twice as wide as high."""
 
@@ -259,13 +260,15 @@ def _blocked(
     cell: float,
     c: TraversabilityConfig,
 ) -> np.ndarray:
-    """Return the obstacles (n, n) bool: ground that is too high [m], steep [rad] or rough [m], and what it hides."""
+    """Return the obstacles (n, n) bool: ground that is too high [m], steep [rad] or rough [m], and the rest of it."""
     with np.errstate(invalid="ignore"):
         blocked = measured & (step >= c.step_blocked)
         blocked |= measured & ((slope >= np.deg2rad(c.slope_blocked_deg)) | (roughness >= c.roughness_blocked))
-    # Only the near side of a rock is seen; unmeasured cells behind its face are taken for the rest of it.
-    hidden = cv2.dilate(blocked.astype(np.uint8), _square(_odd(2 * c.hidden_depth, cell))) > 0
-    return np.asarray(blocked | (hidden & ~measured))
+        flank = step >= c.step_blocked / 2
+    # A rock is wider than its high part, and only its near side is seen; unmeasured cells behind its face are taken for
+    # the rest of it.
+    beside = cv2.dilate(blocked.astype(np.uint8), _square(_odd(2 * c.hidden_depth, cell))) > 0
+    return np.asarray(blocked | (beside & (flank | ~measured)))
 
 
 def _ground_cost(

@@ -14,6 +14,10 @@ class DistanceField:
     """The cost to go to a goal [m] over the whole map, 8-connected; the goal may lie outside the map.
 
     Ground outside the map counts as easy: the straight distance joins every border cell to a goal outside.
+
+    Attributes:
+        values: (m, m) cost to go [m].
+        inflated: (m, m) bool, cells that are too near to an obstacle.
     """
 
     def __init__(self, elevation: ElevationMap, coarse: int, inflated_cost: float) -> None:
@@ -29,6 +33,7 @@ class DistanceField:
         self.m = elevation.n // coarse
         self.cell = elevation.config.cell * coarse
         self.values = np.full((self.m, self.m), np.inf)
+        self.inflated = np.zeros((self.m, self.m), bool)
         self.origin = elevation.origin
         index = np.arange(self.m**2).reshape(self.m, self.m)
         a, b, length = [], [], []
@@ -61,9 +66,11 @@ class DistanceField:
         """
         m, k = self.m, self.coarse
         self.origin = elevation.origin
-        price = 1.0 + ground.cost + np.where(ground.inflated, np.float32(self.inflated_cost), np.float32(0))
-        parts = [price[i : m * k : k, j : m * k : k] for i in range(k) for j in range(k)]
-        coarse = np.maximum.reduce(parts).ravel().astype(float)
+        fine = [np.s_[i : m * k : k, j : m * k : k] for i in range(k) for j in range(k)]
+        # Gaps are as wide as on the map: a cell is too near to an obstacle if most of its map cells are.
+        self.inflated = np.mean([ground.inflated[at] for at in fine], axis=0) > 0.5
+        cost = np.maximum.reduce([ground.cost[at] for at in fine])
+        coarse = (1.0 + cost + self.inflated_cost * self.inflated).ravel().astype(float)
         goal = np.asarray(goal, float)[:2]
         cell = np.floor((goal - self.origin) / self.cell).astype(int)
         inside = bool(((cell >= 0) & (cell < m)).all())
@@ -89,6 +96,12 @@ class DistanceField:
         low = v[iy, ix] * (1 - fx) + v[iy, ix + 1] * fx
         high = v[iy + 1, ix] * (1 - fx) + v[iy + 1, ix + 1] * fx
         return np.where(outside, np.inf, low * (1 - fy) + high * fy)
+
+    def is_inflated(self, xy: np.ndarray) -> np.ndarray:
+        """Return whether world positions (..., 2) [m] are too near to an obstacle; outside the map, its edge counts."""
+        cell = np.floor((np.asarray(xy, float) - self.origin) / self.cell).astype(int)
+        ix, iy = np.moveaxis(np.clip(cell, 0, self.m - 1), -1, 0)
+        return np.asarray(self.inflated[iy, ix])
 
     def path(self, start: np.ndarray, length: float) -> np.ndarray:
         """Return the path of steepest descent from a world position.

@@ -60,6 +60,12 @@ def test_five_steps_on_the_spot_are_stuck(on_course, make_scene, make_course, dr
     assert ends[-1][:2] == (True, False)
 
 
+def test_backing_out_and_returning_is_not_stuck(on_course, make_scene, make_course):
+    env = on_course(make_course(make_scene()))
+    ends = [env.step(drive)[4]["outcome"] for drive in np.outer([1, 0.5, -0.5, -0.5, -0.5], AHEAD)]
+    assert set(ends) == {"driving"}
+
+
 def test_five_steps_forward_are_not_stuck(on_course, make_scene, make_course):
     env = on_course(make_course(make_scene(), goal=(8.0, 0.0)))
     slow = np.array([0.3, 0])  # 0.12 m a step

@@ -14,12 +14,15 @@ SMALL = ElevationConfig(size=16.0)
 TRENCH = (3.5, 0.0, 0.6, 6.0)  # from x = 2.9 m to 4.1 m
 
 
-def look(world, *places, change=lambda depth: depth):
-    """A map after one look from each place (x, y, yaw)."""
+def look(world, *places, change=lambda depth: depth, descent_deg=0.0):
+    """A map after one look from each place (x, y, yaw), with the whole world tilted so that it descends along x."""
     elevation = ElevationMap(SMALL)
+    c, s = np.cos(np.deg2rad(descent_deg)), np.sin(np.deg2rad(descent_deg))
+    tilted = np.array([[c, 0, s, 0], [0, 1, 0, 0], [-s, 0, c, 0], [0, 0, 0, 1.0]])
     for place in places or [(0, 0, 0)]:
         camera = body_pose(*place) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline)
-        elevation.integrate(change(world.depth(SMALL_RIG, camera)), None, SMALL_RIG, camera)
+        depth = change(world.depth(SMALL_RIG, camera))
+        elevation.integrate(depth, None, SMALL_RIG, tilted @ camera)
     return elevation
 
 
@@ -47,8 +50,12 @@ def test_the_hidden_part_of_a_trench_is_a_possible_drop_and_blocks():
     assert ground.clearance[row, column] < 0.8
 
 
-def test_before_a_trench_is_near_nothing_is_marked():
-    assert len(drops(look(RockWorld(trenches=np.array([(7.0, *TRENCH[1:], 1.2)]))))[0]) == 0
+@pytest.mark.parametrize("descent_deg", [0.0, 10.0])
+def test_before_a_trench_is_near_nothing_is_marked(descent_deg):
+    """The line of sight to ground as far away is as flat on a slope, whatever its angle to the horizon."""
+    far = RockWorld(trenches=np.array([(7.0, 0.0, 1.0, 6.0, 1.2)]))
+    assert len(drops(look(far, descent_deg=descent_deg))[0]) == 0
+    assert len(drops(look(trench(), descent_deg=descent_deg))[0]) > 100
 
 
 def test_a_trench_too_shallow_or_too_narrow_to_matter_is_not_marked():
@@ -91,6 +98,13 @@ def test_unknown_depth_is_no_drop():
 @settings(max_examples=25)
 def test_shadows_of_rocks_are_no_drops(rocks):
     assert len(drops(look(RockWorld(domes=np.array(rocks))))[0]) == 0
+
+
+@pytest.mark.parametrize("y", [-0.6, 0.0, 0.6])
+@pytest.mark.parametrize("x", [3.5, 4.5])
+def test_shadows_of_rocks_on_a_slope_are_no_drops(x, y):
+    """The rock hides the ground just before its shadow, so that the slope shows only before the rock."""
+    assert len(drops(look(RockWorld(domes=np.array([(x, y, 0.5, 0.35)])), descent_deg=14.0))[0]) == 0
 
 
 @given(st.floats(1.8, 4.5), st.floats(0.2, 0.6), st.floats(0.1, 0.9))

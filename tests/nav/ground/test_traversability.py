@@ -80,6 +80,15 @@ def test_the_top_of_a_rock_in_its_own_shadow_is_no_ground():
     assert np.nanmax(ground_surface(low, known, 17)) == pytest.approx(0, abs=1e-6)
 
 
+def test_the_flanks_of_a_rock_belong_to_it_and_a_low_stone_is_none():
+    """A cone that wheels must not touch even where it is low, and one that is as low everywhere."""
+    cone, stone = (painted(lambda x, y, h=h: np.maximum(h - 0.8 * np.hypot(x, y), 0)) for h in (0.4, 0.2))
+    blocked = assess(cone, ZHURONG, CONFIG).blocked
+    x, y = np.meshgrid(*cone.centres())
+    assert blocked[np.hypot(x, y) < 0.35].all() and not blocked[np.hypot(x, y) > 0.6].any()
+    assert not assess(stone, ZHURONG, CONFIG).blocked.any()
+
+
 def test_what_is_hidden_behind_a_face_is_taken_for_the_rock_and_no_more():
     """A block of which only the near face, at x = 2 m, is seen; behind it nothing is known."""
     elevation = painted(lambda x, y: 0.5 * ((x > 2.0) & (np.abs(y) < 0.3)))

@@ -18,8 +18,19 @@ def test_field_is_the_distance_on_open_ground_and_longer_behind_a_wall():
     assert field.at(points)[0] > straight[0] + 4
     path = field.path(points[0], 40.0)
     assert np.hypot(*(path[-1] - [5, 0])) < 0.3
-    cell = wall.cell_of(path)
-    assert not blocked.inflated[cell[:, 1], cell[:, 0]].any()
+    assert not field.is_inflated(path).any()
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.1])
+@pytest.mark.parametrize("width, passes", [(1.7, True), (1.5, False)])
+def test_a_gap_is_as_wide_as_on_the_map_wherever_its_cells_lie(width, passes, shift):
+    sides = [(2.5, shift + side * (width / 2 + 0.25 + 0.5 * n), 0.25) for side in (1, -1) for n in range(14)]
+    elevation, ground = flat_map_with_rocks(sides)
+    field = DistanceField(elevation, 2, 30.0)
+    field.update(elevation, ground, np.array([5.0, 0.0]))
+    across = np.stack([np.arange(1.5, 3.5, 0.1), np.full(20, shift)], axis=1)
+    assert field.is_inflated(across).any() != passes
+    assert (field.at(np.zeros(2)) < 20) == passes
 
 
 def test_goals_outside_the_map_pull_to_the_border():
