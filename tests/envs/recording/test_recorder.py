@@ -59,6 +59,10 @@ def test_the_map_shows_the_rock_where_it_lies(arrival):
         return codes[row, int((x - place["west"]) / place["cell"])]
 
     assert code_at(-0.5, 0.0) == MAP_CODES["blocked"]  # its near side
+    heights = drive.heights(1)
+    assert heights.shape == codes.shape and np.nanmax(heights) == pytest.approx(0.8, abs=0.25)
+    assert np.nanmax(np.abs(heights[codes == MAP_CODES["free"]])) < 0.1 and np.isnan(heights[0, 0])
+    assert drive.heights(len(drive.steps) - 1) is None
     assert code_at(-3.0, 0.3) == MAP_CODES["free"] and code_at(-3.0, 5.0) == MAP_CODES["unknown"]
 
 
