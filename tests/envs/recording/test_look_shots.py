@@ -123,9 +123,9 @@ def test_a_broken_file_is_one_line(tmp_path):
 
 def test_a_browser_draws_the_look_behind_the_course_in_the_colours_of_the_map(path, browser_3d):
     pytest.importorskip("viser", reason="the extra `view` is not installed")
-    from marssim.base.view.page import Page
-
     from selenium.common.exceptions import TimeoutException
+
+    from marssim.base.view.page import Page
 
     def pixels_like(colour):
         try:
