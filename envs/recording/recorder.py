@@ -141,6 +141,8 @@ class Recorder:
         if navigator.ground is not None:
             middle = np.array(self._steps[step]["believed_pose"])[:2, 3]
             layers, place = _reduced_map(navigator, middle)
+            if not self._steps[step]["looked"]:
+                layers.pop("height")  # it changes with a look, and is the larger part of the map
             for layer, codes in layers.items():
                 self._pictures[picture_name(layer, step)] = encode_png(codes, (cv2.IMWRITE_PNG_COMPRESSION, 9))
             path = navigator.planner.field.path(middle, MAP_METRES)

@@ -12,8 +12,8 @@ The file is a zip archive of plain data:
     height/0007.png         the heights that it measured in the same cells, 16 bits, see height_codes
 
 Depth, confidence and error show every n-th pixel of the left eye: `rig` is the camera of these pixels. Steps without a
-look have no images, and drivers without a map have none. Records of earlier releases have no heights. Reading a file
-from elsewhere executes nothing, and every fault is a DatasetError.
+look have no images and no heights, and drivers without a map have neither map nor heights. Records of earlier releases
+have no heights. Reading a file from elsewhere executes nothing, and every fault is a DatasetError.
 """
 
 from __future__ import annotations
@@ -202,7 +202,8 @@ class DriveFile:
         """Return the highest points that the navigator measured in the cells of its map, world z, at a step.
 
         Returns:
-            (cells, cells) float32 [m], north up, NaN where unknown; None without a map, and for earlier releases.
+            (cells, cells) float32 [m], north up, NaN where unknown; None without a look or a map, and in records of
+            earlier releases.
         """
         codes = self.codes("height", step)
         return None if codes is None else height_of(codes)
