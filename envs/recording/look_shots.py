@@ -139,7 +139,7 @@ class _Ground:
     def colours_at(self, places: np.ndarray) -> np.ndarray:
         """Return the colours (N, 3) uint8 of places (N, 2) [m] of the odometry's frame; grey beyond the map."""
         inside, row, column = self._cells(places)
-        return np.where(inside[:, None], code_colours()["map"][self._codes[row, column]], np.uint8(UNKNOWN))
+        return np.where(inside[:, None], code_colours()["map"][self._codes[row, column]], np.array(UNKNOWN, np.uint8))
 
     def on_it(self, places: np.ndarray, level: float) -> np.ndarray:
         """Return places (N, 2) [m] of the odometry's frame a little above the ground, (N, 3) [m] in the world.
