@@ -4,14 +4,15 @@
     python -m envs.inspect out/eval
 
 The page has a shot for each course: the ground, the rocks that block, the goal, the shortest passable way, and the way
-of every driver and perception in the colour of its outcome, with the rover's footprint at its end. It needs the extra
-`view`.
+of every driver and perception in the colour of its outcome, with the rover's footprint at its end. Drives that
+envs.evaluate recorded (--record) have a shot for each look too: the cloud that the rover saw, the navigator's map, its
+planned path, and the motion that it chose. It needs the extra `view`.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -21,8 +22,11 @@ import tyro
 from envs.drives.episodes import EpisodeRecord
 from envs.drives.records import read_record
 from envs.drives.shots import course_shots
+from envs.recording.drive_page import drive_path
+from envs.recording.look_shots import look_shots
 from marssim.base.command.run import run_command
 from marssim.base.files.json_file import DatasetError
+from marssim.base.view.scene import Shot
 from marssim.base.view.show import check_viewer, show
 
 
@@ -36,8 +40,8 @@ class InspectConfig:
     """Only show courses on which a drive ended this way, such as collision, stuck or no_path."""
 
 
-def read_drives(config: InspectConfig) -> list[EpisodeRecord]:
-    """Return the records of the drives that the flags name.
+def read_drives(config: InspectConfig) -> dict[Path, EpisodeRecord]:
+    """Return the records of the drives that the flags name, by their files.
 
     Raises:
         DatasetError: The folder holds no drives, or a record is broken; the message names the file.
@@ -46,14 +50,41 @@ def read_drives(config: InspectConfig) -> list[EpisodeRecord]:
     files = sorted((config.run / "episodes").glob("*.json"))
     if not files:
         raise DatasetError(f"{config.run}: holds no episodes; give a folder that envs.evaluate wrote")
-    records = [read_record(file) for file in files]
+    records = {file: read_record(file) for file in files}
     if config.outcome is None:
         return records
-    courses = {(record.cell, record.episode) for record in records if record.outcome == config.outcome}
+    courses = {_course(record) for record in records.values() if record.outcome == config.outcome}
     if not courses:
-        found = ", ".join(sorted({record.outcome for record in records}))
+        found = ", ".join(sorted({record.outcome for record in records.values()}))
         raise ValueError(f"--outcome {config.outcome}: no drive ended so; they ended as {found}")
-    return [record for record in records if (record.cell, record.episode) in courses]
+    return {file: record for file, record in records.items() if _course(record) in courses}
+
+
+def inspect_shots(run: Path, records: Mapping[Path, EpisodeRecord]) -> list[Shot]:
+    """Return the shots of a page: each course with all its drives, then the looks of those that were recorded.
+
+    Args:
+        run: Folder of envs.evaluate.
+        records: The records of its drives, by their files.
+
+    Raises:
+        DatasetError: The file of a recorded drive is broken.
+    """
+    courses: dict[tuple[str, int], dict[Path, EpisodeRecord]] = {}
+    for file, record in records.items():
+        courses.setdefault(_course(record), {})[file] = record
+    shots = []
+    for _, drives in sorted(courses.items()):
+        shots += course_shots(list(drives.values()))
+        for file, record in drives.items():
+            recorded = drive_path(run, file.name)
+            if recorded.is_file():
+                shots += look_shots(record, recorded)
+    return shots
+
+
+def _course(record: EpisodeRecord) -> tuple[str, int]:
+    return record.cell, record.episode
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -63,7 +94,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _work(config: InspectConfig) -> None:
     check_viewer()
-    show(course_shots(read_drives(config)), config.run.resolve().name)
+    show(inspect_shots(config.run, read_drives(config)), config.run.resolve().name)
 
 
 if __name__ == "__main__":

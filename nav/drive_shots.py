@@ -10,6 +10,7 @@ import numpy as np
 from marssim.base.camera import StereoRig
 from marssim.base.rover_spec import RoverSpec
 from marssim.base.view.clouds import view_of_maps
+from marssim.base.view.grids import grid_surface
 from marssim.base.view.scene import Layer, Line, Shot, Surface, View
 from nav.command import Command
 from nav.ground.map_files import TRAVERSABILITY_TITLE, UNKNOWN_COLOUR, class_colours
@@ -66,19 +67,8 @@ class MapState:
         """Return the map as a surface through the middles of its cells; None without four seen cells in a square."""
         if self.colours is None:
             return None
-        known = np.isfinite(self.heights)
-        rows, columns = known.shape
-        index = np.arange(rows * columns).reshape(rows, columns)
-        whole = known[:-1, :-1] & known[:-1, 1:] & known[1:, :-1] & known[1:, 1:]
-        if not whole.any():
-            return None
-        a, b, c, d = (part[whole] for part in (index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]))
-        corners = np.concatenate([np.stack([a, b, d], axis=1), np.stack([a, d, c], axis=1)])
-        used, faces = np.unique(corners, return_inverse=True)
-        y, x = np.divmod(used, columns)
-        xy = self.origin + self.cell * (np.stack([x, y], axis=1) + 0.5)
-        vertices = np.column_stack([xy, self.heights.reshape(-1)[used] - MAP_BELOW])
-        return Surface("Map of the navigator", vertices, faces.reshape(-1, 3), self.colours.reshape(-1, 3)[used])
+        first = self.origin + 0.5 * self.cell
+        return grid_surface("Map of the navigator", first, self.cell, self.heights - MAP_BELOW, self.colours)
 
 
 class DriveRecorder:

@@ -1,9 +1,11 @@
 """Settings and examples for all tests."""
 
 import re
+import shutil
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -68,3 +70,23 @@ def my_stereo(tmp_path, monkeypatch, guide_program) -> str:
     (tmp_path / "my_stereo.py").write_text(guide_program("my_stereo.py"))
     monkeypatch.syspath_prepend(str(tmp_path))
     return "my_stereo:Blocks"
+
+
+@pytest.fixture
+def browser_3d() -> Iterator[Any]:
+    """Headless Chromium that draws in 3-D without a graphics card; skips where it is not installed."""
+    webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
+    chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    driver = shutil.which("chromedriver")
+    if chromium is None or driver is None:
+        pytest.skip("Chromium and its driver are not installed")
+    options = webdriver.ChromeOptions()
+    options.binary_location = chromium
+    for argument in (
+        "--headless=new", "--no-sandbox", "--window-size=900,600", "--use-gl=angle", "--use-angle=swiftshader",
+        "--enable-unsafe-swiftshader",
+    ):  # fmt: skip
+        options.add_argument(argument)
+    window = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
+    yield window
+    window.quit()

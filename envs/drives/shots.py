@@ -14,6 +14,7 @@ from envs.drives.maps import OUTCOME_COLOURS, ROCK_COLOUR, WAY_COLOUR
 from marssim.base.camera import NATECAM
 from marssim.base.pose import look_pose
 from marssim.base.rover_spec import ZHURONG
+from marssim.base.view.grids import grid_surface
 from marssim.base.view.scene import Line, Shot, Surface, View
 from nav.path.footprint import footprint_corners
 
@@ -51,18 +52,23 @@ def ground_height(record: EpisodeRecord, places: np.ndarray) -> np.ndarray:
     return np.asarray(map_coordinates(heights, [row, column], order=1, mode="nearest"))
 
 
-def ground_surface(record: EpisodeRecord) -> Surface:
-    """Return the ground of a course, dark where it is low."""
+def ground_surface(record: EpisodeRecord, below: float = 0.0) -> Surface | None:
+    """Return the ground of a course, dark where it is low; None for records that do not say how far it goes.
+
+    Args:
+        record: A drive over it.
+        below: How far to lower it [m].
+    """
+    if not record.half:
+        return None
     side = max(2, len(record.relief))
-    axis = np.linspace(-record.half, record.half, side)
-    places = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-    heights = ground_height(record, places)
-    index = np.arange(side * side).reshape(side, side)
-    a, b, c, d = (part.ravel() for part in (index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]))
-    faces = np.concatenate([np.stack([a, b, d], axis=1), np.stack([a, d, c], axis=1)])
-    share = ((heights - heights.min()) / max(float(np.ptp(heights)), 1e-9))[:, None]
+    cell = 2 * record.half / (side - 1)
+    axis = cell * np.arange(side) - record.half
+    places = np.stack(np.meshgrid(axis, axis), axis=-1)
+    heights = ground_height(record, places.reshape(-1, 2)).reshape(side, side)
+    share = ((heights - heights.min()) / max(float(np.ptp(heights)), 1e-9))[..., None]
     colours = (LOW + (HIGH - LOW) * share).astype(np.uint8)
-    return Surface("Ground", np.column_stack([places, heights]), faces, colours)
+    return grid_surface("Ground", places[0, 0], cell, heights - below, colours)
 
 
 def rock_domes(record: EpisodeRecord) -> Surface | None:
@@ -92,6 +98,16 @@ def rock_domes(record: EpisodeRecord) -> Surface | None:
     return Surface("Rocks that block", vertices, (faces + shifts).reshape(-1, 3), colours)
 
 
+def course_lines(record: EpisodeRecord) -> list[Line]:
+    """Return the goal of a course and its shortest passable way."""
+    goal = _on_ground(record, np.array([record.goal]))[0]
+    lines = [Line("Goal", np.stack([goal, np.add(goal, (0, 0, POLE))]), (200, 30, 160))]
+    if len(record.shortest_path) > 1:
+        way = _on_ground(record, np.array(record.shortest_path))
+        lines.append(Line("Shortest passable way", way, _rgb(WAY_COLOUR)))
+    return lines
+
+
 def _start(record: EpisodeRecord) -> np.ndarray:
     """Return the pose of a camera at the start of a course that looks at its goal, (4, 4)."""
     start, goal = np.array([record.track[0], record.goal])
@@ -104,10 +120,7 @@ def _start(record: EpisodeRecord) -> np.ndarray:
 
 def _view(drives: Sequence[EpisodeRecord]) -> View:
     first = drives[0]
-    goal = _on_ground(first, np.array([first.goal]))[0]
-    lines = [Line("Goal", np.stack([goal, np.add(goal, (0, 0, POLE))]), (200, 30, 160))]
-    if len(first.shortest_path) > 1:
-        lines.append(Line("Shortest passable way", _on_ground(first, np.array(first.shortest_path)), _rgb(WAY_COLOUR)))
+    lines = course_lines(first)
     for record in drives:
         name = f"{record.driver}, {record.perception}: {record.outcome}"
         colour = _rgb(OUTCOME_COLOURS.get(record.outcome, "#333333"))
@@ -117,13 +130,9 @@ def _view(drives: Sequence[EpisodeRecord]) -> View:
         if record.headings:
             corners = footprint_corners(ZHURONG, (*track[-1], record.headings[-1]))
             lines.append(Line(name, _on_ground(record, corners[[0, 1, 2, 3, 0]]), colour))
-    surfaces = [ground_surface(first)] if first.half else []
-    if (rocks := rock_domes(first)) is not None:
-        surfaces.append(rocks)
+    surfaces = tuple(part for part in (ground_surface(first), rock_domes(first)) if part is not None)
     note = f"goal {first.start_distance:.1f} m from the start, shortest way {first.shortest:.1f} m"
-    return View(
-        NATECAM, None, np.zeros((0, 3), np.float32), {}, tuple(lines), tuple(surfaces), note, first.start_distance
-    )
+    return View(NATECAM, None, np.zeros((0, 3), np.float32), {}, tuple(lines), surfaces, note, first.start_distance)
 
 
 def _on_ground(record: EpisodeRecord, places: np.ndarray) -> np.ndarray:

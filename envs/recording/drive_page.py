@@ -17,9 +17,10 @@ import cv2
 import numpy as np
 
 from envs.drives.maps import OUTCOME_COLOURS
+from envs.recording.code_colours import code_colours
 from envs.recording.turning_point import turning_point
 from envs.world.referee import GOAL_RADIUS
-from marssim.base.dataset.drive_file import LAYERS, MAP_CODES, DriveFile, depth_of, read_drive
+from marssim.base.dataset.drive_file import LAYERS, DriveFile, depth_of, read_drive
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import json_text
 from marssim.base.files.png import encode_png
@@ -27,7 +28,7 @@ from marssim.base.images.colours import depth_colours
 
 DRIVES = "drives"  # folder of an evaluation with the files of its drives and their pages
 NEAR, FAR = 0.5, 60.0  # [m] depths of the codes 1 and 254 of a page
-WORST = 0.1  # share of the depth from which errors have the same colour
+SHOWN = tuple(layer for layer in LAYERS if layer != "height")  # the map of a page is flat
 ENDINGS = {
     "goal": "It reached the goal", "collision": "It hit an obstacle", "tilt": "It tilted by more than 30 deg",
     "stuck": "It got stuck", "time": "It ran out of time", "out_of_bounds": "It left the ground",
@@ -117,7 +118,7 @@ def _shown(drive: DriveFile) -> dict[str, Any]:
     return {
         **{key: episode[key] for key in keys}, "name": _name(drive), "summary": summary, "steps": drive.steps,
         "stepSeconds": content["step_seconds"], "rover": content["rover"], "decided": {"step": step, "why": why},
-        "pictures": {layer: [_uri(drive, layer, n) for n in range(len(drive.steps))] for layer in LAYERS},
+        "pictures": {layer: [_uri(drive, layer, n) for n in range(len(drive.steps))] for layer in SHOWN},
     }  # fmt: skip
 
 
@@ -155,23 +156,6 @@ def _colours() -> dict[str, Any]:
     code = np.arange(256)
     depth = NEAR * (FAR / NEAR) ** ((code - 1) / 253)
     depth = np.where(code == 0, np.nan, np.where(code == 255, np.inf, depth))
-    share = (code / 255)[:, None]
-    confidence = np.where(share < 0.5, _between((40, 24, 50), (60, 130, 150), share * 2),
-                          _between((60, 130, 150), (240, 245, 225), share * 2 - 1))  # fmt: skip
-    error = np.clip((np.exp((code - 128) / 100) - 1) / WORST, -1, 1)[:, None]
-    white = (246, 244, 240)
-    errors = np.where(error < 0, _between(white, (40, 90, 170), -error), _between(white, (180, 50, 40), error))
-    errors[0] = (70, 70, 70)
-    free, costly = MAP_CODES["free"], MAP_CODES["costly"]
-    ground = _between((124, 152, 112), (228, 190, 104), np.clip((code - free) / (costly - free), 0, 1)[:, None])
-    ground[MAP_CODES["unknown"]] = (72, 70, 68)
-    ground[MAP_CODES["too_near"] :] = (214, 140, 92)
-    ground[MAP_CODES["blocked"] :] = (176, 58, 52)
-    layers = {"depth": depth_colours(depth[None])[0], "confidence": confidence, "error": errors, "map": ground}
+    layers = {"depth": depth_colours(depth[None])[0], **code_colours()}
     tables = {name: [f"#{r:02x}{g:02x}{b:02x}" for r, g, b in table.astype(int)] for name, table in layers.items()}
     return {**tables, "outcomes": OUTCOME_COLOURS}
-
-
-def _between(low: tuple[int, int, int], high: tuple[int, int, int], share: np.ndarray) -> np.ndarray:
-    """Return colours (n, 3) between two, by shares (n, 1)."""
-    return np.array(low) + (np.array(high) - np.array(low)) * share

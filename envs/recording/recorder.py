@@ -22,6 +22,7 @@ from marssim.base.dataset.drive_file import (
     depth_codes,
     encode_drive,
     error_codes,
+    height_codes,
     picture_name,
 )
 from marssim.base.files.png import encode_png
@@ -140,8 +141,11 @@ class Recorder:
         }  # fmt: skip
         if navigator.ground is not None:
             middle = np.array(self._steps[step]["believed_pose"])[:2, 3]
-            codes, place = _reduced_map(navigator, middle)
-            self._pictures[picture_name("map", step)] = encode_png(codes, (cv2.IMWRITE_PNG_COMPRESSION, 9))
+            layers, place = _reduced_map(navigator, middle)
+            if not self._steps[step]["looked"]:
+                layers.pop("height")  # it changes with a look, and is the larger part of the map
+            for layer, codes in layers.items():
+                self._pictures[picture_name(layer, step)] = encode_png(codes, (cv2.IMWRITE_PNG_COMPRESSION, 9))
             path = navigator.planner.field.path(middle, MAP_METRES)
             decision |= {"map": place, "path": _rounded(path, 2)}
         if navigator.planner.considered is not None:
@@ -178,8 +182,8 @@ def _sampled(rig: StereoRig) -> tuple[tuple[slice, slice], StereoRig]:
     return (part, part), replace(rig, camera=camera)
 
 
-def _reduced_map(navigator: Navigator, middle: np.ndarray) -> tuple[np.ndarray, dict[str, float]]:
-    """Return the judged ground around a place as MAP_CODES (n, n), north up, and where it lies."""
+def _reduced_map(navigator: Navigator, middle: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, float]]:
+    """Return the judged ground around a place as MAP_CODES and its heights as codes (n, n), and where they lie."""
     ground, elevation = navigator.ground, navigator.map
     assert ground is not None
     cell = elevation.config.cell
@@ -194,10 +198,16 @@ def _reduced_map(navigator: Navigator, middle: np.ndarray) -> tuple[np.ndarray, 
     )
     code = np.where(ground.inflated & ground.known, MAP_CODES["too_near"], code)
     code = np.where(ground.blocked, MAP_CODES["blocked"], code).astype(np.uint8)
-    around = np.pad(code, cells)[y + cells : y + 2 * cells, x + cells : x + 2 * cells]
-    merged = around.reshape(cells // MERGED, MERGED, cells // MERGED, MERGED).max(axis=(1, 3))
+    height = height_codes(np.where(elevation.measured, elevation.top, np.nan))
+
+    def merged(codes: np.ndarray) -> np.ndarray:
+        """Return the highest codes of the cells around the place, north up."""
+        around = np.pad(codes, cells)[y + cells : y + 2 * cells, x + cells : x + 2 * cells]
+        return around.reshape(cells // MERGED, MERGED, cells // MERGED, MERGED).max(axis=(1, 3))[::-1]
+
     west, south = (round(float(value), 3) for value in elevation.origin + cell * np.array([x, y]))
-    return merged[::-1], {"west": west, "south": south, "cell": cell * MERGED, "cells": len(merged)}
+    place = {"west": west, "south": south, "cell": cell * MERGED, "cells": cells // MERGED}
+    return {"map": merged(code), "height": merged(height)}, place
 
 
 def _listed(candidates: Candidates) -> dict[str, Any]:

@@ -36,13 +36,16 @@ def write_bag(out: Path, source: BagPairs, names: Sequence[str], cloud_frame: Cl
     Raises:
         OSError: The bag cannot be written.
     """
+    records = {name: read_json(out / name / RECORD) for name in names}
+    # fixed frames often have the stamp 0; a bag that began there would be played for decades before its first image
+    begin = min((int(record["stamp_ns"]) for record in records.values()), default=0)
     frames = {"camera": source.frame, "rover": BASE_LINK, "world": source.world or ""}
     with StereoBagWriter(out / BAG, replace=True) as bag:
         for topic, message in source.bag.messages([STATIC_FRAMES, MOVING_FRAMES]):
             if message.transforms:
-                bag.write(topic, stamp_of(message.transforms[0]), message, latched=topic == STATIC_FRAMES)
-        for name in names:
-            record = read_json(out / name / RECORD)
+                stamp, fixed = stamp_of(message.transforms[0]), topic == STATIC_FRAMES
+                bag.write(topic, max(stamp, begin) if fixed else stamp, message, latched=fixed)
+        for name, record in records.items():
             stamp, rig = record["stamp_ns"], StereoRig.from_dict(record["rig"])
             path = find_map(out / name, "depth")
             assert path is not None  # --write bag needs depth

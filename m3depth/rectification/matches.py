@@ -54,7 +54,7 @@ def _points(image: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarra
 def _nearest(
     a: np.ndarray, described_a: np.ndarray, b: np.ndarray, described_b: np.ndarray, reach: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return for each point of `a` the number of the likest one of `b` in its band, and whether it is clearly so."""
+    """Return the index of the most similar one of `b` in the band of each of `a`, and whether it passes Lowe's test."""
     order = np.argsort(b[:, 1])
     rows = b[order, 1]
     best, certain = np.zeros(len(a), int), np.zeros(len(a), bool)

@@ -27,7 +27,7 @@ def right_of(left: Path) -> Path:
         left: The left image, with a name of Mars 2020 or of MSL.
 
     Raises:
-        FileNotFoundError: There is no right image, or none that could be told by the name. One line.
+        FileNotFoundError: There is no right image, or the name is of no known mission. One line.
         ValueError: There are several.
     """
     match = M2020.fullmatch(left.name) or MSL.fullmatch(left.name)

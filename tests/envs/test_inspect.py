@@ -2,6 +2,7 @@ import json
 from dataclasses import asdict, replace
 
 import pytest
+from recorded_drives import drive_of, step
 
 from envs import inspect as command
 from envs.drives.episodes import EpisodeRecord
@@ -35,6 +36,17 @@ def test_a_page_has_all_courses_or_those_of_an_outcome(folder, monkeypatch):
     assert {line.name for line in stuck[0].load().lines} == {
         "Goal", "navigator, sgbm: stuck", "navigator, m3depth: goal",
     }  # fmt: skip
+
+
+def test_recorded_drives_have_their_looks_behind_their_course(folder, monkeypatch):
+    pages = []
+    monkeypatch.setattr(command, "show", lambda shots, title: pages.append(shots))
+    (folder / "drives").mkdir()
+    drive_of(folder / "drives/1.zip", [step(looked=True), step(x=1.0, looked=True)])
+    assert command.main([str(folder)]) == 0
+    names = [shot.name for shot in pages[0]]
+    looks = [f"k=0.1, course 1: navigator, sgbm, step {n}" for n in (0, 1)]
+    assert names == ["k=0.1, course 0", "k=0.1, course 1", *looks, "k=0.1, course 2"]
 
 
 @pytest.mark.parametrize(

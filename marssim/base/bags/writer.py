@@ -72,7 +72,7 @@ class BagWriter:
             topic: The topic; all of its messages have one type.
             stamp: Time of recording [ns].
             message: The message.
-            latched: Whether whoever subscribes later gets it too, as that of /tf_static.
+            latched: Whether late subscribers get it too, as that of /tf_static.
         """
         kind = message.__msgtype__
         if topic not in self._topics:

@@ -105,13 +105,14 @@ def camera_info_texts(pair: PosedPair, view: RectifiedView) -> tuple[str, str]:
 def _text(camera: PosedCamera, ideal: PinholeCamera, rotation: np.ndarray, tx: float, name: str) -> str:
     k, terms = intrinsics(camera.lens)
     model = "equidistant" if isinstance(camera.lens, Fisheye) else "plumb_bob"
-    if model == "plumb_bob" and len(terms) > 5:
-        model = "rational_polynomial"
+    if model == "plumb_bob":
+        terms = (*terms, *(0.0,) * (5 - len(terms)))  # it has five by ROS's definition
+        model = "rational_polynomial" if len(terms) > 5 else model
     p = np.column_stack([ideal.K, [tx, 0, 0]])
     width, height = camera.size or (ideal.width, ideal.height)
     lines = [f"image_width: {width}", f"image_height: {height}", f"camera_name: {name}"]
     blocks = {
-        "camera_matrix": k, "distortion_coefficients": np.array(terms or (0.0,) * 5)[None],
+        "camera_matrix": k, "distortion_coefficients": np.array(terms)[None],
         "rectification_matrix": rotation @ camera.rotation.T, "projection_matrix": p,
     }  # fmt: skip
     for block, matrix in blocks.items():

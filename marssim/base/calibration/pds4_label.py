@@ -18,6 +18,7 @@ VECTORS = {
     "Vector_Center": "position", "Vector_Axis": "unit", "Vector_Horizontal": "pixel", "Vector_Vertical": "pixel",
     "Vector_Optical": "unit",
 }  # fmt: skip
+LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "km": 1e3}  # [m] units of positions
 
 
 def read_pds4(path: Path) -> ProductLabel:
@@ -85,8 +86,15 @@ def _camera(parameters: Element, size: tuple[int, int] | None) -> PosedCamera:
 
 
 def _vector(model: Element, name: str) -> np.ndarray:
-    values = {name: [model.findtext(f"{name}/{axis}_{VECTORS[name]}") for axis in "xyz"]}
-    return of.matrix(values, name, (3,))
+    """Return a vector; a position in metres, whatever its unit in the label."""
+    nodes = [model.find(f"{name}/{axis}_{VECTORS[name]}") for axis in "xyz"]
+    vector = of.matrix({name: [None if node is None else node.text for node in nodes]}, name, (3,))
+    if VECTORS[name] != "position":
+        return vector
+    units = [node.get("unit", "m") for node in nodes if node is not None]
+    if unknown := next((unit for unit in units if unit not in LENGTHS), None):
+        raise ValueError(f"{name}: unit {unknown} is unknown; {', '.join(LENGTHS)} are known")
+    return vector * [LENGTHS[unit] for unit in units]
 
 
 def _terms(model: Element, name: str) -> tuple[float, float, float]:

@@ -25,6 +25,7 @@ from marssim.base.calibration.opencv_file import is_opencv, parse_opencv
 from marssim.base.camera import PinholeCamera, StereoRig
 
 ADVICE = "rectify the images first (m3depth.predict --rectify always, or m3depth.rectify)"
+ROUNDING = 0.05  # [px] by which the cameras of one rectified pair may differ in a file
 KITTI_GREY = frozenset({"image_0", "image_00"})  # folders of the left grey camera; the left colour camera has number 2
 
 
@@ -133,6 +134,14 @@ def _from_projections(left: np.ndarray, right: np.ndarray) -> Calibration:
     """Return the calibration of two (3, 4) projection matrices K [I | t] of one rectified frame; t along x only."""
     if not (left[0, 0] > 0 and right[0, 0] > 0):
         raise ValueError("the projection matrices have no positive focal length")
+    for name, at in (("focal lengths", (0, 0)), ("vertical focal lengths", (1, 1)), ("principal points' rows", (1, 2))):
+        if abs(left[at] - right[at]) > ROUNDING:
+            raise ValueError(
+                f"the {name} of the two cameras are {left[at]:g} and {right[at]:g} px: the cameras of a rectified pair "
+                "have the same"
+            )
+    if abs(right[1, 3] - left[1, 3]) > abs(right[0, 3] - left[0, 3]):
+        raise ValueError("one camera stands above the other; only pairs side by side can be used")
     baseline = left[0, 3] / left[0, 0] - right[0, 3] / right[0, 0]
     fx, fy, cx, cy = (float(left[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
     return Calibration(fx, fy, cx, cy, float(baseline), float(right[0, 2] - left[0, 2]))
@@ -142,10 +151,13 @@ def calibration_of_infos(left: CameraInfo, right: CameraInfo) -> Calibration:
     """Return the calibration of the CameraInfos of both cameras.
 
     Raises:
-        ValueError: They are exchanged, or hold no baseline.
+        ValueError: They are exchanged, hold no baseline, or are not those of one pair.
     """
     if left.projection[0, 3] != 0 or right.projection[0, 3] == 0:
         raise ValueError("the left camera's CameraInfo (Tx = 0) comes first, then the right one's (Tx = -f B)")
+    if left.size is not None and right.size is not None and left.size != right.size:
+        sizes = (f"{size[0]} x {size[1]}" for size in (left.size, right.size))
+        raise ValueError(f"the CameraInfos are for images of {' and '.join(sizes)} px: both must have one size")
     return replace(_from_projections(left.projection, right.projection), size=left.size)
 
 

@@ -9,10 +9,11 @@ The file is a zip archive of plain data:
     confidence/0007.png     its confidence, 8 bits, 255 for 1
     error/0007.png          its error against the truth, 8 bits, see error_codes; not with the true depth itself
     map/0007.png            the ground as the navigator judged it, 8 bits, north up, see MAP_CODES
+    height/0007.png         the heights that it measured in the same cells, 16 bits, see height_codes
 
 Depth, confidence and error show every n-th pixel of the left eye: `rig` is the camera of these pixels. Steps without a
-look have no images, and drivers without a map have none. Reading a file from elsewhere executes nothing, and every
-fault is a DatasetError.
+look have no images and no heights, and drivers without a map have neither map nor heights. Records of earlier releases
+have no heights. Reading a file from elsewhere executes nothing, and every fault is a DatasetError.
 """
 
 from __future__ import annotations
@@ -35,13 +36,16 @@ from marssim.base.files.png import decode_png
 
 FORMAT, VERSION = "marsnav-drive", 1
 INDEX = "drive.json"  # member with everything but pictures
-LAYERS = {"left": "jpg", "right": "jpg", "depth": "png", "confidence": "png", "error": "png", "map": "png"}
+LAYERS = {
+    "left": "jpg", "right": "jpg", "depth": "png", "confidence": "png", "error": "png", "map": "png", "height": "png",
+}  # fmt: skip
 MOST_BYTES = 1 << 28  # of all members of a file together, unpacked
 MOST_PIXELS = 4096  # along a side of a picture
 JPEG_MAGIC = b"\xff\xd8\xff"
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 NEAREST, RATIO = 0.1, 1.004  # [m] depth of code 1, and the ratio of the depths of two codes
 SKY = 65535  # code of depth without end
+HEIGHT_STEP, LEVEL = 0.02, 32768  # [m] between the heights of two codes, and the code of height 0
 FULL_COST = 8.0  # [m] extra cost of a metre, from which the map's code does not rise any more
 MAP_CODES = {"unknown": 0, "free": 1, "costly": 200, "too_near": 220, "blocked": 250}
 """Codes of a map's cells: "free" at no extra cost, rising to "costly" at FULL_COST; "too_near" to an obstacle for the
@@ -75,6 +79,24 @@ def depth_of(codes: np.ndarray) -> np.ndarray:
     with np.errstate(over="ignore"):
         depth = NEAREST * RATIO ** (codes.astype(np.float64) - 1)
     return np.where(codes == SKY, np.inf, np.where(codes == 0, np.nan, depth)).astype(np.float32)
+
+
+def height_codes(heights: np.ndarray) -> np.ndarray:
+    """Return heights as codes, 2 cm apart: 0 for unknown, and else LEVEL + height / HEIGHT_STEP.
+
+    Args:
+        heights: (...) [m], world z, NaN where unknown.
+
+    Returns:
+        (...) uint16.
+    """
+    code = np.clip(np.round(np.nan_to_num(heights) / HEIGHT_STEP) + LEVEL, 1, 65535)
+    return np.where(np.isnan(heights), 0, code).astype(np.uint16)
+
+
+def height_of(codes: np.ndarray) -> np.ndarray:
+    """Return the heights (...) float32 [m] of codes (...), NaN where unknown."""
+    return np.where(codes == 0, np.nan, HEIGHT_STEP * (codes.astype(np.float64) - LEVEL)).astype(np.float32)
 
 
 def error_codes(depth: np.ndarray, truth: np.ndarray, scored: np.ndarray) -> np.ndarray:
@@ -154,8 +176,9 @@ class DriveFile:
             return None
         cells = self.steps[step].get("map")
         camera = self.rig.camera
-        size = (cells["cells"],) * 2 if layer == "map" and cells else (camera.height, camera.width)
-        kind = np.uint16 if layer == "depth" else np.uint8
+        on_map = layer in ("map", "height")
+        size = (cells["cells"],) * 2 if on_map and cells else (camera.height, camera.width)
+        kind = np.uint16 if layer in ("depth", "height") else np.uint8
         # the size in the header is checked first, as a small file may unpack to a huge picture
         header = (int.from_bytes(data[20:24], "big"), int.from_bytes(data[16:20], "big"))
         pixels = decode_png(data) if header == size else None
@@ -174,6 +197,16 @@ class DriveFile:
         """Return the confidence of a step (H, W) float32 in [0, 1]; None without a look."""
         codes = self.codes("confidence", step)
         return None if codes is None else (codes / np.float32(255)).astype(np.float32)
+
+    def heights(self, step: int) -> np.ndarray | None:
+        """Return the highest points that the navigator measured in the cells of its map, world z, at a step.
+
+        Returns:
+            (cells, cells) float32 [m], north up, NaN where unknown; None without a look or a map, and in records of
+            earlier releases.
+        """
+        codes = self.codes("height", step)
+        return None if codes is None else height_of(codes)
 
 
 def read_drive(path: Path) -> DriveFile:

@@ -118,13 +118,24 @@ class Drawing:
         for number, line in enumerate(view.lines):
             self._parts.append(self._line(f"/{line.name}/line{number}", line.points, line.colour))
         for number, surface in enumerate(view.surfaces):
-            mesh = trimesh.Trimesh(surface.vertices, surface.faces, vertex_colors=surface.colours, process=False)
+            colours = linear_colours(surface.colours)
+            mesh = trimesh.Trimesh(surface.vertices, surface.faces, vertex_colors=colours, process=False)
             node = f"/{surface.name}/surface{number}"
             self._parts.append(self.scene.add_mesh_trimesh(node, mesh, cast_shadow=False, receive_shadow=False))
 
     def _line(self, node: str, points: np.ndarray, colour: tuple[int, int, int]) -> Any:
         pieces = np.stack([points[:-1], points[1:]], axis=1)
         return self.scene.add_line_segments(node, pieces, colour, thickness=THICKNESS, thickness_units="screen")
+
+
+def linear_colours(colours: np.ndarray) -> np.ndarray:
+    """Return sRGB colours (..., 3) uint8 as linear ones, uint8 (IEC 61966-2-1).
+
+    Meshes go to the browser as glTF, in which the colours of vertices are linear.
+    """
+    share = colours / 255.0
+    linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    return np.asarray(np.round(255 * linear).astype(np.uint8))
 
 
 def _placed(pose: np.ndarray) -> dict[str, Any]:

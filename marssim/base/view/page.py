@@ -16,7 +16,7 @@ from marssim.base.view.drawing import Drawing
 from marssim.base.view.placing import moved_along, point_size, reach_of, stands
 from marssim.base.view.scene import Layer, Shot
 
-HOST = "127.0.0.1"  # who sits at another machine comes through an ssh tunnel
+HOST = "127.0.0.1"  # users of other machines need an ssh tunnel
 PORT = 8080  # where it is in use, the next free one is taken
 NO_CHOICE, NO_LAYER = ("none",), Layer(np.zeros((0, 3), np.uint8), "")  # of a shot without points
 SIZES = 0.5, 100.0  # [mm] least and largest size of points

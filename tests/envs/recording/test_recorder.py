@@ -62,6 +62,15 @@ def test_the_map_shows_the_rock_where_it_lies(arrival):
     assert code_at(-3.0, 0.3) == MAP_CODES["free"] and code_at(-3.0, 5.0) == MAP_CODES["unknown"]
 
 
+def test_looks_keep_the_heights_of_the_map(arrival):
+    drive, _ = arrival
+    kept = [n for n in range(len(drive.steps)) if drive.heights(n) is not None]
+    assert kept == [n for n, s in enumerate(drive.steps) if s["looked"] and s["map"]] and len(kept) > 2
+    heights, codes = drive.heights(0), drive.codes("map", 0)
+    assert heights.shape == codes.shape and 0.3 < np.nanmax(heights) < 1.0  # the rock
+    assert np.nanmax(np.abs(heights[codes == MAP_CODES["free"]])) < 0.1 and np.isnan(heights[0, 0])
+
+
 def test_a_collision_says_what_was_touched_and_how_wrong_the_depth_was(crash):
     drive, record = crash
     assert record.outcome == "collision" and drive.steps[-1]["contact"] in ("chassis", "obstacle")

@@ -150,3 +150,19 @@ def test_without_clouds_or_bag_there_is_none(bag, tmp_path):
     assert not (tmp_path / "b/bag").exists()
     with pytest.raises(ValueError, match="bag needs depth, which it is made of"):
         options(bag, tmp_path, write=("cloud", "bag"))
+
+
+def test_fixed_frames_without_a_time_do_not_make_the_bag_begin_in_1970(plane_samples, tmp_path):
+    from rosbags.highlevel import AnyReader
+
+    def untimed(topic, message):
+        if topic == "/tf_static":
+            for item in message.transforms:
+                item.header.stamp.sec = item.header.stamp.nanosec = 0
+        return message
+
+    source = write_planes(tmp_path / "planes", plane_samples, untimed)
+    predict(options(source, tmp_path / "out", write=("depth", "bag"), every=4), SGBM())
+    with AnyReader([tmp_path / "out/bag"]) as reader:
+        assert reader.start_time == STAMPS[0]
+    assert len(of(by_rosbags(tmp_path / "out/bag"), "/tf_static")) == 1

@@ -96,14 +96,14 @@ class RadialTangential(Lens):
         if np.isfinite(edge) and lost.any():
             x, y = (np.where(lost, w * edge / radius, now) for w, now in ((wanted_x, x), (wanted_y, y)))
         for _ in range(NEWTON_STEPS):
-            there_x, there_y, (a, b, c, d) = self._distorted(x, y)
-            miss_x, miss_y, determinant = there_x - wanted_x, there_y - wanted_y, a * d - b * c
+            moved_x, moved_y, (a, b, c, d) = self._distorted(x, y)
+            miss_x, miss_y, determinant = moved_x - wanted_x, moved_y - wanted_y, a * d - b * c
             step_x, step_y = (d * miss_x - b * miss_y) / determinant, (a * miss_y - c * miss_x) / determinant
             x, y = x - step_x, y - step_y
             if not np.nanmax(np.hypot(step_x, step_y), initial=0.0) > 1e-15:
                 break
-        there_x, there_y, _ = self._distorted(x, y)
-        near = np.hypot(there_x - wanted_x, there_y - wanted_y) < 1e-10 * (1 + radius)
+        moved_x, moved_y, _ = self._distorted(x, y)
+        near = np.hypot(moved_x - wanted_x, moved_y - wanted_y) < 1e-10 * (1 + radius)
         good = near & (np.hypot(x, y) < self._radial.limit)
         return np.where(good, x, np.nan), np.where(good, y, np.nan)
 

@@ -205,6 +205,28 @@ def test_labels_of_pds4(tmp_path):
     assert read.left.size == SIZE
 
 
+def test_positions_of_pds4_in_another_unit(tmp_path):
+    wanted = rover_pair()
+    files = [tmp_path / "left.xml", tmp_path / "right.xml"]
+
+    def write(unit):
+        for file, camera in zip(files, (wanted.left, wanted.right)):
+            file.write_text(re.sub("_position>(?=[-0-9])", f'_position unit="{unit}">', pds4_label(camera)))
+
+    write("cm")
+    assert read_pair(files).baseline == pytest.approx(wanted.baseline / 100)
+    write("ft")
+    with pytest.raises(ValueError, match=r"left\.xml: Vector_Center: unit ft is unknown; m, cm, mm, km are known"):
+        read_pair(files)
+
+
+def test_camera_infos_of_plumb_bob_have_five_numbers():
+    lens = RadialTangential(500.0, 500.0, 319.5, 239.5, (-0.2, 0.05, 1e-3, 2e-3))
+    cameras = PosedPair(first_camera(lens, SIZE), second_camera(lens, np.eye(3), np.array([-0.12, 0, 0]), SIZE))
+    for text in camera_info_texts(cameras, rectified_view(cameras)):
+        assert "distortion_model: plumb_bob" in text and "cols: 5\n  data: [-0.2, 0.05, 0.001, 0.002, 0.0]" in text
+
+
 def test_labels_of_vicar(tmp_path):
     wanted = rover_pair()
     files = [tmp_path / "left.VIC", tmp_path / "right.VIC"]

@@ -162,6 +162,37 @@ def test_camera_infos_with_other_principal_points_shift(tmp_path):
     assert read_calibration(left, right).shift == 3.5
 
 
+def projections(**right):
+    """P1 and P2 of a pair, with other values of P2 by their places, as f or y."""
+    values = {"f": 500.0, "row": 239.5, "x": -60.0, "y": 0.0, **right}
+    p1 = [[500.0, 0, 319.5, 0], [0, 500.0, 239.5, 0], [0, 0, 1, 0]]
+    p2 = [[values["f"], 0, 319.5, values["x"]], [0, values["f"], values["row"], values["y"]], [0, 0, 1, 0]]
+    return json.dumps({"P1": p1, "P2": p2})
+
+
+@pytest.mark.parametrize(
+    ("right", "message"),
+    [
+        ({"f": 400.0}, "the focal lengths of the two cameras are 500 and 400 px"),
+        ({"row": 236.5}, "the principal points' rows of the two cameras are 239.5 and 236.5 px"),
+        ({"x": 0.0, "y": -60.0}, "one camera stands above the other"),
+    ],
+)
+def test_cameras_that_no_rectified_pair_has_are_refused(tmp_path, right, message):
+    assert read_calibration(write(tmp_path / "pair.json", projections(f=500.01))).baseline == pytest.approx(0.12, 1e-3)
+    path = write(tmp_path / "mixed.json", projections(**right))
+    with pytest.raises(ValueError, match=message) as caught:
+        read_calibration(path)
+    assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
+
+
+def test_camera_infos_for_images_of_two_sizes_are_refused(tmp_path):
+    left = write(tmp_path / "left.yaml", camera_info(0.0))
+    right = write(tmp_path / "right.yaml", camera_info(-57.66).replace("640", "1280"))
+    with pytest.raises(ValueError, match="are for images of 640 x 480 and 1280 x 480 px: both must have one size"):
+        read_calibration(left, right)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -16,6 +16,8 @@ from marssim.base.dataset.drive_file import (
     drive_schema,
     encode_drive,
     error_codes,
+    height_codes,
+    height_of,
     read_drive,
 )
 from marssim.base.files.json_file import DatasetError
@@ -161,3 +163,10 @@ def test_a_pickle_in_its_place_is_not_run(tmp_path):
     with pytest.raises(DatasetError, match=r"drive\.json: is not JSON"):
         read_drive(tmp_path / "a.zip")
     assert not (tmp_path / "run").exists()
+
+
+def test_heights_come_back_within_a_centimetre_and_unknown_ones_stay_unknown():
+    heights = np.array([[-12.345, 0.0, 0.3], [np.nan, 650.0, 900.0]])
+    back = height_of(height_codes(heights))
+    np.testing.assert_allclose(back[0], heights[0], atol=0.0101)
+    assert np.isnan(back[1, 0]) and back[1, 1] == pytest.approx(650) and back[1, 2] < 656  # beyond, the highest code

@@ -1,6 +1,5 @@
 """The page, without a browser and in headless Chromium."""
 
-import shutil
 import time
 from dataclasses import replace
 
@@ -71,39 +70,20 @@ def test_a_shot_without_points_has_no_choice_of_colours():
         wait_until(lambda: "Cloud" in page._boxes, 5)
 
 
-@pytest.fixture
-def browser():
-    webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
-    chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    driver = shutil.which("chromedriver")
-    if chromium is None or driver is None:
-        pytest.skip("Chromium and its driver are not installed")
-    options = webdriver.ChromeOptions()
-    options.binary_location = chromium
-    for argument in (
-        "--headless=new", "--no-sandbox", "--window-size=900,600", "--use-gl=angle", "--use-angle=swiftshader",
-        "--enable-unsafe-swiftshader",
-    ):  # fmt: skip
-        options.add_argument(argument)
-    window = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
-    yield window
-    window.quit()
-
-
-def test_a_browser_draws_the_cloud_and_another_choice_of_colours_changes_it(browser):
+def test_a_browser_draws_the_cloud_and_another_choice_of_colours_changes_it(browser_3d):
     def pixels_like(colour):
-        picture = cv2.imdecode(np.frombuffer(browser.get_screenshot_as_png(), np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+        picture = cv2.imdecode(np.frombuffer(browser_3d.get_screenshot_as_png(), np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
         return int((np.abs(picture.astype(int) - colour).max(axis=2) < 40).sum())
 
     view = wall(RED, image=None)  # without the picture in the frustum
     of_depth = view.layers["depth"].colours[0]
     with Page(shots(view), "wall", 0) as page:
-        browser.get(page.address)
+        browser_3d.get(page.address)
         wait_until(lambda: pixels_like(RED) > 2000)
         assert pixels_like(of_depth) < 200
-        browser.find_element("css selector", "input[value=image]").click()
-        wait_until(lambda: [o for o in browser.find_elements("css selector", "[role=option]") if o.text == "depth"])
-        (option,) = [o for o in browser.find_elements("css selector", "[role=option]") if o.text == "depth"]
+        browser_3d.find_element("css selector", "input[value=image]").click()
+        wait_until(lambda: [o for o in browser_3d.find_elements("css selector", "[role=option]") if o.text == "depth"])
+        (option,) = [o for o in browser_3d.find_elements("css selector", "[role=option]") if o.text == "depth"]
         option.click()
         wait_until(lambda: pixels_like(of_depth) > 2000)
         assert pixels_like(RED) < 200
