@@ -3,7 +3,6 @@
 import os
 import random
 import shutil
-import tempfile
 from pathlib import Path
 
 import pytest
@@ -88,21 +87,7 @@ def test_how_an_interpreter_starts_decides_over_no_result(kind, inputs, whole, r
     for number in cases(0.12):
         command = rng.choice(SHORT)
         run, out, start = RUNS[command], tmp_path / str(number), STARTS[kind][number % len(STARTS[kind])]
-        line, before = run.line(out, inputs), None
-        if start.in_removed_folder:
-            removed = Path(tempfile.mkdtemp())
-
-            def before(removed=removed):
-                os.chdir(removed)
-                removed.rmdir()
-
-            if rng.random() < 0.3:  # then there is no place for the results
-                ended = fresh(run.entry, run.line(Path("out"), inputs), before, env=start.environment())
-                ended.check("out")
-                assert ended.code == 2
-                count(command, kind)
-                continue
-        ended = fresh(run.entry, line, before, start.shell, env=start.environment())
+        ended = fresh(run.entry, run.line(out, inputs), None, start.shell, env=start.environment())
         if start.may_fail:
             ended.check("stdout")
         else:
@@ -111,3 +96,19 @@ def test_how_an_interpreter_starts_decides_over_no_result(kind, inputs, whole, r
         count(command, kind)
         assert not left_over(out) and not list(differing(whole(command).results, results(run, out))), start
         shutil.rmtree(out)
+
+
+def test_a_working_directory_that_was_removed_is_one_line(inputs, rng, tmp_path):
+    for number in cases(0.12):
+        command, removed, out = rng.choice(SHORT), tmp_path / "removed", tmp_path / str(number)
+        removed.mkdir()
+
+        def before(removed=removed):
+            os.chdir(removed)
+            removed.rmdir()
+
+        line = RUNS[command].line(rng.choice((out, Path("out"))), inputs)
+        ended = fresh(RUNS[command].entry, line, before)
+        ended.check("working directory")
+        assert ended.code == 2 and not out.exists()
+        count(command, "removed folder")

@@ -14,7 +14,7 @@ from small_network import SMALL
 
 TIMES = {"seconds", "minutes", "step_seconds", "perception_seconds", "loader_share", "memory_mib"}  # keys of costs
 LOGS = ("log.jsonl",)  # grow line by line: after a kill, lines may come twice
-TEXTS = (".md",)  # have times among their words
+TEXTS = {".md": "\n", ".html": "</html>\n"}  # have times among their words; how they end
 LEFT_OVER = ("*.part", "*.partial", ".lock", "unfinished.npz")  # what no run that is done may leave
 
 
@@ -97,7 +97,9 @@ def results(run: SmallRun, out: Path) -> dict[str, Any]:
             continue
         if path in drawn:
             found[name] = _opens(path)
-        elif path.suffix in TEXTS or path.name in LOGS:
+        elif path.suffix in TEXTS:
+            found[name] = path.read_text(encoding="utf-8").endswith(TEXTS[path.suffix])
+        elif path.name in LOGS:
             found[name] = None
         elif path.suffix == ".json":
             found[name] = without_times(json.loads(path.read_text()), str(out))
