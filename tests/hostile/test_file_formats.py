@@ -5,16 +5,10 @@ import re
 
 import pytest
 from file_formats import FORMATS
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from oracle import CASES, CODE, HARMED, SAME, Harm, count, judge
+from oracle import CODE, HARMED, Harm, count, judge, many
 
-MANY = settings(
-    max_examples=CASES,
-    derandomize=SAME,
-    deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
-)
 TOKEN = re.compile(rb'-?\d+\.?\d*(?:[eE][+-]?\d+)?|"[^"]*"|true|false|null')
 TOKENS = (
     b"NaN", b"1e999", b"-1", b"0", b"0.5", b"9" * 400, b'""', b"null", b"[]", b"{}", b'"x"', b"[" * 100_000, b"true",
@@ -63,7 +57,7 @@ def test_the_files_are_valid_before_they_are_attacked(valid, name):
 
 @pytest.mark.parametrize("name", FORMATS)
 @given(data=st.data())
-@MANY
+@many
 def test_a_mutated_file_is_read_or_refused_in_one_line(valid, name, data, capsys):
     path, whole = valid[name]
     path.write_bytes(data.draw(mutations(whole)))

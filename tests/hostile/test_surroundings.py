@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from oracle import CASES, cases, count, only_in_make_hostile
+from oracle import cases, count, only_in_make_hostile, rng_of
 from processes import fresh
 from small_runs import RUNS, SHORT, differing, left_over, results
 from surroundings import PAGE, STARTS, make_read_only, small_disk
@@ -18,7 +18,7 @@ ON_DISKS = (*SHORT, "m3depth.train", "envs.evaluate", "m3depth.evaluate")  # tho
 
 @pytest.fixture
 def rng(request) -> random.Random:
-    return random.Random(f"{request.node.name}{CASES}")
+    return rng_of(request.node.name)
 
 
 def draw(rng: random.Random) -> str:

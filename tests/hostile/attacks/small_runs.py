@@ -73,7 +73,7 @@ def make_inputs(folder: Path, server: Any) -> dict[str, Path]:
     inputs = {name: folder / file for name, file in (("data", "set"), ("network", "net.json"))}
     inputs["weights"] = folder / "weights.safetensors"
     inputs["network"].write_text(json.dumps(SMALL.to_dict()))
-    args = [*GENERATE.split(), "--views-per-scene", "1", "--pairs", "12", "--rig.width", "64", "--rig.height", "64"]
+    args = [*GENERATE.split(), "--pairs", "12", "--rig.width", "64", "--rig.height", "64"]
     server.run("marssim.generate", ["--out", str(inputs["data"]), *args]).check()
     torch.manual_seed(0)
     from m3depth.network.model import M3Depth
