@@ -15,7 +15,7 @@ IN_A_ROW = 5  # most kills of a run before it may end
 def test_a_killed_run_continues_to_the_same_results(command, server, inputs, whole, tmp_path):
     run, rng = RUNS[command], rng_of(command)
     undisturbed, kills = whole(command), 0
-    for number in cases(0.28):
+    for number in cases(0.2):
         out, history = tmp_path / str(number), []
         for _ in range(min(rng.randint(2, IN_A_ROW), IN_PROCESSES - kills)):
             kind = rng.choice(list(KILLS))

@@ -30,7 +30,7 @@ from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.dataset.drive_file import read_drive
 from marssim.base.dataset.frame import StereoFrame
 from marssim.base.dataset.sample import read_sample, write_sample
-from marssim.base.files.json_file import as_json
+from marssim.base.files.json_file import DatasetError, as_json
 from marssim.base.files.pfm import decode_pfm, encode_pfm
 from marssim.base.files.png import encode_png
 from marssim.scene.heightmap import file_digest, read_heightmap
@@ -92,6 +92,15 @@ def _read_bag(path: Path) -> None:
         left, _ = pairs.read(number)
         pairs.calibration(number)(left.shape[1], left.shape[0])
         pairs.pose(number)
+
+
+def _read_bag_of(metadata: Path) -> None:
+    """Read the bag of a metadata.yaml; a refusal names the bag, which is the folder."""
+    try:
+        _read_bag(metadata.parent)
+    except DatasetError as error:
+        assert str(error).startswith(str(metadata.parent)), error
+        raise DatasetError(f"{metadata}: {error}") from None
 
 
 def _weights(folder: Path) -> Path:
@@ -170,4 +179,5 @@ FORMATS: dict[str, tuple[Make, Callable[[Path], object]]] = {
     "KITTI calibration": (_text("calib.txt", KITTI), read_calibration),
     **{name: (make, read_calibration_pair) for name, make in CALIBRATIONS.items()},
     "bag": (_bag, _read_bag),
+    "metadata of a bag": (lambda folder: _bag(folder).with_name("metadata.yaml"), _read_bag_of),
 }
