@@ -18,7 +18,7 @@ Counts = Counter[tuple[str, str]]
 
 
 def table(counts: Counts) -> str:
-    """Return the counts as text: a line for each command or format, then the sums by kind, and what is missing."""
+    """Return the counts as text: a line for each command or format, then the sums by kind."""
     by_kind, by_attacked = Counter[str](), dict[str, list[str]]()
     for (attacked, kind), number in sorted(counts.items()):
         by_kind[kind] += number
@@ -27,7 +27,7 @@ def table(counts: Counts) -> str:
     lines = [f"{attacked:{width}}  {', '.join(parts)}" for attacked, parts in by_attacked.items()]
     sums = ", ".join(f"{number} {kind}" for kind, number in by_kind.most_common())
     total = f"{counts.total()} cases of seed {SEED}, {in_processes(counts)} in processes of their own: {sums}"
-    return "\n".join([*lines, "", total, *(f"too few: {lack}" for lack in missing(counts))])
+    return "\n".join([*lines, "", total])
 
 
 def in_processes(counts: Counts) -> int:

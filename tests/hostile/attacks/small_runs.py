@@ -35,7 +35,7 @@ class SmallRun:
 
 
 GENERATE = (
-    "--pairs 3 --views-per-scene 2 --renderer embree --seed 9 --look.gravel 0 --rocks.k 0.02 --rig.width 32 "
+    "--pairs 3 --views-per-scene 2 --renderer embree --seed 9 --look.gravel 0 0 --rocks.k 0.02 --rig.width 32 "
     "--rig.height 32 --rig.focal 60 --size 12 --horizon 14"
 )
 RUNS = {
