@@ -6,6 +6,7 @@ import os
 import random
 import tempfile
 import time
+import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -79,7 +80,9 @@ def judge(work: Callable[[], object], capsys: pytest.CaptureFixture[str], *names
         names: Words of which a refusal must hold one: the attacked flags, or the file.
     """
     capsys.readouterr()
-    code = exit_code(work)
+    with warnings.catch_warnings(record=True) as caught:
+        code = exit_code(work)
+    assert not caught, f"stderr would show {caught[0].message}"
     error = capsys.readouterr().err
     if HARMED.exists():
         HARMED.unlink()
