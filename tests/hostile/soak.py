@@ -8,8 +8,8 @@ The same command continues a run that was stopped, as a further piece. OUT/soak.
 time since the piece began [s], memory [MB], open files, threads. The verdict is on each piece: the slope of its second
 half after Theil and Sen, with its 95 % interval, which is too narrow, since lines that follow each other are not
 independent. Growth is a slope whose interval lies above zero, and that amounts to more than MOST_GROWTH over the second
-half. So a piece of two hours shows a leak of 20 MB an hour, and one of minutes only a large one. Linux only, since it
-reads /proc. The exit code is 1 for growth.
+half. So a piece of two hours shows a leak of 20 MB an hour, and one of less than 20 minutes has no verdict. Linux only,
+since it reads /proc. The exit code is 1 for growth.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ import numpy as np
 from scipy.stats import theilslopes
 
 EVERY = 5.0  # [s] between two lines
-FEWEST = 20  # lines in the second half of a piece that a verdict needs
+FEWEST = 120  # lines in the second half of a piece that a verdict needs; the first minutes and the end take memory too
 MOST_GROWTH = {"memory": 20.0, "files": 5.0, "threads": 3.0}  # [MB] and numbers, over the second half of a piece
 PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 1e6
 
