@@ -6,7 +6,7 @@ import os
 import tempfile
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import cv2
 import numpy as np
@@ -16,15 +16,19 @@ DAMAGED = (b"Corrupt JPEG data", b"Premature end of JPEG")  # begin libjpeg's li
 MESSAGES = (b"libpng ", *DAMAGED)  # begin the lines of libraries
 
 
-def decode(data: bytes, flag: int = cv2.IMREAD_UNCHANGED) -> np.ndarray | None:
+_ALONE = threading.Lock()
+
+
+def decode(data: bytes, flag: int = cv2.IMREAD_UNCHANGED, alone: bool = True) -> np.ndarray | None:
     """Decode the content of an image file.
 
-    Libraries print to the file descriptor of stderr, which belongs to the whole process. So their lines are left out
-    in the main thread only.
+    Libraries print to the file descriptor of stderr, which belongs to the whole process. So their lines can be left out
+    while one thread at a time decodes. What other code prints meanwhile comes a moment later.
 
     Args:
         data: Content of the file.
         flag: Flag of cv2.imdecode, such as cv2.IMREAD_GRAYSCALE.
+        alone: Decode while no other thread does, without the lines of libraries; refuse a JPEG that is decoded in part.
 
     Returns:
         (H, W) or BGR (H, W, 3), of any type; None if the file is empty, of no known format or damaged.
@@ -32,7 +36,9 @@ def decode(data: bytes, flag: int = cv2.IMREAD_UNCHANGED) -> np.ndarray | None:
     log = cv2.utils.logging
     level = log.setLogLevel(log.LOG_LEVEL_SILENT)  # the caller reports a broken file
     try:
-        with _library_messages() as messages:
+        if not alone:
+            return cv2.imdecode(np.frombuffer(data, np.uint8), flag)
+        with _ALONE, _library_messages() as messages:
             image = cv2.imdecode(np.frombuffer(data, np.uint8), flag)
         return None if any(line.startswith(DAMAGED) for line in messages) else image
     except cv2.error:  # an empty file, or a size that OpenCV refuses
@@ -45,13 +51,15 @@ def decode(data: bytes, flag: int = cv2.IMREAD_UNCHANGED) -> np.ndarray | None:
 def _library_messages() -> Iterator[list[bytes]]:
     """Keep lines of libraries off stderr while the block runs, and put them into the list when it ends."""
     messages: list[bytes] = []
-    if threading.current_thread() is not threading.main_thread():
+    try:
+        stderr = os.dup(STDERR)
+    except OSError:  # it is closed
         yield messages
         return
     try:
         caught = tempfile.TemporaryFile()  # noqa: SIM115
-        stderr = os.dup(STDERR)
-    except OSError:  # no folder for the file, or stderr is closed
+    except OSError:  # there is no folder for it
+        os.close(stderr)
         yield messages
         return
     os.dup2(caught.fileno(), STDERR)
@@ -59,11 +67,12 @@ def _library_messages() -> Iterator[list[bytes]]:
         yield messages
     finally:
         os.dup2(stderr, STDERR)
+        os.close(stderr)
         with caught:
             caught.seek(0)
             for line in caught:
                 if line.startswith(MESSAGES):
                     messages.append(line)
-                else:  # of another thread
-                    os.write(stderr, line)
-        os.close(stderr)
+                else:  # of other code
+                    with suppress(OSError):
+                        os.write(STDERR, line)
