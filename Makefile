@@ -29,10 +29,15 @@ quick: install
 
 # Many more cases of the attacks in tests/hostile, of which `make test` runs a few.
 # Attacks on processes stop when their shares of HOSTILE_MINUTES are over; too few cases are a failure.
+# Another HOSTILE_SEED gives other cases.
 HOSTILE_CASES ?= 300
 HOSTILE_MINUTES ?= 30
+HOSTILE_SEED ?= 0
+hostile: export HOSTILE_CASES := $(HOSTILE_CASES)
+hostile: export HOSTILE_MINUTES := $(HOSTILE_MINUTES)
+hostile: export HOSTILE_SEED := $(HOSTILE_SEED)
 hostile: install
-	HOSTILE_CASES=$(HOSTILE_CASES) HOSTILE_MINUTES=$(HOSTILE_MINUTES) $(BIN)/python -m pytest tests/hostile -n $(TEST_WORKERS)
+	$(BIN)/python -m pytest tests/hostile -n $(TEST_WORKERS) --dist worksteal
 
 # Plant a defect of each kind of attack in a copy, and check that the campaign finds it.
 planted: install

@@ -9,6 +9,7 @@ import numpy as np
 
 from m3depth.stereo.pairs import in_colour
 from marssim.base.command.input_file import check_file
+from marssim.base.files.decoding import decode
 from marssim.base.files.pfm import decode_pfm
 from marssim.base.files.png import MAGIC, is_whole
 
@@ -51,7 +52,7 @@ def as_pair(a: np.ndarray, b: np.ndarray, left: str, right: str) -> tuple[np.nda
 
 
 def decode_image(data: bytes, flag: int = cv2.IMREAD_UNCHANGED) -> np.ndarray | None:
-    """Decode an image file with OpenCV, without its messages on stderr.
+    """Decode an image file without messages on stderr.
 
     Args:
         data: Bytes of the file.
@@ -60,19 +61,12 @@ def decode_image(data: bytes, flag: int = cv2.IMREAD_UNCHANGED) -> np.ndarray | 
     Returns:
         (H, W) or BGR (H, W, 3), of any type; None if the file cannot be decoded.
     """
-    if data.startswith(MAGIC) and not is_whole(data):  # libpng would print a warning
+    if data.startswith(MAGIC) and not is_whole(data):
         return None
     if data[:2] in (b"Pf", b"PF"):
         values = decode_pfm(data)
         return values[..., ::-1] if values is not None and values.ndim == 3 else values
-    log = cv2.utils.logging
-    level = log.setLogLevel(log.LOG_LEVEL_SILENT)  # the caller reports a broken file
-    try:
-        return cv2.imdecode(np.frombuffer(data, np.uint8), flag)
-    except cv2.error:  # an empty file
-        return None
-    finally:
-        log.setLogLevel(level)
+    return decode(data, flag)
 
 
 def read_image(path: Path) -> np.ndarray:

@@ -14,7 +14,7 @@ from m3depth.rectification.pair import RectifiedPair, fitting, rectify_pair
 from m3depth.rectification.raw_image import RawImage, masked
 from marssim.base.calibration.cameras import PosedPair
 from marssim.base.calibration.lenses.coverage import check_lens
-from marssim.base.calibration.read_pair import labelled_camera, read_pair
+from marssim.base.calibration.read_pair import labelled_pair, read_pair
 
 WRONG_ROWS = 2.5  # [px] from which on a pair of 1024 px width is not rectified
 FULL_WIDTH = 1024
@@ -97,7 +97,7 @@ def _calibration(options: RectifyOptions, left: RawImage, right: RawImage) -> tu
         cameras = read_pair(options.calib, options.fisheye)
     elif left.label is not None and left.label.camera is not None:
         name = "the labels of the images"
-        cameras = PosedPair(*(labelled_camera(image.label, image.path) for image in (left, right)))
+        cameras = labelled_pair((left.label, right.label), (left.path, right.path))
     elif options.align:
         for flag, value in (("--focal", options.focal), ("--size", options.size), ("--shift", options.shift)):
             if value is not None:

@@ -71,7 +71,7 @@ def recorded_rotation(value: Any) -> np.ndarray:
         return IDEAL
     try:
         rotation = np.array(value, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         rotation = np.zeros(0)
     if rotation.shape != (3, 3) or not is_rotation(rotation):
         raise ValueError("right_rotation is not a 3 x 3 rotation")
@@ -80,6 +80,8 @@ def recorded_rotation(value: Any) -> np.ndarray:
 
 def is_rotation(matrix: np.ndarray) -> bool:
     """Return whether a (3, 3) matrix is orthonormal and right-handed, to 1e-6."""
+    if not np.abs(matrix).max() < 2:  # products of larger numbers overflow
+        return False
     return bool(np.abs(matrix @ matrix.T - np.eye(3)).max() < UNIT_TOLERANCE and np.linalg.det(matrix) > 0)
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from PIL import TiffImagePlugin
 from scipy import ndimage
 
+from marssim.base.files.decoding import decode
 from marssim.base.files.npy import read_npy
 from marssim.base.files.png import decode_png
 
@@ -236,23 +237,13 @@ def _read_npy(path: str, name: str) -> np.ndarray:
 
 
 def _read_image(path: str, name: str) -> np.ndarray:
-    values = decode_png(Path(path).read_bytes()) if path.lower().endswith(".png") else _read_tiff(path)
+    data = Path(path).read_bytes()
+    values = decode_png(data) if path.lower().endswith(".png") else decode(data)
     if values is None:
         raise ValueError(f"{name}: cannot be read as an image; it may be truncated or of another format")
     if values.ndim != 2:
         raise ValueError(f"{name}: has {values.shape[2]} channels, a heightmap has one")
     return values
-
-
-def _read_tiff(path: str) -> np.ndarray | None:
-    log = cv2.utils.logging
-    before = log.setLogLevel(log.LOG_LEVEL_SILENT)  # the caller reports a broken file in one line
-    try:
-        return cv2.imread(path, cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        return None
-    finally:
-        log.setLogLevel(before)
 
 
 def _read_tags(path: str, name: str, need_scale: bool) -> tuple[float | None, float | None]:

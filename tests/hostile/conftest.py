@@ -57,16 +57,24 @@ def _counts(reporter) -> Counter:
 
 
 def pytest_terminal_summary(terminalreporter):
-    """Print the counts by what is attacked and kind of attack."""
-    if not SAME:
-        terminalreporter.section("cases")
-        terminalreporter.write_line(table(_counts(terminalreporter)))
+    """Print the counts by what is attacked and kind of attack, and what a whole campaign lacks."""
+    if SAME:
+        return
+    counts = _counts(terminalreporter)
+    terminalreporter.section("cases")
+    terminalreporter.write_line(table(counts))
+    for lack in missing(counts) if _is_whole(terminalreporter.config) else ():
+        terminalreporter.write_line(f"too few: {lack}")
+
+
+def _is_whole(config) -> bool:
+    """Return whether all of the campaign was asked for."""
+    return not SAME and not config.option.keyword and config.args[-1].endswith("hostile")
 
 
 @pytest.hookimpl(trylast=True)
 def pytest_sessionfinish(session, exitstatus):
     """Let a whole campaign fail that tried fewer cases than it promises."""
     reporter = session.config.pluginmanager.get_plugin("terminalreporter")
-    is_whole = not SAME and not session.config.option.keyword and session.config.args[-1].endswith("hostile")
-    if reporter is not None and is_whole and exitstatus == 0 and missing(_counts(reporter)):
+    if reporter is not None and exitstatus == 0 and _is_whole(session.config) and missing(_counts(reporter)):
         session.exitstatus = 1

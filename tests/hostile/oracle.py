@@ -3,24 +3,39 @@
 from __future__ import annotations
 
 import os
+import random
 import tempfile
 import time
+import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import HealthCheck, seed, settings
 
 from marssim.base.command.run import exit_code
 
 CASES = int(os.environ.get("HOSTILE_CASES", "6"))  # of each kind of attack; `make hostile` asks for more
 SAME = "HOSTILE_CASES" not in os.environ  # the few of `make test` are the same in each run
 MINUTES = float(os.environ.get("HOSTILE_MINUTES", "30"))  # for all
+SEED = int(os.environ.get("HOSTILE_SEED", "0"))  # of everything that is random
 IN_PROCESSES = 50 * CASES // 300  # cases of a kind of attack whose cases are processes
 COUNTS: Counter[tuple[str, str]] = Counter()  # cases of this process by what is attacked and kind of attack
 
 only_in_make_hostile = pytest.mark.skipif(SAME, reason="takes minutes: `make hostile` runs it")
+
+
+def many(test: Callable[..., object]) -> Callable[..., object]:
+    """Let hypothesis try CASES cases of a test, the same for the same SEED."""
+    checks = [HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+    return seed(SEED)(settings(max_examples=CASES, database=None, deadline=None, suppress_health_check=checks)(test))
+
+
+def rng_of(name: str) -> random.Random:
+    """Return the random numbers of a test."""
+    return random.Random(f"{SEED} {name}")
 
 
 def count(attacked: str, kind: str) -> None:
@@ -65,7 +80,9 @@ def judge(work: Callable[[], object], capsys: pytest.CaptureFixture[str], *names
         names: Words of which a refusal must hold one: the attacked flags, or the file.
     """
     capsys.readouterr()
-    code = exit_code(work)
+    with warnings.catch_warnings(record=True) as caught:
+        code = exit_code(work)
+    assert not caught, f"stderr would show {caught[0].message}"
     error = capsys.readouterr().err
     if HARMED.exists():
         HARMED.unlink()

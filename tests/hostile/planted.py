@@ -42,7 +42,7 @@ DEFECTS = {
         ((BASE + "command/flags.py", "        _check_numbers(parsed)\n", ""),),
     ),
     "an eval": Defect(
-        "test_file_formats.py -k place", ((BASE + "files/json_file.py", "json.loads(path.", "eval(path."),)
+        "test_file_formats.py -k place", ((BASE + "files/json_file.py", "json.loads(data.", "eval(data."),)
     ),
     "a pickle": Defect(
         "test_file_formats.py -k checkpoint",

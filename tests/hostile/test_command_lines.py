@@ -5,19 +5,13 @@ from math import inf
 
 import pytest
 from command_lines import CONFIGS, VALUES, config_of, flags_of, parser_of
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from oracle import CASES, SAME, count, judge
+from oracle import count, judge, many
 
 from marssim.base.command.limits import LARGEST
 from marssim.base.command.listing import COMMANDS
 
-MANY = settings(
-    max_examples=CASES,
-    derandomize=SAME,
-    deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
-)
 EXTREME = st.sampled_from(("nan", "inf", "-inf", "1e300", "-1e300"))
 HOSTILE = EXTREME | st.sampled_from(VALUES) | st.floats().map(repr) | st.integers().map(str) | st.text(max_size=8)
 
@@ -39,7 +33,7 @@ def test_every_command_is_attacked():
 
 @pytest.mark.parametrize("command", CONFIGS)
 @given(data=st.data())
-@MANY
+@many
 def test_a_command_line_is_taken_or_refused_in_one_line(command, data, capsys, tmp_path_factory):
     flags = data.draw(st.lists(st.sampled_from(list(flags_of(config_of(command)))), min_size=1, max_size=2))
     args = list(CONFIGS[command][1])

@@ -1,11 +1,10 @@
 """A run that is killed again and again continues to the results of an undisturbed run, and leaves nothing over."""
 
-import random
 import shutil
 
 import pytest
 from kills import DEATHS, KILLS
-from oracle import CASES, IN_PROCESSES, cases, count, only_in_make_hostile
+from oracle import IN_PROCESSES, cases, count, only_in_make_hostile, rng_of
 from small_runs import KILLED, RUNS, differing, left_over, results
 
 pytestmark = only_in_make_hostile
@@ -14,9 +13,9 @@ IN_A_ROW = 5  # most kills of a run before it may end
 
 @pytest.mark.parametrize("command", KILLED)
 def test_a_killed_run_continues_to_the_same_results(command, server, inputs, whole, tmp_path):
-    run, rng = RUNS[command], random.Random(f"{command}{CASES}")
+    run, rng = RUNS[command], rng_of(command)
     undisturbed, kills = whole(command), 0
-    for number in cases(0.28):
+    for number in cases(0.2):
         out, history = tmp_path / str(number), []
         for _ in range(min(rng.randint(2, IN_A_ROW), IN_PROCESSES - kills)):
             kind = rng.choice(list(KILLS))

@@ -3,11 +3,10 @@
 import os
 import random
 import shutil
-import tempfile
 from pathlib import Path
 
 import pytest
-from oracle import CASES, cases, count, only_in_make_hostile
+from oracle import cases, count, only_in_make_hostile, rng_of
 from processes import fresh
 from small_runs import RUNS, SHORT, differing, left_over, results
 from surroundings import PAGE, STARTS, make_read_only, small_disk
@@ -19,7 +18,7 @@ ON_DISKS = (*SHORT, "m3depth.train", "envs.evaluate", "m3depth.evaluate")  # tho
 
 @pytest.fixture
 def rng(request) -> random.Random:
-    return random.Random(f"{request.node.name}{CASES}")
+    return rng_of(request.node.name)
 
 
 def draw(rng: random.Random) -> str:
@@ -88,21 +87,7 @@ def test_how_an_interpreter_starts_decides_over_no_result(kind, inputs, whole, r
     for number in cases(0.12):
         command = rng.choice(SHORT)
         run, out, start = RUNS[command], tmp_path / str(number), STARTS[kind][number % len(STARTS[kind])]
-        line, before = run.line(out, inputs), None
-        if start.in_removed_folder:
-            removed = Path(tempfile.mkdtemp())
-
-            def before(removed=removed):
-                os.chdir(removed)
-                removed.rmdir()
-
-            if rng.random() < 0.3:  # then there is no place for the results
-                ended = fresh(run.entry, run.line(Path("out"), inputs), before, env=start.environment())
-                ended.check("out")
-                assert ended.code == 2
-                count(command, kind)
-                continue
-        ended = fresh(run.entry, line, before, start.shell, env=start.environment())
+        ended = fresh(run.entry, run.line(out, inputs), None, start.shell, env=start.environment())
         if start.may_fail:
             ended.check("stdout")
         else:
@@ -111,3 +96,19 @@ def test_how_an_interpreter_starts_decides_over_no_result(kind, inputs, whole, r
         count(command, kind)
         assert not left_over(out) and not list(differing(whole(command).results, results(run, out))), start
         shutil.rmtree(out)
+
+
+def test_a_working_directory_that_was_removed_is_one_line(inputs, rng, tmp_path):
+    for number in cases(0.12):
+        command, removed, out = rng.choice(SHORT), tmp_path / "removed", tmp_path / str(number)
+        removed.mkdir()
+
+        def before(removed=removed):
+            os.chdir(removed)
+            removed.rmdir()
+
+        line = RUNS[command].line(rng.choice((out, Path("out"))), inputs)
+        ended = fresh(RUNS[command].entry, line, before)
+        ended.check("working directory")
+        assert ended.code == 2 and not out.exists()
+        count(command, "removed folder")

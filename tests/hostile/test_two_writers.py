@@ -1,17 +1,16 @@
 """A second command on a folder exits with one line, or continues what the first one has done."""
 
-import random
 import shutil
 import time
 
-from oracle import CASES, cases, count, only_in_make_hostile
+from oracle import cases, count, only_in_make_hostile, rng_of
 from small_runs import RUNS, SHORT, differing, left_over, results
 
 pytestmark = only_in_make_hostile
 
 
 def test_two_writers_on_one_folder_leave_what_one_leaves(server, inputs, whole, tmp_path):
-    rng, refused = random.Random(CASES), 0
+    rng, refused = rng_of("two writers"), 0
     for number in cases(0.12):
         command, out = rng.choice((*SHORT, *SHORT, "envs.evaluate", "m3depth.train")), tmp_path / str(number)
         run, seconds = RUNS[command], whole(command).seconds

@@ -89,10 +89,11 @@ def read_poses(path: Path) -> np.ndarray:
         pose = np.eye(4)
         if len(values) == 12:
             pose[:3] = values.reshape(3, 4)
-            sound = np.abs(pose[:3, :3] @ pose[:3, :3].T - np.eye(3)).max() < TOLERANCE
-            sound = sound and np.linalg.det(pose[:3, :3]) > 0
+            turn = pose[:3, :3]
+            sound = np.abs(turn).max() < 2 and np.abs(turn @ turn.T - np.eye(3)).max() < TOLERANCE
+            sound = sound and np.linalg.det(turn) > 0
         else:
-            sound = abs(float(np.linalg.norm(values[4:])) - 1) < TOLERANCE
+            sound = np.abs(values[4:]).max() < 2 and abs(float(np.linalg.norm(values[4:])) - 1) < TOLERANCE
             if sound:
                 pose[:3, :3] = Rotation.from_quat(values[4:]).as_matrix()
             pose[:3, 3] = values[1:4]

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from marssim.base.bags.messages import UNKNOWN_DISPARITY
+from marssim.base.files.decoding import decode
 
 # encoding: type, channels, and what OpenCV makes RGB or grey of it
 ENCODINGS: dict[str, tuple[type[np.generic], int, int | None]] = {
@@ -91,14 +92,7 @@ def cloud_arrays(message: Any) -> tuple[np.ndarray, np.ndarray | None]:
 
 
 def _decompressed(message: Any) -> np.ndarray:
-    log = cv2.utils.logging
-    level = log.setLogLevel(log.LOG_LEVEL_SILENT)  # the caller reports a broken image
-    try:
-        image = cv2.imdecode(np.asarray(message.data, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        image = None
-    finally:
-        log.setLogLevel(level)
+    image = decode(bytes(message.data))
     if image is None:
         raise ValueError(f"the compressed image of format {message.format!r} is not readable")
     return image if image.ndim == 2 else np.ascontiguousarray(image[..., 2::-1])

@@ -24,6 +24,36 @@ def typestore() -> Any:
     return get_typestore(Stores.ROS2_JAZZY)
 
 
+@lru_cache(maxsize=256)
+def check_definition(kind: str, definition: Any) -> None:
+    """Check that a bag defines a type of message as ROS 2 Jazzy does.
+
+    A bag's own definitions are compared only, since the library would make Python code of them and run it.
+
+    Args:
+        kind: The type, "sensor_msgs/msg/Image".
+        definition: What the bag says about it: rosbags' MessageDefinition.
+
+    Raises:
+        ValueError: The type is none of ROS 2 Jazzy, or has other fields there.
+    """
+    from rosbags.interfaces import MessageDefinitionFormat
+    from rosbags.typesys import get_types_from_msg
+
+    known = typestore().fielddefs
+    if kind not in known:
+        raise ValueError(f"{kind} is no type of ROS 2 Jazzy")
+    if definition.format == MessageDefinitionFormat.MSG:
+        for name, (_, fields) in get_types_from_msg(definition.data, kind).items():
+            if name in known and _lowered(fields) != _lowered(known[name][1]):
+                raise ValueError(f"{name} has other fields than in ROS 2 Jazzy")
+
+
+def _lowered(fields: Any) -> list[tuple[str, Any]]:
+    """Return fields with names in small letters: D of CameraInfo in ROS 1 is d in ROS 2."""
+    return [(name.lower(), kind) for name, kind in fields]
+
+
 def new_message(kind: str, **values: Any) -> Any:
     """Return a message.
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from marssim.base.bags.library import check_installed, typestore
+from marssim.base.bags.library import check_definition, check_installed, typestore
 from marssim.base.bags.messages import SECOND
 from marssim.base.files.json_file import DatasetError
 
@@ -60,7 +60,7 @@ class Bag:
 
     def __init__(self, path: Path) -> None:
         check_installed(path)
-        from rosbags.highlevel import AnyReader
+        from rosbags.rosbag2 import Reader
 
         self.path = path
         if path.suffix.lower() == ROS_1 and path.is_file():
@@ -70,7 +70,7 @@ class Bag:
                 f"{path / METADATA}: no such file; `ros2 bag reindex` makes it, or give the .mcap file in the folder"
             )
         with self._naming():
-            self._reader = AnyReader([path], default_typestore=typestore())
+            self._reader = Reader(path)
             self._reader.open()
         self.topics = {c.topic: c.msgtype.replace("/msg/", "/") for c in self._reader.connections if c.msgcount}
 
@@ -122,7 +122,8 @@ class Bag:
 
     def _decoded(self, connection: Any, raw: bytes) -> Any:
         with self._naming(f", a message of {connection.topic}"):
-            return self._reader.deserialize(raw, connection.msgtype)
+            check_definition(connection.msgtype, connection.msgdef)
+            return typestore().deserialize_cdr(raw, connection.msgtype)
 
     @contextmanager
     def _naming(self, what: str = "") -> Iterator[None]:

@@ -42,22 +42,22 @@ def read_pair(paths: Sequence[Path], fisheye: bool = False) -> PosedPair:
     """
     if not 1 <= len(paths) <= 2:
         raise ValueError(f"a pair has one or two calibration files, got {len(paths)}")
+    name = paths[0] if len(paths) == 1 else f"{paths[0]} and {paths[1]}"
     labels = [read_label(path) for path in paths]
     if any(label is not None for label in labels):
         if len(paths) == 1:
             raise ValueError(f"{paths[0]}: is the label of one image; give those of the left and of the right one")
-        return PosedPair(*(labelled_camera(label, path) for label, path in zip(labels, paths)))
+        return labelled_pair(labels, paths)
     texts = [read_text(path) for path in paths]
     if all(is_camera_info(text) and "camera_model" not in text for text in texts):
         if len(paths) == 1:
             raise ValueError(f"{paths[0]}: is the CameraInfo of one camera; give those of the left and the right one")
         cameras = [_named(path, raw_camera, text) for path, text in zip(paths, texts)]
-        return PosedPair(*cameras)
+        return _named(name, PosedPair, *cameras)
     fields: dict = {}
     for path, text in zip(paths, texts):
         if text.lstrip().startswith(("%YAML", "<", "{")) or ":" in text:
             fields.update(_parsed(path, text))
-    name = paths[0] if len(paths) == 1 else f"{paths[0]} and {paths[1]}"
     if is_kalibr(fields):
         return _named(name, pair_of_kalibr, fields)
     if is_opencv(fields):
@@ -103,7 +103,17 @@ def read_label(path: Path) -> ProductLabel | None:
     return None
 
 
-def labelled_camera(label: ProductLabel | None, path: Path) -> PosedCamera:
+def labelled_pair(labels: Sequence[ProductLabel | None], paths: Sequence[Path]) -> PosedPair:
+    """Return the cameras of the labels of a left and a right image.
+
+    Raises:
+        ValueError: A label has no camera model, or the cameras are no pair. One line that names the files.
+    """
+    cameras = [_labelled_camera(label, path) for label, path in zip(labels, paths, strict=True)]
+    return _named(" and ".join(map(str, paths)), PosedPair, *cameras)
+
+
+def _labelled_camera(label: ProductLabel | None, path: Path) -> PosedCamera:
     """Return the camera of a label.
 
     Raises:

@@ -113,6 +113,7 @@ def exit_code(work: Callable[[], object], interrupted: str = GOES_ON) -> int:
 def _exit_code(work: Callable[[], object], interrupted: str, out: SafeStream) -> int:
     try:
         with one_note(), _terminated_as_interrupted(), exits_as_errors():
+            _check_working_directory()
             work()
         out.flush()
     except BrokenPipeError as error:
@@ -128,6 +129,14 @@ def _exit_code(work: Callable[[], object], interrupted: str, out: SafeStream) ->
     except KeyboardInterrupt:
         return _fail(f"interrupted; {interrupted}", 130)
     return 0
+
+
+def _check_working_directory() -> None:
+    """Raise a ValueError where the working directory was removed: relative paths lead nowhere, and MKL ends PyTorch."""
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        raise ValueError("the working directory was removed: change to a folder that exists") from None
 
 
 @contextmanager

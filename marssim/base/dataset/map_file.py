@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 
 from marssim.base.dataset.encoding import decode_normal, encode_normal
+from marssim.base.files.decoding import decode
 from marssim.base.files.npy import encode_npy, read_npy
 from marssim.base.files.pfm import decode_pfm, encode_pfm
 from marssim.base.files.png import decode_png, encode_png
@@ -81,8 +82,8 @@ def read_map_file(path: Path, kind: MapKind) -> np.ndarray:
         elif form == "png":
             values = decode_png(path.read_bytes())
         else:
-            values = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
-    except (ValueError, cv2.error):
+            values = decode(path.read_bytes())
+    except ValueError:
         values = None
     if values is None or values.ndim != (3 if kind == "normal" else 2) or values.dtype.kind not in "fu":
         raise ValueError(f"{path}: is not a map of {kind}")

@@ -11,6 +11,7 @@ from typing import Any
 from marssim.base.files.atomic import write_atomically
 
 MOST_LEVELS = 64  # levels of nesting in a file that is read; files of this project have less than ten
+MOST_DIGITS = 300  # of an integer; a float overflows from 309
 TOO_DEEP = f"nests lists and objects more than {MOST_LEVELS} levels deep"
 
 
@@ -91,7 +92,7 @@ def parse_json(data: bytes, name: object) -> dict[str, Any]:
         DatasetError: It holds no JSON object. One line that begins with the name.
     """
     try:
-        content = json.loads(data.decode("utf-8"))
+        content = json.loads(data.decode("utf-8"), parse_int=_integer)
     except ValueError as error:  # not UTF-8, or not JSON
         raise DatasetError(f"{name}: is not JSON: {error}") from None
     except RecursionError:
@@ -101,6 +102,13 @@ def parse_json(data: bytes, name: object) -> dict[str, Any]:
     if _is_deeper(content, MOST_LEVELS):
         raise DatasetError(f"{name}: {TOO_DEEP}")
     return content
+
+
+def _integer(digits: str) -> int:
+    """Return an integer that a float can hold, roughly."""
+    if len(digits) > MOST_DIGITS:
+        raise ValueError(f"an integer of {len(digits)} digits")
+    return int(digits)
 
 
 def _is_deeper(content: dict[str, Any], levels: int) -> bool:

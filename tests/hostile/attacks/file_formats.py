@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
+import cv2
 import numpy as np
 import torch
 from calibration_files import CALIBRATIONS, read_calibration_pair
@@ -18,19 +19,24 @@ from small_network import SMALL
 from envs.drivers.policy_archive import read_policy
 from envs.drives.episodes import EpisodeRecord
 from envs.drives.records import read_record
+from envs.suites.suite import FOLDER, load_suite
 from m3depth.datasets.image_files import read_image
+from m3depth.datasets.maps import read_map
 from m3depth.evaluation.resume import SavedState
+from m3depth.kinds.config import read_config
 from m3depth.network.model import M3Depth
 from m3depth.prediction.sources.bag_pairs import BagPairs
+from m3depth.prediction.sources.poses import read_poses
 from m3depth.training.run import read_checkpoint
 from marssim.base.bags.stereo_writer import StereoBagWriter
 from marssim.base.calibration.rectified import read_calibration
+from marssim.base.calibration.rig_file import read_rig_file
 from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
 from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.dataset.drive_file import read_drive
 from marssim.base.dataset.frame import StereoFrame
 from marssim.base.dataset.sample import read_sample, write_sample
-from marssim.base.files.json_file import as_json
+from marssim.base.files.json_file import DatasetError, as_json
 from marssim.base.files.pfm import decode_pfm, encode_pfm
 from marssim.base.files.png import encode_png
 from marssim.scene.heightmap import file_digest, read_heightmap
@@ -94,6 +100,19 @@ def _read_bag(path: Path) -> None:
         pairs.pose(number)
 
 
+def _map() -> bytes:
+    return cv2.imencode(".tiff", np.full(SIZE, 3.0, np.float32))[1].tobytes()
+
+
+def _read_bag_of(metadata: Path) -> None:
+    """Read the bag of a metadata.yaml; a refusal names the bag, which is the folder."""
+    try:
+        _read_bag(metadata.parent)
+    except DatasetError as error:
+        assert str(error).startswith(str(metadata.parent)), error
+        raise DatasetError(f"{metadata}: {error}") from None
+
+
 def _weights(folder: Path) -> Path:
     M3Depth(SMALL).save_pretrained(folder / "weights.safetensors")
     return folder / "weights.safetensors"
@@ -147,12 +166,26 @@ INDEX = {
     "samples": [{"name": f"0000{n}/00", "split": "train", "sha256": "0" * 64} for n in range(3)],
 }  # fmt: skip
 KITTI = "P0: 100 0 4 0 0 100 3 0 0 0 1 0\nP1: 100 0 4 -20 0 100 3 0 0 0 1 0\n"
+POSES = "# KITTI, then TUM\n1 0 0 0.5 0 1 0 0 0 0 1 0\n0.5 1 2 3 0 0 0.6 0.8\n"
+RIG = {
+    "width": 320, "height": 240, "fx": 300.0, "fy": 301.0, "cx": 158.0, "cy": 121.0, "baseline": 0.2,
+    "vergence_deg": 4.0, "distortion_model": "plumb_bob", "distortion_coefficients": [-0.22, 0.06, 0, 0],
+    "rotation_deg": [0.5, 0.2, -0.7],
+}  # fmt: skip
 PLACE = json.dumps({"preset": "gale", "rocks": {"k": 0.1}})
 FORMATS: dict[str, tuple[Make, Callable[[Path], object]]] = {
     "dataset.json": (_text("dataset.json", json.dumps(INDEX)), lambda path: StereoDataset(path.parent)),
     "sample.json": (_sample("sample.json"), lambda path: read_sample(path.parent)),
     "depth.png": (_sample("depth.png"), lambda path: read_sample(path.parent)),
     "place file": (_text("place.json", PLACE), load_place),
+    "suite": (
+        _bytes("suite.json", (FOLDER / "marsnav-v1.json").read_bytes),
+        lambda path: load_suite(str(path)),
+    ),
+    "rig file": (_text("rig.json", json.dumps(RIG)), lambda path: read_rig_file([path])),
+    "poses": (_text("poses.txt", POSES), read_poses),
+    "network": (_text("network.json", json.dumps(SMALL.to_dict())), read_config),
+    "map": (_bytes("depth.tiff", _map), lambda path: read_map(path, "depth")),
     "weights": (_weights, M3Depth.from_pretrained),
     "policy": (_policy, read_policy),
     "checkpoint": (_checkpoint, lambda path: read_checkpoint(path, torch.device("cpu"))),
@@ -170,4 +203,5 @@ FORMATS: dict[str, tuple[Make, Callable[[Path], object]]] = {
     "KITTI calibration": (_text("calib.txt", KITTI), read_calibration),
     **{name: (make, read_calibration_pair) for name, make in CALIBRATIONS.items()},
     "bag": (_bag, _read_bag),
+    "metadata of a bag": (lambda folder: _bag(folder).with_name("metadata.yaml"), _read_bag_of),
 }

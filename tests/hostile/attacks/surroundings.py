@@ -43,8 +43,6 @@ class Start:
     """What a shell does with the command, which is "$@"."""
     variables: dict[str, str | None] = field(default_factory=dict)
     """Variables of the environment that differ; None is one that is missing."""
-    in_removed_folder: bool = False
-    """Whether the working directory is deleted before."""
     may_fail: bool = False
     """Whether the command may report that it could not print everything."""
 
@@ -74,5 +72,4 @@ STARTS = {
         Start(variables={**NO_HOME, "HOME": ""}), Start(variables={**NO_HOME, "HOME": "/proc", "TERM": None}),
         Start(variables={**NO_HOME, "MPLCONFIGDIR": "/proc/none", "HOME": "/dev/null"}),
     ],
-    "removed folder": [Start(in_removed_folder=True)],
 }  # fmt: skip

@@ -56,7 +56,8 @@ def test_without_a_rotation_both_are_those_of_the_ideal_rig():
 def test_a_recorded_rotation_is_checked():
     turn = cv2.Rodrigues(np.array([0.01, -0.02, 0.03]))[0]
     assert np.array_equal(recorded_rotation(turn.tolist()), turn) and np.array_equal(recorded_rotation(None), np.eye(3))
-    for wrong in (turn * 1.1, turn[:2], "turn", np.diag([1.0, 1.0, -1.0])):
+    huge = [[10**400, 0, 0], [0, 1, 0], [0, 0, 1]]
+    for wrong in (turn * 1.1, turn[:2], "turn", np.diag([1.0, 1.0, -1.0]), huge):
         with pytest.raises(ValueError, match=r"^right_rotation is not a 3 x 3 rotation$"):
             recorded_rotation(wrong)
 
@@ -64,3 +65,8 @@ def test_a_recorded_rotation_is_checked():
 def test_a_mirror_and_nan_are_no_rotations():
     assert is_rotation(np.eye(3))
     assert not is_rotation(np.diag([1.0, 1.0, -1.0])) and not is_rotation(np.full((3, 3), np.nan))
+
+
+@pytest.mark.filterwarnings("error")
+def test_huge_numbers_are_no_rotation_and_give_no_warning():
+    assert not is_rotation(np.diag([1e300, 1.0, 1.0]))

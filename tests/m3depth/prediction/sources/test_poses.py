@@ -16,6 +16,7 @@ def test_kitti_and_tum_lines_give_the_same_pose(tmp_path):
     np.testing.assert_allclose(first @ [1, 0, 0, 1], [1, 3, 3, 1], atol=1e-7)
 
 
+@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize(
     ("line", "message"),
     [
@@ -24,6 +25,8 @@ def test_kitti_and_tum_lines_give_the_same_pose(tmp_path):
         ("0 0 0 0 0 0 0 nan", "line 2: expected 12"),
         ("0 1 2 3 0 0 0 0", "line 2: holds no rotation"),
         ("2 0 0 0 0 2 0 0 0 0 2 0", "line 2: holds no rotation"),
+        ("1e300 0 0 0 0 1 0 0 0 0 1 0", "line 2: holds no rotation"),
+        ("0 1 2 3 1e300 0 0 0", "line 2: holds no rotation"),
         ("-1 0 0 0 0 1 0 0 0 0 1 0", "line 2: holds no rotation"),
     ],
 )

@@ -1,10 +1,12 @@
 """Our reader: what it returns of whole bags, and one line for each kind of broken one."""
 
 import shutil
+import sys
 
 import numpy as np
 import pytest
 
+from marssim.base.bags import library
 from marssim.base.bags.images import cloud_arrays, disparity_array, image_array
 from marssim.base.bags.reader import Bag, is_bag, stamp_of
 from marssim.base.files.json_file import DatasetError
@@ -90,3 +92,23 @@ def test_a_missing_file_of_a_bag_and_other_files_are_named(copy, tmp_path):
     other = tmp_path / "old.bag"
     other.write_bytes(b"#ROSBAG V2.0\n")
     assert is_bag(other) and "is a bag of ROS 1; `rosbags-convert` makes" in error_of(other)
+
+
+def test_definitions_in_a_bag_become_no_code(drive, monkeypatch):
+    monkeypatch.delitem(sys.modules, "rosbags.usertypes", raising=False)
+    bag = Bag(drive.path)
+    assert len(list(bag.messages(["/stereo/left/camera_info"]))) == len(drive.stamps)
+    assert "rosbags.usertypes" not in sys.modules  # the module that rosbags makes of them
+    bag.close()
+
+
+def test_a_type_that_a_bag_defines_otherwise_is_named(drive):
+    bag = Bag(drive.path)
+    definition = next(c.msgdef for c in bag._reader.connections if c.msgtype == "sensor_msgs/msg/Image")
+    library.check_definition("sensor_msgs/msg/Image", definition)
+    other = definition._replace(data=definition.data.replace("uint32 width", "uint64 width"))
+    assert other != definition
+    with pytest.raises(ValueError, match=r"sensor_msgs/msg/Image has other fields than in ROS 2 Jazzy"):
+        library.check_definition("sensor_msgs/msg/Image", other)
+    with pytest.raises(ValueError, match=r"a_b/msg/C is no type of ROS 2 Jazzy"):
+        library.check_definition("a_b/msg/C", definition)

@@ -335,7 +335,7 @@ def test_what_is_no_label_is_one_line(tmp_path, change, says):
     files[1].write_text(change(detached_label(wanted.right)))
     with pytest.raises(ValueError, match=says) as caught:
         read_pair(files)
-    assert "\n" not in str(caught.value)
+    assert "\n" not in str(caught.value) and "right.LBL" in str(caught.value)
 
 
 def test_exchanged_cameras_are_refused():

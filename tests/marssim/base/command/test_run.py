@@ -253,6 +253,15 @@ def test_broken_pools_and_interrupts_say_how_to_go_on(capsys):
     assert (code, output) == (130, "error: interrupted; nothing was written\n")
 
 
+def test_a_working_directory_that_was_removed_is_one_line(tmp_path, monkeypatch, capsys):
+    folder = tmp_path / "removed"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    folder.rmdir()
+    code, output = run(capsys, failing(AssertionError("the work began")))
+    assert (code, output) == (2, "error: the working directory was removed: change to a folder that exists\n")
+
+
 def test_work_that_ended_badly_has_another_exit_code_than_a_mistake(capsys):
     code, output = run(capsys, failing(FloatingPointError("training has diverged")))
     assert code == 1 and output == "error: training has diverged\n"

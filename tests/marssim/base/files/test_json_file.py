@@ -44,6 +44,7 @@ def test_settings_come_back_as_they_are_read():
     [
         ("{", "is not JSON"), ("[1]", "not a JSON object"), ("\xff", "is not JSON"),
         ('{"a":' * 70 + "1" + "}" * 70, "more than 64"), ("[" * 100_000, "more than 64"),
+        (f'{{"a": {"9" * 400}}}', "an integer of 400 digits"),
     ],
 )  # fmt: skip
 def test_a_file_that_cannot_be_read_is_named(tmp_path, text, problem):
