@@ -1,15 +1,15 @@
-"""Long runs in one process: memory and file handles over hours, with a verdict on whether they grow.
+"""A command in this process, with its memory, open files and threads over hours, and a verdict on whether they grow.
 
-    python tests/hostile/soak.py generate --out soak/generate --amount 10000     # pairs
-    python tests/hostile/soak.py drive --out soak/drive --amount 120             # minutes
-    python tests/hostile/soak.py train --out soak/train --amount 120 --data DATA # minutes
+    python tests/hostile/soak.py LOG marssim.generate --out data/soak --pairs 10000 --workers 1
+    python tests/hostile/soak.py LOG envs.evaluate --out out/soak --suite marsnav-v1
+    python tests/hostile/soak.py LOG m3depth.train --out runs/soak --data DATA --max-minutes 120
 
-The same command continues a run that was stopped, as a further piece. OUT/soak.jsonl gets a line every few seconds:
+The same command continues a run that was stopped, as a further piece. LOG gets a JSON line every few seconds:
 time since the piece began [s], memory [MB], open files, threads. The verdict is on each piece: the slope of its second
 half after Theil and Sen, with its 95 % interval, which is too narrow, since lines that follow each other are not
 independent. Growth is a slope whose interval lies above zero, and that amounts to more than MOST_GROWTH over the second
 half. So a piece of two hours shows a leak of 20 MB an hour, and one of less than 20 minutes has no verdict. Linux only,
-since it reads /proc. The exit code is 1 for growth.
+since it reads /proc. The exit code is that of the command, or 1 for growth.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import runpy
 import sys
 import threading
 import time
-from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -83,57 +83,28 @@ def verdict(rows: Sequence[dict[str, float]]) -> tuple[bool, str]:
     return grew, "; ".join(words)
 
 
-def generate(out: Path, amount: int, data: Path | None) -> int:
-    """Generate pairs, in this process."""
-    from marssim.generate import main
-
-    size = ["--rig.width", "128", "--rig.height", "128", "--rig.focal", "149", "--renderer", "embree", "--workers", "1"]
-    return main(["--out", str(out / "set"), "--pairs", str(amount), "--views-per-scene", "10", *size])
-
-
-def drive(out: Path, amount: int, data: Path | None) -> int:
-    """Drive course after course for some minutes, in this process, with M3Depth, the navigator and the physics."""
-    from envs.drivers.builtin import NavigatorDriver
-    from envs.drives.episodes import Cell, run_episode
-    from envs.mars_nav import MarsNavEnv
-
-    env, driver = MarsNavEnv("m3depth", "physics", goal_distance=10.0, mast=True), NavigatorDriver()
-    until, ends = time.monotonic() + 60 * amount, Counter[str]()
-    while time.monotonic() < until:
-        ends[run_episode(env, driver, Cell(), 0, ends.total()).outcome] += 1
-    env.close()
-    print(f"{ends.total()} courses: {dict(ends)}")
+def run(command: str, args: Sequence[str]) -> int:
+    """Run a module as `python -m` does, in this process, and return its exit code."""
+    sys.argv = [command, *args]
+    try:
+        runpy.run_module(command, run_name="__main__", alter_sys=True)
+    except SystemExit as end:
+        return end.code if isinstance(end.code, int) else int(end.code is not None)
     return 0
 
 
-def train(out: Path, amount: int, data: Path | None) -> int:
-    """Train for some minutes more than the pieces before, in this process."""
-    from m3depth.train import main
-    from m3depth.training.run import saved_progress
-
-    if data is None:
-        raise SystemExit("train needs --data")
-    minutes = saved_progress(out / "run")[1] / 60 + amount
-    sizes = ["--batch", "2", "--crop", "128", "128", "--device", "cpu", "--max-minutes", str(minutes)]
-    return main(["--data", str(data), "--out", str(out / "run"), *sizes])
-
-
-WORK: dict[str, Callable[[Path, int, Path | None], int]] = {"generate": generate, "drive": drive, "train": train}
-
-
 def main(args: Sequence[str] | None = None) -> int:
-    """Do a piece of work and return the exit code."""
+    """Run a command under the log, print the verdict and return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("work", choices=WORK)
-    parser.add_argument("--out", type=Path, required=True, help="folder of the results and of soak.jsonl")
-    parser.add_argument("--amount", type=int, required=True, help="pairs in all, or minutes of this piece")
-    parser.add_argument("--data", type=Path, help="dataset to train on")
+    parser.add_argument("log", type=Path, help="file of JSON lines that gets what the process holds")
+    parser.add_argument("command", help="module to run, as marssim.generate")
+    parser.add_argument("args", nargs=argparse.REMAINDER, help="the command's own flags")
     asked = parser.parse_args(args)
-    log = Log(asked.out / "soak.jsonl")
-    code = WORK[asked.work](asked.out, asked.amount, asked.data)
+    log = Log(asked.log)
+    code = run(asked.command, asked.args)
     log.end()
     grew, words = verdict(log.rows)
-    print(f"{asked.work}, {time.monotonic() - log.began:.0f} s: {words}")
+    print(f"{asked.command}, {time.monotonic() - log.began:.0f} s: {words}")
     return code or int(grew)
 
 

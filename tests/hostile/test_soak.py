@@ -1,8 +1,11 @@
 """The verdict of a long run finds growth, and takes noise and the first minutes for none."""
 
+import os
+import sys
+
 import numpy as np
 import pytest
-from soak import FEWEST, held, verdict
+from soak import FEWEST, held, main, run, verdict
 
 
 def rows(memory, files=20.0):
@@ -24,3 +27,22 @@ def test_what_a_process_holds_is_counted(tmp_path):
     with (tmp_path / "file").open("w"):
         assert held()["files"] == before["files"] + 1
     assert before["memory"] > 1 and before["threads"] >= 1
+
+
+@pytest.mark.parametrize("code", [0, 3])
+def test_a_command_runs_in_this_process_and_gives_its_exit_code(tmp_path, monkeypatch, capsys, code):
+    (tmp_path / "worker.py").write_text("import os, sys\nprint(os.getpid(), *sys.argv[1:])\nsys.exit(int(sys.argv[2]))")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["pytest"])
+    assert main([str(tmp_path / "logs" / "log.jsonl"), "worker", "--out", str(code)]) == code
+    first, last = capsys.readouterr().out.splitlines()
+    assert first == f"{os.getpid()} --out {code}"
+    assert last.startswith("worker, 0 s: too short")
+
+
+def test_a_command_that_fails_with_words_or_returns_has_an_exit_code(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["pytest"])
+    for name, text, code in (("worded", "raise SystemExit('no')", 1), ("quiet", "", 0)):
+        (tmp_path / f"{name}.py").write_text(text)
+        assert run(name, []) == code
