@@ -90,7 +90,7 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
 
 
 def report_spent_budget(run: Run, budget: str, held_out: StereoPairs) -> dict[str, float]:
-    """Report that a run's budget is spent. Validate it first if it was killed between its last step and its end.
+    """Report that a run's budget is spent. First do what a kill between its last step and its end left undone.
 
     Args:
         run: The run.
@@ -100,6 +100,7 @@ def report_spent_budget(run: Run, budget: str, held_out: StereoPairs) -> dict[st
     if len(held_out) and run.config.validate_samples and not is_validated(run):
         with closing(Log(run.config.out, run.step)) as log:
             return finish(run, log, Validator(run, log, held_out), stopped=False)
+    save_curves(run.config.out)
     minutes = run.seconds / 60
     print(f"{run.config.out}: already at {budget} (step {run.step}, {minutes:.1f} min); raise it to go on")
     return {}

@@ -42,7 +42,7 @@ def test_a_command_line_is_taken_or_refused_in_one_line(command, data, capsys, t
         args += [flag, *(data.draw(HOSTILE) for _ in range(number))]
     count(command, "flags")
     taken: list[object] = []
-    words = [word for word in args if word and not word.startswith("-")]
+    words = [word for word in args if word and not word.startswith("--")]
     judge(lambda: taken.append(parser_of(command)(args)), capsys, "--", *words)
     for config in taken:
         check_meant(config)

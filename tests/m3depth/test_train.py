@@ -252,8 +252,9 @@ def test_a_run_says_what_it_wrote_and_how_to_go_on(plane_samples, tmp_path, caps
     assert f"m3depth.evaluate --data planes --split test --weights {weights}" in output.out
 
     before = (tmp_path / "checkpoint.pt").read_bytes()
+    (tmp_path / "curves.png").unlink()  # as after a kill before it was drawn
     assert train(config, plane_samples, plane_samples) == {}
-    assert "already at --max-steps 3 (step 3" in capsys.readouterr().out
+    assert "already at --max-steps 3 (step 3" in capsys.readouterr().out and (tmp_path / "curves.png").is_file()
     assert train(replace(config, max_steps=None, max_minutes=1e-4), plane_samples, plane_samples) == {}
     assert "already at --max-minutes 0.0001 (" in capsys.readouterr().out
     assert (tmp_path / "checkpoint.pt").read_bytes() == before

@@ -242,7 +242,7 @@ def _value_error(flag: str, kind: str, why: str) -> str:
 def _unknown(words: Sequence[str], known: Sequence[str]) -> str:
     """Return a message on words that belong to no option; each unknown option has the most similar known one."""
     options = []
-    for option in (word.partition("=")[0] for word in words if re.match(r"--?[a-zA-Z]", word)):
+    for option in (word.partition("=")[0] for word in words if re.match(r"--?(?!inf$|nan$)[a-zA-Z]", word)):
         options.append(option + did_you_mean(option, known))
     return f"unknown option {', '.join(options)}" if options else f"{' '.join(words)} belongs to no option"
 

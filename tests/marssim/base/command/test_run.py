@@ -141,6 +141,7 @@ def test_a_good_command_line_reaches_the_work(capsys):
         (["--quite"], "unknown option --quite (did you mean --quiet?)"),
         (["--zebra"], "unknown option --zebra"),
         (["stray", "sheep"], "stray sheep belongs to no option"),
+        (["-inf"], "-inf belongs to no option"),
     ],
 )
 def test_the_parsers_mistakes_are_one_line(args, line, columns, encoding, monkeypatch, capsys):
