@@ -10,10 +10,8 @@ from __future__ import annotations
 
 import json
 import multiprocessing
-import resource
 import statistics
 import sys
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -25,6 +23,7 @@ import numpy as np
 from manifest_summary import Term, figure
 from matplotlib.figure import Figure
 
+from m3depth.evaluation.cost import measured
 from m3depth.evaluation.metrics import INTERVAL_EDGES
 from m3depth.evaluation.report import DEPTH_COLUMNS, NORMAL_COLUMNS, number, table
 from m3depth.figures.drawing import METHOD_COLOURS, METHOD_MARKERS, save
@@ -123,7 +122,7 @@ def _joined(results: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def training(run: Path) -> dict[str, Any]:
-    """Return the steps, the minutes and the errors at the validations of a run.
+    """Return the steps, the minutes, the starts and the errors at the validations of a run.
 
     Raises:
         DatasetError: It is no folder of a run.
@@ -139,6 +138,7 @@ def training(run: Path) -> dict[str, Any]:
     return {
         "steps": steps[-1]["step"],
         "minutes": steps[-1]["minutes"],
+        "starts": [line for line in lines if line["kind"] == "start"],
         "validations": [
             {"step": line["step"], "minutes": float(np.interp(line["step"], *times)), "epe": line["epe"]}
             for line in lines
@@ -148,7 +148,7 @@ def training(run: Path) -> dict[str, Any]:
 
 
 def cost(weights: Path) -> dict[str, Any]:
-    """Return the parameters of a network, its seconds for a pair of 512 x 512 px and the memory that it added [MiB].
+    """Return the parameters of a network, its seconds for a pair of 512 x 512 px and its process's most memory [MiB].
 
     It runs in a process of its own, with as many threads as PyTorch takes.
     """
@@ -161,19 +161,13 @@ def _cost(weights: Path) -> dict[str, Any]:
     shape = (NATECAM.camera.height, NATECAM.camera.width)
     left = random.integers(0, 256, shape, dtype=np.uint8)
     right = np.roll(left, -8, axis=1)
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     network = load_network(weights)
     network.infer(left, right, NATECAM)
-    seconds = []
-    for _ in range(REPEATS):
-        start = time.perf_counter()
-        network.infer(left, right, NATECAM)
-        seconds.append(time.perf_counter() - start)
-    added = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
+    costs = [measured(network.infer, left, right, NATECAM)[1] for _ in range(REPEATS)]
     return {
         "parameters": sum(p.numel() for p in network.parameters()),
-        "seconds": statistics.median(seconds),
-        "memory_mib": added / 1024,
+        "seconds": statistics.median(cost.seconds for cost in costs),
+        "memory_mib": costs[-1].peak_mib,
     }
 
 
@@ -201,12 +195,14 @@ def markdown(content: Mapping[str, Any]) -> str:
     lines = ["# Methods compared", ""]
     rows = [
         [
-            name, f"{run['parameters'] / 1e6:.2f} M", f"{run['seconds']:.2f}", f"{run['memory_mib']:.0f}",
-            str(run["steps"]), f"{run['minutes']:.0f}",
+            name, f"{run['parameters'] / 1e6:.2f} M", f"{run['seconds']:.2f}",
+            "-" if run["memory_mib"] is None else f"{run['memory_mib']:.0f}", str(run["steps"]),
+            f"{run['minutes']:.0f}",
         ]
         for name, run in content["runs"].items()
     ]  # fmt: skip
     lines += table(["method", "parameters", "s for a pair", "memory [MiB]", "steps", "minutes of training"], rows)
+    lines += ["", "## Commands", "", *table(["method", "seed", "commit", "command"], _starts(content["runs"]))]
     for name, part in content["sets"].items():
         order = sorted(part["metrics"], key=lambda label: part["metrics"][label]["abs_rel"]["value"])
         lines += [
@@ -224,6 +220,21 @@ def markdown(content: Mapping[str, Any]) -> str:
         cells = [[depth, *(_mae(part, label, i) for label in order)] for i, depth in enumerate(depths)]
         lines += table(["depth", *order], cells)
     return "\n".join([*lines, ""])
+
+
+def _starts(runs: Mapping[str, Any]) -> list[list[str]]:
+    """Return a row for each run, with all of its commits and its last command."""
+    return [
+        [
+            name,
+            *(
+                ", ".join(dict.fromkeys(str(start[key]) for start in run["starts"])) or "-"
+                for key in ("seed", "commit")
+            ),
+            f"`{run['starts'][-1]['command']}`" if run["starts"] else "-",
+        ]
+        for name, run in runs.items()
+    ]
 
 
 def _cell(value: Mapping[str, Any]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import sys
 import time
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 from marssim.base.command.progress import LINE_SECONDS
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import json_text
+from marssim.base.results.code_state import versions
 
 LOG = "log.jsonl"  # name of the log in a run's folder
 
@@ -22,7 +24,7 @@ def records(out: Path, kind: str) -> list[dict[str, Any]]:
 
     Args:
         out: Folder of the run.
-        kind: "train", "val" or "val_raw", as Log.write takes it.
+        kind: "start", or "train", "val" or "val_raw" as Log.write takes it.
     """
     path = out / LOG
     lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if path.exists() else []
@@ -48,6 +50,17 @@ class Log:
             self.board = None
         self.last_line = 0.0
 
+    def start(self, step: int, seed: int) -> None:
+        """Add a record of the kind "start": the command, the seed and the versions that the next steps come from.
+
+        Args:
+            step: Steps that the run has taken before.
+            seed: Seed of the first weights, and of the order of the pairs.
+        """
+        command = shlex.join([Path(sys.orig_argv[0]).name, *sys.orig_argv[1:]])
+        date = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+        self._add({"kind": "start", "step": step, "date": date, "command": command, "seed": seed, **versions()})
+
     def write(self, kind: str, step: int, values: dict[str, float]) -> None:
         """Add a record.
 
@@ -57,12 +70,14 @@ class Log:
             values: Numbers by name; those that are not finite become null.
         """
         # Six significant digits: learning rates are about 1e-6. JSON has no NaN, which means "no such pixels".
-        record = {"kind": kind, "step": step, **{k: float(f"{v:.6g}") for k, v in values.items()}}
-        with self.path.open("a", encoding="utf-8") as file:
-            file.write(json_text(record) + "\n")
+        self._add({"kind": kind, "step": step, **{k: float(f"{v:.6g}") for k, v in values.items()}})
         if self.board is not None:
             for name, value in values.items():
                 self.board.add_scalar(f"{kind}/{name}", value, step)
+
+    def _add(self, record: dict[str, Any]) -> None:
+        with self.path.open("a", encoding="utf-8") as file:
+            file.write(json_text(record) + "\n")
 
     def image(self, name: str, step: int, pixels: np.ndarray) -> None:
         """Show an image in TensorBoard.

@@ -71,6 +71,7 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
             log = opened.enter_context(closing(Log(config.out, run.step))) if rank == 0 else None
             if log:
                 announce(run, resumed, len(samples), len(held_out))
+                log.start(run.step, config.seed)
             stream = opened.enter_context(
                 closing(
                     batches(

@@ -56,11 +56,11 @@ class Validator:
         packed = [self.cache[i] for i in self.chosen]
         current = validate(run.model, packed, run.device)
         self.step, self.scores = run.step, validate(run.averaged, packed, run.device)
-        log.write("val_raw", run.step, current)
-        log.write("val", run.step, self.scores)
         path = run.config.out / PANELS / f"{run.step:07d}.png"
         examples = [self._example(index) for index in self.chosen[:PANEL_PAIRS]]
         log.image("panel", run.step, pairs_figure(examples, path))
+        log.write("val_raw", run.step, current)
+        log.write("val", run.step, self.scores)  # last, since a run that goes on after a kill does not repeat it
         if time.monotonic() - self.drawn > CURVES_SECONDS:
             save_curves(run.config.out)
             self.drawn = time.monotonic()

@@ -7,6 +7,7 @@ import cv2
 import pytest
 from small_network import SMALL
 
+from m3depth.evaluation.cost import Cost
 from m3depth.evaluation.report import DEPTH_COLUMNS, NORMAL_COLUMNS
 from m3depth.network.model import M3Depth
 from marssim.base.files.json_file import read_json
@@ -46,8 +47,22 @@ def folders(tmp_path) -> tuple[Path, Path]:
     run.mkdir(parents=True)
     M3Depth(SMALL).save_pretrained(run / "weights.safetensors")
     lines = [
+        {
+            "kind": "start",
+            "step": 0,
+            "seed": 3,
+            "commit": "0123456789ab",
+            "command": "python -m m3depth.train --seed 3",
+        },
         {"kind": "train", "step": 1, "minutes": 0.1},
         {"kind": "val", "step": 50, "epe": 8.0},
+        {
+            "kind": "start",
+            "step": 60,
+            "seed": 3,
+            "commit": "ba9876543210",
+            "command": "python -m m3depth.train --again",
+        },
         {"kind": "train", "step": 100, "minutes": 12.0},
         {"kind": "val", "step": 100, "epe": 2.0},
     ]
@@ -61,12 +76,13 @@ def flags(scores: Path, out: Path, *runs: Path) -> list[str]:
 
 def test_scores_and_runs_become_one_page(compare_methods, folders, tmp_path, monkeypatch):
     monkeypatch.setattr(compare_methods, "cost", compare_methods._cost)  # in this process, which has torch already
+    monkeypatch.setattr(compare_methods, "measured", lambda call, *args: (call(*args), Cost(1.0, 300.0, None)))
     scores, run = folders
     out = tmp_path / "out"
     assert compare_methods.main(flags(scores, out, run)) == 0
     content = read_json(out / "methods.json")
     mine = content["runs"]["mine"]
-    assert mine["parameters"] == sum(p.numel() for p in M3Depth(SMALL).parameters()) and mine["seconds"] > 0
+    assert mine["parameters"] == sum(p.numel() for p in M3Depth(SMALL).parameters())
     assert (mine["steps"], mine["minutes"]) == (100, 12.0)
     # step 50 lies between the logged steps 1, at 0.1 min, and 100, at 12 min
     assert [v["minutes"] for v in mine["validations"]] == pytest.approx([0.1 + 49 / 99 * 11.9, 12.0])
@@ -79,6 +95,8 @@ def test_scores_and_runs_become_one_page(compare_methods, folders, tmp_path, mon
     assert third["pooled"]["rmse"] == pytest.approx(((0.1**2 + 3 * 0.3**2) / 4) ** 0.5)
     assert clean["intervals"]["mine"]["intervals"][0]["pooled"]["mae"] is None
     page = (out / "methods.md").read_text()
+    assert mine["memory_mib"] == 300 and mine["seconds"] == 1.0 and "| 1.00 | 300 | 100 | 12 |" in page
+    assert "| mine | 3 | 0123456789ab, ba9876543210 | `python -m m3depth.train --again` |" in page
     assert page.index("| mine | 0.0300 (0.0200 to 0.0400)") < page.index("| SGBM | 0.0800")
     assert "| 2-3 m | 0.2500 | 0.5000 |" in page
     for picture in ("curves.png", "error_by_depth_clean.png"):

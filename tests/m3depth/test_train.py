@@ -21,6 +21,7 @@ from m3depth.network.model import M3Depth
 from m3depth.train import main
 from m3depth.training import run as run_module
 from m3depth.training.config import TrainConfig
+from m3depth.training.log import records
 from m3depth.training.loop import backward, finer_losses, train
 from m3depth.training.loss_config import LossConfig
 from m3depth.training.losses import total_loss
@@ -159,12 +160,28 @@ def test_a_run_cut_off_after_a_checkpoint_goes_on_to_the_same_state(plane_sample
         assert all(torch.equal(tensor, again[part][name]) for name, tensor in whole[part].items())
     for number, state in whole["optimizer"]["state"].items():
         assert all(torch.equal(state[name], again["optimizer"]["state"][number][name]) for name in state)
-    records = []
+    logs = []
     for name in ("whole", "cut"):
         lines = [json.loads(line) for line in (tmp_path / name / "log.jsonl").read_text().splitlines()]
-        records.append([{k: v for k, v in r.items() if k not in ("minutes", "loader_share")} for r in lines])
-    assert records[0] == records[1]
-    assert {record["kind"] for record in records[0]} == {"train", "val", "val_raw"}
+        lines = [line for line in lines if line["kind"] != "start"]  # a line for each start
+        logs.append([{k: v for k, v in r.items() if k not in ("minutes", "loader_share")} for r in lines])
+    assert logs[0] == logs[1]
+    assert {record["kind"] for record in logs[0]} == {"train", "val", "val_raw"}
+
+
+def test_a_validation_cut_off_before_its_panel_is_made_up_for(plane_samples, tmp_path, monkeypatch) -> None:
+    config = config_for(tmp_path, max_steps=4, validate_every=2, checkpoint_minutes=1e-9)
+
+    def die(examples, path):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("m3depth.training.validation.pairs_figure", die)
+        with pytest.raises(KeyboardInterrupt):
+            train(config, plane_samples, plane_samples)
+    train(config, plane_samples, plane_samples)
+    assert sorted(path.name for path in (tmp_path / "panels").iterdir()) == ["0000002.png", "0000004.png"]
+    assert [record["step"] for record in records(tmp_path, "val")] == [2, 4]
 
 
 def test_tensorboard_holds_curves_and_panels(plane_samples, tmp_path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
+import subprocess
 import sys
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -38,8 +39,29 @@ def source_file(module: str) -> Path | None:
     return Path(spec.origin) if spec is not None and spec.has_location and spec.origin else None
 
 
+@cache
+def commit(package: str) -> str | None:
+    """Return the git commit of a package's sources, with "-dirty" where tracked files differ from it.
+
+    Args:
+        package: Name of an installed package.
+
+    Returns:
+        Twelve hexadecimal digits or more; None if the sources are no tracked files of a checkout, or git is missing.
+    """
+    file = source_file(package)
+    assert file is not None
+    git = ("git", "-C", str(file.parent))
+    try:
+        subprocess.run([*git, "ls-files", "--error-unmatch", file.name], capture_output=True, check=True)
+        described = [*git, "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
+        return subprocess.run(described, capture_output=True, check=True, text=True).stdout.strip() or None
+    except (OSError, subprocess.CalledProcessError):
+        return None
+
+
 def versions() -> dict[str, Any]:
-    """Return what figures depend on: the versions of Python and of packages, and the machine, for the run times."""
+    """Return what figures depend on: the versions of Python and of packages, the commit, and the machine."""
     record: dict[str, Any] = {
         "python": platform.python_version(),
         "machine": platform.machine(),
@@ -50,6 +72,7 @@ def versions() -> dict[str, Any]:
             record[package] = version(package)
         except PackageNotFoundError:
             record[package] = None
+    record["commit"] = commit("marssim")
     torch = sys.modules.get("torch")
     if torch is not None:
         record["torch_threads"] = torch.get_num_threads()

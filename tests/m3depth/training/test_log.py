@@ -1,6 +1,9 @@
 """The log keeps the precision of its numbers, and a resumed run continues it after its checkpoint."""
 
 import json
+import sys
+
+import numpy as np
 
 from m3depth.training.log import Log, records
 
@@ -26,3 +29,20 @@ def test_what_came_after_the_checkpoint_is_logged_again(tmp_path) -> None:
     again.write("train", 3, {"loss": 5.0})
     again.close()
     assert [(r["step"], r["loss"]) for r in records(tmp_path, "train")] == [(1, 1.0), (2, 2.0), (3, 5.0)]
+
+
+def test_each_start_says_what_its_steps_come_from(tmp_path, monkeypatch) -> None:
+    for step, steps in ((0, (1, 2, 3)), (2, (3,))):
+        monkeypatch.setattr(
+            sys, "orig_argv", ["/some/where/python3", "-m", "m3depth.train", "--out", "my runs", str(step)]
+        )
+        log = Log(tmp_path, step)
+        log.start(step, seed=7)
+        for number in steps:
+            log.write("train", number, {"loss": 1.0})
+        log.close()
+    starts = records(tmp_path, "start")
+    assert [start["command"] for start in starts] == [f"python3 -m m3depth.train --out 'my runs' {n}" for n in (0, 2)]
+    assert [start["step"] for start in starts] == [0, 2] and starts[0]["seed"] == 7
+    assert starts[0]["numpy"] == np.__version__ and "commit" in starts[0]
+    assert [record["step"] for record in records(tmp_path, "train")] == [1, 2, 3]

@@ -1,8 +1,11 @@
-"""The digest of the source code, and the files of modules."""
+"""The digest of the source code, its commit, and the files of modules."""
 
 import json
+import subprocess
 
-from marssim.base.results.code_state import source_digest, source_file
+import pytest
+
+from marssim.base.results.code_state import commit, source_digest, source_file, versions
 
 
 def test_the_digest_changes_with_any_source_and_only_then(tmp_path, monkeypatch):
@@ -27,3 +30,41 @@ def test_the_digest_changes_with_any_source_and_only_then(tmp_path, monkeypatch)
 def test_the_file_of_a_module_and_of_what_has_none():
     assert str(source_file("json")) == json.__file__
     assert source_file("sys") is None and source_file("no_such_module_at_all") is None
+
+
+def test_the_commit_is_that_of_tracked_sources_and_says_when_they_differ(tmp_path, monkeypatch):
+    package = tmp_path / "checkout" / "some_package"
+    package.mkdir(parents=True)
+    source = package / "__init__.py"
+    source.write_text("")
+    monkeypatch.syspath_prepend(package.parent)
+
+    def git(*words):
+        who = ("-c", "user.name=x", "-c", "user.email=x@example.org")
+        return subprocess.run(
+            ["git", "-C", str(package.parent), *who, *words], check=True, capture_output=True, text=True
+        ).stdout.strip()
+
+    def found():
+        return commit.__wrapped__("some_package")
+
+    assert found() is None  # no checkout
+    git("init", "-q")
+    (package.parent / "other").write_text("")
+    git("add", "other")
+    git("commit", "-qm", "without the package")
+    assert found() is None  # as a package that is installed below another project's checkout
+    git("add", ".")
+    git("commit", "-qm", "with it")
+    git("tag", "-am", "a release", "v1")
+    assert found() == git("rev-parse", "--short=12", "HEAD")
+    source.write_text("x = 1")
+    assert found() == git("rev-parse", "--short=12", "HEAD") + "-dirty"
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert found() is None  # no git
+
+
+def test_versions_name_the_commit():
+    assert versions()["commit"] == commit("marssim")
+    with pytest.raises(AssertionError):
+        commit("no_such_package_at_all")
