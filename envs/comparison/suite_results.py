@@ -14,6 +14,7 @@ import numpy as np
 from envs.comparison.schema import results_schema
 from envs.drives.config import shard_of
 from envs.drives.metrics import spl
+from envs.drives.resume import WEIGHTS
 from envs.suites.suite import SAME_WAY, Suite, load_suite
 from envs.world.perception import GROUND_TRUTH
 from envs.world.referee import GOAL_RADIUS
@@ -55,6 +56,8 @@ class SuiteResults:
     """Split that was driven."""
     episodes: Mapping[Method, Episodes]
     """The episodes of each method, in the order of the file."""
+    part: Mapping[str, Any] | None = None
+    """What the shards of one evaluation have in common, where the file is one of them."""
 
 
 def in_track(track: str, method: Method) -> bool:
@@ -115,17 +118,26 @@ def read_results(path: Path, suite: str | None = None) -> SuiteResults:
             (condition, course), number = missing[0], counted(len(missing), "episode")
             are = "is" if len(missing) == 1 else "are"
             raise DatasetError(f"{path}: {', '.join(method)}: {number} {are} missing, as {condition}, course {course}")
-    return SuiteResults(path, known.name, head["split"], driven)
+    return SuiteResults(path, known.name, head["split"], driven, _part(content))
 
 
 def methods_of(files: Iterable[SuiteResults], track: str = "both") -> dict[str, DrivenMethod]:
     """Return every method on a track, by a label that is its own.
 
-    A method that several files hold is labelled with the folder of each.
+    A method in shards of one evaluation is one method. Else a method that several files hold is labelled with the
+    folder of each.
     """
-    entries = [
-        (file, method, driven) for file in files for method, driven in file.episodes.items() if in_track(track, method)
-    ]
+    entries = list[tuple[SuiteResults, Method, Episodes]]()
+    for file in files:
+        for method, driven in file.episodes.items():
+            if not in_track(track, method):
+                continue
+            for other, of_other, before in entries:
+                if of_other == method and _are_shards(file, other) and not before.keys() & driven.keys():
+                    before.update(driven)
+                    break
+            else:
+                entries.append((file, method, dict(driven)))
     number = Counter(method for _, method, _ in entries)
     out: dict[str, DrivenMethod] = {}
     for file, method, driven in entries:
@@ -147,6 +159,21 @@ def shared_episodes(methods: Mapping[str, DrivenMethod]) -> list[Key]:
     if not shared:
         raise ValueError("the methods have no episode in common, so nothing can be compared")
     return shared
+
+
+def _part(content: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Return what the shards of one evaluation have in common; None for a file that is no shard."""
+    head, digests = dict(content["suite"]), content.get(WEIGHTS, {})
+    return {**head, "shard": head["shard"].partition("/")[2], WEIGHTS: digests} if head.get("shard") else None
+
+
+def _are_shards(file: SuiteResults, other: SuiteResults) -> bool:
+    """Return whether two files are shards of one evaluation, in which no method has two weights."""
+    if file.part is None or other.part is None:
+        return False
+    digests, others = file.part[WEIGHTS], other.part[WEIGHTS]
+    same = all(digests[name] == others[name] for name in digests.keys() & others.keys())
+    return same and {**file.part, WEIGHTS: 0} == {**other.part, WEIGHTS: 0}
 
 
 def _asked(head: Mapping[str, Any]) -> set[Key]:

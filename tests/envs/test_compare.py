@@ -125,3 +125,28 @@ def test_one_method_in_two_files_keeps_apart(suite_run, small_suite, tmp_path):
         f"{driver}, ground_truth ({folder.name})" for folder in (suite_run, twin) for driver in ("straight", "random")
     ]
     assert rows[2]["less"]["difference"] == 0
+
+
+def test_shards_of_one_evaluation_are_one_method(suite_run, edited, small_suite):
+    def shard(number):
+        def take(content):
+            content["suite"]["shard"] = f"{number}/2"
+            conditions = content["suite"]["conditions"]
+            content["episodes"] = [e for e in content["episodes"] if e["condition"] == conditions[number - 1]]
+
+        return take
+
+    parts = [edited(shard(number), f"part{number}") for number in (1, 2)]
+    whole, joined = (compare(CompareConfig(files, suite=str(small_suite))) for files in ((suite_run,), tuple(parts)))
+    assert joined["rows"] == whole["rows"] and joined["dots"] == whole["dots"]
+
+    files = (*parts, suite_run)  # which has all episodes of each method
+    labels = {row["method"] for row in compare(CompareConfig(files, suite=str(small_suite)))["rows"]}
+    names = ("part1", suite_run.name)
+    assert labels == {f"{driver}, ground_truth ({name})" for driver in ("random", "straight") for name in names}
+    for number, path in enumerate(parts):  # another network by the same name is another method
+        content = json.loads(path.read_text())
+        content["weights"] = {"ground_truth": str(number)}
+        path.write_text(json.dumps(content))
+    with pytest.raises(ValueError, match="no episode in common"):
+        compare(CompareConfig(tuple(parts), suite=str(small_suite)))

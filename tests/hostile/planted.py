@@ -71,7 +71,9 @@ DEFECTS = {
     ),
     "output that decides": Defect("test_surroundings.py -k closed", (STREAMS,)),
     "a character that an encoding lacks": Defect(
-        "test_surroundings.py -k locale", (STREAMS, (*IMPORTS, "print('\\u2192')\nMISTAKES = ("))
+        "test_surroundings.py -k locale",
+        (STREAMS, (BASE + "command/run.py", "        with writing_to(getattr(",
+                   "        print('\\u2192')\n        with writing_to(getattr(")),
     ),
     "a home that must be there": Defect(
         "test_surroundings.py -k home", ((*IMPORTS, "os.listdir(os.environ['HOME'])\nMISTAKES = ("),)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -33,6 +34,7 @@ class Ended:
 
     def check(self, *names: str) -> None:
         """Check that the work is done, or that one line on stderr says what is wrong and holds one of the names."""
+        assert self.code != -signal.SIGABRT, f"not done after {command_server.LONGEST} s, or aborted: {self.stderr}"
         assert self.code in (0, 2), f"exit code {self.code}: {self.stderr}"
         assert "Traceback" not in self.stderr, self.stderr
         if self.code == 2:
