@@ -10,9 +10,10 @@ random weights. All networks see the same data in the same order, with the same 
 minutes, and are scored by m3depth.evaluate's rules on the same pairs. A run that several tables share is trained once:
 22 runs make all five studies, for each seed.
 
-The same command continues after it was stopped or killed. It writes results.md and results.json after each run, and a
-figure a study at the end. runs/NAME-SEED holds the files of training and score.json. m3depth.train repeats a single
-run, with runs/NAME-SEED/network.json as --network and the --loss weights that score.json lists.
+The same command continues after it was stopped or killed. It writes results.md and results.json after each run, and two
+figures a study at the end: STUDY.png has the errors beside the paper's, STUDY_maps.png the maps of all rows on two test
+pairs. runs/NAME-SEED holds the files of training and score.json. m3depth.train repeats a single run, with
+runs/NAME-SEED/network.json as --network and the --loss weights that score.json lists.
 """
 
 from __future__ import annotations

@@ -11,6 +11,7 @@ from typing import Any
 from m3depth.ablation.config import AblateOptions
 from m3depth.ablation.figure import study_figure
 from m3depth.ablation.findings import METHOD, findings
+from m3depth.ablation.maps import maps_figure, predicted
 from m3depth.ablation.studies import BASE, Variant, distinct
 from m3depth.ablation.tables import markdown
 from m3depth.datasets.config import flag
@@ -70,7 +71,7 @@ def plan(options: AblateOptions) -> list[PlannedRun]:
     runs = []
     for seed in dict.fromkeys(options.seeds):
         for variant in variants:
-            folder = options.out / "runs" / f"{variant.name}-{seed}"
+            folder = _run_folder(options, variant, seed)
             config = TrainConfig(
                 data=options.data,
                 out=folder,
@@ -126,7 +127,24 @@ def ablate(options: AblateOptions) -> dict[str, Any]:
         results = _tables(options, runs, test)
         for name, study in results["studies"].items():
             study_figure(study, options.out / f"{name}.png")
+        _draw_maps(options, test)
         return results
+
+
+def _draw_maps(options: AblateOptions, test: Any) -> None:
+    """Draw the maps of each study's rows that are scored, with the networks of the first seed."""
+    chosen = options.chosen()
+    runs = distinct(chosen.values(), options.preset)
+    for name, study in chosen.items():
+        folders = {row.label: _run_folder(options, runs[row.variant.name], options.seeds[0]) for row in study.rows}
+        weights = {label: path / "weights.safetensors" for label, path in folders.items() if (path / SCORE).is_file()}
+        if weights:
+            examples = predicted(weights, test, chosen_device(options.device).type)
+            maps_figure(examples, options.out / f"{name}_maps.png")
+
+
+def _run_folder(options: AblateOptions, variant: Variant, seed: int) -> Path:
+    return options.out / "runs" / f"{variant.name}-{seed}"
 
 
 def _folder(options: AblateOptions, datasets: Sequence[Any]) -> ResultFolder:

@@ -79,6 +79,7 @@ def test_a_study_is_trained_scored_and_reported(ablated) -> None:
     report = (ablated / "results.md").read_text()
     assert "| (b) IRM | 0.115 |" in report and "IRM, without WEFE. Paper: Abs Rel falls by 5.0 %; here it " in report
     assert cv2.imread(str(ablated / "components.png")).shape[1] > 1000
+    assert cv2.imread(str(ablated / "components_maps.png")).shape[1] > 1000
 
 
 def test_runs_are_shared_between_studies(tmp_path) -> None:
