@@ -174,6 +174,8 @@ class PredictOptions:
             raise ValueError("give a left and a right image, a folder, a list, a video, a bag, or --left and --right")
         if not 0 <= self.stamp_tolerance <= 10:
             raise ValueError(f"stamp_tolerance must lie in [0, 10] s, got {self.stamp_tolerance:g}")
+        if self.raw.align and self.rectify == "never":
+            raise ValueError("align rectifies the images: leave out --rectify never")
         if self.steps and self.runtime == "openvino":
             raise ValueError("steps runs in PyTorch: leave out --runtime openvino")
         if "bag" in self.write and "depth" not in self.write:

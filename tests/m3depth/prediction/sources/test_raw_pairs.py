@@ -265,6 +265,7 @@ def test_what_is_refused(tmp_path, images, capsys):
     calib = ("--calib", images / "stereo.yml")
     assert "--cx is of rectified images" in refused(capsys, out, *pair, *calib, "--cx", 240)
     assert "--rectify always needs the calibration" in refused(capsys, out, *pair, "--rectify", "always")
+    assert "--align rectifies the images: leave" in refused(capsys, out, *pair, *calib, "--align", "--rectify", "never")
     assert "natecam is of rectified" in refused(capsys, out, *pair, "--calib", "natecam", "--rectify", "always")
     assert "match the wrong way round: exchange left and right" in refused(capsys, out, *pair[::-1], *calib)
     never = refused(capsys, out, *pair, *calib, "--rectify", "never")
